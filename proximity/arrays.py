@@ -1,0 +1,94 @@
+"""Arrays from callers, checked once at the door and converted to what the kernels take.
+
+Everything behind this module may trust dtype, shape and order. Conversions are quiet where they lose
+nothing (integers, float32, big-endian, strided, read-only input); what cannot be converted is refused
+with the reason.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from proximity.errors import ProximityError, QueryError
+
+_FLOAT64 = np.dtype(np.float64)
+_ROW = (3,)
+
+
+def as_float64(
+    values: Any, name: str, *, error: type[ProximityError] = QueryError, expected: str = "numbers"
+) -> np.ndarray:
+    """Return *values* as a writeable C-ordered float64 array, without a copy where it already is one.
+
+    Kernels are compiled for such arrays only: a read-only one would send numba to the compiler again.
+
+    Parameters
+    ----------
+    values : array-like
+        Booleans, integers, floats of any width, or objects that hold only real numbers. What a mask hides
+        is nan, and what is too large for float64 inf.
+    name : str
+        What the caller calls them, for the message.
+    error : type
+        The exception to raise.
+    expected : str
+        What was expected, for the message.
+
+    Raises
+    ------
+    ProximityError
+        Of type *error*: ragged, complex, text, or objects that are not numbers.
+    """
+    if type(values) is np.ndarray and values.dtype is _FLOAT64 and values.flags.carray:
+        return values
+    try:
+        array = np.asanyarray(values)
+    except ValueError as ragged:
+        raise error(f"{name} have rows of different lengths, expected {expected}") from ragged
+    if array.dtype.kind not in "biufO":
+        raise error(f"{name} have dtype {array.dtype}, expected {expected}")
+    if array.dtype.kind == "O":
+        _check_numbers(array, name, error, expected)
+    try:
+        with np.errstate(over="ignore"):
+            if isinstance(array, np.ma.MaskedArray):
+                array = np.ma.filled(array.astype(np.float64), np.nan)
+            return np.require(np.asarray(array), np.float64, ["C", "A", "W"])
+    except (OverflowError, TypeError, ValueError) as unfit:
+        raise error(f"{name} hold something that is not a number ({unfit}), expected {expected}") from unfit
+
+
+def _check_numbers(array: np.ndarray, name: str, error: type[ProximityError], expected: str) -> None:
+    """NumPy would read text as numbers, and None as nan."""
+    for value in array.flat:
+        if value is None or isinstance(value, (str, bytes)):
+            raise error(f"{name} hold {value!r}, which is not a number, expected {expected}")
+
+
+def as_points(values: Any, name: str = "points") -> np.ndarray:
+    """Return *values* as C-ordered float64 of shape (..., 3).
+
+    Parameters
+    ----------
+    values : (..., 3) array-like
+        Points or directions. Rows that are not finite stay as they are.
+    name : str
+        What the caller calls them, for the message.
+
+    Raises
+    ------
+    QueryError
+        If they are not numbers of shape (..., 3).
+    """
+    # What callers in a hurry pass costs a fifth of a microsecond.
+    if (
+        type(values) is np.ndarray
+        and values.dtype is _FLOAT64
+        and values.shape[-1:] == _ROW
+        and values.flags.carray
+    ):
+        return values
+    points = as_float64(values, name, expected="numbers of shape (..., 3)")
+    if points.ndim == 0 or points.shape[-1] != 3:
+        raise QueryError(f"{name} have shape {points.shape}, expected (..., 3)")
+    return points

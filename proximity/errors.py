@@ -1,0 +1,33 @@
+"""The exceptions of the package, as a tree.
+
+A message says what is wrong, where, and what was expected. Bad input raises; "nothing there" is an
+answer, never an exception.
+"""
+
+
+class ProximityError(Exception):
+    """Base of every error that this package raises on purpose."""
+
+
+class MeshError(ProximityError, ValueError):
+    """The mesh cannot be used."""
+
+
+class MeshFormatError(MeshError):
+    """The file is not what it claims to be, or not all of it could be read."""
+
+
+class NotWatertightError(MeshError):
+    """A sign was asked of a surface that has no inside."""
+
+
+class QueryError(ProximityError, ValueError):
+    """An argument of a query cannot be used."""
+
+
+class PoseError(ProximityError, ValueError):
+    """Not a rigid transform."""
+
+
+class SceneError(ProximityError, ValueError):
+    """The parts of a scene contradict each other, or a part is not there."""

@@ -1,0 +1,173 @@
+"""Rigid transforms, named ``target_from_source``.
+
+A pose turns and shifts; it never scales, shears or mirrors. Chained names rhyme:
+``world_from_solid @ solid_from_tool`` is ``world_from_tool``.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from proximity.arrays import as_float64, as_points
+from proximity.errors import PoseError
+
+ORTHONORMAL_TOLERANCE = 1e-9
+"""How far rotation times its transpose may be from the identity: what a quaternion kept in float64, or a
+product of many matrices, leaves. A rotation within it is replaced by the nearest exact one."""
+ROUNDING = 8.0 * 2.0**-52
+"""How far the nearest exact one is off itself, in float64: so a pose made of a pose's matrix is that pose."""
+
+
+class Pose:
+    """A rotation and a translation that take points of the source frame to the target frame.
+
+    Parameters
+    ----------
+    rotation : (3, 3) float64
+        Orthonormal, determinant +1. The identity where not given.
+    translation : (3,) float64, m
+        Zero where not given.
+
+    Raises
+    ------
+    PoseError
+        If shapes or values are no rigid transform.
+    """
+
+    __slots__ = ("rotation", "translation")
+
+    rotation: np.ndarray  # (3, 3) float64, read-only
+    translation: np.ndarray  # (3,) float64, m, read-only
+
+    def __init__(self, rotation: Any = None, translation: Any = None) -> None:
+        self.rotation = _checked_rotation(np.eye(3) if rotation is None else rotation)
+        self.translation = _checked_translation(np.zeros(3) if translation is None else translation)
+        self.rotation.flags.writeable = False
+        self.translation.flags.writeable = False
+
+    @classmethod
+    def from_matrix(cls, matrix: Any) -> "Pose":
+        """Return the pose of a homogeneous (4, 4) matrix that acts on columns.
+
+        Parameters
+        ----------
+        matrix : (4, 4) float64
+            Last row (0, 0, 0, 1); translation in metres.
+
+        Raises
+        ------
+        PoseError
+            If it is no rigid transform.
+        """
+        array = as_float64(
+            matrix, "entries of a pose's matrix", error=PoseError, expected="numbers of shape (4, 4)"
+        )
+        if array.shape != (4, 4):
+            raise PoseError(f"a pose's matrix has shape {array.shape}, expected (4, 4)")
+        if not np.array_equal(array[3], (0.0, 0.0, 0.0, 1.0)):
+            raise PoseError(f"the last row of a pose's matrix is {array[3].tolist()}, expected [0, 0, 0, 1]")
+        return cls(array[:3, :3], array[:3, 3])
+
+    @classmethod
+    def of(cls, pose: Any) -> "Pose":
+        """Return *pose* as a `Pose`: one already, or a (4, 4) matrix.
+
+        Parameters
+        ----------
+        pose : Pose or (4, 4) array-like
+            What a caller may hand over as a pose.
+
+        Raises
+        ------
+        PoseError
+            If it is neither.
+        """
+        return pose if isinstance(pose, Pose) else cls.from_matrix(pose)
+
+    @property
+    def matrix(self) -> np.ndarray:
+        """The homogeneous (4, 4) matrix."""
+        matrix = np.eye(4)
+        matrix[:3, :3] = self.rotation
+        matrix[:3, 3] = self.translation
+        return matrix
+
+    @property
+    def is_identity(self) -> bool:
+        """Whether nothing turns or shifts."""
+        return bool(np.array_equal(self.rotation, np.eye(3)) and not self.translation.any())
+
+    @property
+    def inverse(self) -> "Pose":
+        """The pose that leads back."""
+        return Pose(self.rotation.T, -(self.rotation.T @ self.translation))
+
+    def point(self, points: Any) -> np.ndarray:
+        """Take points (..., 3), m, from the source frame to the target frame.
+
+        Parameters
+        ----------
+        points : (..., 3) float64, m, source frame
+            Positions.
+
+        Raises
+        ------
+        QueryError
+            If they are not numbers of shape (..., 3).
+        """
+        return as_points(points) @ self.rotation.T + self.translation
+
+    def direction(self, directions: Any) -> np.ndarray:
+        """Take directions (..., 3) from the source frame to the target frame; they turn, never shift.
+
+        Parameters
+        ----------
+        directions : (..., 3) float64, source frame
+            Directions, velocities, normals.
+
+        Raises
+        ------
+        QueryError
+            If they are not numbers of shape (..., 3).
+        """
+        return as_points(directions, "directions") @ self.rotation.T
+
+    def __matmul__(self, other: "Pose") -> "Pose":
+        if not isinstance(other, Pose):
+            return NotImplemented
+        return Pose(self.rotation @ other.rotation, self.rotation @ other.translation + self.translation)
+
+    def __repr__(self) -> str:
+        return f"Pose(rotation={self.rotation.tolist()}, translation={self.translation.tolist()})"
+
+
+def _checked_rotation(rotation: Any) -> np.ndarray:
+    array = as_float64(
+        rotation, "entries of a pose's rotation", error=PoseError, expected="numbers of shape (3, 3)"
+    )
+    if array.shape != (3, 3):
+        raise PoseError(f"a pose's rotation has shape {array.shape}, expected (3, 3)")
+    if not np.isfinite(array).all():
+        raise PoseError("a pose's rotation is not finite, expected an orthonormal matrix")
+    with np.errstate(over="ignore", invalid="ignore"):
+        off = float(np.abs(array @ array.T - np.eye(3)).max())
+    if not off <= ORTHONORMAL_TOLERANCE:
+        raise PoseError(
+            f"a pose's rotation is not orthonormal (rotation times its transpose is off by {off:.3g}): "
+            "a pose turns and shifts, it cannot scale or shear"
+        )
+    if np.linalg.det(array) < 0.0:
+        raise PoseError("a pose's rotation mirrors (determinant -1), expected +1")
+    if off <= ROUNDING:
+        return array.copy()
+    left, _, right = np.linalg.svd(array)
+    return np.ascontiguousarray(left @ right)
+
+
+def _checked_translation(translation: Any) -> np.ndarray:
+    array = as_float64(translation, "entries of a pose's translation", error=PoseError, expected="3 numbers")
+    if array.shape != (3,):
+        raise PoseError(f"a pose's translation has shape {array.shape}, expected (3,)")
+    if not np.isfinite(array).all():
+        raise PoseError(f"a pose's translation is {array.tolist()}, expected finite numbers")
+    return array.copy()

@@ -1,0 +1,98 @@
+"""Eight-lane vectors for numba: write a kernel like its formula, get vector instructions.
+
+Three types: ``f32x8``, ``f64x8`` and ``mask8``. They live in registers only: a kernel loads them from
+one-dimensional arrays, works on them with ``+ - * /``, comparisons, ``& | ~`` and the functions below,
+and takes lanes or bits out of them. LLVM maps them to AVX-512, AVX2, SSE or NEON. Most functions take
+plain floats as well, so that one formula serves eight triangles or one.
+
+Every operation rounds once, as written: nothing is contracted or reordered; a fused multiply-add is
+asked for by name (`fma`). NaN makes every comparison false.
+
+Under ``NUMBA_DISABLE_JIT=1`` the same names work on NumPy arrays of eight, so that a kernel can be stepped
+through. There `fma` multiplies and adds exactly, too.
+"""
+
+from numba import config
+
+from proximity.simd.vectors import LANES
+
+IS_COMPILED = not config.DISABLE_JIT
+"""False where numba is told to interpret: then every name below works on NumPy arrays."""
+
+if IS_COMPILED:
+    from proximity.simd.compiled import (
+        absolute,
+        bits,
+        compress,
+        count_bits,
+        fma,
+        horizontal_min,
+        lane,
+        lane_numbers,
+        load,
+        load_int,
+        lowest_lane,
+        maximum,
+        minimum,
+        narrow,
+        nearest_lane,
+        select,
+        splat,
+        splat32,
+        square_root,
+        store,
+        trailing_zeros,
+        widen,
+    )
+else:  # pragma: no cover — which branch runs is chosen by the environment
+    from proximity.simd.interpreted import (
+        absolute,
+        bits,
+        compress,
+        count_bits,
+        fma,
+        horizontal_min,
+        lane,
+        lane_numbers,
+        load,
+        load_int,
+        lowest_lane,
+        maximum,
+        minimum,
+        narrow,
+        nearest_lane,
+        select,
+        splat,
+        splat32,
+        square_root,
+        store,
+        trailing_zeros,
+        widen,
+    )
+
+__all__ = [
+    "IS_COMPILED",
+    "LANES",
+    "absolute",
+    "bits",
+    "compress",
+    "count_bits",
+    "fma",
+    "horizontal_min",
+    "lane",
+    "lane_numbers",
+    "load",
+    "load_int",
+    "lowest_lane",
+    "maximum",
+    "minimum",
+    "narrow",
+    "nearest_lane",
+    "select",
+    "splat",
+    "splat32",
+    "square_root",
+    "store",
+    "trailing_zeros",
+    "widen",
+]

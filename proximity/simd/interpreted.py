@@ -1,0 +1,117 @@
+"""The same functions on NumPy arrays of eight, for stepping through kernels: the same answers, to the bit."""
+
+from fractions import Fraction
+
+import numpy as np
+
+from proximity.simd.vectors import LANES
+
+absolute = np.abs
+square_root = np.sqrt
+
+
+def load(array, offset):
+    return array[offset : offset + LANES].copy()
+
+
+def load_int(array, offset):
+    return int(array[offset : offset + 1].view(np.int32)[0])
+
+
+def store(array, offset, vector):
+    array[offset : offset + LANES] = vector
+
+
+def compress(vector, mask):
+    return np.concatenate([vector[mask], vector[~mask]])
+
+
+def nearest_lane(bounds, mask):
+    return lowest_lane(np.where(mask, bounds, np.float32(np.inf)))
+
+
+def lowest_lane(bounds):
+    keys = (bounds.view(np.uint32) & np.uint32(0xFFFFFFF8)) | np.arange(LANES, dtype=np.uint32)
+    return int(keys.min()) & 7
+
+
+def fma(a, b, c):
+    if np.ndim(a) or np.ndim(b) or np.ndim(c):
+        a, b, c = np.broadcast_arrays(a, b, c)
+        return np.array([fma(*lanes) for lanes in zip(a, b, c, strict=True)], dtype=a.dtype)
+    is_narrow = all(isinstance(each, np.float32) for each in (a, b, c))
+    a, b, c = float(a), float(b), float(c)
+    if not (np.isfinite(a) and np.isfinite(b)):
+        result = a * b + c
+    elif not np.isfinite(c):
+        result = c  # the product is finite before it is rounded
+    else:
+        exact = Fraction(a) * Fraction(b) + Fraction(c)
+        try:
+            result = float(exact) if exact else a * b + c  # the sum has the right sign of zero
+        except OverflowError:
+            result = np.inf if exact > 0 else -np.inf
+        if is_narrow and np.isfinite(result) and Fraction(result) != exact:
+            result = _rounded_to_odd(result, exact)
+    with np.errstate(over="ignore"):
+        return np.float32(result) if is_narrow else np.float64(result)
+
+
+def _rounded_to_odd(result, exact):
+    """Of the two float64 around *exact* the one with an odd last bit: it rounds to float32 as that does."""
+    other = np.nextafter(result, np.inf if exact > Fraction(result) else -np.inf)
+    return result if np.float64(result).view(np.int64) & 1 else float(other)
+
+
+def select(mask, a, b):
+    return np.where(mask, a, b) if np.ndim(mask) else (a if mask else b)
+
+
+def minimum(a, b):
+    return select(np.less(a, b), a, b)
+
+
+def maximum(a, b):
+    return select(np.greater(a, b), a, b)
+
+
+def bits(mask):
+    return int(np.packbits(mask, bitorder="little")[0])
+
+
+def splat(value):
+    return np.full(LANES, value, dtype=np.float64)
+
+
+def splat32(value):
+    return np.full(LANES, value, dtype=np.float32)
+
+
+def widen(vector):
+    return vector.astype(np.float64)
+
+
+def lane_numbers():
+    return np.arange(LANES, dtype=np.float32)
+
+
+def narrow(vector):
+    return vector.astype(np.float32)
+
+
+def lane(vector, index):
+    return vector[index]
+
+
+def horizontal_min(vector):
+    for step in (4, 2, 1):
+        vector = minimum(vector, np.roll(vector, -step))
+    return vector[0]
+
+
+def trailing_zeros(value):
+    return (int(value) & -int(value)).bit_length() - 1
+
+
+def count_bits(value):
+    return int(value).bit_count()

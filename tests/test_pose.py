@@ -1,0 +1,148 @@
+"""Poses: they rhyme, they come back, and what is not rigid is refused."""
+
+import re
+
+import numpy as np
+import pytest
+import shapes
+
+from proximity.errors import PoseError, QueryError
+from proximity.pose import Pose
+
+QUARTER = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+
+
+def some_pose(seed=1):
+    return Pose(shapes.rotation(seed), np.random.default_rng(seed).uniform(-5.0, 5.0, 3))
+
+
+def test_identity_changes_nothing():
+    pose = Pose()
+
+    assert pose.is_identity
+    assert pose.point([1.0, 2.0, 3.0]).tolist() == [1.0, 2.0, 3.0]
+    assert pose.matrix.tolist() == np.eye(4).tolist()
+
+
+def test_points_turn_and_shift_and_directions_only_turn():
+    pose = Pose(QUARTER, (10.0, 0.0, 0.0))
+
+    assert pose.point([1.0, 2.0, 3.0]).tolist() == [8.0, 1.0, 3.0]
+    assert pose.direction([1.0, 2.0, 3.0]).tolist() == [-2.0, 1.0, 3.0]
+    assert not pose.is_identity
+    assert not Pose(translation=(1.0, 0.0, 0.0)).is_identity
+
+
+@pytest.mark.parametrize("shape", [(3,), (0, 3), (2, 4, 3)])
+def test_points_keep_their_shape(shape):
+    assert some_pose().point(np.ones(shape)).shape == shape
+    assert some_pose().direction(np.ones(shape)).shape == shape
+
+
+def test_inverse_leads_back():
+    pose, points = some_pose(), np.random.default_rng(2).uniform(-5.0, 5.0, (20, 3))
+
+    assert np.abs(pose.inverse.point(pose.point(points)) - points).max() <= 1e-14
+    assert np.abs((pose @ pose.inverse).matrix - np.eye(4)).max() <= 1e-14
+
+
+def test_chained_poses_are_one():
+    first, second, point = some_pose(1), some_pose(2), np.array([1.0, 2.0, 3.0])
+
+    assert np.abs((first @ second).point(point) - first.point(second.point(point))).max() <= 1e-14
+    assert np.abs((first @ second).matrix - first.matrix @ second.matrix).max() <= 1e-14
+
+
+def test_a_pose_is_chained_with_poses_only():
+    with pytest.raises(TypeError, match="unsupported operand"):
+        Pose() @ 3
+
+
+def test_matrix_and_pose_are_the_same():
+    pose = some_pose()
+
+    assert np.array_equal(Pose.from_matrix(pose.matrix).matrix, pose.matrix)
+    assert np.array_equal(Pose.of(pose.matrix.tolist()).matrix, pose.matrix)
+    assert Pose.of(pose) is pose
+    assert repr(Pose()).startswith("Pose(rotation=[[1.0, 0.0, 0.0], ")
+
+
+def test_exact_rotation_is_kept_and_a_rounded_one_made_exact():
+    rounded = np.round(shapes.rotation(4), 10)
+
+    assert Pose(QUARTER).rotation.tolist() == QUARTER
+    rotation = Pose(rounded).rotation
+    assert np.abs(rotation @ rotation.T - np.eye(3)).max() <= 1e-15
+    assert np.abs(rotation - rounded).max() <= 1e-9
+
+
+@pytest.mark.parametrize("field", ["rotation", "translation"])
+def test_arrays_are_read_only_copies(field):
+    given = {"rotation": np.eye(3), "translation": np.zeros(3)}
+    pose = Pose(**given)
+
+    given[field][0] = 7.0
+
+    assert getattr(pose, field).max() <= 1.0
+    with pytest.raises(ValueError, match="read-only"):
+        getattr(pose, field)[0] = 7.0
+
+
+@pytest.mark.parametrize(
+    "rotation, message",
+    [
+        (np.eye(4), "a pose's rotation has shape (4, 4), expected (3, 3)"),
+        (np.ones(3), "a pose's rotation has shape (3,), expected (3, 3)"),
+        ([["a"] * 3] * 3, "entries of a pose's rotation have dtype <U1, expected numbers of shape (3, 3)"),
+        ([[1, 0, 0], [0, 1], [0]], "entries of a pose's rotation have rows of different lengths"),
+        (np.eye(3) * np.nan, "a pose's rotation is not finite, expected an orthonormal matrix"),
+        (np.full((3, 3), np.inf), "a pose's rotation is not finite, expected an orthonormal matrix"),
+        (np.eye(3) * 2.0, "(rotation times its transpose is off by 3): a pose turns and shifts, it cannot"),
+        (np.eye(3) + 1e-6, "a pose's rotation is not orthonormal"),
+        (np.zeros((3, 3)), "a pose's rotation is not orthonormal"),
+        (np.full((3, 3), 1e200), "a pose's rotation is not orthonormal"),
+        ([[1e200, 1e200, 0], [1e200, -1e200, 0], [0, 0, 1]], "a pose's rotation is not orthonormal"),
+        (np.diag([1.0, 1.0, -1.0]), "a pose's rotation mirrors (determinant -1), expected +1"),
+    ],
+)
+def test_rotation_that_is_none_is_refused(rotation, message):
+    with pytest.raises(PoseError, match=re.escape(message)):
+        Pose(rotation)
+
+
+@pytest.mark.parametrize(
+    "translation, message",
+    [
+        ([1.0, 2.0], "a pose's translation has shape (2,), expected (3,)"),
+        ([[1.0, 2.0, 3.0]], "a pose's translation has shape (1, 3), expected (3,)"),
+        ([0.0, np.nan, 0.0], "a pose's translation is [0.0, nan, 0.0], expected finite numbers"),
+        ("abc", "entries of a pose's translation have dtype <U3, expected 3 numbers"),
+    ],
+)
+def test_translation_that_is_none_is_refused(translation, message):
+    with pytest.raises(PoseError, match=re.escape(message)):
+        Pose(None, translation)
+
+
+@pytest.mark.parametrize(
+    "matrix, message",
+    [
+        (np.eye(3), "a pose's matrix has shape (3, 3), expected (4, 4)"),
+        (None, "entries of a pose's matrix hold None, which is not a number, expected numbers of shape"),
+        ("pose", "entries of a pose's matrix have dtype <U4, expected numbers of shape (4, 4)"),
+        (2.0 * np.eye(4), "the last row of a pose's matrix is [0.0, 0.0, 0.0, 2.0], expected [0, 0, 0, 1]"),
+        (np.diag([2.0, 2.0, 2.0, 1.0]), "a pose's rotation is not orthonormal"),
+        (np.eye(4)[::-1], "the last row of a pose's matrix is [1.0, 0.0, 0.0, 0.0], expected [0, 0, 0, 1]"),
+    ],
+)
+def test_matrix_that_is_no_pose_is_refused(matrix, message):
+    with pytest.raises(PoseError, match=re.escape(message)):
+        Pose.of(matrix)
+
+
+@pytest.mark.parametrize("points", ["x", [1.0, 2.0], None, [1.0, 2.0, 3j]])
+def test_points_that_are_none_are_refused(points):
+    with pytest.raises(QueryError, match=r"^points .* expected"):
+        Pose().point(points)
+    with pytest.raises(QueryError, match=r"^directions .* expected"):
+        Pose().direction(points)
