@@ -1,0 +1,91 @@
+"""Distances and crossings decided in whole numbers, without any rounding. Part of the oracle.
+
+Coordinates in double precision are fractions over a power of two; scaled by that they are Python's integers.
+"""
+
+import math
+from fractions import Fraction
+
+import numpy as np
+
+ROOT_BITS = 200  # binary digits of a root behind the point
+
+
+def exact_hit(origin, direction, corners, *, end=None):
+    """When (origin + time · direction) is on the face; whether it is; the crossing that counts, -1, 0 or 1.
+
+    Faces that the line runs along are not hit. A crossing through an edge or a corner is counted as if the
+    ray were a hair beside it, the same hair for all faces: of an edge that passes from below to above (seen
+    along the ray), only what lies truly on its left is in.
+    """
+    _, (start, way), (triangle,) = whole_numbers([origin, direction if end is None else end], corners[None])
+    if end is not None:
+        way = _minus(way, start)
+    a, b, c = (_minus(corner, start) for corner in triangle)
+    normal = _cross(_minus(b, a), _minus(c, a))
+    speed = _dot(normal, way)
+    if speed == 0:
+        return -1, False, 0
+    up = _cross(way, [int(k == min(range(3), key=lambda axis: abs(way[axis]))) for k in range(3)])
+    turn, sides = 0, []
+    for x, y in ((a, b), (b, c), (c, a)):
+        side = _dot(way, _cross(x, y))
+        below_x, below_y = _dot(up, x) <= 0, _dot(up, y) <= 0
+        turn += (below_x and not below_y and side > 0) - (below_y and not below_x and side < 0)
+        sides.append(side)
+    is_hit = all(side >= 0 for side in sides) or all(side <= 0 for side in sides)
+    return Fraction(_dot(normal, a), speed), is_hit, turn
+
+
+def half_solid_angle(point, corners):
+    """Half the solid angle of a face, in -pi … pi; 0 from the plane of the face, or pi on the face itself."""
+    _, (origin,), (triangle,) = whole_numbers([point], corners[None])
+    a, b, c = (_minus(corner, origin) for corner in triangle)
+    volume = _dot(_cross(a, b), c) << 3 * ROOT_BITS
+    length_a, length_b, length_c = (math.isqrt(_dot(corner, corner) << 2 * ROOT_BITS) for corner in (a, b, c))
+    sides = _dot(a, b) * length_c + _dot(b, c) * length_a + _dot(c, a) * length_b
+    spread = length_a * length_b * length_c + (sides << 2 * ROOT_BITS)
+    largest = max(abs(volume), abs(spread), 1)
+    return math.atan2(volume / largest, spread / largest)
+
+
+def whole_numbers(points, triangles):
+    """The scale that makes all coordinates whole numbers, and the points and triangles so scaled."""
+    ratios = [float(x).as_integer_ratio() for array in (points, triangles) for x in np.ravel(array)]
+    scale = max(denominator for _, denominator in ratios)
+    numbers = [numerator * (scale // denominator) for numerator, denominator in ratios]
+    vectors = [numbers[k : k + 3] for k in range(0, len(numbers), 3)]
+    rest = vectors[len(points) :]
+    return scale, vectors[: len(points)], [rest[k : k + 3] for k in range(0, len(rest), 3)]
+
+
+def _minus(u, v):
+    return [x - y for x, y in zip(u, v, strict=True)]
+
+
+def _dot(u, v):
+    return sum(x * y for x, y in zip(u, v, strict=True))
+
+
+def _cross(u, v):
+    return [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
+
+
+def triangle_distance_sq(p, a, b, c):
+    normal = _cross(_minus(b, a), _minus(c, a))
+    normal_sq = _dot(normal, normal)
+    edges = ((a, b), (b, c), (c, a))
+    sides = [_dot(normal, _cross(_minus(y, x), _minus(p, x))) for x, y in edges]
+    if normal_sq > 0 and min(sides) >= 0:
+        return Fraction(_dot(normal, _minus(p, a)) ** 2, normal_sq)
+    return min(_segment_distance_sq(p, x, y) for x, y in edges)
+
+
+def _segment_distance_sq(p, a, b):
+    along, gap = _minus(b, a), _minus(p, a)
+    length_sq, reach = _dot(along, along), _dot(along, gap)
+    if reach <= 0:
+        return Fraction(_dot(gap, gap))
+    if reach >= length_sq:
+        return Fraction(_dot(_minus(p, b), _minus(p, b)))
+    return _dot(gap, gap) - Fraction(reach**2, length_sq)
