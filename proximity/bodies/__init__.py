@@ -1,0 +1,14 @@
+"""Arrays as a file gives them, made into bodies.
+
+A body is what `Solid` wants: one connected surface, the cavities within it included, every corner one
+vertex, all faces running one way, outside out. What cannot be made so stays as it is: nothing is invented,
+no hole is filled, and every change is counted in `Repairs`.
+
+`splitting` has the order of the steps; `cleaning` drops faces, `pieces` connects them across edges,
+`welding` pulls near vertices together, `cavities` finds what lies within what.
+"""
+
+from proximity.bodies.records import Body, Repairs
+from proximity.bodies.splitting import split_bodies
+
+__all__ = ["Body", "Repairs", "split_bodies"]

@@ -1,0 +1,170 @@
+"""Which faces meet at which edges."""
+
+import numpy as np
+import pytest
+import shapes
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as npst
+
+from proximity import topology
+from proximity.mesh import TriangleMesh
+from proximity.topology import MANY_NEIGHBORS, NO_NEIGHBOR, build_topology, first_equal_rows
+
+
+def topology_of(mesh):
+    return build_topology(TriangleMesh(*mesh))
+
+
+@pytest.mark.parametrize(
+    "mesh",
+    [
+        shapes.tetrahedron(),
+        shapes.cube(),
+        shapes.hollow_cube(),
+        shapes.sphere(subdivisions=1),
+        shapes.torus(),
+    ],
+    ids=["tetrahedron", "cube", "hollow cube", "sphere", "torus"],
+)
+def test_closed_mesh_is_watertight(mesh):
+    result = topology_of(mesh)
+
+    assert result.is_watertight
+    assert result.is_balanced
+    assert result.edge_count == 3 * len(mesh[1]) // 2
+    assert result.boundary_edge_count == 0
+    assert result.nonmanifold_edge_count == 0
+    assert result.misoriented_edge_count == 0
+
+
+@pytest.mark.parametrize("mesh", [shapes.cube(), shapes.sphere(subdivisions=2), shapes.open_box()])
+def test_face_across_an_edge_has_the_same_edge_the_other_way(mesh):
+    result = topology_of(mesh)
+
+    for face, edge in np.argwhere(result.neighbors >= 0):
+        start, end = result.corner_ids[face, edge], result.corner_ids[face, (edge + 1) % 3]
+        neighbor = result.neighbors[face, edge]
+        across = result.corner_ids[neighbor].tolist()
+        assert across[(across.index(end) + 1) % 3] == start
+        assert result.neighbors[neighbor, across.index(end)] == face
+
+
+def test_triangle_soup_has_the_topology_of_the_mesh_it_came_from():
+    mesh = shapes.torus()
+    shared, apart = topology_of(mesh), topology_of(shapes.soup(*mesh))
+
+    np.testing.assert_array_equal(shared.neighbors, apart.neighbors)
+    assert apart.is_watertight
+    assert apart.corner_ids.max() + 1 == len(mesh[0])
+
+
+def test_corner_ids_have_no_gap_where_vertices_are_unused():
+    vertices, faces = shapes.tetrahedron()
+    padded = np.concatenate([np.full((3, 3), np.nan), vertices])
+
+    np.testing.assert_array_equal(topology_of((padded, faces + 3)).corner_ids, faces)
+
+
+def test_minus_zero_and_zero_are_one_position():
+    vertices, faces = shapes.soup(*shapes.tetrahedron())
+    vertices[::2] = np.where(vertices[::2] == 0.0, -0.0, vertices[::2])
+
+    assert topology_of((vertices, faces)).is_watertight
+
+
+def test_positions_that_differ_in_the_last_bit_stay_apart():
+    vertices, faces = shapes.soup(*shapes.tetrahedron())
+    vertices[vertices == 1.0] *= np.where(np.arange((vertices == 1.0).sum()) == 0, 1 + 2**-52, 1.0)
+
+    assert topology_of((vertices, faces)).boundary_edge_count == 4
+
+
+def test_open_box_has_boundary_edges_without_neighbor():
+    result = topology_of(shapes.open_box())
+
+    assert result.boundary_edge_count == 4
+    assert (result.neighbors == NO_NEIGHBOR).sum() == 4
+    assert not result.is_watertight
+    assert not result.is_balanced
+
+
+def test_turned_face_is_counted_along_its_edges():
+    vertices, faces = shapes.cube()
+    faces[4] = faces[4, ::-1]
+    result = topology_of((vertices, faces))
+
+    assert result.misoriented_edge_count == 3
+    assert (result.neighbors == MANY_NEIGHBORS).sum() == 6
+    assert not result.is_watertight
+    assert not result.is_balanced
+
+
+def test_cubes_that_share_an_edge_are_balanced_but_not_watertight():
+    result = topology_of(shapes.join(shapes.cube(), shapes.moved(shapes.cube(), (1, 1, 0))))
+
+    assert result.nonmanifold_edge_count == 1
+    assert (result.neighbors == MANY_NEIGHBORS).sum() == 4
+    assert not result.is_watertight
+    assert result.is_balanced
+
+
+def test_cubes_that_share_a_corner_are_watertight():
+    assert topology_of(shapes.join(shapes.cube(), shapes.moved(shapes.cube(), (1, 1, 1)))).is_watertight
+
+
+def test_moebius_strip_is_misoriented_at_its_seam():
+    result = topology_of(shapes.strip(half_turns=1))
+
+    assert result.misoriented_edge_count == 1
+    assert topology_of(shapes.strip()).misoriented_edge_count == 0
+
+
+def test_face_with_two_equal_corners_is_not_watertight_but_balanced():
+    vertices, faces = shapes.tetrahedron()
+    result = topology_of((vertices, np.concatenate([faces, [[0, 0, 1], [2, 2, 2]]])))
+
+    assert not result.is_watertight
+    assert result.is_balanced
+    assert result.boundary_edge_count == 2  # corner 0 to itself, corner 2 to itself
+    assert (result.neighbors == NO_NEIGHBOR).sum() == 4
+
+
+def test_arrays_are_read_only():
+    result = topology_of(shapes.cube())
+
+    for array in (result.corner_ids, result.neighbors):
+        assert array.dtype == np.int32
+        with pytest.raises(ValueError, match="read-only"):
+            array[0, 0] = 0
+
+
+@given(
+    npst.arrays(
+        np.float64, st.tuples(st.integers(1, 30), st.just(3)), elements=st.sampled_from([-0.0, 0.0, 1.0])
+    )
+)
+@settings(deadline=None, max_examples=50)
+def test_equal_rows_are_found_as_by_comparing_each_with_each(points):
+    expected = [next(i for i, p in enumerate(points) if np.array_equal(p, q)) for q in points]
+
+    np.testing.assert_array_equal(first_equal_rows(points), expected)
+
+
+def test_rows_that_share_a_hash_are_told_apart(monkeypatch):
+    """With factors of zero every row has the same hash."""
+    monkeypatch.setattr(topology, "_HASH_FACTORS", np.zeros(3, dtype=np.uint64))
+    points = np.random.default_rng(7).integers(0, 3, (200, 3)).astype(np.float64)
+    expected = [next(i for i, p in enumerate(points) if np.array_equal(p, q)) for q in points]
+
+    np.testing.assert_array_equal(first_equal_rows(points), expected)
+
+
+@given(st.permutations(range(12)))
+@settings(deadline=None, max_examples=20)
+def test_order_of_faces_changes_no_count(order):
+    vertices, faces = shapes.open_box()
+    before, after = (topology_of((vertices, f)) for f in (faces, faces[[i for i in order if i < 10]]))
+
+    assert before.edge_count == after.edge_count
+    assert before.boundary_edge_count == after.boundary_edge_count
