@@ -1,0 +1,68 @@
+"""What a file holds: as its reader found it, and as the rest of the package takes it."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from proximity.pose import Pose
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Geometry:
+    """One mesh at one place of a file, in metres; the arrays are read-only."""
+
+    name: str  # unique in the file; from the scene graph, else the file's stem
+    vertices: np.ndarray  # (V, 3) float64, m, in the part's own frame; scale and mirror are baked in
+    faces: np.ndarray  # (F, 3) int64, triangles, rows of vertices
+    source_faces: (
+        np.ndarray
+    )  # (F,) int32, zero-based: the polygon of the file; STEP: the CAD face of the part
+    pose: Pose  # world_from_part, m
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FileContents:
+    """All that was read from a file, and how it was understood.
+
+    Rows of `Geometry.source_faces` count through the whole file in STL, OBJ, PLY and OFF, and within the
+    mesh (the product, for STEP) in formats with a scene graph.
+    """
+
+    path: str  # as given
+    format: str  # "STL binary", "STEP" ...
+    units: str  # what one number of the file means: a name of UNITS, or several, comma-separated
+    units_declared: bool  # False: the file declares none, and the caller's word was taken
+    geometries: tuple[Geometry, ...]  # at least one
+    notes: tuple[str, ...]  # sentences for the user: what was left out, renamed or assumed
+
+
+@dataclass(slots=True, eq=False)
+class RawMesh:
+    """One mesh at one place, in the numbers of the file."""
+
+    name: str  # as the file has it; "" where it has none
+    vertices: np.ndarray  # (V, 3) float64
+    faces: np.ndarray  # (F, 3) int64
+    source_faces: np.ndarray  # (F,) int32
+    matrix: np.ndarray | None = None  # (4, 4) float64, world from mesh; None: identity
+
+
+@dataclass(slots=True, eq=False)
+class RawFile:
+    """What a reader found, before units, poses and names."""
+
+    format: str
+    meshes: list[RawMesh]
+    units: str | None = None  # None: the file declares none
+    metres_per_number: float | None = (
+        None  # only where it differs from what `units` says (STEP comes in metres)
+    )
+    notes: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Source:
+    """The bytes of a file and where they came from."""
+
+    path: str  # as given, for messages and neighbouring files
+    data: bytes

@@ -1,0 +1,258 @@
+"""The bytes of a glTF document: chunks, buffers, accessors, each checked against the other."""
+
+import base64
+import binascii
+import json
+import struct
+import urllib.parse
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from proximity.errors import MeshFormatError
+
+_JSON_CHUNK, _BINARY_CHUNK = 0x4E4F534A, 0x004E4942
+_GLB_HEADER_BYTES, _CHUNK_HEADER_BYTES = 12, 8
+_COMPONENT_BYTES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
+_COMPONENTS = {"SCALAR": 1, "VEC3": 3}
+
+
+@dataclass(slots=True, eq=False)
+class Document:
+    """A parsed header and the buffers that it refers to."""
+
+    json: dict[str, Any]
+    buffers: list[bytes]
+
+    def entry(self, kind: str, index: int) -> dict[str, Any]:
+        """Return one entry of a list of the header.
+
+        Parameters
+        ----------
+        kind : str
+            "nodes", "meshes" ...
+        index : int
+            Which one.
+
+        Raises
+        ------
+        MeshFormatError
+            If there is none.
+        """
+        entries = self.json.get(kind) or []
+        if (
+            not isinstance(entries, list)
+            or not 0 <= index < len(entries)
+            or not isinstance(entries[index], dict)
+        ):
+            held = len(entries) if isinstance(entries, list) else 0
+            raise MeshFormatError(f"it refers to {kind} {index}, but holds {held}")
+        return entries[index]
+
+
+def integer(value: Any, what: str) -> int:
+    """Return a whole number that is not negative.
+
+    Parameters
+    ----------
+    value : object
+        Out of JSON.
+    what : str
+        For the message.
+
+    Raises
+    ------
+    MeshFormatError
+        If it is something else.
+    """
+    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+        raise MeshFormatError(f"{what}: there is {value!r}, expected a whole number, 0 or more")
+    return value
+
+
+def split_glb(data: bytes) -> tuple[bytes, bytes | None, list[str]]:
+    """Return the JSON and the binary chunk of a GLB file, and notes.
+
+    Parameters
+    ----------
+    data : bytes
+        The whole file.
+
+    Raises
+    ------
+    MeshFormatError
+        If lengths do not fit.
+    """
+    if len(data) < _GLB_HEADER_BYTES or data[:4] != b"glTF":
+        raise MeshFormatError("it does not begin with a GLB header of 12 bytes")
+    _, version, length = struct.unpack_from("<4sII", data)
+    if version != 2:
+        raise MeshFormatError(f"it is glTF version {version}, expected 2")
+    if length > len(data):
+        raise MeshFormatError(f"its header says {length} bytes, but the file has {len(data)}: it is cut off")
+    notes = [f"{len(data) - length} bytes after its end were ignored"] if length < len(data) else []
+    chunks: dict[int, bytes] = {}
+    at = _GLB_HEADER_BYTES
+    while at < length:
+        if at + _CHUNK_HEADER_BYTES > length:
+            raise MeshFormatError("it ends within the header of a chunk: it is cut off")
+        chunk_length, kind = struct.unpack_from("<II", data, at)
+        at += _CHUNK_HEADER_BYTES
+        if at + chunk_length > length:
+            raise MeshFormatError(
+                f"a chunk of {chunk_length} bytes does not fit into the {length - at} that are left: "
+                "it is cut off"
+            )
+        chunks.setdefault(kind, data[at : at + chunk_length])
+        at += chunk_length
+    if _JSON_CHUNK not in chunks:
+        raise MeshFormatError("it has no JSON chunk")
+    return chunks[_JSON_CHUNK], chunks.get(_BINARY_CHUNK), notes
+
+
+def parse_document(header: bytes, path: str, binary: bytes | None) -> Document:
+    """Return the parsed header with all buffers, checked.
+
+    Parameters
+    ----------
+    header : bytes
+        JSON, UTF-8.
+    path : str
+        The file, for buffers that lie beside it.
+    binary : bytes or None
+        Chunk of a GLB file.
+
+    Raises
+    ------
+    MeshFormatError
+        If it is no JSON or no glTF 2, or a buffer is missing or short.
+    """
+    try:
+        tree = json.loads(header.decode("utf-8-sig"))
+    except (ValueError, RecursionError) as reason:
+        raise MeshFormatError(f"its JSON cannot be read ({' '.join(str(reason).split())[:120]})") from reason
+    if not isinstance(tree, dict) or not isinstance(tree.get("asset"), dict):
+        raise MeshFormatError("its JSON has no asset: it is no glTF")
+    version = str(tree["asset"].get("version", ""))
+    if version.split(".")[0] != "2":
+        raise MeshFormatError(f"it is glTF version {version!r}, expected 2.0")
+    document = Document(tree, [])
+    for k in range(len(tree.get("buffers") or [])):
+        entry = document.entry("buffers", k)
+        data = _buffer_bytes(entry.get("uri"), k, path, binary)
+        length = integer(entry.get("byteLength"), f"the length of buffer {k}")
+        if len(data) < length:
+            raise MeshFormatError(
+                f"buffer {k} has {len(data)} bytes, but {length} are declared: it is cut off"
+            )
+        document.buffers.append(data[:length])
+    return document
+
+
+def _buffer_bytes(uri: Any, k: int, path: str, binary: bytes | None) -> bytes:
+    if uri is None:
+        if k or binary is None:
+            raise MeshFormatError(
+                f"buffer {k} is not there: it has no uri and the file no binary chunk for it"
+            )
+        return binary
+    if not isinstance(uri, str):
+        raise MeshFormatError(f"the uri of buffer {k} is no text")
+    if uri.startswith("data:"):
+        try:
+            return base64.b64decode(uri.partition("base64,")[2], validate=True)
+        except (binascii.Error, ValueError) as reason:
+            raise MeshFormatError(f"buffer {k} inside the file is no base64 text ({reason})") from reason
+    if "://" in uri:
+        raise MeshFormatError(f"buffer {k} lies at {uri[:80]!r}, expected a file beside it")
+    beside = Path(path).parent / urllib.parse.unquote(uri)
+    try:
+        return beside.read_bytes()
+    except (OSError, ValueError) as reason:
+        told = reason.strerror if isinstance(reason, OSError) else str(reason)
+        raise MeshFormatError(
+            f"buffer {k} is the file {uri[:80]!r} beside it, which cannot be read ({told})"
+        ) from reason
+
+
+def check_accessor(
+    document: Document, index: int, place: str, kind: str, component_types: tuple[int, ...]
+) -> int:
+    """Return how many entries an accessor has, after checking that all of them are there.
+
+    Parameters
+    ----------
+    document : Document
+        The file.
+    index : int
+        Which accessor.
+    place : str
+        Who asks, for the message.
+    kind : str
+        "SCALAR" or "VEC3".
+    component_types : tuple of int
+        Component types that are taken.
+
+    Raises
+    ------
+    MeshFormatError
+        If it is of another kind, or reaches beyond its buffer.
+    """
+    accessor = document.entry("accessors", index)
+    name = f"accessor {index} ({place})"
+    if accessor.get("type") != kind or accessor.get("componentType") not in component_types:
+        raise MeshFormatError(
+            f"{name} has type {accessor.get('type')!r} of {accessor.get('componentType')!r}, "
+            f"expected {kind!r} of {' or '.join(map(str, component_types))}"
+        )
+    if "sparse" in accessor or accessor.get("normalized") or "bufferView" not in accessor:
+        raise MeshFormatError(f"{name} is sparse, normalised or without a buffer, expected plain numbers")
+    count = integer(accessor.get("count"), f"the count of {name}")
+    view_index = integer(accessor["bufferView"], f"the buffer view of {name}")
+    view = document.entry("bufferViews", view_index)
+    buffer_index = integer(view.get("buffer"), f"the buffer of {name}")
+    view_start = integer(view.get("byteOffset", 0), f"the offset of buffer view {view_index}")
+    view_length = integer(view.get("byteLength"), f"the length of buffer view {view_index}")
+    document.entry("buffers", buffer_index)
+    if view_start + view_length > len(document.buffers[buffer_index]):
+        raise MeshFormatError(f"buffer view {view_index} reaches beyond the end of buffer {buffer_index}")
+    entry_bytes = _COMPONENTS[kind] * _COMPONENT_BYTES[accessor["componentType"]]
+    stride = integer(view.get("byteStride", entry_bytes), f"the stride of buffer view {view_index}")
+    start = integer(accessor.get("byteOffset", 0), f"the offset of {name}")
+    if stride < entry_bytes or (count and start + (count - 1) * stride + entry_bytes > view_length):
+        raise MeshFormatError(f"{name} has {count} entries, which do not fit into buffer view {view_index}")
+    return count
+
+
+def reduced_accessors(document: Document, meshes: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return buffers, views and accessors with only what *meshes* use, whose references are renumbered.
+
+    Parameters
+    ----------
+    document : Document
+        The file; accessors in use are checked.
+    meshes : list of dict
+        Changed in place.
+    """
+    order: dict[int, int] = {}
+    for mesh in meshes:
+        for primitive in mesh["primitives"]:
+            for holder, key in [(primitive["attributes"], name) for name in primitive["attributes"]] + [
+                (primitive, "indices")
+            ] * ("indices" in primitive):
+                holder[key] = order.setdefault(holder[key], len(order))
+    accessors: list[dict[str, Any]] = []
+    views: list[dict[str, Any]] = []
+    for index in order:
+        kept = {
+            key: value
+            for key, value in document.json["accessors"][index].items()
+            if key in ("componentType", "type", "count", "byteOffset")
+        }
+        view = document.json["bufferViews"][document.json["accessors"][index]["bufferView"]]
+        accessors.append({**kept, "bufferView": len(views)})
+        views.append(
+            {k: v for k, v in view.items() if k in ("buffer", "byteOffset", "byteLength", "byteStride")}
+        )
+    buffers = [{"uri": f"buffer{k}", "byteLength": len(data)} for k, data in enumerate(document.buffers)]
+    return {"buffers": buffers, "bufferViews": views, "accessors": accessors}

@@ -1,0 +1,229 @@
+"""Polygons to triangles, each with the row of the polygon that it came from.
+
+A polygon of n corners always gives n - 2 triangles that use its own corners and keep its sense of turning,
+also where it is concave. Corners on a straight side are legal and never cut into a triangle without area
+if that can be avoided: such a triangle would be dropped later and leave a hole.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from proximity.errors import MeshFormatError
+from proximity.meshio import tables
+
+Piece = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Polygons that stood in rows of one width: polygon rows (n,), corner counts (n,), the rows (n, width)."""
+
+
+def assemble(
+    vertices: np.ndarray, pieces: list[Piece], polygon_count: int, place: Callable[[int], str]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Put polygons in order, check them, and cut them into triangles.
+
+    Parameters
+    ----------
+    vertices : (V, 3) float64
+        Positions.
+    pieces : list of (row_ids, counts, table)
+        Together every polygon once; what stands behind the corners in a row is passed over.
+    polygon_count : int
+        Polygons there are.
+    place : callable
+        Polygon row -> where it is in the file.
+
+    Returns
+    -------
+    faces (T, 3) int64, source_faces (T,) int32
+
+    Raises
+    ------
+    MeshFormatError
+        If a polygon is too small, or refers to what is no vertex.
+    """
+    sizes = np.zeros(polygon_count, dtype=np.int64)
+    for row_ids, counts, _ in pieces:
+        sizes[row_ids] = counts
+    first_corner = np.cumsum(sizes) - sizes
+    corners = np.empty(int(sizes.sum()), dtype=np.int64)
+    for row_ids, counts, table in pieces:
+        columns = np.arange(table.shape[1])
+        is_corner = columns < counts[:, None]
+        values = tables.as_integers(np.where(is_corner, table, 0), tables.of_rows(place, row_ids))
+        corners[(first_corner[row_ids, None] + columns)[is_corner]] = values[is_corner]
+    check_polygons(corners, sizes, len(vertices), place)
+    return triangulate(vertices, corners, sizes)
+
+
+def check_polygons(
+    corners: np.ndarray, sizes: np.ndarray, vertex_count: int, place: Callable[[int], str]
+) -> None:
+    """Raise if a polygon has fewer than three corners or refers to a vertex that is not there.
+
+    Parameters
+    ----------
+    corners : (C,) int64
+        Vertices of all polygons, one polygon after another.
+    sizes : (P,) int64
+        Corners of each polygon.
+    vertex_count : int
+        Vertices there are.
+    place : callable
+        Polygon row -> where it is in the file.
+
+    Raises
+    ------
+    MeshFormatError
+        Naming the first offender.
+    """
+    small = np.flatnonzero(sizes < 3)
+    if len(small):
+        raise MeshFormatError(f"{place(int(small[0]))} has {sizes[small[0]]} corners, expected at least 3")
+    outside = np.flatnonzero((corners < 0) | (corners >= vertex_count))
+    if len(outside):
+        polygon = int(np.searchsorted(np.cumsum(sizes), outside[0], side="right"))
+        raise MeshFormatError(
+            f"{place(polygon)} refers to vertex {corners[outside[0]]} (counted from 0), "
+            f"but there are {vertex_count} vertices"
+        )
+
+
+def triangulate(
+    vertices: np.ndarray, corners: np.ndarray, sizes: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Cut polygons into triangles.
+
+    Parameters
+    ----------
+    vertices : (V, 3) float64
+        Positions; those that are not finite are cut anyhow.
+    corners : (C,) int64
+        Rows of *vertices*, one polygon after another; checked.
+    sizes : (P,) int64
+        Corners of each polygon, at least 3.
+
+    Returns
+    -------
+    faces : (T, 3) int64
+        Ordered by polygon.
+    source_faces : (T,) int32
+        The polygon of each triangle.
+    """
+    source_faces = np.repeat(np.arange(len(sizes), dtype=np.int32), sizes - 2)
+    if (sizes == 3).all():
+        return corners.reshape(-1, 3), source_faces
+    faces = np.empty((len(source_faces), 3), dtype=np.int64)
+    first_corner = np.cumsum(sizes) - sizes
+    first_face = np.cumsum(sizes - 2) - (sizes - 2)
+    # triangles and quadrilaterals all at once, the few others one by one
+    rows = np.flatnonzero(sizes == 3)
+    faces[first_face[rows]] = corners[first_corner[rows, None] + np.arange(3)]
+    rows = np.flatnonzero(sizes == 4)
+    halves = _cut_quads(vertices, corners[first_corner[rows, None] + np.arange(4)])
+    faces[first_face[rows]], faces[first_face[rows] + 1] = halves
+    for row in np.flatnonzero(sizes > 4):
+        ring = corners[first_corner[row] : first_corner[row] + sizes[row]]
+        faces[first_face[row] : first_face[row] + sizes[row] - 2] = ring[cut_ring(vertices[ring])]
+    return faces, source_faces
+
+
+def _cut_quads(vertices: np.ndarray, quads: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Both triangles of each quadrilateral: from corner 0 to corner 2 where both halves turn the same way
+    then, else from corner 1 to corner 3."""
+    if not len(quads):
+        return np.empty((0, 3), dtype=np.int64), np.empty((0, 3), dtype=np.int64)
+    with np.errstate(all="ignore"):
+        sides = np.roll(vertices[quads], -1, axis=1) - vertices[quads]
+        normals = np.cross(sides, np.roll(sides, -1, axis=1))  # of triangles 012, 123, 230, 301
+        agree_02 = np.einsum("ij,ij->i", normals[:, 0], normals[:, 2])
+        agree_13 = np.einsum("ij,ij->i", normals[:, 1], normals[:, 3])
+        cut_13 = ((agree_02 <= 0.0) & (agree_13 > agree_02))[:, None]
+    first = np.where(cut_13, quads[:, [0, 1, 3]], quads[:, [0, 1, 2]])
+    second = np.where(cut_13, quads[:, [1, 2, 3]], quads[:, [0, 2, 3]])
+    return first, second
+
+
+def cut_ring(points: np.ndarray) -> np.ndarray:
+    """Cut one polygon by clipping ears.
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+        Its corners in order.
+
+    Returns
+    -------
+    (n - 2, 3) int64
+        Rows of *points*.
+
+    Notes
+    -----
+    Degenerate: a polygon that crosses itself, or has no area, is cut into a fan where no ear is found.
+    Cost: O(n) where it is convex, else O(n^2) and more.
+    Source: Meisters 1975, "Polygons have ears".
+    """
+    count = len(points)
+    flat = _flattened(points)
+    fan = np.column_stack([np.zeros(count - 2, int), np.arange(1, count - 1), np.arange(2, count)])
+    if not np.isfinite(flat).all() or _is_strictly_convex(flat):
+        return fan
+    ring = list(range(count))
+    ears = []
+    while len(ring) > 3:
+        at = _find_ear(flat, ring)
+        ears.append((ring[at - 1], ring[at], ring[(at + 1) % len(ring)]))
+        del ring[at]
+    ears.append((ring[0], ring[1], ring[2]))
+    return np.array(ears, dtype=np.int64)
+
+
+def _flattened(points: np.ndarray) -> np.ndarray:
+    """The polygon in the plane, counter-clockwise: without the axis along which it has most area."""
+    with np.errstate(all="ignore"):
+        # in units of the polygon's own size, so that products neither overflow nor vanish
+        centred = points - points.mean(axis=0)
+        centred = centred / np.abs(centred).max()
+        area = np.cross(centred, np.roll(centred, -1, axis=0)).sum(axis=0)  # Newell's normal
+    axis = int(np.argmax(np.abs(area)))
+    u, v = (axis + 1) % 3, (axis + 2) % 3
+    return centred[:, [u, v]] if area[axis] >= 0.0 else centred[:, [v, u]]
+
+
+def _turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """Twice the signed area of triangles *abc* in the plane: positive where they turn left."""
+    return (b[..., 0] - a[..., 0]) * (c[..., 1] - a[..., 1]) - (b[..., 1] - a[..., 1]) * (
+        c[..., 0] - a[..., 0]
+    )
+
+
+def _is_strictly_convex(flat: np.ndarray) -> bool:
+    """Whether every corner turns left and all of them together once around."""
+    before, after = np.roll(flat, 1, axis=0), np.roll(flat, -1, axis=0)
+    turn = _turn(before, flat, after)
+    if not (turn > 0.0).all():
+        return False
+    ahead = np.einsum("ij,ij->i", flat - before, after - flat)
+    return bool(np.arctan2(turn, ahead).sum() < 3.0 * np.pi)  # a pentagram turns 4 pi
+
+
+def _find_ear(flat: np.ndarray, ring: list[int]) -> int:
+    """Position in *ring* of a corner that can be clipped; the best there is where none is an ear."""
+    corners = flat[ring]
+    before, after = np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0)
+    turn = _turn(before, corners, after)
+    # Cut off the roundest ears first: they leave the fewest needles.
+    longest_sq = np.maximum(
+        ((after - before) ** 2).sum(axis=1), np.maximum(((corners - before) ** 2).sum(axis=1), 1e-300)
+    )
+    order = np.argsort(-turn / longest_sq, kind="stable")
+    for at in order:
+        if turn[at] <= 0.0:
+            break
+        a, b, c = before[at], corners[at], after[at]
+        # A corner on the border of the ear blocks it too: cutting there leaves a triangle without area.
+        inside = (_turn(a, b, corners) >= 0.0) & (_turn(b, c, corners) >= 0.0) & (_turn(c, a, corners) >= 0.0)
+        for corner in (a, b, c):
+            inside &= ~(corners == corner).all(axis=1)
+        if not inside.any():
+            return int(at)
+    return int(order[0])

@@ -1,0 +1,177 @@
+"""From a path to geometries in metres: opens, chooses the reader, scales, places and names."""
+
+import math
+import os
+import stat
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from proximity.errors import MeshError, MeshFormatError, PoseError
+from proximity.meshio import gltf, obj, off, placing, ply, sniffing, step, stl, threemf
+from proximity.meshio.contents import FileContents, Geometry, RawFile, RawMesh, Source
+from proximity.meshio.units import UNITS, metres_per_unit
+
+_READERS: dict[str, Callable[[Source], RawFile]] = {
+    "STL": stl.read_stl,
+    "OBJ": obj.read_obj,
+    "PLY": ply.read_ply,
+    "OFF": off.read_off,
+    "GLB": gltf.read_glb,
+    "glTF": gltf.read_gltf,
+    "3MF": threemf.read_3mf,
+}
+
+
+def read_geometries(
+    path: str | os.PathLike[str], *, units: str = "mm", step_tolerance: float = step.STEP_TOLERANCE
+) -> FileContents:
+    """Read every mesh of a file, in metres, at its place.
+
+    Parameters
+    ----------
+    path : str or path
+        A file with one of the extensions of `EXTENSIONS`.
+    units : str
+        What a number means in a file that does not say (STL, OBJ, PLY, OFF); a key of `UNITS`. Files that
+        declare their unit (glTF, 3MF, STEP) are read in that one, whatever stands here.
+    step_tolerance : m
+        How far triangles may leave the curved surfaces of a STEP file.
+
+    Returns
+    -------
+    FileContents
+        At least one geometry; nothing merged, dropped or repaired. Identical instances share their arrays.
+
+    Raises
+    ------
+    MeshFormatError
+        If the file is missing, unreadable, not what it is called, or not whole. One sentence that begins
+        with the path.
+    MeshError
+        If there is no such unit, the tolerance is no length, or a vertex in use is not finite.
+    """
+    metres = metres_per_unit(units)
+    if not (isinstance(step_tolerance, (int, float)) and 0.0 < step_tolerance < math.inf):
+        raise MeshError(f"step_tolerance is {step_tolerance!r}, expected a length in metres above 0")
+    read_step = partial(step.read_step, tolerance=float(step_tolerance), undeclared_metres=metres)
+    readers: dict[str, Callable[[Source], RawFile]] = {**_READERS, "STEP": read_step}
+    try:
+        shown = os.fspath(path)
+    except TypeError:
+        raise MeshError(f"the path is {path!r}, expected text or a path") from None
+    shown = shown if isinstance(shown, str) else os.fsdecode(shown)
+    try:
+        source = Source(shown, _read_bytes(Path(shown)))
+        raw = readers[sniffing.find_format(source, Path(shown).suffix.lower())](source)
+        if raw.metres_per_number is not None:
+            metres = raw.metres_per_number
+        elif raw.units is not None:
+            metres = UNITS[raw.units]
+        geometries, naming = _geometries(raw, metres, Path(shown).stem)
+    except MemoryError:
+        raise MeshFormatError(f"{shown}: there is not enough memory to read it") from None
+    except MeshError as reason:
+        raise type(reason)(f"{shown}: {reason}") from reason.__cause__
+    return FileContents(
+        shown, raw.format, raw.units or units, raw.units is not None, geometries, (*raw.notes, *naming)
+    )
+
+
+def _read_bytes(path: Path) -> bytes:
+    try:
+        mode = path.stat().st_mode
+        # a pipe would be waited for
+        data = path.read_bytes() if stat.S_ISREG(mode) else None
+    except FileNotFoundError:
+        raise MeshFormatError("there is no such file") from None
+    except (OSError, ValueError) as reason:
+        told = reason.strerror if isinstance(reason, OSError) else str(reason)
+        raise MeshFormatError(f"it cannot be opened ({told})") from reason
+    if data is None:
+        what = "a directory, expected a file" if stat.S_ISDIR(mode) else "no regular file, expected one"
+        raise MeshFormatError(f"it is {what}")
+    if not data:
+        raise MeshFormatError("it is empty")
+    return data
+
+
+def _geometries(raw: RawFile, metres: float, stem: str) -> tuple[tuple[Geometry, ...], list[str]]:
+    meshes = [mesh for mesh in raw.meshes if len(mesh.faces)]
+    if not meshes:
+        raise MeshFormatError("it holds no faces")
+    names, notes = unique_names([mesh.name.strip() or stem for mesh in meshes])
+    shared: dict[tuple, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
+    geometries = []
+    for mesh, name in zip(meshes, names, strict=True):
+        try:
+            placement = placing.place(mesh.matrix)
+            pose = placement.pose(metres)
+        except (MeshError, PoseError) as reason:
+            raise MeshFormatError(f"{name!r}: {reason}") from reason
+        stretch = None if placement.stretch is None else placement.stretch.tobytes()
+        key = (id(mesh.vertices), id(mesh.faces), placement.scale, stretch)
+        if key not in shared:
+            shared[key] = _arrays(mesh, name, placement, metres)
+        vertices, faces, source_faces = shared[key]
+        geometries.append(Geometry(name, vertices, faces, source_faces, pose))
+    return tuple(geometries), notes
+
+
+def _arrays(
+    mesh: RawMesh, name: str, placement: placing.Placement, metres: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    vertices = placement.part_vertices(mesh.vertices, metres)
+    faces = mesh.faces[:, ::-1] if placement.is_mirrored else mesh.faces
+    arrays = (vertices, np.ascontiguousarray(faces), mesh.source_faces)
+    for array in arrays:
+        array.flags.writeable = False
+    _check_finite(mesh, vertices, name)
+    return arrays
+
+
+def _check_finite(mesh: RawMesh, vertices: np.ndarray, name: str) -> None:
+    is_bad = ~np.isfinite(vertices).all(axis=1)
+    if not is_bad.any():
+        return
+    is_used = np.zeros(len(vertices), dtype=bool)
+    is_used[mesh.faces.ravel()] = True
+    is_bad &= is_used
+    if is_bad.any():
+        vertex = int(np.flatnonzero(is_bad)[0])
+        values = ", ".join(str(float(value)) for value in mesh.vertices[vertex])
+        raise MeshError(
+            f"vertex {vertex} of {name!r} is not finite: ({values}); {int(is_bad.sum())} of the "
+            f"{int(is_used.sum())} vertices in use are not finite"
+        )
+
+
+def unique_names(names: list[str]) -> tuple[list[str], list[str]]:
+    """Return names that differ, and notes about those that had to be changed.
+
+    Parameters
+    ----------
+    names : list of str
+        As the file has them. The first of a name keeps it; the others get the first free number.
+    """
+    taken = set(names)
+    unique: list[str] = []
+    counts: dict[str, int] = {}
+    for name in names:
+        counts[name] = counts.get(name, 0) + 1
+        if counts[name] == 1:
+            unique.append(name)
+            continue
+        number = counts[name]
+        while f"{name}_{number}" in taken:
+            number += 1
+        unique.append(f"{name}_{number}")
+        taken.add(unique[-1])
+    notes = [
+        f"{count} of its meshes are called {name!r}; from the second on they are numbered"
+        for name, count in counts.items()
+        if count > 1
+    ]
+    return unique, notes

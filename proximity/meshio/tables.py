@@ -1,0 +1,134 @@
+"""Rows of numbers in text, read strictly.
+
+NumPy's loadtxt is as fast as its lenient fromstring, and refuses what is not a number; on a refusal the
+rows are walked once more to name the offender.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from proximity.errors import MeshFormatError
+
+LARGEST_EXACT_INTEGER = 2.0**53
+"""Indices are read as float64; up to here that loses nothing."""
+
+
+def read_rows(rows: list[str], place: Callable[[int], str]) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Read rows of numbers, grouped by how many numbers they have.
+
+    Parameters
+    ----------
+    rows : list of str
+        Numbers separated by blanks.
+    place : callable
+        Row -> where it is in the file, for the message.
+
+    Returns
+    -------
+    list of (row_ids (n,) int64, table (n, k) float64)
+        One pair for each width, rows in order.
+
+    Raises
+    ------
+    MeshFormatError
+        If something is not a number; the message names the place and the word.
+    """
+    if not rows:
+        return []
+    table = _uniform_table(rows)
+    if table is not None:
+        return [(np.arange(len(rows)), table)]
+    widths = np.fromiter((len(row.split()) for row in rows), dtype=np.int64, count=len(rows))
+    groups = []
+    for width in np.unique(widths):
+        row_ids = np.flatnonzero(widths == width)
+        table = np.empty((len(row_ids), 0)) if width == 0 else _uniform_table([rows[i] for i in row_ids])
+        if table is None:
+            raise _not_a_number(rows, place)
+        groups.append((row_ids, table))
+    return groups
+
+
+def as_integers(values: np.ndarray, place: Callable[[int], str]) -> np.ndarray:
+    """Return a table of whole numbers as int64.
+
+    Parameters
+    ----------
+    values : (n, k) numbers
+        What should be indices or counts.
+    place : callable
+        Row of *values* -> where it is in the file.
+
+    Raises
+    ------
+    MeshFormatError
+        If one is not whole, not finite, or too large to be an index.
+    """
+    if values.dtype.kind in "iu" and values.dtype.itemsize < 8:
+        return values.astype(np.int64)
+    is_good = np.abs(values.astype(np.float64)) <= LARGEST_EXACT_INTEGER
+    if values.dtype.kind == "f":
+        is_good &= values == np.rint(values)
+    if not is_good.all():
+        row, column = np.argwhere(~is_good)[0]
+        raise MeshFormatError(
+            f"{place(int(row))} refers to vertex {values[row, column]}, expected a whole number"
+        )
+    return values.astype(np.int64)
+
+
+def _uniform_table(rows: list[str]) -> np.ndarray | None:
+    """All rows as one (n, k) table, or None where that is not possible."""
+    try:
+        table = np.loadtxt(rows, dtype=np.float64, comments=None, ndmin=2)
+    except (ValueError, UserWarning):
+        return None
+    # loadtxt passes over blank rows.
+    return table if len(table) == len(rows) else None
+
+
+def _not_a_number(rows: list[str], place: Callable[[int], str]) -> MeshFormatError:
+    for row_id, row in enumerate(rows):
+        for word in row.split():
+            if _uniform_table([word]) is None:
+                return MeshFormatError(f"{place(row_id)} has {shortened(word)}, expected a number")
+    return MeshFormatError("something in it is not a number")
+
+
+def end_notes(data: bytes) -> list[str]:
+    """Return a note if the last line of a text file has no end.
+
+    Parameters
+    ----------
+    data : bytes
+        The whole file. Its last number may have lost digits, which no count can show; but many editors leave
+        files like that, so that it is no error.
+    """
+    return [] if data[-1:] in (b"\n", b"\r") else ["its last line has no end: it may have been cut off"]
+
+
+def of_rows(place: Callable[[int], str], row_ids: np.ndarray) -> Callable[[int], str]:
+    """Return *place* for a table that holds only some of the rows.
+
+    Parameters
+    ----------
+    place : callable
+        Row -> where it is in the file.
+    row_ids : (n,) int
+        The rows that the table holds.
+    """
+    return lambda row: place(int(row_ids[row]))
+
+
+def shortened(word: str, length: int = 24) -> str:
+    """Return *word* quoted, without control characters and no longer than a message can bear.
+
+    Parameters
+    ----------
+    word : str
+        Something out of a file.
+    length : int
+        Characters to show.
+    """
+    return repr(word if len(word) <= length else word[:length] + "...")

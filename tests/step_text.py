@@ -1,0 +1,117 @@
+"""STEP files for tests, written from a formula: boxes with flat faces, in a unit of choice."""
+
+import itertools
+
+import numpy as np
+
+_UNITS = {
+    "mm": "( LENGTH_UNIT() NAMED_UNIT(*) SI_UNIT(.MILLI.,.METRE.) )",
+    "m": "( LENGTH_UNIT() NAMED_UNIT(*) SI_UNIT($,.METRE.) )",
+    "in": "( CONVERSION_BASED_UNIT('INCH',{inch}) LENGTH_UNIT() NAMED_UNIT({dimensions}) )",
+}
+
+
+class _Lines:
+    """Entities, numbered as they come."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+
+    def add(self, text: str) -> str:
+        self.lines.append(f"#{len(self.lines) + 1} = {text};")
+        return f"#{len(self.lines)}"
+
+
+def box_step(size: tuple[float, float, float], unit: str | None = "mm", name: str = "box") -> str:
+    """Return a STEP file with one solid box from the origin to *size*, in *unit* (None: none declared)."""
+    out = _Lines()
+    context = _context(out, unit)
+    shell = _shell(out, np.array(size, dtype=float))
+    solid = out.add(f"MANIFOLD_SOLID_BREP('{name}',{shell})")
+    frame = _frame(out, (0, 0, 0), (0, 0, 1), (1, 0, 0))
+    shape = out.add(f"ADVANCED_BREP_SHAPE_REPRESENTATION('{name}',({frame},{solid}),{context})")
+    application = out.add("APPLICATION_CONTEXT('automotive design')")
+    product_context = out.add(f"PRODUCT_CONTEXT('',{application},'mechanical')")
+    product = out.add(f"PRODUCT('{name}','{name}','',({product_context}))")
+    formation = out.add(f"PRODUCT_DEFINITION_FORMATION('','',{product})")
+    design = out.add(f"PRODUCT_DEFINITION_CONTEXT('part definition',{application},'design')")
+    definition = out.add(f"PRODUCT_DEFINITION('design','',{formation},{design})")
+    of_shape = out.add(f"PRODUCT_DEFINITION_SHAPE('','',{definition})")
+    out.add(f"SHAPE_DEFINITION_REPRESENTATION({of_shape},{shape})")
+    header = (
+        "ISO-10303-21;\nHEADER;\nFILE_DESCRIPTION((''),'2;1');\nFILE_NAME('','',(''),(''),'','','');\n"
+        "FILE_SCHEMA(('AUTOMOTIVE_DESIGN'));\nENDSEC;\nDATA;\n"
+    )
+    return header + "\n".join(out.lines) + "\nENDSEC;\nEND-ISO-10303-21;\n"
+
+
+def _context(out: _Lines, unit: str | None) -> str:
+    if unit is None:
+        return out.add("( GEOMETRIC_REPRESENTATION_CONTEXT(3) REPRESENTATION_CONTEXT('','') )")
+    inch = dimensions = ""
+    if unit == "in":
+        metre = out.add(_UNITS["m"])
+        inch = out.add(f"LENGTH_MEASURE_WITH_UNIT(LENGTH_MEASURE(0.0254),{metre})")
+        dimensions = out.add("DIMENSIONAL_EXPONENTS(1.,0.,0.,0.,0.,0.,0.)")
+    length = out.add(_UNITS[unit].format(inch=inch, dimensions=dimensions))
+    angle = out.add("( NAMED_UNIT(*) PLANE_ANGLE_UNIT() SI_UNIT($,.RADIAN.) )")
+    solid_angle = out.add("( NAMED_UNIT(*) SI_UNIT($,.STERADIAN.) SOLID_ANGLE_UNIT() )")
+    return out.add(
+        "( GEOMETRIC_REPRESENTATION_CONTEXT(3) "
+        f"GLOBAL_UNIT_ASSIGNED_CONTEXT(({length},{angle},{solid_angle})) REPRESENTATION_CONTEXT('','') )"
+    )
+
+
+def _triple(values) -> str:
+    return "(" + ",".join(repr(float(value)) for value in values) + ")"
+
+
+def _direction(out: _Lines, values) -> str:
+    return out.add(f"DIRECTION('',{_triple(values)})")
+
+
+def _point(out: _Lines, values) -> str:
+    return out.add(f"CARTESIAN_POINT('',{_triple(values)})")
+
+
+def _frame(out: _Lines, origin, axis, along) -> str:
+    parts = (_point(out, origin), _direction(out, axis), _direction(out, along))
+    return out.add(f"AXIS2_PLACEMENT_3D('',{','.join(parts)})")
+
+
+def _shell(out: _Lines, size: np.ndarray) -> str:
+    corners = {c: np.array(c) * size for c in itertools.product((0, 1), repeat=3)}
+    vertices = {c: out.add(f"VERTEX_POINT('',{_point(out, corners[c])})") for c in corners}
+    edges: dict[tuple, str] = {}
+    for a, b in itertools.combinations(corners, 2):
+        if sum(abs(p - q) for p, q in zip(a, b, strict=True)) == 1:
+            way = corners[b] - corners[a]
+            length = float(np.linalg.norm(way))
+            vector = out.add(f"VECTOR('',{_direction(out, way / length)},{length!r})")
+            line = out.add(f"LINE('',{_point(out, corners[a])},{vector})")
+            edges[a, b] = out.add(f"EDGE_CURVE('',{vertices[a]},{vertices[b]},{line},.T.)")
+    faces = []
+    for axis, side in itertools.product(range(3), (0, 1)):
+        ring = _ring(axis, side)
+        oriented = []
+        for a, b in zip(ring, ring[1:] + ring[:1], strict=True):
+            forward = (a, b) in edges
+            edge = edges[a, b] if forward else edges[b, a]
+            oriented.append(out.add(f"ORIENTED_EDGE('',*,*,{edge},.{'T' if forward else 'F'}.)"))
+        loop = out.add(f"EDGE_LOOP('',({','.join(oriented)}))")
+        bound = out.add(f"FACE_OUTER_BOUND('',{loop},.T.)")
+        normal, along = np.zeros(3), np.zeros(3)
+        normal[axis], along[(axis + 1) % 3] = 2 * side - 1, 1
+        plane = out.add(f"PLANE('',{_frame(out, corners[ring[0]], normal, along)})")
+        faces.append(out.add(f"ADVANCED_FACE('',({bound}),{plane},.T.)"))
+    return out.add(f"CLOSED_SHELL('',({','.join(faces)}))")
+
+
+def _ring(axis: int, side: int) -> list[tuple[int, ...]]:
+    """Corners of one side of the cube, counter-clockwise seen from outside."""
+    ring = []
+    for u, v in ((0, 0), (1, 0), (1, 1), (0, 1)):
+        corner = [0, 0, 0]
+        corner[axis], corner[(axis + 1) % 3], corner[(axis + 2) % 3] = side, u, v
+        ring.append(tuple(corner))
+    return ring if side else ring[::-1]

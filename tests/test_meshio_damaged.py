@@ -1,0 +1,697 @@
+"""Damaged, mislabelled and senseless files: one sentence that names the file, and never a part of it."""
+
+import copy
+import json
+import os
+import re
+import struct
+import subprocess
+
+import mesh_files
+import numpy as np
+import pytest
+import shapes
+import step_text
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from proximity import meshio
+from proximity.errors import MeshError, MeshFormatError, ProximityError
+from proximity.meshio import library, step
+
+VERTICES, FACES = shapes.cube()
+OUTSIDE = np.array([*FACES[:-1], [1, 7, 8]])
+BINARY_STL = mesh_files.stl_binary(VERTICES, FACES)
+ASCII_STL = mesh_files.stl_ascii(VERTICES, FACES)
+OBJ = mesh_files.obj(VERTICES, FACES)
+OFF = mesh_files.off(VERTICES, FACES)
+ASCII_PLY = mesh_files.ply_ascii(VERTICES, FACES)
+BINARY_PLY = mesh_files.ply_binary(VERTICES, FACES)
+MIXED_PLY = mesh_files.ply_binary(VERTICES, [*FACES[:-2], [1, 3, 7, 5]], ">")
+GLTF, BLOB = mesh_files.gltf_document([[(VERTICES, FACES)]], [{"mesh": 0, "name": "cube"}])
+GLB = mesh_files.glb(GLTF, BLOB)
+ITEM = ("1", "1 0 0 0 1 0 0 0 1 0 0 0")
+MODEL = mesh_files.threemf_model({1: (VERTICES, FACES)}, [ITEM])
+THREEMF = mesh_files.threemf(MODEL)
+STEP = step_text.box_step((1, 2, 3)).encode()
+
+WHOLE = {
+    "binary.stl": BINARY_STL,
+    "ascii.stl": ASCII_STL,
+    "part.obj": OBJ,
+    "part.off": OFF,
+    "ascii.ply": ASCII_PLY,
+    "binary.ply": BINARY_PLY,
+    "mixed.ply": MIXED_PLY,
+    "part.glb": GLB,
+    "part.3mf": THREEMF,
+}
+
+
+def write(tmp_path, name, data):
+    path = tmp_path / name
+    path.write_bytes(data)
+    return path
+
+
+def refusal(path, **options):
+    """What the exception says after the path."""
+    with pytest.raises(MeshError) as caught:
+        meshio.read_geometries(path, **options)
+    message = str(caught.value)
+    assert message.startswith(f"{path}: ") and "\n" not in message and "Traceback" not in message
+    return message.removeprefix(f"{path}: ")
+
+
+# Files that are none
+
+
+def test_missing_file_is_said(tmp_path):
+    assert refusal(tmp_path / "part.stl") == "there is no such file"
+
+
+def test_empty_file_is_said(tmp_path):
+    assert refusal(write(tmp_path, "part.stl", b"")) == "it is empty"
+
+
+def test_directory_is_said(tmp_path):
+    (tmp_path / "part.stl").mkdir()
+    assert refusal(tmp_path / "part.stl") == "it is a directory, expected a file"
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no named pipes here")
+def test_pipe_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "part.stl")
+    assert refusal(tmp_path / "part.stl") == "it is no regular file, expected one"
+
+
+def test_file_that_may_not_be_read_is_said(tmp_path, monkeypatch):
+    path = write(tmp_path, "part.stl", BINARY_STL)
+
+    def refuse(self):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(type(path), "read_bytes", refuse)
+    assert refusal(path) == "it cannot be opened (Permission denied)"
+
+
+def test_path_with_a_null_byte_is_refused():
+    assert refusal("part\0.stl").startswith("it cannot be opened (embedded null")
+
+
+def test_path_that_is_none_is_refused():
+    with pytest.raises(MeshError, match="the path is 5, expected text or a path"):
+        meshio.read_geometries(5)
+
+
+def test_too_little_memory_is_said(tmp_path, monkeypatch):
+    path = write(tmp_path, "part.stl", BINARY_STL)
+
+    def exhaust(self):
+        raise MemoryError
+
+    monkeypatch.setattr(type(path), "read_bytes", exhaust)
+    assert refusal(path) == "there is not enough memory to read it"
+
+
+# Files under a wrong name
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "message"),
+    [
+        ("part.ply", BINARY_STL, "it is named like PLY, but looks like STL"),
+        ("part.ply", ASCII_STL, "it is named like PLY, but looks like STL"),
+        ("part.stl", BINARY_PLY, "it is named like STL, but looks like PLY"),
+        ("part.stl", OFF, "it is named like STL, but looks like OFF"),
+        ("part.stl", OBJ, "it is named like STL, but looks like OBJ"),
+        ("part.stl", STEP, "it is named like STL, but looks like STEP"),
+        ("part.gltf", GLB, "it is named like glTF, but looks like GLB"),
+        ("part.glb", json.dumps(GLTF).encode(), "it is named like GLB, but looks like glTF"),
+        ("part.step", THREEMF, "it is named like STEP, but looks like 3MF"),
+        ("part.3mf", mesh_files.threemf("x", "a.txt"), "it is named like 3MF, but looks like a zip archive"),
+        ("part.stl", b"<!DOCTYPE html><title>404</title>", "it is named like STL, but looks like a web page"),
+        (
+            "part.stl",
+            b"version https://git-lfs.github.com/spec/v1\n",
+            "it is named like STL, but looks like a Git LFS pointer (the file itself was not fetched)",
+        ),
+        (
+            "part.dxf",
+            b"0\nSECTION\n",
+            "unknown extension '.dxf', expected one of "
+            ".stl, .obj, .ply, .off, .glb, .gltf, .3mf, .step, .stp",
+        ),
+        (
+            "part",
+            ASCII_STL,
+            "the name has no extension (it looks like STL), expected one of "
+            ".stl, .obj, .ply, .off, .glb, .gltf, .3mf, .step, .stp",
+        ),
+    ],
+)
+def test_wrong_name_is_said_and_what_it_looks_like(tmp_path, name, data, message):
+    assert refusal(write(tmp_path, name, data)) == message
+
+
+# STL
+
+HEAD = BINARY_STL[:80]
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (
+            b"\x01" * 20,
+            "it has 20 bytes, but a binary STL file begins with 84, and an ASCII one with the word solid",
+        ),
+        (BINARY_STL[:-1], "its header claims 12 faces, but there are bytes for 11: it is cut off"),
+        (
+            BINARY_STL + b"\0" * 50,
+            "its header claims 12 faces, but there are bytes for 13: its face count is wrong",
+        ),
+        (
+            HEAD + b"\xff" * 4 + BINARY_STL[84:],
+            "its header claims 4294967295 faces, but there are bytes for 12",
+        ),
+        (HEAD + bytes(4), "it holds no faces"),
+        (
+            b"solid".ljust(80, b"\0") + BINARY_STL[80:-1],
+            "its header claims 12 faces, but there are bytes for 11",
+        ),
+        (ASCII_STL.replace(b"endsolid part", b""), "the line endsolid is missing at the end: it is cut off"),
+        (b"solid a\nsolid b\nendsolid\n", "its lines solid and endsolid do not take turns"),
+        (b"solid a\nendsolid\nendsolid\n", "its lines solid and endsolid do not take turns"),
+        (b"solid a\nendsolid a\n", "it holds no faces"),
+        (ASCII_STL + b"facet\n", "there is 'facet' outside of solid and endsolid"),
+        (ASCII_STL.replace(b"vertex 1.0", b"vertex one", 1), "facet 0 has 'one', expected a number"),
+        (ASCII_STL.replace(b"vertex 1.0", b"vertex 1.0.0", 1), "facet 0 has '1.0.0', expected a number"),
+        (
+            ASCII_STL.replace(b"endloop\n", b"", 3),
+            "facet 0 is not whole, expected facet normal, outer loop, three",
+        ),
+        (ASCII_STL.replace(b"endfacet\n", b"", 1), "facet 0 is not whole"),
+        (ASCII_STL.replace(b"vertex 1.0 1.0 1.0", b"vertex 1.0 1.0", 1), "facet 2 is not whole"),
+        (
+            ASCII_STL.replace(b"vertex 0.0 1.0 0.0\n", b"", 1).replace(
+                b"vertex 1.0 1.0 0.0\n", b"vertex 1.0 1.0 0.0\nvertex 0.0 1.0 0.0\n", 2
+            ),
+            "facet 1 is not whole",
+        ),
+    ],
+)
+def test_damaged_stl_is_refused(tmp_path, data, message):
+    assert refusal(write(tmp_path, "part.stl", data)).startswith(message)
+
+
+def test_four_billion_faces_are_not_allocated(tmp_path):
+    import tracemalloc
+
+    path = write(tmp_path, "part.stl", HEAD + b"\xff" * 4 + bytes(100))
+    tracemalloc.start()
+    refusal(path)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 1e6
+
+
+# OBJ
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (OBJ + b"f 0 1 2\n", "line 21 (face 12) refers to vertex 0, but OBJ counts from 1"),
+        (
+            OBJ + b"f 1 2 9\n",
+            "line 21 (face 12) refers to vertex 8 (counted from 0), but there are 8 vertices",
+        ),
+        (
+            OBJ + b"f -1 -2 -9\n",
+            "line 21 (face 12) refers to vertex -1 (counted from 0), but there are 8 vertices",
+        ),
+        (OBJ + b"f 1 2\n", "line 21 (face 12) has 2 corners, expected at least 3"),
+        (OBJ + b"f\n", "line 21 (face 12) has 0 corners, expected at least 3"),
+        (OBJ + b"f 1 2 three\n", "line 21 (face 12) has 'three', expected a number"),
+        (OBJ + b"f 1 2 2.5\n", "line 21 (face 12) refers to vertex 1.5, expected a whole number"),
+        (OBJ + b"f 1 2 nan\n", "line 21 (face 12) refers to vertex nan, expected a whole number"),
+        (b"v 1 2\n" + OBJ, "line 1 (vertex 1) has 2 numbers, expected 3"),
+        (b"v 1 2 x\n" + OBJ, "line 1 (vertex 1) has 'x', expected a number"),
+        (OBJ + b"\x07garbage\n", "line 21 begins with '\\x07garbage', which OBJ does not know"),
+        (OBJ + b"surf 0 1 0 1\n", "line 21 is a free-form curve or surface (surf), expected polygons only"),
+        (b"v 0 0 0\nv 1 1 1\nl 1 2\n", "it holds 2 vertices and no faces, only lines: there is no surface"),
+        (b"v 0 0 0\nv 1 1 1\n", "it holds 2 vertices and no faces, only points: there is no surface"),
+        (b"# nothing\n", "it holds no faces"),
+    ],
+)
+def test_damaged_obj_is_refused(tmp_path, data, message):
+    assert refusal(write(tmp_path, "part.obj", data)) == message
+
+
+# OFF
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (b"FOO\n" + OFF[4:], "it does not begin with OFF, COFF, NOFF or CNOFF"),
+        (b"4OFF\n" + OFF[4:], "it does not begin with OFF, COFF, NOFF or CNOFF"),
+        (b"OFF\n", "its counts of vertices, faces and edges are not three whole numbers"),
+        (b"OFF\n8 x 0\n", "its counts of vertices, faces and edges are not three whole numbers"),
+        (OFF[:-9], "it announces 8 vertices and 12 faces, but 19 lines follow: it is cut off"),
+        (
+            OFF + b"3 0 1 2\n",
+            "it announces 8 vertices and 12 faces, but 21 lines follow: its counts are wrong",
+        ),
+        (
+            b"OFF\n9999999999 12 0\n",
+            "it announces 9999999999 vertices and 12 faces, but 0 lines follow: it is cut off",
+        ),
+        (
+            mesh_files.off(VERTICES, OUTSIDE),
+            "line 22 (face 11) refers to vertex 8 (counted from 0), but there are 8",
+        ),
+        (OFF.replace(b"3 1 7 5", b"4 1 7 5"), "line 22 (face 11) announces 4 corners, but 3 numbers follow"),
+        (OFF.replace(b"3 1 7 5", b"2 1 7 5"), "line 22 (face 11) has 2 corners, expected at least 3"),
+        (OFF.replace(b"3 1 7 5", b"3 1 7 x"), "line 22 (face 11) has 'x', expected a number"),
+        (OFF.replace(b"1.0 1.0 1.0", b"1.0 1.0"), "line 10 (vertex 7) has 2 numbers, expected 3 or more"),
+        (b"OFF\n3 0 0\n0 0 0\n1 0 0\n0 1 0\n", "it holds no faces"),
+    ],
+)
+def test_damaged_off_is_refused(tmp_path, data, message):
+    assert refusal(write(tmp_path, "part.off", data)).startswith(message)
+
+
+# PLY
+
+
+def ply(old, new, data=ASCII_PLY):
+    assert old in data
+    return data.replace(old, new, 1)
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (ASCII_PLY[:60], "its header has no line end_header: it is cut off, or no PLY file"),
+        (
+            ply(b"property list", b"property bag"),
+            "line 9 of its header is 'property bag uchar int vertex_indices'",
+        ),
+        (ply(b"element face 12", b"element face many"), "line 8 of its header is 'element face many'"),
+        (ply(b"format ascii 1.0\n", b""), "its header has no line format"),
+        (
+            ply(b"list uchar", b"list float"),
+            "line 9 of its header is 'property list float int vertex_indices'",
+        ),
+        (ply(b"element vertex 8", b"element vertex 0"), "its header declares no vertices"),
+        (ply(b"double z", b"double depth"), "its vertices have no x, y and z, expected positions in space"),
+        (ply(b"vertex_indices", b"corners"), "its faces have no list vertex_indices or vertex_index"),
+        (
+            ply(b"element face 12", b"element face 0"),
+            "it is a point cloud: 8 vertices and no faces, there is no surface",
+        ),
+        (
+            ply(b"element face 12", b"element face 0\nproperty uchar u\nelement edge 12"),
+            "it is a drawing of lines: 8 vertices and no faces, there is no surface",
+        ),
+        (ply(b"element face", b"element tristrips"), "it holds triangle strips, expected faces"),
+        (
+            ply(b"element vertex 8", b"element vertex 9"),
+            "its header declares 21 rows, but 20 follow: it is cut off",
+        ),
+        (
+            ply(b"element face 12", b"element face 11"),
+            "its header declares 19 rows, but 20 follow: a count is wrong",
+        ),
+        (ply(b"3 1 7 5", b"4 1 7 5"), "line 30 (face 11) has 4 numbers, but its header declares 5"),
+        (ply(b"3 1 7 5", b"9 1 7 5"), "line 30 (face 11) announces a list of 9, but has 4 numbers"),
+        (ply(b"3 1 7 5", b"3 1 7 five"), "line 30 (face 11) has 'five', expected a number"),
+        (ply(b"3 1 7 5", b"2 1 7"), "face 11 has 2 corners, expected at least 3"),
+        (ply(b"1.0 1.0 1.0", b"1.0 1.0"), "line 18 (vertex 7) has 2 numbers, but its header declares 3"),
+        (
+            mesh_files.ply_ascii(VERTICES, OUTSIDE),
+            "face 11 refers to vertex 8 (counted from 0), but there are 8",
+        ),
+        (BINARY_PLY[:-1], "it ends within row 11 of the 12 of element face: it is cut off"),
+        (BINARY_PLY[:300], "it ends within row 4 of the 8 of element vertex: it is cut off"),
+        (MIXED_PLY[:-1], "it ends within row 10 of the 11 of element face: it is cut off"),
+        (BINARY_PLY + b"\1", "1 bytes follow the last row: a count in its header is wrong"),
+        (ply(b"vertex 8", b"vertex 4000000000", BINARY_PLY), "it ends within row"),
+        (
+            ply(b"face 12", b"face 4000000000", BINARY_PLY),
+            "it ends within row 12 of the 4000000000 of element face",
+        ),
+        (
+            mesh_files.ply_binary(VERTICES, OUTSIDE),
+            "face 11 refers to vertex 8 (counted from 0), but there are 8",
+        ),
+        (
+            mesh_files.ply_header("binary_little_endian", 1, 1).replace(b"uchar", b"char")
+            + bytes(24)
+            + b"\xff",
+            "row 0 of element face has a list of -1 entries",
+        ),
+        (
+            mesh_files.ply_header("binary_little_endian", 1, 1).replace(b"uchar", b"uint")
+            + bytes(24)
+            + b"\xff" * 4,
+            "it ends within row 0 of the 1 of element face: it is cut off",
+        ),
+        (
+            mesh_files.ply_header("binary_little_endian", 1, 1) + bytes(24),
+            "it ends within row 0 of the 1 of element",
+        ),
+    ],
+)
+def test_damaged_ply_is_refused(tmp_path, data, message):
+    assert refusal(write(tmp_path, "part.ply", data)).startswith(message)
+
+
+# glTF
+
+
+def changed_gltf(*path, to):
+    """The document with one entry replaced (or removed, for None), as GLB."""
+    header = copy.deepcopy(GLTF)
+    entry = header
+    for key in path[:-1]:
+        entry = entry[key]
+    entry[path[-1]] = to
+    if to is None:
+        del entry[path[-1]]
+    return mesh_files.glb(header, BLOB)
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (GLB[:-1], f"its header says {len(GLB)} bytes, but the file has {len(GLB) - 1}: it is cut off"),
+        (GLB[:4] + struct.pack("<I", 1) + GLB[8:], "it is glTF version 1, expected 2"),
+        (b"glTF", "it does not begin with a GLB header of 12 bytes"),
+        (struct.pack("<4sII", b"glTF", 2, 12), "it has no JSON chunk"),
+        (
+            struct.pack("<4sII", b"glTF", 2, 16) + bytes(4),
+            "it ends within the header of a chunk: it is cut off",
+        ),
+        (
+            struct.pack("<4sIIII", b"glTF", 2, 20, 99, 0x4E4F534A),
+            "a chunk of 99 bytes does not fit into the 0 that are left: it is cut off",
+        ),
+        (GLB.replace(b'{"asset"', b'["asset"'), "its JSON cannot be read ("),
+        (changed_gltf("asset", to=None), "its JSON has no asset: it is no glTF"),
+        (changed_gltf("asset", "version", to="1.0"), "it is glTF version '1.0', expected 2.0"),
+        (changed_gltf("buffers", 0, "byteLength", to=10**9), "buffer 0 has "),
+        (
+            changed_gltf("buffers", 0, "byteLength", to=-1),
+            "the length of buffer 0: there is -1, expected a whole",
+        ),
+        (
+            changed_gltf("buffers", 0, "uri", to="none.bin"),
+            "buffer 0 is the file 'none.bin' beside it, which cannot",
+        ),
+        (
+            changed_gltf("buffers", 0, "uri", to="https://a.b/c"),
+            "buffer 0 lies at 'https://a.b/c', expected a file",
+        ),
+        (
+            changed_gltf("buffers", 0, "uri", to="data:;base64,***"),
+            "buffer 0 inside the file is no base64 text",
+        ),
+        (changed_gltf("buffers", 0, "uri", to=5), "the uri of buffer 0 is no text"),
+        (mesh_files.glb(GLTF, BLOB).replace(b"BIN\0", b"XXX\0"), "buffer 0 is not there: it has no uri"),
+        (
+            changed_gltf("bufferViews", 1, "byteLength", to=10**6),
+            "buffer view 1 reaches beyond the end of buffer 0",
+        ),
+        (
+            changed_gltf("bufferViews", 0, "byteOffset", to=-8),
+            "the offset of buffer view 0: there is -8, expected",
+        ),
+        (
+            changed_gltf("bufferViews", 0, "byteStride", to=4),
+            "accessor 0 (primitive 0 of mesh 0) has 8 entries, which",
+        ),
+        (
+            changed_gltf("accessors", 0, "count", to=9),
+            "accessor 0 (primitive 0 of mesh 0) has 9 entries, which do not",
+        ),
+        (
+            changed_gltf("accessors", 0, "componentType", to=5122),
+            "accessor 0 (primitive 0 of mesh 0) has type 'VEC3' of",
+        ),
+        (
+            changed_gltf("accessors", 1, "sparse", to={}),
+            "accessor 1 (primitive 0 of mesh 0) is sparse, normalised or",
+        ),
+        (
+            changed_gltf("accessors", 1, "count", to=35),
+            "primitive 0 of mesh 0 has 35 corners, which is no multiple of 3",
+        ),
+        (
+            changed_gltf("accessors", 0, "count", to=7),
+            "triangle 2 of primitive 0 of mesh 0 refers to vertices",
+        ),
+        (changed_gltf("meshes", 0, "primitives", to=None), "mesh 0 has no primitives"),
+        (
+            changed_gltf("meshes", 0, "primitives", 0, "attributes", to=None),
+            "primitive 0 of mesh 0 has no attributes",
+        ),
+        (
+            changed_gltf("meshes", 0, "primitives", 0, "indices", to=7),
+            "it refers to accessors 7, but holds 2",
+        ),
+        (
+            changed_gltf("meshes", 0, "primitives", 0, "mode", to=6),
+            "primitive 0 of mesh 0 has mode 6, expected triangles",
+        ),
+        (changed_gltf("meshes", 0, "primitives", 0, "mode", to=0), "it holds no faces"),
+        (changed_gltf("nodes", 0, "mesh", to=1), "it refers to meshes 1, but holds 1"),
+        (changed_gltf("nodes", 0, "children", to=[0]), "node 0 hangs in the scene twice, expected a tree"),
+        (changed_gltf("nodes", 0, "children", to=5), "its JSON has children that are no list"),
+        (changed_gltf("nodes", 0, "scale", to=[1, 1]), "the scale of node 0 is not 3 finite numbers"),
+        (
+            changed_gltf("nodes", 0, "scale", to=[1, 0, 1]),
+            "'cube': it is placed by a matrix that flattens it",
+        ),
+        (
+            changed_gltf("nodes", 0, "rotation", to=[0, 0, 0, 0]),
+            "the rotation of node 0 is zero, expected a unit",
+        ),
+        (
+            changed_gltf("nodes", 0, "matrix", to=[1] * 16),
+            "'cube': the last row of its matrix is [1.0, 1.0, 1.0, 1.0]",
+        ),
+        (changed_gltf("scene", to=3), "it refers to scenes 3, but holds 1"),
+        (
+            changed_gltf("extensionsRequired", to=["KHR_draco_mesh_compression"]),
+            "its geometry is stored by KHR_draco_mesh_compression, which is not read; export it without",
+        ),
+    ],
+)
+def test_damaged_glb_is_refused(tmp_path, data, message):
+    assert refusal(write(tmp_path, "part.glb", data)).startswith(message)
+
+
+def test_gltf_without_scenes_places_what_is_nobodys_child(tmp_path):
+    contents = meshio.read_geometries(write(tmp_path, "part.glb", changed_gltf("scenes", to=None)))
+    assert [geometry.name for geometry in contents.geometries] == ["cube"]
+
+
+def test_strip_of_two_corners_is_refused(tmp_path):
+    header, blob = mesh_files.gltf_document([[(VERTICES, [0, 1])]], [{"mesh": 0}])
+    header["meshes"][0]["primitives"][0]["mode"] = 5
+    message = refusal(write(tmp_path, "part.glb", mesh_files.glb(header, blob)))
+    assert message == "primitive 0 of mesh 0 is a strip of 2 corners, expected at least 3"
+
+
+def test_json_nested_without_end_is_refused(tmp_path):
+    path = write(tmp_path, "part.gltf", b'{"asset": ' + b"[" * 100000)
+    assert refusal(path).startswith("its JSON cannot be read (")
+
+
+# 3MF
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (THREEMF[:-30], "its zip archive cannot be read (BadZipFile: "),
+        (THREEMF[:90] + bytes([THREEMF[90] ^ 255]) + THREEMF[91:], "its zip archive cannot be read ("),
+        (mesh_files.threemf("<amf/>"), "its model file has no element model"),
+        (
+            mesh_files.threemf(MODEL.replace('"millimeter"', '"parsec"')),
+            "its unit is 'parsec', expected one of micron",
+        ),
+        (
+            mesh_files.threemf(MODEL.replace('<item objectid="1"', '<item objectid="7"')),
+            "a item refers to object '7'",
+        ),
+        (mesh_files.threemf(re.sub("<item[^>]*>", "", MODEL)), "its build has no items: it places nothing"),
+        (
+            mesh_files.threemf(MODEL.replace('transform="1 ', 'transform="nan ')),
+            "'part1': it is placed by a matrix that",
+        ),
+        (mesh_files.threemf(MODEL[:-9]), "trimesh could not read it (XMLSyntaxError: "),
+        (mesh_files.threemf(MODEL.replace('x="1.0"', 'x="one"', 1)), "trimesh could not read it ("),
+        (mesh_files.threemf(MODEL.replace('x="1.0"', "", 1)), "trimesh could not read it (KeyError: "),
+        (
+            mesh_files.threemf(MODEL.replace('v3="5"', 'v3="8"')),
+            "triangle 4 of 'part1' refers to vertices [0, 1, 8], but there are 8",
+        ),
+        (
+            mesh_files.threemf(MODEL.replace("<triangles>", "<triangles/><triangles>")),
+            "it holds 12 triangles, but 0",
+        ),
+        (
+            mesh_files.threemf(MODEL.replace("<model ", '<model requiredextensions="b p" ')),
+            "it needs the extensions b p, which are not read",
+        ),
+        (mesh_files.threemf(mesh_files.threemf_model({1: (VERTICES, [])}, [ITEM])), "it holds no faces"),
+    ],
+)
+def test_damaged_3mf_is_refused(tmp_path, data, message):
+    assert refusal(write(tmp_path, "part.3mf", data)).startswith(message)
+
+
+# STEP
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (STEP[:-10], "it does not end with END-ISO-10303-21: it is cut off"),
+        (
+            STEP.replace(b"ADVANCED_FACE", b"ADVANCED_FACX", 1),
+            "its shells list 6 faces, but OpenCASCADE could mesh 5",
+        ),
+        (STEP.replace(b"CLOSED_SHELL", b"NO_SHELL"), "it holds no faces"),
+        (STEP[:2000] + STEP[-30:], "OpenCASCADE could not read all of it: ERR"),
+    ],
+)
+def test_damaged_step_is_refused_and_nothing_is_printed(tmp_path, capfd, data, message):
+    assert refusal(write(tmp_path, "part.step", data)).startswith(message)
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("returncode", "message"),
+    [
+        (-11, "OpenCASCADE crashed on it (signal 11)"),
+        (3, "STEP files need the package cascadio, which cannot be imported"),
+        (1, "OpenCASCADE could not read all of it"),
+    ],
+)
+def test_crash_of_the_step_library_is_an_error_like_others(tmp_path, monkeypatch, returncode, message):
+    def crash(*arguments, **options):
+        return subprocess.CompletedProcess(arguments, returncode)
+
+    monkeypatch.setattr(step.subprocess, "run", crash)
+    assert refusal(write(tmp_path, "part.step", STEP)) == message
+
+
+# Numbers
+
+
+@pytest.mark.parametrize(
+    "name", ["part.obj", "part.off", "ascii.ply", "binary.ply", "binary.stl", "part.glb"]
+)
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_vertex_that_is_not_finite_is_named_and_counted(tmp_path, name, value):
+    vertices = VERTICES.copy()
+    vertices[3, 1] = value
+    writers = {
+        "part.obj": mesh_files.obj,
+        "part.off": mesh_files.off,
+        "ascii.ply": mesh_files.ply_ascii,
+        "binary.ply": mesh_files.ply_binary,
+        "binary.stl": mesh_files.stl_binary,
+        "part.glb": lambda v, f: mesh_files.glb(*mesh_files.gltf_document([[(v, f)]], [{"mesh": 0}])),
+    }
+    message = refusal(write(tmp_path, name, writers[name](vertices, FACES)))
+    used = 36 if name.endswith("stl") else 8
+    stem = name.split(".")[0]
+    pattern = (
+        rf"vertex \d+ of '{stem}' is not finite: \(1.0, {value}, 0.0\); \d of the {used} vertices in use"
+    )
+    assert re.match(pattern, message)
+
+
+def test_vertex_that_no_face_uses_may_be_anything(tmp_path):
+    data = mesh_files.obj([*VERTICES, [np.nan] * 3], FACES)
+    assert len(meshio.read_geometries(write(tmp_path, "part.obj", data)).geometries[0].faces) == 12
+
+
+def test_position_that_overflows_in_metres_is_not_finite(tmp_path):
+    path = write(tmp_path, "part.obj", mesh_files.obj(VERTICES * 1e308, FACES))
+    assert refusal(path, units="km").startswith("vertex 1 of 'part' is not finite: (1e+308, 0.0, 0.0)")
+
+
+def test_whatever_trimesh_raises_is_one_line():
+    with pytest.raises(
+        MeshFormatError, match=r"^trimesh could not read it \(JSONDecodeError: Expecting[^\n]*\)$|trimesh"
+    ):
+        library.load_scene(b"nonsense", "gltf", {})
+    assert library.in_one_line(ValueError("a\nb  c")) == "ValueError: a b c"
+    assert library.in_one_line(RecursionError()) == "RecursionError"
+
+
+# Any damage at all
+
+
+@pytest.mark.parametrize("name", WHOLE)
+def test_no_beginning_of_a_file_is_taken_for_the_whole(tmp_path, name):
+    """Cut anywhere: refused, or nothing is missing, or (OBJ has no counts) it is said."""
+    data = WHOLE[name]
+    whole = meshio.read_geometries(write(tmp_path, name, data)).geometries[0]
+    for length in range(1, len(data), 1 if len(data) < 1500 else 7):
+        try:
+            contents = meshio.read_geometries(write(tmp_path, name, data[:length]))
+        except ProximityError:
+            continue
+        part = contents.geometries[0]
+        is_same = np.array_equal(part.vertices[part.faces], whole.vertices[whole.faces])
+        at_a_line = name == "part.obj" and data[length - 1 : length] == b"\n"
+        assert is_same or at_a_line or "it may have been cut off" in contents.notes[-1]
+
+
+@st.composite
+def damaged(draw):
+    """A file of any format with a few bytes changed, taken away or put in."""
+    name = draw(st.sampled_from(sorted(WHOLE)))
+    data = bytearray(WHOLE[name])
+    for _ in range(draw(st.integers(1, 4))):
+        at = draw(st.integers(0, max(len(data) - 1, 0)))
+        kind = draw(st.sampled_from(["change", "cut", "insert", "double"]))
+        if kind == "change":
+            data[at : at + 1] = bytes([draw(st.integers(0, 255))])
+        elif kind == "cut":
+            del data[at : at + draw(st.integers(1, 60))]
+        elif kind == "insert":
+            data[at:at] = draw(
+                st.sampled_from([b"-", b"9", b"\n", b" ", b"nan", b"1e999", b"\0\0\0\0", b"\xff\xff"])
+            )
+        else:
+            data[at:at] = data[at : at + 50]
+    return name, bytes(data)
+
+
+@settings(
+    max_examples=400,
+    derandomize=True,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
+@given(file=damaged())
+def test_damaged_file_gives_a_sentence_or_a_valid_mesh(tmp_path, file):
+    name, data = file
+    try:
+        contents = meshio.read_geometries(write(tmp_path, name, data))
+    except ProximityError as reason:
+        assert str(reason).startswith(str(tmp_path)) and "\n" not in str(reason)
+        return
+    for geometry in contents.geometries:
+        assert geometry.faces.min() >= 0 and geometry.faces.max() < len(geometry.vertices)
+        assert len(geometry.faces) == len(geometry.source_faces) > 0
+        assert np.isfinite(geometry.vertices[geometry.faces]).all()
