@@ -1,0 +1,59 @@
+"""The order of points along a space-filling curve."""
+
+from math import isfinite
+
+import numpy as np
+
+from proximity.kernels.compiling import kernel
+
+
+@kernel
+def morton_order(points):
+    """The rows of *points* along a curve that keeps neighbours together; rows not finite come first."""
+    count = len(points)
+    lower = np.full(3, np.inf)
+    upper = np.full(3, -np.inf)
+    for i in range(count):
+        for axis in range(3):
+            value = points[i, axis]
+            if isfinite(value):
+                lower[axis] = min(lower[axis], value)
+                upper[axis] = max(upper[axis], value)
+    extent = max(upper[0] - lower[0], upper[1] - lower[1], upper[2] - lower[2])
+    rate = 1023.0 / extent if extent > 0.0 and isfinite(extent) else 0.0
+    keys = np.empty(count, np.uint32)
+    for i in range(count):
+        key = np.uint32(0)
+        for axis in range(3):
+            value = (points[i, axis] - lower[axis]) * rate
+            cell = np.uint32(value) if value >= 0.0 and value <= 1023.0 else np.uint32(0)
+            # Two zeros between any two bits.
+            cell = (cell | (cell << np.uint32(16))) & np.uint32(0x030000FF)
+            cell = (cell | (cell << np.uint32(8))) & np.uint32(0x0300F00F)
+            cell = (cell | (cell << np.uint32(4))) & np.uint32(0x030C30C3)
+            cell = (cell | (cell << np.uint32(2))) & np.uint32(0x09249249)
+            key |= cell << np.uint32(axis)
+        keys[i] = key
+    order = np.empty(count, np.int64)
+    other = np.empty(count, np.int64)
+    for i in range(count):
+        order[i] = i
+    # Radix sort, eleven bits at a time, stable.
+    starts = np.empty(2048, np.int64)
+    for digit in range(3):
+        shift = np.uint32(11 * digit if digit < 2 else 22)
+        starts[:] = 0
+        for i in range(count):
+            starts[(keys[i] >> shift) & np.uint32(2047)] += 1
+        total = 0
+        for k in range(2048):
+            number = starts[k]
+            starts[k] = total
+            total += number
+        for i in range(count):
+            row = order[i]
+            k = (keys[row] >> shift) & np.uint32(2047)
+            other[starts[k]] = row
+            starts[k] += 1
+        order, other = other, order
+    return order

@@ -1,0 +1,60 @@
+"""The steps that all walks share: leave children waiting, take the next one up, look into a block.
+
+A walk goes straight to the nearest child and leaves the others waiting, unsorted. *stacks* (float32) holds,
+from some place on, `STACK_SIZE` bounds and then as many references (int32 bits); *at* is where the next goes.
+"""
+
+import numpy as np
+
+from proximity.kernels.compiling import inlined
+from proximity.kernels.layout import BLOCK_STRIDE, CHILDREN, LANES, NO_SLOT, STACK_SIZE
+from proximity.kernels.triangle import point_block_distance_sq
+from proximity.simd import (
+    bits,
+    compress,
+    count_bits,
+    horizontal_min,
+    lane_numbers,
+    load,
+    load_int,
+    select,
+    splat,
+    splat32,
+    store,
+    trailing_zeros,
+)
+
+NOTHING_WAITS = -1
+"""Place on a stack of which the bottom has been reached."""
+
+
+@inlined
+def descend(words, base, bounds, is_open, nearest, stacks, at):
+    """Leave the open children of the node at *base* waiting but for the nearest; its reference, and *at*."""
+    others = is_open & ~(lane_numbers() == splat32(np.float32(nearest)))
+    store(stacks, at, compress(bounds, others))
+    store(stacks, at + STACK_SIZE, compress(load(words, base + CHILDREN), others))
+    return load_int(words, base + CHILDREN + nearest), at + count_bits(bits(is_open)) - 1
+
+
+@inlined
+def next_open(stacks, bottom, at, best32):
+    """The place of the last that waits and whose bound is not above *best32*, or `NOTHING_WAITS`."""
+    while at > bottom:
+        at -= 1
+        if stacks[at] <= best32:
+            return at
+    return NOTHING_WAITS
+
+
+@inlined
+def nearer_in_block(reals, block, wide_x, wide_y, wide_z, best_sq, best_slot):
+    """Squared distance and slot of the best so far or, nearer or of a lower slot, a triangle of *block*."""
+    distances = point_block_distance_sq(reals, BLOCK_STRIDE * block, wide_x, wide_y, wide_z)
+    is_better = distances <= splat(best_sq)
+    if bits(is_better):
+        smallest = horizontal_min(select(is_better, distances, splat(np.inf)))
+        slot = LANES * block + trailing_zeros(bits(distances <= splat(smallest)))
+        if smallest < best_sq or slot < best_slot or best_slot == NO_SLOT:
+            return smallest, slot
+    return best_sq, best_slot

@@ -1,0 +1,120 @@
+"""A coarse grid of cells that are wholly inside, wholly outside, or crossed by the surface.
+
+A scene asks of many parts whether a point is inside; for most the answer is one look into this grid. It
+lies in the part's own frame and moves with it. Two bits a cell, sixteen cells a word. Only for parts whose
+winding number is an integer: there inside and outside change at faces only.
+"""
+
+import numpy as np
+
+from proximity.kernels.compiling import inlined, kernel
+from proximity.kernels.winding import winding_number
+from proximity.simd import load_int
+
+OUTSIDE = 0
+INSIDE = 1
+CROSSED = 2
+UNKNOWN = 3
+CELLS_PER_WORD = 16
+SLACK = 1e-6
+"""Cells. A face this close to a cell counts as crossing it: more than all rounding of a look-up."""
+
+
+@inlined
+def cell_state(words, at, lower_x, lower_y, lower_z, rate, nx, ny, nz, px, py, pz):
+    """State of the cell that holds *p*; `OUTSIDE` beyond the grid."""
+    fx, fy, fz = (px - lower_x) * rate, (py - lower_y) * rate, (pz - lower_z) * rate
+    if not (fx >= 0.0 and fy >= 0.0 and fz >= 0.0 and fx < nx and fy < ny and fz < nz):
+        return OUTSIDE
+    cell = (np.int64(fz) * ny + np.int64(fy)) * nx + np.int64(fx)
+    return (load_int(words, at + cell // CELLS_PER_WORD) >> (2 * (cell % CELLS_PER_WORD))) & 3
+
+
+@kernel
+def build_grid(corners, faces, lower, rate, nx, ny, nz, reals, words, root, moments):
+    """Return the packed states (int32) of *nx ny nz* cells of size 1/*rate* from *lower* on.
+
+    *corners* (V, 3), *faces* (F, 3): local frame. *reals*, *words*, *root*, *moments*: the part's tree.
+    """
+    states = np.full(nx * ny * nz, np.uint8(UNKNOWN))
+    cell = np.empty(6, np.int64)
+    size = np.array([nx, ny, nz])
+    v = np.empty((3, 3))
+    normal = np.empty(3)
+    for face in range(len(faces)):
+        for corner in range(3):
+            for axis in range(3):
+                v[corner, axis] = (corners[faces[face, corner], axis] - lower[axis]) * rate
+        for axis in range(3):
+            low, high = min(v[0, axis], v[1, axis], v[2, axis]), max(v[0, axis], v[1, axis], v[2, axis])
+            cell[axis] = min(max(np.int64(np.floor(low - SLACK)), 0), size[axis] - 1)
+            cell[axis + 3] = min(max(np.int64(np.floor(high + SLACK)), 0), size[axis] - 1)
+        for axis in range(3):
+            j, k = (axis + 1) % 3, (axis + 2) % 3
+            normal[axis] = (v[1, j] - v[0, j]) * (v[2, k] - v[0, k]) - (v[1, k] - v[0, k]) * (
+                v[2, j] - v[0, j]
+            )
+        reach = (0.5 + SLACK) * (abs(normal[0]) + abs(normal[1]) + abs(normal[2]))
+        for iz in range(cell[2], cell[5] + 1):
+            for iy in range(cell[1], cell[4] + 1):
+                for ix in range(cell[0], cell[3] + 1):
+                    height = (
+                        normal[0] * (ix + 0.5 - v[0, 0])
+                        + normal[1] * (iy + 0.5 - v[0, 1])
+                        + normal[2] * (iz + 0.5 - v[0, 2])
+                    )
+                    if abs(height) <= reach:
+                        states[(iz * ny + iy) * nx + ix] = CROSSED
+
+    # Cells that touch and are not crossed are on one side: one winding number tells for all of them.
+    stack = np.empty(nx * ny * nz, np.int32)
+    for seed in range(nx * ny * nz):
+        if states[seed] != UNKNOWN:
+            continue
+        ix, iy, iz = seed % nx, (seed // nx) % ny, seed // (nx * ny)
+        turns = winding_number(
+            reals,
+            words,
+            root,
+            moments,
+            lower[0] + (ix + 0.5) / rate,
+            lower[1] + (iy + 0.5) / rate,
+            lower[2] + (iz + 0.5) / rate,
+        )
+        state = INSIDE if turns > 0.5 else OUTSIDE
+        states[seed] = state
+        stack[0] = seed
+        waiting = 1
+        while waiting:
+            waiting -= 1
+            here = np.int64(stack[waiting])
+            ix, iy, iz = here % nx, (here // nx) % ny, here // (nx * ny)
+            if ix > 0 and states[here - 1] == UNKNOWN:
+                states[here - 1] = state
+                stack[waiting] = here - 1
+                waiting += 1
+            if ix < nx - 1 and states[here + 1] == UNKNOWN:
+                states[here + 1] = state
+                stack[waiting] = here + 1
+                waiting += 1
+            if iy > 0 and states[here - nx] == UNKNOWN:
+                states[here - nx] = state
+                stack[waiting] = here - nx
+                waiting += 1
+            if iy < ny - 1 and states[here + nx] == UNKNOWN:
+                states[here + nx] = state
+                stack[waiting] = here + nx
+                waiting += 1
+            if iz > 0 and states[here - nx * ny] == UNKNOWN:
+                states[here - nx * ny] = state
+                stack[waiting] = here - nx * ny
+                waiting += 1
+            if iz < nz - 1 and states[here + nx * ny] == UNKNOWN:
+                states[here + nx * ny] = state
+                stack[waiting] = here + nx * ny
+                waiting += 1
+
+    packed = np.zeros((len(states) + CELLS_PER_WORD - 1) // CELLS_PER_WORD, np.uint32)
+    for here in range(len(states)):
+        packed[here // CELLS_PER_WORD] |= np.uint32(states[here]) << np.uint32(2 * (here % CELLS_PER_WORD))
+    return packed

@@ -1,0 +1,174 @@
+"""From frame to frame, and the surface of a whole scene that is nearest to a point.
+
+The scene's tree has, for leaves, *entries*: subtrees of parts, as (part, reference) pairs. Its boxes are in
+the scene's own scaled frame, kept in the row behind the last part's in ``frames`` and ``parts``; squared
+distances are compared there, and all scales are powers of two, so that nothing is rounded on the way from
+frame to frame.
+"""
+
+import numpy as np
+
+from proximity.kernels.box import bound_of, far_offset_sq, node_bounds_sq
+from proximity.kernels.compiling import inlined, kernel
+from proximity.kernels.descent import NOTHING_WAITS, descend, nearer_in_block, next_open
+from proximity.kernels.layout import (
+    BLOCK_COUNT,
+    CENTRE,
+    ENTRY,
+    FACES,
+    FIRST_BLOCK,
+    IS_FUSED,
+    IS_TURNED,
+    LANES,
+    NODE_STRIDE,
+    ROOT,
+    ROTATION,
+    SCALE,
+    STACK_SIZE,
+    TRANSLATION,
+)
+from proximity.kernels.point import closest_in_part
+from proximity.simd import (
+    bits,
+    load_int,
+    lowest_lane,
+    splat,
+    splat32,
+)
+
+FARTHEST = 1e100
+"""Local coordinates beyond this are pulled in: the direction stays, the square does not overflow."""
+
+
+@inlined
+def to_local(frames, parts, part, x, y, z):
+    """A point of the scene's frame in the local frame of *part*."""
+    dx = x - frames[part, TRANSLATION]
+    dy = y - frames[part, TRANSLATION + 1]
+    dz = z - frames[part, TRANSLATION + 2]
+    if parts[part, IS_TURNED]:
+        r = frames[part]
+        dx, dy, dz = (
+            r[ROTATION] * dx + r[ROTATION + 3] * dy + r[ROTATION + 6] * dz,
+            r[ROTATION + 1] * dx + r[ROTATION + 4] * dy + r[ROTATION + 7] * dz,
+            r[ROTATION + 2] * dx + r[ROTATION + 5] * dy + r[ROTATION + 8] * dz,
+        )
+    scale = frames[part, SCALE]
+    return (
+        _pull_in((dx - frames[part, CENTRE]) * scale),
+        _pull_in((dy - frames[part, CENTRE + 1]) * scale),
+        _pull_in((dz - frames[part, CENTRE + 2]) * scale),
+    )
+
+
+@inlined
+def _pull_in(value):
+    return min(max(value, -FARTHEST), FARTHEST)
+
+
+@inlined
+def turn_to_scene(frames, parts, part, source, at, target, to):
+    """Turn a direction from the part's frame to the scene's."""
+    x, y, z = source[at], source[at + 1], source[at + 2]
+    if parts[part, IS_TURNED]:
+        r = frames[part]
+        x, y, z = (
+            r[ROTATION] * x + r[ROTATION + 1] * y + r[ROTATION + 2] * z,
+            r[ROTATION + 3] * x + r[ROTATION + 4] * y + r[ROTATION + 5] * z,
+            r[ROTATION + 6] * x + r[ROTATION + 7] * y + r[ROTATION + 8] * z,
+        )
+    target[to], target[to + 1], target[to + 2] = x, y, z
+
+
+@inlined
+def to_scene(frames, parts, part, source, at, target, to):
+    """Take a point from the part's local frame to the scene's."""
+    for axis in range(3):
+        target[to + axis] = source[at + axis] / frames[part, SCALE] + frames[part, CENTRE + axis]
+    turn_to_scene(frames, parts, part, target, to, target, to)
+    for axis in range(3):
+        target[to + axis] += frames[part, TRANSLATION + axis]
+
+
+@kernel
+def nearest_in_scene(reals, words, frames, parts, x, y, z, best_sq, best_part, best_slot, stacks):
+    """Squared distance (scene's scaled frame), part and slot of the surface nearest to a point.
+
+    What is known already goes in as best; with `NO_PART` it is the limit. Ties go to the lower part, then to
+    the lower slot. *stacks*: float32, four times `STACK_SIZE`.
+
+    Parts in the scene's own frame are walked as if they were one tree; the others by a walk of their own.
+    """
+    scene = len(parts) - 1
+    scene_scale = frames[scene, SCALE]
+    if scene == 1:
+        px, py, pz = to_local(frames, parts, 0, x, y, z)
+        best_sq, best_slot = closest_in_part(
+            reals, words, parts[0, ROOT], px, py, pz, best_sq, best_slot, stacks, 0
+        )
+        return best_sq, np.int64(0) if best_slot >= 0 else best_part, best_slot
+
+    px, py, pz = to_local(frames, parts, scene, x, y, z)
+    wide_x, wide_y, wide_z = splat(px), splat(py), splat(pz)
+    vx, vy, vz = splat32(np.float32(px)), splat32(np.float32(py)), splat32(np.float32(pz))
+    offset = far_offset_sq(px, py, pz)
+    is_far = offset > 0.0
+    offsets = splat(offset)
+    entries = parts[scene, FACES]
+    best32 = bound_of(best_sq, offset)
+    bottom = 2 * STACK_SIZE
+    at = bottom
+    reference = parts[scene, ROOT]
+    here = best_part
+    while True:
+        if reference >= 0:
+            base = NODE_STRIDE * reference
+            bounds = node_bounds_sq(words, base, is_far, vx, vy, vz, wide_x, wide_y, wide_z, offsets)
+            is_open = bounds <= splat32(best32)
+            if bits(is_open):
+                nearest = lowest_lane(bounds)
+                reference, at = descend(words, base, bounds, is_open, nearest, stacks, at)
+                continue
+        elif ~reference < ENTRY:
+            best_sq, best_slot = nearer_in_block(
+                reals, ~reference, wide_x, wide_y, wide_z, best_sq, best_slot
+            )
+            best32 = bound_of(best_sq, offset)
+        else:
+            entry = entries + 2 * (~reference - ENTRY)
+            part, start = load_int(words, entry), load_int(words, entry + 1)
+            if parts[part, IS_FUSED]:
+                reference = start
+                continue
+            qx, qy, qz = to_local(frames, parts, part, x, y, z)
+            ratio_sq = (frames[part, SCALE] / scene_scale) ** 2
+            found_sq, slot = closest_in_part(
+                reals, words, start, qx, qy, qz, best_sq * ratio_sq, best_slot, stacks, 0
+            )
+            if slot != best_slot:
+                best_sq, best_slot = found_sq / ratio_sq, slot
+                best32 = bound_of(best_sq, offset)
+        at = next_open(stacks, bottom, at, best32)
+        if at == NOTHING_WAITS:
+            if best_slot >= 0:
+                here = part_of_slot(parts, best_slot, here)
+            return best_sq, here, best_slot
+        reference = load_int(stacks, at + STACK_SIZE)
+
+
+@inlined
+def part_of_slot(parts, slot, guess):
+    """The part that a slot belongs to; *guess* is looked at first."""
+    block = slot // LANES
+    if guess >= 0:
+        first = parts[guess, FIRST_BLOCK]
+        if first <= block < first + parts[guess, BLOCK_COUNT]:
+            return guess
+    low, high = np.int64(0), np.int64(len(parts) - 2)
+    while low < high:
+        middle = (low + high + 1) // 2
+        if parts[middle, FIRST_BLOCK] <= block:
+            low = middle
+        else:
+            high = middle - 1
+    return low

@@ -1,0 +1,180 @@
+"""The generalized winding number of one part, by its tree.
+
+A cluster of faces that is far away for its size counts as one dipole and one quadrupole; near clusters are
+opened, and the triangles of near leaves are summed exactly. For a closed part the sum is 1 inside and 0
+outside, give or take a few hundredths.
+
+Tried and dropped (2026-11): dipoles alone, from three radii on. The two sides of a thin wall cancel in a
+dipole: 0.18 off inside a hollow ball, 0.5 inside nested ones; and slower by a third.
+
+``moments``: `MOMENT_STRIDE` words a node: for its eight children the centre x, y, z (weighted by area), the
+sum of the area normals x, y, z, the squared distance from which on the child counts as far, and how the area
+normals are spread about the centre: xx, yy, xy, xz, yz of the symmetric first moment without its trace.
+
+Source: Jacobson, Kavan, Sorkine-Hornung 2013, "Robust inside-outside segmentation using generalized winding
+numbers"; Barill et al. 2018, "Fast winding numbers for soups and clouds" (here with terms of the first two
+orders); van Oosterom & Strackee 1983 for the solid angle of a triangle.
+"""
+
+from math import atan2, pi, sqrt
+
+import numpy as np
+
+from proximity.kernels.compiling import kernel
+from proximity.kernels.layout import BLOCK_STRIDE, CHILDREN, LANES, NODE_STRIDE, STACK_SIZE
+from proximity.kernels.triangle import dot
+from proximity.simd import bits, fma, lane, load, load_int, select, splat, square_root, store, widen
+
+MOMENT_STRIDE = 96
+OPENING = 2.5
+"""Ratio of distance to radius from which on a cluster counts as far."""
+
+
+@kernel
+def fill_moments(words, reals, node_count, moments):
+    """Fill the moments of a tree that starts at word 0 with blocks at real 0.
+
+    A child's number is above its parent's, so that nodes are done from the last to the first.
+    """
+    # Of each node: area; area times centre; area normal; area normal times place, nine numbers.
+    sums = np.zeros((node_count, 16))
+    own = np.empty(16)
+    for node in range(node_count - 1, -1, -1):
+        base = NODE_STRIDE * node
+        for k in range(LANES):
+            at = MOMENT_STRIDE * node + k
+            for row in range(12):
+                moments[at + 8 * row] = 0.0
+            if not words[base + k] <= words[base + 24 + k]:
+                continue
+            child = load_int(words, base + CHILDREN + k)
+            own[:] = 0.0
+            if child >= 0:
+                own[:] = sums[child]
+            else:
+                for i in range(LANES):
+                    _add_triangle(reals, BLOCK_STRIDE * ~child + i, own)
+            for number in range(16):
+                sums[node, number] += own[number]
+            area = own[0]
+            radius_sq = 0.0
+            for axis in range(3):
+                low, high = words[base + 8 * axis + k], words[base + 24 + 8 * axis + k]
+                centre = own[1 + axis] / area if area > 0.0 else 0.5 * (np.float64(low) + np.float64(high))
+                moments[at + 8 * axis] = centre
+                moments[at + 24 + 8 * axis] = own[4 + axis]
+                reach = max(high - centre, centre - low)
+                radius_sq += reach * reach
+            moments[at + 48] = OPENING * OPENING * radius_sq
+            if area > 0.0:
+                _write_spread(own, moments, at + 56)
+
+
+@kernel
+def _write_spread(sums, moments, at):
+    """Write the first moment about the centre: the two sides of a thin wall cancel in all but this."""
+    x, y, z = sums[1] / sums[0], sums[2] / sums[0], sums[3] / sums[0]
+    xx, yy, zz = sums[7] - sums[4] * x, sums[11] - sums[5] * y, sums[15] - sums[6] * z
+    trace = xx + yy + zz
+    moments[at] = xx - trace / 3.0
+    moments[at + 8] = yy - trace / 3.0
+    moments[at + 16] = 0.5 * (sums[8] - sums[4] * y + sums[10] - sums[5] * x)
+    moments[at + 24] = 0.5 * (sums[9] - sums[4] * z + sums[13] - sums[6] * x)
+    moments[at + 32] = 0.5 * (sums[12] - sums[5] * z + sums[14] - sums[6] * y)
+
+
+@kernel
+def _add_triangle(reals, b, sums):
+    """Add the triangle whose first coordinate is real *b* to the sums of `fill_moments`; NaN adds nothing."""
+    if reals[b] != reals[b]:
+        return
+    ux, uy, uz = reals[b + 24] - reals[b], reals[b + 32] - reals[b + 8], reals[b + 40] - reals[b + 16]
+    vx, vy, vz = reals[b + 48] - reals[b], reals[b + 56] - reals[b + 8], reals[b + 64] - reals[b + 16]
+    nx, ny, nz = 0.5 * (uy * vz - uz * vy), 0.5 * (uz * vx - ux * vz), 0.5 * (ux * vy - uy * vx)
+    area = sqrt(nx * nx + ny * ny + nz * nz)
+    sums[0] += area
+    for axis in range(3):
+        at = b + 8 * axis
+        middle = (reals[at] + reals[at + 24] + reals[at + 48]) / 3.0
+        sums[1 + axis] += area * middle
+        sums[7 + axis] += nx * middle
+        sums[10 + axis] += ny * middle
+        sums[13 + axis] += nz * middle
+    sums[4] += nx
+    sums[5] += ny
+    sums[6] += nz
+
+
+@kernel
+def _block_solid_angle(reals, base, px, py, pz):
+    """Sum of the signed solid angles of a block's triangles, seen from *p*."""
+    x, y, z = splat(px), splat(py), splat(pz)
+    ax, ay, az = load(reals, base) - x, load(reals, base + 8) - y, load(reals, base + 16) - z
+    bx, by, bz = load(reals, base + 24) - x, load(reals, base + 32) - y, load(reals, base + 40) - z
+    cx, cy, cz = load(reals, base + 48) - x, load(reals, base + 56) - y, load(reals, base + 64) - z
+    a = square_root(dot(ax, ay, az, ax, ay, az))
+    b = square_root(dot(bx, by, bz, bx, by, bz))
+    c = square_root(dot(cx, cy, cz, cx, cy, cz))
+    volume = dot(ax, ay, az, by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx)
+    below = fma(
+        dot(ax, ay, az, bx, by, bz),
+        c,
+        fma(dot(bx, by, bz, cx, cy, cz), a, fma(dot(cx, cy, cz, ax, ay, az), b, a * b * c)),
+    )
+    total = 0.0
+    for i in range(LANES):
+        v, w = lane(volume, i), lane(below, i)
+        if v == v:
+            total += atan2(v, w)
+    return 2.0 * total
+
+
+@kernel
+def winding_number(reals, words, root, moments, px, py, pz):
+    """How often the part winds around *p* (local frame): about 1 inside a closed part, about 0 outside."""
+    stack = np.empty(STACK_SIZE, np.int64)
+    buffer = np.empty(LANES, np.float64)
+    x, y, z = splat(px), splat(py), splat(pz)
+    total = 0.0
+    stack[0] = root
+    waiting = 1
+    while waiting:
+        waiting -= 1
+        reference = stack[waiting]
+        if reference < 0:
+            total += _block_solid_angle(reals, BLOCK_STRIDE * ~reference, px, py, pz)
+            continue
+        base = NODE_STRIDE * reference
+        at = moments + MOMENT_STRIDE * reference
+        used = bits(load(words, base) <= load(words, base + 24))
+        dx, dy, dz = (
+            widen(load(words, at)) - x,
+            widen(load(words, at + 8)) - y,
+            widen(load(words, at + 16)) - z,
+        )
+        distance_sq = dot(dx, dy, dz, dx, dy, dz)
+        is_far = distance_sq > widen(load(words, at + 48))
+        flux = dot(
+            dx, dy, dz, widen(load(words, at + 24)), widen(load(words, at + 32)), widen(load(words, at + 40))
+        )
+        xx, yy = widen(load(words, at + 56)), widen(load(words, at + 64))
+        xy, xz, yz = widen(load(words, at + 72)), widen(load(words, at + 80)), widen(load(words, at + 88))
+        spread_x = dot(dx, dy, dz, xx, xy, xz)
+        spread_y = dot(dx, dy, dz, xy, yy, yz)
+        spread_z = dot(dx, dy, dz, xz, yz, -(xx + yy))
+        inverse = splat(1.0) / square_root(distance_sq)
+        inverse_sq = inverse * inverse
+        flux = (flux - splat(3.0) * dot(dx, dy, dz, spread_x, spread_y, spread_z) * inverse_sq) * (
+            inverse_sq * inverse
+        )
+        store(buffer, 0, select(is_far, flux, splat(0.0)))
+        far_bits = bits(is_far)
+        for k in range(LANES):
+            if not (used >> k) & 1:
+                continue
+            if (far_bits >> k) & 1:
+                total += buffer[k]
+            else:
+                stack[waiting] = load_int(words, base + CHILDREN + k)
+                waiting += 1
+    return total / (4.0 * pi)

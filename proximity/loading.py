@@ -1,0 +1,71 @@
+"""Files to scenes."""
+
+import os
+from typing import Any
+
+from proximity.errors import MeshError
+from proximity.meshio import read_geometries
+from proximity.scene import LoadReport, Part, Scene, parts_of_mesh
+
+
+def load(path: str | os.PathLike[str], *, units: str = "mm") -> Scene:
+    """Return the scene in a file: STL, OBJ, PLY, OFF, glTF, GLB, 3MF or STEP.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    units : str
+        Of its coordinates, where the file declares none: "mm", "m", "in", ...; ``scene.report`` says which.
+
+    Returns
+    -------
+    Scene
+        In metres. Names and poses are the file's; a part that is several bodies is split.
+
+    Raises
+    ------
+    MeshFormatError
+        If the file is missing, damaged, or not what it claims; it is never partly read.
+    MeshError
+        If what is in it cannot be used, or *units* are unknown.
+
+    Notes
+    -----
+    Vertices at equal positions are welded, near ones only where that closes a body; faces without area and
+    exact duplicates are dropped. ``part.repairs`` counts what was done, ``part.source_faces`` leads back to
+    the file's faces.
+    """
+    contents = read_geometries(path, units=units)
+    parts: list[Part] = []
+    for geometry in contents.geometries:
+        try:
+            parts += parts_of_mesh(
+                geometry.vertices,
+                geometry.faces,
+                source_faces=geometry.source_faces,
+                name=geometry.name,
+                pose=geometry.pose,
+            )
+        except MeshError as unusable:
+            raise type(unusable)(f"{os.fspath(path)}, part {geometry.name!r}: {unusable}") from unusable
+    report = LoadReport(
+        contents.path, contents.format, contents.units, contents.units_declared, contents.notes
+    )
+    return Scene(_with_own_names(parts), report=report)
+
+
+def _with_own_names(parts: list[Part]) -> list[Part]:
+    """Number the later of parts that would share a name, as a file's "a.1" and the first body of its "a"."""
+    taken: set[str] = set()
+    renamed: list[Any] = []
+    for part in parts:
+        name, number = part.name, 1
+        while name in taken:
+            number += 1
+            name = f"{part.name}#{number}"
+        taken.add(name)
+        renamed.append(
+            part if name == part.name else Part(name, part.solid, part.pose, part.source_faces, part.repairs)
+        )
+    return renamed

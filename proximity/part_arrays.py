@@ -1,0 +1,162 @@
+"""One part as plain arrays in its local frame, numbered from zero: what a model is put together of."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from proximity.bvh import Bvh, LocalFrame, build_bvh, local_frame
+from proximity.kernels import layout
+from proximity.kernels.grid import build_grid
+from proximity.kernels.normals import add_corner_normals
+from proximity.kernels.winding import MOMENT_STRIDE, fill_moments
+
+ALIGNMENT = 64
+"""Bytes; a cache line, and the widest vector register."""
+CELLS_PER_FACE = 64
+FEWEST_CELLS = 512
+LARGEST_GRID = 2**18
+"""Cells of a sign grid; two bits each."""
+ROOM_TO_MOVE = 0.25
+"""How much of the scene's frame its parts take up at first: they can move that far before it must change."""
+SMALLEST_SHARE = 2.0**-8
+"""A part that is smaller than this share of its file gets a frame of its own, for tight boxes."""
+NO_GRID_CELLS = np.zeros(0, np.uint32)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PartArrays:
+    """One part in its local frame, numbered from zero."""
+
+    frame: LocalFrame
+    bvh: Bvh
+    moments: np.ndarray  # (M * MOMENT_STRIDE,) float32
+    faces: np.ndarray  # (F, 3) int32, rows of corners
+    neighbors: np.ndarray  # (F, 3) int32
+    corners: np.ndarray  # (K, 3) float64, local
+    normals: np.ndarray  # (K, 3) float64, unit
+    lower: np.ndarray  # (3,) m, box
+    upper: np.ndarray  # (3,) m
+    sign: int = layout.SIGN_NONE
+    grid: np.ndarray = field(default_factory=lambda: NO_GRID_CELLS)  # uint32, packed states
+    grid_counts: tuple[int, int, int] = (0, 0, 0)
+    grid_lower: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    grid_rate: float = 0.0
+
+
+def part_arrays(
+    corners: np.ndarray, faces: np.ndarray, neighbors: np.ndarray, frame: LocalFrame | None = None
+) -> PartArrays:
+    """Return the arrays of one part, with no sign chosen yet.
+
+    Parameters
+    ----------
+    corners : (K, 3) float64, m
+        One row a position.
+    faces : (F, 3) int32
+        Rows of *corners*.
+    neighbors : (F, 3) int32
+        As `topology.Topology.neighbors`.
+    frame : LocalFrame
+        To share with other parts; one of its own where not given, or where that would be coarse.
+    """
+    lower, upper = corners.min(axis=0), corners.max(axis=0)
+    if frame is None or float((upper - lower).max()) * frame.scale < SMALLEST_SHARE:
+        frame = local_frame(lower, upper)
+    local = np.ascontiguousarray(frame.of(corners))
+    bvh = build_bvh(local, faces)
+    normals = np.zeros_like(local)
+    add_corner_normals(local, faces, normals)
+    moments = np.empty(bvh.node_count * MOMENT_STRIDE, np.float32)
+    fill_moments(bvh.nodes, bvh.blocks, bvh.node_count, moments)
+    return PartArrays(frame, bvh, moments, faces, neighbors, local, normals, lower, upper)
+
+
+def common_frame(lower: np.ndarray, upper: np.ndarray) -> LocalFrame:
+    """Return a frame for parts that go together, with room for them to move.
+
+    Parameters
+    ----------
+    lower, upper : (3,) float64, m
+        Corners of the box around all of them.
+    """
+    frame = local_frame(lower, upper)
+    return LocalFrame(frame.centre, frame.scale * ROOM_TO_MOVE)
+
+
+def with_sign(piece: PartArrays, sign: int, *, has_grid: bool) -> PartArrays:
+    """Return a part's arrays with its kind of sign and, where inside changes at faces only, a sign grid.
+
+    Parameters
+    ----------
+    piece : PartArrays
+        Without.
+    sign : int
+        One of ``layout.SIGN_*``.
+    has_grid : bool
+        Whether the winding number is an integer everywhere.
+    """
+    grid, counts, rate, lower = NO_GRID_CELLS, (0, 0, 0), 0.0, np.zeros(3)
+    if has_grid:
+        lower, upper = piece.corners.min(axis=0), piece.corners.max(axis=0)
+        rate, counts = _grid_size(upper - lower, len(piece.faces))
+        words, starts = joined([piece.bvh.nodes, piece.moments], np.float32)
+        grid = build_grid(
+            piece.corners, piece.faces, lower, rate, *counts, piece.bvh.blocks, words, 0, starts[1]
+        )
+    return PartArrays(
+        piece.frame,
+        piece.bvh,
+        piece.moments,
+        piece.faces,
+        piece.neighbors,
+        piece.corners,
+        piece.normals,
+        piece.lower,
+        piece.upper,
+        sign,
+        grid,
+        counts,
+        (float(lower[0]), float(lower[1]), float(lower[2])),
+        rate,
+    )
+
+
+def _grid_size(extent: np.ndarray, face_count: int) -> tuple[float, tuple[int, int, int]]:
+    """Cells a local unit, and how many along each axis."""
+    wanted = min(max(CELLS_PER_FACE * face_count, FEWEST_CELLS), LARGEST_GRID)
+    shape = np.maximum(extent, extent.max() / 64.0)
+    if not shape.prod() > 0.0:
+        return 1.0, (1, 1, 1)
+    rate = float((wanted / shape.prod()) ** (1.0 / 3.0))
+    nx, ny, nz = (int(number) for number in np.floor(extent * rate) + 1)
+    return rate, (nx, ny, nz)
+
+
+def _aligned_empty(count: int, dtype: type) -> np.ndarray:
+    """*count* uninitialised numbers that begin on a cache line."""
+    itemsize = np.dtype(dtype).itemsize
+    raw = np.empty(count * itemsize + ALIGNMENT, np.uint8)
+    start = -raw.ctypes.data % ALIGNMENT
+    return raw[start : start + count * itemsize].view(dtype)
+
+
+def joined(pieces: list[np.ndarray], dtype: type) -> tuple[np.ndarray, list[int]]:
+    """Return *pieces* in one array, each on a cache line, and where each begins; their bits are kept.
+
+    Parameters
+    ----------
+    pieces : list of arrays
+        Of types as wide as *dtype*.
+    dtype : type
+        Of the result.
+    """
+    step = ALIGNMENT // np.dtype(dtype).itemsize
+    starts, end = [], 0
+    for piece in pieces:
+        starts.append(end)
+        end += -(-piece.size // step) * step
+    whole = _aligned_empty(max(end, step), dtype)
+    whole[:] = 0
+    for start, piece in zip(starts, pieces, strict=True):
+        whole[start : start + piece.size] = np.ascontiguousarray(piece).reshape(-1).view(dtype)
+    return whole, starts

@@ -1,0 +1,193 @@
+"""What queries answer: records of arrays with the leading shape S of the points that were asked.
+
+One point gives scalars, a grid gives a grid. Where there is no answer: `NO_FACE`, `NO_PART`, distance inf,
+points nan. Records are views of two arrays that a kernel has filled, and read-only.
+"""
+
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+
+from proximity.kernels.layout import (
+    FEATURE_EDGE,
+    FEATURE_FACE,
+    FEATURE_NONE,
+    FEATURE_VERTEX,
+    NO_FACE,
+    NO_PART,
+)
+
+__all__ = ["NO_FACE", "NO_PART", "ClosestPoints", "Feature", "RayHits", "SegmentHits"]
+
+
+class Feature(IntEnum):
+    """What of a face the closest point lies on."""
+
+    NONE = FEATURE_NONE
+    FACE = FEATURE_FACE
+    EDGE = FEATURE_EDGE
+    VERTEX = FEATURE_VERTEX
+
+
+class _Record:
+    """Columns of a float64 and an int32 table, seen in the shape of the question."""
+
+    __slots__ = ("_choices", "_reals", "_shape")
+
+    _fields: tuple[str, ...] = ()
+
+    def __init__(self, reals: np.ndarray, choices: np.ndarray, shape: tuple[int, ...]) -> None:
+        reals.setflags(write=False)
+        choices.setflags(write=False)
+        self._reals = reals
+        self._choices = choices
+        self._shape = shape
+
+    def _real(self, column: int) -> Any:
+        return self._reals[:, column].reshape(self._shape)[()]
+
+    def _vector(self, column: int) -> np.ndarray:
+        return self._reals[:, column : column + 3].reshape((*self._shape, 3))
+
+    def _choice(self, column: int) -> Any:
+        return self._choices[:, column].reshape(self._shape)[()]
+
+    def __repr__(self) -> str:
+        fields = ", ".join(f"{name}={getattr(self, name)!r}" for name in self._fields)
+        return f"{type(self).__name__}({fields})"
+
+
+class ClosestPoints(_Record):
+    """Answers to point queries, in the frame of the scene or solid that was asked."""
+
+    __slots__ = ()
+    _fields = (
+        "signed_distance",
+        "point",
+        "gradient",
+        "part",
+        "face_id",
+        "barycentric",
+        "feature",
+        "is_signed",
+    )
+
+    @property
+    def signed_distance(self) -> Any:
+        """S float64, m, negative inside; inf where nothing is within *max_distance*."""
+        return self._real(0)
+
+    @property
+    def point(self) -> np.ndarray:
+        """S + (3,) float64, m, the closest point of the surface."""
+        return self._vector(1)
+
+    @property
+    def gradient(self) -> np.ndarray:
+        """S + (3,) float64, unit, direction of steepest increase of the signed distance."""
+        return self._vector(4)
+
+    @property
+    def barycentric(self) -> np.ndarray:
+        """S + (3,) float64, weights of the corners of the face; at least 0, sum 1."""
+        return self._vector(7)
+
+    @property
+    def part(self) -> Any:
+        """S int32, index into ``scene.parts``; `NO_PART` where there is no answer."""
+        return self._choice(0)
+
+    @property
+    def face_id(self) -> Any:
+        """S int32, row of that part's ``solid.mesh.faces``; `NO_FACE` where there is no answer."""
+        return self._choice(1)
+
+    @property
+    def feature(self) -> Any:
+        """S int32, a `Feature`: whether the point lies within the face, on an edge or at a vertex."""
+        return self._choice(2)
+
+    @property
+    def is_signed(self) -> Any:
+        """S bool, False where the distance has no sign, since that part has no inside."""
+        return self._choice(3) != 0
+
+
+class RayHits(_Record):
+    """First hits of rays, in the frame of the scene or solid that was asked."""
+
+    __slots__ = ()
+    _fields = ("distance", "point", "normal", "part", "face_id", "barycentric")
+
+    @property
+    def distance(self) -> Any:
+        """S float64, m along the ray; inf where it hits nothing within *max_distance*."""
+        return self._real(0)
+
+    @property
+    def point(self) -> np.ndarray:
+        """S + (3,) float64, m, where it hits."""
+        return self._vector(1)
+
+    @property
+    def normal(self) -> np.ndarray:
+        """S + (3,) float64, unit, outward normal of the face."""
+        return self._vector(4)
+
+    @property
+    def barycentric(self) -> np.ndarray:
+        """S + (3,) float64, weights of the corners of the face; at least 0, sum 1."""
+        return self._vector(7)
+
+    @property
+    def part(self) -> Any:
+        """S int32, index into ``scene.parts``; `NO_PART` where nothing is hit."""
+        return self._choice(0)
+
+    @property
+    def face_id(self) -> Any:
+        """S int32, row of that part's ``solid.mesh.faces``; `NO_FACE` where nothing is hit."""
+        return self._choice(1)
+
+
+class SegmentHits(_Record):
+    """Shortest connections between segments and surfaces, in the frame of the scene or solid asked."""
+
+    __slots__ = ()
+    _fields = ("distance", "point_on_segment", "point_on_solid", "fraction", "part", "face_id", "barycentric")
+
+    @property
+    def distance(self) -> Any:
+        """S float64, m, unsigned; 0 where the segment meets the surface, inf beyond the limit."""
+        return self._real(0)
+
+    @property
+    def point_on_segment(self) -> np.ndarray:
+        """S + (3,) float64, m, this end of the shortest connection."""
+        return self._vector(1)
+
+    @property
+    def point_on_solid(self) -> np.ndarray:
+        """S + (3,) float64, m, the other end."""
+        return self._vector(4)
+
+    @property
+    def fraction(self) -> Any:
+        """S float64, where on the segment: 0 at its start, 1 at its end."""
+        return self._real(7)
+
+    @property
+    def barycentric(self) -> np.ndarray:
+        """S + (3,) float64, weights of the corners of the face; at least 0, sum 1."""
+        return self._vector(8)
+
+    @property
+    def part(self) -> Any:
+        """S int32, index into ``scene.parts``; `NO_PART` where there is no answer."""
+        return self._choice(0)
+
+    @property
+    def face_id(self) -> Any:
+        """S int32, row of that part's ``solid.mesh.faces``; `NO_FACE` where there is no answer."""
+        return self._choice(1)

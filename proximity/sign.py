@@ -1,0 +1,149 @@
+"""How inside is told for one body: chosen once, checked by sampling, and said in a sentence.
+
+- *pseudo-normal*: the surface is closed and oriented, so the normal of the nearest feature tells the side.
+- *winding number*: the surface is closed but meets itself, or has small holes; how often it winds around a
+  point tells.
+- *none*: a sheet, or a surface with large holes. There is no inside; distances have no sign.
+"""
+
+from enum import Enum
+
+import numpy as np
+
+from proximity.kernels import layout
+from proximity.kernels.query import closest_batch
+from proximity.kernels.winding import winding_number
+from proximity.model import assemble
+from proximity.part_arrays import PartArrays, with_sign
+from proximity.pose import Pose
+from proximity.topology import Topology
+
+SAMPLE_COUNT = 64
+"""Points on the surface from which both sides are looked at."""
+SAMPLE_OFFSETS = (1e-6, 1e-3, 3e-2)
+"""How far from the surface, in sizes of the part."""
+SAMPLE_SEED = 7
+CLEAR_TURNS = 0.95
+"""An open surface has an inside where just below it the winding number is above this ..."""
+CLEAR_SHARE = 0.95
+"""... on this share of its area. A sheet, a hemisphere or a box without its lid does not get there."""
+
+
+class SignMethod(Enum):
+    """How the sign of a distance is told."""
+
+    PSEUDONORMAL = "pseudo-normal"
+    WINDING_NUMBER = "winding number"
+    NONE = "none"
+
+
+_KERNEL_SIGN = {
+    SignMethod.PSEUDONORMAL: layout.SIGN_PSEUDONORMAL,
+    SignMethod.WINDING_NUMBER: layout.SIGN_WINDING,
+    SignMethod.NONE: layout.SIGN_NONE,
+}
+
+
+def choose_sign(piece: PartArrays, topology: Topology) -> tuple[PartArrays, SignMethod, str]:
+    """Return a part's arrays with its sign, the method, and why.
+
+    Parameters
+    ----------
+    piece : PartArrays
+        Without sign. A closed surface must wind outward.
+    topology : Topology
+        Of the same faces.
+
+    Notes
+    -----
+    Source: Bærentzen & Aanæs 2005 (pseudo-normals), Jacobson et al. 2013 (winding numbers).
+    """
+    if len(_surface_samples(piece)[0]) == 0:
+        return piece, SignMethod.NONE, "no face has an area: there is no inside, so distances have no sign"
+    if topology.is_watertight:
+        signed = with_sign(piece, layout.SIGN_PSEUDONORMAL, has_grid=True)
+        asked, against = _contradictions(signed)
+        if against == 0:
+            why = f"closed and oriented; agrees with the winding number at {asked} of {asked} sample points"
+            return signed, SignMethod.PSEUDONORMAL, why
+        why = (
+            f"closed and oriented, but it meets itself: the nearest face and the winding number disagree at "
+            f"{against} of {asked} sample points"
+        )
+        return with_sign(piece, layout.SIGN_WINDING, has_grid=True), SignMethod.WINDING_NUMBER, why
+    if topology.is_balanced:
+        why = "closed, but edges have more than two faces"
+        return with_sign(piece, layout.SIGN_WINDING, has_grid=True), SignMethod.WINDING_NUMBER, why
+    share = _clear_share(piece)
+    open_edges = (
+        topology.boundary_edge_count + topology.misoriented_edge_count + topology.nonmanifold_edge_count
+    )
+    if share >= CLEAR_SHARE:
+        why = (
+            f"{_edges(open_edges)} not closed, but the winding number is clear below {share:.0%} of the "
+            "surface"
+        )
+        return with_sign(piece, layout.SIGN_WINDING, has_grid=False), SignMethod.WINDING_NUMBER, why
+    why = f"{_edges(open_edges)} not closed: there is no inside, so distances have no sign"
+    return piece, SignMethod.NONE, why
+
+
+def _edges(count: int) -> str:
+    return "1 edge is" if count == 1 else f"{count} edges are"
+
+
+def _surface_samples(piece: PartArrays) -> tuple[np.ndarray, np.ndarray]:
+    """Points on faces, by area, and the faces' unit normals; local frame."""
+    a, b, c = (piece.corners[piece.faces[:, k]] for k in range(3))
+    normals = np.cross(b - a, c - a)
+    areas = np.linalg.norm(normals, axis=1)
+    if not areas.sum() > 0.0:
+        return np.empty((0, 3)), np.empty((0, 3))
+    rng = np.random.default_rng(SAMPLE_SEED)
+    chosen = np.searchsorted(np.cumsum(areas), rng.random(SAMPLE_COUNT) * areas.sum(), side="right")
+    chosen = np.minimum(chosen, len(areas) - 1)
+    chosen = chosen[areas[chosen] > 0.0]
+    weights = rng.dirichlet((1.0, 1.0, 1.0), len(chosen))
+    points = (piece.corners[piece.faces[chosen]] * weights[:, :, None]).sum(axis=1)
+    return points, normals[chosen] / areas[chosen, None]
+
+
+def _size(piece: PartArrays) -> float:
+    """Longest side of the part's box in its local frame."""
+    return float((piece.upper - piece.lower).max() * piece.frame.scale)
+
+
+def _turns(piece: PartArrays, points: np.ndarray) -> np.ndarray:
+    """Winding numbers at local points."""
+    model = assemble([piece], [Pose()])
+    root, moments = int(model.parts[0, layout.ROOT]), int(model.parts[0, layout.MOMENTS])
+    return np.array([winding_number(model.reals, model.words, root, moments, *point) for point in points])
+
+
+def _contradictions(piece: PartArrays) -> tuple[int, int]:
+    """How many sample points were asked, and at how many the two ways of telling the side differ."""
+    points, normals = _surface_samples(piece)
+    size = _size(piece)
+    around = [points + side * offset * size * normals for offset in SAMPLE_OFFSETS for side in (-1.0, 1.0)]
+    asked = np.concatenate(around)
+    model = assemble([piece], [Pose()])
+    answers, choices = np.empty((len(asked), 10)), np.empty((len(asked), 4), np.int32)
+    world = asked / piece.frame.scale + piece.frame.centre
+    # Far from the origin this rounds; both ways are asked about the point that it has become.
+    asked = piece.frame.of(world)
+    closest_batch(model.handle, world, np.empty(0, np.int64), np.inf, answers, choices)
+    turns = _turns(piece, asked)
+    # On the surface itself, to rounding, no side is right.
+    is_off = np.abs(answers[:, 0]) * piece.frame.scale > 1e-9 * size
+    differs = (answers[:, 0] < 0.0) != (turns > 0.5)
+    unclear = np.abs(turns - np.rint(turns)) > 0.2
+    twice = np.abs(turns - 0.5) > 0.7
+    return len(asked), int((is_off & (differs | unclear | twice)).sum())
+
+
+def _clear_share(piece: PartArrays) -> float:
+    """The share of the area with a winding number near 1 just below and near 0 just above."""
+    points, normals = _surface_samples(piece)
+    step = SAMPLE_OFFSETS[0] * _size(piece)
+    below, above = _turns(piece, points - step * normals), _turns(piece, points + step * normals)
+    return float(np.mean((below > CLEAR_TURNS) & (above < 1.0 - CLEAR_TURNS)))

@@ -1,0 +1,39 @@
+"""Compiling everything before it is needed.
+
+Kernels are compiled for this very processor when first called, and kept on disk; loading them takes a
+fraction of a second. A program that must not wait later calls `warm_up` first.
+"""
+
+import numpy as np
+
+from proximity.kernels.compiling import cache_folder
+from proximity.pose import Pose
+from proximity.scene import Part, Scene
+from proximity.solid import Solid
+
+_CORNERS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+_FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+
+
+def kernels_are_cached() -> bool:
+    """Return whether kernels for these sources lie on disk, so that nothing waits for a compiler."""
+    try:
+        return any(cache_folder().rglob("query.closest_batch-*.nbi"))
+    except OSError:
+        return False
+
+
+def warm_up() -> None:
+    """Compile or load every kernel: half a minute the first time on a machine, later less than a second."""
+    first = Solid(_CORNERS, _FACES, name="first")
+    second = Part(
+        "second", Solid(_CORNERS, _FACES), Pose(translation=(2.0, 0.0, 0.0)), np.arange(4, dtype=np.int32)
+    )
+    points = np.linspace(-1.0, 3.0, 192).reshape(64, 3)
+    for asked in (first, Scene([first, second])):
+        asked.closest(points)
+        asked.signed_distance(points)
+        asked.distance(points)
+        asked.contains(points)
+        asked.cast(points, (1.0, 0.5, 0.25))
+        asked.closest_to_segments(points, points + 0.1)

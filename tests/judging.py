@@ -1,0 +1,60 @@
+"""Judges answers of the package by the oracle: the same demands for solids and for parts of scenes."""
+
+import numpy as np
+
+import oracle
+
+ROUNDING = 2.0**-52
+
+
+def allowance(distance, *coordinates):
+    """What a distance may be off: 1e-12 of itself and 1e-15 of the largest coordinate."""
+    largest = max(float(np.abs(each).max()) for each in coordinates)
+    return 1e-12 * np.abs(distance) + 1e-15 * largest
+
+
+def signed_distance(vertices, faces, points):
+    """Distance and winding number of the oracle, made one."""
+    distance = oracle.closest(vertices, faces, points).distance
+    return np.where(oracle.winding_number(vertices, faces, points) > 0.5, -distance, distance)
+
+
+def assert_distance_is_right(found, vertices, faces, points):
+    """Unsigned distances within the allowance of those of the oracle."""
+    points = np.asarray(points, dtype=np.float64)
+    expected = oracle.closest(vertices, faces, points).distance
+    off = np.abs(np.abs(found) - expected)
+    assert (off <= allowance(expected, vertices)).all(), f"off by {off.max()} of {expected.max()}"
+
+
+def assert_answer_holds_together(hit, vertices, faces, points):
+    """Distance, point, face, barycentric and gradient of one mesh's answer say the same."""
+    points = np.asarray(points, dtype=np.float64)
+    distance = np.abs(hit.signed_distance)
+    room = 8.0 * ROUNDING * max(float(np.abs(vertices).max()), float(np.abs(points).max()))
+    weights = hit.barycentric
+    corners = np.asarray(vertices)[np.asarray(faces)[hit.face_id]]
+    assert (weights >= 0.0).all()
+    assert np.abs(weights.sum(axis=-1) - 1.0).max() <= 4.0 * ROUNDING
+    assert np.abs((weights[..., None] * corners).sum(axis=-2) - hit.point).max() <= room
+    assert np.abs(np.linalg.norm(points - hit.point, axis=-1) - distance).max() <= room
+    assert np.abs(np.linalg.norm(hit.gradient, axis=-1) - 1.0).max() <= 8.0 * ROUNDING
+    # Stepping back along the gradient leads to the surface, from either side.
+    back = points - np.asarray(hit.signed_distance)[..., None] * hit.gradient
+    assert np.abs(back - hit.point).max() <= room
+
+
+def is_near(found, expected, room):
+    """Where two distances differ by no more than *room*, or are both infinite."""
+    both_miss = np.isinf(found) & np.isinf(expected)
+    finite = np.isfinite(found) & np.isfinite(expected)
+    off = np.abs(np.where(finite, found, 0.0) - np.where(finite, expected, 0.0))
+    return both_miss | (finite & (off <= room))
+
+
+def same_bits(first, second):
+    """Whether two records, or arrays, are equal to the bit; nan equals nan."""
+    if hasattr(first, "_fields"):
+        return all(same_bits(getattr(first, name), getattr(second, name)) for name in first._fields)
+    first, second = np.asarray(first), np.asarray(second)
+    return first.dtype == second.dtype and first.shape == second.shape and first.tobytes() == second.tobytes()

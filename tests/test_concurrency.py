@@ -1,0 +1,204 @@
+"""Threads that ask at once, a process forked after asking, and memory for a million points."""
+
+import multiprocessing
+import os
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+import judging
+import numpy as np
+import psutil
+import pytest
+import shapes
+
+from proximity.pose import Pose
+from proximity.scene import Scene
+from proximity.solid import Solid
+
+SCENE = Scene(
+    [Solid(*shapes.moved(shapes.torus(), (3.0 * row, 0.0, 0.0)), name=f"ring {row}") for row in range(12)]
+)
+MILLION = 1_000_000
+
+
+def some_points(count, seed):
+    return np.random.default_rng(seed).uniform((-4.0, -4.0, -2.0), (40.0, 4.0, 2.0), (count, 3))
+
+
+def test_threads_that_ask_one_scene_at_once_get_the_same_answers():
+    questions = [some_points(3000, seed) for seed in range(8)]
+    alone = [SCENE.closest(points) for points in questions]
+    start = threading.Barrier(len(questions))
+
+    def ask(points):
+        start.wait()
+        return [SCENE.closest(points, workers=workers) for workers in (1, 2, 1)]
+
+    with ThreadPoolExecutor(len(questions)) as pool:
+        answers = list(pool.map(ask, questions))
+
+    for expected, found in zip(alone, answers, strict=True):
+        assert all(judging.same_bits(each, expected) for each in found)
+
+
+def test_threads_may_ask_right_after_a_move():
+    """The first questions put the scene's small tree in order; all of them must see the part moved."""
+    points = some_points(200, 3)
+    solids = [part.solid for part in SCENE.parts]
+    for turn in range(5):
+        scene, moved = Scene(solids), Scene(solids)
+        pose = Pose(translation=(0.0, 1.0 + turn, 0.0))
+        moved.move("ring 5", pose)
+        expected = moved.closest(points)
+        scene.move("ring 5", pose)
+        start = threading.Barrier(6)
+
+        def ask(_, scene=scene, start=start):
+            start.wait()
+            return scene.closest(points)
+
+        with ThreadPoolExecutor(6) as pool:
+            assert all(judging.same_bits(found, expected) for found in pool.map(ask, range(6)))
+
+
+def test_the_interpreter_goes_on_while_a_thread_asks():
+    """The lock is released: counting beside a long question is not held up until it is answered."""
+    points = some_points(MILLION, 4)
+    asking = threading.Thread(target=SCENE.signed_distance, args=(points,))
+    turns, longest = 0, 0.0
+
+    asking.start()
+    while asking.is_alive():
+        before = time.perf_counter()
+        time.sleep(0.001)
+        longest = max(longest, time.perf_counter() - before)
+        turns += 1
+    asking.join()
+
+    assert turns >= 10
+    assert longest < 0.5
+
+
+FORK = """
+import multiprocessing, sys
+import numpy as np
+import shapes
+from proximity.scene import Scene
+from proximity.solid import Solid
+
+solid = Solid(*shapes.torus())
+scene = Scene([solid, Solid(*shapes.cube(), name="cube")])
+points = np.random.default_rng(1).uniform(-3.0, 3.0, (5000, 3))
+before = scene.signed_distance(points, workers=2)
+
+
+def ask(answers):
+    found = [scene.signed_distance(points, workers=workers) for workers in (1, 2, -1)]
+    answers.put(all(np.array_equal(each, before) for each in found))
+
+
+context = multiprocessing.get_context("fork")
+answers = context.Queue()
+children = [context.Process(target=ask, args=(answers,)) for _ in range(3)]
+for child in children:
+    child.start()
+right = [answers.get(timeout=60) for _ in children]
+for child in children:
+    child.join(timeout=60)
+after = scene.signed_distance(points, workers=2)
+print(right, [child.exitcode for child in children], np.array_equal(before, after))
+"""
+
+
+@pytest.mark.skipif(
+    "fork" not in multiprocessing.get_all_start_methods(), reason="processes are not forked here"
+)
+def test_forked_processes_go_on_asking():
+    """In a process of its own, since a fork copies the threads' locks and not the threads."""
+    result = subprocess.run(
+        [sys.executable, "-W", "ignore::DeprecationWarning", "-c", FORK],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        env=_environment(),
+    )
+
+    assert result.stderr == ""
+    assert result.stdout == "[True, True, True] [0, 0, 0] True\n"
+
+
+def _environment():
+    return os.environ | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+
+
+def peak_growth(ask):
+    """Bytes by which the process grew at most while it was asked."""
+    process = psutil.Process()
+    before = process.memory_info().rss
+    peak, is_done = [before], threading.Event()
+
+    def watch():
+        while not is_done.wait(0.002):
+            peak.append(process.memory_info().rss)
+
+    watcher = threading.Thread(target=watch)
+    watcher.start()
+    try:
+        answer = ask()
+        peak.append(process.memory_info().rss)
+    finally:
+        is_done.set()
+        watcher.join()
+    del answer
+    return max(peak) - before
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize(
+    "query, bytes_a_point",
+    # The answer itself, and 24 bytes for the order to walk in; a quarter more for what is left lying about.
+    [("distance", 8 + 24), ("signed_distance", 8 + 24), ("contains", 1 + 24), ("closest", 96 + 24)],
+)
+def test_memory_for_a_million_points_is_bounded(query, bytes_a_point, workers):
+    points = some_points(MILLION, 5)
+    ask = getattr(SCENE, query)
+    ask(points[:5000], workers=workers)
+
+    grown = peak_growth(lambda: ask(points, workers=workers))
+
+    assert grown <= 1.25 * bytes_a_point * MILLION + 4_000_000
+
+
+def test_asking_again_and_again_keeps_nothing():
+    points = some_points(1000, 6)
+    process = psutil.Process()
+    for _ in range(50):
+        SCENE.closest(points)
+    before = process.memory_info().rss
+
+    for _ in range(500):
+        SCENE.closest(points)
+        SCENE.closest(points[0])
+
+    assert process.memory_info().rss - before <= 2_000_000
+
+
+def test_building_again_and_again_keeps_nothing():
+    mesh = shapes.torus(n=60, m=40)
+    process = psutil.Process()
+
+    def build():
+        return Scene([Solid(*mesh, name="a"), Solid(*mesh, name="b")])
+
+    held = build().memory_bytes
+    for _ in range(5):
+        build()
+    before = process.memory_info().rss
+
+    for _ in range(30):
+        build()
+
+    assert process.memory_info().rss - before <= 4 * held

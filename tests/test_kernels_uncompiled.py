@@ -1,0 +1,113 @@
+"""Every kernel also runs as plain Python, and gives the same numbers to the bit."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapes
+
+from proximity import part_arrays, sign
+from proximity.pose import Pose
+from proximity.scene import Part, Scene
+from proximity.simd import IS_COMPILED
+from proximity.solid import Solid
+
+HERE = Path(__file__).resolve().parent
+FIELDS = ("signed_distance", "point", "gradient", "part", "face_id", "barycentric", "feature", "is_signed")
+
+
+def things():
+    """Solids with each kind of sign, and a scene of two parts, one of them turned."""
+    cube, ball = Solid(*shapes.cube(), name="cube"), Solid(*shapes.sphere(0.7, 0), name="ball")
+    turned = Part("cube", cube, Pose(shapes.rotation(3), (0.4, -0.2, 0.6)), np.arange(12, dtype=np.int32))
+    return {
+        "cube": cube,
+        "ball": ball,
+        "overlapping": Solid(
+            *shapes.join(shapes.tetrahedron(), shapes.moved(shapes.tetrahedron(), (0.2, 0.1, 0)))
+        ),
+        "sheet": Solid(*shapes.grid(2, 2)),
+        "needle": Solid(*shapes.box((0, 0, 0), (1, 1e-9, 1e-12))),
+        "far away": Solid(*shapes.moved(shapes.tetrahedron(), (1e4, -1e4, 1e4))),
+        "scene": Scene([turned, ball]),
+    }
+
+
+def points_for(name):
+    rng = np.random.default_rng(7)
+    points = rng.uniform(-0.5, 1.5, (12, 3))
+    special = [
+        [0, 0, 0],
+        [0.5, 0.5, 0.5],
+        [1, 1, 1],
+        [0.5, 0, 0.25],
+        [np.nan, 0, 0],
+        [np.inf, 0, 0],
+        [1e9, 3, -1e8],
+    ]
+    return np.concatenate([points, special]) + ([1e4, -1e4, 1e4] if name == "far away" else 0.0)
+
+
+def answers(monkeypatch):
+    """All answers as one dictionary of arrays."""
+    monkeypatch.setattr(sign, "SAMPLE_COUNT", 2)  # interpreted, each costs a tenth of a second
+    monkeypatch.setattr(part_arrays, "CELLS_PER_FACE", 1)
+    found = {}
+    with np.errstate(all="ignore"):
+        for name, thing in things().items():
+            points = points_for(name)
+            hit = thing.closest(points)
+            found |= {f"{name}, {field}": np.asarray(getattr(hit, field)) for field in FIELDS}
+            found[f"{name}, within a limit"] = thing.closest(points, max_distance=0.3).signed_distance
+            found[f"{name}, signed"] = thing.signed_distance(points)
+            found[f"{name}, distance"] = thing.distance(points)
+            if name != "sheet":
+                found[f"{name}, contains"] = thing.contains(points)
+    return found
+
+
+@pytest.fixture(scope="module")
+def interpreted(tmp_path_factory):
+    """The answers of a process in which numba compiles nothing."""
+    path = tmp_path_factory.mktemp("answers") / "answers.npz"
+    program = f"""
+import sys
+sys.path[:0] = [{str(HERE)!r}, {str(HERE.parent)!r}]
+import numpy as np
+import test_kernels_uncompiled
+import pytest
+np.savez({str(path)!r}, **test_kernels_uncompiled.answers(pytest.MonkeyPatch()))
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        env={**os.environ, "NUMBA_DISABLE_JIT": "1"},
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stderr
+    with np.load(path) as file:
+        return dict(file)
+
+
+@pytest.mark.skipif(not IS_COMPILED, reason="there is nothing compiled to compare with")
+def test_interpreted_kernels_give_the_same_bits(interpreted, monkeypatch):
+    compiled = answers(monkeypatch)
+
+    assert interpreted.keys() == compiled.keys()
+    for name, expected in compiled.items():
+        found = interpreted[name]
+        assert found.dtype == expected.dtype, name
+        np.testing.assert_array_equal(found, expected, err_msg=name)
+
+
+def test_numbers_here_are_not_all_nothing(monkeypatch):
+    found = answers(monkeypatch)
+
+    assert (found["cube, signed"] < 0.0).any() and (found["cube, signed"] > 0.0).any()
+    assert found["scene, contains"].any() and not found["scene, contains"].all()
+    assert set(found["scene, part"].tolist()) == {-1, 0, 1}
+    assert set(found["cube, feature"].tolist()) == {-1, 0, 1, 2}

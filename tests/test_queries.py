@@ -1,0 +1,355 @@
+"""Questions as people put them: shapes and types of arguments, refusals, and rows that are not finite."""
+
+import re
+
+import judging
+import numpy as np
+import pytest
+import shapes
+
+from proximity.errors import NotWatertightError, QueryError
+from proximity.pose import Pose
+from proximity.results import NO_FACE, NO_PART, ClosestPoints, Feature
+from proximity.scene import Part, Scene
+from proximity.solid import Solid
+
+SOLID = Solid(*shapes.cube())
+SCENE = Scene([Solid(*shapes.cube(), name="cube"), Solid(*shapes.moved(shapes.octahedron(), (5, 0, 0)))])
+ASKED = pytest.mark.parametrize("asked", [SOLID, SCENE], ids=["solid", "scene"])
+POINTS = np.array([[2.0, 0.25, 0.5], [0.5, 0.5, 0.9], [4.0, 1.0, 0.0], [0.25, 0.5, -3.0]])
+
+
+def ask_all(asked, points, **options):
+    """Every point query's answer."""
+    return {
+        "closest": asked.closest(points, **options),
+        "signed_distance": asked.signed_distance(points, **options),
+        "distance": asked.distance(points, **options),
+        "contains": asked.contains(points, **options),
+    }
+
+
+# ------------------------------------------------------------------------------------------------ shapes
+
+
+@ASKED
+@pytest.mark.parametrize("shape", [(), (0,), (1,), (4,), (2, 2), (2, 0), (1, 2, 2)])
+def test_answers_have_the_shape_of_the_points(asked, shape):
+    points = np.resize(POINTS, (*shape, 3))
+
+    answers = ask_all(asked, points)
+    hit = answers.pop("closest")
+
+    for answer in [*answers.values(), hit.signed_distance, hit.part, hit.face_id, hit.feature, hit.is_signed]:
+        assert np.shape(answer) == shape
+    for answer in (hit.point, hit.gradient, hit.barycentric):
+        assert answer.shape == (*shape, 3)
+
+
+@ASKED
+def test_one_point_gives_scalars(asked):
+    answers = ask_all(asked, (2.0, 0.25, 0.5))
+    hit = answers["closest"]
+
+    assert isinstance(answers["signed_distance"], np.float64)
+    assert isinstance(answers["distance"], np.float64)
+    assert isinstance(answers["contains"], np.bool_)
+    assert isinstance(hit.signed_distance, np.float64)
+    assert isinstance(hit.part, np.int32)
+    assert isinstance(hit.face_id, np.int32)
+    assert isinstance(hit.is_signed, np.bool_)
+    assert (answers["signed_distance"], hit.signed_distance, answers["distance"]) == (1.0, 1.0, 1.0)
+    assert hit.point.tolist() == [1.0, 0.25, 0.5]
+    assert hit.gradient.tolist() == [1.0, 0.0, 0.0]
+
+
+@ASKED
+def test_grid_is_its_points_in_order(asked):
+    flat, grid = ask_all(asked, POINTS), ask_all(asked, POINTS.reshape(2, 2, 3))
+
+    for name in ("signed_distance", "distance", "contains"):
+        assert np.array_equal(flat[name], grid[name].ravel())
+    for field in ClosestPoints._fields:
+        one, other = getattr(flat["closest"], field), getattr(grid["closest"], field)
+        assert np.array_equal(one, other.reshape(one.shape)), field
+
+
+@pytest.mark.parametrize(
+    "points",
+    [
+        POINTS.tolist(),
+        tuple(POINTS),
+        POINTS.astype(np.float32),
+        POINTS.astype(np.float16),
+        POINTS.astype(np.longdouble),
+        POINTS.astype(">f8"),
+        POINTS.astype(object),
+        np.asfortranarray(POINTS),
+        np.repeat(POINTS, 2, axis=0)[::2],
+        np.concatenate([POINTS, POINTS], axis=1)[:, 3:],
+        np.broadcast_to(POINTS, (1, 4, 3))[0],
+    ],
+    ids=["list", "tuple", "f4", "f2", "long", ">f8", "object", "fortran", "strided", "columns", "read-only"],
+)
+def test_points_of_any_kind_give_the_same(points):
+    """The coordinates are exact in all of these types but for one, where 0.9 is rounded."""
+    expected = ask_all(SOLID, np.array(points, dtype=np.float64))
+
+    for name, answer in ask_all(SOLID, points).items():
+        assert judging.same_bits(answer, expected[name]), name
+
+
+def test_whole_numbers_are_points():
+    assert SOLID.distance([3, 0, 0]) == 2.0
+    assert SOLID.distance(np.array([3, 0, 0], np.uint8)) == 2.0
+
+
+def test_answers_can_be_asked_again():
+    """A record's columns are views: strided, read-only, or both."""
+    for points in (POINTS, POINTS[0], POINTS[:1]):
+        hit = SOLID.closest(points)
+
+        assert np.abs(SOLID.distance(hit.point)).max() <= 1e-15
+
+
+def test_points_are_not_changed():
+    points = np.array(POINTS)
+
+    ask_all(SCENE, points)
+    SCENE.cast(points, points)
+    SCENE.closest_to_segments(points, points[::-1])
+
+    assert np.array_equal(points, POINTS)
+
+
+@pytest.mark.parametrize(
+    "field", ["signed_distance", "point", "gradient", "part", "face_id", "barycentric", "feature"]
+)
+def test_results_are_read_only(field):
+    for shape in ((4, 3), (2, 2, 3)):
+        values = getattr(SCENE.closest(POINTS.reshape(shape)), field)
+
+        with pytest.raises(ValueError, match="read-only"):
+            values[0] = 0
+
+
+def test_results_do_not_change_with_later_questions():
+    hit = SCENE.closest(POINTS)
+    before = hit.point.copy()
+
+    SCENE.closest(POINTS + 1.0)
+
+    assert np.array_equal(hit.point, before)
+
+
+def test_results_show_themselves():
+    text = repr(SOLID.closest((2.0, 0.25, 0.5)))
+
+    assert text.startswith("ClosestPoints(signed_distance=np.float64(1.0), point=array([1.  , 0.25, 0.5 ])")
+    assert repr(SOLID.cast((2.0, 0.25, 0.5), (-1, 0, 0))).startswith("RayHits(distance=np.float64(1.0), ")
+    segment = SOLID.closest_to_segments((2.0, 0.25, 0.5), (3.0, 0.25, 0.5))
+    assert repr(segment).startswith("SegmentHits(distance=np.float64(1.0), ")
+
+
+def test_feature_says_what_was_nearest():
+    hit = SOLID.closest([[2.0, 0.25, 0.5], [2.0, 0.5, 2.0], [2.0, 2.0, 2.0]])
+
+    assert hit.feature.tolist() == [Feature.FACE, Feature.EDGE, Feature.VERTEX]
+
+
+# ---------------------------------------------------------------------------------------- rows without sense
+
+
+@ASKED
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("count", [1, 5, 100])
+def test_row_that_is_not_finite_answers_nan_and_the_others_go_on(asked, value, count):
+    points = np.resize(POINTS, (count, 3))
+    row = count // 2
+    points[row, 1] = value
+    others = np.arange(count) != row
+
+    answers, clean = ask_all(asked, points), ask_all(asked, points[others])
+
+    hit = answers["closest"]
+    assert np.isnan(hit.signed_distance[row])
+    assert np.isnan(hit.point[row]).all() and np.isnan(hit.gradient[row]).all()
+    assert np.isnan(hit.barycentric[row]).all()
+    assert (hit.part[row], hit.face_id[row], hit.feature[row]) == (NO_PART, NO_FACE, Feature.NONE)
+    assert not hit.is_signed[row]
+    assert np.isnan(answers["signed_distance"][row]) and np.isnan(answers["distance"][row])
+    assert not answers["contains"][row]
+    for field in ClosestPoints._fields:
+        assert judging.same_bits(getattr(hit, field)[others], getattr(clean["closest"], field)), field
+    for name in ("signed_distance", "distance", "contains"):
+        assert judging.same_bits(answers[name][others], clean[name]), name
+
+
+@ASKED
+def test_rows_that_are_all_not_finite_answer_nan(asked):
+    answers = ask_all(asked, np.full((60, 3), np.nan))
+
+    assert np.isnan(answers["signed_distance"]).all()
+    assert (answers["closest"].face_id == NO_FACE).all()
+
+
+# ----------------------------------------------------------------------------------------------- refusals
+
+
+@ASKED
+@pytest.mark.parametrize("query", ["closest", "signed_distance", "distance", "contains"])
+@pytest.mark.parametrize(
+    "points, message",
+    [
+        ((1.0, 2.0), "points have shape (2,), expected (..., 3)"),
+        (np.ones((5, 2)), "points have shape (5, 2), expected (..., 3)"),
+        (5.0, "points have shape (), expected (..., 3)"),
+        ([], "points have shape (0,), expected (..., 3)"),
+        ([[1, 2, 3], [1]], "points have rows of different lengths, expected numbers of shape (..., 3)"),
+        ([1, 2, 3j], "points have dtype complex128, expected numbers of shape (..., 3)"),
+        (["1", "2", "3"], "points have dtype <U1, expected numbers of shape (..., 3)"),
+        ([1, 2, None], "points hold None, which is not a number, expected numbers of shape (..., 3)"),
+    ],
+)
+def test_points_that_are_none_are_refused(asked, query, points, message):
+    with pytest.raises(QueryError, match=f"^{re.escape(message)}$"):
+        getattr(asked, query)(points)
+
+
+@ASKED
+@pytest.mark.parametrize("query", ["closest", "signed_distance", "distance", "contains"])
+@pytest.mark.parametrize("count", [1, 100, 3000])
+@pytest.mark.parametrize("workers", [0, -2, 1.5, 2.0, None, "all", False, [1, 2]])
+def test_workers_that_are_none_are_refused(asked, query, count, workers):
+    expected = f"workers is {workers!r}, expected a number of threads, or -1 for all cores"
+    with pytest.raises(QueryError, match=f"^{re.escape(expected)}$"):
+        getattr(asked, query)(np.zeros((count, 3)), workers=workers)
+
+
+def test_workers_may_be_any_whole_number():
+    for workers in (1, 2, 64, -1, np.int64(2), np.uint8(1)):
+        assert SOLID.distance((3.0, 0.0, 0.0), workers=workers) == 2.0
+
+
+@pytest.mark.parametrize(
+    "limit, message",
+    [
+        (-1e-300, "max_distance is -1e-300, expected a length of 0 m or more"),
+        (-np.inf, "max_distance is -inf, expected a length of 0 m or more"),
+        (np.nan, "max_distance is nan, expected a length of 0 m or more"),
+        (None, "max_distance is None, expected a length in metres"),
+        ("0.1", "max_distance is '0.1', expected a length in metres"),
+        (1j, "max_distance is 1j, expected a length in metres"),
+        ([0.1, 0.2], "max_distance is [0.1, 0.2], expected a length in metres"),
+        (np.array([0.1]), "max_distance is array([0.1]), expected a length in metres"),
+    ],
+)
+@ASKED
+def test_limit_that_is_no_length_is_refused(asked, limit, message):
+    asks = [
+        lambda: asked.closest(POINTS, max_distance=limit),
+        lambda: asked.cast(POINTS, POINTS, max_distance=limit),
+        lambda: asked.closest_to_segments(POINTS, POINTS, max_distance=limit),
+    ]
+    for ask in asks:
+        with pytest.raises(QueryError, match=f"^{re.escape(message)}$"):
+            ask()
+
+
+def test_limit_may_be_any_number():
+    for limit in (2, 2.0, np.float32(2.0), np.array(2.0), np.inf, 10**300):
+        assert SOLID.closest((3.0, 0.0, 0.0), max_distance=limit).signed_distance == 2.0
+    assert SOLID.closest((3.0, 0.0, 0.0), max_distance=0).signed_distance == np.inf
+    assert SOLID.closest((1.0, 0.5, 0.5), max_distance=-0.0).signed_distance == 0.0
+
+
+def test_inside_is_not_asked_where_there_is_none():
+    sheet = Solid(*shapes.grid())
+    message = "^no part has an inside, so that nothing can be contained; sign_reason of each part says why$"
+
+    for asked in (sheet, Scene([sheet])):
+        with pytest.raises(NotWatertightError, match=message):
+            asked.contains(POINTS)
+
+
+def test_inside_is_asked_of_the_parts_that_have_one():
+    scene = Scene([Solid(*shapes.grid(), name="sheet"), Solid(*shapes.cube(), name="cube")])
+
+    assert scene.contains([[0.5, 0.5, 0.5], [0.5, 0.5, -0.5]]).tolist() == [True, False]
+
+
+# -------------------------------------------------------------------------------------- rays and segments
+
+
+@pytest.mark.parametrize("ask", ["cast", "closest_to_segments"])
+def test_two_arguments_broadcast(ask):
+    query, here, there = getattr(SCENE, ask), POINTS[:, None], np.array([[-2.0, 0.25, 0.5], [0.5, 0.5, 0.5]])
+
+    table = query(here, there)
+
+    assert table.distance.shape == (4, 2)
+    assert (table.part.shape, table.barycentric.shape) == ((4, 2), (4, 2, 3))
+    for row in range(4):
+        for column in range(2):
+            one = query(POINTS[row], there[column])
+            for field in table._fields:
+                assert judging.same_bits(getattr(table, field)[row, column], getattr(one, field)), field
+    assert query(POINTS, there[0]).distance.shape == (4,)
+    assert query(POINTS[0], there).distance.shape == (2,)
+    assert query(np.empty((0, 3)), there[0]).distance.shape == (0,)
+    assert isinstance(query(POINTS[0], there[0]).distance, np.float64)
+
+
+@pytest.mark.parametrize(
+    "ask, first, second", [("cast", "origins", "directions"), ("closest_to_segments", "starts", "ends")]
+)
+def test_shapes_that_do_not_broadcast_are_refused(ask, first, second):
+    expected = f"{first} have shape (4, 3) and {second} (2, 3), expected shapes that broadcast together"
+    with pytest.raises(QueryError, match=f"^{re.escape(expected)}$"):
+        getattr(SOLID, ask)(POINTS, POINTS[:2])
+    with pytest.raises(QueryError, match=rf"^{first} have shape \(2,\), expected \(\.\.\., 3\)$"):
+        getattr(SOLID, ask)((1.0, 2.0), POINTS)
+    with pytest.raises(QueryError, match=rf"^{second} have dtype <U1, expected numbers of shape"):
+        getattr(SOLID, ask)(POINTS, ["a", "b", "c"])
+
+
+@pytest.mark.parametrize("ask", ["cast", "closest_to_segments"])
+def test_workers_of_rays_and_segments_are_checked(ask):
+    with pytest.raises(QueryError, match=r"^workers is 0, expected a number of threads, or -1 for all"):
+        getattr(SOLID, ask)(POINTS, POINTS, workers=0)
+
+
+def test_direction_that_is_zero_is_named():
+    directions = np.array([[1.0, 0.0, 0.0], [0.0, -0.0, 0.0], [0.0, 0.0, 0.0]])
+
+    with pytest.raises(QueryError, match=r"^direction 1 is zero, expected a vector with a length$"):
+        SOLID.cast(POINTS[:3], directions)
+    with pytest.raises(QueryError, match=r"^direction 0 is zero, expected a vector with a length$"):
+        SOLID.cast(POINTS, (0, 0, 0))
+
+
+@pytest.mark.parametrize("argument", [0, 1])
+@pytest.mark.parametrize("ask", ["cast", "closest_to_segments"])
+def test_ray_or_segment_that_is_not_finite_answers_nan(ask, argument):
+    given = [POINTS.copy(), POINTS[::-1].copy()]
+    clean = getattr(SCENE, ask)(*given)
+    given[argument][2, 0] = np.nan
+
+    hits = getattr(SCENE, ask)(*given)
+
+    assert np.isnan(hits.distance[2])
+    assert np.isnan(hits.barycentric[2]).all()
+    assert (hits.part[2], hits.face_id[2]) == (NO_PART, NO_FACE)
+    for field in hits._fields:
+        kept = np.delete(getattr(hits, field), 2, axis=0), np.delete(getattr(clean, field), 2, axis=0)
+        assert judging.same_bits(*kept), field
+
+
+def test_moved_part_is_asked_where_it_is():
+    """Broadcast arguments and poses together: what a glove asks every tick."""
+    rows = np.arange(12, dtype=np.int32)
+    scene = Scene([Part("cube", SOLID, Pose(translation=(10.0, 0.0, 0.0)), rows)])
+
+    assert scene.distance([[12.0, 0.5, 0.5], [9.0, 0.5, 0.5]]).tolist() == [1.0, 1.0]
+    assert scene.cast((0.0, 0.5, 0.25), (1.0, 0.0, 0.0)).distance == 10.0
+    assert scene.closest_to_segments((0.0, 0.5, 0.25), (8.0, 0.5, 0.25)).distance == 2.0

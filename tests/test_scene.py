@@ -1,0 +1,553 @@
+"""Scenes: the smallest answer over the parts, wherever they are put."""
+
+import re
+
+import judging
+import numpy as np
+import pytest
+import shapes
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import oracle
+from proximity.errors import MeshError, PoseError, SceneError
+from proximity.pose import Pose
+from proximity.scene import Part, Scene
+from proximity.solid import Solid
+
+KINDS = [shapes.tetrahedron, shapes.cube, shapes.octahedron, shapes.hollow_cube]
+QUARTER = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+
+
+def part_of(mesh, name="part", pose=None):
+    solid = Solid(*mesh, name=name)
+    rows = np.arange(solid.mesh.face_count, dtype=np.int32)
+    return Part(name, solid, Pose() if pose is None else pose, rows)
+
+
+def some_pose(rng, spread):
+    return Pose(shapes.rotation(int(rng.integers(2**31))), rng.uniform(-spread, spread, 3))
+
+
+def some_parts(count, *, seed=1, is_turned=True):
+    """Parts of several kinds and sizes, thrown into a cube; they overlap."""
+    rng = np.random.default_rng(seed)
+    spread = 2.0 * count ** (1.0 / 3.0)
+    parts = []
+    for row in range(count):
+        vertices, faces = KINDS[row % len(KINDS)]()
+        pose = some_pose(rng, spread)
+        pose = pose if is_turned else Pose(translation=pose.translation)
+        parts.append(part_of((vertices * rng.choice([0.1, 1.0, 3.0]), faces), f"part {row}", pose))
+    return parts
+
+
+def expected_of(parts, points):
+    """Signed distance of every part (P, N), by the oracle, asked in the part's own frame."""
+    answers = []
+    for part in parts:
+        own = part.pose.inverse.point(points)
+        mesh = part.solid.mesh
+        answers.append(judging.signed_distance(mesh.vertices, mesh.faces, own))
+    return np.array(answers)
+
+
+def assert_is_the_smallest_over_parts(scene, points):
+    """Signed distance, inside and unsigned distance, each from the parts' own by the oracle."""
+    each = expected_of(scene.parts, points)
+    # Poses are applied in double precision, which rounds coordinates once more.
+    room = 1e-12 * np.abs(each).max() + 4e-15 * max(np.abs(points).max(), 1.0)
+    hit = scene.closest(points)
+
+    assert np.abs(hit.signed_distance - each.min(axis=0)).max() <= room
+    assert judging.same_bits(scene.signed_distance(points), hit.signed_distance)
+    assert np.abs(scene.distance(points) - np.abs(each).min(axis=0)).max() <= room
+    is_clear = np.abs(each).min(axis=0) > room
+    assert np.array_equal(scene.contains(points)[is_clear], (each < 0.0).any(axis=0)[is_clear])
+    chosen = each[hit.part, np.arange(len(points))]
+    assert np.abs(chosen - each.min(axis=0)).max() <= room
+    return hit
+
+
+# ----------------------------------------------------------------------------------------- many parts
+
+
+@pytest.mark.parametrize("is_turned", [True, False], ids=["turned", "shifted"])
+@pytest.mark.parametrize("count", [1, 2, 8, 9, 64, 300])
+def test_answer_is_the_smallest_over_parts(count, is_turned):
+    parts = some_parts(count, is_turned=is_turned)
+    scene = Scene(parts)
+    rng = np.random.default_rng(2)
+    point_count = 200 if count < 64 else 60
+    around = rng.uniform(-1.2, 1.2, (point_count, 3)) * (2.0 * count ** (1.0 / 3.0) + 1.0)
+    # Near surfaces too: a point of a part, and a little beside it.
+    chosen = rng.integers(count, size=point_count)
+    near = np.array(
+        [parts[row].pose.point(parts[row].solid.mesh.vertices[[0, 1, 2]].mean(axis=0)) for row in chosen]
+    )
+    near += rng.choice([0.0, 1e-9, 1e-3], (point_count, 1)) * rng.normal(size=(point_count, 3))
+
+    assert_is_the_smallest_over_parts(scene, np.concatenate([around, near]))
+
+
+@pytest.mark.parametrize("count", [1, 3, 64])
+def test_answer_holds_together_in_the_frame_of_the_scene(count):
+    scene = Scene(some_parts(count))
+    points = np.random.default_rng(3).uniform(-8.0, 8.0, (300, 3))
+
+    hit = scene.closest(points)
+
+    for row, part in enumerate(scene.parts):
+        of_part = hit.part == row
+        if of_part.any():
+            one = scene.closest(points[of_part])
+            world = part.pose.point(part.solid.mesh.vertices)
+            judging.assert_answer_holds_together(one, world, part.solid.mesh.faces, points[of_part])
+
+
+@pytest.mark.parametrize("count", [2, 9, 64])
+def test_scene_answers_to_the_bit_what_the_nearest_part_does(count):
+    """At the identity pose nothing is converted, so that nothing may be rounded."""
+    rng = np.random.default_rng(4)
+    solids = [
+        Solid(*shapes.moved(KINDS[row % 4](), rng.uniform(-6.0, 6.0, 3)), name=f"{row}")
+        for row in range(count)
+    ]
+    points = rng.uniform(-7.0, 7.0, (200, 3))
+    alone = np.array([solid.signed_distance(points) for solid in solids])
+
+    hit = Scene(solids).closest(points)
+
+    assert np.array_equal(hit.signed_distance, alone.min(axis=0))
+    assert np.array_equal(hit.part, alone.argmin(axis=0))
+
+
+def test_solid_answers_the_same_after_it_joined_a_scene():
+    """A scene puts the arrays of its parts into memory of its own, which the parts then share."""
+    solid, points = Solid(*shapes.torus()), np.random.default_rng(5).uniform(-3.0, 3.0, (100, 3))
+    before = solid.closest(points)
+
+    first = Scene([solid, Solid(*shapes.cube(), name="other")])
+    second = Scene([part_of(shapes.cube(), "other"), solid])
+
+    assert judging.same_bits(solid.closest(points), before)
+    assert judging.same_bits(first.distance(points), second.distance(points))
+
+
+def test_one_solid_may_be_in_several_places():
+    solid, rows = Solid(*shapes.cube()), np.arange(12, dtype=np.int32)
+    scene = Scene([Part(f"{x}", solid, Pose(translation=(x, 0.0, 0.0)), rows) for x in (0.0, 3.0, 6.0)])
+
+    hit = scene.closest([[0.5, 0.5, 0.5], [3.5, 0.5, 0.25], [8.0, 0.5, 0.5]])
+
+    assert hit.signed_distance.tolist() == [-0.5, -0.25, 1.0]
+    assert hit.part.tolist() == [0, 1, 2]
+
+
+@pytest.mark.parametrize("workers", [2, -1])
+def test_workers_answer_the_same(workers):
+    scene = Scene(some_parts(20))
+    points = np.random.default_rng(6).uniform(-6.0, 6.0, (5000, 3))
+
+    assert judging.same_bits(scene.closest(points, workers=workers), scene.closest(points))
+    assert judging.same_bits(scene.contains(points, workers=workers), scene.contains(points))
+
+
+@pytest.mark.parametrize("count", [1, 2, 47, 48, 49, 1024])
+def test_batch_is_its_points_one_by_one(count):
+    scene = Scene(some_parts(20))
+    points = np.random.default_rng(count).uniform(-6.0, 6.0, (count, 3))
+
+    hits = scene.closest(points)
+
+    for row in {0, count // 2, count - 1}:
+        one = scene.closest(points[row])
+        for field in hits._fields:
+            assert judging.same_bits(getattr(hits, field)[row], getattr(one, field)), field
+    assert judging.same_bits(scene.signed_distance(points), hits.signed_distance)
+    assert judging.same_bits(scene.distance(points), np.array([scene.distance(point) for point in points]))
+    assert judging.same_bits(scene.contains(points), np.array([scene.contains(point) for point in points]))
+
+
+@given(point=st.tuples(*[st.floats(-8.0, 8.0)] * 3), limit=st.floats(0.0, 8.0))
+def test_limit_never_changes_an_answer_within_it(point, limit):
+    free = TWENTY.closest(point)
+
+    hit = TWENTY.closest(point, max_distance=limit)
+
+    if abs(free.signed_distance) <= limit:
+        assert judging.same_bits(hit, free)
+    else:
+        assert (hit.signed_distance, hit.face_id, hit.part) == (np.inf, -1, -1)
+
+
+TWENTY = Scene(some_parts(20))
+
+
+# --------------------------------------------------------------------------- parts that touch or overlap
+
+
+def test_touching_parts_are_both_inside_and_their_common_face_is_the_surface():
+    """Sign per part: a flattened file would have a double wall there, and half its signs wrong."""
+    left, right = shapes.cube(), shapes.moved(shapes.cube(), (1.0, 0.0, 0.0))
+    scene = Scene([Solid(*left, name="left"), Solid(*right, name="right")])
+    near = np.array([[1.0 - 1e-9, 0.5, 0.5], [1.0, 0.5, 0.5], [1.0 + 1e-9, 0.5, 0.5]])
+
+    assert scene.contains(near).tolist() == [True, False, True]
+    assert scene.closest(near).part.tolist() == [0, 0, 1]
+    assert scene.signed_distance(near).tolist() == [-(1.0 - near[0, 0]), 0.0, -(near[2, 0] - 1.0)]
+    points = np.random.default_rng(8).uniform(-0.5, 2.5, (400, 3))
+    assert_is_the_smallest_over_parts(scene, points)
+
+
+def test_part_within_a_part_does_not_hide_the_depth():
+    inner, outer = (
+        Solid(*shapes.cube(0.5, (0, 0, 0)), name="inner"),
+        Solid(*shapes.cube(4.0, (0, 0, 0)), name="outer"),
+    )
+
+    for scene in (Scene([inner, outer]), Scene([outer, inner])):
+        assert scene.signed_distance([[0.0, 0.0, 0.3], [0.0, 0.0, 0.0]]).tolist() == [-1.7, -2.0]
+        hit = scene.closest((0.0, 0.0, 0.3))
+        assert scene.parts[hit.part].name == "outer"
+        assert hit.gradient.tolist() == [0.0, 0.0, 1.0]
+        assert scene.distance((0.0, 0.0, 0.3)) == pytest.approx(0.05, rel=1e-12)
+
+
+def test_where_parts_overlap_the_deepest_counts():
+    scene = Scene(
+        [Solid(*shapes.cube(), name="a"), Solid(*shapes.moved(shapes.cube(), (0.5, 0, 0)), name="b")]
+    )
+
+    hit = scene.closest([[0.6, 0.5, 0.5], [0.9, 0.5, 0.5], [0.75, 0.5, 0.5]])
+
+    assert hit.signed_distance.tolist() == pytest.approx([-0.4, -0.4, -0.25], rel=1e-12)
+    assert hit.part.tolist() == [0, 1, 0]
+    assert_is_the_smallest_over_parts(scene, np.random.default_rng(9).uniform(-0.5, 2.0, (400, 3)))
+
+
+def test_every_part_that_holds_a_point_is_asked_for_its_depth():
+    """Sign grids of the parts tell who holds a point; a part that is missed makes the answer too shallow."""
+    solids = [
+        Solid(shapes.torus()[0] @ shapes.rotation(row).T + 0.2 * row, shapes.torus()[1], name=f"{row}")
+        for row in range(5)
+    ]
+    points = np.random.default_rng(18).uniform(-2.5, 3.0, (50_000, 3))
+    points[0] = np.array([-0.89539459701725, -0.6308599334735035, 1.3446167969181748]) + 0.4
+    alone = np.array([solid.signed_distance(points) for solid in solids])
+
+    signed = Scene(solids).signed_distance(points)
+
+    assert (np.abs(signed - alone.min(axis=0)) <= 4e-15).all()
+
+
+def test_limit_speaks_of_the_part_that_counts():
+    """The deepest part is farther than the limit: nothing within it, though another surface is near."""
+    inner, outer = (
+        Solid(*shapes.cube(0.5, (0, 0, 0)), name="inner"),
+        Solid(*shapes.cube(4.0, (0, 0, 0)), name="outer"),
+    )
+    scene = Scene([inner, outer])
+
+    assert scene.closest((0.0, 0.0, 0.3), max_distance=1.0).signed_distance == np.inf
+    assert scene.closest((0.0, 0.0, 0.3), max_distance=1.75).signed_distance == -1.7
+
+
+@pytest.mark.parametrize("count", [2, 3, 9, 20])
+def test_ties_go_to_the_lowest_part(count):
+    parts = [Solid(*shapes.cube(), name=f"{row}") for row in range(count)]
+    points = np.random.default_rng(10).uniform(-1.0, 2.0, (200, 3))
+
+    hit = Scene(parts).closest(points)
+
+    assert (hit.part == 0).all()
+    assert judging.same_bits(hit.signed_distance, parts[0].signed_distance(points))
+
+
+def test_sheet_counts_with_its_distance_and_is_flagged():
+    sheet = Solid(*shapes.moved(shapes.grid(1, 1), (0.0, 0.0, 2.0)), name="sheet")
+    scene = Scene([sheet, Solid(*shapes.cube(), name="cube")])
+
+    hit = scene.closest([[0.5, 0.5, 1.9], [0.5, 0.5, 1.2], [0.5, 0.5, 0.9], [0.5, 0.5, 2.5]])
+
+    assert hit.signed_distance.tolist() == pytest.approx([0.1, 0.2, -0.1, 0.5], rel=1e-12)
+    assert hit.part.tolist() == [0, 1, 1, 0]
+    assert hit.is_signed.tolist() == [False, True, True, False]
+    assert hit.gradient[0].tolist() == [0.0, 0.0, -1.0]
+
+
+def test_sheet_within_a_part_does_not_change_the_depth():
+    sheet = Solid(*shapes.moved(shapes.grid(1, 1), (0.0, 0.0, 0.5)), name="sheet")
+    scene = Scene([sheet, Solid(*shapes.cube(4.0, (0, 0, 0)), name="cube")])
+
+    hit = scene.closest((0.5, 0.5, 0.6))
+
+    assert (hit.signed_distance, hit.part, bool(hit.is_signed)) == (-1.4, 1, True)
+
+
+# ------------------------------------------------------------------------------------------------ moving
+
+
+@settings(max_examples=30)
+@given(seed=st.integers(0, 2**31), row=st.integers(0, 8))
+def test_moved_scene_answers_as_one_made_anew(seed, row):
+    rng = np.random.default_rng(seed)
+    parts = some_parts(9)
+    scene, pose = Scene(parts), some_pose(rng, 5.0)
+    points = rng.uniform(-6.0, 6.0, (60, 3))
+    scene.closest(points)
+
+    scene.move(f"part {row}", pose)
+
+    parts[row] = Part(parts[row].name, parts[row].solid, pose, parts[row].source_faces)
+    anew = Scene(parts)
+    assert judging.same_bits(scene.closest(points), anew.closest(points))
+    assert judging.same_bits(scene.contains(points), anew.contains(points))
+    assert np.array_equal(scene.bounds, anew.bounds)
+
+
+def test_moving_changes_nothing_else():
+    scene = Scene(some_parts(9))
+    points = np.random.default_rng(11).uniform(-6.0, 6.0, (100, 3))
+    before, parts = scene.closest(points), scene.parts
+
+    scene.move("part 3", Pose(translation=(1.0, 2.0, 3.0)))
+    scene.move("part 4", np.eye(4))
+    scene.move("part 3", parts[3].pose)
+    scene.move("part 4", parts[4].pose.matrix)
+
+    assert judging.same_bits(scene.closest(points), before)
+    assert [part.solid for part in scene.parts] == [part.solid for part in parts]
+    assert [part.name for part in scene.parts] == [part.name for part in parts]
+    assert parts[3].solid.signed_distance((0.0, 0.0, 0.0)) == scene.part("part 3").solid.signed_distance(
+        (0, 0, 0)
+    )
+
+
+def test_scenes_that_share_a_solid_move_apart():
+    solid = Solid(*shapes.cube(), name="cube")
+    first, second = Scene([solid]), Scene([solid])
+
+    first.move("cube", Pose(translation=(5.0, 0.0, 0.0)))
+
+    assert first.distance((6.5, 0.5, 0.5)) == 0.5
+    assert second.distance((6.5, 0.5, 0.5)) == 5.5
+    assert solid.distance((6.5, 0.5, 0.5)) == 5.5
+    assert first.part("cube").pose.translation.tolist() == [5.0, 0.0, 0.0]
+
+
+def test_one_part_far_from_its_own_origin_is_found_when_turned():
+    """Its box was looked for where the unturned part would be, and nothing was inside."""
+    scene = Scene([part_of(shapes.moved(shapes.cube(), (100.0, 0.0, 0.0)), pose=Pose(QUARTER))])
+    centre = (-0.5, 100.5, 0.5)
+
+    assert scene.signed_distance(centre) == -0.5
+    assert scene.contains(centre)
+    scene.move("part", Pose(QUARTER, (0.0, -100.0, 0.0)))
+    assert scene.contains((-0.5, 0.5, 0.5))
+    assert not scene.contains(centre)
+
+
+def test_bounds_hold_the_turned_parts():
+    scene = Scene([part_of(shapes.cube(), pose=Pose(QUARTER, (10.0, 0.0, 0.0)))])
+
+    assert [corner.tolist() for corner in scene.bounds] == [[9.0, 0.0, 0.0], [10.0, 1.0, 1.0]]
+
+
+# ----------------------------------------------------------------------------------- far, tiny, and huge
+
+
+@pytest.mark.parametrize("is_turned", [True, False], ids=["turned", "shifted"])
+@pytest.mark.parametrize("count", [1, 9])
+def test_scene_far_from_the_origin_is_as_exact(count, is_turned):
+    """At 10 km a coordinate has 2e-12 m; with it, and no more, answers may differ."""
+    offset = np.array([10_000.0, -7_000.0, 3_000.0])
+    near = some_parts(count, is_turned=is_turned)
+    far = [
+        Part(
+            part.name, part.solid, Pose(part.pose.rotation, part.pose.translation + offset), part.source_faces
+        )
+        for part in near
+    ]
+    points = offset + np.random.default_rng(12).uniform(-4.0, 4.0, (200, 3))
+
+    assert_is_the_smallest_over_parts(Scene(far), points)
+
+
+def test_mesh_far_from_the_origin_is_as_exact():
+    """Coordinates of the file themselves are large; a power of two apart, nothing at all is rounded."""
+    offset = np.array([8192.0, -4096.0, 16384.0])
+    vertices, faces = shapes.octahedron()
+    vertices = np.round(vertices * 1024.0) / 1024.0
+    points = np.round(np.random.default_rng(13).uniform(-3.0, 3.0, (300, 3)) * 2**20) / 2**20
+
+    far, near = Solid(vertices + offset, faces), Solid(vertices, faces)
+
+    assert judging.same_bits(far.signed_distance(points + offset), near.signed_distance(points))
+    scene = Scene([far, Solid(vertices + offset + 64.0, faces, name="other")])
+    assert judging.same_bits(scene.signed_distance(points + offset), near.signed_distance(points))
+
+
+@pytest.mark.parametrize("size", [1e-9, 1e-3, 1e60])
+def test_parts_of_any_size_are_as_exact(size):
+    vertices, faces = shapes.sphere(radius=size, subdivisions=1)
+    scene = Scene([Solid(vertices, faces, name="a"), Solid(vertices + 3.0 * size, faces, name="b")])
+    points = size * np.random.default_rng(14).uniform(-2.0, 5.0, (200, 3))
+
+    signed = scene.signed_distance(points)
+
+    each = [judging.signed_distance(solid.solid.mesh.vertices, faces, points) for solid in scene.parts]
+    assert (np.abs(signed - np.min(each, axis=0)) <= judging.allowance(signed, size)).all()
+
+
+@pytest.mark.parametrize("sizes", [(1e-9, 1.0), (1.0, 1e60), (1e-9, 1e60), (1e60, 1e-9)])
+def test_tiny_and_huge_parts_are_together_in_one_scene(sizes):
+    solids = [Solid(*shapes.cube(size, (2.0 * size, 0.0, 0.0)), name=f"{size}") for size in sizes]
+    points = np.array([[2.0 * size, 0.25 * size * k, 0.0] for size in sizes for k in (0, 1, 3, 9)])
+
+    signed = Scene(solids).signed_distance(points)
+
+    expected = np.min([oracle.box(points, *solid.bounds) for solid in solids], axis=0)
+    assert (np.abs(signed - expected) <= 1e-12 * np.abs(expected)).all()
+
+
+@pytest.mark.parametrize("far", [1e3, 1e10, 1e20, 1e30, 1e60, 1e90])
+def test_points_far_away_are_as_exact(far):
+    scene = Scene([Solid(*shapes.cube(), name="cube"), Solid(*shapes.cube(1e-9, (3, 0, 0)), name="grain")])
+    point = np.array([far, 2.0 * far, -far])
+
+    assert scene.signed_distance(point) == pytest.approx(oracle.box(point, (0, 0, 0), (1, 1, 1)), rel=1e-12)
+    assert scene.part("cube").solid.signed_distance(point) == pytest.approx(
+        oracle.box(point, (0, 0, 0), (1, 1, 1)), rel=1e-12
+    )
+    assert not scene.contains(point)
+
+
+# ------------------------------------------------------------------------------------- parts and refusals
+
+
+def test_parts_keep_names_poses_and_order():
+    scene = Scene([part_of(shapes.cube(), "lid"), Solid(*shapes.tetrahedron(), name="base")])
+
+    assert [part.name for part in scene.parts] == ["lid", "base"]
+    assert scene.part("base").pose.is_identity
+    assert scene.part("base").source_faces.tolist() == [0, 1, 2, 3]
+    assert scene.report is None
+    assert repr(scene) == "Scene(2 parts, 16 faces)"
+    assert repr(scene.part("lid")) == "Part('lid', 12 faces)"
+    assert scene.memory_bytes > 0
+
+
+def test_pose_of_a_part_may_be_a_matrix():
+    matrix = np.eye(4)
+    matrix[0, 3] = 5.0
+    scene = Scene([part_of(shapes.cube(), pose=matrix)])
+
+    assert scene.distance((7.0, 0.5, 0.5)) == 1.0
+    assert isinstance(scene.parts[0].pose, Pose)
+
+
+def test_name_used_twice_is_refused():
+    message = "parts 1 and 2 are both named 'lid', expected names that differ"
+    solids = [Solid(*shapes.cube(), name=name) for name in ("base", "lid", "lid")]
+
+    with pytest.raises(SceneError, match=f"^{message}$"):
+        Scene(solids)
+
+
+@pytest.mark.parametrize(
+    "parts, message",
+    [
+        ([], "a scene has no parts, expected at least one"),
+        ([1], "a scene is made of Part and Solid, not of int"),
+        ("lid", "a scene is made of Part and Solid, not of str"),
+        (Solid(*shapes.cube()), "a scene is made of a list of parts, not of one Solid"),
+        ([part_of(shapes.cube(), ["lid"])], "part 0 is named ['lid'], expected text"),
+        ([Part("lid", shapes.cube(), Pose(), np.arange(3))], "part 'lid' holds a tuple, expected a Solid"),
+    ],
+)
+def test_what_is_no_scene_is_refused(parts, message):
+    with pytest.raises(SceneError, match=f"^{re.escape(message)}$"):
+        Scene(parts)
+
+
+def test_part_that_is_not_there_is_named_with_those_that_are():
+    few, many = Scene(some_parts(2)), Scene(some_parts(12))
+
+    for ask in (few.part, lambda name: few.move(name, Pose())):
+        for name in ("lid", None, 3, ["part 0"]):
+            expected = f"no part is named {name!r}; the scene has 'part 0', 'part 1'"
+            with pytest.raises(SceneError, match=f"^{re.escape(expected)}$"):
+                ask(name)
+    with pytest.raises(SceneError, match=r"^no part is named 'lid'; .*, 'part 9' and 2 more$"):
+        many.part("lid")
+
+
+@pytest.mark.parametrize(
+    "pose, message",
+    [
+        (np.diag([2.0, 2.0, 2.0, 1.0]), "a pose's rotation is not orthonormal"),
+        (np.diag([1.0, 1.0, -1.0, 1.0]), "a pose's rotation mirrors"),
+        (np.eye(3), "a pose's matrix has shape (3, 3), expected (4, 4)"),
+        (Pose(translation=(1e200, 0.0, 0.0)), "part 'part 1' would be moved by 1e+200 m, which is farther"),
+    ],
+)
+def test_pose_that_is_not_rigid_is_refused_and_nothing_moves(pose, message):
+    scene, points = Scene(some_parts(3)), np.random.default_rng(15).uniform(-4.0, 4.0, (20, 3))
+    before = scene.closest(points)
+
+    with pytest.raises(PoseError, match=re.escape(message)):
+        scene.move("part 1", pose)
+
+    assert judging.same_bits(scene.closest(points), before)
+
+
+def test_pose_of_a_new_part_that_is_not_rigid_is_refused():
+    with pytest.raises(PoseError, match="a pose's rotation is not orthonormal"):
+        Scene([part_of(shapes.cube(), pose=np.diag([2.0, 2.0, 2.0, 1.0]))])
+
+
+# ---------------------------------------------------------------------------------------- arrays as a file
+
+
+def test_mesh_of_several_bodies_becomes_parts_that_lead_back():
+    bodies = [
+        shapes.cube(),
+        shapes.moved(shapes.octahedron(), (5.0, 0.0, 0.0)),
+        shapes.hollow_cube(center=(0, 9, 0)),
+    ]
+    vertices, faces = shapes.soup(*shapes.join(*bodies))
+    order = np.random.default_rng(16).permutation(len(faces))
+    faces = faces[order]
+
+    scene = Scene.from_mesh(vertices, faces, name="toy")
+
+    assert len(scene.parts) == 3
+    assert sorted(part.name for part in scene.parts) == ["toy.1", "toy.2", "toy.3"]
+    rows = np.concatenate([part.source_faces for part in scene.parts])
+    assert sorted(rows.tolist()) == list(range(len(faces)))
+    for part in scene.parts:
+        mesh = part.solid.mesh
+        assert part.solid.is_watertight
+        given = vertices[faces[part.source_faces]]
+        for row in range(mesh.face_count):
+            own = {tuple(corner) for corner in mesh.vertices[mesh.faces[row]]}
+            assert own == {tuple(corner) for corner in given[row]}
+    points = np.random.default_rng(17).uniform(-2.0, 10.0, (200, 3))
+    hit = assert_is_the_smallest_over_parts(scene, points)
+    for point, part, face, distance in zip(points, hit.part, hit.face_id, hit.signed_distance, strict=True):
+        source = scene.parts[part].source_faces[face]
+        alone = oracle.closest(vertices, faces[source : source + 1], point).distance
+        assert alone == pytest.approx(abs(distance), rel=1e-12, abs=1e-14)
+
+
+def test_mesh_of_one_body_keeps_its_name():
+    assert [part.name for part in Scene.from_mesh(*shapes.cube()).parts] == ["mesh"]
+    assert [part.name for part in Scene.from_mesh(*shapes.cube(), name="lid").parts] == ["lid"]
+
+
+def test_mesh_that_cannot_be_used_is_refused():
+    with pytest.raises(MeshError, match=r"^the mesh has no faces, expected at least one$"):
+        Scene.from_mesh(np.zeros((3, 3)), [])
+    with pytest.raises(MeshError, match="face 0 refers to vertex 9, but the mesh has 3 vertices"):
+        Scene.from_mesh(np.zeros((3, 3)), [[0, 1, 9]])

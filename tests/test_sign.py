@@ -1,0 +1,186 @@
+"""How inside is told for one body, and the sentence that says so."""
+
+import re
+
+import numpy as np
+import pytest
+import shapes
+
+import oracle
+from proximity.mesh import TriangleMesh
+from proximity.part_arrays import part_arrays
+from proximity.sign import SignMethod, choose_sign
+from proximity.solid import Solid
+from proximity.topology import build_topology
+
+AGREES = r"closed and oriented; agrees with the winding number at (\d+) of \1 sample points"
+MEETS_ITSELF = (
+    r"closed and oriented, but it meets itself: the nearest face and the winding number disagree at "
+    r"[1-9]\d* of \d+ sample points"
+)
+MANY_FACES = r"closed, but edges have more than two faces"
+SMALL_HOLE = (
+    r"(1 edge is|\d+ edges are) not closed, but the winding number is clear below \d+% of the surface"
+)
+OPEN = r"(1 edge is|\d+ edges are) not closed: there is no inside, so distances have no sign"
+NO_AREA = r"no face has an area: there is no inside, so distances have no sign"
+
+
+def half_of(mesh):
+    vertices, faces = mesh
+    return vertices, faces[vertices[faces].mean(axis=1)[:, 2] > 0.0]
+
+
+def without_a_face(mesh, face=0):
+    return mesh[0], np.delete(mesh[1], face, axis=0)
+
+
+def scaled(mesh, size, place):
+    return mesh[0] * size + np.asarray(place, float), mesh[1]
+
+
+CASES = {
+    "tetrahedron": (shapes.tetrahedron(), SignMethod.PSEUDONORMAL, AGREES),
+    "cube": (shapes.cube(), SignMethod.PSEUDONORMAL, AGREES),
+    "cube of loose triangles": (shapes.soup(*shapes.cube()), SignMethod.PSEUDONORMAL, AGREES),
+    "torus": (shapes.torus(), SignMethod.PSEUDONORMAL, AGREES),
+    "cavity": (shapes.hollow_cube(), SignMethod.PSEUDONORMAL, AGREES),
+    "thin wall": (
+        shapes.join(shapes.sphere(1.0, 3), shapes.inside_out(shapes.sphere(0.88, 3))),
+        SignMethod.PSEUDONORMAL,
+        AGREES,
+    ),
+    "plate": (shapes.box((0, 0, 0), (1, 1, 1e-5)), SignMethod.PSEUDONORMAL, AGREES),
+    "two bodies": (
+        shapes.join(shapes.cube(), shapes.cube(center=(3, 0, 0))), SignMethod.PSEUDONORMAL, AGREES,
+    ),
+    "a nanometre at 10 km": (scaled(shapes.cube(), 2e-9, (1e4, -1e4, 1e4)), SignMethod.PSEUDONORMAL, AGREES),
+    "a tenth of a micrometre at 10 km": (
+        scaled(shapes.sphere(1.0, 2), 1e-7, (1e4, 1e4, 1e4)), SignMethod.PSEUDONORMAL, AGREES,
+    ),
+    "astronomic": (scaled(shapes.sphere(1.0, 1), 1e60, (0, 0, 0)), SignMethod.PSEUDONORMAL, AGREES),
+    "two cubes that overlap": (
+        shapes.join(shapes.cube(), shapes.cube(center=(1, 1, 1))), SignMethod.WINDING_NUMBER, MEETS_ITSELF,
+    ),
+    "cube in a cube, both outward": (
+        shapes.join(shapes.cube(3.0), shapes.cube(1.0)), SignMethod.WINDING_NUMBER, MEETS_ITSELF,
+    ),
+    "the same cube twice": (shapes.join(shapes.cube(), shapes.cube()), SignMethod.WINDING_NUMBER, MANY_FACES),
+    "two faces back to back": (
+        (shapes.cube()[0], np.array([[0, 2, 3], [0, 3, 2]])), SignMethod.WINDING_NUMBER, MEETS_ITSELF,
+    ),
+    "two cubes that share an edge": (
+        shapes.join(shapes.cube(), shapes.cube(center=(1.5, 1.5, 0.5))),
+        SignMethod.WINDING_NUMBER,
+        MANY_FACES,
+    ),
+    "sphere without one face": (without_a_face(shapes.sphere(1.0, 3)), SignMethod.WINDING_NUMBER, SMALL_HOLE),
+    "cube without one face": (without_a_face(shapes.cube()), SignMethod.NONE, OPEN),
+    "box without its lid": (shapes.open_box(), SignMethod.NONE, OPEN),
+    "hemisphere": (half_of(shapes.sphere(1.0, 3)), SignMethod.NONE, OPEN),
+    "sheet": (shapes.grid(), SignMethod.NONE, OPEN),
+    "tube": (shapes.strip(24), SignMethod.NONE, OPEN),
+    "Moebius strip": (shapes.strip(24, half_turns=1), SignMethod.NONE, OPEN),
+    "one triangle": ((np.eye(3), np.array([[0, 1, 2]])), SignMethod.NONE, OPEN),
+    "faces without area": ((np.eye(3), np.array([[0, 1, 1], [2, 2, 0]])), SignMethod.NONE, NO_AREA),
+    "one point": ((np.ones((1, 3)), np.array([[0, 0, 0]])), SignMethod.NONE, NO_AREA),
+    "denormal point": ((np.full((1, 3), 5e-324), np.array([[0, 0, 0]])), SignMethod.NONE, NO_AREA),
+    "two faces on a line": (
+        (np.arange(3.0)[:, None] * np.ones(3), np.array([[0, 1, 2], [0, 2, 1]])), SignMethod.NONE, NO_AREA,
+    ),
+}  # fmt: skip
+
+
+def chosen(mesh):
+    vertices, faces = mesh
+    topology = build_topology(TriangleMesh(vertices, faces))
+    corners = np.empty((int(topology.corner_ids.max()) + 1, 3))
+    corners[topology.corner_ids.ravel()] = vertices[np.asarray(faces).ravel()]
+    return choose_sign(part_arrays(corners, topology.corner_ids, topology.neighbors), topology)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_method_and_sentence_are_those_of_the_shape(name):
+    mesh, method, sentence = CASES[name]
+
+    _, found, why = chosen(mesh)
+
+    assert found is method, why
+    assert re.fullmatch(sentence, why), why
+
+
+@pytest.mark.parametrize("name", [name for name, case in CASES.items() if case[1] is not SignMethod.NONE])
+def test_side_agrees_with_the_winding_number(name):
+    vertices, faces = CASES[name][0]
+    solid = Solid(vertices, faces)
+    rng = np.random.default_rng(7)
+    lower, upper = vertices[faces].min(axis=(0, 1)), vertices[faces].max(axis=(0, 1))
+    points = rng.uniform(lower - 0.2 * (upper - lower), upper + 0.2 * (upper - lower), (400, 3))
+    points = points[oracle.closest(vertices, faces, points).distance > 1e-12 * np.abs(points).max()]
+    inside = oracle.winding_number(vertices, faces, points) > 0.5
+
+    np.testing.assert_array_equal(solid.signed_distance(points) < 0.0, inside)
+    np.testing.assert_array_equal(solid.contains(points), inside)
+
+
+@pytest.mark.parametrize("name", [name for name, case in CASES.items() if case[1] is SignMethod.NONE])
+def test_what_has_no_inside_has_distances_without_sign(name):
+    vertices, faces = CASES[name][0]
+    solid = Solid(vertices, faces)
+    points = np.random.default_rng(7).uniform(-2, 2, (60, 3))
+
+    assert not solid.has_inside
+    assert (solid.signed_distance(points) >= 0.0).all()
+    assert not solid.closest(points).is_signed.any()
+
+
+def test_cube_inside_out_is_turned_and_says_so():
+    solid = Solid(*shapes.inside_out(shapes.cube()))
+
+    assert solid.sign_method is SignMethod.PSEUDONORMAL
+    assert re.fullmatch(
+        AGREES + "; all faces were turned, since they ran clockwise seen from outside", solid.sign_reason
+    )
+    assert solid.signed_distance([0.5, 0.5, 0.5]) == -0.5
+
+
+def test_body_that_meets_itself_is_deepest_where_both_halves_are():
+    solid = Solid(*CASES["two cubes that overlap"][0])
+
+    # Distance to the nearest face, though that face lies inside the other cube.
+    assert solid.signed_distance([0.75, 0.75, 0.75]) == -0.25
+    assert solid.signed_distance([1.25, 1.25, 1.25]) == -0.25
+    assert solid.contains([[0.25, 0.25, 0.25], [0.75, 0.75, 0.75], [1.9, 1.9, 0.4]]).tolist() == [
+        True,
+        True,
+        False,
+    ]
+
+
+def test_choice_is_the_same_on_every_run():
+    first, second = chosen(CASES["two cubes that overlap"][0]), chosen(CASES["two cubes that overlap"][0])
+
+    assert first[1:] == second[1:]
+
+
+@pytest.mark.parametrize("method", SignMethod)
+def test_method_has_a_word_for_people(method):
+    assert (
+        method.value
+        == {
+            SignMethod.PSEUDONORMAL: "pseudo-normal",
+            SignMethod.WINDING_NUMBER: "winding number",
+            SignMethod.NONE: "none",
+        }[method]
+    )
+
+
+def test_far_point_is_never_inside():
+    # From 1e16 part sizes on, either side of the part is equally far to rounding.
+    solid = Solid(*shapes.cube())
+    for distance in (1e9, 1e16, 1e20, 1e30, 1e90):
+        points = distance * np.concatenate([np.eye(3), -np.eye(3), np.ones((1, 3))])
+
+        assert (solid.signed_distance(points) > 0.0).all()
+        assert (solid.closest(points).signed_distance > 0.0).all()
+        assert not solid.contains(points).any()

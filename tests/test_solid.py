@@ -1,0 +1,490 @@
+"""One body, asked: every answer against the oracle, and against itself where nothing may change."""
+
+from functools import cache
+
+import judging
+import numpy as np
+import pytest
+import shapes
+from hypothesis import given
+from hypothesis import strategies as st
+
+import oracle
+from proximity.results import NO_FACE, Feature
+from proximity.sign import SignMethod
+from proximity.solid import Solid
+
+
+def needles():
+    """A rod of 600 faces, each a thousand times as long as wide."""
+    angle = 2 * np.pi * np.arange(150) / 150
+    ring = np.stack([0.01 * np.cos(angle), 0.01 * np.sin(angle), np.full(150, -0.2)], axis=1)
+    vertices = np.concatenate([ring, ring + np.array([0.0, 0.0, 0.4]), [[0.0, 0.0, -0.2], [0.0, 0.0, 0.2]]])
+    a, b = np.arange(150), np.roll(np.arange(150), -1)
+    low, high = np.full(150, 300), np.full(150, 301)
+    sides = [[a, b, b + 150], [a, b + 150, a + 150], [low, b, a], [high, a + 150, b + 150]]
+    return vertices, np.concatenate([np.stack(side, axis=1) for side in sides])
+
+
+def overlapping_cubes():
+    """Two cubes that share a corner's volume, as one mesh: the surface meets itself."""
+    return shapes.join(shapes.cube(1.0, (0.0, 0.0, 0.0)), shapes.cube(1.0, (0.6, 0.5, 0.4)))
+
+
+def tray():
+    """A low box without its lid."""
+    vertices, faces = shapes.open_box()
+    return vertices * [1.0, 1.0, 0.3], faces
+
+
+def scattered_triangles():
+    """Eighty triangles of any shape anywhere."""
+    rng = np.random.default_rng(5)
+    corners = rng.uniform(-1.0, 1.0, (80, 1, 3)) + rng.normal(size=(80, 3, 3)) * rng.choice(
+        [1e-3, 0.3], (80, 1, 1)
+    )
+    return corners.reshape(-1, 3), np.arange(240).reshape(-1, 3)
+
+
+CLOSED = {
+    "tetrahedron": shapes.tetrahedron,
+    "cube": shapes.cube,
+    "hollow cube": shapes.hollow_cube,
+    "octahedron": shapes.octahedron,
+    "sphere": lambda: shapes.sphere(subdivisions=2),
+    "torus": shapes.torus,
+    "torus of loose faces": lambda: shapes.soup(*shapes.torus()),
+    "needles": needles,
+    "overlapping cubes": overlapping_cubes,
+}
+OPEN = {
+    "tray": tray,
+    "sheet": shapes.grid,
+    "Moebius strip": lambda: shapes.strip(16, half_turns=1),
+    "scattered triangles": scattered_triangles,
+}
+MESHES = CLOSED | OPEN
+
+
+@cache
+def mesh_of(name):
+    return MESHES[name]()
+
+
+@cache
+def solid_of(name):
+    return Solid(*mesh_of(name))
+
+
+def some_points(name, count, seed=7):
+    """Far, around, near and on the surface, at corners and edges too."""
+    vertices, faces = mesh_of(name)
+    rng = np.random.default_rng(seed)
+    size = np.ptp(vertices, axis=0).max()
+    weights = rng.dirichlet((1.0, 1.0, 1.0), count)
+    weights[rng.random(count) < 0.2] = (0.0, 0.5, 0.5)
+    weights[rng.random(count) < 0.2] = (0.0, 0.0, 1.0)
+    on_surface = (vertices[faces[rng.integers(len(faces), size=count)]] * weights[:, :, None]).sum(axis=1)
+    step = rng.choice([0.0, 1e-12, 1e-9, 1e-6, 1e-3, 0.1, 0.3, 1.0, 30.0], (count, 1))
+    return on_surface + size * step * rng.normal(size=(count, 3))
+
+
+@st.composite
+def points_around(draw, names):
+    """The name of a mesh, and a point: drawn from a face, a side and a height, so that it shrinks."""
+    name = draw(st.sampled_from(sorted(names)))
+    vertices, faces = mesh_of(name)
+    face = draw(st.integers(0, len(faces) - 1))
+    share = st.sampled_from([0.0, 0.5, 1.0]) | st.floats(0.0, 1.0)
+    b, c = draw(share), draw(share)
+    c *= 1.0 - b
+    on_face = np.array([1.0 - b - c, b, c]) @ vertices[faces[face]]
+    height = draw(st.sampled_from([0.0, 1e-12, 1e-9, 1e-6, 1e-3]) | st.floats(0.0, 10.0))
+    way = np.array([draw(st.sampled_from([-1.0, 0.0, 1.0]) | st.floats(-1.0, 1.0)) for _ in range(3)])
+    point = on_face + height * way
+    # The squares of lengths below 1e-150 leave float64, and with them the directions.
+    return name, np.where(np.abs(point) < 1e-140, 0.0, point)
+
+
+# ------------------------------------------------------------------------------------ against the oracle
+
+
+@given(asked=points_around(MESHES))
+def test_distance_agrees_with_brute_force(asked):
+    name, point = asked
+    solid, mesh = solid_of(name), mesh_of(name)
+
+    for found in (solid.distance(point), solid.signed_distance(point), solid.closest(point).signed_distance):
+        judging.assert_distance_is_right(found, *mesh, point)
+
+
+@given(asked=points_around(MESHES))
+def test_answer_holds_together(asked):
+    name, point = asked
+    solid = solid_of(name)
+
+    hit = solid.closest(point)
+
+    judging.assert_answer_holds_together(hit, solid.mesh.vertices, solid.mesh.faces, point)
+    assert hit.part == 0
+    assert solid.signed_distance(point) == hit.signed_distance
+
+
+@given(asked=points_around(CLOSED))
+def test_sign_agrees_with_the_winding_number(asked):
+    name, point = asked
+    solid, (vertices, faces) = solid_of(name), mesh_of(name)
+
+    signed = solid.signed_distance(point)
+
+    if abs(signed) > 1e-11:
+        is_inside = oracle.winding_number(vertices, faces, point) > 0.5
+        assert (signed < 0.0) == is_inside
+        assert solid.contains(point) == is_inside
+
+
+@pytest.mark.parametrize("name", sorted(MESHES))
+def test_many_points_agree_with_brute_force(name):
+    points = some_points(name, 400)
+
+    hit = solid_of(name).closest(points)
+
+    judging.assert_distance_is_right(hit.signed_distance, *mesh_of(name), points)
+    judging.assert_answer_holds_together(hit, *mesh_of(name), points)
+
+
+@pytest.mark.parametrize("name", sorted(CLOSED))
+def test_many_signs_agree_with_the_winding_number(name):
+    points = some_points(name, 300)
+    solid, (vertices, faces) = solid_of(name), mesh_of(name)
+
+    signed = solid.signed_distance(points)
+
+    is_off = np.abs(signed) > 1e-11
+    is_inside = oracle.winding_number(vertices, faces, points) > 0.5
+    assert np.array_equal((signed < 0.0)[is_off], is_inside[is_off])
+    assert np.array_equal(solid.contains(points)[is_off], is_inside[is_off])
+    assert solid.closest(points).is_signed.all()
+
+
+@pytest.mark.parametrize("name", ["torus", "octahedron", "hollow cube", "needles", "overlapping cubes"])
+@pytest.mark.parametrize("seed", range(4))
+def test_inside_and_sign_agree_everywhere(name, seed):
+    """The one looks into a grid of cells first, the other asks the surface.
+
+    A torus, turned, once had a point 0.2 deep that was not inside: a face's plane and box passed its cell,
+    the face did not, and within a cell's diagonal nothing was found.
+    """
+    vertices, faces = mesh_of(name)
+    solid = Solid(vertices @ shapes.rotation(seed).T, faces)
+    lower, upper = solid.bounds
+    points = np.random.default_rng(seed).uniform(lower, upper, (100_000, 3))
+    if (name, seed) == ("torus", 2):
+        points[0] = (-0.89539459701725, -0.6308599334735035, 1.3446167969181748)
+
+    signed = solid.signed_distance(points)
+
+    is_off = np.abs(signed) > 1e-12
+    assert np.array_equal(solid.contains(points)[is_off], (signed < 0.0)[is_off])
+
+
+@pytest.mark.parametrize("first_corner", range(3))
+def test_distance_on_the_surface_is_a_plain_zero(first_corner):
+    """Not -0.0, which a caller may print, or divide by; and of another bit than what `closest` says."""
+    vertices, faces = mesh_of("cube")
+    solid = Solid(vertices, np.roll(faces, first_corner, axis=1))
+    points = np.random.default_rng(6).uniform(0.0, 1.0, (600, 3))
+    points[np.arange(600), np.arange(600) % 3] = np.arange(600) // 3 % 2
+
+    for signed in (solid.signed_distance(points), solid.closest(points).signed_distance):
+        assert not signed.any()
+        assert not np.signbit(signed).any()
+
+
+def test_sphere_has_its_known_distance():
+    """Between the sphere around the corners and the one that the faces touch."""
+    vertices, faces = shapes.sphere(subdivisions=4)
+    solid = Solid(vertices, faces)
+    points = np.random.default_rng(3).uniform(-2.0, 2.0, (500, 3))
+
+    error = solid.signed_distance(points) - oracle.sphere(points, 1.0)
+
+    inner = np.linalg.norm(vertices[faces].mean(axis=1), axis=1).min()
+    assert error.min() >= -1e-15
+    assert error.max() <= 1.0 - inner + 1e-15
+
+
+def test_box_has_its_known_distance():
+    lower, upper = (-1.0, 0.5, -3.0), (2.0, 1.0, 4.0)
+    solid = Solid(*shapes.box(lower, upper))
+    points = np.random.default_rng(4).uniform(-6.0, 6.0, (2000, 3))
+
+    assert np.abs(solid.signed_distance(points) - oracle.box(points, lower, upper)).max() <= 4e-15
+
+
+@given(asked=points_around(MESHES), step=st.tuples(*[st.floats(-0.5, 0.5)] * 3))
+def test_moving_the_point_changes_the_distance_by_no_more(asked, step):
+    name, point = asked
+    solid, there = solid_of(name), point + np.array(step)
+
+    change = abs(solid.signed_distance(there) - solid.signed_distance(point))
+
+    if name == "overlapping cubes":
+        # Within another cube the nearest face is no boundary of the inside: only the distance is continuous.
+        change = abs(solid.distance(there) - solid.distance(point))
+    assert change <= np.linalg.norm(there - point) + judging.allowance(20.0, mesh_of(name)[0], point)
+
+
+# ----------------------------------------------------------------------------------- what changes nothing
+
+
+@given(asked=points_around(MESHES), exponent=st.integers(-100, 100))
+def test_scaling_by_a_power_of_two_scales_to_the_bit(asked, exponent):
+    name, point = asked
+    scale = 2.0**exponent
+    vertices, faces = mesh_of(name)
+
+    hit, scaled = solid_of(name).closest(point), Solid(vertices * scale, faces).closest(point * scale)
+
+    assert scaled.signed_distance == hit.signed_distance * scale
+    assert np.array_equal(scaled.point, hit.point * scale)
+    for field in ("gradient", "barycentric", "face_id", "feature"):
+        assert judging.same_bits(getattr(scaled, field), getattr(hit, field)), field
+
+
+@pytest.mark.parametrize("name", sorted(MESHES))
+def test_order_of_axes_does_not_matter(name):
+    """A cyclic change keeps what is left and right; sums of three then round otherwise, no more."""
+    vertices, faces = mesh_of(name)
+    points = some_points(name, 200)
+
+    turned = Solid(np.roll(vertices, 1, axis=1), faces).signed_distance(np.roll(points, 1, axis=1))
+
+    signed = solid_of(name).signed_distance(points)
+    assert (np.abs(turned - signed) <= judging.allowance(signed, vertices)).all()
+
+
+@pytest.mark.parametrize("name", sorted(CLOSED))
+def test_mirror_does_not_matter_where_faces_are_turned_too(name):
+    vertices, faces = mesh_of(name)
+    points = some_points(name, 200)
+    mirror = np.array([-1.0, 1.0, 1.0])
+
+    mirrored = Solid(vertices * mirror, faces[:, ::-1]).signed_distance(points * mirror)
+
+    signed = solid_of(name).signed_distance(points)
+    assert (np.abs(mirrored - signed) <= judging.allowance(signed, vertices)).all()
+
+
+@pytest.mark.parametrize("name", sorted(MESHES))
+def test_moving_solid_and_point_together_changes_nothing(name):
+    vertices, faces = mesh_of(name)
+    points = some_points(name, 200)
+    rotation, offset = shapes.rotation(3), np.array([10.0, -20.0, 5.0])
+
+    there = Solid(vertices @ rotation.T + offset, faces).signed_distance(points @ rotation.T + offset)
+
+    signed = solid_of(name).signed_distance(points)
+    room = judging.allowance(signed, vertices) + 8.0 * judging.ROUNDING * (30.0 + np.abs(points).max())
+    assert (np.abs(np.abs(there) - np.abs(signed)) <= room).all()
+    is_off = np.abs(signed) > 1e-11
+    assert np.array_equal(np.sign(there)[is_off], np.sign(signed)[is_off])
+
+
+@pytest.mark.parametrize("name", sorted(MESHES))
+def test_order_of_faces_does_not_matter(name):
+    """Ties may name another face, never another distance."""
+    vertices, faces = mesh_of(name)
+    points = some_points(name, 300)
+    shuffled = Solid(vertices, np.random.default_rng(11).permutation(faces))
+
+    assert np.array_equal(shuffled.distance(points), solid_of(name).distance(points))
+    signed = solid_of(name).signed_distance(points)
+    assert (np.abs(shuffled.signed_distance(points) - signed) <= judging.allowance(signed, vertices)).all()
+
+
+@pytest.mark.parametrize("name", sorted(MESHES))
+def test_first_corner_of_faces_does_not_matter(name):
+    vertices, faces = mesh_of(name)
+    points = some_points(name, 200)
+    turned = Solid(vertices, np.roll(faces, 1, axis=1))
+
+    signed = solid_of(name).signed_distance(points)
+    assert (np.abs(turned.signed_distance(points) - signed) <= judging.allowance(signed, vertices)).all()
+
+
+def test_split_vertices_do_not_matter():
+    points = some_points("torus", 300)
+
+    loose, shared = solid_of("torus of loose faces").closest(points), solid_of("torus").closest(points)
+
+    assert judging.same_bits(loose, shared)
+
+
+def test_unused_vertices_do_not_matter():
+    vertices, faces = mesh_of("torus")
+    points = some_points("torus", 300)
+    unused = np.array([[1e9, 0.0, 0.0], [np.nan, np.inf, 0.0]])
+
+    more = Solid(np.concatenate([unused, vertices, unused]), faces + len(unused))
+
+    assert judging.same_bits(more.closest(points), solid_of("torus").closest(points))
+    assert np.array_equal(more.bounds, solid_of("torus").bounds)
+
+
+def test_changing_the_arrays_afterwards_changes_nothing():
+    vertices, faces = shapes.cube()
+    solid = Solid(vertices, faces)
+
+    vertices[:], faces[:] = 9.0, 0
+
+    assert solid.signed_distance((0.5, 0.5, 0.5)) == -0.5
+
+
+@given(asked=points_around(MESHES), limit=st.floats(0.0, 20.0))
+def test_limit_never_changes_an_answer_within_it(asked, limit):
+    name, point = asked
+    free = solid_of(name).closest(point)
+
+    hit = solid_of(name).closest(point, max_distance=limit)
+
+    if abs(free.signed_distance) <= limit:
+        assert judging.same_bits(hit, free)
+    else:
+        assert hit.signed_distance == np.inf
+        assert (hit.face_id, hit.part, hit.feature) == (NO_FACE, -1, Feature.NONE)
+        assert np.isnan(hit.point).all() and np.isnan(hit.gradient).all() and np.isnan(hit.barycentric).all()
+        assert not hit.is_signed
+
+
+@given(asked=points_around(MESHES))
+def test_the_very_distance_as_limit_still_finds(asked):
+    name, point = asked
+    free = solid_of(name).closest(point)
+
+    hit = solid_of(name).closest(point, max_distance=abs(free.signed_distance))
+
+    assert judging.same_bits(hit, free)
+
+
+# ------------------------------------------------------------------------------------ one, many, and workers
+
+
+@pytest.mark.parametrize("count", [1, 2, 7, 47, 48, 49, 1023, 1024, 1025])
+def test_batch_is_its_points_one_by_one(count):
+    solid = solid_of("torus")
+    points = some_points("torus", count, seed=count)
+
+    hits = solid.closest(points)
+
+    for row in {0, count // 3, count // 2, count - 1}:
+        one = solid.closest(points[row])
+        for field in hits._fields:
+            assert judging.same_bits(getattr(hits, field)[row], getattr(one, field)), field
+    signed, distances, inside = solid.signed_distance(points), solid.distance(points), solid.contains(points)
+    assert judging.same_bits(signed, hits.signed_distance)
+    assert judging.same_bits(signed, np.array([solid.signed_distance(point) for point in points]))
+    assert judging.same_bits(distances, np.array([solid.distance(point) for point in points]))
+    assert judging.same_bits(inside, np.array([solid.contains(point) for point in points]))
+
+
+@pytest.mark.parametrize("workers", [2, 3, -1])
+@pytest.mark.parametrize("count", [5, 1024, 2047, 2048, 5001])
+def test_workers_answer_the_same(workers, count):
+    solid = solid_of("torus")
+    points = some_points("torus", count)
+    points[count // 2] = np.nan
+
+    assert judging.same_bits(solid.closest(points, workers=workers), solid.closest(points))
+    for ask in (solid.signed_distance, solid.distance, solid.contains):
+        assert judging.same_bits(ask(points, workers=workers), ask(points))
+
+
+@pytest.mark.parametrize("name", ["torus", "scattered triangles", "overlapping cubes"])
+def test_order_of_points_does_not_matter(name):
+    solid = solid_of(name)
+    points = some_points(name, 500)
+    order = np.random.default_rng(2).permutation(len(points))
+
+    shuffled, hits = solid.closest(points[order]), solid.closest(points)
+
+    for field in hits._fields:
+        assert judging.same_bits(getattr(shuffled, field), getattr(hits, field)[order]), field
+
+
+def test_asking_again_gives_the_same():
+    points = some_points("hollow cube", 200)
+
+    first, second = (solid_of("hollow cube").closest(points) for _ in range(2))
+
+    assert judging.same_bits(first, second)
+
+
+# ------------------------------------------------------------------------------------- what a solid tells
+
+
+@pytest.mark.parametrize("name", sorted(MESHES))
+def test_tree_holds_together(name):
+    arrays = solid_of(name)._model.part_arrays(0)
+
+    assert arrays.bvh.check(arrays.corners, arrays.faces) <= 48
+
+
+@pytest.mark.parametrize("name", sorted(CLOSED))
+def test_closed_body_has_an_inside(name):
+    solid = solid_of(name)
+
+    assert solid.has_inside
+    assert solid.is_watertight
+    assert solid.topology.is_watertight
+    method = SignMethod.WINDING_NUMBER if name == "overlapping cubes" else SignMethod.PSEUDONORMAL
+    assert solid.sign_method is method
+    assert solid.sign_reason.startswith("closed and oriented")
+
+
+@pytest.mark.parametrize("name", sorted(OPEN))
+def test_open_surface_has_no_inside_and_unsigned_distances(name):
+    solid = solid_of(name)
+
+    hit = solid.closest(some_points(name, 50))
+
+    assert not solid.has_inside
+    assert not solid.is_watertight
+    assert solid.sign_method is SignMethod.NONE
+    assert "there is no inside, so distances have no sign" in solid.sign_reason
+    assert not hit.is_signed.any()
+    assert (hit.signed_distance >= 0.0).all()
+
+
+def test_faces_that_run_the_wrong_way_are_turned_and_it_is_said():
+    solid = Solid(*shapes.inside_out(shapes.cube()))
+
+    assert solid.signed_distance((0.5, 0.5, 0.5)) == -0.5
+    assert solid.sign_reason.endswith("all faces were turned, since they ran clockwise seen from outside")
+    judging.assert_answer_holds_together(
+        solid.closest((2.0, 0.3, 0.4)), solid.mesh.vertices, solid.mesh.faces, (2.0, 0.3, 0.4)
+    )
+
+
+def test_bounds_are_the_corners_of_the_box():
+    lower, upper = Solid(*shapes.box((-1.0, 2.0, 3.0), (4.0, 5.0, 6.5))).bounds
+
+    assert lower.tolist() == [-1.0, 2.0, 3.0]
+    assert upper.tolist() == [4.0, 5.0, 6.5]
+
+
+def test_solid_says_what_it_is():
+    solid = Solid(*shapes.cube(), name="lid")
+
+    assert repr(solid) == "Solid('lid', 12 faces, sign by pseudo-normal)"
+    assert solid.name == "lid"
+    assert solid.diagnosis.face_count == 12
+    assert solid.diagnosis.volume == pytest.approx(1.0, rel=1e-15)
+
+
+def test_memory_is_counted_and_bounded():
+    """The figure promised for large meshes, with room for what small ones pay at least."""
+    solid = Solid(*shapes.torus(n=200, m=100))
+
+    assert solid.memory_bytes >= solid.mesh.vertices.nbytes + solid.mesh.faces.nbytes
+    assert solid.memory_bytes <= 300 * solid.mesh.face_count
