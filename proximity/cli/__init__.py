@@ -1,0 +1,60 @@
+"""The command line: ``proximity query``, ``proximity check``.
+
+Here people's units meet the library's metres; apart from that conversion the command line computes
+nothing. Modules that `main` needs before it knows what is asked import neither NumPy nor Rich: ``--help``
+and ``--version`` answer at once.
+"""
+
+import io
+import sys
+from typing import Annotated
+
+import typer
+
+import proximity
+from proximity.cli import check, query
+from proximity.cli.command import Command, Group
+
+HELP = "\n\n".join(  # a paragraph a string: some versions of Typer keep line breaks, some do not
+    (
+        "Exact distance from points, rays and segments to CAD parts.",
+        "Reads STL, OBJ, PLY, OFF, glTF/GLB, 3MF and STEP. Every part of a file is measured on its own; "
+        "signed distance is negative inside. Coordinates and answers are in millimetres, or in what --units "
+        "says.",
+        "Exit codes: 0 answered; 1 check --strict found a part without an inside; 2 the file, the points or "
+        "the options cannot be used; 130 interrupted.",
+    )
+)
+
+app = typer.Typer(
+    cls=Group,
+    help=HELP,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+app.command("query", cls=Command, epilog=query.EXAMPLES, help=query.HELP, no_args_is_help=True)(query.command)
+app.command("check", cls=Command, epilog=check.EXAMPLES, help=check.HELP, no_args_is_help=True)(check.command)
+
+
+def _print_version(is_asked: bool) -> None:
+    if is_asked:
+        typer.echo(f"proximity {proximity.__version__}")
+        raise typer.Exit()
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    pass
+
+
+def main() -> None:
+    """Run the command line on ``sys.argv`` and exit with its code."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # a part's name may not fit the terminal's encoding
+    app(prog_name="proximity")

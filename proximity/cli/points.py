@@ -1,0 +1,145 @@
+"""Points from text: three numbers a line, as CSV or between spaces.
+
+Only the standard library: bad text is refused before NumPy and the file are loaded.
+"""
+
+import csv
+import sys
+from array import array
+from collections.abc import Iterable
+from pathlib import Path
+
+from proximity.errors import QueryError
+
+STANDARD_INPUT = "-"
+BYTE_ORDER_MARK = "\ufeff"  # spreadsheets begin their UTF-8 with it
+
+
+def read_points(path: str) -> array:
+    """Return the points of a text file as a flat array of float64, x y z x y z ...
+
+    Blank lines and what follows ``#`` are skipped. Fields stand between commas, semicolons or white space.
+    The first line may name the columns; where it names x, y and z among others, those are taken.
+
+    Parameters
+    ----------
+    path : str
+        The file; ``-`` is standard input.
+
+    Raises
+    ------
+    QueryError
+        If the file cannot be read or a line is not a point; the message names file and line.
+    """
+    name = "standard input" if path == STANDARD_INPUT else path
+    try:
+        if path == STANDARD_INPUT:
+            return parse_points(sys.stdin, name)
+        with Path(path).open(encoding="utf-8") as lines:
+            return parse_points(lines, name)
+    except UnicodeDecodeError as unfit:
+        raise QueryError(f"{name}: not a text file in UTF-8, expected lines of three numbers") from unfit
+    except OSError as failure:
+        raise QueryError(f"{name}: cannot be read ({failure.strerror or failure})") from failure
+
+
+def parse_points(lines: Iterable[str], name: str) -> array:
+    """Return the points of *lines* as `read_points` does.
+
+    Parameters
+    ----------
+    lines : iterable of str
+        The text.
+    name : str
+        Where it comes from, for messages.
+
+    Raises
+    ------
+    QueryError
+        If a line is not a point.
+    """
+    coordinates = array("d")
+    columns: tuple[int, ...] | None = None  # which fields are x, y, z; None until the first line is seen
+    field_count = 3
+    for row, line in enumerate(lines, start=1):
+        fields = _fields(line.removeprefix(BYTE_ORDER_MARK) if row == 1 else line)
+        if not fields:
+            continue
+        where = f"{name}, line {row}"
+        if columns is None:
+            columns = _columns_of_header(fields, where)
+            if columns is not None:
+                field_count = len(fields)
+                continue
+            columns = (0, 1, 2)
+        if len(fields) != field_count:
+            raise QueryError(f"{where}: {_counted(len(fields))}, expected {field_count}")
+        try:
+            coordinates.extend([number(fields[column]) for column in columns])
+        except ValueError as unfit:
+            raise QueryError(f"{where}: {unfit}") from unfit
+    return coordinates
+
+
+def _fields(line: str) -> list[str]:
+    text = line.partition("#")[0].strip()
+    for separator in ",;":
+        if separator in text:
+            quoted = '"' in text
+            fields = next(csv.reader([text], delimiter=separator)) if quoted else text.split(separator)
+            fields = [field.strip() for field in fields]
+            return fields if fields[-1] else fields[:-1]
+    return text.split()
+
+
+def _columns_of_header(fields: list[str], where: str) -> tuple[int, ...] | None:
+    """Return which columns hold x, y and z, or None where *fields* are numbers already."""
+    if any(_is_number(field) for field in fields):
+        return None
+    names = [field.lower() for field in fields]
+    if {"x", "y", "z"} <= set(names):
+        return names.index("x"), names.index("y"), names.index("z")
+    if len(fields) == 3:
+        return 0, 1, 2
+    raise QueryError(
+        f"{where}: {_shown(' '.join(fields))} is neither a point nor a header, "
+        "expected three numbers or columns named x, y and z"
+    )
+
+
+def number(text: str) -> float:
+    """Return the number that *text* spells, nan and inf included.
+
+    Parameters
+    ----------
+    text : str
+        One field.
+
+    Raises
+    ------
+    ValueError
+        If it spells none.
+    """
+    try:
+        if "_" not in text:  # Python would read 1_000
+            return float(text)
+    except ValueError:
+        pass
+    raise ValueError(f"{_shown(text.strip())} is not a number")
+
+
+def _is_number(field: str) -> bool:
+    try:
+        number(field)
+    except ValueError:
+        return False
+    return True
+
+
+def _counted(count: int) -> str:
+    return "1 value" if count == 1 else f"{count} values"
+
+
+def _shown(text: str) -> str:
+    """Quote *text* for a message: printable and not too long."""
+    return repr(text if len(text) <= 40 else text[:37] + "...")

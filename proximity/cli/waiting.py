@@ -1,0 +1,85 @@
+"""What a person sees who waits: a spinner or a bar on stderr, after a second, and only on a terminal."""
+
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from threading import Timer
+from typing import TypeVar
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+import proximity
+
+PATIENCE_S = 1.0  # a wait shorter than this shows nothing
+
+T = TypeVar("T")
+
+
+@contextmanager
+def spinner(doing: str) -> Iterator[None]:
+    """Show *doing* while the block runs, if it runs long and stderr is a terminal.
+
+    Parameters
+    ----------
+    doing : str
+        What takes the time.
+    """
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield
+        return
+    status = console.status(doing)
+    timer = Timer(PATIENCE_S, status.start)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+        timer.join()
+        status.stop()
+
+
+def with_bar(chunks: Iterable[T], counts: Iterable[int], total: int, *, is_shown: bool) -> Iterator[T]:
+    """Pass *chunks* on, and show how many of all queries are answered.
+
+    Parameters
+    ----------
+    chunks : iterable
+        What is passed on.
+    counts : iterable of int
+        How many queries each chunk holds.
+    total : int
+        How many there are.
+    is_shown : bool
+        False where a bar would run into the output.
+    """
+    console = Console(stderr=True)
+    if not (is_shown and console.is_terminal):
+        yield from chunks
+        return
+    bar = Progress(
+        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(),
+        console=console, transient=True,
+    )  # fmt: skip
+    task = bar.add_task("answered", total=total)
+    started = time.monotonic()
+    try:
+        for chunk, count in zip(chunks, counts, strict=True):
+            yield chunk
+            bar.advance(task, count)
+            if time.monotonic() - started > PATIENCE_S:
+                bar.start()
+    finally:
+        bar.stop()
+
+
+def prepare_kernels() -> None:
+    """Compile the kernels, with a word on stderr, where they have not been compiled on this machine yet."""
+    if proximity.kernels_are_cached():
+        return
+    typer.echo("proximity: compiling for this processor, this once; it takes up to a minute", err=True)
+    with spinner("compiling"):
+        proximity.warm_up()

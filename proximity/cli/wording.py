@@ -1,0 +1,46 @@
+"""Numbers and words as people read them."""
+
+import math
+
+MISSING = "-"
+
+
+def number(value: float) -> str:
+    """Return *value* with nine significant digits, and zero without a sign.
+
+    Parameters
+    ----------
+    value : float
+        Any, also nan and inf.
+    """
+    return f"{value + 0.0:.9g}"
+
+
+def printable(text: str) -> str:
+    """Return *text* with what could move a terminal's cursor replaced.
+
+    Parameters
+    ----------
+    text : str
+        A name out of a file.
+    """
+    return "".join(letter if letter.isprintable() else "?" for letter in text)
+
+
+def side(signed_distance: float, is_signed: bool) -> str | None:
+    """Return on which side of the surface a point is, in a word; None where there is no answer.
+
+    Parameters
+    ----------
+    signed_distance : float
+        Negative inside.
+    is_signed : bool
+        Whether the part has an inside.
+    """
+    if math.isnan(signed_distance):
+        return None
+    if signed_distance == 0.0:
+        return "surface"
+    if not is_signed:
+        return "unknown"
+    return "inside" if signed_distance < 0.0 else "outside"

@@ -1,0 +1,640 @@
+"""What the commands print and how they end, on a sphere of formulas instead of a file.
+
+The sphere has radius 10 mm and its centre at the origin; `proximity.load` is replaced, so nothing compiles.
+"""
+
+import csv
+import io
+import json
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from fake_scene import FakeScene
+from rich.console import Console
+
+import proximity
+from proximity import cli
+from proximity.cli import output, query, tables, waiting
+from proximity.errors import MeshError, MeshFormatError
+
+
+@pytest.fixture
+def loaded(monkeypatch):
+    """Replace what reads files and compiles; returns the calls of load."""
+    calls = []
+
+    def load(path, *, units="mm"):
+        calls.append((path, units))
+        return FakeScene()
+
+    for name, value in {"load": load, "kernels_are_cached": lambda: True}.items():
+        monkeypatch.setitem(vars(proximity), name, value)
+    for name in ("FORCE_COLOR", "NO_COLOR", "GITHUB_ACTIONS", "COLUMNS", "TERMINAL_WIDTH"):
+        monkeypatch.delenv(name, raising=False)
+    return calls
+
+
+@pytest.fixture
+def run(loaded, monkeypatch, capsys):
+    """Run the command line; returns exit code, stdout and stderr."""
+
+    def run_with(*arguments, stdin=""):
+        monkeypatch.setattr(sys, "argv", ["proximity", *map(str, arguments)])
+        monkeypatch.setattr(sys, "stdin", io.StringIO(stdin))
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        written = capsys.readouterr()
+        return SimpleNamespace(code=end.value.code, out=written.out, err=written.err)
+
+    return run_with
+
+
+def load_with(monkeypatch, load):
+    monkeypatch.setitem(vars(proximity), "load", load)
+
+
+def told(text):
+    """The words of a message, without the frame that Rich draws and breaks it into."""
+    return " ".join("".join(" " if letter in "╭╮╰╯─│" else letter for letter in text).split())
+
+
+def block(text):
+    """The labelled lines of a block."""
+    return {line[:16].strip(): line[16:] for line in text.splitlines()}
+
+
+def test_point_outside_is_told_in_words(run):
+    result = run("query", "ball.stl", 0, 0, 12.5)
+
+    assert result.code == 0
+    assert result.err == ""
+    assert block(result.out) == {
+        "signed distance": "2.5 mm, outside",
+        "closest point": "0  0  10 mm",
+        "normal": "0  0  1",
+        "part": "ball",
+        "face": "107 of the file",
+        "on": "an edge",
+        "sign": "pseudo-normals: closed and oriented",
+    }
+
+
+def test_point_inside_is_told_in_words(run):
+    assert block(run("query", "ball.stl", 4, 0, 0).out)["signed distance"] == "-6 mm, inside"
+
+
+def test_point_on_the_surface_is_told_in_words(run):
+    assert block(run("query", "ball.stl", 10, 0, 0).out)["signed distance"] == "0 mm, on the surface"
+
+
+def test_unknown_side_is_told_in_words(run, monkeypatch):
+    load_with(monkeypatch, lambda path, units: FakeScene(has_inside=False))
+
+    lines = block(run("query", "ball.stl", 4, 0, 0).out)
+
+    assert lines["signed distance"] == "6 mm, which side is unknown"
+    assert lines["sign"] == "none: it is an open sheet"
+
+
+def test_point_that_is_not_finite_is_told_in_words(run):
+    result = run("query", "ball.stl", "nan", 0, "-inf")
+
+    assert result.code == 0
+    assert block(result.out) == {"distance": "nan (the point is not finite)"}
+
+
+def test_piped_output_has_no_colours(run):
+    assert "\x1b" not in run("query", "ball.stl", 0, 0, 12.5).out
+
+
+def test_name_of_a_part_cannot_command_the_terminal(run, monkeypatch):
+    load_with(monkeypatch, lambda path, units: FakeScene(name="a\x1b[2Jb [red]"))
+
+    assert block(run("query", "ball.stl", 4, 0, 0).out)["part"] == "a?[2Jb [red]"
+
+
+@pytest.mark.parametrize("options", [(), ("--units", "mm"), ("--workers", "-1")])
+def test_negative_coordinates_are_numbers(run, options):
+    result = run("query", "ball.stl", "-1", "-2.5", "-3e-2", *options, "--json")
+
+    assert result.code == 0
+    assert json.loads(result.out)["answers"][0]["query"] == [-1.0, -2.5, -0.03]
+
+
+def test_negative_coordinates_may_follow_options(run):
+    result = run("query", "ball.stl", "--json", "--units", "mm", "-1", "-.5", "-1E1")
+
+    assert json.loads(result.out)["answers"][0]["query"] == [-1.0, -0.5, -10.0]
+
+
+def test_negative_direction_is_numbers(run):
+    result = run("query", "ball.stl", "--ray", "0", "0", "-1", "-6", "0", "20", "--json")
+
+    (answer,) = json.loads(result.out)["answers"]
+    assert answer["origin"] == [-6.0, 0.0, 20.0]
+    assert answer["direction"] == [0.0, 0.0, -1.0]
+    assert answer["distance"] == 12.0
+
+
+@pytest.mark.parametrize("option", ["--foo", "-x", "--1"])
+def test_unknown_option_is_a_usage_error(run, option):
+    result = run("query", "ball.stl", 1, 2, 3, option)
+
+    assert result.code == 2
+    assert "No such option" in told(result.err)
+    assert option[:2] in result.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((1, 2), "a point is three numbers, but 2 were given"),
+        ((1, 2, "three"), "'three' is not a number"),
+        ((1, 2, "1_0"), "'1_0' is not a number"),
+        ((), "give a point, or --points FILE"),
+        ((1, 2, 3, "--points", "-"), "points are given as arguments already"),
+        ((1, 2, 3, "--segment"), "points are taken in pairs (start, end), but there are 1"),
+        ((1, 2, 3, "--segment", "--ray", 0, 0, 1), "give one of them, not both"),
+        ((1, 2, 3, "--json", "--csv"), "give one of them, not both"),
+        ((1, 2, 3, "--workers", 0), "0 threads: expected 1 or more, or -1"),
+        ((1, 2, 3, "--workers", -2), "-2 threads: expected 1 or more, or -1"),
+    ],
+)
+def test_wrong_use_is_a_usage_error(run, loaded, arguments, message):
+    result = run("query", "ball.stl", *arguments)
+
+    assert result.code == 2
+    assert message in told(result.err)
+    assert "Usage: proximity query" in result.err
+    assert result.out == ""
+    assert loaded == []
+
+
+def test_units_hold_for_coordinates_answers_and_the_file(run, loaded):
+    result = run("query", "ball.stl", 0, 0, 1.5, "--units", "cm", "--json")
+
+    (answer,) = json.loads(result.out)["answers"]
+    assert loaded == [("ball.stl", "cm")]
+    assert answer["query"] == [0.0, 0.0, 1.5]
+    assert answer["signed_distance"] == pytest.approx(0.5, rel=1e-15)
+    assert answer["point"] == [0.0, 0.0, 1.0]
+    assert answer["gradient"] == [0.0, 0.0, 1.0]
+
+
+def test_unknown_units_are_refused_before_the_file_is_read(run, loaded):
+    result = run("query", "ball.stl", 0, 0, 1, "--units", "furlong")
+
+    assert result.code == 2
+    assert result.err.startswith("proximity: ")
+    assert "furlong" in result.err
+    assert loaded == []
+
+
+def test_coordinate_too_large_for_metres_is_not_finite(run):
+    result = run("query", "ball.stl", 1e308, 0, 0, "--units", "km", "--json")
+
+    assert json.loads(result.out)["answers"][0]["signed_distance"] is None
+
+
+def test_ray_that_hits_is_told(run):
+    lines = block(run("query", "ball.stl", 0, 0, 50, "--ray", 0, 0, -1).out)
+
+    assert lines == {
+        "distance": "40 mm",
+        "point": "0  0  10 mm",
+        "normal": "0  0  1",
+        "part": "ball",
+        "face": "103 of the file",
+    }
+
+
+def test_ray_that_misses_is_told(run):
+    result = run("query", "ball.stl", 0, 0, 50, "--ray", 0, 0, 1)
+
+    assert result.code == 0
+    assert block(result.out) == {"distance": "inf (nothing in that direction)"}
+
+
+def test_ray_that_is_not_finite_is_told(run):
+    lines = block(run("query", "ball.stl", "inf", 0, 50, "--ray", 0, 0, 1).out)
+
+    assert lines == {"distance": "inf (the numbers given are not finite)"}
+
+
+def test_segment_is_told(run):
+    lines = block(run("query", "ball.stl", 0, 0, 12, 0, 0, 30, "--segment").out)
+
+    assert lines == {
+        "distance": "2 mm",
+        "on segment": "0  0  12 mm",
+        "on solid": "0  0  10 mm",
+        "fraction": "0 of the way",
+        "part": "ball",
+        "face": "107 of the file",
+    }
+
+
+def test_segment_that_touches_is_told(run):
+    lines = block(run("query", "ball.stl", 0, 0, 0, 0, 0, 30, "--segment").out)
+
+    assert lines["distance"] == "0 mm, touches the surface"
+
+
+def test_segment_that_is_not_finite_is_told(run):
+    lines = block(run("query", "ball.stl", 0, 0, "nan", 0, 0, "nan", "--segment").out)
+
+    assert lines == {"distance": "nan (the numbers given are not finite)"}
+
+
+def test_segments_are_pairs_of_points(run):
+    result = run("query", "ball.stl", *[0, 0, 12, 0, 0, 30], *[0, 15, 0, 0, 40, 0], "--segment", "--json")
+
+    answers = json.loads(result.out)["answers"]
+    assert [answer["start"] for answer in answers] == [[0, 0, 12], [0, 15, 0]]
+    assert [answer["end"] for answer in answers] == [[0, 0, 30], [0, 40, 0]]
+    assert [answer["distance"] for answer in answers] == pytest.approx([2.0, 5.0], rel=1e-14)
+
+
+def test_many_points_make_an_aligned_table(run):
+    result = run("query", "ball.stl", 0, 0, 12.5, 1, 2, "nan", -4, 0, 0)
+
+    lines = result.out.splitlines()
+    assert lines[0].split()[:6] == ["#", "distance_mm", "side", "x_mm", "y_mm", "z_mm"]
+    assert " ".join(lines[1].split()) == "0 2.5 outside 0 0 10 0 0 1 107 edge ball"
+    assert " ".join(lines[2].split()) == "1 nan - nan nan nan nan nan nan - - -"
+    assert " ".join(lines[3].split()) == "2 -6 inside -10 0 0 -1 0 0 107 edge ball"
+    ends = {
+        line.index(word) + len(word) for line, word in zip(lines, ("distance_mm", "2.5", "nan"), strict=False)
+    }
+    assert len(ends) == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "first", "second"),
+    [
+        (("--ray", 0, 0, -1), "0 10 0 0 10 0 0 1 103 ball", "1 inf nan nan nan nan nan nan - -"),
+        (("--segment",), "0 10 0 0 10 0 0 20 107 ball", None),
+    ],
+)
+def test_rays_and_segments_make_a_table(run, options, first, second):
+    result = run("query", "ball.stl", *[0, 0, 20, 90, 0, 20] * 2, *options)
+
+    lines = result.out.splitlines()
+    assert lines[1].split() == first.split()
+    assert second is None or lines[2].split() == second.split()
+
+
+def test_long_table_is_not_cut_when_piped(run, monkeypatch):
+    monkeypatch.setattr(query, "CHUNK", 70)
+    text = "".join(f"0 0 {row}.5\n" for row in range(1000))
+
+    result = run("query", "ball.stl", "--points", "-", stdin=text)
+
+    lines = result.out.splitlines()
+    assert len(lines) == 1001
+    assert lines[-1].split()[:3] == ["999", "989.5", "outside"]
+
+
+def test_extreme_numbers_stay_apart_in_the_table(run):
+    result = run("query", "ball.stl", -1.23456789e99, -1e99, -1e99, 1e99, 2e99, 3e99)
+
+    assert len(result.out.splitlines()[1].split()) == 12
+
+
+def test_no_points_give_an_empty_table(run):
+    result = run("query", "ball.stl", "--points", "-", stdin="# none\n")
+
+    assert result.code == 0
+    assert len(result.out.splitlines()) == 1
+
+
+def refuse(word):
+    raise AssertionError(f"{word} is not JSON")
+
+
+def test_json_is_one_valid_document_with_every_digit(run):
+    result = run("query", "ball.stl", 0.1, 0.2, 0.3, "nan", 0, 0, "--json")
+
+    document = json.loads(result.out, parse_constant=refuse)
+    first, second = document["answers"]
+    direct = FakeScene().closest(np.array([[0.1, 0.2, 0.3]]) * 0.001)
+    assert document["file"] == "ball.stl"
+    assert document["units"] == "mm"
+    assert document["mode"] == "closest"
+    assert first["signed_distance"] == direct.signed_distance[0] / 0.001
+    assert first["point"] == (direct.point[0] / 0.001).tolist()
+    assert first["part"] == 0
+    assert first["part_name"] == "ball"
+    assert first["face"] == 107
+    assert first["face_id"] == 7
+    assert first["feature"] == "edge"
+    assert first["is_signed"] is True
+    assert second["query"] == [None, 0.0, 0.0]
+    for field in ("signed_distance", "part", "part_name", "face", "face_id", "feature"):
+        assert second[field] is None
+    assert second["point"] == [None, None, None]
+
+
+def test_json_without_points_is_valid(run):
+    result = run("query", "ball.stl", "--points", "-", "--json")
+
+    assert json.loads(result.out)["answers"] == []
+
+
+def test_json_of_several_chunks_is_valid(run, monkeypatch):
+    monkeypatch.setattr(query, "CHUNK", 2)
+
+    result = run("query", "ball.stl", *range(15), "--json")
+
+    assert [answer["query"][0] for answer in json.loads(result.out)["answers"]] == [0, 3, 6, 9, 12]
+
+
+def test_csv_has_a_header_and_every_digit(run):
+    result = run("query", "ball.stl", 0.1, 0.2, 0.3, "nan", 0, 0, "--csv")
+
+    first, second = csv.DictReader(io.StringIO(result.out))
+    direct = FakeScene().closest(np.array([[0.1, 0.2, 0.3]]) * 0.001)
+    assert list(first)[:6] == ["x", "y", "z", "signed_distance", "is_signed", "point_x"]
+    assert float(first["signed_distance"]) == direct.signed_distance[0] / 0.001
+    assert [float(first[name]) for name in ("point_x", "point_y", "point_z")] == (
+        direct.point[0] / 0.001
+    ).tolist()
+    assert first["part_name"] == "ball"
+    assert second["signed_distance"] == "nan"
+    assert second["face"] == ""
+
+
+def test_csv_of_a_miss_says_inf(run):
+    (answer,) = csv.DictReader(io.StringIO(run("query", "ball.stl", 90, 0, 0, "--ray", 0, 0, 1, "--csv").out))
+
+    assert answer["distance"] == "inf"
+    assert answer["normal_x"] == "nan"
+
+
+def test_csv_without_points_is_a_header(run):
+    assert run("query", "ball.stl", "--points", "-", "--csv").out.count("\n") == 1
+
+
+def test_csv_answers_can_be_read_again_as_points(run):
+    written = run("query", "ball.stl", -1, 2, 3, 4, 5, 6, "--csv").out
+
+    result = run("query", "ball.stl", "--points", "-", "--json", stdin=written)
+
+    assert [answer["query"] for answer in json.loads(result.out)["answers"]] == [[-1, 2, 3], [4, 5, 6]]
+
+
+def test_csv_separates_lines_the_same_way_everywhere():
+    stream = io.StringIO()
+    output.write_csv(stream, [{"distance": [1.0, 0.1 + 0.2]}])
+
+    assert stream.getvalue() == "distance\n1.0\n0.30000000000000004\n"
+
+
+def test_points_come_from_a_file(run, tmp_path):
+    path = tmp_path / "points.csv"
+    path.write_text("x,y,z\n0,0,12.5\n", encoding="utf-8")
+
+    assert block(run("query", "ball.stl", "--points", path).out)["signed distance"] == "2.5 mm, outside"
+
+
+def test_bad_line_of_a_file_is_one_line_on_stderr(run, loaded, tmp_path):
+    path = tmp_path / "points.csv"
+    path.write_text("0 0 1\n0 0\n", encoding="utf-8")
+
+    result = run("query", "ball.stl", "--points", path)
+
+    assert result.code == 2
+    assert result.out == ""
+    assert result.err == f"proximity: {path}, line 2: 2 values, expected 3\n"
+    assert loaded == []
+
+
+def test_library_error_is_one_line_and_exit_code_2(run, monkeypatch):
+    def load(path, units):
+        raise MeshFormatError("ball.stl: claims 900 faces,\n  but holds 899")
+
+    load_with(monkeypatch, load)
+
+    for command in (("query", "ball.stl", 1, 2, 3), ("check", "ball.stl")):
+        result = run(*command)
+        assert result.code == 2
+        assert result.out == ""
+        assert result.err == "proximity: ball.stl: claims 900 faces, but holds 899\n"
+
+
+def test_our_own_mistake_keeps_its_traceback(loaded, monkeypatch):
+    def load(path, units):
+        raise ZeroDivisionError("a mistake")
+
+    load_with(monkeypatch, load)
+    monkeypatch.setattr(sys, "argv", ["proximity", "check", "ball.stl"])
+
+    with pytest.raises(ZeroDivisionError, match="a mistake"):
+        cli.main()
+
+
+def test_interrupt_is_quiet_and_exits_with_130(run, monkeypatch):
+    def load(path, units):
+        raise KeyboardInterrupt
+
+    load_with(monkeypatch, load)
+
+    result = run("query", "ball.stl", 1, 2, 3)
+
+    assert result.code == 130
+    assert result.out + result.err == ""
+
+
+def test_interrupt_before_a_command_runs_is_quiet(run, monkeypatch):
+    def interrupted(self, ctx):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli.Group, "invoke", interrupted)
+
+    assert run("check", "ball.stl").code == 130
+
+
+def test_version_is_printed(run):
+    assert run("--version").out == f"proximity {proximity.__version__}\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--help",), "--version"),
+        (("query", "--help"), "shuf points.txt | proximity query bracket.stl --points - --workers -1"),
+        (("check", "--help"), "with --strict it is 1 if some part has no inside"),
+        (("-h",), "Exit codes: 0 answered"),
+    ],
+)
+def test_help_has_examples_and_exit_codes(run, arguments, words):
+    result = run(*arguments)
+
+    assert result.code == 0
+    assert words in told(result.out)
+
+
+def test_first_compilation_is_announced_on_stderr(run, monkeypatch):
+    compiled = []
+    monkeypatch.setitem(vars(proximity), "kernels_are_cached", lambda: False)
+    monkeypatch.setitem(vars(proximity), "warm_up", lambda: compiled.append(True))
+
+    result = run("query", "ball.stl", 0, 0, 12.5, "--json")
+
+    assert compiled == [True]
+    assert result.err == "proximity: compiling for this processor, this once; it takes up to a minute\n"
+    assert len(json.loads(result.out)["answers"]) == 1
+
+
+def terminal(monkeypatch, width=200):
+    """A terminal that can be read, in place of every console that is made."""
+    screen = io.StringIO()
+
+    def console(**options):
+        return Console(file=screen, force_terminal=True, width=width, color_system=None)
+
+    monkeypatch.setattr(waiting, "Console", console)
+    monkeypatch.setattr("rich.console.Console", console)
+    return screen
+
+
+def test_long_reading_shows_a_spinner_on_a_terminal(monkeypatch):
+    screen = terminal(monkeypatch)
+    monkeypatch.setattr(waiting, "PATIENCE_S", 0.0)
+
+    with waiting.spinner("reading ball.stl"):
+        for _ in range(100):
+            if "reading" in screen.getvalue():
+                break
+            waiting.time.sleep(0.05)
+
+    assert "reading ball.stl" in screen.getvalue()
+
+
+def test_short_reading_shows_nothing(monkeypatch):
+    screen = terminal(monkeypatch)
+
+    with waiting.spinner("reading ball.stl"):
+        pass
+
+    assert screen.getvalue() == ""
+
+
+def test_many_queries_show_a_bar_on_a_terminal(monkeypatch):
+    screen = terminal(monkeypatch)
+    monkeypatch.setattr(waiting, "PATIENCE_S", -1.0)
+
+    passed = list(waiting.with_bar("abc", [10, 10, 5], 25, is_shown=True))
+
+    assert passed == ["a", "b", "c"]
+    assert "25/25" in screen.getvalue()
+
+
+@pytest.mark.parametrize("is_shown", [True, False])
+def test_bar_is_not_shown_for_a_short_wait_or_in_the_way(monkeypatch, is_shown):
+    screen = terminal(monkeypatch)
+    if not is_shown:
+        monkeypatch.setattr(waiting, "PATIENCE_S", -1.0)
+
+    assert list(waiting.with_bar("abc", [1, 1, 1], 3, is_shown=is_shown)) == ["a", "b", "c"]
+    assert screen.getvalue() == ""
+
+
+def test_table_on_a_wide_terminal_has_every_column(run, monkeypatch):
+    screen = terminal(monkeypatch)
+
+    run("query", "ball.stl", 0, 0, 12.5, 0, 0, 1)
+
+    assert "normal_x" in screen.getvalue()
+    assert "ball" in screen.getvalue()
+
+
+def test_table_on_a_narrow_terminal_leaves_out_normals_and_cuts_nothing(run, monkeypatch):
+    screen = terminal(monkeypatch, width=80)
+
+    run("query", "ball.stl", 0, 0, 12.3456789, 0, 0, 1)
+
+    assert "normal_x" not in screen.getvalue()
+    assert "2.3456789" in screen.getvalue()
+    assert "…" not in screen.getvalue()
+
+
+def test_long_table_on_a_terminal_stops_and_says_so(run, monkeypatch):
+    screen = terminal(monkeypatch)
+
+    result = run("query", "ball.stl", *[0, 0, 1] * 101)
+
+    assert len(screen.getvalue().splitlines()) == 1 + tables.TERMINAL_ROWS
+    assert result.err == "proximity: these are 100 of 101; --csv, --json or a pipe shows all\n"
+
+
+def test_check_tells_what_the_file_holds(run):
+    result = run("check", "ball.stl")
+
+    lines = block(result.out)
+    assert result.code == 0
+    assert lines["format"] == "STL binary"
+    assert lines["units of file"] == "mm (assumed: the file declares none)"
+    assert lines["parts"] == "1"
+    assert lines["note"] == "2 names shared"
+    assert lines["sign"] == "pseudo-normals: closed and oriented (ball)"
+    assert lines["repaired"] == "4 vertices at equal positions merged (ball)"
+    assert "ball 20 1 yes yes 4000 pseudo-normals solid" in " ".join(result.out.split())
+    assert "volume [mm³]" in result.out
+
+
+def test_check_tells_a_part_without_an_inside(run, monkeypatch):
+    load_with(monkeypatch, lambda path, units: FakeScene(has_inside=False))
+
+    result = run("check", "ball.stl")
+
+    assert result.code == 0
+    assert block(result.out)["no inside"] == "distances are unsigned (ball)"
+    assert "no: NotManifold" in result.out
+
+
+def test_strict_check_fails_for_a_part_without_an_inside(run, monkeypatch):
+    assert run("check", "ball.stl", "--strict").code == 0
+    load_with(monkeypatch, lambda path, units: FakeScene(has_inside=False))
+
+    result = run("check", "ball.stl", "--strict", "--json")
+
+    assert result.code == 1
+    assert json.loads(result.out)["parts"][0]["has_inside"] is False
+
+
+def test_check_says_the_same_of_many_parts_once(run, monkeypatch):
+    scene = FakeScene()
+    ball = scene.parts[0]
+    scene.parts = tuple(SimpleNamespace(**{**vars(ball), "name": f"ball_{k}"}) for k in range(5))
+    load_with(monkeypatch, lambda path, units: scene)
+
+    lines = block(run("check", "ball.stl").out)
+
+    assert lines["sign"] == "pseudo-normals: closed and oriented (ball_0, ball_1, ball_2 and 2 more)"
+
+
+def test_check_as_json_has_every_figure(run, monkeypatch):
+    document = json.loads(run("check", "ball.stl", "--json", "--units", "cm").out, parse_constant=refuse)
+
+    (part,) = document["parts"]
+    assert document["file_units"] == "mm"
+    assert document["file_units_declared"] is False
+    assert document["notes"] == ["2 names shared"]
+    assert part["volume"] == pytest.approx(4.0, rel=1e-14)
+    assert part["upper"] == [1.0, 1.0, 1.0]
+    assert part["repairs"]["merged_vertex_count"] == 4
+    assert part["manifold"] == {"is_solid": True, "status": "NoError"}
+    load_with(monkeypatch, lambda path, units: FakeScene(has_inside=False))
+    assert json.loads(run("check", "ball.stl", "--json").out)["parts"][0]["volume"] is None
+
+
+def test_check_of_units_that_are_unknown_is_refused(run):
+    with pytest.raises(MeshError, match="furlong"):
+        from proximity.meshio import metres_per_unit
+
+        metres_per_unit("furlong")
+
+    assert "furlong" in run("check", "ball.stl", "--units", "furlong").err

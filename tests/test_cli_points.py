@@ -1,0 +1,127 @@
+"""Points from text, and what is said of text that holds none."""
+
+import io
+import sys
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from proximity.cli.points import number, parse_points, read_points
+from proximity.errors import QueryError
+
+
+def points_of(text):
+    return parse_points(text.splitlines(keepends=True), "points.csv").tolist()
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "1 2 -3e1\n",
+        "1,2,-3e1",
+        "1, 2, -30.0\n",
+        "1;2;-30\n",
+        "1\t2\t-30\n",
+        "  1   2  -30  \r\n",
+        "1,2,-30,\n",
+        "# a comment\n\n1 2 -30 # another\n",
+        "x,y,z\n1,2,-30\n",
+        "X Y Z\n1 2 -30\n",
+        "east,north,up\n1,2,-30\n",
+        "\ufeffx;y;z\n1;2;-30\n",
+        "\ufeff1 2 -30\n",
+        '"x","y","z"\n"1","2","-30"\n',
+        "name,z,y,x\na,-30,2,1\n",
+        '"x","y","z","part"\n1,2,-30,"lid, upper"\n',
+    ],
+)
+def test_text_is_read_as_people_write_it(text):
+    assert points_of(text) == [1.0, 2.0, -30.0]
+
+
+@pytest.mark.parametrize("text", ["", "\n\n", "# nothing\n", "x,y,z\n"])
+def test_no_points_are_no_error(text):
+    assert points_of(text) == []
+
+
+def test_points_that_are_not_finite_are_read():
+    first, second, third = points_of("nan -inf Infinity\n")
+
+    assert first != first
+    assert (second, third) == (float("-inf"), float("inf"))
+
+
+@given(st.lists(st.tuples(*[st.floats(allow_nan=False)] * 3)))
+def test_numbers_come_back_exactly(rows):
+    text = "".join(f"{x!r},{y!r},{z!r}\n" for x, y, z in rows)
+
+    assert points_of(text) == [value for row in rows for value in row]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("1 2 3\n1 2\n", "points.csv, line 2: 2 values, expected 3"),
+        ("1\n", "points.csv, line 1: 1 value, expected 3"),
+        ("# c\n\n1 2 3 4\n", "points.csv, line 3: 4 values, expected 3"),
+        ("1,5;2,5;3,5\n", "points.csv, line 1: 4 values, expected 3"),
+        ("1,,3\n", "points.csv, line 1: '' is not a number"),
+        ("1 2 x\n", "points.csv, line 1: 'x' is not a number"),
+        ("x y z\na b c\n", "points.csv, line 2: 'a' is not a number"),
+        ("1 2 1_000\n", "points.csv, line 1: '1_000' is not a number"),
+        ("1 2 3\n1,2 3,4\n", "points.csv, line 2: '2 3' is not a number"),
+        ("a,x,y,z\n1,2,3\n", "points.csv, line 2: 3 values, expected 4"),
+        (
+            "solid box\n",
+            "points.csv, line 1: 'solid box' is neither a point nor a header, "
+            "expected three numbers or columns named x, y and z",
+        ),
+        (f"1 2 {'9' * 50}z\n", f"points.csv, line 1: '{'9' * 37}...' is not a number"),
+    ],
+)
+def test_line_that_is_no_point_is_named(text, message):
+    with pytest.raises(QueryError) as refusal:
+        points_of(text)
+
+    assert str(refusal.value) == message
+
+
+def test_standard_input_is_named(monkeypatch):
+    monkeypatch.setattr(sys, "stdin", io.StringIO("1 2 3\n4\n"))
+
+    with pytest.raises(QueryError, match=r"^standard input, line 2: 1 value, expected 3$"):
+        read_points("-")
+
+
+def test_file_is_read(tmp_path):
+    path = tmp_path / "points.txt"
+    path.write_text("1 2 3\n4 5 6\n", encoding="utf-8")
+
+    assert read_points(str(path)).tolist() == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
+
+
+def test_file_that_is_missing_is_refused(tmp_path):
+    with pytest.raises(QueryError, match=r"absent\.csv: cannot be read \(No such file or directory\)$"):
+        read_points(str(tmp_path / "absent.csv"))
+
+
+def test_folder_is_refused(tmp_path):
+    with pytest.raises(QueryError, match=r"cannot be read \("):
+        read_points(str(tmp_path))
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "latin-1"])
+def test_file_in_another_encoding_is_refused(tmp_path, encoding):
+    path = tmp_path / "points.csv"
+    path.write_bytes("größe,1,2\n".encode(encoding))
+
+    with pytest.raises(
+        QueryError, match=r"points\.csv: not a text file in UTF-8, expected lines of three numbers$"
+    ):
+        read_points(str(path))
+
+
+def test_number_says_what_is_none():
+    with pytest.raises(ValueError, match=r"^'ten' is not a number$"):
+        number(" ten ")

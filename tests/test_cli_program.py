@@ -1,0 +1,186 @@
+"""The program from outside: what it imports, pipes, Ctrl-C, and completion in a shell."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+TESTS = Path(__file__).parent
+HEAVY = {"numba", "numpy", "scipy", "trimesh", "llvmlite", "manifold3d", "cascadio", "networkx"}
+
+AS_PROGRAM = """
+import sys
+from proximity import cli
+sys.argv = ["proximity", *{arguments!r}]
+try:
+    cli.main()
+except SystemExit as end:
+    code = end.code
+print("imported", *sorted({heavy!r} & set(sys.modules)), file=sys.stderr)
+sys.exit(code)
+"""
+
+ON_A_SPHERE = """
+import sys
+sys.path.insert(0, {tests!r})
+import proximity
+from fake_scene import FakeScene
+from proximity import cli
+vars(proximity).update(load=lambda path, units: FakeScene(), kernels_are_cached=lambda: True)
+sys.argv = ["proximity", *{arguments!r}]
+{before}
+cli.main()
+"""
+
+
+def environment(**more):
+    kept = {key: value for key, value in os.environ.items() if key not in ("FORCE_COLOR", "GITHUB_ACTIONS")}
+    return {**kept, **more}
+
+
+def run_python(code, **options):
+    return subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, env=environment(), **options
+    )
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["--help"], ["--version"], ["query", "--help"], ["check", "--help"], ["query", "part.stl", "1", "--no"]],
+    ids=" ".join,
+)
+def test_help_and_version_import_nothing_heavy(arguments):
+    result = run_python(AS_PROGRAM.format(arguments=arguments, heavy=HEAVY))
+
+    assert result.stderr.splitlines()[-1] == "imported"
+
+
+def test_module_runs_as_the_program():
+    result = subprocess.run(
+        [sys.executable, "-m", "proximity", "--version"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+        env=environment(),
+    )
+
+    assert result.stdout.startswith("proximity ")
+
+
+def test_mistake_of_ours_keeps_its_traceback():
+    before = "def broken(path, units): raise ZeroDivisionError('a mistake')\nproximity.load = broken"
+    result = run_python(ON_A_SPHERE.format(tests=str(TESTS), arguments=["check", "a.stl"], before=before))
+
+    assert result.returncode == 1
+    assert result.stderr.startswith("Traceback")
+    assert result.stderr.endswith("ZeroDivisionError: a mistake\n")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="pipes and signals of POSIX")
+@pytest.mark.parametrize("option", ["--csv", "--json", "--units=mm"])
+def test_reader_that_stops_early_causes_no_complaint(option):
+    arguments = ["query", "ball.stl", "--points", "-", option]
+    program = subprocess.Popen(
+        [sys.executable, "-c", ON_A_SPHERE.format(tests=str(TESTS), arguments=arguments, before="")],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment(),
+    )
+    program.stdin.write("1 2 3\n" * 50_000)
+    program.stdin.close()
+    program.stdout.readline()
+    program.stdout.close()
+
+    complaint = program.stderr.read()
+    program.stderr.close()
+    assert program.wait(timeout=60) == 141
+    assert complaint == ""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="pipes and signals of POSIX")
+def test_ctrl_c_ends_quietly():
+    before = (
+        "import time\nproximity.load = lambda path, units: (print('reading', flush=True), time.sleep(60))"
+    )
+    program = subprocess.Popen(
+        [
+            sys.executable,
+            "-c",
+            ON_A_SPHERE.format(tests=str(TESTS), arguments=["check", "a.stl"], before=before),
+        ],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment(),
+    )
+    assert program.stdout.readline() == "reading\n"
+    program.send_signal(signal.SIGINT)
+
+    _, complaint = program.communicate(timeout=60)
+    assert program.returncode == 130
+    assert complaint == ""
+
+
+def test_name_that_the_terminal_cannot_write_is_escaped():
+    before = (
+        "sys.stdout.reconfigure(encoding='ascii', errors='strict')\n"
+        "proximity.load = lambda path, units: FakeScene(name='Gehäuse')"
+    )
+    arguments = ["query", "a.stl", "0", "0", "1"]
+    result = run_python(ON_A_SPHERE.format(tests=str(TESTS), arguments=arguments, before=before))
+
+    assert result.returncode == 0
+    assert "Geh\\xe4use" in result.stdout
+
+
+def complete(words):
+    """Ask for completions of the last word as the script that bash runs does."""
+    result = subprocess.run(
+        [sys.executable, "-m", "proximity"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        env=environment(
+            _PROXIMITY_COMPLETE="complete_bash", COMP_WORDS=" ".join(words), COMP_CWORD=str(len(words) - 1)
+        ),
+    )
+    return result.stdout.split()
+
+
+def test_commands_options_and_units_are_completed():
+    assert complete(["proximity", "q"]) == ["query"]
+    assert complete(["proximity", "query", "part.stl", "-1", "--seg"]) == ["--segment"]
+    assert "mm" in complete(["proximity", "query", "part.stl", "--units", "m"])
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
+def test_completion_works_in_bash(tmp_path):
+    """Source what --show-completion prints, and complete as the Tab key does."""
+    program = tmp_path / "proximity"
+    program.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m proximity "$@"\n', encoding="utf-8")
+    program.chmod(0o755)
+    script = """
+        eval "$(proximity --show-completion bash)" || exit 3
+        COMP_WORDS=(proximity ch) COMP_CWORD=1
+        $(complete -p proximity | sed 's/.*-F \\([^ ]*\\).*/\\1/') proximity ch proximity
+        echo "completed: ${COMPREPLY[*]}"
+    """
+    result = subprocess.run(
+        ["bash", "--norc", "-c", script],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        env=environment(
+            PATH=f"{tmp_path}{os.pathsep}{os.environ['PATH']}",
+            _TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION="1",
+        ),
+    )
+
+    assert result.stdout.strip() == "completed: check", result.stderr

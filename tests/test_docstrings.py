@@ -1,0 +1,107 @@
+"""Documentation of what users see: every name, every parameter, in the form of STYLE."""
+
+import inspect
+import re
+
+import pytest
+
+import proximity
+
+CLASSES = [name for name in proximity.__all__ if inspect.isclass(getattr(proximity, name))]
+FUNCTIONS = [name for name in proximity.__all__ if inspect.isfunction(getattr(proximity, name))]
+SECTIONS = ["Parameters", "Returns", "Raises", "Notes"]
+NOTES_KEYS = ["Sign", "On the surface", "Ties", "Degenerate", "Cost", "Thread", "Source"]
+OPERATORS = {"__init__", "__repr__", "__eq__", "__hash__", "__matmul__"}
+
+
+def public_methods():
+    """(name, function) of methods, class methods and properties of public classes, inherited ones too."""
+    for name in CLASSES:
+        for member in dir(getattr(proximity, name)):
+            value = inspect.getattr_static(getattr(proximity, name), member)
+            value = getattr(value, "__func__", getattr(value, "fget", None) or getattr(value, "func", value))
+            is_ours = inspect.isfunction(value) and value.__module__.startswith("proximity.")
+            if is_ours and not member.startswith("_"):
+                yield f"{name}.{member}", value
+
+
+METHODS = dict(public_methods())
+CALLABLES = {name: getattr(proximity, name) for name in FUNCTIONS} | METHODS
+
+
+def sections_of(documentation):
+    """The text of each section by its title; the summary under ''."""
+    parts = re.split(r"^(\w[\w ]*)\n-{3,}\n", documentation, flags=re.MULTILINE)
+    return {"": parts[0]} | dict(zip(parts[1::2], parts[2::2], strict=True))
+
+
+def documented_parameters(documentation):
+    """Names at the left edge of the section on parameters; several may share a line."""
+    text = sections_of(documentation).get("Parameters", "")
+    heads = [line.split(" : ")[0] for line in text.splitlines() if line and not line.startswith(" ")]
+    return [name.strip() for head in heads for name in head.split(",")]
+
+
+def parameters_of(function):
+    return [name for name in inspect.signature(function).parameters if name not in ("self", "cls")]
+
+
+def test_there_is_something_to_look_at():
+    """Guards the collection above: a renamed base would empty it silently."""
+    assert {"Solid.closest", "Scene.closest", "Scene.move", "Scene.from_mesh", "Pose.inverse"} <= set(METHODS)
+    assert {"load", "warm_up", "kernels_are_cached"} == set(FUNCTIONS)
+
+
+@pytest.mark.parametrize("name", CLASSES + FUNCTIONS + sorted(METHODS))
+def test_public_name_begins_with_a_sentence(name):
+    value = CALLABLES.get(name) or getattr(proximity, name)
+    documentation = inspect.getdoc(value) or ""
+
+    first = documentation.split("\n\n")[0]
+    assert first and first[0].isupper(), f"{name}: {first!r}"
+    assert first.rstrip().endswith((".", ":")), f"{name}: {first!r}"
+
+
+@pytest.mark.parametrize("name", sorted(CALLABLES))
+def test_public_function_documents_every_parameter_and_no_other(name):
+    documentation = inspect.getdoc(CALLABLES[name])
+
+    assert documented_parameters(documentation) == parameters_of(CALLABLES[name])
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_public_class_documents_what_it_is_made_of(name):
+    value = getattr(proximity, name)
+    constructor = vars(value).get("__init__")
+    if not inspect.isfunction(constructor) or hasattr(value, "__dataclass_fields__"):
+        return
+
+    assert documented_parameters(inspect.getdoc(value)) == parameters_of(constructor)
+
+
+@pytest.mark.parametrize("name", sorted(CALLABLES) + CLASSES)
+def test_sections_are_known_and_in_order(name):
+    documentation = inspect.getdoc(CALLABLES.get(name) or getattr(proximity, name))
+    sections = sections_of(documentation)
+
+    assert list(sections)[1:] == [title for title in SECTIONS if title in sections]
+    keys = re.findall(r"^([A-Z][a-z ]+): ", sections.get("Notes", ""), flags=re.MULTILINE)
+    assert keys == [key for key in NOTES_KEYS if key in keys]
+
+
+@pytest.mark.parametrize("name", sorted(CALLABLES))
+def test_functions_that_raise_say_so(name):
+    """A raise in the function's own text is an error that its users meet."""
+    source = inspect.getsource(CALLABLES[name])
+    raised = set(re.findall(r"raise (\w+Error)\(", source))
+
+    told = sections_of(inspect.getdoc(CALLABLES[name])).get("Raises", "")
+    assert all(error in told for error in raised), f"{name} raises {raised}"
+
+
+def test_every_module_says_why_it_exists():
+    from test_layering import all_files
+
+    for path in all_files():
+        text = path.read_text(encoding="utf-8")
+        assert text.startswith('"""') or not text.strip(), f"{path.name} has no docstring"

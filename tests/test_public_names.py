@@ -1,0 +1,130 @@
+"""The names that users see: complete, sorted, documented, and imported only when asked for."""
+
+import ast
+import inspect
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import proximity
+
+
+def as_ruff_sorts(name):
+    """Constants, then classes, then functions."""
+    return 0 if name.isupper() else 1 if name[0].isupper() else 2, name
+
+
+def test_public_names_are_sorted():
+    assert proximity.__all__ == sorted(proximity.__all__, key=as_ruff_sorts)
+
+
+def test_public_names_are_those_agreed():
+    """Adding or removing one is a decision about versions: change this list with it."""
+    assert set(proximity.__all__) == {
+        "NO_FACE",
+        "ClosestPoints",
+        "Feature",
+        "MeshError",
+        "MeshFormatError",
+        "NotWatertightError",
+        "Part",
+        "Pose",
+        "PoseError",
+        "ProximityError",
+        "QueryError",
+        "RayHits",
+        "Scene",
+        "SceneError",
+        "SegmentHits",
+        "SignMethod",
+        "Solid",
+        "TriangleMesh",
+        "kernels_are_cached",
+        "load",
+        "warm_up",
+    }
+
+
+def test_every_error_is_public():
+    from proximity import errors
+
+    defined = {name for name, value in vars(errors).items() if inspect.isclass(value)}
+    assert defined <= set(proximity.__all__)
+
+
+@pytest.mark.parametrize("name", proximity.__all__)
+def test_public_name_resolves_and_is_documented(name):
+    value = getattr(proximity, name)
+
+    if name.isupper():
+        assert isinstance(value, int)
+        return
+    assert value.__name__ == name
+    assert inspect.getdoc(value)
+    for parameter in _parameters(value):
+        assert parameter in inspect.getdoc(value), f"{name} does not document {parameter}"
+
+
+def _parameters(value):
+    """Parameters of a function, or of a class's own __init__; fields of a record are told in its body."""
+    if inspect.isclass(value):
+        if "__init__" not in vars(value) or hasattr(value, "__dataclass_fields__"):
+            return []
+        value = value.__init__
+        if not inspect.isfunction(value):
+            return []
+    return [name for name in inspect.signature(value).parameters if name not in ("self", "args", "kwargs")]
+
+
+@pytest.mark.parametrize(
+    "name", [name for name in proximity.__all__ if name[0].isupper() and not name.isupper()]
+)
+def test_public_methods_document_every_parameter(name):
+    value = getattr(proximity, name)
+
+    for method_name, method in vars(value).items():
+        function = getattr(method, "__func__", method)
+        if method_name.startswith("_") or not inspect.isfunction(function):
+            continue
+        documentation = inspect.getdoc(function) or ""
+        assert documentation, f"{name}.{method_name} has no docstring"
+        for parameter in list(inspect.signature(function).parameters)[1:]:
+            assert parameter in documentation, f"{name}.{method_name} does not document {parameter}"
+
+
+def test_type_checkers_are_told_every_name():
+    """The imports under TYPE_CHECKING and the table that imports late name the same modules."""
+    tree = ast.parse(Path(proximity.__file__).read_text(encoding="utf-8"))
+    told = {
+        alias.name: statement.module
+        for statement in ast.walk(tree)
+        if isinstance(statement, ast.ImportFrom) and statement.module.startswith("proximity.")
+        for alias in statement.names
+    }
+
+    assert told == proximity._MODULE_OF
+    assert sorted(told) == sorted(proximity.__all__)
+
+
+def test_dir_shows_names_before_they_are_imported():
+    assert set(proximity.__all__) <= set(dir(proximity))
+    assert "__version__" in dir(proximity)
+
+
+def test_unknown_name_is_an_attribute_error():
+    with pytest.raises(AttributeError, match=r"^module 'proximity' has no attribute 'distance'$"):
+        _ = proximity.distance
+
+
+def test_importing_the_package_imports_nothing_heavy():
+    code = (
+        "import proximity, sys; "
+        "print(sorted({'numpy', 'numba', 'scipy', 'trimesh', 'typer', 'rich'} & set(sys.modules)))"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
+    )
+
+    assert result.stdout == "[]\n"
