@@ -1,0 +1,104 @@
+"""Do all contenders answer the same? Looked at before anything is timed; what differs is counted and shown.
+
+The oracle of the tests judges on a sample. A contender in float64 that it finds without fault judges the
+others on all queries. Tolerances leave room for float32, in which most of the others compute.
+
+Inside several parts ours is the depth in the part that holds the point deepest, the others' the way to the
+nearest face of any part: there ours may be the larger.
+"""
+
+import sys
+from dataclasses import dataclass
+
+import numpy as np
+from contender import Contender, Task
+
+from cases import PROJECT, Case, hands_of, part_of
+
+sys.path.append(str(PROJECT / "tests"))
+import oracle
+
+TOLERANCE = 1e-5  # of the diagonal: about a hundred roundings of float32
+SAMPLE_COUNT = 1000
+PAIR_COUNT = 20_000_000  # queries times faces that the oracle looks at
+OURS = "proximity"
+BASES = (OURS, "libigl", "embreex")  # float64 before float32
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """How the answers of one contender compare with another's."""
+
+    judge: str
+    checked_count: int
+    off_count: int  # lengths, or hit and miss, that differ by more than the tolerance
+    wrong_sign_count: int  # where the surface is farther than the tolerance
+    largest_error: float  # of a length, in diagonals
+
+
+def compare(case: Case, answers: np.ndarray, expected: np.ndarray, judge: str, name: str = "") -> Agreement:
+    """Count the differences of *name* and *judge*; the shorter array says how many queries are looked at."""
+    count = min(len(answers), len(expected))
+    answers, expected = answers[:count], expected[:count]
+    tolerance = TOLERANCE * case.diagonal
+    with np.errstate(invalid="ignore"):
+        errors = abs(abs(answers) - abs(expected))
+    errors[np.isinf(answers) & np.isinf(expected)] = 0.0
+    if OURS in (name, judge):
+        ours, others = (answers, expected) if name == OURS else (expected, answers)
+        errors[(others < 0.0) & (ours < others)] = 0.0
+    errors[np.isnan(errors)] = np.inf
+    is_wrong = (np.sign(answers) != np.sign(expected)) & (abs(expected) > tolerance)
+    finite = errors[np.isfinite(errors)]
+    return Agreement(
+        judge,
+        count,
+        int((errors > tolerance).sum()),
+        int(is_wrong.sum()),
+        float(finite.max(initial=0.0) / case.diagonal),
+    )
+
+
+def check_all(
+    case: Case, question: str, contenders: list[Contender], *, is_few: bool = False
+) -> dict[str, Agreement]:
+    """Let every contender answer *question* of *case* once, in one call or five at a time, and compare."""
+    hands = hands_of(case) if is_few else [case]
+    case = part_of(case, np.arange(sum(len(hand.points) for hand in hands))) if is_few else case
+    answers = {}
+    for each in contenders:
+        found = np.concatenate([ask(each, hand, question).answer() for hand in hands])
+        answers[each.name] = _lengths(case, found)
+    expected = ask_oracle(case, question)
+    found = {name: compare(case, answer, expected, "oracle", name) for name, answer in answers.items()}
+    base = next((name for name in BASES if name in found), None)
+    if base is None or found[base].off_count or found[base].wrong_sign_count:
+        return found  # nobody else may judge
+    others = {name: answer for name, answer in answers.items() if name != base}
+    return found | {name: compare(case, answer, answers[base], base, name) for name, answer in others.items()}
+
+
+def ask(contender: Contender, case: Case, question: str) -> Task:
+    """Prepare *question* for one contender, on as many queries of *case* as it is asked."""
+    limit = slice(None, contender.query_limit)
+    ways = () if case.directions is None else (case.directions[limit],)
+    return getattr(contender, question)(case.points[limit], *ways)
+
+
+def _lengths(case, answer):
+    """Closest points are judged by how far they are: among equally near ones any may be named."""
+    return answer if answer.ndim == 1 else np.linalg.norm(case.points[: len(answer)] - answer, axis=1)
+
+
+def ask_oracle(case: Case, question: str) -> np.ndarray:
+    """The answers of the tests' brute force to the first queries."""
+    count = min(SAMPLE_COUNT, max(10, PAIR_COUNT // len(case.faces)), len(case.points))
+    points = case.points[:count]
+    if case.directions is not None:
+        return oracle.ray(case.vertices, case.faces, points, case.directions[:count]).distance
+    distances = oracle.closest(case.vertices, case.faces, points).distance
+    if question != "signed_distance":
+        return distances
+    # An open sheet among the bodies adds less than half a turn to either side.
+    is_inside = oracle.winding_number(case.vertices, case.faces, points) > 0.5
+    return np.where(is_inside, -distances, distances)

@@ -1,0 +1,97 @@
+"""What a contender is: a library behind one interface, asked in the fastest way that its package offers.
+
+Arrays are converted to the library's own type and order before anything is timed, and answers are read out
+after: a `Task` holds the call alone. Everybody runs on one thread (`one_thread`,
+and arguments where a library has them).
+"""
+
+import importlib.metadata
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+EVERYTHING = ("distance", "signed_distance", "closest", "cast")
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """One prepared question. Only `run` is timed; `read` makes float64 arrays of what it returned."""
+
+    run: Callable[[], Any]
+    read: Callable[[Any], np.ndarray]
+
+    def answer(self) -> np.ndarray:
+        """Ask once, and return the answer."""
+        return self.read(self.run())
+
+
+class Contender:
+    """A library that answers questions about one mesh.
+
+    `distance`, `signed_distance` and `cast` answer (N,) lengths (inf where a ray meets nothing), `closest`
+    answers (N, 3) points. Only those named in `questions` are there.
+    """
+
+    name: str
+    package: str  # as PyPI knows it
+    questions: tuple[str, ...] = EVERYTHING
+    query_limit: int | None = None  # the slow ones are timed on fewer queries
+
+    def __init__(self) -> None:
+        self.engine: Any = None
+
+    @property
+    def version(self) -> str:
+        """Version of the package that answers."""
+        return importlib.metadata.version(self.package)
+
+    @property
+    def memory_bytes(self) -> int | None:
+        """Bytes that the structure holds, where the library tells."""
+        return None
+
+    @property
+    def is_variant(self) -> bool:
+        """Whether this is another contender that takes one question in another way; it builds the same."""
+        return type(self).__bases__[0] is not Contender and bool(self.questions)
+
+    def builder(self, vertices: np.ndarray, faces: np.ndarray) -> Callable[[], Any]:
+        """Return a call that makes the searchable structure, from arrays that are already converted."""
+        raise NotImplementedError
+
+    def build(self, vertices: np.ndarray, faces: np.ndarray) -> None:
+        """Make the structure that the questions are put to."""
+        self.engine = self.builder(vertices, faces)()
+
+    def distance(self, points: np.ndarray) -> Task:
+        """Prepare the unsigned distances of *points*."""
+        raise NotImplementedError
+
+    def signed_distance(self, points: np.ndarray) -> Task:
+        """Prepare the signed distances of *points*, negative inside."""
+        raise NotImplementedError
+
+    def closest(self, points: np.ndarray) -> Task:
+        """Prepare the closest points of the surface, with all that comes along."""
+        raise NotImplementedError
+
+    def cast(self, origins: np.ndarray, directions: np.ndarray) -> Task:
+        """Prepare the lengths of rays to the first hit."""
+        raise NotImplementedError
+
+
+def as_is(values):
+    """The answer needs no reading."""
+    return values
+
+
+def as_float32(array):
+    """A C-ordered float32 copy, or the array itself."""
+    return np.ascontiguousarray(array, dtype=np.float32)
+
+
+def inf_from(lengths, miss):
+    """Lengths in which a miss is inf."""
+    return np.where(lengths < miss, lengths, np.inf)

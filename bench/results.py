@@ -1,0 +1,176 @@
+"""What was measured, as plain records: rows, the machine, and how the requirements are met."""
+
+import datetime
+import importlib.metadata
+import os
+import platform
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from agreement import Agreement
+from timing import Samples
+
+from cases import PROJECT
+
+OURS, OUR_TREE = "proximity", "proximity (tree alone)"
+POINTS, SIGNED, FEW_SIGNED = "points, unsigned", "points, signed", "five points, signed"
+RAYS, FEW_RAYS = "rays", "five rays"
+BUILD, PROCESS = "build", "command line"
+MAX_BYTES_PER_FACE = 300.0
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One contender in one section of one case."""
+
+    section: str
+    case: str
+    contender: str
+    version: str
+    unit: str  # of the four times: "µs a query", "µs a call", "ms", "s"
+    median: float
+    minimum: float
+    p99: float
+    maximum: float
+    call_count: int
+    times_ours: float | None = None  # its time divided by ours, median over paired rounds
+    agreement: Agreement | None = None
+    bytes_per_face: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """A requirement, what was measured for it, and whether that is enough."""
+
+    requirement: str
+    measured: str
+    is_met: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Requirement:
+    """Their time divided by ours must be at least so much, for the fastest of those named."""
+
+    section: str
+    text: str
+    least: float
+    rivals: tuple[str, ...]  # names start with one of these
+
+
+REQUIREMENTS = (
+    Requirement(POINTS, "3 times the best of FCPW, Open3D and Warp", 3.0, ("FCPW", "Open3D", "Warp")),
+    Requirement(SIGNED, "4 times the best of FCPW, Open3D and Warp", 4.0, ("FCPW", "Open3D", "Warp")),
+    Requirement(FEW_SIGNED, "0.4 of the time of the fastest", 1 / 0.4, ("FCPW", "Open3D", "Warp")),
+    Requirement(RAYS, "as fast as embreex", 1.0, ("embreex",)),
+    Requirement(FEW_RAYS, "half the time of embreex", 2.0, ("embreex",)),
+    Requirement(BUILD, "at most 1.5 times FCPW's build", 1 / 1.5, ("FCPW",)),
+)
+PROCESS_SECONDS = {"--version": 0.3, "--help": 0.3, "query": 2.0}
+
+
+def make_row(
+    section: str, case: str, contender: str, version: str, unit: str, samples: Samples, **extra: Any
+) -> Row:
+    """Return the row of *samples*, whose times are in *unit* already."""
+    return Row(
+        section,
+        case,
+        contender,
+        version,
+        unit,
+        median=samples.median,
+        minimum=float(samples.calls.min()),
+        p99=float(np.percentile(samples.calls, 99)),
+        maximum=float(samples.calls.max()),
+        call_count=len(samples.calls),
+        **extra,
+    )
+
+
+def judge(rows: list[Row]) -> list[Verdict]:
+    """Hold the rows against what was asked for; nothing where we were not measured."""
+    verdicts = [
+        verdict
+        for requirement in REQUIREMENTS
+        for case in dict.fromkeys(row.case for row in rows if row.section == requirement.section)
+        for verdict in _verdicts(requirement, case, rows)
+    ]
+    for row in rows:
+        if row.section == BUILD and row.bytes_per_face is not None:
+            verdicts.append(
+                Verdict(
+                    f"memory, {row.case}: at most {MAX_BYTES_PER_FACE:g} bytes a face",
+                    f"{row.bytes_per_face:.0f}",
+                    row.bytes_per_face <= MAX_BYTES_PER_FACE,
+                )
+            )
+        if row.section == PROCESS:
+            bound = next(seconds for word, seconds in PROCESS_SECONDS.items() if word in row.case)
+            verdicts.append(Verdict(f"{row.case}: {bound:g} s", f"{row.median:.2f} s", row.median <= bound))
+    return verdicts
+
+
+def _verdicts(requirement, case, rows):
+    rivals = [
+        row
+        for row in rows
+        if (row.section, row.case) == (requirement.section, case)
+        and row.contender.startswith(requirement.rivals)
+        and row.times_ours is not None
+    ]
+    ours = (requirement.section, case, OURS)
+    is_measured = any((row.section, row.case, row.contender) == ours for row in rows)
+    if not rivals or not is_measured:
+        return []
+    best = min(rivals, key=lambda row: row.median)
+    wrong_count = best.agreement.wrong_sign_count if best.agreement else 0
+    doubt = f" ({wrong_count} of its signs are wrong)" if wrong_count else ""
+    return [
+        Verdict(
+            f"{requirement.section}, {case}: {requirement.text}",
+            f"{best.times_ours:.2f} times as fast as {best.contender}{doubt}",
+            best.times_ours >= requirement.least,
+        )
+    ]
+
+
+def describe_machine(how_threads: str) -> dict[str, str]:
+    """Where, when and with what the figures were taken."""
+    versions = [f"{name} {importlib.metadata.version(name)}" for name in ("numpy", "numba")]
+    loads = os.getloadavg() if hasattr(os, "getloadavg") else ()
+    return {
+        "processor": _processor_name(),
+        "system": f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores",
+        "python": ", ".join([f"Python {platform.python_version()}", *versions]),
+        "threads": how_threads,
+        "commit": _commit(),
+        "date": datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        "load": ", ".join(f"{load:.1f}" for load in loads) or "unknown",
+    }
+
+
+def _processor_name():
+    cpuinfo = Path("/proc/cpuinfo")
+    if cpuinfo.is_file():
+        lines = [line.partition(":") for line in cpuinfo.read_text().split("\n\n")[0].splitlines()]
+        fields = {key.strip(): value.strip() for key, _, value in lines}
+        if "model name" in fields:
+            flags = fields.get("flags", "").split()
+            widest = next((each for each in ("avx512f", "avx2") if each in flags), "sse")
+            kind = f"family {fields.get('cpu family', '?')} model {fields.get('model', '?')}"
+            return f"{fields['model name']} ({kind}, {widest})"
+    return platform.processor() or platform.machine()
+
+
+def _commit():
+    def git(*words):
+        done = subprocess.run(["git", *words], cwd=PROJECT, capture_output=True, text=True, check=False)
+        return done.stdout.strip() if done.returncode == 0 else ""
+
+    commit = git("rev-parse", "--short", "HEAD")
+    if not commit:
+        return "none"
+    return commit + (" with changes" if git("status", "--porcelain") else "")

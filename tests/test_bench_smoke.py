@@ -1,0 +1,127 @@
+"""The benchmarks still run: every contender that is installed answers the smallest case, and rightly.
+
+No time is judged here, and no rival is expected to be installed.
+"""
+
+import importlib
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+BENCH = Path(__file__).resolve().parent.parent / "bench"
+QUERY_COUNT = 40
+PATTERNS = ("near", "scattered", "center", "path", "rays")
+QUESTIONS = {"cast": "rays", "distance": "near", "signed_distance": "near", "closest": "near"}
+
+# Warnings of the rivals are theirs; Warp and Open3D speak up when they are imported.
+pytestmark = pytest.mark.filterwarnings("ignore")
+
+
+@pytest.fixture
+def bench(monkeypatch):
+    """A call that imports a module of the folder bench."""
+    monkeypatch.syspath_prepend(str(BENCH))
+    return importlib.import_module
+
+
+def contender_names():
+    sys.path.insert(0, str(BENCH))
+    try:
+        return [kind.name for kind in importlib.import_module("rivals").CONTENDERS]
+    finally:
+        sys.path.remove(str(BENCH))
+
+
+@pytest.mark.parametrize("name", contender_names())
+def test_contender_agrees_with_brute_force_on_the_smallest_case(bench, name):
+    kind = next(kind for kind in bench("rivals").CONTENDERS if kind.name == name)
+    try:
+        contender = kind()
+    except (ImportError, OSError) as reason:
+        if name.startswith("proximity"):
+            raise
+        pytest.skip(f"{name} is not installed: {reason}")
+    agreement = bench("agreement")
+    for question in contender.questions:
+        case = bench("cases").make_case(f"ball/{QUESTIONS[question]}", QUERY_COUNT)
+        contender.build(case.vertices, case.faces)
+        for is_few in (False, True):
+            found = agreement.check_all(case, question, [contender], is_few=is_few)[name]
+            assert (found.off_count, found.wrong_sign_count) == (0, 0), f"{question}, fives: {is_few}"
+
+
+@pytest.mark.parametrize("pattern", PATTERNS)
+def test_case_is_the_same_on_every_call(bench, pattern):
+    first, second = (bench("cases").make_case(f"ball/{pattern}", QUERY_COUNT) for _ in range(2))
+
+    assert first.points.shape == (QUERY_COUNT, 3)
+    assert np.array_equal(first.points, second.points)
+    assert (first.directions is not None) == (pattern == "rays")
+
+
+def test_mesh_that_is_not_here_is_named(bench, monkeypatch):
+    cases = bench("cases")
+    monkeypatch.setattr(cases, "SHARED_PARTS", BENCH / "nowhere")
+    cases.load_mesh.cache_clear()
+
+    with pytest.raises(cases.MissingMeshError, match=r"cycloidal\.ply is not here"):
+        cases.make_case("cycloidal/near")
+
+
+def test_wrong_lengths_and_wrong_signs_are_counted(bench):
+    case = bench("cases").make_case("ball/near", 4)
+    expected, answers = np.array([1.0, -1.0, 1.0, np.inf]), np.array([1.0, 1.0, 1.5, 1.0])
+
+    found = bench("agreement").compare(case, answers, expected, "oracle")
+
+    assert (found.checked_count, found.off_count, found.wrong_sign_count) == (4, 2, 1)
+
+
+def test_slow_call_sits_out_most_rounds(bench, monkeypatch):
+    timing = bench("timing")
+    monkeypatch.setattr(timing, "SLOW_NS", 0)
+
+    found = timing.interleave({"slow": lambda: None}, 6)["slow"]
+
+    assert np.isfinite(found.rounds).tolist() == [True, False, False, False, False, True]
+
+
+def test_requirement_is_held_against_the_fastest_rival(bench):
+    results = bench("results")
+    times = {"proximity": 1.0, "Warp": 2.0, "Open3D": 8.0}
+    rows = [
+        results.Row(results.POINTS, "ball/near", name, "1", "µs a query", time, time, time, time, 1, time)
+        for name, time in times.items()
+    ]
+
+    (verdict,) = results.judge(rows)
+
+    assert verdict.measured == "2.00 times as fast as Warp"
+    assert not verdict.is_met
+
+
+def test_unknown_case_is_refused_with_the_list(bench, capsys):
+    with pytest.raises(SystemExit):
+        bench("report").main(["--cases", "ball/nowhere"])
+
+    assert "no such case: ball/nowhere; there are featuretype/near" in capsys.readouterr().err
+
+
+def test_report_writes_tables_and_json(bench, capsys, monkeypatch, tmp_path):
+    rivals = bench("rivals")
+    monkeypatch.setattr(rivals, "RIVALS", (rivals.Embreex, rivals.EmbreexAll))
+    found, _ = rivals.available(rivals.RIVALS)
+    if not found:
+        pytest.skip("embreex is not installed")
+    path = tmp_path / "out.json"
+    words = ["--without-us", "--rounds", "2", "--queries", "20", "--cases", "ball/rays", "--markdown"]
+
+    exit_code = bench("report").main([*words, "--json", str(path)])
+
+    document = json.loads(path.read_text(encoding="utf-8"))
+    assert exit_code == 0
+    assert {row["section"] for row in document["rows"]} == {"build", "rays", "five rays"}
+    assert "| five rays | ball/rays | µs a call |" in capsys.readouterr().out
