@@ -12,7 +12,6 @@ from math import sqrt
 import numpy as np
 
 from proximity.kernels.compiling import inlined, kernel
-from proximity.kernels.grid import CROSSED, INSIDE
 from proximity.kernels.layout import (
     FEATURE_NONE,
     LANES,
@@ -30,9 +29,8 @@ from proximity.kernels.point import closest_in_part, slot_distance_sq
 from proximity.kernels.scene import FARTHEST, nearest_in_scene, to_local, to_scene, turn_to_scene
 from proximity.kernels.side import (
     deepest_of_chunk,
-    depth_in_part,
+    is_held,
     signed_of_slot,
-    state_in_part,
     witness_of_slot,
 )
 from proximity.kernels.witness import ARM, LENGTH, NORMAL, POINT, WEIGHT, WITNESS_SIZE
@@ -312,43 +310,18 @@ def contains_batch(handle, points, order, inside):
     """Fill whether each point is inside some part (N,), bool. Points that are not finite are not."""
     reals, words, frames, parts = arrays_at(handle)
     stacks, witness = np.empty(4 * STACK_SIZE, np.float32), np.empty(WITNESS_SIZE)
-    total = len(order) if len(order) else len(points)
-    size = min(total, CHUNK)
-    depths, rows = np.empty(size), np.empty(size, np.int64)
-    found, deeper = np.full((size, 2), NO_PART), np.empty((size, 2), np.int64)
-    pairs, recent = np.empty((LANES * size, 3), np.int64), np.full(2, NO_PART)
-    if len(parts) == 2:
-        for i in range(total):
-            row = _row(points, order, i)
-            px, py, pz = to_local(frames, parts, 0, points[row, 0], points[row, 1], points[row, 2])
-            state = state_in_part(reals, words, frames, parts, 0, px, py, pz)
-            inside[row] = state == INSIDE
-            if state == CROSSED:
-                _, slot = depth_in_part(
-                    reals, words, frames, parts, 0, px, py, pz, state, recent, stacks, witness
-                )
-                inside[row] = slot >= 0
-        return
-    for first in range(0, total, CHUNK):
-        count = min(CHUNK, total - first)
-        for k in range(count):
-            rows[k] = order[first + k] if len(order) else first + k
-            depths[k] = -1.0
-        deepest_of_chunk(
+    recent = np.full(2, NO_PART)
+    for i in range(len(order) if len(order) else len(points)):
+        row = _row(points, order, i)
+        inside[row] = is_held(
             reals,
             words,
             frames,
             parts,
-            points,
-            rows,
-            count,
-            found,
-            depths,
-            deeper,
-            pairs,
+            points[row, 0],
+            points[row, 1],
+            points[row, 2],
             recent,
             stacks,
             witness,
         )
-        for k in range(count):
-            inside[rows[k]] = deeper[k, 0] != NO_PART

@@ -156,6 +156,42 @@ def depth_in_part(reals, words, frames, parts, part, px, py, pz, state, recent, 
     return found_sq, slot
 
 
+@inlined
+def holding_bits(words, parts, first, x, y, z):
+    """Which of the eight parts from *first* on have a point in their boxes; float32x8 splats, scene's frame.
+
+    The only part of a scene is asked itself: its row has no list of boxes.
+    """
+    scene = len(parts) - 1
+    if scene == 1:
+        return np.int64(1)
+    base = parts[scene, GRID] + NODE_STRIDE * (first // LANES)
+    return bits(point_boxes_distance_sq(words, base, x, y, z) <= splat32(np.float32(0.0)))
+
+
+@kernel
+def is_held(reals, words, frames, parts, x, y, z, recent, stacks, witness):
+    """Whether some part holds a point of the scene's frame; *recent* as in `depth_in_part`."""
+    scene = len(parts) - 1
+    sx, sy, sz = to_local(frames, parts, scene, x, y, z)
+    sx, sy, sz = splat32(np.float32(sx)), splat32(np.float32(sy)), splat32(np.float32(sz))
+    is_inside = False
+    for first in range(0, scene, LANES):
+        holding = holding_bits(words, parts, first, sx, sy, sz)
+        while holding and not is_inside:
+            part = first + trailing_zeros(holding)
+            holding &= holding - 1
+            px, py, pz = to_local(frames, parts, part, x, y, z)
+            state = state_in_part(reals, words, frames, parts, part, px, py, pz)
+            is_inside = state == INSIDE
+            if state == CROSSED:
+                _, slot = depth_in_part(
+                    reals, words, frames, parts, part, px, py, pz, state, recent, stacks, witness
+                )
+                is_inside = slot >= 0
+    return is_inside
+
+
 @kernel
 def deepest_of_chunk(
     reals, words, frames, parts, points, rows, count, found, depths, deeper, pairs, recent, stacks, witness
@@ -170,20 +206,17 @@ def deepest_of_chunk(
     The points are asked together, part by part: so few steps wait for another, and boxes stay in registers.
     """
     scene = len(parts) - 1
-    zero = splat32(np.float32(0.0))
+    places = np.empty((count, 3), np.float32)
     for k in range(count):
         deeper[k, 0], deeper[k, 1] = NO_PART, NO_SLOT
+        row = rows[k]
+        x, y, z = to_local(frames, parts, scene, points[row, 0], points[row, 1], points[row, 2])
+        places[k, 0], places[k, 1], places[k, 2] = np.float32(x), np.float32(y), np.float32(z)
     for first in range(0, scene, LANES):
-        base = parts[scene, GRID] + NODE_STRIDE * (first // LANES)
         pair_count = 0
         for k in range(count):
-            row = rows[k]
-            x, y, z = to_local(frames, parts, scene, points[row, 0], points[row, 1], points[row, 2])
-            x, y, z = splat32(np.float32(x)), splat32(np.float32(y)), splat32(np.float32(z))
-            # The only part is asked itself; its row has no list of boxes.
-            holding = np.int64(1)
-            if scene > 1:
-                holding = bits(point_boxes_distance_sq(words, base, x, y, z) <= zero)
+            x, y, z = splat32(places[k, 0]), splat32(places[k, 1]), splat32(places[k, 2])
+            holding = holding_bits(words, parts, first, x, y, z)
             while holding:
                 part = first + trailing_zeros(holding)
                 holding &= holding - 1
