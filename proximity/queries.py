@@ -3,12 +3,14 @@
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 
 from proximity.arrays import as_points
 from proximity.errors import NotWatertightError, QueryError
+from proximity.kernels import cast, query, segment_query
 from proximity.kernels.cast import cast_batch
 from proximity.kernels.curve import morton_order
 from proximity.kernels.layout import SIGN, SIGN_NONE
@@ -73,7 +75,7 @@ class Queries:
         points = as_points(points)
         limit = _checked_limit(max_distance)
         rows = points.reshape(-1, 3)
-        reals, choices = np.empty((len(rows), 10)), np.empty((len(rows), 4), _INT32)
+        reals, choices = _tables(len(rows), query)
         model = self._current()
         _run(lambda order: closest_batch(model.handle, rows, order, limit, reals, choices), rows, workers)
         return ClosestPoints(reals, choices, points.shape[:-1])
@@ -209,7 +211,7 @@ class Queries:
         if origins.ndim != 2:
             starts, ways = origins.reshape(-1, 3), directions.reshape(-1, 3)
         count = len(starts)
-        reals, choices = np.empty((count, 10)), np.empty((count, 2), _INT32)
+        reals, choices = _tables(count, cast)
         model = self._current()
         if workers == 1 and workers is not True:
             zero_row = cast_batch(model.handle, starts, ways, _IN_ORDER, limit, reals, choices)
@@ -258,7 +260,7 @@ class Queries:
         starts, ends = _broadcast(as_points(starts, "starts"), as_points(ends, "ends"), "starts", "ends")
         limit = _checked_limit(max_distance)
         here, there = starts.reshape(-1, 3), ends.reshape(-1, 3)
-        reals, choices = np.empty((len(here), 11)), np.empty((len(here), 2), np.int32)
+        reals, choices = _tables(len(here), segment_query)
         model = self._current()
         _run(
             lambda order: segment_batch(model.handle, here, there, order, limit, reals, choices),
@@ -266,6 +268,11 @@ class Queries:
             workers,
         )
         return SegmentHits(reals, choices, starts.shape[:-1])
+
+
+def _tables(count: int, of: ModuleType) -> tuple[np.ndarray, np.ndarray]:
+    """Room for the answers of a kernel, float64 and int32, as wide as the module *of* it says."""
+    return np.empty((count, of.ANSWER_REALS)), np.empty((count, of.ANSWER_INTS), _INT32)
 
 
 def _checked_limit(max_distance: Any) -> float:

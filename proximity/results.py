@@ -53,6 +53,16 @@ class _Record:
     def _choice(self, column: int) -> Any:
         return self._choices[:, column].reshape(self._shape)[()]
 
+    @property
+    def part(self) -> Any:
+        """S int32, index into ``scene.parts``; `NO_PART` where there is no answer."""
+        return self._choice(0)
+
+    @property
+    def face_id(self) -> Any:
+        """S int32, row of that part's ``solid.mesh.faces``; `NO_FACE` where there is no answer."""
+        return self._choice(1)
+
     def __repr__(self) -> str:
         fields = ", ".join(f"{name}={getattr(self, name)!r}" for name in self._fields)
         return f"{type(self).__name__}({fields})"
@@ -94,16 +104,6 @@ class ClosestPoints(_Record):
         return self._vector(7)
 
     @property
-    def part(self) -> Any:
-        """S int32, index into ``scene.parts``; `NO_PART` where there is no answer."""
-        return self._choice(0)
-
-    @property
-    def face_id(self) -> Any:
-        """S int32, row of that part's ``solid.mesh.faces``; `NO_FACE` where there is no answer."""
-        return self._choice(1)
-
-    @property
     def feature(self) -> Any:
         """S int32, a `Feature`: whether the point lies within the face, on an edge or at a vertex."""
         return self._choice(2)
@@ -140,16 +140,6 @@ class RayHits(_Record):
         """S + (3,) float64, weights of the corners of the face; at least 0, sum 1."""
         return self._vector(7)
 
-    @property
-    def part(self) -> Any:
-        """S int32, index into ``scene.parts``; `NO_PART` where nothing is hit."""
-        return self._choice(0)
-
-    @property
-    def face_id(self) -> Any:
-        """S int32, row of that part's ``solid.mesh.faces``; `NO_FACE` where nothing is hit."""
-        return self._choice(1)
-
 
 class SegmentHits(_Record):
     """Shortest connections between segments and surfaces, in the frame of the scene or solid asked."""
@@ -181,13 +171,3 @@ class SegmentHits(_Record):
     def barycentric(self) -> np.ndarray:
         """S + (3,) float64, weights of the corners of the face; at least 0, sum 1."""
         return self._vector(8)
-
-    @property
-    def part(self) -> Any:
-        """S int32, index into ``scene.parts``; `NO_PART` where there is no answer."""
-        return self._choice(0)
-
-    @property
-    def face_id(self) -> Any:
-        """S int32, row of that part's ``solid.mesh.faces``; `NO_FACE` where there is no answer."""
-        return self._choice(1)

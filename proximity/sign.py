@@ -11,9 +11,9 @@ from enum import Enum
 import numpy as np
 
 from proximity.kernels import layout
-from proximity.kernels.query import closest_batch
+from proximity.kernels.query import ANSWER_INTS, ANSWER_REALS, closest_batch
 from proximity.kernels.winding import winding_number
-from proximity.model import assemble
+from proximity.model import Model, assemble
 from proximity.part_arrays import PartArrays, with_sign
 from proximity.pose import Pose
 from proximity.topology import Topology
@@ -58,11 +58,12 @@ def choose_sign(piece: PartArrays, topology: Topology) -> tuple[PartArrays, Sign
     -----
     Source: Bærentzen & Aanæs 2005 (pseudo-normals), Jacobson et al. 2013 (winding numbers).
     """
-    if len(_surface_samples(piece)[0]) == 0:
+    points, normals = _surface_samples(piece)
+    if len(points) == 0:
         return piece, SignMethod.NONE, "no face has an area: there is no inside, so distances have no sign"
     if topology.is_watertight:
         signed = with_sign(piece, layout.SIGN_PSEUDONORMAL, has_grid=True)
-        asked, against = _contradictions(signed)
+        asked, against = _contradictions(signed, points, normals)
         if against == 0:
             why = f"closed and oriented; agrees with the winding number at {asked} of {asked} sample points"
             return signed, SignMethod.PSEUDONORMAL, why
@@ -74,7 +75,7 @@ def choose_sign(piece: PartArrays, topology: Topology) -> tuple[PartArrays, Sign
     if topology.is_balanced:
         why = "closed, but edges have more than two faces"
         return with_sign(piece, layout.SIGN_WINDING, has_grid=True), SignMethod.WINDING_NUMBER, why
-    share = _clear_share(piece)
+    share = _clear_share(piece, points, normals)
     open_edges = (
         topology.boundary_edge_count + topology.misoriented_edge_count + topology.nonmanifold_edge_count
     )
@@ -113,26 +114,24 @@ def _size(piece: PartArrays) -> float:
     return float((piece.upper - piece.lower).max() * piece.frame.scale)
 
 
-def _turns(piece: PartArrays, points: np.ndarray) -> np.ndarray:
-    """Winding numbers at local points."""
-    model = assemble([piece], [Pose()])
+def _turns(model: Model, points: np.ndarray) -> np.ndarray:
+    """Winding numbers of a model's only part at local points."""
     root, moments = int(model.parts[0, layout.ROOT]), int(model.parts[0, layout.MOMENTS])
     return np.array([winding_number(model.reals, model.words, root, moments, *point) for point in points])
 
 
-def _contradictions(piece: PartArrays) -> tuple[int, int]:
+def _contradictions(piece: PartArrays, points: np.ndarray, normals: np.ndarray) -> tuple[int, int]:
     """How many sample points were asked, and at how many the two ways of telling the side differ."""
-    points, normals = _surface_samples(piece)
     size = _size(piece)
     around = [points + side * offset * size * normals for offset in SAMPLE_OFFSETS for side in (-1.0, 1.0)]
     asked = np.concatenate(around)
     model = assemble([piece], [Pose()])
-    answers, choices = np.empty((len(asked), 10)), np.empty((len(asked), 4), np.int32)
+    answers, choices = np.empty((len(asked), ANSWER_REALS)), np.empty((len(asked), ANSWER_INTS), np.int32)
     world = asked / piece.frame.scale + piece.frame.centre
     # Far from the origin this rounds; both ways are asked about the point that it has become.
     asked = piece.frame.of(world)
     closest_batch(model.handle, world, np.empty(0, np.int64), np.inf, answers, choices)
-    turns = _turns(piece, asked)
+    turns = _turns(model, asked)
     # On the surface itself, to rounding, no side is right.
     is_off = np.abs(answers[:, 0]) * piece.frame.scale > 1e-9 * size
     differs = (answers[:, 0] < 0.0) != (turns > 0.5)
@@ -141,9 +140,9 @@ def _contradictions(piece: PartArrays) -> tuple[int, int]:
     return len(asked), int((is_off & (differs | unclear | twice)).sum())
 
 
-def _clear_share(piece: PartArrays) -> float:
+def _clear_share(piece: PartArrays, points: np.ndarray, normals: np.ndarray) -> float:
     """The share of the area with a winding number near 1 just below and near 0 just above."""
-    points, normals = _surface_samples(piece)
+    model = assemble([piece], [Pose()])
     step = SAMPLE_OFFSETS[0] * _size(piece)
-    below, above = _turns(piece, points - step * normals), _turns(piece, points + step * normals)
+    below, above = _turns(model, points - step * normals), _turns(model, points + step * normals)
     return float(np.mean((below > CLEAR_TURNS) & (above < 1.0 - CLEAR_TURNS)))

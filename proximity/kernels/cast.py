@@ -17,14 +17,12 @@ from proximity.kernels.layout import (
     ENTRY,
     FACES,
     IS_FUSED,
-    IS_TURNED,
     LANES,
     NO_FACE,
     NO_PART,
     NO_SLOT,
     NODE_STRIDE,
     ROOT,
-    ROTATION,
     SCALE,
     SLOT_FACES,
     STACK_SIZE,
@@ -42,7 +40,7 @@ from proximity.kernels.ray import (
     ray_in_part,
     slab,
 )
-from proximity.kernels.scene import part_of_slot, to_local
+from proximity.kernels.scene import direction_to_local, direction_to_scene, part_of_slot, to_local
 from proximity.kernels.triangle import difference_of_products, dot
 from proximity.simd import (
     bits,
@@ -66,30 +64,6 @@ ANSWER_REALS = 10
 PART = 0
 FACE = 1
 ANSWER_INTS = 2
-
-
-@inlined
-def direction_to_local(frames, parts, part, x, y, z):
-    """A direction of the scene's frame in the frame of *part*; its length stays."""
-    if parts[part, IS_TURNED]:
-        return (
-            frames[part, ROTATION] * x + frames[part, ROTATION + 3] * y + frames[part, ROTATION + 6] * z,
-            frames[part, ROTATION + 1] * x + frames[part, ROTATION + 4] * y + frames[part, ROTATION + 7] * z,
-            frames[part, ROTATION + 2] * x + frames[part, ROTATION + 5] * y + frames[part, ROTATION + 8] * z,
-        )
-    return x, y, z
-
-
-@inlined
-def direction_to_scene(frames, parts, part, x, y, z):
-    """A direction of the frame of *part* in the scene's frame."""
-    if parts[part, IS_TURNED]:
-        return (
-            frames[part, ROTATION] * x + frames[part, ROTATION + 1] * y + frames[part, ROTATION + 2] * z,
-            frames[part, ROTATION + 3] * x + frames[part, ROTATION + 4] * y + frames[part, ROTATION + 5] * z,
-            frames[part, ROTATION + 6] * x + frames[part, ROTATION + 7] * y + frames[part, ROTATION + 8] * z,
-        )
-    return x, y, z
 
 
 @inlined

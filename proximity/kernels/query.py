@@ -71,7 +71,7 @@ def _can_be_asked(frames, parts, x, y, z):
 
 
 @inlined
-def _row(points, order, i):
+def _row(order, i):
     """The row that is *i*-th in order."""
     return order[i] if len(order) else i
 
@@ -98,7 +98,7 @@ def distance_batch(handle, points, order, limit, distances):
     limit_sq = reach_sq(limit * scale)
     part, slot = np.int64(NO_PART), np.int64(NO_SLOT)
     for i in range(len(order) if len(order) else len(points)):
-        row = _row(points, order, i)
+        row = _row(order, i)
         x, y, z = points[row, 0], points[row, 1], points[row, 2]
         if not _can_be_asked(frames, parts, x, y, z):
             distances[row] = np.nan
@@ -132,7 +132,7 @@ def _nearest_of_chunk(
     """
     part, slot = found[CHUNK, 0], found[CHUNK, 1]
     for k in range(count):
-        row = order[first + k] if len(order) else first + k
+        row = _row(order, first + k)
         rows[k] = row
         x, y, z = points[row, 0], points[row, 1], points[row, 2]
         if not _can_be_asked(frames, parts, x, y, z):
@@ -182,17 +182,10 @@ def signed_batch(handle, points, order, distances):
     stacks, witness = np.empty(4 * STACK_SIZE, np.float32), np.empty(WITNESS_SIZE)
     total = len(order) if len(order) else len(points)
     size = min(total, CHUNK)
-    numbers = np.empty(2 * size)
-    depths, signs = numbers[:size], numbers[size:]
-    # Rows of one table: rows, nearest part and slot, deeper part and slot, pairs.
-    table = np.empty((CHUNK + 2) * 4 + 3 * LANES * size + size, np.int64)
-    found = table[: 2 * (CHUNK + 1)].reshape((CHUNK + 1, 2))
-    deeper = table[2 * (CHUNK + 1) : 4 * (CHUNK + 1)].reshape((CHUNK + 1, 2))
-    recent = table[4 * (CHUNK + 1) : 4 * (CHUNK + 1) + 2]
-    pairs = table[4 * (CHUNK + 2) : 4 * (CHUNK + 2) + 3 * LANES * size].reshape((LANES * size, 3))
-    rows = table[4 * (CHUNK + 2) + 3 * LANES * size :]
+    depths, signs, rows = np.empty(size), np.empty(size), np.empty(size, np.int64)
+    found, deeper = np.empty((CHUNK + 1, 2), np.int64), np.empty((size, 2), np.int64)
+    pairs, recent = np.empty((LANES * size, 3), np.int64), np.full(2, NO_PART)
     found[CHUNK, 0], found[CHUNK, 1] = NO_PART, NO_SLOT
-    recent[0] = NO_PART
     for first in range(0, total, CHUNK):
         count = min(CHUNK, total - first)
         _nearest_of_chunk(
@@ -312,7 +305,7 @@ def contains_batch(handle, points, order, inside):
     stacks, witness = np.empty(4 * STACK_SIZE, np.float32), np.empty(WITNESS_SIZE)
     recent = np.full(2, NO_PART)
     for i in range(len(order) if len(order) else len(points)):
-        row = _row(points, order, i)
+        row = _row(order, i)
         inside[row] = is_held(
             reals,
             words,

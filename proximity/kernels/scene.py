@@ -41,18 +41,36 @@ FARTHEST = 1e100
 
 
 @inlined
+def direction_to_local(frames, parts, part, x, y, z):
+    """A direction of the scene's frame in the frame of *part*; its length stays."""
+    if parts[part, IS_TURNED]:
+        return (
+            frames[part, ROTATION] * x + frames[part, ROTATION + 3] * y + frames[part, ROTATION + 6] * z,
+            frames[part, ROTATION + 1] * x + frames[part, ROTATION + 4] * y + frames[part, ROTATION + 7] * z,
+            frames[part, ROTATION + 2] * x + frames[part, ROTATION + 5] * y + frames[part, ROTATION + 8] * z,
+        )
+    return x, y, z
+
+
+@inlined
+def direction_to_scene(frames, parts, part, x, y, z):
+    """A direction of the frame of *part* in the scene's frame."""
+    if parts[part, IS_TURNED]:
+        return (
+            frames[part, ROTATION] * x + frames[part, ROTATION + 1] * y + frames[part, ROTATION + 2] * z,
+            frames[part, ROTATION + 3] * x + frames[part, ROTATION + 4] * y + frames[part, ROTATION + 5] * z,
+            frames[part, ROTATION + 6] * x + frames[part, ROTATION + 7] * y + frames[part, ROTATION + 8] * z,
+        )
+    return x, y, z
+
+
+@inlined
 def to_local(frames, parts, part, x, y, z):
     """A point of the scene's frame in the local frame of *part*."""
     dx = x - frames[part, TRANSLATION]
     dy = y - frames[part, TRANSLATION + 1]
     dz = z - frames[part, TRANSLATION + 2]
-    if parts[part, IS_TURNED]:
-        r = frames[part]
-        dx, dy, dz = (
-            r[ROTATION] * dx + r[ROTATION + 3] * dy + r[ROTATION + 6] * dz,
-            r[ROTATION + 1] * dx + r[ROTATION + 4] * dy + r[ROTATION + 7] * dz,
-            r[ROTATION + 2] * dx + r[ROTATION + 5] * dy + r[ROTATION + 8] * dz,
-        )
+    dx, dy, dz = direction_to_local(frames, parts, part, dx, dy, dz)
     scale = frames[part, SCALE]
     return (
         _pull_in((dx - frames[part, CENTRE]) * scale),
@@ -69,14 +87,7 @@ def _pull_in(value):
 @inlined
 def turn_to_scene(frames, parts, part, source, at, target, to):
     """Turn a direction from the part's frame to the scene's."""
-    x, y, z = source[at], source[at + 1], source[at + 2]
-    if parts[part, IS_TURNED]:
-        r = frames[part]
-        x, y, z = (
-            r[ROTATION] * x + r[ROTATION + 1] * y + r[ROTATION + 2] * z,
-            r[ROTATION + 3] * x + r[ROTATION + 4] * y + r[ROTATION + 5] * z,
-            r[ROTATION + 6] * x + r[ROTATION + 7] * y + r[ROTATION + 8] * z,
-        )
+    x, y, z = direction_to_scene(frames, parts, part, source[at], source[at + 1], source[at + 2])
     target[to], target[to + 1], target[to + 2] = x, y, z
 
 
