@@ -14,7 +14,7 @@ LAYERS = """
 cli
 warmup
 loading
-scene
+scene · message
 solid
 queries · sign
 model · results · diagnosis · bodies · meshio

@@ -65,7 +65,9 @@ SIGN = 16  # how inside is told: one of the three below
 IS_TURNED = 17  # 0 where the part's rotation is the identity
 IS_FUSED = 18  # 1 where the part's local frame is the scene's, and the part at the identity pose; of the
 # scene's row: 1 where that holds for all, or there is only one
-PART_COLUMNS = 20
+IS_LOOSE = 19  # 1 where the part has moved by itself: it stands whole in the tree over parts
+IS_HIDDEN = 20  # 1 where no question finds it
+PART_COLUMNS = 24
 
 NO_GRID = -1
 SIGN_NONE = 0
@@ -83,7 +85,12 @@ BOX_LOWER = 20  # of the part's faces, in the scene's frame
 BOX_UPPER = 23
 OWN_LOWER = 26  # of the part's faces, in its own frame, m
 OWN_UPPER = 29
-FRAME_COLUMNS = 32
+VELOCITY = 32  # of the part's origin, scene's frame, m/s
+ANGULAR_VELOCITY = 35  # rad/s, about the part's origin
+SURFACE = 38  # see `contact`
+STIFFNESS = 39  # N/m
+DAMPING = 40  # N s/m
+FRAME_COLUMNS = 48
 
 # --- how a query turned out ---
 FEATURE_NONE = -1

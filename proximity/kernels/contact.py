@@ -1,0 +1,56 @@
+"""Columns and bits of a contact record, for kernels; `message.CONTACT` is the definition, a test compares."""
+
+TRACKED = 1
+PREDICTED = 2
+EXACT = 4
+BOUNDED = 8
+SKIPPED = 16
+SIGNED = 32
+INSIDE = 64
+IN_RANGE = 128
+PART_CHANGED = 256
+JUMPED = 512
+ON_PATH = 1024
+CONTACT_FOUND = 2048
+
+SURFACE_UNKNOWN = 0
+SURFACE_RIGID = 1
+SURFACE_DEFORMABLE = 2
+
+# --- columns of eight bytes: float64 unless said ---
+POSE_NS = 1  # int64
+AGE_NS = 2  # int64
+POSITION = 3
+VELOCITY = 6
+SIGNED_DISTANCE = 9
+LOWER = 10
+UPPER = 11
+POINT_ON_FINGER = 12
+POINT_ON_PART = 15
+NORMAL = 18
+PART_VELOCITY = 21
+APPROACH_SPEED = 24
+PREDICTED_NS = 25  # int64
+PREDICTED_DISTANCE = 26
+PREDICTED_LOWER = 27
+PREDICTED_UPPER = 28
+TIME_TO_CONTACT = 29
+TIME_TO_CONTACT_LOWER = 30
+BEND = 31
+BEND_RATE = 32
+CONTACT_BEND = 33
+CONTACT_BEND_ERROR = 34
+CONTACT_BEND_RATE = 35
+STIFFNESS = 36
+DAMPING = 37
+FORCE = 38
+RECORD_REALS = 41
+
+# --- columns of four bytes, int32 ---
+FINGER = 0
+FLAGS = 1
+PART = 78
+FACE = 79
+WORK = 80
+KINDS = 81  # surface, mode, source, force_is_valid: one byte each, surface lowest
+RECORD_INTS = 82
