@@ -8,6 +8,7 @@ from proximity.bvh import Bvh, LocalFrame, build_bvh, local_frame
 from proximity.kernels import layout
 from proximity.kernels.grid import build_grid
 from proximity.kernels.normals import add_corner_normals
+from proximity.kernels.slab import fill_slabs
 from proximity.kernels.winding import MOMENT_STRIDE, fill_moments
 
 ALIGNMENT = 64
@@ -68,6 +69,7 @@ def part_arrays(
     add_corner_normals(local, faces, normals)
     moments = np.empty(bvh.node_count * MOMENT_STRIDE, np.float32)
     fill_moments(bvh.nodes, bvh.blocks, bvh.node_count, moments)
+    fill_slabs(bvh.nodes, bvh.blocks, bvh.node_count, moments)
     return PartArrays(frame, bvh, moments, faces, neighbors, local, normals, lower, upper)
 
 

@@ -9,7 +9,8 @@ dipole: 0.18 off inside a hollow ball, 0.5 inside nested ones; and slower by a t
 
 ``moments``: `MOMENT_STRIDE` words a node: for its eight children the centre x, y, z (weighted by area), the
 sum of the area normals x, y, z, the squared distance from which on the child counts as far, and how the area
-normals are spread about the centre: xx, yy, xy, xz, yz of the symmetric first moment without its trace.
+normals are spread about the centre: xx, yy, xy, xz, yz of the symmetric first moment without its trace; then
+two words of `slab`.
 
 Source: Jacobson, Kavan, Sorkine-Hornung 2013, "Robust inside-outside segmentation using generalized winding
 numbers"; Barill et al. 2018, "Fast winding numbers for soups and clouds" (here with terms of the first two
@@ -25,7 +26,7 @@ from proximity.kernels.layout import BLOCK_STRIDE, CHILDREN, LANES, NODE_STRIDE,
 from proximity.kernels.triangle import dot
 from proximity.simd import bits, fma, lane, load, load_int, select, splat, square_root, store, widen
 
-MOMENT_STRIDE = 96
+MOMENT_STRIDE = 112
 OPENING = 2.5
 """Ratio of distance to radius from which on a cluster counts as far."""
 

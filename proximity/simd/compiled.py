@@ -37,6 +37,20 @@ def load(typingctx, array, offset):
 
 
 @intrinsic
+def prefetch(typingctx, array, offset):
+    def codegen(context, builder, sig, args):
+        pointer = _element_pointer(context, builder, sig.args[0], args[0], args[1], ir.IntType(8))
+        number = ir.IntType(32)
+        fnty = ir.FunctionType(ir.VoidType(), [pointer.type, number, number, number])
+        fn = cgutils.get_or_insert_function(builder.module, fnty, "llvm.prefetch.p0i8")
+        read, everywhere, data = (ir.Constant(number, value) for value in (0, 3, 1))
+        builder.call(fn, [pointer, read, everywhere, data])
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp), codegen
+
+
+@intrinsic
 def load_int(typingctx, array, offset):
     def codegen(context, builder, sig, args):
         pointer = _element_pointer(context, builder, sig.args[0], args[0], args[1], ir.IntType(32))

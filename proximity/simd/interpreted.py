@@ -14,6 +14,10 @@ def load(array, offset):
     return array[offset : offset + LANES].copy()
 
 
+def prefetch(array, offset):
+    pass
+
+
 def load_int(array, offset):
     return int(array[offset : offset + 1].view(np.int32)[0])
 
