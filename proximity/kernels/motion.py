@@ -17,7 +17,7 @@ acceleration of one frame says little about the next.
 
 A finger has a row in two arrays: ``reals`` (float64) and ``ints`` (int64). Rows of zeros know no pose yet.
 Each row holds two *tracks*: the present one, and the one before the last jump, which goes on when the jump
-was a single pose gone astray. Times are whole nanoseconds: a float would lose them in weeks.
+was one of a pose or two gone astray. Times are whole nanoseconds: a float would lose them in weeks.
 """
 
 import math
@@ -67,7 +67,7 @@ NOISE = 0.15e-3
 MAX_NOISE_SPEED = 0.3
 """m/s: a velocity that noise alone may put farther off is not known yet."""
 ENOUGH = 3
-"""Poses from which on a velocity's error is known too: sensors tell the first pose of a hand twice."""
+"""Poses from which on a track is believed, and so its error: sensors tell the first pose of a hand twice."""
 MAX_GAP_NS = 100_000_000
 """A finger unseen for longer may have done anything: the estimate starts anew."""
 SLACK = 5e-3
@@ -190,7 +190,8 @@ def observe(reals, ints, row, t_ns, x, y, z, max_speed, max_acceleration):
 
     A position that is not finite changes nothing and answers 0. A pose that the finger cannot have reached at
     *max_speed* (m/s) since the last answers JUMPED and starts anew, but what was known before is kept: when
-    the finger is back there within 0.1 s, its track goes on. *max_acceleration* (m/s²) only sets the error.
+    the finger is back there in 0.1 s, with no three poses in a row elsewhere, its track goes on.
+    *max_acceleration* (m/s²) only sets the error.
     """
     if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z)):
         return 0
@@ -203,8 +204,11 @@ def observe(reals, ints, row, t_ns, x, y, z, max_speed, max_acceleration):
         return status | STARTED
     if not _is_within_reach(reals, ints, row, 0, t_ns, x, y, z, max_speed):
         status |= JUMPED
-        if not (
-            _continues(ints, row, 1, t_ns) and _is_within_reach(reals, ints, row, 1, t_ns, x, y, z, max_speed)
+        # Poses that follow each other are not astray: the way back is closed.
+        if (
+            ints[row, POSE_COUNT] == ENOUGH
+            or not _continues(ints, row, 1, t_ns)
+            or not _is_within_reach(reals, ints, row, 1, t_ns, x, y, z, max_speed)
         ):
             # A pose by itself is nothing to go back to; the track before it may be.
             if ints[row, POSE_COUNT] > 1:
@@ -212,7 +216,6 @@ def observe(reals, ints, row, t_ns, x, y, z, max_speed, max_acceleration):
             _start(reals, ints, row, x, y, z, t_ns, max_speed)
             return status | STARTED
         _copy_track(reals, ints, row, 0, 1)
-        ints[row, TRACK_INTS + POSE_COUNT] = 0
 
     noise_error = _follow(reals, row, x, y, z, 1e-9 * (t_ns - ints[row, POSE_NS]), max_acceleration)
     ints[row, POSE_NS] = t_ns
