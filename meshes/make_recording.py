@@ -1,11 +1,11 @@
 """Make ``hand.csv``, a hand at the sample bracket: ``python meshes/make_recording.py``.
 
 Generated from formulas and one seed, in the form of the recordings of optical hand sensors: ``time_s, hand,
-finger (0 thumb ... 4 little), x_m, y_m, z_m``, about 100 frames a second, in the frame of ``bracket.stl``. The
-hand comes in from the front, takes the foot of the bracket between thumb and fingers, slides towards the upright
-and back, lets go, pinches once more and leaves. As sensors do, this one jitters by a tenth of a millimetre, is
-never quite on time, loses frames (single ones, and once all for 0.13 s) and the little finger (for 0.3 s), and
-once sees the whole hand elsewhere for two frames.
+finger (0 thumb ... 4 little), x_m, y_m, z_m``, about 100 frames a second, in the frame of ``bracket.stl``.
+The hand comes in from the front, takes the foot of the bracket between thumb and fingers, slides towards
+the upright and back, lets go, pinches once more and leaves. As sensors do, this one jitters by a tenth of a
+millimetre, is never quite on time, loses frames (single ones, and once all for 0.13 s) and the little
+finger (for 0.3 s), and once sees the whole hand elsewhere for two frames.
 """
 
 from pathlib import Path
