@@ -136,9 +136,6 @@ class _Table:
     def _choose_columns(self, line: int) -> None:
         """Find the columns to read and their units."""
         header = self.header
-        twice = next((title for title in header if title and header.count(title) > 1), None)
-        if twice is not None:
-            raise self.error(line, f"two columns are named {_shown(twice)}")
         self.time = next((title for title in NANOSECONDS_IN if title in header), "time_s")
         self.unit = next((unit for unit in METRES_IN if f"x_{unit}" in header), "m")
         self.axes = [f"{axis}_{self.unit}" for axis in "xyz"]
@@ -150,6 +147,9 @@ class _Table:
                 f"no column is named {', '.join(missing)}: there are {_shown(', '.join(header))}, "
                 f"expected {EXPECTED}",
             )
+        twice = [title for title in self.titles if header.count(title) > 1]
+        if twice:
+            raise self.error(line, f"two columns are named {twice[0]}")
         self.places = [header.index(title) for title in self.titles]
         self.ignored = [title for title in header if title and title not in self.titles]
 
