@@ -2,13 +2,17 @@
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 import proximity
 from proximity.cli.options import FILE, UNITS
+
+if TYPE_CHECKING:
+    from proximity.recording import Recording
 
 HELP = "\n\n".join(
     (
@@ -89,11 +93,16 @@ def command(
     from proximity.cli import replay_report, waiting
     from proximity.meshio import metres_per_unit
     from proximity.recording import check_log_name, read_recording, write_contacts
-    from proximity.replay import fitted_pose, replay, summarise, turn_about_axes
+    from proximity.replay import replay, summarise
 
     metres = metres_per_unit(units)
-    radius_m = _in_metres(radius, "--radius", RADIUS_M, metres)
-    range_m = _in_metres(working_range, "--range", RANGE_M, metres)
+    settings = Settings(
+        rate,
+        _in_metres(radius, "--radius", RADIUS_M, metres),
+        latency / MS,
+        budget,
+        _in_metres(working_range, "--range", RANGE_M, metres),
+    )
     if out is not None:
         check_log_name(out)
     recorded = read_recording(recording)
@@ -102,55 +111,87 @@ def command(
     waiting.prepare_kernels()
     with waiting.spinner(f"reading {file}"):
         scene = proximity.load(str(file), units=units)
-    rotation = turn_about_axes(turn)
-    if place is None:
-        pose = fitted_pose(scene, recorded, radius_m, rotation=rotation, scale=scale)
-    else:
-        pose = proximity.Pose(rotation, [coordinate * metres for coordinate in place])
+    origin = None if place is None else [coordinate * metres for coordinate in place]
+    pose = _pose(scene, recorded, origin, turn, scale, settings.radius)
     ticked = recorded.placed(pose, scale).resampled(1.0 / rate)
 
-    def make_tracker() -> Any:
-        return proximity.Tracker(
-            scene,
-            fingers=len(ticked.fingers),
-            radius=radius_m,
-            period=1.0 / rate,
-            latency=latency / MS,
-            budget=budget,
-            working_range=range_m,
-        )
-
-    run = replay(make_tracker, ticked, latency=latency / MS, watch=_with_bar)
+    run = replay(
+        lambda: settings.tracker(scene, len(ticked.fingers)),
+        ticked,
+        latency=settings.latency,
+        watch=_with_bar,
+    )
     with waiting.spinner("checking the bounds"):
-        summary = summarise(scene, run, radius_m)
+        summary = summarise(scene, run, settings.radius)
     if out is not None:
         with waiting.spinner(f"writing {out}"):
             write_contacts(out, run.contacts, ticked.times_ns, ticked.fingers)
-
-    settings = {
-        "rate_hz": rate,
-        "radius": radius_m / metres,
-        "latency_ms": latency,
-        "budget": budget,
-        "working_range": range_m / metres,
-        "out": None if out is None else str(out),
-    }
-    placement = {
-        "is_fitted": place is None,
-        "position": [float(value) / metres for value in pose.translation],
-        "turn_degrees": list(turn),
-        "scale": scale,
-    }
     report = {
         **replay_report.inputs(scene, str(file), recorded, units),
-        "placement": placement,
-        "settings": settings,
+        "placement": {
+            "is_fitted": place is None,
+            "position": [float(value) / metres for value in pose.translation],
+            "turn_degrees": list(turn),
+            "scale": scale,
+        },
+        "settings": settings.told(metres),
         **replay_report.results(summary, metres),
+        "out": None if out is None else str(out),
     }
     replay_report.write(report, as_json=as_json)
     if summary.bounds.broken_count:
         typer.echo(f"proximity: {replay_report.broken(summary.bounds)}", err=True)
         raise typer.Exit(EXIT_BROKEN_BOUND)
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """How the tracker is made."""
+
+    rate: float  # Hz
+    radius: float  # m
+    latency: float  # s
+    budget: int | None  # None: the tracker's own
+    working_range: float  # m
+
+    def tracker(self, scene: "proximity.Scene", fingers: int) -> Any:
+        """Make one."""
+        return proximity.Tracker(
+            scene,
+            fingers=fingers,
+            radius=self.radius,
+            period=1.0 / self.rate,
+            latency=self.latency,
+            budget=self.budget,
+            working_range=self.working_range,
+        )
+
+    def told(self, metres: float) -> dict[str, Any]:
+        """What the report says of it."""
+        return {
+            "rate_hz": self.rate,
+            "radius": self.radius / metres,
+            "latency_ms": self.latency * MS,
+            "budget": self.budget,
+            "working_range": self.working_range / metres,
+        }
+
+
+def _pose(
+    scene: "proximity.Scene",
+    recorded: "Recording",
+    origin: list[float] | None,
+    turn: tuple[float, float, float],
+    scale: float,
+    radius: float,
+) -> "proximity.Pose":
+    """Where the recording is put: at *origin* (m), or fitted where there is none."""
+    from proximity.replay import fitted_pose, turn_about_axes
+
+    rotation = turn_about_axes(turn)
+    if origin is not None:
+        return proximity.Pose(rotation, origin)
+    return fitted_pose(scene, recorded, radius, rotation=rotation, scale=scale)
 
 
 def _check(value: float, option: str, meaning: str, smallest: float, largest: float) -> None:
