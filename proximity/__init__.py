@@ -20,6 +20,7 @@ if TYPE_CHECKING:
         PoseError,
         ProximityError,
         QueryError,
+        RecordingError,
         SceneError,
     )
     from proximity.loading import load
@@ -46,6 +47,7 @@ __all__ = [
     "ProximityError",
     "QueryError",
     "RayHits",
+    "RecordingError",
     "Scene",
     "SceneError",
     "SegmentHits",
@@ -70,6 +72,7 @@ _MODULE_OF = {
     "ProximityError": "proximity.errors",
     "QueryError": "proximity.errors",
     "RayHits": "proximity.results",
+    "RecordingError": "proximity.errors",
     "Scene": "proximity.scene",
     "SceneError": "proximity.errors",
     "SegmentHits": "proximity.results",

@@ -31,3 +31,7 @@ class PoseError(ProximityError, ValueError):
 
 class SceneError(ProximityError, ValueError):
     """The parts of a scene contradict each other, or a part is not there."""
+
+
+class RecordingError(ProximityError, ValueError):
+    """A recording cannot be read or used, or a log of contacts not written."""

@@ -50,7 +50,14 @@ def run_python(code, **options):
 
 @pytest.mark.parametrize(
     "arguments",
-    [["--help"], ["--version"], ["query", "--help"], ["check", "--help"], ["query", "part.stl", "1", "--no"]],
+    [
+        ["--help"],
+        ["--version"],
+        ["query", "--help"],
+        ["check", "--help"],
+        ["replay", "--help"],
+        ["query", "part.stl", "1", "--no"],
+    ],
     ids=" ".join,
 )
 def test_help_and_version_import_nothing_heavy(arguments):

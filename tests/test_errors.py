@@ -14,6 +14,7 @@ TREE = {
     "QueryError": errors.ProximityError,
     "PoseError": errors.ProximityError,
     "SceneError": errors.ProximityError,
+    "RecordingError": errors.ProximityError,
 }
 
 

@@ -14,6 +14,8 @@ LAYERS = """
 cli
 warmup
 loading
+replay
+recording
 scene · message
 solid
 queries · sign

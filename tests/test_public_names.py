@@ -35,6 +35,7 @@ def test_public_names_are_those_agreed():
         "ProximityError",
         "QueryError",
         "RayHits",
+        "RecordingError",
         "Scene",
         "SceneError",
         "SegmentHits",

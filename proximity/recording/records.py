@@ -1,0 +1,203 @@
+"""A recording of fingertips, and what may be done with it: resample it, place it.
+
+Times are whole nanoseconds, positions metres. A finger that the sensor lost is nan, never a guess.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from proximity.errors import RecordingError
+from proximity.pose import Pose
+
+NANOSECONDS = 1_000_000_000  # in a second
+GAP_LIMIT_S = 0.05
+"""Two samples of a finger that are farther apart than this tell nothing about the time between them."""
+MIDDLE_SHARE = 0.8
+"""Of all samples, along each axis: their box is the hand's, which a tracking jump must not move."""
+LARGEST_TICK_COUNT = 10_000_000  # of a resampled recording: 2 hours and 46 minutes at 1 kHz
+
+FINGERS = ("thumb", "index", "middle", "ring", "little")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recording:
+    """Fingertips over time: T instants, N fingers."""
+
+    times_ns: np.ndarray  # (T,) int64, rising
+    positions: np.ndarray  # (T, N, 3) float64, m; nan where a finger is missing
+    fingers: tuple[tuple[int, int], ...]  # (hand, finger) of each column; finger 0 is the thumb
+    path: str = ""
+    notes: tuple[str, ...] = ()  # sentences a user should know
+
+    def __post_init__(self) -> None:
+        self.times_ns.flags.writeable = False
+        self.positions.flags.writeable = False
+
+    @property
+    def duration_s(self) -> float:
+        """From the first instant to the last, s."""
+        return float(self.times_ns[-1] - self.times_ns[0]) / NANOSECONDS
+
+    @property
+    def is_present(self) -> np.ndarray:
+        """Where a finger has a position, (T, N)."""
+        return ~np.isnan(self.positions).any(axis=2)
+
+    @property
+    def hand_count(self) -> int:
+        """How many hands have a finger here."""
+        return len({hand for hand, _ in self.fingers})
+
+    @property
+    def sample_count(self) -> int:
+        """How many positions there are."""
+        return int(self.is_present.sum())
+
+    def finger_name(self, row: int) -> str:
+        """Return what people call a finger, with its hand where there are several.
+
+        Parameters
+        ----------
+        row : int
+            Column of the positions.
+        """
+        hand, finger = self.fingers[row]
+        return FINGERS[finger] if self.hand_count == 1 else f"{FINGERS[finger]} of hand {hand}"
+
+    def gap_count(self, gap_limit_s: float = GAP_LIMIT_S) -> int:
+        """Return how often a finger is lost for longer than the limit and then found again.
+
+        Parameters
+        ----------
+        gap_limit_s : float, s
+            See `resampled`.
+        """
+        limit_ns = gap_limit_s * NANOSECONDS
+        present = self.is_present
+        return sum(
+            int((np.diff(self.times_ns[present[:, row]]) > limit_ns).sum())
+            for row in range(len(self.fingers))
+        )
+
+    def first(self, duration_s: float) -> "Recording":
+        """Return the beginning, no longer than said.
+
+        Parameters
+        ----------
+        duration_s : float, s
+            More than zero.
+
+        Raises
+        ------
+        RecordingError
+            If it is not.
+        """
+        if not duration_s > 0.0:
+            raise RecordingError(f"{duration_s:g} s of a recording cannot be taken, expected more than zero")
+        last = self.times_ns - self.times_ns[0] <= duration_s * NANOSECONDS
+        return replace(self, times_ns=self.times_ns[last].copy(), positions=self.positions[last].copy())
+
+    def resampled(self, period_s: float, *, gap_limit_s: float = GAP_LIMIT_S) -> "Recording":
+        """Return the recording at equal steps of time, from the first instant on.
+
+        Between two samples of a finger its position is interpolated linearly, unless they are farther apart
+        than *gap_limit_s*: there it is missing. Nothing is extrapolated.
+
+        Parameters
+        ----------
+        period_s : float, s
+            The step, rounded to nanoseconds.
+        gap_limit_s : float, s
+            The longest time that is interpolated across.
+
+        Raises
+        ------
+        RecordingError
+            If the period is no time, or makes more instants than fit into memory.
+        """
+        if not (math.isfinite(period_s) and period_s * NANOSECONDS >= 1.0):
+            raise RecordingError(f"a period of {period_s:g} s is too short, expected 1 ns or more")
+        period_ns = round(period_s * NANOSECONDS)
+        count = int(self.times_ns[-1] - self.times_ns[0]) // period_ns + 1
+        if count > LARGEST_TICK_COUNT:
+            raise RecordingError(
+                f"{self.path}: {self.duration_s:g} s in steps of {period_s:g} s are {count} ticks, "
+                f"expected at most {LARGEST_TICK_COUNT}"
+            )
+        ticks_ns = self.times_ns[0] + np.arange(count, dtype=np.int64) * period_ns
+        positions = np.full((count, len(self.fingers), 3), np.nan)
+        present = self.is_present
+        for row in range(len(self.fingers)):
+            seen = present[:, row]
+            if seen.any():
+                positions[:, row] = _interpolated(
+                    ticks_ns, self.times_ns[seen], self.positions[seen, row], gap_limit_s * NANOSECONDS
+                )
+        return replace(self, times_ns=ticks_ns, positions=positions)
+
+    def placed(self, pose: Pose, scale: float = 1.0) -> "Recording":
+        """Return the recording in another frame: scaled about its origin, then turned and shifted.
+
+        Parameters
+        ----------
+        pose : Pose
+            ``target_from_recording``.
+        scale : float
+            How many times as large the motion becomes; more than zero.
+
+        Raises
+        ------
+        RecordingError
+            If the scale is not a number above zero.
+        """
+        if not (math.isfinite(scale) and scale > 0.0):
+            raise RecordingError(f"a recording cannot be scaled by {scale:g}, expected a number above zero")
+        return replace(self, positions=pose.point(self.positions * scale))
+
+    def middle(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return lower and upper corner of the box of the middle 80 % of all samples on each axis, m."""
+        rest = 50.0 * (1.0 - MIDDLE_SHARE)
+        lower, upper = np.percentile(self.positions[self.is_present], [rest, 100.0 - rest], axis=0)
+        return lower, upper
+
+    def fitted_to(
+        self, lower: np.ndarray, upper: np.ndarray, *, rotation: np.ndarray | None = None, scale: float = 1.0
+    ) -> Pose:
+        """Return the pose that, with *scale*, puts the hand's box in the middle of another.
+
+        Parameters
+        ----------
+        lower, upper : (3,) float64, m
+            Corners of the other box.
+        rotation : (3, 3) float64
+            How the hand is turned; not at all where not given.
+        scale : float
+            As in `placed`, for which the pose is meant.
+
+        Raises
+        ------
+        RecordingError
+            If the scale is not a number above zero.
+        """
+        own_lower, own_upper = self.placed(Pose(rotation), scale).middle()
+        return Pose(rotation, 0.5 * (np.asarray(lower) + upper) - 0.5 * (own_lower + own_upper))
+
+
+def _interpolated(
+    ticks_ns: np.ndarray, times_ns: np.ndarray, points: np.ndarray, gap_ns: float
+) -> np.ndarray:
+    """Positions of one finger at *ticks_ns*, (T, 3); nan outside its samples and in gaps."""
+    after = np.searchsorted(times_ns, ticks_ns, side="left")  # the first sample not before the tick
+    is_past = after == len(times_ns)
+    after[is_past] = len(times_ns) - 1
+    before = np.maximum(after - 1, 0)
+    span = times_ns[after] - times_ns[before]
+    weight = (ticks_ns - times_ns[before]) / np.where(span > 0, span, 1)
+    found = points[before] + weight[:, None] * (points[after] - points[before])
+    found[(span > gap_ns) | (after == before)] = np.nan
+    is_sample = times_ns[after] == ticks_ns
+    found[is_sample] = points[after[is_sample]]
+    found[is_past] = np.nan
+    return found

@@ -1,0 +1,413 @@
+"""Recordings: what is read, what is refused and by which line, what resampling may invent; logs."""
+
+import csv
+
+import make_recording
+import numpy as np
+import pytest
+
+from proximity.errors import RecordingError
+from proximity.message import CONTACT
+from proximity.pose import Pose
+from proximity.recording import (
+    Recording,
+    check_log_name,
+    contact_log,
+    read_recording,
+    reading,
+    records,
+    write_contacts,
+)
+
+HEADER = "time_s,hand,finger,x_m,y_m,z_m\n"
+PLAIN = HEADER + "0.0,0,0,1,2,3\n0.0,0,1,4,5,6\n0.01,0,0,1.5,2,3\n0.02,0,0,2,2,3\n0.02,0,1,4,5,7\n"
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Read a recording of this content."""
+
+    def read_content(content):
+        path = tmp_path / "hand.csv"
+        path.write_bytes(content if isinstance(content, bytes) else content.encode("utf-8"))
+        return read_recording(path)
+
+    return read_content
+
+
+def recording_of(times_s, points, *, fingers=((0, 1),)):
+    """One finger, or several; points (T, 3) or (T, N, 3)."""
+    times_ns = np.rint(np.array(times_s) * 1e9).astype(np.int64)
+    return Recording(times_ns, np.array(points, dtype=float).reshape(len(times_s), -1, 3), fingers)
+
+
+# ---------------------------------------------------------------------------------------------- reading
+
+
+def test_samples_become_instants_and_fingers(read):
+    recording = read(PLAIN)
+
+    assert recording.times_ns.tolist() == [0, 10_000_000, 20_000_000]
+    assert recording.fingers == ((0, 0), (0, 1))
+    np.testing.assert_array_equal(recording.positions[:, 0], [[1, 2, 3], [1.5, 2, 3], [2, 2, 3]])
+    np.testing.assert_array_equal(recording.positions[:, 1], [[4, 5, 6], [np.nan] * 3, [4, 5, 7]])
+    assert recording.notes == ()
+    assert (recording.sample_count, recording.hand_count, recording.duration_s) == (5, 1, 0.02)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "\ufeff" + PLAIN,
+        PLAIN.replace("\n", "\r\n"),
+        PLAIN.replace("\n", "\r"),
+        PLAIN.removesuffix("\n"),
+        "# from a sensor\n\n" + PLAIN.replace("\n", "\n\n# more\n   \n"),
+        PLAIN.replace(",", ", "),
+        PLAIN.replace(",", "\t"),
+        PLAIN.replace(",", ";"),
+        PLAIN.replace(",", ";").replace(".", ","),
+        "\n".join(",".join(f'"{field}"' for field in line.split(",")) for line in PLAIN.split("\n")[:-1]),
+        PLAIN.replace("time_s", "Time_S").replace("x_m", " X_M "),
+    ],
+    ids=[
+        "mark",
+        "crlf",
+        "cr",
+        "no end",
+        "comments",
+        "spaces",
+        "tabs",
+        "semicolons",
+        "commas",
+        "quotes",
+        "case",
+    ],
+)
+def test_same_recording_in_other_clothes(read, content):
+    expected, found = read(PLAIN), read(content)
+
+    np.testing.assert_array_equal(found.positions, expected.positions)
+    np.testing.assert_array_equal(found.times_ns, expected.times_ns)
+    assert found.fingers == expected.fingers
+
+
+def test_columns_stand_in_any_order_and_others_are_named(read):
+    recording = read("z_m,confidence,finger,hand,y_m,time_s,x_m\n3,good,4,7,2,0.5,1\n")
+
+    assert recording.fingers == ((7, 4),)
+    np.testing.assert_array_equal(recording.positions, [[[1, 2, 3]]])
+    assert recording.notes == ("columns not read: confidence",)
+
+
+def test_millimetres_and_milliseconds_are_converted(read):
+    recording = read("time_ms,hand,finger,x_mm,y_mm,z_mm\n500,0,0,1000,2000,3000\n")
+
+    assert recording.times_ns.tolist() == [500_000_000]
+    np.testing.assert_allclose(recording.positions, [[[1, 2, 3]]], rtol=1e-15)
+
+
+def test_position_of_nan_is_a_missing_finger(read):
+    recording = read(HEADER + "0,0,0,nan,0,0\n0,0,1,1,1,1\n")
+
+    assert np.isnan(recording.positions[0, 0]).all()
+    assert recording.notes == ("1 of 2 positions are nan: the finger is missing there",)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("", "the file is empty, expected columns time_s, hand, finger, x_m, y_m, z_m"),
+        ("\n  \n# nothing\n", "the file is empty"),
+        (HEADER, "there is no line after the names of the columns"),
+        (
+            "time_s,hand,x_m,z_m\n0,0,1,1\n",
+            "line 1: no column is named finger, y_m: there are 'time_s, hand, x_m",
+        ),
+        ("\n0,0,0,1,2,3\n", "line 2: no column is named time_s, hand, finger, x_m, y_m, z_m"),
+        (HEADER.replace("y_m", "y_mm"), "line 1: no column is named y_m"),
+        ("x_m," + HEADER, "line 1: two columns are named x_m"),
+        (PLAIN + "0.03,0,0,1,2\n", "line 7: 5 fields, expected 6"),
+        (PLAIN + "0.03,0,0,1,2,3,4\n", "line 7: 7 fields, expected 6"),
+        (PLAIN + "\n0.03,0,0,1,,3\n", "line 8: y_m is '', expected a number"),
+        (PLAIN + "0.03,0,0,abc,2,3\n", "line 7: x_m is 'abc', expected a number"),
+        (PLAIN + "0.03,0,0,1_0,2,3\n", "line 7: x_m is '1_0', expected a number"),
+        (PLAIN + "0.03,0,0,inf,2,3\n", "line 7: x_m is inf, expected a position within 1e+06 m"),
+        (PLAIN + "0.03,0,0,1,-1e7,3\n", "line 7: y_m is -10000000, expected a position within 1e+06 m"),
+        (PLAIN + "nan,0,0,1,2,3\n", "line 7: time_s is nan, expected a time within 146 years"),
+        (PLAIN + "1e300,0,0,1,2,3\n", "line 7: time_s is 1e+300, expected a time within 146 years"),
+        (
+            PLAIN + "0.015,0,0,1,2,3\n",
+            "line 7: time_s is 0.015 after 0.02 on line 6, expected times that never",
+        ),
+        (PLAIN + "0.03,0,5,1,2,3\n", "line 7: finger is 5, expected 0 (thumb) to 4 (little finger)"),
+        (PLAIN + "0.03,0,1.5,1,2,3\n", "line 7: finger is 1.5, expected 0 (thumb) to 4"),
+        (PLAIN + "0.03,0,nan,1,2,3\n", "line 7: finger is nan, expected 0 (thumb) to 4"),
+        (PLAIN + "0.03,-1,0,1,2,3\n", "line 7: hand is -1, expected a whole number from 0 on"),
+        (PLAIN + "0.03,1e12,0,1,2,3\n", "line 7: hand is 1e+12, expected a whole number from 0 on"),
+        (
+            PLAIN + "0.02,0,0,9,9,9\n",
+            "line 7: finger 0 of hand 0 has a position at this time already, on line 5",
+        ),
+        (HEADER + "0,0,0,nan,2,3\n", "all positions are nan, expected a number in one line at least"),
+        (PLAIN + '0.03,0,0,"1,2,3\n', "line 7: unexpected end of data, expected columns time_s"),
+        (
+            PLAIN.replace("0.01,0,0,1.5", '0.01,0,0,"1.\n5"'),
+            "line 1: a field in quotes below goes over several",
+        ),
+        (b"\xff\xfe" + PLAIN.encode("utf-16-le"), "not a text file in UTF-8, expected columns time_s"),
+    ],
+)
+def test_recording_that_cannot_be_used_is_refused_by_line(read, content, message):
+    with pytest.raises(RecordingError) as refused:
+        read(content)
+
+    assert "hand.csv" in str(refused.value)
+    assert message in str(refused.value)
+
+
+def test_line_is_right_beyond_the_first_chunk(read):
+    lines = [f"{0.01 * row:.2f},0,0,1,2,3" for row in range(2 * reading.CHUNK)]
+    lines[reading.CHUNK + 10] = lines[reading.CHUNK + 10].replace("1,2,3", "1,?,3")
+
+    with pytest.raises(RecordingError, match=rf"line {reading.CHUNK + 12}: y_m is '\?'"):
+        read(HEADER + "\n".join(lines))
+
+
+def test_times_unsorted_from_one_chunk_to_the_next_are_refused(read):
+    lines = [f"{0.01 * row:.2f},0,0,1,2,3" for row in range(reading.CHUNK + 20)]
+    lines[reading.CHUNK] = "0,0,0,1,2,3"
+
+    with pytest.raises(RecordingError, match=rf"line {reading.CHUNK + 2}: time_s is 0 after"):
+        read(HEADER + "\n".join(lines))
+
+
+def test_sensor_that_counts_hands_without_end_is_refused(read):
+    lines = [f"{row},{row},0,1,2,3" for row in range(reading.LARGEST_HAND_COUNT + 1)]
+
+    with pytest.raises(RecordingError, match=r"there are 33 hands, expected at most 32"):
+        read(HEADER + "\n".join(lines))
+
+
+def test_file_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(RecordingError, match=r"none\.csv: cannot be read \(No such file"):
+        read_recording(tmp_path / "none.csv")
+
+
+def test_recording_does_not_change(read):
+    recording = read(PLAIN)
+
+    with pytest.raises(ValueError, match="read-only"):
+        recording.positions[0, 0, 0] = 5.0
+
+
+def test_fingers_are_named_with_their_hand_where_there_are_several(read):
+    assert read(PLAIN).finger_name(1) == "index"
+    assert read(HEADER + "0,0,0,1,2,3\n0,3,4,1,2,3\n").finger_name(1) == "little of hand 3"
+
+
+def test_recordings_of_real_hands_are_read(shared_data):
+    counts = {path.stem: read_recording(path).sample_count for path in (shared_data / "hands").glob("*.csv")}
+
+    assert counts["two-hands"] == 9830
+    assert counts["grab"] == 1870
+
+
+# ------------------------------------------------------------------------------------- resampling, placing
+
+
+def test_ticks_lie_on_the_line_between_two_samples():
+    recording = recording_of([1.0, 1.010, 1.025], [[0, 0, 0], [1, 0, 0], [1, 3, 0]])
+
+    ticks = recording.resampled(0.001)
+
+    assert ticks.times_ns.tolist() == list(range(1_000_000_000, 1_025_000_001, 1_000_000))
+    np.testing.assert_allclose(ticks.positions[:11, 0, 0], np.arange(11) / 10, atol=1e-15)
+    np.testing.assert_allclose(ticks.positions[10:, 0, 1], np.arange(16) / 5, atol=1e-15)
+    np.testing.assert_array_equal(ticks.positions[[0, 10, 25], 0], recording.positions[:, 0])
+
+
+def test_gap_is_not_bridged_and_its_ends_are_kept():
+    recording = recording_of([0.0, 0.010, 0.061, 0.070], [[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0]])
+
+    present = recording.resampled(0.001).is_present[:, 0]
+
+    assert present.tolist() == [True] * 11 + [False] * 50 + [True] * 10
+    assert recording.gap_count() == 1
+    assert recording.resampled(0.001, gap_limit_s=0.051).is_present.all()
+
+
+def test_finger_that_comes_late_and_goes_early_is_not_invented():
+    missing = [np.nan] * 3
+    recording = recording_of(
+        [0.0, 0.010, 0.020, 0.030],
+        [[[0, 0, 0], missing], [[0, 0, 0], [1, 1, 1]], [[0, 0, 0], [2, 1, 1]], [[0, 0, 0], missing]],
+        fingers=((0, 0), (0, 1)),
+    )
+
+    ticks = recording.resampled(0.005)
+
+    assert ticks.is_present[:, 1].tolist() == [False, False, True, True, True, False, False]
+    assert ticks.positions[3, 1, 0] == 1.5
+
+
+def test_tick_that_meets_no_sample_ends_before_the_last():
+    assert recording_of([0.0, 0.0109], [[0, 0, 0], [1, 0, 0]]).resampled(0.002).times_ns[-1] == 10_000_000
+
+
+def test_finger_seen_once_is_there_once():
+    assert recording_of([0.5], [[1, 2, 3]]).resampled(0.001).positions.tolist() == [[[1, 2, 3]]]
+
+
+@pytest.mark.parametrize(("period", "message"), [(0.0, "0 s is too short"), (np.nan, "nan s is too short")])
+def test_period_that_is_none_is_refused(period, message):
+    with pytest.raises(RecordingError, match=message):
+        recording_of([0.0], [[0, 0, 0]]).resampled(period)
+
+
+def test_ticks_without_end_are_refused():
+    with pytest.raises(RecordingError, match=r"1e\+09 s in steps of 0\.001 s are 1000000000001 ticks"):
+        recording_of([0.0, 1e9], [[0, 0, 0], [1, 0, 0]]).resampled(0.001)
+
+
+def test_beginning_is_taken():
+    recording = recording_of([3.0, 3.5, 4.0], np.zeros((3, 3)))
+
+    assert recording.first(0.5).times_ns.tolist() == [3_000_000_000, 3_500_000_000]
+    with pytest.raises(RecordingError, match="0 s of a recording cannot be taken"):
+        recording.first(0.0)
+
+
+def test_placing_scales_then_turns_then_shifts():
+    quarter = Pose([[0, -1, 0], [1, 0, 0], [0, 0, 1]], [10, 0, 0])
+
+    placed = recording_of([0.0], [[1, 2, 3]]).placed(quarter, 2.0)
+
+    np.testing.assert_array_equal(placed.positions, [[[6, 2, 6]]])
+
+
+@pytest.mark.parametrize("scale", [0.0, -1.0, np.nan, np.inf])
+def test_scale_that_is_none_is_refused(scale):
+    with pytest.raises(RecordingError, match="expected a number above zero"):
+        recording_of([0.0], [[1, 2, 3]]).placed(Pose(), scale)
+
+
+def test_fitting_puts_the_middle_of_the_hand_in_the_middle_of_the_box():
+    points = np.random.default_rng(3).uniform(0.95, 1.05, (400, 3))
+    points[:5] += 7.0  # a tracking jump
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    recording = recording_of(np.arange(400) * 0.01, points)
+
+    pose = recording.fitted_to([0, 0, 0], [0.06, 0.04, 0.05], rotation=turn, scale=0.5)
+
+    lower, upper = recording.placed(pose, 0.5).middle()
+    np.testing.assert_allclose(0.5 * (lower + upper), [0.03, 0.02, 0.025], atol=1e-12)
+    np.testing.assert_allclose(upper - lower, 0.5 * 0.08, atol=0.004)
+    np.testing.assert_array_equal(pose.rotation, turn)
+
+
+def test_middle_is_most_of_the_samples():
+    assert records.MIDDLE_SHARE == 0.8
+    lower, upper = recording_of(np.arange(101), np.repeat(np.arange(101.0), 3)).middle()
+    np.testing.assert_allclose((lower, upper), [[10] * 3, [90] * 3])
+
+
+# -------------------------------------------------------------------------------------- the generated one
+
+
+def test_generated_recording_is_what_the_script_makes():
+    """Byte for byte; or, with another libm, the same positions but for the last digit."""
+    kept = (make_recording.FOLDER / make_recording.NAME).read_bytes()
+    made = make_recording.recording_bytes()
+    if kept != made:
+        kept, made = (
+            np.array([line.split(b",") for line in content.splitlines()[1:]], dtype=float)
+            for content in (kept, made)
+        )
+        np.testing.assert_allclose(kept, made, atol=2e-6)
+
+
+def test_generated_recording_is_small_and_has_what_sensors_do():
+    recording = read_recording(make_recording.FOLDER / make_recording.NAME)
+
+    assert (make_recording.FOLDER / make_recording.NAME).stat().st_size < 200_000
+    assert recording.fingers == tuple((0, finger) for finger in range(5))
+    assert 4.0 < recording.duration_s < 6.0
+    assert recording.gap_count() == 6  # all five once, the little finger once more
+    steps = np.linalg.norm(np.diff(recording.positions, axis=0), axis=2)
+    assert (steps > 0.05).any(axis=1).sum() == 2  # there and back
+
+
+# -------------------------------------------------------------------------------------------------- logs
+
+
+@pytest.fixture
+def contacts():
+    found = np.zeros((3, 2), dtype=CONTACT)
+    found["finger"] = [0, 1]
+    found["lower"] = np.arange(6).reshape(3, 2) / 3.0
+    found["normal"] = [0.0, 0.0, 1.0]
+    found["upper"][0, 0] = np.inf
+    found["part"] = -1
+    return found
+
+
+TIMES_NS = np.array([0, 1_000_000, 2_000_000])
+FINGERS = ((0, 1), (2, 4))
+
+
+def test_arrays_are_kept_as_they_are(tmp_path, contacts):
+    write_contacts(tmp_path / "log.npz", contacts, TIMES_NS, FINGERS)
+    write_contacts(tmp_path / "log.npy", contacts, TIMES_NS, FINGERS)
+
+    with np.load(tmp_path / "log.npz") as log:
+        assert log["contacts"].dtype == CONTACT
+        assert log["contacts"].tobytes() == contacts.tobytes()
+        assert log["times_ns"].tolist() == TIMES_NS.tolist()
+        assert log["fingers"].tolist() == [[0, 1], [2, 4]]
+    assert np.load(tmp_path / "log.npy").tobytes() == contacts.tobytes()
+
+
+@pytest.mark.parametrize("fingers", [FINGERS, None])
+def test_csv_has_a_line_a_finger_and_every_digit(tmp_path, contacts, fingers, monkeypatch):
+    monkeypatch.setattr(contact_log, "CSV_CHUNK", 2)
+    write_contacts(tmp_path / "log.CSV", contacts, TIMES_NS, fingers)
+
+    with (tmp_path / "log.CSV").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert [float(row["lower"]) for row in rows] == contacts["lower"].reshape(-1).tolist()
+    assert [float(row["time_s"]) for row in rows] == [0.0, 0.0, 0.001, 0.001, 0.002, 0.002]
+    assert [row["finger"] for row in rows] == (["1", "4"] if fingers else ["0", "1"]) * 3
+    assert [row.get("hand") for row in rows] == (["0", "2"] if fingers else [None, None]) * 3
+    assert rows[0]["normal_z"] == "1.0"
+    assert rows[0]["upper"] == "inf"
+    assert rows[0]["part"] == "-1"
+
+
+def test_log_is_there_wholly_or_not_at_all(tmp_path, contacts, monkeypatch):
+    path = tmp_path / "log.npy"
+    path.write_text("old")
+
+    def fail(*arguments):
+        arguments[0].write(b"half of it")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setitem(contact_log.SUFFIXES, ".npy", fail)
+    with pytest.raises(RecordingError, match=r"log\.npy: cannot be written \(No space left on device\)"):
+        write_contacts(path, contacts, TIMES_NS)
+
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("log.txt", r"log\.txt: expected a name that ends in \.npz, \.npy, \.csv"),
+        ("log", r"log: expected a name that ends in"),
+        ("nowhere/log.csv", r"log\.csv: cannot be written \(there is no folder .*nowhere\)"),
+    ],
+)
+def test_name_that_no_log_can_have_is_refused(tmp_path, name, message):
+    with pytest.raises(RecordingError, match=message):
+        check_log_name(tmp_path / name)

@@ -1,0 +1,301 @@
+"""Replays: every instant one tick, numbers that are counted rightly, and broken promises that are noticed."""
+
+import make
+import numpy as np
+import pytest
+from fake_tracker import FakeTracker
+
+from proximity.errors import PoseError, RecordingError
+from proximity.message import ContactFlag
+from proximity.pose import Pose
+from proximity.recording import Recording
+from proximity.replay import fitted_pose, judging, replay, running, summarise, turn_about_axes
+from proximity.replay.summary import tick_times
+from proximity.scene import Scene
+from proximity.solid import Solid
+
+RADIUS = 0.005
+FINGERS = ((0, 1), (0, 2))
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """The box [0, 40] x [0, 30] x [0, 20] mm."""
+    return Scene([Solid(*make.box(), name="box")])
+
+
+def recording_above_the_box(heights, *, step_ns=1_000_000):
+    """The index finger above the middle of the box at *heights* (m); the middle finger stays 100 mm above."""
+    positions = np.full((len(heights), 2, 3), [0.020, 0.015, 0.120])
+    positions[:, 0, 2] = 0.020 + np.array(heights)
+    positions[:, 0][np.isnan(heights)] = np.nan
+    return Recording(np.arange(len(heights)) * step_ns, positions, FINGERS, "hand.csv")
+
+
+def run_over(scene, recording, *, working_range=0.050, spoil=None, **options):
+    """Replay, and the trackers that were made."""
+    made = []
+
+    def make_tracker():
+        made.append(FakeTracker(scene, fingers=2, radius=RADIUS, working_range=working_range, spoil=spoil))
+        return made[-1]
+
+    return replay(make_tracker, recording, **options), made
+
+
+DOWN_AND_UP = np.concatenate([np.linspace(0.020, 0.004, 17), np.linspace(0.005, 0.030, 26)])
+
+
+# ------------------------------------------------------------------------------------------------ running
+
+
+def test_every_instant_is_one_tick_of_a_fresh_tracker(scene):
+    recording = recording_above_the_box(DOWN_AND_UP)
+
+    run, (rehearsed, tracker) = run_over(scene, recording, latency=0.002)
+
+    assert len(rehearsed.ticks) == running.REHEARSAL
+    assert tracker.ticks == [(at, at + 2_000_000) for at in recording.times_ns.tolist()]
+    np.testing.assert_array_equal(run.contacts["position"], recording.positions)
+    np.testing.assert_allclose(run.contacts["signed_distance"][:, 0], DOWN_AND_UP - RADIUS, atol=1e-15)
+    assert (run.wall_ns > 0).all()
+    assert (run.compute_ns >= 0).all()
+
+
+def test_who_waits_sees_all_ticks_pass(scene, monkeypatch):
+    monkeypatch.setattr(running, "CHUNK", 20)
+    seen = []
+
+    def watch(chunks):
+        for chunk in chunks:
+            yield chunk
+            seen.append(len(chunk))
+
+    run_over(scene, recording_above_the_box(DOWN_AND_UP), watch=watch)
+
+    assert seen == [20, 20, 3]
+
+
+@pytest.mark.parametrize("latency", [-0.001, np.nan, 2.0])
+def test_latency_that_is_none_is_refused(scene, latency):
+    with pytest.raises(RecordingError, match=r"a latency of .* s cannot be replayed, expected 0 to 1 s"):
+        run_over(scene, recording_above_the_box(DOWN_AND_UP), latency=latency)
+
+
+def test_log_that_does_not_fit_into_memory_is_refused(scene, monkeypatch):
+    monkeypatch.setattr(running, "LARGEST_LOG_BYTES", 1000)
+
+    with pytest.raises(
+        RecordingError, match=r"hand\.csv: 43 ticks of 2 fingers would make 0\.0 GiB of contacts"
+    ):
+        run_over(scene, recording_above_the_box(DOWN_AND_UP))
+
+
+# ---------------------------------------------------------------------------------------------- counting
+
+
+def test_answers_add_up(scene):
+    heights = DOWN_AND_UP.copy()
+    heights[30:35] = np.nan
+
+    summary = summarise(scene, run_over(scene, recording_above_the_box(heights))[0], RADIUS)
+
+    assert (summary.tick_count, summary.finger_tick_count) == (43, 86)
+    assert summary.tracked_count == 81
+    assert (summary.exact_count, summary.bounded_count, summary.skipped_count) == (38, 0, 43)
+
+
+def test_nearest_approach_and_touches_are_told(scene):
+    heights = [0.02, 0.01, 0.005, 0.003, 0.004, 0.006, 0.01, np.nan, 0.0045, 0.02]
+
+    summary = summarise(scene, run_over(scene, recording_above_the_box(heights))[0], RADIUS)
+
+    assert (summary.nearest.finger, summary.nearest.time_s, summary.nearest.part) == ("index", 0.003, "box")
+    assert summary.nearest.signed_distance == pytest.approx(-0.002, abs=1e-15)
+    (touch,) = summary.touches
+    assert (touch.finger, touch.count) == ("index", 2)
+    assert touch.first_s in (0.002, 0.003)  # 5 mm above: on the surface but for rounding
+    assert touch.deepest == pytest.approx(0.002, abs=1e-15)
+
+
+def test_hand_that_never_comes_near_has_no_approach(scene):
+    run, _ = run_over(scene, recording_above_the_box([0.2, 0.3]), working_range=0.01)
+
+    summary = summarise(scene, run, RADIUS)
+
+    assert summary.nearest is None
+    assert summary.touches == ()
+    assert summary.skipped_count == 4
+
+
+def test_fingers_that_are_never_seen_are_counted_as_lost(scene):
+    summary = summarise(scene, run_over(scene, recording_above_the_box([np.nan, np.nan]))[0], RADIUS)
+
+    assert (summary.finger_tick_count, summary.tracked_count) == (4, 2)
+
+
+def test_histogram_doubles_from_a_microsecond_on():
+    times = tick_times(np.array([300, 999, 1000, 1999, 2000, 9000]))
+
+    assert times.histogram == (
+        (0.0, 1000.0, 2),
+        (1000.0, 2000.0, 2),
+        (2000.0, 4000.0, 1),
+        (4000.0, 8000.0, 0),
+        (8000.0, 16000.0, 1),
+    )
+    assert (times.p50, times.max) == (1499.5, 9000.0)
+
+
+# ---------------------------------------------------------------------------------------------- judging
+
+
+def test_bounds_that_hold_are_found_to_hold(scene):
+    run, _ = run_over(scene, recording_above_the_box(DOWN_AND_UP))
+
+    assert judging.judge_bounds(scene, run, RADIUS) == judging.BoundsKept(86, 0, 0.0, "")
+
+
+@pytest.mark.parametrize(
+    ("name", "off"), [("lower", 1e-6), ("upper", -1e-6), ("lower", np.nan), ("upper", np.nan)]
+)
+def test_one_broken_bound_is_noticed(scene, name, off):
+    def spoil(contacts, tick):
+        if tick == 11:
+            contacts[name][0] += off
+
+    run, _ = run_over(scene, recording_above_the_box(DOWN_AND_UP), spoil=spoil)
+    kept = judging.judge_bounds(scene, run, RADIUS)
+
+    assert (kept.checked_count, kept.broken_count) == (86, 1)
+    assert kept.worst == pytest.approx(0.0 if np.isnan(off) else 1e-6, abs=1e-12)
+    assert kept.first_broken.startswith("index at 0.010000 s: ")
+
+
+def test_finger_that_was_not_there_but_is_said_to_be_tracked_breaks_its_bounds(scene):
+    def spoil(contacts, tick):
+        if tick == 2:
+            contacts["flags"][0] |= int(ContactFlag.TRACKED)
+
+    run, _ = run_over(scene, recording_above_the_box([0.01, np.nan, 0.01]), spoil=spoil)
+
+    assert judging.judge_bounds(scene, run, RADIUS).broken_count == 1
+
+
+def test_sample_is_bounded_and_takes_every_finger(scene, monkeypatch):
+    monkeypatch.setattr(judging, "CHECKED_COUNT", 43)
+    run, _ = run_over(scene, recording_above_the_box(DOWN_AND_UP))
+
+    ticks, rows = judging._sample(np.ones(run.contacts.shape, dtype=bool))
+
+    assert 20 <= len(ticks) <= 43
+    assert set(rows) == {0, 1}
+
+
+def test_steady_motion_is_predicted_and_a_turn_is_not(scene):
+    run, _ = run_over(scene, recording_above_the_box([0.040, 0.037, 0.034, 0.031, 0.028, 0.031, 0.034]))
+
+    kept = judging.judge_predictions(scene, run, RADIUS)
+
+    # Ticks 1 to 4 look two steps ahead; 3 and 4 go on where the finger turns back. The other one rests.
+    assert (kept.checked_count, kept.kept_count) == (8, 6)
+    assert kept.error_p50 == pytest.approx(0.0, abs=1e-12)
+    assert kept.error_p95 > 0.005
+
+
+def test_prediction_for_an_instant_that_was_not_recorded_does_not_count(scene):
+    run, _ = run_over(scene, recording_above_the_box([0.040, 0.037, 0.034, np.nan, np.nan]))
+
+    kept = judging.judge_predictions(scene, run, RADIUS)
+
+    assert kept.checked_count == 2  # of the finger that rests
+    run, _ = run_over(scene, recording_above_the_box([0.040]))
+    assert judging.judge_predictions(scene, run, RADIUS).checked_count == 0
+
+
+def test_time_to_contact_is_held_against_the_touch_that_came(scene):
+    braking = [0.020, 0.0165, 0.0135, 0.011, 0.009, 0.0075, 0.0065, 0.0055, 0.0049]
+    hasty = [0.020, 0.0195, 0.0185, 0.0165, 0.0125, 0.0049]
+
+    foretold = [
+        judging.judge_touches(run_over(scene, recording_above_the_box(heights))[0])
+        for heights in (braking, hasty)
+    ]
+
+    assert foretold[0] == judging.TouchesForetold(8, 8)
+    assert foretold[1].checked_count == 5
+    assert foretold[1].kept_count == 1  # the touch itself: velocities before were too low
+
+
+def test_touch_after_the_finger_was_lost_does_not_count(scene):
+    run, _ = run_over(scene, recording_above_the_box([0.02, 0.018, np.nan, 0.004, 0.003]))
+
+    assert judging.judge_touches(run).checked_count == 1  # only the last tick: the one before has no velocity
+
+
+# ---------------------------------------------------------------------------------------------- fitting
+
+
+def scattered(count, size, *, seed=5):
+    """A hand that waves about, *size* metres wide."""
+    points = np.random.default_rng(seed).uniform(-0.5, 0.5, (count, 1, 3)) * size + [3.0, -2.0, 1.0]
+    return Recording(np.arange(count) * 10_000_000, points, ((0, 0),))
+
+
+def touching_share(scene, recording, pose, scale=1.0):
+    return (scene.signed_distance(recording.placed(pose, scale).positions) <= RADIUS).mean()
+
+
+def test_hand_of_fitting_size_goes_to_the_middle(scene):
+    recording = scattered(500, 0.1)
+
+    pose = fitted_pose(scene, recording, RADIUS)
+
+    lower, upper = recording.placed(pose).middle()
+    np.testing.assert_allclose(0.5 * (lower + upper), [0.020, 0.015, 0.010], atol=1e-12)
+    assert 0.02 < touching_share(scene, recording, pose) <= 0.1
+
+
+def test_hand_inside_a_large_part_is_raised_until_a_tenth_touches():
+    large = Scene([Solid(*make.box(upper=(1.0, 1.0, 1.0)), name="large")])
+    recording = scattered(500, 0.1)
+
+    pose = fitted_pose(large, recording, RADIUS, scale=0.5)
+
+    assert 0.09 <= touching_share(large, recording, pose, 0.5) <= 0.1
+    assert recording.placed(pose, 0.5).positions[..., 2].max() > 1.0
+
+
+def test_hand_around_a_small_part_is_brought_to_it():
+    small = Scene([Solid(*make.box(upper=(0.001, 0.001, 0.001)), name="small")])
+    angles = np.linspace(0.0, 6.0, 50)
+    ring = 0.05 * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
+    recording = Recording(np.arange(50) * 10_000_000, ring[:, None], ((0, 0),))
+
+    pose = fitted_pose(small, recording, RADIUS)
+
+    distances = small.signed_distance(recording.placed(pose).positions)
+    assert distances.min() == pytest.approx(0.5 * RADIUS, rel=1e-9)
+
+
+def test_fitted_hand_keeps_its_attitude(scene):
+    turn = turn_about_axes((90.0, 0.0, 0.0))
+
+    pose = fitted_pose(scene, scattered(200, 0.3), RADIUS, rotation=turn)
+
+    np.testing.assert_array_equal(pose.rotation, turn)
+
+
+def test_turns_are_about_x_then_y_then_z():
+    turned = Pose(turn_about_axes((90.0, 90.0, 0.0))).point([0.0, 1.0, 0.0])
+
+    np.testing.assert_array_equal(turned, [1.0, 0.0, 0.0])  # y to z by the first, z to x by the second
+    np.testing.assert_array_equal(turn_about_axes((0.0, 0.0, 0.0)), np.eye(3))
+    np.testing.assert_allclose(
+        turn_about_axes((0.0, 0.0, 30.0)) @ [1.0, 0.0, 0.0], [np.sqrt(0.75), 0.5, 0.0], atol=1e-15
+    )
+
+
+def test_turn_that_is_none_is_refused():
+    with pytest.raises(PoseError, match="a turn of nan degrees about y is no rotation"):
+        turn_about_axes((0.0, np.nan, 0.0))
