@@ -12,14 +12,14 @@ from llvmlite import ir
 from numba import carray, types
 from numba.extending import intrinsic
 
-from proximity.kernels.compiling import kernel
+from proximity.kernels.compiling import inlined, kernel
 from proximity.simd import IS_COMPILED
 
 TABLE_SIZE = 8
 
 
 @intrinsic
-def _compiled_pointer(typingctx, address):
+def _pointer(typingctx, address):
     def codegen(context, builder, sig, args):
         return builder.inttoptr(args[0], ir.IntType(8).as_pointer())
 
@@ -40,31 +40,59 @@ def make_table(reals, words, frames, parts):
 
 if IS_COMPILED:
 
-    @kernel
-    def arrays_at(handle):
-        """The four arrays of the model whose table is at *handle*."""
-        table = carray(_compiled_pointer(handle), (TABLE_SIZE,), np.int64)
-        rows, columns = table[6], table[7]
-        return (
-            carray(_compiled_pointer(table[0]), (table[4],), np.float64),
-            carray(_compiled_pointer(table[1]), (table[5],), np.float32),
-            carray(_compiled_pointer(table[2]), (rows, columns // 1000), np.float64),
-            carray(_compiled_pointer(table[3]), (rows, columns % 1000), np.int64),
-        )
+    @inlined
+    def reals_at(address, shape):
+        """The float64 array of that shape at an address."""
+        return carray(_pointer(address), shape, np.float64)
+
+    @inlined
+    def words_at(address, shape):
+        """The float32 array of that shape at an address."""
+        return carray(_pointer(address), shape, np.float32)
+
+    @inlined
+    def longs_at(address, shape):
+        """The int64 array of that shape at an address."""
+        return carray(_pointer(address), shape, np.int64)
+
+    @inlined
+    def ints_at(address, shape):
+        """The int32 array of that shape at an address."""
+        return carray(_pointer(address), shape, np.int32)
 
 else:  # pragma: no cover — which branch runs is chosen by the environment
 
     def _array(address, shape, ctype):
         count = int(np.prod(shape))
+        if count == 0:
+            return np.zeros(shape, ctype)
         return np.ctypeslib.as_array((ctype * count).from_address(int(address))).reshape(shape)
 
-    def arrays_at(handle):
-        """The four arrays of the model whose table is at *handle*."""
-        table = _array(handle, (TABLE_SIZE,), ctypes.c_int64)
-        rows, columns = int(table[6]), int(table[7])
-        return (
-            _array(table[0], (int(table[4]),), ctypes.c_double),
-            _array(table[1], (int(table[5]),), ctypes.c_float),
-            _array(table[2], (rows, columns // 1000), ctypes.c_double),
-            _array(table[3], (rows, columns % 1000), ctypes.c_int64),
-        )
+    def reals_at(address, shape):
+        """The float64 array of that shape at an address."""
+        return _array(address, shape, ctypes.c_double)
+
+    def words_at(address, shape):
+        """The float32 array of that shape at an address."""
+        return _array(address, shape, ctypes.c_float)
+
+    def longs_at(address, shape):
+        """The int64 array of that shape at an address."""
+        return _array(address, shape, ctypes.c_int64)
+
+    def ints_at(address, shape):
+        """The int32 array of that shape at an address."""
+        return _array(address, shape, ctypes.c_int32)
+
+
+@kernel
+def arrays_at(handle):
+    """The four arrays of the model whose table is at *handle*."""
+    table = longs_at(handle, (TABLE_SIZE,))
+    rows, columns = table[6], table[7]
+    return (
+        reals_at(table[0], (table[4],)),
+        words_at(table[1], (table[5],)),
+        reals_at(table[2], (rows, columns // 1000)),
+        longs_at(table[3], (rows, columns % 1000)),
+    )

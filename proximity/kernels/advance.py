@@ -1,0 +1,133 @@
+"""Conservative advancement: how far a sphere can go on its way and touch nothing, and where it will touch.
+
+From a place where every surface is at least *c* away from the sphere it can go on for *c*, less what the
+parts move toward it, and touch nothing. So the way is cut into steps, each of which is certified by one
+closest-point query; near the contact the steps shrink to what is left. Nothing is ever passed through,
+however thin. Beyond the last step the nearest face tells where the touch is to be expected.
+
+A way is a polyline with a number at each corner, the *stage*: seconds, or metres along a path.
+
+Source: Mirtich 1996, "Impulse-based dynamic simulation of rigid body systems" (conservative advancement).
+"""
+
+from math import sqrt
+
+import numpy as np
+
+from proximity.kernels.bracket import DOWN, fill_witness, nearest_from
+from proximity.kernels.compiling import inlined, kernel
+from proximity.kernels.layout import SCALE
+from proximity.kernels.scene import direction_to_scene
+from proximity.kernels.triangle import dot
+from proximity.kernels.witness import ARM, LENGTH
+
+MOST_STEPS = 24
+TOUCH = 1e-5
+"""m: nearer than this is a touch; a tenth of what an operator would feel as a bias."""
+NEAR = 0.02
+"""Share of the way gone that may be left to the nearest face's plane."""
+STEEP = 0.5
+"""Cosine from which on that plane is believed so."""
+
+
+@inlined
+def place_on(way, stages, count, stage, place):
+    """Fill *place* (6,) with the place on a way at *stage*, and the way's direction a unit of stage."""
+    k = 0
+    while k < count - 2 and stages[k + 1] <= stage:
+        k += 1
+    span = stages[k + 1] - stages[k]
+    share = (stage - stages[k]) / span if span > 0.0 else 0.0
+    for axis in range(3):
+        step = way[k + 1, axis] - way[k, axis]
+        place[axis] = way[k, axis] + share * step
+        place[3 + axis] = step / span if span > 0.0 else 0.0
+
+
+@kernel
+def outward_of(frames, parts, part, witness, out):
+    """Fill *out* (3,) with the unit direction, scene's frame, from the surface to the point of a witness."""
+    length = witness[LENGTH]
+    factor = 1.0 / length if length > 1e-150 else 0.0
+    x, y, z = direction_to_scene(
+        frames,
+        parts,
+        part,
+        witness[ARM] * factor,
+        witness[ARM + 1] * factor,
+        witness[ARM + 2] * factor,
+    )
+    out[0], out[1], out[2] = x, y, z
+
+
+@kernel
+def advance(
+    reals, words, frames, parts, way, stages, count, stage, clearance, radius, speed, drift, part, slot,
+    budget, room, witness, place,
+):  # fmt: skip
+    """How far a sphere gets on its way.
+
+    *way* (K, 3), *stages* (K,), *count* of them in use: the way, m, and its stages. *speed*: m a unit of
+    stage at most. *drift*: m a unit of stage that surfaces may move toward the sphere. It is at *stage*,
+    *clearance* away from everything. *part*, *slot*: a face to start from. *place* (9,): scratch.
+
+    Returns the stage up to which it touches nothing, for certain; the stage at which it will, or
+    inf if not on this way; part and slot of the face it then touches or was nearest to last; the steps
+    taken; and whether the touch is one: within `TOUCH`.
+    """
+    rate = speed + drift
+    end = stages[count - 1]
+    begin = stage
+    work = np.int64(0)
+    expected = np.inf
+    if not rate > 0.0:
+        return end, expected, part, slot, work, False
+    scale = frames[len(frames) - 1, SCALE]
+    free = stage + clearance / rate * DOWN
+    for _ in range(MOST_STEPS):
+        if not free < end:
+            return end, np.inf, part, slot, work, False
+        if work >= budget:
+            break
+        stage = free
+        place_on(way, stages, count, stage, place)
+        gone = stage - begin
+        # What is farther than this at present is not reached before the end.
+        limit = (rate * (end - stage) + radius + drift * gone) * scale
+        best_sq, part, slot, lower_sq, steps = nearest_from(
+            reals, words, frames, parts, place[0], place[1], place[2], part, slot,
+            limit * limit * (1.0 + 1e-12), budget - work, room,
+        )  # fmt: skip
+        work += steps
+        if slot < 0 and lower_sq >= best_sq:
+            return end, np.inf, part, slot, work, False
+        left = max(sqrt(lower_sq) / scale * DOWN - radius - drift * gone, 0.0)
+        free = stage + left / rate * DOWN
+        if slot < 0:
+            continue
+        gap = fill_witness(reals, words, parts, frames, part, slot, place[0], place[1], place[2], witness)
+        gap = max(gap - radius, 0.0)
+        closing = _closing(frames, parts, part, witness, place)
+        expected = stage + gap / closing if closing > 0.0 else np.inf
+        if gap <= TOUCH:
+            return free, min(expected, stage + TOUCH / speed), part, slot, work, drift == 0.0
+        if (closing >= STEEP * speed and gap <= NEAR * speed * gone) or left <= 0.1 * TOUCH:
+            break
+    return free, max(expected, free) if expected < end else np.inf, part, slot, work, False
+
+
+@inlined
+def _closing(frames, parts, part, witness, place):
+    """Metres a unit of stage by which the way at *place* nears the face of a filled witness."""
+    outward_of(frames, parts, part, witness, place[6:9])
+    return -dot(place[6], place[7], place[8], place[3], place[4], place[5])
+
+
+@kernel
+def touches(reals, words, frames, parts, x, y, z, radius, part, slot, budget, room):
+    """Whether a sphere at a point touches some surface for certain, and the steps it took to know."""
+    limit = radius * frames[len(frames) - 1, SCALE]
+    _, _, slot, _, work = nearest_from(
+        reals, words, frames, parts, x, y, z, part, slot, limit * limit, budget, room
+    )
+    return slot >= 0, work

@@ -1,0 +1,278 @@
+"""What a finger will meet: the distance when the controller acts, and time and place of the next contact.
+
+All questions go to the scene as it stands at the tick. A way in time is followed relative to the nearest
+part: the place of the finger at time t, less what that part has moved until then. Other parts, and the
+turning of that one, then move at some speed at most relative to it, the *drift*, and a distance found is less
+certain by drift times t.
+"""
+
+from math import isfinite, sqrt
+
+import numpy as np
+
+from proximity.kernels.advance import TOUCH, advance, place_on, touches
+from proximity.kernels.bracket import bracket_at, distance_to_slot
+from proximity.kernels.compiling import inlined, kernel
+from proximity.kernels.contact import (
+    APPROACH_SPEED,
+    BEND,
+    BEND_RATE,
+    CONTACT_BEND,
+    CONTACT_BEND_ERROR,
+    CONTACT_BEND_RATE,
+    CONTACT_FOUND,
+    IN_RANGE,
+    INSIDE,
+    LOWER,
+    ON_PATH,
+    PART_VELOCITY,
+    POSITION,
+    PREDICTED,
+    PREDICTED_DISTANCE,
+    PREDICTED_LOWER,
+    PREDICTED_UPPER,
+    SIGNED_DISTANCE,
+    TIME_TO_CONTACT,
+    TIME_TO_CONTACT_LOWER,
+    UPPER,
+    VELOCITY,
+    WORK,
+)
+from proximity.kernels.drift import drift_from, velocity_of_part
+from proximity.kernels.motion import predict
+from proximity.kernels.track import BUDGET, HORIZON, MAX_ACCELERATION, MAX_SPEED, RADIUS, SLOT
+from proximity.kernels.track import PART as TRACK_PART
+from proximity.kernels.triangle import dot
+
+STILL = 1e-6
+"""m/s. Slower than this nothing gets anywhere within a horizon."""
+CHEAP = 0.02
+"""Share of the distance that a finger may go before its prediction takes a walk of its own."""
+FEWEST_STEPS = 4
+"""For prediction and way each, when the distance has taken the budget."""
+PROBES = 3
+"""Looks beyond the expected contact, each farther, to confirm it."""
+
+
+@inlined
+def _left(settings, numbers, i):
+    """Steps that are left of the finger's budget."""
+    return max(np.int64(settings[BUDGET]) - np.int64(numbers[i, WORK]), FEWEST_STEPS)
+
+
+@kernel
+def foretell(
+    reals, words, frames, parts, settings, motions, tracks, marks, records, numbers, moving, moving_count,
+    stands, i, ahead, flags, room, witness, way, stages, place,
+):  # fmt: skip
+    """Write the distance expected *ahead* seconds after the pose, and the time to contact."""
+    part, slot, radius = marks[i, TRACK_PART], marks[i, SLOT], tracks[i, RADIUS]
+    ux, uy, uz, drift = 0.0, 0.0, 0.0, 0.0
+    if moving_count:
+        if slot >= 0:
+            ux, uy, uz = (
+                records[i, PART_VELOCITY],
+                records[i, PART_VELOCITY + 1],
+                records[i, PART_VELOCITY + 2],
+            )
+        drift = drift_from(frames, moving, moving_count, stands, ux, uy, uz)
+    x, y, z = records[i, POSITION], records[i, POSITION + 1], records[i, POSITION + 2]
+    ahead = max(ahead, 0.0)
+
+    # The distance then: of the place the finger will have relative to the part.
+    dx, dy, dz, rho = predict(motions, i, ahead, settings[MAX_SPEED], settings[MAX_ACCELERATION])
+    dx, dy, dz = dx - ux * ahead, dy - uy * ahead, dz - uz * ahead
+    length = sqrt(dot(dx, dy, dz, dx, dy, dz))
+    distance, lower, upper = (
+        records[i, SIGNED_DISTANCE] + radius,
+        records[i, LOWER] + radius,
+        records[i, UPPER] + radius,
+    )
+    is_outside = not flags & INSIDE
+    if length > 0.0 and slot >= 0:
+        if is_outside and (length <= CHEAP * lower or not flags & IN_RANGE):
+            # The face that is nearest now is, there, as far as the surface at most.
+            distance = distance_to_slot(reals, frames, parts, part, slot, x + dx, y + dy, z + dz)
+            lower, upper = lower - length, distance
+        else:
+            distance, lower, upper, _, _, _, _, steps = bracket_at(
+                reals, words, frames, parts, x + dx, y + dy, z + dz, part, slot,
+                is_outside and length < lower, _left(settings, numbers, i), room, witness,
+            )  # fmt: skip
+            numbers[i, WORK] += steps
+    spread = rho + drift * ahead
+    records[i, PREDICTED_DISTANCE] = distance - radius
+    records[i, PREDICTED_LOWER] = lower - spread - radius
+    records[i, PREDICTED_UPPER] = upper + spread - radius
+
+    # The time to contact, along the velocity.
+    clearance = max(records[i, LOWER], 0.0)
+    if records[i, SIGNED_DISTANCE] <= 0.0:
+        records[i, TIME_TO_CONTACT], records[i, TIME_TO_CONTACT_LOWER] = 0.0, 0.0
+        return
+    horizon = settings[HORIZON]
+    vx, vy, vz = records[i, VELOCITY] - ux, records[i, VELOCITY + 1] - uy, records[i, VELOCITY + 2] - uz
+    speed = sqrt(dot(vx, vy, vz, vx, vy, vz)) * (1.0 + 1e-12)
+    if not flags & PREDICTED:
+        speed = settings[MAX_SPEED] + sqrt(dot(ux, uy, uz, ux, uy, uz))
+    rate = speed + drift
+    if rate * horizon <= clearance or rate < STILL:
+        records[i, TIME_TO_CONTACT], records[i, TIME_TO_CONTACT_LOWER] = np.inf, horizon
+        return
+    closing = records[i, APPROACH_SPEED]
+    expected = records[i, SIGNED_DISTANCE] / closing if closing > 0.0 and flags & PREDICTED else np.inf
+    free = clearance / rate * (1.0 - 1e-12)
+    if flags & PREDICTED and flags & IN_RANGE and is_outside:
+        way[0, 0], way[0, 1], way[0, 2] = x, y, z
+        way[1, 0], way[1, 1], way[1, 2] = x + vx * horizon, y + vy * horizon, z + vz * horizon
+        stages[0], stages[1] = 0.0, horizon
+        free, found, _, _, steps, _ = advance(
+            reals, words, frames, parts, way, stages, 2, 0.0, clearance, radius, speed, drift, part, slot,
+            _left(settings, numbers, i), room, witness, place,
+        )  # fmt: skip
+        # Without a step of its own the way tells nothing beyond what the nearest face does.
+        if steps > 0 or free >= horizon:
+            expected = found
+        numbers[i, WORK] += steps
+    records[i, TIME_TO_CONTACT_LOWER] = free
+    records[i, TIME_TO_CONTACT] = max(expected, free) if expected < horizon else np.inf
+
+
+@inlined
+def _measure_path(path, stages):
+    """Fill the lengths of a path up to each of its corners; its whole length."""
+    stages[0] = 0.0
+    for k in range(len(stages) - 1):
+        dx, dy, dz = path[k + 1, 0] - path[k, 0], path[k + 1, 1] - path[k, 1], path[k + 1, 2] - path[k, 2]
+        stages[k + 1] = stages[k] + sqrt(dx * dx + dy * dy + dz * dz)
+    return stages[len(stages) - 1]
+
+
+@inlined
+def _nearest_stage(path, stages, x, y, z):
+    """The stage of the place on a path that is nearest to a point."""
+    best_sq, best = np.inf, 0.0
+    for k in range(len(stages) - 1):
+        ex, ey, ez = path[k + 1, 0] - path[k, 0], path[k + 1, 1] - path[k, 1], path[k + 1, 2] - path[k, 2]
+        ax, ay, az = x - path[k, 0], y - path[k, 1], z - path[k, 2]
+        length_sq = dot(ex, ey, ez, ex, ey, ez)
+        share = min(max(dot(ax, ay, az, ex, ey, ez) / length_sq, 0.0), 1.0) if length_sq > 0.0 else 0.0
+        ax, ay, az = ax - share * ex, ay - share * ey, az - share * ez
+        distance_sq = dot(ax, ay, az, ax, ay, az)
+        if distance_sq < best_sq:
+            best_sq, best = distance_sq, stages[k] + share * (stages[k + 1] - stages[k])
+    return best
+
+
+@inlined
+def interpolate(xs, ys, x):
+    """Piecewise linear: *ys* over increasing *xs*, held beyond the ends; and the slope there."""
+    last = len(xs) - 1
+    k = 0
+    while k < last - 1 and xs[k + 1] <= x:
+        k += 1
+    span = xs[k + 1] - xs[k]
+    slope = (ys[k + 1] - ys[k]) / span if span > 0.0 else 0.0
+    return ys[k] + slope * (min(max(x, xs[k]), xs[k + 1]) - xs[k]), slope
+
+
+@kernel
+def look_along_path(
+    reals, words, frames, parts, settings, path, path_bends, bend, tracks, marks, records, numbers, moving,
+    moving_count, stands, i, flags, room, witness, stages, place,
+):  # fmt: skip
+    """Write where on its path the finger touches first and, if it goes that way, when; the flags."""
+    whole = _measure_path(path, stages)
+    if not (whole > 0.0 and isfinite(whole)):
+        return flags
+    part, slot, radius = marks[i, TRACK_PART], marks[i, SLOT], tracks[i, RADIUS]
+    x, y, z = records[i, POSITION], records[i, POSITION + 1], records[i, POSITION + 2]
+    if isfinite(bend):
+        stage, _ = interpolate(path_bends, stages, bend)
+    else:
+        stage = _nearest_stage(path, stages, x, y, z)
+    bend, bend_per_metre = interpolate(stages, path_bends, stage)
+    place_on(path, stages, len(stages), stage, place)
+    speed = dot(
+        place[3], place[4], place[5], records[i, VELOCITY], records[i, VELOCITY + 1], records[i, VELOCITY + 2]
+    )
+    records[i, BEND], records[i, BEND_RATE] = bend, speed * bend_per_metre
+    ox, oy, oz = x - place[0], y - place[1], z - place[2]
+    off = sqrt(dot(ox, oy, oz, ox, oy, oz)) * (1.0 + 1e-12)
+
+    # How far it is from the path's place; the finger itself may be a little beside it.
+    lower = records[i, LOWER] + radius - off
+    if flags & INSIDE or lower <= radius:
+        _, lower, upper, _, part, slot, _, steps = bracket_at(
+            reals, words, frames, parts, place[0], place[1], place[2], part, slot, False,
+            _left(settings, numbers, i), room, witness,
+        )  # fmt: skip
+        numbers[i, WORK] += steps
+        if lower <= radius:
+            # In contact already, or so near that it cannot be told.
+            records[i, CONTACT_BEND] = bend
+            records[i, CONTACT_BEND_ERROR] = 0.0 if upper <= radius else np.inf
+            records[i, CONTACT_BEND_RATE] = 0.0
+            return flags | ON_PATH
+    free, expected, part, slot, steps, _ = advance(
+        reals, words, frames, parts, path, stages, len(stages), stage, lower - radius, radius, 1.0, 0.0, part,
+        slot, _left(settings, numbers, i), room, witness, place,
+    )  # fmt: skip
+    numbers[i, WORK] += steps
+    flags |= ON_PATH
+    if free < whole:
+        flags = _write_contact(
+            reals, words, frames, parts, settings, path, path_bends, stages, free, expected, part, slot,
+            radius, records, numbers, moving_count, i, flags, room, place,
+        )  # fmt: skip
+    if speed > STILL and flags & PREDICTED and records[i, SIGNED_DISTANCE] > 0.0:
+        drift = drift_from(frames, moving, moving_count, stands, 0.0, 0.0, 0.0) if moving_count else 0.0
+        if drift > 0.0:
+            free, expected, part, slot, steps, _ = advance(
+                reals, words, frames, parts, path, stages, len(stages), stage, lower - radius, radius, 1.0,
+                drift / speed, part, slot, _left(settings, numbers, i), room, witness, place,
+            )  # fmt: skip
+            numbers[i, WORK] += steps
+        records[i, TIME_TO_CONTACT_LOWER] = (free - stage) / speed * (1.0 - 1e-12)
+        records[i, TIME_TO_CONTACT] = (expected - stage) / speed
+    return flags
+
+
+@kernel
+def _write_contact(
+    reals, words, frames, parts, settings, path, path_bends, stages, free, expected, part, slot, radius,
+    records, numbers, moving_count, i, flags, room, place,
+):  # fmt: skip
+    """Write the contact location: free up to one stage, expected at another, confirmed beyond that."""
+    whole = stages[len(stages) - 1]
+    drift_bend = 0.0
+    if moving_count and slot >= 0:
+        vx, vy, vz = velocity_of_part(frames, part, place[0], place[1], place[2])
+        along = dot(place[6], place[7], place[8], place[3], place[4], place[5])
+        if along < 0.0:
+            drift_bend = dot(place[6], place[7], place[8], vx, vy, vz) / along
+    if not expected < np.inf:
+        # Nothing beyond is known: not farther than this, to be safe.
+        records[i, CONTACT_BEND], slope = interpolate(stages, path_bends, free)
+        records[i, CONTACT_BEND_ERROR] = np.inf
+        records[i, CONTACT_BEND_RATE] = drift_bend * slope
+        return flags
+    bend, slope = interpolate(stages, path_bends, expected)
+    records[i, CONTACT_BEND], records[i, CONTACT_BEND_ERROR] = bend, np.inf
+    records[i, CONTACT_BEND_RATE] = drift_bend * slope
+    margin = max(2.0 * (expected - free), 2.0 * TOUCH)
+    for _ in range(PROBES):
+        beyond = min(expected + margin, whole)
+        place_on(path, stages, len(stages), beyond, place)
+        is_touch, steps = touches(
+            reals, words, frames, parts, place[0], place[1], place[2], radius, part, slot,
+            _left(settings, numbers, i), room,
+        )  # fmt: skip
+        numbers[i, WORK] += steps
+        if is_touch:
+            least, _ = interpolate(stages, path_bends, free)
+            most, _ = interpolate(stages, path_bends, beyond)
+            records[i, CONTACT_BEND_ERROR] = max(bend - least, most - bend)
+            return flags | CONTACT_FOUND
+        margin *= 4.0
+    return flags

@@ -1,0 +1,197 @@
+"""The signed distance of one point of a scene between bounds, within a budget of steps.
+
+With budget enough both bounds are the signed distance that `query` answers: the smallest over all parts;
+inside, of several parts that hold the point, the deepest. With less the nearest surface found so far is one
+bound, and the smallest bound of what was not looked at the other. The side does not need the nearest face:
+the sign grid and the winding number tell it as well.
+"""
+
+from math import sqrt
+
+import numpy as np
+
+from proximity.kernels.bounded import factor_of, nearest_with_budget
+from proximity.kernels.compiling import inlined, kernel
+from proximity.kernels.contact import BOUNDED, EXACT, INSIDE, SIGNED
+from proximity.kernels.grid import CROSSED, OUTSIDE
+from proximity.kernels.layout import (
+    BOX_LOWER,
+    BOX_UPPER,
+    LANES,
+    NO_PART,
+    NO_SLOT,
+    ROOT,
+    SCALE,
+    SIGN,
+    SIGN_NONE,
+)
+from proximity.kernels.point import slot_distance_sq
+from proximity.kernels.scene import part_of_slot, to_local
+from proximity.kernels.side import (
+    holding_bits,
+    is_inside_by_winding,
+    signed_of_slot,
+    state_in_part,
+    witness_of_slot,
+)
+from proximity.kernels.witness import closest_on_triangle, read_corners
+from proximity.simd import splat32, trailing_zeros
+
+FEWEST_STEPS = 8
+"""For each further part that may hold the point, when the budget is spent already."""
+DOWN = 1.0 - 2.0**-50
+"""Makes up for the root and the division of a lower bound."""
+
+
+@inlined
+def distance_to_slot(reals, frames, parts, part, slot, x, y, z):
+    """Distance from a point of the scene's frame to one triangle, m: never less than to the nearest."""
+    px, py, pz = to_local(frames, parts, part, x, y, z)
+    return sqrt(slot_distance_sq(reals, slot, px, py, pz)) / frames[part, SCALE]
+
+
+@inlined
+def nearest_from(reals, words, frames, parts, x, y, z, part, slot, limit_sq, budget, room):
+    """`nearest_with_budget` for the whole scene, starting from a face known, if any; with its part.
+
+    *limit_sq*: in the scene's scaled frame; nothing farther is looked at.
+    """
+    scene = len(parts) - 1
+    best_sq = limit_sq
+    if slot >= 0:
+        px, py, pz = to_local(frames, parts, part, x, y, z)
+        known_sq = slot_distance_sq(reals, slot, px, py, pz) * factor_of(frames, part)
+        if known_sq <= limit_sq:
+            best_sq = known_sq
+        else:
+            slot = np.int64(NO_SLOT)
+    top = scene if scene > 1 else np.int64(0)
+    best_sq, slot, lower_sq, work = nearest_with_budget(
+        reals, words, frames, parts, parts[top, ROOT], top, x, y, z, best_sq, slot, budget, room
+    )
+    if slot >= 0:
+        part = part_of_slot(parts, slot, part)
+    return best_sq, part, slot, lower_sq, work
+
+
+@inlined
+def beyond_all(frames, x, y, z):
+    """A distance, m, within which some face lies: that of the scene's farthest corner."""
+    scene = len(frames) - 1
+    total = 0.0
+    for axis in range(3):
+        value = x if axis == 0 else (y if axis == 1 else z)
+        gap = max(abs(value - frames[scene, BOX_LOWER + axis]), abs(frames[scene, BOX_UPPER + axis] - value))
+        total += gap * gap
+    return sqrt(total) * (1.0 + 1e-12)
+
+
+@kernel
+def fill_witness(reals, words, parts, frames, part, slot, x, y, z, witness):
+    """Fill *witness* (local frame of *part*) with the closest point of a triangle found; its distance, m."""
+    px, py, pz = to_local(frames, parts, part, x, y, z)
+    read_corners(reals, slot, witness)
+    closest_on_triangle(px, py, pz, witness)
+    return witness[0] / frames[part, SCALE]
+
+
+@kernel
+def _depth_in(reals, words, frames, parts, other, x, y, z, budget, room, witness):
+    """Whether *other* holds a point; if so how deep at least and at most, m, the face found, and steps."""
+    px, py, pz = to_local(frames, parts, other, x, y, z)
+    state = state_in_part(reals, words, frames, parts, other, px, py, pz)
+    if state == OUTSIDE:
+        return False, 0.0, 0.0, np.int64(NO_SLOT), np.int64(0)
+    best_sq, slot, lower_sq, work = nearest_with_budget(
+        reals, words, frames, parts, parts[other, ROOT], other, x, y, z, np.inf, NO_SLOT, budget, room
+    )
+    is_exact = lower_sq >= best_sq
+    is_inside = True
+    if state == CROSSED:
+        if is_exact:
+            is_inside = signed_of_slot(reals, words, parts, other, slot, px, py, pz, witness) < 0.0
+        else:
+            is_inside = is_inside_by_winding(reals, words, parts, other, px, py, pz)
+    scale = frames[len(parts) - 1, SCALE]
+    upper = sqrt(best_sq) / scale
+    lower = upper if is_exact else sqrt(lower_sq) / scale * DOWN
+    if slot == NO_SLOT:
+        upper = beyond_all(frames, x, y, z)
+    return is_inside, lower, upper, slot, work
+
+
+@kernel
+def bracket_at(reals, words, frames, parts, x, y, z, part, slot, is_outside, budget, room, witness):
+    """Signed distance of a point of the scene's frame, m, between bounds.
+
+    *part*, *slot*: a face to start from, or `NO_SLOT`. *is_outside*: True where it is known that no part
+    holds the point. Returns distance, lower and upper bound, a distance within which there is no surface at all,
+    part and slot of the face that is meant, bits (EXACT or BOUNDED, SIGNED, INSIDE), and the steps taken.
+    """
+    scene = len(parts) - 1
+    scale = frames[scene, SCALE]
+    best_sq, part, slot, lower_sq, work = nearest_from(
+        reals, words, frames, parts, x, y, z, part, slot, np.inf, budget, room
+    )
+    is_exact = lower_sq >= best_sq
+    upper = sqrt(best_sq) / scale
+    if slot >= 0:
+        careful = fill_witness(reals, words, parts, frames, part, slot, x, y, z, witness)
+        upper = careful if is_exact else max(careful, upper)
+    elif not is_exact:
+        upper = beyond_all(frames, x, y, z)
+    lower = upper if is_exact else min(sqrt(lower_sq) / scale * DOWN, upper)
+    clear = min(lower, sqrt(lower_sq) / scale) * DOWN
+
+    depth_lower, depth_upper = -1.0, -1.0
+    deep_part, deep_slot = np.int64(NO_PART), np.int64(NO_SLOT)
+    if not is_outside:
+        sx, sy, sz = to_local(frames, parts, scene, x, y, z)
+        sx, sy, sz = splat32(np.float32(sx)), splat32(np.float32(sy)), splat32(np.float32(sz))
+        for first in range(0, scene, LANES):
+            holding = holding_bits(words, parts, first, sx, sy, sz)
+            while holding:
+                other = first + trailing_zeros(holding)
+                holding &= holding - 1
+                if parts[other, SIGN] == SIGN_NONE:
+                    continue
+                if other == part and is_exact and slot >= 0:
+                    px, py, pz = to_local(frames, parts, part, x, y, z)
+                    _, _, is_held = witness_of_slot(reals, words, parts, part, slot, px, py, pz, witness)
+                    least, most, found = lower, upper, slot
+                else:
+                    is_held, least, most, found, steps = _depth_in(
+                        reals,
+                        words,
+                        frames,
+                        parts,
+                        other,
+                        x,
+                        y,
+                        z,
+                        max(budget - work, FEWEST_STEPS),
+                        room,
+                        witness,
+                    )
+                    work += steps
+                if is_held:
+                    depth_lower = max(depth_lower, least)
+                    if most > depth_upper:
+                        depth_upper, deep_part, deep_slot = most, other, found
+        # What other parts were asked has gone over the witness.
+        if slot >= 0 and depth_upper < 0.0:
+            fill_witness(reals, words, parts, frames, part, slot, x, y, z, witness)
+    bits = 0
+    if depth_upper >= 0.0:
+        part, slot = deep_part, deep_slot
+        lower, upper = -depth_upper, -depth_lower
+        bits = SIGNED | INSIDE
+        if slot >= 0:
+            fill_witness(reals, words, parts, frames, part, slot, x, y, z, witness)
+        distance = lower
+    else:
+        distance = upper
+        if slot >= 0 and parts[part, SIGN] != SIGN_NONE:
+            bits = SIGNED
+    bits |= EXACT if lower == upper else BOUNDED
+    return distance, lower, upper, clear, part, slot, bits, work

@@ -1,0 +1,259 @@
+"""One tick: every finger against every part.
+
+For each finger: take its pose in; bound the distance, by a walk or, out of the working range, by what was
+known and how far finger and parts have moved since; then look ahead (`ahead`).
+"""
+
+from math import isfinite, sqrt
+
+import numpy as np
+
+from proximity.kernels.advance import outward_of
+from proximity.kernels.ahead import foretell, look_along_path
+from proximity.kernels.bracket import beyond_all, bracket_at, distance_to_slot, fill_witness
+from proximity.kernels.compiling import inlined, kernel
+from proximity.kernels.contact import (
+    AGE_NS,
+    APPROACH_SPEED,
+    DAMPING,
+    FACE,
+    FLAGS,
+    FORCE,
+    IN_RANGE,
+    INSIDE,
+    KINDS,
+    LOWER,
+    NORMAL,
+    PART,
+    PART_CHANGED,
+    PART_VELOCITY,
+    POINT_ON_FINGER,
+    POINT_ON_PART,
+    POSE_NS,
+    POSITION,
+    PREDICTED,
+    PREDICTED_LOWER,
+    PREDICTED_NS,
+    PREDICTED_UPPER,
+    RECORD_REALS,
+    SIGNED,
+    SIGNED_DISTANCE,
+    SKIPPED,
+    STIFFNESS,
+    TIME_TO_CONTACT_LOWER,
+    TRACKED,
+    UPPER,
+    VELOCITY,
+    WORK,
+)
+from proximity.kernels.drift import gather_moving, velocity_of_part
+from proximity.kernels.layout import DAMPING as PART_DAMPING
+from proximity.kernels.layout import NO_FACE, NO_PART, SCALE, SIGN, SIGN_NONE, SLOT_FACES, SURFACE
+from proximity.kernels.layout import STIFFNESS as PART_STIFFNESS
+from proximity.kernels.memory import arrays_at
+from proximity.kernels.motion import VELOCITY as ESTIMATE
+from proximity.kernels.motion import observe, observe_with_velocity
+from proximity.kernels.scene import FARTHEST, to_local, to_scene, turn_to_scene
+from proximity.kernels.track import (
+    ANCHOR,
+    BUDGET,
+    CLEAR,
+    HAS_PATHS,
+    HAS_VELOCITIES,
+    IS_OUTSIDE,
+    LATENCY,
+    MAX_ACCELERATION,
+    MAX_SPEED,
+    ODOMETER,
+    RADIUS,
+    SLOT,
+    TOLD_PART,
+    WAY,
+    WORKING_RANGE,
+    tracker_arrays_at,
+    way_of_parts,
+)
+from proximity.kernels.track import PART as TRACK_PART
+from proximity.kernels.witness import (
+    LENGTH,
+    POINT,
+    WITNESS_SIZE,
+    closest_on_triangle,
+    pseudo_normal,
+)
+from proximity.kernels.witness import NORMAL as WITNESS_NORMAL
+from proximity.simd import load_int
+
+FLAG_BITS = (1 << 16) - 1
+"""Of an observation's answer: what goes into the record."""
+ROUNDING = 1e-13
+"""Part sizes: more than what distances and ways round."""
+
+
+@inlined
+def _clear_record(records, wide, numbers, i):
+    for column in range(RECORD_REALS):
+        records[i, column] = np.nan
+    records[i, LOWER], records[i, UPPER] = -np.inf, np.inf
+    records[i, PREDICTED_LOWER], records[i, PREDICTED_UPPER] = -np.inf, np.inf
+    records[i, TIME_TO_CONTACT_LOWER] = 0.0
+    records[i, STIFFNESS], records[i, DAMPING], records[i, FORCE] = 0.0, 0.0, 0.0
+    wide[i, 0] = i
+    numbers[i, PART], numbers[i, FACE], numbers[i, WORK], numbers[i, KINDS] = NO_PART, NO_FACE, 0, 0
+
+
+@inlined
+def _carried(frames, settings, tracks, i, x, y, z):
+    """A distance, m, within which there is still no surface: what was clear less what has moved."""
+    dx, dy, dz = x - tracks[i, ANCHOR], y - tracks[i, ANCHOR + 1], z - tracks[i, ANCHOR + 2]
+    moved = sqrt(dx * dx + dy * dy + dz * dz) + (settings[WAY] - tracks[i, ODOMETER])
+    slack = ROUNDING * (1.0 / frames[len(frames) - 1, SCALE] + abs(x) + abs(y) + abs(z))
+    return tracks[i, CLEAR] - moved * (1.0 + ROUNDING) - slack
+
+
+@kernel
+def _write_surface(
+    reals, words, frames, parts, part, slot, bits, witness, i, x, y, z, radius, records, place
+):
+    """Write what lies at the end of a filled witness: points, normal, velocities."""
+    outward_of(frames, parts, part, witness, place)
+    if witness[LENGTH] <= 1e-150:
+        px, py, pz = to_local(frames, parts, part, x, y, z)
+        feature, which = closest_on_triangle(px, py, pz, witness)
+        face = load_int(words, parts[part, SLOT_FACES] + slot)
+        pseudo_normal(reals, words, parts, part, face, feature, which, witness)
+        turn_to_scene(frames, parts, part, witness, WITNESS_NORMAL, place, 0)
+    elif bits & INSIDE:
+        for axis in range(3):
+            place[axis] = -place[axis]
+    to_scene(frames, parts, part, witness, POINT, place, 3)
+    vx, vy, vz = velocity_of_part(frames, part, place[3], place[4], place[5])
+    place[6], place[7], place[8] = vx, vy, vz
+    closing = 0.0
+    for axis in range(3):
+        records[i, NORMAL + axis] = place[axis]
+        records[i, POINT_ON_PART + axis] = place[3 + axis]
+        records[i, POINT_ON_FINGER + axis] = records[i, POSITION + axis] - radius * place[axis]
+        records[i, PART_VELOCITY + axis] = place[6 + axis]
+        closing -= place[axis] * (records[i, VELOCITY + axis] - place[6 + axis])
+    records[i, APPROACH_SPEED] = closing
+    records[i, STIFFNESS] = frames[part, PART_STIFFNESS]
+    records[i, DAMPING] = frames[part, PART_DAMPING]
+
+
+@kernel
+def _distance(
+    reals, words, frames, parts, settings, tracks, marks, records, numbers, i, x, y, z, flags, room, witness,
+    place,
+):  # fmt: skip
+    """Write distance, bounds and surface of one finger; the flags."""
+    radius = tracks[i, RADIUS]
+    part, slot = marks[i, TRACK_PART], marks[i, SLOT]
+    carried = _carried(frames, settings, tracks, i, x, y, z)
+    is_outside = marks[i, IS_OUTSIDE] == 1 and carried > 0.0
+    work, budget = np.int64(0), np.int64(settings[BUDGET])
+    if is_outside and carried - radius > settings[WORKING_RANGE]:
+        lower, bits = carried, SKIPPED
+        if slot >= 0:
+            upper = fill_witness(reals, words, parts, frames, part, slot, x, y, z, witness)
+            upper = max(upper, distance_to_slot(reals, frames, parts, part, slot, x, y, z))
+            if parts[part, SIGN] != SIGN_NONE:
+                bits |= SIGNED
+        else:
+            upper = np.inf if carried == np.inf else beyond_all(frames, x, y, z)
+        lower, distance = min(lower, upper), upper
+    else:
+        distance, lower, upper, clear, part, slot, bits, work = bracket_at(
+            reals, words, frames, parts, x, y, z, part, slot, is_outside, budget, room, witness
+        )  # fmt: skip
+        tracks[i, ANCHOR], tracks[i, ANCHOR + 1], tracks[i, ANCHOR + 2] = x, y, z
+        tracks[i, CLEAR], tracks[i, ODOMETER] = clear, settings[WAY]
+        marks[i, TRACK_PART], marks[i, SLOT] = part, slot
+        marks[i, IS_OUTSIDE] = 0 if bits & INSIDE else 1
+    records[i, SIGNED_DISTANCE] = distance - radius
+    records[i, LOWER], records[i, UPPER] = lower - radius, upper - radius
+    numbers[i, WORK] = work
+    if slot >= 0:
+        numbers[i, PART], numbers[i, FACE] = part, load_int(words, parts[part, SLOT_FACES] + slot)
+        numbers[i, KINDS] = np.int64(frames[part, SURFACE])
+        _write_surface(
+            reals, words, frames, parts, part, slot, bits, witness, i, x, y, z, radius, records, place
+        )
+    if distance - radius <= settings[WORKING_RANGE]:
+        bits |= IN_RANGE
+    return flags | bits
+
+
+@kernel
+def tick(handle, tracker, now_ns, is_moved):
+    """Fill the records of the tracker at address *tracker* for the model at *handle*.
+
+    *is_moved*: whether parts may stand elsewhere than at the tick before.
+    """
+    reals, words, frames, parts = arrays_at(handle)
+    (
+        settings,
+        positions,
+        pose_ns,
+        velocities,
+        paths,
+        path_bends,
+        bends,
+        motions,
+        motion_marks,
+        tracks,
+        marks,
+        records,
+        wide,
+        numbers,
+        before,
+        moving,
+        room,
+    ) = tracker_arrays_at(tracker)
+    if is_moved:
+        settings[WAY] += way_of_parts(frames, before)
+    moving_count, stands = gather_moving(frames, parts, moving)
+    acts_ns = now_ns + np.int64(1e9 * settings[LATENCY])
+    reach = FARTHEST / frames[len(parts) - 1, SCALE]
+    witness, place, way, stages = np.empty(WITNESS_SIZE), np.empty(9), np.empty((2, 3)), np.empty(2)
+    path_stages = np.empty(len(path_bends))
+    for i in range(len(positions)):
+        _clear_record(records, wide, numbers, i)
+        wide[i, POSE_NS], wide[i, AGE_NS], wide[i, PREDICTED_NS] = pose_ns[i], now_ns - pose_ns[i], acts_ns
+        for axis in range(3):
+            records[i, POSITION + axis] = positions[i, axis]
+        x, y, z = positions[i, 0], positions[i, 1], positions[i, 2]
+        if settings[HAS_VELOCITIES] != 0.0:
+            flags = observe_with_velocity(
+                motions, motion_marks, i, pose_ns[i], x, y, z,
+                velocities[i, 0], velocities[i, 1], velocities[i, 2],
+                settings[MAX_SPEED], settings[MAX_ACCELERATION],
+            )  # fmt: skip
+        else:
+            flags = observe(
+                motions, motion_marks, i, pose_ns[i], x, y, z, settings[MAX_SPEED], settings[MAX_ACCELERATION]
+            )
+        flags &= FLAG_BITS
+        if not (flags & TRACKED and abs(x) <= reach and abs(y) <= reach and abs(z) <= reach):
+            numbers[i, FLAGS] = flags & ~(TRACKED | PREDICTED)
+            marks[i, TOLD_PART] = NO_PART
+            continue
+        for axis in range(3):
+            records[i, VELOCITY + axis] = motions[i, ESTIMATE + axis]
+        flags = _distance(
+            reals, words, frames, parts, settings, tracks, marks, records, numbers, i, x, y, z, flags, room,
+            witness, place,
+        )  # fmt: skip
+        if marks[i, TOLD_PART] != numbers[i, PART] and marks[i, TOLD_PART] != NO_PART:
+            flags |= PART_CHANGED
+        marks[i, TOLD_PART] = numbers[i, PART]
+        foretell(
+            reals, words, frames, parts, settings, motions, tracks, marks, records, numbers, moving,
+            moving_count, stands, i, 1e-9 * (acts_ns - pose_ns[i]), flags, room, witness, way, stages, place,
+        )  # fmt: skip
+        if settings[HAS_PATHS] != 0.0 and isfinite(paths[i, 0, 0]):
+            flags = look_along_path(
+                reals, words, frames, parts, settings, paths[i], path_bends, bends[i], tracks, marks, records,
+                numbers, moving, moving_count, stands, i, flags, room, witness, path_stages, place,
+            )  # fmt: skip
+        numbers[i, FLAGS] = flags
