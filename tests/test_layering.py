@@ -16,8 +16,11 @@ warmup
 loading
 scene · message
 solid
+moves
+moving
 queries · sign
 model · results · diagnosis · bodies · meshio
+top
 part_arrays
 topology · bvh
 mesh · pose
