@@ -37,8 +37,8 @@ NEVER = -1
 class Model:
     """Parts with poses as four arrays, and their address.
 
-    Whoever looks at the arrays of a scene's model must keep the model itself: once nobody has it, some of them
-    are written anew for a later one.
+    Whoever looks at the arrays of a scene's model must keep the model itself: once nobody has it, some of
+    them are written anew for a later one.
     """
 
     reals: np.ndarray  # float64

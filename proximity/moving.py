@@ -1,8 +1,8 @@
 """Models of one scene as its parts move: what changes is written beside what queries may still be reading.
 
 A `Stage` keeps what is true now. When a model is asked for, the rows, boxes and loose nodes that have changed
-since are written to a copy that no living model uses, and that copy becomes the model. The static tree is made
-anew only when a part moves for the first time, is hidden or shown, or leaves the scene's frame.
+since are written to a copy that no living model uses, and that copy becomes the model. The static tree is
+made anew only when a part moves for the first time, is hidden or shown, or leaves the scene's frame.
 """
 
 import weakref
@@ -32,7 +32,7 @@ from proximity.top import (
 FARTHEST_MOVE = LARGEST_COORDINATE / 4.0
 """m; farther off, sums of coordinates could leave what can be computed with."""
 EXACT_ENOUGH = 2.0 * ROUNDING
-"""How far a rotation may be off and is taken as it is: that of a `Pose` always, however its terms are summed."""
+"""How far a rotation may be off and is taken as it is: that of a `Pose` always, in whatever order summed."""
 UPDATES_BEFORE_SHRINKING = 1000
 """A part that went far away and came back leaves a frame that is too large; a new one costs a new tree, which
 is not to be paid at every tick of a part that goes to and fro."""
@@ -215,7 +215,7 @@ class Stage:
     # --- models ------------------------------------------------------------------------------------------
 
     def update(self) -> Model | None:
-        """Return a model of what is true now; None where there is no copy left, or no room, to write it to."""
+        """Return a model of what is true now; None where no copy is left, or no room, to write it to."""
         copy = self._free_copy()
         if copy is None or (self._needs_tree and not self._make_tree()):
             return None
@@ -284,7 +284,7 @@ class Stage:
         self._loose = loose_rows(self.parts)
         self._order = np.arange(len(self._loose))
         self._keys = np.empty(len(self._loose), np.int64)
-        self._sort_steps = len(self._loose) ** 2
+        self._sort_steps: int = len(self._loose) ** 2
 
 
 def first_unfit_move(matrices: np.ndarray, velocities: np.ndarray, angular_velocities: np.ndarray) -> int:

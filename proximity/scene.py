@@ -393,10 +393,13 @@ class Scene(Queries):
 def _checked(part: Part) -> Part:
     """A part whose velocities and surface are numbers for it."""
     stiffness, damping = checked_surface(part.name, part.stiffness, part.damping)
+    velocity = checked_velocity(part.name, part.velocity, "velocity", "m/s")
+    angular_velocity = checked_velocity(part.name, part.angular_velocity, "angular_velocity", "rad/s")
+    velocity.flags.writeable = angular_velocity.flags.writeable = False
     return replace(
         part,
-        velocity=checked_velocity(part.name, part.velocity, "velocity", "m/s"),
-        angular_velocity=checked_velocity(part.name, part.angular_velocity, "angular_velocity", "rad/s"),
+        velocity=velocity,
+        angular_velocity=angular_velocity,
         is_hidden=bool(part.is_hidden),
         stiffness=stiffness,
         damping=damping,

@@ -1,8 +1,8 @@
 """Where the trees over the parts of a scene lie in its arrays, and how the static one is made.
 
-Behind the nodes of the parts a scene has one empty node, `STATIC_COPIES` places for a tree over the parts that
-stand still, and `REGION_COPIES` places for what changes when parts move: super node, loose tree, and the list
-of the parts' boxes. What a query may still be reading is never written to: the next copy is. A scene of one
+Behind the nodes of the parts a scene has one empty node, `STATIC_COPIES` places for a tree over the parts
+that stand still, and `REGION_COPIES` places for what changes when parts move: super node, loose tree, and the
+list of the parts' boxes. What a query may still be reading is never written to: the next copy is. A scene of one
 part has the empty node only.
 """
 
