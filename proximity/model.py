@@ -175,12 +175,13 @@ def assemble(
 
 
 def _nodes_at_most(nodes: np.ndarray, frames: np.ndarray, parts: np.ndarray, static: np.ndarray) -> int:
-    """Nodes of the static tree once parts that are loose or hidden now stand there as well."""
+    """Nodes of the static tree, now or once parts that are loose or hidden stand there as well."""
     flags = [layout.IS_LOOSE, layout.IS_HIDDEN]
     if parts[:, flags].any():
         parts = parts.copy()
         parts[:, flags] = 0
-        static, _ = static_tree(nodes, frames, parts, 0)
+        everything, _ = static_tree(nodes, frames, parts, 0)
+        return max(len(static), len(everything)) // NODE_STRIDE
     return len(static) // NODE_STRIDE
 
 

@@ -2,7 +2,8 @@
 
 A `Stage` keeps what is true now. When a model is asked for, the rows, boxes and loose nodes that have changed
 since are written to a copy that no living model uses, and that copy becomes the model. The static tree is
-made anew only when a part moves for the first time, is hidden or shown, or leaves the scene's frame.
+copied, and thinned out, when a part moves for the first time or is hidden; it is made anew only when a part
+that stands still is shown, or one leaves the scene's frame.
 """
 
 import weakref
@@ -26,6 +27,7 @@ from proximity.top import (
     choose_frame,
     loose_rows,
     static_tree,
+    thin_static,
     write_static,
 )
 
@@ -67,6 +69,10 @@ def write_surface(frame: np.ndarray, stiffness: float | None, damping: float) ->
     frame[layout.STIFFNESS], frame[layout.DAMPING] = stiffness or 0.0, damping
 
 
+# What is to be done about the static tree.
+_RIGHT = 0
+_THINNER = 1
+_NEW = 2
 _VELOCITY = slice(layout.VELOCITY, layout.VELOCITY + 3)
 _ANGULAR_VELOCITY = slice(layout.ANGULAR_VELOCITY, layout.ANGULAR_VELOCITY + 3)
 
@@ -104,6 +110,7 @@ class Stage:
     latest: Model
     changes: int  # how often something has changed
     published: int  # what *changes* was when *latest* was made
+    _sort_steps: int
     versions: np.ndarray  # (P + 1,) int64, what *changes* was when the row changed last
 
     def __init__(self, model: Model) -> None:
@@ -120,7 +127,7 @@ class Stage:
         first.owner, first.version = weakref.ref(model), 0
         self._copies = [first]
         self._static = 0
-        self._needs_tree = False
+        self._tree = _RIGHT
         self._updates = 0
 
     # --- what changes ------------------------------------------------------------------------------------
@@ -144,8 +151,8 @@ class Stage:
             self.frames, self.parts, self.versions, self.changes, rows, matrices, velocities,
             angular_velocities, EXACT_ENOUGH,
         )  # fmt: skip
-        if freed and self._plan.part_count > 1:
-            self._needs_tree = True
+        if freed:
+            self._need(_THINNER)
 
     def set_surface(self, row: int, stiffness: float | None, damping: float) -> None:
         """Say how a part answers a touch.
@@ -175,8 +182,8 @@ class Stage:
         self._change(row)
         self.epoch += 1
         self.parts[row, layout.IS_HIDDEN] = is_hidden
-        if not self.parts[row, layout.IS_LOOSE] and self._plan.part_count > 1:
-            self._needs_tree = True
+        if not self.parts[row, layout.IS_LOOSE]:
+            self._need(_THINNER if is_hidden else _NEW)
         return True
 
     @property
@@ -208,6 +215,10 @@ class Stage:
             "damping": float(frame[layout.DAMPING]),
         }
 
+    def _need(self, tree: int) -> None:
+        if self._plan.part_count > 1:
+            self._tree = max(self._tree, tree)
+
     def _change(self, row: int) -> None:
         self.changes += 1
         self.versions[row] = self.changes
@@ -217,17 +228,18 @@ class Stage:
     def update(self) -> Model | None:
         """Return a model of what is true now; None where no copy is left, or no room, to write it to."""
         copy = self._free_copy()
-        if copy is None or (self._needs_tree and not self._make_tree()):
+        if copy is None or (self._tree != _RIGHT and not self._mend_tree()):
             return None
         reach = self._write(copy)
         if reach > 1.0:
             # Some part has left the scene's frame.
-            if not self._make_tree():
+            self._need(_NEW)
+            if not self._mend_tree():
                 return None
             reach = self._write(copy)
         self._updates += 1
         if reach < SMALLEST_REACH and self._updates > UPDATES_BEFORE_SHRINKING:
-            self._needs_tree = self._plan.part_count > 1
+            self._need(_NEW)
         latest = self.latest
         model = Model(
             latest.reals, latest.words, copy.frames, copy.parts, copy.table, copy.handle, self.epoch
@@ -259,32 +271,39 @@ class Stage:
             self._sort_steps = SORT_STEPS * len(self._loose)
         return float(reach)
 
-    def _make_tree(self) -> bool:
-        """Make the static tree anew, beside those in use; False where there is no room for it."""
+    def _mend_tree(self) -> bool:
+        """Make the static tree what it should be, beside those in use; False where there is no room."""
         in_use = {copy.static for copy in self._copies if not copy.is_free}
         unused = [static for static in range(STATIC_COPIES) if static not in in_use]
         if not unused:
             return False
+        if self._tree == _THINNER:
+            thin_static(self.latest.words, self.parts, unused[0])
+        elif not self._make_tree(unused[0]):
+            return False
+        self._static, self._tree = unused[0], _RIGHT
+        self._list_loose()
+        return True
+
+    def _make_tree(self, static: int) -> bool:
         row = self.frames[-1]
         kept = LocalFrame(row[layout.CENTRE : layout.CENTRE + 3].copy(), float(row[layout.SCALE]))
         choose_frame(self.frames, self.parts, kept)
-        words, first = self.latest.words, self._plan.static_node(unused[0])
+        words, first = self.latest.words, self._plan.static_node(static)
         nodes, entries = static_tree(words, self.frames, self.parts, first)
-        if not write_static(words, self.parts, unused[0], nodes, entries):
+        if not write_static(words, self.parts, static, nodes, entries):
             return False
-        self._static = unused[0]
-        self._list_loose()
         self._boxes_version = NEVER
         for copy in self._copies:
             copy.version = NEVER
-        self._needs_tree, self._updates = False, 0
+        self._updates = 0
         return True
 
     def _list_loose(self) -> None:
         self._loose = loose_rows(self.parts)
         self._order = np.arange(len(self._loose))
         self._keys = np.empty(len(self._loose), np.int64)
-        self._sort_steps: int = len(self._loose) ** 2
+        self._sort_steps = len(self._loose) ** 2
 
 
 def first_unfit_move(matrices: np.ndarray, velocities: np.ndarray, angular_velocities: np.ndarray) -> int:

@@ -218,8 +218,8 @@ class Scene(Queries):
 
         Notes
         -----
-        Cost: some 10 µs for 20 parts of 200. Only when a part moves for the first time, or leaves far from
-        where the others are, the tree over parts is made anew: some milliseconds. Faces do not count.
+        Cost: some 15 µs for 20 parts of 200, whatever their faces; some 0.5 ms more when a part moves for the
+        first time, and some 10 ms when one leaves the scene far enough for another tree over the parts.
         """
         if isinstance(names, str):
             raise SceneError(f"names are {names!r}, expected a list of names")

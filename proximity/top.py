@@ -2,8 +2,8 @@
 
 Behind the nodes of the parts a scene has one empty node, `STATIC_COPIES` places for a tree over the parts
 that stand still, and `REGION_COPIES` places for what changes when parts move: super node, loose tree, and the
-list of the parts' boxes. What a query may still be reading is never written to: the next copy is. A scene of one
-part has the empty node only.
+list of the parts' boxes. What a query may still be reading is never written to: the next copy is. A scene of
+one part has the empty node only.
 """
 
 from dataclasses import dataclass
@@ -14,8 +14,8 @@ from proximity.bvh import LocalFrame
 from proximity.kernels import layout
 from proximity.kernels.build import build_tree
 from proximity.kernels.layout import LANES, NODE_STRIDE
-from proximity.kernels.loose import clear_node
-from proximity.kernels.top import gather_entries, open_leaves
+from proximity.kernels.top import gather_entries, open_leaves, thin_out
+from proximity.kernels.wide_node import clear_node
 from proximity.part_arrays import ROOM_TO_MOVE, common_frame
 
 ENTRIES_PER_PART = 64
@@ -168,7 +168,7 @@ def static_tree(
 def write_static(
     words: np.ndarray, parts: np.ndarray, copy: int, nodes: np.ndarray, entries: np.ndarray
 ) -> bool:
-    """Put a static tree in its place, with the loose parts' entries behind its own; whether there is room.
+    """Put a static tree in its place; whether there is room.
 
     Parameters
     ----------
@@ -180,19 +180,43 @@ def write_static(
         As `static_tree` returns them for that place.
     """
     plan = TopPlan.of(parts)
-    loose = loose_rows(parts)
-    whole = np.stack((loose, parts[loose, layout.ROOT]), axis=1).astype(np.int32)
-    entries = np.concatenate((entries, whole))
-    if len(nodes) > NODE_STRIDE * plan.room or len(entries) > plan.entry_room:
+    if len(nodes) > NODE_STRIDE * plan.room or len(entries) > LANES * plan.room:
         return not plan.room
-    first, entries_at = plan.static_node(copy), plan.entries_at(copy)
-    words[NODE_STRIDE * first :][: len(nodes)] = nodes
-    words[entries_at : entries_at + entries.size] = entries.reshape(-1).view(np.float32)
-    row = parts[plan.part_count]
-    row[layout.FACES], row[layout.CORNER_COUNT] = entries_at, len(entries) - len(loose)
-    row[layout.BLOCK_COUNT] = len(nodes) // NODE_STRIDE
-    row[layout.NEIGHBORS] = first if len(nodes) else NO_NODE
+    words[NODE_STRIDE * plan.static_node(copy) :][: len(nodes)] = nodes
+    row = parts[-1]
+    row[layout.CORNER_COUNT], row[layout.BLOCK_COUNT] = len(entries), len(nodes) // NODE_STRIDE
+    row[layout.NEIGHBORS] = plan.static_node(copy) if len(nodes) else NO_NODE
+    _write_entries(words, parts, copy, entries.reshape(-1).view(np.float32))
     return True
+
+
+def thin_static(words: np.ndarray, parts: np.ndarray, copy: int) -> None:
+    """Put the static tree, without the parts that have become loose or hidden, in another place.
+
+    Parameters
+    ----------
+    words, parts
+        Of the model; the scene's row of *parts* is told.
+    copy : int
+        Which of the places.
+    """
+    row, target = parts[-1], TopPlan.of(parts).static_node(copy)
+    entries_at, root = row[layout.FACES], row[layout.NEIGHBORS]
+    entries = words[entries_at : entries_at + 2 * row[layout.CORNER_COUNT]]
+    if root != NO_NODE:
+        is_left = thin_out(words, parts, root, row[layout.BLOCK_COUNT], target, entries_at)
+        row[layout.NEIGHBORS] = target if is_left else NO_NODE
+    row[layout.IS_FUSED] = parts[:-1, layout.IS_FUSED].all()
+    _write_entries(words, parts, copy, entries)
+
+
+def _write_entries(words: np.ndarray, parts: np.ndarray, copy: int, entries: np.ndarray) -> None:
+    """Write the entries of a static tree, and behind them those of loose parts, which stand whole."""
+    at, loose = TopPlan.of(parts).entries_at(copy), loose_rows(parts)
+    whole = np.stack((loose, parts[loose, layout.ROOT]), axis=1).astype(np.int32)
+    words[at : at + len(entries)] = entries
+    words[at + len(entries) :][: whole.size] = whole.reshape(-1).view(np.float32)
+    parts[-1, layout.FACES] = at
 
 
 def clear_first(words: np.ndarray, parts: np.ndarray) -> None:

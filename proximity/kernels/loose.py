@@ -10,7 +10,6 @@ import numpy as np
 
 from proximity.kernels.compiling import inlined, kernel
 from proximity.kernels.layout import (
-    CHILDREN,
     CORNER_COUNT,
     ENTRY,
     GRID,
@@ -20,6 +19,7 @@ from proximity.kernels.layout import (
     ROOT,
 )
 from proximity.kernels.placing import box_in_scene, copy_rows, place_scene
+from proximity.kernels.wide_node import clear_node, node_box, write_lane
 
 CURVE_CELLS = 2**20
 """Cells along each axis of the local cube, for the order along the curve."""
@@ -65,43 +65,15 @@ def _mend_order(boxes, loose, order, keys, steps):
         order[at] = place
 
 
-@inlined
-def _write_lane(words, base, lane, box, reference):
-    for axis in range(3):
-        words[base + 8 * axis + lane] = box[axis]
-        words[base + 24 + 8 * axis + lane] = box[axis + 3]
-    words.view(np.int32)[base + CHILDREN + lane] = reference
-
-
-@kernel
-def clear_node(words, node):
-    """Make all lanes of a node unused."""
-    base = NODE_STRIDE * node
-    for k in range(NODE_STRIDE):
-        words[base + k] = np.inf if k < 24 else (-np.inf if k < CHILDREN else 0.0)
-
-
-@kernel
-def _node_box(words, node, box):
-    """The box around all children of a node; unused lanes add nothing."""
-    base = NODE_STRIDE * node
-    for axis in range(3):
-        lower, upper = np.float32(np.inf), np.float32(-np.inf)
-        for lane in range(LANES):
-            lower = min(lower, words[base + 8 * axis + lane])
-            upper = max(upper, words[base + 24 + 8 * axis + lane])
-        box[axis], box[axis + 3] = lower, upper
-
-
 @kernel
 def _write_child(words, node, lane, i, below, boxes, loose, order, first_entry, box):
     """Write child *i* of a level: a node from *below* on or, where that is negative, a loose part."""
     if below >= 0:
-        _node_box(words, below + i, box)
-        _write_lane(words, NODE_STRIDE * node, lane, box, below + i)
+        node_box(words, below + i, box)
+        write_lane(words, NODE_STRIDE * node, lane, box, below + i)
     else:
         place = order[i]
-        _write_lane(words, NODE_STRIDE * node, lane, boxes[loose[place]], ~(ENTRY + first_entry + place))
+        write_lane(words, NODE_STRIDE * node, lane, boxes[loose[place]], ~(ENTRY + first_entry + place))
 
 
 @kernel
@@ -122,8 +94,8 @@ def write_loose(words, region, static_root, boxes, loose, order, first_entry):
         used += node_count
     clear_node(words, region)
     if static_root >= 0:
-        _node_box(words, static_root, box)
-        _write_lane(words, NODE_STRIDE * region, 0, box, static_root)
+        node_box(words, static_root, box)
+        write_lane(words, NODE_STRIDE * region, 0, box, static_root)
     for i in range(count):
         _write_child(words, region, 1 + i, i, below, boxes, loose, order, first_entry, box)
 
@@ -153,7 +125,7 @@ def bring_up_to_date(
                 box_in_scene(frames, parts, part, boxes[part])
             if versions[part] > since:
                 group = boxes_at + NODE_STRIDE * (part // LANES)
-                _write_lane(words, group, part % LANES, boxes[part], 0)
+                write_lane(words, group, part % LANES, boxes[part], 0)
         _mend_order(boxes, loose, order, keys, steps)
         write_loose(words, region, parts[scene, NEIGHBORS], boxes, loose, order, parts[scene, CORNER_COUNT])
     parts[scene, ROOT], parts[scene, GRID] = region, boxes_at

@@ -22,6 +22,7 @@ from proximity.kernels.layout import (
     TRANSLATION,
     VELOCITY,
 )
+from proximity.kernels.wide_node import clear_box
 
 
 @inlined
@@ -156,8 +157,8 @@ def box_in_scene(frames, parts, part, box):
         centre = frames[scene, CENTRE + axis]
         box[axis] = round_down((frames[part, BOX_LOWER + axis] - centre) * scale) - BOX_MARGIN
         box[axis + 3] = round_up((frames[part, BOX_UPPER + axis] - centre) * scale) + BOX_MARGIN
-        if parts[part, IS_HIDDEN]:
-            box[axis], box[axis + 3] = np.inf, -np.inf
+    if parts[part, IS_HIDDEN]:
+        clear_box(box)
 
 
 @kernel
