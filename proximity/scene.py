@@ -190,7 +190,7 @@ class Scene(Queries):
         Cost: as `move_many`.
         """
         with self._lock:
-            row = np.array([self._find(name)])
+            row = np.array([self._find(name)], np.int64)
             self._stage.move(row, *checked_move(name, pose, velocity, angular_velocity))
 
     def move_many(

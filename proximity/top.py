@@ -168,7 +168,7 @@ def static_tree(
 def write_static(
     words: np.ndarray, parts: np.ndarray, copy: int, nodes: np.ndarray, entries: np.ndarray
 ) -> bool:
-    """Put a static tree in its place; whether there is room.
+    """Put a static tree in its place; whether there is room. The only part of a scene needs none.
 
     Parameters
     ----------
@@ -180,8 +180,10 @@ def write_static(
         As `static_tree` returns them for that place.
     """
     plan = TopPlan.of(parts)
+    if not plan.room:
+        return True
     if len(nodes) > NODE_STRIDE * plan.room or len(entries) > LANES * plan.room:
-        return not plan.room
+        return False
     words[NODE_STRIDE * plan.static_node(copy) :][: len(nodes)] = nodes
     row = parts[-1]
     row[layout.CORNER_COUNT], row[layout.BLOCK_COUNT] = len(entries), len(nodes) // NODE_STRIDE

@@ -219,6 +219,22 @@ def test_removed_part_does_not_hold_on_to_the_scene():
     assert small.distance((2.0, 0.5, 0.5)) == 1.0
 
 
+def test_faces_are_told_right_when_a_part_that_moved_is_the_only_one_left():
+    """The list of loose parts was once written over the faces of a scene's only part."""
+    solid = Solid(*shapes.cube(), name="cube")
+    points = np.random.default_rng(7).uniform(-1.0, 2.0, (100, 3))
+    before = solid.closest(points).face_id
+    scene = Scene([solid, Solid(*shapes.torus(), name="other")])
+    scene.move("cube", Pose(translation=(1.0, 0.0, 0.0)))
+    assert np.array_equal(scene.part("cube").solid.closest(points).face_id, before)
+
+    scene.remove("other")
+
+    assert np.array_equal(solid.closest(points).face_id, before)
+    shifted = points + np.array([1.0, 0.0, 0.0])
+    assert np.array_equal(scene.closest(shifted).face_id, before)
+
+
 def test_solid_that_stands_in_two_places_stays_when_one_is_removed():
     solid, rows = Solid(*shapes.cube()), np.arange(12, dtype=np.int32)
     scene = Scene([Part(f"{x}", solid, Pose(translation=(x, 0.0, 0.0)), rows) for x in (0.0, 3.0, 6.0)])

@@ -45,7 +45,7 @@ ENTRY = 2**29
 """First number of an entry among leaves."""
 
 # --- columns of ``parts`` (int64) ---
-ROOT = 0  # node to start from; of the scene's row: the super node, see `loose`
+ROOT = 0  # node to start from; of the scene's row: of all trees over parts, see `loose`
 NODE_COUNT = 1  # nodes of the part, from its root on; of the scene's row: room for a static tree
 FIRST_BLOCK = 2  # of the scene's row: first node of the trees over parts
 BLOCK_COUNT = 3  # of the scene's row: nodes of the static tree

@@ -1,9 +1,9 @@
 """The tree over loose parts: those that move by themselves, each whole, in a few nodes written at every move.
 
-The scene's root is a *super node*: its first lane is the static tree over all other parts, which stays as it
-is; the other lanes are the loose tree. Its leaves are entries, one a part, behind those of the static tree.
-Loose parts are kept in the order of a space-filling curve, which is mended a little at every move: so nodes
-stay small wherever the parts go, and a move costs O(parts that are loose).
+The scene's root, once a part is loose, is a *super node*: its first lane is the static tree over all other
+parts, which stays as it is; the other lanes are the loose tree. Its leaves are entries, one a part, behind
+those of the static tree. Loose parts are kept in the order of a space-filling curve, which is mended a little
+at every move: so nodes stay small wherever the parts go, and a move costs O(parts that are loose).
 """
 
 import numpy as np
@@ -128,6 +128,9 @@ def bring_up_to_date(
                 write_lane(words, group, part % LANES, boxes[part], 0)
         _mend_order(boxes, loose, order, keys, steps)
         write_loose(words, region, parts[scene, NEIGHBORS], boxes, loose, order, parts[scene, CORNER_COUNT])
-    parts[scene, ROOT], parts[scene, GRID] = region, boxes_at
+    # Nothing stands between a question and a static tree that is alone.
+    is_static = scene > 1 and len(loose) == 0 and parts[scene, NEIGHBORS] >= 0
+    parts[scene, ROOT] = parts[scene, NEIGHBORS] if is_static else region
+    parts[scene, GRID] = boxes_at
     copy_rows(frames, parts, versions, since, to_frames, to_parts)
     return reach
