@@ -33,7 +33,20 @@ def things():
         "needle": Solid(*shapes.box((0, 0, 0), (1, 1e-9, 1e-12))),
         "far away": Solid(*shapes.moved(shapes.tetrahedron(), (1e4, -1e4, 1e4))),
         "scene": Scene([turned, ball]),
+        "moved scene": moved_scene(cube, ball),
     }
+
+
+def moved_scene(cube, ball):
+    """Parts that stand still, move, hide, and have done so more than once."""
+    scene = Scene([cube, ball, Solid(*shapes.tetrahedron(), name="still")])
+    scene.add(Solid(*shapes.tetrahedron(), name="hidden"))
+    scene.hide("hidden")
+    for step in range(2):
+        scene.move("cube", Pose(shapes.rotation(step), (0.3, 0.1 * step, 0.5)))
+        scene.closest((0.0, 0.0, 0.0))
+    scene.move_many(["ball"], [Pose(translation=(-0.5, 0.2, 0.1))])
+    return scene
 
 
 def points_for(name):

@@ -18,8 +18,11 @@ replay
 recording
 scene · message
 solid
+moves
+moving
 queries · sign
 model · results · diagnosis · bodies · meshio
+top
 part_arrays
 topology · bvh
 mesh · pose

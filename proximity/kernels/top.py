@@ -1,4 +1,4 @@
-"""The tree over the parts of a scene, as opened subtrees.
+"""The static tree over the parts of a scene that stand still, as opened subtrees.
 
 Parts of an assembly overlap: a tree of whole parts would send a query into many of them. So large parts are
 opened until every *entry*, a subtree of a part, is small compared with the scene, and the tree is built
@@ -10,19 +10,24 @@ Source: Benthin, Woop, Wald, Áfra 2017, "Improved two-level BVHs using partial 
 import numpy as np
 
 from proximity.kernels.box import BOX_MARGIN, round_down, round_up
-from proximity.kernels.compiling import kernel
+from proximity.kernels.compiling import inlined, kernel
 from proximity.kernels.layout import (
     CENTRE,
     CHILDREN,
     ENTRY,
     IS_FUSED,
+    IS_HIDDEN,
+    IS_LOOSE,
     LANES,
+    NO_PART,
     NODE_STRIDE,
     ROOT,
     ROTATION,
     SCALE,
     TRANSLATION,
 )
+from proximity.kernels.scene import part_of_slot
+from proximity.kernels.wide_node import clear_box, node_box, write_lane
 from proximity.simd import load_int
 
 
@@ -57,7 +62,10 @@ def _lane_box(words, frames, part, base, k, scene, lower, upper, box):
 
 @kernel
 def gather_entries(words, frames, parts, target):
-    """Return boxes (E, 6) float32 and references (E, 2) int32 (part, reference) of about *target* entries."""
+    """Return boxes (E, 6) float32 and references (E, 2) int32 (part, reference) of about *target* entries.
+
+    Parts that are loose or hidden have none.
+    """
     scene = len(parts) - 1
     lower, upper, box = np.empty(3), np.empty(3), np.empty(6, np.float32)
     # Children of all roots first: their surfaces set the size from which on an entry is small.
@@ -67,6 +75,8 @@ def gather_entries(words, frames, parts, target):
     count = 0
     total = 0.0
     for part in range(scene):
+        if parts[part, IS_LOOSE] or parts[part, IS_HIDDEN]:
+            continue
         base = NODE_STRIDE * parts[part, ROOT]
         for k in range(LANES):
             if words[base + k] <= words[base + 24 + k]:
@@ -98,6 +108,58 @@ def gather_entries(words, frames, parts, target):
                 waiting[count, 1] = load_int(words, base + CHILDREN + k)
                 count += 1
     return boxes[:done].copy(), references[:done].copy()
+
+
+@inlined
+def _part_of_node(parts, node):
+    """The part that a node belongs to."""
+    low, high = np.int64(0), np.int64(len(parts) - 2)
+    while low < high:
+        middle = (low + high + 1) // 2
+        if parts[middle, ROOT] <= node:
+            low = middle
+        else:
+            high = middle - 1
+    return low
+
+
+@inlined
+def _part_of_child(words, parts, reference, entries_at):
+    """The part that a leaf of the static tree is of: an entry, or a part's own node or block."""
+    if reference >= 0:
+        return _part_of_node(parts, reference)
+    if ~reference < ENTRY:
+        return part_of_slot(parts, LANES * ~reference, np.int64(NO_PART))
+    return np.int64(load_int(words, entries_at + 2 * (~reference - ENTRY)))
+
+
+@kernel
+def thin_out(words, parts, first, count, target, entries_at):
+    """Copy a static tree of *count* nodes from node *first* to node *target*, without parts that have left.
+
+    Those are loose or hidden now. Boxes become tight again. Returns whether anything is left.
+    """
+    numbers = words.view(np.int32)
+    box = np.empty(6, np.float32)
+    # Children have higher numbers than their parents.
+    for node in range(count - 1, -1, -1):
+        base = NODE_STRIDE * (target + node)
+        numbers[base : base + NODE_STRIDE] = numbers[NODE_STRIDE * (first + node) :][:NODE_STRIDE]
+        for lane in range(LANES):
+            if not words[base + lane] <= words[base + 24 + lane]:
+                continue
+            reference = np.int64(numbers[base + CHILDREN + lane])
+            if first <= reference < first + count:
+                reference += target - first
+                node_box(words, reference, box)
+            else:
+                part = _part_of_child(words, parts, reference, entries_at)
+                if not parts[part, IS_LOOSE] and not parts[part, IS_HIDDEN]:
+                    continue
+                clear_box(box)
+            write_lane(words, base, lane, box, reference)
+    node_box(words, target, box)
+    return box[0] <= box[3]
 
 
 @kernel

@@ -1,0 +1,469 @@
+"""Parts that move between questions: cheap, never torn, and to the bit what a scene made anew answers."""
+
+import re
+import time
+
+import judging
+import numpy as np
+import pytest
+import shapes
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scene_parts import (
+    anew,
+    answers,
+    assert_answers_alike,
+    assert_right_by_brute_force,
+    part_of,
+    some_parts,
+    some_pose,
+    some_questions,
+)
+
+from proximity import moving
+from proximity.errors import PoseError, SceneError
+from proximity.kernels import layout
+from proximity.kernels.layout import NODE_STRIDE
+from proximity.pose import Pose
+from proximity.scene import Scene
+from proximity.top import REGION_COPIES, TopPlan
+
+VELOCITY, ANGULAR_VELOCITY = (1.0, -2.0, 0.5), (0.1, 0.2, -0.3)
+
+
+def matrices_of(rng, count, spread=5.0):
+    return np.array([some_pose(rng, spread).matrix for _ in range(count)])
+
+
+# ------------------------------------------------------------------------------------- the same answers
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 8, 9, 30, 100])
+def test_moved_scene_answers_to_the_bit_as_one_made_anew(count):
+    rng = np.random.default_rng(count)
+    scene = Scene(some_parts(count))
+    points, others = some_questions(rng, 60)
+    for _ in range(6):
+        chosen = rng.permutation(count)[: rng.integers(1, count + 1)]
+        scene.move_many([f"part {row}" for row in chosen], matrices_of(rng, len(chosen)))
+
+        assert_answers_alike(scene, anew(scene), points, others)
+        assert np.array_equal(scene.bounds, anew(scene).bounds)
+    assert_right_by_brute_force(scene, points)
+
+
+@settings(max_examples=25)
+@given(seed=st.integers(0, 2**31), count=st.integers(1, 12))
+def test_any_sequence_of_changes_leaves_a_scene_as_one_made_anew(seed, count):
+    rng = np.random.default_rng(seed)
+    scene = Scene(some_parts(count, seed=count))
+    spare = some_parts(20, seed=99)[12:]
+    points, others = some_questions(rng, 30)
+    for _ in range(8):
+        names = [part.name for part in scene.parts]
+        name, what = str(rng.choice(names)), int(rng.integers(7))
+        if what <= 1:
+            scene.move(name, some_pose(rng, 5.0), velocity=rng.normal(size=3))
+        elif what == 2:
+            chosen = [str(each) for each in rng.permutation(names)[: rng.integers(1, len(names) + 1)]]
+            scene.move_many(chosen, matrices_of(rng, len(chosen)))
+        elif what == 3:
+            scene.hide(name)
+        elif what == 4:
+            scene.show(name)
+        elif what == 5 and spare:
+            scene.add(spare.pop())
+        elif what == 6 and len(names) > 1:
+            scene.remove(name)
+        if rng.integers(2):
+            assert_answers_alike(scene, anew(scene), points, others)
+    assert_answers_alike(scene, anew(scene), points, others)
+    assert_right_by_brute_force(scene, points)
+
+
+def test_loose_parts_that_stop_where_they_began_answer_as_at_first():
+    scene = Scene(some_parts(20))
+    points, others = some_questions(np.random.default_rng(1), 100)
+    before, poses = answers(scene, points, others), {part.name: part.pose for part in scene.parts}
+    for name in poses:
+        scene.move(name, Pose(translation=(1.0, 2.0, 3.0)))
+        scene.distance(points[0])
+
+    scene.move_many(list(poses), list(poses.values()))
+
+    for found, expected in zip(answers(scene, points, others), before, strict=True):
+        assert judging.same_bits(found, expected)
+
+
+def test_parts_of_one_frame_are_walked_right_after_some_of_them_left_it():
+    """Bodies of one mesh share the scene's frame: leaves of its tree are then nodes and blocks of parts."""
+    bodies = [shapes.moved(shapes.torus(n=16, m=8), (4.0 * (k % 4), 4.0 * (k // 4), 0.0)) for k in range(16)]
+    bodies += [shapes.moved(shapes.tetrahedron(), (2.0 + 4.0 * k, 2.0, 0.0)) for k in range(3)]
+    scene = Scene.from_mesh(*shapes.join(*bodies))
+    rng = np.random.default_rng(3)
+    points, others = rng.uniform(-3.0, 15.0, (2, 100, 3))
+    assert scene._current().parts[:-1, layout.IS_FUSED].all()
+    for name in [part.name for part in scene.parts][::3]:
+        scene.move(name, some_pose(rng, 5.0))
+        assert_answers_alike(scene, anew(scene), points, others)
+    hidden = scene.parts[1].name
+    scene.hide(hidden)
+    assert_answers_alike(scene, anew(scene), points, others)
+
+    scene.show(hidden)
+
+    assert_answers_alike(scene, anew(scene), points, others)
+    assert_right_by_brute_force(scene, points)
+
+
+# ------------------------------------------------------------------------------------------ what is left
+
+
+def test_first_move_makes_a_part_loose_and_later_ones_touch_no_other_node():
+    scene = Scene(some_parts(40))
+    rng = np.random.default_rng(2)
+    names = ["part 3", "part 8", "part 20"]
+    scene.move_many(names, matrices_of(rng, 3))
+    model = scene._current()
+    assert np.flatnonzero(model.parts[:, layout.IS_LOOSE]).tolist() == [3, 8, 20]
+    plan, kept = TopPlan.of(model.parts), model.words.copy()
+    regions = slice(NODE_STRIDE * plan.region(0), NODE_STRIDE * plan.region(REGION_COPIES))
+    words, row = model.words, model.parts[-1].copy()
+    del model
+
+    for _ in range(5):
+        scene.move_many(names, matrices_of(rng, 3))
+        model = scene._current()
+
+    assert model.words is words
+    changed = np.flatnonzero(words.view(np.int32) != kept.view(np.int32))
+    assert len(changed) and regions.start <= changed.min() and changed.max() < regions.stop
+    same = [layout.FACES, layout.NEIGHBORS, layout.BLOCK_COUNT, layout.CORNER_COUNT]
+    assert (model.parts[-1, same] == row[same]).all()
+
+
+def test_velocity_and_surface_alone_touch_no_tree():
+    scene = Scene(some_parts(9))
+    before, root = scene._current().words.copy(), scene._current().parts[-1, layout.NEIGHBORS]
+    pose = scene.part("part 4").pose
+
+    scene.move("part 4", pose, velocity=VELOCITY, angular_velocity=ANGULAR_VELOCITY)
+    scene.set_surface("part 5", stiffness=300.0, damping=2.0)
+
+    model = scene._current()
+    frames = model.frames
+    assert frames[4, layout.VELOCITY : layout.SURFACE].tolist() == [*VELOCITY, *ANGULAR_VELOCITY]
+    assert frames[5, layout.SURFACE : layout.DAMPING + 1].tolist() == [2.0, 300.0, 2.0]
+    assert not model.parts[:, layout.IS_LOOSE].any()
+    assert model.parts[-1, layout.NEIGHBORS] == root
+    first = NODE_STRIDE * TopPlan.of(model.parts).region(0)
+    assert judging.same_bits(model.words[:first], before[:first])
+
+
+def test_velocities_are_those_of_the_last_move():
+    scene = Scene(some_parts(3))
+    scene.move("part 1", Pose(), velocity=VELOCITY, angular_velocity=ANGULAR_VELOCITY)
+    assert scene.part("part 1").velocity.tolist() == list(VELOCITY)
+    assert scene.part("part 1").angular_velocity.tolist() == list(ANGULAR_VELOCITY)
+
+    scene.move_many(["part 2", "part 1"], [np.eye(4)] * 2, [VELOCITY, (0, 0, 7)], np.ones((2, 3)))
+
+    assert [part.velocity.tolist() for part in scene.parts] == [[0, 0, 0], [0, 0, 7], list(VELOCITY)]
+    assert scene.parts[2].angular_velocity.tolist() == [1, 1, 1]
+    scene.move_many(["part 1"], [np.eye(4)])
+    assert not scene.part("part 1").velocity.any()
+    assert not scene._current().frames[1, layout.VELOCITY : layout.SURFACE].any()
+
+
+def test_moving_does_not_change_the_epoch():
+    scene = Scene(some_parts(3))
+
+    scene.move("part 1", Pose(translation=(3.0, 0.0, 0.0)), velocity=VELOCITY)
+    scene.set_surface("part 1", stiffness=1.0)
+
+    assert scene.epoch == scene._current().epoch == 0
+
+
+def test_parts_that_did_not_move_are_the_same_objects():
+    scene = Scene(some_parts(5))
+    before = scene.parts
+
+    scene.move("part 2", Pose(translation=(3.0, 0.0, 0.0)))
+
+    after = scene.parts
+    assert [one is two for one, two in zip(before, after, strict=True)] == [True, True, False, True, True]
+    assert scene.parts[2] is after[2] is scene.part("part 2")
+    assert after[2].pose.translation.tolist() == [3.0, 0.0, 0.0]
+    with pytest.raises(ValueError, match="read-only"):
+        after[2].pose.translation[0] = 1.0
+    with pytest.raises(ValueError, match="read-only"):
+        after[2].velocity[0] = 1.0
+
+
+# ------------------------------------------------------------------------------------ far away and back
+
+
+def test_part_that_leaves_the_scene_is_found_and_the_frame_is_not_made_anew_at_every_step(monkeypatch):
+    scene = Scene(some_parts(9))
+    chosen = []
+    monkeypatch.setattr(
+        moving, "choose_frame", lambda *given, choose=moving.choose_frame: chosen.append(1) or choose(*given)
+    )
+    rng = np.random.default_rng(4)
+    for step in range(200):
+        scene.move("part 3", Pose(shapes.rotation(step), (10.0 * step, 0.0, 0.0)))
+        if step % 20 == 0:
+            points, others = some_questions(rng, 20)
+            points[::2] += (10.0 * step, 0.0, 0.0)
+            assert_answers_alike(scene, anew(scene), points, others)
+        scene.distance((0.0, 0.0, 0.0))
+
+    assert 1 <= len(chosen) <= 6
+
+
+def test_frame_shrinks_again_after_a_while(monkeypatch):
+    monkeypatch.setattr(moving, "UPDATES_BEFORE_SHRINKING", 10)
+    scene = Scene(some_parts(9))
+    scene.move("part 3", Pose(translation=(1e6, 0.0, 0.0)))
+    wide = scene._current().frames[-1, layout.SCALE]
+    scales = []
+    for step in range(15):
+        scene.move("part 3", Pose(translation=(0.01 * step, 0.0, 0.0)))
+        scales.append(scene._current().frames[-1, layout.SCALE])
+
+    assert scales[8] == wide
+    assert scales[-1] > 1e4 * wide
+    points, others = some_questions(np.random.default_rng(5), 50)
+    assert_answers_alike(scene, anew(scene), points, others)
+
+
+@pytest.mark.parametrize("far", [1e4, 1e9])
+def test_whole_scene_may_move_far(far):
+    parts = some_parts(9)
+    scene = Scene(parts)
+    shift = np.array([far, -far, far])
+    points, others = some_questions(np.random.default_rng(6), 50)
+
+    scene.move_many(
+        [part.name for part in parts], [Pose(p.pose.rotation, p.pose.translation + shift) for p in parts]
+    )
+
+    assert_answers_alike(scene, anew(scene), points + shift, others + shift)
+
+
+def test_turn_that_is_off_by_rounding_is_mended():
+    """Products of many turns drift; what is within the tolerance of a pose is taken as the nearest turn."""
+    scene = Scene(some_parts(3))
+    matrix = np.eye(4)
+    matrix[:3, :3] = shapes.rotation(3) @ (np.eye(3) + 2e-10 * np.arange(9).reshape(3, 3) / 8.0)
+
+    scene.move_many(["part 1"], [matrix])
+
+    rotation = scene.part("part 1").pose.rotation
+    assert np.abs(rotation @ rotation.T - np.eye(3)).max() <= 4 * 2.0**-52
+    assert np.abs(rotation - Pose.from_matrix(matrix).rotation).max() <= 4 * 2.0**-52
+    assert np.abs(rotation - matrix[:3, :3]).max() > 1e-11
+    scene.move("part 2", matrix)
+    assert judging.same_bits(scene.part("part 2").pose.rotation, rotation)
+
+
+def test_poses_may_be_poses_matrices_lists_or_integers():
+    scene = Scene(some_parts(3))
+    pose = Pose(translation=(1.0, 2.0, 3.0))
+    names = ["part 0", "part 1", "part 2"]
+
+    scene.move_many(iter(names), [pose, pose.matrix, pose.matrix.tolist()])
+    assert [part.pose.translation.tolist() for part in scene.parts] == [[1, 2, 3]] * 3
+    scene.move_many(names, np.tile(np.eye(4, dtype=np.int32), (3, 1, 1)))
+    assert all(part.pose.is_identity for part in scene.parts)
+    scene.move_many([], [])
+    scene.move_many([], np.zeros((0, 4, 4)), np.zeros((0, 3)))
+    scene.move("part 0", pose.matrix.astype(np.float32).tolist())
+    assert scene.parts[0].pose.translation.tolist() == [1, 2, 3]
+
+
+# --------------------------------------------------------------------------------- models that are held
+
+
+def test_model_that_is_held_is_never_written_to():
+    scene = Scene(some_parts(12))
+    rng = np.random.default_rng(7)
+    held = []
+    for step in range(2 * REGION_COPIES + 4):
+        scene.move_many(
+            ["part 1", f"part {step % 12}"][: 1 + (step % 12 != 1)],
+            matrices_of(rng, 2)[: 1 + (step % 12 != 1)],
+        )
+        model = scene._current()
+        held.append((model, model.frames.copy(), model.parts.copy(), top_of(model)))
+
+    for model, frames, parts, top in held:
+        assert judging.same_bits(model.frames, frames)
+        assert judging.same_bits(model.parts, parts)
+        assert judging.same_bits(top_of(model), top)
+    points, others = some_questions(rng, 50)
+    assert_answers_alike(scene, anew(scene), points, others)
+    assert len({model.words.ctypes.data for model, *_ in held}) >= 2
+
+
+def top_of(model):
+    """The words that a walk reads before it comes to a part, as integers: static tree, region and entries."""
+    row = model.parts[-1]
+    plan = TopPlan.of(model.parts)
+    numbers = model.words.view(np.int32)
+    root = row[layout.NEIGHBORS]
+    static = (
+        numbers[NODE_STRIDE * root :][: NODE_STRIDE * row[layout.BLOCK_COUNT]] if root >= 0 else numbers[:0]
+    )
+    region = numbers[NODE_STRIDE * row[layout.ROOT] :][: NODE_STRIDE * (plan.region(1) - plan.region(0))]
+    entries = numbers[row[layout.FACES] :][: 2 * plan.entry_room]
+    return np.concatenate((static, region, entries))
+
+
+def test_copies_are_used_again_once_nobody_holds_them():
+    scene = Scene(some_parts(12))
+    words = scene._current().words
+    rng = np.random.default_rng(8)
+    for row in range(12):
+        for _ in range(3):
+            scene.move(f"part {row}", some_pose(rng, 3.0))
+            scene._current()
+
+    assert scene._current().words is words
+    assert len(scene._stage._copies) <= 3
+
+
+def test_moving_twenty_of_two_hundred_parts_is_cheap():
+    """A guard against work that grows with faces or parts, with much room for a busy machine."""
+    scene = Scene(some_parts(200))
+    rng = np.random.default_rng(9)
+    names, matrices = [f"part {row}" for row in range(0, 200, 10)], matrices_of(rng, 20)
+    times = []
+    for _ in range(200):
+        matrices[:, :3, 3] += 1e-4
+        before = time.perf_counter()
+        scene.move_many(names, matrices)
+        scene._current()
+        times.append(time.perf_counter() - before)
+
+    assert np.median(times) <= 150e-6
+
+
+# -------------------------------------------------------------------------------------------- refusals
+
+
+SCALED, MIRRORED, SHEARED = np.diag([2.0, 2, 2, 1]), np.diag([1.0, 1, -1, 1]), np.eye(4)
+SHEARED[3, 0] = 0.5
+FAR, NAN = np.eye(4), np.eye(4)
+FAR[1, 3], NAN[2, 3] = 1e200, np.nan
+
+
+@pytest.mark.parametrize(
+    "matrix, message",
+    [
+        (SCALED, "part 'part 2': a pose's rotation is not orthonormal"),
+        (MIRRORED, "part 'part 2': a pose's rotation mirrors (determinant -1), expected +1"),
+        (
+            SHEARED,
+            "part 'part 2': the last row of a pose's matrix is [0.5, 0.0, 0.0, 1.0], expected [0, 0, 0, 1]",
+        ),
+        (NAN, "part 'part 2': a pose's translation is [0.0, 0.0, nan], expected finite numbers"),
+        (np.full((4, 4), np.nan), "part 'part 2': the last row of a pose's matrix is [nan, nan, nan, nan]"),
+        (FAR, "part 'part 2' would be moved by 1e+200 m, which is farther than can be computed with"),
+    ],
+)
+def test_pose_that_is_not_rigid_is_named_and_nothing_moves(matrix, message):
+    scene = Scene(some_parts(3))
+    points, others = some_questions(np.random.default_rng(10), 20)
+    before = answers(scene, points, others)
+    good = Pose(translation=(1.0, 0.0, 0.0)).matrix
+    moves = [
+        lambda: scene.move_many(["part 1", "part 2"], np.array([good, matrix])),
+        lambda: scene.move_many(["part 1", "part 2"], [Pose.from_matrix(good), matrix]),
+        lambda: scene.move("part 2", matrix),
+        lambda: scene.move("part 2", matrix.tolist()),
+    ]
+
+    for move in moves:
+        with pytest.raises(PoseError, match=f"^{re.escape(message)}"):
+            move()
+
+    for found, expected in zip(answers(scene, points, others), before, strict=True):
+        assert judging.same_bits(found, expected)
+    assert not scene._current().parts[:, layout.IS_LOOSE].any()
+
+
+TWO = [np.eye(4), np.eye(4)]
+
+
+@pytest.mark.parametrize(
+    "given, error, message",
+    [
+        ((["part 0", "lid"], TWO), SceneError, "no part is named 'lid'; the scene has 'part 0', 'part 1'"),
+        ((["part 0", "part 0"], TWO), SceneError, "part 'part 0' is named twice, expected names that differ"),
+        (("part 0", TWO), SceneError, "names are 'part 0', expected a list of names"),
+        (
+            (["part 0"], TWO),
+            PoseError,
+            "poses have shape (2, 4, 4), expected (1, 4, 4): one for each part named",
+        ),
+        (
+            (["part 0"], [Pose(), Pose()]),
+            PoseError,
+            "there are 2 poses for 1 parts, expected one for each part",
+        ),
+        (
+            (["part 0"], ["x"]),
+            PoseError,
+            "entries of poses have dtype <U1, expected numbers of shape (1, 4, 4)",
+        ),
+        (
+            (["part 0", "part 1"], TWO, np.zeros(3)),
+            SceneError,
+            "velocities have shape (3,), expected (2, 3): one for each part named",
+        ),
+        (
+            (["part 0", "part 1"], TWO, None, np.zeros((1, 3))),
+            SceneError,
+            "angular_velocities have shape (1, 3), expected (2, 3): one for each part named",
+        ),
+        (
+            (["part 0", "part 1"], TWO, [[0, 0, 0], [0, np.inf, 0]]),
+            SceneError,
+            "velocity of part 'part 1' is [0.0, inf, 0.0], expected 3 finite numbers, m/s",
+        ),
+        (
+            (["part 0", "part 1"], TWO, None, [[0, 0, 0], [0, np.nan, 0]]),
+            SceneError,
+            "angular_velocity of part 'part 1' is [0.0, nan, 0.0], expected 3 finite numbers, rad/s",
+        ),
+    ],
+)
+def test_moves_of_several_parts_that_do_not_fit_are_refused(given, error, message):
+    scene = Scene(some_parts(2))
+
+    with pytest.raises(error, match=f"^{re.escape(message)}$"):
+        scene.move_many(*given)
+
+
+@pytest.mark.parametrize(
+    "values, message",
+    [
+        (
+            {"velocity": (0, np.nan, 0)},
+            "velocity of part 'part 0' is [0.0, nan, 0.0], expected 3 finite numbers, m/s",
+        ),
+        ({"velocity": (0, 1)}, "velocity of part 'part 0' has shape (2,), expected 3 finite numbers, m/s"),
+        (
+            {"angular_velocity": "abc"},
+            "entries of angular_velocity of part 'part 0' have dtype <U3, expected 3 finite numbers, rad/s",
+        ),
+    ],
+)
+def test_velocity_that_is_none_is_refused(values, message):
+    scene = Scene(some_parts(2))
+
+    with pytest.raises(SceneError, match=f"^{re.escape(message)}$"):
+        scene.move("part 0", Pose(), **values)
+    with pytest.raises(SceneError, match=f"^{re.escape(message)}$"):
+        Scene([part_of(shapes.cube(), "part 0", **values)])
