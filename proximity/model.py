@@ -58,6 +58,9 @@ class Model:
             Of the part.
         """
         frames, parts = self.frames[[row, row]], self.parts[[row, row]]
+        # The body alone neither moves nor hides, whatever the part does.
+        frames[:, layout.VELOCITY : layout.SURFACE] = 0.0
+        parts[:, [layout.IS_LOOSE, layout.IS_HIDDEN]] = 0
         lower, upper = self.frames[row, _OWN_LOWER], self.frames[row, _OWN_UPPER]
         frame = LocalFrame(frames[0, _CENTRE].copy(), float(frames[0, layout.SCALE]))
         _place(frames, parts, 0, Pose(), frame, lower, upper)
@@ -132,6 +135,17 @@ class Model:
         rotations = frames[:scene, layout.ROTATION : layout.ROTATION + 9].reshape(-1, 3, 3)
         everywhere = [Pose(*pose) for pose in zip(rotations, frames[:scene, _TRANSLATION], strict=True)]
         return assemble([self.part_arrays(row) for row in range(scene)], everywhere)
+
+
+def restored(reals: np.ndarray, words: np.ndarray, frames: np.ndarray, parts: np.ndarray) -> Model:
+    """Return the model of arrays that were a model's before, say in a file; they are not copied.
+
+    Parameters
+    ----------
+    reals, words, frames, parts : arrays
+        As in `Model`; C-ordered, writeable, the first two beginning on a cache line.
+    """
+    return _finished(reals, words, frames, parts)
 
 
 def assemble(pieces: list[PartArrays], poses: list[Pose]) -> Model:

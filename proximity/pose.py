@@ -84,6 +84,13 @@ class Pose:
         """
         return pose if isinstance(pose, Pose) else cls.from_matrix(pose)
 
+    @classmethod
+    def _from_checked(cls, rotation: np.ndarray, translation: np.ndarray) -> "Pose":
+        """A pose of read-only arrays that were a pose's before; they are not copied."""
+        pose = cls.__new__(cls)
+        pose.rotation, pose.translation = rotation, translation
+        return pose
+
     @property
     def matrix(self) -> np.ndarray:
         """The homogeneous (4, 4) matrix."""

@@ -15,10 +15,11 @@ cli
 warmup
 loading
 scene · message
+compiled
 solid
 queries · sign
 model · results · diagnosis · bodies · meshio
-part_arrays
+part_arrays · archive
 topology · bvh
 mesh · pose
 kernels
