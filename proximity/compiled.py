@@ -17,13 +17,14 @@ from proximity.errors import MeshFormatError, SceneError
 from proximity.kernels import layout
 from proximity.kernels.winding import MOMENT_STRIDE
 from proximity.mesh import TriangleMesh
-from proximity.model import Model, restored
+from proximity.model import Model, finished
 from proximity.pose import Pose
 from proximity.sign import SignMethod
 from proximity.solid import Solid
+from proximity.top import REGION_COPIES, STATIC_COPIES
 
 LAYOUT = {name: value for name, value in vars(layout).items() if name.isupper() and isinstance(value, int)}
-LAYOUT["MOMENT_STRIDE"] = MOMENT_STRIDE
+LAYOUT |= {"MOMENT_STRIDE": MOMENT_STRIDE, "STATIC_COPIES": STATIC_COPIES, "REGION_COPIES": REGION_COPIES}
 """What the arrays of a model are laid out by: a file with other numbers is refused. What no number shows, say
 another meaning of a column, needs another `archive.FORMAT_VERSION`."""
 
@@ -32,6 +33,11 @@ another meaning of a column, needs another `archive.FORMAT_VERSION`."""
 _FIELDS: dict[str, Callable[[Any], Any]] = {
     "name": str,
     "repairs": lambda counts: Repairs(**counts),
+    "velocity": lambda numbers: _vector(numbers),
+    "angular_velocity": lambda numbers: _vector(numbers),
+    "is_hidden": bool,
+    "stiffness": lambda number: number,
+    "damping": float,
 }
 
 
@@ -122,6 +128,12 @@ def _plain(value: Any) -> Any:
     return value.tolist() if isinstance(value, np.ndarray) else value
 
 
+def _vector(numbers: list[float]) -> np.ndarray:
+    vector = np.array(numbers)
+    vector.flags.writeable = False
+    return vector
+
+
 def _source_faces(part: Any) -> np.ndarray:
     rows = np.asarray(part.source_faces)
     expected = (part.solid.mesh.face_count,)
@@ -139,15 +151,17 @@ def _is_int32(rows: np.ndarray) -> bool:
 
 
 def _scene(metadata: dict[str, Any], arrays: dict[str, np.ndarray]) -> CompiledScene:
-    model = restored(
+    arrays_of_model = (
         _array(arrays, "reals", np.float64),
         _array(arrays, "words", np.float32),
         _array(arrays, "frames", np.float64, layout.FRAME_COLUMNS),
         _array(arrays, "parts", np.int64, layout.PART_COLUMNS),
     )
-    solids = _solids(metadata, arrays, model)
+    model = finished(*arrays_of_model)
+    # Solids look at rows of their own: those of the scene's model serve for others once its parts have moved.
+    reals, words, frames, rows_of_parts = arrays_of_model
+    solids = _solids(metadata, arrays, finished(reals, words, frames.copy(), rows_of_parts.copy()))
     poses = _array(arrays, "poses", np.float64, 12)
-    poses.flags.writeable = False
     fields = metadata["parts"]
     solid_of_part = metadata["solid_of_part"]
     faces = _slices(
@@ -156,7 +170,7 @@ def _scene(metadata: dict[str, Any], arrays: dict[str, np.ndarray]) -> CompiledS
     parts = [
         {
             "solid": solids[number],
-            "pose": Pose._from_checked(pose[:9].reshape(3, 3), pose[9:]),
+            "pose": Pose.known(pose[:9].reshape(3, 3), pose[9:]),
             "source_faces": rows,
             **{field: made_of(fields[field][row]) for field, made_of in _FIELDS.items()},
         }

@@ -4,13 +4,13 @@ A part's arrays are made once, numbered from zero. A model puts those of its par
 tree references; a solid that has gone into a scene looks at the scene's arrays and keeps none of its own.
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
 
 from proximity.bvh import Bvh, LocalFrame
 from proximity.kernels import layout
-from proximity.kernels.build import build_tree
 from proximity.kernels.layout import (
     BLOCK_STRIDE,
     FRAME_COLUMNS,
@@ -19,23 +19,27 @@ from proximity.kernels.layout import (
     NODE_STRIDE,
     PART_COLUMNS,
 )
+from proximity.kernels.loose import bring_up_to_date
 from proximity.kernels.memory import make_table
-from proximity.kernels.top import gather_entries, open_leaves, scene_box
+from proximity.kernels.placing import place_box
 from proximity.kernels.winding import MOMENT_STRIDE
-from proximity.part_arrays import ROOM_TO_MOVE, PartArrays, common_frame, joined
+from proximity.part_arrays import PartArrays, joined
 from proximity.pose import Pose
+from proximity.top import TopPlan, choose_frame, clear_first, loose_rows, static_tree, write_static
 
-ENTRIES_PER_PART = 64
-FEWEST_ENTRIES = 256
-"""How far large parts are opened in a scene's tree. On 118 touching parts of 43 k faces rays take 0.9 of the
-time that they take with 16, points the same; more gains nothing."""
 SPARE = 1.25
-"""Room for the tree over parts, as a multiple of what it takes at first: parts that move may need more."""
+"""Room for the static tree, as a multiple of what it takes at first: other parts opened may need more."""
+NEVER = -1
+"""Version of a copy that has nothing yet."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, weakref_slot=True, eq=False)
 class Model:
-    """Parts with poses as four arrays, and their address."""
+    """Parts with poses as four arrays, and their address.
+
+    Whoever looks at the arrays of a scene's model must keep the model itself: once nobody has it, some of
+    them are written anew for a later one.
+    """
 
     reals: np.ndarray  # float64
     words: np.ndarray  # float32
@@ -43,6 +47,7 @@ class Model:
     parts: np.ndarray  # (P + 1, PART_COLUMNS) int64
     table: np.ndarray  # int64, see `memory`
     handle: int  # address of the table; valid as long as this model lives
+    epoch: int = 0  # of the scene: grows whenever part indices, faces or what is hidden change
 
     @property
     def memory_bytes(self) -> int:
@@ -58,13 +63,11 @@ class Model:
             Of the part.
         """
         frames, parts = self.frames[[row, row]], self.parts[[row, row]]
-        # The body alone neither moves nor hides, whatever the part does.
-        frames[:, layout.VELOCITY : layout.SURFACE] = 0.0
+        frames[:, layout.VELOCITY :] = 0.0
         parts[:, [layout.IS_LOOSE, layout.IS_HIDDEN]] = 0
-        lower, upper = self.frames[row, _OWN_LOWER], self.frames[row, _OWN_UPPER]
-        frame = LocalFrame(frames[0, _CENTRE].copy(), float(frames[0, layout.SCALE]))
-        _place(frames, parts, 0, Pose(), frame, lower, upper)
-        return _finished(self.reals, self.words, frames, parts)
+        for each in (0, 1):
+            _place(frames, parts, each, Pose())
+        return finished(self.reals, self.words, frames, parts)
 
     def part_arrays(self, row: int) -> PartArrays:
         """Return copies of a part's arrays, numbered from zero.
@@ -107,48 +110,15 @@ class Model:
             grid_rate=float(frame[layout.GRID_RATE]),
         )
 
-    def moved(self, poses: dict[int, Pose]) -> "Model":
-        """Return a model with some parts elsewhere; only the tree over parts is made anew, in place.
 
-        Parameters
-        ----------
-        poses : dict of int to Pose
-            New ``world_from_part`` by row.
-        """
-        frames, parts = self.frames.copy(), self.parts.copy()
-        for row, pose in poses.items():
-            frame = LocalFrame(frames[row, _CENTRE].copy(), float(frames[row, layout.SCALE]))
-            _place(
-                frames,
-                parts,
-                row,
-                pose,
-                frame,
-                frames[row, _OWN_LOWER].copy(),
-                frames[row, _OWN_UPPER].copy(),
-            )
-        scene = len(parts) - 1
-        kept = LocalFrame(frames[scene, _CENTRE].copy(), float(frames[scene, layout.SCALE]))
-        model = _with_top(self.reals, self.words, frames, parts, kept)
-        if model is not None:
-            return model
-        rotations = frames[:scene, layout.ROTATION : layout.ROTATION + 9].reshape(-1, 3, 3)
-        everywhere = [Pose(*pose) for pose in zip(rotations, frames[:scene, _TRANSLATION], strict=True)]
-        return assemble([self.part_arrays(row) for row in range(scene)], everywhere)
-
-
-def restored(reals: np.ndarray, words: np.ndarray, frames: np.ndarray, parts: np.ndarray) -> Model:
-    """Return the model of arrays that were a model's before, say in a file; they are not copied.
-
-    Parameters
-    ----------
-    reals, words, frames, parts : arrays
-        As in `Model`; C-ordered, writeable, the first two beginning on a cache line.
-    """
-    return _finished(reals, words, frames, parts)
-
-
-def assemble(pieces: list[PartArrays], poses: list[Pose]) -> Model:
+def assemble(
+    pieces: list[PartArrays],
+    poses: list[Pose],
+    *,
+    loose: Collection[int] = (),
+    hidden: Collection[int] = (),
+    epoch: int = 0,
+) -> Model:
     """Return the model of parts at poses.
 
     Parameters
@@ -157,31 +127,68 @@ def assemble(pieces: list[PartArrays], poses: list[Pose]) -> Model:
         At least one.
     poses : list of Pose
         ``world_from_part``, one a part.
+    loose, hidden : collection of int
+        Rows of parts that are going to move, and of those that no question finds.
+    epoch : int
+        Of the scene.
     """
-    count = len(pieces)
-    if count == 1:
-        return _needed(_assembled(pieces, poses, 0))
-    # How much room the tree over parts takes is known when it is made: once with plenty, then with enough.
-    draft = _needed(_assembled(pieces, poses, LANES * count + 2 * _entry_target(count)))
-    return _needed(_assembled(pieces, poses, int(SPARE * draft.parts[count, layout.BLOCK_COUNT]) + LANES))
-
-
-def _needed(model: "Model | None") -> Model:
-    assert model is not None, "the tree over parts has its room"
-    return model
-
-
-def _assembled(pieces: list[PartArrays], poses: list[Pose], room: int) -> "Model | None":
-    """The model of parts at poses, with room for so many nodes over them; None where that is too little."""
     count = len(pieces)
     parts = np.zeros((count + 1, PART_COLUMNS), np.int64)
     frames = np.zeros((count + 1, FRAME_COLUMNS))
+    parts[list(loose), layout.IS_LOOSE], parts[list(hidden), layout.IS_HIDDEN] = 1, 1
     node_ends = np.cumsum([0] + [piece.bvh.node_count for piece in pieces])
     block_ends = np.cumsum([0] + [piece.bvh.block_count for piece in pieces])
-    nodes = [
-        _renumbered(piece.bvh.nodes, int(node), int(block))
-        for piece, node, block in zip(pieces, node_ends, block_ends, strict=False)
-    ]
+    nodes = _together(
+        [
+            _renumbered(piece.bvh.nodes, int(node), int(block))
+            for piece, node, block in zip(pieces, node_ends, block_ends, strict=False)
+        ],
+        np.float32,
+    )
+    for row, (piece, pose) in enumerate(zip(pieces, poses, strict=True)):
+        frames[row, _OWN_LOWER], frames[row, _OWN_UPPER] = piece.lower, piece.upper
+        frames[row, _CENTRE], frames[row, layout.SCALE] = piece.frame.centre, piece.frame.scale
+        parts[row, layout.ROOT], parts[row, layout.NODE_COUNT] = node_ends[row], piece.bvh.node_count
+        parts[row, layout.FIRST_BLOCK], parts[row, layout.BLOCK_COUNT] = (
+            block_ends[row],
+            piece.bvh.block_count,
+        )
+        _place(frames, parts, row, pose)
+    choose_frame(frames, parts, _wanted_frame(pieces))
+    static, entries = static_tree(nodes, frames, parts, int(node_ends[-1]) + 1)
+    parts[count, layout.FIRST_BLOCK] = node_ends[-1]
+    if count > 1:
+        parts[count, layout.NODE_COUNT] = int(SPARE * _nodes_at_most(nodes, frames, parts, static)) + LANES
+    plan = TopPlan.of(parts)
+    reals, words = _filled(pieces, frames, parts, nodes, plan.node_count)
+    clear_first(words, parts)
+    assert write_static(words, parts, 0, static, entries), "the tree over parts has its room"
+    loose_parts = loose_rows(parts)
+    versions, boxes = np.zeros(count + 1, np.int64), np.zeros((count, 6), np.float32)
+    own_frames, own_parts = np.zeros_like(frames), np.zeros_like(parts)
+    bring_up_to_date(
+        words, frames, parts, versions, NEVER, boxes, loose_parts, np.arange(len(loose_parts)),
+        np.empty(len(loose_parts), np.int64), len(loose_parts) ** 2, plan.region(0), plan.boxes_at(0), NEVER,
+        own_frames, own_parts,
+    )  # fmt: skip
+    return finished(reals, words, own_frames, own_parts, epoch)
+
+
+def _nodes_at_most(nodes: np.ndarray, frames: np.ndarray, parts: np.ndarray, static: np.ndarray) -> int:
+    """Nodes of the static tree once parts that are loose or hidden now stand there as well."""
+    flags = [layout.IS_LOOSE, layout.IS_HIDDEN]
+    if parts[:, flags].any():
+        parts = parts.copy()
+        parts[:, flags] = 0
+        static, _ = static_tree(nodes, frames, parts, 0)
+    return len(static) // NODE_STRIDE
+
+
+def _filled(
+    pieces: list[PartArrays], frames: np.ndarray, parts: np.ndarray, nodes: np.ndarray, top_nodes: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Put the parts' arrays together, with room for *top_nodes* over them, and note where they are."""
+    count = len(pieces)
     reals, real_starts = joined(
         [_together([piece.bvh.blocks for piece in pieces], np.float64)]
         + [array for piece in pieces for array in (piece.corners, piece.normals)],
@@ -189,18 +196,15 @@ def _assembled(pieces: list[PartArrays], poses: list[Pose], room: int) -> "Model
     )
     words, word_starts = joined(
         [
-            _together([*nodes, np.zeros(room * NODE_STRIDE, np.float32)], np.float32),
+            _together([nodes, np.zeros(top_nodes * NODE_STRIDE, np.float32)], np.float32),
             _together([piece.bvh.slot_faces for piece in pieces], np.int32),
             _together([piece.moments for piece in pieces], np.float32),
         ]
-        + [array for piece in pieces for array in (piece.faces, piece.neighbors, piece.grid)]
-        + [np.zeros(_list_room(count, room), np.float32)],
+        + [array for piece in pieces for array in (piece.faces, piece.neighbors, piece.grid)],
         np.float32,
     )
-    for row, (piece, pose) in enumerate(zip(pieces, poses, strict=True)):
+    for row, piece in enumerate(pieces):
         part = parts[row]
-        part[layout.ROOT], part[layout.NODE_COUNT] = node_ends[row], piece.bvh.node_count
-        part[layout.FIRST_BLOCK], part[layout.BLOCK_COUNT] = block_ends[row], piece.bvh.block_count
         part[[layout.CORNERS, layout.CORNER_NORMALS]] = real_starts[1 + 2 * row : 3 + 2 * row]
         part[[layout.FACES, layout.NEIGHBORS, layout.GRID]] = word_starts[3 + 3 * row : 6 + 3 * row]
         part[layout.CORNER_COUNT], part[layout.FACE_COUNT] = len(piece.corners), len(piece.faces)
@@ -210,19 +214,31 @@ def _assembled(pieces: list[PartArrays], poses: list[Pose], room: int) -> "Model
             part[layout.GRID] = NO_GRID
         frames[row, layout.GRID_LOWER : layout.GRID_LOWER + 3] = piece.grid_lower
         frames[row, layout.GRID_RATE] = piece.grid_rate
-        _place(frames, parts, row, pose, piece.frame, piece.lower, piece.upper)
     parts[:, layout.SLOT_FACES], parts[:, layout.MOMENTS] = word_starts[1], word_starts[2]
-    parts[count, layout.ROOT], parts[count, layout.NODE_COUNT] = node_ends[-1], room
-    parts[count, layout.GRID] = word_starts[-1]
-    return _with_top(reals, words, frames, parts, _wanted_frame(pieces))
+    parts[count, layout.FACE_COUNT] = parts[:count, layout.FACE_COUNT].sum()
+    return reals, words
+
+
+def finished(
+    reals: np.ndarray, words: np.ndarray, frames: np.ndarray, parts: np.ndarray, epoch: int = 0
+) -> Model:
+    """Return a model of arrays that are complete.
+
+    Parameters
+    ----------
+    reals, words, frames, parts
+        See `kernels.layout`.
+    epoch : int
+        Of the scene.
+    """
+    table = make_table(reals, words, frames, parts)
+    return Model(reals, words, frames, parts, table, int(table.ctypes.data), epoch)
 
 
 # --- arrays ----------------------------------------------------------------------------------------------
 
 _CENTRE = slice(layout.CENTRE, layout.CENTRE + 3)
 _TRANSLATION = slice(layout.TRANSLATION, layout.TRANSLATION + 3)
-_BOX_LOWER = slice(layout.BOX_LOWER, layout.BOX_LOWER + 3)
-_BOX_UPPER = slice(layout.BOX_UPPER, layout.BOX_UPPER + 3)
 _OWN_LOWER = slice(layout.OWN_LOWER, layout.OWN_LOWER + 3)
 _OWN_UPPER = slice(layout.OWN_UPPER, layout.OWN_UPPER + 3)
 
@@ -243,116 +259,14 @@ def _renumbered(nodes: np.ndarray, node_shift: int, block_shift: int) -> np.ndar
     return nodes
 
 
-def _finished(reals: np.ndarray, words: np.ndarray, frames: np.ndarray, parts: np.ndarray) -> Model:
-    """A model of arrays that are complete."""
-    table = make_table(reals, words, frames, parts)
-    return Model(reals, words, frames, parts, table, int(table.ctypes.data))
-
-
-# --- placing ---------------------------------------------------------------------------------------------
-
-
-def _place(
-    frames: np.ndarray,
-    parts: np.ndarray,
-    row: int,
-    pose: Pose,
-    frame: LocalFrame,
-    lower: np.ndarray,
-    upper: np.ndarray,
-) -> None:
-    """Write a row's pose, frame and box; *lower*, *upper*: the box in the part's frame, m."""
+def _place(frames: np.ndarray, parts: np.ndarray, row: int, pose: Pose) -> None:
+    """Write a row's pose, and the box that follows from it."""
     frames[row, layout.ROTATION : layout.ROTATION + 9] = pose.rotation.reshape(-1)
     frames[row, _TRANSLATION] = pose.translation
-    frames[row, _CENTRE], frames[row, layout.SCALE] = frame.centre, frame.scale
-    frames[row, _OWN_LOWER], frames[row, _OWN_UPPER] = lower, upper
-    parts[row, layout.IS_TURNED] = not np.array_equal(pose.rotation, np.eye(3))
-    # Around the middle, so that a part far from its own origin keeps a tight box.
-    middle, half = pose.point(0.5 * lower + 0.5 * upper), np.abs(pose.rotation) @ (0.5 * upper - 0.5 * lower)
-    frames[row, _BOX_LOWER] = lower if pose.is_identity else middle - half
-    frames[row, _BOX_UPPER] = upper if pose.is_identity else middle + half
+    place_box(frames, parts, row)
 
 
 def _wanted_frame(pieces: list[PartArrays]) -> LocalFrame:
     """The frame of the largest part: if others share it, they can be walked as one tree."""
     largest = max(pieces, key=lambda piece: float((piece.upper - piece.lower).max()))
     return largest.frame
-
-
-def _fits(frame: LocalFrame, lower: np.ndarray, upper: np.ndarray) -> bool:
-    reach = np.maximum(np.abs(frame.of(lower)), np.abs(frame.of(upper))).max()
-    return bool(ROOM_TO_MOVE / 16.0 <= reach <= 1.0)
-
-
-def _entry_target(part_count: int) -> int:
-    return max(FEWEST_ENTRIES, ENTRIES_PER_PART * part_count)
-
-
-def _list_room(part_count: int, room: int) -> int:
-    """Words to keep free for the parts' boxes and the entries."""
-    return -(-part_count // LANES) * NODE_STRIDE + 2 * LANES * room
-
-
-def _with_top(
-    reals: np.ndarray, words: np.ndarray, frames: np.ndarray, parts: np.ndarray, wanted: LocalFrame
-) -> Model | None:
-    """Finish a model: the scene's row, the boxes of parts, and the tree over them, within *words*.
-
-    None where *words* have no room for that tree.
-    """
-    scene = len(parts) - 1
-    lower, upper = frames[:scene, _BOX_LOWER].min(axis=0), frames[:scene, _BOX_UPPER].max(axis=0)
-    if scene == 1:
-        # The only part's frame is the scene's: nothing is converted.
-        frame = LocalFrame(frames[0, _CENTRE] + frames[0, _TRANSLATION], float(frames[0, layout.SCALE]))
-    else:
-        frame = wanted if _fits(wanted, lower, upper) else common_frame(lower, upper)
-    _place(frames, parts, scene, Pose(), frame, lower, upper)
-    parts[scene, layout.FACE_COUNT] = parts[:scene, layout.FACE_COUNT].sum()
-    is_still = (
-        frames[:scene, layout.ROTATION : layout.CENTRE] == frames[scene, layout.ROTATION : layout.CENTRE]
-    )
-    is_alike = (
-        frames[:scene, layout.CENTRE : layout.SCALE + 1] == frames[scene, layout.CENTRE : layout.SCALE + 1]
-    )
-    parts[:scene, layout.IS_FUSED] = is_still.all(axis=1) & is_alike.all(axis=1)
-    parts[scene, layout.IS_FUSED] = scene == 1 or parts[:scene, layout.IS_FUSED].all()
-    if scene > 1 and not _write_top(words, frames, parts):
-        return None
-    return _finished(reals, words, frames, parts)
-
-
-def _write_top(words: np.ndarray, frames: np.ndarray, parts: np.ndarray) -> bool:
-    scene = len(parts) - 1
-    first_node, boxes_at = int(parts[scene, layout.ROOT]), int(parts[scene, layout.GRID])
-    groups = _part_boxes(frames, scene)
-    words[boxes_at : boxes_at + groups.size] = groups.reshape(-1)
-    boxes, references = gather_entries(words, frames, parts, _entry_target(scene))
-    nodes, order, block_first = build_tree(
-        np.ascontiguousarray(boxes[:, :3]), np.ascontiguousarray(boxes[:, 3:])
-    )
-    nodes = open_leaves(nodes, order, block_first, boxes, references, parts, first_node)
-    entries_at = boxes_at + groups.size
-    has_room = (
-        nodes.size <= NODE_STRIDE * parts[scene, layout.NODE_COUNT]
-        and entries_at + references.size <= words.size
-    )
-    if has_room:
-        words[NODE_STRIDE * first_node :][: nodes.size] = nodes
-        words[entries_at : entries_at + references.size] = references[order].reshape(-1).view(np.float32)
-    parts[scene, layout.FACES] = entries_at
-    parts[scene, layout.BLOCK_COUNT] = nodes.size // NODE_STRIDE
-    return has_room
-
-
-def _part_boxes(frames: np.ndarray, scene: int) -> np.ndarray:
-    """The parts' boxes in the scene's scaled frame, eight to a node."""
-    groups = np.zeros((-(-scene // LANES), NODE_STRIDE), np.float32)
-    groups[:, :24], groups[:, 24:48] = np.inf, -np.inf
-    box = np.empty(6, np.float32)
-    centre, scale = frames[scene, _CENTRE], frames[scene, layout.SCALE]
-    for part in range(scene):
-        low, high = (frames[part, _BOX_LOWER] - centre) * scale, (frames[part, _BOX_UPPER] - centre) * scale
-        scene_box(frames, scene, scene, low, high, box)
-        groups[part // LANES, part % LANES : 48 : LANES] = box
-    return groups

@@ -69,6 +69,23 @@ class Pose:
         return cls(array[:3, :3], array[:3, 3])
 
     @classmethod
+    def known(cls, rotation: np.ndarray, translation: np.ndarray) -> "Pose":
+        """Return the pose of arrays that are known to be one, to the bit; they are copied, not looked at.
+
+        Parameters
+        ----------
+        rotation : (3, 3) float64
+            Orthonormal.
+        translation : (3,) float64, m
+            Finite.
+        """
+        pose = cls.__new__(cls)
+        pose.rotation, pose.translation = rotation.copy(), translation.copy()
+        pose.rotation.flags.writeable = False
+        pose.translation.flags.writeable = False
+        return pose
+
+    @classmethod
     def of(cls, pose: Any) -> "Pose":
         """Return *pose* as a `Pose`: one already, or a (4, 4) matrix.
 
@@ -83,13 +100,6 @@ class Pose:
             If it is neither.
         """
         return pose if isinstance(pose, Pose) else cls.from_matrix(pose)
-
-    @classmethod
-    def _from_checked(cls, rotation: np.ndarray, translation: np.ndarray) -> "Pose":
-        """A pose of read-only arrays that were a pose's before; they are not copied."""
-        pose = cls.__new__(cls)
-        pose.rotation, pose.translation = rotation, translation
-        return pose
 
     @property
     def matrix(self) -> np.ndarray:

@@ -37,3 +37,6 @@ def warm_up() -> None:
         asked.contains(points)
         asked.cast(points, (1.0, 0.5, 0.25))
         asked.closest_to_segments(points, points + 0.1)
+        if isinstance(asked, Scene):
+            asked.move_many(["second"], [Pose(translation=(2.0, 1.0, 0.0))])
+            asked.closest(points)

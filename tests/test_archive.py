@@ -31,6 +31,8 @@ from proximity import (
     solid,
 )
 from proximity.kernels import layout
+from proximity.queries import Queries
+from proximity.top import TopPlan
 
 MESHES = Path(__file__).parent.parent / "meshes"
 
@@ -59,6 +61,29 @@ def moved_parts():
     scene = parts_with_poses()
     for row in (3, 11):
         scene.move(f"part {row}", Pose(shapes.rotation(50 + row), (0.3, 0.1 * row, -0.2)))
+    return scene
+
+
+def parts_that_move_hide_and_give_way():
+    scene = parts_with_poses()
+    for row in (2, 7, 9, 15):
+        scene.move(
+            f"part {row}", Pose(shapes.rotation(row), (0.1, 0.0, 0.1 * row)), velocity=(0.1, -0.2, row)
+        )
+        scene.distance([0.0, 0.0, 0.0])
+    scene.move("part 3", Pose(), angular_velocity=(0.0, 1e-3, 2.0))
+    scene.hide("part 4")
+    scene.hide("part 7")
+    scene.set_surface("part 5", stiffness=0.1 + 0.2, damping=0.7)
+    scene.remove("part 0")
+    scene.move("part 9", Pose(shapes.rotation(3), (0.2, 0.2, 0.2)))
+    return scene
+
+
+def loose_part_alone():
+    scene = Scene(parts_with_poses().parts[:2])
+    scene.move("part 0", Pose(shapes.rotation(9), (0.1, 0.2, 0.3)))
+    scene.remove("part 1")
     return scene
 
 
@@ -96,6 +121,8 @@ SCENES = [
     one_solid,
     parts_with_poses,
     moved_parts,
+    parts_that_move_hide_and_give_way,
+    loose_part_alone,
     every_kind_of_sign,
     solid_in_two_parts,
     bodies_of_a_mesh,
@@ -157,6 +184,9 @@ def described(scene):
             "diagnosis": bits(part.solid.diagnosis),
             "bvh": bits(part.solid.bvh),
             "memory_bytes": part.solid.memory_bytes,
+            "velocity": bits(part.velocity),
+            "angular_velocity": bits(part.angular_velocity),
+            "surface": (part.is_hidden, bits(part.stiffness), bits(part.damping)),
         }
         for part in scene.parts
     ]
@@ -221,6 +251,45 @@ def test_parts_of_a_loaded_scene_move(tmp_path):
     assert path.read_bytes() == before
 
 
+class Held(Queries):
+    """What a model answers that somebody has kept."""
+
+    def __init__(self, scene):
+        self.model, self.bounds = scene._current(), scene.bounds
+
+    def _current(self):
+        return self.model
+
+
+def test_question_under_way_is_not_disturbed_by_a_loaded_scene_that_moves(tmp_path):
+    """The scene that is saved uses a later copy of what moves, and of the static tree."""
+    scene = parts_with_poses()
+    first = Held(scene)
+    scene.move("part 0", Pose(translation=(0.1, 0.1, 0.0)))
+    loaded = proximity.load(saved(scene, tmp_path))
+    held = Held(loaded)
+    before = answers(held)
+    assert TopPlan.of(first.model.parts).copies_of(first.model.parts) == (0, 0)
+    assert TopPlan.of(held.model.parts).copies_of(held.model.parts) == (1, 1)
+
+    for step in range(4):
+        loaded.move(f"part {step}", Pose(translation=(0.0, 0.1, 0.1 * step)))
+        answers(loaded)
+        assert answers(held) == before
+
+
+def test_moving_a_loaded_scene_assembles_nothing(tmp_path, monkeypatch):
+    loaded = proximity.load(saved(parts_with_poses(), tmp_path))
+    alone = [part.solid.distance([0.0, 0.0, 0.0]) for part in loaded.parts]
+    monkeypatch.setattr(Scene, "_assemble", None)
+
+    for step in range(30):
+        loaded.move(f"part {step % 20}", Pose(translation=(0.0, 0.01, 0.01 * step)))
+        loaded.distance([0.0, 0.0, 0.0])
+
+    assert alone == [part.solid.distance([0.0, 0.0, 0.0]) for part in loaded.parts]
+
+
 def test_solids_of_a_loaded_scene_go_into_another(tmp_path):
     scene = every_kind_of_sign()
     loaded = proximity.load(saved(scene, tmp_path))
@@ -266,18 +335,20 @@ def test_arrays_of_a_loaded_scene_are_read_only_and_mapped(tmp_path):
 
     for part in loaded.parts:
         shown = (part.solid.mesh.vertices, part.solid.mesh.faces, part.source_faces)
-        for array in (*shown, part.pose.rotation, part.pose.translation):
+        for array in shown:
             assert not array.flags.writeable
             assert mapped_file(array) == path
-    for array in (loaded._model.reals, loaded._model.words):
+        for array in (part.pose.rotation, part.pose.translation, part.velocity, part.angular_velocity):
+            assert not array.flags.writeable
+    for array in (loaded._current().reals, loaded._current().words):
         assert array.flags.writeable and array.ctypes.data % 64 == 0
         assert mapped_file(array) == path
 
 
 def test_solid_alone_neither_moves_nor_hides(tmp_path):
     scene = parts_with_poses()
-    scene._model.parts[2, [layout.IS_LOOSE, layout.IS_HIDDEN]] = 1
-    scene._model.frames[2, layout.VELOCITY : layout.SURFACE] = 3.0
+    scene.move("part 2", Pose(), velocity=(1.0, 2.0, 3.0))
+    scene.hide("part 2")
 
     alone = proximity.load(saved(scene, tmp_path)).parts[2].solid._model
 
@@ -293,7 +364,7 @@ def test_opening_builds_nothing(tmp_path, monkeypatch):
 
     for module, names in {
         solid: ("part_arrays", "build_topology", "choose_sign", "assemble"),
-        model: ("assemble", "build_tree", "gather_entries", "make_table"),
+        model: ("assemble", "static_tree", "make_table"),
     }.items():
         for name in names:
             monkeypatch.setattr(module, name, never)

@@ -17,8 +17,11 @@ loading
 scene · message
 compiled
 solid
+moves
+moving
 queries · sign
 model · results · diagnosis · bodies · meshio
+top
 part_arrays · archive
 topology · bvh
 mesh · pose

@@ -40,7 +40,7 @@ from proximity.kernels.ray import (
     ray_in_part,
     slab,
 )
-from proximity.kernels.scene import direction_to_local, direction_to_scene, part_of_slot, to_local
+from proximity.kernels.scene import direction_to_local, direction_to_scene, is_alone, part_of_slot, to_local
 from proximity.kernels.triangle import difference_of_products, dot
 from proximity.simd import (
     bits,
@@ -234,7 +234,7 @@ def cast_batch(handle, origins, directions, order, limit, answers, choices):
     """
     reals, words, frames, parts = arrays_at(handle)
     stacks = np.empty(4 * STACK_SIZE, np.float32)
-    is_single = len(parts) == 2
+    is_single = is_alone(parts)
     zero_row = np.int64(-1)
     for i in range(len(order) if len(order) else len(origins)):
         row = order[i] if len(order) else i

@@ -3,8 +3,8 @@
 A *model* is four arrays, whether it holds one solid or a scene of hundreds:
 
 - ``reals`` (float64): first all leaf blocks, then corners and corner normals of every part;
-- ``words`` (float32, its bits often int32): first all tree nodes, then faces of slots, moments, faces,
-  neighbours, sign grids, and the scene's list of boxes and entries;
+- ``words`` (float32, its bits often int32): first all tree nodes and what else the trees over parts are made
+  of (`proximity.top`), then faces of slots, moments, faces, neighbours and sign grids;
 - ``frames`` (float64, a row a part, and one for the scene): where the part is, how it is scaled;
 - ``parts`` (int64, likewise): where in the first two its arrays start, and what kind of part it is.
 
@@ -45,17 +45,17 @@ ENTRY = 2**29
 """First number of an entry among leaves."""
 
 # --- columns of ``parts`` (int64) ---
-ROOT = 0  # node to start from; of the scene's row: of the tree over entries
-NODE_COUNT = 1  # nodes of the part, from its root on; of the scene's row: room for nodes
-FIRST_BLOCK = 2
-BLOCK_COUNT = 3  # of the scene's row: nodes in use
+ROOT = 0  # node to start from; of the scene's row: the super node, see `loose`
+NODE_COUNT = 1  # nodes of the part, from its root on; of the scene's row: room for a static tree
+FIRST_BLOCK = 2  # of the scene's row: first node of the trees over parts
+BLOCK_COUNT = 3  # of the scene's row: nodes of the static tree
 SLOT_FACES = 4  # in words: face of each slot, or NO_FACE; the same for all parts
 MOMENTS = 5  # in words: see `winding`; the same for all parts
 FACES = 6  # in words: three corners a face; of the scene's row: the entries
-NEIGHBORS = 7  # in words: face across each edge
+NEIGHBORS = 7  # in words: face across each edge; of the scene's row: root of the static tree, or -1
 CORNERS = 8  # in reals: local coordinates, three a corner
 CORNER_NORMALS = 9  # in reals: angle-weighted pseudo-normal, three a corner
-CORNER_COUNT = 10
+CORNER_COUNT = 10  # of the scene's row: entries of the static tree; those of loose parts follow
 FACE_COUNT = 11
 GRID = 12  # in words: see `grid`; NO_GRID where there is none; of the scene's row: the parts' boxes
 GRID_X = 13  # cells along x, y, z

@@ -26,7 +26,7 @@ from proximity.kernels.layout import (
 )
 from proximity.kernels.memory import arrays_at
 from proximity.kernels.point import closest_in_part, slot_distance_sq
-from proximity.kernels.scene import FARTHEST, nearest_in_scene, to_local, to_scene, turn_to_scene
+from proximity.kernels.scene import FARTHEST, is_alone, nearest_in_scene, to_local, to_scene, turn_to_scene
 from proximity.kernels.side import (
     deepest_of_chunk,
     is_held,
@@ -161,7 +161,7 @@ def _signs_of_chunk(reals, words, frames, parts, points, count, rows, found, dep
 def signed_few(handle, points, distances):
     """Fill signed distances (N,), m, of points as they come: without the tables that many points need."""
     reals, words, frames, parts = arrays_at(handle)
-    if len(parts) > 2:
+    if not is_alone(parts):
         signed_batch(handle, points, np.empty(0, np.int64), distances)
         return
     stacks, witness = np.empty(4 * STACK_SIZE, np.float32), np.empty(WITNESS_SIZE)

@@ -18,6 +18,7 @@ from proximity.kernels.layout import (
     FACES,
     FIRST_BLOCK,
     IS_FUSED,
+    IS_HIDDEN,
     IS_TURNED,
     LANES,
     NODE_STRIDE,
@@ -38,6 +39,12 @@ from proximity.simd import (
 
 FARTHEST = 1e100
 """Local coordinates beyond this are pulled in: the direction stays, the square does not overflow."""
+
+
+@inlined
+def is_alone(parts):
+    """Whether there is one part, to be found: then it is asked itself, without a tree over parts."""
+    return len(parts) == 2 and not parts[0, IS_HIDDEN]
 
 
 @inlined
@@ -112,7 +119,7 @@ def nearest_in_scene(reals, words, frames, parts, x, y, z, best_sq, best_part, b
     """
     scene = len(parts) - 1
     scene_scale = frames[scene, SCALE]
-    if scene == 1:
+    if is_alone(parts):
         px, py, pz = to_local(frames, parts, 0, x, y, z)
         best_sq, best_slot = closest_in_part(
             reals, words, parts[0, ROOT], px, py, pz, best_sq, best_slot, stacks, 0

@@ -26,7 +26,7 @@ from proximity.kernels.layout import (
 )
 from proximity.kernels.memory import arrays_at
 from proximity.kernels.query import reach_sq
-from proximity.kernels.scene import nearest_in_scene, part_of_slot, to_local, to_scene
+from proximity.kernels.scene import is_alone, nearest_in_scene, part_of_slot, to_local, to_scene
 from proximity.kernels.segment import segment_in_block, segment_in_part
 from proximity.kernels.segment_box import node_bounds_sq, open_bound
 from proximity.kernels.segment_plan import HIGH, IS_FAR, LOW, PLAN_SIZE, PROBE_SIZE, make_plan
@@ -99,7 +99,7 @@ def segment_in_scene(
             reals, known_slot // LANES, plan, best_sq * ratio_sq, best_fraction, best_slot, witness
         )
         best_sq /= ratio_sq
-    if scene == 1:
+    if is_alone(parts):
         plan_in_part(frames, parts, here, segment, plan, probe)
         best_sq, _, best_slot = segment_in_part(
             reals, words, parts[0, ROOT], plan, probe, best_sq, best_fraction, best_slot, witness, stacks, 0

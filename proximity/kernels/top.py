@@ -1,4 +1,4 @@
-"""The tree over the parts of a scene, as opened subtrees.
+"""The static tree over the parts of a scene that stand still, as opened subtrees.
 
 Parts of an assembly overlap: a tree of whole parts would send a query into many of them. So large parts are
 opened until every *entry*, a subtree of a part, is small compared with the scene, and the tree is built
@@ -16,6 +16,8 @@ from proximity.kernels.layout import (
     CHILDREN,
     ENTRY,
     IS_FUSED,
+    IS_HIDDEN,
+    IS_LOOSE,
     LANES,
     NODE_STRIDE,
     ROOT,
@@ -57,7 +59,10 @@ def _lane_box(words, frames, part, base, k, scene, lower, upper, box):
 
 @kernel
 def gather_entries(words, frames, parts, target):
-    """Return boxes (E, 6) float32 and references (E, 2) int32 (part, reference) of about *target* entries."""
+    """Return boxes (E, 6) float32 and references (E, 2) int32 (part, reference) of about *target* entries.
+
+    Parts that are loose or hidden have none.
+    """
     scene = len(parts) - 1
     lower, upper, box = np.empty(3), np.empty(3), np.empty(6, np.float32)
     # Children of all roots first: their surfaces set the size from which on an entry is small.
@@ -67,6 +72,8 @@ def gather_entries(words, frames, parts, target):
     count = 0
     total = 0.0
     for part in range(scene):
+        if parts[part, IS_LOOSE] or parts[part, IS_HIDDEN]:
+            continue
         base = NODE_STRIDE * parts[part, ROOT]
         for k in range(LANES):
             if words[base + k] <= words[base + 24 + k]:

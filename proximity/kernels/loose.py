@@ -1,0 +1,161 @@
+"""The tree over loose parts: those that move by themselves, each whole, in a few nodes written at every move.
+
+The scene's root is a *super node*: its first lane is the static tree over all other parts, which stays as it
+is; the other lanes are the loose tree. Its leaves are entries, one a part, behind those of the static tree.
+Loose parts are kept in the order of a space-filling curve, which is mended a little at every move: so nodes
+stay small wherever the parts go, and a move costs O(parts that are loose).
+"""
+
+import numpy as np
+
+from proximity.kernels.compiling import inlined, kernel
+from proximity.kernels.layout import (
+    CHILDREN,
+    CORNER_COUNT,
+    ENTRY,
+    GRID,
+    LANES,
+    NEIGHBORS,
+    NODE_STRIDE,
+    ROOT,
+)
+from proximity.kernels.placing import box_in_scene, copy_rows, place_scene
+
+CURVE_CELLS = 2**20
+"""Cells along each axis of the local cube, for the order along the curve."""
+SORT_STEPS = 8
+"""Steps a loose part by which the order is mended at a move. Any order is right; a good one is fast."""
+
+
+@inlined
+def _spread(cell):
+    """Put two zeros between any two of 21 bits."""
+    cell = (cell | (cell << 32)) & 0x1F00000000FFFF
+    cell = (cell | (cell << 16)) & 0x1F0000FF0000FF
+    cell = (cell | (cell << 8)) & 0x100F00F00F00F00F
+    cell = (cell | (cell << 4)) & 0x10C30C30C30C30C3
+    return (cell | (cell << 2)) & 0x1249249249249249
+
+
+@kernel
+def _curve_key(box):
+    """Place of a box's middle along the curve; empty boxes come last."""
+    key = np.int64(0)
+    if not box[0] <= box[3]:
+        return np.int64(2**62)
+    for axis in range(3):
+        middle = 0.5 * (np.float64(box[axis]) + np.float64(box[axis + 3]))
+        cell = np.int64(min(max((middle + 1.0) * (0.5 * CURVE_CELLS), 0.0), CURVE_CELLS - 1.0))
+        key |= _spread(cell) << axis
+    return key
+
+
+@kernel
+def _mend_order(boxes, loose, order, keys, steps):
+    """Sort *order*, places in *loose*, along the curve: by insertion, and by so many steps at most."""
+    for i in range(len(loose)):
+        keys[i] = _curve_key(boxes[loose[i]])
+    for i in range(1, len(order)):
+        place = order[i]
+        at = i
+        while at > 0 and steps > 0 and keys[order[at - 1]] > keys[place]:
+            order[at] = order[at - 1]
+            at -= 1
+            steps -= 1
+        order[at] = place
+
+
+@inlined
+def _write_lane(words, base, lane, box, reference):
+    for axis in range(3):
+        words[base + 8 * axis + lane] = box[axis]
+        words[base + 24 + 8 * axis + lane] = box[axis + 3]
+    words.view(np.int32)[base + CHILDREN + lane] = reference
+
+
+@kernel
+def clear_node(words, node):
+    """Make all lanes of a node unused."""
+    base = NODE_STRIDE * node
+    for k in range(NODE_STRIDE):
+        words[base + k] = np.inf if k < 24 else (-np.inf if k < CHILDREN else 0.0)
+
+
+@kernel
+def _node_box(words, node, box):
+    """The box around all children of a node; unused lanes add nothing."""
+    base = NODE_STRIDE * node
+    for axis in range(3):
+        lower, upper = np.float32(np.inf), np.float32(-np.inf)
+        for lane in range(LANES):
+            lower = min(lower, words[base + 8 * axis + lane])
+            upper = max(upper, words[base + 24 + 8 * axis + lane])
+        box[axis], box[axis + 3] = lower, upper
+
+
+@kernel
+def _write_child(words, node, lane, i, below, boxes, loose, order, first_entry, box):
+    """Write child *i* of a level: a node from *below* on or, where that is negative, a loose part."""
+    if below >= 0:
+        _node_box(words, below + i, box)
+        _write_lane(words, NODE_STRIDE * node, lane, box, below + i)
+    else:
+        place = order[i]
+        _write_lane(words, NODE_STRIDE * node, lane, boxes[loose[place]], ~(ENTRY + first_entry + place))
+
+
+@kernel
+def write_loose(words, region, static_root, boxes, loose, order, first_entry):
+    """Write the super node at node *region* and the loose tree behind it.
+
+    *static_root*: a node, or -1. *loose* (L,): parts. *order* (L,): their places along the curve.
+    """
+    box = np.empty(6, np.float32)
+    used, below, count = region + 1, -1, len(loose)
+    while count > LANES - 1:
+        node_count = (count + LANES - 1) // LANES
+        for n in range(node_count):
+            clear_node(words, used + n)
+            for i in range(LANES * n, min(LANES * n + LANES, count)):
+                _write_child(words, used + n, i - LANES * n, i, below, boxes, loose, order, first_entry, box)
+        below, count = used, node_count
+        used += node_count
+    clear_node(words, region)
+    if static_root >= 0:
+        _node_box(words, static_root, box)
+        _write_lane(words, NODE_STRIDE * region, 0, box, static_root)
+    for i in range(count):
+        _write_child(words, region, 1 + i, i, below, boxes, loose, order, first_entry, box)
+
+
+@kernel
+def bring_up_to_date(
+    words, frames, parts, versions, published, boxes, loose, order, keys, steps, region, boxes_at, since,
+    to_frames, to_parts,
+):  # fmt: skip
+    """Make a copy of what moves, where *frames* and *parts* say it is now; return how far parts reach.
+
+    With more than 1 they do not fit the scene's frame: then nothing has been written to the copy. *versions*
+    (P + 1,) int64 says of each row when it changed. *boxes* (P, 6) float32 has what was right at version
+    *published*; the copy, *to_frames*, *to_parts*, node *region* of *words* and the list of boxes at
+    *boxes_at*, what was right at *since*. *loose*, *order*, *keys*: parts, and scratch as long.
+    """
+    scene = len(parts) - 1
+    reach = place_scene(frames, parts)
+    if scene > 1:
+        if not reach <= 1.0:
+            return reach
+        if since < 0:
+            for group in range((scene + LANES - 1) // LANES):
+                clear_node(words, boxes_at // NODE_STRIDE + group)
+        for part in range(scene):
+            if versions[part] > published:
+                box_in_scene(frames, parts, part, boxes[part])
+            if versions[part] > since:
+                group = boxes_at + NODE_STRIDE * (part // LANES)
+                _write_lane(words, group, part % LANES, boxes[part], 0)
+        _mend_order(boxes, loose, order, keys, steps)
+        write_loose(words, region, parts[scene, NEIGHBORS], boxes, loose, order, parts[scene, CORNER_COUNT])
+    parts[scene, ROOT], parts[scene, GRID] = region, boxes_at
+    copy_rows(frames, parts, versions, since, to_frames, to_parts)
+    return reach
