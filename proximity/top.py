@@ -194,7 +194,8 @@ def write_static(
         As `static_tree` returns them for that place.
     """
     plan = TopPlan.of(parts)
-    loose = loose_rows(parts)
+    # The only part of a scene is walked without a tree over it, and there is no room for one.
+    loose = loose_rows(parts) if plan.room else np.zeros(0, np.int64)
     whole = np.stack((loose, parts[loose, layout.ROOT]), axis=1).astype(np.int32)
     entries = np.concatenate((entries, whole))
     if len(nodes) > NODE_STRIDE * plan.room or len(entries) > plan.entry_room:
