@@ -8,8 +8,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from proximity.mesh import TriangleMesh
 from proximity.topology import EdgeRuns, Topology, build_topology, edge_runs
@@ -68,6 +66,9 @@ def diagnose(mesh: TriangleMesh) -> Diagnosis:
 
 
 def _shell_count(edges: EdgeRuns) -> int:
+    from scipy.sparse import coo_array  # slow to import; most meshes are never diagnosed
+    from scipy.sparse.csgraph import connected_components
+
     face_count = len(edges.order) // 3
     first = edges.starts[(edges.counts == 2) & ~edges.is_loop]
     one, other = edges.order[first] // 3, edges.order[first + 1] // 3

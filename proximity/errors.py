@@ -30,7 +30,7 @@ class PoseError(ProximityError, ValueError):
 
 
 class SceneError(ProximityError, ValueError):
-    """The parts of a scene contradict each other, or a part is not there."""
+    """The parts of a scene contradict each other, a part is not there, or a scene cannot be saved."""
 
 
 class RecordingError(ProximityError, ValueError):

@@ -3,13 +3,15 @@
 import os
 from typing import Any
 
+from proximity.archive import is_archive
+from proximity.compiled import read_scene
 from proximity.errors import MeshError
-from proximity.meshio import read_geometries
+from proximity.meshio import metres_per_unit, read_geometries
 from proximity.scene import LoadReport, Part, Scene, parts_of_mesh
 
 
 def load(path: str | os.PathLike[str], *, units: str = "mm") -> Scene:
-    """Return the scene in a file: STL, OBJ, PLY, OFF, glTF, GLB, 3MF or STEP.
+    """Return the scene in a file: STL, OBJ, PLY, OFF, glTF, GLB, 3MF or STEP, or one that `Scene.save` wrote.
 
     Parameters
     ----------
@@ -35,7 +37,15 @@ def load(path: str | os.PathLike[str], *, units: str = "mm") -> Scene:
     Vertices at equal positions are welded, near ones only where that closes a body; faces without area and
     exact duplicates are dropped. ``part.repairs`` counts what was done, ``part.source_faces`` leads back to
     the file's faces.
+
+    A saved scene is mapped, not read: it opens at the speed of a glance over its bytes, shares memory with
+    other processes that have it open, and must not be changed in place meanwhile; saving again replaces it,
+    which is no such change. It is recognised by its first bytes, whatever its name is. *units* do not matter
+    to it, and ``report`` is that of the file which it was made of.
     """
+    if is_archive(path):
+        metres_per_unit(units)  # refuses what is no unit, as for any file
+        return _compiled_scene(os.fsdecode(path))
     contents = read_geometries(path, units=units)
     parts: list[Part] = []
     for geometry in contents.geometries:
@@ -53,6 +63,13 @@ def load(path: str | os.PathLike[str], *, units: str = "mm") -> Scene:
         contents.path, contents.format, contents.units, contents.units_declared, contents.notes
     )
     return Scene(_with_own_names(parts), report=report)
+
+
+def _compiled_scene(path: str) -> Scene:
+    scene = Scene._from_compiled(read_scene(path))
+    if scene.report is None:
+        scene.report = LoadReport(path, "compiled scene", "m", True, ())
+    return scene
 
 
 def _with_own_names(parts: list[Part]) -> list[Part]:

@@ -42,6 +42,13 @@ class TriangleMesh:
         self.vertices.flags.writeable = False
         self.faces.flags.writeable = False
 
+    @classmethod
+    def _from_checked(cls, vertices: np.ndarray, faces: np.ndarray) -> "TriangleMesh":
+        """A mesh of read-only arrays that were a mesh's before; they are not copied."""
+        mesh = cls.__new__(cls)
+        mesh.vertices, mesh.faces = vertices, faces
+        return mesh
+
     @property
     def face_count(self) -> int:
         """Number of faces."""

@@ -110,8 +110,8 @@ class Stage:
     latest: Model
     changes: int  # how often something has changed
     published: int  # what *changes* was when *latest* was made
-    _sort_steps: int
     versions: np.ndarray  # (P + 1,) int64, what *changes* was when the row changed last
+    _sort_steps: int  # at most, until the order along the curve is made anew
 
     def __init__(self, model: Model) -> None:
         self.latest = model
@@ -123,10 +123,12 @@ class Stage:
         self._plan = TopPlan.of(self.parts)
         self._boxes, self._boxes_version = np.empty((count, 6), np.float32), NEVER
         self._list_loose()
-        first = _Copy(model, model.frames, model.parts)
-        first.owner, first.version = weakref.ref(model), 0
-        self._copies = [first]
-        self._static = 0
+        # A model out of a file may be any copy; one that is made is the first.
+        number, self._static = self._plan.copies_of(self.parts)
+        self._copies = [self._new_copy() for _ in range(number)]
+        own = _Copy(model, model.frames, model.parts)
+        own.owner, own.version, own.static = weakref.ref(model), 0, self._static
+        self._copies.append(own)
         self._tree = _RIGHT
         self._updates = 0
 
@@ -255,8 +257,11 @@ class Stage:
                 return copy
         if len(self._copies) == REGION_COPIES:
             return None
-        self._copies.append(_Copy(self.latest, np.empty_like(self.frames), np.empty_like(self.parts)))
+        self._copies.append(self._new_copy())
         return self._copies[-1]
+
+    def _new_copy(self) -> _Copy:
+        return _Copy(self.latest, np.empty_like(self.frames), np.empty_like(self.parts))
 
     def _write(self, copy: _Copy) -> float:
         number = self._copies.index(copy)

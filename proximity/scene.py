@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from proximity.bodies import Repairs, split_bodies
+from proximity.compiled import CompiledScene, write_scene
 from proximity.errors import SceneError
 from proximity.kernels.layout import BOX_LOWER, BOX_UPPER
 from proximity.model import Model, assemble
@@ -118,6 +119,19 @@ class Scene(Queries):
             If the arrays cannot be used.
         """
         return cls(parts_of_mesh(vertices, faces, name=name))
+
+    @classmethod
+    def _from_compiled(cls, compiled: CompiledScene) -> "Scene":
+        """The scene that was saved; its trees are not made anew."""
+        scene = cls.__new__(cls)
+        scene._parts = [Part(**fields) for fields in compiled.parts]
+        scene._row = {part.name: row for row, part in enumerate(scene._parts)}
+        told = compiled.report
+        scene.report = None if told is None else LoadReport(**{**told, "notes": tuple(told["notes"])})
+        scene._lock = threading.Lock()
+        scene._stage = Stage(compiled.model)
+        scene._told = scene._stage.versions.copy()
+        return scene
 
     @property
     def parts(self) -> tuple[Part, ...]:
@@ -360,6 +374,32 @@ class Scene(Queries):
             self._parts[row] = replace(self._parts[row], **self._stage.values(row))
             self._told[row] = version
         return self._parts[row]
+
+    def save(self, path: Any) -> None:
+        """Write the scene as it stands to a file that `load` maps: no tree is made anew then.
+
+        Parameters
+        ----------
+        path : path
+            By custom it ends in ".prox". A file that is there is replaced, at once or not at all.
+
+        Raises
+        ------
+        SceneError
+            If it cannot be written; nothing is left behind then.
+
+        Notes
+        -----
+        Cost: 176 bytes a face on the disk.
+        Thread: parts may be asked and moved meanwhile; what is written is how they stood at one moment.
+        """
+        while True:
+            model = self._current()
+            with self._lock:
+                if self._stage.latest is model and self._stage.published == self._stage.changes:
+                    parts = [self._part_now(row) for row in range(len(self._parts))]
+                    break
+        write_scene(path, model, parts, self.report)
 
     def _find(self, name: str) -> int:
         try:

@@ -46,6 +46,7 @@ class Solid(Queries):
     name: str
     sign_method: SignMethod
     sign_reason: str
+    _source: tuple[Model, int]  # only of `_from_model`: whose part it is, and which
 
     def __init__(
         self, vertices: Any, faces: Any, *, name: str = "solid", frame: LocalFrame | None = None
@@ -66,6 +67,23 @@ class Solid(Queries):
         self._model = assemble([piece], [Pose()])
         if is_turned:
             self.sign_reason += "; all faces were turned, since they ran clockwise seen from outside"
+
+    @classmethod
+    def _from_model(
+        cls, model: Model, row: int, mesh: TriangleMesh, name: str, sign: tuple[SignMethod, str, bool]
+    ) -> "Solid":
+        """The body of a part of a model, without making anything anew; *sign*: method, reason, watertight."""
+        solid = cls.__new__(cls)
+        solid.mesh, solid.name = mesh, name
+        solid.sign_method, solid.sign_reason, solid._is_watertight = sign
+        solid._source = (model, row)
+        return solid
+
+    @cached_property
+    def _model(self) -> Model:
+        """Of this body alone; made when first asked for where it came out of a file, with many others."""
+        model, row = self._source
+        return model.part_alone(row)
 
     @property
     def has_inside(self) -> bool:

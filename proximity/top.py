@@ -50,6 +50,20 @@ class TopPlan:
         row = parts[-1]
         return cls(len(parts) - 1, int(row[layout.FIRST_BLOCK]), int(row[layout.NODE_COUNT]))
 
+    def copies_of(self, parts: np.ndarray) -> tuple[int, int]:
+        """Return which copy of what moves a model uses, and which of the static tree.
+
+        Parameters
+        ----------
+        parts : (P + 1, PART_COLUMNS) int64
+            Of the model, complete.
+        """
+        if not self.room:
+            return 0, 0
+        row = parts[-1]
+        moving = int(row[layout.ROOT] - self.region(0)) // self._region_nodes
+        return moving, int(row[layout.FACES] - self.entries_at(0)) // (NODE_STRIDE * self._static_nodes)
+
     @property
     def entry_room(self) -> int:
         """Entries of a static tree and of the loose parts."""

@@ -15,15 +15,16 @@ cli
 warmup
 loading
 replay
-recording
+tracker · recording
 scene · message
+compiled
 solid
 moves
 moving
 queries · sign
 model · results · diagnosis · bodies · meshio
 top
-part_arrays
+part_arrays · archive
 topology · bvh
 mesh · pose
 kernels

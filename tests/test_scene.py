@@ -551,3 +551,17 @@ def test_mesh_that_cannot_be_used_is_refused():
         Scene.from_mesh(np.zeros((3, 3)), [])
     with pytest.raises(MeshError, match="face 0 refers to vertex 9, but the mesh has 3 vertices"):
         Scene.from_mesh(np.zeros((3, 3)), [[0, 1, 9]])
+
+
+def test_part_that_has_moved_keeps_its_faces_when_it_is_left_alone():
+    """There is no tree over the only part: its entry was once written over the faces of its first slots."""
+    ball = Solid(*shapes.sphere(1.0, 2), name="ball")
+    scene = Scene([ball, Solid(*shapes.cube(), name="cube")])
+    pose = Pose(translation=(3.0, 0.0, 0.0))
+    scene.move("ball", pose)
+    scene.remove("cube")
+    centres = ball.mesh.vertices[ball.mesh.faces].mean(axis=1)
+
+    hit = scene.closest(pose.point(centres))
+
+    assert np.array_equal(hit.face_id, np.arange(ball.mesh.face_count))

@@ -8,8 +8,6 @@ paired round the edge, each face with the one across its wedge of material.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from proximity.topology import EdgeRuns, edge_runs
 
@@ -89,6 +87,9 @@ def join_open_pieces(corners: np.ndarray, labels: np.ndarray, is_open: np.ndarra
 
 def linked_components(count: int, one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Labels (count,) of what the links *one* to *other* connect."""
+    from scipy.sparse import coo_array  # slow to import, and a compiled scene needs no splitting
+    from scipy.sparse.csgraph import connected_components
+
     graph = coo_array((np.ones(len(one), dtype=bool), (one, other)), shape=(count, count))
     labels: np.ndarray = connected_components(graph, directed=False)[1]
     return labels

@@ -5,7 +5,6 @@ vertices together changes the surface, so it must be worth it.
 """
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from proximity.bodies.pieces import Pieces, connect_faces, linked_components
 
@@ -59,6 +58,8 @@ def _rim_corners(corners: np.ndarray, has_open_edge: np.ndarray) -> np.ndarray:
 
 def _near_pairs(rim: np.ndarray, unit_positions: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
     """Pairs of *rim* corners, (2, L), at most *reach* apart, and their distances (L,)."""
+    from scipy.spatial import cKDTree  # slow to import; most bodies close without
+
     # SciPy's reach is exclusive.
     distances, near = cKDTree(unit_positions[rim]).query(
         unit_positions[rim], k=_NEAR_COUNT, distance_upper_bound=np.nextafter(reach, np.inf)

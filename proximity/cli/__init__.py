@@ -1,4 +1,4 @@
-"""The command line: ``proximity query``, ``proximity check``, ``proximity replay``.
+"""The command line: ``proximity query``, ``check``, ``compile``, ``replay``.
 
 Here people's units meet the library's metres; apart from that conversion the command line computes
 nothing. Modules that `main` needs before it knows what is asked import neither NumPy nor Rich: ``--help``
@@ -12,13 +12,14 @@ from typing import Annotated
 import typer
 
 import proximity
-from proximity.cli import check, query, replay
+from proximity.cli import check, compile, query, replay
 from proximity.cli.command import Command, Group
 
 HELP = "\n\n".join(  # a paragraph a string: some versions of Typer keep line breaks, some do not
     (
         "Exact distance from points, rays and segments to CAD parts.",
-        "Reads STL, OBJ, PLY, OFF, glTF/GLB, 3MF and STEP. Every part of a file is measured on its own; "
+        "Reads STL, OBJ, PLY, OFF, glTF/GLB, 3MF and STEP, and what compile wrote. Every part of a file is "
+        "measured on its own; "
         "signed distance is negative inside. Coordinates and answers are in millimetres, or in what --units "
         "says.",
         "Exit codes: 0 answered; 1 check --strict found a part without an inside, or replay a bound that "
@@ -37,6 +38,9 @@ app.command("query", cls=Command, epilog=query.EXAMPLES, help=query.HELP, no_arg
 app.command("check", cls=Command, epilog=check.EXAMPLES, help=check.HELP, no_args_is_help=True)(check.command)
 app.command("replay", cls=Command, epilog=replay.EXAMPLES, help=replay.HELP, no_args_is_help=True)(
     replay.command
+)
+app.command("compile", cls=Command, epilog=compile.EXAMPLES, help=compile.HELP, no_args_is_help=True)(
+    compile.command
 )
 
 

@@ -68,6 +68,7 @@ def _report(scene: "proximity.Scene", file: str, units: str, metres: float) -> d
     assert told is not None, "a scene read from a file has a report"
     return {
         "file": file,
+        "compiled_from": told.path if told.path != file else None,
         "format": told.format,
         "file_units": told.units,
         "file_units_declared": told.units_declared,
@@ -116,6 +117,7 @@ def _print(console: "Console", report: dict[str, Any]) -> None:
         console,
         [
             ("file", report["file"]),
+            *([("compiled from", report["compiled_from"])] if report["compiled_from"] else []),
             ("format", report["format"]),
             ("units of file", f"{report['file_units']} ({declared})"),
             ("parts", str(len(parts))),

@@ -12,7 +12,10 @@ def _complete_units(incomplete: str) -> list[str]:
     return [name for name in known if name.startswith(incomplete)]
 
 
-FILE = Annotated[Path, typer.Argument(metavar="FILE", help="STL, OBJ, PLY, OFF, glTF/GLB, 3MF or STEP.")]
+FILE = Annotated[
+    Path,
+    typer.Argument(metavar="FILE", help="STL, OBJ, PLY, OFF, glTF/GLB, 3MF or STEP, or a compiled scene."),
+]
 
 UNITS = Annotated[
     str,
