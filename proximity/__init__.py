@@ -25,18 +25,22 @@ if TYPE_CHECKING:
     )
     from proximity.loading import load
     from proximity.mesh import TriangleMesh
+    from proximity.message import CONTACT, ContactFlag, Surface
     from proximity.pose import Pose
     from proximity.results import NO_FACE, ClosestPoints, Feature, RayHits, SegmentHits
     from proximity.scene import Part, Scene
     from proximity.sign import SignMethod
     from proximity.solid import Solid
+    from proximity.tracker import Tracker
     from proximity.warmup import kernels_are_cached, warm_up
 
 __version__ = "0.1.0"
 
 __all__ = [
+    "CONTACT",
     "NO_FACE",
     "ClosestPoints",
+    "ContactFlag",
     "Feature",
     "MeshError",
     "MeshFormatError",
@@ -53,6 +57,8 @@ __all__ = [
     "SegmentHits",
     "SignMethod",
     "Solid",
+    "Surface",
+    "Tracker",
     "TriangleMesh",
     "kernels_are_cached",
     "load",
@@ -60,8 +66,10 @@ __all__ = [
 ]
 
 _MODULE_OF = {
+    "CONTACT": "proximity.message",
     "NO_FACE": "proximity.results",
     "ClosestPoints": "proximity.results",
+    "ContactFlag": "proximity.message",
     "Feature": "proximity.results",
     "MeshError": "proximity.errors",
     "MeshFormatError": "proximity.errors",
@@ -78,6 +86,8 @@ _MODULE_OF = {
     "SegmentHits": "proximity.results",
     "SignMethod": "proximity.sign",
     "Solid": "proximity.solid",
+    "Surface": "proximity.message",
+    "Tracker": "proximity.tracker",
     "TriangleMesh": "proximity.mesh",
     "kernels_are_cached": "proximity.warmup",
     "load": "proximity.loading",

@@ -10,6 +10,7 @@ from proximity.kernels.compiling import cache_folder
 from proximity.pose import Pose
 from proximity.scene import Part, Scene
 from proximity.solid import Solid
+from proximity.tracker import Tracker
 
 _CORNERS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
 _FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
@@ -40,3 +41,13 @@ def warm_up() -> None:
         if isinstance(asked, Scene):
             asked.move_many(["second"], [Pose(translation=(2.0, 1.0, 0.0))])
             asked.closest(points)
+            _tick(asked)
+
+
+def _tick(scene: Scene) -> None:
+    """Tick with and without what a caller may know besides poses."""
+    tracker = Tracker(scene, fingers=2)
+    tips = np.array([[0.3, 0.3, 0.5], [2.1, 1.1, 0.1]])
+    for now_ns in (0, 1_000_000, 2_000_000):
+        tracker.tick(tips, now_ns, now_ns)
+        tracker.tick(tips, now_ns, now_ns, velocities=-tips, paths=np.stack((tips, 0.5 * tips), axis=1))
