@@ -9,6 +9,7 @@ import numpy as np
 from proximity.arrays import as_float64
 from proximity.errors import QueryError
 from proximity.kernels import track
+from proximity.kernels.advance import BALL_REALS, BALLS_SIZE
 from proximity.kernels.bounded import ROOM_SIZE
 from proximity.kernels.layout import NO_PART, NO_SLOT, ROTATION
 from proximity.kernels.motion import MAX_ACCELERATION, MAX_SPEED, MOTION_INTS, MOTION_REALS
@@ -108,6 +109,7 @@ class Tracker:
             "motion_marks": np.zeros((count, MOTION_INTS), np.int64),
             "tracks": np.zeros((count, track.TRACK_REALS)),
             "marks": np.zeros((count, track.TRACK_INTS), np.int64),
+            "balls": np.zeros((count, BALLS_SIZE)),
             "records": self.contacts,
             "before": np.zeros((0, track.POSE_COLUMNS)),
             "moving": np.zeros(0, np.int64),
@@ -201,6 +203,9 @@ class Tracker:
     def _forget(self) -> None:
         """Forget what was known of surfaces."""
         self._arrays["tracks"][:, track.CLEAR] = -1.0
+        balls = self._arrays["balls"]
+        balls[:] = 0.0
+        balls[:, 4::BALL_REALS] = -1.0  # none
         marks = self._arrays["marks"]
         marks[:, track.SLOT], marks[:, track.PART], marks[:, track.IS_OUTSIDE] = NO_SLOT, NO_PART, 0
 

@@ -5,6 +5,9 @@ parts move toward it, and touch nothing. So the way is cut into steps, each of w
 closest-point query; near the contact the steps shrink to what is left. Nothing is ever passed through,
 however thin. Beyond the last step the nearest face tells where the touch is to be expected.
 
+What a query finds is kept: a *ball* without any surface in it. At the next tick the finger is a little beside
+where it was, its way leads through the same balls, and most steps need no query.
+
 A way is a polyline with a number at each corner, the *stage*: seconds, or metres along a path.
 
 Source: Mirtich 1996, "Impulse-based dynamic simulation of rigid body systems" (conservative advancement).
@@ -26,6 +29,13 @@ TOUCH = 1e-5
 """m: nearer than this is a touch; a tenth of what an operator would feel as a bias."""
 NEAR = 0.02
 """Share of the way gone that may be left to the nearest face's plane."""
+BALLS = 8
+"""That a finger keeps; the oldest goes first."""
+BALL_REALS = 5  # centre, m; radius, m; how far parts had moved when it was found
+BALLS_SIZE = 1 + BALLS * BALL_REALS
+"""Of a finger's row of balls: the number of the oldest, then the balls. A negative radius is none."""
+WORTH = 0.5
+"""Share of what a ball gave when it was found that it must still give to be taken."""
 STEEP = 0.5
 """Cosine from which on that plane is believed so."""
 
@@ -60,16 +70,39 @@ def outward_of(frames, parts, part, witness, out):
     out[0], out[1], out[2] = x, y, z
 
 
+@inlined
+def _room_in_balls(balls, way_of_parts, x, y, z, radius):
+    """How far a sphere is at least from every surface, by the balls; negative where they do not tell well."""
+    best = -1.0
+    for ball in range(BALLS):
+        at = 1 + BALL_REALS * ball
+        dx, dy, dz = x - balls[at], y - balls[at + 1], z - balls[at + 2]
+        off = sqrt(dot(dx, dy, dz, dx, dy, dz)) + (way_of_parts - balls[at + 4])
+        full = balls[at + 3] - radius
+        left = full - off * (1.0 + 1e-12)
+        if left > best and left >= WORTH * full:
+            best = left
+    return best
+
+
+@inlined
+def _keep_ball(balls, way_of_parts, x, y, z, clear):
+    at = 1 + BALL_REALS * int(balls[0])
+    balls[at], balls[at + 1], balls[at + 2], balls[at + 3], balls[at + 4] = x, y, z, clear, way_of_parts
+    balls[0] = (balls[0] + 1.0) % BALLS
+
+
 @kernel
 def advance(
     reals, words, frames, parts, way, stages, count, stage, clearance, radius, speed, drift, part, slot,
-    budget, room, witness, place,
+    budget, balls, way_of_parts, room, witness, place,
 ):  # fmt: skip
     """How far a sphere gets on its way.
 
     *way* (K, 3), *stages* (K,), *count* of them in use: the way, m, and its stages. *speed*: m a unit of
     stage at most. *drift*: m a unit of stage that surfaces may move toward the sphere. It is at *stage*,
-    *clearance* away from everything. *part*, *slot*: a face to start from. *place* (9,): scratch.
+    *clearance* away from everything. *part*, *slot*: a face to start from. *balls* (`BALLS_SIZE`,): of the
+    finger; *way_of_parts*: how far parts have moved, m. *place* (9,): scratch.
 
     Returns the stage up to which it touches nothing, for certain; the stage at which it will, or
     inf if not on this way; part and slot of the face it then touches or was nearest to last; the steps
@@ -92,6 +125,10 @@ def advance(
         stage = free
         place_on(way, stages, count, stage, place)
         gone = stage - begin
+        known = _room_in_balls(balls, way_of_parts, place[0], place[1], place[2], radius) - drift * gone
+        if known > NEAR * speed * gone and known > TOUCH:
+            free = stage + known / rate * DOWN
+            continue
         # What is farther than this at present is not reached before the end.
         limit = (rate * (end - stage) + radius + drift * gone) * scale
         best_sq, part, slot, lower_sq, steps = nearest_from(
@@ -99,9 +136,11 @@ def advance(
             limit * limit * (1.0 + 1e-12), budget - work, room,
         )  # fmt: skip
         work += steps
+        clear = sqrt(lower_sq) / scale * DOWN
+        _keep_ball(balls, way_of_parts, place[0], place[1], place[2], clear)
         if slot < 0 and lower_sq >= best_sq:
             return end, np.inf, part, slot, work, False
-        left = max(sqrt(lower_sq) / scale * DOWN - radius - drift * gone, 0.0)
+        left = max(clear - radius - drift * gone, 0.0)
         free = stage + left / rate * DOWN
         if slot < 0:
             continue

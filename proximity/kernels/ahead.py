@@ -40,7 +40,16 @@ from proximity.kernels.contact import (
 )
 from proximity.kernels.drift import drift_from, velocity_of_part
 from proximity.kernels.motion import predict
-from proximity.kernels.track import BUDGET, HORIZON, MAX_ACCELERATION, MAX_SPEED, RADIUS, SLOT
+from proximity.kernels.track import (
+    BUDGET,
+    HORIZON,
+    MAX_ACCELERATION,
+    MAX_SPEED,
+    RADIUS,
+    SLOT,
+    WAY,
+    WORKING_RANGE,
+)
 from proximity.kernels.track import PART as TRACK_PART
 from proximity.kernels.triangle import dot
 
@@ -62,8 +71,8 @@ def _left(settings, numbers, i):
 
 @kernel
 def foretell(
-    reals, words, frames, parts, settings, motions, tracks, marks, records, numbers, moving, moving_count,
-    stands, i, ahead, flags, room, witness, way, stages, place,
+    reals, words, frames, parts, settings, motions, tracks, marks, balls, records, numbers, moving,
+    moving_count, stands, i, ahead, flags, room, witness, way, stages, place,
 ):  # fmt: skip
     """Write the distance expected *ahead* seconds after the pose, and the time to contact."""
     part, slot, radius = marks[i, TRACK_PART], marks[i, SLOT], tracks[i, RADIUS]
@@ -110,12 +119,15 @@ def foretell(
     if records[i, SIGNED_DISTANCE] <= 0.0:
         records[i, TIME_TO_CONTACT], records[i, TIME_TO_CONTACT_LOWER] = 0.0, 0.0
         return
-    horizon = settings[HORIZON]
     vx, vy, vz = records[i, VELOCITY] - ux, records[i, VELOCITY + 1] - uy, records[i, VELOCITY + 2] - uz
     speed = sqrt(dot(vx, vy, vz, vx, vy, vz)) * (1.0 + 1e-12)
     if not flags & PREDICTED:
         speed = settings[MAX_SPEED] + sqrt(dot(ux, uy, uz, ux, uy, uz))
     rate = speed + drift
+    # Nobody waits for what is beyond the working range.
+    horizon = settings[HORIZON]
+    if rate * horizon > settings[WORKING_RANGE]:
+        horizon = max(settings[WORKING_RANGE] / rate, 0.1 * horizon)
     if rate * horizon <= clearance or rate < STILL:
         records[i, TIME_TO_CONTACT], records[i, TIME_TO_CONTACT_LOWER] = np.inf, horizon
         return
@@ -128,7 +140,7 @@ def foretell(
         stages[0], stages[1] = 0.0, horizon
         free, found, _, _, steps, _ = advance(
             reals, words, frames, parts, way, stages, 2, 0.0, clearance, radius, speed, drift, part, slot,
-            _left(settings, numbers, i), room, witness, place,
+            _left(settings, numbers, i), balls, settings[WAY], room, witness, place,
         )  # fmt: skip
         # Without a step of its own the way tells nothing beyond what the nearest face does.
         if steps > 0 or free >= horizon:
@@ -178,8 +190,8 @@ def interpolate(xs, ys, x):
 
 @kernel
 def look_along_path(
-    reals, words, frames, parts, settings, path, path_bends, bend, tracks, marks, records, numbers, moving,
-    moving_count, stands, i, flags, room, witness, stages, place,
+    reals, words, frames, parts, settings, path, path_bends, bend, tracks, marks, balls, records, numbers,
+    moving, moving_count, stands, i, flags, room, witness, stages, place,
 ):  # fmt: skip
     """Write where on its path the finger touches first and, if it goes that way, when; the flags."""
     whole = _measure_path(path, stages)
@@ -216,7 +228,7 @@ def look_along_path(
             return flags | ON_PATH
     free, expected, part, slot, steps, _ = advance(
         reals, words, frames, parts, path, stages, len(stages), stage, lower - radius, radius, 1.0, 0.0, part,
-        slot, _left(settings, numbers, i), room, witness, place,
+        slot, _left(settings, numbers, i), balls, settings[WAY], room, witness, place,
     )  # fmt: skip
     numbers[i, WORK] += steps
     flags |= ON_PATH
@@ -230,7 +242,8 @@ def look_along_path(
         if drift > 0.0:
             free, expected, part, slot, steps, _ = advance(
                 reals, words, frames, parts, path, stages, len(stages), stage, lower - radius, radius, 1.0,
-                drift / speed, part, slot, _left(settings, numbers, i), room, witness, place,
+                drift / speed, part, slot, _left(settings, numbers, i), balls, settings[WAY], room, witness,
+                place,
             )  # fmt: skip
             numbers[i, WORK] += steps
         records[i, TIME_TO_CONTACT_LOWER] = (free - stage) / speed * (1.0 - 1e-12)

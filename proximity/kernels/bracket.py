@@ -125,8 +125,8 @@ def bracket_at(reals, words, frames, parts, x, y, z, part, slot, is_outside, bud
     """Signed distance of a point of the scene's frame, m, between bounds.
 
     *part*, *slot*: a face to start from, or `NO_SLOT`. *is_outside*: True where it is known that no part
-    holds the point. Returns distance, lower and upper bound, a distance within which there is no surface at
-    all, part and slot of the face that is meant, bits (EXACT or BOUNDED, SIGNED, INSIDE), and the steps taken.
+    holds the point. Returns distance, lower and upper bound, a distance within which there is no surface,
+    part and slot of the face that is meant, bits (EXACT or BOUNDED, SIGNED, INSIDE), and the steps taken.
     """
     scene = len(parts) - 1
     scale = frames[scene, SCALE]

@@ -203,6 +203,7 @@ def tick(handle, tracker, now_ns, is_moved):
         motion_marks,
         tracks,
         marks,
+        balls,
         records,
         wide,
         numbers,
@@ -248,12 +249,12 @@ def tick(handle, tracker, now_ns, is_moved):
             flags |= PART_CHANGED
         marks[i, TOLD_PART] = numbers[i, PART]
         foretell(
-            reals, words, frames, parts, settings, motions, tracks, marks, records, numbers, moving,
+            reals, words, frames, parts, settings, motions, tracks, marks, balls[i], records, numbers, moving,
             moving_count, stands, i, 1e-9 * (acts_ns - pose_ns[i]), flags, room, witness, way, stages, place,
         )  # fmt: skip
         if settings[HAS_PATHS] != 0.0 and isfinite(paths[i, 0, 0]):
             flags = look_along_path(
-                reals, words, frames, parts, settings, paths[i], path_bends, bends[i], tracks, marks, records,
-                numbers, moving, moving_count, stands, i, flags, room, witness, path_stages, place,
+                reals, words, frames, parts, settings, paths[i], path_bends, bends[i], tracks, marks,
+                balls[i], records, numbers, moving, moving_count, stands, i, flags, room, witness, path_stages, place,
             )  # fmt: skip
         numbers[i, FLAGS] = flags

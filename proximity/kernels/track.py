@@ -6,6 +6,7 @@ the nearest face. A distance changes by no more than finger and parts have moved
 
 import numpy as np
 
+from proximity.kernels.advance import BALLS_SIZE
 from proximity.kernels.compiling import inlined, kernel
 from proximity.kernels.contact import RECORD_INTS, RECORD_REALS
 from proximity.kernels.layout import OWN_LOWER, ROTATION, TRANSLATION
@@ -56,6 +57,7 @@ NAMES = (
     "motion_marks",
     "tracks",
     "marks",
+    "balls",
     "records",
     "before",
     "moving",
@@ -91,12 +93,13 @@ def tracker_arrays_at(handle):
         longs_at(table[at + 8], (fingers, MOTION_INTS)),
         reals_at(table[at + 9], (fingers, TRACK_REALS)),
         longs_at(table[at + 10], (fingers, TRACK_INTS)),
-        reals_at(table[at + 11], (fingers, RECORD_REALS)),
-        longs_at(table[at + 11], (fingers, RECORD_REALS)),
-        ints_at(table[at + 11], (fingers, RECORD_INTS)),
-        reals_at(table[at + 12], (parts, POSE_COLUMNS)),
-        longs_at(table[at + 13], (parts,)),
-        words_at(table[at + 14], (room,)),
+        reals_at(table[at + 11], (fingers, BALLS_SIZE)),
+        reals_at(table[at + 12], (fingers, RECORD_REALS)),
+        longs_at(table[at + 12], (fingers, RECORD_REALS)),
+        ints_at(table[at + 12], (fingers, RECORD_INTS)),
+        reals_at(table[at + 13], (parts, POSE_COLUMNS)),
+        longs_at(table[at + 14], (parts,)),
+        words_at(table[at + 15], (room,)),
     )
 
 
