@@ -16,6 +16,7 @@ from proximity.kernels.layout import (
     GRID_X,
     GRID_Y,
     GRID_Z,
+    IS_HIDDEN,
     LANES,
     MOMENTS,
     NO_GRID,
@@ -30,7 +31,7 @@ from proximity.kernels.layout import (
     SLOT_FACES,
 )
 from proximity.kernels.point import closest_in_part, slot_distance_sq
-from proximity.kernels.scene import is_alone, to_local
+from proximity.kernels.scene import to_local
 from proximity.kernels.triangle import dot
 from proximity.kernels.winding import winding_number
 from proximity.kernels.witness import (
@@ -162,9 +163,10 @@ def holding_bits(words, parts, first, x, y, z):
 
     The only part of a scene is asked itself: its row has no list of boxes.
     """
-    if is_alone(parts):
-        return np.int64(1)
-    base = parts[len(parts) - 1, GRID] + NODE_STRIDE * (first // LANES)
+    scene = len(parts) - 1
+    if scene == 1:
+        return np.int64(not parts[0, IS_HIDDEN])
+    base = parts[scene, GRID] + NODE_STRIDE * (first // LANES)
     return bits(point_boxes_distance_sq(words, base, x, y, z) <= splat32(np.float32(0.0)))
 
 
