@@ -9,7 +9,7 @@ import numpy as np
 from proximity.arrays import as_float64
 from proximity.errors import QueryError
 from proximity.kernels import track
-from proximity.kernels.advance import BALL_REALS, BALLS_SIZE
+from proximity.kernels.advance import BALLS, BALLS_SIZE
 from proximity.kernels.bounded import ROOM_SIZE
 from proximity.kernels.layout import NO_PART, NO_SLOT, ROTATION
 from proximity.kernels.motion import MAX_ACCELERATION, MAX_SPEED, MOTION_INTS, MOTION_REALS
@@ -119,7 +119,6 @@ class Tracker:
         self._arrays["tracks"][:, track.RADIUS] = _radii(radius, count)
         self._model: Model | None = None
         self._epoch = -1
-        self._take_over(scene._current())
         self._tell_addresses()
 
     def tick(
@@ -170,11 +169,10 @@ class Tracker:
         Sign: as `Scene.signed_distance`, less the radius.
         Cost: some 10 µs for five fingers near parts of 100 k faces.
         """
-        if self.scene.epoch != self._epoch or self.scene._current() is not self._model:
-            self._take_over(self.scene._current())
-            is_moved = True
-        else:
-            is_moved = False
+        model = self.scene._current()
+        is_moved = model is not self._model
+        if is_moved:
+            self._take_over(model)
         try:
             points = np.asarray(positions)
             if points.shape != self._shape:
@@ -189,8 +187,7 @@ class Tracker:
             self._take_velocities(velocities)
         if paths is not None or settings[track.HAS_PATHS]:
             self._take_paths(paths, path_bends, bends)
-        assert self._model is not None
-        tick(self._model.handle, self._handle, now, is_moved)
+        tick(model.handle, self._handle, now, is_moved)
         return self.contacts
 
     def reset(self) -> None:
@@ -205,14 +202,14 @@ class Tracker:
         self._arrays["tracks"][:, track.CLEAR] = -1.0
         balls = self._arrays["balls"]
         balls[:] = 0.0
-        balls[:, 4::BALL_REALS] = -1.0  # none
+        balls[:, 3 * BALLS : 4 * BALLS] = -1.0  # none
         marks = self._arrays["marks"]
         marks[:, track.SLOT], marks[:, track.PART], marks[:, track.IS_OUTSIDE] = NO_SLOT, NO_PART, 0
 
     def _take_over(self, model: Model) -> None:
         """Look at *model* from now on; parts that changed in more than their place are looked at anew."""
-        if self.scene.epoch != self._epoch:
-            self._epoch = self.scene.epoch
+        if model.epoch != self._epoch:
+            self._epoch = model.epoch
             self._forget()
             count = len(model.parts) - 1
             self._arrays["before"] = model.frames[:count, ROTATION : ROTATION + track.POSE_COLUMNS].copy()

@@ -25,6 +25,7 @@ from proximity.kernels.layout import (
     IS_FUSED,
     LANES,
     MOMENTS,
+    NODE_COUNT,
     NODE_STRIDE,
     ROOT,
     SCALE,
@@ -213,7 +214,8 @@ def _fetch(reals, words, reference):
 def _sweep(reals, words, frames, parts, x, y, z, best_sq, best_slot, count, work, budget, room):
     """Go on from what waits: *count* subtrees in *room*."""
     scene = len(parts) - 1
-    top = parts[scene, ROOT] if scene > 1 else np.int64(2**62)
+    # Nodes of the trees over parts come after those of the parts, and have no slabs.
+    top = parts[scene - 1, ROOT] + parts[scene - 1, NODE_COUNT]
     part = np.int64(-1)
     px, py, pz, factor, is_far = 0.0, 0.0, 0.0, 1.0, False
     share = SHARE

@@ -26,7 +26,7 @@ from proximity.kernels.layout import (
     SIGN_NONE,
 )
 from proximity.kernels.point import slot_distance_sq
-from proximity.kernels.scene import part_of_slot, to_local
+from proximity.kernels.scene import is_alone, part_of_slot, to_local
 from proximity.kernels.side import (
     holding_bits,
     is_inside_by_winding,
@@ -65,7 +65,7 @@ def nearest_from(reals, words, frames, parts, x, y, z, part, slot, limit_sq, bud
             best_sq = known_sq
         else:
             slot = np.int64(NO_SLOT)
-    top = scene if scene > 1 else np.int64(0)
+    top = np.int64(0) if is_alone(parts) else scene
     best_sq, slot, lower_sq, work = nearest_with_budget(
         reals, words, frames, parts, parts[top, ROOT], top, x, y, z, best_sq, slot, budget, room
     )

@@ -64,9 +64,11 @@ from proximity.kernels.track import (
     LATENCY,
     MAX_ACCELERATION,
     MAX_SPEED,
+    MOVING_COUNT,
     ODOMETER,
     RADIUS,
     SLOT,
+    STANDS,
     TOLD_PART,
     WAY,
     WORKING_RANGE,
@@ -213,7 +215,8 @@ def tick(handle, tracker, now_ns, is_moved):
     ) = tracker_arrays_at(tracker)
     if is_moved:
         settings[WAY] += way_of_parts(frames, before)
-    moving_count, stands = gather_moving(frames, parts, moving)
+        settings[MOVING_COUNT], settings[STANDS] = gather_moving(frames, parts, moving)
+    moving_count, stands = np.int64(settings[MOVING_COUNT]), settings[STANDS] != 0.0
     acts_ns = now_ns + np.int64(1e9 * settings[LATENCY])
     reach = FARTHEST / frames[len(parts) - 1, SCALE]
     witness, place, way, stages = np.empty(WITNESS_SIZE), np.empty(9), np.empty((2, 3)), np.empty(2)
@@ -255,6 +258,7 @@ def tick(handle, tracker, now_ns, is_moved):
         if settings[HAS_PATHS] != 0.0 and isfinite(paths[i, 0, 0]):
             flags = look_along_path(
                 reals, words, frames, parts, settings, paths[i], path_bends, bends[i], tracks, marks,
-                balls[i], records, numbers, moving, moving_count, stands, i, flags, room, witness, path_stages, place,
+                balls[i], records, numbers, moving, moving_count, stands, i, flags, room, witness, path_stages,
+                place,
             )  # fmt: skip
         numbers[i, FLAGS] = flags

@@ -38,6 +38,8 @@ BUDGET = 6  # steps a finger
 HAS_VELOCITIES = 7  # 1 where the caller gives velocities
 HAS_PATHS = 8
 HAS_BENDS = 9
+MOVING_COUNT = 10  # parts that have a velocity; written by the tick
+STANDS = 11  # 1 where some part has none
 SETTINGS_SIZE = 16
 
 POSE_COLUMNS = 12
