@@ -36,11 +36,12 @@ def measure_open(options) -> list[TickRow]:
     folders = [str(PROJECT), *filter(None, [environment.get("PYTHONPATH")])]
     environment["PYTHONPATH"] = os.pathsep.join(folders)
     opened, asked = [], []
+    rounds = min(OPEN_ROUNDS, options.ticks)
     with tempfile.TemporaryDirectory(prefix="proximity_bench_") as folder:
         path = Path(folder) / "cell.prox"
         scene.save(path)
         size = path.stat().st_size
-        for _ in range(OPEN_ROUNDS):
+        for _ in range(rounds):
             done = subprocess.run(
                 [sys.executable, "-c", OPEN, str(path)],
                 capture_output=True,
@@ -53,7 +54,7 @@ def measure_open(options) -> list[TickRow]:
             asked.append(second)
     median = statistics.median(opened) / 1e6
     verdict = Verdict(
-        f"open: median of {OPEN_ROUNDS} processes at most {MOST_OPEN_MS:g} ms",
+        f"open: median of {rounds} processes at most {MOST_OPEN_MS:g} ms",
         f"{median:.1f} ms",
         median <= MOST_OPEN_MS,
     )
@@ -69,7 +70,7 @@ def measure_deform(options) -> list[TickRow]:
     """Give a part new corners, against making it anew; nothing where scenes cannot do so yet."""
     if not hasattr(Scene, "deform"):
         return [TickRow("deform", 1, 0, 0, 0, remarks=("not measured: scenes have no deform",))]
-    vertices, faces = scenes.large_plate(options.sizes)
+    vertices, faces = scenes.plate(options.sizes.large_plate)
     scene = scenes.scene_of((vertices, faces))
     refits, builds, ratios = TickLog(), TickLog(), []
     for number in range(DEFORM_ROUNDS + 1):
@@ -97,4 +98,6 @@ def measure_deform(options) -> list[TickRow]:
 def _row(case, scene, log, verdicts, remarks):
     faces = sum(part.solid.mesh.face_count for part in scene.parts)
     wall = figures_of(np.array(log.wall_ns))
-    return TickRow(case, len(scene.parts), faces, 0, len(log.wall_ns), None, wall, verdicts, remarks)
+    return TickRow(
+        case, len(scene.parts), faces, 0, len(log.wall_ns), None, wall, verdicts=verdicts, remarks=remarks
+    )
