@@ -1,7 +1,7 @@
 """Single ticks, with pytest-benchmark: ``python -m pytest bench/bench_ticks.py``.
 
-The cases of `ticks.py`, which is the one to judge by: it keeps every tick, and thread time apart. This follows
-medians from commit to commit.
+The cases of `ticks.py`, which is the one to judge by: it keeps every tick, and thread time apart. This
+follows medians from commit to commit.
 """
 
 import itertools

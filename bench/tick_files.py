@@ -36,7 +36,7 @@ def measure_open(options) -> list[TickRow]:
     folders = [str(PROJECT), *filter(None, [environment.get("PYTHONPATH")])]
     environment["PYTHONPATH"] = os.pathsep.join(folders)
     opened, asked = [], []
-    rounds = min(OPEN_ROUNDS, options.ticks)
+    rounds = 1 if options.small else OPEN_ROUNDS
     with tempfile.TemporaryDirectory(prefix="proximity_bench_") as folder:
         path = Path(folder) / "cell.prox"
         scene.save(path)

@@ -129,7 +129,7 @@ def test_report_writes_tables_and_json(bench, capsys, monkeypatch, tmp_path):
 
 def test_ticks_of_small_scenes_write_a_table_and_json(bench, capsys, tmp_path):
     path = tmp_path / "out.json"
-    words = ["fingers", "moving", "skin", "cavity", "warm", "prediction", "deform"]
+    words = ["fingers", "moving", "skin", "cavity", "warm", "prediction", "open", "deform"]
 
     exit_code = bench("ticks").main([*words, "--small", "--json", str(path)])
 
