@@ -258,7 +258,7 @@ def tick(handle, tracker, now_ns, is_moved):
         if settings[HAS_PATHS] != 0.0 and isfinite(paths[i, 0, 0]):
             flags = look_along_path(
                 reals, words, frames, parts, settings, paths[i], path_bends, bends[i], tracks, marks,
-                balls[i], records, numbers, moving, moving_count, stands, i, flags, room, witness, path_stages,
-                place,
+                balls[i], records, numbers, moving, moving_count, stands, i, flags, room, witness,
+                path_stages, place,
             )  # fmt: skip
         numbers[i, FLAGS] = flags
