@@ -15,6 +15,7 @@ cli
 warmup
 loading
 scene · message
+deforming
 solid
 queries · sign
 model · results · diagnosis · bodies · meshio
