@@ -197,8 +197,9 @@ class Scene(Queries):
         Sign: told as when the part was made. That was checked then, and is not now: where a deformed part
         meets itself, a pseudo-normal may tell the wrong side there.
         Degenerate: faces may lose their area.
-        Cost: a fiftieth of making the part anew, 14 ms for 300 k faces; the first time somewhat more.
-        Answers stay exact; where a part changes much, searches take longer than in a new tree.
+        Cost: a fortieth of making the part anew, 12 ms for 300 k faces; the first time somewhat more.
+        Answers stay exact; where a part changes much, searches take longer than in a new tree. `contains`
+        asks the surface, where it would look into a grid.
         Thread: must not run while another thread asks this scene or a solid of its parts.
         """
         row = self._find(name)
