@@ -69,7 +69,7 @@ def _left(settings, numbers, i):
     return max(np.int64(settings[BUDGET]) - np.int64(numbers[i, WORK]), FEWEST_STEPS)
 
 
-@kernel
+@inlined
 def foretell(
     reals, words, frames, parts, settings, motions, tracks, marks, balls, records, numbers, moving,
     moving_count, stands, i, ahead, flags, room, witness, way, stages, place,

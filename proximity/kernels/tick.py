@@ -10,7 +10,7 @@ import numpy as np
 
 from proximity.kernels.advance import outward_of
 from proximity.kernels.ahead import foretell, look_along_path
-from proximity.kernels.bracket import beyond_all, bracket_at, distance_to_slot, fill_witness
+from proximity.kernels.bracket import beyond_all, bracket_at, fill_witness
 from proximity.kernels.compiling import inlined, kernel
 from proximity.kernels.contact import (
     AGE_NS,
@@ -47,8 +47,18 @@ from proximity.kernels.contact import (
     WORK,
 )
 from proximity.kernels.drift import gather_moving, velocity_of_part
+from proximity.kernels.layout import (
+    BLOCK_STRIDE,
+    LANES,
+    NO_FACE,
+    NO_PART,
+    SCALE,
+    SIGN,
+    SIGN_NONE,
+    SLOT_FACES,
+    SURFACE,
+)
 from proximity.kernels.layout import DAMPING as PART_DAMPING
-from proximity.kernels.layout import NO_FACE, NO_PART, SCALE, SIGN, SIGN_NONE, SLOT_FACES, SURFACE
 from proximity.kernels.layout import STIFFNESS as PART_STIFFNESS
 from proximity.kernels.memory import arrays_at
 from proximity.kernels.motion import VELOCITY as ESTIMATE
@@ -84,7 +94,7 @@ from proximity.kernels.witness import (
     pseudo_normal,
 )
 from proximity.kernels.witness import NORMAL as WITNESS_NORMAL
-from proximity.simd import load_int
+from proximity.simd import load_int, prefetch
 
 FLAG_BITS = (1 << 16) - 1
 """Of an observation's answer: what goes into the record."""
@@ -105,6 +115,15 @@ def _clear_record(records, wide, numbers, i):
 
 
 @inlined
+def _fetch_face(reals, marks, i):
+    """Have the face that a finger starts from brought from memory, while another finger is done."""
+    if marks[i, SLOT] >= 0:
+        base = BLOCK_STRIDE * (marks[i, SLOT] // LANES)
+        for line in range(BLOCK_STRIDE // 8):
+            prefetch(reals, base + 8 * line)
+
+
+@inlined
 def _carried(frames, settings, tracks, i, x, y, z):
     """A distance, m, within which there is still no surface: what was clear less what has moved."""
     dx, dy, dz = x - tracks[i, ANCHOR], y - tracks[i, ANCHOR + 1], z - tracks[i, ANCHOR + 2]
@@ -113,7 +132,7 @@ def _carried(frames, settings, tracks, i, x, y, z):
     return tracks[i, CLEAR] - moved * (1.0 + ROUNDING) - slack
 
 
-@kernel
+@inlined
 def _write_surface(
     reals, words, frames, parts, part, slot, bits, witness, i, x, y, z, radius, records, place
 ):
@@ -143,7 +162,7 @@ def _write_surface(
     records[i, DAMPING] = frames[part, PART_DAMPING]
 
 
-@kernel
+@inlined
 def _distance(
     reals, words, frames, parts, settings, tracks, marks, records, numbers, i, x, y, z, flags, room, witness,
     place,
@@ -158,7 +177,6 @@ def _distance(
         lower, bits = carried, SKIPPED
         if slot >= 0:
             upper = fill_witness(reals, words, parts, frames, part, slot, x, y, z, witness)
-            upper = max(upper, distance_to_slot(reals, frames, parts, part, slot, x, y, z))
             if parts[part, SIGN] != SIGN_NONE:
                 bits |= SIGNED
         else:
@@ -222,6 +240,8 @@ def tick(handle, tracker, now_ns, is_moved):
     witness, place, way, stages = np.empty(WITNESS_SIZE), np.empty(9), np.empty((2, 3)), np.empty(2)
     path_stages = np.empty(len(path_bends))
     for i in range(len(positions)):
+        if i + 1 < len(positions):
+            _fetch_face(reals, marks, i + 1)
         _clear_record(records, wide, numbers, i)
         wide[i, POSE_NS], wide[i, AGE_NS], wide[i, PREDICTED_NS] = pose_ns[i], now_ns - pose_ns[i], acts_ns
         for axis in range(3):
