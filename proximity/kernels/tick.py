@@ -65,9 +65,11 @@ from proximity.kernels.motion import VELOCITY as ESTIMATE
 from proximity.kernels.motion import observe, observe_with_velocity
 from proximity.kernels.scene import FARTHEST, to_local, to_scene, turn_to_scene
 from proximity.kernels.track import (
+    AHEAD_LEFT,
     ANCHOR,
     BUDGET,
     CLEAR,
+    FIRST,
     HAS_PATHS,
     HAS_VELOCITIES,
     IS_OUTSIDE,
@@ -98,6 +100,13 @@ from proximity.simd import load_int, prefetch
 
 FLAG_BITS = (1 << 16) - 1
 """Of an observation's answer: what goes into the record."""
+AHEAD = 4000
+"""Steps in which all fingers together may look ahead: five need fewer, a skin of thousands would be late.
+Who has none left goes by the balls it knows, and by the nearest face."""
+AHEAD_SHARE = 2
+"""Steps a finger that they have at least."""
+TURNS = 16
+"""Ticks in which each of many fingers has been the first."""
 ROUNDING = 1e-13
 """Part sizes: more than what distances and ways round."""
 
@@ -239,9 +248,12 @@ def tick(handle, tracker, now_ns, is_moved):
     reach = FARTHEST / frames[len(parts) - 1, SCALE]
     witness, place, way, stages = np.empty(WITNESS_SIZE), np.empty(9), np.empty((2, 3)), np.empty(2)
     path_stages = np.empty(len(path_bends))
-    for i in range(len(positions)):
-        if i + 1 < len(positions):
-            _fetch_face(reals, marks, i + 1)
+    count, first = len(positions), np.int64(settings[FIRST])
+    settings[AHEAD_LEFT] = max(AHEAD, AHEAD_SHARE * count)
+    settings[FIRST] = (first + 1 + count // TURNS) % count
+    for turn in range(count):
+        i = (first + turn) % count
+        _fetch_face(reals, marks, (i + 1) % count)
         _clear_record(records, wide, numbers, i)
         wide[i, POSE_NS], wide[i, AGE_NS], wide[i, PREDICTED_NS] = pose_ns[i], now_ns - pose_ns[i], acts_ns
         for axis in range(3):
