@@ -5,7 +5,9 @@ int64 nanoseconds of one monotonic clock. What the tracker fills is what travels
 by column number (`kernels.contact`); a test holds both together.
 """
 
+import operator
 from enum import IntEnum, IntFlag
+from typing import Any
 
 import numpy as np
 
@@ -38,7 +40,12 @@ class ContactFlag(IntFlag):
     ON_PATH = contact.ON_PATH
     """Time and place of contact are along the path that was given, not along the velocity."""
     CONTACT_FOUND = contact.CONTACT_FOUND
-    """The place of contact is confirmed: within ``contact_bend_error``, or the time within its bounds."""
+    """The place of contact on the path is confirmed: within ``contact_bend_error``."""
+
+    @classmethod
+    def _missing_(cls, value: Any) -> Any:
+        """Take the NumPy integer of a record as well."""
+        return super()._missing_(operator.index(value))
 
 
 class Surface(IntEnum):
