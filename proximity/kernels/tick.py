@@ -82,6 +82,7 @@ from proximity.kernels.track import (
     SLOT,
     STANDS,
     TOLD_PART,
+    TOLERANCE,
     WAY,
     WORKING_RANGE,
     tracker_arrays_at,
@@ -182,15 +183,19 @@ def _distance(
     carried = _carried(frames, settings, tracks, i, x, y, z)
     is_outside = marks[i, IS_OUTSIDE] == 1 and carried > 0.0
     work, budget = np.int64(0), np.int64(settings[BUDGET])
-    if is_outside and carried - radius > settings[WORKING_RANGE]:
-        lower, bits = carried, SKIPPED
+    is_far = is_outside and carried - radius > settings[WORKING_RANGE]
+    is_near_enough = False
+    upper = np.inf
+    if is_far or (is_outside and settings[TOLERANCE] > 0.0):
         if slot >= 0:
             upper = fill_witness(reals, words, parts, frames, part, slot, x, y, z, witness)
-            if parts[part, SIGN] != SIGN_NONE:
-                bits |= SIGNED
-        else:
-            upper = np.inf if carried == np.inf else beyond_all(frames, x, y, z)
-        lower, distance = min(lower, upper), upper
+        elif carried < np.inf:
+            upper = beyond_all(frames, x, y, z)
+        is_near_enough = upper - carried <= settings[TOLERANCE] * (carried - radius)
+    if is_far or is_near_enough:
+        bits, lower, distance = SKIPPED, min(carried, upper), upper
+        if slot >= 0 and parts[part, SIGN] != SIGN_NONE:
+            bits |= SIGNED
     else:
         distance, lower, upper, clear, part, slot, bits, work = bracket_at(
             reals, words, frames, parts, x, y, z, part, slot, is_outside, budget, room, witness
