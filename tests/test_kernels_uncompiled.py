@@ -22,6 +22,8 @@ FIELDS = ("signed_distance", "point", "gradient", "part", "face_id", "barycentri
 def things():
     """Solids with each kind of sign, and a scene of two parts, one of them turned."""
     cube, ball = Solid(*shapes.cube(), name="cube"), Solid(*shapes.sphere(0.7, 0), name="ball")
+    deformed = Scene([ball, Solid(*shapes.torus(n=6, m=4), name="torus")])
+    deformed.deform("torus", 1.5 * shapes.torus(n=6, m=4)[0] + 0.25)
     turned = Part("cube", cube, Pose(shapes.rotation(3), (0.4, -0.2, 0.6)), np.arange(12, dtype=np.int32))
     return {
         "cube": cube,
@@ -34,6 +36,7 @@ def things():
         "far away": Solid(*shapes.moved(shapes.tetrahedron(), (1e4, -1e4, 1e4))),
         "scene": Scene([turned, ball]),
         "moved scene": moved_scene(cube, ball),
+        "deformed": deformed,
     }
 
 
