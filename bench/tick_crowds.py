@@ -23,11 +23,14 @@ SKIN_RADIUS = 0.001  # m
 CHECKED_TICKS = 40  # of which the brackets are held against exact distances
 SKIN_SETTINGS = {
     "default": {},
-    "working range 20 mm, horizon 10 ms": {"working_range": 0.02, "horizon": 0.01},
-    "working range 10 mm, horizon 10 ms": {"working_range": 0.01, "horizon": 0.01},
+    "tolerance 5 %": {"tolerance": 0.05},
+    "tolerance 5 %, horizon 10 ms": {"tolerance": 0.05, "horizon": 0.01},
+    "tolerance 5 %, working range 20 mm": {"tolerance": 0.05, "working_range": 0.02, "horizon": 0.01},
+    "working range 10 mm": {"working_range": 0.01, "horizon": 0.01},
 }
-HONEST_SKIN = "working range 10 mm, horizon 10 ms"
-"""A skin feels what touches it: at 1 m/s 10 mm are ten ticks away, and farther off bounds are told, too."""
+HONEST_SKIN = "tolerance 5 %, working range 20 mm"
+"""A skin feels what touches it: 20 mm are more than ten ticks away at 1 m/s, and farther off bounds are told,
+too. A horizon of 10 ms goes with both working ranges."""
 
 
 def measure_moving(options) -> list[TickRow]:
