@@ -7,9 +7,25 @@ import shapes
 
 from proximity.bvh import LocalFrame
 from proximity.kernels.bounded import ROOM_SIZE, factor_of, nearest_with_budget
-from proximity.kernels.layout import BLOCK_COUNT, NO_PART, NO_SLOT, ROOT, STACK_SIZE
+from proximity.kernels.layout import (
+    BLOCK_COUNT,
+    BLOCK_STRIDE,
+    CHILDREN,
+    FRAME_COLUMNS,
+    LANES,
+    MOMENTS,
+    NO_PART,
+    NO_SLOT,
+    NODE_COUNT,
+    NODE_STRIDE,
+    PART_COLUMNS,
+    ROOT,
+    SCALE,
+    STACK_SIZE,
+)
 from proximity.kernels.point import slot_distance_sq
 from proximity.kernels.scene import nearest_in_scene, part_of_slot, to_local
+from proximity.kernels.winding import MOMENT_STRIDE
 from proximity.model import assemble
 from proximity.part_arrays import common_frame, part_arrays
 from proximity.pose import Pose
@@ -135,7 +151,7 @@ def scene_named(name):
     elif name == "minute":
         meshes, poses = scattered([1e-60, 3e-60], 4e-60, 3)
     else:
-        meshes, poses = [shapes.sphere(1.0, 2), shapes.sphere(float(name), 2)], [Pose(), Pose()]
+        meshes, poses = [shapes.sphere(1.0, 2), shapes.sphere(float(name), 3)], [Pose(), Pose()]
         poses[0] = Pose(np.eye(3), (0.0, 0.0, 3.0))
     return model_of(*meshes, poses=poses, frame=frame), shapes.join(*map(placed, meshes, poses))
 
@@ -153,3 +169,26 @@ def points_at(mesh, rng, count):
     kinds = [on, on + size * 10.0 ** rng.uniform(-9, 1, (count, 1)) * away, middle + 0.7 * extent * away]
     kinds += [middle + 0.01 * size * away, middle + 1e6 * extent * away]
     return np.concatenate([kind[i :: len(kinds)] for i, kind in enumerate(kinds)])
+
+
+# --- trees made by hand -----------------------------------------------------------------------------------
+
+
+def by_hand(node_count, children):
+    """A one-part model of nodes whose boxes all hold the origin; leaves are empty."""
+    nodes = np.zeros((node_count, NODE_STRIDE), np.float32)
+    nodes[:, :24], nodes[:, 24:48] = -1.0, 1.0
+    nodes.view(np.int32)[:, CHILDREN : CHILDREN + LANES] = children
+    moments = np.zeros(node_count * MOMENT_STRIDE, np.float32)
+    parts, frames = np.zeros((2, PART_COLUMNS), np.int64), np.zeros((2, FRAME_COLUMNS))
+    parts[:, MOMENTS], parts[0, NODE_COUNT], frames[:, SCALE] = nodes.size, node_count, 1.0
+    frames[:, [0, 4, 8]] = 1.0
+    return np.full(BLOCK_STRIDE, np.nan), np.concatenate([nodes.ravel(), moments]), frames, parts
+
+
+def eightfold(depth):
+    """All nodes have eight children, down to one empty leaf that all share."""
+    count = (8**depth - 1) // 7
+    children = 1 + 8 * np.arange(count)[:, None] + np.arange(LANES)
+    children[children >= count] = ~0
+    return by_hand(count, children)

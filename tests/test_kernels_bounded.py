@@ -1,6 +1,7 @@
 """The walk with a budget: bounds that hold whatever was spent, an end always, nothing written elsewhere."""
 
 import itertools
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -13,6 +14,8 @@ from budgeted import (
     UNLIMITED,
     UNTOUCHED,
     block_count,
+    by_hand,
+    eightfold,
     guarded_room,
     known,
     model_of,
@@ -28,17 +31,16 @@ from proximity.kernels.bounded import ROOM, SWEPT, nearest_with_budget
 from proximity.kernels.layout import (
     BLOCK_STRIDE,
     CHILDREN,
-    FRAME_COLUMNS,
     LANES,
     MAX_DEPTH,
     MOMENTS,
     NO_SLOT,
     NODE_COUNT,
     NODE_STRIDE,
-    PART_COLUMNS,
+    ROOT,
     SCALE,
 )
-from proximity.kernels.slab import LARGEST, LEAST
+from proximity.kernels.slab import AREA_NORMAL, LARGEST, LEAST
 from proximity.kernels.winding import MOMENT_STRIDE
 from proximity.model import assemble
 from proximity.pose import Pose
@@ -60,7 +62,10 @@ def test_bounds_hold_whatever_the_budget(name):
     model, mesh = scene_named(name)
     points = points_at(mesh, rng, 40)
     if name in MINUTE_BESIDE_LARGE:
-        points = float(name) * rng.normal(size=(40, 3)) * 10.0 ** rng.uniform(-2, 2, (40, 1))
+        points = float(name) * rng.normal(size=(40, 3)) * 10.0 ** rng.uniform(-0.5, 0.5, (40, 1))
+        # Others between the two; along axes as well, so far away for the small one that squares overflow.
+        points[::4] = rng.normal(size=(10, 3)) * 10.0 ** rng.uniform(np.log10(float(name)), -1, (10, 1))
+        points[4::12, :2] = 0.0
     # Of the small part where that is the question: the oracle is right beside the large one.
     size = float(name) if name in MINUTE_BESIDE_LARGE else abs(mesh[0]).max()
     scale = model.frames[-1, SCALE]
@@ -171,26 +176,6 @@ def test_unused_lanes_of_a_minute_part_stay_closed():
 # --- trees made by hand -----------------------------------------------------------------------------------
 
 
-def by_hand(node_count, children):
-    """A one-part model of nodes whose boxes all hold the origin; leaves are empty."""
-    nodes = np.zeros((node_count, NODE_STRIDE), np.float32)
-    nodes[:, :24], nodes[:, 24:48] = -1.0, 1.0
-    nodes.view(np.int32)[:, CHILDREN : CHILDREN + LANES] = children
-    moments = np.zeros(node_count * MOMENT_STRIDE, np.float32)
-    parts, frames = np.zeros((2, PART_COLUMNS), np.int64), np.zeros((2, FRAME_COLUMNS))
-    parts[:, MOMENTS], parts[0, NODE_COUNT], frames[:, SCALE] = nodes.size, node_count, 1.0
-    frames[:, [0, 4, 8]] = 1.0
-    return np.full(BLOCK_STRIDE, np.nan), np.concatenate([nodes.ravel(), moments]), frames, parts
-
-
-def eightfold(depth):
-    """All nodes have eight children, down to one empty leaf that all share."""
-    count = (8**depth - 1) // 7
-    children = 1 + 8 * np.arange(count)[:, None] + np.arange(LANES)
-    children[children >= count] = ~0
-    return by_hand(count, children)
-
-
 @pytest.mark.parametrize("best_sq", [np.inf, 1.0, 0.0])
 def test_room_suffices_where_all_is_open(best_sq):
     """With every bound 0 and nothing found each step leaves eight more waiting, as long as asked."""
@@ -217,6 +202,35 @@ def test_room_suffices_for_the_deepest_trees_and_all_budgets():
 
         assert found == (np.inf, NO_SLOT, 0.0 if budget < total else np.inf, min(budget, total))
         assert (whole[:GUARD] == UNTOUCHED).all() and (whole[-GUARD:] == UNTOUCHED).all()
+
+
+def test_room_suffices_for_sweeps_after_the_deepest_descent():
+    depth, below = 2 * MAX_DEPTH + 1, eightfold(5)
+    count = int(below[3][0, NODE_COUNT])
+    eight = below[1][: count * NODE_STRIDE].view(np.int32).reshape(-1, NODE_STRIDE)[:, CHILDREN:][:, :LANES]
+    children = np.concatenate([np.full((depth, LANES), depth), np.where(eight >= 0, eight + depth, eight)])
+    children[: depth - 1, 0] = np.arange(1, depth)
+    arrays = by_hand(depth + count, children)
+    for budget in range(4 * SWEPT // 3, 4 * SWEPT // 3 + 60, 7):
+        room, whole = guarded_room()
+        found = nearest_with_budget(*arrays, 0, 0, 0.0, 0.0, 0.0, np.inf, NO_SLOT, budget, room)
+
+        assert found == (np.inf, NO_SLOT, 0.0, budget)
+        assert (whole[:GUARD] == UNTOUCHED).all() and (whole[-GUARD:] == UNTOUCHED).all()
+
+
+def test_opening_a_node_does_not_lower_the_bound():
+    """What is known of a node holds for its children, also where their boxes say less."""
+    arrays = by_hand(3, [[1] * LANES, [2] * LANES, [~0] * LANES])
+    words, at = arrays[1], int(arrays[3][0, MOMENTS]) + MOMENT_STRIDE
+    words[:48].reshape(6, LANES)[:3, 1:], words[:48].reshape(6, LANES)[3:, 1:] = np.inf, -np.inf
+    words[at + AREA_NORMAL : at + AREA_NORMAL + LANES] = 2.0
+    words[at + LEAST : at + LEAST + 2 * LANES] = 1.0  # in the plane 2 x = 1
+    room, _ = guarded_room()
+    for budget, expected in [(1, 0.0), (2, 0.25), (3, 0.25), (7, 0.25)]:
+        found = nearest_with_budget(*arrays, 0, 0, 0.0, 0.0, 0.0, np.inf, NO_SLOT, budget, room)
+
+        assert found == (np.inf, NO_SLOT, pytest.approx(expected, rel=1e-6), budget)
 
 
 # --- adversaries ------------------------------------------------------------------------------------------
@@ -251,8 +265,9 @@ def test_thousands_of_parts_are_answered_within_any_budget():
 
 @pytest.fixture(scope="module")
 def cavity():
-    """A ball of 81 920 faces in a shell of as many."""
-    return model_of(shapes.join(shapes.sphere(1.0, 6), shapes.sphere(1.25, 6)))
+    """A ball of 81 920 faces in a shell of as many, in the memory of a scene."""
+    shell = shapes.join(shapes.sphere(1.0, 6), shapes.sphere(1.25, 6))
+    return model_of(shapes.tetrahedron(), shell).part_alone(1)
 
 
 def gap_of(model, point, budget):
@@ -264,11 +279,11 @@ def gap_of(model, point, budget):
 
 def without_slabs(model):
     """The same model with slabs that say nothing."""
-    words = model.words.copy()
-    node_count = int(model.parts[0, NODE_COUNT])
-    moments = words[model.parts[0, MOMENTS] :][: node_count * MOMENT_STRIDE].reshape(-1, MOMENT_STRIDE)
-    moments[:, LEAST : LEAST + LANES], moments[:, LARGEST : LARGEST + LANES] = -np.inf, np.inf
-    return type(model)(model.reals, words, model.frames, model.parts, model.table, model.handle)
+    words, part = model.words.copy(), model.parts[0]
+    moments = words[part[MOMENTS] + MOMENT_STRIDE * part[ROOT] :][: MOMENT_STRIDE * part[NODE_COUNT]]
+    moments.reshape(-1, MOMENT_STRIDE)[:, LEAST : LEAST + LANES] = -np.inf
+    moments.reshape(-1, MOMENT_STRIDE)[:, LARGEST : LARGEST + LANES] = np.inf
+    return replace(model, words=words)
 
 
 def test_bracket_at_the_centre_of_a_ball_is_narrow_by_its_slabs(cavity):
@@ -285,6 +300,13 @@ def test_bracket_at_the_centre_closes_with_the_budget(cavity):
     gaps = [gap_of(cavity, (1e-5, 0.0, 0.0), budget) for budget in (200, 800, 3200)]
 
     assert gaps[0] < 0.03 and gaps[1] < 0.6 * gaps[0] and gaps[2] < 0.6 * gaps[1]
+
+
+def test_bounds_rise_before_anything_is_found():
+    """The nearest are opened first then too, not all there are."""
+    found = walk(model_of(shapes.sphere(1.0, 5)), (0.0, 0.0, 0.5), 8)
+
+    assert found.slot == NO_SLOT and found.lower_sq > 0.1
 
 
 # --- rounding ---------------------------------------------------------------------------------------------

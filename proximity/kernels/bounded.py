@@ -60,7 +60,9 @@ SWEPT = 4096
 ROOM = 4 * STACK_SIZE + (LANES - 1) * SWEPT + 4 * LANES
 ROOM_SIZE = 3 * ROOM
 SHARE = 0.08
-"""Of the gap between the bounds that one sweep closes; more where that would open few."""
+"""Of the gap between the bounds that one sweep closes; more where that would open few. At the centre of a
+ball of 82 k faces 800 steps leave a bracket of 0.4 % with 0.02 to 0.3 (0.02 takes a fifth longer), of 0.8 %
+with 1, and of 100 % depth first."""
 FEWEST = 16
 """A sweep looks through all that waits, so it should open at least one in so many."""
 SHRINK = 1.0 - 2.0**-19
@@ -257,6 +259,7 @@ def _sweep(reals, words, frames, parts, x, y, z, best_sq, best_slot, count, work
                     px, py, pz = to_local(frames, parts, part, x, y, z)
                     factor = factor_of(frames, part)
                     is_far = _is_far(px, py, pz)
+                above = room[i]
                 room[i] = np.float32(np.inf)
                 work += 1
                 if reference < 0:
@@ -279,9 +282,10 @@ def _sweep(reals, words, frames, parts, x, y, z, best_sq, best_slot, count, work
                     splat(pz),
                     factor,
                 )
+                # The greatest of all that is known; in this order unused lanes stay NaN or inf.
+                bounds = maximum(splat32(above), bounds)
                 if reference < top:
                     at = parts[scene, MOMENTS] + MOMENT_STRIDE * reference
-                    # In this order: unused lanes stay what they are, NaN as well.
                     bounds = maximum(
                         slabs_distance_sq(words, at, splat(px), splat(py), splat(pz), factor), bounds
                     )
