@@ -142,7 +142,7 @@ def test_slab_is_as_wide_as_the_corners_reach(name):
         normal = moments[node, AREA_NORMAL + k : AREA_NORMAL + 24 : LANES]
         least, largest = moments[node, [LEAST + k, LARGEST + k]]
         if not slots:
-            assert (least, largest) == (-np.inf, np.inf) and not normal.any()
+            assert (least, largest) == (0.0, 0.0) and not normal.any()
             continue
         corners = np.concatenate([blocks[slot // LANES, :, :, slot % LANES] for slot in slots])
         along = corners.astype(np.longdouble) @ normal
@@ -229,7 +229,7 @@ def test_refilled_slabs_fit_faces_that_have_moved():
     again = piece.moments.copy()
     again.reshape(-1, MOMENT_STRIDE)[:, LEAST:] = np.nan
 
-    fill_slabs(piece.bvh.nodes, piece.bvh.blocks, piece.bvh.node_count, again)
+    fill_slabs(piece.bvh.nodes, piece.bvh.blocks, 0, piece.bvh.node_count, again, 0)
 
     np.testing.assert_array_equal(again, piece.moments)
     assert len(piece.bvh.blocks) == BLOCK_STRIDE * piece.bvh.block_count

@@ -14,7 +14,7 @@ Tried and dropped (2026-11): see the figures beside `SHARE`.
 
 import numpy as np
 
-from proximity.kernels.box import FAR, LARGEST, LARGEST_REST, SHRINK_FAR, point_boxes_distance_sq
+from proximity.kernels.box import LARGEST, LARGEST_REST, SHRINK_FAR, point_boxes_distance_sq
 from proximity.kernels.compiling import inlined, kernel
 from proximity.kernels.descent import nearer_in_block
 from proximity.kernels.layout import (
@@ -66,6 +66,9 @@ ball of 82 k faces 800 steps leave a bracket of 0.4 % with 0.02 to 0.3 (0.02 tak
 with 1, and of 100 % depth first."""
 FEWEST = 16
 """A sweep looks through all that waits, so it should open at least one in so many."""
+FAR_OUT = 2.0**40
+"""Part sizes from which on squares are taken in float64. Up to there a coordinate beyond 2 that is rounded to
+float32 puts a gap off by 2^-23 of itself at most: `SHRINK` makes up for it; up to 2 the boxes do."""
 SHRINK = 1.0 - 2.0**-19
 """Factor on a computed float32 bound: makes up for its roundings, twice over."""
 
@@ -111,7 +114,7 @@ def factor_of(frames, part):
 @inlined
 def _is_far(px, py, pz):
     # False for a point that is NaN: nothing is opened then, in float32.
-    return abs(px) > FAR or abs(py) > FAR or abs(pz) > FAR
+    return abs(px) > FAR_OUT or abs(py) > FAR_OUT or abs(pz) > FAR_OUT
 
 
 @kernel
