@@ -5,6 +5,7 @@ import pytest
 import shapes
 from ticking import block, line, plate, sheet, solid
 
+from proximity.kernels import advance as advancing
 from proximity.kernels.advance import BALLS, BALLS_SIZE, TOUCH, advance, outward_of, place_on, touches
 from proximity.kernels.bounded import ROOM_SIZE
 from proximity.kernels.bracket import fill_witness
@@ -217,18 +218,17 @@ def test_balls_are_free_of_surface_and_the_oldest_goes_first():
     assert z.min() > 0.2  # those of the first ways are gone
 
 
-def test_balls_shrink_by_what_parts_have_moved_since():
-    way = down()
-    way.go()
-    fresh = no_balls()
-    for moved in (0.0, 0.05, 1.0):
-        kept = way.balls.copy()
-        way.balls[:] = kept
-        steps = way.go(way_of_parts=moved, clearance=0.0)[STEPS]
-        way.balls[:] = kept
-        if moved == 1.0:
-            way.balls[:] = fresh
-            assert steps == way.go(clearance=0.0)[STEPS]
+def test_a_ball_tells_its_room_less_what_moved_and_nothing_when_it_gave_more():
+    """Free of surface for 0.1 m about (1, 0, 0), when parts had moved 2 m; the sphere has 0.02 m."""
+    balls = no_balls()
+    balls[[3, 3 + BALLS, 3 + 2 * BALLS, 3 + 3 * BALLS, 3 + 4 * BALLS]] = (1.0, 0.0, 0.0, 0.1, 2.0)
+    room = lambda x, moved=2.0: advancing._room_in_balls(balls, moved, x, 0.0, 0.0, 0.02)  # noqa: E731
+
+    assert room(1.0) == 0.08
+    assert room(1.03) == pytest.approx(0.05, rel=1e-9) and room(1.03) <= 0.05
+    assert room(1.01, 2.02) == pytest.approx(0.05, rel=1e-9) and room(1.01, 2.02) <= 0.05
+    # Less than half of what it gave is not worth taking.
+    assert room(1.05) < 0.0 and room(1.0, 2.05) < 0.0 and room(0.0) < 0.0
 
 
 def test_moved_parts_are_met_where_they_are_now():
