@@ -49,6 +49,10 @@ class Tracker:
         fingers below 0.2 ms.
     working_range : float, m
         Beyond it there are bounds only: a finger that cannot have come nearer is not searched for.
+    tolerance : float
+        Share of its distance by which the bounds of a finger may be apart before it is searched for anew. 0:
+        exact at every tick. For skins of thousands: with 0.05, as much as the paper allows away from
+        contact (section 12), most ticks of most points follow from the tick before.
     horizon : float, s
         How far ahead contacts are looked for.
     max_speed : float, m/s
@@ -80,6 +84,7 @@ class Tracker:
         latency: float = 0.001,
         budget: int | None = None,
         working_range: float = 0.12,
+        tolerance: float = 0.0,
         horizon: float = HORIZON,
         max_speed: float = MAX_SPEED,
         max_acceleration: float = MAX_ACCELERATION,
@@ -94,6 +99,7 @@ class Tracker:
         settings = np.zeros(track.SETTINGS_SIZE)
         settings[track.WORKING_RANGE] = _not_negative("working_range", working_range, "metres")
         settings[track.LATENCY] = self.latency
+        settings[track.TOLERANCE] = _not_negative("tolerance", tolerance, "shares")
         settings[track.HORIZON] = _positive("horizon", horizon, "seconds")
         settings[track.MAX_SPEED] = _positive("max_speed", max_speed, "metres a second")
         settings[track.MAX_ACCELERATION] = _positive("max_acceleration", max_acceleration, "m/s²")

@@ -41,6 +41,7 @@ from proximity.kernels.contact import (
 from proximity.kernels.drift import drift_from, velocity_of_part
 from proximity.kernels.motion import predict
 from proximity.kernels.track import (
+    AHEAD_LEFT,
     BUDGET,
     HOLES,
     HORIZON,
@@ -66,11 +67,19 @@ PROBES = 3
 
 @inlined
 def _left(settings, numbers, i):
-    """Steps that are left of the finger's budget."""
-    return max(np.int64(settings[BUDGET]) - np.int64(numbers[i, WORK]), FEWEST_STEPS)
+    """Steps that the finger may still take: of its budget, and of what all fingers have for looking ahead."""
+    own = max(np.int64(settings[BUDGET]) - np.int64(numbers[i, WORK]), FEWEST_STEPS)
+    return min(own, np.int64(settings[AHEAD_LEFT]))
 
 
-@kernel
+@inlined
+def _count(settings, numbers, i, steps):
+    """Take note of steps taken to look ahead."""
+    numbers[i, WORK] += steps
+    settings[AHEAD_LEFT] -= steps
+
+
+@inlined
 def foretell(
     reals, words, frames, parts, settings, motions, tracks, marks, balls, records, numbers, moving,
     moving_count, stands, i, ahead, flags, room, witness, way, stages, place,
@@ -103,16 +112,17 @@ def foretell(
     if is_outside and settings[HOLES] != 0.0:
         stays_outside = not may_slip_in(words, frames, parts, x + dx, y + dy, z + dz)
     if length > 0.0 and slot >= 0:
-        if stays_outside and (length <= CHEAP * lower or not flags & IN_RANGE):
+        left = _left(settings, numbers, i)
+        if stays_outside and (length <= CHEAP * lower or not flags & IN_RANGE or left <= 0):
             # The face that is nearest now is, there, as far as the surface at most.
             distance = distance_to_slot(reals, frames, parts, part, slot, x + dx, y + dy, z + dz)
             lower, upper = lower - length, distance
         else:
             distance, lower, upper, _, _, _, _, steps = bracket_at(
                 reals, words, frames, parts, x + dx, y + dy, z + dz, part, slot,
-                stays_outside and length < lower, _left(settings, numbers, i), room, witness,
+                stays_outside and length < lower, left, room, witness,
             )  # fmt: skip
-            numbers[i, WORK] += steps
+            _count(settings, numbers, i, steps)
     spread = rho + drift * ahead
     records[i, PREDICTED_DISTANCE] = distance - radius
     records[i, PREDICTED_LOWER] = lower - spread - radius
@@ -149,7 +159,7 @@ def foretell(
         # Without a step of its own the way tells nothing beyond what the nearest face does.
         if steps > 0 or free >= horizon:
             expected = found
-        numbers[i, WORK] += steps
+        _count(settings, numbers, i, steps)
     records[i, TIME_TO_CONTACT_LOWER] = free
     records[i, TIME_TO_CONTACT] = max(expected, free) if expected < horizon else np.inf
 
@@ -223,7 +233,7 @@ def look_along_path(
             reals, words, frames, parts, place[0], place[1], place[2], part, slot, False,
             _left(settings, numbers, i), room, witness,
         )  # fmt: skip
-        numbers[i, WORK] += steps
+        _count(settings, numbers, i, steps)
         if lower <= radius:
             # In contact already, or so near that it cannot be told.
             records[i, CONTACT_BEND] = bend
@@ -234,7 +244,7 @@ def look_along_path(
         reals, words, frames, parts, path, stages, len(stages), stage, lower - radius, radius, 1.0, 0.0, part,
         slot, _left(settings, numbers, i), balls, settings[WAY], room, witness, place,
     )  # fmt: skip
-    numbers[i, WORK] += steps
+    _count(settings, numbers, i, steps)
     flags |= ON_PATH
     if free < whole:
         flags = _write_contact(
@@ -249,7 +259,7 @@ def look_along_path(
                 drift / speed, part, slot, _left(settings, numbers, i), balls, settings[WAY], room, witness,
                 place,
             )  # fmt: skip
-            numbers[i, WORK] += steps
+            _count(settings, numbers, i, steps)
         records[i, TIME_TO_CONTACT_LOWER] = (free - stage) / speed * (1.0 - 1e-12)
         records[i, TIME_TO_CONTACT] = (expected - stage) / speed
     return flags
@@ -285,7 +295,7 @@ def _write_contact(
             reals, words, frames, parts, place[0], place[1], place[2], radius, part, slot,
             _left(settings, numbers, i), room,
         )  # fmt: skip
-        numbers[i, WORK] += steps
+        _count(settings, numbers, i, steps)
         if is_touch:
             least, _ = interpolate(stages, path_bends, free)
             most, _ = interpolate(stages, path_bends, beyond)

@@ -37,7 +37,7 @@ from proximity.kernels.side import (
     state_in_part,
     witness_of_slot,
 )
-from proximity.kernels.witness import closest_on_triangle, read_corners
+from proximity.kernels.witness import ARM, LENGTH, NORMAL, POINT, closest_on_edges, over_face, read_corners
 from proximity.simd import splat32, trailing_zeros
 
 FEWEST_STEPS = 8
@@ -89,13 +89,27 @@ def beyond_all(frames, x, y, z):
     return sqrt(total) * (1.0 + 1e-12)
 
 
-@kernel
+@inlined
 def fill_witness(reals, words, parts, frames, part, slot, x, y, z, witness):
-    """Fill *witness* (local frame of *part*) with the closest point of a triangle found; its distance, m."""
+    """Fill *witness* (local frame of *part*) with the closest point of a triangle found; its distance, m.
+
+    What `closest_on_triangle` fills, but for the weights; the point is only as exact as the place of *p*.
+    """
     px, py, pz = to_local(frames, parts, part, x, y, z)
     read_corners(reals, slot, witness)
-    closest_on_triangle(px, py, pz, witness)
-    return witness[0] / frames[part, SCALE]
+    is_over, height = over_face(witness, px, py, pz)
+    if is_over:
+        witness[LENGTH] = abs(height)
+        for axis in range(3):
+            witness[ARM + axis] = witness[NORMAL + axis] * height
+    else:
+        closest_on_edges(px, py, pz, witness)
+    witness[POINT], witness[POINT + 1], witness[POINT + 2] = (
+        px - witness[ARM],
+        py - witness[ARM + 1],
+        pz - witness[ARM + 2],
+    )
+    return witness[LENGTH] / frames[part, SCALE]
 
 
 @kernel

@@ -10,7 +10,7 @@ import numpy as np
 
 from proximity.kernels.advance import outward_of
 from proximity.kernels.ahead import foretell, look_along_path
-from proximity.kernels.bracket import beyond_all, bracket_at, distance_to_slot, fill_witness, may_slip_in
+from proximity.kernels.bracket import beyond_all, bracket_at, fill_witness, may_slip_in
 from proximity.kernels.compiling import inlined, kernel
 from proximity.kernels.contact import (
     AGE_NS,
@@ -47,18 +47,30 @@ from proximity.kernels.contact import (
     WORK,
 )
 from proximity.kernels.drift import gather_moving, velocity_of_part
+from proximity.kernels.layout import (
+    BLOCK_STRIDE,
+    LANES,
+    NO_FACE,
+    NO_PART,
+    SCALE,
+    SIGN,
+    SIGN_NONE,
+    SLOT_FACES,
+    SURFACE,
+)
 from proximity.kernels.layout import DAMPING as PART_DAMPING
-from proximity.kernels.layout import NO_FACE, NO_PART, SCALE, SIGN, SIGN_NONE, SLOT_FACES, SURFACE
 from proximity.kernels.layout import STIFFNESS as PART_STIFFNESS
 from proximity.kernels.memory import arrays_at
 from proximity.kernels.motion import VELOCITY as ESTIMATE
 from proximity.kernels.motion import observe, observe_with_velocity
 from proximity.kernels.scene import FARTHEST, to_local, to_scene, turn_to_scene
 from proximity.kernels.track import (
+    AHEAD_LEFT,
     ANCHOR,
     BUDGET,
     CLEAR,
     FARTHEST_WAY,
+    FIRST,
     HAS_PATHS,
     HAS_VELOCITIES,
     HOLES,
@@ -72,6 +84,7 @@ from proximity.kernels.track import (
     SLOT,
     STANDS,
     TOLD_PART,
+    TOLERANCE,
     WAY,
     WORKING_RANGE,
     forget_surfaces,
@@ -87,10 +100,17 @@ from proximity.kernels.witness import (
     pseudo_normal,
 )
 from proximity.kernels.witness import NORMAL as WITNESS_NORMAL
-from proximity.simd import load_int
+from proximity.simd import load_int, prefetch
 
 FLAG_BITS = (1 << 16) - 1
 """Of an observation's answer: what goes into the record."""
+AHEAD = 4000
+"""Steps in which all fingers together may look ahead: five need fewer, a skin of thousands would be late.
+Who has none left goes by the balls it knows, and by the nearest face."""
+AHEAD_SHARE = 2
+"""Steps a finger that they have at least."""
+TURNS = 16
+"""Ticks in which each of many fingers has been the first."""
 ROUNDING = 1e-13
 """Part sizes: more than what distances and ways round."""
 
@@ -108,6 +128,15 @@ def _clear_record(records, wide, numbers, i):
 
 
 @inlined
+def _fetch_face(reals, marks, i):
+    """Have the face that a finger starts from brought from memory, while another finger is done."""
+    if marks[i, SLOT] >= 0:
+        base = BLOCK_STRIDE * (marks[i, SLOT] // LANES)
+        for line in range(BLOCK_STRIDE // 8):
+            prefetch(reals, base + 8 * line)
+
+
+@inlined
 def _carried(frames, settings, tracks, i, x, y, z):
     """A distance, m, within which there is still no surface: what was clear less what has moved."""
     dx, dy, dz = x - tracks[i, ANCHOR], y - tracks[i, ANCHOR + 1], z - tracks[i, ANCHOR + 2]
@@ -116,7 +145,7 @@ def _carried(frames, settings, tracks, i, x, y, z):
     return tracks[i, CLEAR] - moved * (1.0 + ROUNDING) - slack
 
 
-@kernel
+@inlined
 def _write_surface(
     reals, words, frames, parts, part, slot, bits, witness, i, x, y, z, radius, records, place
 ):
@@ -146,7 +175,7 @@ def _write_surface(
     records[i, DAMPING] = frames[part, PART_DAMPING]
 
 
-@kernel
+@inlined
 def _distance(
     reals, words, frames, parts, settings, tracks, marks, records, numbers, i, x, y, z, flags, room, witness,
     place,
@@ -159,16 +188,19 @@ def _distance(
     if is_outside and settings[HOLES] != 0.0:
         is_outside = not may_slip_in(words, frames, parts, x, y, z)
     work, budget = np.int64(0), np.int64(settings[BUDGET])
-    if is_outside and carried - radius > settings[WORKING_RANGE]:
-        lower, bits = carried, SKIPPED
+    is_far = is_outside and carried - radius > settings[WORKING_RANGE]
+    is_near_enough = False
+    upper = np.inf
+    if is_far or (is_outside and settings[TOLERANCE] > 0.0):
         if slot >= 0:
             upper = fill_witness(reals, words, parts, frames, part, slot, x, y, z, witness)
-            upper = max(upper, distance_to_slot(reals, frames, parts, part, slot, x, y, z))
-            if parts[part, SIGN] != SIGN_NONE:
-                bits |= SIGNED
-        else:
-            upper = np.inf if carried == np.inf else beyond_all(frames, x, y, z)
-        lower, distance = min(lower, upper), upper
+        elif carried < np.inf:
+            upper = beyond_all(frames, x, y, z)
+        is_near_enough = upper - carried <= settings[TOLERANCE] * (carried - radius)
+    if is_far or is_near_enough:
+        bits, lower, distance = SKIPPED, min(carried, upper), upper
+        if slot >= 0 and parts[part, SIGN] != SIGN_NONE:
+            bits |= SIGNED
     else:
         distance, lower, upper, clear, part, slot, bits, work = bracket_at(
             reals, words, frames, parts, x, y, z, part, slot, is_outside, budget, room, witness
@@ -229,7 +261,12 @@ def tick(handle, tracker, now_ns, is_moved):
     reach = FARTHEST / frames[len(parts) - 1, SCALE]
     witness, place, way, stages = np.empty(WITNESS_SIZE), np.empty(9), np.empty((2, 3)), np.empty(2)
     path_stages = np.empty(len(path_bends))
-    for i in range(len(positions)):
+    count, first = len(positions), np.int64(settings[FIRST])
+    settings[AHEAD_LEFT] = max(AHEAD, AHEAD_SHARE * count)
+    settings[FIRST] = (first + 1 + count // TURNS) % count
+    for turn in range(count):
+        i = (first + turn) % count
+        _fetch_face(reals, marks, (i + 1) % count)
         _clear_record(records, wide, numbers, i)
         wide[i, POSE_NS], wide[i, AGE_NS], wide[i, PREDICTED_NS] = pose_ns[i], now_ns - pose_ns[i], acts_ns
         for axis in range(3):
