@@ -11,7 +11,7 @@ from math import isfinite, sqrt
 import numpy as np
 
 from proximity.kernels.advance import TOUCH, advance, place_on, touches
-from proximity.kernels.bracket import DOWN, bracket_at, distance_to_slot
+from proximity.kernels.bracket import DOWN, bracket_at, distance_to_slot, may_slip_in
 from proximity.kernels.compiling import inlined, kernel
 from proximity.kernels.contact import (
     APPROACH_SPEED,
@@ -43,6 +43,7 @@ from proximity.kernels.motion import predict
 from proximity.kernels.track import (
     AHEAD_LEFT,
     BUDGET,
+    HOLES,
     HORIZON,
     MAX_ACCELERATION,
     MAX_SPEED,
@@ -107,16 +108,19 @@ def foretell(
         records[i, UPPER] + radius,
     )
     is_outside = not flags & INSIDE
+    stays_outside = is_outside
+    if is_outside and settings[HOLES] != 0.0:
+        stays_outside = not may_slip_in(words, frames, parts, x + dx, y + dy, z + dz)
     if length > 0.0 and slot >= 0:
         left = _left(settings, numbers, i)
-        if is_outside and (length <= CHEAP * lower or not flags & IN_RANGE or left <= 0):
+        if stays_outside and (length <= CHEAP * lower or not flags & IN_RANGE or left <= 0):
             # The face that is nearest now is, there, as far as the surface at most.
             distance = distance_to_slot(reals, frames, parts, part, slot, x + dx, y + dy, z + dz)
             lower, upper = lower - length, distance
         else:
             distance, lower, upper, _, _, _, _, steps = bracket_at(
                 reals, words, frames, parts, x + dx, y + dy, z + dz, part, slot,
-                is_outside and length < lower, left, room, witness,
+                stays_outside and length < lower, left, room, witness,
             )  # fmt: skip
             _count(settings, numbers, i, steps)
     else:
