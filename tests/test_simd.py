@@ -428,6 +428,31 @@ def test_nearest_lane_takes_the_lowest_of_equals():
 
 
 @compiled
+def fetched(words, reals, offset):
+    prefetch(words, offset)
+    prefetch(reals, offset)
+    return load_int(words, 0)
+
+
+def test_prefetch_changes_nothing_and_may_be_asked_beyond_the_array():
+    words, reals = np.arange(16, dtype=np.float32), np.arange(16.0)
+
+    for offset in (0, 15, 16, -1, 2**40, -(2**40)):
+        assert fetched(words, reals, offset) == 0
+    assert (words == np.arange(16)).all() and (reals == np.arange(16)).all()
+
+
+@pytest.mark.skipif(not simd.IS_COMPILED, reason="there is nothing to look into")
+def test_prefetch_is_an_instruction_of_the_compiled_code():
+    fetched(np.zeros(16, np.float32), np.zeros(16), 0)
+    (code,) = fetched.inspect_llvm().values()
+    calls = [line for line in code.splitlines() if "call void @llvm.prefetch" in line]
+
+    # To be read, kept in all caches, data.
+    assert len(calls) >= 2 and all("i32 0, i32 3, i32 1)" in line for line in calls)
+
+
+@compiled
 def bits_of(value):
     return trailing_zeros(value), count_bits(value)
 

@@ -11,7 +11,7 @@ from math import isfinite, sqrt
 import numpy as np
 
 from proximity.kernels.advance import TOUCH, advance, place_on, touches
-from proximity.kernels.bracket import bracket_at, distance_to_slot
+from proximity.kernels.bracket import DOWN, bracket_at, distance_to_slot, may_slip_in
 from proximity.kernels.compiling import inlined, kernel
 from proximity.kernels.contact import (
     APPROACH_SPEED,
@@ -43,6 +43,7 @@ from proximity.kernels.motion import predict
 from proximity.kernels.track import (
     AHEAD_LEFT,
     BUDGET,
+    HOLES,
     HORIZON,
     MAX_ACCELERATION,
     MAX_SPEED,
@@ -107,18 +108,24 @@ def foretell(
         records[i, UPPER] + radius,
     )
     is_outside = not flags & INSIDE
+    stays_outside = is_outside
+    if is_outside and settings[HOLES] != 0.0:
+        stays_outside = not may_slip_in(words, frames, parts, x + dx, y + dy, z + dz)
     if length > 0.0 and slot >= 0:
         left = _left(settings, numbers, i)
-        if is_outside and (length <= CHEAP * lower or not flags & IN_RANGE or left <= 0):
+        if stays_outside and (length <= CHEAP * lower or not flags & IN_RANGE or left <= 0):
             # The face that is nearest now is, there, as far as the surface at most.
             distance = distance_to_slot(reals, frames, parts, part, slot, x + dx, y + dy, z + dz)
             lower, upper = lower - length, distance
         else:
             distance, lower, upper, _, _, _, _, steps = bracket_at(
                 reals, words, frames, parts, x + dx, y + dy, z + dz, part, slot,
-                is_outside and length < lower, left, room, witness,
+                stays_outside and length < lower, left, room, witness,
             )  # fmt: skip
             _count(settings, numbers, i, steps)
+    else:
+        # No face is known to ask: a distance changes by no more than the way.
+        lower, upper = lower - length, upper + length
     spread = rho + drift * ahead
     records[i, PREDICTED_DISTANCE] = distance - radius
     records[i, PREDICTED_LOWER] = lower - spread - radius
@@ -139,7 +146,9 @@ def foretell(
     if rate * horizon > settings[WORKING_RANGE]:
         horizon = max(settings[WORKING_RANGE] / rate, 0.1 * horizon)
     if rate * horizon <= clearance or rate < STILL:
-        records[i, TIME_TO_CONTACT], records[i, TIME_TO_CONTACT_LOWER] = np.inf, horizon
+        # What may touch already is not free for a moment, however slow.
+        free = horizon if rate * horizon < clearance else (clearance / rate * DOWN if rate > 0.0 else 0.0)
+        records[i, TIME_TO_CONTACT], records[i, TIME_TO_CONTACT_LOWER] = np.inf, free
         return
     closing = records[i, APPROACH_SPEED]
     expected = records[i, SIGNED_DISTANCE] / closing if closing > 0.0 and flags & PREDICTED else np.inf
@@ -218,6 +227,8 @@ def look_along_path(
     speed = dot(
         place[3], place[4], place[5], records[i, VELOCITY], records[i, VELOCITY + 1], records[i, VELOCITY + 2]
     )
+    if abs(speed) <= STILL:
+        speed = 0.0
     records[i, BEND], records[i, BEND_RATE] = bend, speed * bend_per_metre
     ox, oy, oz = x - place[0], y - place[1], z - place[2]
     off = sqrt(dot(ox, oy, oz, ox, oy, oz)) * (1.0 + 1e-12)
@@ -235,6 +246,9 @@ def look_along_path(
             records[i, CONTACT_BEND] = bend
             records[i, CONTACT_BEND_ERROR] = 0.0 if upper <= radius else np.inf
             records[i, CONTACT_BEND_RATE] = 0.0
+            if speed > 0.0:
+                records[i, TIME_TO_CONTACT] = 0.0 if upper <= radius else records[i, TIME_TO_CONTACT]
+                records[i, TIME_TO_CONTACT_LOWER] = 0.0
             return flags | ON_PATH
     free, expected, part, slot, steps, _ = advance(
         reals, words, frames, parts, path, stages, len(stages), stage, lower - radius, radius, 1.0, 0.0, part,
@@ -247,7 +261,7 @@ def look_along_path(
             reals, words, frames, parts, settings, path, path_bends, stages, free, expected, part, slot,
             radius, records, numbers, moving_count, i, flags, room, place,
         )  # fmt: skip
-    if speed > STILL and flags & PREDICTED and records[i, SIGNED_DISTANCE] > 0.0:
+    if speed > 0.0 and flags & PREDICTED and records[i, SIGNED_DISTANCE] > 0.0:
         drift = drift_from(frames, moving, moving_count, stands, 0.0, 0.0, 0.0) if moving_count else 0.0
         if drift > 0.0:
             free, expected, part, slot, steps, _ = advance(
@@ -256,8 +270,8 @@ def look_along_path(
                 place,
             )  # fmt: skip
             _count(settings, numbers, i, steps)
-        records[i, TIME_TO_CONTACT_LOWER] = (free - stage) / speed * (1.0 - 1e-12)
-        records[i, TIME_TO_CONTACT] = (expected - stage) / speed
+        records[i, TIME_TO_CONTACT_LOWER] = max(free - stage, 0.0) / speed * DOWN
+        records[i, TIME_TO_CONTACT] = max(expected - stage, 0.0) / speed
     return flags
 
 

@@ -17,13 +17,16 @@ from proximity.kernels.grid import CROSSED, OUTSIDE
 from proximity.kernels.layout import (
     BOX_LOWER,
     BOX_UPPER,
+    GRID,
     LANES,
+    NO_GRID,
     NO_PART,
     NO_SLOT,
     ROOT,
     SCALE,
     SIGN,
     SIGN_NONE,
+    SIGN_WINDING,
 )
 from proximity.kernels.point import slot_distance_sq
 from proximity.kernels.scene import is_alone, part_of_slot, to_local
@@ -132,6 +135,22 @@ def _depth_in(reals, words, frames, parts, other, x, y, z, budget, room, witness
     if slot == NO_SLOT:
         upper = beyond_all(frames, x, y, z)
     return is_inside, lower, upper, slot, work
+
+
+@kernel
+def may_slip_in(words, frames, parts, x, y, z):
+    """Whether a point is in the box of a part with holes: there it may get inside through no surface."""
+    scene = len(parts) - 1
+    sx, sy, sz = to_local(frames, parts, scene, x, y, z)
+    sx, sy, sz = splat32(np.float32(sx)), splat32(np.float32(sy)), splat32(np.float32(sz))
+    for first in range(0, scene, LANES):
+        holding = holding_bits(words, parts, first, sx, sy, sz)
+        while holding:
+            part = first + trailing_zeros(holding)
+            holding &= holding - 1
+            if parts[part, SIGN] == SIGN_WINDING and parts[part, GRID] == NO_GRID:
+                return True
+    return False
 
 
 @kernel

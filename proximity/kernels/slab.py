@@ -36,6 +36,8 @@ MARGIN = 1e-12
 """Of the normal's length: more than what scalar products of local coordinates are off."""
 SHRINK_SLAB = 1.0 - 2.0**-22
 """Makes up for what is rounded on the way to a float32 bound."""
+SMALLEST = 2.0**-96
+"""A bound below it counts as 0: the smallest float32 numbers have few bits, and rounding may raise them."""
 
 
 @kernel
@@ -99,5 +101,5 @@ def slabs_distance_sq(words, at, x, y, z, factor):
     normal_sq = dot(nx, ny, nz, nx, ny, nz)
     squares = gap * gap / normal_sq * splat(SHRINK_SLAB * factor)
     # NaN, as of 0 / 0, fails the comparison as well.
-    is_beyond = (gap > splat(0.0)) & (normal_sq > splat(0.0))
+    is_beyond = (gap > splat(0.0)) & (squares > splat(SMALLEST))
     return narrow(minimum(select(is_beyond, squares, splat(0.0)), splat(3.3e38)))

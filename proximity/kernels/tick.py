@@ -10,7 +10,7 @@ import numpy as np
 
 from proximity.kernels.advance import outward_of
 from proximity.kernels.ahead import foretell, look_along_path
-from proximity.kernels.bracket import beyond_all, bracket_at, fill_witness
+from proximity.kernels.bracket import beyond_all, bracket_at, fill_witness, may_slip_in
 from proximity.kernels.compiling import inlined, kernel
 from proximity.kernels.contact import (
     AGE_NS,
@@ -69,9 +69,11 @@ from proximity.kernels.track import (
     ANCHOR,
     BUDGET,
     CLEAR,
+    FARTHEST_WAY,
     FIRST,
     HAS_PATHS,
     HAS_VELOCITIES,
+    HOLES,
     IS_OUTSIDE,
     LATENCY,
     MAX_ACCELERATION,
@@ -85,6 +87,7 @@ from proximity.kernels.track import (
     TOLERANCE,
     WAY,
     WORKING_RANGE,
+    forget_surfaces,
     tracker_arrays_at,
     way_of_parts,
 )
@@ -182,6 +185,8 @@ def _distance(
     part, slot = marks[i, TRACK_PART], marks[i, SLOT]
     carried = _carried(frames, settings, tracks, i, x, y, z)
     is_outside = marks[i, IS_OUTSIDE] == 1 and carried > 0.0
+    if is_outside and settings[HOLES] != 0.0:
+        is_outside = not may_slip_in(words, frames, parts, x, y, z)
     work, budget = np.int64(0), np.int64(settings[BUDGET])
     is_far = is_outside and carried - radius > settings[WORKING_RANGE]
     is_near_enough = False
@@ -246,7 +251,10 @@ def tick(handle, tracker, now_ns, is_moved):
         room,
     ) = tracker_arrays_at(tracker)
     if is_moved:
-        settings[WAY] += way_of_parts(frames, before)
+        settings[WAY] = (settings[WAY] + way_of_parts(frames, before)) * (1.0 + 2.0**-52)
+        if not settings[WAY] <= FARTHEST_WAY:
+            settings[WAY] = 0.0
+            forget_surfaces(tracks, balls)
         settings[MOVING_COUNT], settings[STANDS] = gather_moving(frames, parts, moving)
     moving_count, stands = np.int64(settings[MOVING_COUNT]), settings[STANDS] != 0.0
     acts_ns = now_ns + np.int64(1e9 * settings[LATENCY])

@@ -1,0 +1,112 @@
+"""What happened in a trial of the tracker, and the tally of the promises that were looked at.
+
+What may be off is rounding only. A distance is right to `DISTANCE_ROUNDING` of itself; on the way to it a
+point is shifted and turned, and so is one of the surface: some eight roundings of the largest coordinate,
+each of half of 2^-52 at most, `COORDINATE_ROUNDING` in all.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from proximity.message import ContactFlag
+
+DISTANCE_ROUNDING = 1e-14
+COORDINATE_ROUNDING = 4.0 * 2.0**-52
+OURS = {name: np.uint32(flag) for name, flag in ContactFlag.__members__.items()}
+SHOWN = 3  # violations of one promise in one trial that are told in full
+TOLD = (
+    "flags", "lower", "signed_distance", "upper", "predicted_lower", "predicted_upper",
+    "time_to_contact_lower", "time_to_contact", "bend", "bend_rate", "contact_bend", "contact_bend_error",
+    "part", "face", "work", "velocity",
+)  # fmt: skip
+
+
+@dataclass(eq=False)
+class Log:
+    """What happened in a trial: a row for each finger-tick."""
+
+    history: object
+    course: object
+    ticks: np.ndarray  # (M,)
+    fingers: np.ndarray  # (M,)
+    positions: np.ndarray  # (M, 3) m
+    records: np.ndarray  # (M,) CONTACT
+    true: np.ndarray  # (M,) m, signed distance of the centre
+    is_exact: np.ndarray  # (M,) predictions may be held against the course
+    start_ns: int
+    paths: np.ndarray | None  # (M, K, 3)
+    path_bends: np.ndarray | None  # (K,)
+    radii: np.ndarray | None = None  # (M,) m
+    working_range: float = 0.0
+    max_speed: float = 0.0
+
+    def has(self, *names):
+        bits = np.uint32(sum(int(OURS[name]) for name in names))
+        return (self.records["flags"] & bits) == bits
+
+    def room(self, lengths, points=None):
+        """What a distance may be off by rounding, m."""
+        points = self.positions if points is None else points
+        cell = self.history.cell
+        extent = (np.abs(cell.translations).max(axis=1) + cell.spans).max()
+        largest = np.nan_to_num(np.abs(points).max(axis=-1), posinf=0.0) + extent
+        return DISTANCE_ROUNDING * np.abs(np.nan_to_num(lengths)) + COORDINATE_ROUNDING * largest
+
+
+@dataclass
+class Check:
+    """How often one promise was looked at, and how near to broken it ever was."""
+
+    count: int = 0
+    broken_count: int = 0
+    worst: float = -np.inf  # excess in allowances: at most 1
+    closest: float = np.inf  # what was left, where it was more than an allowance
+    is_length: bool = True  # False: it is so, or is not
+
+
+@dataclass
+class Tally:
+    """Checks by name, and the first that were broken."""
+
+    checks: dict = field(default_factory=dict)
+    broken: list = field(default_factory=list)
+
+    def look(self, name, log, excess, allowance, rows=None, *, is_length=True):
+        """Hold *excess* <= *allowance*, one for each of *rows* (all if not given; a mask, or numbers)."""
+        rows = np.arange(len(log.ticks)) if rows is None else rows
+        rows = np.flatnonzero(rows) if rows.dtype == bool else rows
+        excess, allowance = (
+            np.broadcast_to(np.asarray(each, float), len(rows)) for each in (excess, allowance)
+        )
+        check = self.checks.setdefault(name, Check(is_length=is_length))
+        check.count += len(rows)
+        if not len(rows):
+            return
+        is_broken = ~(excess <= allowance)  # nan is broken
+        with np.errstate(invalid="ignore", divide="ignore"):
+            ratio = np.where(allowance > 0.0, excess / allowance, np.where(excess > 0.0, np.inf, -np.inf))
+        check.worst = max(check.worst, float(np.nanmax(ratio, initial=-np.inf)))
+        left = -excess[excess < -allowance]
+        check.closest = min(check.closest, float(left.min(initial=np.inf)))
+        check.broken_count += int(is_broken.sum())
+        for place in np.flatnonzero(is_broken)[:SHOWN]:
+            row = rows[place]
+            self.broken.append(
+                f"{name}: tick {log.ticks[row]}, finger {log.fingers[row]} at {log.positions[row].tolist()}: "
+                f"{excess[place]:.9g} > {allowance[place]:.3g}; true {log.true[row] - log.radii[row]:.17g}; "
+                + ", ".join(f"{key} {log.records[key][row]!s}" for key in TOLD)
+            )
+
+    def demand(self, name, log, is_so, rows=None):
+        """Hold what is so, or is not."""
+        self.look(name, log, np.where(is_so, -1.0, 1.0), 0.0, rows, is_length=False)
+
+    def add(self, other):
+        """Take in what another trial told."""
+        for name, check in other.checks.items():
+            own = self.checks.setdefault(name, Check(is_length=check.is_length))
+            own.count += check.count
+            own.broken_count += check.broken_count
+            own.worst, own.closest = max(own.worst, check.worst), min(own.closest, check.closest)
+        self.broken += other.broken
