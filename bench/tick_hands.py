@@ -33,23 +33,28 @@ LONGEST_STEP_NS = 30_000_000
 WALL_DISTANCE = 1.0  # m
 
 
-def blocks(scene: Scene, options, rise: float = 0.0) -> Iterator[tuple[int, str, int, np.ndarray]]:
+def blocks(
+    scene: Scene, options, rise: float = 0.0, *, only_whole: bool = False
+) -> Iterator[tuple[int, str, int, np.ndarray]]:
     """Round and round through all hands in blocks, until there are ticks enough.
 
     Gives the number of the hand, its name, the number of its first tick, and (T, 5, 3) positions; a hand that
-    comes again goes on in time.
+    comes again goes on in time. Ticks count that have all their fingers; *only_whole*: no others are given.
     """
     found = [(hand.name, motions.ticks_of(hand, scene)) for hand in motions.hands()]
     left, turn = options.ticks, 0
     while left > 0:
         for number, (name, positions) in enumerate(found):
             for first in range(0, len(positions), BLOCK):
-                block = positions[first : first + BLOCK][:left] + np.array([0.0, 0.0, rise])
+                block = positions[first : first + BLOCK] + np.array([0.0, 0.0, rise])
                 whole = int((~np.isnan(block).any(axis=(1, 2))).sum())
+                if only_whole and (whole < len(block) or whole < 2):
+                    continue
                 left -= whole
                 yield number, name, turn * (len(positions) + 1000) + first, block
                 if left <= 0:
                     return
+        assert left < options.ticks, "no hand of the recordings is ever seen whole"
         turn += 1
 
 
@@ -134,10 +139,7 @@ def _measure_warm(case, scene, options, rise=0.0):
     trackers = {name: {} for name in names[:2]}
     ratios = {name: [] for name in names[1:]}
     with without_collector():
-        for number, _, first, positions in blocks(scene, options, rise):
-            is_whole = ~np.isnan(positions).any(axis=(1, 2))
-            if is_whole.sum() < 2 or not is_whole.all():
-                continue
+        for number, _, first, positions in blocks(scene, options, rise, only_whole=True):
             velocities = None if rise else np.gradient(positions, 1.0 / motions.RATE, axis=0)
             begin = len(logs["warm"].wall_ns)
             for name, own in trackers.items():
