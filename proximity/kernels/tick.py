@@ -88,6 +88,7 @@ from proximity.simd import load_int
 
 FLAG_BITS = (1 << 16) - 1
 """Of an observation's answer: what goes into the record."""
+ROUND_UP = 1.0 + 2.0**-52
 ROUNDING = 1e-13
 """Part sizes: more than what distances and ways round."""
 
@@ -214,7 +215,10 @@ def tick(handle, tracker, now_ns, is_moved):
         room,
     ) = tracker_arrays_at(tracker)
     if is_moved:
-        settings[WAY] += way_of_parts(frames, before)
+        gone = way_of_parts(frames, before)
+        if gone > 0.0:
+            # Rounded up: what is lost below the last bit of a long way would add up.
+            settings[WAY] = (settings[WAY] + gone) * ROUND_UP
         settings[MOVING_COUNT], settings[STANDS] = gather_moving(frames, parts, moving)
     moving_count, stands = np.int64(settings[MOVING_COUNT]), settings[STANDS] != 0.0
     acts_ns = now_ns + np.int64(1e9 * settings[LATENCY])
