@@ -59,6 +59,19 @@ class TriangleMesh:
         """Number of vertices, used or not."""
         return len(self.vertices)
 
+    def with_vertices(self, vertices: np.ndarray) -> "TriangleMesh":
+        """Return the same faces over other vertices.
+
+        Parameters
+        ----------
+        vertices : (V, 3) float64, m
+            As many as here; checked already. The mesh takes them over, and makes them read-only.
+        """
+        mesh = TriangleMesh.__new__(TriangleMesh)
+        mesh.vertices, mesh.faces = vertices, self.faces
+        vertices.flags.writeable = False
+        return mesh
+
     def __repr__(self) -> str:
         return f"TriangleMesh({self.vertex_count} vertices, {self.face_count} faces)"
 

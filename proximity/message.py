@@ -5,7 +5,9 @@ int64 nanoseconds of one monotonic clock. What the tracker fills is what travels
 by column number (`kernels.contact`); a test holds both together.
 """
 
+import operator
 from enum import IntEnum, IntFlag
+from typing import Any
 
 import numpy as np
 
@@ -24,7 +26,8 @@ class ContactFlag(IntFlag):
     BOUNDED = contact.BOUNDED
     """The work budget ran out: the bounds hold, the distance is the nearest surface found so far."""
     SKIPPED = contact.SKIPPED
-    """Out of the working range: nothing was searched for, the bounds follow from what was known before."""
+    """Nothing was searched for, out of the working range or within the tolerance: the bounds follow from what
+    was known before, and how far finger and parts have moved since."""
     SIGNED = contact.SIGNED
     """The side is known. Otherwise the distance has no sign: the nearest part has no inside."""
     INSIDE = contact.INSIDE
@@ -38,7 +41,12 @@ class ContactFlag(IntFlag):
     ON_PATH = contact.ON_PATH
     """Time and place of contact are along the path that was given, not along the velocity."""
     CONTACT_FOUND = contact.CONTACT_FOUND
-    """The place of contact is confirmed: within ``contact_bend_error``, or the time within its bounds."""
+    """The place of contact on the path is confirmed: within ``contact_bend_error``."""
+
+    @classmethod
+    def _missing_(cls, value: Any) -> Any:
+        """Take the NumPy integer of a record as well."""
+        return super()._missing_(operator.index(value))
 
 
 class Surface(IntEnum):

@@ -16,8 +16,8 @@ from proximity.kernels import layout
 from proximity.kernels.contact import SURFACE_DEFORMABLE, SURFACE_RIGID
 from proximity.kernels.loose import SORT_STEPS, bring_up_to_date
 from proximity.kernels.memory import make_table
-from proximity.kernels.placing import first_unfit, move_parts
-from proximity.model import NEVER, Model
+from proximity.kernels.placing import first_unfit, move_parts, place_box
+from proximity.model import NEVER, Model, finished
 from proximity.pose import ORTHONORMAL_TOLERANCE, ROUNDING, Pose
 from proximity.top import (
     REGION_COPIES,
@@ -187,6 +187,25 @@ class Stage:
         if not self.parts[row, layout.IS_LOOSE]:
             self._need(_THINNER if is_hidden else _NEW)
         return True
+
+    def model_at_work(self) -> Model:
+        """Return a model of the present state itself, to change a part's shape in."""
+        return finished(self.latest.reals, self.latest.words, self.frames, self.parts, self.epoch)
+
+    def reshape(self, row: int) -> None:
+        """Take notice that the shape of a part has changed; from now on it stands by itself.
+
+        Parameters
+        ----------
+        row : int
+            Of the part.
+        """
+        self._change(row)
+        self.epoch += 1
+        place_box(self.frames, self.parts, row)
+        if not self.parts[row, layout.IS_LOOSE]:
+            self.parts[row, layout.IS_LOOSE], self.parts[row, layout.IS_FUSED] = 1, 0
+            self._need(_THINNER)
 
     @property
     def loose_rows(self) -> list[int]:

@@ -69,7 +69,7 @@ def part_arrays(
     add_corner_normals(local, faces, normals)
     moments = np.empty(bvh.node_count * MOMENT_STRIDE, np.float32)
     fill_moments(bvh.nodes, bvh.blocks, bvh.node_count, moments)
-    fill_slabs(bvh.nodes, bvh.blocks, bvh.node_count, moments)
+    fill_slabs(bvh.nodes, bvh.blocks, 0, bvh.node_count, moments, 0)
     return PartArrays(frame, bvh, moments, faces, neighbors, local, normals, lower, upper)
 
 

@@ -1,5 +1,6 @@
 """One body: its faces, how they hang together, its tree, and how inside is told."""
 
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -8,17 +9,31 @@ import numpy as np
 from proximity.bvh import Bvh, LocalFrame
 from proximity.diagnosis import Diagnosis, diagnose
 from proximity.kernels import layout
+from proximity.kernels.layout import NO_GRID
 from proximity.mesh import TriangleMesh
 from proximity.model import Model, assemble
-from proximity.part_arrays import part_arrays
+from proximity.part_arrays import PartArrays, part_arrays, with_sign
 from proximity.pose import Pose
 from proximity.queries import Queries
 from proximity.sign import SignMethod, choose_sign
 from proximity.topology import Topology, build_topology
 
+DEFORMED = "; told when the part was made, and not looked at since it has been deformed"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Remains:
+    """What is kept of a solid whose arrays a scene has deformed: with the mesh, enough to make it anew."""
+
+    frame: LocalFrame
+    sign: int
+    has_grid: bool
+    faces: np.ndarray  # (F, 3) int32, rows of corners; in the scene's memory, where they stay
+    neighbors: np.ndarray  # (F, 3) int32, likewise
+
 
 class Solid(Queries):
-    """One body from arrays, ready to be asked; it never changes.
+    """One body from arrays, ready to be asked; it never changes, also where a scene deforms its part.
 
     Parameters
     ----------
@@ -46,7 +61,10 @@ class Solid(Queries):
     name: str
     sign_method: SignMethod
     sign_reason: str
-    _source: tuple[Model, int]  # only of `_from_model`: whose part it is, and which
+    _held: Model | None  # the arrays; None where they must be made first
+    _source: tuple[Model, int] | None  # of what to make them: a part of a scene's model,
+    _remains: _Remains | None  # or what is left after a scene has deformed it
+    _leaders: np.ndarray | None  # see `deforming`
 
     def __init__(
         self, vertices: Any, faces: Any, *, name: str = "solid", frame: LocalFrame | None = None
@@ -64,7 +82,8 @@ class Solid(Queries):
         self.name = name
         self._is_watertight = topology.is_watertight
         piece, self.sign_method, self.sign_reason = choose_sign(piece, topology)
-        self._model = assemble([piece], [Pose()])
+        self._held = assemble([piece], [Pose()])
+        self._source, self._remains, self._leaders = None, None, None
         if is_turned:
             self.sign_reason += "; all faces were turned, since they ran clockwise seen from outside"
 
@@ -76,14 +95,9 @@ class Solid(Queries):
         solid = cls.__new__(cls)
         solid.mesh, solid.name = mesh, name
         solid.sign_method, solid.sign_reason, solid._is_watertight = sign
-        solid._source = (model, row)
+        solid._held, solid._source = None, (model, row)
+        solid._remains, solid._leaders = None, None
         return solid
-
-    @cached_property
-    def _model(self) -> Model:
-        """Of this body alone; made when first asked for where it came out of a file, with many others."""
-        model, row = self._source
-        return model.part_alone(row)
 
     @property
     def has_inside(self) -> bool:
@@ -122,17 +136,72 @@ class Solid(Queries):
     @property
     def memory_bytes(self) -> int:
         """Bytes held by the mesh and the tree."""
-        return self._model.memory_bytes + self.mesh.vertices.nbytes + self.mesh.faces.nbytes
+        return self._model.memory_bytes + self._mesh_bytes
+
+    @property
+    def _mesh_bytes(self) -> int:
+        leaders = 0 if self._leaders is None else self._leaders.nbytes
+        return self.mesh.vertices.nbytes + self.mesh.faces.nbytes + leaders
+
+    @property
+    def _model(self) -> Model:
+        """The arrays, made now where they came out of a file, or where a scene has deformed them."""
+        if self._held is None and self._source is not None:
+            model, row = self._source
+            self._held, self._source = model.part_alone(row), None
+        if self._held is None:
+            assert self._remains is not None, "a solid has arrays, or what they are made of"
+            self._held = assemble([_made_anew(self.mesh, self._remains)], [Pose()])
+        return self._held
 
     def _current(self) -> Model:
-        return self._model
+        return self._held or self._model
 
     def _share(self, model: Model) -> None:
         """Take over equal arrays that lie in a scene's memory, and let the own ones go."""
-        self._model = model
+        self._held, self._source = model, None
+
+    def _let_go(self, model: Model, row: int, frame: np.ndarray) -> None:
+        """Look away from a row of a scene's *model* that has another shape now; *frame*: that row before."""
+        part = model.parts[row]
+        mine, at = (self._held, 0) if self._source is None else self._source
+        if mine is None or mine.reals is not model.reals or mine.parts[at, layout.ROOT] != part[layout.ROOT]:
+            return
+        faces, neighbors = (
+            model.words[part[column] :][: 3 * part[layout.FACE_COUNT]].view(np.int32).reshape(-1, 3)
+            for column in (layout.FACES, layout.NEIGHBORS)
+        )
+        centre = frame[layout.CENTRE : layout.CENTRE + 3].copy()
+        self._remains = _Remains(
+            LocalFrame(centre, float(frame[layout.SCALE])),
+            int(part[layout.SIGN]),
+            bool(part[layout.GRID] != NO_GRID),
+            faces,
+            neighbors,
+        )
+        self._held, self._source = None, None
+
+    def _deformed(self, vertices: np.ndarray, model: Model) -> "Solid":
+        """The same faces over other vertices, checked already; *model* has their arrays."""
+        solid = Solid.__new__(Solid)
+        solid.mesh = self.mesh.with_vertices(vertices)
+        solid.name, solid.sign_method = self.name, self.sign_method
+        solid.sign_reason = self.sign_reason.removesuffix(DEFORMED) + DEFORMED
+        solid._is_watertight, solid._leaders = self._is_watertight, self._leaders
+        solid._held, solid._source, solid._remains = model, None, None
+        return solid
 
     def __repr__(self) -> str:
         return f"Solid({self.name!r}, {self.mesh.face_count} faces, sign by {self.sign_method.value})"
+
+
+def _made_anew(mesh: TriangleMesh, remains: _Remains) -> PartArrays:
+    """The arrays of a solid that had been let go; its sign is told as before."""
+    corners = np.empty((int(remains.faces.max()) + 1, 3))
+    corners[remains.faces.ravel()] = mesh.vertices[mesh.faces.ravel()]
+    faces, neighbors = remains.faces.copy(), remains.neighbors.copy()
+    piece = part_arrays(corners, faces, neighbors, remains.frame)
+    return with_sign(piece, remains.sign, has_grid=remains.has_grid)
 
 
 def _volume(mesh: TriangleMesh) -> float:

@@ -61,7 +61,7 @@ class TopPlan:
         if not self.room:
             return 0, 0
         row = parts[-1]
-        moving = int(row[layout.ROOT] - self.region(0)) // self._region_nodes
+        moving = int(row[layout.GRID] - self.boxes_at(0)) // (NODE_STRIDE * self._region_nodes)
         return moving, int(row[layout.FACES] - self.entries_at(0)) // (NODE_STRIDE * self._static_nodes)
 
     @property

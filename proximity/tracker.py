@@ -9,9 +9,9 @@ import numpy as np
 from proximity.arrays import as_float64
 from proximity.errors import QueryError
 from proximity.kernels import track
-from proximity.kernels.advance import BALLS, BALLS_SIZE
+from proximity.kernels.advance import BALLS_SIZE
 from proximity.kernels.bounded import ROOM_SIZE
-from proximity.kernels.layout import NO_PART, NO_SLOT, ROTATION
+from proximity.kernels.layout import GRID, NO_GRID, NO_PART, NO_SLOT, ROTATION, SIGN, SIGN_WINDING
 from proximity.kernels.motion import MAX_ACCELERATION, MAX_SPEED, MOTION_INTS, MOTION_REALS
 from proximity.kernels.tick import tick
 from proximity.message import CONTACT
@@ -21,6 +21,10 @@ from proximity.scene import Scene
 DEFAULT_BUDGET = 800
 """Nodes and leaves a finger and tick. Near CAD parts a walk takes 10 to 60; at the centre of a ball of 1.3 M
 faces these 800 take 25 µs and bracket the distance within 4 %."""
+GONE = -2
+"""Part of the last answer that is not in the scene any more."""
+MOST_NS = 2**62
+"""ns; differences of such instants are whole numbers of 64 bits. It is 146 years."""
 HORIZON = 0.25
 """s. A drum needs less than a tenth of a second to arrive (PAPER 6.4)."""
 
@@ -45,6 +49,10 @@ class Tracker:
         fingers below 0.2 ms.
     working_range : float, m
         Beyond it there are bounds only: a finger that cannot have come nearer is not searched for.
+    tolerance : float
+        Share of its distance by which the bounds of a finger may be apart before it is searched for anew. 0:
+        exact at every tick. For skins of thousands: with 0.05, as much as the paper allows away from
+        contact (section 12), most ticks of most points follow from the tick before.
     horizon : float, s
         How far ahead contacts are looked for.
     max_speed : float, m/s
@@ -76,6 +84,7 @@ class Tracker:
         latency: float = 0.001,
         budget: int | None = None,
         working_range: float = 0.12,
+        tolerance: float = 0.0,
         horizon: float = HORIZON,
         max_speed: float = MAX_SPEED,
         max_acceleration: float = MAX_ACCELERATION,
@@ -90,6 +99,7 @@ class Tracker:
         settings = np.zeros(track.SETTINGS_SIZE)
         settings[track.WORKING_RANGE] = _not_negative("working_range", working_range, "metres")
         settings[track.LATENCY] = self.latency
+        settings[track.TOLERANCE] = _not_negative("tolerance", tolerance, "shares")
         settings[track.HORIZON] = _positive("horizon", horizon, "seconds")
         settings[track.MAX_SPEED] = _positive("max_speed", max_speed, "metres a second")
         settings[track.MAX_ACCELERATION] = _positive("max_acceleration", max_acceleration, "m/s²")
@@ -119,6 +129,8 @@ class Tracker:
         self._arrays["tracks"][:, track.RADIUS] = _radii(radius, count)
         self._model: Model | None = None
         self._epoch = -1
+        self._rows: dict[str, int] = {}  # of parts, by name
+        self.reset()
         self._tell_addresses()
 
     def tick(
@@ -169,24 +181,26 @@ class Tracker:
         Sign: as `Scene.signed_distance`, less the radius.
         Cost: some 10 µs for five fingers near parts of 100 k faces.
         """
-        model = self.scene._current()
-        is_moved = model is not self._model
-        if is_moved:
-            self._take_over(model)
-        try:
-            points = np.asarray(positions)
-            if points.shape != self._shape:
-                raise QueryError(f"positions have shape {points.shape}, expected {self._shape}")
-            self._positions[...] = points
+        if type(positions) is not np.ndarray or positions.dtype != np.float64:
+            positions = _shaped(positions, "positions", self._shape)
+        elif positions.shape != self._shape:
+            raise QueryError(f"positions have shape {positions.shape}, expected {self._shape}")
+        self._positions[...] = positions
+        if type(t_pose_ns) is int and -MOST_NS <= t_pose_ns <= MOST_NS:
             self._pose_ns[...] = t_pose_ns
-            now = operator.index(now_ns)
-        except (TypeError, ValueError) as unfit:
-            raise _unfit(positions, t_pose_ns, now_ns, self._shape) from unfit
+        else:
+            self._take_instants(t_pose_ns)
+        now = _instant(now_ns)
         settings = self._settings
         if velocities is not None or settings[track.HAS_VELOCITIES]:
             self._take_velocities(velocities)
         if paths is not None or settings[track.HAS_PATHS]:
             self._take_paths(paths, path_bends, bends)
+        # From here on nothing raises: that parts have moved is noticed once, and must not be lost.
+        model = self.scene._current()
+        is_moved = model is not self._model
+        if is_moved:
+            self._take_over(model)
         tick(model.handle, self._handle, now, is_moved)
         return self.contacts
 
@@ -199,10 +213,7 @@ class Tracker:
 
     def _forget(self) -> None:
         """Forget what was known of surfaces."""
-        self._arrays["tracks"][:, track.CLEAR] = -1.0
-        balls = self._arrays["balls"]
-        balls[:] = 0.0
-        balls[:, 3 * BALLS : 4 * BALLS] = -1.0  # none
+        track.forget_surfaces(self._arrays["tracks"], self._arrays["balls"])
         marks = self._arrays["marks"]
         marks[:, track.SLOT], marks[:, track.PART], marks[:, track.IS_OUTSIDE] = NO_SLOT, NO_PART, 0
 
@@ -211,11 +222,23 @@ class Tracker:
         if model.epoch != self._epoch:
             self._epoch = model.epoch
             self._forget()
+            self._find_again()
             count = len(model.parts) - 1
+            is_open = (model.parts[:count, SIGN] == SIGN_WINDING) & (model.parts[:count, GRID] == NO_GRID)
+            self._settings[track.HOLES] = is_open.any()
             self._arrays["before"] = model.frames[:count, ROTATION : ROTATION + track.POSE_COLUMNS].copy()
             self._arrays["moving"] = np.zeros(count, np.int64)
             self._tell_addresses()
         self._model = model
+
+    def _find_again(self) -> None:
+        """Write what the parts of the last answers are numbered now; one that is gone is another than all."""
+        rows = self.scene._row
+        if rows is not self._rows:
+            names, told = list(self._rows), self._arrays["marks"][:, track.TOLD_PART]
+            for finger in np.flatnonzero(told >= 0):
+                told[finger] = rows.get(names[told[finger]], GONE)
+            self._rows = rows
 
     def _tell_addresses(self) -> None:
         """Write the table by which a tick finds its arrays."""
@@ -229,6 +252,18 @@ class Tracker:
         self._table = np.array(counts + [arrays[name].ctypes.data for name in track.NAMES], np.int64)
         self._handle = int(self._table.ctypes.data)
 
+    def _take_instants(self, t_pose_ns: Any) -> None:
+        try:
+            instants = np.asarray(t_pose_ns)
+            if instants.dtype.kind not in "iu" or ((instants < -MOST_NS) | (instants > MOST_NS)).any():
+                raise ValueError("no instants")
+            self._pose_ns[...] = instants
+        except ValueError as unfit:
+            raise QueryError(
+                f"t_pose_ns is {t_pose_ns!r}, expected whole nanoseconds, at most 2**62: one number, or one "
+                f"for each of {self._shape[0]} fingers"
+            ) from unfit
+
     def _take_velocities(self, velocities: Any) -> None:
         self._settings[track.HAS_VELOCITIES] = velocities is not None
         if velocities is not None:
@@ -238,24 +273,27 @@ class Tracker:
         self._settings[track.HAS_PATHS] = paths is not None
         if paths is None:
             return
-        corners = np.asarray(paths)
-        if corners.ndim != 3 or corners.shape[0] != len(self.contacts) or corners.shape[1] < 2:
-            raise QueryError(
-                f"paths have shape {corners.shape}, expected ({len(self.contacts)}, K, 3) with K of 2 or more"
-            )
+        expected = f"({len(self.contacts)}, K, 3) with K of 2 or more"
+        corners = as_float64(
+            paths, "values of paths", error=QueryError, expected=f"numbers of shape {expected}"
+        )
+        if corners.ndim != 3 or corners.shape[::2] != self._shape or corners.shape[1] < 2:
+            raise QueryError(f"paths have shape {corners.shape}, expected {expected}")
         count = corners.shape[1]
         arrays = self._arrays
         if arrays["paths"].shape[1] != count:
             arrays["paths"] = np.empty((len(self.contacts), count, 3))
             arrays["path_bends"] = np.linspace(0.0, 1.0, count)
             self._tell_addresses()
-        arrays["paths"][...] = _shaped(corners, "paths", arrays["paths"].shape)
+        arrays["paths"][...] = corners
         if path_bends is None:
             arrays["path_bends"][:] = np.linspace(0.0, 1.0, count)
         else:
             given = _shaped(path_bends, "path_bends", (count,))
-            if not (np.diff(given) > 0.0).all():
-                raise QueryError("path_bends do not increase, expected the bend at each corner of the paths")
+            if not (np.isfinite(given).all() and (np.diff(given) > 0.0).all()):
+                raise QueryError(
+                    "path_bends do not increase, or are not finite, expected the bend at each corner"
+                )
             arrays["path_bends"][:] = given
         arrays["bends"][:] = np.nan if bends is None else _shaped(bends, "bends", (len(self.contacts),))
 
@@ -270,20 +308,14 @@ def _shaped(values: Any, name: str, shape: tuple[int, ...]) -> np.ndarray:
     return array
 
 
-def _unfit(positions: Any, t_pose_ns: Any, now_ns: Any, shape: tuple[int, int]) -> QueryError:
-    """What is wrong with the arguments of a tick that could not be taken."""
+def _instant(now_ns: Any) -> int:
     try:
-        _shaped(positions, "positions", shape)
-    except QueryError as wrong:
-        return wrong
-    try:
-        operator.index(now_ns)
+        now = operator.index(now_ns)
     except TypeError:
-        return QueryError(f"now_ns is {now_ns!r}, expected whole nanoseconds")
-    return QueryError(
-        f"t_pose_ns is {t_pose_ns!r}, expected whole nanoseconds: one number, or one for each of "
-        f"{shape[0]} fingers"
-    )
+        now = MOST_NS + 1
+    if not -MOST_NS <= now <= MOST_NS:
+        raise QueryError(f"now_ns is {now_ns!r}, expected whole nanoseconds, at most 2**62")
+    return now
 
 
 def _number(name: str, value: Any, unit: str, expected: str) -> float:

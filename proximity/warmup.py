@@ -31,7 +31,9 @@ def warm_up() -> None:
         "second", Solid(_CORNERS, _FACES), Pose(translation=(2.0, 0.0, 0.0)), np.arange(4, dtype=np.int32)
     )
     points = np.linspace(-1.0, 3.0, 192).reshape(64, 3)
-    for asked in (first, Scene([first, second])):
+    scene = Scene([first, second])
+    scene.deform("second", 2.0 * _CORNERS)
+    for asked in (first, scene):
         asked.closest(points)
         asked.signed_distance(points)
         asked.distance(points)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapes
+from budgeted import UNLIMITED, model_of, walk
 
 from proximity import part_arrays, sign
 from proximity.pose import Pose
@@ -22,6 +23,8 @@ FIELDS = ("signed_distance", "point", "gradient", "part", "face_id", "barycentri
 def things():
     """Solids with each kind of sign, and a scene of two parts, one of them turned."""
     cube, ball = Solid(*shapes.cube(), name="cube"), Solid(*shapes.sphere(0.7, 0), name="ball")
+    deformed = Scene([ball, Solid(*shapes.torus(n=6, m=4), name="torus")])
+    deformed.deform("torus", 1.5 * shapes.torus(n=6, m=4)[0] + 0.25)
     turned = Part("cube", cube, Pose(shapes.rotation(3), (0.4, -0.2, 0.6)), np.arange(12, dtype=np.int32))
     return {
         "cube": cube,
@@ -34,6 +37,7 @@ def things():
         "far away": Solid(*shapes.moved(shapes.tetrahedron(), (1e4, -1e4, 1e4))),
         "scene": Scene([turned, ball]),
         "moved scene": moved_scene(cube, ball),
+        "deformed": deformed,
     }
 
 
@@ -79,6 +83,18 @@ def answers(monkeypatch):
             found[f"{name}, distance"] = thing.distance(points)
             if name != "sheet":
                 found[f"{name}, contains"] = thing.contains(points)
+        found |= walks()
+    return found
+
+
+def walks():
+    """What walks with a budget know, and the slabs that they look at."""
+    turned = Pose(shapes.rotation(3), (0.4, -0.2, 0.6))
+    model = model_of(shapes.sphere(0.7, 2), shapes.grid(5, 4), poses=[turned, Pose()])
+    found = {"slabs": model.part_arrays(0).moments}
+    for budget in (3, 40, UNLIMITED):
+        points = [(0.4, -0.2, 0.6), (0.5, 0.5, 0.25), (2.0, 1.0, 0.0), (40.0, 3.0, -1.0)]
+        found[f"with {budget} steps"] = np.array([walk(model, point, budget) for point in points])
     return found
 
 
@@ -123,4 +139,5 @@ def test_numbers_here_are_not_all_nothing(monkeypatch):
     assert (found["cube, signed"] < 0.0).any() and (found["cube, signed"] > 0.0).any()
     assert found["scene, contains"].any() and not found["scene, contains"].all()
     assert set(found["scene, part"].tolist()) == {-1, 0, 1}
+    assert (found["with 40 steps"][:, 2] < found[f"with {UNLIMITED} steps"][:, 2]).any()
     assert set(found["cube, feature"].tolist()) == {-1, 0, 1, 2}

@@ -18,6 +18,7 @@ replay
 tracker · recording
 scene · message
 compiled
+deforming
 solid
 moves
 moving

@@ -19,9 +19,9 @@ def blocks(language):
     return re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)
 
 
-def test_python_example_prints_what_the_readme_shows(monkeypatch):
+@pytest.mark.parametrize("code", blocks("python"), ids=["questions", "ticks"])
+def test_python_example_prints_what_the_readme_shows(code, monkeypatch):
     monkeypatch.chdir(ROOT)
-    (code,) = blocks("python")
     printed = io.StringIO()
 
     with contextlib.redirect_stdout(printed):

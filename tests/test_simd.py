@@ -14,19 +14,24 @@ from proximity import simd
 from proximity.simd import (
     LANES,
     absolute,
+    add_rows,
     bits,
     compress,
     count_bits,
     fma,
     horizontal_min,
     lane,
+    lane_minima,
     lane_numbers,
+    lane_sums,
     load,
     load_int,
+    load_rows,
     maximum,
     minimum,
     narrow,
     nearest_lane,
+    prefetch,
     select,
     splat,
     splat32,
@@ -314,6 +319,86 @@ def test_horizontal_min_and_lane_take_the_right_lanes(dtype):
 
 
 @compiled
+def each_of(values, sums, minima):
+    """The eight rows of *values* (64,) as vectors."""
+    a, b, c, d = load(values, 0), load(values, 8), load(values, 16), load(values, 24)
+    e, f, g, h = load(values, 32), load(values, 40), load(values, 48), load(values, 56)
+    store(sums, 0, lane_sums(a, b, c, d, e, f, g, h))
+    store(minima, 0, lane_minima(a, b, c, d, e, f, g, h))
+
+
+@pytest.mark.parametrize("dtype", FLOATS)
+def test_sums_and_minima_of_eight_vectors_stand_in_their_order(dtype):
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        values = rng.integers(-1000, 1000, (8, 8)).astype(dtype)
+        sums, minima = np.empty(8, dtype), np.empty(8, dtype)
+
+        each_of(values.reshape(-1), sums, minima)
+
+        assert sums.tolist() == values.sum(axis=1).tolist()
+        assert minima.tolist() == values.min(axis=1).tolist()
+        values[seed % 8, seed // 3] = np.inf
+        each_of(values.reshape(-1), sums, minima)
+        assert np.isinf(sums).tolist() == [row == seed % 8 for row in range(8)]
+        assert minima.tolist() == values.min(axis=1).tolist()
+
+
+@compiled
+def sum_after_prefetch(array):
+    total = 0.0
+    for i in range(len(array)):
+        prefetch(array, i)
+        total += array[i]
+    return total
+
+
+def test_prefetch_changes_nothing():
+    array = np.arange(40.0)
+
+    assert sum_after_prefetch(array) == 780.0
+    assert array.tolist() == list(range(40))
+
+
+@compiled
+def columns_of(array, offsets, out):
+    x, y, z, w = load_rows(array, offsets, 1, 2)
+    store(out, 0, x)
+    store(out, 8, y)
+    store(out, 16, z)
+    store(out, 24, w)
+
+
+@compiled
+def with_rows_added(array, offsets, columns):
+    add_rows(array, offsets, 1, 2, load(columns, 0), load(columns, 8), load(columns, 16))
+
+
+ROWS = [99, 3, 0, 20, 20, 7, 33, 11, 34]
+"""Two before where rows of four begin in an array of 40; the first is not asked for, one of them twice."""
+
+
+def test_rows_become_columns_and_come_back():
+    array, out = np.random.default_rng(7).normal(size=40), np.empty(32)
+
+    columns_of(array, np.array(ROWS), out)
+
+    assert out.reshape(4, 8).T.tolist() == [array[row + 2 : row + 6].tolist() for row in ROWS[1:]]
+
+
+def test_adding_to_rows_is_done_lane_by_lane():
+    rng = np.random.default_rng(7)
+    array, columns = rng.integers(-99, 99, 40).astype(float), rng.integers(-99, 99, 24).astype(float)
+    expected = array.copy()
+    for i, row in enumerate(ROWS[1:]):
+        expected[row + 2 : row + 5] += columns[i::8]
+
+    with_rows_added(array, np.array(ROWS), columns)
+
+    assert array.tolist() == expected.tolist()
+
+
+@compiled
 def nearest_of(bounds, limit):
     x = load(bounds, 0)
     return nearest_lane(x, x <= splat32(limit))
@@ -340,6 +425,31 @@ def test_nearest_lane_takes_the_lowest_of_equals():
     bounds = np.array([9, 4, 4, 8, 4, 9, 9, 9], np.float32)
 
     assert nearest_of(bounds, np.float32(np.inf)) == 1
+
+
+@compiled
+def fetched(words, reals, offset):
+    prefetch(words, offset)
+    prefetch(reals, offset)
+    return load_int(words, 0)
+
+
+def test_prefetch_changes_nothing_and_may_be_asked_beyond_the_array():
+    words, reals = np.arange(16, dtype=np.float32), np.arange(16.0)
+
+    for offset in (0, 15, 16, -1, 2**40, -(2**40)):
+        assert fetched(words, reals, offset) == 0
+    assert (words == np.arange(16)).all() and (reals == np.arange(16)).all()
+
+
+@pytest.mark.skipif(not simd.IS_COMPILED, reason="there is nothing to look into")
+def test_prefetch_is_an_instruction_of_the_compiled_code():
+    fetched(np.zeros(16, np.float32), np.zeros(16), 0)
+    (code,) = fetched.inspect_llvm().values()
+    calls = [line for line in code.splitlines() if "call void @llvm.prefetch" in line]
+
+    # To be read, kept in all caches, data.
+    assert len(calls) >= 2 and all("i32 0, i32 3, i32 1)" in line for line in calls)
 
 
 @compiled

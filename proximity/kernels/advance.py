@@ -55,7 +55,7 @@ def place_on(way, stages, count, stage, place):
         place[3 + axis] = step / span if span > 0.0 else 0.0
 
 
-@kernel
+@inlined
 def outward_of(frames, parts, part, witness, out):
     """Fill *out* (3,) with the unit direction, scene's frame, from the surface to the point of a witness."""
     length = witness[LENGTH]

@@ -11,7 +11,7 @@ from math import isfinite, sqrt
 import numpy as np
 
 from proximity.kernels.advance import TOUCH, advance, place_on, touches
-from proximity.kernels.bracket import DOWN, bracket_at, distance_to_slot
+from proximity.kernels.bracket import DOWN, bracket_at, distance_to_slot, may_slip_in
 from proximity.kernels.compiling import inlined, kernel
 from proximity.kernels.contact import (
     APPROACH_SPEED,
@@ -41,7 +41,9 @@ from proximity.kernels.contact import (
 from proximity.kernels.drift import drift_from, velocity_of_part
 from proximity.kernels.motion import predict
 from proximity.kernels.track import (
+    AHEAD_LEFT,
     BUDGET,
+    HOLES,
     HORIZON,
     MAX_ACCELERATION,
     MAX_SPEED,
@@ -65,11 +67,19 @@ PROBES = 3
 
 @inlined
 def _left(settings, numbers, i):
-    """Steps that are left of the finger's budget."""
-    return max(np.int64(settings[BUDGET]) - np.int64(numbers[i, WORK]), FEWEST_STEPS)
+    """Steps that the finger may still take: of its budget, and of what all fingers have for looking ahead."""
+    own = max(np.int64(settings[BUDGET]) - np.int64(numbers[i, WORK]), FEWEST_STEPS)
+    return min(own, np.int64(settings[AHEAD_LEFT]))
 
 
-@kernel
+@inlined
+def _count(settings, numbers, i, steps):
+    """Take note of steps taken to look ahead."""
+    numbers[i, WORK] += steps
+    settings[AHEAD_LEFT] -= steps
+
+
+@inlined
 def foretell(
     reals, words, frames, parts, settings, motions, tracks, marks, balls, records, numbers, moving,
     moving_count, stands, i, ahead, flags, room, witness, way, stages, place,
@@ -98,17 +108,21 @@ def foretell(
         records[i, UPPER] + radius,
     )
     is_outside = not flags & INSIDE
+    stays_outside = is_outside
+    if is_outside and settings[HOLES] != 0.0:
+        stays_outside = not may_slip_in(words, frames, parts, x + dx, y + dy, z + dz)
     if length > 0.0 and slot >= 0:
-        if is_outside and (length <= CHEAP * lower or not flags & IN_RANGE):
+        left = _left(settings, numbers, i)
+        if stays_outside and (length <= CHEAP * lower or not flags & IN_RANGE or left <= 0):
             # The face that is nearest now is, there, as far as the surface at most.
             distance = distance_to_slot(reals, frames, parts, part, slot, x + dx, y + dy, z + dz)
             lower, upper = lower - length, distance
         else:
             distance, lower, upper, _, _, _, _, steps = bracket_at(
                 reals, words, frames, parts, x + dx, y + dy, z + dz, part, slot,
-                is_outside and length < lower, _left(settings, numbers, i), room, witness,
+                stays_outside and length < lower, left, room, witness,
             )  # fmt: skip
-            numbers[i, WORK] += steps
+            _count(settings, numbers, i, steps)
     else:
         # No face is known to ask: a distance changes by no more than the way.
         lower, upper = lower - length, upper + length
@@ -150,7 +164,7 @@ def foretell(
         # Without a step of its own the way tells nothing beyond what the nearest face does.
         if steps > 0 or free >= horizon:
             expected = found
-        numbers[i, WORK] += steps
+        _count(settings, numbers, i, steps)
     records[i, TIME_TO_CONTACT_LOWER] = free
     records[i, TIME_TO_CONTACT] = max(expected, free) if expected < horizon else np.inf
 
@@ -226,7 +240,7 @@ def look_along_path(
             reals, words, frames, parts, place[0], place[1], place[2], part, slot, False,
             _left(settings, numbers, i), room, witness,
         )  # fmt: skip
-        numbers[i, WORK] += steps
+        _count(settings, numbers, i, steps)
         if lower <= radius:
             # In contact already, or so near that it cannot be told.
             records[i, CONTACT_BEND] = bend
@@ -240,7 +254,7 @@ def look_along_path(
         reals, words, frames, parts, path, stages, len(stages), stage, lower - radius, radius, 1.0, 0.0, part,
         slot, _left(settings, numbers, i), balls, settings[WAY], room, witness, place,
     )  # fmt: skip
-    numbers[i, WORK] += steps
+    _count(settings, numbers, i, steps)
     flags |= ON_PATH
     if free < whole:
         flags = _write_contact(
@@ -255,7 +269,7 @@ def look_along_path(
                 drift / speed, part, slot, _left(settings, numbers, i), balls, settings[WAY], room, witness,
                 place,
             )  # fmt: skip
-            numbers[i, WORK] += steps
+            _count(settings, numbers, i, steps)
         records[i, TIME_TO_CONTACT_LOWER] = max(free - stage, 0.0) / speed * DOWN
         records[i, TIME_TO_CONTACT] = max(expected - stage, 0.0) / speed
     return flags
@@ -291,7 +305,7 @@ def _write_contact(
             reals, words, frames, parts, place[0], place[1], place[2], radius, part, slot,
             _left(settings, numbers, i), room,
         )  # fmt: skip
-        numbers[i, WORK] += steps
+        _count(settings, numbers, i, steps)
         if is_touch:
             least, _ = interpolate(stages, path_bends, free)
             most, _ = interpolate(stages, path_bends, beyond)

@@ -17,13 +17,16 @@ from proximity.kernels.grid import CROSSED, OUTSIDE
 from proximity.kernels.layout import (
     BOX_LOWER,
     BOX_UPPER,
+    GRID,
     LANES,
+    NO_GRID,
     NO_PART,
     NO_SLOT,
     ROOT,
     SCALE,
     SIGN,
     SIGN_NONE,
+    SIGN_WINDING,
 )
 from proximity.kernels.point import slot_distance_sq
 from proximity.kernels.scene import is_alone, part_of_slot, to_local
@@ -34,7 +37,7 @@ from proximity.kernels.side import (
     state_in_part,
     witness_of_slot,
 )
-from proximity.kernels.witness import closest_on_triangle, read_corners
+from proximity.kernels.witness import ARM, LENGTH, NORMAL, POINT, closest_on_edges, over_face, read_corners
 from proximity.simd import splat32, trailing_zeros
 
 FEWEST_STEPS = 8
@@ -86,13 +89,27 @@ def beyond_all(frames, x, y, z):
     return sqrt(total) * (1.0 + 1e-12)
 
 
-@kernel
+@inlined
 def fill_witness(reals, words, parts, frames, part, slot, x, y, z, witness):
-    """Fill *witness* (local frame of *part*) with the closest point of a triangle found; its distance, m."""
+    """Fill *witness* (local frame of *part*) with the closest point of a triangle found; its distance, m.
+
+    What `closest_on_triangle` fills, but for the weights; the point is only as exact as the place of *p*.
+    """
     px, py, pz = to_local(frames, parts, part, x, y, z)
     read_corners(reals, slot, witness)
-    closest_on_triangle(px, py, pz, witness)
-    return witness[0] / frames[part, SCALE]
+    is_over, height = over_face(witness, px, py, pz)
+    if is_over:
+        witness[LENGTH] = abs(height)
+        for axis in range(3):
+            witness[ARM + axis] = witness[NORMAL + axis] * height
+    else:
+        closest_on_edges(px, py, pz, witness)
+    witness[POINT], witness[POINT + 1], witness[POINT + 2] = (
+        px - witness[ARM],
+        py - witness[ARM + 1],
+        pz - witness[ARM + 2],
+    )
+    return witness[LENGTH] / frames[part, SCALE]
 
 
 @kernel
@@ -118,6 +135,22 @@ def _depth_in(reals, words, frames, parts, other, x, y, z, budget, room, witness
     if slot == NO_SLOT:
         upper = beyond_all(frames, x, y, z)
     return is_inside, lower, upper, slot, work
+
+
+@kernel
+def may_slip_in(words, frames, parts, x, y, z):
+    """Whether a point is in the box of a part with holes: there it may get inside through no surface."""
+    scene = len(parts) - 1
+    sx, sy, sz = to_local(frames, parts, scene, x, y, z)
+    sx, sy, sz = splat32(np.float32(sx)), splat32(np.float32(sy)), splat32(np.float32(sz))
+    for first in range(0, scene, LANES):
+        holding = holding_bits(words, parts, first, sx, sy, sz)
+        while holding:
+            part = first + trailing_zeros(holding)
+            holding &= holding - 1
+            if parts[part, SIGN] == SIGN_WINDING and parts[part, GRID] == NO_GRID:
+                return True
+    return False
 
 
 @kernel

@@ -34,7 +34,7 @@ def descend(words, base, bounds, is_open, nearest, stacks, at):
     others = is_open & ~(lane_numbers() == splat32(np.float32(nearest)))
     store(stacks, at, compress(bounds, others))
     store(stacks, at + STACK_SIZE, compress(load(words, base + CHILDREN), others))
-    return load_int(words, base + CHILDREN + nearest), at + count_bits(bits(is_open)) - 1
+    return load_int(words, base + CHILDREN + nearest), at + count_bits(bits(others))
 
 
 @inlined

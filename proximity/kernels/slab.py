@@ -36,26 +36,29 @@ MARGIN = 1e-12
 """Of the normal's length: more than what scalar products of local coordinates are off."""
 SHRINK_SLAB = 1.0 - 2.0**-22
 """Makes up for what is rounded on the way to a float32 bound."""
+SMALLEST = 2.0**-96
+"""A bound below it counts as 0: the smallest float32 numbers have few bits, and rounding may raise them."""
 
 
 @kernel
-def fill_slabs(words, reals, node_count, moments):
-    """Fill the slabs of a tree that starts at word 0 with blocks at real 0; its moments are there.
+def fill_slabs(words, reals, root, node_count, moments, moments_at):
+    """Fill the slabs of a tree of *node_count* nodes from *root* on; its moments are there.
 
-    A child's number is above its parent's; the leaves below a node have numbers in a row.
+    *moments*, *moments_at*: the array that has the moments, and where those of node 0 are or would be. A
+    child's number is above its parent's; the leaves below a node have numbers in a row.
     """
     ends = np.empty((node_count, 2), np.int64)
-    for node in range(node_count - 1, -1, -1):
-        base, at = NODE_STRIDE * node, MOMENT_STRIDE * node
-        ends[node, 0], ends[node, 1] = np.int64(2**62), np.int64(-1)
+    for node in range(root + node_count - 1, root - 1, -1):
+        base, at, own = NODE_STRIDE * node, moments_at + MOMENT_STRIDE * node, node - root
+        ends[own, 0], ends[own, 1] = np.int64(2**62), np.int64(-1)
         for k in range(LANES):
-            moments[at + LEAST + k], moments[at + LARGEST + k] = -np.inf, np.inf
+            moments[at + LEAST + k], moments[at + LARGEST + k] = 0.0, 0.0
             if not words[base + k] <= words[base + 24 + k]:
                 continue
             child = load_int(words, base + CHILDREN + k)
-            first = ends[child, 0] if child >= 0 else ~child
-            last = ends[child, 1] if child >= 0 else ~child
-            ends[node, 0], ends[node, 1] = min(ends[node, 0], first), max(ends[node, 1], last)
+            first = ends[child - root, 0] if child >= 0 else ~child
+            last = ends[child - root, 1] if child >= 0 else ~child
+            ends[own, 0], ends[own, 1] = min(ends[own, 0], first), max(ends[own, 1], last)
             nx, ny, nz = (
                 np.float64(moments[at + AREA_NORMAL + k]),
                 np.float64(moments[at + AREA_NORMAL + 8 + k]),
@@ -98,5 +101,5 @@ def slabs_distance_sq(words, at, x, y, z, factor):
     normal_sq = dot(nx, ny, nz, nx, ny, nz)
     squares = gap * gap / normal_sq * splat(SHRINK_SLAB * factor)
     # NaN, as of 0 / 0, fails the comparison as well.
-    is_beyond = (gap > splat(0.0)) & (normal_sq > splat(0.0))
+    is_beyond = (gap > splat(0.0)) & (squares > splat(SMALLEST))
     return narrow(minimum(select(is_beyond, squares, splat(0.0)), splat(3.3e38)))

@@ -10,7 +10,7 @@ import numpy as np
 
 from proximity.kernels.advance import outward_of
 from proximity.kernels.ahead import foretell, look_along_path
-from proximity.kernels.bracket import beyond_all, bracket_at, distance_to_slot, fill_witness
+from proximity.kernels.bracket import beyond_all, bracket_at, fill_witness, may_slip_in
 from proximity.kernels.compiling import inlined, kernel
 from proximity.kernels.contact import (
     AGE_NS,
@@ -47,19 +47,33 @@ from proximity.kernels.contact import (
     WORK,
 )
 from proximity.kernels.drift import gather_moving, velocity_of_part
+from proximity.kernels.layout import (
+    BLOCK_STRIDE,
+    LANES,
+    NO_FACE,
+    NO_PART,
+    SCALE,
+    SIGN,
+    SIGN_NONE,
+    SLOT_FACES,
+    SURFACE,
+)
 from proximity.kernels.layout import DAMPING as PART_DAMPING
-from proximity.kernels.layout import NO_FACE, NO_PART, SCALE, SIGN, SIGN_NONE, SLOT_FACES, SURFACE
 from proximity.kernels.layout import STIFFNESS as PART_STIFFNESS
 from proximity.kernels.memory import arrays_at
 from proximity.kernels.motion import VELOCITY as ESTIMATE
 from proximity.kernels.motion import observe, observe_with_velocity
 from proximity.kernels.scene import FARTHEST, to_local, to_scene, turn_to_scene
 from proximity.kernels.track import (
+    AHEAD_LEFT,
     ANCHOR,
     BUDGET,
     CLEAR,
+    FARTHEST_WAY,
+    FIRST,
     HAS_PATHS,
     HAS_VELOCITIES,
+    HOLES,
     IS_OUTSIDE,
     LATENCY,
     MAX_ACCELERATION,
@@ -70,8 +84,10 @@ from proximity.kernels.track import (
     SLOT,
     STANDS,
     TOLD_PART,
+    TOLERANCE,
     WAY,
     WORKING_RANGE,
+    forget_surfaces,
     tracker_arrays_at,
     way_of_parts,
 )
@@ -84,11 +100,17 @@ from proximity.kernels.witness import (
     pseudo_normal,
 )
 from proximity.kernels.witness import NORMAL as WITNESS_NORMAL
-from proximity.simd import load_int
+from proximity.simd import load_int, prefetch
 
 FLAG_BITS = (1 << 16) - 1
 """Of an observation's answer: what goes into the record."""
-ROUND_UP = 1.0 + 2.0**-52
+AHEAD = 4000
+"""Steps in which all fingers together may look ahead: five need fewer, a skin of thousands would be late.
+Who has none left goes by the balls it knows, and by the nearest face."""
+AHEAD_SHARE = 2
+"""Steps a finger that they have at least."""
+TURNS = 16
+"""Ticks in which each of many fingers has been the first."""
 ROUNDING = 1e-13
 """Part sizes: more than what distances and ways round."""
 
@@ -106,6 +128,15 @@ def _clear_record(records, wide, numbers, i):
 
 
 @inlined
+def _fetch_face(reals, marks, i):
+    """Have the face that a finger starts from brought from memory, while another finger is done."""
+    if marks[i, SLOT] >= 0:
+        base = BLOCK_STRIDE * (marks[i, SLOT] // LANES)
+        for line in range(BLOCK_STRIDE // 8):
+            prefetch(reals, base + 8 * line)
+
+
+@inlined
 def _carried(frames, settings, tracks, i, x, y, z):
     """A distance, m, within which there is still no surface: what was clear less what has moved."""
     dx, dy, dz = x - tracks[i, ANCHOR], y - tracks[i, ANCHOR + 1], z - tracks[i, ANCHOR + 2]
@@ -114,7 +145,7 @@ def _carried(frames, settings, tracks, i, x, y, z):
     return tracks[i, CLEAR] - moved * (1.0 + ROUNDING) - slack
 
 
-@kernel
+@inlined
 def _write_surface(
     reals, words, frames, parts, part, slot, bits, witness, i, x, y, z, radius, records, place
 ):
@@ -144,7 +175,7 @@ def _write_surface(
     records[i, DAMPING] = frames[part, PART_DAMPING]
 
 
-@kernel
+@inlined
 def _distance(
     reals, words, frames, parts, settings, tracks, marks, records, numbers, i, x, y, z, flags, room, witness,
     place,
@@ -154,17 +185,22 @@ def _distance(
     part, slot = marks[i, TRACK_PART], marks[i, SLOT]
     carried = _carried(frames, settings, tracks, i, x, y, z)
     is_outside = marks[i, IS_OUTSIDE] == 1 and carried > 0.0
+    if is_outside and settings[HOLES] != 0.0:
+        is_outside = not may_slip_in(words, frames, parts, x, y, z)
     work, budget = np.int64(0), np.int64(settings[BUDGET])
-    if is_outside and carried - radius > settings[WORKING_RANGE]:
-        lower, bits = carried, SKIPPED
+    is_far = is_outside and carried - radius > settings[WORKING_RANGE]
+    is_near_enough = False
+    upper = np.inf
+    if is_far or (is_outside and settings[TOLERANCE] > 0.0):
         if slot >= 0:
             upper = fill_witness(reals, words, parts, frames, part, slot, x, y, z, witness)
-            upper = max(upper, distance_to_slot(reals, frames, parts, part, slot, x, y, z))
-            if parts[part, SIGN] != SIGN_NONE:
-                bits |= SIGNED
-        else:
-            upper = np.inf if carried == np.inf else beyond_all(frames, x, y, z)
-        lower, distance = min(lower, upper), upper
+        elif carried < np.inf:
+            upper = beyond_all(frames, x, y, z)
+        is_near_enough = upper - carried <= settings[TOLERANCE] * (carried - radius)
+    if is_far or is_near_enough:
+        bits, lower, distance = SKIPPED, min(carried, upper), upper
+        if slot >= 0 and parts[part, SIGN] != SIGN_NONE:
+            bits |= SIGNED
     else:
         distance, lower, upper, clear, part, slot, bits, work = bracket_at(
             reals, words, frames, parts, x, y, z, part, slot, is_outside, budget, room, witness
@@ -215,17 +251,22 @@ def tick(handle, tracker, now_ns, is_moved):
         room,
     ) = tracker_arrays_at(tracker)
     if is_moved:
-        gone = way_of_parts(frames, before)
-        if gone > 0.0:
-            # Rounded up: what is lost below the last bit of a long way would add up.
-            settings[WAY] = (settings[WAY] + gone) * ROUND_UP
+        settings[WAY] = (settings[WAY] + way_of_parts(frames, before)) * (1.0 + 2.0**-52)
+        if not settings[WAY] <= FARTHEST_WAY:
+            settings[WAY] = 0.0
+            forget_surfaces(tracks, balls)
         settings[MOVING_COUNT], settings[STANDS] = gather_moving(frames, parts, moving)
     moving_count, stands = np.int64(settings[MOVING_COUNT]), settings[STANDS] != 0.0
     acts_ns = now_ns + np.int64(1e9 * settings[LATENCY])
     reach = FARTHEST / frames[len(parts) - 1, SCALE]
     witness, place, way, stages = np.empty(WITNESS_SIZE), np.empty(9), np.empty((2, 3)), np.empty(2)
     path_stages = np.empty(len(path_bends))
-    for i in range(len(positions)):
+    count, first = len(positions), np.int64(settings[FIRST])
+    settings[AHEAD_LEFT] = max(AHEAD, AHEAD_SHARE * count)
+    settings[FIRST] = (first + 1 + count // TURNS) % count
+    for turn in range(count):
+        i = (first + turn) % count
+        _fetch_face(reals, marks, (i + 1) % count)
         _clear_record(records, wide, numbers, i)
         wide[i, POSE_NS], wide[i, AGE_NS], wide[i, PREDICTED_NS] = pose_ns[i], now_ns - pose_ns[i], acts_ns
         for axis in range(3):
@@ -262,7 +303,7 @@ def tick(handle, tracker, now_ns, is_moved):
         if settings[HAS_PATHS] != 0.0 and isfinite(paths[i, 0, 0]):
             flags = look_along_path(
                 reals, words, frames, parts, settings, paths[i], path_bends, bends[i], tracks, marks,
-                balls[i], records, numbers, moving, moving_count, stands, i, flags, room, witness, path_stages,
-                place,
+                balls[i], records, numbers, moving, moving_count, stands, i, flags, room, witness,
+                path_stages, place,
             )  # fmt: skip
         numbers[i, FLAGS] = flags

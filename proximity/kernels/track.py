@@ -6,7 +6,7 @@ the nearest face. A distance changes by no more than finger and parts have moved
 
 import numpy as np
 
-from proximity.kernels.advance import BALLS_SIZE
+from proximity.kernels.advance import BALLS, BALLS_SIZE
 from proximity.kernels.compiling import inlined, kernel
 from proximity.kernels.contact import RECORD_INTS, RECORD_REALS
 from proximity.kernels.layout import OWN_LOWER, ROTATION, TRANSLATION
@@ -37,11 +37,17 @@ WAY = 5  # m that parts have moved since the tracker began; written by the tick
 BUDGET = 6  # steps a finger
 HAS_VELOCITIES = 7  # 1 where the caller gives velocities
 HAS_PATHS = 8
-HAS_BENDS = 9
+HOLES = 9  # 1 where some part has an inside though it is not closed
 MOVING_COUNT = 10  # parts that have a velocity; written by the tick
 STANDS = 11  # 1 where some part has none
+TOLERANCE = 14  # of a distance, see `Tracker`
+AHEAD_LEFT = 12  # steps that are left for looking ahead, of all fingers; written by the tick
+FIRST = 13  # finger that is done first, so that each has its turn to look ahead; written by the tick
 SETTINGS_SIZE = 16
 
+FARTHEST_WAY = 1e3
+"""m that parts may have moved until all tracks start anew: of larger sums, small steps are lost by rounding.
+A part that is put far away and back goes so far at once."""
 POSE_COLUMNS = 12
 """Of ``before``: rotation and translation of each part at the tick before."""
 
@@ -103,6 +109,15 @@ def tracker_arrays_at(handle):
         longs_at(table[at + 14], (parts,)),
         words_at(table[at + 15], (room,)),
     )
+
+
+@kernel
+def forget_surfaces(tracks, balls):
+    """Forget how far surfaces were, as no tick had been before."""
+    for i in range(len(tracks)):
+        tracks[i, CLEAR] = -1.0
+        for ball in range(BALLS):
+            balls[i, 3 * BALLS + ball] = -1.0
 
 
 @inlined

@@ -37,20 +37,6 @@ def load(typingctx, array, offset):
 
 
 @intrinsic
-def prefetch(typingctx, array, offset):
-    def codegen(context, builder, sig, args):
-        pointer = _element_pointer(context, builder, sig.args[0], args[0], args[1], ir.IntType(8))
-        number = ir.IntType(32)
-        fnty = ir.FunctionType(ir.VoidType(), [pointer.type, number, number, number])
-        fn = cgutils.get_or_insert_function(builder.module, fnty, "llvm.prefetch.p0i8")
-        read, everywhere, data = (ir.Constant(number, value) for value in (0, 3, 1))
-        builder.call(fn, [pointer, read, everywhere, data])
-        return context.get_dummy_value()
-
-    return types.void(array, types.intp), codegen
-
-
-@intrinsic
 def load_int(typingctx, array, offset):
     def codegen(context, builder, sig, args):
         pointer = _element_pointer(context, builder, sig.args[0], args[0], args[1], ir.IntType(32))
@@ -67,6 +53,75 @@ def store(typingctx, array, offset, vector):
         return context.get_dummy_value()
 
     return types.void(array, types.intp, vector), codegen
+
+
+_ROW = ir.VectorType(ir.DoubleType(), 4)
+
+
+def _row_pointers(context, builder, array_types, arrays, at, shift):
+    """Addresses of eight rows of four float64: *shift* beyond the offsets in an int64 array from *at* on."""
+    offsets = context.make_array(array_types[1])(context, builder, arrays[1]).data
+    for i in range(LANES):
+        place = builder.load(builder.gep(offsets, [builder.add(at, ir.Constant(at.type, i))]))
+        place = builder.add(place, shift)
+        yield _element_pointer(context, builder, array_types[0], arrays[0], place, _ROW)
+
+
+def _order(*lanes):
+    return ir.Constant(ir.VectorType(ir.IntType(32), len(lanes)), lanes)
+
+
+@intrinsic
+def load_rows(typingctx, array, offsets, at, shift):
+    def codegen(context, builder, sig, args):
+        rows = [
+            builder.load(pointer, align=8)
+            for pointer in _row_pointers(context, builder, sig.args[:2], args[:2], args[2], args[3])
+        ]
+        wide = [builder.shuffle_vector(rows[i], rows[i + 4], _order(*range(8))) for i in range(4)]
+        # Columns x and z of rows 0 1, then of 2 3; likewise y and w; then what belongs together.
+        evens, odds = _order(0, 8, 2, 10, 4, 12, 6, 14), _order(1, 9, 3, 11, 5, 13, 7, 15)
+        xz, more_xz = (builder.shuffle_vector(wide[i], wide[i + 1], evens) for i in (0, 2))
+        yw, more_yw = (builder.shuffle_vector(wide[i], wide[i + 1], odds) for i in (0, 2))
+        first, second = _order(0, 1, 8, 9, 4, 5, 12, 13), _order(2, 3, 10, 11, 6, 7, 14, 15)
+        columns = [
+            builder.shuffle_vector(one, other, order)
+            for order in (first, second)
+            for one, other in ((xz, more_xz), (yw, more_yw))
+        ]
+        return context.make_tuple(builder, sig.return_type, columns)
+
+    return types.UniTuple(f64x8, 4)(array, offsets, types.intp, types.intp), codegen
+
+
+@intrinsic
+def add_rows(typingctx, array, offsets, at, shift, x, y, z):
+    def codegen(context, builder, sig, args):
+        x, y, z = args[4:]
+        none = ir.Constant(LLVM[f64x8], [0.0] * LANES)
+        pointers = _row_pointers(context, builder, sig.args[:2], args[:2], args[2], args[3])
+        for i, pointer in enumerate(pointers):
+            xy = builder.shuffle_vector(x, y, _order(i, LANES + i))
+            zw = builder.shuffle_vector(z, none, _order(i, LANES + i))
+            row = builder.shuffle_vector(xy, zw, _order(0, 1, 2, 3))
+            builder.store(builder.fadd(builder.load(pointer, align=8), row), pointer, align=8)
+        return context.get_dummy_value()
+
+    return types.void(array, offsets, types.intp, types.intp, f64x8, f64x8, f64x8), codegen
+
+
+@intrinsic
+def prefetch(typingctx, array, offset):
+    def codegen(context, builder, sig, args):
+        pointer = _element_pointer(context, builder, sig.args[0], args[0], args[1], ir.IntType(8))
+        i32 = ir.IntType(32)
+        fnty = ir.FunctionType(ir.VoidType(), [pointer.type, i32, i32, i32])
+        fn = cgutils.get_or_insert_function(builder.module, fnty, "llvm.prefetch.p0")
+        # For reading, into the nearest cache, of data.
+        builder.call(fn, [pointer, i32(0), i32(3), i32(1)])
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp), codegen
 
 
 @intrinsic
@@ -267,5 +322,41 @@ def count_bits(typingctx, value):
     return types.int64(types.int64), codegen
 
 
+def _each(combine):
+    """An intrinsic of eight vectors: lane i is what *combine* makes of all lanes of the i-th."""
+
+    @intrinsic
+    def function(typingctx, a, b, c, d, e, f, g, h):
+        ty = _common_type(a, b, c, d, e, f, g, h)
+
+        def codegen(context, builder, sig, args):
+            vectors = list(args)
+            for step in (1, 2, 4):
+                # Lanes that differ in the bit *step* are combined; the two vectors share the lanes left.
+                low = [i + (LANES - step if i & step else 0) for i in range(LANES)]
+                orders = [
+                    ir.Constant(ir.VectorType(ir.IntType(32), LANES), [i + shift for i in low])
+                    for shift in (0, step)
+                ]
+                vectors = [
+                    combine(
+                        builder,
+                        *(builder.shuffle_vector(vectors[k], vectors[k + 1], order) for order in orders),
+                    )
+                    for k in range(0, len(vectors), 2)
+                ]
+            return vectors[0]
+
+        return ty(*[ty] * LANES), codegen
+
+    return function
+
+
+def _lesser(builder, a, b):
+    return builder.select(builder.fcmp_ordered("<", a, b), a, b)
+
+
+lane_sums = _each(lambda builder, a, b: builder.fadd(a, b))
+lane_minima = _each(_lesser)
 absolute = _unary("fabs")
 square_root = _unary("sqrt")

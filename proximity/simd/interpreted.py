@@ -14,16 +14,26 @@ def load(array, offset):
     return array[offset : offset + LANES].copy()
 
 
-def prefetch(array, offset):
-    pass
-
-
 def load_int(array, offset):
     return int(array[offset : offset + 1].view(np.int32)[0])
 
 
 def store(array, offset, vector):
     array[offset : offset + LANES] = vector
+
+
+def load_rows(array, offsets, at, shift):
+    rows = np.array([array[offset : offset + 4] for offset in offsets[at : at + LANES] + shift])
+    return tuple(np.ascontiguousarray(column) for column in rows.T)
+
+
+def add_rows(array, offsets, at, shift, x, y, z):
+    for i, offset in enumerate(offsets[at : at + LANES] + shift):
+        array[offset : offset + 4] += (x[i], y[i], z[i], 0.0)
+
+
+def prefetch(array, offset):
+    pass
 
 
 def compress(vector, mask):
@@ -111,6 +121,23 @@ def horizontal_min(vector):
     for step in (4, 2, 1):
         vector = minimum(vector, np.roll(vector, -step))
     return vector[0]
+
+
+def _each(combine, vectors):
+    vectors = list(vectors)
+    for step in (1, 2, 4):
+        low = [i + (LANES - step if i & step else 0) for i in range(LANES)]
+        both = [np.concatenate(vectors[k : k + 2]) for k in range(0, len(vectors), 2)]
+        vectors = [combine(pair[low], pair[[i + step for i in low]]) for pair in both]
+    return vectors[0]
+
+
+def lane_sums(*vectors):
+    return _each(np.add, vectors)
+
+
+def lane_minima(*vectors):
+    return _each(minimum, vectors)
 
 
 def trailing_zeros(value):

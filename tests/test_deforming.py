@@ -1,0 +1,612 @@
+"""Deformed parts answer as parts made anew of the same vertices do, and what was there before stays."""
+
+import re
+import time
+
+import judging
+import numpy as np
+import pytest
+import shapes
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import oracle
+from proximity.bvh import build_bvh
+from proximity.errors import MeshError, SceneError
+from proximity.kernels.layout import CENTRE, MOMENTS, ROOT
+from proximity.kernels.normals import add_corner_normals
+from proximity.kernels.winding import winding_number
+from proximity.pose import Pose
+from proximity.scene import Part, Scene
+from proximity.sign import SignMethod
+from proximity.solid import Solid
+
+MESHES = {
+    "torus": shapes.torus(),
+    "hollow cube": shapes.hollow_cube(),
+    "sphere": shapes.sphere(1.0, 2),
+    "soup": shapes.soup(*shapes.octahedron()),
+    "turned": shapes.inside_out(shapes.tetrahedron()),
+    "overlapping": shapes.join(shapes.tetrahedron(), shapes.moved(shapes.tetrahedron(), (0.2, 0.1, 0.0))),
+    "sheet": shapes.grid(3, 4),
+    "far": shapes.moved(shapes.torus(n=12, m=6), (1e4, -2e4, 3e3)),
+}
+
+
+def about_middle(vertices, matrix):
+    middle = 0.5 * vertices.min(axis=0) + 0.5 * vertices.max(axis=0)
+    return (vertices - middle) @ np.asarray(matrix) + middle
+
+
+CHANGES = {
+    "the same": lambda v: v.copy(),
+    "a wobble": lambda v: v + 0.05 * np.sin(2.0 * v + 1.0),
+    "a stretch": lambda v: about_middle(v, np.diag([1.5, 0.8, 0.3])),
+    "a shear": lambda v: about_middle(v, [[1.0, 0.2, 0.0], [0.0, 1.0, 0.4], [0.0, 0.0, 1.0]]),
+    "a turn": lambda v: about_middle(v, shapes.rotation(5)),
+    "a hundredfold": lambda v: about_middle(v, 100.0 * np.eye(3)),
+    "a thousandth": lambda v: about_middle(v, 1e-3 * np.eye(3)),
+    "a size of atoms": lambda v: about_middle(v, 1e-9 * np.eye(3)) - v.mean(axis=0),
+    "a step aside": lambda v: v + np.array([0.3, -0.1, 0.2]),
+    "a long way": lambda v: v + np.array([1e4, -3e3, 2.5e3]),
+    "home": lambda v: v - v.mean(axis=0),
+}
+
+
+def assert_tree_holds_together(scene, row, vertices, *, has_normals=True):
+    """The tree over exactly these vertices, in a frame that holds them; boxes as tight as a builder's."""
+    piece = scene._current().part_arrays(row)
+    mesh = scene.parts[row].solid.mesh
+    assert mesh.vertices.tobytes() == np.asarray(vertices, float).tobytes()
+    local = piece.frame.of(mesh.vertices)
+    assert np.array_equal(piece.corners[piece.faces], local[mesh.faces])
+    back = piece.corners / piece.frame.scale + piece.frame.centre
+    assert np.array_equal(back[piece.faces], mesh.vertices[mesh.faces]), "nothing is rounded on the way"
+    assert np.abs(local[mesh.faces]).max() <= 1.0
+    piece.bvh.check(piece.corners, piece.faces)
+    slots = np.flatnonzero(piece.bvh.slot_faces >= 0)
+    held = piece.bvh.blocks.reshape(-1, 9, 8)[slots // 8, :, slots % 8].reshape(-1, 3, 3)
+    assert np.array_equal(held, piece.corners[piece.faces[piece.bvh.slot_faces[slots]]])
+    assert np.array_equal(piece.lower, mesh.vertices[mesh.faces].min(axis=(0, 1)))
+    assert np.array_equal(piece.upper, mesh.vertices[mesh.faces].max(axis=(0, 1)))
+    root, anew = piece.bvh.nodes[:64], build_bvh(piece.corners, piece.faces).nodes[:64]
+    for side in (slice(0, 8), slice(8, 16), slice(16, 24)):
+        assert abs(root[side].min() - anew[side].min()) <= 4e-7
+    normals = np.zeros_like(piece.normals)
+    add_corner_normals(piece.corners, piece.faces, normals)
+    assert not has_normals or np.abs(piece.normals - normals).max() <= 1e-12
+
+
+def points_about(solid, count=60, seed=3):
+    """All around the part, and near and nearer to its surface."""
+    rng = np.random.default_rng(seed)
+    vertices, faces = solid.mesh.vertices, solid.mesh.faces
+    lower, upper = solid.bounds
+    size = (upper - lower).max()
+    around = rng.uniform(lower - 0.3 * size, upper + 0.3 * size, (count, 3))
+    corners = vertices[faces[rng.integers(len(faces), size=count)]]
+    on = (corners * rng.dirichlet((1.0, 1.0, 1.0), count)[:, :, None]).sum(axis=1)
+    return np.concatenate(
+        [around, on + size * 10.0 ** rng.uniform(-5, -1, (count, 1)) * rng.normal(size=(count, 3))]
+    )
+
+
+def assert_answers_as(found, expected, points):
+    """All questions to two things of the same shape: distances to 1e-12, equal signs."""
+    room = judging.allowance(expected.distance(points), points)
+    assert (np.abs(found.distance(points) - expected.distance(points)) <= room).all()
+    signed, other = found.signed_distance(points), expected.signed_distance(points)
+    assert (np.abs(signed - other) <= room).all()
+    clear = np.abs(other) > room
+    assert np.array_equal(np.sign(signed[clear]), np.sign(other[clear]))
+    hit, anew = found.closest(points), expected.closest(points)
+    assert judging.same_bits(hit.signed_distance, signed)
+    assert np.array_equal(hit.part, anew.part)
+    assert np.array_equal(hit.is_signed, anew.is_signed)
+    if anew.is_signed.any():
+        assert np.array_equal(found.contains(points)[clear], expected.contains(points)[clear])
+    ways = np.roll(points, 1, axis=0) - points
+    ray, other_ray = found.cast(points, ways), expected.cast(points, ways)
+    assert np.array_equal(np.isinf(ray.distance), np.isinf(other_ray.distance))
+    met = np.isfinite(other_ray.distance)
+    away = np.abs(ray.distance[met] - other_ray.distance[met])
+    assert (away <= 1e-9 * np.abs(points).max()).all()
+    ends = 0.5 * points + 0.5 * np.roll(points, 1, axis=0)
+    along, other_along = found.closest_to_segments(points, ends), expected.closest_to_segments(points, ends)
+    room = judging.allowance(other_along.distance, points)
+    assert (np.abs(along.distance - other_along.distance) <= room).all()
+
+
+# ----------------------------------------------------------------------------------------------- one part
+
+
+@pytest.mark.parametrize("change", CHANGES)
+@pytest.mark.parametrize("name", MESHES)
+def test_deformed_part_answers_as_one_made_anew(name, change):
+    vertices, faces = MESHES[name]
+    scene = Scene([Solid(vertices, faces, name=name)])
+    changed = CHANGES[change](vertices)
+
+    scene.deform(name, changed)
+
+    anew = Solid(changed, faces)
+    points = points_about(anew)
+    assert_tree_holds_together(scene, 0, changed)
+    assert_answers_as(scene, Scene([anew]), points)
+    assert_answers_as(scene.part(name).solid, anew, points)
+    judging.assert_answer_holds_together(
+        scene.closest(points[:60]), changed, scene.part(name).solid.mesh.faces, points[:60]
+    )
+    assert [corner.tolist() for corner in scene.bounds] == [corner.tolist() for corner in anew.bounds]
+
+
+@pytest.mark.parametrize("change", CHANGES)
+@pytest.mark.parametrize("name", ["torus", "hollow cube", "turned"])
+def test_deformed_part_is_judged_by_the_oracle(name, change):
+    vertices, faces = MESHES[name]
+    scene = Scene([Solid(vertices, faces, name=name)])
+    changed = CHANGES[change](vertices)
+
+    scene.deform(name, changed)
+
+    mesh, points = scene.part(name).solid.mesh, points_about(scene.part(name).solid, 40)
+    expected = judging.signed_distance(mesh.vertices, mesh.faces, points)
+    room = judging.allowance(expected, mesh.vertices)
+    assert (np.abs(scene.signed_distance(points) - expected) <= room).all()
+    clear = np.abs(expected) > room
+    assert np.array_equal(scene.contains(points)[clear], (expected < 0.0)[clear])
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_same_vertices_refit_to_the_bit(name):
+    """Boxes and blocks as the builder made them; only sums over faces are added in another order."""
+    scene = Scene([Solid(*MESHES[name], name=name)])
+    before = scene._current().part_arrays(0)
+
+    scene.deform(name, MESHES[name][0])
+
+    after = scene._current().part_arrays(0)
+    assert after.bvh.nodes.tobytes() == before.bvh.nodes.tobytes()
+    assert after.bvh.blocks.tobytes() == before.bvh.blocks.tobytes()
+    assert after.corners.tobytes() == before.corners.tobytes()
+    assert np.abs(after.normals - before.normals).max() <= 1e-14
+    assert np.abs(after.moments - before.moments).max() <= 1e-6 * np.abs(before.moments).max()
+
+
+def test_normals_of_needles_are_weighted_by_their_angles():
+    """Random triangles, among them needles and caps: angles from almost none to almost half a turn."""
+    rng = np.random.default_rng(11)
+    vertices = rng.normal(size=(200, 3))
+    faces = np.array([rng.permutation(200)[:3] for _ in range(400)])
+    scene = Scene([Solid(vertices, faces, name="soup")])
+    for power in (0.0, -3.0, -6.0):
+        changed = vertices * [1.0, 10.0**power, 1.0] + [0.0, 0.0, 0.01]
+
+        scene.deform("soup", changed)
+
+        piece = scene._current().part_arrays(0)
+        normals = np.zeros_like(piece.normals)
+        add_corner_normals(piece.corners, piece.faces, normals)
+        assert np.abs(piece.normals - normals).max() <= 1e-11
+        assert_tree_holds_together(scene, 0, changed)
+
+
+@pytest.mark.parametrize("change", ["a wobble", "a stretch", "a thousandth"])
+def test_winding_number_of_a_deformed_part_is_near_the_true_one(change):
+    vertices, faces = MESHES["torus"]
+    scene = Scene([Solid(vertices, faces, name="torus")])
+
+    scene.deform("torus", CHANGES[change](vertices))
+
+    model, solid = scene._current(), scene.part("torus").solid
+    points = points_about(solid)
+    local = model.part_arrays(0).frame.of(points)
+    places = int(model.parts[0, ROOT]), int(model.parts[0, MOMENTS])
+    turns = np.array([winding_number(model.reals, model.words, *places, *point) for point in local])
+    expected = oracle.winding_number(solid.mesh.vertices, solid.mesh.faces, points)
+    assert np.abs(turns - expected).max() <= 0.05
+
+
+def test_point_on_the_deformed_surface_is_not_inside():
+    scene = Scene([Solid(*shapes.cube(), name="cube")])
+
+    scene.deform("cube", 2.0 * shapes.cube()[0])
+
+    assert scene.contains([[2.0, 1.0, 1.0], [1.0, 0.0, 0.5], [1.0, 1.0, 1.0]]).tolist() == [
+        False,
+        False,
+        True,
+    ]
+    assert scene.signed_distance([[2.0, 1.0, 1.0], [1.0, 1.0, 1.5]]).tolist() == [0.0, -0.5]
+
+
+def test_part_that_comes_near_the_origin_in_a_frame_far_from_it_is_not_rounded():
+    """Parts of a file share a frame with room to move; its middle is at 6 m here, which rounds 1 mm."""
+    vertices, faces = shapes.octahedron(0.1)
+    scene = Scene.from_mesh(
+        *shapes.join(*(shapes.moved((vertices, faces), (x, 2.4, 0.0)) for x in (5.0, 5.3, 5.9)))
+    )
+    name = scene.parts[0].name
+    assert scene._current().frames[0, CENTRE] != 0.0
+    changed = (vertices + 0.1 / 3.0) * 0.5
+
+    scene.deform(name, changed)
+
+    assert_tree_holds_together(scene, 0, changed)
+    points = points_about(scene.part(name).solid)
+    expected = oracle.closest(changed, faces, points).distance
+    assert (np.abs(scene.distance(points) - expected) <= judging.allowance(expected, changed)).all()
+
+
+def test_faces_may_lose_their_area_and_win_it_back():
+    vertices, faces = shapes.torus()
+    scene, points = (
+        Scene([Solid(vertices, faces, name="torus")]),
+        np.random.default_rng(1).normal(size=(50, 3)),
+    )
+
+    for flat in ([1.0, 1.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.0]):
+        scene.deform("torus", vertices * flat)
+        # The faces above and below cancel: what is left of normals is rounding.
+        assert_tree_holds_together(scene, 0, vertices * flat, has_normals=False)
+        expected = oracle.closest(vertices * flat, faces, points).distance
+        assert (np.abs(scene.distance(points) - expected) <= judging.allowance(expected, vertices)).all()
+    scene.deform("torus", vertices)
+
+    assert_answers_as(scene, Scene([Solid(vertices, faces)]), points)
+
+
+def test_unused_vertices_may_be_anything():
+    vertices, faces = shapes.cube()
+    extra = np.concatenate([[[np.nan, 0.0, 0.0]], vertices, [[np.inf, 1e300, 0.0]]])
+    scene = Scene([Solid(extra, faces + 1, name="cube")])
+    extra[1:-1] *= 3.0
+
+    scene.deform("cube", extra)
+
+    assert scene.signed_distance((1.0, 1.5, 1.5)) == -1.0
+
+
+def test_vertices_that_meet_stay_corners_of_their_own():
+    """Two that meet today may part tomorrow; only those at one position when the part was made are one."""
+    vertices, faces = shapes.octahedron()
+    scene, pinched = Scene([Solid(vertices, faces, name="part")]), vertices.copy()
+    pinched[0] = pinched[1]
+
+    scene.deform("part", pinched)
+    scene.deform("part", vertices)
+
+    assert scene.signed_distance((0.0, 0.0, 0.0)) == pytest.approx(-1.0 / np.sqrt(3.0), rel=1e-14)
+
+
+# ----------------------------------------------------------------------------------------------- a scene
+
+
+def some_scene():
+    """Four parts, some at poses, one of them a sheet; their meshes by name."""
+    meshes = {
+        "torus": shapes.torus(n=12, m=6),
+        "soup": shapes.soup(*shapes.sphere(0.8, 1)),
+        "cube": shapes.cube(2.0),
+        "sheet": shapes.grid(2, 2),
+    }
+    poses = [
+        Pose(),
+        Pose(translation=(2.0, 1.0, 0.0)),
+        Pose(shapes.rotation(1), (-1.0, 0.5, 1.0)),
+        Pose(shapes.rotation(2), (0.0, 3.0, 0.0)),
+    ]
+    rows = (np.arange(len(faces), dtype=np.int32) for _, faces in meshes.values())
+    parts = [
+        Part(name, Solid(*meshes[name], name=name), pose, row)
+        for name, pose, row in zip(meshes, poses, rows, strict=True)
+    ]
+    return Scene(parts), meshes
+
+
+def made_anew(scene):
+    """A scene of the same shapes at the same poses."""
+    return Scene(
+        [
+            Part(
+                part.name,
+                Solid(part.solid.mesh.vertices, part.solid.mesh.faces),
+                part.pose,
+                part.source_faces,
+            )
+            for part in scene.parts
+        ]
+    )
+
+
+@settings(max_examples=25)
+@given(
+    seed=st.integers(0, 2**31),
+    steps=st.lists(
+        st.tuples(
+            st.sampled_from(["torus", "soup", "cube", "sheet"]),
+            st.sampled_from(["a move", *CHANGES]),
+        ),
+        min_size=1,
+        max_size=6,
+    ),
+)
+def test_any_sequence_of_deforming_and_moving_answers_as_a_scene_made_anew(seed, steps):
+    rng = np.random.default_rng(seed)
+    scene, meshes = some_scene()
+    for name, step in steps:
+        if step == "a move":
+            scene.move(name, Pose(shapes.rotation(int(rng.integers(2**31))), rng.uniform(-3.0, 3.0, 3)))
+        else:
+            scene.deform(name, CHANGES[step](meshes[name][0]))
+            scene.signed_distance((0.0, 0.0, 0.0))
+        row = [part.name for part in scene.parts].index(name)
+        assert_tree_holds_together(scene, row, scene.parts[row].solid.mesh.vertices)
+
+    anew = made_anew(scene)
+    points = np.concatenate(
+        [rng.uniform(-5.0, 5.0, (40, 3))]
+        + [part.pose.point(points_about(part.solid, 10, seed)) for part in scene.parts]
+    )
+    room = judging.allowance(anew.distance(points), points, *scene.bounds)
+    assert (np.abs(scene.distance(points) - anew.distance(points)) <= room).all()
+    assert (np.abs(scene.signed_distance(points) - anew.signed_distance(points)) <= room).all()
+    clear = np.abs(anew.signed_distance(points)) > room
+    assert np.array_equal(scene.contains(points)[clear], anew.contains(points)[clear])
+    assert np.allclose(scene.bounds, anew.bounds, rtol=1e-15, atol=0.0)
+
+
+def test_random_deformations_one_after_the_other_never_spoil_the_tree():
+    rng = np.random.default_rng(9)
+    vertices, faces = shapes.torus()
+    scene = Scene([Solid(vertices, faces, name="torus"), Solid(*shapes.cube(), name="cube")])
+    for _ in range(60):
+        size, place = 10.0 ** rng.uniform(-4, 4), rng.choice([0.0, 1.0, 1e3]) * rng.normal(size=3)
+        changed = size * (vertices + 0.02 * rng.normal(size=vertices.shape)) + place
+
+        scene.deform("torus", changed)
+
+        assert_tree_holds_together(scene, 0, changed)
+        points = points_about(scene.part("torus").solid, 20, int(rng.integers(2**31)))
+        cube = scene.part("cube").solid
+        expected = np.minimum(oracle.closest(changed, faces, points).distance, cube.distance(points))
+        room = judging.allowance(expected, changed, points)
+        assert (np.abs(scene.distance(points) - expected) <= room).all()
+
+
+def test_many_deformed_parts_wait_for_one_tree_over_them():
+    scene, meshes = some_scene()
+    for name in ("torus", "cube"):
+        scene.deform(name, 1.5 * meshes[name][0])
+
+    tree = scene._current()
+
+    assert scene._current() is tree
+    assert scene.signed_distance(scene.part("cube").pose.point((0.75, 0.75, 0.75))) == pytest.approx(-1.5)
+
+
+# ------------------------------------------------------------------------------------- what was before stays
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_solid_that_was_there_before_keeps_its_shape(name):
+    vertices, faces = MESHES[name]
+    solid = Solid(vertices, faces, name=name)
+    scene = Scene([solid])
+    points = points_about(solid)
+    before, bounds, arrays = solid.closest(points), solid.bounds, solid._model.part_arrays(0)
+
+    scene.deform(name, CHANGES["a wobble"](vertices))
+    between = scene.part(name).solid
+    wobbled = between.closest(points)
+    scene.deform(name, 3.0 * vertices)
+
+    assert judging.same_bits(solid.closest(points), before)
+    assert np.array_equal(solid.bounds, bounds)
+    assert np.array_equal(solid.mesh.vertices, vertices)
+    anew = solid._model.part_arrays(0)
+    assert anew.bvh.nodes.tobytes() == arrays.bvh.nodes.tobytes()
+    assert anew.normals.tobytes() == arrays.normals.tobytes()
+    assert anew.grid.tobytes() == arrays.grid.tobytes()
+    again = between.closest(points)
+    assert np.array_equal(np.sign(again.signed_distance), np.sign(wobbled.signed_distance))
+    room = judging.allowance(wobbled.signed_distance, points)
+    assert (np.abs(again.signed_distance - wobbled.signed_distance) <= room).all()
+
+
+def test_snapshot_of_parts_keeps_its_shapes():
+    scene, meshes = some_scene()
+    parts = scene.parts
+
+    scene.deform("cube", 2.0 * meshes["cube"][0])
+
+    assert parts[2].solid.signed_distance((0.5, 0.5, 0.5)) == -1.0
+    assert scene.parts[2].solid.signed_distance((1.0, 1.0, 1.0)) == -2.0
+    assert [part.solid for part in parts[:2]] == [part.solid for part in scene.parts[:2]]
+    assert scene.parts[2].solid.mesh.faces is parts[2].solid.mesh.faces
+    assert scene.parts[2].source_faces is parts[2].source_faces
+
+
+@pytest.mark.parametrize("row", [0, 1])
+def test_one_solid_in_two_places_is_deformed_in_one(row):
+    solid, rows = Solid(*shapes.cube(), name="cube"), np.arange(12, dtype=np.int32)
+    scene = Scene([Part(f"{x}", solid, Pose(translation=(x, 0.0, 0.0)), rows) for x in (0.0, 10.0)])
+
+    scene.deform(f"{10.0 * row}", 2.0 * shapes.cube()[0])
+
+    assert solid.signed_distance((0.5, 0.5, 0.5)) == -0.5
+    centres = np.array([[0.5, 0.5, 0.5], [10.5, 0.5, 0.5]])
+    centres[row] += 0.5
+    assert scene.signed_distance(centres).tolist() == [-1.0 if k == row else -0.5 for k in range(2)]
+    assert scene.parts[1 - row].solid is solid
+
+
+def test_scenes_that_share_a_solid_are_deformed_apart():
+    solid = Solid(*shapes.cube(), name="cube")
+    first, second = Scene([solid]), Scene([solid])
+
+    first.deform("cube", 2.0 * shapes.cube()[0])
+
+    assert first.signed_distance((1.0, 1.0, 1.0)) == -1.0
+    assert second.signed_distance((0.5, 0.5, 0.5)) == solid.signed_distance((0.5, 0.5, 0.5)) == -0.5
+    third = Scene([first.part("cube").solid, Solid(*shapes.octahedron(), name="other")])
+    first.deform("cube", 3.0 * shapes.cube()[0])
+    assert third.part("cube").solid.signed_distance((1.0, 1.0, 1.0)) == -1.0
+    assert third.contains((1.9, 1.9, 1.9))
+    assert first.signed_distance((1.5, 1.5, 1.5)) == -1.5
+
+
+def test_callers_array_is_copied_and_may_be_of_any_kind():
+    vertices, faces = shapes.cube()
+    scene = Scene([Solid(vertices, faces, name="cube")])
+    for kind in (
+        2.0 * vertices,
+        (2.0 * vertices).astype(np.float32),
+        np.asfortranarray(2.0 * vertices),
+        (2 * vertices).astype(int).tolist(),
+        scene.part("cube").solid.mesh.vertices * 2.0,
+    ):
+        scene.deform("cube", kind)
+        if isinstance(kind, np.ndarray):
+            kind[:] = 7.0
+        assert scene.signed_distance((1.0, 1.0, 1.0)) == -1.0
+    assert not scene.part("cube").solid.mesh.vertices.flags.writeable
+
+
+def test_deformed_solid_tells_what_it_is():
+    scene = Scene([Solid(*shapes.inside_out(shapes.cube()), name="lid")])
+    told = scene.part("lid").solid.sign_reason
+
+    for factor in (2.0, 3.0):
+        scene.deform("lid", factor * shapes.cube()[0])
+
+    solid = scene.part("lid").solid
+    suffix = "; told when the part was made, and not looked at since it has been deformed"
+    assert solid.sign_reason == told + suffix
+    assert solid.sign_method is SignMethod.PSEUDONORMAL
+    assert solid.has_inside and solid.is_watertight and solid.topology.is_watertight
+    assert solid.diagnosis.volume == pytest.approx(27.0, rel=1e-15)
+    assert repr(solid) == "Solid('lid', 12 faces, sign by pseudo-normal)"
+    assert solid.bvh.check(scene._current().part_arrays(0).corners, solid.mesh.faces) == 1
+
+
+def test_memory_counts_what_deforming_needs():
+    scene = Scene([Solid(*shapes.torus(), name="torus")])
+    before, solid_before = scene.memory_bytes, scene.part("torus").solid.memory_bytes
+
+    scene.deform("torus", 2.0 * shapes.torus()[0])
+
+    assert scene.memory_bytes - before == 4 * len(shapes.torus()[0])
+    assert scene.part("torus").solid.memory_bytes - solid_before == 4 * len(shapes.torus()[0])
+
+
+# -------------------------------------------------------------------------------------------------- errors
+
+
+def spoilt(row, values):
+    vertices = shapes.soup(*shapes.cube())[0]
+    vertices[row] = values
+    return vertices
+
+
+@pytest.mark.parametrize(
+    ("vertices", "message"),
+    [
+        (np.zeros((35, 3)), r"vertices of part 'cube' have shape \(35, 3\), expected \(36, 3\), as its mesh"),
+        (np.zeros((36, 2)), r"vertices of part 'cube' have shape \(36, 2\), expected \(36, 3\), as its mesh"),
+        (0.0, r"vertices of part 'cube' have shape \(\), expected \(36, 3\), as its mesh"),
+        (
+            [[0.0, 1.0], [2.0]],
+            r"vertices of part 'cube' have rows of different lengths, expected numbers of shape \(36, 3\)",
+        ),
+        ("far", r"vertices of part 'cube' have dtype <U3, expected numbers of shape \(36, 3\)"),
+        (
+            spoilt(7, (1.0, np.nan, 0.5)),
+            r"vertex 7 of part 'cube' would be at \(1, nan, 0.5\), expected finite coordinates",
+        ),
+        (
+            spoilt(0, (np.inf, 0.0, 0.0)),
+            r"vertex 0 .* would be at \(inf, 0, 0\), expected finite coordinates",
+        ),
+        (
+            spoilt(3, (0.0, -1e150, 0.0)),
+            r"vertex 3 of part 'cube' would be at \(0, -1e\+150, 0\), "
+            r"expected coordinates up to 2.5e\+149 m, which can be computed with",
+        ),
+        (
+            spoilt(3, (0.0, 0.25, 0.0)),
+            r"vertices 0 and 3 of part 'cube' are one corner, but would be at \(0, 0, 0\) and "
+            r"\(0, 0.25, 0\): that tears the surface, expected one place for both",
+        ),
+        (
+            spoilt(3, (0.25, 0.0, 0.0)),
+            r"vertices 0 and 3 .* at \(0, 0, 0\) and \(0.25, 0, 0\): that tears the surface, .*",
+        ),
+        (
+            spoilt(3, (0.0, 0.0, -0.25)),
+            r"vertices 0 and 3 .* at \(0, 0, 0\) and \(0, 0, -0.25\): that tears the surface, .*",
+        ),
+        (
+            1e-151 * spoilt(3, (0.0, 0.0, 0.0)),
+            r"part 'cube' would be 1e-151 m long, expected 0 or from 1e-150 m",
+        ),
+        (
+            -50.0 * spoilt(3, (0.0, 0.0, 0.0)),
+            "part 'cube' would be turned inside out: its faces would enclose less than nothing",
+        ),
+    ],
+)
+def test_vertices_that_cannot_be_used_are_refused_and_nothing_changes(vertices, message):
+    scene = Scene(
+        [Solid(*shapes.soup(*shapes.cube()), name="cube"), Solid(*shapes.octahedron(), name="other")]
+    )
+    points = np.random.default_rng(4).uniform(-1.0, 2.0, (60, 3))
+    before, solid = scene.signed_distance(points), scene.part("cube").solid
+
+    with pytest.raises(MeshError, match=f"^{message}$"):
+        scene.deform("cube", vertices)
+
+    assert scene.part("cube").solid is solid
+    assert judging.same_bits(scene.signed_distance(points), before)
+    assert_tree_holds_together(scene, 0, solid.mesh.vertices)
+    scene.deform("cube", 2.0 * solid.mesh.vertices)
+    assert scene.signed_distance((1.0, 1.0, 1.25)) == -0.75
+
+
+def test_unknown_part_is_refused_with_the_names():
+    scene = Scene([Solid(*shapes.cube(), name="cube")])
+
+    with pytest.raises(SceneError, match=re.escape("no part is named 'lid'; the scene has 'cube'")):
+        scene.deform("lid", shapes.cube()[0])
+
+
+def test_sheet_may_be_turned_over():
+    """It has no inside, so that there is nothing to turn out."""
+    vertices, faces = shapes.grid(2, 2)
+    scene = Scene([Solid(vertices, faces, name="sheet")])
+
+    scene.deform("sheet", vertices * [-1.0, 1.0, 1.0] + [0.0, 0.0, 1.0])
+
+    assert scene.distance((-0.5, 0.5, 3.0)) == 2.0
+
+
+# --------------------------------------------------------------------------------------------------- speed
+
+
+def test_deforming_is_ten_times_faster_than_making_the_part_anew():
+    """Time of this thread, and the best of several: 40 times is what a quiet machine shows."""
+    vertices, faces = shapes.torus(n=200, m=100)
+    scene = Scene([Solid(vertices, faces, name="torus")])
+    scene.deform("torus", vertices)
+    deforming, building = [], []
+    for factor in (1.01, 1.02, 1.03):
+        changed = factor * vertices
+        start = time.thread_time()
+        scene.deform("torus", changed)
+        scene.distance((0.0, 0.0, 0.0))
+        deforming.append(time.thread_time() - start)
+        start = time.thread_time()
+        Solid(changed, faces)
+        building.append(time.thread_time() - start)
+
+    assert min(building) >= 10.0 * min(deforming)

@@ -1,0 +1,262 @@
+"""Conservative advancement: what is certified is free, nothing is passed, and balls only save questions."""
+
+import numpy as np
+import pytest
+import shapes
+from ticking import block, line, plate, sheet, solid
+
+from proximity.kernels import advance as advancing
+from proximity.kernels.advance import BALLS, BALLS_SIZE, TOUCH, advance, outward_of, place_on, touches
+from proximity.kernels.bounded import ROOM_SIZE
+from proximity.kernels.bracket import fill_witness
+from proximity.kernels.layout import NO_SLOT
+from proximity.kernels.witness import WITNESS_SIZE
+from proximity.scene import Scene
+
+RADIUS = 0.007
+PLENTY = 10**6
+FREE, EXPECTED, STEPS = 0, 1, 4
+
+
+def no_balls():
+    balls = np.zeros(BALLS_SIZE)
+    balls[3 * BALLS : 4 * BALLS] = -1.0
+    return balls
+
+
+class Way:
+    """A sphere's way through a scene; stages are metres along it unless given."""
+
+    def __init__(self, things, corners, stages=None, *, radius=RADIUS):
+        self.scene = things if isinstance(things, Scene) else Scene(things)
+        self.corners, self.radius = np.asarray(corners, dtype=np.float64), radius
+        lengths = np.linalg.norm(np.diff(self.corners, axis=0), axis=1)
+        self.stages = np.append(0.0, np.cumsum(lengths)) if stages is None else np.asarray(stages, float)
+        self.balls, self.room = no_balls(), np.zeros(ROOM_SIZE, np.float32)
+        self.witness, self.place = np.zeros(WITNESS_SIZE), np.zeros(9)
+
+    @property
+    def arrays(self):
+        model = self.scene._current()
+        return model.reals, model.words, model.frames, model.parts
+
+    def at(self, stage):
+        return np.array([np.interp(stage, self.stages, column) for column in self.corners.T])
+
+    def clearance(self, stage):
+        return max(float(self.scene.distance(self.at(stage))) - self.radius, 0.0)
+
+    def go(self, *, start=0.0, speed=1.0, drift=0.0, budget=PLENTY, clearance=None, way_of_parts=0.0):
+        """Free until, expected at, part, slot, steps, is one."""
+        clearance = self.clearance(start) if clearance is None else clearance
+        return advance(
+            *self.arrays, self.corners, self.stages, len(self.stages), start, clearance, self.radius,
+            float(speed), float(drift), 0, NO_SLOT, budget, self.balls, way_of_parts, self.room, self.witness,
+            self.place,
+        )  # fmt: skip
+
+    def is_free(self, start, end, count=200):
+        stages = np.linspace(start, end, count)
+        return (self.scene.distance(np.array([self.at(s) for s in stages])) >= self.radius - 1e-12).all()
+
+
+def down(things=None, **settings):
+    return Way([plate(half=0.3)] if things is None else things, line((0, 0, 0.1), (0, 0, -0.1)), **settings)
+
+
+# --- places on a way ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("stage", "place", "direction"),
+    [
+        (0.0, (0, 0, 0), (0.5, 0, 0)),
+        (1.0, (0.5, 0, 0), (0.5, 0, 0)),
+        (2.0, (1, 0, 0), (0, 3, 0)),
+        (2.5, (1, 1.5, 0), (0, 3, 0)),
+        (3.0, (1, 3, 0), (0, 3, 0)),
+        (4.0, (1, 6, 0), (0, 3, 0)),
+    ],
+)
+def test_place_on_a_way_is_between_its_corners_and_the_direction_a_unit_of_stage(stage, place, direction):
+    out = np.full(9, np.nan)
+    place_on(np.array([(0, 0, 0), (1, 0, 0), (1, 3, 0)], float), np.array([0.0, 2.0, 3.0]), 3, stage, out)
+
+    assert out[:6].tolist() == [*place, *direction]
+
+
+def test_corner_that_is_there_twice_leads_on():
+    corners, out = np.array([(0, 0, 0), (1, 0, 0), (1, 0, 0), (1, 1, 0)], float), np.zeros(9)
+    place_on(corners, np.array([0.0, 1.0, 1.0, 2.0]), 4, 1.0, out)
+    assert out[:6].tolist() == [1, 0, 0, 0, 1, 0]
+
+    place_on(corners[:3], np.array([0.0, 1.0, 1.0]), 3, 1.0, out)
+    assert out[:6].tolist() == [1, 0, 0, 0, 0, 0]
+
+
+def test_outward_is_from_the_surface_to_the_point_and_nothing_on_it():
+    way, out = down(), np.zeros(3)
+    reals, words, frames, parts = way.arrays
+    for height, expected in ((0.05, (0, 0, 1)), (-0.001, (0, 0, -1)), (0.0, (0, 0, 0))):
+        # The slot of the top is found by a way that goes there.
+        slot = way.go()[3]
+        fill_witness(reals, words, parts, frames, 0, slot, 0.0, 0.0, height, way.witness)
+        outward_of(frames, parts, 0, way.witness, out)
+        assert out.tolist() == pytest.approx(expected, abs=1e-12)
+
+
+# --- how far it is free -------------------------------------------------------------------------------------
+
+
+def test_straight_at_a_plate_the_way_is_free_until_just_before_the_touch():
+    free, expected, part, slot, steps, _ = down().go()
+
+    assert 0.0929 <= free <= 0.093
+    assert expected == pytest.approx(0.093, abs=1e-9)
+    assert (part, slot != NO_SLOT, steps > 0) == (0, True, True)
+
+
+@pytest.mark.parametrize("thing", [sheet(half=0.3), plate(thickness=1e-7, half=0.3)])
+@pytest.mark.parametrize("radius", [0.0, 1e-9, RADIUS])
+def test_nothing_thin_is_passed(thing, radius):
+    free, expected, *_ = down([thing], radius=radius).go()
+
+    assert free <= 0.1 - radius
+    assert expected == pytest.approx(0.1 - radius, abs=2 * TOUCH)
+
+
+def test_way_that_meets_nothing_is_free_to_its_end():
+    way = Way([plate()], line((0, 0, 0.1), (0, 0, 0.3)))
+    free, expected, *_ = way.go()
+
+    assert (free, expected) == (way.stages[-1], np.inf)
+
+
+def test_way_that_ends_before_the_surface_is_free_to_its_end():
+    way = Way([plate()], line((0, 0, 0.1), (0, 0, RADIUS + 0.001)))
+
+    assert way.go()[:2] == (way.stages[-1], np.inf)
+
+
+def test_what_is_far_is_not_asked_twice():
+    """Nothing nearer than the end of the way: one question says so."""
+    way = Way([plate()], line((0, 0, 0.5), (0, 0, 0.3)))
+
+    assert way.go(clearance=0.0)[STEPS] <= 2
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_what_is_certified_is_free_on_any_way_with_any_budget(seed):
+    rng = np.random.default_rng(seed)
+    things = [block("block", (0, 0, 0)), solid(shapes.torus(0.1, 0.03), "ring"), sheet(height=-0.12)]
+    way = Way(things, np.concatenate([[(0.2, 0.2, 0.2)], rng.uniform(-0.2, 0.2, (5, 3))]))
+    for budget in (1, 3, 10, PLENTY):
+        way.balls = no_balls()
+        free, expected, *_ = way.go(budget=budget)
+        assert free > 0.0 and way.is_free(0.0, free)
+        assert free <= expected
+
+
+def test_a_start_along_the_way_counts_from_there():
+    way = down()
+
+    assert way.go(start=0.05)[EXPECTED] == pytest.approx(0.093, abs=1e-9)
+    assert way.go(start=0.05)[FREE] >= 0.05
+
+
+def test_stages_may_be_seconds():
+    """0.2 m in 4 s, that is 0.05 m a second."""
+    free, expected, *_ = down(stages=(0.0, 4.0)).go(speed=0.05)
+
+    assert expected == pytest.approx(0.093 / 0.05, rel=1e-9)
+    assert 0.0929 / 0.05 <= free <= 0.093 / 0.05
+
+
+@pytest.mark.parametrize("drift", [0.1, 1.0, 5.0])
+def test_surfaces_that_may_come_nearer_leave_less(drift):
+    """As if all surfaces came head-on."""
+    free, *_ = down().go(drift=drift)
+
+    assert 0.6 * 0.093 / (1.0 + drift) <= free <= 0.093 / (1.0 + drift)
+
+
+def test_sphere_that_does_not_move_among_surfaces_that_do_not_is_free_for_ever():
+    way = Way([plate()], line((0, 0, 0.01), (0, 0, 0.01)), stages=(0.0, 1.0))
+
+    assert way.go(speed=0.0)[:2] == (1.0, np.inf)
+
+
+def test_with_a_budget_of_one_step_something_is_certified():
+    way = down([solid(shapes.sphere(0.05, 4), "ball")])
+    free, *_, steps, _ = way.go(budget=1)
+
+    assert way.clearance(0.0) * (1 - 1e-9) <= free <= 0.043
+    assert steps <= 24
+
+
+# --- balls --------------------------------------------------------------------------------------------------
+
+
+def test_second_time_balls_answer_and_certify_no_less_than_is_true():
+    way = Way([solid(shapes.sphere(0.05, 4), "ball")], line((-0.2, 0, 0.04), (0.2, 0, 0.04)))
+    first, second = way.go(), way.go()
+
+    assert second[STEPS] < first[STEPS]
+    assert way.is_free(0.0, second[FREE])
+    assert second[FREE] == pytest.approx(first[FREE], rel=0.05)
+
+
+def test_balls_are_free_of_surface_and_the_oldest_goes_first():
+    way = Way([solid(shapes.sphere(0.05, 3), "ball")], line((-0.1, 0, 0.055), (0.1, 0, 0.055)), radius=0.0)
+    for height in np.linspace(0.055, 0.4, 40):
+        way.corners[:, 2] = height
+        way.go(clearance=0.0)
+    x, y, z, radius, _ = way.balls[: 5 * BALLS].reshape(5, BALLS)
+
+    assert (radius > 0.0).all()
+    assert (radius <= way.scene.distance(np.stack([x, y, z], axis=1)) + 1e-15).all()
+    assert z.min() > 0.2  # those of the first ways are gone
+
+
+def test_a_ball_tells_its_room_less_what_moved_and_nothing_when_it_gave_more():
+    """Free of surface for 0.1 m about (1, 0, 0), when parts had moved 2 m; the sphere has 0.02 m."""
+    balls = no_balls()
+    balls[[3, 3 + BALLS, 3 + 2 * BALLS, 3 + 3 * BALLS, 3 + 4 * BALLS]] = (1.0, 0.0, 0.0, 0.1, 2.0)
+    room = lambda x, moved=2.0: advancing._room_in_balls(balls, moved, x, 0.0, 0.0, 0.02)  # noqa: E731
+
+    assert room(1.0) == 0.08
+    assert room(1.03) == pytest.approx(0.05, rel=1e-9) and room(1.03) <= 0.05
+    assert room(1.01, 2.02) == pytest.approx(0.05, rel=1e-9) and room(1.01, 2.02) <= 0.05
+    # Less than half of what it gave is not worth taking.
+    assert room(1.05) < 0.0 and room(1.0, 2.05) < 0.0 and room(0.0) < 0.0
+
+
+def test_moved_parts_are_met_where_they_are_now():
+    """A ball from before, when the plate stood 0.08 m lower, would let the sphere through it."""
+    way = down()
+    way.go()
+    way.scene.move("plate", np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.08], [0, 0, 0, 1.0]]))
+    free, expected, *_ = way.go(way_of_parts=0.08)
+
+    assert free <= 0.013
+    assert expected == pytest.approx(0.013, abs=1e-6)
+
+
+# --- touches ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("height", "expected"), [(0.0069, True), (0.0071, False), (-0.001, True), (1.0, False)]
+)
+def test_sphere_touches_what_is_nearer_than_its_radius(height, expected):
+    way = down()
+    is_touch, steps = touches(*way.arrays, 0.0, 0.0, height, RADIUS, 0, NO_SLOT, PLENTY, way.room)
+
+    assert is_touch == expected and steps > 0
+
+
+def test_without_steps_left_a_touch_is_not_claimed():
+    ball = down([solid(shapes.sphere(0.05, 4), "ball")])
+    is_touch, _ = touches(*ball.arrays, 0.0, 0.0, 0.0, 0.0499, 0, NO_SLOT, 1, ball.room)
+
+    assert not is_touch

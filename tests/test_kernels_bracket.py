@@ -1,0 +1,177 @@
+"""The signed distance between bounds: they hold for any budget and start, and meet when there is enough."""
+
+import numpy as np
+import pytest
+import shapes
+from scene_parts import part_of, some_parts
+
+import oracle
+from proximity.kernels import bracket, contact
+from proximity.kernels.bounded import ROOM_SIZE
+from proximity.kernels.layout import NO_SLOT, SLOT_FACES
+from proximity.kernels.witness import LENGTH, WITNESS_SIZE
+from proximity.pose import Pose
+from proximity.scene import Scene
+
+PLENTY = 10**6
+
+
+class Asked:
+    """A scene, and the room that its questions take."""
+
+    def __init__(self, scene):
+        self.scene = scene
+        self.model = scene._current()
+        self.room, self.witness = np.zeros(ROOM_SIZE, np.float32), np.zeros(WITNESS_SIZE)
+        m = self.model
+        self.arrays = (m.reals, m.words, m.frames, m.parts)
+
+    def at(self, point, *, part=-1, slot=NO_SLOT, is_outside=False, budget=PLENTY):
+        """Distance, lower, upper, clear, part, slot, bits, work."""
+        return bracket.bracket_at(
+            *self.arrays, *map(float, point), part, slot, is_outside, budget, self.room, self.witness
+        )
+
+    def face(self, part, slot):
+        return self.model.words.view(np.int32)[self.model.parts[part, SLOT_FACES] + slot]
+
+    def triangle(self, part, slot):
+        """Corners in the scene's frame."""
+        each = self.scene.parts[part]
+        return each.pose.point(each.solid.mesh.vertices[each.solid.mesh.faces[self.face(part, slot)]])
+
+
+@pytest.fixture(scope="module")
+def asked():
+    """Overlapping parts of all kinds, a sheet, one with a hole; one has moved, one is hidden."""
+    parts = some_parts(12, seed=4)
+    vertices, faces = shapes.sphere(1.0, 2)
+    parts.append(part_of((vertices, faces[1:]), "holed", Pose(translation=(3, 0, 0))))
+    parts.append(part_of(shapes.grid(), "sheet", Pose(shapes.rotation(1), (-2, 0, 0))))
+    scene = Scene(parts)
+    scene.move("part 2", Pose(shapes.rotation(5), (0.5, 0.5, 0.0)))
+    scene.hide("part 4")
+    return Asked(scene)
+
+
+def points(count, seed=2):
+    return np.random.default_rng(seed).uniform(-5.0, 5.0, (count, 3))
+
+
+def test_with_plenty_of_steps_both_bounds_are_the_distance_of_the_scene(asked):
+    where = points(300)
+    for point, true in zip(where, asked.scene.signed_distance(where), strict=True):
+        distance, lower, upper, _, part, slot, bits, _ = asked.at(point)
+        assert distance == lower == upper == pytest.approx(true, rel=1e-12, abs=1e-13)
+        assert bits & contact.EXACT and not bits & contact.BOUNDED
+        assert bool(bits & contact.INSIDE) == (true < 0.0)
+        assert asked.witness[LENGTH] > 0.0 and slot != NO_SLOT and part >= 0
+
+
+@pytest.mark.parametrize("budget", [1, 2, 3, 5, 8, 13, 21, 50])
+def test_bounds_hold_for_any_budget(asked, budget):
+    where = points(200, seed=budget)
+    true, bare = asked.scene.signed_distance(where), asked.scene.distance(where)
+    gaps = []
+    for row, point in enumerate(where):
+        distance, lower, upper, clear, _, _, bits, work = asked.at(point, budget=budget)
+        assert lower <= true[row] + 1e-13 and true[row] <= upper + 1e-13
+        assert lower <= distance <= upper
+        assert clear <= bare[row] + 1e-13
+        assert bool(bits & contact.EXACT) == (lower == upper) != bool(bits & contact.BOUNDED)
+        assert work <= budget + 12 * bracket.FEWEST_STEPS
+        gaps.append(upper - lower)
+    assert (np.array(gaps) > 0.0).any() == (budget < 50)
+
+
+def test_more_steps_leave_a_smaller_gap():
+    ball = Asked(Scene([part_of(shapes.sphere(1.0, 4))]))
+    gaps = []
+    for budget in (4, 16, 64, 256, PLENTY):
+        _, lower, upper, *_ = ball.at((0.01, 0.02, 0.0), budget=budget)
+        assert lower <= -0.97 <= upper or upper - lower < 0.05
+        gaps.append(upper - lower)
+
+    assert gaps == sorted(gaps, reverse=True) and gaps[0] > 0.0 and gaps[-1] == 0.0
+
+
+def test_face_to_start_from_changes_no_exact_answer(asked):
+    rng, where = np.random.default_rng(3), points(40)
+    for point in where:
+        expected = asked.at(point)
+        for _ in range(3):
+            _, _, _, _, part, slot, _, _ = asked.at(points(1, seed=int(rng.integers(1000)))[0])
+            assert asked.at(point, part=part, slot=slot)[:4] == expected[:4]
+        assert asked.at(point, part=expected[4], slot=expected[5])[:7] == expected[:7]
+
+
+def test_known_to_be_outside_spares_the_question_for_the_side(asked):
+    where = points(100)
+    for point in where[asked.scene.signed_distance(where) > 0.0]:
+        assert asked.at(point, is_outside=True)[:7] == asked.at(point)[:7]
+
+
+def test_inside_several_parts_the_deepest_counts_and_its_face_is_told():
+    nested = Asked(Scene([part_of(shapes.cube(s, (0, 0, 0)), f"{s}") for s in (1.0, 4.0, 2.0)]))
+    distance, lower, upper, clear, part, slot, bits, _ = nested.at((0.0, 0.0, 0.25))
+
+    assert distance == lower == upper == -1.75
+    assert part == 1 and bits == contact.EXACT | contact.SIGNED | contact.INSIDE
+    assert clear <= 0.25 and clear == pytest.approx(0.25)
+    assert np.allclose(nested.triangle(part, slot)[:, 2], 2.0)
+
+
+def test_of_a_sheet_the_side_is_not_known():
+    sheet = Asked(Scene([part_of(shapes.grid())]))
+    for height in (0.5, -0.5):
+        distance, *_, bits, _ = sheet.at((1.3, 1.2, height))
+        assert (distance, bits) == (0.5, contact.EXACT)
+
+
+def test_with_all_parts_hidden_nothing_is_near():
+    scene = Scene([part_of(shapes.cube())])
+    scene.hide("part")
+    distance, lower, upper, clear, _, slot, bits, _ = Asked(scene).at((0.5, 0.5, 0.5))
+
+    assert distance == lower == upper == clear == np.inf
+    assert slot == NO_SLOT and bits == contact.EXACT
+
+
+def test_distance_to_a_slot_is_that_to_its_triangle(asked):
+    for point in points(50):
+        _, _, _, _, part, slot, _, _ = asked.at(points(1, seed=int(abs(point[0]) * 1000))[0])
+        reals, words, frames, parts = asked.arrays
+        corners = asked.triangle(part, slot)
+        expected = oracle.closest(corners, np.array([[0, 1, 2]]), point[None]).distance[0]
+        assert bracket.distance_to_slot(reals, frames, parts, part, slot, *point) == pytest.approx(expected)
+        assert bracket.fill_witness(
+            reals, words, parts, frames, part, slot, *point, asked.witness
+        ) == pytest.approx(expected)
+
+
+def test_no_face_is_farther_than_the_farthest_corner(asked):
+    vertices = np.concatenate([part.pose.point(part.solid.mesh.vertices) for part in asked.scene.parts])
+    for point in points(50):
+        farthest = np.linalg.norm(vertices - point, axis=1).min()
+        assert bracket.beyond_all(asked.model.frames, *point) >= farthest
+
+
+def test_within_a_limit_only_nearer_faces_are_found(asked):
+    reals, words, frames, parts = asked.arrays
+    scale = frames[-1, 15]
+    for point in points(50):
+        distance = float(asked.scene.distance(point))
+        for limit, is_found in ((0.99 * distance, False), (1.01 * distance, True)):
+            best_sq, _, slot, lower_sq, _ = bracket.nearest_from(
+                reals, words, frames, parts, *point, 0, NO_SLOT, (limit * scale) ** 2, PLENTY, asked.room
+            )
+            assert (slot != NO_SLOT) == is_found
+            assert lower_sq >= best_sq
+            assert np.sqrt(best_sq) / scale == pytest.approx(distance if is_found else limit)
+
+
+def test_only_in_the_box_of_a_part_with_holes_a_point_may_slip_in(asked):
+    slips = lambda *point: bracket.may_slip_in(*asked.arrays[1:], *map(float, point))  # noqa: E731
+
+    assert slips(3.0, 0.0, 0.0) and slips(3.9, 0.9, 0.9)
+    assert not slips(4.2, 0.0, 0.0) and not slips(-2.0, 0.0, 0.0) and not slips(0.5, 0.5, 0.0)

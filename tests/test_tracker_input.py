@@ -1,0 +1,290 @@
+"""What callers and sensors may hand to a tracker: refused with a sentence, or answered as far as it goes."""
+
+import re
+
+import numpy as np
+import pytest
+from ticking import MS, RADIUS, block, flags_of, line, plate
+
+from proximity.errors import PoseError, QueryError
+from proximity.message import ContactFlag
+from proximity.scene import Scene
+from proximity.tracker import Tracker
+
+TIPS = np.array([(0, 0, 0.05), (0.02, 0, 0.04)])
+PATHS = np.stack([line(tip, tip - (0, 0, 0.1), 3) for tip in TIPS])
+
+
+@pytest.fixture
+def tracker():
+    return Tracker(Scene([plate()]), fingers=2)
+
+
+# --- the tracker itself -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("thing", [None, "part.stl", plate(), [plate()]])
+def test_something_else_than_a_scene_is_refused(thing):
+    with pytest.raises(QueryError, match=f"looks at a Scene, not at a {type(thing).__name__}"):
+        Tracker(thing)
+
+
+@pytest.mark.parametrize(
+    ("setting", "value", "said"),
+    [
+        ("fingers", 0, "fingers is 0, expected a whole number of 1 or more"),
+        ("fingers", -5, "fingers is -5, expected a whole number"),
+        ("fingers", 2.0, "fingers is 2.0, expected a whole number"),
+        ("fingers", True, "fingers is True, expected a whole number"),
+        ("fingers", None, "fingers is None, expected a whole number"),
+        ("budget", 0, "budget is 0, expected a whole number of 1 or more"),
+        ("budget", 1e3, "budget is 1000.0, expected a whole number"),
+        ("budget", "all", "budget is 'all', expected a whole number"),
+        (
+            "radius",
+            -0.001,
+            "radius is -0.001, expected metres of 0 or more: one, or one for each of 3 fingers",
+        ),
+        ("radius", np.nan, "radius is nan, expected metres of 0 or more"),
+        ("radius", [0.007] * 2, "expected metres of 0 or more: one, or one for each of 3 fingers"),
+        ("radius", "thick", "expected one radius in metres, or one a finger"),
+        ("radius", None, "expected one radius in metres, or one a finger"),
+        ("period", 0.0, "period is 0.0, expected a positive number of seconds"),
+        ("period", np.nan, "period is nan, expected a positive number of seconds"),
+        ("latency", -1e-9, "latency is -1e-09, expected a number of seconds of 0 or more"),
+        ("latency", np.inf, "latency is inf, expected a number of seconds"),
+        ("latency", "1 ms", "latency is '1 ms', expected a number of seconds"),
+        ("working_range", -1, "working_range is -1, expected a number of metres of 0 or more"),
+        ("working_range", [0.1, 0.2], "working_range is .*, expected a number of metres"),
+        ("horizon", 0, "horizon is 0, expected a positive number of seconds"),
+        ("max_speed", -3.0, "max_speed is -3.0, expected a positive number of metres a second"),
+        ("max_acceleration", None, "max_acceleration is None, expected a positive number of m/s²"),
+    ],
+)
+def test_setting_that_cannot_be_used_is_named(setting, value, said):
+    with pytest.raises(QueryError, match=said):
+        Tracker(Scene([plate()]), **{"fingers": 3, setting: value})
+
+
+def test_default_is_a_hand_at_1_khz():
+    tracker = Tracker(Scene([plate()]))
+
+    assert (tracker.period, tracker.latency, len(tracker.contacts)) == (0.001, 0.001, 5)
+    assert repr(tracker) == "Tracker(Scene(1 parts, 12 faces), 5 fingers)"
+
+
+# --- arguments of a tick ------------------------------------------------------------------------------------
+
+REFUSED = {
+    "positions have shape (3,), expected (2, 3)": {"positions": (0, 0, 0.05)},
+    "positions have shape (3, 3), expected (2, 3)": {"positions": np.zeros((3, 3))},
+    "positions have shape (2, 2), expected (2, 3)": {"positions": np.zeros((2, 2))},
+    "positions have shape (1, 2, 3), expected (2, 3)": {"positions": TIPS[None].tolist()},
+    "values of positions hold None, which is not a number": {"positions": None},
+    "values of positions have dtype <U4, expected numbers of shape (2, 3)": {"positions": "here"},
+    "values of positions have dtype <U1": {"positions": [list("123"), list("456")]},
+    "values of positions have dtype complex128": {"positions": TIPS * 1j},
+    "values of positions have rows of different lengths": {"positions": [(0, 0, 0), (0, 0)]},
+    "t_pose_ns is None, expected whole nanoseconds, at most 2**62: one number, or one for each of 2": {
+        "t_pose_ns": None
+    },
+    "t_pose_ns is 1.5, expected whole nanoseconds": {"t_pose_ns": 1.5},
+    "t_pose_ns is nan, expected whole nanoseconds": {"t_pose_ns": np.nan},
+    "t_pose_ns is '0', expected whole nanoseconds": {"t_pose_ns": "0"},
+    "t_pose_ns is [0, 1, 2], expected whole nanoseconds": {"t_pose_ns": [0, 1, 2]},
+    "t_pose_ns is array([0., 1.]), expected whole nanoseconds": {"t_pose_ns": np.array([0.0, 1.0])},
+    f"t_pose_ns is {2**70}, expected whole nanoseconds": {"t_pose_ns": 2**70},
+    f"t_pose_ns is [{-(2**63)}, 0], expected whole nanoseconds": {"t_pose_ns": [-(2**63), 0]},
+    "now_ns is None, expected whole nanoseconds, at most 2**62": {"now_ns": None},
+    "now_ns is 0.001, expected whole nanoseconds": {"now_ns": 0.001},
+    "now_ns is [0, 0], expected whole nanoseconds": {"now_ns": [0, 0]},
+    f"now_ns is {2**63}, expected whole nanoseconds": {"now_ns": 2**63},
+    "velocities have shape (3,), expected (2, 3)": {"velocities": (0, 0, 1)},
+    "values of velocities have dtype <U4": {"velocities": "fast"},
+    "paths have shape (2, 3), expected (2, K, 3) with K of 2 or more": {"paths": TIPS},
+    "paths have shape (2, 1, 3), expected (2, K, 3) with K of 2 or more": {"paths": PATHS[:, :1]},
+    "paths have shape (1, 3, 3), expected (2, K, 3)": {"paths": PATHS[:1]},
+    "paths have shape (2, 3, 2), expected (2, K, 3)": {"paths": PATHS[:, :, :2]},
+    "values of paths have dtype <U5, expected numbers of shape (2, K, 3) with K of 2 or more": {
+        "paths": "ahead"
+    },
+    "values of paths have rows of different lengths": {"paths": [PATHS[0].tolist(), PATHS[1, :2].tolist()]},
+    "path_bends have shape (2,), expected (3,)": {"paths": PATHS, "path_bends": [0, 1]},
+    "path_bends do not increase, or are not finite, expected the bend at each corner": {
+        "paths": PATHS,
+        "path_bends": [0, 0, 1],
+    },
+    "path_bends do not increase, or are not finite": {"paths": PATHS, "path_bends": [0, 1, np.inf]},
+    "path_bends do not increase, or are": {"paths": PATHS, "path_bends": [0, np.nan, 1]},
+    "bends have shape (), expected (2,)": {"paths": PATHS, "bends": 0.5},
+    "bends have shape (3,), expected (2,)": {"paths": PATHS, "bends": [0, 0, 0]},
+    "values of bends have dtype <U4": {"paths": PATHS, "bends": "none"},
+}
+
+
+@pytest.mark.parametrize("said", REFUSED)
+def test_argument_that_does_not_fit_is_refused_with_a_sentence(tracker, said):
+    arguments = {"positions": TIPS, "t_pose_ns": 0, "now_ns": 0} | REFUSED[said]
+    with pytest.raises(QueryError, match=re.escape(said)):
+        tracker.tick(**arguments)
+
+
+@pytest.mark.parametrize("said", REFUSED)
+def test_after_a_refused_tick_the_next_one_is_right(tracker, said):
+    arguments = {"positions": TIPS, "t_pose_ns": 0, "now_ns": 0} | REFUSED[said]
+    with pytest.raises(QueryError):
+        tracker.tick(**arguments)
+    found = tracker.tick(TIPS, MS, MS)
+
+    assert found.tobytes() == Tracker(tracker.scene, fingers=2).tick(TIPS, MS, MS).tobytes()
+
+
+def as_masked(tips):
+    return np.ma.masked_array(tips)
+
+
+@pytest.mark.parametrize(
+    "convert",
+    [
+        np.ndarray.tolist,
+        np.asfortranarray,
+        as_masked,
+        lambda tips: tips.astype(">f8"),
+        lambda tips: np.repeat(tips, 2, axis=0)[::2],
+        lambda tips: tips.astype(object),
+    ],
+)
+def test_positions_of_any_layout_are_the_same_positions(tracker, convert):
+    expected = tracker.tick(TIPS, 0, 0).tobytes()
+
+    assert Tracker(tracker.scene, fingers=2).tick(convert(TIPS), [0, 0], np.int32(0)).tobytes() == expected
+
+
+def test_float32_and_integers_are_taken_as_they_are(tracker):
+    found = tracker.tick(TIPS.astype(np.float32), np.uint32([3, 4]), 5)
+
+    assert np.array_equal(found["position"], TIPS.astype(np.float32))
+    assert found["age_ns"].tolist() == [2, 1]
+    assert tracker.tick([(0, 0, 1), (1, 0, 0)], 0, 0)["signed_distance"].tolist() == [
+        1 - RADIUS,
+        0.9 - RADIUS,
+    ]
+
+
+def test_masked_finger_is_not_tracked(tracker):
+    found = tracker.tick(np.ma.masked_array(TIPS, [[False] * 3, [True] * 3]), 0, 0)
+
+    assert [bool(flags) for flags in found["flags"] & ContactFlag.TRACKED] == [True, False]
+
+
+def test_positions_are_copied_and_never_written_to(tracker):
+    tips = TIPS.copy()
+    tips.flags.writeable = False
+    tracker.tick(tips, 0, 0)
+
+    assert np.array_equal(tips, TIPS)
+
+
+# --- what sensors deliver -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "lost", [(np.nan,) * 3, (0, np.inf, 0), (-np.inf, np.nan, 0), (1e200, 0, 0), (0, 0, 1e300)]
+)
+def test_finger_that_is_lost_says_so_and_comes_back_while_the_other_goes_on(tracker, lost):
+    """A position beyond what can be computed with is none."""
+    alone = Tracker(tracker.scene, fingers=1)
+    for k in range(12):
+        tips = TIPS - (0, 0, 0.0005 * k)
+        is_lost = 4 <= k < 8
+        if is_lost:
+            tips[0] = lost
+        found = tracker.tick(tips, k * MS, k * MS)
+        other = alone.tick(tips[1:], k * MS, k * MS)
+        for name in found.dtype.names[1:]:
+            assert np.array_equal(found[name][1], other[name][0], equal_nan=name not in ("flags",)), name
+        if is_lost:
+            first = found[0]
+            assert flags_of(found) & ~ContactFlag.JUMPED == 0
+            assert (first["lower"], first["upper"], first["part"]) == (-np.inf, np.inf, -1)
+            assert (first["predicted_lower"], first["predicted_upper"]) == (-np.inf, np.inf)
+            assert first["time_to_contact_lower"] == 0.0
+            for name in ("signed_distance", "time_to_contact", "velocity", "normal", "predicted_distance"):
+                assert np.isnan(first[name]).all()
+        else:
+            assert flags_of(found) & ContactFlag.EXACT
+            assert found["signed_distance"][0] == pytest.approx(tips[0, 2] - RADIUS)
+    assert found["velocity"][0] == pytest.approx([0, 0, -0.5], abs=1e-6)
+
+
+def test_position_far_away_but_finite_is_answered():
+    tracker = Tracker(Scene([plate()]), fingers=1)
+    for k, far in enumerate((1e6, 1e12, 1e90)):
+        found = tracker.tick([(0, 0, far)], k * MS, k * MS)[0]
+        assert found["signed_distance"] == pytest.approx(far, rel=1e-6)
+        assert found["lower"] <= far - RADIUS * 0.99 and found["upper"] >= (far - RADIUS) * (1 - 1e-15)
+    assert tracker.tick([(0, 0, 0.05)], 9 * MS, 9 * MS)["signed_distance"][0] == pytest.approx(0.043)
+
+
+@pytest.mark.parametrize("speed", [1e6, 1e150, 1e300])
+def test_velocity_beyond_reason_is_answered(speed):
+    found = Tracker(Scene([plate()]), fingers=1).tick([(0, 0, 0.05)], 0, 0, velocities=[(0, 0, -speed)])[0]
+
+    assert found["signed_distance"] == pytest.approx(0.043)
+    assert 0.0 <= found["time_to_contact_lower"] <= 0.043 / speed
+    assert found["predicted_lower"] <= found["predicted_distance"] <= found["predicted_upper"]
+    assert not np.isnan(found["time_to_contact"])
+
+
+def test_path_beyond_reason_is_answered():
+    for far in (1e10, 1e100, 1e160):
+        tracker = Tracker(Scene([plate()]), fingers=1)
+        found = tracker.tick([(0, 0, 0.05)], 0, 0, paths=[[(0, 0, 0.05), (far, 0, 0.05)]])[0]
+        assert found["signed_distance"] == pytest.approx(0.043)
+        assert not found["contact_bend_error"] < np.inf
+
+
+def test_time_that_goes_back_starts_the_velocity_anew(tracker):
+    for ns in (10 * MS, 11 * MS, 12 * MS):
+        assert tracker.tick(TIPS, ns, ns)["flags"][0] & ContactFlag.TRACKED
+    found = tracker.tick(TIPS + 0.001, 5 * MS, 5 * MS)
+
+    assert not flags_of(found) & ContactFlag.PREDICTED
+    assert flags_of(found) & ContactFlag.EXACT
+    assert found["pose_ns"][0] == 5 * MS
+
+
+def test_pose_that_is_told_again_keeps_its_velocity(tracker):
+    for k in range(3):
+        tracker.tick(TIPS - (0, 0, 0.001 * k), k * MS, k * MS)
+    found = tracker.tick(TIPS - (0, 0, 0.002), 2 * MS, 3 * MS)
+
+    assert found["velocity"][:, 2] == pytest.approx([-1.0, -1.0])
+    assert found["age_ns"].tolist() == [MS, MS]
+
+
+def test_pose_of_the_future_is_predicted_for_itself(tracker):
+    found = tracker.tick(TIPS, 9 * MS, 0, velocities=-TIPS)
+
+    assert found["age_ns"].tolist() == [-9 * MS] * 2
+    assert np.array_equal(found["predicted_distance"], found["signed_distance"])
+
+
+def test_clock_may_start_anywhere(tracker):
+    expected = [tracker.tick(TIPS * (1 - 0.01 * k), k * MS, (k + 1) * MS).copy() for k in range(4)]
+    for start in (10**18, -(10**18), 2**62 - 9 * MS):
+        other = Tracker(tracker.scene, fingers=2)
+        for k in range(4):
+            found = other.tick(TIPS * (1 - 0.01 * k), start + k * MS, start + (k + 1) * MS)
+            for name in ("velocity", "age_ns", "predicted_lower", "time_to_contact_lower", "flags"):
+                assert np.array_equal(found[name], expected[k][name])
+            assert found["predicted_ns"][0] == start + (k + 2) * MS
+
+
+def test_part_whose_pose_is_not_rigid_is_refused_and_ticks_go_on():
+    scene = Scene([block("block", (0, 0, 0))])
+    tracker = Tracker(scene, fingers=1)
+    with pytest.raises(PoseError, match="part 'block'"):
+        scene.move("block", np.diag([2.0, 1, 1, 1]))
+
+    assert tracker.tick([(0, 0, 0.1)], 0, 0)["signed_distance"][0] == pytest.approx(0.05 - RADIUS)

@@ -1,0 +1,149 @@
+"""What a tick foretells: the distance when the controller acts, and the time to contact, known by heart."""
+
+import numpy as np
+import pytest
+import shapes
+from ticking import MS, RADIUS, block, contact, moving_block, near, plate, sheet, solid
+
+from proximity.pose import Pose
+from proximity.scene import Part, Scene
+from proximity.tracker import Tracker
+
+# --- prediction ---------------------------------------------------------------------------------------------
+
+
+def test_distance_is_predicted_for_when_the_controller_acts():
+    """The pose is 4 ms old and the controller acts 3 ms later; a finger slows down a little, at most 4 %."""
+    tracker = Tracker(Scene([plate()]), fingers=1, latency=0.003)
+    found = tracker.tick([(0, 0, 0.05)], 6 * MS, 10 * MS, velocities=[(0, 0, -1.0)])[0]
+
+    assert found["predicted_ns"] == 13 * MS
+    assert 0.043 - 0.007 <= found["predicted_distance"] <= 0.043 - 0.96 * 0.007
+    room = 0.5 * 120.0 * 0.007**2 - 1e-12  # what the acceleration may change; less rounding
+    assert found["predicted_lower"] <= 0.036 - room and 0.036 + room <= found["predicted_upper"]
+    assert found["predicted_upper"] - found["predicted_lower"] < 2 * room + 0.002
+
+
+def test_bounds_of_a_prediction_widen_with_the_age_of_the_pose():
+    scene = Scene([plate()])
+    widths = []
+    for age in (0, 5, 10, 40, 100):
+        tracker = Tracker(scene, fingers=1)
+        found = tracker.tick([(0, 0, 0.05)], 0, age * MS, velocities=[(0, 0, -0.1)])[0]
+        widths.append(found["predicted_upper"] - found["predicted_lower"])
+
+    assert (np.diff(widths) > 0.0).all()
+
+
+def test_finger_at_rest_near_a_part_that_comes_is_predicted_nearer():
+    found = contact(moving_block((0, 0, 0.5)), (0, 0, 0.1), (0, 0, 0), latency=0.002)
+
+    assert found["predicted_distance"] == near(0.05 - RADIUS - 0.001)
+    assert found["predicted_lower"] <= found["predicted_distance"] <= found["predicted_upper"]
+
+
+# --- time to contact ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("velocity", "expected"),
+    [
+        ((0, 0, -1.0), 0.043),  # head-on
+        ((0.6, 0, -0.8), 0.043 / 0.8),  # oblique
+        ((0.4, 0, -0.2), 0.043 / 0.2),  # nearly along it
+        ((0, 0, 1.0), np.inf),  # leaving
+        ((0.3, 0, 0.0), np.inf),  # along it
+        ((0, 0, 0), np.inf),  # at rest
+        ((0, 0, -0.1), np.inf),  # not within the horizon
+    ],
+)
+def test_time_to_contact_with_a_plate(velocity, expected):
+    found = contact([plate(half=0.5)], (0, 0, 0.05), velocity)
+
+    assert found["time_to_contact"] == pytest.approx(expected, rel=1e-3)
+    assert found["time_to_contact_lower"] <= expected
+    if np.isfinite(expected):
+        assert found["time_to_contact_lower"] >= 0.9 * expected
+
+
+def test_where_no_contact_comes_the_bound_is_the_time_looked_at():
+    """As far as the horizon, or the working range if that is nearer; at least a tenth of the horizon."""
+    at_rest = contact([plate()], (0, 0, 0.05), (0, 0, 0), horizon=0.2)
+    leaving = contact([plate()], (0, 0, 0.05), (0, 0, 1.0), horizon=0.2)
+    fast = contact([plate()], (0, 0, 0.05), (0, 0, 100.0), horizon=0.2)
+
+    assert [each["time_to_contact"] for each in (at_rest, leaving, fast)] == [np.inf] * 3
+    assert at_rest["time_to_contact_lower"] == 0.2
+    assert leaving["time_to_contact_lower"] == pytest.approx(0.12)
+    assert fast["time_to_contact_lower"] == pytest.approx(0.02)
+
+
+def test_sphere_that_passes_a_corner_closely_does_not_touch_it_and_a_little_lower_does():
+    parts = [block("block", (0, 0, 0))]
+    for height, is_hit in ((0.05 + 1.001 * RADIUS, False), (0.05 + 0.999 * RADIUS, True)):
+        found = contact(parts, (-0.1, 0, height), (1.0, 0, 0))
+        drop = height - 0.05
+        true = 0.05 - np.sqrt(RADIUS**2 - drop**2) if is_hit else np.inf
+        assert found["time_to_contact_lower"] <= true
+        assert found["time_to_contact_lower"] >= 0.03
+        if is_hit:
+            assert found["time_to_contact"] <= true + 1e-3
+
+
+@pytest.mark.parametrize("speed", [1.0, 10.0, 100.0])
+@pytest.mark.parametrize("thing", [sheet(), plate(thickness=1e-6)])
+def test_nothing_thin_is_passed_however_fast(speed, thing):
+    found = contact([thing], (0.03, 0.01, 0.05), (0.0, 0, -speed), max_speed=200.0)
+
+    assert found["time_to_contact_lower"] <= 0.043 / speed
+    assert found["time_to_contact"] == pytest.approx(0.043 / speed, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("finger", "part", "expected"),
+    [
+        ((0, 0, 0), (0, 0, 0.5), 0.043 / 0.5),  # the part comes
+        ((0, 0, -0.2), (0, 0, 0.3), 0.043 / 0.5),  # both
+        ((0, 0, -0.5), (0, 0, -0.2), 0.043 / 0.3),  # the finger is faster
+        ((0, 0, -0.2), (0, 0, -0.5), np.inf),  # the part is
+        ((0, 0, 0), (0, 0, -0.5), np.inf),  # it leaves
+        ((0, 0, -0.5), (0, 0, -0.5), np.inf),  # they go together
+    ],
+)
+def test_time_to_contact_with_a_part_that_moves(finger, part, expected):
+    found = contact(moving_block(part), (0, 0, 0.1), finger)
+
+    assert found["time_to_contact"] == pytest.approx(expected, rel=1e-3)
+    assert found["time_to_contact_lower"] <= expected
+    assert found["time_to_contact_lower"] >= min(0.9 * expected, 0.12)
+
+
+def test_arm_that_sweeps_round_is_certified_until_it_hits():
+    """A bar along x turns about z at 4 rad/s toward a finger that rests at 30 degrees, 0.2 m out."""
+    bar = solid(shapes.box((-0.01, -0.005, -0.01), (0.3, 0.005, 0.01)), "bar")
+    scene = Scene([bar, block("base", (0, -0.4, 0))])
+    scene.move("bar", Pose(), angular_velocity=(0, 0, 4.0))
+    angle, out = np.radians(30.0), 0.2
+    found = contact(scene, (out * np.cos(angle), out * np.sin(angle), 0.0), (0, 0, 0))
+    true = (angle - np.arcsin((0.005 + RADIUS) / out)) / 4.0
+
+    assert 0.2 * true <= found["time_to_contact_lower"] <= true
+    assert found["time_to_contact"] >= found["time_to_contact_lower"]
+
+
+def test_a_part_that_is_not_the_nearest_but_faster_is_certified_too():
+    scene = Scene([block("near", (0, 0, 0)), block("fast", (0, 0, 0.3))])
+    scene.move("fast", Pose(), velocity=(0, 0, -2.0))
+    found = contact(scene, (0, 0, 0.1), (0, 0, 0))
+    true = (0.3 - 0.05 - 0.1 - RADIUS) / 2.0
+
+    assert found["part"] == 0
+    assert 0.0 < found["time_to_contact_lower"] <= true
+
+
+def test_a_part_given_with_velocity_moves_from_the_start():
+    thing = plate()
+    rows = np.arange(12, dtype=np.int32)
+    found = contact([Part("plate", thing, Pose(), rows, velocity=(0, 0, 1.0))], (0, 0, 0.05), (0, 0, 0))
+
+    assert found["time_to_contact"] == pytest.approx(0.043)

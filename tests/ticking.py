@@ -1,0 +1,104 @@
+"""Small scenes for the tests of trackers, and the paths of a bending finger. Lengths in metres."""
+
+import numpy as np
+import pytest
+import shapes
+
+from proximity.message import ContactFlag
+from proximity.pose import Pose
+from proximity.scene import Scene
+from proximity.solid import Solid
+from proximity.tracker import Tracker
+
+MS = 1_000_000  # ns
+RADIUS = 0.007
+
+
+def near(value):
+    """Equal but for a few roundings."""
+    return pytest.approx(value, rel=1e-12, abs=1e-14)
+
+
+def solid(mesh, name):
+    return Solid(*mesh, name=name)
+
+
+def plate(name="plate", *, top=0.0, thickness=0.01, half=0.1):
+    """A square plate about the z axis."""
+    return solid(shapes.box((-half, -half, top - thickness), (half, half, top)), name)
+
+
+def block(name, center, half=0.05):
+    """A cube, each face cut in two."""
+    return solid(shapes.cube(2.0 * half, center), name)
+
+
+def moving_block(velocity=(0, 0, 0), angular_velocity=(0, 0, 0), translation=(0, 0, 0)):
+    scene = Scene([block("block", (0, 0, 0))])
+    scene.move("block", Pose(translation=translation), velocity=velocity, angular_velocity=angular_velocity)
+    return scene
+
+
+def sheet(name="sheet", *, height=0.0, half=0.1):
+    """One square without thickness."""
+    vertices, faces = shapes.grid(1, 1)
+    return solid(((vertices - (0.5, 0.5, 0.0)) * 2.0 * half + (0.0, 0.0, height), faces), name)
+
+
+def flags_of(contacts, finger=0):
+    """Of a record, or of one of several."""
+    return ContactFlag(int(np.atleast_1d(contacts["flags"])[finger]))
+
+
+def tick_at(things, positions, velocity=None, *, ns=0, **settings):
+    """The records of a first tick; *things* is a scene or a list of solids."""
+    scene = things if isinstance(things, Scene) else Scene(things)
+    positions = np.atleast_2d(np.asarray(positions, dtype=np.float64))
+    tracker = Tracker(scene, fingers=len(positions), **settings)
+    velocities = None if velocity is None else np.broadcast_to(np.asarray(velocity, float), positions.shape)
+    return tracker.tick(positions, ns, ns, velocities=velocities)
+
+
+def contact(things, position, velocity=None, **settings):
+    """The record of one finger at its first tick."""
+    return tick_at(things, [position], velocity, **settings)[0]
+
+
+def tick_path(
+    things, path, position=None, velocity=(0.0, 0.0, 0.0), *, path_bends=None, bend=None, **settings
+):
+    """The record of one finger with a path, at its start where no position is given."""
+    path = np.asarray(path, dtype=np.float64)
+    tracker = Tracker(things if isinstance(things, Scene) else Scene(things), fingers=1, **settings)
+    return tracker.tick(
+        [path[0] if position is None else position],
+        0,
+        0,
+        velocities=[velocity],
+        paths=path[None],
+        path_bends=path_bends,
+        bends=None if bend is None else [bend],
+    )[0]
+
+
+def line(start, end, count=2):
+    """A straight path of *count* corners."""
+    share = np.linspace(0.0, 1.0, count)[:, None]
+    return (1.0 - share) * np.asarray(start, float) + share * np.asarray(end, float)
+
+
+PHALANGES = np.array([0.045, 0.026, 0.020])
+FLEXIONS = np.radians([80.0, 100.0, 200.0 / 3.0])
+
+
+def fingertip(bend):
+    """Where the tip of a finger is that bends in the plane z = 0; (..., 3)."""
+    angles = -np.asarray(bend, dtype=np.float64)[..., None] * np.cumsum(FLEXIONS)
+    x, y = (PHALANGES * np.cos(angles)).sum(axis=-1), (PHALANGES * np.sin(angles)).sum(axis=-1)
+    return np.stack([x, y, np.zeros_like(x)], axis=-1)
+
+
+def bending(count=401):
+    """The way of that fingertip from flat hand to fist, as a polyline, and the bend at each corner."""
+    bends = np.linspace(0.0, 1.0, count)
+    return fingertip(bends), bends
