@@ -27,7 +27,7 @@ SEARCHED = 60  # trials, for one in which a lie matters
 def trials():
     """Number and size of as many trials as it takes."""
     planned, found = 0, []
-    while planned < 1.3 * FINGER_TICKS:  # of some, fingers are lost
+    while planned < 1.2 * FINGER_TICKS:  # of some, fingers are lost
         found.append((len(found), SIZES[len(found) % len(SIZES)]))
         planned += found[-1][1]
     return found

@@ -12,7 +12,7 @@ from trial_log import DISTANCE_ROUNDING, Log, Tally
 import oracle
 
 ORACLE_POINTS = 4  # of a trial
-LARGEST_FOR_ORACLE = 100_000  # faces
+LARGEST_FOR_ORACLE = 100_000  # faces of a part
 UNCLEAR = 0.1  # of a turn: the engine's winding numbers are right to half of it
 
 
@@ -70,10 +70,14 @@ def _by_oracle(log, row):
     """Signed distance at a row; nan where that would take long, or the side is not clear."""
     history, tick, best = log.history, log.ticks[row], np.inf
     seen = np.flatnonzero(history.is_seen[tick])
-    solids = [history.solids[shape] for shape in history.shapes[tick, seen]]
-    if sum(solid.mesh.face_count for solid in solids) > LARGEST_FOR_ORACLE:
-        return np.nan
-    for number, solid in zip(seen, solids, strict=True):
+    spans = history.spans[history.shapes[tick, seen]]
+    away = np.linalg.norm(log.positions[row] - history.translations[tick, seen], axis=1) - spans
+    for nearest in np.argsort(away):
+        number, solid = seen[nearest], history.solids[history.shapes[tick, seen[nearest]]]
+        if away[nearest] > best:
+            break
+        if solid.mesh.face_count > LARGEST_FOR_ORACLE:
+            return np.nan
         own = history.own_points(number, log.positions[[row]], log.ticks[[row]], np.zeros(1))
         vertices, faces = solid.mesh.vertices, solid.mesh.faces
         distance = float(oracle.closest(vertices, faces, own).distance[0])
