@@ -10,14 +10,15 @@ from pathlib import Path
 
 import numpy as np
 import shapes
-from conftest import SHARED_DATA
 
 import proximity
 from proximity.pose import Pose
 from proximity.scene import Part, Scene
 from proximity.solid import Solid
 
-MESHES = Path(__file__).resolve().parent.parent / "meshes"
+PROJECT = Path(__file__).resolve().parent.parent
+MESHES = PROJECT / "meshes"
+SHARED_DATA = PROJECT.parent / "shared" / "data"
 FILES = ("bracket.stl", "gear.stl", "hollow_box.stl", "plate.stl", "sphere.stl", "torus.ply", "assembly.glb")
 CAD = ("busted.STL", "featuretype.STL", "octagonal_pocket.stl", "cycloidal.ply")
 TOO_MANY = 150  # bodies of a file; a cell takes them all
@@ -290,11 +291,13 @@ class History:
         self.is_seen = np.zeros((tick_count, count), bool)
         self.numbers = np.full((tick_count, count), -1)  # of the part at each index of scene.parts
         self.has_inside = np.array([solid.has_inside for solid in cell.solids])
+        self.extent = 0.0  # m, the largest coordinate of any part at any tick
 
     def note(self, tick):
         """Remember how the cell is now."""
         cell = self.cell
         self.quaternions[tick], self.translations[tick] = cell.quaternions, cell.translations
+        self.extent = max(self.extent, float((np.abs(cell.translations).max(axis=1) + cell.spans).max()))
         self.velocities[tick], self.spins[tick] = cell.velocities, cell.spins
         self.is_seen[tick, cell.order] = ~cell.is_hidden[cell.order]
         self.numbers[tick, : len(cell.order)] = cell.order

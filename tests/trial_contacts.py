@@ -65,8 +65,7 @@ def judge_times(log, tally, rng):
 
 def _look_at_times(log, tally, how, rows, place, rate, limits):
     first = march(log, rows, place, rate, limits)
-    touches = np.isfinite(first)
-    early = np.where(touches, limits - np.where(touches, first, 0.0), -1.0)
+    early = limits - first  # -inf where there is no contact
     with np.errstate(divide="ignore"):
         # What moves no farther than rounding cannot be seen to have moved.
         slack = INSTANT + 1e-12 * limits + log.room(log.radii)[rows] / rate
@@ -119,7 +118,7 @@ def judge_paths(log, tally):
     known = np.flatnonzero(none | np.isfinite(error))
     limits = ways.length_to(np.where(none, ways.bends[:, -1], bend - np.where(none, 0.0, error)))[known]
     first = _march_on_paths(log, ways, known, limits)
-    early = np.where(np.isfinite(first), limits - np.where(np.isfinite(first), first, 0.0), -1.0)
+    early = limits - first  # -inf where there is none
     tally.look("free until the contact on the path", log, early, INSTANT, ways.rows[known])
     found = log.has("CONTACT_FOUND")[ways.rows]
     tally.demand("a contact found has an error", log, np.isfinite(error[found]), ways.rows[found])

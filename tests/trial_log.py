@@ -48,9 +48,7 @@ class Log:
     def room(self, lengths, points=None):
         """What a distance may be off by rounding, m."""
         points = self.positions if points is None else points
-        cell = self.history.cell
-        extent = (np.abs(cell.translations).max(axis=1) + cell.spans).max()
-        largest = np.nan_to_num(np.abs(points).max(axis=-1), posinf=0.0) + extent
+        largest = np.nan_to_num(np.abs(points).max(axis=-1), posinf=0.0) + self.history.extent
         return DISTANCE_ROUNDING * np.abs(np.nan_to_num(lengths)) + COORDINATE_ROUNDING * largest
 
 
