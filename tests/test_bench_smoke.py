@@ -125,3 +125,60 @@ def test_report_writes_tables_and_json(bench, capsys, monkeypatch, tmp_path):
     assert exit_code == 0
     assert {row["section"] for row in document["rows"]} == {"build", "rays", "five rays"}
     assert "| five rays | ball/rays | µs a call |" in capsys.readouterr().out
+
+
+def test_ticks_of_small_scenes_write_a_table_and_json(bench, capsys, tmp_path):
+    path = tmp_path / "out.json"
+    words = ["fingers", "moving", "skin", "cavity", "warm", "prediction", "open", "deform"]
+
+    exit_code = bench("ticks").main([*words, "--small", "--json", str(path)])
+
+    document = json.loads(path.read_text(encoding="utf-8"))
+    cases = [row["case"] for row in document["rows"]]
+    verdicts = [verdict for row in document["rows"] for verdict in row["verdicts"]]
+    assert exit_code == 0
+    assert {name.partition("/")[0].partition(":")[0] for name in cases} == set(words)
+    held = [each for each in verdicts if "brackets hold" in each["requirement"]]
+    assert len(held) == 4 and all(each["is_met"] for each in held)
+    out = capsys.readouterr().out
+    assert "fingers/plate" in out and "nothing is judged" in out
+
+
+def test_tick_requirement_that_is_not_met_is_an_exit_code(bench, monkeypatch, capsys):
+    ticks, timing = bench("ticks"), bench("tick_timing")
+    for limit, expected in ((10.0, 0), (1.0, 1)):
+        row = timing.TickRow("slow", 1, 12, 5, 1, verdicts=(timing.at_most("slow: p50", limit, 5.0),))
+        monkeypatch.setitem(ticks.CASES, "prediction", lambda _, row=row: [row])
+
+        assert ticks.main(["prediction"]) == expected
+        assert f"slow: p50 at most {limit:g} µs" in capsys.readouterr().out
+
+
+def test_unknown_tick_case_is_refused_with_the_list(bench, capsys):
+    with pytest.raises(SystemExit):
+        bench("ticks").main(["nowhere"])
+
+    assert "no such case: nowhere; there are fingers, moving" in capsys.readouterr().err
+
+
+def test_tick_cases_without_ticks_are_refused(bench, capsys):
+    with pytest.raises(SystemExit):
+        bench("ticks").main(["fingers", "--ticks", "0"])
+
+    assert "0 ticks cannot be measured, expected at least one" in capsys.readouterr().err
+
+
+def test_recordings_that_are_not_here_are_named(bench, monkeypatch):
+    motions = bench("tick_motions")
+    monkeypatch.setattr(motions, "HAND_FOLDER", BENCH / "nowhere")
+
+    assert [hand.name for hand in motions.hands()] == ["generated"]
+    assert "two-hands.csv" in motions.missing_hands()
+
+
+@pytest.mark.parametrize("is_small", [True, False])
+def test_tick_scenes_are_as_large_as_said(bench, is_small):
+    scenes = bench("tick_cases")
+    sizes = scenes.SMALL if is_small else scenes.FULL
+    for _, faces in (scenes.plate(sizes.plate), scenes.freeform(sizes.freeform)):
+        assert len(faces) < 700 if is_small else 80_000 <= len(faces) <= 100_000
