@@ -7,7 +7,8 @@ from proximity.archive import is_archive
 from proximity.compiled import read_scene
 from proximity.errors import MeshError
 from proximity.meshio import metres_per_unit, read_geometries
-from proximity.scene import LoadReport, Part, Scene, parts_of_mesh
+from proximity.part import Part, parts_of_mesh
+from proximity.scene import LoadReport, Scene
 
 
 def load(path: str | os.PathLike[str], *, units: str = "mm") -> Scene:

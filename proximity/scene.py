@@ -2,20 +2,19 @@
 
 import threading
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from proximity.bodies import Repairs, split_bodies
 from proximity.compiled import CompiledScene, write_scene
 from proximity.deforming import deform_part
 from proximity.errors import SceneError
 from proximity.kernels.layout import BOX_LOWER, BOX_UPPER
 from proximity.model import Model, assemble
-from proximity.moves import checked_move, checked_moves, checked_surface, checked_velocity
+from proximity.moves import checked_move, checked_moves, checked_surface
 from proximity.moving import Stage, write_motion, write_surface
-from proximity.part_arrays import common_frame
+from proximity.part import NO_VELOCITY, Part, checked_part, parts_of_mesh
 from proximity.pose import Pose
 from proximity.queries import Queries
 from proximity.solid import Solid
@@ -30,30 +29,6 @@ class LoadReport:
     units: str  # of the file's coordinates
     units_declared: bool  # False: the file names none, *units* is what the caller said
     notes: tuple[str, ...]  # sentences a user should know
-
-
-NO_REPAIRS = Repairs(0, 0, 0.0, 0, 0, 0, False)
-NO_VELOCITY = np.zeros(3)
-NO_VELOCITY.flags.writeable = False
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Part:
-    """A solid with a name, a place in the scene, and the way back to where its faces came from."""
-
-    name: str
-    solid: Solid
-    pose: Pose  # world_from_part; a scene takes a (4, 4) matrix as well
-    source_faces: np.ndarray  # (F,) int32, row of the caller's faces, or of the file's
-    repairs: Repairs = NO_REPAIRS  # what was mended on the way
-    velocity: np.ndarray = field(default_factory=lambda: NO_VELOCITY)  # (3,) m/s, of its origin, in the scene
-    angular_velocity: np.ndarray = field(default_factory=lambda: NO_VELOCITY)  # (3,) rad/s, about its origin
-    is_hidden: bool = False  # no question finds it
-    stiffness: float | None = None  # N/m; None: rigid
-    damping: float = 0.0  # N s/m, of a part that is not rigid
-
-    def __repr__(self) -> str:
-        return f"Part({self.name!r}, {self.solid.mesh.face_count} faces)"
 
 
 class Scene(Queries):
@@ -85,7 +60,7 @@ class Scene(Queries):
     def __init__(self, parts: Iterable[Part | Solid], *, report: LoadReport | None = None) -> None:
         if not isinstance(parts, Iterable):
             raise SceneError(f"a scene is made of a list of parts, not of one {type(parts).__name__}")
-        given = [_as_part(part) for part in parts]
+        given = [checked_part(part) for part in parts]
         if not given:
             raise SceneError("a scene has no parts, expected at least one")
         taken: dict[str, int] = {}
@@ -100,7 +75,7 @@ class Scene(Queries):
             taken[part.name] = row
         self.report = report
         self._lock = threading.Lock()
-        self._assemble([_checked(part) for part in given], loose=(), epoch=0)
+        self._assemble(given, loose=(), epoch=0)
 
     @classmethod
     def from_mesh(cls, vertices: Any, faces: Any, *, name: str = "mesh") -> "Scene":
@@ -244,7 +219,7 @@ class Scene(Queries):
                 raise SceneError(f"part {twice!r} is named twice, expected names that differ")
             self._stage.move(rows, *checked_moves(names, poses, velocities, angular_velocities))
 
-    def add(self, part: "Part | Solid") -> None:
+    def add(self, part: Part | Solid) -> None:
         """Add a part behind the others.
 
         Parameters
@@ -263,7 +238,7 @@ class Scene(Queries):
         -----
         Cost: all arrays are copied, about 0.2 s for a million faces.
         """
-        part = _checked(_as_part(part))
+        part = checked_part(part)
         with self._lock:
             if not isinstance(part.name, str):
                 raise SceneError(f"the part to add is named {part.name!r}, expected text")
@@ -465,60 +440,3 @@ class Scene(Queries):
     def __repr__(self) -> str:
         faces = sum(part.solid.mesh.face_count for part in self._parts)
         return f"Scene({len(self._parts)} parts, {faces} faces)"
-
-
-def _checked(part: Part) -> Part:
-    """A part whose velocities and surface are numbers for it."""
-    stiffness, damping = checked_surface(part.name, part.stiffness, part.damping)
-    velocity = checked_velocity(part.name, part.velocity, "velocity", "m/s")
-    angular_velocity = checked_velocity(part.name, part.angular_velocity, "angular_velocity", "rad/s")
-    velocity.flags.writeable = angular_velocity.flags.writeable = False
-    return replace(
-        part,
-        velocity=velocity,
-        angular_velocity=angular_velocity,
-        is_hidden=bool(part.is_hidden),
-        stiffness=stiffness,
-        damping=damping,
-    )
-
-
-def _as_part(part: Any) -> Part:
-    if isinstance(part, Part):
-        if not isinstance(part.solid, Solid):
-            raise SceneError(f"part {part.name!r} holds a {type(part.solid).__name__}, expected a Solid")
-        return part if isinstance(part.pose, Pose) else replace(part, pose=Pose.of(part.pose))
-    if isinstance(part, Solid):
-        rows = np.arange(part.mesh.face_count, dtype=np.int32)
-        rows.flags.writeable = False
-        return Part(part.name, part, Pose(), rows)
-    raise SceneError(f"a scene is made of Part and Solid, not of {type(part).__name__}")
-
-
-def parts_of_mesh(
-    vertices: Any, faces: Any, *, source_faces: Any = None, name: str = "mesh", pose: Pose | None = None
-) -> list[Part]:
-    """Return the bodies of a mesh as parts.
-
-    Parameters
-    ----------
-    vertices, faces
-        As `Scene.from_mesh`.
-    source_faces : (F,) integers
-        What the rows of *faces* are called outside; their numbers where not given.
-    name : str
-        Of the part; several bodies are numbered from 1.
-    pose : Pose
-        ``world_from_part``.
-    """
-    bodies = split_bodies(vertices, faces, source_faces)
-    pose = Pose() if pose is None else pose
-    lower = np.min([body.mesh.vertices.min(axis=0) for body in bodies], axis=0)
-    upper = np.max([body.mesh.vertices.max(axis=0) for body in bodies], axis=0)
-    frame = common_frame(lower, upper) if len(bodies) > 1 else None
-    parts = []
-    for number, body in enumerate(bodies, start=1):
-        own = name if len(bodies) == 1 else f"{name}.{number}"
-        solid = Solid(body.mesh.vertices, body.mesh.faces, name=own, frame=frame)
-        parts.append(Part(own, solid, pose, body.source_faces, body.repairs))
-    return parts

@@ -209,6 +209,7 @@ class Tracker:
         self._arrays["motions"][:] = 0.0
         self._arrays["motion_marks"][:] = 0
         self._arrays["marks"][:, track.TOLD_PART] = NO_PART
+        self._settings[track.FIRST] = 0
         self._forget()
 
     def _forget(self) -> None:

@@ -19,7 +19,8 @@ BUDGETS = (1, 2, 3, 5, 8, 16, 40, 100, 400, 2000, None, None)
 WORKING_RANGES = (0.0, 1e-3, 0.02, 0.12, 0.12, 1.0, 1e9)
 PERIODS = (0.001, 0.001, 0.00025, 0.004, 0.0085)  # s
 FEWEST_TICKS = 12
-EVENTS = ("none", "none", "coast", "coast", "told", "lie", "jerk", "come and go", "busy")
+JERKS = (1e-9, 1e-3, 0.1, 0.1, 300.0)  # m; a part that goes far off makes the scene build its tree anew
+EVENTS = ("none", "none", "coast", "coast", "told", "lie", "jerk", "come and go", "deform", "busy")
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,7 @@ def _settings(rng, finger_count):
     return {
         "budget": BUDGETS[rng.integers(len(BUDGETS))],
         "working_range": float(rng.choice(WORKING_RANGES)),
+        "tolerance": float(rng.choice([0.0, 0.0, 0.0, 0.05, 0.5])),
         "radius": rng.uniform(0.0, 0.02, finger_count) if np.isnan(radius) else float(radius),
         "latency": float(rng.choice([0.0, 0.001, 0.009, 0.05])),
         "horizon": float(rng.choice([0.25, 0.25, 0.02, 2.0])),
@@ -98,6 +100,8 @@ class Events:
                 [1e-9, 1e-3, 0.1]
             )
             cell.move([number])
+        if kind in ("deform", "busy") and rng.random() < 0.05:
+            cell.deform(int(rng.integers(len(cell.solids))), rng)
         if kind in ("come and go", "busy") and rng.random() < 0.05:
             number = int(rng.integers(len(cell.solids)))
             (cell.toggle if rng.random() < 0.6 else cell.swap)(number)
@@ -138,6 +142,7 @@ def log_of_trial(seed, finger_ticks, *, is_heavy=False):
     tracker = Tracker(cell.scene, fingers=finger_count, **given)
     log = _tick_through(rng, cell, events, tracker, motion, paths)
     log.radii = np.broadcast_to(settings["radius"], finger_count)[log.fingers]
+    log.tolerance = settings["tolerance"]
     log.working_range, log.max_speed = settings["working_range"], settings["max_speed"]
     plan = Plan(
         seed, make.__name__, kind, finger_count, tick_count, given | {"period": period}, has_paths, is_replay

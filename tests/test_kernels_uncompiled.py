@@ -15,6 +15,7 @@ from proximity.pose import Pose
 from proximity.scene import Part, Scene
 from proximity.simd import IS_COMPILED
 from proximity.solid import Solid
+from proximity.tracker import Tracker
 
 HERE = Path(__file__).resolve().parent
 FIELDS = ("signed_distance", "point", "gradient", "part", "face_id", "barycentric", "feature", "is_signed")
@@ -68,6 +69,25 @@ def points_for(name):
     return np.concatenate([points, special]) + ([1e4, -1e4, 1e4] if name == "far away" else 0.0)
 
 
+def ticks():
+    """Records of three fingers, one lost for a tick, among parts that move; with and without paths."""
+    parts = [Solid(*shapes.cube(0.1, (0, 0, 0)), name="cube"), Solid(*shapes.sphere(0.05, 1), name="ball")]
+    scene = Scene([*parts, Solid(*shapes.moved(shapes.grid(1, 1), (-0.5, -0.5, -0.2)), name="sheet")])
+    scene.move(
+        "ball", Pose(shapes.rotation(2), (0.2, 0, 0)), velocity=(-0.1, 0, 0), angular_velocity=(0, 1, 0)
+    )
+    tracker = Tracker(scene, fingers=3, budget=40)
+    records = []
+    for k in range(5):
+        tips = np.array([(0.01, 0.02, 0.08 - 0.001 * k), (0.13, 0.0, 0.002 * k), (0.0, 0.3 - 0.01 * k, 0.3)])
+        tips[2] = np.nan if k == 3 else tips[2]
+        paths = np.stack([tips, 0.5 * tips, -tips], axis=1)
+        given = {"paths": paths, "velocities": -tips} if k == 4 else {"paths": paths} if k == 2 else {}
+        records.append(tracker.tick(tips, k * 1_000_000, k * 1_000_000 + 500, **given).copy())
+        scene.move("cube", Pose(translation=(0, 0, 0.001 * k)), velocity=(0, 0, 1.0))
+    return np.stack(records)
+
+
 def answers(monkeypatch):
     """All answers as one dictionary of arrays."""
     monkeypatch.setattr(sign, "SAMPLE_COUNT", 2)  # interpreted, each costs a tenth of a second
@@ -83,6 +103,8 @@ def answers(monkeypatch):
             found[f"{name}, distance"] = thing.distance(points)
             if name != "sheet":
                 found[f"{name}, contains"] = thing.contains(points)
+        records = ticks()
+        found |= {f"tick, {field}": records[field] for field in records.dtype.names}
         found |= walks()
     return found
 
@@ -141,3 +163,7 @@ def test_numbers_here_are_not_all_nothing(monkeypatch):
     assert set(found["scene, part"].tolist()) == {-1, 0, 1}
     assert (found["with 40 steps"][:, 2] < found[f"with {UNLIMITED} steps"][:, 2]).any()
     assert set(found["cube, feature"].tolist()) == {-1, 0, 1, 2}
+    assert (
+        np.isfinite(found["tick, contact_bend"]).any() and np.isfinite(found["tick, time_to_contact"]).any()
+    )
+    assert set(found["tick, part"].ravel().tolist()) == {-1, 0, 1}

@@ -18,7 +18,7 @@ replay
 tracker · recording
 scene · message
 compiled
-deforming
+deforming · part
 solid
 moves
 moving

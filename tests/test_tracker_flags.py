@@ -110,6 +110,22 @@ def test_finger_far_away_is_skipped_until_it_may_have_come_near():
             assert each["work"] == 0
 
 
+@pytest.mark.parametrize("tolerance", [0.01, 0.05, 0.5])
+def test_within_the_tolerance_a_finger_near_by_is_skipped_too(tolerance):
+    scene = Scene([plate(half=0.5)])
+    tracker = Tracker(scene, fingers=1, tolerance=tolerance)
+    found = ticks(tracker, [(0.0005 * k, 0, 0.08 - 0.0001 * k) for k in range(300)])
+    skipped = [bool(flags_of(each) & ContactFlag.SKIPPED) for each in found]
+
+    assert 0.2 < np.mean(skipped) < 1.0
+    for each, was_skipped in zip(found, skipped, strict=True):
+        assert_bounds_hold(scene, each)
+        assert flags_of(each) & ContactFlag.IN_RANGE
+        if was_skipped:
+            assert not flags_of(each) & ContactFlag.EXACT
+            assert each["upper"] - each["lower"] <= tolerance * each["lower"] * (1 + 1e-9)
+
+
 def test_part_that_comes_ends_the_skipping_of_a_finger_at_rest():
     scene = Scene([block("still", (0, 0, 0)), block("other", (0, 0, 2.0))])
     tracker = Tracker(scene, fingers=1)

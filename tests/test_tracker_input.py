@@ -56,6 +56,7 @@ def test_something_else_than_a_scene_is_refused(thing):
         ("latency", "1 ms", "latency is '1 ms', expected a number of seconds"),
         ("working_range", -1, "working_range is -1, expected a number of metres of 0 or more"),
         ("working_range", [0.1, 0.2], "working_range is .*, expected a number of metres"),
+        ("tolerance", -0.1, "tolerance is -0.1, expected a number of shares of 0 or more"),
         ("horizon", 0, "horizon is 0, expected a positive number of seconds"),
         ("max_speed", -3.0, "max_speed is -3.0, expected a positive number of metres a second"),
         ("max_acceleration", None, "max_acceleration is None, expected a positive number of m/s²"),

@@ -10,16 +10,18 @@ from pathlib import Path
 
 import numpy as np
 import shapes
-from conftest import SHARED_DATA
 
 import proximity
 from proximity.pose import Pose
 from proximity.scene import Part, Scene
 from proximity.solid import Solid
 
-MESHES = Path(__file__).resolve().parent.parent / "meshes"
+PROJECT = Path(__file__).resolve().parent.parent
+MESHES = PROJECT / "meshes"
+SHARED_DATA = PROJECT.parent / "shared" / "data"
 FILES = ("bracket.stl", "gear.stl", "hollow_box.stl", "plate.stl", "sphere.stl", "torus.ply", "assembly.glb")
 CAD = ("busted.STL", "featuretype.STL", "octagonal_pocket.stl", "cycloidal.ply")
+LARGEST_DEFORMED = 5000  # faces
 TOO_MANY = 150  # bodies of a file; a cell takes them all
 
 
@@ -28,9 +30,11 @@ def _crossed_cubes():
     return shapes.join(shapes.cube(1.0, (0.0, 0.0, 0.0)), shapes.cube(1.0, (0.4, 0.3, 0.2)))
 
 
-def _leaky_sphere():
+def _holed_ball(face_count):
+    """Without some faces at its top: it still has an inside, and one can get there through no surface."""
     vertices, faces = shapes.sphere(0.5, 3)
-    return vertices, faces[3:]
+    heights = vertices[faces].mean(axis=1)[:, 2]
+    return vertices, faces[np.argsort(heights)[:-face_count]]
 
 
 def _voxels():
@@ -48,7 +52,8 @@ CLOSED = {
     "ball": lambda: shapes.sphere(0.5, 3),
     "hollow ball": lambda: shapes.join(shapes.sphere(0.5, 3), shapes.inside_out(shapes.sphere(0.4, 3))),
     "crossed cubes": _crossed_cubes,
-    "leaky ball": _leaky_sphere,
+    "leaky ball": lambda: _holed_ball(3),
+    "holed ball": lambda: _holed_ball(40),
     "voxels": _voxels,
 }
 OPEN = {
@@ -74,6 +79,17 @@ def solid_of(kind, size):
     vertices, faces = (KINDS | HEAVY)[kind]()
     extent = (vertices.max(axis=0) - vertices.min(axis=0)).max()
     return Solid(vertices * (size / extent), faces, name=kind)
+
+
+@cache
+def middle_of_hole(solid):
+    """Where one gets inside a solid through no surface: amid its open edges; None if there are none."""
+    if solid.is_watertight or not solid.has_inside:
+        return None
+    faces = solid.mesh.faces
+    edges = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
+    pairs, counts = np.unique(edges, axis=0, return_counts=True)
+    return solid.mesh.vertices[pairs[counts == 1].ravel()].mean(axis=0) if (counts == 1).any() else None
 
 
 @cache
@@ -114,6 +130,7 @@ class Cell:
     def __init__(self, solids, quaternions, translations, *, absent=()):
         self.solids = list(solids)
         count = len(self.solids)
+        self.first_solids = list(solids)
         self.names = [f"part {number}" for number in range(count)]
         self.quaternions = np.array(quaternions, dtype=np.float64)
         self.translations = np.array(translations, dtype=np.float64)
@@ -123,13 +140,7 @@ class Cell:
         self.homes = self.translations.copy()
         boxes = np.array([solid.bounds for solid in self.solids])
         self.middles = boxes.mean(axis=1)
-        self.reaches = np.array(
-            [
-                np.linalg.norm(solid.mesh.vertices - middle, axis=1).max() * (1.0 + 1e-9)
-                for solid, middle in zip(self.solids, self.middles, strict=True)
-            ]
-        )
-        self.spans = np.linalg.norm(np.abs(boxes).max(axis=1), axis=1)  # from the part's origin
+        self.reaches = 0.5 * np.linalg.norm(boxes[:, 1] - boxes[:, 0], axis=1)
         self.before_change = lambda: None
         self.scene, self.twin = (Scene([self._part(number) for number in self.order]) for _ in range(2))
 
@@ -188,14 +199,29 @@ class Cell:
             for scene in (self.scene, self.twin):
                 scene.remove(self.names[number])
 
+    def deform(self, number, rng):
+        """Give a part another shape, not far from the one it had first; the truth gets a tree of its own."""
+        if number not in self.order or self.solids[number].mesh.face_count > LARGEST_DEFORMED:
+            return
+        self.before_change()
+        vertices = self.first_solids[number].mesh.vertices
+        wave = rng.normal(size=3) / self.reaches[number]
+        bulge = 0.2 * rng.uniform() * self.reaches[number] * rng.normal(size=3) / (1.0 + np.abs(wave).sum())
+        vertices = vertices * rng.uniform(0.8, 1.2, 3) + np.sin(vertices @ wave)[:, None] * bulge
+        self.solids[number] = Solid(vertices, self.solids[number].mesh.faces)
+        for scene in (self.scene, self.twin):
+            scene.deform(self.names[number], vertices)
+
     def places(self, rng, count):
         """Places where something may go wrong: on, near, in, between and far from the parts, (count, 3)."""
         found = np.empty((count, 3))
         for row in range(count):
             number = int(rng.choice(self.order))
             solid, reach = self.solids[number], self.reaches[number]
-            way = rng.integers(7)
-            if way < 3:
+            way, hole = rng.integers(7), middle_of_hole(solid)
+            if hole is not None and rng.random() < 0.3:
+                own = hole + rng.normal(size=3) * reach * rng.choice([0.0, 1e-3, 0.05])
+            elif way < 3:
                 corners = solid.mesh.vertices[solid.mesh.faces[rng.integers(solid.mesh.face_count)]]
                 own = rng.dirichlet(np.ones(3)) @ corners
                 own = own + rng.normal(size=3) * reach * rng.choice([0.0, 1e-9, 1e-4, 0.02, 0.3])
@@ -279,8 +305,13 @@ LIGHT_CELLS = (one_part, several_parts, many_parts, stacked_parts, nested_parts,
 HEAVY_CELLS = (*LIGHT_CELLS, heavy_part, real_part)
 
 
+def span_of(solid):
+    """How far a solid reaches from its origin, m."""
+    return float(np.linalg.norm(np.abs(solid.bounds).max(axis=0)))
+
+
 class History:
-    """Where each part of a cell was at each tick."""
+    """Where each part of a cell was at each tick, and which shape it had."""
 
     def __init__(self, cell, tick_count):
         count = len(cell.solids)
@@ -289,7 +320,20 @@ class History:
         self.translations, self.velocities, self.spins = np.empty((3, tick_count, count, 3))
         self.is_seen = np.zeros((tick_count, count), bool)
         self.numbers = np.full((tick_count, count), -1)  # of the part at each index of scene.parts
-        self.has_inside = np.array([solid.has_inside for solid in cell.solids])
+        self.shapes = np.empty((tick_count, count), np.int64)  # rows of the following
+        self.solids, self.spans = [], np.empty(0)
+        self.has_inside, self.has_holes = np.empty((2, 0), bool)
+        self.extent = 0.0  # m, the largest coordinate of any part at any tick
+        self.row_of_solid = {}
+
+    def _row(self, solid):
+        if id(solid) not in self.row_of_solid:
+            self.row_of_solid[id(solid)] = len(self.solids)
+            self.solids.append(solid)
+            self.spans = np.append(self.spans, span_of(solid))
+            self.has_inside = np.append(self.has_inside, solid.has_inside)
+            self.has_holes = np.append(self.has_holes, solid.has_inside and not solid.is_watertight)
+        return self.row_of_solid[id(solid)]
 
     def note(self, tick):
         """Remember how the cell is now."""
@@ -298,11 +342,14 @@ class History:
         self.velocities[tick], self.spins[tick] = cell.velocities, cell.spins
         self.is_seen[tick, cell.order] = ~cell.is_hidden[cell.order]
         self.numbers[tick, : len(cell.order)] = cell.order
+        self.shapes[tick] = [self._row(solid) for solid in cell.solids]
+        reach = np.abs(cell.translations).max(axis=1) + self.spans[self.shapes[tick]]
+        self.extent = max(self.extent, float(reach.max()))
 
     def fastest(self, ticks):
         """A speed that no point of a part exceeds, m/s."""
         speeds = np.linalg.norm(self.velocities[ticks], axis=2)
-        speeds = speeds + np.linalg.norm(self.spins[ticks], axis=2) * self.cell.spans
+        speeds = speeds + np.linalg.norm(self.spins[ticks], axis=2) * self.spans[self.shapes[ticks]]
         return np.where(self.is_seen[ticks], speeds, 0.0).max(axis=1, initial=0.0)
 
     def own_points(self, number, points, ticks, seconds):
@@ -314,8 +361,12 @@ class History:
         origins = self.translations[ticks, number] + seconds[:, None] * self.velocities[ticks, number]
         return np.einsum("nji,nj->ni", rotations_of(quaternions), points - origins)
 
-    def signed_distance(self, points, ticks, seconds=0.0):
-        """The smallest of all parts that are seen; inf where none is."""
+    def signed_distance(self, points, ticks, seconds=0.0, *, to_touch=False):
+        """The smallest of all parts that are seen; inf where none is.
+
+        *to_touch*: of parts with holes the distance from the surface, on both sides: who gets inside through
+        a hole has touched nothing.
+        """
         seconds = np.broadcast_to(np.asarray(seconds, dtype=np.float64), (len(points),))
         best = np.full(len(points), np.inf)
         seen = np.flatnonzero(self.is_seen[ticks].any(axis=0)) if len(points) else []
@@ -323,10 +374,14 @@ class History:
             rows = np.flatnonzero(self.is_seen[ticks, number])
             if len(seen) > 1:
                 origins = self.translations[ticks[rows], number]
-                away = np.linalg.norm(points[rows] - origins, axis=1) - self.cell.spans[number]
+                away = np.linalg.norm(points[rows] - origins, axis=1)
+                away -= self.spans[self.shapes[ticks[rows], number]]
                 away -= seconds[rows] * np.linalg.norm(self.velocities[ticks[rows], number], axis=1)
                 rows = rows[away - 1e-9 * (1.0 + np.abs(away)) < best[rows]]
-            if len(rows):
-                own = self.own_points(number, points[rows], ticks[rows], seconds[rows])
-                best[rows] = np.minimum(best[rows], self.cell.solids[number].signed_distance(own))
+            own = self.own_points(number, points[rows], ticks[rows], seconds[rows])
+            for shape in np.unique(self.shapes[ticks[rows], number]):
+                at = np.flatnonzero(self.shapes[ticks[rows], number] == shape)
+                solid = self.solids[shape]
+                ask = solid.distance if to_touch and self.has_holes[shape] else solid.signed_distance
+                best[rows[at]] = np.minimum(best[rows[at]], ask(own[at]))
         return best

@@ -11,11 +11,11 @@ MARCH = 150  # steps; what is left then is looked at in steps of equal length
 REST = 40
 
 
-def march(log, rows, place, rate, limits):
+def march(log, rows, place, rate, limits, *, to_touch=True):
     """Where spheres first touch on their ways, up to *limits*; inf if not.
 
     *place*: of rows and stages, points (M, 3) and the seconds at which parts are asked. *rate* (M,): m a unit
-    of stage at most by which sphere and surfaces near each other.
+    of stage at most by which sphere and surfaces near each other. *to_touch*: as in `History`.
     """
     stages, first = np.zeros(len(rows)), np.full(len(rows), np.inf)
     left = np.arange(len(rows))
@@ -24,7 +24,7 @@ def march(log, rows, place, rate, limits):
         if not len(left):
             break
         points, seconds = place(left, stages[left])
-        gap = log.history.signed_distance(points, log.ticks[rows[left]], seconds) - log.radii[rows[left]]
+        gap = log.gap(rows[left], points, seconds, to_touch=to_touch)
         touches = gap <= log.room(gap + log.radii[rows[left]], points)
         first[left[touches]] = stages[left[touches]]
         left, gap = left[~touches], gap[~touches]
@@ -65,14 +65,13 @@ def judge_times(log, tally, rng):
 
 def _look_at_times(log, tally, how, rows, place, rate, limits):
     first = march(log, rows, place, rate, limits)
-    touches = np.isfinite(first)
-    early = np.where(touches, limits - np.where(touches, first, 0.0), -1.0)
+    early = limits - first  # -inf where there is no contact
     with np.errstate(divide="ignore"):
         # What moves no farther than rounding cannot be seen to have moved.
         slack = INSTANT + 1e-12 * limits + log.room(log.radii)[rows] / rate
     tally.look(f"free until the time to contact, {how}", log, early, slack, rows)
     points, seconds = place(np.arange(len(rows)), limits)
-    gap = log.history.signed_distance(points, log.ticks[rows], seconds) - log.radii[rows]
+    gap = log.gap(rows, points, seconds)
     tally.look(f"free at that time, {how}", log, -gap, log.room(gap + log.radii[rows], points), rows)
 
 
@@ -119,24 +118,24 @@ def judge_paths(log, tally):
     known = np.flatnonzero(none | np.isfinite(error))
     limits = ways.length_to(np.where(none, ways.bends[:, -1], bend - np.where(none, 0.0, error)))[known]
     first = _march_on_paths(log, ways, known, limits)
-    early = np.where(np.isfinite(first), limits - np.where(np.isfinite(first), first, 0.0), -1.0)
+    early = limits - first  # -inf where there is none
     tally.look("free until the contact on the path", log, early, INSTANT, ways.rows[known])
     found = log.has("CONTACT_FOUND")[ways.rows]
     tally.demand("a contact found has an error", log, np.isfinite(error[found]), ways.rows[found])
     sure = np.flatnonzero(~none & np.isfinite(error))
     limits = np.maximum(ways.length_to(bend + error)[sure], 0.0) + INSTANT
-    first = _march_on_paths(log, ways, sure, limits)
+    first = _march_on_paths(log, ways, sure, limits, to_touch=False)  # to be inside is contact as well
     tally.demand("a contact that has an error is one", log, np.isfinite(first), ways.rows[sure])
     _judge_path_times(log, tally, ways)
 
 
-def _march_on_paths(log, ways, which, limits):
+def _march_on_paths(log, ways, which, limits, *, to_touch=True):
     """`march` among parts that stand as they do at the tick."""
 
     def place(at, gone):
         return ways.place(which[at], gone), np.zeros(len(at))
 
-    return march(log, ways.rows[which], place, np.ones(len(which)), limits)
+    return march(log, ways.rows[which], place, np.ones(len(which)), limits, to_touch=to_touch)
 
 
 def _judge_path_times(log, tally, ways):

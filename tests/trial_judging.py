@@ -13,7 +13,7 @@ import oracle
 
 ORACLE_POINTS = 4  # of a trial
 LARGEST_FOR_ORACLE = 100_000  # faces of a part
-MOST_FOR_ORACLE = 60  # parts
+UNCLEAR = 0.1  # of a turn: the engine's winding numbers are right to half of it
 
 
 def judge(log):
@@ -58,26 +58,36 @@ def _judge_truth(log, tally, rng):
     off[np.isinf(log.true)] = 0.0
     tally.look("truth, part by part", log, off, log.room(log.true))
     rows = rng.choice(len(log.ticks), min(ORACLE_POINTS, len(log.ticks)), replace=False)
-    by_oracle = np.full(len(rows), np.inf)
-    history = log.history
-    for number, solid in enumerate(history.cell.solids):
-        if solid.mesh.face_count > LARGEST_FOR_ORACLE or len(history.cell.solids) > MOST_FOR_ORACLE:
-            return
-        seen = np.flatnonzero(history.is_seen[log.ticks[rows], number])
-        own = history.own_points(
-            number, log.positions[rows[seen]], log.ticks[rows[seen]], np.zeros(len(seen))
-        )
-        vertices, faces = solid.mesh.vertices, solid.mesh.faces
-        distance = oracle.closest(vertices, faces, own).distance
-        if solid.has_inside and len(seen):
-            is_in = oracle.winding_number(vertices, faces, own) > 0.5
-            distance = np.where(is_in & (distance > log.room(distance, own)), -distance, distance)
-        by_oracle[seen] = np.minimum(by_oracle[seen], distance)
+    by_oracle = np.array([_by_oracle(log, row) for row in rows])
     is_clear = np.isfinite(by_oracle) & (np.abs(by_oracle) > 1e-9)
     rows, by_oracle = rows[is_clear], by_oracle[is_clear]
     tally.look(
         "truth, by the oracle", log, np.abs(by_oracle - log.true[rows]), log.room(log.true)[rows], rows
     )
+
+
+def _by_oracle(log, row):
+    """Signed distance at a row; nan where that would take long, or the side is not clear."""
+    history, tick, best = log.history, log.ticks[row], np.inf
+    seen = np.flatnonzero(history.is_seen[tick])
+    spans = history.spans[history.shapes[tick, seen]]
+    away = np.linalg.norm(log.positions[row] - history.translations[tick, seen], axis=1) - spans
+    for nearest in np.argsort(away):
+        number, solid = seen[nearest], history.solids[history.shapes[tick, seen[nearest]]]
+        if away[nearest] > best:
+            break
+        if solid.mesh.face_count > LARGEST_FOR_ORACLE:
+            return np.nan
+        own = history.own_points(number, log.positions[[row]], log.ticks[[row]], np.zeros(1))
+        vertices, faces = solid.mesh.vertices, solid.mesh.faces
+        distance = float(oracle.closest(vertices, faces, own).distance[0])
+        if solid.has_inside:
+            turns = float(oracle.winding_number(vertices, faces, own)[0])
+            if abs(turns - 0.5) < UNCLEAR:
+                return np.nan
+            distance = -distance if turns > 0.5 else distance
+        best = min(best, distance)
+    return best
 
 
 def _judge_distances(log, tally):
@@ -106,14 +116,17 @@ def _judge_distances(log, tally):
     tally.demand("the distance lies between its bounds", log, within)
     clear = np.abs(log.true) > room
     tally.demand("inside", log, (log.has("INSIDE") == (log.true < 0.0))[clear], clear)
-    skipped = log.has("SKIPPED")
+    # Less than an allowance apart is near enough, whatever was searched for.
+    near = np.isfinite(true) & (told["upper"] <= (1.0 + log.tolerance) * told["lower"] + room)
+    skipped = log.has("SKIPPED") & ~near
     tally.look("skipped is out of range", log, (log.working_range - true)[skipped], room[skipped], skipped)
     meant = exact & (np.abs(true - log.working_range) > room)
     tally.demand("in range", log, (log.has("IN_RANGE") == (true <= log.working_range))[meant], meant)
     numbers = log.history.numbers[log.ticks, told["part"]]
+    shapes = log.history.shapes[log.ticks, numbers]
     found = told["part"] >= 0
     tally.demand("the part is there", log, (numbers >= 0)[found], found)
-    tally.demand("signed", log, (log.has("SIGNED") == log.history.has_inside[numbers])[found], found)
+    tally.demand("signed", log, (log.has("SIGNED") == log.history.has_inside[shapes])[found], found)
 
 
 def _judge_points(log, tally, rng):
@@ -136,10 +149,11 @@ def _judge_points(log, tally, rng):
     # A direction is as right as its length lets it be, and at that length no more is asked.
     tally.look("the normal goes to the point", log, along[far], 4.0 * room[far], rows[far])
     numbers = log.history.numbers[log.ticks[rows], told["part"]]
+    kinds = np.stack([numbers, log.history.shapes[log.ticks[rows], numbers]], axis=1)
     off = np.empty(len(rows))
-    for number in np.unique(numbers):
-        at = np.flatnonzero(numbers == number)
-        solid = log.history.cell.solids[number]
+    for number, shape in np.unique(kinds, axis=0):
+        at = np.flatnonzero((kinds == [number, shape]).all(axis=1))
+        solid = log.history.solids[shape]
         own = log.history.own_points(
             number, told["point_on_part"][at], log.ticks[rows[at]], np.zeros(len(at))
         )

@@ -39,18 +39,22 @@ class Log:
     path_bends: np.ndarray | None  # (K,)
     radii: np.ndarray | None = None  # (M,) m
     working_range: float = 0.0
+    tolerance: float = 0.0
     max_speed: float = 0.0
 
     def has(self, *names):
         bits = np.uint32(sum(int(OURS[name]) for name in names))
         return (self.records["flags"] & bits) == bits
 
+    def gap(self, rows, points, seconds, *, to_touch=True):
+        """How far the spheres of some rows are from touching, at *points*, *seconds* after their ticks."""
+        distance = self.history.signed_distance(points, self.ticks[rows], seconds, to_touch=to_touch)
+        return distance - self.radii[rows]
+
     def room(self, lengths, points=None):
         """What a distance may be off by rounding, m."""
         points = self.positions if points is None else points
-        cell = self.history.cell
-        extent = (np.abs(cell.translations).max(axis=1) + cell.spans).max()
-        largest = np.nan_to_num(np.abs(points).max(axis=-1), posinf=0.0) + extent
+        largest = np.nan_to_num(np.abs(points).max(axis=-1), posinf=0.0) + self.history.extent
         return DISTANCE_ROUNDING * np.abs(np.nan_to_num(lengths)) + COORDINATE_ROUNDING * largest
 
 

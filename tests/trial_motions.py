@@ -10,8 +10,7 @@ from functools import cache
 
 import numpy as np
 import shapes
-from conftest import SHARED_DATA
-from trial_cells import MESHES
+from trial_cells import MESHES, SHARED_DATA
 
 from proximity.pose import Pose
 from proximity.recording import read_recording

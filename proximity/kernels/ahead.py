@@ -11,7 +11,7 @@ from math import isfinite, sqrt
 import numpy as np
 
 from proximity.kernels.advance import TOUCH, advance, place_on, touches
-from proximity.kernels.bracket import DOWN, bracket_at, distance_to_slot, may_slip_in
+from proximity.kernels.bracket import DOWN, bracket_at, distance_to_slot, may_slip, may_slip_in
 from proximity.kernels.compiling import inlined, kernel
 from proximity.kernels.contact import (
     APPROACH_SPEED,
@@ -127,6 +127,10 @@ def foretell(
         # No face is known to ask: a distance changes by no more than the way.
         lower, upper = lower - length, upper + length
     spread = rho + drift * ahead
+    if settings[HOLES] != 0.0 and may_slip(frames, parts, x + dx, y + dy, z + dz, spread + length):
+        # Through a hole the side changes away from the surface: what is left is how far that is.
+        upper = max(upper, -lower)
+        lower = -upper
     records[i, PREDICTED_DISTANCE] = distance - radius
     records[i, PREDICTED_LOWER] = lower - spread - radius
     records[i, PREDICTED_UPPER] = upper + spread - radius

@@ -18,6 +18,7 @@ from proximity.kernels.layout import (
     BOX_LOWER,
     BOX_UPPER,
     GRID,
+    IS_HIDDEN,
     LANES,
     NO_GRID,
     NO_PART,
@@ -150,6 +151,22 @@ def may_slip_in(words, frames, parts, x, y, z):
             holding &= holding - 1
             if parts[part, SIGN] == SIGN_WINDING and parts[part, GRID] == NO_GRID:
                 return True
+    return False
+
+
+@kernel
+def may_slip(frames, parts, x, y, z, reach):
+    """Whether within *reach* of a point there may be a hole by which one gets in or out of a part."""
+    for part in range(len(parts) - 1):
+        if parts[part, SIGN] != SIGN_WINDING or parts[part, GRID] != NO_GRID or parts[part, IS_HIDDEN]:
+            continue
+        is_near = True
+        for axis in range(3):
+            value = x if axis == 0 else (y if axis == 1 else z)
+            gap = max(frames[part, BOX_LOWER + axis] - value, value - frames[part, BOX_UPPER + axis])
+            is_near &= not gap > reach
+        if is_near:
+            return True
     return False
 
 
