@@ -59,6 +59,9 @@ STILL = 1e-6
 """m/s. Slower than this nothing gets anywhere within a horizon."""
 CHEAP = 0.02
 """Share of the distance that a finger may go before its prediction takes a walk of its own."""
+STRIDE = 64
+"""Steps that a finger takes along its velocity in one tick, about; the next goes on from the balls it keeps.
+All at once are 100 µs for five fingers near 90 k faces of free form, one tick in a hundred."""
 FEWEST_STEPS = 4
 """For prediction and way each, when the distance has taken the budget."""
 PROBES = 3
@@ -113,7 +116,9 @@ def foretell(
         stays_outside = not may_slip_in(words, frames, parts, x + dx, y + dy, z + dz)
     if length > 0.0 and slot >= 0:
         left = _left(settings, numbers, i)
-        if stays_outside and (length <= CHEAP * lower or not flags & IN_RANGE or left <= 0):
+        # Where the finger will be is less certain than by rho; the surface need not be known better.
+        is_cheap = length <= CHEAP * lower or (length <= rho and length < lower)
+        if stays_outside and (is_cheap or not flags & IN_RANGE or left <= 0):
             # The face that is nearest now is, there, as far as the surface at most.
             distance = distance_to_slot(reals, frames, parts, part, slot, x + dx, y + dy, z + dz)
             lower, upper = lower - length, distance
@@ -163,7 +168,7 @@ def foretell(
         stages[0], stages[1] = 0.0, horizon
         free, found, _, _, steps, _ = advance(
             reals, words, frames, parts, way, stages, 2, 0.0, clearance, radius, speed, drift, part, slot,
-            _left(settings, numbers, i), balls, settings[WAY], room, witness, place,
+            min(_left(settings, numbers, i), STRIDE), balls, settings[WAY], room, witness, place,
         )  # fmt: skip
         # Without a step of its own the way tells nothing beyond what the nearest face does.
         if steps > 0 or free >= horizon:
