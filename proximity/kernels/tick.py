@@ -83,6 +83,7 @@ from proximity.kernels.track import (
     RADIUS,
     SLOT,
     STANDS,
+    STEPS_LEFT,
     TOLD_PART,
     TOLERANCE,
     WAY,
@@ -104,13 +105,13 @@ from proximity.simd import load_int, prefetch
 
 FLAG_BITS = (1 << 16) - 1
 """Of an observation's answer: what goes into the record."""
-AHEAD = 4000
-"""Steps in which all fingers together may look ahead: five need fewer, a skin of thousands would be late.
-Who has none left goes by the balls it knows, and by the nearest face."""
-AHEAD_SHARE = 2
-"""Steps a finger that they have at least."""
-TURNS = 16
-"""Ticks in which each of many fingers has been the first."""
+CROWD = 10
+AHEAD = 3
+"""Budgets that all fingers share in a tick: for distances, and for looking ahead. Two hands never come to the
+end of them; a skin of thousands would be late. Who finds none left goes by what it knows, within bounds, and
+is among the first at the next tick."""
+FEWEST_STEPS = 8
+"""For the distance of a finger of which nothing is known, when none are left."""
 ROUNDING = 1e-13
 """Part sizes: more than what distances and ways round."""
 
@@ -187,16 +188,17 @@ def _distance(
     is_outside = marks[i, IS_OUTSIDE] == 1 and carried > 0.0
     if is_outside and settings[HOLES] != 0.0:
         is_outside = not may_slip_in(words, frames, parts, x, y, z)
-    work, budget = np.int64(0), np.int64(settings[BUDGET])
+    work, left = np.int64(0), np.int64(settings[STEPS_LEFT])
+    budget = min(np.int64(settings[BUDGET]), max(left, FEWEST_STEPS))
     is_far = is_outside and carried - radius > settings[WORKING_RANGE]
     is_near_enough = False
     upper = np.inf
-    if is_far or (is_outside and settings[TOLERANCE] > 0.0):
+    if is_far or (is_outside and (settings[TOLERANCE] > 0.0 or left <= 0)):
         if slot >= 0:
             upper = fill_witness(reals, words, parts, frames, part, slot, x, y, z, witness)
         elif carried < np.inf:
             upper = beyond_all(frames, x, y, z)
-        is_near_enough = upper - carried <= settings[TOLERANCE] * (carried - radius)
+        is_near_enough = left <= 0 or upper - carried <= settings[TOLERANCE] * (carried - radius)
     if is_far or is_near_enough:
         bits, lower, distance = SKIPPED, min(carried, upper), upper
         if slot >= 0 and parts[part, SIGN] != SIGN_NONE:
@@ -205,6 +207,7 @@ def _distance(
         distance, lower, upper, clear, part, slot, bits, work = bracket_at(
             reals, words, frames, parts, x, y, z, part, slot, is_outside, budget, room, witness
         )  # fmt: skip
+        settings[STEPS_LEFT] -= work
         tracks[i, ANCHOR], tracks[i, ANCHOR + 1], tracks[i, ANCHOR + 2] = x, y, z
         tracks[i, CLEAR], tracks[i, ODOMETER] = clear, settings[WAY]
         marks[i, TRACK_PART], marks[i, SLOT] = part, slot
@@ -262,11 +265,14 @@ def tick(handle, tracker, now_ns, is_moved):
     witness, place, way, stages = np.empty(WITNESS_SIZE), np.empty(9), np.empty((2, 3)), np.empty(2)
     path_stages = np.empty(len(path_bends))
     count, first = len(positions), np.int64(settings[FIRST])
-    settings[AHEAD_LEFT] = max(AHEAD, AHEAD_SHARE * count)
-    settings[FIRST] = (first + 1 + count // TURNS) % count
+    settings[STEPS_LEFT] = CROWD * settings[BUDGET]
+    settings[AHEAD_LEFT] = AHEAD * settings[BUDGET]
+    settings[FIRST] = -1.0
     for turn in range(count):
         i = (first + turn) % count
         _fetch_face(reals, marks, (i + 1) % count)
+        if settings[FIRST] < 0.0 and (settings[STEPS_LEFT] <= 0.0 or settings[AHEAD_LEFT] <= 0.0):
+            settings[FIRST] = i
         _clear_record(records, wide, numbers, i)
         wide[i, POSE_NS], wide[i, AGE_NS], wide[i, PREDICTED_NS] = pose_ns[i], now_ns - pose_ns[i], acts_ns
         for axis in range(3):
@@ -307,3 +313,4 @@ def tick(handle, tracker, now_ns, is_moved):
                 path_stages, place,
             )  # fmt: skip
         numbers[i, FLAGS] = flags
+    settings[FIRST] = max(settings[FIRST], 0.0)

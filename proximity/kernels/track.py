@@ -42,7 +42,8 @@ MOVING_COUNT = 10  # parts that have a velocity; written by the tick
 STANDS = 11  # 1 where some part has none
 TOLERANCE = 14  # of a distance, see `Tracker`
 AHEAD_LEFT = 12  # steps that are left for looking ahead, of all fingers; written by the tick
-FIRST = 13  # finger that is done first, so that each has its turn to look ahead; written by the tick
+FIRST = 13  # finger that is done first, so that each has its turn; written by the tick
+STEPS_LEFT = 15  # steps that are left for distances, of all fingers; written by the tick
 SETTINGS_SIZE = 16
 
 FARTHEST_WAY = 1e3
