@@ -26,8 +26,8 @@ class ContactFlag(IntFlag):
     BOUNDED = contact.BOUNDED
     """The work budget ran out: the bounds hold, the distance is the nearest surface found so far."""
     SKIPPED = contact.SKIPPED
-    """Nothing was searched for: out of the working range, within the tolerance, or in a crowd whose steps were
-    spent. The bounds follow from what was known before, and from how far finger and parts have moved."""
+    """Nothing was searched for: out of the working range, within the tolerance, or in a crowd whose steps
+    were spent. The bounds follow from what was known before, and from how far finger and parts have moved."""
     SIGNED = contact.SIGNED
     """The side is known. Otherwise the distance has no sign: the nearest part has no inside."""
     INSIDE = contact.INSIDE
