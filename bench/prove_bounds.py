@@ -47,7 +47,8 @@ def main(arguments: list[str] | None = None) -> int:
                 print(f"{done:>12,} finger-ticks, {trials} trials, {now - started:.0f} s", flush=True)
             if total.broken:
                 print(f"broken in trial {number}", flush=True)
-            if total.broken or done >= options.finger_ticks:
+            is_over = done >= options.finger_ticks or now - started > 60.0 * options.minutes
+            if total.broken or is_over:
                 pool.terminate()
                 break
     _print_total(total, trials, time.perf_counter() - started)
@@ -62,6 +63,7 @@ def finger_ticks(tally: Tally) -> int:
 def _parse(arguments):
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--finger-ticks", type=float, default=1e7, help="how many to look at, about")
+    parser.add_argument("--minutes", type=float, default=math.inf, help="stop then, however many they are")
     parser.add_argument("--seed", type=int, default=0, help="number of the first trial")
     parser.add_argument("--workers", type=int, default=os.cpu_count(), help="processes")
     parser.add_argument("--trial", type=int, help="only this one, and all that it breaks")

@@ -7,6 +7,7 @@ import dataclasses
 from functools import cache
 
 import numpy as np
+import prove_bounds
 import pytest
 import shapes
 from bound_trials import log_of_trial, run_trial
@@ -167,3 +168,24 @@ def test_time_left_on_a_path_is_never_negative_at_its_end():
 
     assert (contacts["bend_rate"] > 0.0).all()
     assert (contacts["time_to_contact_lower"] >= 0.0).all()
+
+
+# -------------------------------------------------------------------------- the script that does the same
+
+
+def test_script_shows_one_trial_and_is_content(capsys):
+    assert prove_bounds.main(["--trial", "0"]) == 0
+    told = capsys.readouterr().out
+    assert "trial 0: " in told and "lower <= true, exact" in told
+
+
+def test_script_tells_what_was_broken_and_how_to_see_it_again(capsys, monkeypatch):
+    def broken_trial(seed, size, *, is_heavy):
+        log = lied(honest(0), "lower", lambda lower: lower + 1.0)
+        return f"trial {seed}", judge(log)
+
+    monkeypatch.setattr(prove_bounds, "run_trial", broken_trial)
+    assert prove_bounds.main(["--trial", "7"]) == 1
+    told = capsys.readouterr()
+    assert "lower <= true, bounded: tick 0, finger" in told.out
+    assert "see it again: python bench/prove_bounds.py --trial N" in told.err
