@@ -13,7 +13,7 @@ from trial_motions import START_NS, motion_of, paths_of
 
 from proximity.kernels.motion import MAX_ACCELERATION, MAX_SPEED
 from proximity.message import CONTACT
-from proximity.tracker import Tracker
+from proximity.tracker import DEFAULT_BUDGET, Tracker
 
 BUDGETS = (1, 2, 3, 5, 8, 16, 40, 100, 400, 2000, None, None)
 WORKING_RANGES = (0.0, 1e-3, 0.02, 0.12, 0.12, 1.0, 1e9)
@@ -143,6 +143,7 @@ def log_of_trial(seed, finger_ticks, *, is_heavy=False):
     log = _tick_through(rng, cell, events, tracker, motion, paths)
     log.radii = np.broadcast_to(settings["radius"], finger_count)[log.fingers]
     log.tolerance = settings["tolerance"]
+    log.budget = settings["budget"] or DEFAULT_BUDGET
     log.working_range, log.max_speed = settings["working_range"], settings["max_speed"]
     plan = Plan(
         seed, make.__name__, kind, finger_count, tick_count, given | {"period": period}, has_paths, is_replay

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from proximity.kernels.tick import CROWD
 from proximity.message import ContactFlag
 
 DISTANCE_ROUNDING = 1e-14
@@ -40,6 +41,7 @@ class Log:
     radii: np.ndarray | None = None  # (M,) m
     working_range: float = 0.0
     tolerance: float = 0.0
+    budget: int = 0
     max_speed: float = 0.0
 
     def has(self, *names):
@@ -50,6 +52,11 @@ class Log:
         """How far the spheres of some rows are from touching, at *points*, *seconds* after their ticks."""
         distance = self.history.signed_distance(points, self.ticks[rows], seconds, to_touch=to_touch)
         return distance - self.radii[rows]
+
+    def crowd_is_spent(self):
+        """Whether all fingers of a tick together have taken the steps that a crowd has; by row."""
+        work = np.bincount(self.ticks, weights=self.records["work"])
+        return work[self.ticks] >= CROWD * self.budget
 
     def room(self, lengths, points=None):
         """What a distance may be off by rounding, m."""
