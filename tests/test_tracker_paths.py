@@ -161,6 +161,15 @@ def test_time_to_contact_is_along_the_path_when_the_finger_goes_that_way():
     assert contact([plate()], path[0], (0.3, 0, 0))["time_to_contact"] == np.inf
 
 
+def test_time_along_a_path_counts_from_where_the_finger_is_on_it():
+    """A tenth of the path is gone: 0.033 m are left at 0.25 m/s."""
+    path = line((0, 0, 0.05), (0, 0, -0.05))
+    found = tick_path([plate()], path, (0, 0, 0.04), (0, 0, -0.25), bend=0.1)
+
+    assert found["time_to_contact"] == pytest.approx(0.033 / 0.25, rel=1e-6)
+    assert 0.99 * 0.132 <= found["time_to_contact_lower"] <= 0.132
+
+
 def test_finger_that_goes_back_along_its_path_has_the_time_of_its_velocity():
     found = tick_path([plate()], line((0, 0, 0.05), (0.1, 0, 0)), velocity=(-0.2, 0, 0))
 
