@@ -39,7 +39,8 @@ class ContactFlag(IntFlag):
     JUMPED = contact.JUMPED
     """The pose is farther from the one before than a hand can move: the velocity starts anew."""
     ON_PATH = contact.ON_PATH
-    """Time and place of contact are along the path that was given, not along the velocity."""
+    """The place of contact is along the path that was given. So is the time, where the finger
+    goes that way: where ``bend_rate`` is positive."""
     CONTACT_FOUND = contact.CONTACT_FOUND
     """The place of contact on the path is confirmed: within ``contact_bend_error``."""
 
@@ -85,7 +86,7 @@ CONTACT = np.dtype(
         ("bend_rate", "<f8"),  # 1/s
         ("contact_bend", "<f8"),  # where on the path it touches first; nan if it does not
         ("contact_bend_error", "<f8"),  # no farther from the true one than this
-        ("contact_bend_rate", "<f8"),  # 1/s, drift of contact_bend as the part moves
+        ("contact_bend_rate", "<f8"),  # 1/s, drift of contact_bend as the part moves; nan: not known
         ("stiffness", "<f8"),  # N/m, of a deformable part
         ("damping", "<f8"),  # N s/m
         ("force", "<f8"),  # N

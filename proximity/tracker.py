@@ -45,9 +45,9 @@ class Tracker:
     latency : float, s
         From a tick until the controller acts on its answer: predictions are for then.
     budget : int
-        Nodes and leaves visited for a finger's distance in a tick, at most; None: 800, which keeps any tick
-        of five fingers below 0.2 ms. All fingers together take at most ten budgets for distances and three
-        for looking ahead: a crowd takes turns.
+        Nodes and leaves visited for a finger in a tick, at most, but for a few that tell side and way; None:
+        800, which keeps any tick of five fingers below 0.2 ms. All fingers together take at most ten budgets
+        for distances and three for looking ahead: a crowd takes turns.
     working_range : float, m
         Beyond it there are bounds only: a finger that cannot have come nearer is not searched for.
     tolerance : float

@@ -180,6 +180,21 @@ def test_surfaces_that_may_come_nearer_leave_less(drift):
     assert 0.6 * 0.093 / (1.0 + drift) <= free <= 0.093 / (1.0 + drift)
 
 
+def test_balls_found_while_surfaces_stood_are_smaller_where_they_may_have_come_nearer():
+    way = down()
+    way.go()
+
+    assert 0.0 < way.go(drift=1.0)[FREE] <= 0.093 / 2.0
+
+
+def test_surface_that_may_come_from_beyond_the_end_of_the_way_is_looked_for():
+    """A sphere that hardly moves: at 0.1 m/s the plate, 0.093 m away, may be there after 0.93 s of 1."""
+    way = Way([plate(half=0.3)], line((0, 0, 0.1), (0.01, 0, 0.1)), stages=(0.0, 1.0))
+    free = way.go(speed=0.01, drift=0.1)[FREE]
+
+    assert 0.8 <= free <= 0.9300001
+
+
 def test_sphere_that_does_not_move_among_surfaces_that_do_not_is_free_for_ever():
     way = Way([plate()], line((0, 0, 0.01), (0, 0, 0.01)), stages=(0.0, 1.0))
 

@@ -161,6 +161,15 @@ def test_time_to_contact_is_along_the_path_when_the_finger_goes_that_way():
     assert contact([plate()], path[0], (0.3, 0, 0))["time_to_contact"] == np.inf
 
 
+def test_time_along_a_path_counts_from_where_the_finger_is_on_it():
+    """A tenth of the path is gone: 0.033 m are left at 0.25 m/s."""
+    path = line((0, 0, 0.05), (0, 0, -0.05))
+    found = tick_path([plate()], path, (0, 0, 0.04), (0, 0, -0.25), bend=0.1)
+
+    assert found["time_to_contact"] == pytest.approx(0.033 / 0.25, rel=1e-6)
+    assert 0.99 * 0.132 <= found["time_to_contact_lower"] <= 0.132
+
+
 def test_finger_that_goes_back_along_its_path_has_the_time_of_its_velocity():
     found = tick_path([plate()], line((0, 0, 0.05), (0.1, 0, 0)), velocity=(-0.2, 0, 0))
 
@@ -207,6 +216,29 @@ def test_path_that_starts_in_contact_touches_there():
 
     assert (found["contact_bend"], found["contact_bend_error"]) == (0.0, 0.0)
     assert found["time_to_contact"] == found["time_to_contact_lower"] == 0.0
+    assert flags_of(found) & FOUND == FOUND
+
+
+def test_finger_beside_a_path_that_is_in_contact_there_has_no_time_left_if_it_goes_that_way():
+    path, beside = line((0, 0, 0.005), (0.05, 0, 0.005)), (0, 0, 0.05)
+    along = tick_path([plate()], path, beside, velocity=(0.1, 0, 0))
+    back = tick_path([plate()], path, beside, velocity=(-0.1, 0, 0))
+
+    assert (along["contact_bend"], along["contact_bend_error"]) == (0.0, 0.0)
+    assert along["time_to_contact"] == along["time_to_contact_lower"] == 0.0
+    assert back["time_to_contact"] == np.inf and back["time_to_contact_lower"] > 0.0
+
+
+def test_where_the_steps_do_not_suffice_the_contact_is_not_before_what_is_told():
+    """Flush along a plate: free as far as it was looked, error unknown, drift unknown."""
+    scene = Scene([plate(half=0.5), solid(shapes.box((0.3, -0.1, 0.0), (0.4, 0.1, 0.1)), "stop")])
+    scene.move("stop", Pose(), velocity=(0.1, 0, 0))
+    found = tick_path(scene, line((0, 0, RADIUS + 1e-4), (0.4, 0, RADIUS + 1e-4)), velocity=(0.1, 0, 0))
+
+    assert 0.0 < found["contact_bend"] < (0.3 - RADIUS) / 0.4
+    assert found["contact_bend_error"] == np.inf and np.isnan(found["contact_bend_rate"])
+    assert flags_of(found) & FOUND == ContactFlag.ON_PATH
+    assert 0.0 < found["time_to_contact_lower"] <= (0.3 - RADIUS) / 0.1
 
 
 def test_path_that_ends_just_before_the_surface_has_no_contact_and_just_beyond_it_has():

@@ -258,7 +258,7 @@ def look_along_path(
             if speed > 0.0:
                 records[i, TIME_TO_CONTACT] = 0.0 if upper <= radius else records[i, TIME_TO_CONTACT]
                 records[i, TIME_TO_CONTACT_LOWER] = 0.0
-            return flags | ON_PATH
+            return flags | ON_PATH | (CONTACT_FOUND if upper <= radius else 0)
     free, expected, part, slot, steps, _ = advance(
         reals, words, frames, parts, path, stages, len(stages), stage, lower - radius, radius, 1.0, 0.0, part,
         slot, _left(settings, numbers, i), balls, settings[WAY], room, witness, place,
@@ -291,18 +291,17 @@ def _write_contact(
 ):  # fmt: skip
     """Write the contact location: free up to one stage, expected at another, confirmed beyond that."""
     whole = stages[len(stages) - 1]
+    if not expected < np.inf:
+        # Nothing beyond is known: not farther than this, to be safe; nor which way a surface faces.
+        records[i, CONTACT_BEND], _ = interpolate(stages, path_bends, free)
+        records[i, CONTACT_BEND_ERROR] = np.inf
+        return flags
     drift_bend = 0.0
     if moving_count and slot >= 0:
         vx, vy, vz = velocity_of_part(frames, part, place[0], place[1], place[2])
         along = dot(place[6], place[7], place[8], place[3], place[4], place[5])
         if along < 0.0:
             drift_bend = dot(place[6], place[7], place[8], vx, vy, vz) / along
-    if not expected < np.inf:
-        # Nothing beyond is known: not farther than this, to be safe.
-        records[i, CONTACT_BEND], slope = interpolate(stages, path_bends, free)
-        records[i, CONTACT_BEND_ERROR] = np.inf
-        records[i, CONTACT_BEND_RATE] = drift_bend * slope
-        return flags
     bend, slope = interpolate(stages, path_bends, expected)
     records[i, CONTACT_BEND], records[i, CONTACT_BEND_ERROR] = bend, np.inf
     records[i, CONTACT_BEND_RATE] = drift_bend * slope
