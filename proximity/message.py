@@ -81,7 +81,8 @@ CONTACT = np.dtype(
         ("predicted_lower", "<f8"),  # m, if the finger accelerates by no more than was said
         ("predicted_upper", "<f8"),  # m
         ("time_to_contact", "<f8"),  # s from pose_ns; 0 in contact, inf if none within the horizon
-        ("time_to_contact_lower", "<f8"),  # s, certified for the velocity, or the path, as it is known
+        # s: no surface is touched before, for certain, as long as velocities stay, or the finger on its path.
+        ("time_to_contact_lower", "<f8"),
         ("bend", "<f8"),  # of the finger at pose_ns: where on the path it is; nan without a path
         ("bend_rate", "<f8"),  # 1/s
         ("contact_bend", "<f8"),  # where on the path it touches first; nan if it does not

@@ -125,6 +125,7 @@ class Tracker:
             "before": np.zeros((0, track.POSE_COLUMNS)),
             "moving": np.zeros(0, np.int64),
             "room": np.zeros(ROOM_SIZE, np.float32),
+            "scratch": np.zeros(track.SCRATCH_SIZE + 2),
         }
         self._positions, self._pose_ns = self._arrays["positions"], self._arrays["pose_ns"]
         self._arrays["tracks"][:, track.RADIUS] = _radii(radius, count)
@@ -175,7 +176,7 @@ class Tracker:
         Raises
         ------
         QueryError
-            If shapes or types do not fit. Nothing a sensor may deliver raises.
+            If shapes or types do not fit, or bends come without paths. Nothing a sensor may deliver raises.
 
         Notes
         -----
@@ -195,7 +196,7 @@ class Tracker:
         settings = self._settings
         if velocities is not None or settings[track.HAS_VELOCITIES]:
             self._take_velocities(velocities)
-        if paths is not None or settings[track.HAS_PATHS]:
+        if paths is not None or settings[track.HAS_PATHS] or bends is not None or path_bends is not None:
             self._take_paths(paths, path_bends, bends)
         # From here on nothing raises: that parts have moved is noticed once, and must not be lost.
         model = self.scene._current()
@@ -274,6 +275,8 @@ class Tracker:
     def _take_paths(self, paths: Any, path_bends: Any, bends: Any) -> None:
         self._settings[track.HAS_PATHS] = paths is not None
         if paths is None:
+            if bends is not None or path_bends is not None:
+                raise QueryError("bends are of places on paths, but no paths are given")
             return
         expected = f"({len(self.contacts)}, K, 3) with K of 2 or more"
         corners = as_float64(
@@ -286,6 +289,7 @@ class Tracker:
         if arrays["paths"].shape[1] != count:
             arrays["paths"] = np.empty((len(self.contacts), count, 3))
             arrays["path_bends"] = np.linspace(0.0, 1.0, count)
+            arrays["scratch"] = np.zeros(track.SCRATCH_SIZE + count)
             self._tell_addresses()
         arrays["paths"][...] = corners
         if path_bends is None:

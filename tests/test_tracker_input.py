@@ -289,3 +289,11 @@ def test_part_whose_pose_is_not_rigid_is_refused_and_ticks_go_on():
         scene.move("block", np.diag([2.0, 1, 1, 1]))
 
     assert tracker.tick([(0, 0, 0.1)], 0, 0)["signed_distance"][0] == pytest.approx(0.05 - RADIUS)
+
+
+@pytest.mark.parametrize("given", [{"bends": [0.5]}, {"path_bends": [0.0, 1.0]}])
+def test_bends_without_paths_are_refused(given):
+    tracker = Tracker(Scene([plate()]), fingers=1)
+
+    with pytest.raises(QueryError, match="bends are of places on paths, but no paths are given"):
+        tracker.tick([[0.0, 0.0, 0.05]], 0, 0, **given)

@@ -170,8 +170,8 @@ def foretell(
             reals, words, frames, parts, way, stages, 2, 0.0, clearance, radius, speed, drift, part, slot,
             min(_left(settings, numbers, i), STRIDE), balls, settings[WAY], room, witness, place,
         )  # fmt: skip
-        # Without a step of its own the way tells nothing beyond what the nearest face does.
-        if steps > 0 or free >= horizon:
+        # Where the way has not been followed to its end, or to a touch, there is still the nearest face.
+        if free >= horizon or found < np.inf:
             expected = found
         _count(settings, numbers, i, steps)
     records[i, TIME_TO_CONTACT_LOWER] = free

@@ -80,13 +80,17 @@ from proximity.kernels.track import (
     MAX_SPEED,
     MOVING_COUNT,
     ODOMETER,
+    PLACE_AT,
     RADIUS,
+    SCRATCH_SIZE,
     SLOT,
+    STAGES_AT,
     STANDS,
     STEPS_LEFT,
     TOLD_PART,
     TOLERANCE,
     WAY,
+    WAY_AT,
     WORKING_RANGE,
     forget_surfaces,
     tracker_arrays_at,
@@ -252,6 +256,7 @@ def tick(handle, tracker, now_ns, is_moved):
         before,
         moving,
         room,
+        scratch,
     ) = tracker_arrays_at(tracker)
     if is_moved:
         settings[WAY] = (settings[WAY] + way_of_parts(frames, before)) * (1.0 + 2.0**-52)
@@ -262,8 +267,9 @@ def tick(handle, tracker, now_ns, is_moved):
     moving_count, stands = np.int64(settings[MOVING_COUNT]), settings[STANDS] != 0.0
     acts_ns = now_ns + np.int64(1e9 * settings[LATENCY])
     reach = FARTHEST / frames[len(parts) - 1, SCALE]
-    witness, place, way, stages = np.empty(WITNESS_SIZE), np.empty(9), np.empty((2, 3)), np.empty(2)
-    path_stages = np.empty(len(path_bends))
+    witness, place = scratch[:WITNESS_SIZE], scratch[PLACE_AT:WAY_AT]
+    way, stages = scratch[WAY_AT:STAGES_AT].reshape(2, 3), scratch[STAGES_AT:SCRATCH_SIZE]
+    path_stages = scratch[SCRATCH_SIZE:]
     count, first = len(positions), np.int64(settings[FIRST])
     settings[STEPS_LEFT] = CROWD * settings[BUDGET]
     settings[AHEAD_LEFT] = AHEAD * settings[BUDGET]

@@ -52,6 +52,8 @@ A part that is put far away and back goes so far at once."""
 POSE_COLUMNS = 12
 """Of ``before``: rotation and translation of each part at the tick before."""
 
+PLACE_AT, WAY_AT, STAGES_AT, SCRATCH_SIZE = 24, 40, 46, 48
+"""Places in ``scratch``: a witness comes first, the stages of a path last."""
 FINGER_COUNT, PATH_COUNT, PART_COUNT, ROOM_COUNT = 0, 1, 2, 3
 FIRST_ADDRESS = 4
 NAMES = (
@@ -71,6 +73,7 @@ NAMES = (
     "before",
     "moving",
     "room",
+    "scratch",
 )
 """Of the arrays, in the order of their addresses in the table."""
 TABLE_SIZE = FIRST_ADDRESS + len(NAMES)
@@ -109,6 +112,7 @@ def tracker_arrays_at(handle):
         reals_at(table[at + 13], (parts, POSE_COLUMNS)),
         longs_at(table[at + 14], (parts,)),
         words_at(table[at + 15], (room,)),
+        reals_at(table[at + 16], (SCRATCH_SIZE + knots,)),
     )
 
 
