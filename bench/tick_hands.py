@@ -163,6 +163,9 @@ def _measure_warm(case, scene, options, rise=0.0):
             if name == "cold":
                 what = f"{case}: a track kept, against one that forgets, p50"
                 verdicts.append(at_least(what, 2.0 if rise else 1.0, middle, spread))
+            else:
+                what = f"{case}: a tick of a track kept, against scene.closest, p50"
+                verdicts.append(at_least(what, 2.0 if rise else 1.0, middle, spread))
             remarks.append(f"{middle:.2f}{spread} times as long as the tick of a track kept")
         rows.append(row_of(f"{case}: {name}", scene, 5, logs[name], verdicts=verdicts, remarks=remarks))
     return rows

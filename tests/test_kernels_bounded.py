@@ -299,14 +299,23 @@ def test_bracket_at_the_centre_of_a_ball_is_narrow_by_its_slabs(cavity):
 def test_bracket_at_the_centre_closes_with_the_budget(cavity):
     gaps = [gap_of(cavity, (1e-5, 0.0, 0.0), budget) for budget in (200, 800, 3200)]
 
-    assert gaps[0] < 0.03 and gaps[1] < 0.6 * gaps[0] and gaps[2] < 0.6 * gaps[1]
+    assert gaps[0] < 0.035 and gaps[1] < 0.6 * gaps[0] and gaps[2] < 0.6 * gaps[1]
 
 
-def test_bounds_rise_before_anything_is_found():
-    """The nearest are opened first then too, not all there are."""
+def test_a_few_steps_from_nothing_find_a_near_face_and_raise_the_bound():
+    """Each sweep follows one of the nearest down to a leaf, and opens the others from the nearest on."""
     found = walk(model_of(shapes.sphere(1.0, 5)), (0.0, 0.0, 0.5), 8)
 
-    assert found.slot == NO_SLOT and found.lower_sq > 0.1
+    assert found.slot != NO_SLOT and 0.2 < found.lower_sq <= 0.25 <= found.best_sq * 1.01 < 0.26
+
+
+def test_bracket_is_narrow_all_around_the_centre(cavity):
+    """Where boxes mislead the first descent, the sweeps find the near side: brackets were 18 % wide here."""
+    rng = np.random.default_rng(4)
+    ways = rng.normal(size=(100, 3))
+    points = ways / np.linalg.norm(ways, axis=1)[:, None] * rng.uniform(0.0, 0.1, (100, 1))
+
+    assert max(gap_of(cavity, point, 600) for point in points) < 0.02
 
 
 # --- rounding ---------------------------------------------------------------------------------------------

@@ -43,7 +43,7 @@ def test_a_crowd_takes_turns_within_its_steps_and_within_bounds(ball):
     tracker, tips = Tracker(ball, fingers=count), skin(count)
     was_exact = np.zeros(count, bool)
 
-    for k in range(24):
+    for k in range(48):
         points = tips + k * STEP
         contacts = tracker.tick(points, k * MS, k * MS)
         true = ball.signed_distance(points) - RADIUS

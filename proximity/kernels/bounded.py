@@ -2,8 +2,8 @@
 
 It starts depth first, like the walk without a budget, which is the shortest way where there is one. A walk
 that has not ended after an eighth of its budget has met one of the places where any exact search opens
-everything (the centre of a ball): from there on it opens, sweep by sweep, what has the smallest bounds, so
-that the gap between the bounds closes fastest.
+everything (the centre of a ball): from there on it opens, sweep by sweep, what has the smallest bounds, and
+follows one of them down to a leaf, so that the gap between the bounds closes from both sides.
 
 What waits is kept in *room* (float32): three planes of `ROOM` numbers: a squared distance below which nothing
 in the subtree lies, in the scene's scaled frame whatever the subtree's own; its reference (int32 bits); and
@@ -241,6 +241,8 @@ def _sweep(reals, words, frames, parts, x, y, z, best_sq, best_slot, count, work
         gap = min(best_sq, 4.0 * lower_sq + 1.0) - lower_sq
         threshold = max(np.float32(lower_sq + share * gap), lowest)
         end, before = count, work
+        # The first that is opened is followed down to a leaf: that brings the other bound down.
+        follows, following = True, np.int64(-1)
         for first in range(0, end, LANES):
             if first + LANES > end:
                 # Children that were appended in this sweep wait for the next.
@@ -251,9 +253,12 @@ def _sweep(reals, words, frames, parts, x, y, z, best_sq, best_slot, count, work
             while left:
                 _fetch(reals, words, load_int(room, first + trailing_zeros(left) + ROOM))
                 left &= left - 1
-            while chosen and work < budget and count + LANES <= ROOM - 2 * LANES:
-                i = first + trailing_zeros(chosen)
-                chosen &= chosen - 1
+            while (chosen or following >= 0) and work < budget and count + LANES <= ROOM - 2 * LANES:
+                if following >= 0:
+                    i, following = following, np.int64(-1)
+                else:
+                    i = first + trailing_zeros(chosen)
+                    chosen &= chosen - 1
                 reference = np.int64(load_int(room, i + ROOM))
                 tag = np.int64(room[i + 2 * ROOM])
                 if reference < 0 and ~reference >= ENTRY:
@@ -275,6 +280,7 @@ def _sweep(reals, words, frames, parts, x, y, z, best_sq, best_slot, count, work
                     )
                     best_sq = found_sq * factor
                     best32 = open_up_to(best_sq)
+                    follows = False
                     continue
                 base = NODE_STRIDE * reference
                 bounds = _bounds(
@@ -300,5 +306,12 @@ def _sweep(reals, words, frames, parts, x, y, z, best_sq, best_slot, count, work
                 store(room, count, compress(bounds, is_open))
                 store(room, count + ROOM, compress(load(words, base + CHILDREN), is_open))
                 store(room, count + 2 * ROOM, splat32(np.float32(part)))
-                count += count_bits(bits(is_open))
+                opened = count + count_bits(bits(is_open))
+                follows = follows and opened > count
+                if follows:
+                    following = count
+                    for k in range(count + 1, opened):
+                        if room[k] < room[following]:
+                            following = np.int64(k)
+                count = opened
         share = 2.0 * share if FEWEST * (work - before) < end else SHARE
