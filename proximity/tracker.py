@@ -18,9 +18,9 @@ from proximity.message import CONTACT
 from proximity.model import Model
 from proximity.scene import Scene
 
-DEFAULT_BUDGET = 600
+DEFAULT_BUDGET = 500
 """Nodes and leaves a finger and tick. Near CAD parts a walk takes 10 to 60; at the centre of a ball of 1.3 M
-faces these take 20 µs and bracket the distance within 2 %."""
+faces these take 15 to 40 µs, as fast as the memory is, and bracket the distance within 3 %."""
 GONE = -2
 """Part of the last answer that is not in the scene any more."""
 MOST_NS = 2**62
@@ -46,7 +46,7 @@ class Tracker:
         From a tick until the controller acts on its answer: predictions are for then.
     budget : int
         Nodes and leaves visited for a finger in a tick, at most, but for a few that tell side and way; None:
-        600, which keeps any tick of five fingers below 0.2 ms. All fingers together take at most ten budgets
+        500, which keeps any tick of five fingers below 0.2 ms. All fingers together take at most ten budgets
         for distances and three for looking ahead: a crowd takes turns.
     working_range : float, m
         Beyond it there are bounds only: a finger that cannot have come nearer is not searched for.
