@@ -35,3 +35,11 @@ class SceneError(ProximityError, ValueError):
 
 class RecordingError(ProximityError, ValueError):
     """A recording cannot be read or used, or a log of contacts not written."""
+
+
+class PublishError(ProximityError, OSError):
+    """An address cannot be opened, or a message not be published or received there."""
+
+
+class ServiceError(ProximityError, ValueError):
+    """A scene file cannot be used, or a service cannot be run as told."""

@@ -17,6 +17,11 @@ SURFACE_UNKNOWN = 0
 SURFACE_RIGID = 1
 SURFACE_DEFORMABLE = 2
 
+MODE_RETRACT = 0
+MODE_POSITION = 1
+MODE_FORCE = 2
+MODE_HOLD = 3
+
 # --- columns of eight bytes: float64 unless said ---
 POSE_NS = 1  # int64
 AGE_NS = 2  # int64
@@ -53,4 +58,6 @@ PART = 78
 FACE = 79
 WORK = 80
 KINDS = 81  # surface, mode, source, force_is_valid: one byte each, surface lowest
+MODE_BIT = 8
+FORCE_VALID_BIT = 24
 RECORD_INTS = 82

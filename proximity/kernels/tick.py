@@ -15,14 +15,21 @@ from proximity.kernels.compiling import inlined, kernel
 from proximity.kernels.contact import (
     AGE_NS,
     APPROACH_SPEED,
+    CONTACT_BEND,
     DAMPING,
     FACE,
     FLAGS,
     FORCE,
+    FORCE_VALID_BIT,
     IN_RANGE,
     INSIDE,
     KINDS,
     LOWER,
+    MODE_BIT,
+    MODE_FORCE,
+    MODE_HOLD,
+    MODE_POSITION,
+    MODE_RETRACT,
     NORMAL,
     PART,
     PART_CHANGED,
@@ -40,6 +47,8 @@ from proximity.kernels.contact import (
     SIGNED_DISTANCE,
     SKIPPED,
     STIFFNESS,
+    SURFACE_DEFORMABLE,
+    TIME_TO_CONTACT,
     TIME_TO_CONTACT_LOWER,
     TRACKED,
     UPPER,
@@ -230,6 +239,23 @@ def _distance(
     return flags | bits
 
 
+@inlined
+def _advise(records, numbers, i):
+    """Write what the controller is advised to do, and with what force a deformable part answers a touch."""
+    is_deformable = numbers[i, KINDS] == SURFACE_DEFORMABLE
+    is_touching = records[i, SIGNED_DISTANCE] <= 0.0
+    mode = MODE_RETRACT
+    if is_touching or records[i, TIME_TO_CONTACT] < np.inf or records[i, CONTACT_BEND] < np.inf:
+        mode = MODE_FORCE if is_deformable else MODE_POSITION
+    numbers[i, KINDS] |= mode << MODE_BIT
+    if is_deformable and is_touching:
+        damped = records[i, DAMPING] * records[i, APPROACH_SPEED]
+        force = max(0.0, damped - records[i, STIFFNESS] * records[i, SIGNED_DISTANCE])
+        if isfinite(force):
+            records[i, FORCE] = force
+            numbers[i, KINDS] |= 1 << FORCE_VALID_BIT
+
+
 @kernel
 def tick(handle, tracker, now_ns, is_moved):
     """Fill the records of the tracker at address *tracker* for the model at *handle*.
@@ -297,6 +323,7 @@ def tick(handle, tracker, now_ns, is_moved):
         flags &= FLAG_BITS
         if not (flags & TRACKED and abs(x) <= reach and abs(y) <= reach and abs(z) <= reach):
             numbers[i, FLAGS] = flags & ~(TRACKED | PREDICTED)
+            numbers[i, KINDS] = MODE_HOLD << MODE_BIT
             marks[i, TOLD_PART] = NO_PART
             continue
         for axis in range(3):
@@ -319,4 +346,5 @@ def tick(handle, tracker, now_ns, is_moved):
                 path_stages, place,
             )  # fmt: skip
         numbers[i, FLAGS] = flags
+        _advise(records, numbers, i)
     settings[FIRST] = max(settings[FIRST], 0.0)

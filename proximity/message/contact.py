@@ -1,8 +1,6 @@
-"""What a tick answers for one finger, as it is kept, logged and published: a fixed NumPy structured type.
+"""What a tick answers for one finger, as it is kept, logged and published.
 
-One record is `CONTACT`: little-endian, every field on a multiple of its size, lengths in metres, times in
-int64 nanoseconds of one monotonic clock. What the tracker fills is what travels, byte for byte. Kernels write
-by column number (`kernels.contact`); a test holds both together.
+One record is `CONTACT`. Kernels write by column number (`kernels.contact`); a test holds both together.
 """
 
 import operator
@@ -58,6 +56,19 @@ class Surface(IntEnum):
     DEFORMABLE = contact.SURFACE_DEFORMABLE
 
 
+class Mode(IntEnum):
+    """What the controller is advised to do with the drum (PAPER 8); on doubt it does less."""
+
+    RETRACT = contact.MODE_RETRACT
+    """Nothing will be touched within the horizon."""
+    POSITION = contact.MODE_POSITION
+    """A rigid surface is near or touched: the drum stands where the contact is."""
+    FORCE = contact.MODE_FORCE
+    """A deformable surface is near or touched: the drum presses by the surface's law."""
+    HOLD = contact.MODE_HOLD
+    """Nothing is known of the finger."""
+
+
 _VECTOR = ("<f8", (3,))
 
 CONTACT = np.dtype(
@@ -90,14 +101,14 @@ CONTACT = np.dtype(
         ("contact_bend_rate", "<f8"),  # 1/s, drift of contact_bend as the part moves; nan: not known
         ("stiffness", "<f8"),  # N/m, of a deformable part
         ("damping", "<f8"),  # N s/m
-        ("force", "<f8"),  # N
+        ("force", "<f8"),  # N, of a deformable part on the finger, or measured
         ("part", "<i4"),  # index into scene.parts
         ("face", "<i4"),  # row of that part's solid.mesh.faces
         ("work", "<u4"),  # nodes and leaves visited
         ("surface", "<u1"),  # Surface
-        ("mode", "<u1"),
-        ("source", "<u1"),
-        ("force_is_valid", "<u1"),
+        ("mode", "<u1"),  # Mode
+        ("source", "<u1"),  # Source
+        ("force_is_valid", "<u1"),  # 1 where the force means something
     ]
 )
 """One finger at one tick."""

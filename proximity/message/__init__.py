@@ -1,0 +1,51 @@
+"""What travels: frames of contacts to the drum's controller, and what a service is fed with.
+
+Fixed NumPy structured types, little-endian, every field on a multiple of its size, sizes multiples of eight,
+lengths in metres, times in int64 nanoseconds of one monotonic clock. What the tracker fills is what travels
+and what a log holds, byte for byte.
+"""
+
+from proximity.message.contact import CONTACT, ContactFlag, Mode, Surface
+from proximity.message.envelope import MAX_RECORDS, PREFIX, VERSION, Flaw, Kind, Message, flaw_of, parts_of
+from proximity.message.frame import FRAME, FRAME_HEADER, Source, State
+from proximity.message.inputs import (
+    INPUT_HEADER,
+    MEASURED,
+    MEASUREMENT,
+    MOVE,
+    MOVES,
+    PATH_CORNERS,
+    PATH_POSE,
+    PATH_POSES,
+    POSE,
+    POSES,
+)
+
+__all__ = [
+    "CONTACT",
+    "FRAME",
+    "FRAME_HEADER",
+    "INPUT_HEADER",
+    "MAX_RECORDS",
+    "MEASURED",
+    "MEASUREMENT",
+    "MOVE",
+    "MOVES",
+    "PATH_CORNERS",
+    "PATH_POSE",
+    "PATH_POSES",
+    "POSE",
+    "POSES",
+    "PREFIX",
+    "VERSION",
+    "ContactFlag",
+    "Flaw",
+    "Kind",
+    "Message",
+    "Mode",
+    "Source",
+    "State",
+    "Surface",
+    "flaw_of",
+    "parts_of",
+]

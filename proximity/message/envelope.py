@@ -1,0 +1,140 @@
+"""What every message is wrapped in: who it is, how long, which one of a row, and whether it arrived whole.
+
+A message is its kind's header, then one record a finger, without gaps. All headers begin with the 32 bytes of
+`PREFIX`, so that a receiver can refuse what it does not understand before it looks at anything else. Sizes
+are multiples of eight; numbers are little-endian.
+
+The checksum is the CRC-32 of zlib, Ethernet and PNG over everything behind it: bytes 8 to ``size``.
+"""
+
+import zlib
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+VERSION = 1
+"""Of the layout of all messages. A receiver takes its own version and no other."""
+MAX_RECORDS = 4096
+"""Most records a message may have: a hand's skin."""
+
+PREFIX = np.dtype(
+    [
+        ("magic", "<u4"),  # which kind of message
+        ("checksum", "<u4"),  # CRC-32 of bytes 8 to size
+        ("version", "<u2"),  # of the layout
+        ("header_size", "<u2"),  # bytes; the records follow
+        ("size", "<u4"),  # bytes of the whole message
+        ("session", "<u8"),  # instant at which the publisher started, ns: another one is another run of it
+        ("sequence", "<u8"),  # 0, 1, 2, … within a session; gaps are messages lost
+    ]
+)
+CHECKED_FROM = 8
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Kind:
+    """A kind of message: how it is known, and what it is made of."""
+
+    name: str
+    magic: int
+    header: np.dtype  # begins with the fields of `PREFIX`; has a field ``count``
+    record: np.dtype
+
+    def size(self, count: int) -> int:
+        """Bytes of a message with *count* records."""
+        return self.header.itemsize + count * self.record.itemsize
+
+
+class Flaw(Enum):
+    """Why bytes are not a message that can be used."""
+
+    SHORT = "shorter than a header"
+    MAGIC = "another kind of message, or none"
+    VERSION = "another version of the layout"
+    SIZE = "not as long as it says"
+    CHECKSUM = "damaged on the way"
+    OLD = "overtaken or repeated"
+    FUTURE = "from the future"
+    CONTENT = "without sense"
+
+
+class Message:
+    """Room for one message with a fixed number of records, and its parts as arrays.
+
+    Parameters
+    ----------
+    kind : Kind
+        What it is to be.
+    count : int
+        How many records.
+    """
+
+    kind: Kind
+    data: np.ndarray  # uint8, the whole message
+    header: np.ndarray  # () structured
+    records: np.ndarray  # (count,) structured
+
+    def __init__(self, kind: Kind, count: int) -> None:
+        if not 0 <= count <= MAX_RECORDS:
+            raise ValueError(f"{count} records, expected 0 to {MAX_RECORDS}")
+        self.kind = kind
+        self.data = np.zeros(kind.size(count), np.uint8)
+        self.header, self.records = parts_of(self.data, kind)
+        self.header["magic"] = kind.magic
+        self.header["version"] = VERSION
+        self.header["header_size"] = kind.header.itemsize
+        self.header["size"] = len(self.data)
+        self.header["count"] = count
+        self._checksum = self.data[4:8].view("<u4")
+        self._numbers = self.data[16:32].view("<u8")
+        self._checked = memoryview(self.data)[CHECKED_FROM:]
+
+    def seal(self, session: int, sequence: int) -> np.ndarray:
+        """Number the message, checksum it, and return its bytes: the same array each time."""
+        self._numbers[0] = session
+        self._numbers[1] = sequence
+        self._checksum[0] = zlib.crc32(self._checked)
+        return self.data
+
+
+def parts_of(data: np.ndarray, kind: Kind) -> tuple[np.ndarray, np.ndarray]:
+    """Header, as an array of shape (), and records of a message, as views of its bytes.
+
+    Parameters
+    ----------
+    data : (size,) uint8
+        A message without a flaw, or room for one.
+    kind : Kind
+        Which it is.
+    """
+    size = kind.header.itemsize
+    return data[:size].view(kind.header).reshape(()), data[size:].view(kind.record)
+
+
+def flaw_of(data: memoryview | bytes | np.ndarray, kind: Kind) -> Flaw | None:
+    """Say what is wrong with bytes that claim to be a message of that kind; None: nothing.
+
+    Parameters
+    ----------
+    data : bytes-like
+        What arrived; nothing of it is trusted.
+    kind : Kind
+        What is expected.
+    """
+    size = len(data)
+    if size < kind.header.itemsize:
+        return Flaw.SHORT
+    prefix = np.frombuffer(data, PREFIX, count=1)[0]
+    if prefix["magic"] != kind.magic:
+        return Flaw.MAGIC
+    if prefix["version"] != VERSION:
+        return Flaw.VERSION
+    body = size - kind.header.itemsize
+    is_whole = prefix["size"] == size and prefix["header_size"] == kind.header.itemsize
+    if not is_whole or body % kind.record.itemsize or body // kind.record.itemsize > MAX_RECORDS:
+        return Flaw.SIZE
+    if zlib.crc32(memoryview(data)[CHECKED_FROM:]) != prefix["checksum"]:
+        return Flaw.CHECKSUM
+    count = np.frombuffer(data, kind.header, count=1)[0]["count"]
+    return None if count * kind.record.itemsize == body else Flaw.SIZE

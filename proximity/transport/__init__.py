@@ -1,0 +1,100 @@
+"""Messages from one process to another, by addresses: ``iox2://decaff``, ``udp://127.0.0.1:9100``, ….
+
+A transport moves bytes (`links`); what they are worth is decided on this side of it: `Publisher` numbers and
+checksums them, `Subscriber` and `Examiner` verify and age them. Nothing received is ever evaluated.
+"""
+
+from collections.abc import Callable
+from importlib import import_module
+from typing import Any
+
+from proximity.errors import PublishError
+from proximity.transport.address import parse
+from proximity.transport.examining import Counts, Examiner
+from proximity.transport.links import TRANSPORTS, Inlet, Outlet
+from proximity.transport.publisher import Publisher
+from proximity.transport.subscriber import Reading, Subscriber, forget, widen
+
+__all__ = [
+    "Counts",
+    "Examiner",
+    "Inlet",
+    "Outlet",
+    "Publisher",
+    "Reading",
+    "Subscriber",
+    "forget",
+    "open_inlet",
+    "open_outlet",
+    "open_publisher",
+    "open_subscriber",
+    "widen",
+]
+
+
+def open_publisher(address: str) -> Publisher:
+    """Open an address to publish messages at.
+
+    Parameters
+    ----------
+    address : str
+        ``mailbox:NAME`` inside this process, ``iox2://NAME`` on this machine, ``udp://HOST:PORT`` for whoever
+        listens there, ``zenoh://KEY`` across machines.
+
+    Returns
+    -------
+    Publisher
+        To be closed, or used in a ``with`` block.
+
+    Raises
+    ------
+    PublishError
+        If the address is none, is in use, or cannot be opened; the message says what was expected.
+    """
+    return Publisher(open_outlet(address), address)
+
+
+def open_subscriber(address: str, **settings: Any) -> Subscriber:
+    """Open an address to receive frames from.
+
+    Parameters
+    ----------
+    address : str
+        As of `open_publisher`; ``udp://HOST:PORT`` is where to listen.
+    settings
+        ``stale_after`` (s after a frame's ``valid_until`` until it is worth nothing, 0.08), ``max_speed``
+        (m/s, 3) and ``max_acceleration`` (m/s², 120) of a finger, by which bounds widen meanwhile.
+
+    Returns
+    -------
+    Subscriber
+        To be closed, or used in a ``with`` block. That nobody publishes yet is no error.
+
+    Raises
+    ------
+    PublishError
+        If the address is none, is in use, or cannot be opened.
+    """
+    return Subscriber(open_inlet(address), address, **settings)
+
+
+def open_outlet(address: str) -> Outlet:
+    """Open the bare sending end of an address; see `open_publisher`."""
+    return _open(address, "open_outlet")
+
+
+def open_inlet(address: str) -> Inlet:
+    """Open the bare receiving end of an address; see `open_subscriber`."""
+    return _open(address, "open_inlet")
+
+
+def _open(text: str, end: str) -> Any:
+    address = parse(text)
+    transport = TRANSPORTS.get(address.scheme)
+    if transport is None:
+        raise address.refuse(f"no transport is called {address.scheme!r} (expected {', '.join(TRANSPORTS)})")
+    try:
+        opener: Callable[..., Any] = getattr(import_module(transport.module), end)
+    except ModuleNotFoundError as missing:
+        raise address.refuse(f"needs {missing.name}: {transport.is_installed_by}") from missing
+    return opener(address)

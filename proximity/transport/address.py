@@ -1,0 +1,55 @@
+"""Addresses: which transport, where, and its options."""
+
+from dataclasses import dataclass
+from urllib.parse import parse_qsl, unquote, urlsplit
+
+from proximity.errors import PublishError
+
+
+@dataclass(frozen=True, slots=True)
+class Address:
+    """An address taken apart: ``scheme://place?option=value``, or ``mailbox:place``."""
+
+    text: str
+    scheme: str
+    place: str
+    options: dict[str, str]
+
+    def refuse(self, expected: str) -> PublishError:
+        """Make the error that says what was expected of this address."""
+        return PublishError(f"{self.text}: {expected}")
+
+    def check_options(self, *known: str) -> None:
+        """Refuse options that this transport does not have."""
+        for name in self.options:
+            if name not in known:
+                has = f"expected {', '.join(known)}" if known else "it has none"
+                raise self.refuse(f"there is no option {name!r} ({has})")
+
+
+def parse(text: str) -> Address:
+    """Take an address apart.
+
+    Parameters
+    ----------
+    text : str
+        For example ``iox2://decaff`` or ``udp://127.0.0.1:9100?from=127.0.0.1``.
+
+    Raises
+    ------
+    PublishError
+        If it has no scheme, no place, or options that are not ``name=value``.
+    """
+    if not isinstance(text, str):
+        raise PublishError(f"an address is text such as iox2://decaff, not {text!r}")
+    try:
+        parts = urlsplit(text)
+        options = dict(parse_qsl(parts.query, keep_blank_values=True, strict_parsing=bool(parts.query)))
+    except ValueError as unfit:
+        raise PublishError(f"{text}: expected scheme://place?option=value ({unfit})") from unfit
+    place = unquote(parts.netloc + parts.path)
+    if not parts.scheme or not place or parts.fragment:
+        raise PublishError(
+            f"{text}: expected an address such as iox2://NAME, udp://HOST:PORT, zenoh://KEY or mailbox:NAME"
+        )
+    return Address(text, parts.scheme.lower(), place, options)

@@ -1,0 +1,62 @@
+"""What a transport gives: a way out and a way in for bytes, and nothing that knows what they mean."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+
+class Outlet(Protocol):
+    """The sending end of a transport."""
+
+    def send(self, data: np.ndarray) -> None:
+        """Hand over one message, (size,) uint8, to whoever listens; never wait for them.
+
+        Raises `PublishError` if it cannot be sent at all; that nobody listens is no error.
+        """
+
+    def close(self) -> None:
+        """Give the address back; closing twice is once."""
+
+
+class Inlet(Protocol):
+    """The receiving end of a transport."""
+
+    shares_clock: bool
+    """Whether the sender's monotonic clock is ours: whether it is on this machine."""
+
+    def receive(self, room: np.ndarray) -> int:
+        """Take the next message that waits, oldest first, into *room* (uint8); its size, or `NOTHING`.
+
+        Of a message larger than *room* only the beginning is taken; its size is returned all the same.
+        Whatever is not from the sender that the address names is left out and counted in `refused`.
+        """
+
+    refused: int
+    """Messages left out because of whom they are from."""
+
+    def wait(self, timeout: float) -> bool:
+        """Wait until a message may be there, or that many seconds; False if surely none came."""
+
+    def close(self) -> None:
+        """Give the address back; closing twice is once."""
+
+
+NOTHING = -1
+"""No message waits."""
+
+
+@dataclass(frozen=True, slots=True)
+class Transport:
+    """How a scheme opens its two ends."""
+
+    module: str  # imported when it is first asked for
+    is_installed_by: str  # what to install where the module's library is not there
+
+
+TRANSPORTS = {
+    "mailbox": Transport("proximity.transport.mailbox", ""),
+    "iox2": Transport("proximity.transport.iceoryx", 'pip install "proximity"'),
+    "udp": Transport("proximity.transport.udp", ""),
+    "zenoh": Transport("proximity.transport.zenoh", 'pip install "proximity[zenoh]"'),
+}
