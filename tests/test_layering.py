@@ -15,7 +15,7 @@ cli
 warmup
 loading
 replay
-tracker · recording
+tracker · transport · recording
 scene · message
 compiled
 deforming · part

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import proximity
+from proximity.message import Kind
 
 
 def as_ruff_sorts(name):
@@ -25,30 +26,46 @@ def test_public_names_are_those_agreed():
     """Adding or removing one is a decision about versions: change this list with it."""
     assert set(proximity.__all__) == {
         "CONTACT",
+        "FRAME",
+        "MEASURED",
+        "MOVES",
         "NO_FACE",
+        "PATH_POSES",
+        "POSES",
         "ClosestPoints",
         "ContactFlag",
         "Feature",
         "MeshError",
         "MeshFormatError",
+        "Message",
+        "Mode",
         "NotWatertightError",
         "Part",
         "Pose",
         "PoseError",
         "ProximityError",
+        "PublishError",
+        "Publisher",
         "QueryError",
         "RayHits",
+        "Reading",
         "RecordingError",
         "Scene",
         "SceneError",
         "SegmentHits",
+        "ServiceError",
         "SignMethod",
         "Solid",
+        "Source",
+        "State",
+        "Subscriber",
         "Surface",
         "Tracker",
         "TriangleMesh",
         "kernels_are_cached",
         "load",
+        "open_publisher",
+        "open_subscriber",
         "warm_up",
     }
 
@@ -65,7 +82,7 @@ def test_public_name_resolves_and_is_documented(name):
     value = getattr(proximity, name)
 
     if name.isupper():
-        assert isinstance(value, int | np.dtype)
+        assert isinstance(value, int | np.dtype | Kind)
         return
     assert value.__name__ == name
     assert inspect.getdoc(value)

@@ -88,13 +88,26 @@ class Message:
         self.header["count"] = count
         self._checksum = self.data[4:8].view("<u4")
         self._numbers = self.data[16:32].view("<u8")
-        self._checked = memoryview(self.data)[CHECKED_FROM:]
+        self._checked = self.data[CHECKED_FROM:]
 
     def seal(self, session: int, sequence: int) -> np.ndarray:
-        """Number the message, checksum it, and return its bytes: the same array each time."""
+        """Number the message, checksum it, and return its bytes: the same array each time.
+
+        Parameters
+        ----------
+        session : int
+            Of the publisher.
+        sequence : int
+            Of the message in it.
+
+        Returns
+        -------
+        (size,) uint8
+            The whole message.
+        """
         self._numbers[0] = session
         self._numbers[1] = sequence
-        self._checksum[0] = zlib.crc32(self._checked)
+        self._checksum[0] = zlib.crc32(self._checked.data)
         return self.data
 
 
@@ -112,12 +125,12 @@ def parts_of(data: np.ndarray, kind: Kind) -> tuple[np.ndarray, np.ndarray]:
     return data[:size].view(kind.header).reshape(()), data[size:].view(kind.record)
 
 
-def flaw_of(data: memoryview | bytes | np.ndarray, kind: Kind) -> Flaw | None:
+def flaw_of(data: np.ndarray, kind: Kind) -> Flaw | None:
     """Say what is wrong with bytes that claim to be a message of that kind; None: nothing.
 
     Parameters
     ----------
-    data : bytes-like
+    data : (size,) uint8
         What arrived; nothing of it is trusted.
     kind : Kind
         What is expected.
@@ -134,7 +147,7 @@ def flaw_of(data: memoryview | bytes | np.ndarray, kind: Kind) -> Flaw | None:
     is_whole = prefix["size"] == size and prefix["header_size"] == kind.header.itemsize
     if not is_whole or body % kind.record.itemsize or body // kind.record.itemsize > MAX_RECORDS:
         return Flaw.SIZE
-    if zlib.crc32(memoryview(data)[CHECKED_FROM:]) != prefix["checksum"]:
+    if zlib.crc32(data[CHECKED_FROM:].data) != prefix["checksum"]:
         return Flaw.CHECKSUM
     count = np.frombuffer(data, kind.header, count=1)[0]["count"]
     return None if count * kind.record.itemsize == body else Flaw.SIZE

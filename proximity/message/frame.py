@@ -16,7 +16,7 @@ class State(IntEnum):
     OK = 1
     """Every finger is tracked, and the frame was in time."""
     DEGRADED = 2
-    """In time, but with less than was asked for: a finger is not tracked, or near a surface with bounds only."""
+    """In time, but with less than was asked for: a finger is not tracked, or is near with bounds only."""
     LATE = 3
     """Ticks were missed, or the poses are older than the frame may be used: what holds are its bounds."""
     STALE = 4

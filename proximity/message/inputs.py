@@ -11,8 +11,8 @@ _PREFIX = [(name, PREFIX.fields[name][0].str) for name in PREFIX.names]  # type:
 _VECTOR = ("<f8", (3,))
 
 PATH_CORNERS = 65
-"""Corners of the polyline that tells a finger's path, evenly in its bend from 0 to 1. On the finger of PAPER 9.1
-they are 3.6 mm apart at most, and the path is 0.03 mm off them at most."""
+"""Corners of the polyline that tells a finger's path, evenly in its bend from 0 to 1. On the finger of PAPER
+9.1 they are 3.6 mm apart at most, and the path is 0.03 mm off the line at most."""
 
 INPUT_HEADER = np.dtype([*_PREFIX, ("send_ns", "<i8"), ("count", "<u4"), ("reserved", "<u1", (4,))])
 """The header of what a service is fed with, 48 bytes."""
@@ -30,8 +30,8 @@ POSE = np.dtype(
 """One finger of a ``poses`` message, 72 bytes."""
 
 PATH_POSE = np.dtype([*POSE.descr, ("corners", "<f8", (PATH_CORNERS, 3))])
-"""One finger of a ``path_poses`` message, 1632 bytes: a pose, and where the fingertip goes as the finger bends (m,
-scene's frame). A first corner of nan: the finger has no path."""
+"""One finger of a ``path_poses`` message, 1632 bytes: a pose, and where the fingertip goes as the finger
+bends (m, scene's frame). A first corner of nan: the finger has no path."""
 
 MOVE = np.dtype(
     [

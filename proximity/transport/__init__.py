@@ -8,7 +8,6 @@ from collections.abc import Callable
 from importlib import import_module
 from typing import Any
 
-from proximity.errors import PublishError
 from proximity.transport.address import parse
 from proximity.transport.examining import Counts, Examiner
 from proximity.transport.links import TRANSPORTS, Inlet, Outlet

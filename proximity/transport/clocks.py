@@ -19,7 +19,7 @@ class ForeignClock:
 
     def arrived(self, sent_ns: int, now_ns: int) -> None:
         """Learn that what was sent at *sent_ns*, their clock, arrived at *now_ns*, ours."""
-        offset = now_ns - sent_ns
+        offset: float = now_ns - sent_ns
         if self._offset_ns is not None:
             grown = self._offset_ns + DRIFT * max(now_ns - self._seen_ns, 0)
             offset = min(offset, grown)

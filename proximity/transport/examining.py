@@ -1,4 +1,4 @@
-"""Distrust of what arrives: only whole, new messages of the kind that is expected go on; the others are counted."""
+"""Distrust of what arrives: only whole, new messages of an expected kind go on; the others are counted."""
 
 import time
 from collections import Counter

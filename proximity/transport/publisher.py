@@ -10,19 +10,17 @@ from proximity.transport.links import Outlet
 class Publisher:
     """Publishes messages at an address; made by `open_publisher`.
 
-    Attributes
+    Parameters
     ----------
+    outlet : Outlet
+        The transport's sending end.
     address : str
-        Where.
-    session : int, ns
-        Instant at which the publisher was opened: receivers tell a restart by it.
-    sequence : int
-        Number of the next message.
+        What it was opened as.
     """
 
     address: str
-    session: int
-    sequence: int
+    session: int  # ns, instant at which the publisher was opened: receivers tell a restart by it
+    sequence: int  # number of the next message
 
     def __init__(self, outlet: Outlet, address: str) -> None:
         self.address = address

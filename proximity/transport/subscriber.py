@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from types import TracebackType
+from typing import Any
 
 import numpy as np
 
@@ -37,7 +38,7 @@ class Reading:
     is_new: bool  # no reading before had this frame
     now_ns: int  # instant of the reading, on the publisher's clock
     age_ns: int  # since the oldest pose of a tracked finger; -1 where there is no frame
-    header: np.void | None  # FRAME_HEADER, a copy; None: no frame yet
+    header: Any  # FRAME_HEADER, a copy; None: no frame yet
     contacts: np.ndarray  # (N,) CONTACT, overwritten by the next reading
 
     @property
@@ -52,12 +53,20 @@ class Subscriber:
     Size, version, checksum and number of each frame are verified, and that its contacts make sense. What
     does not hold is dropped and counted, and the frame before goes on ageing.
 
-    Attributes
+    Parameters
     ----------
+    inlet : Inlet
+        The transport's receiving end.
     address : str
-        Where.
-    counts : Counts
-        What was received, lost and refused so far.
+        What it was opened as.
+    stale_after : float, s
+        After a frame's ``valid_until``, until it is worth nothing.
+    max_speed : float, m/s
+        Of a finger: how fast bounds widen meanwhile.
+    max_acceleration : float, m/s²
+        Of a finger, likewise.
+    clock : callable
+        Gives now, ns, monotonic.
     """
 
     address: str
@@ -80,7 +89,7 @@ class Subscriber:
         self._stale_after_ns = round(1e9 * stale_after)
         self._max_speed, self._max_acceleration = max_speed, max_acceleration
         self._kept = np.zeros(0, np.uint8)  # the newest frame, as it came
-        self._header: np.void | None = None
+        self._header: np.ndarray | None = None
         self._received = np.zeros(0, CONTACT)
         self._told = np.zeros(0, CONTACT)
 
@@ -147,7 +156,7 @@ class Subscriber:
             self._kept = np.empty(len(data), np.uint8)
             header, self._received = parts_of(self._kept, FRAME)
             self._told = np.zeros(len(self._received), CONTACT)
-            self._header = header[()]
+            self._header = header
         self._kept[:] = data
 
     def _content_flaw(self, kind: Kind, data: np.ndarray, now: int) -> Flaw | None:
@@ -169,7 +178,7 @@ class Subscriber:
             now = self._foreign.theirs(now)
         if self._header is None:
             return Reading(State.STALE, False, now, -1, None, self._told)
-        header = self._header.copy()
+        header = self._header[()].copy()
         state, expires = State(int(header["state"])), int(header["valid_until_ns"])
         age = now - int(header["pose_ns"])
         np.copyto(self._told.view(np.uint8), self._received.view(np.uint8))
