@@ -14,6 +14,7 @@ from proximity.decaff.spring_damper import SpringDamper
 from proximity.decaff.stability import Gains
 
 ROOT_TOLERANCE = 1e-15  # rad
+SMALL_TURN = 1e-9  # rad, where a bracket begins: at rest every loop is in phase
 HOLD_AND_COMPUTING = 1.5  # periods from a position to the middle of its force
 
 
@@ -80,19 +81,16 @@ def delayed_spring_limit(finger: SpringDamper, delay: float) -> SpringLimit:
         rest = finger.mass * omega**2 - finger.stiffness
         return rest * math.sin(turn) - damping * omega * math.cos(turn)
 
-    limit = SpringLimit(math.inf, 0.0)
-    half_turns = 0
-    # A finger that resonates may be lost after more turns than the first: behind its resonance no more.
-    while half_turns == 0 or 2.0 * math.pi * limit.frequency_hz < _resonance(finger):
-        start = math.pi * half_turns
-        turn = brentq(out_of_phase, start + 1e-9, start + math.pi, xtol=ROOT_TOLERANCE)
+    limit, resonance = SpringLimit(math.inf, 0.0), _resonance(finger)
+    start, omega = 0.0, -1.0
+    # A finger that resonates may be lost at a later turn than the first; beyond that it gives way less.
+    while omega < resonance:
+        turn = brentq(out_of_phase, start + SMALL_TURN, start + math.pi, xtol=ROOT_TOLERANCE)
         omega = turn / delay
         stiffness = math.hypot(finger.mass * omega**2 - finger.stiffness, damping * omega)
         if stiffness < limit.stiffness:
             limit = SpringLimit(stiffness, omega / (2.0 * math.pi))
-        elif omega > _resonance(finger):
-            break
-        half_turns += 2
+        start += 2.0 * math.pi
     return limit
 
 

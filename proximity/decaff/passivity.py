@@ -4,14 +4,11 @@ The wall is a spring and a damper by differences, d samples late. The bound is o
 not on the finger's, and it holds for every hand that is passive itself.
 """
 
-import math
-
 import numpy as np
 from numpy.polynomial import chebyshev
 from scipy.optimize import brentq
 
-from proximity.decaff.arguments import not_negative, positive, whole
-from proximity.errors import DecaffError
+from proximity.decaff.arguments import finite, not_negative, positive, whole
 
 
 def required_damping(stiffness: float, damping: float, period: float, delay_samples: int = 0) -> float:
@@ -42,12 +39,10 @@ def required_damping(stiffness: float, damping: float, period: float, delay_samp
     stiffness = not_negative("stiffness", stiffness, "newtons a metre")
     period = positive("period", period, "seconds")
     delay_samples = whole("delay_samples", delay_samples, 0)
-    if not math.isfinite(damping):
-        raise DecaffError(f"damping is {damping!r}, expected a number of newton seconds a metre")
     series = np.zeros(delay_samples + 2)  # of Chebyshev polynomials in the cosine
     series[0] = 0.5 * stiffness * period
     series[1:-1] = stiffness * period
-    series[-1] = -damping
+    series[-1] = -finite("damping", damping, "newton seconds a metre")
     return _largest(series)
 
 
@@ -76,7 +71,7 @@ def sufficient_damping(stiffness: float, damping: float, period: float, delay: f
     """
     stiffness = not_negative("stiffness", stiffness, "newtons a metre")
     lateness = 0.5 * positive("period", period, "seconds") + not_negative("delay", delay, "seconds")
-    return stiffness * lateness + not_negative("size of damping", abs(damping), "newton seconds a metre")
+    return stiffness * lateness + abs(finite("damping", damping, "newton seconds a metre"))
 
 
 def is_passive(
@@ -140,6 +135,8 @@ def apparent_damping(stiffness: float, period: float, delay_samples: int = 0) ->
 
 def _largest(series: np.ndarray) -> float:
     """The largest value of a Chebyshev series between -1 and 1."""
-    turns = chebyshev.chebroots(chebyshev.chebder(series)) if np.any(series[2:]) else np.zeros(0)
-    inside = turns.real[(np.abs(turns.imag) < 1e-6) & (np.abs(turns.real) < 1.0)]
-    return float(chebyshev.chebval(np.array([-1.0, 1.0, *inside]), series).max())
+    negligible = np.finfo(np.float64).eps * np.abs(series).max()
+    turns = chebyshev.chebroots(chebyshev.chebder(chebyshev.chebtrim(series, negligible)))
+    # A place that is no turn does no harm: its value is not above the largest.
+    places = np.clip(turns.real, -1.0, 1.0)
+    return float(chebyshev.chebval(np.array([-1.0, 1.0, *places]), series).max())

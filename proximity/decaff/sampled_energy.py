@@ -11,7 +11,6 @@ import numpy as np
 
 from proximity.decaff.arguments import positive, whole
 from proximity.decaff.sampled_laws import predicted_force
-from proximity.errors import DecaffError
 
 
 def bounce_energy_ratios(
@@ -33,19 +32,17 @@ def bounce_energy_ratios(
     Raises
     ------
     DecaffError
-        If an argument cannot be used; the step must be below 2, where the mass would not stay in the wall
-        for two samples.
+        If an argument cannot be used.
     """
-    if not positive("phase_step", phase_step, "radians") < 2.0:
-        raise DecaffError(f"phase_step is {phase_step!r}, expected less than 2 radians")
+    stiffness = positive("phase_step", phase_step, "radians") ** 2
     delay_samples = whole("delay_samples", delay_samples, 0)
     count = whole("entry_count", entry_count, 1)
-    # Units: the period, the mass, and the speed before the bounce.
+    # From here on in units of the period, the mass, and the speed before the bounce.
     position = (np.arange(count) + 0.5) / count
     velocity = np.ones(count)
     waiting = [np.zeros(count)] * (delay_samples + 1)  # forces not yet shown, the oldest first
     while True:
-        waiting.append(phase_step**2 * np.maximum(position, 0.0))
+        waiting.append(stiffness * np.maximum(position, 0.0))
         last, shown = waiting[0], waiting[1]
         force = predicted_force(shown, last) if is_predicted else shown
         del waiting[0]

@@ -52,7 +52,14 @@ def settling_samples(device: SampledMass, gains: Gains, within: float = 0.02) ->
     gains : Gains
         Of the wall or servo.
     within : float
-        The share.
+        The share, below one.
+
+    Raises
+    ------
+    DecaffError
+        If the share is not between zero and one.
     """
+    if not positive("within", within, "shares") < 1.0:
+        raise DecaffError(f"within is {within!r}, expected a share below 1")
     radius = float(spectral_radius(characteristic(device, gains.stiffness, gains.damping)))
     return math.log(within) / math.log(radius) if radius < 1.0 else math.inf

@@ -24,8 +24,9 @@ class SpringDamper:
 
     @property
     def damping_ratio(self) -> float:
-        """Damping over the critical one."""
-        return self.damping / (2.0 * math.sqrt(self.stiffness * self.mass))
+        """Damping over the critical one; inf without mass or spring."""
+        critical = 2.0 * math.sqrt(self.stiffness * self.mass)
+        return self.damping / critical if critical > 0.0 else math.inf
 
     def dynamic_stiffness(self, s: ArrayLike) -> np.ndarray:
         """Return force over displacement without the mass, N/m, complex.

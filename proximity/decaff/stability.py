@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
-from proximity.decaff.arguments import not_negative, positive, whole
+from proximity.decaff.arguments import finite, not_negative, positive, whole
 from proximity.decaff.unit_circle import spectral_radius
 
 ROOT_TOLERANCE = 1e-15  # rad, of h
@@ -205,14 +205,15 @@ def verdict(device: SampledMass, gains: Gains) -> Verdict:
     Raises
     ------
     DecaffError
-        If the stiffness is not positive and finite.
+        If the stiffness is not positive and finite, or the damping not finite.
     """
     low, high = damping_window(device, gains.stiffness)
+    damping = finite("damping", gains.damping, "newton seconds a metre")
     if math.isnan(low):
         return Verdict.TOO_STIFF
-    if gains.damping <= low:
+    if damping <= low:
         return Verdict.TOO_LITTLE_DAMPING
-    return Verdict.TOO_MUCH_DAMPING if gains.damping >= high else Verdict.STABLE
+    return Verdict.TOO_MUCH_DAMPING if damping >= high else Verdict.STABLE
 
 
 def slowest_period(mass: float, gains: Gains, delay_samples: int = 1) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.signal import lfilter
 
-from proximity.decaff.arguments import positive
+from proximity.decaff.arguments import not_negative, positive
 from proximity.decaff.spring_damper import FINGER, SpringDamper
 from proximity.decaff.trajectories import Motion, Press
 from proximity.errors import DecaffError
@@ -135,6 +135,10 @@ class TraditionalWall:
     equivalent: SpringDamper = FINGER  # of finger and wall, see `spring_damper.in_series`
     penetration: float = 0.0  # m, x_s: by how much deeper the finger goes than on the real wall
     delay: float = 0.0  # s, see `total_delay`
+
+    def __post_init__(self) -> None:
+        not_negative("penetration", self.penetration, "metres")
+        not_negative("delay", self.delay, "seconds")
 
     def force(self, times: ArrayLike, press: Press, convention: str = Convention.NEWTON) -> np.ndarray:
         """Return the force on the finger, (...), N.
