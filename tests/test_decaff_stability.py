@@ -83,13 +83,13 @@ def test_device_that_is_none_is_refused():
 
 
 def test_jury_and_roots_agree_on_random_walls():
-    """40 000 of equation (1), near its region; and as many of other delays."""
+    """40 000 of equation (1), near its region; and some of other delays."""
     rng = np.random.default_rng(7)
-    for delay_samples in (1, 0, 2, 5):
+    for delay_samples, count in ((1, 40_000), (0, 4000), (2, 4000), (5, 4000)):
         device = SampledMass(1.0, 1.0, delay_samples)
         limit = stability.maximum_stiffness(device)
-        stiffness = rng.uniform(-0.2, 1.5, 40_000) * limit.stiffness
-        damping = rng.uniform(-0.2, 1.2, 40_000) * stability.largest_damping(device)
+        stiffness = rng.uniform(-0.2, 1.5, count) * limit.stiffness
+        damping = rng.uniform(-0.2, 1.2, count) * stability.largest_damping(device)
         polynomials = stability.characteristic(device, stiffness, damping)
         by_roots = unit_circle.spectral_radius(polynomials)
         # Where a root is on the circle but for rounding, either may be right.
@@ -172,10 +172,10 @@ def test_limit_without_delay(b):
 def test_region_is_what_the_boundary_encloses(delay_samples):
     device = UNIT[delay_samples]
     rng = np.random.default_rng(7)
-    dampings = rng.uniform(0.0, 1.1, 300) * stability.largest_damping(device)
+    dampings = rng.uniform(0.0, 1.1, 200) * stability.largest_damping(device)
     limits = np.array([stability.stiffness_limit(device, damping) for damping in dampings])
     top = stability.maximum_stiffness(device).stiffness
-    stiffness = rng.uniform(0.0, 1.3, (50, 300)) * top
+    stiffness = rng.uniform(0.0, 1.3, (30, 200)) * top
     is_clear = np.abs(stiffness - limits) > 1e-6 * top
 
     found = stability.is_stable(device, stiffness, np.broadcast_to(dampings, stiffness.shape))
