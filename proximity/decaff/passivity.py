@@ -1,0 +1,142 @@
+"""Colgate's bound: the damping that a device needs so that no hand can make a sampled wall shake.
+
+The wall is a spring and a damper by differences, d samples late. The bound is on the device's own damping,
+not on the finger's, and it holds for every hand that is passive itself.
+"""
+
+import numpy as np
+from numpy.polynomial import chebyshev
+from scipy.optimize import brentq
+
+from proximity.decaff.arguments import finite, not_negative, positive, whole
+
+
+def required_damping(stiffness: float, damping: float, period: float, delay_samples: int = 0) -> float:
+    """Return the damping of the device above which the sampled wall is passive, N·s/m.
+
+    Parameters
+    ----------
+    stiffness : float, N/m
+        Of the wall.
+    damping : float, N·s/m
+        Of the wall; may be negative.
+    period : float, s
+        Between two forces, each held.
+    delay_samples : int
+        d; one is built into equation (1).
+
+    Raises
+    ------
+    DecaffError
+        If an argument cannot be used.
+
+    Notes
+    -----
+    Source: Colgate & Schenkel 1997, b > T/2 Re((1 - 1/z) H(z)) / (1 - cos) on the unit circle. For this
+    wall the right side is K T/2 sin((2d+1)w/2) / sin(w/2) - B cos((d+1)w), a polynomial in the cosine of w,
+    whose largest value is found exactly.
+    """
+    stiffness = not_negative("stiffness", stiffness, "newtons a metre")
+    period = positive("period", period, "seconds")
+    delay_samples = whole("delay_samples", delay_samples, 0)
+    series = np.zeros(delay_samples + 2)  # of Chebyshev polynomials in the cosine
+    series[0] = 0.5 * stiffness * period
+    series[1:-1] = stiffness * period
+    series[-1] = -finite("damping", damping, "newton seconds a metre")
+    return _largest(series)
+
+
+def sufficient_damping(stiffness: float, damping: float, period: float, delay: float = 0.0) -> float:
+    """Return a damping of the device that is enough for any delay: K (T/2 + delay) + |B|, N·s/m.
+
+    Parameters
+    ----------
+    stiffness : float, N/m
+        Of the wall.
+    damping : float, N·s/m
+        Of the wall; may be negative.
+    period : float, s
+        Between two forces, each held.
+    delay : float, s
+        From a position to its force, the hold not counted; whole periods or not.
+
+    Raises
+    ------
+    DecaffError
+        If an argument cannot be used.
+
+    Notes
+    -----
+    Above `required_damping`, and equal to it where the wall has no damping or no delay.
+    """
+    stiffness = not_negative("stiffness", stiffness, "newtons a metre")
+    lateness = 0.5 * positive("period", period, "seconds") + not_negative("delay", delay, "seconds")
+    return stiffness * lateness + abs(finite("damping", damping, "newton seconds a metre"))
+
+
+def is_passive(
+    device_damping: float, stiffness: float, damping: float, period: float, delay_samples: int = 0
+) -> bool:
+    """Return whether no passive hand can draw energy from the wall.
+
+    Parameters
+    ----------
+    device_damping : float, N·s/m
+        The device's own.
+    stiffness, damping, period, delay_samples
+        As of `required_damping`.
+    """
+    return device_damping > required_damping(stiffness, damping, period, delay_samples)
+
+
+def largest_passive_stiffness(
+    device_damping: float, damping: float, period: float, delay_samples: int = 0
+) -> float:
+    """Return the stiffness up to which a wall is passive, N/m; 0 where its damping alone is too much.
+
+    Parameters
+    ----------
+    device_damping : float, N·s/m
+        The device's own.
+    damping, period, delay_samples
+        As of `required_damping`.
+
+    Raises
+    ------
+    DecaffError
+        If an argument cannot be used.
+    """
+    own = not_negative("device_damping", device_damping, "newton seconds a metre")
+    if own <= required_damping(0.0, damping, period, delay_samples):
+        return 0.0
+    # At the slowest hand the bound is K T (2d+1)/2 - B, and never less.
+    most = 2.0 * (own + abs(damping)) / (period * (2 * delay_samples + 1))
+
+    def lack(stiffness: float) -> float:
+        return required_damping(stiffness, damping, period, delay_samples) - own
+
+    return float(brentq(lack, 0.0, most * (1.0 + 1e-9), xtol=1e-12 * most))
+
+
+def apparent_damping(stiffness: float, period: float, delay_samples: int = 0) -> float:
+    """Return the damper that a sampled spring looks like to slow motion, N·s/m: negative, it feeds energy.
+
+    Parameters
+    ----------
+    stiffness : float, N/m
+        Of the wall.
+    period : float, s
+        Between two forces, each held.
+    delay_samples : int
+        d; one is built into equation (1).
+    """
+    return -stiffness * (delay_samples + 0.5) * period
+
+
+def _largest(series: np.ndarray) -> float:
+    """The largest value of a Chebyshev series between -1 and 1."""
+    negligible = np.finfo(np.float64).eps * np.abs(series).max()
+    turns = chebyshev.chebroots(chebyshev.chebder(chebyshev.chebtrim(series, negligible)))
+    # A place that is no turn does no harm: its value is not above the largest.
+    places = np.clip(turns.real, -1.0, 1.0)
+    return float(chebyshev.chebval(np.array([-1.0, 1.0, *places]), series).max())

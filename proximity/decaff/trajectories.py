@@ -1,0 +1,102 @@
+"""How a finger presses on a wall and leaves it: displacements told in advance, in closed form.
+
+The paper shows such curves without numbers; those here are assumed (PAPER 3.1). Pressing in is the
+polynomial of lowest degree that keeps the speed of the touch and stops at depth without a jump of the
+acceleration. A quintic is needed in general; in the time that is taken here, twice the depth over the
+speed, its fifth power vanishes.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from proximity.decaff.arguments import not_negative, positive
+from proximity.errors import DecaffError
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """Where a finger is at some instants; T instants."""
+
+    position: np.ndarray  # (T,) m, positive into the wall
+    velocity: np.ndarray  # (T,) m/s
+    acceleration: np.ndarray  # (T,) m/s²
+
+
+@dataclass(frozen=True, slots=True)
+class Press:
+    """A finger that comes at constant speed, presses to a depth, holds it, and leaves at the same speed.
+
+    Refused where it would have to leave before it has stopped.
+    """
+
+    speed: float = 0.1  # m/s, at touch and at loss; assumed: PAPER 3.1
+    depth: float = 0.004  # m, the pad's deflection in the paper
+    touch_time: float = 0.050  # s; assumed: PAPER 3.1
+    release_time: float = 0.280  # s, when it begins to leave; assumed: PAPER 3.1
+
+    def __post_init__(self) -> None:
+        positive("speed", self.speed, "metres a second")
+        positive("depth", self.depth, "metres")
+        not_negative("touch_time", self.touch_time, "seconds")
+        not_negative("release_time", self.release_time, "seconds")
+        # As the times add up, in binary.
+        if self.release_time < self.stop_time * (1.0 - 1e-12):
+            raise DecaffError(
+                f"release_time is {self.release_time:g} s, but the finger stops at {self.stop_time:g} s: "
+                "expected a press that stops before it leaves"
+            )
+
+    @property
+    def rise_time(self) -> float:
+        """From touch to rest, and from release to loss, s."""
+        return 2.0 * self.depth / self.speed
+
+    @property
+    def stop_time(self) -> float:
+        """When the finger rests at depth, s."""
+        return self.touch_time + self.rise_time
+
+    @property
+    def loss_time(self) -> float:
+        """When the finger is back at the surface, s; the force has ended before."""
+        return self.release_time + self.rise_time
+
+    def deeper(self, penetration: float) -> "Press":
+        """Return the same press on a wall that gives way: same speed at touch, same release, greater depth.
+
+        Parameters
+        ----------
+        penetration : float, m
+            By how much the wall gives way.
+
+        Raises
+        ------
+        DecaffError
+            If the finger would not have stopped at its release.
+        """
+        return replace(self, depth=self.depth + not_negative("penetration", penetration, "metres"))
+
+    def at(self, times: ArrayLike) -> Motion:
+        """Return where the finger is.
+
+        Parameters
+        ----------
+        times : (...) float64, s
+            Any instants, in any order.
+
+        Returns
+        -------
+        Motion
+            Arrays of the shape of *times*. Before the touch and after the loss the speed is constant.
+        """
+        times = np.asarray(times, np.float64)
+        s = np.clip((times - self.touch_time) / self.rise_time, 0.0, 1.0)
+        r = np.clip((times - self.release_time) / self.rise_time, 0.0, 1.0)
+        before = np.minimum(times - self.touch_time, 0.0)
+        after = np.maximum(times - self.loss_time, 0.0)
+        position = self.depth * (2.0 * s - 2.0 * s**3 + s**4 - 2.0 * r**3 + r**4)
+        velocity = self.speed * ((1.0 - s) ** 2 * (1.0 + 2.0 * s) - r**2 * (3.0 - 2.0 * r))
+        acceleration = -6.0 * self.speed / self.rise_time * (s * (1.0 - s) + r * (1.0 - r))
+        return Motion(position + self.speed * (before - after), velocity, acceleration)

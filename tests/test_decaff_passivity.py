@@ -1,0 +1,215 @@
+"""Passivity and energy of sampled walls, held against the reference values of PAPER 4, 5, 13."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from proximity.decaff import passivity, sampled_energy, sampled_finger, sampled_laws, unit_circle
+from proximity.decaff.sampled_finger import SampledFinger
+from proximity.decaff.spring_damper import SpringDamper
+from proximity.errors import DecaffError
+
+# ----------------------------------------------------------------------------------------------- passivity
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "damping", "rate_hz", "delay_samples", "expected"),
+    [
+        (1000.0, 5.0, 1000, 0, 5.500),
+        (1000.0, 5.0, 1000, 1, 5.525),
+        (3900.0, 60.0, 200, 0, 69.75),
+        (3900.0, 60.0, 200, 1, 70.54219),
+        (1000.0, 0.0, 1000, 40, 40.5),
+        (1000.0, -5.0, 1000, 0, 5.500),
+        (3000.0, 0.5, 1000, 1, 4.0),  # K T > 4 B: 3 K T/2 - B
+    ],
+)
+def test_damping_that_a_sampled_wall_needs(stiffness, damping, rate_hz, delay_samples, expected):
+    found = passivity.required_damping(stiffness, damping, 1.0 / rate_hz, delay_samples)
+
+    assert found == pytest.approx(expected, abs=1e-4 if stiffness == 3900.0 else 1e-9)
+    assert passivity.is_passive(1.0001 * found, stiffness, damping, 1.0 / rate_hz, delay_samples)
+    assert not passivity.is_passive(found, stiffness, damping, 1.0 / rate_hz, delay_samples)
+
+
+@given(
+    st.floats(0.0, 1e5),
+    st.floats(-100.0, 100.0),
+    st.sampled_from([0, 1, 2, 5, 40]),
+)
+def test_required_damping_is_the_supremum_over_frequencies(stiffness, damping, delay_samples):
+    """Colgate's criterion itself, on a grid of the unit circle."""
+    period = 0.001
+    turn = np.linspace(1e-4, math.pi, 20_001)
+    z = np.exp(1j * turn)
+    wall = (stiffness + damping / period * (1.0 - 1.0 / z)) * z**-delay_samples
+    on_grid = (0.5 * period * ((1.0 - 1.0 / z) * wall).real / (1.0 - np.cos(turn))).max()
+
+    found = passivity.required_damping(stiffness, damping, period, delay_samples)
+    scale = stiffness * period * (delay_samples + 0.5) + abs(damping) + 1e-300
+    assert on_grid <= found + 1e-6 * scale
+    assert found == pytest.approx(on_grid, abs=1e-4 * scale)
+    assert found <= passivity.sufficient_damping(stiffness, damping, period, delay_samples * period) * (
+        1 + 1e-12
+    )
+
+
+def test_closed_form_of_one_sample():
+    for stiffness, damping in [(100.0, 5.0), (1000.0, 5.0), (19_000.0, 5.0), (21_000.0, 5.0), (1e5, 5.0)]:
+        step = stiffness * 0.001
+        expected = (
+            step / 2.0 + damping + step**2 / (8.0 * damping)
+            if step <= 4.0 * damping
+            else 1.5 * step - damping
+        )
+        assert passivity.required_damping(stiffness, damping, 0.001, 1) == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize(("delay_samples", "turn"), [(0, math.pi), (0, 0.01), (1, 1.5), (5, 0.01), (5, 1.0)])
+def test_bound_is_the_energy_of_a_motion(delay_samples, turn):
+    """A hand that moves straight between sampled sines: what the wall gives, what a damper takes."""
+    stiffness, damping, period, count = 1000.0, 5.0, 0.001, 20_000
+    turn = 2.0 * math.pi * round(turn * count / (2.0 * math.pi)) / count  # whole rounds
+    positions = np.cos(turn * np.arange(count) + 0.3)
+    force = stiffness * positions + damping / period * (positions - np.roll(positions, 1))
+    steps = np.roll(positions, -1) - positions
+    given_energy = -(np.roll(force, delay_samples) * steps).sum()
+    taken_energy = (steps**2).sum() / period  # of a damper of one
+
+    z = np.exp(1j * turn)
+    wall = (stiffness + damping / period * (1.0 - 1.0 / z)) * z**-delay_samples
+    at_this_turn = 0.5 * period * ((1.0 - 1.0 / z) * wall).real / (1.0 - math.cos(turn))
+    assert given_energy / taken_energy == pytest.approx(at_this_turn, rel=1e-8)
+    bound = passivity.required_damping(stiffness, damping, period, delay_samples)
+    assert given_energy / taken_energy <= bound * (1.0 + 1e-9)
+
+
+@pytest.mark.parametrize("delay_samples", [0, 1, 5])
+def test_passive_wall_shakes_with_no_hand(delay_samples):
+    """Hands of any mass and spring; and just below the bound there is one that shakes."""
+    stiffness, damping, period = 1000.0, 2.0, 0.001
+    bound = passivity.required_damping(stiffness, damping, period, delay_samples)
+    rng = np.random.default_rng(7)
+    for _ in range(60):
+        mass, hand = 10.0 ** rng.uniform(-3, 2), 10.0 ** rng.uniform(0, 6)
+        plant = SampledFinger(SpringDamper(hand, 1.0001 * bound, mass), period, delay_samples)
+        assert (
+            unit_circle.spectral_radius(sampled_finger.characteristic(plant, stiffness, damping)) < 1.0 + 1e-9
+        )
+
+    own = 0.99 * passivity.required_damping(stiffness, 0.0, period, delay_samples)
+    heavy = SampledFinger(SpringDamper(1.0, own, 20.0), period, delay_samples)  # slow: 1 Hz
+    assert unit_circle.spectral_radius(sampled_finger.characteristic(heavy, stiffness, 0.0)) > 1.0
+
+
+@pytest.mark.parametrize(
+    ("own", "rate_hz", "delay_samples", "expected"),
+    [
+        (0.5, 1000, 0, 1000),
+        (0.5, 3000, 0, 3000),
+        (0.5, 1000, 40, 12),
+        (6.0, 1000, 0, 12_000),
+        (6.0, 3000, 0, 36_000),
+        (6.0, 1000, 40, 148),
+    ],
+)
+def test_largest_passive_stiffness(own, rate_hz, delay_samples, expected):
+    found = passivity.largest_passive_stiffness(own, 0.0, 1.0 / rate_hz, delay_samples)
+
+    assert found == pytest.approx(expected, abs=0.51 if delay_samples else 1e-6)
+
+
+@given(st.floats(0.01, 50.0), st.floats(-10.0, 10.0), st.sampled_from([0, 1, 3]))
+def test_largest_passive_stiffness_needs_just_the_damping(own, damping, delay_samples):
+    found = passivity.largest_passive_stiffness(own, damping, 0.001, delay_samples)
+
+    if found == 0.0:
+        assert own <= abs(damping) * (1.0 + 1e-9)
+    else:
+        needed = passivity.required_damping(found, damping, 0.001, delay_samples)
+        assert needed == pytest.approx(own, rel=1e-9)
+
+
+def test_walls_that_are_none_are_refused():
+    with pytest.raises(DecaffError, match="damping is nan, expected a number of newton seconds a metre"):
+        passivity.required_damping(1.0, math.nan, 0.001)
+    with pytest.raises(
+        DecaffError, match=r"stiffness is -1\.0, expected a number of newtons a metre of 0 or more"
+    ):
+        passivity.required_damping(-1.0, 1.0, 0.001)
+    with pytest.raises(DecaffError, match="damping is -inf, expected a number of newton seconds a metre"):
+        passivity.sufficient_damping(1.0, -math.inf, 0.001)
+
+
+# ------------------------------------------------------------------------------ energy, predictor, braking
+
+
+@pytest.mark.parametrize(
+    ("phase_step", "held", "held_law", "late", "late_law", "predicted"),
+    [
+        (0.01, 1.01583, 1.01583, 1.04825, 1.04825, 1.00008),
+        (0.05, 1.08168, 1.08171, 1.26516, 1.26569, 1.00197),
+        (0.1, 1.16984, 1.17009, 1.59674, 1.60198, 1.00829),
+        (0.2, 1.36681, 1.36911, 2.50441, 2.56633, 1.03645),
+    ],
+)
+def test_energy_of_a_sampled_wall(phase_step, held, held_law, late, late_law, predicted):
+    def mean(**law):
+        return sampled_energy.bounce_energy_ratios(phase_step, **law).mean()
+
+    assert mean() == pytest.approx(held, abs=1.1e-5)
+    assert mean(delay_samples=1) == pytest.approx(late, abs=1.1e-5)
+    assert mean(is_predicted=True) == pytest.approx(predicted, abs=1.1e-5)
+    assert sampled_energy.slow_energy_ratio(phase_step) == pytest.approx(held_law, abs=5.1e-6)
+    assert sampled_energy.slow_energy_ratio(phase_step, 1) == pytest.approx(late_law, abs=5.1e-6)
+
+
+def test_late_wall_is_a_negative_damper():
+    """The same energy comes from a spring with the apparent damper, half a period of the oscillation long."""
+    stiffness, mass, period = 1000.0, 0.1, 1e-5
+    phase_step = math.sqrt(stiffness / mass) * period
+    for delay_samples in (0, 1, 3):
+        damper = passivity.apparent_damping(stiffness, period, delay_samples)
+        expected = math.exp(-damper / mass * math.pi / math.sqrt(stiffness / mass))
+        assert sampled_energy.slow_energy_ratio(phase_step, delay_samples) == pytest.approx(
+            expected, rel=1e-12
+        )
+        found = sampled_energy.bounce_energy_ratios(phase_step, delay_samples=delay_samples, entry_count=10)
+        assert found.mean() == pytest.approx(expected, rel=1e-4)
+
+
+def test_predictors_error_is_of_second_order():
+    excess = [
+        sampled_energy.bounce_energy_ratios(step, is_predicted=True).mean() - 1.0
+        for step in (0.02, 0.04, 0.08)
+    ]
+
+    assert excess[1] / excess[0] == pytest.approx(4.0, rel=0.1)
+    assert excess[2] / excess[1] == pytest.approx(4.0, rel=0.1)
+
+
+def test_bounces_that_are_none_are_refused():
+    with pytest.raises(DecaffError, match=r"phase_step is 0\.0, expected a positive number of radians"):
+        sampled_energy.bounce_energy_ratios(0.0)
+    with pytest.raises(DecaffError, match="entry_count is 0, expected a whole number of 1 or more"):
+        sampled_energy.bounce_energy_ratios(0.1, entry_count=0)
+
+
+def test_slope_predictor_is_the_force_of_the_middle_of_the_period():
+    forces = np.array([0.0, 1.0, 3.0, 2.0, 0.2])
+
+    assert sampled_laws.predicted_force(forces[1:], forces[:-1]) == pytest.approx([1.5, 4.0, 1.5, 0.0])
+
+
+def test_braking_pulse_stops_the_mass_in_one_period():
+    mass, period = 0.7, 0.005
+    pulse = sampled_laws.braking_pulse(mass, [0.2, -0.2, 1.0], period, force_limit=100.0)
+
+    assert pulse == pytest.approx([28.0, 0.0, 100.0])
+    assert 0.2 - pulse[0] / mass * period == pytest.approx(0.0, abs=1e-15)
+    assert sampled_laws.braking_pulse(mass, 1e3, period) == pytest.approx(140_000.0)
+    with pytest.raises(DecaffError, match="force_limit is -1, expected a number of newtons of 0 or more"):
+        sampled_laws.braking_pulse(mass, 0.2, period, -1)
