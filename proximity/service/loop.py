@@ -181,7 +181,7 @@ class Service:
         clock, report, framing, gate = self._clock, self._report, self._framing, self._gate
         due_ns = self._due_ns
         clock.sleep_until(due_ns)
-        start_ns = clock.now_ns()
+        start_ns, begun_ns = clock.now_ns(), clock.stopwatch_ns()
         if self._next is not None:
             self._take_over()
         samples = self._input.poll(start_ns)
@@ -194,7 +194,7 @@ class Service:
         epoch = self._answering.epoch + self._epoch_offset
         framing.finish(start_ns, publish_ns, report.missed, epoch, clock.skipped_ns)
         self._outgoing.hand_out(framing.message)
-        report.compute.record(clock.now_ns() - start_ns)
+        report.compute.record(clock.stopwatch_ns() - begun_ns)
         report.lateness.record(start_ns - due_ns)
         report.ticks += 1
         report.states[framing.state] += 1
