@@ -13,6 +13,8 @@ PACKAGE = Path(proximity.__file__).parent
 LAYERS = """
 cli
 decaff
+serving
+service · scene_file
 warmup
 loading
 replay

@@ -133,6 +133,9 @@ class HeldFrame:
             return None
         # Of fingers that are not tracked nothing is promised.
         is_tracked = (self.contacts["flags"] & _TRACKED) != 0
+        # A sensor may know a distance without a place.
+        is_placeless = np.isnan(self.contacts["position"]).any(axis=1)
+        self._is_ordered[is_placeless & (self.contacts["source"] == Source.TELEOPERATION), len(ORDERED) :] = True
         makes_sense = self._is_ordered.all(axis=1) & ~self._is_off.any(axis=0)
         return None if (makes_sense | ~is_tracked).all() else Flaw.CONTENT
 
