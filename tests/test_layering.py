@@ -12,7 +12,8 @@ PACKAGE = Path(proximity.__file__).parent
 # Top to bottom. A unit (a module, or a folder) may import only from lines below its own.
 LAYERS = """
 cli
-scene_file
+serving
+service · scene_file
 warmup
 loading
 replay
