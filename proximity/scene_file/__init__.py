@@ -12,7 +12,7 @@ from proximity.scene_file.building import (
     read_input,
     stamp_of,
 )
-from proximity.scene_file.reading import read_scene_file
+from proximity.scene_file.reading import override, read_scene_file
 from proximity.scene_file.records import (
     FingerSettings,
     InputSettings,
@@ -32,6 +32,7 @@ __all__ = [
     "ServiceSettings",
     "finger_count",
     "make_tracker",
+    "override",
     "place_recording",
     "read_input",
     "read_scene_file",

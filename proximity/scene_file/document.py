@@ -30,7 +30,7 @@ class Document:
     text : str
         What is in the file.
     name : str
-        What messages call it.
+        What messages call it; nothing where there is no file.
 
     Raises
     ------
@@ -74,7 +74,7 @@ class Document:
         sentence : str
             What is wrong and what was expected.
         """
-        return ServiceError(f"{self.name}:{self.line_of(path)}: {sentence}")
+        return ServiceError(f"{self._place(self.line_of(path))}{sentence}")
 
     def complain(self, path: Path, sentence: str) -> None:
         """Remember that something is wrong, and go on.
@@ -99,7 +99,7 @@ class Document:
         line, sentence = min(self._complaints, key=lambda complaint: complaint[0])
         more = len(self._complaints) - 1
         also = f" (and {more} more {'mistake' if more == 1 else 'mistakes'})" if more else ""
-        raise ServiceError(f"{self.name}:{line}: {sentence}{also}")
+        raise ServiceError(f"{self._place(line)}{sentence}{also}")
 
     @cached_property
     def _lines(self) -> dict[Path, int]:
@@ -121,6 +121,9 @@ class Document:
             elif len(statement) > MOST_LINES:
                 break
         return lines
+
+    def _place(self, line: int) -> str:
+        return f"{self.name}:{line}: " if self.name else ""
 
     def _no_toml(self, message: str) -> ServiceError:
         place = PLACE_IN_MESSAGE.search(message)

@@ -4,6 +4,7 @@
 """
 
 import os
+from dataclasses import replace
 from typing import Any
 
 from proximity.errors import MeshError, PublishError
@@ -78,8 +79,34 @@ def read_scene_file(path: str | os.PathLike[str]) -> SceneFile:
         input=reader.input(),
         document=document,
     )
-    reader.check_together(settings)
+    _check_together(settings)
     document.raise_complaints()
+    return settings
+
+
+def override(settings: SceneFile, given: dict[str, Any]) -> SceneFile:
+    """Return what a scene file says, but for some of its [service].
+
+    Parameters
+    ----------
+    settings : SceneFile
+        What the file says.
+    given : dict
+        What holds instead, by its key in [service]. A path is relative to the present folder.
+
+    Raises
+    ------
+    ServiceError
+        If it cannot be used.
+    """
+    document = Document("", "")
+    document.data["service"] = {key: _as_in_toml(value) for key, value in given.items()}
+    service = _Reader(document, os.getcwd()).service()
+    document.raise_complaints()
+    changed = {key: getattr(service, key) for key in given}
+    settings = replace(settings, service=replace(settings.service, **changed))
+    _check_together(settings)
+    settings.document.raise_complaints()
     return settings
 
 
@@ -174,18 +201,6 @@ class _Reader:
             moves=_address(table, "moves"),
         )
 
-    def check_together(self, settings: SceneFile) -> None:
-        """Complain of what does not fit together, though each of it could be."""
-        inputs, complain = settings.input, self._document.complain
-        if inputs.moves is not None and self._is_measured:
-            complain(("input", "moves"), f"input.moves {WITHOUT_GEOMETRY}")
-        for key in ("poses", "sensor", "moves"):
-            address = getattr(inputs, key)
-            if address is not None and address in settings.service.publish:
-                complain(("input", key), f"input.{key} is {address}, where frames are published")
-        if inputs.poses is not None and inputs.poses == inputs.moves:
-            complain(("input", "moves"), "input.moves is input.poses, expected another address")
-
     def _part(self, path: Path, content: Any) -> PartEntry:
         table = Table(self._document, path, content, PART_KEYS)
         kind = table.one_of("kind", None, ("rigid", "deformable"))
@@ -244,6 +259,25 @@ class _Reader:
     def _from_here(self, path: Any) -> Any:
         """A path that is relative to the scene file."""
         return None if path is None else os.path.join(self._folder, path)
+
+
+def _as_in_toml(value: Any) -> Any:
+    if isinstance(value, os.PathLike):
+        return os.fsdecode(value)
+    return list(value) if isinstance(value, tuple) else value
+
+
+def _check_together(settings: SceneFile) -> None:
+    """Complain of what does not fit together, though each of it could be."""
+    inputs, complain = settings.input, settings.document.complain
+    if inputs.moves is not None and inputs.sensor is not None:
+        complain(("input", "moves"), f"input.moves {WITHOUT_GEOMETRY}")
+    for key in ("poses", "sensor", "moves"):
+        address = getattr(inputs, key)
+        if address is not None and address in settings.service.publish:
+            complain(("input", key), f"input.{key} is {address}, where frames are published")
+    if inputs.poses is not None and inputs.poses == inputs.moves:
+        complain(("input", "moves"), "input.moves is input.poses, expected another address")
 
 
 def _address(table: Table, key: str) -> str | None:
