@@ -1,4 +1,4 @@
-"""The command line: ``proximity query``, ``check``, ``compile``, ``replay``.
+"""The command line: ``proximity query``, ``check``, ``compile``, ``replay``, ``serve``, …
 
 Here people's units meet the library's metres; apart from that conversion the command line computes
 nothing. Modules that `main` needs before it knows what is asked import neither NumPy nor Rich: ``--help``
@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 
 import proximity
-from proximity.cli import check, compile, query, replay
+from proximity.cli import check, compile, export, query, record, replay, serve
 from proximity.cli.command import Command, Group
 
 HELP = "\n\n".join(  # a paragraph a string: some versions of Typer keep line breaks, some do not
@@ -41,6 +41,13 @@ app.command("replay", cls=Command, epilog=replay.EXAMPLES, help=replay.HELP, no_
 )
 app.command("compile", cls=Command, epilog=compile.EXAMPLES, help=compile.HELP, no_args_is_help=True)(
     compile.command
+)
+app.command("serve", cls=Command, epilog=serve.EXAMPLES, help=serve.HELP, no_args_is_help=True)(serve.command)
+app.command("record", cls=Command, epilog=record.EXAMPLES, help=record.HELP, no_args_is_help=True)(
+    record.command
+)
+app.command("export", cls=Command, epilog=export.EXAMPLES, help=export.HELP, no_args_is_help=True)(
+    export.command
 )
 
 

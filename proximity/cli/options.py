@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+LONGEST_S = 1e9
+
 
 def _complete_units(incomplete: str) -> list[str]:
     from proximity.meshio import UNITS as known  # slow, and only for the one who presses Tab here
@@ -26,3 +28,26 @@ UNITS = Annotated[
         help="Of coordinates and of answers, and of a file that declares none: m, cm, mm, um, in, ft ...",
     ),
 ]
+
+ADDRESS = Annotated[
+    str,
+    typer.Argument(
+        metavar="ADDRESS", help="iox2://NAME on this machine, udp://HOST:PORT to listen at, zenoh://KEY."
+    ),
+]
+
+LIMIT = Annotated[
+    float | None, typer.Option("--limit", metavar="SECONDS", help="End after that; else when told to.")
+]
+
+
+def check_limit(limit: float | None) -> None:
+    """Refuse what is no time to go on for, nan included.
+
+    Parameters
+    ----------
+    limit : float, s
+        None: until told to stop.
+    """
+    if limit is not None and not 0.0 < limit <= LONGEST_S:
+        raise typer.BadParameter(f"{limit:g} seconds: expected 0 to {LONGEST_S:g}", param_hint="--limit")

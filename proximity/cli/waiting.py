@@ -4,15 +4,18 @@ import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from threading import Timer
+from types import TracebackType
 from typing import TypeVar
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 import proximity
 
 PATIENCE_S = 1.0  # a wait shorter than this shows nothing
+STATUS_EVERY_S = 0.5
 
 T = TypeVar("T")
 
@@ -74,6 +77,39 @@ def with_bar(chunks: Iterable[T], counts: Iterable[int], total: int, *, is_shown
                 bar.start()
     finally:
         bar.stop()
+
+
+class Status:
+    """A line on stderr that tells how something goes on, where that is a terminal; and a word, once."""
+
+    def __init__(self) -> None:
+        console = Console(stderr=True)
+        self._spinner = console.status("") if console.is_terminal else None
+        self._is_said = False
+        self._due = 0.0
+
+    def show(self, text: str) -> None:
+        """Show *text* in place of what was shown, twice a second at most."""
+        if self._spinner is None or time.monotonic() < self._due:
+            return
+        self._due = time.monotonic() + STATUS_EVERY_S
+        self._spinner.update(escape(text))
+        self._spinner.start()
+
+    def say_once(self, text: str) -> None:
+        """Say *text*, the first time only, to a terminal or not."""
+        if not self._is_said:
+            typer.echo(f"proximity: {text}", err=True)
+        self._is_said = True
+
+    def __enter__(self) -> "Status":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._spinner is not None:
+            self._spinner.stop()
 
 
 def prepare_kernels() -> None:

@@ -1,7 +1,4 @@
-"""Contact logs: what a tracker answered, tick by tick, as a file.
-
-A log is either wholly there or not at all: it is written under another name and then renamed.
-"""
+"""Contact logs: what a tracker answered, tick by tick, as a file, wholly there or not at all."""
 
 import csv
 import os
@@ -13,7 +10,9 @@ from typing import BinaryIO
 import numpy as np
 
 from proximity.errors import RecordingError
+from proximity.recording.columns import scalar_columns
 from proximity.recording.records import NANOSECONDS
+from proximity.recording.whole_file import whole_file
 
 CSV_CHUNK = 2000  # ticks turned into text at once
 
@@ -49,16 +48,8 @@ def write_contacts(
     check_log_name(path)
     target = Path(path)
     labels = None if fingers is None else np.array(fingers, dtype=np.int64).reshape(-1, 2)
-    unfinished = target.with_name(f".{target.name}.{os.getpid()}.unfinished")
-    try:
-        try:
-            with unfinished.open("wb") as stream:
-                SUFFIXES[target.suffix.lower()](stream, contacts, times_ns, labels)
-            os.replace(unfinished, target)
-        finally:
-            unfinished.unlink(missing_ok=True)
-    except OSError as failure:
-        raise RecordingError(f"{target}: cannot be written ({failure.strerror or failure})") from failure
+    with whole_file(target) as stream:
+        SUFFIXES[target.suffix.lower()](stream, contacts, times_ns, labels)
 
 
 def check_log_name(path: str | os.PathLike[str]) -> None:
@@ -101,30 +92,21 @@ def _write_csv(
 ) -> None:
     text = TextIOWrapper(stream, encoding="utf-8", newline="")
     writer = csv.writer(text, lineterminator="\n")
-    rest = [name for name in contacts.dtype.names or () if name != "finger"]
-    is_vector = {name: contacts.dtype[name].shape == (3,) for name in rest}
-    titles = [title for name in rest for title in _titles(name, is_vector[name])]
+    titles = [title for title in scalar_columns(contacts[:0].reshape(-1)) if title != "finger"]
     writer.writerow(["time_s", *([] if labels is None else ["hand"]), "finger", *titles])
     for first in range(0, len(contacts), CSV_CHUNK):
         part = contacts[first : first + CSV_CHUNK]
+        found = scalar_columns(part.reshape(-1))
         seconds = np.repeat(times_ns[first : first + CSV_CHUNK] / NANOSECONDS, part.shape[1])
         columns = [seconds.tolist()]
         if labels is None:
-            columns.append(part["finger"].reshape(-1).tolist())
+            columns.append(found["finger"].tolist())
         else:
             columns += [np.tile(labels[:, side], len(part)).tolist() for side in range(2)]
-        for name in rest:
-            if is_vector[name]:
-                columns += part[name].reshape(-1, 3).T.tolist()
-            else:
-                columns.append(part[name].reshape(-1).tolist())
+        columns += [found[title].tolist() for title in titles]
         writer.writerows(zip(*columns, strict=True))
     text.flush()
     text.detach()
-
-
-def _titles(name: str, is_vector: bool) -> list[str]:
-    return [f"{name}_{axis}" for axis in "xyz"] if is_vector else [name]
 
 
 SUFFIXES: dict[str, Callable[[BinaryIO, np.ndarray, np.ndarray, np.ndarray | None], None]] = {

@@ -1,0 +1,20 @@
+"""Records as plain columns: what a table for other programs has for a vector is three numbers."""
+
+import numpy as np
+
+
+def scalar_columns(records: np.ndarray) -> dict[str, np.ndarray]:
+    """Return one column for each number of the records, in their order; vectors end in _x, _y and _z.
+
+    Parameters
+    ----------
+    records : (N,) structured
+        Each field a number or (3,) numbers.
+    """
+    columns: dict[str, np.ndarray] = {}
+    for name in records.dtype.names or ():
+        if records.dtype[name].shape == (3,):
+            columns |= {f"{name}_{axis}": records[name][:, place] for place, axis in enumerate("xyz")}
+        else:
+            columns[name] = records[name]
+    return columns

@@ -1,0 +1,99 @@
+"""Where in a stretch of bytes a whole frame begins: what the reader and the writer of frame logs go by.
+
+A frame is known by its magic, its size and its checksum, nowhere by what stands around it: after damage the
+next one is found all the same. This says of bytes at a place what `flaw_of` says of a message alone, eight
+times as fast; a test holds both together.
+"""
+
+import struct
+import zlib
+from functools import cache
+
+import numpy as np
+
+from proximity.message import CONTACT, FRAME, FRAME_HEADER, MAX_RECORDS, PREFIX, VERSION
+
+MAGIC = FRAME.magic.to_bytes(4, "little")
+LARGEST_FRAME = FRAME.size(MAX_RECORDS)
+"""Bytes."""
+UNDECIDED = -1
+"""Whether a frame begins there can be told when more bytes are there."""
+
+_BEGINNING = struct.Struct("<IIHHI")  # magic, checksum, version, header_size, size: as in `PREFIX`
+_COUNT = struct.Struct("<I")
+_COUNT_AT = FRAME_HEADER.fields["count"][1]  # type: ignore[index]
+_CHECKED_FROM = 8
+
+
+def frame_at(data: memoryview, place: int) -> int:
+    """Return the size of the whole frame that begins at *place*, 0 if none does, or `UNDECIDED`.
+
+    The frame may be of another version of the layout: see `is_known`.
+
+    Parameters
+    ----------
+    data : memoryview of bytes
+        A stretch of a log.
+    place : int
+        Where in it, 0 to its length.
+    """
+    left = len(data) - place
+    if left < PREFIX.itemsize:
+        return UNDECIDED if MAGIC.startswith(bytes(data[place : place + len(MAGIC)])) else 0
+    magic, checksum, _, _, size = _BEGINNING.unpack_from(data, place)
+    if magic != FRAME.magic or not PREFIX.itemsize <= size <= LARGEST_FRAME:
+        return 0
+    if size > left:
+        return UNDECIDED
+    return size if zlib.crc32(data[place + _CHECKED_FROM : place + size]) == checksum else 0
+
+
+def is_known(data: memoryview, place: int, size: int) -> bool:
+    """Return whether a whole frame is laid out as `FRAME` is now.
+
+    Parameters
+    ----------
+    data : memoryview of bytes
+        A stretch of a log.
+    place : int
+        Where the frame begins.
+    size : int
+        What `frame_at` said.
+    """
+    _, _, version, header_size, _ = _BEGINNING.unpack_from(data, place)
+    if version != VERSION or header_size != FRAME_HEADER.itemsize or size < header_size:
+        return False
+    (count,) = _COUNT.unpack_from(data, place + _COUNT_AT)
+    return FRAME.size(count) == size
+
+
+def last_end(data: memoryview) -> int:
+    """Return where the last whole frame in a stretch of a log ends; 0 if there is none.
+
+    Parameters
+    ----------
+    data : memoryview of bytes
+        The stretch; it may begin in the middle of a frame.
+    """
+    found, place = 0, 0
+    text = bytes(data)
+    while (place := text.find(MAGIC, place)) >= 0:
+        size = frame_at(data, place)
+        if size > 0:
+            found = place = place + size
+        else:
+            place += 1
+    return found
+
+
+@cache
+def frame_type(size: int) -> np.dtype:
+    """Return the type of a frame of that many bytes: ``header`` and ``contacts``, (N,) CONTACT.
+
+    Parameters
+    ----------
+    size : int
+        Of a frame that `is_known`.
+    """
+    count = (size - FRAME_HEADER.itemsize) // CONTACT.itemsize
+    return np.dtype([("header", FRAME_HEADER), ("contacts", CONTACT, (count,))])

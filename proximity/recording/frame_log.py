@@ -1,0 +1,180 @@
+"""Frame logs: the frames of a service as they were published, one behind the other, only ever appended to.
+
+The file has no header and no end of its own, so that it is whole after each frame. A frame is one write to
+the operating system: when the process is killed, at most the one being written is torn. When the power
+fails, what the system had not yet put on the disk is lost, usually some seconds; `FrameLog.close` waits for
+the disk.
+"""
+
+import contextlib
+import errno
+import os
+import stat
+from types import TracebackType
+
+import numpy as np
+
+from proximity.errors import RecordingError
+from proximity.recording.frame_bytes import LARGEST_FRAME, MAGIC, last_end
+
+try:
+    import fcntl
+except ModuleNotFoundError:  # Windows: nothing keeps two writers apart
+    fcntl = None  # type: ignore[assignment]
+
+RETRY_AFTER = 1000
+"""Frames left out after one could not be written. On a full disk each try may cost milliseconds."""
+_NO_LOCKS_HERE = (errno.ENOLCK, errno.EOPNOTSUPP, errno.EINVAL)  # some network drives, and what is no file
+_FLAGS = os.O_RDWR | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0)
+
+
+class FrameLog:
+    """Appends frames to a file; a log that is there already is continued.
+
+    A torn frame at the end of the file, which a crash leaves, is cut off first (`cut_size`). What is longer
+    than a frame can be is left for readers to skip.
+
+    Parameters
+    ----------
+    path : path
+        The file; made if it is not there.
+
+    Raises
+    ------
+    RecordingError
+        If the file cannot be opened, is being written by another, or is not a frame log.
+    """
+
+    path: str
+    frame_count: int  # written by this writer
+    lost_count: int  # that could not be written
+    cut_size: int  # bytes of a torn frame that were cut off
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = os.fspath(path)
+        self.frame_count = self.lost_count = 0
+        self._pause = 0  # frames still to be left out
+        try:
+            self._file = os.open(self.path, _FLAGS, 0o666)
+        except OSError as failure:
+            raise self._error("cannot be opened", failure) from failure
+        try:
+            self._lock()
+            self._is_regular = stat.S_ISREG(os.fstat(self._file).st_mode)
+            self.cut_size = self._cut_torn() if self._is_regular else 0
+        except OSError as failure:
+            self._release()
+            raise self._error("cannot be continued", failure) from failure
+        except RecordingError:
+            self._release()
+            raise
+
+    def append(self, data: np.ndarray) -> None:
+        """Write a frame.
+
+        Where that fails, the file is cut back to its last whole frame, the frame is counted in `lost_count`,
+        and the error is raised. The next `RETRY_AFTER` frames are left out and counted without a word; then
+        writing is tried again, and fails again or goes on.
+
+        Parameters
+        ----------
+        data : (size,) uint8
+            A sealed frame.
+
+        Raises
+        ------
+        RecordingError
+            If it cannot be written: the disk is full, for example.
+        """
+        if self._pause:
+            self._pause -= 1
+            self.lost_count += 1
+            return
+        written, whole = 0, data.data
+        try:
+            while written < len(whole):
+                step = os.write(self._file, whole[written:])
+                if step == 0:
+                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+                written += step
+        except OSError as failure:
+            self._take_back(written)
+            self.lost_count += 1
+            self._pause = RETRY_AFTER
+            raise self._error(
+                f"cannot be written after {self.frame_count} frames; it ends with the last whole one", failure
+            ) from failure
+        self.frame_count += 1
+
+    def close(self) -> None:
+        """Wait until all is on the disk, and close the file; closing twice is once.
+
+        Raises
+        ------
+        RecordingError
+            If the disk did not take all of it.
+        """
+        if self._file < 0:
+            return
+        try:
+            if self._is_regular:
+                os.fsync(self._file)
+        except OSError as failure:
+            raise self._error("may not be whole on the disk", failure) from failure
+        finally:
+            self._release()
+
+    def __enter__(self) -> "FrameLog":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _release(self) -> None:
+        os.close(self._file)
+        self._file = -1
+
+    def _lock(self) -> None:
+        """Keep others from writing: frames of two services in one log would be told as one row."""
+        if fcntl is None:
+            return
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as held:
+            raise RecordingError(f"{self.path}: another recorder is writing to it") from held
+        except OSError as failure:
+            if failure.errno not in _NO_LOCKS_HERE:
+                raise
+
+    def _cut_torn(self) -> int:
+        """Cut off what follows the last whole frame, if no more than a frame; how many bytes."""
+        size = os.fstat(self._file).st_size
+        beginning = self._bytes_at(0, len(MAGIC))
+        if not MAGIC.startswith(beginning):
+            raise RecordingError(f"{self.path}: not a frame log, expected a file that begins with a frame")
+        first = max(0, size - 2 * LARGEST_FRAME)  # enough for a torn frame and the one before
+        end = first + last_end(memoryview(self._bytes_at(first, size - first)))
+        torn = size - end
+        if not 0 < torn <= LARGEST_FRAME:
+            return 0
+        os.ftruncate(self._file, end)
+        return torn
+
+    def _bytes_at(self, place: int, size: int) -> bytes:
+        os.lseek(self._file, place, os.SEEK_SET)
+        pieces = []
+        while size > 0 and (piece := os.read(self._file, size)):
+            pieces.append(piece)
+            size -= len(piece)
+        return b"".join(pieces)
+
+    def _take_back(self, written: int) -> None:
+        """Cut off the part of a frame that was written; if not even that works, readers skip it."""
+        if written and self._is_regular:
+            with contextlib.suppress(OSError):
+                os.ftruncate(self._file, os.fstat(self._file).st_size - written)
+
+    def _error(self, what: str, failure: OSError) -> RecordingError:
+        return RecordingError(f"{self.path}: {what} ({failure.strerror or failure})")

@@ -1,0 +1,121 @@
+"""Frames as tables for other programs: a line a finger and frame, as CSV or Parquet, written in a stream.
+
+A line has what the frame's header says (session, number, state, instants), then the fields of the contact
+under their own names, three columns for each vector, every number with all its digits.
+"""
+
+import csv
+from collections.abc import Iterable
+from importlib import import_module
+from typing import Any, BinaryIO, TextIO
+
+import numpy as np
+
+from proximity.errors import RecordingError
+from proximity.message import FRAME, State
+from proximity.recording.columns import scalar_columns
+from proximity.recording.frame_bytes import frame_type
+
+ROW_GROUP = 1 << 17
+"""Lines of a Parquet file that are kept in memory until they are written: some 50 MB."""
+
+HEADER_COLUMNS = {
+    "session": "session",
+    "sequence": "sequence",
+    "state": "state",  # its name
+    "frame_pose_ns": "pose_ns",  # a contact has a pose_ns of its own
+    "start_ns": "start_ns",
+    "publish_ns": "publish_ns",
+    "valid_until_ns": "valid_until_ns",
+    "period_ns": "period_ns",
+    "epoch": "epoch",
+    "missed": "missed",
+}
+"""Columns that are the same for all fingers of a frame, and the fields of its header that they show."""
+
+_STATES = {state.value: state.name.lower() for state in State}
+STATE_NAMES = np.array([_STATES.get(number, str(number)) for number in range(256)])
+"""The word for each number a header's state may have."""
+_NO_FRAMES = np.zeros(0, frame_type(FRAME.size(0)))
+
+
+def frame_columns(frames: np.ndarray) -> dict[str, np.ndarray]:
+    """Return frames as columns, a line a finger and frame.
+
+    Parameters
+    ----------
+    frames : (B,) structured
+        Frames of one size, as `FrameReader` gives them.
+    """
+    header, contacts = frames["header"], frames["contacts"]
+    shown = {title: header[field] for title, field in HEADER_COLUMNS.items()}
+    shown["state"] = STATE_NAMES[header["state"]]
+    repeated = {title: np.repeat(column, contacts.shape[1]) for title, column in shown.items()}
+    return repeated | scalar_columns(contacts.reshape(-1))
+
+
+def write_frames_csv(stream: TextIO, runs: Iterable[np.ndarray]) -> int:
+    """Write frames as CSV; return how many lines, without the one that names the columns.
+
+    Parameters
+    ----------
+    stream : text file
+        Where to write.
+    runs : iterable of (B,) structured
+        A `FrameReader`.
+    """
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(frame_columns(_NO_FRAMES))
+    count = 0
+    for frames in runs:
+        columns = frame_columns(frames).values()
+        writer.writerows(zip(*(column.tolist() for column in columns), strict=True))
+        count += frames["contacts"].size
+    return count
+
+
+def write_frames_parquet(stream: BinaryIO, runs: Iterable[np.ndarray]) -> int:
+    """Write frames as Parquet; return how many lines.
+
+    Parameters
+    ----------
+    stream : binary file
+        Where to write; it stays open.
+    runs : iterable of (B,) structured
+        A `FrameReader`.
+
+    Raises
+    ------
+    RecordingError
+        If pyarrow is not there.
+    """
+    arrow, parquet = load_pyarrow()
+    schema = arrow.table(frame_columns(_NO_FRAMES)).schema
+    count, waiting, waiting_count = 0, [], 0
+    with parquet.ParquetWriter(stream, schema) as writer:
+        for frames in runs:
+            waiting.append(arrow.table(frame_columns(frames), schema=schema))
+            waiting_count += frames["contacts"].size
+            count += frames["contacts"].size
+            if waiting_count >= ROW_GROUP:
+                writer.write_table(arrow.concat_tables(waiting))
+                waiting, waiting_count = [], 0
+        if waiting:
+            writer.write_table(arrow.concat_tables(waiting))
+    return count
+
+
+def load_pyarrow() -> tuple[Any, Any]:
+    """Return the modules ``pyarrow`` and ``pyarrow.parquet``.
+
+    Raises
+    ------
+    RecordingError
+        If they are not there; it says what to install.
+    """
+    try:
+        return import_module("pyarrow"), import_module("pyarrow.parquet")
+    except ModuleNotFoundError as missing:
+        raise RecordingError(
+            f'Parquet needs {missing.name}, which is not installed: pip install "proximity[parquet]"'
+        ) from missing

@@ -1,0 +1,60 @@
+"""A transport for tests that keeps every message until it is read: ``queue:NAME`` once it is registered."""
+
+from collections import defaultdict, deque
+from threading import Condition
+
+import numpy as np
+
+from proximity.transport.links import NOTHING, TRANSPORTS, Transport
+
+_queues = defaultdict(deque)
+_changed = Condition()
+
+
+def register(monkeypatch):
+    """Let addresses ``queue:NAME`` be opened for the time of a test."""
+    _queues.clear()
+    monkeypatch.setitem(TRANSPORTS, "queue", Transport(__name__, ""))
+
+
+class QueueOutlet:
+    """Puts messages at the end of the queue."""
+
+    def __init__(self, address):
+        self._queue = _queues[address.place]
+
+    def send(self, data):
+        with _changed:
+            self._queue.append(np.array(data))
+            _changed.notify_all()
+
+    def close(self):
+        pass
+
+
+class QueueInlet:
+    """Takes messages from the front of the queue."""
+
+    shares_clock = True
+    refused = 0
+
+    def __init__(self, address):
+        self._queue = _queues[address.place]
+
+    def receive(self, room):
+        if not self._queue:
+            return NOTHING
+        data = self._queue.popleft()
+        room[: len(data)] = data
+        return len(data)
+
+    def wait(self, timeout):
+        with _changed:
+            return _changed.wait_for(lambda: len(self._queue) > 0, timeout)
+
+    def close(self):
+        pass
+
+
+open_outlet = QueueOutlet
+open_inlet = QueueInlet

@@ -1,0 +1,235 @@
+"""``proximity export``: every number of a log in a table, and nothing half written."""
+
+import csv
+import errno
+import io
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from sealed_frames import PERIOD_NS, SESSION, frame, sealed
+
+from proximity import cli
+from proximity.message import CONTACT, FRAME, State
+from proximity.recording import FrameReader, columns, frame_reader, frame_tables
+
+HEADER_COLUMNS = [
+    "session",
+    "sequence",
+    "state",
+    "frame_pose_ns",
+    "start_ns",
+    "publish_ns",
+    "valid_until_ns",
+    "period_ns",
+    "epoch",
+    "missed",
+]
+
+
+@pytest.fixture
+def run(monkeypatch, capsys, tmp_path):
+    """Run the command line in a folder of its own; returns exit code, stdout and stderr."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("FORCE_COLOR", "NO_COLOR", "GITHUB_ACTIONS"):
+        monkeypatch.delenv(name, raising=False)
+
+    def run_with(*arguments):
+        monkeypatch.setattr(sys, "argv", ["proximity", "export", *map(str, arguments)])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        written = capsys.readouterr()
+        return SimpleNamespace(code=end.value.code, out=written.out, err=written.err)
+
+    return run_with
+
+
+def noise():
+    """Two frames of three fingers with numbers of every kind, and their bytes."""
+    rng = np.random.default_rng(5)
+    message, pieces = frame(3), []
+    for sequence in (0, 7):
+        raw = rng.integers(0, 256, message.records.nbytes, np.uint8)
+        message.records[:] = raw.view(CONTACT)
+        message.records["finger"] = [0, 1, 2]
+        message.records["upper"] = [np.inf, -np.inf, 1e-300]
+        message.records["bend"] = np.nan
+        message.header["epoch"], message.header["missed"] = 2**63, 3
+        message.header["state"] = 9 if sequence else State.DEGRADED
+        pieces.append(message.seal(SESSION, sequence).tobytes())
+    return b"".join(pieces)
+
+
+def lines_of(text):
+    return list(csv.DictReader(io.StringIO(text)))
+
+
+def column_of(path, name):
+    """A column as it is in the log, by its name in a table."""
+    runs = [run["contacts"].reshape(-1) for run in FrameReader(path)]
+    return np.concatenate([columns.scalar_columns(run)[name] for run in runs])
+
+
+def test_csv_has_a_line_a_finger_and_every_digit(run, tmp_path):
+    log = tmp_path / "run.frames"
+    log.write_bytes(noise())
+
+    result = run(log, "--csv", "run.csv")
+
+    assert (result.code, result.err) == (0, "")
+    assert result.out == "run.csv: 2 frames, 6 lines\n"
+    rows = lines_of((tmp_path / "run.csv").read_text())
+    names = list(columns.scalar_columns(np.zeros(0, CONTACT)))
+    assert list(rows[0]) == HEADER_COLUMNS + names
+    assert len(names) == len(CONTACT.names) + 2 * 6
+    for name in names:
+        expected = column_of(log, name)
+        found = np.array([expected.dtype.type(row[name]) for row in rows])
+        np.testing.assert_array_equal(found, expected, err_msg=name)
+    assert [row["sequence"] for row in rows] == ["0"] * 3 + ["7"] * 3
+    assert [row["state"] for row in rows] == ["degraded"] * 3 + ["9"] * 3
+    assert {row["session"] for row in rows} == {str(SESSION)}
+    assert {row["epoch"] for row in rows} == {str(2**63)}
+    assert {row["period_ns"] for row in rows} == {str(PERIOD_NS)}
+
+
+def test_parquet_has_the_same_numbers(run, tmp_path, monkeypatch):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    monkeypatch.setattr(frame_tables, "ROW_GROUP", 100)
+    monkeypatch.setattr(frame_reader, "CHUNK", 8000)
+    log = tmp_path / "run.frames"
+    log.write_bytes(noise() + sealed(range(50, 100), count=5) + sealed([100], count=0))
+
+    result = run(log, "--parquet", "run.parquet")
+
+    assert (result.code, result.err) == (0, "")
+    assert result.out == "run.parquet: 53 frames, 256 lines\n"
+    file = parquet.ParquetFile(tmp_path / "run.parquet")
+    assert file.metadata.num_row_groups == 3
+    table = file.read()
+    assert table.column_names[:10] == HEADER_COLUMNS
+    for name in columns.scalar_columns(np.zeros(0, CONTACT)):
+        found, expected = table[name].to_numpy(), column_of(log, name)
+        assert found.dtype == expected.dtype, name
+        assert found.tobytes() == expected.tobytes(), name
+    assert table["state"].to_pylist()[:7] == ["degraded"] * 3 + ["9"] * 3 + ["ok"]
+    assert table["sequence"].to_pylist()[6:] == np.repeat(np.arange(50, 100), 5).tolist()
+    assert table["session"].to_numpy().dtype == np.uint64
+
+
+@pytest.mark.parametrize("options", [(), ("--csv", "-")])
+def test_without_a_name_csv_goes_to_standard_output(run, tmp_path, options):
+    log = tmp_path / "run.frames"
+    log.write_bytes(sealed([3, 4], count=2))
+
+    result = run(log, *options)
+
+    assert [row["sequence"] for row in lines_of(result.out)] == ["3", "3", "4", "4"]
+    assert list(tmp_path.iterdir()) == [log]
+
+
+def test_damage_is_left_out_and_told(run, tmp_path):
+    log = tmp_path / "run.frames"
+    log.write_bytes(sealed([0]) + b"\0" * 30 + sealed([1, 2])[:-9])
+
+    result = run(log, "--csv", "run.csv")
+
+    size = FRAME.size(1)
+    assert result.code == 0
+    assert result.out == "run.csv: 2 frames, 2 lines\n"
+    assert result.err.splitlines() == [
+        f"proximity: {log}: damaged in 1 place, 30 bytes skipped, the first at byte {size}",
+        f"proximity: {log}: {size - 9} bytes of a torn frame at the end left out",
+    ]
+
+
+@pytest.mark.parametrize("kind", ["--csv", "--parquet"])
+def test_log_without_frames_is_a_table_without_lines(run, tmp_path, kind):
+    if kind == "--parquet":
+        pytest.importorskip("pyarrow.parquet")
+    log = tmp_path / "run.frames"
+    log.touch()
+
+    result = run(log, kind, "out")
+
+    assert (result.code, result.out) == (0, "out: 0 frames, 0 lines\n")
+
+
+@pytest.mark.parametrize("kind", ["--csv", "--parquet"])
+def test_table_is_there_wholly_or_not_at_all(run, tmp_path, kind, monkeypatch):
+    if kind == "--parquet":
+        pytest.importorskip("pyarrow.parquet")
+    log, out = tmp_path / "run.frames", tmp_path / "out"
+    log.write_bytes(sealed(range(9)))
+    out.write_text("old")
+
+    def fail(frames, calls=[]):  # noqa: B006
+        calls.append(frames)
+        if len(calls) > 2:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return columns_of(frames)
+
+    columns_of = frame_tables.frame_columns
+    monkeypatch.setattr(frame_reader, "CHUNK", 2 * FRAME.size(1))
+    monkeypatch.setattr(frame_tables, "frame_columns", fail)
+    result = run(log, kind, out)
+
+    assert result.code == 2
+    assert result.err == f"proximity: {out}: cannot be written (No space left on device)\n"
+    assert out.read_text() == "old"
+    assert sorted(tmp_path.iterdir()) == [out, log]
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="there is no /dev/full")
+@pytest.mark.parametrize("kind", ["--csv", "--parquet"])
+def test_full_disk_is_one_sentence(run, tmp_path, kind):
+    if kind == "--parquet":
+        pytest.importorskip("pyarrow.parquet")
+    log = tmp_path / "run.frames"
+    log.write_bytes(sealed(range(50)))
+
+    result = run(log, kind, "/dev/full")
+
+    assert result.code == 2
+    assert result.err == "proximity: /dev/full: cannot be written (No space left on device)\n"
+
+
+def test_missing_pyarrow_is_told_with_what_to_install(run, tmp_path, monkeypatch):
+    log = tmp_path / "run.frames"
+    log.write_bytes(sealed([0]))
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+
+    result = run(log, "--parquet", "run.parquet")
+
+    assert result.code == 2
+    assert result.err == (
+        'proximity: Parquet needs pyarrow, which is not installed: pip install "proximity[parquet]"\n'
+    )
+    assert list(tmp_path.iterdir()) == [log]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("none.frames",), "proximity: none.frames: cannot be read (No such file or directory)"),
+        (("hand.csv", "--csv", "a"), "proximity: hand.csv: no frame was found in its 7 bytes"),
+        (
+            ("run.frames", "--csv", "none/a"),
+            "proximity: none/a: cannot be written (No such file or directory)",
+        ),
+        (("run.frames", "--csv", "./run.frames"), "run.frames is the log itself"),
+        (("run.frames", "--csv", "a", "--parquet", "b"), "expected one of --csv and --parquet"),
+        (("run.frames", "--parquet", "-"), "Parquet is not written to standard output"),
+    ],
+)
+def test_what_cannot_be_used_is_told(run, tmp_path, arguments, message):
+    (tmp_path / "hand.csv").write_text("no log\n")
+    (tmp_path / "run.frames").write_bytes(sealed([0]))
+
+    result = run(*arguments)
+
+    assert result.code == 2
+    assert message in " ".join(result.err.split())
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["hand.csv", "run.frames"]
+    assert (tmp_path / "run.frames").read_bytes() == sealed([0])

@@ -1,0 +1,169 @@
+"""``proximity record``: every frame that comes is in the file, whatever ends the recording."""
+
+import os
+import re
+import signal
+import sys
+import threading
+import time
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import queued_transport
+from sealed_frames import frame, sealed
+
+from proximity import cli
+from proximity.message import FRAME
+from proximity.recording import FrameReader
+from proximity.transport import open_outlet, open_publisher
+
+ADDRESS = "queue:decaff"
+
+
+@pytest.fixture
+def run(monkeypatch, capsys):
+    """Run the command line in this process; returns exit code, stdout and stderr."""
+    queued_transport.register(monkeypatch)
+    for name in ("FORCE_COLOR", "NO_COLOR", "GITHUB_ACTIONS"):
+        monkeypatch.delenv(name, raising=False)
+
+    def run_with(*arguments):
+        monkeypatch.setattr(sys, "argv", ["proximity", "record", *map(str, arguments)])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        written = capsys.readouterr()
+        return SimpleNamespace(code=end.value.code, out=written.out, err=written.err)
+
+    return run_with
+
+
+def publish(count, fingers=5):
+    with open_publisher(ADDRESS) as publisher:
+        for _ in range(count):
+            publisher.publish(frame(fingers, now_ns=time.monotonic_ns()))
+
+
+def sequences(path):
+    return np.concatenate([[], *(run["header"]["sequence"] for run in FrameReader(path))]).tolist()
+
+
+def beside(function):
+    """Run a function while the test goes on."""
+    thread = threading.Thread(target=function)
+    thread.start()
+    return thread
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_every_frame_is_written_until_told_to_stop(run, tmp_path, number):
+    path = tmp_path / "run.frames"
+    before = [signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM)]
+
+    def service():
+        publish(1000)
+        ends = time.monotonic() + 60.0
+        while path.stat().st_size < 1000 * FRAME.size(5) and time.monotonic() < ends:
+            time.sleep(0.01)
+        if signal.getsignal(number) not in before:  # else the recording has failed and ended
+            os.kill(os.getpid(), number)
+
+    path.touch()
+    thread = beside(service)
+    result = run(ADDRESS, path)
+    thread.join()
+
+    assert result.code == 0
+    assert result.err == ""
+    assert re.fullmatch(re.escape(str(path)) + r": 1000 frames in \d+\.\d s, 0 lost, 0 refused\n", result.out)
+    assert sequences(path) == list(range(1000))
+    assert [signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM)] == before
+
+
+def test_what_is_lost_and_refused_is_told(run, tmp_path):
+    outlet = open_outlet("queue:decaff")
+    numbers = [0, 1, 4, 4, 3]
+    for number in numbers:
+        outlet.send(np.frombuffer(sealed([number]), np.uint8))
+    damaged = np.array(np.frombuffer(sealed([5]), np.uint8))
+    damaged[200] ^= 1
+    outlet.send(damaged)
+    outlet.send(np.frombuffer(sealed([0], session=2 * 10**18), np.uint8))
+
+    result = run(ADDRESS, tmp_path / "run.frames", "--limit", 0.05)
+
+    assert result.code == 0
+    assert (
+        result.out.split(" s, ")[1]
+        == "2 lost, 3 refused (2 overtaken or repeated, 1 damaged on the way), 2 sessions\n"
+    )
+    assert result.out.split(": ")[1].startswith("4 frames in 0.")
+    assert sequences(tmp_path / "run.frames") == [0, 1, 4, 0]
+
+
+def test_log_is_continued_and_what_was_torn_is_told(run, tmp_path):
+    path = tmp_path / "run.frames"
+    path.write_bytes(sealed([0, 1])[:-7])
+    publish(2, fingers=1)
+
+    result = run(ADDRESS, path, "--limit", 0.05)
+
+    torn = FRAME.size(1) - 7
+    assert result.err == f"proximity: {path}: {torn} bytes of a torn frame at its end were cut off\n"
+    assert sequences(path) == [0, 0, 1]
+
+
+def test_no_frame_is_exit_code_1(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(cli.record, "PATIENCE_S", 0.02)
+
+    result = run(ADDRESS, tmp_path / "run.frames", "--limit", 0.2)
+
+    assert result.code == 1
+    assert result.err == f"proximity: nothing has come from {ADDRESS} yet\n"
+    assert ": 0 frames in 0.2 s, 0 lost, 0 refused\n" in result.out
+
+
+def test_full_disk_ends_the_recording_with_a_sentence(run, tmp_path):
+    resource = pytest.importorskip("resource")
+    path = tmp_path / "run.frames"
+    publish(20, fingers=1)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+
+    resource.setrlimit(resource.RLIMIT_FSIZE, (3 * FRAME.size(1) + 9, hard))
+    try:
+        result = run(ADDRESS, path, "--limit", 30)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+    assert result.code == 2
+    assert re.fullmatch(
+        rf"proximity: {re.escape(str(path))}: cannot be written after 3 frames; .* \(File too large\)\n",
+        result.err,
+    )
+    assert ": 3 frames in " in result.out
+    assert path.read_bytes() == path.read_bytes()[: 3 * FRAME.size(1)]
+    assert sequences(path) == [0, 1, 2]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("iox9://a", "a.frames"), "proximity: iox9://a: no transport is called 'iox9'"),
+        (
+            (ADDRESS, "none/a.frames"),
+            "proximity: none/a.frames: cannot be opened (No such file or directory)",
+        ),
+        ((ADDRESS, __file__), f"proximity: {__file__}: not a frame log, expected a file that begins with"),
+        ((ADDRESS, "a.frames", "--limit", 0), "0 seconds: expected 0 to 1e+09"),
+        ((ADDRESS, "a.frames", "--limit", "nan"), "nan seconds: expected 0 to 1e+09"),
+    ],
+)
+def test_what_cannot_be_used_is_told(run, tmp_path, monkeypatch, arguments, message):
+    monkeypatch.chdir(tmp_path)
+
+    result = run(*arguments)
+
+    assert result.code == 2
+    assert message in " ".join(result.err.split())
+    assert result.out == ""
+    assert list(tmp_path.iterdir()) == []
