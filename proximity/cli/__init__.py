@@ -1,4 +1,5 @@
-"""The command line: ``proximity query``, ``check``, ``compile``, ``replay``, ``record``, ``export``.
+"""The command line: ``proximity query``, ``check``, ``compile``, ``replay``, ``record``, ``export``,
+``watch``.
 
 Here people's units meet the library's metres; apart from that conversion the command line computes
 nothing. Modules that `main` needs before it knows what is asked import neither NumPy nor Rich: ``--help``
@@ -12,7 +13,7 @@ from typing import Annotated
 import typer
 
 import proximity
-from proximity.cli import check, compile, export, query, record, replay
+from proximity.cli import check, compile, export, query, record, replay, watch
 from proximity.cli.command import Command, Group
 
 HELP = "\n\n".join(  # a paragraph a string: some versions of Typer keep line breaks, some do not
@@ -48,6 +49,7 @@ app.command("record", cls=Command, epilog=record.EXAMPLES, help=record.HELP, no_
 app.command("export", cls=Command, epilog=export.EXAMPLES, help=export.HELP, no_args_is_help=True)(
     export.command
 )
+app.command("watch", cls=Command, epilog=watch.EXAMPLES, help=watch.HELP, no_args_is_help=True)(watch.command)
 
 
 def _print_version(is_asked: bool) -> None:
