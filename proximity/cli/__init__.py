@@ -1,5 +1,4 @@
-"""The command line: ``proximity query``, ``check``, ``compile``, ``replay``, ``record``, ``export``,
-``watch``.
+"""The command line: ``proximity query``, ``check``, ``compile``, ``replay``, ``serve``, …
 
 Here people's units meet the library's metres; apart from that conversion the command line computes
 nothing. Modules that `main` needs before it knows what is asked import neither NumPy nor Rich: ``--help``
@@ -13,7 +12,7 @@ from typing import Annotated
 import typer
 
 import proximity
-from proximity.cli import check, compile, export, query, record, replay, watch
+from proximity.cli import check, compile, demo, export, query, record, replay, serve, watch
 from proximity.cli.command import Command, Group
 
 HELP = "\n\n".join(  # a paragraph a string: some versions of Typer keep line breaks, some do not
@@ -43,6 +42,7 @@ app.command("replay", cls=Command, epilog=replay.EXAMPLES, help=replay.HELP, no_
 app.command("compile", cls=Command, epilog=compile.EXAMPLES, help=compile.HELP, no_args_is_help=True)(
     compile.command
 )
+app.command("serve", cls=Command, epilog=serve.EXAMPLES, help=serve.HELP, no_args_is_help=True)(serve.command)
 app.command("record", cls=Command, epilog=record.EXAMPLES, help=record.HELP, no_args_is_help=True)(
     record.command
 )
@@ -50,6 +50,8 @@ app.command("export", cls=Command, epilog=export.EXAMPLES, help=export.HELP, no_
     export.command
 )
 app.command("watch", cls=Command, epilog=watch.EXAMPLES, help=watch.HELP, no_args_is_help=True)(watch.command)
+
+app.command("demo", cls=Command, epilog=demo.EXAMPLES, help=demo.HELP)(demo.command)
 
 
 def _print_version(is_asked: bool) -> None:

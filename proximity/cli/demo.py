@@ -1,4 +1,4 @@
-"""``proximity demo``: the sample scene and hand, a service, a controller and a look at them, in one terminal."""
+"""``proximity demo``: sample scene and hand, a service, a controller and a look at both, in one terminal."""
 
 import os
 import secrets
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import proximity
+from proximity.cli.options import LONGEST_S
 from proximity.cli.stopping import until_told
 
 if TYPE_CHECKING:
@@ -19,9 +20,9 @@ if TYPE_CHECKING:
 HELP = "\n\n".join(
     (
         "Show it all working: a recorded hand at the sample bracket, without any configuration.",
-        "A service follows the hand 1000 times a second, in a process of its own. A small controller of drums "
-        "listens to it, and this terminal shows both until Ctrl-C or --seconds. It ends with what each of "
-        "them has done. Nothing is left behind.",
+        "A service follows the hand 1000 times a second, in a process of its own. A small controller of "
+        "drums listens to it, and this terminal shows both until Ctrl-C or --seconds. It ends with what each "
+        "of them has done. Nothing is left behind.",
     )
 )
 
@@ -43,8 +44,8 @@ def command(
     ] = SECONDS,
 ) -> None:
     """Run the demo."""
-    if not 0.0 < seconds <= 1e9:
-        raise typer.BadParameter(f"{seconds:g} seconds: expected 0 to 1e+09", param_hint="--seconds")
+    if not 0.0 < seconds <= LONGEST_S:
+        raise typer.BadParameter(f"{seconds:g} seconds: expected 0 to {LONGEST_S:g}", param_hint="--seconds")
     # NumPy, Rich and the library: only now, so that --help and mistakes above answer at once.
     from rich.console import Console
 
@@ -57,18 +58,16 @@ def command(
     # Its own name: demos beside each other, and a service that runs already, do not meet.
     address = f"iox2://proximity-demo-{os.getpid()}-{secrets.token_hex(4)}"
     waiting.prepare_kernels()
-    with until_told() as stop:
-        with ExitStack() as opened:
-            with waiting.spinner("starting the service"):
-                service = opened.enter_context(start_service(sample(SCENE), publish=[address], say=_say))
-            controller = opened.enter_context(Controller(opened.enter_context(open_subscriber(address))))
-            watch = opened.enter_context(open_subscriber(address))
-            follower, ends = Follower(watch), time.monotonic() + seconds
-            with Screen(Console()) as screen:
-                while not stop.is_told and service.is_running and time.monotonic() < ends:
-                    reading, seen = follower.look(TURN_S)
-                    screen.show(reading, seen, controller.stub.told())
-            report = service.stop()
+    with until_told() as stop, ExitStack() as opened:
+        with waiting.spinner("starting the service"):
+            service = opened.enter_context(start_service(sample(SCENE), publish=[address], say=_say))
+        controller = opened.enter_context(Controller(opened.enter_context(open_subscriber(address))))
+        follower = Follower(opened.enter_context(open_subscriber(address)))
+        screen, ends = opened.enter_context(Screen(Console())), time.monotonic() + seconds
+        while not stop.is_told and service.is_running and time.monotonic() < ends:
+            reading, seen = follower.look(TURN_S)
+            screen.show(reading, seen, controller.stub.told())
+        report = service.stop()
     for text in _summary(report, seen, controller.stub):
         typer.echo(text)
     if not controller.stub.used:

@@ -1,0 +1,40 @@
+"""A service described in a file: which parts, which fingers, where poses come from, where frames go.
+
+TOML, with every mistake told by its line; ``meshes/demo.toml`` explains each key. `read_scene_file` checks
+what can be checked without opening parts; what the file describes is then made of it.
+"""
+
+from proximity.scene_file.building import (
+    PartFiles,
+    finger_count,
+    make_tracker,
+    place_recording,
+    read_input,
+    stamp_of,
+)
+from proximity.scene_file.reading import override, read_scene_file
+from proximity.scene_file.records import (
+    FingerSettings,
+    InputSettings,
+    PartEntry,
+    RecordingEntry,
+    SceneFile,
+    ServiceSettings,
+)
+
+__all__ = [
+    "FingerSettings",
+    "InputSettings",
+    "PartEntry",
+    "PartFiles",
+    "RecordingEntry",
+    "SceneFile",
+    "ServiceSettings",
+    "finger_count",
+    "make_tracker",
+    "override",
+    "place_recording",
+    "read_input",
+    "read_scene_file",
+    "stamp_of",
+]

@@ -1,0 +1,110 @@
+"""Who makes contacts of samples: a tracker, or a sensor's measurements."""
+
+from typing import Any, Protocol
+
+import numpy as np
+
+from proximity.message import Source
+from proximity.service.samples import Hands, Samples
+from proximity.tracker import Tracker
+
+REHEARSAL = 200  # ticks, at places all over the scene
+MS = 1_000_000  # ns
+
+
+class Answering(Protocol):
+    """Makes the contacts of a tick."""
+
+    count: int
+    """Of fingers."""
+    source: Source
+    """Where its distances come from."""
+
+    @property
+    def epoch(self) -> int:
+        """A number that grows with each change of what parts and faces mean."""
+
+    @property
+    def notes(self) -> list[str]:
+        """Sentences for the report: what was refused or failed, and how often."""
+
+    def room(self) -> Samples:
+        """Make room for the samples that it takes."""
+
+    def rehearse(self) -> None:
+        """Do all that takes long the first time, and forget it."""
+
+    def answer(self, samples: Any, now_ns: int) -> np.ndarray:
+        """Return (N,) CONTACT for samples of N fingers; the same array each time, overwritten by the next."""
+
+    def close(self) -> None:
+        """Give back what is open."""
+
+
+class TrackerAnswers:
+    """Contacts with the parts of a scene.
+
+    Parameters
+    ----------
+    tracker : Tracker
+        Of as many fingers as the input has. Only the service may tick it from now on.
+    moves : MovesInput
+        Where parts move; None: nothing tells.
+    """
+
+    source = Source.GEOMETRY
+
+    def __init__(self, tracker: Tracker, moves: Any = None) -> None:
+        self.tracker = tracker
+        self.moves = moves
+        self.count = len(tracker.contacts)
+
+    @property
+    def epoch(self) -> int:
+        """Of the scene."""
+        return self.tracker.scene.epoch
+
+    @property
+    def notes(self) -> list[str]:
+        """What was wrong with moves of parts."""
+        return [] if self.moves is None else self.moves.notes
+
+    def room(self) -> Hands:
+        """Make room for poses."""
+        return Hands(self.count)
+
+    def rehearse(self) -> None:
+        """Tick all over the scene: kernels are compiled, trees come into memory."""
+        tracker, rng = self.tracker, np.random.default_rng(0)
+        lower, upper = tracker.scene.bounds
+        for tick in range(REHEARSAL):
+            tips = rng.uniform(lower, upper, (self.count, 3))
+            tracker.tick(tips, tick * MS, tick * MS)
+        tracker.reset()
+
+    def answer(self, samples: Hands, now_ns: int) -> np.ndarray:
+        """Move the parts that are to move, and tick.
+
+        Parameters
+        ----------
+        samples : Hands
+            Newest poses; nan: not tracked.
+        now_ns : int, ns
+            Instant of the tick.
+        """
+        if self.moves is not None:
+            self.moves.apply(self.tracker.scene)
+        paths = samples.paths
+        return self.tracker.tick(
+            samples.positions,
+            samples.pose_ns,
+            now_ns,
+            velocities=samples.velocities,
+            paths=paths,
+            bends=None if paths is None else samples.bends,
+        )
+
+    def close(self) -> None:
+        """Close the input of moves."""
+        if self.moves is not None:
+            self.moves.close()

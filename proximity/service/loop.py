@@ -1,0 +1,221 @@
+"""The loop: every period, the newest poses become a frame; a tick that comes too late is left out."""
+
+import threading
+from collections.abc import Sequence
+from contextlib import ExitStack
+from typing import Any
+
+from proximity.errors import ServiceError
+from proximity.service.answering import Answering
+from proximity.service.clock import SECOND, Clock, MonotonicClock
+from proximity.service.framing import Framing
+from proximity.service.gate import Gate
+from proximity.service.inputs import PoseInput
+from proximity.service.log_writer import Log
+from proximity.service.outgoing import Outgoing
+from proximity.service.realtime import RealTime, undisturbed
+from proximity.service.report import Report
+from proximity.transport import Publisher
+
+FAREWELLS = 3
+"""Frames that say STOPPING: a datagram may be lost."""
+SHORTEST, LONGEST = 1e-5, 10.0
+"""s, of periods."""
+
+
+class Service:
+    """Takes poses in, has them answered, and publishes frames, every period.
+
+    Parameters
+    ----------
+    answering : Answering
+        Who makes contacts: `TrackerAnswers` or `SensorAnswers`.
+    pose_input : PoseInput
+        Where samples come from, of as many fingers. Closed at the end.
+    publishers : sequence of Publisher
+        Who gets the frames. Closed at the end.
+    period : float, s
+        Between ticks.
+    valid_for : float, s
+        Age of the oldest pose up to which a frame may be used as it is.
+    stale_after : float, s
+        Age from which a pose is worth nothing.
+    clock : Clock
+        The system's monotonic one where not given.
+    log : Log
+        What frames are appended to, by another thread. Closed at the end.
+    real_time : RealTime
+        What the system is asked for; None: nothing.
+
+    Raises
+    ------
+    ServiceError
+        If a time cannot be used.
+    """
+
+    def __init__(
+        self,
+        answering: Answering,
+        pose_input: PoseInput,
+        publishers: Sequence[Publisher],
+        *,
+        period: float,
+        valid_for: float = 0.020,
+        stale_after: float = 0.100,
+        clock: Clock | None = None,
+        log: Log | None = None,
+        real_time: RealTime | None = None,
+    ) -> None:
+        self._period_ns = _nanoseconds("period", period)
+        self._answering, self._input = answering, pose_input
+        self._next: Answering | None = None
+        self._epoch_offset = 0
+        self._clock: Clock = MonotonicClock() if clock is None else clock
+        self._gate = Gate(answering.room(), _nanoseconds("stale_after", stale_after))
+        self._framing = Framing(
+            answering.count, answering.source, self._period_ns, _nanoseconds("valid_for", valid_for)
+        )
+        self._outgoing = Outgoing(publishers, log, len(self._framing.message.data))
+        self._real_time = real_time
+        self._report = Report(self._period_ns)
+
+    @property
+    def report(self) -> Report:
+        """What was done so far; the same object each time."""
+        report, gate, outgoing = self._report, self._gate, self._outgoing
+        report.future, report.backwards = gate.future, gate.backwards
+        report.publish_failures = dict(outgoing.failures)
+        report.log_written, report.log_lost = outgoing.log_written, outgoing.log_lost
+        real_time = [] if self._real_time is None else self._real_time.notes
+        report.notes = [*real_time, *self._input.notes, *self._answering.notes, *outgoing.notes]
+        return report
+
+    def run(self, *, stop: threading.Event | None = None, tick_count: int | None = None) -> Report:
+        """Serve until told to stop, or until the input is over; then say STOPPING and close everything.
+
+        The first tick comes when everything is compiled and in memory. A service runs once.
+
+        Parameters
+        ----------
+        stop : threading.Event
+            Ends it, when set by another thread or by a signal's handler.
+        tick_count : int
+            Ends it after so many ticks.
+
+        Returns
+        -------
+        Report
+            What was done; also ``report``, where another thread may look at it meanwhile.
+        """
+        with ExitStack() as stack:
+            stack.callback(self._close)
+            self._rehearse()
+            stack.enter_context(undisturbed())
+            if self._real_time is not None:
+                stack.enter_context(self._real_time)
+            stack.callback(self._say_farewell)
+            self._serve(stop, tick_count)
+        return self.report
+
+    def replace(self, answering: Answering) -> None:
+        """Have contacts made by somebody else from the next tick on: a scene was edited.
+
+        Whoever made them until then is not closed: what it was made of may be in use again.
+
+        Parameters
+        ----------
+        answering : Answering
+            Of as many fingers. It rehearses now, in the thread of the caller.
+
+        Raises
+        ------
+        ServiceError
+            If it is for another number of fingers, or of another kind.
+        """
+        before = self._answering
+        if answering.count != before.count or answering.source != before.source:
+            raise ServiceError(
+                f"contacts of {answering.count} fingers from {answering.source.name.lower()} cannot replace "
+                f"those of {before.count} from {before.source.name.lower()} in a running service"
+            )
+        answering.rehearse()
+        self._next = answering
+
+    def _rehearse(self) -> None:
+        """Compile and touch all that a tick needs."""
+        self._answering.rehearse()
+        gate = Gate(self._answering.room(), 0)
+        gate.start(0)
+        gate.admit(self._answering.room(), 0)
+        gate.expire(0)
+        self._framing.finish(0, 0, 0, 0, 0)
+
+    def _serve(self, stop: threading.Event | None, tick_count: int | None) -> None:
+        is_told_to_stop = threading.Event().is_set if stop is None else stop.is_set
+        begin_ns = self._clock.now_ns()
+        self._gate.start(begin_ns)
+        self._due_ns = begin_ns + self._period_ns
+        report, pose_input = self._report, self._input
+        while not is_told_to_stop() and report.ticks != tick_count and not pose_input.is_over:
+            self._tick()
+            self._skip_what_is_past(self._clock.now_ns())
+            self._due_ns += self._period_ns
+
+    def _tick(self) -> None:
+        """Make one frame."""
+        clock, report, framing, gate = self._clock, self._report, self._framing, self._gate
+        due_ns = self._due_ns
+        clock.sleep_until(due_ns)
+        start_ns = clock.now_ns()
+        if self._next is not None:
+            self._take_over()
+        samples = self._input.poll(start_ns)
+        if samples is not None:
+            gate.admit(samples, start_ns)
+        gate.expire(start_ns)
+        framing.fill(self._answering.answer(gate.kept, start_ns))
+        publish_ns = clock.now_ns()
+        self._skip_what_is_past(publish_ns)
+        epoch = self._answering.epoch + self._epoch_offset
+        framing.finish(start_ns, publish_ns, report.missed, epoch, clock.skipped_ns)
+        self._outgoing.hand_out(framing.message)
+        report.compute.record(clock.now_ns() - start_ns)
+        report.lateness.record(start_ns - due_ns)
+        report.ticks += 1
+        report.states[framing.state] += 1
+
+    def _skip_what_is_past(self, now_ns: int) -> None:
+        """Go on from the last deadline that is past; those before it are missed, not made up for."""
+        past = (now_ns - self._due_ns) // self._period_ns
+        if past > 0:
+            self._report.missed += past
+            self._due_ns += past * self._period_ns
+
+    def _take_over(self) -> None:
+        """Let the next one answer; whatever its scene calls itself, the epoch goes on."""
+        assert self._next is not None
+        epoch = self._answering.epoch + self._epoch_offset
+        self._answering, self._next = self._next, None
+        self._epoch_offset = epoch + 1 - self._answering.epoch
+
+    def _say_farewell(self) -> None:
+        """Publish that no frames will come any more."""
+        clock = self._clock
+        for _ in range(FAREWELLS):
+            now_ns = clock.now_ns()
+            self._framing.stop(now_ns - clock.skipped_ns)
+            self._outgoing.hand_out(self._framing.message)
+            clock.sleep_until(now_ns + self._period_ns)
+
+    def _close(self) -> None:
+        with ExitStack() as stack:
+            for opened in (self._input, self._answering, self._outgoing):
+                stack.callback(opened.close)
+
+
+def _nanoseconds(name: str, seconds: Any) -> int:
+    if isinstance(seconds, bool) or not isinstance(seconds, (int, float)):
+        seconds = float("nan")
+    if not SHORTEST <= seconds <= LONGEST:
+        raise ServiceError(f"{name} is {seconds!r}, expected {SHORTEST:g} to {LONGEST:g} s")
+    return round(SECOND * seconds)

@@ -1,0 +1,63 @@
+"""What a service has done: how many ticks, how late, how long, and what was not as it should be."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from proximity.message import State
+from proximity.service.histogram import Histogram
+
+
+@dataclass(slots=True, eq=False)
+class Report:
+    """Figures of one run; while it goes on, those so far."""
+
+    period_ns: int
+    ticks: int = 0  # frames made, those at the end left out
+    missed: int = 0  # ticks left out because others took too long
+    compute: Histogram = field(default_factory=Histogram)  # from the begin of a tick until its frame is out
+    lateness: Histogram = field(default_factory=Histogram)  # from when a tick was due until it began
+    states: dict[State, int] = field(default_factory=lambda: dict.fromkeys(State, 0))  # frames of each
+    future: int = 0  # poses left out because they are from the future
+    backwards: int = 0  # … because they are older than the one before
+    publish_failures: dict[str, int] = field(default_factory=dict)  # by address
+    log_written: int = 0
+    log_lost: int = 0
+    notes: list[str] = field(default_factory=list)  # sentences: what failed, what the system did not permit
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return it as numbers, texts and lists, for JSON."""
+        return {
+            "period_ns": self.period_ns,
+            "ticks": self.ticks,
+            "missed": self.missed,
+            "compute": _figures(self.compute),
+            "lateness": _figures(self.lateness),
+            "states": {state.name.lower(): count for state, count in self.states.items()},
+            "future": self.future,
+            "backwards": self.backwards,
+            "publish_failures": dict(self.publish_failures),
+            "log_written": self.log_written,
+            "log_lost": self.log_lost,
+            "notes": list(self.notes),
+        }
+
+    def __str__(self) -> str:
+        told = ", ".join(f"{count} {state.name.lower()}" for state, count in self.states.items() if count)
+        lines = [
+            f"{self.ticks} ticks ({told or 'none'}), {self.missed} missed",
+            f"computing: {self.compute}",
+            f"woken late: {self.lateness}",
+            *self.notes,
+        ]
+        return "\n".join(lines)
+
+
+def _figures(histogram: Histogram) -> dict[str, Any]:
+    return {
+        "count": histogram.count,
+        "p50_ns": histogram.percentile(50.0),
+        "p99_ns": histogram.percentile(99.0),
+        "p999_ns": histogram.percentile(99.9),
+        "max_ns": histogram.max_ns,
+        "rows": [list(row) for row in histogram.rows()],
+    }
