@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import queued_transport
 from rich.console import Console
+from rich.text import Text
 from sealed_frames import SESSION, frame
 
 from proximity import cli
@@ -174,7 +175,7 @@ def test_of_more_fingers_than_fit_the_nearest_are_shown():
     assert watch_view.line(shown, SEEN).endswith("and 4 more")
 
 
-@pytest.mark.parametrize("width", [40, 80, 99, 100, 200])
+@pytest.mark.parametrize("width", [40, 80, 91, 92, 200])
 def test_picture_fits_the_terminal(width):
     shown = reading(lower=-12.5, upper=999.9, flags=ContactFlag.TRACKED, part=4095)
 
@@ -182,8 +183,18 @@ def test_picture_fits_the_terminal(width):
 
     assert max(map(len, lines)) <= width
     if width >= 80:
-        assert ("TPE" in row_of(1, shown, width=width)) == (width >= 100)
+        assert ("TPE" in row_of(1, shown, width=width)) == (width >= 92)
         assert " 4095 -12500…999900 " in row_of(0, shown, width=width)
+
+
+def test_drums_are_shown_beside_and_the_bar_keeps_its_room():
+    drums = [Text("retracted"), Text("118.3 mm ahead, kept"), Text("holds")]
+
+    lines = drawn(reading(), width=80, drums=drums)
+    assert lines[3].split()[:4] == ["finger", "distance", "mm", "0"]
+    assert lines[3].split()[-3:] == ["touch", "in", "drum"]
+    assert lines[5].rstrip().endswith("118.3 mm ahead, kept")
+    assert len(lines[5][lines[3].index("0  ") : lines[3].index("touch in")]) > 24
 
 
 def test_unknown_numbers_are_shown_as_they_are():
@@ -234,7 +245,7 @@ def test_rate_is_of_the_last_second(monkeypatch):
     queued_transport.register(monkeypatch)
     now = [100.0]
     with open_subscriber(ADDRESS) as subscriber, open_publisher(ADDRESS) as publisher:
-        follower = watching.Follower(subscriber, lambda: now[0])
+        follower = watching.Follower(subscriber, gather=0.0, clock=lambda: now[0])
         rates, silences = [], []
         for turn in range(120):
             now[0] += 0.05

@@ -64,9 +64,11 @@ def command(
         controller = opened.enter_context(Controller(opened.enter_context(open_subscriber(address))))
         follower = Follower(opened.enter_context(open_subscriber(address)))
         screen, ends = opened.enter_context(Screen(Console())), time.monotonic() + seconds
-        while not stop.is_told and service.is_running and time.monotonic() < ends:
+        while True:
             reading, seen = follower.look(TURN_S)
             screen.show(reading, seen, controller.stub.told())
+            if stop.is_told or not service.is_running or time.monotonic() >= ends:
+                break
         report = service.stop()
     for text in _summary(report, seen, controller.stub):
         typer.echo(text)

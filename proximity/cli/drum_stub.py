@@ -163,7 +163,7 @@ class Controller:
 def _words(drum: Drum) -> Text:
     if drum.state is DrumState.RETRACTED:
         return Text("retracted", "green")
-    kept = ", no news" if drum.is_kept else ""
+    kept = ", kept" if drum.is_kept else ""
     if drum.state is DrumState.HOLDING:
         return Text(f"holds{kept}", "bold red")
     return Text(f"{MM * drum.way:.1f} mm ahead{kept}", "yellow")

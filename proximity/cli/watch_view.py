@@ -44,8 +44,9 @@ COLUMNS = {  # and their cells; a space follows each
     "flags": 12,
 }
 NUMBERS = ("finger", "part", "distance mm", "touch in", "closing")
-DRUM_CELLS = 26
-ROOM_FOR_FLAGS = 100  # cells of a line; the bar is more telling
+DRUM_CELLS = 20
+DISPENSABLE = ("flags", "mode", "closing", "part")  # in this order, for the sake of the bar
+ENOUGH_BAR = 24
 SMALLEST_BAR = 14
 LARGEST_BAR = 60
 FLAGS_LEGEND = f"Flags: {', '.join(f'{letter} {word}' for letter, word in FLAG_LETTERS.values())}"
@@ -154,15 +155,18 @@ def nearest(contacts: np.ndarray, count: int) -> list[int]:
 
 
 def _columns(width: int, *, has_drums: bool) -> dict[str, int]:
-    """The columns and their cells; the bar gets what is left of the line."""
-    columns = dict(COLUMNS)
-    if width < ROOM_FOR_FLAGS + (DRUM_CELLS if has_drums else 0):
-        del columns["flags"]
-    if has_drums:
-        columns["drum"] = DRUM_CELLS
-    others = sum(columns.values()) + len(columns)
-    columns["bar"] = min(max(width - others, SMALLEST_BAR), LARGEST_BAR)
+    """The columns that fit, and their cells; the bar gets what is left of the line."""
+    columns = COLUMNS | ({"drum": DRUM_CELLS} if has_drums else {})
+    for name in DISPENSABLE:
+        if width - _cells(columns) < ENOUGH_BAR:
+            del columns[name]
+    columns["bar"] = min(max(width - _cells(columns), SMALLEST_BAR), LARGEST_BAR)
     return columns
+
+
+def _cells(columns: dict[str, int]) -> int:
+    """What the columns take, with a space behind each."""
+    return sum(columns.values()) + len(columns)
 
 
 def _meaning(reading: Reading, seen: Seen) -> str:
