@@ -206,6 +206,11 @@ class Tracker:
         tick(model.handle, self._handle, now, is_moved)
         return self.contacts
 
+    @property
+    def epoch(self) -> int:
+        """Epoch of the scene as the last tick saw it: what parts and faces in `contacts` mean. Before, -1."""
+        return self._epoch
+
     def reset(self) -> None:
         """Forget all fingers: the next tick is like the first."""
         self._arrays["motions"][:] = 0.0

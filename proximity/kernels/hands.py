@@ -31,7 +31,10 @@ def admit(kept_ns, kept, given_ns, given, taken, latest_ns):
     future, backwards = 0, 0
     for i in range(len(kept_ns)):
         taken[i] = 1
-        if not math.isfinite(given[i, 0]):
+        is_known = True
+        for column in range(kept.shape[1]):
+            is_known &= math.isfinite(given[i, column])
+        if not is_known:
             kept[i, 0] = np.nan
         elif given_ns[i] > latest_ns:
             taken[i] = 0

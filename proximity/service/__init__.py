@@ -15,8 +15,9 @@ from proximity.service.moves import MovesInput
 from proximity.service.realtime import RealTime
 from proximity.service.report import Report
 from proximity.service.samples import Hands
+from proximity.service.sensor import Measurements, SensorInput
 from proximity.service.stream import StreamInput
-from proximity.service.teleoperation import SensorAnswers, SensorInput
+from proximity.service.teleoperation import SensorAnswers
 
 __all__ = [
     "Answering",
@@ -25,6 +26,7 @@ __all__ = [
     "Hands",
     "Histogram",
     "Log",
+    "Measurements",
     "MonotonicClock",
     "MovesInput",
     "PoseInput",

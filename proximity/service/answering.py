@@ -10,6 +10,7 @@ from proximity.tracker import Tracker
 
 REHEARSAL = 200  # ticks, at places all over the scene
 MS = 1_000_000  # ns
+PAGE = 4096  # bytes
 
 
 class Answering(Protocol):
@@ -22,7 +23,7 @@ class Answering(Protocol):
 
     @property
     def epoch(self) -> int:
-        """A number that grows with each change of what parts and faces mean."""
+        """A number that grows with each change of what parts and faces of the last answer mean."""
 
     @property
     def notes(self) -> list[str]:
@@ -61,8 +62,8 @@ class TrackerAnswers:
 
     @property
     def epoch(self) -> int:
-        """Of the scene."""
-        return self.tracker.scene.epoch
+        """Of the scene as the last tick saw it."""
+        return self.tracker.epoch
 
     @property
     def notes(self) -> list[str]:
@@ -74,8 +75,11 @@ class TrackerAnswers:
         return Hands(self.count)
 
     def rehearse(self) -> None:
-        """Tick all over the scene: kernels are compiled, trees come into memory."""
+        """Read all of the scene into memory, and tick all over it, which compiles what is not yet."""
         tracker, rng = self.tracker, np.random.default_rng(0)
+        model = tracker.scene._current()
+        for array in (model.reals, model.words):
+            array.view(np.uint8)[::PAGE].max(initial=0)
         lower, upper = tracker.scene.bounds
         for tick in range(REHEARSAL):
             tips = rng.uniform(lower, upper, (self.count, 3))

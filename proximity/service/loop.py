@@ -1,6 +1,7 @@
 """The loop: every period, the newest poses become a frame; a tick that comes too late is left out."""
 
 import threading
+import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from typing import Any
@@ -19,6 +20,8 @@ from proximity.transport import Publisher
 
 FAREWELLS = 3
 """Frames that say STOPPING: a datagram may be lost."""
+TAKEN_OVER_WITHIN, LOOK_AGAIN = 1.0, 1e-3
+"""s, of a new answering."""
 SHORTEST, LONGEST = 1e-5, 10.0
 """s, of periods."""
 
@@ -69,6 +72,8 @@ class Service:
         self._period_ns = _nanoseconds("period", period)
         self._answering, self._input = answering, pose_input
         self._next: Answering | None = None
+        self._retired: Answering | None = None  # who answered before the last exchange
+        self._thread: int | None = None  # that the loop runs in
         self._epoch_offset = 0
         self._clock: Clock = MonotonicClock() if clock is None else clock
         self._gate = Gate(answering.room(), _nanoseconds("stale_after", stale_after))
@@ -120,12 +125,13 @@ class Service:
     def replace(self, answering: Answering) -> None:
         """Have contacts made by somebody else from the next tick on: a scene was edited.
 
-        Whoever made them until then is not closed: what it was made of may be in use again.
+        Returns when that is done, and lets go of who made them until then, without closing it: its moves may
+        be in use again. All that takes long is done in the thread of the caller.
 
         Parameters
         ----------
         answering : Answering
-            Of as many fingers. It rehearses now, in the thread of the caller.
+            Of as many fingers. It rehearses now.
 
         Raises
         ------
@@ -140,6 +146,14 @@ class Service:
             )
         answering.rehearse()
         self._next = answering
+        gives_up = time.monotonic() + TAKEN_OVER_WITHIN
+        while self._next is answering and self._is_running_elsewhere() and time.monotonic() < gives_up:
+            time.sleep(LOOK_AGAIN)
+        # Here, not in the loop: to free a large scene takes milliseconds.
+        self._retired = None
+
+    def _is_running_elsewhere(self) -> bool:
+        return self._thread not in (None, threading.get_ident())
 
     def _rehearse(self) -> None:
         """Compile and touch all that a tick needs."""
@@ -152,6 +166,7 @@ class Service:
 
     def _serve(self, stop: threading.Event | None, tick_count: int | None) -> None:
         is_told_to_stop = threading.Event().is_set if stop is None else stop.is_set
+        self._thread = threading.get_ident()
         begin_ns = self._clock.now_ns()
         self._gate.start(begin_ns)
         self._due_ns = begin_ns + self._period_ns
@@ -195,6 +210,7 @@ class Service:
         """Let the next one answer; whatever its scene calls itself, the epoch goes on."""
         assert self._next is not None
         epoch = self._answering.epoch + self._epoch_offset
+        self._retired = self._answering
         self._answering, self._next = self._next, None
         self._epoch_offset = epoch + 1 - self._answering.epoch
 
@@ -208,6 +224,7 @@ class Service:
             clock.sleep_until(now_ns + self._period_ns)
 
     def _close(self) -> None:
+        self._thread = None
         with ExitStack() as stack:
             for opened in (self._input, self._answering, self._outgoing):
                 stack.callback(opened.close)

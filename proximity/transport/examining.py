@@ -45,10 +45,16 @@ class Examiner:
         Which are expected; each kind has sessions and numbers of its own.
     clock : callable
         Gives now, ns, monotonic.
+    most_at_once : int
+        Messages looked at in one go.
     """
 
     def __init__(
-        self, inlet: Inlet, kinds: Sequence[Kind], clock: Callable[[], int] = time.monotonic_ns
+        self,
+        inlet: Inlet,
+        kinds: Sequence[Kind],
+        clock: Callable[[], int] = time.monotonic_ns,
+        most_at_once: int = MOST_AT_ONCE,
     ) -> None:
         self.counts = Counts()
         self._inlet = inlet
@@ -56,6 +62,7 @@ class Examiner:
         self._default = kinds[0]
         self._room = np.empty(max(kind.size(MAX_RECORDS) for kind in kinds) + 8, np.uint8)
         self._clock = clock
+        self._most_at_once = most_at_once
         self._last: dict[str, tuple[int, int, int]] = {}  # session, sequence, when; by kind
 
     def messages(
@@ -70,7 +77,7 @@ class Examiner:
         content_flaw : callable
             Says what is wrong inside of a message that is whole and new; None: nothing.
         """
-        for _ in range(MOST_AT_ONCE):
+        for _ in range(self._most_at_once):
             size = self._inlet.receive(self._room)
             self.counts.refused = self._inlet.refused
             if size == NOTHING:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from proximity.message import CONTACT, FRAME, ContactFlag, Flaw, Kind, Mode, State, parts_of
+from proximity.message import CONTACT, FRAME, ContactFlag, Flaw, Kind, Mode, Source, State, parts_of
 from proximity.transport.clocks import ForeignClock
 from proximity.transport.examining import Counts, Examiner
 from proximity.transport.links import Inlet
@@ -166,7 +166,9 @@ class Subscriber:
             return Flaw.FUTURE
         is_tracked = (contacts["flags"] & ContactFlag.TRACKED) != 0
         lower, distance, upper = contacts["lower"], contacts["signed_distance"], contacts["upper"]
-        makes_sense = (lower <= distance) & (distance <= upper) & ~np.isnan(contacts["position"]).any(axis=1)
+        makes_sense = (lower <= distance) & (distance <= upper)
+        # A sensor may know a distance without a place.
+        makes_sense &= (contacts["source"] != Source.GEOMETRY) | ~np.isnan(contacts["position"]).any(axis=1)
         normals = contacts["normal"]
         length_sq = (normals * normals).sum(axis=1)
         makes_sense &= (abs(length_sq - 1.0) <= 2.0 * UNIT_ERROR) | np.isnan(length_sq)
@@ -208,7 +210,11 @@ def widen(contacts: np.ndarray, now_ns: int, max_speed: float, max_acceleration:
     elapsed = 1e-9 * np.maximum(now_ns - contacts["pose_ns"], 0)
     speed = np.where(
         (contacts["flags"] & ContactFlag.PREDICTED) != 0,
-        np.sqrt((contacts["velocity"] ** 2).sum(axis=1)),
+        np.where(
+            contacts["source"] == Source.GEOMETRY,
+            np.sqrt((contacts["velocity"] ** 2).sum(axis=1)),
+            np.abs(contacts["approach_speed"]),
+        ),
         max_speed,
     )
     part_speed = np.sqrt((contacts["part_velocity"] ** 2).sum(axis=1))

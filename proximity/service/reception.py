@@ -1,0 +1,124 @@
+"""Messages that a service is fed with: distrusted, counted, and never an exception in the loop."""
+
+import logging
+import time
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+
+from proximity.message import Kind, parts_of
+from proximity.transport import Examiner, open_inlet
+from proximity.transport.clocks import ForeignClock
+
+LOGGER = logging.getLogger("proximity.service")
+MOST_AT_ONCE = 32
+"""Messages looked at in one tick: a flood of garbage takes 0.1 ms of it, not all."""
+
+
+class Reception:
+    """Takes the messages at an address that can be used.
+
+    Parameters
+    ----------
+    address : str
+        As of `open_subscriber`.
+    kinds : sequence of Kind
+        Which are expected.
+    clock : callable
+        Gives now, ns, monotonic.
+
+    Raises
+    ------
+    PublishError
+        If the address cannot be opened.
+    """
+
+    def __init__(
+        self, address: str, kinds: Sequence[Kind], clock: Callable[[], int] = time.monotonic_ns
+    ) -> None:
+        self.address = address
+        self._inlet = open_inlet(address)
+        self._examiner = Examiner(self._inlet, kinds, clock, most_at_once=MOST_AT_ONCE)
+        self._foreign = None if self._inlet.shares_clock else ForeignClock()
+        self._sessions = 0
+        self._failures = 0
+        self._first_failure = ""
+        self._left_out: dict[str, int] = {}
+
+    @property
+    def notes(self) -> list[str]:
+        """What was lost, refused or left out."""
+        counts = self._examiner.counts
+        notes = [f"{self.address}: {count} {what}" for what, count in self._left_out.items()]
+        if counts.lost or counts.refused or counts.flawed:
+            notes.append(f"{self.address}: {counts}")
+        if self._failures:
+            notes.append(f"receiving failed {self._failures} times, first: {self._first_failure}")
+        return notes
+
+    def messages(self) -> Iterator[tuple[Kind, np.ndarray, int]]:
+        """Give what has arrived, oldest first: kind, records, and by how much our clock is ahead, ns.
+
+        The records are overwritten by the next message.
+        """
+        try:
+            for kind, data, now_ns in self._examiner.messages():
+                header, records = parts_of(data, kind)
+                yield kind, records, self._ahead(int(header["send_ns"]), now_ns)
+        except OSError as failure:
+            self._failures += 1
+            if self._failures == 1:
+                self._first_failure = str(failure)
+                LOGGER.warning("receiving failed: %s", failure)
+
+    def leave_out(self, what: str, count: int, why: str = "") -> None:
+        """Count what of a message is not used; the first time is logged.
+
+        Parameters
+        ----------
+        what : str
+            In the plural, for the report.
+        count : int
+            How many.
+        why : str
+            For the log.
+        """
+        if what not in self._left_out:
+            LOGGER.warning("%s: %s%s", self.address, what, why and f" ({why})")
+        self._left_out[what] = self._left_out.get(what, 0) + count
+
+    def close(self) -> None:
+        """Give the address back."""
+        self._inlet.close()
+
+    def _ahead(self, sent_ns: int, now_ns: int) -> int:
+        if self._foreign is None:
+            return 0
+        sessions = self._examiner.counts.sessions
+        if sessions != self._sessions:
+            # Another run of the sender, perhaps after a restart of its machine: its clock is another.
+            self._sessions = sessions
+            self._foreign.reset()
+        self._foreign.arrived(sent_ns, now_ns)
+        return now_ns - self._foreign.theirs(now_ns)
+
+
+def rows_of(fingers: np.ndarray, count: int) -> tuple[slice | np.ndarray, np.ndarray | None]:
+    """Return the rows that records of these fingers belong to, and which of the records they are.
+
+    Parameters
+    ----------
+    fingers : (K,) integers
+        As records name them.
+    count : int
+        Of fingers that there are; whoever is beyond them is left out.
+
+    Returns
+    -------
+    rows, chosen
+        All rows in order, as is usual, are a slice; all records are None.
+    """
+    if len(fingers) == count and (fingers == np.arange(count)).all():
+        return slice(None), None
+    is_known = fingers < count
+    return (fingers, None) if is_known.all() else (fingers[is_known], is_known)

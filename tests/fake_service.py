@@ -1,0 +1,155 @@
+"""What a service is tested with: a clock that is set, scripted inputs and answers, outlets that keep."""
+
+import numpy as np
+
+from proximity.errors import PublishError
+from proximity.message import CONTACT, FRAME, ContactFlag, Source, State, parts_of
+from proximity.service import Hands, Service
+from proximity.transport import Publisher, forget
+
+MS = 1_000_000
+PERIOD_NS = MS
+TRACKED = ContactFlag.TRACKED
+
+
+class ManualClock:
+    """Time passes when it is slept or spent; *oversleeps* are taken one a sleep."""
+
+    skipped_ns = 0
+
+    def __init__(self, now_ns=1000 * MS, oversleeps=()):
+        self.now = now_ns
+        self.oversleeps = list(oversleeps)
+        self.sleeps = []
+
+    def now_ns(self):
+        return self.now
+
+    def sleep_until(self, due_ns):
+        self.sleeps.append(due_ns)
+        late = self.oversleeps.pop(0) if self.oversleeps else 0
+        self.now = max(self.now, due_ns) + late
+
+    def spend(self, duration_ns):
+        self.now += duration_ns
+
+
+class ScriptedInput:
+    """Gives what *poll* returns, called with the number of the poll and the instant."""
+
+    notes = ()
+
+    def __init__(self, poll, over_after=None):
+        self._poll, self._over_after = poll, over_after
+        self.polls = 0
+        self.is_over = self.is_closed = False
+
+    def poll(self, now_ns):
+        told = self._poll(self.polls, now_ns)
+        self.polls += 1
+        self.is_over = self.polls == self._over_after
+        return told
+
+    def close(self):
+        self.is_closed = True
+
+
+class FakeAnswers:
+    """Says of each finger that has a position: tracked, and its x as distance.
+
+    *during* is called in each tick with its number.
+    """
+
+    source = Source.GEOMETRY
+
+    def __init__(self, count=2, during=lambda tick: None, epoch=0):
+        self.count, self.epoch = count, epoch
+        self.notes = []
+        self.during = during
+        self.ticks = self.rehearsals = 0
+        self.seen = []  # positions, instants, now of each tick
+        self.is_closed = False
+        self.contacts = np.zeros(count, CONTACT)
+
+    def room(self):
+        return Hands(self.count)
+
+    def rehearse(self):
+        self.rehearsals += 1
+
+    def answer(self, hands, now_ns):
+        self.seen.append((hands.positions.copy(), hands.pose_ns.copy(), now_ns))
+        forget(self.contacts)
+        is_tracked = np.isfinite(hands.positions).all(axis=1)
+        self.contacts["finger"] = np.arange(self.count)
+        self.contacts["pose_ns"], self.contacts["age_ns"] = hands.pose_ns, now_ns - hands.pose_ns
+        self.contacts["predicted_ns"] = now_ns + MS
+        self.contacts["position"] = hands.positions
+        for name in ("signed_distance", "lower", "upper"):
+            self.contacts[name][is_tracked] = hands.positions[is_tracked, 0]
+        self.contacts["flags"] = np.where(is_tracked, int(TRACKED), 0)
+        self.during(self.ticks)
+        self.ticks += 1
+        return self.contacts
+
+    def close(self):
+        self.is_closed = True
+
+
+class KeepingOutlet:
+    """Keeps copies of all that is sent, or refuses the messages whose numbers are *refused*."""
+
+    def __init__(self, refused=()):
+        self.sent, self.count, self.refused = [], 0, refused
+        self.is_closed = False
+
+    def send(self, data):
+        self.count += 1
+        if self.count - 1 in self.refused:
+            raise PublishError("keeping: no room")
+        self.sent.append(data.copy())
+
+    def close(self):
+        self.is_closed = True
+
+    @property
+    def headers(self):
+        return [parts_of(data, FRAME)[0] for data in self.sent]
+
+    @property
+    def records(self):
+        return [parts_of(data, FRAME)[1] for data in self.sent]
+
+    @property
+    def states(self):
+        return [State(int(header["state"])) for header in self.headers]
+
+
+def publisher(outlet, address="keeping:"):
+    return Publisher(outlet, address)
+
+
+def hands_at(positions, pose_ns, velocities=None):
+    """Hands of these arrays; one instant, or one a finger."""
+    hands = Hands(len(positions))
+    hands.positions[...] = positions
+    hands.pose_ns[...] = pose_ns
+    hands.velocities = velocities
+    return hands
+
+
+def steady(poll, now_ns):
+    """Two fingers, tracked at every tick."""
+    return hands_at([[0.1, 0, 0], [0.2, 0, 0]], now_ns)
+
+
+def serve(
+    poll=steady, *, during=lambda tick: None, ticks=10, clock=None, over_after=None, answers=None, **settings
+):
+    """Run a service of two fingers on fakes; report, outlet, answers and clock."""
+    clock = clock or ManualClock()
+    outlet = KeepingOutlet()
+    answers = answers or FakeAnswers(during=during)
+    settings.setdefault("period", 1e-9 * PERIOD_NS)
+    service = Service(answers, ScriptedInput(poll, over_after), [publisher(outlet)], clock=clock, **settings)
+    return service.run(tick_count=ticks), outlet, answers, clock

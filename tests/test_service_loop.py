@@ -1,0 +1,505 @@
+"""The loop on a clock that is set: when ticks come, what frames say, and what happens when one is late."""
+
+import threading
+import time
+import tracemalloc
+
+import numpy as np
+import pytest
+from fake_service import (
+    MS,
+    FakeAnswers,
+    KeepingOutlet,
+    ManualClock,
+    ScriptedInput,
+    hands_at,
+    publisher,
+    serve,
+    steady,
+)
+
+from proximity.errors import ServiceError
+from proximity.message import FRAME, ContactFlag, Source, State, flaw_of
+from proximity.service import Service, SkippingClock
+
+START = 1000 * MS
+FAREWELL = [State.STOPPING] * 3
+
+
+def flagged(answers, flags):
+    """Let the first finger have more flags from the next tick on."""
+    answer = answers.answer
+
+    def answer_with_flags(hands, now_ns):
+        contacts = answer(hands, now_ns)
+        contacts["flags"][0] |= int(flags)
+        return contacts
+
+    answers.answer = answer_with_flags
+    return answers
+
+
+# --- appointments ---
+
+
+def test_ticks_come_at_deadlines_and_not_after_pauses():
+    clock = ManualClock()
+
+    report, outlet, answers, _ = serve(during=lambda tick: clock.spend(MS // 4), ticks=5, clock=clock)
+
+    assert [now for *_, now in answers.seen] == [START + k * MS for k in range(1, 6)]
+    assert report.ticks == 5 and report.missed == 0
+    assert report.compute.count == report.lateness.count == 5
+    assert report.compute.max_ns == MS // 4 and report.lateness.max_ns == 0
+    assert outlet.states == [State.OK] * 5 + FAREWELL
+
+
+def test_waking_late_is_counted_apart_from_computing():
+    report, outlet, _, _ = serve(ticks=3, clock=ManualClock(oversleeps=[0, 200_000, 0]))
+
+    assert report.lateness.max_ns == 200_000 and report.compute.max_ns == 0
+    assert [int(header["start_ns"]) for header in outlet.headers[:3]] == [
+        START + MS,
+        START + 2 * MS + 200_000,
+        START + 3 * MS,
+    ]
+
+
+def test_answer_of_three_periods_and_a_half_skips_three_deadlines_and_hurries_after_none():
+    clock = ManualClock()
+
+    report, outlet, answers, _ = serve(
+        during=lambda tick: clock.spend(7 * MS // 2) if tick == 2 else None, ticks=6, clock=clock
+    )
+
+    # The third tick began at 3 ms and ended at 6.5: the deadlines at 4, 5 and 6 ms are gone.
+    assert [(now - START) // MS for *_, now in answers.seen] == [1, 2, 3, 7, 8, 9]
+    assert report.missed == 3
+    assert [int(header["missed"]) for header in outlet.headers[:6]] == [0, 0, 3, 3, 3, 3]
+    assert outlet.states == [State.OK, State.OK, State.LATE, State.OK, State.OK, State.OK, *FAREWELL]
+    assert report.states[State.LATE] == 1
+
+
+def test_publisher_that_takes_too_long_makes_the_next_frame_late():
+    clock, outlet = ManualClock(), KeepingOutlet()
+    send = outlet.send
+
+    def send_slowly(data):
+        send(data)
+        clock.spend(5 * MS // 2 if outlet.count == 2 else 0)
+
+    outlet.send = send_slowly
+    service = Service(FakeAnswers(), ScriptedInput(steady), [publisher(outlet)], period=0.001, clock=clock)
+
+    report = service.run(tick_count=4)
+
+    assert report.missed == 2
+    assert outlet.states[:4] == [State.OK, State.OK, State.LATE, State.OK]
+
+
+def test_oversleeping_counts_the_deadlines_slept_through():
+    report, outlet, _, _ = serve(ticks=3, clock=ManualClock(oversleeps=[0, 2 * MS + 1]))
+
+    assert report.missed == 2
+    assert outlet.states[:3] == [State.OK, State.LATE, State.OK]
+    assert report.lateness.max_ns == 2 * MS + 1
+
+
+# --- the header ---
+
+
+def test_header_tells_times_period_epoch_and_count():
+    clock = ManualClock()
+
+    _, outlet, _, _ = serve(
+        lambda poll, now_ns: hands_at([[0.1, 0, 0], [0.2, 0, 0]], [now_ns - 3 * MS, now_ns - MS]),
+        during=lambda tick: clock.spend(1000),
+        ticks=1,
+        clock=clock,
+        answers=FakeAnswers(during=lambda tick: clock.spend(1000), epoch=7),
+    )
+
+    header = outlet.headers[0]
+    assert header["pose_ns"] == START + MS - 3 * MS  # of the oldest
+    assert header["start_ns"] == START + MS
+    assert header["publish_ns"] == START + MS + 1000
+    assert header["valid_until_ns"] == header["pose_ns"] + 20 * MS
+    assert header["period_ns"] == MS
+    assert header["epoch"] == 7 and header["missed"] == 0 and header["count"] == 2
+    assert header["source"] == Source.GEOMETRY
+    assert header["reserved"].tolist() == [0, 0]
+    np.testing.assert_array_equal(outlet.records[0]["signed_distance"], [0.1, 0.2])
+
+
+def test_every_frame_is_whole_and_numbered():
+    _, outlet, _, _ = serve(ticks=4)
+
+    assert all(flaw_of(data, FRAME) is None for data in outlet.sent)
+    assert [int(header["sequence"]) for header in outlet.headers] == list(range(7))
+    assert len({int(header["session"]) for header in outlet.headers}) == 1
+
+
+def test_instant_of_a_frame_without_tracked_fingers_is_its_start():
+    _, outlet, _, _ = serve(lambda poll, now_ns: None, ticks=1)
+
+    assert outlet.headers[0]["pose_ns"] == outlet.headers[0]["start_ns"] == START + MS
+
+
+# --- states ---
+
+
+def test_state_is_starting_until_the_first_pose():
+    _, outlet, answers, _ = serve(lambda poll, now_ns: steady(poll, now_ns) if poll >= 3 else None, ticks=5)
+
+    assert outlet.states[:5] == [State.STARTING] * 3 + [State.OK] * 2
+    assert len(answers.seen) == 5  # at the full rate all the same
+    assert outlet.records[0]["flags"].tolist() == [0, 0]
+
+
+def test_state_goes_from_late_to_stale_as_the_only_pose_grows_old():
+    _, outlet, answers, _ = serve(lambda poll, now_ns: steady(poll, now_ns) if poll == 0 else None, ticks=110)
+
+    # The pose is of the first tick: valid for 20 ms, worth something for 100.
+    assert outlet.states[:110] == [State.OK] * 21 + [State.LATE] * 80 + [State.STALE] * 9
+    assert np.isfinite(answers.seen[100][0]).all() and np.isnan(answers.seen[101][0][:, 0]).all()
+
+
+def test_finger_that_is_too_old_is_not_tracked_while_the_other_goes_on():
+    def poll(poll, now_ns):
+        return hands_at([[0.1, 0, 0], [0.2, 0, 0]], [now_ns, START])
+
+    _, outlet, _, _ = serve(poll, ticks=105, valid_for=1.0)
+
+    flags = np.array([records["flags"] for records in outlet.records[:105]])
+    assert (flags[:, 0] == ContactFlag.TRACKED).all()
+    assert flags[:100, 1].all() and not flags[100:, 1].any()
+    assert outlet.states[99:101] == [State.OK, State.DEGRADED]
+
+
+def test_state_is_degraded_where_a_finger_is_lost_and_stale_where_all_are():
+    def poll(poll, now_ns):
+        return hands_at([[0.1 if poll < 2 else np.nan, 0, 0], [0.1 if poll < 1 else np.nan, 0, 0]], now_ns)
+
+    _, outlet, _, _ = serve(poll, ticks=3)
+
+    assert outlet.states[:3] == [State.OK, State.DEGRADED, State.STALE]
+
+
+@pytest.mark.parametrize(
+    ("flags", "state"),
+    [
+        (ContactFlag.BOUNDED | ContactFlag.IN_RANGE, State.DEGRADED),
+        (ContactFlag.BOUNDED, State.OK),
+        (ContactFlag.IN_RANGE | ContactFlag.EXACT, State.OK),
+    ],
+)
+def test_state_is_degraded_where_a_finger_is_near_with_bounds_only(flags, state):
+    _, outlet, _, _ = serve(ticks=1, answers=flagged(FakeAnswers(), flags))
+
+    assert outlet.states[0] == state
+
+
+def test_late_is_worse_than_degraded():
+    clock = ManualClock(oversleeps=[MS])
+    _, outlet, _, _ = serve(
+        lambda poll, now_ns: hands_at([[0.1, 0, 0], [np.nan, 0, 0]], now_ns), ticks=2, clock=clock
+    )
+
+    assert outlet.states[:2] == [State.LATE, State.DEGRADED]
+
+
+# --- poses that cannot be ---
+
+
+def test_poses_from_the_future_or_going_back_are_left_out_and_counted():
+    instants = [0, 4 * MS, 6 * MS, -MS, 0]  # ahead of the tick
+
+    def poll(poll, now_ns):
+        return hands_at([[0.1 * (poll + 1), 0, 0]] * 2, now_ns + instants[poll])
+
+    report, _, answers, _ = serve(poll, ticks=5)
+
+    # Kept: 1 ms, 2 + 4 ms; from the future: 3 + 6; going back: 4 - 1 and 5, both before 6 ms.
+    assert [positions[0, 0] for positions, *_ in answers.seen] == pytest.approx([0.1, 0.2, 0.2, 0.2, 0.2])
+    assert report.future == 2 and report.backwards == 4
+
+
+@pytest.mark.parametrize("jump", [-3600_000 * MS, 3600_000 * MS])
+def test_clock_of_the_input_that_jumps_ends_in_stale_and_recovers_when_it_is_right(jump):
+    def poll(poll, now_ns):
+        return hands_at([[0.1, 0, 0]] * 2, now_ns + (jump if 10 <= poll < 200 else 0))
+
+    report, outlet, _, _ = serve(poll, ticks=210)
+
+    assert outlet.states[:10] == [State.OK] * 10
+    assert outlet.states[115:200] == [State.STALE] * 85
+    assert outlet.states[200:210] == [State.OK] * 10
+    assert report.future + report.backwards == 2 * 190
+
+
+def test_clock_of_the_input_put_back_a_little_is_believed_as_soon_as_it_is_ahead():
+    def poll(poll, now_ns):
+        return hands_at([[0.1, 0, 0]] * 2, now_ns - (50 * MS if poll >= 10 else 0))
+
+    report, outlet, _, _ = serve(poll, ticks=80, valid_for=0.06)
+
+    assert report.backwards == 2 * 49
+    assert outlet.states[:80] == [State.OK] * 80
+
+
+def test_same_sample_again_and_again_is_one_pose():
+    hands = hands_at([[0.1, 0, 0]] * 2, START)
+
+    report, _, answers, _ = serve(lambda poll, now_ns: hands, ticks=10)
+
+    assert report.backwards == 0
+    assert {int(pose_ns[0]) for _, pose_ns, _ in answers.seen} == {START}
+
+
+# --- the end ---
+
+
+def test_input_that_is_over_ends_the_service_after_its_last_pose():
+    report, outlet, answers, _ = serve(ticks=None, over_after=4)
+
+    assert report.ticks == 4 and len(answers.seen) == 4
+    assert outlet.states == [State.OK] * 4 + FAREWELL
+
+
+def test_stopping_is_said_three_times_a_period_apart_and_all_is_closed():
+    clock, outlet, answers, pose_input = ManualClock(), KeepingOutlet(), FakeAnswers(), ScriptedInput(steady)
+    service = Service(answers, pose_input, [publisher(outlet)], period=0.001, clock=clock)
+
+    service.run(tick_count=2)
+
+    farewells = outlet.headers[2:]
+    assert outlet.states[2:] == FAREWELL
+    assert np.diff([int(header["publish_ns"]) for header in farewells]).tolist() == [MS, MS]
+    assert [int(header["pose_ns"]) for header in farewells] == [START + 2 * MS] * 3
+    assert outlet.is_closed and answers.is_closed and pose_input.is_closed
+
+
+def test_event_stops_the_loop():
+    stop = threading.Event()
+    clock, outlet = ManualClock(), KeepingOutlet()
+    answers = FakeAnswers(during=lambda tick: stop.set() if tick == 4 else None)
+    service = Service(answers, ScriptedInput(steady), [publisher(outlet)], period=0.001, clock=clock)
+
+    report = service.run(stop=stop)
+
+    assert report.ticks == 5
+    assert outlet.states[5:] == FAREWELL
+
+
+def test_answer_that_raises_still_says_stopping_and_closes():
+    outlet = KeepingOutlet()
+
+    def fail(tick):
+        if tick == 2:
+            raise RuntimeError("no answer")
+
+    service = Service(
+        FakeAnswers(during=fail),
+        ScriptedInput(steady),
+        [publisher(outlet)],
+        period=0.001,
+        clock=ManualClock(),
+    )
+
+    with pytest.raises(RuntimeError, match="no answer"):
+        service.run()
+    assert outlet.states == [State.OK] * 2 + FAREWELL
+    assert outlet.is_closed
+
+
+def test_service_without_a_tick_says_stopping_of_nobody():
+    _, outlet, answers, _ = serve(ticks=0)
+
+    assert answers.rehearsals == 1  # but nothing was answered
+    assert outlet.states == FAREWELL
+    assert np.isnan(outlet.records[0]["signed_distance"]).all()
+    assert outlet.records[0]["flags"].tolist() == [0, 0] and outlet.records[0]["finger"].tolist() == [0, 1]
+
+
+# --- where frames go ---
+
+
+def test_publisher_that_fails_is_counted_and_the_others_go_on(caplog):
+    failing, outlet = KeepingOutlet(refused={1, 2}), KeepingOutlet()
+    service = Service(
+        FakeAnswers(),
+        ScriptedInput(steady),
+        [publisher(failing, "failing:"), publisher(outlet, "keeping:")],
+        period=0.001,
+        clock=ManualClock(),
+    )
+
+    report = service.run(tick_count=5)
+
+    assert len(outlet.sent) == 8 and len(failing.sent) == 6
+    assert [int(header["sequence"]) for header in failing.headers] == [0, 3, 4, 5, 6, 7]
+    assert report.publish_failures == {"failing:": 2, "keeping:": 0}
+    assert report.notes == ["failing:: 2 frames were not published, first: keeping: no room"]
+    assert [record.message for record in caplog.records] == ["a frame cannot be published: keeping: no room"]
+
+
+class KeepingLog:
+    def __init__(self):
+        self.frames, self.is_closed = [], False
+
+    def append(self, data):
+        self.frames.append(data.copy())
+
+    def close(self):
+        self.is_closed = True
+
+
+def test_log_has_every_frame_as_the_first_publisher_sealed_it():
+    log, first, second = KeepingLog(), KeepingOutlet(), KeepingOutlet()
+    service = Service(
+        FakeAnswers(),
+        ScriptedInput(steady),
+        [publisher(first), publisher(second)],
+        period=0.001,
+        clock=ManualClock(),
+        log=log,
+    )
+
+    report = service.run(tick_count=20)
+
+    assert log.is_closed
+    np.testing.assert_array_equal(np.array(log.frames), np.array(first.sent))
+    assert report.log_written == 23 and report.log_lost == 0
+
+
+def test_log_without_publishers_has_whole_frames():
+    log = KeepingLog()
+    Service(FakeAnswers(), ScriptedInput(steady), [], period=0.001, clock=ManualClock(), log=log).run(
+        tick_count=4
+    )
+
+    assert [flaw_of(data, FRAME) for data in log.frames] == [None] * 7
+    assert [int(data[24:32].view("<u8")[0]) for data in log.frames] == list(range(7))
+
+
+# --- as fast as possible ---
+
+
+def test_waits_that_are_skipped_leave_frames_as_old_as_they_were():
+    began = time.monotonic_ns()
+    clock = SkippingClock()
+    _, outlet, answers, _ = serve(
+        lambda poll, now_ns: hands_at([[0.1, 0, 0]] * 2, now_ns - 2 * MS), ticks=500, clock=clock, period=0.01
+    )
+    ended = time.monotonic_ns()
+
+    assert clock.skipped_ns > 4 * 10**9  # 5 s of ticks
+    ticked = [now for *_, now in answers.seen]
+    assert np.diff(ticked).min() > 9 * MS
+    for header, records in zip(outlet.headers[:500], outlet.records[:500], strict=True):
+        assert began < header["start_ns"] <= header["publish_ns"] < ended
+        assert header["start_ns"] - header["pose_ns"] == 2 * MS
+        assert (records["pose_ns"] == header["pose_ns"]).all()
+        assert (records["predicted_ns"] - records["pose_ns"] == 3 * MS).all()
+
+
+# --- exchanging who answers ---
+
+
+def test_replacement_answers_from_the_next_tick_on_and_the_epoch_grows():
+    after = FakeAnswers(epoch=0)
+    outlet = KeepingOutlet()
+    before = FakeAnswers(during=lambda tick: service.replace(after) if tick == 2 else None, epoch=5)
+    service = Service(before, ScriptedInput(steady), [publisher(outlet)], period=0.001, clock=ManualClock())
+
+    service.run(tick_count=6)
+
+    assert before.ticks == 3 and after.ticks == 3 and after.rehearsals == 1
+    assert [int(header["epoch"]) for header in outlet.headers] == [5] * 3 + [6] * 6
+    assert not before.is_closed and after.is_closed
+
+
+def test_replacement_from_another_thread_returns_when_it_answers():
+    after = FakeAnswers()
+    swapped = threading.Event()
+    before = FakeAnswers()
+    service = Service(before, ScriptedInput(steady), [], period=0.001)
+    stop = threading.Event()
+    thread = threading.Thread(target=service.run, kwargs={"stop": stop})
+    thread.start()
+    try:
+        while not before.ticks:
+            swapped.wait(0.001)
+        service.replace(after)
+        swapped.wait(0.01)
+        ticks = before.ticks
+        while not after.ticks and thread.is_alive():
+            swapped.wait(0.001)
+    finally:
+        stop.set()
+        thread.join(10.0)
+    assert before.ticks == ticks and after.ticks > 0
+
+
+def test_replacement_for_other_fingers_is_refused():
+    service = Service(FakeAnswers(), ScriptedInput(steady), [], period=0.001)
+
+    with pytest.raises(
+        ServiceError,
+        match=r"^contacts of 3 fingers from geometry cannot replace those of 2 from geometry in a running "
+        r"service$",
+    ):
+        service.replace(FakeAnswers(3))
+
+
+# --- doors ---
+
+
+@pytest.mark.parametrize("name", ["period", "valid_for", "stale_after"])
+@pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf"), 1e-7, "1", None, True])
+def test_times_that_cannot_be_are_refused(name, value):
+    times = {"period": 0.001, name: value}
+
+    with pytest.raises(ServiceError, match=f"^{name} is .*, expected 1e-05 to 10 s$"):
+        Service(FakeAnswers(), ScriptedInput(steady), [], **times)
+
+
+# --- memory ---
+
+
+def test_memory_does_not_grow_with_ticks():
+    sizes = []
+
+    def look(tick):
+        if tick in (200, 3200):
+            sizes.append(tracemalloc.get_traced_memory()[0])
+
+    class Blind(FakeAnswers):
+        """Keeps nothing of what it saw."""
+
+        def answer(self, hands, now_ns):
+            self.seen.clear()
+            return super().answer(hands, now_ns)
+
+    class Nowhere(KeepingOutlet):
+        def send(self, data):
+            self.count += 1
+
+    class Forgetful(ManualClock):
+        def sleep_until(self, due_ns):
+            super().sleep_until(due_ns)
+            self.sleeps.clear()
+
+    outlet = Nowhere()
+    service = Service(
+        Blind(during=look), ScriptedInput(steady), [publisher(outlet)], period=0.001, clock=Forgetful()
+    )
+    tracemalloc.start()
+    try:
+        service.run(tick_count=3201)
+    finally:
+        tracemalloc.stop()
+
+    assert outlet.count == 3204
+    # One number more a tick would be 100 kB; what differs are the numbers that are counted up.
+    assert abs(sizes[1] - sizes[0]) < 4096
