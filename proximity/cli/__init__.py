@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 
 import proximity
-from proximity.cli import check, compile, export, query, record, replay, serve
+from proximity.cli import check, compile, demo, export, query, record, replay, serve, watch
 from proximity.cli.command import Command, Group
 
 HELP = "\n\n".join(  # a paragraph a string: some versions of Typer keep line breaks, some do not
@@ -49,6 +49,9 @@ app.command("record", cls=Command, epilog=record.EXAMPLES, help=record.HELP, no_
 app.command("export", cls=Command, epilog=export.EXAMPLES, help=export.HELP, no_args_is_help=True)(
     export.command
 )
+app.command("watch", cls=Command, epilog=watch.EXAMPLES, help=watch.HELP, no_args_is_help=True)(watch.command)
+
+app.command("demo", cls=Command, epilog=demo.EXAMPLES, help=demo.HELP)(demo.command)
 
 
 def _print_version(is_asked: bool) -> None:
