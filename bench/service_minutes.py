@@ -1,4 +1,4 @@
-"""A service in a process of its own, served from a recorded hand: every frame accounted for, memory watched."""
+"""A service in a process of its own, fed with a recorded hand: frames accounted for, memory watched."""
 
 import json
 import sys

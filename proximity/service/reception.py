@@ -98,7 +98,7 @@ class Reception:
         if sessions != self._sessions:
             # Another run of the sender, perhaps after a restart of its machine: its clock is another.
             self._sessions = sessions
-            self._foreign.reset()
+            self._foreign = ForeignClock()
         self._foreign.arrived(sent_ns, now_ns)
         return now_ns - self._foreign.theirs(now_ns)
 

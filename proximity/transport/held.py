@@ -135,7 +135,8 @@ class HeldFrame:
         is_tracked = (self.contacts["flags"] & _TRACKED) != 0
         # A sensor may know a distance without a place.
         is_placeless = np.isnan(self.contacts["position"]).any(axis=1)
-        self._is_ordered[is_placeless & (self.contacts["source"] == Source.TELEOPERATION), len(ORDERED) :] = True
+        is_placeless &= self.contacts["source"] == Source.TELEOPERATION
+        self._is_ordered[is_placeless, len(ORDERED) :] = True
         makes_sense = self._is_ordered.all(axis=1) & ~self._is_off.any(axis=0)
         return None if (makes_sense | ~is_tracked).all() else Flaw.CONTENT
 
