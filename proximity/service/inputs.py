@@ -20,8 +20,10 @@ class PoseInput(Protocol):
 
     is_over: bool
     """Whether nothing will come any more: a recording that has ended."""
-    notes: list[str]
-    """Sentences for the report: what was refused or failed, and how often."""
+
+    @property
+    def notes(self) -> list[str]:
+        """Sentences for the report: what was refused or failed, and how often."""
 
     def poll(self, now_ns: int) -> Samples | None:
         """Return the newest samples; None where there are no others than at the poll before."""
