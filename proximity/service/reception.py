@@ -3,6 +3,7 @@
 import logging
 import time
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -47,8 +48,9 @@ class Reception:
     @property
     def notes(self) -> list[str]:
         """What was lost, refused or left out."""
-        counts = self._examiner.counts
-        notes = [f"{self.address}: {count} {what}" for what, count in self._left_out.items()]
+        # Copies: the loop may be counting meanwhile.
+        counts = replace(self._examiner.counts, flawed=self._examiner.counts.flawed.copy())
+        notes = [f"{self.address}: {count} {what}" for what, count in list(self._left_out.items())]
         if counts.lost or counts.refused or counts.flawed:
             notes.append(f"{self.address}: {counts}")
         if self._failures:
