@@ -116,6 +116,7 @@ def test_parts_that_move_come_and_go_while_they_are_served(hand):
     thread = threading.Thread(target=service.run, kwargs={"stop": stop})
     thread.start()
     try:
+        _wait_for_ticks(service, 5)
         part_counts = {scene.epoch: 1}
         for step in range(8):
             scene.move("bracket", Pose(translation=(0, 0, 1e-4 * step)), velocity=(0, 0, 0.01))

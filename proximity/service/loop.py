@@ -73,6 +73,7 @@ class Service:
         self._answering, self._input = answering, pose_input
         self._next: Answering | None = None
         self._retired: Answering | None = None  # who answered before the last exchange
+        self._has_run = False
         self._thread: int | None = None  # that the loop runs in
         self._epoch_offset = 0
         self._clock: Clock = MonotonicClock() if clock is None else clock
@@ -111,7 +112,15 @@ class Service:
         -------
         Report
             What was done; also ``report``, where another thread may look at it meanwhile.
+
+        Raises
+        ------
+        ServiceError
+            If it has run already.
         """
+        if self._has_run:
+            raise ServiceError("the service has run already, and all that it used is closed: make another")
+        self._has_run = True
         with ExitStack() as stack:
             stack.callback(self._close)
             self._rehearse()

@@ -66,7 +66,7 @@ class Examiner:
     clock : callable
         Gives now, ns, monotonic.
     most_at_once : int
-        Messages looked at in one go.
+        Messages taken in one go.
 
     Notes
     -----

@@ -22,7 +22,8 @@ ORDERED = (
     ("predicted_distance", "predicted_distance"),  # only that it is a number
     ("time_to_contact_lower", "time_to_contact"),
 )
-"""Of a tracked finger: the first is not above the second, and none is nan. The position is finite besides."""
+"""Of a tracked finger: the first is not above the second, and none is nan. The position is finite besides,
+but for a sensor's measurement, which may have none."""
 
 COLUMNS = CONTACT.itemsize // 8
 _COLUMN = {name: CONTACT.fields[name][1] // 8 for name in CONTACT.names or ()}  # type: ignore[index]
@@ -134,9 +135,9 @@ class HeldFrame:
         # Of fingers that are not tracked nothing is promised.
         is_tracked = (self.contacts["flags"] & _TRACKED) != 0
         # A sensor may know a distance without a place.
-        is_placeless = np.isnan(self.contacts["position"]).any(axis=1)
-        is_placeless &= self.contacts["source"] == Source.TELEOPERATION
-        self._is_ordered[is_placeless, len(ORDERED) :] = True
+        has_no_place = np.isnan(self.contacts["position"]).all(axis=1)
+        has_no_place &= self.contacts["source"] == Source.TELEOPERATION
+        self._is_ordered[:, len(ORDERED) :] |= has_no_place[:, np.newaxis]
         makes_sense = self._is_ordered.all(axis=1) & ~self._is_off.any(axis=0)
         return None if (makes_sense | ~is_tracked).all() else Flaw.CONTENT
 
