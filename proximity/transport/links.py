@@ -56,7 +56,10 @@ class Transport:
 
 TRANSPORTS = {
     "mailbox": Transport("proximity.transport.mailbox", ""),
-    "iox2": Transport("proximity.transport.iceoryx", 'pip install "proximity"'),
+    "iox2": Transport(
+        "proximity.transport.iceoryx",
+        "pip install iceoryx2 (made for Linux and Windows on x86_64, and for macOS on arm64)",
+    ),
     "udp": Transport("proximity.transport.udp", ""),
     "zenoh": Transport("proximity.transport.zenoh", 'pip install "proximity[zenoh]"'),
 }

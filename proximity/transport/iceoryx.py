@@ -1,0 +1,127 @@
+"""``iox2://NAME``: between processes of one machine, in shared memory, without a server; by iceoryx2.
+
+A message is copied into shared memory once, and every subscriber reads it there. One publisher and up to 16
+subscribers share a name. Nobody waits for anybody: who reads too seldom loses the oldest messages. A late
+subscriber gets the latest message as soon as the publisher sends its next one. When publisher or subscriber
+are killed, the other goes on; a publisher that is started anew is received by those that were there before.
+
+Programs in other languages open the publish-subscribe service ``proximity/NAME`` with slices of uint8.
+
+Thread: an end may be used by any thread, but by one at a time. Signals are left to Python. iceoryx2 prints
+errors only, or what the environment variable IOX2_LOG_LEVEL says.
+"""
+
+import ctypes
+from functools import cache
+from typing import Any
+
+import iceoryx2
+import numpy as np
+
+from proximity.errors import PublishError
+from proximity.transport.address import Address
+from proximity.transport.iceoryx_names import BUFFER, SUBSCRIBERS, open_service, take_place
+from proximity.transport.links import NOTHING
+from proximity.transport.polling import wait_until
+
+FIRST_ROOM = 8192
+"""Bytes of a message at first: a frame of 24 fingers. A longer message makes room for its like."""
+SAMPLES = BUFFER + 2 * SUBSCRIBERS
+"""Messages in shared memory. Every buffer holds the same latest ones, each subscriber reads one, and one is
+being written. By itself iceoryx2 would take a buffer of its own for each subscriber: eleven times as much."""
+
+iceoryx2.set_log_level_from_env_or(iceoryx2.LogLevel.Error)
+
+
+class IceoryxOutlet:
+    """Copies messages into shared memory."""
+
+    def __init__(self, address: Address) -> None:
+        address.check_options()
+        self._text = address.text
+        self._node, self._service = open_service(address, "publisher")
+        builder = self._service.publisher_builder().initial_max_slice_len(FIRST_ROOM).max_loaned_samples(1)
+        builder = builder.allocation_strategy(iceoryx2.AllocationStrategy.PowerOfTwo)
+        builder = builder.override_sample_preallocation(SAMPLES)
+        self._publisher = take_place(builder.create, address, self._node, self._service, "publisher")
+
+    def send(self, data: np.ndarray) -> None:
+        """Copy the message to where the subscribers read it; never waits."""
+        if self._publisher is None:
+            raise PublishError(f"{self._text}: was closed, nothing can be sent")
+        size = len(data)
+        try:
+            sample = self._publisher.loan_slice_uninit(size)
+            # 0.4 us; ctypes.memmove takes 0.9 and lets another thread have the interpreter meanwhile.
+            _block(size).from_address(sample.payload_ptr).raw = data
+            sample.assume_init().send()
+        except (iceoryx2.LoanError, iceoryx2.SendError) as failure:
+            raise PublishError(f"{self._text}: cannot send {size} bytes ({failure})") from failure
+
+    def close(self) -> None:
+        """Leave; the name is free."""
+        publisher, self._publisher = self._publisher, None
+        if publisher is not None:
+            publisher.delete()
+        self._service = self._node = None
+
+
+class IceoryxInlet:
+    """Reads messages in shared memory."""
+
+    shares_clock = True
+    refused = 0
+
+    def __init__(self, address: Address) -> None:
+        address.check_options()
+        self._text = address.text
+        self._node, self._service = open_service(address, "subscriber")
+        create = self._service.subscriber_builder().buffer_size(BUFFER).create
+        self._subscriber = take_place(create, address, self._node, self._service, "subscriber")
+
+    def receive(self, room: np.ndarray) -> int:
+        """Take the oldest message of the buffer."""
+        if self._subscriber is None:
+            return NOTHING
+        try:
+            sample = self._subscriber.receive()
+        except iceoryx2.ReceiveError as failure:
+            raise PublishError(f"{self._text}: cannot receive ({failure})") from failure
+        if sample is None:
+            return NOTHING
+        size: int = sample.header.number_of_elements
+        taken = min(size, len(room))
+        room.data[:taken] = ctypes.string_at(sample.payload_ptr, taken)
+        sample.delete()
+        return size
+
+    def wait(self, timeout: float) -> bool:
+        """Look again and again; to be woken would cost the publisher 5 us a message.
+
+        Measured at 1 kHz on two shared cores, from sending to here: 97 us and 11 % of a core; woken by an
+        event of iceoryx2 53 us and 4 %; who never sleeps sees it after 33 us.
+        """
+        return wait_until(self._has_messages, timeout)
+
+    def close(self) -> None:
+        """Leave; the place is free."""
+        subscriber, self._subscriber = self._subscriber, None
+        if subscriber is not None:
+            subscriber.delete()
+        self._service = self._node = None
+
+    def _has_messages(self) -> bool:
+        try:
+            return self._subscriber is not None and bool(self._subscriber.has_samples())
+        except iceoryx2.ConnectionFailure as failure:
+            raise PublishError(f"{self._text}: cannot receive ({failure})") from failure
+
+
+open_outlet = IceoryxOutlet
+open_inlet = IceoryxInlet
+
+
+@cache
+def _block(size: int) -> Any:
+    """The type of that many bytes. To make one takes 20 us, and ctypes forgets those that nobody holds."""
+    return ctypes.c_char * size

@@ -1,0 +1,138 @@
+"""Opening a name of iceoryx2, and taking it back from processes that were killed.
+
+iceoryx2 itself notices the dead whenever somebody joins it or opens a name. Two things are left to do here:
+to ask again where a place is being given back this very moment, and to remove a name whose maker was killed
+in the fraction of a millisecond in which it was made (`_forget_unfinished`).
+"""
+
+import ctypes
+import hashlib
+import stat
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import iceoryx2
+
+from proximity.errors import PublishError
+from proximity.transport.address import Address
+
+NAME_PREFIX = "proximity/"
+"""Before the place of the address: the names of other programs on the machine are theirs."""
+BUFFER = 64
+"""Messages that wait for a subscriber; then the oldest is lost."""
+SUBSCRIBERS = 16
+"""Of a name, at most."""
+NODES = 2 * SUBSCRIBERS
+"""Ends that have a name open, those that were killed and not yet noticed included."""
+PATIENCE = 0.3
+"""s to ask again for a place that may just be given back."""
+UNFINISHED_AFTER = 1.0
+"""s: nobody takes as long to make a name, and iceoryx2 waits no longer for it."""
+
+
+def open_service(address: Address, role: str) -> tuple[Any, Any]:
+    """Join iceoryx2 as a node, open the address's service, or make it where there is none.
+
+    Returns the node, to be kept as long as the service is used, and the service.
+    """
+    place = NAME_PREFIX + address.place
+    try:
+        name = iceoryx2.ServiceName.new(place)
+    except iceoryx2.SemanticStringError as unfit:
+        longest = iceoryx2.ServiceName.max_len() - len(NAME_PREFIX)
+        raise address.refuse(f"expected a name of at most {longest} ASCII characters ({unfit})") from unfit
+    node = _join(address, role)
+    try:
+        return node, _open(node, name)
+    except iceoryx2.PublishSubscribeOpenOrCreateError as failure:
+        if "HangsInCreation" not in str(failure):
+            raise _explained(address, failure) from failure
+    _forget_unfinished(node, place)
+    try:
+        return node, _open(node, name)
+    except iceoryx2.PublishSubscribeOpenOrCreateError as failure:
+        raise _explained(address, failure) from failure
+
+
+def take_place(create: Callable[[], Any], address: Address, node: Any, service: Any, role: str) -> Any:
+    """Make a publisher or a subscriber by *create*; ask again where all places seem to be taken."""
+    ends = time.monotonic() + PATIENCE
+    while True:
+        try:
+            return create()
+        except (iceoryx2.PublisherCreateError, iceoryx2.SubscriberCreateError) as failure:
+            if "ExceedsMaxSupported" not in str(failure):
+                raise address.refuse(f"iceoryx2 refuses a {role} ({failure})") from failure
+            if time.monotonic() >= ends:
+                raise address.refuse(_taken(role, node, service)) from failure
+        service.blocking_cleanup_dead_nodes(iceoryx2.Duration.from_millis(100))
+        time.sleep(0.01)
+
+
+def _join(address: Address, role: str) -> Any:
+    """Make a node: what tells the others that this process lives."""
+    builder = iceoryx2.NodeBuilder.new().name(iceoryx2.NodeName.new(NAME_PREFIX + role))
+    builder = builder.signal_handling_mode(iceoryx2.SignalHandlingMode.Disabled)
+    try:
+        return builder.create(iceoryx2.ServiceType.Ipc)
+    except iceoryx2.NodeCreationFailure as failure:
+        folder = iceoryx2.config.global_config().global_cfg.root_path.to_string()
+        raise address.refuse(
+            f"iceoryx2 cannot be used ({failure}); {folder} belongs to the user who used it first"
+        ) from failure
+
+
+def _open(node: Any, name: Any) -> Any:
+    """Open the service of that name, or make it."""
+    builder = node.service_builder(name).publish_subscribe(iceoryx2.Slice[ctypes.c_uint8])
+    builder = builder.max_publishers(1).max_subscribers(SUBSCRIBERS).max_nodes(NODES)
+    builder = builder.history_size(1).enable_safe_overflow(True)
+    builder = builder.subscriber_max_buffer_size(BUFFER).subscriber_max_borrowed_samples(1)
+    return builder.open_or_create()
+
+
+def _explained(address: Address, failure: Exception) -> PublishError:
+    """Say why a service could not be opened."""
+    reason = str(failure)
+    if "ExceedsMaxNumberOfNodes" in reason:
+        return address.refuse(f"{NODES} publishers and subscribers have it open, which is the most")
+    if "Incompatible" in reason or "DoesNotSupport" in reason:
+        return address.refuse(
+            f"another program made it with other settings ({reason}); expected slices of uint8, 1 publisher, "
+            f"{SUBSCRIBERS} subscribers, {NODES} nodes, a history of 1, and buffers of {BUFFER} that overflow"
+        )
+    return address.refuse(f"cannot be opened ({reason})")
+
+
+def _taken(role: str, node: Any, service: Any) -> str:
+    """Say who has the place of a publisher, or all places of subscribers."""
+    if role == "subscriber":
+        return f"has {SUBSCRIBERS} subscribers already, which is the most"
+    for state in service.nodes:
+        other = state[0]
+        is_another = isinstance(state, iceoryx2.NodeState.Alive) and other.id != node.id
+        if is_another and other.details and other.details.name.as_str() == NAME_PREFIX + role:
+            program = other.details.executable.to_string()
+            return f"is in use: process {other.details.process_id} ({program}) publishes there"
+    return "is in use: another process publishes there"
+
+
+def _forget_unfinished(node: Any, place: str) -> None:
+    """Remove the file of a service that nobody finished making.
+
+    iceoryx2 0.10 names it by a hash of the name, and makes it unwritable when it is finished. Killed before,
+    the maker leaves a name that nobody can open or remove through iceoryx2, not by force either.
+    """
+    settings = node.config.global_cfg
+    digest = hashlib.sha1(b"0" + place.encode(), usedforsecurity=False).hexdigest()  # 0: publish-subscribe
+    suffix = settings.service.static_config_storage_suffix.to_string()
+    file = Path(settings.service_dir.to_string()) / f"{settings.prefix.to_string()}{digest}{suffix}"
+    try:
+        status = file.stat()
+        age = time.time() - status.st_mtime
+        if status.st_mode & stat.S_IWUSR and age >= UNFINISHED_AFTER:
+            file.unlink()
+    except OSError:
+        pass  # somebody else was faster, or may do it

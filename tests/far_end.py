@@ -1,0 +1,170 @@
+"""The other end of a transport, in a process of its own that a test can kill.
+
+Run as a script it is that process: ``far_end.py ROLE ADDRESS COUNT``. It prints a line when it is ready, and
+ends when its standard input does, so that nothing is left behind when a test fails.
+"""
+
+import contextlib
+import os
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+from proximity.errors import PublishError
+from proximity.message import FRAME, Message, State
+from proximity.transport import open_inlet, open_publisher, open_subscriber
+
+PATIENCE = 30.0
+"""s until a test gives up: a loaded machine with two cores may take long."""
+
+
+def frame(count=5):
+    """A frame that can be used: fingers that are not tracked, posed now, valid for 20 ms."""
+    message = Message(FRAME, count)
+    message.header["state"] = State.OK
+    return touch(message)
+
+
+def touch(message):
+    """Let a frame be of now."""
+    now = time.monotonic_ns()
+    message.header["pose_ns"] = message.header["start_ns"] = message.header["publish_ns"] = now
+    message.header["valid_until_ns"] = now + 20_000_000
+    return message
+
+
+def until(condition, patience=PATIENCE):
+    """Ask again and again until the answer is true, and return it; fail where it stays away."""
+    ends = time.monotonic() + patience
+    while not (answer := condition()):
+        assert time.monotonic() < ends, "it did not happen in time"
+        time.sleep(0.001)
+    return answer
+
+
+class FarEnd:
+    """A process at the other end; killed at the latest at the end of the ``with`` block."""
+
+    def __init__(self, role, address, count=1):
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+        self._process = subprocess.Popen(
+            [sys.executable, __file__, role, address, str(count)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=environment,
+            cwd=Path(__file__).parent,
+        )
+        self.pid = self._process.pid
+        self.said = self._process.stdout.readline().strip()
+
+    def kill(self):
+        """Kill it as nothing can be refused, and wait until it is gone."""
+        self._process.kill()
+        self._process.wait(PATIENCE)
+
+    def signal(self, number):
+        """Send it a signal."""
+        self._process.send_signal(number)
+
+    def ended(self, let_go=False):
+        """Wait until it has ended; exit status, and what else it said on both streams.
+
+        *let_go*: end its standard input, which tells it to end.
+        """
+        if let_go:
+            self._process.stdin.close()
+            self._process.stdin = None
+        rest, errors = self._process.communicate(timeout=PATIENCE)
+        return self._process.returncode, rest, errors
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        with contextlib.suppress(ProcessLookupError):
+            self.kill()
+        for stream in (self._process.stdin, self._process.stdout, self._process.stderr):
+            if stream is not None:
+                stream.close()
+
+
+def ready():
+    """Tell the test, and from now on end when it does."""
+    print("ready", flush=True)
+    over = threading.Event()
+
+    def wait_for_the_end():
+        os.read(0, 1)  # sys.stdin has a lock that an ending interpreter would want
+        over.set()
+
+    threading.Thread(target=wait_for_the_end, daemon=True).start()
+    return over
+
+
+def publish(address, count):
+    """Publish frames of *count* fingers a thousand times a second."""
+    message = frame(count)
+    with open_publisher(address) as publisher:
+        over = ready()
+        while not over.is_set():
+            publisher.publish(touch(message))
+            time.sleep(0.001)
+
+
+def subscribe(address, count):
+    """Read with *count* subscribers as fast as possible."""
+    subscribers = [open_subscriber(address) for _ in range(count)]
+    over = ready()
+    while not over.is_set():
+        for subscriber in subscribers:
+            subscriber.read()
+
+
+def hold(address, count):
+    """Open *count* receiving ends, read nothing, and end without closing them."""
+    inlets = [open_inlet(address) for _ in range(count)]
+    ready().wait()
+    assert len(inlets) == count
+
+
+def refused(address, count):
+    """Try to open a publisher *count* times; the last refusal."""
+    text = ""
+    for _ in range(count):
+        try:
+            open_publisher(address).close()
+        except PublishError as refusal:
+            text = str(refusal)
+    print(text, flush=True)
+
+
+def interrupted(address, count):
+    """Wait with an open publisher and *count* inlets for Ctrl-C, as Python reports it."""
+    with open_publisher(address), contextlib.ExitStack() as stack:
+        for _ in range(count):
+            stack.callback(open_inlet(address).close)
+        try:
+            ready().wait()
+        except KeyboardInterrupt:
+            print("interrupted", flush=True)
+
+
+def grow(address, _):
+    """Publish frames of one finger up to a whole skin, in turns."""
+    frames = [frame(count) for count in (1, 30, 4096, 300)]
+    with open_publisher(address) as publisher:
+        over = ready()
+        while not over.is_set():
+            for message in frames:
+                publisher.publish(touch(message))
+                time.sleep(0.005)
+
+
+ROLES = {role.__name__: role for role in (publish, subscribe, hold, refused, interrupted, grow)}
+
+if __name__ == "__main__":
+    ROLES[sys.argv[1]](sys.argv[2], int(sys.argv[3]))

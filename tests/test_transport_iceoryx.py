@@ -1,0 +1,382 @@
+"""Shared memory between processes: who comes late, is slow, is killed, or wants a name that is taken."""
+
+import ctypes
+import itertools
+import os
+import signal
+import sys
+import threading
+import time
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
+import pytest
+from far_end import PATIENCE, FarEnd, frame, touch, until
+
+from proximity.errors import PublishError
+from proximity.message import State
+from proximity.transport import open_inlet, open_outlet, open_publisher, open_subscriber
+from proximity.transport.links import NOTHING
+
+iceoryx2 = pytest.importorskip("iceoryx2", reason="there is no iceoryx2 for this machine")
+iceoryx_names = pytest.importorskip("proximity.transport.iceoryx_names")
+
+_numbers = itertools.count()
+
+
+@pytest.fixture
+def address():
+    """A name that no other test has, nor a run of the tests beside this one."""
+    return f"iox2://test-{os.getpid()}-{time.time_ns()}/{next(_numbers)}"
+
+
+def numbered(number, size=100):
+    return np.full(size, number, np.uint8)
+
+
+def take_all(inlet, room_size=1_400_000):
+    """First bytes and sizes of what waits."""
+    room, taken = np.zeros(room_size, np.uint8), []
+    while (size := inlet.receive(room)) != NOTHING:
+        assert (room[:size] == room[0]).all()
+        taken.append((int(room[0]), size))
+    return taken
+
+
+def test_messages_arrive_in_order_at_every_subscriber(address):
+    with open_publisher(address) as publisher:
+        subscribers = [open_subscriber(address) for _ in range(2)]
+        for _ in range(50):
+            publisher.publish(touch(frame()))
+        for subscriber in subscribers:
+            sequences = [int(data[24:32].view("<u8")[0]) for data in subscriber.frames()]
+            assert sequences == list(range(50))
+            assert (subscriber.counts.received, subscriber.counts.lost) == (50, 0)
+            subscriber.close()
+
+
+def test_frame_of_another_process_is_read_and_valid(address):
+    with FarEnd("publish", address, 3), open_subscriber(address) as subscriber:
+        reading = subscriber.wait(PATIENCE)
+        assert reading.is_new and len(reading.contacts) == 3
+        until(lambda: subscriber.wait(PATIENCE).is_valid)
+
+
+def test_late_subscriber_gets_the_latest_with_the_next(address):
+    outlet = open_outlet(address)
+    for number in range(3):
+        outlet.send(numbered(number))
+    inlet = open_inlet(address)
+    outlet.send(numbered(3))
+
+    assert take_all(inlet) == [(2, 100), (3, 100)]
+    inlet.close()
+    outlet.close()
+
+
+def test_slow_subscriber_loses_the_oldest_and_counts_them(address):
+    with open_publisher(address) as publisher, open_subscriber(address) as subscriber:
+        publisher.publish(touch(frame()))
+        assert subscriber.read().is_new
+        for _ in range(200):
+            publisher.publish(touch(frame()))
+
+        reading = subscriber.read()
+        assert reading.header["sequence"] == 200
+        assert subscriber.counts.received == 1 + iceoryx_names.BUFFER
+        assert subscriber.counts.lost == 200 - iceoryx_names.BUFFER
+
+
+def test_memory_is_enough_for_all_subscribers_at_their_own_pace(address):
+    outlet = open_outlet(address)
+    inlets = [open_inlet(address) for _ in range(iceoryx_names.SUBSCRIBERS)]
+    room = np.zeros(200, np.uint8)
+    for number in range(1500):
+        outlet.send(numbered(number % 256))
+        for pace, inlet in enumerate(inlets[:-1], start=1):
+            if number % pace == 0:
+                inlet.receive(room)
+
+    assert [number for number, _ in take_all(inlets[-1])] == [k % 256 for k in range(1500 - 64, 1500)]
+    for end in (outlet, *inlets):
+        end.close()
+
+
+def test_one_subscriber_too_many_is_refused_until_another_leaves(address):
+    inlets = [open_inlet(address) for _ in range(iceoryx_names.SUBSCRIBERS)]
+
+    with pytest.raises(PublishError, match=r"iox2://.*: has 16 subscribers already, which is the most"):
+        open_inlet(address)
+    inlets.pop().close()
+    inlets.append(open_inlet(address))
+    for inlet in inlets:
+        inlet.close()
+
+
+def test_lengths_may_change_and_grow_to_a_whole_skin(address):
+    outlet, inlet = open_outlet(address), open_inlet(address)
+    sizes = [1, 1736, 8192, 8193, 100_000, 96 + 4096 * 328, 1736, 1]
+    for number, size in enumerate(sizes):
+        outlet.send(numbered(number, size))
+
+    assert take_all(inlet) == list(enumerate(sizes))
+    inlet.close()
+    outlet.close()
+
+
+def test_lengths_may_change_between_processes(address):
+    with FarEnd("grow", address), open_subscriber(address) as subscriber:
+        lengths = set()
+
+        def all_were_seen():
+            lengths.update(len(data) for data in subscriber.frames())
+            return len(lengths) == 4
+
+        until(all_were_seen)
+        assert lengths == {96 + 328 * count for count in (1, 30, 300, 4096)}
+        assert not subscriber.counts.flawed
+
+
+def test_of_a_message_longer_than_the_room_the_beginning_is_taken(address):
+    outlet, inlet = open_outlet(address), open_inlet(address)
+    outlet.send(np.arange(200, dtype=np.uint8))
+    room = np.zeros(10, np.uint8)
+
+    assert inlet.receive(room) == 200
+    assert room.tolist() == list(range(10))
+    assert inlet.receive(room) == NOTHING
+    inlet.close()
+    outlet.close()
+
+
+def test_what_was_sent_last_is_still_received_after_the_publisher_has_closed(address):
+    outlet, inlet = open_outlet(address), open_inlet(address)
+    outlet.send(numbered(0))
+    assert len(take_all(inlet)) == 1
+    for number in (1, 2, 3):
+        outlet.send(numbered(number))
+    outlet.close()
+
+    assert [number for number, _ in take_all(inlet)] == [1, 2, 3]
+    inlet.close()
+
+
+def test_second_publisher_is_refused_and_told_who_publishes(address):
+    with (
+        open_publisher(address),
+        pytest.raises(PublishError, match=rf"is in use: process {os.getpid()} \(.*\) publishes there"),
+    ):
+        open_publisher(address)
+    with (
+        FarEnd("publish", address) as other,
+        pytest.raises(PublishError, match=rf"iox2://.*: is in use: process {other.pid} "),
+    ):
+        open_publisher(address)
+
+
+def test_other_process_is_refused_without_a_word_of_the_library(address):
+    with open_publisher(address), FarEnd("refused", address, 2) as other:
+        assert f"is in use: process {os.getpid()} " in other.said
+        assert other.ended() == (0, "", "")
+
+
+def test_name_is_free_after_close_and_closing_twice_is_once(address):
+    for _ in range(40):
+        publisher, subscriber = open_publisher(address), open_subscriber(address)
+        publisher.publish(touch(frame()))
+        assert subscriber.read().is_new
+        for end in (publisher, subscriber, publisher, subscriber):
+            end.close()
+
+
+def test_nothing_is_sent_or_received_after_close(address):
+    outlet, inlet = open_outlet(address), open_inlet(address)
+    outlet.send(numbered(1))
+    outlet.close()
+    inlet.close()
+
+    with pytest.raises(PublishError, match="was closed, nothing can be sent"):
+        outlet.send(numbered(2))
+    assert inlet.receive(np.zeros(9, np.uint8)) == NOTHING
+    assert not inlet.wait(0.0)
+
+
+def test_subscriber_ages_when_the_publisher_is_killed_and_takes_to_the_next(address):
+    with open_subscriber(address, stale_after=0.5) as subscriber:
+        with FarEnd("publish", address) as first:
+            until(lambda: subscriber.wait(PATIENCE).is_valid)
+            first.kill()
+        states = set()
+
+        def is_stale():
+            states.add(subscriber.read().state)
+            return State.STALE in states
+
+        until(is_stale)
+        assert State.LATE in states
+        session = int(subscriber.read().header["session"])
+
+        with FarEnd("publish", address) as second:
+            assert second.said == "ready"  # at once, though nobody gave the name back
+            until(lambda: subscriber.wait(PATIENCE).is_valid)
+        assert int(subscriber.read().header["session"]) > session
+        assert subscriber.counts.sessions == 2
+        assert not subscriber.counts.flawed
+
+
+def test_killed_subscribers_keep_neither_the_publisher_nor_their_places(address):
+    with open_publisher(address) as publisher:
+        for role in ("hold", "subscribe", "hold", "subscribe", "hold"):
+            with FarEnd(role, address, 9) as reader:
+                assert reader.said == "ready"  # though nine dead ones have most of the places
+                for _ in range(100):
+                    publisher.publish(touch(frame()))
+                reader.kill()
+                publisher.publish(touch(frame()))
+        with open_subscriber(address) as subscriber:
+            publisher.publish(touch(frame()))
+            assert subscriber.read().is_valid
+
+
+def test_process_that_ends_without_closing_leaves_nothing(address):
+    with FarEnd("hold", address, 16) as reader:
+        assert reader.ended(let_go=True) == (0, "", "")
+    inlets = [open_inlet(address) for _ in range(16)]
+    for inlet in inlets:
+        inlet.close()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="how unfinished names look elsewhere is not known")
+def test_name_whose_maker_was_killed_while_making_it_comes_free(address):
+    """iceoryx2 leaves a file that is still writable, and then refuses the name for ever."""
+    settings = iceoryx2.config.global_config().global_cfg
+    folder = Path(settings.service_dir.to_string())
+    before = set(folder.glob("*")) if folder.is_dir() else set()
+    inlet = open_inlet(address)
+    name = f"proximity/{address.removeprefix('iox2://')}"
+    (file,) = (path for path in set(folder.glob("*")) - before if f'"{name}"' in path.read_text())
+    text = file.read_text()
+    inlet.close()
+    assert not file.exists()
+    file.write_text(text)
+    file.chmod(0o600)
+
+    publisher = open_publisher(address)
+    publisher.close()
+    assert not file.exists()
+
+
+def test_other_settings_are_refused(address):
+    node = iceoryx2.NodeBuilder.new().create(iceoryx2.ServiceType.Ipc)
+    name = iceoryx2.ServiceName.new(f"proximity/{address.removeprefix('iox2://')}")
+    builder = node.service_builder(name).publish_subscribe(iceoryx2.Slice[ctypes.c_uint8])
+    service = builder.open_or_create()
+
+    with pytest.raises(
+        PublishError,
+        match=r"another program made it with other settings \(.*DoesNotSupport.*\); expected slices",
+    ):
+        open_publisher(address)
+    del service, builder, node
+    open_publisher(address).close()
+
+
+def test_place_that_another_program_gave_no_name_is_refused_too(address):
+    """A publisher that is not ours cannot be told from the other programs that have the name open."""
+    node = iceoryx2.NodeBuilder.new().create(iceoryx2.ServiceType.Ipc)
+    inlet = open_inlet(address)
+    name = iceoryx2.ServiceName.new(f"proximity/{address.removeprefix('iox2://')}")
+    service = node.service_builder(name).publish_subscribe(iceoryx2.Slice[ctypes.c_uint8]).open()
+    theirs = service.publisher_builder().initial_max_slice_len(64).create()
+
+    with pytest.raises(PublishError, match="is in use: another process publishes there"):
+        open_publisher(address)
+    theirs.delete()
+    inlet.close()
+
+
+@pytest.mark.parametrize("place", ["x" * 300, "bär", "a%00b"])
+def test_name_that_cannot_be_one_is_refused(place):
+    with pytest.raises(PublishError, match="expected a name of at most 245 ASCII characters"):
+        open_subscriber(f"iox2://{place}")
+
+
+def test_options_are_refused(address):
+    for opener in (open_publisher, open_subscriber):
+        with pytest.raises(PublishError, match=r"there is no option 'buffer' \(it has none\)"):
+            opener(f"{address}?buffer=2")
+
+
+def test_wait_ends_with_a_message_or_with_the_time(address):
+    outlet, inlet = open_outlet(address), open_inlet(address)
+
+    assert not inlet.wait(0.0)
+    assert not inlet.wait(0.01)
+    sender = threading.Timer(0.05, outlet.send, [numbered(7)])
+    sender.start()
+    assert inlet.wait(PATIENCE)
+    sender.join()
+    assert take_all(inlet) == [(7, 100)]
+    inlet.close()
+    outlet.close()
+
+
+def test_ends_may_be_used_by_other_threads_than_the_one_that_opened_them(address):
+    outlet, inlet = open_outlet(address), open_inlet(address)
+    sender = threading.Thread(target=lambda: [outlet.send(numbered(k)) for k in range(40)])
+    sender.start()
+    sender.join()
+    taken = []
+    reader = threading.Thread(target=lambda: taken.extend(take_all(inlet)))
+    reader.start()
+    reader.join()
+
+    assert [number for number, _ in taken] == list(range(40))
+    closer = threading.Thread(target=lambda: (outlet.close(), inlet.close()))
+    closer.start()
+    closer.join()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such signals")
+def test_signals_are_left_to_python(address):
+    with FarEnd("interrupted", address, 1) as program:
+        program.signal(signal.SIGINT)
+        assert program.ended() == (0, "interrupted\n", "")
+    with FarEnd("publish", address) as program:
+        program.signal(signal.SIGTERM)
+        assert program.ended() == (-signal.SIGTERM, "", "")
+
+
+def test_nothing_grows(address):
+    outlet, inlet, room = open_outlet(address), open_inlet(address), np.zeros(2000, np.uint8)
+    short, long = numbered(1, 416), numbered(2, 1736)
+
+    def to_and_fro(count):
+        for _ in range(count):
+            outlet.send(short)
+            outlet.send(long)
+            assert inlet.receive(room) == 416
+            assert inlet.receive(room) == 1736
+
+    to_and_fro(10)
+    tracemalloc.start()
+    try:
+        before = tracemalloc.get_traced_memory()[0]
+        to_and_fro(2000)
+        grown = tracemalloc.get_traced_memory()[0] - before
+    finally:
+        tracemalloc.stop()
+
+    assert grown < 2000
+    inlet.close()
+    outlet.close()
+
+
+def test_without_the_library_the_error_says_what_to_install(monkeypatch):
+    for module in ("proximity.transport.iceoryx", "proximity.transport.iceoryx_names"):
+        monkeypatch.delitem(sys.modules, module, raising=False)
+    monkeypatch.setitem(sys.modules, "iceoryx2", None)
+
+    with pytest.raises(PublishError, match=r"iox2://decaff: needs iceoryx2: pip install iceoryx2 \(made for"):
+        open_publisher("iox2://decaff")
