@@ -2,8 +2,11 @@
 
 import os
 import secrets
+import socket
+import sys
 import time
 from contextlib import ExitStack
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -34,6 +37,7 @@ Examples:
 
 SECONDS = 20.0
 TURN_S = 0.02
+SWITCH_S = 1e-3  # that the controller waits at most while the picture is drawn in the same process
 EXIT_NOTHING = 1
 SCENE = "demo.toml"
 
@@ -55,14 +59,16 @@ def command(
     from proximity.serving import start_service
     from proximity.transport import open_subscriber
 
-    # Its own name: demos beside each other, and a service that runs already, do not meet.
-    address = f"iox2://proximity-demo-{os.getpid()}-{secrets.token_hex(4)}"
+    sys.setswitchinterval(SWITCH_S)
+    to_controller, to_watch = addresses()
     waiting.prepare_kernels()
     with until_told() as stop, ExitStack() as opened:
         with waiting.spinner("starting the service"):
-            service = opened.enter_context(start_service(sample(SCENE), publish=[address], say=_say))
-        controller = opened.enter_context(Controller(opened.enter_context(open_subscriber(address))))
-        follower = Follower(opened.enter_context(open_subscriber(address)))
+            listening = [opened.enter_context(open_subscriber(each)) for each in (to_controller, to_watch)]
+            publish = list(dict.fromkeys((to_controller, to_watch)))
+            service = opened.enter_context(start_service(sample(SCENE), publish=publish, say=_say))
+        controller = opened.enter_context(Controller(listening[0]))
+        follower = Follower(listening[1])
         screen, ends = opened.enter_context(Screen(Console())), time.monotonic() + seconds
         while True:
             reading, seen = follower.look(TURN_S)
@@ -74,6 +80,21 @@ def command(
         typer.echo(text)
     if not controller.stub.used:
         raise typer.Exit(EXIT_NOTHING)
+
+
+def addresses() -> tuple[str, str]:
+    """Return where the service publishes to the controller, and where to the watch: to nobody else.
+
+    Shared memory, where there is iceoryx2 for this machine; both read the same then. Otherwise datagrams.
+    """
+    if find_spec("iceoryx2") is not None:
+        name = f"iox2://proximity-demo-{os.getpid()}-{secrets.token_hex(4)}"
+        return name, name
+    with socket.socket(type=socket.SOCK_DGRAM) as first, socket.socket(type=socket.SOCK_DGRAM) as second:
+        for each in (first, second):
+            each.bind(("127.0.0.1", 0))  # a port that is free
+        ports = [each.getsockname()[1] for each in (first, second)]
+    return f"udp://127.0.0.1:{ports[0]}", f"udp://127.0.0.1:{ports[1]}"
 
 
 def sample(name: str) -> Path:
@@ -98,14 +119,15 @@ def _say(sentence: str) -> None:
 def _summary(report: dict[str, Any], seen: "Seen", stub: "DrumStub") -> list[str]:
     """What service, watch and controller have done, a line each."""
     compute, late = report["compute"], report["lateness"]
+    states = ", ".join(f"{count} {state}" for state, count in report["states"].items() if count)
     counts = seen.counts
     refused = counts.refused + counts.flawed.total()
     return [
-        f"service     {report['ticks']} frames, {report['missed']} ticks missed; computing p50 "
-        f"{_us(compute['p50_ns'])}, p99 {_us(compute['p99_ns'])}; woken late p50 {_us(late['p50_ns'])}, "
-        f"p99 {_us(late['p99_ns'])}",
-        f"this watch  {counts.received} frames seen, {counts.lost} lost, {refused} refused",
-        f"controller  {stub.used} frames used, {stub.late} late and {stub.stale} stale left out; "
+        f"service     {report['ticks']} frames ({states}), {report['missed']} ticks missed",
+        f"computing   p50 {_us(compute['p50_ns'])}, p99 {_us(compute['p99_ns'])}; woken late p50 "
+        f"{_us(late['p50_ns'])}, p99 {_us(late['p99_ns'])}",
+        f"watch       {counts.received} frames seen, {counts.lost} lost, {refused} refused",
+        f"controller  {stub.used} frames used; {stub.late} late and {stub.stale} stale ones not; "
         f"{stub.touch_count} touches held",
     ]
 
