@@ -48,7 +48,7 @@ def test_two_commands_set_everything_up():
     (setup,) = (block for block in blocks("sh") if "pip install -e ." in block and "bench" not in block)
 
     assert setup.splitlines() == [
-        "python -m pip install -e . && proximity query meshes/bracket.stl 30 10 5",
+        "python -m pip install -e . && proximity demo",
         'python -m pip install -e ".[test]" && python -m pytest',
     ]
 
