@@ -20,15 +20,14 @@ import numpy as np
 
 from proximity.errors import PublishError
 from proximity.transport.address import Address
-from proximity.transport.iceoryx_names import BUFFER, SUBSCRIBERS, open_service, take_place
+from proximity.transport.iceoryx_names import BUFFER, open_service, take_place
 from proximity.transport.links import NOTHING
 from proximity.transport.polling import wait_until
 
 FIRST_ROOM = 8192
 """Bytes of a message at first: a frame of 24 fingers. A longer message makes room for its like."""
-SAMPLES = BUFFER + 2 * SUBSCRIBERS
-"""Messages in shared memory. Every buffer holds the same latest ones, each subscriber reads one, and one is
-being written. By itself iceoryx2 would take a buffer of its own for each subscriber: eleven times as much."""
+SPARE = 3
+"""Messages in memory for each subscriber, beside the one that it reads: one that died leaves some behind."""
 
 iceoryx2.set_log_level_from_env_or(iceoryx2.LogLevel.Error)
 
@@ -42,7 +41,7 @@ class IceoryxOutlet:
         self._node, self._service = open_service(address, "publisher")
         builder = self._service.publisher_builder().initial_max_slice_len(FIRST_ROOM).max_loaned_samples(1)
         builder = builder.allocation_strategy(iceoryx2.AllocationStrategy.PowerOfTwo)
-        builder = builder.override_sample_preallocation(SAMPLES)
+        builder = builder.override_sample_preallocation(_most_in_memory(self._service))
         self._publisher = take_place(builder.create, address, self._node, self._service, "publisher")
 
     def send(self, data: np.ndarray) -> None:
@@ -123,6 +122,17 @@ _finish = getattr(iceoryx2.SampleMutUninit, "__assume_init", iceoryx2.SampleMutU
 
 open_outlet = IceoryxOutlet
 open_inlet = IceoryxInlet
+
+
+def _most_in_memory(service: Any) -> int:
+    """How many messages there can be at once; iceoryx2 0.10 aborts the process when there are more.
+
+    All buffers hold the same latest messages. By itself iceoryx2 reckons with a buffer of its own for each
+    subscriber: eight times as much memory, which real-time processes lock.
+    """
+    agreed = service.static_config
+    latest = max(agreed.subscriber_max_buffer_size, agreed.history_size)
+    return int(latest + agreed.max_subscribers * (agreed.subscriber_max_borrowed_samples + SPARE))
 
 
 @cache
