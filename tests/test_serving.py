@@ -4,6 +4,7 @@ import logging
 import os
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -16,7 +17,7 @@ import numpy as np
 import pytest
 
 from proximity.errors import PublishError, RecordingError, ServiceError
-from proximity.message import MOVES, POSES, Message, State
+from proximity.message import MEASURED, MOVES, POSES, Message, Source, State
 from proximity.recording import FrameReader
 from proximity.scene_file import PartFiles
 from proximity.service import realtime
@@ -132,7 +133,8 @@ def reading_where(served, is_so, what):
         return readings[-1].is_new and readings[-1].state == State.OK and is_so(readings[-1])
 
     wait_until(is_met, what)
-    return replace(readings[-1], contacts=readings[-1].contacts.copy())
+    found = readings[-1]
+    return replace(found, header=found.header.copy(), contacts=found.contacts.copy())
 
 
 def recorded(scene_path, more=""):
@@ -233,6 +235,34 @@ def test_moves_reach_the_parts_before_and_after_an_edit(scene_path, folder, requ
         )
 
     assert is_moved(after)
+
+
+def test_measured_distances_are_published_without_geometry(scene_path, folder, request):
+    text = scene_path.read_text().split("[[parts]]")[0]
+    scene_path.write_text(f'{text}[input]\nsensor = "mailbox:{folder.name}/sensor"\n')
+    served = request.getfixturevalue("served")
+    message = Message(MEASURED, 2)
+    message.records["finger"] = [0, 1]
+    for name in ("position", "velocity", "normal", "approach_speed", "bend", "bend_rate"):
+        message.records[name] = np.nan
+    message.records["signed_distance"] = [0.01, 0.02]
+    message.records["error"] = 1e-4
+
+    with open_publisher(f"mailbox:{folder.name}/sensor") as sensor:
+
+        def is_answered():
+            message.records["measured_ns"] = time.monotonic_ns()
+            sensor.publish(message)
+            reading = served.subscriber.read()
+            return reading.state == State.OK and reading.contacts["signed_distance"].tolist() == [0.01, 0.02]
+
+        wait_until(is_answered, "measurements were published")
+        assert served.subscriber.read().header["source"] == Source.TELEOPERATION
+        edit(scene_path, "count = 2", "count = 2 # of a glove")
+        wait_until(lambda: served.said, "the edit was noticed")
+
+    assert served.said == [f"{scene_path} was edited, to no effect"]
+    assert (served.beginnings[0].part_count, served.beginnings[0].finger_count) == (0, 2)
 
 
 @pytest.mark.parametrize(
@@ -629,18 +659,31 @@ def test_override_that_no_option_has_is_refused(scene_path):
         start_service(scene_path, core=1)
 
 
-def test_service_in_its_own_process_serves_is_edited_and_stops(scene_path, folder):
-    """Everything at once, since a process takes seconds to start."""
-    recorded(scene_path, "repeat = true\n")
-    said, log = [], folder / "run.frames"
+@pytest.fixture
+def port():
+    """A port of this machine that nobody listens at."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
 
-    with start_service(scene_path, rate_hz=100, publish="mailbox:x", log=log, say=said.append) as service:
+
+def test_service_in_its_own_process_serves_is_edited_and_stops(scene_path, folder, port):
+    """Everything at once, since a process takes seconds to start."""
+    recorded(scene_path, "repeat = true\nfit = true\n")
+    said, log, address = [], folder / "run.frames", f"udp://127.0.0.1:{port}"
+
+    with (
+        open_subscriber(address) as subscriber,
+        start_service(scene_path, rate_hz=100, publish=address, log=log, say=said.append) as service,
+    ):
         assert service.beginning["rate_hz"] == 100.0
-        assert service.beginning["publish"] == ["mailbox:x"]
+        assert service.beginning["publish"] == [address]
         assert (service.beginning["finger_count"], service.beginning["part_count"]) == (5, 1)
+        wait_until(lambda: subscriber.read().state == State.OK, "a hand was seen")
         edit(scene_path, 'file = "box.stl"', 'file = "bax.stl"')
         wait_until(lambda: said, "the edit was refused")
         report = service.stop()
+        assert subscriber.read().header["state"] == State.STOPPING
 
     assert said[0].startswith(
         f"the edit is not taken, the scene before goes on: {scene_path}:7: parts[0].file is"
@@ -648,7 +691,7 @@ def test_service_in_its_own_process_serves_is_edited_and_stops(scene_path, folde
     (run,) = FrameReader(log)
     assert run["header"]["state"].tolist()[-3:] == [State.STOPPING] * 3
     assert report["log_written"] == len(run["header"]) == report["ticks"] + 3
-    assert report["publish_failures"] == {"mailbox:x": 0}
+    assert report["publish_failures"] == {address: 0}
 
 
 def test_service_stops_when_its_parent_is_killed(scene_path, folder):

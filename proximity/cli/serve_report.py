@@ -48,10 +48,10 @@ def write_beginning(beginning: Beginning, *, as_json: bool) -> None:
         )
         return
     fingers = _counted(beginning.finger_count, "finger")
-    parts = "what a sensor measures"
+    where = "as a sensor measures them"
     if beginning.part_count:
-        parts = f"{_counted(beginning.part_count, 'part')}, {_counted(beginning.face_count, 'face')}"
-    _say(f"serving {settings.path}: {fingers} at {parts}")
+        where = f"at {_counted(beginning.part_count, 'part')}, {_counted(beginning.face_count, 'face')}"
+    _say(f"serving {settings.path}: {fingers} {where}")
     _say(f"{rate} Hz to {', '.join(service.publish)}{f', logged in {service.log}' if service.log else ''}")
     for note in beginning.notes:
         _say(note)

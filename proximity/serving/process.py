@@ -62,8 +62,13 @@ class RunningService:
             stderr=subprocess.PIPE,
             encoding="utf-8",
             errors="replace",
-            # The very modules that this process would import.
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+            env={
+                **os.environ,
+                "PYTHONPATH": os.pathsep.join(
+                    filter(None, sys.path)
+                ),  # the modules that this process imports
+                "PYTHONIOENCODING": "utf-8",
+            },
         )
         self._readers = [
             threading.Thread(target=read, name="service", daemon=True)
