@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import proximity
+from proximity.cli.command import EXIT_INTERRUPTED
 from proximity.cli.options import LONGEST_S
 from proximity.cli.stopping import until_told
 
@@ -66,7 +67,12 @@ def command(
         with waiting.spinner("starting the service"):
             listening = [opened.enter_context(open_subscriber(each)) for each in (to_controller, to_watch)]
             publish = list(dict.fromkeys((to_controller, to_watch)))
-            service = opened.enter_context(start_service(sample(SCENE), publish=publish, say=_say))
+            try:
+                service = opened.enter_context(start_service(sample(SCENE), publish=publish, say=_say))
+            except proximity.ServiceError:
+                if stop.is_told:  # Ctrl-C in a terminal reaches the service as well, before it has begun
+                    raise typer.Exit(EXIT_INTERRUPTED) from None
+                raise
         controller = opened.enter_context(Controller(listening[0]))
         follower = Follower(listening[1])
         screen, ends = opened.enter_context(Screen(Console())), time.monotonic() + seconds
