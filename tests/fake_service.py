@@ -25,6 +25,8 @@ class ManualClock:
     def now_ns(self):
         return self.now
 
+    stopwatch_ns = now_ns
+
     def sleep_until(self, due_ns):
         self.sleeps.append(due_ns)
         late = self.oversleeps.pop(0) if self.oversleeps else 0
@@ -153,3 +155,32 @@ def serve(
     settings.setdefault("period", 1e-9 * PERIOD_NS)
     service = Service(answers, ScriptedInput(poll, over_after), [publisher(outlet)], clock=clock, **settings)
     return service.run(tick_count=ticks), outlet, answers, clock
+
+
+class QueueInlet:
+    """A transport's receiving end that gives what was put into it, in order."""
+
+    def __init__(self, shares_clock=True):
+        self.shares_clock, self.refused = shares_clock, 0
+        self.queue, self.is_closed = [], False
+
+    def put(self, message, session=1, sequence=None):
+        """Seal a message and let it wait; numbered one after the other where not said."""
+        self.sequence = getattr(self, "sequence", -1) + 1 if sequence is None else sequence
+        self.queue.append(message.seal(session, self.sequence).copy())
+
+    def receive(self, room):
+        if not self.queue:
+            return -1
+        data = self.queue.pop(0)
+        if isinstance(data, Exception):
+            raise data
+        size = min(len(data), len(room))
+        room[:size] = data[:size]
+        return len(data)
+
+    def wait(self, timeout):
+        return bool(self.queue)
+
+    def close(self):
+        self.is_closed = True

@@ -1,5 +1,6 @@
 """The loop on a clock that is set: when ticks come, what frames say, and what happens when one is late."""
 
+import json
 import threading
 import time
 import tracemalloc
@@ -319,6 +320,34 @@ def test_service_without_a_tick_says_stopping_of_nobody():
     assert outlet.states == FAREWELL
     assert np.isnan(outlet.records[0]["signed_distance"]).all()
     assert outlet.records[0]["flags"].tolist() == [0, 0] and outlet.records[0]["finger"].tolist() == [0, 1]
+
+
+def test_service_runs_once():
+    service = Service(FakeAnswers(), ScriptedInput(steady), [], period=0.001, clock=ManualClock())
+    service.run(tick_count=1)
+
+    with pytest.raises(ServiceError, match=r"^the service has run already, and all that it used is closed"):
+        service.run()
+
+
+def test_report_tells_all_in_numbers_and_in_lines():
+    report, *_ = serve(
+        lambda poll, now_ns: hands_at([[0.1, 0, 0]] * 2, now_ns + (9 * MS if poll == 1 else 0)), ticks=3
+    )
+
+    told = report.as_dict()
+    assert told["states"] == {
+        "starting": 0, "ok": 3, "degraded": 0, "late": 0, "stale": 0, "stopping": 0
+    }  # fmt: skip
+    assert (told["ticks"], told["missed"], told["future"], told["backwards"]) == (3, 0, 2, 0)
+    assert told["compute"]["count"] == 3 and told["lateness"]["rows"] == [[0, 0, 3]]
+    assert json.loads(json.dumps(told)) == told
+    assert str(report).splitlines() == [
+        "3 ticks (3 ok), 0 missed",
+        "computing: p50 0 µs, p99 0 µs, max 0 µs",
+        "woken late: p50 0 µs, p99 0 µs, max 0 µs",
+        "left out: 2 poses from the future, 0 older than the one before",
+    ]
 
 
 # --- where frames go ---

@@ -7,9 +7,8 @@ import operator
 from enum import IntEnum, IntFlag
 from typing import Any
 
-import numpy as np
-
 from proximity.kernels import contact
+from proximity.message.fields import VECTOR, Field, dtype_of
 
 
 class ContactFlag(IntFlag):
@@ -69,46 +68,48 @@ class Mode(IntEnum):
     """Nothing is known of the finger."""
 
 
-_VECTOR = ("<f8", (3,))
-
-CONTACT = np.dtype(
-    [
-        ("finger", "<u4"),  # row of the positions
-        ("flags", "<u4"),  # ContactFlag
-        ("pose_ns", "<i8"),  # instant of the pose: all but the predictions hold for it
-        ("age_ns", "<i8"),  # of the pose at the tick
-        ("position", *_VECTOR),  # m, centre of the fingertip sphere at pose_ns
-        ("velocity", *_VECTOR),  # m/s, of the finger
-        ("signed_distance", "<f8"),  # m, of the sphere: of its centre, less the radius
-        ("lower", "<f8"),  # m, never above the true signed distance
-        ("upper", "<f8"),  # m, never below it
-        ("point_on_finger", *_VECTOR),  # m, the point of the sphere that is nearest
-        ("point_on_part", *_VECTOR),  # m, the point of the surface that is nearest
-        ("normal", *_VECTOR),  # unit, outward: steepest increase of the signed distance
-        ("part_velocity", *_VECTOR),  # m/s, of the part at point_on_part
-        ("approach_speed", "<f8"),  # m/s, -d/dt of the signed distance
-        ("predicted_ns", "<i8"),  # instant at which the controller acts
-        ("predicted_distance", "<f8"),  # m, expected then
-        ("predicted_lower", "<f8"),  # m, if the finger accelerates by no more than was said
-        ("predicted_upper", "<f8"),  # m
-        ("time_to_contact", "<f8"),  # s from pose_ns; 0 in contact, inf if none within the horizon
-        # s: no surface is touched before, for certain, as long as velocities stay, or the finger on its path.
-        ("time_to_contact_lower", "<f8"),
-        ("bend", "<f8"),  # of the finger at pose_ns: where on the path it is; nan without a path
-        ("bend_rate", "<f8"),  # 1/s
-        ("contact_bend", "<f8"),  # where on the path it touches first; nan if it does not
-        ("contact_bend_error", "<f8"),  # no farther from the true one than this
-        ("contact_bend_rate", "<f8"),  # 1/s, drift of contact_bend as the part moves; nan: not known
-        ("stiffness", "<f8"),  # N/m, of a deformable part
-        ("damping", "<f8"),  # N s/m
-        ("force", "<f8"),  # N, of a deformable part on the finger, or measured
-        ("part", "<i4"),  # index into scene.parts
-        ("face", "<i4"),  # row of that part's solid.mesh.faces
-        ("work", "<u4"),  # nodes and leaves visited
-        ("surface", "<u1"),  # Surface
-        ("mode", "<u1"),  # Mode
-        ("source", "<u1"),  # Source
-        ("force_is_valid", "<u1"),  # 1 where the force means something
-    ]
+CONTACT_FIELDS = (
+    Field("finger", "<u4", "", "row of the positions"),
+    Field("flags", "<u4", "", "set of ContactFlag"),
+    Field("pose_ns", "<i8", "ns", "instant of the pose: all but the predictions hold for it"),
+    Field("age_ns", "<i8", "ns", "of the pose at the tick"),
+    Field("position", "<f8", "m", "centre of the fingertip sphere at pose_ns", VECTOR),
+    Field("velocity", "<f8", "m/s", "of the finger", VECTOR),
+    Field("signed_distance", "<f8", "m", "of the sphere: of its centre, less the radius; negative inside"),
+    Field("lower", "<f8", "m", "never above the true signed distance"),
+    Field("upper", "<f8", "m", "never below it"),
+    Field("point_on_finger", "<f8", "m", "the point of the sphere that is nearest", VECTOR),
+    Field("point_on_part", "<f8", "m", "the point of the surface that is nearest", VECTOR),
+    Field("normal", "<f8", "", "unit, outward: steepest increase of the signed distance", VECTOR),
+    Field("part_velocity", "<f8", "m/s", "of the part at point_on_part", VECTOR),
+    Field("approach_speed", "<f8", "m/s", "-d/dt of the signed distance"),
+    Field("predicted_ns", "<i8", "ns", "instant at which the controller acts"),
+    Field("predicted_distance", "<f8", "m", "expected then"),
+    Field("predicted_lower", "<f8", "m", "if the finger accelerates by no more than was said"),
+    Field("predicted_upper", "<f8", "m", "likewise"),
+    Field("time_to_contact", "<f8", "s", "from pose_ns; 0 in contact, inf if none within the horizon"),
+    Field(
+        "time_to_contact_lower",
+        "<f8",
+        "s",
+        "from pose_ns: no surface is touched before, for certain, as long as velocities stay, or the finger "
+        "on its path",
+    ),
+    Field("bend", "<f8", "", "of the finger at pose_ns: where on its path it is, 0 to 1; nan without a path"),
+    Field("bend_rate", "<f8", "1/s", "of bend"),
+    Field("contact_bend", "<f8", "", "where on the path it touches first; nan if it does not"),
+    Field("contact_bend_error", "<f8", "", "contact_bend is no farther from the true one than this"),
+    Field("contact_bend_rate", "<f8", "1/s", "drift of contact_bend as the part moves; nan: not known"),
+    Field("stiffness", "<f8", "N/m", "of a deformable part"),
+    Field("damping", "<f8", "N s/m", "of a deformable part"),
+    Field("force", "<f8", "N", "of a deformable part on the finger, or measured"),
+    Field("part", "<i4", "", "index into scene.parts; -1: none"),
+    Field("face", "<i4", "", "row of that part's solid.mesh.faces; -1: none"),
+    Field("work", "<u4", "", "nodes and leaves visited"),
+    Field("surface", "<u1", "", "a Surface"),
+    Field("mode", "<u1", "", "a Mode"),
+    Field("source", "<u1", "", "a Source"),
+    Field("force_is_valid", "<u1", "", "1 where the force means something"),
 )
-"""One finger at one tick."""
+CONTACT = dtype_of(CONTACT_FIELDS)
+"""One finger at one tick, 328 bytes."""

@@ -8,28 +8,39 @@ The checksum is the CRC-32 of zlib, Ethernet and PNG over everything behind it: 
 """
 
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
+from struct import Struct
 
 import numpy as np
+
+from proximity.message.fields import Field, dtype_of, struct_of
 
 VERSION = 1
 """Of the layout of all messages. A receiver takes its own version and no other."""
 MAX_RECORDS = 4096
 """Most records a message may have: a hand's skin."""
 
-PREFIX = np.dtype(
-    [
-        ("magic", "<u4"),  # which kind of message
-        ("checksum", "<u4"),  # CRC-32 of bytes 8 to size
-        ("version", "<u2"),  # of the layout
-        ("header_size", "<u2"),  # bytes; the records follow
-        ("size", "<u4"),  # bytes of the whole message
-        ("session", "<u8"),  # instant at which the publisher started, ns: another one is another run of it
-        ("sequence", "<u8"),  # 0, 1, 2, … within a session; gaps are messages lost
-    ]
+PREFIX_FIELDS = (
+    Field("magic", "<u4", "", "which kind of message"),
+    Field("checksum", "<u4", "", "CRC-32 of bytes 8 to size"),
+    Field("version", "<u2", "", "of the layout"),
+    Field("header_size", "<u2", "bytes", "of the header; the records follow"),
+    Field("size", "<u4", "bytes", "of the whole message"),
+    Field(
+        "session",
+        "<u8",
+        "",
+        "ns of the calendar at which the publisher began: another one is another run of it",
+    ),
+    Field("sequence", "<u8", "", "0, 1, 2, … of this kind within a session; gaps are messages lost"),
 )
+PREFIX = dtype_of(PREFIX_FIELDS)
+"""What all headers begin with, 32 bytes."""
+unpack_prefix = struct_of(PREFIX_FIELDS).unpack_from
+"""All numbers of a `PREFIX` at once."""
 CHECKED_FROM = 8
+_COUNT = Struct("<I")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,10 +51,25 @@ class Kind:
     magic: int
     header: np.dtype  # begins with the fields of `PREFIX`; has a field ``count``
     record: np.dtype
+    sent: str  # field of the header: the instant, ns, at which the message was sent
+    header_size: int = field(init=False)  # bytes
+    record_size: int = field(init=False)
+    count_at: int = field(init=False)  # byte at which ``count`` is
+    sent_at: int = field(init=False)
+
+    def __post_init__(self) -> None:
+        places = {name: self.header.fields[name][1] for name in self.header.names}  # type: ignore[index, union-attr]
+        for name, value in (
+            ("header_size", self.header.itemsize),
+            ("record_size", self.record.itemsize),
+            ("count_at", places["count"]),
+            ("sent_at", places[self.sent]),
+        ):
+            object.__setattr__(self, name, value)
 
     def size(self, count: int) -> int:
         """Bytes of a message with *count* records."""
-        return self.header.itemsize + count * self.record.itemsize
+        return self.header_size + count * self.record_size
 
 
 class Flaw(Enum):
@@ -136,18 +162,16 @@ def flaw_of(data: np.ndarray, kind: Kind) -> Flaw | None:
         What is expected.
     """
     size = len(data)
-    if size < kind.header.itemsize:
+    if size < kind.header_size:
         return Flaw.SHORT
-    prefix = np.frombuffer(data, PREFIX, count=1)[0]
-    if prefix["magic"] != kind.magic:
+    magic, checksum, version, header_size, told_size, _, _ = unpack_prefix(data.data)
+    if magic != kind.magic:
         return Flaw.MAGIC
-    if prefix["version"] != VERSION:
+    if version != VERSION:
         return Flaw.VERSION
-    body = size - kind.header.itemsize
-    is_whole = prefix["size"] == size and prefix["header_size"] == kind.header.itemsize
-    if not is_whole or body % kind.record.itemsize or body // kind.record.itemsize > MAX_RECORDS:
+    count, rest = divmod(size - kind.header_size, kind.record_size)
+    if told_size != size or header_size != kind.header_size or rest or count > MAX_RECORDS:
         return Flaw.SIZE
-    if zlib.crc32(data[CHECKED_FROM:].data) != prefix["checksum"]:
+    if zlib.crc32(data[CHECKED_FROM:].data) != checksum:
         return Flaw.CHECKSUM
-    count = np.frombuffer(data, kind.header, count=1)[0]["count"]
-    return None if count * kind.record.itemsize == body else Flaw.SIZE
+    return None if _COUNT.unpack_from(data.data, kind.count_at)[0] == count else Flaw.SIZE

@@ -2,10 +2,9 @@
 
 from enum import IntEnum
 
-import numpy as np
-
 from proximity.message.contact import CONTACT
-from proximity.message.envelope import PREFIX, Kind
+from proximity.message.envelope import PREFIX_FIELDS, Kind
+from proximity.message.fields import Field, dtype_of, reserved
 
 
 class State(IntEnum):
@@ -34,22 +33,28 @@ class Source(IntEnum):
     """Measured by a sensor; there is no geometry."""
 
 
-FRAME_HEADER = np.dtype(
-    [
-        *((name, PREFIX.fields[name][0].str) for name in PREFIX.names),  # type: ignore[index, union-attr]
-        ("pose_ns", "<i8"),  # instant of the oldest pose of a tracked finger; of start_ns where there is none
-        ("start_ns", "<i8"),  # instant at which the tick began
-        ("publish_ns", "<i8"),  # instant at which the frame was handed to the transport
-        ("valid_until_ns", "<i8"),  # from then on only the bounds may be used, and they widen
-        ("period_ns", "<i8"),  # between ticks
-        ("epoch", "<u8"),  # counts the scene's changes: parts added, removed, deformed
-        ("missed", "<u8"),  # ticks of this session that were left out because others took too long
-        ("count", "<u4"),  # of fingers: records that follow
-        ("state", "<u1"),  # State
-        ("source", "<u1"),  # Source
-        ("reserved", "<u1", (2,)),
-    ]
+FRAME_FIELDS = (
+    *PREFIX_FIELDS,
+    Field(
+        "pose_ns", "<i8", "ns", "instant of the oldest pose of a tracked finger; start_ns where there is none"
+    ),
+    Field("start_ns", "<i8", "ns", "instant at which the tick began"),
+    Field("publish_ns", "<i8", "ns", "instant at which the frame was handed to the transport"),
+    Field(
+        "valid_until_ns",
+        "<i8",
+        "ns",
+        "from then on, and a second after pose_ns in any case, only the bounds may be used, and they widen",
+    ),
+    Field("period_ns", "<i8", "ns", "between ticks"),
+    Field("epoch", "<u8", "", "counts the scene's changes: parts added, removed, deformed"),
+    Field("missed", "<u8", "", "ticks of this session that were left out because others took too long"),
+    Field("count", "<u4", "", "of fingers: records that follow"),
+    Field("state", "<u1", "", "a State"),
+    Field("source", "<u1", "", "a Source"),
+    reserved(2),
 )
+FRAME_HEADER = dtype_of(FRAME_FIELDS)
 """The header of a frame, 96 bytes."""
 
-FRAME = Kind("frame", 0x46434544, FRAME_HEADER, CONTACT)  # "DECF"
+FRAME = Kind("frame", 0x46434544, FRAME_HEADER, CONTACT, sent="publish_ns")  # "DECF"

@@ -3,70 +3,78 @@
 A sender fills a `Message` of the kind and publishes it; any language can. Not known is nan.
 """
 
-import numpy as np
-
-from proximity.message.envelope import PREFIX, Kind
-
-_PREFIX = [(name, PREFIX.fields[name][0].str) for name in PREFIX.names]  # type: ignore[index, union-attr]
-_VECTOR = ("<f8", (3,))
+from proximity.message.envelope import PREFIX_FIELDS, Kind
+from proximity.message.fields import VECTOR, Field, dtype_of, reserved
 
 PATH_CORNERS = 65
 """Corners of the polyline that tells a finger's path, evenly in its bend from 0 to 1. On the finger of PAPER
 9.1 they are 3.6 mm apart at most, and the path is 0.03 mm off the line at most."""
 
-INPUT_HEADER = np.dtype([*_PREFIX, ("send_ns", "<i8"), ("count", "<u4"), ("reserved", "<u1", (4,))])
+INPUT_FIELDS = (
+    *PREFIX_FIELDS,
+    Field("send_ns", "<i8", "ns", "instant at which the message was sent"),
+    Field("count", "<u4", "", "records that follow"),
+    reserved(4),
+)
+INPUT_HEADER = dtype_of(INPUT_FIELDS)
 """The header of what a service is fed with, 48 bytes."""
 
-POSE = np.dtype(
-    [
-        ("finger", "<u4"),  # which finger of the service: 0, 1, …
-        ("reserved", "<u1", (4,)),
-        ("pose_ns", "<i8"),  # instant of the pose
-        ("position", *_VECTOR),  # m, centre of the fingertip sphere in the scene's frame; nan: not tracked
-        ("velocity", *_VECTOR),  # m/s; nan: to be estimated
-        ("bend", "<f8"),  # where on its path the finger is; nan: the nearest place
-    ]
+POSE_FIELDS = (
+    Field("finger", "<u4", "", "which finger of the service: 0, 1, …"),
+    reserved(4),
+    Field("pose_ns", "<i8", "ns", "instant of the pose"),
+    Field("position", "<f8", "m", "centre of the fingertip sphere; nan: not tracked", VECTOR),
+    Field("velocity", "<f8", "m/s", "nan: to be estimated", VECTOR),
+    Field("bend", "<f8", "", "where on its path the finger is; nan: the nearest place"),
 )
+POSE = dtype_of(POSE_FIELDS)
 """One finger of a ``poses`` message, 72 bytes."""
 
-PATH_POSE = np.dtype([*POSE.descr, ("corners", "<f8", (PATH_CORNERS, 3))])
-"""One finger of a ``path_poses`` message, 1632 bytes: a pose, and where the fingertip goes as the finger
-bends (m, scene's frame). A first corner of nan: the finger has no path."""
-
-MOVE = np.dtype(
-    [
-        ("name", "S64"),  # of the part, UTF-8, ended by a zero where shorter
-        ("rotation", "<f8", (3, 3)),  # world_from_part
-        ("translation", *_VECTOR),  # m
-        ("velocity", *_VECTOR),  # m/s, of the part's origin
-        ("angular_velocity", *_VECTOR),  # rad/s
-    ]
+PATH_POSE_FIELDS = (
+    *POSE_FIELDS,
+    Field(
+        "corners",
+        "<f8",
+        "m",
+        "where the fingertip goes as the finger bends, evenly from 0 to 1; a first corner of nan: no path",
+        (PATH_CORNERS, 3),
+    ),
 )
-"""One part of a ``moves`` message."""
+PATH_POSE = dtype_of(PATH_POSE_FIELDS)
+"""One finger of a ``path_poses`` message, 1632 bytes: a pose, and the finger's path."""
 
-MEASUREMENT = np.dtype(
-    [
-        ("finger", "<u4"),
-        ("surface", "<u1"),  # Surface
-        ("force_is_valid", "<u1"),
-        ("reserved", "<u1", (2,)),
-        ("measured_ns", "<i8"),  # instant of the measurement
-        ("signed_distance", "<f8"),  # m, of the fingertip's surface; nan: nothing was measured
-        ("error", "<f8"),  # m, how far off the distance may be
-        ("position", *_VECTOR),  # m, of the fingertip; nan: not known
-        ("velocity", *_VECTOR),  # m/s, of the fingertip; nan: not known
-        ("normal", *_VECTOR),  # unit, from the object to the finger; nan: not known
-        ("approach_speed", "<f8"),  # m/s, closing is positive; nan: to be estimated
-        ("bend", "<f8"),
-        ("bend_rate", "<f8"),  # 1/s
-        ("force", "<f8"),  # N, on the slave finger
-        ("stiffness", "<f8"),  # N/m, of a deformable object
-        ("damping", "<f8"),  # N s/m
-    ]
+MOVE_FIELDS = (
+    Field("name", "S64", "", "of the part, UTF-8, ended by a zero where shorter"),
+    Field("rotation", "<f8", "", "world_from_part, row by row", (3, 3)),
+    Field("translation", "<f8", "m", "of the part's origin", VECTOR),
+    Field("velocity", "<f8", "m/s", "of the part's origin", VECTOR),
+    Field("angular_velocity", "<f8", "rad/s", "about the part's origin", VECTOR),
 )
-"""One finger of a ``measured`` message."""
+MOVE = dtype_of(MOVE_FIELDS)
+"""One part of a ``moves`` message, 208 bytes."""
 
-POSES = Kind("poses", 0x50434544, INPUT_HEADER, POSE)  # "DECP"
-PATH_POSES = Kind("path_poses", 0x54434544, INPUT_HEADER, PATH_POSE)  # "DECT"
-MOVES = Kind("moves", 0x4D434544, INPUT_HEADER, MOVE)  # "DECM"
-MEASURED = Kind("measured", 0x53434544, INPUT_HEADER, MEASUREMENT)  # "DECS"
+MEASUREMENT_FIELDS = (
+    Field("finger", "<u4", "", "which finger of the service: 0, 1, …"),
+    Field("surface", "<u1", "", "a Surface"),
+    Field("force_is_valid", "<u1", "", "1 where the force was measured"),
+    reserved(2),
+    Field("measured_ns", "<i8", "ns", "instant of the measurement"),
+    Field("signed_distance", "<f8", "m", "of the fingertip's surface; nan: nothing was measured"),
+    Field("error", "<f8", "m", "how far off the distance may be"),
+    Field("position", "<f8", "m", "centre of the fingertip sphere; nan: not known", VECTOR),
+    Field("velocity", "<f8", "m/s", "of the fingertip; nan: not known", VECTOR),
+    Field("normal", "<f8", "", "unit, from the object to the finger; nan: not known", VECTOR),
+    Field("approach_speed", "<f8", "m/s", "closing is positive; nan: to be estimated"),
+    Field("bend", "<f8", "", "where on its path the finger is, 0 to 1; nan: not known"),
+    Field("bend_rate", "<f8", "1/s", "of bend; nan: not known"),
+    Field("force", "<f8", "N", "on the slave finger"),
+    Field("stiffness", "<f8", "N/m", "of a deformable object"),
+    Field("damping", "<f8", "N s/m", "of a deformable object"),
+)
+MEASUREMENT = dtype_of(MEASUREMENT_FIELDS)
+"""One finger of a ``measured`` message, 152 bytes."""
+
+POSES = Kind("poses", 0x50434544, INPUT_HEADER, POSE, sent="send_ns")  # "DECP"
+PATH_POSES = Kind("path_poses", 0x54434544, INPUT_HEADER, PATH_POSE, sent="send_ns")  # "DECT"
+MOVES = Kind("moves", 0x4D434544, INPUT_HEADER, MOVE, sent="send_ns")  # "DECM"
+MEASURED = Kind("measured", 0x53434544, INPUT_HEADER, MEASUREMENT, sent="send_ns")  # "DECS"

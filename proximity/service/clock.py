@@ -13,8 +13,12 @@ SECOND = 1_000_000_000
 class Clock(Protocol):
     """What the loop asks for the time, and waits by."""
 
-    skipped_ns: int
-    """How far it is ahead of the clock that subscribers read."""
+    @property
+    def skipped_ns(self) -> int:
+        """How far it is ahead of the clock that subscribers read."""
+
+    def stopwatch_ns(self) -> int:
+        """Return what durations are measured by, ns: it runs even where the clock stands still."""
 
     def now_ns(self) -> int:
         """Return the present instant, ns."""
@@ -37,7 +41,7 @@ class MonotonicClock:
 
     def __init__(self, spin: float = 0.0) -> None:
         self._spin_ns = round(SECOND * spin)
-        self.now_ns = time.monotonic_ns
+        self.now_ns = self.stopwatch_ns = time.monotonic_ns
 
     def sleep_until(self, due_ns: int) -> None:
         """Sleep, then spin.
@@ -58,20 +62,25 @@ class MonotonicClock:
 
 
 class SkippingClock:
-    """A clock whose waits take no time: it jumps to the instant instead. For recordings, as fast as it goes.
+    """A clock that stands still while a tick is computed, and jumps to the next: as fast as it goes.
 
-    What is computed takes as long as it takes. The loop takes ``skipped_ns`` off all times that it publishes,
-    so that a frame is as old to its subscribers as its poses were to the tick.
+    For recordings: each tick is there, none is late, and every run answers the same. The loop takes
+    ``skipped_ns`` off all times that it publishes, so that a frame is as old to its subscribers as its poses
+    were to the tick.
     """
 
-    skipped_ns: int
-
     def __init__(self) -> None:
-        self.skipped_ns = 0
+        self._now_ns = time.monotonic_ns()
+        self.stopwatch_ns = time.monotonic_ns
+
+    @property
+    def skipped_ns(self) -> int:
+        """How far it is ahead of the clock that subscribers read."""
+        return self._now_ns - time.monotonic_ns()
 
     def now_ns(self) -> int:
-        """Return the present instant, ns, all waits counted."""
-        return time.monotonic_ns() + self.skipped_ns
+        """Return the instant that it stands at, ns."""
+        return self._now_ns
 
     def sleep_until(self, due_ns: int) -> None:
         """Jump.
@@ -81,4 +90,4 @@ class SkippingClock:
         due_ns : int, ns
             The instant.
         """
-        self.skipped_ns += max(due_ns - self.now_ns(), 0)
+        self._now_ns = max(self._now_ns, due_ns)

@@ -53,7 +53,8 @@ class Histogram:
         seen = 0
         for _, upper_ns, count in self.rows():
             seen += count
-            if seen >= wanted:
+            # The last bin has no upper end of its own.
+            if seen >= wanted and upper_ns < LARGEST_NS:
                 return min(upper_ns, self.max_ns)
         return self.max_ns
 

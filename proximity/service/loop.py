@@ -73,6 +73,7 @@ class Service:
         self._answering, self._input = answering, pose_input
         self._next: Answering | None = None
         self._retired: Answering | None = None  # who answered before the last exchange
+        self._has_run = False
         self._thread: int | None = None  # that the loop runs in
         self._epoch_offset = 0
         self._clock: Clock = MonotonicClock() if clock is None else clock
@@ -111,7 +112,15 @@ class Service:
         -------
         Report
             What was done; also ``report``, where another thread may look at it meanwhile.
+
+        Raises
+        ------
+        ServiceError
+            If it has run already.
         """
+        if self._has_run:
+            raise ServiceError("the service has run already, and all that it used is closed: make another")
+        self._has_run = True
         with ExitStack() as stack:
             stack.callback(self._close)
             self._rehearse()
@@ -181,7 +190,7 @@ class Service:
         clock, report, framing, gate = self._clock, self._report, self._framing, self._gate
         due_ns = self._due_ns
         clock.sleep_until(due_ns)
-        start_ns = clock.now_ns()
+        start_ns, begun_ns = clock.now_ns(), clock.stopwatch_ns()
         if self._next is not None:
             self._take_over()
         samples = self._input.poll(start_ns)
@@ -194,7 +203,7 @@ class Service:
         epoch = self._answering.epoch + self._epoch_offset
         framing.finish(start_ns, publish_ns, report.missed, epoch, clock.skipped_ns)
         self._outgoing.hand_out(framing.message)
-        report.compute.record(clock.now_ns() - start_ns)
+        report.compute.record(clock.stopwatch_ns() - begun_ns)
         report.lateness.record(start_ns - due_ns)
         report.ticks += 1
         report.states[framing.state] += 1

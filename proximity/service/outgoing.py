@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Sequence
+from contextlib import ExitStack
 
 from proximity.errors import PublishError
 from proximity.message import Message
@@ -48,7 +49,7 @@ class Outgoing:
         """What was not published or logged, and why."""
         notes = [
             f"{address}: {self.failures[address]} frames were not published, first: {failure}"
-            for address, failure in self._first_failures.items()
+            for address, failure in list(self._first_failures.items())
         ]
         return notes + ([] if self._log is None else self._log.notes)
 
@@ -76,10 +77,11 @@ class Outgoing:
 
     def close(self) -> None:
         """Close publishers and log."""
-        for _, publisher in self._publishers:
-            publisher.close()
-        if self._log is not None:
-            self._log.close()
+        with ExitStack() as stack:
+            for _, publisher in self._publishers:
+                stack.callback(publisher.close)
+            if self._log is not None:
+                stack.callback(self._log.close)
 
     def _count(self, address: str, failure: PublishError) -> None:
         self.failures[address] += 1

@@ -58,20 +58,15 @@ class RealTime:
         Whether memory is kept from being swapped out.
     """
 
-    granted: list[str]  # sentences
-    refused: list[str]
+    notes: list[str]  # what was given and what not, a sentence each
+    refused: list[str]  # those of what was not
 
     def __init__(
         self, *, priority: int = PRIORITY, core: int | None = None, lock_memory: bool = True
     ) -> None:
-        self.granted, self.refused = [], []
+        self.notes, self.refused = [], []
         self._priority, self._core, self._lock_memory = priority, core, lock_memory
         self._undo = ExitStack()
-
-    @property
-    def notes(self) -> list[str]:
-        """What was given, and what not."""
-        return self.granted + self.refused
 
     def __enter__(self) -> "RealTime":
         # Memory first: it takes a while, which nobody should be kept from meanwhile.
@@ -88,11 +83,14 @@ class RealTime:
 
     def _try(self, what: str, attempt: Callable[[], str]) -> None:
         try:
-            self.granted.append(f"{what}: {attempt()}")
+            self.notes.append(f"{what}: {attempt()}")
+            return
         except (AttributeError, TypeError):
-            self.refused.append(f"{what}: this system cannot be asked for it")
+            reason = "this system cannot be asked for it"
         except (OSError, ValueError, OverflowError) as refusal:
-            self.refused.append(f"{what}: not permitted ({getattr(refusal, 'strerror', None) or refusal})")
+            reason = f"not permitted ({getattr(refusal, 'strerror', None) or refusal})"
+        self.refused.append(f"{what}: {reason}")
+        self.notes.append(self.refused[-1])
 
     def _rise(self) -> str:
         """Get real-time priority: before all that is not real-time."""

@@ -3,6 +3,7 @@
 import logging
 import time
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -40,7 +41,6 @@ class Reception:
         self._inlet = open_inlet(address)
         self._examiner = Examiner(self._inlet, kinds, clock, most_at_once=MOST_AT_ONCE)
         self._foreign = None if self._inlet.shares_clock else ForeignClock()
-        self._sessions = 0
         self._failures = 0
         self._first_failure = ""
         self._left_out: dict[str, int] = {}
@@ -48,8 +48,9 @@ class Reception:
     @property
     def notes(self) -> list[str]:
         """What was lost, refused or left out."""
-        counts = self._examiner.counts
-        notes = [f"{self.address}: {count} {what}" for what, count in self._left_out.items()]
+        # Copies: the loop may be counting meanwhile.
+        counts = replace(self._examiner.counts, flawed=self._examiner.counts.flawed.copy())
+        notes = [f"{self.address}: {count} {what}" for what, count in list(self._left_out.items())]
         if counts.lost or counts.refused or counts.flawed:
             notes.append(f"{self.address}: {counts}")
         if self._failures:
@@ -64,7 +65,13 @@ class Reception:
         try:
             for kind, data, now_ns in self._examiner.messages():
                 header, records = parts_of(data, kind)
-                yield kind, records, self._ahead(int(header["send_ns"]), now_ns)
+                if self._foreign is None:
+                    yield kind, records, 0
+                    continue
+                self._foreign.arrived(int(header["send_ns"]), now_ns)
+                # Until a clock is seen to run, what it shows may be a copy of something old.
+                if self._foreign.is_settled:
+                    yield kind, records, now_ns - self._foreign.theirs(now_ns)
         except OSError as failure:
             self._failures += 1
             if self._failures == 1:
@@ -90,17 +97,6 @@ class Reception:
     def close(self) -> None:
         """Give the address back."""
         self._inlet.close()
-
-    def _ahead(self, sent_ns: int, now_ns: int) -> int:
-        if self._foreign is None:
-            return 0
-        sessions = self._examiner.counts.sessions
-        if sessions != self._sessions:
-            # Another run of the sender, perhaps after a restart of its machine: its clock is another.
-            self._sessions = sessions
-            self._foreign.reset()
-        self._foreign.arrived(sent_ns, now_ns)
-        return now_ns - self._foreign.theirs(now_ns)
 
 
 def rows_of(fingers: np.ndarray, count: int) -> tuple[slice | np.ndarray, np.ndarray | None]:

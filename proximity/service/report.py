@@ -47,8 +47,12 @@ class Report:
             f"{self.ticks} ticks ({told or 'none'}), {self.missed} missed",
             f"computing: {self.compute}",
             f"woken late: {self.lateness}",
-            *self.notes,
         ]
+        if self.future or self.backwards:
+            lines.append(
+                f"left out: {self.future} poses from the future, {self.backwards} older than the one before"
+            )
+        lines += self.notes
         return "\n".join(lines)
 
 

@@ -60,7 +60,9 @@ class SensorAnswers:
         max_speed: float = MAX_SPEED,
         max_acceleration: float = MAX_ACCELERATION,
     ) -> None:
-        if not (0.0 <= latency <= 1.0 and min(horizon, max_speed, max_acceleration) > 0.0):
+        if not (
+            0.0 <= latency <= 1.0 and all(number > 0.0 for number in (horizon, max_speed, max_acceleration))
+        ):
             raise ServiceError(
                 f"latency {latency!r} s, horizon {horizon!r} s, max_speed {max_speed!r} m/s and "
                 f"max_acceleration {max_acceleration!r} m/s², expected a latency of 0 to 1 s and the others "
@@ -135,7 +137,7 @@ class SensorAnswers:
     def _write_distances(self, distance: np.ndarray, error: np.ndarray, status: np.ndarray) -> None:
         """Write distances, now and predicted, their bounds and what is known of them."""
         contacts, followed = self._contacts, self._followed
-        has_error = error >= 0.0
+        has_error = (error >= 0.0) & (error < np.inf)
         error = np.where(has_error, error, np.inf)
         lower, upper = distance - error, distance + error
         step, spread = followed[:, hands.STEP], followed[:, hands.SPREAD]

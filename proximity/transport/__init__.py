@@ -9,10 +9,11 @@ from importlib import import_module
 from typing import Any
 
 from proximity.transport.address import parse
+from proximity.transport.ageing import forget, widen
 from proximity.transport.examining import Counts, Examiner
 from proximity.transport.links import TRANSPORTS, Inlet, Outlet
 from proximity.transport.publisher import Publisher
-from proximity.transport.subscriber import Reading, Subscriber, forget, widen
+from proximity.transport.subscriber import Reading, Subscriber
 
 __all__ = [
     "Counts",
@@ -74,7 +75,12 @@ def open_subscriber(address: str, **settings: Any) -> Subscriber:
     PublishError
         If the address is none, is in use, or cannot be opened.
     """
-    return Subscriber(open_inlet(address), address, **settings)
+    inlet = open_inlet(address)
+    try:
+        return Subscriber(inlet, address, **settings)
+    except Exception:
+        inlet.close()
+        raise
 
 
 def open_outlet(address: str) -> Outlet:

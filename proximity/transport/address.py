@@ -44,7 +44,7 @@ def parse(text: str) -> Address:
         raise PublishError(f"an address is text such as iox2://decaff, not {text!r}")
     try:
         parts = urlsplit(text)
-        options = dict(parse_qsl(parts.query, keep_blank_values=True, strict_parsing=bool(parts.query)))
+        pairs = parse_qsl(parts.query, keep_blank_values=True, strict_parsing=bool(parts.query))
     except ValueError as unfit:
         raise PublishError(f"{text}: expected scheme://place?option=value ({unfit})") from unfit
     place = unquote(parts.netloc + parts.path)
@@ -52,4 +52,7 @@ def parse(text: str) -> Address:
         raise PublishError(
             f"{text}: expected an address such as iox2://NAME, udp://HOST:PORT, zenoh://KEY or mailbox:NAME"
         )
-    return Address(text, parts.scheme.lower(), place, options)
+    options = dict(pairs)
+    if len(options) < len(pairs):
+        raise PublishError(f"{text}: an option is given twice, expected each once")
+    return Address(text, parts.scheme, place, options)

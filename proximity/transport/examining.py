@@ -4,16 +4,27 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from struct import Struct
+from typing import NamedTuple
 
 import numpy as np
 
 from proximity.message import MAX_RECORDS, PREFIX, Flaw, Kind, flaw_of
+from proximity.message.envelope import unpack_prefix
 from proximity.transport.links import NOTHING, Inlet
 
-MOST_AT_ONCE = 256
-"""Messages looked at in one go: a flood must not keep a reader from its work."""
+MOST_AT_ONCE = 1024
+"""Messages taken in one go: more than a transport keeps for a reader."""
+MOST_FLAWED = 256
+"""Of these, such that cannot be used: a flood must not keep a reader from its work."""
 RESTART_SILENCE_NS = 50_000_000
-"""A publisher silent for longer may have been started anew with a clock that was put back."""
+"""A publisher elsewhere that is silent for longer may have been started anew with its calendar put back."""
+MOST_RUNS = 64
+"""Runs of the publisher that are remembered: what came of them does not come again."""
+
+_NUMBERS_AT = PREFIX.fields["session"][1]  # type: ignore[index]
+_unpack_numbers = Struct("<QQ").unpack_from  # session and sequence
+_unpack_instant = Struct("<q").unpack_from
 
 
 @dataclass(slots=True)
@@ -21,7 +32,7 @@ class Counts:
     """What a receiver has seen since it was opened."""
 
     received: int = 0  # messages that were used
-    lost: int = 0  # numbers that were left out within a session
+    lost: int = 0  # numbers that were left out since the first message
     sessions: int = 0  # runs of the publisher
     refused: int = 0  # from somebody else than the address names
     flawed: Counter[Flaw] = field(default_factory=Counter)  # not used, by reason
@@ -32,6 +43,15 @@ class Counts:
         if self.refused:
             parts.append(f"{self.refused} from a stranger")
         return ", ".join(parts)
+
+
+class _Seen(NamedTuple):
+    """What a message is known by."""
+
+    session: int
+    sequence: int
+    sent_ns: int  # on the publisher's clock
+    now_ns: int  # when it was taken, on ours
 
 
 class Examiner:
@@ -46,7 +66,15 @@ class Examiner:
     clock : callable
         Gives now, ns, monotonic.
     most_at_once : int
-        Messages looked at in one go.
+        Messages taken in one go.
+
+    Notes
+    -----
+    Within a session numbers only rise. Another session is another run of the publisher. It counts if its
+    number is higher: it began later, by the calendar. If the number is lower, either the calendar was put
+    back or these are copies from an earlier run. On a shared clock the instant of sending tells which; a
+    foreign clock tells nothing, and the present run must have been silent. What has come once of any run does
+    not come again.
     """
 
     def __init__(
@@ -63,7 +91,8 @@ class Examiner:
         self._room = np.empty(max(kind.size(MAX_RECORDS) for kind in kinds) + 8, np.uint8)
         self._clock = clock
         self._most_at_once = most_at_once
-        self._last: dict[str, tuple[int, int, int]] = {}  # session, sequence, when; by kind
+        self._last: dict[int, _Seen] = {}  # by the kind's magic
+        self._ended: dict[tuple[int, int], int] = {}  # magic, session: the last number of a run before
 
     def messages(
         self, content_flaw: Callable[[Kind, np.ndarray, int], Flaw | None] | None = None
@@ -77,53 +106,82 @@ class Examiner:
         content_flaw : callable
             Says what is wrong inside of a message that is whole and new; None: nothing.
         """
+        inlet, room, counts = self._inlet, self._room, self.counts
+        flawed_count = 0
         for _ in range(self._most_at_once):
-            size = self._inlet.receive(self._room)
-            self.counts.refused = self._inlet.refused
+            size = inlet.receive(room)
+            counts.refused = inlet.refused
             if size == NOTHING:
                 return
             now = self._clock()
-            if size > len(self._room):
-                self.counts.flawed[Flaw.SIZE] += 1
-                continue
-            data = self._room[:size]
+            data = room[:size]
             kind = self._kind_of(data)
-            flaw = flaw_of(data, kind) or self._age_flaw(kind, data, now)
-            if flaw is None and content_flaw is not None:
-                flaw = content_flaw(kind, data, now)
-            if flaw is not None:
-                self.counts.flawed[flaw] += 1
+            flaw = self._take_in(kind, data, now, content_flaw) if size <= len(room) else Flaw.SIZE
+            if flaw is None:
+                yield kind, data, now
                 continue
-            self._accept(kind, data, now)
-            yield kind, data, now
+            counts.flawed[flaw] += 1
+            flawed_count += 1
+            if flawed_count == MOST_FLAWED:
+                return
+
+    def _take_in(
+        self,
+        kind: Kind,
+        data: np.ndarray,
+        now: int,
+        content_flaw: Callable[[Kind, np.ndarray, int], Flaw | None] | None,
+    ) -> Flaw | None:
+        """Count a message that can be used; of one that cannot, say why."""
+        flaw = flaw_of(data, kind)
+        if flaw is not None:
+            return flaw
+        session, sequence = _unpack_numbers(data.data, _NUMBERS_AT)
+        message = _Seen(session, sequence, _unpack_instant(data.data, kind.sent_at)[0], now)
+        flaw = self._age_flaw(kind, message)
+        if flaw is None and content_flaw is not None:
+            flaw = content_flaw(kind, data, now)
+        if flaw is None:
+            self._accept(kind, message)
+        return flaw
 
     def _kind_of(self, data: np.ndarray) -> Kind:
-        if len(data) < PREFIX.itemsize:
+        if len(self._kinds) == 1 or len(data) < PREFIX.itemsize:
             return self._default
-        return self._kinds.get(int(data[:4].view("<u4")[0]), self._default)
+        return self._kinds.get(unpack_prefix(data.data)[0], self._default)
 
-    def _age_flaw(self, kind: Kind, data: np.ndarray, now: int) -> Flaw | None:
+    def _age_flaw(self, kind: Kind, message: _Seen) -> Flaw | None:
         """Whether the message was overtaken or is repeated."""
-        last = self._last.get(kind.name)
+        last = self._last.get(kind.magic)
         if last is None:
             return None
-        session, sequence = _numbers(data)
-        if session == last[0]:
-            return Flaw.OLD if sequence <= last[1] else None
-        is_silent = now - last[2] > RESTART_SILENCE_NS
-        return None if session > last[0] or is_silent else Flaw.OLD
-
-    def _accept(self, kind: Kind, data: np.ndarray, now: int) -> None:
-        session, sequence = _numbers(data)
-        last = self._last.get(kind.name)
-        if last is not None and last[0] == session:
-            self.counts.lost += sequence - last[1] - 1
+        session, sequence = message.session, message.sequence
+        if session == last.session:
+            return Flaw.OLD if sequence <= last.sequence else None
+        if sequence <= self._ended.get((kind.magic, session), -1):
+            return Flaw.OLD
+        if session > last.session:
+            return None
+        if self._inlet.shares_clock:
+            is_alive = message.sent_ns > last.sent_ns
         else:
-            self.counts.sessions += 1
-        self.counts.received += 1
-        self._last[kind.name] = session, sequence, now
+            is_alive = message.now_ns - last.now_ns > RESTART_SILENCE_NS
+        return None if is_alive else Flaw.OLD
 
-
-def _numbers(data: np.ndarray) -> tuple[int, int]:
-    session, sequence = data[16:32].view("<u8").tolist()
-    return session, sequence
+    def _accept(self, kind: Kind, message: _Seen) -> None:
+        """Count a message that is used, and those before it that are missing."""
+        counts, last = self.counts, self._last.get(kind.magic)
+        before = message.sequence - 1  # of the very first none is missing
+        if last is None:
+            counts.sessions += 1
+        elif last.session == message.session:
+            before = last.sequence
+        else:
+            counts.sessions += 1
+            self._ended[kind.magic, last.session] = last.sequence
+            before = self._ended.pop((kind.magic, message.session), -1)
+            if len(self._ended) > MOST_RUNS:
+                del self._ended[next(iter(self._ended))]
+        counts.lost += message.sequence - before - 1
+        counts.received += 1
+        self._last[kind.magic] = message

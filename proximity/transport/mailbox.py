@@ -1,9 +1,11 @@
 """``mailbox:NAME``: the latest message inside this process, for library users and tests.
 
-Any number of threads write and read; who reads too seldom sees the newest only.
+Any number of threads write and read; who reads too seldom sees the newest only. A box is there as long as
+somebody has it open, or keeps an end that was closed.
 """
 
 import threading
+from weakref import WeakValueDictionary
 
 import numpy as np
 
@@ -21,13 +23,16 @@ class _Box:
         self.count = 0
 
 
-_boxes: dict[str, _Box] = {}
+_boxes: WeakValueDictionary[str, _Box] = WeakValueDictionary()
 _lock = threading.Lock()
 
 
 def _box(name: str) -> _Box:
     with _lock:
-        return _boxes.setdefault(name, _Box())
+        box = _boxes.get(name)
+        if box is None:
+            box = _boxes[name] = _Box()
+        return box
 
 
 class MailboxOutlet:
@@ -66,9 +71,11 @@ class MailboxInlet:
     def receive(self, room: np.ndarray) -> int:
         """Copy what is in the box, if it was not seen before."""
         box = self._box
+        if (
+            box.count == self._seen
+        ):  # an int: read as a whole without the lock, which costs as much as all else
+            return NOTHING
         with box.changed:
-            if box.count == self._seen:
-                return NOTHING
             self._seen = box.count
             size = min(box.size, len(room))
             room[:size] = box.data[:size]

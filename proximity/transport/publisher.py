@@ -1,10 +1,22 @@
 """The sending side: messages are numbered, checksummed and handed to a transport."""
 
+import threading
 import time
 from types import TracebackType
 
 from proximity.message import Message
 from proximity.transport.links import Outlet
+
+_lock = threading.Lock()
+_newest_session = 0
+
+
+def _next_session() -> int:
+    """The time of the calendar, ns; where its clock is coarse, more than that of the session before."""
+    global _newest_session
+    with _lock:
+        _newest_session = max(time.time_ns(), _newest_session + 1)
+        return _newest_session
 
 
 class Publisher:
@@ -16,17 +28,25 @@ class Publisher:
         The transport's sending end.
     address : str
         What it was opened as.
+
+    Notes
+    -----
+    Thread: one thread publishes.
     """
 
     address: str
-    session: int  # ns, instant at which the publisher was opened: receivers tell a restart by it
-    sequence: int  # number of the next message
+    session: int  # ns of the calendar at which the publisher was opened: receivers tell a restart by it
 
     def __init__(self, outlet: Outlet, address: str) -> None:
         self.address = address
-        self.session = time.time_ns()
-        self.sequence = 0
+        self.session = _next_session()
         self._outlet = outlet
+        self._sequences: dict[int, int] = {}  # number of the next message, by the magic of its kind
+
+    @property
+    def sequence(self) -> int:
+        """How many messages were published, of all kinds; of one kind alone, the number of the next."""
+        return sum(self._sequences.values())
 
     def publish(self, message: Message) -> None:
         """Number, seal and send a message; its number is spent even where sending fails.
@@ -41,9 +61,10 @@ class Publisher:
         PublishError
             If the transport refuses it.
         """
-        data = message.seal(self.session, self.sequence)
-        self.sequence += 1
-        self._outlet.send(data)
+        magic = message.kind.magic
+        sequence = self._sequences.get(magic, 0)
+        self._sequences[magic] = sequence + 1
+        self._outlet.send(message.seal(self.session, sequence))
 
     def close(self) -> None:
         """Give the address back; closing twice is once."""

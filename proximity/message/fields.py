@@ -1,0 +1,61 @@
+"""What messages are made of, field by field, told once: NumPy types, C header and README come from here.
+
+A field's number is little-endian and lies on a multiple of its size.
+"""
+
+from collections.abc import Sequence
+from struct import Struct
+from typing import NamedTuple
+
+import numpy as np
+
+VECTOR = (3,)
+"""Shape of x, y, z in the scene's frame."""
+
+
+class Field(NamedTuple):
+    """One field of a header or a record."""
+
+    name: str
+    type: str  # as NumPy writes it
+    unit: str  # empty: a number without one
+    meaning: str
+    shape: tuple[int, ...] = ()
+
+
+def dtype_of(fields: Sequence[Field]) -> np.dtype:
+    """The NumPy type of a header or a record, without gaps.
+
+    Parameters
+    ----------
+    fields : sequence of Field
+        In their order.
+    """
+    return np.dtype([(field.name, field.type, field.shape) for field in fields])
+
+
+def struct_of(fields: Sequence[Field]) -> Struct:
+    """What unpacks whole numbers at once, three times as fast as NumPy would one.
+
+    Parameters
+    ----------
+    fields : sequence of Field
+        Integers; those whose name begins with ``reserved`` are passed over.
+    """
+    codes = {"u1": "B", "u2": "H", "u4": "I", "u8": "Q", "i4": "i", "i8": "q"}
+    parts = []
+    for field in fields:
+        size = np.dtype((field.type, field.shape)).itemsize
+        parts.append(f"{size}x" if field.name.startswith("reserved") else codes[field.type[1:]])
+    return Struct("<" + "".join(parts))
+
+
+def reserved(size: int) -> Field:
+    """Bytes that keep what follows on a multiple of its size.
+
+    Parameters
+    ----------
+    size : int
+        How many.
+    """
+    return Field("reserved", "<u1", "", "zeros", (size,))

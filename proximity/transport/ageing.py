@@ -1,0 +1,112 @@
+"""What contacts are still worth when they are old: bounds that hold later, and in the end nothing.
+
+Both functions change records in place and leave every field with the meaning it has when it is published.
+"""
+
+import numpy as np
+
+from proximity.message import CONTACT, ContactFlag, Mode, Surface
+
+_UNTOLD = np.uint32(
+    ~(ContactFlag.EXACT | ContactFlag.SKIPPED | ContactFlag.PREDICTED | ContactFlag.CONTACT_FOUND)
+    & 0xFFFF_FFFF
+)
+_TRACKED, _PREDICTED = np.uint32(ContactFlag.TRACKED), np.uint32(ContactFlag.PREDICTED)
+_BOUNDED = np.uint32(ContactFlag.BOUNDED)
+_FLOATS = [name for name in CONTACT.names or () if CONTACT[name].base.kind == "f"]
+
+
+def widen(contacts: np.ndarray, now_ns: int, max_speed: float, max_acceleration: float) -> None:
+    """Make contacts hold at a later instant: as far as finger and parts may have come, less is known.
+
+    Bounds hold at *now_ns*, and so do the predictions, which are the bounds; the distance is the lower one.
+    Nothing is exact or predicted any more, no force is valid, and the place of contact is kept without a
+    promise. Times to contact go on counting from the pose. A finger that is not tracked stays so.
+
+    Parameters
+    ----------
+    contacts : (N,) CONTACT
+        As they were published; changed in place.
+    now_ns : int
+        The instant, on the clock of the poses, not before them.
+    max_speed : float, m/s
+        Of a finger.
+    max_acceleration : float, m/s²
+        Of a finger.
+
+    Notes
+    -----
+    The bounds hold as long as the finger keeps to both limits and every part to the velocity, of translation
+    and rotation, that the scene had for it at the tick.
+    ``part_velocity`` is that of one point. How much faster other parts and other points are, and how far off
+    the finger's velocity may be, is in the published predictions: their bounds are apart by what both may
+    have done until ``predicted_ns``. Where a publisher predicts for the pose's own instant that is not told:
+    then no part is thought to be faster than the nearest point of the nearest one.
+    """
+    with np.errstate(all="ignore"):  # a publisher's numbers may be anything
+        elapsed = 1e-9 * np.maximum(now_ns - contacts["pose_ns"], 0)
+        flags = contacts["flags"]
+        is_tracked = (flags & _TRACKED) != 0
+        rate, most = _rates(contacts, elapsed, (flags & _PREDICTED) != 0, max_speed, max_acceleration)
+        way = rate * elapsed
+        lower, upper = contacts["lower"] - way, contacts["upper"] + way
+        contacts["lower"], contacts["upper"] = lower, upper
+        contacts["predicted_lower"], contacts["predicted_upper"] = lower, upper
+        np.copyto(contacts["signed_distance"], lower, where=is_tracked)
+        np.copyto(contacts["predicted_distance"], lower, where=is_tracked)
+        contacts["predicted_ns"] = now_ns
+        contacts["age_ns"] = now_ns - contacts["pose_ns"]
+        free = elapsed + np.maximum(lower, 0.0) / most
+        contacts["time_to_contact_lower"] = np.minimum(contacts["time_to_contact_lower"], free)
+        contacts["contact_bend_error"] += np.inf
+        contacts["force_is_valid"] = 0
+        contacts["flags"] = (flags & _UNTOLD) | np.where(is_tracked, _BOUNDED, np.uint32(0))
+
+
+def _rates(
+    contacts: np.ndarray,
+    elapsed: np.ndarray,
+    is_predicted: np.ndarray,
+    max_speed: float,
+    max_acceleration: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """By how much a distance changes at most, m/s, on the average since the pose; and at any time later.
+
+    Relative to the nearest part the finger goes by its velocity, less the part's; acceleration adds to that.
+    The *spread* of the predictions, m/s, holds how far off that velocity may be, and by how much surfaces
+    may be faster than that part. Of a finger whose velocity is not known it holds the top speed.
+    """
+    part_velocity = contacts["part_velocity"]
+    part_speed = np.fmax(_lengths(part_velocity), 0.0)  # nan where there is no part
+    limit = max_speed + part_speed
+    going = _lengths(contacts["velocity"] - part_velocity) + 0.5 * max_acceleration * elapsed
+    ahead = 1e-9 * (contacts["predicted_ns"] - contacts["pose_ns"])
+    spread = 0.5 * (contacts["predicted_upper"] - contacts["predicted_lower"]) / ahead
+    is_told = (ahead > 0.0) & (spread < np.inf)
+    known = np.fmin(going, limit) + spread
+    unknown = np.where(is_told, np.fmax(limit, part_speed + spread), limit)
+    rate = np.where(is_predicted & is_told, known, unknown)
+    return rate, np.where(is_told, limit + spread, limit)
+
+
+def _lengths(vectors: np.ndarray) -> np.ndarray:
+    return np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
+
+
+def forget(contacts: np.ndarray) -> None:
+    """Leave nothing of contacts but whose they are, where they come from and when that was.
+
+    Parameters
+    ----------
+    contacts : (N,) CONTACT
+        Changed in place: as of fingers that are not tracked.
+    """
+    for name in _FLOATS:
+        contacts[name] = np.nan
+    contacts["lower"] = contacts["predicted_lower"] = -np.inf
+    contacts["upper"] = contacts["predicted_upper"] = np.inf
+    contacts["time_to_contact_lower"] = 0.0
+    contacts["flags"] = 0
+    contacts["part"] = contacts["face"] = -1
+    contacts["surface"], contacts["mode"] = Surface.UNKNOWN, Mode.HOLD
+    contacts["force_is_valid"] = 0

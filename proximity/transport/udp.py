@@ -1,0 +1,249 @@
+"""``udp://HOST:PORT``: a datagram a message, to a microcontroller or across a wire. Loses rather than delays.
+
+For a publisher HOST:PORT is where messages go. Its own socket is bound to loopback unless ``?bind=ADDRESS``
+or ``?bind=ADDRESS:PORT`` says where else. For a subscriber HOST:PORT is where to listen, and ``?from=HOST``
+or ``?from=HOST:PORT`` whom to: loopback where HOST is loopback, otherwise it must be said. Datagrams of
+others are left out and counted. Names are looked up once, when the address is opened; of several addresses
+the first of IPv4 counts. IPv6 addresses stand in brackets: ``udp://[::1]:9100``.
+
+Sending never waits. A datagram for which the system has no room is lost and counted in `UdpOutlet.lost`; that
+nobody listens is no error. What waits for a reader is kept by the system, the oldest first, about 0.1 s of
+it at 1 kHz; then the newest are lost. A reader who comes less often finds old messages, and must read again.
+
+Ethernet carries 1472 bytes at once: four fingers. More travel in pieces, and all are lost if one is.
+"""
+
+import errno
+import select
+import socket
+import sys
+from ipaddress import ip_address
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from proximity.errors import PublishError
+from proximity.transport.address import Address
+from proximity.transport.links import NOTHING
+
+MOST_BYTES = 65507
+"""That a datagram of IPv4 carries."""
+MOST_STRANGERS = 64
+"""Datagrams of others that are left out in one go: a flood of them must not keep a reader from its work."""
+ROOM_BYTES = 1 << 19
+"""That the system is asked to keep for a reader; it may give less."""
+
+# Of the network or of the other side, not of the message: nobody is there, now.
+_NOBODY = {errno.ECONNREFUSED, errno.EHOSTUNREACH, errno.EHOSTDOWN, errno.ECONNRESET}
+_NO_ROOM = {errno.EAGAIN, errno.EWOULDBLOCK, errno.ENOBUFS, errno.ENOMEM}
+# Linux then tells the size of what was cut off. Elsewhere what fills the room is taken to have been cut off.
+_TELLS_SIZE = getattr(socket, "MSG_TRUNC", 0) if sys.platform == "linux" else 0
+_IS_CUT_OFF = 10040  # WSAEMSGSIZE: Windows says so by an error
+
+
+class _Place(NamedTuple):
+    """An address of the network: where a socket is bound, or whom it talks to."""
+
+    family: int
+    name: Any  # as sockets take it
+    port: int
+
+    @property
+    def host(self) -> str:
+        return str(self.name[0])
+
+    @property
+    def is_loopback(self) -> bool:
+        return ip_address(self.host).is_loopback
+
+
+class UdpOutlet:
+    """Sends to HOST:PORT.
+
+    Parameters
+    ----------
+    address : Address
+        Where to, and ``bind``: from where.
+    """
+
+    lost: int  # messages for which the system had no room
+
+    def __init__(self, address: Address) -> None:
+        address.check_options("bind")
+        self.lost = 0
+        self._text = address.text
+        place = _look_up(address, address.place, needs_port=True)
+        bind = address.options.get("bind")
+        if bind is None and not place.is_loopback:
+            raise address.refuse(
+                f"{place.host} is not on this machine, and messages go from loopback unless told otherwise "
+                "(expected ?bind=ADDRESS, that of the network card to send from, or ?bind=0.0.0.0 for any)"
+            )
+        loopback = "::1" if place.family == socket.AF_INET6 else "127.0.0.1"
+        source = _look_up(address, _bracketed(loopback) if bind is None else bind, family=place.family)
+        self._socket = _open(address, source)
+        try:
+            self._socket.connect(place.name)
+        except OSError as failure:
+            self._socket.close()
+            raise address.refuse(f"cannot send there from {source.host} ({_reason(failure)})") from failure
+
+    def send(self, data: np.ndarray) -> None:
+        """Send one datagram."""
+        if len(data) > MOST_BYTES:
+            raise PublishError(
+                f"{self._text}: a message of {len(data)} bytes does not fit into a datagram "
+                f"(expected at most {MOST_BYTES} bytes)"
+            )
+        try:
+            self._socket.send(data.data)
+        except OSError as failure:
+            self._failed(failure, data)
+
+    def _failed(self, failure: OSError, data: np.ndarray) -> None:
+        """Judge why a datagram was not sent; one that was refused in place of this is not its fault."""
+        if failure.errno in _NOBODY:
+            # The system tells here that an earlier datagram found nobody, and has not sent this one.
+            try:
+                self._socket.send(data.data)
+                return
+            except OSError as again:
+                failure = again
+        if failure.errno in _NO_ROOM:
+            self.lost += 1
+        elif failure.errno not in _NOBODY:
+            raise PublishError(f"{self._text}: cannot send ({_reason(failure)})") from failure
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()
+
+
+class UdpInlet:
+    """Listens at HOST:PORT.
+
+    Parameters
+    ----------
+    address : Address
+        Where, and ``from``: whom to.
+    """
+
+    shares_clock: bool
+    refused: int
+
+    def __init__(self, address: Address) -> None:
+        address.check_options("from")
+        self.refused = 0
+        self._text = address.text
+        place = _look_up(address, address.place, needs_port=True)
+        source = address.options.get("from")
+        if source is not None:
+            sender = _look_up(address, source, family=place.family)
+            self._hosts, self._port = {sender.host}, sender.port
+            self.shares_clock = place.is_loopback and sender.is_loopback
+        elif place.is_loopback:
+            self._hosts, self._port = {place.host, "127.0.0.1", "::1"}, 0
+            self.shares_clock = True
+        else:
+            raise address.refuse(
+                f"{place.host} can be reached by others (expected ?from=HOST, that of the one to listen to)"
+            )
+        self._socket = _open(address, place)
+        self._poll = select.poll() if hasattr(select, "poll") else None
+        if self._poll is not None:
+            self._poll.register(self._socket, select.POLLIN)
+
+    def receive(self, room: np.ndarray) -> int:
+        """Take the next datagram of the one to listen to."""
+        for _ in range(MOST_STRANGERS):
+            try:
+                size, sender = self._socket.recvfrom_into(room.data, 0, _TELLS_SIZE)
+            except BlockingIOError:
+                return NOTHING
+            except OSError as failure:
+                if getattr(failure, "winerror", None) != _IS_CUT_OFF:
+                    raise PublishError(f"{self._text}: cannot receive ({_reason(failure)})") from failure
+                return len(room) + 1
+            if sender[0] in self._hosts and (not self._port or sender[1] == self._port):
+                return size if _TELLS_SIZE or size < len(room) else size + 1
+            self.refused += 1
+        return NOTHING
+
+    def wait(self, timeout: float) -> bool:
+        """Wait for any datagram."""
+        if self._socket.fileno() < 0:
+            raise PublishError(f"{self._text}: cannot receive (it is closed)")
+        if self._poll is not None:
+            return bool(self._poll.poll(1000.0 * timeout))
+        return bool(select.select([self._socket], [], [], timeout)[0])
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()
+
+
+def _look_up(address: Address, text: str, *, family: int = 0, needs_port: bool = False) -> _Place:
+    """The place that ``HOST:PORT`` is; without *needs_port* the port may be left out, which is 0."""
+    host, port = _split(address, text, needs_port)
+    try:
+        found = socket.getaddrinfo(host, port, family, socket.SOCK_DGRAM)
+    except (OSError, UnicodeError) as failure:
+        other = "" if not family else f" as {'IPv6' if family == socket.AF_INET6 else 'IPv4'}"
+        raise address.refuse(f"there is no {host!r}{other} ({_reason(failure)})") from failure
+    found = [entry for entry in found if entry[0] in (socket.AF_INET, socket.AF_INET6)]
+    if not found:
+        raise address.refuse(f"{host!r} is no address of IPv4 or IPv6")
+    first = min(found, key=lambda entry: entry[0] != socket.AF_INET)
+    return _Place(first[0], first[4], port)
+
+
+def _split(address: Address, text: str, needs_port: bool) -> tuple[str, int]:
+    """Host and port of ``HOST:PORT``."""
+    if text.startswith("["):
+        host, _, port = text[1:].partition("]")
+    elif text.count(":") > 1:
+        raise address.refuse(f"{text!r} is of IPv6 and has no brackets (expected [{text}])")
+    else:
+        host, colon, port = text.partition(":")
+        port = colon + port
+    has_port = port.startswith(":")
+    port = port.removeprefix(":")
+    number = int(port) if has_port and port.isascii() and port.isdigit() else 0
+    if not host or not (0 < number < 65536 if has_port or needs_port else not port):
+        expected = "HOST:PORT" if needs_port else "HOST or HOST:PORT"
+        raise address.refuse(f"{text!r} (expected {expected}, the port a number from 1 to 65535)")
+    return host, number
+
+
+def _bracketed(host: str) -> str:
+    return f"[{host}]" if ":" in host else host
+
+
+def _open(address: Address, place: _Place) -> socket.socket:
+    """A socket bound to a place that nobody else is bound to."""
+    opened = socket.socket(place.family, socket.SOCK_DGRAM)
+    try:
+        # SO_REUSEADDR stays off: with it two subscribers could have one port, and one of them would starve.
+        if hasattr(socket, "SO_EXCLUSIVEADDRUSE"):  # Windows would let another one in
+            opened.setsockopt(socket.SOL_SOCKET, socket.SO_EXCLUSIVEADDRUSE, 1)
+        if place.family == socket.AF_INET6:
+            opened.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
+        opened.setblocking(False)
+        opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, ROOM_BYTES)
+        opened.bind(place.name)
+    except OSError as failure:
+        opened.close()
+        if failure.errno == errno.EADDRINUSE:
+            raise address.refuse(
+                f"port {place.port} of {place.host} is in use by another program"
+            ) from failure
+        raise address.refuse(f"cannot use {place.host}, port {place.port} ({_reason(failure)})") from failure
+    return opened
+
+
+def _reason(failure: Exception) -> str:
+    return str(getattr(failure, "strerror", None) or failure)
+
+
+open_outlet = UdpOutlet
+open_inlet = UdpInlet

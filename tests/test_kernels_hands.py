@@ -1,0 +1,67 @@
+"""What comes in and goes out each tick, in one call for all fingers."""
+
+import numpy as np
+import pytest
+
+from proximity.kernels import hands
+from proximity.kernels.contact import BOUNDED, EXACT, IN_RANGE, TRACKED
+from proximity.message import CONTACT
+
+LATEST_NS = 1000
+
+
+def interpreted(kernel):
+    """The same, not compiled."""
+    return getattr(kernel, "py_func", kernel)
+
+
+@pytest.mark.parametrize("how", [lambda kernel: kernel, interpreted], ids=["compiled", "interpreted"])
+@pytest.mark.parametrize("columns", [1, 3])
+def test_samples_are_admitted_by_the_rules(how, columns):
+    rng = np.random.default_rng(columns)
+    kept_ns, given_ns = rng.integers(900, 1100, (2, 500))
+    kept, given = rng.random((2, 500, columns))
+    given[rng.random(500) < 0.2, rng.integers(columns)] = np.nan
+    before_ns, before = kept_ns.copy(), kept.copy()
+    taken = np.full(500, 7, np.uint8)
+
+    future, backwards = how(hands.admit)(kept_ns, kept, given_ns, given, taken, LATEST_NS)
+
+    is_known = np.isfinite(given).all(axis=1)
+    is_future = is_known & (given_ns > LATEST_NS)
+    is_old = is_known & ~is_future & (given_ns < before_ns)
+    is_used = is_known & ~is_future & ~is_old
+    assert (future, backwards) == (is_future.sum(), is_old.sum())
+    np.testing.assert_array_equal(taken, is_used | ~is_known)
+    np.testing.assert_array_equal(kept_ns, np.where(is_used, given_ns, before_ns))
+    np.testing.assert_array_equal(kept[is_used], given[is_used])
+    np.testing.assert_array_equal(kept[is_future | is_old], before[is_future | is_old])
+    assert np.isnan(kept[~is_known, 0]).all()
+
+
+@pytest.mark.parametrize("how", [lambda kernel: kernel, interpreted], ids=["compiled", "interpreted"])
+def test_samples_from_before_an_instant_expire(how):
+    kept_ns, kept = np.array([9, 10, 11]), np.ones((3, 3))
+
+    how(hands.expire)(kept_ns, kept, 10)
+
+    assert np.isnan(kept[:, 0]).tolist() == [True, False, False]
+    assert kept_ns.tolist() == [9, 10, 11]
+
+
+@pytest.mark.parametrize("how", [lambda kernel: kernel, interpreted], ids=["compiled", "interpreted"])
+def test_overview_of_contacts(how):
+    contacts = np.zeros(5, CONTACT)
+    contacts["flags"] = [
+        TRACKED | BOUNDED | IN_RANGE,
+        TRACKED | BOUNDED,
+        TRACKED | IN_RANGE | EXACT,
+        BOUNDED | IN_RANGE,  # not tracked
+        0,
+    ]
+    contacts["pose_ns"] = [30, 20, 40, 10, 5]
+    data = contacts.view(np.uint8)
+    wide, numbers = data.view(np.int64).reshape(5, -1), data.view(np.int32).reshape(5, -1)
+
+    assert how(hands.overview)(wide, numbers) == (20, 3, 1)
+    assert how(hands.overview)(wide[3:], numbers[3:]) == (hands.LATEST, 0, 0)

@@ -1,0 +1,91 @@
+"""Histograms: every duration is in the right bin, and percentiles are never below the truth."""
+
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from proximity.service import Histogram
+from proximity.service.histogram import BIN_COUNT, LARGEST_NS
+
+
+def filled(durations):
+    histogram = Histogram()
+    for duration in durations:
+        histogram.record(int(duration))
+    return histogram
+
+
+@given(st.integers(0, LARGEST_NS))
+def test_bin_holds_its_duration_and_is_a_32nd_wide_at_most(duration):
+    ((lower, upper, count),) = filled([duration]).rows()
+
+    assert lower <= duration <= upper and count == 1
+    assert upper - lower <= lower / 32
+
+
+def test_bins_touch_each_other_and_cover_all():
+    expected = 0
+    # One duration a bin: the lower end of the next one follows the upper end of the last.
+    while expected <= LARGEST_NS:
+        ((lower, upper, _),) = filled([expected]).rows()
+        assert lower == expected
+        expected = upper + 1
+    assert expected == LARGEST_NS + 1
+
+
+@pytest.mark.parametrize("share", [0.0, 10.0, 50.0, 99.0, 99.9, 100.0])
+def test_percentile_is_the_true_one_or_a_32nd_more(share):
+    durations = np.random.default_rng(7).lognormal(11.0, 2.0, 5000).astype(np.int64)
+
+    found = filled(durations).percentile(share)
+
+    true = np.percentile(durations, share, method="inverted_cdf")
+    assert true <= found <= true * (1 + 1 / 32)
+
+
+def test_longest_is_exact_and_no_percentile_is_beyond_it():
+    histogram = filled([1_000_003, 5])
+
+    assert histogram.max_ns == histogram.percentile(100.0) == histogram.percentile(99.0) == 1_000_003
+    assert histogram.percentile(50.0) == 5
+    assert histogram.count == 2
+
+
+def test_nothing_has_no_percentile():
+    assert Histogram().percentile(99.0) == 0
+    assert list(Histogram().rows()) == []
+
+
+def test_durations_that_no_bin_is_made_for_are_in_the_first_and_the_last():
+    histogram = filled([-5, 2**62])
+
+    rows = list(histogram.rows())
+    assert rows[0] == (0, 0, 1)
+    assert rows[1][1] == LARGEST_NS and rows[1][2] == 1
+    assert histogram.max_ns == 2**62 == histogram.percentile(100.0)
+
+
+def test_merging_is_counting_all():
+    rng = np.random.default_rng(3)
+    first, second = rng.integers(0, 10**7, (2, 500))
+    merged = filled(first)
+
+    merged.merge(filled(second))
+
+    both = filled([*first, *second])
+    assert list(merged.rows()) == list(both.rows())
+    assert (merged.count, merged.max_ns) == (both.count, both.max_ns)
+
+
+def test_room_stays_the_same():
+    histogram = filled(range(0, 10**6, 997))
+
+    assert len(histogram._counts) == BIN_COUNT
+    assert sys.getsizeof(histogram._counts) == sys.getsizeof([0] * BIN_COUNT)
+
+
+def test_text_has_three_figures_with_units():
+    assert str(filled([1500, 1500, 2_500_000])) == "p50 1.5 µs, p99 2.5 ms, max 2.5 ms"

@@ -1,0 +1,257 @@
+"""Recordings and callables as inputs of poses."""
+
+import numpy as np
+import pytest
+from fake_service import MS, hands_at
+
+from proximity.errors import QueryError, ServiceError
+from proximity.recording import Recording
+from proximity.service import CallableInput, Hands, RecordingInput
+from proximity.service.gate import Gate
+
+NOW = 5000 * MS
+
+
+def recording(times_ms, *, first=100.0):
+    """One finger whose x is the instant in s."""
+    times = np.asarray(times_ms, np.float64)
+    positions = np.zeros((len(times), 1, 3))
+    positions[:, 0, 0] = times / 1000
+    return Recording(np.int64((times + first) * MS), positions, ((0, 1),))
+
+
+def played(source, instants_ms):
+    """What each poll gives: (x in ms, pose's instant in ms), or None."""
+    told = []
+    for instant in instants_ms:
+        hands = source.poll(NOW + int(instant * MS))
+        told.append(
+            None if hands is None else (1000 * hands.positions[0, 0], (hands.pose_ns.item(0) - NOW) / MS)
+        )
+    return told
+
+
+def near(pairs):
+    return [None if pair is None else pytest.approx(pair, abs=1e-9) for pair in pairs]
+
+
+# --- recordings ---
+
+
+def test_recording_gives_the_newest_pose_that_is_past_with_its_own_instant():
+    source = RecordingInput(recording([0, 8, 16, 30]))
+
+    told = played(source, [0, 1, 7, 8, 9, 20, 21])
+
+    assert told == near([(0, 0), None, None, (8, 8), None, (16, 16), None])
+    assert not source.is_over
+    assert played(source, [30.5]) == near([(30, 30)])
+    assert source.is_over
+
+
+def test_recording_begins_with_the_first_poll():
+    source = RecordingInput(recording([0, 10]))
+
+    assert played(source, [1000, 1005, 1010]) == near([(0, 1000), None, (10, 1010)])
+
+
+def test_poses_are_as_old_as_the_latency_when_they_come():
+    source = RecordingInput(recording([0, 10, 20]), latency=0.004)
+
+    assert played(source, [0, 9, 10, 20]) == near([(0, -4), None, (10, 6), (20, 16)])
+
+
+def test_poll_after_a_pause_gives_the_newest_pose_only():
+    source = RecordingInput(recording(range(100)))
+
+    assert played(source, [0, 57.3, 58]) == near([(0, 0), (57, 57), (58, 58)])
+
+
+def test_recording_that_is_repeated_goes_on_one_step_after_its_end():
+    source = RecordingInput(recording([0, 10, 20, 31]), repeat=True)
+
+    told = played(source, [0, 20, 31, 40, 41, 51])
+
+    assert told == near([(0, 0), (20, 20), (31, 31), None, (0, 41), (10, 51)])
+    assert not source.is_over
+
+
+def test_recording_that_is_repeated_keeps_its_beat_through_rounds_slept_through():
+    source = RecordingInput(recording([0, 10, 20, 31]), repeat=True)
+
+    assert played(source, [0, 41 * 7 + 12, 41 * 8]) == near([(0, 0), (10, 41 * 7 + 10), (0, 41 * 8)])
+
+
+def test_recording_of_one_instant_is_over_at_once_or_comes_every_second():
+    once, again = RecordingInput(recording([0])), RecordingInput(recording([0]), repeat=True)
+
+    assert played(once, [0]) == near([(0, 0)]) and once.is_over
+    assert played(again, [0, 999, 1000]) == near([(0, 0), None, (0, 1000)])
+
+
+def test_missing_fingers_are_nan():
+    positions = np.full((2, 2, 3), np.nan)
+    positions[0, 0] = positions[1, 1] = 0.5
+    source = RecordingInput(Recording(np.array([0, MS]), positions, ((0, 0), (0, 1))))
+
+    np.testing.assert_array_equal(source.poll(NOW).positions, positions[0])
+    np.testing.assert_array_equal(source.poll(NOW + MS).positions, positions[1])
+    assert source.notes == []
+
+
+@pytest.mark.parametrize("latency", [-0.001, 1.5, float("nan")])
+def test_latency_of_a_recording_that_cannot_be_is_refused(latency):
+    with pytest.raises(ServiceError, match=r"^a recording with a latency of .* s, expected 0 to 1 s$"):
+        RecordingInput(recording([0]), latency=latency)
+
+
+# --- callables ---
+
+
+def test_callable_may_tell_positions_of_now():
+    asked = []
+    source = CallableInput(lambda now_ns: asked.append(now_ns) or [[1, 2, 3], [4, 5, 6]], 2)
+
+    hands = source.poll(NOW)
+
+    assert asked == [NOW]
+    np.testing.assert_array_equal(hands.positions, [[1, 2, 3], [4, 5, 6]])
+    assert hands.pose_ns.tolist() == [NOW, NOW]
+    assert hands.velocities is None
+
+
+@pytest.mark.parametrize("instants", [NOW - 3, np.array([NOW - 3, NOW - 4]), [NOW - 3, NOW - 4]])
+def test_callable_may_tell_positions_and_their_instants(instants):
+    source = CallableInput(lambda now_ns: (np.ones((2, 3)), instants), 2)
+
+    assert source.poll(NOW).pose_ns.tolist() == np.broadcast_to(instants, 2).tolist()
+
+
+def test_callable_may_tell_hands_which_are_taken_as_float64():
+    told = hands_at(np.zeros((2, 3)), [NOW, NOW - 1], velocities=np.ones((2, 3)))
+    told.positions = np.float32([[1, 2, 3], [4, 5, 6]])
+    source = CallableInput(lambda now_ns: told, 2)
+
+    hands = source.poll(NOW)
+
+    assert hands.positions.dtype == np.float64 and hands.positions[1, 2] == 6
+    assert hands.pose_ns.tolist() == [NOW, NOW - 1]
+    assert hands.velocities is told.velocities
+
+
+def test_callable_with_nothing_new_tells_none():
+    source = CallableInput(lambda now_ns: None, 2)
+
+    assert source.poll(NOW) is None and source.failures == 0 and source.notes == []
+
+
+def fail(now_ns):
+    raise ValueError("no camera")
+
+
+@pytest.mark.parametrize(
+    ("function", "message"),
+    [
+        (fail, "ValueError: no camera"),
+        (lambda now_ns: [[0, 0, 0]], r"positions have shape (1, 3), expected (2, 3)"),
+        (lambda now_ns: "up", "positions have dtype <U2, expected numbers of shape (2, 3)"),
+        (
+            lambda now_ns: (np.zeros((2, 3)), 0.5),
+            "instants are 0.5, expected whole nanoseconds",
+        ),
+        (
+            lambda now_ns: (np.zeros((2, 3)), [1, 2, 3]),
+            "ValueError: could not broadcast input array from shape (3,) into shape (2,)",
+        ),
+        (lambda now_ns: Hands(3), "poses of 3 fingers, expected 2 fingers"),
+    ],
+)
+def test_callable_that_fails_is_counted_and_said_once(function, message, caplog):
+    source = CallableInput(function, 2)
+
+    assert [source.poll(NOW + k) for k in range(3)] == [None] * 3
+
+    assert source.failures == 3
+    assert source.notes == [f"the function that tells poses failed 3 times, first: {message}"]
+    assert [record.message for record in caplog.records] == [
+        f"the function that tells poses failed: {message}"
+    ]
+    assert caplog.records[0].name == "proximity.service"
+
+
+def test_callable_recovers():
+    source = CallableInput(lambda now_ns: fail(now_ns) if now_ns == NOW else np.zeros((1, 3)), 1)
+
+    assert source.poll(NOW) is None
+    assert source.poll(NOW + 1).pose_ns.tolist() == [NOW + 1]
+
+
+# --- what is kept of samples ---
+
+
+def test_what_was_told_once_and_is_not_any_more_becomes_unknown():
+    gate = Gate(Hands(2), 100 * MS)
+    gate.start(NOW)
+    first = hands_at(np.zeros((2, 3)), NOW, velocities=np.ones((2, 3)))
+    first.paths, first.bends = np.ones((2, 4, 3)), np.ones(2)
+
+    gate.admit(first, NOW)
+    assert (gate.kept.velocities == 1).all() and (gate.kept.paths == 1).all() and (gate.kept.bends == 1).all()
+    assert gate.kept.velocities is not first.velocities  # a copy: the input goes on writing
+
+    gate.admit(hands_at(np.zeros((2, 3)), NOW + 1), NOW + 1)
+    assert np.isnan(gate.kept.velocities).all()
+    assert np.isnan(gate.kept.paths).all() and np.isnan(gate.kept.bends).all()
+
+
+def test_finger_whose_sample_is_left_out_keeps_all_of_the_one_before():
+    gate = Gate(Hands(2), 100 * MS)
+    gate.start(NOW)
+    gate.admit(hands_at(np.zeros((2, 3)), NOW, velocities=np.zeros((2, 3))), NOW)
+
+    gate.admit(hands_at(np.ones((2, 3)), [NOW - 1, NOW + 1], velocities=np.ones((2, 3))), NOW + 1)
+
+    assert gate.kept.positions.tolist() == [[0, 0, 0], [1, 1, 1]]
+    assert gate.kept.velocities.tolist() == [[0, 0, 0], [1, 1, 1]]
+    assert gate.kept.pose_ns.tolist() == [NOW, NOW + 1]
+    assert (gate.future, gate.backwards) == (0, 1)
+
+
+@pytest.mark.parametrize("unknown", [np.nan, np.inf])
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("pose_ns", [0, NOW - 1, NOW + 1, 2**62])
+def test_finger_that_is_lost_is_lost_at_once_whatever_its_instant(unknown, axis, pose_ns):
+    gate = Gate(Hands(1), 100 * MS)
+    gate.start(NOW)
+    gate.admit(hands_at([[1, 1, 1]], NOW), NOW)
+    lost = hands_at([[1, 1, 1]], pose_ns)
+    lost.positions[0, axis] = unknown
+
+    gate.admit(lost, NOW + 1)
+    assert not np.isfinite(gate.kept.positions).all()
+    assert gate.kept.pose_ns.tolist() == [NOW]  # of the last that was known
+    assert (gate.future, gate.backwards) == (0, 0)
+
+    gate.admit(hands_at([[2, 2, 2]], NOW - 1), NOW + 2)
+    assert not np.isfinite(gate.kept.positions).all() and gate.backwards == 1
+    gate.admit(hands_at([[2, 2, 2]], NOW + 2), NOW + 2)
+    assert gate.kept.positions.tolist() == [[2, 2, 2]]
+
+
+@pytest.mark.parametrize(("ahead_ns", "is_taken"), [(5 * MS, True), (5 * MS + 1, False)])
+def test_poses_may_be_five_milliseconds_ahead(ahead_ns, is_taken):
+    gate = Gate(Hands(1), 100 * MS)
+    gate.start(NOW)
+
+    gate.admit(hands_at([[1, 1, 1]], NOW + ahead_ns), NOW)
+
+    assert np.isfinite(gate.kept.positions).all() == is_taken
+    assert gate.future == (not is_taken)
+
+
+def test_errors_of_a_callable_are_of_the_package_or_named():
+    """A sentence of ours needs no type in front."""
+    source = CallableInput(lambda now_ns: (_ for _ in ()).throw(QueryError("a sentence")), 1)
+    source.poll(NOW)
+
+    assert source.notes == ["the function that tells poses failed 1 times, first: a sentence"]

@@ -1,0 +1,148 @@
+"""Frames to a log, by another thread: all of them, in order, or counted."""
+
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from proximity.errors import RecordingError
+from proximity.service import log_writer
+from proximity.service.log_writer import LogWriter
+
+PATIENCE = 20.0  # s
+
+
+class KeepingLog:
+    """Keeps what is appended; *gate* lets it go on, *failing* are the appends that it refuses."""
+
+    def __init__(self, failing=(), gate=None, failing_close=False):
+        self.frames, self.count, self.failing, self.gate = [], 0, failing, gate
+        self.is_closed, self.failing_close = False, failing_close
+
+    def append(self, data):
+        if self.gate is not None:
+            assert self.gate.wait(PATIENCE)
+        self.count += 1
+        if self.count - 1 in self.failing:
+            raise RecordingError("run.frames: cannot be written (No space left on device)")
+        self.frames.append(data.copy())
+
+    def close(self):
+        self.is_closed = True
+        if self.failing_close:
+            raise OSError("cannot be closed")
+
+
+def frame(number):
+    return np.full(16, number % 251, np.uint8)
+
+
+def wait_for(condition):
+    ends = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < ends, "waited for too long"
+        time.sleep(0.001)
+
+
+def test_all_frames_are_appended_in_order():
+    log = KeepingLog()
+    writer = LogWriter(log, 16, depth=2000)
+
+    for number in range(2000):
+        writer.put(frame(number))
+    writer.close()
+
+    assert log.is_closed and writer.written == 2000 and writer.notes == []
+    np.testing.assert_array_equal(np.array(log.frames), np.array([frame(k) for k in range(2000)]))
+
+
+def test_frame_is_appended_without_waiting_for_the_next():
+    """A crash loses no more than what is being written."""
+    log = KeepingLog()
+    writer = LogWriter(log, 16)
+    for number in range(50):
+        writer.put(frame(number))
+        wait_for(lambda expected=number + 1: len(log.frames) == expected)
+    writer.close()
+
+
+def test_disk_that_stands_still_delays_nobody_and_what_finds_no_room_is_counted():
+    gate = threading.Event()
+    log = KeepingLog(gate=gate)
+    writer = LogWriter(log, 16, depth=4)
+
+    for number in range(10):
+        writer.put(frame(number))
+    assert writer.lost == 6
+    gate.set()
+    writer.close()
+
+    np.testing.assert_array_equal(np.array(log.frames), np.array([frame(k) for k in range(4)]))
+    assert writer.written == 4
+    assert writer.notes == ["6 frames were not logged: the log was slower than the service"]
+
+
+def test_frames_go_round_the_ring_unharmed():
+    log = KeepingLog()
+    writer = LogWriter(log, 16, depth=3)
+
+    for number in range(100):
+        writer.put(frame(number))
+        wait_for(lambda expected=number + 1: len(log.frames) >= expected - 2)
+    writer.close()
+
+    np.testing.assert_array_equal(np.array(log.frames), np.array([frame(k) for k in range(100)]))
+
+
+def test_disk_that_is_full_is_said_once_and_what_follows_is_still_tried(caplog):
+    log = KeepingLog(failing={1, 2, 3})
+    writer = LogWriter(log, 16)
+
+    for number in range(6):
+        writer.put(frame(number))
+    writer.close()
+
+    np.testing.assert_array_equal(np.array(log.frames), np.array([frame(k) for k in (0, 4, 5)]))
+    assert (writer.written, writer.failed, writer.lost) == (3, 3, 0)
+    reason = "run.frames: cannot be written (No space left on device)"
+    assert writer.notes == [f"3 frames were not logged, first: {reason}"]
+    assert [record.message for record in caplog.records] == [f"frames cannot be logged: {reason}"]
+
+
+def test_log_that_cannot_be_closed_harms_nobody(caplog):
+    log = KeepingLog(failing_close=True)
+    writer = LogWriter(log, 16)
+
+    writer.close()
+
+    assert log.is_closed
+    assert [record.message for record in caplog.records] == ["frames cannot be logged: cannot be closed"]
+
+
+def test_log_that_never_answers_is_left(monkeypatch, caplog):
+    monkeypatch.setattr(log_writer, "CLOSE_TIMEOUT", 0.05)
+    gate = threading.Event()
+    log = KeepingLog(gate=gate)
+    writer = LogWriter(log, 16)
+    writer.put(frame(0))
+    writer.put(frame(1))
+
+    writer.close()
+
+    assert writer.lost == 2
+    assert [record.message for record in caplog.records] == ["the log does not answer: it is left as it is"]
+    gate.set()
+    writer._thread.join(PATIENCE)
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_closing_is_quick_with_little_to_write(count):
+    log = KeepingLog()
+    writer = LogWriter(log, 16)
+    for number in range(count):
+        writer.put(frame(number))
+
+    writer.close()
+
+    assert not writer._thread.is_alive() and len(log.frames) == count

@@ -1,0 +1,181 @@
+"""Parts that move while they are served, as messages tell."""
+
+import numpy as np
+import pytest
+import shapes
+from fake_service import QueueInlet
+
+from proximity.message import MOVES, Message
+from proximity.pose import Pose
+from proximity.scene import Scene
+from proximity.service import MovesInput, TrackerAnswers, reception
+from proximity.solid import Solid
+from proximity.tracker import Tracker
+
+
+@pytest.fixture
+def inlet(monkeypatch):
+    queue = QueueInlet()
+    monkeypatch.setattr(reception, "open_inlet", lambda address: queue)
+    return queue
+
+
+def scene(*names):
+    return Scene([Solid(*shapes.cube(1.0, (3.0 * k, 0, 0)), name=name) for k, name in enumerate(names)])
+
+
+def moves(**translations):
+    """A message that shifts parts; their rotations may be changed in its records."""
+    message = Message(MOVES, len(translations))
+    message.records["name"] = [name.encode() for name in translations]
+    message.records["rotation"] = np.eye(3)
+    message.records["translation"] = list(translations.values())
+    return message
+
+
+def places(scene):
+    return {part.name: part.pose.translation.tolist() for part in scene.parts}
+
+
+def test_parts_are_moved_and_told_how_fast(inlet):
+    parts, source = scene("a", "b"), MovesInput("queue:")
+    message = moves(b=(0, 0, 1), a=(0, 2, 0))
+    message.records["rotation"][0] = shapes.rotation(3)
+    message.records["velocity"] = [(1, 2, 3), (np.nan, 0, 0)]
+    message.records["angular_velocity"] = [(4, 5, 6), (0, np.nan, 0)]
+    inlet.put(message)
+
+    source.apply(parts)
+
+    assert places(parts) == {"a": [0, 2, 0], "b": [0, 0, 1]}
+    np.testing.assert_allclose(parts.part("b").pose.rotation, shapes.rotation(3), atol=1e-15)
+    assert parts.part("b").velocity.tolist() == [1, 2, 3]
+    assert parts.part("b").angular_velocity.tolist() == [4, 5, 6]
+    assert parts.part("a").velocity.tolist() == [0, 0, 0]  # not known: at rest
+    assert source.notes == []
+
+
+def test_messages_are_applied_in_order(inlet):
+    parts, source = scene("a", "b"), MovesInput("queue:")
+    inlet.put(moves(a=(1, 0, 0), b=(2, 0, 0)))
+    inlet.put(moves(a=(3, 0, 0)))
+
+    source.apply(parts)
+
+    assert places(parts) == {"a": [3, 0, 0], "b": [2, 0, 0]}
+
+
+def broken(what):
+    """A message whose middle part cannot be moved."""
+    message = moves(a=(1, 0, 0), b=(2, 0, 0), c=(3, 0, 0))
+    record = message.records[1]
+    if what == "unknown":
+        message.records["name"][1] = b"nobody"
+    elif what == "no text":
+        message.records["name"][1] = b"\xff\xfe"
+    elif what == "twice":
+        message.records["name"][1] = b"a"
+        record["translation"] = (1, 0, 0)
+    elif what == "scaled":
+        record["rotation"] = 2.0 * np.eye(3)
+    elif what == "mirrored":
+        record["rotation"] = np.diag([1.0, 1.0, -1.0])
+    elif what == "huge":
+        record["rotation"] = 1e300
+    elif what == "velocity":
+        record["velocity"] = np.inf
+    else:
+        record["rotation" if what == "nan rotation" else "translation"] = np.nan
+    return message
+
+
+@pytest.mark.parametrize(
+    ("what", "reason"),
+    [
+        ("unknown", "no part is named 'nobody'; the scene has 'a', 'b', 'c'"),
+        ("no text", "no part is named"),
+        ("scaled", "part 'b': a pose's rotation is not orthonormal"),
+        ("mirrored", "part 'b': a pose's rotation mirrors"),
+        ("huge", "part 'b': a pose's rotation is not orthonormal"),
+        ("nan rotation", "part 'b': a pose's rotation is not finite"),
+        ("nan translation", "part 'b': a pose's translation is"),
+        ("velocity", "velocity of part 'b' is"),
+    ],
+)
+def test_part_that_cannot_be_moved_is_counted_and_the_others_move(inlet, caplog, what, reason):
+    parts, source = scene("a", "b", "c"), MovesInput("queue:")
+    inlet.put(broken(what))
+    inlet.put(broken(what))
+
+    source.apply(parts)
+
+    assert places(parts) == {"a": [1, 0, 0], "b": [0, 0, 0], "c": [3, 0, 0]}
+    assert source.notes == ["queue:: 2 moves of parts that cannot be"]
+    (said,) = [record.message for record in caplog.records]
+    assert said.startswith(f"queue:: moves of parts that cannot be ({reason}")
+
+
+def test_part_that_is_named_twice_goes_where_it_is_told_last(inlet):
+    parts, source = scene("a", "b", "c"), MovesInput("queue:")
+    inlet.put(broken("twice"))
+
+    source.apply(parts)
+
+    assert places(parts) == {"a": [1, 0, 0], "b": [0, 0, 0], "c": [3, 0, 0]}
+    assert source.notes == []
+
+
+def test_rotations_in_single_precision_are_made_exact(inlet):
+    """What a game engine sends is off by a ten-millionth; a scene takes a billionth."""
+    parts, source = scene("a"), MovesInput("queue:")
+    message = moves(a=(0, 0, 0))
+    message.records["rotation"] = shapes.rotation(5).astype(np.float32)
+    inlet.put(message)
+
+    source.apply(parts)
+
+    assert source.notes == []
+    rotation = parts.part("a").pose.rotation
+    np.testing.assert_allclose(rotation, shapes.rotation(5), atol=1e-6)
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-15)
+
+
+def test_edited_scene_gets_all_that_was_told_before(inlet):
+    source, before, after = MovesInput("queue:"), scene("a", "b", "c"), scene("c", "d", "a")
+    inlet.put(moves(a=(1, 0, 0), b=(2, 0, 0)))
+    inlet.put(broken("unknown"))
+    source.apply(before)
+
+    source.apply(after)
+    assert places(after) == {"a": [1, 0, 0], "c": [3, 0, 0], "d": [0, 0, 0]}
+
+    inlet.put(moves(d=(4, 0, 0)))
+    source.apply(after)
+    assert places(after)["d"] == [4, 0, 0]
+
+
+def test_tick_sees_the_moves_that_have_arrived(inlet):
+    parts = scene("a")  # a cube about the origin
+    answers = TrackerAnswers(Tracker(parts, fingers=1, radius=0.0), MovesInput("queue:"))
+    hands = answers.room()
+    hands.positions[0], hands.pose_ns[0] = (0, 0, 2), 0
+
+    first = answers.answer(hands, 0)["signed_distance"][0]
+    inlet.put(moves(a=(0, 0, 1)))
+    second = answers.answer(hands, 0)["signed_distance"][0]
+
+    assert first - second == pytest.approx(1.0, abs=1e-12)
+    answers.close()
+    assert inlet.is_closed and answers.notes == []
+
+
+def test_pose_is_what_a_pose_would_be(inlet):
+    parts, source = scene("a"), MovesInput("queue:")
+    pose = Pose(shapes.rotation(1), (0.1, 0.2, 0.3))
+    message = moves(a=pose.translation)
+    message.records["rotation"][0] = pose.rotation
+    inlet.put(message)
+
+    source.apply(parts)
+
+    np.testing.assert_array_equal(parts.part("a").pose.matrix, pose.matrix)

@@ -1,0 +1,227 @@
+"""Poses that come as messages: over a real mailbox, and in every wrong way over a queue."""
+
+import numpy as np
+import pytest
+from fake_service import MS, QueueInlet
+
+from proximity.errors import PublishError
+from proximity.message import PATH_CORNERS, PATH_POSES, POSES, Message
+from proximity.service import StreamInput, reception
+from proximity.transport import open_publisher
+
+NOW = 7000 * MS
+
+
+@pytest.fixture
+def inlet(monkeypatch):
+    """A queue where the address would be."""
+    queue = QueueInlet()
+    monkeypatch.setattr(reception, "open_inlet", lambda address: queue)
+    return queue
+
+
+def poses(positions, pose_ns=NOW, *, fingers=None, kind=POSES):
+    """A message with these poses, of the first fingers where not said."""
+    message = Message(kind, len(positions))
+    records = message.records
+    records["finger"] = np.arange(len(positions)) if fingers is None else fingers
+    records["pose_ns"], records["position"] = pose_ns, positions
+    records["velocity"] = records["bend"] = np.nan
+    return message
+
+
+def stream(count=2):
+    return StreamInput("queue:", count, clock=lambda: NOW)
+
+
+def test_poses_cross_a_mailbox():
+    source = StreamInput("mailbox:stream", 2)
+    with open_publisher("mailbox:stream") as sender:
+        assert source.poll(NOW) is None
+        sender.publish(poses([[1, 2, 3], [4, 5, 6]], [NOW, NOW - MS]))
+
+        hands = source.poll(NOW)
+        np.testing.assert_array_equal(hands.positions, [[1, 2, 3], [4, 5, 6]])
+        assert hands.pose_ns.tolist() == [NOW, NOW - MS]
+        assert hands.velocities is None and hands.paths is None and hands.bends is None
+        assert source.poll(NOW) is None
+    source.close()
+    assert source.notes == []
+
+
+def test_newest_of_several_messages_counts(inlet):
+    source = stream()
+    for k in range(3):
+        inlet.put(poses(np.full((2, 3), k), NOW + k))
+
+    hands = source.poll(NOW)
+
+    assert (hands.positions == 2).all() and (hands.pose_ns == NOW + 2).all()
+    assert source.poll(NOW) is None
+
+
+def test_message_need_not_tell_all_fingers(inlet):
+    source = stream(3)
+    inlet.put(poses(np.full((3, 3), 1.0), NOW))
+    inlet.put(poses([[2, 2, 2]], NOW + 5, fingers=[1]))
+
+    hands = source.poll(NOW)
+
+    assert hands.positions[:, 0].tolist() == [1, 2, 1]
+    assert hands.pose_ns.tolist() == [NOW, NOW + 5, NOW]
+
+
+def test_fingers_may_come_in_any_order(inlet):
+    source = stream(3)
+    inlet.put(poses([[2, 0, 0], [0, 0, 0], [1, 0, 0]], [NOW + 2, NOW, NOW + 1], fingers=[2, 0, 1]))
+
+    hands = source.poll(NOW)
+
+    assert hands.positions[:, 0].tolist() == [0, 1, 2]
+    assert hands.pose_ns.tolist() == [NOW, NOW + 1, NOW + 2]
+
+
+def test_fingers_that_are_not_served_are_counted_and_the_others_taken(inlet, caplog):
+    source = stream(2)
+    for _ in range(2):
+        inlet.put(poses(np.full((3, 3), 3.0), NOW, fingers=[7, 1, 2**32 - 1]))
+
+    hands = source.poll(NOW)
+
+    assert np.isnan(hands.positions[0]).all() and hands.positions[1].tolist() == [3, 3, 3]
+    assert source.notes == ["queue:: 4 poses of fingers that are not served"]
+    assert [record.message for record in caplog.records] == ["queue:: poses of fingers that are not served"]
+
+
+def test_velocities_are_there_from_the_first_that_is_known_on(inlet):
+    source = stream(2)
+    inlet.put(poses(np.zeros((2, 3))))
+    assert source.poll(NOW).velocities is None
+    known = poses(np.zeros((2, 3)))
+    known.records["velocity"][1] = (1, 2, 3)
+    inlet.put(known)
+
+    velocities = source.poll(NOW).velocities
+    assert np.isnan(velocities[0]).all() and velocities[1].tolist() == [1, 2, 3]
+
+    inlet.put(poses(np.zeros((2, 3))))
+    assert np.isnan(source.poll(NOW).velocities).all()
+
+
+def test_paths_come_with_their_poses_and_go_with_a_pose_without(inlet):
+    source = stream(2)
+    message = poses(np.zeros((2, 3)), kind=PATH_POSES)
+    message.records["corners"] = np.arange(2 * PATH_CORNERS * 3).reshape(2, PATH_CORNERS, 3)
+    message.records["bend"] = [0.25, np.nan]
+    inlet.put(message)
+
+    hands = source.poll(NOW)
+    np.testing.assert_array_equal(hands.paths, message.records["corners"])
+    np.testing.assert_array_equal(hands.bends, [0.25, np.nan])
+
+    inlet.put(poses(np.zeros((1, 3)), fingers=[0]))
+    hands = source.poll(NOW)
+    assert np.isnan(hands.paths[0]).all() and np.isfinite(hands.paths[1]).all()
+
+
+def test_both_kinds_are_numbered_apart(inlet):
+    source = stream(1)
+    inlet.put(poses(np.zeros((1, 3))), sequence=5)
+    inlet.put(poses(np.ones((1, 3)), kind=PATH_POSES), sequence=0)
+
+    assert (source.poll(NOW).positions == 1).all()
+
+
+def test_damage_repetition_and_loss_are_counted_and_the_rest_taken(inlet):
+    source = stream(1)
+    inlet.put(poses(np.zeros((1, 3))), sequence=0)
+    inlet.put(poses(np.ones((1, 3))), sequence=4)
+    inlet.queue.append(inlet.queue[0].copy())  # again
+    damaged = poses(np.full((1, 3), 2.0)).seal(1, 5).copy()
+    damaged[60] ^= 1
+    inlet.queue += [damaged, np.zeros(7, np.uint8), damaged[:-8]]
+
+    assert (source.poll(NOW).positions == 1).all()
+    assert source.notes == [
+        "queue:: 2 received, 3 lost, 1 overtaken or repeated, 1 damaged on the way, "
+        "1 shorter than a header, 1 not as long as it says"
+    ]
+
+
+def test_flood_takes_a_few_messages_of_a_tick_and_no_more(inlet):
+    source = stream(1)
+    inlet.queue = [np.zeros(200, np.uint8)] * 1000
+    inlet.put(poses(np.ones((1, 3))))
+
+    assert source.poll(NOW) is None
+    assert len(inlet.queue) == 1001 - reception.MOST_AT_ONCE
+    for _ in range(1000 // reception.MOST_AT_ONCE):
+        hands = source.poll(NOW)
+    assert (hands.positions == 1).all()
+
+
+def test_address_that_fails_is_counted_and_said_once(inlet, caplog):
+    source = stream(1)
+    inlet.queue = [PublishError("queue: broken"), PublishError("queue: broken again")]
+
+    assert source.poll(NOW) is None and source.poll(NOW) is None
+    inlet.put(poses(np.ones((1, 3))))
+    assert (source.poll(NOW).positions == 1).all()
+    assert source.notes == ["receiving failed 2 times, first: queue: broken"]
+    assert [record.message for record in caplog.records] == ["receiving failed: queue: broken"]
+
+
+class ForeignSender:
+    """A sender on another machine, whose clock is ahead of ours, 10 ms between messages."""
+
+    def __init__(self, monkeypatch):
+        self.queue, self.now, self.session = QueueInlet(shares_clock=False), NOW, 1
+        self.ahead = 5 * 3600 * 1000 * MS
+        monkeypatch.setattr(reception, "open_inlet", lambda address: self.queue)
+        self.source = StreamInput("queue:", 1, clock=lambda: self.now)
+
+    def send(self, transit=MS):
+        """The age, ms, that a pose is said to have, 2 ms old when it was sent; None: it is not taken."""
+        self.now += 10 * MS
+        sent = self.now + self.ahead - transit
+        message = poses(np.zeros((1, 3)), sent - 2 * MS)
+        message.header["send_ns"] = sent
+        self.queue.put(message, session=self.session)
+        hands = self.source.poll(self.now)
+        return None if hands is None else (self.now - hands.pose_ns[0]) / MS
+
+
+def test_instants_of_another_machine_are_told_on_our_clock(monkeypatch):
+    sender = ForeignSender(monkeypatch)
+
+    ages = [sender.send(transit) for transit in (3 * MS, MS, 4 * MS, MS, MS, MS, 4 * MS, MS)]
+
+    # Nothing is believed before the other clock was seen to run for 50 ms. Of the way, what exceeds the
+    # fastest is seen, and 1 ms is allowed for it.
+    assert ages[:5] == [None] * 5
+    assert ages[5:] == pytest.approx([2 + 1, 2 + 3 + 1, 2 + 1], abs=0.05)
+
+
+def test_sender_on_another_machine_that_starts_anew_has_another_clock(monkeypatch):
+    sender = ForeignSender(monkeypatch)
+    assert sender.send() is None
+    while (age := sender.send()) is None:
+        pass
+    assert age == pytest.approx(3, abs=0.05)
+
+    sender.session, sender.ahead = 2, -sender.now
+    assert sender.send() is None
+    while (age := sender.send()) is None:
+        pass
+    assert age == pytest.approx(3, abs=0.05)
+
+
+def test_closing_gives_the_address_back(inlet):
+    stream().close()
+
+    assert inlet.is_closed
+
+
+def test_address_that_cannot_be_opened_is_refused_at_once():
+    with pytest.raises(PublishError, match="no transport is called 'pigeon'"):
+        StreamInput("pigeon://loft", 1)
