@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from proximity.pose import Pose
     from proximity.results import NO_FACE, ClosestPoints, Feature, RayHits, SegmentHits
     from proximity.scene import Part, Scene
+    from proximity.serving import RunningService, serve, start_service
     from proximity.sign import SignMethod
     from proximity.solid import Solid
     from proximity.tracker import Tracker
@@ -78,6 +79,7 @@ __all__ = [
     "RayHits",
     "Reading",
     "RecordingError",
+    "RunningService",
     "Scene",
     "SceneError",
     "SegmentHits",
@@ -94,6 +96,8 @@ __all__ = [
     "load",
     "open_publisher",
     "open_subscriber",
+    "serve",
+    "start_service",
     "warm_up",
 ]
 
@@ -123,6 +127,7 @@ _MODULE_OF = {
     "RayHits": "proximity.results",
     "Reading": "proximity.transport",
     "RecordingError": "proximity.errors",
+    "RunningService": "proximity.serving",
     "Scene": "proximity.scene",
     "SceneError": "proximity.errors",
     "SegmentHits": "proximity.results",
@@ -139,6 +144,8 @@ _MODULE_OF = {
     "load": "proximity.loading",
     "open_publisher": "proximity.transport",
     "open_subscriber": "proximity.transport",
+    "serve": "proximity.serving",
+    "start_service": "proximity.serving",
     "warm_up": "proximity.warmup",
 }
 

@@ -54,6 +54,8 @@ def test_there_is_something_to_look_at():
         "load",
         "open_publisher",
         "open_subscriber",
+        "serve",
+        "start_service",
         "warm_up",
     }
 

@@ -50,6 +50,7 @@ def test_public_names_are_those_agreed():
         "RayHits",
         "Reading",
         "RecordingError",
+        "RunningService",
         "Scene",
         "SceneError",
         "SegmentHits",
@@ -66,6 +67,8 @@ def test_public_names_are_those_agreed():
         "load",
         "open_publisher",
         "open_subscriber",
+        "serve",
+        "start_service",
         "warm_up",
     }
 

@@ -33,6 +33,8 @@ Examples:
   proximity serve cell.toml --limit 60 --no-real-time --json
 """
 
+STDIN = 0
+
 
 def command(
     scene: Annotated[Path, typer.Argument(metavar="SCENE", help="TOML: parts, fingers, input, addresses.")],
@@ -75,7 +77,7 @@ def command(
     given = {"rate_hz": rate, "publish": publish or None, "log": log, "real_time": real_time}
     stop = threading.Event()
     if until_stdin:
-        threading.Thread(target=_await_line, args=(stop,), daemon=True).start()
+        threading.Thread(target=_await_line, args=(STDIN, stop), daemon=True).start()
     waiting.prepare_kernels()
 
     def begun(beginning: "Beginning") -> None:
@@ -93,10 +95,10 @@ def command(
     serve_report.write(report, as_json=as_json)
 
 
-def _await_line(stop: threading.Event) -> None:
-    """Set *stop* when standard input has something, or ends."""
-    with contextlib.suppress(OSError):  # there is none
-        os.read(0, 1)
+def _await_line(descriptor: int, stop: threading.Event) -> None:
+    """Set *stop* when a file has something, or ends."""
+    with contextlib.suppress(OSError):  # it is not open
+        os.read(descriptor, 1)
     stop.set()
 
 

@@ -157,6 +157,8 @@ class RunningService:
         """Take the documents on the child's standard output: first that it has begun, then the report."""
         try:
             for line in self._process.stdout or ():
+                if not line.startswith("{"):  # of whom?
+                    continue
                 told = json.loads(line)
                 if told.pop("event") == "begun":
                     self._told.put(told)
