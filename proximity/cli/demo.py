@@ -18,7 +18,7 @@ from proximity.cli.options import LONGEST_S
 from proximity.cli.stopping import until_told
 
 if TYPE_CHECKING:
-    from proximity.cli.drum_stub import DrumStub
+    from proximity.cli.drum_stub import Controller
     from proximity.cli.watch_view import Seen
 
 HELP = "\n\n".join(
@@ -82,7 +82,7 @@ def command(
             if stop.is_told or not service.is_running or time.monotonic() >= ends:
                 break
         report = service.stop()
-    for text in _summary(report, seen, controller.stub):
+    for text in _summary(report, seen, controller):
         typer.echo(text)
     if not controller.stub.used:
         raise typer.Exit(EXIT_NOTHING)
@@ -122,19 +122,19 @@ def _say(sentence: str) -> None:
     typer.echo(f"proximity: {sentence}", err=True)
 
 
-def _summary(report: dict[str, Any], seen: "Seen", stub: "DrumStub") -> list[str]:
+def _summary(report: dict[str, Any], seen: "Seen", controller: "Controller") -> list[str]:
     """What service, watch and controller have done, a line each."""
     compute, late = report["compute"], report["lateness"]
     states = ", ".join(f"{count} {state}" for state, count in report["states"].items() if count)
-    counts = seen.counts
+    counts, stub = seen.counts, controller.stub
     refused = counts.refused + counts.flawed.total()
     return [
         f"service     {report['ticks']} frames ({states}), {report['missed']} ticks missed",
         f"computing   p50 {_us(compute['p50_ns'])}, p99 {_us(compute['p99_ns'])}; woken late p50 "
         f"{_us(late['p50_ns'])}, p99 {_us(late['p99_ns'])}",
         f"watch       {counts.received} frames seen, {counts.lost} lost, {refused} refused",
-        f"controller  {stub.used} frames used; {stub.late} late and {stub.stale} stale ones not; "
-        f"{stub.touch_count} touches held",
+        f"controller  {stub.used} frames used, {controller.overtaken} overtaken; {stub.late} late and "
+        f"{stub.stale} stale ones not used; {stub.touch_count} touches held",
     ]
 
 
