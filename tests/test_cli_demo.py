@@ -263,6 +263,20 @@ def test_service_that_fails_ends_the_demo(run):
     assert result.err == "proximity: demo.toml: the service has failed with exit code 1: oh\n"
 
 
+def test_ctrl_c_while_the_service_starts_is_quiet(run, monkeypatch):
+    """In a terminal the service hears of it as well, and ends before it has begun."""
+
+    def start(path, *, publish, say):
+        os.kill(os.getpid(), signal.SIGINT)
+        raise ServiceError("demo.toml: the service has failed with exit code 130: it said nothing")
+
+    monkeypatch.setattr(serving, "start_service", start)
+
+    result = run()
+
+    assert (result.code, result.out, result.err) == (130, "", "")
+
+
 def test_demo_without_frames_is_exit_code_1(run):
     run.service = {"count": 0}
 

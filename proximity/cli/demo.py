@@ -15,11 +15,12 @@ import typer
 import proximity
 from proximity.cli.command import EXIT_INTERRUPTED
 from proximity.cli.options import LONGEST_S
-from proximity.cli.stopping import until_told
+from proximity.cli.stopping import Stop, until_told
 
 if TYPE_CHECKING:
     from proximity.cli.drum_stub import Controller
     from proximity.cli.watch_view import Seen
+    from proximity.serving import RunningService
 
 HELP = "\n\n".join(
     (
@@ -57,7 +58,6 @@ def command(
     from proximity.cli import waiting
     from proximity.cli.drum_stub import Controller
     from proximity.cli.watching import Follower, Screen
-    from proximity.serving import start_service
     from proximity.transport import open_subscriber
 
     sys.setswitchinterval(SWITCH_S)
@@ -66,13 +66,7 @@ def command(
     with until_told() as stop, ExitStack() as opened:
         with waiting.spinner("starting the service"):
             listening = [opened.enter_context(open_subscriber(each)) for each in (to_controller, to_watch)]
-            publish = list(dict.fromkeys((to_controller, to_watch)))
-            try:
-                service = opened.enter_context(start_service(sample(SCENE), publish=publish, say=_say))
-            except proximity.ServiceError:
-                if stop.is_told:  # Ctrl-C in a terminal reaches the service as well, before it has begun
-                    raise typer.Exit(EXIT_INTERRUPTED) from None
-                raise
+            service = opened.enter_context(_start({to_controller, to_watch}, stop))
         controller = opened.enter_context(Controller(listening[0]))
         follower = Follower(listening[1])
         screen, ends = opened.enter_context(Screen(Console())), time.monotonic() + seconds
@@ -86,6 +80,18 @@ def command(
         typer.echo(text)
     if not controller.stub.used:
         raise typer.Exit(EXIT_NOTHING)
+
+
+def _start(publish: set[str], stop: Stop) -> "RunningService":
+    """Start the service that the sample scene describes."""
+    from proximity.serving import start_service
+
+    try:
+        return start_service(sample(SCENE), publish=sorted(publish), say=_say)
+    except proximity.ServiceError:
+        if stop.is_told:  # Ctrl-C in a terminal reaches the service as well, before it has begun
+            raise typer.Exit(EXIT_INTERRUPTED) from None
+        raise
 
 
 def addresses() -> tuple[str, str]:
