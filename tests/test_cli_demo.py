@@ -226,7 +226,8 @@ def test_demo_shows_lines_and_ends_with_what_was_done(run):
     ]
     assert re.fullmatch(r"watch       \d+ frames seen, 0 lost, 0 refused", lines[-2])
     assert re.fullmatch(
-        r"controller  [1-9]\d* frames used; 0 late and 0 stale ones not; 0 touches held", lines[-1]
+        r"controller  [1-9]\d* frames used, \d+ overtaken; 0 late and 0 stale ones not used; 0 touches held",
+        lines[-1],
     )
     assert result.service.is_stopped
 
@@ -260,6 +261,20 @@ def test_service_that_fails_ends_the_demo(run):
 
     assert result.code == 2
     assert result.err == "proximity: demo.toml: the service has failed with exit code 1: oh\n"
+
+
+def test_ctrl_c_while_the_service_starts_is_quiet(run, monkeypatch):
+    """In a terminal the service hears of it as well, and ends before it has begun."""
+
+    def start(path, *, publish, say):
+        os.kill(os.getpid(), signal.SIGINT)
+        raise ServiceError("demo.toml: the service has failed with exit code 130: it said nothing")
+
+    monkeypatch.setattr(serving, "start_service", start)
+
+    result = run()
+
+    assert (result.code, result.out, result.err) == (130, "", "")
 
 
 def test_demo_without_frames_is_exit_code_1(run):
@@ -338,5 +353,5 @@ def test_demo_runs_in_one_command_and_leaves_nothing_behind():
     assert program.returncode == 0, said
     assert re.match(r"[\d:]{8} [A-Z]+: \d+ Hz, ", first)
     assert re.search(r"^service     \d+ frames \(.*\), \d+ ticks missed$", rest, re.MULTILINE)
-    assert re.search(r"^controller  [1-9]\d* frames used; ", rest, re.MULTILINE)
+    assert re.search(r"^controller  [1-9]\d* frames used, \d+ overtaken; ", rest, re.MULTILINE)
     assert gone and not alive

@@ -22,8 +22,9 @@ HELP = "\n\n".join(  # a paragraph a string: some versions of Typer keep line br
         "measured on its own; "
         "signed distance is negative inside. Coordinates and answers are in millimetres, or in what --units "
         "says.",
-        "Exit codes: 0 answered; 1 check --strict found a part without an inside, or replay a bound that "
-        "does not hold; 2 the files, the points or the options cannot be used; 130 interrupted.",
+        "Exit codes: 0 answered; 1 check --strict found a part without an inside, replay a bound that does "
+        "not hold, or record, watch or demo no frame; 2 the files, the points, the addresses or the options "
+        "cannot be used; 130 interrupted.",
     )
 )
 

@@ -13,12 +13,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import proximity
+from proximity.cli.command import EXIT_INTERRUPTED
 from proximity.cli.options import LONGEST_S
-from proximity.cli.stopping import until_told
+from proximity.cli.stopping import Stop, until_told
 
 if TYPE_CHECKING:
-    from proximity.cli.drum_stub import DrumStub
+    from proximity.cli.drum_stub import Controller
     from proximity.cli.watch_view import Seen
+    from proximity.serving import RunningService
 
 HELP = "\n\n".join(
     (
@@ -56,7 +58,6 @@ def command(
     from proximity.cli import waiting
     from proximity.cli.drum_stub import Controller
     from proximity.cli.watching import Follower, Screen
-    from proximity.serving import start_service
     from proximity.transport import open_subscriber
 
     sys.setswitchinterval(SWITCH_S)
@@ -65,8 +66,7 @@ def command(
     with until_told() as stop, ExitStack() as opened:
         with waiting.spinner("starting the service"):
             listening = [opened.enter_context(open_subscriber(each)) for each in (to_controller, to_watch)]
-            publish = list(dict.fromkeys((to_controller, to_watch)))
-            service = opened.enter_context(start_service(sample(SCENE), publish=publish, say=_say))
+            service = opened.enter_context(_start({to_controller, to_watch}, stop))
         controller = opened.enter_context(Controller(listening[0]))
         follower = Follower(listening[1])
         screen, ends = opened.enter_context(Screen(Console())), time.monotonic() + seconds
@@ -76,10 +76,22 @@ def command(
             if stop.is_told or not service.is_running or time.monotonic() >= ends:
                 break
         report = service.stop()
-    for text in _summary(report, seen, controller.stub):
+    for text in _summary(report, seen, controller):
         typer.echo(text)
     if not controller.stub.used:
         raise typer.Exit(EXIT_NOTHING)
+
+
+def _start(publish: set[str], stop: Stop) -> "RunningService":
+    """Start the service that the sample scene describes."""
+    from proximity.serving import start_service
+
+    try:
+        return start_service(sample(SCENE), publish=sorted(publish), say=_say)
+    except proximity.ServiceError:
+        if stop.is_told:  # Ctrl-C in a terminal reaches the service as well, before it has begun
+            raise typer.Exit(EXIT_INTERRUPTED) from None
+        raise
 
 
 def addresses() -> tuple[str, str]:
@@ -116,19 +128,19 @@ def _say(sentence: str) -> None:
     typer.echo(f"proximity: {sentence}", err=True)
 
 
-def _summary(report: dict[str, Any], seen: "Seen", stub: "DrumStub") -> list[str]:
+def _summary(report: dict[str, Any], seen: "Seen", controller: "Controller") -> list[str]:
     """What service, watch and controller have done, a line each."""
     compute, late = report["compute"], report["lateness"]
     states = ", ".join(f"{count} {state}" for state, count in report["states"].items() if count)
-    counts = seen.counts
+    counts, stub = seen.counts, controller.stub
     refused = counts.refused + counts.flawed.total()
     return [
         f"service     {report['ticks']} frames ({states}), {report['missed']} ticks missed",
         f"computing   p50 {_us(compute['p50_ns'])}, p99 {_us(compute['p99_ns'])}; woken late p50 "
         f"{_us(late['p50_ns'])}, p99 {_us(late['p99_ns'])}",
         f"watch       {counts.received} frames seen, {counts.lost} lost, {refused} refused",
-        f"controller  {stub.used} frames used; {stub.late} late and {stub.stale} stale ones not; "
-        f"{stub.touch_count} touches held",
+        f"controller  {stub.used} frames used, {controller.overtaken} overtaken; {stub.late} late and "
+        f"{stub.stale} stale ones not used; {stub.touch_count} touches held",
     ]
 
 

@@ -90,6 +90,11 @@ class DrumStub:
     stale: int = 0  # … because nothing was known of any finger, or not yet
 
     @property
+    def seen(self) -> int:
+        """Frames that were acted upon, or deliberately not."""
+        return self.used + self.late + self.stale
+
+    @property
     def touch_count(self) -> int:
         """How often a finger came to a drum."""
         return sum(drum.touch_count for drum in self.drums)
@@ -139,6 +144,11 @@ class Controller:
         self._failure: ProximityError | None = None
         self._is_over = threading.Event()
         self._thread = threading.Thread(target=self._run, name="controller", daemon=True)
+
+    @property
+    def overtaken(self) -> int:
+        """Frames that a newer one had overtaken when it was this thread's turn."""
+        return self._subscriber.counts.received - self.stub.seen
 
     def _run(self) -> None:
         try:
