@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from proximity.errors import (
+        DecaffError,
         MeshError,
         MeshFormatError,
         NotWatertightError,
@@ -62,6 +63,7 @@ __all__ = [
     "POSES",
     "ClosestPoints",
     "ContactFlag",
+    "DecaffError",
     "Feature",
     "MeshError",
     "MeshFormatError",
@@ -107,6 +109,7 @@ _MODULE_OF = {
     "POSES": "proximity.message",
     "ClosestPoints": "proximity.results",
     "ContactFlag": "proximity.message",
+    "DecaffError": "proximity.errors",
     "Feature": "proximity.results",
     "MeshError": "proximity.errors",
     "MeshFormatError": "proximity.errors",

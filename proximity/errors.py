@@ -43,3 +43,7 @@ class PublishError(ProximityError, OSError):
 
 class ServiceError(ProximityError, ValueError):
     """A scene file cannot be used, or a service cannot be run as told."""
+
+
+class DecaffError(ProximityError, ValueError):
+    """A model, a calibration or a controller cannot be used as told."""

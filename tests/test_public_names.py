@@ -34,6 +34,7 @@ def test_public_names_are_those_agreed():
         "POSES",
         "ClosestPoints",
         "ContactFlag",
+        "DecaffError",
         "Feature",
         "MeshError",
         "MeshFormatError",

@@ -1,0 +1,6 @@
+"""The DECAFF glove and its paper: models, limits, device, controller.
+
+SI units and radians throughout. Compression into a wall is positive, and so is the force on the finger,
+directed out of the wall; a contact never pulls. Values that the paper does not give are marked (A),
+assumed.
+"""
