@@ -1,4 +1,4 @@
-"""The glove's geometry: the tables of PAPER 9, derived, and each formula against another way of knowing it."""
+"""The glove's geometry: the tables of PAPER 9, derived, and formulas against other ways of knowing them."""
 
 import math
 
@@ -45,7 +45,7 @@ ROWS = [line.split() for line in TABLE_9_1.split("\n")[1:-1]]
 
 @pytest.mark.parametrize("row", ROWS, ids=[row[0] for row in ROWS])
 def test_table_of_the_paper_is_derived(row):
-    """All printed digits. The last joint bends 200/3 degrees: with 66.67, as printed, p_x(1) is 0.001 mm off."""
+    """All digits. The last joint bends 200/3 degrees: with 66.67, as printed, p_x(1) is 0.001 mm off."""
     bend, x, y, speed, beta, phi, rate = row
     b = float(bend)
 
@@ -148,8 +148,8 @@ def test_careless_linkage_of_the_paper_folds_back_and_is_refused():
     assert np.flatnonzero(rate > 0.0)[0] / 1000 == printed("0.9")
     with pytest.raises(
         DecaffError,
-        match=r"^the linkage folds back at bend 0\.90[0-9]: expected an angle that goes one way from flat hand to "
-        r"fist$",
+        match=r"^the linkage folds back at bend 0\.90\d: expected an angle that goes one way from flat hand "
+        r"to fist$",
     ):
         Glove(linkage=CARELESS)
 
@@ -157,8 +157,8 @@ def test_careless_linkage_of_the_paper_folds_back_and_is_refused():
 def test_linkage_that_does_not_reach_is_refused():
     with pytest.raises(
         DecaffError,
-        match=r"^the linkage does not reach the thimble at bend 0\.59\d: it is 87\.0 mm from the base, expected "
-        r"15\.0 to 87\.0 mm$",
+        match=r"^the linkage does not reach the thimble at bend 0\.59\d: it is 87\.0 mm from the base, "
+        r"expected 15\.0 to 87\.0 mm$",
     ):
         Glove(linkage=Linkage(first_bar=0.036, second_bar=0.051))
 
@@ -244,8 +244,8 @@ def test_cable_makes_the_wall_as_soft_as_the_paper_says():
 
 
 def test_small_pulley_makes_it_softer_but_not_as_soft_as_the_paper_says():
-    """PAPER 9.1 has 8 mm, ratio 0.05, 51 N/m. With its linkage an 8 mm radius gives 0.0985 and 194 N/m. A ratio of
-    0.05 is that of 8 mm *diameter* (48 N/m), or of 8 mm radius with the careless linkage (52 N/m)."""
+    """PAPER 9.1 has 8 mm, ratio 0.05, 51 N/m. With its linkage an 8 mm radius gives 0.0985 and 194 N/m. A
+    ratio of 0.05 is that of 8 mm *diameter* (48 N/m), or of the careless linkage (52 N/m)."""
     radius_8 = Glove(cable=Cable(hand_pulley=8 * MM))
     diameter_8 = Glove(cable=Cable(hand_pulley=4 * MM))
     careless = 8 * MM * abs(float(CARELESS.angle_rate(FINGER, 0.5))) / float(FINGER.speed(0.5))
@@ -283,13 +283,11 @@ def test_eccentric_drum_is_that_of_the_paper(phi, psi, rate):
 
 @pytest.mark.parametrize("name", DRUMS)
 def test_roller_touches_the_link(name):
-    """Its centre is a roller's radius and half a link's width off the link's middle, on the side it turns to."""
+    """Its centre is off the link's middle by its radius and half the link, on the side it turns to."""
     drum = DRUMS[name]
     psi = drum.drum_angle(REPLICA)
-    if name == "arm":
-        centre = 0.040 * np.exp(1j * psi)
-    else:
-        centre = 0.025 + 0.022j + 0.026 * np.exp(1j * psi)
+    motor, crank = {"arm": (0.0, 0.040), "eccentric": (0.025 + 0.022j, 0.026)}[name]
+    centre = motor + crank * np.exp(1j * psi)
     seen = centre * np.exp(-1j * REPLICA)
 
     np.testing.assert_allclose(seen.imag, 0.008, rtol=0, atol=1e-16)
@@ -316,7 +314,7 @@ def test_eccentric_drum_on_the_axis_is_an_arm():
 
 
 def test_eccentric_drum_of_the_paper_does_not_reach_the_fist():
-    """It locks itself at 74.0 degrees of the replica, bend 0.743: beyond it cannot stand in the finger's way."""
+    """It locks itself at 74 degrees of the replica, bend 0.743; beyond it cannot stand in the way."""
     glove = Glove(drum=EccentricDrum())
     locked = brentq(lambda phi: float(glove.drum._sine(np.asarray(phi))) - 1.0, 1.0, 1.4, xtol=1e-14)
 
@@ -361,7 +359,7 @@ def plane(x, y, offset):
     return lambda point: (normal @ point - offset - FINGER.pad_radius, normal)
 
 
-# bend at contact, incidence cosine, errors at 1, 5, 10, 20 mm, raw error at 10 mm, questions from 20 mm, kappa
+# bend at contact, incidence cosine, errors at 1, 5, 10, 20 mm, raw error at 10 mm, questions at 20 mm, kappa
 TABLE_9_3 = {
     "disc R 10": (disc(0.010, 0.048, -0.052), "0.285802722 0.5734 -0.022 -0.377 -1.005 -2.10 -3.27 4 44.8"),
     "disc R 20": (disc(0.020, 0.045, -0.055), "0.241103082 0.8059 -0.003 -0.064 -0.182 -0.344 -1.78 3 6.8"),
@@ -400,7 +398,7 @@ def test_contact_of_the_paper_is_found(name):
 
 @pytest.mark.parametrize("name", TABLE_9_3)
 def test_errors_of_one_distance_are_those_of_the_paper(name):
-    """Lengths along the path, from where the pad touches to where one distance says it does; negative: too early."""
+    """Lengths along the path, from the true contact to the one that is told; negative: too early."""
     query, row = TABLE_9_3[name]
     contact = contact_of(query)
 
@@ -431,7 +429,7 @@ def test_error_grows_with_the_square_of_the_length(name):
 
 @pytest.mark.parametrize("name", TABLE_9_3)
 def test_search_along_the_path_needs_as_few_questions_as_the_paper_says(name):
-    """To 0.01 mm; the last question is the one that finds the pad there. From the flat hand as many or two more."""
+    """To 0.01 mm; the last question finds the pad there. From the flat hand three to five."""
     query, row = TABLE_9_3[name]
     contact = contact_of(query)
     found, count = FINGER.search_contact(bend_before(contact, 20 * MM), query)
@@ -461,7 +459,7 @@ def test_finger_that_bends_away_is_told_no_contact():
 
 @pytest.mark.parametrize("name", THINGS)
 def test_engine_finds_the_contacts_on_the_path_that_the_glove_gives_it(name):
-    """The same with the real tracker: the discs are prisms, all is turned and shifted; 20 mm before contact."""
+    """The same with the real tracker, 20 mm before contact: discs are prisms, all is turned and shifted."""
     part, expected = THINGS[name]
     world_from_hand = Pose(turn_about_axes((20.0, -35.0, 110.0)), (0.4, -0.2, 1.1))
     scene = Scene([part])

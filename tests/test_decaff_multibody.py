@@ -1,4 +1,4 @@
-"""A finger of several links: the values of PAPER 11, derived, and its equations by other ways of knowing them."""
+"""A finger of several links: the values of PAPER 11, derived, and its equations known in other ways."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ ODD = PlanarFinger(  # no rods, four of them, nothing alike
     gravity=9.81,
 )
 ANGLES, RATES = np.array([-0.6, -0.7, -0.4]), np.array([-3.0, -2.0, -1.5])
-# The contact of PAPER 11. It prints the tip's speed only; these are the angles and rates that its numbers have.
+# The contact of PAPER 11. It prints the tip's speed only; its other numbers have these angles and rates.
 PRESSED, CLOSING = np.array([-0.2, -0.3, -0.2]), np.array([-6.0, -4.0, -2.0])
 ODD_ANGLES, ODD_RATES = np.array([0.4, -0.9, 1.3, 0.2]), np.array([2.0, -5.0, 1.0, 7.0])
 FINGERS = {"two": (TWO_LINKS, [-0.6, -0.9], [-3, -2]), "three": (INDEX_FINGER, ANGLES, RATES)}
@@ -136,7 +136,7 @@ def test_forces_are_slopes_of_the_energy_and_of_the_tip(name):
 
 @pytest.mark.parametrize("name", FINGERS)
 def test_kernel_moves_the_links_by_the_same_equations(name):
-    """M q'' = Jᵀ f - C q' - D q' - P; the kernel reckons in angles of links, the finger in those of joints."""
+    """M q'' = Jᵀ f - C q' - D q' - P; the kernel reckons in angles of links, not of joints."""
     finger, angles, rates = FINGERS[name][0], np.array(FINGERS[name][1]), np.array(FINGERS[name][2], float)
     n, plane = len(angles), np.array([0.0, 0.0, 0.6, 0.8, 0.0])
     state = np.zeros((2 + kernels.INTEGRALS) * n + 2)
@@ -188,7 +188,7 @@ def test_contact_is_that_of_the_paper():
 
 
 def test_contact_resolved_finely(pressing):
-    """30 ms, and the damper from the first instant on: 0.06 % more impulse, 0.02 % less force than printed."""
+    """30 ms, damped from the first instant on: 0.06 % more impulse, 0.02 % less force than printed."""
     assert pressing.times[-1] == pytest.approx(0.030, rel=1e-12)
     assert pressing.force[0] == pytest.approx(2.0 * 0.676352, rel=1e-6)
     assert pressing.force.max() == pytest.approx(3.5401, rel=3e-4)
@@ -248,7 +248,7 @@ def test_plane_may_lie_anywhere_and_look_anywhere():
     """The same contact, all turned by 40 degrees: what falls is the first angle, and there is no weight."""
     turn = np.radians(40.0)
     plane = Plane(normal=(-np.sin(turn), np.cos(turn)), damping=1.0)
-    turned = press(FREE, PRESSED + [turn, 0, 0], CLOSING, plane, step=1e-5)
+    turned = press(FREE, PRESSED + np.array([turn, 0.0, 0.0]), CLOSING, plane, step=1e-5)
     level = press(FREE, PRESSED, CLOSING, Plane(damping=1.0), step=1e-5)
 
     np.testing.assert_allclose(turned.force, level.force, rtol=0, atol=1e-9)
@@ -272,8 +272,8 @@ def energy_given_back(shown, lag):
     [(0.1e-3, 1.0961, "1.107"), (0.2e-3, 1.2198, "1.234"), (0.5e-3, 1.8169, "1.844"), (1e-3, 3.9902, "4.05")],
 )
 def test_late_force_gives_energy(lag, exact, paper):
-    """The page's figures have 10 µs more than it says, in all four: half of its 20 µs step, the hold of which is
-    such a lag. Resolved finely the energies are a little lower."""
+    """The page's figures have 10 µs more than it says, all four: half of its step of 20 µs, which it held.
+    Resolved finely the energies are a little lower."""
     assert energy_given_back(Shown.LATE, lag + 10e-6) == printed(paper)
     assert energy_given_back(Shown.LATE, lag) == pytest.approx(exact, abs=1e-4)
 

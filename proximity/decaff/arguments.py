@@ -51,6 +51,25 @@ def not_negative(name: str, value: Any, unit: str, *, may_be_infinite: bool = Fa
     return number
 
 
+def finite(name: str, value: Any, unit: str) -> float:
+    """Return *value* as a float of either sign; the rest as `positive`.
+
+    Parameters
+    ----------
+    name, value, unit
+        As of `positive`.
+
+    Raises
+    ------
+    DecaffError
+        If it is no such number.
+    """
+    number = _number(value)
+    if not math.isfinite(number):
+        raise DecaffError(f"{name} is {value!r}, expected a number of {unit}")
+    return number
+
+
 def whole(name: str, value: Any, least: int) -> int:
     """Return *value* as an int.
 

@@ -30,8 +30,8 @@ class CalibratedGlove:
 
     glove: Glove  # as designed; its finger gives way to the measured one
     calibration: Calibration
-    _bend_of_counts: PchipInterpolator = field(init=False, repr=False)
-    _counts_of_bends: np.ndarray = field(init=False, repr=False)  # at INVERSE
+    _table: PchipInterpolator = field(init=False, repr=False)
+    _inverse: np.ndarray = field(init=False, repr=False)  # at INVERSE
 
     def __post_init__(self) -> None:
         counts, bends = self.calibration.counts, self.calibration.bends
@@ -42,17 +42,17 @@ class CalibratedGlove:
                 "potentiometer"
             )
         object.__setattr__(self, "glove", _as_measured(self.glove, self.calibration))
-        object.__setattr__(self, "_bend_of_counts", PchipInterpolator(counts, bends))
+        object.__setattr__(self, "_table", PchipInterpolator(counts, bends))
         dense = np.linspace(counts[0], counts[-1], len(INVERSE) * 4)
-        inverse = np.interp(INVERSE, self._bend_of_counts(dense), dense)
-        object.__setattr__(self, "_counts_of_bends", inverse)
+        inverse = np.interp(INVERSE, self._table(dense), dense)
+        object.__setattr__(self, "_inverse", inverse)
 
     @property
     def finger(self) -> Finger:
         """The finger as measured."""
         return self.glove.finger
 
-    def bend(
+    def bend_of_counts(
         self, counts: ArrayLike, tension: ArrayLike = 0.0, *, is_closing: ArrayLike = True
     ) -> np.ndarray:
         """Return the bend, (...); nan where the counts lie farther off the table than a hand can go.
@@ -78,7 +78,7 @@ class CalibratedGlove:
         return np.where(is_near, self._extended_bend(place), np.nan)
 
     def counts(self, bend: ArrayLike) -> np.ndarray:
-        """Return what the potentiometer reads at a bend as the finger closes, (...): `bend` inverted.
+        """Return what the potentiometer reads at a bend as the finger closes, (...), float64.
 
         Parameters
         ----------
@@ -88,7 +88,7 @@ class CalibratedGlove:
         place = np.asarray(bend, np.float64)
         inside = np.clip(place, 0.0, 1.0)
         first, last = self.calibration.counts[[0, -1]]
-        return np.interp(inside, INVERSE, self._counts_of_bends) + (place - inside) * (last - first)
+        return np.interp(inside, INVERSE, self._inverse) + (place - inside) * (last - first)
 
     def drum_angle(self, bend: ArrayLike) -> np.ndarray:
         """Return what the drum's encoder says as it meets the finger there, (...), rad; nan: it cannot.
@@ -136,7 +136,7 @@ class CalibratedGlove:
         DecaffError
             If the table is of another hand, or the glove has slipped.
         """
-        if not np.isfinite(self.bend(counts)):
+        if not np.isfinite(self.bend_of_counts(counts)):
             first, last = self.calibration.counts[[0, -1]]
             raise DecaffError(
                 f"the potentiometer reads {counts:g}, expected {first:g} to {last:g} as when the glove was "
@@ -180,7 +180,7 @@ class CalibratedGlove:
         read = np.asarray(counts, np.float64)
         replica = self.glove.potentiometer.angle(read)
         off = np.asarray(drum_angles, np.float64) - self._drum_angle_of_counts(read)
-        return off / self.glove.drum.drum_rate(replica) * self.glove.tip_per_radian(self.bend(read))
+        return off / self.glove.drum.drum_rate(replica) * self.glove.tip_per_radian(self.bend_of_counts(read))
 
     def _drum_angle_of_counts(self, counts: np.ndarray) -> np.ndarray:
         replica = self.glove.potentiometer.angle(counts)
@@ -190,7 +190,7 @@ class CalibratedGlove:
         """By the table, and beyond it at the table's mean slope: that of its ends may be nothing."""
         first, last = self.calibration.counts[[0, -1]]
         inside = np.clip(counts, first, last)
-        return self._bend_of_counts(inside) + (counts - inside) / (last - first)
+        return self._table(inside) + (counts - inside) / (last - first)
 
 
 def _as_measured(glove: Glove, calibration: Calibration) -> Glove:

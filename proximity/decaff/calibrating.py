@@ -129,8 +129,9 @@ def step_latency(times: ArrayLike, values: ArrayLike, step_time: float) -> float
             "times and values of a step test do not fit, expected two or more, times increasing"
         )
     before = instants <= step_time
-    way = answer[-1] - answer[before].mean() if before.any() else np.nan
-    share = (answer - answer[before].mean()) / way if way else np.full(len(answer), np.nan)
+    rest = float(answer[before].mean()) if before.any() else np.nan
+    way = float(answer[-1]) - rest
+    share = (answer - rest) / way if way else np.full(len(answer), np.nan)
     begun = np.flatnonzero(share >= STEP_SHARE)
     if not len(begun) or before[begun[0]]:
         raise DecaffError(f"no answer follows the step at {step_time:g} s, expected one that begins after it")

@@ -7,7 +7,6 @@ in `calibrating`, a glove that uses them in `calibrated_glove`.
 
 import contextlib
 import json
-import math
 import os
 import secrets
 from dataclasses import dataclass, fields
@@ -18,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from proximity.arrays import as_float64
-from proximity.decaff.arguments import not_negative, positive
+from proximity.decaff.arguments import finite, not_negative, positive
 from proximity.errors import DecaffError
 
 FORMAT = "proximity glove calibration"
@@ -51,8 +50,7 @@ class Calibration:
             object.__setattr__(self, name, _column(name, getattr(self, name)))
         if not (self.bends[0] == 0.0 and self.bends[-1] == 1.0):
             raise DecaffError(f"bends go from {self.bends[0]:g} to {self.bends[-1]:g}, expected 0 to 1")
-        if not math.isfinite(_real("touch_offset", self.touch_offset)):
-            raise DecaffError(f"touch_offset is {self.touch_offset!r}, expected a finite number of radians")
+        finite("touch_offset", self.touch_offset, "radians")
         not_negative("cable_compliance", self.cable_compliance, "metres a newton")
         not_negative("backlash", self.backlash, "metres")
         not_negative("latency", self.latency, "seconds")
@@ -182,13 +180,6 @@ def _of_document(document: dict[str, Any]) -> Calibration:
         raise DecaffError(f"phalanges are {values['phalanges']!r}, expected three numbers of metres")
     values["phalanges"] = tuple(values["phalanges"])
     return Calibration(**values)
-
-
-def _real(name: str, value: Any) -> float:
-    array = as_float64(value, name, error=DecaffError, expected="a number")
-    if array.shape != ():
-        raise DecaffError(f"{name} is {value!r}, expected a number")
-    return float(array)
 
 
 def _column(name: str, values: Any) -> np.ndarray:
