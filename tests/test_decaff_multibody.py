@@ -354,6 +354,22 @@ def test_one_link_agrees_with_one_mass():
             lambda: PlanarFinger.of_rods((0.1, 0.1), (0.1,)),
             "masses are [0.1], expected 2 finite numbers, one a link",
         ),
+        (
+            lambda: PlanarFinger.of_rods((0.1, 0.1, 0.1), (0.1, 0.1)),
+            "masses are [0.1, 0.1], expected 3 finite numbers, one a link",
+        ),
+        (
+            lambda: PlanarFinger.of_rods((0.1, 0.1, 0.1), (0.1, 0.1, 0.1), stiffnesses=(1.0, 2.0)),
+            "stiffnesses are [1.0, 2.0], expected 3 finite numbers, one a link",
+        ),
+        (
+            lambda: PlanarFinger.of_rods("ab", 1),
+            "lengths have dtype <U2, expected 1 numbers, one a link",
+        ),
+        (
+            lambda: press(INDEX_FINGER, PRESSED, CLOSING, step=1e-3),
+            "the motion runs away in steps of 0.001 s, expected shorter ones",
+        ),
         (lambda: PlanarFinger.of_rods([0.1], [0.0]), "masses are [0.0], expected positive numbers"),
         (
             lambda: PlanarFinger.of_rods([0.1], [0.1], dampings=-1.0),
@@ -376,7 +392,7 @@ def test_one_link_agrees_with_one_mass():
         ),
         (
             lambda: press(FREE, PRESSED, CLOSING, duration=100.0),
-            f"100 s in steps of 1e-06 s are 100000000, expected 1 to {MAX_STEPS}",
+            f"100 s in steps of 1e-06 s are 1e+08, expected 1 to {MAX_STEPS}",
         ),
         (
             lambda: press(FREE, PRESSED, CLOSING, shown=Shown.LATE, step=1e-5, lag=1.5e-5),

@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from proximity.decaff.arguments import positive
+from proximity.decaff.arguments import finite, positive
 from proximity.errors import DecaffError
 
 
@@ -128,8 +128,10 @@ class EccentricDrum:
     def __post_init__(self) -> None:
         _check_roller(self.roller_radius, self.link_width)
         positive("crank", self.crank, "metres")
-        if len(self.motor) != 2 or not all(math.isfinite(value) for value in self.motor):
-            raise DecaffError(f"motor is {self.motor!r}, expected two finite numbers of metres")
+        if len(self.motor) != 2:
+            raise DecaffError(f"motor is {self.motor!r}, expected two numbers of metres")
+        for value in self.motor:
+            finite("one of motor", value, "metres")
 
     @property
     def clearance(self) -> float:

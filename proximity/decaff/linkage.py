@@ -4,7 +4,6 @@ In the finger's frame (see `finger`): the base is fixed to the back of the hand,
 it, the second leads from the first to the thimble on the distal phalanx. The elbow lies on the dorsal side.
 """
 
-import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicHermiteSpline
 
-from proximity.decaff.arguments import positive
+from proximity.decaff.arguments import finite, positive
 from proximity.decaff.finger import Finger
 from proximity.errors import DecaffError
 
@@ -32,8 +31,10 @@ class Linkage:
     def __post_init__(self) -> None:
         positive("first_bar", self.first_bar, "metres")
         positive("second_bar", self.second_bar, "metres")
-        if len(self.base) != 2 or not all(math.isfinite(value) for value in self.base):
-            raise DecaffError(f"base is {self.base!r}, expected two finite numbers of metres")
+        if len(self.base) != 2:
+            raise DecaffError(f"base is {self.base!r}, expected two numbers of metres")
+        for value in (*self.base, self.thimble_along, self.thimble_dorsal):
+            finite("one of base and thimble", value, "metres")
 
     def reach(self, finger: Finger, bend: ArrayLike) -> np.ndarray:
         """Return how far the thimble is from the base, (...), m.

@@ -79,15 +79,16 @@ class PlanarFinger:
         DecaffError
             If they are not numbers, or as `PlanarFinger` refuses.
         """
-        rods, kilograms = np.asarray(lengths, np.float64), np.asarray(masses, np.float64)
+        count = np.size(lengths)
+        rods, kilograms = _numbers("lengths", lengths, count), _numbers("masses", masses, count)
         return cls(
             rods,
             kilograms,
             rods / 2.0,
             kilograms * rods**2 / 12.0,
-            np.broadcast_to(stiffnesses, rods.shape),
-            np.broadcast_to(rest_angles, rods.shape),
-            np.broadcast_to(dampings, rods.shape),
+            _for_each(stiffnesses, count),
+            _for_each(rest_angles, count),
+            _for_each(dampings, count),
             gravity,
         )
 
@@ -233,6 +234,11 @@ def _from_here_on(values: np.ndarray) -> np.ndarray:
 def _of_joints(matrix: np.ndarray) -> np.ndarray:
     """The matrix of joints' angles of one of links' angles."""
     return _from_here_on(_from_here_on(matrix).T).T
+
+
+def _for_each(values: Any, count: int) -> Any:
+    """One number is meant for all links."""
+    return np.full(count, values) if np.ndim(values) == 0 else values
 
 
 def _numbers(name: str, values: Any, count: int) -> np.ndarray:

@@ -124,9 +124,10 @@ def press(
     """
     plane = Plane() if plane is None else plane
     positive("step", step, "seconds")
-    count = round(positive("duration", duration, "seconds") / step)
-    if not 1 <= count <= MAX_STEPS:
-        raise DecaffError(f"{duration:g} s in steps of {step:g} s are {count}, expected 1 to {MAX_STEPS}")
+    steps = positive("duration", duration, "seconds") / step
+    if not 0.5 < steps < MAX_STEPS + 0.5:
+        raise DecaffError(f"{duration:g} s in steps of {step:g} s are {steps:g}, expected 1 to {MAX_STEPS}")
+    count = round(steps)
     n = len(finger.lengths)
     states = np.zeros((count + 1, (2 + kernels.INTEGRALS) * n + 2))
     states[0, :n], states[0, n : 2 * n] = _start("angles", angles, n), _start("rates", rates, n)
@@ -137,6 +138,8 @@ def press(
     height = kernels.tip_height(chain, states[0], table)[0]
     table[kernels.OFFSET] = height if plane.offset is None else plane.offset
     kernels.press(chain, table, int(shown), _steps(shown, lag, step), step, states, forces)
+    if not np.isfinite(states[-1]).all():
+        raise DecaffError(f"the motion runs away in steps of {step:g} s, expected shorter ones")
     return _told(finger, states, forces, step)
 
 
