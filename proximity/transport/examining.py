@@ -65,6 +65,8 @@ class Examiner:
         Which are expected; each kind has sessions and numbers of its own.
     clock : callable
         Gives now, ns, monotonic.
+    most_at_once : int
+        Messages looked at in one go.
 
     Notes
     -----
@@ -76,7 +78,11 @@ class Examiner:
     """
 
     def __init__(
-        self, inlet: Inlet, kinds: Sequence[Kind], clock: Callable[[], int] = time.monotonic_ns
+        self,
+        inlet: Inlet,
+        kinds: Sequence[Kind],
+        clock: Callable[[], int] = time.monotonic_ns,
+        most_at_once: int = MOST_AT_ONCE,
     ) -> None:
         self.counts = Counts()
         self._inlet = inlet
@@ -84,6 +90,7 @@ class Examiner:
         self._default = kinds[0]
         self._room = np.empty(max(kind.size(MAX_RECORDS) for kind in kinds) + 8, np.uint8)
         self._clock = clock
+        self._most_at_once = most_at_once
         self._last: dict[int, _Seen] = {}  # by the kind's magic
         self._ended: dict[tuple[int, int], int] = {}  # magic, session: the last number of a run before
 
@@ -101,7 +108,7 @@ class Examiner:
         """
         inlet, room, counts = self._inlet, self._room, self.counts
         flawed_count = 0
-        for _ in range(MOST_AT_ONCE):
+        for _ in range(self._most_at_once):
             size = inlet.receive(room)
             counts.refused = inlet.refused
             if size == NOTHING:
