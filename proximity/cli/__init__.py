@@ -1,4 +1,4 @@
-"""The command line: ``proximity query``, ``check``, ``compile``, ``replay``.
+"""The command line: ``proximity query``, ``check``, ``compile``, ``replay``, ``header``.
 
 Here people's units meet the library's metres; apart from that conversion the command line computes
 nothing. Modules that `main` needs before it knows what is asked import neither NumPy nor Rich: ``--help``
@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 
 import proximity
-from proximity.cli import check, compile, query, replay
+from proximity.cli import check, compile, header, query, replay
 from proximity.cli.command import Command, Group
 
 HELP = "\n\n".join(  # a paragraph a string: some versions of Typer keep line breaks, some do not
@@ -42,6 +42,7 @@ app.command("replay", cls=Command, epilog=replay.EXAMPLES, help=replay.HELP, no_
 app.command("compile", cls=Command, epilog=compile.EXAMPLES, help=compile.HELP, no_args_is_help=True)(
     compile.command
 )
+app.command("header", cls=Command, epilog=header.EXAMPLES, help=header.HELP)(header.command)
 
 
 def _print_version(is_asked: bool) -> None:
