@@ -174,6 +174,7 @@ class DecaffLoop:
             self.now,
             float(response.link[row]),
             float(response.record[finger_kernels.LINK_SPEED, row]),
+            float(response.finger_speed[row]),
             float(self._drive[drum_kernels.WHERE]),
             self._back,
             float(self._drive[drum_kernels.DEMANDED]),

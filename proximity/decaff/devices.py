@@ -12,6 +12,8 @@ from proximity.decaff.policies import Holding
 from proximity.decaff.servo import Servo, servo_for
 from proximity.errors import DecaffError
 
+SERVO_RATE = 3000.0  # Hz (PAPER 6.3, 12)
+
 
 @dataclass(frozen=True, slots=True)
 class Link:
@@ -103,7 +105,11 @@ class Decaff:
     """A glove with a contact drum: what it is made of, and what it is told."""
 
     drum: Drum = GEAR4
-    servo: Servo = field(default_factory=lambda: servo_for(GEAR4, 3000.0))
+    servo: Servo = None  # type: ignore[assignment]  # None: the one that suits the drum, at 3 kHz
     link: Link = field(default_factory=Link)
     sensing: Sensing = field(default_factory=Sensing)
     holding: Holding = field(default_factory=Holding)
+
+    def __post_init__(self) -> None:
+        if self.servo is None:
+            object.__setattr__(self, "servo", servo_for(self.drum, SERVO_RATE))

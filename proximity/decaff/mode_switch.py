@@ -154,7 +154,7 @@ class ForceAfterContact:
         """
         command = self._place.command(sight)
         slave = self._slave(sight.now)
-        is_steady = self._steady.take(sight.force, sight.speed)
+        is_steady = self._steady.take(sight.force, sight.finger_speed)
         if math.isnan(self.switched_at):
             if is_steady:
                 self.switched_at, self._lost_for = sight.now, 0.0

@@ -76,7 +76,8 @@ class Sight:
     now: float  # s
     link: float  # m, by the potentiometer
     speed: float  # m/s, of the link
-    drum: float  # m, by the encoder
+    finger_speed: float  # m/s, behind the pad: where the link is stopped, the finger still goes on
+    drum: float  # m, where it is
     force: float  # N, between link and drum
     motor_force: float  # N, positive away from the finger
     message: Message | None  # the newest delivered; None: none, or nothing within reach
