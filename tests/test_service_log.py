@@ -63,6 +63,7 @@ def test_frame_is_appended_without_waiting_for_the_next():
     writer = LogWriter(log, 16)
     for number in range(50):
         writer.put(frame(number))
+        writer.wake()
         wait_for(lambda expected=number + 1: len(log.frames) == expected)
     writer.close()
 
@@ -89,6 +90,7 @@ def test_frames_go_round_the_ring_unharmed():
 
     for number in range(100):
         writer.put(frame(number))
+        writer.wake()
         wait_for(lambda expected=number + 1: len(log.frames) >= expected - 2)
     writer.close()
 

@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 
 import proximity
-from proximity.cli import check, compile, export, query, record, replay, serve
+from proximity.cli import check, compile, export, header, query, record, replay, serve
 from proximity.cli.command import Command, Group
 
 HELP = "\n\n".join(  # a paragraph a string: some versions of Typer keep line breaks, some do not
@@ -49,6 +49,7 @@ app.command("record", cls=Command, epilog=record.EXAMPLES, help=record.HELP, no_
 app.command("export", cls=Command, epilog=export.EXAMPLES, help=export.HELP, no_args_is_help=True)(
     export.command
 )
+app.command("header", cls=Command, epilog=header.EXAMPLES, help=header.HELP)(header.command)
 
 
 def _print_version(is_asked: bool) -> None:

@@ -65,7 +65,7 @@ class LogWriter:
         return notes
 
     def put(self, data: np.ndarray) -> None:
-        """Have a frame written; never waits.
+        """Keep a frame until `wake`; never waits.
 
         Parameters
         ----------
@@ -78,21 +78,21 @@ class LogWriter:
             return
         self._rows[head % len(self._rows)] = data
         self._head = head + 1
-        self._wake()
+
+    def wake(self) -> None:
+        """Have what was put in written: takes some microseconds, and the other thread wants its turn then."""
+        if self._idle.locked():
+            with suppress(RuntimeError):  # another thread was first
+                self._idle.release()
 
     def close(self) -> None:
         """Wait until all is written, some seconds at most, and close the log."""
         self._is_closing = True
-        self._wake()
+        self.wake()
         self._thread.join(CLOSE_TIMEOUT)
         if self._thread.is_alive():
             self.lost += self._head - self._tail
             LOGGER.warning("the log does not answer: it is left as it is")
-
-    def _wake(self) -> None:
-        if self._idle.locked():
-            with suppress(RuntimeError):  # another thread was first
-                self._idle.release()
 
     def _write_all(self) -> None:
         while True:

@@ -207,6 +207,7 @@ class Service:
         report.lateness.record(start_ns - due_ns)
         report.ticks += 1
         report.states[framing.state] += 1
+        self._outgoing.settle()
 
     def _skip_what_is_past(self, now_ns: int) -> None:
         """Go on from the last deadline that is past; those before it are missed, not made up for."""
@@ -230,6 +231,7 @@ class Service:
             now_ns = clock.now_ns()
             self._framing.stop(now_ns - clock.skipped_ns)
             self._outgoing.hand_out(self._framing.message)
+            self._outgoing.settle()
             clock.sleep_until(now_ns + self._period_ns)
 
     def _close(self) -> None:

@@ -54,7 +54,7 @@ class Outgoing:
         return notes + ([] if self._log is None else self._log.notes)
 
     def hand_out(self, message: Message) -> None:
-        """Publish and log a frame.
+        """Publish a frame, and keep it for the log.
 
         Parameters
         ----------
@@ -74,6 +74,11 @@ class Outgoing:
             if log is not None:
                 log.put(message.data)
                 log = None
+
+    def settle(self) -> None:
+        """Have the log written: when nothing else is to be done for a while."""
+        if self._log is not None:
+            self._log.wake()
 
     def close(self) -> None:
         """Close publishers and log."""

@@ -5,7 +5,7 @@ Both functions change records in place and leave every field with the meaning it
 
 import numpy as np
 
-from proximity.message import CONTACT, ContactFlag, Mode, Surface
+from proximity.message import CONTACT, ContactFlag, Mode, Source, Surface
 
 _UNTOLD = np.uint32(
     ~(ContactFlag.EXACT | ContactFlag.SKIPPED | ContactFlag.PREDICTED | ContactFlag.CONTACT_FOUND)
@@ -72,20 +72,31 @@ def _rates(
 ) -> tuple[np.ndarray, np.ndarray]:
     """By how much a distance changes at most, m/s, on the average since the pose; and at any time later.
 
-    Relative to the nearest part the finger goes by its velocity, less the part's; acceleration adds to that.
-    The *spread* of the predictions, m/s, holds how far off that velocity may be, and by how much surfaces
-    may be faster than that part. Of a finger whose velocity is not known it holds the top speed.
+    Relative to the nearest part the finger goes by its velocity, less the part's; of a sensor's distance it
+    is known how fast it changes. Acceleration adds to that. The *spread* of the predictions, m/s, holds how
+    far off that velocity may be, and by how much surfaces may be faster than that part; and where a finger
+    may go anywhere, how fast its publisher thinks it can be.
     """
     part_velocity = contacts["part_velocity"]
     part_speed = np.fmax(_lengths(part_velocity), 0.0)  # nan where there is no part
     limit = max_speed + part_speed
-    going = _lengths(contacts["velocity"] - part_velocity) + 0.5 * max_acceleration * elapsed
+    is_geometry = contacts["source"] == Source.GEOMETRY
+    going = np.where(
+        is_geometry, _lengths(contacts["velocity"] - part_velocity), np.abs(contacts["approach_speed"])
+    )
+    going += 0.5 * max_acceleration * elapsed
     ahead = 1e-9 * (contacts["predicted_ns"] - contacts["pose_ns"])
-    spread = 0.5 * (contacts["predicted_upper"] - contacts["predicted_lower"]) / ahead
+    spread = contacts["predicted_upper"] - contacts["predicted_lower"]
+    # A sensor's error stays; of a bracket it is not known how much narrower it is at the predicted place.
+    spread -= np.where(is_geometry, 0.0, contacts["upper"] - contacts["lower"])
+    spread *= 0.5 / ahead
     is_told = (ahead > 0.0) & (spread < np.inf)
-    known = np.fmin(going, limit) + spread
+    # What is nan, fmin and fmax pass over.
+    going = np.fmin(going, limit)
+    # So wide a spread may be the top speed of a finger that could turn round: then what it did tells nothing.
+    going = np.where(spread < max_speed, going, np.fmax(going, part_speed))
     unknown = np.where(is_told, np.fmax(limit, part_speed + spread), limit)
-    rate = np.where(is_predicted & is_told, known, unknown)
+    rate = np.where(is_predicted & is_told, going + spread, unknown)
     return rate, np.where(is_told, limit + spread, limit)
 
 

@@ -66,7 +66,7 @@ class Examiner:
     clock : callable
         Gives now, ns, monotonic.
     most_at_once : int
-        Messages taken in one go.
+        Messages looked at in one go.
 
     Notes
     -----
