@@ -320,7 +320,7 @@ def limit_size():
     limit(None)
 
 
-def test_full_disk_leaves_whole_frames_and_is_said_once(path, limit_size, monkeypatch):
+def test_full_disk_leaves_whole_frames_and_writing_goes_on_when_there_is_room(path, limit_size, monkeypatch):
     monkeypatch.setattr(frame_log, "RETRY_AFTER", 3)
     frames = [np.frombuffer(sealed([sequence]), np.uint8) for sequence in range(20)]
     with FrameLog(path) as log:
@@ -332,19 +332,18 @@ def test_full_disk_leaves_whole_frames_and_is_said_once(path, limit_size, monkey
             match=r"run\.frames: cannot be written after 2 frames; it ends with the last whole one \(File",
         ):
             log.append(frames[2])
-        for sequence in range(3, 6):
-            log.append(frames[sequence])  # left out
+        limit_size(None)
+        for sequence in range(3, 6):  # left out, untried
+            with pytest.raises(RecordingError, match="after 2 frames"):
+                log.append(frames[sequence])
         assert (log.frame_count, log.lost_count) == (2, 4)
         assert path.read_bytes() == sealed([0, 1])
 
-        with pytest.raises(RecordingError, match="after 2 frames"):
-            log.append(frames[6])
-        limit_size(None)
-        for sequence in range(7, 12):
+        for sequence in range(6, 9):
             log.append(frames[sequence])
 
-    assert (log.frame_count, log.lost_count) == (4, 8)
-    assert path.read_bytes() == sealed([0, 1, 10, 11])
+    assert (log.frame_count, log.lost_count) == (5, 4)
+    assert path.read_bytes() == sealed([0, 1, 6, 7, 8])
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no /dev/full")

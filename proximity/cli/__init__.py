@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 
 import proximity
-from proximity.cli import check, compile, export, header, query, record, replay, serve
+from proximity.cli import check, compile, demo, export, header, query, record, replay, serve, watch
 from proximity.cli.command import Command, Group
 
 HELP = "\n\n".join(  # a paragraph a string: some versions of Typer keep line breaks, some do not
@@ -22,8 +22,9 @@ HELP = "\n\n".join(  # a paragraph a string: some versions of Typer keep line br
         "measured on its own; "
         "signed distance is negative inside. Coordinates and answers are in millimetres, or in what --units "
         "says.",
-        "Exit codes: 0 answered; 1 check --strict found a part without an inside, or replay a bound that "
-        "does not hold; 2 the files, the points or the options cannot be used; 130 interrupted.",
+        "Exit codes: 0 answered; 1 check --strict found a part without an inside, replay a bound that does "
+        "not hold, or record, watch or demo no frame; 2 the files, the points, the addresses or the options "
+        "cannot be used; 130 interrupted.",
     )
 )
 
@@ -49,6 +50,9 @@ app.command("record", cls=Command, epilog=record.EXAMPLES, help=record.HELP, no_
 app.command("export", cls=Command, epilog=export.EXAMPLES, help=export.HELP, no_args_is_help=True)(
     export.command
 )
+app.command("watch", cls=Command, epilog=watch.EXAMPLES, help=watch.HELP, no_args_is_help=True)(watch.command)
+
+app.command("demo", cls=Command, epilog=demo.EXAMPLES, help=demo.HELP)(demo.command)
 app.command("header", cls=Command, epilog=header.EXAMPLES, help=header.HELP)(header.command)
 
 

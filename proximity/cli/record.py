@@ -32,6 +32,7 @@ Examples:
 
 EXIT_NOTHING = 1
 TURN_S = 0.05  # within that a wish to stop is noticed
+GATHER_S = 0.002  # that frames are let come: to wake for each would cost more; buffers hold 60 and more
 PATIENCE_S = 2.0  # of waiting for a first frame before that is said
 
 
@@ -100,6 +101,7 @@ def _record(
             if limit is not None and elapsed >= limit:
                 break
             inlet.wait(TURN_S if limit is None else min(TURN_S, limit - elapsed))
+            time.sleep(GATHER_S)
             for data in subscriber.frames():
                 log.append(data)
             if log.frame_count:

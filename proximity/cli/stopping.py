@@ -6,7 +6,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from types import FrameType
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
+SIGNALS = [
+    getattr(signal, name)
+    for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")  # a system has some of them
+    if hasattr(signal, name)
+]
 
 
 @dataclass(slots=True)
@@ -27,15 +31,17 @@ def until_told() -> Iterator[Stop]:
 
     def restore() -> None:
         for number, handler in usual.items():
-            signal.signal(number, handler)
+            # None: a handler that was not made in Python, and cannot be put back from here
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
 
     def tell(number: int, frame: FrameType | None) -> None:
         del number, frame
         stop.is_told = True
         restore()
 
-    for number in SIGNALS:
-        signal.signal(number, tell)
+    for number, handler in usual.items():
+        if handler is not signal.SIG_IGN:  # as nohup wishes
+            signal.signal(number, tell)
     try:
         yield stop
     finally:

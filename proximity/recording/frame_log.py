@@ -53,7 +53,7 @@ class FrameLog:
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = os.fspath(path)
         self.frame_count = self.lost_count = 0
-        self._pause = 0  # frames still to be left out
+        self._pause, self._refusal = 0, ""  # frames still to be left out, and why
         try:
             self._file = os.open(self.path, _FLAGS, 0o666)
         except OSError as failure:
@@ -72,9 +72,9 @@ class FrameLog:
     def append(self, data: np.ndarray) -> None:
         """Write a frame.
 
-        Where that fails, the file is cut back to its last whole frame, the frame is counted in `lost_count`,
-        and the error is raised. The next `RETRY_AFTER` frames are left out and counted without a word; then
-        writing is tried again, and fails again or goes on.
+        Where that fails, the file is cut back to its last whole frame. The next `RETRY_AFTER` frames are
+        refused with the same error, untried; then writing is tried again, and fails again or goes on. All
+        frames that were not written are counted in `lost_count`.
 
         Parameters
         ----------
@@ -89,7 +89,7 @@ class FrameLog:
         if self._pause:
             self._pause -= 1
             self.lost_count += 1
-            return
+            raise RecordingError(self._refusal)
         written, whole = 0, data.data
         try:
             while written < len(whole):
@@ -101,9 +101,10 @@ class FrameLog:
             self._take_back(written)
             self.lost_count += 1
             self._pause = RETRY_AFTER
-            raise self._error(
-                f"cannot be written after {self.frame_count} frames; it ends with the last whole one", failure
-            ) from failure
+            what = f"cannot be written after {self.frame_count} frames; it ends with the last whole one"
+            error = self._error(what, failure)
+            self._refusal = str(error)
+            raise error from failure
         self.frame_count += 1
 
     def close(self) -> None:

@@ -1,0 +1,148 @@
+"""``proximity demo``: sample scene and hand, a service, a controller and a look at both, in one terminal."""
+
+import os
+import secrets
+import socket
+import sys
+import time
+from contextlib import ExitStack
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+import proximity
+from proximity.cli.command import EXIT_INTERRUPTED
+from proximity.cli.options import LONGEST_S
+from proximity.cli.stopping import Stop, until_told
+
+if TYPE_CHECKING:
+    from proximity.cli.drum_stub import Controller
+    from proximity.cli.watch_view import Seen
+    from proximity.serving import RunningService
+
+HELP = "\n\n".join(
+    (
+        "Show it all working: a recorded hand at the sample bracket, without any configuration.",
+        "A service follows the hand 1000 times a second, in a process of its own. A small controller of "
+        "drums listens to it, and this terminal shows both until Ctrl-C or --seconds. It ends with what each "
+        "of them has done. Nothing is left behind.",
+    )
+)
+
+EXAMPLES = """
+Examples:
+  proximity demo
+  proximity demo --seconds 5 | cat
+"""
+
+SECONDS = 20.0
+TURN_S = 0.02
+SWITCH_S = 1e-3  # that the controller waits at most while the picture is drawn in the same process
+EXIT_NOTHING = 1
+SCENE = "demo.toml"
+
+
+def command(
+    seconds: Annotated[
+        float, typer.Option("--seconds", metavar="S", help="How long, unless Ctrl-C ends it before.")
+    ] = SECONDS,
+) -> None:
+    """Run the demo."""
+    if not 0.0 < seconds <= LONGEST_S:
+        raise typer.BadParameter(f"{seconds:g} seconds: expected 0 to {LONGEST_S:g}", param_hint="--seconds")
+    # NumPy, Rich and the library: only now, so that --help and mistakes above answer at once.
+    from rich.console import Console
+
+    from proximity.cli import waiting
+    from proximity.cli.drum_stub import Controller
+    from proximity.cli.watching import Follower, Screen
+    from proximity.transport import open_subscriber
+
+    sys.setswitchinterval(SWITCH_S)
+    to_controller, to_watch = addresses()
+    waiting.prepare_kernels()
+    with until_told() as stop, ExitStack() as opened:
+        with waiting.spinner("starting the service"):
+            listening = [opened.enter_context(open_subscriber(each)) for each in (to_controller, to_watch)]
+            service = opened.enter_context(_start({to_controller, to_watch}, stop))
+        controller = opened.enter_context(Controller(listening[0]))
+        follower = Follower(listening[1])
+        screen, ends = opened.enter_context(Screen(Console())), time.monotonic() + seconds
+        while True:
+            reading, seen = follower.look(TURN_S)
+            screen.show(reading, seen, controller.stub.told())
+            if stop.is_told or not service.is_running or time.monotonic() >= ends:
+                break
+        report = service.stop()
+    for text in _summary(report, seen, controller):
+        typer.echo(text)
+    if not controller.stub.used:
+        raise typer.Exit(EXIT_NOTHING)
+
+
+def _start(publish: set[str], stop: Stop) -> "RunningService":
+    """Start the service that the sample scene describes."""
+    from proximity.serving import start_service
+
+    try:
+        return start_service(sample(SCENE), publish=sorted(publish), say=_say)
+    except proximity.ServiceError:
+        if stop.is_told:  # Ctrl-C in a terminal reaches the service as well, before it has begun
+            raise typer.Exit(EXIT_INTERRUPTED) from None
+        raise
+
+
+def addresses() -> tuple[str, str]:
+    """Return where the service publishes to the controller, and where to the watch: to nobody else.
+
+    Shared memory, where there is iceoryx2 for this machine; both read the same then. Otherwise datagrams.
+    """
+    if find_spec("iceoryx2") is not None:
+        name = f"iox2://proximity-demo-{os.getpid()}-{secrets.token_hex(4)}"
+        return name, name
+    with socket.socket(type=socket.SOCK_DGRAM) as first, socket.socket(type=socket.SOCK_DGRAM) as second:
+        for each in (first, second):
+            each.bind(("127.0.0.1", 0))  # a port that is free
+        ports = [each.getsockname()[1] for each in (first, second)]
+    return f"udp://127.0.0.1:{ports[0]}", f"udp://127.0.0.1:{ports[1]}"
+
+
+def sample(name: str) -> Path:
+    """Return where a sample file is: beside the package in a checkout, inside of it where it was installed.
+
+    Parameters
+    ----------
+    name : str
+        Of a file in the folder ``meshes``.
+    """
+    package = Path(proximity.__file__).parent
+    for folder in (package / "samples", package.parent / "meshes"):
+        if (folder / name).is_file():
+            return folder / name
+    raise proximity.ServiceError(f"the sample {name} is neither in {package} nor in meshes beside it")
+
+
+def _say(sentence: str) -> None:
+    typer.echo(f"proximity: {sentence}", err=True)
+
+
+def _summary(report: dict[str, Any], seen: "Seen", controller: "Controller") -> list[str]:
+    """What service, watch and controller have done, a line each."""
+    compute, late = report["compute"], report["lateness"]
+    states = ", ".join(f"{count} {state}" for state, count in report["states"].items() if count)
+    counts, stub = seen.counts, controller.stub
+    refused = counts.refused + counts.flawed.total()
+    return [
+        f"service     {report['ticks']} frames ({states}), {report['missed']} ticks missed",
+        f"computing   p50 {_us(compute['p50_ns'])}, p99 {_us(compute['p99_ns'])}; woken late p50 "
+        f"{_us(late['p50_ns'])}, p99 {_us(late['p99_ns'])}",
+        f"watch       {counts.received} frames seen, {counts.lost} lost, {refused} refused",
+        f"controller  {stub.used} frames used, {controller.overtaken} overtaken; {stub.late} late and "
+        f"{stub.stale} stale ones not used; {stub.touch_count} touches held",
+    ]
+
+
+def _us(ns: float) -> str:
+    return f"{ns / 1e3:.0f} µs"

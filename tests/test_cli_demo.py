@@ -1,0 +1,357 @@
+"""``proximity demo``: what its controller does with frames, and that all of it starts, ends and tells."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from types import SimpleNamespace
+
+import psutil
+import pytest
+import queued_transport
+from sealed_frames import frame
+
+import proximity
+from proximity import cli, serving
+from proximity.cli import demo, watch_view
+from proximity.cli.drum_stub import FREEZE_NS, Controller, Drum, DrumState, DrumStub
+from proximity.errors import PublishError, ServiceError
+from proximity.message import Mode, State
+from proximity.transport import Reading, forget, open_publisher, open_subscriber
+
+MS = 1_000_000
+
+
+def reading(distance=0.05, mode=Mode.RETRACT, state=State.OK, now_ns=0, *, is_new=True, is_known=True):
+    """A reading of one finger."""
+    message = frame(1)
+    message.records["signed_distance"], message.records["mode"] = distance, mode
+    if not is_known or state is State.STALE:
+        forget(message.records)
+    return Reading(state, is_new, now_ns, MS, message.header[()].copy(), message.records.copy())
+
+
+def state_after(*readings):
+    stub = DrumStub()
+    for each in readings:
+        stub.act(each)
+    return stub.drums[0].state
+
+
+NEAR = reading(0.012, Mode.POSITION)
+TOUCHING = reading(-0.0001, Mode.POSITION)
+
+# ------------------------------------------------------------------------------------------- the controller
+
+
+def test_drum_stands_where_the_finger_will_touch_and_holds_while_it_does():
+    assert state_after(reading()) is DrumState.RETRACTED
+    assert state_after(NEAR) is DrumState.AHEAD
+    assert state_after(reading(0.02, Mode.FORCE)) is DrumState.AHEAD
+    assert state_after(NEAR, TOUCHING) is DrumState.HOLDING
+    assert state_after(NEAR, TOUCHING, reading()) is DrumState.RETRACTED
+
+
+def test_drum_lets_go_only_when_the_finger_has_left():
+    stub = DrumStub()
+    for distance in (29e-6, 0.9e-3, -1e-4, 0.9e-3):
+        stub.act(reading(distance, Mode.POSITION))
+        assert stub.drums[0].state is DrumState.HOLDING
+    stub.act(reading(1.1e-3, Mode.POSITION))
+    assert stub.drums[0].state is DrumState.AHEAD
+    stub.act(reading(31e-6, Mode.POSITION))
+    assert stub.drums[0].state is DrumState.AHEAD
+    stub.act(reading(0.0, Mode.POSITION))
+    assert stub.touch_count == 2
+
+
+def test_late_frame_moves_no_drum():
+    late = reading(0.5, Mode.RETRACT, State.LATE)
+
+    assert state_after(NEAR, late) is DrumState.AHEAD
+    assert state_after(TOUCHING, late) is DrumState.HOLDING
+    assert state_after(reading(), reading(-0.001, Mode.POSITION, State.LATE)) is DrumState.RETRACTED
+
+
+@pytest.mark.parametrize(
+    "doubt",
+    [
+        {"state": State.STALE},
+        {"state": State.STARTING, "is_known": False},
+        {"state": State.STOPPING},
+        {"state": State.DEGRADED, "is_known": False},
+    ],
+    ids=lambda doubt: doubt["state"].name,
+)
+def test_without_news_a_drum_retracts_and_one_that_holds_does_so_after_a_moment(doubt):
+    assert state_after(NEAR, reading(0.001, Mode.POSITION, now_ns=MS, **doubt)) is DrumState.RETRACTED
+
+    for elapsed, expected in ((FREEZE_NS, DrumState.HOLDING), (FREEZE_NS + 1, DrumState.RETRACTED)):
+        assert state_after(TOUCHING, reading(now_ns=elapsed, **doubt)) is expected
+
+
+def test_frames_are_counted_once():
+    stub = DrumStub()
+    for state in (
+        State.OK,
+        State.DEGRADED,
+        State.OK,
+        State.LATE,
+        State.STALE,
+        State.STARTING,
+        State.STOPPING,
+    ):
+        stub.act(reading(state=state))
+        stub.act(reading(state=state, is_new=False))
+
+    assert (stub.used, stub.late, stub.stale) == (3, 1, 3)
+
+
+def test_what_a_drum_does_fits_its_column():
+    stub = DrumStub([Drum(), Drum(DrumState.AHEAD, 0.1183), Drum(DrumState.HOLDING, is_kept=True)])
+    stub.drums[1].is_kept = True
+
+    told = [text.plain for text in stub.told()]
+
+    assert told == ["retracted", "118.3 mm ahead, kept", "holds, kept"]
+    assert max(map(len, told)) <= watch_view.DRUM_CELLS
+
+
+def test_controller_that_cannot_receive_says_so(monkeypatch):
+    queued_transport.register(monkeypatch)
+
+    def fail(self, timeout):
+        raise PublishError("queue:a: cannot receive (gone)")
+
+    with open_subscriber("queue:a") as subscriber:
+        monkeypatch.setattr(type(subscriber), "wait", fail)
+        with pytest.raises(PublishError, match="gone"), Controller(subscriber) as controller:
+            controller._thread.join(60.0)
+
+
+# --------------------------------------------------------------------------------------------------- the demo
+
+
+REPORT = {
+    "ticks": 4711,
+    "missed": 2,
+    "states": {"starting": 0, "ok": 4700, "late": 11},
+    "compute": {"p50_ns": 81_400, "p99_ns": 140_000},
+    "lateness": {"p50_ns": 60_000, "p99_ns": 90_000},
+}
+
+
+class FakeService:
+    """Publishes frames from a thread of this process."""
+
+    def __init__(self, publish, *, count=10**9, failure=None):
+        self.is_stopped = False
+        self._failure = failure
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._run, args=(publish, count))
+        self._thread.start()
+
+    @property
+    def is_running(self):
+        return self._failure is None
+
+    def _run(self, addresses, count):
+        publishers = [open_publisher(address) for address in addresses]
+        while count and not self._over.wait(0.002):
+            message = frame(2, now_ns=time.monotonic_ns())
+            message.header["valid_until_ns"] += 10**10  # so that a slow machine is not shown as LATE
+            message.records["mode"][0] = Mode.POSITION
+            for publisher in publishers:
+                publisher.publish(message)
+            count -= 1
+
+    def stop(self):
+        self.is_stopped = True
+        self._over.set()
+        self._thread.join()
+        if self._failure is not None:
+            raise self._failure
+        return REPORT
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, kind, error, trace):
+        if not self.is_stopped:
+            self.stop()
+
+
+@pytest.fixture
+def run(monkeypatch, capsys):
+    """Run the demo with a service that is none; returns exit code, stdout, stderr and that service."""
+    queued_transport.register(monkeypatch)
+    services, interval = [], sys.getswitchinterval()
+
+    def start(path, *, publish, say):
+        assert path.name == "demo.toml"
+        services.append(FakeService(publish, **run_with.service))
+        return services[-1]
+
+    monkeypatch.setattr(serving, "start_service", start)
+    monkeypatch.setattr(demo, "addresses", lambda: ("queue:controller", "queue:watch"))
+    monkeypatch.setattr(proximity, "kernels_are_cached", lambda: True, raising=False)
+    for name in ("FORCE_COLOR", "NO_COLOR", "GITHUB_ACTIONS", "TTY_COMPATIBLE", "TTY_INTERACTIVE"):
+        monkeypatch.delenv(name, raising=False)
+
+    def run_with(*arguments):
+        monkeypatch.setattr(sys, "argv", ["proximity", "demo", *map(str, arguments)])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        written = capsys.readouterr()
+        (service,) = services or [None]
+        return SimpleNamespace(code=end.value.code, out=written.out, err=written.err, service=service)
+
+    run_with.service = {}
+    yield run_with
+    sys.setswitchinterval(interval)
+
+
+def test_demo_shows_lines_and_ends_with_what_was_done(run):
+    result = run("--seconds", 0.5)
+
+    lines = result.out.splitlines()
+    assert (result.code, result.err) == (0, "")
+    assert re.search(r" OK: \d+ Hz, .*; 0: 10.00 mm, position; 1: 20.00 mm, retract$", lines[0])
+    assert lines[-4:-2] == [
+        "service     4711 frames (4700 ok, 11 late), 2 ticks missed",
+        "computing   p50 81 µs, p99 140 µs; woken late p50 60 µs, p99 90 µs",
+    ]
+    assert re.fullmatch(r"watch       \d+ frames seen, 0 lost, 0 refused", lines[-2])
+    assert re.fullmatch(
+        r"controller  [1-9]\d* frames used, \d+ overtaken; 0 late and 0 stale ones not used; 0 touches held",
+        lines[-1],
+    )
+    assert result.service.is_stopped
+
+
+def test_terminal_shows_the_drums_beside_until_ctrl_c(run, monkeypatch):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("COLUMNS", "100")
+    shown = watch_view.picture
+    count = []
+
+    def picture(*arguments, **options):
+        count.append(1)
+        if len(count) == 3:
+            os.kill(os.getpid(), signal.SIGINT)
+        return shown(*arguments, **options)
+
+    monkeypatch.setattr("proximity.cli.watching.picture", picture)
+    result = run()
+
+    plain = re.sub(r"\x1b\[[\d;?]*[a-zA-Z]", "", result.out)
+    assert result.code == 0
+    assert re.search(r"10\.00 ◆█.* position +10\.0 mm ahead", plain)
+    assert "controller  " in plain
+    assert result.service.is_stopped
+
+
+def test_service_that_fails_ends_the_demo(run):
+    run.service = {"failure": ServiceError("demo.toml: the service has failed with exit code 1: oh")}
+
+    result = run("--seconds", 30)
+
+    assert result.code == 2
+    assert result.err == "proximity: demo.toml: the service has failed with exit code 1: oh\n"
+
+
+def test_ctrl_c_while_the_service_starts_is_quiet(run, monkeypatch):
+    """In a terminal the service hears of it as well, and ends before it has begun."""
+
+    def start(path, *, publish, say):
+        os.kill(os.getpid(), signal.SIGINT)
+        raise ServiceError("demo.toml: the service has failed with exit code 130: it said nothing")
+
+    monkeypatch.setattr(serving, "start_service", start)
+
+    result = run()
+
+    assert (result.code, result.out, result.err) == (130, "", "")
+
+
+def test_demo_without_frames_is_exit_code_1(run):
+    run.service = {"count": 0}
+
+    result = run("--seconds", 0.3)
+
+    assert result.code == 1
+    assert "controller  0 frames used" in result.out
+
+
+@pytest.mark.parametrize("seconds", ["0", "-1", "nan"])
+def test_time_that_is_none_is_refused(run, seconds):
+    result = run("--seconds", seconds)
+
+    assert result.code == 2
+    assert f"{float(seconds):g} seconds: expected 0 to 1e+09" in " ".join(result.err.split())
+
+
+def test_each_demo_has_addresses_of_its_own(monkeypatch):
+    first, second = demo.addresses(), demo.addresses()
+    assert first[0] == first[1] != second[0]
+    assert first[0].startswith("iox2://proximity-demo-")
+
+    monkeypatch.setattr(demo, "find_spec", lambda name: None)
+    controller, watch = demo.addresses()
+    assert re.fullmatch(r"udp://127\.0\.0\.1:\d+", controller)
+    assert controller != watch
+
+
+def test_samples_are_beside_the_package_or_in_it(tmp_path, monkeypatch):
+    assert demo.sample("demo.toml").parent.name == "meshes"
+
+    package = tmp_path / "proximity"
+    (package / "samples").mkdir(parents=True)
+    monkeypatch.setattr(proximity, "__file__", str(package / "__init__.py"))
+    with pytest.raises(ServiceError, match=r"the sample demo\.toml is neither in .*proximity nor in meshes"):
+        demo.sample("demo.toml")
+    (package / "samples" / "demo.toml").touch()
+    assert demo.sample("demo.toml") == package / "samples" / "demo.toml"
+
+
+def test_wheel_brings_the_samples_along():
+    """What demo.toml names, and itself, are in the list of what a wheel holds besides the package."""
+    import tomllib
+
+    settings = tomllib.loads((demo.sample("demo.toml").parent.parent / "pyproject.toml").read_text())
+    brought = settings["tool"]["hatch"]["build"]["targets"]["wheel"]["force-include"]
+    scene = tomllib.loads(demo.sample("demo.toml").read_text(encoding="utf-8"))
+
+    needed = ["demo.toml", scene["input"]["recording"], *(part["file"] for part in scene["parts"])]
+    assert brought == {f"meshes/{name}": f"proximity/samples/{name}" for name in needed}
+
+
+def test_demo_runs_in_one_command_and_leaves_nothing_behind():
+    environment = {
+        key: value for key, value in os.environ.items() if key not in ("FORCE_COLOR", "GITHUB_ACTIONS")
+    }
+    command = [sys.executable, "-m", "proximity", "demo", "--seconds", "300"]
+    program = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
+    )
+    children = []
+    try:
+        first = program.stdout.readline()
+        children = psutil.Process(program.pid).children(recursive=True)
+        program.send_signal(signal.SIGINT)
+        rest, said = program.communicate(timeout=60)
+    finally:
+        program.kill()
+        program.wait()
+        gone, alive = psutil.wait_procs(children, timeout=30)
+        for child in alive:
+            child.kill()
+
+    assert program.returncode == 0, said
+    assert re.match(r"[\d:]{8} [A-Z]+: \d+ Hz, ", first)
+    assert re.search(r"^service     \d+ frames \(.*\), \d+ ticks missed$", rest, re.MULTILINE)
+    assert re.search(r"^controller  [1-9]\d* frames used, \d+ overtaken; ", rest, re.MULTILINE)
+    assert gone and not alive
