@@ -120,8 +120,10 @@ def enter_mode(drive: np.ndarray, command: np.ndarray, told: float) -> None:
 
 @inlined
 def demand_position(servo: np.ndarray, drive: np.ndarray, told: float, speed: float, limit: float) -> float:
-    """Stiffness, damping and integral against the shaped reference; the integral waits while the force is at
-    its limit."""
+    """Stiffness, damping and integral against the shaped reference.
+
+    The integral waits while the force is at its limit.
+    """
     error = drive[REFERENCE] - told
     demand = servo[STIFFNESS] * error + servo[DAMPING] * (drive[REFERENCE_SPEED] - speed) + drive[INTEGRATED]
     if abs(demand) <= limit:

@@ -31,9 +31,7 @@ class Servo:
     acceleration: float  # m/s², of the reference
     speed: float  # m/s, of the reference
     integral_time: float = 0.080  # s; assumed: with it drums settle as in PAPER 6.4
-    force_gain: float = (
-        10.0  # 1/s, of the force integrator; assumed: below damping over mass of a held finger
-    )
+    force_gain: float = 10.0  # 1/s, of the force integrator; assumed: below damping over mass when held
     force_damping: float = 2.0  # N s/m, while the force is served; assumed
     force_slew: float = 5.0  # N/s, of the force reference (PAPER 7)
     smoothing: float = 20.0  # Hz, of the motor's force that a change to force starts with; assumed
