@@ -15,6 +15,8 @@ TREE = {
     "PoseError": errors.ProximityError,
     "SceneError": errors.ProximityError,
     "RecordingError": errors.ProximityError,
+    "PublishError": errors.ProximityError,
+    "ServiceError": errors.ProximityError,
 }
 
 
@@ -33,7 +35,11 @@ def test_error_stands_below_its_parent_and_is_documented(name):
     assert str(error("one sentence")) == "one sentence"
 
 
-@pytest.mark.parametrize("name", [name for name in TREE if name != "ProximityError"])
+@pytest.mark.parametrize("name", [name for name in TREE if name not in ("ProximityError", "PublishError")])
 def test_bad_values_are_value_errors_too(name):
     """So that callers who do not know the package still catch what they expect."""
     assert issubclass(getattr(errors, name), ValueError)
+
+
+def test_what_cannot_be_handed_out_is_an_error_of_the_system_too():
+    assert issubclass(errors.PublishError, OSError)
