@@ -44,6 +44,7 @@ def way_after(seconds, contacts, max_speed=3.0, max_acceleration=120.0):
         ({"predicted_upper": 0.052, "flags": ContactFlag.TRACKED}, 3.0 * 0.02),
         ({"predicted_upper": 0.090}, (10.0 + 1.2) * 0.02),  # something is fast
         ({"predicted_upper": 0.090, "flags": ContactFlag.TRACKED}, 10.0 * 0.02),
+        ({"predicted_upper": 0.066, "velocity": (2, 0, 0), "part_velocity": (2, 0, 0)}, (4 + 2 + 1.2) * 0.02),
         ({"predicted_ns": NOW - MS}, 3.0 * 0.02),  # predicted for the pose's instant: nothing is told
         ({"predicted_upper": np.inf}, 3.0 * 0.02),
         ({"source": 1, "velocity": np.nan, "approach_speed": -0.5}, (0.5 + 1.2) * 0.02),
@@ -125,7 +126,7 @@ class Moving:
 
 
 def courses(rng, moving, count, steps):
-    """Places and velocities of fingers each ms, (steps, count, 3): every other one hurries to or from a part."""
+    """Places and velocities of fingers, (steps, count, 3), each ms; every other hurries to or from a part."""
     places = [rng.uniform(-0.2, 0.2, (count, 3))]
     outward = moving.at(0.0).closest(places[0]).gradient
     push = np.where(rng.random((count, 1)) < 0.7, -outward, outward)

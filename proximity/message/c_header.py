@@ -96,6 +96,20 @@ def meanings_of(values: type[Enum]) -> dict[str, str]:
     return meanings
 
 
+def c_type(field: Field) -> str:
+    """The type of a field in C, such as ``double[3]``.
+
+    Parameters
+    ----------
+    field : Field
+        Of a header or a record.
+    """
+    numbers = np.dtype(field.type)
+    if numbers.kind == "S":
+        return f"char[{numbers.itemsize}]"
+    return _C_TYPES[field.type[1:]] + "".join(f"[{length}]" for length in field.shape)
+
+
 def _magics() -> Iterator[str]:
     for kind in KINDS:
         letters = kind.magic.to_bytes(4, "little").decode("ascii")
@@ -138,10 +152,8 @@ def _meaning(field: Field) -> str:
 
 
 def _declaration(field: Field) -> str:
-    letters = np.dtype(field.type)
-    if letters.kind == "S":
-        return f"char {field.name}[{letters.itemsize}]"
-    return f"{_C_TYPES[field.type[1:]]} {field.name}" + "".join(f"[{length}]" for length in field.shape)
+    name, _, lengths = c_type(field).partition("[")
+    return f"{name} {field.name}" + (f"[{lengths}" if lengths else "")
 
 
 def _assertions() -> Iterator[str]:
@@ -149,8 +161,8 @@ def _assertions() -> Iterator[str]:
         dtype = dtype_of(fields)
         yield f"DECAFF_ASSERT(sizeof(decaff_{name}) == {dtype.itemsize});"
         for field in fields:
-            offset = dtype.fields[field.name][1]  # type: ignore[index]
-            yield f"DECAFF_ASSERT(offsetof(decaff_{name}, {field.name}) == {offset});"
+            part, offset = dtype.fields[field.name][:2]  # type: ignore[index]
+            yield f"DECAFF_FIELD(decaff_{name}, {field.name}, {offset}, {part.itemsize});"
 
 
 def _crc_table() -> str:
