@@ -60,10 +60,10 @@ def test_nothing_has_no_percentile():
 
 
 def test_durations_that_no_bin_is_made_for_are_in_the_first_and_the_last():
-    histogram = filled([-5, 2**62])
+    histogram = filled([-5, -(10**9), -(2**62), 2**62])
 
     rows = list(histogram.rows())
-    assert rows[0] == (0, 0, 1)
+    assert rows[0] == (0, 0, 3)
     assert rows[1][1] == LARGEST_NS and rows[1][2] == 1
     assert histogram.max_ns == 2**62 == histogram.percentile(100.0)
 

@@ -5,6 +5,15 @@ import pytest
 from fake_service import MS, hands_at
 
 from proximity.errors import QueryError, ServiceError
+from proximity.kernels.contact import PREDICTED, TRACKED
+from proximity.kernels.motion import (
+    MAX_ACCELERATION,
+    MAX_SPEED,
+    MOTION_INTS,
+    MOTION_REALS,
+    VELOCITY,
+    observe,
+)
 from proximity.recording import Recording
 from proximity.service import CallableInput, Hands, RecordingInput
 from proximity.service.gate import Gate
@@ -67,26 +76,57 @@ def test_poll_after_a_pause_gives_the_newest_pose_only():
     assert played(source, [0, 57.3, 58]) == near([(0, 0), (57, 57), (58, 58)])
 
 
-def test_recording_that_is_repeated_goes_on_one_step_after_its_end():
+AWAY = (pytest.approx(np.nan, nan_ok=True), 41)
+"""Of the recordings below: the hand goes away a step after their end, 31 ms; back 100 ms later."""
+
+
+def test_recording_that_is_repeated_lets_the_hand_go_away_and_begins_anew():
     source = RecordingInput(recording([0, 10, 20, 31]), repeat=True)
 
-    told = played(source, [0, 20, 31, 40, 41, 51])
+    told = played(source, [0, 20, 31, 40, 41, 140, 141, 151])
 
-    assert told == near([(0, 0), (20, 20), (31, 31), None, (0, 41), (10, 51)])
+    assert told == [*near([(0, 0), (20, 20), (31, 31), None]), AWAY, *near([None, (0, 141), (10, 151)])]
     assert not source.is_over
 
 
 def test_recording_that_is_repeated_keeps_its_beat_through_rounds_slept_through():
     source = RecordingInput(recording([0, 10, 20, 31]), repeat=True)
 
-    assert played(source, [0, 41 * 7 + 12, 41 * 8]) == near([(0, 0), (10, 41 * 7 + 10), (0, 41 * 8)])
+    assert played(source, [0, 141 * 7 + 12, 141 * 8]) == near([(0, 0), (10, 141 * 7 + 10), (0, 141 * 8)])
 
 
-def test_recording_of_one_instant_is_over_at_once_or_comes_every_second():
+@pytest.mark.parametrize("jump", [0.0, 0.002, 0.006, 0.1])
+def test_way_from_the_end_of_a_recording_to_its_beginning_is_no_velocity(jump):
+    """No finger has gone it: the tracker starts anew, and predicts no more than top speed allows."""
+    rows = 30
+    positions = np.zeros((rows, 1, 3))
+    positions[:, 0, 2] = np.linspace(1.0, 1.0 + jump, rows)
+    source = RecordingInput(
+        Recording(np.arange(rows) * np.int64(MS), positions, ((0, 1),)), latency=0.0, repeat=True
+    )
+    gate = Gate(Hands(1), 100 * MS)
+    gate.start(NOW)
+    reals, marks = np.zeros((1, MOTION_REALS)), np.zeros((1, MOTION_INTS), np.int64)
+    fastest = abs(jump) / (rows - 1) / 1e-3 + 1e-6
+
+    seen = 0
+    for tick in range(3 * (rows + 100)):
+        hands = source.poll(NOW + tick * MS)
+        if hands is not None:
+            gate.admit(hands, NOW + tick * MS)
+        (x, y, z), pose_ns = gate.kept.positions[0], gate.kept.pose_ns[0]
+        status = observe(reals, marks, 0, pose_ns, x, y, z, MAX_SPEED, MAX_ACCELERATION)
+        seen += bool(status & TRACKED)
+        assert not status & PREDICTED or np.abs(reals[0, VELOCITY : VELOCITY + 3]).max() <= fastest
+    assert seen == 3 * rows
+
+
+def test_recording_of_one_instant_is_over_at_once_or_comes_again_and_again():
     once, again = RecordingInput(recording([0])), RecordingInput(recording([0]), repeat=True)
 
     assert played(once, [0]) == near([(0, 0)]) and once.is_over
-    assert played(again, [0, 999, 1000]) == near([(0, 0), None, (0, 1000)])
+    assert played(again, [0, 999, 1000])[:2] == near([(0, 0), None])
+    assert played(again, [1100]) == near([(0, 1100)])
 
 
 def test_missing_fingers_are_nan():

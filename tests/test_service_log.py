@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from proximity.errors import RecordingError
+from proximity.message import FRAME, MAX_RECORDS
 from proximity.service import log_writer
 from proximity.service.log_writer import LogWriter
 
@@ -95,6 +96,49 @@ def test_frames_go_round_the_ring_unharmed():
     writer.close()
 
     np.testing.assert_array_equal(np.array(log.frames), np.array([frame(k) for k in range(100)]))
+
+
+def test_frames_of_a_skin_wait_within_some_megabytes():
+    """A ring of 4096 frames of 4096 fingers would take 5.5 GB."""
+    size, gate = FRAME.size(MAX_RECORDS), threading.Event()
+    log = KeepingLog(gate=gate)
+    writer = LogWriter(log, size)
+    data = np.full(size, 7, np.uint8)
+
+    count = 0
+    while not writer.lost and count <= log_writer.DEPTH:
+        writer.put(data)
+        count += 1
+    gate.set()
+    writer.close()
+
+    assert log_writer.FEWEST < writer.written == count - 1 <= log_writer.MOST_BYTES / size
+
+
+def test_frame_put_in_just_before_the_end_is_written():
+    """The writer is held up where it asks for the end, until the last is put in and the end is told."""
+    log, asked, told = KeepingLog(), threading.Event(), threading.Event()
+
+    class HeldUp(LogWriter):
+        @property
+        def _is_closing(self):
+            if threading.current_thread() is not threading.main_thread():
+                asked.set()
+                assert told.wait(PATIENCE)
+            return self.end
+
+        @_is_closing.setter
+        def _is_closing(self, value):
+            self.end = value
+
+    writer = HeldUp(log, 16)
+    assert asked.wait(PATIENCE)
+    writer.put(frame(1))
+    writer._is_closing = True
+    told.set()
+    writer.close()
+
+    assert len(log.frames) == 1 and writer.lost == 0
 
 
 def test_disk_that_is_full_is_said_once_and_what_follows_is_still_tried(caplog):

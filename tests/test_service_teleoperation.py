@@ -180,6 +180,32 @@ def test_predicted_bounds_hold_as_long_as_the_acceleration_does(seed):
     assert kept > 150  # and they say something
 
 
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize(("error", "width"), [(3e-4, 0.004), (2e-3, 0.012), (None, 0.020)])
+def test_predicted_bounds_hold_however_far_off_the_sensor_says_it_is(error, width, seed):
+    """Each distance is off by all that is told, one way or the other; None: up to 5 cm, each another."""
+    rng = np.random.default_rng(seed)
+    amplitude, phase = 0.02, rng.uniform(0, 6)
+    omega = math.sqrt(119.0 / amplitude)
+    errors = np.full(300, error) if error else 10.0 ** rng.uniform(-5.0, np.log10(0.05), 300)
+    times = np.cumsum(rng.uniform(0.8, 4.0, 300))
+
+    def distance_at(t):
+        return 0.2 + amplitude * math.sin(omega * t + phase)
+
+    answers = SensorAnswers(1, latency=0.002)
+    widths = []
+    for time_ms, error_told, side in zip(times, errors, rng.choice([-1.0, 1.0], 300), strict=True):
+        measured_ns = NOW + round(time_ms * MS)
+        samples = measured([distance_at(time_ms / 1000) + side * error_told], measured_ns, error_told)
+        contact = answers.answer(samples, measured_ns)[0]
+        assert (
+            contact["predicted_lower"] <= distance_at(0.001 * time_ms + 0.002) <= contact["predicted_upper"]
+        )
+        widths.append(contact["predicted_upper"] - contact["predicted_lower"] - 2.0 * error_told)
+    assert np.median(widths) < width
+
+
 def test_speed_that_a_sensor_tells_is_taken_at_its_word():
     contact = answer(0.01, approach_speed=0.1, error=0.0)
 
@@ -316,6 +342,19 @@ def test_normals_and_surfaces_that_cannot_be_are_unknown(inlet):
     assert np.isnan(records["normal"]).any(axis=1).tolist() == [False, True, True, True]
     assert records["surface"].tolist() == [2, 0, 0, 1]
     assert source.notes == ["queue:: 2 normals that are not of unit length"]
+
+
+def test_places_that_are_half_known_are_none(inlet):
+    """Otherwise readers refuse the whole frame: they expect a place or none."""
+    source = SensorInput("queue:", 4)
+    inlet.put(message([0.1] * 4, position=[(1, 2, 3), (1, np.nan, 3), (np.inf, 2, 3), (np.nan,) * 3]))
+
+    samples = source.poll(NOW)
+
+    assert samples.records["position"][0].tolist() == [1, 2, 3]
+    assert np.isnan(samples.records["position"][1:]).all()
+    assert samples.distances[:, 0].tolist() == [0.1] * 4
+    assert source.notes == ["queue:: 2 places that are half known"]
 
 
 # --- the same checks, ages and safe behaviour as of geometry ---

@@ -7,9 +7,18 @@ import math
 
 import numpy as np
 
-from proximity.kernels.compiling import kernel
+from proximity.kernels.compiling import inlined, kernel
 from proximity.kernels.contact import BOUNDED, FLAGS, IN_RANGE, POSE_NS, TRACKED
-from proximity.kernels.motion import VELOCITY, observe_with_velocity, predict
+from proximity.kernels.motion import (
+    JUMPED,
+    REPEATED,
+    STARTED,
+    VELOCITY,
+    VELOCITY_ERROR,
+    WEIGHTS,
+    observe_with_velocity,
+    predict,
+)
 
 # --- columns of what `follow_distances` fills ---
 STATUS = 0  # bits, as `motion.observe` answers
@@ -17,6 +26,13 @@ RATE = 1  # m/s, of the distance; zero while it is not known
 STEP = 2  # m, by which the distance will have changed
 SPREAD = 3  # m, by which that may be off
 FOLLOWED_SIZE = 4
+
+# --- columns of the *doubts* of a distance that is followed: sums of weight times squared error, m² ---
+DOUBT = 0  # of the present track
+DOUBT_BEFORE = 1  # of the one before the last jump, at most
+DOUBTS_SIZE = 2
+LARGEST_ERROR = 1e3
+"""m: what is off by more is as good as not known, and must fade like others."""
 
 LATEST = np.int64(2**63 - 1)
 
@@ -74,20 +90,49 @@ def overview(wide, numbers):
     return oldest, tracked, doubtful
 
 
+@inlined
+def _doubt(motions, doubts, i, error, status, weight_before):
+    """How far off the slope of a track may be because of errors of its distances, m/s.
+
+    The slope is the sum of weight times deviation of age times distance, over the sum of weight times squared
+    deviation. By Cauchy and Schwarz errors change it by no more than this, whatever they are.
+    """
+    error_sq = min(error, LARGEST_ERROR) ** 2 if error >= 0.0 else LARGEST_ERROR**2
+    weight = motions[i, WEIGHTS]
+    if status & STARTED:
+        # After a jump the track may go on where it was.
+        doubts[i, DOUBT_BEFORE] = max(doubts[i, DOUBT], doubts[i, DOUBT_BEFORE]) if status & JUMPED else 0.0
+        doubts[i, DOUBT] = error_sq
+    elif status & JUMPED:
+        doubts[i, DOUBT] = doubts[i, DOUBT_BEFORE] + error_sq
+    elif not status & REPEATED:
+        doubts[i, DOUBT] = (weight - 1.0) / weight_before * doubts[i, DOUBT] + error_sq
+    spread = weight * motions[i, WEIGHTS + 2] - motions[i, WEIGHTS + 1] * motions[i, WEIGHTS + 1]
+    return math.sqrt(doubts[i, DOUBT] * weight / spread) if spread > 0.0 else 0.0
+
+
 @kernel
 def follow_distances(
-    motions, motion_marks, measured_ns, distances, rates, acts_ns, max_speed, max_acceleration, followed
-):
+    motions, motion_marks, doubts, measured_ns, distances, errors, rates, acts_ns, max_speed,
+    max_acceleration, followed,
+):  # fmt: skip
     """Follow distances that were measured as `motion` follows a finger, along one axis; see `FOLLOWED_SIZE`.
 
     *rates* (N,), m/s, are of the distances; nan: to be estimated. *distances* (N, 1) of nan answer 0.
+    *errors* (N,), m: how far off each distance may be; what is none is very far. *doubts*
+    (N, `DOUBTS_SIZE`): what is kept of them, zeros at first. A rate that is told is taken at its word.
     """
     for i in range(len(measured_ns)):
+        weight_before = motions[i, WEIGHTS]
         status = observe_with_velocity(
             motions, motion_marks, i, measured_ns[i], distances[i, 0], 0.0, 0.0, rates[i], 0.0, 0.0,
             max_speed, max_acceleration,
         )  # fmt: skip
         ahead = 1e-9 * (acts_ns - measured_ns[i])
+        if status:
+            doubt = _doubt(motions, doubts, i, errors[i], status, weight_before)
+            if not (status & REPEATED or math.isfinite(rates[i])):
+                motions[i, VELOCITY_ERROR] += doubt
         step, _, _, spread = predict(motions, i, ahead, max_speed, max_acceleration)
         followed[i, STATUS], followed[i, RATE] = status, motions[i, VELOCITY]
         followed[i, STEP], followed[i, SPREAD] = step, spread

@@ -34,7 +34,7 @@ class Histogram:
             self.max_ns = duration_ns
         self.count += 1
         shift = duration_ns.bit_length() - SHARE_BITS - 1
-        if shift <= 0:
+        if shift <= 0 or duration_ns < 0:
             self._counts[max(duration_ns, 0)] += 1
         elif duration_ns <= LARGEST_NS:
             self._counts[(shift << SHARE_BITS) + (duration_ns >> shift)] += 1

@@ -8,6 +8,7 @@ import numpy as np
 
 from proximity.arrays import as_float64
 from proximity.errors import ProximityError, QueryError, ServiceError
+from proximity.kernels.motion import MAX_GAP_NS
 from proximity.recording import Recording
 from proximity.service.clock import SECOND
 from proximity.service.samples import Hands, Samples
@@ -44,7 +45,8 @@ class RecordingInput:
     latency : float, s
         How old a pose is when it comes in.
     repeat : bool
-        Begin anew after the end.
+        Begin anew after the end. Between, the hand is away for a tenth of a second: from the last pose to the
+        first it has not moved, and no velocity may say so.
     """
 
     is_over: bool
@@ -56,14 +58,14 @@ class RecordingInput:
         self.notes: list[str] = []
         self._times_ns = recording.times_ns - recording.times_ns[0]
         self._positions = recording.positions
+        if repeat:
+            self._times_ns, self._positions = _with_nobody_at_the_end(self._times_ns, self._positions)
         self._hands = Hands(len(recording.fingers))
         self._latency_ns = round(SECOND * latency)
         self._repeat = repeat
         self._row = -1  # the last one given
         self._start_ns: int | None = None  # instant of the first row
-        steps = np.diff(self._times_ns)
-        # Between the end and the beginning, a step as there are others.
-        self._round_ns = int(self._times_ns[-1]) + (int(np.median(steps)) if len(steps) else SECOND)
+        self._round_ns = int(self._times_ns[-1]) + MAX_GAP_NS
 
     def poll(self, now_ns: int) -> Hands | None:
         """Return the poses of the last instant that is past; None where that is the one given before.
@@ -100,6 +102,14 @@ class RecordingInput:
         while row + 1 < len(times) and times.item(row + 1) <= elapsed_ns:
             row += 1
         return row
+
+
+def _with_nobody_at_the_end(times_ns: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Times and positions with one more instant, a step as there are others after the last: no finger."""
+    steps = np.diff(times_ns)
+    end_ns = times_ns[-1] + (int(np.median(steps)) if len(steps) else SECOND)
+    nobody = np.full((1, *positions.shape[1:]), np.nan)
+    return np.append(times_ns, end_ns), np.concatenate([positions, nobody])
 
 
 class CallableInput:

@@ -10,6 +10,9 @@ import numpy as np
 LOGGER = logging.getLogger("proximity.service")
 DEPTH = 4096
 """Frames that wait at most: what a disk that stands still for four seconds delays at 1 kHz."""
+MOST_BYTES = 1 << 26
+"""That they take at most: of a skin of thousands, 4096 frames would be gigabytes. Eight wait in any case."""
+FEWEST = 8
 CLOSE_TIMEOUT = 5.0
 """s that the last frames have to be written."""
 
@@ -34,7 +37,8 @@ class LogWriter:
     size : int
         Bytes of a frame.
     depth : int
-        Frames that wait at most; those beyond are lost, and counted.
+        Frames that wait at most, if they are no larger than `MOST_BYTES` together; those beyond are lost, and
+        counted.
     """
 
     written: int  # frames appended
@@ -45,7 +49,7 @@ class LogWriter:
         self.written = self.failed = self.lost = 0
         self.first_failure = ""
         self._log = log
-        self._rows = np.zeros((depth, size), np.uint8)
+        self._rows = np.zeros((min(depth, max(MOST_BYTES // size, FEWEST)), size), np.uint8)
         self._head = self._tail = 0  # frames put in, and taken out
         self._is_closing = False
         # Held while there is nothing to do: to let go of it wakes the writer, and costs the loop the least.
@@ -96,8 +100,10 @@ class LogWriter:
 
     def _write_all(self) -> None:
         while True:
+            # Asked first: nothing is put in afterwards, so what is found then is all.
+            is_closing = self._is_closing
             if self._tail == self._head:
-                if self._is_closing:
+                if is_closing:
                     break
                 self._idle.acquire()
                 continue

@@ -35,7 +35,7 @@ class SensorAnswers:
     max_speed : float, m/s
         By which a distance changes at most; faster is a jump of the sensor.
     max_acceleration : float, m/s²
-        Bounds of predictions hold as long as it is not exceeded.
+        Bounds of predictions hold as long as it is not exceeded, and distances are no farther off than told.
 
     Raises
     ------
@@ -74,6 +74,7 @@ class SensorAnswers:
         self._horizon, self._max_speed, self._max_acceleration = horizon, max_speed, max_acceleration
         self._motions = np.zeros((count, MOTION_REALS))
         self._motion_marks = np.zeros((count, MOTION_INTS), np.int64)
+        self._doubts = np.zeros((count, hands.DOUBTS_SIZE))
         self._followed = np.zeros((count, hands.FOLLOWED_SIZE))
         self._contacts = np.zeros(count, CONTACT)
         self._bytes = self._contacts.view(np.uint8).reshape(count, -1)
@@ -91,6 +92,7 @@ class SensorAnswers:
         self.answer(Measurements(self.count), 0)
         self._motions[:] = 0.0
         self._motion_marks[:] = 0
+        self._doubts[:] = 0.0
 
     def answer(self, samples: Measurements, now_ns: int) -> np.ndarray:
         """Make the contacts.
@@ -114,8 +116,9 @@ class SensorAnswers:
         acts_ns = now_ns + self._latency_ns
         told, contacts = samples.records, self._contacts
         hands.follow_distances(
-            self._motions, self._motion_marks, samples.pose_ns, samples.distances, -told["approach_speed"],
-            acts_ns, self._max_speed, self._max_acceleration, self._followed,
+            self._motions, self._motion_marks, self._doubts, samples.pose_ns, samples.distances,
+            told["error"], -told["approach_speed"], acts_ns, self._max_speed, self._max_acceleration,
+            self._followed,
         )  # fmt: skip
         status = self._followed[:, hands.STATUS].astype(np.uint32)
         self._write_distances(samples.distances[:, 0], told["error"], status)
