@@ -103,7 +103,7 @@ def drawer(name: str) -> "Callable[[Figure, Table], None]":
             plotting.legend_above(figure, below, 2)
         above.set_ylim(*POSITIONS_SHOWN)
         above.set_yticks(POSITION_TICKS)
-        for instant, event in ((PRESS.touch_time, " touch"), (PRESS.loss_time, " leaves the real wall")):
+        for instant, event in ((PRESS.touch_time, " touch"), (PRESS.loss_time, " leaves")):
             above.text(1e3 * instant, POSITIONS_SHOWN[1], event, va="top", fontsize=6.5, color="0.35")
         above.set_ylabel("position [mm]")
         above.set_title(f"FIG {name}  {CAPTIONS[name]}", loc="left")

@@ -1,5 +1,8 @@
 """One simulated press, drawn: where finger, link and drum are, and the force beside the real wall's."""
 
+import os
+from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,7 +23,7 @@ DEEPEST = -4.0  # mm: farther off, the finger is on its way
 STROKES = {
     Wall.REAL: plotting.REAL,
     Wall.COUPLED: plotting.PENALTY,
-    Wall.DECAFF: plotting.TIME_STAMPED,
+    Wall.DECAFF: {**plotting.TIME_STAMPED, "linestyle": (0, (3, 1))},
 }
 
 
@@ -76,10 +79,33 @@ def draw(figure: "Figure", table: Table, wall: Wall) -> None:
     above.axhline(0.0, **plotting.GUIDE)
     top = 1e3 * max(float(np.max(table[name])) for name in ("finger_m", "link_m"))
     above.set_ylim(DEEPEST - MARGIN, top + MARGIN)
-    above.set_xlim(-BEFORE, float(times[is_there][-1]) + AFTER)
+    above.set_xlim(max(-BEFORE, times[0]), float(times[is_there][-1]) + AFTER)
     above.set_ylabel("past the wall [mm]")
     below.set_ylabel("force [N]")
     below.set_xlabel("time after the touch [ms]")
     handles, names = above.get_legend_handles_labels()
     more, their = below.get_legend_handles_labels()
     figure.legend(handles + more, names + their, loc="outside upper center", ncols=3)
+
+
+def write(path: str | os.PathLike[str], simulation: Simulation) -> None:
+    """Write a press to a file, as a figure or as CSV, at once and wholly.
+
+    Parameters
+    ----------
+    path : path
+        Ends in .csv or in one of `plotting.FORMATS`.
+    simulation : Simulation
+        The press.
+
+    Raises
+    ------
+    DecaffError
+        If it ends otherwise, or matplotlib is not there.
+    """
+    form, table = Path(path).suffix.lower().removeprefix("."), numbers(simulation)
+    if form == "csv":
+        plotting.write_table(path, table)
+        return
+    drawn = plotting.render(partial(draw, wall=simulation.setup.wall), table, SIZE, form)
+    plotting.write_bytes(path, drawn)

@@ -1,8 +1,9 @@
 """One press on one wall, as told by a few numbers, beside the same press on a real wall."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from enum import StrEnum
+from typing import Any
 
 from proximity.decaff.arguments import not_negative
 from proximity.decaff.closed_loop import decaff, penalty_wall, real_wall
@@ -158,3 +159,40 @@ def _within(name: str, value: float, limits: tuple[float, float], unit: str) -> 
 def _one_of(name: str, value: str, known: tuple[str, ...]) -> None:
     if value not in known:
         raise DecaffError(f"{name} is {value!r}, expected one of {', '.join(known)}")
+
+
+def describe(simulation: Simulation) -> str:
+    """Return a wall in words.
+
+    Parameters
+    ----------
+    simulation : Simulation
+        A press on it.
+    """
+    setup = simulation.setup
+    late = f"{1e3 * setup.latency:g} ms of latency at {setup.rate:g} Hz"
+    if setup.wall == Wall.COUPLED:
+        return f"coupled, {late}"
+    if setup.wall == Wall.DECAFF:
+        return f"DECAFF, drum {setup.drum}, {setup.policy} distances, {late}"
+    return "real"
+
+
+def document(simulation: Simulation) -> dict[str, Any]:
+    """Return all that is told of a press, as plain values in SI units.
+
+    Parameters
+    ----------
+    simulation : Simulation
+        The press.
+    """
+    setup, penalty = simulation.setup, simulation.penalty
+    told: dict[str, Any] = {"wall": str(setup.wall), "speed": setup.speed}
+    if setup.wall != Wall.REAL:
+        told |= {"latency": setup.latency, "rate": setup.rate}
+    if setup.wall == Wall.DECAFF:
+        told |= {"drum": setup.drum, "policy": setup.policy, "drum_offset": simulation.drum_offset}
+    if penalty is not None:
+        told |= {"stiffness": penalty.stiffness, "damping": penalty.damping}
+    told["force_error"] = simulation.force_error
+    return told | {"felt": asdict(simulation.felt), "real": asdict(felt(simulation.real))}

@@ -60,6 +60,7 @@ def draw(figure: "Figure", table: Table) -> None:
         )
         panel.set_xlim(left=0.0)
         panel.set_ylim(bottom=0.0)
+        panel.locator_params(axis="y", nbins=6)
         panel.set_xlabel("damping [N·s/m]")
         panel.set_ylabel("stiffness [kN/m]")
     plotting.letter_panels(
