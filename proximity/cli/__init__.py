@@ -12,7 +12,20 @@ from typing import Annotated
 import typer
 
 import proximity
-from proximity.cli import check, compile, demo, export, header, query, record, replay, serve, watch
+from proximity.cli import (
+    check,
+    compile,
+    demo,
+    export,
+    figures,
+    header,
+    query,
+    record,
+    replay,
+    serve,
+    simulate,
+    watch,
+)
 from proximity.cli.command import Command, Group
 
 HELP = "\n\n".join(  # a paragraph a string: some versions of Typer keep line breaks, some do not
@@ -53,6 +66,8 @@ app.command("export", cls=Command, epilog=export.EXAMPLES, help=export.HELP, no_
 app.command("watch", cls=Command, epilog=watch.EXAMPLES, help=watch.HELP, no_args_is_help=True)(watch.command)
 app.command("demo", cls=Command, epilog=demo.EXAMPLES, help=demo.HELP)(demo.command)
 app.command("header", cls=Command, epilog=header.EXAMPLES, help=header.HELP)(header.command)
+app.command("figures", cls=Command, epilog=figures.EXAMPLES, help=figures.HELP)(figures.command)
+app.command("simulate", cls=Command, epilog=simulate.EXAMPLES, help=simulate.HELP)(simulate.command)
 
 
 def _print_version(is_asked: bool) -> None:

@@ -19,6 +19,7 @@ SETTLING_SAMPLES = 15.0  # of the servo: what is left of its lag is then small (
 IN_PLACE = 1e-4  # m, from the wall (PAPER 6.4)
 GRID = 2e-3  # m, of the reaches that are tried (PAPER 6.4)
 FARTHEST = 0.160  # m, that is tried
+SWING = 6  # steps beyond the least reach, that are tried as well
 SHORT_HOLD = 1e-3  # s: what comes after the touch does not matter
 
 
@@ -93,7 +94,9 @@ def needed_look_ahead(hand: Hand, glove: Decaff, speed: float, *, grid: float = 
     while early - late > 1:
         middle = (late + early) // 2
         late, early = (late, middle) if is_in_place(middle) else (middle, early)
-    return early * grid
+    # A drum that swings past its place is there for a moment on its way: it must be there from then on.
+    later = [count for count in range(early + 1, early + 1 + SWING) if not is_in_place(count)]
+    return (max(later, default=late) + 1) * grid
 
 
 def age_on_curve(error: float, curvature: float, speed: float) -> float:
