@@ -313,7 +313,7 @@ def test_after_100_ms_the_drum_retracts():
 def test_drum_is_retracted_within_150_ms(bend):
     """The fastest that a geared drum goes, from nearly the flat hand to beyond the fist."""
     distance = PATH.retracted - PATH.place(bend)
-    times, positions = move(GEAR4, servo_for(GEAR4, 3000.0), distance, 0.150)
+    _, positions = move(GEAR4, servo_for(GEAR4, 3000.0), distance, 0.150)
 
     assert positions[-1] >= distance - 1e-3
 
@@ -546,15 +546,16 @@ def test_speed_near_the_finger_has_a_millijoule():
 
 def test_drum_and_finger_come_together_no_faster_than_that():
     bench = approaching()
-    bench.bend, speed = 0.45, 0.05
+    bench.bend, speed = 0.47, 0.05
     bench.drum = PATH.place(WALL) + 0.010
     caps = {}
     for _ in range(100):  # the finger closes at 50 mm/s, the drum stays behind
         bench.bend = PATH.bend(PATH.place(bench.bend) + speed * 1e-3)
         bench.step(contact(bench.now, bench.bend))
         caps[bench.drum - PATH.place(bench.bend)] = bench.action.speed_cap
+    bench.bend = PATH.bend(PATH.place(bench.bend) + speed * 1e-3)
     bench.drum = PATH.place(bench.bend) + 1.5e-3
-    bench.step(contact(bench.now, bench.bend, place=WALL))
+    bench.step(contact(bench.now, bench.bend))
 
     far = max(caps)
     assert bench.action.speed_cap <= 0.091 - speed + 2e-3
@@ -668,9 +669,9 @@ def test_the_property_above_can_fail():
             return 0.01
 
     bench = approaching()
-    place = bench.action.place
+    place = bench.age(30).place
     bench.controller.frames.__class__ = Forgetful
-    assert bench.age(30).place >= place  # the gate holds even then
+    assert bench.age(1).place >= place  # the gate holds even then
     bench.controller._allowed = lambda wanted: wanted
     assert bench.age(1).place < place
 
