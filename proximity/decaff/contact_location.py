@@ -46,6 +46,40 @@ class Location:
         return self.bend + self.rate * 1e-9 * min(max(now_ns - self.pose_ns, 0), longest_ns)
 
 
+@dataclass(frozen=True, slots=True)
+class Told:
+    """What a record says of a touch, kept after the record itself is overwritten."""
+
+    surface: int
+    source: int
+    distance: float  # m
+    lower: float  # m
+    stiffness: float  # N/m
+    damping: float  # N s/m
+    force: float  # N; nan: not told
+
+    @classmethod
+    def of(cls, contact: Any) -> "Told":
+        """Take what is kept of a record.
+
+        Parameters
+        ----------
+        contact : CONTACT
+            Of the finger.
+        """
+        force = float(contact["force"])
+        is_told = contact["force_is_valid"] and math.isfinite(force)
+        return cls(
+            int(contact["surface"]),
+            int(contact["source"]),
+            float(contact["signed_distance"]),
+            float(contact["lower"]),
+            float(contact["stiffness"]),
+            float(contact["damping"]),
+            force if is_told else math.nan,
+        )
+
+
 def is_sound(contact: Any, now_ns: int, ahead_ns: int) -> bool:
     """Return whether what a tracked finger's record says can be (PAPER 10).
 

@@ -7,9 +7,9 @@ only while a sound and fresh frame is known.
 """
 
 import math
-from typing import Any
 
 from proximity.decaff.arguments import positive
+from proximity.decaff.contact_location import Told
 from proximity.decaff.controller_states import IN_CONTACT, DrumAction, DrumState, Observation, Trust
 from proximity.decaff.doubt import Doubt
 from proximity.decaff.drum import GEAR4, Drum
@@ -205,42 +205,43 @@ class FingerController:
 
     def _force_wanted(self, seen: Observation, elapsed: float) -> float:
         """The force to serve, N; nan: the place is held."""
-        contact = self.frames.contact
+        told = self.frames.told
         is_steady = self._steady.take(seen.force if math.isfinite(seen.force) else 0.0, self._speed)
-        if contact is None:
-            return math.nan
-        if int(contact["surface"]) == Surface.DEFORMABLE:
+        if told is None or (self.trust is not Trust.FRESH and self._force == math.inf):
+            return math.nan  # on doubt no force begins
+        if told.surface == Surface.DEFORMABLE:
             self._serves_force = True
             return self._law.force(
-                float(contact["stiffness"]), float(contact["damping"]), self._finger - self._target,
+                told.stiffness, told.damping, self._finger - self._target,
                 self._speed, 1.0 if self.frames.location is None else self.frames.location.incidence,
             )  # fmt: skip
-        if int(contact["source"]) != Source.TELEOPERATION:
+        if told.source != Source.TELEOPERATION:
             self._serves_force = False  # a rigid part of the scene
             return math.nan
-        return self._slave_force(contact, seen, elapsed, is_steady=is_steady)
+        return self._slave_force(told, seen, elapsed, is_steady=is_steady)
 
-    def _slave_force(self, contact: Any, seen: Observation, elapsed: float, *, is_steady: bool) -> float:
+    def _slave_force(self, told: Told, seen: Observation, elapsed: float, *, is_steady: bool) -> float:
         """What the far end measures, from when the first contact is steady until it is lost."""
-        is_told = bool(contact["force_is_valid"]) and math.isfinite(float(contact["force"]))
+        is_told = math.isfinite(told.force)
         if self._serves_force:
             is_weak = seen.force < self._handover.lost_force
             self._weak_for = self._weak_for + elapsed if is_weak else 0.0
-            is_off = float(contact["signed_distance"]) > self._handover.lost_distance
+            is_off = told.distance > self._handover.lost_distance
             self._serves_force = not (is_off or self._weak_for >= self._handover.lost_time)
         elif is_steady and is_told and self.trust is Trust.FRESH and math.isfinite(seen.force):
             self._serves_force, self._weak_for = True, 0.0
         if not self._serves_force:
             return math.nan
-        return max(0.0, float(contact["force"])) if is_told else self._force
+        return max(0.0, told.force) if is_told else self._force
 
     def _is_released(self, seen: Observation, drum: float) -> bool:
         """Whether finger and drum are apart, or, for certain, finger and object."""
         if drum - self._finger > self._limits.release_gap:
             return True
-        contact = self.frames.contact
-        is_known = self.trust is Trust.FRESH and contact is not None and seen.contact is not None
-        return is_known and float(contact["lower"]) > self._limits.release_gap
+        told = self.frames.told
+        if told is None or self.trust is not Trust.FRESH or seen.contact is None:
+            return False
+        return told.lower > self._limits.release_gap
 
     def _leave_contact(self) -> None:
         self._serves_force, self._weak_for = False, 0.0

@@ -5,6 +5,8 @@ it stands at the greater ones, so that greater is away from the finger. Tables t
 equations, which would have to be solved backwards.
 """
 
+from bisect import bisect_right
+
 import numpy as np
 
 from proximity.decaff.calibrated_glove import CalibratedGlove
@@ -42,9 +44,11 @@ class FingerPath:
         first = int(starts[-1]) + 1 if len(starts) else 0
         if last <= flat:
             raise DecaffError("the drum turns back at the flat hand, expected one that follows the finger")
-        self._bends, self._angles = BENDS[first : last + 1], angles[first : last + 1]
-        self._places = np.asarray(glove.finger.path_length(0.0, self._bends), np.float64)
-        self.retracted = float(self._places[-1])
+        bends = BENDS[first : last + 1]
+        # Lists: for a single number NumPy takes ten times as long.
+        self._bends, self._angles = bends.tolist(), angles[first : last + 1].tolist()
+        self._places = np.asarray(glove.finger.path_length(0.0, bends), np.float64).tolist()
+        self.retracted = self._places[-1]
 
     def place(self, bend: float) -> float:
         """Return how far the fingertip has come at a bend, m; at the ends of the table it stays.
@@ -54,7 +58,7 @@ class FingerPath:
         bend : float
             Of the finger.
         """
-        return float(np.interp(bend, self._bends, self._places))
+        return _between(bend, self._bends, self._places)
 
     def bend(self, place: float) -> float:
         """Return the bend at a place.
@@ -64,7 +68,7 @@ class FingerPath:
         place : float, m
             Of the fingertip.
         """
-        return float(np.interp(place, self._places, self._bends))
+        return _between(place, self._places, self._bends)
 
     def drum_place(self, angle: float) -> float:
         """Return where the drum meets the finger, m.
@@ -74,7 +78,7 @@ class FingerPath:
         angle : float, rad
             Of the drum.
         """
-        return float(np.interp(angle, self._angles, self._places))
+        return _between(angle, self._angles, self._places)
 
     def drum_angle(self, place: float) -> float:
         """Return the angle at which the drum meets the finger at a place, rad.
@@ -84,4 +88,12 @@ class FingerPath:
         place : float, m
             Of the fingertip.
         """
-        return float(np.interp(place, self._places, self._angles))
+        return _between(place, self._places, self._angles)
+
+
+def _between(x: float, xs: list[float], ys: list[float]) -> float:
+    """The line through two neighbours; beyond the ends the last value, and of nan nan."""
+    if not xs[0] < x < xs[-1]:
+        return ys[0] if x <= xs[0] else (ys[-1] if x >= xs[-1] else float("nan"))
+    i = bisect_right(xs, x) - 1
+    return ys[i] + (ys[i + 1] - ys[i]) * ((x - xs[i]) / (xs[i + 1] - xs[i]))

@@ -6,7 +6,7 @@ Doubt is counted, never repaired: a frame that cannot be is as if it had not com
 import math
 from typing import Any
 
-from proximity.decaff.contact_location import ACTED_UPON, SILENT, Location, is_sound, is_tracked, locate
+from proximity.decaff.contact_location import ACTED_UPON, SILENT, Location, Told, is_sound, is_tracked, locate
 from proximity.decaff.controller_states import Observation, Trust
 from proximity.decaff.finger_path import FingerPath
 from proximity.decaff.limits import Limits
@@ -27,21 +27,20 @@ class FrameTrust:
         Of ages and speeds.
     """
 
-    contact: Any  # the record that was believed last; None: none yet
-    location: Location | None  # of the contact; None: nothing will be touched
+    told: Told | None  # by the record that was believed last
+    location: Location | None  # None: nothing will be touched
     dropped: int  # records that could not be
     awaited: int  # contacts that came nearer than can be, until a second frame agreed
     was_outside: bool  # since the start, or since the last jump of the finger
 
     def __init__(self, path: FingerPath, limits: Limits) -> None:
         self._path, self._limits = path, limits
-        self._room: Any = None
         self.dropped = self.awaited = 0
         self.forget()
 
     def forget(self) -> None:
         """Start anew: what comes next is confirmed by a second frame."""
-        self.contact = self.location = None
+        self.told = self.location = None
         self.was_outside = False
         self._pose_ns: int | None = None
         self._refused_ns: int | None = None
@@ -120,7 +119,7 @@ class FrameTrust:
         self._take_side(contact)
         self._take_location(contact)
         self._pose_ns, self._refused_ns, self._doubted = pose_ns, None, None
-        self.contact = contact.copy()  # the reading's record is overwritten by the next
+        self.told = Told.of(contact)
 
     def _take_side(self, contact: Any) -> None:
         """Remember whether the finger was outside of everything; a jump makes that unknown."""
