@@ -208,6 +208,15 @@ def test_flaws_are_those_of_python(library, noise, has_checksum, kind, at):
         assert FLAWS[check(candidate, len(candidate))] is flaw
 
 
+@pytest.mark.parametrize("count", [0, 2, 2**32 - 1])
+def test_count_that_does_not_fit_is_seen(library, count):
+    data = bytearray(sealed(frame(count=1)))
+    data[88:92] = count.to_bytes(4, "little")
+    data[4:8] = zlib.crc32(data[8:]).to_bytes(4, "little")
+
+    assert FLAWS[library.check_frame(bytes(data), len(data))] is Flaw.SIZE
+
+
 def test_what_c_seals_has_no_flaw(library):
     data = Message(POSES, 3).data
     data[:40] = 0

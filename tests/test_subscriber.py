@@ -108,6 +108,16 @@ def test_new_frame_after_a_stale_one_is_told_whole():
     assert reading.contacts.tobytes() == message.records.tobytes()
 
 
+def test_stale_reading_is_of_the_newest_frame():
+    bench = with_frame()
+    bench.read(SECOND)
+    message = frame(NOW + MS)
+    message.records["finger"] += 10
+    bench.send(message)
+
+    assert bench.read().contacts["finger"].tolist() == [10, 11, 12, 13, 14]
+
+
 @pytest.mark.parametrize("state", [State.OK, State.DEGRADED])
 def test_valid_states_are_told_as_they_came(state):
     reading = with_frame(state=state).read()

@@ -178,6 +178,24 @@ def test_name_that_nobody_has_is_told(monkeypatch):
         open_publisher("udp://nobody:9100")
 
 
+def test_of_several_addresses_that_of_ipv4_counts(opened, port, monkeypatch):
+    found = [
+        (family, socket.SOCK_DGRAM, 17, "", (host, port))
+        for family, host in ((socket.AF_INET6, "::1"), (socket.AF_INET, "127.0.0.1"))
+    ]
+    monkeypatch.setattr(socket, "getaddrinfo", lambda *_: found)
+
+    assert opened(open_inlet, f"udp://both:{port}")._socket.getsockname() == ("127.0.0.1", port)
+
+
+@pytest.mark.skipif(not has_ipv6(), reason="this machine has no IPv6")
+def test_who_listens_to_ipv6_leaves_ipv4_to_others(opened):
+    port = free_port("::")
+    opened(open_inlet, f"udp://[::]:{port}?from=[::1]")
+
+    opened(open_inlet, f"udp://127.0.0.1:{port}")
+
+
 @pytest.mark.parametrize(
     ("opener", "option", "known"), [(open_publisher, "from", "bind"), (open_subscriber, "bind", "from")]
 )

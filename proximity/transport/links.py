@@ -30,6 +30,7 @@ class Inlet(Protocol):
 
         Of a message larger than *room* only the beginning is taken; its size is returned all the same.
         Whatever is not from the sender that the address names is left out and counted in `refused`.
+        Raises `PublishError` if nothing can be received at all.
         """
 
     refused: int
