@@ -179,10 +179,29 @@ def test_callable_may_tell_hands_which_are_taken_as_float64():
     assert hands.velocities is told.velocities
 
 
+def test_velocities_that_a_callable_told_once_are_not_those_of_later_positions():
+    told = [hands_at(np.zeros((2, 3)), NOW, velocities=np.ones((2, 3))), np.ones((2, 3))]
+    told[0].paths, told[0].bends = np.ones((2, 4, 3)), np.ones(2)
+    source = CallableInput(lambda now_ns: told.pop(0), 2)
+    source.poll(NOW)
+
+    hands = source.poll(NOW + MS)
+
+    assert hands.velocities is None and hands.paths is None and hands.bends is None
+
+
 def test_callable_with_nothing_new_tells_none():
     source = CallableInput(lambda now_ns: None, 2)
 
     assert source.poll(NOW) is None and source.failures == 0 and source.notes == []
+
+
+def hands_with(**fields):
+    """A function that tells two hands of which something does not fit."""
+    told = hands_at(np.zeros((2, 3)), NOW)
+    for name, value in fields.items():
+        setattr(told, name, value)
+    return lambda now_ns: told
 
 
 def fail(now_ns):
@@ -204,6 +223,17 @@ def fail(now_ns):
             "ValueError: could not broadcast input array from shape (3,) into shape (2,)",
         ),
         (lambda now_ns: Hands(3), "poses of 3 fingers, expected 2 fingers"),
+        (hands_with(velocities=np.zeros((2, 2))), "velocities have shape (2, 2), expected (2, 3)"),
+        (
+            hands_with(velocities=[["up"] * 3] * 2),
+            "velocities have dtype <U2, expected numbers of shape (2, 3)",
+        ),
+        (
+            hands_with(paths=np.zeros((2, 1, 3))),
+            "paths have shape (2, 1, 3), expected (2, K, 3) with K of 2 or more",
+        ),
+        (hands_with(paths=np.zeros((2, 4, 2))), "paths have shape (2, 4, 2), expected (2, 4, 3)"),
+        (hands_with(bends=0.5), "bends have shape (), expected (2,)"),
     ],
 )
 def test_callable_that_fails_is_counted_and_said_once(function, message, caplog):

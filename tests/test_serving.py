@@ -22,7 +22,7 @@ from proximity.message import MEASURED, MOVES, POSES, Message, Source, State
 from proximity.recording import FrameReader
 from proximity.scene_file import PartFiles
 from proximity.service import realtime
-from proximity.serving import RunningService, editing, running, serve, start_service
+from proximity.serving import RunningService, editing, process, running, serve, start_service
 from proximity.serving.signals import stopped_by_signals
 from proximity.transport import open_publisher, open_subscriber
 from proximity.transport.links import TRANSPORTS, Transport
@@ -446,6 +446,20 @@ def test_it_ends_after_some_seconds(scene_path):
     assert report.ticks > 0
 
 
+def test_it_ends_after_some_seconds_also_while_an_edit_is_being_made(scene_path, monkeypatch):
+    """To read a large part may take minutes."""
+    monkeypatch.setattr(running, "LOOK_S", 0.01)
+    monkeypatch.setattr(running, "PATIENCE_S", 0.01)
+    is_over = threading.Event()
+    monkeypatch.setattr(editing.Editing, "look", lambda self: is_over.wait(PATIENCE_S))
+    began = time.monotonic()
+    try:
+        serve(scene_path, seconds=0.1)
+        assert time.monotonic() - began < PATIENCE_S
+    finally:
+        is_over.set()
+
+
 def test_recording_is_served_as_fast_as_it_goes_and_logged(scene_path, folder):
     recorded(scene_path, "fast = true\nfit = true\n")
 
@@ -586,6 +600,49 @@ def test_warnings_of_the_loop_are_said(scene_path):
     assert logging.getLogger("proximity.service").handlers == []
 
 
+def test_listener_that_fails_ends_nothing(scene_path, caplog):
+    """As a terminal that was closed: neither the loop, nor the looking for edits."""
+
+    def fail(sentence):
+        said.append(sentence)
+        raise BrokenPipeError(32, "Broken pipe")
+
+    def begun(beginning):
+        logging.getLogger("proximity.service").warning("%d frames", 3)
+        edit(scene_path, "[fingers]", "[fingers]\nbudget = 40")
+
+    said, stop = [], threading.Event()
+    ended = threading.Thread(
+        target=lambda: wait_until(lambda: len(said) == 2, "both were said") or stop.set()
+    )
+    ended.start()
+    report = serve(scene_path, stop=stop, say=fail, begun=begun)
+    ended.join(PATIENCE_S)
+
+    assert report.ticks > 0
+    assert said[0] == "3 frames" and "was edited" in said[1]
+    assert [record.message for record in caplog.records if record.name == "proximity.serving"] == [
+        f"this could not be said: {sentence}" for sentence in said
+    ]
+
+
+def test_listener_that_takes_its_time_delays_no_tick(scene_path):
+    may_go_on, seen = threading.Event(), []
+    poses_failed = logging.getLogger("proximity.service")
+
+    def say(sentence):
+        assert may_go_on.wait(PATIENCE_S)
+        seen.append(sentence)
+
+    with running.warnings_of_loop_to(say):
+        poses_failed.warning("first")  # would wait here
+        poses_failed.warning("second")
+        assert seen == []
+        may_go_on.set()
+
+    assert seen == ["first", "second"]
+
+
 # ------------------------------------------------------------------------------------ in a process of its own
 
 BEGUN = """
@@ -625,6 +682,14 @@ def test_child_s_report_is_what_stop_returns(child):
     assert not service.is_running
     assert "ended" in repr(service)
     assert said == ["edited"]
+
+
+def test_listener_that_fails_does_not_stop_the_service(child):
+    """What nobody reads would fill the pipe, and then the service would wait."""
+    code = BEGUN + "for _ in range(5000): print('proximity:', 60 * 'edited', file=sys.stderr)\n" + ENDED
+    service = child(code, say=lambda sentence: 1 / 0)
+
+    assert service.stop(timeout=PATIENCE_S) == {"ticks": 7}
 
 
 def test_child_that_ends_by_itself_has_a_report(child):
@@ -691,6 +756,13 @@ def test_override_that_no_option_has_is_refused(scene_path):
         ServiceError, match=r"^core cannot be said otherwise .*, expected rate_hz, publish, log, real_time$"
     ):
         start_service(scene_path, core=1)
+
+
+def test_override_of_none_is_what_the_file_says(scene_path, folder):
+    report = serve(scene_path, rate_hz=100, log=None, publish=None, tick_count=1)
+
+    assert list(report.publish_failures) == [f"mailbox:{folder.name}"]
+    assert list(process._options({"log": None, "rate_hz": 100, "real_time": None})) == ["--rate", "100"]
 
 
 @pytest.fixture

@@ -90,7 +90,7 @@ def command(
         seconds=limit,
         say=_say,
         begun=begun,
-        **{key: value for key, value in given.items() if value is not None},
+        **given,
     )
     serve_report.write(report, as_json=as_json)
 

@@ -92,7 +92,8 @@ def override(settings: SceneFile, given: dict[str, Any]) -> SceneFile:
     settings : SceneFile
         What the file says.
     given : dict
-        What holds instead, by its key in [service]. A path is relative to the present folder.
+        What holds instead, by its key in [service]; None: what the file says. A path is relative to the
+        present folder.
 
     Raises
     ------
@@ -100,10 +101,11 @@ def override(settings: SceneFile, given: dict[str, Any]) -> SceneFile:
         If it cannot be used.
     """
     document = Document("", "")
-    document.data["service"] = {key: _as_in_toml(value) for key, value in given.items()}
+    told = {key: _as_in_toml(value) for key, value in given.items() if value is not None}
+    document.data["service"] = told
     service = _Reader(document, os.getcwd()).service()
     document.raise_complaints()
-    changed = {key: getattr(service, key) for key in given}
+    changed = {key: getattr(service, key) for key in told}
     settings = replace(settings, service=replace(settings.service, **changed))
     _check_together(settings)
     settings.document.raise_complaints()

@@ -162,21 +162,17 @@ class CallableInput:
 
     def _understood(self, told: Any, now_ns: int) -> Hands:
         hands = self._hands
+        rest: tuple[Any, Any, Any] = None, None, None
         if isinstance(told, Hands):
-            if told.positions.shape != hands.positions.shape:
-                raise QueryError(
-                    f"poses of {len(told.positions)} fingers, expected {len(hands.positions)} fingers"
-                )
-            hands.velocities, hands.paths, hands.bends = told.velocities, told.paths, told.bends
+            rest = _rest_of(told, len(hands.positions))
             told = told.positions, told.pose_ns
         positions, instants = told if isinstance(told, tuple) and len(told) == 2 else (told, now_ns)
-        array = as_float64(positions, "positions", expected=f"numbers of shape {hands.positions.shape}")
-        if array.shape != hands.positions.shape:
-            raise QueryError(f"positions have shape {array.shape}, expected {hands.positions.shape}")
+        array = _shaped("positions", positions, hands.positions.shape)
         if np.asarray(instants).dtype.kind not in "iu":
             raise QueryError(f"instants are {instants!r}, expected whole nanoseconds")
-        hands.positions[...] = array
         hands.pose_ns[...] = instants
+        hands.positions[...] = array
+        hands.velocities, hands.paths, hands.bends = rest
         return hands
 
     def _count(self, failure: Exception) -> None:
@@ -185,3 +181,27 @@ class CallableInput:
             kind = "" if isinstance(failure, ProximityError) else f"{type(failure).__name__}: "
             self._first_failure = f"{kind}{failure}"
             LOGGER.warning("the function that tells poses failed: %s", self._first_failure)
+
+
+def _rest_of(told: Hands, count: int) -> tuple[Any, Any, Any]:
+    """Velocities, paths and bends of so many fingers, as a tracker takes them."""
+    if len(told.positions) != count:
+        raise QueryError(f"poses of {len(told.positions)} fingers, expected {count} fingers")
+    velocities, paths, bends = told.velocities, told.paths, told.bends
+    if velocities is not None:
+        velocities = _shaped("velocities", velocities, (count, 3))
+    if paths is not None:
+        shape = np.shape(paths)
+        if len(shape) != 3 or shape[1] < 2:
+            raise QueryError(f"paths have shape {shape}, expected ({count}, K, 3) with K of 2 or more")
+        paths = _shaped("paths", paths, (count, shape[1], 3))
+    if bends is not None:
+        bends = _shaped("bends", bends, (count,))
+    return velocities, paths, bends
+
+
+def _shaped(name: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:
+    array = as_float64(values, name, expected=f"numbers of shape {shape}")
+    if array.shape != shape:
+        raise QueryError(f"{name} have shape {array.shape}, expected {shape}")
+    return array

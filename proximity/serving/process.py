@@ -19,6 +19,7 @@ from types import TracebackType
 from typing import Any
 
 from proximity.errors import ServiceError
+from proximity.serving.saying import guarded
 
 BEGIN_TIMEOUT = 180.0
 """s. Kernels may have to be compiled, which takes a minute once, and large parts read."""
@@ -51,7 +52,8 @@ class RunningService:
     beginning: dict[str, Any]  # publish, rate_hz, finger_count, part_count, face_count, pid, notes
 
     def __init__(self, command: list[str], path: str, say: Callable[[str], None], timeout: float) -> None:
-        self._path, self._say = path, say
+        # Guarded: when nobody reads on, the service waits as soon as the pipe is full.
+        self._path, self._say = path, guarded(say)
         self._said: deque[str] = deque(maxlen=KEPT_LINES)
         self._told: queue.SimpleQueue[dict[str, Any] | None] = queue.SimpleQueue()
         self._report: dict[str, Any] | None = None
@@ -211,7 +213,7 @@ def start_service(
         are logged as warnings of "proximity.serving" where it is not given.
     overrides
         What holds instead of what the file's [service] says: ``publish``, ``rate_hz``, ``log``,
-        ``real_time``.
+        ``real_time``. None: the file holds.
 
     Returns
     -------
@@ -234,6 +236,8 @@ def start_service(
 def _options(overrides: dict[str, Any]) -> Iterator[str]:
     """What the command line is told of overrides."""
     for key, value in overrides.items():
+        if value is None:
+            continue
         if key in SWITCHES:
             yield SWITCHES[key][bool(value)]
         elif key in OPTIONS:

@@ -3,7 +3,6 @@
 import logging
 import os
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ from proximity.scene_file import SceneFile, override, read_scene_file
 from proximity.service import Report
 from proximity.serving.editing import Editing
 from proximity.serving.making import Made, make_service
+from proximity.serving.saying import guarded, warnings_of_loop_to
 from proximity.serving.signals import stopped_by_signals
 
 LOOK_S = 0.5
@@ -22,7 +22,6 @@ BEGIN_LOOK_S = 0.005
 PATIENCE_S = 2.0
 """That an edit which is being made when all is over is waited for: a large part may take minutes."""
 LOGGER = logging.getLogger("proximity.serving")
-LOOP_LOGGER = logging.getLogger("proximity.service")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,7 +67,7 @@ def serve(
         Is told, by another thread, that the first frame is out.
     overrides
         What holds instead of what the file's [service] says, by its keys: ``publish``, ``rate_hz``, ``log``,
-        ``real_time``, …
+        ``real_time``, … None: the file holds.
 
     Returns
     -------
@@ -92,8 +91,9 @@ def serve(
     settings = override(read_scene_file(path), overrides)
     made = make_service(settings)
     stop = threading.Event() if stop is None else stop
+    say = None if say is None else guarded(say)
     beside = _Beside(made, settings, overrides, stop, seconds, say or LOGGER.warning, begun)
-    with _warnings_to(say), beside.running(), stopped_by_signals(stop):
+    with warnings_of_loop_to(say), beside.running(), stopped_by_signals(stop):
         report = made.service.run(stop=stop, tick_count=tick_count)
     beside.raise_failure()
     return report
@@ -119,6 +119,7 @@ class _Beside:
         self._seconds, self._begun = seconds, begun
         self._editing = Editing(made, settings, overrides, say)
         self._over = threading.Event()
+        self._timer: threading.Timer | None = None
         self._failure: BaseException | None = None
 
     @contextmanager
@@ -131,6 +132,8 @@ class _Beside:
         finally:
             self._over.set()
             thread.join(PATIENCE_S)
+            if self._timer is not None:
+                self._timer.cancel()
 
     def raise_failure(self) -> None:
         """Raise what the caller's own function raised."""
@@ -144,14 +147,12 @@ class _Beside:
             self._failure = failure
             self._stop.set()
             return
-        ends = None if self._seconds is None else time.monotonic() + self._seconds
-        while True:
-            left = LOOK_S if ends is None else ends - time.monotonic()
-            if left <= 0.0:
-                self._stop.set()
-                return
-            if self._over.wait(min(left, LOOK_S)):
-                return
+        if self._seconds is not None:
+            # Not by this thread: an edit of a large part may keep it for minutes.
+            self._timer = threading.Timer(min(self._seconds, threading.TIMEOUT_MAX), self._stop.set)
+            self._timer.daemon = True
+            self._timer.start()
+        while not self._over.wait(LOOK_S):
             self._editing.look()
 
     def _wait_for_begin(self) -> None:
@@ -171,27 +172,3 @@ class _Beside:
                 notes=tuple(report.notes),
             )
         )
-
-
-class _Saying(logging.Handler):
-    """Passes the warnings of the loop on."""
-
-    def __init__(self, say: Callable[[str], None]) -> None:
-        super().__init__(logging.WARNING)
-        self._say = say
-
-    def emit(self, record: logging.LogRecord) -> None:
-        self._say(record.getMessage())
-
-
-@contextmanager
-def _warnings_to(say: Callable[[str], None] | None) -> Iterator[None]:
-    if say is None:  # they are logged anyway
-        yield
-        return
-    handler = _Saying(say)
-    LOOP_LOGGER.addHandler(handler)
-    try:
-        yield
-    finally:
-        LOOP_LOGGER.removeHandler(handler)
