@@ -26,7 +26,7 @@ def shared_data() -> Path:
 
 @pytest.fixture(scope="session", autouse=True)
 def ctrl_c():
-    """Ctrl-C acts as in a terminal: tests send it, and what a shell starts in the background is deaf to it."""
+    """Ctrl-C acts as in a terminal: tests send it, and what runs in the background is deaf to it."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
