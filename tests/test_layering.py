@@ -106,6 +106,13 @@ def test_kernels_know_numbers_only(path):
         assert top == "proximity" or top in KERNELS_MAY_IMPORT, f"line {line}: a kernel may not import {name}"
 
 
+def test_kernels_of_simulations_lie_where_changes_are_noticed():
+    """Compiled code is kept until a file of `decaff` that is named so changes (`kernels.compiling`)."""
+    for path in all_files():
+        if unit_of(path) == "decaff" and "proximity.kernels.compiling" in {name for name, _ in imports(path)}:
+            assert path.name.endswith("_kernels.py"), path.name
+
+
 def test_only_lower_units_are_named_by_those_that_know_no_files():
     """Walls: neither a solid nor a scene knows files, and no mathematics is in the command line."""
     for path in all_files():

@@ -2,6 +2,7 @@
 
 import logging
 import os
+import re
 import shutil
 import signal
 import socket
@@ -22,6 +23,7 @@ from proximity.recording import FrameReader
 from proximity.scene_file import PartFiles
 from proximity.service import realtime
 from proximity.serving import RunningService, editing, process, running, serve, start_service
+from proximity.serving.signals import stopped_by_signals
 from proximity.transport import open_publisher, open_subscriber
 from proximity.transport.links import TRANSPORTS, Transport
 
@@ -335,6 +337,16 @@ def test_edit_is_taken_when_two_looks_have_seen_the_same(looking):
     assert looking.replaced[0].count == 2
 
 
+def test_edit_that_needs_a_restart_changes_nothing(looking):
+    edit(looking.path, "rate_hz = 200", "rate_hz = 100")
+    edit(looking.path, "box.stl", "sphere.stl")
+    for _ in range(3):
+        looking.editing.look()
+
+    assert looking.replaced == []
+    assert "2: service.rate_hz is not as it was" in looking.said[0]
+
+
 def test_refused_edit_is_said_once(looking):
     looking.path.write_text("nonsense")
     for _ in range(4):
@@ -395,6 +407,17 @@ def test_signal_ends_it_with_a_word(scene_path, folder, number):
         assert subscriber.read().header["state"] == State.STOPPING
     assert report.ticks > 0
     assert {each: signal.getsignal(each) for each in before} == before
+
+
+def test_second_signal_acts_as_usual():
+    stop = threading.Event()
+    with stopped_by_signals(stop):
+        os.kill(os.getpid(), signal.SIGINT)
+        assert stop.wait(PATIENCE_S)
+        with pytest.raises(KeyboardInterrupt):
+            for _ in range(6000):  # signals come between two steps of the interpreter
+                os.kill(os.getpid(), signal.SIGINT)
+                time.sleep(0.01)
 
 
 def test_signal_that_is_ignored_stays_ignored(scene_path, monkeypatch):
@@ -500,32 +523,43 @@ def test_overrides_hold_and_go_on_to_hold_after_an_edit(scene_path, folder):
     assert "was edited" in said[0]
 
 
-class CountedOutlet:
-    """The sending end of a transport of this test; the second that is opened is refused."""
+class CountedEnd:
+    """Either end of a transport of this test; a third one that is open is refused."""
 
     opened = 0
+    shares_clock, refused = True, 0
 
     def __init__(self, address):
-        if CountedOutlet.opened:
-            raise PublishError(f"{address.text}: in use by another publisher")
-        CountedOutlet.opened += 1
-
-    def send(self, data):
-        pass
+        if CountedEnd.opened == 2:
+            raise PublishError(f"{address.text}: in use by another")
+        CountedEnd.opened += 1
 
     def close(self):
-        CountedOutlet.opened -= 1
+        CountedEnd.opened -= 1
 
 
-def test_address_in_use_is_told_and_the_others_are_given_back(scene_path, monkeypatch):
+@pytest.fixture
+def counted(monkeypatch):
     monkeypatch.setitem(TRANSPORTS, "counted", Transport("counted_transport", ""))
-    monkeypatch.setitem(
-        sys.modules, "counted_transport", SimpleNamespace(open_outlet=CountedOutlet, open_inlet=None)
-    )
-    for _ in range(2):
-        with pytest.raises(PublishError, match=r"^counted:b: in use by another publisher$"):
-            serve(scene_path, publish=("counted:a", "counted:b"))
-    assert CountedOutlet.opened == 0
+    module = SimpleNamespace(open_outlet=CountedEnd, open_inlet=CountedEnd)
+    monkeypatch.setitem(sys.modules, "counted_transport", module)
+    return CountedEnd
+
+
+def test_address_in_use_is_told_and_the_others_are_given_back(scene_path, counted):
+    with pytest.raises(PublishError, match=r"^counted:c: in use by another$"):
+        serve(scene_path, publish=("counted:a", "counted:b", "counted:c"))
+    assert counted.opened == 0
+
+
+def test_what_cannot_be_made_gives_all_addresses_back(scene_path, counted):
+    edit(scene_path, "[[parts]]", "radius = [0.007, 0.007]\n[[parts]]")
+    edit(scene_path, "count = 2\n", "")
+    scene_path.write_text(re.sub("poses = .*", 'poses = "counted:poses"', scene_path.read_text()))
+
+    with pytest.raises(ServiceError, match=r"cell\.toml:6: fingers: .* one for each of 5 fingers"):
+        serve(scene_path, publish="counted:a")
+    assert counted.opened == 0
 
 
 def test_log_that_cannot_be_written_is_told(scene_path, folder):

@@ -12,7 +12,21 @@ from typing import Annotated
 import typer
 
 import proximity
-from proximity.cli import check, compile, demo, export, query, record, replay, serve, watch
+from proximity.cli import (
+    check,
+    compile,
+    demo,
+    drum,
+    export,
+    figures,
+    header,
+    query,
+    record,
+    replay,
+    serve,
+    simulate,
+    watch,
+)
 from proximity.cli.command import Command, Group
 
 HELP = "\n\n".join(  # a paragraph a string: some versions of Typer keep line breaks, some do not
@@ -23,8 +37,8 @@ HELP = "\n\n".join(  # a paragraph a string: some versions of Typer keep line br
         "signed distance is negative inside. Coordinates and answers are in millimetres, or in what --units "
         "says.",
         "Exit codes: 0 answered; 1 check --strict found a part without an inside, replay a bound that does "
-        "not hold, or record, watch or demo no frame; 2 the files, the points, the addresses or the options "
-        "cannot be used; 130 interrupted.",
+        "not hold, or record, watch, drum or demo no frame; 2 the files, the points, the addresses or the "
+        "options cannot be used; 130 interrupted.",
     )
 )
 
@@ -51,8 +65,11 @@ app.command("export", cls=Command, epilog=export.EXAMPLES, help=export.HELP, no_
     export.command
 )
 app.command("watch", cls=Command, epilog=watch.EXAMPLES, help=watch.HELP, no_args_is_help=True)(watch.command)
-
 app.command("demo", cls=Command, epilog=demo.EXAMPLES, help=demo.HELP)(demo.command)
+app.command("drum", cls=Command, epilog=drum.EXAMPLES, help=drum.HELP, no_args_is_help=True)(drum.command)
+app.command("header", cls=Command, epilog=header.EXAMPLES, help=header.HELP)(header.command)
+app.command("figures", cls=Command, epilog=figures.EXAMPLES, help=figures.HELP)(figures.command)
+app.command("simulate", cls=Command, epilog=simulate.EXAMPLES, help=simulate.HELP)(simulate.command)
 
 
 def _print_version(is_asked: bool) -> None:

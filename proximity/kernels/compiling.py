@@ -2,7 +2,8 @@
 
 numba keeps a function's code as long as its own file is unchanged, even when a function that was compiled
 into it has changed elsewhere. So the code is kept in a folder named after all sources together: whoever
-edits or updates them gets new code throughout, and the old folder is removed.
+edits or updates them gets new code throughout, and the old folder is removed. The engine's kernels and those
+of the simulations have a folder each, so that an edit of one costs no compiling of the other.
 """
 
 import hashlib
@@ -17,11 +18,15 @@ from typing import Any
 import numba
 
 _PACKAGE = Path(__file__).resolve().parent.parent
-_PREFIX = "proximity-kernels-"
+# What the code of a unit is made of.
+_SOURCES = {
+    "kernels": ("kernels/*.py", "simd/*.py"),
+    "decaff": ("kernels/compiling.py", "decaff/*_kernels.py"),
+}
 
 
-def _sources() -> list[Path]:
-    return sorted(path for folder in ("kernels", "simd") for path in (_PACKAGE / folder).glob("*.py"))
+def _sources(unit: str) -> list[Path]:
+    return sorted(path for pattern in _SOURCES[unit] for path in _PACKAGE.glob(pattern))
 
 
 def _is_writable(folder: Path) -> bool:
@@ -34,28 +39,29 @@ def _is_writable(folder: Path) -> bool:
 
 
 @cache
-def cache_folder() -> Path:
+def cache_folder(unit: str = "kernels") -> Path:
     """Return the folder of compiled kernels: as NUMBA_CACHE_DIR says, beside the sources, or the user's."""
     digest = hashlib.sha256(numba.__version__.encode())
-    for source in _sources():
+    for source in _sources(unit):
         digest.update(source.name.encode() + source.read_bytes())
-    name = _PREFIX + digest.hexdigest()[:16]
+    prefix = f"proximity-{unit}-"
+    name = prefix + digest.hexdigest()[:16]
     if numba.config.CACHE_DIR:
         return Path(numba.config.CACHE_DIR) / name
     user = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "proximity"
-    beside = _PACKAGE / "kernels" / "__pycache__"
+    beside = _PACKAGE / unit / "__pycache__"
     parent = next((folder for folder in (beside, user) if _is_writable(folder)), Path(tempfile.gettempdir()))
     folder = parent / name
     if not folder.exists():
-        for old in parent.glob(_PREFIX + "*"):
+        for old in parent.glob(prefix + "*"):
             shutil.rmtree(old, ignore_errors=True)
     return folder
 
 
 def _compile(function: Callable[..., Any], **options: Any) -> Any:
-    """What numba makes of *function*; its cache is in `cache_folder`."""
+    """What numba makes of *function*; its cache is in the `cache_folder` of its unit."""
     before = numba.config.CACHE_DIR
-    folder = str(cache_folder())
+    folder = str(cache_folder("decaff" if function.__module__.startswith("proximity.decaff.") else "kernels"))
     numba.config.CACHE_DIR = folder
     try:
         return numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)

@@ -69,7 +69,7 @@ class Mode(IntEnum):
 
 
 CONTACT_FIELDS = (
-    Field("finger", "<u4", "", "row of the positions"),
+    Field("finger", "<u4", "", "which finger: 0, 1, …"),
     Field("flags", "<u4", "", "set of ContactFlag"),
     Field("pose_ns", "<i8", "ns", "instant of the pose: all but the predictions hold for it"),
     Field("age_ns", "<i8", "ns", "of the pose at the tick"),

@@ -30,8 +30,8 @@ PREFIX_FIELDS = (
     Field(
         "session",
         "<u8",
-        "",
-        "ns of the calendar at which the publisher began: another one is another run of it",
+        "ns",
+        "of the calendar at which the publisher began: another one is another run of it",
     ),
     Field("sequence", "<u8", "", "0, 1, 2, … of this kind within a session; gaps are messages lost"),
 )

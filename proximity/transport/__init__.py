@@ -39,7 +39,8 @@ def open_publisher(address: str) -> Publisher:
     ----------
     address : str
         ``mailbox:NAME`` inside this process, ``iox2://NAME`` on this machine, ``udp://HOST:PORT`` for whoever
-        listens there, ``zenoh://KEY`` across machines.
+        listens there (``?bind=ADDRESS``: sent from where, if not from loopback), ``zenoh://KEY`` across
+        machines.
 
     Returns
     -------
@@ -60,7 +61,8 @@ def open_subscriber(address: str, **settings: Any) -> Subscriber:
     Parameters
     ----------
     address : str
-        As of `open_publisher`; ``udp://HOST:PORT`` is where to listen.
+        As of `open_publisher`; ``udp://HOST:PORT`` is where to listen (``?from=HOST``: to whom, if not to
+        this machine).
     settings
         ``stale_after`` (s after a frame's ``valid_until`` until it is worth nothing, 0.08), ``max_speed``
         (m/s, 3) and ``max_acceleration`` (m/s², 120) of a finger, by which bounds widen meanwhile.

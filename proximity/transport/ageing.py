@@ -5,7 +5,7 @@ Both functions change records in place and leave every field with the meaning it
 
 import numpy as np
 
-from proximity.message import CONTACT, ContactFlag, Mode, Surface
+from proximity.message import CONTACT, ContactFlag, Mode, Source, Surface
 
 _UNTOLD = np.uint32(
     ~(ContactFlag.EXACT | ContactFlag.SKIPPED | ContactFlag.PREDICTED | ContactFlag.CONTACT_FOUND)
@@ -43,50 +43,80 @@ def widen(contacts: np.ndarray, now_ns: int, max_speed: float, max_acceleration:
     have done until ``predicted_ns``. Where a publisher predicts for the pose's own instant that is not told:
     then no part is thought to be faster than the nearest point of the nearest one.
     """
-    with np.errstate(all="ignore"):  # a publisher's numbers may be anything
-        elapsed = 1e-9 * np.maximum(now_ns - contacts["pose_ns"], 0)
+    Widening(contacts, max_speed, max_acceleration).at(now_ns)
+
+
+class Widening:
+    """What can be known once of contacts that are to be widened, again and again, as time passes.
+
+    Parameters
+    ----------
+    contacts : (N,) CONTACT
+        As they were published. Changed in place: at once what does not depend on time, the rest by `at`.
+    max_speed, max_acceleration : float, m/s and m/s²
+        Of a finger.
+    """
+
+    def __init__(self, contacts: np.ndarray, max_speed: float, max_acceleration: float) -> None:
         flags = contacts["flags"]
-        is_tracked = (flags & _TRACKED) != 0
-        rate, most = _rates(contacts, elapsed, (flags & _PREDICTED) != 0, max_speed, max_acceleration)
-        way = rate * elapsed
-        lower, upper = contacts["lower"] - way, contacts["upper"] + way
-        contacts["lower"], contacts["upper"] = lower, upper
-        contacts["predicted_lower"], contacts["predicted_upper"] = lower, upper
-        np.copyto(contacts["signed_distance"], lower, where=is_tracked)
-        np.copyto(contacts["predicted_distance"], lower, where=is_tracked)
-        contacts["predicted_ns"] = now_ns
-        contacts["age_ns"] = now_ns - contacts["pose_ns"]
-        free = elapsed + np.maximum(lower, 0.0) / most
-        contacts["time_to_contact_lower"] = np.minimum(contacts["time_to_contact_lower"], free)
+        self._contacts = contacts
+        self._is_tracked = (flags & _TRACKED) != 0
+        self._pose_ns = contacts["pose_ns"].copy()
+        self._lower, self._upper = contacts["lower"].copy(), contacts["upper"].copy()
+        self._free = contacts["time_to_contact_lower"].copy()
+        with np.errstate(all="ignore"):  # a publisher's numbers may be anything
+            self._set_rates((flags & _PREDICTED) != 0, max_speed, max_acceleration)
+        contacts["flags"] = (flags & _UNTOLD) | np.where(self._is_tracked, _BOUNDED, np.uint32(0))
         contacts["contact_bend_error"] += np.inf
         contacts["force_is_valid"] = 0
-        contacts["flags"] = (flags & _UNTOLD) | np.where(is_tracked, _BOUNDED, np.uint32(0))
 
+    def _set_rates(self, is_predicted: np.ndarray, max_speed: float, max_acceleration: float) -> None:
+        """By how much a distance changes at most, m/s: at first, more each second, at last, and ever.
 
-def _rates(
-    contacts: np.ndarray,
-    elapsed: np.ndarray,
-    is_predicted: np.ndarray,
-    max_speed: float,
-    max_acceleration: float,
-) -> tuple[np.ndarray, np.ndarray]:
-    """By how much a distance changes at most, m/s, on the average since the pose; and at any time later.
+        Relative to the nearest part the finger goes by its velocity, less the part's; of a sensor's distance
+        it is known how fast it changes. Acceleration adds to that. The *spread* of the predictions, m/s,
+        holds how far off that velocity may be, and by how much surfaces may be faster than that part; and
+        where a finger may go anywhere, how fast its publisher thinks it can be.
+        """
+        contacts = self._contacts
+        part_velocity = contacts["part_velocity"]
+        part_speed = np.fmax(_lengths(part_velocity), 0.0)  # nan where there is no part
+        limit = max_speed + part_speed
+        is_geometry = contacts["source"] == Source.GEOMETRY
+        going = np.where(
+            is_geometry, _lengths(contacts["velocity"] - part_velocity), np.abs(contacts["approach_speed"])
+        )
+        ahead = 1e-9 * (contacts["predicted_ns"] - self._pose_ns)
+        spread = contacts["predicted_upper"] - contacts["predicted_lower"]
+        # A sensor's error stays; of a bracket it is not known how much narrower it is at the predicted place.
+        spread -= np.where(is_geometry, 0.0, self._upper - self._lower)
+        spread *= 0.5 / ahead
+        is_told = (ahead > 0.0) & (spread < np.inf)
+        spread[~is_told] = 0.0
+        # So wide a spread may be the top speed of a finger that could turn round: what it did tells nothing.
+        going = np.where(spread < max_speed, going, np.fmax(going, part_speed))
+        is_known = is_predicted & is_told
+        # Where there is no velocity it is nan, and fmin passes over it.
+        self._at_first = np.where(is_known, going + spread, np.nan)
+        self._each_second = 0.5 * max_acceleration
+        self._at_last = np.where(is_known, limit + spread, np.fmax(limit, part_speed + spread))
+        self._ever = np.maximum(limit + spread, np.finfo(float).tiny)
 
-    Relative to the nearest part the finger goes by its velocity, less the part's; acceleration adds to that.
-    The *spread* of the predictions, m/s, holds how far off that velocity may be, and by how much surfaces
-    may be faster than that part. Of a finger whose velocity is not known it holds the top speed.
-    """
-    part_velocity = contacts["part_velocity"]
-    part_speed = np.fmax(_lengths(part_velocity), 0.0)  # nan where there is no part
-    limit = max_speed + part_speed
-    going = _lengths(contacts["velocity"] - part_velocity) + 0.5 * max_acceleration * elapsed
-    ahead = 1e-9 * (contacts["predicted_ns"] - contacts["pose_ns"])
-    spread = 0.5 * (contacts["predicted_upper"] - contacts["predicted_lower"]) / ahead
-    is_told = (ahead > 0.0) & (spread < np.inf)
-    known = np.fmin(going, limit) + spread
-    unknown = np.where(is_told, np.fmax(limit, part_speed + spread), limit)
-    rate = np.where(is_predicted & is_told, known, unknown)
-    return rate, np.where(is_told, limit + spread, limit)
+    def at(self, now_ns: int) -> None:
+        """Write what holds at an instant."""
+        contacts = self._contacts
+        with np.errstate(all="ignore"):
+            age_ns = now_ns - self._pose_ns
+            elapsed = np.maximum(1e-9 * age_ns, 0.0)
+            way = np.fmin(self._at_first + self._each_second * elapsed, self._at_last) * elapsed
+            lower, upper = self._lower - way, self._upper + way
+            free = elapsed + np.maximum(lower, 0.0) / self._ever
+        contacts["lower"] = contacts["predicted_lower"] = lower
+        contacts["upper"] = contacts["predicted_upper"] = upper
+        np.copyto(contacts["signed_distance"], lower, where=self._is_tracked)
+        np.copyto(contacts["predicted_distance"], lower, where=self._is_tracked)
+        contacts["time_to_contact_lower"] = np.minimum(self._free, free)
+        contacts["predicted_ns"], contacts["age_ns"] = now_ns, age_ns
 
 
 def _lengths(vectors: np.ndarray) -> np.ndarray:

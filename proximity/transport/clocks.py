@@ -7,9 +7,9 @@ TRANSIT_NS = 1_000_000
 SETTLING_NS = 50_000_000
 """For so long a clock is watched before it is believed."""
 PACE_NS = 25_000_000
-"""By how much messages may meanwhile be faster or slower on their way than the first."""
+"""By how much messages may be faster on their way than the first, and one that settles slower."""
 JUMP_NS = 1_000_000_000
-"""A message that is off by more is of another clock, as after a new start or sleep of its machine; or old."""
+"""A message that is later by more is of another clock, as after a new start of its machine; or it is old."""
 
 
 class ForeignClock:
@@ -27,29 +27,29 @@ class ForeignClock:
     """Whether `theirs` may be believed."""
 
     def __init__(self) -> None:
+        self._first_offset_ns = self._first_ns = self._seen_ns = 0
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget: the clock is another one."""
         self.is_settled = False
         self._offset_ns: int | None = None
-        self._first_offset_ns = self._first_ns = self._seen_ns = 0
 
     def arrived(self, sent_ns: int, now_ns: int) -> None:
         """Learn that what was sent at *sent_ns*, their clock, arrived at *now_ns*, ours."""
         offset = now_ns - sent_ns
-        if self._offset_ns is None or abs(offset - self._offset_ns) > JUMP_NS:
-            self._offset_ns, self._seen_ns, self.is_settled = offset, now_ns, False
-            self._first_offset_ns, self._first_ns = offset, now_ns
+        fastest = self._offset_ns
+        pace = PACE_NS + max(now_ns - self._first_ns, 0) // NS_PER_DRIFT
+        if fastest is None or offset > fastest + JUMP_NS or offset < self._first_offset_ns - pace:
+            # Another clock; or what came before was held up; or these are old messages that come at once.
+            self.is_settled = False
+            self._offset_ns = self._first_offset_ns = offset
+            self._seen_ns = self._first_ns = now_ns
             return
-        grown = self._offset_ns + max(now_ns - self._seen_ns, 0) // NS_PER_DRIFT
+        grown = fastest + max(now_ns - self._seen_ns, 0) // NS_PER_DRIFT
         self._offset_ns, self._seen_ns = min(offset, grown), now_ns
-        if not self.is_settled:
-            self._watch(offset, now_ns)
-
-    def _watch(self, offset: int, now_ns: int) -> None:
-        """Whether the clock has been seen to run, by now."""
-        if offset < self._first_offset_ns - PACE_NS:
-            # What came before was held up, or is a row of old messages that came at once.
-            self._first_offset_ns, self._first_ns = offset, now_ns
-        elif offset <= self._first_offset_ns + PACE_NS:
-            self.is_settled = now_ns - self._first_ns >= SETTLING_NS
+        if offset <= self._first_offset_ns + pace:
+            self.is_settled |= now_ns - self._first_ns >= SETTLING_NS
 
     def theirs(self, now_ns: int) -> int:
         """Say what their clock shows at *now_ns*, ours; rather late than early."""

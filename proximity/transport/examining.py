@@ -5,7 +5,6 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from struct import Struct
-from typing import NamedTuple
 
 import numpy as np
 
@@ -22,6 +21,8 @@ RESTART_SILENCE_NS = 50_000_000
 MOST_RUNS = 64
 """Runs of the publisher that are remembered: what came of them does not come again."""
 
+_Seen = tuple[int, int, int, int]
+"""A message: session, sequence, when it was sent on the publisher's clock and taken on ours, ns."""
 _NUMBERS_AT = PREFIX.fields["session"][1]  # type: ignore[index]
 _unpack_numbers = Struct("<QQ").unpack_from  # session and sequence
 _unpack_instant = Struct("<q").unpack_from
@@ -45,15 +46,6 @@ class Counts:
         return ", ".join(parts)
 
 
-class _Seen(NamedTuple):
-    """What a message is known by."""
-
-    session: int
-    sequence: int
-    sent_ns: int  # on the publisher's clock
-    now_ns: int  # when it was taken, on ours
-
-
 class Examiner:
     """Takes messages from an inlet and lets through those that can be used.
 
@@ -66,7 +58,7 @@ class Examiner:
     clock : callable
         Gives now, ns, monotonic.
     most_at_once : int
-        Messages taken in one go.
+        Messages looked at in one go.
 
     Notes
     -----
@@ -137,7 +129,7 @@ class Examiner:
         if flaw is not None:
             return flaw
         session, sequence = _unpack_numbers(data.data, _NUMBERS_AT)
-        message = _Seen(session, sequence, _unpack_instant(data.data, kind.sent_at)[0], now)
+        message = session, sequence, _unpack_instant(data.data, kind.sent_at)[0], now
         flaw = self._age_flaw(kind, message)
         if flaw is None and content_flaw is not None:
             flaw = content_flaw(kind, data, now)
@@ -155,33 +147,34 @@ class Examiner:
         last = self._last.get(kind.magic)
         if last is None:
             return None
-        session, sequence = message.session, message.sequence
-        if session == last.session:
-            return Flaw.OLD if sequence <= last.sequence else None
+        session, sequence, sent_ns, now_ns = message
+        last_session, last_sequence, last_sent_ns, last_ns = last
+        if session == last_session:
+            return Flaw.OLD if sequence <= last_sequence else None
         if sequence <= self._ended.get((kind.magic, session), -1):
             return Flaw.OLD
-        if session > last.session:
+        if session > last_session:
             return None
         if self._inlet.shares_clock:
-            is_alive = message.sent_ns > last.sent_ns
+            is_alive = sent_ns > last_sent_ns
         else:
-            is_alive = message.now_ns - last.now_ns > RESTART_SILENCE_NS
+            is_alive = now_ns - last_ns > RESTART_SILENCE_NS
         return None if is_alive else Flaw.OLD
 
     def _accept(self, kind: Kind, message: _Seen) -> None:
         """Count a message that is used, and those before it that are missing."""
-        counts, last = self.counts, self._last.get(kind.magic)
-        before = message.sequence - 1  # of the very first none is missing
+        counts, last, (session, sequence, *_) = self.counts, self._last.get(kind.magic), message
+        before = sequence - 1  # of the very first none is missing
         if last is None:
             counts.sessions += 1
-        elif last.session == message.session:
-            before = last.sequence
+        elif last[0] == session:
+            before = last[1]
         else:
             counts.sessions += 1
-            self._ended[kind.magic, last.session] = last.sequence
-            before = self._ended.pop((kind.magic, message.session), -1)
+            self._ended[kind.magic, last[0]] = last[1]
+            before = self._ended.pop((kind.magic, session), -1)
             if len(self._ended) > MOST_RUNS:
                 del self._ended[next(iter(self._ended))]
-        counts.lost += message.sequence - before - 1
+        counts.lost += sequence - before - 1
         counts.received += 1
         self._last[kind.magic] = message

@@ -22,8 +22,7 @@ ORDERED = (
     ("predicted_distance", "predicted_distance"),  # only that it is a number
     ("time_to_contact_lower", "time_to_contact"),
 )
-"""Of a tracked finger: the first is not above the second, and none is nan. The position is finite besides,
-but for a sensor's measurement, which may have none."""
+"""Of a tracked finger: the first is not above the second, and none is nan. The position is finite, too."""
 
 COLUMNS = CONTACT.itemsize // 8
 _COLUMN = {name: CONTACT.fields[name][1] // 8 for name in CONTACT.names or ()}  # type: ignore[index]
@@ -132,13 +131,15 @@ class HeldFrame:
         np.greater(self._pose_ns, self._newest_ns, self._is_newer)
         if np.count_nonzero(self._is_ordered) == self._is_ordered.size and not np.count_nonzero(self._is_off):
             return None
-        # Of fingers that are not tracked nothing is promised.
-        is_tracked = (self.contacts["flags"] & _TRACKED) != 0
-        # A sensor may know a distance without a place.
-        has_no_place = np.isnan(self.contacts["position"]).all(axis=1)
-        has_no_place &= self.contacts["source"] == Source.TELEOPERATION
-        self._is_ordered[:, len(ORDERED) :] |= has_no_place[:, np.newaxis]
-        makes_sense = self._is_ordered.all(axis=1) & ~self._is_off.any(axis=0)
+        return self._flaw_of_some()
+
+    def _flaw_of_some(self) -> Flaw | None:
+        """Whether what is unsound may be: the place that a sensor does not know, or a finger not tracked."""
+        contacts, pairs = self.contacts, len(ORDERED)
+        is_placed = self._is_ordered[:, pairs:].all(axis=1)
+        is_placed |= (contacts["source"] != Source.GEOMETRY) & np.isnan(contacts["position"]).any(axis=1)
+        makes_sense = self._is_ordered[:, :pairs].all(axis=1) & is_placed & ~self._is_off.any(axis=0)
+        is_tracked = (contacts["flags"] & _TRACKED) != 0
         return None if (makes_sense | ~is_tracked).all() else Flaw.CONTENT
 
 

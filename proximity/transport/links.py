@@ -29,8 +29,8 @@ class Inlet(Protocol):
         """Take the next message that waits, oldest first, into *room* (uint8); its size, or `NOTHING`.
 
         Of a message larger than *room* only the beginning is taken; its size is returned all the same.
-        Whatever is not from the sender that the address names is left out and counted in `refused`. Raises
-        `PublishError` if nothing can be received at all.
+        Whatever is not from the sender that the address names is left out and counted in `refused`.
+        Raises `PublishError` if nothing can be received at all.
         """
 
     refused: int

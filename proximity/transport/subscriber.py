@@ -11,7 +11,7 @@ import numpy as np
 
 from proximity.errors import QueryError
 from proximity.message import CONTACT, FRAME, Flaw, Kind, State
-from proximity.transport.ageing import forget, widen
+from proximity.transport.ageing import Widening, forget
 from proximity.transport.clocks import ForeignClock
 from proximity.transport.examining import Counts, Examiner
 from proximity.transport.held import HeldFrame
@@ -111,6 +111,7 @@ class Subscriber:
         self._spare: HeldFrame | None = None  # room for the next: the newest stays until that is verified
         self._is_new = False
         self._told = self._shown = _NO_CONTACTS  # the newest, made worse; the same, read-only
+        self._widening: Widening | None = None  # of what is told; None: it does not hold the newest as late
         self._is_forgotten = False
 
     @property
@@ -177,7 +178,7 @@ class Subscriber:
     def _accept(self, now: int) -> None:
         """Hold the frame in the spare room: it is the newest."""
         self._held, self._spare = self._spare, self._held
-        self._is_new, self._is_forgotten = True, False
+        self._is_new, self._is_forgotten, self._widening = True, False, None
         if self._foreign is not None and self._held is not None:
             self._foreign.arrived(self._held.publish_ns, now)
 
@@ -201,13 +202,15 @@ class Subscriber:
         else:
             state = max(held.state, State.LATE) if now > held.expires_ns else held.state
         if state is State.LATE and held.state in _USED:
-            self._copy(held)
-            widen(self._told, now, self._max_speed, self._max_acceleration)
+            if self._widening is None:
+                self._copy(held)
+                self._widening = Widening(self._told, self._max_speed, self._max_acceleration)
+            self._widening.at(now)
             self._is_forgotten = False
         elif not self._is_forgotten:
             self._copy(held)
             forget(self._told)
-            self._is_forgotten = True
+            self._is_forgotten, self._widening = True, None
         return state, self._shown
 
     def _copy(self, held: HeldFrame) -> None:

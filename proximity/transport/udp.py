@@ -34,7 +34,11 @@ ROOM_BYTES = 1 << 19
 """That the system is asked to keep for a reader; it may give less."""
 
 # Of the network or of the other side, not of the message: nobody is there, now.
-_NOBODY = {errno.ECONNREFUSED, errno.EHOSTUNREACH, errno.EHOSTDOWN, errno.ECONNRESET}
+_NOBODY = {
+    getattr(errno, name)
+    for name in ("ECONNREFUSED", "ECONNRESET", "EHOSTUNREACH", "EHOSTDOWN")
+    if hasattr(errno, name)  # not every system has them all
+}
 _NO_ROOM = {errno.EAGAIN, errno.EWOULDBLOCK, errno.ENOBUFS, errno.ENOMEM}
 # Linux then tells the size of what was cut off. Elsewhere what fills the room is taken to have been cut off.
 _TELLS_SIZE = getattr(socket, "MSG_TRUNC", 0) if sys.platform == "linux" else 0

@@ -1,0 +1,73 @@
+"""``proximity drum``: drums of a service's fingers, run by their controllers against a simulated plant."""
+
+import json
+import time
+from typing import Annotated
+
+import typer
+
+from proximity.cli.options import ADDRESS, LIMIT, check_limit
+from proximity.cli.stopping import until_told
+
+HELP = "\n\n".join(
+    (
+        "Run the drums of the service that publishes at ADDRESS, until Ctrl-C or --limit.",
+        "Each finger has a controller, as a real drum would have it, and a simulated drum: state, where drum "
+        "and finger are on the finger's way, and the force between them. The service must tell how far "
+        "fingers are bent. Where the output is no terminal it is one line a second; with --json only a "
+        "summary at the end. The exit code is 1 if no frame came.",
+    )
+)
+
+EXAMPLES = """
+Examples:
+  proximity drum iox2://decaff
+  proximity drum udp://127.0.0.1:9100 --limit 10 --json
+"""
+
+EXIT_NOTHING = 1
+MOST_RATE_HZ = 5000.0
+LEAST_RATE_HZ = 150.0  # slower, each sample would trip the watchdog of 10 ms
+
+
+def command(
+    address: ADDRESS,
+    limit: LIMIT = None,
+    rate: Annotated[
+        float, typer.Option("--rate", metavar="HZ", help="Of the controllers; the servos run at 3 kHz.")
+    ] = 500.0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print a summary at the end, as JSON.")] = False,
+) -> None:
+    """Run drums until told to stop."""
+    check_limit(limit)
+    if not LEAST_RATE_HZ <= rate <= MOST_RATE_HZ:
+        raise typer.BadParameter(
+            f"{rate:g} Hz: expected {LEAST_RATE_HZ:g} to {MOST_RATE_HZ:g}", param_hint="--rate"
+        )
+    # NumPy, Rich and the library: only now, so that --help and mistakes above answer at once.
+    from rich.console import Console
+
+    from proximity.cli.drum_run import DrumScreen, run, summary
+    from proximity.decaff.drum_bench import DrumBench
+    from proximity.transport import open_subscriber
+
+    bench = DrumBench(rate)
+    bench.warm_up()
+    started = time.monotonic()
+    ends = None if limit is None else started + limit
+    with (
+        until_told() as stop,
+        open_subscriber(address) as subscriber,
+        DrumScreen(Console(), is_silent=as_json) as screen,
+    ):
+        run(bench, subscriber, rate, screen, lambda: stop.is_told or _is_over(ends))
+        counts = subscriber.counts
+    told = summary(bench, address, counts, time.monotonic() - started)
+    if as_json:
+        typer.echo(json.dumps(told, indent=2))
+    if not counts.received:
+        raise typer.Exit(EXIT_NOTHING)
+
+
+def _is_over(ends: float | None) -> bool:
+    return ends is not None and time.monotonic() >= ends

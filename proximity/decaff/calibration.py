@@ -1,0 +1,201 @@
+"""What was measured of a glove on a hand: kept in a file, and refused when it does not fit any more.
+
+A calibration is a table of counts over bends and five numbers (PAPER 9.2). Its file is JSON with units in
+the names of its fields, and is either wholly there or not at all. How the numbers come of measurements is
+in `calibrating`, a glove that uses them in `calibrated_glove`.
+"""
+
+import contextlib
+import json
+import os
+import secrets
+from dataclasses import dataclass, fields
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from proximity.arrays import as_float64
+from proximity.decaff.arguments import finite, not_negative, positive
+from proximity.errors import DecaffError
+
+FORMAT = "proximity glove calibration"
+VERSION = 1
+"""Of the file. Another one is refused: what it says may mean something else."""
+TABLE_SIZE = 7
+"""Points of the table, flat hand and fist among them (PAPER 9.2)."""
+LARGEST_FILE = 100_000
+"""Bytes; a calibration has some 700."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Calibration:
+    """What was measured of one finger's glove; refused where it contradicts itself."""
+
+    made: datetime  # when it was measured; with its time zone
+    counts: np.ndarray  # (7,) float64, potentiometer with a slack cable while the finger closes; increasing
+    bends: np.ndarray  # (7,) float64, from 0 to 1, increasing
+    touch_offset: float  # rad, where the drum's encoder says it touches, less where its geometry does
+    cable_compliance: float  # m/N
+    backlash: float  # m of cable
+    latency: float  # s, from a motion of the finger until it is known
+    phalanges: tuple[float, float, float]  # m
+    name: str = ""  # of hand and finger, for people
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.made, datetime) or self.made.tzinfo is None:
+            raise DecaffError(f"the date is {self.made!r}, expected one with its time zone")
+        for name in ("counts", "bends"):
+            object.__setattr__(self, name, _column(name, getattr(self, name)))
+        if not (self.bends[0] == 0.0 and self.bends[-1] == 1.0):
+            raise DecaffError(f"bends go from {self.bends[0]:g} to {self.bends[-1]:g}, expected 0 to 1")
+        finite("touch_offset", self.touch_offset, "radians")
+        not_negative("cable_compliance", self.cable_compliance, "metres a newton")
+        not_negative("backlash", self.backlash, "metres")
+        not_negative("latency", self.latency, "seconds")
+        if len(self.phalanges) != 3:
+            raise DecaffError(f"phalanges are {self.phalanges!r}, expected three numbers of metres")
+        for length in self.phalanges:
+            positive("one of phalanges", length, "metres")
+
+
+def write_calibration(path: str | os.PathLike[str], calibration: Calibration) -> None:
+    """Write a calibration to a file, at once and wholly; one that is there is replaced.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    calibration : Calibration
+        What it is to hold.
+
+    Raises
+    ------
+    DecaffError
+        If it cannot be written; nothing is left behind then.
+    """
+    text = json.dumps(_as_document(calibration), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    target = Path(path)
+    unfinished = target.with_name(f".{secrets.token_hex(8)}.unfinished")
+    try:
+        with open(unfinished, "x", encoding="utf-8") as stream:
+            stream.write(text)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.replace(unfinished, target)
+    except OSError as failure:
+        raise DecaffError(f"{target}: cannot be written ({failure.strerror or failure})") from failure
+    finally:
+        with contextlib.suppress(OSError):
+            unfinished.unlink()
+
+
+def read_calibration(path: str | os.PathLike[str]) -> Calibration:
+    """Return the calibration in a file.
+
+    Parameters
+    ----------
+    path : path
+        Of a file that `write_calibration` wrote, changed by hand or not.
+
+    Raises
+    ------
+    DecaffError
+        If it cannot be read, is of another version, or contradicts itself.
+    """
+    try:
+        document = _read_document(Path(path))
+        return _of_document(document)
+    except DecaffError as unfit:
+        raise DecaffError(f"{path}: {unfit}") from unfit
+
+
+# --- the document: its fields, and what they are of a calibration ---
+
+_FIELDS = {
+    "name": "name",
+    "made": "made",
+    "counts": "counts",
+    "bends": "bends",
+    "touch_offset_rad": "touch_offset",
+    "cable_compliance_m_per_N": "cable_compliance",
+    "backlash_m": "backlash",
+    "latency_s": "latency",
+    "phalanges_m": "phalanges",
+}
+assert set(_FIELDS.values()) == {field.name for field in fields(Calibration)}, "every field has a place"
+
+
+def _as_document(calibration: Calibration) -> dict[str, Any]:
+    document: dict[str, Any] = {"format": FORMAT, "version": VERSION}
+    for key, name in _FIELDS.items():
+        value = getattr(calibration, name)
+        if isinstance(value, np.ndarray):
+            value = value.tolist()
+        elif isinstance(value, datetime):
+            value = value.isoformat()
+        elif not isinstance(value, str | tuple):
+            value = float(value)
+        document[key] = value
+    return document
+
+
+def _read_document(path: Path) -> dict[str, Any]:
+    try:
+        with open(path, "rb") as stream:
+            data = stream.read(LARGEST_FILE + 1)
+    except OSError as failure:
+        raise DecaffError(f"cannot be read ({failure.strerror or failure})") from failure
+    if len(data) > LARGEST_FILE:
+        raise DecaffError(f"has more than {LARGEST_FILE} bytes, expected a calibration of a glove")
+    try:
+        document = json.loads(data.decode("utf-8"))
+    except (ValueError, RecursionError) as unfit:
+        raise DecaffError(f"is no JSON ({unfit})") from unfit
+    if not isinstance(document, dict) or document.get("format") != FORMAT:
+        raise DecaffError(f"is no calibration of a glove, expected a format of {FORMAT!r}")
+    if document.get("version") != VERSION or isinstance(document["version"], bool):
+        raise DecaffError(
+            f"has version {document.get('version')!r}, expected {VERSION}: calibrate with this version anew"
+        )
+    return document
+
+
+def _of_document(document: dict[str, Any]) -> Calibration:
+    present = set(document) - {"format", "version"}
+    for verb, names in (("lacks", set(_FIELDS) - present), ("has an unknown field", present - set(_FIELDS))):
+        if names:
+            raise DecaffError(f"{verb} {', '.join(map(repr, sorted(names)))}")
+    values = {name: document[key] for key, name in _FIELDS.items()}
+    if not isinstance(values["name"], str):
+        raise DecaffError(f"the name is {values['name']!r}, expected text")
+    try:
+        values["made"] = datetime.fromisoformat(values["made"])
+    except (TypeError, ValueError):
+        raise DecaffError(
+            f"the date is {values['made']!r}, expected one as 2026-11-21T19:30:00+00:00"
+        ) from None
+    if not isinstance(values["phalanges"], list):
+        raise DecaffError(f"phalanges are {values['phalanges']!r}, expected three numbers of metres")
+    values["phalanges"] = tuple(values["phalanges"])
+    return Calibration(**values)
+
+
+def _column(name: str, values: Any) -> np.ndarray:
+    """One column of the table, read-only."""
+    expected = f"{TABLE_SIZE} increasing numbers"
+    column = as_float64(values, name, error=DecaffError, expected=expected).copy()
+    if column.shape != (TABLE_SIZE,):
+        raise DecaffError(f"{name} have shape {column.shape}, expected {expected}")
+    if not np.isfinite(column).all():
+        raise DecaffError(f"{name} are {column.tolist()}, expected {expected}")
+    falls = np.flatnonzero(~(np.diff(column) > 0.0))
+    if len(falls):
+        row = int(falls[0])
+        raise DecaffError(
+            f"the table is not monotone: {name} go from {column[row]:g} to {column[row + 1]:g} at its point "
+            f"{row + 1}, expected {expected}"
+        )
+    column.flags.writeable = False
+    return column

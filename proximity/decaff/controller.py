@@ -1,0 +1,292 @@
+"""The controller of one finger's drum: a state machine, stepped at each sample of the servo (PAPER 8 and 10).
+
+It never waits for a frame and knows no clock but the instants it is told. Where the drum shall stand is a
+*place* on the finger's way, greater away from the finger. On doubt the drum holds or retreats, never
+advances: whatever the states decide passes `_allowed` last, which lets a target come nearer to the finger
+only while a sound and fresh frame is known.
+"""
+
+import math
+
+from proximity.decaff.arguments import positive
+from proximity.decaff.contact_location import Told
+from proximity.decaff.controller_states import IN_CONTACT, DrumAction, DrumState, Observation, Trust
+from proximity.decaff.doubt import Doubt
+from proximity.decaff.drum import GEAR4, Drum
+from proximity.decaff.finger_path import FingerPath
+from proximity.decaff.frame_trust import FrameTrust
+from proximity.decaff.limits import ForceBudget, Limits
+from proximity.decaff.mode_switch import Handover, SteadyForce
+from proximity.decaff.policies import DriveMode
+from proximity.decaff.surface_law import SurfaceLaw
+from proximity.message import Source, Surface
+
+DRUM_DAMPING = 2.0  # N s/m, while a force is served; assumed, as the servo's
+SPEED_CUTOFF = 50.0  # Hz, of the finger's speed by the potentiometer; assumed
+
+
+class FingerController:
+    """Decides, sample by sample, where the drum of one finger stands, or with what force it presses.
+
+    Parameters
+    ----------
+    path : FingerPath
+        Of the finger.
+    rate : float, Hz
+        Of the servo.
+    drum : Drum
+        What is driven; its mass bounds how fast it comes near the finger.
+    limits : Limits
+        Of ages, speeds and forces.
+    handover : Handover
+        When position gives way to force in teleoperation.
+
+    Raises
+    ------
+    DecaffError
+        If the rate cannot be used.
+    """
+
+    state: DrumState
+    trust: Trust
+    frames: FrameTrust
+    fault: str  # why the motor is off; empty: it is not
+    _steady: SteadyForce
+    _serves_force: bool
+    _weak_for: float  # s
+
+    def __init__(
+        self,
+        path: FingerPath,
+        rate: float = 3000.0,
+        drum: Drum = GEAR4,
+        limits: Limits | None = None,
+        handover: Handover | None = None,
+    ) -> None:
+        self._path, self._rate, self._limits = path, positive("rate", rate, "hertz"), limits or Limits()
+        self._handover = handover or Handover()
+        self._near_speed = self._limits.near_speed(drum.mass)
+        self._braking = drum.acceleration
+        self._law = SurfaceLaw(rate, DRUM_DAMPING)
+        self.frames = FrameTrust(path, self._limits)
+        self.reset()
+
+    def reset(self) -> None:
+        """Start anew after a fault or an emergency stop, retracted, with nothing believed."""
+        self.state, self.trust, self.fault = DrumState.RETRACTED, Trust.LOST, ""
+        self.frames.forget()
+        self._is_stopped = False
+        self._target = self._path.retracted
+        self._force = math.inf  # N, of the last sample; inf: no force was served
+        self._is_late = False
+        self._now_ns: int | None = None
+        self._finger = self._speed = math.nan
+        self._leave_contact()
+        self._doubt = Doubt(self._limits)
+        self._budget = ForceBudget(self._limits)
+
+    def stop(self) -> None:
+        """Retract and stay there until `reset`: the emergency stop."""
+        self._is_stopped = True
+
+    def step(self, seen: Observation) -> DrumAction:
+        """Return what the drum shall do until the next sample.
+
+        Parameters
+        ----------
+        seen : Observation
+            Of this sample.
+        """
+        if not self.fault:
+            self.fault = self._fault_of(seen)
+        elapsed = 0.0 if self._now_ns is None else 1e-9 * (seen.now_ns - self._now_ns)
+        self._now_ns = seen.now_ns
+        if self.fault:
+            self.state = DrumState.FAULT
+            return self._action(DriveMode.OFF, 0.0, 0.0)
+        self._follow_finger(seen, elapsed)
+        self.trust = self.frames.take(seen)
+        cap = self._budget.cap(seen.force, elapsed)
+        drum = self._path.drum_place(seen.drum_angle)
+        if self._is_stopped:
+            self.state = DrumState.RETRACTED
+            return self._free_action(self._path.retracted, drum, cap)
+        if self.state in IN_CONTACT and not self._is_released(seen, drum):
+            return self._contact(seen, drum, cap, elapsed)
+        if self.state in IN_CONTACT:
+            self._leave_contact()
+        return self._free(seen, drum, cap, elapsed)
+
+    # --- what is measured ---
+
+    def _fault_of(self, seen: Observation) -> str:
+        late_ns = 0 if self._now_ns is None else seen.now_ns - self._now_ns
+        if not 0 <= late_ns <= self._limits.watchdog_ns:
+            return f"the servo was {1e-6 * late_ns:.1f} ms from its last sample"
+        if not math.isfinite(seen.bend):
+            return "the potentiometer does not tell the bend"
+        if not math.isfinite(seen.drum_angle):
+            return "the encoder does not tell the drum's angle"
+        return "the motor reports a fault" if seen.has_fault else ""
+
+    def _follow_finger(self, seen: Observation, elapsed: float) -> None:
+        before, self._finger = self._finger, self._path.place(seen.bend)
+        if not elapsed > 0.0 or math.isnan(before):
+            self._speed = 0.0 if math.isnan(before) else self._speed
+            return
+        share = -math.expm1(-2.0 * math.pi * SPEED_CUTOFF * elapsed)
+        self._speed += ((self._finger - before) / elapsed - self._speed) * share
+
+    # --- out of contact ---
+
+    def _free(self, seen: Observation, drum: float, cap: float, elapsed: float) -> DrumAction:
+        place = self._wanted(seen)
+        if place < self._path.retracted:
+            self.state = DrumState.APPROACH
+            self._target = self._allowed(place)
+            if self._touches(seen, drum):
+                return self._contact(seen, drum, cap, elapsed)
+        else:
+            self.state = DrumState.RETRACTED
+        return self._free_action(place, drum, cap)
+
+    def _wanted(self, seen: Observation) -> float:
+        """Where the drum belongs while the finger does not touch."""
+        if self.trust > Trust.OLD:
+            return self._path.retracted
+        place = min(self.frames.place(seen.now_ns), self._path.retracted)
+        if not self.frames.was_outside:
+            # From inside no side of the surface can be told: no nearer than it is, and off the finger.
+            return min(max(self._target, self._finger + self._limits.standoff), self._path.retracted)
+        if self.trust is Trust.OLD and self.frames.location is not None:
+            age = self.frames.age_ns(seen.now_ns)
+            place += self._limits.widening(self.frames.location.finger_speed, age)
+        return min(place, self._path.retracted)
+
+    def _touches(self, seen: Observation, drum: float) -> bool:
+        gap = drum - self._finger
+        has_force = seen.force > self._limits.touch_force and gap < self._limits.release_gap
+        return gap < self._limits.touch_gap or has_force
+
+    def _free_action(self, place: float, drum: float, cap: float) -> DrumAction:
+        self._force = math.inf
+        self._target = self._allowed(place)
+        self._mark_late(drum, may_begin=self.state is DrumState.APPROACH)
+        if self._target >= drum or drum - self._finger > self._limits.near_gap:
+            cap = math.inf  # nothing is pressed there but the drum's own mass
+        return self._at_place(drum, cap)
+
+    # --- in contact ---
+
+    def _contact(self, seen: Observation, drum: float, cap: float, elapsed: float) -> DrumAction:
+        """Hold the place, or serve a force; what is old changes neither, and in the end the force goes."""
+        has_waned = self._doubt.share < 1.0
+        share = self._doubt.take(self.trust, seen.now_ns)
+        self._is_late = self._is_late or (has_waned and share == 1.0)
+        if self._doubt.is_over(seen.force, self._limits.gone_force):
+            self._leave_contact()
+            self.state = DrumState.RETRACTED
+            return self._free_action(self._path.retracted, drum, cap)
+        self._mark_late(drum, may_begin=self.state not in IN_CONTACT)
+        force = self._force_wanted(seen, elapsed)
+        if self.trust is Trust.FRESH:
+            self.state = DrumState.CONTACT_POSITION if math.isnan(force) else DrumState.CONTACT_FORCE
+        else:
+            self.state = DrumState.HOLD if self.trust is Trust.OLD else DrumState.FREEZE
+        if math.isnan(force):
+            if self._force < math.inf:  # back from force: the finger may have gone on meanwhile
+                self._mark_late(drum, may_begin=True)
+            self._force = math.inf
+            return self._at_place(drum, share * cap)
+        if self.trust is not Trust.FRESH:
+            force = min(force, self._force)
+        self._force = min(force, self._limits.continuous_force, share * cap)
+        return self._action(DriveMode.FORCE, math.inf, share * cap)
+
+    def _force_wanted(self, seen: Observation, elapsed: float) -> float:
+        """The force to serve, N; nan: the place is held."""
+        told = self.frames.told
+        is_steady = self._steady.take(seen.force if math.isfinite(seen.force) else 0.0, self._speed)
+        if told is None or (self.trust is not Trust.FRESH and self._force == math.inf):
+            return math.nan  # on doubt no force begins
+        if told.surface == Surface.DEFORMABLE:
+            self._serves_force = True
+            return self._law.force(
+                told.stiffness, told.damping, self._finger - self._target,
+                self._speed, 1.0 if self.frames.location is None else self.frames.location.incidence,
+            )  # fmt: skip
+        if told.source != Source.TELEOPERATION:
+            self._serves_force = False  # a rigid part of the scene
+            return math.nan
+        return self._slave_force(told, seen, elapsed, is_steady=is_steady)
+
+    def _slave_force(self, told: Told, seen: Observation, elapsed: float, *, is_steady: bool) -> float:
+        """What the far end measures, from when the first contact is steady until it is lost."""
+        is_told = math.isfinite(told.force)
+        if self._serves_force:
+            is_weak = seen.force < self._handover.lost_force
+            self._weak_for = self._weak_for + elapsed if is_weak else 0.0
+            is_off = told.distance > self._handover.lost_distance
+            self._serves_force = not (is_off or self._weak_for >= self._handover.lost_time)
+        elif is_steady and is_told and self.trust is Trust.FRESH and math.isfinite(seen.force):
+            self._serves_force, self._weak_for = True, 0.0
+        if not self._serves_force:
+            return math.nan
+        return max(0.0, told.force) if is_told else self._force
+
+    def _is_released(self, seen: Observation, drum: float) -> bool:
+        """Whether finger and drum are apart, or, for certain, finger and object."""
+        if drum - self._finger > self._limits.release_gap:
+            return True
+        told = self.frames.told
+        if told is None or self.trust is not Trust.FRESH or seen.contact is None:
+            return False
+        return told.lower > self._limits.release_gap
+
+    def _leave_contact(self) -> None:
+        self._serves_force, self._weak_for = False, 0.0
+        self._steady = SteadyForce(self._rate, self._handover.rule)
+        self._doubt = Doubt(self._limits)
+
+    # --- what is sent ---
+
+    def _allowed(self, place: float) -> float:
+        """The target that may be set: nearer to the finger only while a fresh frame is known."""
+        if not math.isfinite(place):
+            return self._target
+        return place if self.trust is Trust.FRESH else max(place, self._target)
+
+    def _mark_late(self, drum: float, *, may_begin: bool) -> None:
+        """A drum is late where the finger passed its place before it was there, until it has come there."""
+        tolerance = self._limits.late_gap
+        if drum <= self._target + tolerance:
+            self._is_late = False
+        elif may_begin:
+            self._is_late = self._finger > self._target + tolerance
+
+    def _at_place(self, drum: float, cap: float) -> DrumAction:
+        speed = math.inf
+        if self._target < drum:
+            speed = self._closing_cap(drum - self._finger)
+            if self._is_late:
+                speed, cap = min(speed, self._limits.late_speed), min(cap, self._limits.late_force)
+        return self._action(DriveMode.POSITION, speed, cap)
+
+    def _closing_cap(self, gap: float) -> float:
+        """How fast the drum may come towards the finger: near it, with little energy; farther, so that it
+        can brake until there."""
+        near = max(0.0, self._near_speed - self._speed)
+        return math.sqrt(near * near + 2.0 * self._braking * max(0.0, gap - self._limits.near_gap))
+
+    def _action(self, mode: DriveMode, speed: float, cap: float) -> DrumAction:
+        is_force = mode is DriveMode.FORCE
+        return DrumAction(
+            self.state,
+            mode,
+            self._target,
+            self._path.drum_angle(self._target),
+            self._force if is_force else 0.0,
+            speed,
+            cap,
+            self._steady.filtered if is_force else math.nan,
+        )

@@ -1,0 +1,78 @@
+"""The drum's controller in the closed loop: what the loop tells becomes frames, its actions become commands.
+
+The loop's wall is at 0 and its drum waits at some distance from it; the finger's way is laid so that this is
+where the controller's drum is retracted.
+"""
+
+import math
+
+import numpy as np
+
+from proximity.decaff.controller import FingerController
+from proximity.decaff.controller_states import DrumAction, Observation
+from proximity.decaff.finger_path import FingerPath
+from proximity.decaff.policies import DriveMode, DrumCommand, Holding, Message, Sight
+from proximity.message import CONTACT, Mode, State, Surface
+from proximity.message.contact import ContactFlag
+
+START_NS = 1_000_000_000_000  # the loop's 0 on the clock of frames: its times are negative before the contact
+
+
+class ControllerDoor:
+    """A `FingerController` as `closed_loop.decaff` asks one.
+
+    Parameters
+    ----------
+    controller : FingerController
+        Of the same rate as the loop's servo.
+    path : FingerPath
+        Of the controller.
+    holding : Holding
+        Of the loop's glove.
+    """
+
+    action: DrumAction | None  # of the last sample
+
+    def __init__(
+        self, controller: FingerController, path: FingerPath, holding: Holding | None = None
+    ) -> None:
+        self.controller, self._path, self.action = controller, path, None
+        self._wall = path.retracted - (holding or Holding()).retracted
+        self._contact = np.zeros(1, CONTACT)[0]
+        self._contact["flags"] = ContactFlag.TRACKED | ContactFlag.EXACT | ContactFlag.SIGNED
+        self._contact["normal"] = math.nan
+        self._contact["mode"], self._contact["surface"] = Mode.POSITION, Surface.RIGID
+
+    def command(self, sight: Sight) -> DrumCommand:
+        """Return what the drum shall do.
+
+        Parameters
+        ----------
+        sight : Sight
+            Of this sample.
+        """
+        if sight.message is not None:
+            self._write(sight.message)
+        path = self._path
+        action = self.controller.step(
+            Observation(
+                START_NS + round(1e9 * sight.now),
+                path.bend(self._wall + sight.link),
+                path.drum_angle(self._wall + sight.drum),
+                State.STALE if sight.message is None else State.OK,
+                None if sight.message is None else self._contact,
+                sight.force,
+            )
+        )
+        self.action = action
+        target = action.force if action.mode is DriveMode.FORCE else action.place - self._wall
+        return DrumCommand(action.mode, target, action.speed_cap, action.force_cap, action.start_force)
+
+    def _write(self, message: Message) -> None:
+        """Write a distance as a frame would have it: with the place of contact on the finger's way."""
+        told, path = self._contact, self._path
+        told["pose_ns"] = START_NS + round(1e9 * message.at)
+        told["bend"] = path.bend(self._wall + message.link)
+        told["contact_bend"] = path.bend(self._wall + message.link + message.distance)
+        for name in ("signed_distance", "lower", "upper"):
+            told[name] = message.distance

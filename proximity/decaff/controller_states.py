@@ -1,0 +1,73 @@
+"""What a drum's controller is told at each sample of the servo, what it does, and the states it is in."""
+
+import math
+from dataclasses import dataclass
+from enum import Enum, IntEnum
+from typing import Any
+
+from proximity.decaff.policies import DriveMode
+from proximity.message import State
+
+
+class DrumState(Enum):
+    """What a drum does (PAPER 8 and 10)."""
+
+    RETRACTED = "retracted"
+    """Out of the finger's way, or on its way there."""
+    APPROACH = "approach"
+    """Stands, or goes to, where the finger will touch."""
+    CONTACT_POSITION = "position"
+    """The finger touches; the place is held."""
+    CONTACT_FORCE = "force"
+    """The finger touches; a force is served."""
+    HOLD = "hold"
+    """The finger touches, and what is known is old: nothing advances."""
+    FREEZE = "freeze"
+    """The finger touches, and nothing is known: a moment as it was, then without force."""
+    FAULT = "fault"
+    """The motor is off until the controller is reset."""
+
+
+IN_CONTACT = frozenset(
+    (DrumState.CONTACT_POSITION, DrumState.CONTACT_FORCE, DrumState.HOLD, DrumState.FREEZE)
+)
+
+
+class Trust(IntEnum):
+    """What a finger's newest frames are worth now."""
+
+    FRESH = 0
+    """Sound, tracked, and young enough to be acted upon."""
+    OLD = 1
+    """Sound; older than that."""
+    STALE = 2
+    """Too old, or the service knows nothing."""
+    LOST = 3
+    """The finger is not tracked, or there never was a frame."""
+
+
+@dataclass(frozen=True, slots=True)
+class Observation:
+    """What is known at a sample of the servo."""
+
+    now_ns: int  # on the clock of the frames
+    bend: float  # of the finger, by the potentiometer; nan: a fault
+    drum_angle: float  # rad, by the encoder; nan: a fault
+    state: State = State.STALE  # of the newest reading
+    contact: Any = None  # CONTACT, this finger's record of it; None: no frame yet
+    force: float = math.nan  # N, between finger and drum; nan: not measured
+    has_fault: bool = False  # of motor or current
+
+
+@dataclass(frozen=True, slots=True)
+class DrumAction:
+    """What the drum shall do until the next sample."""
+
+    state: DrumState
+    mode: DriveMode
+    place: float  # m of the finger's path where the drum shall stand
+    angle: float  # rad, of the drum, there
+    force: float  # N to press with, in force mode
+    speed_cap: float  # m/s at the fingertip
+    force_cap: float  # N at the fingertip
+    start_force: float = math.nan  # N that a change to force starts from

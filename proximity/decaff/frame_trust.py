@@ -1,0 +1,154 @@
+"""What a controller keeps of frames: the last that is believed, and where it says that the finger touches.
+
+Doubt is counted, never repaired: a frame that cannot be is as if it had not come, and the one before ages.
+"""
+
+import math
+from typing import Any
+
+from proximity.decaff.contact_location import ACTED_UPON, SILENT, Location, Told, is_sound, is_tracked, locate
+from proximity.decaff.controller_states import Observation, Trust
+from proximity.decaff.finger_path import FingerPath
+from proximity.decaff.limits import Limits
+from proximity.message.contact import ContactFlag
+
+LARGEST_ERROR = 5e-3
+"""m: a contact whose place is less certain than that still does not come nearer unconfirmed. Assumed."""
+
+
+class FrameTrust:
+    """The frames of one finger, as far as they are believed.
+
+    Parameters
+    ----------
+    path : FingerPath
+        Of the finger.
+    limits : Limits
+        Of ages and speeds.
+    """
+
+    told: Told | None  # by the record that was believed last
+    location: Location | None  # None: nothing will be touched
+    dropped: int  # records that could not be
+    awaited: int  # contacts that came nearer than can be, until a second frame agreed
+    was_outside: bool  # since the start, or since the last jump of the finger
+
+    def __init__(self, path: FingerPath, limits: Limits) -> None:
+        self._path, self._limits = path, limits
+        self.dropped = self.awaited = 0
+        self.forget()
+
+    def forget(self) -> None:
+        """Start anew: what comes next is confirmed by a second frame."""
+        self.told = self.location = None
+        self.was_outside = False
+        self._pose_ns: int | None = None
+        self._refused_ns: int | None = None
+        self._pending: Location | None = None
+        self._doubted: Trust | None = None
+
+    def take(self, seen: Observation) -> Trust:
+        """Take in what is new, and say what is known.
+
+        Parameters
+        ----------
+        seen : Observation
+            Of this sample.
+        """
+        if seen.contact is None:
+            return self._trust(seen.now_ns)
+        if seen.state in SILENT:  # whatever its age: the service itself knows nothing
+            return self._doubt(Trust.STALE)
+        if not is_tracked(seen.contact):
+            return self._doubt(Trust.LOST)
+        if seen.state in ACTED_UPON:
+            self._take_record(seen.contact, seen.now_ns)
+        return self._trust(seen.now_ns)
+
+    def _doubt(self, trust: Trust) -> Trust:
+        """Nothing is known until another record can be believed."""
+        self.location = self._pending = None
+        self._doubted = trust
+        return trust
+
+    def place(self, now_ns: int) -> float:
+        """Return where the finger will touch, m; inf: nowhere.
+
+        Parameters
+        ----------
+        now_ns : int, ns
+            The instant.
+        """
+        if self.location is None:
+            return math.inf
+        bend = self.location.bend_at(now_ns, self._limits.fresh_ns)
+        return self._path.place(bend) if bend <= 1.0 else math.inf
+
+    def age_ns(self, now_ns: int) -> int:
+        """Return how long ago the last pose was that is believed, ns.
+
+        Parameters
+        ----------
+        now_ns : int, ns
+            The instant.
+        """
+        return now_ns if self._pose_ns is None else now_ns - self._pose_ns
+
+    def _trust(self, now_ns: int) -> Trust:
+        if self._pose_ns is None or self._doubted is not None:
+            return self._doubted or Trust.LOST
+        age = now_ns - self._pose_ns
+        if age <= self._limits.fresh_ns:
+            return Trust.FRESH
+        if age <= self._limits.stale_ns:
+            return Trust.OLD
+        self.location = self._pending = None
+        return Trust.STALE
+
+    def _take_record(self, contact: Any, now_ns: int) -> None:
+        pose_ns = int(contact["pose_ns"])
+        if pose_ns in (self._pose_ns, self._refused_ns):
+            return  # seen before
+        is_backward = self._pose_ns is not None and pose_ns < self._pose_ns
+        if is_backward or not is_sound(contact, now_ns, self._limits.ahead_ns):
+            self.dropped += 1
+            self._refused_ns = pose_ns
+            return
+        if now_ns - pose_ns > self._limits.stale_ns:
+            return  # too old to tell anything
+        self._take_side(contact)
+        self._take_location(contact)
+        self._pose_ns, self._refused_ns, self._doubted = pose_ns, None, None
+        self.told = Told.of(contact)
+
+    def _take_side(self, contact: Any) -> None:
+        """Remember whether the finger was outside of everything; a jump makes that unknown."""
+        flags = int(contact["flags"])
+        if flags & ContactFlag.JUMPED:
+            self.was_outside = False
+        if float(contact["signed_distance"]) > 0.0 and not flags & ContactFlag.INSIDE:
+            self.was_outside = True
+
+    def _take_location(self, contact: Any) -> None:
+        """Believe a place at once if it is farther, or nearer by no more than can be; else after a second."""
+        told = locate(contact, self._path)
+        if told is None:
+            self._pending = None
+            if float(contact["signed_distance"]) > 0.0:
+                self.location = None  # inside, the place that was told before stays
+            return
+        if self._may_follow(self.location, told) or self._may_follow(self._pending, told):
+            self.location, self._pending = told, None
+        else:
+            self._pending = told
+            self.awaited += 1
+
+    def _may_follow(self, before: Location | None, told: Location) -> bool:
+        """Whether a contact that was there may have come to where it is told now."""
+        if before is None:
+            return False
+        elapsed_ns = min(told.pose_ns - before.pose_ns, self._limits.fresh_ns)
+        place = self._path.place(told.bend)
+        error = min(self._path.place(told.bend + told.error) - place, LARGEST_ERROR)
+        nearer = self._path.place(before.bend) - place
+        return nearer <= self._limits.max_speed * 1e-9 * elapsed_ns + error

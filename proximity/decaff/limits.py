@@ -1,0 +1,111 @@
+"""What a drum's controller never exceeds, and how long it believes what it was told (PAPER 8 and 10)."""
+
+import math
+from dataclasses import dataclass, fields
+
+from proximity.decaff.arguments import positive
+
+MS = 1_000_000  # ns
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Ages, speeds, forces and lengths; the paper's analysis gives them where nothing else is said."""
+
+    fresh_ns: int = 20 * MS  # of a pose: younger, all is normal
+    stale_ns: int = 100 * MS  # older, nothing is known
+    ahead_ns: int = 5 * MS  # in the future: farther, the frame is wrong
+    freeze_ns: int = 250 * MS  # in contact, nothing known: so long nothing changes
+    ramp_ns: int = 250 * MS  # then the force limit goes to nothing
+    watchdog_ns: int = 10 * MS  # between two samples of the servo
+    touch_gap: float = 30e-6  # m
+    release_gap: float = 1e-3  # m
+    touch_force: float = 0.05  # N
+    gone_force: float = 0.1  # N: with less, a drum that froze retracts
+    standoff: float = 5e-3  # m, from a finger that began inside; assumed
+    max_speed: float = 3.0  # m/s, of whatever moves: a contact that comes nearer faster is a jump
+    object_speed: float = 0.5  # m/s, v_obj_max of old frames; assumed
+    speed_error: float = 0.05  # eps of old frames, times the finger's speed; assumed
+    late_speed: float = 0.05  # m/s, of a drum that comes late
+    late_force: float = 1.0  # N
+    late_gap: float = 0.3e-3  # m, that counts as being there; assumed
+    near_gap: float = 2e-3  # m: nearer, the energy of a bump is limited
+    near_energy: float = 1e-3  # J
+    continuous_force: float = 10.0  # N, at the fingertip
+    peak_force: float = 20.0  # N
+    force_time: float = 1.0  # s, over which a force is continuous; assumed
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            positive(field.name, getattr(self, field.name), _unit(field.name))
+
+    def widening(self, finger_speed: float, age_ns: int) -> float:
+        """Return by how much a drum draws back from a contact that was told long ago, m.
+
+        Parameters
+        ----------
+        finger_speed : float, m/s
+            When it was told.
+        age_ns : int, ns
+            Since the pose.
+        """
+        return (self.object_speed + self.speed_error * abs(finger_speed)) * 1e-9 * max(age_ns, 0)
+
+    def near_speed(self, mass: float) -> float:
+        """Return how fast drum and finger may come together, m/s.
+
+        Parameters
+        ----------
+        mass : float, kg
+            Of the drum.
+        """
+        return math.sqrt(2.0 * self.near_energy / mass)
+
+
+class ForceBudget:
+    """The force that may be displayed: the peak for a while, then what may last.
+
+    Parameters
+    ----------
+    limits : Limits
+        Of peak and continuous force.
+    """
+
+    def __init__(self, limits: Limits) -> None:
+        self._limits = limits
+        self._mean = 0.0
+        self._is_spent = False
+
+    def cap(self, force: float, elapsed: float) -> float:
+        """Return the limit now, N; without a measured force it is the one that may last.
+
+        Parameters
+        ----------
+        force : float, N
+            On the finger; nan: not known.
+        elapsed : float, s
+            Since the last call.
+        """
+        limits = self._limits
+        if not math.isfinite(force):
+            return limits.continuous_force
+        share = -math.expm1(-elapsed / limits.force_time)
+        self._mean += (abs(force) - self._mean) * share
+        threshold = (0.9 if self._is_spent else 1.0) * limits.continuous_force
+        self._is_spent = self._mean >= threshold
+        return limits.continuous_force if self._is_spent else limits.peak_force
+
+
+def _unit(name: str) -> str:
+    for ending, unit in (
+        ("_ns", "nanoseconds"),
+        ("_gap", "metres"),
+        ("_force", "newtons"),
+        ("_speed", "metres a second"),
+        ("_energy", "joules"),
+        ("_time", "seconds"),
+        ("_error", "shares"),
+    ):
+        if name.endswith(ending):
+            return unit
+    return "metres"

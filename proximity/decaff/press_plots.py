@@ -1,0 +1,111 @@
+"""One simulated press, drawn: where finger, link and drum are, and the force beside the real wall's."""
+
+import os
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from proximity.decaff import plotting
+from proximity.decaff.simulation import Simulation, Wall
+from proximity.decaff.tables import Table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+SAMPLING = 1e-4  # s, of the curves
+SIZE = (plotting.COLUMN, 3.4)
+BEFORE = 40.0  # ms shown before the contact
+AFTER = 30.0  # ms shown after the hand has left
+MARGIN = 1.0  # mm, above and below what finger and wall do
+DEEPEST = -4.0  # mm: farther off, the finger is on its way
+STROKES = {
+    Wall.REAL: plotting.REAL,
+    Wall.COUPLED: plotting.PENALTY,
+    Wall.DECAFF: {**plotting.TIME_STAMPED, "linestyle": (0, (3, 1))},
+}
+
+
+def numbers(simulation: Simulation) -> Table:
+    """Return a press every 0.1 ms, and the same on a real wall.
+
+    Parameters
+    ----------
+    simulation : Simulation
+        The press.
+    """
+    response, real = simulation.response, simulation.real
+    stride = max(round(SAMPLING / response.step), 1)
+    every = slice(response.zero % stride, None, stride)  # the contact among them
+    times = response.times[every]
+    columns = {
+        "time_s": times,
+        "intent_m": response.press.at(times).position,
+        "finger_m": response.finger[every],
+        "link_m": response.link[every],
+        "force_N": response.force[every],
+        "real_finger_m": real.finger[every],
+        "real_force_N": real.force[every],
+    }
+    if simulation.setup.wall == Wall.DECAFF:
+        columns |= {"drum_m": response.drum[every], "drum_force_N": response.contact[every]}
+    return Table(columns)
+
+
+def draw(figure: "Figure", table: Table, wall: Wall) -> None:
+    """Draw a press.
+
+    Parameters
+    ----------
+    figure : Figure
+        Empty.
+    table : Table
+        As of `numbers`.
+    wall : Wall
+        What was pressed on.
+    """
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1, 1))
+    times, stroke = 1e3 * table["time_s"], plotting.line(STROKES[wall])
+    is_there = table["finger_m"] >= 1e-3 * DEEPEST
+    above.plot(times, 1e3 * table["finger_m"], **stroke, label="finger")
+    for name, dashes in (("link", (0, (1, 1))), ("drum", (0, (6, 2, 1, 2)))):
+        if f"{name}_m" in table.columns and wall != Wall.REAL:
+            curve = 1e3 * table[f"{name}_m"]
+            above.plot(times, curve, color="0.45", linestyle=dashes, label=name)
+    below.plot(times, table["real_force_N"], **plotting.REAL, label="force, real wall")
+    if wall != Wall.REAL:
+        below.plot(times, table["force_N"], **stroke, label=f"force, {wall} wall")
+    above.axhline(0.0, **plotting.GUIDE)
+    top = 1e3 * max(float(np.max(table[name])) for name in ("finger_m", "link_m"))
+    above.set_ylim(DEEPEST - MARGIN, top + MARGIN)
+    above.set_xlim(max(-BEFORE, times[0]), float(times[is_there][-1]) + AFTER)
+    above.set_ylabel("past the wall [mm]")
+    below.set_ylabel("force [N]")
+    below.set_xlabel("time after the touch [ms]")
+    handles, names = above.get_legend_handles_labels()
+    more, their = below.get_legend_handles_labels()
+    figure.legend(handles + more, names + their, loc="outside upper center", ncols=3)
+
+
+def write(path: str | os.PathLike[str], simulation: Simulation) -> None:
+    """Write a press to a file, as a figure or as CSV, at once and wholly.
+
+    Parameters
+    ----------
+    path : path
+        Ends in .csv or in one of `plotting.FORMATS`.
+    simulation : Simulation
+        The press.
+
+    Raises
+    ------
+    DecaffError
+        If it ends otherwise, or matplotlib is not there.
+    """
+    form, table = Path(path).suffix.lower().removeprefix("."), numbers(simulation)
+    if form == "csv":
+        plotting.write_table(path, table)
+        return
+    drawn = plotting.render(partial(draw, wall=simulation.setup.wall), table, SIZE, form)
+    plotting.write_bytes(path, drawn)

@@ -1,0 +1,188 @@
+"""``decaff_message.h``: the messages for C and C++, made of the same tables as the NumPy types.
+
+The header needs the standard library's types only, so that a microcontroller needs nothing else: structures,
+numbers, and a function that tells whether bytes are a frame.
+"""
+
+import ast
+import inspect
+import textwrap
+from collections.abc import Iterator, Sequence
+from enum import Enum
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from proximity.message.contact import CONTACT_FIELDS, ContactFlag, Mode, Surface
+from proximity.message.envelope import CHECKED_FROM, MAX_RECORDS, PREFIX_FIELDS, VERSION, Flaw
+from proximity.message.fields import Field, dtype_of
+from proximity.message.frame import FRAME, FRAME_FIELDS, Source, State
+from proximity.message.inputs import (
+    INPUT_FIELDS,
+    MEASURED,
+    MEASUREMENT_FIELDS,
+    MOVE_FIELDS,
+    MOVES,
+    PATH_CORNERS,
+    PATH_POSE_FIELDS,
+    PATH_POSES,
+    POSE_FIELDS,
+    POSES,
+)
+
+RECORDS = {
+    "prefix": ("What every message begins with.", PREFIX_FIELDS),
+    "frame_header": ("The header of a frame; `count` contacts follow.", FRAME_FIELDS),
+    "contact": ("One finger of a frame.", CONTACT_FIELDS),
+    "input_header": ("The header of what a service is fed with; `count` records follow.", INPUT_FIELDS),
+    "pose": ("One finger of a `poses` message.", POSE_FIELDS),
+    "path_pose": ("One finger of a `path_poses` message.", PATH_POSE_FIELDS),
+    "move": ("One part of a `moves` message.", MOVE_FIELDS),
+    "measurement": ("One finger of a `measured` message.", MEASUREMENT_FIELDS),
+}
+"""What messages are made of: name, what it is, fields."""
+KINDS = (FRAME, POSES, PATH_POSES, MOVES, MEASURED)
+ENUMS: dict[str, type[Enum]] = {
+    "flag": ContactFlag,
+    "state": State,
+    "source": Source,
+    "surface": Surface,
+    "mode": Mode,
+}
+WIDTH = 100
+CRC_POLYNOMIAL = 0xEDB88320
+"""Of the CRC-32, lowest bit first."""
+_C_TYPES = {"u1": "uint8_t", "u2": "uint16_t", "u4": "uint32_t", "u8": "uint64_t"}
+_C_TYPES |= {"i4": "int32_t", "i8": "int64_t", "f8": "double"}
+_FLAWS = (Flaw.SHORT, Flaw.MAGIC, Flaw.VERSION, Flaw.SIZE, Flaw.CHECKSUM)
+
+
+def header_text() -> str:
+    """The text of ``decaff_message.h``, in ASCII."""
+    kinds = {
+        "VERSION": str(VERSION),
+        "MAX_RECORDS": str(MAX_RECORDS),
+        "PATH_CORNERS": str(PATH_CORNERS),
+        "CHECKED_FROM": str(CHECKED_FROM),
+        "MAGICS": "\n".join(_magics()),
+        "ENUMS": "\n\n".join(_enum(name, values) for name, values in ENUMS.items()),
+        "RECORDS": "\n\n".join(_record(name, *told) for name, told in RECORDS.items()),
+        "FLAWS": "\n".join(_flaws()),
+        "CRC_TABLE": _crc_table(),
+        "ASSERTS": "\n".join(_assertions()),
+    }
+    text = Path(__file__).with_name("decaff_message.h.in").read_text(encoding="utf-8")
+    for name, value in kinds.items():
+        text = text.replace(f"@{name}@", value)
+    return text
+
+
+def meanings_of(values: type[Enum]) -> dict[str, str]:
+    """What the members of an enumeration mean: the texts below them in its source; empty where there is none.
+
+    Parameters
+    ----------
+    values : type
+        The enumeration.
+    """
+    (definition,) = ast.parse(inspect.getsource(values)).body
+    assert isinstance(definition, ast.ClassDef)
+    meanings = dict.fromkeys(values.__members__, "")
+    for member, below in pairwise(definition.body):
+        is_text = isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant)
+        if isinstance(member, ast.Assign) and isinstance(member.targets[0], ast.Name) and is_text:
+            meanings[member.targets[0].id] = " ".join(str(below.value.value).split())  # type: ignore[attr-defined]
+    return meanings
+
+
+def c_type(field: Field) -> str:
+    """The type of a field in C, such as ``double[3]``.
+
+    Parameters
+    ----------
+    field : Field
+        Of a header or a record.
+    """
+    numbers = np.dtype(field.type)
+    if numbers.kind == "S":
+        return f"char[{numbers.itemsize}]"
+    return _C_TYPES[field.type[1:]] + "".join(f"[{length}]" for length in field.shape)
+
+
+def _magics() -> Iterator[str]:
+    for kind in KINDS:
+        letters = kind.magic.to_bytes(4, "little").decode("ascii")
+        yield f'#define DECAFF_{kind.name.upper()}_MAGIC 0x{kind.magic:08x}u /* "{letters}" */'
+
+
+def _enum(name: str, values: type[Enum]) -> str:
+    meanings = meanings_of(values)
+    lines = [*_comment(inspect.getdoc(values) or "", ""), f"enum decaff_{name} {{"]
+    for member in values:
+        lines += _comment(meanings[member.name], "    ") if meanings[member.name] else []
+        lines.append(f"    DECAFF_{name}_{member.name} = {int(member.value)},".replace(name, name.upper(), 1))
+    return "\n".join([*lines[:-1], lines[-1].removesuffix(","), "};"])
+
+
+def _flaws() -> Iterator[str]:
+    for number, flaw in enumerate(_FLAWS, 1):
+        comma = "," if number < len(_FLAWS) else ""
+        yield f"    DECAFF_FLAW_{flaw.name} = {number}{comma} /* {flaw.value} */"
+
+
+def _record(name: str, what: str, fields: Sequence[Field]) -> str:
+    """A structure, each field with its unit and meaning."""
+    size = dtype_of(fields).itemsize
+    lines = _comment(f"{what} {size} bytes.", "")
+    lines.append(f"typedef struct decaff_{name} {{")
+    for field in fields:
+        line, comment = f"    {_declaration(field)};", _comment(_meaning(field), "    ")
+        told = f"{line} {comment[0].strip()}"
+        lines += [told] if len(comment) == 1 and len(told) <= WIDTH else [*comment, line]
+    return "\n".join([*lines, f"}} decaff_{name};"])
+
+
+def _meaning(field: Field) -> str:
+    text = f"{field.unit}, {field.meaning}" if field.unit else field.meaning
+    for name, values in ENUMS.items():
+        text = text.replace(f"a {values.__name__}", f"an enum decaff_{name}")
+        text = text.replace(f"set of {values.__name__}", f"set of enum decaff_{name}")
+    return text
+
+
+def _declaration(field: Field) -> str:
+    name, _, lengths = c_type(field).partition("[")
+    return f"{name} {field.name}" + (f"[{lengths}" if lengths else "")
+
+
+def _assertions() -> Iterator[str]:
+    for name, (_, fields) in RECORDS.items():
+        dtype = dtype_of(fields)
+        yield f"DECAFF_ASSERT(sizeof(decaff_{name}) == {dtype.itemsize});"
+        for field in fields:
+            part, offset = dtype.fields[field.name][:2]  # type: ignore[index]
+            yield f"DECAFF_FIELD(decaff_{name}, {field.name}, {offset}, {part.itemsize});"
+
+
+def _crc_table() -> str:
+    """What four bits of a checksum become."""
+    table = []
+    for bits in range(16):
+        for _ in range(4):
+            bits = bits >> 1 ^ (CRC_POLYNOMIAL if bits & 1 else 0)
+        table.append(f"0x{bits:08x}u")
+    return ",\n".join(f"        {', '.join(table[first : first + 4])}" for first in range(0, 16, 4))
+
+
+def _comment(text: str, indent: str) -> list[str]:
+    """Lines of a C comment."""
+    text = text.replace("``", "`").replace("…", "...")
+    lines = textwrap.wrap(text, WIDTH - len(indent) - 6)
+    if len(lines) == 1:
+        return [f"{indent}/* {lines[0]} */"]
+    return [
+        f"{indent}/* {lines[0]}",
+        *(f"{indent} * {line}" for line in lines[1:-1]),
+        f"{indent} * {lines[-1]} */",
+    ]

@@ -1,0 +1,172 @@
+/*
+ * receiver.c: the controller's end of a udp:// address, as an example to be copied. What keeps it from acting
+ * on what does not hold any more:
+ *
+ *   - A datagram counts if it comes from the one sender, is whole, makes sense, and is newer than the last.
+ *   - While a frame is valid it holds as it is, for the instant of its poses. Then a lower bound of each
+ *     distance holds, which falls as time passes. Then nothing does: retract.
+ *   - It never waits for a frame: at each look it asks what is known now.
+ *
+ *   proximity header --out decaff_message.h && cc -std=c99 -O2 receiver.c -lm -o receiver
+ *   ./receiver 127.0.0.1 9100 127.0.0.1       # listen at, port, sender
+ */
+#define _POSIX_C_SOURCE 200809L
+#include <arpa/inet.h>
+#include <fcntl.h>
+#include <poll.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "decaff_message.h"
+
+#define MOST_FINGERS 64
+#define LOOK_MS 10             /* look at what is known, at least so often */
+#define MAX_SPEED 3.0          /* m/s, and */
+#define MAX_ACCELERATION 120.0 /* m/s2, of a finger */
+
+struct frame {
+    decaff_frame_header header;
+    decaff_contact contacts[MOST_FINGERS];
+    char beyond[8]; /* what reaches in here is too large */
+};
+
+enum { STRANGER = DECAFF_FLAW_CHECKSUM + 1, OLD, NONSENSE, REASONS };
+static const char *const REASON[REASONS] = {"received", "short",    "magic", "version", "size",
+                                            "checksum", "stranger", "old",   "nonsense"};
+static const char *const STATE[] = {"STARTING", "OK", "DEGRADED", "LATE", "STALE", "STOPPING"};
+
+static struct frame held, arrived;
+static int has_frame, is_foreign;
+static int64_t heard_ns;
+static decaff_clock foreign;
+static unsigned long lost, counts[REASONS];
+static volatile sig_atomic_t is_told_to_stop;
+
+static int64_t clock_ns(void)
+{
+    struct timespec now;
+
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return (int64_t)now.tv_sec * 1000000000 + now.tv_nsec;
+}
+
+/* What is wrong with what arrived; 0: nothing. */
+static int reason_against(size_t size, int is_from_sender, int64_t now_ns)
+{
+    const decaff_frame_header *new = &arrived.header, *last = &held.header;
+    int flaw;
+
+    if (!is_from_sender)
+        return STRANGER;
+    if (size > offsetof(struct frame, beyond))
+        return DECAFF_FLAW_SIZE;
+    flaw = (int)decaff_check_frame(&arrived, size);
+    if (flaw != DECAFF_FLAW_NONE)
+        return flaw;
+    if (has_frame && new->session == last->session && new->sequence <= last->sequence)
+        return OLD;
+    if (has_frame && new->session < last->session && now_ns - heard_ns <= 1000000000)
+        return OLD; /* of a run before; after silence the sender's calendar may have been put back */
+    if (new->publish_ns > INT64_MAX / 2)
+        return NONSENSE;
+    return decaff_makes_sense(new, (is_foreign ? new->publish_ns : now_ns) + DECAFF_AHEAD_NS) ? 0 : NONSENSE;
+}
+
+/* Hold what arrived if it counts; whether it does. */
+static int take(size_t size, int is_from_sender)
+{
+    int64_t now_ns = clock_ns();
+    int reason = reason_against(size, is_from_sender, now_ns);
+
+    counts[reason]++;
+    if (reason != 0)
+        return 0;
+    if (has_frame && arrived.header.session == held.header.session)
+        lost += (unsigned long)(arrived.header.sequence - held.header.sequence - 1);
+    decaff_clock_hear(&foreign, arrived.header.publish_ns, now_ns);
+    heard_ns = now_ns;
+    has_frame = 1;
+    memcpy(&held, &arrived, size);
+    return 1;
+}
+
+/* Print what is known now; here a controller would set its drum. */
+static void look(int is_new)
+{
+    static int told = -1;
+    int64_t now_ns = is_foreign ? decaff_clock_theirs(&foreign, clock_ns()) : clock_ns();
+    int is_believed = has_frame && (!is_foreign || foreign.is_settled);
+    int state = is_believed ? (int)decaff_state_at(&held.header, now_ns) : (int)DECAFF_STATE_STALE;
+    uint32_t i;
+
+    if (!is_new && state == told && state != DECAFF_STATE_LATE)
+        return;
+    told = state;
+    printf("%llu %s age %.3f ms", (unsigned long long)held.header.sequence, STATE[state],
+           1e-6 * (double)(now_ns - held.header.pose_ns));
+    for (i = 0; i < held.header.count; i++) {
+        const decaff_contact *c = &held.contacts[i];
+        if ((c->flags & DECAFF_FLAG_TRACKED) == 0)
+            continue;
+        if (state == DECAFF_STATE_OK || state == DECAFF_STATE_DEGRADED)
+            printf("; finger %u: %.3f mm, contact in %.1f ms, not before %.1f", (unsigned)c->finger,
+                   1e3 * c->signed_distance, 1e3 * c->time_to_contact, 1e3 * c->time_to_contact_lower);
+        else if (state == DECAFF_STATE_LATE)
+            printf("; finger %u: at least %.3f mm", (unsigned)c->finger,
+                   1e3 * decaff_lower_at(c, now_ns, MAX_SPEED, MAX_ACCELERATION));
+    }
+    printf("\n");
+}
+
+static void stop(int number)
+{
+    (void)number;
+    is_told_to_stop = 1;
+}
+
+int main(int count, char **words)
+{
+    struct sockaddr_in here = {0}, sender = {0}, from;
+    socklen_t from_size;
+    struct pollfd waiting = {0};
+    int reason, is_new, port = count == 4 ? atoi(words[2]) : 0;
+    ssize_t size;
+
+    if (port < 1 || port > 65535 || inet_pton(AF_INET, words[1], &here.sin_addr) != 1
+        || inet_pton(AF_INET, words[3], &sender.sin_addr) != 1) {
+        fprintf(stderr, "receiver: expected ADDRESS PORT SENDER, such as 127.0.0.1 9100 127.0.0.1\n");
+        return 2;
+    }
+    is_foreign = ntohl(sender.sin_addr.s_addr) >> 24 != 127;
+    here.sin_family = AF_INET;
+    here.sin_port = htons((uint16_t)port);
+    waiting.fd = socket(AF_INET, SOCK_DGRAM, 0);
+    waiting.events = POLLIN;
+    if (waiting.fd < 0 || fcntl(waiting.fd, F_SETFL, O_NONBLOCK) != 0
+        || bind(waiting.fd, (struct sockaddr *)&here, sizeof here) != 0) {
+        perror("receiver");
+        return 1;
+    }
+    setvbuf(stdout, NULL, _IOLBF, 0);
+    signal(SIGINT, stop);
+    signal(SIGTERM, stop);
+    printf("listening\n");
+    while (!is_told_to_stop) {
+        is_new = 0;
+        if (poll(&waiting, 1, LOOK_MS) > 0) {
+            from_size = sizeof from;
+            size = recvfrom(waiting.fd, &arrived, sizeof arrived, 0, (struct sockaddr *)&from, &from_size);
+            is_new = size >= 0 && take((size_t)size, from.sin_addr.s_addr == sender.sin_addr.s_addr);
+        }
+        look(is_new);
+    }
+    printf("lost %lu", lost);
+    for (reason = 0; reason < REASONS; reason++)
+        printf(", %s %lu", REASON[reason], counts[reason]);
+    printf("\n");
+    close(waiting.fd);
+    return 0;
+}

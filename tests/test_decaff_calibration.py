@@ -1,0 +1,426 @@
+"""Calibrations: from measurements to a file and back, used by a glove, and refused when they do not fit."""
+
+import json
+import math
+import os
+from dataclasses import replace
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+
+from proximity.decaff.calibrated_glove import TOUCH_TOLERANCE, CalibratedGlove
+from proximity.decaff.calibrating import backlash, cable_compliance, step_latency, touch_offset
+from proximity.decaff.calibration import LARGEST_FILE, Calibration, read_calibration, write_calibration
+from proximity.decaff.drum_geometry import EccentricDrum
+from proximity.decaff.glove import Glove
+from proximity.decaff.transmission import Cable, Potentiometer
+from proximity.errors import DecaffError
+
+DESIGN = Glove()
+HAND = Glove(cable=Cable(hand_pulley=0.0205, backlash=0.15e-3))
+"""The glove as it is: its pulley and cable are not quite as designed."""
+TABLE_BENDS = np.linspace(0.0, 1.0, 7)
+MOUNTED = 0.031
+"""rad that the drum's encoder is off its geometry."""
+MADE = datetime(2026, 11, 21, 19, 30, 5, tzinfo=UTC)
+
+
+def calibrated(**changes):
+    """What a careful hand would measure of HAND."""
+    values = {
+        "made": MADE,
+        "counts": HAND.counts(TABLE_BENDS),
+        "bends": TABLE_BENDS,
+        "touch_offset": MOUNTED,
+        "cable_compliance": 1.0 / 20e3,
+        "backlash": 0.15e-3,
+        "latency": 0.9e-3,
+        "phalanges": (0.045, 0.026, 0.020),
+        "name": "right index",
+    }
+    return Calibration(**(values | changes))
+
+
+GLOVE = CalibratedGlove(DESIGN, calibrated())
+BENDS = np.linspace(0.0, 1.0, 401)
+
+
+def touches(bends):
+    """What potentiometer and encoder say where the drum touches."""
+    return HAND.counts(bends), HAND.drum_angle(bends) + MOUNTED
+
+
+# --- in use -------------------------------------------------------------------------------------------------
+
+
+def test_table_gives_the_bend_of_a_hand_that_is_not_as_designed():
+    """Seven points are 0.16 mm of the fingertip's way off in between; the design alone is 3 mm off."""
+    off = GLOVE.bend_of_counts(HAND.counts(BENDS)) - BENDS
+    way = off * HAND.finger.speed(BENDS)
+    design = (DESIGN.bend_of_counts(HAND.counts(BENDS)) - BENDS) * HAND.finger.speed(BENDS)
+
+    assert 0.1e-3 < np.abs(way).max() < 0.2e-3
+    assert np.abs(design).max() > 3e-3
+    np.testing.assert_allclose(
+        GLOVE.bend_of_counts(GLOVE.calibration.counts), TABLE_BENDS, rtol=0, atol=1e-15
+    )
+
+
+def test_table_is_monotone_and_so_is_its_inverse():
+    """PCHIP: no overshoot, however uneven the points."""
+    uneven = CalibratedGlove(DESIGN, calibrated(counts=[100, 101, 20000, 20001, 20002, 50000, 50001]))
+    counts = np.linspace(100, 50001, 5001)
+
+    assert (np.diff(uneven.bend_of_counts(counts)) >= 0.0).all()
+    assert (np.diff(GLOVE.counts(np.linspace(-1.0, 2.0, 3001))) > 0.0).all()
+    np.testing.assert_allclose(GLOVE.bend_of_counts(GLOVE.counts(BENDS)), BENDS, rtol=0, atol=1e-6)
+    assert (
+        np.abs(GLOVE.counts(GLOVE.bend_of_counts(GLOVE.calibration.counts)) - GLOVE.calibration.counts).max()
+        < 0.01
+    )
+
+
+def test_counts_far_off_the_table_give_no_bend():
+    first, last = GLOVE.calibration.counts[[0, -1]]
+    margin = 0.05 * (last - first)
+
+    near = GLOVE.bend_of_counts([first - 0.99 * margin, last + 0.99 * margin])
+    assert near == pytest.approx([-0.0495, 1.0495])
+    assert np.isnan(GLOVE.bend_of_counts([first - 1.01 * margin, last + 1.01 * margin, np.nan])).all()
+
+
+def test_stretch_and_backlash_are_taken_out():
+    tension = 3.0
+    pressed = HAND.potentiometer.read(HAND.replica_angle(BENDS, tension))
+    opening = HAND.potentiometer.read(HAND.replica_angle(BENDS, is_closing=False))
+    free = GLOVE.bend_of_counts(HAND.counts(BENDS))
+
+    np.testing.assert_allclose(GLOVE.bend_of_counts(pressed, tension), free, rtol=0, atol=1e-4)
+    np.testing.assert_allclose(GLOVE.bend_of_counts(opening, is_closing=False), free, rtol=0, atol=1e-4)
+    assert GLOVE.glove.cable.stiffness == pytest.approx(20e3)
+    assert math.isinf(CalibratedGlove(DESIGN, calibrated(cable_compliance=0.0)).glove.cable.stiffness)
+
+
+def test_drum_stands_where_the_replica_will_be():
+    """At the points of the table to a count; where the table is off, finger and drum are off together."""
+    told = GLOVE.drum_angle(TABLE_BENDS) - MOUNTED
+    np.testing.assert_allclose(told, HAND.drum_angle(TABLE_BENDS), rtol=0, atol=1e-4)
+
+    for counts in HAND.counts(BENDS)[::40]:
+        replica = DESIGN.potentiometer.angle(counts)
+        stands = DESIGN.drum.replica_angle(GLOVE.drum_angle(GLOVE.bend_of_counts(counts)) - MOUNTED)
+        assert float(stands) == pytest.approx(float(replica), abs=1e-6)
+
+
+def test_bend_is_found_again_from_the_drum_even_when_it_is_retracted():
+    bends = np.linspace(-0.1, 1.6, 35)
+
+    np.testing.assert_allclose(GLOVE.bend_of_drum(GLOVE.drum_angle(bends)), bends, rtol=0, atol=1e-6)
+    assert float(GLOVE.gap(0.4, GLOVE.drum_angle(0.4))) == pytest.approx(0.0, abs=1e-6)
+    assert float(GLOVE.gap(0.2, GLOVE.drum_angle(1.2))) > 0.150
+
+
+def test_finger_is_the_measured_one():
+    longer = CalibratedGlove(DESIGN, calibrated(phalanges=(0.050, 0.028, 0.021)))
+
+    assert longer.finger.phalanges == (0.050, 0.028, 0.021)
+    assert float(longer.finger.point(0.0)[0]) == pytest.approx(0.099)
+    assert longer.finger.pad_radius == DESIGN.finger.pad_radius
+
+
+# --- refused when it does not fit any more ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("drum", [DESIGN.drum, EccentricDrum()], ids=["arm", "eccentric"])
+def test_touches_as_calibrated_are_taken_and_others_refused(drum):
+    glove = CalibratedGlove(replace(DESIGN, drum=drum), calibrated())
+    counts = HAND.counts([0.2, 0.4, 0.6])
+    angles = drum.drum_angle(DESIGN.potentiometer.angle(counts)) + MOUNTED
+    bend = glove.bend_of_counts(counts)
+    per_metre = drum.drum_rate(DESIGN.potentiometer.angle(counts)) / DESIGN.tip_per_radian(bend)
+
+    glove.check_touches(counts, angles)
+    glove.check_touches(counts, angles - 0.29e-3 * per_metre)
+    np.testing.assert_allclose(
+        glove.touch_error(counts, angles + 0.35e-3 * per_metre), 0.35e-3, rtol=0, atol=1e-7
+    )
+    with pytest.raises(
+        DecaffError,
+        match=r"^touch-off disagrees by 0\.35 mm at \d+ counts and a drum angle of -?[\d.]+ rad, expected "
+        r"0\.3 mm at most: calibrate anew$",
+    ):
+        glove.check_touches(counts, angles + 0.35e-3 * per_metre * [0, 1, 0])
+    with pytest.raises(DecaffError, match=r"^touch-off disagrees by nan mm"):
+        glove.check_touches(counts, angles * [1, np.nan, 1])
+
+
+def test_touch_that_is_only_half_told_is_refused():
+    with pytest.raises(DecaffError, match=r"^2 counts and 1 drum angles at touches, expected as many$"):
+        GLOVE.check_touches([20000, 21000], [0.1])
+
+
+@pytest.mark.parametrize("counts", [12.0, 65000.0, math.nan])
+def test_reading_that_no_hand_gave_is_refused(counts):
+    with pytest.raises(
+        DecaffError,
+        match=rf"^the potentiometer reads {counts:g}, expected 21\d+ to 44\d+ as when the glove was "
+        r"calibrated on 2026-11-21: calibrate anew$",
+    ):
+        GLOVE.check_counts(counts)
+
+
+def test_table_for_another_potentiometer_is_refused():
+    coarse = Glove(potentiometer=Potentiometer(bits=12))
+
+    with pytest.raises(
+        DecaffError,
+        match=r"^the table has counts from 21\d+ to 44\d+, expected 0 to 4095 of this potentiometer$",
+    ):
+        CalibratedGlove(coarse, calibrated())
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"made": "2026"}, "the date is '2026', expected one with its time zone"),
+        ({"counts": [1, 2, 3]}, "counts have shape (3,), expected 7 increasing numbers"),
+        ({"counts": "many"}, "counts have dtype <U4, expected 7 increasing numbers"),
+        (
+            {"counts": [1, 2, 3, 3, 5, 6, 7]},
+            "the table is not monotone: counts go from 3 to 3 at its point 3, expected 7 increasing numbers",
+        ),
+        (
+            {"bends": [0, 0.1, 0.3, 0.2, 0.5, 0.6, 1]},
+            "the table is not monotone: bends go from 0.3 to 0.2 at its point 3, expected 7 increasing "
+            "numbers",
+        ),
+        (
+            {"counts": [1, 2, 3, math.nan, 5, 6, 7]},
+            "counts are [1.0, 2.0, 3.0, nan, 5.0, 6.0, 7.0], expected 7 increasing numbers",
+        ),
+        ({"bends": np.linspace(0, 0.9, 7)}, "bends go from 0 to 0.9, expected 0 to 1"),
+        ({"touch_offset": math.nan}, "touch_offset is nan, expected a number of radians"),
+        ({"touch_offset": [1.0]}, "touch_offset is [1.0], expected a number of radians"),
+        (
+            {"cable_compliance": -1},
+            "cable_compliance is -1, expected a number of metres a newton of 0 or more",
+        ),
+        ({"backlash": math.inf}, "backlash is inf, expected a number of metres of 0 or more"),
+        ({"latency": True}, "latency is True, expected a number of seconds of 0 or more"),
+        ({"phalanges": (0.1, 0.1)}, "phalanges are (0.1, 0.1), expected three numbers of metres"),
+        ({"phalanges": (0.1, 0, 0.1)}, "one of phalanges is 0, expected a positive number of metres"),
+    ],
+)
+def test_numbers_that_contradict_themselves_are_refused(changes, message):
+    with pytest.raises(DecaffError) as refused:
+        calibrated(**changes)
+
+    assert str(refused.value) == message
+
+
+def test_table_does_not_change_after_it_is_made():
+    counts = np.array(calibrated().counts)
+    made = calibrated(counts=counts)
+    counts[0] = 0.0
+
+    assert made.counts[0] > 1.0
+    with pytest.raises(ValueError, match="read-only"):
+        made.counts[0] = 0.0
+
+
+# --- the file -----------------------------------------------------------------------------------------------
+
+
+def test_file_gives_back_what_was_written(tmp_path):
+    path = tmp_path / "right-index.json"
+    for round_ in range(2):  # the second replaces the first
+        made = calibrated(touch_offset=0.1 + 0.2 + round_, name="rechter Zeigefinger ☝")
+        write_calibration(path, made)
+        read = read_calibration(path)
+
+        np.testing.assert_array_equal(read.counts, made.counts)
+        np.testing.assert_array_equal(read.bends, made.bends)
+        for name in ("made", "touch_offset", "cable_compliance", "backlash", "latency", "phalanges", "name"):
+            assert getattr(read, name) == getattr(made, name), name
+    assert os.listdir(tmp_path) == ["right-index.json"]
+
+
+def test_file_says_its_date_its_version_and_its_units(tmp_path):
+    write_calibration(tmp_path / "c.json", calibrated())
+    document = json.loads((tmp_path / "c.json").read_text(encoding="utf-8"))
+
+    assert document["format"] == "proximity glove calibration"
+    assert document["version"] == 1
+    assert document["made"] == "2026-11-21T19:30:05+00:00"
+    assert document["latency_s"] == 0.0009
+    assert {key.rpartition("_")[2] for key in document if "_" in key} == {"rad", "N", "m", "s"}
+
+
+def test_file_that_cannot_be_replaced_stays_as_it_was(tmp_path, monkeypatch):
+    path = tmp_path / "c.json"
+    write_calibration(path, calibrated())
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(DecaffError, match=r"c\.json: cannot be written \(No space left on device\)$"):
+        write_calibration(path, calibrated(latency=0.5))
+
+    assert read_calibration(path).latency == 0.9e-3
+    assert os.listdir(tmp_path) == ["c.json"]
+
+
+def test_folder_that_is_not_there_is_told(tmp_path):
+    with pytest.raises(DecaffError, match=r"c\.json: cannot be written \(No such file or directory\)$"):
+        write_calibration(tmp_path / "none" / "c.json", calibrated())
+    with pytest.raises(DecaffError, match=r"c\.json: cannot be read \(No such file or directory\)$"):
+        read_calibration(tmp_path / "c.json")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"version": 2}, "has version 2, expected 1: calibrate with this version anew"),
+        ({"version": True}, "has version True, expected 1: calibrate with this version anew"),
+        ({"version": None}, "has version None, expected 1: calibrate with this version anew"),
+        (
+            {"format": "hand"},
+            "is no calibration of a glove, expected a format of 'proximity glove calibration'",
+        ),
+        ({"latency_s": ...}, "lacks 'latency_s'"),
+        ({"latency_ms": 1}, "has an unknown field 'latency_ms'"),
+        ({"made": "yesterday"}, "the date is 'yesterday', expected one as 2026-11-21T19:30:00+00:00"),
+        ({"made": 7}, "the date is 7, expected one as 2026-11-21T19:30:00+00:00"),
+        (
+            {"made": "2026-11-21T19:30:00"},
+            "the date is datetime.datetime(2026, 11, 21, 19, 30), expected one with its time zone",
+        ),
+        ({"name": 7}, "the name is 7, expected text"),
+        ({"phalanges_m": 7}, "phalanges are 7, expected three numbers of metres"),
+        ({"phalanges_m": [0.1, "a", 0.1]}, "one of phalanges is 'a', expected a positive number of metres"),
+        ({"touch_offset_rad": None}, "touch_offset is None, expected a number of radians"),
+        ({"backlash_m": math.nan}, "backlash is nan, expected a number of metres of 0 or more"),
+        ({"counts": [[1], [2, 3]]}, "counts have rows of different lengths, expected 7 increasing numbers"),
+        (
+            {"counts": [7, 6, 5, 4, 3, 2, 1]},
+            "the table is not monotone: counts go from 7 to 6 at its point 1, expected 7 increasing numbers",
+        ),
+    ],
+)
+def test_file_that_was_changed_wrongly_is_refused(tmp_path, change, message):
+    path = tmp_path / "c.json"
+    write_calibration(path, calibrated())
+    document = json.loads(path.read_text(encoding="utf-8")) | change
+    text = json.dumps({key: value for key, value in document.items() if value is not ...})
+    path.write_text(text, encoding="utf-8")
+
+    with pytest.raises(DecaffError) as refused:
+        read_calibration(path)
+    assert str(refused.value) == f"{path}: {message}"
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (b"", r"is no JSON \(Expecting value"),
+        (b"\xff\xfe{}", r"is no JSON \('utf-8' codec"),
+        (b"[1, 2]", "is no calibration of a glove"),
+        (b"[" * 60000, "is no JSON"),
+        (b" " * (LARGEST_FILE + 1), f"has more than {LARGEST_FILE} bytes"),
+        (b'{"format": "proximity glove calibration"}', "has version None, expected 1"),
+    ],
+    ids=["empty", "no text", "no object", "deep", "large", "bare"],
+)
+def test_file_that_is_none_is_refused(tmp_path, data, message):
+    path = tmp_path / "c.json"
+    path.write_bytes(data)
+
+    with pytest.raises(DecaffError, match=message):
+        read_calibration(path)
+
+
+# --- from measurements --------------------------------------------------------------------------------------
+
+
+def test_touch_off_at_three_angles_finds_how_the_drum_is_mounted():
+    """To the rounding of counts: a tenth of a millimetre at the fingertip is 0.8 mrad."""
+    assert touch_offset(DESIGN, *touches([0.2, 0.5, 0.8])) == pytest.approx(MOUNTED, abs=1e-4)
+
+
+def test_touches_that_disagree_are_refused():
+    counts, angles = touches([0.2, 0.5, 0.8])
+
+    with pytest.raises(
+        DecaffError, match=r"^the touches disagree by 0\.4\d mm, expected 0\.3 mm at most: touch off anew$"
+    ):
+        touch_offset(DESIGN, counts, angles + np.array([0.0, 5e-3, 0.0]))
+    with pytest.raises(
+        DecaffError, match=r"^2 counts and 2 drum angles at touches, expected 3 or more of each$"
+    ):
+        touch_offset(DESIGN, counts[:2], angles[:2])
+    with pytest.raises(DecaffError, match=r"^the touches disagree by nan mm"):
+        touch_offset(DESIGN, counts, angles * np.nan)
+    assert TOUCH_TOLERANCE == 0.3e-3
+
+
+def test_compliance_and_backlash_are_found_again():
+    """Within half a count: 1.4 µm of cable."""
+    held = [HAND.potentiometer.read(HAND.replica_angle(0.5, tension)) for tension in (0.0, 2.0)]
+    assert cable_compliance(HAND, held) == pytest.approx(1.0 / 20e3, abs=1.1e-6)
+
+    opening = HAND.potentiometer.read(HAND.replica_angle(0.5, is_closing=False))
+    assert backlash(HAND, float(HAND.counts(0.5)), float(opening)) == pytest.approx(0.15e-3, abs=2.2e-6)
+
+
+@pytest.mark.parametrize(
+    ("measure", "message"),
+    [
+        (
+            lambda: cable_compliance(HAND, (20000, 20010)),
+            "counts went from 20000 to 20010 as the tension went from 0 to 2 N, expected fewer under more "
+            "tension",
+        ),
+        (
+            lambda: cable_compliance(HAND, (20000, 19990), (1, 1)),
+            "counts went from 20000 to 19990 as the tension went from 1 to 1 N, expected fewer under more "
+            "tension",
+        ),
+        (
+            lambda: backlash(HAND, 20010, 20000),
+            "counts are 20010 closing and 20000 opening, expected no fewer opening",
+        ),
+        (
+            lambda: step_latency([0, 1, 2], [5, 5, 5], 1.0),
+            "no answer follows the step at 1 s, expected one that begins after it",
+        ),
+        (
+            lambda: step_latency([0, 1, 2], [0, 0.5, 1], 1.5),
+            "no answer follows the step at 1.5 s, expected one that begins after it",
+        ),
+        (
+            lambda: step_latency([0, 0], [1, 2], 0.0),
+            "times and values of a step test do not fit, expected two or more, times increasing",
+        ),
+        (
+            lambda: step_latency([1, 2], [1, 2], 0.0),
+            "no answer follows the step at 0 s, expected one that begins after it",
+        ),
+    ],
+)
+def test_measurement_that_cannot_be_is_refused(measure, message):
+    with pytest.raises(DecaffError) as refused:
+        measure()
+
+    assert str(refused.value) == message
+
+
+@pytest.mark.parametrize("height", [1.0, -300.0])
+def test_latency_is_found_from_a_step(height):
+    """An answer that begins 4.2 ms after the step and takes 0.1 ms to come; with a little noise."""
+    times = np.arange(0.0, 0.050, 1e-5)
+    answer = 7.0 + height * np.clip((times - 0.0142) / 1e-4, 0.0, 1.0)
+    answer += 0.01 * height * np.random.default_rng(7).uniform(-1, 1, len(times))
+
+    assert step_latency(times, answer, 0.010) == pytest.approx(4.2e-3, abs=2e-5)

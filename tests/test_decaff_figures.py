@@ -1,0 +1,285 @@
+"""Figures: what is written beside them is what the models say, and what is drawn is a picture."""
+
+import csv
+import sys
+from dataclasses import asdict
+
+import matplotlib
+import numpy as np
+import pytest
+
+from proximity.decaff import (
+    arrival_plots,
+    error_plots,
+    figure_5,
+    figure_5_plots,
+    figures,
+    plotting,
+    press_plots,
+    simulation,
+    stability_plots,
+    sweeps,
+)
+from proximity.decaff.arrival import needed_look_ahead
+from proximity.decaff.devices import Decaff
+from proximity.decaff.hand import Hand
+from proximity.decaff.metrics import deviation
+from proximity.decaff.policies import Target
+from proximity.decaff.simulation import Setup, Wall, simulate
+from proximity.decaff.stability import SampledMass, maximum_stiffness, stiffness_limit
+from proximity.decaff.tables import Table
+from proximity.errors import DecaffError
+
+STARTS = {"png": b"\x89PNG\r\n\x1a\n", "svg": b"<?xml", "pdf": b"%PDF-"}
+
+
+def read_columns(path):
+    """Columns of a CSV, by name, as numbers."""
+    with open(path, encoding="utf-8", newline="") as stream:
+        names, *rows = csv.reader(stream)
+    return {
+        name: np.array(values, np.float64)
+        for name, values in zip(names, zip(*rows, strict=True), strict=True)
+    }
+
+
+# -------------------------------------------------------------------------------------------------- tables
+
+
+def test_table_keeps_every_digit(tmp_path):
+    path = tmp_path / "table.csv"
+    written = np.array([0.1, 1.0 / 3.0, 1e-300, np.inf])
+    plotting.write_table(path, Table({"a_m": written, "count": [1, 2, 3, 4]}))
+
+    assert path.read_text().splitlines()[:2] == ["a_m,count", "0.1,1"]
+    np.testing.assert_array_equal(read_columns(path)["a_m"], written)
+
+
+def test_table_refuses_columns_of_several_lengths():
+    with pytest.raises(DecaffError, match=r"columns have lengths \{'a': 1, 'b': 2\}, expected one length"):
+        Table({"a": [1.0], "b": [1.0, 2.0]})
+
+
+def test_table_gives_the_rows_that_are_asked_for():
+    table = Table({"name": ["a", "b", "a"], "k": [1, 1, 2]}).where(name="a", k=2)
+
+    assert {name: column.tolist() for name, column in table.columns.items()} == {"name": ["a"], "k": [2]}
+
+
+# ------------------------------------------------------------------------------------------- FIG 5
+
+
+@pytest.mark.parametrize("name", figure_5.FIGURES)
+def test_numbers_beside_figure_5_are_the_models(name, tmp_path):
+    """Among them the samples that PAPER 3.4 prints, which the models are held against elsewhere."""
+    plotting.write_table(tmp_path / "5.csv", figures.PLATES[name].numbers())
+    found = read_columns(tmp_path / "5.csv")
+    times = figure_5.sample_times(1e-4)
+
+    np.testing.assert_array_equal(found["time_s"], times)
+    np.testing.assert_array_equal(found["real_force_N"], figure_5.real_wall(times))
+    if name != "5a":
+        felt = found["error_N" if name == "5e" else "force_N"]
+        np.testing.assert_array_equal(felt, figure_5.FIGURES[name](times))
+
+
+def test_position_that_the_late_wall_knows():
+    """PAPER 3.4: at 100 ms, penetrated, 4.588013 mm; 40 ms later the late wall knows it."""
+    found = figure_5_plots.position("5c", np.array([0.140]))
+
+    assert found[0] == pytest.approx(4.588013e-3, abs=5e-10)
+    assert figure_5_plots.position("5b", np.array([0.100]))[0] == pytest.approx(found[0])
+    assert figure_5_plots.position("5d", np.array([0.140]))[0] == pytest.approx(3.657227e-3, abs=5e-10)
+
+
+def test_position_of_an_operator_who_reacts_is_held_from_step_to_step():
+    found = figure_5_plots.position("5f", np.array([0.081, 0.119, 0.121]))
+
+    assert found[0] == found[1] == figure_5.PRESS.at(0.080).position  # no force has been felt yet
+    assert found[2] < figure_5.PRESS.at(0.120).position
+
+
+# -------------------------------------------------------------------------------- stability, errors, arrival
+
+
+@pytest.mark.parametrize("delay", stability_plots.DELAYS)
+def test_edge_of_the_stability_figure_is_where_the_model_ends(delay):
+    device, table = SampledMass(delay_samples=delay), stability_plots.numbers()
+    edge = table.where(delay_samples=delay, kind="edge")
+    some = slice(1, -1, 57)
+    pairs = zip(edge["damping_N_s_per_m"][some], edge["stiffness_N_per_m"][some], strict=True)
+    for damping, stiffness in pairs:
+        assert stiffness_limit(device, damping) == pytest.approx(stiffness, rel=1e-9)
+    top = table.where(delay_samples=delay, kind="stiffest")
+    assert top["stiffness_N_per_m"].tolist() == [maximum_stiffness(device).stiffness]
+
+
+def test_force_errors_beside_the_figure_are_the_models():
+    hand, glove = Hand(), sweeps.with_latency(Decaff(), 0.010, 1000.0)
+    table = error_plots.numbers([0.010], [0.5])
+    wall = sweeps.best_penalty_wall(hand, 1000.0, 0.010)
+
+    assert table["penalty_stiffness_N_per_m"].tolist() == [wall.stiffness]
+    assert table["penalty_damping_N_s_per_m"].tolist() == [wall.damping]
+    assert table["penalty_error"][0] == sweeps.penalty_row(hand, wall, speeds=[0.5]).errors[0]
+    for name, target in error_plots.TARGETS.items():
+        assert table[f"{name}_error"][0] == sweeps.drum_row(hand, glove, target, speeds=[0.5]).errors[0]
+    assert table["ideal_drum_error"][0] < table["penalty_error"][0] < table["naive_error"][0]
+
+
+def test_every_reading_of_a_distance_is_in_the_figure():
+    assert set(error_plots.TARGETS.values()) == set(simulation.POLICIES.values()) == set(Target)
+
+
+def test_look_ahead_beside_the_figure_is_the_models(monkeypatch):
+    """PAPER 13: the formula holds within 5 mm."""
+    monkeypatch.setattr(arrival_plots, "SPEEDS", (0.5,))
+    monkeypatch.setattr(arrival_plots, "LATENCIES", (0.010,))
+    table = arrival_plots.numbers()
+
+    assert table["drum"].tolist() == ["direct", "gear4", "gear10"]
+    gear4 = needed_look_ahead(Hand(), sweeps.with_latency(Decaff(), 0.010), 0.5)
+    assert table["look_ahead_m"][1] == gear4
+    np.testing.assert_allclose(table["formula_m"], table["look_ahead_m"], atol=5e-3)
+
+
+def test_drum_that_swings_through_its_place_is_not_in_time_for_that():
+    """A direct drum swings 3 mm past: told of a wall from 14 mm away at 0.7 m/s, it is there by chance."""
+    from proximity.decaff.drum import DIRECT
+
+    glove = sweeps.with_latency(sweeps.with_drum(Decaff(), DIRECT, 3000.0), 0.010)
+    assert needed_look_ahead(Hand(), glove, 0.7) == pytest.approx(0.020, abs=2.1e-3)
+
+
+def test_drums_of_the_figure_are_in_place_after_their_settling_time():
+    table = arrival_plots.motion_numbers()
+    for name in ("direct", "gear4", "gear10"):
+        late = table["time_s"] > table[f"{name}_settled_s"][0] + 1e-4
+        assert table[f"{name}_left_m"][0] == arrival_plots.WAY
+        assert np.abs(table[f"{name}_left_m"][late]).max() <= 1e-4
+
+
+# ------------------------------------------------------------------------------------------------ files
+
+
+@pytest.mark.parametrize("form", plotting.FORMATS)
+def test_figure_is_written_with_its_numbers(form, tmp_path):
+    paths = figures.write_figure("5h", tmp_path / "new" / "folder", form)
+
+    assert [path.name for path in paths] == [f"figure-5h.{form}", "figure-5h.csv"]
+    assert paths[0].read_bytes().startswith(STARTS[form])
+    assert sorted(path.name for path in paths[0].parent.iterdir()) == sorted(path.name for path in paths)
+
+
+@pytest.mark.parametrize("name", ["5", "5a", "stability"])
+def test_every_kind_of_figure_is_drawn(name, tmp_path):
+    image, _ = figures.write_figure(name, tmp_path, "svg")
+
+    text = image.read_text()
+    assert "[ms]" in text or "[N·s/m]" in text  # text stays text, and axes have units
+
+
+@pytest.mark.parametrize(
+    ("draw", "numbers"),
+    [
+        (error_plots.draw_against_speed, lambda: error_plots.numbers(error_plots.SPEED_PANELS, [1.0])),
+        (error_plots.draw_against_latency, lambda: error_plots.numbers([0.010], error_plots.LATENCY_PANELS)),
+        (arrival_plots.draw, arrival_plots.numbers),
+    ],
+)
+def test_sweeps_are_drawn(draw, numbers, monkeypatch):
+    monkeypatch.setattr(arrival_plots, "SPEEDS", (0.5,))
+
+    assert plotting.render(draw, numbers(), (7.0, 3.0), "svg").startswith(STARTS["svg"])
+
+
+def test_same_figure_is_the_same_file_and_leaves_no_trace_in_matplotlib(tmp_path):
+    before = {name: matplotlib.rcParams[name] for name in plotting.LOOK}
+    first, _ = figures.write_figure("drum-motion", tmp_path, "svg")
+    content = first.read_bytes()
+    again, _ = figures.write_figure("drum-motion", tmp_path, "svg")
+
+    assert again.read_bytes() == content
+    assert {name: matplotlib.rcParams[name] for name in plotting.LOOK} == before
+    assert "matplotlib.pyplot" not in sys.modules
+
+
+def test_unknown_figure_and_format_are_refused_with_the_list(tmp_path):
+    with pytest.raises(DecaffError, match=r"no figure '6', expected some of 5a, 5b, 5c, .* arrival"):
+        figures.write_figure("6", tmp_path)
+    with pytest.raises(DecaffError, match="no figures of format 'gif', expected one of png, svg, pdf"):
+        figures.write_figure("5a", tmp_path / "folder", "gif")
+    assert not list(tmp_path.iterdir())
+
+
+def test_folder_that_is_a_file_is_refused(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(DecaffError, match="no folder can be made"):
+        figures.write_figure("5a", tmp_path / "file")
+
+
+def test_missing_matplotlib_is_told_with_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    with pytest.raises(DecaffError, match=r'figures need matplotlib.*pip install "proximity\[sim\]"'):
+        figures.write_figure("5a", tmp_path / "folder")
+    assert not list(tmp_path.iterdir())
+
+
+# ------------------------------------------------------------------------------------------- one press
+
+
+@pytest.mark.parametrize(
+    "setup",
+    [
+        Setup(Wall.REAL, speed=0.25),
+        Setup(Wall.COUPLED, speed=0.25, latency=0.003, stiffness=734.0, damping=4.4),
+        Setup(Wall.DECAFF, speed=0.25, latency=0.003, policy="latched", drum="gear10"),
+    ],
+    ids=lambda setup: setup.wall,
+)
+def test_simulated_press_is_told_as_the_metrics_say(setup, tmp_path):
+    press = simulate(setup)
+    found = deviation(press.response)
+
+    assert press.force_error == found.error
+    assert press.felt.onset - simulation.felt(press.real).onset == found.onset
+    assert press.felt.peak == found.peak
+    assert press.felt.steady - simulation.felt(press.real).steady == found.steady_error
+    assert press.felt.penetration == found.penetration
+    assert press.felt.work - simulation.felt(press.real).work == found.work_error
+    for form in ("csv", *plotting.FORMATS[:1]):
+        press_plots.write(tmp_path / f"press.{form}", press)
+    columns = read_columns(tmp_path / "press.csv")
+    touch = int(np.argmin(np.abs(columns["time_s"])))
+    assert columns["time_s"][touch] == 0.0
+    assert columns["real_force_N"][touch] == press.real.force[press.response.zero]
+    assert ("drum_m" in columns) == (setup.wall == Wall.DECAFF)
+    assert (tmp_path / "press.png").read_bytes().startswith(STARTS["png"])
+
+
+def test_document_of_a_press_has_what_concerns_its_wall():
+    setup = Setup(Wall.COUPLED, speed=1.0, stiffness=1000.0, damping=2.0)
+    press = simulate(setup)
+    told = simulation.document(press)
+
+    assert told["stiffness"] == 1000.0 and "drum" not in told
+    assert told["felt"] == asdict(press.felt)
+    assert "latency" not in simulation.document(simulate(Setup(Wall.REAL, speed=1.0)))
+
+
+@pytest.mark.parametrize(
+    ("numbers", "sentence"),
+    [
+        ({"speed": 0.0}, "speed is 0, expected 0.01 to 10 metres a second"),
+        ({"speed": np.nan}, "speed is nan, expected a number of metres a second"),
+        ({"latency": 2.0}, "latency is 2, expected 0 to 1 seconds"),
+        ({"rate": 1.0}, "rate is 1, expected 5 to 50000 hertz"),
+        ({"drum": "gear5"}, "drum is 'gear5', expected one of direct, gear4, gear10"),
+        ({"policy": "TS"}, "policy is 'TS', expected one of naive, latched, feed-forward, time-stamped"),
+        ({"wall": "soft"}, "wall is 'soft', expected one of real, coupled, decaff"),
+        ({"stiffness": 100.0}, "tuned together: expected both of them, or none"),
+    ],
+)
+def test_setup_that_makes_no_sense_is_refused(numbers, sentence):
+    with pytest.raises(DecaffError, match=sentence):
+        Setup(**numbers)

@@ -1,0 +1,122 @@
+"""What a frame says of its fingers, and what of it cannot be."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from wire import KNOWN, MS, NOW, Reader, frame
+
+from proximity.message import CONTACT, Flaw, Source, State
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "flaw"),
+    [
+        ("lower", 0.051, Flaw.CONTENT),
+        ("upper", 0.049, Flaw.CONTENT),
+        ("lower", np.nan, Flaw.CONTENT),
+        ("upper", np.nan, Flaw.CONTENT),
+        ("signed_distance", np.nan, Flaw.CONTENT),
+        ("predicted_distance", np.nan, Flaw.CONTENT),
+        ("predicted_lower", 0.051, Flaw.CONTENT),
+        ("predicted_upper", np.nan, Flaw.CONTENT),
+        ("time_to_contact", np.nan, Flaw.CONTENT),
+        ("time_to_contact", 0.1, Flaw.CONTENT),  # earlier than for certain not
+        ("position", (0, np.nan, 0), Flaw.CONTENT),
+        ("position", (0, 0, np.inf), Flaw.CONTENT),
+        ("position", (-np.inf, 0, 0), Flaw.CONTENT),
+        ("normal", (0, 0, 1.0012), Flaw.CONTENT),
+        ("normal", (0, 0, 0.9988), Flaw.CONTENT),
+        ("normal", (0, 0, 0), Flaw.CONTENT),
+        ("normal", (0, 0, np.inf), Flaw.CONTENT),
+        ("normal", (1e300, 0, 0), Flaw.CONTENT),
+        ("surface", 3, Flaw.CONTENT),
+        ("mode", 4, Flaw.CONTENT),
+        ("source", 2, Flaw.CONTENT),
+        ("force_is_valid", 2, Flaw.CONTENT),
+        ("pose_ns", NOW - MS - 1, Flaw.CONTENT),  # older than the oldest
+        ("pose_ns", NOW + 5 * MS + 1, Flaw.CONTENT),
+        ("normal", (0, 0, 1.0009), None),
+        ("normal", (0, 0, -0.9991), None),
+        ("normal", (np.nan, np.nan, np.nan), None),  # there is no part
+        ("velocity", (np.nan, 0, 0), None),
+        ("part_velocity", (np.nan, np.inf, 0), None),
+        ("lower", -np.inf, None),
+        ("upper", np.inf, None),
+        ("pose_ns", NOW + 5 * MS, None),
+        ("contact_bend", np.nan, None),
+        ("work", 2**32 - 1, None),
+    ],
+)
+def test_contact_must_make_sense(name, value, flaw):
+    bench, message = Reader(), frame()
+    message.records[name][3] = value
+    bench.send(frame(NOW - MS))
+    bench.send(message)
+    reading = bench.read()
+
+    assert bench.flawed == ({} if flaw is None else {flaw: 1})
+    assert reading.header["sequence"] == (flaw is None)
+    assert bench.read(30 * MS).state is State.LATE
+
+
+def test_what_is_said_of_a_finger_that_is_not_tracked_need_not_make_sense():
+    bench, message = Reader(), frame()
+    message.records["flags"][1] = 0
+    for name in ("lower", "signed_distance", "position", "normal", "predicted_upper", "time_to_contact"):
+        message.records[name][1] = np.nan
+    message.records["pose_ns"][1] = -(2**63)
+    bench.send(message)
+
+    assert bench.read().state is State.OK
+    late = bench.read(30 * MS)
+    assert late.state is State.LATE
+    assert late.contacts["flags"][1] == 0 and np.isnan(late.contacts["signed_distance"][1])
+    assert late.contacts["lower"][0] < 0.05
+
+
+def test_kinds_of_a_finger_that_is_not_tracked_are_kinds():
+    bench, message = Reader(), frame()
+    message.records["flags"][1], message.records["mode"][1] = 0, 9
+    bench.send(message)
+
+    assert bench.read().state is State.STALE
+    assert bench.flawed == {Flaw.CONTENT: 1}
+
+
+def test_sensor_need_not_know_where_the_finger_is():
+    bench, message = Reader(), frame()
+    message.header["source"] = message.records["source"] = Source.TELEOPERATION
+    message.records["position"][2] = np.nan
+    bench.send(message)
+    assert bench.read().is_valid
+
+    message.records["position"][2] = (np.inf, 0, 0)
+    bench.send(message)
+    bench.read()
+    assert bench.flawed == {Flaw.CONTENT: 1}
+
+
+@pytest.mark.parametrize(("state", "source"), [(6, 0), (255, 0), (1, 2), (1, 255)])
+def test_state_and_source_out_of_range_are_without_sense(state, source):
+    bench, message = Reader(), frame()
+    message.header["state"], message.header["source"] = state, source
+    bench.send(message)
+
+    assert bench.read().state is State.STALE
+    assert bench.flawed == {Flaw.CONTENT: 1}
+
+
+@given(st.binary(min_size=2 * CONTACT.itemsize, max_size=2 * CONTACT.itemsize), st.integers(0, 200))
+def test_no_contacts_raise(records, ms):
+    bench, message = Reader(), frame(count=2)
+    message.records.view(np.uint8)[:] = np.frombuffer(records, np.uint8)
+    message.records["pose_ns"], message.records["flags"][0] = NOW - MS, KNOWN
+    message.records.view(np.uint8).reshape(2, -1)[:, -4:] = (1, 1, 0, 0)
+    bench.send(message)
+    reading = bench.read(ms * MS)
+
+    assert bool(reading.is_new) != (bench.flawed == {Flaw.CONTENT: 1})
+    if reading.is_valid:
+        told = reading.contacts[0]
+        assert told["lower"] <= told["signed_distance"] <= told["upper"]

@@ -1,0 +1,367 @@
+"""``decaff_message.h``: what the compiler makes of it, against NumPy and against the Python it stands for."""
+
+import ctypes
+import re
+import sys
+import zlib
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from compiling_c import WARNINGS, c_compiler, compiler, run
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from message_tables import tables
+from test_readme import README
+from wire import KNOWN, MS, NOW, Clock, Wire, frame, sealed
+
+from proximity import cli
+from proximity.message import CONTACT, FRAME, POSES, Flaw, Message, State, c_header, flaw_of
+from proximity.message.c_header import ENUMS, KINDS, RECORDS, header_text, meanings_of
+from proximity.message.fields import dtype_of
+from proximity.transport import Subscriber, widen
+from proximity.transport.clocks import ForeignClock
+from proximity.transport.held import AHEAD_NS, LONGEST_VALID_NS
+from proximity.transport.subscriber import STALE_AFTER
+
+FLAWS = [None, Flaw.SHORT, Flaw.MAGIC, Flaw.VERSION, Flaw.SIZE, Flaw.CHECKSUM]
+FINITE = st.floats(-10, 10)
+
+LIBRARY = """
+#include "decaff_message.h"
+uint32_t crc32_of(const void *data, size_t size) { return decaff_crc32(data, size); }
+int check_frame(const void *data, size_t size) { return (int)decaff_check_frame(data, size); }
+int check_poses(const void *data, size_t size)
+{
+    return (int)decaff_check(data, size, DECAFF_POSES_MAGIC, sizeof(decaff_input_header), sizeof(decaff_pose),
+                             offsetof(decaff_input_header, count));
+}
+void seal_poses(void *data, size_t size, uint64_t session, uint64_t sequence)
+{
+    decaff_seal(data, size, DECAFF_POSES_MAGIC, sizeof(decaff_input_header), session, sequence);
+}
+int makes_sense(const void *data, int64_t latest) { return decaff_makes_sense(data, latest); }
+int state_at(const void *data, int64_t now) { return (int)decaff_state_at(data, now); }
+double lower_at(const void *data, int64_t now, double speed, double acceleration)
+{
+    return decaff_lower_at(data, now, speed, acceleration);
+}
+static decaff_clock heard;
+void clock_reset(void) { memset(&heard, 0, sizeof heard); }
+void clock_hear(int64_t sent, int64_t now) { decaff_clock_hear(&heard, sent, now); }
+int64_t clock_theirs(int64_t now) { return decaff_clock_theirs(&heard, now); }
+int clock_is_settled(void) { return heard.is_settled; }
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("header")
+    (folder / "decaff_message.h").write_text(header_text(), encoding="ascii")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def library(folder):
+    """The functions of the header."""
+    (folder / "library.c").write_text(LIBRARY, encoding="ascii")
+    target = folder / "library.so"
+    run(
+        c_compiler(),
+        "-std=c99",
+        *WARNINGS,
+        "-O1",
+        "-shared",
+        "-fPIC",
+        folder / "library.c",
+        "-lm",
+        "-o",
+        target,
+    )
+    loaded = ctypes.CDLL(str(target))
+    whole, size, real = ctypes.c_int64, ctypes.c_size_t, ctypes.c_double
+    loaded.crc32_of.argtypes, loaded.crc32_of.restype = (ctypes.c_char_p, size), ctypes.c_uint32
+    loaded.check_frame.argtypes = loaded.check_poses.argtypes = (ctypes.c_char_p, size)
+    loaded.seal_poses.argtypes = (ctypes.c_void_p, size, ctypes.c_uint64, ctypes.c_uint64)
+    loaded.makes_sense.argtypes = loaded.state_at.argtypes = (ctypes.c_void_p, whole)
+    loaded.lower_at.argtypes, loaded.lower_at.restype = (ctypes.c_void_p, whole, real, real), real
+    loaded.clock_hear.argtypes = (whole, whole)
+    loaded.clock_theirs.argtypes, loaded.clock_theirs.restype = (whole,), whole
+    return loaded
+
+
+def test_every_size_and_offset_is_that_of_numpy(folder):
+    lines = []
+    for name, (_, fields) in RECORDS.items():
+        lines.append(f'printf("{name} . %zu 0\\n", sizeof(decaff_{name}));')
+        for field in fields:
+            place = f"offsetof(decaff_{name}, {field.name})"
+            size = f"sizeof(((decaff_{name} *)0)->{field.name})"
+            lines.append(f'printf("{name} {field.name} %zu %zu\\n", {size}, {place});')
+    source = folder / "layout.c"
+    text = "\n".join(lines)
+    source.write_text(
+        f'#include <stdio.h>\n#include "decaff_message.h"\nint main(void)\n{{\n{text}\nreturn 0;\n}}\n'
+    )
+    run(c_compiler(), "-std=c99", *WARNINGS, source, "-lm", "-o", folder / "layout")
+    told = {tuple(line.split()[:2]): line.split()[2:] for line in run(folder / "layout").splitlines()}
+
+    expected = {}
+    for name, (_, fields) in RECORDS.items():
+        dtype = dtype_of(fields)
+        expected[name, "."] = [str(dtype.itemsize), "0"]
+        for field, (part, offset) in dtype.fields.items():
+            expected[name, field] = [str(part.itemsize), str(offset)]
+    assert told == expected
+
+
+def test_every_number_is_that_of_python(folder):
+    expected = {f"DECAFF_{kind.name.upper()}_MAGIC": kind.magic for kind in KINDS}
+    for name, values in ENUMS.items():
+        expected |= {f"DECAFF_{name.upper()}_{member.name}": int(member) for member in values}
+    expected |= {
+        "DECAFF_LONGEST_VALID_NS": LONGEST_VALID_NS,
+        "DECAFF_STALE_AFTER_NS": round(1e9 * STALE_AFTER),
+        "DECAFF_AHEAD_NS": AHEAD_NS,
+    }
+    source = folder / "numbers.c"
+    text = "\n".join(f'printf("{name} %lld\\n", (long long){name});' for name in expected)
+    source.write_text(
+        f'#include <stdio.h>\n#include "decaff_message.h"\nint main(void)\n{{\n{text}\nreturn 0;\n}}\n'
+    )
+    run(c_compiler(), "-std=c99", *WARNINGS, source, "-lm", "-o", folder / "numbers")
+    told = dict(line.split() for line in run(folder / "numbers").splitlines())
+
+    assert told == {name: str(number) for name, number in expected.items()}
+
+
+@pytest.mark.parametrize("standard", ["c99", "c11", "c17"])
+def test_header_compiles_as_c_without_a_warning(folder, standard):
+    source = folder / f"{standard}.c"
+    source.write_text('#include "decaff_message.h"\nint main(void) { return 0; }\n')
+
+    run(c_compiler(), f"-std={standard}", *WARNINGS, "-Wconversion", "-Wshadow", "-fsyntax-only", source)
+
+
+@pytest.mark.parametrize("standard", ["c++11", "c++17"])
+def test_header_compiles_as_cpp_without_a_warning(folder, standard):
+    source = folder / f"{standard}.cpp"
+    source.write_text('#include "decaff_message.h"\nint main() { return decaff_check_frame("", 0) == 0; }\n')
+
+    run(compiler("c++", "g++", "clang++"), f"-std={standard}", *WARNINGS, "-fsyntax-only", source)
+
+
+def test_compiler_holds_the_layout(folder):
+    source = folder / "moved.c"
+    text = header_text().replace("double lower;", "float lower;")
+    source.write_text(text + "int main(void) { return 0; }\n")
+
+    with pytest.raises(AssertionError, match=r"static assertion failed|static_assert failed"):
+        run(c_compiler(), "-std=c11", "-fsyntax-only", source)
+
+
+def test_every_field_is_told_with_unit_and_meaning():
+    for name, (what, fields) in RECORDS.items():
+        assert what.endswith("."), name
+        for field in fields:
+            assert field.meaning and not field.meaning.endswith("."), (name, field.name)
+            has_number = field.type == "<f8" and field.name not in ("normal", "rotation")
+            is_bend = "bend" in field.name and not field.name.endswith("rate")
+            assert bool(field.unit) == (has_number and not is_bend) or field.type != "<f8", (name, field.name)
+            assert (field.unit == "ns") == (field.name.endswith("_ns") or field.name == "session")
+
+
+def test_meanings_of_members_are_those_of_the_source():
+    assert meanings_of(State)["STALE"] == "Too old, or nothing came: nothing is known."
+    for name, values in ENUMS.items():
+        meanings = meanings_of(values)
+        assert list(meanings) == list(values.__members__)
+        assert all(meanings.values()) or name == "surface"
+
+
+def test_readme_has_every_field():
+    """Run tests/message_tables.py for what belongs there."""
+    section = README.split("\n## Message\n")[1].split("\n## ")[0]
+
+    assert section.strip().endswith(tables().strip())
+
+
+# --- its functions, against those of Python ---
+
+
+@given(st.binary(max_size=2000))
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_checksum_is_that_of_zlib(library, data):
+    assert library.crc32_of(data, len(data)) == zlib.crc32(data)
+
+
+@given(st.binary(max_size=400), st.booleans(), st.sampled_from([FRAME, POSES]), st.integers(0, 400))
+def test_flaws_are_those_of_python(library, noise, has_checksum, kind, at):
+    message = Message(kind, 1)
+    data = bytearray(message.seal(1, 2).tobytes())
+    data[at : at + len(noise) // 20] = noise[: len(noise) // 20]
+    if has_checksum and len(data) >= 8:
+        data[4:8] = zlib.crc32(data[8:]).to_bytes(4, "little")
+    check = library.check_frame if kind is FRAME else library.check_poses
+    for candidate in (bytes(data), bytes(data[: at + 1]), bytes(noise), bytes(data) + noise):
+        flaw = flaw_of(np.frombuffer(candidate, np.uint8), kind)
+        assert FLAWS[check(candidate, len(candidate))] is flaw
+
+
+@pytest.mark.parametrize("count", [0, 2, 2**32 - 1])
+def test_count_that_does_not_fit_is_seen(library, count):
+    data = bytearray(sealed(frame(count=1)))
+    data[88:92] = count.to_bytes(4, "little")
+    data[4:8] = zlib.crc32(data[8:]).to_bytes(4, "little")
+
+    assert FLAWS[library.check_frame(bytes(data), len(data))] is Flaw.SIZE
+
+
+def test_what_c_seals_has_no_flaw(library):
+    data = Message(POSES, 3).data
+    data[:40] = 0
+    library.seal_poses(data.ctypes.data, len(data), 2**63 + 5, 2**64 - 1)
+
+    assert flaw_of(data, POSES) is None
+    assert data[16:32].view("<u8").tolist() == [2**63 + 5, 2**64 - 1]
+
+
+@given(
+    st.sampled_from(list(State)),
+    st.integers(0, 3000 * MS),
+    st.sampled_from([0, 5 * MS, 20 * MS, 5000 * MS, 2**62]),
+)
+def test_states_are_those_of_a_subscriber(library, state, later, valid_for):
+    message, wire, clock = frame(state=state, valid_for=valid_for), Wire(), Clock()
+    wire.put(sealed(message))
+    subscriber = Subscriber(wire, "wire:", clock=clock)
+    subscriber.read()
+    clock.now += later
+
+    assert library.state_at(message.data.ctypes.data, clock.now) == subscriber.read().state
+
+
+VALUES = st.one_of(FINITE, st.sampled_from([np.nan, np.inf, -np.inf, 0.0, 1e-9]))
+
+
+@given(
+    st.lists(VALUES, min_size=6, max_size=6),
+    st.lists(st.floats(-0.1, 0.2), min_size=4, max_size=4),
+    st.booleans(),
+    st.booleans(),
+    st.integers(-MS, 5 * MS),
+    st.integers(0, 100 * MS),
+    VALUES,
+)
+def test_lower_bounds_are_those_of_python(
+    library, velocities, bounds, is_predicted, is_geometry, ahead, later, approach
+):
+    contacts = frame(count=1).records.copy()
+    contact = contacts[0]
+    contact["velocity"], contact["part_velocity"] = velocities[:3], velocities[3:]
+    contact["lower"], contact["upper"] = sorted(bounds[:2])
+    contact["predicted_lower"], contact["predicted_upper"] = sorted(bounds[2:])
+    contact["approach_speed"], contact["source"] = approach, not is_geometry
+    contact["flags"] = KNOWN if is_predicted else 1
+    contact["predicted_ns"] = contact["pose_ns"] + ahead
+    now = int(contact["pose_ns"]) + later
+    told = library.lower_at(contacts.ctypes.data, now, 2.5, 100.0)
+    widen(contacts, now, 2.5, 100.0)
+
+    np.testing.assert_allclose(told, contacts["lower"][0], rtol=1e-9, atol=1e-12)
+
+
+@given(st.lists(st.tuples(st.integers(0, 2000 * MS), st.integers(0, 90 * MS)), min_size=1, max_size=30))
+def test_clock_is_that_of_python(library, steps):
+    """Messages that are sent and arrive, each so much later than the one before."""
+    library.clock_reset()
+    clock, sent, now = ForeignClock(), NOW, 0
+    for sent_later, now_later in steps:
+        sent, now = sent + sent_later, now + now_later
+        library.clock_hear(sent, now)
+        clock.arrived(sent, now)
+        assert bool(library.clock_is_settled()) is clock.is_settled
+        assert library.clock_theirs(now) == pytest.approx(clock.theirs(now), abs=2)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("lower", 0.051), ("upper", np.nan), ("signed_distance", np.nan), ("pose_ns", NOW - 2 * MS),
+        ("pose_ns", NOW + 5 * MS + 1),
+    ],
+)  # fmt: skip
+def test_contact_without_sense_is_seen(library, name, value):
+    message = frame()
+    assert library.makes_sense(message.data.ctypes.data, NOW + 5 * MS) == 1
+    message.records[name][4] = value
+    assert library.makes_sense(message.data.ctypes.data, NOW + 5 * MS) == 0
+    message.records["flags"][4] = 0
+    assert library.makes_sense(message.data.ctypes.data, NOW + 5 * MS) == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("state", 6),
+        ("source", 2),
+        ("pose_ns", NOW + 5 * MS + 1),
+        ("publish_ns", NOW + 5 * MS + 1),
+        ("pose_ns", -1),
+    ],
+)
+def test_header_without_sense_is_seen(library, name, value):
+    message = frame()
+    message.header[name] = value
+
+    assert library.makes_sense(message.data.ctypes.data, NOW + 5 * MS) == 0
+
+
+# --- the command ---
+
+
+@pytest.fixture
+def program(monkeypatch, capsys):
+    def run_with(*arguments):
+        monkeypatch.setattr(sys, "argv", ["proximity", "header", *map(str, arguments)])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        written = capsys.readouterr()
+        return SimpleNamespace(code=end.value.code, out=written.out, err=written.err)
+
+    return run_with
+
+
+def test_header_is_printed(program):
+    result = program()
+
+    assert (result.code, result.out, result.err) == (0, header_text(), "")
+
+
+def test_header_is_written(program, tmp_path):
+    result = program("--out", tmp_path / "decaff_message.h")
+
+    assert (result.code, result.out) == (0, "")
+    assert (tmp_path / "decaff_message.h").read_text(encoding="ascii") == header_text()
+
+
+def test_receiver_is_printed(program):
+    assert program("--receiver").out.startswith("/*\n * receiver.c: ")
+
+
+def test_place_that_cannot_be_written_to_is_told(program, tmp_path):
+    result = program("--out", tmp_path / "none" / "x.h")
+
+    assert result.code == 2
+    assert "cannot be written (No such file or directory)" in re.sub(r"[\s│]+", " ", result.err)
+
+
+def test_examples_are_told(program):
+    assert "proximity header --out decaff_message.h\n" in program("--help").out
+
+
+def test_contact_of_the_header_is_the_one_of_python():
+    assert dtype_of(RECORDS["contact"][1]) == CONTACT
+    assert c_header.RECORDS.keys() == {
+        "prefix", "frame_header", "contact", "input_header", "pose", "path_pose", "move", "measurement"
+    }  # fmt: skip

@@ -1,0 +1,142 @@
+"""Publishers that start anew, copies of old frames, and publishers on other machines."""
+
+import pytest
+from wire import MS, NOW, SESSION, Reader, frame, is_silent, sealed, with_frame
+
+from proximity.message import Flaw, State
+
+SECOND = 1000 * MS
+
+
+def test_restart_is_recovered_from_at_once():
+    bench = with_frame(age=0)
+    bench.read(10 * MS)
+    bench.sequence = 0
+    bench.send(frame(bench.clock.now), session=SESSION + 10 * MS)
+    reading = bench.read()
+
+    assert (reading.state, reading.is_new, bench.subscriber.counts.sessions) == (State.OK, True, 2)
+
+
+@pytest.mark.parametrize("silence", [0, 30 * MS, 60 * MS, SECOND])
+def test_copies_of_an_earlier_run_never_make_a_reading_better(silence):
+    old = [sealed(frame(NOW + number * MS), number, SESSION) for number in range(100)]
+    bench = Reader()
+    bench.clock.now = NOW + 150 * MS
+    bench.send(frame(bench.clock.now, age=0, distance=0.01), session=SESSION + 150 * MS)
+    bench.read()
+    expected = bench.read(silence)
+    for data in old:
+        bench.wire.put(data)
+    reading = bench.read()
+
+    assert (reading.state, reading.is_new) == (expected.state, False)
+    assert bench.flawed == {Flaw.OLD: 100}
+
+
+def test_copy_of_the_only_run_there_ever_was_is_stale_by_its_age():
+    bench = Reader()
+    bench.clock.now = NOW + SECOND
+    bench.send(frame())
+
+    assert bench.read().state is State.STALE
+
+
+AHEAD = 55_555_000_000  # ns, their clock
+
+
+def foreign_bench(frames=60, transit=2 * MS):
+    """A subscriber that has heard a publisher elsewhere for so many ms."""
+    bench = Reader(shares_clock=False)
+    for _ in range(frames):
+        hear(bench, transit)
+    return bench
+
+
+def hear(bench, transit=2 * MS, session=SESSION, **settings):
+    """Wait for a ms, and let a frame arrive that was sent before."""
+    bench.clock.now += MS
+    bench.send(frame(bench.clock.now - transit + AHEAD, **settings), session)
+    return bench.read()
+
+
+def test_publisher_elsewhere_is_believed_when_its_clock_has_been_seen_to_run():
+    bench = Reader(shares_clock=False)
+    states = [hear(bench).state for _ in range(60)]
+
+    assert states == [State.STALE] * 50 + [State.OK] * 10
+
+
+def test_unsettled_clock_tells_nothing():
+    assert is_silent(hear(Reader(shares_clock=False)).contacts)
+
+
+def test_age_is_that_of_their_clock():
+    reading = hear(foreign_bench(), age=5 * MS)
+
+    assert reading.age_ns == pytest.approx(6 * MS, abs=1000)  # one ms is thought to be on the way
+    assert reading.now_ns == pytest.approx(int(reading.header["publish_ns"]) + MS, abs=1000)
+
+
+def test_frame_that_was_held_up_is_older():
+    bench = foreign_bench()
+    reading = hear(bench, transit=32 * MS)
+
+    assert reading.state is State.LATE
+    assert reading.age_ns == pytest.approx(32 * MS, abs=1000)
+
+
+def test_frame_of_a_publisher_elsewhere_grows_old():
+    bench = foreign_bench()
+
+    assert bench.read(30 * MS).state is State.LATE
+    assert bench.read(100 * MS).state is State.STALE
+
+
+def test_pose_from_the_future_of_its_own_frame_is_dropped():
+    bench = foreign_bench()
+    hear(bench, age=-5 * MS - 1)
+
+    assert bench.flawed == {Flaw.FUTURE: 1}
+
+
+def test_copies_of_an_old_run_are_not_revived_when_the_present_one_is_silent():
+    """Even those that this subscriber has never seen, and that say of themselves that they are fresh."""
+    bench = foreign_bench()
+    bench.clock.now += 10 * SECOND
+    for number in range(200):
+        message = frame(NOW - 100 * SECOND + number * MS, age=0)
+        bench.wire.put(sealed(message, number, SESSION - 1000 * SECOND))
+    for _ in range(3):
+        reading = bench.read(20 * MS)
+        assert reading.state is State.STALE and is_silent(reading.contacts)
+
+
+def test_publisher_that_comes_back_after_copies_is_believed_again():
+    bench = foreign_bench()
+    bench.clock.now += 10 * SECOND
+    bench.wire.put(sealed(frame(NOW - 100 * SECOND, age=0), 10**6, SESSION - 1000 * SECOND))
+    bench.read()
+    states = [hear(bench).state for _ in range(60)]
+
+    assert states[-1] is State.OK
+
+
+@pytest.mark.parametrize("jump", [-(2**40), 2**40])
+def test_machine_started_anew_is_recovered_from_within_100_ms(jump):
+    """Its calendar went on, its monotonic clock did not."""
+    bench = foreign_bench()
+    bench.clock.now += 20 * SECOND
+    states = []
+    for _ in range(100):
+        bench.clock.now += MS
+        bench.send(frame(bench.clock.now + AHEAD + jump), SESSION + 20 * SECOND)
+        states.append(bench.read().state)
+
+    assert State.OK in states and states[-1] is State.OK
+
+
+def test_process_started_anew_on_the_same_machine_is_believed_at_once():
+    bench = foreign_bench()
+
+    assert hear(bench, session=SESSION + SECOND).state is State.OK
