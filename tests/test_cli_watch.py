@@ -187,6 +187,16 @@ def test_picture_fits_the_terminal(width):
         assert " 4095 -12500…999900 " in row_of(0, shown, width=width)
 
 
+def test_controller_that_had_no_frame_yet_has_no_drums_to_show():
+    """It runs beside, and may be later than the picture."""
+    shown = reading()
+
+    lines = drawn(shown, width=120, drums=[])
+
+    assert "drum" in lines[2].split()
+    assert sum(bare(line).split()[:1] in (["0"], ["1"], ["2"]) for line in lines) == len(shown.contacts)
+
+
 def test_drums_are_shown_beside_and_the_bar_keeps_its_room():
     drums = [Text("retracted"), Text("118.3 mm ahead, kept"), Text("holds")]
 

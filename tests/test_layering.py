@@ -15,7 +15,7 @@ cli
 decaff
 serving
 service · scene_file
-warmup
+warmup · stopping
 loading
 replay
 tracker · transport · recording

@@ -23,7 +23,6 @@ from proximity.recording import FrameReader
 from proximity.scene_file import PartFiles
 from proximity.service import realtime
 from proximity.serving import RunningService, editing, process, running, serve, start_service
-from proximity.serving.signals import stopped_by_signals
 from proximity.transport import open_publisher, open_subscriber
 from proximity.transport.links import TRANSPORTS, Transport
 
@@ -407,17 +406,6 @@ def test_signal_ends_it_with_a_word(scene_path, folder, number):
         assert subscriber.read().header["state"] == State.STOPPING
     assert report.ticks > 0
     assert {each: signal.getsignal(each) for each in before} == before
-
-
-def test_second_signal_acts_as_usual():
-    stop = threading.Event()
-    with stopped_by_signals(stop):
-        os.kill(os.getpid(), signal.SIGINT)
-        assert stop.wait(PATIENCE_S)
-        with pytest.raises(KeyboardInterrupt):
-            for _ in range(6000):  # signals come between two steps of the interpreter
-                os.kill(os.getpid(), signal.SIGINT)
-                time.sleep(0.01)
 
 
 def test_signal_that_is_ignored_stays_ignored(scene_path, monkeypatch):

@@ -57,6 +57,15 @@ def test_messages_arrive_in_order(linked):
     assert inlet.receive(room) == NOTHING
 
 
+def test_session_that_has_ended_is_a_sentence(linked):
+    _, inlet = linked
+    inlet._session.close()
+
+    for receive in (lambda: inlet.receive(np.zeros(9, np.uint8)), lambda: inlet.wait(0.0)):
+        with pytest.raises(PublishError, match=r"^zenoh://test/.*: cannot receive \("):
+            receive()
+
+
 def test_slow_subscriber_keeps_the_latest(linked):
     outlet, inlet = linked
     room = np.zeros(1, np.uint8)

@@ -8,6 +8,7 @@ import time
 from contextlib import ExitStack
 from importlib.util import find_spec
 from pathlib import Path
+from threading import Event
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -15,7 +16,7 @@ import typer
 import proximity
 from proximity.cli.command import EXIT_INTERRUPTED
 from proximity.cli.options import LONGEST_S
-from proximity.cli.stopping import Stop, until_told
+from proximity.stopping import stopped_by_signals
 
 if TYPE_CHECKING:
     from proximity.cli.drum_stub import Controller
@@ -63,7 +64,7 @@ def command(
     sys.setswitchinterval(SWITCH_S)
     to_controller, to_watch = addresses()
     waiting.prepare_kernels()
-    with until_told() as stop, ExitStack() as opened:
+    with stopped_by_signals() as stop, ExitStack() as opened:
         with waiting.spinner("starting the service"):
             listening = [opened.enter_context(open_subscriber(each)) for each in (to_controller, to_watch)]
             service = opened.enter_context(_start({to_controller, to_watch}, stop))
@@ -73,7 +74,7 @@ def command(
         while True:
             reading, seen = follower.look(TURN_S)
             screen.show(reading, seen, controller.stub.told())
-            if stop.is_told or not service.is_running or time.monotonic() >= ends:
+            if stop.is_set() or not service.is_running or time.monotonic() >= ends:
                 break
         report = service.stop()
     for text in _summary(report, seen, controller):
@@ -82,14 +83,14 @@ def command(
         raise typer.Exit(EXIT_NOTHING)
 
 
-def _start(publish: set[str], stop: Stop) -> "RunningService":
+def _start(publish: set[str], stop: Event) -> "RunningService":
     """Start the service that the sample scene describes."""
     from proximity.serving import start_service
 
     try:
         return start_service(sample(SCENE), publish=sorted(publish), say=_say)
     except proximity.ServiceError:
-        if stop.is_told:  # Ctrl-C in a terminal reaches the service as well, before it has begun
+        if stop.is_set():  # Ctrl-C in a terminal reaches the service as well, before it has begun
             raise typer.Exit(EXIT_INTERRUPTED) from None
         raise
 

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from proximity.cli.options import ADDRESS, LIMIT, check_limit
-from proximity.cli.stopping import until_told
+from proximity.stopping import stopped_by_signals
 
 HELP = "\n\n".join(
     (
@@ -56,11 +56,11 @@ def command(
     started = time.monotonic()
     ends = None if limit is None else started + limit
     with (
-        until_told() as stop,
+        stopped_by_signals() as stop,
         open_subscriber(address) as subscriber,
         DrumScreen(Console(), is_silent=as_json) as screen,
     ):
-        run(bench, subscriber, rate, screen, lambda: stop.is_told or _is_over(ends))
+        run(bench, subscriber, rate, screen, lambda: stop.is_set() or _is_over(ends))
         counts = subscriber.counts
     told = summary(bench, address, counts, time.monotonic() - started)
     if as_json:

@@ -3,12 +3,13 @@
 import time
 from contextlib import ExitStack
 from pathlib import Path
+from threading import Event
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from proximity.cli.options import ADDRESS, LIMIT, check_limit
-from proximity.cli.stopping import Stop, until_told
+from proximity.stopping import stopped_by_signals
 
 if TYPE_CHECKING:
     from proximity.recording import FrameLog
@@ -48,7 +49,7 @@ def command(
     from proximity.transport import Subscriber, open_inlet
 
     with ExitStack() as opened:
-        stop = opened.enter_context(until_told())
+        stop = opened.enter_context(stopped_by_signals())
         inlet = open_inlet(address)
         subscriber = opened.enter_context(Subscriber(inlet, address))
         log = opened.enter_context(FrameLog(file))
@@ -90,13 +91,13 @@ def summary(frame_count: int, seconds: float, counts: "Counts") -> str:
 
 
 def _record(
-    inlet: "Inlet", subscriber: "Subscriber", log: "FrameLog", stop: Stop, limit: float | None
+    inlet: "Inlet", subscriber: "Subscriber", log: "FrameLog", stop: Event, limit: float | None
 ) -> None:
     from proximity.cli.waiting import Status
 
     started = time.monotonic()
     with Status() as status:
-        while not stop.is_told:
+        while not stop.is_set():
             elapsed = time.monotonic() - started
             if limit is not None and elapsed >= limit:
                 break

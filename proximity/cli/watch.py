@@ -5,7 +5,7 @@ import time
 import typer
 
 from proximity.cli.options import ADDRESS, LIMIT, check_limit
-from proximity.cli.stopping import until_told
+from proximity.stopping import stopped_by_signals
 
 HELP = "\n\n".join(
     (
@@ -37,9 +37,9 @@ def command(address: ADDRESS, limit: LIMIT = None) -> None:
     from proximity.transport import open_subscriber
 
     ends = None if limit is None else time.monotonic() + limit
-    with until_told() as stop, open_subscriber(address) as subscriber, Screen(Console()) as screen:
+    with stopped_by_signals() as stop, open_subscriber(address) as subscriber, Screen(Console()) as screen:
         follower = Follower(subscriber)
-        while not stop.is_told and (ends is None or time.monotonic() < ends):
+        while not stop.is_set() and (ends is None or time.monotonic() < ends):
             screen.show(*follower.look(TURN_S))
         received = subscriber.counts.received
     if not received:

@@ -92,7 +92,8 @@ def picture(
     for row in rows:
         shown = finger_cells(reading.contacts[row], columns["bar"])
         if drums is not None:
-            shown["drum"] = drums[row]
+            # A controller that runs beside may not have had its first frame yet.
+            shown["drum"] = drums[row] if row < len(drums) else Text("")
         table.add_row(*(shown[name] for name in columns))
     hidden = len(reading.contacts) - len(rows)
     more = [Text(f"and {hidden} more, farther away", "dim")] if hidden else []

@@ -13,7 +13,7 @@ from proximity.service import Report
 from proximity.serving.editing import Editing
 from proximity.serving.making import Made, make_service
 from proximity.serving.saying import guarded, warnings_of_loop_to
-from proximity.serving.signals import stopped_by_signals
+from proximity.stopping import stopped_by_signals
 
 LOOK_S = 0.5
 """Between two looks whether the scene file was edited."""

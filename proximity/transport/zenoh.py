@@ -75,6 +75,7 @@ class ZenohInlet:
 
     def __init__(self, address: Address) -> None:
         key = _key_of(address)
+        self._text = address.text
         self._session = _open_session(address)
         # Not a callback: it would take the interpreter from the loop for every message, and its thread would
         # keep a program that forgets to close from ending.
@@ -106,7 +107,10 @@ class ZenohInlet:
 
     def _has_message(self) -> bool:
         if self._next is None and self._subscriber is not None:
-            self._next = self._subscriber.try_recv()
+            try:
+                self._next = self._subscriber.try_recv()
+            except zenoh.ZError as failure:
+                raise PublishError(f"{self._text}: cannot receive ({_said(failure)})") from failure
         return self._next is not None
 
 

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM as a wish to stop: what serves says STOPPING and what it has done before it ends."""
+"""Ctrl-C and SIGTERM as a wish to stop: what runs until it is told to says what it did before it ends."""
 
 import signal
 import threading
@@ -14,18 +14,19 @@ SIGNALS = [
 
 
 @contextmanager
-def stopped_by_signals(stop: threading.Event) -> Iterator[None]:
-    """Set *stop* at the first signal within the block; a second one acts as usual.
+def stopped_by_signals(stop: threading.Event | None = None) -> Iterator[threading.Event]:
+    """Set an event at the first signal within the block, and give it; a second signal acts as usual.
 
     Signals reach the main thread; in another one nothing is changed.
 
     Parameters
     ----------
     stop : threading.Event
-        What is set.
+        What is set; a new one where not given.
     """
+    stop = threading.Event() if stop is None else stop
     if threading.current_thread() is not threading.main_thread():
-        yield
+        yield stop
         return
     usual = {number: signal.getsignal(number) for number in SIGNALS}
 
@@ -36,13 +37,14 @@ def stopped_by_signals(stop: threading.Event) -> Iterator[None]:
 
     def tell(number: int, frame: FrameType | None) -> None:
         del number, frame
-        stop.set()
+        # First: another signal while the event is being set would wait for it, in this thread, for ever.
         restore()
+        stop.set()
 
     for number, handler in usual.items():
         if handler is not signal.SIG_IGN:  # as nohup wishes
             signal.signal(number, tell)
     try:
-        yield
+        yield stop
     finally:
         restore()
