@@ -344,19 +344,6 @@ def test_normals_and_surfaces_that_cannot_be_are_unknown(inlet):
     assert source.notes == ["queue:: 2 normals that are not of unit length"]
 
 
-<<<<<<< HEAD
-def test_places_that_are_half_known_are_none(inlet):
-    """Otherwise readers refuse the whole frame: they expect a place or none."""
-    source = SensorInput("queue:", 4)
-    inlet.put(message([0.1] * 4, position=[(1, 2, 3), (1, np.nan, 3), (np.inf, 2, 3), (np.nan,) * 3]))
-
-    samples = source.poll(NOW)
-
-    assert samples.records["position"][0].tolist() == [1, 2, 3]
-    assert np.isnan(samples.records["position"][1:]).all()
-    assert samples.distances[:, 0].tolist() == [0.1] * 4
-    assert source.notes == ["queue:: 2 places that are half known"]
-=======
 def test_place_that_is_known_by_half_is_unknown_and_costs_no_frame(inlet):
     """A reader would refuse the frame, and with it all other fingers."""
     source, outlet = SensorInput("queue:", 4), KeepingOutlet()
@@ -385,7 +372,6 @@ def test_speed_that_a_sensor_cannot_have_measured_is_not_believed_and_costs_no_f
 
     assert contact["predicted_lower"] == contact["lower"] and contact["predicted_upper"] == contact["upper"]
     assert np.isfinite(contact["predicted_distance"])
->>>>>>> w-faults
 
 
 # --- the same checks, ages and safe behaviour as of geometry ---

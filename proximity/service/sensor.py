@@ -125,9 +125,4 @@ class SensorInput:
         if is_skewed.any():
             normals[is_skewed] = np.nan
             self._reception.leave_out("normals that are not of unit length", int(is_skewed.sum()))
-        positions = records["position"]
-        is_half_known = ~np.isfinite(positions).all(axis=1) & ~np.isnan(positions).all(axis=1)
-        if is_half_known.any():
-            positions[is_half_known] = np.nan
-            self._reception.leave_out("places that are half known", int(is_half_known.sum()))
         records["surface"][records["surface"] > max(Surface)] = Surface.UNKNOWN
