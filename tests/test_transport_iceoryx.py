@@ -1,6 +1,7 @@
 """Shared memory between processes: who comes late, is slow, is killed, or wants a name that is taken."""
 
 import ctypes
+import errno
 import gc
 import itertools
 import os
@@ -374,6 +375,31 @@ def test_nothing_grows(address):
     assert grown < 2000
     inlet.close()
     outlet.close()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="where shared memory is elsewhere is not known")
+def test_memory_of_messages_is_there_before_the_first_one(address):
+    """A publisher that finds none left when it writes is killed by the system."""
+    with open_publisher(address) as publisher:
+        number = publisher._outlet._publisher.id.value
+        (file,) = Path("/dev/shm").glob(f"*_{number}__0.data")
+
+        assert file.stat().st_blocks * 512 >= file.stat().st_size > 1_000_000
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="where shared memory is elsewhere is not known")
+def test_shared_memory_that_is_full_is_told_and_the_name_stays_free(address, monkeypatch):
+    def refuse(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "posix_fallocate", refuse)
+        with pytest.raises(
+            PublishError,
+            match=r"no room for messages in /dev/shm \(No space left on device\); expected 1\.1 MB",
+        ):
+            open_publisher(address)
+    open_publisher(address).close()
 
 
 def test_without_the_library_the_error_says_what_to_install(monkeypatch):

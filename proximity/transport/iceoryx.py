@@ -12,7 +12,9 @@ errors only, or what the environment variable IOX2_LOG_LEVEL says.
 """
 
 import ctypes
+import os
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import iceoryx2
@@ -29,6 +31,9 @@ FIRST_ROOM = 8192
 SPARE = 3
 """Messages in memory for each subscriber, beside the one that it reads: one that died leaves some behind."""
 
+SHARED_MEMORY = Path("/dev/shm")
+"""Where Linux has it."""
+
 iceoryx2.set_log_level_from_env_or(iceoryx2.LogLevel.Error)
 
 
@@ -43,6 +48,13 @@ class IceoryxOutlet:
         builder = builder.allocation_strategy(iceoryx2.AllocationStrategy.PowerOfTwo)
         builder = builder.override_sample_preallocation(_most_in_memory(self._service))
         self._publisher = take_place(builder.create, address, self._node, self._service, "publisher")
+        try:
+            _claim_memory(self._publisher)
+        except OSError as failure:
+            self.close()
+            raise address.refuse(
+                f"there is no room for messages in {SHARED_MEMORY} ({failure.strerror}); expected 1.1 MB"
+            ) from failure
 
     def send(self, data: np.ndarray) -> None:
         """Copy the message to where the subscribers read it; never waits."""
@@ -133,6 +145,17 @@ def _most_in_memory(service: Any) -> int:
     agreed = service.static_config
     latest = max(agreed.subscriber_max_buffer_size, agreed.history_size)
     return int(latest + agreed.max_subscribers * (agreed.subscriber_max_borrowed_samples + SPARE))
+
+
+def _claim_memory(publisher: Any) -> None:
+    """Have the system give the memory of hands' messages now, not when it is first written to.
+
+    Who finds none left then is killed (SIGBUS). Of messages longer than `FIRST_ROOM` that remains so: their
+    like would need 128 times their size, of which no more than a few are used where subscribers read.
+    """
+    for file in SHARED_MEMORY.glob(f"*_{publisher.id.value}__0.data"):  # as iceoryx2 0.10 names it on Linux
+        with file.open("r+b") as opened:
+            os.posix_fallocate(opened.fileno(), 0, file.stat().st_size)
 
 
 @cache
