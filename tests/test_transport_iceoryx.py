@@ -36,6 +36,18 @@ def numbered(number, size=100):
     return np.full(size, number, np.uint8)
 
 
+def place_of(address):
+    return address.removeprefix("iox2://")
+
+
+def text_of(path):
+    """What is in a file; nothing where it has just been removed, as other programs remove theirs."""
+    try:
+        return path.read_text()
+    except OSError:
+        return ""
+
+
 def take_all(inlet, room_size=1_400_000):
     """First bytes and sizes of what waits."""
     room, taken = np.zeros(room_size, np.uint8), []
@@ -251,13 +263,10 @@ def test_process_that_ends_without_closing_leaves_nothing(address):
 @pytest.mark.skipif(sys.platform != "linux", reason="how unfinished names look elsewhere is not known")
 def test_name_whose_maker_was_killed_while_making_it_comes_free(address):
     """iceoryx2 leaves a file that is still writable, and then refuses the name for ever."""
-    settings = iceoryx2.config.global_config().global_cfg
-    folder = Path(settings.service_dir.to_string())
-    before = set(folder.glob("*")) if folder.is_dir() else set()
+    folder = Path(iceoryx2.config.global_config().global_cfg.service_dir.to_string())
     inlet = open_inlet(address)
-    name = f"proximity/{address.removeprefix('iox2://')}"
-    (file,) = (path for path in set(folder.glob("*")) - before if f'"{name}"' in path.read_text())
-    text = file.read_text()
+    file = next(path for path in folder.iterdir() if f'"proximity/{place_of(address)}"' in text_of(path))
+    text = text_of(file)
     inlet.close()
     assert not file.exists()
     file.write_text(text)
@@ -270,7 +279,7 @@ def test_name_whose_maker_was_killed_while_making_it_comes_free(address):
 
 def test_other_settings_are_refused(address):
     node = iceoryx2.NodeBuilder.new().create(iceoryx2.ServiceType.Ipc)
-    name = iceoryx2.ServiceName.new(f"proximity/{address.removeprefix('iox2://')}")
+    name = iceoryx2.ServiceName.new(f"proximity/{place_of(address)}")
     builder = node.service_builder(name).publish_subscribe(iceoryx2.Slice[ctypes.c_uint8])
     service = builder.open_or_create()
 
@@ -287,7 +296,7 @@ def test_place_that_another_program_gave_no_name_is_refused_too(address):
     """A publisher that is not ours cannot be told from the other programs that have the name open."""
     node = iceoryx2.NodeBuilder.new().create(iceoryx2.ServiceType.Ipc)
     inlet = open_inlet(address)
-    name = iceoryx2.ServiceName.new(f"proximity/{address.removeprefix('iox2://')}")
+    name = iceoryx2.ServiceName.new(f"proximity/{place_of(address)}")
     service = node.service_builder(name).publish_subscribe(iceoryx2.Slice[ctypes.c_uint8]).open()
     theirs = service.publisher_builder().initial_max_slice_len(64).create()
 
