@@ -59,7 +59,15 @@ class FarEnd:
             cwd=Path(__file__).parent,
         )
         self.pid = self._process.pid
-        self.said = self._process.stdout.readline().strip()
+        self.said = self._first_line()
+
+    def _first_line(self):
+        in_time = threading.Timer(PATIENCE, self._process.kill)  # what hangs is killed, and said nothing
+        in_time.start()
+        try:
+            return self._process.stdout.readline().strip()
+        finally:
+            in_time.cancel()
 
     def kill(self):
         """Kill it as nothing can be refused, and wait until it is gone."""

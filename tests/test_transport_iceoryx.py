@@ -277,6 +277,31 @@ def test_name_whose_maker_was_killed_while_making_it_comes_free(address):
     assert not file.exists()
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="shared memory has no files elsewhere")
+@pytest.mark.parametrize("kept", ["old", "just made"])
+def test_memory_whose_maker_was_killed_while_making_it_hangs_nobody(address, kept):
+    """Whoever joins iceoryx2 looks after the dead, and would wait for their half-made memory for ever."""
+    inlet = open_inlet(address)
+    with FarEnd("publish", address) as publisher:
+        assert inlet.wait(PATIENCE)
+        publisher.kill()
+    room = np.zeros(2000, np.uint8)
+    while inlet.receive(room) != NOTHING:
+        pass
+    (connection,) = Path("/dev/shm").glob(f"*{inlet._subscriber.id.value}*.connection")
+    try:
+        connection.unlink()
+        os.close(os.open(connection, os.O_CREAT | os.O_WRONLY, 0o200))
+        if kept == "old":
+            os.utime(connection, (1.0, 1.0))
+        with FarEnd("publish", address) as publisher:
+            assert publisher.said == "ready"
+            assert inlet.wait(PATIENCE)
+    finally:
+        connection.unlink(missing_ok=True)  # or every program of this machine hangs
+    inlet.close()
+
+
 def test_other_settings_are_refused(address):
     node = iceoryx2.NodeBuilder.new().create(iceoryx2.ServiceType.Ipc)
     name = iceoryx2.ServiceName.new(f"proximity/{place_of(address)}")
