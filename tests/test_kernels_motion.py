@@ -137,6 +137,21 @@ def test_velocity_that_is_not_finite_is_found_from_the_poses(missing):
     assert finger.state == alone.state
 
 
+@pytest.mark.parametrize("speed", [1e12, 1e200, 1e300])
+def test_velocity_that_was_nonsense_is_forgotten_soon(speed):
+    finger = Finger()
+    for t_ns in (0, MS, 2 * MS):
+        finger.see(t_ns, (0, 0, 0), velocity=(speed, 0, 0))
+        step, rho = finger.after(0.0)
+        assert not step.any() and rho == 0.0
+    for tick in range(3, 100):
+        finger.see(tick * MS, (0, 0, 0))
+        step, rho = finger.after(0.0)
+        assert not step.any() and rho == 0.0
+
+    assert finger.velocity_error < 0.5 and not finger.velocity.any()
+
+
 # --- poses that are no news ---
 
 

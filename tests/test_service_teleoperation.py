@@ -344,17 +344,34 @@ def test_normals_and_surfaces_that_cannot_be_are_unknown(inlet):
     assert source.notes == ["queue:: 2 normals that are not of unit length"]
 
 
-def test_places_that_are_half_known_are_none(inlet):
-    """Otherwise readers refuse the whole frame: they expect a place or none."""
-    source = SensorInput("queue:", 4)
-    inlet.put(message([0.1] * 4, position=[(1, 2, 3), (1, np.nan, 3), (np.inf, 2, 3), (np.nan,) * 3]))
+def test_place_that_is_known_by_half_is_unknown_and_costs_no_frame(inlet):
+    """A reader would refuse the frame, and with it all other fingers."""
+    source, outlet = SensorInput("queue:", 4), KeepingOutlet()
+    places = [(1, 2, 3), (1, np.nan, 3), (1, 2, np.inf), (np.nan,) * 3]
+    inlet.put(message([0.1] * 4, position=places))
+    Service(SensorAnswers(4), source, [publisher(outlet)], period=0.001, clock=ManualClock(NOW - MS)).run(
+        tick_count=1
+    )
+    reader = QueueInlet()
+    reader.queue = outlet.sent[:1]
 
-    samples = source.poll(NOW)
+    reading = Subscriber(reader, "queue:", clock=lambda: NOW).read()
 
-    assert samples.records["position"][0].tolist() == [1, 2, 3]
-    assert np.isnan(samples.records["position"][1:]).all()
-    assert samples.distances[:, 0].tolist() == [0.1] * 4
-    assert source.notes == ["queue:: 2 places that are half known"]
+    assert reading.state is State.OK
+    np.testing.assert_array_equal(reading.contacts["position"], [(1, 2, 3)] + [(np.nan,) * 3] * 3)
+    assert source.notes == ["queue:: 2 positions that are not finite"]
+
+
+@pytest.mark.parametrize("speed", [1e300, -1e300, 3.1])
+def test_speed_that_a_sensor_cannot_have_measured_is_not_believed_and_costs_no_frame(speed):
+    """It once left an error without end, from which a prediction for now was not a number."""
+    answers = SensorAnswers(1, latency=0.0)
+    answers.answer(measured([0.1], NOW - MS, approach_speed=speed), NOW - MS)
+
+    contact = answers.answer(measured([0.1]), NOW)[0]
+
+    assert contact["predicted_lower"] == contact["lower"] and contact["predicted_upper"] == contact["upper"]
+    assert np.isfinite(contact["predicted_distance"])
 
 
 # --- the same checks, ages and safe behaviour as of geometry ---

@@ -66,6 +66,8 @@ NOISE = 0.15e-3
 """m, of one pose: three times the scatter of a sensor at 1 kHz. Recorded fingers at rest have 0.02 mm."""
 MAX_NOISE_SPEED = 0.3
 """m/s: a velocity that noise alone may put farther off is not known yet."""
+MOST_SURPRISE = 1e3
+"""m/s; only a velocity that was told can be so far off, and an error without end would never fade."""
 ENOUGH = 3
 """Poses from which on a track is believed, and so its error: sensors tell the first pose of a hand twice."""
 MAX_GAP_NS = 100_000_000
@@ -177,7 +179,7 @@ def _follow(reals, row, x, y, z, dt, max_acceleration):
     # What neither acceleration nor noise explains is a pose gone astray, perhaps: as much of it as went
     # into the velocity counts as error, and fades as the pose does.
     explained = (reals[row, VELOCITY_ERROR] + 0.5 * max_acceleration * dt) * dt + 2.0 * NOISE
-    surprise = max(math.sqrt(miss_sq) - explained, 0.0) * (-s1 * per_spread)
+    surprise = min(max(math.sqrt(miss_sq) - explained, 0.0) * (-s1 * per_spread), MOST_SURPRISE)
     surprise = max(surprise, reals[row, SURPRISE] * weight * (1.0 + dt / MEMORY))
     reals[row, SURPRISE] = surprise
     reals[row, VELOCITY_ERROR] = max_acceleration * lag + noise_error + surprise
@@ -254,7 +256,8 @@ def predict(reals, row, h, max_speed, max_acceleration):
     moves no faster than *max_speed* (m/s), whichever says more. Behind the pose, *h* < 0, counts as at it.
     The place is a little short of straight ahead, and *rho* counts that. A row of zeros knows no place.
     """
-    h = max(h, 0.0)
+    if not h > 0.0:
+        return 0.0, 0.0, 0.0, 0.0
     ahead = min(h, HORIZON)
     ahead -= ahead * ahead * (0.5 / COAST)
     vx, vy, vz = reals[row, VELOCITY], reals[row, VELOCITY + 1], reals[row, VELOCITY + 2]

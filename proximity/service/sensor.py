@@ -115,15 +115,14 @@ class SensorInput:
 
     def _correct(self, records: np.ndarray) -> None:
         """Make unknown what cannot be: a whole frame would be refused because of it."""
-        normals = records["normal"]
+        positions, normals = records["position"], records["normal"]
+        is_nowhere = ~np.isfinite(positions).all(axis=1) & ~np.isnan(positions).all(axis=1)
+        if is_nowhere.any():
+            positions[is_nowhere] = np.nan
+            self._reception.leave_out("positions that are not finite", int(is_nowhere.sum()))
         with np.errstate(over="ignore", invalid="ignore"):
             is_skewed = np.abs((normals * normals).sum(axis=1) - 1.0) > UNIT_ERROR
         if is_skewed.any():
             normals[is_skewed] = np.nan
             self._reception.leave_out("normals that are not of unit length", int(is_skewed.sum()))
-        positions = records["position"]
-        is_half_known = ~np.isfinite(positions).all(axis=1) & ~np.isnan(positions).all(axis=1)
-        if is_half_known.any():
-            positions[is_half_known] = np.nan
-            self._reception.leave_out("places that are half known", int(is_half_known.sum()))
         records["surface"][records["surface"] > max(Surface)] = Surface.UNKNOWN
