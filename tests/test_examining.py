@@ -231,11 +231,28 @@ def test_run_that_was_interrupted_by_another_goes_on_with_new_numbers():
     bench = Bench()
     bench.arrive_frame(10)
     bench.arrive_frame(0, session=5)
-    bench.clock.now += MS
+    bench.clock.now += 50 * MS + 1
 
     assert not bench.arrive_frame(10)
     assert bench.arrive_frame(12)
     assert bench.counts.lost == 1
+
+
+@pytest.mark.parametrize("shares_clock", [True, False])
+@pytest.mark.parametrize("other", [5, -5])
+def test_two_publishers_at_one_address_are_not_believed_in_turn(shares_clock, other):
+    """As of two services that send datagrams to one port: the distances would be of two scenes in turn."""
+    bench = Bench(shares_clock=shares_clock)
+    bench.arrive_frame(0)
+    bench.clock.now += 51 * MS
+    seen = []
+    for number in range(1, 100):
+        for session in (other, 0):
+            bench.clock.now += MS
+            seen.append((session, bench.arrive_frame(number, session)))
+
+    assert [session for session, is_taken in seen if is_taken] == [other] * 99
+    assert (bench.counts.flawed, bench.counts.sessions) == ({Flaw.OLD: 99}, 2)
 
 
 def test_runs_that_are_remembered_are_no_more_than_a_few():
@@ -258,14 +275,15 @@ def test_kinds_have_numbers_of_their_own():
     assert (bench.counts.received, bench.counts.lost) == (4, 1)
 
 
-def test_flood_of_garbage_leaves_the_reader_its_time():
-    bench = Bench()
-    for _ in range(MOST_FLAWED):
+@pytest.mark.parametrize(("settings", "most"), [({}, MOST_FLAWED), ({"most_flawed": 3}, 3)])
+def test_flood_of_garbage_leaves_the_reader_its_time(settings, most):
+    bench = Bench(**settings)
+    for _ in range(most):
         bench.wire.put(b"garbage")
     bench.wire.put(sealed(frame(), 1))
 
     assert bench.arrive() == []
-    assert bench.counts.flawed.total() == MOST_FLAWED
+    assert bench.counts.flawed.total() == most
     assert bench.arrive() == [(SESSION, 1)]
 
 

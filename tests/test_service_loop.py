@@ -225,6 +225,19 @@ def test_poses_from_the_future_or_going_back_are_left_out_and_counted():
     assert report.future == 2 and report.backwards == 4
 
 
+def test_pose_that_comes_while_a_tick_is_kept_from_running_is_not_from_the_future():
+    clock = ManualClock()
+
+    def poll(poll, now_ns):
+        clock.spend(30 * MS * (poll == 1))
+        return hands_at([[0.1, 0, 0], [0.2, 0, 0]], clock.now_ns())
+
+    report, outlet, _, _ = serve(poll, ticks=3, clock=clock)
+
+    assert report.future == 0
+    assert outlet.states[:3] == [State.OK, State.LATE, State.OK]
+
+
 @pytest.mark.parametrize("jump", [-3600_000 * MS, 3600_000 * MS])
 def test_clock_of_the_input_that_jumps_ends_in_stale_and_recovers_when_it_is_right(jump):
     def poll(poll, now_ns):

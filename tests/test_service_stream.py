@@ -154,10 +154,20 @@ def test_flood_takes_a_few_messages_of_a_tick_and_no_more(inlet):
     inlet.put(poses(np.ones((1, 3))))
 
     assert source.poll(NOW) is None
-    assert len(inlet.queue) == 1001 - reception.MOST_AT_ONCE
-    for _ in range(1000 // reception.MOST_AT_ONCE):
+    assert len(inlet.queue) == 1001 - reception.MOST_FLAWED
+    for _ in range(1000 // reception.MOST_FLAWED):
         hands = source.poll(NOW)
     assert (hands.positions == 1).all()
+
+
+def test_newest_pose_counts_however_many_came_since_the_tick_before(inlet):
+    """Of a hand told 1000 times a second and served 20 times the oldest that waited were served, all late."""
+    source = stream(1)
+    for tick in range(5):
+        for number in range(50):
+            inlet.put(poses([[tick, number, 0.0]], NOW + number))
+
+        assert source.poll(NOW).positions.tolist() == [[tick, 49, 0]]
 
 
 def test_address_that_fails_is_counted_and_said_once(inlet, caplog):

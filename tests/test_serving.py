@@ -346,6 +346,22 @@ def test_edit_that_needs_a_restart_changes_nothing(looking):
     assert "2: service.rate_hz is not as it was" in looking.said[0]
 
 
+def test_part_that_is_replaced_by_one_of_the_same_date_and_size_is_taken(looking, folder):
+    """Unpacked from an archive where all files have one date; then renamed into its place."""
+    old, new = folder / "box.stl", folder / "box.new"
+    data = bytearray(old.read_bytes())
+    data[-14:-2] = np.float32([1.0, 2.0, 3.0]).tobytes()  # the last corner
+    new.write_bytes(data)
+    os.utime(new, ns=(old.stat().st_atime_ns, old.stat().st_mtime_ns))
+    new.replace(old)
+    for _ in range(3):
+        looking.editing.look()
+
+    assert len(looking.replaced) == 1
+    vertices = looking.replaced[0].tracker.scene.parts[0].solid.mesh.vertices
+    assert np.isclose(vertices, [0.001, 0.002, 0.003]).all(axis=1).any()
+
+
 def test_refused_edit_is_said_once(looking):
     looking.path.write_text("nonsense")
     for _ in range(4):

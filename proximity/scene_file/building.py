@@ -70,8 +70,11 @@ class PartFiles:
         return tuple(found[1])
 
 
-def stamp_of(path: str) -> tuple[int, int] | None:
+def stamp_of(path: str) -> tuple[int, ...] | None:
     """Return what changes when a file does; None where there is none.
+
+    Not its date and size alone: of unpacked archives all files may have one date, and of parts with as many
+    faces one size.
 
     Parameters
     ----------
@@ -82,7 +85,7 @@ def stamp_of(path: str) -> tuple[int, int] | None:
         status = os.stat(path)
     except OSError:
         return None
-    return status.st_mtime_ns, status.st_size
+    return status.st_mtime_ns, status.st_ctime_ns, status.st_ino, status.st_size
 
 
 def finger_count(settings: SceneFile, recording: Recording | None) -> int:

@@ -49,7 +49,8 @@ class LogWriter:
         self.written = self.failed = self.lost = 0
         self.first_failure = ""
         self._log = log
-        self._rows = np.zeros((min(depth, max(MOST_BYTES // size, FEWEST)), size), np.uint8)
+        self._rows = np.empty((min(depth, max(MOST_BYTES // size, FEWEST)), size), np.uint8)
+        self._rows.fill(0)  # here, and not page by page in the loop
         self._head = self._tail = 0  # frames put in, and taken out
         self._is_closing = False
         # Held while there is nothing to do: to let go of it wakes the writer, and costs the loop the least.

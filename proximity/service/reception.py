@@ -12,8 +12,11 @@ from proximity.transport import Examiner, open_inlet
 from proximity.transport.clocks import ForeignClock
 
 LOGGER = logging.getLogger("proximity.service")
-MOST_AT_ONCE = 32
-"""Messages looked at in one tick: a flood of garbage takes 0.1 ms of it, not all."""
+MOST_AT_ONCE = 256
+"""Messages looked at in one tick: more than shared memory keeps, so that the newest is among them however
+seldom ticks are. Of moves nothing would tell that newer ones wait."""
+MOST_FLAWED = 32
+"""Of these, such that cannot be used: a flood of garbage takes 0.1 ms of a tick, not all."""
 
 FARTHEST_NS = 2**62
 """Between two clocks: 146 years. Instants of one that is farther off could not be told in 64 bits."""
@@ -42,7 +45,9 @@ class Reception:
     ) -> None:
         self.address = address
         self._inlet = open_inlet(address)
-        self._examiner = Examiner(self._inlet, kinds, clock, most_at_once=MOST_AT_ONCE)
+        self._examiner = Examiner(
+            self._inlet, kinds, clock, most_at_once=MOST_AT_ONCE, most_flawed=MOST_FLAWED
+        )
         self._foreign = None if self._inlet.shares_clock else ForeignClock()
         self._failures = 0
         self._first_failure = ""

@@ -17,7 +17,8 @@ MOST_AT_ONCE = 1024
 MOST_FLAWED = 256
 """Of these, such that cannot be used: a flood must not keep a reader from its work."""
 RESTART_SILENCE_NS = 50_000_000
-"""A publisher elsewhere that is silent for longer may have been started anew with its calendar put back."""
+"""A publisher elsewhere that is silent for longer may have been started anew with its calendar put back; one
+that came before it and is there again is believed."""
 MOST_RUNS = 64
 """Runs of the publisher that are remembered: what came of them does not come again."""
 
@@ -59,14 +60,17 @@ class Examiner:
         Gives now, ns, monotonic.
     most_at_once : int
         Messages looked at in one go.
+    most_flawed : int
+        Of these, such that cannot be used; then the others wait for the next go.
 
     Notes
     -----
     Within a session numbers only rise. Another session is another run of the publisher. It counts if its
     number is higher: it began later, by the calendar. If the number is lower, either the calendar was put
     back or these are copies from an earlier run. On a shared clock the instant of sending tells which; a
-    foreign clock tells nothing, and the present run must have been silent. What has come once of any run does
-    not come again.
+    foreign clock tells nothing, and the present run must have been silent. So it must before a run comes back
+    that another has followed: of two publishers that go on side by side one is believed, not each in turn.
+    What has come once of any run does not come again.
     """
 
     def __init__(
@@ -75,6 +79,7 @@ class Examiner:
         kinds: Sequence[Kind],
         clock: Callable[[], int] = time.monotonic_ns,
         most_at_once: int = MOST_AT_ONCE,
+        most_flawed: int = MOST_FLAWED,
     ) -> None:
         self.counts = Counts()
         self._inlet = inlet
@@ -82,7 +87,7 @@ class Examiner:
         self._default = kinds[0]
         self._room = np.empty(max(kind.size(MAX_RECORDS) for kind in kinds) + 8, np.uint8)
         self._clock = clock
-        self._most_at_once = most_at_once
+        self._most_at_once, self._most_flawed = most_at_once, most_flawed
         self._last: dict[int, _Seen] = {}  # by the kind's magic
         self._ended: dict[tuple[int, int], int] = {}  # magic, session: the last number of a run before
 
@@ -114,7 +119,7 @@ class Examiner:
                 continue
             counts.flawed[flaw] += 1
             flawed_count += 1
-            if flawed_count == MOST_FLAWED:
+            if flawed_count == self._most_flawed:
                 return
 
     def _take_in(
@@ -151,14 +156,14 @@ class Examiner:
         last_session, last_sequence, last_sent_ns, last_ns = last
         if session == last_session:
             return Flaw.OLD if sequence <= last_sequence else None
-        if sequence <= self._ended.get((kind.magic, session), -1):
-            return Flaw.OLD
-        if session > last_session:
+        was_followed = (kind.magic, session) in self._ended
+        if session > last_session and not was_followed:
             return None
-        if self._inlet.shares_clock:
-            is_alive = sent_ns > last_sent_ns
+        is_silent = now_ns - last_ns > RESTART_SILENCE_NS
+        if was_followed:
+            is_alive = is_silent and sequence > self._ended[kind.magic, session]
         else:
-            is_alive = now_ns - last_ns > RESTART_SILENCE_NS
+            is_alive = sent_ns > last_sent_ns if self._inlet.shares_clock else is_silent
         return None if is_alive else Flaw.OLD
 
     def _accept(self, kind: Kind, message: _Seen) -> None:
