@@ -199,7 +199,7 @@ class Service:
             self._take_over()
         samples = self._input.poll(start_ns)
         if samples is not None:
-            # Not by the start: if the system kept us from running since, new poses are after it, and no mistake.
+            # Not by the start: where the system kept us from running since, new poses are after it.
             gate.admit(samples, clock.now_ns())
         gate.expire(start_ns)
         framing.fill(self._answering.answer(gate.kept, start_ns))
