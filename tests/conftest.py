@@ -28,11 +28,3 @@ def shared_data() -> Path:
     if not SHARED_DATA.is_dir():
         pytest.skip("the real parts (shared/data beside the project) are not here")
     return SHARED_DATA
-
-
-@pytest.fixture(scope="session", autouse=True)
-def ctrl_c():
-    """Ctrl-C acts as in a terminal: tests send it, and what runs in the background is deaf to it."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)

@@ -5,6 +5,7 @@ ends when its standard input does, so that nothing is left behind when a test fa
 """
 
 import contextlib
+import itertools
 import os
 import subprocess
 import sys
@@ -18,6 +19,12 @@ from proximity.transport import open_inlet, open_publisher, open_subscriber
 
 PATIENCE = 30.0
 """s until a test gives up: a loaded machine with two cores may take long."""
+_numbers = itertools.count()
+
+
+def new_name():
+    """A name that no other test has, nor a run of the tests beside this one."""
+    return f"test-{os.getpid()}-{time.time_ns()}/{next(_numbers)}"
 
 
 def frame(count=5):
@@ -59,7 +66,15 @@ class FarEnd:
             cwd=Path(__file__).parent,
         )
         self.pid = self._process.pid
-        self.said = self._process.stdout.readline().strip()
+        self.said = self._first_line()
+
+    def _first_line(self):
+        in_time = threading.Timer(PATIENCE, self._process.kill)  # what hangs is killed, and said nothing
+        in_time.start()
+        try:
+            return self._process.stdout.readline().strip()
+        finally:
+            in_time.cancel()
 
     def kill(self):
         """Kill it as nothing can be refused, and wait until it is gone."""

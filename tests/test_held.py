@@ -107,6 +107,17 @@ def test_state_and_source_out_of_range_are_without_sense(state, source):
     assert bench.flawed == {Flaw.CONTENT: 1}
 
 
+def test_clock_at_the_end_of_its_numbers_is_not_believed():
+    """What it will show in a moment does not fit into 64 bits any more."""
+    bench, ends = Reader(shares_clock=False), 2**63 - 1 - 25 * MS
+    for number in range(10):
+        bench.send(frame(ends - (9 - number) * 10 * MS))
+        bench.read(10 * MS)
+
+    assert bench.flawed == {Flaw.FUTURE: 10}
+    assert bench.read(30 * MS).state is State.STALE
+
+
 @given(st.binary(min_size=2 * CONTACT.itemsize, max_size=2 * CONTACT.itemsize), st.integers(0, 200))
 def test_no_contacts_raise(records, ms):
     bench, message = Reader(), frame(count=2)

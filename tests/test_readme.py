@@ -2,14 +2,20 @@
 
 import contextlib
 import io
+import math
 import re
 import shlex
+import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from test_layering import LAYERS
+from wire import MS, frame
 
+import proximity
 from proximity import cli
+from proximity.service import StreamInput
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -51,6 +57,61 @@ def test_two_commands_set_everything_up():
         "python -m pip install -e . && proximity demo",
         'python -m pip install -e ".[test]" && python -m pytest',
     ]
+
+
+def test_sender_of_poses_as_the_readme_shows_it_is_understood():
+    (code,) = blocks("py")
+    _, _, sender = code.partition("\n\n")
+    source = StreamInput("mailbox:readme/poses", 5)
+    tips = np.arange(15.0).reshape(5, 3)
+
+    exec(
+        compile(sender.replace("iox2://decaff/poses", "mailbox:readme/poses"), "README.md", "exec"),
+        scope := {"proximity": proximity, "time": time, "math": math, "tips": tips},
+    )
+
+    hands = source.poll(time.monotonic_ns())
+    np.testing.assert_array_equal(hands.positions, tips)
+    assert (hands.pose_ns == scope["message"].header["send_ns"]).all() and hands.pose_ns[0] > 0
+    assert source.notes == []
+
+
+def test_reader_of_frames_as_the_readme_shows_it_follows_and_retreats(monkeypatch):
+    (code,) = blocks("py")
+    reader, _, _ = code.partition("\n\n")
+    told = []
+
+    class Running:
+        """A service that ends after two looks at it."""
+
+        def __init__(self, path):
+            self.looks = [True, True, False]
+
+        @property
+        def is_running(self):
+            is_running = self.looks.pop(0)
+            if len(self.looks) == 1:
+                sender.publish(frame(time.monotonic_ns(), count=2, valid_for=900 * MS))
+            return is_running
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *error):
+            pass
+
+    monkeypatch.setattr(proximity, "start_service", Running, raising=False)
+    with proximity.open_publisher("mailbox:readme") as sender:
+        exec(
+            compile(reader.replace("iox2://decaff", "mailbox:readme"), "README.md", "exec"),
+            {
+                "proximity": proximity,
+                "follow": lambda *of: told.append(("follow", *map(len, of))),
+                "retreat": lambda *of: told.append(("retreat", *map(len, of))),
+            },
+        )
+
+    assert told == [("retreat", 0), ("follow", 2, 2)]
 
 
 def test_picture_of_the_layers_is_the_one_that_is_tested():

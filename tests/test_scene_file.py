@@ -235,7 +235,7 @@ MISTAKES = [
     ),
     (
         PART + POSES + "[service]\nvalid_for = 0\n",
-        "6: service.valid_for is 0, expected a number above 0 to 0.1 (s)",
+        "6: service.valid_for is 0, expected a number from 1e-05 to 0.1 (s)",
     ),
     (
         PART + POSES + "[service]\nreal_time = 1\n",

@@ -20,8 +20,8 @@ from fake_service import (
 )
 
 from proximity.errors import ServiceError
-from proximity.message import FRAME, ContactFlag, Source, State, flaw_of
-from proximity.service import Service, SkippingClock
+from proximity.message import FRAME, ContactFlag, Source, State, flaw_of, parts_of
+from proximity.service import Service, SkippingClock, loop
 
 START = 1000 * MS
 FAREWELL = [State.STOPPING] * 3
@@ -481,6 +481,35 @@ def test_replacement_from_another_thread_returns_when_it_answers():
         stop.set()
         thread.join(10.0)
     assert before.ticks == ticks and after.ticks > 0
+
+
+def test_replacement_waits_for_a_tick_however_rare_they_are(monkeypatch):
+    monkeypatch.setattr(loop, "TAKEN_OVER_WITHIN", 0.05)
+    before, after, stop = FakeAnswers(), FakeAnswers(), threading.Event()
+    service = Service(before, ScriptedInput(steady), [], period=0.3)
+    thread = threading.Thread(target=service.run, kwargs={"stop": stop})
+    thread.start()
+    try:
+        while not before.ticks:
+            time.sleep(0.001)
+        service.replace(after)
+        assert service._answering is after
+    finally:
+        stop.set()
+        thread.join(20.0)
+
+
+def test_log_alone_tells_runs_apart():
+    logs = [KeepingLog(), KeepingLog()]
+    for log in logs:
+        Service(FakeAnswers(), ScriptedInput(steady), [], period=0.001, clock=ManualClock(), log=log).run(
+            tick_count=2
+        )
+
+    numbers = [[parts_of(data, FRAME)[0].item()[5:7] for data in log.frames] for log in logs]
+    sessions = [{session for session, _ in told} for told in numbers]
+    assert [[sequence for _, sequence in told] for told in numbers] == [list(range(5))] * 2
+    assert [len(told) for told in sessions] == [1, 1] and sessions[0] != sessions[1]
 
 
 def test_replacement_for_other_fingers_is_refused():

@@ -226,6 +226,18 @@ def test_sender_on_another_machine_that_starts_anew_has_another_clock(monkeypatc
     assert age == pytest.approx(3, abs=0.05)
 
 
+@pytest.mark.parametrize("ahead", [-(2**63) - NOW + 1, 2**63 - NOW - 1000 * MS])
+def test_sender_whose_clock_is_beyond_all_measure_is_left_out(monkeypatch, ahead):
+    """Its instants, and how far they are from ours, do not fit into 64 bits together."""
+    sender = ForeignSender(monkeypatch)
+    sender.ahead = ahead
+    told = [sender.send(transit=0) for _ in range(20)]
+
+    assert told == [None] * 20
+    (note,) = sender.source.notes
+    assert note.endswith(" messages of a clock that cannot be")
+
+
 def test_closing_gives_the_address_back(inlet):
     stream().close()
 

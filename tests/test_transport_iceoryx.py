@@ -1,20 +1,17 @@
-"""Shared memory between processes: who comes late, is slow, is killed, or wants a name that is taken."""
+"""Shared memory between processes: what comes through, to whom comes late, is slow, or sees the other die."""
 
-import ctypes
 import errno
 import gc
-import itertools
 import os
 import signal
 import sys
 import threading
-import time
 import tracemalloc
 from pathlib import Path
 
 import numpy as np
 import pytest
-from far_end import PATIENCE, FarEnd, frame, touch, until
+from far_end import PATIENCE, FarEnd, frame, new_name, touch, until
 
 from proximity.errors import PublishError
 from proximity.message import State
@@ -24,13 +21,10 @@ from proximity.transport.links import NOTHING
 iceoryx2 = pytest.importorskip("iceoryx2", reason="there is no iceoryx2 for this machine")
 iceoryx_names = pytest.importorskip("proximity.transport.iceoryx_names")
 
-_numbers = itertools.count()
-
 
 @pytest.fixture
 def address():
-    """A name that no other test has, nor a run of the tests beside this one."""
-    return f"iox2://test-{os.getpid()}-{time.time_ns()}/{next(_numbers)}"
+    return f"iox2://{new_name()}"
 
 
 def numbered(number, size=100):
@@ -105,17 +99,6 @@ def test_memory_is_enough_for_all_subscribers_at_their_own_pace(address):
         end.close()
 
 
-def test_one_subscriber_too_many_is_refused_until_another_leaves(address):
-    inlets = [open_inlet(address) for _ in range(iceoryx_names.SUBSCRIBERS)]
-
-    with pytest.raises(PublishError, match=r"iox2://.*: has 16 subscribers already, which is the most"):
-        open_inlet(address)
-    inlets.pop().close()
-    inlets.append(open_inlet(address))
-    for inlet in inlets:
-        inlet.close()
-
-
 def test_lengths_may_change_and_grow_to_a_whole_skin(address):
     outlet, inlet = open_outlet(address), open_inlet(address)
     sizes = [1, 1736, 8192, 8193, 100_000, 96 + 4096 * 328, 1736, 1]
@@ -164,34 +147,6 @@ def test_what_was_sent_last_is_still_received_after_the_publisher_has_closed(add
     inlet.close()
 
 
-def test_second_publisher_is_refused_and_told_who_publishes(address):
-    with (
-        open_publisher(address),
-        pytest.raises(PublishError, match=rf"is in use: process {os.getpid()} \(.*\) publishes there"),
-    ):
-        open_publisher(address)
-    with (
-        FarEnd("publish", address) as other,
-        pytest.raises(PublishError, match=rf"iox2://.*: is in use: process {other.pid} "),
-    ):
-        open_publisher(address)
-
-
-def test_other_process_is_refused_without_a_word_of_the_library(address):
-    with open_publisher(address), FarEnd("refused", address, 2) as other:
-        assert f"is in use: process {os.getpid()} " in other.said
-        assert other.ended() == (0, "", "")
-
-
-def test_name_is_free_after_close_and_closing_twice_is_once(address):
-    for _ in range(40):
-        publisher, subscriber = open_publisher(address), open_subscriber(address)
-        publisher.publish(touch(frame()))
-        assert subscriber.read().is_new
-        for end in (publisher, subscriber, publisher, subscriber):
-            end.close()
-
-
 def test_nothing_is_sent_or_received_after_close(address):
     outlet, inlet = open_outlet(address), open_inlet(address)
     outlet.send(numbered(1))
@@ -225,89 +180,6 @@ def test_subscriber_ages_when_the_publisher_is_killed_and_takes_to_the_next(addr
         assert int(subscriber.read().header["session"]) > session
         assert subscriber.counts.sessions == 2
         assert not subscriber.counts.flawed
-
-
-def test_killed_subscribers_keep_neither_the_publisher_nor_their_places(address):
-    with open_publisher(address) as publisher:
-        for role in ("hold", "subscribe", "hold", "subscribe", "hold"):
-            with FarEnd(role, address, 9) as reader:
-                assert reader.said == "ready"  # though nine dead ones have most of the places
-                for _ in range(100):
-                    publisher.publish(touch(frame()))
-                reader.kill()
-                publisher.publish(touch(frame()))
-        with open_subscriber(address) as subscriber:
-            publisher.publish(touch(frame()))
-            assert subscriber.read().is_valid
-
-
-def test_process_that_ends_without_closing_leaves_nothing(address):
-    with FarEnd("hold", address, 16) as reader:
-        assert reader.ended(let_go=True) == (0, "", "")
-    inlets = [open_inlet(address) for _ in range(16)]
-    for inlet in inlets:
-        inlet.close()
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="how unfinished names look elsewhere is not known")
-def test_name_whose_maker_was_killed_while_making_it_comes_free(address):
-    """iceoryx2 leaves a file that is still writable, and then refuses the name for ever."""
-    settings = iceoryx2.config.global_config().global_cfg
-    folder = Path(settings.service_dir.to_string())
-    before = set(folder.glob("*")) if folder.is_dir() else set()
-    inlet = open_inlet(address)
-    name = f"proximity/{address.removeprefix('iox2://')}"
-    (file,) = (path for path in set(folder.glob("*")) - before if f'"{name}"' in path.read_text())
-    text = file.read_text()
-    inlet.close()
-    assert not file.exists()
-    file.write_text(text)
-    file.chmod(0o600)
-
-    publisher = open_publisher(address)
-    publisher.close()
-    assert not file.exists()
-
-
-def test_other_settings_are_refused(address):
-    node = iceoryx2.NodeBuilder.new().create(iceoryx2.ServiceType.Ipc)
-    name = iceoryx2.ServiceName.new(f"proximity/{address.removeprefix('iox2://')}")
-    builder = node.service_builder(name).publish_subscribe(iceoryx2.Slice[ctypes.c_uint8])
-    service = builder.open_or_create()
-
-    with pytest.raises(
-        PublishError,
-        match=r"another program made it with other settings \(.*DoesNotSupport.*\); expected slices",
-    ):
-        open_publisher(address)
-    del service, builder, node
-    open_publisher(address).close()
-
-
-def test_place_that_another_program_gave_no_name_is_refused_too(address):
-    """A publisher that is not ours cannot be told from the other programs that have the name open."""
-    node = iceoryx2.NodeBuilder.new().create(iceoryx2.ServiceType.Ipc)
-    inlet = open_inlet(address)
-    name = iceoryx2.ServiceName.new(f"proximity/{address.removeprefix('iox2://')}")
-    service = node.service_builder(name).publish_subscribe(iceoryx2.Slice[ctypes.c_uint8]).open()
-    theirs = service.publisher_builder().initial_max_slice_len(64).create()
-
-    with pytest.raises(PublishError, match="is in use: another process publishes there"):
-        open_publisher(address)
-    theirs.delete()
-    inlet.close()
-
-
-@pytest.mark.parametrize("place", ["x" * 300, "bär", "a%00b"])
-def test_name_that_cannot_be_one_is_refused(place):
-    with pytest.raises(PublishError, match="expected a name of at most 245 ASCII characters"):
-        open_subscriber(f"iox2://{place}")
-
-
-def test_options_are_refused(address):
-    for opener in (open_publisher, open_subscriber):
-        with pytest.raises(PublishError, match=r"there is no option 'buffer' \(it has none\)"):
-            opener(f"{address}?buffer=2")
 
 
 def test_wait_ends_with_a_message_or_with_the_time(address):

@@ -1,6 +1,7 @@
 """What a service may be fed with over a transport: poses of fingers, moves of parts, distances of a sensor.
 
-A sender fills a `Message` of the kind and publishes it; any language can. Not known is nan.
+A sender fills a `Message` of the kind, header's ``send_ns`` included, and publishes it; any language can. A
+service on another machine learns the sender's clock from ``send_ns``. Not known is nan.
 """
 
 from proximity.message.envelope import PREFIX_FIELDS, Kind

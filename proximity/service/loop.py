@@ -21,7 +21,7 @@ from proximity.transport import Publisher
 FAREWELLS = 3
 """Frames that say STOPPING: a datagram may be lost."""
 TAKEN_OVER_WITHIN, LOOK_AGAIN = 1.0, 1e-3
-"""s, of a new answering."""
+"""s, of a new answering: after a period, at most; then between two looks whether it was."""
 SHORTEST, LONGEST = 1e-5, 10.0
 """s, of periods."""
 
@@ -146,6 +146,10 @@ class Service:
         ------
         ServiceError
             If it is for another number of fingers, or of another kind.
+
+        Notes
+        -----
+        Thread: any, but one at a time.
         """
         before = self._answering
         if answering.count != before.count or answering.source != before.source:
@@ -155,7 +159,7 @@ class Service:
             )
         answering.rehearse()
         self._next = answering
-        gives_up = time.monotonic() + TAKEN_OVER_WITHIN
+        gives_up = time.monotonic() + TAKEN_OVER_WITHIN + 1e-9 * self._period_ns
         while self._next is answering and self._is_running_elsewhere() and time.monotonic() < gives_up:
             time.sleep(LOOK_AGAIN)
         # Here, not in the loop: to free a large scene takes milliseconds.
@@ -195,7 +199,7 @@ class Service:
             self._take_over()
         samples = self._input.poll(start_ns)
         if samples is not None:
-            # Not by the start: where the thread was kept from running since, the newest poses are after it.
+            # Not by the start: where the system kept us from running since, new poses are after it.
             gate.admit(samples, clock.now_ns())
         gate.expire(start_ns)
         framing.fill(self._answering.answer(gate.kept, start_ns))

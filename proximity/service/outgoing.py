@@ -1,6 +1,7 @@
 """Where frames go: to publishers, of which some may fail while others go on, and to a log."""
 
 import logging
+import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 
@@ -32,7 +33,7 @@ class Outgoing:
         self._publishers = [(publisher.publish, publisher) for publisher in publishers]
         self._first_failures: dict[str, str] = {}
         self._log = None if log is None else LogWriter(log, size)
-        self._unsent = 0
+        self._session, self._unsent = time.time_ns(), 0  # of a log alone
 
     @property
     def log_written(self) -> int:
@@ -64,7 +65,7 @@ class Outgoing:
         log = self._log
         if log is not None and not self._publishers:
             # A log alone: numbered as a publisher would.
-            log.put(message.seal(0, self._unsent))
+            log.put(message.seal(self._session, self._unsent))
             self._unsent += 1
         for publish, publisher in self._publishers:
             try:

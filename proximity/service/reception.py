@@ -18,6 +18,9 @@ seldom ticks are. Of moves nothing would tell that newer ones wait."""
 MOST_FLAWED = 32
 """Of these, such that cannot be used: a flood of garbage takes 0.1 ms of a tick, not all."""
 
+FARTHEST_NS = 2**62
+"""Between two clocks: 146 years. Instants of one that is farther off could not be told in 64 bits."""
+
 
 class Reception:
     """Takes the messages at an address that can be used.
@@ -76,12 +79,20 @@ class Reception:
                 self._foreign.arrived(int(header["send_ns"]), now_ns)
                 # Until a clock is seen to run, what it shows may be a copy of something old.
                 if self._foreign.is_settled:
-                    yield kind, records, now_ns - self._foreign.theirs(now_ns)
+                    yield from self._on_our_clock(kind, records, now_ns - self._foreign.theirs(now_ns))
         except OSError as failure:
             self._failures += 1
             if self._failures == 1:
                 self._first_failure = str(failure)
                 LOGGER.warning("receiving failed: %s", failure)
+
+    def _on_our_clock(
+        self, kind: Kind, records: np.ndarray, ahead_ns: int
+    ) -> Iterator[tuple[Kind, np.ndarray, int]]:
+        if abs(ahead_ns) <= FARTHEST_NS:
+            yield kind, records, ahead_ns
+        else:
+            self.leave_out("messages of a clock that cannot be", 1)
 
     def leave_out(self, what: str, count: int, why: str = "") -> None:
         """Count what of a message is not used; the first time is logged.

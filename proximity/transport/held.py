@@ -40,7 +40,8 @@ _KINDS = frozenset(
 """What the last four bytes of a contact may be: surface, mode, source and force_is_valid."""
 # As arrays: of a number, NumPy would make one at each comparison, which takes longer than to compare.
 _SHORTEST_SQ, _LONGEST_SQ = np.array((1.0 - UNIT_ERROR) ** 2), np.array((1.0 + UNIT_ERROR) ** 2)
-_MOST_NS = 2**63 - 1
+_MOST_NS = 2**62
+"""Of instants, on any clock: 146 years. What comes a while later must be a number of 64 bits as well."""
 _TRACKED = np.uint32(ContactFlag.TRACKED)
 _MOST_SOURCE = int(max(Source))
 _STATES = {int(state): state for state in State}

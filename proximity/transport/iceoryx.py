@@ -4,6 +4,8 @@ A message is copied into shared memory once, and every subscriber reads it there
 subscribers share a name. Nobody waits for anybody: who reads too seldom loses the oldest messages. A late
 subscriber gets the latest message as soon as the publisher sends its next one. When publisher or subscriber
 are killed, the other goes on; a publisher that is started anew is received by those that were there before.
+One gap is left in iceoryx2 0.10: whose partner is killed in the very microseconds in which it makes the
+connection may hang, until anybody opens or closes an ``iox2`` address.
 
 Programs in other languages open the publish-subscribe service ``proximity/NAME`` with slices of uint8.
 
@@ -22,7 +24,12 @@ import numpy as np
 
 from proximity.errors import PublishError
 from proximity.transport.address import Address
-from proximity.transport.iceoryx_names import BUFFER, open_service, take_place
+from proximity.transport.iceoryx_names import (
+    BUFFER,
+    open_service,
+    remove_unfinished_memory,
+    take_place,
+)
 from proximity.transport.links import NOTHING
 from proximity.transport.polling import wait_until
 
@@ -73,6 +80,7 @@ class IceoryxOutlet:
         """Leave; the name is free."""
         publisher, self._publisher = self._publisher, None
         if publisher is not None:
+            remove_unfinished_memory()
             publisher.delete()
         self._service = self._node = None
 
@@ -118,6 +126,7 @@ class IceoryxInlet:
         """Leave; the place is free."""
         subscriber, self._subscriber = self._subscriber, None
         if subscriber is not None:
+            remove_unfinished_memory()
             subscriber.delete()
         self._service = self._node = None
 
