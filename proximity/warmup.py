@@ -25,7 +25,7 @@ def kernels_are_cached() -> bool:
 
 
 def warm_up() -> None:
-    """Compile or load every kernel: a minute the first time on a machine, later less than a second."""
+    """Compile or load every kernel: a minute or two the first time on a machine, later less than a second."""
     first = Solid(_CORNERS, _FACES, name="first")
     second = Part(
         "second", Solid(_CORNERS, _FACES), Pose(translation=(2.0, 0.0, 0.0)), np.arange(4, dtype=np.int32)

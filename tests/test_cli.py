@@ -484,7 +484,7 @@ def test_first_compilation_is_announced_on_stderr(run, monkeypatch):
     result = run("query", "ball.stl", 0, 0, 12.5, "--json")
 
     assert compiled == [True]
-    assert result.err == "proximity: compiling for this processor, this once; it takes up to a minute\n"
+    assert result.err == "proximity: compiling for this processor, this once; it takes a minute or two\n"
     assert len(json.loads(result.out)["answers"]) == 1
 
 

@@ -21,8 +21,8 @@ from typing import Any
 from proximity.errors import ServiceError
 from proximity.serving.saying import guarded
 
-BEGIN_TIMEOUT = 180.0
-"""s. Kernels may have to be compiled, which takes a minute once, and large parts read."""
+BEGIN_TIMEOUT = 600.0
+"""s. Large parts may have to be read, and once kernels compiled: two minutes, or many on a busy machine."""
 STOP_TIMEOUT = 10.0
 """s. The last frames, the log's last blocks, and an edit that is being made."""
 KEPT_LINES = 40
