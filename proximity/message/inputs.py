@@ -26,7 +26,7 @@ POSE_FIELDS = (
     Field("pose_ns", "<i8", "ns", "instant of the pose"),
     Field("position", "<f8", "m", "centre of the fingertip sphere; nan: not tracked", VECTOR),
     Field("velocity", "<f8", "m/s", "nan: to be estimated", VECTOR),
-    Field("bend", "<f8", "", "where on its path the finger is; nan: the nearest place"),
+    Field("bend", "<f8", "", "of the finger, 0 to 1; nan: not known, on a path the nearest place"),
 )
 POSE = dtype_of(POSE_FIELDS)
 """One finger of a ``poses`` message, 72 bytes."""

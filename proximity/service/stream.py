@@ -73,14 +73,12 @@ class StreamInput:
             if hands.velocities is None:
                 hands.velocities = np.full((self._count, 3), np.nan)
             hands.velocities[rows] = records["velocity"]
+        if hands.bends is not None or np.isfinite(records["bend"]).any():
+            if hands.bends is None:
+                hands.bends = np.full(self._count, np.nan)
+            hands.bends[rows] = records["bend"]
         if hands.paths is not None or kind is PATH_POSES:
-            self._take_paths(kind, records, rows)
-
-    def _take_paths(self, kind: Kind, records: np.ndarray, rows: slice | np.ndarray) -> None:
-        hands = self._hands
-        if hands.paths is None or hands.bends is None:
-            hands.paths = np.full((self._count, PATH_CORNERS, 3), np.nan)
-            hands.bends = np.full(self._count, np.nan)
-        # A pose without a path says that the one before does not hold any more.
-        hands.paths[rows] = records["corners"] if kind is PATH_POSES else np.nan
-        hands.bends[rows] = records["bend"]
+            if hands.paths is None:
+                hands.paths = np.full((self._count, PATH_CORNERS, 3), np.nan)
+            # A pose without a path says that the one before does not hold any more.
+            hands.paths[rows] = records["corners"] if kind is PATH_POSES else np.nan
