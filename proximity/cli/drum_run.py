@@ -1,4 +1,7 @@
-"""The loop of ``proximity drum``, in front or beside something else, and what is told of its drums."""
+"""The loop of ``proximity drum``, beside what shows it, and what is told of its drums.
+
+To draw a table takes longer than a drum's watchdog waits: so the drums have a thread of their own.
+"""
 
 import math
 import threading
@@ -69,14 +72,27 @@ class DrumsBeside:
         Used by the thread only.
     rate : float, Hz
         Of the controllers.
+    look : callable
+        Is given the reading after each step, by the thread.
     """
 
-    def __init__(self, bench: DrumBench, subscriber: Subscriber, rate: float) -> None:
+    def __init__(
+        self,
+        bench: DrumBench,
+        subscriber: Subscriber,
+        rate: float,
+        look: Callable[[Reading], None] = lambda reading: None,
+    ) -> None:
         self.bench = bench
-        self._subscriber, self._rate = subscriber, rate
+        self._subscriber, self._rate, self._look = subscriber, rate, look
         self._failure: ProximityError | None = None
         self._is_over = threading.Event()
         self._thread = threading.Thread(target=self._run, name="drums", daemon=True)
+
+    @property
+    def is_running(self) -> bool:
+        """Whether nothing has failed."""
+        return self._failure is None
 
     @property
     def received(self) -> int:
@@ -89,7 +105,7 @@ class DrumsBeside:
 
     def _run(self) -> None:
         try:
-            run(self.bench, self._subscriber, self._rate, lambda reading: None, self._is_over.is_set)
+            run(self.bench, self._subscriber, self._rate, self._look, self._is_over.is_set)
         except ProximityError as failure:
             self._failure = failure
 
