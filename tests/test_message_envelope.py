@@ -30,7 +30,7 @@ SIZES = {
     "frame": (96, 328),
     "poses": (48, 72),
     "path_poses": (48, 1632),
-    "moves": (48, 208),
+    "moves": (48, 216),
     "measured": (48, 152),
 }
 

@@ -97,7 +97,7 @@ class TrackerAnswers:
             Instant of the tick.
         """
         if self.moves is not None:
-            self.moves.apply(self.tracker.scene)
+            self.moves.apply(self.tracker.scene, now_ns)
         paths = samples.paths
         return self.tracker.tick(
             samples.positions,
