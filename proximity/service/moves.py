@@ -22,7 +22,7 @@ SINGLE = 1e-5
 are off by a millionth, and a scene refuses that. Up to here the nearest rotation is meant."""
 
 Move = tuple[np.ndarray, np.ndarray, np.ndarray, int]
-"""``world_from_part`` (4, 4), velocity and angular velocity (3,) of one part, and until when, ns, it has them."""
+"""``world_from_part`` (4, 4), velocity and angular velocity (3,) of one part, until when, ns."""
 
 
 class MovesInput:
@@ -88,7 +88,8 @@ class MovesInput:
         velocities = np.nan_to_num(records["velocity"], posinf=np.inf, neginf=-np.inf)
         turning = np.nan_to_num(records["angular_velocity"], posinf=np.inf, neginf=-np.inf)
         until_ns[~(velocities.any(axis=1) | turning.any(axis=1))] = NEVER
-        moves = dict(zip(names, zip(matrices, velocities, turning, until_ns.tolist(), strict=True), strict=True))
+        told = zip(matrices, velocities, turning, until_ns.tolist(), strict=True)
+        moves: dict[str, Move] = dict(zip(names, told, strict=True))
         try:
             scene.move_many(names, matrices, velocities, turning)
         except (SceneError, PoseError):
