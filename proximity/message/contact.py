@@ -95,8 +95,13 @@ CONTACT_FIELDS = (
         "from pose_ns: no surface is touched before, for certain, as long as velocities stay, or the finger "
         "on its path",
     ),
-    Field("bend", "<f8", "", "of the finger at pose_ns: where on its path it is, 0 to 1; nan without a path"),
-    Field("bend_rate", "<f8", "1/s", "of bend"),
+    Field(
+        "bend",
+        "<f8",
+        "",
+        "of the finger at pose_ns, 0 to 1: where on its path it is, or as told; nan: not known",
+    ),
+    Field("bend_rate", "<f8", "1/s", "of bend; nan: not known"),
     Field("contact_bend", "<f8", "", "where on the path it touches first; nan if it does not"),
     Field("contact_bend_error", "<f8", "", "contact_bend is no farther from the true one than this"),
     Field("contact_bend_rate", "<f8", "1/s", "drift of contact_bend as the part moves; nan: not known"),
