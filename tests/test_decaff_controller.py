@@ -575,6 +575,27 @@ def test_force_has_a_peak_and_what_lasts():
     assert [budget.cap(0.0, 1.0) for _ in range(2)][-1] == 20.0
 
 
+def test_action_tells_the_motor_by_the_parameters_of_the_drum():
+    """At the shaft of gear4: a newton of the rim is 10 mm / 4, a metre a second 4 / 10 mm."""
+    bench = approaching()
+    held = bench.run(1)
+    assert (held.torque, held.torque_cap) == (0.0, pytest.approx(100.0 * 0.010 / 4.0))  # all a gear carries
+    assert held.motor_speed_cap == GEAR4.motor_speed(held.speed_cap) <= GEAR4.motor.speed * (1.0 + 1e-12)
+
+    bench = touching()
+    bench.bend = PATH.bend(PATH.place(WALL) + 0.004)
+    late = bench.run(1)
+    assert late.torque_cap == pytest.approx(late.force_cap * 0.010 / 4.0)
+
+    soft = {"surface": Surface.DEFORMABLE, "stiffness": 200.0, "damping": 0.0}
+    pressed = touching(**soft).run(1, **soft)
+    assert pressed.mode is DriveMode.FORCE
+    assert pressed.torque == pytest.approx(pressed.force * 0.010 / 4.0)
+
+    off = bench.step(None, has_fault=True)
+    assert (off.torque, off.torque_cap) == (0.0, 0.0)
+
+
 def test_limits_that_are_none_are_refused():
     with pytest.raises(DecaffError, match=r"near_energy is 0\.0, expected a positive number of joules"):
         Limits(near_energy=0.0)

@@ -2,11 +2,14 @@
 
 import os
 from collections.abc import Sequence
+from typing import TypeVar
 
 from proximity.decaff.calibrated_glove import CalibratedGlove
 from proximity.decaff.calibration import check_age, read_calibration
 from proximity.decaff.glove import Glove
 from proximity.errors import DecaffError
+
+G = TypeVar("G")
 
 
 def read_glove(
@@ -36,12 +39,12 @@ def read_glove(
         raise DecaffError(f"{os.fsdecode(path)}: {unfit}") from unfit
 
 
-def gloves_of(gloves: Sequence[CalibratedGlove], count: int) -> list[CalibratedGlove]:
-    """Return the gloves of so many fingers: one for all, or as they are.
+def as_many(gloves: Sequence[G], count: int) -> list[G]:
+    """Return what there is of so many fingers: one for all, or as they are.
 
     Parameters
     ----------
-    gloves : sequence of CalibratedGlove
+    gloves : sequence
         One, or one a finger.
     count : int
         Of fingers.

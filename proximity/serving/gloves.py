@@ -29,10 +29,10 @@ def read_gloves(settings: SceneFile, count: int) -> GloveWays | None:
     if glove is None:
         return None
     # Only where there is a glove: the models bring half a second of imports.
-    from proximity.decaff.wearing import gloves_of, read_glove
+    from proximity.decaff.wearing import as_many, read_glove
 
     try:
-        worn = gloves_of([read_glove(path, glove.max_age_days) for path in glove.calibration], count)
+        worn = as_many([read_glove(path, glove.max_age_days) for path in glove.calibration], count)
     except DecaffError as unfit:
         raise settings.error(("glove", "calibration"), f"glove.calibration: {unfit}") from unfit
     tables = [each.counts_table(TABLE) for each in worn]
