@@ -181,7 +181,7 @@ def test_silence_is_exit_code_1(run):
     assert all(text.endswith("STALE: no frame yet") for text in result.out.splitlines())
 
 
-# ------------------------------------------------------------------------------------ the glove that is worn
+# ------------------------------------------------------------------------------------- the glove that is worn
 
 
 def test_contact_becomes_a_drum_angle_by_the_calibrated_glove(tmp_path):

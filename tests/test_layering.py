@@ -12,6 +12,7 @@ PACKAGE = Path(proximity.__file__).parent
 # Top to bottom. A unit (a module, or a folder) may import only from lines below its own.
 LAYERS = """
 cli
+certificate
 serving
 decaff
 service · scene_file

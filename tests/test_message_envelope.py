@@ -32,7 +32,7 @@ SIZES = {
     "poses": (48, 72),
     "path_poses": (48, 1632),
     "glove_poses": (48, 128),
-    "moves": (48, 208),
+    "moves": (48, 216),
     "measured": (48, 152),
 }
 

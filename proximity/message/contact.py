@@ -83,7 +83,7 @@ CONTACT_FIELDS = (
     Field("normal", "<f8", "", "unit, outward: steepest increase of the signed distance", VECTOR),
     Field("part_velocity", "<f8", "m/s", "of the part at point_on_part", VECTOR),
     Field("approach_speed", "<f8", "m/s", "-d/dt of the signed distance"),
-    Field("predicted_ns", "<i8", "ns", "instant at which the controller acts"),
+    Field("predicted_ns", "<i8", "ns", "instant at which the controller acts; of the pose if that is later"),
     Field("predicted_distance", "<f8", "m", "expected then"),
     Field("predicted_lower", "<f8", "m", "if the finger accelerates by no more than was said"),
     Field("predicted_upper", "<f8", "m", "likewise"),

@@ -101,7 +101,7 @@ class TrackerAnswers:
             Instant of the tick.
         """
         if self.moves is not None:
-            self.moves.apply(self.tracker.scene)
+            self.moves.apply(self.tracker.scene, now_ns)
         paths, bends = samples.paths, samples.bends
         contacts = self.tracker.tick(
             samples.positions,
