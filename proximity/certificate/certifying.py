@@ -26,8 +26,6 @@ LONGEST_LOOP = 3600.0
 GATED, GATED_LOOP = "p999", "p50"
 """What of every motion, and of the loop, must keep to the period: see `gate`."""
 WORDS = {"p999": "p99.9", "p50": "the median", "max": "the longest"}
-MISSED = 1e-3
-"""Share of its deadlines that a machine may miss and still be said to keep a period."""
 
 
 @dataclass(frozen=True, slots=True)

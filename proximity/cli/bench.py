@@ -114,7 +114,10 @@ def command(
 
 @contextlib.contextmanager
 def _progress() -> Iterator[Callable[[str, float], None]]:
-    """A bar on stderr, where that is a terminal, with what is being done."""
+    """A bar on stderr, where that is a terminal, with what is being done.
+
+    It is drawn when there is something new only: a thread that draws it meanwhile would be measured as well.
+    """
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -123,6 +126,6 @@ def _progress() -> Iterator[Callable[[str, float], None]]:
         yield lambda doing, share: None
         return
     columns = TextColumn("{task.description:<32}"), BarColumn(), TimeElapsedColumn()
-    with Progress(*columns, console=console, transient=True) as bar:
+    with Progress(*columns, console=console, transient=True, auto_refresh=False) as bar:
         task = bar.add_task("", total=1.0)
-        yield lambda doing, share: bar.update(task, description=doing, completed=share)
+        yield lambda doing, share: bar.update(task, description=doing, completed=share, refresh=True)
