@@ -122,7 +122,7 @@ class Engine:
         self._now_ns = _instant_ns(sight.now)
         reading = self._frames.read()
         contact = reading.contacts[0] if len(reading.contacts) else None
-        self._has_touched = self._has_touched or sight.force > 0.0
+        self._has_touched = self._has_touched or sight.force > 0.0 or sight.link >= 0.0
         if reading.is_valid and contact is not None and not self._has_touched:
             self._note(float(contact["contact_bend"]), float(contact["contact_bend_error"]))
         return self.reader.command(sight, self._now_ns, reading.state, contact)
@@ -134,11 +134,16 @@ class Engine:
         if is_seen and not any(first <= time <= last for first, last in self._setup.blind):
             bend = path.bend(self._wall + place)
         self._now_ns = _instant_ns(time)
-        rate = speed / float(self._finger.glove.finger.speed(bend)) if math.isfinite(bend) else math.nan
+        self._service.tick(self._now_ns, bend=bend, **self._measured(time, bend, speed))
+
+    def _measured(self, time: float, bend: float, speed: float) -> dict[str, float]:
+        """What only a sensor tells: how fast the finger bends, 1/s, and the force on it, N."""
+        if self._setup.distances != Distances.SENSOR or not math.isfinite(bend):
+            return {"bend_rate": math.nan, "force": math.nan}
         force = self._setup.far_force
         if force is None:
             force = float(self._real.force[self._loop.row(time)])
-        self._service.tick(self._now_ns, bend=bend, bend_rate=rate, force=force)
+        return {"bend_rate": speed / float(self._finger.glove.finger.speed(bend)), "force": force}
 
     def _note(self, bend: float, error: float) -> None:
         """Keep what was told of the contact last."""
