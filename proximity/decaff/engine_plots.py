@@ -1,4 +1,4 @@
-"""Force error with the engine in the loop against speed and latency, drawn beside the ideal distance."""
+"""Force error with the engine in the loop, against speed and latency, beside the ideal distance: drawn."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
