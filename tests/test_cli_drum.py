@@ -221,6 +221,14 @@ def test_calibration_is_given_on_the_command_line(run, service, tmp_path):
         assert float(glove.bend_of_drum(told["drum_rad"])) > WALL - 0.01
 
 
+def test_calibrations_of_another_number_of_fingers_are_refused_with_the_first_frame(run, service, tmp_path):
+    path = glove_files.write(tmp_path / "glove.json")
+    result = run(ADDRESS, "--limit", 20, *["--calibration", path] * 3)
+
+    assert result.code == 2
+    assert result.err == ("proximity: 3 calibrations for 2 fingers, expected one for all or one each\n")
+
+
 @pytest.mark.parametrize(
     ("name", "more", "message"),
     [

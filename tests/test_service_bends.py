@@ -4,11 +4,12 @@ import math
 
 import numpy as np
 import pytest
+from fake_service import KeepingOutlet, ManualClock, publisher
 from ticking import MS, line, plate
 
 from proximity.message import ContactFlag
 from proximity.scene import Scene
-from proximity.service import Hands, TrackerAnswers
+from proximity.service import CallableInput, Hands, Service, TrackerAnswers
 from proximity.tracker import Tracker
 
 RATE = 2.0  # bends a second
@@ -45,6 +46,25 @@ def test_bend_that_is_told_without_a_path_is_published_with_its_rate(answers, ev
     # Where it touches is not known by that: no path was followed.
     assert np.isnan(contacts["contact_bend"]).all()
     assert not (contacts["flags"] & (ContactFlag.ON_PATH | ContactFlag.CONTACT_FOUND)).any()
+
+
+def test_bend_that_a_function_tells_reaches_the_published_contact(answers):
+    def tell(now_ns):
+        hands = Hands(3)
+        hands.positions[:], hands.pose_ns[:] = [0.0, 0.0, 0.05], now_ns
+        hands.bends = np.full(3, 0.1 + RATE * 1e-9 * now_ns)
+        return hands
+
+    answers.rehearse()
+    outlet = KeepingOutlet()
+    service = Service(
+        answers, CallableInput(tell, 3), [publisher(outlet)], period=0.001, clock=ManualClock(0)
+    )
+    service.run(tick_count=8)
+    contacts = outlet.records[7]
+
+    assert contacts["bend"] == pytest.approx([0.1 + RATE * 8e-3] * 3)
+    assert contacts["bend_rate"] == pytest.approx([RATE] * 3)
 
 
 def test_first_bend_has_no_rate_yet(answers):
