@@ -9,7 +9,7 @@ import pytest
 from certificates import TICKS, ball_subject, case, certificate, found, loop
 
 from proximity import DecaffError, ServiceError
-from proximity.certificate import measuring, motions, writing
+from proximity.certificate import measuring, motions, wording, writing
 from proximity.certificate.certifying import check_request, judge, load_of_times
 from proximity.certificate.document import document, periods_of
 from proximity.certificate.page import page
@@ -315,3 +315,26 @@ def test_loop_runs_as_long_as_said_and_counts_computing_apart():
     assert report.ticks + report.missed >= 50 and report.ticks <= 50
     assert report.compute.count == report.lateness.count == report.ticks
     assert report.publish_failures == {measuring.ADDRESS: 0}
+
+
+# ------------------------------------------------------------------------------------------------- wording
+
+
+def test_bound_on_misses_is_never_rounded_down():
+    told = {"missed": 0, "missed_per_million": 0.0, "missed_per_million_upper_95": 149.78}
+
+    assert wording.missed(told) == "0 a million (< 150)"
+    assert wording.missed({**told, "missed_per_million_upper_95": 150.1}, "") == "0 (< 160)"
+    seen = {"missed": 3, "missed_per_million": 1234.0, "missed_per_million_upper_95": 23_010.0}
+    assert wording.missed(seen, "") == "1 200 (< 24 000)"
+    assert wording.missed({**seen, "missed_per_million": 1e6}) == "all"
+
+
+def test_numbers_have_no_more_digits_than_they_deserve():
+    assert [wording.percent(share) for share in (None, 0.0004, 0.034, 0.43, 12.0)] == [
+        "–", "0.04", "3.4", "43", "1200",
+    ]  # fmt: skip
+    assert [wording.microseconds(ns) for ns in (None, 6_830.0, 45_400.0, 2_278_000.0)] == [
+        "–", "6.83", "45.4", "2278",
+    ]  # fmt: skip
+    assert wording.millimetres(-1e-9) == "0.00"

@@ -9,9 +9,10 @@ import make
 import pytest
 from certificates import case, certificate, loop
 
+from proximity import DecaffError, cli
 from proximity import certificate as package
-from proximity import cli
 from proximity.certificate import certifying, search
+from proximity.decaff import plotting
 
 BRACKET, HAND, DEMO = (str(make.FOLDER / name) for name in ("bracket.stl", "hand.csv", "demo.toml"))
 
@@ -97,6 +98,27 @@ def test_json_is_one_document_and_nothing_is_written(run, tmp_path):
     assert document["schema"] == 1 and document["verdict"]["fits"] is False
     assert document["settings"]["gate_s"] == pytest.approx(0.0002)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [((), 0), (("--out", "cell.html"), 2), (("--gate", "5kHz"), 1), (("--gate", "1ms"), 0)],
+)
+def test_without_matplotlib_the_numbers_are_written_and_the_gate_holds(
+    run, tmp_path, monkeypatch, arguments, code
+):
+    """Only who asked for the page by name has not got what was asked for."""
+
+    def missing():
+        raise DecaffError('figures need matplotlib, which is not installed: pip install "proximity[sim]"')
+
+    monkeypatch.setattr(plotting, "load_figure", missing)
+
+    result = run(BRACKET, *arguments)
+
+    (written,) = tmp_path.iterdir()
+    assert result.code == code and written.suffix == ".json"
+    assert f"wrote {written.name} alone: figures need matplotlib" in result.err
 
 
 def test_scene_file_says_how_it_is_ticked(run):

@@ -28,7 +28,7 @@ REHEARSAL = 20  # ticks that are not counted
 REPEATS = 3
 """Runs of a motion: every tick is the same in each, and its shortest time is what its work takes when nobody
 interrupts. The times that are told are those of the first."""
-EXACT_STEPS = 60_000_000
+EXACT_STEPS = 30_000_000
 """Nodes and leaves that ticks without a budget may visit: some seconds, and fewer ticks of dear scenes."""
 FEWEST_EXACT = 20
 ADDRESS = "mailbox:proximity-certificate"
@@ -154,11 +154,10 @@ def _run(
 ) -> TickLog:
     """All ticks of a motion once, and before them a few that are not counted."""
     log, period_ns = TickLog(), round(1e9 * subject.period)
+    rehearsal = positions[: min(REHEARSAL, len(positions) // 10)]
     tell(0)
     with without_collector():
-        tick_all(
-            tracker, positions[:REHEARSAL], TickLog(), first=-REHEARSAL, period_ns=period_ns, before=before
-        )
+        tick_all(tracker, rehearsal, TickLog(), first=-REHEARSAL, period_ns=period_ns, before=before)
         for first in range(0, len(positions), CHUNK):
             chunk = positions[first : first + CHUNK]
             tick_all(tracker, chunk, log, first=first, period_ns=period_ns, before=before)

@@ -14,7 +14,7 @@ STYLE = """
   --good: #0a6b4b; --bad: #b03a00; --panel: #f3f3f0; }
 @media (prefers-color-scheme: dark) { :root { --ink: #e6e6e3; --paper: #161616; --faint: #3a3a3a;
   --dim: #a0a0a0; --good: #4fc79c; --bad: #ff9a62; --panel: #202020; } }
-body { color: var(--ink); background: var(--paper); font: 15px/1.5 system-ui, sans-serif; max-width: 62rem;
+body { color: var(--ink); background: var(--paper); font: 15px/1.5 system-ui, sans-serif; max-width: 66rem;
   margin: 2rem auto; padding: 0 1.2rem; }
 h1 { font-size: 1.5rem; margin: 0 0 .3rem; } h2 { font-size: 1.1rem; margin: 2.2rem 0 .4rem; }
 p { margin: .4rem 0; } .dim, small { color: var(--dim); } small { white-space: nowrap; }
@@ -22,9 +22,10 @@ p { margin: .4rem 0; } .dim, small { color: var(--dim); } small { white-space: n
   margin: 1rem 0; } .verdict b { color: var(--good); }
 .verdict.bad { border-color: var(--bad); } .verdict.bad b { color: var(--bad); }
 .wide { overflow-x: auto; } table { border-collapse: collapse; font-size: .88rem; margin: .5rem 0; }
-th, td { text-align: right; padding: .25rem .7rem; border-bottom: 1px solid var(--faint);
+th, td { text-align: right; padding: .25rem .6rem; border-bottom: 1px solid var(--faint);
   font-variant-numeric: tabular-nums; vertical-align: top; } th { font-weight: 600; }
-th:first-child, td:first-child { text-align: left; padding-left: 0; } td.over { color: var(--bad); }
+th:first-child, td:first-child { text-align: left; padding-left: 0;
+  white-space: nowrap; } td.over { color: var(--bad); }
 dl { display: grid; grid-template-columns: max-content 1fr; gap: .1rem 1rem; font-size: .88rem;
   margin: 1rem 0; }
 dt { color: var(--dim); } dd { margin: 0; overflow-wrap: anywhere; } svg { width: 100%; height: auto; }
@@ -42,7 +43,8 @@ the worst.</p>"""
 FEELING_NOTE = """<p class="dim">A simulated wall is entered by speed × delay before it answers; the force
 at rest is too high by k·x, equation (10) of the paper (0.8 N would be right), and the work by equation
 (15). The delay is at worst a period until the touch is noticed, then late waking and computing, p99.9 of
-each. A drum that stands before the touch has none of this; it needs its distances in time.</p>"""
+each; where that is longer than a period, ticks are left out. A drum that stands before the touch has none
+of this; it needs its distances in time.</p>"""
 METHOD = """<h2>How it was measured</h2><p>Every tick was timed on its own, one thread, without pauses
 between ticks: <i>recording</i> and <i>random</i> motion, then all fingers at the worst places: at rest,
 passing through, and anew, as if each tick were the first. The service's own loop ran {ran} with fingers
@@ -160,7 +162,7 @@ def _shares(told: dict[str, Any]) -> str:
         ("service: computing", told["loop"]["compute"]["periods"]),
         ("service: woken late", told["loop"]["lateness"]["periods"]),
     ]
-    heads = ["% of the period"] + [
+    heads = ["%, missed"] + [
         f"{1e3 * row['period_s']:g} ms<br><small>{escape(row['source'])}</small>" for row in rows[0][1]
     ]
     body = "".join(
@@ -177,7 +179,7 @@ def _shares(told: dict[str, Any]) -> str:
 def _share(row: dict[str, Any]) -> str:
     shares = " · ".join(percent(row["share"][key]) for key in wording.WORDS)
     kind = ' class="over"' if row["missed"] else ""
-    return f"<td{kind}>{shares}<br><small>{escape(wording.missed(row))}</small></td>"
+    return f"<td{kind}>{shares}<br><small>{escape(wording.missed(row, ''))}</small></td>"
 
 
 def _places(told: dict[str, Any], picture: str) -> str:
@@ -190,7 +192,7 @@ def _places(told: dict[str, Any], picture: str) -> str:
                 wording.goal(goal),
                 str(worst["work"]),
                 wording.UNKNOWN if typical is None or typical != typical else f"{typical:.0f}",
-                " ".join(f"{1e3 * value:.2f}" for value in worst["position"]),
+                " ".join(wording.millimetres(value) for value in worst["position"]),
                 f"{1e3 * worst['lower']:.3f} to {1e3 * worst['upper']:.3f}",
                 f"{1e3 * worst['width']:.3f}",
                 worst["origin"] + ("" if goal["is_complete"] else " (cut short)"),

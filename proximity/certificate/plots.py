@@ -77,7 +77,7 @@ def draw_places(told: dict[str, Any], surface: np.ndarray) -> str:
         for panel, (across, up) in zip(panels, ((0, 1), (0, 2)), strict=True):
             cloud = 1e3 * surface[:CLOUD]
             panel.plot(
-                cloud[:, across], cloud[:, up], ".", color=INK, alpha=0.35, markersize=1.2, markeredgewidth=0
+                cloud[:, across], cloud[:, up], ".", color=INK, alpha=0.5, markersize=1.8, markeredgewidth=0
             )
             for number, goal in enumerate(told["search"]):
                 places = 1e3 * np.array([place["position"] for place in goal["places"]])

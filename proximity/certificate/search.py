@@ -22,7 +22,7 @@ FIRST_RADIUS = 0.02
 """Share of the scene's diagonal: where neighbours of a place are looked for first."""
 APART = 1e-3
 """Share of the diagonal by which places that climbs begin at are apart: the dearest are often one place."""
-MOST_STEPS = 40_000_000
+MOST_STEPS = 25_000_000
 """Nodes and leaves visited for a goal, a few seconds; then the search for it ends with what it has."""
 CHUNK = 100  # places between two looks at how many steps are left
 

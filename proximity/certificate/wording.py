@@ -1,5 +1,6 @@
 """Numbers of a certificate as people read them, with no more digits than so many ticks support."""
 
+import math
 from typing import Any
 
 UNKNOWN = "–"
@@ -31,6 +32,17 @@ def percent(share: float | None) -> str:
     return f"{value:.0f}" if value >= 10.0 else f"{value:.1f}" if value >= 1.0 else f"{value:.1g}"
 
 
+def millimetres(metres: float) -> str:
+    """Return a coordinate in mm, to a hundredth; zero has no sign.
+
+    Parameters
+    ----------
+    metres : float
+        The coordinate.
+    """
+    return f"{round(1e3 * metres, 2) + 0.0:.2f}"
+
+
 def three(value: float) -> str:
     """Return a number with three digits and without an exponent.
 
@@ -43,15 +55,20 @@ def three(value: float) -> str:
     return f"{value:.0f}" if size >= 100.0 else f"{value:.1f}" if size >= 10.0 else f"{value:.2f}"
 
 
-def missed(told: dict[str, Any]) -> str:
+def missed(told: dict[str, Any], unit: str = " a million") -> str:
     """Return how many deadlines were missed, per million, and what that many ticks leave open.
 
     Parameters
     ----------
     told : dict
         With ``missed`` and what goes with it, see `document`.
+    unit : str
+        What follows the first number.
     """
-    return f"{_two(told['missed_per_million'])} a million (< {_two(told['missed_per_million_upper_95'])})"
+    if told["missed_per_million"] == 1e6:
+        return "all"
+    upper = _two(_raised(told["missed_per_million_upper_95"]))
+    return f"{_two(told['missed_per_million'])}{unit} (< {upper})"
 
 
 def goal(told: dict[str, Any]) -> str:
@@ -76,6 +93,12 @@ def counted(count: int, what: str) -> str:
         One of them.
     """
     return f"{count} {what}" if count == 1 else f"{count} {what}s"
+
+
+def _raised(value: float) -> float:
+    """The next number above that has two digits: a bound must not be rounded down."""
+    step = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return step * math.ceil(value / step * (1.0 - 1e-12))
 
 
 def _two(value: float) -> str:

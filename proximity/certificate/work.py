@@ -1,7 +1,7 @@
 """What a place costs: nodes and leaves that a tick visits for a finger there.
 
-Work, not time: it is the same on every run, and a search may climb on it. What a tick does to look ahead is
-not in it.
+Work, not time: it is the same on every run, and a search may climb on it. Of a finger that moves, what its
+tick does to look ahead is in it.
 """
 
 from dataclasses import dataclass

@@ -3,11 +3,12 @@
 import contextlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 import proximity
+from proximity.cli.command import EXIT_UNUSABLE
 from proximity.cli.options import UNITS
 
 HELP = "\n\n".join(
@@ -103,13 +104,27 @@ def command(
         typer.echo(certificate.as_json(told), nl=False)
     else:
         bench_report.write(told)
-    if report is not None:
-        with waiting.spinner(f"writing {report}"):
-            written = certificate.write_report(report, told, subject.scene)
-        typer.echo(f"proximity: wrote {' and '.join(map(str, written))}", err=True)
+    is_written = report is None or _write(report, told, subject.scene)
     if gate is not None and not told["verdict"]["fits"]:
         typer.echo(f"proximity: {told['verdict']['sentence']}", err=True)
         raise typer.Exit(EXIT_DOES_NOT_FIT)
+    if out is not None and not is_written:
+        raise typer.Exit(EXIT_UNUSABLE)
+
+
+def _write(report: Path, told: dict[str, Any], scene: "proximity.Scene") -> bool:
+    """Write the report; whether all of it, and not the numbers alone, because matplotlib is missing."""
+    from proximity import certificate
+    from proximity.cli import waiting
+
+    try:
+        with waiting.spinner(f"writing {report}"):
+            written = certificate.write_report(report, told, scene)
+    except proximity.DecaffError as missing:
+        typer.echo(f"proximity: wrote {report.with_suffix('.json')} alone: {missing}", err=True)
+        return False
+    typer.echo(f"proximity: wrote {' and '.join(map(str, written))}", err=True)
+    return True
 
 
 @contextlib.contextmanager

@@ -57,7 +57,7 @@ def _places(goals: list[dict[str, Any]]) -> Table:
     table = _table("worst place for a finger", ("work", "at random", "x", "y", "z", "bracket \\[mm]"))
     for goal in goals:
         worst = goal["places"][0]
-        place = (f"{1e3 * value:.2f}" for value in worst["position"])
+        place = map(wording.millimetres, worst["position"])
         typical = goal["typical_work"]
         shown = wording.UNKNOWN if typical != typical else f"{typical:.0f}"
         bracket = f"{1e3 * worst['lower']:.3f} to {1e3 * worst['upper']:.3f}"
