@@ -3,12 +3,21 @@
 import json
 import re
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
 from proximity import cli
+from proximity.cli.output import plain
+from proximity.decaff.drum import DRUMS
+from proximity.decaff.engine_setup import EngineSetup
+from proximity.decaff.part_simulation import document as part_document
+from proximity.decaff.part_simulation import simulate_on_part
 from proximity.decaff.simulation import Setup, Wall, document, simulate
+from proximity.loading import load
+
+MESHES = Path(__file__).resolve().parent.parent / "meshes"
 
 
 @pytest.fixture
@@ -109,3 +118,89 @@ def test_csv_of_a_press_needs_no_matplotlib(run, tmp_path, monkeypatch):
     assert run("simulate", "--speed", 1, "--out", "press.csv").code == 0
     assert (tmp_path / "press.csv").read_text().startswith("time_s,intent_m,finger_m,link_m,force_N")
     assert "figures need matplotlib" in run("simulate", "--speed", 1, "--out", "press.png").err
+
+
+# --- on a part, with the engine ---
+
+BOX = MESHES / "box.stl"
+FAST = ("--scene", BOX, "--at", 20, 15, 25, "--speed", 1)
+
+
+def test_press_on_a_part_is_told_beside_the_ideal_and_the_real(run, tmp_path):
+    result = run("simulate", *FAST, "--latency-ms", 3, "--out", "press.csv")
+
+    assert (result.code, result.err) == (0, "proximity: wrote press.csv\n")
+    assert "part            box, rigid, touched at (20.00, 15.00, 20.00) mm, incidence 1.000" in result.out
+    assert "told by         the tracker at 1000 Hz, 3 ms late" in result.out
+    assert "this engine" in result.out and "ideal distance" in result.out and "real surface" in result.out
+    names = (tmp_path / "press.csv").read_text().splitlines()[0].split(",")
+    assert {"time_s", "force_N", "ideal_force_N", "real_force_N", "drum_m"} <= set(names)
+
+
+def test_json_of_a_press_on_a_part_is_the_models(run):
+    result = run("simulate", *FAST, "--drum", "direct", "--stiffness", 800, "--damping", 2, "--json")
+
+    scene = load(BOX)
+    scene.set_surface("box", stiffness=800.0, damping=2.0)
+    setup = EngineSetup(drum=DRUMS["direct"])
+    expected = simulate_on_part(scene, setup, at=(0.020, 0.015, 0.025), speed=1.0)
+    assert (result.code, result.err) == (0, "")
+    assert json.loads(result.out) == plain(part_document(expected))
+
+
+def test_recorded_hand_and_far_end_are_simulated(run, tmp_path):
+    rows = [f"{0.01 * i:.2f},0,1,0.02,0.015,{0.027 + abs(25 - i) * 0.001 - 0.003:.4f}" for i in range(50)]
+    (tmp_path / "hand.csv").write_text("\n".join(["time_s,hand,finger,x_m,y_m,z_m", *rows, ""]))
+    recorded = ("--recording", "hand.csv", "--at", 0, 0, 0)
+
+    result = run("simulate", "--scene", BOX, *recorded, "--out", "press.png")
+    assert result.code == 0
+    assert "approach        index of the recording" in result.out
+    assert "force at rest" not in result.out
+    assert (tmp_path / "press.png").read_bytes().startswith(b"\x89PNG")
+    result = run("simulate", *FAST, "--sensor")
+    assert "told by         a sensor at the far end" in result.out
+    assert "force           served from" in result.out
+
+
+def test_part_of_a_scene_file_is_pressed_with_a_plain_reading(run, tmp_path):
+    (tmp_path / "cell.toml").write_text(
+        f"""
+        [service]
+        publish = "mailbox:x"
+        [[parts]]
+        file = "{BOX}"
+        name = "low"
+        [[parts]]
+        file = "{BOX}"
+        name = "high"
+        position = [0.0, 0.0, 0.1]
+        [input]
+        poses = "mailbox:y"
+        """
+    )
+    result = run("simulate", "--scene", "cell.toml", "--part", "high", "--speed", 1, "--policy", "latched")
+
+    assert result.code == 0
+    assert "high, rigid, touched at (20.00, 15.00, 120.00) mm" in result.out
+    assert "drum            latched distances, servo at 3000 Hz" in result.out
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (("--part", "box"), "only a press on a part has that: expected --scene FILE as well"),
+        (("--sensor",), "expected --scene FILE as well"),
+        (("--scene", BOX, "--wall", "real"), "on a part of a scene there is only decaff"),
+        (("--scene", BOX, "--damping", 2), "a part that has it has a --stiffness as well"),
+        (("--scene", BOX, "--part", "lid"), "lid"),
+        (("--scene", BOX, "--out", "press.gif"), "press.gif does not end in"),
+        (("--scene", "none.stl"), "none.stl"),
+        (("--scene", BOX, "--latency-ms", -1), "latency is -0.001, expected"),
+    ],
+)
+def test_press_on_a_part_that_makes_no_sense_is_refused(run, options, sentence):
+    result = run("simulate", *options)
+
+    assert (result.code, result.out) == (2, "")
+    assert sentence in " ".join(result.err.split())

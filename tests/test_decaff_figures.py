@@ -10,6 +10,7 @@ import pytest
 
 from proximity.decaff import (
     arrival_plots,
+    engine_plots,
     error_plots,
     figure_5,
     figure_5_plots,
@@ -22,8 +23,11 @@ from proximity.decaff import (
 )
 from proximity.decaff.arrival import needed_look_ahead
 from proximity.decaff.devices import Decaff
+from proximity.decaff.engine_loop import press_on_part
+from proximity.decaff.engine_setup import EngineSetup
 from proximity.decaff.hand import Hand
 from proximity.decaff.metrics import deviation
+from proximity.decaff.placed_finger import place_finger
 from proximity.decaff.policies import Target
 from proximity.decaff.simulation import Setup, Wall, simulate
 from proximity.decaff.stability import SampledMass, maximum_stiffness, stiffness_limit
@@ -141,6 +145,28 @@ def test_look_ahead_beside_the_figure_is_the_models(monkeypatch):
     gear4 = needed_look_ahead(Hand(), sweeps.with_latency(Decaff(), 0.010), 0.5)
     assert table["look_ahead_m"][1] == gear4
     np.testing.assert_allclose(table["formula_m"], table["look_ahead_m"], atol=5e-3)
+
+
+def test_force_errors_of_the_engine_beside_the_figure_are_the_models(monkeypatch):
+    monkeypatch.setattr(engine_plots, "SPEEDS", (1.0,))
+    monkeypatch.setattr(engine_plots, "LATENCIES", (0.003,))
+    table = engine_plots.numbers()
+    finger = place_finger(engine_plots.bracket(), engine_plots.PLACE)
+    felt = press_on_part(finger, Hand().press(1.0), EngineSetup(latency=0.003, way=engine_plots.WAY))
+
+    assert table["reading"].tolist() == ["controller", "latched"]
+    assert table["engine_error"][0] == felt.error.share < table["engine_error"][1]
+    assert table["ideal_error"][0] == pytest.approx(felt.error.share, abs=0.01)
+    assert 0.0 < table["told_contact_m"][0] < table["told_error_m"][0]
+    plotting.render(engine_plots.draw, table, engine_plots.SIZE, "svg")
+
+
+def test_missing_sample_is_told(monkeypatch, tmp_path):
+    monkeypatch.setattr(engine_plots, "__file__", str(tmp_path / "decaff" / "engine_plots.py"))
+    with pytest.raises(
+        DecaffError, match=r"the sample bracket\.stl is neither in .* nor in meshes beside it"
+    ):
+        engine_plots.bracket()
 
 
 def test_drum_that_swings_through_its_place_is_not_in_time_for_that():

@@ -8,7 +8,8 @@ nanoseconds, lengths metres, forces newtons, energies joules; null is what so fe
 - ``search``: for each goal (manner cold, stays or moves; within the budget or exact) the dearest ``places``,
   with ``work`` (nodes and leaves), ``lower``, ``upper`` and ``width`` of the certified bracket, the climb's
   ``origin``, and ``typical_work`` at random places
-- ``cases``: for each motion ``compute`` (the thread's processor time) and ``wall``: percentiles, ``periods``
+- ``cases``: for each motion ``compute`` (the thread's processor time), ``wall``, ``best`` (of three runs):
+  percentiles; and for ``compute`` the ``periods``: shares, and deadlines that it alone would miss
 - ``loop``: the service's own loop: ``compute``, ``lateness`` of waking, each as a case's; ``missed``
 - ``feeling``: for each period the delay, and for speeds what it means at the finger
 - ``verdict``: of the gate, or of the scene's own period
@@ -141,6 +142,7 @@ def _case(case: Case, periods: tuple[Period, ...]) -> dict[str, Any]:
         "shares": case.shares,
         "compute": percentiles(case.thread_ns),
         "wall": percentiles(case.wall_ns),
+        "best": percentiles(case.best_ns),
         "periods": [
             {**_shares(percentiles(case.thread_ns), period), **_missed(misses(case.thread_ns, period))}
             for period in periods
@@ -175,10 +177,11 @@ def _counted(histogram: Histogram, periods: tuple[Period, ...]) -> dict[str, Any
 
 
 def _feeling(certificate: Certificate, periods: tuple[Period, ...]) -> list[dict[str, Any]]:
-    """For each period, of the slowest computing and the latest waking, both p99.9: what a finger meets."""
-    slowest = max(load.tail_ns for load in certificate.loads(certificate.subject.period))
-    late = certificate.loop.lateness
-    busy = 1e-9 * (slowest + (percentiles_of(late)["p999"] or late.max_ns))
+    """For each period what a finger meets: p99.9 of the slowest computing, and of waking."""
+    loop = certificate.loop
+    times = [percentiles(case.thread_ns) for case in certificate.cases if case.counts]
+    slowest = max(map(_tail_of, (*times, percentiles_of(loop.compute))))
+    busy = 1e-9 * (slowest + _tail_of(percentiles_of(loop.lateness)))
     rows = [(period.seconds, period.source, feeling.delay_of(period.seconds, busy)) for period in periods]
     rows.append((0.0, "computing and waking alone", busy))
     return [
@@ -190,6 +193,11 @@ def _feeling(certificate: Certificate, periods: tuple[Period, ...]) -> list[dict
         }
         for seconds, source, delay in rows
     ]
+
+
+def _tail_of(times: dict[str, float | None]) -> float:
+    """The 99.9th percentile, or the longest where so few tell none."""
+    return times["p999"] or times["max"] or 0.0
 
 
 def _shares(times: dict[str, float | None], period: Period) -> dict[str, Any]:

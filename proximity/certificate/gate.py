@@ -1,9 +1,10 @@
 """A period as people write it, and whether a scene fits it.
 
-A scene fits a period if the computing of 99.9 % of the ticks in every motion, and of 99 % of those in the
-service's own loop at that period, takes no longer. Computing is the processor's time for the thread: what
-others take on a shared machine is no fault of the scene. One percent of the loop's ticks is left to the
-system that wakes it. How late it is woken is told beside it, and is the machine's.
+A scene fits a period if the computing of 99.9 % of the ticks in every motion takes no longer: the processor's
+time for the thread, of each tick the shortest of three runs that are the same. So does a half of the ticks of
+the service's own loop at that period, where caches are colder, and a frame is made. All else is not the
+scene's but the machine's, and is told beside it: interruptions, and how late it wakes the loop. A gate that
+failed because of them would fail good scenes on a noisy machine.
 """
 
 import math

@@ -59,7 +59,7 @@ def search(
     subject: Subject,
     seed: int,
     *,
-    counts: tuple[int, int, int] = COUNTS,
+    counts: tuple[int, int, int] | None = None,
     most_steps: float = MOST_STEPS,
     tell: Callable[[str, float], None] = lambda _, __: None,
 ) -> tuple[Found, ...]:
@@ -72,13 +72,13 @@ def search(
     seed : int
         Decides all that is random.
     counts : (random, near the surface, samples)
-        How many places climbs may begin at.
+        How many places climbs may begin at; `COUNTS` where not given.
     most_steps : float
         Nodes and leaves visited for each goal, about.
     tell : callable
         Is told what is done, and which share of the search is.
     """
-    begin = starts(subject, counts, np.random.default_rng([seed, 0]))
+    begin = starts(subject, COUNTS if counts is None else counts, np.random.default_rng([seed, 0]))
     found = []
     for number, goal in enumerate(GOALS):
         rng = np.random.default_rng([seed, 1 + number])

@@ -87,6 +87,7 @@ def read_subject(
     recording: str | os.PathLike[str] | None = None,
     fingers: int | None = None,
     period: float | None = None,
+    real_time: bool | None = None,
     sample: Callable[[], Path] | None = None,
 ) -> Subject:
     """Return what a file describes.
@@ -103,6 +104,8 @@ def read_subject(
         Instead of what the scene file says; five where nobody says.
     period : float, s
         Instead of the scene file's; 1 ms where nobody says.
+    real_time : bool
+        Instead of what the scene file says; True where nobody says.
     sample : callable
         Tells of a recording for when there is none.
 
@@ -127,6 +130,8 @@ def read_subject(
         hand = read_recording(sample())
     if hand is not None:
         subject = replace(subject, recording=_fitted(subject, hand), files=(*subject.files, hand.path))
+    if real_time is not None:
+        subject = replace(subject, real_time=real_time)
     return subject if fingers is None else replace(subject, fingers=fingers)
 
 

@@ -11,9 +11,9 @@ HELP = "\n\n".join(
         "Draw the figures that are named, or all, into a folder; each with its numbers beside it, as CSV in "
         "SI units.",
         "5a to 5h are those of the paper, 5 has all eight on a page. stability is the sampled wall's region; "
-        "error-speed and error-latency hold coupled walls and drums against the real wall; drum-motion and "
-        "arrival tell when a drum is in place. Files that are there are replaced. All take less than a "
-        "minute. Needs matplotlib.",
+        "error-speed and error-latency hold coupled walls and drums against the real wall, error-engine a "
+        "drum that the distance service tells of a CAD part; drum-motion and arrival tell when a drum is in "
+        "place. Files that are there are replaced. All take less than a minute. Needs matplotlib.",
     )
 )
 
@@ -29,7 +29,8 @@ def command(
         list[str] | None,
         typer.Argument(
             metavar="[NAME]...",
-            help="5a to 5h, 5, stability, error-speed, error-latency, drum-motion, arrival; else all.",
+            help="5a to 5h, 5, stability, error-speed, error-latency, error-engine, drum-motion, arrival; "
+            "else all.",
             show_default=False,
         ),
     ] = None,

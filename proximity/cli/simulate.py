@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from proximity.cli.options import UNITS
+
 if TYPE_CHECKING:
     from proximity.decaff.simulation import Simulation
 
@@ -15,6 +17,10 @@ HELP = "\n\n".join(
         "motor that the finger carries; without --stiffness and --damping it has the best of a grid. A "
         "decaff wall is a drum that is sent to where the wall is said to be; --policy tells with which "
         "position a distance is taken together. --out draws the press, or writes it as CSV every 0.1 ms.",
+        "With --scene the wall is a CAD part, and what tells the drum is the engine: the tracker on the "
+        "finger's way, frames that are as late as --latency-ms says, and the drum's controller. Beside it "
+        "stand the ideal distance in the same loop and the surface that is truly there. --stiffness and "
+        "--damping make the part deformable; --recording has the hand do what a recorded fingertip did.",
     )
 )
 
@@ -23,6 +29,8 @@ Examples:
   proximity simulate
   proximity simulate --speed 0.5 --latency-ms 10 --policy latched --out late.png
   proximity simulate --wall coupled --latency-ms 3 --stiffness 734 --damping 4.4 --json
+  proximity simulate --scene bracket.stl --at 48 30 4 --latency-ms 10 --out bracket.png
+  proximity simulate --scene bracket.stl --recording hand.csv
 """
 
 USED_BY = {  # options that only some walls have
@@ -33,6 +41,7 @@ USED_BY = {  # options that only some walls have
     "--stiffness": ("coupled",),
     "--damping": ("coupled",),
 }
+OF_A_SCENE = "only a press on a part has that: expected --scene FILE as well"
 ROWS = (  # label, field, factor from SI units, digits
     ("force begins \\[ms after the touch]", "onset", 1e3, 2),
     ("peak force \\[N]", "peak", 1.0, 3),
@@ -61,15 +70,39 @@ def command(
         typer.Option(
             "--policy",
             metavar="POLICY",
-            help="naive, latched, feed-forward or time-stamped; else time-stamped.",
+            help="naive, latched, feed-forward or time-stamped; else time-stamped, on a part the controller.",
         ),
     ] = None,
     stiffness: Annotated[
-        float | None, typer.Option("--stiffness", metavar="N/M", help="Of a coupled wall; with --damping.")
+        float | None,
+        typer.Option("--stiffness", metavar="N/M", help="Of a coupled wall, with --damping; or of the part."),
     ] = None,
     damping: Annotated[
-        float | None, typer.Option("--damping", metavar="NS/M", help="Of a coupled wall; with --stiffness.")
+        float | None, typer.Option("--damping", metavar="NS/M", help="Of them; with --stiffness.")
     ] = None,
+    scene: Annotated[
+        Path | None,
+        typer.Option("--scene", metavar="FILE", help="Press on a part: a mesh, STEP or scene file (.toml)."),
+    ] = None,
+    part: Annotated[
+        str | None, typer.Option("--part", metavar="NAME", help="Of the scene; the others are left out.")
+    ] = None,
+    at: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(
+            "--at",
+            metavar="X Y Z",
+            help="Touch where the surface is nearest to this; else from above the middle. With --recording: "
+            "where its origin is; else it is fitted.",
+        ),
+    ] = None,
+    recording: Annotated[
+        Path | None, typer.Option("--recording", metavar="CSV", help="Fingertips over time, as of replay.")
+    ] = None,
+    sensor: Annotated[
+        bool, typer.Option("--sensor", help="Teleoperation: a sensor at the far end measures the part.")
+    ] = False,
+    units: UNITS = "mm",
     out: Annotated[
         Path | None, typer.Option("--out", metavar="FILE", help="Draw or write: .png, .svg, .pdf or .csv.")
     ] = None,
@@ -84,15 +117,30 @@ def command(
         "--stiffness": stiffness,
         "--damping": damping,
     }
-    _check(wall, given, out)
+    of_a_scene = {"--part": part, "--at": at, "--recording": recording, "--sensor": sensor or None}
+    if scene is None:
+        _refuse(of_a_scene, OF_A_SCENE)
+        _check(wall, given, out)
+    else:
+        _refuse({"--wall": None if wall == "decaff" else wall}, "on a part of a scene there is only decaff")
+        if stiffness is None:
+            _refuse({"--damping": damping}, "a part that has it has a --stiffness as well")
+        _check_out(out)
     # NumPy, Rich and the models: only now, so that --help and mistakes above answer at once.
-    from proximity.cli import waiting
+    from proximity.cli import simulate_part, waiting
     from proximity.decaff import press_plots, simulation
 
-    told = {"drum": drum, "policy": policy, "rate": rate_hz, "stiffness": stiffness, "damping": damping}
+    told = {"drum": drum, "policy": policy, "rate": rate_hz}
+    if scene is None:
+        told |= {"stiffness": stiffness, "damping": damping}
     told["latency"] = None if latency_ms is None else 1e-3 * latency_ms
     chosen: dict[str, Any] = {name: value for name, value in told.items() if value is not None}
     setup = simulation.Setup(wall=simulation.Wall(wall), speed=speed, **chosen)
+    if scene is not None:
+        place = simulate_part.Place(scene, part, at, units, recording, stiffness, damping)
+        simulate_part.run(place, setup, policy, out, is_sensor=sensor, as_json=as_json)
+        _say_written(out)
+        return
     with waiting.spinner("simulating"):
         press = simulation.simulate(setup)
         if out is not None:
@@ -105,8 +153,18 @@ def command(
         typer.echo(json.dumps(plain(simulation.document(press)), allow_nan=False, indent=1))
     else:
         _print(press)
+    _say_written(out)
+
+
+def _say_written(out: Path | None) -> None:
     if out is not None:
         typer.echo(f"proximity: wrote {out}", err=True)
+
+
+def _refuse(given: dict[str, Any], sentence: str) -> None:
+    for option, value in given.items():
+        if value is not None:
+            raise typer.BadParameter(sentence, param_hint=option)
 
 
 def _check(wall: str, given: dict[str, Any], out: Path | None) -> None:
@@ -116,6 +174,10 @@ def _check(wall: str, given: dict[str, Any], out: Path | None) -> None:
     for option, value in given.items():
         if value is not None and wall not in USED_BY[option]:
             raise typer.BadParameter(f"a {wall} wall has none", param_hint=option)
+    _check_out(out)
+
+
+def _check_out(out: Path | None) -> None:
     if out is not None and out.suffix.lower() not in SUFFIXES:
         raise typer.BadParameter(f"{out} does not end in {', '.join(SUFFIXES)}", param_hint="--out")
 

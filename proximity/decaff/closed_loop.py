@@ -11,13 +11,13 @@ import math
 import numpy as np
 
 from proximity.decaff import drum_kernels, finger_kernels, loop_kernels
-from proximity.decaff.arguments import positive
+from proximity.decaff.arguments import not_negative, positive
 from proximity.decaff.devices import COUPLED_DEVICE, Decaff, Link, PenaltyWall
 from proximity.decaff.hand import Hand
 from proximity.decaff.policies import Controller, DrumCommand, Message, Sight, Target
 from proximity.decaff.response import Response
 from proximity.decaff.servo import STEP, steps_a_sample
-from proximity.decaff.trajectories import Press
+from proximity.decaff.trajectories import Intent
 from proximity.errors import DecaffError
 
 TAIL = 0.100  # s, looked at after the hand has left: forces that come late still count
@@ -25,7 +25,7 @@ LEAD = 0.005  # s, or m beyond the reach: free motion before anything happens
 PHASE = 0.1  # of a period, from a penalty wall's sample to the contact; assumed
 
 
-def real_wall(hand: Hand, press: Press, *, like: Response | None = None, step: float = STEP) -> Response:
+def real_wall(hand: Hand, press: Intent, *, like: Response | None = None, step: float = STEP) -> Response:
     """Return a press on a wall that neither moves nor pulls.
 
     Parameters
@@ -39,12 +39,52 @@ def real_wall(hand: Hand, press: Press, *, like: Response | None = None, step: f
     """
     response = _empty(hand, press, step, LEAD) if like is None else _same_instants(hand, press, like)
     body = _body(hand, Link())
-    finger_kernels.press_real_wall(body, _intent(press), response.zero, response.step, response.record)
+    finger_kernels.press_real_wall(body, press.as_array(), response.zero, response.step, response.record)
+    return response
+
+
+def soft_wall(
+    hand: Hand,
+    press: Intent,
+    stiffness: float,
+    damping: float,
+    *,
+    like: Response | None = None,
+    step: float = STEP,
+) -> Response:
+    """Return a press on a surface that gives way as a spring with a damper, without mass.
+
+    Parameters
+    ----------
+    hand, press : Hand, Press or RecordedPress
+        Who presses, and what is meant.
+    stiffness : float, N/m
+        Of the surface.
+    damping : float, N s/m
+        Of the surface.
+    like : Response
+        Whose instants to use; its own where not given.
+    step : float, s
+        Of those.
+
+    Raises
+    ------
+    DecaffError
+        If the stiffness is not positive, or the damping negative.
+    """
+    numbers = np.zeros(finger_kernels.WALL_SIZE)
+    numbers[finger_kernels.WALL_STIFFNESS] = positive("stiffness", stiffness, "newtons a metre")
+    numbers[finger_kernels.WALL_DAMPING] = not_negative("damping", damping, "newton seconds a metre")
+    response = _empty(hand, press, step, LEAD) if like is None else _same_instants(hand, press, like)
+    body = _body(hand, Link())
+    finger_kernels.press_soft_wall(
+        body, press.as_array(), numbers, response.zero, response.step, response.record
+    )
     return response
 
 
 def penalty_wall(
-    hand: Hand, press: Press, wall: PenaltyWall, *, device: Link = COUPLED_DEVICE, step: float = STEP
+    hand: Hand, press: Intent, wall: PenaltyWall, *, device: Link = COUPLED_DEVICE, step: float = STEP
 ) -> Response:
     """Return a press on a traditional wall: finger and device are bound to each other by the pad.
 
@@ -65,12 +105,12 @@ def penalty_wall(
     samples = np.array([steps, round(wall.latency / response.step), round(PHASE * steps)])
     body = _body(hand, device)
     finger_kernels.press_penalty_wall(
-        body, _intent(press), numbers, samples, response.zero, response.step, response.record
+        body, press.as_array(), numbers, samples, response.zero, response.step, response.record
     )
     return response
 
 
-def ideal_drum(hand: Hand, press: Press, *, link: Link | None = None, step: float = STEP) -> Response:
+def ideal_drum(hand: Hand, press: Intent, *, link: Link | None = None, step: float = STEP) -> Response:
     """Return a press on a drum that stands at the wall and does not move: what a link alone costs.
 
     Parameters
@@ -84,12 +124,12 @@ def ideal_drum(hand: Hand, press: Press, *, link: Link | None = None, step: floa
     """
     response = _empty(hand, press, step, LEAD)
     body = _body(hand, link or Link())
-    loop_kernels.run_stop(body, _intent(press), 0.0, response.zero, response.step, response.record)
+    loop_kernels.run_stop(body, press.as_array(), 0.0, response.zero, response.step, response.record)
     return response
 
 
 def decaff(
-    hand: Hand, press: Press, glove: Decaff, target: Target | Controller = Target.TIME_STAMPED
+    hand: Hand, press: Intent, glove: Decaff, target: Target | Controller = Target.TIME_STAMPED
 ) -> Response:
     """Return a press on a drum that is sent to where the wall is said to be.
 
@@ -131,12 +171,12 @@ class DecaffLoop:
 
     response: Response  # filled as far as the loop has come
 
-    def __init__(self, hand: Hand, press: Press, glove: Decaff) -> None:
+    def __init__(self, hand: Hand, press: Intent, glove: Decaff) -> None:
         steps = steps_a_sample(glove.servo.rate)
-        lead = (glove.sensing.reach + LEAD) / press.speed
+        lead = press.lead(glove.sensing.reach + LEAD)
         self.response = _empty(hand, press, glove.servo.period / steps, lead, multiple=steps)
         self._steps, self._first, self._back = steps, 0, 0.0
-        self._body, self._press = _body(hand, glove.link), _intent(press)
+        self._body, self._press = _body(hand, glove.link), press.as_array()
         self._drum, self._servo = glove.drum.as_array(), glove.servo.as_array()
         self._sensing, self._holding = glove.sensing.as_array(), glove.holding.as_array()
         self._noise = glove.sensing.noises(self.response.record.shape[1] * self.response.step)
@@ -180,6 +220,28 @@ class DecaffLoop:
             float(self._drive[drum_kernels.DEMANDED]),
             Message(at, link, speed, distance) if at > -math.inf else None,
         )
+
+    def row(self, time: float) -> int:
+        """Return the row of the record that is nearest to an instant, of those that are filled.
+
+        Parameters
+        ----------
+        time : float, s
+            From the contact.
+        """
+        last = min(self._first, self.response.record.shape[1] - 1)
+        return min(max(self.response.zero + round(time / self.response.step), 0), last)
+
+    def link_at(self, time: float) -> tuple[float, float]:
+        """Return where the link was, m, and how fast, m/s.
+
+        Parameters
+        ----------
+        time : float, s
+            An instant that is not after this sample.
+        """
+        row, record = self.row(time), self.response.record
+        return float(record[finger_kernels.LINK, row]), float(record[finger_kernels.LINK_SPEED, row])
 
     def tick(self, command: DrumCommand) -> None:
         """Serve a command for one sample, and move everything by it.
@@ -263,13 +325,7 @@ def _body(hand: Hand, link: Link) -> np.ndarray:
     return body
 
 
-def _intent(press: Press) -> np.ndarray:
-    if press.touch_time != 0.0:
-        raise DecaffError(f"press touches at {press.touch_time:g} s, expected one that touches at 0")
-    return np.array([press.speed, press.depth, press.release_time])
-
-
-def _empty(hand: Hand, press: Press, step: float, lead: float, multiple: int = 1) -> Response:
+def _empty(hand: Hand, press: Intent, step: float, lead: float, multiple: int = 1) -> Response:
     """Room for a press: *lead* seconds before the contact, in whole samples of *multiple* steps."""
     positive("step", step, "seconds")
     zero = math.ceil(lead / (step * multiple)) * multiple
@@ -277,5 +333,5 @@ def _empty(hand: Hand, press: Press, step: float, lead: float, multiple: int = 1
     return Response(hand, press, step, zero, np.zeros((finger_kernels.RECORD_SIZE, count)))
 
 
-def _same_instants(hand: Hand, press: Press, like: Response) -> Response:
+def _same_instants(hand: Hand, press: Intent, like: Response) -> Response:
     return Response(hand, press, like.step, like.zero, np.zeros_like(like.record))

@@ -10,7 +10,14 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from proximity.decaff import arrival_plots, error_plots, figure_5_plots, plotting, stability_plots
+from proximity.decaff import (
+    arrival_plots,
+    engine_plots,
+    error_plots,
+    figure_5_plots,
+    plotting,
+    stability_plots,
+)
 from proximity.decaff.tables import Table
 from proximity.errors import DecaffError
 
@@ -68,6 +75,13 @@ PLATES = {
         error_plots.numbers_against_latency,
         error_plots.draw_against_latency,
         error_plots.SIZE,
+    ),
+    "error-engine": Plate(
+        "force error with the engine in the loop, on the sample bracket",
+        "error-engine",
+        engine_plots.numbers,
+        engine_plots.draw,
+        engine_plots.SIZE,
     ),
     "drum-motion": Plate(
         "how drums go to their place",

@@ -23,6 +23,7 @@ CONTACT_STIFFNESS = 7  # N/m, of link on drum
 CONTACT_DAMPING = 8  # N s/m
 BODY_SIZE = 9
 
+LEAST_DAMPING = 1.0  # N s/m, of a surface that goes back: its spring alone would be there at once
 TOUCHING = 1e-9  # m; so near is touching: the positions of an approach add up with rounding
 
 # --- an intent ---
@@ -30,6 +31,10 @@ SPEED = 0  # m/s
 DEPTH = 1  # m
 RELEASE = 2  # s
 PRESS_SIZE = 3
+# One that was recorded goes on: all its positions, m, and all its speeds, m/s, at even steps.
+BEGIN = 3  # s, of the first
+EVERY = 4  # s, from one to the next
+TABLE = 5
 
 # --- a row of a record ---
 FORCE = 0  # N, of the pad on the finger
@@ -49,8 +54,25 @@ WALL_SIZE = 3
 
 
 @inlined
+def recorded_intent(press: np.ndarray, t: float) -> tuple[float, float]:
+    """The same of a `recorded_press.RecordedPress`: lines between instants, at rest before and after."""
+    count = (press.shape[0] - TABLE) // 2
+    at = (t - press[BEGIN]) / press[EVERY]
+    if not at > 0.0:
+        return press[TABLE], 0.0
+    i = int(at)
+    if i >= count - 1:
+        return press[TABLE + count - 1], 0.0
+    share, speeds = at - i, TABLE + count
+    where = press[TABLE + i] + share * (press[TABLE + i + 1] - press[TABLE + i])
+    return where, press[speeds + i] + share * (press[speeds + i + 1] - press[speeds + i])
+
+
+@inlined
 def intent(press: np.ndarray, t: float) -> tuple[float, float]:
     """Where the hand means to be at *t*, and how fast it means to go: `trajectories.Press`, touching at 0."""
+    if press.shape[0] > PRESS_SIZE:
+        return recorded_intent(press, t)
     speed, depth = press[SPEED], press[DEPTH]
     rise = 2.0 * depth / speed
     if t < 0.0:
@@ -94,6 +116,34 @@ def press_real_wall(body: np.ndarray, press: np.ndarray, zero: int, step: float,
         push = hand_force(body, press, (i - zero) * step, finger, speed)
         speed += (push - force) / body[FINGER_MASS] * step
         finger += speed * step
+
+
+@kernel
+def press_soft_wall(
+    body: np.ndarray, press: np.ndarray, wall: np.ndarray, zero: int, step: float, record: np.ndarray
+) -> None:
+    """A finger on a surface without mass, held by a spring and a damper of its own, which never pulls.
+
+    Pad and surface are in a row: the same force is on both, which tells how fast the surface gives way.
+    """
+    finger, speed = intent(press, -zero * step)
+    surface = 0.0
+    for i in range(record.shape[1]):
+        force = sink = 0.0
+        if finger >= surface - TOUCHING:
+            pad = body[PAD_STIFFNESS] * (finger - surface) + body[PAD_DAMPING] * speed
+            sink = (pad - wall[WALL_STIFFNESS] * surface) / (body[PAD_DAMPING] + wall[WALL_DAMPING])
+            force = pad - body[PAD_DAMPING] * sink
+        if not force > 0.0:  # it goes back by itself
+            force = 0.0
+            sink = -wall[WALL_STIFFNESS] * surface / max(wall[WALL_DAMPING], LEAST_DAMPING)
+        record[FORCE, i], record[FINGER, i], record[FINGER_SPEED, i] = force, finger, speed
+        record[LINK, i], record[LINK_SPEED, i] = max(surface, min(finger, 0.0)), sink
+        record[DRUM, i], record[CONTACT, i] = surface, force
+        push = hand_force(body, press, (i - zero) * step, finger, speed)
+        speed += (push - force) / body[FINGER_MASS] * step
+        finger += speed * step
+        surface += sink * step
 
 
 @kernel

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from proximity.decaff import plotting
+from proximity.decaff.response import Response
 from proximity.decaff.simulation import Simulation, Wall
 from proximity.decaff.tables import Table
 
@@ -35,7 +36,21 @@ def numbers(simulation: Simulation) -> Table:
     simulation : Simulation
         The press.
     """
-    response, real = simulation.response, simulation.real
+    return curves(simulation.response, simulation.real, has_drum=simulation.setup.wall == Wall.DECAFF)
+
+
+def curves(response: Response, real: Response, *, has_drum: bool, ideal: Response | None = None) -> Table:
+    """Return a press every 0.1 ms beside others at the same instants.
+
+    Parameters
+    ----------
+    response, real : Response
+        The press, and the same on a real wall.
+    has_drum : bool
+        Whether what stops the finger is a drum.
+    ideal : Response
+        With an ideal distance, where there is one.
+    """
     stride = max(round(SAMPLING / response.step), 1)
     every = slice(response.zero % stride, None, stride)  # the contact among them
     times = response.times[every]
@@ -48,8 +63,10 @@ def numbers(simulation: Simulation) -> Table:
         "real_finger_m": real.finger[every],
         "real_force_N": real.force[every],
     }
-    if simulation.setup.wall == Wall.DECAFF:
+    if has_drum:
         columns |= {"drum_m": response.drum[every], "drum_force_N": response.contact[every]}
+    if ideal is not None:
+        columns["ideal_force_N"] = ideal.force[every]
     return Table(columns)
 
 
@@ -74,8 +91,14 @@ def draw(figure: "Figure", table: Table, wall: Wall) -> None:
             curve = 1e3 * table[f"{name}_m"]
             above.plot(times, curve, color="0.45", linestyle=dashes, label=name)
     below.plot(times, table["real_force_N"], **plotting.REAL, label="force, real wall")
+    is_engine = "ideal_force_N" in table.columns
+    if is_engine:
+        ideal = plotting.line(plotting.PENALTY)
+        below.plot(times, table["ideal_force_N"], **ideal, label="force, ideal distance")
     if wall != Wall.REAL:
-        below.plot(times, table["force_N"], **stroke, label=f"force, {wall} wall")
+        below.plot(
+            times, table["force_N"], **stroke, label=f"force, {'engine' if is_engine else f'{wall} wall'}"
+        )
     above.axhline(0.0, **plotting.GUIDE)
     top = 1e3 * max(float(np.max(table[name])) for name in ("finger_m", "link_m"))
     above.set_ylim(DEEPEST - MARGIN, top + MARGIN)
@@ -103,9 +126,29 @@ def write(path: str | os.PathLike[str], simulation: Simulation) -> None:
     DecaffError
         If it ends otherwise, or matplotlib is not there.
     """
-    form, table = Path(path).suffix.lower().removeprefix("."), numbers(simulation)
+    write_curves(path, numbers(simulation), simulation.setup.wall)
+
+
+def write_curves(path: str | os.PathLike[str], table: Table, wall: Wall) -> None:
+    """Write curves to a file, as a figure or as CSV, at once and wholly.
+
+    Parameters
+    ----------
+    path : path
+        Ends in .csv or in one of `plotting.FORMATS`.
+    table : Table
+        As of `curves`.
+    wall : Wall
+        What was pressed on.
+
+    Raises
+    ------
+    DecaffError
+        If it ends otherwise, or matplotlib is not there.
+    """
+    form = Path(path).suffix.lower().removeprefix(".")
     if form == "csv":
         plotting.write_table(path, table)
         return
-    drawn = plotting.render(partial(draw, wall=simulation.setup.wall), table, SIZE, form)
+    drawn = plotting.render(partial(draw, wall=wall), table, SIZE, form)
     plotting.write_bytes(path, drawn)

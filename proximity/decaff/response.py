@@ -6,7 +6,7 @@ import numpy as np
 
 from proximity.decaff import finger_kernels
 from proximity.decaff.hand import Hand
-from proximity.decaff.trajectories import Press
+from proximity.decaff.trajectories import Intent
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -14,7 +14,7 @@ class Response:
     """What a press on a wall came to; N steps. Arrays are views of one record."""
 
     hand: Hand
-    press: Press
+    press: Intent
     step: float  # s
     zero: int  # row of the contact
     record: np.ndarray  # (RECORD_SIZE, N), rows of `finger_kernels`

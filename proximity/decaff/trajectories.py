@@ -7,6 +7,7 @@ speed, its fifth power vanishes.
 """
 
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,6 +23,27 @@ class Motion:
     position: np.ndarray  # (T,) m, positive into the wall
     velocity: np.ndarray  # (T,) m/s
     acceleration: np.ndarray  # (T,) m/s²
+
+
+class Intent(Protocol):
+    """What a hand means to do in a closed loop: where it would be without a wall. It touches at 0."""
+
+    @property
+    def release_time(self) -> float:
+        """When it has pressed for long enough, s."""
+
+    @property
+    def loss_time(self) -> float:
+        """When it is over, s."""
+
+    def lead(self, way: float) -> float:
+        """Return how long before the touch to begin, s; *way*, m, is how far away that may be."""
+
+    def at(self, times: ArrayLike) -> Motion:
+        """Return where the hand means to be."""
+
+    def as_array(self) -> np.ndarray:
+        """Return its numbers as the kernels read them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,3 +122,25 @@ class Press:
         velocity = self.speed * ((1.0 - s) ** 2 * (1.0 + 2.0 * s) - r**2 * (3.0 - 2.0 * r))
         acceleration = -6.0 * self.speed / self.rise_time * (s * (1.0 - s) + r * (1.0 - r))
         return Motion(position + self.speed * (before - after), velocity, acceleration)
+
+    def lead(self, way: float) -> float:
+        """Return how long before the touch the finger is so far away, s.
+
+        Parameters
+        ----------
+        way : float, m
+            How far.
+        """
+        return way / self.speed
+
+    def as_array(self) -> np.ndarray:
+        """Return its numbers as the kernels of a closed loop read them.
+
+        Raises
+        ------
+        DecaffError
+            If it does not touch at 0.
+        """
+        if self.touch_time != 0.0:
+            raise DecaffError(f"press touches at {self.touch_time:g} s, expected one that touches at 0")
+        return np.array([self.speed, self.depth, self.release_time])

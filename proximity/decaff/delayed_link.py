@@ -1,0 +1,112 @@
+"""A transport inside a simulation: what is sent arrives after a latency, by the simulation's clock.
+
+Whoever reads examines the bytes as those of any other transport. Messages do not overtake each other.
+"""
+
+import math
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+
+from proximity.decaff.arguments import not_negative
+from proximity.errors import DecaffError
+from proximity.service.histogram import Histogram
+from proximity.transport.links import NOTHING
+
+SECOND = 1_000_000_000  # ns
+DRAWS = 1024  # latencies that are drawn at once
+SEED = 7
+
+Latency = float | Sequence[float]
+"""s: one that is always the same, or a sample of measured ones, of which each message has one at random."""
+
+
+class DelayedLink:
+    """Both ends of the transport; as an outlet and as an inlet of `proximity.transport`.
+
+    Parameters
+    ----------
+    latency : float or floats, s
+        From sending to arrival.
+    clock : callable
+        Gives now, ns.
+    silences : pairs of ints, ns
+        First and last instant between which what is sent is lost.
+
+    Raises
+    ------
+    DecaffError
+        If a latency is none.
+    """
+
+    shares_clock = True
+    refused = 0
+
+    def __init__(
+        self, latency: Latency, clock: Callable[[], int], silences: Iterable[tuple[int, int]] = ()
+    ) -> None:
+        self._latencies_ns = _latencies_ns(latency)
+        self._clock, self._silences = clock, tuple(silences)
+        self._rng = np.random.default_rng(SEED)
+        self._drawn: list[int] = []
+        self._under_way: deque[tuple[int, np.ndarray]] = deque()
+        self._last_ns = -(2**62)
+
+    def send(self, data: np.ndarray) -> None:
+        """Take one message."""
+        now_ns = self._clock()
+        self._last_ns = max(self._last_ns, now_ns + self._next_ns())
+        if not any(first <= now_ns <= last for first, last in self._silences):
+            self._under_way.append((self._last_ns, data.copy()))
+
+    def receive(self, room: np.ndarray) -> int:
+        """Hand over the oldest message that has arrived."""
+        if not self._under_way or self._under_way[0][0] > self._clock():
+            return NOTHING
+        data = self._under_way.popleft()[1]
+        size = min(len(data), len(room))
+        room[:size] = data[:size]
+        return len(data)
+
+    def wait(self, timeout: float) -> bool:
+        """Say whether anything is under way: in a simulation nobody waits."""
+        return bool(self._under_way)
+
+    def close(self) -> None:
+        """Do nothing."""
+
+    def _next_ns(self) -> int:
+        if len(self._latencies_ns) == 1:
+            return self._latencies_ns[0]
+        if not self._drawn:
+            self._drawn = self._rng.choice(self._latencies_ns, DRAWS).tolist()
+        return self._drawn.pop()
+
+
+def latencies_of(histogram: Histogram, count: int = 1000) -> tuple[float, ...]:
+    """Return a sample of what a histogram holds, s: so many values, each as often as it was measured.
+
+    Parameters
+    ----------
+    histogram : Histogram
+        As a service's report has it.
+    count : int
+        How many.
+
+    Raises
+    ------
+    DecaffError
+        If it is empty.
+    """
+    if not histogram.count:
+        raise DecaffError("the histogram of latencies is empty, expected one that has measured something")
+    shares = (np.arange(count) + 0.5) * (100.0 / count)
+    return tuple(histogram.percentile(float(share)) / SECOND for share in shares)
+
+
+def _latencies_ns(latency: Latency) -> list[int]:
+    values = list(latency) if isinstance(latency, Sequence) else [latency]
+    if not values:
+        raise DecaffError("no latency is given, expected seconds")
+    return [math.floor(SECOND * not_negative("latency", value, "seconds") + 0.5) for value in values]
