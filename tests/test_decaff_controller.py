@@ -535,6 +535,16 @@ def test_drift_brings_a_contact_no_nearer_than_anything_moves():
     assert places[-1] == pytest.approx(PATH.place(WALL) - 16 * fastest, abs=1e-6)
 
 
+def test_path_that_is_free_to_the_fist_brings_no_drum_near():
+    """The finger closes on a surface that it will pass: where its path is known, nothing is guessed."""
+    closing = {"bend_rate": 1.0, "approach_speed": 0.2, "velocity": np.nan, "signed_distance": 0.02}
+    guessed = Bench().run(5, place=math.nan, **closing)
+    assert guessed.place == pytest.approx(PATH.place(0.3 + 0.02 / 0.2))
+
+    known = Bench().run(5, place=math.nan, flags=TRACKED | ContactFlag.ON_PATH, **closing)
+    assert (known.state, known.place) == (DrumState.RETRACTED, PATH.retracted)
+
+
 def test_path_that_was_not_followed_to_a_contact_brings_no_drum_near():
     """Steps did not suffice: free up to 0.35 is all that is known, and that is no contact."""
     ran_out = {

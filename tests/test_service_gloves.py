@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 import shapes
 from fake_service import MS, QueueInlet
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from ticking import solid
 
 from proximity.decaff.wearing import read_glove
@@ -46,6 +48,16 @@ def gloves_of(folder):
         return read_gloves(read_scene_file(folder / "cell.toml"), count)
 
     return read
+
+
+@pytest.fixture(scope="module")
+def ways(tmp_path_factory):
+    """What the service knows of two fingers."""
+    folder = tmp_path_factory.mktemp("ways")
+    shutil.copy(MESHES / "box.stl", folder)
+    glove_files.write(folder / "glove.json")
+    (folder / "cell.toml").write_text(SCENE + 'calibration = "glove.json"')
+    return read_gloves(read_scene_file(folder / "cell.toml"), 2)
 
 
 @pytest.fixture
@@ -132,6 +144,26 @@ def test_what_cannot_be_is_a_finger_that_is_not_tracked(gloves_of, inlet, fields
 
     assert np.isnan(source.poll(NOW).positions).all()
     assert source.notes == ([note] if note else [])
+
+
+@settings(max_examples=200, deadline=None, derandomize=True)
+@given(data=st.data())
+def test_whatever_numbers_come_nothing_is_raised(ways, data):
+    """Not even a warning, which is an error here: the loop has no time for either."""
+    numbers = st.sampled_from(
+        [0.0, 0.5, -1.0, 1e-300, 1e155, 1.7e308, -1.7e308, math.nan, math.inf, -math.inf]
+    )
+    message, queue = poses(bend=0.3), QueueInlet()
+    for name in ("rotation", "translation", "bend", "counts"):
+        if data.draw(st.booleans()):
+            flat = message.records[name].reshape(2, -1)
+            flat[:] = [[data.draw(numbers) for _ in row] for row in flat]
+    queue.put(message)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(reception, "open_inlet", lambda address: queue)
+        hands = stream(ways).poll(NOW)
+
+    assert hands is not None and hands.positions.shape == (2, 3)
 
 
 def test_poses_of_fingertips_are_taken_all_the_same_and_end_the_path(gloves_of, inlet):

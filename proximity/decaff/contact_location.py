@@ -117,6 +117,9 @@ def is_sound(contact: Any, now_ns: int, ahead_ns: int) -> bool:
 def locate(contact: Any, path: FingerPath) -> Location | None:
     """Return where the finger touches, by the rule of PAPER 8; None: nowhere before the fist.
 
+    Of a path that was followed to the fist and is free, bend and velocity are not asked: the rule guesses by
+    them where no path is known.
+
     Parameters
     ----------
     contact : CONTACT
@@ -126,6 +129,8 @@ def locate(contact: Any, path: FingerPath) -> Location | None:
     """
     bend, distance = float(contact["bend"]), float(contact["signed_distance"])
     place, rate, error = float(contact["contact_bend"]), 0.0, 0.0
+    if math.isnan(place) and int(contact["flags"]) & ContactFlag.ON_PATH:
+        return None
     if math.isfinite(place) and not _is_open(contact):
         rate = _or_zero(contact["contact_bend_rate"])
         error = _or_zero(contact["contact_bend_error"])
