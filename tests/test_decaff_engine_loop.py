@@ -20,6 +20,7 @@ from proximity.errors import DecaffError
 from proximity.loading import load
 from proximity.pose import Pose
 from proximity.recording import Recording
+from proximity.replay import turn_about_axes
 from proximity.scene import Scene
 from proximity.service.histogram import Histogram
 from proximity.solid import Solid
@@ -180,6 +181,20 @@ def test_drum_never_advances_on_what_is_lost(flat, kind, span):
     assert press.counts.lost == (0 if kind == "blind" else press.counts.lost)
 
 
+def test_finger_that_got_inside_unseen_is_brought_back_slowly(flat):
+    """PAPER 10: a drum that comes late does so at 0.05 m/s at most, to the surface that was told before."""
+    press = run(flat, hold=0.6, silent=((-0.02, 0.02),))
+    response = press.response
+
+    speed = -np.gradient(response.drum, response.step)
+    is_late = (response.drum > 0.5e-3) & (response.times > 0.05) & (response.times < 0.5)
+    is_near = is_late & (response.drum - response.link < 2e-3)
+    assert response.link.max() > 6e-3  # so deep was the finger
+    assert speed[is_near].max() < 0.055
+    at_rest = response.zero + round(0.62 / response.step)
+    assert response.force[at_rest] == pytest.approx(press.real.force[at_rest], rel=0.05)
+
+
 def test_same_run_gives_the_same_bits(flat):
     latencies = tuple(1e-3 * np.random.default_rng(3).gamma(2.0, 0.5, 200))
     first, second = (run(flat, latency=latencies) for _ in range(2))
@@ -252,15 +267,18 @@ def test_force_of_the_far_end_is_displayed(flat):
     assert 0.396 < press.response.force[row] < 0.406
 
 
-@pytest.mark.parametrize(("stiffness", "damping"), [(300.0, 4.0), (800.0, 2.0)])
-def test_deformable_part_gives_way_as_its_law_says(stiffness, damping):
+@pytest.mark.parametrize(("stiffness", "damping", "tilt"), [(300.0, 4.0, 0.0), (800.0, 2.0, 40.0)])
+def test_deformable_part_gives_way_as_its_law_says(stiffness, damping, tilt):
+    """A finger that comes obliquely feels of the law what is along its way: the square of the incidence."""
     finger = place_finger(box_scene(stiffness=stiffness, damping=damping), (0.0, 0.0, 0.01))
+    turn = Pose(turn_about_axes((tilt, 0.0, 0.0)))
+    finger = placed(finger.scene, finger.glove, turn @ finger.world_from_hand)
     press = run(finger, 0.1, hold=0.6)
-    depth = HAND.press(0.1).depth
+    depth, along = HAND.press(0.1).depth, finger.incidence**2
     row = press.response.zero + round(0.6 / press.response.step)
 
     assert set(press.states) >= {"approach", "force"}
-    assert press.real.force[row] == pytest.approx(HAND.steady_force(depth, stiffness), rel=1e-6)
+    assert press.real.force[row] == pytest.approx(HAND.steady_force(depth, along * stiffness), rel=1e-6)
     assert press.response.force[row] == pytest.approx(press.real.force[row], rel=0.005)
     assert press.error.share < 0.08
 
