@@ -94,7 +94,7 @@ def test_engine_is_the_ideal_distance_on_a_flat_part(flat, speed):
     ideal = press_on_part(flat, HAND.press(speed), engine.setup.ideal)
     drum = 2.0 * engine.setup.drum.resolution
 
-    assert abs(engine.told_contact) < min(SAGITTA, engine.told_error)
+    assert abs(engine.told_contact) < SAGITTA
     assert abs(drum_offset(engine.response) - drum_offset(ideal.response)) < SAGITTA + drum
     off = [one.response.force[rest(one.response)].mean() for one in (engine, ideal)]
     assert abs(off[0] - off[1]) < HAND.series_stiffness * (SAGITTA + drum)
@@ -117,9 +117,22 @@ def test_engine_knows_curved_and_needle_meshed_parts_as_well(mesh, at):
     finger = place_finger(load(MESHES / mesh), at)
     press = run(finger, 0.5, latency=0.003)
 
-    assert abs(press.told_contact) < press.told_error < SAGITTA / finger.incidence
+    assert press.told_error < SAGITTA / finger.incidence
+    assert abs(press.told_contact) < press.told_error + SAGITTA / finger.incidence
     assert press.error.share < 0.11  # PAPER 6.3 has 10 % at 0.5 m/s, and a shift of 0.1 ms makes 3 points
     assert press.error.penetration < 0.2e-3
+
+
+@pytest.mark.parametrize("corners", [5, 9, 17])
+def test_coarse_way_shows_as_force_error(flat, corners):
+    """PAPER 6.5: a bias e of the distance costs 120 N/m e at rest, of hand and pad in a row."""
+    press, fine = run(flat, corners=corners), run(flat)
+    off = [one.response.force[rest(one.response)].mean() for one in (press, fine)]
+    bias = press.told_contact - fine.told_contact
+
+    assert bias > SAGITTA  # what the tracker promises is for the polyline it is given
+    noise = HAND.series_stiffness * 2.0 * press.setup.drum.resolution
+    assert off[0] - off[1] == pytest.approx(-HAND.series_stiffness * bias, abs=noise)
 
 
 def test_latency_costs_nothing_where_distances_are_read_with_their_own_pose(flat):
