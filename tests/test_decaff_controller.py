@@ -624,6 +624,7 @@ def test_late_drum_comes_slowly_and_weakly():
     action = bench.step(contact(bench.now, bench.bend))
     assert action.place == pytest.approx(PATH.place(WALL))
     assert (action.speed_cap, action.state) == (0.05, DrumState.APPROACH)
+    assert action.force_cap == math.inf  # what goes away fast must be braked, and nothing is pressed there
 
     bench.drum = PATH.place(bench.bend)
     action = bench.step(contact(bench.now, bench.bend))
@@ -631,6 +632,17 @@ def test_late_drum_comes_slowly_and_weakly():
     assert action.speed_cap <= 0.05 and action.force_cap == 1.0
     bench.bend, bench.drum = WALL, PATH.place(WALL)
     assert bench.step(contact(bench.now, bench.bend)).force_cap == LIMITS.peak_force
+
+
+def test_finger_that_is_inside_does_not_carry_the_surface_along():
+    """Inside, a tracker tells the touch where the finger is; the surface stays where it was told before."""
+    bench = approaching()
+    bench.bend = PATH.bend(PATH.place(WALL) + 0.004)
+    bench.drum = PATH.retracted
+    action = bench.run(1, place=bench.bend, signed_distance=-0.004, lower=-0.004)
+
+    assert action.place == pytest.approx(PATH.place(WALL))
+    assert action.speed_cap == 0.05
 
 
 FAULTS = {

@@ -29,7 +29,7 @@ Examples:
   proximity simulate
   proximity simulate --speed 0.5 --latency-ms 10 --policy latched --out late.png
   proximity simulate --wall coupled --latency-ms 3 --stiffness 734 --damping 4.4 --json
-  proximity simulate --scene bracket.stl --at 48 30 4 --latency-ms 10 --out bracket.png
+  proximity simulate --scene bracket.stl --at 48 30 20 --latency-ms 10 --out bracket.png
   proximity simulate --scene bracket.stl --recording hand.csv
 """
 

@@ -17,6 +17,7 @@ MOST_RATE = 100.0  # 1/s: no finger bends faster; assumed
 MOST_LENGTH = 100.0  # m: no distance that is measured is greater; assumed
 UNIT_ERROR = 1e-3  # by which a normal's length may differ from 1 (PAPER 10)
 LEAST_CLOSING = 1e-3  # m/s: slower, the finger is not closing; assumed
+LEAST_WAY = 3e-3  # m, to the contact: nearer, the place's own error would show in the incidence; assumed
 SILENT = frozenset((State.STARTING, State.STALE, State.STOPPING))
 ACTED_UPON = frozenset((State.OK, State.DEGRADED))
 _MODES, _SURFACES, _SOURCES = (frozenset(int(value) for value in kind) for kind in (Mode, Surface, Source))
@@ -31,7 +32,7 @@ class Location:
     error: float  # by which the bend may be off; 0 where it is not told
     pose_ns: int
     finger_speed: float  # m/s, when it was told
-    incidence: float = 1.0  # cosine between the finger's way and the surface's normal
+    incidence: float = 1.0  # cosine between the finger's way and the surface's normal; nan: too near to tell
 
     def bend_at(self, now_ns: int, longest_ns: int) -> float:
         """Return the bend at an instant; the drift is believed for no longer than *longest_ns*.
@@ -140,7 +141,7 @@ def locate(contact: Any, path: FingerPath) -> Location | None:
     if not place <= 1.0:
         return None
     way = path.place(place) - path.place(bend) if math.isfinite(bend) else math.nan
-    incidence = min(max(distance / way, 0.0), 1.0) if way > 1e-6 and 0.0 < distance < math.inf else 1.0
+    incidence = min(max(distance / way, 0.0), 1.0) if way > LEAST_WAY and distance < math.inf else math.nan
     speed = math.hypot(*(_or_zero(number) for number in contact["velocity"]))
     return Location(place, rate, error, int(contact["pose_ns"]), speed, incidence)
 

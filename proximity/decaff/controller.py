@@ -270,7 +270,10 @@ class FingerController:
         if self._target < drum:
             speed = self._closing_cap(drum - self._finger)
             if self._is_late:
-                speed, cap = min(speed, self._limits.late_speed), min(cap, self._limits.late_force)
+                speed = min(speed, self._limits.late_speed)
+                # Farther off nothing is pressed, and so weak a motor could not brake what goes away.
+                if drum - self._finger <= self._limits.near_gap:
+                    cap = min(cap, self._limits.late_force)
         return self._action(DriveMode.POSITION, speed, cap)
 
     def _closing_cap(self, gap: float) -> float:

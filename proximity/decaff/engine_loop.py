@@ -25,8 +25,17 @@ from proximity.decaff.policies import DrumCommand, Holding, Sight, TargetPolicy
 from proximity.decaff.recorded_press import RecordedPress
 from proximity.decaff.response import Response
 from proximity.decaff.servo import servo_for
-from proximity.decaff.simulated_service import SECOND, Feed, MeasuredFinger, SimulatedService, TrackedFinger
+from proximity.decaff.simulated_service import (
+    SECOND,
+    ExactAnswers,
+    Feed,
+    MeasuredFinger,
+    SimulatedService,
+    TrackedFinger,
+)
 from proximity.decaff.trajectories import Intent
+from proximity.service.answering import TrackerAnswers
+from proximity.tracker import Tracker
 from proximity.transport import Counts, Subscriber
 
 
@@ -156,8 +165,18 @@ class Engine:
 def _feed(finger: PlacedFinger, setup: EngineSetup, period: float) -> Feed:
     if setup.distances == Distances.SENSOR:
         return MeasuredFinger(finger, setup.expected_latency)
-    is_exact = setup.distances == Distances.IDEAL
-    return TrackedFinger(finger, period, setup.expected_latency, is_exact=is_exact)
+    tracker = Tracker(
+        finger.scene,
+        fingers=1,
+        radius=finger.glove.finger.pad_radius,
+        period=period,
+        latency=setup.expected_latency,
+        tolerance=setup.tolerance,
+        budget=setup.budget,
+    )
+    if setup.distances == Distances.IDEAL:
+        return TrackedFinger(finger, ExactAnswers(tracker, finger.contact_bend))
+    return TrackedFinger(finger, TrackerAnswers(tracker), setup.corners)
 
 
 def _glove(finger: PlacedFinger, setup: EngineSetup) -> Decaff:

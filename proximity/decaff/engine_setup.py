@@ -10,6 +10,7 @@ from proximity.decaff.devices import SERVO_RATE
 from proximity.decaff.drum import GEAR4, Drum
 from proximity.decaff.policies import Target
 from proximity.errors import DecaffError
+from proximity.message import PATH_CORNERS
 
 FARTHEST = 0.100  # m; as far as PAPER 6.4 looks
 Spans = Sequence[tuple[float, float]]
@@ -37,6 +38,9 @@ class EngineSetup:
     reading: Target | None = None  # a plain reading of distances instead of the controller
     drum: Drum = GEAR4  # its servo runs at 3 kHz
     far_force: float | None = None  # N, that the sensor measures; None: what the real wall does
+    corners: int = PATH_CORNERS  # of the polyline that a tracker takes as the finger's way
+    tolerance: float = 0.0  # of the tracker: share of a distance by which its bounds may be apart
+    budget: int | None = None  # of the tracker: nodes and leaves; None: its own
     phase: float = 0.5  # of a period, before the first tick
     way: float = FARTHEST  # m from the touch, where a scripted hand begins
     blind: Spans = field(default=())  # the finger is not tracked

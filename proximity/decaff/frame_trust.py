@@ -4,6 +4,7 @@ Doubt is counted, never repaired: a frame that cannot be is as if it had not com
 """
 
 import math
+from dataclasses import replace
 from typing import Any
 
 from proximity.decaff.contact_location import ACTED_UPON, SILENT, Location, Told, is_sound, is_tracked, locate
@@ -138,12 +139,17 @@ class FrameTrust:
 
     def _take_location(self, contact: Any) -> None:
         """Believe a place at once if it is farther, or nearer by no more than can be; else after a second."""
+        is_outside = float(contact["signed_distance"]) > 0.0
+        if not is_outside and self.location is not None:
+            return  # it touches where it is, however deep: the place that was told before is the surface
         told = locate(contact, self._path)
         if told is None:
             self._pending = None
-            if float(contact["signed_distance"]) > 0.0:
-                self.location = None  # inside, the place that was told before stays
+            if is_outside:
+                self.location = None
             return
+        if math.isnan(told.incidence):
+            told = replace(told, incidence=1.0 if self.location is None else self.location.incidence)
         if self._may_follow(self.location, told) or self._may_follow(self._pending, told):
             self.location, self._pending = told, None
         else:

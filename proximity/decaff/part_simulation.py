@@ -84,7 +84,7 @@ def describe(simulation: PartSimulation) -> list[tuple[str, str]]:
     finger, setup, part = press.finger, press.setup, press.finger.scene.parts[press.finger.part]
     surface = "rigid" if part.stiffness is None else f"{part.stiffness:g} N/m, {part.damping:g} N·s/m"
     point = finger.point(finger.contact_bend) - finger.glove.finger.pad_radius * finger.normal
-    place = ", ".join(f"{1e3 * coordinate:.2f}" for coordinate in point)
+    place = ", ".join(f"{round(1e3 * coordinate, 2) + 0.0:.2f}" for coordinate in point.tolist())
     told = "a sensor at the far end" if setup.distances == Distances.SENSOR else "the tracker"
     who = (
         "controller" if setup.reading is None else f"{setup.reading.name.lower().replace('_', '-')} distances"

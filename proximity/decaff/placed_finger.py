@@ -14,6 +14,7 @@ from proximity.decaff.finger import Finger
 from proximity.decaff.finger_path import FingerPath
 from proximity.decaff.glove import Glove
 from proximity.errors import DecaffError
+from proximity.message import PATH_CORNERS
 from proximity.pose import Pose
 from proximity.scene import Scene
 
@@ -53,9 +54,15 @@ class PlacedFinger:
         """Cosine between the finger's way and the surface's normal at the touch."""
         return -float(self.normal @ _direction(self.glove.finger, self.world_from_hand, self.contact_bend))
 
-    def corners(self) -> np.ndarray:
-        """Return the way as a tracker takes it, (K, 3), m."""
-        return self.glove.finger.path_world(self.world_from_hand)
+    def corners(self, count: int = PATH_CORNERS) -> np.ndarray:
+        """Return the way as a tracker takes it, (K, 3), m, scene's frame.
+
+        Parameters
+        ----------
+        count : int
+            K.
+        """
+        return self.glove.finger.path_world(self.world_from_hand, count)
 
     def point(self, bend: float) -> np.ndarray:
         """Return the centre of the fingertip, (3,), m, scene's frame.
@@ -81,7 +88,7 @@ def place_finger(
     scene : Scene
         With parts.
     at : three floats, m
-        The finger touches where the surface is nearest to this point, from the side on which the point is.
+        The finger touches where the surface is nearest to this point, from outside.
         Where not given: a point above the middle of the parts.
     glove : Glove
         Of the finger; the default one where not given.

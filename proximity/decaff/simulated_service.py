@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from proximity.decaff.placed_finger import PlacedFinger
-from proximity.message import Surface
+from proximity.message import PATH_CORNERS, Surface
 from proximity.service.answering import Answering, TrackerAnswers
 from proximity.service.framing import Framing
 from proximity.service.gate import Gate
@@ -33,30 +33,23 @@ class Feed(Protocol):
 
 
 class TrackedFinger:
-    """Poses of a finger and its way, for the tracker.
+    """Poses of a finger and its way, for a tracker.
 
     Parameters
     ----------
     finger : PlacedFinger
         Before its part.
-    period : float, s
-        Between ticks.
-    latency : float, s
-        For which the tracker predicts.
-    is_exact : bool
-        The place of contact is the true one, whatever the tracker finds: the ideal engine.
+    answering : TrackerAnswers
+        Of one finger.
+    corners : int
+        Of the polyline that the tracker takes as the way.
     """
 
-    def __init__(
-        self, finger: PlacedFinger, period: float, latency: float, *, is_exact: bool = False
-    ) -> None:
-        radius = finger.glove.finger.pad_radius
-        tracker = Tracker(finger.scene, fingers=1, radius=radius, period=period, latency=latency)
-        exact = finger.contact_bend if is_exact else None
-        self.answering: Answering = TrackerAnswers(tracker) if exact is None else ExactAnswers(tracker, exact)
+    def __init__(self, finger: PlacedFinger, answering: TrackerAnswers, corners: int = PATH_CORNERS) -> None:
+        self.answering: Answering = answering
         self._finger = finger
         self._hands = Hands(1)
-        self._hands.paths, self._hands.bends = finger.corners()[None], np.zeros(1)
+        self._hands.paths, self._hands.bends = finger.corners(corners)[None], np.zeros(1)
 
     def samples(self, now_ns: int, bend: float, bend_rate: float, force: float) -> Hands:
         """Return the pose.
