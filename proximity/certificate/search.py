@@ -14,13 +14,13 @@ from proximity.certificate.starts import Starts, starts
 from proximity.certificate.subject import Subject
 from proximity.certificate.work import GOALS, NOWHERE, Costs, Goal, Probe
 
-COUNTS = (2000, 2000, 500)
+COUNTS = (4000, 4000, 1000)
 """Places at random, near surfaces, and samples for two medial places each."""
-CLIMBS = 10
+CLIMBS = 24
 """For each goal."""
 FIRST_RADIUS = 0.02
 """Share of the scene's diagonal: where neighbours of a place are looked for first."""
-APART = 1e-3
+APART = 0.03
 """Share of the diagonal by which places that climbs begin at are apart: the dearest are often one place."""
 MOST_STEPS = 25_000_000
 """Nodes and leaves visited for a goal, a few seconds; then the search for it ends with what it has."""
@@ -79,11 +79,16 @@ def search(
         Is told what is done, and which share of the search is.
     """
     begin = starts(subject, COUNTS if counts is None else counts, np.random.default_rng([seed, 0]))
-    found = []
+    found: list[Found] = []
     for number, goal in enumerate(GOALS):
         rng = np.random.default_rng([seed, 1 + number])
         tell(f"searching: {goal}", number / len(GOALS))
-        found.append(_search_one(subject, goal, begin, rng, most_steps))
+        one = _search_one(subject, goal, begin, rng, most_steps)
+        found.append(one)
+        # What is dear in one manner may be in another.
+        begin = begin.extended(
+            np.array([place.position for place in one.places]), [place.origin for place in one.places]
+        )
     return tuple(found)
 
 
