@@ -97,35 +97,30 @@ def _search_one(
 ) -> Found:
     probe = Probe(subject, goal)
     costs, rows = _look(probe, begin, rng, 0.5 * most_steps)
-    worth = costs.worth
-    is_typical = np.array([begin.origins[row] == "random" for row in rows]) & costs.is_in_range
+    origins = np.array(begin.origins)[rows]
+    typical = costs.work[(origins == "random") & costs.is_in_range]
     lower, upper = subject.scene.bounds
     diagonal = float(np.linalg.norm(upper - lower))
-    places = []
-    for k in _apart(begin.places[rows], worth, APART * diagonal):
-        climb = ascend(probe, begin.places[rows[k]], FIRST_RADIUS * diagonal, rng, most_steps=most_steps)
-        at = probe.costs(climb.place[None])
-        places.append(
-            (
-                float(at.worth[0]),
-                Place(
-                    climb.place,
-                    int(at.work[0]),
-                    float(at.lower[0]),
-                    float(at.upper[0]),
-                    begin.origins[rows[k]],
-                    int(costs.work[k]),
-                ),
-            )
-        )
-    places.sort(key=lambda pair: -pair[0])
+    climbed = []
+    for k in _apart(begin.places[rows], costs.worth, APART * diagonal):
+        start = begin.places[rows[k]]
+        climb = ascend(probe, start, FIRST_RADIUS * diagonal, rng, most_steps=most_steps)
+        climbed.append(_climbed(probe, climb.place, str(origins[k]), int(costs.work[k])))
+    climbed.sort(key=lambda pair: -pair[0])
     return Found(
         goal,
-        tuple(place for _, place in places),
-        float(np.median(costs.work[is_typical])) if is_typical.any() else float("nan"),
+        tuple(place for _, place in climbed),
+        float(np.median(typical)) if len(typical) else float("nan"),
         len(rows),
         len(rows) == len(begin.places),
     )
+
+
+def _climbed(probe: Probe, position: np.ndarray, origin: str, start_work: int) -> tuple[float, Place]:
+    """The place at which a climb ended, and its worth."""
+    at = probe.costs(position[None])
+    place = Place(position, int(at.work[0]), float(at.lower[0]), float(at.upper[0]), origin, start_work)
+    return float(at.worth[0]), place
 
 
 def _look(
