@@ -10,9 +10,9 @@ import numpy as np
 
 from proximity.certificate.work import Probe
 
-NEIGHBOURS = 10  # that are looked at in a round
+NEIGHBOURS = 20  # that are looked at in a round
 SHRINK = 0.5  # of the ball, after a round without a dearer one
-ROUNDS = 40
+ROUNDS = 60
 SMALLEST = 1e-7  # m: nothing that a hand does is smaller
 
 

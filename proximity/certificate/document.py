@@ -40,6 +40,7 @@ from proximity.service import Histogram
 
 SCHEMA = 1
 KIND = "proximity latency certificate"
+TAIL_POINTS = 120  # of a plot
 
 
 def document(certificate: Certificate, gate: float | None = None, *, version: str = "") -> dict[str, Any]:
@@ -220,6 +221,3 @@ def _tail(times_ns: np.ndarray) -> list[list[float]]:
     ranks = np.unique(np.round(len(ordered) * (1.0 - np.geomspace(1.0, 1.0 / len(ordered), TAIL_POINTS))))
     rows = np.minimum(ranks.astype(int), len(ordered) - 1)
     return [[int(ordered[row]), len(ordered) - int(row)] for row in rows]
-
-
-TAIL_POINTS = 120

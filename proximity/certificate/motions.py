@@ -6,6 +6,7 @@ from proximity.scene import Scene
 
 HAND = 5  # fingers
 SPREAD = 0.05  # m, of the fingers of a hand
+PAUSE_TICKS = 10  # between two rounds of a motion
 PASSING_SPEED, PASSING_WAY = 0.2, 0.005
 """m/s at most, and m to either side, of fingers that go to and fro through a place."""
 
@@ -92,6 +93,3 @@ def repeated(positions: np.ndarray, ticks: int) -> np.ndarray:
     one = np.concatenate([positions, nobody])
     rounds = -(-ticks // len(positions))
     return np.ascontiguousarray(np.concatenate([one] * rounds)[: ticks + (rounds - 1) * PAUSE_TICKS])
-
-
-PAUSE_TICKS = 10

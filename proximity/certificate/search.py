@@ -14,13 +14,13 @@ from proximity.certificate.starts import Starts, starts
 from proximity.certificate.subject import Subject
 from proximity.certificate.work import GOALS, NOWHERE, Costs, Goal, Probe
 
-COUNTS = (2000, 2000, 500)
+COUNTS = (4000, 4000, 1000)
 """Places at random, near surfaces, and samples for two medial places each."""
-CLIMBS = 10
+CLIMBS = 24
 """For each goal."""
 FIRST_RADIUS = 0.02
 """Share of the scene's diagonal: where neighbours of a place are looked for first."""
-APART = 1e-3
+APART = 0.03
 """Share of the diagonal by which places that climbs begin at are apart: the dearest are often one place."""
 MOST_STEPS = 25_000_000
 """Nodes and leaves visited for a goal, a few seconds; then the search for it ends with what it has."""
@@ -79,11 +79,16 @@ def search(
         Is told what is done, and which share of the search is.
     """
     begin = starts(subject, COUNTS if counts is None else counts, np.random.default_rng([seed, 0]))
-    found = []
+    found: list[Found] = []
     for number, goal in enumerate(GOALS):
         rng = np.random.default_rng([seed, 1 + number])
         tell(f"searching: {goal}", number / len(GOALS))
-        found.append(_search_one(subject, goal, begin, rng, most_steps))
+        one = _search_one(subject, goal, begin, rng, most_steps)
+        found.append(one)
+        # What is dear in one manner may be in another.
+        begin = begin.extended(
+            np.array([place.position for place in one.places]), [place.origin for place in one.places]
+        )
     return tuple(found)
 
 
@@ -92,35 +97,30 @@ def _search_one(
 ) -> Found:
     probe = Probe(subject, goal)
     costs, rows = _look(probe, begin, rng, 0.5 * most_steps)
-    worth = costs.worth
-    is_typical = np.array([begin.origins[row] == "random" for row in rows]) & costs.is_in_range
+    origins = np.array(begin.origins)[rows]
+    typical = costs.work[(origins == "random") & costs.is_in_range]
     lower, upper = subject.scene.bounds
     diagonal = float(np.linalg.norm(upper - lower))
-    places = []
-    for k in _apart(begin.places[rows], worth, APART * diagonal):
-        climb = ascend(probe, begin.places[rows[k]], FIRST_RADIUS * diagonal, rng, most_steps=most_steps)
-        at = probe.costs(climb.place[None])
-        places.append(
-            (
-                float(at.worth[0]),
-                Place(
-                    climb.place,
-                    int(at.work[0]),
-                    float(at.lower[0]),
-                    float(at.upper[0]),
-                    begin.origins[rows[k]],
-                    int(costs.work[k]),
-                ),
-            )
-        )
-    places.sort(key=lambda pair: -pair[0])
+    climbed = []
+    for k in _apart(begin.places[rows], costs.worth, APART * diagonal):
+        start = begin.places[rows[k]]
+        climb = ascend(probe, start, FIRST_RADIUS * diagonal, rng, most_steps=most_steps)
+        climbed.append(_climbed(probe, climb.place, str(origins[k]), int(costs.work[k])))
+    climbed.sort(key=lambda pair: -pair[0])
     return Found(
         goal,
-        tuple(place for _, place in places),
-        float(np.median(costs.work[is_typical])) if is_typical.any() else float("nan"),
+        tuple(place for _, place in climbed),
+        float(np.median(typical)) if len(typical) else float("nan"),
         len(rows),
         len(rows) == len(begin.places),
     )
+
+
+def _climbed(probe: Probe, position: np.ndarray, origin: str, start_work: int) -> tuple[float, Place]:
+    """The place at which a climb ended, and its worth."""
+    at = probe.costs(position[None])
+    place = Place(position, int(at.work[0]), float(at.lower[0]), float(at.upper[0]), origin, start_work)
+    return float(at.worth[0]), place
 
 
 def _look(

@@ -33,6 +33,18 @@ class Starts:
     places: np.ndarray  # (K, 3) m
     origins: tuple[str, ...]  # (K,) "random", "near the surface", "medial", "centre"
 
+    def extended(self, places: np.ndarray, origins: list[str]) -> "Starts":
+        """Return these and others.
+
+        Parameters
+        ----------
+        places : (K, 3) float64, m
+            Which others.
+        origins : list of str
+            How each came about.
+        """
+        return Starts(np.concatenate([self.places, places]), (*self.origins, *origins))
+
 
 def starts(subject: Subject, counts: tuple[int, int, int], rng: np.random.Generator) -> Starts:
     """Return where to begin.

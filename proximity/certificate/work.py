@@ -11,7 +11,6 @@ import numpy as np
 
 from proximity.certificate.subject import Subject
 from proximity.message import ContactFlag
-from proximity.scene import Scene
 
 GROUP = 5
 """Fingers of a probe: a hand's, so that each has the whole budget of a tick."""
@@ -82,11 +81,6 @@ class Probe:
         self._tracker = subject.tracker(fingers=GROUP, budget=budget)
         self._manner = goal.manner
         self.steps = 0  # nodes and leaves visited so far, preparation included
-
-    @property
-    def scene(self) -> Scene:
-        """What is looked at."""
-        return self._tracker.scene
 
     def costs(self, places: np.ndarray) -> Costs:
         """Return what places cost.
