@@ -23,6 +23,7 @@ from proximity.transport import open_outlet
 SCHEMES = ("mailbox", "iox2", "udp", "zenoh")
 ARRIVES_WITHIN = 10.0  # s: until routers and readers have found each other
 HEIGHTS = np.array([0.05, 0.04, 0.03, 0.02, 0.01])  # m, what the frame says
+pytestmark = pytest.mark.benchmark(timer=time.perf_counter)
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
