@@ -41,13 +41,14 @@ def main(arguments: list[str] | None = None) -> int:
         ratios = {case.name: measure(case, options.rounds) for case in found}
         if options.update is not None:
             return _update(console, ratios, options.reason)
-        verdicts = limits.judge(ratios, limits.read_limits())
+        allowed = limits.for_vectors(limits.read_limits(), is_wide=limits.has_wide_vectors())
+        verdicts = limits.judge(ratios, allowed)
         again = {each.case for each in verdicts if not each.is_met}
         if again:
             console.print(f"Once more, over {options.more_rounds} rounds: {', '.join(sorted(again))}")
             slow = [case for case in found if case.name in again]
             ratios |= {case.name: measure(case, options.more_rounds) for case in slow}
-            verdicts = limits.judge(ratios, limits.read_limits())
+            verdicts = limits.judge(ratios, allowed)
     except (AnswerError, limits.LimitError) as reason:
         console.print(f"[red]gate: {reason}", highlight=False, soft_wrap=True)
         return 2

@@ -32,6 +32,7 @@ def limits(bench, monkeypatch, tmp_path):
     path = tmp_path / "gate.toml"
     path.write_text(LIMITS, encoding="utf-8")
     monkeypatch.setattr(module, "FILE", path)
+    monkeypatch.setattr(module, "has_wide_vectors", lambda: True)
     return module
 
 
@@ -98,6 +99,15 @@ def test_limit_that_is_not_a_number_is_not_met(limits):
     verdict = limits.GateVerdict("fast", float("nan"), limits.Limit(0.5, 0.7, "first"))
 
     assert not verdict.is_met
+
+
+def test_machine_with_narrow_vectors_has_more_room(gate, limits, monkeypatch):
+    module = gate(75_000, 100_000)
+    assert module.main([]) == 1
+
+    monkeypatch.setattr(limits, "has_wide_vectors", lambda: False)
+    assert module.main([]) == 0
+    assert limits.NARROW * limits.ROOM < 2.0, "a kernel that takes twice as long must fail"
 
 
 def test_case_without_a_limit_is_refused(gate, capsys):
