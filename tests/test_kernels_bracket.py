@@ -95,6 +95,27 @@ def test_more_steps_leave_a_smaller_gap():
     assert gaps == sorted(gaps, reverse=True) and gaps[0] > 0.0 and gaps[-1] == 0.0
 
 
+@pytest.mark.parametrize("budget", [20, 100, 400])
+def test_inside_a_part_the_gap_is_that_of_the_walk(budget):
+    """The side is asked for after the walk, with steps left or without: it widens nothing."""
+    ball = Asked(Scene([part_of(shapes.sphere(1.0, 5))]))
+    _, lower, upper, _, _, _, bits, _ = ball.at((0.001, 0.002, 0.0), budget=budget)
+    _, least, most, *_ = ball.at((0.001, 0.002, 0.0), budget=budget, is_outside=True)
+
+    assert bits & contact.INSIDE and 0.0 < most - least
+    assert (lower, upper) == (-most, -least)
+
+
+def test_inside_of_two_the_gap_holds_the_deeper_one():
+    where = np.random.default_rng(5).uniform(-0.6, 0.6, (50, 3))
+    two = Asked(Scene([part_of(shapes.sphere(1.0, 4), "ball"), part_of(shapes.cube(9.0), "cube")]))
+    expected = two.scene.signed_distance(where)
+    for budget in (1, 10, 50, 200):
+        for point, true in zip(where, expected, strict=True):
+            _, lower, upper, *_ = two.at(point, budget=budget)
+            assert lower <= true * (1 - 1e-15) and true * (1 + 1e-15) <= upper
+
+
 def test_face_to_start_from_changes_no_exact_answer(asked):
     rng, where = np.random.default_rng(3), points(40)
     for point in where:

@@ -224,6 +224,10 @@ def bracket_at(reals, words, frames, parts, x, y, z, part, slot, is_outside, bud
                         witness,
                     )
                     work += steps
+                    # What holds for all surfaces holds for this part's, and a face of it that is known.
+                    least = max(least, lower)
+                    if other == part and slot >= 0 and upper < most:
+                        most, found = upper, slot
                 if is_held:
                     depth_lower = max(depth_lower, least)
                     if most > depth_upper:
