@@ -102,7 +102,7 @@ def test_inside_a_part_the_gap_is_that_of_the_walk(budget):
     _, lower, upper, _, _, _, bits, _ = ball.at((0.001, 0.002, 0.0), budget=budget)
     _, least, most, *_ = ball.at((0.001, 0.002, 0.0), budget=budget, is_outside=True)
 
-    assert bits & contact.INSIDE and 0.0 < most - least
+    assert bits & contact.INSIDE and most - least > 0.0
     assert (lower, upper) == (-most, -least)
 
 
