@@ -103,7 +103,7 @@ def test_inside_a_part_the_gap_is_that_of_the_walk(budget):
     _, least, most, *_ = ball.at((0.001, 0.002, 0.0), budget=budget, is_outside=True)
 
     assert bits & contact.INSIDE and most - least > 0.0
-    assert (lower, upper) == (-most, -least)
+    assert (lower, upper) == pytest.approx((-most, -least), rel=1e-14)
 
 
 def test_inside_of_two_the_gap_holds_the_deeper_one():

@@ -224,10 +224,11 @@ def bracket_at(reals, words, frames, parts, x, y, z, part, slot, is_outside, bud
                         witness,
                     )
                     work += steps
-                    # What holds for all surfaces holds for this part's, and a face of it that is known.
-                    least = max(least, lower)
+                    # What holds for all surfaces holds for this part's, and so does a face of it that is
+                    # known; but for rounding, since it was walked in another frame.
                     if other == part and slot >= 0 and upper < most:
                         most, found = upper, slot
+                    least = min(max(least, clear), most)
                 if is_held:
                     depth_lower = max(depth_lower, least)
                     if most > depth_upper:
