@@ -569,10 +569,12 @@ def test_drum_and_finger_come_together_no_faster_than_that():
     bench.drum = PATH.place(bench.bend) + 1.5e-3
     bench.step(contact(bench.now, bench.bend))
 
-    far = max(caps)
+    far = list(caps)[60]  # the speed is low-passed
     assert bench.action.speed_cap <= 0.091 - speed + 2e-3
     assert bench.action.force_cap == LIMITS.peak_force
-    assert caps[far] ** 2 == pytest.approx(2.0 * GEAR4.acceleration * (far - 2e-3), rel=0.1)
+    # With half of what it has, the drum brakes before the finger, which goes on meanwhile, is near.
+    braked = GEAR4.acceleration * (far - 2e-3)
+    assert (caps[far] + speed) ** 2 == pytest.approx(LIMITS.near_speed(GEAR4.mass) ** 2 + braked, rel=0.1)
 
 
 def test_force_has_a_peak_and_what_lasts():

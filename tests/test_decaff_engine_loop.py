@@ -208,6 +208,19 @@ def test_finger_that_got_inside_unseen_is_brought_back_slowly(flat):
     assert response.force[at_rest] == pytest.approx(press.real.force[at_rest], rel=0.05)
 
 
+@pytest.mark.parametrize(("late", "share"), [(0.030, 5), (0.050, 2)])
+def test_drum_that_was_sent_away_does_not_meet_the_finger_at_speed(flat, late, share):
+    """Frames that are late now and then widen the drum's place; on its way back the finger comes as well."""
+    press = run(flat, way=0.06, latency=(0.001,) * (100 - share) + (late,) * share)
+    response = press.response
+    met = int(np.flatnonzero(response.contact > 0.0)[0])
+    ms = round(1e-3 / response.step)
+
+    assert press.advances == 0
+    assert (response.drum[met - ms] - response.drum[met]) / 1e-3 < press.setup.drum.speed_limit / 20.0
+    assert response.force.max() < press.real.force.max()
+
+
 def test_same_run_gives_the_same_bits(flat):
     latencies = tuple(1e-3 * np.random.default_rng(3).gamma(2.0, 0.5, 200))
     first, second = (run(flat, latency=latencies) for _ in range(2))

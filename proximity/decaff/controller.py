@@ -22,6 +22,7 @@ from proximity.decaff.surface_law import SurfaceLaw
 from proximity.message import Source, Surface
 
 DRUM_DAMPING = 2.0  # N s/m, while a force is served; assumed, as the servo's
+BRAKING_SHARE = 0.5  # of what the drum can brake with, counted on near the finger: its servo lags; assumed
 SPEED_CUTOFF = 50.0  # Hz, of the finger's speed by the potentiometer; assumed
 
 
@@ -66,7 +67,7 @@ class FingerController:
         self._path, self._rate, self._limits = path, positive("rate", rate, "hertz"), limits or Limits()
         self._handover = handover or Handover()
         self._near_speed = self._limits.near_speed(drum.mass)
-        self._braking = drum.acceleration
+        self._braking = BRAKING_SHARE * drum.acceleration
         self._law = SurfaceLaw(rate, DRUM_DAMPING)
         self.frames = FrameTrust(path, self._limits)
         self.reset()
@@ -278,8 +279,10 @@ class FingerController:
     def _closing_cap(self, gap: float) -> float:
         """How fast the drum may come towards the finger: near it, with little energy; farther, so that it
         can brake until there."""
+        coming = max(0.0, self._speed)  # while the drum brakes, the finger goes on
         near = max(0.0, self._near_speed - self._speed)
-        return math.sqrt(near * near + 2.0 * self._braking * max(0.0, gap - self._limits.near_gap))
+        way = max(0.0, gap - self._limits.near_gap)
+        return math.sqrt((coming + near) ** 2 + 2.0 * self._braking * way) - coming
 
     def _action(self, mode: DriveMode, speed: float, cap: float) -> DrumAction:
         is_force = mode is DriveMode.FORCE
