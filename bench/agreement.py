@@ -60,16 +60,24 @@ def compare(case: Case, answers: np.ndarray, expected: np.ndarray, judge: str, n
 
 
 def check_all(
-    case: Case, question: str, contenders: list[Contender], *, is_few: bool = False
+    case: Case,
+    question: str,
+    contenders: list[Contender],
+    *,
+    is_few: bool = False,
+    pair_count: int = PAIR_COUNT,
 ) -> dict[str, Agreement]:
-    """Let every contender answer *question* of *case* once, in one call or five at a time, and compare."""
+    """Let every contender answer *question* of *case* once, in one call or five at a time, and compare.
+
+    *pair_count*: queries times faces that the oracle looks at, about.
+    """
     hands = hands_of(case) if is_few else [case]
     case = part_of(case, np.arange(sum(len(hand.points) for hand in hands))) if is_few else case
     answers = {}
     for each in contenders:
         found = np.concatenate([ask(each, hand, question).answer() for hand in hands])
         answers[each.name] = _lengths(case, found)
-    expected = ask_oracle(case, question)
+    expected = ask_oracle(case, question, pair_count)
     found = {name: compare(case, answer, expected, "oracle", name) for name, answer in answers.items()}
     base = next((name for name in BASES if name in found), None)
     if base is None or found[base].off_count or found[base].wrong_sign_count:
@@ -85,17 +93,31 @@ def ask(contender: Contender, case: Case, question: str) -> Task:
     return getattr(contender, question)(case.points[limit], *ways)
 
 
+def answers_of(contender: Contender, case: Case, question: str) -> np.ndarray:
+    """Ask one contender once; lengths, as `compare` takes them."""
+    return _lengths(case, ask(contender, case, question).answer())
+
+
 def _lengths(case, answer):
-    """Closest points are judged by how far they are: among equally near ones any may be named."""
+    """Closest points are judged by how far they are: among equally near ones any may be named. Inside or not
+    is judged as a sign."""
+    if answer.dtype == bool:
+        return _signs(case, answer)
     return answer if answer.ndim == 1 else np.linalg.norm(case.points[: len(answer)] - answer, axis=1)
 
 
-def ask_oracle(case: Case, question: str) -> np.ndarray:
+def _signs(case, is_inside):
+    return np.where(is_inside, -case.diagonal, case.diagonal)
+
+
+def ask_oracle(case: Case, question: str, pair_count: int = PAIR_COUNT) -> np.ndarray:
     """The answers of the tests' brute force to the first queries."""
-    count = min(SAMPLE_COUNT, max(10, PAIR_COUNT // len(case.faces)), len(case.points))
+    count = min(SAMPLE_COUNT, max(10, pair_count // len(case.faces)), len(case.points))
     points = case.points[:count]
     if case.directions is not None:
         return oracle.ray(case.vertices, case.faces, points, case.directions[:count]).distance
+    if question == "contains":
+        return _signs(case, oracle.winding_number(case.vertices, case.faces, points) > 0.5)
     distances = oracle.closest(case.vertices, case.faces, points).distance
     if question != "signed_distance":
         return distances

@@ -1,16 +1,19 @@
 """Making the structure that is searched, with pytest-benchmark: ``python -m pytest bench/bench_build.py``."""
 
 import pytest
+from contender import Contender
 
 import cases
 import rivals
 
+MESHES = ("featuretype", "cycloidal", "plate", "sphere")
+NAMES = [kind.name for kind in rivals.CONTENDERS if kind.__base__ is Contender or not kind.questions]
 
-@pytest.mark.parametrize("mesh_name", cases.MESHES)
-@pytest.mark.parametrize("contender_name", [kind.name for kind in rivals.CONTENDERS])
-def test_build(benchmark, built, load_case, contender_name, mesh_name):
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("mesh_name", MESHES)
+def test_build(timed, contender, load_case, mesh_name, name):
     case = load_case(f"{mesh_name}/near", cases.FEW_COUNT)
-    asked = built(contender_name, case)
-    benchmark.group = f"build, {mesh_name}, {len(case.faces)} faces"
-    benchmark.extra_info.update(version=asked.version)
-    benchmark.pedantic(asked.builder(case.vertices, case.faces), rounds=5, warmup_rounds=1)
+    asked = contender(name, mesh_name)
+    run = asked.builder(case.vertices, case.faces)
+    timed(f"{name} {asked.version}", f"build, {mesh_name}, {len(case.faces):,} faces", run)

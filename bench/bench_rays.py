@@ -5,11 +5,13 @@ import pytest
 import cases
 import rivals
 
+MESHES = ("featuretype", "cycloidal", "plate", "sphere")
+BATCH_COUNT = 1000
 ABLE = [kind.name for kind in rivals.CONTENDERS if "cast" in kind.questions]
 
 
-@pytest.mark.parametrize("mesh_name", cases.MESHES)
-@pytest.mark.parametrize("contender_name", ABLE)
-@pytest.mark.parametrize("query_count", [cases.FEW_COUNT, cases.BATCH_COUNT])
-def test_rays(run_case, contender_name, mesh_name, query_count):
-    run_case(contender_name, f"{mesh_name}/rays", "cast", query_count)
+@pytest.mark.parametrize("name", ABLE)
+@pytest.mark.parametrize("count", [cases.FEW_COUNT, BATCH_COUNT], ids=["five", "batch"])
+@pytest.mark.parametrize("mesh_name", MESHES)
+def test_rays(ask_case, mesh_name, count, name):
+    ask_case("rays", "cast", f"{mesh_name}/rays", count, name)

@@ -1,12 +1,18 @@
-"""What the pytest-benchmark suites share: one thread, contenders made once, and answers that were compared.
+"""What the pytest-benchmark suites share: contenders made once, answers compared, tables that read well.
 
-``python -m pytest bench/bench_points.py -k "featuretype and near"`` runs a part. The report (`report.py`) is
-the fairer comparison, since it interleaves; these suites follow one contender from commit to commit.
+``python -m pytest bench`` runs all of them, ``python -m pytest bench -k "points and plate"`` a part. One
+group is one question about one case; its rows are the contenders, and times are those of one point, ray or
+call of it: of the processor, so that other programs of the machine are not in them, but by the clock where a
+frame is on its way to somebody. Who is not installed is left out and named below the tables. `report.py`
+compares more fairly, since it interleaves; these suites also cover what nobody else does, and follow it from
+commit to commit.
 """
 
 import one_thread
 
 one_thread.hold_to_one_thread()
+
+import time  # noqa: E402
 
 import agreement  # noqa: E402
 import pytest  # noqa: E402
@@ -14,7 +20,40 @@ import pytest  # noqa: E402
 import cases  # noqa: E402 - NumPy counts its threads on import
 import rivals  # noqa: E402
 
-BY_NAME = {kind.name: kind for kind in rivals.CONTENDERS}
+OURS = agreement.OURS
+DEFAULTS = {
+    "benchmark_max_time": (1.0, 0.1),  # s, of one row: pytest-benchmark's default and ours
+    "benchmark_timer": ("time.perf_counter", "time.process_time"),
+    "benchmark_sort": ("min", "median"),
+    "benchmark_columns": (None, ["min", "median", "max", "rounds"]),
+    "benchmark_disable_gc": (False, True),
+}
+SMALL_CONTENDERS = (rivals.Proximity, rivals.ProximityTree, rivals.Trimesh, rivals.Embreex)
+TIMES = ("min", "max", "mean", "median", "stddev", "iqr")
+PAIR_COUNT, SMALL_PAIR_COUNT = 2_000_000, 20_000  # queries times faces that the oracle looks at
+ROUND_S = 20e-6  # a shorter call is repeated within a round
+MOST_ROUNDS = 1000
+SLOW_S = 0.5  # a longer call is timed once
+
+left_out: dict[str, str] = {}
+
+
+def pytest_addoption(parser):
+    """One option of our own."""
+    parser.addoption("--small", action="store_true", help="a look whether all runs: small meshes, no figures")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_configure(config):
+    """Replace defaults of pytest-benchmark; what was asked for on the command line stays."""
+    for name, (theirs, ours) in DEFAULTS.items():
+        given = getattr(config.option, name, theirs)
+        if given == theirs or (given is not None and theirs == 1.0 and float(given) == theirs):
+            setattr(config.option, name, ours)
+    if config.getoption("--small"):
+        config.option.benchmark_disable = True
+        cases.MESHES.update(dict.fromkeys(cases.MESHES, cases.MESHES["ball"]))
+        rivals.CONTENDERS = SMALL_CONTENDERS
 
 
 def pytest_collection_modifyitems(items):
@@ -23,53 +62,148 @@ def pytest_collection_modifyitems(items):
         item.add_marker(pytest.mark.filterwarnings("ignore"))
 
 
+def pytest_terminal_summary(terminalreporter):
+    """Name who and what was left out, and why."""
+    for name, reason in left_out.items():
+        terminalreporter.write_line(f"left out: {name} ({reason})")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_benchmark_group_stats(benchmarks):
+    """Tables tell the time of one of the many that a call asks for; JSON keeps that of the call."""
+    for bench in benchmarks:
+        for column in TIMES:
+            bench[column] /= bench["extra_info"].get("count", 1)
+
+
 @pytest.fixture(scope="session")
-def contenders():
-    """Contenders made so far, by name."""
+def made():
+    """What was made once: contenders by name and mesh, answers by case and question."""
     return {}
 
 
 @pytest.fixture
-def built(contenders):
-    """A call that gives the contender *name*, ready to be asked about the mesh of *case*."""
+def is_small(request):
+    """Whether this is only a look whether all runs."""
+    return request.config.getoption("--small")
 
-    def give(name, case):
-        if name not in contenders:
-            found, missing = rivals.available((BY_NAME[name],))
+
+@pytest.fixture
+def leave_out():
+    """A call that skips a test, and has the reason told below the tables."""
+
+    def skip(name, reason):
+        left_out[name] = str(reason)
+        pytest.skip(f"{name} is left out: {reason}")
+
+    return skip
+
+
+@pytest.fixture
+def contender(made, leave_out):
+    """A call that gives the contender *name* with its structure for a mesh (of `cases`), each made once."""
+
+    def give(name, mesh_name, mesh=None):
+        if (name, mesh_name) not in made:
+            if name in left_out:
+                leave_out(name, left_out[name])
+            kinds = tuple(kind for kind in rivals.CONTENDERS if kind.name == name)
+            found, missing = rivals.available(kinds)
             if missing:
-                pytest.skip(f"{name} is not installed: {missing[name]}")
-            contenders[name] = found[0]
-        contenders[name].build(case.vertices, case.faces)
-        return contenders[name]
+                leave_out(name, missing[name])
+            found[0].build(*(mesh or load_mesh(mesh_name, leave_out)))
+            made[name, mesh_name] = found[0]
+        return made[name, mesh_name]
 
     return give
 
 
+def load_mesh(name, leave_out):
+    """The mesh, or a test that is skipped where it is not here."""
+    try:
+        return cases.load_mesh(name)
+    except cases.MissingMeshError as reason:
+        leave_out(name, reason)
+
+
 @pytest.fixture
-def load_case():
+def load_case(leave_out):
     """A call that makes the case *name*, or skips where its mesh is not here."""
 
-    def load(name, query_count=cases.BATCH_COUNT):
-        try:
-            return cases.make_case(name, query_count)
-        except cases.MissingMeshError as reason:
-            pytest.skip(str(reason))
+    def load(name, query_count):
+        load_mesh(name.partition("/")[0], leave_out)
+        return cases.make_case(name, query_count)
 
     return load
 
 
 @pytest.fixture
-def run_case(benchmark, built, load_case):
-    """A call that checks the lengths of an answer against the oracle, and times it."""
+def timed(benchmark, request):
+    """A call that times *run*, which asks for *count* at once, as a row called *who* of a group."""
 
-    def run(contender_name, case_name, question, query_count):
-        case = load_case(case_name, query_count)
-        asked = built(contender_name, case)
-        found = agreement.check_all(case, question, [asked])[contender_name]
-        task = agreement.ask(asked, case, question)
-        benchmark.group = f"{question}, {case}"
-        benchmark.extra_info.update(version=asked.version, wrong_signs=found.wrong_sign_count)
-        benchmark(task.run)
-        assert found.off_count == 0, f"{found.off_count} of {found.checked_count} lengths are wrong"
+    def time_it(who, group, run, count=1, *, arguments=None):
+        benchmark.name, benchmark.group = who, group
+        benchmark.extra_info["count"] = count
+        if benchmark.disabled:
+            return benchmark.pedantic(run, setup=arguments)
+        if arguments is not None:  # other ones each time
+            return benchmark.pedantic(run, setup=arguments, rounds=MOST_ROUNDS, warmup_rounds=20)
+        seconds = _seconds(run)
+        if seconds < SLOW_S:
+            seconds = min(seconds, _seconds(run))
+        budget = float(request.config.option.benchmark_max_time)
+        iterations = max(1, round(ROUND_S / seconds))
+        rounds = min(MOST_ROUNDS, max(3, round(budget / (seconds * iterations))))
+        return benchmark.pedantic(run, rounds=1 if seconds > SLOW_S else rounds, iterations=iterations)
 
-    return run
+    return time_it
+
+
+def _seconds(run):
+    start = time.perf_counter()
+    run()
+    return time.perf_counter() - start
+
+
+@pytest.fixture
+def compared(made, contender, is_small):
+    """A call that compares a contender's answers with the oracle's and ours, and says how they differ."""
+
+    def compare(asked, case, mesh_name, question):
+        key = case.name, len(case.points), question
+        if key not in made:
+            ours = contender(OURS, mesh_name)
+            made[key] = agreement.answers_of(ours, case, question)
+            found = agreement.check_all(
+                case, question, [ours], pair_count=SMALL_PAIR_COUNT if is_small else PAIR_COUNT
+            )[OURS]
+            wrong = found.off_count + found.wrong_sign_count
+            assert not wrong, f"{wrong} of our {found.checked_count} answers are wrong"
+        if asked.name == OURS:
+            return ""
+        answers = agreement.answers_of(asked, case, question)
+        return _words(agreement.compare(case, answers, made[key], OURS, asked.name))
+
+    return compare
+
+
+def _words(found):
+    wrong = [(found.off_count, "lengths"), (found.wrong_sign_count, "signs")]
+    told = [f"{count} of {found.checked_count} {what} wrong" for count, what in wrong if count]
+    return f" ({', '.join(told)})" if told else ""
+
+
+@pytest.fixture
+def ask_case(timed, contender, compared, load_case):
+    """A call that compares the answers of one contender and times them, as a row of the case's group."""
+
+    def ask(title, question, case_name, count, name):
+        case, mesh_name = load_case(case_name, count), case_name.partition("/")[0]
+        asked = contender(name, mesh_name)
+        remark = compared(asked, case, mesh_name, question)
+        asked_count = min(count, asked.query_limit or count)
+        remark += f" ({asked_count} asked)" if asked_count < count else ""
+        group = f"{title}, {case_name}, {len(case.faces):,} faces, {count} a call"
+        timed(f"{name} {asked.version}{remark}", group, agreement.ask(asked, case, question).run, asked_count)
+
+    return ask

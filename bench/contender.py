@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-EVERYTHING = ("distance", "signed_distance", "closest", "cast")
+EVERYTHING = ("distance", "signed_distance", "closest", "contains", "cast")
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """One prepared question. Only `run` is timed; `read` makes float64 arrays of what it returned."""
+    """One prepared question. Only `run` is timed; `read` makes float64 or bool arrays of what it returned."""
 
     run: Callable[[], Any]
     read: Callable[[Any], np.ndarray]
@@ -31,7 +31,7 @@ class Contender:
     """A library that answers questions about one mesh.
 
     `distance`, `signed_distance` and `cast` answer (N,) lengths (inf where a ray meets nothing), `closest`
-    answers (N, 3) points. Only those named in `questions` are there.
+    answers (N, 3) points, `contains` (N,) bool. Only those named in `questions` are there.
     """
 
     name: str
@@ -75,6 +75,10 @@ class Contender:
 
     def closest(self, points: np.ndarray) -> Task:
         """Prepare the closest points of the surface, with all that comes along."""
+        raise NotImplementedError
+
+    def contains(self, points: np.ndarray) -> Task:
+        """Prepare whether *points* are inside."""
         raise NotImplementedError
 
     def cast(self, origins: np.ndarray, directions: np.ndarray) -> Task:

@@ -1,6 +1,8 @@
 """Keep a process to one thread and one core. Imports nothing that would start threads of its own."""
 
 import os
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
 THREAD_VARIABLES = (
     "OMP_NUM_THREADS",
@@ -10,6 +12,8 @@ THREAD_VARIABLES = (
     "IGL_NUM_THREADS",
     "NUMBA_NUM_THREADS",
 )
+CORES = frozenset(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else frozenset()
+"""What this process may use; of systems that do not tell, none."""
 
 
 def hold_to_one_thread() -> str:
@@ -25,3 +29,17 @@ def hold_to_one_thread() -> str:
         os.sched_setaffinity(0, {core})
         return f"{how}; process held to core {core})"
     return f"{how})"
+
+
+@contextmanager
+def on_cores(cores: Iterable[int]) -> Iterator[None]:
+    """Use other cores meanwhile, where the system can be told; a process that is started inherits them."""
+    if not cores or not hasattr(os, "sched_setaffinity"):
+        yield
+        return
+    before = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, cores)
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, before)

@@ -6,7 +6,6 @@ import os
 import platform
 import subprocess
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from agreement import Agreement
 from timing import Samples
 
 from cases import PROJECT
+from proximity.certificate.machine import processor_name
 
 OURS, OUR_TREE = "proximity", "proximity (tree alone)"
 POINTS, SIGNED, FEW_SIGNED = "points, unsigned", "points, signed", "five points, signed"
@@ -142,7 +142,7 @@ def describe_machine(how_threads: str) -> dict[str, str]:
     versions = [f"{name} {importlib.metadata.version(name)}" for name in ("numpy", "numba")]
     loads = os.getloadavg() if hasattr(os, "getloadavg") else ()
     return {
-        "processor": _processor_name(),
+        "processor": processor_name(),
         "system": f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores",
         "python": ", ".join([f"Python {platform.python_version()}", *versions]),
         "threads": how_threads,
@@ -150,19 +150,6 @@ def describe_machine(how_threads: str) -> dict[str, str]:
         "date": datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),
         "load": ", ".join(f"{load:.1f}" for load in loads) or "unknown",
     }
-
-
-def _processor_name():
-    cpuinfo = Path("/proc/cpuinfo")
-    if cpuinfo.is_file():
-        lines = [line.partition(":") for line in cpuinfo.read_text().split("\n\n")[0].splitlines()]
-        fields = {key.strip(): value.strip() for key, _, value in lines}
-        if "model name" in fields:
-            flags = fields.get("flags", "").split()
-            widest = next((each for each in ("avx512f", "avx2") if each in flags), "sse")
-            kind = f"family {fields.get('cpu family', '?')} model {fields.get('model', '?')}"
-            return f"{fields['model name']} ({kind}, {widest})"
-    return platform.processor() or platform.machine()
 
 
 def _commit():

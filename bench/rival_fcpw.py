@@ -52,6 +52,23 @@ class Fcpw(Contender):
         signed = self.library.interaction_3D.signed_distance
         return Task(lambda: list(map(signed, find(), rows)), np.array)
 
+    def contains(self, points):
+        return Task(self._inside(points), lambda found: np.array(list(found), dtype=bool))
+
+    def _inside(self, points):
+        """A call that says which points are inside: in a loop for few, in one call for many."""
+        scene, rows = self.engine, list(as_float32(points))
+        if len(rows) <= FEW:
+            return lambda: [scene.contains(row) for row in rows]
+        # The array form of contains() writes its answers into a copy (1.2); the list form works.
+        queries, inside = self.library.float_3D_list(rows), self.library.uint32_list()
+
+        def ask_many():
+            scene.contains(queries, inside)
+            return inside
+
+        return ask_many
+
     def _finder(self, points, record_normal):
         """A call that returns a record for each point: in a loop for few, in one call for many."""
         scene = self.engine
@@ -106,20 +123,10 @@ class FcpwContains(Fcpw):
     questions = ("signed_distance",)
 
     def signed_distance(self, points):
-        find, scene, rows = self._finder(points, False), self.engine, list(as_float32(points))
-        # The array form of contains() writes its answers into a copy (1.2); the list form works.
-        queries, inside = self.library.float_3D_list(rows), self.library.uint32_list()
-
-        def ask_many():
-            records = find()
-            scene.contains(queries, inside)
-            return records, inside
-
-        def ask_few():
-            return find(), [scene.contains(row) for row in rows]
+        find, ask = self._finder(points, False), self._inside(points)
 
         def read(found):
             records, is_inside = (list(each) for each in found)
             return np.array([record.d for record in records]) * np.where(is_inside, -1.0, 1.0)
 
-        return Task(ask_many if len(rows) > FEW else ask_few, read)
+        return Task(lambda: (find(), ask()), read)

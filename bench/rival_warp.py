@@ -37,6 +37,10 @@ class Warp(Contender):
     def closest(self, points):
         return self._launch("closest", self.library.vec3, points)
 
+    def contains(self, points):
+        signed = self.signed_distance(points)
+        return Task(signed.run, lambda found: signed.read(found) < 0.0)
+
     def cast(self, origins, directions):
         return self._launch("cast", self.library.float32, origins, directions)
 

@@ -45,6 +45,9 @@ class Proximity(Contender):
     def closest(self, points):
         return Task(lambda: self.engine.closest(points), lambda hits: hits.point)
 
+    def contains(self, points):
+        return Task(lambda: self.engine.contains(points), as_is)
+
     def cast(self, origins, directions):
         return Task(lambda: self.engine.cast(origins, directions), lambda hits: hits.distance)
 
@@ -101,6 +104,12 @@ class Open3D(Contender):
         find = scene.compute_closest_points
         return Task(lambda: find(queries, nthreads=1), lambda found: _from_tensor(found["points"]))
 
+    def contains(self, points):
+        queries, scene = self._tensor(as_float32(points)), self.engine
+        return Task(
+            lambda: scene.compute_occupancy(queries, nthreads=1), lambda found: _from_tensor(found) > 0.5
+        )
+
     def cast(self, origins, directions):
         rays, scene = self._tensor(as_float32(np.hstack([origins, directions]))), self.engine
         return Task(lambda: scene.cast_rays(rays, nthreads=1), lambda hits: _from_tensor(hits["t_hit"]))
@@ -115,7 +124,7 @@ class Libigl(Contender):
 
     name = "libigl"
     package = "libigl"
-    questions = ("distance", "signed_distance", "closest")
+    questions = ("distance", "signed_distance", "closest", "contains")
     query_limit = 2000
 
     def __init__(self) -> None:
@@ -141,16 +150,23 @@ class Libigl(Contender):
     def closest(self, points):
         return Task(lambda: self.engine.squared_distance(*self.mesh, points), lambda found: found[2])
 
+    def contains(self, points):
+        self._make_winding()
+        return Task(lambda: self.winding.winding_number(points, 2.0) > 0.5, as_is)
+
     def signed_distance(self, points):
-        if self.winding is None:
-            self.winding = self.library.FastWindingNumberBVH()
-            self.winding.init(*self.mesh, 2)
+        self._make_winding()
 
         def run():
             distance_sq = self.engine.squared_distance(*self.mesh, points)[0]
             return np.where(self.winding.winding_number(points, 2.0) > 0.5, -1.0, 1.0) * np.sqrt(distance_sq)
 
         return Task(run, as_is)
+
+    def _make_winding(self):
+        if self.winding is None:
+            self.winding = self.library.FastWindingNumberBVH()
+            self.winding.init(*self.mesh, 2)
 
 
 class LibiglNormals(Libigl):
@@ -172,7 +188,7 @@ class Trimesh(Contender):
 
     name = "trimesh"
     package = "trimesh"
-    questions = ("distance", "signed_distance", "closest")
+    questions = ("distance", "signed_distance", "closest", "contains")
     query_limit = 200
 
     def __init__(self) -> None:
@@ -197,6 +213,9 @@ class Trimesh(Contender):
     def _find(self, points, column):
         closest_point = self.library.proximity.closest_point
         return Task(lambda: closest_point(self.engine, points), lambda found: found[column])
+
+    def contains(self, points):
+        return Task(lambda: self.engine.contains(points), as_is)
 
     def signed_distance(self, points):
         inside_positive = self.library.proximity.signed_distance

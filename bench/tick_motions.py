@@ -10,9 +10,23 @@ import numpy as np
 from tick_cases import RADIUS
 
 from cases import PROJECT, SHARED_PARTS
+from proximity.certificate.motions import wandering_hands
 from proximity.recording import Recording, read_recording
 from proximity.replay import fitted_pose
 from proximity.scene import Scene
+
+__all__ = [
+    "Hand",
+    "PartMotion",
+    "cavity_motion",
+    "hands",
+    "missing_hands",
+    "moving_parts",
+    "skin",
+    "skin_motion",
+    "ticks_of",
+    "wandering_hands",
+]
 
 RATE = 1000.0  # ticks a second
 HAND_FOLDER = SHARED_PARTS.parent / "hands"
@@ -92,21 +106,6 @@ def ticks_of(hand: Hand, scene: Scene) -> np.ndarray:
     """The positions of a hand's fingers, placed in the scene as `proximity replay` does, (T, 5, 3)."""
     pose = fitted_pose(scene, hand.recording, RADIUS)
     return hand.recording.placed(pose).resampled(1.0 / RATE).positions.copy()
-
-
-def wandering_hands(scene: Scene, ticks: int, count: int = 2) -> np.ndarray:
-    """Hands of five fingers that wander through a scene at some 0.3 m/s, (T, 5 count, 3)."""
-    lower, upper = scene.bounds
-    rng = np.random.default_rng(5)
-    t = np.arange(ticks)[:, None] / RATE
-    found = []
-    for _ in range(count):
-        beats, phases = rng.uniform(0.5, 0.9, 3), rng.uniform(0.0, 6.0, 3)
-        middle = 0.5 * (lower + upper) + 0.5 * (upper - lower) * np.sin(beats * t + phases)
-        for _ in range(5):
-            aside = rng.uniform(-0.05, 0.05, 3)
-            found.append(middle + aside + 0.01 * np.sin(rng.uniform(2.0, 9.0, 3) * t + aside))
-    return np.ascontiguousarray(np.stack(found, axis=1))
 
 
 def skin(count: int) -> np.ndarray:

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from proximity.message import (
         CONTACT,
         FRAME,
+        GLOVE_POSES,
         MEASURED,
         MOVES,
         PATH_POSES,
@@ -57,6 +58,7 @@ __version__ = "0.1.0"
 __all__ = [
     "CONTACT",
     "FRAME",
+    "GLOVE_POSES",
     "MEASURED",
     "MOVES",
     "NO_FACE",
@@ -106,6 +108,7 @@ __all__ = [
 _MODULE_OF = {
     "CONTACT": "proximity.message",
     "FRAME": "proximity.message",
+    "GLOVE_POSES": "proximity.message",
     "MEASURED": "proximity.message",
     "MOVES": "proximity.message",
     "NO_FACE": "proximity.results",

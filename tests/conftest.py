@@ -28,3 +28,29 @@ def shared_data() -> Path:
     if not SHARED_DATA.is_dir():
         pytest.skip("the real parts (shared/data beside the project) are not here")
     return SHARED_DATA
+
+
+PROCESSES = (
+    "test_bench",
+    "test_cli",
+    "test_concurrency",
+    "test_demo",
+    "test_frame_log",
+    "test_glove_to_drum",
+    "test_readme",
+    "test_receiver",
+    "test_service",
+    "test_serving",
+    "test_stopping",
+    "test_transport",
+)
+"""Files whose tests start processes, look at clocks, or use what a machine has once."""
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """With pytest-xdist: a file stays with one worker, and so do all that start processes."""
+    if config.pluginmanager.hasplugin("xdist"):
+        for item in items:
+            file = item.path.name
+            group = "processes" if file.startswith(PROCESSES) else file
+            item.add_marker(pytest.mark.xdist_group(group))

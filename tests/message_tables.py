@@ -13,6 +13,7 @@ TITLES = {
     "input_header": "The header of what a service is fed with goes on with",
     "pose": "A finger of a `poses` message",
     "path_pose": "A finger of a `path_poses` message is a pose and",
+    "glove_pose": "A finger of a `glove_poses` message",
     "move": "A part of a `moves` message",
     "measurement": "A finger of a `measured` message",
 }

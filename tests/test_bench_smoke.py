@@ -5,8 +5,10 @@ No time is judged here, and no rival is expected to be installed.
 
 import importlib
 import json
+import subprocess
 import sys
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -14,7 +16,13 @@ import pytest
 BENCH = Path(__file__).resolve().parent.parent / "bench"
 QUERY_COUNT = 40
 PATTERNS = ("near", "scattered", "center", "path", "rays")
-QUESTIONS = {"cast": "rays", "distance": "near", "signed_distance": "near", "closest": "near"}
+QUESTIONS = {
+    "cast": "rays",
+    "distance": "near",
+    "signed_distance": "near",
+    "closest": "near",
+    "contains": "near",
+}
 
 # Warnings of the rivals are theirs; Warp and Open3D speak up when they are imported.
 pytestmark = pytest.mark.filterwarnings("ignore")
@@ -60,6 +68,23 @@ def test_case_is_the_same_on_every_call(bench, pattern):
     assert first.points.shape == (QUERY_COUNT, 3)
     assert np.array_equal(first.points, second.points)
     assert (first.directions is not None) == (pattern == "rays")
+
+
+def test_every_suite_runs_each_of_its_cases_once(tmp_path):
+    """In a process of its own: the suites hold theirs to one core."""
+    report = tmp_path / "out.xml"
+    words = ["-m", "pytest", "bench", "--small", "-p", "no:cacheprovider", f"--junit-xml={report}"]
+
+    done = subprocess.run([sys.executable, *words], cwd=BENCH.parent, capture_output=True, text=True)
+
+    assert done.returncode == 0, done.stdout[-5000:] + done.stderr[-2000:]
+    cases = ElementTree.parse(report).iter("testcase")
+    assert {case.get("classname") for case in cases} == {
+        f"bench.{suite.stem}" for suite in BENCH.glob("bench_*.py")
+    }
+    for skipped in ElementTree.parse(report).iter("skipped"):
+        message = skipped.get("message")
+        assert " is left out: " in message or "for a look" in message
 
 
 def test_mesh_that_is_not_here_is_named(bench, monkeypatch):

@@ -1,5 +1,6 @@
-"""``proximity demo``: what its controller does with frames, and that all of it starts, ends and tells."""
+"""``proximity demo``: what its drums show, and that all of it starts, ends and tells."""
 
+import math
 import os
 import re
 import signal
@@ -7,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 from types import SimpleNamespace
 
 import psutil
@@ -17,119 +19,58 @@ from sealed_frames import frame
 import proximity
 from proximity import cli, serving
 from proximity.cli import demo, watch_view
-from proximity.cli.drum_stub import FREEZE_NS, Controller, Drum, DrumState, DrumStub
+from proximity.cli.drum_run import DrumsBeside, short_words
+from proximity.decaff.controller_states import DrumState
+from proximity.decaff.drum_bench import DrumBench
 from proximity.errors import PublishError, ServiceError
 from proximity.message import Mode, State
-from proximity.transport import Reading, forget, open_publisher, open_subscriber
+from proximity.transport import Reading, open_publisher, open_subscriber
 
-MS = 1_000_000
-
-
-def reading(distance=0.05, mode=Mode.RETRACT, state=State.OK, now_ns=0, *, is_new=True, is_known=True):
-    """A reading of one finger."""
-    message = frame(1)
-    message.records["signed_distance"], message.records["mode"] = distance, mode
-    if not is_known or state is State.STALE:
-        forget(message.records)
-    return Reading(state, is_new, now_ns, MS, message.header[()].copy(), message.records.copy())
+# -------------------------------------------------------------------------------------------------- its drums
 
 
-def state_after(*readings):
-    stub = DrumStub()
-    for each in readings:
-        stub.act(each)
-    return stub.drums[0].state
-
-
-NEAR = reading(0.012, Mode.POSITION)
-TOUCHING = reading(-0.0001, Mode.POSITION)
-
-# ------------------------------------------------------------------------------------------- the controller
-
-
-def test_drum_stands_where_the_finger_will_touch_and_holds_while_it_does():
-    assert state_after(reading()) is DrumState.RETRACTED
-    assert state_after(NEAR) is DrumState.AHEAD
-    assert state_after(reading(0.02, Mode.FORCE)) is DrumState.AHEAD
-    assert state_after(NEAR, TOUCHING) is DrumState.HOLDING
-    assert state_after(NEAR, TOUCHING, reading()) is DrumState.RETRACTED
-
-
-def test_drum_lets_go_only_when_the_finger_has_left():
-    stub = DrumStub()
-    for distance in (29e-6, 0.9e-3, -1e-4, 0.9e-3):
-        stub.act(reading(distance, Mode.POSITION))
-        assert stub.drums[0].state is DrumState.HOLDING
-    stub.act(reading(1.1e-3, Mode.POSITION))
-    assert stub.drums[0].state is DrumState.AHEAD
-    stub.act(reading(31e-6, Mode.POSITION))
-    assert stub.drums[0].state is DrumState.AHEAD
-    stub.act(reading(0.0, Mode.POSITION))
-    assert stub.touch_count == 2
-
-
-def test_late_frame_moves_no_drum():
-    late = reading(0.5, Mode.RETRACT, State.LATE)
-
-    assert state_after(NEAR, late) is DrumState.AHEAD
-    assert state_after(TOUCHING, late) is DrumState.HOLDING
-    assert state_after(reading(), reading(-0.001, Mode.POSITION, State.LATE)) is DrumState.RETRACTED
-
-
-@pytest.mark.parametrize(
-    "doubt",
-    [
-        {"state": State.STALE},
-        {"state": State.STARTING, "is_known": False},
-        {"state": State.STOPPING},
-        {"state": State.DEGRADED, "is_known": False},
-    ],
-    ids=lambda doubt: doubt["state"].name,
-)
-def test_without_news_a_drum_retracts_and_one_that_holds_does_so_after_a_moment(doubt):
-    assert state_after(NEAR, reading(0.001, Mode.POSITION, now_ns=MS, **doubt)) is DrumState.RETRACTED
-
-    for elapsed, expected in ((FREEZE_NS, DrumState.HOLDING), (FREEZE_NS + 1, DrumState.RETRACTED)):
-        assert state_after(TOUCHING, reading(now_ns=elapsed, **doubt)) is expected
-
-
-def test_frames_are_counted_once():
-    stub = DrumStub()
-    for state in (
-        State.OK,
-        State.DEGRADED,
-        State.OK,
-        State.LATE,
-        State.STALE,
-        State.STARTING,
-        State.STOPPING,
-    ):
-        stub.act(reading(state=state))
-        stub.act(reading(state=state, is_new=False))
-
-    assert (stub.used, stub.late, stub.stale) == (3, 1, 3)
+def bench_of(place, force=0.0, finger=0.0):
+    """A finger's drum as it is shown."""
+    bench = DrumBench(250.0)
+    bench.step(Reading(State.OK, True, 0, 0, None, frame(1).records))
+    (shown,) = bench.fingers
+    shown.plant.force, shown.bend = force, finger
+    shown.action = replace(shown.action, state=place)
+    return shown
 
 
 def test_what_a_drum_does_fits_its_column():
-    stub = DrumStub([Drum(), Drum(DrumState.AHEAD, 0.1183), Drum(DrumState.HOLDING, is_kept=True)])
-    stub.drums[1].is_kept = True
+    retracted = bench_of(DrumState.RETRACTED)
+    told = [short_words(retracted).plain]
+    ahead = bench_of(DrumState.APPROACH, finger=0.5)
+    told.append(short_words(ahead).plain)
+    told += [short_words(bench_of(state, force=12.345)).plain for state in (DrumState.HOLD, DrumState.FREEZE)]
+    told.append(short_words(bench_of(DrumState.CONTACT_POSITION, force=12.345)).plain)
 
-    told = [text.plain for text in stub.told()]
-
-    assert told == ["retracted", "118.3 mm ahead, kept", "holds, kept"]
+    gap = 1e3 * (ahead.plant.place - ahead.path.place(0.5))
+    assert told == [
+        "retracted",
+        f"approach, {gap:.1f} mm",
+        "hold, 12.35 N",
+        "freeze, 12.35 N",
+        "position, 12.35 N",
+    ]
     assert max(map(len, told)) <= watch_view.DRUM_CELLS
 
 
-def test_controller_that_cannot_receive_says_so(monkeypatch):
+def test_drums_that_cannot_receive_say_so(monkeypatch):
     queued_transport.register(monkeypatch)
 
-    def fail(self, timeout):
+    def fail(self):
         raise PublishError("queue:a: cannot receive (gone)")
 
     with open_subscriber("queue:a") as subscriber:
-        monkeypatch.setattr(type(subscriber), "wait", fail)
-        with pytest.raises(PublishError, match="gone"), Controller(subscriber) as controller:
-            controller._thread.join(60.0)
+        monkeypatch.setattr(type(subscriber), "read", fail)
+        with (
+            pytest.raises(PublishError, match="gone"),
+            DrumsBeside(DrumBench(250.0), subscriber, 250.0) as drums,
+        ):
+            drums._thread.join(60.0)
 
 
 # --------------------------------------------------------------------------------------------------- the demo
@@ -163,7 +104,7 @@ class FakeService:
         while count and not self._over.wait(0.002):
             message = frame(2, now_ns=time.monotonic_ns())
             message.header["valid_until_ns"] += 10**10  # so that a slow machine is not shown as LATE
-            message.records["mode"][0] = Mode.POSITION
+            message.records["mode"][0], message.records["bend"] = Mode.POSITION, math.nan
             for publisher in publishers:
                 publisher.publish(message)
             count -= 1
@@ -196,7 +137,7 @@ def run(monkeypatch, capsys):
         return services[-1]
 
     monkeypatch.setattr(serving, "start_service", start)
-    monkeypatch.setattr(demo, "addresses", lambda: ("queue:controller", "queue:watch"))
+    monkeypatch.setattr(demo, "addresses", lambda: ("queue:drums", "queue:watch"))
     monkeypatch.setattr(proximity, "kernels_are_cached", lambda: True, raising=False)
     for name in ("FORCE_COLOR", "NO_COLOR", "GITHUB_ACTIONS", "TTY_COMPATIBLE", "TTY_INTERACTIVE"):
         monkeypatch.delenv(name, raising=False)
@@ -226,7 +167,7 @@ def test_demo_shows_lines_and_ends_with_what_was_done(run):
     ]
     assert re.fullmatch(r"watch       \d+ frames seen, 0 lost, 0 refused", lines[-2])
     assert re.fullmatch(
-        r"controller  [1-9]\d* frames used, \d+ overtaken; 0 late and 0 stale ones not used; 0 touches held",
+        r"drums       [1-9]\d* frames seen, 0 touches held with 0\.00 N at most, 0 faults",
         lines[-1],
     )
     assert result.service.is_stopped
@@ -249,8 +190,8 @@ def test_terminal_shows_the_drums_beside_until_ctrl_c(run, monkeypatch):
 
     plain = re.sub(r"\x1b\[[\d;?]*[a-zA-Z]", "", result.out)
     assert result.code == 0
-    assert re.search(r"10\.00 ◆█.* position +10\.0 mm ahead", plain)
-    assert "controller  " in plain
+    assert re.search(r"10\.00 ◆█.* position +approach, 10\.0 mm", plain)
+    assert "drums       " in plain
     assert result.service.is_stopped
 
 
@@ -283,7 +224,7 @@ def test_demo_without_frames_is_exit_code_1(run):
     result = run("--seconds", 0.3)
 
     assert result.code == 1
-    assert "controller  0 frames used" in result.out
+    assert "drums       0 frames seen" in result.out
 
 
 @pytest.mark.parametrize("seconds", ["0", "-1", "nan"])
@@ -300,9 +241,9 @@ def test_each_demo_has_addresses_of_its_own(monkeypatch):
     assert first[0].startswith("iox2://proximity-demo-")
 
     monkeypatch.setattr(demo, "find_spec", lambda name: None)
-    controller, watch = demo.addresses()
-    assert re.fullmatch(r"udp://127\.0\.0\.1:\d+", controller)
-    assert controller != watch
+    drums, watch = demo.addresses()
+    assert re.fullmatch(r"udp://127\.0\.0\.1:\d+", drums)
+    assert drums != watch
 
 
 def test_samples_are_beside_the_package_or_in_it(tmp_path, monkeypatch):
@@ -353,5 +294,5 @@ def test_demo_runs_in_one_command_and_leaves_nothing_behind():
     assert program.returncode == 0, said
     assert re.match(r"[\d:]{8} [A-Z]+: \d+ Hz, ", first)
     assert re.search(r"^service     \d+ frames \(.*\), \d+ ticks missed$", rest, re.MULTILINE)
-    assert re.search(r"^controller  [1-9]\d* frames used, \d+ overtaken; ", rest, re.MULTILINE)
+    assert re.search(r"^drums       [1-9]\d* frames seen, ", rest, re.MULTILINE)
     assert gone and not alive

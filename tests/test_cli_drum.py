@@ -1,5 +1,6 @@
 """``proximity drum``: controllers and simulated drums follow a service, and tell what became of them."""
 
+import csv
 import io
 import json
 import re
@@ -8,16 +9,22 @@ import threading
 import time
 from types import SimpleNamespace
 
+import glove_files
 import numpy as np
 import pytest
 from rich.console import Console
 from sealed_frames import frame
 
 from proximity import cli
-from proximity.cli import drum_run
+from proximity.cli import drum_run, screen
+from proximity.decaff.drum import GEAR4
 from proximity.decaff.drum_bench import DrumBench
+from proximity.decaff.finger_path import FingerPath
 from proximity.decaff.glove import Glove
-from proximity.message import CONTACT, ContactFlag, Mode, State
+from proximity.decaff.straight_way import with_bend
+from proximity.decaff.wearing import read_glove
+from proximity.errors import DecaffError
+from proximity.message import CONTACT, ContactFlag, Mode, State, Surface
 from proximity.transport import Counts, Reading, open_publisher
 
 ADDRESS = "mailbox:drum"
@@ -77,7 +84,7 @@ def service():
 
 def test_drum_meets_the_finger_and_goes_when_nothing_is_known():
     """A finger bends into a wall at 0.2 m/s, presses, and its frames stop."""
-    bench = DrumBench(1000.0, GLOVE)
+    bench = DrumBench(1000.0)
     bends = [*np.linspace(0.3, 0.52, 220), *[0.52] * 200]
     for sample, bend in enumerate(bends):
         bench.step(reading(sample * MS, bend))
@@ -96,7 +103,7 @@ def test_drum_meets_the_finger_and_goes_when_nothing_is_known():
 
 
 def test_line_tells_state_places_and_force():
-    bench = DrumBench(1000.0, GLOVE)
+    bench = DrumBench(1000.0)
     assert drum_run.line(reading(0, 0.3), bench).endswith("OK: no frame yet")
     for sample in range(5):
         bench.step(reading(sample * MS, 0.3, 10))
@@ -104,16 +111,16 @@ def test_line_tells_state_places_and_force():
 
     finger = 1e3 * float(GLOVE.finger.path_length(0.0, 0.3))
     assert re.fullmatch(
-        rf"\d\d:\d\d:\d\d OK: 0: approach, drum at \d+\.\d mm, finger at {finger:.1f} mm", told[0]
+        rf"\d\d:\d\d:\d\d OK: 0: approach, drum at \d+\.\d mm \(\d+\.\d°\), finger at {finger:.1f} mm",
+        told[0],
     )
     assert len(told) == 9 and told[-1] == "and 2 more"
-    bench.fingers[0].has_bend = False
-    assert "; 1: " in drum_run.line(reading(0, 0.3), bench)
-    assert "no bend is told" in drum_run.line(reading(0, 0.3), bench).split("; ")[0]
+    bench.fingers[0].plant.force = 0.5
+    assert re.search(r" mm, 0\.50 N by -?\d+\.\d mNm; 1: ", drum_run.line(reading(0, 0.3), bench))
 
 
 def test_table_has_a_row_for_each_finger():
-    bench = DrumBench(1000.0, GLOVE)
+    bench = DrumBench(1000.0)
     for sample in range(3):
         bench.step(reading(sample * MS, 0.3, 3))
     stream = io.StringIO()
@@ -125,7 +132,7 @@ def test_table_has_a_row_for_each_finger():
 
 
 def test_late_sample_is_a_fault_that_is_counted_and_begun_anew():
-    bench = DrumBench(1000.0, GLOVE)
+    bench = DrumBench(1000.0)
     for now_ms in (0, 1, 2, 3, 40, 41, 42, 43):
         bench.step(reading(now_ms * MS, 0.3))
     told = drum_run.summary(bench, ADDRESS, Counts(received=8), 0.043)["fingers"][0]
@@ -136,7 +143,7 @@ def test_late_sample_is_a_fault_that_is_counted_and_begun_anew():
 
 
 def test_untracked_finger_stays_where_it_was():
-    bench = DrumBench(1000.0, GLOVE)
+    bench = DrumBench(1000.0)
     bench.step(reading(0, 0.3))
     lost = reading(MS, 0.4)
     lost.contacts["flags"] &= ~np.uint32(ContactFlag.TRACKED)
@@ -146,7 +153,7 @@ def test_untracked_finger_stays_where_it_was():
 
 
 def test_pipe_gets_plain_lines(run, service, monkeypatch):
-    monkeypatch.setattr(drum_run, "LINE_EVERY_S", 0.2)
+    monkeypatch.setattr(screen, "LINE_EVERY_S", 0.2)
     result = run(ADDRESS, "--limit", 0.8, "--rate", 200)
 
     lines = result.out.splitlines()
@@ -172,6 +179,176 @@ def test_silence_is_exit_code_1(run):
 
     assert result.code == 1
     assert all(text.endswith("STALE: no frame yet") for text in result.out.splitlines())
+
+
+# ------------------------------------------------------------------------------------- the glove that is worn
+
+
+def test_contact_becomes_a_drum_angle_by_the_calibrated_glove(tmp_path):
+    """The potentiometer of this hand reads otherwise than the design, and its drum is mounted askew."""
+    glove = read_glove(glove_files.write(tmp_path / "glove.json"))
+    worn, designed = DrumBench(1000.0, [glove]), DrumBench(1000.0)
+    for sample in range(5):
+        worn.step(reading(sample * MS, 0.3))
+        designed.step(reading(sample * MS, 0.3))
+
+    angle = worn.fingers[0].action.angle
+    assert angle == pytest.approx(float(glove.drum_angle(WALL)), abs=1e-5)
+    assert angle == pytest.approx(float(glove_files.HAND.drum_angle(WALL)) + glove_files.MOUNTED, abs=3e-3)
+    assert angle - designed.fingers[0].action.angle > 0.04
+
+
+def test_each_finger_has_a_glove_of_its_own_or_all_have_one(tmp_path):
+    long = glove_files.write(tmp_path / "long.json", phalanges=(0.050, 0.030, 0.022))
+    gloves = [read_glove(long), GLOVE]
+    bench = DrumBench(1000.0, gloves)
+    bench.step(reading(0, 0.3, 2))
+    retracted = [finger.path.retracted for finger in bench.fingers]
+    assert retracted[0] > retracted[1] + 0.01
+
+    with pytest.raises(DecaffError, match="2 calibrations for 3 fingers, expected one for all or one each"):
+        bench.step(reading(MS, 0.3, 3))
+
+
+def test_calibration_is_given_on_the_command_line(run, service, tmp_path):
+    path = glove_files.write(tmp_path / "glove.json")
+    result = run(ADDRESS, "--limit", 0.6, "--json", "--calibration", path)
+    told = json.loads(result.out)["fingers"][0]
+
+    assert (result.code, result.err) == (0, "")
+    glove = read_glove(path)
+    if told["state"] == "approach":  # on a machine that is not too busy
+        assert float(glove.bend_of_drum(told["drum_rad"])) > WALL - 0.01
+
+
+def test_calibrations_of_another_number_of_fingers_are_refused_with_the_first_frame(run, service, tmp_path):
+    path = glove_files.write(tmp_path / "glove.json")
+    result = run(ADDRESS, "--limit", 20, *["--calibration", path] * 3)
+
+    assert result.code == 2
+    assert result.err == ("proximity: 3 calibrations for 2 fingers, expected one for all or one each\n")
+
+
+@pytest.mark.parametrize(
+    ("name", "more", "message"),
+    [
+        (
+            "old.json",
+            (),
+            r"old\.json: the calibration is of .*, 31 days ago, expected 30 at most: calibrate anew",
+        ),
+        ("old.json", ("--max-age", 5), r"old\.json: the calibration is of .*, expected 5 at most"),
+        ("far.json", (), r"far\.json: the table has counts from 60000 to 70000, expected 0 to 65535 of this"),
+        ("none.json", (), r"none\.json: cannot be read \(No such file or directory\)"),
+    ],
+)
+def test_calibration_that_does_not_fit_is_refused_with_one_sentence(run, tmp_path, name, more, message):
+    glove_files.write(tmp_path / "old.json", days_ago=31.0)
+    glove_files.write(tmp_path / "far.json", counts=np.linspace(60_000, 70_000, 7))
+    result = run(ADDRESS, "--limit", 1, "--calibration", tmp_path / name, *more)
+
+    assert result.code == 2
+    assert len(result.err.splitlines()) == 1 and re.search(message, result.err)
+
+
+# -------------------------------------------------------------------------------------- what drums cannot do
+
+
+def test_drum_without_bends_is_shown_as_if_fingers_bent_straight_and_that_is_said():
+    """A finger comes 20 mm nearer, goes 1 mm inside, and nobody tells how far it is bent."""
+    bench = DrumBench(1000.0)
+    distances = [*np.linspace(0.020, -0.001, 200), *[-0.001] * 200]
+    for sample, distance in enumerate(distances):
+        told = reading(sample * MS, 0.3)
+        for name in ("bend", "bend_rate", "contact_bend", "contact_bend_error"):
+            told.contacts[name] = np.nan
+        for name in ("signed_distance", "lower", "upper"):
+            told.contacts[name] = distance
+        bench.step(told)
+
+    (finger,) = bench.fingers
+    assert finger.action.state.value == "position" and finger.touches == 1
+    assert finger.plant.force == pytest.approx(0.2, rel=0.15)  # 200 N/m of a pad
+    assert bench.doubts() == [
+        "no bend is told of finger 0: shown as if bent straight into what is nearest; a real drum stays "
+        "retracted without a bend, which a path or a glove tells"
+    ]
+    assert bench.doubts() == []
+
+
+def test_stand_in_for_a_bend_goes_straight_to_the_contact():
+    path = FingerPath(GLOVE)
+    told = reading(0, 0.3).contacts[0]
+    told["signed_distance"], told["approach_speed"], told["bend"] = 0.010, 0.25, np.nan
+    straight = with_bend(told, path)
+
+    assert path.place(0.5) - path.place(straight["bend"]) == pytest.approx(0.010)
+    assert straight["bend_rate"] * float(GLOVE.finger.speed(straight["bend"])) == pytest.approx(
+        0.25, rel=0.01
+    )
+    assert (straight["contact_bend"], straight["contact_bend_error"]) == (0.5, 0.0)
+    assert np.isnan(told["bend"])
+    told["mode"] = Mode.RETRACT
+    told["contact_bend"] = np.nan
+    assert np.isnan(with_bend(told, path)["contact_bend"])
+    told["signed_distance"] = np.inf
+    assert with_bend(told, path) is told
+
+
+@pytest.mark.parametrize(("stiffness", "is_said"), [(100.0, False), (1e5, True)])
+def test_stiffness_beyond_what_is_passive_is_said_once(stiffness, is_said):
+    bench, told = DrumBench(500.0), []
+    for sample in range(5):
+        seen = reading(2 * sample * MS, 0.45)
+        seen.contacts["surface"], seen.contacts["stiffness"] = Surface.DEFORMABLE, stiffness
+        bench.step(seen)
+        told += bench.doubts()
+
+    shown, _ = bench.fingers[0].controller.law.displayed(stiffness, 0.0)
+    expected = (
+        "the part before finger 0 has 100000 N/m, beyond what this drum can display at 500 Hz without "
+        f"feeding energy: it feels as {shown:.0f} N/m"
+    )
+    assert told == ([expected] if is_said else [])
+    assert shown == pytest.approx(2.0 / (1.5 / 500.0), rel=1e-3) or not is_said  # B over 1.5 periods
+
+
+def test_doubts_are_said_on_stderr(run):
+    with open_publisher(ADDRESS) as publisher:
+        message = frame(2, time.monotonic_ns())
+        message.records["bend"] = np.nan
+        message.header["valid_until_ns"] += 10**10
+        publisher.publish(message)
+        result = run(ADDRESS, "--limit", 0.4, "--json")
+
+    assert result.code == 0
+    assert result.err.startswith("proximity: no bend is told of finger 0, 1: shown as if bent straight")
+    assert len(result.err.splitlines()) == 1
+
+
+# -------------------------------------------------------------------------------------- its log
+
+
+def test_log_has_a_line_a_finger_and_sample(run, service, tmp_path):
+    path = tmp_path / "drum.csv"
+    result = run(ADDRESS, "--limit", 0.5, "--json", "--log", path)
+    fingers = json.loads(result.out)["fingers"]
+    with path.open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+
+    assert len(rows) == sum(sum(finger["samples"].values()) for finger in fingers) > 0
+    assert {row["finger"] for row in rows} == {"0", "1"}
+    moving = [row for row in rows if row["mode"] == "position"]
+    assert all(0.0 < float(row["torque_cap_Nm"]) <= GEAR4.motor.torque for row in moving)
+    assert all(abs(float(row["motor_torque_Nm"])) <= GEAR4.motor.torque for row in rows)
+    assert all(0.0 <= float(row["motor_speed_cap_rad_s"]) <= GEAR4.motor.speed * (1 + 1e-9) for row in rows)
+
+
+def test_log_that_cannot_be_written_is_refused(run, tmp_path):
+    result = run(ADDRESS, "--limit", 1, "--log", tmp_path / "none" / "drum.csv")
+
+    assert result.code == 2
+    assert "drum.csv: cannot be written (No such file or directory)" in " ".join(result.err.split())
 
 
 @pytest.mark.parametrize("rate", ["100", "6000", "nan"])

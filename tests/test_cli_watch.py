@@ -18,7 +18,7 @@ from rich.text import Text
 from sealed_frames import SESSION, frame
 
 from proximity import cli
-from proximity.cli import distance_bar, watch_view, watching
+from proximity.cli import distance_bar, screen, watch_view, watching
 from proximity.message import CONTACT, ContactFlag, Flaw, Mode, State
 from proximity.transport import Counts, Reading, forget, open_publisher, open_subscriber
 
@@ -310,7 +310,7 @@ def service():
 
 
 def test_pipe_gets_plain_lines(run, service, monkeypatch):
-    monkeypatch.setattr(watching, "LINE_EVERY_S", 0.1)
+    monkeypatch.setattr(screen, "LINE_EVERY_S", 0.1)
 
     result = run(ADDRESS, "--limit", 1)
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import queued_transport
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sealed_frames import frame
@@ -24,6 +25,7 @@ from proximity.decaff.servo import move, servo_for
 from proximity.decaff.surface_law import SurfaceLaw
 from proximity.errors import DecaffError
 from proximity.message import ContactFlag, Mode, Source, State, Surface
+from proximity.transport import open_subscriber
 
 GLOVE = Glove()
 PATH = FingerPath(GLOVE)
@@ -483,6 +485,138 @@ def test_finger_that_jumps_inside_is_given_way():
     assert bench.run(1, place=0.4).place == pytest.approx(PATH.place(0.4))
 
 
+@pytest.mark.parametrize("silence", ["lost", "stale", "old"])
+def test_finger_that_is_found_inside_again_is_given_way(silence):
+    """Where it has been meanwhile nobody knows: it is as at the start."""
+    bench = approaching()
+    inside = {"signed_distance": -0.004, "lower": -0.004, "place": 0.49}
+    if silence == "lost":
+        bench.step(contact(bench.now, flags=0, mode=Mode.HOLD))
+    elif silence == "stale":
+        bench.age(1, contact(bench.now), State.STALE)
+    else:
+        bench.age(110)
+    bench.bend = 0.49
+    bench.drum = bench.action.place
+    assert bench.run(5, **inside).place >= PATH.place(0.49) + LIMITS.standoff - 1e-9
+
+    bench.bend = 0.3
+    assert bench.run(3, place=0.4).place == pytest.approx(PATH.place(0.4))
+
+
+def test_part_that_is_put_where_the_finger_is_gives_it_way():
+    bench = approaching()
+    place = bench.action.place
+    inside = {"signed_distance": -0.004, "lower": -0.004, "place": 0.3}  # 20 mm nearer within a millisecond
+
+    assert bench.run(5, **inside).place >= min(place, PATH.place(0.3) + LIMITS.standoff)
+    assert bench.action.state is DrumState.APPROACH and bench.action.speed_cap > 0.0
+    bench.bend = 0.28
+    assert bench.run(3, place=0.4).place == pytest.approx(PATH.place(0.4))
+
+
+def test_finger_that_presses_was_not_put_there():
+    bench = approaching()
+    bench.bend = 0.49
+    bench.run(1)
+    bench.run(1, signed_distance=-0.001, lower=-0.001)
+
+    assert bench.controller.frames.was_outside
+
+
+def test_drift_brings_a_contact_no_nearer_than_anything_moves():
+    bench = approaching()
+    told = contact(bench.now, contact_bend_rate=-90.0)  # 20 m/s
+    places = [bench.step(told).place]
+    places += [bench.age(1).place for _ in range(15)]
+
+    fastest = LIMITS.max_speed * 1e-3
+    assert min(np.diff(places)) >= -fastest - 1e-9
+    assert places[-1] == pytest.approx(PATH.place(WALL) - 16 * fastest, abs=1e-6)
+
+
+def test_path_that_is_free_to_the_fist_brings_no_drum_near():
+    """The finger closes on a surface that it will pass: where its path is known, nothing is guessed."""
+    closing = {"bend_rate": 1.0, "approach_speed": 0.2, "velocity": np.nan, "signed_distance": 0.02}
+    guessed = Bench().run(5, place=math.nan, **closing)
+    assert guessed.place == pytest.approx(PATH.place(0.3 + 0.02 / 0.2))
+
+    known = Bench().run(5, place=math.nan, flags=TRACKED | ContactFlag.ON_PATH, **closing)
+    assert (known.state, known.place) == (DrumState.RETRACTED, PATH.retracted)
+
+
+def test_path_that_was_not_followed_to_a_contact_brings_no_drum_near():
+    """Steps did not suffice: free up to 0.35 is all that is known, and that is no contact."""
+    ran_out = {
+        "flags": TRACKED | ContactFlag.ON_PATH,
+        "contact_bend_error": np.inf,
+        "contact_bend_rate": np.nan,
+    }
+    bench = Bench()
+    assert bench.run(5, place=0.35, **ran_out, bend_rate=0.0).state is DrumState.RETRACTED
+
+    # While it closes on a surface, the contact is where that leads, and not before what is free.
+    closing = {"bend_rate": 1.0, "approach_speed": 0.2, "velocity": np.nan, "signed_distance": 0.02}
+    action = bench.run(5, place=0.35, **ran_out, **closing)
+    assert action.place == pytest.approx(PATH.place(0.3 + 0.02 / 0.2))
+    assert bench.run(5, place=0.45, **ran_out, **closing).place == pytest.approx(PATH.place(0.45))
+
+    confirmed = ran_out | {"contact_bend_rate": 0.0}
+    assert bench.run(5, place=0.35, **confirmed, **closing).place == pytest.approx(PATH.place(0.35))
+
+
+def test_sequence_that_stalls_is_as_old_as_its_pose():
+    """A service that repeats itself is a service that is silent: the same record, frame after frame."""
+    bench, told = approaching(), None
+    told = contact(bench.now)
+    states = [bench.step(told).state for _ in range(110)]
+
+    assert states[50] is DrumState.APPROACH and states[-1] is DrumState.RETRACTED
+    touched = touching()
+    told = contact(touched.now, touched.bend)
+    held = [touched.step(told).state for _ in range(110)]
+    assert (held[5], held[50], held[-1]) == (DrumState.CONTACT_POSITION, DrumState.HOLD, DrumState.FREEZE)
+
+
+def test_in_contact_up_to_20_ms_the_drum_holds():
+    bench = touching()
+    place, cap = bench.action.place, bench.action.force_cap
+    action = bench.age(18)
+
+    assert (action.state, action.place, action.force_cap) == (DrumState.CONTACT_POSITION, place, cap)
+
+
+def test_lost_tracking_in_contact_ramps_the_force_and_then_retracts():
+    bench = touching()
+    lost = {"flags": 0, "mode": Mode.HOLD}
+    caps = [bench.step(contact(bench.now, **lost), State.DEGRADED).force_cap for _ in range(500)]
+
+    assert caps[249] == caps[0] and caps[-1] < 0.01 * caps[0]
+    assert np.all(np.diff(caps) <= 0.0)
+    assert bench.action.state is DrumState.FREEZE
+    assert bench.step(contact(bench.now, **lost), State.DEGRADED).state is DrumState.RETRACTED
+
+
+def test_frame_with_a_flipped_bit_reaches_no_controller_and_the_old_one_ages(monkeypatch):
+    queued_transport.register(monkeypatch)
+    bench, clock = Bench(), [0]
+    with open_subscriber("queue:a", clock=lambda: clock[0]) as subscriber:
+        for sample in range(60):
+            clock[0] = bench.now + MS
+            message = frame(1, bench.now)
+            message.records[0] = contact(bench.now)
+            data = message.seal(7, sample).copy()
+            data[200] ^= sample >= 10
+            queued_transport._queues["a"].append(data)
+            reading = subscriber.read()
+            bench.step(reading.contacts[0], reading.state)
+            bench.drum = bench.action.place
+        assert subscriber.counts.received == 10 and subscriber.counts.flawed.total() == 50
+
+    assert bench.controller.trust is Trust.OLD
+    assert bench.action.place > PATH.place(WALL)
+
+
 def test_late_drum_comes_slowly_and_weakly():
     bench = approaching()
     bench.bend = PATH.bend(PATH.place(WALL) + 0.004)
@@ -587,6 +721,27 @@ def test_force_has_a_peak_and_what_lasts():
     assert set(caps[spent:]) == {10.0}
     assert budget.cap(math.nan, 1e-3) == 10.0
     assert [budget.cap(0.0, 1.0) for _ in range(2)][-1] == 20.0
+
+
+def test_action_tells_the_motor_by_the_parameters_of_the_drum():
+    """At the shaft of gear4: a newton of the rim is 10 mm / 4, a metre a second 4 / 10 mm."""
+    bench = approaching()
+    held = bench.run(1)
+    assert (held.torque, held.torque_cap) == (0.0, pytest.approx(100.0 * 0.010 / 4.0))  # all a gear carries
+    assert held.motor_speed_cap == GEAR4.motor_speed(held.speed_cap) <= GEAR4.motor.speed * (1.0 + 1e-12)
+
+    bench = touching()
+    bench.bend = PATH.bend(PATH.place(WALL) + 0.004)
+    late = bench.run(1)
+    assert late.torque_cap == pytest.approx(late.force_cap * 0.010 / 4.0)
+
+    soft = {"surface": Surface.DEFORMABLE, "stiffness": 200.0, "damping": 0.0}
+    pressed = touching(**soft).run(1, **soft)
+    assert pressed.mode is DriveMode.FORCE
+    assert pressed.torque == pytest.approx(pressed.force * 0.010 / 4.0)
+
+    off = bench.step(None, has_fault=True)
+    assert (off.torque, off.torque_cap) == (0.0, 0.0)
 
 
 def test_limits_that_are_none_are_refused():

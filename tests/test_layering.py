@@ -12,8 +12,9 @@ PACKAGE = Path(proximity.__file__).parent
 # Top to bottom. A unit (a module, or a folder) may import only from lines below its own.
 LAYERS = """
 cli
-decaff
+certificate
 serving
+decaff
 service · scene_file
 warmup · stopping
 loading

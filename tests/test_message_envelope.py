@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from proximity.message import (
     CONTACT,
     FRAME,
+    GLOVE_POSES,
     MAX_RECORDS,
     MEASURED,
     MOVES,
@@ -25,12 +26,13 @@ from proximity.message import (
 )
 from proximity.message.fields import Field, dtype_of, reserved, struct_of
 
-KINDS = [FRAME, POSES, PATH_POSES, MOVES, MEASURED]
+KINDS = [FRAME, POSES, PATH_POSES, GLOVE_POSES, MOVES, MEASURED]
 SIZES = {
     "frame": (96, 328),
     "poses": (48, 72),
     "path_poses": (48, 1632),
-    "moves": (48, 208),
+    "glove_poses": (48, 128),
+    "moves": (48, 216),
     "measured": (48, 152),
 }
 

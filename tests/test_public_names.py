@@ -27,6 +27,7 @@ def test_public_names_are_those_agreed():
     assert set(proximity.__all__) == {
         "CONTACT",
         "FRAME",
+        "GLOVE_POSES",
         "MEASURED",
         "MOVES",
         "NO_FACE",

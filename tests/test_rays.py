@@ -10,6 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import oracle
+from proximity import queries
+from proximity.errors import QueryError
 from proximity.pose import Pose
 from proximity.results import NO_FACE, NO_PART
 from proximity.scene import Part, Scene
@@ -409,3 +411,24 @@ def test_direction_of_any_length_is_one(way):
 
     assert hit.distance == 1.0
     assert solid_of("cube").cast((-1.0, 0.25, 0.5), (way, way, 0.0)).distance == np.inf
+
+
+def test_sorted_rays_answer_as_they_do_one_by_one(monkeypatch):
+    """Large models have batches sorted; here a small one is made to count as large."""
+    monkeypatch.setattr(queries, "SORT_RAYS_FROM", 0)
+    solid = Solid(*shapes.sphere(3))
+    rng = np.random.default_rng(4)
+    origins, directions = rng.normal(size=(500, 3)), rng.normal(size=(500, 3))
+    origins[:3] = [(np.nan, 0, 0), (1e30, 0, 0), (0, 0, 0)]
+    directions[3:6] = [(np.inf, 0, 0), (0, 0, 1e-300), (1, 0, 0)]
+
+    for workers in (1, 2):
+        together = solid.cast(origins, directions, workers=workers)
+        for row in range(len(origins)):
+            alone = solid.cast(origins[row], directions[row])
+            assert np.array_equal(together.distance[row], alone.distance, equal_nan=True), row
+            assert together.face_id[row] == alone.face_id
+
+    directions[[7, 400]] = 0.0
+    with pytest.raises(QueryError, match="direction 7 is zero"):
+        solid.cast(origins, directions)

@@ -152,7 +152,8 @@ def test_sample_reads_and_names_every_key():
     settings = read_scene_file(MESHES / "demo.toml")
 
     assert settings.service == ServiceSettings()
-    for keys in (reading.SERVICE_KEYS, reading.FINGER_KEYS, reading.PART_KEYS, reading.INPUT_KEYS):
+    tables = (reading.SERVICE_KEYS, reading.FINGER_KEYS, reading.PART_KEYS, reading.INPUT_KEYS)
+    for keys in (*tables, reading.GLOVE_KEYS):
         for key in keys:
             assert f"\n{key} = " in text or f"\n#{key} = " in text, key
 

@@ -12,6 +12,9 @@ from proximity.service import MovesInput, TrackerAnswers, reception
 from proximity.solid import Solid
 from proximity.tracker import Tracker
 
+NOW = 5_000_000_000  # ns
+MS = 1_000_000
+
 
 @pytest.fixture
 def inlet(monkeypatch):
@@ -27,6 +30,7 @@ def scene(*names):
 def moves(**translations):
     """A message that shifts parts; their rotations may be changed in its records."""
     message = Message(MOVES, len(translations))
+    message.records["pose_ns"] = NOW
     message.records["name"] = [name.encode() for name in translations]
     message.records["rotation"] = np.eye(3)
     message.records["translation"] = list(translations.values())
@@ -45,7 +49,7 @@ def test_parts_are_moved_and_told_how_fast(inlet):
     message.records["angular_velocity"] = [(4, 5, 6), (0, np.nan, 0)]
     inlet.put(message)
 
-    source.apply(parts)
+    source.apply(parts, NOW)
 
     assert places(parts) == {"a": [0, 2, 0], "b": [0, 0, 1]}
     np.testing.assert_allclose(parts.part("b").pose.rotation, shapes.rotation(3), atol=1e-15)
@@ -60,7 +64,7 @@ def test_messages_are_applied_in_order(inlet):
     inlet.put(moves(a=(1, 0, 0), b=(2, 0, 0)))
     inlet.put(moves(a=(3, 0, 0)))
 
-    source.apply(parts)
+    source.apply(parts, NOW)
 
     assert places(parts) == {"a": [3, 0, 0], "b": [2, 0, 0]}
 
@@ -107,7 +111,7 @@ def test_part_that_cannot_be_moved_is_counted_and_the_others_move(inlet, caplog,
     inlet.put(broken(what))
     inlet.put(broken(what))
 
-    source.apply(parts)
+    source.apply(parts, NOW)
 
     assert places(parts) == {"a": [1, 0, 0], "b": [0, 0, 0], "c": [3, 0, 0]}
     assert source.notes == ["queue:: 2 moves of parts that cannot be"]
@@ -119,7 +123,7 @@ def test_part_that_is_named_twice_goes_where_it_is_told_last(inlet):
     parts, source = scene("a", "b", "c"), MovesInput("queue:")
     inlet.put(broken("twice"))
 
-    source.apply(parts)
+    source.apply(parts, NOW)
 
     assert places(parts) == {"a": [1, 0, 0], "b": [0, 0, 0], "c": [3, 0, 0]}
     assert source.notes == []
@@ -132,7 +136,7 @@ def test_rotations_in_single_precision_are_made_exact(inlet):
     message.records["rotation"] = shapes.rotation(5).astype(np.float32)
     inlet.put(message)
 
-    source.apply(parts)
+    source.apply(parts, NOW)
 
     assert source.notes == []
     rotation = parts.part("a").pose.rotation
@@ -144,13 +148,13 @@ def test_edited_scene_gets_all_that_was_told_before(inlet):
     source, before, after = MovesInput("queue:"), scene("a", "b", "c"), scene("c", "d", "a")
     inlet.put(moves(a=(1, 0, 0), b=(2, 0, 0)))
     inlet.put(broken("unknown"))
-    source.apply(before)
+    source.apply(before, NOW)
 
-    source.apply(after)
+    source.apply(after, NOW)
     assert places(after) == {"a": [1, 0, 0], "c": [3, 0, 0], "d": [0, 0, 0]}
 
     inlet.put(moves(d=(4, 0, 0)))
-    source.apply(after)
+    source.apply(after, NOW)
     assert places(after)["d"] == [4, 0, 0]
 
 
@@ -176,6 +180,68 @@ def test_pose_is_what_a_pose_would_be(inlet):
     message.records["rotation"][0] = pose.rotation
     inlet.put(message)
 
-    source.apply(parts)
+    source.apply(parts, NOW)
 
     np.testing.assert_array_equal(parts.part("a").pose.matrix, pose.matrix)
+
+
+# --- a mover that falls silent ---
+
+
+def moving(pose_ns=NOW, speed=0.5):
+    """A message of a part *a* that moves and a part *b* at rest."""
+    message = moves(a=(1, 0, 0), b=(2, 0, 0))
+    message.records["pose_ns"] = pose_ns
+    message.records["velocity"][0] = (speed, 0, 0)
+    return message
+
+
+def test_part_of_which_nothing_more_is_told_is_not_believed_to_go_on(inlet):
+    parts, source = scene("a", "b"), MovesInput("queue:")
+    inlet.put(moving())
+
+    source.apply(parts, NOW)
+    source.apply(parts, NOW + 100 * MS - 1)
+    assert parts.part("a").velocity.tolist() == [0.5, 0, 0] and source.notes == []
+
+    source.apply(parts, NOW + 100 * MS)
+    assert parts.part("a").velocity.tolist() == [0, 0, 0]
+    assert places(parts) == {"a": [1, 0, 0], "b": [2, 0, 0]}
+    assert source.notes == ["queue:: 1 velocities of parts of which nothing more was told for 100 ms"]
+
+    source.apply(parts, NOW + 300 * MS)
+    assert len(source.notes) == 1 and ": 1 " in source.notes[0]  # said once
+
+
+def test_part_that_is_told_again_keeps_its_velocity(inlet):
+    parts, source = scene("a", "b"), MovesInput("queue:")
+    for ms in range(0, 500, 50):
+        inlet.put(moving(pose_ns=NOW + ms * MS))
+        source.apply(parts, NOW + ms * MS)
+        source.apply(parts, NOW + (ms + 49) * MS)
+
+    assert parts.part("a").velocity.tolist() == [0.5, 0, 0] and source.notes == []
+
+
+def test_age_of_a_move_counts_from_its_pose_and_not_from_the_future(inlet):
+    for pose_ns, lasts in ((NOW - 90 * MS, 10 * MS), (NOW + 10_000 * MS, 100 * MS), (0, 0)):
+        parts, source = scene("a", "b"), MovesInput("queue:")
+        inlet.put(moving(pose_ns=pose_ns))
+        source.apply(parts, NOW)
+        source.apply(parts, NOW + lasts - 1)
+        assert parts.part("a").velocity.any() == (lasts > 0), pose_ns
+
+        source.apply(parts, NOW + lasts)
+        assert not parts.part("a").velocity.any(), pose_ns
+
+
+def test_edited_scene_is_not_told_a_velocity_that_has_ended(inlet):
+    source, after = MovesInput("queue:"), scene("b")
+    inlet.put(moving())
+    source.apply(scene("a", "b"), NOW)
+    source.apply(after, NOW + 200 * MS)  # a is not there any more
+
+    again = scene("a", "b")
+    source.apply(again, NOW + 300 * MS)
+
+    assert not again.part("a").velocity.any() and places(again) == {"a": [1, 0, 0], "b": [2, 0, 0]}

@@ -124,6 +124,20 @@ def test_paths_come_with_their_poses_and_go_with_a_pose_without(inlet):
     assert np.isnan(hands.paths[0]).all() and np.isfinite(hands.paths[1]).all()
 
 
+def test_bends_come_with_poses_that_have_no_path(inlet):
+    source = stream(2)
+    message = poses(np.zeros((2, 3)))
+    message.records["bend"] = [0.25, np.nan]
+    inlet.put(message)
+
+    hands = source.poll(NOW)
+    np.testing.assert_array_equal(hands.bends, [0.25, np.nan])
+    assert hands.paths is None
+
+    inlet.put(poses(np.zeros((1, 3)), fingers=[0]))
+    assert np.isnan(source.poll(NOW).bends).all()
+
+
 def test_both_kinds_are_numbered_apart(inlet):
     source = stream(1)
     inlet.put(poses(np.zeros((1, 3))), sequence=5)

@@ -86,6 +86,13 @@ def test_all_that_a_sensor_tells_is_in_the_contact():
     assert ContactFlag(contact["flags"]) == KNOWN | ContactFlag.PREDICTED
 
 
+def test_distance_from_after_the_controller_acts_is_predicted_for_its_own_instant():
+    contact = answer(0.01, NOW, measured_ns=NOW + 20 * MS, error=0.0, approach_speed=0.5)
+
+    assert contact["predicted_ns"] == contact["pose_ns"] == NOW + 20 * MS
+    assert contact["predicted_lower"] == contact["predicted_distance"] == contact["signed_distance"]
+
+
 def test_what_is_not_told_is_not_made_up():
     contact = answer(0.01)
 

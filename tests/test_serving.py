@@ -14,11 +14,12 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import glove_files
 import numpy as np
 import pytest
 
 from proximity.errors import PublishError, RecordingError, ServiceError
-from proximity.message import MEASURED, MOVES, POSES, Message, Source, State
+from proximity.message import GLOVE_POSES, MEASURED, MOVES, POSES, ContactFlag, Message, Source, State
 from proximity.recording import FrameReader
 from proximity.scene_file import PartFiles
 from proximity.service import realtime
@@ -102,6 +103,7 @@ def served(scene_path):
             subscriber=subscriber,
             said=said,
             finish=finish,
+            poses=poses,
             beginnings=beginnings,
             hold=lambda *tips: hold(poses, tips),
         )
@@ -164,6 +166,35 @@ def test_poses_come_in_and_contacts_go_out(served):
     assert report.ticks > 0
     assert report.states[State.OK] > 0
     assert served.subscriber.read().header["state"] == State.STOPPING
+
+
+def test_gloved_fingers_are_served_with_their_contact(scene_path, folder, request):
+    """Their calibration is a file beside the scene; the finger bends down on the box."""
+    glove_files.write(folder / "glove.json")
+    scene_path.write_text(scene_path.read_text() + '[glove]\ncalibration = "glove.json"\n')
+    served = request.getfixturevalue("served")
+    top = 0.2  # m above the floor, with the box somewhere below
+    message = Message(GLOVE_POSES, 2)
+    message.records["finger"] = [0, 1]
+    turned = [[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]  # out of the back of the hand is up
+
+    def is_told():
+        message.records["pose_ns"] = time.monotonic_ns()
+        message.records["rotation"], message.records["translation"] = turned, [0.0, 0.01, top]
+        message.records["bend"], message.records["counts"] = [0.2, np.nan], counts
+        served.poses.publish(message)
+        reading = served.subscriber.read()
+        contacts.append(reading.contacts.copy())
+        return reading.is_new and reading.state == State.OK
+
+    contacts, counts = [], glove_files.HAND.counts(0.3)
+    wait_until(is_told, "poses of gloves were answered")
+    told = contacts[-1]
+
+    assert told["bend"] == pytest.approx([0.2, 0.3], abs=1e-3)
+    tip = glove_files.HAND.finger.point(0.2)
+    assert told["position"][0] == pytest.approx([tip[0], 0.01, top + tip[1]], abs=5e-5)
+    assert ((told["flags"] & ContactFlag.ON_PATH) != 0).all()
 
 
 def test_beginning_tells_what_is_served(served):
@@ -274,6 +305,7 @@ def test_measured_distances_are_published_without_geometry(scene_path, folder, r
         ("/poses", "/other", "10: input.poses is not as it was"),
         ("[input]\n", '[input]\nmoves = "mailbox:m"\n', "10: input.moves is not as it was"),
         ("real_time = false\n", "", "1: service.real_time is not as it was"),
+        ('/poses"\n', '/poses"\n[glove]\ncalibration = "box.stl"\n', "11: glove is not as it was"),
     ],
 )
 def test_edit_that_needs_a_restart_is_refused_with_its_line(scene_path, before, after, message):

@@ -24,6 +24,19 @@ def test_distance_is_predicted_for_when_the_controller_acts():
     assert found["predicted_upper"] - found["predicted_lower"] < 2 * room + 0.002
 
 
+def test_pose_from_after_the_controller_acts_is_predicted_for_its_own_instant():
+    """A clock of the tracking that is ahead: predicting backwards would say less than is known."""
+    tracker = Tracker(Scene([plate()]), fingers=2, latency=0.003)
+    tips = [(0, 0, 0.05), (0.02, 0, 0.05)]
+    found = tracker.tick(tips, [20 * MS, 10 * MS], 10 * MS, velocities=[(0, 0, -1.0)] * 2)
+
+    assert found["predicted_ns"].tolist() == [20 * MS, 13 * MS]
+    ahead = found["predicted_ns"] - found["pose_ns"]
+    assert ahead.tolist() == [0, 3 * MS]
+    assert found["predicted_distance"][0] == found["predicted_lower"][0] == found["signed_distance"][0]
+    assert found["predicted_distance"][1] < found["signed_distance"][1]
+
+
 def test_bounds_of_a_prediction_widen_with_the_age_of_the_pose():
     scene = Scene([plate()])
     widths = []

@@ -13,6 +13,7 @@ import typer
 
 import proximity
 from proximity.cli import (
+    bench,
     check,
     compile,
     demo,
@@ -37,8 +38,8 @@ HELP = "\n\n".join(  # a paragraph a string: some versions of Typer keep line br
         "signed distance is negative inside. Coordinates and answers are in millimetres, or in what --units "
         "says.",
         "Exit codes: 0 answered; 1 check --strict found a part without an inside, replay a bound that does "
-        "not hold, or record, watch, drum or demo no frame; 2 the files, the points, the addresses or the "
-        "options cannot be used; 130 interrupted.",
+        "not hold, bench a scene that does not fit its gate, or record, watch, drum or demo no frame; 2 the "
+        "files, the points, the addresses or the options cannot be used; 130 interrupted.",
     )
 )
 
@@ -68,6 +69,7 @@ app.command("watch", cls=Command, epilog=watch.EXAMPLES, help=watch.HELP, no_arg
 app.command("demo", cls=Command, epilog=demo.EXAMPLES, help=demo.HELP)(demo.command)
 app.command("drum", cls=Command, epilog=drum.EXAMPLES, help=drum.HELP, no_args_is_help=True)(drum.command)
 app.command("header", cls=Command, epilog=header.EXAMPLES, help=header.HELP)(header.command)
+app.command("bench", cls=Command, epilog=bench.EXAMPLES, help=bench.HELP, no_args_is_help=True)(bench.command)
 app.command("figures", cls=Command, epilog=figures.EXAMPLES, help=figures.HELP)(figures.command)
 app.command("simulate", cls=Command, epilog=simulate.EXAMPLES, help=simulate.HELP)(simulate.command)
 

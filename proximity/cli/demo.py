@@ -1,4 +1,4 @@
-"""``proximity demo``: sample scene and hand, a service, a controller and a look at both, in one terminal."""
+"""``proximity demo``: sample scene and hand, a service, its drums and a look at both, in one terminal."""
 
 import os
 import secrets
@@ -19,16 +19,16 @@ from proximity.cli.options import LONGEST_S
 from proximity.stopping import stopped_by_signals
 
 if TYPE_CHECKING:
-    from proximity.cli.drum_stub import Controller
+    from proximity.cli.drum_run import DrumsBeside
     from proximity.cli.watch_view import Seen
     from proximity.serving import RunningService
 
 HELP = "\n\n".join(
     (
         "Show it all working: a recorded hand at the sample bracket, without any configuration.",
-        "A service follows the hand 1000 times a second, in a process of its own. A small controller of "
-        "drums listens to it, and this terminal shows both until Ctrl-C or --seconds. It ends with what each "
-        "of them has done. Nothing is left behind.",
+        "A service follows the hand 1000 times a second, in a process of its own. Controllers of simulated "
+        "drums listen to it, as `proximity drum` runs them, and this terminal shows both until Ctrl-C or "
+        "--seconds. It ends with what each of them has done. Nothing is left behind.",
     )
 )
 
@@ -40,7 +40,9 @@ Examples:
 
 SECONDS = 20.0
 TURN_S = 0.02
-SWITCH_S = 1e-3  # that the controller waits at most while the picture is drawn in the same process
+DRUM_RATE_HZ = 250.0
+WATCHDOG_NS = 200_000_000  # a drum would be switched off after 10 ms; here nobody is hurt by a busy machine
+SWITCH_S = 1e-3  # that the drums wait at most while the picture is drawn in the same process
 EXIT_NOTHING = 1
 SCENE = "demo.toml"
 
@@ -57,29 +59,35 @@ def command(
     from rich.console import Console
 
     from proximity.cli import waiting
-    from proximity.cli.drum_stub import Controller
-    from proximity.cli.watching import Follower, Screen
+    from proximity.cli.drum_run import DrumsBeside
+    from proximity.cli.screen import Screen
+    from proximity.cli.watching import Follower, show
+    from proximity.decaff.drum_bench import DrumBench
+    from proximity.decaff.limits import Limits
     from proximity.transport import open_subscriber
 
     sys.setswitchinterval(SWITCH_S)
-    to_controller, to_watch = addresses()
+    to_drums, to_watch = addresses()
     waiting.prepare_kernels()
+    bench = DrumBench(DRUM_RATE_HZ, limits=Limits(watchdog_ns=WATCHDOG_NS))
+    with waiting.spinner("preparing the drums"):
+        bench.warm_up()
     with stopped_by_signals() as stop, ExitStack() as opened:
         with waiting.spinner("starting the service"):
-            listening = [opened.enter_context(open_subscriber(each)) for each in (to_controller, to_watch)]
-            service = opened.enter_context(_start({to_controller, to_watch}, stop))
-        controller = opened.enter_context(Controller(listening[0]))
+            listening = [opened.enter_context(open_subscriber(each)) for each in (to_drums, to_watch)]
+            service = opened.enter_context(_start({to_drums, to_watch}, stop))
+        drums = opened.enter_context(DrumsBeside(bench, listening[0], DRUM_RATE_HZ))
         follower = Follower(listening[1])
         screen, ends = opened.enter_context(Screen(Console())), time.monotonic() + seconds
         while True:
             reading, seen = follower.look(TURN_S)
-            screen.show(reading, seen, controller.stub.told())
+            show(screen, reading, seen, drums.told())
             if stop.is_set() or not service.is_running or time.monotonic() >= ends:
                 break
         report = service.stop()
-    for text in _summary(report, seen, controller):
+    for text in _summary(report, seen, drums):
         typer.echo(text)
-    if not controller.stub.used:
+    if not drums.received:
         raise typer.Exit(EXIT_NOTHING)
 
 
@@ -96,7 +104,7 @@ def _start(publish: set[str], stop: Event) -> "RunningService":
 
 
 def addresses() -> tuple[str, str]:
-    """Return where the service publishes to the controller, and where to the watch: to nobody else.
+    """Return where the service publishes to the drums, and where to the watch: to nobody else.
 
     Shared memory, where there is iceoryx2 for this machine; both read the same then. Otherwise datagrams.
     """
@@ -129,19 +137,21 @@ def _say(sentence: str) -> None:
     typer.echo(f"proximity: {sentence}", err=True)
 
 
-def _summary(report: dict[str, Any], seen: "Seen", controller: "Controller") -> list[str]:
-    """What service, watch and controller have done, a line each."""
+def _summary(report: dict[str, Any], seen: "Seen", drums: "DrumsBeside") -> list[str]:
+    """What service, watch and drums have done, a line each."""
     compute, late = report["compute"], report["lateness"]
     states = ", ".join(f"{count} {state}" for state, count in report["states"].items() if count)
-    counts, stub = seen.counts, controller.stub
+    counts, fingers = seen.counts, drums.bench.fingers
+    touches, faults = sum(each.touches for each in fingers), sum(each.faults for each in fingers)
+    peak = max((each.peak_force for each in fingers), default=0.0)
     refused = counts.refused + counts.flawed.total()
     return [
         f"service     {report['ticks']} frames ({states}), {report['missed']} ticks missed",
         f"computing   p50 {_us(compute['p50_ns'])}, p99 {_us(compute['p99_ns'])}; woken late p50 "
         f"{_us(late['p50_ns'])}, p99 {_us(late['p99_ns'])}",
         f"watch       {counts.received} frames seen, {counts.lost} lost, {refused} refused",
-        f"controller  {stub.used} frames used, {controller.overtaken} overtaken; {stub.late} late and "
-        f"{stub.stale} stale ones not used; {stub.touch_count} touches held",
+        f"drums       {drums.received} frames seen, {touches} touches held with {peak:.2f} N at most, "
+        f"{faults} faults",
     ]
 
 

@@ -1,7 +1,9 @@
 """``proximity drum``: drums of a service's fingers, run by their controllers against a simulated plant."""
 
 import json
+import sys
 import time
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -13,21 +15,27 @@ HELP = "\n\n".join(
     (
         "Run the drums of the service that publishes at ADDRESS, until Ctrl-C or --limit.",
         "Each finger has a controller, as a real drum would have it, and a simulated drum: state, where drum "
-        "and finger are on the finger's way, and the force between them. The service must tell how far "
-        "fingers are bent. Where the output is no terminal it is one line a second; with --json only a "
-        "summary at the end. The exit code is 1 if no frame came.",
+        "and finger are on the finger's way, the angle of the drum by the glove, the force between them and "
+        "the motor's torque. A sample that comes 10 ms late is a fault, as of a real drum, and begins anew. "
+        "Of fingers without a bend it is said that they are only shown as if they bent straight into what is "
+        "nearest. Where the output is no terminal it is one line a second; with --json only a summary at the "
+        "end. The exit code is 1 if no frame came.",
     )
 )
 
 EXAMPLES = """
 Examples:
   proximity drum iox2://decaff
+  proximity drum iox2://decaff --calibration glove.json --log drum.csv
   proximity drum udp://127.0.0.1:9100 --limit 10 --json
 """
 
 EXIT_NOTHING = 1
 MOST_RATE_HZ = 5000.0
 LEAST_RATE_HZ = 150.0  # slower, each sample would trip the watchdog of 10 ms
+TURN_S = 0.02  # within that a wish to stop is noticed
+SWITCH_S = 1e-3  # that the drums wait at most while a picture is drawn
+OTHER_LINES = 5  # of a terminal, beside the fingers
 
 
 def command(
@@ -36,6 +44,20 @@ def command(
     rate: Annotated[
         float, typer.Option("--rate", metavar="HZ", help="Of the controllers; the servos run at 3 kHz.")
     ] = 500.0,
+    calibration: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--calibration",
+            metavar="FILE",
+            help="Of the glove that is worn; once for all fingers, or once for each. The paper's without it.",
+        ),
+    ] = None,
+    max_age: Annotated[
+        float | None, typer.Option("--max-age", metavar="DAYS", help="Of a calibration; 30 without it.")
+    ] = None,
+    log: Annotated[
+        Path | None, typer.Option("--log", metavar="FILE", help="Write every sample to a CSV file.")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print a summary at the end, as JSON.")] = False,
 ) -> None:
     """Run drums until told to stop."""
@@ -47,20 +69,38 @@ def command(
     # NumPy, Rich and the library: only now, so that --help and mistakes above answer at once.
     from rich.console import Console
 
-    from proximity.cli.drum_run import DrumScreen, run, summary
+    from proximity.cli.drum_log import DrumLog
+    from proximity.cli.drum_run import DrumsBeside, line, summary, table
+    from proximity.cli.screen import Screen
     from proximity.decaff.drum_bench import DrumBench
-    from proximity.transport import open_subscriber
+    from proximity.decaff.wearing import read_glove
+    from proximity.transport import Reading, open_subscriber
 
-    bench = DrumBench(rate)
+    sys.setswitchinterval(SWITCH_S)
+    bench = DrumBench(rate, [read_glove(path, max_age) for path in calibration or ()])
     bench.warm_up()
     started = time.monotonic()
     ends = None if limit is None else started + limit
     with (
         stopped_by_signals() as stop,
         open_subscriber(address) as subscriber,
-        DrumScreen(Console(), is_silent=as_json) as screen,
+        DrumLog(log) as written,
+        Screen(Console(), is_silent=as_json) as screen,
     ):
-        run(bench, subscriber, rate, screen, lambda: stop.is_set() or _is_over(ends))
+        newest = [subscriber.read()]
+
+        def look(reading: Reading) -> None:
+            newest[0] = reading
+            written.append(reading, bench)
+
+        with DrumsBeside(bench, subscriber, rate, look) as drums:
+            while drums.is_running and not stop.wait(TURN_S) and not _is_over(ends):
+                for doubt in bench.doubts():
+                    typer.echo(f"proximity: {doubt}", err=True)
+                screen.show(
+                    lambda: line(newest[0], bench),
+                    lambda size: table(newest[0], bench, max(1, size.height - OTHER_LINES)),
+                )
         counts = subscriber.counts
     told = summary(bench, address, counts, time.monotonic() - started)
     if as_json:

@@ -1,79 +1,40 @@
-"""The loop of ``proximity drum``, what it shows, and what it tells in the end."""
+"""The loop of ``proximity drum``, beside what shows it, and what is told of its drums.
 
-import sys
+To draw a table takes longer than a drum's watchdog waits: so the drums have a thread of their own.
+"""
+
+import math
+import threading
 import time
 from collections.abc import Callable
 from types import TracebackType
 from typing import Any
 
-from rich.console import Console
-from rich.live import Live
 from rich.table import Table
+from rich.text import Text
 
+from proximity.decaff.controller_states import DrumState
 from proximity.decaff.drum_bench import DrumBench, FingerBench
+from proximity.errors import ProximityError
 from proximity.transport import Counts, Reading, Subscriber
 
-LINE_EVERY_S = 1.0
-DRAWN_EVERY_S = 0.1
-FIRST_AFTER_S = 0.1
 LINE_FINGERS = 8
-OTHER_LINES = 5  # of a terminal, beside the fingers
 MM = 1e3  # in a metre
-
-
-class DrumScreen:
-    """Shows drums: a table on a terminal, one line a second elsewhere.
-
-    Parameters
-    ----------
-    console : Console
-        Where to.
-    is_silent : bool
-        Shows nothing.
-    """
-
-    def __init__(self, console: Console, *, is_silent: bool = False) -> None:
-        self._is_silent = is_silent
-        is_drawn = console.is_terminal and not is_silent
-        self._console = console
-        self._live = Live(console=console, auto_refresh=False) if is_drawn else None
-        self._due = time.monotonic() + FIRST_AFTER_S
-
-    def show(self, reading: Reading, bench: DrumBench) -> None:
-        """Show the drums if it is time for it.
-
-        Parameters
-        ----------
-        reading : Reading
-            The newest.
-        bench : DrumBench
-            Of all fingers.
-        """
-        now = time.monotonic()
-        if self._is_silent or now < self._due:
-            return
-        self._due = now + (LINE_EVERY_S if self._live is None else DRAWN_EVERY_S)
-        if self._live is None:
-            sys.stdout.write(line(reading, bench) + "\n")
-            sys.stdout.flush()
-        else:
-            rows = max(1, self._console.size.height - OTHER_LINES)
-            self._live.update(table(reading, bench, rows), refresh=True)
-
-    def __enter__(self) -> "DrumScreen":
-        if self._live is not None:
-            self._live.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._live is not None:
-            self._live.stop()
+COLUMNS = ("finger", "drum", "drum mm", "angle °", "finger mm", "force N", "torque mNm", "touches", "faults")
+STYLES = {
+    DrumState.RETRACTED: "green",
+    DrumState.APPROACH: "yellow",
+    DrumState.FAULT: "black on red",
+}
+TOUCHING_STYLE = "bold red"
 
 
 def run(
-    bench: DrumBench, subscriber: Subscriber, rate: float, screen: DrumScreen, is_over: Callable[[], bool]
+    bench: DrumBench,
+    subscriber: Subscriber,
+    rate: float,
+    look: Callable[[Reading], None],
+    is_over: Callable[[], bool],
 ) -> None:
     """Step the controllers at a rate; samples that are missed are left out, not made up for.
 
@@ -85,8 +46,8 @@ def run(
         Of the service.
     rate : float, Hz
         Of the controllers.
-    screen : DrumScreen
-        Shows them.
+    look : callable
+        Is given the reading after each step.
     is_over : callable
         Tells when to end.
     """
@@ -94,10 +55,71 @@ def run(
     while not is_over():
         reading = subscriber.read()
         bench.step(reading)
-        screen.show(reading, bench)
+        look(reading)
         now = time.monotonic()
         due += period * max(1.0, (now - due) // period + 1.0)
         time.sleep(max(0.0, due - now))
+
+
+class DrumsBeside:
+    """Runs drums in a thread, with a subscriber of their own, while something else is shown.
+
+    Parameters
+    ----------
+    bench : DrumBench
+        Of all fingers; used by the thread only, but for being looked at.
+    subscriber : Subscriber
+        Used by the thread only.
+    rate : float, Hz
+        Of the controllers.
+    look : callable
+        Is given the reading after each step, by the thread.
+    """
+
+    def __init__(
+        self,
+        bench: DrumBench,
+        subscriber: Subscriber,
+        rate: float,
+        look: Callable[[Reading], None] = lambda reading: None,
+    ) -> None:
+        self.bench = bench
+        self._subscriber, self._rate, self._look = subscriber, rate, look
+        self._failure: ProximityError | None = None
+        self._is_over = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="drums", daemon=True)
+
+    @property
+    def is_running(self) -> bool:
+        """Whether nothing has failed."""
+        return self._failure is None
+
+    @property
+    def received(self) -> int:
+        """Frames that came."""
+        return self._subscriber.counts.received
+
+    def told(self) -> list[Text]:
+        """Return what each drum does, in words."""
+        return [short_words(finger) for finger in self.bench.fingers]
+
+    def _run(self) -> None:
+        try:
+            run(self.bench, self._subscriber, self._rate, self._look, self._is_over.is_set)
+        except ProximityError as failure:
+            self._failure = failure
+
+    def __enter__(self) -> "DrumsBeside":
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._is_over.set()
+        self._thread.join()
+        if self._failure is not None and kind is None:
+            raise self._failure
 
 
 def line(reading: Reading, bench: DrumBench) -> str:
@@ -129,13 +151,38 @@ def table(reading: Reading, bench: DrumBench, row_count: int) -> Table:
         Most fingers that are shown.
     """
     shown = Table(title=f"{reading.state.name}, {len(bench.fingers)} fingers", title_justify="left", box=None)
-    for name in ("finger", "drum", "drum mm", "finger mm", "force N", "touches", "faults"):
+    for name in COLUMNS:
         shown.add_column(name, justify="left" if name == "drum" else "right", no_wrap=True)
     for i, finger in enumerate(bench.fingers[:row_count]):
-        cells = (f"{MM * finger.plant.place:.1f}", f"{MM * finger.path.place(finger.bend):.1f}")
-        force = f"{finger.plant.force:.2f}"
-        shown.add_row(str(i), _state(finger), *cells, force, str(finger.touches), str(finger.faults))
+        plant = finger.plant
+        shown.add_row(
+            str(i),
+            Text(state_of(finger).value, style_of(finger)),
+            f"{MM * plant.place:.1f}",
+            f"{math.degrees(plant.angle):.1f}",
+            f"{MM * finger.path.place(finger.bend):.1f}",
+            f"{plant.force:.2f}",
+            f"{MM * plant.torque:.1f}",
+            str(finger.touches),
+            str(finger.faults),
+        )
     return shown
+
+
+def short_words(finger: FingerBench) -> Text:
+    """Return what a drum does, in twenty letters.
+
+    Parameters
+    ----------
+    finger : FingerBench
+        Of the drum.
+    """
+    state, words = state_of(finger), [state_of(finger).value]
+    if state is DrumState.APPROACH:
+        words.append(f"{MM * max(0.0, finger.plant.place - finger.path.place(finger.bend)):.1f} mm")
+    elif finger.plant.force > 0.0:
+        words.append(f"{finger.plant.force:.2f} N")
+    return Text(", ".join(words), style_of(finger))
 
 
 def summary(bench: DrumBench, address: str, counts: Counts, seconds: float) -> dict[str, Any]:
@@ -155,12 +202,14 @@ def summary(bench: DrumBench, address: str, counts: Counts, seconds: float) -> d
     fingers = [
         {
             "finger": i,
-            "state": _state(finger),
+            "state": state_of(finger).value,
             "drum_mm": round(MM * finger.plant.place, 3),
+            "drum_rad": round(finger.plant.angle, 5),
             "finger_mm": round(MM * finger.path.place(finger.bend), 3),
             "has_bend": finger.has_bend,
             "touches": finger.touches,
             "peak_force_n": round(finger.peak_force, 4),
+            "peak_torque_nm": round(finger.peak_torque, 6),
             "faults": finger.faults,
             "dropped": finger.controller.frames.dropped,
             "awaited": finger.controller.frames.awaited,
@@ -178,13 +227,21 @@ def summary(bench: DrumBench, address: str, counts: Counts, seconds: float) -> d
     }
 
 
-def _state(finger: FingerBench) -> str:
-    return "retracted" if finger.action is None else finger.action.state.value
+def state_of(finger: FingerBench) -> DrumState:
+    """Return what a drum does; retracted before its first sample."""
+    return DrumState.RETRACTED if finger.action is None else finger.action.state
+
+
+def style_of(finger: FingerBench) -> str:
+    """Return how a drum's state is shown."""
+    return STYLES.get(state_of(finger), TOUCHING_STYLE)
 
 
 def _words(finger: FingerBench) -> list[str]:
-    told = [_state(finger), f"drum at {MM * finger.plant.place:.1f} mm"]
-    if not finger.has_bend:
-        return [*told, "no bend is told"]
-    told.append(f"finger at {MM * finger.path.place(finger.bend):.1f} mm")
-    return [*told, f"{finger.plant.force:.2f} N"] if finger.plant.force > 0.0 else told
+    plant = finger.plant
+    told = [
+        state_of(finger).value,
+        f"drum at {MM * plant.place:.1f} mm ({math.degrees(plant.angle):.1f}°)",
+        f"finger at {MM * finger.path.place(finger.bend):.1f} mm",
+    ]
+    return [*told, f"{plant.force:.2f} N by {MM * plant.torque:.1f} mNm"] if plant.force > 0.0 else told

@@ -33,14 +33,15 @@ def command(address: ADDRESS, limit: LIMIT = None) -> None:
     # NumPy, Rich and the library: only now, so that --help and mistakes above answer at once.
     from rich.console import Console
 
-    from proximity.cli.watching import Follower, Screen
+    from proximity.cli.screen import Screen
+    from proximity.cli.watching import Follower, show
     from proximity.transport import open_subscriber
 
     ends = None if limit is None else time.monotonic() + limit
     with stopped_by_signals() as stop, open_subscriber(address) as subscriber, Screen(Console()) as screen:
         follower = Follower(subscriber)
         while not stop.is_set() and (ends is None or time.monotonic() < ends):
-            screen.show(*follower.look(TURN_S))
+            show(screen, *follower.look(TURN_S))
         received = subscriber.counts.received
     if not received:
         raise typer.Exit(EXIT_NOTHING)

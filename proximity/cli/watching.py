@@ -1,22 +1,17 @@
 """Following a service and showing it: what ``watch`` and ``demo`` share."""
 
-import sys
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from types import TracebackType
 
-from rich.console import Console
-from rich.live import Live
+from rich.console import ConsoleDimensions, RenderableType
 from rich.text import Text
 
+from proximity.cli.screen import Screen
 from proximity.cli.watch_view import Seen, line, picture
 from proximity.transport import Reading, Subscriber
 
-DRAWN_EVERY_S = 0.05
-LINE_EVERY_S = 1.0
 GATHER_S = 0.005
-FIRST_AFTER_S = 0.1  # a first frame comes within that, where there is a service
 RATE_OVER_S = 1.0
 SAMPLED_EVERY_S = 0.05
 OTHER_LINES = 9  # of a terminal, beside the fingers
@@ -71,51 +66,23 @@ class Follower:
         return (received - before) / (now - then) if now - then >= SAMPLED_EVERY_S else 0.0
 
 
-class Screen:
-    """Shows readings: a table that is drawn anew on a terminal, one line a second elsewhere.
+def show(screen: Screen, reading: Reading, seen: Seen, drums: Sequence[Text] | None = None) -> None:
+    """Show a reading if it is time for it.
 
     Parameters
     ----------
-    console : Console
-        Where to.
+    screen : Screen
+        Where.
+    reading : Reading
+        What is known now.
+    seen : Seen
+        What is known beside.
+    drums : sequence of Text
+        What a controller does with each finger, where one runs beside.
     """
 
-    def __init__(self, console: Console) -> None:
-        self._console = console
-        self._live = Live(console=console, auto_refresh=False) if console.is_terminal else None
-        self._due = time.monotonic() + FIRST_AFTER_S
-
-    def show(self, reading: Reading, seen: Seen, drums: Sequence[Text] | None = None) -> None:
-        """Show a reading if it is time for it.
-
-        Parameters
-        ----------
-        reading : Reading
-            What is known now.
-        seen : Seen
-            What is known beside.
-        drums : sequence of Text
-            What a controller does with each finger, where one runs beside.
-        """
-        now = time.monotonic()
-        if now < self._due:
-            return
-        self._due = now + (LINE_EVERY_S if self._live is None else DRAWN_EVERY_S)
-        if self._live is None:
-            sys.stdout.write(line(reading, seen) + "\n")
-            sys.stdout.flush()
-            return
-        size = self._console.size
+    def drawn(size: ConsoleDimensions) -> RenderableType:
         rows = max(1, size.height - OTHER_LINES)
-        self._live.update(picture(reading, seen, width=size.width, row_count=rows, drums=drums), refresh=True)
+        return picture(reading, seen, width=size.width, row_count=rows, drums=drums)
 
-    def __enter__(self) -> "Screen":
-        if self._live is not None:
-            self._live.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._live is not None:
-            self._live.stop()
+    screen.show(lambda: line(reading, seen), drawn)

@@ -15,6 +15,8 @@ from proximity.decaff.calibration import Calibration
 from proximity.decaff.finger import Finger
 from proximity.decaff.glove import Glove
 from proximity.errors import DecaffError
+from proximity.message import PATH_CORNERS
+from proximity.pose import Pose
 
 TOUCH_TOLERANCE = 0.3e-3
 """m at the fingertip that a touch may be off (PAPER 9.2)."""
@@ -89,6 +91,29 @@ class CalibratedGlove:
         inside = np.clip(place, 0.0, 1.0)
         first, last = self.calibration.counts[[0, -1]]
         return np.interp(inside, INVERSE, self._inverse) + (place - inside) * (last - first)
+
+    def counts_table(self, row_count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return counts, evenly over all that a hand may reach, and the bends there, (K,) and (K,).
+
+        Parameters
+        ----------
+        row_count : int
+            K, 2 or more.
+        """
+        first, last = self.calibration.counts[[0, -1]]
+        margin = RANGE_MARGIN * (last - first)
+        counts = np.linspace(first - margin, last + margin, row_count)
+        return counts, self._extended_bend(counts)
+
+    def path_finger(self, corner_count: int = PATH_CORNERS) -> np.ndarray:
+        """Return the way of the fingertip from flat hand to fist, evenly in bend, (K, 3), m, finger's frame.
+
+        Parameters
+        ----------
+        corner_count : int
+            K, 2 or more.
+        """
+        return self.finger.path_world(Pose(), corner_count)
 
     def drum_angle(self, bend: ArrayLike) -> np.ndarray:
         """Return what the drum's encoder says as it meets the finger there, (...), rad; nan: it cannot.

@@ -10,7 +10,7 @@ import json
 import os
 import secrets
 from dataclasses import dataclass, fields
-from datetime import datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,10 @@ VERSION = 1
 """Of the file. Another one is refused: what it says may mean something else."""
 TABLE_SIZE = 7
 """Points of the table, flat hand and fist among them (PAPER 9.2)."""
+MOST_AGE_DAYS = 30.0
+"""A hand and a strap change. Assumed: the paper says that a calibration has a date, not how long it holds."""
+SLACK_DAYS = 1.0
+"""By which a date may lie ahead: two machines whose clocks differ."""
 LARGEST_FILE = 100_000
 """Bytes; a calibration has some 700."""
 
@@ -109,6 +113,39 @@ def read_calibration(path: str | os.PathLike[str]) -> Calibration:
         return _of_document(document)
     except DecaffError as unfit:
         raise DecaffError(f"{path}: {unfit}") from unfit
+
+
+def check_age(
+    calibration: Calibration, *, most_days: float | None = None, now: datetime | None = None
+) -> None:
+    """Refuse a calibration that was made too long ago, or will be made.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        Of a glove that is to be used.
+    most_days : float, days
+        How old it may be; `MOST_AGE_DAYS` where not given.
+    now : datetime
+        With its time zone; the present where not given.
+
+    Raises
+    ------
+    DecaffError
+        With the date, and what was expected.
+    """
+    most = positive("most_days", MOST_AGE_DAYS if most_days is None else most_days, "days")
+    age = ((now or datetime.now(UTC)) - calibration.made) / timedelta(days=1)
+    date = f"{calibration.made:%Y-%m-%d}"
+    if age > most:
+        raise DecaffError(
+            f"the calibration is of {date}, {age:.0f} days ago, expected {most:g} at most: calibrate anew"
+        )
+    if age < -SLACK_DAYS:
+        raise DecaffError(
+            f"the calibration is of {date}, which is to come, expected a date that is past: set the clock or "
+            "calibrate anew"
+        )
 
 
 # --- the document: its fields, and what they are of a calibration ---

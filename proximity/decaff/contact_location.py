@@ -118,6 +118,9 @@ def is_sound(contact: Any, now_ns: int, ahead_ns: int) -> bool:
 def locate(contact: Any, path: FingerPath) -> Location | None:
     """Return where the finger touches, by the rule of PAPER 8; None: nowhere before the fist.
 
+    Of a path that was followed to the fist and is free, bend and velocity are not asked: the rule guesses by
+    them where no path is known.
+
     Parameters
     ----------
     contact : CONTACT
@@ -127,17 +130,26 @@ def locate(contact: Any, path: FingerPath) -> Location | None:
     """
     bend, distance = float(contact["bend"]), float(contact["signed_distance"])
     place, rate, error = float(contact["contact_bend"]), 0.0, 0.0
-    if math.isfinite(place):
+    if math.isnan(place) and int(contact["flags"]) & ContactFlag.ON_PATH:
+        return None
+    if math.isfinite(place) and not _is_open(contact):
         rate = _or_zero(contact["contact_bend_rate"])
         error = _or_zero(contact["contact_bend_error"])
     else:
-        place = _extrapolated(contact, bend, distance)
+        # Of a path that was not followed to a contact the place is no nearer than its end, for certain.
+        place = max(_extrapolated(contact, bend, distance), -math.inf if math.isnan(place) else place)
     if not place <= 1.0:
         return None
     way = path.place(place) - path.place(bend) if math.isfinite(bend) else math.nan
     incidence = min(max(distance / way, 0.0), 1.0) if way > LEAST_WAY and distance < math.inf else math.nan
     speed = math.hypot(*(_or_zero(number) for number in contact["velocity"]))
     return Location(place, rate, error, int(contact["pose_ns"]), speed, incidence)
+
+
+def _is_open(contact: Any) -> bool:
+    """Whether a path was followed as far as steps sufficed, and no contact was met: then no drift is told."""
+    flags = int(contact["flags"]) & (ContactFlag.ON_PATH | ContactFlag.CONTACT_FOUND)
+    return flags == ContactFlag.ON_PATH and math.isnan(contact["contact_bend_rate"])
 
 
 def is_tracked(contact: Any) -> bool:

@@ -52,6 +52,7 @@ class FingerController:
     trust: Trust
     frames: FrameTrust
     fault: str  # why the motor is off; empty: it is not
+    law: SurfaceLaw  # of deformable surfaces, as far as they are displayed
     _steady: SteadyForce
     _serves_force: bool
     _weak_for: float  # s
@@ -67,8 +68,8 @@ class FingerController:
         self._path, self._rate, self._limits = path, positive("rate", rate, "hertz"), limits or Limits()
         self._handover = handover or Handover()
         self._near_speed = self._limits.near_speed(drum.mass)
-        self._braking = BRAKING_SHARE * drum.acceleration
-        self._law = SurfaceLaw(rate, DRUM_DAMPING)
+        self._drum, self._braking = drum, BRAKING_SHARE * drum.acceleration
+        self.law = SurfaceLaw(rate, DRUM_DAMPING)
         self.frames = FrameTrust(path, self._limits)
         self.reset()
 
@@ -212,7 +213,7 @@ class FingerController:
             return math.nan  # on doubt no force begins
         if told.surface == Surface.DEFORMABLE:
             self._serves_force = True
-            return self._law.force(
+            return self.law.force(
                 told.stiffness, told.damping, self._finger - self._target,
                 self._speed, 1.0 if self.frames.location is None else self.frames.location.incidence,
             )  # fmt: skip
@@ -286,13 +287,17 @@ class FingerController:
 
     def _action(self, mode: DriveMode, speed: float, cap: float) -> DrumAction:
         is_force = mode is DriveMode.FORCE
+        force = self._force if is_force else 0.0
         return DrumAction(
             self.state,
             mode,
             self._target,
             self._path.drum_angle(self._target),
-            self._force if is_force else 0.0,
+            force,
             speed,
             cap,
             self._steady.filtered if is_force else math.nan,
+            self._drum.motor_torque(min(force, cap)),
+            self._drum.motor_torque(cap),
+            self._drum.motor_speed(speed),
         )

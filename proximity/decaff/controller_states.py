@@ -71,3 +71,6 @@ class DrumAction:
     speed_cap: float  # m/s at the fingertip
     force_cap: float  # N at the fingertip
     start_force: float = math.nan  # N that a change to force starts from
+    torque: float = 0.0  # N m at the motor's shaft that presses with that force, in force mode
+    torque_cap: float = 0.0  # N m at the motor's shaft, at most: by the force cap and what motor and gear can
+    motor_speed_cap: float = 0.0  # rad/s of the motor's shaft, at most

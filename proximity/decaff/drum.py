@@ -93,6 +93,28 @@ class Drum:
             return self.usable_acceleration
         return REFERENCE_SHARE * self.force_limit / self.mass
 
+    def motor_torque(self, force: float) -> float:
+        """Return the torque of the motor for a force at the rim, N m at its shaft; no more than it may.
+
+        Parameters
+        ----------
+        force : float, N
+            At the rim, of either sign; infinite: all there is.
+        """
+        most = self.force_limit
+        return min(max(force, -most), most) * self.radius / self.ratio
+
+    def motor_speed(self, speed: float) -> float:
+        """Return the speed of the motor for one of the rim, rad/s at its shaft; no more than it has.
+
+        Parameters
+        ----------
+        speed : float, m/s
+            Of the rim, of either sign.
+        """
+        most = self.speed_limit
+        return min(max(speed, -most), most) * self.ratio / self.radius
+
     def as_array(self) -> np.ndarray:
         """Return its numbers as the kernels read them."""
         array = np.zeros(kernels.DRUM_SIZE)

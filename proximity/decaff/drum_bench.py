@@ -1,25 +1,32 @@
 """Drums of all fingers of a service, simulated: controllers, plants, and potentiometers that do not exist.
 
-The finger is where the service has it. The potentiometer tells that bend, or where the drum stops the link.
+The finger is where the service has it, or, where that tells no bend, as `straight_way` has it. The
+potentiometer tells that bend, or where the drum stops the link.
 """
 
 import math
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from proximity.decaff.calibrated_glove import CalibratedGlove
 from proximity.decaff.controller import FingerController
 from proximity.decaff.controller_states import IN_CONTACT, DrumAction, Observation
 from proximity.decaff.drum import GEAR4, Drum
 from proximity.decaff.drum_plant import DrumPlant
 from proximity.decaff.finger_path import FingerPath
 from proximity.decaff.glove import Glove
-from proximity.message import State
+from proximity.decaff.limits import Limits
+from proximity.decaff.straight_way import with_bend
+from proximity.decaff.wearing import as_many
+from proximity.message import State, Surface
 from proximity.message.contact import ContactFlag
 from proximity.transport import Reading
 
 CARRIED_NS = 20_000_000  # so long a finger is thought to go on as it did
 NS = 1e-9  # in s
+SOFTER = 1e-6  # share by which a displayed stiffness must fall short before that is said
 
 
 @dataclass(slots=True)
@@ -32,9 +39,11 @@ class FingerBench:
     action: DrumAction | None = None
     bend: float = 0.0  # as the service had it last
     has_bend: bool = False  # the service tells where on its way the finger is
+    is_seen: bool = False  # the service has told of it
     touches: int = 0
     faults: int = 0
     peak_force: float = 0.0  # N
+    peak_torque: float = 0.0  # N m, of the motor, either way
     samples: Counter[str] = field(default_factory=Counter)  # by state
 
     def step(self, now_ns: int, elapsed: float, state: State, contact: Any) -> None:
@@ -51,7 +60,7 @@ class FingerBench:
         contact : CONTACT or None
             Of this finger.
         """
-        self._follow(contact, now_ns)
+        contact = self._follow(contact, now_ns)
         before = self.controller.state
         if self.action is not None:
             self.plant.advance(self.action, self.path.place(self.bend), elapsed)
@@ -62,19 +71,24 @@ class FingerBench:
         after = self.action.state
         self.touches += after in IN_CONTACT and before not in IN_CONTACT
         self.peak_force = max(self.peak_force, self.plant.force)
+        self.peak_torque = max(self.peak_torque, abs(self.plant.torque))
         self.samples[after.value] += 1
         if self.controller.fault:  # there is nobody to press a button
             self.faults += 1
             self.controller.reset()
 
-    def _follow(self, contact: Any, now_ns: int) -> None:
+    def _follow(self, contact: Any, now_ns: int) -> Any:
+        """Take in where the finger is; the record that the controller gets."""
         if contact is None or not int(contact["flags"]) & ContactFlag.TRACKED:
-            return
+            return contact
+        self.is_seen, self.has_bend = True, math.isfinite(contact["bend"])
+        if not self.has_bend:
+            contact = with_bend(contact, self.path)
         bend, rate = float(contact["bend"]), float(contact["bend_rate"])
         if math.isfinite(bend):
             age = min(max(now_ns - int(contact["pose_ns"]), 0), CARRIED_NS)
             self.bend = min(max(bend + (rate * NS * age if math.isfinite(rate) else 0.0), 0.0), 1.0)
-            self.has_bend = True
+        return contact
 
 
 class DrumBench:
@@ -84,18 +98,32 @@ class DrumBench:
     ----------
     rate : float, Hz
         At which `step` is called.
-    glove : Glove
-        Of every finger.
+    gloves : sequence of Glove or CalibratedGlove
+        One for all fingers, or one each; the paper's where not given.
     drum : Drum
         Of every finger.
+    limits : Limits
+        Of every controller.
+
+    Raises
+    ------
+    DecaffError
+        If a drum cannot stand in its finger's way; by `step`, if the service has another number of fingers.
     """
 
     fingers: list[FingerBench]
 
-    def __init__(self, rate: float, glove: Glove | None = None, drum: Drum = GEAR4) -> None:
-        self._rate, self._drum = rate, drum
-        self._path = FingerPath(glove or Glove())
+    def __init__(
+        self,
+        rate: float,
+        gloves: Sequence[Glove | CalibratedGlove] | None = None,
+        drum: Drum = GEAR4,
+        limits: Limits | None = None,
+    ) -> None:
+        self._rate, self._drum, self._limits = rate, drum, limits
+        self._paths = [FingerPath(glove) for glove in gloves or [Glove()]]
         self._now_ns: int | None = None
+        self._said: set[str] = set()  # matters
         self.fingers = []
 
     def step(self, reading: Reading) -> None:
@@ -108,7 +136,7 @@ class DrumBench:
         """
         count, now_ns = len(reading.contacts), reading.now_ns
         if count and len(self.fingers) != count:
-            self.fingers = [self._finger() for _ in range(count)]
+            self.fingers = [self._finger(path) for path in as_many(self._paths, count)]
         elapsed = 0.0 if self._now_ns is None else NS * (now_ns - self._now_ns)
         self._now_ns = now_ns
         for i, finger in enumerate(self.fingers):
@@ -116,10 +144,34 @@ class DrumBench:
 
     def warm_up(self) -> None:
         """Compile what a step needs, on a finger that is thrown away."""
-        finger = self._finger()
+        finger = self._finger(self._paths[0])
         finger.step(0, 0.0, State.STALE, None)
         finger.step(1_000_000, 1e-3, State.STALE, None)
 
-    def _finger(self) -> FingerBench:
-        controller = FingerController(self._path, self._rate, self._drum)
-        return FingerBench(self._path, controller, DrumPlant(self._path, self._drum))
+    def doubts(self) -> list[str]:
+        """Return sentences on what these drums cannot do as the service has it; each matter is said once."""
+        silent = [i for i, finger in enumerate(self.fingers) if finger.is_seen and not finger.has_bend]
+        told = []
+        if silent and "bends" not in self._said:
+            self._said.add("bends")
+            told.append(
+                f"no bend is told of finger {', '.join(map(str, silent))}: shown as if bent straight into "
+                "what is nearest; a real drum stays retracted without a bend, which a path or a glove tells"
+            )
+        for i, finger in enumerate(self.fingers):
+            surface = finger.controller.frames.told
+            if surface is None or surface.surface != Surface.DEFORMABLE:
+                continue
+            shown, _ = finger.controller.law.displayed(surface.stiffness, surface.damping)
+            matter = f"{surface.stiffness:g} N/m"
+            if shown < (1.0 - SOFTER) * surface.stiffness and matter not in self._said:
+                self._said.add(matter)
+                told.append(
+                    f"the part before finger {i} has {matter}, beyond what this drum can display at "
+                    f"{self._rate:g} Hz without feeding energy: it feels as {shown:.0f} N/m"
+                )
+        return told
+
+    def _finger(self, path: FingerPath) -> FingerBench:
+        controller = FingerController(path, self._rate, self._drum, self._limits)
+        return FingerBench(path, controller, DrumPlant(path, self._drum))

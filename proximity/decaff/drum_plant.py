@@ -31,12 +31,14 @@ class DrumPlant:
         Of its servo.
     """
 
+    drum: Drum
     force: float  # N, on the finger
     link: float  # m, of the replica's link: where the finger is, or where the drum stops it
 
     def __init__(self, path: FingerPath, drum: Drum = GEAR4, rate: float = SERVO_RATE) -> None:
         servo = servo_for(drum, rate)
         self._path, self._period = path, servo.period
+        self.drum = drum
         self._drum, self._servo = drum.as_array(), servo.as_array()
         self._steps = steps_a_sample(rate)
         self._stiffness = Hand().pad_stiffness
@@ -55,6 +57,11 @@ class DrumPlant:
     def angle(self) -> float:
         """What the drum's encoder tells, rad."""
         return self._path.drum_angle(self.place)
+
+    @property
+    def torque(self) -> float:
+        """Of the motor at its shaft, N m; pressing on the finger is positive."""
+        return self.drum.motor_torque(-float(self._drive[drum_kernels.APPLIED]))
 
     def advance(self, action: DrumAction, finger: float, seconds: float) -> None:
         """Serve an action for a time, in whole samples; what is left over comes next.

@@ -32,7 +32,7 @@ class FrameTrust:
     location: Location | None  # None: nothing will be touched
     dropped: int  # records that could not be
     awaited: int  # contacts that came nearer than can be, until a second frame agreed
-    was_outside: bool  # since the start, or since the last jump of the finger
+    was_outside: bool  # since the start, since nothing was known, or since the last jump of finger or part
 
     def __init__(self, path: FingerPath, limits: Limits) -> None:
         self._path, self._limits = path, limits
@@ -67,8 +67,9 @@ class FrameTrust:
         return self._trust(seen.now_ns)
 
     def _doubt(self, trust: Trust) -> Trust:
-        """Nothing is known until another record can be believed."""
+        """Nothing is known until another record can be believed; who is inside then may be so by a jump."""
         self.location = self._pending = None
+        self.was_outside = False
         self._doubted = trust
         return trust
 
@@ -83,7 +84,12 @@ class FrameTrust:
         if self.location is None:
             return math.inf
         bend = self.location.bend_at(now_ns, self._limits.fresh_ns)
-        return self._path.place(bend) if bend <= 1.0 else math.inf
+        if not bend <= 1.0:
+            return math.inf
+        elapsed = 1e-9 * min(max(self.age_ns(now_ns), 0), self._limits.fresh_ns)
+        # However fast it is said to drift: nothing comes nearer faster than that.
+        nearest = self._path.place(self.location.bend) - self._limits.max_speed * elapsed
+        return max(self._path.place(bend), nearest)
 
     def age_ns(self, now_ns: int) -> int:
         """Return how long ago the last pose was that is believed, ns.
@@ -104,6 +110,7 @@ class FrameTrust:
         if age <= self._limits.stale_ns:
             return Trust.OLD
         self.location = self._pending = None
+        self.was_outside = False
         return Trust.STALE
 
     def _take_record(self, contact: Any, now_ns: int) -> None:
@@ -124,10 +131,10 @@ class FrameTrust:
 
     def _take_side(self, contact: Any) -> None:
         """Remember whether the finger was outside of everything; a jump makes that unknown."""
-        flags = int(contact["flags"])
+        flags, distance = int(contact["flags"]), float(contact["signed_distance"])
         if flags & ContactFlag.JUMPED:
             self.was_outside = False
-        if float(contact["signed_distance"]) > 0.0 and not flags & ContactFlag.INSIDE:
+        if distance > 0.0 and not flags & ContactFlag.INSIDE:
             self.was_outside = True
 
     def _take_location(self, contact: Any) -> None:
@@ -146,6 +153,8 @@ class FrameTrust:
         if self._may_follow(self.location, told) or self._may_follow(self._pending, told):
             self.location, self._pending = told, None
         else:
+            if self.location is not None and not float(contact["signed_distance"]) > 0.0:
+                self.was_outside = False  # a part was put where the finger is
             self._pending = told
             self.awaited += 1
 

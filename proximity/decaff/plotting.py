@@ -123,7 +123,12 @@ def line(stroke: Stroke) -> Stroke:
 
 
 def render(
-    draw: "Callable[[Figure, Table], None]", table: Table, size: tuple[float, float], form: str
+    draw: "Callable[[Figure, Any], None]",
+    table: Any,
+    size: tuple[float, float],
+    form: str,
+    *,
+    look: dict[str, Any] | None = None,
 ) -> bytes:
     """Return a figure as the bytes of a file; the same table gives the same bytes.
 
@@ -132,11 +137,13 @@ def render(
     draw : function
         What draws the table on a figure.
     table : Table
-        What is shown.
+        What is shown: passed on to *draw*.
     size : (width, height)
         In inches.
     form : str
         One of `FORMATS`.
+    look : dict
+        Settings of matplotlib that differ from `LOOK`.
 
     Raises
     ------
@@ -146,7 +153,7 @@ def render(
     check_format(form)
     new_figure = load_figure()
     dates: dict[str, Any] = {"png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
-    with _look():
+    with _look(look or {}):
         figure = new_figure(figsize=size, layout="constrained")
         draw(figure, table)
         stream = io.BytesIO()
@@ -213,6 +220,6 @@ def legend_above(figure: "Figure", panel: "Axes", columns: int) -> None:
     figure.legend(handles, names, loc="outside upper center", ncols=columns)
 
 
-def _look() -> AbstractContextManager[None]:
-    context: AbstractContextManager[None] = import_module("matplotlib").rc_context(LOOK)
+def _look(own: dict[str, Any]) -> AbstractContextManager[None]:
+    context: AbstractContextManager[None] = import_module("matplotlib").rc_context({**LOOK, **own})
     return context

@@ -10,9 +10,12 @@ from math import frexp, isfinite, ldexp, sqrt
 import numpy as np
 
 from proximity.kernels.compiling import inlined, kernel
+from proximity.kernels.curve import morton_order
 from proximity.kernels.descent import NOTHING_WAITS, descend, next_open
 from proximity.kernels.layout import (
     BLOCK_STRIDE,
+    BOX_LOWER,
+    BOX_UPPER,
     CENTRE,
     ENTRY,
     FACES,
@@ -222,6 +225,32 @@ def write_hit(reals, words, frames, parts, part, slot, u, v, w, dx, dy, dz, leng
     answers[row, NORMAL], answers[row, NORMAL + 1], answers[row, NORMAL + 2] = nx, ny, nz
     choices[row, PART] = part
     choices[row, FACE] = load_int(words, parts[part, SLOT_FACES] + slot)
+
+
+@kernel
+def cast_order(handle, origins, directions):
+    """The rows of rays (N, 3) in an order in which neighbours meet the scene's box near one another.
+
+    Of those that start inside or pass by, the origin counts, moved to the box.
+    """
+    _, _, frames, _ = arrays_at(handle)
+    lower, upper = np.full(3, np.inf), np.full(3, -np.inf)
+    for part in range(len(frames) - 1):
+        for axis in range(3):
+            lower[axis] = min(lower[axis], frames[part, BOX_LOWER + axis])
+            upper[axis] = max(upper[axis], frames[part, BOX_UPPER + axis])
+    places = np.empty((len(origins), 3))
+    for i in range(len(origins)):
+        enter = 0.0
+        for axis in range(3):
+            way = directions[i, axis]
+            near = (lower[axis] if way > 0.0 else upper[axis]) - origins[i, axis]
+            if near * way > 0.0:
+                enter = max(enter, near / way)
+        for axis in range(3):
+            place = origins[i, axis] + enter * directions[i, axis]
+            places[i, axis] = min(max(place, lower[axis]), upper[axis])
+    return morton_order(places)
 
 
 @kernel

@@ -306,7 +306,8 @@ def tick(handle, tracker, now_ns, is_moved):
         if settings[FIRST] < 0.0 and (settings[STEPS_LEFT] <= 0.0 or settings[AHEAD_LEFT] <= 0.0):
             settings[FIRST] = i
         _clear_record(records, wide, numbers, i)
-        wide[i, POSE_NS], wide[i, AGE_NS], wide[i, PREDICTED_NS] = pose_ns[i], now_ns - pose_ns[i], acts_ns
+        wide[i, POSE_NS], wide[i, AGE_NS] = pose_ns[i], now_ns - pose_ns[i]
+        wide[i, PREDICTED_NS] = max(acts_ns, pose_ns[i])
         for axis in range(3):
             records[i, POSITION + axis] = positions[i, axis]
         x, y, z = positions[i, 0], positions[i, 1], positions[i, 2]

@@ -9,6 +9,8 @@ from proximity.message.contact import CONTACT, ContactFlag, Mode, Surface
 from proximity.message.envelope import MAX_RECORDS, PREFIX, VERSION, Flaw, Kind, Message, flaw_of, parts_of
 from proximity.message.frame import FRAME, FRAME_HEADER, Source, State
 from proximity.message.inputs import (
+    GLOVE_POSE,
+    GLOVE_POSES,
     INPUT_HEADER,
     MEASURED,
     MEASUREMENT,
@@ -25,6 +27,8 @@ __all__ = [
     "CONTACT",
     "FRAME",
     "FRAME_HEADER",
+    "GLOVE_POSE",
+    "GLOVE_POSES",
     "INPUT_HEADER",
     "MAX_RECORDS",
     "MEASURED",

@@ -19,6 +19,8 @@ from proximity.message.envelope import CHECKED_FROM, MAX_RECORDS, PREFIX_FIELDS,
 from proximity.message.fields import Field, dtype_of
 from proximity.message.frame import FRAME, FRAME_FIELDS, Source, State
 from proximity.message.inputs import (
+    GLOVE_POSE_FIELDS,
+    GLOVE_POSES,
     INPUT_FIELDS,
     MEASURED,
     MEASUREMENT_FIELDS,
@@ -38,11 +40,12 @@ RECORDS = {
     "input_header": ("The header of what a service is fed with; `count` records follow.", INPUT_FIELDS),
     "pose": ("One finger of a `poses` message.", POSE_FIELDS),
     "path_pose": ("One finger of a `path_poses` message.", PATH_POSE_FIELDS),
+    "glove_pose": ("One finger of a `glove_poses` message.", GLOVE_POSE_FIELDS),
     "move": ("One part of a `moves` message.", MOVE_FIELDS),
     "measurement": ("One finger of a `measured` message.", MEASUREMENT_FIELDS),
 }
 """What messages are made of: name, what it is, fields."""
-KINDS = (FRAME, POSES, PATH_POSES, MOVES, MEASURED)
+KINDS = (FRAME, POSES, PATH_POSES, GLOVE_POSES, MOVES, MEASURED)
 ENUMS: dict[str, type[Enum]] = {
     "flag": ContactFlag,
     "state": State,

@@ -26,7 +26,7 @@ POSE_FIELDS = (
     Field("pose_ns", "<i8", "ns", "instant of the pose"),
     Field("position", "<f8", "m", "centre of the fingertip sphere; nan: not tracked", VECTOR),
     Field("velocity", "<f8", "m/s", "nan: to be estimated", VECTOR),
-    Field("bend", "<f8", "", "where on its path the finger is; nan: the nearest place"),
+    Field("bend", "<f8", "", "of the finger, 0 to 1; nan: not known, on a path the nearest place"),
 )
 POSE = dtype_of(POSE_FIELDS)
 """One finger of a ``poses`` message, 72 bytes."""
@@ -44,15 +44,34 @@ PATH_POSE_FIELDS = (
 PATH_POSE = dtype_of(PATH_POSE_FIELDS)
 """One finger of a ``path_poses`` message, 1632 bytes: a pose, and the finger's path."""
 
+GLOVE_POSE_FIELDS = (
+    Field("finger", "<u4", "", "which finger of the service: 0, 1, …"),
+    reserved(4),
+    Field("pose_ns", "<i8", "ns", "instant of pose and bend"),
+    Field(
+        "rotation",
+        "<f8",
+        "",
+        "world_from_finger, row by row: x along the flat finger, y out of the back of the hand",
+        (3, 3),
+    ),
+    Field("translation", "<f8", "m", "of the knuckle; nan: not tracked", VECTOR),
+    Field("bend", "<f8", "", "of the finger, 0 to 1; nan: the counts tell"),
+    Field("counts", "<f8", "counts", "what the glove's potentiometer reads; nan: the bend is told"),
+)
+GLOVE_POSE = dtype_of(GLOVE_POSE_FIELDS)
+"""One finger of a ``glove_poses`` message, 128 bytes: where its knuckle is, and how far it is bent."""
+
 MOVE_FIELDS = (
     Field("name", "S64", "", "of the part, UTF-8, ended by a zero where shorter"),
+    Field("pose_ns", "<i8", "ns", "instant of the pose: its velocities are believed for 100 ms"),
     Field("rotation", "<f8", "", "world_from_part, row by row", (3, 3)),
     Field("translation", "<f8", "m", "of the part's origin", VECTOR),
     Field("velocity", "<f8", "m/s", "of the part's origin", VECTOR),
     Field("angular_velocity", "<f8", "rad/s", "about the part's origin", VECTOR),
 )
 MOVE = dtype_of(MOVE_FIELDS)
-"""One part of a ``moves`` message, 208 bytes."""
+"""One part of a ``moves`` message, 216 bytes."""
 
 MEASUREMENT_FIELDS = (
     Field("finger", "<u4", "", "which finger of the service: 0, 1, …"),
@@ -77,5 +96,6 @@ MEASUREMENT = dtype_of(MEASUREMENT_FIELDS)
 
 POSES = Kind("poses", 0x50434544, INPUT_HEADER, POSE, sent="send_ns")  # "DECP"
 PATH_POSES = Kind("path_poses", 0x54434544, INPUT_HEADER, PATH_POSE, sent="send_ns")  # "DECT"
+GLOVE_POSES = Kind("glove_poses", 0x47434544, INPUT_HEADER, GLOVE_POSE, sent="send_ns")  # "DECG"
 MOVES = Kind("moves", 0x4D434544, INPUT_HEADER, MOVE, sent="send_ns")  # "DECM"
 MEASURED = Kind("measured", 0x53434544, INPUT_HEADER, MEASUREMENT, sent="send_ns")  # "DECS"

@@ -15,6 +15,7 @@ from proximity.scene_file.building import (
 from proximity.scene_file.reading import override, read_scene_file
 from proximity.scene_file.records import (
     FingerSettings,
+    GloveSettings,
     InputSettings,
     PartEntry,
     RecordingEntry,
@@ -24,6 +25,7 @@ from proximity.scene_file.records import (
 
 __all__ = [
     "FingerSettings",
+    "GloveSettings",
     "InputSettings",
     "PartEntry",
     "PartFiles",

@@ -15,6 +15,7 @@ from proximity.scene_file.fields import REQUIRED, Range, Table
 from proximity.scene_file.records import (
     ORIGIN,
     FingerSettings,
+    GloveSettings,
     InputSettings,
     PartEntry,
     RecordingEntry,
@@ -24,7 +25,7 @@ from proximity.scene_file.records import (
 from proximity.transport.address import parse
 from proximity.transport.links import TRANSPORTS
 
-TABLES = ("service", "fingers", "parts", "input")
+TABLES = ("service", "fingers", "parts", "input", "glove")
 SERVICE_KEYS = ("rate_hz", "latency", "valid_for", "publish", "log", "real_time", "core")
 TRACKER_KEYS = (
     "radius", "budget", "working_range", "tolerance", "horizon", "max_speed", "max_acceleration",
@@ -34,6 +35,7 @@ PART_KEYS = ("file", "units", "name", "position", "turn_degrees", "kind", "stiff
 SOURCES = ("recording", "poses", "sensor")
 RECORDING_KEYS = ("repeat", "fast", "fit", "position", "turn_degrees", "scale")
 INPUT_KEYS = (*SOURCES, "moves", *RECORDING_KEYS)
+GLOVE_KEYS = ("calibration", "max_age_days")
 
 WITHOUT_GEOMETRY = "cannot be used: distances are measured by input.sensor, there is no geometry"
 
@@ -49,6 +51,7 @@ TOLERANCES = Range("", 0.0, 1.0)
 TIMES = Range("s", 0.0, 1e3, is_above=True)
 SPEEDS = Range("m/s", 0.0, 1e6, is_above=True)
 ACCELERATIONS = Range("m/s²", 0.0, 1e9, is_above=True)
+AGES = Range("days", 0.0, 36_500.0, is_above=True)
 COORDINATES = Range("m", -1e6, 1e6)
 ANGLES = Range("degrees", -1e6, 1e6)
 SCALES = Range("", 1e-6, 1e6)
@@ -77,6 +80,7 @@ def read_scene_file(path: str | os.PathLike[str]) -> SceneFile:
         fingers=reader.fingers(),
         parts=reader.parts(),
         input=reader.input(),
+        glove=reader.glove(),
         document=document,
     )
     _check_together(settings)
@@ -203,6 +207,18 @@ class _Reader:
             moves=_address(table, "moves"),
         )
 
+    def glove(self) -> GloveSettings | None:
+        """What the hand wears."""
+        if "glove" not in self._document.data:
+            return None
+        table, meaning = self._table("glove", GLOVE_KEYS), "a calibration of a glove"
+        named = table.texts("calibration", REQUIRED, meaning=meaning)
+        files = () if named is REQUIRED else named
+        return GloveSettings(
+            calibration=tuple(self._existing(table, "calibration", each, meaning) for each in files),
+            max_age_days=table.number("max_age_days", None, AGES),
+        )
+
     def _part(self, path: Path, content: Any) -> PartEntry:
         table = Table(self._document, path, content, PART_KEYS)
         kind = table.one_of("kind", None, ("rigid", "deformable"))
@@ -250,9 +266,10 @@ class _Reader:
     def _file(self, table: Table, key: str, what: str) -> str:
         """A file that is there."""
         named = table.text(key, REQUIRED, meaning=what)
-        if named is REQUIRED:
-            return ""
-        path = self._from_here(named)
+        return "" if named is REQUIRED else self._existing(table, key, named, what)
+
+    def _existing(self, table: Table, key: str, named: str, what: str) -> str:
+        path = str(self._from_here(named))
         if not os.path.isfile(path):
             is_folder = "is a folder" if os.path.isdir(path) else "is not there"
             table.complain(key, f"is {named!r}, but {path} {is_folder}, expected {what}")
@@ -278,6 +295,8 @@ def _check_together(settings: SceneFile) -> None:
         address = getattr(inputs, key)
         if address is not None and address in settings.service.publish:
             complain(("input", key), f"input.{key} is {address}, where frames are published")
+    if settings.glove is not None and inputs.poses is None:
+        complain(("glove",), "[glove] is of a hand whose poses come in, and there is no input.poses")
     if inputs.poses is not None and inputs.poses == inputs.moves:
         complain(("input", "moves"), "input.moves is input.poses, expected another address")
 

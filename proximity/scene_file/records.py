@@ -82,6 +82,14 @@ class InputSettings:
 
 
 @dataclass(frozen=True, slots=True)
+class GloveSettings:
+    """What is worn by the hand whose poses come in."""
+
+    calibration: tuple[str, ...]  # files: one for all fingers, or one each
+    max_age_days: float | None = None  # of a calibration; None: as `decaff.calibration` has it
+
+
+@dataclass(frozen=True, slots=True)
 class SceneFile:
     """A scene file that was read and checked."""
 
@@ -90,6 +98,7 @@ class SceneFile:
     fingers: FingerSettings
     parts: tuple[PartEntry, ...]
     input: InputSettings
+    glove: GloveSettings | None  # None: poses are of fingertips
     document: Document = field(repr=False, compare=False)
 
     def error(self, path: Path, sentence: str) -> ServiceError:

@@ -7,6 +7,7 @@
 
 from proximity.service.answering import Answering, TrackerAnswers
 from proximity.service.clock import Clock, MonotonicClock, SkippingClock
+from proximity.service.gloves import GloveWays
 from proximity.service.histogram import Histogram
 from proximity.service.inputs import CallableInput, PoseInput, RecordingInput
 from proximity.service.log_writer import Log
@@ -23,6 +24,7 @@ __all__ = [
     "Answering",
     "CallableInput",
     "Clock",
+    "GloveWays",
     "Hands",
     "Histogram",
     "Log",

@@ -5,6 +5,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from proximity.message import Source
+from proximity.service.bends import Bends
 from proximity.service.samples import Hands, Samples
 from proximity.tracker import Tracker
 
@@ -59,6 +60,7 @@ class TrackerAnswers:
         self.tracker = tracker
         self.moves = moves
         self.count = len(tracker.contacts)
+        self._bends = Bends(self.count)
 
     @property
     def epoch(self) -> int:
@@ -83,8 +85,10 @@ class TrackerAnswers:
         lower, upper = tracker.scene.bounds
         for tick in range(REHEARSAL):
             tips = rng.uniform(lower, upper, (self.count, 3))
-            tracker.tick(tips, tick * MS, tick * MS)
+            contacts = tracker.tick(tips, tick * MS, tick * MS)
+            self._bends.write(contacts, tips[:, 0], contacts["pose_ns"])
         tracker.reset()
+        self._bends.forget()
 
     def answer(self, samples: Hands, now_ns: int) -> np.ndarray:
         """Move the parts that are to move, and tick.
@@ -97,16 +101,19 @@ class TrackerAnswers:
             Instant of the tick.
         """
         if self.moves is not None:
-            self.moves.apply(self.tracker.scene)
-        paths = samples.paths
-        return self.tracker.tick(
+            self.moves.apply(self.tracker.scene, now_ns)
+        paths, bends = samples.paths, samples.bends
+        contacts = self.tracker.tick(
             samples.positions,
             samples.pose_ns,
             now_ns,
             velocities=samples.velocities,
             paths=paths,
-            bends=None if paths is None else samples.bends,
+            bends=None if paths is None else bends,
         )
+        if bends is not None:
+            self._bends.write(contacts, bends, samples.pose_ns)
+        return contacts
 
     def close(self) -> None:
         """Close the input of moves."""

@@ -131,7 +131,7 @@ class SensorAnswers:
         if is_unknown.any():
             self._bytes[is_unknown] = self._unknown[is_unknown]
         contacts["pose_ns"], contacts["age_ns"] = samples.pose_ns, now_ns - samples.pose_ns
-        contacts["predicted_ns"] = acts_ns
+        contacts["predicted_ns"] = np.maximum(acts_ns, samples.pose_ns)
         return contacts
 
     def close(self) -> None:

@@ -100,6 +100,7 @@ def _fixed(settings: SceneFile) -> dict[Path, Any]:
     recorded = given.pop("recording") or {}
     given["recording"] = recorded.pop("file", None)
     told |= {("input", key): value for key, value in {**given, **recorded}.items()}
+    told["glove",] = settings.glove
     return told
 
 

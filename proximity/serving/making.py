@@ -27,6 +27,7 @@ from proximity.service import (
     StreamInput,
     TrackerAnswers,
 )
+from proximity.serving.gloves import read_gloves
 from proximity.transport import open_publisher
 
 
@@ -52,7 +53,7 @@ def make_service(settings: SceneFile) -> Made:
     Raises
     ------
     ServiceError
-        If parts or recording cannot be used; the message has the line.
+        If parts, recording or calibrations cannot be used; the message has the line.
     PublishError
         If an address cannot be opened.
     RecordingError
@@ -93,7 +94,7 @@ def make_service(settings: SceneFile) -> Made:
 def _input(settings: SceneFile, recording: Recording | None, scene: Scene | None, count: int) -> PoseInput:
     given = settings.input
     if given.poses is not None:
-        return StreamInput(given.poses, count)
+        return StreamInput(given.poses, count, gloves=read_gloves(settings, count))
     if given.sensor is not None:
         return SensorInput(given.sensor, count)
     assert recording is not None and scene is not None and given.recording is not None

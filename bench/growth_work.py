@@ -1,0 +1,107 @@
+"""How many nodes and leaves a question visits: the same on every machine."""
+
+import numpy as np
+
+from proximity import Scene, Tracker
+from proximity.kernels.cast import scaled_direction
+from proximity.kernels.compiling import kernel
+from proximity.kernels.descent import NOTHING_WAITS, descend, next_open
+from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_SLOT, NODE_STRIDE, ROOT, SCALE, STACK_SIZE
+from proximity.kernels.memory import arrays_at
+from proximity.kernels.ray import (
+    SLAB_MARGIN,
+    approach,
+    bound_of_parameter,
+    first_in_block,
+    look_along,
+    near_plane,
+    ray_boxes_bound,
+    slab,
+)
+from proximity.kernels.scene import direction_to_local, to_local
+from proximity.simd import bits, load_int, nearest_lane, splat32
+
+UNLIMITED = 10**9
+WHOLE_SCENE = 1e6  # m
+NO_HORIZON = 1e-9  # s
+
+
+def work_of_points(scene: Scene, points: np.ndarray) -> np.ndarray:
+    """Nodes and leaves of an exact signed distance for each of (..., 3) *points*, (...).
+
+    As a tick counts them that knows nothing beforehand, has no end to its budget and does not look ahead.
+    """
+    rows = points.reshape(-1, 3)
+    tracker = Tracker(
+        scene,
+        fingers=len(rows),
+        radius=0.0,
+        budget=UNLIMITED,
+        working_range=WHOLE_SCENE,
+        horizon=NO_HORIZON,
+    )
+    return tracker.tick(rows, 0, 1)["work"].astype(np.int64).reshape(points.shape[:-1])
+
+
+def work_of_rays(scene: Scene, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes and leaves of each ray (..., 3), (...), and its length to the first hit, m; of one part alone."""
+    assert len(scene.parts) == 1, "rays are counted in scenes of one part"
+    rows, ways = origins.reshape(-1, 3), directions.reshape(-1, 3)
+    work, lengths = np.zeros(len(rows), np.int64), np.zeros(len(rows))
+    model = scene._current()
+    _count_rays(model.handle, rows, ways, work, lengths)
+    return work.reshape(origins.shape[:-1]), lengths.reshape(origins.shape[:-1])
+
+
+@kernel
+def _count_rays(handle, origins, directions, work, lengths):
+    """Fill what `_ray_steps` counts; lengths are inf where nothing is hit."""
+    reals, words, frames, parts = arrays_at(handle)
+    stacks = np.empty(4 * STACK_SIZE, np.float32)
+    for i in range(len(origins)):
+        x, y, z = to_local(frames, parts, 0, origins[i, 0], origins[i, 1], origins[i, 2])
+        dx, dy, dz = scaled_direction(directions[i, 0], directions[i, 1], directions[i, 2])
+        length = (dx * dx + dy * dy + dz * dz) ** 0.5
+        dx, dy, dz = direction_to_local(frames, parts, 0, dx, dy, dz)
+        best, work[i] = _ray_steps(reals, words, parts[0, ROOT], x, y, z, dx, dy, dz, stacks)
+        lengths[i] = best * length / frames[0, SCALE]
+
+
+@kernel
+def _ray_steps(reals, words, start, ox, oy, oz, dx, dy, dz, stacks):
+    """The walk of `kernels.ray.ray_in_part`, told by its steps: first parameter, and nodes and leaves."""
+    is_near, entry, ox, oy, oz = approach(ox, oy, oz, dx, dy, dz)
+    near_x, near_y, near_z = near_plane(dx), near_plane(dy), near_plane(dz)
+    rate_x, in_x, out_x = slab(ox, dx, SLAB_MARGIN)
+    rate_y, in_y, out_y = slab(oy, dy, SLAB_MARGIN)
+    rate_z, in_z, out_z = slab(oz, dz, SLAB_MARGIN)
+    x, y, z, px, py, pz, lean_x, lean_y, pace = look_along(ox, oy, oz, dx, dy, dz)
+    best, best_slot, steps, at = np.inf, np.int64(NO_SLOT), np.int64(0), np.int64(0)
+    best32 = bound_of_parameter(best, entry) if is_near else np.float32(-1.0)
+    reference = start
+    while True:
+        steps += 1
+        if reference >= 0:
+            base = NODE_STRIDE * reference
+            bounds, is_open = ray_boxes_bound(
+                words, base, near_x, near_y, near_z, splat32(rate_x), splat32(rate_y), splat32(rate_z),
+                splat32(in_x), splat32(in_y), splat32(in_z), splat32(out_x), splat32(out_y), splat32(out_z),
+                splat32(np.float32(0.0)), splat32(best32),
+            )  # fmt: skip
+            if bits(is_open):
+                nearest = nearest_lane(bounds, is_open)
+                reference, at = descend(words, base, bounds, is_open, nearest, stacks, at)
+                continue
+        else:
+            block = ~reference
+            found, first, _, _, _ = first_in_block(
+                reals, BLOCK_STRIDE * block, x, y, z, px, py, pz, lean_x, lean_y, pace, entry, best
+            )
+            slot = LANES * block + first
+            if first >= 0 and (found < best or slot < best_slot or best_slot == NO_SLOT):
+                best, best_slot = found, slot
+                best32 = bound_of_parameter(best, entry)
+        at = next_open(stacks, np.int64(0), at, best32)
+        if at == NOTHING_WAITS:
+            return best, steps
+        reference = load_int(stacks, at + STACK_SIZE)

@@ -1,0 +1,40 @@
+"""The latency certificate of a user's own scene: what ticks cost at its worst places, against sample periods.
+
+    file → subject → search (worst places) → measure (ticks) → loop (waking) → document → page, JSON
+
+The search climbs on work, which is the same on every run; only what is measured at the end is time.
+"""
+
+from proximity.certificate.certifying import (
+    SECONDS,
+    SEED,
+    TICKS,
+    Certificate,
+    Verdict,
+    certify,
+    check_request,
+)
+from proximity.certificate.document import SCHEMA, document
+from proximity.certificate.fingerprint import fingerprint
+from proximity.certificate.gate import parse_period
+from proximity.certificate.subject import Subject, read_subject
+from proximity.certificate.writing import as_json, check_report_name, write_report
+
+__all__ = [
+    "SCHEMA",
+    "SECONDS",
+    "SEED",
+    "TICKS",
+    "Certificate",
+    "Subject",
+    "Verdict",
+    "as_json",
+    "certify",
+    "check_report_name",
+    "check_request",
+    "document",
+    "fingerprint",
+    "parse_period",
+    "read_subject",
+    "write_report",
+]

@@ -1,0 +1,95 @@
+"""Motions that ticks are timed in: metres, one row a tick; seeds are fixed."""
+
+import numpy as np
+
+from proximity.scene import Scene
+
+HAND = 5  # fingers
+SPREAD = 0.05  # m, of the fingers of a hand
+PAUSE_TICKS = 10  # between two rounds of a motion
+PASSING_SPEED, PASSING_WAY = 0.2, 0.005
+"""m/s at most, and m to either side, of fingers that go to and fro through a place."""
+
+
+def wandering_hands(
+    scene: Scene, ticks: int, count: int = 2, *, seed: int = 5, rate: float = 1000.0
+) -> np.ndarray:
+    """Return hands of five fingers that wander through a scene at some 0.3 m/s, (T, 5 count, 3).
+
+    Parameters
+    ----------
+    scene : Scene
+        Its box is where they wander.
+    ticks : int
+        How many.
+    count : int
+        Of hands.
+    seed : int
+        Decides their ways.
+    rate : float, Hz
+        Of the ticks.
+    """
+    lower, upper = scene.bounds
+    rng = np.random.default_rng(seed)
+    t = np.arange(ticks)[:, None] / rate
+    found = []
+    for _ in range(count):
+        beats, phases = rng.uniform(0.5, 0.9, 3), rng.uniform(0.0, 6.0, 3)
+        middle = 0.5 * (lower + upper) + 0.5 * (upper - lower) * np.sin(beats * t + phases)
+        for _ in range(HAND):
+            aside = rng.uniform(-SPREAD, SPREAD, 3)
+            found.append(middle + aside + 0.01 * np.sin(rng.uniform(2.0, 9.0, 3) * t + aside))
+    return np.ascontiguousarray(np.stack(found, axis=1))
+
+
+def resting(places: np.ndarray, fingers: int, ticks: int) -> np.ndarray:
+    """Return fingers that stay at places, (T, N, 3).
+
+    Parameters
+    ----------
+    places : (K, 3) float64, m
+        Given to the fingers in turn.
+    fingers : int
+        How many.
+    ticks : int
+        How many.
+    """
+    own = places[np.arange(fingers) % len(places)]
+    return np.ascontiguousarray(np.broadcast_to(own, (ticks, fingers, 3)))
+
+
+def passing(
+    places: np.ndarray, fingers: int, ticks: int, rng: np.random.Generator, *, rate: float = 1000.0
+) -> np.ndarray:
+    """Return fingers that go to and fro through places, each along a way of its own, (T, N, 3).
+
+    Parameters
+    ----------
+    places, fingers, ticks
+        As of `resting`.
+    rng : Generator
+        Decides the ways.
+    rate : float, Hz
+        Of the ticks.
+    """
+    ways = rng.normal(size=(fingers, 3))
+    ways *= PASSING_WAY / np.linalg.norm(ways, axis=1, keepdims=True)
+    beat, phases = PASSING_SPEED / PASSING_WAY, rng.uniform(0.0, 2.0 * np.pi, fingers)
+    swing = np.sin(beat * np.arange(ticks)[:, None] / rate + phases)
+    return np.ascontiguousarray(resting(places, fingers, ticks) + swing[:, :, None] * ways)
+
+
+def repeated(positions: np.ndarray, ticks: int) -> np.ndarray:
+    """Return a motion over and over, (ticks, N, 3); from its end to its begin nobody is there for a while.
+
+    Parameters
+    ----------
+    positions : (T, N, 3) float64, m
+        Once.
+    ticks : int
+        How many, the pauses left out of account.
+    """
+    nobody = np.full((PAUSE_TICKS, *positions.shape[1:]), np.nan)
+    one = np.concatenate([positions, nobody])
+    rounds = -(-ticks // len(positions))
+    return np.ascontiguousarray(np.concatenate([one] * rounds)[: ticks + (rounds - 1) * PAUSE_TICKS])

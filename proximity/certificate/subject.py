@@ -1,0 +1,180 @@
+"""What is certified: a scene, how it is ticked, and the hand that was recorded for it.
+
+It comes from a scene file of the service, whose settings hold, or from a file of parts, with the tracker's.
+"""
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from proximity.errors import ServiceError
+from proximity.loading import load
+from proximity.recording import Recording, read_recording
+from proximity.replay import fitted_pose
+from proximity.scene import Scene
+from proximity.scene_file import (
+    PartFiles,
+    SceneFile,
+    finger_count,
+    make_tracker,
+    place_recording,
+    read_input,
+    read_scene_file,
+)
+from proximity.tracker import DEFAULT_BUDGET, Tracker
+
+RADIUS, WORKING_RANGE = 0.007, 0.12
+"""m; as the tracker's own."""
+FINGERS = 5
+SCENE_SUFFIX = ".toml"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Subject:
+    """A scene that is ticked so."""
+
+    scene: Scene
+    fingers: int = FINGERS
+    period: float = 0.001  # s
+    latency: float = 0.001  # s, from a tick until the controller acts
+    settings: dict[str, Any] = field(default_factory=dict)  # of a `Tracker`, where they are not its own
+    recording: Recording | None = None  # placed, at the rate of the ticks
+    files: tuple[str, ...] = ()  # that it came from
+    real_time: bool = True  # whether the loop asks the system for priority
+    core: int | None = None
+
+    @property
+    def budget(self) -> int:
+        """Nodes and leaves for a finger and tick."""
+        budget = self.settings.get("budget")
+        return DEFAULT_BUDGET if budget is None else int(budget)
+
+    @property
+    def working_range(self) -> float:
+        """Beyond it nothing is searched for, m."""
+        return float(self.settings.get("working_range", WORKING_RANGE))
+
+    @property
+    def face_count(self) -> int:
+        """Of all parts."""
+        return sum(part.solid.mesh.face_count for part in self.scene.parts)
+
+    def tracker(self, fingers: int | None = None, **settings: Any) -> Tracker:
+        """Return a tracker as the service would have it.
+
+        Parameters
+        ----------
+        fingers : int
+            As many as the subject has, where not given. If it is another number, radii that are told one by
+            one do not fit: the largest holds for all.
+        settings
+            What holds instead of the subject's.
+        """
+        count = self.fingers if fingers is None else fingers
+        told = {**self.settings, **settings}
+        radius = told.get("radius", RADIUS)
+        if not isinstance(radius, float) and len(radius) != count:
+            told["radius"] = max(radius)
+        return Tracker(self.scene, fingers=count, period=self.period, latency=self.latency, **told)
+
+
+def read_subject(
+    path: str | os.PathLike[str],
+    *,
+    units: str = "mm",
+    recording: str | os.PathLike[str] | None = None,
+    fingers: int | None = None,
+    period: float | None = None,
+    real_time: bool | None = None,
+    sample: Callable[[], Path] | None = None,
+) -> Subject:
+    """Return what a file describes.
+
+    Parameters
+    ----------
+    path : path
+        A scene file of the service (``.toml``), or parts as `load` reads them.
+    units : str
+        Of parts that declare none.
+    recording : path
+        Of a hand, fitted to the parts; instead of the scene file's.
+    fingers : int
+        Instead of what the scene file says; five where nobody says.
+    period : float, s
+        Instead of the scene file's; 1 ms where nobody says.
+    real_time : bool
+        Instead of what the scene file says; True where nobody says.
+    sample : callable
+        Tells of a recording for when there is none.
+
+    Raises
+    ------
+    ServiceError
+        If the scene file cannot be used, has no parts, or the number of fingers is none.
+    MeshError
+        If the parts cannot be loaded.
+    RecordingError
+        If the recording cannot be read.
+    """
+    if fingers is not None and fingers < 1:
+        raise ServiceError(f"{fingers} fingers cannot be ticked, expected 1 or more")
+    # Before the parts: a mistake here should not take as long as they do.
+    hand = None if recording is None else read_recording(recording)
+    if Path(path).suffix.lower() == SCENE_SUFFIX:
+        subject = _of_scene_file(read_scene_file(path), hand, period)
+    else:
+        subject = Subject(load(path, units=units), files=(os.fspath(path),), period=period or 0.001)
+    if hand is None and subject.recording is None and sample is not None:
+        hand = read_recording(sample())
+    if hand is not None:
+        subject = replace(subject, recording=_fitted(subject, hand), files=(*subject.files, hand.path))
+    if real_time is not None:
+        subject = replace(subject, real_time=real_time)
+    return subject if fingers is None else replace(subject, fingers=fingers)
+
+
+def _fitted(subject: Subject, hand: Recording) -> Recording:
+    radius = subject.settings.get("radius", RADIUS)
+    pose = fitted_pose(subject.scene, hand, radius if isinstance(radius, float) else max(radius))
+    return hand.placed(pose).resampled(subject.period)
+
+
+def _of_scene_file(settings: SceneFile, given: Recording | None, period: float | None) -> Subject:
+    if not settings.parts:
+        raise ServiceError(
+            f"{settings.path}: a scene without parts has no geometry whose latency could be certified"
+        )
+    scene = PartFiles().scene(settings)
+    own = read_input(settings) if given is None else None
+    service, count = settings.service, finger_count(settings, own)
+    make_tracker(settings, scene, count)  # refuses, with the line, what no tracker takes
+    told = {
+        name: getattr(settings.fingers, name)
+        for name in (
+            "radius",
+            "budget",
+            "working_range",
+            "tolerance",
+            "horizon",
+            "max_speed",
+            "max_acceleration",
+        )
+    }
+    ticks = service.period if period is None else period
+    return Subject(
+        scene,
+        count,
+        ticks,
+        service.latency,
+        {name: value for name, value in told.items() if value is not None},
+        None if own is None else place_recording(settings, own, scene).resampled(ticks),
+        (
+            settings.path,
+            *dict.fromkeys(part.file for part in settings.parts),
+            *(() if own is None else (own.path,)),
+        ),
+        service.real_time,
+        service.core,
+    )

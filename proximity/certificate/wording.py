@@ -1,0 +1,108 @@
+"""Numbers of a certificate as people read them, with no more digits than so many ticks support."""
+
+import math
+from typing import Any
+
+UNKNOWN = "–"
+WORDS = {"p50": "p50", "p99": "p99", "p999": "p99.9", "max": "max"}
+
+
+def microseconds(nanoseconds: float | None) -> str:
+    """Return a time in µs, three digits; a dash where it is not known.
+
+    Parameters
+    ----------
+    nanoseconds : float or None
+        The time.
+    """
+    return UNKNOWN if nanoseconds is None else three(nanoseconds / 1e3)
+
+
+def percent(share: float | None) -> str:
+    """Return a share in percent, two digits; a dash where it is not known.
+
+    Parameters
+    ----------
+    share : float or None
+        Of one.
+    """
+    if share is None:
+        return UNKNOWN
+    value = 100.0 * share
+    return f"{value:.0f}" if value >= 10.0 else f"{value:.1f}" if value >= 1.0 else f"{value:.1g}"
+
+
+def millimetres(metres: float) -> str:
+    """Return a coordinate in mm, to a hundredth; zero has no sign.
+
+    Parameters
+    ----------
+    metres : float
+        The coordinate.
+    """
+    return f"{round(1e3 * metres, 2) + 0.0:.2f}"
+
+
+def three(value: float) -> str:
+    """Return a number with three digits and without an exponent.
+
+    Parameters
+    ----------
+    value : float
+        Any that is not very small.
+    """
+    size = abs(value)
+    return f"{value:.0f}" if size >= 100.0 else f"{value:.1f}" if size >= 10.0 else f"{value:.2f}"
+
+
+def missed(told: dict[str, Any], unit: str = " a million") -> str:
+    """Return how many deadlines were missed, per million, and what that many ticks leave open.
+
+    Parameters
+    ----------
+    told : dict
+        With ``missed`` and what goes with it, see `document`.
+    unit : str
+        What follows the first number.
+    """
+    if told["missed_per_million"] == 1e6:
+        return "all"
+    upper = _two(_raised(told["missed_per_million_upper_95"]))
+    return f"{_two(told['missed_per_million'])}{unit} (< {upper})"
+
+
+def goal(told: dict[str, Any]) -> str:
+    """Return what a search was for.
+
+    Parameters
+    ----------
+    told : dict
+        A row of ``search``, see `document`.
+    """
+    return f"{told['manner']}, {'within the budget' if told['within_budget'] else 'exact'}"
+
+
+def counted(count: int, what: str) -> str:
+    """Return a number with what it counts.
+
+    Parameters
+    ----------
+    count : int
+        How many.
+    what : str
+        One of them.
+    """
+    return f"{count} {what}" if count == 1 else f"{count} {what}s"
+
+
+def _raised(value: float) -> float:
+    """The next number above that has two digits: a bound must not be rounded down."""
+    step = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return step * math.ceil(value / step * (1.0 - 1e-12))
+
+
+def _two(value: float) -> str:
+    """Two digits: more would be no knowledge."""
+    if value == 0.0:
+        return "0"
+    return f"{float(f'{value:.2g}'):,.0f}".replace(",", " ") if value >= 1.0 else f"{value:.1g}"

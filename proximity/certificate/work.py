@@ -1,0 +1,113 @@
+"""What a place costs: nodes and leaves that a tick visits for a finger there.
+
+Work, not time: it is the same on every run, and a search may climb on it. Of a finger that moves, what its
+tick does to look ahead is in it.
+"""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from proximity.certificate.subject import Subject
+from proximity.message import ContactFlag
+
+GROUP = 5
+"""Fingers of a probe: a hand's, so that each has the whole budget of a tick."""
+UNLIMITED = 2**31 - 1
+"""A budget that is never spent."""
+SPEED = 0.5
+"""m/s, of a finger that moves."""
+WAY = np.array([1.0, 2.0, 3.0]) / np.sqrt(14.0)
+"""Along which it comes: the same for every place, so that a place has one cost."""
+PERIOD_NS = 1_000_000
+NOWHERE = -1.0
+"""Worth of a place out of the working range: nothing is searched for there."""
+
+
+class Manner(StrEnum):
+    """How a finger is found at a place."""
+
+    COLD = "cold"  # the first tick: nothing is known of it
+    STAYS = "stays"  # it was there at the tick before
+    MOVES = "moves"  # it comes at 0.5 m/s
+
+
+@dataclass(frozen=True, slots=True)
+class Goal:
+    """What is to be as dear as possible."""
+
+    manner: Manner
+    has_budget: bool  # as the ticks have it; otherwise what an exact answer costs
+
+    def __str__(self) -> str:
+        return f"{self.manner}, {'within the budget' if self.has_budget else 'exact'}"
+
+
+GOALS = tuple(Goal(manner, has_budget) for has_budget in (True, False) for manner in Manner)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Costs:
+    """What K places cost."""
+
+    work: np.ndarray  # (K,) int64, nodes and leaves
+    lower: np.ndarray  # (K,) m, of the signed distance
+    upper: np.ndarray  # (K,) m
+    is_in_range: np.ndarray  # (K,)
+
+    @property
+    def worth(self) -> np.ndarray:
+        """What a search climbs on, (K,): the work; of equal work (a budget is spent) the wider bounds."""
+        width = self.upper - self.lower
+        size = np.abs(self.lower) + np.abs(self.upper)
+        share = np.divide(width, size, out=np.zeros_like(width), where=size > 0.0)
+        return np.where(self.is_in_range, self.work + 0.5 * np.minimum(share, 1.0), NOWHERE)
+
+
+class Probe:
+    """Tells what places cost, a group at a time.
+
+    Parameters
+    ----------
+    subject : Subject
+        Scene, and how it is ticked.
+    goal : Goal
+        In which manner, and with which budget.
+    """
+
+    def __init__(self, subject: Subject, goal: Goal) -> None:
+        budget = subject.budget if goal.has_budget else UNLIMITED
+        self._tracker = subject.tracker(fingers=GROUP, budget=budget)
+        self._manner = goal.manner
+        self.steps = 0  # nodes and leaves visited so far, preparation included
+
+    def costs(self, places: np.ndarray) -> Costs:
+        """Return what places cost.
+
+        Parameters
+        ----------
+        places : (K, 3) float64, m
+            Centres of fingertips.
+        """
+        count = len(places)
+        costs = Costs(np.zeros(count, np.int64), np.zeros(count), np.zeros(count), np.zeros(count, np.bool_))
+        for first in range(0, count, GROUP):
+            group = places[first : first + GROUP]
+            tips = np.full((GROUP, 3), np.nan)
+            tips[: len(group)] = group
+            rows, contacts = slice(first, first + len(group)), self._ticked(tips)[: len(group)]
+            costs.work[rows] = contacts["work"]
+            costs.lower[rows], costs.upper[rows] = contacts["lower"], contacts["upper"]
+            costs.is_in_range[rows] = (contacts["flags"] & np.uint32(ContactFlag.IN_RANGE)) != 0
+        return costs
+
+    def _ticked(self, tips: np.ndarray) -> np.ndarray:
+        tracker = self._tracker
+        tracker.reset()
+        if self._manner is not Manner.COLD:
+            step = SPEED * 1e-9 * PERIOD_NS if self._manner is Manner.MOVES else 0.0
+            self.steps += int(tracker.tick(tips - step * WAY, 0, 0)["work"].sum())
+        contacts = tracker.tick(tips, PERIOD_NS, PERIOD_NS)
+        self.steps += int(contacts["work"].sum())
+        return contacts

@@ -1,0 +1,60 @@
+"""Bends that come with poses, where no path is known: what is told of them, and how fast they change."""
+
+import numpy as np
+
+from proximity.kernels.motion import (
+    MAX_ACCELERATION,
+    MAX_SPEED,
+    MOTION_INTS,
+    MOTION_REALS,
+    PREDICTED,
+    VELOCITY,
+    observe,
+)
+from proximity.message import ContactFlag
+
+METRES_A_BEND = 0.2
+"""That a fingertip goes from flat hand to fist, about (PAPER 9.1): what is known of noise and acceleration of
+fingertips in metres holds of bends by it."""
+
+
+class Bends:
+    """Follows the bends of fingers from pose to pose.
+
+    Parameters
+    ----------
+    count : int
+        Of fingers.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._motions = np.zeros((count, MOTION_REALS))
+        self._marks = np.zeros((count, MOTION_INTS), np.int64)
+
+    def forget(self) -> None:
+        """Start anew."""
+        self._motions[:] = 0.0
+        self._marks[:] = 0
+
+    def write(self, contacts: np.ndarray, bends: np.ndarray, pose_ns: np.ndarray) -> None:
+        """Write bend and bend rate at the pose's instant, of fingers that are tracked and are on no path.
+
+        Parameters
+        ----------
+        contacts : (N,) CONTACT
+            As a tracker answered.
+        bends : (N,) float64
+            As they came with the poses; nan: not told.
+        pose_ns : (N,) int64, ns
+            Instants of the poses.
+        """
+        is_tracked = contacts["flags"] & (ContactFlag.TRACKED | ContactFlag.ON_PATH) == ContactFlag.TRACKED
+        for i in np.flatnonzero(is_tracked & np.isfinite(bends)).tolist():
+            bend = bends.item(i)
+            status = observe(
+                self._motions, self._marks, i, pose_ns.item(i), METRES_A_BEND * bend, 0.0, 0.0, MAX_SPEED,
+                MAX_ACCELERATION,
+            )  # fmt: skip
+            contacts["bend"][i] = bend
+            if status & PREDICTED:
+                contacts["bend_rate"][i] = self._motions.item(i, VELOCITY) / METRES_A_BEND

@@ -1,0 +1,88 @@
+"""Fingers in gloves: from where the knuckle is, and how far the glove has the finger bent, to tip and path.
+
+What is measured of a glove comes in as tables, one a finger; who reads calibrations is no matter here.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+LEAST_BEND, MOST_BEND = -0.1, 1.1
+"""A hand that is warm bends a little farther than when it was measured; no hand bends farther than that."""
+ROTATION_ERROR = 1e-3
+"""By which rows of a rotation may differ from such of unit length at right angles: what a sender that keeps
+float32, or multiplies many turns, may leave. Assumed."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GloveWays:
+    """Where fingertips go as fingers bend, and what their potentiometers read meanwhile; N fingers."""
+
+    corners: np.ndarray  # (N, K, 3) float64, m, finger's frame: knuckle, x along the flat finger, y dorsal
+    counts: np.ndarray  # (N, M) float64, increasing
+    bends: np.ndarray  # (N, M) float64, at the counts
+
+    def bend(self, rows: np.ndarray, told: np.ndarray, counts: np.ndarray) -> np.ndarray:
+        """Return the bends of some fingers, (F,): as told, else of the counts; nan where neither can be.
+
+        Parameters
+        ----------
+        rows : (F,) int
+            Which fingers.
+        told : (F,) float64
+            Bends; nan: the counts tell.
+        counts : (F,) float64
+            What potentiometers read.
+        """
+        bends = np.array(told, np.float64)
+        for i in np.flatnonzero(np.isnan(bends)):
+            row = rows[i]
+            bends[i] = np.interp(counts[i], self.counts[row], self.bends[row], left=np.nan, right=np.nan)
+        bends[~((bends >= LEAST_BEND) & (bends <= MOST_BEND))] = np.nan
+        return bends
+
+    def paths(self, rows: np.ndarray, rotations: np.ndarray, knuckles: np.ndarray) -> np.ndarray:
+        """Return the ways of some fingertips, (F, K, 3), m, in the world.
+
+        Parameters
+        ----------
+        rows : (F,) int
+            Which fingers.
+        rotations : (F, 3, 3) float64
+            world_from_finger.
+        knuckles : (F, 3) float64, m, world
+            Where they are.
+        """
+        return np.einsum("fij,fkj->fki", rotations, self.corners[rows]) + knuckles[:, None, :]
+
+
+def points_on(paths: np.ndarray, bends: np.ndarray) -> np.ndarray:
+    """Return where bends are on polylines with corners evenly from 0 to 1, (F, 3); beyond, straight on.
+
+    Parameters
+    ----------
+    paths : (F, K, 3) float64, m
+        The polylines.
+    bends : (F,) float64
+        One on each; nan gives nan.
+    """
+    last = paths.shape[1] - 1
+    along = last * bends
+    first = np.clip(np.nan_to_num(np.floor(along)), 0, last - 1).astype(np.intp)
+    row = np.arange(len(paths))
+    start = paths[row, first]
+    return np.asarray(start + (along - first)[:, None] * (paths[row, first + 1] - start))
+
+
+def is_rotation(rotations: np.ndarray) -> np.ndarray:
+    """Return which of some matrices turn and do no more, (F,).
+
+    Parameters
+    ----------
+    rotations : (F, 3, 3) float64
+        As they were sent; nan is none.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        off = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+        is_right_handed = (np.cross(rotations[:, 0], rotations[:, 1]) * rotations[:, 2]).sum(axis=1) > 0.0
+    return np.asarray((off <= ROTATION_ERROR) & is_right_handed)

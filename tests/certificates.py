@@ -1,0 +1,48 @@
+"""A certificate whose times are made up, for tests of what is told of it: nothing is measured."""
+
+import numpy as np
+import shapes
+
+from proximity import Scene, Solid
+from proximity.certificate.certifying import Certificate
+from proximity.certificate.measuring import Case
+from proximity.certificate.search import Found, Place
+from proximity.certificate.subject import Subject
+from proximity.certificate.work import GOALS
+from proximity.service import Report
+
+TICKS = 2000
+SHARES = {"exact": 0.75, "bounded": 0.25, "skipped": 0.0}
+
+
+def ball_subject(radius=0.05, subdivisions=2, **settings):
+    return Subject(Scene([Solid(*shapes.sphere(radius, subdivisions), name="ball")]), **settings)
+
+
+def case(name, microseconds, counts=True):
+    """Ticks that take from 1 µs on, evenly, up to so long."""
+    times = np.linspace(1e3, 1e3 * microseconds, TICKS).astype(np.int64)
+    return Case(name, 5, times.copy(), times + 500, times, 600, SHARES, counts)
+
+
+def loop(compute_us=100, late_us=20, ticks=TICKS, missed=0, period=0.001):
+    """A loop whose ticks all took, and were late, alike."""
+    report = Report(round(1e9 * period), ticks=ticks, missed=missed, notes=["core: stays on <1>"])
+    for _ in range(ticks):
+        report.compute.record(round(1e3 * compute_us))
+        report.lateness.record(round(1e3 * late_us))
+    return report
+
+
+def found():
+    places = (
+        Place(np.array([0.001, 0.002, 0.003]), 508, -0.05, -0.007, "medial", 400),
+        Place(np.array([0.0, 0.0, 0.0]), 300, -0.05, -0.05, "centre", 300),
+    )
+    return tuple(Found(goal, places, 12.0, 100, goal.has_budget) for goal in GOALS)
+
+
+def certificate(cases=None, report=None, **settings):
+    subject = ball_subject(files=("a/ball & <co>.stl",), **settings)
+    cases = (case("random", 100), case("worst, passing", 400)) if cases is None else cases
+    return Certificate(subject, 7, TICKS, 2.0, found(), tuple(cases), loop() if report is None else report)

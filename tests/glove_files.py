@@ -1,0 +1,31 @@
+"""Calibrations of gloves for tests, as a careful hand would measure them."""
+
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+
+from proximity.decaff.calibration import Calibration, write_calibration
+from proximity.decaff.glove import Glove
+from proximity.decaff.transmission import Cable
+
+HAND = Glove(cable=Cable(hand_pulley=0.0205, backlash=0.15e-3))
+"""The glove as it is: its pulley and cable are not quite as designed."""
+BENDS = np.linspace(0.0, 1.0, 7)
+MOUNTED = 0.031
+"""rad that the drum's encoder is off its geometry."""
+
+
+def write(path, *, days_ago=1.0, **changes):
+    """A calibration in a file; its path."""
+    values = {
+        "made": datetime.now(UTC) - timedelta(days=days_ago),
+        "counts": HAND.counts(BENDS),
+        "bends": BENDS,
+        "touch_offset": MOUNTED,
+        "cable_compliance": 1.0 / 20e3,
+        "backlash": 0.15e-3,
+        "latency": 0.9e-3,
+        "phalanges": HAND.finger.phalanges,
+    }
+    write_calibration(path, Calibration(**(values | changes)))
+    return path

@@ -1,0 +1,164 @@
+"""The search for the worst places: it finds the known ones, only climbs, and is the same on every run."""
+
+import numpy as np
+import pytest
+import shapes
+from certificates import ball_subject
+
+from proximity import Pose, Scene, Solid
+from proximity.certificate import starts
+from proximity.certificate.ascent import ascend
+from proximity.certificate.search import search
+from proximity.certificate.subject import Subject
+from proximity.certificate.work import GOALS, NOWHERE, Costs, Goal, Manner, Probe
+from proximity.part import Part
+
+COUNTS = (60, 60, 20)
+COLD_EXACT = Goal(Manner.COLD, False)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few_climbs():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("proximity.certificate.search.CLIMBS", 4)
+        yield
+
+
+@pytest.fixture(scope="module")
+def ball():
+    """A ball of 5120 faces, 50 mm in radius: at its centre an exact search opens all of them."""
+    return ball_subject(0.05, 4)
+
+
+@pytest.fixture(scope="module")
+def searched(ball):
+    return {each.goal: each for each in search(ball, 3, counts=COUNTS)}
+
+
+def test_centre_of_a_ball_is_found_by_balls_that_shrink(ball, monkeypatch):
+    """And by nothing else: places at random, near the surface and in the middles of parts are left out."""
+    monkeypatch.setattr(starts, "centres", lambda scene: np.zeros((0, 3)))
+    at_centre = Probe(ball, COLD_EXACT).costs(np.zeros((1, 3))).work[0]
+
+    (found,) = (each for each in search(ball, 3, counts=(0, 0, 20)) if each.goal == COLD_EXACT)
+
+    assert found.worst.work >= 0.95 * at_centre
+    assert np.linalg.norm(found.worst.position) < 0.002
+    assert found.worst.origin == "medial"
+    assert np.isnan(found.typical_work)  # of no place at random
+
+
+def test_every_goal_has_its_places_the_dearest_first(searched, ball):
+    assert tuple(searched) == GOALS
+    for goal, found in searched.items():
+        works = [place.work for place in found.places]
+        assert works == sorted(works, reverse=True)
+        assert all(place.work >= place.start_work for place in found.places)
+        assert found.is_complete
+        for place in found.places:
+            assert place.lower <= place.upper <= ball.working_range
+            assert goal.has_budget or place.upper - place.lower <= 1e-12
+
+
+def test_budget_bounds_the_work_and_leaves_a_bracket(searched, ball):
+    place = searched[Goal(Manner.COLD, True)].worst
+
+    assert ball.budget <= place.work <= ball.budget + 16
+    true = ball.scene.signed_distance(place.position) - 0.007
+    assert place.lower <= true <= place.upper
+    assert place.upper - place.lower > 0.001
+    assert place.work > 5 * searched[Goal(Manner.COLD, True)].typical_work
+
+
+def test_same_seed_finds_the_same_and_another_one_elsewhere(ball):
+    one, again, other = (search(ball, seed, counts=(20, 20, 4), most_steps=20_000)[0] for seed in (5, 5, 6))
+
+    assert [place.work for place in one.places] == [place.work for place in again.places]
+    np.testing.assert_array_equal(one.worst.position, again.worst.position)
+    assert not np.array_equal(one.worst.position, other.worst.position)
+
+
+def test_search_that_has_spent_its_steps_ends_and_says_so(ball):
+    found = {each.goal: each for each in search(ball, 3, counts=(400, 400, 20), most_steps=20_000)}
+
+    assert not found[COLD_EXACT].is_complete
+    assert found[COLD_EXACT].start_count < found[Goal(Manner.COLD, True)].start_count
+
+
+@pytest.mark.parametrize("goal", GOALS, ids=str)
+def test_ascent_never_goes_down(ball, goal):
+    probe, rng = Probe(ball, goal), np.random.default_rng(11)
+    for start in rng.uniform(-0.1, 0.1, (3, 3)):
+        climb = ascend(probe, start, 0.01, rng, most_steps=np.inf)
+
+        assert (np.diff(climb.worth) >= 0.0).all()
+        assert climb.worth[-1] == probe.costs(climb.place[None]).worth[0]
+
+
+def test_work_of_a_place_does_not_depend_on_its_company(ball):
+    probe, places = Probe(ball, GOALS[2]), np.random.default_rng(1).uniform(-0.06, 0.06, (12, 3))
+
+    together, alone = probe.costs(places), [probe.costs(place[None]) for place in places]
+
+    assert together.work.tolist() == [each.work[0] for each in alone]
+    assert probe.steps >= together.work.sum() + sum(each.work[0] for each in alone)
+
+
+def test_place_out_of_the_working_range_is_worth_nothing(ball):
+    costs = Probe(ball, GOALS[0]).costs(np.array([[0.0, 0.0, 0.4], [0.0, 0.0, 0.06]]))
+
+    assert costs.worth[0] == NOWHERE
+    assert costs.worth[1] > 0.0
+
+
+def test_of_equal_work_the_wider_bracket_is_worth_more():
+    costs = Costs(np.array([500, 500, 501]), np.array([1.0, 0.5, 1.0]), np.ones(3), np.ones(3, bool))
+
+    assert np.argsort(costs.worth).tolist() == [0, 1, 2]
+
+
+def test_shrunk_balls_touch_the_ball_and_hold_none_of_it(ball):
+    points, normals = starts.surface_samples(ball.scene, 8, np.random.default_rng(2))
+
+    inside = starts.medial_places(ball, points, normals)[8:]
+
+    touching = np.linalg.norm(inside - points, axis=1)
+    # Near the centre the nearest face is known within the budget only.
+    np.testing.assert_allclose(ball.scene.distance(inside), touching, rtol=0.02)
+
+
+def test_shrunk_balls_between_two_walls_are_in_the_middle():
+    walls = [Solid(*shapes.box([-0.1, -0.1, z], [0.1, 0.1, z + 0.005]), name=f"{z}") for z in (-0.025, 0.020)]
+    subject = Subject(Scene(walls))
+    points, normals = np.array([[0.01, 0.0, 0.020]]), np.array([[0.0, 0.0, -1.0]])
+
+    places = starts.medial_places(subject, points, normals)
+
+    np.testing.assert_allclose(places[0], [0.01, 0.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(places[1], [0.01, 0.0, 0.0225], atol=1e-9)
+
+
+def test_surface_is_sampled_by_area_where_parts_stand_and_are_shown():
+    small, large = (Solid(*shapes.cube(size, (0, 0, 0)), name=f"{size}") for size in (0.01, 0.03))
+    rows = np.arange(12, dtype=np.int32)
+    parts = [Part("small", small, Pose(translation=[1.0, 0.0, 0.0]), rows), large]
+
+    points, normals = starts.surface_samples(Scene(parts), 2000, np.random.default_rng(3))
+    hidden = Scene([*parts[:1], Part("large", large, Pose(), rows, is_hidden=True)])
+    shown, _ = starts.surface_samples(hidden, 50, np.random.default_rng(3))
+
+    assert (points[:, 0] > 0.9).mean() == pytest.approx(0.1, abs=0.03)
+    np.testing.assert_allclose(np.abs(normals).max(axis=1), 1.0)
+    assert (shown[:, 0] > 0.9).all()
+
+
+def test_centre_of_a_cap_is_that_of_the_ball_it_is_cut_from():
+    vertices, faces = shapes.sphere(0.05, 3)
+    cap = faces[(vertices[faces][:, :, 2] > 0.03).all(axis=1)]
+    scene = Scene([Solid(vertices, cap, name="cap")])
+    used = vertices[np.unique(cap)]
+
+    found = starts.centres(Scene([Solid(used, np.searchsorted(np.unique(cap), cap), name="cap")]))
+
+    assert len(starts.centres(scene)) == len(found) == 4
+    assert np.linalg.norm(found, axis=1).min() < 1e-9

@@ -1,0 +1,189 @@
+"""``proximity bench``: what it prints, writes and refuses, and its exit codes; times are made up."""
+
+import json
+import re
+import sys
+from types import SimpleNamespace
+
+import make
+import pytest
+from certificates import case, certificate, loop
+
+from proximity import DecaffError, cli
+from proximity import certificate as package
+from proximity.certificate import certifying, search
+from proximity.decaff import plotting
+
+BRACKET, HAND, DEMO = (str(make.FOLDER / name) for name in ("bracket.stl", "hand.csv", "demo.toml"))
+
+
+@pytest.fixture
+def run(monkeypatch, capsys, tmp_path):
+    """Run the command line with a certificate that is told; returns code, output, and what was certified."""
+    asked = []
+
+    def certify(subject, **settings):
+        asked.append(SimpleNamespace(subject=subject, **settings))
+        return certificate(**run_with.given)
+
+    monkeypatch.setattr(package, "certify", certify)
+    monkeypatch.chdir(tmp_path)
+    for name in ("FORCE_COLOR", "NO_COLOR", "GITHUB_ACTIONS", "COLUMNS", "TERMINAL_WIDTH"):
+        monkeypatch.delenv(name, raising=False)
+
+    def run_with(*arguments):
+        monkeypatch.setattr(sys, "argv", ["proximity", "bench", *map(str, arguments)])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        written = capsys.readouterr()
+        return SimpleNamespace(code=end.value.code or 0, out=written.out, err=written.err, asked=asked)
+
+    run_with.given = {}
+    return run_with
+
+
+def test_certificate_is_told_in_tables_and_written(run, tmp_path):
+    result = run(BRACKET)
+
+    assert result.code == 0
+    assert "cold, within the budget    508" in result.out
+    assert re.search(r"worst, passing +200 +396 +400 +400 +1 +8.0 +13 +40 +200", result.out)
+    assert re.search(r"service: woken late +20\.\d", result.out)
+    assert "deadlines       0 of 2000 missed by the loop at 1 ms: 0 a million (< 1 500)" in result.out
+    assert "verdict         the scene fits 1 ms: p99.9 of computing is 400 µs (worst, passing)" in result.out
+    assert result.err == "proximity: wrote latency.html and latency.json\n"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["latency.html", "latency.json"]
+
+
+def test_gate_that_is_met_exits_with_0(run):
+    result = run(BRACKET, "--gate", "0.5ms", "--out", "cell.json")
+
+    assert result.code == 0
+    assert result.asked[0].subject.period == pytest.approx(0.0005)
+    assert "the scene fits 0.5 ms" in result.out
+
+
+def test_gate_that_is_not_met_exits_with_1_and_one_sentence(run):
+    result = run(BRACKET, "--gate", "5kHz", "--out", "cell.json")
+
+    assert result.code == 1
+    sentence = "the scene does not fit 0.2 ms: p99.9 of computing is 400 µs (worst, passing), 200 % of it;"
+    assert result.err.splitlines()[-1].startswith(f"proximity: {sentence}")
+    assert len(result.err.splitlines()) == 2  # the other says what was written
+
+
+def test_machine_that_wakes_late_fails_no_scene(run):
+    run.given = {"report": loop(late_us=4000, missed=6000)}
+
+    result = run(BRACKET, "--gate", "1ms", "--out", "cell.json")
+
+    assert result.code == 0
+    assert "deadlines       6000 of 8000 missed" in result.out
+
+
+def test_without_a_gate_the_exit_code_is_0(run):
+    run.given = {"cases": [case("random", 9000)]}
+
+    result = run(BRACKET, "--out", "cell.json")
+
+    assert result.code == 0
+    assert "the scene does not fit 1 ms" in result.out
+
+
+def test_json_is_one_document_and_nothing_is_written(run, tmp_path):
+    result = run(BRACKET, "--json", "--gate", "200us")
+
+    document = json.loads(result.out)
+    assert result.code == 1
+    assert document["schema"] == 1 and document["verdict"]["fits"] is False
+    assert document["settings"]["gate_s"] == pytest.approx(0.0002)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [((), 0), (("--out", "cell.html"), 2), (("--gate", "5kHz"), 1), (("--gate", "1ms"), 0)],
+)
+def test_without_matplotlib_the_numbers_are_written_and_the_gate_holds(
+    run, tmp_path, monkeypatch, arguments, code
+):
+    """Only who asked for the page by name has not got what was asked for."""
+
+    def missing():
+        raise DecaffError('figures need matplotlib, which is not installed: pip install "proximity[sim]"')
+
+    monkeypatch.setattr(plotting, "load_figure", missing)
+
+    result = run(BRACKET, *arguments)
+
+    (written,) = tmp_path.iterdir()
+    assert result.code == code and written.suffix == ".json"
+    assert f"wrote {written.name} alone: figures need matplotlib" in result.err
+
+
+def test_scene_file_says_how_it_is_ticked(run):
+    result = run(DEMO, "--out", "cell.json", "--seed", 3, "--ticks", 1234, "--seconds", 0.5)
+
+    asked = result.asked[0]
+    assert (asked.tick_count, asked.seconds, asked.seed) == (1234, 0.5, 3)
+    assert asked.subject.files == (DEMO, BRACKET, HAND)
+    assert asked.subject.settings == {"radius": 0.007, "working_range": 0.12}
+    assert len(asked.subject.recording.times_ns) == 5194
+
+
+def test_recording_is_given_or_a_sample(run):
+    given = run(BRACKET, "--out", "a.json", "--recording", HAND, "--fingers", 3).asked[-1].subject
+    sample = run(BRACKET, "--out", "a.json").asked[-1].subject
+
+    assert given.fingers == 3 and sample.fingers == 5
+    assert given.files == sample.files == (BRACKET, HAND)
+    assert given.recording.positions.shape == (5194, 5, 3)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("--gate", "soon"), "'soon' is no period, expected a time or a rate such as 1ms, 200us or 1kHz"),
+        (("--ticks", 10), "10 ticks tell no p99.9, expected 1000 or more"),
+        (("--seconds", 0), "the loop cannot run for 0 s"),
+        (("--fingers", 0), "0 fingers cannot be ticked, expected 1 or more"),
+        (("--out", "cell.pdf"), "cell.pdf does not end in .html or .json"),
+        (("--recording", "no.csv"), "no.csv"),
+        (("--seed", -2), "-2 is no seed"),
+    ],
+)
+def test_what_cannot_be_used_is_one_sentence(run, arguments, sentence):
+    result = run(BRACKET, *arguments)
+
+    assert result.code == 2 and result.out == "" and result.asked == []
+    assert len(result.err.splitlines()) == 1
+    assert result.err.startswith("proximity: ") and sentence in result.err
+
+
+def test_missing_scene_and_one_without_parts_are_refused(run, tmp_path):
+    sensor = tmp_path / "sensor.toml"
+    sensor.write_text('[input]\nsensor = "mailbox:sensor"\n', encoding="utf-8")
+
+    missing, empty = run(tmp_path / "no.stl"), run(sensor)
+
+    assert missing.code == empty.code == 2
+    assert "no.stl" in missing.err
+    assert "a scene without parts has no geometry" in empty.err
+
+
+def test_all_of_it_runs_on_a_box(run, monkeypatch):
+    """Everything is really searched, timed and looped, if shortly; no time is judged."""
+    monkeypatch.setattr(search, "COUNTS", (30, 30, 8))
+    monkeypatch.setattr(search, "CLIMBS", 2)
+    monkeypatch.setattr(package, "certify", certifying.certify)
+    box = str(make.FOLDER / "box.stl")
+
+    result = run(box, "--ticks", 1000, "--seconds", 0.05, "--no-real-time", "--json")
+
+    document = json.loads(result.out)
+    assert result.code == 0 and result.err == ""
+    assert document["scene"]["faces"] == 12
+    assert [each["name"] for each in document["cases"]][:2] == ["recording", "random"]
+    for goal in document["search"]:
+        assert goal["places"][0]["work"] >= goal["typical_work"] > 0
+    assert document["loop"]["ticks"] <= 50

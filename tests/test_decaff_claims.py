@@ -1,0 +1,48 @@
+"""What the README says of the paper's claims is what the models say today."""
+
+from pathlib import Path
+
+import pytest
+
+from proximity.decaff import claims
+
+README = Path(__file__).resolve().parents[1] / "README.md"
+
+
+@pytest.fixture(scope="module")
+def found():
+    return claims.claims()
+
+
+def test_readme_has_every_claim_with_its_figures(found):
+    """Run ``python -m proximity.decaff.claims`` for what belongs there."""
+    assert claims.markdown(found) in README.read_text()
+
+
+@pytest.mark.parametrize(
+    ("words", "figures"),
+    [
+        ("stiffest wall", ("4045.1", "59.46", "0.9937")),  # PAPER 13
+        ("largest damping", ("116.0",)),  # PAPER 4.2
+        ("Love and Book", ("17.44", "100.00")),  # PAPER 4.3
+        ("too high by k_f x_s", ("0.8 N",)),  # PAPER 3.3
+        ("square of x_s", ("11 mm", "6.000", "6.583")),  # PAPER 3.4, 13
+        ("keeps a force", ("40.00 ms",)),  # PAPER 3.2
+        ("speed times delay", ("4.00", "3.25")),  # PAPER 1.4
+        ("prolongs the force", ("77.2",)),  # PAPER 1.4
+        ("operator who draws back", ("0.0192", "1.905")),  # PAPER 13
+        ("soft wall", ("0.5,",)),  # PAPER 1.4
+        ("lightly damped", ("27.4", "20.6")),  # PAPER 1.4
+        ("exactly the force", ("15.1%",)),  # PAPER 6.2
+    ],
+)
+def test_claim_has_the_figures_of_the_paper_worked_through(found, words, figures):
+    (claim,) = [one for one in found if words in one.paper]
+    for figure in figures:
+        assert figure in claim.here
+
+
+def test_every_claim_says_whether_it_holds(found):
+    assert len(found) == 15
+    assert {one.holds for one in found} <= {claims.YES, claims.PARTLY, claims.NO}
+    assert all(one.holds == claims.YES or len(one.here) > 40 for one in found)

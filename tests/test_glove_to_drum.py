@@ -1,0 +1,83 @@
+"""The whole way of a bend: calibration file, potentiometer, service, contact, drum."""
+
+import math
+
+import glove_files
+import numpy as np
+import pytest
+import shapes
+from fake_service import MS, QueueInlet
+from ticking import solid
+
+from proximity.decaff.drum_bench import DrumBench
+from proximity.decaff.wearing import read_glove
+from proximity.message import GLOVE_POSES, Message, State
+from proximity.replay import turn_about_axes
+from proximity.scene import Scene
+from proximity.scene_file import read_scene_file
+from proximity.service import StreamInput, TrackerAnswers, reception
+from proximity.serving.gloves import read_gloves
+from proximity.tracker import Tracker
+from proximity.transport import Reading
+
+TURN, KNUCKLE = turn_about_axes((20.0, -35.0, 50.0)), np.array([0.3, -0.2, 1.1])
+PLANE_BEND = 0.174204922
+"""Bend at which the pad touches the plane y = -45 mm of the finger's frame (PAPER 9.3)."""
+MM_AN_ANGLE = 0.1
+"""m of fingertip a radian of the drum, about (PAPER 9.1): 0.3 mm is what a touch-off may disagree by."""
+SCENE = """
+[[parts]]
+file = "{meshes}/box.stl"
+[input]
+poses = "mailbox:gloves"
+[glove]
+calibration = "glove.json"
+"""
+
+
+def counts_read(bend):
+    """What the potentiometer of the hand as it is reads, in whole counts."""
+    return float(glove_files.HAND.counts(bend))
+
+
+@pytest.fixture
+def glove_and_ways(tmp_path, request):
+    path = glove_files.write(tmp_path / "glove.json")
+    (tmp_path / "cell.toml").write_text(SCENE.format(meshes=request.config.rootpath / "meshes"))
+    return read_glove(path), read_gloves(read_scene_file(tmp_path / "cell.toml"), 1)
+
+
+def test_drum_stands_where_the_finger_of_the_calibrated_glove_touches(glove_and_ways, monkeypatch):
+    """A finger closes on a plane at 0.4 bends a second; what comes in are counts and the knuckle's pose."""
+    glove, ways = glove_and_ways
+    queue = QueueInlet()
+    monkeypatch.setattr(reception, "open_inlet", lambda address: queue)
+    now_ns = 0
+    source = StreamInput("queue:", 1, clock=lambda: now_ns, gloves=ways)
+    vertices, faces = shapes.box((-0.3, -0.2, -0.3), (0.3, -0.045, 0.3))
+    answers = TrackerAnswers(
+        Tracker(Scene([solid((vertices @ TURN.T + KNUCKLE, faces), "plane")]), fingers=1)
+    )
+    bench, message = DrumBench(1000.0, [glove]), Message(GLOVE_POSES, 1)
+    placed, told = [], []
+    for tick in range(450):
+        now_ns = tick * MS
+        record = message.records
+        record["finger"], record["pose_ns"], record["bend"] = 0, now_ns, math.nan
+        record["rotation"], record["translation"] = TURN, KNUCKLE
+        record["counts"] = counts_read(0.4e-3 * tick)
+        queue.put(message, sequence=tick)
+        contacts = answers.answer(source.poll(now_ns), now_ns)
+        bench.step(Reading(State.OK, True, now_ns, 0, None, contacts))
+        (finger,) = bench.fingers
+        if contacts["signed_distance"][0] > 0.0:
+            told.append(contacts["contact_bend"][0])
+        if finger.action.place < finger.path.retracted:
+            placed.append(finger.action.angle)
+
+    true = float(glove_files.HAND.drum_angle(PLANE_BEND)) + glove_files.MOUNTED
+    assert max(abs(angle - true) for angle in placed) < 0.3e-3 / MM_AN_ANGLE
+    assert finger.action.state.value == "position" and finger.touches == 1
+    assert finger.plant.angle == pytest.approx(true, abs=0.3e-3 / MM_AN_ANGLE)
+    assert finger.has_bend and finger.faults == 0 and bench.doubts() == []
+    assert told[0] == pytest.approx(PLANE_BEND, abs=1e-3) and max(told) - min(told) < 1e-4

@@ -1,0 +1,91 @@
+"""Bends that are told with poses: published as told, with the rate that successive ones show."""
+
+import math
+
+import numpy as np
+import pytest
+from fake_service import KeepingOutlet, ManualClock, publisher
+from ticking import MS, line, plate
+
+from proximity.message import ContactFlag
+from proximity.scene import Scene
+from proximity.service import CallableInput, Hands, Service, TrackerAnswers
+from proximity.tracker import Tracker
+
+RATE = 2.0  # bends a second
+
+
+@pytest.fixture(scope="module")
+def answers():
+    """Of three fingers above a plate, rehearsed as the loop does."""
+    made = TrackerAnswers(Tracker(Scene([plate()]), fingers=3))
+    made.rehearse()
+    return made
+
+
+def told(answers, bends, *, paths=None, ticks=8, every=1):
+    """The contacts after some ticks; fingers bend at `RATE` from *bends* on, a pose each *every* ticks."""
+    hands = answers.room()
+    answers.rehearse()  # forgets the test before
+    for tick in range(ticks):
+        pose = tick // every * every
+        hands.positions[:], hands.pose_ns[:] = [[0.0, 0.0, 0.05 - 1e-4 * pose]] * 3, pose * MS
+        hands.paths, hands.bends = paths, np.asarray(bends) + RATE * 1e-3 * pose
+        contacts = answers.answer(hands, tick * MS)
+    return contacts
+
+
+@pytest.mark.parametrize("every", [1, 4])
+def test_bend_that_is_told_without_a_path_is_published_with_its_rate(answers, every):
+    contacts = told(answers, [0.1, 0.5, math.nan], every=every, ticks=8 * every)
+
+    pose = 7 * every
+    assert contacts["bend"][:2] == pytest.approx([0.1 + RATE * 1e-3 * pose, 0.5 + RATE * 1e-3 * pose])
+    assert contacts["bend_rate"][:2] == pytest.approx([RATE, RATE])
+    assert np.isnan(contacts[2]["bend"]) and np.isnan(contacts[2]["bend_rate"])
+    # Where it touches is not known by that: no path was followed.
+    assert np.isnan(contacts["contact_bend"]).all()
+    assert not (contacts["flags"] & (ContactFlag.ON_PATH | ContactFlag.CONTACT_FOUND)).any()
+
+
+def test_bend_that_a_function_tells_reaches_the_published_contact(answers):
+    def tell(now_ns):
+        hands = Hands(3)
+        hands.positions[:], hands.pose_ns[:] = [0.0, 0.0, 0.05], now_ns
+        hands.bends = np.full(3, 0.1 + RATE * 1e-9 * now_ns)
+        return hands
+
+    answers.rehearse()
+    outlet = KeepingOutlet()
+    service = Service(
+        answers, CallableInput(tell, 3), [publisher(outlet)], period=0.001, clock=ManualClock(0)
+    )
+    service.run(tick_count=8)
+    contacts = outlet.records[7]
+
+    assert contacts["bend"] == pytest.approx([0.1 + RATE * 8e-3] * 3)
+    assert contacts["bend_rate"] == pytest.approx([RATE] * 3)
+
+
+def test_first_bend_has_no_rate_yet(answers):
+    contacts = told(answers, [0.1, 0.1, 0.1], ticks=1)
+
+    assert (contacts["bend"] == 0.1).all() and np.isnan(contacts["bend_rate"]).all()
+
+
+def test_finger_on_a_path_keeps_what_its_path_tells(answers):
+    paths = np.full((3, 2, 3), np.nan)
+    paths[0] = line((0.0, 0.0, 0.05), (0.0, 0.0, -0.05))
+    contacts = told(answers, [0.2, 0.2, 0.2], paths=paths)
+
+    assert contacts["bend"] == pytest.approx([0.2 + RATE * 7e-3] * 3)
+    assert contacts["bend_rate"] == pytest.approx([1.0, RATE, RATE])  # 0.1 m/s on 0.1 m
+    assert contacts["contact_bend"][0] == pytest.approx(0.43)
+    assert [bool(flags & ContactFlag.ON_PATH) for flags in contacts["flags"]] == [True, False, False]
+
+
+def test_finger_that_is_not_tracked_has_no_bend(answers):
+    hands = Hands(3)
+    hands.bends = np.full(3, 0.5)
+
+    assert np.isnan(answers.answer(hands, 0)["bend"]).all()
