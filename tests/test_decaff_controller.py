@@ -233,6 +233,7 @@ def test_teleoperation_serves_the_force_once_it_is_steady():
         pytest.approx(0.6),
     )
     assert action.start_force == pytest.approx(0.8, abs=0.02)  # bumpless: from what is felt
+    assert action.force_slew == 0.0  # the servo's own, as a handover needs
 
     bench.force = 0.04
     assert bench.run(19, **slave).state is DrumState.CONTACT_FORCE
@@ -260,6 +261,7 @@ def test_deformable_surface_is_served_by_its_law_from_the_touch_on():
 
     assert bench.action.mode is DriveMode.FORCE
     assert bench.action.force == pytest.approx(0.4, rel=1e-3)
+    assert bench.action.force_slew == math.inf
 
 
 @pytest.mark.parametrize(("stiffness", "damping"), [(100.0, 0.3), (1e5, 0.5), (1e6, 50.0)])

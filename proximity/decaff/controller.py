@@ -211,7 +211,7 @@ class FingerController:
         is_steady = self._steady.take(seen.force if math.isfinite(seen.force) else 0.0, self._speed)
         if told is None or (self.trust is not Trust.FRESH and self._force == math.inf):
             return math.nan  # on doubt no force begins
-        if told.surface == Surface.DEFORMABLE:
+        if self._follows_law:
             self._serves_force = True
             return self.law.force(
                 told.stiffness, told.damping, self._finger - self._target,
@@ -221,6 +221,12 @@ class FingerController:
             self._serves_force = False  # a rigid part of the scene
             return math.nan
         return self._slave_force(told, seen, elapsed, is_steady=is_steady)
+
+    @property
+    def _follows_law(self) -> bool:
+        """Whether the force is a surface's. It must not be slewed: late, it would swing with the drum."""
+        told = self.frames.told
+        return told is not None and told.surface == Surface.DEFORMABLE
 
     def _slave_force(self, told: Told, seen: Observation, elapsed: float, *, is_steady: bool) -> float:
         """What the far end measures, from when the first contact is steady until it is lost."""
@@ -300,4 +306,5 @@ class FingerController:
             self._drum.motor_torque(min(force, cap)),
             self._drum.motor_torque(cap),
             self._drum.motor_speed(speed),
+            math.inf if is_force and self._follows_law else 0.0,
         )
