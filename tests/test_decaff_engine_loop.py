@@ -26,6 +26,7 @@ from proximity.service.histogram import Histogram
 from proximity.solid import Solid
 
 MESHES = Path(__file__).resolve().parent.parent / "meshes"
+README = MESHES.parent / "README.md"
 HAND = Hand()
 SAGITTA = 30e-6  # m, by which the polyline of a finger's way is off it (`Finger.path_world`)
 WAY = 0.045  # m: enough for a drum to arrive
@@ -133,6 +134,25 @@ def test_coarse_way_shows_as_force_error(flat, corners):
     assert bias > SAGITTA  # what the tracker promises is for the polyline it is given
     noise = HAND.series_stiffness * 2.0 * press.setup.drum.resolution
     assert off[0] - off[1] == pytest.approx(-HAND.series_stiffness * bias, abs=noise)
+
+
+def test_figures_of_the_readme_are_those_of_the_loop():
+    """In bands: friction and encoder make a few tenths of a percent, and where they do is chance."""
+    bracket, text = (
+        place_finger(load(MESHES / "bracket.stl"), (0.048, 0.030, 0.020)),
+        README.read_text(encoding="utf-8"),
+    )
+
+    for speed, share, latched in ((0.1, 0.023, 0.051), (1.0, 0.176, 0.46)):
+        press = run(bracket, speed, latency=0.010)
+        assert press.error.share == pytest.approx(share, rel=0.1)
+        plain = run(bracket, speed, reading=Target.LATCHED)
+        assert plain.error.share == pytest.approx(latched, rel=0.1)
+        assert f"{100 * share:.1f} %" in text
+    assert press.told_contact == pytest.approx(4.5e-6, abs=0.5e-6)
+    coarse = run(bracket, 1.0, corners=9)
+    assert coarse.told_contact == pytest.approx(0.38e-3, abs=0.01e-3)
+    assert "off by 4.5 µm" in text and "off by 0.38 mm" in text and "5.1 and 46 %" in text
 
 
 def test_latency_costs_nothing_where_distances_are_read_with_their_own_pose(flat):
