@@ -124,10 +124,9 @@ def test_engine_knows_curved_and_needle_meshed_parts_as_well(mesh, at):
     assert press.error.penetration < 0.2e-3
 
 
-@pytest.mark.parametrize("corners", [5, 9, 17])
-def test_coarse_way_shows_as_force_error(flat, corners):
+def test_coarse_way_shows_as_force_error(flat):
     """PAPER 6.5: a bias e of the distance costs 120 N/m e at rest, of hand and pad in a row."""
-    press, fine = run(flat, corners=corners), run(flat)
+    press, fine = run(flat, corners=9), run(flat)
     off = [one.response.force[rest(one.response)].mean() for one in (press, fine)]
     bias = press.told_contact - fine.told_contact
 
