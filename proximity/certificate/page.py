@@ -98,7 +98,7 @@ def _verdict(told: dict[str, Any]) -> str:
     woken = microseconds(loop["lateness"]["p99"])
     return (
         f'<div class="{kind}"><b>{word}.</b> {escape(sentence[0].upper() + sentence[1:])}.'
-        f"<br>The machine woke the loop late by p50 {microseconds(loop['lateness']['p50'])}, p99 {woken} µs; "
+        f"<br>The loop was woken late by p50 {microseconds(loop['lateness']['p50'])}, p99 {woken} µs; "
         f"deadlines missed at {three(1e3 * loop['period_s'])} ms: {wording.missed(loop)}.</div>"
     )
 
