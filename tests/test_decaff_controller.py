@@ -233,6 +233,7 @@ def test_teleoperation_serves_the_force_once_it_is_steady():
         pytest.approx(0.6),
     )
     assert action.start_force == pytest.approx(0.8, abs=0.02)  # bumpless: from what is felt
+    assert action.force_slew == 0.0  # the servo's own, as a handover needs
 
     bench.force = 0.04
     assert bench.run(19, **slave).state is DrumState.CONTACT_FORCE
@@ -260,6 +261,7 @@ def test_deformable_surface_is_served_by_its_law_from_the_touch_on():
 
     assert bench.action.mode is DriveMode.FORCE
     assert bench.action.force == pytest.approx(0.4, rel=1e-3)
+    assert bench.action.force_slew == math.inf
 
 
 @pytest.mark.parametrize(("stiffness", "damping"), [(100.0, 0.3), (1e5, 0.5), (1e6, 50.0)])
@@ -703,10 +705,12 @@ def test_drum_and_finger_come_together_no_faster_than_that():
     bench.drum = PATH.place(bench.bend) + 1.5e-3
     bench.step(contact(bench.now, bench.bend))
 
-    far = max(caps)
+    far = list(caps)[60]  # the speed is low-passed
     assert bench.action.speed_cap <= 0.091 - speed + 2e-3
     assert bench.action.force_cap == LIMITS.peak_force
-    assert caps[far] ** 2 == pytest.approx(2.0 * GEAR4.acceleration * (far - 2e-3), rel=0.1)
+    # With half of what it has, the drum brakes before the finger, which goes on meanwhile, is near.
+    braked = GEAR4.acceleration * (far - 2e-3)
+    assert (caps[far] + speed) ** 2 == pytest.approx(LIMITS.near_speed(GEAR4.mass) ** 2 + braked, rel=0.1)
 
 
 def test_force_has_a_peak_and_what_lasts():

@@ -22,6 +22,7 @@ from proximity.decaff.surface_law import SurfaceLaw
 from proximity.message import Source, Surface
 
 DRUM_DAMPING = 2.0  # N s/m, while a force is served; assumed, as the servo's
+BRAKING_SHARE = 0.5  # of what the drum can brake with, counted on near the finger: its servo lags; assumed
 SPEED_CUTOFF = 50.0  # Hz, of the finger's speed by the potentiometer; assumed
 
 
@@ -67,7 +68,7 @@ class FingerController:
         self._path, self._rate, self._limits = path, positive("rate", rate, "hertz"), limits or Limits()
         self._handover = handover or Handover()
         self._near_speed = self._limits.near_speed(drum.mass)
-        self._drum, self._braking = drum, drum.acceleration
+        self._drum, self._braking = drum, BRAKING_SHARE * drum.acceleration
         self.law = SurfaceLaw(rate, DRUM_DAMPING)
         self.frames = FrameTrust(path, self._limits)
         self.reset()
@@ -210,7 +211,7 @@ class FingerController:
         is_steady = self._steady.take(seen.force if math.isfinite(seen.force) else 0.0, self._speed)
         if told is None or (self.trust is not Trust.FRESH and self._force == math.inf):
             return math.nan  # on doubt no force begins
-        if told.surface == Surface.DEFORMABLE:
+        if self._follows_law:
             self._serves_force = True
             return self.law.force(
                 told.stiffness, told.damping, self._finger - self._target,
@@ -220,6 +221,12 @@ class FingerController:
             self._serves_force = False  # a rigid part of the scene
             return math.nan
         return self._slave_force(told, seen, elapsed, is_steady=is_steady)
+
+    @property
+    def _follows_law(self) -> bool:
+        """Whether the force is a surface's. It must not be slewed: late, it would swing with the drum."""
+        told = self.frames.told
+        return told is not None and told.surface == Surface.DEFORMABLE
 
     def _slave_force(self, told: Told, seen: Observation, elapsed: float, *, is_steady: bool) -> float:
         """What the far end measures, from when the first contact is steady until it is lost."""
@@ -279,8 +286,10 @@ class FingerController:
     def _closing_cap(self, gap: float) -> float:
         """How fast the drum may come towards the finger: near it, with little energy; farther, so that it
         can brake until there."""
+        coming = max(0.0, self._speed)  # while the drum brakes, the finger goes on
         near = max(0.0, self._near_speed - self._speed)
-        return math.sqrt(near * near + 2.0 * self._braking * max(0.0, gap - self._limits.near_gap))
+        way = max(0.0, gap - self._limits.near_gap)
+        return math.sqrt((coming + near) ** 2 + 2.0 * self._braking * way) - coming
 
     def _action(self, mode: DriveMode, speed: float, cap: float) -> DrumAction:
         is_force = mode is DriveMode.FORCE
@@ -297,4 +306,5 @@ class FingerController:
             self._drum.motor_torque(min(force, cap)),
             self._drum.motor_torque(cap),
             self._drum.motor_speed(speed),
+            math.inf if is_force and self._follows_law else 0.0,
         )

@@ -18,6 +18,21 @@ from proximity.message.contact import ContactFlag
 START_NS = 1_000_000_000_000  # the loop's 0 on the clock of frames: its times are negative before the contact
 
 
+def commanded(action: DrumAction, target: float) -> DrumCommand:
+    """Return what a servo is told of a controller's action.
+
+    Parameters
+    ----------
+    action : DrumAction
+        Of the controller.
+    target : float, m or N
+        Its place, as the servo counts it; or its force.
+    """
+    return DrumCommand(
+        action.mode, target, action.speed_cap, action.force_cap, action.start_force, action.force_slew
+    )
+
+
 class ControllerDoor:
     """A `FingerController` as `closed_loop.decaff` asks one.
 
@@ -66,7 +81,7 @@ class ControllerDoor:
         )
         self.action = action
         target = action.force if action.mode is DriveMode.FORCE else action.place - self._wall
-        return DrumCommand(action.mode, target, action.speed_cap, action.force_cap, action.start_force)
+        return commanded(action, target)
 
     def _write(self, message: Message) -> None:
         """Write a distance as a frame would have it: with the place of contact on the finger's way."""

@@ -74,3 +74,4 @@ class DrumAction:
     torque: float = 0.0  # N m at the motor's shaft that presses with that force, in force mode
     torque_cap: float = 0.0  # N m at the motor's shaft, at most: by the force cap and what motor and gear can
     motor_speed_cap: float = 0.0  # rad/s of the motor's shaft, at most
+    force_slew: float = 0.0  # N/s at the fingertip, of the force; 0: that of a handover, inf: at once

@@ -40,7 +40,8 @@ TARGET = 1  # m, or N to press on the finger with
 SPEED_CAP = 2  # m/s, of the reference
 FORCE_CAP = 3  # N
 START_FORCE = 4  # N, from where the force reference starts; nan: from nothing, all memory lost
-COMMAND_SIZE = 5
+SLEW = 5  # N/s, of the force reference; 0: the servo's own
+COMMAND_SIZE = 6
 
 OFF = 0
 POSITION = 1
@@ -133,10 +134,16 @@ def demand_position(servo: np.ndarray, drive: np.ndarray, told: float, speed: fl
 
 @inlined
 def demand_force(
-    servo: np.ndarray, drive: np.ndarray, target: float, speed: float, measured: float, limit: float
+    servo: np.ndarray,
+    drive: np.ndarray,
+    target: float,
+    slew: float,
+    speed: float,
+    measured: float,
+    limit: float,
 ) -> float:
     """The force reference, slewed to *target*, with an integral of what is missing, and damping."""
-    most = servo[FORCE_SLEW] * servo[PERIOD]
+    most = slew * servo[PERIOD]
     drive[FORCE_REFERENCE] += max(-most, min(most, target - drive[FORCE_REFERENCE]))
     demand = -drive[FORCE_REFERENCE] - drive[INTEGRATED] - servo[FORCE_DAMPING] * speed
     if abs(demand) <= limit:
@@ -163,7 +170,8 @@ def serve(
         demand = demand_position(servo, drive, told, speed, limit)
         shape_reference(servo, drive, command[TARGET], command[SPEED_CAP])
     elif command[MODE] == FORCE:
-        demand = demand_force(servo, drive, command[TARGET], speed, measured, limit)
+        slew = command[SLEW] if command[SLEW] > 0.0 else servo[FORCE_SLEW]
+        demand = demand_force(servo, drive, command[TARGET], slew, speed, measured, limit)
     drive[APPLIED] = rounded(drive[DEMANDED], drum[FORCE_STEP])
     drive[SMOOTHED] += (1.0 - exp(-2.0 * pi * servo[SMOOTHING] * servo[PERIOD])) * (
         drive[APPLIED] - drive[SMOOTHED]

@@ -6,12 +6,12 @@ Forces and masses are those of the drum's rim, taken as at the fingertip, as the
 import numpy as np
 
 from proximity.decaff import drum_kernels
+from proximity.decaff.controller_door import commanded
 from proximity.decaff.controller_states import DrumAction
 from proximity.decaff.drum import GEAR4, Drum
 from proximity.decaff.drum_plant_kernels import serve_against
 from proximity.decaff.finger_path import FingerPath
 from proximity.decaff.hand import Hand
-from proximity.decaff.policies import DrumCommand
 from proximity.decaff.servo import servo_for, steps_a_sample
 
 SERVO_RATE = 3000.0  # Hz (PAPER 6.3, 12)
@@ -76,9 +76,7 @@ class DrumPlant:
             How long; no more than a tenth of a second counts.
         """
         target = action.force if action.mode == drum_kernels.FORCE else action.place
-        DrumCommand(action.mode, target, action.speed_cap, action.force_cap, action.start_force).write(
-            self._command
-        )
+        commanded(action, target).write(self._command)
         time = self._left + min(max(seconds, 0.0), LONGEST)
         samples = int(time / self._period)
         self._left = time - samples * self._period

@@ -9,7 +9,6 @@ Forces are along the finger's way, as its one degree of freedom has them.
 """
 
 import math
-from dataclasses import replace
 
 from proximity.decaff.closed_loop import LEAD, DecaffLoop, real_wall, soft_wall
 from proximity.decaff.controller import FingerController
@@ -180,18 +179,11 @@ def _feed(finger: PlacedFinger, setup: EngineSetup, period: float) -> Feed:
 
 
 def _glove(finger: PlacedFinger, setup: EngineSetup) -> Decaff:
-    """Drum and servo; the drum waits where the controller's own is retracted.
-
-    A surface's law is followed at once. With the slew of a handover, 5 N/s, its force comes so late that the
-    drum swings against the finger and does not settle (800 N/m, 0.1 m/s: force error 64 % instead of 2 %).
-    """
+    """Drum and servo; the drum waits where the controller's own is retracted."""
     reach = min(setup.way, finger.contact_place - LEAD)
-    servo = servo_for(setup.drum, SERVO_RATE)
-    if finger.scene.parts[finger.part].stiffness is not None:
-        servo = replace(servo, force_slew=math.inf)
     return Decaff(
         drum=setup.drum,
-        servo=servo,
+        servo=servo_for(setup.drum, SERVO_RATE),
         sensing=Sensing(reach=reach),
         holding=Holding(retracted=finger.retraction),
     )

@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import Any, Protocol
 
 from proximity.decaff.controller import FingerController
-from proximity.decaff.controller_door import START_NS
+from proximity.decaff.controller_door import START_NS, commanded
 from proximity.decaff.controller_states import Observation, Trust
 from proximity.decaff.finger_path import FingerPath
 from proximity.decaff.policies import DriveMode, DrumCommand, Message, Sight, TargetPolicy
@@ -79,7 +79,7 @@ class ControllerReader:
             self.advances += 1
         self._target = action.place
         target = action.force if is_force else action.place - wall
-        return DrumCommand(action.mode, target, action.speed_cap, action.force_cap, action.start_force)
+        return commanded(action, target)
 
 
 class PolicyReader:

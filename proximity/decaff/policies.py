@@ -95,6 +95,8 @@ class DrumCommand:
         math.nan
     )  # N, the force reference at a change to force; nan: from nothing, not bumpless
 
+    force_slew: float = 0.0  # N/s, of the force reference; 0: the servo's own, inf: at once
+
     def write(self, array: np.ndarray) -> None:
         """Write it as the kernels read it.
 
@@ -108,6 +110,7 @@ class DrumCommand:
         array[drum_kernels.SPEED_CAP] = self.speed_cap
         array[drum_kernels.FORCE_CAP] = self.force_cap
         array[drum_kernels.START_FORCE] = self.start_force
+        array[drum_kernels.SLEW] = self.force_slew
 
 
 class Controller(Protocol):
