@@ -22,11 +22,12 @@ import rivals  # noqa: E402
 
 OURS = agreement.OURS
 DEFAULTS = {
-    "benchmark_max_time": (1.0, 0.1),  # s, of one row: pytest-benchmark's default and ours
+    # pytest-benchmark's default and ours
+    "benchmark_max_time": ("1.0", "0.1"),  # s, of one row
     "benchmark_timer": ("time.perf_counter", "time.process_time"),
     "benchmark_sort": ("min", "median"),
-    "benchmark_columns": (None, ["min", "median", "max", "rounds"]),
-    "benchmark_disable_gc": (False, True),
+    "benchmark_columns": ("None", ["min", "median", "max", "rounds"]),
+    "benchmark_disable_gc": ("False", True),
 }
 SMALL_CONTENDERS = (rivals.Proximity, rivals.ProximityTree, rivals.Trimesh, rivals.Embreex)
 TIMES = ("min", "max", "mean", "median", "stddev", "iqr")
@@ -47,8 +48,7 @@ def pytest_addoption(parser):
 def pytest_configure(config):
     """Replace defaults of pytest-benchmark; what was asked for on the command line stays."""
     for name, (theirs, ours) in DEFAULTS.items():
-        given = getattr(config.option, name, theirs)
-        if given == theirs or (given is not None and theirs == 1.0 and float(given) == theirs):
+        if str(getattr(config.option, name)) == theirs:
             setattr(config.option, name, ours)
     if config.getoption("--small"):
         config.option.benchmark_disable = True
