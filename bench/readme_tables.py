@@ -3,6 +3,7 @@
 import itertools
 from typing import Any
 
+from growth_fit import Fit
 from growth_timing import FEWEST_FOR_P99, WORK
 from readme_words import count_words, figure, power, share, short_name, table, whole
 from results import BUILD, OUR_TREE, OURS, PROCESS, REQUIREMENTS
@@ -183,7 +184,8 @@ def served_table(document: Document) -> list[str]:
 
 def growth_table(document: Document) -> list[str]:
     """From where to where a cost grows, and how steeply in the end."""
-    slopes = {(fit["axis"], fit["series"], fit["quantity"]): fit for fit in document["fits"]}
+    fits = [Fit(**fit) for fit in document["fits"]]
+    slopes = {(fit.axis, fit.series, fit.quantity): fit.words for fit in fits}
     lines = []
     for (axis, series), words in GROWTH.items():
         rows = [row for row in document["rows"] if (row["axis"], row["series"]) == (axis, series)]
@@ -194,15 +196,11 @@ def growth_table(document: Document) -> list[str]:
             unit = "B" if first["unit"] == "bytes" else first["unit"]
             reach = f"{power(first['x'])} to {power(last['x'])} {AXES[axis]}"
             cost = f"{_large(first['median'])} to {_large(last['median'])} {unit}"
-            kinds = [slopes.get((axis, series, kind)) for kind in (quantity, WORK)]
-            lines.append([words, reach, cost, *map(_slope, kinds)])
+            kinds = [slopes.get((axis, series, kind), "") for kind in (quantity, WORK)]
+            lines.append([words, reach, cost, *kinds])
     headings = ("cost of", "from, to", "median there", "slope", "slope of nodes and leaves")
     return table(headings, lines, right=2)
 
 
 def _large(value):
     return count_words(value) if value >= 1e5 else figure(value)
-
-
-def _slope(fit):
-    return "" if fit is None else f"{fit['slope']:.2f} ± {fit['error']:.2f}"
