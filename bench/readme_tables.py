@@ -4,8 +4,8 @@ import itertools
 from typing import Any
 
 from growth_fit import Fit
-from growth_timing import FEWEST_FOR_P99, WORK
-from readme_words import count_words, figure, power, share, short_name, table, whole
+from growth_timing import FEWEST_FOR_P99, TIME, WORK
+from readme_words import amount, count_words, figure, power, share, short_name, table, whole
 from results import BUILD, OUR_TREE, OURS, PROCESS, REQUIREMENTS
 
 Document = dict[str, Any]
@@ -33,18 +33,20 @@ SERVED = {
     ("zenoh", "seen by a reader that waits"): "the same by zenoh",
 }
 GROWTH = {
-    ("faces", "tick of five fingers"): "a tick of five fingers of a recorded hand",
-    ("faces", "five signed points, near"): "five signed points near the surface",
-    ("faces", "five signed points, on the surface"): "five signed points on the surface",
-    ("faces", "five rays"): "five rays",
-    ("faces", "solid and scene"): "making the scene",
-    ("faces", "scene"): "its memory",
-    ("parts", "tick, all at rest"): "a tick of five fingers, all parts at rest",
-    ("parts", "tick, 10 % moving"): "a tick of five fingers, 10 % of the parts moved before",
-    ("points", "signed_distance"): "one call of `signed_distance`",
-    ("distance", "five signed points, outside"): "five signed points outside",
-    ("centre", "exact signed_distance"): "the worst place: an exact signed distance",
-    ("centre", "finger, budget 500"): "the worst place: a finger with the default budget",
+    ("faces", "tick of five fingers", TIME): "a tick of five fingers of a recorded hand",
+    ("faces", "five signed points, near", TIME): "five signed points near the surface",
+    ("faces", "five signed points, on the surface", TIME): "five signed points on the surface",
+    ("faces", "five rays", TIME): "five rays",
+    ("faces", "solid and scene", "building"): "making the scene",
+    ("faces", "scene", "memory"): "its memory",
+    ("parts", "tick, all at rest", TIME): "a tick of five fingers, all parts at rest",
+    ("parts", "tick, 10 % moving", TIME): "a tick of five fingers, 10 % of the parts moved before",
+    ("points", "signed_distance", TIME): "one call of `signed_distance`",
+    ("distance", "five signed points, outside", TIME): "five signed points outside",
+    ("centre", "exact signed_distance", TIME): "the worst place: an exact signed distance",
+    ("centre", "finger, budget 500", TIME): "the worst place: a finger with the default budget",
+    ("centre", "finger, budget 500", "bracket"): "the worst place: how far its bounds are apart",
+    ("centre", "finger inside a full ball", "bracket"): "inside a full ball: how far they are apart",
 }
 AXES = {
     "faces": "faces",
@@ -105,7 +107,7 @@ def build_sentences(document: Document) -> list[str]:
     built = [row for row in document["rows"] if (row["section"], row["contender"]) == (BUILD, OURS)]
     lines = [
         f"A whole scene, sign and all, of {count_words(int(row['case'].split()[-2]))} faces is made in "
-        f"{figure(row['median'])} {row['unit']} and takes {row['bytes_per_face']:.0f} bytes a face."
+        f"{amount(row['median'], row['unit'])} and takes {row['bytes_per_face']:.0f} bytes a face."
         for row in built[-1:]
     ]
     processes = [row for row in document["rows"] if row["section"] == PROCESS]
@@ -187,20 +189,14 @@ def growth_table(document: Document) -> list[str]:
     fits = [Fit(**fit) for fit in document["fits"]]
     slopes = {(fit.axis, fit.series, fit.quantity): fit.words for fit in fits}
     lines = []
-    for (axis, series), words in GROWTH.items():
-        rows = [row for row in document["rows"] if (row["axis"], row["series"]) == (axis, series)]
-        quantity = next((row["quantity"] for row in rows if row["quantity"] != WORK), None)
-        own = [row for row in rows if row["quantity"] == quantity]
+    for (axis, series, quantity), words in GROWTH.items():
+        key = (axis, series, quantity)
+        own = [row for row in document["rows"] if (row["axis"], row["series"], row["quantity"]) == key]
         if own:
             first, last = own[0], own[-1]
-            unit = "B" if first["unit"] == "bytes" else first["unit"]
             reach = f"{power(first['x'])} to {power(last['x'])} {AXES[axis]}"
-            cost = f"{_large(first['median'])} to {_large(last['median'])} {unit}"
-            kinds = [slopes.get((axis, series, kind), "") for kind in (quantity, WORK)]
-            lines.append([words, reach, cost, *kinds])
+            ends = [amount(row["median"], row["unit"].partition(" of")[0]) for row in (first, last)]
+            work = slopes.get((axis, series, WORK), "") if quantity == TIME else ""
+            lines.append([words, reach, " to ".join(ends), slopes.get(key, ""), work])
     headings = ("cost of", "from, to", "median there", "slope", "slope of nodes and leaves")
     return table(headings, lines, right=2)
-
-
-def _large(value):
-    return count_words(value) if value >= 1e5 else figure(value)

@@ -6,6 +6,10 @@ from collections.abc import Iterable
 from typing import Any
 
 Document = dict[str, Any]
+UNITS = (
+    {"µs": 1.0, "ms": 1e3, "s": 1e6},
+    {"bytes": 1.0, "kB": 1e3, "MB": 1e6, "GB": 1e9},
+)
 
 
 def figure(value: float | None) -> str:
@@ -37,6 +41,14 @@ def count_words(value: float) -> str:
         if value >= 0.9995 * size:
             return f"{value / size:.2g} {letter}" if value < 99.5 * size else f"{value / size:.0f} {letter}"
     return f"{value:.3g}"
+
+
+def amount(value: float, unit: str) -> str:
+    """A value in the largest unit of its kind that leaves one or more: 111 ms, 1.76 GB."""
+    steps = next((steps for steps in UNITS if unit in steps), {unit: 1.0})
+    least = value * steps[unit]
+    name = next((name for name, size in reversed(steps.items()) if least >= size), next(iter(steps)))
+    return f"{figure(least / steps[name])} {name.replace('bytes', 'B')}"
 
 
 def power(value: float) -> str:

@@ -148,6 +148,9 @@ def test_figures_have_three_digits_and_no_exponent(bench):
     assert [words.count_words(value) for value in (304, 87_304, 304_204, 1_313_000, 1e7)] == [
         "304", "87 k", "304 k", "1.3 M", "10 M",
     ]  # fmt: skip
+    assert [words.amount(*each) for each in ((97_036.0, "µs"), (0.0124, "s"), (5.0, "µs"), (3.0, "%"))] == [
+        "97 ms", "12.4 ms", "5 µs", "3 %",
+    ]  # fmt: skip
     assert [words.power(value) for value in (1e-6, 0.0316, 1, 1020, 3.0e6, 1e7)] == [
         "10⁻⁶", "0.032", "1", "1000", "3·10⁶", "10⁷",
     ]  # fmt: skip
@@ -171,7 +174,7 @@ def test_publishing_from_json_writes_pictures_and_readme(bench, tmp_path):
 
     text = path.read_text(encoding="utf-8")
     assert exit_code == 0
-    assert "| its memory | 1000 to 10⁵ faces | 100 k to 10 M B | 1.00 ± 0.00 |  |" in text
+    assert "| its memory | 1000 to 10⁵ faces | 100 kB to 10 MB | 1.00 ± 0.00 |  |" in text
     assert "10⁷ faces are left out." in text
     assert (tmp_path / "growth_faces.png").is_file()
 
