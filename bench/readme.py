@@ -195,8 +195,9 @@ def _growth(documents):
         f"**How cost grows** ({_run('growth', document, _first(documents))}): slopes of straight lines "
         "through the logarithms of both, fitted to the upper two decades, with standard errors: 0 is no "
         "growth, 0.5 as the square root, 1 in proportion. Nodes and leaves visited are the same on every "
-        "machine. A part is a bumpy ring of even triangles; near is N(0, 2 % of its diagonal) off it. Faces much "
-        "smaller than their distance are nearly equally far: of those about the square root has to be looked at."
+        "machine. A part is a bumpy ring of even triangles; near is N(0, 2 % of its diagonal) off it. Faces "
+        "much smaller than their distance are nearly equally far: of those about the square root has to be "
+        "looked at."
     )
     pictures = [f"![{words}](bench/published/{name}.png)" for name, words in PICTURES.items()]
     return [head, growth_table(document), " ".join(document["left_out"]), pictures]

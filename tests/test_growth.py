@@ -3,18 +3,14 @@
 import csv
 import importlib
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-BENCH = Path(__file__).resolve().parent.parent / "bench"
-
 
 @pytest.fixture
-def bench(monkeypatch):
+def bench():
     """A call that imports a module of the folder bench."""
-    monkeypatch.syspath_prepend(str(BENCH))
     return importlib.import_module
 
 

@@ -2,14 +2,12 @@
 
 import importlib
 import json
-import sys
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 BENCH = ROOT / "bench"
-sys.path.append(str(BENCH))
 
 MACHINE = {
     "processor": "Fast(R) Processor 9 (family 1, avx2)",
@@ -23,9 +21,8 @@ MACHINE = {
 
 
 @pytest.fixture
-def bench(monkeypatch):
+def bench():
     """A call that imports a module of the folder bench."""
-    monkeypatch.syspath_prepend(str(BENCH))
     return importlib.import_module
 
 
