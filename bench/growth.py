@@ -94,7 +94,7 @@ def _table(axis, rows, seconds):
     table = Table(title=f"{axis}  [{seconds:.0f} s]", title_justify="left", header_style="bold")
     for heading in HEADINGS:
         table.add_column(heading, justify="left" if heading in HEADINGS[:3] else "right")
-    slopes = {(fit.series, fit.quantity): f"{fit.slope:.2f} ± {fit.error:.2f}" for fit in fit_rows(rows)}
+    slopes = {(fit.series, fit.quantity): fit.words for fit in fit_rows(rows)}
     for curve in dict.fromkeys((row.series, row.quantity, row.unit) for row in rows):
         own = [row for row in rows if (row.series, row.quantity, row.unit) == curve]
         last = own[-1]

@@ -25,6 +25,11 @@ class Fit:
     last: float
     count: int
 
+    @property
+    def words(self) -> str:
+        """Slope and error for people; never a negative zero."""
+        return f"{round(self.slope, 2) + 0.0:.2f} ± {self.error:.2f}"
+
 
 def fit_rows(rows: list[GrowthRow]) -> list[Fit]:
     """The fit of each curve that has points enough."""

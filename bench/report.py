@@ -51,7 +51,14 @@ def main(arguments: list[str] | None = None) -> int:
     if verdicts:
         print_verdicts(console, verdicts)
     if options.json:
-        _write_json(options.json, machine=machine, missing=missing, rows=rows, requirements=verdicts)
+        _write_json(
+            options.json,
+            machine=machine,
+            missing=missing,
+            rounds=options.rounds,
+            rows=rows,
+            requirements=verdicts,
+        )
     if options.markdown:
         print(markdown(machine, rows))
     return 0 if all(verdict.is_met for verdict in verdicts) else 1

@@ -1,0 +1,92 @@
+"""Measure everything, and write the README's figures and pictures: ``python bench/publish.py``.
+
+Runs `report.py`, `ticks.py`, `service.py` and `growth.py` one after another, on what should be a quiet
+machine, keeps their JSON in ``bench/published``, and makes pictures and the README's section of it. Another
+machine's column of ticks is a ``ticks_NAME.json`` beside them. ``--from-json`` measures nothing.
+"""
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import readme
+from growth import write_pictures
+from growth_fit import Fit
+from growth_timing import GrowthRow
+
+BENCH = Path(__file__).resolve().parent
+# Together a quarter of an hour on a quiet machine of two cores; twice that beside others (2026-11-21).
+RUNS = {
+    "report": ["--rounds", "7"],
+    "ticks": ["--ticks", "10000"],
+    "service": ["publish", "minute"],
+    "growth": [],
+}
+QUICK_RUNS = {
+    "report": ["--quick", "--cases", "plate/near", "plate/rays"],
+    "ticks": ["--small"],
+    "service": ["--small"],
+    "growth": ["--small"],
+}
+JUDGED = (0, 1)  # exit codes of a run that ended: all is met, or something is not
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Measure and write; the exit code is 1 if a run failed, and then nothing is written."""
+    options = _parse(arguments)
+    if not options.from_json:
+        with tempfile.TemporaryDirectory(prefix="proximity_published_") as folder:
+            runs = QUICK_RUNS if options.quick else RUNS
+            for name in options.only or runs:
+                if not _measured(name, runs[name], Path(folder)):
+                    return 1
+            options.published.mkdir(parents=True, exist_ok=True)
+            for path in Path(folder).iterdir():
+                shutil.copy(path, options.published / path.name)
+    documents = readme.read(options.published)
+    if "growth" in documents:
+        draw_pictures(documents["growth"], options.published)
+    return readme.main(["--published", str(options.published), "--readme", str(options.readme)])
+
+
+def draw_pictures(document: dict, folder: Path) -> None:
+    """Write the pictures that the README shows."""
+    rows = [GrowthRow(**row) for row in document["rows"]]
+    fits = [Fit(**fit) for fit in document["fits"]]
+    with tempfile.TemporaryDirectory(prefix="proximity_pictures_") as drawn:
+        for path in write_pictures(Path(drawn), document["machine"], rows, fits):
+            if path.suffix == ".png" and path.stem in readme.PICTURES:
+                shutil.copy(path, folder / path.name)
+
+
+def _measured(name, words, folder):
+    """Run a script with its output shown; whether it ended as it should."""
+    command = [sys.executable, str(BENCH / f"{name}.py"), *words, "--json", str(folder / f"{name}.json")]
+    print("---", *command[1:], flush=True)
+    start = time.monotonic()
+    paths = [str(BENCH.parent), *filter(None, [os.environ.get("PYTHONPATH")])]
+    done = subprocess.run(command, env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)}, check=False)
+    print(f"--- {name}: {time.monotonic() - start:.0f} s", flush=True)
+    if done.returncode in JUDGED and (folder / f"{name}.json").is_file():
+        return True
+    print(f"{name}.py ended with {done.returncode}: nothing is published", file=sys.stderr)
+    return False
+
+
+def _parse(arguments):
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--from-json", action="store_true", help="only README and pictures, of what is there")
+    parser.add_argument("--only", nargs="+", choices=list(RUNS), metavar="RUN", help=", ".join(RUNS))
+    parser.add_argument("--quick", action="store_true", help="a look whether all runs: no figure means much")
+    parser.add_argument("--published", type=Path, default=readme.PUBLISHED, metavar="FOLDER")
+    parser.add_argument("--readme", type=Path, default=readme.README, metavar="FILE")
+    return parser.parse_args(arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

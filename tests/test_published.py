@@ -1,0 +1,185 @@
+"""The README's figures are those of the published runs, and nobody writes them by hand."""
+
+import importlib
+import json
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+BENCH = ROOT / "bench"
+
+MACHINE = {
+    "processor": "Fast(R) Processor 9 (family 1, avx2)",
+    "system": "Linux x86_64, 2 cores",
+    "python": "Python 3.11.7, numpy 2.4.6",
+    "threads": "one",
+    "commit": "abc1234",
+    "date": "2026-11-21 23:00 UTC",
+    "load": "0.1, 0.2, 0.3",
+}
+
+
+@pytest.fixture
+def bench():
+    """A call that imports a module of the folder bench."""
+    return importlib.import_module
+
+
+def comparison(section, contender, median, times_ours, wrong=0):
+    agreement = {"wrong_sign_count": wrong, "checked_count": 100}
+    return {
+        "section": section,
+        "case": "plate/near",
+        "contender": contender,
+        "version": "1.2",
+        "unit": "µs a query",
+        "median": median,
+        "p99": 2 * median,
+        "times_ours": times_ours,
+        "agreement": agreement,
+    }
+
+
+def tick_document(p50=5.0, processor="Fast"):
+    figures = {"p50": p50, "p99": 20.0, "p999": 300.0}
+    row = {
+        "case": "fingers/plate",
+        "part_count": 1,
+        "face_count": 87_304,
+        "finger_count": 5,
+        "tick_count": 20_000,
+        "thread": figures,
+        "wall": figures,
+        "verdicts": [
+            {"requirement": "p50 at most 10 µs", "measured": "5 µs", "is_met": True},
+            {"requirement": "p99.9 at most 50 µs", "measured": "300 µs", "is_met": False},
+        ],
+    }
+    return {"machine": MACHINE | {"processor": processor}, "rows": [row]}
+
+
+def test_readme_has_the_figures_of_the_published_runs():
+    """After a change to what writes them: ``python bench/publish.py --from-json``."""
+    readme = importlib.import_module("readme")
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+
+    assert readme.replaced(text, readme.section(readme.read(readme.PUBLISHED))) == text
+
+
+def test_published_pictures_are_there_and_small():
+    readme = importlib.import_module("readme")
+    for name in readme.PICTURES:
+        assert (BENCH / "published" / f"{name}.png").stat().st_size <= 100_000, name
+
+
+def test_requirement_stands_beside_the_fastest_rival_and_whether_it_is_met(bench):
+    results = bench("results")
+    rows = [
+        comparison(results.SIGNED, "proximity", 0.5, 1.0),
+        comparison(results.SIGNED, "Warp", 1.0, 2.0, wrong=18),
+        comparison(results.SIGNED, "FCPW", 4.0, 8.0),
+    ]
+
+    lines = bench("readme_tables").others_table({"rows": rows})
+
+    assert (
+        lines[2] == "| points, signed, µs each | plate | 0.5 | 1 Warp, 18 % of its signs wrong | 2 | 4 | no |"
+    )
+
+
+def test_faster_and_slower_machine_are_told_apart(bench):
+    lines = bench("readme_tables").ticks_table([tick_document(9.0, "Xeon"), tick_document(5.0, "EPYC")])
+
+    assert "Xeon, the slower, 2026-11-21 | EPYC, the faster, 2026-11-21" in lines[0]
+    assert lines[2] == "| 5 recorded fingers, plate of 87 k faces | 9, 20, 300 | 5, 20, 300 |"
+
+
+def test_shares_of_the_period_are_percent_of_it(bench):
+    lines = bench("readme_tables").period_table(tick_document())
+
+    (cells,) = ([cell.strip() for cell in line.split("|")[2:-1]] for line in lines[2:])
+    assert cells == [
+        "<0.1 / <0.1 / 0.75",
+        "0.1 / 0.4 / 6",
+        "0.17 / 0.67 / 10",
+        "0.5 / 2 / 30",
+        "2.5 / 10 / 150",
+    ]
+
+
+def test_requirement_that_is_not_met_is_named(bench):
+    text = bench("readme").section({"ticks": tick_document(), "ticks_epyc": tick_document(processor="EPYC")})
+
+    assert "1 of 2 are met. Not met:\n\n- p99.9 at most 50 µs: 300 µs" in text
+    assert "commit abc1234, load 0.1 when it began" in text
+    assert "Beside it: EPYC, Linux x86_64, 2 cores" in text
+
+
+def test_section_goes_between_the_marks_and_nowhere_else(bench):
+    readme = bench("readme")
+    before = f"# Title\n\n{readme.BEGIN}\n\nold\n{readme.END}\n\nrest\n"
+
+    after = readme.replaced(before, "new\n")
+
+    assert after == f"# Title\n\n{readme.BEGIN}\n\nnew\n\n{readme.END}\n\nrest\n"
+    assert readme.replaced(after, "new\n") == after
+
+
+@pytest.mark.parametrize("text", ["", "{end}{begin}", "{begin}{end}{end}"])
+def test_readme_without_marks_is_refused(bench, text, tmp_path, capsys):
+    readme = bench("readme")
+    path = tmp_path / "README.md"
+    path.write_text(text.format(begin=readme.BEGIN, end=readme.END), encoding="utf-8")
+
+    assert readme.main(["--readme", str(path)]) == 1
+    assert "expected one line" in capsys.readouterr().err
+
+
+def test_figures_have_three_digits_and_no_exponent(bench):
+    words = bench("readme_words")
+
+    assert [words.figure(value) for value in (0.0123456, 1.5, 12.0, 123.4, 12345.6, None, 0.0)] == [
+        "0.0123", "1.5", "12", "123", "12 346", "–", "0",
+    ]  # fmt: skip
+    assert [words.count_words(value) for value in (304, 87_304, 304_204, 1_313_000, 1e7)] == [
+        "304", "87 k", "304 k", "1.3 M", "10 M",
+    ]  # fmt: skip
+    assert [words.amount(*each) for each in ((97_036.0, "µs"), (0.0124, "s"), (5.0, "µs"), (3.0, "%"))] == [
+        "97 ms", "12.4 ms", "5 µs", "3 %",
+    ]  # fmt: skip
+    assert [words.power(value) for value in (1e-6, 0.0316, 1, 1020, 3.0e6, 1e7)] == [
+        "10⁻⁶", "0.032", "1", "1000", "3·10⁶", "10⁷",
+    ]  # fmt: skip
+
+
+def test_publishing_from_json_writes_pictures_and_readme(bench, tmp_path):
+    publish, readme = bench("publish"), bench("readme")
+    rows = [
+        {"axis": "faces", "series": "scene", "quantity": "memory", "unit": "bytes"}
+        | {"x": x, "median": 100 * x, "p99": None, "count": 1}
+        for x in (1e3, 1e4, 1e5)
+    ]
+    slope = {"slope": 1.0, "error": 0.0, "factor": 100.0, "first": 1e3, "last": 1e5, "count": 3}
+    fits = [{"axis": "faces", "series": "scene", "quantity": "memory"} | slope]
+    document = {"machine": MACHINE, "rows": rows, "fits": fits, "left_out": ["10⁷ faces are left out."]}
+    (tmp_path / "growth.json").write_text(json.dumps(document), encoding="utf-8")
+    path = tmp_path / "README.md"
+    path.write_text(f"{readme.BEGIN}\n{readme.END}\n", encoding="utf-8")
+
+    exit_code = publish.main(["--from-json", "--published", str(tmp_path), "--readme", str(path)])
+
+    text = path.read_text(encoding="utf-8")
+    assert exit_code == 0
+    assert "| its memory | 1000 to 10⁵ faces | 100 kB to 10 MB | 1.00 ± 0.00 |  |" in text
+    assert "10⁷ faces are left out." in text
+    assert (tmp_path / "growth_faces.png").is_file()
+
+
+def test_run_that_fails_publishes_nothing(bench, tmp_path, monkeypatch, capsys):
+    publish = bench("publish")
+    monkeypatch.setitem(publish.RUNS, "growth", ["--only", "nowhere"])
+
+    assert publish.main(["--only", "growth", "--published", str(tmp_path / "new")]) == 1
+    assert "growth.py ended with 2: nothing is published" in capsys.readouterr().err
+    assert not (tmp_path / "new").exists()
