@@ -41,7 +41,7 @@ def main(arguments: list[str] | None = None) -> int:
         ratios = {case.name: measure(case, options.rounds) for case in found}
         if options.update is not None:
             return _update(console, ratios, options.reason)
-        allowed = limits.for_vectors(limits.read_limits(), is_wide=limits.has_wide_vectors())
+        allowed = limits.allowed_here(limits.read_limits())
         verdicts = limits.judge(ratios, allowed)
         again = {each.case for each in verdicts if not each.is_met}
         if again:
