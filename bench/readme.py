@@ -154,7 +154,8 @@ def _ticks(documents):
     ]
     head = (
         f"**Ticks** ({_run('ticks', document, _first(documents))}): each timed on its own, from call to "
-        f"answer, {_ticks_of(document)}. {' '.join(beside)}"
+        f"answer, {_ticks_of(document)}. The calmest of three runs, tick by tick, is what the "
+        f"work itself takes. {' '.join(beside)}"
     )
     period = (
         "**Against the haptic period**: the same ticks in wall time, as shares of 40 ms (the paper's 25 Hz), "
