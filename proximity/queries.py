@@ -72,7 +72,8 @@ class Queries:
         On the surface: distance 0, gradient is the pseudo-normal of the feature.
         Ties: the lowest part; within a part any of the nearest faces, the same on every run.
         Degenerate: faces without area answer as their edges.
-        Cost: about O(log F) near the surface; towards O(F) at centres of symmetry.
+        Cost: about O(log F) on the surface, O(√F) near one that is finely meshed, towards O(F) at centres of
+        symmetry.
         Thread: any number of threads may ask; the interpreter lock is released.
         Source: Bærentzen & Aanæs 2005; Barill et al. 2018; see `kernels`.
         """
