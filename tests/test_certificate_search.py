@@ -66,7 +66,7 @@ def test_budget_bounds_the_work_and_leaves_a_bracket(searched, ball):
     assert ball.budget <= place.work <= ball.budget + 16
     true = ball.scene.signed_distance(place.position) - 0.007
     assert place.lower <= true <= place.upper
-    assert place.upper - place.lower > 0.001
+    assert place.upper - place.lower > 0.0001
     assert place.work > 5 * searched[Goal(Manner.COLD, True)].typical_work
 
 

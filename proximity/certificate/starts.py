@@ -19,6 +19,8 @@ SHRINKS = 12
 """Of a ball; it closes in on the medial axis like Newton's method, in four or five on curved surfaces."""
 CLOSE = 1e-9
 """Share of a ball's radius by which it may still be too large."""
+SAME = 1e-9
+"""Share of the scene's diagonal within which two points of the surface are one."""
 MOST_PARTS = 200
 """Whose middles are looked at."""
 MEDIAL_BUDGET = 500
@@ -111,12 +113,15 @@ def medial_places(subject: Subject, points: np.ndarray, normals: np.ndarray) -> 
     """
     lower, upper = subject.scene.bounds
     touching, ways = np.concatenate([points, points]), np.concatenate([normals, -normals])
-    radii = np.full(len(touching), float(np.linalg.norm(upper - lower)) + subject.working_range)
+    extent = float(np.linalg.norm(upper - lower))
+    radii = np.full(len(touching), extent + subject.working_range)
     for _ in range(SHRINKS):
         ends = touching + radii[:, None] * ways
         arms = nearest_points(subject, ends) - touching
-        along = 2.0 * (arms * ways).sum(axis=1)
-        smaller = np.divide((arms**2).sum(axis=1), along, out=radii.copy(), where=along > 0.0)
+        along, squares = 2.0 * (arms * ways).sum(axis=1), (arms**2).sum(axis=1)
+        # Who is nearest to its own point of the surface, but for rounding, holds nothing else.
+        is_other = (along > 0.0) & (squares > (SAME * extent) ** 2)
+        smaller = np.divide(squares, along, out=radii.copy(), where=is_other)
         is_less = (smaller < radii * (1.0 - CLOSE)) & (smaller > 0.0)
         if not is_less.any():
             break
