@@ -31,6 +31,9 @@ SERVED = {
     ("iox2", "seen by a reader that waits"): "from `publish` to a reader that waits",
     ("udp", "seen by a reader that waits"): "the same by UDP",
     ("zenoh", "seen by a reader that waits"): "the same by zenoh",
+    ("no service", "iceoryx2 alone: loan, fill, send"): "for comparison: iceoryx2's own loan, fill and send",
+    ("no service", "a loop that counts: compute"): "for comparison: a bare loop that counts to 2000",
+    ("no service", "a loop that counts: lateness"): "for comparison: that loop, woken later than asked",
 }
 GROWTH = {
     ("faces", "tick of five fingers", TIME): "a tick of five fingers of a recorded hand",

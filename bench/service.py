@@ -10,6 +10,7 @@ something that was measured is not met.
 import argparse
 import dataclasses
 import json
+import math
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -57,7 +58,7 @@ def main(arguments: list[str] | None = None) -> int:
     if options.json:
         document = {
             "machine": machine,
-            "rows": [dataclasses.asdict(row) for row in rows],
+            "rows": [_document(row) for row in rows],
             "verdicts": [dataclasses.asdict(verdict) for verdict in verdicts],
         }
         options.json.write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
@@ -79,6 +80,15 @@ def _parse(arguments):
         parser.error(f"no case is called {unknown[0]} (expected {', '.join(CASES)})")
     options.cases = options.cases or [name for name in CASES if name != "memory"]
     return options
+
+
+def _document(row):
+    """A row as JSON has it: what is not known is null."""
+    document = dataclasses.asdict(row)
+    document["figures"] = {
+        name: None if math.isnan(value) else value for name, value in document["figures"].items()
+    }
+    return document
 
 
 def _table(name, rows):
