@@ -43,7 +43,7 @@ class Case:
     @property
     def diagonal(self) -> float:
         """Length of the diagonal of the box around the mesh."""
-        return float(np.linalg.norm(np.ptp(self.vertices, axis=0)))
+        return diagonal(self.vertices)
 
     def __str__(self) -> str:
         kind = "points" if self.directions is None else "rays"
@@ -134,16 +134,21 @@ MESHES: dict[str, Callable[[], Mesh]] = {
 
 
 def _near(vertices, faces, count, rng):
-    """Points on faces drawn by area, moved along the normal."""
+    """Points on the surface, moved along the normal."""
+    points, normals = on_surface(vertices, faces, count, rng)
+    height = rng.normal(0.0, NEAR_SPREAD * diagonal(vertices), count)
+    return points + (height / np.linalg.norm(normals, axis=1))[:, None] * normals, None
+
+
+def on_surface(vertices, faces, count, rng):
+    """Points on faces drawn by area, and normals there, as long as twice the areas; (count, 3) each."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
     double_areas = np.linalg.norm(normals, axis=1)
     chosen = rng.choice(len(faces), count, p=double_areas / double_areas.sum())
     root, share = np.sqrt(rng.random(count)), rng.random(count)
     weights = np.stack([1.0 - root, root * (1.0 - share), root * share])[..., None]
-    on_surface = weights[0] * a[chosen] + weights[1] * b[chosen] + weights[2] * c[chosen]
-    height = rng.normal(0.0, NEAR_SPREAD * _diagonal(vertices), count)
-    return on_surface + (height / double_areas[chosen])[:, None] * normals[chosen], None
+    return weights[0] * a[chosen] + weights[1] * b[chosen] + weights[2] * c[chosen], normals[chosen]
 
 
 def _scattered(vertices, _, count, rng):
@@ -154,7 +159,7 @@ def _scattered(vertices, _, count, rng):
 def _center(vertices, _, count, rng):
     """Points about the middle: the worst there is for a ball, where all faces are equally far."""
     middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
-    return middle + rng.normal(0.0, 1e-6 * _diagonal(vertices), (count, 3)), None
+    return middle + rng.normal(0.0, 1e-6 * diagonal(vertices), (count, 3)), None
 
 
 def _path(vertices, faces, count, rng):
@@ -162,7 +167,7 @@ def _path(vertices, faces, count, rng):
     (start,), _ = _near(vertices, faces, 1, rng)
     heading = rng.normal(size=(count, 3)).cumsum(axis=0)
     heading /= np.linalg.norm(heading, axis=1)[:, None]
-    steps = PATH_STEP * _diagonal(vertices) * heading
+    steps = PATH_STEP * diagonal(vertices) * heading
     reach = np.ptp(vertices, axis=0)
     # Folded back at the walls of the scatter box, so that the hand does not walk away.
     lower = vertices.min(axis=0) - 0.25 * reach
@@ -176,7 +181,7 @@ def _rays(vertices, _, count, rng):
     middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
     outward = rng.normal(size=(count, 3))
     outward /= np.linalg.norm(outward, axis=1)[:, None]
-    origins = middle + _diagonal(vertices) * outward
+    origins = middle + diagonal(vertices) * outward
     directions = _in_box(vertices, count, rng, 1.0) - origins
     return origins, directions / np.linalg.norm(directions, axis=1)[:, None]
 
@@ -186,8 +191,9 @@ def _in_box(vertices, count, rng, size):
     return 0.5 * (lower + upper) + size * (upper - lower) * rng.uniform(-0.5, 0.5, (count, 3))
 
 
-def _diagonal(vertices):
-    return np.linalg.norm(np.ptp(vertices, axis=0))
+def diagonal(vertices):
+    """Length of the diagonal of the box around a mesh."""
+    return float(np.linalg.norm(np.ptp(vertices, axis=0)))
 
 
 PATTERNS = {"near": _near, "scattered": _scattered, "center": _center, "path": _path, "rays": _rays}

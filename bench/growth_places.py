@@ -6,6 +6,7 @@ import numpy as np
 import tick_cases as scenes
 import tick_motions as motions
 
+import cases
 from cases import FEW_COUNT, NEAR_SPREAD, Mesh, project_module
 from proximity import Scene
 
@@ -41,20 +42,13 @@ def lattice(part_count: int) -> Scene:
 
 def diagonal(mesh: Mesh) -> float:
     """Of the box around a mesh."""
-    return float(np.linalg.norm(np.ptp(mesh[0], axis=0)))
+    return cases.diagonal(mesh[0])
 
 
 def on_surface(mesh: Mesh, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Points on faces drawn by area, and their normals, (count, 3) each."""
-    rng, (vertices, faces) = np.random.default_rng(seed), mesh
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    normals = np.cross(b - a, c - a)
-    double_areas = np.linalg.norm(normals, axis=1)
-    chosen = rng.choice(len(faces), count, p=double_areas / double_areas.sum())
-    root, share = np.sqrt(rng.random(count)), rng.random(count)
-    weights = np.stack([1.0 - root, root * (1.0 - share), root * share])[..., None]
-    points = weights[0] * a[chosen] + weights[1] * b[chosen] + weights[2] * c[chosen]
-    return points, normals[chosen] / double_areas[chosen, None]
+    points, normals = cases.on_surface(*mesh, count, np.random.default_rng(seed))
+    return points, normals / np.linalg.norm(normals, axis=1)[:, None]
 
 
 def fives(rows: np.ndarray) -> np.ndarray:

@@ -84,7 +84,7 @@ def numbers() -> Table:
                 for speed in SPEEDS
             ]
     names = ("drum", "latency_s", "speed_m_per_s", "look_ahead_m", "formula_m")
-    return Table(dict(zip(names, zip(*rows, strict=True), strict=True)))
+    return Table.of_rows(names, rows)
 
 
 def draw(figure: "Figure", table: Table) -> None:

@@ -87,7 +87,7 @@ def numbers() -> Table:
         "told_contact_m",
         "told_error_m",
     )
-    return Table(dict(zip(names, zip(*rows, strict=True), strict=True)))
+    return Table.of_rows(names, rows)
 
 
 def draw(figure: "Figure", table: Table) -> None:

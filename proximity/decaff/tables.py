@@ -5,7 +5,7 @@ Columns are in SI units, which their names end in: ``time_s``, ``force_N``.
 """
 
 import csv
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TextIO
 
 import numpy as np
@@ -33,6 +33,19 @@ class Table:
         lengths = {name: len(values) for name, values in self.columns.items()}
         if len(set(lengths.values())) > 1:
             raise DecaffError(f"columns have lengths {lengths}, expected one length")
+
+    @classmethod
+    def of_rows(cls, names: Sequence[str], rows: Iterable[Sequence[float | str]]) -> "Table":
+        """Return a table of what was found row by row.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Of the columns.
+        rows : iterable of sequences
+            One value a column each; one row at least.
+        """
+        return cls(dict(zip(names, zip(*rows, strict=True), strict=True)))
 
     def __getitem__(self, name: str) -> np.ndarray:
         """Return a column."""
