@@ -5,7 +5,7 @@ import numpy as np
 from proximity import Scene, Tracker
 from proximity.kernels.cast import scaled_direction
 from proximity.kernels.compiling import kernel
-from proximity.kernels.descent import NOTHING_WAITS, descend, next_open
+from proximity.kernels.descent import NOTHING_WAITS, descend_in_order, next_open
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_SLOT, NODE_STRIDE, ROOT, SCALE, STACK_SIZE
 from proximity.kernels.memory import arrays_at
 from proximity.kernels.ray import (
@@ -90,7 +90,7 @@ def _ray_steps(reals, words, start, ox, oy, oz, dx, dy, dz, stacks):
             )  # fmt: skip
             if bits(is_open):
                 nearest = nearest_lane(bounds, is_open)
-                reference, at = descend(words, base, bounds, is_open, nearest, stacks, at)
+                reference, at = descend_in_order(words, base, bounds, is_open, nearest, stacks, at)
                 continue
         else:
             block = ~reference

@@ -19,8 +19,8 @@ from math import copysign
 import numpy as np
 
 from proximity.kernels.box import FAR
-from proximity.kernels.compiling import inlined, kernel
-from proximity.kernels.descent import NOTHING_WAITS, descend, next_open
+from proximity.kernels.compiling import inlined
+from proximity.kernels.descent import NOTHING_WAITS, descend_in_order, next_open
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_SLOT, NODE_STRIDE, STACK_SIZE
 from proximity.kernels.triangle import difference_of_products
 from proximity.simd import (
@@ -208,7 +208,7 @@ def first_in_block(reals, base, x, y, z, px, py, pz, lean_x, lean_y, pace, entry
     return found, first, weight_a, weight_b, weight_c
 
 
-@kernel
+@inlined
 def ray_in_part(reals, words, start, ox, oy, oz, dx, dy, dz, best, best_slot, stacks, at):
     """First hit of the ray *o* + t *d*, t >= 0, in the part's local frame: t, slot, and three weights.
 
@@ -243,7 +243,7 @@ def ray_in_part(reals, words, start, ox, oy, oz, dx, dy, dz, best, best_slot, st
             )  # fmt: skip
             if bits(is_open):
                 nearest = nearest_lane(bounds, is_open)
-                reference, at = descend(words, base, bounds, is_open, nearest, stacks, at)
+                reference, at = descend_in_order(words, base, bounds, is_open, nearest, stacks, at)
                 continue
         else:
             block = ~reference
