@@ -3,7 +3,6 @@
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,8 @@ import numpy as np
 from proximity.arrays import as_points
 from proximity.errors import NotWatertightError, QueryError
 from proximity.kernels import cast, query, segment_query
-from proximity.kernels.cast import cast_batch, cast_order
+from proximity.kernels.cast import NO_ROW, cast_batch, cast_order, cast_unlimited
+from proximity.kernels.compiling import Settled
 from proximity.kernels.curve import morton_order
 from proximity.kernels.layout import SIGN, SIGN_NONE
 from proximity.kernels.query import closest_batch, contains_batch, distance_batch, signed_batch, signed_few
@@ -26,11 +26,12 @@ SORT_RAYS_FROM = 16 << 20
 """Bytes of a model from which on batches of rays are sorted: then neighbours find in the cache what they
 meet. It costs 40 ns a ray; of a plate of 300 k faces it spares a quarter, of one that fits into the cache
 nothing."""
+ONE_THREAD = 1
 CHUNKS_PER_WORKER = 4
 SMALLEST_CHUNK = 1024
 
 _IN_ORDER = np.empty(0, np.int64)
-_INT32 = np.dtype(np.int32)
+_signed_few, _cast_unlimited = Settled(signed_few), Settled(cast_unlimited)
 
 
 class Queries:
@@ -80,10 +81,10 @@ class Queries:
         points = as_points(points)
         limit = _checked_limit(max_distance)
         rows = points.reshape(-1, 3)
-        reals, choices = _tables(len(rows), query)
+        answers = np.empty((len(rows), query.ANSWER_WIDTH))
         model = self._current()
-        _run(lambda order: closest_batch(model.handle, rows, order, limit, reals, choices), rows, workers)
-        return ClosestPoints(reals, choices, points.shape[:-1])
+        _run(lambda order: closest_batch(model.handle, rows, order, limit, answers), rows, workers)
+        return ClosestPoints(answers, points.shape[:-1])
 
     def signed_distance(self, points: Any, *, workers: int = 1) -> Any:
         """Return signed distances, m, negative inside: as `closest`, and faster.
@@ -104,13 +105,23 @@ class Queries:
         QueryError
             If *points* are not numbers of shape (..., 3).
         """
+        if workers is ONE_THREAD:
+            # Five rows of float64 from somebody in a hurry; what else it may be is sorted out below.
+            try:
+                if len(points) < SORT_FROM and type(points) is np.ndarray:
+                    distances = np.empty(len(points))
+                    model = self._current()
+                    if _signed_few.quick(model.handle, points, distances):
+                        return distances
+            except TypeError:
+                pass
         points = as_points(points)
         rows = points if points.ndim == 2 else points.reshape(-1, 3)
         count = len(rows)
         distances = np.empty(count)
         model = self._current()
         if count < SORT_FROM and workers == 1 and workers is not True:
-            signed_few(model.handle, rows, distances)
+            _signed_few.call(model.handle, rows, distances)
         else:
             _run(lambda order: signed_batch(model.handle, rows, order, distances), rows, workers)
         return distances if rows is points else distances.reshape(points.shape[:-1])[()]
@@ -208,6 +219,16 @@ class Queries:
         not hit.
         Source: Woop, Benthin, Wald 2013, "Watertight ray/triangle intersection".
         """
+        if max_distance is np.inf and workers is ONE_THREAD:
+            # As in `signed_distance`.
+            try:
+                if len(origins) < SORT_FROM and type(origins) is type(directions) is np.ndarray:
+                    answers = np.empty((len(origins), cast.ANSWER_WIDTH))
+                    model = self._current()
+                    if _cast_unlimited.quick(model.handle, origins, directions, answers) == NO_ROW:
+                        return RayHits(answers)
+            except TypeError:
+                pass
         origins, directions = as_points(origins, "origins"), as_points(directions, "directions")
         if origins.shape != directions.shape:
             origins, directions = _broadcast(origins, directions, "origins", "directions")
@@ -216,22 +237,25 @@ class Queries:
         if origins.ndim != 2:
             starts, ways = origins.reshape(-1, 3), directions.reshape(-1, 3)
         count = len(starts)
-        reals, choices = _tables(count, cast)
+        answers = np.empty((count, cast.ANSWER_WIDTH))
         model = self._current()
         is_sorted = count >= SORT_FROM and model.reals.nbytes >= SORT_RAYS_FROM
         if workers == 1 and workers is not True and not is_sorted:
-            zero_row = cast_batch(model.handle, starts, ways, _IN_ORDER, limit, reals, choices)
+            if limit == np.inf:
+                zero_row = _cast_unlimited.call(model.handle, starts, ways, answers)
+            else:
+                zero_row = cast_batch(model.handle, starts, ways, _IN_ORDER, limit, answers)
         else:
             rows = _run(
-                lambda order: cast_batch(model.handle, starts, ways, order, limit, reals, choices),
+                lambda order: cast_batch(model.handle, starts, ways, order, limit, answers),
                 starts,
                 workers,
                 lambda _: cast_order(model.handle, starts, ways) if is_sorted else np.arange(count),
             )
-            zero_row = min((row for row in rows if row >= 0), default=-1)
-        if zero_row >= 0:
+            zero_row = min((row for row in rows if row != NO_ROW), default=NO_ROW)
+        if zero_row != NO_ROW:
             raise QueryError(f"direction {zero_row} is zero, expected a vector with a length")
-        return RayHits(reals, choices, origins.shape[:-1])
+        return RayHits(answers, origins.shape[:-1])
 
     def closest_to_segments(
         self, starts: Any, ends: Any, *, max_distance: float = np.inf, workers: int = 1
@@ -266,19 +290,14 @@ class Queries:
         starts, ends = _broadcast(as_points(starts, "starts"), as_points(ends, "ends"), "starts", "ends")
         limit = _checked_limit(max_distance)
         here, there = starts.reshape(-1, 3), ends.reshape(-1, 3)
-        reals, choices = _tables(len(here), segment_query)
+        answers = np.empty((len(here), segment_query.ANSWER_WIDTH))
         model = self._current()
         _run(
-            lambda order: segment_batch(model.handle, here, there, order, limit, reals, choices),
+            lambda order: segment_batch(model.handle, here, there, order, limit, answers),
             here,
             workers,
         )
-        return SegmentHits(reals, choices, starts.shape[:-1])
-
-
-def _tables(count: int, of: ModuleType) -> tuple[np.ndarray, np.ndarray]:
-    """Room for the answers of a kernel, float64 and int32, as wide as the module *of* it says."""
-    return np.empty((count, of.ANSWER_REALS)), np.empty((count, of.ANSWER_INTS), _INT32)
+        return SegmentHits(answers, starts.shape[:-1])
 
 
 def _checked_limit(max_distance: Any) -> float:
@@ -305,7 +324,7 @@ def _broadcast(
             f"{first_name} have shape {first.shape} and {second_name} {second.shape}, "
             "expected shapes that broadcast together"
         ) from unfit
-    return np.array(one), np.array(other)
+    return np.array(one, order="C"), np.array(other, order="C")
 
 
 def _checked_workers(workers: Any) -> int:

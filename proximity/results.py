@@ -1,7 +1,7 @@
 """What queries answer: records of arrays with the leading shape S of the points that were asked.
 
 One point gives scalars, a grid gives a grid. Where there is no answer: `NO_FACE`, `NO_PART`, distance inf,
-points nan. Records are views of two arrays that a kernel has filled, and read-only.
+points nan. Records are views of an array that a kernel has filled, and read-only.
 """
 
 from enum import IntEnum
@@ -31,27 +31,34 @@ class Feature(IntEnum):
 
 
 class _Record:
-    """Columns of a float64 and an int32 table, seen in the shape of the question."""
+    """Columns of a table, float64 and behind them int32, seen in the shape of the question.
 
-    __slots__ = ("_choices", "_reals", "_shape")
+    Most callers look at one or two: nothing is done for a column before it is asked for.
+    """
+
+    __slots__ = ("_shape", "_table")
 
     _fields: tuple[str, ...] = ()
+    _choice_count = 2  # int32 columns
 
-    def __init__(self, reals: np.ndarray, choices: np.ndarray, shape: tuple[int, ...]) -> None:
-        reals.setflags(write=False)
-        choices.setflags(write=False)
-        self._reals = reals
-        self._choices = choices
-        self._shape = shape
+    def __init__(self, table: np.ndarray, shape: tuple[int, ...] | None = None) -> None:
+        self._table = table
+        self._shape = shape  # None: that of the rows
 
     def _real(self, column: int) -> Any:
-        return self._reals[:, column].reshape(self._shape)[()]
+        return self._in_shape(self._table[:, column])
 
     def _vector(self, column: int) -> np.ndarray:
-        return self._reals[:, column : column + 3].reshape((*self._shape, 3))
+        vectors = self._table[:, column : column + 3]
+        vectors.setflags(write=False)
+        return vectors if self._shape is None else vectors.reshape((*self._shape, 3))
 
     def _choice(self, column: int) -> Any:
-        return self._choices[:, column].reshape(self._shape)[()]
+        return self._in_shape(self._table.view(np.int32)[:, column - self._choice_count])
+
+    def _in_shape(self, column: np.ndarray) -> Any:
+        column.setflags(write=False)
+        return column if self._shape is None else column.reshape(self._shape)[()]
 
     @property
     def part(self) -> Any:
@@ -72,6 +79,7 @@ class ClosestPoints(_Record):
     """Answers to point queries, in the frame of the scene or solid that was asked."""
 
     __slots__ = ()
+    _choice_count = 4
     _fields = (
         "signed_distance",
         "point",

@@ -11,7 +11,7 @@ from enum import Enum
 import numpy as np
 
 from proximity.kernels import layout
-from proximity.kernels.query import ANSWER_INTS, ANSWER_REALS, closest_batch
+from proximity.kernels.query import ANSWER_WIDTH, closest_batch
 from proximity.kernels.winding import winding_number
 from proximity.model import Model, assemble
 from proximity.part_arrays import PartArrays, with_sign
@@ -126,11 +126,11 @@ def _contradictions(piece: PartArrays, points: np.ndarray, normals: np.ndarray) 
     around = [points + side * offset * size * normals for offset in SAMPLE_OFFSETS for side in (-1.0, 1.0)]
     asked = np.concatenate(around)
     model = assemble([piece], [Pose()])
-    answers, choices = np.empty((len(asked), ANSWER_REALS)), np.empty((len(asked), ANSWER_INTS), np.int32)
+    answers = np.empty((len(asked), ANSWER_WIDTH))
     world = asked / piece.frame.scale + piece.frame.centre
     # Far from the origin this rounds; both ways are asked about the point that it has become.
     asked = piece.frame.of(world)
-    closest_batch(model.handle, world, np.empty(0, np.int64), np.inf, answers, choices)
+    closest_batch(model.handle, world, np.empty(0, np.int64), np.inf, answers)
     turns = _turns(model, asked)
     # On the surface itself, to rounding, no side is right.
     is_off = np.abs(answers[:, 0]) * piece.frame.scale > 1e-9 * size

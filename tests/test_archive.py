@@ -140,7 +140,7 @@ def bits(value):
     if dataclasses.is_dataclass(value):
         return {field.name: bits(getattr(value, field.name)) for field in dataclasses.fields(value)}
     if isinstance(value, results._Record):
-        return bits(value._reals), bits(value._choices)
+        return bits(value._table)
     if isinstance(value, np.ndarray):
         return value.dtype.str, value.shape, value.tobytes()
     return np.float64(value).tobytes() if isinstance(value, float) else value

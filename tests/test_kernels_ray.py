@@ -59,16 +59,16 @@ class Hits:
         origins, directions = np.broadcast_arrays(
             np.atleast_2d(np.asarray(origins, float)), np.atleast_2d(np.asarray(directions, float))
         )
-        self.reals = np.full((len(origins), cast.ANSWER_REALS), 7.0)
-        self.choices = np.full((len(origins), cast.ANSWER_INTS), 7, np.int32)
+        table = np.full((len(origins), cast.ANSWER_WIDTH), 7.0)
+        self.reals, self.choices = table[:, : cast.ANSWER_REALS], table.view(np.int32)[:, cast.PART :]
+        self.choices[:] = 7
         self.zero_row = cast.cast_batch(
             model.handle,
             np.ascontiguousarray(origins),
             np.ascontiguousarray(directions),
             order,
             limit,
-            self.reals,
-            self.choices,
+            table,
         )
         self.distance, self.point = self.reals[:, cast.DISTANCE], self.reals[:, 1:4]
         self.normal, self.barycentric = self.reals[:, 4:7], self.reals[:, 7:10]

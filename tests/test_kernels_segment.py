@@ -84,11 +84,11 @@ class Found:
             np.atleast_2d(np.asarray(starts, float)), np.atleast_2d(np.asarray(ends, float))
         )
         self.starts, self.ends = np.ascontiguousarray(starts), np.ascontiguousarray(ends)
-        self.reals = np.full((len(starts), segment_query.ANSWER_REALS), 7.0)
-        self.choices = np.full((len(starts), segment_query.ANSWER_INTS), 7, np.int32)
-        segment_query.segment_batch(
-            model.handle, self.starts, self.ends, order, limit, self.reals, self.choices
-        )
+        table = np.full((len(starts), segment_query.ANSWER_WIDTH), 7.0)
+        self.reals = table[:, : segment_query.ANSWER_REALS]
+        self.choices = table.view(np.int32)[:, segment_query.PART :]
+        self.choices[:] = 7
+        segment_query.segment_batch(model.handle, self.starts, self.ends, order, limit, table)
         self.distance, self.fraction = self.reals[:, 0], self.reals[:, 7]
         self.on_segment, self.on_solid = self.reals[:, 1:4], self.reals[:, 4:7]
         self.barycentric = self.reals[:, 8:11]

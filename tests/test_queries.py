@@ -112,6 +112,33 @@ def test_answers_can_be_asked_again():
         assert np.abs(SOLID.distance(hit.point)).max() <= 1e-15
 
 
+@pytest.mark.parametrize("asked", [SOLID, SCENE], ids=["solid", "scene"])
+def test_what_a_mask_hides_is_no_point_nor_ray_however_often_it_is_asked(asked):
+    """Plain arrays are told from others by compiled code, once that has been called."""
+    hidden = np.ma.masked_array(POINTS, mask=[[False] * 3, [True] * 3, [False] * 3, [False] * 3])
+    plain = np.array(POINTS)
+    for _ in range(2):
+        expected = asked.signed_distance(plain), asked.cast(plain, plain).distance
+        found = asked.signed_distance(hidden), asked.cast(hidden, plain).distance
+
+        for one, other in zip(found, expected, strict=True):
+            assert np.isnan(one[1]) and np.array_equal(np.delete(one, 1), np.delete(other, 1))
+
+
+def test_rows_that_do_not_fit_are_refused_however_often_they_are_asked():
+    for _ in range(2):
+        SCENE.signed_distance(POINTS)
+        SCENE.cast(POINTS, POINTS)
+        with pytest.raises(QueryError, match=r"points have shape \(4, 2\), expected"):
+            SCENE.signed_distance(np.ascontiguousarray(POINTS[:, :2]))
+        with pytest.raises(QueryError, match=r"origins have shape \(4, 2\), expected"):
+            SCENE.cast(np.ascontiguousarray(POINTS[:, :2]), np.ascontiguousarray(POINTS[:, :2]))
+        with pytest.raises(QueryError, match=r"origins have shape \(4, 3\) and directions \(3, 3\)"):
+            SCENE.cast(POINTS, POINTS[:3].copy())
+        with pytest.raises(QueryError, match="direction 2 is zero"):
+            SCENE.cast(POINTS, POINTS * np.array([[1.0], [1.0], [0.0], [1.0]]))
+
+
 def test_points_are_not_changed():
     points = np.array(POINTS)
 

@@ -57,16 +57,19 @@ FAR_MARGIN = 2.0**-46
 """What the boxes of parts are widened by besides, times the origin's distance from the scene: a ray from afar
 is rounded for each part on its own."""
 
-# columns of the float64 answers
+# columns of the answers: float64
 DISTANCE = 0
 POINT = 1
 NORMAL = 4
 BARYCENTRIC = 7
 ANSWER_REALS = 10
-# columns of the int32 answers
-PART = 0
-FACE = 1
-ANSWER_INTS = 2
+# and int32, behind them
+PART = 2 * ANSWER_REALS
+FACE = PART + 1
+ANSWER_WIDTH = ANSWER_REALS + 1
+"""float64 that a row takes in all."""
+NO_ROW = -1
+NO_RAYS = -2
 
 
 @inlined
@@ -255,17 +258,18 @@ def cast_order(handle, origins, directions):
 
 
 @kernel
-def cast_batch(handle, origins, directions, order, limit, answers, choices):
-    """Fill answers (N, 10) and choices (N, 2) for rays (N, 3) each; see the columns above.
+def cast_batch(handle, origins, directions, order, limit, answers):
+    """Fill answers (N, `ANSWER_WIDTH`) for rays (N, 3) each; see the columns above.
 
     *order*: the rows in the order to take them in, or empty. *limit*: the longest distance to look, m. A
     direction that is zero, or a row that is not finite, answers nan and `NO_FACE`. Returns the lowest row
-    whose direction is zero, or -1: looking for it here spares a caller with five rays two microseconds.
+    whose direction is zero, or `NO_ROW`: looking for it here spares a caller with five rays two microseconds.
     """
     reals, words, frames, parts = arrays_at(handle)
+    choices = answers.view(np.int32)
     stacks = np.empty(4 * STACK_SIZE, np.float32)
     is_single = is_alone(parts)
-    zero_row = np.int64(-1)
+    zero_row = np.int64(NO_ROW)
     for i in range(len(order) if len(order) else len(origins)):
         row = order[i] if len(order) else i
         x, y, z = origins[row, 0], origins[row, 1], origins[row, 2]
@@ -274,7 +278,7 @@ def cast_batch(handle, origins, directions, order, limit, answers, choices):
         is_finite = is_finite and isfinite(dx) and isfinite(dy) and isfinite(dz)
         is_zero = dx == 0.0 and dy == 0.0 and dz == 0.0
         if is_zero or not is_finite:
-            if is_zero and (zero_row < 0 or row < zero_row):
+            if is_zero and (zero_row == NO_ROW or row < zero_row):
                 zero_row = row
             write_no_hit(answers, choices, row, np.nan)
             continue
@@ -298,3 +302,11 @@ def cast_batch(handle, origins, directions, order, limit, answers, choices):
         answers[row, DISTANCE] = distance
         write_hit(reals, words, frames, parts, part, slot, u, v, w, dx, dy, dz, length, answers, choices, row)
     return zero_row
+
+
+@kernel
+def cast_unlimited(handle, origins, directions, answers):
+    """`cast_batch` without an order or a limit; `NO_RAYS`, and nothing filled, where these are not (N, 3)."""
+    if origins.shape != directions.shape or origins.shape[1] != 3:
+        return np.int64(NO_RAYS)
+    return cast_batch(handle, origins, directions, np.empty(0, np.int64), np.inf, answers)

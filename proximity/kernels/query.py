@@ -43,18 +43,19 @@ SHORTEST = 1e-150
 CHUNK = 64
 """Points that go through each step together."""
 
-# columns of the float64 answers
+# columns of the answers: float64
 SIGNED_DISTANCE = 0
 POINT_AT = 1
 GRADIENT = 4
 BARYCENTRIC = 7
 ANSWER_REALS = 10
-# columns of the int32 answers
-PART = 0
-FACE = 1
-FEATURE = 2
-IS_SIGNED = 3
-ANSWER_INTS = 4
+# and int32, behind them
+PART = 2 * ANSWER_REALS
+FACE = PART + 1
+FEATURE = PART + 2
+IS_SIGNED = PART + 3
+ANSWER_WIDTH = ANSWER_REALS + 2
+"""float64 that a row takes in all."""
 
 
 @inlined
@@ -159,11 +160,16 @@ def _signs_of_chunk(reals, words, frames, parts, points, count, rows, found, dep
 
 @kernel
 def signed_few(handle, points, distances):
-    """Fill signed distances (N,), m, of points as they come: without the tables that many points need."""
+    """Fill signed distances (N,), m, of points as they come: without the tables that many points need.
+
+    False, and nothing filled, where the points are not (N, 3).
+    """
+    if points.shape[1] != 3:
+        return False
     reals, words, frames, parts = arrays_at(handle)
     if not is_alone(parts):
         signed_batch(handle, points, np.empty(0, np.int64), distances)
-        return
+        return True
     stacks, witness = np.empty(4 * STACK_SIZE, np.float32), np.empty(WITNESS_SIZE)
     for row in range(len(points)):
         x, y, z = points[row, 0], points[row, 1], points[row, 2]
@@ -173,6 +179,7 @@ def signed_few(handle, points, distances):
             _, slot = closest_in_part(reals, words, parts[0, ROOT], px, py, pz, np.inf, NO_SLOT, stacks, 0)
             signed = signed_of_slot(reals, words, parts, 0, slot, px, py, pz, witness)
             distances[row] = signed / frames[0, SCALE]
+    return True
 
 
 @kernel
@@ -222,9 +229,10 @@ def signed_batch(handle, points, order, distances):
 
 
 @kernel
-def closest_batch(handle, points, order, limit, answers, choices):
-    """Fill answers (N, 10) and choices (N, 4); see the columns above."""
+def closest_batch(handle, points, order, limit, answers):
+    """Fill answers (N, `ANSWER_WIDTH`); see the columns above."""
     reals, words, frames, parts = arrays_at(handle)
+    choices = answers.view(np.int32)
     stacks, witness = np.empty(4 * STACK_SIZE, np.float32), np.empty(WITNESS_SIZE)
     limit_sq = reach_sq(limit * frames[len(parts) - 1, SCALE])
     total = len(order) if len(order) else len(points)

@@ -48,17 +48,18 @@ from proximity.simd import (
     splat32,
 )
 
-# columns of the float64 answers
+# columns of the answers: float64
 DISTANCE = 0
 POINT_ON_SEGMENT = 1
 POINT_ON_SOLID = 4
 FRACTION_AT = 7
 BARYCENTRIC = 8
 ANSWER_REALS = 11
-# columns of the int32 answers
-PART = 0
-FACE = 1
-ANSWER_INTS = 2
+# and int32, behind them
+PART = 2 * ANSWER_REALS
+FACE = PART + 1
+ANSWER_WIDTH = ANSWER_REALS + 1
+"""float64 that a row takes in all."""
 
 
 @kernel
@@ -211,13 +212,14 @@ def _write_answer(reals, words, frames, parts, part, slot, segment, plan, witnes
 
 
 @kernel
-def segment_batch(handle, starts, ends, order, limit, answers, choices):
-    """Fill answers (N, 11) and choices (N, 2) for segments (N, 3) to (N, 3); see the columns above.
+def segment_batch(handle, starts, ends, order, limit, answers):
+    """Fill answers (N, `ANSWER_WIDTH`) for segments (N, 3) to (N, 3); see the columns above.
 
     *order*: the rows in the order to take them in, or empty. *limit*, m: nothing farther is looked for. A
     row that is not finite answers nan.
     """
     reals, words, frames, parts = arrays_at(handle)
+    choices = answers.view(np.int32)
     stacks = np.empty(4 * STACK_SIZE, np.float32)
     plans = np.zeros((2, PLAN_SIZE))
     probes = np.zeros((2, PROBE_SIZE), np.float32)
