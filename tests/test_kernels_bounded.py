@@ -91,6 +91,50 @@ def test_bounds_hold_whatever_the_budget(name):
                     assert found[:3] == (*ended, ended[0])
 
 
+@pytest.mark.parametrize("ease", [0.02, 0.1, 0.5, 1.0])
+@pytest.mark.parametrize("name", SCENES)
+def test_with_ease_bounds_hold_and_no_more_than_its_share_is_missed(name, ease):
+    """Of the distance beyond a core, which is searched exactly."""
+    rng = np.random.default_rng(8)
+    model, mesh = scene_named(name)
+    points = points_at(mesh, rng, 40)
+    size, scale = abs(mesh[0]).max(), model.frames[-1, SCALE]
+    steps, exact_steps = 0, 0
+    for point, distance in zip(points, oracle.closest(*mesh, points).distance, strict=True):
+        for core in (0.0, 0.5 * distance, 2.0 * distance):
+            for budget in (UNLIMITED, int(rng.integers(1, 60)), int(rng.integers(1, 2000))):
+                found = walk(model, point, budget, ease=ease, core=core * scale)
+                low, high = np.sqrt([found.lower_sq, found.best_sq]) / scale
+                assert_between(low, distance, high, size)
+                if found.work < budget:
+                    least = high - ease * max(high - core, 0.0)
+                    assert low == pytest.approx(least, rel=1e-12, abs=1e-300)
+        steps += walk(model, point, UNLIMITED, ease=ease).work
+        exact_steps += walk(model, point, UNLIMITED).work
+    assert steps <= exact_steps
+
+
+def test_within_the_core_the_search_is_exact():
+    model, mesh = scene_named("ball")
+    for point in points_at(mesh, np.random.default_rng(9), 20):
+        exact = walk(model, point, UNLIMITED)
+        core = 1.0001 * np.sqrt(exact.best_sq)
+
+        found = walk(model, point, UNLIMITED, ease=0.3, core=core)
+
+        assert found.lower_sq == found.best_sq == exact.best_sq
+
+
+def test_with_nothing_found_ease_does_not_lower_the_limit():
+    model, mesh = scene_named("ball")
+    for point in points_at(mesh, np.random.default_rng(10), 20):
+        limit = 0.81 * walk(model, point, UNLIMITED).best_sq
+        if limit == 0.0:
+            continue  # on the surface
+
+        assert walk(model, point, UNLIMITED, limit, ease=0.5)[:3] == (limit, NO_SLOT, limit)
+
+
 def test_answer_does_not_depend_on_how_the_budget_is_divided():
     rng = np.random.default_rng(7)
     for name in ("ball", "parts of a file", "parts apart"):
@@ -182,7 +226,7 @@ def test_room_suffices_where_all_is_open(best_sq):
     arrays = eightfold(6)
     room, whole = guarded_room()
     for budget in [1, 2, 9, 100, 1000, *range(SWEPT - 3, 8 * SWEPT, 997), 4 * SWEPT // 3, 2 * SWEPT]:
-        found = nearest_with_budget(*arrays, 0, 0, 0.0, 0.0, 0.0, best_sq, NO_SLOT, budget, room)
+        found = nearest_with_budget(*arrays, 0, 0, 0.0, 0.0, 0.0, best_sq, NO_SLOT, 0.0, 0.0, budget, room)
 
         assert found == (best_sq, NO_SLOT, 0.0, budget)
         assert (whole[:GUARD] == UNTOUCHED).all() and (whole[-GUARD:] == UNTOUCHED).all()
@@ -198,7 +242,7 @@ def test_room_suffices_for_the_deepest_trees_and_all_budgets():
     room, whole = guarded_room()
     total = depth + 7 * depth + 1
     for budget in [1, depth - 1, depth, 4 * depth, 4 * total, SWEPT, UNLIMITED]:
-        found = nearest_with_budget(*arrays, 0, 0, 0.0, 0.0, 0.0, np.inf, NO_SLOT, budget, room)
+        found = nearest_with_budget(*arrays, 0, 0, 0.0, 0.0, 0.0, np.inf, NO_SLOT, 0.0, 0.0, budget, room)
 
         assert found == (np.inf, NO_SLOT, 0.0 if budget < total else np.inf, min(budget, total))
         assert (whole[:GUARD] == UNTOUCHED).all() and (whole[-GUARD:] == UNTOUCHED).all()
@@ -213,7 +257,7 @@ def test_room_suffices_for_sweeps_after_the_deepest_descent():
     arrays = by_hand(depth + count, children)
     for budget in range(4 * SWEPT // 3, 4 * SWEPT // 3 + 60, 7):
         room, whole = guarded_room()
-        found = nearest_with_budget(*arrays, 0, 0, 0.0, 0.0, 0.0, np.inf, NO_SLOT, budget, room)
+        found = nearest_with_budget(*arrays, 0, 0, 0.0, 0.0, 0.0, np.inf, NO_SLOT, 0.0, 0.0, budget, room)
 
         assert found == (np.inf, NO_SLOT, 0.0, budget)
         assert (whole[:GUARD] == UNTOUCHED).all() and (whole[-GUARD:] == UNTOUCHED).all()
@@ -228,7 +272,7 @@ def test_opening_a_node_does_not_lower_the_bound():
     words[at + LEAST : at + LEAST + 2 * LANES] = 1.0  # in the plane 2 x = 1
     room, _ = guarded_room()
     for budget, expected in [(1, 0.0), (2, 0.25), (3, 0.25), (7, 0.25)]:
-        found = nearest_with_budget(*arrays, 0, 0, 0.0, 0.0, 0.0, np.inf, NO_SLOT, budget, room)
+        found = nearest_with_budget(*arrays, 0, 0, 0.0, 0.0, 0.0, np.inf, NO_SLOT, 0.0, 0.0, budget, room)
 
         assert found == (np.inf, NO_SLOT, pytest.approx(expected, rel=1e-6), budget)
 

@@ -26,10 +26,19 @@ class Asked:
         m = self.model
         self.arrays = (m.reals, m.words, m.frames, m.parts)
 
-    def at(self, point, *, part=-1, slot=NO_SLOT, is_outside=False, budget=PLENTY):
+    def at(self, point, *, part=-1, slot=NO_SLOT, is_outside=False, ease=0.0, core=0.0, budget=PLENTY):
         """Distance, lower, upper, clear, part, slot, bits, work."""
         return bracket.bracket_at(
-            *self.arrays, *map(float, point), part, slot, is_outside, budget, self.room, self.witness
+            *self.arrays,
+            *map(float, point),
+            part,
+            slot,
+            is_outside,
+            ease,
+            core,
+            budget,
+            self.room,
+            self.witness,
         )
 
     def face(self, part, slot):
@@ -132,6 +141,18 @@ def test_known_to_be_outside_spares_the_question_for_the_side(asked):
         assert asked.at(point, is_outside=True)[:7] == asked.at(point)[:7]
 
 
+def test_with_ease_a_bracket_outside_is_as_wide_and_inside_it_is_exact(asked):
+    where = points(300)
+    for point, true in zip(where, asked.scene.signed_distance(where), strict=True):
+        core = 0.1
+        _, lower, upper, clear, *_ = asked.at(point, is_outside=True, ease=0.2, core=core)
+        if true > 0.0:
+            assert lower <= true * (1.0 + 1e-12) and true <= upper * (1.0 + 1e-12)
+            assert clear <= lower
+            assert lower == pytest.approx(upper - 0.2 * max(upper - core, 0.0), rel=1e-12)
+        assert asked.at(point, ease=0.2, core=core)[:7] == asked.at(point)[:7]
+
+
 def test_inside_several_parts_the_deepest_counts_and_its_face_is_told():
     nested = Asked(Scene([part_of(shapes.cube(s, (0, 0, 0)), f"{s}") for s in (1.0, 4.0, 2.0)]))
     distance, lower, upper, clear, part, slot, bits, _ = nested.at((0.0, 0.0, 0.25))
@@ -184,7 +205,18 @@ def test_within_a_limit_only_nearer_faces_are_found(asked):
         distance = float(asked.scene.distance(point))
         for limit, is_found in ((0.99 * distance, False), (1.01 * distance, True)):
             best_sq, _, slot, lower_sq, _ = bracket.nearest_from(
-                reals, words, frames, parts, *point, 0, NO_SLOT, (limit * scale) ** 2, PLENTY, asked.room
+                reals,
+                words,
+                frames,
+                parts,
+                *point,
+                0,
+                NO_SLOT,
+                (limit * scale) ** 2,
+                0.0,
+                0.0,
+                PLENTY,
+                asked.room,
             )
             assert (slot != NO_SLOT) == is_found
             assert lower_sq >= best_sq

@@ -59,7 +59,7 @@ STILL = 1e-6
 """m/s. Slower than this nothing gets anywhere within a horizon."""
 CHEAP = 0.02
 """Share of the distance that a finger may go before its prediction takes a walk of its own."""
-STRIDE = 64
+STRIDE = 40
 """Steps that a finger takes along its velocity in one tick, about; the next goes on from the balls it keeps.
 All at once are 100 µs for five fingers near 90 k faces of free form, one tick in a hundred."""
 FEWEST_STEPS = 4
@@ -125,7 +125,7 @@ def foretell(
         else:
             distance, lower, upper, _, _, _, _, steps = bracket_at(
                 reals, words, frames, parts, x + dx, y + dy, z + dz, part, slot,
-                stays_outside and length < lower, left, room, witness,
+                stays_outside and length < lower, CHEAP, radius, left, room, witness,
             )  # fmt: skip
             _count(settings, numbers, i, steps)
     else:
@@ -247,7 +247,7 @@ def look_along_path(
     if flags & INSIDE or lower <= radius:
         _, lower, upper, _, part, slot, _, steps = bracket_at(
             reals, words, frames, parts, place[0], place[1], place[2], part, slot, False,
-            _left(settings, numbers, i), room, witness,
+            0.0, 0.0, _left(settings, numbers, i), room, witness,
         )  # fmt: skip
         _count(settings, numbers, i, steps)
         if lower <= radius:

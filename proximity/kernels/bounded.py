@@ -12,6 +12,8 @@ the part in whose frame it is, or the scene's row.
 Tried and dropped (2026-11): see the figures beside `SHARE`.
 """
 
+from math import sqrt
+
 import numpy as np
 
 from proximity.kernels.box import LARGEST, LARGEST_REST, SHRINK_FAR, point_boxes_distance_sq
@@ -71,6 +73,7 @@ FEWEST = 16
 FAR_OUT = 2.0**40
 """Part sizes from which on squares are taken in float64. Up to there a coordinate beyond 2 that is rounded to
 float32 puts a gap off by 2^-23 of itself at most: `SHRINK` makes up for it; up to 2 the boxes do."""
+DOWN = 1.0 - 2.0**-50
 SHRINK = 1.0 - 2.0**-19
 """Factor on a computed float32 bound: makes up for its roundings, twice over."""
 
@@ -107,6 +110,21 @@ def open_up_to(best_sq):
 
 
 @inlined
+def near_enough_sq(best_sq, best_slot, ease, core):
+    """The squared distance from which on nothing more is looked for: a little below the best found.
+
+    *ease*: the share of the distance beyond *core* that may be missed; 0 for an exact search.
+    """
+    enough_sq = best_sq
+    if ease > 0.0 and best_slot >= 0:
+        best = sqrt(best_sq)
+        if best > core:
+            enough = best - ease * (best - core)
+            enough_sq = enough * enough * DOWN
+    return enough_sq
+
+
+@inlined
 def factor_of(frames, part):
     """What a squared local length of *part* is in the scene's scale: a power of two."""
     ratio = frames[len(frames) - 1, SCALE] / frames[part, SCALE]
@@ -120,20 +138,23 @@ def _is_far(px, py, pz):
 
 
 @kernel
-def nearest_with_budget(reals, words, frames, parts, start, part, x, y, z, best_sq, best_slot, budget, room):
+def nearest_with_budget(
+    reals, words, frames, parts, start, part, x, y, z, best_sq, best_slot, ease, core, budget, room
+):
     """What of a subtree is nearest to a point of the scene's frame, as far as *budget* steps tell.
 
     *start*: the reference to walk from, in the frame of *part* (the scene's row for the tree over parts).
     *best_sq* (scene's scaled frame) and *best_slot*: what is known already; nothing farther is looked at.
-    A step is a node or a leaf. Returns the smallest squared distance found, its slot, the squared distance
-    below which nothing lies (equal where the search has ended), and the steps taken.
+    *ease*, *core* (scaled as well): see `near_enough_sq`. A step is a node or a leaf. Returns the smallest
+    squared distance found, its slot, the squared distance below which nothing lies (where the search has
+    ended, that of the best, or with ease what is near enough to it), and the steps taken.
     """
     px, py, pz = to_local(frames, parts, part, x, y, z)
     factor = factor_of(frames, part)
     is_far = _is_far(px, py, pz)
     wide_x, wide_y, wide_z = splat(px), splat(py), splat(pz)
     vx, vy, vz = splat32(np.float32(px)), splat32(np.float32(py)), splat32(np.float32(pz))
-    best32 = open_up_to(best_sq)
+    best32 = open_up_to(near_enough_sq(best_sq, best_slot, ease, core))
     scene = len(parts) - 1
     deep_end = max(budget // DEEP, budget - SWEPT)
     work = 0
@@ -162,7 +183,7 @@ def nearest_with_budget(reals, words, frames, parts, start, part, x, y, z, best_
                 reals, ~reference, wide_x, wide_y, wide_z, best_sq / factor, best_slot
             )
             best_sq = found_sq * factor
-            best32 = open_up_to(best_sq)
+            best32 = open_up_to(near_enough_sq(best_sq, best_slot, ease, core))
         else:
             work -= 1
             entry = parts[scene, FACES] + 2 * (~reference - ENTRY)
@@ -176,13 +197,15 @@ def nearest_with_budget(reals, words, frames, parts, start, part, x, y, z, best_
                 vx, vy, vz = splat32(np.float32(px)), splat32(np.float32(py)), splat32(np.float32(pz))
             continue
         if work >= deep_end:
-            return _sweep(reals, words, frames, parts, x, y, z, best_sq, best_slot, at, work, budget, room)
+            return _sweep(
+                reals, words, frames, parts, x, y, z, best_sq, best_slot, ease, core, at, work, budget, room
+            )
         while at > 0:
             at -= 1
             if room[at] <= best32:
                 break
         else:
-            return best_sq, best_slot, best_sq, work
+            return best_sq, best_slot, near_enough_sq(best_sq, best_slot, ease, core), work
         reference = load_int(room, at + ROOM)
         if np.int64(room[at + 2 * ROOM]) != part:
             part = np.int64(room[at + 2 * ROOM])
@@ -222,7 +245,7 @@ def _fetch(reals, words, reference):
 
 
 @kernel
-def _sweep(reals, words, frames, parts, x, y, z, best_sq, best_slot, count, work, budget, room):
+def _sweep(reals, words, frames, parts, x, y, z, best_sq, best_slot, ease, core, count, work, budget, room):
     """Go on from what waits: *count* subtrees in *room*."""
     scene = len(parts) - 1
     # Nodes of the trees over parts come after those of the parts, and have no slabs.
@@ -231,11 +254,12 @@ def _sweep(reals, words, frames, parts, x, y, z, best_sq, best_slot, count, work
     px, py, pz, factor, is_far = 0.0, 0.0, 0.0, 1.0, False
     share = SHARE
     while True:
-        best32 = open_up_to(best_sq)
+        enough_sq = near_enough_sq(best_sq, best_slot, ease, core)
+        best32 = open_up_to(enough_sq)
         count, lowest = _keep_open(room, count, best32)
-        lower_sq = min(np.float64(lowest), best_sq)
+        lower_sq = min(np.float64(lowest), enough_sq)
         if count == 0:
-            return best_sq, best_slot, best_sq, work
+            return best_sq, best_slot, enough_sq, work
         if work >= budget or count + LANES > ROOM - 2 * LANES:
             return best_sq, best_slot, lower_sq, work
         gap = min(best_sq, 4.0 * lower_sq + 1.0) - lower_sq
@@ -279,7 +303,7 @@ def _sweep(reals, words, frames, parts, x, y, z, best_sq, best_slot, count, work
                         reals, ~reference, splat(px), splat(py), splat(pz), best_sq / factor, best_slot
                     )
                     best_sq = found_sq * factor
-                    best32 = open_up_to(best_sq)
+                    best32 = open_up_to(near_enough_sq(best_sq, best_slot, ease, core))
                     follows = False
                     continue
                 base = NODE_STRIDE * reference

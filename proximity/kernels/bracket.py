@@ -55,7 +55,7 @@ def distance_to_slot(reals, frames, parts, part, slot, x, y, z):
 
 
 @inlined
-def nearest_from(reals, words, frames, parts, x, y, z, part, slot, limit_sq, budget, room):
+def nearest_from(reals, words, frames, parts, x, y, z, part, slot, limit_sq, ease, core, budget, room):
     """`nearest_with_budget` for the whole scene, starting from a face known, if any; with its part.
 
     *limit_sq*: in the scene's scaled frame; nothing farther is looked at.
@@ -71,7 +71,7 @@ def nearest_from(reals, words, frames, parts, x, y, z, part, slot, limit_sq, bud
             slot = np.int64(NO_SLOT)
     top = np.int64(0) if is_alone(parts) else scene
     best_sq, slot, lower_sq, work = nearest_with_budget(
-        reals, words, frames, parts, parts[top, ROOT], top, x, y, z, best_sq, slot, budget, room
+        reals, words, frames, parts, parts[top, ROOT], top, x, y, z, best_sq, slot, ease, core, budget, room
     )
     if slot >= 0:
         part = part_of_slot(parts, slot, part)
@@ -121,7 +121,21 @@ def _depth_in(reals, words, frames, parts, other, x, y, z, budget, room, witness
     if state == OUTSIDE:
         return False, 0.0, 0.0, np.int64(NO_SLOT), np.int64(0)
     best_sq, slot, lower_sq, work = nearest_with_budget(
-        reals, words, frames, parts, parts[other, ROOT], other, x, y, z, np.inf, NO_SLOT, budget, room
+        reals,
+        words,
+        frames,
+        parts,
+        parts[other, ROOT],
+        other,
+        x,
+        y,
+        z,
+        np.inf,
+        NO_SLOT,
+        0.0,
+        0.0,
+        budget,
+        room,
     )
     is_exact = lower_sq >= best_sq
     is_inside = True
@@ -171,17 +185,34 @@ def may_slip(frames, parts, x, y, z, reach):
 
 
 @kernel
-def bracket_at(reals, words, frames, parts, x, y, z, part, slot, is_outside, budget, room, witness):
+def bracket_at(
+    reals, words, frames, parts, x, y, z, part, slot, is_outside, ease, core, budget, room, witness
+):
     """Signed distance of a point of the scene's frame, m, between bounds.
 
     *part*, *slot*: a face to start from, or `NO_SLOT`. *is_outside*: True where it is known that no part
-    holds the point. Returns distance, lower and upper bound, a distance within which there is no surface,
-    part and slot of the face that is meant, bits (EXACT or BOUNDED, SIGNED, INSIDE), and the steps taken.
+    holds the point. *ease*, *core* (m), of a point that is outside: see `near_enough_sq`; others are asked
+    exactly, as far as the budget goes. Returns distance, lower and upper bound, a distance within which there
+    is no surface, part and slot of the face that is meant, bits (EXACT or BOUNDED, SIGNED, INSIDE), and the
+    steps taken.
     """
     scene = len(parts) - 1
     scale = frames[scene, SCALE]
     best_sq, part, slot, lower_sq, work = nearest_from(
-        reals, words, frames, parts, x, y, z, part, slot, np.inf, budget, room
+        reals,
+        words,
+        frames,
+        parts,
+        x,
+        y,
+        z,
+        part,
+        slot,
+        np.inf,
+        ease if is_outside else 0.0,
+        core * scale,
+        budget,
+        room,
     )
     is_exact = lower_sq >= best_sq
     upper = sqrt(best_sq) / scale

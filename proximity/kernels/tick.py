@@ -218,7 +218,7 @@ def _distance(
             bits |= SIGNED
     else:
         distance, lower, upper, clear, part, slot, bits, work = bracket_at(
-            reals, words, frames, parts, x, y, z, part, slot, is_outside, budget, room, witness
+            reals, words, frames, parts, x, y, z, part, slot, is_outside, 0.0, 0.0, budget, room, witness
         )  # fmt: skip
         settings[STEPS_LEFT] -= work
         tracks[i, ANCHOR], tracks[i, ANCHOR + 1], tracks[i, ANCHOR + 2] = x, y, z
