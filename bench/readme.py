@@ -137,7 +137,9 @@ def _others(documents):
     head = (
         f"**Beside others** ({_run('report', document, _first(documents))}): medians of {rounds}answers "
         f"compared before they are timed; {', '.join(versions)}.{absent} Points lie near the surface, "
-        'N(0, 2 % of the diagonal) off it. "Asked for" is how many times as fast it should be.'
+        'N(0, 2 % of the diagonal) off it. "Asked for" is how many times as fast it should be. Where signs '
+        "of the fastest are wrong, the fastest whose signs are right follows. embreex by itself tells "
+        "distances only, ours always where, on which face, and which way that faces."
     )
     verdicts = [each for each in document["requirements"] if each["requirement"].startswith(ALONE)]
     rest = verdict_lines("on memory and on starting", verdicts)

@@ -87,6 +87,7 @@ def test_requirement_stands_beside_the_fastest_rival_and_whether_it_is_met(bench
     assert (
         lines[2] == "| points, signed, µs each | plate | 0.5 | 1 Warp, 18 % of its signs wrong | 2 | 4 | no |"
     )
+    assert lines[3] == "|  |  |  | 4 FCPW | 8 | 4 | yes |", "the fastest whose signs are right"
 
 
 def test_faster_and_slower_machine_are_told_apart(bench):

@@ -110,6 +110,31 @@ def distance_batch(handle, points, order, limit, distances):
 
 
 @inlined
+def _tables(size):
+    """Room for chunks of *size* points: three arrays, since each takes as long to get as a step of a walk."""
+    narrow, wide = np.empty(4 * STACK_SIZE + 3 * size, np.float32), np.empty(WITNESS_SIZE + 2 * size)
+    at_found = size + 2
+    at_deeper = at_found + 2 * (CHUNK + 1)
+    at_pairs = at_deeper + 2 * size
+    longs = np.empty(at_pairs + 3 * LANES * size, np.int64)
+    found, recent = longs[at_found:at_deeper].reshape(CHUNK + 1, 2), longs[size:at_found]
+    found[CHUNK, 0], found[CHUNK, 1] = NO_PART, NO_SLOT
+    recent[0] = recent[1] = NO_PART
+    return (
+        narrow[: 4 * STACK_SIZE],
+        narrow[4 * STACK_SIZE :].reshape(size, 3),
+        wide[:WITNESS_SIZE],
+        wide[WITNESS_SIZE : WITNESS_SIZE + size],
+        wide[WITNESS_SIZE + size :],
+        longs[:size],
+        found,
+        longs[at_deeper:at_pairs].reshape(size, 2),
+        longs[at_pairs:].reshape(LANES * size, 3),
+        recent,
+    )
+
+
+@inlined
 def _nearest_of_chunk(
     reals,
     words,
@@ -139,6 +164,9 @@ def _nearest_of_chunk(
         if not _can_be_asked(frames, parts, x, y, z):
             found[k, 0], signs[k], depths[k] = NO_PART, np.nan, np.inf
             continue
+        if len(order) == 0:
+            # Fingers are apart: what is nearest to one helps little with the next.
+            part, slot = np.int64(NO_PART), np.int64(NO_SLOT)
         best_sq, part, slot = _nearest(reals, words, frames, parts, x, y, z, limit_sq, part, slot, stacks)
         found[k, 0], found[k, 1], depths[k], signs[k] = part, slot, best_sq, np.inf
     found[CHUNK, 0], found[CHUNK, 1] = part, slot
@@ -186,13 +214,8 @@ def signed_few(handle, points, distances):
 def signed_batch(handle, points, order, distances):
     """Fill signed distances (N,), m."""
     reals, words, frames, parts = arrays_at(handle)
-    stacks, witness = np.empty(4 * STACK_SIZE, np.float32), np.empty(WITNESS_SIZE)
     total = len(order) if len(order) else len(points)
-    size = min(total, CHUNK)
-    depths, signs, rows = np.empty(size), np.empty(size), np.empty(size, np.int64)
-    found, deeper = np.empty((CHUNK + 1, 2), np.int64), np.empty((size, 2), np.int64)
-    pairs, recent = np.empty((LANES * size, 3), np.int64), np.full(2, NO_PART)
-    found[CHUNK, 0], found[CHUNK, 1] = NO_PART, NO_SLOT
+    stacks, places, witness, depths, signs, rows, found, deeper, pairs, recent = _tables(min(total, CHUNK))
     for first in range(0, total, CHUNK):
         count = min(CHUNK, total - first)
         _nearest_of_chunk(
@@ -214,8 +237,8 @@ def signed_batch(handle, points, order, distances):
         _signs_of_chunk(reals, words, frames, parts, points, count, rows, found, depths, signs, witness)
         if len(parts) > 2:
             deepest_of_chunk(
-                reals, words, frames, parts, points, rows, count, found, depths, deeper, pairs, recent,
-                stacks, witness,
+                reals, words, frames, parts, points, rows, count, found, depths, deeper, places, pairs,
+                recent, stacks, witness,
             )  # fmt: skip
             for k in range(count):
                 part = deeper[k, 0]
@@ -233,14 +256,9 @@ def closest_batch(handle, points, order, limit, answers):
     """Fill answers (N, `ANSWER_WIDTH`); see the columns above."""
     reals, words, frames, parts = arrays_at(handle)
     choices = answers.view(np.int32)
-    stacks, witness = np.empty(4 * STACK_SIZE, np.float32), np.empty(WITNESS_SIZE)
     limit_sq = reach_sq(limit * frames[len(parts) - 1, SCALE])
     total = len(order) if len(order) else len(points)
-    size = min(total, CHUNK)
-    depths, signs, rows = np.empty(size), np.empty(size), np.empty(size, np.int64)
-    found, deeper = np.empty((CHUNK + 1, 2), np.int64), np.empty((size, 2), np.int64)
-    pairs, recent = np.empty((LANES * size, 3), np.int64), np.full(2, NO_PART)
-    found[CHUNK, 0], found[CHUNK, 1] = NO_PART, NO_SLOT
+    stacks, places, witness, depths, signs, rows, found, deeper, pairs, recent = _tables(min(total, CHUNK))
     for first in range(0, total, CHUNK):
         count = min(CHUNK, total - first)
         _nearest_of_chunk(
@@ -250,8 +268,8 @@ def closest_batch(handle, points, order, limit, answers):
         if len(parts) > 2:
             _signs_of_chunk(reals, words, frames, parts, points, count, rows, found, depths, signs, witness)
             deepest_of_chunk(
-                reals, words, frames, parts, points, rows, count, found, depths, deeper, pairs, recent,
-                stacks, witness,
+                reals, words, frames, parts, points, rows, count, found, depths, deeper, places, pairs,
+                recent, stacks, witness,
             )  # fmt: skip
         for k in range(count):
             row, part, slot = rows[k], found[k, 0], found[k, 1]

@@ -195,19 +195,32 @@ def is_held(reals, words, frames, parts, x, y, z, recent, stacks, witness):
 
 @kernel
 def deepest_of_chunk(
-    reals, words, frames, parts, points, rows, count, found, depths, deeper, pairs, recent, stacks, witness
+    reals,
+    words,
+    frames,
+    parts,
+    points,
+    rows,
+    count,
+    found,
+    depths,
+    deeper,
+    places,
+    pairs,
+    recent,
+    stacks,
+    witness,
 ):
     """Find, for points of which the nearest surface is known, the part that holds each of them deepest.
 
     *rows* (count,): of *points*. *found* (count, 2): nearest part, or `NO_PART`, and slot. *depths* (count,):
     squared distance (scene's scaled frame) where the nearest part holds the point, else -1; made larger where
-    another goes deeper, and then *deeper* (count, 2) gets that part and slot; else `NO_PART`. *pairs*
-    (CHUNK * LANES, 3) and the rest are scratch.
+    another goes deeper, and then *deeper* (count, 2) gets that part and slot; else `NO_PART`. *places*
+    (count, 3) float32, *pairs* (count * LANES, 3) and the rest are scratch.
 
     The points are asked together, part by part: so few steps wait for another, and boxes stay in registers.
     """
     scene = len(parts) - 1
-    places = np.empty((count, 3), np.float32)
     for k in range(count):
         deeper[k, 0], deeper[k, 1] = NO_PART, NO_SLOT
         row = rows[k]
