@@ -46,13 +46,15 @@ class Way:
     def clearance(self, stage):
         return max(float(self.scene.distance(self.at(stage))) - self.radius, 0.0)
 
-    def go(self, *, start=0.0, speed=1.0, drift=0.0, budget=PLENTY, clearance=None, way_of_parts=0.0):
+    def go(
+        self, *, start=0.0, speed=1.0, drift=0.0, ease=0.0, budget=PLENTY, clearance=None, way_of_parts=0.0
+    ):
         """Free until, expected at, part, slot, steps, is one."""
         clearance = self.clearance(start) if clearance is None else clearance
         return advance(
             *self.arrays, self.corners, self.stages, len(self.stages), start, clearance, self.radius,
-            float(speed), float(drift), 0, NO_SLOT, budget, self.balls, way_of_parts, self.room, self.witness,
-            self.place,
+            float(speed), float(drift), 0, NO_SLOT, float(ease), budget, self.balls, way_of_parts, self.room,
+            self.witness, self.place,
         )  # fmt: skip
 
     def is_free(self, start, end, count=200):
@@ -145,14 +147,15 @@ def test_what_is_far_is_not_asked_twice():
     assert way.go(clearance=0.0)[STEPS] <= 2
 
 
+@pytest.mark.parametrize("ease", [0.0, 0.1, 0.5])
 @pytest.mark.parametrize("seed", range(8))
-def test_what_is_certified_is_free_on_any_way_with_any_budget(seed):
+def test_what_is_certified_is_free_on_any_way_with_any_budget(seed, ease):
     rng = np.random.default_rng(seed)
     things = [block("block", (0, 0, 0)), solid(shapes.torus(0.1, 0.03), "ring"), sheet(height=-0.12)]
     way = Way(things, np.concatenate([[(0.2, 0.2, 0.2)], rng.uniform(-0.2, 0.2, (5, 3))]))
     for budget in (1, 3, 10, PLENTY):
         way.balls = no_balls()
-        free, expected, *_ = way.go(budget=budget)
+        free, expected, *_ = way.go(budget=budget, ease=ease)
         assert free > 0.0 and way.is_free(0.0, free)
         assert free <= expected
 

@@ -28,7 +28,7 @@ from proximity.simd import horizontal_min, load, minimum, select, splat, square_
 MOST_STEPS = 24
 TOUCH = 1e-5
 """m: nearer than this is a touch; a tenth of what an operator would feel as a bias."""
-NEAR = 0.02
+NEAR = 0.01
 """Share of the way gone that may be left to the nearest face's plane."""
 BALLS = 16
 """That a finger keeps; the oldest goes first. Fewer are asked for anew more often: 8 cost 15 % of a tick."""
@@ -37,10 +37,6 @@ BALLS_SIZE = 5 * BALLS + 1
 each was found, m; and the number of the oldest."""
 WORTH = 0.5
 """Share of what a ball gave when it was found that it must still give to be taken."""
-EASE = 0.1
-"""Share of a clearance that a step need not find: what it leaves, later steps get, and all walks end sooner.
-Ten fingers among moving parts take a fifth fewer steps and are certified to be free for 5 % less of the time;
-with 0.3 for 14 % less. Five near a part with holes take 155 steps at p99 instead of 197."""
 EXACT_WITHIN = 1e-3
 """m of clearance that are found whole: walks to a surface nearby are short, and where it is grazed each step
 counts."""
@@ -107,14 +103,15 @@ def _keep_ball(balls, way_of_parts, x, y, z, clear):
 @kernel
 def advance(
     reals, words, frames, parts, way, stages, count, stage, clearance, radius, speed, drift, part, slot,
-    budget, balls, way_of_parts, room, witness, place,
+    ease, budget, balls, way_of_parts, room, witness, place,
 ):  # fmt: skip
     """How far a sphere gets on its way.
 
     *way* (K, 3), *stages* (K,), *count* of them in use: the way, m, and its stages. *speed*: m a unit of
     stage at most. *drift*: m a unit of stage that surfaces may move toward the sphere. It is at *stage*,
-    *clearance* away from everything. *part*, *slot*: a face to start from. *balls* (`BALLS_SIZE`,): of the
-    finger; *way_of_parts*: how far parts have moved, m. *place* (9,): scratch.
+    *clearance* away from everything. *part*, *slot*: a face to start from. *ease*: share of a clearance that
+    a step need not find. *balls* (`BALLS_SIZE`,): of the finger; *way_of_parts*: how far parts have moved, m.
+    *place* (9,): scratch.
 
     Returns the stage up to which it touches nothing, for certain; the stage at which it will, or
     inf if not on this way; part and slot of the face it then touches or was nearest to last; the steps
@@ -145,7 +142,7 @@ def advance(
         limit = (rate * (end - stage) + radius + drift * gone) * scale
         best_sq, part, slot, lower_sq, steps = nearest_from(
             reals, words, frames, parts, place[0], place[1], place[2], part, slot,
-            limit * limit * (1.0 + 1e-12), EASE, (radius + EXACT_WITHIN) * scale, budget - work, room,
+            limit * limit * (1.0 + 1e-12), ease, (radius + EXACT_WITHIN) * scale, budget - work, room,
         )  # fmt: skip
         work += steps
         clear = sqrt(lower_sq) / scale * DOWN

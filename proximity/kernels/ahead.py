@@ -59,6 +59,11 @@ STILL = 1e-6
 """m/s. Slower than this nothing gets anywhere within a horizon."""
 CHEAP = 0.02
 """Share of the distance that a finger may go before its prediction takes a walk of its own."""
+EASE = 0.1
+"""Share of a clearance that a step along the velocity need not find: what it leaves, later steps get, and all
+walks end sooner. Ten fingers among moving parts take a fifth fewer steps and are certified to be free for 5 %
+less of the time; with 0.3 for 14 % less. Five near a part with holes take 155 steps at p99 instead of 197.
+On a path the contact's place counts, and nothing is spared."""
 STRIDE = 40
 """Steps that a finger takes along its velocity in one tick, about; the next goes on from the balls it keeps.
 All at once are 100 µs for five fingers near 90 k faces of free form, one tick in a hundred."""
@@ -168,7 +173,7 @@ def foretell(
         stages[0], stages[1] = 0.0, horizon
         free, found, _, _, steps, _ = advance(
             reals, words, frames, parts, way, stages, 2, 0.0, clearance, radius, speed, drift, part, slot,
-            min(_left(settings, numbers, i), STRIDE), balls, settings[WAY], room, witness, place,
+            EASE, min(_left(settings, numbers, i), STRIDE), balls, settings[WAY], room, witness, place,
         )  # fmt: skip
         # Where the way has not been followed to its end, or to a touch, there is still the nearest face.
         if free >= horizon or found < np.inf:
@@ -261,7 +266,7 @@ def look_along_path(
             return flags | ON_PATH | (CONTACT_FOUND if upper <= radius else 0)
     free, expected, part, slot, steps, _ = advance(
         reals, words, frames, parts, path, stages, len(stages), stage, lower - radius, radius, 1.0, 0.0, part,
-        slot, _left(settings, numbers, i), balls, settings[WAY], room, witness, place,
+        slot, 0.0, _left(settings, numbers, i), balls, settings[WAY], room, witness, place,
     )  # fmt: skip
     _count(settings, numbers, i, steps)
     flags |= ON_PATH
@@ -275,8 +280,8 @@ def look_along_path(
         if drift > 0.0:
             free, expected, part, slot, steps, _ = advance(
                 reals, words, frames, parts, path, stages, len(stages), stage, lower - radius, radius, 1.0,
-                drift / speed, part, slot, _left(settings, numbers, i), balls, settings[WAY], room, witness,
-                place,
+                drift / speed, part, slot, 0.0, _left(settings, numbers, i), balls, settings[WAY], room,
+                witness, place,
             )  # fmt: skip
             _count(settings, numbers, i, steps)
         records[i, TIME_TO_CONTACT_LOWER] = max(free - stage, 0.0) / speed * DOWN
