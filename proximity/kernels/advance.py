@@ -17,7 +17,8 @@ from math import sqrt
 
 import numpy as np
 
-from proximity.kernels.bracket import DOWN, fill_witness, nearest_from
+from proximity.kernels.bounded import DOWN
+from proximity.kernels.bracket import fill_witness, nearest_from
 from proximity.kernels.compiling import inlined, kernel
 from proximity.kernels.layout import LANES, SCALE
 from proximity.kernels.scene import direction_to_scene

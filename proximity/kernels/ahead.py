@@ -11,7 +11,8 @@ from math import isfinite, sqrt
 import numpy as np
 
 from proximity.kernels.advance import TOUCH, advance, place_on, touches
-from proximity.kernels.bracket import DOWN, bracket_at, distance_to_slot, may_slip, may_slip_in
+from proximity.kernels.bounded import DOWN
+from proximity.kernels.bracket import bracket_at, distance_to_slot, may_slip, may_slip_in
 from proximity.kernels.compiling import inlined, kernel
 from proximity.kernels.contact import (
     APPROACH_SPEED,

@@ -73,9 +73,10 @@ FEWEST = 16
 FAR_OUT = 2.0**40
 """Part sizes from which on squares are taken in float64. Up to there a coordinate beyond 2 that is rounded to
 float32 puts a gap off by 2^-23 of itself at most: `SHRINK` makes up for it; up to 2 the boxes do."""
-DOWN = 1.0 - 2.0**-50
 SHRINK = 1.0 - 2.0**-19
 """Factor on a computed float32 bound: makes up for its roundings, twice over."""
+DOWN = 1.0 - 2.0**-50
+"""Factor on a lower bound in float64: makes up for a few roundings, as of a root and a division."""
 
 
 @inlined

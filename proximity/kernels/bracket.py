@@ -10,7 +10,7 @@ from math import sqrt
 
 import numpy as np
 
-from proximity.kernels.bounded import factor_of, nearest_with_budget
+from proximity.kernels.bounded import DOWN, factor_of, nearest_with_budget
 from proximity.kernels.compiling import inlined, kernel
 from proximity.kernels.contact import BOUNDED, EXACT, INSIDE, SIGNED
 from proximity.kernels.grid import CROSSED, OUTSIDE
@@ -43,8 +43,6 @@ from proximity.simd import splat32, trailing_zeros
 
 FEWEST_STEPS = 8
 """For each further part that may hold the point, when the budget is spent already."""
-DOWN = 1.0 - 2.0**-50
-"""Makes up for the root and the division of a lower bound."""
 
 
 @inlined
@@ -58,7 +56,7 @@ def distance_to_slot(reals, frames, parts, part, slot, x, y, z):
 def nearest_from(reals, words, frames, parts, x, y, z, part, slot, limit_sq, ease, core, budget, room):
     """`nearest_with_budget` for the whole scene, starting from a face known, if any; with its part.
 
-    *limit_sq*: in the scene's scaled frame; nothing farther is looked at.
+    *limit_sq*, *core*: in the scene's scaled frame; nothing farther than the limit is looked at.
     """
     scene = len(parts) - 1
     best_sq = limit_sq
@@ -121,22 +119,9 @@ def _depth_in(reals, words, frames, parts, other, x, y, z, budget, room, witness
     if state == OUTSIDE:
         return False, 0.0, 0.0, np.int64(NO_SLOT), np.int64(0)
     best_sq, slot, lower_sq, work = nearest_with_budget(
-        reals,
-        words,
-        frames,
-        parts,
-        parts[other, ROOT],
-        other,
-        x,
-        y,
-        z,
-        np.inf,
-        NO_SLOT,
-        0.0,
-        0.0,
-        budget,
+        reals, words, frames, parts, parts[other, ROOT], other, x, y, z, np.inf, NO_SLOT, 0.0, 0.0, budget,
         room,
-    )
+    )  # fmt: skip
     is_exact = lower_sq >= best_sq
     is_inside = True
     if state == CROSSED:
@@ -199,21 +184,9 @@ def bracket_at(
     scene = len(parts) - 1
     scale = frames[scene, SCALE]
     best_sq, part, slot, lower_sq, work = nearest_from(
-        reals,
-        words,
-        frames,
-        parts,
-        x,
-        y,
-        z,
-        part,
-        slot,
-        np.inf,
-        ease if is_outside else 0.0,
-        core * scale,
-        budget,
-        room,
-    )
+        reals, words, frames, parts, x, y, z, part, slot, np.inf, ease if is_outside else 0.0, core * scale,
+        budget, room,
+    )  # fmt: skip
     is_exact = lower_sq >= best_sq
     upper = sqrt(best_sq) / scale
     if slot >= 0:

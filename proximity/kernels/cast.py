@@ -69,7 +69,9 @@ FACE = PART + 1
 ANSWER_WIDTH = ANSWER_REALS + 1
 """float64 that a row takes in all."""
 NO_ROW = -1
+"""Where a row is told: none."""
 NO_RAYS = -2
+"""Where a row is told: nothing was asked."""
 
 
 @inlined

@@ -48,12 +48,8 @@ def descend_in_order(words, base, bounds, is_open, nearest, stacks, at):
     """
     others = is_open & ~(lane_numbers() == splat32(np.float32(nearest)))
     second = nearest_lane(bounds, others)
-    rest = others & ~(lane_numbers() == splat32(np.float32(second)))
-    store(stacks, at, compress(bounds, rest))
-    store(stacks, at + STACK_SIZE, compress(load(words, base + CHILDREN), rest))
-    at += count_bits(bits(rest))
-    stacks[at] = lane(bounds, second)
-    stacks[at + STACK_SIZE] = words[base + CHILDREN + second]
+    _, at = descend(words, base, bounds, others, second, stacks, at)
+    stacks[at], stacks[at + STACK_SIZE] = lane(bounds, second), words[base + CHILDREN + second]
     return load_int(words, base + CHILDREN + nearest), at + (1 if bits(others) else 0)
 
 

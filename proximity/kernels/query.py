@@ -164,9 +164,6 @@ def _nearest_of_chunk(
         if not _can_be_asked(frames, parts, x, y, z):
             found[k, 0], signs[k], depths[k] = NO_PART, np.nan, np.inf
             continue
-        if len(order) == 0:
-            # Fingers are apart: what is nearest to one helps little with the next.
-            part, slot = np.int64(NO_PART), np.int64(NO_SLOT)
         best_sq, part, slot = _nearest(reals, words, frames, parts, x, y, z, limit_sq, part, slot, stacks)
         found[k, 0], found[k, 1], depths[k], signs[k] = part, slot, best_sq, np.inf
     found[CHUNK, 0], found[CHUNK, 1] = part, slot

@@ -195,22 +195,9 @@ def is_held(reals, words, frames, parts, x, y, z, recent, stacks, witness):
 
 @kernel
 def deepest_of_chunk(
-    reals,
-    words,
-    frames,
-    parts,
-    points,
-    rows,
-    count,
-    found,
-    depths,
-    deeper,
-    places,
-    pairs,
-    recent,
-    stacks,
+    reals, words, frames, parts, points, rows, count, found, depths, deeper, places, pairs, recent, stacks,
     witness,
-):
+):  # fmt: skip
     """Find, for points of which the nearest surface is known, the part that holds each of them deepest.
 
     *rows* (count,): of *points*. *found* (count, 2): nearest part, or `NO_PART`, and slot. *depths* (count,):
