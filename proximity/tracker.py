@@ -11,6 +11,7 @@ from proximity.errors import QueryError
 from proximity.kernels import track
 from proximity.kernels.advance import BALLS_SIZE
 from proximity.kernels.bounded import ROOM_SIZE
+from proximity.kernels.drift import room_for_movers
 from proximity.kernels.layout import GRID, NO_GRID, NO_PART, NO_SLOT, ROTATION, SIGN, SIGN_WINDING
 from proximity.kernels.motion import MAX_ACCELERATION, MAX_SPEED, MOTION_INTS, MOTION_REALS
 from proximity.kernels.tick import tick
@@ -123,7 +124,7 @@ class Tracker:
             "balls": np.zeros((count, BALLS_SIZE)),
             "records": self.contacts,
             "before": np.zeros((0, track.POSE_COLUMNS)),
-            "moving": np.zeros(0, np.int64),
+            "movers": room_for_movers(0),
             "room": np.zeros(ROOM_SIZE, np.float32),
             "scratch": np.zeros(track.SCRATCH_SIZE + 2),
         }
@@ -235,7 +236,7 @@ class Tracker:
             is_open = (model.parts[:count, SIGN] == SIGN_WINDING) & (model.parts[:count, GRID] == NO_GRID)
             self._settings[track.HOLES] = is_open.any()
             self._arrays["before"] = model.frames[:count, ROTATION : ROTATION + track.POSE_COLUMNS].copy()
-            self._arrays["moving"] = np.zeros(count, np.int64)
+            self._arrays["movers"] = room_for_movers(count)
             self._tell_addresses()
         self._model = model
 
@@ -255,6 +256,7 @@ class Tracker:
             len(arrays["positions"]),
             len(arrays["path_bends"]),
             len(arrays["before"]),
+            len(arrays["movers"]),
             len(arrays["room"]),
         ]
         self._table = np.array(counts + [arrays[name].ctypes.data for name in track.NAMES], np.int64)

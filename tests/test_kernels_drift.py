@@ -5,7 +5,16 @@ import pytest
 import shapes
 from scene_parts import part_of
 
-from proximity.kernels.drift import drift_from, gather_moving, velocity_of_part
+from proximity.kernels.drift import (
+    MOVER_COLUMNS,
+    MOVER_LOWER,
+    drift_until,
+    free_for,
+    gather_movers,
+    gather_near,
+    room_for_movers,
+    velocity_of_part,
+)
 from proximity.kernels.layout import ROTATION
 from proximity.kernels.track import POSE_COLUMNS, way_of_parts
 from proximity.pose import Pose
@@ -27,11 +36,25 @@ def scene_of(motions):
     )  # fmt: skip
 
 
-def drift(scene, u=(0.0, 0.0, 0.0)):
+def movers_of(scene):
+    """The table of parts that move, how many they are, and whether any stands."""
     model = scene._current()
-    moving = np.full(len(model.parts) - 1, -7)
-    count, stands = gather_moving(model.frames, model.parts, moving)
-    return drift_from(model.frames, moving, count, stands, *map(float, u))
+    movers = room_for_movers(len(model.parts) - 1)
+    return movers, *gather_movers(model.frames, model.parts, movers)
+
+
+def near_of(scene, u=(0.0, 0.0, 0.0), x=(0.0, 0.0, 0.0), off=0.0, speed=0.0, unit=1.0, extent=1e9):
+    """The table after a look for what may come near, how many parts that are, and the speed of all others."""
+    movers, count, stands = movers_of(scene)
+    near, _ = gather_near(
+        movers, count, *map(float, u), *map(float, x), float(off), float(speed), float(unit), float(extent)
+    )  # fmt: skip
+    return movers, near, float(np.linalg.norm(u)) if stands else 0.0
+
+
+def drift(scene, u=(0.0, 0.0, 0.0)):
+    """What no part exceeds at any time."""
+    return drift_until(*near_of(scene, u), 0.0, 1e9)[0]
 
 
 def fastest_corner(scene, u):
@@ -67,13 +90,17 @@ def test_parts_with_any_velocity_are_gathered_and_hidden_ones_left_out():
         [((0, 0, 0), (0, 0, 0)), ((0, 0, 1e-9), (0, 0, 0)), ((0, 0, 0), (0, 1, 0)), ((1, 0, 0),) * 2]
     )
     scene.hide("3")
-    model, moving = scene._current(), np.full(4, -7)
+    movers, count, stands = movers_of(scene)
 
-    assert gather_moving(model.frames, model.parts, moving) == (2, True)
-    assert moving.tolist() == [1, 2, -7, -7]
+    assert (count, stands) == (2, True)
+    size = len(movers) // MOVER_COLUMNS
+    lowers = movers.reshape(MOVER_COLUMNS, size)[MOVER_LOWER : MOVER_LOWER + 3, :count].T
+    for name, lower in zip("12", lowers, strict=True):
+        part = scene.part(name)
+        corners = part.solid.mesh.vertices @ part.pose.rotation.T + part.pose.translation
+        assert lower == pytest.approx(corners.min(axis=0), abs=1e-12)
     scene.hide("0")
-    model = scene._current()
-    assert gather_moving(model.frames, model.parts, moving) == (2, False)
+    assert movers_of(scene)[1:] == (2, False)
 
 
 def test_of_parts_that_only_go_straight_the_drift_is_the_largest_speed():
@@ -104,6 +131,106 @@ def test_no_corner_is_ever_faster_than_the_drift(seed):
     for _ in range(5):
         u = rng.normal(size=3)
         assert fastest_corner(scene, u) <= drift(scene, u)
+
+
+# --- when they come -----------------------------------------------------------------------------------------
+
+
+def train(speeds, gap=1.0):
+    """Cubes in a row along y from y = 1 on, *gap* apart, that go down."""
+    return Scene(
+        [
+            part_of(shapes.cube(), f"{row}", Pose(np.eye(3), (0.0, 1.0 + gap * row, 0.0)),
+                    velocity=np.array([0.0, -speed, 0.0]))
+            for row, speed in enumerate(speeds)
+        ]
+    )  # fmt: skip
+
+
+def test_a_part_counts_from_when_it_can_have_come():
+    # 0.5 m and 1.5 m off a point at y = 0.5; both come at once with the point.
+    scene = train([1.0, 4.0])
+    movers, near, least = near_of(scene, x=(0.5, 0.5, 0.5), speed=1.0)
+
+    assert near == 2
+    drift, faster = drift_until(movers, near, least, 1.0, 0.0)
+    assert drift == 0.0
+    assert faster == pytest.approx(0.5 / 2.0)
+    drift, faster = drift_until(movers, near, least, 1.0, faster)
+    assert 1.0 <= drift <= TIGHT
+    assert faster == pytest.approx(1.5 / 5.0)
+    assert drift_until(movers, near, least, 1.0, faster) == (pytest.approx(4.0), np.inf)
+
+
+def test_only_parts_that_may_come_in_time_are_gathered():
+    scene = train(np.full(21, 1.0))
+
+    for extent in (0.0, 0.1, 1.4, 3.4, 100.0):
+        for off in (0.0, 0.2, 0.7):
+            for unit in (0.5, 1.0):
+                come = 0.5 + np.arange(21) - off <= (1.0 + unit) * extent
+                _, near, _ = near_of(scene, x=(0.5, 0.5, 0.5), off=off, speed=1.0, unit=unit, extent=extent)
+                assert near == come.sum()
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_what_moves_is_never_nearer_than_gap_and_drift_allow(seed):
+    """The gap that is left at any instant, against the boxes themselves, moved."""
+    rng = np.random.default_rng(seed)
+    scene = scene_of(rng.normal(size=(19, 2, 3)) * rng.choice([0.0, 0.1, 3.0], (19, 2, 1)))
+    x, u = rng.normal(size=3) * 10.0, rng.normal(size=3)
+    movers, near, least = near_of(scene, u, x, extent=1.0)
+    for gone in np.append(0.0, rng.uniform(0.0, 1.0, 20)):
+        drift, faster = drift_until(movers, near, least, 0.0, gone)
+        assert faster > gone
+        for part in scene.parts:
+            arms = part.pose.rotation @ part.solid.mesh.vertices.T
+            middle, reach = part.pose.translation, np.linalg.norm(arms, axis=0).max()
+            turn = reach * np.linalg.norm(part.angular_velocity)
+            speed = np.linalg.norm(part.velocity - u) + turn
+            # Those that come within an instant's moves are counted; the others are still outside.
+            lower, upper = (arms.T + middle).min(axis=0), (arms.T + middle).max(axis=0)
+            gap = np.linalg.norm(np.maximum(np.maximum(lower - x, x - upper), 0.0))
+            assert speed <= drift * TIGHT or gap >= speed * gone * (1.0 - 1e-9)
+
+
+@pytest.mark.parametrize("count", [1, 8, 20])
+def test_the_fastest_is_told_however_far_it_is(count):
+    movers, found, _ = movers_of(train(np.linspace(1.0, 3.0, count)))
+    near, fastest = gather_near(movers, found, 0.0, 1.0, 0.0, 0.5, 0.5, 0.5, 0.0, 0.0, 0.5, 0.1)
+
+    assert near == 0
+    assert fastest == pytest.approx(0.5 * (1.0 + (3.0 if count > 1 else 1.0)))
+
+
+def test_among_many_parts_none_is_lost():
+    for count in (7, 8, 9, 40):
+        assert near_of(train(np.linspace(1.0, 2.0, count)))[1] == count
+        assert drift(train(np.linspace(1.0, 2.0, count))) == pytest.approx(2.0)
+
+
+def test_a_clearance_lasts_until_what_has_come_by_then_may_use_it_up():
+    movers, near, least = near_of(train([1.0, 4.0]), x=(0.5, 0.5, 0.5), speed=1.0)
+
+    for clearance, expected in (
+        (0.1, 0.1),  # used up by the point itself
+        (0.3, 0.25),  # the first part has come by then, and both may have used it up before
+        (0.55, 0.275),  # both have used it up
+        (0.7, 0.3),  # the second part comes
+        (2.0, 0.4),
+    ):
+        assert free_for(movers, near, least, 1.0, clearance) == pytest.approx(expected)
+    assert free_for(movers, 0, 0.0, 0.0, 0.1) == np.inf
+    assert free_for(movers, 0, 0.0, 0.0, 0.0) == 0.0
+    assert free_for(movers, 0, 0.5, 0.5, 0.1) == pytest.approx(0.1)
+
+
+def test_nothing_moves_nothing_counts():
+    assert near_of(scene_of([((0, 0, 0), (0, 0, 0))] * 9))[1:] == (0, 0.0)
+    assert drift_until(room_for_movers(9), 0, 0.25, 1.0, 1.0) == (0.25, np.inf)
+
+
+# --- how far they have moved --------------------------------------------------------------------------------
 
 
 def before(scene):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import shapes
-from ticking import MS, RADIUS, block, contact, moving_block, near, plate, sheet, solid
+from ticking import MS, RADIUS, block, contact, line, moving_block, near, plate, sheet, solid, tick_path
 
 from proximity.pose import Pose
 from proximity.scene import Part, Scene
@@ -152,6 +152,44 @@ def test_a_part_that_is_not_the_nearest_but_faster_is_certified_too():
 
     assert found["part"] == 0
     assert 0.0 < found["time_to_contact_lower"] <= true
+
+
+@pytest.mark.parametrize("away", [0.5, 1.0, 3.0])
+@pytest.mark.parametrize("position", [(0, 0, 0.05), (0, 0, 0.03)])
+def test_what_is_too_far_to_come_in_time_takes_nothing_of_the_time(away, position):
+    """A train at 2 m/s that is 0.4 m off, or more, does not come within 0.19 s."""
+    still = Scene([plate(), block("train", (0, away, 0))])
+    moving = Scene([plate(), block("train", (0, away, 0))])
+    moving.move("train", Pose(translation=(0, 0, 0)), velocity=(0, -2.0, 0))
+    alone, beside = contact(still, position, (0, 0, -0.25)), contact(moving, position, (0, 0, -0.25))
+
+    assert alone["time_to_contact_lower"] >= 0.99 * (position[2] - RADIUS) / 0.25
+    assert beside["time_to_contact_lower"] == pytest.approx(alone["time_to_contact_lower"], rel=1e-9)
+    assert beside["time_to_contact"] == alone["time_to_contact"]
+
+
+@pytest.mark.parametrize("speed", [2.0, 5.0, 20.0])
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_what_comes_from_afar_in_time_is_certified(speed, side):
+    """A finger sinks to a plate; a train comes from the side, and is there first."""
+    train = solid(shapes.box((-0.05, side * 0.5 - 0.05, -0.02), (0.05, side * 0.5 + 0.05, 0.2)), "train")
+    scene = Scene([plate(top=-0.05), train])
+    scene.move("train", Pose(), velocity=(0, -side * speed, 0))
+    found = contact(scene, (0, 0, 0.05), (0, 0, -0.1))
+    true = (0.45 - RADIUS) / speed
+
+    assert 0.9 * true <= found["time_to_contact_lower"] <= true
+
+
+def test_on_a_path_too_only_what_comes_in_time_counts():
+    path = line((0, 0, 0.05), (0, 0, -0.05))
+    for away, speed in ((3.0, 2.0), (0.5, 4.0)):
+        scene = Scene([plate(), solid(shapes.box((-0.05, away - 0.05, -0.02), (0.05, away, 0.2)), "train")])
+        scene.move("train", Pose(), velocity=(0, -speed, 0))
+        found = tick_path(scene, path, velocity=(0, 0, -0.25))
+        true = min(0.043 / 0.25, (away - 0.05 - RADIUS) / speed)
+
+        assert 0.9 * true <= found["time_to_contact_lower"] <= true
 
 
 def test_a_part_given_with_velocity_moves_from_the_start():

@@ -20,6 +20,7 @@ import numpy as np
 from proximity.kernels.bounded import DOWN
 from proximity.kernels.bracket import fill_witness, nearest_from
 from proximity.kernels.compiling import inlined, kernel
+from proximity.kernels.drift import drift_until
 from proximity.kernels.layout import LANES, SCALE
 from proximity.kernels.scene import direction_to_scene
 from proximity.kernels.triangle import dot
@@ -36,7 +37,7 @@ BALLS = 16
 BALLS_SIZE = 5 * BALLS + 1
 """Of a finger's row of balls: their x, y, z, m; radius, m, negative for none; how far parts had moved when
 each was found, m; and the number of the oldest."""
-WORTH = 0.5
+WORTH = 0.25
 """Share of what a ball gave when it was found that it must still give to be taken."""
 EXACT_WITHIN = 1e-3
 """m of clearance that are found whole: walks to a surface nearby are short, and where it is grazed each step
@@ -101,32 +102,41 @@ def _keep_ball(balls, way_of_parts, x, y, z, clear):
     balls[5 * BALLS] = (ball + 1) % BALLS
 
 
+@inlined
+def _until(stage, clearance, rate, faster):
+    """How far a clearance lets a sphere go: up to where it is used up, or where a faster part may come."""
+    if rate > 0.0:
+        return min(stage + clearance / rate * DOWN, faster)
+    return faster
+
+
 @kernel
 def advance(
-    reals, words, frames, parts, way, stages, count, stage, clearance, radius, speed, drift, part, slot,
-    ease, budget, balls, way_of_parts, room, witness, place,
+    reals, words, frames, parts, way, stages, count, stage, clearance, radius, speed, movers, near, least,
+    part, slot, ease, budget, balls, way_of_parts, room, witness, place,
 ):  # fmt: skip
     """How far a sphere gets on its way.
 
     *way* (K, 3), *stages* (K,), *count* of them in use: the way, m, and its stages. *speed*: m a unit of
-    stage at most. *drift*: m a unit of stage that surfaces may move toward the sphere. It is at *stage*,
-    *clearance* away from everything. *part*, *slot*: a face to start from. *ease*: share of a clearance that
-    a step need not find. *balls* (`BALLS_SIZE`,): of the finger; *way_of_parts*: how far parts have moved, m.
-    *place* (9,): scratch.
+    stage at most. *movers*, *near*, *least*: m a unit of stage that surfaces may move toward the sphere, see
+    `drift_until`. It is at *stage*, *clearance* away from everything. *part*, *slot*: a face to start from.
+    *ease*: share of a clearance that a step need not find. *balls* (`BALLS_SIZE`,): of the finger;
+    *way_of_parts*: how far parts have moved, m. *place* (9,): scratch.
 
     Returns the stage up to which it touches nothing, for certain; the stage at which it will, or
     inf if not on this way; part and slot of the face it then touches or was nearest to last; the steps
     taken; and whether the touch is one: within `TOUCH`.
     """
-    rate = speed + drift
     end = stages[count - 1]
     begin = stage
     work = np.int64(0)
     expected = np.inf
-    if not rate > 0.0:
+    drift_at_end, _ = drift_until(movers, near, least, speed, end - begin)
+    if not speed + drift_at_end > 0.0:
         return end, expected, part, slot, work, False
     scale = frames[len(frames) - 1, SCALE]
-    free = stage + clearance / rate * DOWN
+    drift, faster = drift_until(movers, near, least, speed, 0.0)
+    free = _until(stage, clearance, speed + drift, begin + faster)
     for _ in range(MOST_STEPS):
         if not free < end:
             return end, np.inf, part, slot, work, False
@@ -135,12 +145,14 @@ def advance(
         stage = free
         place_on(way, stages, count, stage, place)
         gone = stage - begin
+        drift, faster = drift_until(movers, near, least, speed, gone)
+        rate = speed + drift
         known = _room_in_balls(balls, way_of_parts, place[0], place[1], place[2], radius) - drift * gone
         if known > NEAR * speed * gone and known > TOUCH:
-            free = stage + known / rate * DOWN
+            free = _until(stage, known, rate, begin + faster)
             continue
         # What is farther than this at present is not reached before the end.
-        limit = (rate * (end - stage) + radius + drift * gone) * scale
+        limit = ((speed + drift_at_end) * (end - stage) + radius + drift_at_end * gone) * scale
         best_sq, part, slot, lower_sq, steps = nearest_from(
             reals, words, frames, parts, place[0], place[1], place[2], part, slot,
             limit * limit * (1.0 + 1e-12), ease, (radius + EXACT_WITHIN) * scale, budget - work, room,
@@ -151,7 +163,7 @@ def advance(
         if slot < 0 and lower_sq >= best_sq:
             return end, np.inf, part, slot, work, False
         left = max(clear - radius - drift * gone, 0.0)
-        free = stage + left / rate * DOWN
+        free = _until(stage, left, rate, begin + faster)
         if slot < 0:
             continue
         gap = fill_witness(reals, words, parts, frames, part, slot, place[0], place[1], place[2], witness)

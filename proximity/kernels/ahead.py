@@ -1,9 +1,9 @@
 """What a finger will meet: the distance when the controller acts, and time and place of the next contact.
 
 All questions go to the scene as it stands at the tick. A way in time is followed relative to the nearest
-part: the place of the finger at time t, less what that part has moved until then. Other parts, and the
-turning of that one, then move at some speed at most relative to it, the *drift*, and a distance found is less
-certain by drift times t.
+part: the place of the finger at time t, less what that part has moved until then. Other parts that can have
+come by then, and the turning of that one, move at some speed at most relative to it, the *drift*, and a
+distance found is less certain by drift times t.
 """
 
 from math import isfinite, sqrt
@@ -39,8 +39,9 @@ from proximity.kernels.contact import (
     VELOCITY,
     WORK,
 )
-from proximity.kernels.drift import drift_from, velocity_of_part
+from proximity.kernels.drift import ROUNDED_UP, drift_until, free_for, gather_near, velocity_of_part
 from proximity.kernels.motion import predict
+from proximity.kernels.scene import rounding_at
 from proximity.kernels.track import (
     AHEAD_LEFT,
     BUDGET,
@@ -90,20 +91,24 @@ def _count(settings, numbers, i, steps):
 
 @inlined
 def foretell(
-    reals, words, frames, parts, settings, motions, tracks, marks, balls, records, numbers, moving,
-    moving_count, stands, i, ahead, flags, room, witness, way, stages, place,
+    reals, words, frames, parts, settings, motions, tracks, marks, balls, records, numbers, movers,
+    mover_count, stands, i, ahead, flags, room, witness, way, stages, place,
 ):  # fmt: skip
     """Write the distance expected *ahead* seconds after the pose, and the time to contact."""
     part, slot, radius = marks[i, TRACK_PART], marks[i, SLOT], tracks[i, RADIUS]
-    ux, uy, uz, drift = 0.0, 0.0, 0.0, 0.0
-    if moving_count:
-        if slot >= 0:
-            ux, uy, uz = (
-                records[i, PART_VELOCITY],
-                records[i, PART_VELOCITY + 1],
-                records[i, PART_VELOCITY + 2],
-            )
-        drift = drift_from(frames, moving, moving_count, stands, ux, uy, uz)
+    ux, uy, uz = 0.0, 0.0, 0.0
+    if mover_count and slot >= 0:
+        ux, uy, uz = (
+            records[i, PART_VELOCITY],
+            records[i, PART_VELOCITY + 1],
+            records[i, PART_VELOCITY + 2],
+        )
+    own_speed = sqrt(dot(ux, uy, uz, ux, uy, uz)) * ROUNDED_UP
+    least = own_speed if stands else 0.0
+    vx, vy, vz = records[i, VELOCITY] - ux, records[i, VELOCITY + 1] - uy, records[i, VELOCITY + 2] - uz
+    speed = sqrt(dot(vx, vy, vz, vx, vy, vz)) * ROUNDED_UP
+    if not flags & PREDICTED:
+        speed = settings[MAX_SPEED] + own_speed
     x, y, z = records[i, POSITION], records[i, POSITION + 1], records[i, POSITION + 2]
     ahead = max(ahead, 0.0)
 
@@ -137,7 +142,16 @@ def foretell(
     else:
         # No face is known to ask: a distance changes by no more than the way.
         lower, upper = lower - length, upper + length
-    spread = rho + drift * ahead
+    # Here the fastest part of all counts: readers learn from this spread how fast anything may come when they
+    # are late.
+    horizon = settings[HORIZON]
+    near, fastest = np.int64(0), 0.0
+    if mover_count:
+        near, fastest = gather_near(
+            movers, mover_count, ux, uy, uz, x, y, z, radius + rounding_at(frames, x, y, z), speed, 1.0,
+            horizon,
+        )  # fmt: skip
+    spread = rho + max(fastest, least) * ahead
     if settings[HOLES] != 0.0 and may_slip(frames, parts, x + dx, y + dy, z + dz, spread + length):
         # Through a hole the side changes away from the surface: what is left is how far that is.
         upper = max(upper, -lower)
@@ -151,30 +165,24 @@ def foretell(
     if records[i, SIGNED_DISTANCE] <= 0.0:
         records[i, TIME_TO_CONTACT], records[i, TIME_TO_CONTACT_LOWER] = 0.0, 0.0
         return
-    vx, vy, vz = records[i, VELOCITY] - ux, records[i, VELOCITY + 1] - uy, records[i, VELOCITY + 2] - uz
-    speed = sqrt(dot(vx, vy, vz, vx, vy, vz)) * (1.0 + 1e-12)
-    if not flags & PREDICTED:
-        speed = settings[MAX_SPEED] + sqrt(dot(ux, uy, uz, ux, uy, uz))
-    rate = speed + drift
     # Nobody waits for what is beyond the working range.
-    horizon = settings[HORIZON]
-    if rate * horizon > settings[WORKING_RANGE]:
-        horizon = max(settings[WORKING_RANGE] / rate, 0.1 * horizon)
-    if rate * horizon <= clearance or rate < STILL:
-        # What may touch already is not free for a moment, however slow.
-        free = horizon if rate * horizon < clearance else (clearance / rate * DOWN if rate > 0.0 else 0.0)
-        records[i, TIME_TO_CONTACT], records[i, TIME_TO_CONTACT_LOWER] = np.inf, free
+    if speed * horizon > settings[WORKING_RANGE]:
+        horizon = max(settings[WORKING_RANGE] / speed, 0.1 * horizon)
+    drift, _ = drift_until(movers, near, least, speed, horizon)
+    free = free_for(movers, near, least, speed, clearance)
+    if free >= horizon or speed + drift < STILL:
+        records[i, TIME_TO_CONTACT], records[i, TIME_TO_CONTACT_LOWER] = np.inf, min(free, horizon)
         return
     closing = records[i, APPROACH_SPEED]
     expected = records[i, SIGNED_DISTANCE] / closing if closing > 0.0 and flags & PREDICTED else np.inf
-    free = clearance / rate * (1.0 - 1e-12)
     if flags & PREDICTED and flags & IN_RANGE and is_outside:
         way[0, 0], way[0, 1], way[0, 2] = x, y, z
         way[1, 0], way[1, 1], way[1, 2] = x + vx * horizon, y + vy * horizon, z + vz * horizon
         stages[0], stages[1] = 0.0, horizon
         free, found, _, _, steps, _ = advance(
-            reals, words, frames, parts, way, stages, 2, 0.0, clearance, radius, speed, drift, part, slot,
-            EASE, min(_left(settings, numbers, i), STRIDE), balls, settings[WAY], room, witness, place,
+            reals, words, frames, parts, way, stages, 2, 0.0, clearance, radius, speed, movers, near, least,
+            part, slot, EASE, min(_left(settings, numbers, i), STRIDE), balls, settings[WAY], room, witness,
+            place,
         )  # fmt: skip
         # Where the way has not been followed to its end, or to a touch, there is still the nearest face.
         if free >= horizon or found < np.inf:
@@ -225,7 +233,7 @@ def interpolate(xs, ys, x):
 @kernel
 def look_along_path(
     reals, words, frames, parts, settings, path, path_bends, bend, tracks, marks, balls, records, numbers,
-    moving, moving_count, stands, i, flags, room, witness, stages, place,
+    movers, mover_count, i, flags, room, witness, stages, place,
 ):  # fmt: skip
     """Write where on its path the finger touches first and, if it goes that way, when; the flags."""
     whole = _measure_path(path, stages)
@@ -266,22 +274,27 @@ def look_along_path(
                 records[i, TIME_TO_CONTACT_LOWER] = 0.0
             return flags | ON_PATH | (CONTACT_FOUND if upper <= radius else 0)
     free, expected, part, slot, steps, _ = advance(
-        reals, words, frames, parts, path, stages, len(stages), stage, lower - radius, radius, 1.0, 0.0, part,
-        slot, 0.0, _left(settings, numbers, i), balls, settings[WAY], room, witness, place,
+        reals, words, frames, parts, path, stages, len(stages), stage, lower - radius, radius, 1.0, movers, 0,
+        0.0, part, slot, 0.0, _left(settings, numbers, i), balls, settings[WAY], room, witness, place,
     )  # fmt: skip
     _count(settings, numbers, i, steps)
     flags |= ON_PATH
     if free < whole:
         flags = _write_contact(
             reals, words, frames, parts, settings, path, path_bends, stages, free, expected, part, slot,
-            radius, records, numbers, moving_count, i, flags, room, place,
+            radius, records, numbers, mover_count, i, flags, room, place,
         )  # fmt: skip
     if speed > 0.0 and flags & PREDICTED and records[i, SIGNED_DISTANCE] > 0.0:
-        drift = drift_from(frames, moving, moving_count, stands, 0.0, 0.0, 0.0) if moving_count else 0.0
-        if drift > 0.0:
+        near = np.int64(0)
+        if mover_count:
+            near, _ = gather_near(
+                movers, mover_count, 0.0, 0.0, 0.0, x, y, z, radius + off + rounding_at(frames, x, y, z),
+                1.0, 1.0 / speed, whole - stage,
+            )  # fmt: skip
+        if near:
             free, expected, part, slot, steps, _ = advance(
                 reals, words, frames, parts, path, stages, len(stages), stage, lower - radius, radius, 1.0,
-                drift / speed, part, slot, 0.0, _left(settings, numbers, i), balls, settings[WAY], room,
+                movers, near, 0.0, part, slot, 0.0, _left(settings, numbers, i), balls, settings[WAY], room,
                 witness, place,
             )  # fmt: skip
             _count(settings, numbers, i, steps)
@@ -293,7 +306,7 @@ def look_along_path(
 @kernel
 def _write_contact(
     reals, words, frames, parts, settings, path, path_bends, stages, free, expected, part, slot, radius,
-    records, numbers, moving_count, i, flags, room, place,
+    records, numbers, mover_count, i, flags, room, place,
 ):  # fmt: skip
     """Write the contact location: free up to one stage, expected at another, confirmed beyond that."""
     whole = stages[len(stages) - 1]
@@ -303,7 +316,7 @@ def _write_contact(
         records[i, CONTACT_BEND_ERROR] = np.inf
         return flags
     drift_bend = 0.0
-    if moving_count and slot >= 0:
+    if mover_count and slot >= 0:
         vx, vy, vz = velocity_of_part(frames, part, place[0], place[1], place[2])
         along = dot(place[6], place[7], place[8], place[3], place[4], place[5])
         if along < 0.0:

@@ -37,6 +37,8 @@ from proximity.simd import (
     splat32,
 )
 
+ROUNDING = 1e-13
+"""Part sizes: more than what distances and ways round."""
 FARTHEST = 1e100
 """Local coordinates beyond this are pulled in: the direction stays, the square does not overflow."""
 
@@ -84,6 +86,12 @@ def to_local(frames, parts, part, x, y, z):
         _pull_in((dy - frames[part, CENTRE + 1]) * scale),
         _pull_in((dz - frames[part, CENTRE + 2]) * scale),
     )
+
+
+@inlined
+def rounding_at(frames, x, y, z):
+    """More than what a distance from a point of the scene's frame is off by rounding, m."""
+    return ROUNDING * (1.0 / frames[len(frames) - 1, SCALE] + abs(x) + abs(y) + abs(z))
 
 
 @inlined

@@ -55,7 +55,7 @@ from proximity.kernels.contact import (
     VELOCITY,
     WORK,
 )
-from proximity.kernels.drift import gather_moving, velocity_of_part
+from proximity.kernels.drift import gather_movers, velocity_of_part
 from proximity.kernels.layout import (
     BLOCK_STRIDE,
     LANES,
@@ -72,7 +72,7 @@ from proximity.kernels.layout import STIFFNESS as PART_STIFFNESS
 from proximity.kernels.memory import arrays_at
 from proximity.kernels.motion import VELOCITY as ESTIMATE
 from proximity.kernels.motion import observe, observe_with_velocity
-from proximity.kernels.scene import FARTHEST, to_local, to_scene, turn_to_scene
+from proximity.kernels.scene import FARTHEST, ROUNDING, rounding_at, to_local, to_scene, turn_to_scene
 from proximity.kernels.track import (
     AHEAD_LEFT,
     ANCHOR,
@@ -87,7 +87,7 @@ from proximity.kernels.track import (
     LATENCY,
     MAX_ACCELERATION,
     MAX_SPEED,
-    MOVING_COUNT,
+    MOVER_COUNT,
     ODOMETER,
     PLACE_AT,
     RADIUS,
@@ -125,8 +125,6 @@ end of them; a skin of thousands would be late. Who finds none left goes by what
 is among the first at the next tick."""
 FEWEST_STEPS = 8
 """For the distance of a finger of which nothing is known, when none are left."""
-ROUNDING = 1e-13
-"""Part sizes: more than what distances and ways round."""
 
 
 @inlined
@@ -155,8 +153,7 @@ def _carried(frames, settings, tracks, i, x, y, z):
     """A distance, m, within which there is still no surface: what was clear less what has moved."""
     dx, dy, dz = x - tracks[i, ANCHOR], y - tracks[i, ANCHOR + 1], z - tracks[i, ANCHOR + 2]
     moved = sqrt(dx * dx + dy * dy + dz * dz) + (settings[WAY] - tracks[i, ODOMETER])
-    slack = ROUNDING * (1.0 / frames[len(frames) - 1, SCALE] + abs(x) + abs(y) + abs(z))
-    return tracks[i, CLEAR] - moved * (1.0 + ROUNDING) - slack
+    return tracks[i, CLEAR] - moved * (1.0 + ROUNDING) - rounding_at(frames, x, y, z)
 
 
 @inlined
@@ -280,7 +277,7 @@ def tick(handle, tracker, now_ns, is_moved):
         wide,
         numbers,
         before,
-        moving,
+        movers,
         room,
         scratch,
     ) = tracker_arrays_at(tracker)
@@ -289,8 +286,8 @@ def tick(handle, tracker, now_ns, is_moved):
         if not settings[WAY] <= FARTHEST_WAY:
             settings[WAY] = 0.0
             forget_surfaces(tracks, balls)
-        settings[MOVING_COUNT], settings[STANDS] = gather_moving(frames, parts, moving)
-    moving_count, stands = np.int64(settings[MOVING_COUNT]), settings[STANDS] != 0.0
+        settings[MOVER_COUNT], settings[STANDS] = gather_movers(frames, parts, movers)
+    mover_count, stands = np.int64(settings[MOVER_COUNT]), settings[STANDS] != 0.0
     acts_ns = now_ns + np.int64(1e9 * settings[LATENCY])
     reach = FARTHEST / frames[len(parts) - 1, SCALE]
     witness, place = scratch[:WITNESS_SIZE], scratch[PLACE_AT:WAY_AT]
@@ -337,14 +334,13 @@ def tick(handle, tracker, now_ns, is_moved):
             flags |= PART_CHANGED
         marks[i, TOLD_PART] = numbers[i, PART]
         foretell(
-            reals, words, frames, parts, settings, motions, tracks, marks, balls[i], records, numbers, moving,
-            moving_count, stands, i, 1e-9 * (acts_ns - pose_ns[i]), flags, room, witness, way, stages, place,
+            reals, words, frames, parts, settings, motions, tracks, marks, balls[i], records, numbers, movers,
+            mover_count, stands, i, 1e-9 * (acts_ns - pose_ns[i]), flags, room, witness, way, stages, place,
         )  # fmt: skip
         if settings[HAS_PATHS] != 0.0 and isfinite(paths[i, 0, 0]):
             flags = look_along_path(
                 reals, words, frames, parts, settings, paths[i], path_bends, bends[i], tracks, marks,
-                balls[i], records, numbers, moving, moving_count, stands, i, flags, room, witness,
-                path_stages, place,
+                balls[i], records, numbers, movers, mover_count, i, flags, room, witness, path_stages, place,
             )  # fmt: skip
         numbers[i, FLAGS] = flags
         _advise(records, numbers, i)

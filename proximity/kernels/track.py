@@ -38,7 +38,7 @@ BUDGET = 6  # steps a finger
 HAS_VELOCITIES = 7  # 1 where the caller gives velocities
 HAS_PATHS = 8
 HOLES = 9  # 1 where some part has an inside though it is not closed
-MOVING_COUNT = 10  # parts that have a velocity; written by the tick
+MOVER_COUNT = 10  # parts that have a velocity; written by the tick
 STANDS = 11  # 1 where some part has none
 TOLERANCE = 14  # of a distance, see `Tracker`
 AHEAD_LEFT = 12  # steps that are left for looking ahead, of all fingers; written by the tick
@@ -54,8 +54,8 @@ POSE_COLUMNS = 12
 
 PLACE_AT, WAY_AT, STAGES_AT, SCRATCH_SIZE = 24, 40, 46, 48
 """Places in ``scratch``: a witness comes first, the stages of a path last."""
-FINGER_COUNT, PATH_COUNT, PART_COUNT, ROOM_COUNT = 0, 1, 2, 3
-FIRST_ADDRESS = 4
+FINGER_COUNT, PATH_COUNT, PART_COUNT, MOVERS_SIZE, ROOM_COUNT = 0, 1, 2, 3, 4
+FIRST_ADDRESS = 5
 NAMES = (
     "settings",
     "positions",
@@ -71,7 +71,7 @@ NAMES = (
     "balls",
     "records",
     "before",
-    "moving",
+    "movers",
     "room",
     "scratch",
 )
@@ -86,10 +86,11 @@ def tracker_arrays_at(handle):
     ``records`` comes three times: as float64, int64 and int32.
     """
     table = longs_at(handle, (TABLE_SIZE,))
-    fingers, knots, parts, room = (
+    fingers, knots, parts, movers, room = (
         table[FINGER_COUNT],
         table[PATH_COUNT],
         table[PART_COUNT],
+        table[MOVERS_SIZE],
         table[ROOM_COUNT],
     )
     at = FIRST_ADDRESS
@@ -110,7 +111,7 @@ def tracker_arrays_at(handle):
         longs_at(table[at + 12], (fingers, RECORD_REALS)),
         ints_at(table[at + 12], (fingers, RECORD_INTS)),
         reals_at(table[at + 13], (parts, POSE_COLUMNS)),
-        longs_at(table[at + 14], (parts,)),
+        reals_at(table[at + 14], (movers,)),
         words_at(table[at + 15], (room,)),
         reals_at(table[at + 16], (SCRATCH_SIZE + knots,)),
     )
