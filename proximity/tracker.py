@@ -47,14 +47,15 @@ class Tracker:
         From a tick until the controller acts on its answer: predictions are for then.
     budget : int
         Nodes and leaves visited for a finger in a tick, at most, but for a few that tell side and way; None:
-        500, which keeps any tick of five fingers below 0.2 ms. All fingers together take at most ten budgets
-        for distances and three for looking ahead: a crowd takes turns.
+        500, which keeps any tick of five fingers below 0.2 ms. All fingers share ten budgets for distances,
+        four where there are hundreds, and three for looking ahead. A crowd that would need more takes turns:
+        its bounds are apart by as small a share of each distance as can be had, the same for all.
     working_range : float, m
         Beyond it there are bounds only: a finger that cannot have come nearer is not searched for.
     tolerance : float
-        Share of its distance by which the bounds of a finger may be apart before it is searched for anew. 0:
-        exact at every tick. For skins of thousands: with 0.05, as much as the paper allows away from
-        contact (section 12), most ticks of most points follow from the tick before.
+        Share of its distance by which the bounds of a finger may be apart. 0: exact at every tick. For skins
+        of thousands: with 0.05, as much as the paper allows away from contact (section 12), most ticks of
+        most points follow from the tick before, and searches end sooner.
     horizon : float, s
         How far ahead contacts are looked for.
     max_speed : float, m/s
@@ -217,7 +218,7 @@ class Tracker:
         self._arrays["motions"][:] = 0.0
         self._arrays["motion_marks"][:] = 0
         self._arrays["marks"][:, track.TOLD_PART] = NO_PART
-        self._settings[track.FIRST] = 0
+        self._settings[track.FIRST] = self._settings[track.PATIENCE] = 0
         self._forget()
 
     def _forget(self) -> None:

@@ -5,7 +5,8 @@ import pytest
 import shapes
 from ticking import MS, RADIUS
 
-from proximity.kernels.tick import AHEAD, CROWD
+from proximity.kernels.tick import AHEAD, CROWD, MOST_PATIENCE, steps_for_all
+from proximity.kernels.track import PATIENCE
 from proximity.message import ContactFlag
 from proximity.scene import Scene
 from proximity.solid import Solid
@@ -38,10 +39,15 @@ def test_two_hands_never_wait(ball):
         assert has(tracker.tick(tips + k * STEP, k * MS, k * MS), ContactFlag.EXACT).all()
 
 
+@pytest.mark.parametrize(("count", "budgets"), [(1, 10), (500, 10), (625, 9), (2000, 4), (10**6, 4)])
+def test_very_many_fingers_share_fewer_steps(count, budgets):
+    assert steps_for_all(500, count) == 500 * budgets
+
+
 def test_a_crowd_takes_turns_within_its_steps_and_within_bounds(ball):
     count = 2000
     tracker, tips = Tracker(ball, fingers=count), skin(count)
-    was_exact = np.zeros(count, bool)
+    was_sought = np.zeros(count, bool)
 
     for k in range(48):
         points = tips + k * STEP
@@ -49,13 +55,47 @@ def test_a_crowd_takes_turns_within_its_steps_and_within_bounds(ball):
         true = ball.signed_distance(points) - RADIUS
         assert (contacts["lower"] <= true + 1e-14).all()
         assert (true - 1e-14 <= contacts["upper"]).all()
-        assert contacts["work"].sum() <= (CROWD + AHEAD + 2) * DEFAULT_BUDGET + SLACK * count
-        was_exact |= has(contacts, ContactFlag.EXACT)
+        steps = steps_for_all(DEFAULT_BUDGET, count)
+        assert contacts["work"].sum() <= steps + (AHEAD + 2) * DEFAULT_BUDGET + SLACK * count
+        was_sought |= ~has(contacts, ContactFlag.SKIPPED)
         if k > 2:
             waiting = has(contacts, ContactFlag.SKIPPED)
             assert waiting.any() and not waiting.all()
 
-    assert was_exact.all()
+    assert was_sought.all()
+
+
+def test_in_a_crowd_bounds_are_as_wide_for_all_for_how_far_they_are(ball):
+    count = 2000
+    tracker, tips = Tracker(ball, fingers=count), skin(count)
+    for k in range(200):
+        contacts = tracker.tick(tips + k * 1e-5, k * MS, k * MS)
+    share = (contacts["upper"] - contacts["lower"]) / contacts["lower"]
+    patience = tracker._settings[PATIENCE]
+
+    assert 0.0 < patience < MOST_PATIENCE
+    assert np.percentile(share, 99.0) <= 1.5 * patience
+    near, far = contacts["lower"] < 0.02, contacts["lower"] > 0.04
+    assert near.sum() > 100 and far.sum() > 100
+    assert np.median((contacts["upper"] - contacts["lower"])[near]) < np.median(
+        (contacts["upper"] - contacts["lower"])[far]
+    )
+
+
+def test_patience_is_forgotten_with_the_fingers_and_two_hands_never_have_any(ball):
+    count = 600
+    tracker, tips = Tracker(ball, fingers=count), skin(count)
+    for k in range(40):
+        contacts = tracker.tick(tips + k * STEP, k * MS, k * MS)
+    assert tracker._settings[PATIENCE] > 0.0
+    tracker.reset()
+    assert tracker._settings[PATIENCE] == 0.0
+
+    few = Tracker(ball, fingers=CROWD)
+    for k in range(40):
+        contacts = few.tick(tips[:CROWD] + k * STEP, k * MS, k * MS)
+        assert has(contacts, ContactFlag.EXACT).all()
+    assert few._settings[PATIENCE] == 0.0
 
 
 def test_bounds_within_the_tolerance_are_carried_on(ball):

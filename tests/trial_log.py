@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from proximity.kernels.tick import CROWD
+from proximity.kernels.tick import steps_for_all
 from proximity.message import ContactFlag
 
 DISTANCE_ROUNDING = 1e-14
@@ -34,6 +34,7 @@ class Log:
     positions: np.ndarray  # (M, 3) m
     records: np.ndarray  # (M,) CONTACT
     true: np.ndarray  # (M,) m, signed distance of the centre
+    patience: np.ndarray  # (M,) share by which bounds may be apart in a crowd
     is_exact: np.ndarray  # (M,) predictions may be held against the course
     start_ns: int
     paths: np.ndarray | None  # (M, K, 3)
@@ -56,7 +57,9 @@ class Log:
     def crowd_is_spent(self):
         """Whether all fingers of a tick together have taken the steps that a crowd has; by row."""
         work = np.bincount(self.ticks, weights=self.records["work"])
-        return work[self.ticks] >= CROWD * self.budget
+        counts = np.bincount(self.ticks)
+        steps = np.array([steps_for_all(self.budget, count) for count in counts])
+        return (work >= steps)[self.ticks]
 
     def room(self, lengths, points=None):
         """What a distance may be off by rounding, m."""

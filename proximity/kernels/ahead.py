@@ -12,7 +12,7 @@ import numpy as np
 
 from proximity.kernels.advance import TOUCH, advance, place_on, touches
 from proximity.kernels.bounded import DOWN
-from proximity.kernels.bracket import bracket_at, distance_to_slot, may_slip, may_slip_in
+from proximity.kernels.bracket import bracket_at, may_slip, may_slip_in
 from proximity.kernels.compiling import inlined, kernel
 from proximity.kernels.contact import (
     APPROACH_SPEED,
@@ -27,6 +27,7 @@ from proximity.kernels.contact import (
     LOWER,
     ON_PATH,
     PART_VELOCITY,
+    POINT_ON_PART,
     POSITION,
     PREDICTED,
     PREDICTED_DISTANCE,
@@ -130,8 +131,11 @@ def foretell(
         # Where the finger will be is less certain than by rho; the surface need not be known better.
         is_cheap = length <= CHEAP * lower or (length <= rho and length < lower)
         if stays_outside and (is_cheap or not flags & IN_RANGE or left <= 0):
-            # The face that is nearest now is, there, as far as the surface at most.
-            distance = distance_to_slot(reals, frames, parts, part, slot, x + dx, y + dy, z + dz)
+            # The point that is nearest now is, there, as far as the surface at most; hardly farther, so near.
+            ax = x + dx - records[i, POINT_ON_PART]
+            ay = y + dy - records[i, POINT_ON_PART + 1]
+            az = z + dz - records[i, POINT_ON_PART + 2]
+            distance = sqrt(dot(ax, ay, az, ax, ay, az))
             lower, upper = lower - length, distance
         else:
             distance, lower, upper, _, _, _, _, steps = bracket_at(

@@ -44,7 +44,8 @@ TOLERANCE = 14  # of a distance, see `Tracker`
 AHEAD_LEFT = 12  # steps that are left for looking ahead, of all fingers; written by the tick
 FIRST = 13  # finger that is done first, so that each has its turn; written by the tick
 STEPS_LEFT = 15  # steps that are left for distances, of all fingers; written by the tick
-SETTINGS_SIZE = 16
+PATIENCE = 16  # likewise, of a crowd; written by the tick
+SETTINGS_SIZE = 17
 
 FARTHEST_WAY = 1e3
 """m that parts may have moved until all tracks start anew: of larger sums, small steps are lost by rounding.
