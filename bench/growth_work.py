@@ -6,8 +6,17 @@ from proximity import Scene, Tracker
 from proximity.kernels.cast import scaled_direction
 from proximity.kernels.compiling import kernel
 from proximity.kernels.descent import NOTHING_WAITS, descend_in_order, next_open
-from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_SLOT, NODE_STRIDE, ROOT, SCALE, STACK_SIZE
-from proximity.kernels.memory import arrays_at
+from proximity.kernels.layout import (
+    BLOCK_STRIDE,
+    LANES,
+    NO_SLOT,
+    NODE_STRIDE,
+    ROOT,
+    SCALE,
+    STACK_SIZE,
+    STACKS_SIZE,
+)
+from proximity.kernels.memory import arrays_at, words_here
 from proximity.kernels.ray import (
     SLAB_MARGIN,
     approach,
@@ -57,7 +66,7 @@ def work_of_rays(scene: Scene, origins: np.ndarray, directions: np.ndarray) -> t
 def _count_rays(handle, origins, directions, work, lengths):
     """Fill what `_ray_steps` counts; lengths are inf where nothing is hit."""
     reals, words, frames, parts = arrays_at(handle)
-    stacks = np.empty(4 * STACK_SIZE, np.float32)
+    stacks = words_here(STACKS_SIZE)
     for i in range(len(origins)):
         x, y, z = to_local(frames, parts, 0, origins[i, 0], origins[i, 1], origins[i, 2])
         dx, dy, dz = scaled_direction(directions[i, 0], directions[i, 1], directions[i, 2])

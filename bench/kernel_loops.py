@@ -12,7 +12,8 @@ from yardstick import box_distance_sq, box_entry, triangle_distance_sq, triangle
 from proximity.kernels.box import point_boxes_distance_sq
 from proximity.kernels.compiling import kernel
 from proximity.kernels.descent import descend
-from proximity.kernels.layout import STACK_SIZE
+from proximity.kernels.layout import STACKS_SIZE
+from proximity.kernels.memory import words_here
 from proximity.kernels.ray import SLAB_MARGIN, first_in_block, look_along, near_plane, ray_boxes_bound, slab
 from proximity.kernels.segment import segment_block_distance_sq
 from proximity.kernels.triangle import TINY, point_block_distance_sq, point_triangle_distance_sq
@@ -102,7 +103,7 @@ def ray_boxes_loop(words, bases, queries, found):
 @kernel
 def node_loop(words, bases, queries, found):
     """A step of a walk: bounds of a node, the nearest child taken, the others left waiting; their number."""
-    stacks = np.empty(2 * STACK_SIZE, np.float32)
+    stacks = words_here(STACKS_SIZE)
     best32 = splat32(np.float32(1.0))
     for i in range(len(bases)):
         x, y, z = np.float32(queries[i, 0]), np.float32(queries[i, 1]), np.float32(queries[i, 2])

@@ -48,7 +48,7 @@ class Tracker:
     budget : int
         Nodes and leaves visited for a finger in a tick, at most, but for a few that tell side and way; None:
         500, which keeps any tick of five fingers below 0.2 ms. All fingers share ten budgets for distances,
-        four where there are hundreds, and three for looking ahead. A crowd that would need more takes turns:
+        four where there are thousands, and three for looking ahead. A crowd that would need more takes turns:
         its bounds are apart by as small a share of each distance as can be had, the same for all.
     working_range : float, m
         Beyond it there are bounds only: a finger that cannot have come nearer is not searched for.
@@ -259,6 +259,7 @@ class Tracker:
             len(arrays["before"]),
             len(arrays["movers"]),
             len(arrays["room"]),
+            len(arrays["scratch"]),
         ]
         self._table = np.array(counts + [arrays[name].ctypes.data for name in track.NAMES], np.int64)
         self._handle = int(self._table.ctypes.data)

@@ -368,7 +368,7 @@ def test_opening_builds_nothing(tmp_path, monkeypatch):
     }.items():
         for name in names:
             monkeypatch.setattr(module, name, never)
-    monkeypatch.setattr(model, "make_table", lambda *arrays: np.zeros(8, np.int64))
+    monkeypatch.setattr(model, "make_table", lambda *arrays: np.zeros(9, np.int64))
     monkeypatch.setattr(model.Model, "part_alone", never)
 
     assert len(proximity.load(path).parts) == 20

@@ -10,7 +10,7 @@ from math import exp, inf, pi, sqrt
 import numpy as np
 
 from proximity.decaff.finger_kernels import rounded
-from proximity.kernels.compiling import inlined, kernel
+from proximity.kernels.compiling import inlined, kernel, maker
 
 # --- a drum ---
 MASS = 0  # kg, with the rotor behind its gear
@@ -188,7 +188,7 @@ def rest_drum(drum: np.ndarray, drive: np.ndarray, where: float) -> None:
     drive[LAST_MODE] = POSITION
 
 
-@kernel
+@maker
 def move_drum(
     drum: np.ndarray, servo: np.ndarray, target: float, steps: int, step: float, positions: np.ndarray
 ) -> None:

@@ -9,7 +9,7 @@ from math import floor
 
 import numpy as np
 
-from proximity.kernels.compiling import inlined, kernel
+from proximity.kernels.compiling import inlined, kernel, maker
 
 # --- a body: hand, finger, pad, link ---
 HAND_STIFFNESS = 0  # N/m
@@ -146,7 +146,7 @@ def press_soft_wall(
         surface += sink * step
 
 
-@kernel
+@maker
 def press_penalty_wall(
     body: np.ndarray,
     press: np.ndarray,

@@ -30,7 +30,7 @@ from proximity.decaff.finger_kernels import (
     hand_force,
     intent,
 )
-from proximity.kernels.compiling import inlined, kernel
+from proximity.kernels.compiling import inlined, kernel, maker
 
 # --- how a target is made; policies.Target names them ---
 NAIVE = 0  # where the link is now, and the old distance
@@ -187,7 +187,7 @@ def choose_target(
     return target
 
 
-@kernel
+@maker
 def run_loop(
     kind: int,
     body: np.ndarray,
@@ -223,7 +223,7 @@ def run_loop(
         back = advance_plant(body, press, drum, drive, first, last, zero, step, record)
 
 
-@kernel
+@maker
 def run_stop(
     body: np.ndarray, press: np.ndarray, where: float, zero: int, step: float, record: np.ndarray
 ) -> None:

@@ -13,7 +13,7 @@ from math import cos, sin, sqrt
 
 import numpy as np
 
-from proximity.kernels.compiling import inlined, kernel
+from proximity.kernels.compiling import inlined, kernel, maker
 
 # --- rows of a chain behind the coupling ---
 WEIGHT = 0  # N m, what gravity turns each link with where it is level
@@ -148,7 +148,7 @@ def shown_force(way: int, lag: int, k: int, felt: np.ndarray, held: float) -> tu
     return force, force
 
 
-@kernel
+@maker
 def press(
     chain: np.ndarray,
     plane: np.ndarray,

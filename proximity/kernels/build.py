@@ -11,7 +11,7 @@ Boulos 2008, "Getting rid of packets" (wide nodes by repeatedly opening the larg
 import numpy as np
 
 from proximity.kernels.box import BOX_MARGIN, round_down, round_up
-from proximity.kernels.compiling import inlined, kernel
+from proximity.kernels.compiling import inlined, kernel, maker
 from proximity.kernels.layout import BLOCK_STRIDE, CHILDREN, LANES, MAX_DEPTH, NO_FACE, NODE_STRIDE
 
 BIN_COUNT = 16
@@ -154,7 +154,7 @@ def _bin(lower, upper, face, axis, start, scale):
     return min(np.int32((lower[face, axis] + upper[face, axis] - start) * scale), BIN_COUNT - 1)
 
 
-@kernel
+@maker
 def build_tree(lower, upper):
     """Return nodes (float32, flat), the face order (int32) and each block's first position (int32).
 

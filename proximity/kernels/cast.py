@@ -9,7 +9,7 @@ from math import frexp, isfinite, ldexp, sqrt
 
 import numpy as np
 
-from proximity.kernels.compiling import inlined, kernel
+from proximity.kernels.compiling import inlined, kernel, maker
 from proximity.kernels.curve import morton_order
 from proximity.kernels.descent import NOTHING_WAITS, descend_in_order, next_open
 from proximity.kernels.layout import (
@@ -29,9 +29,10 @@ from proximity.kernels.layout import (
     SCALE,
     SLOT_FACES,
     STACK_SIZE,
+    STACKS_SIZE,
     TRANSLATION,
 )
-from proximity.kernels.memory import arrays_at
+from proximity.kernels.memory import arrays_at, longs_here, words_here
 from proximity.kernels.ray import (
     SLAB_MARGIN,
     approach,
@@ -233,7 +234,7 @@ def write_hit(reals, words, frames, parts, part, slot, u, v, w, dx, dy, dz, leng
     choices[row, FACE] = load_int(words, parts[part, SLOT_FACES] + slot)
 
 
-@kernel
+@maker
 def cast_order(handle, origins, directions):
     """The rows of rays (N, 3) in an order in which neighbours meet the scene's box near one another.
 
@@ -269,7 +270,7 @@ def cast_batch(handle, origins, directions, order, limit, answers):
     """
     reals, words, frames, parts = arrays_at(handle)
     choices = answers.view(np.int32)
-    stacks = np.empty(4 * STACK_SIZE, np.float32)
+    stacks = words_here(STACKS_SIZE)
     is_single = is_alone(parts)
     zero_row = np.int64(NO_ROW)
     for i in range(len(order) if len(order) else len(origins)):
@@ -311,4 +312,4 @@ def cast_unlimited(handle, origins, directions, answers):
     """`cast_batch` without an order or a limit; `NO_RAYS`, and nothing filled, where these are not (N, 3)."""
     if origins.shape != directions.shape or origins.shape[1] != 3:
         return np.int64(NO_RAYS)
-    return cast_batch(handle, origins, directions, np.empty(0, np.int64), np.inf, answers)
+    return cast_batch(handle, origins, directions, longs_here(0), np.inf, answers)

@@ -4,10 +4,10 @@ from math import isfinite
 
 import numpy as np
 
-from proximity.kernels.compiling import kernel
+from proximity.kernels.compiling import maker
 
 
-@kernel
+@maker
 def morton_order(points):
     """The rows of *points* along a curve that keeps neighbours together; rows not finite come first."""
     count = len(points)

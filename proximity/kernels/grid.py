@@ -7,7 +7,7 @@ winding number is an integer: there inside and outside change at faces only.
 
 import numpy as np
 
-from proximity.kernels.compiling import inlined, kernel
+from proximity.kernels.compiling import inlined, maker
 from proximity.kernels.winding import winding_number
 from proximity.simd import load_int
 
@@ -30,7 +30,7 @@ def cell_state(words, at, lower_x, lower_y, lower_z, rate, nx, ny, nz, px, py, p
     return (load_int(words, at + cell // CELLS_PER_WORD) >> (2 * (cell % CELLS_PER_WORD))) & 3
 
 
-@kernel
+@maker
 def build_grid(corners, faces, lower, rate, nx, ny, nz, reals, words, root, moments):
     """Return the packed states (int32) of *nx ny nz* cells of size 1/*rate* from *lower* on.
 

@@ -40,6 +40,8 @@ MAX_DEPTH = 48
 """Levels of inner nodes at most; the builder halves by count where nothing else ends in time."""
 STACK_SIZE = MAX_DEPTH * (LANES - 1) + 2 * LANES
 """Each level leaves at most seven children waiting; a store writes a whole vector beyond."""
+STACKS_SIZE = 4 * STACK_SIZE
+"""float32 of two stacks, of squared distances and references: one for the scene's tree, one for a part's."""
 
 ENTRY = 2**29
 """First number of an entry among leaves."""

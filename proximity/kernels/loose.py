@@ -18,6 +18,7 @@ from proximity.kernels.layout import (
     NODE_STRIDE,
     ROOT,
 )
+from proximity.kernels.memory import words_here
 from proximity.kernels.placing import box_in_scene, copy_rows, place_scene
 from proximity.kernels.wide_node import clear_node, node_box, write_lane
 
@@ -82,7 +83,7 @@ def write_loose(words, region, static_root, boxes, loose, order, first_entry):
 
     *static_root*: a node, or -1. *loose* (L,): parts. *order* (L,): their places along the curve.
     """
-    box = np.empty(6, np.float32)
+    box = words_here(6)
     used, below, count = region + 1, -1, len(loose)
     while count > LANES - 1:
         node_count = (count + LANES - 1) // LANES

@@ -1,29 +1,34 @@
-"""A model's arrays behind one number.
+"""Arrays that a kernel neither is handed nor makes: those behind one number, and those on the stack.
 
 Handing an array from Python to a compiled kernel costs about 0.05 µs; a call with five points takes 2. So a
-model is handed over as the address of a table that holds address and shape of each array, and the kernel
+model is handed over as the address of a table that holds address and lengths of each array, and the kernel
 makes arrays of them again. Whoever calls must keep the model alive meanwhile.
+
+What a kernel needs for itself is on the stack. So no kernel owns an array or counts references to one:
+counting was a tenth of the time of a call with five points and a fifth of a tick's.
 """
 
 import ctypes
 
 import numpy as np
 from llvmlite import ir
-from numba import carray, types
+from numba import from_dtype, types
+from numba.core import cgutils
 from numba.extending import intrinsic
+from numba.np import arrayobj
 
-from proximity.kernels.compiling import inlined, kernel
 from proximity.simd import IS_COMPILED
 
-TABLE_SIZE = 8
+LINE = 64  # bytes of a cache line
+
+REALS_AT, WORDS_AT, FRAMES_AT, PARTS_AT, REAL_COUNT, WORD_COUNT, ROWS, FRAME_COLUMNS, PART_COLUMNS = range(9)
+"""Places in a model's table: addresses, and lengths."""
 
 
-@intrinsic
-def _pointer(typingctx, address):
-    def codegen(context, builder, sig, args):
-        return builder.inttoptr(args[0], ir.IntType(8).as_pointer())
+class Told(int):
+    """A length that the table tells, at this place; other lengths are as they stand."""
 
-    return types.voidptr(types.int64), codegen
+    __slots__ = ()
 
 
 def make_table(reals, words, frames, parts):
@@ -32,67 +37,109 @@ def make_table(reals, words, frames, parts):
     The arrays must be C-ordered and outlive every call: float64 (R,), float32 (W,), float64 (P, C),
     int64 (P, D).
     """
-    arrays = (reals, words, frames, parts)
-    table = [array.ctypes.data for array in arrays]
-    table += [reals.size, words.size, frames.shape[0], frames.shape[1] * 1000 + parts.shape[1]]
-    return np.array(table, dtype=np.int64)
+    table = [array.ctypes.data for array in (reals, words, frames, parts)]
+    return np.array([*table, reals.size, words.size, *frames.shape, parts.shape[1]], dtype=np.int64)
 
 
-if IS_COMPILED:
-
-    @inlined
-    def reals_at(address, shape):
-        """The float64 array of that shape at an address."""
-        return carray(_pointer(address), shape, np.float64)
-
-    @inlined
-    def words_at(address, shape):
-        """The float32 array of that shape at an address."""
-        return carray(_pointer(address), shape, np.float32)
-
-    @inlined
-    def longs_at(address, shape):
-        """The int64 array of that shape at an address."""
-        return carray(_pointer(address), shape, np.int64)
-
-    @inlined
-    def ints_at(address, shape):
-        """The int32 array of that shape at an address."""
-        return carray(_pointer(address), shape, np.int32)
-
-else:  # pragma: no cover — which branch runs is chosen by the environment
-
-    def _array(address, shape, ctype):
-        count = int(np.prod(shape))
-        if count == 0:
-            return np.zeros(shape, ctype)
-        return np.ctypeslib.as_array((ctype * count).from_address(int(address))).reshape(shape)
-
-    def reals_at(address, shape):
-        """The float64 array of that shape at an address."""
-        return _array(address, shape, ctypes.c_double)
-
-    def words_at(address, shape):
-        """The float32 array of that shape at an address."""
-        return _array(address, shape, ctypes.c_float)
-
-    def longs_at(address, shape):
-        """The int64 array of that shape at an address."""
-        return _array(address, shape, ctypes.c_int64)
-
-    def ints_at(address, shape):
-        """The int32 array of that shape at an address."""
-        return _array(address, shape, ctypes.c_int32)
-
-
-@kernel
-def arrays_at(handle):
-    """The four arrays of the model whose table is at *handle*."""
-    table = longs_at(handle, (TABLE_SIZE,))
-    rows, columns = table[6], table[7]
-    return (
-        reals_at(table[0], (table[4],)),
-        words_at(table[1], (table[5],)),
-        reals_at(table[2], (rows, columns // 1000)),
-        longs_at(table[3], (rows, columns % 1000)),
+def _array(context, builder, array_type, data, lengths):
+    """An array of those lengths, C-ordered, that owns nothing."""
+    intp = context.get_value_type(types.intp)
+    item = ir.Constant(intp, context.get_abi_sizeof(context.get_data_type(array_type.dtype)))
+    strides = [item]
+    for length in reversed(lengths[1:]):
+        strides.insert(0, builder.mul(strides[0], length))
+    array = context.make_array(array_type)(context, builder)
+    arrayobj.populate_array(
+        array,
+        data=builder.bitcast(data, array.data.type),
+        shape=lengths,
+        strides=strides,
+        itemsize=item,
+        meminfo=None,
     )
+    return array._getvalue()
+
+
+def _compiled_arrays_behind(*columns):
+    array_types = [types.Array(from_dtype(np.dtype(dtype)), len(shape), "C") for dtype, _, shape in columns]
+
+    @intrinsic
+    def arrays(typingctx, handle):
+        def codegen(context, builder, sig, args):
+            intp = context.get_value_type(types.intp)
+            table = builder.inttoptr(args[0], intp.as_pointer())
+
+            def told(place):
+                return builder.load(builder.gep(table, [ir.Constant(intp, int(place))]))
+
+            values = []
+            for array_type, (_, place, shape) in zip(array_types, columns, strict=True):
+                lengths = [told(one) if isinstance(one, Told) else ir.Constant(intp, one) for one in shape]
+                data = builder.inttoptr(told(place), ir.IntType(8).as_pointer())
+                values.append(_array(context, builder, array_type, data, lengths))
+            return context.make_tuple(builder, sig.return_type, values)
+
+        return types.Tuple(array_types)(types.int64), codegen
+
+    return arrays
+
+
+def _uncompiled_arrays_behind(*columns):
+    ctypes_of = {"float64": ctypes.c_double, "float32": ctypes.c_float, "int64": ctypes.c_int64}
+    ctypes_of["int32"] = ctypes.c_int32
+
+    def arrays(handle):
+        places = [place for _, place, shape in columns]
+        places += [one for _, _, shape in columns for one in shape if isinstance(one, Told)]
+        table = (ctypes.c_int64 * (max(places) + 1)).from_address(int(handle))
+        found = []
+        for dtype, place, shape in columns:
+            lengths = [table[one] if isinstance(one, Told) else one for one in shape]
+            count = int(np.prod(lengths))
+            flat = np.zeros(0, dtype)
+            if count:
+                flat = np.ctypeslib.as_array((ctypes_of[dtype] * count).from_address(table[place]))
+            found.append(flat.reshape(lengths))
+        return tuple(found)
+
+    return arrays
+
+
+def _compiled_here(dtype):
+    array_type = types.Array(from_dtype(np.dtype(dtype)), 1, "C")
+
+    @intrinsic
+    def here(typingctx, count):
+        if not isinstance(count, types.IntegerLiteral):
+            return None
+
+        def codegen(context, builder, sig, args):
+            length = ir.Constant(context.get_value_type(types.intp), count.literal_value)
+            item = context.get_data_type(array_type.dtype)
+            room = cgutils.alloca_once(builder, ir.ArrayType(item, count.literal_value))
+            room.align = LINE
+            return _array(context, builder, array_type, room, [length])
+
+        return array_type(count), codegen
+
+    return here
+
+
+def _uncompiled_here(dtype):
+    return lambda count: np.empty(count, dtype)
+
+
+arrays_behind = _compiled_arrays_behind if IS_COMPILED else _uncompiled_arrays_behind
+"""A function of a table's address that gives arrays: for each dtype, place of its address, and lengths."""
+
+_here = _compiled_here if IS_COMPILED else _uncompiled_here
+reals_here, words_here, longs_here = _here("float64"), _here("float32"), _here("int64")
+"""Functions of a constant count: an array that lasts as long as the caller runs, with anything in it."""
+
+arrays_at = arrays_behind(
+    ("float64", REALS_AT, (Told(REAL_COUNT),)),
+    ("float32", WORDS_AT, (Told(WORD_COUNT),)),
+    ("float64", FRAMES_AT, (Told(ROWS), Told(FRAME_COLUMNS))),
+    ("int64", PARTS_AT, (Told(ROWS), Told(PART_COLUMNS))),
+)
+"""The four arrays of the model whose table is at a handle."""

@@ -22,9 +22,9 @@ from proximity.kernels.layout import (
     SCALE,
     SIGN,
     SIGN_NONE,
-    STACK_SIZE,
+    STACKS_SIZE,
 )
-from proximity.kernels.memory import arrays_at
+from proximity.kernels.memory import arrays_at, longs_here, reals_here, words_here
 from proximity.kernels.point import closest_in_part, slot_distance_sq
 from proximity.kernels.scene import FARTHEST, is_alone, nearest_in_scene, to_local, to_scene, turn_to_scene
 from proximity.kernels.side import (
@@ -42,6 +42,12 @@ SHORTEST = 1e-150
 """Local units; the square of less would vanish."""
 CHUNK = 64
 """Points that go through each step together."""
+AT_FOUND = CHUNK + 2
+AT_DEEPER = AT_FOUND + 2 * (CHUNK + 1)
+AT_PAIRS = AT_DEEPER + 2 * CHUNK
+LONGS_SIZE = AT_PAIRS + 3 * LANES * CHUNK
+NARROW_SIZE, WIDE_SIZE = STACKS_SIZE + 3 * CHUNK, WITNESS_SIZE + 2 * CHUNK
+"""Places and sizes in the tables of a chunk."""
 
 # columns of the answers: float64
 SIGNED_DISTANCE = 0
@@ -94,7 +100,7 @@ def _nearest(reals, words, frames, parts, x, y, z, limit_sq, part, slot, stacks)
 def distance_batch(handle, points, order, limit, distances):
     """Fill unsigned distances (N,), m; inf beyond *limit*."""
     reals, words, frames, parts = arrays_at(handle)
-    stacks = np.empty(4 * STACK_SIZE, np.float32)
+    stacks = words_here(STACKS_SIZE)
     scale = frames[len(parts) - 1, SCALE]
     limit_sq = reach_sq(limit * scale)
     part, slot = np.int64(NO_PART), np.int64(NO_SLOT)
@@ -110,26 +116,22 @@ def distance_batch(handle, points, order, limit, distances):
 
 
 @inlined
-def _tables(size):
-    """Room for chunks of *size* points: three arrays, since each takes as long to get as a step of a walk."""
-    narrow, wide = np.empty(4 * STACK_SIZE + 3 * size, np.float32), np.empty(WITNESS_SIZE + 2 * size)
-    at_found = size + 2
-    at_deeper = at_found + 2 * (CHUNK + 1)
-    at_pairs = at_deeper + 2 * size
-    longs = np.empty(at_pairs + 3 * LANES * size, np.int64)
-    found, recent = longs[at_found:at_deeper].reshape(CHUNK + 1, 2), longs[size:at_found]
+def _tables():
+    """Room for a chunk."""
+    narrow, wide, longs = words_here(NARROW_SIZE), reals_here(WIDE_SIZE), longs_here(LONGS_SIZE)
+    found, recent = longs[AT_FOUND:AT_DEEPER].reshape(CHUNK + 1, 2), longs[CHUNK:AT_FOUND]
     found[CHUNK, 0], found[CHUNK, 1] = NO_PART, NO_SLOT
     recent[0] = recent[1] = NO_PART
     return (
-        narrow[: 4 * STACK_SIZE],
-        narrow[4 * STACK_SIZE :].reshape(size, 3),
+        narrow[:STACKS_SIZE],
+        narrow[STACKS_SIZE:].reshape(CHUNK, 3),
         wide[:WITNESS_SIZE],
-        wide[WITNESS_SIZE : WITNESS_SIZE + size],
-        wide[WITNESS_SIZE + size :],
-        longs[:size],
+        wide[WITNESS_SIZE : WITNESS_SIZE + CHUNK],
+        wide[WITNESS_SIZE + CHUNK :],
+        longs[:CHUNK],
         found,
-        longs[at_deeper:at_pairs].reshape(size, 2),
-        longs[at_pairs:].reshape(LANES * size, 3),
+        longs[AT_DEEPER:AT_PAIRS].reshape(CHUNK, 2),
+        longs[AT_PAIRS:].reshape(LANES * CHUNK, 3),
         recent,
     )
 
@@ -193,9 +195,9 @@ def signed_few(handle, points, distances):
         return False
     reals, words, frames, parts = arrays_at(handle)
     if not is_alone(parts):
-        signed_batch(handle, points, np.empty(0, np.int64), distances)
+        signed_batch(handle, points, longs_here(0), distances)
         return True
-    stacks, witness = np.empty(4 * STACK_SIZE, np.float32), np.empty(WITNESS_SIZE)
+    stacks, witness = words_here(STACKS_SIZE), reals_here(WITNESS_SIZE)
     for row in range(len(points)):
         x, y, z = points[row, 0], points[row, 1], points[row, 2]
         distances[row] = np.nan
@@ -212,7 +214,7 @@ def signed_batch(handle, points, order, distances):
     """Fill signed distances (N,), m."""
     reals, words, frames, parts = arrays_at(handle)
     total = len(order) if len(order) else len(points)
-    stacks, places, witness, depths, signs, rows, found, deeper, pairs, recent = _tables(min(total, CHUNK))
+    stacks, places, witness, depths, signs, rows, found, deeper, pairs, recent = _tables()
     for first in range(0, total, CHUNK):
         count = min(CHUNK, total - first)
         _nearest_of_chunk(
@@ -255,7 +257,7 @@ def closest_batch(handle, points, order, limit, answers):
     choices = answers.view(np.int32)
     limit_sq = reach_sq(limit * frames[len(parts) - 1, SCALE])
     total = len(order) if len(order) else len(points)
-    stacks, places, witness, depths, signs, rows, found, deeper, pairs, recent = _tables(min(total, CHUNK))
+    stacks, places, witness, depths, signs, rows, found, deeper, pairs, recent = _tables()
     for first in range(0, total, CHUNK):
         count = min(CHUNK, total - first)
         _nearest_of_chunk(
@@ -325,8 +327,9 @@ def _write_answer(frames, parts, part, face, feature, inside, witness, limit, an
 def contains_batch(handle, points, order, inside):
     """Fill whether each point is inside some part (N,), bool. Points that are not finite are not."""
     reals, words, frames, parts = arrays_at(handle)
-    stacks, witness = np.empty(4 * STACK_SIZE, np.float32), np.empty(WITNESS_SIZE)
-    recent = np.full(2, NO_PART)
+    stacks, witness = words_here(STACKS_SIZE), reals_here(WITNESS_SIZE)
+    recent = longs_here(2)
+    recent[0] = recent[1] = NO_PART
     for i in range(len(order) if len(order) else len(points)):
         row = _row(order, i)
         inside[row] = is_held(

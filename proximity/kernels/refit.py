@@ -16,7 +16,7 @@ from math import pi, sqrt
 import numpy as np
 
 from proximity.kernels.box import BOX_MARGIN
-from proximity.kernels.compiling import inlined, kernel
+from proximity.kernels.compiling import inlined, kernel, maker
 from proximity.kernels.layout import (
     BLOCK_STRIDE,
     CENTRE,
@@ -103,7 +103,7 @@ def survey_vertices(vertices, leaders, largest, kept, box):
     return bad
 
 
-@kernel
+@maker
 def refit_part(handle, part, vertices, leaders):
     """Write *vertices* (V, 3), m, of which all can be used, into a part; its frame is set, and holds them.
 

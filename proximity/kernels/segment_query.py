@@ -23,8 +23,9 @@ from proximity.kernels.layout import (
     SCALE,
     SLOT_FACES,
     STACK_SIZE,
+    STACKS_SIZE,
 )
-from proximity.kernels.memory import arrays_at
+from proximity.kernels.memory import arrays_at, reals_here, words_here
 from proximity.kernels.query import reach_sq
 from proximity.kernels.scene import is_alone, nearest_in_scene, part_of_slot, to_local, to_scene
 from proximity.kernels.segment import segment_in_block, segment_in_part
@@ -47,6 +48,8 @@ from proximity.simd import (
     lowest_lane,
     splat32,
 )
+
+PLANS_SIZE, PROBES_SIZE = 2 * PLAN_SIZE, 2 * PROBE_SIZE
 
 # columns of the answers: float64
 DISTANCE = 0
@@ -220,11 +223,12 @@ def segment_batch(handle, starts, ends, order, limit, answers):
     """
     reals, words, frames, parts = arrays_at(handle)
     choices = answers.view(np.int32)
-    stacks = np.empty(4 * STACK_SIZE, np.float32)
-    plans = np.zeros((2, PLAN_SIZE))
-    probes = np.zeros((2, PROBE_SIZE), np.float32)
-    witness = np.zeros(SEGMENT_WITNESS_SIZE)
-    segment = np.empty(6)
+    stacks = words_here(STACKS_SIZE)
+    plans = reals_here(PLANS_SIZE).reshape(2, PLAN_SIZE)
+    probes = words_here(PROBES_SIZE).reshape(2, PROBE_SIZE)
+    witness = reals_here(SEGMENT_WITNESS_SIZE)
+    plans[:], probes[:], witness[:] = 0.0, 0.0, 0.0
+    segment = reals_here(6)
     scale = frames[len(parts) - 1, SCALE]
     limit_sq = reach_sq(limit * scale)
     known_slot = np.int64(NO_SLOT)

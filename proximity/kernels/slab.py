@@ -12,7 +12,7 @@ looked at by walks that do not find an end.
 import numpy as np
 
 from proximity.kernels.box import round_down, round_up
-from proximity.kernels.compiling import inlined, kernel
+from proximity.kernels.compiling import inlined, kernel, maker
 from proximity.kernels.layout import BLOCK_STRIDE, CHILDREN, LANES, NODE_STRIDE
 from proximity.kernels.triangle import dot
 from proximity.kernels.winding import MOMENT_STRIDE
@@ -40,7 +40,7 @@ SMALLEST = 2.0**-96
 """A bound below it counts as 0: the smallest float32 numbers have few bits, and rounding may raise them."""
 
 
-@kernel
+@maker
 def fill_slabs(words, reals, root, node_count, moments, moments_at):
     """Fill the slabs of a tree of *node_count* nodes from *root* on; its moments are there.
 

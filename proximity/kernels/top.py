@@ -10,7 +10,7 @@ Source: Benthin, Woop, Wald, Áfra 2017, "Improved two-level BVHs using partial 
 import numpy as np
 
 from proximity.kernels.box import BOX_MARGIN, round_down, round_up
-from proximity.kernels.compiling import inlined, kernel
+from proximity.kernels.compiling import inlined, kernel, maker
 from proximity.kernels.layout import (
     CENTRE,
     CHILDREN,
@@ -60,7 +60,7 @@ def _lane_box(words, frames, part, base, k, scene, lower, upper, box):
     scene_box(frames, part, scene, lower, upper, box)
 
 
-@kernel
+@maker
 def gather_entries(words, frames, parts, target):
     """Return boxes (E, 6) float32 and references (E, 2) int32 (part, reference) of about *target* entries.
 
@@ -133,7 +133,7 @@ def _part_of_child(words, parts, reference, entries_at):
     return np.int64(load_int(words, entries_at + 2 * (~reference - ENTRY)))
 
 
-@kernel
+@maker
 def thin_out(words, parts, first, count, target, entries_at):
     """Copy a static tree of *count* nodes from node *first* to node *target*, without parts that have left.
 
@@ -175,7 +175,7 @@ def _leaf(position, order, references, parts):
     return np.int64(reference) if parts[part, IS_FUSED] else ~(ENTRY + position)
 
 
-@kernel
+@maker
 def open_leaves(nodes, order, block_first, boxes, references, parts, first_node):
     """Return the nodes of a tree over entries with every leaf made a node of its own entries.
 

@@ -10,7 +10,7 @@ from proximity.kernels.advance import BALLS, BALLS_SIZE
 from proximity.kernels.compiling import inlined, kernel
 from proximity.kernels.contact import RECORD_INTS, RECORD_REALS
 from proximity.kernels.layout import OWN_LOWER, ROTATION, TRANSLATION
-from proximity.kernels.memory import ints_at, longs_at, reals_at, words_at
+from proximity.kernels.memory import Told, arrays_behind
 from proximity.kernels.motion import MOTION_INTS, MOTION_REALS
 
 # --- columns of ``tracks`` (float64), a row a finger ---
@@ -55,8 +55,8 @@ POSE_COLUMNS = 12
 
 PLACE_AT, WAY_AT, STAGES_AT, SCRATCH_SIZE = 24, 40, 46, 48
 """Places in ``scratch``: a witness comes first, the stages of a path last."""
-FINGER_COUNT, PATH_COUNT, PART_COUNT, MOVERS_SIZE, ROOM_COUNT = 0, 1, 2, 3, 4
-FIRST_ADDRESS = 5
+FINGER_COUNT, PATH_COUNT, PART_COUNT, MOVERS_SIZE, ROOM_COUNT, SCRATCH_COUNT = range(6)
+FIRST_ADDRESS = 6
 NAMES = (
     "settings",
     "positions",
@@ -77,45 +77,38 @@ NAMES = (
     "scratch",
 )
 """Of the arrays, in the order of their addresses in the table."""
-TABLE_SIZE = FIRST_ADDRESS + len(NAMES)
+FINGERS, KNOTS = Told(FINGER_COUNT), Told(PATH_COUNT)
 
 
-@kernel
-def tracker_arrays_at(handle):
-    """The arrays of the tracker whose table is at *handle*, in the order of `NAMES`.
+def _address(name):
+    return FIRST_ADDRESS + NAMES.index(name)
 
-    ``records`` comes three times: as float64, int64 and int32.
-    """
-    table = longs_at(handle, (TABLE_SIZE,))
-    fingers, knots, parts, movers, room = (
-        table[FINGER_COUNT],
-        table[PATH_COUNT],
-        table[PART_COUNT],
-        table[MOVERS_SIZE],
-        table[ROOM_COUNT],
-    )
-    at = FIRST_ADDRESS
-    return (
-        reals_at(table[at], (SETTINGS_SIZE,)),
-        reals_at(table[at + 1], (fingers, 3)),
-        longs_at(table[at + 2], (fingers,)),
-        reals_at(table[at + 3], (fingers, 3)),
-        reals_at(table[at + 4], (fingers, knots, 3)),
-        reals_at(table[at + 5], (knots,)),
-        reals_at(table[at + 6], (fingers,)),
-        reals_at(table[at + 7], (fingers, MOTION_REALS)),
-        longs_at(table[at + 8], (fingers, MOTION_INTS)),
-        reals_at(table[at + 9], (fingers, TRACK_REALS)),
-        longs_at(table[at + 10], (fingers, TRACK_INTS)),
-        reals_at(table[at + 11], (fingers, BALLS_SIZE)),
-        reals_at(table[at + 12], (fingers, RECORD_REALS)),
-        longs_at(table[at + 12], (fingers, RECORD_REALS)),
-        ints_at(table[at + 12], (fingers, RECORD_INTS)),
-        reals_at(table[at + 13], (parts, POSE_COLUMNS)),
-        reals_at(table[at + 14], (movers,)),
-        words_at(table[at + 15], (room,)),
-        reals_at(table[at + 16], (SCRATCH_SIZE + knots,)),
-    )
+
+tracker_arrays_at = arrays_behind(
+    ("float64", _address("settings"), (SETTINGS_SIZE,)),
+    ("float64", _address("positions"), (FINGERS, 3)),
+    ("int64", _address("pose_ns"), (FINGERS,)),
+    ("float64", _address("velocities"), (FINGERS, 3)),
+    ("float64", _address("paths"), (FINGERS, KNOTS, 3)),
+    ("float64", _address("path_bends"), (KNOTS,)),
+    ("float64", _address("bends"), (FINGERS,)),
+    ("float64", _address("motions"), (FINGERS, MOTION_REALS)),
+    ("int64", _address("motion_marks"), (FINGERS, MOTION_INTS)),
+    ("float64", _address("tracks"), (FINGERS, TRACK_REALS)),
+    ("int64", _address("marks"), (FINGERS, TRACK_INTS)),
+    ("float64", _address("balls"), (FINGERS, BALLS_SIZE)),
+    ("float64", _address("records"), (FINGERS, RECORD_REALS)),
+    ("int64", _address("records"), (FINGERS, RECORD_REALS)),
+    ("int32", _address("records"), (FINGERS, RECORD_INTS)),
+    ("float64", _address("before"), (Told(PART_COUNT), POSE_COLUMNS)),
+    ("float64", _address("movers"), (Told(MOVERS_SIZE),)),
+    ("float32", _address("room"), (Told(ROOM_COUNT),)),
+    ("float64", _address("scratch"), (Told(SCRATCH_COUNT),)),
+)
+"""The arrays of the tracker whose table is at an address, in the order of `NAMES`.
+
+``records`` comes three times: as float64, int64 and int32.
+"""
 
 
 @kernel

@@ -21,8 +21,9 @@ from math import atan2, pi, sqrt
 
 import numpy as np
 
-from proximity.kernels.compiling import kernel
+from proximity.kernels.compiling import kernel, maker
 from proximity.kernels.layout import BLOCK_STRIDE, CHILDREN, LANES, NODE_STRIDE, STACK_SIZE
+from proximity.kernels.memory import longs_here, reals_here
 from proximity.kernels.triangle import dot
 from proximity.simd import bits, fma, lane, load, load_int, select, splat, square_root, store, widen
 
@@ -31,7 +32,7 @@ OPENING = 2.5
 """Ratio of distance to radius from which on a cluster counts as far."""
 
 
-@kernel
+@maker
 def fill_moments(words, reals, node_count, moments):
     """Fill the moments of a tree that starts at word 0 with blocks at real 0.
 
@@ -133,8 +134,7 @@ def _block_solid_angle(reals, base, px, py, pz):
 @kernel
 def winding_number(reals, words, root, moments, px, py, pz):
     """How often the part winds around *p* (local frame): about 1 inside a closed part, about 0 outside."""
-    stack = np.empty(STACK_SIZE, np.int64)
-    buffer = np.empty(LANES, np.float64)
+    stack, buffer = longs_here(STACK_SIZE), reals_here(LANES)
     x, y, z = splat(px), splat(py), splat(pz)
     total = 0.0
     stack[0] = root
