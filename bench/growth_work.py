@@ -28,7 +28,7 @@ from proximity.kernels.ray import (
     slab,
 )
 from proximity.kernels.scene import direction_to_local, to_local
-from proximity.simd import bits, load_int, nearest_lane, splat32
+from proximity.simd import bits, load_int, splat32
 
 UNLIMITED = 10**9
 WHOLE_SCENE = 1e6  # m
@@ -98,8 +98,7 @@ def _ray_steps(reals, words, start, ox, oy, oz, dx, dy, dz, stacks):
                 splat32(np.float32(0.0)), splat32(best32),
             )  # fmt: skip
             if bits(is_open):
-                nearest = nearest_lane(bounds, is_open)
-                reference, at = descend_in_order(words, base, bounds, is_open, nearest, stacks, at)
+                reference, at = descend_in_order(words, base, bounds, is_open, stacks, at)
                 continue
         else:
             block = ~reference

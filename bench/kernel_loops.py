@@ -18,7 +18,7 @@ from proximity.kernels.ray import SLAB_MARGIN, first_in_block, look_along, near_
 from proximity.kernels.segment import segment_block_distance_sq
 from proximity.kernels.triangle import TINY, point_block_distance_sq, point_triangle_distance_sq
 from proximity.kernels.winding import winding_number
-from proximity.simd import bits, horizontal_min, nearest_lane, select, splat, splat32
+from proximity.simd import bits, horizontal_min, select, splat, splat32
 
 plain = numba.njit(cache=True, nogil=True, error_model="numpy")
 
@@ -111,9 +111,7 @@ def node_loop(words, bases, queries, found):
         is_open = bounds <= best32
         waiting = np.int64(-1)
         if bits(is_open):
-            _, waiting = descend(
-                words, bases[i], bounds, is_open, nearest_lane(bounds, is_open), stacks, np.int64(0)
-            )
+            _, waiting = descend(words, bases[i], bounds, is_open, stacks, np.int64(0))
         found[i] = waiting
 
 

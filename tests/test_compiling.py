@@ -6,7 +6,7 @@ import pytest
 from proximity.kernels.compiling import Settled, kernel
 from proximity.kernels.descent import descend_in_order, next_open
 from proximity.kernels.layout import CHILDREN, LANES, NODE_STRIDE, STACK_SIZE
-from proximity.simd import IS_COMPILED, bits, load, load_int, nearest_lane, splat32
+from proximity.simd import IS_COMPILED, bits, load, load_int, splat32
 
 
 @kernel
@@ -43,7 +43,7 @@ def _two_steps(words, bounds, limit, stacks):
     is_open = distances <= splat32(limit)
     if not bits(is_open):
         return -1, -1, -1
-    first, at = descend_in_order(words, 0, distances, is_open, nearest_lane(distances, is_open), stacks, 0)
+    first, at = descend_in_order(words, 0, distances, is_open, stacks, 0)
     waiting = at
     at = next_open(stacks, 0, at, limit)
     return first, load_int(stacks, at + STACK_SIZE) if at >= 0 else -1, waiting

@@ -42,7 +42,6 @@ from proximity.simd import (
     count_bits,
     fma,
     horizontal_min,
-    lane_numbers,
     load,
     load_int,
     lowest_lane,
@@ -168,10 +167,10 @@ def nearest_with_budget(
             bounds = _bounds(words, base, is_far, vx, vy, vz, wide_x, wide_y, wide_z, factor)
             is_open = bounds <= splat32(best32)
             if bits(is_open):
-                nearest = lowest_lane(bounds)
+                nearest, it = lowest_lane(bounds)
                 left = is_open
                 if work < deep_end:
-                    left = is_open & ~(lane_numbers() == splat32(np.float32(nearest)))
+                    left = is_open & ~it
                 store(room, at, compress(bounds, left))
                 store(room, at + ROOM, compress(load(words, base + CHILDREN), left))
                 store(room, at + 2 * ROOM, splat32(np.float32(part)))

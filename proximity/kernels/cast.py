@@ -49,7 +49,6 @@ from proximity.kernels.triangle import difference_of_products, dot
 from proximity.simd import (
     bits,
     load_int,
-    nearest_lane,
     select,
     splat32,
 )
@@ -135,8 +134,7 @@ def first_hit_in_scene(reals, words, frames, parts, x, y, z, dx, dy, dz, limit, 
                 splat32(np.float32(0.0)), splat32(best32),
             )  # fmt: skip
             if bits(is_open):
-                nearest = nearest_lane(bounds, is_open)
-                reference, at = descend_in_order(words, base, bounds, is_open, nearest, stacks, at)
+                reference, at = descend_in_order(words, base, bounds, is_open, stacks, at)
                 continue
         elif ~reference < ENTRY:
             block = ~reference

@@ -14,14 +14,12 @@ from proximity.simd import (
     compress,
     count_bits,
     horizontal_min,
-    lane,
-    lane_numbers,
     load,
     load_int,
+    lowest_lane,
     nearest_lane,
     select,
     splat,
-    splat32,
     store,
     trailing_zeros,
 )
@@ -31,26 +29,37 @@ NOTHING_WAITS = -1
 
 
 @inlined
-def descend(words, base, bounds, is_open, nearest, stacks, at):
-    """Leave the open children of the node at *base* waiting but for the nearest; its reference, and *at*."""
-    others = is_open & ~(lane_numbers() == splat32(np.float32(nearest)))
-    store(stacks, at, compress(bounds, others))
-    store(stacks, at + STACK_SIZE, compress(load(words, base + CHILDREN), others))
-    return load_int(words, base + CHILDREN + nearest), at + count_bits(bits(others))
+def _wait(words, base, bounds, which, stacks, at):
+    """Leave children of the node at *base* waiting; *at* behind them."""
+    store(stacks, at, compress(bounds, which))
+    store(stacks, at + STACK_SIZE, compress(load(words, base + CHILDREN), which))
+    return at + count_bits(bits(which))
 
 
 @inlined
-def descend_in_order(words, base, bounds, is_open, nearest, stacks, at):
+def descend(words, base, bounds, is_open, stacks, at):
+    """Go to the child of the node at *base* with the lowest bound, which is open; the other open ones wait.
+
+    Returns its reference, and *at*.
+    """
+    nearest, it = lowest_lane(bounds)
+    at = _wait(words, base, bounds, is_open & ~it, stacks, at)
+    return load_int(words, base + CHILDREN + nearest), at
+
+
+@inlined
+def descend_in_order(words, base, bounds, is_open, stacks, at):
     """As `descend`, and of those that wait the nearest is the next to be taken up.
 
     A ray that has hit something seldom needs the others: in a gear it visits 8 % fewer nodes and 15 % fewer
     blocks. Points gain 1 and 2 %, less than it costs. All in order, by a sorting network: no faster.
     """
-    others = is_open & ~(lane_numbers() == splat32(np.float32(nearest)))
-    second = nearest_lane(bounds, others)
-    _, at = descend(words, base, bounds, others, second, stacks, at)
-    stacks[at], stacks[at + STACK_SIZE] = lane(bounds, second), words[base + CHILDREN + second]
-    return load_int(words, base + CHILDREN + nearest), at + (1 if bits(others) else 0)
+    nearest, it = nearest_lane(bounds, is_open)
+    others = is_open & ~it
+    _, second = nearest_lane(bounds, others)
+    at = _wait(words, base, bounds, others & ~second, stacks, at)
+    at = _wait(words, base, bounds, others & second, stacks, at)
+    return load_int(words, base + CHILDREN + nearest), at
 
 
 @inlined

@@ -20,7 +20,6 @@ from proximity.kernels.triangle import TINY, point_triangle_distance_sq
 from proximity.simd import (
     bits,
     load_int,
-    lowest_lane,
     splat,
     splat32,
 )
@@ -48,8 +47,7 @@ def closest_in_part(reals, words, start, px, py, pz, best_sq, best_slot, stacks,
             bounds = node_bounds_sq(words, base, is_far, x, y, z, wide_x, wide_y, wide_z, offsets)
             is_open = bounds <= splat32(best32)
             if bits(is_open):
-                nearest = lowest_lane(bounds)
-                reference, at = descend(words, base, bounds, is_open, nearest, stacks, at)
+                reference, at = descend(words, base, bounds, is_open, stacks, at)
                 continue
         else:
             best_sq, best_slot = nearer_in_block(

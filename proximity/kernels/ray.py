@@ -32,7 +32,6 @@ from proximity.simd import (
     load_int,
     maximum,
     minimum,
-    nearest_lane,
     select,
     splat,
     splat32,
@@ -242,8 +241,7 @@ def ray_in_part(reals, words, start, ox, oy, oz, dx, dy, dz, best, best_slot, st
                 outs_x, outs_y, outs_z, zero32, splat32(best32),
             )  # fmt: skip
             if bits(is_open):
-                nearest = nearest_lane(bounds, is_open)
-                reference, at = descend_in_order(words, base, bounds, is_open, nearest, stacks, at)
+                reference, at = descend_in_order(words, base, bounds, is_open, stacks, at)
                 continue
         else:
             block = ~reference

@@ -32,7 +32,6 @@ from proximity.kernels.point import closest_in_part
 from proximity.simd import (
     bits,
     load_int,
-    lowest_lane,
     splat,
     splat32,
 )
@@ -152,8 +151,7 @@ def nearest_in_scene(reals, words, frames, parts, x, y, z, best_sq, best_part, b
             bounds = node_bounds_sq(words, base, is_far, vx, vy, vz, wide_x, wide_y, wide_z, offsets)
             is_open = bounds <= splat32(best32)
             if bits(is_open):
-                nearest = lowest_lane(bounds)
-                reference, at = descend(words, base, bounds, is_open, nearest, stacks, at)
+                reference, at = descend(words, base, bounds, is_open, stacks, at)
                 continue
         elif ~reference < ENTRY:
             best_sq, best_slot = nearer_in_block(
@@ -190,11 +188,10 @@ def part_of_slot(parts, slot, guess):
         first = parts[guess, FIRST_BLOCK]
         if first <= block < first + parts[guess, BLOCK_COUNT]:
             return guess
-    low, high = np.int64(0), np.int64(len(parts) - 2)
-    while low < high:
-        middle = (low + high + 1) // 2
-        if parts[middle, FIRST_BLOCK] <= block:
-            low = middle
-        else:
-            high = middle - 1
+    # Halving without a branch, which nobody could predict.
+    low, count = np.int64(0), np.int64(len(parts) - 1)
+    while count > 1:
+        half = count // 2
+        low += half if parts[low + half, FIRST_BLOCK] <= block else 0
+        count -= half
     return low

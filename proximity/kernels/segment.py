@@ -30,7 +30,6 @@ from proximity.simd import (
     horizontal_min,
     load,
     load_int,
-    lowest_lane,
     select,
     splat,
     splat32,
@@ -103,8 +102,7 @@ def segment_in_part(reals, words, start, plan, probe, best_sq, best_fraction, be
             bounds = node_bounds_sq(words, base, plan, probe, is_far)
             is_open = bounds <= splat32(best32)
             if bits(is_open):
-                nearest = lowest_lane(bounds)
-                reference, at = descend(words, base, bounds, is_open, nearest, stacks, at)
+                reference, at = descend(words, base, bounds, is_open, stacks, at)
                 continue
         else:
             best_sq, best_fraction, best_slot = segment_in_block(

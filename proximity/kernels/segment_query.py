@@ -45,7 +45,6 @@ from proximity.kernels.witness import LENGTH, POINT, WEIGHT, closest_on_triangle
 from proximity.simd import (
     bits,
     load_int,
-    lowest_lane,
     splat32,
 )
 
@@ -123,8 +122,7 @@ def segment_in_scene(
             bounds = node_bounds_sq(words, base, scene_plan, scene_probe, is_far)
             is_open = bounds <= splat32(best32)
             if bits(is_open):
-                nearest = lowest_lane(bounds)
-                reference, at = descend(words, base, bounds, is_open, nearest, stacks, at)
+                reference, at = descend(words, base, bounds, is_open, stacks, at)
                 continue
         elif ~reference < ENTRY:
             best_sq, best_fraction, best_slot = segment_in_block(

@@ -153,14 +153,6 @@ def splat32(typingctx, value):
 
 
 @intrinsic
-def lane_numbers(typingctx):
-    def codegen(context, builder, sig, args):
-        return ir.Constant(LLVM[f32x8], [float(i) for i in range(LANES)])
-
-    return f32x8(), codegen
-
-
-@intrinsic
 def widen(typingctx, vector):
     def codegen(context, builder, sig, args):
         return builder.fpext(args[0], LLVM[f64x8])
@@ -276,34 +268,42 @@ def horizontal_min(typingctx, vector):
     return vector.element(vector), codegen
 
 
+def _lowest(context, builder, bounds, result_type):
+    # Numbers that are not negative order like their bits; the three lowest make room for the lane.
+    i32 = ir.IntType(32)
+    vector = ir.VectorType(i32, LANES)
+    keys = builder.and_(builder.bitcast(bounds, vector), ir.Constant(vector, [~7] * LANES))
+    keys = builder.or_(keys, ir.Constant(vector, list(range(LANES))))
+    # In all lanes, so that the lane that has it is told without leaving the vectors.
+    lowest = keys
+    for step in (4, 2, 1):
+        order = ir.Constant(vector, [i ^ step for i in range(LANES)])
+        other = builder.shuffle_vector(lowest, ir.Constant(vector, ir.Undefined), order)
+        lowest = builder.select(builder.icmp_unsigned("<", lowest, other), lowest, other)
+    first = builder.and_(builder.extract_element(lowest, ir.Constant(i32, 0)), ir.Constant(i32, 7))
+    it = builder.icmp_unsigned("==", keys, lowest)
+    return context.make_tuple(builder, result_type, [builder.zext(first, ir.IntType(64)), it])
+
+
+_LANE_AND_MASK = types.Tuple([types.int64, mask8])
+
+
 @intrinsic
 def lowest_lane(typingctx, bounds):
     def codegen(context, builder, sig, args):
-        # Numbers that are not negative order like their bits; the three lowest make room for the lane.
-        i32 = ir.IntType(32)
-        vector = ir.VectorType(i32, LANES)
-        keys = builder.and_(builder.bitcast(args[0], vector), ir.Constant(vector, [~7] * LANES))
-        keys = builder.or_(keys, ir.Constant(vector, list(range(LANES))))
-        for step in (4, 2, 1):
-            order = ir.Constant(vector, [i ^ step for i in range(LANES)])
-            other = builder.shuffle_vector(keys, ir.Constant(vector, ir.Undefined), order)
-            keys = builder.select(builder.icmp_unsigned("<", keys, other), keys, other)
-        first = builder.extract_element(keys, ir.Constant(i32, 0))
-        return builder.zext(builder.and_(first, ir.Constant(i32, 7)), ir.IntType(64))
+        return _lowest(context, builder, args[0], sig.return_type)
 
-    return types.int64(f32x8), codegen
+    return _LANE_AND_MASK(f32x8), codegen
 
 
 @intrinsic
 def nearest_lane(typingctx, bounds, mask):
-    lowest = lowest_lane._defn(typingctx, bounds)[1]
-
     def codegen(context, builder, sig, args):
         infinite = ir.Constant(LLVM[f32x8], [float("inf")] * LANES)
         chosen = builder.select(args[1], args[0], infinite)
-        return lowest(context, builder, types.int64(f32x8), [chosen])
+        return _lowest(context, builder, chosen, sig.return_type)
 
-    return types.int64(f32x8, mask8), codegen
+    return _LANE_AND_MASK(f32x8, mask8), codegen
 
 
 @intrinsic

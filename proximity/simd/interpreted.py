@@ -46,7 +46,7 @@ def nearest_lane(bounds, mask):
 
 def lowest_lane(bounds):
     keys = (bounds.view(np.uint32) & np.uint32(0xFFFFFFF8)) | np.arange(LANES, dtype=np.uint32)
-    return int(keys.min()) & 7
+    return int(keys.min()) & 7, keys == keys.min()
 
 
 def fma(a, b, c):
@@ -103,10 +103,6 @@ def splat32(value):
 
 def widen(vector):
     return vector.astype(np.float64)
-
-
-def lane_numbers():
-    return np.arange(LANES, dtype=np.float32)
 
 
 def narrow(vector):
