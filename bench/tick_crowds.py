@@ -101,18 +101,31 @@ def measure_skin(options) -> list[TickRow]:
 
 
 def _measure_skin(case, scene, positions, settings, words, options):
-    ticks = options.ticks if words == HONEST_SKIN else max(100, options.ticks // FEW)
+    if words != HONEST_SKIN:
+        log = _run_skin(scene, positions, settings, max(100, options.ticks // FEW))
+        return row_of(case, scene, positions.shape[1], log, remarks=[log.remark()])
+    logs = [_run_skin(scene, positions, settings, options.ticks) for _ in range(REPEATS)]
+    p99 = np.percentile(logs[0].thread_ns, 99.0) / 1e3
+    return row_of(
+        case,
+        scene,
+        positions.shape[1],
+        logs[0],
+        best=best_of(logs),
+        verdicts=[at_most(f"{case}: p99 of thread time", 1000.0, p99)],
+        remarks=[logs[0].remark()],
+    )
+
+
+def _run_skin(scene, positions, settings, ticks):
+    """The motion, as often as *ticks* need, from a tracker that knows nothing."""
     tracker = Tracker(scene, fingers=positions.shape[1], radius=SKIN_RADIUS, **settings)
     log = TickLog()
     with without_collector():
         tick_all(tracker, positions[:3], TickLog(), first=-3)
         for first in range(0, ticks, len(positions)):
             tick_all(tracker, positions[: ticks - first], log, first=first)
-    verdicts = []
-    if words == HONEST_SKIN:
-        p99 = np.percentile(log.thread_ns, 99.0) / 1e3
-        verdicts = [at_most(f"{case}: p99 of thread time", 1000.0, p99)]
-    return row_of(case, scene, positions.shape[1], log, verdicts=verdicts, remarks=[log.remark()])
+    return log
 
 
 def measure_cavity(options) -> list[TickRow]:

@@ -115,6 +115,9 @@ class Queries:
                         return distances
             except TypeError:
                 pass
+        return self._signed_distance(points, workers)
+
+    def _signed_distance(self, points: Any, workers: int) -> Any:
         points = as_points(points)
         rows = points if points.ndim == 2 else points.reshape(-1, 3)
         count = len(rows)
@@ -229,6 +232,10 @@ class Queries:
                         return RayHits(answers)
             except TypeError:
                 pass
+        # What follows has functions of its own, and room for what they share would be made at every call.
+        return self._cast(origins, directions, max_distance, workers)
+
+    def _cast(self, origins: Any, directions: Any, max_distance: Any, workers: int) -> RayHits:
         origins, directions = as_points(origins, "origins"), as_points(directions, "directions")
         if origins.shape != directions.shape:
             origins, directions = _broadcast(origins, directions, "origins", "directions")

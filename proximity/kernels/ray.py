@@ -229,7 +229,7 @@ def ray_in_part(reals, words, start, ox, oy, oz, dx, dy, dz, best, best_slot, st
 
     x, y, z, px, py, pz, lean_x, lean_y, pace = look_along(ox, oy, oz, dx, dy, dz)
     weight_a, weight_b, weight_c = 0.0, 0.0, 0.0
-    # One way out only: with two, numba would count references.
+    # A ray that passes by opens nothing.
     best32 = bound_of_parameter(best, entry) if is_near else np.float32(-1.0)
     bottom = at
     reference = start
