@@ -181,6 +181,16 @@ def test_what_comes_from_afar_in_time_is_certified(speed, side):
     assert 0.9 * true <= found["time_to_contact_lower"] <= true
 
 
+def test_what_touches_but_for_rounding_is_not_free_until_something_else_comes():
+    train = solid(shapes.box((-0.05, 0.45, 0.0), (0.05, 0.55, 0.2)), "train")
+    scene = Scene([plate(top=0.1), train])
+    scene.move("train", Pose(), velocity=(0, -2.0, 0))
+    found = contact(scene, (0, 0, np.nextafter(0.1, 1.0)), (0, 0, 0), radius=0.0)
+
+    assert 0.0 < found["lower"] < 1e-15
+    assert found["time_to_contact_lower"] == 0.0
+
+
 def test_on_a_path_too_only_what_comes_in_time_counts():
     path = line((0, 0, 0.05), (0, 0, -0.05))
     for away, speed in ((3.0, 2.0), (0.5, 4.0)):

@@ -22,7 +22,7 @@ from proximity.kernels.bracket import fill_witness, nearest_from
 from proximity.kernels.compiling import inlined, kernel
 from proximity.kernels.drift import drift_until
 from proximity.kernels.layout import LANES, SCALE
-from proximity.kernels.scene import direction_to_scene
+from proximity.kernels.scene import direction_to_scene, rounding_at
 from proximity.kernels.triangle import dot
 from proximity.kernels.witness import ARM, LENGTH
 from proximity.simd import horizontal_min, load, minimum, select, splat, square_root
@@ -107,7 +107,7 @@ def _until(stage, clearance, rate, faster):
     """How far a clearance lets a sphere go: up to where it is used up, or where a faster part may come."""
     if rate > 0.0:
         return min(stage + clearance / rate * DOWN, faster)
-    return faster
+    return faster if clearance > 0.0 else stage
 
 
 @kernel
@@ -162,7 +162,8 @@ def advance(
         _keep_ball(balls, way_of_parts, place[0], place[1], place[2], clear)
         if slot < 0 and lower_sq >= best_sq:
             return end, np.inf, part, slot, work, False
-        left = max(clear - radius - drift * gone, 0.0)
+        rounding = rounding_at(frames, place[0], place[1], place[2])
+        left = max(clear - radius - rounding - drift * gone, 0.0)
         free = _until(stage, left, rate, begin + faster)
         if slot < 0:
             continue

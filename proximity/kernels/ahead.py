@@ -165,7 +165,8 @@ def foretell(
     records[i, PREDICTED_UPPER] = upper + spread - radius
 
     # The time to contact, along the velocity.
-    clearance = max(records[i, LOWER], 0.0)
+    # What may touch already is not free for a moment, however slow.
+    clearance = max(records[i, LOWER] - rounding_at(frames, x, y, z), 0.0)
     if records[i, SIGNED_DISTANCE] <= 0.0:
         records[i, TIME_TO_CONTACT], records[i, TIME_TO_CONTACT_LOWER] = 0.0, 0.0
         return
@@ -183,11 +184,12 @@ def foretell(
         way[0, 0], way[0, 1], way[0, 2] = x, y, z
         way[1, 0], way[1, 1], way[1, 2] = x + vx * horizon, y + vy * horizon, z + vz * horizon
         stages[0], stages[1] = 0.0, horizon
-        free, found, _, _, steps, _ = advance(
+        reached, found, _, _, steps, _ = advance(
             reals, words, frames, parts, way, stages, 2, 0.0, clearance, radius, speed, movers, near, least,
             part, slot, EASE, min(_left(settings, numbers, i), STRIDE), balls, settings[WAY], room, witness,
             place,
         )  # fmt: skip
+        free = max(free, reached)
         # Where the way has not been followed to its end, or to a touch, there is still the nearest face.
         if free >= horizon or found < np.inf:
             expected = found
