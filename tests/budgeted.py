@@ -21,7 +21,7 @@ from proximity.kernels.layout import (
     PART_COLUMNS,
     ROOT,
     SCALE,
-    STACK_SIZE,
+    STACKS_SIZE,
 )
 from proximity.kernels.point import slot_distance_sq
 from proximity.kernels.scene import nearest_in_scene, part_of_slot, to_local
@@ -89,7 +89,7 @@ def without_budget(model, point, best_sq=np.inf, slot=NO_SLOT):
     """Squared distance and slot from the walk without a budget."""
     arrays = (model.reals, model.words, model.frames, model.parts)
     part = int(part_of_slot(model.parts, slot, np.int64(NO_PART))) if slot >= 0 else NO_PART
-    stacks = np.empty(4 * STACK_SIZE, np.float32)
+    stacks = np.empty(STACKS_SIZE, np.float32)
     found_sq, _, found = nearest_in_scene(*arrays, *map(float, point), best_sq, part, slot, stacks)
     return float(found_sq), int(found)
 

@@ -179,13 +179,12 @@ def test_with_all_parts_hidden_nothing_is_near():
     assert slot == NO_SLOT and bits == contact.EXACT
 
 
-def test_distance_to_a_slot_is_that_to_its_triangle(asked):
+def test_a_witness_of_a_slot_is_as_far_as_its_triangle(asked):
     for point in points(50):
         _, _, _, _, part, slot, _, _ = asked.at(points(1, seed=int(abs(point[0]) * 1000))[0])
         reals, words, frames, parts = asked.arrays
         corners = asked.triangle(part, slot)
         expected = oracle.closest(corners, np.array([[0, 1, 2]]), point[None]).distance[0]
-        assert bracket.distance_to_slot(reals, frames, parts, part, slot, *point) == pytest.approx(expected)
         assert bracket.fill_witness(
             reals, words, parts, frames, part, slot, *point, asked.witness
         ) == pytest.approx(expected)

@@ -99,6 +99,7 @@ MAKING = {
     "flatten", "full", "full_like", "linspace", "ones", "repeat", "sort", "zeros", "zeros_like",
 }  # fmt: skip
 """Names of what makes an array."""
+DECORATORS = {"kernel", "inlined", "maker"}
 
 
 def decorated():
@@ -108,11 +109,7 @@ def decorated():
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if not isinstance(node, ast.FunctionDef):
                 continue
-            marks = {getattr(mark, "id", None) for mark in node.decorator_list} & {
-                "kernel",
-                "inlined",
-                "maker",
-            }
+            marks = {getattr(mark, "id", None) for mark in node.decorator_list} & DECORATORS
             called = [each.func for each in ast.walk(node) if isinstance(each, ast.Call)]
             names = {getattr(each, "attr", None) or getattr(each, "id", None) for each in called}
             if marks:

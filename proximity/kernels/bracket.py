@@ -46,13 +46,6 @@ FEWEST_STEPS = 8
 
 
 @inlined
-def distance_to_slot(reals, frames, parts, part, slot, x, y, z):
-    """Distance from a point of the scene's frame to one triangle, m: never less than to the nearest."""
-    px, py, pz = to_local(frames, parts, part, x, y, z)
-    return sqrt(slot_distance_sq(reals, slot, px, py, pz)) / frames[part, SCALE]
-
-
-@inlined
 def nearest_from(reals, words, frames, parts, x, y, z, part, slot, limit_sq, ease, core, budget, room):
     """`nearest_with_budget` for the whole scene, starting from a face known, if any; with its part.
 

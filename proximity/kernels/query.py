@@ -26,7 +26,15 @@ from proximity.kernels.layout import (
 )
 from proximity.kernels.memory import arrays_at, longs_here, reals_here, words_here
 from proximity.kernels.point import closest_in_part, slot_distance_sq
-from proximity.kernels.scene import FARTHEST, is_alone, nearest_in_scene, to_local, to_scene, turn_to_scene
+from proximity.kernels.scene import (
+    FARTHEST,
+    ROUNDING,
+    is_alone,
+    nearest_in_scene,
+    to_local,
+    to_scene,
+    turn_to_scene,
+)
 from proximity.kernels.side import (
     deepest_of_chunk,
     is_held,
@@ -34,9 +42,6 @@ from proximity.kernels.side import (
     witness_of_slot,
 )
 from proximity.kernels.witness import ARM, LENGTH, NORMAL, POINT, WEIGHT, WITNESS_SIZE
-
-ROUNDING = 1e-13
-"""More than what the walk's distances can be off, relative and in sizes of the scene."""
 
 SHORTEST = 1e-150
 """Local units; the square of less would vanish."""

@@ -37,7 +37,7 @@ from proximity.simd import (
 )
 
 ROUNDING = 1e-13
-"""Part sizes: more than what distances and ways round."""
+"""More than what distances and ways are off by rounding, relative and in sizes of the scene."""
 FARTHEST = 1e100
 """Local coordinates beyond this are pulled in: the direction stays, the square does not overflow."""
 
@@ -181,6 +181,18 @@ def nearest_in_scene(reals, words, frames, parts, x, y, z, best_sq, best_part, b
 
 
 @inlined
+def last_up_to(parts, column, number):
+    """The last part with no more than *number* in a column that rises from part to part."""
+    # Halving without a branch, which nobody could predict.
+    low, count = np.int64(0), np.int64(len(parts) - 1)
+    while count > 1:
+        half = count // 2
+        low += half if parts[low + half, column] <= number else 0
+        count -= half
+    return low
+
+
+@inlined
 def part_of_slot(parts, slot, guess):
     """The part that a slot belongs to; *guess* is looked at first."""
     block = slot // LANES
@@ -188,10 +200,4 @@ def part_of_slot(parts, slot, guess):
         first = parts[guess, FIRST_BLOCK]
         if first <= block < first + parts[guess, BLOCK_COUNT]:
             return guess
-    # Halving without a branch, which nobody could predict.
-    low, count = np.int64(0), np.int64(len(parts) - 1)
-    while count > 1:
-        half = count // 2
-        low += half if parts[low + half, FIRST_BLOCK] <= block else 0
-        count -= half
-    return low
+    return last_up_to(parts, FIRST_BLOCK, block)

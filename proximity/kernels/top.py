@@ -26,7 +26,7 @@ from proximity.kernels.layout import (
     SCALE,
     TRANSLATION,
 )
-from proximity.kernels.scene import part_of_slot
+from proximity.kernels.scene import last_up_to, part_of_slot
 from proximity.kernels.wide_node import clear_box, node_box, write_lane
 from proximity.simd import load_int
 
@@ -111,23 +111,10 @@ def gather_entries(words, frames, parts, target):
 
 
 @inlined
-def _part_of_node(parts, node):
-    """The part that a node belongs to."""
-    low, high = np.int64(0), np.int64(len(parts) - 2)
-    while low < high:
-        middle = (low + high + 1) // 2
-        if parts[middle, ROOT] <= node:
-            low = middle
-        else:
-            high = middle - 1
-    return low
-
-
-@inlined
 def _part_of_child(words, parts, reference, entries_at):
     """The part that a leaf of the static tree is of: an entry, or a part's own node or block."""
     if reference >= 0:
-        return _part_of_node(parts, reference)
+        return last_up_to(parts, ROOT, reference)
     if ~reference < ENTRY:
         return part_of_slot(parts, LANES * ~reference, np.int64(NO_PART))
     return np.int64(load_int(words, entries_at + 2 * (~reference - ENTRY)))
