@@ -12,9 +12,10 @@ from proximity.kernels import track
 from proximity.kernels.advance import BALLS_SIZE
 from proximity.kernels.bounded import ROOM_SIZE
 from proximity.kernels.drift import room_for_movers
+from proximity.kernels.front import FRONT_SIZE
 from proximity.kernels.layout import GRID, NO_GRID, NO_PART, NO_SLOT, ROTATION, SIGN, SIGN_WINDING
 from proximity.kernels.motion import MAX_ACCELERATION, MAX_SPEED, MOTION_INTS, MOTION_REALS
-from proximity.kernels.tick import tick
+from proximity.kernels.tick import CROWD, tick
 from proximity.message import CONTACT
 from proximity.model import Model
 from proximity.scene import Scene
@@ -26,6 +27,7 @@ GONE = -2
 """Part of the last answer that is not in the scene any more."""
 MOST_NS = 2**62
 """ns; differences of such instants are whole numbers of 64 bits. It is 146 years."""
+FLOAT64 = np.dtype(np.float64)
 HORIZON = 0.25
 """s. A drum needs less than a tenth of a second to arrive (PAPER 6.4)."""
 
@@ -123,6 +125,7 @@ class Tracker:
             "tracks": np.zeros((count, track.TRACK_REALS)),
             "marks": np.zeros((count, track.TRACK_INTS), np.int64),
             "balls": np.zeros((count, BALLS_SIZE)),
+            "fronts": np.zeros((count if count <= CROWD else 0, FRONT_SIZE), np.float32),
             "records": self.contacts,
             "before": np.zeros((0, track.POSE_COLUMNS)),
             "movers": room_for_movers(0),
@@ -132,6 +135,7 @@ class Tracker:
         self._positions, self._pose_ns = self._arrays["positions"], self._arrays["pose_ns"]
         self._arrays["tracks"][:, track.RADIUS] = _radii(radius, count)
         self._model: Model | None = None
+        self._has_velocities = self._has_paths = False
         self._epoch = -1
         self._rows: dict[str, int] = {}  # of parts, by name
         self.reset()
@@ -185,27 +189,27 @@ class Tracker:
         Sign: as `Scene.signed_distance`, less the radius.
         Cost: some 10 µs for five fingers near parts of 100 k faces.
         """
-        if type(positions) is not np.ndarray or positions.dtype != np.float64:
+        if type(positions) is not np.ndarray or positions.dtype is not FLOAT64:
             positions = _shaped(positions, "positions", self._shape)
         elif positions.shape != self._shape:
             raise QueryError(f"positions have shape {positions.shape}, expected {self._shape}")
         self._positions[...] = positions
         if type(t_pose_ns) is int and -MOST_NS <= t_pose_ns <= MOST_NS:
-            self._pose_ns[...] = t_pose_ns
+            self._pose_ns.fill(t_pose_ns)
         else:
             self._take_instants(t_pose_ns)
-        now = _instant(now_ns)
-        settings = self._settings
-        if velocities is not None or settings[track.HAS_VELOCITIES]:
+        if type(now_ns) is not int or not -MOST_NS <= now_ns <= MOST_NS:
+            now_ns = _instant(now_ns)
+        if velocities is not None or self._has_velocities:
             self._take_velocities(velocities)
-        if paths is not None or settings[track.HAS_PATHS] or bends is not None or path_bends is not None:
+        if paths is not None or self._has_paths or bends is not None or path_bends is not None:
             self._take_paths(paths, path_bends, bends)
         # From here on nothing raises: that parts have moved is noticed once, and must not be lost.
         model = self.scene._current()
         is_moved = model is not self._model
         if is_moved:
             self._take_over(model)
-        tick(model.handle, self._handle, now, is_moved)
+        tick(model.handle, self._handle, now_ns, is_moved)
         return self.contacts
 
     @property
@@ -226,6 +230,7 @@ class Tracker:
         track.forget_surfaces(self._arrays["tracks"], self._arrays["balls"])
         marks = self._arrays["marks"]
         marks[:, track.SLOT], marks[:, track.PART], marks[:, track.IS_OUTSIDE] = NO_SLOT, NO_PART, 0
+        marks[:, track.FRONT_COUNT] = 0
 
     def _take_over(self, model: Model) -> None:
         """Look at *model* from now on; parts that changed in more than their place are looked at anew."""
@@ -260,6 +265,7 @@ class Tracker:
             len(arrays["movers"]),
             len(arrays["room"]),
             len(arrays["scratch"]),
+            len(arrays["fronts"]),
         ]
         self._table = np.array(counts + [arrays[name].ctypes.data for name in track.NAMES], np.int64)
         self._handle = int(self._table.ctypes.data)
@@ -277,12 +283,14 @@ class Tracker:
             ) from unfit
 
     def _take_velocities(self, velocities: Any) -> None:
-        self._settings[track.HAS_VELOCITIES] = velocities is not None
+        self._has_velocities = velocities is not None
+        self._settings[track.HAS_VELOCITIES] = self._has_velocities
         if velocities is not None:
             self._arrays["velocities"][...] = _shaped(velocities, "velocities", self._shape)
 
     def _take_paths(self, paths: Any, path_bends: Any, bends: Any) -> None:
-        self._settings[track.HAS_PATHS] = paths is not None
+        self._has_paths = paths is not None
+        self._settings[track.HAS_PATHS] = self._has_paths
         if paths is None:
             if bends is not None or path_bends is not None:
                 raise QueryError("bends are of places on paths, but no paths are given")

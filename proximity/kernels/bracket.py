@@ -170,16 +170,30 @@ def bracket_at(
 
     *part*, *slot*: a face to start from, or `NO_SLOT`. *is_outside*: True where it is known that no part
     holds the point. *ease*, *core* (m), of a point that is outside: see `near_enough_sq`; others are asked
-    exactly, as far as the budget goes. Returns distance, lower and upper bound, a distance within which there
-    is no surface, part and slot of the face that is meant, bits (EXACT or BOUNDED, SIGNED, INSIDE), and the
-    steps taken.
+    exactly, as far as the budget goes. Returns what `bracket_of` does.
+    """
+    best_sq, part, slot, lower_sq, work = nearest_from(
+        reals, words, frames, parts, x, y, z, part, slot, np.inf, ease if is_outside else 0.0,
+        core * frames[len(parts) - 1, SCALE], budget, room,
+    )  # fmt: skip
+    return bracket_of(
+        reals, words, frames, parts, x, y, z, best_sq, part, slot, lower_sq, work, is_outside, budget, room,
+        witness,
+    )  # fmt: skip
+
+
+@kernel
+def bracket_of(
+    reals, words, frames, parts, x, y, z, best_sq, part, slot, lower_sq, work, is_outside, budget, room,
+    witness,
+):  # fmt: skip
+    """The same, where the nearest has been searched for: what `nearest_from` returned.
+
+    Returns distance, lower and upper bound, a distance within which there is no surface, part and slot of the
+    face that is meant, bits (EXACT or BOUNDED, SIGNED, INSIDE), and the steps taken.
     """
     scene = len(parts) - 1
     scale = frames[scene, SCALE]
-    best_sq, part, slot, lower_sq, work = nearest_from(
-        reals, words, frames, parts, x, y, z, part, slot, np.inf, ease if is_outside else 0.0, core * scale,
-        budget, room,
-    )  # fmt: skip
     is_exact = lower_sq >= best_sq
     upper = sqrt(best_sq) / scale
     if slot >= 0:

@@ -10,7 +10,7 @@ import numpy as np
 
 from proximity.kernels.advance import outward_of
 from proximity.kernels.ahead import foretell, look_along_path
-from proximity.kernels.bracket import beyond_all, bracket_at, fill_witness, may_slip_in
+from proximity.kernels.bracket import beyond_all, bracket_at, bracket_of, fill_witness, may_slip_in
 from proximity.kernels.compiling import inlined, kernel
 from proximity.kernels.contact import (
     AGE_NS,
@@ -56,6 +56,7 @@ from proximity.kernels.contact import (
     WORK,
 )
 from proximity.kernels.drift import gather_movers, velocity_of_part
+from proximity.kernels.front import BEGINS, LONG, nearest_by_front
 from proximity.kernels.layout import (
     BLOCK_STRIDE,
     LANES,
@@ -80,6 +81,7 @@ from proximity.kernels.track import (
     CLEAR,
     FARTHEST_WAY,
     FIRST,
+    FRONT_COUNT,
     HAS_PATHS,
     HAS_VELOCITIES,
     HOLES,
@@ -134,6 +136,8 @@ within 20 mm of a skin with bounds 9.5 mm apart (p99; 3.8 with this), with half 
 EASE = 0.4
 """Of what bounds may be apart, the share that a search in a crowd leaves them apart, rather than going on. A
 skin whose bounds may be 5 % apart takes 2100 steps a tick; 4700 with 0, to the same bounds on average."""
+SHORT = 3
+"""Divisor of the budget: where a search takes more, a front would not get done in half the budget."""
 FEWEST_STEPS = 8
 """For the distance of a finger of which nothing is known, when none are left."""
 
@@ -213,8 +217,8 @@ def _write_surface(
 
 @inlined
 def _distance(
-    reals, words, frames, parts, settings, tracks, marks, records, numbers, i, x, y, z, flags, room, witness,
-    place,
+    reals, words, frames, parts, settings, tracks, marks, fronts, records, numbers, i, x, y, z, flags,
+    is_moved, room, witness, place,
 ):  # fmt: skip
     """Write distance, bounds and surface of one finger; the flags."""
     radius = tracks[i, RADIUS]
@@ -241,9 +245,26 @@ def _distance(
             bits |= SIGNED
     else:
         ease = EASE * tolerance if len(tracks) > CROWD else 0.0
-        distance, lower, upper, clear, part, slot, bits, work = bracket_at(
-            reals, words, frames, parts, x, y, z, part, slot, is_outside, ease, radius, budget, room, witness
-        )  # fmt: skip
+        best_sq, is_found = 0.0, False
+        may_keep = len(fronts) > 0 and slot >= 0 and not is_moved
+        if may_keep and marks[i, FRONT_COUNT] != 0:
+            best_sq, part, slot, is_found, marks[i, FRONT_COUNT], work = nearest_by_front(
+                reals, words, frames, parts, x, y, z, part, slot, fronts[i], marks[i, FRONT_COUNT],
+                budget // 2, room,
+            )  # fmt: skip
+        if is_found:
+            distance, lower, upper, clear, part, slot, bits, work = bracket_of(
+                reals, words, frames, parts, x, y, z, best_sq, part, slot, best_sq, work, is_outside, budget,
+                room, witness,
+            )  # fmt: skip
+        else:
+            in_vain = work
+            distance, lower, upper, clear, part, slot, bits, work = bracket_at(
+                reals, words, frames, parts, x, y, z, part, slot, is_outside, ease, radius, budget - in_vain,
+                room, witness,
+            )  # fmt: skip
+            work += in_vain
+            marks[i, FRONT_COUNT] = BEGINS if may_keep and LONG <= work <= budget // SHORT else 0
         settings[STEPS_LEFT] -= work
         tracks[i, ANCHOR], tracks[i, ANCHOR + 1], tracks[i, ANCHOR + 2] = x, y, z
         tracks[i, CLEAR], tracks[i, ODOMETER] = clear, settings[WAY]
@@ -300,6 +321,7 @@ def tick(handle, tracker, now_ns, is_moved):
         tracks,
         marks,
         balls,
+        fronts,
         records,
         wide,
         numbers,
@@ -309,6 +331,8 @@ def tick(handle, tracker, now_ns, is_moved):
         scratch,
     ) = tracker_arrays_at(tracker)
     if is_moved:
+        for i in range(len(marks)):
+            marks[i, FRONT_COUNT] = 0
         settings[WAY] = (settings[WAY] + way_of_parts(frames, before)) * (1.0 + 2.0**-52)
         if not settings[WAY] <= FARTHEST_WAY:
             settings[WAY] = 0.0
@@ -354,8 +378,8 @@ def tick(handle, tracker, now_ns, is_moved):
         for axis in range(3):
             records[i, VELOCITY + axis] = motions[i, ESTIMATE + axis]
         flags = _distance(
-            reals, words, frames, parts, settings, tracks, marks, records, numbers, i, x, y, z, flags, room,
-            witness, place,
+            reals, words, frames, parts, settings, tracks, marks, fronts, records, numbers, i, x, y, z, flags,
+            is_moved, room, witness, place,
         )  # fmt: skip
         if marks[i, TOLD_PART] != numbers[i, PART] and marks[i, TOLD_PART] != NO_PART:
             flags |= PART_CHANGED

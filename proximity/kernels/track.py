@@ -9,6 +9,7 @@ import numpy as np
 from proximity.kernels.advance import BALLS, BALLS_SIZE
 from proximity.kernels.compiling import inlined, kernel
 from proximity.kernels.contact import RECORD_INTS, RECORD_REALS
+from proximity.kernels.front import FRONT_SIZE
 from proximity.kernels.layout import OWN_LOWER, ROTATION, TRANSLATION
 from proximity.kernels.memory import Told, arrays_behind
 from proximity.kernels.motion import MOTION_INTS, MOTION_REALS
@@ -25,7 +26,8 @@ SLOT = 0  # of the nearest face found last, or NO_SLOT
 PART = 1  # its part
 IS_OUTSIDE = 2  # 1 where no part held the anchor
 TOLD_PART = 3  # part of the last answer
-TRACK_INTS = 4
+FRONT_COUNT = 4  # of the front that is kept, see `front`; 0 for none
+TRACK_INTS = 5
 
 # --- ``settings`` (float64) ---
 WORKING_RANGE = 0  # m
@@ -55,8 +57,8 @@ POSE_COLUMNS = 12
 
 PLACE_AT, WAY_AT, STAGES_AT, SCRATCH_SIZE = 24, 40, 46, 48
 """Places in ``scratch``: a witness comes first, the stages of a path last."""
-FINGER_COUNT, PATH_COUNT, PART_COUNT, MOVERS_SIZE, ROOM_COUNT, SCRATCH_COUNT = range(6)
-FIRST_ADDRESS = 6
+FINGER_COUNT, PATH_COUNT, PART_COUNT, MOVERS_SIZE, ROOM_COUNT, SCRATCH_COUNT, FRONTS_COUNT = range(7)
+FIRST_ADDRESS = 7
 NAMES = (
     "settings",
     "positions",
@@ -70,6 +72,7 @@ NAMES = (
     "tracks",
     "marks",
     "balls",
+    "fronts",
     "records",
     "before",
     "movers",
@@ -97,6 +100,7 @@ tracker_arrays_at = arrays_behind(
     ("float64", _address("tracks"), (FINGERS, TRACK_REALS)),
     ("int64", _address("marks"), (FINGERS, TRACK_INTS)),
     ("float64", _address("balls"), (FINGERS, BALLS_SIZE)),
+    ("float32", _address("fronts"), (Told(FRONTS_COUNT), FRONT_SIZE)),
     ("float64", _address("records"), (FINGERS, RECORD_REALS)),
     ("int64", _address("records"), (FINGERS, RECORD_REALS)),
     ("int32", _address("records"), (FINGERS, RECORD_INTS)),

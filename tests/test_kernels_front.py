@@ -1,0 +1,230 @@
+"""The search from a front: the same nearest face as a walk from the root, whatever way the point has come."""
+
+import numpy as np
+import pytest
+import shapes
+from budgeted import ROOM, SCENES, model_of, points_at, scene_named, without_budget
+from scene_parts import part_of, some_parts
+
+from proximity.kernels import front as fronts
+from proximity.kernels.front import BEGINS, FRONT, FRONT_SIZE, GROUP, LONG, nearest_by_front
+from proximity.kernels.layout import BLOCK_STRIDE, CHILDREN, LANES, NO_PART, NODE_STRIDE, ROOT
+from proximity.kernels.scene import part_of_slot
+from proximity.pose import Pose
+from proximity.scene import Scene
+from proximity.tracker import Tracker
+
+PLENTY = 10**6
+
+
+class Searcher:
+    """A point that goes about in a model, and the front it keeps."""
+
+    def __init__(self, model):
+        self.model = model
+        self.arrays = (model.reals, model.words, model.frames, model.parts)
+        self.row = np.full(FRONT_SIZE + LANES, np.nan, np.float32)
+        self.row[:FRONT_SIZE] = 0.0
+        self.count, self.slot = BEGINS, None
+        self.steps = 0
+
+    def at(self, point, budget=PLENTY):
+        """Squared distance, slot, and whether it was found; what has gone beside the front is noticed."""
+        if self.slot is None:
+            _, self.slot = without_budget(self.model, point)
+        part = int(part_of_slot(self.model.parts, self.slot, np.int64(NO_PART)))
+        found_sq, part, slot, is_found, self.count, self.steps = nearest_by_front(
+            *self.arrays, *map(float, point), part, self.slot, self.row[:FRONT_SIZE], self.count or BEGINS,
+            budget, ROOM,
+        )  # fmt: skip
+        assert np.isnan(self.row[FRONT_SIZE:]).all() and 0 <= self.count <= FRONT
+        assert part == part_of_slot(self.model.parts, slot, np.int64(NO_PART))
+        self.slot = int(slot)
+        return float(found_sq), int(slot), bool(is_found)
+
+
+def ways(mesh, rng, count):
+    """Ways of different kinds: at rest, straight, wandering, shaking, and leaping."""
+    extent = np.ptp(mesh[0], axis=0).max()
+    start = points_at(mesh, rng, 5)
+    for kind, step in enumerate((0.0, 1e-9, 1e-3, 1e-2, 0.3)):
+        place = start[kind]
+        velocity = step * extent * rng.normal(size=3)
+        for _ in range(count):
+            yield place
+            if kind % 2:
+                velocity = 0.9 * velocity + 0.4 * step * extent * rng.normal(size=3)
+            place = place + velocity + 0.01 * step * extent * rng.normal(size=3)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_it_is_the_answer_of_the_walk_wherever_the_point_goes(name):
+    model, mesh = scene_named(name)
+    searcher = Searcher(model)
+    found = 0
+    for point in ways(mesh, np.random.default_rng(4), 120):
+        true_sq, slot = without_budget(model, point)
+        got_sq, got, is_found = searcher.at(point)
+        if is_found:
+            assert got_sq == pytest.approx(true_sq, rel=1e-12, abs=1e-26)
+            assert got == slot or got_sq == true_sq
+            found += 1
+        else:
+            assert got_sq >= true_sq * (1.0 - 1e-12)
+    assert found > 300
+
+
+def test_slots_and_squares_are_those_of_the_walk_to_the_bit():
+    model, mesh = scene_named("ball")
+    searcher = Searcher(model)
+    for point in ways(mesh, np.random.default_rng(5), 200):
+        got_sq, got, is_found = searcher.at(point)
+        if is_found:
+            assert (got_sq, got) == without_budget(model, point)
+
+
+def faces_below(model, reference):
+    """Corners (N, 3) of all triangles below a reference, in the frame of the tree."""
+    if reference < 0:
+        block = model.reals[BLOCK_STRIDE * ~reference :][:BLOCK_STRIDE].reshape(3, 3, LANES)
+        corners = block.transpose(2, 0, 1).reshape(-1, 3)
+        return corners[~np.isnan(corners[:, 0])]
+    node = model.words[NODE_STRIDE * reference :][:NODE_STRIDE]
+    lanes = np.flatnonzero(node[:LANES] <= node[24 : 24 + LANES])
+    children = node.view(np.int32)[CHILDREN + lanes]
+    return np.concatenate([faces_below(model, int(child)) for child in children])
+
+
+def test_planes_have_all_that_is_below_them_behind():
+    model = model_of(shapes.sphere(1.0, 5))
+    searcher = Searcher(model)
+    rng = np.random.default_rng(6)
+    place, seen = np.array([0.9, 1.1, 1.3]), 0
+    for step in range(60):
+        place = place + 0.005 * rng.normal(size=3)
+        searcher.at(place)
+        if step % 10:
+            continue
+        for k in range(searcher.count):
+            planes = searcher.row[GROUP * k : GROUP * (k + 1)].reshape(4, LANES).astype(np.float64)
+            node = model.words[NODE_STRIDE * int(searcher.row[fronts.NODE + k]) :][:NODE_STRIDE]
+            for lane in np.flatnonzero((node[:LANES] <= node[24 : 24 + LANES]) & np.isfinite(planes[3])):
+                corners = faces_below(model, int(node.view(np.int32)[CHILDREN + lane]))
+                direction, offset = planes[:3, lane], planes[3, lane]
+                assert np.linalg.norm(direction) <= 1.0 + 1e-6
+                assert (corners @ direction).max() <= offset + 1e-6
+                seen += 1
+    assert seen > 500
+
+
+def test_the_front_holds_every_face():
+    model = model_of(shapes.torus(1.0, 0.4, 40, 30))
+    searcher = Searcher(model)
+    for turn in range(50):
+        searcher.at((0.02 + 1e-4 * turn, 0.0, 1.5))
+    held = set()
+    opened = {int(searcher.row[fronts.NODE + k]) for k in range(searcher.count)}
+    assert int(model.parts[0, ROOT]) in opened
+    for node in opened:
+        words = model.words[NODE_STRIDE * node :][:NODE_STRIDE]
+        for lane in np.flatnonzero(words[:LANES] <= words[24 : 24 + LANES]):
+            child = int(words.view(np.int32)[CHILDREN + lane])
+            if child not in opened:
+                held |= set(map(tuple, faces_below(model, child)))
+    assert held == set(map(tuple, faces_below(model, int(model.parts[0, ROOT]))))
+
+
+def test_a_point_that_hardly_moves_takes_few_steps():
+    model = model_of(shapes.sphere(1.0, 5))
+    searcher = Searcher(model)
+    place = np.array([0.9, 1.1, 1.3])
+    searcher.at(place)
+    first, later = searcher.steps, []
+    assert first >= LONG
+    for _ in range(100):
+        place = place + 1e-4
+        searcher.at(place)
+        later.append(searcher.steps)
+    assert np.mean(later) < 0.2 * first and min(later) >= 1
+
+
+def test_few_faces_are_not_worth_a_front():
+    searcher = Searcher(model_of(shapes.cube()))
+    assert searcher.at((2.0, 0.3, 0.2))[2]
+    assert searcher.steps < LONG and searcher.count == 0
+
+
+@pytest.mark.parametrize("budget", [1, 2, 5, 20])
+def test_without_steps_enough_it_says_so(budget):
+    model, _ = scene_named("ball")
+    searcher = Searcher(model)
+    searcher.at((2.0, 0.0, 0.0))
+    searcher.count = BEGINS
+    got_sq, _, is_found = searcher.at((0.0, 0.0, 1e-3), budget)
+    assert not is_found and searcher.count == 0 and searcher.steps <= budget
+    assert got_sq >= without_budget(model, (0.0, 0.0, 1e-3))[0]
+
+
+@pytest.mark.parametrize("point", [(1e9, 0.0, 0.0), (0.0, -1e200, 0.0)])
+def test_from_very_far_away_it_is_not_for_fronts(point):
+    searcher = Searcher(scene_named("ball")[0])
+    searcher.at((2.0, 0.0, 0.0))
+    assert not searcher.at(point)[2]
+
+
+def test_where_more_nodes_are_near_than_it_holds_it_is_given_up():
+    model = model_of(shapes.sphere(1.0, 5))
+    searcher = Searcher(model)
+    assert not searcher.at((1e-4, 0.0, 0.0))[2]
+    assert searcher.count == 0
+
+
+# --- in a tick --------------------------------------------------------------------------------------------
+
+
+def ticked(scene, tracker, places, between=lambda step: None):
+    """Tick along *places* (N, F, 3); each exact answer is the scene's."""
+    kept = 0
+    for step, place in enumerate(places):
+        between(step)
+        found = tracker.tick(place, (step + 1) * 10**6, (step + 1) * 10**6)
+        true = scene.signed_distance(place)
+        assert np.abs(found["signed_distance"] - true).max() <= 1e-12
+        assert (found["lower"] == found["upper"]).all()
+        kept += int((tracker._arrays["marks"][:, 4] > 0).sum())
+    return kept
+
+
+def wandering(scene, count, fingers, seed=8):
+    lower, upper = scene.bounds
+    rng = np.random.default_rng(seed)
+    start = rng.uniform(lower, upper, (fingers, 3))
+    steps = 1e-3 * np.ptp([lower, upper]) * rng.normal(size=(count, fingers, 3))
+    return start + np.cumsum(np.cumsum(steps, axis=0) / 20.0, axis=0)
+
+
+def test_ticks_answer_as_the_scene_does_while_parts_move_deform_hide_and_go():
+    vertices, faces = shapes.sphere(1.0, 4)
+    scene = Scene([*some_parts(6, seed=3), part_of((vertices, faces), "fine", Pose())])
+    tracker = Tracker(scene, fingers=5, radius=0.0, working_range=100.0, max_speed=1e6)
+
+    def between(step):
+        if step == 60:
+            scene.move("part 2", Pose(shapes.rotation(5), (0.5, 0.5, 0.0)))
+        if step == 90:
+            scene.hide("part 1")
+        if step == 120:
+            scene.deform("fine", 1.3 * vertices)
+        if step == 150:
+            scene.remove("part 3")
+        if 170 < step < 180:
+            scene.move("fine", Pose(translation=(0.01 * step, 0.0, 0.0)))
+
+    kept = ticked(scene, tracker, wandering(scene, 240, 5), between)
+    assert kept > 100
+
+
+def test_crowds_keep_no_fronts():
+    scene = Scene([part_of(shapes.sphere(1.0, 4), "fine", Pose())])
+    assert len(Tracker(scene, fingers=11)._arrays["fronts"]) == 0
+    assert len(Tracker(scene, fingers=10)._arrays["fronts"]) == 10
