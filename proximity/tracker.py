@@ -204,12 +204,13 @@ class Tracker:
             self._take_velocities(velocities)
         if paths is not None or self._has_paths or bends is not None or path_bends is not None:
             self._take_paths(paths, path_bends, bends)
-        # From here on nothing raises: that parts have moved is noticed once, and must not be lost.
+        # That parts have moved is told until a tick has taken it in, even if someone interrupts this one.
         model = self.scene._current()
         is_moved = model is not self._model
         if is_moved:
             self._take_over(model)
         tick(model.handle, self._handle, now_ns, is_moved)
+        self._model = model
         return self.contacts
 
     @property
@@ -244,7 +245,6 @@ class Tracker:
             self._arrays["before"] = model.frames[:count, ROTATION : ROTATION + track.POSE_COLUMNS].copy()
             self._arrays["movers"] = room_for_movers(count)
             self._tell_addresses()
-        self._model = model
 
     def _find_again(self) -> None:
         """Write what the parts of the last answers are numbered now; one that is gone is another than all."""

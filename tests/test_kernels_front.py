@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 import shapes
 from budgeted import ROOM, SCENES, model_of, points_at, scene_named, without_budget
-from scene_parts import part_of, some_parts
+from scene_parts import part_of
 
 from proximity.kernels import front as fronts
 from proximity.kernels.front import BEGINS, FRONT, FRONT_SIZE, GROUP, LONG, nearest_by_front
 from proximity.kernels.layout import BLOCK_STRIDE, CHILDREN, LANES, NO_PART, NODE_STRIDE, ROOT
 from proximity.kernels.scene import part_of_slot
+from proximity.kernels.track import FRONT_COUNT
 from proximity.pose import Pose
 from proximity.scene import Scene
 from proximity.tracker import Tracker
@@ -189,9 +190,10 @@ def ticked(scene, tracker, places, between=lambda step: None):
         between(step)
         found = tracker.tick(place, (step + 1) * 10**6, (step + 1) * 10**6)
         true = scene.signed_distance(place)
-        assert np.abs(found["signed_distance"] - true).max() <= 1e-12
-        assert (found["lower"] == found["upper"]).all()
-        kept += int((tracker._arrays["marks"][:, 4] > 0).sum())
+        is_there = np.isfinite(place).all(axis=1)
+        assert np.abs(found["signed_distance"] - true)[is_there].max() <= 1e-12
+        assert (found["lower"] == found["upper"])[is_there].all()
+        kept += int((tracker._arrays["marks"][:, FRONT_COUNT] > 0).sum())
     return kept
 
 
@@ -204,24 +206,49 @@ def wandering(scene, count, fingers, seed=8):
 
 
 def test_ticks_answer_as_the_scene_does_while_parts_move_deform_hide_and_go():
-    vertices, faces = shapes.sphere(1.0, 4)
-    scene = Scene([*some_parts(6, seed=3), part_of((vertices, faces), "fine", Pose())])
+    balls = [shapes.moved(shapes.sphere(1.0, 4), (2.2 * k, 0.3 * k, 0.0)) for k in range(5)]
+    scene = Scene.from_mesh(*shapes.join(*balls))
+    names = [part.name for part in scene.parts]
     tracker = Tracker(scene, fingers=5, radius=0.0, working_range=100.0, max_speed=1e6)
 
     def between(step):
         if step == 60:
-            scene.move("part 2", Pose(shapes.rotation(5), (0.5, 0.5, 0.0)))
+            scene.move(names[2], Pose(shapes.rotation(5), (0.5, 0.5, 0.0)))
         if step == 90:
-            scene.hide("part 1")
+            scene.hide(names[1])
         if step == 120:
-            scene.deform("fine", 1.3 * vertices)
+            scene.deform(names[0], 1.1 * scene.parts[0].solid.mesh.vertices)
         if step == 150:
-            scene.remove("part 3")
+            scene.remove(names[3])
         if 170 < step < 180:
-            scene.move("fine", Pose(translation=(0.01 * step, 0.0, 0.0)))
+            scene.move(names[4], Pose(translation=(0.01 * step, 0.0, 0.0)))
+        if step == 185:
+            tracker.reset()
+        if step == 190:
+            scene.show(names[1])
 
-    kept = ticked(scene, tracker, wandering(scene, 240, 5), between)
-    assert kept > 100
+    places = wandering(scene, 240, 5)
+    places[100:105, 1] = np.nan
+    assert ticked(scene, tracker, places, between) > 300
+
+
+def test_a_move_is_not_forgotten_when_the_tick_is_interrupted(monkeypatch):
+    scene = Scene.from_mesh(
+        *shapes.join(shapes.sphere(1.0, 4), shapes.moved(shapes.sphere(1.0, 4), (9, 0, 0)))
+    )
+    tracker = Tracker(scene, fingers=1, radius=0.0, working_range=100.0, max_speed=1e6)
+    place = np.array([[2.0, 1.0, 0.2]])
+    assert ticked(scene, tracker, np.repeat(place[None], 10, axis=0))
+    scene.move(scene.parts[1].name, Pose(translation=(-5.0, 0.0, 0.0)))
+    with monkeypatch.context() as patch:
+        patch.setattr("proximity.tracker.tick", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            tracker.tick(place, 11 * 10**6, 11 * 10**6)
+    assert tracker.tick(place, 12 * 10**6, 12 * 10**6)["signed_distance"] == scene.signed_distance(place)
+
+
+def interrupted(*_):
+    raise KeyboardInterrupt
 
 
 def test_crowds_keep_no_fronts():

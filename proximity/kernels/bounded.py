@@ -1,9 +1,9 @@
 """The closest-point walk with a budget: what it has found, and below what nothing is, when that is spent.
 
 It starts depth first, like the walk without a budget, which is the shortest way where there is one. A walk
-that has not ended after an eighth of its budget has met one of the places where any exact search opens
-everything (the centre of a ball): from there on it opens, sweep by sweep, what has the smallest bounds, and
-follows one of them down to a leaf, so that the gap between the bounds closes from both sides.
+that has not ended after an eighth of its budget, or a few steps, has met one of the places where any exact
+search opens everything (the centre of a ball): from there on it opens, sweep by sweep, what has the smallest
+bounds, and follows one of them down to a leaf, so that the gap between the bounds closes from both sides.
 
 What waits is kept in *room* (float32): three planes of `ROOM` numbers: a squared distance below which nothing
 in the subtree lies, in the scene's scaled frame whatever the subtree's own; its reference (int32 bits); and
@@ -63,6 +63,9 @@ ROOM = 4 * STACK_SIZE + (LANES - 1) * SWEPT + 4 * LANES
 ROOM_SIZE = 3 * ROOM
 DEEP = 8
 """Share of a budget, as a divisor, that goes depth first."""
+DEPTH = 16
+"""Steps that go depth first at least, of budgets of twice as many: mostly that is all it takes. Looking ahead
+with 40 steps, ticks are some 10 % shorter at p99 than with an eighth of them, contacts told as early."""
 SHARE = 0.08
 """Of the gap between the bounds that one sweep closes; more where that would open few. At the centre of a
 ball of 82 k faces 800 steps leave a bracket of 0.4 % with 0.02 to 0.3 (0.02 takes a fifth longer), of 0.8 %
@@ -156,7 +159,7 @@ def nearest_with_budget(
     vx, vy, vz = splat32(np.float32(px)), splat32(np.float32(py)), splat32(np.float32(pz))
     best32 = open_up_to(near_enough_sq(best_sq, best_slot, ease, core))
     scene = len(parts) - 1
-    deep_end = max(budget // DEEP, budget - SWEPT)
+    deep_end = max(budget // DEEP, DEPTH if budget >= 2 * DEPTH else 0, budget - SWEPT)
     work = 0
     at = 0
     reference = start

@@ -59,6 +59,7 @@ from proximity.kernels.drift import gather_movers, velocity_of_part
 from proximity.kernels.front import BEGINS, LONG, nearest_by_front
 from proximity.kernels.layout import (
     BLOCK_STRIDE,
+    IS_FUSED,
     LANES,
     NO_FACE,
     NO_PART,
@@ -73,7 +74,15 @@ from proximity.kernels.layout import STIFFNESS as PART_STIFFNESS
 from proximity.kernels.memory import arrays_at
 from proximity.kernels.motion import VELOCITY as ESTIMATE
 from proximity.kernels.motion import observe, observe_with_velocity
-from proximity.kernels.scene import FARTHEST, ROUNDING, rounding_at, to_local, to_scene, turn_to_scene
+from proximity.kernels.scene import (
+    FARTHEST,
+    ROUNDING,
+    is_alone,
+    rounding_at,
+    to_local,
+    to_scene,
+    turn_to_scene,
+)
 from proximity.kernels.track import (
     AHEAD_LEFT,
     ANCHOR,
@@ -246,7 +255,9 @@ def _distance(
     else:
         ease = EASE * tolerance if len(tracks) > CROWD else 0.0
         best_sq, is_found = 0.0, False
+        # A part with a frame of its own is walked as a whole, and gains nothing.
         may_keep = len(fronts) > 0 and slot >= 0 and not is_moved
+        may_keep = may_keep and (parts[part, IS_FUSED] == 1 or is_alone(parts))
         if may_keep and marks[i, FRONT_COUNT] != 0:
             best_sq, part, slot, is_found, marks[i, FRONT_COUNT], work = nearest_by_front(
                 reals, words, frames, parts, x, y, z, part, slot, fronts[i], marks[i, FRONT_COUNT],
