@@ -6,7 +6,7 @@ import numpy as np
 
 from proximity.arrays import as_float64
 from proximity.errors import PoseError, SceneError
-from proximity.moving import FARTHEST_MOVE, first_unfit_move
+from proximity.moving import FARTHEST_MOVE, FASTEST_MOVE, first_unfit_move
 from proximity.pose import Pose
 
 NO_VELOCITIES = np.zeros((0, 3))
@@ -32,7 +32,7 @@ def checked_moves(
     PoseError
         If some pose is no rigid transform, or goes too far.
     SceneError
-        If velocities are not finite, or not as many.
+        If velocities are not finite or too fast, or not as many.
     """
     matrices = _as_matrices(names, poses)
     linear = _as_velocities(names, velocities, "velocities")
@@ -67,7 +67,7 @@ def checked_move(
     PoseError
         If the pose is no rigid transform, or goes too far.
     SceneError
-        If a velocity is not finite.
+        If a velocity is not finite, or beyond 1e9 m/s or rad/s.
     """
     linear = checked_velocity(name, velocity, "velocity", "m/s").reshape(1, 3)
     angular = checked_velocity(name, angular_velocity, "angular_velocity", "rad/s").reshape(1, 3)
@@ -115,14 +115,14 @@ def checked_velocity(name: str, velocity: Any, what: str, unit: str) -> np.ndarr
     name : str
         Of the part, for messages.
     velocity : (3,) array-like
-        Finite.
+        Of `FASTEST_MOVE` at most along each axis.
     what, unit : str
         Which velocity, and its unit, for messages.
 
     Raises
     ------
     SceneError
-        If it is not three finite numbers.
+        If it is not three such numbers.
     """
     expected = f"3 finite numbers, {unit}"
     array = as_float64(velocity, f"entries of {what} of part {name!r}", error=SceneError, expected=expected)
@@ -130,6 +130,9 @@ def checked_velocity(name: str, velocity: Any, what: str, unit: str) -> np.ndarr
         raise SceneError(f"{what} of part {name!r} has shape {array.shape}, expected {expected}")
     if not np.isfinite(array).all():
         raise SceneError(f"{what} of part {name!r} is {array.tolist()}, expected {expected}")
+    if np.abs(array).max() > FASTEST_MOVE:
+        most = f"at most {FASTEST_MOVE:g} {unit} along each axis"
+        raise SceneError(f"{what} of part {name!r} is {array.tolist()}, expected {most}")
     return array.copy()
 
 

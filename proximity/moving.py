@@ -33,6 +33,8 @@ from proximity.top import (
 
 FARTHEST_MOVE = LARGEST_COORDINATE / 4.0
 """m; farther off, sums of coordinates could leave what can be computed with."""
+FASTEST_MOVE = 1e9
+"""m/s, three times light, or rad/s: squares of more, over some time, could leave it too."""
 EXACT_ENOUGH = 2.0 * ROUNDING
 """How far a rotation may be off and is taken as it is: that of a `Pose` always, in whatever order summed."""
 UPDATES_BEFORE_SHRINKING = 1000
@@ -331,7 +333,7 @@ class Stage:
 
 
 def first_unfit_move(matrices: np.ndarray, velocities: np.ndarray, angular_velocities: np.ndarray) -> int:
-    """Return the first row of a move that is no rigid transform, goes too far, or is not finite; -1 if none.
+    """Return the first row of a move that is no rigid transform, or goes too far or too fast; -1 if none.
 
     Parameters
     ----------
@@ -340,4 +342,8 @@ def first_unfit_move(matrices: np.ndarray, velocities: np.ndarray, angular_veloc
     velocities, angular_velocities : (K, 3) float64
         Or (0, 3).
     """
-    return int(first_unfit(matrices, velocities, angular_velocities, ORTHONORMAL_TOLERANCE, FARTHEST_MOVE))
+    return int(
+        first_unfit(
+            matrices, velocities, angular_velocities, ORTHONORMAL_TOLERANCE, FARTHEST_MOVE, FASTEST_MOVE
+        )
+    )

@@ -169,7 +169,7 @@ class Scene(Queries):
         Raises
         ------
         SceneError
-            If there is no such part, or a velocity is not finite.
+            If there is no such part, or a velocity is not finite, or beyond 1e9 m/s or rad/s.
         PoseError
             If the pose is no rigid transform.
 
@@ -200,7 +200,8 @@ class Scene(Queries):
         Raises
         ------
         SceneError
-            If there is no such part, one is named twice, or velocities are not finite or not as many.
+            If there is no such part, one is named twice, or velocities are not finite, beyond 1e9 m/s or
+            rad/s, or not as many.
         PoseError
             If some pose is no rigid transform; the message names the part.
 

@@ -437,6 +437,11 @@ TWO = [np.eye(4), np.eye(4)]
             SceneError,
             "angular_velocity of part 'part 1' is [0.0, nan, 0.0], expected 3 finite numbers, rad/s",
         ),
+        (
+            (["part 0", "part 1"], TWO, [[1e9, 0, 0], [0, 1e300, 0]]),
+            SceneError,
+            "velocity of part 'part 1' is [0.0, 1e+300, 0.0], expected at most 1e+09 m/s along each axis",
+        ),
     ],
 )
 def test_moves_of_several_parts_that_do_not_fit_are_refused(given, error, message):
@@ -452,6 +457,11 @@ def test_moves_of_several_parts_that_do_not_fit_are_refused(given, error, messag
         (
             {"velocity": (0, np.nan, 0)},
             "velocity of part 'part 0' is [0.0, nan, 0.0], expected 3 finite numbers, m/s",
+        ),
+        (
+            {"angular_velocity": (0, 0, -2e9)},
+            "angular_velocity of part 'part 0' is [0.0, 0.0, -2000000000.0], "
+            "expected at most 1e+09 rad/s along each axis",
         ),
         ({"velocity": (0, 1)}, "velocity of part 'part 0' has shape (2,), expected 3 finite numbers, m/s"),
         (

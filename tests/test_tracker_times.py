@@ -55,6 +55,22 @@ def test_finger_at_rest_near_a_part_that_comes_is_predicted_nearer():
     assert found["predicted_lower"] <= found["predicted_distance"] <= found["predicted_upper"]
 
 
+@pytest.mark.parametrize("angular_velocity", [(0, 0, 0), (1e9, -1e9, 1e9)])
+@pytest.mark.parametrize("age", [0, 1, 2**62])
+def test_as_fast_as_parts_may_be_nothing_is_promised_that_does_not_hold(angular_velocity, age):
+    scene = Scene([plate(), solid(shapes.sphere(0.01, 1), "ball")])
+    scene.move(
+        "ball", Pose(translation=(0, 0, 1)), velocity=(1e9, 1e9, -1e9), angular_velocity=angular_velocity
+    )
+    tracker = Tracker(scene, fingers=2)
+    for pose_ns in (-age, -age + 1):
+        found = tracker.tick([(0, 0, 0.05), (0, 0, 0.95)], pose_ns, 0)
+
+    assert (found["time_to_contact_lower"] <= 1e-9).all()
+    # The ball may be anywhere by then, and the plate is still there.
+    assert (found["predicted_lower"] <= 0.05 - RADIUS).all() and (found["predicted_upper"] >= 0.95).all()
+
+
 # --- time to contact ----------------------------------------------------------------------------------------
 
 

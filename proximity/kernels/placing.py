@@ -53,19 +53,19 @@ def _is_rigid(matrix, tolerance, farthest):
 
 
 @kernel
-def first_unfit(matrices, velocities, angular_velocities, tolerance, farthest):
+def first_unfit(matrices, velocities, angular_velocities, tolerance, farthest, fastest):
     """The first row that cannot be used, or -1.
 
     *matrices* (K, 4, 4) must be rigid within *tolerance* and shift by no more than *farthest*; velocities
-    (K, 3), or none (0, 3), must be finite.
+    (K, 3), or none (0, 3), must be no more than *fastest* along each axis.
     """
     for k in range(len(matrices)):
         is_fit = _is_rigid(matrices[k], tolerance, farthest)
         for axis in range(3):
             if len(velocities):
-                is_fit = is_fit and isfinite(velocities[k, axis])
+                is_fit = is_fit and abs(velocities[k, axis]) <= fastest
             if len(angular_velocities):
-                is_fit = is_fit and isfinite(angular_velocities[k, axis])
+                is_fit = is_fit and abs(angular_velocities[k, axis]) <= fastest
         if not is_fit:
             return k
     return -1
