@@ -133,6 +133,7 @@ class Tracker:
             "scratch": np.zeros(track.SCRATCH_SIZE + 2),
         }
         self._positions, self._pose_ns = self._arrays["positions"], self._arrays["pose_ns"]
+        self._velocities = self._arrays["velocities"]
         self._arrays["tracks"][:, track.RADIUS] = _radii(radius, count)
         self._model: Model | None = None
         self._has_velocities = self._has_paths = False
@@ -283,10 +284,16 @@ class Tracker:
             ) from unfit
 
     def _take_velocities(self, velocities: Any) -> None:
-        self._has_velocities = velocities is not None
-        self._settings[track.HAS_VELOCITIES] = self._has_velocities
-        if velocities is not None:
-            self._arrays["velocities"][...] = _shaped(velocities, "velocities", self._shape)
+        if self._has_velocities is not (velocities is not None):
+            self._has_velocities = velocities is not None
+            self._settings[track.HAS_VELOCITIES] = self._has_velocities
+        if velocities is None:
+            return
+        if type(velocities) is not np.ndarray or velocities.dtype is not FLOAT64:
+            velocities = _shaped(velocities, "velocities", self._shape)
+        elif velocities.shape != self._shape:
+            raise QueryError(f"velocities have shape {velocities.shape}, expected {self._shape}")
+        self._velocities[...] = velocities
 
     def _take_paths(self, paths: Any, path_bends: Any, bends: Any) -> None:
         self._has_paths = paths is not None
