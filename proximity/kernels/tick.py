@@ -145,8 +145,9 @@ within 20 mm of a skin with bounds 9.5 mm apart (p99; 3.8 with this), with half 
 EASE = 0.4
 """Of what bounds may be apart, the share that a search in a crowd leaves them apart, rather than going on. A
 skin whose bounds may be 5 % apart takes 2100 steps a tick; 4700 with 0, to the same bounds on average."""
-SHORT = 3
-"""Divisor of the budget: where a search takes more, a front would not get done in half the budget."""
+SHORT, PAUSE = 3, 200
+"""Divisor of the budget: where a search takes more, a front would not get done in half of it. Nor may it
+where a search takes less: then none is tried for so many ticks, which matters from a million faces on."""
 FEWEST_STEPS = 8
 """For the distance of a finger of which nothing is known, when none are left."""
 
@@ -258,10 +259,10 @@ def _distance(
         # A part with a frame of its own is walked as a whole, and gains nothing.
         may_keep = len(fronts) > 0 and slot >= 0 and not is_moved
         may_keep = may_keep and (parts[part, IS_FUSED] == 1 or is_alone(parts))
-        if may_keep and marks[i, FRONT_COUNT] != 0:
+        kept = marks[i, FRONT_COUNT]
+        if may_keep and (kept > 0 or kept == BEGINS):
             best_sq, part, slot, is_found, marks[i, FRONT_COUNT], work = nearest_by_front(
-                reals, words, frames, parts, x, y, z, part, slot, fronts[i], marks[i, FRONT_COUNT],
-                budget // 2, room,
+                reals, words, frames, parts, x, y, z, part, slot, fronts[i], kept, budget // 2, room,
             )  # fmt: skip
         if is_found:
             distance, lower, upper, clear, part, slot, bits, work = bracket_of(
@@ -275,7 +276,12 @@ def _distance(
                 room, witness,
             )  # fmt: skip
             work += in_vain
-            marks[i, FRONT_COUNT] = BEGINS if may_keep and LONG <= work <= budget // SHORT else 0
+            if in_vain > 0:
+                marks[i, FRONT_COUNT] = -PAUSE
+            elif kept < BEGINS - 1:
+                marks[i, FRONT_COUNT] = kept + 1
+            else:
+                marks[i, FRONT_COUNT] = BEGINS if may_keep and LONG <= work <= budget // SHORT else 0
         settings[STEPS_LEFT] -= work
         tracks[i, ANCHOR], tracks[i, ANCHOR + 1], tracks[i, ANCHOR + 2] = x, y, z
         tracks[i, CLEAR], tracks[i, ODOMETER] = clear, settings[WAY]

@@ -26,7 +26,7 @@ SLOT = 0  # of the nearest face found last, or NO_SLOT
 PART = 1  # its part
 IS_OUTSIDE = 2  # 1 where no part held the anchor
 TOLD_PART = 3  # part of the last answer
-FRONT_COUNT = 4  # of the front that is kept, see `front`; 0 for none
+FRONT_COUNT = 4  # of the front that is kept, see `front`; 0 for none; negative: ticks until one
 TRACK_INTS = 5
 
 # --- ``settings`` (float64) ---
