@@ -190,11 +190,7 @@ class Tracker:
         Sign: as `Scene.signed_distance`, less the radius.
         Cost: some 10 µs for five fingers near parts of 100 k faces.
         """
-        if type(positions) is not np.ndarray or positions.dtype is not FLOAT64:
-            positions = _shaped(positions, "positions", self._shape)
-        elif positions.shape != self._shape:
-            raise QueryError(f"positions have shape {positions.shape}, expected {self._shape}")
-        self._positions[...] = positions
+        self._positions[...] = _shaped(positions, "positions", self._shape)
         if type(t_pose_ns) is int and -MOST_NS <= t_pose_ns <= MOST_NS:
             self._pose_ns.fill(t_pose_ns)
         else:
@@ -284,16 +280,10 @@ class Tracker:
             ) from unfit
 
     def _take_velocities(self, velocities: Any) -> None:
-        if self._has_velocities is not (velocities is not None):
-            self._has_velocities = velocities is not None
-            self._settings[track.HAS_VELOCITIES] = self._has_velocities
-        if velocities is None:
-            return
-        if type(velocities) is not np.ndarray or velocities.dtype is not FLOAT64:
-            velocities = _shaped(velocities, "velocities", self._shape)
-        elif velocities.shape != self._shape:
-            raise QueryError(f"velocities have shape {velocities.shape}, expected {self._shape}")
-        self._velocities[...] = velocities
+        self._has_velocities = velocities is not None
+        self._settings[track.HAS_VELOCITIES] = self._has_velocities
+        if velocities is not None:
+            self._velocities[...] = _shaped(velocities, "velocities", self._shape)
 
     def _take_paths(self, paths: Any, path_bends: Any, bends: Any) -> None:
         self._has_paths = paths is not None
@@ -332,6 +322,9 @@ class Tracker:
 
 
 def _shaped(values: Any, name: str, shape: tuple[int, ...]) -> np.ndarray:
+    # Nothing to do, as at nearly every tick, is seen first.
+    if type(values) is np.ndarray and values.dtype is FLOAT64 and values.shape == shape:
+        return values
     array = as_float64(values, f"values of {name}", error=QueryError, expected=f"numbers of shape {shape}")
     if array.shape != shape:
         raise QueryError(f"{name} have shape {array.shape}, expected {shape}")

@@ -6,7 +6,7 @@ import numpy as np
 import shapes
 
 from proximity.bvh import LocalFrame
-from proximity.kernels.bounded import ROOM_SIZE, factor_of, nearest_with_budget
+from proximity.kernels.bounded import ROOM_SIZE, known_sq, nearest_with_budget
 from proximity.kernels.layout import (
     BLOCK_COUNT,
     BLOCK_STRIDE,
@@ -23,8 +23,7 @@ from proximity.kernels.layout import (
     SCALE,
     STACKS_SIZE,
 )
-from proximity.kernels.point import slot_distance_sq
-from proximity.kernels.scene import nearest_in_scene, part_of_slot, to_local
+from proximity.kernels.scene import nearest_in_scene, part_of_slot
 from proximity.kernels.winding import MOMENT_STRIDE
 from proximity.model import assemble
 from proximity.part_arrays import common_frame, part_arrays
@@ -97,8 +96,7 @@ def without_budget(model, point, best_sq=np.inf, slot=NO_SLOT):
 def known(model, point, slot):
     """Squared distance to the triangle at *slot*, in the scene's scaled frame: a warm start."""
     part = int(part_of_slot(model.parts, slot, np.int64(NO_PART)))
-    local = to_local(model.frames, model.parts, part, *map(float, point))
-    return float(slot_distance_sq(model.reals, slot, *local) * factor_of(model.frames, part))
+    return float(known_sq(model.reals, model.frames, model.parts, part, slot, *map(float, point)))
 
 
 def block_count(model):

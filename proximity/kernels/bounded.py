@@ -33,6 +33,7 @@ from proximity.kernels.layout import (
     SCALE,
     STACK_SIZE,
 )
+from proximity.kernels.point import slot_distance_sq
 from proximity.kernels.scene import to_local
 from proximity.kernels.slab import SMALLEST, slabs_distance_sq
 from proximity.kernels.winding import MOMENT_STRIDE
@@ -132,6 +133,13 @@ def factor_of(frames, part):
     """What a squared local length of *part* is in the scene's scale: a power of two."""
     ratio = frames[len(frames) - 1, SCALE] / frames[part, SCALE]
     return ratio * ratio
+
+
+@inlined
+def known_sq(reals, frames, parts, part, slot, x, y, z):
+    """Squared distance from a point of the scene's frame to one triangle, in the scene's scaled frame."""
+    px, py, pz = to_local(frames, parts, part, x, y, z)
+    return slot_distance_sq(reals, slot, px, py, pz) * factor_of(frames, part)
 
 
 @inlined

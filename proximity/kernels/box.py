@@ -25,14 +25,23 @@ SHRINK_FAR = 1.0 - 2.0**-48
 
 
 @inlined
+def nearest_in_boxes(nodes, base, x, y, z):
+    """The point of each box of the node at *base* that is nearest to a point: x, y and z, float32x8."""
+    return (
+        minimum(maximum(x, load(nodes, base)), load(nodes, base + 24)),
+        minimum(maximum(y, load(nodes, base + 8)), load(nodes, base + 32)),
+        minimum(maximum(z, load(nodes, base + 16)), load(nodes, base + 40)),
+    )
+
+
+@inlined
 def point_boxes_distance_sq(nodes, base, x, y, z):
     """Squared distances from a point to the boxes of the node at *base*; unused lanes give inf.
 
     *x y z* are float32x8 splats of a point within `FAR`. Times `LOOSEN` these are lower bounds.
     """
-    gap_x = x - minimum(maximum(x, load(nodes, base)), load(nodes, base + 24))
-    gap_y = y - minimum(maximum(y, load(nodes, base + 8)), load(nodes, base + 32))
-    gap_z = z - minimum(maximum(z, load(nodes, base + 16)), load(nodes, base + 40))
+    at_x, at_y, at_z = nearest_in_boxes(nodes, base, x, y, z)
+    gap_x, gap_y, gap_z = x - at_x, y - at_y, z - at_z
     return fma(gap_x, gap_x, fma(gap_y, gap_y, gap_z * gap_z))
 
 

@@ -10,7 +10,7 @@ from math import sqrt
 
 import numpy as np
 
-from proximity.kernels.bounded import DOWN, factor_of, nearest_with_budget
+from proximity.kernels.bounded import DOWN, known_sq, nearest_with_budget
 from proximity.kernels.compiling import inlined, kernel
 from proximity.kernels.contact import BOUNDED, EXACT, INSIDE, SIGNED
 from proximity.kernels.grid import CROSSED, OUTSIDE
@@ -29,7 +29,6 @@ from proximity.kernels.layout import (
     SIGN_NONE,
     SIGN_WINDING,
 )
-from proximity.kernels.point import slot_distance_sq
 from proximity.kernels.scene import is_alone, part_of_slot, to_local
 from proximity.kernels.side import (
     holding_bits,
@@ -54,10 +53,9 @@ def nearest_from(reals, words, frames, parts, x, y, z, part, slot, limit_sq, eas
     scene = len(parts) - 1
     best_sq = limit_sq
     if slot >= 0:
-        px, py, pz = to_local(frames, parts, part, x, y, z)
-        known_sq = slot_distance_sq(reals, slot, px, py, pz) * factor_of(frames, part)
-        if known_sq <= limit_sq:
-            best_sq = known_sq
+        slot_sq = known_sq(reals, frames, parts, part, slot, x, y, z)
+        if slot_sq <= limit_sq:
+            best_sq = slot_sq
         else:
             slot = np.int64(NO_SLOT)
     top = np.int64(0) if is_alone(parts) else scene

@@ -22,11 +22,11 @@ from math import sqrt
 
 import numpy as np
 
-from proximity.kernels.bounded import factor_of, nearest_with_budget
+from proximity.kernels.bounded import factor_of, known_sq, nearest_with_budget
+from proximity.kernels.box import nearest_in_boxes
 from proximity.kernels.compiling import inlined, kernel
 from proximity.kernels.descent import nearer_of
 from proximity.kernels.layout import BLOCK_STRIDE, CHILDREN, ENTRY, FACES, LANES, NODE_STRIDE, ROOT
-from proximity.kernels.point import slot_distance_sq
 from proximity.kernels.scene import is_alone, part_of_slot, to_local
 from proximity.kernels.triangle import dot, point_block_distance_sq
 from proximity.simd import (
@@ -118,12 +118,31 @@ def _plane_of_block(reals, base, px, py, pz):
 
 
 @inlined
+def _plane_of_box(words, base, qx, qy, qz):
+    """The plane of one child's box as it is from *q*: direction and offset; and how far the box is."""
+    at_x = min(max(qx, words[base]), words[base + 24])
+    at_y = min(max(qy, words[base + 8]), words[base + 32])
+    at_z = min(max(qz, words[base + 16]), words[base + 40])
+    gx, gy, gz = qx - at_x, qy - at_y, qz - at_z
+    length_sq = gx * gx + gy * gy + gz * gz
+    length = np.float32(sqrt(length_sq))
+    share = ONE / length if length_sq > SMALLEST else NONE
+    gx, gy, gz = gx * share, gy * share, gz * share
+    offset = gx * at_x + gy * at_y + gz * at_z
+    return gx, gy, gz, offset, length
+
+
+@inlined
+def _reach(best_sq, slack):
+    """How far a plane may be, as computed, and still something behind it as near as the best."""
+    return np.float32(sqrt(best_sq) * (1.0 + ROUNDED) + slack)
+
+
+@inlined
 def _keep_node(words, node, front, count, vx, vy, vz):
     """Append a node to a front: the planes of its children's boxes."""
     base, at = NODE_STRIDE * node, GROUP * count
-    at_x = minimum(maximum(vx, load(words, base)), load(words, base + 24))
-    at_y = minimum(maximum(vy, load(words, base + 8)), load(words, base + 32))
-    at_z = minimum(maximum(vz, load(words, base + 16)), load(words, base + 40))
+    at_x, at_y, at_z = nearest_in_boxes(words, base, vx, vy, vz)
     gap_x, gap_y, gap_z = vx - at_x, vy - at_y, vz - at_z
     gap_sq = fma(gap_x, gap_x, fma(gap_y, gap_y, gap_z * gap_z))
     # Of unused lanes all becomes NaN: they are never opened.
@@ -150,8 +169,7 @@ def nearest_by_front(reals, words, frames, parts, x, y, z, part, slot, front, co
     scene = len(parts) - 1
     here = np.int64(0) if is_alone(parts) else scene
     factor = factor_of(frames, here)
-    px, py, pz = to_local(frames, parts, part, x, y, z)
-    best_sq = slot_distance_sq(reals, slot, px, py, pz) * (factor_of(frames, part) / factor)
+    best_sq = known_sq(reals, frames, parts, part, slot, x, y, z) / factor
     px, py, pz = to_local(frames, parts, here, x, y, z)
     size = abs(px) + abs(py) + abs(pz)
     slack = ROUNDED * (1.0 + size)
@@ -198,7 +216,7 @@ def nearest_by_front(reals, words, frames, parts, x, y, z, part, slot, front, co
         at = GROUP * node
         away = fma(load(front, at + Z), vz, -load(front, at + OFFSET))
         away = fma(load(front, at + X), vx, fma(load(front, at + Y), vy, away))
-        reach = np.float32(sqrt(best_sq) * (1.0 + ROUNDED) + slack)
+        reach = _reach(best_sq, slack)
         # Of the children that are looked at: which, and how far the nearest is from then on.
         looked_at, least = np.int64(0), INFINITE
         while True:
@@ -207,17 +225,8 @@ def nearest_by_front(reals, words, frames, parts, x, y, z, part, slot, front, co
                 break
             looked_at |= opened & -opened
             lane = trailing_zeros(opened)
-            # The plane of its box, as it is from here.
             base = NODE_STRIDE * np.int64(front[NODE + node]) + lane
-            at_x = min(max(qx, words[base]), words[base + 24])
-            at_y = min(max(qy, words[base + 8]), words[base + 32])
-            at_z = min(max(qz, words[base + 16]), words[base + 40])
-            gx, gy, gz = qx - at_x, qy - at_y, qz - at_z
-            length_sq = gx * gx + gy * gy + gz * gz
-            length = np.float32(sqrt(length_sq))
-            share = ONE / length if length_sq > SMALLEST else NONE
-            gx, gy, gz = gx * share, gy * share, gz * share
-            offset = gx * at_x + gy * at_y + gz * at_z
+            gx, gy, gz, offset, length = _plane_of_box(words, base, qx, qy, qz)
             if length <= reach:
                 if work >= budget:
                     is_found = False
@@ -254,7 +263,7 @@ def nearest_by_front(reals, words, frames, parts, x, y, z, part, slot, front, co
                     if lower_sq < best_sq:
                         is_found = False
                         break
-                reach = np.float32(sqrt(best_sq) * (1.0 + ROUNDED) + slack)
+                reach = _reach(best_sq, slack)
             at = GROUP * node + lane
             front[at + X], front[at + Y], front[at + Z], front[at + OFFSET] = gx, gy, gz, offset
             least = min(least, length)
