@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from proximity.aligned import ALIGNMENT, aligned_empty
 from proximity.bvh import Bvh, LocalFrame, build_bvh, local_frame
 from proximity.kernels import layout
 from proximity.kernels.grid import build_grid
@@ -11,8 +12,6 @@ from proximity.kernels.normals import add_corner_normals
 from proximity.kernels.slab import fill_slabs
 from proximity.kernels.winding import MOMENT_STRIDE, fill_moments
 
-ALIGNMENT = 64
-"""Bytes; a cache line, and the widest vector register."""
 CELLS_PER_FACE = 64
 FEWEST_CELLS = 512
 LARGEST_GRID = 2**18
@@ -134,14 +133,6 @@ def _grid_size(extent: np.ndarray, face_count: int) -> tuple[float, tuple[int, i
     return rate, (nx, ny, nz)
 
 
-def _aligned_empty(count: int, dtype: type) -> np.ndarray:
-    """*count* uninitialised numbers that begin on a cache line."""
-    itemsize = np.dtype(dtype).itemsize
-    raw = np.empty(count * itemsize + ALIGNMENT, np.uint8)
-    start = -raw.ctypes.data % ALIGNMENT
-    return raw[start : start + count * itemsize].view(dtype)
-
-
 def joined(pieces: list[np.ndarray], dtype: type) -> tuple[np.ndarray, list[int]]:
     """Return *pieces* in one array, each on a cache line, and where each begins; their bits are kept.
 
@@ -157,7 +148,7 @@ def joined(pieces: list[np.ndarray], dtype: type) -> tuple[np.ndarray, list[int]
     for piece in pieces:
         starts.append(end)
         end += -(-piece.size // step) * step
-    whole = _aligned_empty(max(end, step), dtype)
+    whole = aligned_empty(max(end, step), dtype)
     whole[:] = 0
     for start, piece in zip(starts, pieces, strict=True):
         whole[start : start + piece.size] = np.ascontiguousarray(piece).reshape(-1).view(dtype)

@@ -33,7 +33,7 @@ part_arrays · archive
 topology · bvh
 mesh · pose
 kernels
-arrays
+arrays · aligned
 simd · errors
 """
 LEVEL = {

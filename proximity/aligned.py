@@ -1,0 +1,40 @@
+"""Memory for what questions read: on cache lines and, where it is much, on huge pages.
+
+A walk goes from one end of a model to the other, and the processor keeps in mind where some two thousand
+pages are: 8 MB of ordinary ones, all of a model of a million faces in huge ones. The usual source gives huge
+pages to most of a large array, to all or to none, by where it happens to begin. Near 304 k faces points and
+rays take 0.95 to 0.99 of the time, and the same in every process.
+"""
+
+import mmap
+from contextlib import suppress
+
+import numpy as np
+
+ALIGNMENT = 64
+"""Bytes; a cache line, and the widest vector register."""
+HUGE_PAGE = 2**21
+"""Bytes, on the processors that matter. Less than one is taken from the usual source."""
+
+
+def aligned_empty(count: int, dtype: type) -> np.ndarray:
+    """Return (count,) uninitialised numbers that begin on a cache line; 2 MB and more on huge pages.
+
+    Parameters
+    ----------
+    count : int
+        Numbers.
+    dtype : type
+        Of the result.
+    """
+    size = count * np.dtype(dtype).itemsize
+    if size >= HUGE_PAGE and hasattr(mmap, "MADV_HUGEPAGE"):
+        # What is left over of the last page is not asked for: it would be 1 MB wasted on average.
+        memory = mmap.mmap(-1, size + HUGE_PAGE, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+        raw, step = np.frombuffer(memory, np.uint8), HUGE_PAGE
+        with suppress(OSError):  # a system without them
+            memory.madvise(mmap.MADV_HUGEPAGE, -raw.ctypes.data % step, size // HUGE_PAGE * HUGE_PAGE)
+    else:
+        raw, step = np.empty(size + ALIGNMENT, np.uint8), ALIGNMENT
+    start = -raw.ctypes.data % step
+    return raw[start : start + size].view(dtype)
