@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from proximity.errors import MeshError
-from proximity.kernels.build import build_tree, face_boxes, fill_blocks
+from proximity.kernels.build import FACES_A_LEAF, build_tree, face_boxes, fill_blocks
+from proximity.kernels.halving import RECORD
 from proximity.kernels.layout import BLOCK_STRIDE, CHILDREN, LANES, MAX_DEPTH, NO_FACE, NODE_STRIDE
 
 LARGEST_COORDINATE = 1e150
@@ -144,10 +145,9 @@ def build_bvh(corners: np.ndarray, faces: np.ndarray) -> Bvh:
     Cost: O(F log F); 0.15 s for 300 k faces.
     Source: see `kernels.build`.
     """
-    lower = np.empty((len(faces), 3), np.float32)
-    upper = np.empty((len(faces), 3), np.float32)
-    face_boxes(corners, faces, lower, upper)
-    nodes, order, block_first = build_tree(lower, upper)
+    boxes = np.empty(RECORD * len(faces), np.float32)
+    face_boxes(corners, faces, boxes)
+    nodes, order, block_first = build_tree(boxes, FACES_A_LEAF)
     block_count = len(block_first) - 1
     blocks = np.empty(block_count * BLOCK_STRIDE)
     slot_faces = np.empty(block_count * LANES, np.int32)

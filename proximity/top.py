@@ -12,9 +12,9 @@ import numpy as np
 
 from proximity.bvh import LocalFrame
 from proximity.kernels import layout
-from proximity.kernels.build import build_tree
+from proximity.kernels.build import ENTRIES_A_LEAF, build_tree
 from proximity.kernels.layout import LANES, NODE_STRIDE
-from proximity.kernels.top import gather_entries, open_leaves, thin_out
+from proximity.kernels.top import gather_entries, name_leaves, thin_out
 from proximity.kernels.wide_node import clear_node
 from proximity.part_arrays import ROOM_TO_MOVE, common_frame
 
@@ -173,10 +173,10 @@ def static_tree(
         return np.zeros(0, np.float32), np.zeros((0, 2), np.int32)
     target = max(FEWEST_ENTRIES, ENTRIES_PER_PART * still_count)
     boxes, references = gather_entries(words, frames, parts, target)
-    nodes, order, block_first = build_tree(
-        np.ascontiguousarray(boxes[:, :3]), np.ascontiguousarray(boxes[:, 3:])
-    )
-    return open_leaves(nodes, order, block_first, boxes, references, parts, first_node), references[order]
+    nodes, order, _ = build_tree(boxes, ENTRIES_A_LEAF)
+    references = references[order]
+    name_leaves(nodes, references, parts, first_node)
+    return nodes, references
 
 
 def write_static(

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
+from nodes import node_of
 
 from proximity.kernels.box import (
     BOX_MARGIN,
@@ -18,8 +19,7 @@ from proximity.kernels.box import (
     round_down,
     round_up,
 )
-from proximity.kernels.build import face_boxes
-from proximity.kernels.layout import LANES, NODE_STRIDE
+from proximity.kernels.layout import LANES
 from proximity.simd import bits, lane, splat, splat32
 
 compiled = numba.njit(error_model="numpy")
@@ -46,20 +46,6 @@ def offset_of(x, y, z):
 @compiled
 def rounded(value):
     return round_down(value), round_up(value)
-
-
-def node_of(contents):
-    """A node of up to eight boxes around points (B, K, 3), made as the builder makes them."""
-    lower, upper = np.empty((2, len(contents), 3), np.float32)
-    for box, points in enumerate(contents):
-        # A face whose corners are the extremes has the box of all points.
-        corners = np.stack([points.min(axis=0), points.max(axis=0), points[0]])
-        face_boxes(corners, np.array([[0, 1, 2]], np.int32), lower[box : box + 1], upper[box : box + 1])
-    node = np.zeros(NODE_STRIDE, np.float32)
-    node[:24], node[24:48] = np.inf, -np.inf
-    for box in range(len(contents)):
-        node[box:24:LANES], node[24 + box : 48 : LANES] = lower[box], upper[box]
-    return node
 
 
 def opened_at(node, points, best_sq):

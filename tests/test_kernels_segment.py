@@ -12,11 +12,11 @@ import pytest
 import shapes
 from hypothesis import given
 from hypothesis import strategies as st
+from nodes import node_of
 
 import oracle
 from proximity.kernels import segment_query
-from proximity.kernels.build import face_boxes
-from proximity.kernels.layout import FIRST_BLOCK, IS_FUSED, LANES, NO_FACE, NO_PART, NO_SLOT, NODE_STRIDE
+from proximity.kernels.layout import FIRST_BLOCK, IS_FUSED, LANES, NO_FACE, NO_PART, NO_SLOT
 from proximity.kernels.segment import segment_in_block
 from proximity.kernels.segment_box import node_bounds_sq, open_bound
 from proximity.kernels.segment_plan import (
@@ -165,18 +165,6 @@ def bounds_of(node, segment):
     for k in range(LANES):
         bounds[k] = lane(found, k)
     return bounds, plan[OFFSET], open_bound(plan, 0.0, 0.5)
-
-
-def node_of(contents):
-    """A node of up to eight boxes around points (B, K, 3), made as the builder makes them."""
-    node = np.zeros(NODE_STRIDE, np.float32)
-    node[:24], node[24:48] = np.inf, -np.inf
-    for box, points in enumerate(contents):
-        lower, upper = np.empty((1, 3), np.float32), np.empty((1, 3), np.float32)
-        corners = np.stack([points.min(axis=0), points.max(axis=0), points[0]])
-        face_boxes(corners, np.array([[0, 1, 2]], np.int32), lower, upper)
-        node[box:24:LANES], node[24 + box : 48 : LANES] = lower[0], upper[0]
-    return node
 
 
 def distance_sq_to_segment(point, start, end):

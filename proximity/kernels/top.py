@@ -11,6 +11,7 @@ import numpy as np
 
 from proximity.kernels.box import BOX_MARGIN, round_down, round_up
 from proximity.kernels.compiling import inlined, kernel, maker
+from proximity.kernels.halving import RECORD
 from proximity.kernels.layout import (
     CENTRE,
     CHILDREN,
@@ -62,9 +63,9 @@ def _lane_box(words, frames, part, base, k, scene, lower, upper, box):
 
 @maker
 def gather_entries(words, frames, parts, target):
-    """Return boxes (E, 6) float32 and references (E, 2) int32 (part, reference) of about *target* entries.
+    """Return boxes (E * `RECORD`,) float32 and references (E, 2) int32 of about *target* entries.
 
-    Parts that are loose or hidden have none.
+    They are subtrees: a part and a reference. Parts that are loose or hidden have none.
     """
     scene = len(parts) - 1
     lower, upper, box = np.empty(3), np.empty(3), np.empty(6, np.float32)
@@ -87,7 +88,7 @@ def gather_entries(words, frames, parts, target):
                 total += _half_area(box)
                 count += 1
     small = total / target
-    boxes = np.empty((capacity, 6), np.float32)
+    boxes = np.zeros((capacity, RECORD), np.float32)
     references = np.empty((capacity, 2), np.int32)
     done = 0
     while count:
@@ -95,7 +96,7 @@ def gather_entries(words, frames, parts, target):
         part, reference = np.int64(waiting[count, 0]), np.int64(waiting[count, 1])
         box[:] = waiting_boxes[count]
         if reference < 0 or _half_area(box) <= small or done + count + LANES >= capacity:
-            boxes[done] = box
+            boxes[done, :3], boxes[done, 4:7] = box[:3], -box[3:]
             references[done] = waiting[count]
             done += 1
             continue
@@ -107,7 +108,7 @@ def gather_entries(words, frames, parts, target):
                 waiting[count, 0] = part
                 waiting[count, 1] = load_int(words, base + CHILDREN + k)
                 count += 1
-    return boxes[:done].copy(), references[:done].copy()
+    return boxes[:done].copy().reshape(-1), references[:done].copy()
 
 
 @inlined
@@ -156,48 +157,21 @@ def _half_area(box):
 
 
 @kernel
-def _leaf(position, order, references, parts):
-    """What stands in a node for the entry at *position*."""
-    part, reference = references[order[position], 0], references[order[position], 1]
-    return np.int64(reference) if parts[part, IS_FUSED] else ~(ENTRY + position)
+def name_leaves(nodes, entries, parts, first_node):
+    """Have a tree over entries refer to what its leaves are, and number its nodes from *first_node* on.
 
-
-@maker
-def open_leaves(nodes, order, block_first, boxes, references, parts, first_node):
-    """Return the nodes of a tree over entries with every leaf made a node of its own entries.
-
-    Nodes are numbered from *first_node* on. An entry of a part in the scene's own frame is its subtree
-    itself; another is ``~(ENTRY + position in order)``.
+    An entry of a part in the scene's own frame is its subtree itself; another is ``~(ENTRY + its place)``.
     """
-    node_count = len(nodes) // NODE_STRIDE
-    block_count = len(block_first) - 1
-    opened = np.zeros((node_count + block_count) * NODE_STRIDE, np.float32)
-    opened[: len(nodes)] = nodes
-    numbers = opened.view(np.int32)
-    used = node_count
-    for node in range(node_count):
+    for node in range(len(nodes) // NODE_STRIDE):
         for k in range(LANES):
             at = NODE_STRIDE * node + CHILDREN + k
             if not nodes[NODE_STRIDE * node + k] <= nodes[NODE_STRIDE * node + 24 + k]:
                 continue
-            if numbers[at] >= 0:
-                numbers[at] += first_node
-                continue
-            block = ~numbers[at]
-            first, end = block_first[block], block_first[block + 1]
-            if end - first == 1:
-                numbers[at] = _leaf(first, order, references, parts)
-                continue
-            numbers[at] = first_node + used
-            base = NODE_STRIDE * used
-            used += 1
-            for lane in range(LANES):
-                for axis in range(3):
-                    inside = first + lane < end
-                    opened[base + 8 * axis + lane] = boxes[order[first + lane], axis] if inside else np.inf
-                    opened[base + 24 + 8 * axis + lane] = (
-                        boxes[order[first + lane], axis + 3] if inside else -np.inf
-                    )
-                if first + lane < end:
-                    numbers[base + CHILDREN + lane] = _leaf(first + lane, order, references, parts)
-    return opened[: used * NODE_STRIDE].copy()
+            reference = np.int64(load_int(nodes, at))
+            if reference >= 0:
+                reference += first_node
+            elif parts[entries[~reference, 0], IS_FUSED]:
+                reference = np.int64(entries[~reference, 1])
+            else:
+                reference = ~(ENTRY + ~reference)
+            nodes.view(np.int32)[at] = reference

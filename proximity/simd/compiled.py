@@ -289,6 +289,16 @@ _LANE_AND_MASK = types.Tuple([types.int64, mask8])
 
 
 @intrinsic
+def halves_swapped(typingctx, vector):
+    def codegen(context, builder, sig, args):
+        return builder.shuffle_vector(
+            args[0], ir.Constant(LLVM[vector], ir.Undefined), _order(4, 5, 6, 7, 0, 1, 2, 3)
+        )
+
+    return vector(vector), codegen
+
+
+@intrinsic
 def lowest_lane(typingctx, bounds):
     def codegen(context, builder, sig, args):
         return _lowest(context, builder, args[0], sig.return_type)

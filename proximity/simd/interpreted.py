@@ -119,6 +119,10 @@ def horizontal_min(vector):
     return vector[0]
 
 
+def halves_swapped(vector):
+    return np.roll(vector, 4)
+
+
 def _each(combine, vectors):
     vectors = list(vectors)
     for step in (1, 2, 4):

@@ -1,0 +1,202 @@
+"""A binary tree to an eight-wide one: of all ways to take nodes out, the one with the least surface left.
+
+A node of the binary tree becomes a wide node or goes; what is below it then belongs to the wide node above.
+The cost of a subtree in one to eight places of the node above follows from those of its two halves, from the
+bottom up. What a query visits goes with the surface of the nodes.
+
+Source: Wald, Benthin, Boulos 2008, "Getting rid of packets" (wide trees from binary ones); Ylitie, Karras,
+Laine 2017, "Efficient incoherent ray traversal on GPUs through compressed wide BVHs" (the best of them).
+"""
+
+import numpy as np
+
+from proximity.kernels.compiling import inlined, kernel, maker
+from proximity.kernels.halving import COUNT, FIRST, LEFT, RECORD, RIGHT, half_area
+from proximity.kernels.layout import CHILDREN, LANES, MAX_DEPTH, NODE_STRIDE
+from proximity.kernels.wide_node import clear_node
+from proximity.simd import load, minimum, store
+
+EVEN_DEPTH = MAX_DEPTH // 2 - 10
+"""From this level on leaves are shared out by count, whatever the binary tree: any ends ten levels later. So
+the tree of a scene and that of a part, one below the other, are within the stack. Real parts end before."""
+NOT_WIDER = 0
+"""Split of a subtree that is no better in one place more."""
+NO_PLACE = -1
+"""Where the reference to the root belongs; the binary node of leaves in a row."""
+
+
+@maker
+def _levels(links):
+    """Return the nodes of a binary tree, each behind its parent, and of each its leaves: where they begin in
+    the order of leaves and how many they are."""
+    count = len(links)
+    nodes, starts, numbers = np.empty(count, np.int32), np.zeros(count, np.int32), np.ones(count, np.int32)
+    nodes[0] = 0
+    known = 1
+    for i in range(count):
+        node = nodes[i]
+        if links[node, LEFT] >= 0:
+            nodes[known], nodes[known + 1] = links[node, LEFT], links[node, RIGHT]
+            known += 2
+    for i in range(count - 1, -1, -1):
+        node = nodes[i]
+        if links[node, LEFT] >= 0:
+            numbers[node] = numbers[links[node, LEFT]] + numbers[links[node, RIGHT]]
+    for i in range(count):
+        node = nodes[i]
+        if links[node, LEFT] >= 0:
+            starts[links[node, LEFT]] = starts[node]
+            starts[links[node, RIGHT]] = starts[node] + numbers[links[node, LEFT]]
+    return nodes, starts, numbers
+
+
+@kernel
+def _share_out(boxes, links, nodes, costs, splits):
+    """Fill the least cost of each subtree in 1 to 8 places, and how many of those its left half gets.
+
+    The first split is that of all eight places of the subtree's own wide node; others may be `NOT_WIDER`.
+    """
+    for i in range(len(nodes) - 1, -1, -1):
+        node = nodes[i]
+        left, right = links[node, LEFT], links[node, RIGHT]
+        if left < 0:
+            for place in range(LANES):
+                costs[node, place], splits[node, place] = 0.0, NOT_WIDER
+            continue
+        for places in range(2, LANES + 1):
+            best, split = np.float32(np.inf), 1
+            for share in range(1, places):
+                cost = costs[left, share - 1] + costs[right, places - share - 1]
+                if cost < best:
+                    best, split = cost, share
+            costs[node, places - 1], splits[node, places - 1] = best, split
+        costs[node, 0] = half_area(load(boxes, RECORD * node)) + costs[node, LANES - 1]
+        splits[node, 0] = splits[node, LANES - 1]
+        for places in range(1, LANES):
+            if costs[node, places] >= costs[node, places - 1]:
+                costs[node, places], splits[node, places] = costs[node, places - 1], NOT_WIDER
+
+
+@kernel
+def _children(links, splits, node, children, waiting):
+    """Put the children of the wide node that *node* becomes into *children*, in order; how many there are."""
+    if links[node, LEFT] < 0:
+        children[0] = node
+        return 1
+    split = np.int64(splits[node, 0])
+    waiting[0, 0], waiting[0, 1] = links[node, RIGHT], LANES - split
+    waiting[1, 0], waiting[1, 1] = links[node, LEFT], split
+    count, waiting_count = 0, 2
+    while waiting_count:
+        waiting_count -= 1
+        it, places = waiting[waiting_count, 0], waiting[waiting_count, 1]
+        while places > 1 and splits[it, places - 1] == NOT_WIDER:
+            places -= 1
+        if places == 1:
+            children[count] = it
+            count += 1
+            continue
+        split = np.int64(splits[it, places - 1])
+        waiting[waiting_count, 0], waiting[waiting_count, 1] = links[it, RIGHT], places - split
+        waiting[waiting_count + 1, 0], waiting[waiting_count + 1, 1] = links[it, LEFT], split
+        waiting_count += 2
+    return count
+
+
+@inlined
+def _join_leaves(boxes, leaves, first, count):
+    """Record of the box around leaves in a row."""
+    box = load(boxes, RECORD * leaves[first])
+    for i in range(first + 1, first + count):
+        box = minimum(box, load(boxes, RECORD * leaves[i]))
+    return box
+
+
+@inlined
+def _write_child(nodes, base, k, record, reference):
+    """Write lane *k* of the node at word *base*."""
+    for axis in range(3):
+        nodes[base + 8 * axis + k] = record[axis]
+        nodes[base + 24 + 8 * axis + k] = -record[4 + axis]
+    nodes.view(np.int32)[base + CHILDREN + k] = reference
+
+
+@maker
+def widen_tree(boxes, links, order):
+    """Return the wide nodes, and the order of faces and each leaf's first place in it, leaves in a row.
+
+    Parameters
+    ----------
+    boxes : (N * `RECORD`,) float32
+    links : (N, 4) int32
+        As `halving.halve` returns them; children may have been put elsewhere since.
+    order : (F,) int32
+        What a leaf's ``FIRST`` counts in.
+
+    Returns
+    -------
+    nodes : (M * NODE_STRIDE,) float32
+        See `layout`; a child's number is above its parent's.
+    order : (F,) int32
+    leaf_first : (B + 1,) int32
+    """
+    topological, starts, numbers = _levels(links)
+    leaf_count = np.int64(numbers[0])
+    costs = np.empty((len(links), LANES), np.float32)
+    splits = np.empty((len(links), LANES), np.int8)
+    _share_out(boxes, links, topological, costs, splits)
+
+    leaves = np.empty(leaf_count, np.int32)
+    for node in range(len(links)):
+        if links[node, LEFT] < 0:
+            leaves[starts[node]] = node
+    leaf_first, placed = np.empty(leaf_count + 1, np.int32), 0
+    new_order = np.empty_like(order)
+    for leaf in range(leaf_count):
+        leaf_first[leaf] = placed
+        first = links[leaves[leaf], FIRST]
+        for i in range(links[leaves[leaf], COUNT]):
+            new_order[placed] = order[first + i]
+            placed += 1
+    leaf_first[leaf_count] = placed
+
+    capacity = max(16, leaf_count // 3)
+    nodes = np.empty(capacity * NODE_STRIDE, np.float32)
+    node_count = 0
+    record = np.empty(RECORD, np.float32)
+    children, scratch = np.empty(LANES, np.int64), np.empty((LANES + 1, 2), np.int64)
+    # What becomes a wide node: a node of the binary tree, or some leaves in a row; how deep it is, and where
+    # the reference to it belongs.
+    waiting = np.empty((MAX_DEPTH * LANES, 5), np.int64)
+    waiting[0] = (0, 0, leaf_count, 0, NO_PLACE)
+    waiting_count = 1
+    while waiting_count:
+        waiting_count -= 1
+        node, first, number, depth, reference_at = waiting[waiting_count]
+        if node_count == capacity:
+            capacity *= 2
+            more = np.empty(capacity * NODE_STRIDE, np.float32)
+            more[: node_count * NODE_STRIDE] = nodes[: node_count * NODE_STRIDE]
+            nodes = more
+        base = node_count * NODE_STRIDE
+        if reference_at != NO_PLACE:
+            nodes.view(np.int32)[reference_at] = node_count
+        node_count += 1
+        clear_node(nodes, node_count - 1)
+        is_even = depth >= EVEN_DEPTH
+        count = min(number, LANES) if is_even else _children(links, splits, node, children, scratch)
+        # Last in, first out: the first child is done next, and lies next in memory.
+        for k in range(count - 1, -1, -1):
+            if is_even:
+                child, start = np.int64(NO_PLACE), first + number * k // count
+                size = first + number * (k + 1) // count - start
+                store(record, 0, _join_leaves(boxes, leaves, start, size))
+            else:
+                child = children[k]
+                start, size = np.int64(starts[child]), np.int64(numbers[child])
+                store(record, 0, load(boxes, RECORD * child))
+            _write_child(nodes, base, k, record, ~start)
+            if size > 1:
+                waiting[waiting_count] = (child, start, size, depth + 1, base + CHILDREN + k)
+                waiting_count += 1
+    return nodes[: node_count * NODE_STRIDE].copy(), new_order, leaf_first

@@ -1,0 +1,281 @@
+"""The three steps to a tree: runs halved, subtrees put elsewhere, and the best eight-wide tree of all."""
+
+import itertools
+
+import numpy as np
+import pytest
+import shapes
+
+from proximity.kernels.build import FACES_A_LEAF, build_tree, face_boxes
+from proximity.kernels.halving import COUNT, FIRST, LEFT, NO_CHILD, RECORD, RIGHT, halve
+from proximity.kernels.layout import CHILDREN, LANES, MAX_DEPTH, NODE_STRIDE
+from proximity.kernels.reinsertion import improve
+from proximity.kernels.widening import widen_tree
+
+
+def records(lower, upper):
+    boxes = np.zeros((len(lower), RECORD), np.float32)
+    boxes[:, :3], boxes[:, 4:7] = lower, -np.asarray(upper)
+    return boxes
+
+
+def random_boxes(rng, count, size=0.05):
+    lower = rng.uniform(-1, 1, (count, 3))
+    return records(lower, lower + rng.uniform(0, size, (count, 3)))
+
+
+def half_areas(boxes):
+    x, y, z = -(boxes[..., :3] + boxes[..., 4:7]).T.astype(np.float64)
+    return (x * y + y * z + z * x).T
+
+
+def halved(boxes, leaf_shift=FACES_A_LEAF):
+    """Boxes and links of the binary tree, the moved boxes of faces, and their order."""
+    moved, order = boxes.reshape(-1).copy(), np.arange(len(boxes), dtype=np.int32)
+    nodes, links = halve(moved, order, leaf_shift)
+    return nodes, links, moved.reshape(-1, RECORD), order
+
+
+def assert_binary_tree(nodes, links, faces):
+    """Every node is reached once, has the box of what is below it, and leaves share out the faces."""
+    boxes = nodes.reshape(-1, RECORD)
+    seen, used, waiting = np.zeros(len(links), int), np.zeros(len(faces), int), [0]
+    while waiting:
+        node = waiting.pop()
+        seen[node] += 1
+        left, right, first, count = links[node]
+        if left == NO_CHILD:
+            assert right == NO_CHILD
+            used[first : first + count] += 1
+            expected = faces[first : first + count].min(axis=0)
+        else:
+            waiting += [left, right]
+            expected = np.minimum(boxes[left], boxes[right])
+        np.testing.assert_array_equal(boxes[node], expected)
+    assert (seen == 1).all() and (used == 1).all()
+
+
+def cost(nodes, links):
+    """The surface of all inner nodes."""
+    return half_areas(nodes.reshape(-1, RECORD))[links[:, LEFT] != NO_CHILD].sum()
+
+
+# --- halving ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("leaf_shift", [0, FACES_A_LEAF])
+@pytest.mark.parametrize("count", [1, 2, 8, 9, 17, 1000])
+def test_halving_shares_out_the_faces(count, leaf_shift):
+    boxes = random_boxes(np.random.default_rng(count), count)
+
+    nodes, links, moved, order = halved(boxes, leaf_shift)
+
+    assert_binary_tree(nodes, links, moved)
+    np.testing.assert_array_equal(moved, boxes[order])
+    leaves = links[links[:, LEFT] == NO_CHILD]
+    assert leaves[:, COUNT].min() >= 1 and leaves[:, COUNT].max() <= 2**leaf_shift
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_two_heaps_are_divided_between_them(axis):
+    rng = np.random.default_rng(7)
+    lower = rng.uniform(-0.1, 0.1, (300, 3))
+    lower[rng.permutation(300)[:77], axis] += 0.8
+
+    nodes, links, _, _ = halved(records(lower, lower + 0.01))
+
+    sides = nodes.reshape(-1, RECORD)[links[0, [LEFT, RIGHT]]]
+    assert (-(sides[:, axis] + sides[:, 4 + axis]) < 0.3).all(), "no side spans both"
+    assert sorted(_face_count(links, side) for side in links[0, [LEFT, RIGHT]]) == [77, 223]
+
+
+def _face_count(links, node):
+    if links[node, LEFT] == NO_CHILD:
+        return links[node, COUNT]
+    return sum(_face_count(links, child) for child in links[node, [LEFT, RIGHT]])
+
+
+def test_what_no_plane_separates_is_halved_by_count():
+    boxes = np.repeat(random_boxes(np.random.default_rng(7), 1), 64, axis=0)
+
+    _, links, _, _ = halved(boxes)
+
+    assert (links[links[:, LEFT] == NO_CHILD][:, COUNT] == LANES).all()
+
+
+# --- reinsertion ------------------------------------------------------------------------------------------
+
+
+def test_improving_keeps_the_tree_and_lessens_its_surface():
+    rng = np.random.default_rng(7)
+    boxes = random_boxes(rng, 3000, size=2.0 ** -rng.uniform(0, 8, (3000, 1)))  # some large, most small
+    nodes, links, moved, _ = halved(boxes)
+    before, leaves = cost(nodes, links), links[links[:, LEFT] == NO_CHILD].copy()
+
+    improve(nodes, links)
+
+    assert_binary_tree(nodes, links, moved)
+    np.testing.assert_array_equal(links[links[:, LEFT] == NO_CHILD], leaves)
+    assert cost(nodes, links) < 0.97 * before
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_improving_never_adds_surface(seed):
+    rng = np.random.default_rng(seed)
+    nodes, links, _, _ = halved(random_boxes(rng, int(rng.integers(1, 200)), size=rng.uniform(0, 2)), 0)
+    before = cost(nodes, links)
+
+    improve(nodes, links)
+
+    assert cost(nodes, links) <= before * (1 + 1e-5)
+
+
+def test_a_leaf_on_the_wrong_side_is_put_where_it_belongs():
+    """Two heaps of four; one box of each stands with the other's."""
+    lower = np.zeros((8, 3))
+    lower[:, 0] = [0.0, 0.1, 0.2, 5.3, 5.0, 5.1, 5.2, 0.3]
+    moved = records(lower, lower + 0.05)
+    links = np.full((15, 4), NO_CHILD, np.int32)
+    nodes = np.zeros((15, RECORD), np.float32)
+    for leaf in range(8):
+        links[7 + leaf, FIRST], links[7 + leaf, COUNT] = leaf, 1
+        nodes[7 + leaf] = moved[leaf]
+    for node in range(6, -1, -1):
+        links[node, LEFT], links[node, RIGHT] = 2 * node + 1, 2 * node + 2
+        nodes[node] = np.minimum(nodes[2 * node + 1], nodes[2 * node + 2])
+    flat = nodes.reshape(-1)
+
+    improve(flat, links)
+
+    assert_binary_tree(flat, links, moved)
+    widths = -(flat.reshape(-1, RECORD)[:, 0] + flat.reshape(-1, RECORD)[:, 4])
+    assert (np.sort(widths)[-2:] > 5).tolist() == [False, True], "only the root spans both heaps"
+
+
+# --- widening ---------------------------------------------------------------------------------------------
+
+
+def wide_nodes(nodes):
+    """Per node the boxes (K, 2, 3) of its children and their references."""
+    table = nodes.reshape(-1, NODE_STRIDE)
+    references = table.view(np.int32)[:, CHILDREN : CHILDREN + LANES]
+    for row, names in zip(table, references, strict=True):
+        boxes = row[:48].reshape(2, 3, LANES).transpose(2, 0, 1)
+        is_used = boxes[:, 0, 0] <= boxes[:, 1, 0]
+        yield boxes[is_used], names[is_used]
+
+
+def surface(nodes):
+    """The surface of all wide nodes: what `widen_tree` makes as small as it can be."""
+    total = 0.0
+    for boxes, _ in wide_nodes(nodes):
+        x, y, z = boxes[:, 1].max(axis=0).astype(np.float64) - boxes[:, 0].min(axis=0)
+        total += x * y + y * z + z * x
+    return total
+
+
+def least_surface(nodes, links):
+    """The same over all choices of nodes that stay, by trying each."""
+    areas = half_areas(nodes.reshape(-1, RECORD))
+    inner = [node for node in range(1, len(links)) if links[node, LEFT] != NO_CHILD]
+
+    def children(node, kept):
+        found = []
+        for below in links[node, [LEFT, RIGHT]]:
+            found += [below] if links[below, LEFT] == NO_CHILD or below in kept else children(below, kept)
+        return found
+
+    choices = itertools.chain.from_iterable(
+        itertools.combinations(inner, number) for number in range(len(inner) + 1)
+    )
+    return min(
+        sum(areas[node] for node in (0, *kept))
+        for kept in map(set, choices)
+        if all(len(children(node, kept)) <= LANES for node in (0, *kept))
+    )
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_no_other_wide_tree_has_less_surface(seed):
+    rng = np.random.default_rng(seed)
+    nodes, links, _, order = halved(random_boxes(rng, int(rng.integers(9, 13)), size=0.5), 0)
+
+    wide, _, _ = widen_tree(nodes, links, order)
+
+    assert surface(wide) == pytest.approx(least_surface(nodes, links), rel=1e-5)
+
+
+def depth_of(nodes):
+    """Levels of a wide tree, in which every node and leaf must be met once."""
+    children = [names for _, names in wide_nodes(nodes)]
+    levels, met, level = 0, [0], [0]
+    while level:
+        levels += 1
+        below = [int(name) for node in level for name in children[node]]
+        met += below
+        level = [name for name in below if name >= 0]
+    assert len(set(met)) == len(met)
+    assert sum(name >= 0 for name in met) == len(children)
+    return levels, sum(name < 0 for name in met)
+
+
+@pytest.mark.parametrize("count", [9, 100, 3000])
+@pytest.mark.parametrize("side", [LEFT, RIGHT])
+def test_a_chain_of_any_length_is_not_deep(count, side):
+    """Every node of the binary tree has a leaf on one side: as long as there are leaves."""
+    lower = np.zeros((count, 3))
+    upper = 0.97 ** np.arange(count)[:, None] * np.ones(3) + 1e-3
+    moved = records(lower, upper)
+    links = np.full((2 * count - 1, 4), NO_CHILD, np.int32)
+    nodes = np.zeros((2 * count - 1, RECORD), np.float32)
+    for leaf in range(count):
+        at = 2 * leaf + 1 if leaf < count - 1 else 2 * leaf
+        links[at, FIRST], links[at, COUNT] = leaf, 1
+        nodes[at] = moved[leaf]
+    for leaf in range(count - 2, -1, -1):
+        at = 2 * leaf
+        links[at, side], links[at, LEFT + RIGHT - side] = at + 1, at + 2
+        nodes[at] = np.minimum(nodes[at + 1], nodes[at + 2])
+
+    wide, order, leaf_first = widen_tree(nodes.reshape(-1), links, np.arange(count, dtype=np.int32))
+
+    levels, leaf_count = depth_of(wide)
+    assert levels <= MAX_DEPTH // 2 and leaf_count == count
+    assert sorted(order) == list(range(count))
+    np.testing.assert_array_equal(leaf_first, np.arange(count + 1))
+
+
+def test_leaves_are_numbered_in_the_order_of_the_tree():
+    """What is below a node has leaves in a row: moments and slabs are made from that."""
+    nodes, links, _, order = halved(random_boxes(np.random.default_rng(7), 5000))
+    improve(nodes, links)
+
+    wide, new_order, leaf_first = widen_tree(nodes, links, order)
+
+    children = [names for _, names in wide_nodes(wide)]
+    met, waiting = [], [0]
+    while waiting:
+        name = int(waiting.pop())
+        if name < 0:
+            met.append(~name)
+        else:
+            assert all(below > name for below in children[name] if below >= 0)
+            waiting += list(children[name][::-1])
+    assert met == list(range(len(leaf_first) - 1))
+    assert sorted(new_order) == list(range(5000)) and leaf_first[-1] == 5000
+    assert np.diff(leaf_first).min() >= 1 and np.diff(leaf_first).max() <= LANES
+
+
+# --- all together -----------------------------------------------------------------------------------------
+
+
+def test_ordinary_mesh_fills_its_nodes():
+    vertices, faces = shapes.torus(n=120, m=80)
+    boxes = np.empty(RECORD * len(faces), np.float32)
+    face_boxes(vertices, faces.astype(np.int32), boxes)
+
+    nodes, _, leaf_first = build_tree(boxes, FACES_A_LEAF)
+
+    lanes = [len(names) for _, names in wide_nodes(nodes)]
+    assert np.mean(lanes) >= 5.0
+    assert len(faces) / (len(leaf_first) - 1) >= 0.7 * LANES
