@@ -37,6 +37,7 @@ class Row:
     maximum: float
     call_count: int
     times_ours: float | None = None  # its time divided by ours, median over paired rounds
+    beside: str = OURS  # ours that it was divided by
     agreement: Agreement | None = None
     bytes_per_face: float | None = None
 

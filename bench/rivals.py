@@ -37,19 +37,36 @@ class Proximity(Contender):
         return lambda: self.library.Scene.from_mesh(vertices, faces)
 
     def distance(self, points):
-        return Task(lambda: self.engine.distance(points), as_is)
+        ask = self.engine.distance
+        return Task(lambda: ask(points), as_is)
 
     def signed_distance(self, points):
-        return Task(lambda: self.engine.signed_distance(points), as_is)
+        ask = self.engine.signed_distance
+        return Task(lambda: ask(points), as_is)
 
     def closest(self, points):
-        return Task(lambda: self.engine.closest(points), lambda hits: hits.point)
+        ask = self.engine.closest
+        return Task(lambda: ask(points), lambda hits: hits.point)
 
     def contains(self, points):
-        return Task(lambda: self.engine.contains(points), as_is)
+        ask = self.engine.contains
+        return Task(lambda: ask(points), as_is)
 
     def cast(self, origins, directions):
-        return Task(lambda: self.engine.cast(origins, directions), lambda hits: hits.distance)
+        ask = self.engine.cast
+        return Task(lambda: ask(origins, directions), lambda hits: hits.distance)
+
+
+class ProximityLengths(Proximity):
+    """Our rays asked for distances alone."""
+
+    name = "proximity (distances)"
+    questions = ("cast",)
+    beside = name
+
+    def cast(self, origins, directions):
+        ask = self.engine.cast_distance
+        return Task(lambda: ask(origins, directions), as_is)
 
 
 class ProximityTree(Proximity):
@@ -231,6 +248,7 @@ class Embreex(Contender):
     name = "embreex"
     package = "embreex"
     questions = ("cast",)
+    beside = ProximityLengths.name
     arguments: ClassVar[dict[str, Any]] = {"query": "DISTANCE"}
 
     def __init__(self) -> None:
@@ -264,6 +282,7 @@ class EmbreexAll(Embreex):
     """embreex, asked for what our `cast` gives as well: distance, face, barycentric and normal."""
 
     name = "embreex (all outputs)"
+    beside = Proximity.name
     arguments: ClassVar[dict[str, Any]] = {"output": True}
 
     @staticmethod
@@ -285,7 +304,7 @@ RIVALS: tuple[type[Contender], ...] = (
     Embreex,
     EmbreexAll,
 )
-CONTENDERS: tuple[type[Contender], ...] = (Proximity, ProximityTree, *RIVALS)
+CONTENDERS: tuple[type[Contender], ...] = (Proximity, ProximityLengths, ProximityTree, *RIVALS)
 
 
 def available(kinds: tuple[type[Contender], ...] = CONTENDERS) -> tuple[list[Contender], dict[str, str]]:

@@ -305,6 +305,34 @@ def test_workers_answer_the_same(workers, count):
         assert judging.same_bits(found, asked.cast(origins, directions))
 
 
+@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("limit", [np.inf, 1.2])
+@pytest.mark.parametrize("count", [0, 1, 5, 47, 48, 5001])
+def test_distances_alone_are_those_of_the_hits(count, limit, workers):
+    origins, directions = some_rays("torus", count)
+    if count > 4:
+        origins[count // 2], directions[1] = np.nan, np.inf
+
+    for asked in (solid_of("torus"), SCENE):
+        found = asked.cast_distance(origins, directions, max_distance=limit, workers=workers)
+        hits = asked.cast(origins, directions, max_distance=limit, workers=workers)
+        assert judging.same_bits(found, hits.distance)
+        assert found.flags.writeable, "nobody else has it"
+
+
+def test_distances_alone_have_the_shape_of_the_rays():
+    solid = solid_of("cube")
+
+    assert solid.cast_distance((0.25, 0.5, 3.0), (0, 0, -1)) == 2.0
+    assert isinstance(solid.cast_distance((0.25, 0.5, 3.0), (0, 0, -1)), np.float64)
+    assert solid.cast_distance(np.full((2, 1, 3), 0.5), np.eye(3)).tolist() == [[0.5] * 3] * 2
+    assert solid.cast_distance((9.0, 9.0, 9.0), (0, 0, 1)) == np.inf
+    with pytest.raises(QueryError, match=r"^direction 1 is zero, expected a vector with a length$"):
+        solid.cast_distance(np.zeros((2, 3)), [[0, 0, 1], [0, 0, 0]])
+    with pytest.raises(QueryError, match=r"^direction 1 is zero, expected a vector with a length$"):
+        solid.cast_distance(np.zeros((2, 3)), np.array([[0, 0, 1.0], [0, 0, 0]]))
+
+
 # ------------------------------------------------------------------------------------------------ scenes
 
 

@@ -68,6 +68,8 @@ PART = 2 * ANSWER_REALS
 FACE = PART + 1
 ANSWER_WIDTH = ANSWER_REALS + 1
 """float64 that a row takes in all."""
+DISTANCE_WIDTH = 1
+"""float64 of a row of which only the distance is asked."""
 NO_ROW = -1
 """Where a row is told: none."""
 NO_RAYS = -2
@@ -174,6 +176,8 @@ def first_hit_in_scene(reals, words, frames, parts, x, y, z, dx, dy, dz, limit, 
 def write_no_hit(answers, choices, row, distance):
     """A row without a face: *distance* is inf for a miss, nan for a ray that is none."""
     answers[row, DISTANCE] = distance
+    if answers.shape[1] == DISTANCE_WIDTH:
+        return
     for column in range(1, ANSWER_REALS):
         answers[row, column] = np.nan
     choices[row, PART] = NO_PART
@@ -262,6 +266,7 @@ def cast_order(handle, origins, directions):
 def cast_batch(handle, origins, directions, order, limit, answers):
     """Fill answers (N, `ANSWER_WIDTH`) for rays (N, 3) each; see the columns above.
 
+    Of answers (N, `DISTANCE_WIDTH`) distances are filled and nothing else is worked out.
     *order*: the rows in the order to take them in, or empty. *limit*: the longest distance to look, m. A
     direction that is zero, or a row that is not finite, answers nan and `NO_FACE`. Returns the lowest row
     whose direction is zero, or `NO_ROW`: looking for it here spares a caller with five rays two microseconds.
@@ -269,7 +274,7 @@ def cast_batch(handle, origins, directions, order, limit, answers):
     reals, words, frames, parts = arrays_at(handle)
     choices = answers.view(np.int32)
     stacks = words_here(STACKS_SIZE)
-    is_single = is_alone(parts)
+    is_single, is_told_all = is_alone(parts), answers.shape[1] != DISTANCE_WIDTH
     zero_row = np.int64(NO_ROW)
     for i in range(len(order) if len(order) else len(origins)):
         row = order[i] if len(order) else i
@@ -301,7 +306,10 @@ def cast_batch(handle, origins, directions, order, limit, answers):
             write_no_hit(answers, choices, row, np.inf)
             continue
         answers[row, DISTANCE] = distance
-        write_hit(reals, words, frames, parts, part, slot, u, v, w, dx, dy, dz, length, answers, choices, row)
+        if is_told_all:
+            write_hit(
+                reals, words, frames, parts, part, slot, u, v, w, dx, dy, dz, length, answers, choices, row
+            )
     return zero_row
 
 
