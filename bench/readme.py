@@ -139,7 +139,7 @@ def _others(documents):
         f"compared before they are timed; {', '.join(versions)}.{absent} Points lie near the surface, "
         'N(0, 2 % of the diagonal) off it. "Asked for" is how many times as fast it should be. Where signs '
         "of the fastest are wrong, the fastest whose signs are right follows. embreex by itself tells "
-        "distances only, ours always where, on which face, and which way that faces."
+        "distances, as `cast_distance` does; for all outputs it stands beside `cast`."
     )
     verdicts = [each for each in document["requirements"] if each["requirement"].startswith(ALONE)]
     rest = verdict_lines("on memory and on starting", verdicts)
@@ -157,7 +157,8 @@ def _ticks(documents):
     head = (
         f"**Ticks** ({_run('ticks', document, _first(documents))}): each timed on its own, from call to "
         f"answer, {_ticks_of(document)}. The calmest of three runs, tick by tick, is what the "
-        f"work itself takes. {' '.join(beside)}"
+        f"work itself takes; a bare loop only counts, for as long as the middle tick takes: its tail is the "
+        f"machine's. {' '.join(beside)}"
     )
     period = (
         "**Against the haptic period**: the same ticks in wall time, as shares of 40 ms (the paper's 25 Hz), "

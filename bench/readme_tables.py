@@ -64,8 +64,8 @@ AXES = {
 def others_table(document: Document) -> list[str]:
     """Each requirement on a comparison: ours, the fastest of those it names, and whether it is met.
 
-    Behind it, of rays the next: embreex answers distances alone, or all that ours does. Of signs the fastest
-    of those that are right.
+    Behind it, of rays the next: embreex answers distances alone, or all that ours does, and stands beside
+    ours that answers the same. Of signs the fastest of those that are right.
     """
     rows, met = document["rows"], {True: "yes", False: "no"}
     lines = []
@@ -77,11 +77,11 @@ def others_table(document: Document) -> list[str]:
                 asked = f"{wanted.least:.2g}"
                 ratio = best["times_ours"]
                 works = f"{wanted.section}, {ours['unit'].replace('a query', 'each')}"
-                cells = (works, part, _time(ours), _other(best), figure(ratio), asked)
+                cells = (works, part, _time(_beside(rows, ours, best)), _other(best), figure(ratio), asked)
                 lines.append([*cells, met[ratio >= wanted.least]])
     for earlier, later in reversed(list(itertools.pairwise(lines))):
-        if earlier[:3] == later[:3]:
-            later[1] = later[2] = ""
+        if earlier[:2] == later[:2]:
+            later[1:3] = "", "" if earlier[2] == later[2] else later[2]
         if earlier[0] == later[0]:
             later[0] = ""
     headings = ("work", "part", "proximity", "best other", "times as fast", "asked for", "met")
@@ -102,6 +102,13 @@ def _shown(rows, ours, wanted):
     if _wrong(first):
         others = [row for row in others if not _wrong(row)]
     return [first, *others[: 1 if _wrong(first) or wanted.section in (RAYS, FEW_RAYS) else 0]]
+
+
+def _beside(rows, ours, other):
+    """Ours that the other's time was divided by."""
+    same = ours | {"contender": other.get("beside", ours["contender"])}
+    keys = ("section", "case", "contender")
+    return next((row for row in rows if all(row[key] == same[key] for key in keys)), ours)
 
 
 def _wrong(row):
@@ -145,8 +152,10 @@ def ticks_table(documents: list[Document]) -> list[str]:
         rows = [_row(document, case) for document in documents]
         if rows[0] is not None:
             cells = [_percentiles(row, "thread") for row in rows]
-            lines.append([_worded(words, rows[0]), cells[0], _percentiles(rows[0], "best"), *cells[1:]])
-    headings = ("µs of thread time: p50, p99, p99.9", named[0], "calmest of 3 runs there", *named[1:])
+            alike = [_percentiles(rows[0], kind) for kind in ("best", "bare")]
+            lines.append([_worded(words, rows[0]), cells[0], *alike, *cells[1:]])
+    beside = "calmest of 3 runs there", "a bare loop there"
+    headings = ("µs of thread time: p50, p99, p99.9", named[0], *beside, *named[1:])
     return table(headings, lines)
 
 

@@ -1,6 +1,7 @@
 """Lines of the table of ticks; how they are timed is the package's: ``proximity.certificate.ticking``."""
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from results import Verdict
@@ -14,6 +15,7 @@ from proximity.certificate.ticking import (
     time_calls,
     without_collector,
 )
+from proximity.kernels.compiling import kernel
 
 __all__ = [
     "REPEATS",
@@ -32,6 +34,7 @@ __all__ = [
 ]
 
 REPEATS = 3  # of what is timed to find out what the work alone takes
+TRIAL_COUNT = 100_000  # steps of the bare loop, to find out how many make a tick
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +49,7 @@ class TickRow:
     thread: Figures | None = None  # µs
     wall: Figures | None = None  # µs
     best: Figures | None = None  # µs, thread time, of each tick the shortest of several runs
+    bare: Figures | None = None  # µs, thread time of a loop that only counts, as long as the middle tick
     verdicts: tuple[Verdict, ...] = ()
     remarks: tuple[str, ...] = ()  # sentences below the table
 
@@ -55,8 +59,34 @@ def best_of(logs: list[TickLog]) -> np.ndarray:
     return np.min([log.thread_ns for log in logs], axis=0)
 
 
+@kernel
+def _count(steps, start):
+    """Count, so that no compiler sees the end of it before."""
+    value = start
+    for _ in range(steps):
+        value = value * 6364136223846793005 + 1442695040888963407
+    return value
+
+
+def bare_loop(median_ns: float, count: int) -> np.ndarray:
+    """Thread times, ns, of *count* loops that only count and take about *median_ns* each.
+
+    They touch no memory: what is in their tail is the machine's.
+    """
+    trials = TickLog()
+    time_calls([partial(_count, TRIAL_COUNT, 1)] * 50, trials)
+    empty = TickLog()
+    time_calls([partial(_count, 0, 1)] * 50, empty)
+    cost, least = (float(np.median(log.thread_ns)) for log in (trials, empty))
+    steps = round(max(median_ns - least, 0.0) * TRIAL_COUNT / (cost - least))
+    log = TickLog()
+    with without_collector():
+        time_calls([partial(_count, steps, 1)] * count, log)
+    return np.array(log.thread_ns)
+
+
 def row_of(case, scene, finger_count, log, *, best=None, verdicts=(), remarks=(), chosen=None) -> TickRow:
-    """A line of the table; *best* as `best_of` gives it; *chosen*: only those ticks."""
+    """A line of the table; *best* as `best_of` gives it (with it comes a bare loop); *chosen*: only those."""
     thread, wall = np.array(log.thread_ns), np.array(log.wall_ns)
     if chosen is not None:
         thread, wall = thread[chosen], wall[chosen]
@@ -70,6 +100,7 @@ def row_of(case, scene, finger_count, log, *, best=None, verdicts=(), remarks=()
         figures_of(thread),
         figures_of(wall),
         None if best is None else figures_of(best),
+        None if best is None else figures_of(bare_loop(float(np.median(best)), len(thread))),
         tuple(verdicts),
         tuple(remarks),
     )

@@ -2,8 +2,9 @@
 
 Every tick is timed on its own: thread time (the processor on this thread) and wall time, from call to
 answer, in Python; nothing is subtracted. "Best of 3" is the thread time of each tick in the calmest of three
-runs that are the same: what is left of its tail is the work's own. The exit code is 1 if something that was
-measured is not met.
+runs that are the same: what is left of its tail is the work's own. "A bare loop" only counts, for as long as
+the middle tick takes: its tail is the machine's own. The exit code is 1 if something that was measured is not
+met.
 """
 
 import argparse
@@ -110,16 +111,20 @@ def print_rows(console: Console, title: str, rows: list[TickRow], seconds: float
             *(f"{n:,}" for n in (row.part_count, row.face_count, row.finger_count, row.tick_count)),
         ]
         met = "" if not row.verdicts else "yes" if all(each.is_met for each in row.verdicts) else "no"
-        for kind, figures in (("thread", row.thread), ("wall", row.wall), ("best of 3", row.best)):
-            if figures is not None:
-                table.add_row(*head, kind, *_cells(figures), met)
-                head, met = [""] * len(head), ""
+        for kind, figures in _kinds(row):
+            table.add_row(*head, kind, *_cells(figures), met)
+            head, met = [""] * len(head), ""
         if row.thread is None and row.wall is None:
             table.add_row(*head, *[""] * (len(PERCENTILES) + 1), met)
     console.print(table)
     for row in rows:
         for remark in row.remarks:
             console.print(f"  {row.case}: {remark}", highlight=False, markup=False)
+
+
+def _kinds(row):
+    named = ("thread", row.thread), ("wall", row.wall), ("best of 3", row.best), ("a bare loop", row.bare)
+    return [(kind, figures) for kind, figures in named if figures is not None]
 
 
 def _cells(figures: Figures) -> list[str]:
