@@ -11,11 +11,13 @@ from proximity.errors import QueryError
 from proximity.kernels import track
 from proximity.kernels.advance import BALLS_SIZE
 from proximity.kernels.bounded import ROOM_SIZE
+from proximity.kernels.compiling import Settled
 from proximity.kernels.drift import room_for_movers
 from proximity.kernels.front import FRONT_SIZE
 from proximity.kernels.layout import GRID, NO_GRID, NO_PART, NO_SLOT, ROTATION, SIGN, SIGN_WINDING
 from proximity.kernels.motion import MAX_ACCELERATION, MAX_SPEED, MOTION_INTS, MOTION_REALS
 from proximity.kernels.tick import CROWD, tick
+from proximity.kernels.track import EACH_ITS_OWN, MOST_NS
 from proximity.message import CONTACT
 from proximity.model import Model
 from proximity.scene import Scene
@@ -25,11 +27,11 @@ DEFAULT_BUDGET = 500
 faces these take 15 to 40 µs, as fast as the memory is, and bracket the distance within 3 %."""
 GONE = -2
 """Part of the last answer that is not in the scene any more."""
-MOST_NS = 2**62
-"""ns; differences of such instants are whole numbers of 64 bits. It is 146 years."""
 FLOAT64 = np.dtype(np.float64)
 HORIZON = 0.25
 """s. A drum needs less than a tenth of a second to arrive (PAPER 6.4)."""
+
+_tick = Settled(tick)
 
 
 class Tracker:
@@ -114,7 +116,6 @@ class Tracker:
         nothing = np.full(count, np.nan)
         self._arrays: dict[str, np.ndarray] = {
             "settings": settings,
-            "positions": np.full((count, 3), np.nan),
             "pose_ns": np.zeros(count, np.int64),
             "velocities": np.full((count, 3), np.nan),
             "paths": np.full((count, 2, 3), np.nan),
@@ -132,7 +133,7 @@ class Tracker:
             "room": np.zeros(ROOM_SIZE, np.float32),
             "scratch": np.zeros(track.SCRATCH_SIZE + 2),
         }
-        self._positions, self._pose_ns = self._arrays["positions"], self._arrays["pose_ns"]
+        self._pose_ns = self._arrays["pose_ns"]
         self._velocities = self._arrays["velocities"]
         self._arrays["tracks"][:, track.RADIUS] = _radii(radius, count)
         self._model: Model | None = None
@@ -190,13 +191,6 @@ class Tracker:
         Sign: as `Scene.signed_distance`, less the radius.
         Cost: some 10 µs for five fingers near parts of 100 k faces.
         """
-        self._positions[...] = _shaped(positions, "positions", self._shape)
-        if type(t_pose_ns) is int and -MOST_NS <= t_pose_ns <= MOST_NS:
-            self._pose_ns.fill(t_pose_ns)
-        else:
-            self._take_instants(t_pose_ns)
-        if type(now_ns) is not int or not -MOST_NS <= now_ns <= MOST_NS:
-            now_ns = _instant(now_ns)
         if velocities is not None or self._has_velocities:
             self._take_velocities(velocities)
         if paths is not None or self._has_paths or bends is not None or path_bends is not None:
@@ -206,9 +200,28 @@ class Tracker:
         is_moved = model is not self._model
         if is_moved:
             self._take_over(model)
-        tick(model.handle, self._handle, now_ns, is_moved)
+        try:
+            # As they nearly always are; whether there are as many as fingers is looked at by compiled code.
+            is_plain = type(positions) is np.ndarray and type(t_pose_ns) is type(now_ns) is int
+            is_done = (
+                is_plain
+                and -MOST_NS <= t_pose_ns <= MOST_NS
+                and _tick.quick(model.handle, self._handle, positions, t_pose_ns, now_ns, is_moved)
+            )
+        except (TypeError, OverflowError):
+            is_done = False
+        if not is_done:
+            self._tick(model, positions, t_pose_ns, now_ns, is_moved)
         self._model = model
         return self.contacts
+
+    def _tick(self, model: Model, positions: Any, t_pose_ns: Any, now_ns: Any, is_moved: bool) -> None:
+        """Check the arguments, and tick."""
+        rows = as_float64(_shaped(positions, "positions", self._shape), "positions")
+        if type(t_pose_ns) is not int or not -MOST_NS <= t_pose_ns <= MOST_NS:
+            self._take_instants(t_pose_ns)
+            t_pose_ns = EACH_ITS_OWN
+        _tick.call(model.handle, self._handle, rows, t_pose_ns, _instant(now_ns), is_moved)
 
     @property
     def epoch(self) -> int:
@@ -256,7 +269,7 @@ class Tracker:
         """Write the table by which a tick finds its arrays."""
         arrays = self._arrays
         counts = [
-            len(arrays["positions"]),
+            len(arrays["tracks"]),
             len(arrays["path_bends"]),
             len(arrays["before"]),
             len(arrays["movers"]),

@@ -96,7 +96,11 @@ REFUSED = {
     "t_pose_ns is array([0., 1.]), expected whole nanoseconds": {"t_pose_ns": np.array([0.0, 1.0])},
     f"t_pose_ns is {2**70}, expected whole nanoseconds": {"t_pose_ns": 2**70},
     f"t_pose_ns is [{-(2**63)}, 0], expected whole nanoseconds": {"t_pose_ns": [-(2**63), 0]},
+    f"t_pose_ns is {-(2**62) - 1}, expected whole nanoseconds": {"t_pose_ns": -(2**62) - 1},
+    f"t_pose_ns is {2**63}, expected whole nanoseconds": {"t_pose_ns": 2**63},
     "now_ns is None, expected whole nanoseconds, at most 2**62": {"now_ns": None},
+    f"now_ns is {-(2**62) - 1}, expected whole nanoseconds": {"now_ns": -(2**62) - 1},
+    f"now_ns is {2**64}, expected whole nanoseconds": {"now_ns": 2**64},
     "now_ns is 0.001, expected whole nanoseconds": {"now_ns": 0.001},
     "now_ns is [0, 0], expected whole nanoseconds": {"now_ns": [0, 0]},
     f"now_ns is {2**63}, expected whole nanoseconds": {"now_ns": 2**63},
@@ -125,6 +129,7 @@ REFUSED = {
 
 @pytest.mark.parametrize("said", REFUSED)
 def test_argument_that_does_not_fit_is_refused_with_a_sentence(tracker, said):
+    Tracker(tracker.scene, fingers=2).tick(TIPS, 0, 0)  # from now on compiled code looks first
     arguments = {"positions": TIPS, "t_pose_ns": 0, "now_ns": 0} | REFUSED[said]
     with pytest.raises(QueryError, match=re.escape(said)):
         tracker.tick(**arguments)

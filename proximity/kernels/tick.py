@@ -88,6 +88,7 @@ from proximity.kernels.track import (
     ANCHOR,
     BUDGET,
     CLEAR,
+    EACH_ITS_OWN,
     FARTHEST_WAY,
     FIRST,
     FRONT_COUNT,
@@ -98,6 +99,7 @@ from proximity.kernels.track import (
     LATENCY,
     MAX_ACCELERATION,
     MAX_SPEED,
+    MOST_NS,
     MOVER_COUNT,
     ODOMETER,
     PATIENCE,
@@ -226,6 +228,40 @@ def _write_surface(
 
 
 @inlined
+def _search(
+    reals, words, frames, parts, marks, fronts, i, x, y, z, part, slot, is_outside, is_moved, ease, radius,
+    budget, room, witness,
+):  # fmt: skip
+    """As `bracket_at`: from the front of the finger's last search where it has one, by a walk otherwise."""
+    best_sq, is_found, steps = 0.0, False, np.int64(0)
+    # A part with a frame of its own is walked as a whole, and gains nothing.
+    may_keep = len(fronts) > 0 and slot >= 0 and not is_moved
+    may_keep = may_keep and (parts[part, IS_FUSED] == 1 or is_alone(parts))
+    kept = marks[i, FRONT_COUNT]
+    if may_keep and (kept > 0 or kept == BEGINS):
+        best_sq, part, slot, is_found, marks[i, FRONT_COUNT], steps = nearest_by_front(
+            reals, words, frames, parts, x, y, z, part, slot, fronts[i], kept, budget // 2, room
+        )
+    if is_found:
+        return bracket_of(
+            reals, words, frames, parts, x, y, z, best_sq, part, slot, best_sq, steps, is_outside, budget,
+            room, witness,
+        )  # fmt: skip
+    distance, lower, upper, clear, part, slot, bits, work = bracket_at(
+        reals, words, frames, parts, x, y, z, part, slot, is_outside, ease, radius, budget - steps, room,
+        witness,
+    )  # fmt: skip
+    work += steps
+    if steps > 0:  # in vain
+        marks[i, FRONT_COUNT] = -PAUSE
+    elif kept < BEGINS - 1:
+        marks[i, FRONT_COUNT] = kept + 1
+    else:
+        marks[i, FRONT_COUNT] = BEGINS if may_keep and LONG <= work <= budget // SHORT else 0
+    return distance, lower, upper, clear, part, slot, bits, work
+
+
+@inlined
 def _distance(
     reals, words, frames, parts, settings, tracks, marks, fronts, records, numbers, i, x, y, z, flags,
     is_moved, room, witness, place,
@@ -255,33 +291,10 @@ def _distance(
             bits |= SIGNED
     else:
         ease = EASE * tolerance if len(tracks) > CROWD else 0.0
-        best_sq, is_found = 0.0, False
-        # A part with a frame of its own is walked as a whole, and gains nothing.
-        may_keep = len(fronts) > 0 and slot >= 0 and not is_moved
-        may_keep = may_keep and (parts[part, IS_FUSED] == 1 or is_alone(parts))
-        kept = marks[i, FRONT_COUNT]
-        if may_keep and (kept > 0 or kept == BEGINS):
-            best_sq, part, slot, is_found, marks[i, FRONT_COUNT], work = nearest_by_front(
-                reals, words, frames, parts, x, y, z, part, slot, fronts[i], kept, budget // 2, room,
-            )  # fmt: skip
-        if is_found:
-            distance, lower, upper, clear, part, slot, bits, work = bracket_of(
-                reals, words, frames, parts, x, y, z, best_sq, part, slot, best_sq, work, is_outside, budget,
-                room, witness,
-            )  # fmt: skip
-        else:
-            in_vain = work
-            distance, lower, upper, clear, part, slot, bits, work = bracket_at(
-                reals, words, frames, parts, x, y, z, part, slot, is_outside, ease, radius, budget - in_vain,
-                room, witness,
-            )  # fmt: skip
-            work += in_vain
-            if in_vain > 0:
-                marks[i, FRONT_COUNT] = -PAUSE
-            elif kept < BEGINS - 1:
-                marks[i, FRONT_COUNT] = kept + 1
-            else:
-                marks[i, FRONT_COUNT] = BEGINS if may_keep and LONG <= work <= budget // SHORT else 0
+        distance, lower, upper, clear, part, slot, bits, work = _search(
+            reals, words, frames, parts, marks, fronts, i, x, y, z, part, slot, is_outside, is_moved, ease,
+            radius, budget, room, witness,
+        )  # fmt: skip
         settings[STEPS_LEFT] -= work
         tracks[i, ANCHOR], tracks[i, ANCHOR + 1], tracks[i, ANCHOR + 2] = x, y, z
         tracks[i, CLEAR], tracks[i, ODOMETER] = clear, settings[WAY]
@@ -319,15 +332,16 @@ def _advise(records, numbers, i):
 
 
 @kernel
-def tick(handle, tracker, now_ns, is_moved):
-    """Fill the records of the tracker at address *tracker* for the model at *handle*.
+def tick(handle, tracker, positions, all_pose_ns, now_ns, is_moved):
+    """Fill the records of the tracker at address *tracker* for the model at *handle*; whether that was done.
 
-    *is_moved*: whether parts may stand elsewhere than at the tick before.
+    It is not done, and nothing is changed, where *positions* are not (fingers, 3) or *now_ns* is more than
+    `MOST_NS`. *all_pose_ns*: instant of the positions, or `EACH_ITS_OWN`. *is_moved*: whether parts may stand
+    elsewhere than at the tick before.
     """
     reals, words, frames, parts = arrays_at(handle)
     (
         settings,
-        positions,
         pose_ns,
         velocities,
         paths,
@@ -347,8 +361,11 @@ def tick(handle, tracker, now_ns, is_moved):
         room,
         scratch,
     ) = tracker_arrays_at(tracker)
+    count = len(marks)
+    if positions.shape[0] != count or positions.shape[1] != 3 or not -MOST_NS <= now_ns <= MOST_NS:
+        return False
     if is_moved:
-        for i in range(len(marks)):
+        for i in range(count):
             marks[i, FRONT_COUNT] = 0
         settings[WAY] = (settings[WAY] + way_of_parts(frames, before)) * (1.0 + 2.0**-52)
         if not settings[WAY] <= FARTHEST_WAY:
@@ -361,7 +378,7 @@ def tick(handle, tracker, now_ns, is_moved):
     witness, place = scratch[:WITNESS_SIZE], scratch[PLACE_AT:WAY_AT]
     way, stages = scratch[WAY_AT:STAGES_AT].reshape(2, 3), scratch[STAGES_AT:SCRATCH_SIZE]
     path_stages = scratch[SCRATCH_SIZE:]
-    count, first = len(positions), np.int64(settings[FIRST])
+    first = np.int64(settings[FIRST])
     settings[STEPS_LEFT] = steps_for_all(settings[BUDGET], count)
     settings[AHEAD_LEFT] = AHEAD * settings[BUDGET]
     settings[FIRST] = -1.0
@@ -371,20 +388,20 @@ def tick(handle, tracker, now_ns, is_moved):
         if settings[FIRST] < 0.0 and (settings[STEPS_LEFT] <= 0.0 or settings[AHEAD_LEFT] <= 0.0):
             settings[FIRST] = i
         _clear_record(records, wide, numbers, i)
-        wide[i, POSE_NS], wide[i, AGE_NS] = pose_ns[i], now_ns - pose_ns[i]
-        wide[i, PREDICTED_NS] = max(acts_ns, pose_ns[i])
-        for axis in range(3):
-            records[i, POSITION + axis] = positions[i, axis]
+        taken_ns = pose_ns[i] if all_pose_ns == EACH_ITS_OWN else np.int64(all_pose_ns)
+        wide[i, POSE_NS], wide[i, AGE_NS] = taken_ns, now_ns - taken_ns
+        wide[i, PREDICTED_NS] = max(acts_ns, taken_ns)
         x, y, z = positions[i, 0], positions[i, 1], positions[i, 2]
+        records[i, POSITION], records[i, POSITION + 1], records[i, POSITION + 2] = x, y, z
         if settings[HAS_VELOCITIES] != 0.0:
             flags = observe_with_velocity(
-                motions, motion_marks, i, pose_ns[i], x, y, z,
+                motions, motion_marks, i, taken_ns, x, y, z,
                 velocities[i, 0], velocities[i, 1], velocities[i, 2],
                 settings[MAX_SPEED], settings[MAX_ACCELERATION],
             )  # fmt: skip
         else:
             flags = observe(
-                motions, motion_marks, i, pose_ns[i], x, y, z, settings[MAX_SPEED], settings[MAX_ACCELERATION]
+                motions, motion_marks, i, taken_ns, x, y, z, settings[MAX_SPEED], settings[MAX_ACCELERATION]
             )
         flags &= FLAG_BITS
         if not (flags & TRACKED and abs(x) <= reach and abs(y) <= reach and abs(z) <= reach):
@@ -403,7 +420,7 @@ def tick(handle, tracker, now_ns, is_moved):
         marks[i, TOLD_PART] = numbers[i, PART]
         foretell(
             reals, words, frames, parts, settings, motions, tracks, marks, balls[i], records, numbers, movers,
-            mover_count, stands, i, 1e-9 * (acts_ns - pose_ns[i]), flags, room, witness, way, stages, place,
+            mover_count, stands, i, 1e-9 * (acts_ns - taken_ns), flags, room, witness, way, stages, place,
         )  # fmt: skip
         if settings[HAS_PATHS] != 0.0 and isfinite(paths[i, 0, 0]):
             flags = look_along_path(
@@ -414,3 +431,4 @@ def tick(handle, tracker, now_ns, is_moved):
         _advise(records, numbers, i)
     settings[FIRST] = max(settings[FIRST], 0.0)
     settings[PATIENCE] = _patience_after(settings[PATIENCE], settings[STEPS_LEFT])
+    return True

@@ -57,11 +57,15 @@ POSE_COLUMNS = 12
 
 PLACE_AT, WAY_AT, STAGES_AT, SCRATCH_SIZE = 24, 40, 46, 48
 """Places in ``scratch``: a witness comes first, the stages of a path last."""
+MOST_NS = 2**62
+"""ns; differences of such instants are whole numbers of 64 bits. It is 146 years."""
+EACH_ITS_OWN = -MOST_NS - 1
+"""Instant of all poses: none, every finger has one of its own."""
+
 FINGER_COUNT, PATH_COUNT, PART_COUNT, MOVERS_SIZE, ROOM_COUNT, SCRATCH_COUNT, FRONTS_COUNT = range(7)
 FIRST_ADDRESS = 7
 NAMES = (
     "settings",
-    "positions",
     "pose_ns",
     "velocities",
     "paths",
@@ -89,7 +93,6 @@ def _address(name):
 
 tracker_arrays_at = arrays_behind(
     ("float64", _address("settings"), (SETTINGS_SIZE,)),
-    ("float64", _address("positions"), (FINGERS, 3)),
     ("int64", _address("pose_ns"), (FINGERS,)),
     ("float64", _address("velocities"), (FINGERS, 3)),
     ("float64", _address("paths"), (FINGERS, KNOTS, 3)),
