@@ -103,6 +103,26 @@ def _children(links, splits, node, children, waiting):
     return count
 
 
+@maker
+def _leaves_in_order(links, starts, leaf_count, order):
+    """Return the nodes that are leaves, the order of faces in which theirs follow one another, and where each
+    leaf's begin there, and the last's end."""
+    leaves = np.empty(leaf_count, np.int32)
+    for node in range(len(links)):
+        if links[node, LEFT] < 0:
+            leaves[starts[node]] = node
+    leaf_first, placed = np.empty(leaf_count + 1, np.int32), 0
+    new_order = np.empty_like(order)
+    for leaf in range(leaf_count):
+        leaf_first[leaf] = placed
+        first = links[leaves[leaf], FIRST]
+        for i in range(links[leaves[leaf], COUNT]):
+            new_order[placed] = order[first + i]
+            placed += 1
+    leaf_first[leaf_count] = placed
+    return leaves, new_order, leaf_first
+
+
 @inlined
 def _join_leaves(boxes, leaves, first, count):
     """Record of the box around leaves in a row."""
@@ -146,19 +166,7 @@ def widen_tree(boxes, links, order):
     splits = np.empty((len(links), LANES), np.int8)
     _share_out(boxes, links, topological, costs, splits)
 
-    leaves = np.empty(leaf_count, np.int32)
-    for node in range(len(links)):
-        if links[node, LEFT] < 0:
-            leaves[starts[node]] = node
-    leaf_first, placed = np.empty(leaf_count + 1, np.int32), 0
-    new_order = np.empty_like(order)
-    for leaf in range(leaf_count):
-        leaf_first[leaf] = placed
-        first = links[leaves[leaf], FIRST]
-        for i in range(links[leaves[leaf], COUNT]):
-            new_order[placed] = order[first + i]
-            placed += 1
-    leaf_first[leaf_count] = placed
+    leaves, new_order, leaf_first = _leaves_in_order(links, starts, leaf_count, order)
 
     capacity = max(16, leaf_count // 3)
     nodes = np.empty(capacity * NODE_STRIDE, np.float32)
