@@ -29,12 +29,21 @@ def aligned_empty(count: int, dtype: type) -> np.ndarray:
     """
     size = count * np.dtype(dtype).itemsize
     if size >= HUGE_PAGE and hasattr(mmap, "MADV_HUGEPAGE"):
-        # What is left over of the last page is not asked for: it would be 1 MB wasted on average.
-        memory = mmap.mmap(-1, size + HUGE_PAGE, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
-        raw, step = np.frombuffer(memory, np.uint8), HUGE_PAGE
-        with suppress(OSError):  # a system without them
-            memory.madvise(mmap.MADV_HUGEPAGE, -raw.ctypes.data % step, size // HUGE_PAGE * HUGE_PAGE)
-    else:
-        raw, step = np.empty(size + ALIGNMENT, np.uint8), ALIGNMENT
+        with suppress(OSError):  # no memory left, which the usual source tells in its own words
+            return _on_huge_pages(size).view(dtype)
+    return _from(np.empty(size + ALIGNMENT, np.uint8), ALIGNMENT, size).view(dtype)
+
+
+def _on_huge_pages(size: int) -> np.ndarray:
+    """So many bytes; what is left over of the last page is not asked for: 1 MB would be wasted on average."""
+    memory = mmap.mmap(-1, size + HUGE_PAGE, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+    raw = np.frombuffer(memory, np.uint8)
+    with suppress(OSError):  # a system without them
+        memory.madvise(mmap.MADV_HUGEPAGE, -raw.ctypes.data % HUGE_PAGE, size // HUGE_PAGE * HUGE_PAGE)
+    return _from(raw, HUGE_PAGE, size)
+
+
+def _from(raw: np.ndarray, step: int, size: int) -> np.ndarray:
+    """So many bytes of *raw* from the first address on that is a multiple of *step*."""
     start = -raw.ctypes.data % step
-    return raw[start : start + size].view(dtype)
+    return raw[start : start + size]

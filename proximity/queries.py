@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from proximity.arrays import as_points
+from proximity.arrays import FLOAT64, as_points
 from proximity.errors import NotWatertightError, QueryError
 from proximity.kernels import cast, query, segment_query
 from proximity.kernels.cast import NO_ROW, cast_batch, cast_order, cast_unlimited
@@ -108,7 +108,7 @@ class Queries:
         if workers is ONE_THREAD:
             # Five rows of float64 from somebody in a hurry; what else it may be is sorted out below.
             try:
-                if len(points) < SORT_FROM and type(points) is np.ndarray:
+                if len(points) < SORT_FROM and type(points) is np.ndarray and points.dtype is FLOAT64:
                     distances = np.empty(len(points))
                     model = self._current()
                     if _signed_few.quick(model.handle, points, distances):
@@ -225,7 +225,8 @@ class Queries:
         if max_distance is np.inf and workers is ONE_THREAD:
             # As in `signed_distance`.
             try:
-                if len(origins) < SORT_FROM and type(origins) is type(directions) is np.ndarray:
+                is_plain = type(origins) is type(directions) is np.ndarray
+                if is_plain and origins.dtype is directions.dtype is FLOAT64 and len(origins) < SORT_FROM:
                     answers = np.empty((len(origins), cast.ANSWER_WIDTH))
                     model = self._current()
                     if _cast_unlimited.quick(model.handle, origins, directions, answers) == NO_ROW:
@@ -264,7 +265,8 @@ class Queries:
         """
         if max_distance is np.inf and workers is ONE_THREAD:
             try:
-                if len(origins) < SORT_FROM and type(origins) is type(directions) is np.ndarray:
+                is_plain = type(origins) is type(directions) is np.ndarray
+                if is_plain and origins.dtype is directions.dtype is FLOAT64 and len(origins) < SORT_FROM:
                     answers = np.empty((len(origins), cast.DISTANCE_WIDTH))
                     model = self._current()
                     if _cast_unlimited.quick(model.handle, origins, directions, answers) == NO_ROW:

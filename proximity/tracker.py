@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from proximity.arrays import as_float64
+from proximity.arrays import FLOAT64, as_float64
 from proximity.errors import QueryError
 from proximity.kernels import track
 from proximity.kernels.advance import BALLS_SIZE
@@ -27,7 +27,6 @@ DEFAULT_BUDGET = 500
 faces these take 15 to 40 µs, as fast as the memory is, and bracket the distance within 3 %."""
 GONE = -2
 """Part of the last answer that is not in the scene any more."""
-FLOAT64 = np.dtype(np.float64)
 HORIZON = 0.25
 """s. A drum needs less than a tenth of a second to arrive (PAPER 6.4)."""
 
@@ -160,7 +159,7 @@ class Tracker:
         ----------
         positions : (fingers, 3) float64, m, scene's frame
             Centres of the fingertips. A row that is not finite is a finger that is not tracked: its record
-            says so, the others go on.
+            says so, the others go on. They are read during the tick: nobody else should write them then.
         t_pose_ns : int or (fingers,) int64, ns
             Instant of the positions, on the clock of *now_ns*. The same instant again changes no velocity; an
             earlier one starts the velocity anew.
@@ -202,9 +201,10 @@ class Tracker:
             self._take_over(model)
         try:
             # As they nearly always are; whether there are as many as fingers is looked at by compiled code.
-            is_plain = type(positions) is np.ndarray and type(t_pose_ns) is type(now_ns) is int
             is_done = (
-                is_plain
+                type(positions) is np.ndarray
+                and positions.dtype is FLOAT64
+                and type(t_pose_ns) is type(now_ns) is int
                 and -MOST_NS <= t_pose_ns <= MOST_NS
                 and _tick.quick(model.handle, self._handle, positions, t_pose_ns, now_ns, is_moved)
             )
@@ -226,7 +226,7 @@ class Tracker:
     @property
     def epoch(self) -> int:
         """Epoch of the scene as the last tick saw it: what parts and faces in `contacts` mean. Before, -1."""
-        return self._epoch
+        return -1 if self._model is None else self._model.epoch
 
     def reset(self) -> None:
         """Forget all fingers: the next tick is like the first."""

@@ -27,6 +27,11 @@ def test_it_begins_on_a_line_and_holds_what_is_written(size, dtype):
     assert np.array_equal(room, (np.arange(count) % 100).astype(dtype))
 
 
+def test_too_much_is_told_as_the_usual_source_tells_it():
+    with pytest.raises(MemoryError):
+        aligned_empty(2**55, np.float64)
+
+
 def test_it_outlives_the_call_that_made_it():
     views = [aligned_empty(HUGE_PAGE, np.uint8)[5:9] for _ in range(20)]
     for number, view in enumerate(views):

@@ -305,6 +305,25 @@ def test_inside_is_asked_of_the_parts_that_have_one():
     assert scene.contains([[0.5, 0.5, 0.5], [0.5, 0.5, -0.5]]).tolist() == [True, False]
 
 
+def unaligned(values):
+    """The same numbers at an odd address."""
+    found = np.ndarray(values.shape, values.dtype, np.empty(values.nbytes + 1, np.uint8), 1)
+    found[...] = values
+    return found
+
+
+@pytest.mark.parametrize("ask", ["signed_distance", "cast_distance", "cast"])
+def test_other_byte_order_is_read_as_what_it_is(ask):
+    """Was: after an array at an odd address had passed, compiled code took one of the other order for it."""
+    count = 1 if ask == "signed_distance" else 2
+    question, arguments = getattr(SOLID, ask), [POINTS, POINTS[::-1] + 0.25][:count]
+    expected = question(*arguments)
+
+    assert judging.same_bits(question(*map(unaligned, arguments)), expected)
+    assert judging.same_bits(question(*(each.astype(">f8") for each in arguments)), expected)
+    assert judging.same_bits(question(*(np.ma.masked_array(each) for each in arguments)), expected)
+
+
 # -------------------------------------------------------------------------------------- rays and segments
 
 

@@ -145,6 +145,46 @@ def test_after_a_refused_tick_the_next_one_is_right(tracker, said):
     assert found.tobytes() == Tracker(tracker.scene, fingers=2).tick(TIPS, MS, MS).tobytes()
 
 
+def unaligned(values):
+    """The same numbers at an odd address."""
+    found = np.ndarray(values.shape, values.dtype, np.empty(values.nbytes + 1, np.uint8), 1)
+    found[...] = values
+    return found
+
+
+def test_positions_of_other_byte_order_are_read_as_what_they_are(tracker):
+    """Was: after an array at an odd address had passed, compiled code took one of the other order for it."""
+    expected = Tracker(tracker.scene, fingers=2).tick(TIPS, 0, 0).tobytes()
+    tracker.tick(unaligned(TIPS), 0, 0)
+    tracker.reset()
+
+    assert tracker.tick(TIPS.astype(">f8"), 0, 0).tobytes() == expected
+
+
+def test_positions_may_be_those_of_the_last_tick(tracker):
+    """Was: a record was cleared before its position was read."""
+    one = Tracker(tracker.scene, fingers=1)
+    distance = one.tick(TIPS[:1], 0, 0)["signed_distance"][0]
+
+    found = one.tick(one.contacts["position"], MS, MS)
+
+    assert found["signed_distance"][0] == distance
+    np.testing.assert_array_equal(found["position"], TIPS[:1])
+
+
+def test_a_refused_tick_leaves_the_epoch_that_contacts_are_of(tracker):
+    assert tracker.epoch == -1
+    tracker.tick(TIPS, 0, 0)
+    before = tracker.epoch
+    tracker.scene.hide(tracker.scene.parts[0].name)
+
+    with pytest.raises(QueryError):
+        tracker.tick(TIPS[:1], MS, MS)
+    assert tracker.epoch == before
+    tracker.tick(TIPS, MS, MS)
+    assert tracker.epoch == tracker.scene._current().epoch > before
+
+
 def as_masked(tips):
     return np.ma.masked_array(tips)
 

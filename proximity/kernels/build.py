@@ -41,7 +41,9 @@ def build_tree(boxes, leaf_shift):
     """
     order = np.arange(len(boxes) // RECORD).astype(np.int32)
     tree, links = halve(boxes, order, leaf_shift)
-    improve(tree, links)
+    if leaf_shift != ENTRIES_A_LEAF:
+        # Over entries somebody is waiting: it would spare 2 % of the steps, and take a third of the time.
+        improve(tree, links)
     return widen_tree(tree, links, order)
 
 

@@ -66,58 +66,67 @@ def _measure(boxes, first, count, sides, at):
 
 
 @inlined
-def _bin_rate(middles, at, axis):
-    """Bins a unit of doubled middles along an axis."""
-    extent = -middles[at + 4 + axis] - middles[at + axis]
-    return np.float32(BIN_COUNT * 0.9999) / extent if extent > 0.0 else np.float32(0.0)
+def _bins_for(count):
+    """How many bins a run gets along an axis."""
+    return min(BIN_COUNT, 2 * count)
 
 
 @inlined
-def _bin(boxes, position, axis, start, rate):
+def _bin_rate(middles, at, axis, bin_count):
+    """Bins a unit of doubled middles along an axis."""
+    extent = -middles[at + 4 + axis] - middles[at + axis]
+    return np.float32(bin_count * 0.9999) / extent if extent > 0.0 else np.float32(0.0)
+
+
+@inlined
+def _bin(boxes, position, axis, start, rate, bin_count):
     """The bin of the record at *position*."""
     at = RECORD * position + axis
-    return min(np.int64((boxes[at] - boxes[at + 4] - start) * rate), BIN_COUNT - 1)
+    return min(np.int64((boxes[at] - boxes[at + 4] - start) * rate), bin_count - 1)
 
 
 @kernel
 def _fill_bins(boxes, first, count, middles, at, bins, bin_counts):
     """Put the records of a run into bins along each axis."""
-    for b in range(3 * BIN_COUNT):
-        bin_counts[b] = 0
-        store(bins, RECORD * b, _nowhere())
+    used = _bins_for(count)
+    for axis in range(3):
+        for b in range(BIN_COUNT * axis, BIN_COUNT * axis + used):
+            bin_counts[b] = 0
+            store(bins, RECORD * b, _nowhere())
     start_x, start_y, start_z = middles[at], middles[at + 1], middles[at + 2]
     rate_x, rate_y, rate_z = (
-        _bin_rate(middles, at, 0),
-        _bin_rate(middles, at, 1),
-        _bin_rate(middles, at, 2),
+        _bin_rate(middles, at, 0, used),
+        _bin_rate(middles, at, 1, used),
+        _bin_rate(middles, at, 2, used),
     )
     for position in range(first, first + count):
         record = load(boxes, RECORD * position)
-        x = _bin(boxes, position, 0, start_x, rate_x)
-        y = _bin(boxes, position, 1, start_y, rate_y) + BIN_COUNT
-        z = _bin(boxes, position, 2, start_z, rate_z) + 2 * BIN_COUNT
+        x = _bin(boxes, position, 0, start_x, rate_x, used)
+        y = _bin(boxes, position, 1, start_y, rate_y, used) + BIN_COUNT
+        z = _bin(boxes, position, 2, start_z, rate_z, used) + 2 * BIN_COUNT
         for b in (x, y, z):
             bin_counts[b] += 1
             store(bins, RECORD * b, minimum(load(bins, RECORD * b), record))
 
 
 @kernel
-def _best_plane(bins, bin_counts, leaf_shift, right_costs):
+def _best_plane(bins, bin_counts, used, leaf_shift, right_costs):
     """The last bin, of all three axes' bins, that goes to the left; -1 where no plane separates anything.
 
+    Of each axis' bins the first *used* are filled.
     The cost of a side is its surface times the leaves that it fills.
     """
     round_up = (1 << leaf_shift) - 1
     best_cost, best = np.float32(np.inf), -1
     for axis in range(3):
         box, number = _nowhere(), 0
-        for b in range(BIN_COUNT - 1, 0, -1):
+        for b in range(used - 1, 0, -1):
             number += bin_counts[BIN_COUNT * axis + b]
             box = minimum(box, load(bins, RECORD * (BIN_COUNT * axis + b)))
             leaves = np.float32((number + round_up) >> leaf_shift)
             right_costs[b] = half_area(box) * leaves if number else np.float32(np.inf)
         box, number = _nowhere(), 0
-        for b in range(BIN_COUNT - 1):
+        for b in range(used - 1):
             number += bin_counts[BIN_COUNT * axis + b]
             box = minimum(box, load(bins, RECORD * (BIN_COUNT * axis + b)))
             if number == 0:
@@ -132,13 +141,13 @@ def _best_plane(bins, bin_counts, leaf_shift, right_costs):
 @kernel
 def _divide(boxes, order, first, count, middles, at, bins, plane, sides):
     """Bring what lies up to a plane to the front; return how many those are, and fill *sides*."""
-    axis, last = plane // BIN_COUNT, plane % BIN_COUNT
-    start, rate = middles[at + axis], _bin_rate(middles, at, axis)
+    axis, last, used = plane // BIN_COUNT, plane % BIN_COUNT, _bins_for(count)
+    start, rate = middles[at + axis], _bin_rate(middles, at, axis, used)
     left_middles, right_middles = _nowhere(), _nowhere()
     left, right = first, first + count - 1
     while left <= right:
         record = load(boxes, RECORD * left)
-        if _bin(boxes, left, axis, start, rate) <= last:
+        if _bin(boxes, left, axis, start, rate, used) <= last:
             left_middles = minimum(left_middles, _middles(record))
             left += 1
         else:
@@ -148,7 +157,7 @@ def _divide(boxes, order, first, count, middles, at, bins, plane, sides):
             order[left], order[right] = order[right], order[left]
             right -= 1
     left_box, right_box = _nowhere(), _nowhere()
-    for b in range(BIN_COUNT):
+    for b in range(used):
         box = load(bins, RECORD * (BIN_COUNT * axis + b))
         if b <= last:
             left_box = minimum(left_box, box)
@@ -196,9 +205,9 @@ def halve(boxes, order, leaf_shift):
         if count <= 1 << leaf_shift:
             continue
         plane = -1
-        if depth < HALVED_DEPTH:
+        if depth < HALVED_DEPTH and count > 2:
             _fill_bins(boxes, first, count, middles, RECORD * waiting_count, bins, bin_counts)
-            plane = _best_plane(bins, bin_counts, leaf_shift, right_costs)
+            plane = _best_plane(bins, bin_counts, _bins_for(count), leaf_shift, right_costs)
         if plane >= 0:
             left = _divide(boxes, order, first, count, middles, RECORD * waiting_count, bins, plane, sides)
         else:

@@ -387,11 +387,12 @@ def tick(handle, tracker, positions, all_pose_ns, now_ns, is_moved):
         _fetch_face(reals, marks, (i + 1) % count)
         if settings[FIRST] < 0.0 and (settings[STEPS_LEFT] <= 0.0 or settings[AHEAD_LEFT] <= 0.0):
             settings[FIRST] = i
+        # First of all: somebody may give places that the last tick has written.
+        x, y, z = positions[i, 0], positions[i, 1], positions[i, 2]
         _clear_record(records, wide, numbers, i)
         taken_ns = pose_ns[i] if all_pose_ns == EACH_ITS_OWN else np.int64(all_pose_ns)
         wide[i, POSE_NS], wide[i, AGE_NS] = taken_ns, now_ns - taken_ns
         wide[i, PREDICTED_NS] = max(acts_ns, taken_ns)
-        x, y, z = positions[i, 0], positions[i, 1], positions[i, 2]
         records[i, POSITION], records[i, POSITION + 1], records[i, POSITION + 2] = x, y, z
         if settings[HAS_VELOCITIES] != 0.0:
             flags = observe_with_velocity(

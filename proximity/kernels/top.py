@@ -96,7 +96,8 @@ def gather_entries(words, frames, parts, target):
         part, reference = np.int64(waiting[count, 0]), np.int64(waiting[count, 1])
         box[:] = waiting_boxes[count]
         if reference < 0 or _half_area(box) <= small or done + count + LANES >= capacity:
-            boxes[done, :3], boxes[done, 4:7] = box[:3], -box[3:]
+            for axis in range(3):
+                boxes[done, axis], boxes[done, 4 + axis] = box[axis], -box[3 + axis]
             references[done] = waiting[count]
             done += 1
             continue
