@@ -40,7 +40,7 @@ def measure_build(console, mesh_name, contenders, round_count) -> list[Row]:
     for each in contenders:
         each.build(vertices, faces)
     times = {name: found.divided_by(NS_PER_MS) for name, found in samples.items()}
-    base = times.get(OUR_TREE) or min(times.values(), key=lambda found: found.median)
+    base = OUR_TREE if OUR_TREE in times else min(times, key=lambda name: times[name].median)
     rows = [
         make_row(
             BUILD,
@@ -49,7 +49,8 @@ def measure_build(console, mesh_name, contenders, round_count) -> list[Row]:
             each.version,
             "ms",
             times[name],
-            times_ours=times[name].relative_to(base),
+            times_ours=times[name].relative_to(times[base]),
+            beside=base,
             bytes_per_face=each.memory_bytes / len(faces) if each.memory_bytes else None,
         )
         for name, each in main_ones.items()

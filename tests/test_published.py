@@ -106,6 +106,19 @@ def test_a_rival_stands_beside_ours_that_answers_the_same(bench):
     assert lines[3] == "|  |  | 0.5 | 0.7 embreex (all outputs) | 1.4 | 1 | yes |"
 
 
+def test_a_build_stands_beside_our_tree_alone(bench):
+    results = bench("results")
+    rows = [
+        comparison(results.BUILD, "proximity", 30.0, 20.0) | {"beside": "proximity (tree alone)"},
+        comparison(results.BUILD, "proximity (tree alone)", 1.5, 1.0) | {"beside": "proximity (tree alone)"},
+        comparison(results.BUILD, "FCPW", 2.25, 1.5) | {"beside": "proximity (tree alone)"},
+    ]
+
+    lines = bench("readme_tables").others_table({"rows": rows})
+
+    assert lines[2] == "| build, µs each | plate | 1.5 | 2.25 FCPW | 1.5 | 0.67 | yes |"
+
+
 def test_faster_and_slower_machine_are_told_apart(bench):
     lines = bench("readme_tables").ticks_table([tick_document(9.0, "Xeon"), tick_document(5.0, "EPYC")])
 
