@@ -222,20 +222,7 @@ class Queries:
         not hit.
         Source: Woop, Benthin, Wald 2013, "Watertight ray/triangle intersection".
         """
-        if max_distance is np.inf and workers is ONE_THREAD:
-            # As in `signed_distance`.
-            try:
-                is_plain = type(origins) is type(directions) is np.ndarray
-                if is_plain and origins.dtype is directions.dtype is FLOAT64 and len(origins) < SORT_FROM:
-                    answers = np.empty((len(origins), cast.ANSWER_WIDTH))
-                    model = self._current()
-                    if _cast_unlimited.quick(model.handle, origins, directions, answers) == NO_ROW:
-                        return RayHits(answers)
-            except TypeError:
-                pass
-        # What follows has functions of its own, and room for what they share would be made at every call.
-        answers, shape = self._cast(origins, directions, max_distance, workers, cast.ANSWER_WIDTH)
-        return RayHits(answers, shape)
+        return RayHits(*self._cast(origins, directions, max_distance, workers, cast.ANSWER_WIDTH))
 
     def cast_distance(
         self, origins: Any, directions: Any, *, max_distance: float = np.inf, workers: int = 1
@@ -263,23 +250,30 @@ class Queries:
         QueryError
             If shapes or types do not fit, or a direction is zero.
         """
-        if max_distance is np.inf and workers is ONE_THREAD:
-            try:
-                is_plain = type(origins) is type(directions) is np.ndarray
-                if is_plain and origins.dtype is directions.dtype is FLOAT64 and len(origins) < SORT_FROM:
-                    answers = np.empty((len(origins), cast.DISTANCE_WIDTH))
-                    model = self._current()
-                    if _cast_unlimited.quick(model.handle, origins, directions, answers) == NO_ROW:
-                        return answers[:, 0]
-            except TypeError:
-                pass
         answers, shape = self._cast(origins, directions, max_distance, workers, cast.DISTANCE_WIDTH)
-        return answers.reshape(shape)[()]
+        return answers[:, 0] if shape is None else answers.reshape(shape)[()]
 
     def _cast(
         self, origins: Any, directions: Any, max_distance: Any, workers: int, width: int
+    ) -> tuple[np.ndarray, tuple[int, ...] | None]:
+        """A table of answers so many columns wide, and the shape of the rays; None: that of the rows."""
+        if max_distance is np.inf and workers is ONE_THREAD:
+            # As in `signed_distance`.
+            try:
+                is_plain = type(origins) is type(directions) is np.ndarray
+                if is_plain and origins.dtype is directions.dtype is FLOAT64 and len(origins) < SORT_FROM:
+                    answers = np.empty((len(origins), width))
+                    model = self._current()
+                    if _cast_unlimited.quick(model.handle, origins, directions, answers) == NO_ROW:
+                        return answers, None
+            except TypeError:
+                pass
+        # What follows has functions of its own, and room for what they share would be made at every call.
+        return self._cast_any(origins, directions, max_distance, workers, width)
+
+    def _cast_any(
+        self, origins: Any, directions: Any, max_distance: Any, workers: int, width: int
     ) -> tuple[np.ndarray, tuple[int, ...]]:
-        """A table of answers so many columns wide, and the shape of the rays."""
         origins, directions = as_points(origins, "origins"), as_points(directions, "directions")
         if origins.shape != directions.shape:
             origins, directions = _broadcast(origins, directions, "origins", "directions")

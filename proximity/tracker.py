@@ -24,7 +24,7 @@ from proximity.scene import Scene
 
 DEFAULT_BUDGET = 500
 """Nodes and leaves a finger and tick. Near CAD parts a walk takes 10 to 60; at the centre of a ball of 1.3 M
-faces these take 15 to 40 µs, as fast as the memory is, and bracket the distance within 3 %."""
+faces these take 15 to 40 µs, as fast as the memory is, and bracket the distance within 1 %."""
 GONE = -2
 """Part of the last answer that is not in the scene any more."""
 HORIZON = 0.25

@@ -5,6 +5,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from odd_arrays import unaligned
 
 from proximity.arrays import as_float64, as_points
 from proximity.errors import MeshError, QueryError
@@ -14,11 +15,6 @@ ROWS = [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
 
 class Flavoured(np.ndarray):
     """A subclass, as maps of files and quantities with units are."""
-
-
-def unaligned():
-    """Numbers that begin at an odd address."""
-    return np.frombuffer(b"\0" + np.array(ROWS).tobytes(), np.uint8)[1:].view(np.float64).reshape(2, 3)
 
 
 def read_only():
@@ -48,7 +44,7 @@ def read_only():
         np.array(ROWS).view(Flavoured),
         np.ma.array(ROWS),
         read_only(),
-        unaligned(),
+        unaligned(np.array(ROWS)),
     ],
     ids=lambda rows: f"{type(rows).__name__} {getattr(rows, 'dtype', '')}",
 )

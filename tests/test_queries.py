@@ -6,6 +6,7 @@ import judging
 import numpy as np
 import pytest
 import shapes
+from odd_arrays import unaligned
 
 from proximity.errors import NotWatertightError, QueryError
 from proximity.pose import Pose
@@ -303,13 +304,6 @@ def test_inside_is_asked_of_the_parts_that_have_one():
     scene = Scene([Solid(*shapes.grid(), name="sheet"), Solid(*shapes.cube(), name="cube")])
 
     assert scene.contains([[0.5, 0.5, 0.5], [0.5, 0.5, -0.5]]).tolist() == [True, False]
-
-
-def unaligned(values):
-    """The same numbers at an odd address."""
-    found = np.ndarray(values.shape, values.dtype, np.empty(values.nbytes + 1, np.uint8), 1)
-    found[...] = values
-    return found
 
 
 @pytest.mark.parametrize("ask", ["signed_distance", "cast_distance", "cast"])

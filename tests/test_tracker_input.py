@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from odd_arrays import unaligned
 from ticking import MS, RADIUS, block, flags_of, line, plate
 
 from proximity.errors import PoseError, QueryError
@@ -143,13 +144,6 @@ def test_after_a_refused_tick_the_next_one_is_right(tracker, said):
     found = tracker.tick(TIPS, MS, MS)
 
     assert found.tobytes() == Tracker(tracker.scene, fingers=2).tick(TIPS, MS, MS).tobytes()
-
-
-def unaligned(values):
-    """The same numbers at an odd address."""
-    found = np.ndarray(values.shape, values.dtype, np.empty(values.nbytes + 1, np.uint8), 1)
-    found[...] = values
-    return found
 
 
 def test_positions_of_other_byte_order_are_read_as_what_they_are(tracker):
