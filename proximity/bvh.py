@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from proximity.errors import MeshError
-from proximity.kernels.build import FACES_A_LEAF, build_tree, face_boxes, fill_blocks
+from proximity.kernels.build import FACES_SHIFT, build_tree, face_boxes, fill_blocks
 from proximity.kernels.halving import RECORD
 from proximity.kernels.layout import BLOCK_STRIDE, CHILDREN, LANES, MAX_DEPTH, NO_FACE, NODE_STRIDE
 
@@ -147,7 +147,7 @@ def build_bvh(corners: np.ndarray, faces: np.ndarray) -> Bvh:
     """
     boxes = np.empty(RECORD * len(faces), np.float32)
     face_boxes(corners, faces, boxes)
-    nodes, order, block_first = build_tree(boxes, FACES_A_LEAF)
+    nodes, order, block_first = build_tree(boxes, FACES_SHIFT)
     block_count = len(block_first) - 1
     blocks = np.empty(block_count * BLOCK_STRIDE)
     slot_faces = np.empty(block_count * LANES, np.int32)

@@ -12,7 +12,7 @@ import numpy as np
 
 from proximity.bvh import LocalFrame
 from proximity.kernels import layout
-from proximity.kernels.build import ENTRIES_A_LEAF, build_tree
+from proximity.kernels.build import ENTRIES_SHIFT, build_tree
 from proximity.kernels.layout import LANES, NODE_STRIDE
 from proximity.kernels.top import gather_entries, name_leaves, thin_out
 from proximity.kernels.wide_node import clear_node
@@ -174,7 +174,7 @@ def static_tree(
         return np.zeros(0, np.float32), np.zeros((0, 2), np.int32)
     target = max(FEWEST_ENTRIES, ENTRIES_PER_PART * still_count)
     boxes, references = gather_entries(words, frames, parts, target)
-    nodes, order, _ = build_tree(boxes, ENTRIES_A_LEAF)
+    nodes, order, _ = build_tree(boxes, ENTRIES_SHIFT)
     references = references[order]
     name_leaves(nodes, references, parts, first_node)
     return nodes, references

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import shapes
 
-from proximity.kernels.build import FACES_A_LEAF, build_tree, face_boxes
+from proximity.kernels.build import FACES_SHIFT, build_tree, face_boxes
 from proximity.kernels.halving import COUNT, FIRST, LEFT, NO_CHILD, RECORD, RIGHT, halve
 from proximity.kernels.layout import CHILDREN, LANES, MAX_DEPTH, NODE_STRIDE
 from proximity.kernels.reinsertion import improve
@@ -29,7 +29,7 @@ def half_areas(boxes):
     return (x * y + y * z + z * x).T
 
 
-def halved(boxes, leaf_shift=FACES_A_LEAF):
+def halved(boxes, leaf_shift=FACES_SHIFT):
     """Boxes and links of the binary tree, the moved boxes of faces, and their order."""
     moved, order = boxes.reshape(-1).copy(), np.arange(len(boxes), dtype=np.int32)
     nodes, links = halve(moved, order, leaf_shift)
@@ -63,7 +63,7 @@ def cost(nodes, links):
 # --- halving ----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("leaf_shift", [0, FACES_A_LEAF])
+@pytest.mark.parametrize("leaf_shift", [0, FACES_SHIFT])
 @pytest.mark.parametrize("count", [1, 2, 8, 9, 17, 1000])
 def test_halving_shares_out_the_faces(count, leaf_shift):
     boxes = random_boxes(np.random.default_rng(count), count)
@@ -274,7 +274,7 @@ def test_ordinary_mesh_fills_its_nodes():
     boxes = np.empty(RECORD * len(faces), np.float32)
     face_boxes(vertices, faces.astype(np.int32), boxes)
 
-    nodes, _, leaf_first = build_tree(boxes, FACES_A_LEAF)
+    nodes, _, leaf_first = build_tree(boxes, FACES_SHIFT)
 
     lanes = [len(names) for _, names in wide_nodes(nodes)]
     assert np.mean(lanes) >= 5.0

@@ -13,9 +13,9 @@ from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_FACE
 from proximity.kernels.reinsertion import improve
 from proximity.kernels.widening import widen_tree
 
-FACES_A_LEAF = 3
-ENTRIES_A_LEAF = 0
-"""As a power of two: how many of what is given a leaf takes."""
+FACES_SHIFT = 3
+ENTRIES_SHIFT = 0
+"""A leaf takes two to the power of that: eight faces, as many as a block, or one entry."""
 
 
 @kernel
@@ -41,7 +41,7 @@ def build_tree(boxes, leaf_shift):
     """
     order = np.arange(len(boxes) // RECORD).astype(np.int32)
     tree, links = halve(boxes, order, leaf_shift)
-    if leaf_shift != ENTRIES_A_LEAF:
+    if leaf_shift != ENTRIES_SHIFT:
         # Over entries somebody is waiting: it would spare 2 % of the steps, and take a third of the time.
         improve(tree, links)
     return widen_tree(tree, links, order)

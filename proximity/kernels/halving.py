@@ -43,6 +43,13 @@ def half_area(box):
 
 
 @inlined
+def unpack(record, box):
+    """Write a record as a box, (6,): lower and upper."""
+    for axis in range(3):
+        box[axis], box[axis + 3] = lane(record, axis), -lane(record, axis + 4)
+
+
+@inlined
 def _middles(box):
     """Record of a box that is the middle of another, doubled: a point."""
     return box - halves_swapped(box)

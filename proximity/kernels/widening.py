@@ -11,10 +11,10 @@ Laine 2017, "Efficient incoherent ray traversal on GPUs through compressed wide 
 import numpy as np
 
 from proximity.kernels.compiling import inlined, kernel, maker
-from proximity.kernels.halving import COUNT, FIRST, LEFT, RECORD, RIGHT, half_area
+from proximity.kernels.halving import COUNT, FIRST, LEFT, RECORD, RIGHT, half_area, unpack
 from proximity.kernels.layout import CHILDREN, LANES, MAX_DEPTH, NODE_STRIDE
-from proximity.kernels.wide_node import clear_node
-from proximity.simd import load, minimum, store
+from proximity.kernels.wide_node import clear_node, write_lane
+from proximity.simd import load, minimum
 
 EVEN_DEPTH = MAX_DEPTH // 2 - 10
 """From this level on leaves are shared out by count, whatever the binary tree: any ends ten levels later. So
@@ -27,8 +27,10 @@ NO_PLACE = -1
 
 @maker
 def _levels(links):
-    """Return the nodes of a binary tree, each behind its parent, and of each its leaves: where they begin in
-    the order of leaves and how many they are."""
+    """Return the nodes of a binary tree, each behind its parent, and what leaves each has.
+
+    Where these begin in the order of leaves, and how many they are.
+    """
     count = len(links)
     nodes, starts, numbers = np.empty(count, np.int32), np.zeros(count, np.int32), np.ones(count, np.int32)
     nodes[0] = 0
@@ -105,8 +107,10 @@ def _children(links, splits, node, children, waiting):
 
 @maker
 def _leaves_in_order(links, starts, leaf_count, order):
-    """Return the nodes that are leaves, the order of faces in which theirs follow one another, and where each
-    leaf's begin there, and the last's end."""
+    """Return the nodes that are leaves, in order, the faces in that order, and each leaf's first place there.
+
+    Behind the last leaf's is where it ends.
+    """
     leaves = np.empty(leaf_count, np.int32)
     for node in range(len(links)):
         if links[node, LEFT] < 0:
@@ -130,15 +134,6 @@ def _join_leaves(boxes, leaves, first, count):
     for i in range(first + 1, first + count):
         box = minimum(box, load(boxes, RECORD * leaves[i]))
     return box
-
-
-@inlined
-def _write_child(nodes, base, k, record, reference):
-    """Write lane *k* of the node at word *base*."""
-    for axis in range(3):
-        nodes[base + 8 * axis + k] = record[axis]
-        nodes[base + 24 + 8 * axis + k] = -record[4 + axis]
-    nodes.view(np.int32)[base + CHILDREN + k] = reference
 
 
 @maker
@@ -168,10 +163,10 @@ def widen_tree(boxes, links, order):
 
     leaves, new_order, leaf_first = _leaves_in_order(links, starts, leaf_count, order)
 
-    capacity = max(16, leaf_count // 3)
-    nodes = np.empty(capacity * NODE_STRIDE, np.float32)
+    # There are no more wide nodes than binary ones with children; what is not written to takes no memory.
+    nodes = np.empty(max(leaf_count - 1, 1) * NODE_STRIDE, np.float32)
     node_count = 0
-    record = np.empty(RECORD, np.float32)
+    box = np.empty(6, np.float32)
     children, scratch = np.empty(LANES, np.int64), np.empty((LANES + 1, 2), np.int64)
     # What becomes a wide node: a node of the binary tree, or some leaves in a row; how deep it is, and where
     # the reference to it belongs.
@@ -181,11 +176,6 @@ def widen_tree(boxes, links, order):
     while waiting_count:
         waiting_count -= 1
         node, first, number, depth, reference_at = waiting[waiting_count]
-        if node_count == capacity:
-            capacity *= 2
-            more = np.empty(capacity * NODE_STRIDE, np.float32)
-            more[: node_count * NODE_STRIDE] = nodes[: node_count * NODE_STRIDE]
-            nodes = more
         base = node_count * NODE_STRIDE
         if reference_at != NO_PLACE:
             nodes.view(np.int32)[reference_at] = node_count
@@ -198,12 +188,13 @@ def widen_tree(boxes, links, order):
             if is_even:
                 child, start = np.int64(NO_PLACE), first + number * k // count
                 size = first + number * (k + 1) // count - start
-                store(record, 0, _join_leaves(boxes, leaves, start, size))
+                record = _join_leaves(boxes, leaves, start, size)
             else:
                 child = children[k]
                 start, size = np.int64(starts[child]), np.int64(numbers[child])
-                store(record, 0, load(boxes, RECORD * child))
-            _write_child(nodes, base, k, record, ~start)
+                record = load(boxes, RECORD * child)
+            unpack(record, box)
+            write_lane(nodes, base, k, box, ~start)
             if size > 1:
                 waiting[waiting_count] = (child, start, size, depth + 1, base + CHILDREN + k)
                 waiting_count += 1
