@@ -28,7 +28,7 @@ import numpy as np
 
 from proximity.errors import MeshFormatError, SceneError
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 """Grows whenever something that was written before would be read as something else."""
 MAGIC = b"\x93PROX\r\n\x1a"
 """No text, and changed by programs that take it for text."""

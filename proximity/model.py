@@ -6,6 +6,7 @@ tree references; a solid that has gone into a scene looks at the scene's arrays 
 
 from collections.abc import Collection
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from proximity.kernels.loose import bring_up_to_date
 from proximity.kernels.memory import make_table
 from proximity.kernels.placing import place_box
 from proximity.kernels.winding import MOMENT_STRIDE
+from proximity.occupancy import occupancy
 from proximity.part_arrays import PartArrays, joined
 from proximity.pose import Pose
 from proximity.top import TopPlan, choose_frame, clear_first, loose_rows, static_tree, write_static
@@ -153,6 +155,8 @@ def assemble(
             block_ends[row],
             piece.bvh.block_count,
         )
+        parts[row, layout.SIGN] = piece.sign
+        _write_grid(frames, parts, row, piece.grid_counts, piece.grid_lower, piece.grid_rate)
         _place(frames, parts, row, pose)
     choose_frame(frames, parts, _wanted_frame(pieces))
     static, entries = static_tree(nodes, frames, parts, int(node_ends[-1]) + 1)
@@ -168,8 +172,8 @@ def assemble(
     own_frames, own_parts = np.zeros_like(frames), np.zeros_like(parts)
     bring_up_to_date(
         words, frames, parts, versions, NEVER, boxes, loose_parts, np.arange(len(loose_parts)),
-        np.empty(len(loose_parts), np.int64), len(loose_parts) ** 2, plan.region(0), plan.boxes_at(0), NEVER,
-        own_frames, own_parts,
+        np.empty(len(loose_parts), np.int64), len(loose_parts) ** 2, plan.region(0), NEVER, own_frames,
+        own_parts,
     )  # fmt: skip
     return finished(reals, words, own_frames, own_parts, epoch)
 
@@ -195,13 +199,15 @@ def _filled(
         + [array for piece in pieces for array in (piece.corners, piece.normals)],
         np.float64,
     )
+    holders = occupancy(pieces, frames, parts)
     words, word_starts = joined(
         [
             _together([nodes, np.zeros(top_nodes * NODE_STRIDE, np.float32)], np.float32),
             _together([piece.bvh.slot_faces for piece in pieces], np.int32),
             _together([piece.moments for piece in pieces], np.float32),
         ]
-        + [array for piece in pieces for array in (piece.faces, piece.neighbors, piece.grid)],
+        + [array for piece in pieces for array in (piece.faces, piece.neighbors, piece.grid)]
+        + [holders.words],
         np.float32,
     )
     for row, piece in enumerate(pieces):
@@ -209,14 +215,12 @@ def _filled(
         part[[layout.CORNERS, layout.CORNER_NORMALS]] = real_starts[1 + 2 * row : 3 + 2 * row]
         part[[layout.FACES, layout.NEIGHBORS, layout.GRID]] = word_starts[3 + 3 * row : 6 + 3 * row]
         part[layout.CORNER_COUNT], part[layout.FACE_COUNT] = len(piece.corners), len(piece.faces)
-        part[layout.SIGN] = piece.sign
-        part[[layout.GRID_X, layout.GRID_Y, layout.GRID_Z]] = piece.grid_counts
         if not len(piece.grid):
             part[layout.GRID] = NO_GRID
-        frames[row, layout.GRID_LOWER : layout.GRID_LOWER + 3] = piece.grid_lower
-        frames[row, layout.GRID_RATE] = piece.grid_rate
     parts[:, layout.SLOT_FACES], parts[:, layout.MOMENTS] = word_starts[1], word_starts[2]
     parts[count, layout.FACE_COUNT] = parts[:count, layout.FACE_COUNT].sum()
+    parts[count, layout.GRID] = word_starts[-1]
+    _write_grid(frames, parts, count, holders.counts, holders.lower, holders.rate)
     return reals, words
 
 
@@ -258,6 +262,15 @@ def _renumbered(nodes: np.ndarray, node_shift: int, block_shift: int) -> np.ndar
     children[is_used & (children >= 0)] += node_shift
     children[is_used & (children < 0)] -= block_shift
     return nodes
+
+
+def _write_grid(
+    frames: np.ndarray, parts: np.ndarray, row: int, counts: tuple[int, int, int], lower: Any, rate: float
+) -> None:
+    """Write what a row's grid is like: of a part its sign grid, of the scene that over it."""
+    parts[row, [layout.GRID_X, layout.GRID_Y, layout.GRID_Z]] = counts
+    frames[row, layout.GRID_LOWER : layout.GRID_LOWER + 3] = lower
+    frames[row, layout.GRID_RATE] = rate
 
 
 def _place(frames: np.ndarray, parts: np.ndarray, row: int, pose: Pose) -> None:

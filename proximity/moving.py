@@ -288,8 +288,8 @@ class Stage:
         number = self._copies.index(copy)
         reach = bring_up_to_date(
             self.latest.words, self.frames, self.parts, self.versions, self._boxes_version, self._boxes,
-            self._loose, self._order, self._keys, self._sort_steps, self._plan.region(number),
-            self._plan.boxes_at(number), copy.version, copy.frames, copy.parts,
+            self._loose, self._order, self._keys, self._sort_steps, self._plan.region(number), copy.version,
+            copy.frames, copy.parts,
         )  # fmt: skip
         if reach <= 1.0:
             copy.version, copy.static = self.changes, self._static

@@ -99,7 +99,8 @@ def with_sign(piece: PartArrays, sign: int, *, has_grid: bool) -> PartArrays:
     grid, counts, rate, lower = NO_GRID_CELLS, (0, 0, 0), 0.0, np.zeros(3)
     if has_grid:
         lower, upper = piece.corners.min(axis=0), piece.corners.max(axis=0)
-        rate, counts = _grid_size(upper - lower, len(piece.faces))
+        wanted = min(max(CELLS_PER_FACE * len(piece.faces), FEWEST_CELLS), LARGEST_GRID)
+        rate, counts = grid_size(upper - lower, wanted)
         words, starts = joined([piece.bvh.nodes, piece.moments], np.float32)
         grid = build_grid(
             piece.corners, piece.faces, lower, rate, *counts, piece.bvh.blocks, words, 0, starts[1]
@@ -122,9 +123,16 @@ def with_sign(piece: PartArrays, sign: int, *, has_grid: bool) -> PartArrays:
     )
 
 
-def _grid_size(extent: np.ndarray, face_count: int) -> tuple[float, tuple[int, int, int]]:
-    """Cells a local unit, and how many along each axis."""
-    wanted = min(max(CELLS_PER_FACE * face_count, FEWEST_CELLS), LARGEST_GRID)
+def grid_size(extent: np.ndarray, wanted: int) -> tuple[float, tuple[int, int, int]]:
+    """Return cells a unit of length, and how many along each axis, of a grid over a box.
+
+    Parameters
+    ----------
+    extent : (3,) float64
+        Of the box.
+    wanted : int
+        About how many cells in all.
+    """
     shape = np.maximum(extent, extent.max() / 64.0)
     if not shape.prod() > 0.0:
         return 1.0, (1, 1, 1)

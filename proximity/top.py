@@ -1,9 +1,9 @@
 """Where the trees over the parts of a scene lie in its arrays, and how the static one is made.
 
 Behind the nodes of the parts a scene has one empty node, `STATIC_COPIES` places for a tree over the parts
-that stand still, and `REGION_COPIES` places for what changes when parts move: super node, loose tree, and the
-list of the parts' boxes. What a query may still be reading is never written to: the next copy is. A scene of
-one part has the empty node only.
+that stand still, and `REGION_COPIES` places for what changes when parts move: super node and loose tree. What
+a query may still be reading is never written to: the next copy is. A scene of one part has the empty node
+only.
 """
 
 from dataclasses import dataclass
@@ -62,7 +62,7 @@ class TopPlan:
         if not self.room:
             return 0, 0
         row = parts[-1]
-        moving = int(row[layout.GRID] - self.boxes_at(0)) // (NODE_STRIDE * self._region_nodes)
+        moving = int(row[layout.REGION] - self.region(0)) // self._region_nodes
         return moving, int(row[layout.FACES] - self.entries_at(0)) // (NODE_STRIDE * self._static_nodes)
 
     @property
@@ -83,10 +83,6 @@ class TopPlan:
 
     @property
     def _region_nodes(self) -> int:
-        return self._loose_nodes + -(-self.part_count // LANES)
-
-    @property
-    def _loose_nodes(self) -> int:
         """A super node, and the levels below it if all parts are loose."""
         total, count = 1, self.part_count
         while count >= LANES:
@@ -107,10 +103,6 @@ class TopPlan:
         if not self.room:
             return self.first_node
         return self.static_node(STATIC_COPIES) + copy * self._region_nodes
-
-    def boxes_at(self, copy: int) -> int:
-        """Return the first word of its list of the parts' boxes."""
-        return NODE_STRIDE * (self.region(copy) + (self._loose_nodes if self.room else 0))
 
 
 def loose_rows(parts: np.ndarray) -> np.ndarray:

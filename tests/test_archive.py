@@ -634,7 +634,7 @@ def test_file_of_another_byte_order_is_refused(whole, refused):
     )
 
 
-@pytest.mark.parametrize("version", [0, 2, 2**32 - 1])
+@pytest.mark.parametrize("version", [0, archive.FORMAT_VERSION - 1, archive.FORMAT_VERSION + 1, 2**32 - 1])
 def test_file_of_another_version_is_refused(version, whole, refused):
     assert refused(remade(whole, header={2: version})) == (
         f"it has format version {version}, expected {archive.FORMAT_VERSION}; "

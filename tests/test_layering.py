@@ -28,7 +28,7 @@ moves
 moving
 queries · sign
 model · results · diagnosis · bodies · meshio
-top
+top · occupancy
 part_arrays · archive
 topology · bvh
 mesh · pose

@@ -19,7 +19,6 @@ from proximity.kernels.layout import (
     BOX_UPPER,
     GRID,
     IS_HIDDEN,
-    LANES,
     NO_GRID,
     NO_PART,
     NO_SLOT,
@@ -29,16 +28,16 @@ from proximity.kernels.layout import (
     SIGN_NONE,
     SIGN_WINDING,
 )
+from proximity.kernels.occupancy import holder, holding_bits, list_of, turns_of
 from proximity.kernels.scene import is_alone, part_of_slot, to_local
 from proximity.kernels.side import (
-    holding_bits,
     is_inside_by_winding,
     signed_of_slot,
     state_in_part,
     witness_of_slot,
 )
 from proximity.kernels.witness import ARM, LENGTH, NORMAL, POINT, closest_on_edges, over_face, read_corners
-from proximity.simd import splat32, trailing_zeros
+from proximity.simd import splat32
 
 FEWEST_STEPS = 8
 """For each further part that may hold the point, when the budget is spent already."""
@@ -134,10 +133,11 @@ def may_slip_in(words, frames, parts, x, y, z):
     scene = len(parts) - 1
     sx, sy, sz = to_local(frames, parts, scene, x, y, z)
     sx, sy, sz = splat32(np.float32(sx)), splat32(np.float32(sy)), splat32(np.float32(sz))
-    for first in range(0, scene, LANES):
-        holding = holding_bits(words, parts, first, sx, sy, sz)
+    first, last = list_of(words, frames, parts, x, y, z)
+    for turn in range(turns_of(parts, first, last)):
+        holding, at = holding_bits(words, frames, parts, first, last, turn, x, y, z, sx, sy, sz)
         while holding:
-            part = first + trailing_zeros(holding)
+            part = holder(words, parts, at, holding)
             holding &= holding - 1
             if parts[part, SIGN] == SIGN_WINDING and parts[part, GRID] == NO_GRID:
                 return True
@@ -207,10 +207,11 @@ def bracket_of(
     if not is_outside:
         sx, sy, sz = to_local(frames, parts, scene, x, y, z)
         sx, sy, sz = splat32(np.float32(sx)), splat32(np.float32(sy)), splat32(np.float32(sz))
-        for first in range(0, scene, LANES):
-            holding = holding_bits(words, parts, first, sx, sy, sz)
+        first, last = list_of(words, frames, parts, x, y, z)
+        for turn in range(turns_of(parts, first, last)):
+            holding, at = holding_bits(words, frames, parts, first, last, turn, x, y, z, sx, sy, sz)
             while holding:
-                other = first + trailing_zeros(holding)
+                other = holder(words, parts, at, holding)
                 holding &= holding - 1
                 if parts[other, SIGN] == SIGN_NONE:
                     continue

@@ -30,6 +30,8 @@ LANES = 8
 NODE_STRIDE = 64
 CHILDREN = 48
 """Offset of the child references in a node."""
+PARTS_OF_LANES = 56
+"""Offset of the part numbers, int32, in those nodes of the loose tree that have parts for children."""
 BLOCK_STRIDE = 72
 NO_FACE = -1
 NO_PART = -1
@@ -59,8 +61,8 @@ CORNERS = 8  # in reals: local coordinates, three a corner
 CORNER_NORMALS = 9  # in reals: angle-weighted pseudo-normal, three a corner
 CORNER_COUNT = 10  # of the scene's row: entries of the static tree; those of loose parts follow
 FACE_COUNT = 11
-GRID = 12  # in words: see `grid`; NO_GRID where there is none; of the scene's row: the parts' boxes
-GRID_X = 13  # cells along x, y, z
+GRID = 12  # in words: see `grid`; NO_GRID where there is none; of the scene's row: see `occupancy`
+GRID_X = 13  # cells along x, y, z; of the scene's row: 0 where there is none
 GRID_Y = 14
 GRID_Z = 15
 SIGN = 16  # how inside is told: one of the three below
@@ -69,6 +71,8 @@ IS_FUSED = 18  # 1 where the part's local frame is the scene's, and the part at 
 # scene's row: 1 where that holds for all, or there is only one
 IS_LOOSE = 19  # 1 where the part has moved by itself: it stands whole in the tree over parts
 IS_HIDDEN = 20  # 1 where no question finds it
+REGION = 21  # of the scene's row: the super node, behind which the loose tree is
+LOOSE_COUNT = 22  # of the scene's row: parts that are loose
 PART_COLUMNS = 24
 
 NO_GRID = -1
@@ -81,8 +85,8 @@ ROTATION = 0  # nine numbers, row by row: scene from part
 TRANSLATION = 9  # scene from part
 CENTRE = 12  # of the local frame, in the part's frame
 SCALE = 15  # local units a metre, a power of two
-GRID_LOWER = 16  # corner of the sign grid, local
-GRID_RATE = 19  # cells a local unit
+GRID_LOWER = 16  # corner of the sign grid, local; of the scene's row: of the grid over it, m
+GRID_RATE = 19  # cells a local unit; of the scene's row: a metre
 BOX_LOWER = 20  # of the part's faces, in the scene's frame
 BOX_UPPER = 23
 OWN_LOWER = 26  # of the part's faces, in its own frame, m

@@ -12,10 +12,12 @@ from proximity.kernels.compiling import inlined, kernel
 from proximity.kernels.layout import (
     CORNER_COUNT,
     ENTRY,
-    GRID,
     LANES,
+    LOOSE_COUNT,
     NEIGHBORS,
     NODE_STRIDE,
+    PARTS_OF_LANES,
+    REGION,
     ROOT,
 )
 from proximity.kernels.memory import words_here
@@ -73,8 +75,9 @@ def _write_child(words, node, lane, i, below, boxes, loose, order, first_entry, 
         node_box(words, below + i, box)
         write_lane(words, NODE_STRIDE * node, lane, box, below + i)
     else:
-        place = order[i]
-        write_lane(words, NODE_STRIDE * node, lane, boxes[loose[place]], ~(ENTRY + first_entry + place))
+        place, base = order[i], NODE_STRIDE * node
+        write_lane(words, base, lane, boxes[loose[place]], ~(ENTRY + first_entry + place))
+        words.view(np.int32)[base + PARTS_OF_LANES + lane] = loose[place]
 
 
 @kernel
@@ -103,35 +106,29 @@ def write_loose(words, region, static_root, boxes, loose, order, first_entry):
 
 @kernel
 def bring_up_to_date(
-    words, frames, parts, versions, published, boxes, loose, order, keys, steps, region, boxes_at, since,
-    to_frames, to_parts,
+    words, frames, parts, versions, published, boxes, loose, order, keys, steps, region, since, to_frames,
+    to_parts,
 ):  # fmt: skip
     """Make a copy of what moves, where *frames* and *parts* say it is now; return how far parts reach.
 
     With more than 1 they do not fit the scene's frame: then nothing has been written to the copy. *versions*
     (P + 1,) int64 says of each row when it changed. *boxes* (P, 6) float32 has what was right at version
-    *published*; the copy, *to_frames*, *to_parts*, node *region* of *words* and the list of boxes at
-    *boxes_at*, what was right at *since*. *loose*, *order*, *keys*: parts, and scratch as long.
+    *published*; the copy, *to_frames*, *to_parts* and node *region* of *words*, what was right at *since*.
+    *loose*, *order*, *keys*: parts, and scratch as long.
     """
     scene = len(parts) - 1
     reach = place_scene(frames, parts)
     if scene > 1:
         if not reach <= 1.0:
             return reach
-        if since < 0:
-            for group in range((scene + LANES - 1) // LANES):
-                clear_node(words, boxes_at // NODE_STRIDE + group)
         for part in range(scene):
             if versions[part] > published:
                 box_in_scene(frames, parts, part, boxes[part])
-            if versions[part] > since:
-                group = boxes_at + NODE_STRIDE * (part // LANES)
-                write_lane(words, group, part % LANES, boxes[part], 0)
         _mend_order(boxes, loose, order, keys, steps)
         write_loose(words, region, parts[scene, NEIGHBORS], boxes, loose, order, parts[scene, CORNER_COUNT])
     # Nothing stands between a question and a static tree that is alone.
     is_static = scene > 1 and len(loose) == 0 and parts[scene, NEIGHBORS] >= 0
     parts[scene, ROOT] = parts[scene, NEIGHBORS] if is_static else region
-    parts[scene, GRID] = boxes_at
+    parts[scene, REGION], parts[scene, LOOSE_COUNT] = region, len(loose)
     copy_rows(frames, parts, versions, since, to_frames, to_parts)
     return reach

@@ -49,7 +49,8 @@ CHUNK = 64
 """Points that go through each step together."""
 AT_FOUND = CHUNK + 2
 AT_DEEPER = AT_FOUND + 2 * (CHUNK + 1)
-AT_PAIRS = AT_DEEPER + 2 * CHUNK
+AT_LISTS = AT_DEEPER + 2 * CHUNK
+AT_PAIRS = AT_LISTS + 2 * CHUNK
 LONGS_SIZE = AT_PAIRS + 3 * LANES * CHUNK
 NARROW_SIZE, WIDE_SIZE = STACKS_SIZE + 3 * CHUNK, WITNESS_SIZE + 2 * CHUNK
 """Places and sizes in the tables of a chunk."""
@@ -135,7 +136,8 @@ def _tables():
         wide[WITNESS_SIZE + CHUNK :],
         longs[:CHUNK],
         found,
-        longs[AT_DEEPER:AT_PAIRS].reshape(CHUNK, 2),
+        longs[AT_DEEPER:AT_LISTS].reshape(CHUNK, 2),
+        longs[AT_LISTS:AT_PAIRS].reshape(CHUNK, 2),
         longs[AT_PAIRS:].reshape(LANES * CHUNK, 3),
         recent,
     )
@@ -219,7 +221,7 @@ def signed_batch(handle, points, order, distances):
     """Fill signed distances (N,), m."""
     reals, words, frames, parts = arrays_at(handle)
     total = len(order) if len(order) else len(points)
-    stacks, places, witness, depths, signs, rows, found, deeper, pairs, recent = _tables()
+    stacks, places, witness, depths, signs, rows, found, deeper, lists, pairs, recent = _tables()
     for first in range(0, total, CHUNK):
         count = min(CHUNK, total - first)
         _nearest_of_chunk(
@@ -241,8 +243,8 @@ def signed_batch(handle, points, order, distances):
         _signs_of_chunk(reals, words, frames, parts, points, count, rows, found, depths, signs, witness)
         if len(parts) > 2:
             deepest_of_chunk(
-                reals, words, frames, parts, points, rows, count, found, depths, deeper, places, pairs,
-                recent, stacks, witness,
+                reals, words, frames, parts, points, rows, count, found, depths, deeper, places, lists,
+                pairs, recent, stacks, witness,
             )  # fmt: skip
             for k in range(count):
                 part = deeper[k, 0]
@@ -262,7 +264,7 @@ def closest_batch(handle, points, order, limit, answers):
     choices = answers.view(np.int32)
     limit_sq = reach_sq(limit * frames[len(parts) - 1, SCALE])
     total = len(order) if len(order) else len(points)
-    stacks, places, witness, depths, signs, rows, found, deeper, pairs, recent = _tables()
+    stacks, places, witness, depths, signs, rows, found, deeper, lists, pairs, recent = _tables()
     for first in range(0, total, CHUNK):
         count = min(CHUNK, total - first)
         _nearest_of_chunk(
@@ -272,8 +274,8 @@ def closest_batch(handle, points, order, limit, answers):
         if len(parts) > 2:
             _signs_of_chunk(reals, words, frames, parts, points, count, rows, found, depths, signs, witness)
             deepest_of_chunk(
-                reals, words, frames, parts, points, rows, count, found, depths, deeper, places, pairs,
-                recent, stacks, witness,
+                reals, words, frames, parts, points, rows, count, found, depths, deeper, places, lists,
+                pairs, recent, stacks, witness,
             )  # fmt: skip
         for k in range(count):
             row, part, slot = rows[k], found[k, 0], found[k, 1]

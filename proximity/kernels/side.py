@@ -6,7 +6,6 @@ hold the point, the deepest counts.
 
 import numpy as np
 
-from proximity.kernels.box import point_boxes_distance_sq
 from proximity.kernels.compiling import inlined, kernel
 from proximity.kernels.grid import CROSSED, INSIDE, OUTSIDE, cell_state
 from proximity.kernels.layout import (
@@ -16,19 +15,27 @@ from proximity.kernels.layout import (
     GRID_X,
     GRID_Y,
     GRID_Z,
-    IS_HIDDEN,
     LANES,
     MOMENTS,
     NO_GRID,
     NO_PART,
     NO_SLOT,
-    NODE_STRIDE,
     ROOT,
     SCALE,
     SIGN,
     SIGN_NONE,
     SIGN_PSEUDONORMAL,
     SLOT_FACES,
+)
+from proximity.kernels.occupancy import (
+    holder,
+    holding_bits,
+    list_of,
+    listed_bits,
+    loose_bits,
+    turns_of,
+    turns_of_list,
+    turns_of_loose,
 )
 from proximity.kernels.point import closest_in_part, slot_distance_sq
 from proximity.kernels.scene import to_local
@@ -43,7 +50,7 @@ from proximity.kernels.witness import (
     pseudo_normal,
     read_corners,
 )
-from proximity.simd import bits, load_int, splat32, trailing_zeros
+from proximity.simd import load_int, splat32, trailing_zeros
 
 FLAT = 1e-6
 """Sine of the angle between the way to the closest point and the plane across the pseudo-normal below which
@@ -157,30 +164,17 @@ def depth_in_part(reals, words, frames, parts, part, px, py, pz, state, recent, 
     return found_sq, slot
 
 
-@inlined
-def holding_bits(words, parts, first, x, y, z):
-    """Which of the eight parts from *first* on have a point in their boxes; float32x8 splats, scene's frame.
-
-    The only part of a scene is asked itself: its row has no list of boxes.
-    """
-    scene = len(parts) - 1
-    if scene == 1:
-        return np.int64(not parts[0, IS_HIDDEN])
-    base = parts[scene, GRID] + NODE_STRIDE * (first // LANES)
-    return bits(point_boxes_distance_sq(words, base, x, y, z) <= splat32(np.float32(0.0)))
-
-
 @kernel
 def is_held(reals, words, frames, parts, x, y, z, recent, stacks, witness):
     """Whether some part holds a point of the scene's frame; *recent* as in `depth_in_part`."""
-    scene = len(parts) - 1
-    sx, sy, sz = to_local(frames, parts, scene, x, y, z)
+    sx, sy, sz = to_local(frames, parts, len(parts) - 1, x, y, z)
     sx, sy, sz = splat32(np.float32(sx)), splat32(np.float32(sy)), splat32(np.float32(sz))
+    first, last = list_of(words, frames, parts, x, y, z)
     is_inside = False
-    for first in range(0, scene, LANES):
-        holding = holding_bits(words, parts, first, sx, sy, sz)
+    for turn in range(turns_of(parts, first, last)):
+        holding, at = holding_bits(words, frames, parts, first, last, turn, x, y, z, sx, sy, sz)
         while holding and not is_inside:
-            part = first + trailing_zeros(holding)
+            part = holder(words, parts, at, holding)
             holding &= holding - 1
             px, py, pz = to_local(frames, parts, part, x, y, z)
             state = state_in_part(reals, words, frames, parts, part, px, py, pz)
@@ -195,52 +189,112 @@ def is_held(reals, words, frames, parts, x, y, z, recent, stacks, witness):
 
 @kernel
 def deepest_of_chunk(
-    reals, words, frames, parts, points, rows, count, found, depths, deeper, places, pairs, recent, stacks,
-    witness,
+    reals, words, frames, parts, points, rows, count, found, depths, deeper, places, lists, pairs, recent,
+    stacks, witness,
 ):  # fmt: skip
     """Find, for points of which the nearest surface is known, the part that holds each of them deepest.
 
     *rows* (count,): of *points*. *found* (count, 2): nearest part, or `NO_PART`, and slot. *depths* (count,):
     squared distance (scene's scaled frame) where the nearest part holds the point, else -1; made larger where
     another goes deeper, and then *deeper* (count, 2) gets that part and slot; else `NO_PART`. *places*
-    (count, 3) float32, *pairs* (count * LANES, 3) and the rest are scratch.
+    (count, 3) float32, *lists* (count, 2), *pairs* (count * LANES, 3) and the rest are scratch.
 
-    The points are asked together, part by part: so few steps wait for another, and boxes stay in registers.
+    The points are asked together, turn by turn: so few steps wait for another.
     """
     scene = len(parts) - 1
+    turns, loose_turns = np.int64(0), turns_of_loose(parts)
     for k in range(count):
         deeper[k, 0], deeper[k, 1] = NO_PART, NO_SLOT
         row = rows[k]
-        x, y, z = to_local(frames, parts, scene, points[row, 0], points[row, 1], points[row, 2])
-        places[k, 0], places[k, 1], places[k, 2] = np.float32(x), np.float32(y), np.float32(z)
-    for first in range(0, scene, LANES):
+        x, y, z = points[row, 0], points[row, 1], points[row, 2]
+        lists[k, 0], lists[k, 1] = list_of(words, frames, parts, x, y, z)
+        turns = max(turns, turns_of_list(lists[k, 0], lists[k, 1]))
+        if loose_turns:
+            x, y, z = to_local(frames, parts, scene, x, y, z)
+            places[k, 0], places[k, 1], places[k, 2] = np.float32(x), np.float32(y), np.float32(z)
+    for turn in range(turns):
         pair_count = 0
         for k in range(count):
-            x, y, z = splat32(places[k, 0]), splat32(places[k, 1]), splat32(places[k, 2])
-            holding = holding_bits(words, parts, first, x, y, z)
-            while holding:
-                part = first + trailing_zeros(holding)
-                holding &= holding - 1
-                pairs[pair_count, 0], pairs[pair_count, 1] = k, part
-                # The nearest part has been asked; neither branch can be foreseen.
-                pair_count += part != found[k, 0]
-        left = 0
-        for i in range(pair_count):
-            k, part = pairs[i, 0], pairs[i, 1]
             row = rows[k]
-            px, py, pz = to_local(frames, parts, part, points[row, 0], points[row, 1], points[row, 2])
-            state = state_in_part(reals, words, frames, parts, part, px, py, pz)
-            pairs[left, 0], pairs[left, 1], pairs[left, 2] = k, part, state
-            left += state != OUTSIDE
-        for i in range(left):
-            k, part = pairs[i, 0], pairs[i, 1]
-            row = rows[k]
-            px, py, pz = to_local(frames, parts, part, points[row, 0], points[row, 1], points[row, 2])
-            depth_sq, slot = depth_in_part(
-                reals, words, frames, parts, part, px, py, pz, pairs[i, 2], recent, stacks, witness
+            at = lists[k, 0] + LANES * turn
+            holding = listed_bits(
+                words, frames, parts, at, lists[k, 1], points[row, 0], points[row, 1], points[row, 2]
             )
-            if slot >= 0:
-                ratio = frames[part, SCALE] / frames[scene, SCALE]
-                depth_sq /= ratio * ratio
-                if depth_sq > depths[k]:
-                    depths[k], deeper[k, 0], deeper[k, 1] = depth_sq, part, slot
+            pair_count = _add_pairs(words, at, holding, k, found[k, 0], pairs, pair_count)
+        _deepest_of_pairs(
+            reals,
+            words,
+            frames,
+            parts,
+            points,
+            rows,
+            pair_count,
+            depths,
+            deeper,
+            pairs,
+            recent,
+            stacks,
+            witness,
+        )
+    for turn in range(loose_turns):
+        pair_count = 0
+        for k in range(count):
+            sx, sy, sz = splat32(places[k, 0]), splat32(places[k, 1]), splat32(places[k, 2])
+            holding, at = loose_bits(words, parts, turn, sx, sy, sz)
+            pair_count = _add_pairs(words, at, holding, k, found[k, 0], pairs, pair_count)
+        _deepest_of_pairs(
+            reals,
+            words,
+            frames,
+            parts,
+            points,
+            rows,
+            pair_count,
+            depths,
+            deeper,
+            pairs,
+            recent,
+            stacks,
+            witness,
+        )
+
+
+@inlined
+def _add_pairs(words, at, holding, k, nearest, pairs, pair_count):
+    """Note which parts point *k* is to be asked of, but for the *nearest*, which has been; how many pairs."""
+    while holding:
+        part = np.int64(load_int(words, at + trailing_zeros(holding)))
+        holding &= holding - 1
+        pairs[pair_count, 0], pairs[pair_count, 1] = k, part
+        # Neither branch could be foreseen.
+        pair_count += part != nearest
+    return pair_count
+
+
+@kernel
+def _deepest_of_pairs(
+    reals, words, frames, parts, points, rows, pair_count, depths, deeper, pairs, recent, stacks, witness
+):
+    """Ask parts that may hold points; see `deepest_of_chunk`. *pairs*: place in *rows*, and part."""
+    scene = len(parts) - 1
+    left = 0
+    for i in range(pair_count):
+        k, part = pairs[i, 0], pairs[i, 1]
+        row = rows[k]
+        px, py, pz = to_local(frames, parts, part, points[row, 0], points[row, 1], points[row, 2])
+        state = state_in_part(reals, words, frames, parts, part, px, py, pz)
+        pairs[left, 0], pairs[left, 1], pairs[left, 2] = k, part, state
+        left += state != OUTSIDE
+    for i in range(left):
+        k, part = pairs[i, 0], pairs[i, 1]
+        row = rows[k]
+        px, py, pz = to_local(frames, parts, part, points[row, 0], points[row, 1], points[row, 2])
+        depth_sq, slot = depth_in_part(
+            reals, words, frames, parts, part, px, py, pz, pairs[i, 2], recent, stacks, witness
+        )
+        if slot >= 0:
+            ratio = frames[part, SCALE] / frames[scene, SCALE]
+            depth_sq /= ratio * ratio
+            is_lower = depth_sq == depths[k] and deeper[k, 0] != NO_PART and part < deeper[k, 0]
+            if depth_sq > depths[k] or is_lower:
+                depths[k], deeper[k, 0], deeper[k, 1] = depth_sq, part, slot
