@@ -12,7 +12,15 @@ from numba.core.errors import NumbaError
 
 import proximity
 from proximity.kernels.compiling import kernel
-from proximity.kernels.memory import Told, arrays_at, arrays_behind, longs_here, make_table, reals_here
+from proximity.kernels.memory import (
+    Told,
+    arrays_at,
+    arrays_behind,
+    longs_here,
+    make_table,
+    real_rows_here,
+    reals_here,
+)
 from proximity.simd import IS_COMPILED
 
 compiled = pytest.mark.skipif(not IS_COMPILED, reason="kernels are not compiled")
@@ -51,6 +59,17 @@ def reverse(values):
             values[places[k]] = room[k]
 
 
+@kernel
+def transpose(values):
+    """Through the stack, rows of `SIZE`."""
+    room = real_rows_here(SIZE, 3)
+    for k in range(3 * SIZE):
+        room[k // 3, k % 3] = values[k]
+    for k in range(3 * SIZE):
+        values[k] = room[k % SIZE, k // SIZE]
+    return room.shape
+
+
 def test_arrays_are_found_again_behind_an_address():
     blocks, numbers = np.arange(18.0).reshape(3, 2, 3), np.array([1, 10, 100], np.int32)
     table = np.array([3, blocks.ctypes.data, numbers.ctypes.data, 0])
@@ -82,6 +101,13 @@ def test_room_on_the_stack_is_a_calls_own(count):
 
     for first in range(0, count, SIZE):
         assert (values[first : first + SIZE] == given[first : first + SIZE][::-1]).all()
+
+
+def test_room_on_the_stack_may_have_rows():
+    values = np.arange(3.0 * SIZE)
+
+    assert transpose(values) == (SIZE, 3)
+    assert values.tolist() == np.arange(3.0 * SIZE).reshape(SIZE, 3).T.ravel().tolist()
 
 
 @compiled
@@ -126,6 +152,17 @@ def test_only_makers_make_arrays_or_call_makers():
     for path, name, mark, called in functions:
         if mark != "maker":
             assert not called & (MAKING | makers), f"{path}: {name}"
+
+
+def test_room_on_the_stack_is_not_taken_for_a_caller():
+    """Of a function that is put into another it may be something else's as soon as that returns."""
+    takers = {
+        f"{prefix}_here" for prefix in ("real_rows", "reals", "word_rows", "words", "long_rows", "longs")
+    }
+    taking = [(path, name, mark) for path, name, mark, called in decorated() if called & takers]
+
+    assert len(taking) > 8
+    assert not [(path, name) for path, name, mark in taking if mark == "inlined"]
 
 
 @compiled

@@ -9,11 +9,11 @@ counting was a tenth of the time of a call with five points and a fifth of a tic
 """
 
 import ctypes
+import math
 
 import numpy as np
 from llvmlite import ir
 from numba import from_dtype, types
-from numba.core import cgutils
 from numba.extending import intrinsic
 from numba.np import arrayobj
 
@@ -106,7 +106,17 @@ def _uncompiled_arrays_behind(*columns):
 
 
 def _compiled_here(dtype):
-    array_type = types.Array(from_dtype(np.dtype(dtype)), 1, "C")
+    item_type = from_dtype(np.dtype(dtype))
+
+    def array_of(context, builder, *lengths):
+        item = context.get_data_type(item_type)
+        # numba's own way to do this fills the memory with zeros at every call.
+        with builder.goto_entry_block():
+            room = builder.alloca(ir.ArrayType(item, math.prod(lengths)))
+        room.align = LINE
+        intp = context.get_value_type(types.intp)
+        constants = [ir.Constant(intp, length) for length in lengths]
+        return _array(context, builder, types.Array(item_type, len(lengths), "C"), room, constants)
 
     @intrinsic
     def here(typingctx, count):
@@ -114,27 +124,38 @@ def _compiled_here(dtype):
             return None
 
         def codegen(context, builder, sig, args):
-            length = ir.Constant(context.get_value_type(types.intp), count.literal_value)
-            item = context.get_data_type(array_type.dtype)
-            room = cgutils.alloca_once(builder, ir.ArrayType(item, count.literal_value))
-            room.align = LINE
-            return _array(context, builder, array_type, room, [length])
+            return array_of(context, builder, count.literal_value)
 
-        return array_type(count), codegen
+        return types.Array(item_type, 1, "C")(count), codegen
 
-    return here
+    @intrinsic
+    def rows_here(typingctx, count, columns):
+        if not isinstance(count, types.IntegerLiteral) or not isinstance(columns, types.IntegerLiteral):
+            return None
+
+        def codegen(context, builder, sig, args):
+            return array_of(context, builder, count.literal_value, columns.literal_value)
+
+        return types.Array(item_type, 2, "C")(count, columns), codegen
+
+    return here, rows_here
 
 
 def _uncompiled_here(dtype):
-    return lambda count: np.empty(count, dtype)
+    return lambda count: np.empty(count, dtype), lambda count, columns: np.empty((count, columns), dtype)
 
 
 arrays_behind = _compiled_arrays_behind if IS_COMPILED else _uncompiled_arrays_behind
 """A function of a table's address that gives arrays: for each dtype, place of its address, and lengths."""
 
 _here = _compiled_here if IS_COMPILED else _uncompiled_here
-reals_here, words_here, longs_here = _here("float64"), _here("float32"), _here("int64")
-"""Functions of a constant count: an array that lasts as long as the caller runs, with anything in it."""
+reals_here, real_rows_here = _here("float64")
+words_here, word_rows_here = _here("float32")
+longs_here, long_rows_here = _here("int64")
+"""Functions of a constant count, or of two, rows and columns: an array that lasts as long as the caller runs,
+with anything in it. The caller must be a function that is called, not one that is put into another: such
+memory may be something else's as soon as it returns. To make rows of an array that is there would take longer
+than a step of a walk."""
 
 arrays_at = arrays_behind(
     ("float64", REALS_AT, (Told(REAL_COUNT),)),

@@ -24,7 +24,14 @@ from proximity.kernels.layout import (
     SIGN_NONE,
     STACKS_SIZE,
 )
-from proximity.kernels.memory import arrays_at, longs_here, reals_here, words_here
+from proximity.kernels.memory import (
+    arrays_at,
+    long_rows_here,
+    longs_here,
+    reals_here,
+    word_rows_here,
+    words_here,
+)
 from proximity.kernels.point import closest_in_part, slot_distance_sq
 from proximity.kernels.scene import (
     FARTHEST,
@@ -47,13 +54,8 @@ SHORTEST = 1e-150
 """Local units; the square of less would vanish."""
 CHUNK = 64
 """Points that go through each step together."""
-AT_FOUND = CHUNK + 2
-AT_DEEPER = AT_FOUND + 2 * (CHUNK + 1)
-AT_LISTS = AT_DEEPER + 2 * CHUNK
-AT_PAIRS = AT_LISTS + 2 * CHUNK
-LONGS_SIZE = AT_PAIRS + 3 * LANES * CHUNK
-NARROW_SIZE, WIDE_SIZE = STACKS_SIZE + 3 * CHUNK, WITNESS_SIZE + 2 * CHUNK
-"""Places and sizes in the tables of a chunk."""
+FOUND = CHUNK + 1
+PAIRS = LANES * CHUNK
 
 # columns of the answers: float64
 SIGNED_DISTANCE = 0
@@ -122,25 +124,10 @@ def distance_batch(handle, points, order, limit, distances):
 
 
 @inlined
-def _tables():
-    """Room for a chunk."""
-    narrow, wide, longs = words_here(NARROW_SIZE), reals_here(WIDE_SIZE), longs_here(LONGS_SIZE)
-    found, recent = longs[AT_FOUND:AT_DEEPER].reshape(CHUNK + 1, 2), longs[CHUNK:AT_FOUND]
+def _begin_tables(found, recent):
+    """Say in the tables of a chunk that nothing has been found yet."""
     found[CHUNK, 0], found[CHUNK, 1] = NO_PART, NO_SLOT
     recent[0] = recent[1] = NO_PART
-    return (
-        narrow[:STACKS_SIZE],
-        narrow[STACKS_SIZE:].reshape(CHUNK, 3),
-        wide[:WITNESS_SIZE],
-        wide[WITNESS_SIZE : WITNESS_SIZE + CHUNK],
-        wide[WITNESS_SIZE + CHUNK :],
-        longs[:CHUNK],
-        found,
-        longs[AT_DEEPER:AT_LISTS].reshape(CHUNK, 2),
-        longs[AT_LISTS:AT_PAIRS].reshape(CHUNK, 2),
-        longs[AT_PAIRS:].reshape(LANES * CHUNK, 3),
-        recent,
-    )
 
 
 @inlined
@@ -221,7 +208,15 @@ def signed_batch(handle, points, order, distances):
     """Fill signed distances (N,), m."""
     reals, words, frames, parts = arrays_at(handle)
     total = len(order) if len(order) else len(points)
-    stacks, places, witness, depths, signs, rows, found, deeper, lists, pairs, recent = _tables()
+    stacks, witness, places = words_here(STACKS_SIZE), reals_here(WITNESS_SIZE), word_rows_here(CHUNK, 3)
+    depths, signs, rows = reals_here(CHUNK), reals_here(CHUNK), longs_here(CHUNK)
+    found, deeper, lists = (
+        long_rows_here(FOUND, 2),
+        long_rows_here(CHUNK, 2),
+        long_rows_here(CHUNK, 2),
+    )
+    pairs, recent = long_rows_here(PAIRS, 3), longs_here(2)
+    _begin_tables(found, recent)
     for first in range(0, total, CHUNK):
         count = min(CHUNK, total - first)
         _nearest_of_chunk(
@@ -264,7 +259,15 @@ def closest_batch(handle, points, order, limit, answers):
     choices = answers.view(np.int32)
     limit_sq = reach_sq(limit * frames[len(parts) - 1, SCALE])
     total = len(order) if len(order) else len(points)
-    stacks, places, witness, depths, signs, rows, found, deeper, lists, pairs, recent = _tables()
+    stacks, witness, places = words_here(STACKS_SIZE), reals_here(WITNESS_SIZE), word_rows_here(CHUNK, 3)
+    depths, signs, rows = reals_here(CHUNK), reals_here(CHUNK), longs_here(CHUNK)
+    found, deeper, lists = (
+        long_rows_here(FOUND, 2),
+        long_rows_here(CHUNK, 2),
+        long_rows_here(CHUNK, 2),
+    )
+    pairs, recent = long_rows_here(PAIRS, 3), longs_here(2)
+    _begin_tables(found, recent)
     for first in range(0, total, CHUNK):
         count = min(CHUNK, total - first)
         _nearest_of_chunk(

@@ -25,7 +25,7 @@ from proximity.kernels.layout import (
     STACK_SIZE,
     STACKS_SIZE,
 )
-from proximity.kernels.memory import arrays_at, reals_here, words_here
+from proximity.kernels.memory import arrays_at, real_rows_here, reals_here, word_rows_here, words_here
 from proximity.kernels.query import reach_sq
 from proximity.kernels.scene import is_alone, nearest_in_scene, part_of_slot, to_local, to_scene
 from proximity.kernels.segment import segment_in_block, segment_in_part
@@ -47,8 +47,6 @@ from proximity.simd import (
     load_int,
     splat32,
 )
-
-PLANS_SIZE, PROBES_SIZE = 2 * PLAN_SIZE, 2 * PROBE_SIZE
 
 # columns of the answers: float64
 DISTANCE = 0
@@ -222,8 +220,7 @@ def segment_batch(handle, starts, ends, order, limit, answers):
     reals, words, frames, parts = arrays_at(handle)
     choices = answers.view(np.int32)
     stacks = words_here(STACKS_SIZE)
-    plans = reals_here(PLANS_SIZE).reshape(2, PLAN_SIZE)
-    probes = words_here(PROBES_SIZE).reshape(2, PROBE_SIZE)
+    plans, probes = real_rows_here(2, PLAN_SIZE), word_rows_here(2, PROBE_SIZE)
     witness = reals_here(SEGMENT_WITNESS_SIZE)
     plans[:], probes[:], witness[:] = 0.0, 0.0, 0.0
     segment = reals_here(6)

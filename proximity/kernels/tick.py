@@ -71,7 +71,7 @@ from proximity.kernels.layout import (
 )
 from proximity.kernels.layout import DAMPING as PART_DAMPING
 from proximity.kernels.layout import STIFFNESS as PART_STIFFNESS
-from proximity.kernels.memory import arrays_at
+from proximity.kernels.memory import arrays_at, real_rows_here
 from proximity.kernels.motion import VELOCITY as ESTIMATE
 from proximity.kernels.motion import observe, observe_with_velocity
 from proximity.kernels.scene import (
@@ -113,7 +113,6 @@ from proximity.kernels.track import (
     TOLD_PART,
     TOLERANCE,
     WAY,
-    WAY_AT,
     WORKING_RANGE,
     forget_surfaces,
     tracker_arrays_at,
@@ -375,8 +374,8 @@ def tick(handle, tracker, positions, all_pose_ns, now_ns, is_moved):
     mover_count, stands = np.int64(settings[MOVER_COUNT]), settings[STANDS] != 0.0
     acts_ns = now_ns + np.int64(1e9 * settings[LATENCY])
     reach = FARTHEST / frames[len(parts) - 1, SCALE]
-    witness, place = scratch[:WITNESS_SIZE], scratch[PLACE_AT:WAY_AT]
-    way, stages = scratch[WAY_AT:STAGES_AT].reshape(2, 3), scratch[STAGES_AT:SCRATCH_SIZE]
+    witness, place = scratch[:WITNESS_SIZE], scratch[PLACE_AT:STAGES_AT]
+    way, stages = real_rows_here(2, 3), scratch[STAGES_AT:SCRATCH_SIZE]
     path_stages = scratch[SCRATCH_SIZE:]
     first = np.int64(settings[FIRST])
     settings[STEPS_LEFT] = steps_for_all(settings[BUDGET], count)

@@ -55,7 +55,7 @@ A part that is put far away and back goes so far at once."""
 POSE_COLUMNS = 12
 """Of ``before``: rotation and translation of each part at the tick before."""
 
-PLACE_AT, WAY_AT, STAGES_AT, SCRATCH_SIZE = 24, 40, 46, 48
+PLACE_AT, STAGES_AT, SCRATCH_SIZE = 24, 40, 42
 """Places in ``scratch``: a witness comes first, the stages of a path last."""
 MOST_NS = 2**62
 """ns; differences of such instants are whole numbers of 64 bits. It is 146 years."""
