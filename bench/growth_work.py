@@ -3,7 +3,6 @@
 import numpy as np
 
 from proximity import Scene, Tracker
-from proximity.kernels.cast import scaled_direction
 from proximity.kernels.compiling import kernel
 from proximity.kernels.descent import NOTHING_WAITS, descend_in_order, next_open
 from proximity.kernels.layout import (
@@ -19,14 +18,14 @@ from proximity.kernels.layout import (
 from proximity.kernels.memory import arrays_at, words_here
 from proximity.kernels.ray import (
     SLAB_MARGIN,
+    aim_and_view,
     approach,
     bound_of_parameter,
     first_in_block,
-    look_along,
-    near_plane,
-    ray_boxes_bound,
-    slab,
+    is_from_afar,
+    open_boxes,
 )
+from proximity.kernels.rays import scaled_direction
 from proximity.kernels.scene import direction_to_local, to_local
 from proximity.simd import bits, load_int, splat32
 
@@ -78,33 +77,26 @@ def _count_rays(handle, origins, directions, work, lengths):
 
 @kernel
 def _ray_steps(reals, words, start, ox, oy, oz, dx, dy, dz, stacks):
-    """The walk of `kernels.ray.ray_in_part`, told by its steps: first parameter, and nodes and leaves."""
-    is_near, entry, ox, oy, oz = approach(ox, oy, oz, dx, dy, dz)
-    near_x, near_y, near_z = near_plane(dx), near_plane(dy), near_plane(dz)
-    rate_x, in_x, out_x = slab(ox, dx, SLAB_MARGIN)
-    rate_y, in_y, out_y = slab(oy, dy, SLAB_MARGIN)
-    rate_z, in_z, out_z = slab(oz, dz, SLAB_MARGIN)
-    x, y, z, px, py, pz, lean_x, lean_y, pace = look_along(ox, oy, oz, dx, dy, dz)
+    """The walk of `kernels.ray.first_hit`, told by its steps: first parameter, and nodes and leaves."""
+    is_near, entry = True, 0.0
+    if is_from_afar(ox, oy, oz):
+        is_near, entry, ox, oy, oz = approach(ox, oy, oz, dx, dy, dz)
+    aim, view = aim_and_view(ox, oy, oz, dx, dy, dz, SLAB_MARGIN)
     best, best_slot, steps, at = np.inf, np.int64(NO_SLOT), np.int64(0), np.int64(0)
     best32 = bound_of_parameter(best, entry) if is_near else np.float32(-1.0)
+    zero32 = splat32(np.float32(0.0))
     reference = start
     while True:
         steps += 1
         if reference >= 0:
             base = NODE_STRIDE * reference
-            bounds, is_open = ray_boxes_bound(
-                words, base, near_x, near_y, near_z, splat32(rate_x), splat32(rate_y), splat32(rate_z),
-                splat32(in_x), splat32(in_y), splat32(in_z), splat32(out_x), splat32(out_y), splat32(out_z),
-                splat32(np.float32(0.0)), splat32(best32),
-            )  # fmt: skip
+            bounds, is_open = open_boxes(words, base, aim, zero32, best32)
             if bits(is_open):
                 reference, at = descend_in_order(words, base, bounds, is_open, stacks, at)
                 continue
         else:
             block = ~reference
-            found, first, _, _, _ = first_in_block(
-                reals, BLOCK_STRIDE * block, x, y, z, px, py, pz, lean_x, lean_y, pace, entry, best
-            )
+            found, first, _, _, _ = first_in_block(reals, BLOCK_STRIDE * block, view, entry, best)
             slot = LANES * block + first
             if first >= 0 and (found < best or slot < best_slot or best_slot == NO_SLOT):
                 best, best_slot = found, slot

@@ -14,7 +14,7 @@ from proximity.kernels.compiling import kernel
 from proximity.kernels.descent import descend
 from proximity.kernels.layout import STACKS_SIZE
 from proximity.kernels.memory import words_here
-from proximity.kernels.ray import SLAB_MARGIN, first_in_block, look_along, near_plane, ray_boxes_bound, slab
+from proximity.kernels.ray import SLAB_MARGIN, aim_and_view, first_in_block, look_along, open_boxes
 from proximity.kernels.segment import segment_block_distance_sq
 from proximity.kernels.triangle import TINY, point_block_distance_sq, point_triangle_distance_sq
 from proximity.kernels.winding import winding_number
@@ -47,24 +47,10 @@ def block_loop(reals, bases, queries, found):
 def ray_block_loop(reals, bases, queries, found):
     """First hit of a ray among the eight triangles of a block; inf where there is none."""
     for i in range(len(bases)):
-        ray = look_along(
+        view = look_along(
             queries[i, 0], queries[i, 1], queries[i, 2], queries[i, 3], queries[i, 4], queries[i, 5]
         )
-        found[i], _, _, _, _ = first_in_block(
-            reals,
-            bases[i],
-            ray[0],
-            ray[1],
-            ray[2],
-            ray[3],
-            ray[4],
-            ray[5],
-            ray[6],
-            ray[7],
-            ray[8],
-            0.0,
-            np.inf,
-        )
+        found[i], _, _, _, _ = first_in_block(reals, bases[i], view, 0.0, np.inf)
 
 
 @kernel
@@ -87,16 +73,17 @@ def boxes_loop(words, bases, queries, found):
 def ray_boxes_loop(words, bases, queries, found):
     """Smallest bound of a ray to the eight boxes of a node; inf where it enters none."""
     for i in range(len(bases)):
-        dx, dy, dz = queries[i, 3], queries[i, 4], queries[i, 5]
-        rate_x, in_x, out_x = slab(queries[i, 0], dx, SLAB_MARGIN)
-        rate_y, in_y, out_y = slab(queries[i, 1], dy, SLAB_MARGIN)
-        rate_z, in_z, out_z = slab(queries[i, 2], dz, SLAB_MARGIN)
-        bounds, is_open = ray_boxes_bound(
-            words, bases[i], near_plane(dx), near_plane(dy), near_plane(dz),
-            splat32(rate_x), splat32(rate_y), splat32(rate_z), splat32(in_x), splat32(in_y), splat32(in_z),
-            splat32(out_x), splat32(out_y), splat32(out_z), splat32(np.float32(0.0)),
-            splat32(np.float32(np.inf)),
-        )  # fmt: skip
+        aim, _ = aim_and_view(
+            queries[i, 0],
+            queries[i, 1],
+            queries[i, 2],
+            queries[i, 3],
+            queries[i, 4],
+            queries[i, 5],
+            SLAB_MARGIN,
+        )
+        zero, best32 = splat32(np.float32(0.0)), np.float32(np.inf)
+        bounds, is_open = open_boxes(words, bases[i], aim, zero, best32)
         found[i] = horizontal_min(select(is_open, bounds, splat32(np.float32(np.inf))))
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from proximity.arrays import FLOAT64, as_points
 from proximity.errors import NotWatertightError, QueryError
-from proximity.kernels import cast, query, segment_query
+from proximity.kernels import hits, query, segment_query
 from proximity.kernels.cast import NO_ROW, cast_batch, cast_order, cast_unlimited
 from proximity.kernels.compiling import Settled
 from proximity.kernels.curve import morton_order
@@ -222,7 +222,7 @@ class Queries:
         not hit.
         Source: Woop, Benthin, Wald 2013, "Watertight ray/triangle intersection".
         """
-        return RayHits(*self._cast(origins, directions, max_distance, workers, cast.ANSWER_WIDTH))
+        return RayHits(*self._cast(origins, directions, max_distance, workers, hits.ANSWER_WIDTH))
 
     def cast_distance(
         self, origins: Any, directions: Any, *, max_distance: float = np.inf, workers: int = 1
@@ -250,7 +250,7 @@ class Queries:
         QueryError
             If shapes or types do not fit, or a direction is zero.
         """
-        answers, shape = self._cast(origins, directions, max_distance, workers, cast.DISTANCE_WIDTH)
+        answers, shape = self._cast(origins, directions, max_distance, workers, hits.DISTANCE_WIDTH)
         return answers[:, 0] if shape is None else answers.reshape(shape)[()]
 
     def _cast(

@@ -14,8 +14,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import oracle
-from proximity.kernels import cast, ray
+from proximity.kernels import cast, hits, ray, rays
 from proximity.kernels.layout import IS_FUSED, NO_FACE, NO_PART, NODE_STRIDE
+from proximity.kernels.scene import direction_to_local, to_local
 from proximity.model import assemble
 from proximity.part_arrays import common_frame, part_arrays
 from proximity.pose import Pose
@@ -59,8 +60,8 @@ class Hits:
         origins, directions = np.broadcast_arrays(
             np.atleast_2d(np.asarray(origins, float)), np.atleast_2d(np.asarray(directions, float))
         )
-        table = np.full((len(origins), cast.ANSWER_WIDTH), 7.0)
-        self.reals, self.choices = table[:, : cast.ANSWER_REALS], table.view(np.int32)[:, cast.PART :]
+        table = np.full((len(origins), hits.ANSWER_WIDTH), 7.0)
+        self.reals, self.choices = table[:, : hits.ANSWER_REALS], table.view(np.int32)[:, hits.PART :]
         self.choices[:] = 7
         self.zero_row = cast.cast_batch(
             model.handle,
@@ -70,7 +71,7 @@ class Hits:
             limit,
             table,
         )
-        self.distance, self.point = self.reals[:, cast.DISTANCE], self.reals[:, 1:4]
+        self.distance, self.point = self.reals[:, hits.DISTANCE], self.reals[:, 1:4]
         self.normal, self.barycentric = self.reals[:, 4:7], self.reals[:, 7:10]
         self.part, self.face = self.choices.T
 
@@ -554,3 +555,88 @@ def test_uncompiled_kernels_answer_the_same(tmp_path):
         [sys.executable, "-c", UNCOMPILED, str(saved)], check=True, env=environment, cwd=ROOT / "tests"
     )
     assert np.array_equal(np.load(saved), a_few_rays(), equal_nan=True)
+
+
+# ------------------------------------------------------------------------------------- eight at a time
+
+
+@numba.njit
+def made_ready(frames, parts, drift, origins, directions, offsets, limit, aims, views):
+    for at in range(0, rays.CHUNK, 8):
+        rays.make_ready(frames, parts, 0, drift, origins, directions, offsets, at, limit, aims, views)
+
+
+@numba.njit
+def one_made_ready(frames, parts, origin, way, drift):
+    """The same for one ray, by the formulas of a part with a frame of its own."""
+    x, y, z = to_local(frames, parts, 0, origin[0], origin[1], origin[2])
+    margin = ray.SLAB_MARGIN + drift * max(abs(x), abs(y), abs(z))
+    dx, dy, dz = rays.scaled_direction(way[0], way[1], way[2])
+    dx, dy, dz = direction_to_local(frames, parts, 0, dx, dy, dz)
+    is_near, entry = True, 0.0
+    if ray.is_from_afar(x, y, z):
+        is_near, entry, x, y, z = ray.approach(x, y, z, dx, dy, dz)
+    aim, view = ray.aim_and_view(x, y, z, dx, dy, dz, margin)
+    return is_near, entry, aim, view
+
+
+@pytest.mark.parametrize("is_turned", [False, True])
+@pytest.mark.parametrize("drift", [0.0, cast.FAR_MARGIN])
+@pytest.mark.parametrize("reach", [0.5, 1e3, 1e90])
+def test_eight_rays_are_made_ready_as_each_is(reach, drift, is_turned):
+    rng = np.random.default_rng(7)
+    pose = Pose(shapes.rotation(3), np.array([0.3, -0.2, 0.1])) if is_turned else Pose()
+    model = assemble([pieces_of(shapes.sphere(subdivisions=1))], [pose])
+    origins = reach * rng.normal(size=(rays.CHUNK, 3))
+    directions = rng.normal(size=(rays.CHUNK, 3)) - rng.integers(0, 2, (rays.CHUNK, 1)) * origins / reach
+    directions[::3] *= 10.0 ** rng.uniform(-300, 300, (len(directions[::3]), 1))
+    directions[1::7, 0] = 0.0
+    directions[2::7, 1:] = -0.0
+    order = rng.permutation(rays.CHUNK)
+    aims, views = np.empty(rays.AIM_SIZE, np.float32), np.empty(rays.VIEW_SIZE)
+    made_ready(model.frames, model.parts, drift, origins, directions, 3 * order, np.inf, aims, views)
+
+    for k, row in enumerate(order):
+        is_near, entry, aim, view = one_made_ready(
+            model.frames, model.parts, origins[row], directions[row], drift
+        )
+        assert (aims[rays.CHUNK * rays.BOUND + k] < 0.0) != is_near
+        assert views[rays.CHUNK * rays.IS_SOUND + k] == 1.0
+        if is_near:
+            assert rays.aim_of(aims, k) == aim
+            assert rays.view_of(views, k) == view
+            assert views[rays.CHUNK * rays.START + k] == entry
+        assert rays.way_of(views, k) == rays.scaled_direction(*directions[row])
+
+
+@pytest.mark.parametrize("bad", [(np.nan, 0, 0), (0, np.inf, 0), (0, 0, -np.inf)])
+@pytest.mark.parametrize("place", [0, 3, 7])
+def test_a_ray_that_cannot_be_asked_does_not_disturb_the_seven_beside_it(place, bad):
+    model = model_of(shapes.sphere(subdivisions=2))
+    rng = np.random.default_rng(5)
+    origins, directions = 0.3 * rng.normal(size=(8, 3)), rng.normal(size=(8, 3))
+    expected = Hits(model, origins, directions)
+    others = np.arange(8) != place
+
+    for disturbed in ((np.where(others[:, None], origins, bad), directions), (origins, None)):
+        starts, ways = disturbed
+        if ways is None:
+            ways = np.where(others[:, None], directions, bad)
+        found = Hits(model, starts, ways)
+        assert np.isnan(found.distance[place])
+        assert found.part[place] == NO_PART and found.zero_row == cast.NO_ROW
+        assert np.array_equal(found.reals[others], expected.reals[others])
+        assert np.array_equal(found.choices[others], expected.choices[others])
+
+
+@pytest.mark.parametrize("count", [1, 7, 8, 9, 63, 64, 65, 130])
+def test_any_number_of_rays_is_answered_as_one_by_one(count):
+    model = scene_of([shapes.moved(shapes.sphere(0.4, 2), (x, 0, 0)) for x in range(4)], is_fused=True)
+    rng = np.random.default_rng(count)
+    origins, directions = rng.normal((1.5, 0.0, 0.0), size=(count, 3)), rng.normal(size=(count, 3))
+    together = Hits(model, origins, directions, limit=3.0)
+
+    for k in range(count):
+        alone = Hits(model, origins[k], directions[k], limit=3.0)
+        assert np.array_equal(alone.reals[0], together.reals[k], equal_nan=True)
+        assert np.array_equal(alone.choices[0], together.choices[k])

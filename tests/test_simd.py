@@ -23,7 +23,9 @@ from proximity.simd import (
     lane,
     lane_minima,
     lane_sums,
+    like,
     load,
+    load_each,
     load_int,
     load_rows,
     maximum,
@@ -251,6 +253,25 @@ def test_splat_fills_all_lanes(value):
 
 
 @compiled
+def alike(wide, small, wide_out, small_out):
+    store(wide_out, 0, like(0.1, load(wide, 0)))
+    store(small_out, 0, like(0.1, load(small, 0)))
+    return like(0.1, wide[0]), like(0.1, small[0]), narrow(wide[0]), widen(small[0])
+
+
+def test_a_constant_is_of_the_type_of_what_it_goes_with():
+    wide, small = np.full(8, 2.0 / 3.0), np.full(8, np.float32(2.0 / 3.0))
+    wide_out, small_out = np.empty(8), np.empty(8, np.float32)
+
+    one, other, narrowed, widened = alike(wide, small, wide_out, small_out)
+
+    assert_same_bits(wide_out, np.full(8, 0.1))
+    assert_same_bits(small_out, np.full(8, np.float32(0.1)))
+    assert (one, other) == (0.1, np.float32(0.1))
+    assert (narrowed, widened) == (np.float32(2.0 / 3.0), float(np.float32(2.0 / 3.0)))
+
+
+@compiled
 def converted(wide, small, wide_out, small_out):
     for at in range(0, len(wide), LANES):
         store(small_out, at, narrow(load(wide, at)))
@@ -357,6 +378,24 @@ def test_prefetch_changes_nothing():
     assert array.tolist() == list(range(40))
 
 
+ROWS = [99, 3, 0, 20, 20, 7, 33, 11, 34]
+"""Two before where rows of four begin in an array of 40; the first is not asked for, one of them twice."""
+
+
+@compiled
+def numbers_at(array, offsets, out):
+    store(out, 0, load_each(array, offsets, 1, 2))
+
+
+@pytest.mark.parametrize("shape", [(40,), (10, 4), (2, 5, 4)])
+def test_numbers_are_taken_from_wherever_they_are(shape):
+    array, out = np.random.default_rng(7).normal(size=shape), np.empty(8)
+
+    numbers_at(array, np.array(ROWS), out)
+
+    assert out.tolist() == [array.ravel()[row + 2] for row in ROWS[1:]]
+
+
 @compiled
 def columns_of(array, offsets, out):
     x, y, z, w = load_rows(array, offsets, 1, 2)
@@ -369,10 +408,6 @@ def columns_of(array, offsets, out):
 @compiled
 def with_rows_added(array, offsets, columns):
     add_rows(array, offsets, 1, 2, load(columns, 0), load(columns, 8), load(columns, 16))
-
-
-ROWS = [99, 3, 0, 20, 20, 7, 33, 11, 34]
-"""Two before where rows of four begin in an array of 40; the first is not asked for, one of them twice."""
 
 
 def test_rows_become_columns_and_come_back():

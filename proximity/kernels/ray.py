@@ -14,8 +14,6 @@ traversal". Unlike there, edge functions are compensated (Kahan) instead of repe
 error of the box test is put into its constants.
 """
 
-from math import copysign
-
 import numpy as np
 
 from proximity.kernels.box import FAR
@@ -24,25 +22,30 @@ from proximity.kernels.descent import NOTHING_WAITS, descend_in_order, next_open
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_SLOT, NODE_STRIDE, STACK_SIZE
 from proximity.kernels.triangle import difference_of_products
 from proximity.simd import (
+    absolute,
     bits,
     fma,
     horizontal_min,
     lane,
+    like,
     load,
     load_int,
     maximum,
     minimum,
+    narrow,
     select,
     splat,
     splat32,
     trailing_zeros,
+    widen,
 )
 
 REACH = 1.5
 """A ray from farther away than `FAR` is started where it enters the cube of this half side."""
 SLAB_MARGIN = 2.0**-20
-"""What a box is widened by, local units: twice what float32 can be off. With a start within 2 and planes
-within 1 the reciprocal and the result are off by 2^-24 of a way of at most 3, the constant by 2^-24 of 2."""
+"""What a box is widened by, local units: half as much again as float32 can be off. With a start within 2 and
+planes within 1 the reciprocal is off by 2^-23 of a way of at most 3, the result by 2^-24 of it, and the
+constant by 2^-24 of 2."""
 SLOWEST = 2.0**-60
 """Least component of a direction in the box test: its reciprocal stays finite, and over the length of the
 part it moves the ray by far less than the margin."""
@@ -50,38 +53,50 @@ START_SLACK = 2.0**-50
 """A ray that starts this little behind a face starts on it: rounding of local coordinates."""
 LATE = 2.0**-51
 """Rounding of a parameter and of its difference from the start of the box test."""
-WIDEN = np.float32(2.0**-22)
+WIDEN = 2.0**-22
 """Rounding of that difference to float32; a test which way it went would be mispredicted every other time."""
 
 
 @inlined
-def approach(ox, oy, oz, dx, dy, dz):
-    """Whether a ray comes near the local cube, from which parameter on, and the point there.
+def is_from_afar(ox, oy, oz):
+    """Whether a ray starts so far out that it is started anew, by `approach`; scalars or vectors."""
+    reach = maximum(maximum(absolute(ox), absolute(oy)), absolute(oz))
+    return reach > like(FAR, reach)
 
-    The direction's largest component is near 1. Within `FAR` rays start where they start. From afar the
-    point is rounded, which is as if the origin were.
+
+@inlined
+def approach(ox, oy, oz, dx, dy, dz):
+    """Of a ray from afar: whether it comes near the local cube, from which parameter on, and the point there.
+
+    The direction's largest component is near 1. The point is rounded, which is as if the origin were. Scalars
+    or vectors of eight.
     """
-    if max(abs(ox), abs(oy), abs(oz)) <= FAR:
-        return True, 0.0, ox, oy, oz
     enter_x, leave_x = _way_through(ox, dx)
     enter_y, leave_y = _way_through(oy, dy)
     enter_z, leave_z = _way_through(oz, dz)
-    enter = max(enter_x, enter_y, enter_z)
-    is_near = enter >= 0.0 and enter <= min(leave_x, leave_y, leave_z)
+    enter = maximum(maximum(enter_x, enter_y), enter_z)
+    is_near = (enter >= like(0.0, enter)) & (enter <= minimum(minimum(leave_x, leave_y), leave_z))
     return is_near, enter, _inside(ox + enter * dx), _inside(oy + enter * dy), _inside(oz + enter * dz)
 
 
 @inlined
 def _way_through(o, d):
     """Parameters at which one coordinate enters and leaves the cube."""
-    way = d if abs(d) > SLOWEST else copysign(SLOWEST, d)
-    reach = copysign(REACH, way)
+    way = _not_still(d)
+    reach = select(way < like(0.0, way), like(-REACH, way), like(REACH, way))
     return (-reach - o) / way, (reach - o) / way
 
 
 @inlined
+def _not_still(d):
+    """A component of a direction, away from zero."""
+    least = select(d < like(0.0, d), like(-SLOWEST, d), like(SLOWEST, d))
+    return select(absolute(d) > like(SLOWEST, d), d, least)
+
+
+@inlined
 def _inside(value):
-    return min(max(value, -REACH), REACH)
+    return minimum(maximum(value, like(-REACH, value)), like(REACH, value))
 
 
 @inlined
@@ -89,23 +104,29 @@ def slab(o, d, margin):
     """Factor and two constants that turn a plane's coordinate into the parameters of entering and leaving.
 
     The error of factor, constants and result is in the constants: entering comes out early, leaving late.
+    Scalars or vectors of eight, of float64; what is returned is of float32.
     """
-    rate = np.float32(1.0 / (d if abs(d) > SLOWEST else copysign(SLOWEST, d)))
-    start, spread = -o * np.float64(rate), margin * abs(np.float64(rate))
-    return rate, np.float32(start - spread), np.float32(start + spread)
+    way = narrow(_not_still(d))
+    rate = like(1.0, way) / way
+    wide = widen(rate)
+    start, spread = -o * wide, margin * absolute(wide)
+    return rate, narrow(start - spread), narrow(start + spread)
 
 
 @inlined
-def near_plane(d):
-    """Offset in a node from a box's lower x (y, z) to the plane that is entered first; the other is left."""
-    return 24 if copysign(1.0, d) < 0.0 else 0
+def near_plane(rate):
+    """Offset in a node from a box's lower x (y, z) to the plane that is entered first; the other is left.
+
+    *rate*: as `slab` gives it, or the direction itself.
+    """
+    return 24 if rate < 0.0 else 0
 
 
 @inlined
 def bound_of_parameter(best, start):
-    """The float32 number, counted from *start*, that bounds are compared with."""
-    bound = np.float32(best - start + best * LATE)
-    return bound + abs(bound) * WIDEN
+    """The float32 number, counted from *start*, that bounds are compared with; scalars or vectors."""
+    bound = narrow(best - start + best * like(LATE, best))
+    return bound + absolute(bound) * like(WIDEN, bound)
 
 
 @inlined
@@ -130,15 +151,15 @@ def ray_boxes_bound(
 
 @inlined
 def steepest_axis(dx, dy, dz):
-    """The axis along which a direction goes fastest."""
-    axis = select(abs(dx) >= abs(dy), 0.0, 1.0)
-    return np.int64(select(max(abs(dx), abs(dy)) >= abs(dz), axis, 2.0))
+    """The axis along which a direction goes fastest, as float64; scalars or vectors of eight."""
+    axis = select(absolute(dx) >= absolute(dy), like(0.0, dx), like(1.0, dx))
+    return select(maximum(absolute(dx), absolute(dy)) >= absolute(dz), axis, like(2.0, dx))
 
 
 @inlined
 def pick(axis, x, y, z):
-    """One of three by number."""
-    return select(axis == 0, x, select(axis == 1, y, z))
+    """One of three by number; *axis* as `steepest_axis` tells."""
+    return select(axis == like(0.0, axis), x, select(axis == like(1.0, axis), y, z))
 
 
 @inlined
@@ -160,31 +181,33 @@ def ray_triangle_sides(ox, oy, oz, lean_x, lean_y, ax, ay, az, bx, by, bz, cx, c
 
 @inlined
 def look_along(ox, oy, oz, dx, dy, dz):
-    """What `ray_triangle_sides` needs of a ray: offsets of x, y, z in a block, origin, leans, pace.
+    """What `ray_triangle_sides` needs of a ray: axis, origin, leans, pace; scalars or vectors of eight.
 
     Axes are turned so that the ray runs mostly along z; pace is the parameter's change along z.
     """
     axis = steepest_axis(dx, dy, dz)
     speed = pick(axis, dx, dy, dz)
+    pace = like(1.0, speed) / speed
     return (
-        8 * ((axis + 1) % 3),
-        8 * ((axis + 2) % 3),
-        8 * axis,
+        axis,
         pick(axis, oy, oz, ox),
         pick(axis, oz, ox, oy),
         pick(axis, ox, oy, oz),
-        -pick(axis, dy, dz, dx) / speed,
-        -pick(axis, dz, dx, dy) / speed,
-        1.0 / speed,
+        -pick(axis, dy, dz, dx) * pace,
+        -pick(axis, dz, dx, dy) * pace,
+        pace,
     )
 
 
 @inlined
-def first_in_block(reals, base, x, y, z, px, py, pz, lean_x, lean_y, pace, entry, best):
+def first_in_block(reals, base, view, entry, best):
     """First hit, up to *best*, of the eight triangles at *base*: t, lane (-1: none), and three weights.
 
-    *x* … *pace* as `look_along` gives them, *entry* as `approach`.
+    *view* as `look_along` gives it, *entry* as `approach`.
     """
+    axis, px, py, pz, lean_x, lean_y, pace = view
+    z = np.int64(axis)
+    x, y, z = 8 * ((z + 1) % 3), 8 * ((z + 2) % 3), 8 * z
     found, first = best, np.int64(-1)
     weight_a, weight_b, weight_c = 0.0, 0.0, 0.0
     u, v, w, height = ray_triangle_sides(
@@ -208,46 +231,63 @@ def first_in_block(reals, base, x, y, z, px, py, pz, lean_x, lean_y, pace, entry
 
 
 @inlined
+def open_boxes(words, base, aim, zero, best32):
+    """`ray_boxes_bound` for a ray of which *aim* has what `slab` gives for x, y and z; *best32* a scalar."""
+    rate_x, in_x, out_x, rate_y, in_y, out_y, rate_z, in_z, out_z = aim
+    return ray_boxes_bound(
+        words, base, near_plane(rate_x), near_plane(rate_y), near_plane(rate_z),
+        splat32(rate_x), splat32(rate_y), splat32(rate_z), splat32(in_x), splat32(in_y), splat32(in_z),
+        splat32(out_x), splat32(out_y), splat32(out_z), zero, splat32(best32),
+    )  # fmt: skip
+
+
+@inlined
+def aim_and_view(ox, oy, oz, dx, dy, dz, margin):
+    """What boxes need of a ray, see `open_boxes`, and what triangles do, see `look_along`."""
+    aim = (*slab(ox, dx, margin), *slab(oy, dy, margin), *slab(oz, dz, margin))
+    return aim, look_along(ox, oy, oz, dx, dy, dz)
+
+
+@inlined
 def ray_in_part(reals, words, start, ox, oy, oz, dx, dy, dz, best, best_slot, stacks, at):
-    """First hit of the ray *o* + t *d*, t >= 0, in the part's local frame: t, slot, and three weights.
+    """First hit of the ray *o* + t *d*, t >= 0, in the part's local frame: see `first_hit`.
+
+    The largest component of *d* is between 0.5 and 2.
+    """
+    is_near, entry = True, 0.0
+    if is_from_afar(ox, oy, oz):
+        is_near, entry, ox, oy, oz = approach(ox, oy, oz, dx, dy, dz)
+    aim, view = aim_and_view(ox, oy, oz, dx, dy, dz, SLAB_MARGIN)
+    # A ray that passes by opens nothing.
+    best32 = bound_of_parameter(best, entry) if is_near else np.float32(-1.0)
+    return first_hit(reals, words, start, aim, view, entry, best, best32, best_slot, stacks, at)
+
+
+@inlined
+def first_hit(reals, words, start, aim, view, entry, best, best32, best_slot, stacks, at):
+    """First hit of a ray below a reference: t, slot, and three weights.
 
     The weights are barycentric coordinates times some number; 0 where nothing better than known was found.
 
-    *start*: the reference to walk from, the part's root for all of it. The largest component of *d* is
-    between 0.5 and 2. *best* and *best_slot*: what is known already; nothing farther is looked at. *stacks*
-    float32, from *at* on: `STACK_SIZE` bounds, then as many references.
+    *start*: the reference to walk from, the part's root for all of it. *aim*, *view*: as `aim_and_view` gives
+    them; *entry* as `approach`. *best* and *best_slot*: what is known already; nothing farther is looked at;
+    *best32*: the same for boxes. *stacks* float32, from *at* on: `STACK_SIZE` bounds, then as many
+    references.
     """
-    is_near, entry, ox, oy, oz = approach(ox, oy, oz, dx, dy, dz)
-    near_x, near_y, near_z = near_plane(dx), near_plane(dy), near_plane(dz)
-    rate_x, in_x, out_x = slab(ox, dx, SLAB_MARGIN)
-    rate_y, in_y, out_y = slab(oy, dy, SLAB_MARGIN)
-    rate_z, in_z, out_z = slab(oz, dz, SLAB_MARGIN)
-    rates_x, rates_y, rates_z = splat32(rate_x), splat32(rate_y), splat32(rate_z)
-    ins_x, ins_y, ins_z = splat32(in_x), splat32(in_y), splat32(in_z)
-    outs_x, outs_y, outs_z = splat32(out_x), splat32(out_y), splat32(out_z)
     zero32 = splat32(np.float32(0.0))
-
-    x, y, z, px, py, pz, lean_x, lean_y, pace = look_along(ox, oy, oz, dx, dy, dz)
     weight_a, weight_b, weight_c = 0.0, 0.0, 0.0
-    # A ray that passes by opens nothing.
-    best32 = bound_of_parameter(best, entry) if is_near else np.float32(-1.0)
     bottom = at
     reference = start
     while True:
         if reference >= 0:
             base = NODE_STRIDE * reference
-            bounds, is_open = ray_boxes_bound(
-                words, base, near_x, near_y, near_z, rates_x, rates_y, rates_z, ins_x, ins_y, ins_z,
-                outs_x, outs_y, outs_z, zero32, splat32(best32),
-            )  # fmt: skip
+            bounds, is_open = open_boxes(words, base, aim, zero32, best32)
             if bits(is_open):
                 reference, at = descend_in_order(words, base, bounds, is_open, stacks, at)
                 continue
         else:
             block = ~reference
-            found, first, a, b, c = first_in_block(
-                reals, BLOCK_STRIDE * block, x, y, z, px, py, pz, lean_x, lean_y, pace, entry, best
-            )
+            found, first, a, b, c = first_in_block(reals, BLOCK_STRIDE * block, view, entry, best)
             slot = LANES * block + first
             if first >= 0 and (found < best or slot < best_slot or best_slot == NO_SLOT):
                 best, best_slot = found, slot

@@ -72,6 +72,19 @@ def _order(*lanes):
 
 
 @intrinsic
+def load_each(typingctx, array, offsets, at, shift):
+    def codegen(context, builder, sig, args):
+        vector = ir.Constant(LLVM[f64x8], ir.Undefined)
+        pointers = _row_pointers(context, builder, sig.args[:2], args[:2], args[2], args[3])
+        for i, pointer in enumerate(pointers):
+            value = builder.load(builder.bitcast(pointer, ir.DoubleType().as_pointer()))
+            vector = builder.insert_element(vector, value, ir.Constant(ir.IntType(32), i))
+        return vector
+
+    return f64x8(array, offsets, types.intp, types.intp), codegen
+
+
+@intrinsic
 def load_rows(typingctx, array, offsets, at, shift):
     def codegen(context, builder, sig, args):
         rows = [
@@ -153,19 +166,33 @@ def splat32(typingctx, value):
 
 
 @intrinsic
-def widen(typingctx, vector):
+def like(typingctx, value, example):
     def codegen(context, builder, sig, args):
-        return builder.fpext(args[0], LLVM[f64x8])
+        if not isinstance(example, Vector):
+            return args[0]
+        return _splat(builder, args[0], LLVM[example])
 
-    return f64x8(f32x8), codegen
+    return example(example.element if isinstance(example, Vector) else example, example), codegen
 
 
 @intrinsic
-def narrow(typingctx, vector):
-    def codegen(context, builder, sig, args):
-        return builder.fptrunc(args[0], LLVM[f32x8])
+def widen(typingctx, value):
+    ty, wide = (f32x8, f64x8) if isinstance(value, Vector) else (types.float32, types.float64)
 
-    return f32x8(f64x8), codegen
+    def codegen(context, builder, sig, args):
+        return builder.fpext(args[0], context.get_value_type(wide))
+
+    return wide(ty), codegen
+
+
+@intrinsic
+def narrow(typingctx, value):
+    ty, small = (f64x8, f32x8) if isinstance(value, Vector) else (types.float64, types.float32)
+
+    def codegen(context, builder, sig, args):
+        return builder.fptrunc(args[0], context.get_value_type(small))
+
+    return small(ty), codegen
 
 
 @intrinsic

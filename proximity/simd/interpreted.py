@@ -22,6 +22,10 @@ def store(array, offset, vector):
     array[offset : offset + LANES] = vector
 
 
+def load_each(array, offsets, at, shift):
+    return array.reshape(-1)[offsets[at : at + LANES] + shift]
+
+
 def load_rows(array, offsets, at, shift):
     rows = np.array([array[offset : offset + 4] for offset in offsets[at : at + LANES] + shift])
     return tuple(np.ascontiguousarray(column) for column in rows.T)
@@ -101,12 +105,20 @@ def splat32(value):
     return np.full(LANES, value, dtype=np.float32)
 
 
-def widen(vector):
-    return vector.astype(np.float64)
+def like(value, example):
+    return (
+        np.full(LANES, value, dtype=example.dtype)
+        if np.ndim(example)
+        else np.asarray(example).dtype.type(value)
+    )
 
 
-def narrow(vector):
-    return vector.astype(np.float32)
+def widen(value):
+    return value.astype(np.float64) if np.ndim(value) else np.float64(value)
+
+
+def narrow(value):
+    return value.astype(np.float32) if np.ndim(value) else np.float32(value)
 
 
 def lane(vector, index):
