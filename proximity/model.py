@@ -207,7 +207,7 @@ def _filled(
             _together([piece.moments for piece in pieces], np.float32),
         ]
         + [array for piece in pieces for array in (piece.faces, piece.neighbors, piece.grid)]
-        + [holders.words],
+        + [_part_of_each_block(pieces), holders.words],
         np.float32,
     )
     for row, piece in enumerate(pieces):
@@ -219,7 +219,7 @@ def _filled(
             part[layout.GRID] = NO_GRID
     parts[:, layout.SLOT_FACES], parts[:, layout.MOMENTS] = word_starts[1], word_starts[2]
     parts[count, layout.FACE_COUNT] = parts[:count, layout.FACE_COUNT].sum()
-    parts[count, layout.GRID] = word_starts[-1]
+    parts[count, [layout.BLOCK_PARTS, layout.GRID]] = word_starts[-2:]
     _write_grid(frames, parts, count, holders.counts, holders.lower, holders.rate)
     return reals, words
 
@@ -251,6 +251,10 @@ _OWN_UPPER = slice(layout.OWN_UPPER, layout.OWN_UPPER + 3)
 def _together(pieces: list[np.ndarray], dtype: type) -> np.ndarray:
     """*pieces* end to end."""
     return np.concatenate(pieces) if len(pieces) > 1 else np.asarray(pieces[0], dtype=dtype)
+
+
+def _part_of_each_block(pieces: list[PartArrays]) -> np.ndarray:
+    return np.repeat(np.arange(len(pieces), dtype=np.int32), [piece.bvh.block_count for piece in pieces])
 
 
 def _renumbered(nodes: np.ndarray, node_shift: int, block_shift: int) -> np.ndarray:

@@ -87,7 +87,7 @@ def walk(model, point, budget, best_sq=np.inf, slot=NO_SLOT, *, ease=0.0, core=0
 def without_budget(model, point, best_sq=np.inf, slot=NO_SLOT):
     """Squared distance and slot from the walk without a budget."""
     arrays = (model.reals, model.words, model.frames, model.parts)
-    part = int(part_of_slot(model.parts, slot, np.int64(NO_PART))) if slot >= 0 else NO_PART
+    part = int(part_of_slot(model.words, model.parts, slot)) if slot >= 0 else NO_PART
     stacks = np.empty(STACKS_SIZE, np.float32)
     found_sq, _, found = nearest_in_scene(*arrays, *map(float, point), best_sq, part, slot, stacks)
     return float(found_sq), int(found)
@@ -95,7 +95,7 @@ def without_budget(model, point, best_sq=np.inf, slot=NO_SLOT):
 
 def known(model, point, slot):
     """Squared distance to the triangle at *slot*, in the scene's scaled frame: a warm start."""
-    part = int(part_of_slot(model.parts, slot, np.int64(NO_PART)))
+    part = int(part_of_slot(model.words, model.parts, slot))
     return float(known_sq(model.reals, model.frames, model.parts, part, slot, *map(float, point)))
 
 

@@ -8,7 +8,7 @@ from scene_parts import part_of
 
 from proximity.kernels import front as fronts
 from proximity.kernels.front import BEGINS, FRONT, FRONT_SIZE, GROUP, LONG, nearest_by_front
-from proximity.kernels.layout import BLOCK_STRIDE, CHILDREN, LANES, NO_PART, NODE_STRIDE, ROOT
+from proximity.kernels.layout import BLOCK_STRIDE, CHILDREN, LANES, NODE_STRIDE, ROOT
 from proximity.kernels.scene import part_of_slot
 from proximity.kernels.track import FRONT_COUNT
 from proximity.pose import Pose
@@ -33,13 +33,13 @@ class Searcher:
         """Squared distance, slot, and whether it was found; what has gone beside the front is noticed."""
         if self.slot is None:
             _, self.slot = without_budget(self.model, point)
-        part = int(part_of_slot(self.model.parts, self.slot, np.int64(NO_PART)))
+        part = int(part_of_slot(self.model.words, self.model.parts, self.slot))
         found_sq, part, slot, is_found, self.count, self.steps = nearest_by_front(
             *self.arrays, *map(float, point), part, self.slot, self.row[:FRONT_SIZE], self.count or BEGINS,
             budget, ROOM,
         )  # fmt: skip
         assert np.isnan(self.row[FRONT_SIZE:]).all() and 0 <= self.count <= FRONT
-        assert part == part_of_slot(self.model.parts, slot, np.int64(NO_PART))
+        assert part == part_of_slot(self.model.words, self.model.parts, slot)
         self.slot = int(slot)
         return float(found_sq), int(slot), bool(is_found)
 

@@ -62,7 +62,7 @@ def nearest_from(reals, words, frames, parts, x, y, z, part, slot, limit_sq, eas
         reals, words, frames, parts, parts[top, ROOT], top, x, y, z, best_sq, slot, ease, core, budget, room
     )
     if slot >= 0:
-        part = part_of_slot(parts, slot, part)
+        part = part_of_slot(words, parts, slot)
     return best_sq, part, slot, lower_sq, work
 
 

@@ -245,7 +245,7 @@ def cast_batch(handle, origins, directions, order, limit, answers):
             for k in range(count, at + LANES):
                 slots[k] = NO_SLOT
             for at in range(0, count, LANES):
-                work_out(reals, frames, parts, slots, at, views, owners, places, hits)
+                work_out(reals, words, frames, parts, slots, at, views, owners, places, hits)
         for k in range(count):
             row, slot = rows[k], slots[k]
             if slot < 0:

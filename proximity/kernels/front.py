@@ -274,4 +274,4 @@ def nearest_by_front(reals, words, frames, parts, x, y, z, part, slot, front, co
     if not is_found or (has_begun and work < LONG):
         count = np.int64(0)
     front[WAY], front[WAY + 1], front[WAY + 2], front[WAY + 3] = way, qx, qy, qz
-    return best_sq * factor, part_of_slot(parts, slot, part), slot, is_found, count, work
+    return best_sq * factor, part_of_slot(words, parts, slot), slot, is_found, count, work

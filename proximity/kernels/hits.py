@@ -61,16 +61,16 @@ def write_hit(words, parts, part, slot, hits, k, answers, choices, row):
 
 
 @inlined
-def work_out(reals, frames, parts, slots, at, views, owners, places, hits):
+def work_out(reals, words, frames, parts, slots, at, views, owners, places, hits):
     """Fill columns *at* to *at* + 7 of *hits*: point, normal and barycentric of hits, scene's frame.
 
     *slots*: what was hit; where that is negative, nothing comes of it. *views*: the table of the rays.
     *owners* gets the part of each; *places* (PLACES_SIZE,) is scratch.
     """
-    part, is_turned = np.int64(NO_PART), False
+    is_turned = False
     for k in range(at, at + LANES):
         slot = max(slots[k], 0)
-        part = part_of_slot(parts, slot, part)
+        part = part_of_slot(words, parts, slot)
         owners[k] = part
         places[k] = BLOCK_STRIDE * (slot // LANES) + slot % LANES
         places[CHUNK + k] = FRAME_COLUMNS * part

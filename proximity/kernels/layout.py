@@ -73,6 +73,7 @@ IS_LOOSE = 19  # 1 where the part has moved by itself: it stands whole in the tr
 IS_HIDDEN = 20  # 1 where no question finds it
 REGION = 21  # of the scene's row: the super node, behind which the loose tree is
 LOOSE_COUNT = 22  # of the scene's row: parts that are loose
+BLOCK_PARTS = 23  # in words, of the scene's row: the part of each block
 PART_COLUMNS = 24
 
 NO_GRID = -1

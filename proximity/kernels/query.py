@@ -13,6 +13,7 @@ import numpy as np
 
 from proximity.kernels.compiling import inlined, kernel
 from proximity.kernels.layout import (
+    BLOCK_STRIDE,
     FEATURE_NONE,
     LANES,
     NO_FACE,
@@ -22,6 +23,7 @@ from proximity.kernels.layout import (
     SCALE,
     SIGN,
     SIGN_NONE,
+    SIGN_PSEUDONORMAL,
     STACKS_SIZE,
 )
 from proximity.kernels.memory import (
@@ -43,7 +45,10 @@ from proximity.kernels.scene import (
     turn_to_scene,
 )
 from proximity.kernels.side import (
+    RECENT,
     deepest_of_chunk,
+    heights_over,
+    is_beyond,
     is_held,
     signed_of_slot,
     witness_of_slot,
@@ -56,6 +61,7 @@ CHUNK = 64
 """Points that go through each step together."""
 FOUND = CHUNK + 1
 PAIRS = LANES * CHUNK
+SPOTS = 3 * CHUNK
 
 # columns of the answers: float64
 SIGNED_DISTANCE = 0
@@ -127,7 +133,8 @@ def distance_batch(handle, points, order, limit, distances):
 def _begin_tables(found, recent):
     """Say in the tables of a chunk that nothing has been found yet."""
     found[CHUNK, 0], found[CHUNK, 1] = NO_PART, NO_SLOT
-    recent[0] = recent[1] = NO_PART
+    for k in range(RECENT):
+        recent[k, 0] = NO_PART
 
 
 @inlined
@@ -166,14 +173,31 @@ def _nearest_of_chunk(
 
 
 @inlined
-def _signs_of_chunk(reals, words, frames, parts, points, count, rows, found, depths, signs, witness):
-    """Turn *signs* of a chunk into signed distances, m, and *depths* into -1 where nothing is held."""
+def _signs_of_chunk(
+    reals, words, frames, parts, points, count, rows, found, depths, signs, places, spots, heights, feet,
+    witness,
+):  # fmt: skip
+    """Turn *signs* of a chunk into signed distances, m, and *depths* into -1 where nothing is held.
+
+    What is over a face, as most is, is worked out for eight points at a time.
+    """
+    for k in range(CHUNK):
+        places[k] = 0
+        if k < count and found[k, 0] != NO_PART:
+            row, slot = rows[k], found[k, 1]
+            places[k] = BLOCK_STRIDE * (slot // LANES) + slot % LANES
+            spots[k], spots[CHUNK + k], spots[2 * CHUNK + k] = to_local(
+                frames, parts, found[k, 0], points[row, 0], points[row, 1], points[row, 2]
+            )
+    for at in range(0, count, LANES):
+        heights_over(reals, places, at, spots, heights, feet)
     for k in range(count):
         part = found[k, 0]
         if part != NO_PART:
-            row = rows[k]
-            px, py, pz = to_local(frames, parts, part, points[row, 0], points[row, 1], points[row, 2])
-            signed = signed_of_slot(reals, words, parts, part, found[k, 1], px, py, pz, witness)
+            px, py, pz = spots[k], spots[CHUNK + k], spots[2 * CHUNK + k]
+            signed = heights[k] + 0.0  # never -0.0
+            if feet[k] == 0.0 or parts[part, SIGN] != SIGN_PSEUDONORMAL or is_beyond(px, py, pz):
+                signed = signed_of_slot(reals, words, parts, part, found[k, 1], px, py, pz, witness)
             signs[k] = signed / frames[part, SCALE]
             if not signed < 0.0:
                 depths[k] = -1.0
@@ -215,7 +239,8 @@ def signed_batch(handle, points, order, distances):
         long_rows_here(CHUNK, 2),
         long_rows_here(CHUNK, 2),
     )
-    pairs, recent = long_rows_here(PAIRS, 3), longs_here(2)
+    pairs, recent, triangles = long_rows_here(PAIRS, 3), long_rows_here(RECENT, 2), longs_here(CHUNK)
+    spots, heights, feet = reals_here(SPOTS), reals_here(CHUNK), reals_here(CHUNK)
     _begin_tables(found, recent)
     for first in range(0, total, CHUNK):
         count = min(CHUNK, total - first)
@@ -235,7 +260,10 @@ def signed_batch(handle, points, order, distances):
             signs,
             stacks,
         )
-        _signs_of_chunk(reals, words, frames, parts, points, count, rows, found, depths, signs, witness)
+        _signs_of_chunk(
+            reals, words, frames, parts, points, count, rows, found, depths, signs, triangles, spots, heights,
+            feet, witness,
+        )  # fmt: skip
         if len(parts) > 2:
             deepest_of_chunk(
                 reals, words, frames, parts, points, rows, count, found, depths, deeper, places, lists,
@@ -266,7 +294,8 @@ def closest_batch(handle, points, order, limit, answers):
         long_rows_here(CHUNK, 2),
         long_rows_here(CHUNK, 2),
     )
-    pairs, recent = long_rows_here(PAIRS, 3), longs_here(2)
+    pairs, recent, triangles = long_rows_here(PAIRS, 3), long_rows_here(RECENT, 2), longs_here(CHUNK)
+    spots, heights, feet = reals_here(SPOTS), reals_here(CHUNK), reals_here(CHUNK)
     _begin_tables(found, recent)
     for first in range(0, total, CHUNK):
         count = min(CHUNK, total - first)
@@ -275,7 +304,10 @@ def closest_batch(handle, points, order, limit, answers):
             stacks,
         )  # fmt: skip
         if len(parts) > 2:
-            _signs_of_chunk(reals, words, frames, parts, points, count, rows, found, depths, signs, witness)
+            _signs_of_chunk(
+                reals, words, frames, parts, points, count, rows, found, depths, signs, triangles, spots,
+                heights, feet, witness,
+            )  # fmt: skip
             deepest_of_chunk(
                 reals, words, frames, parts, points, rows, count, found, depths, deeper, places, lists,
                 pairs, recent, stacks, witness,
@@ -338,8 +370,9 @@ def contains_batch(handle, points, order, inside):
     """Fill whether each point is inside some part (N,), bool. Points that are not finite are not."""
     reals, words, frames, parts = arrays_at(handle)
     stacks, witness = words_here(STACKS_SIZE), reals_here(WITNESS_SIZE)
-    recent = longs_here(2)
-    recent[0] = recent[1] = NO_PART
+    recent = long_rows_here(RECENT, 2)
+    for k in range(RECENT):
+        recent[k, 0] = NO_PART
     for i in range(len(order) if len(order) else len(points)):
         row = _row(order, i)
         inside[row] = is_held(

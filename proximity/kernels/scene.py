@@ -12,11 +12,10 @@ from proximity.kernels.box import bound_of, far_offset_sq, node_bounds_sq
 from proximity.kernels.compiling import inlined, kernel
 from proximity.kernels.descent import NOTHING_WAITS, descend, nearer_in_block, next_open
 from proximity.kernels.layout import (
-    BLOCK_COUNT,
+    BLOCK_PARTS,
     CENTRE,
     ENTRY,
     FACES,
-    FIRST_BLOCK,
     IS_FUSED,
     IS_HIDDEN,
     IS_TURNED,
@@ -175,29 +174,15 @@ def nearest_in_scene(reals, words, frames, parts, x, y, z, best_sq, best_part, b
         at = next_open(stacks, bottom, at, best32)
         if at == NOTHING_WAITS:
             if best_slot >= 0:
-                here = part_of_slot(parts, best_slot, here)
+                here = part_of_slot(words, parts, best_slot)
             return best_sq, here, best_slot
         reference = load_int(stacks, at + STACK_SIZE)
 
 
 @inlined
-def last_up_to(parts, column, number):
-    """The last part with no more than *number* in a column that rises from part to part."""
-    # Halving without a branch, which nobody could predict.
-    low, count = np.int64(0), np.int64(len(parts) - 1)
-    while count > 1:
-        half = count // 2
-        low += half if parts[low + half, column] <= number else 0
-        count -= half
-    return low
-
-
-@inlined
-def part_of_slot(parts, slot, guess):
-    """The part that a slot belongs to; *guess* is looked at first."""
-    block = slot // LANES
-    if guess >= 0:
-        first = parts[guess, FIRST_BLOCK]
-        if first <= block < first + parts[guess, BLOCK_COUNT]:
-            return guess
-    return last_up_to(parts, FIRST_BLOCK, block)
+def part_of_slot(words, parts, slot):
+    """The part that a slot belongs to."""
+    scene = len(parts) - 1
+    if scene == 1:
+        return np.int64(0)
+    return np.int64(load_int(words, parts[scene, BLOCK_PARTS] + slot // LANES))

@@ -93,7 +93,7 @@ def segment_in_scene(
     best_fraction, best_slot = np.inf, np.int64(NO_SLOT)
     here = np.int64(0)
     if known_slot >= 0:
-        here = part_of_slot(parts, known_slot, here)
+        here = part_of_slot(words, parts, known_slot)
         plan_in_part(frames, parts, here, segment, plan, probe)
         ratio_sq = (frames[here, SCALE] / scene_scale) ** 2
         best_sq, best_fraction, best_slot = segment_in_block(
@@ -152,7 +152,7 @@ def segment_in_scene(
         at = next_open(stacks, bottom, at, best32)
         if at == NOTHING_WAITS:
             if best_slot >= 0:
-                here = part_of_slot(parts, best_slot, here)
+                here = part_of_slot(words, parts, best_slot)
             return best_sq, here, best_slot
         reference = load_int(stacks, at + STACK_SIZE)
 

@@ -46,16 +46,19 @@ from proximity.kernels.witness import (
     LENGTH,
     NORMAL,
     closest_on_triangle,
+    height_over,
     over_face,
     pseudo_normal,
     read_corners,
 )
-from proximity.simd import load_int, splat32, trailing_zeros
+from proximity.simd import load, load_each, load_int, select, splat, splat32, store, trailing_zeros
 
 FLAT = 1e-6
 """Sine of the angle between the way to the closest point and the plane across the pseudo-normal below which
 the side is not believed: rounding, at a point 1e-9 part sizes away, turns the way by 1e-7. The winding number
 decides there."""
+RECENT = 16
+"""Parts of which it is remembered what was found in them last."""
 
 
 @kernel
@@ -113,6 +116,32 @@ def signed_of_slot(reals, words, parts, part, slot, px, py, pz, witness):
     return -witness[LENGTH] if inside else witness[LENGTH]
 
 
+@inlined
+def heights_over(reals, places, at, spots, heights, feet):
+    """Height over eight triangles, local, of points with their feet inside; whether they have them there.
+
+    *places* (CHUNK,): the first number of each triangle. *spots* (3 CHUNK,): the points, local, coordinate by
+    coordinate. Columns *at* to *at* + 7 of *heights* and *feet* (CHUNK,): 1, or 0 for elsewhere.
+    """
+    chunk = len(heights)
+    is_over, height, _, _, _ = height_over(
+        load(spots, at),
+        load(spots, chunk + at),
+        load(spots, 2 * chunk + at),
+        load_each(reals, places, at, 0),
+        load_each(reals, places, at, 8),
+        load_each(reals, places, at, 16),
+        load_each(reals, places, at, 24),
+        load_each(reals, places, at, 32),
+        load_each(reals, places, at, 40),
+        load_each(reals, places, at, 48),
+        load_each(reals, places, at, 56),
+        load_each(reals, places, at, 64),
+    )
+    store(heights, at, height)
+    store(feet, at, select(is_over, splat(1.0), splat(0.0)))
+
+
 @kernel
 def state_in_part(reals, words, frames, parts, part, px, py, pz):
     """`INSIDE`, `OUTSIDE` or `CROSSED` (ask the surface) for *p* in the part's local frame."""
@@ -140,23 +169,24 @@ def state_in_part(reals, words, frames, parts, part, px, py, pz):
 def depth_in_part(reals, words, frames, parts, part, px, py, pz, state, recent, stacks, witness):
     """Squared local depth and slot where *p* (local) is inside *part*; `NO_SLOT` where it is not.
 
-    *state*: `INSIDE` or `CROSSED`, as `state_in_part` tells. *recent* (2,) int64: the last part asked and the
-    slot found there, from which a walk may start.
+    *state*: `INSIDE` or `CROSSED`, as `state_in_part` tells. *recent* (RECENT, 2) int64: parts asked lately
+    and the slots found there, from which walks may start.
     """
     # Faces that pass by a cell may have marked it: mostly, not always, the surface is within its diagonal.
     rate = frames[part, GRID_RATE]
     reach_sq = np.inf if state == INSIDE else 3.001 / (rate * rate)
     slot = np.int64(NO_SLOT)
-    if recent[0] == part:
-        known_sq = slot_distance_sq(reals, recent[1], px, py, pz)
+    last = part % RECENT
+    if recent[last, 0] == part:
+        known_sq = slot_distance_sq(reals, recent[last, 1], px, py, pz)
         if known_sq <= reach_sq:
-            reach_sq, slot = known_sq, recent[1]
+            reach_sq, slot = known_sq, recent[last, 1]
     root = parts[part, ROOT]
     found_sq, slot = closest_in_part(reals, words, root, px, py, pz, reach_sq, slot, stacks, 0)
     if slot == NO_SLOT:
         found_sq, slot = closest_in_part(reals, words, root, px, py, pz, np.inf, slot, stacks, 0)
     if slot >= 0:
-        recent[0], recent[1] = part, slot
+        recent[last, 0], recent[last, 1] = part, slot
         if state == CROSSED:
             signed = signed_of_slot(reals, words, parts, part, slot, px, py, pz, witness)
             if not signed < 0.0:
@@ -222,20 +252,9 @@ def deepest_of_chunk(
             )
             pair_count = _add_pairs(words, at, holding, k, found[k, 0], pairs, pair_count)
         _deepest_of_pairs(
-            reals,
-            words,
-            frames,
-            parts,
-            points,
-            rows,
-            pair_count,
-            depths,
-            deeper,
-            pairs,
-            recent,
-            stacks,
+            reals, words, frames, parts, points, rows, pair_count, depths, deeper, pairs, recent, stacks,
             witness,
-        )
+        )  # fmt: skip
     for turn in range(loose_turns):
         pair_count = 0
         for k in range(count):
@@ -243,20 +262,9 @@ def deepest_of_chunk(
             holding, at = loose_bits(words, parts, turn, sx, sy, sz)
             pair_count = _add_pairs(words, at, holding, k, found[k, 0], pairs, pair_count)
         _deepest_of_pairs(
-            reals,
-            words,
-            frames,
-            parts,
-            points,
-            rows,
-            pair_count,
-            depths,
-            deeper,
-            pairs,
-            recent,
-            stacks,
+            reals, words, frames, parts, points, rows, pair_count, depths, deeper, pairs, recent, stacks,
             witness,
-        )
+        )  # fmt: skip
 
 
 @inlined

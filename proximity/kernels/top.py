@@ -20,14 +20,13 @@ from proximity.kernels.layout import (
     IS_HIDDEN,
     IS_LOOSE,
     LANES,
-    NO_PART,
     NODE_STRIDE,
     ROOT,
     ROTATION,
     SCALE,
     TRANSLATION,
 )
-from proximity.kernels.scene import last_up_to, part_of_slot
+from proximity.kernels.scene import part_of_slot
 from proximity.kernels.wide_node import clear_box, node_box, write_lane
 from proximity.simd import load_int
 
@@ -113,12 +112,24 @@ def gather_entries(words, frames, parts, target):
 
 
 @inlined
+def _last_up_to(parts, column, number):
+    """The last part with no more than *number* in a column that rises from part to part."""
+    # Halving without a branch, which nobody could predict.
+    low, count = np.int64(0), np.int64(len(parts) - 1)
+    while count > 1:
+        half = count // 2
+        low += half if parts[low + half, column] <= number else 0
+        count -= half
+    return low
+
+
+@inlined
 def _part_of_child(words, parts, reference, entries_at):
     """The part that a leaf of the static tree is of: an entry, or a part's own node or block."""
     if reference >= 0:
-        return last_up_to(parts, ROOT, reference)
+        return _last_up_to(parts, ROOT, reference)
     if ~reference < ENTRY:
-        return part_of_slot(parts, LANES * ~reference, np.int64(NO_PART))
+        return part_of_slot(words, parts, LANES * ~reference)
     return np.int64(load_int(words, entries_at + 2 * (~reference - ENTRY)))
 
 

@@ -20,7 +20,7 @@ from proximity.kernels.layout import (
     NEIGHBORS,
 )
 from proximity.kernels.triangle import TINY, difference_of_products, dot
-from proximity.simd import fma, load_int
+from proximity.simd import fma, like, load_int, minimum, select, square_root
 
 WITNESS_SIZE = 24
 LENGTH = 0  # distance
@@ -57,31 +57,48 @@ def _edge(witness, k, j):
 def over_face(witness, px, py, pz):
     """Whether the foot of *p* on the plane is strictly inside the triangle, and the height with its sign.
 
-    Fills the unit normal. The same formula as the walk's, so that both agree on what is inside.
+    Fills the unit normal; 0 where there is none.
     """
-    abx, aby, abz = _edge(witness, 0, 1)
-    acx, acy, acz = _edge(witness, 0, 2)
-    pax, pay, paz = _arm(witness, 0, px, py, pz)
+    at = TRIANGLE
+    is_over, height, nx, ny, nz = height_over(
+        px, py, pz, witness[at], witness[at + 1], witness[at + 2], witness[at + 3], witness[at + 4],
+        witness[at + 5], witness[at + 6], witness[at + 7], witness[at + 8],
+    )  # fmt: skip
+    witness[NORMAL], witness[NORMAL + 1], witness[NORMAL + 2] = nx, ny, nz
+    return is_over, height
+
+
+@inlined
+def height_over(px, py, pz, ax, ay, az, bx, by, bz, cx, cy, cz):
+    """Whether the foot of *p* on the plane is strictly inside the triangle *abc*, height, and unit normal.
+
+    Scalars or vectors of eight. The same formula as the walk's, so that both agree on what is inside. A
+    triangle without area has normal and height 0.
+    """
+    abx, aby, abz = bx - ax, by - ay, bz - az
+    acx, acy, acz = cx - ax, cy - ay, cz - az
+    pax, pay, paz = px - ax, py - ay, pz - az
     nx = difference_of_products(aby, acz, abz, acy)
     ny = difference_of_products(abz, acx, abx, acz)
     nz = difference_of_products(abx, acy, aby, acx)
     normal_sq = dot(nx, ny, nz, nx, ny, nz)
-    if not normal_sq > TINY:
-        witness[NORMAL], witness[NORMAL + 1], witness[NORMAL + 2] = 0.0, 0.0, 0.0
-        return False, 0.0
+    zero = like(0.0, normal_sq)
+    has_area = normal_sq > like(TINY, normal_sq)
+    nx, ny, nz = select(has_area, nx, zero), select(has_area, ny, zero), select(has_area, nz, zero)
     qx = fma(pay, nz, -(paz * ny))
     qy = fma(paz, nx, -(pax * nz))
     qz = fma(pax, ny, -(pay * nx))
     side_ab = dot(abx, aby, abz, qx, qy, qz)
     side_ac = -dot(acx, acy, acz, qx, qy, qz)
-    pbx, pby, pbz = _arm(witness, 1, px, py, pz)
+    pbx, pby, pbz = px - bx, py - by, pz - bz
     rx = fma(pby, nz, -(pbz * ny))
     ry = fma(pbz, nx, -(pbx * nz))
     rz = fma(pbx, ny, -(pby * nx))
-    side_bc = dot(*_edge(witness, 1, 2), rx, ry, rz)
-    length = sqrt(normal_sq)
-    witness[NORMAL], witness[NORMAL + 1], witness[NORMAL + 2] = nx / length, ny / length, nz / length
-    return min(side_ab, side_ac, side_bc) > 0.0, dot(nx, ny, nz, pax, pay, paz) / length
+    side_bc = dot(cx - bx, cy - by, cz - bz, rx, ry, rz)
+    length = select(has_area, square_root(normal_sq), like(1.0, normal_sq))
+    nx, ny, nz = nx / length, ny / length, nz / length
+    is_over = minimum(minimum(side_ab, side_ac), side_bc) > zero
+    return is_over, dot(nx, ny, nz, pax, pay, paz), nx, ny, nz
 
 
 @kernel
