@@ -23,6 +23,7 @@ from proximity.kernels.layout import (
     SCALE,
     STACKS_SIZE,
 )
+from proximity.kernels.point import NOTHING_SEEN
 from proximity.kernels.scene import nearest_in_scene, part_of_slot
 from proximity.kernels.winding import MOMENT_STRIDE
 from proximity.model import assemble
@@ -89,7 +90,9 @@ def without_budget(model, point, best_sq=np.inf, slot=NO_SLOT):
     arrays = (model.reals, model.words, model.frames, model.parts)
     part = int(part_of_slot(model.words, model.parts, slot)) if slot >= 0 else NO_PART
     stacks = np.empty(STACKS_SIZE, np.float32)
-    found_sq, _, found = nearest_in_scene(*arrays, *map(float, point), best_sq, part, slot, stacks)
+    found_sq, _, found = nearest_in_scene(
+        *arrays, *map(float, point), best_sq, part, slot, NOTHING_SEEN, stacks
+    )
     return float(found_sq), int(found)
 
 

@@ -33,7 +33,7 @@ from proximity.kernels.layout import (
     SCALE,
     STACK_SIZE,
 )
-from proximity.kernels.point import slot_distance_sq
+from proximity.kernels.point import best_of_block, slot_distance_sq
 from proximity.kernels.scene import to_local
 from proximity.kernels.slab import SMALLEST, slabs_distance_sq
 from proximity.kernels.winding import MOMENT_STRIDE
@@ -140,6 +140,14 @@ def known_sq(reals, frames, parts, part, slot, x, y, z):
     """Squared distance from a point of the scene's frame to one triangle, in the scene's scaled frame."""
     px, py, pz = to_local(frames, parts, part, x, y, z)
     return slot_distance_sq(reals, slot, px, py, pz) * factor_of(frames, part)
+
+
+@inlined
+def best_known(reals, frames, parts, part, slot, x, y, z):
+    """The same to the nearest triangle of the block that *slot* is in; and its slot."""
+    px, py, pz = to_local(frames, parts, part, x, y, z)
+    best_sq, slot = best_of_block(reals, slot, px, py, pz)
+    return best_sq * factor_of(frames, part), slot
 
 
 @inlined

@@ -22,7 +22,7 @@ from math import sqrt
 
 import numpy as np
 
-from proximity.kernels.bounded import factor_of, known_sq, nearest_with_budget
+from proximity.kernels.bounded import best_known, factor_of, nearest_with_budget
 from proximity.kernels.box import nearest_in_boxes
 from proximity.kernels.compiling import inlined, kernel
 from proximity.kernels.descent import nearer_of
@@ -169,7 +169,8 @@ def nearest_by_front(reals, words, frames, parts, x, y, z, part, slot, front, co
     scene = len(parts) - 1
     here = np.int64(0) if is_alone(parts) else scene
     factor = factor_of(frames, here)
-    best_sq = known_sq(reals, frames, parts, part, slot, x, y, z) / factor
+    best_sq, slot = best_known(reals, frames, parts, part, slot, x, y, z)
+    best_sq, seen = best_sq / factor, ~(slot // LANES)
     px, py, pz = to_local(frames, parts, here, x, y, z)
     size = abs(px) + abs(py) + abs(pz)
     slack = ROUNDED * (1.0 + size)
@@ -242,8 +243,9 @@ def nearest_by_front(reals, words, frames, parts, x, y, z, part, slot, front, co
                     offset, length = BEHIND_NONE, INFINITE
                 elif ~reference < ENTRY:
                     block = BLOCK_STRIDE * ~reference
-                    distances = point_block_distance_sq(reals, block, wide_x, wide_y, wide_z)
-                    best_sq, slot = nearer_of(distances, ~reference, best_sq, slot)
+                    if reference != seen:
+                        distances = point_block_distance_sq(reals, block, wide_x, wide_y, wide_z)
+                        best_sq, slot = nearer_of(distances, ~reference, best_sq, slot)
                     # Where the nearest face is, no plane is out of reach.
                     if slot // LANES != ~reference:
                         ox, oy, oz, behind = _plane_of_block(reals, block, px, py, pz)

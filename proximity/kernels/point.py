@@ -15,7 +15,7 @@ import numpy as np
 from proximity.kernels.box import bound_of, far_offset_sq, node_bounds_sq
 from proximity.kernels.compiling import inlined, kernel
 from proximity.kernels.descent import NOTHING_WAITS, descend, nearer_in_block, next_open
-from proximity.kernels.layout import BLOCK_STRIDE, LANES, NODE_STRIDE, STACK_SIZE
+from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_SLOT, NODE_STRIDE, STACK_SIZE
 from proximity.kernels.triangle import TINY, point_triangle_distance_sq
 from proximity.simd import (
     bits,
@@ -24,14 +24,17 @@ from proximity.simd import (
     splat32,
 )
 
+NOTHING_SEEN = 0
+"""A reference that no block has."""
+
 
 @kernel
-def closest_in_part(reals, words, start, px, py, pz, best_sq, best_slot, stacks, at):
+def closest_in_part(reals, words, start, px, py, pz, best_sq, best_slot, seen, stacks, at):
     """Squared distance and slot of the triangle nearest to *p*, all in the part's local frame.
 
     *start*: the reference to walk from, the part's root for all of it. *best_sq* and *best_slot*: what is
-    known already; nothing farther is looked at. *stacks* float32, from *at* on: `STACK_SIZE` bounds, then as
-    many references.
+    known already; nothing farther is looked at. *seen*: the block they are the best of, or `NOTHING_SEEN`.
+    *stacks* float32, from *at* on: `STACK_SIZE` bounds, then as many references.
     """
     wide_x, wide_y, wide_z = splat(px), splat(py), splat(pz)
     x, y, z = splat32(np.float32(px)), splat32(np.float32(py)), splat32(np.float32(pz))
@@ -49,7 +52,7 @@ def closest_in_part(reals, words, start, px, py, pz, best_sq, best_slot, stacks,
             if bits(is_open):
                 reference, at = descend(words, base, bounds, is_open, stacks, at)
                 continue
-        else:
+        elif reference != seen:
             best_sq, best_slot = nearer_in_block(
                 reals, ~reference, wide_x, wide_y, wide_z, best_sq, best_slot
             )
@@ -59,6 +62,15 @@ def closest_in_part(reals, words, start, px, py, pz, best_sq, best_slot, stacks,
         if at == NOTHING_WAITS:
             return best_sq, best_slot
         reference = load_int(stacks, at + STACK_SIZE)
+
+
+@inlined
+def best_of_block(reals, slot, px, py, pz):
+    """Squared distance from *p*, local, to the nearest triangle of the block a slot is in; its slot.
+
+    It takes less time than one triangle alone, and a walk that starts from there need not come by again.
+    """
+    return nearer_in_block(reals, slot // LANES, splat(px), splat(py), splat(pz), np.inf, np.int64(NO_SLOT))
 
 
 @inlined

@@ -1,7 +1,8 @@
 """Point queries as Python calls them: distance, signed distance, closest point, inside or not.
 
 Many points are taken in the order of a curve (*order*: row numbers), so that each can start from what the
-one before has found; few as they come (*order* empty).
+one before has found; few as they come (*order* empty), each from nothing: five points that lie apart are
+answered sooner so.
 
 Tried and dropped (2026-11): a list of the leaves within reach of sixteen neighbours, along which each of them
 runs instead of descending (0.94 of the time on a part of 3 k faces, 1.4 on one of 43 k).
@@ -34,7 +35,7 @@ from proximity.kernels.memory import (
     word_rows_here,
     words_here,
 )
-from proximity.kernels.point import closest_in_part, slot_distance_sq
+from proximity.kernels.point import NOTHING_SEEN, best_of_block, closest_in_part
 from proximity.kernels.scene import (
     FARTHEST,
     ROUNDING,
@@ -99,15 +100,17 @@ def _row(order, i):
 
 @inlined
 def _nearest(reals, words, frames, parts, x, y, z, limit_sq, part, slot, stacks):
-    """`nearest_in_scene`, starting from the triangle that the point before has found, if any."""
-    best_sq = limit_sq
+    """`nearest_in_scene`, starting from the block of what the point before has found, if anything."""
+    best_sq, seen = limit_sq, np.int64(NOTHING_SEEN)
     if slot >= 0:
+        seen = ~(slot // LANES)
         px, py, pz = to_local(frames, parts, part, x, y, z)
         ratio = frames[part, SCALE] / frames[len(parts) - 1, SCALE]
-        best_sq = slot_distance_sq(reals, slot, px, py, pz) / (ratio * ratio)
+        best_sq, slot = best_of_block(reals, slot, px, py, pz)
+        best_sq /= ratio * ratio
         if not best_sq <= limit_sq:
             best_sq, part, slot = limit_sq, np.int64(NO_PART), np.int64(NO_SLOT)
-    return nearest_in_scene(reals, words, frames, parts, x, y, z, best_sq, part, slot, stacks)
+    return nearest_in_scene(reals, words, frames, parts, x, y, z, best_sq, part, slot, seen, stacks)
 
 
 @kernel
@@ -124,6 +127,8 @@ def distance_batch(handle, points, order, limit, distances):
         if not _can_be_asked(frames, parts, x, y, z):
             distances[row] = np.nan
             continue
+        if not len(order):
+            part, slot = np.int64(NO_PART), np.int64(NO_SLOT)
         best_sq, part, slot = _nearest(reals, words, frames, parts, x, y, z, limit_sq, part, slot, stacks)
         distance = sqrt(best_sq) / scale
         distances[row] = distance if slot >= 0 and distance <= limit else np.inf
@@ -167,6 +172,8 @@ def _nearest_of_chunk(
         if not _can_be_asked(frames, parts, x, y, z):
             found[k, 0], signs[k], depths[k] = NO_PART, np.nan, np.inf
             continue
+        if not len(order):
+            part, slot = np.int64(NO_PART), np.int64(NO_SLOT)
         best_sq, part, slot = _nearest(reals, words, frames, parts, x, y, z, limit_sq, part, slot, stacks)
         found[k, 0], found[k, 1], depths[k], signs[k] = part, slot, best_sq, np.inf
     found[CHUNK, 0], found[CHUNK, 1] = part, slot
@@ -221,7 +228,9 @@ def signed_few(handle, points, distances):
         distances[row] = np.nan
         if _can_be_asked(frames, parts, x, y, z):
             px, py, pz = to_local(frames, parts, 0, x, y, z)
-            _, slot = closest_in_part(reals, words, parts[0, ROOT], px, py, pz, np.inf, NO_SLOT, stacks, 0)
+            _, slot = closest_in_part(
+                reals, words, parts[0, ROOT], px, py, pz, np.inf, NO_SLOT, NOTHING_SEEN, stacks, 0
+            )
             signed = signed_of_slot(reals, words, parts, 0, slot, px, py, pz, witness)
             distances[row] = signed / frames[0, SCALE]
     return True

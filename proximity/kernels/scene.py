@@ -115,11 +115,11 @@ def to_scene(frames, parts, part, source, at, target, to):
 
 
 @kernel
-def nearest_in_scene(reals, words, frames, parts, x, y, z, best_sq, best_part, best_slot, stacks):
+def nearest_in_scene(reals, words, frames, parts, x, y, z, best_sq, best_part, best_slot, seen, stacks):
     """Squared distance (scene's scaled frame), part and slot of the surface nearest to a point.
 
-    What is known already goes in as best; with `NO_PART` it is the limit. Ties go to the lower part, then to
-    the lower slot. *stacks*: float32, four times `STACK_SIZE`.
+    What is known already goes in as best; with `NO_PART` it is the limit. *seen*: as in `closest_in_part`.
+    Ties go to the lower part, then to the lower slot. *stacks*: float32, four times `STACK_SIZE`.
 
     Parts in the scene's own frame are walked as if they were one tree; the others by a walk of their own.
     """
@@ -128,7 +128,7 @@ def nearest_in_scene(reals, words, frames, parts, x, y, z, best_sq, best_part, b
     if is_alone(parts):
         px, py, pz = to_local(frames, parts, 0, x, y, z)
         best_sq, best_slot = closest_in_part(
-            reals, words, parts[0, ROOT], px, py, pz, best_sq, best_slot, stacks, 0
+            reals, words, parts[0, ROOT], px, py, pz, best_sq, best_slot, seen, stacks, 0
         )
         return best_sq, np.int64(0) if best_slot >= 0 else best_part, best_slot
 
@@ -153,10 +153,11 @@ def nearest_in_scene(reals, words, frames, parts, x, y, z, best_sq, best_part, b
                 reference, at = descend(words, base, bounds, is_open, stacks, at)
                 continue
         elif ~reference < ENTRY:
-            best_sq, best_slot = nearer_in_block(
-                reals, ~reference, wide_x, wide_y, wide_z, best_sq, best_slot
-            )
-            best32 = bound_of(best_sq, offset)
+            if reference != seen:
+                best_sq, best_slot = nearer_in_block(
+                    reals, ~reference, wide_x, wide_y, wide_z, best_sq, best_slot
+                )
+                best32 = bound_of(best_sq, offset)
         else:
             entry = entries + 2 * (~reference - ENTRY)
             part, start = load_int(words, entry), load_int(words, entry + 1)
@@ -166,7 +167,7 @@ def nearest_in_scene(reals, words, frames, parts, x, y, z, best_sq, best_part, b
             qx, qy, qz = to_local(frames, parts, part, x, y, z)
             ratio_sq = (frames[part, SCALE] / scene_scale) ** 2
             found_sq, slot = closest_in_part(
-                reals, words, start, qx, qy, qz, best_sq * ratio_sq, best_slot, stacks, 0
+                reals, words, start, qx, qy, qz, best_sq * ratio_sq, best_slot, seen, stacks, 0
             )
             if slot != best_slot:
                 best_sq, best_slot = found_sq / ratio_sq, slot

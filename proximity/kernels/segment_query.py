@@ -26,6 +26,7 @@ from proximity.kernels.layout import (
     STACKS_SIZE,
 )
 from proximity.kernels.memory import arrays_at, real_rows_here, reals_here, word_rows_here, words_here
+from proximity.kernels.point import NOTHING_SEEN
 from proximity.kernels.query import reach_sq
 from proximity.kernels.scene import is_alone, nearest_in_scene, part_of_slot, to_local, to_scene
 from proximity.kernels.segment import segment_in_block, segment_in_part
@@ -246,7 +247,7 @@ def segment_batch(handle, starts, ends, order, limit, answers):
         else:
             _, part, slot = nearest_in_scene(
                 reals, words, frames, parts, segment[0], segment[1], segment[2], limit_sq,
-                np.int64(NO_PART), np.int64(NO_SLOT), stacks,
+                np.int64(NO_PART), np.int64(NO_SLOT), NOTHING_SEEN, stacks,
             )  # fmt: skip
         if slot < 0:
             _write_nothing(answers[row], choices[row], np.inf)

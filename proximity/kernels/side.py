@@ -37,7 +37,7 @@ from proximity.kernels.occupancy import (
     turns_of_list,
     turns_of_loose,
 )
-from proximity.kernels.point import closest_in_part, slot_distance_sq
+from proximity.kernels.point import NOTHING_SEEN, best_of_block, closest_in_part
 from proximity.kernels.scene import to_local
 from proximity.kernels.triangle import dot
 from proximity.kernels.winding import winding_number
@@ -175,16 +175,18 @@ def depth_in_part(reals, words, frames, parts, part, px, py, pz, state, recent, 
     # Faces that pass by a cell may have marked it: mostly, not always, the surface is within its diagonal.
     rate = frames[part, GRID_RATE]
     reach_sq = np.inf if state == INSIDE else 3.001 / (rate * rate)
-    slot = np.int64(NO_SLOT)
+    slot, seen = np.int64(NO_SLOT), np.int64(NOTHING_SEEN)
     last = part % RECENT
     if recent[last, 0] == part:
-        known_sq = slot_distance_sq(reals, recent[last, 1], px, py, pz)
+        known_sq, known = best_of_block(reals, recent[last, 1], px, py, pz)
         if known_sq <= reach_sq:
-            reach_sq, slot = known_sq, recent[last, 1]
+            reach_sq, slot, seen = known_sq, known, ~(known // LANES)
     root = parts[part, ROOT]
-    found_sq, slot = closest_in_part(reals, words, root, px, py, pz, reach_sq, slot, stacks, 0)
+    found_sq, slot = closest_in_part(reals, words, root, px, py, pz, reach_sq, slot, seen, stacks, 0)
     if slot == NO_SLOT:
-        found_sq, slot = closest_in_part(reals, words, root, px, py, pz, np.inf, slot, stacks, 0)
+        found_sq, slot = closest_in_part(
+            reals, words, root, px, py, pz, np.inf, slot, NOTHING_SEEN, stacks, 0
+        )
     if slot >= 0:
         recent[last, 0], recent[last, 1] = part, slot
         if state == CROSSED:
