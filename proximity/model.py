@@ -86,6 +86,8 @@ class Model:
         blocks = blocks[: BLOCK_STRIDE * part[layout.BLOCK_COUNT]].copy()
         slots = self.words[part[layout.SLOT_FACES] + LANES * part[layout.FIRST_BLOCK] :]
         slots = slots[: LANES * part[layout.BLOCK_COUNT]].view(np.int32).copy()
+        notes = self.words[part[layout.BLOCK_NOTES] + part[layout.FIRST_BLOCK] :]
+        notes = notes[: part[layout.BLOCK_COUNT]].view(np.int32)
         moments = self.words[part[layout.MOMENTS] + MOMENT_STRIDE * part[layout.ROOT] :]
         face_numbers, corner_numbers = 3 * part[layout.FACE_COUNT], 3 * part[layout.CORNER_COUNT]
         has_grid = part[layout.GRID] != NO_GRID
@@ -110,6 +112,7 @@ class Model:
             grid_counts=counts,
             grid_lower=tuple(frame[layout.GRID_LOWER : layout.GRID_LOWER + 3]),
             grid_rate=float(frame[layout.GRID_RATE]),
+            folded=(notes >> layout.FOLDED_AT).astype(np.uint8),
         )
 
 
@@ -207,7 +210,7 @@ def _filled(
             _together([piece.moments for piece in pieces], np.float32),
         ]
         + [array for piece in pieces for array in (piece.faces, piece.neighbors, piece.grid)]
-        + [_part_of_each_block(pieces), holders.words],
+        + [_notes_on_blocks(pieces), holders.words],
         np.float32,
     )
     for row, piece in enumerate(pieces):
@@ -219,7 +222,7 @@ def _filled(
             part[layout.GRID] = NO_GRID
     parts[:, layout.SLOT_FACES], parts[:, layout.MOMENTS] = word_starts[1], word_starts[2]
     parts[count, layout.FACE_COUNT] = parts[:count, layout.FACE_COUNT].sum()
-    parts[count, [layout.BLOCK_PARTS, layout.GRID]] = word_starts[-2:]
+    parts[:, layout.BLOCK_NOTES], parts[count, layout.GRID] = word_starts[-2:]
     _write_grid(frames, parts, count, holders.counts, holders.lower, holders.rate)
     return reals, words
 
@@ -253,8 +256,13 @@ def _together(pieces: list[np.ndarray], dtype: type) -> np.ndarray:
     return np.concatenate(pieces) if len(pieces) > 1 else np.asarray(pieces[0], dtype=dtype)
 
 
-def _part_of_each_block(pieces: list[PartArrays]) -> np.ndarray:
-    return np.repeat(np.arange(len(pieces), dtype=np.int32), [piece.bvh.block_count for piece in pieces])
+def _notes_on_blocks(pieces: list[PartArrays]) -> np.ndarray:
+    """Of each block the part that it is of, and which of its faces are folded over."""
+    notes = [np.full(piece.bvh.block_count, row, np.int32) for row, piece in enumerate(pieces)]
+    for own, piece in zip(notes, pieces, strict=True):
+        if len(piece.folded):
+            own |= piece.folded.astype(np.int32) << layout.FOLDED_AT
+    return np.concatenate(notes)
 
 
 def _renumbered(nodes: np.ndarray, node_shift: int, block_shift: int) -> np.ndarray:

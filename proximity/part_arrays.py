@@ -1,12 +1,13 @@
 """One part as plain arrays in its local frame, numbered from zero: what a model is put together of."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from proximity.aligned import ALIGNMENT, aligned_empty
 from proximity.bvh import Bvh, LocalFrame, build_bvh, local_frame
 from proximity.kernels import layout
+from proximity.kernels.folds import folded_faces
 from proximity.kernels.grid import build_grid
 from proximity.kernels.normals import add_corner_normals
 from proximity.kernels.slab import fill_slabs
@@ -21,6 +22,7 @@ ROOM_TO_MOVE = 0.25
 SMALLEST_SHARE = 2.0**-8
 """A part that is smaller than this share of its file gets a frame of its own, for tight boxes."""
 NO_GRID_CELLS = np.zeros(0, np.uint32)
+NO_FOLDS = np.zeros(0, np.uint8)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,6 +43,7 @@ class PartArrays:
     grid_counts: tuple[int, int, int] = (0, 0, 0)
     grid_lower: tuple[float, float, float] = (0.0, 0.0, 0.0)
     grid_rate: float = 0.0
+    folded: np.ndarray = field(default_factory=lambda: NO_FOLDS)  # (blocks,) uint8, see `kernels.folds`
 
 
 def part_arrays(
@@ -85,7 +88,7 @@ def common_frame(lower: np.ndarray, upper: np.ndarray) -> LocalFrame:
 
 
 def with_sign(piece: PartArrays, sign: int, *, has_grid: bool) -> PartArrays:
-    """Return a part's arrays with its kind of sign and, where inside changes at faces only, a sign grid.
+    """Return a part's arrays with its kind of sign and what that needs: folded faces, a sign grid.
 
     Parameters
     ----------
@@ -96,31 +99,23 @@ def with_sign(piece: PartArrays, sign: int, *, has_grid: bool) -> PartArrays:
     has_grid : bool
         Whether the winding number is an integer everywhere.
     """
-    grid, counts, rate, lower = NO_GRID_CELLS, (0, 0, 0), 0.0, np.zeros(3)
+    piece = replace(piece, sign=sign)
+    if not has_grid and sign != layout.SIGN_PSEUDONORMAL:
+        return piece
+    words, starts = joined([piece.bvh.nodes, piece.moments], np.float32)
+    tree = (piece.bvh.blocks, words, 0, starts[1])
+    if sign == layout.SIGN_PSEUDONORMAL:
+        folded = folded_faces(piece.corners, piece.faces, piece.neighbors, piece.bvh.slot_faces, *tree)
+        piece = replace(piece, folded=folded)
     if has_grid:
         lower, upper = piece.corners.min(axis=0), piece.corners.max(axis=0)
         wanted = min(max(CELLS_PER_FACE * len(piece.faces), FEWEST_CELLS), LARGEST_GRID)
         rate, counts = grid_size(upper - lower, wanted)
-        words, starts = joined([piece.bvh.nodes, piece.moments], np.float32)
-        grid = build_grid(
-            piece.corners, piece.faces, lower, rate, *counts, piece.bvh.blocks, words, 0, starts[1]
+        grid = build_grid(piece.corners, piece.faces, lower, rate, *counts, *tree)
+        piece = replace(
+            piece, grid=grid, grid_counts=counts, grid_lower=tuple(lower.tolist()), grid_rate=rate
         )
-    return PartArrays(
-        piece.frame,
-        piece.bvh,
-        piece.moments,
-        piece.faces,
-        piece.neighbors,
-        piece.corners,
-        piece.normals,
-        piece.lower,
-        piece.upper,
-        sign,
-        grid,
-        counts,
-        (float(lower[0]), float(lower[1]), float(lower[2])),
-        rate,
-    )
+    return piece
 
 
 def grid_size(extent: np.ndarray, wanted: int) -> tuple[float, tuple[int, int, int]]:

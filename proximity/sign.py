@@ -1,11 +1,13 @@
 """How inside is told for one body: chosen once, checked by sampling, and said in a sentence.
 
-- *pseudo-normal*: the surface is closed and oriented, so the normal of the nearest feature tells the side.
+- *pseudo-normal*: the surface is closed and oriented, so the normal of the nearest feature tells the side;
+  over faces that are folded onto their neighbours, the winding number.
 - *winding number*: the surface is closed but meets itself, or has small holes; how often it winds around a
   point tells.
 - *none*: a sheet, or a surface with large holes. There is no inside; distances have no sign.
 """
 
+from dataclasses import replace
 from enum import Enum
 
 import numpy as np
@@ -14,7 +16,7 @@ from proximity.kernels import layout
 from proximity.kernels.query import ANSWER_WIDTH, closest_batch
 from proximity.kernels.winding import winding_number
 from proximity.model import Model, assemble
-from proximity.part_arrays import PartArrays, with_sign
+from proximity.part_arrays import NO_FOLDS, PartArrays, with_sign
 from proximity.pose import Pose
 from proximity.topology import Topology
 
@@ -63,9 +65,13 @@ def choose_sign(piece: PartArrays, topology: Topology) -> tuple[PartArrays, Sign
         return piece, SignMethod.NONE, "no face has an area: there is no inside, so distances have no sign"
     if topology.is_watertight:
         signed = with_sign(piece, layout.SIGN_PSEUDONORMAL, has_grid=True)
-        asked, against = _contradictions(signed, points, normals)
+        # Asked as if nothing were folded: a surface of which much is meets itself.
+        asked, against = _contradictions(replace(signed, folded=NO_FOLDS), points, normals)
         if against == 0:
             why = f"closed and oriented; agrees with the winding number at {asked} of {asked} sample points"
+            if folded := int(np.unpackbits(signed.folded).sum()):
+                faces = "1 face is" if folded == 1 else f"{folded} faces are"
+                why += f"; {faces} folded over, and there it tells the side"
             return signed, SignMethod.PSEUDONORMAL, why
         why = (
             f"closed and oriented, but it meets itself: the nearest face and the winding number disagree at "

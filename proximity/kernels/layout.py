@@ -73,8 +73,11 @@ IS_LOOSE = 19  # 1 where the part has moved by itself: it stands whole in the tr
 IS_HIDDEN = 20  # 1 where no question finds it
 REGION = 21  # of the scene's row: the super node, behind which the loose tree is
 LOOSE_COUNT = 22  # of the scene's row: parts that are loose
-BLOCK_PARTS = 23  # in words, of the scene's row: the part of each block
+BLOCK_NOTES = 23  # in words: of each block the part, and `FOLDED_AT`; the same for all parts
 PART_COLUMNS = 24
+
+FOLDED_AT = 23
+"""First of the eight bits of a block's note that tell which of its faces are folded over; below, the part."""
 
 NO_GRID = -1
 SIGN_NONE = 0

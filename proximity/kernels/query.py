@@ -24,7 +24,6 @@ from proximity.kernels.layout import (
     SCALE,
     SIGN,
     SIGN_NONE,
-    SIGN_PSEUDONORMAL,
     STACKS_SIZE,
 )
 from proximity.kernels.memory import (
@@ -48,6 +47,7 @@ from proximity.kernels.scene import (
 from proximity.kernels.side import (
     RECENT,
     deepest_of_chunk,
+    has_normals,
     heights_over,
     is_beyond,
     is_held,
@@ -203,8 +203,9 @@ def _signs_of_chunk(
         if part != NO_PART:
             px, py, pz = spots[k], spots[CHUNK + k], spots[2 * CHUNK + k]
             signed = heights[k] + 0.0  # never -0.0
-            if feet[k] == 0.0 or parts[part, SIGN] != SIGN_PSEUDONORMAL or is_beyond(px, py, pz):
-                signed = signed_of_slot(reals, words, parts, part, found[k, 1], px, py, pz, witness)
+            slot = found[k, 1]
+            if feet[k] == 0.0 or is_beyond(px, py, pz) or not has_normals(words, parts, part, slot):
+                signed = signed_of_slot(reals, words, parts, part, slot, px, py, pz, witness)
             signs[k] = signed / frames[part, SCALE]
             if not signed < 0.0:
                 depths[k] = -1.0

@@ -12,10 +12,11 @@ from proximity.kernels.box import bound_of, far_offset_sq, node_bounds_sq
 from proximity.kernels.compiling import inlined, kernel
 from proximity.kernels.descent import NOTHING_WAITS, descend, nearer_in_block, next_open
 from proximity.kernels.layout import (
-    BLOCK_PARTS,
+    BLOCK_NOTES,
     CENTRE,
     ENTRY,
     FACES,
+    FOLDED_AT,
     IS_FUSED,
     IS_HIDDEN,
     IS_TURNED,
@@ -186,4 +187,4 @@ def part_of_slot(words, parts, slot):
     scene = len(parts) - 1
     if scene == 1:
         return np.int64(0)
-    return np.int64(load_int(words, parts[scene, BLOCK_PARTS] + slot // LANES))
+    return np.int64(load_int(words, parts[scene, BLOCK_NOTES] + slot // LANES) & (2**FOLDED_AT - 1))

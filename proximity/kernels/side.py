@@ -7,8 +7,10 @@ hold the point, the deepest counts.
 import numpy as np
 
 from proximity.kernels.compiling import inlined, kernel
+from proximity.kernels.folds import is_folded
 from proximity.kernels.grid import CROSSED, INSIDE, OUTSIDE, cell_state
 from proximity.kernels.layout import (
+    BLOCK_NOTES,
     GRID,
     GRID_LOWER,
     GRID_RATE,
@@ -73,6 +75,12 @@ def is_beyond(px, py, pz):
     return max(abs(px), abs(py), abs(pz)) > 1.0
 
 
+@inlined
+def has_normals(words, parts, part, slot):
+    """Whether the side of a face, and of its edges and corners, is told by their normals."""
+    return parts[part, SIGN] == SIGN_PSEUDONORMAL and not is_folded(words, parts[part, BLOCK_NOTES], slot)
+
+
 @kernel
 def witness_of_slot(reals, words, parts, part, slot, px, py, pz, witness):
     """Fill *witness* for a triangle found; return face, feature and whether *p* is inside the part."""
@@ -80,17 +88,17 @@ def witness_of_slot(reals, words, parts, part, slot, px, py, pz, witness):
     face = load_int(words, parts[part, SLOT_FACES] + slot)
     feature, which = closest_on_triangle(px, py, pz, witness)
     pseudo_normal(reals, words, parts, part, face, feature, which, witness)
-    return face, feature, _is_inside(reals, words, parts, part, px, py, pz, witness)
+    return face, feature, _is_inside(reals, words, parts, part, slot, px, py, pz, witness)
 
 
 @kernel
-def _is_inside(reals, words, parts, part, px, py, pz, witness):
+def _is_inside(reals, words, parts, part, slot, px, py, pz, witness):
     """The side that a filled witness tells; on the surface: outside."""
     sign = parts[part, SIGN]
     length = witness[LENGTH]
     if sign == SIGN_NONE or length == 0.0 or is_beyond(px, py, pz):
         return False
-    if sign == SIGN_PSEUDONORMAL:
+    if has_normals(words, parts, part, slot):
         side = dot(
             witness[ARM],
             witness[ARM + 1],
@@ -108,7 +116,7 @@ def _is_inside(reals, words, parts, part, px, py, pz, witness):
 def signed_of_slot(reals, words, parts, part, slot, px, py, pz, witness):
     """Signed local distance to a triangle found; what `witness_of_slot` would tell, without the rest."""
     read_corners(reals, slot, witness)
-    if parts[part, SIGN] == SIGN_PSEUDONORMAL:
+    if has_normals(words, parts, part, slot):
         is_over, height = over_face(witness, px, py, pz)
         if is_over and not is_beyond(px, py, pz):
             return height + 0.0  # never -0.0

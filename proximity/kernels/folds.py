@@ -1,0 +1,99 @@
+"""Faces that are folded over: slivers that tessellation laid onto their neighbours, facing the wrong way.
+
+A surface with such a sliver is closed, every edge has its two faces, and yet over the sliver the nearest face
+tells the wrong side. There the winding number is asked instead.
+"""
+
+from math import sqrt
+
+import numpy as np
+
+from proximity.kernels.compiling import inlined, kernel, maker
+from proximity.kernels.layout import FOLDED_AT, LANES
+from proximity.kernels.triangle import difference_of_products, dot
+from proximity.kernels.winding import winding_number
+from proximity.simd import load_int
+
+SHARPEST = -0.9
+"""Cosine between the normals of two faces across an edge below which both are looked at: an edge of 26
+degrees. What is folded over is at -1; few edges of real parts are as sharp as this."""
+NEAR_CORNER = 0.8
+"""Weight of a corner at the places where a face is looked at besides its middle."""
+STEP, SHARE = 1e-6, 1e-3
+"""How far to either side, local: at most this, and this share of the root of the face's area."""
+MOST_LOOKED_AT = 4096
+"""Faces of a part; what more there are count as folded."""
+
+
+@inlined
+def is_folded(words, notes, slot):
+    """Whether the face at a slot is folded over; *notes*: the word where those of all blocks begin."""
+    return (load_int(words, notes + slot // LANES) >> (FOLDED_AT + slot % LANES)) & 1 != 0
+
+
+@kernel
+def _normal(corners, faces, face):
+    a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
+    ax, ay, az = corners[a, 0], corners[a, 1], corners[a, 2]
+    bx, by, bz = corners[b, 0] - ax, corners[b, 1] - ay, corners[b, 2] - az
+    cx, cy, cz = corners[c, 0] - ax, corners[c, 1] - ay, corners[c, 2] - az
+    return (
+        difference_of_products(by, cz, bz, cy),
+        difference_of_products(bz, cx, bx, cz),
+        difference_of_products(bx, cy, by, cx),
+    )
+
+
+@maker
+def folded_faces(corners, faces, neighbors, slot_faces, reals, words, root, moments):
+    """Return which slots have faces that are folded over, a bit each: (blocks,) uint8.
+
+    *corners* (K, 3), *faces* (F, 3): local frame. *neighbors* (F, 3): the face across each edge, or negative.
+    *reals*, *words*, *root*, *moments*: the part's tree.
+    """
+    folded = np.zeros(len(slot_faces) // LANES, np.uint8)
+    looked_at = 0
+    for slot in range(len(slot_faces)):
+        face = slot_faces[slot]
+        if face < 0 or not _is_sharp(corners, faces, neighbors, face):
+            continue
+        looked_at += 1
+        if looked_at > MOST_LOOKED_AT or _faces_wrong(corners, faces, face, reals, words, root, moments):
+            folded[slot // LANES] |= np.uint8(1 << (slot % LANES))
+    return folded
+
+
+@kernel
+def _is_sharp(corners, faces, neighbors, face):
+    """Whether one of a face's edges is sharper than edges are."""
+    nx, ny, nz = _normal(corners, faces, face)
+    own_sq = dot(nx, ny, nz, nx, ny, nz)
+    for k in range(3):
+        other = neighbors[face, k]
+        if other >= 0:
+            mx, my, mz = _normal(corners, faces, other)
+            other_sq = dot(mx, my, mz, mx, my, mz)
+            if dot(nx, ny, nz, mx, my, mz) < SHARPEST * sqrt(own_sq) * sqrt(other_sq):
+                return True
+    return False
+
+
+@kernel
+def _faces_wrong(corners, faces, face, reals, words, root, moments):
+    """Whether somewhere a face has the inside where its normal goes, or none on the other side."""
+    nx, ny, nz = _normal(corners, faces, face)
+    length = sqrt(dot(nx, ny, nz, nx, ny, nz))
+    step = min(STEP, SHARE * sqrt(length)) / length
+    a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
+    for k in range(4):
+        u = NEAR_CORNER if k == 1 else ((1.0 - NEAR_CORNER) / 2.0 if k else 1.0 / 3.0)
+        v = NEAR_CORNER if k == 2 else ((1.0 - NEAR_CORNER) / 2.0 if k else 1.0 / 3.0)
+        w = 1.0 - u - v
+        x = u * corners[a, 0] + v * corners[b, 0] + w * corners[c, 0]
+        y = u * corners[a, 1] + v * corners[b, 1] + w * corners[c, 1]
+        z = u * corners[a, 2] + v * corners[b, 2] + w * corners[c, 2]
+        above = winding_number(reals, words, root, moments, x + step * nx, y + step * ny, z + step * nz)
+        below = winding_number(reals, words, root, moments, x - step * nx, y - step * ny, z - step * nz)
+        if above > 0.5 or not below > 0.5:
+            return True
+    return False

@@ -1,0 +1,117 @@
+"""Slivers that are folded onto their neighbours: found, no others, and no side is wrong because of them."""
+
+import numpy as np
+import pytest
+import shapes
+from scene_parts import part_of
+
+import oracle
+import proximity
+from proximity.kernels import folds
+from proximity.pose import Pose
+from proximity.scene import Scene
+from proximity.sign import SignMethod
+from proximity.solid import Solid
+from proximity.tracker import Tracker
+
+SPACING = 0.25
+
+
+def folded_cube():
+    """A cube, one corner on its top moved in the plane across an edge around it; and the face that flips."""
+    vertices, faces = shapes.quartered(*shapes.quartered(*shapes.cube(1.0, (0.0, 0.0, 0.0))))
+    (row,) = np.flatnonzero((np.abs(vertices - (0.0, SPACING, 0.5)) < 1e-9).all(axis=1))
+    around = faces[(faces == row).any(axis=1)]
+    across = 0.5 * (vertices[around[0]].sum(axis=0) - vertices[row])
+    vertices = vertices.copy()
+    vertices[row] += 1.3 * (across - vertices[row])
+    corners = vertices[faces]
+    heights = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, 2]
+    (flipped,) = np.flatnonzero((corners[:, :, 2] > 0.49).all(axis=1) & (heights < 0.0))
+    return vertices, faces, int(flipped)
+
+
+def points_over(vertices, face, rng, count):
+    """Over and under a face, from a hair to far off."""
+    on = rng.dirichlet((1.0, 1.0, 1.0), count) @ vertices[face]
+    return on + rng.choice([-1.0, 1.0], (count, 1)) * 10.0 ** rng.uniform(-9, -1, (count, 1)) * (0, 0, 1)
+
+
+def faces_folded(solid):
+    piece = solid._model.part_arrays(0)
+    bits = np.unpackbits(piece.folded[:, None], axis=1, bitorder="little")
+    return piece.bvh.slot_faces.reshape(-1, 8)[bits == 1].tolist()
+
+
+def test_the_face_that_is_folded_over_is_found_and_said():
+    vertices, faces, flipped = folded_cube()
+    solid = Solid(vertices, faces)
+
+    assert faces_folded(solid) == [flipped]
+    assert solid.sign_method is SignMethod.PSEUDONORMAL
+    assert solid.sign_reason.endswith("; 1 face is folded over, and there it tells the side")
+
+
+@pytest.mark.parametrize("make", ["tetrahedron", "cube", "sphere", "torus", "hollow_cube"])
+def test_nothing_else_is(make):
+    solid = Solid(*getattr(shapes, make)())
+
+    assert not solid._model.part_arrays(0).folded.any()
+    assert "folded" not in solid.sign_reason
+
+
+def test_sharp_wedge_is_looked_at_and_found_right():
+    blade = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0, 0, 0.05], [1, 0, 0.05]], float)
+    faces = np.array([[0, 2, 1], [1, 2, 3], [0, 1, 4], [1, 5, 4], [4, 5, 2], [5, 3, 2], [0, 4, 2], [1, 3, 5]])
+    solid = Solid(blade, faces)
+    assert solid.is_watertight
+
+    assert -np.cos(np.arctan(0.05)) < folds.SHARPEST
+    assert not solid._model.part_arrays(0).folded.any()
+
+
+@pytest.mark.parametrize("count", [1, 5, 200])
+def test_side_is_right_over_the_fold(count):
+    vertices, faces, flipped = folded_cube()
+    points = points_over(vertices, faces[flipped], np.random.default_rng(count), count)
+    is_inside = oracle.winding_number(vertices, faces, points) > 0.5
+    other = part_of(shapes.cube(), "other", Pose(translation=(5, 0, 0)))
+    moved = Scene([part_of((vertices, faces), "folded"), other])
+    moved.move("folded", Pose(shapes.rotation(3), np.array([0.1, 0.2, 0.3])))
+
+    for one, own in (
+        (Solid(vertices, faces), points),
+        (moved, moved.parts[0].pose.point(points)),
+    ):
+        assert np.array_equal(one.signed_distance(own) < 0.0, is_inside)
+        assert np.array_equal(one.closest(own).signed_distance < 0.0, is_inside)
+        assert np.array_equal(one.contains(own), is_inside)
+    assert is_inside.any() or count < 200
+
+
+def test_finger_over_the_fold_is_where_it_is():
+    vertices, faces, flipped = folded_cube()
+    points = points_over(vertices, faces[flipped], np.random.default_rng(4), 40)
+    tracker = Tracker(Scene([part_of((vertices, faces))]), fingers=len(points), radius=0.0)
+
+    contacts = tracker.tick(points, 10**6, 10**6)
+
+    is_inside = oracle.winding_number(vertices, faces, points) > 0.5
+    assert np.array_equal(contacts["signed_distance"] < 0.0, is_inside)
+    assert (contacts["lower"] <= contacts["upper"]).all()
+
+
+def test_folds_outlast_another_scene_and_a_file(tmp_path):
+    vertices, faces, flipped = folded_cube()
+    points = points_over(vertices, faces[flipped], np.random.default_rng(5), 100)
+    is_inside = oracle.winding_number(vertices, faces, points) > 0.5
+    scene = Scene(
+        [part_of(shapes.cube(), pose=Pose(translation=(5, 0, 0))), part_of((vertices, faces), "folded")]
+    )
+    scene.add(part_of(shapes.sphere(), "more", Pose(translation=(9, 0, 0))))
+    scene.save(tmp_path / "folded.prox")
+    loaded = proximity.load(tmp_path / "folded.prox")
+
+    assert faces_folded(scene.part("folded").solid) == [flipped]
+    assert np.array_equal(scene.signed_distance(points) < 0.0, is_inside)
+    assert np.array_equal(loaded.signed_distance(points) < 0.0, is_inside)
