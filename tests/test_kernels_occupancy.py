@@ -141,6 +141,16 @@ def test_a_scene_of_sheets_alone_has_no_cells():
     assert scene.signed_distance((0.5, 0.5, 0.25)) == 0.25
 
 
+def test_a_part_asked_alone_is_listed_nowhere_though_its_scene_has_lists():
+    scene = scene_of(np.random.default_rng(6), 4)
+    solid = scene.parts[1].solid
+    model = solid._model
+    assert model.parts[1, layout.GRID_X] > 0  # the part's own sign grid
+
+    assert list_of(model.words, model.frames, model.parts, 0.1, 0.1, 0.1) == (0, 0)
+    assert solid.contains((0.1, 0.1, 0.1))
+
+
 @pytest.mark.parametrize("loose", [1, 7, 8, 9, 30])
 def test_parts_that_have_moved_are_found_where_they_are_and_nowhere_else(loose):
     rng = np.random.default_rng(loose)

@@ -41,14 +41,19 @@ from proximity.simd import bits, load_int, splat32, trailing_zeros
 
 @inlined
 def list_of(words, frames, parts, x, y, z):
-    """The words from which, and up to which, parts are listed that may hold a point of the scene's frame."""
+    """The words from which, and up to which, parts are listed that may hold a point of the scene's frame.
+
+    The only part of a scene is listed nowhere: its row, and so the scene's, tell of its sign grid.
+    """
     scene = len(parts) - 1
+    if scene == 1:
+        return np.int64(0), np.int64(0)
     nx, ny, nz = parts[scene, GRID_X], parts[scene, GRID_Y], parts[scene, GRID_Z]
     rate = frames[scene, GRID_RATE]
     fx = (x - frames[scene, GRID_LOWER]) * rate
     fy = (y - frames[scene, GRID_LOWER + 1]) * rate
     fz = (z - frames[scene, GRID_LOWER + 2]) * rate
-    # The only part of a scene has no grid over it: no cells.
+    # A scene of which no part is listed has no cells.
     if not (fx >= 0.0 and fy >= 0.0 and fz >= 0.0 and fx < nx and fy < ny and fz < nz):
         return np.int64(0), np.int64(0)
     base = parts[scene, GRID]
