@@ -851,7 +851,7 @@ def test_service_stops_when_its_parent_is_killed(scene_path, folder):
         parent.kill()
 
     def has_stopped():
-        (run,) = FrameReader(log)
-        return run["header"]["state"][-1] == State.STOPPING
+        *_, latest = FrameReader(log)
+        return latest["header"]["state"][-1] == State.STOPPING
 
     wait_until(has_stopped, "the service has stopped")
