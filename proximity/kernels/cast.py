@@ -231,9 +231,9 @@ def cast_batch(handle, origins, directions, order, limit, answers):
         for k in range(count):
             row = order[begin + k] if len(order) else begin + k
             rows[k], offsets[k] = row, 3 * row
-        at = (count - 1) // LANES * LANES
-        for k in range(count, at + LANES):
-            offsets[k] = offsets[0]
+        for k in range(count, -(-count // LANES) * LANES):
+            # Whoever stands in for a ray is not asked: he has hit nothing.
+            offsets[k], slots[k] = offsets[0], NO_SLOT
         for at in range(0, count, LANES):
             drift = 0.0 if is_single else FAR_MARGIN
             make_ready(frames, parts, top, drift, origins, directions, offsets, at, limit, aims, views)
@@ -242,8 +242,6 @@ def cast_batch(handle, origins, directions, order, limit, answers):
         else:
             _hits_of_parts(reals, words, frames, parts, count, origins, rows, aims, views, slots, stacks)
         if is_told_all:
-            for k in range(count, at + LANES):
-                slots[k] = NO_SLOT
             for at in range(0, count, LANES):
                 work_out(reals, words, frames, parts, slots, at, views, owners, places, hits)
         for k in range(count):

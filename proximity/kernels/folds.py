@@ -10,7 +10,7 @@ import numpy as np
 
 from proximity.kernels.compiling import inlined, kernel, maker
 from proximity.kernels.layout import FOLDED_AT, LANES
-from proximity.kernels.triangle import difference_of_products, dot
+from proximity.kernels.triangle import cross, dot
 from proximity.kernels.winding import winding_number
 from proximity.simd import load_int
 
@@ -37,11 +37,7 @@ def _normal(corners, faces, face):
     ax, ay, az = corners[a, 0], corners[a, 1], corners[a, 2]
     bx, by, bz = corners[b, 0] - ax, corners[b, 1] - ay, corners[b, 2] - az
     cx, cy, cz = corners[c, 0] - ax, corners[c, 1] - ay, corners[c, 2] - az
-    return (
-        difference_of_products(by, cz, bz, cy),
-        difference_of_products(bz, cx, bx, cz),
-        difference_of_products(bx, cy, by, cx),
-    )
+    return cross(bx, by, bz, cx, cy, cz)
 
 
 @maker

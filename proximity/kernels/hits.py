@@ -4,7 +4,6 @@ import numpy as np
 
 from proximity.kernels.compiling import inlined
 from proximity.kernels.layout import (
-    BLOCK_STRIDE,
     CENTRE,
     FRAME_COLUMNS,
     IS_TURNED,
@@ -16,10 +15,10 @@ from proximity.kernels.layout import (
     SLOT_FACES,
     TRANSLATION,
 )
-from proximity.kernels.rays import CHUNK, HIT, WAY
+from proximity.kernels.rays import CHUNK, HIT, WAY, load_three, store_three
 from proximity.kernels.scene import part_of_slot
-from proximity.kernels.triangle import difference_of_products, dot
-from proximity.simd import load, load_each, load_int, maximum, select, splat, square_root, store
+from proximity.kernels.triangle import cross, dot, place_of
+from proximity.simd import load_each, load_int, maximum, select, splat, square_root
 
 # columns of the answers: float64
 DISTANCE = 0
@@ -72,13 +71,13 @@ def work_out(reals, words, frames, parts, slots, at, views, owners, places, hits
         slot = max(slots[k], 0)
         part = part_of_slot(words, parts, slot)
         owners[k] = part
-        places[k] = BLOCK_STRIDE * (slot // LANES) + slot % LANES
+        places[k] = place_of(slot)
         places[CHUNK + k] = FRAME_COLUMNS * part
         is_turned |= parts[part, IS_TURNED] != 0
-    u, v, w = _rows(views, HIT, at)
+    u, v, w = load_three(views, HIT, at)
     total = u + v + w
     b0, b1, b2 = u / total, v / total, w / total
-    _store(hits, BARYCENTRIC, at, b0, b1, b2)
+    store_three(hits, BARYCENTRIC, at, b0, b1, b2)
 
     ax, ay, az = _corner(reals, places, at, 0)
     bx, by, bz = _corner(reals, places, at, 24)
@@ -97,11 +96,11 @@ def work_out(reals, words, frames, parts, slots, at, views, owners, places, hits
     pz = _weighted(is_b, is_c, az, bz, cz, second, third) * metres + load_each(
         frames, places, frames_at, CENTRE + 2
     )
-    nx, ny, nz = _normal(bx - ax, by - ay, bz - az, cx - ax, cy - ay, cz - az)
+    nx, ny, nz = cross(bx - ax, by - ay, bz - az, cx - ax, cy - ay, cz - az)
     if is_turned:
         px, py, pz = _turned(frames, places, frames_at, px, py, pz)
         nx, ny, nz = _turned(frames, places, frames_at, nx, ny, nz)
-    _store(
+    store_three(
         hits, POINT, at,
         px + load_each(frames, places, frames_at, TRANSLATION),
         py + load_each(frames, places, frames_at, TRANSLATION + 1),
@@ -110,24 +109,10 @@ def work_out(reals, words, frames, parts, slots, at, views, owners, places, hits
     # A face without area has no normal: it faces the ray.
     size_sq = dot(nx, ny, nz, nx, ny, nz)
     has_area = size_sq > splat(0.0)
-    dx, dy, dz = _rows(views, WAY, at)
+    dx, dy, dz = load_three(views, WAY, at)
     nx, ny, nz = select(has_area, nx, -dx), select(has_area, ny, -dy), select(has_area, nz, -dz)
     size = square_root(select(has_area, size_sq, dot(dx, dy, dz, dx, dy, dz)))
-    _store(hits, NORMAL, at, nx / size, ny / size, nz / size)
-
-
-@inlined
-def _rows(table, row, at):
-    first = CHUNK * row + at
-    return load(table, first), load(table, first + CHUNK), load(table, first + 2 * CHUNK)
-
-
-@inlined
-def _store(table, row, at, x, y, z):
-    first = CHUNK * row + at
-    store(table, first, x)
-    store(table, first + CHUNK, y)
-    store(table, first + 2 * CHUNK, z)
+    store_three(hits, NORMAL, at, nx / size, ny / size, nz / size)
 
 
 @inlined
@@ -151,16 +136,6 @@ def _weighted(is_b, is_c, a, b, c, second, third):
     heaviest = select(is_c, c, select(is_b, b, a))
     one, other = _after(is_b, is_c, a, b, c)
     return heaviest + second * (one - heaviest) + third * (other - heaviest)
-
-
-@inlined
-def _normal(bx, by, bz, cx, cy, cz):
-    """Normal, of any length, of the triangle with two edges *b* and *c*; 0 where it has no area."""
-    return (
-        difference_of_products(by, cz, bz, cy),
-        difference_of_products(bz, cx, bx, cz),
-        difference_of_products(bx, cy, by, cx),
-    )
 
 
 @inlined

@@ -121,7 +121,7 @@ def bring_up_to_date(
     if scene > 1:
         if not reach <= 1.0:
             return reach
-        for part in range(scene):
+        for part in loose:
             if versions[part] > published:
                 box_in_scene(frames, parts, part, boxes[part])
         _mend_order(boxes, loose, order, keys, steps)

@@ -3,7 +3,7 @@
 from math import atan2, sqrt
 
 from proximity.kernels.compiling import kernel
-from proximity.kernels.triangle import difference_of_products, dot
+from proximity.kernels.triangle import cross, dot
 
 
 @kernel
@@ -26,9 +26,7 @@ def add_corner_normals(corners, faces, normals):
                 corners[c, 1] - corners[a, 1],
                 corners[c, 2] - corners[a, 2],
             )
-            nx = difference_of_products(uy, vz, uz, vy)
-            ny = difference_of_products(uz, vx, ux, vz)
-            nz = difference_of_products(ux, vy, uy, vx)
+            nx, ny, nz = cross(ux, uy, uz, vx, vy, vz)
             length = sqrt(dot(nx, ny, nz, nx, ny, nz))
             if length > 0.0:
                 weight = atan2(length, dot(ux, uy, uz, vx, vy, vz)) / length

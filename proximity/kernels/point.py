@@ -15,8 +15,8 @@ import numpy as np
 from proximity.kernels.box import bound_of, far_offset_sq, node_bounds_sq
 from proximity.kernels.compiling import inlined, kernel
 from proximity.kernels.descent import NOTHING_WAITS, descend, nearer_in_block, next_open
-from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_SLOT, NODE_STRIDE, STACK_SIZE
-from proximity.kernels.triangle import TINY, point_triangle_distance_sq
+from proximity.kernels.layout import LANES, NO_SLOT, NODE_STRIDE, STACK_SIZE
+from proximity.kernels.triangle import TINY, place_of, point_triangle_distance_sq
 from proximity.simd import (
     bits,
     load_int,
@@ -76,7 +76,7 @@ def best_of_block(reals, slot, px, py, pz):
 @inlined
 def slot_distance_sq(reals, slot, px, py, pz):
     """Squared distance from *p* to the triangle at *slot*: to the bit what the walk computes for it."""
-    base = BLOCK_STRIDE * (slot // LANES) + slot % LANES
+    base = place_of(slot)
     return point_triangle_distance_sq(
         px,
         py,

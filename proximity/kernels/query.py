@@ -14,7 +14,6 @@ import numpy as np
 
 from proximity.kernels.compiling import inlined, kernel
 from proximity.kernels.layout import (
-    BLOCK_STRIDE,
     FEATURE_NONE,
     LANES,
     NO_FACE,
@@ -54,6 +53,7 @@ from proximity.kernels.side import (
     signed_of_slot,
     witness_of_slot,
 )
+from proximity.kernels.triangle import place_of
 from proximity.kernels.witness import ARM, LENGTH, NORMAL, POINT, WEIGHT, WITNESS_SIZE
 
 SHORTEST = 1e-150
@@ -192,7 +192,7 @@ def _signs_of_chunk(
         places[k] = 0
         if k < count and found[k, 0] != NO_PART:
             row, slot = rows[k], found[k, 1]
-            places[k] = BLOCK_STRIDE * (slot // LANES) + slot % LANES
+            places[k] = place_of(slot)
             spots[k], spots[CHUNK + k], spots[2 * CHUNK + k] = to_local(
                 frames, parts, found[k, 0], points[row, 0], points[row, 1], points[row, 2]
             )

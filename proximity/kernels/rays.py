@@ -8,7 +8,7 @@ from math import frexp, ldexp
 import numpy as np
 
 from proximity.kernels.compiling import inlined
-from proximity.kernels.layout import CENTRE, IS_TURNED, LANES, ROTATION, SCALE, TRANSLATION
+from proximity.kernels.layout import LANES, SCALE
 from proximity.kernels.ray import (
     SLAB_MARGIN,
     aim_and_view,
@@ -16,7 +16,7 @@ from proximity.kernels.ray import (
     bound_of_parameter,
     is_from_afar,
 )
-from proximity.kernels.scene import FARTHEST
+from proximity.kernels.scene import direction_to_local, to_local
 from proximity.kernels.triangle import dot
 from proximity.simd import (
     absolute,
@@ -24,7 +24,6 @@ from proximity.simd import (
     load,
     load_each,
     maximum,
-    minimum,
     narrow,
     select,
     splat,
@@ -73,21 +72,12 @@ def make_ready(frames, parts, top, drift, origins, directions, offsets, at, limi
     if limit != np.inf:
         # A little farther, since rounding must not lose a hit at the limit itself.
         reach = splat(limit) / square_root(dot(dx, dy, dz, dx, dy, dz)) * splat(1.0 + 1e-12)
-    _store(views, WAY, at, dx, dy, dz)
+    store_three(views, WAY, at, dx, dy, dz)
     store(views, CHUNK * IS_SOUND + at, select(is_sound, one, zero))
     store(views, CHUNK * REACH + at, reach)
 
-    x, y, z = _turned(
-        frames, parts, top,
-        x - splat(frames[top, TRANSLATION]), y - splat(frames[top, TRANSLATION + 1]),
-        z - splat(frames[top, TRANSLATION + 2]),
-    )  # fmt: skip
-    dx, dy, dz = _turned(frames, parts, top, dx, dy, dz)
-    x, y, z = (
-        _scaled_place(frames, top, x, 0),
-        _scaled_place(frames, top, y, 1),
-        _scaled_place(frames, top, z, 2),
-    )
+    x, y, z = to_local(frames, parts, top, x, y, z)
+    dx, dy, dz = direction_to_local(frames, parts, top, dx, dy, dz)
     margin = splat(SLAB_MARGIN) + splat(drift) * maximum(maximum(absolute(x), absolute(y)), absolute(z))
     entry, passes_by = zero, zero > one
     is_far = is_from_afar(x, y, z)
@@ -96,11 +86,11 @@ def make_ready(frames, parts, top, drift, origins, directions, offsets, at, limi
         entry, passes_by = select(is_far, enter, zero), is_far & ~is_near
         x, y, z = select(is_far, near_x, x), select(is_far, near_y, y), select(is_far, near_z, z)
     aim, view = aim_and_view(x, y, z, dx, dy, dz, margin)
-    _store(aims, AIM, at, aim[0], aim[1], aim[2])
-    _store(aims, AIM + 3, at, aim[3], aim[4], aim[5])
-    _store(aims, AIM + 6, at, aim[6], aim[7], aim[8])
-    _store(views, VIEW, at, view[0], view[1], view[2])
-    _store(views, VIEW + 3, at, view[3], view[4], view[5])
+    store_three(aims, AIM, at, aim[0], aim[1], aim[2])
+    store_three(aims, AIM + 3, at, aim[3], aim[4], aim[5])
+    store_three(aims, AIM + 6, at, aim[6], aim[7], aim[8])
+    store_three(views, VIEW, at, view[0], view[1], view[2])
+    store_three(views, VIEW + 3, at, view[3], view[4], view[5])
     store(views, CHUNK * (VIEW + 6) + at, view[6])
     store(views, CHUNK * START + at, entry)
     # A ray that passes by, or cannot be asked, opens nothing.
@@ -114,34 +104,27 @@ def _columns(rows, offsets, at):
 
 
 @inlined
-def _store(table, row, at, x, y, z):
+def store_three(table, row, at, x, y, z):
+    """Put eight rays' numbers into three rows of a table."""
     store(table, CHUNK * row + at, x)
     store(table, CHUNK * (row + 1) + at, y)
     store(table, CHUNK * (row + 2) + at, z)
 
 
 @inlined
-def _turned(frames, parts, top, x, y, z):
-    """Directions of the scene's frame in the frame of row *top*: `scene.direction_to_local` of eight."""
-    if parts[top, IS_TURNED]:
-        return (
-            _along(frames, top, 0, x, y, z),
-            _along(frames, top, 1, x, y, z),
-            _along(frames, top, 2, x, y, z),
-        )
-    return x, y, z
+def load_three(table, row, at):
+    """Three rows of a table, of eight rays."""
+    return (
+        load(table, CHUNK * row + at),
+        load(table, CHUNK * (row + 1) + at),
+        load(table, CHUNK * (row + 2) + at),
+    )
 
 
 @inlined
-def _along(frames, top, column, x, y, z):
-    at = ROTATION + column
-    return splat(frames[top, at]) * x + splat(frames[top, at + 3]) * y + splat(frames[top, at + 6]) * z
-
-
-@inlined
-def _scaled_place(frames, top, value, axis):
-    value = (value - splat(frames[top, CENTRE + axis])) * splat(frames[top, SCALE])
-    return minimum(maximum(value, splat(-FARTHEST)), splat(FARTHEST))
+def three_of(table, row, k):
+    """Three rows of a table, of ray *k*."""
+    return table[CHUNK * row + k], table[CHUNK * (row + 1) + k], table[CHUNK * (row + 2) + k]
 
 
 @inlined
@@ -157,46 +140,28 @@ def scaled_direction(x, y, z):
 @inlined
 def _scaled(x, y, z, views, at):
     """`scaled_direction` of eight, by way of the table."""
-    _store(views, WAY, at, x, y, z)
+    store_three(views, WAY, at, x, y, z)
     first = CHUNK * WAY + at
     for k in range(first, first + LANES):
         views[k], views[k + CHUNK], views[k + 2 * CHUNK] = scaled_direction(
             views[k], views[k + CHUNK], views[k + 2 * CHUNK]
         )
-    return load(views, first), load(views, first + CHUNK), load(views, first + 2 * CHUNK)
+    return load_three(views, WAY, at)
 
 
 @inlined
 def aim_of(aims, k):
     """What boxes need of ray *k*."""
-    return (
-        aims[k],
-        aims[CHUNK + k],
-        aims[2 * CHUNK + k],
-        aims[3 * CHUNK + k],
-        aims[4 * CHUNK + k],
-        aims[5 * CHUNK + k],
-        aims[6 * CHUNK + k],
-        aims[7 * CHUNK + k],
-        aims[8 * CHUNK + k],
-    )
+    return (*three_of(aims, AIM, k), *three_of(aims, AIM + 3, k), *three_of(aims, AIM + 6, k))
 
 
 @inlined
 def view_of(views, k):
     """What triangles need of ray *k*."""
-    return (
-        views[k],
-        views[CHUNK + k],
-        views[2 * CHUNK + k],
-        views[3 * CHUNK + k],
-        views[4 * CHUNK + k],
-        views[5 * CHUNK + k],
-        views[6 * CHUNK + k],
-    )
+    return (*three_of(views, VIEW, k), *three_of(views, VIEW + 3, k), views[CHUNK * (VIEW + 6) + k])
 
 
 @inlined
 def way_of(views, k):
     """The scaled direction of ray *k*, scene's frame."""
-    return views[CHUNK * WAY + k], views[CHUNK * (WAY + 1) + k], views[CHUNK * (WAY + 2) + k]
+    return three_of(views, WAY, k)

@@ -35,7 +35,7 @@ from proximity.kernels.layout import (
 )
 from proximity.kernels.memory import arrays_at
 from proximity.kernels.slab import fill_slabs
-from proximity.kernels.triangle import difference_of_products, dot
+from proximity.kernels.triangle import cross, dot
 from proximity.kernels.winding import MOMENT_STRIDE, OPENING
 from proximity.simd import (
     absolute,
@@ -235,9 +235,7 @@ def _refit_block(reals, base, places, ids, first, results, at):
     abx, aby, abz = bx - ax, by - ay, bz - az
     acx, acy, acz = cx - ax, cy - ay, cz - az
     bcx, bcy, bcz = cx - bx, cy - by, cz - bz
-    nx = difference_of_products(aby, acz, abz, acy)
-    ny = difference_of_products(abz, acx, abx, acz)
-    nz = difference_of_products(abx, acy, aby, acx)
+    nx, ny, nz = cross(abx, aby, abz, acx, acy, acz)
     length = square_root(dot(nx, ny, nz, nx, ny, nz))
     # A face without area has no normal, and no share.
     has_area = length > zero

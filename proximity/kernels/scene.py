@@ -31,7 +31,10 @@ from proximity.kernels.layout import (
 from proximity.kernels.point import closest_in_part
 from proximity.simd import (
     bits,
+    like,
     load_int,
+    maximum,
+    minimum,
     splat,
     splat32,
 )
@@ -50,14 +53,22 @@ def is_alone(parts):
 
 @inlined
 def direction_to_local(frames, parts, part, x, y, z):
-    """A direction of the scene's frame in the frame of *part*; its length stays."""
+    """A direction of the scene's frame in that of *part*, as long; scalars or vectors of eight."""
     if parts[part, IS_TURNED]:
         return (
-            frames[part, ROTATION] * x + frames[part, ROTATION + 3] * y + frames[part, ROTATION + 6] * z,
-            frames[part, ROTATION + 1] * x + frames[part, ROTATION + 4] * y + frames[part, ROTATION + 7] * z,
-            frames[part, ROTATION + 2] * x + frames[part, ROTATION + 5] * y + frames[part, ROTATION + 8] * z,
+            _along(frames, part, 0, x, y, z),
+            _along(frames, part, 1, x, y, z),
+            _along(frames, part, 2, x, y, z),
         )
     return x, y, z
+
+
+@inlined
+def _along(frames, part, column, x, y, z):
+    at = ROTATION + column
+    return (
+        like(frames[part, at], x) * x + like(frames[part, at + 3], y) * y + like(frames[part, at + 6], z) * z
+    )
 
 
 @inlined
@@ -74,16 +85,16 @@ def direction_to_scene(frames, parts, part, x, y, z):
 
 @inlined
 def to_local(frames, parts, part, x, y, z):
-    """A point of the scene's frame in the local frame of *part*."""
-    dx = x - frames[part, TRANSLATION]
-    dy = y - frames[part, TRANSLATION + 1]
-    dz = z - frames[part, TRANSLATION + 2]
+    """A point of the scene's frame in the local frame of *part*; scalars or vectors of eight."""
+    dx = x - like(frames[part, TRANSLATION], x)
+    dy = y - like(frames[part, TRANSLATION + 1], y)
+    dz = z - like(frames[part, TRANSLATION + 2], z)
     dx, dy, dz = direction_to_local(frames, parts, part, dx, dy, dz)
-    scale = frames[part, SCALE]
+    scale = like(frames[part, SCALE], x)
     return (
-        _pull_in((dx - frames[part, CENTRE]) * scale),
-        _pull_in((dy - frames[part, CENTRE + 1]) * scale),
-        _pull_in((dz - frames[part, CENTRE + 2]) * scale),
+        _pull_in((dx - like(frames[part, CENTRE], x)) * scale),
+        _pull_in((dy - like(frames[part, CENTRE + 1], y)) * scale),
+        _pull_in((dz - like(frames[part, CENTRE + 2], z)) * scale),
     )
 
 
@@ -95,7 +106,8 @@ def rounding_at(frames, x, y, z):
 
 @inlined
 def _pull_in(value):
-    return min(max(value, -FARTHEST), FARTHEST)
+    # In this order NaN stays.
+    return minimum(like(FARTHEST, value), maximum(like(-FARTHEST, value), value))
 
 
 @inlined

@@ -15,7 +15,7 @@ from math import inf, sqrt
 
 from proximity.kernels.compiling import inlined, kernel
 from proximity.kernels.segment_plan import END, SLOPE_X, SLOPE_Y, START, ordered_axes
-from proximity.kernels.triangle import TINY, difference_of_products, dot
+from proximity.kernels.triangle import TINY, cross, difference_of_products, dot
 from proximity.kernels.witness import LENGTH, POINT, TRIANGLE, WEIGHT, closest_on_triangle
 from proximity.simd import absolute, fma, maximum, minimum, select
 
@@ -84,9 +84,7 @@ def segment_edge_distance_sq(ax, ay, az, ex, ey, ez, dx, dy, dz, inverse_sq, zer
     t = _clamp(dot(dx, dy, dz, ax, ay, az) * inverse_sq, zero, one)
     best_sq = minimum(best_sq, _gap_sq(ax, ay, az, -t, dx, dy, dz))
     # Where the two lines pass each other.
-    nx = difference_of_products(dy, ez, dz, ey)
-    ny = difference_of_products(dz, ex, dx, ez)
-    nz = difference_of_products(dx, ey, dy, ex)
+    nx, ny, nz = cross(dx, dy, dz, ex, ey, ez)
     mx = fma(ay, ez, -(az * ey))
     my = fma(az, ex, -(ax * ez))
     mz = fma(ax, ey, -(ay * ex))
@@ -129,9 +127,7 @@ def segment_triangle_distance_sq(
             segment_edge_distance_sq(cx, cy, cz, -acx, -acy, -acz, dx, dy, dz, inverse_sq, zero, one, tiny),
         ),
     )
-    nx = difference_of_products(aby, acz, abz, acy)
-    ny = difference_of_products(abz, acx, abx, acz)
-    nz = difference_of_products(abx, acy, aby, acx)
+    nx, ny, nz = cross(abx, aby, abz, acx, acy, acz)
     normal_sq = dot(nx, ny, nz, nx, ny, nz)
     inverse_normal_sq = one / maximum(normal_sq, tiny)
     has_plane = normal_sq > tiny
@@ -202,12 +198,8 @@ def _take_edge(plan, corner, witness):
     t = from_start / length_sq if from_start <= from_end else 1.0 - from_end / length_sq
     _take_passing(plan, corner, min(max(t, 0.0), 1.0), 0.0, witness)
     # The lines pass each other along their common perpendicular.
-    nx = difference_of_products(dy, ez, dz, ey)
-    ny = difference_of_products(dz, ex, dx, ez)
-    nz = difference_of_products(dx, ey, dy, ex)
-    mx = difference_of_products(wy, ez, wz, ey)
-    my = difference_of_products(wz, ex, wx, ez)
-    mz = difference_of_products(wx, ey, wy, ex)
+    nx, ny, nz = cross(dx, dy, dz, ex, ey, ez)
+    mx, my, mz = cross(wx, wy, wz, ex, ey, ez)
     t = dot(mx, my, mz, nx, ny, nz) / max(dot(nx, ny, nz, nx, ny, nz), TINY * TINY)
     t = min(max(t, 0.0), 1.0)
     gx, gy, gz = fma(t, dx, -wx), fma(t, dy, -wy), fma(t, dz, -wz)

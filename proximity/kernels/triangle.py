@@ -12,6 +12,7 @@ difference of products (see Jeannerod, Louvet, Muller 2013) for the cross produc
 """
 
 from proximity.kernels.compiling import inlined
+from proximity.kernels.layout import BLOCK_STRIDE, LANES
 from proximity.simd import fma, load, maximum, minimum, select, splat
 
 TINY = 1e-60
@@ -24,6 +25,22 @@ def difference_of_products(a, b, c, d):
     """a b - c d to 1.5 units in the last place, and so of the right sign (Kahan)."""
     cd = c * d
     return fma(a, b, -cd) + fma(-c, d, cd)
+
+
+@inlined
+def cross(ax, ay, az, bx, by, bz):
+    """Vector product, each component compensated; scalars or vectors of eight."""
+    return (
+        difference_of_products(ay, bz, az, by),
+        difference_of_products(az, bx, ax, bz),
+        difference_of_products(ax, by, ay, bx),
+    )
+
+
+@inlined
+def place_of(slot):
+    """Where in ``reals`` the triangle at a slot has its first number; the others follow eight apart."""
+    return BLOCK_STRIDE * (slot // LANES) + slot % LANES
 
 
 @inlined
@@ -52,9 +69,7 @@ def point_triangle_distance_sq(px, py, pz, ax, ay, az, bx, by, bz, cx, cy, cz, z
     bcx, bcy, bcz = cx - bx, cy - by, cz - bz
     pax, pay, paz = px - ax, py - ay, pz - az
     pbx, pby, pbz = px - bx, py - by, pz - bz
-    nx = difference_of_products(aby, acz, abz, acy)
-    ny = difference_of_products(abz, acx, abx, acz)
-    nz = difference_of_products(abx, acy, aby, acx)
+    nx, ny, nz = cross(abx, aby, abz, acx, acy, acz)
     normal_sq = dot(nx, ny, nz, nx, ny, nz)
     # Which side of an edge: normal · (edge x arm) = edge · (arm x normal). The three add up to normal_sq, but
     # the third must not be taken from that: on a needle with its tip at a, the error of the other two, small
@@ -106,10 +121,12 @@ def point_block_distance_sq(blocks, base, px, py, pz):
 
 
 __all__ = [
+    "cross",
     "difference_of_products",
     "dot",
     "edge_distance_sq",
     "maximum",
+    "place_of",
     "point_block_distance_sq",
     "point_triangle_distance_sq",
 ]

@@ -9,17 +9,15 @@ from math import sqrt
 
 from proximity.kernels.compiling import inlined, kernel
 from proximity.kernels.layout import (
-    BLOCK_STRIDE,
     CORNER_NORMALS,
     CORNERS,
     FACES,
     FEATURE_EDGE,
     FEATURE_FACE,
     FEATURE_VERTEX,
-    LANES,
     NEIGHBORS,
 )
-from proximity.kernels.triangle import TINY, difference_of_products, dot
+from proximity.kernels.triangle import TINY, cross, dot, place_of
 from proximity.simd import fma, like, load_int, minimum, select, square_root
 
 WITNESS_SIZE = 24
@@ -34,7 +32,7 @@ TRIANGLE = 13  # the nine coordinates of the corners
 @inlined
 def read_corners(reals, slot, witness):
     """Copy the corners of the triangle at *slot* into *witness*."""
-    base = BLOCK_STRIDE * (slot // LANES) + slot % LANES
+    base = place_of(slot)
     for k in range(9):
         witness[TRIANGLE + k] = reals[base + 8 * k]
 
@@ -78,9 +76,7 @@ def height_over(px, py, pz, ax, ay, az, bx, by, bz, cx, cy, cz):
     abx, aby, abz = bx - ax, by - ay, bz - az
     acx, acy, acz = cx - ax, cy - ay, cz - az
     pax, pay, paz = px - ax, py - ay, pz - az
-    nx = difference_of_products(aby, acz, abz, acy)
-    ny = difference_of_products(abz, acx, abx, acz)
-    nz = difference_of_products(abx, acy, aby, acx)
+    nx, ny, nz = cross(abx, aby, abz, acx, acy, acz)
     normal_sq = dot(nx, ny, nz, nx, ny, nz)
     zero = like(0.0, normal_sq)
     has_area = normal_sq > like(TINY, normal_sq)
@@ -123,8 +119,8 @@ def closest_on_face(px, py, pz, height, witness):
     fx, fy, fz = _arm(witness, i, px - witness[ARM], py - witness[ARM + 1], pz - witness[ARM + 2])
     nx, ny, nz = witness[NORMAL], witness[NORMAL + 1], witness[NORMAL + 2]
     # Heights of the foot and of the third corner over the longest edge, both times its length.
-    foot = dot(nx, ny, nz, *_cross(ex, ey, ez, fx, fy, fz))
-    full = dot(nx, ny, nz, *_cross(ex, ey, ez, cx, cy, cz))
+    foot = dot(nx, ny, nz, *cross(ex, ey, ez, fx, fy, fz))
+    full = dot(nx, ny, nz, *cross(ex, ey, ez, cx, cy, cz))
     third = min(max(foot / full, 0.0), 1.0) if full > 0.0 else 0.0
     place = min(max(dot(fx, fy, fz, ex, ey, ez) / longest_sq, 0.0), 1.0)
     tip = dot(cx, cy, cz, ex, ey, ez) / longest_sq
@@ -141,15 +137,6 @@ def closest_on_face(px, py, pz, height, witness):
     witness[WEIGHT + i] = (1.0 - third) - second
     witness[WEIGHT + j] = second
     witness[WEIGHT + k] = third
-
-
-@inlined
-def _cross(ax, ay, az, bx, by, bz):
-    return (
-        difference_of_products(ay, bz, az, by),
-        difference_of_products(az, bx, ax, bz),
-        difference_of_products(ax, by, ay, bx),
-    )
 
 
 @kernel
@@ -228,9 +215,7 @@ def _add_face_normal(reals, words, corners_at, face_at, witness):
     c = corners_at + 3 * load_int(words, face_at + 2)
     ux, uy, uz = reals[b] - reals[a], reals[b + 1] - reals[a + 1], reals[b + 2] - reals[a + 2]
     vx, vy, vz = reals[c] - reals[a], reals[c + 1] - reals[a + 1], reals[c + 2] - reals[a + 2]
-    nx = difference_of_products(uy, vz, uz, vy)
-    ny = difference_of_products(uz, vx, ux, vz)
-    nz = difference_of_products(ux, vy, uy, vx)
+    nx, ny, nz = cross(ux, uy, uz, vx, vy, vz)
     length = sqrt(dot(nx, ny, nz, nx, ny, nz))
     if length > 0.0:
         witness[NORMAL] += nx / length

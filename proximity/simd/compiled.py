@@ -175,24 +175,23 @@ def like(typingctx, value, example):
     return example(example.element if isinstance(example, Vector) else example, example), codegen
 
 
-@intrinsic
-def widen(typingctx, value):
-    ty, wide = (f32x8, f64x8) if isinstance(value, Vector) else (types.float32, types.float64)
+def _converting(convert, vectors, scalars):
+    """Between the two float types; *vectors*, *scalars*: from which to which."""
 
-    def codegen(context, builder, sig, args):
-        return builder.fpext(args[0], context.get_value_type(wide))
+    @intrinsic
+    def function(typingctx, value):
+        given, made = vectors if isinstance(value, Vector) else scalars
 
-    return wide(ty), codegen
+        def codegen(context, builder, sig, args):
+            return convert(builder, args[0], context.get_value_type(made))
+
+        return made(given), codegen
+
+    return function
 
 
-@intrinsic
-def narrow(typingctx, value):
-    ty, small = (f64x8, f32x8) if isinstance(value, Vector) else (types.float64, types.float32)
-
-    def codegen(context, builder, sig, args):
-        return builder.fptrunc(args[0], context.get_value_type(small))
-
-    return small(ty), codegen
+widen = _converting(ir.IRBuilder.fpext, (f32x8, f64x8), (types.float32, types.float64))
+narrow = _converting(ir.IRBuilder.fptrunc, (f64x8, f32x8), (types.float64, types.float32))
 
 
 @intrinsic
