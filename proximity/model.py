@@ -116,6 +116,13 @@ class Model:
         )
 
 
+@dataclass(slots=True)
+class Shelf:
+    """Where each question looks for its model."""
+
+    current: Model | None  # None where it must be made first
+
+
 def assemble(
     pieces: list[PartArrays],
     poses: list[Pose],

@@ -17,7 +17,7 @@ from proximity.kernels.contact import SURFACE_DEFORMABLE, SURFACE_RIGID
 from proximity.kernels.loose import SORT_STEPS, bring_up_to_date
 from proximity.kernels.memory import make_table
 from proximity.kernels.placing import first_unfit, move_parts, place_box
-from proximity.model import NEVER, Model, finished
+from proximity.model import NEVER, Model, Shelf, finished
 from proximity.pose import ORTHONORMAL_TOLERANCE, ROUNDING, Pose
 from proximity.top import (
     REGION_COPIES,
@@ -98,7 +98,7 @@ class _Copy:
         return self.owner is None or self.owner() is None
 
 
-class Stage:
+class Stage(Shelf):
     """Where the parts of a scene are now, and the models that show it.
 
     Not for several threads at once: the scene has a lock. A model, once made, may be asked by any of them.
@@ -109,17 +109,17 @@ class Stage:
         As `assemble` made it.
     """
 
-    latest: Model
+    latest: Model  # the current one, or what that was before something changed
     changes: int  # how often something has changed
-    published: int  # what *changes* was when *latest* was made
     versions: np.ndarray  # (P + 1,) int64, what *changes* was when the row changed last
     _sort_steps: int  # at most, until the order along the curve is made anew
 
     def __init__(self, model: Model) -> None:
+        super().__init__(model)
         self.latest = model
         self.epoch = model.epoch
         self.frames, self.parts = model.frames.copy(), model.parts.copy()
-        self.changes, self.published = 0, 0
+        self.changes = 0
         count = len(self.parts) - 1
         self.versions = np.zeros(count + 1, np.int64)
         self._plan = TopPlan.of(self.parts)
@@ -150,6 +150,7 @@ class Stage:
         velocities, angular_velocities : (K, 3) float64
             Or (0, 3): all zero.
         """
+        self.current = None
         self.changes += 1
         freed = move_parts(
             self.frames, self.parts, self.versions, self.changes, rows, matrices, velocities,
@@ -243,6 +244,7 @@ class Stage:
             self._tree = max(self._tree, tree)
 
     def _change(self, row: int) -> None:
+        self.current = None
         self.changes += 1
         self.versions[row] = self.changes
 
@@ -268,8 +270,7 @@ class Stage:
             latest.reals, latest.words, copy.frames, copy.parts, copy.table, copy.handle, self.epoch
         )
         copy.owner = weakref.ref(model)
-        self.latest = model
-        self.published = self.changes
+        self.latest = self.current = model
         return model
 
     def _free_copy(self) -> _Copy | None:

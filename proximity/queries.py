@@ -6,22 +6,19 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
+from numpy import empty, inf, ndarray  # looked up in NumPy, each would cost calls of five points 2 %
 
 from proximity.arrays import FLOAT64, as_points
 from proximity.errors import NotWatertightError, QueryError
-from proximity.kernels import hits, query, segment_query
-from proximity.kernels.cast import NO_ROW, cast_batch, cast_order, cast_unlimited
+from proximity.kernels import few, hits, query, segment_query
+from proximity.kernels.cast import NO_ROW, cast_batch, cast_order
 from proximity.kernels.compiling import Settled
-from proximity.kernels.curve import morton_order
-from proximity.kernels.layout import SIGN, SIGN_NONE
-from proximity.kernels.query import closest_batch, contains_batch, distance_batch, signed_batch, signed_few
+from proximity.kernels.curve import SORT_FROM, morton_order
+from proximity.kernels.query import closest_batch, contains_batch, distance_batch, has_inside, signed_batch
 from proximity.kernels.segment_query import segment_batch
-from proximity.model import Model
-from proximity.results import ClosestPoints, RayHits, SegmentHits
+from proximity.model import Model, Shelf
+from proximity.results import ClosestPoints, RayHits, SegmentHits, record_of
 
-SORT_FROM = 48
-"""Points from which on a batch is walked along a space-filling curve: each point then starts from its
-neighbour's answer. Sorting costs some 30 ns a point and saves a third of the walk."""
 SORT_RAYS_FROM = 16 << 20
 """Bytes of a model from which on batches of rays are sorted: then neighbours find in the cache what they
 meet. It costs 40 ns a ray; of a plate of 300 k faces it spares a quarter, of one that fits into the cache
@@ -31,19 +28,34 @@ CHUNKS_PER_WORKER = 4
 SMALLEST_CHUNK = 1024
 
 _IN_ORDER = np.empty(0, np.int64)
-_signed_few, _cast_unlimited = Settled(signed_few), Settled(cast_unlimited)
+_closest_few = Settled(few.closest_few, few.CLOSEST)
+_signed_few = Settled(few.signed_few, few.DISTANCE)
+_distance_few = Settled(few.distance_few, few.DISTANCE)
+_contains_few = Settled(few.contains_few, few.CONTAINS)
+_cast_few = Settled(few.cast_few, few.CAST)
+_segments_few = Settled(few.segments_few, few.SEGMENTS)
 
 
 class Queries:
-    """Distance, inside, rays and segments; a base for what has a `Model`."""
+    """Distance, inside, rays and segments; a base for what has a `Model`.
+
+    Few rows of float64 from somebody in a hurry are answered at once. What else may come is sorted out in
+    functions of its own: variables that they share with one within would be made at every call.
+    """
 
     __slots__ = ()
 
+    _stage: Shelf
+
     def _current(self) -> Model:
         """The model, up to date."""
+        return self._stage.current or self._brought_up_to_date()
+
+    def _brought_up_to_date(self) -> Model:
+        """The model, which there is not yet."""
         raise NotImplementedError
 
-    def closest(self, points: Any, *, max_distance: float = np.inf, workers: int = 1) -> ClosestPoints:
+    def closest(self, points: Any, *, max_distance: float = inf, workers: int = 1) -> ClosestPoints:
         """Return the surface points nearest to *points*, with signed distances.
 
         Parameters
@@ -78,13 +90,23 @@ class Queries:
         Thread: any number of threads may ask; the interpreter lock is released.
         Source: Bærentzen & Aanæs 2005; Barill et al. 2018; see `kernels`.
         """
+        is_plain = workers is ONE_THREAD and type(max_distance) is float and max_distance >= 0.0
+        if is_plain and _are_rows(points):
+            answers = empty((len(points), query.ANSWER_WIDTH))
+            if _closest_few.call(self._current().handle, points, max_distance, answers):
+                record = ClosestPoints()
+                record._table = answers
+                return record
+        return self._closest(points, max_distance, workers)
+
+    def _closest(self, points: Any, max_distance: Any, workers: int) -> ClosestPoints:
         points = as_points(points)
         limit = _checked_limit(max_distance)
         rows = points.reshape(-1, 3)
-        answers = np.empty((len(rows), query.ANSWER_WIDTH))
+        answers = empty((len(rows), query.ANSWER_WIDTH))
         model = self._current()
         _run(lambda order: closest_batch(model.handle, rows, order, limit, answers), rows, workers)
-        return ClosestPoints(answers, points.shape[:-1])
+        return record_of(ClosestPoints, answers, points.shape[:-1])
 
     def signed_distance(self, points: Any, *, workers: int = 1) -> Any:
         """Return signed distances, m, negative inside: as `closest`, and faster.
@@ -105,23 +127,17 @@ class Queries:
         QueryError
             If *points* are not numbers of shape (..., 3).
         """
-        if workers is ONE_THREAD:
-            # Five rows of float64 from somebody in a hurry; what else it may be is sorted out below.
-            try:
-                if len(points) < SORT_FROM and type(points) is np.ndarray and points.dtype is FLOAT64:
-                    distances = np.empty(len(points))
-                    model = self._current()
-                    if _signed_few.quick(model.handle, points, distances):
-                        return distances
-            except TypeError:
-                pass
+        if workers is ONE_THREAD and _are_rows(points):
+            distances = empty(len(points))
+            if _signed_few.call(self._current().handle, points, distances):
+                return distances
         return self._signed_distance(points, workers)
 
     def _signed_distance(self, points: Any, workers: int) -> Any:
         points = as_points(points)
         rows = points if points.ndim == 2 else points.reshape(-1, 3)
         count = len(rows)
-        distances = np.empty(count)
+        distances = empty(count)
         model = self._current()
         if count < SORT_FROM and workers == 1 and workers is not True:
             _signed_few.call(model.handle, rows, distances)
@@ -148,11 +164,18 @@ class Queries:
         QueryError
             If *points* are not numbers of shape (..., 3).
         """
+        if workers is ONE_THREAD and _are_rows(points):
+            distances = empty(len(points))
+            if _distance_few.call(self._current().handle, points, distances):
+                return distances
+        return self._distance(points, workers)
+
+    def _distance(self, points: Any, workers: int) -> Any:
         points = as_points(points)
         rows = points if points.ndim == 2 else points.reshape(-1, 3)
-        distances = np.empty(len(rows))
+        distances = empty(len(rows))
         model = self._current()
-        _run(lambda order: distance_batch(model.handle, rows, order, np.inf, distances), rows, workers)
+        _run(lambda order: distance_batch(model.handle, rows, order, inf, distances), rows, workers)
         return distances if points.ndim == 2 else distances.reshape(points.shape[:-1])[()]
 
     def contains(self, points: Any, *, workers: int = 1) -> Any:
@@ -177,20 +200,25 @@ class Queries:
         NotWatertightError
             If nothing here has an inside.
         """
+        if workers is ONE_THREAD and _are_rows(points):
+            inside = empty(len(points), np.bool_)
+            if _contains_few.call(self._current().handle, points, inside):
+                return inside
+        return self._contains(points, workers)
+
+    def _contains(self, points: Any, workers: int) -> Any:
         points = as_points(points)
         model = self._current()
-        if (model.parts[:-1, SIGN] == SIGN_NONE).all():
+        if not has_inside(model.handle):
             raise NotWatertightError(
                 "no part has an inside, so that nothing can be contained; sign_reason of each part says why"
             )
         rows = points.reshape(-1, 3)
-        inside = np.empty(len(rows), np.bool_)
+        inside = empty(len(rows), np.bool_)
         _run(lambda order: contains_batch(model.handle, rows, order, inside), rows, workers)
         return inside.reshape(points.shape[:-1])[()]
 
-    def cast(
-        self, origins: Any, directions: Any, *, max_distance: float = np.inf, workers: int = 1
-    ) -> RayHits:
+    def cast(self, origins: Any, directions: Any, *, max_distance: float = inf, workers: int = 1) -> RayHits:
         """Return the first hits of rays.
 
         Parameters
@@ -222,10 +250,17 @@ class Queries:
         not hit.
         Source: Woop, Benthin, Wald 2013, "Watertight ray/triangle intersection".
         """
-        return RayHits(*self._cast(origins, directions, max_distance, workers, hits.ANSWER_WIDTH))
+        is_plain = workers is ONE_THREAD and type(max_distance) is float and max_distance >= 0.0
+        if is_plain and _are_rows(origins) and _are_rows(directions):
+            answers = empty((len(origins), hits.ANSWER_WIDTH))
+            if _cast_few.call(self._current().handle, origins, directions, max_distance, answers) == NO_ROW:
+                record = RayHits()
+                record._table = answers
+                return record
+        return record_of(RayHits, *self._cast(origins, directions, max_distance, workers, hits.ANSWER_WIDTH))
 
     def cast_distance(
-        self, origins: Any, directions: Any, *, max_distance: float = np.inf, workers: int = 1
+        self, origins: Any, directions: Any, *, max_distance: float = inf, workers: int = 1
     ) -> Any:
         """Return how far rays go until they hit something, m: the distances of `cast`, and faster.
 
@@ -250,46 +285,32 @@ class Queries:
         QueryError
             If shapes or types do not fit, or a direction is zero.
         """
+        is_plain = workers is ONE_THREAD and type(max_distance) is float and max_distance >= 0.0
+        if is_plain and _are_rows(origins) and _are_rows(directions):
+            distances = empty((len(origins), hits.DISTANCE_WIDTH))
+            done = _cast_few.call(self._current().handle, origins, directions, max_distance, distances)
+            if done == NO_ROW:
+                return distances[:, 0]
         answers, shape = self._cast(origins, directions, max_distance, workers, hits.DISTANCE_WIDTH)
-        return answers[:, 0] if shape is None else answers.reshape(shape)[()]
+        return answers.reshape(shape)[()]
 
     def _cast(
         self, origins: Any, directions: Any, max_distance: Any, workers: int, width: int
-    ) -> tuple[np.ndarray, tuple[int, ...] | None]:
-        """A table of answers so many columns wide, and the shape of the rays; None: that of the rows."""
-        if max_distance is np.inf and workers is ONE_THREAD:
-            # As in `signed_distance`.
-            try:
-                is_plain = type(origins) is type(directions) is np.ndarray
-                if is_plain and origins.dtype is directions.dtype is FLOAT64 and len(origins) < SORT_FROM:
-                    answers = np.empty((len(origins), width))
-                    model = self._current()
-                    if _cast_unlimited.quick(model.handle, origins, directions, answers) == NO_ROW:
-                        return answers, None
-            except TypeError:
-                pass
-        # What follows has functions of its own, and room for what they share would be made at every call.
-        return self._cast_any(origins, directions, max_distance, workers, width)
-
-    def _cast_any(
-        self, origins: Any, directions: Any, max_distance: Any, workers: int, width: int
     ) -> tuple[np.ndarray, tuple[int, ...]]:
+        """A table of answers so many columns wide, and the shape of the rays."""
         origins, directions = as_points(origins, "origins"), as_points(directions, "directions")
         if origins.shape != directions.shape:
             origins, directions = _broadcast(origins, directions, "origins", "directions")
-        limit = np.inf if max_distance is np.inf else _checked_limit(max_distance)
+        limit = inf if max_distance is inf else _checked_limit(max_distance)
         starts, ways = origins, directions
         if origins.ndim != 2:
             starts, ways = origins.reshape(-1, 3), directions.reshape(-1, 3)
         count = len(starts)
-        answers = np.empty((count, width))
+        answers = empty((count, width))
         model = self._current()
         is_sorted = count >= SORT_FROM and model.reals.nbytes >= SORT_RAYS_FROM
         if workers == 1 and workers is not True and not is_sorted:
-            if limit == np.inf:
-                zero_row = _cast_unlimited.call(model.handle, starts, ways, answers)
-            else:
-                zero_row = cast_batch(model.handle, starts, ways, _IN_ORDER, limit, answers)
+            zero_row = cast_batch(model.handle, starts, ways, _IN_ORDER, limit, answers)
         else:
             rows = _run(
                 lambda order: cast_batch(model.handle, starts, ways, order, limit, answers),
@@ -303,7 +324,7 @@ class Queries:
         return answers, origins.shape[:-1]
 
     def closest_to_segments(
-        self, starts: Any, ends: Any, *, max_distance: float = np.inf, workers: int = 1
+        self, starts: Any, ends: Any, *, max_distance: float = inf, workers: int = 1
     ) -> SegmentHits:
         """Return the shortest connections between segments and the surface.
 
@@ -332,17 +353,32 @@ class Queries:
         nearest to the start is told.
         Ties: the lowest part; within a part any of the nearest faces, the same on every run.
         """
+        is_plain = workers is ONE_THREAD and type(max_distance) is float and max_distance >= 0.0
+        if is_plain and _are_rows(starts) and _are_rows(ends):
+            answers = empty((len(starts), segment_query.ANSWER_WIDTH))
+            if _segments_few.call(self._current().handle, starts, ends, max_distance, answers):
+                record = SegmentHits()
+                record._table = answers
+                return record
+        return self._closest_to_segments(starts, ends, max_distance, workers)
+
+    def _closest_to_segments(self, starts: Any, ends: Any, max_distance: Any, workers: int) -> SegmentHits:
         starts, ends = _broadcast(as_points(starts, "starts"), as_points(ends, "ends"), "starts", "ends")
         limit = _checked_limit(max_distance)
         here, there = starts.reshape(-1, 3), ends.reshape(-1, 3)
-        answers = np.empty((len(here), segment_query.ANSWER_WIDTH))
+        answers = empty((len(here), segment_query.ANSWER_WIDTH))
         model = self._current()
         _run(
             lambda order: segment_batch(model.handle, here, there, order, limit, answers),
             here,
             workers,
         )
-        return SegmentHits(answers, starts.shape[:-1])
+        return record_of(SegmentHits, answers, starts.shape[:-1])
+
+
+def _are_rows(points: Any) -> bool:
+    """Whether these are rows of float64 from somebody in a hurry; what else they may be, kernels look at."""
+    return type(points) is ndarray and points.dtype is FLOAT64 and points.ndim == 2
 
 
 def _checked_limit(max_distance: Any) -> float:

@@ -5,7 +5,7 @@ points nan. Records are views of an array that a kernel has filled, and read-onl
 """
 
 from enum import IntEnum
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -33,32 +33,24 @@ class Feature(IntEnum):
 class _Record:
     """Columns of a table, float64 and behind them int32, seen in the shape of the question.
 
-    Most callers look at one or two: nothing is done for a column before it is asked for.
+    Most callers look at one or two: nothing is done for a column before it is asked for. Whoever makes a
+    record gives it its table: an `__init__` would be a twentieth of a call with five rays.
     """
 
-    __slots__ = ("_shape", "_table")
+    __slots__ = ("_table",)
 
+    _table: np.ndarray  # S + (columns,)
     _fields: tuple[str, ...] = ()
     _choice_count = 2  # int32 columns
 
-    def __init__(self, table: np.ndarray, shape: tuple[int, ...] | None = None) -> None:
-        self._table = table
-        self._shape = shape  # None: that of the rows
-
     def _real(self, column: int) -> Any:
-        return self._in_shape(self._table[:, column])
+        return _kept(self._table[..., column])
 
     def _vector(self, column: int) -> np.ndarray:
-        vectors = self._table[:, column : column + 3]
-        vectors.setflags(write=False)
-        return vectors if self._shape is None else vectors.reshape((*self._shape, 3))
+        return _kept(self._table[..., column : column + 3])
 
     def _choice(self, column: int) -> Any:
-        return self._in_shape(self._table.view(np.int32)[:, column - self._choice_count])
-
-    def _in_shape(self, column: np.ndarray) -> Any:
-        column.setflags(write=False)
-        return column if self._shape is None else column.reshape(self._shape)[()]
+        return _kept(self._table.view(np.int32)[..., column - self._choice_count])
 
     @property
     def part(self) -> Any:
@@ -73,6 +65,32 @@ class _Record:
     def __repr__(self) -> str:
         fields = ", ".join(f"{name}={getattr(self, name)!r}" for name in self._fields)
         return f"{type(self).__name__}({fields})"
+
+
+_Kind = TypeVar("_Kind", bound=_Record)
+
+
+def record_of(kind: type[_Kind], table: np.ndarray, shape: tuple[int, ...]) -> _Kind:
+    """Return the record of a table of rows, in the shape of the question.
+
+    Parameters
+    ----------
+    kind : type
+        Of the record.
+    table : (N, columns) float64
+        As a kernel has filled it.
+    shape : tuple of int
+        Of the question.
+    """
+    record = kind()
+    record._table = table.reshape((*shape, table.shape[1]))
+    return record
+
+
+def _kept(column: np.ndarray) -> Any:
+    """A column that nobody writes; of one question the number itself."""
+    column.setflags(write=False)
+    return column if column.ndim else column[()]
 
 
 class ClosestPoints(_Record):

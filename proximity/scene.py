@@ -56,6 +56,7 @@ class Scene(Queries):
     """
 
     report: LoadReport | None
+    _stage: Stage
 
     def __init__(self, parts: Iterable[Part | Solid], *, report: LoadReport | None = None) -> None:
         if not isinstance(parts, Iterable):
@@ -371,7 +372,7 @@ class Scene(Queries):
         while True:
             model = self._current()
             with self._lock:
-                if self._stage.latest is model and self._stage.published == self._stage.changes:
+                if self._stage.current is model:
                     parts = [self._part_now(row) for row in range(len(self._parts))]
                     break
         write_scene(path, model, parts, self.report)
@@ -422,15 +423,10 @@ class Scene(Queries):
             more = "" if len(self._row) <= 10 else f" and {len(self._row) - 10} more"
             raise SceneError(f"no part is named {name!r}; the scene has {known}{more}") from None
 
-    def _current(self) -> Model:
-        stage = self._stage
-        if stage.published == stage.changes:
-            return stage.latest
+    def _brought_up_to_date(self) -> Model:
         with self._lock:
             stage = self._stage
-            if stage.published == stage.changes:
-                return stage.latest
-            model = stage.update()
+            model = stage.current or stage.update()
             if model is None:
                 # All copies are in use by questions that take long, or a tree has outgrown its place.
                 now = [self._part_now(row) for row in range(len(self._parts))]

@@ -11,7 +11,7 @@ from proximity.diagnosis import Diagnosis, diagnose
 from proximity.kernels import layout
 from proximity.kernels.layout import NO_GRID
 from proximity.mesh import TriangleMesh
-from proximity.model import Model, assemble
+from proximity.model import Model, Shelf, assemble
 from proximity.part_arrays import PartArrays, part_arrays, with_sign
 from proximity.pose import Pose
 from proximity.queries import Queries
@@ -61,7 +61,7 @@ class Solid(Queries):
     name: str
     sign_method: SignMethod
     sign_reason: str
-    _held: Model | None  # the arrays; None where they must be made first
+    _stage: Shelf  # the arrays; None where they must be made first
     _source: tuple[Model, int] | None  # of what to make them: a part of a scene's model,
     _remains: _Remains | None  # or what is left after a scene has deformed it
     _leaders: np.ndarray | None  # see `deforming`
@@ -82,7 +82,7 @@ class Solid(Queries):
         self.name = name
         self._is_watertight = topology.is_watertight
         piece, self.sign_method, self.sign_reason = choose_sign(piece, topology)
-        self._held = assemble([piece], [Pose()])
+        self._stage = Shelf(assemble([piece], [Pose()]))
         self._source, self._remains, self._leaders = None, None, None
         if is_turned:
             self.sign_reason += "; all faces were turned, since they ran clockwise seen from outside"
@@ -95,7 +95,7 @@ class Solid(Queries):
         solid = cls.__new__(cls)
         solid.mesh, solid.name = mesh, name
         solid.sign_method, solid.sign_reason, solid._is_watertight = sign
-        solid._held, solid._source = None, (model, row)
+        solid._stage, solid._source = Shelf(None), (model, row)
         solid._remains, solid._leaders = None, None
         return solid
 
@@ -146,25 +146,27 @@ class Solid(Queries):
     @property
     def _model(self) -> Model:
         """The arrays, made now where they came out of a file, or where a scene has deformed them."""
-        if self._held is None and self._source is not None:
-            model, row = self._source
-            self._held, self._source = model.part_alone(row), None
-        if self._held is None:
+        model = self._stage.current
+        if model is None and self._source is not None:
+            whole, row = self._source
+            model = self._stage.current = whole.part_alone(row)
+            self._source = None
+        if model is None:
             assert self._remains is not None, "a solid has arrays, or what they are made of"
-            self._held = assemble([_made_anew(self.mesh, self._remains)], [Pose()])
-        return self._held
+            model = self._stage.current = assemble([_made_anew(self.mesh, self._remains)], [Pose()])
+        return model
 
-    def _current(self) -> Model:
-        return self._held or self._model
+    def _brought_up_to_date(self) -> Model:
+        return self._model
 
     def _share(self, model: Model) -> None:
         """Take over equal arrays that lie in a scene's memory, and let the own ones go."""
-        self._held, self._source = model, None
+        self._stage.current, self._source = model, None
 
     def _let_go(self, model: Model, row: int, frame: np.ndarray) -> None:
         """Look away from a row of a scene's *model* that has another shape now; *frame*: that row before."""
         part = model.parts[row]
-        mine, at = (self._held, 0) if self._source is None else self._source
+        mine, at = (self._stage.current, 0) if self._source is None else self._source
         if mine is None or mine.reals is not model.reals or mine.parts[at, layout.ROOT] != part[layout.ROOT]:
             return
         faces, neighbors = (
@@ -179,7 +181,7 @@ class Solid(Queries):
             faces,
             neighbors,
         )
-        self._held, self._source = None, None
+        self._stage.current, self._source = None, None
 
     def _deformed(self, vertices: np.ndarray, model: Model) -> "Solid":
         """The same faces over other vertices, checked already; *model* has their arrays."""
@@ -188,7 +190,7 @@ class Solid(Queries):
         solid.name, solid.sign_method = self.name, self.sign_method
         solid.sign_reason = self.sign_reason.removesuffix(DEFORMED) + DEFORMED
         solid._is_watertight, solid._leaders = self._is_watertight, self._leaders
-        solid._held, solid._source, solid._remains = model, None, None
+        solid._stage, solid._source, solid._remains = Shelf(model), None, None
         return solid
 
     def __repr__(self) -> str:

@@ -16,7 +16,7 @@ from proximity.kernels.drift import room_for_movers
 from proximity.kernels.front import FRONT_SIZE
 from proximity.kernels.layout import GRID, NO_GRID, NO_PART, NO_SLOT, ROTATION, SIGN, SIGN_WINDING
 from proximity.kernels.motion import MAX_ACCELERATION, MAX_SPEED, MOTION_INTS, MOTION_REALS
-from proximity.kernels.tick import CROWD, tick
+from proximity.kernels.tick import CROWD, TICK, tick
 from proximity.kernels.track import EACH_ITS_OWN, MOST_NS
 from proximity.message import CONTACT
 from proximity.model import Model
@@ -30,7 +30,7 @@ GONE = -2
 HORIZON = 0.25
 """s. A drum needs less than a tenth of a second to arrive (PAPER 6.4)."""
 
-_tick = Settled(tick)
+_tick = Settled(tick, TICK)
 
 
 class Tracker:
@@ -204,11 +204,12 @@ class Tracker:
             is_done = (
                 type(positions) is np.ndarray
                 and positions.dtype is FLOAT64
+                and positions.ndim == 2
                 and type(t_pose_ns) is type(now_ns) is int
                 and -MOST_NS <= t_pose_ns <= MOST_NS
-                and _tick.quick(model.handle, self._handle, positions, t_pose_ns, now_ns, is_moved)
+                and _tick.call(model.handle, self._handle, positions, t_pose_ns, now_ns, is_moved)
             )
-        except (TypeError, OverflowError):
+        except OverflowError:
             is_done = False
         if not is_done:
             self._tick(model, positions, t_pose_ns, now_ns, is_moved)

@@ -1,4 +1,4 @@
-"""Kernels that take no other types than at first; where a walk goes on."""
+"""Kernels that are called past numba's look at arguments; where a walk goes on."""
 
 import numpy as np
 import pytest
@@ -6,34 +6,28 @@ import pytest
 from proximity.kernels.compiling import Settled, kernel
 from proximity.kernels.descent import descend_in_order, next_open
 from proximity.kernels.layout import CHILDREN, LANES, NODE_STRIDE, STACK_SIZE
-from proximity.simd import IS_COMPILED, bits, load, load_int, splat32
+from proximity.kernels.memory import are_rows, as_rows
+from proximity.simd import bits, load, load_int, splat32
 
 
 @kernel
-def _total(values):
-    return values.sum()
+def _total(points):
+    return as_rows(points).sum() if are_rows(points) else -1.0
 
 
-@pytest.mark.skipif(not IS_COMPILED, reason="uncompiled functions take anything")
-def test_a_settled_kernel_takes_what_it_was_called_with_and_nothing_else():
-    total, values = Settled(_total), np.arange(4.0)
-    with pytest.raises(TypeError):
-        total.quick(values)
-
-    assert total.call(values) == total.quick(values) == 6.0
-    read_only = values.copy()
+def test_a_settled_kernel_takes_arrays_that_lie_anyhow_and_looks_at_them_itself():
+    total, rows = Settled(_total, "(float64[:,:],)"), np.arange(12.0).reshape(4, 3)
+    for _ in range(2):
+        assert total.call(rows) == 66.0
+    read_only = rows.copy()
     read_only.setflags(write=False)
-    for other in (values.astype(np.float32), values[::2], values.reshape(2, 2), read_only, [1.0], None):
-        with pytest.raises(TypeError):
-            total.quick(other)
-
-
-def test_an_uncompiled_function_is_never_quick():
-    total = Settled(sum)
-
-    assert total.call([1, 2]) == 3
-    with pytest.raises(TypeError):
-        total.quick([1, 2])
+    at_odd_address = np.frombuffer(b"?" + rows.tobytes(), np.uint8)[1:].view(np.float64).reshape(4, 3)
+    assert total.call(read_only) == 66.0
+    assert total.call(rows[2:]) == 51.0
+    assert total.call(np.broadcast_to(rows, (4, 4, 3))[0, :1]) == total.call(rows[::2][:1]) == 3.0
+    assert total.call(rows[:0]) == total.call(rows[::2][:0]) == total.call(rows[:0, ::-1]) == 0.0
+    for other in (rows[::2], rows[::-1], rows[:, ::-1], np.asfortranarray(rows), rows[:, :2], at_odd_address):
+        assert total.call(other) == -1.0
 
 
 @kernel

@@ -306,16 +306,75 @@ def test_inside_is_asked_of_the_parts_that_have_one():
     assert scene.contains([[0.5, 0.5, 0.5], [0.5, 0.5, -0.5]]).tolist() == [True, False]
 
 
-@pytest.mark.parametrize("ask", ["signed_distance", "cast_distance", "cast"])
-def test_other_byte_order_is_read_as_what_it_is(ask):
+def read_only(values):
+    found = values.copy()
+    found.setflags(write=False)
+    return found
+
+
+@pytest.mark.parametrize(
+    "laid",
+    [
+        unaligned,
+        read_only,
+        np.ma.masked_array,
+        np.asfortranarray,
+        lambda values: values.astype(">f8"),
+        lambda values: values.tolist(),
+        lambda values: np.repeat(values, 2, axis=0)[::2],
+        lambda values: np.repeat(values, 2, axis=1)[:, ::2],
+        lambda values: values[::-1].copy()[::-1],
+        lambda values: values.astype(object),
+    ],
+    ids=[
+        "unaligned",
+        "read-only",
+        "masked",
+        "by column",
+        "big-endian",
+        "list",
+        "rows",
+        "columns",
+        "back",
+        "object",
+    ],
+)
+@pytest.mark.parametrize(
+    "ask",
+    ["closest", "signed_distance", "distance", "contains", "cast_distance", "cast", "closest_to_segments"],
+)
+@ASKED
+def test_few_rows_are_read_as_they_lie(asked, ask, laid):
     """Was: after an array at an odd address had passed, compiled code took one of the other order for it."""
-    count = 1 if ask == "signed_distance" else 2
-    question, arguments = getattr(SOLID, ask), [POINTS, POINTS[::-1] + 0.25][:count]
+    count = 2 if ask in ("cast_distance", "cast", "closest_to_segments") else 1
+    question, arguments = getattr(asked, ask), [POINTS, POINTS[::-1] + 0.25][:count]
     expected = question(*arguments)
 
-    assert judging.same_bits(question(*map(unaligned, arguments)), expected)
-    assert judging.same_bits(question(*(each.astype(">f8") for each in arguments)), expected)
-    assert judging.same_bits(question(*(np.ma.masked_array(each) for each in arguments)), expected)
+    assert judging.same_bits(question(*map(laid, arguments)), expected)
+    for k in range(count):
+        one = [laid(each) if k == at else each for at, each in enumerate(arguments)]
+        assert judging.same_bits(question(*one), expected)
+    many = columns(question(*(np.repeat(laid(each), 20, axis=0) for each in arguments)))
+    assert all(
+        judging.same_bits(one[::20], other) for one, other in zip(many, columns(expected), strict=True)
+    )
+
+
+@pytest.mark.parametrize("limit", [0.5, 1.1, 0.0, np.float64(1.1), 1])
+@pytest.mark.parametrize("ask", ["closest", "cast_distance", "cast", "closest_to_segments"])
+def test_a_limit_is_the_same_for_few_and_for_others(ask, limit):
+    question, arguments = getattr(SCENE, ask), [POINTS, POINTS[::-1] + 0.25][: 1 + (ask != "closest")]
+
+    few = question(*arguments, max_distance=limit)
+
+    others = columns(question(*(each[None] for each in arguments), max_distance=limit))
+    for one, other in zip(others, columns(few), strict=True):
+        assert judging.same_bits(one[0], other)
+
+
+def columns(answer):
+    """The arrays of an answer."""
+    return [getattr(answer, name) for name in getattr(answer, "_fields", ())] or [answer]
 
 
 # -------------------------------------------------------------------------------------- rays and segments

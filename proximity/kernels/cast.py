@@ -73,8 +73,6 @@ is rounded for each part on its own."""
 
 NO_ROW = -1
 """Where a row is told: none."""
-NO_RAYS = -2
-"""Where a row is told: nothing was asked."""
 
 
 @kernel
@@ -261,11 +259,3 @@ def cast_batch(handle, origins, directions, order, limit, answers):
             if is_told_all:
                 write_hit(words, parts, owners[k], slot, hits, k, answers, choices, row)
     return zero_row
-
-
-@kernel
-def cast_unlimited(handle, origins, directions, answers):
-    """`cast_batch` without an order or a limit; `NO_RAYS`, and nothing filled, where these are not (N, 3)."""
-    if origins.shape != directions.shape or origins.shape[1] != 3:
-        return np.int64(NO_RAYS)
-    return cast_batch(handle, origins, directions, longs_here(0), np.inf, answers)

@@ -84,29 +84,28 @@ def maker(function: Callable[..., Any]) -> Any:
 
 
 class Settled:
-    """A kernel that, after its first call, takes no other types than it was called with then.
+    """A kernel for arguments of certain types, called past numba's look at what they are: 0.1 µs less.
 
-    numba tells the types of arguments 0.3 µs sooner than Python can, and does so in any case.
+    Parameters
+    ----------
+    kernel : compiled function
+        As `kernel` gives it.
+    types : str
+        Of its arguments, in numba's words: ``"(int64, float64[:,:])"``.
     """
 
-    __slots__ = ("_kernel", "quick")
+    __slots__ = ("_kernel", "_types", "call")
 
-    def __init__(self, kernel: Callable[..., Any]) -> None:
-        self._kernel = kernel
-        self.quick: Callable[..., Any] = _refuse
-        """The kernel itself; raises TypeError for arguments of other types, and before the first `call`."""
+    def __init__(self, kernel: Any, types: str) -> None:
+        self._kernel, self._types = kernel, types
+        self.call: Callable[..., Any] = self._compile_and_call
+        """The function. Whoever calls it has looked at dtypes and at the number of axes, which nobody checks
+        any more, and that whole numbers are whole."""
 
-    def call(self, *arguments: Any) -> Any:
-        """Call the kernel with arguments of the right types."""
-        result = self._kernel(*arguments)
-        if hasattr(self._kernel, "disable_compile"):  # a plain function, uncompiled, would take anything
-            self._kernel.disable_compile()
-            self.quick = self._kernel
-        return result
-
-
-def _refuse(*_: Any) -> Any:
-    raise TypeError("not called yet")
+    def _compile_and_call(self, *arguments: Any) -> Any:
+        is_compiled = hasattr(self._kernel, "compile")
+        self.call = self._kernel.compile(self._types) if is_compiled else self._kernel
+        return self.call(*arguments)
 
 
 def inlined(function: Callable[..., Any]) -> Any:

@@ -6,6 +6,10 @@ import numpy as np
 
 from proximity.kernels.compiling import maker
 
+SORT_FROM = 48
+"""Points from which on a batch is walked along a space-filling curve: each point then starts from its
+neighbour's answer. Sorting costs some 30 ns a point and saves a third of the walk."""
+
 
 @maker
 def morton_order(points):

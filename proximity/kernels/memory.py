@@ -14,9 +14,11 @@ import math
 import numpy as np
 from llvmlite import ir
 from numba import from_dtype, types
+from numba.core import cgutils
 from numba.extending import intrinsic
 from numba.np import arrayobj
 
+from proximity.kernels.compiling import inlined
 from proximity.simd import IS_COMPILED
 
 LINE = 64  # bytes of a cache line
@@ -103,6 +105,30 @@ def _uncompiled_arrays_behind(*columns):
         return tuple(found)
 
     return arrays
+
+
+@intrinsic
+def _compiled_as_rows(typingctx, array):
+    def codegen(context, builder, sig, args):
+        array_type = sig.return_type
+        given = context.make_array(sig.args[0])(context, builder, args[0])
+        lengths = cgutils.unpack_tuple(builder, given.shape)
+        return _array(context, builder, array_type, given.data, lengths)
+
+    return types.Array(array.dtype, array.ndim, "C")(array), codegen
+
+
+as_rows = _compiled_as_rows if IS_COMPILED else lambda array: array
+"""The array as one in C order, which `are_rows` has found it to be."""
+
+
+@inlined
+def are_rows(points):
+    """Whether an array of float64 of any strides is (N, 3) in C order, and at an address for such."""
+    size = 8
+    count, width = points.shape
+    is_ordered = points.strides[1] == size and (points.strides[0] == 3 * size or count == 1)
+    return width == 3 and (is_ordered or count == 0) and points.ctypes.data % size == 0
 
 
 def _compiled_here(dtype):

@@ -37,7 +37,6 @@ from proximity.kernels.point import NOTHING_SEEN, best_of_block, closest_in_part
 from proximity.kernels.scene import (
     FARTHEST,
     ROUNDING,
-    is_alone,
     nearest_in_scene,
     to_local,
     to_scene,
@@ -212,17 +211,9 @@ def _signs_of_chunk(
 
 
 @kernel
-def signed_few(handle, points, distances):
-    """Fill signed distances (N,), m, of points as they come: without the tables that many points need.
-
-    False, and nothing filled, where the points are not (N, 3).
-    """
-    if points.shape[1] != 3:
-        return False
+def signed_alone(handle, points, distances):
+    """Fill signed distances (N,), m, to one part, of points as they come: without tables that many need."""
     reals, words, frames, parts = arrays_at(handle)
-    if not is_alone(parts):
-        signed_batch(handle, points, longs_here(0), distances)
-        return True
     stacks, witness = words_here(STACKS_SIZE), reals_here(WITNESS_SIZE)
     for row in range(len(points)):
         x, y, z = points[row, 0], points[row, 1], points[row, 2]
@@ -234,7 +225,6 @@ def signed_few(handle, points, distances):
             )
             signed = signed_of_slot(reals, words, parts, 0, slot, px, py, pz, witness)
             distances[row] = signed / frames[0, SCALE]
-    return True
 
 
 @kernel
@@ -373,6 +363,16 @@ def _write_answer(frames, parts, part, face, feature, inside, witness, limit, an
     choices[row, FACE] = face
     choices[row, FEATURE] = feature
     choices[row, IS_SIGNED] = parts[part, SIGN] != SIGN_NONE
+
+
+@kernel
+def has_inside(handle):
+    """Whether some part has one."""
+    _, _, _, parts = arrays_at(handle)
+    part, count = 0, len(parts) - 1
+    while part < count and parts[part, SIGN] == SIGN_NONE:
+        part += 1
+    return part < count
 
 
 @kernel

@@ -71,7 +71,7 @@ from proximity.kernels.layout import (
 )
 from proximity.kernels.layout import DAMPING as PART_DAMPING
 from proximity.kernels.layout import STIFFNESS as PART_STIFFNESS
-from proximity.kernels.memory import arrays_at, real_rows_here
+from proximity.kernels.memory import are_rows, arrays_at, as_rows, real_rows_here
 from proximity.kernels.motion import VELOCITY as ESTIMATE
 from proximity.kernels.motion import observe, observe_with_velocity
 from proximity.kernels.scene import (
@@ -330,13 +330,16 @@ def _advise(records, numbers, i):
             numbers[i, KINDS] |= 1 << FORCE_VALID_BIT
 
 
+TICK = "(int64, int64, float64[:,:], int64, int64, boolean)"
+
+
 @kernel
-def tick(handle, tracker, positions, all_pose_ns, now_ns, is_moved):
+def tick(handle, tracker, places, all_pose_ns, now_ns, is_moved):
     """Fill the records of the tracker at address *tracker* for the model at *handle*; whether that was done.
 
-    It is not done, and nothing is changed, where *positions* are not (fingers, 3) or *now_ns* is more than
-    `MOST_NS`. *all_pose_ns*: instant of the positions, or `EACH_ITS_OWN`. *is_moved*: whether parts may stand
-    elsewhere than at the tick before.
+    It is not done, and nothing is changed, where *places* are not (fingers, 3) in C order or *now_ns* is more
+    than `MOST_NS`. *all_pose_ns*: instant of the positions, or `EACH_ITS_OWN`. *is_moved*: whether parts may
+    stand elsewhere than at the tick before.
     """
     reals, words, frames, parts = arrays_at(handle)
     (
@@ -361,8 +364,9 @@ def tick(handle, tracker, positions, all_pose_ns, now_ns, is_moved):
         scratch,
     ) = tracker_arrays_at(tracker)
     count = len(marks)
-    if positions.shape[0] != count or positions.shape[1] != 3 or not -MOST_NS <= now_ns <= MOST_NS:
+    if len(places) != count or not are_rows(places) or not -MOST_NS <= now_ns <= MOST_NS:
         return False
+    positions = as_rows(places)
     if is_moved:
         for i in range(count):
             marks[i, FRONT_COUNT] = 0
