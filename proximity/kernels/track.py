@@ -19,7 +19,10 @@ ANCHOR = 0  # m, scene's frame: where CLEAR was found
 CLEAR = 3  # m: every surface was at least so far from the anchor; negative: not known
 ODOMETER = 4  # m: how far parts had moved until then
 RADIUS = 5  # m, of the fingertip
-TRACK_REALS = 8
+FOOT = 6  # m, scene's frame: the point of the surface that was told last
+FOOT_FROM = 9  # m: where the finger was when it was the nearest of its face
+FOOT_WAY = 12  # m: how far parts had moved then; negative where there is none
+TRACK_REALS = 16
 
 # --- columns of ``marks`` (int64), a row a finger ---
 SLOT = 0  # of the nearest face found last, or NO_SLOT
@@ -122,7 +125,7 @@ tracker_arrays_at = arrays_behind(
 def forget_surfaces(tracks, balls):
     """Forget how far surfaces were, as no tick had been before."""
     for i in range(len(tracks)):
-        tracks[i, CLEAR] = -1.0
+        tracks[i, CLEAR], tracks[i, FOOT_WAY] = -1.0, -1.0
         for ball in range(BALLS):
             balls[i, 3 * BALLS + ball] = -1.0
 
