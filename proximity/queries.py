@@ -41,6 +41,7 @@ class Queries:
 
     Few rows of float64 from somebody in a hurry are answered at once. What else may come is sorted out in
     functions of its own: variables that they share with one within would be made at every call.
+    The model is held by name while it is asked: what nobody holds is written anew when parts move.
     """
 
     __slots__ = ()
@@ -93,7 +94,8 @@ class Queries:
         is_plain = workers is ONE_THREAD and type(max_distance) is float and max_distance >= 0.0
         if is_plain and _are_rows(points):
             answers = empty((len(points), query.ANSWER_WIDTH))
-            if _closest_few.call(self._current().handle, points, max_distance, answers):
+            model = self._current()
+            if _closest_few.call(model.handle, points, max_distance, answers):
                 record = ClosestPoints()
                 record._table = answers
                 return record
@@ -129,7 +131,8 @@ class Queries:
         """
         if workers is ONE_THREAD and _are_rows(points):
             distances = empty(len(points))
-            if _signed_few.call(self._current().handle, points, distances):
+            model = self._current()
+            if _signed_few.call(model.handle, points, distances):
                 return distances
         return self._signed_distance(points, workers)
 
@@ -166,7 +169,8 @@ class Queries:
         """
         if workers is ONE_THREAD and _are_rows(points):
             distances = empty(len(points))
-            if _distance_few.call(self._current().handle, points, distances):
+            model = self._current()
+            if _distance_few.call(model.handle, points, distances):
                 return distances
         return self._distance(points, workers)
 
@@ -202,7 +206,8 @@ class Queries:
         """
         if workers is ONE_THREAD and _are_rows(points):
             inside = empty(len(points), np.bool_)
-            if _contains_few.call(self._current().handle, points, inside):
+            model = self._current()
+            if _contains_few.call(model.handle, points, inside):
                 return inside
         return self._contains(points, workers)
 
@@ -253,7 +258,8 @@ class Queries:
         is_plain = workers is ONE_THREAD and type(max_distance) is float and max_distance >= 0.0
         if is_plain and _are_rows(origins) and _are_rows(directions):
             answers = empty((len(origins), hits.ANSWER_WIDTH))
-            if _cast_few.call(self._current().handle, origins, directions, max_distance, answers) == NO_ROW:
+            model = self._current()
+            if _cast_few.call(model.handle, origins, directions, max_distance, answers) == NO_ROW:
                 record = RayHits()
                 record._table = answers
                 return record
@@ -288,7 +294,8 @@ class Queries:
         is_plain = workers is ONE_THREAD and type(max_distance) is float and max_distance >= 0.0
         if is_plain and _are_rows(origins) and _are_rows(directions):
             distances = empty((len(origins), hits.DISTANCE_WIDTH))
-            done = _cast_few.call(self._current().handle, origins, directions, max_distance, distances)
+            model = self._current()
+            done = _cast_few.call(model.handle, origins, directions, max_distance, distances)
             if done == NO_ROW:
                 return distances[:, 0]
         answers, shape = self._cast(origins, directions, max_distance, workers, hits.DISTANCE_WIDTH)
@@ -356,7 +363,8 @@ class Queries:
         is_plain = workers is ONE_THREAD and type(max_distance) is float and max_distance >= 0.0
         if is_plain and _are_rows(starts) and _are_rows(ends):
             answers = empty((len(starts), segment_query.ANSWER_WIDTH))
-            if _segments_few.call(self._current().handle, starts, ends, max_distance, answers):
+            model = self._current()
+            if _segments_few.call(model.handle, starts, ends, max_distance, answers):
                 record = SegmentHits()
                 record._table = answers
                 return record

@@ -14,6 +14,7 @@ import psutil
 import pytest
 import shapes
 
+from proximity import queries
 from proximity.pose import Pose
 from proximity.scene import Scene
 from proximity.solid import Solid
@@ -62,6 +63,46 @@ def test_threads_may_ask_right_after_a_move():
 
         with ThreadPoolExecutor(6) as pool:
             assert all(judging.same_bits(found, expected) for found in pool.map(ask, range(6)))
+
+
+@pytest.mark.parametrize(
+    ("ask", "kernel"),
+    [
+        ("closest", "_closest_few"),
+        ("signed_distance", "_signed_few"),
+        ("distance", "_distance_few"),
+        ("contains", "_contains_few"),
+        ("cast", "_cast_few"),
+        ("cast_distance", "_cast_few"),
+        ("closest_to_segments", "_segments_few"),
+    ],
+)
+def test_a_question_is_answered_as_of_one_moment_though_parts_move_meanwhile(monkeypatch, ask, kernel):
+    """What nobody holds is written anew when parts move: a question must hold what it looks at."""
+    scene = Scene([part.solid for part in SCENE.parts])
+    points, turn = some_points(40, 5), np.arange(9.0)
+    points[:9] = np.column_stack(
+        (15.0 + np.cos(turn), 0.3 + np.sin(turn), np.full(9, 0.1))
+    )  # in ring 5, mostly
+    count = 2 if ask in ("cast", "cast_distance", "closest_to_segments") else 1
+    arguments = [points, points[::-1].copy()][:count]
+    for step in range(4):
+        scene.move("ring 5", Pose(translation=(0.0, 0.1 * step, 0.0)))
+        expected = getattr(scene, ask)(*arguments)
+    call = getattr(queries, kernel).call
+
+    def meanwhile(*given):
+        for step in range(10):
+            for row in range(12):
+                scene.move(f"ring {row}", Pose(translation=(0.0, 1.0 + step, 0.3)))
+            scene._current()
+        return call(*given)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(getattr(queries, kernel), "call", meanwhile)
+        found = getattr(scene, ask)(*arguments)
+
+    assert judging.same_bits(found, expected)
 
 
 def test_the_interpreter_goes_on_while_a_thread_asks():
