@@ -21,7 +21,7 @@ WORKING_RANGES = (0.0, 1e-3, 0.02, 0.12, 0.12, 1.0, 1e9)
 PERIODS = (0.001, 0.001, 0.00025, 0.004, 0.0085)  # s
 FEWEST_TICKS = 12
 JERKS = (1e-9, 1e-3, 0.1, 0.1, 300.0)  # m; a part that goes far off makes the scene build its tree anew
-EVENTS = ("none", "none", "coast", "coast", "told", "lie", "jerk", "come and go", "deform", "busy")
+EVENTS = ("none", "none", "coast", "coast", "told", "lie", "jerk", "come and go", "deform", "busy", "park")
 
 
 @dataclass(frozen=True)
@@ -100,6 +100,11 @@ class Events:
             cell.translations[number] = cell.homes[number] + rng.normal(size=3) * rng.choice(
                 [1e-9, 1e-3, 0.1]
             )
+            cell.move([number])
+        if kind == "park" and rng.random() < 0.1:
+            number = int(rng.integers(len(cell.solids)))
+            away = 600.0 if rng.random() < 0.5 else 0.0
+            cell.translations[number] = cell.homes[number] + rng.normal(size=3) * 1e-2 + (0.0, 0.0, away)
             cell.move([number])
         if kind in ("deform", "busy") and rng.random() < 0.05:
             cell.deform(int(rng.integers(len(cell.solids))), rng)

@@ -99,3 +99,21 @@ def test_a_part_that_moved_while_the_finger_was_lost_is_told_where_it_is():
 
     assert skipped(contacts).all()
     assert contacts["point_on_part"][0] == near([0.01, 0.02, -0.01])
+
+
+def test_a_part_that_was_parked_far_away_is_not_passed_over_when_it_is_fetched():
+    """Was: after a kilometre what was known was forgotten, but not how far parts had moved when it was."""
+    balls = [
+        solid(shapes.moved(shapes.sphere(0.03, 2), (k, 0, 0)), name) for k, name in enumerate(("a", "b"))
+    ]
+    scene = Scene(balls)
+    tracker, tip = Tracker(scene, fingers=1, radius=0.0), np.array([[0.0, 0.0, 0.3]])
+    way = np.array([[0.0, 0.0, 0.3], [0.0, 0.0, 0.29]])
+    for k, place in enumerate([(0, 0, 0), (0, 0, 600), (0, 0, 0), (-1, 0, 0.25), (-1, 0, 0.26)]):
+        scene.move("b", Pose(translation=place))
+
+        contacts = tracker.tick(tip, k * MS, k * MS, velocities=np.zeros((1, 3)), paths=way[None])
+
+        true = scene.signed_distance(tip)[0]
+        assert contacts["lower"][0] <= true + 1e-12 and true <= contacts["upper"][0] + 1e-12
+        assert contacts["predicted_lower"][0] <= true + 1e-12

@@ -125,9 +125,9 @@ tracker_arrays_at = arrays_behind(
 def forget_surfaces(tracks, balls):
     """Forget how far surfaces were, as no tick had been before."""
     for i in range(len(tracks)):
-        tracks[i, CLEAR], tracks[i, FOOT_WAY] = -1.0, -1.0
+        tracks[i, CLEAR], tracks[i, ODOMETER], tracks[i, FOOT_WAY] = -1.0, 0.0, -1.0
         for ball in range(BALLS):
-            balls[i, 3 * BALLS + ball] = -1.0
+            balls[i, 3 * BALLS + ball], balls[i, 4 * BALLS + ball] = -1.0, 0.0
 
 
 @inlined
