@@ -92,7 +92,7 @@ class Queries:
         Source: Bærentzen & Aanæs 2005; Barill et al. 2018; see `kernels`.
         """
         is_plain = workers is ONE_THREAD and type(max_distance) is float and max_distance >= 0.0
-        if is_plain and _are_rows(points):
+        if is_plain and _are_few(points):
             answers = empty((len(points), query.ANSWER_WIDTH))
             model = self._current()
             if _closest_few.call(model.handle, points, max_distance, answers):
@@ -129,7 +129,7 @@ class Queries:
         QueryError
             If *points* are not numbers of shape (..., 3).
         """
-        if workers is ONE_THREAD and _are_rows(points):
+        if workers is ONE_THREAD and _are_few(points):
             distances = empty(len(points))
             model = self._current()
             if _signed_few.call(model.handle, points, distances):
@@ -167,7 +167,7 @@ class Queries:
         QueryError
             If *points* are not numbers of shape (..., 3).
         """
-        if workers is ONE_THREAD and _are_rows(points):
+        if workers is ONE_THREAD and _are_few(points):
             distances = empty(len(points))
             model = self._current()
             if _distance_few.call(model.handle, points, distances):
@@ -204,7 +204,7 @@ class Queries:
         NotWatertightError
             If nothing here has an inside.
         """
-        if workers is ONE_THREAD and _are_rows(points):
+        if workers is ONE_THREAD and _are_few(points):
             inside = empty(len(points), np.bool_)
             model = self._current()
             if _contains_few.call(model.handle, points, inside):
@@ -256,7 +256,7 @@ class Queries:
         Source: Woop, Benthin, Wald 2013, "Watertight ray/triangle intersection".
         """
         is_plain = workers is ONE_THREAD and type(max_distance) is float and max_distance >= 0.0
-        if is_plain and _are_rows(origins) and _are_rows(directions):
+        if is_plain and _are_few(origins) and _are_few(directions):
             answers = empty((len(origins), hits.ANSWER_WIDTH))
             model = self._current()
             if _cast_few.call(model.handle, origins, directions, max_distance, answers) == NO_ROW:
@@ -292,7 +292,7 @@ class Queries:
             If shapes or types do not fit, or a direction is zero.
         """
         is_plain = workers is ONE_THREAD and type(max_distance) is float and max_distance >= 0.0
-        if is_plain and _are_rows(origins) and _are_rows(directions):
+        if is_plain and _are_few(origins) and _are_few(directions):
             distances = empty((len(origins), hits.DISTANCE_WIDTH))
             model = self._current()
             done = _cast_few.call(model.handle, origins, directions, max_distance, distances)
@@ -361,7 +361,7 @@ class Queries:
         Ties: the lowest part; within a part any of the nearest faces, the same on every run.
         """
         is_plain = workers is ONE_THREAD and type(max_distance) is float and max_distance >= 0.0
-        if is_plain and _are_rows(starts) and _are_rows(ends):
+        if is_plain and _are_few(starts) and _are_few(ends):
             answers = empty((len(starts), segment_query.ANSWER_WIDTH))
             model = self._current()
             if _segments_few.call(model.handle, starts, ends, max_distance, answers):
@@ -384,9 +384,11 @@ class Queries:
         return record_of(SegmentHits, answers, starts.shape[:-1])
 
 
-def _are_rows(points: Any) -> bool:
-    """Whether these are rows of float64 from somebody in a hurry; what else they may be, kernels look at."""
-    return type(points) is ndarray and points.dtype is FLOAT64 and points.ndim == 2
+def _are_few(points: Any) -> bool:
+    """Whether these are few rows of float64 from somebody in a hurry; how they lie, kernels look at."""
+    return (
+        type(points) is ndarray and points.dtype is FLOAT64 and points.ndim == 2 and len(points) < SORT_FROM
+    )
 
 
 def _checked_limit(max_distance: Any) -> float:

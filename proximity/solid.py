@@ -146,14 +146,16 @@ class Solid(Queries):
     @property
     def _model(self) -> Model:
         """The arrays, made now where they came out of a file, or where a scene has deformed them."""
+        # Whoever else may be making them sets them before he lets go of what they are made of.
+        source, remains = self._source, self._remains
         model = self._stage.current
-        if model is None and self._source is not None:
-            whole, row = self._source
+        if model is None and source is not None:
+            whole, row = source
             model = self._stage.current = whole.part_alone(row)
             self._source = None
         if model is None:
-            assert self._remains is not None, "a solid has arrays, or what they are made of"
-            model = self._stage.current = assemble([_made_anew(self.mesh, self._remains)], [Pose()])
+            assert remains is not None, "a solid has arrays, or what they are made of"
+            model = self._stage.current = assemble([_made_anew(self.mesh, remains)], [Pose()])
         return model
 
     def _brought_up_to_date(self) -> Model:

@@ -1,14 +1,13 @@
 """Few rows as they come from Python: looked at by compiled code, and answered one after the other.
 
 Here calls of five points spend least on being calls. Arrays may have any strides and addresses; what is not
-(N, 3) in C order, or is not few, is left to those who have more time.
+(N, 3) in C order is left to those who have more time.
 """
 
 import numpy as np
 
 from proximity.kernels.cast import cast_batch
-from proximity.kernels.compiling import inlined, kernel
-from proximity.kernels.curve import SORT_FROM
+from proximity.kernels.compiling import kernel
 from proximity.kernels.memory import are_rows, arrays_at, as_rows, longs_here
 from proximity.kernels.query import (
     closest_batch,
@@ -28,18 +27,13 @@ SEGMENTS = CAST = "(int64, float64[:,:], float64[:,:], float64, float64[:,::1])"
 """Types of the arguments; see `compiling.Settled`."""
 
 NOT_ASKED = -2
-"""Of rays: these are not few rows."""
-
-
-@inlined
-def _are_few(rows):
-    return are_rows(rows) and len(rows) < SORT_FROM
+"""Of rays: these are not rows."""
 
 
 @kernel
 def closest_few(handle, rows, limit, answers):
     """`closest_batch`; whether that was done."""
-    if not _are_few(rows):
+    if not are_rows(rows):
         return False
     closest_batch(handle, as_rows(rows), longs_here(0), limit, answers)
     return True
@@ -48,7 +42,7 @@ def closest_few(handle, rows, limit, answers):
 @kernel
 def signed_few(handle, rows, distances):
     """`signed_batch`; whether that was done."""
-    if not _are_few(rows):
+    if not are_rows(rows):
         return False
     _, _, _, parts = arrays_at(handle)
     if is_alone(parts):
@@ -61,7 +55,7 @@ def signed_few(handle, rows, distances):
 @kernel
 def distance_few(handle, rows, distances):
     """`distance_batch`; whether that was done."""
-    if not _are_few(rows):
+    if not are_rows(rows):
         return False
     distance_batch(handle, as_rows(rows), longs_here(0), np.inf, distances)
     return True
@@ -70,7 +64,7 @@ def distance_few(handle, rows, distances):
 @kernel
 def contains_few(handle, rows, inside):
     """`contains_batch`; whether that was done, which it is not where nothing has an inside."""
-    if not _are_few(rows) or not has_inside(handle):
+    if not are_rows(rows) or not has_inside(handle):
         return False
     contains_batch(handle, as_rows(rows), longs_here(0), inside)
     return True
@@ -79,7 +73,7 @@ def contains_few(handle, rows, inside):
 @kernel
 def cast_few(handle, origins, directions, limit, answers):
     """`cast_batch`, and what it returns, or `NOT_ASKED`."""
-    if len(origins) != len(directions) or not (_are_few(origins) and _are_few(directions)):
+    if len(origins) != len(directions) or not (are_rows(origins) and are_rows(directions)):
         return np.int64(NOT_ASKED)
     return cast_batch(handle, as_rows(origins), as_rows(directions), longs_here(0), limit, answers)
 
@@ -87,7 +81,7 @@ def cast_few(handle, origins, directions, limit, answers):
 @kernel
 def segments_few(handle, starts, ends, limit, answers):
     """`segment_batch`; whether that was done."""
-    if len(starts) != len(ends) or not (_are_few(starts) and _are_few(ends)):
+    if len(starts) != len(ends) or not (are_rows(starts) and are_rows(ends)):
         return False
     segment_batch(handle, as_rows(starts), as_rows(ends), longs_here(0), limit, answers)
     return True
