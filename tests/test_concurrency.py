@@ -14,6 +14,7 @@ import psutil
 import pytest
 import shapes
 
+import proximity
 from proximity import queries
 from proximity.pose import Pose
 from proximity.scene import Scene
@@ -103,6 +104,36 @@ def test_a_question_is_answered_as_of_one_moment_though_parts_move_meanwhile(mon
         found = getattr(scene, ask)(*arguments)
 
     assert judging.same_bits(found, expected)
+
+
+class Interrupted:
+    """Where a solid looks for its model; at the look of that number another thread asks it, in between."""
+
+    def __init__(self, number, ask):
+        self.looks, self.number, self.ask, self.model = 0, number, ask, None
+
+    @property
+    def current(self):
+        found = self.model
+        self.looks += 1
+        if self.looks == self.number:
+            self.ask()
+        return found
+
+    @current.setter
+    def current(self, model):
+        self.model = model
+
+
+@pytest.mark.parametrize("number", [1, 2])
+def test_two_threads_may_ask_a_solid_out_of_a_file_for_the_first_time(tmp_path, number):
+    points = some_points(20, 6)
+    SCENE.save(tmp_path / "rings.prox")
+    solid = proximity.load(tmp_path / "rings.prox").parts[3].solid
+    solid._stage = Interrupted(number, lambda: solid.distance(points))
+
+    assert judging.same_bits(solid.distance(points), SCENE.parts[3].solid.distance(points))
+    assert solid._stage.looks > number
 
 
 def test_the_interpreter_goes_on_while_a_thread_asks():
