@@ -34,12 +34,14 @@ def warm_up() -> None:
     scene = Scene([first, second])
     scene.deform("second", 2.0 * _CORNERS)
     for asked in (first, scene):
-        asked.closest(points)
-        asked.signed_distance(points)
-        asked.distance(points)
-        asked.contains(points)
-        asked.cast(points, (1.0, 0.5, 0.25))
-        asked.closest_to_segments(points, points + 0.1)
+        for rows in (points, points[:2]):  # many and few have kernels of their own
+            asked.closest(rows)
+            asked.signed_distance(rows)
+            asked.distance(rows)
+            asked.contains(rows)
+            asked.cast(rows, rows + 1.5)
+            asked.cast_distance(rows, rows + 1.5)
+            asked.closest_to_segments(rows, rows + 0.1)
         if isinstance(asked, Scene):
             asked.move_many(["second"], [Pose(translation=(2.0, 1.0, 0.0))])
             asked.closest(points)

@@ -1,5 +1,8 @@
 """Kernels that are called past numba's look at arguments; where a walk goes on."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -28,6 +31,25 @@ def test_a_settled_kernel_takes_arrays_that_lie_anyhow_and_looks_at_them_itself(
     assert total.call(rows[:0]) == total.call(rows[::2][:0]) == total.call(rows[:0, ::-1]) == 0.0
     for other in (rows[::2], rows[::-1], rows[:, ::-1], np.asfortranarray(rows), rows[:, :2], at_odd_address):
         assert total.call(other) == -1.0
+
+
+LEFT_OVER = """
+import proximity
+from proximity import queries, tracker
+from proximity.kernels.compiling import Settled
+
+proximity.warm_up()
+for module in (queries, tracker):
+    for name, value in vars(module).items():
+        if isinstance(value, Settled) and getattr(value.call, "__self__", None) is value:
+            print(name)
+"""
+
+
+def test_warming_up_leaves_no_kernel_of_a_call_to_be_compiled():
+    told = subprocess.run([sys.executable, "-c", LEFT_OVER], capture_output=True, text=True, timeout=600)
+
+    assert (told.returncode, told.stdout) == (0, ""), told.stderr
 
 
 @kernel
