@@ -129,24 +129,7 @@ class Queries:
         QueryError
             If *points* are not numbers of shape (..., 3).
         """
-        if workers is ONE_THREAD and _are_few(points):
-            distances = empty(len(points))
-            model = self._current()
-            if _signed_few.call(model.handle, points, distances):
-                return distances
-        return self._signed_distance(points, workers)
-
-    def _signed_distance(self, points: Any, workers: int) -> Any:
-        points = as_points(points)
-        rows = points if points.ndim == 2 else points.reshape(-1, 3)
-        count = len(rows)
-        distances = empty(count)
-        model = self._current()
-        if count < SORT_FROM and workers == 1 and workers is not True:
-            _signed_few.call(model.handle, rows, distances)
-        else:
-            _run(lambda order: signed_batch(model.handle, rows, order, distances), rows, workers)
-        return distances if rows is points else distances.reshape(points.shape[:-1])[()]
+        return self._distances(points, workers, _signed_few, signed_batch)
 
     def distance(self, points: Any, *, workers: int = 1) -> Any:
         """Return distances to the surface, m, without sign: the fastest query.
@@ -167,20 +150,28 @@ class Queries:
         QueryError
             If *points* are not numbers of shape (..., 3).
         """
+        return self._distances(points, workers, _distance_few, _distance_batch)
+
+    def _distances(self, points: Any, workers: int, few: Settled, batch: Callable[..., Any]) -> Any:
+        """Signed or unsigned, as the kernels for few and for many points tell them."""
         if workers is ONE_THREAD and _are_few(points):
             distances = empty(len(points))
             model = self._current()
-            if _distance_few.call(model.handle, points, distances):
+            if few.call(model.handle, points, distances):
                 return distances
-        return self._distance(points, workers)
+        return self._more_distances(points, workers, few, batch)
 
-    def _distance(self, points: Any, workers: int) -> Any:
+    def _more_distances(self, points: Any, workers: int, few: Settled, batch: Callable[..., Any]) -> Any:
         points = as_points(points)
         rows = points if points.ndim == 2 else points.reshape(-1, 3)
-        distances = empty(len(rows))
+        count = len(rows)
+        distances = empty(count)
         model = self._current()
-        _run(lambda order: distance_batch(model.handle, rows, order, inf, distances), rows, workers)
-        return distances if points.ndim == 2 else distances.reshape(points.shape[:-1])[()]
+        if count < SORT_FROM and workers == 1 and workers is not True:
+            few.call(model.handle, rows, distances)
+        else:
+            _run(lambda order: batch(model.handle, rows, order, distances), rows, workers)
+        return distances if rows is points else distances.reshape(points.shape[:-1])[()]
 
     def contains(self, points: Any, *, workers: int = 1) -> Any:
         """Return whether points are inside some part.
@@ -382,6 +373,10 @@ class Queries:
             workers,
         )
         return record_of(SegmentHits, answers, starts.shape[:-1])
+
+
+def _distance_batch(handle: int, points: np.ndarray, order: np.ndarray, distances: np.ndarray) -> None:
+    distance_batch(handle, points, order, inf, distances)
 
 
 def _are_few(points: Any) -> bool:
