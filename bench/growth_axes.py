@@ -21,7 +21,6 @@ HELD = 0.9  # a place counts whose distance is at least this share of what was w
 FEWEST_PLACES = 50
 FEWEST_BATCHES = 5
 MS = 1_000_000  # ns
-DEFAULT_BUDGET = 500
 BRACKET = "bracket", "% of the distance"
 BRACKET_INSIDE = "finger inside a full ball", *BRACKET
 
@@ -173,10 +172,10 @@ def measure_centre(sizes: GrowthSizes) -> Curve:
         count, scene = len(mesh[1]), scene_of(mesh)
         curve.add_time("exact signed_distance", count, time_each(_calls(scene.signed_distance, exact)))
         curve.add_work("exact signed_distance", count, work_of_points(scene, exact))
-        told = _bracket(scene, points, DEFAULT_BUDGET)
-        _add_bracket(curve, f"finger, budget {DEFAULT_BUDGET}", count, *told)
+        told = _bracket(scene, points)
+        _add_bracket(curve, "finger, default budget", count, *told)
         inside = scene_of(places.ball(subdivisions))
-        _, _, widths = _bracket(inside, exact, DEFAULT_BUDGET)
+        _, _, widths = _bracket(inside, exact)
         curve.add(*BRACKET_INSIDE, count, 100.0 * widths)
     return curve
 
@@ -250,7 +249,7 @@ def _about_centre(count: int) -> np.ndarray:
     return np.random.default_rng(9).normal(0.0, 1e-6 * places.BALL_RADIUS, (count, 3))
 
 
-def _bracket(scene, points, budget):
+def _bracket(scene, points, budget=None):
     """Times (ns), work, and widths of brackets as shares of the distance, of first ticks at *points*."""
     tracker = Tracker(scene, fingers=1, radius=0.0, budget=budget)
     calls, told = [], []

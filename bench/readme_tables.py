@@ -48,8 +48,8 @@ GROWTH = {
     ("points", "signed_distance", TIME): "one call of `signed_distance`",
     ("distance", "five signed points, outside", TIME): "five signed points outside",
     ("centre", "exact signed_distance", TIME): "the worst place: an exact signed distance",
-    ("centre", "finger, budget 500", TIME): "the worst place: a finger with the default budget",
-    ("centre", "finger, budget 500", "bracket"): "the worst place: how far its bounds are apart",
+    ("centre", "finger, default budget", TIME): "the worst place: a finger with the default budget",
+    ("centre", "finger, default budget", "bracket"): "the worst place: how far its bounds are apart",
     ("centre", "finger inside a full ball", "bracket"): "inside a full ball: how far they are apart",
 }
 AXES = {

@@ -22,9 +22,10 @@ from proximity.message import CONTACT
 from proximity.model import Model
 from proximity.scene import Scene
 
-DEFAULT_BUDGET = 500
+DEFAULT_BUDGET = 350
 """Nodes and leaves a finger and tick. Near CAD parts a walk takes 10 to 60; at the centre of a ball of 1.3 M
-faces these take 15 to 40 µs, as fast as the memory is, and bracket the distance within 1 %."""
+faces these take 20 to 30 µs, as fast as the memory is, and bracket the distance within 2.5 % (1 % with 500,
+but then five fingers there may take longer than 0.2 ms; with 300 it is 4 %)."""
 GONE = -2
 """Part of the last answer that is not in the scene any more."""
 HORIZON = 0.25
@@ -50,8 +51,8 @@ class Tracker:
         From a tick until the controller acts on its answer: predictions are for then.
     budget : int
         Nodes and leaves visited for a finger in a tick, at most, but for a few that tell side and way; None:
-        500, which keeps any tick of five fingers below 0.2 ms. All fingers share ten budgets for distances,
-        four where there are thousands, and three for looking ahead. A crowd that would need more takes turns:
+        350, which keeps any tick of five fingers below 0.2 ms. All fingers share 14 budgets for distances,
+        six where there are thousands, and four for looking ahead. A crowd that would need more takes turns:
         its bounds are apart by as small a share of each distance as can be had, the same for all.
     working_range : float, m
         Beyond it there are bounds only: a finger that cannot have come nearer is not searched for.

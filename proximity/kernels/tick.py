@@ -135,8 +135,10 @@ from proximity.simd import load_int, prefetch
 
 FLAG_BITS = (1 << 16) - 1
 """Of an observation's answer: what goes into the record."""
-CROWD, FEWEST_BUDGETS = 10, 4
-AHEAD = 3
+CROWD = 10
+"""Fingers of two hands: more than that are a crowd."""
+SHARED_BUDGETS, FEWEST_BUDGETS = 14, 6
+AHEAD = 4
 """Budgets that all fingers share in a tick: for distances, and for looking ahead. Two hands never come to the
 end of them; a skin of thousands would be late. Who finds none left goes by what it knows, within bounds, and
 is among the first at the next tick."""
@@ -163,7 +165,7 @@ FEWEST_STEPS = 8
 @inlined
 def steps_for_all(budget, count):
     """Steps that so many fingers share in a tick for their distances."""
-    return max(CROWD * budget - PRESENCE * max(count - MANY, 0), FEWEST_BUDGETS * budget)
+    return max(SHARED_BUDGETS * budget - PRESENCE * max(count - MANY, 0), FEWEST_BUDGETS * budget)
 
 
 @inlined
