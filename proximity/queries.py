@@ -33,6 +33,7 @@ _signed_few = Settled(few.signed_few, few.DISTANCE)
 _distance_few = Settled(few.distance_few, few.DISTANCE)
 _contains_few = Settled(few.contains_few, few.CONTAINS)
 _cast_few = Settled(few.cast_few, few.CAST)
+_lengths_few = Settled(few.lengths_few, few.LENGTHS)
 _segments_few = Settled(few.segments_few, few.SEGMENTS)
 
 
@@ -40,7 +41,8 @@ class Queries:
     """Distance, inside, rays and segments; a base for what has a `Model`.
 
     Few rows of float64 from somebody in a hurry are answered at once. What else may come is sorted out in
-    functions of its own: variables that they share with one within would be made at every call.
+    functions of its own: variables that they share with one within would be made at every call. Neither do
+    they call `_current`: that would take a fortieth of a call with five rays.
     The model is held by name while it is asked: what nobody holds is written anew when parts move.
     """
 
@@ -94,7 +96,7 @@ class Queries:
         is_plain = workers is ONE_THREAD and type(max_distance) is float and max_distance >= 0.0
         if is_plain and _are_few(points):
             answers = empty((len(points), query.ANSWER_WIDTH))
-            model = self._current()
+            model = self._stage.current or self._brought_up_to_date()
             if _closest_few.call(model.handle, points, max_distance, answers):
                 record = ClosestPoints()
                 record._table = answers
@@ -156,7 +158,7 @@ class Queries:
         """Signed or unsigned, as the kernels for few and for many points tell them."""
         if workers is ONE_THREAD and _are_few(points):
             distances = empty(len(points))
-            model = self._current()
+            model = self._stage.current or self._brought_up_to_date()
             if few.call(model.handle, points, distances):
                 return distances
         return self._more_distances(points, workers, few, batch)
@@ -197,7 +199,7 @@ class Queries:
         """
         if workers is ONE_THREAD and _are_few(points):
             inside = empty(len(points), np.bool_)
-            model = self._current()
+            model = self._stage.current or self._brought_up_to_date()
             if _contains_few.call(model.handle, points, inside):
                 return inside
         return self._contains(points, workers)
@@ -246,10 +248,9 @@ class Queries:
         not hit.
         Source: Woop, Benthin, Wald 2013, "Watertight ray/triangle intersection".
         """
-        is_plain = workers is ONE_THREAD and type(max_distance) is float and max_distance >= 0.0
-        if is_plain and _are_few(origins) and _are_few(directions):
+        if _are_few_pairs(origins, directions, max_distance, workers):
             answers = empty((len(origins), hits.ANSWER_WIDTH))
-            model = self._current()
+            model = self._stage.current or self._brought_up_to_date()
             if _cast_few.call(model.handle, origins, directions, max_distance, answers) == NO_ROW:
                 record = RayHits()
                 record._table = answers
@@ -282,13 +283,11 @@ class Queries:
         QueryError
             If shapes or types do not fit, or a direction is zero.
         """
-        is_plain = workers is ONE_THREAD and type(max_distance) is float and max_distance >= 0.0
-        if is_plain and _are_few(origins) and _are_few(directions):
-            distances = empty((len(origins), hits.DISTANCE_WIDTH))
-            model = self._current()
-            done = _cast_few.call(model.handle, origins, directions, max_distance, distances)
-            if done == NO_ROW:
-                return distances[:, 0]
+        if _are_few_pairs(origins, directions, max_distance, workers):
+            distances = empty(len(origins))
+            model = self._stage.current or self._brought_up_to_date()
+            if _lengths_few.call(model.handle, origins, directions, max_distance, distances) == NO_ROW:
+                return distances
         answers, shape = self._cast(origins, directions, max_distance, workers, hits.DISTANCE_WIDTH)
         return answers.reshape(shape)[()]
 
@@ -351,10 +350,9 @@ class Queries:
         nearest to the start is told.
         Ties: the lowest part; within a part any of the nearest faces, the same on every run.
         """
-        is_plain = workers is ONE_THREAD and type(max_distance) is float and max_distance >= 0.0
-        if is_plain and _are_few(starts) and _are_few(ends):
+        if _are_few_pairs(starts, ends, max_distance, workers):
             answers = empty((len(starts), segment_query.ANSWER_WIDTH))
-            model = self._current()
+            model = self._stage.current or self._brought_up_to_date()
             if _segments_few.call(model.handle, starts, ends, max_distance, answers):
                 record = SegmentHits()
                 record._table = answers
@@ -383,6 +381,18 @@ def _are_few(points: Any) -> bool:
     """Whether these are few rows of float64 from somebody in a hurry; how they lie, kernels look at."""
     return (
         type(points) is ndarray and points.dtype is FLOAT64 and points.ndim == 2 and len(points) < SORT_FROM
+    )
+
+
+def _are_few_pairs(first: Any, second: Any, max_distance: Any, workers: Any) -> bool:
+    """The same of rays or segments, and of what comes with them; that both are as many, kernels look at."""
+    return (
+        workers is ONE_THREAD
+        and (max_distance is inf or (type(max_distance) is float and max_distance >= 0.0))
+        and type(first) is type(second) is ndarray
+        and first.dtype is second.dtype is FLOAT64
+        and first.ndim == second.ndim == 2
+        and len(first) < SORT_FROM
     )
 
 

@@ -74,7 +74,7 @@ def test_threads_may_ask_right_after_a_move():
         ("distance", "_distance_few"),
         ("contains", "_contains_few"),
         ("cast", "_cast_few"),
-        ("cast_distance", "_cast_few"),
+        ("cast_distance", "_lengths_few"),
         ("closest_to_segments", "_segments_few"),
     ],
 )

@@ -16,6 +16,7 @@ from proximity.kernels.memory import (
     Told,
     arrays_at,
     arrays_behind,
+    as_column,
     longs_here,
     make_table,
     real_rows_here,
@@ -68,6 +69,22 @@ def transpose(values):
     for k in range(3 * SIZE):
         values[k] = room[k % SIZE, k // SIZE]
     return room.shape
+
+
+@kernel
+def count_down(values):
+    column = as_column(values)
+    for row in range(column.shape[0]):
+        column[row, 0] = column.shape[0] - row
+    return column.shape
+
+
+def test_numbers_are_written_through_the_column_made_of_them():
+    values = np.full(5, np.nan)
+
+    assert count_down(values) == (5, 1)
+    assert (values == [5.0, 4.0, 3.0, 2.0, 1.0]).all()
+    assert count_down(np.empty(0)) == (0, 1)
 
 
 def test_arrays_are_found_again_behind_an_address():

@@ -8,7 +8,7 @@ import numpy as np
 
 from proximity.kernels.cast import cast_batch
 from proximity.kernels.compiling import kernel
-from proximity.kernels.memory import are_rows, arrays_at, as_rows, longs_here
+from proximity.kernels.memory import are_rows, arrays_at, as_column, as_rows, longs_here
 from proximity.kernels.query import (
     closest_batch,
     contains_batch,
@@ -24,6 +24,7 @@ CLOSEST = "(int64, float64[:,:], float64, float64[:,::1])"
 DISTANCE = "(int64, float64[:,:], float64[::1])"
 CONTAINS = "(int64, float64[:,:], boolean[::1])"
 SEGMENTS = CAST = "(int64, float64[:,:], float64[:,:], float64, float64[:,::1])"
+LENGTHS = "(int64, float64[:,:], float64[:,:], float64, float64[::1])"
 """Types of the arguments; see `compiling.Settled`."""
 
 NOT_ASKED = -2
@@ -76,6 +77,12 @@ def cast_few(handle, origins, directions, limit, answers):
     if len(origins) != len(directions) or not (are_rows(origins) and are_rows(directions)):
         return np.int64(NOT_ASKED)
     return cast_batch(handle, as_rows(origins), as_rows(directions), longs_here(0), limit, answers)
+
+
+@kernel
+def lengths_few(handle, origins, directions, limit, distances):
+    """`cast_few` for distances alone."""
+    return cast_few(handle, origins, directions, limit, as_column(distances))
 
 
 @kernel

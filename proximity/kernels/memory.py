@@ -122,6 +122,21 @@ as_rows = _compiled_as_rows if IS_COMPILED else lambda array: array
 """The array as one in C order, which `are_rows` has found it to be."""
 
 
+@intrinsic
+def _compiled_as_column(typingctx, array):
+    def codegen(context, builder, sig, args):
+        given = context.make_array(sig.args[0])(context, builder, args[0])
+        (length,) = cgutils.unpack_tuple(builder, given.shape)
+        one = ir.Constant(length.type, 1)
+        return _array(context, builder, sig.return_type, given.data, [length, one])
+
+    return types.Array(array.dtype, 2, "C")(array), codegen
+
+
+as_column = _compiled_as_column if IS_COMPILED else lambda array: array[:, None]
+"""The numbers (N,) of an array in C order as a column, (N, 1)."""
+
+
 @inlined
 def are_rows(points):
     """Whether an array of float64 of any strides is (N, 3) in C order, and at an address for such."""
