@@ -196,18 +196,19 @@ class Tracker:
         if paths is not None or self._has_paths or bends is not None or path_bends is not None:
             self._take_paths(paths, path_bends, bends)
         # That parts have moved is told until a tick has taken it in, even if someone interrupts this one.
-        model = self.scene._current()
+        scene = self.scene
+        model = scene._stage.current or scene._current()
         is_moved = model is not self._model
         if is_moved:
             self._take_over(model)
         try:
-            # As they nearly always are; whether there are as many as fingers is looked at by compiled code.
+            # As they nearly always are; how many there are, and which instants, is looked at by compiled code.
             is_done = (
                 type(positions) is np.ndarray
                 and positions.dtype is FLOAT64
                 and positions.ndim == 2
                 and type(t_pose_ns) is type(now_ns) is int
-                and -MOST_NS <= t_pose_ns <= MOST_NS
+                and t_pose_ns != EACH_ITS_OWN
                 and _tick.call(model.handle, self._handle, positions, t_pose_ns, now_ns, is_moved)
             )
         except OverflowError:

@@ -377,9 +377,9 @@ TICK = "(int64, int64, float64[:,:], int64, int64, boolean)"
 def tick(handle, tracker, places, all_pose_ns, now_ns, is_moved):
     """Fill the records of the tracker at address *tracker* for the model at *handle*; whether that was done.
 
-    It is not done, and nothing is changed, where *places* are not (fingers, 3) in C order or *now_ns* is more
-    than `MOST_NS`. *all_pose_ns*: instant of the positions, or `EACH_ITS_OWN`. *is_moved*: whether parts may
-    stand elsewhere than at the tick before.
+    It is not done, and nothing is changed, where *places* are not (fingers, 3) in C order, or instants are
+    beyond `MOST_NS`. *all_pose_ns*: instant of the positions, or `EACH_ITS_OWN`. *is_moved*: whether parts
+    may stand elsewhere than at the tick before.
     """
     reals, words, frames, parts = arrays_at(handle)
     (
@@ -405,6 +405,8 @@ def tick(handle, tracker, places, all_pose_ns, now_ns, is_moved):
     ) = tracker_arrays_at(tracker)
     count = len(marks)
     if len(places) != count or not are_rows(places) or not -MOST_NS <= now_ns <= MOST_NS:
+        return False
+    if all_pose_ns != EACH_ITS_OWN and not -MOST_NS <= all_pose_ns <= MOST_NS:
         return False
     positions = as_rows(places)
     if is_moved:
