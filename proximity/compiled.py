@@ -157,12 +157,12 @@ def _scene(metadata: dict[str, Any], arrays: dict[str, np.ndarray]) -> CompiledS
         _array(arrays, "frames", np.float64, layout.FRAME_COLUMNS),
         _array(arrays, "parts", np.int64, layout.PART_COLUMNS),
     )
-    model = finished(*arrays_of_model)
+    fields = metadata["parts"]
+    model = finished(*arrays_of_model, names=tuple(map(str, fields["name"])))
     # Solids look at rows of their own: those of the scene's model serve for others once its parts have moved.
     reals, words, frames, rows_of_parts = arrays_of_model
     solids = _solids(metadata, arrays, finished(reals, words, frames.copy(), rows_of_parts.copy()))
     poses = _array(arrays, "poses", np.float64, 12)
-    fields = metadata["parts"]
     solid_of_part = metadata["solid_of_part"]
     faces = _slices(
         _array(arrays, "source_faces", np.int32), [solids[number].mesh.face_count for number in solid_of_part]

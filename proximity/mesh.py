@@ -49,6 +49,9 @@ class TriangleMesh:
         mesh.vertices, mesh.faces = vertices, faces
         return mesh
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _read_only, (self.vertices, self.faces)
+
     @property
     def face_count(self) -> int:
         """Number of faces."""
@@ -74,6 +77,12 @@ class TriangleMesh:
 
     def __repr__(self) -> str:
         return f"TriangleMesh({self.vertex_count} vertices, {self.face_count} faces)"
+
+
+def _read_only(vertices: np.ndarray, faces: np.ndarray) -> TriangleMesh:
+    """A mesh of arrays that are a copy of a mesh's."""
+    vertices.flags.writeable = faces.flags.writeable = False
+    return TriangleMesh._from_checked(vertices, faces)
 
 
 def _checked_vertices(vertices: Any) -> np.ndarray:

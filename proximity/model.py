@@ -50,6 +50,11 @@ class Model:
     table: np.ndarray  # int64, see `memory`
     handle: int  # address of the table; valid as long as this model lives
     epoch: int = 0  # of the scene: grows whenever part indices, faces or what is hidden change
+    names: tuple[str, ...] = ()  # of the scene's parts, row by row
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # A copy has arrays of its own, and so another table and another address.
+        return finished, (self.reals, self.words, self.frames, self.parts, self.epoch, self.names)
 
     @property
     def memory_bytes(self) -> int:
@@ -130,6 +135,7 @@ def assemble(
     loose: Collection[int] = (),
     hidden: Collection[int] = (),
     epoch: int = 0,
+    names: tuple[str, ...] = (),
 ) -> Model:
     """Return the model of parts at poses.
 
@@ -143,6 +149,8 @@ def assemble(
         Rows of parts that are going to move, and of those that no question finds.
     epoch : int
         Of the scene.
+    names : tuple of str
+        Of its parts.
     """
     count = len(pieces)
     parts = np.zeros((count + 1, PART_COLUMNS), np.int64)
@@ -185,7 +193,7 @@ def assemble(
         np.empty(len(loose_parts), np.int64), len(loose_parts) ** 2, plan.region(0), NEVER, own_frames,
         own_parts,
     )  # fmt: skip
-    return finished(reals, words, own_frames, own_parts, epoch)
+    return finished(reals, words, own_frames, own_parts, epoch, names)
 
 
 def _nodes_at_most(nodes: np.ndarray, frames: np.ndarray, parts: np.ndarray, static: np.ndarray) -> int:
@@ -235,7 +243,12 @@ def _filled(
 
 
 def finished(
-    reals: np.ndarray, words: np.ndarray, frames: np.ndarray, parts: np.ndarray, epoch: int = 0
+    reals: np.ndarray,
+    words: np.ndarray,
+    frames: np.ndarray,
+    parts: np.ndarray,
+    epoch: int = 0,
+    names: tuple[str, ...] = (),
 ) -> Model:
     """Return a model of arrays that are complete.
 
@@ -245,9 +258,11 @@ def finished(
         See `kernels.layout`.
     epoch : int
         Of the scene.
+    names : tuple of str
+        Of its parts.
     """
     table = make_table(reals, words, frames, parts)
-    return Model(reals, words, frames, parts, table, int(table.ctypes.data), epoch)
+    return Model(reals, words, frames, parts, table, int(table.ctypes.data), epoch, names)
 
 
 # --- arrays ----------------------------------------------------------------------------------------------

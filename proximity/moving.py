@@ -267,8 +267,9 @@ class Stage(Shelf):
             self._need(_NEW)
         latest = self.latest
         model = Model(
-            latest.reals, latest.words, copy.frames, copy.parts, copy.table, copy.handle, self.epoch
-        )
+            latest.reals, latest.words, copy.frames, copy.parts, copy.table, copy.handle, self.epoch,
+            latest.names,
+        )  # fmt: skip
         copy.owner = weakref.ref(model)
         self.latest = self.current = model
         return model

@@ -45,6 +45,9 @@ class Pose:
         self.rotation.flags.writeable = False
         self.translation.flags.writeable = False
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Pose.known, (self.rotation, self.translation)
+
     @classmethod
     def from_matrix(cls, matrix: Any) -> "Pose":
         """Return the pose of a homogeneous (4, 4) matrix that acts on columns.

@@ -111,6 +111,11 @@ class Scene(Queries):
         scene._told = scene._stage.versions.copy()
         return scene
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        with self._lock:
+            parts = [self._part_now(row) for row in range(len(self._parts))]
+            return _made_again, (parts, self.report, self._stage.loose_rows, self._stage.epoch)
+
     @property
     def parts(self) -> tuple[Part, ...]:
         """The parts, as they are at present."""
@@ -333,13 +338,21 @@ class Scene(Queries):
         """Put the arrays of *parts* together, and begin with what they say."""
         hidden = [row for row, part in enumerate(parts) if part.is_hidden]
         pieces = [part.solid._model.part_arrays(0) for part in parts]
-        model = assemble(pieces, [part.pose for part in parts], loose=list(loose), hidden=hidden, epoch=epoch)
+        names = tuple(part.name for part in parts)
+        model = assemble(
+            pieces,
+            [part.pose for part in parts],
+            loose=list(loose),
+            hidden=hidden,
+            epoch=epoch,
+            names=names,
+        )
         for row, part in enumerate(parts):
             part.solid._share(model.part_alone(row))
             write_motion(model.frames[row], part.velocity, part.angular_velocity)
             write_surface(model.frames[row], part.stiffness, part.damping)
         self._parts = parts
-        self._row = {part.name: row for row, part in enumerate(parts)}
+        self._row = {name: row for row, name in enumerate(names)}
         self._stage = Stage(model)
         self._told = self._stage.versions.copy()
 
@@ -437,3 +450,11 @@ class Scene(Queries):
     def __repr__(self) -> str:
         faces = sum(part.solid.mesh.face_count for part in self._parts)
         return f"Scene({len(self._parts)} parts, {faces} faces)"
+
+
+def _made_again(parts: list[Part], report: LoadReport | None, loose: list[int], epoch: int) -> Scene:
+    """The copy of a scene: with a lock and arrays of its own, but for those of solids that it shares."""
+    scene = Scene.__new__(Scene)
+    scene.report, scene._lock = report, threading.Lock()
+    scene._assemble(parts, loose=loose, epoch=epoch)
+    return scene

@@ -99,6 +99,11 @@ class Solid(Queries):
         solid._remains, solid._leaders = None, None
         return solid
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy is made of: arrays of its own, wherever these lie."""
+        own = Shelf(assemble([self._model.part_arrays(0)], [Pose()]))
+        return self.__dict__ | {"_stage": own, "_source": None, "_remains": None}
+
     @property
     def has_inside(self) -> bool:
         """Whether distances have a sign."""

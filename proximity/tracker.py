@@ -26,6 +26,10 @@ DEFAULT_BUDGET = 350
 """Nodes and leaves a finger and tick. Near CAD parts a walk takes 10 to 60; at the centre of a ball of 1.3 M
 faces these take 20 to 30 µs, as fast as the memory is, and bracket the distance within 2.5 % (1 % with 500,
 but then five fingers there may take longer than 0.2 ms; with 300 it is 4 %)."""
+MOST = 2**31 - 1
+"""Nodes and leaves: more than any scene has."""
+LONGEST_LATENCY = 1e9
+"""s; instants so much later than any now are whole numbers of 64 bits still."""
 GONE = -2
 """Part of the last answer that is not in the scene any more."""
 HORIZON = 0.25
@@ -65,7 +69,7 @@ class Tracker:
     max_speed : float, m/s
         Poses farther apart than this allows are tracking jumps.
     max_acceleration : float, m/s²
-        Of a fingertip: bounds of predictions hold as long as it is not exceeded.
+        Of a fingertip: bounds of predictions hold as long as neither is exceeded.
 
     Raises
     ------
@@ -78,7 +82,6 @@ class Tracker:
     Source: conservative advancement after Mirtich 1996; the paper's requirements in sections 8, 9 and 12.
     """
 
-    scene: Scene
     contacts: np.ndarray  # (fingers,) CONTACT, filled anew by each tick
 
     def __init__(
@@ -99,9 +102,9 @@ class Tracker:
         if not isinstance(scene, Scene):
             raise QueryError(f"a tracker looks at a Scene, not at a {type(scene).__name__}")
         count = _whole("fingers", fingers)
-        self.scene = scene
+        self._scene = scene
         self.period = _positive("period", period, "seconds")
-        self.latency = _not_negative("latency", latency, "seconds")
+        self.latency = _not_negative("latency", latency, "seconds", most=LONGEST_LATENCY)
         self.contacts = np.zeros(count, CONTACT)
         settings = np.zeros(track.SETTINGS_SIZE)
         settings[track.WORKING_RANGE] = _not_negative("working_range", working_range, "metres")
@@ -110,7 +113,7 @@ class Tracker:
         settings[track.HORIZON] = _positive("horizon", horizon, "seconds")
         settings[track.MAX_SPEED] = _positive("max_speed", max_speed, "metres a second")
         settings[track.MAX_ACCELERATION] = _positive("max_acceleration", max_acceleration, "m/s²")
-        settings[track.BUDGET] = DEFAULT_BUDGET if budget is None else _whole("budget", budget)
+        settings[track.BUDGET] = DEFAULT_BUDGET if budget is None else min(_whole("budget", budget), MOST)
         self._settings = settings
         self._shape = (count, 3)
         nothing = np.full(count, np.nan)
@@ -138,10 +141,20 @@ class Tracker:
         self._arrays["tracks"][:, track.RADIUS] = _radii(radius, count)
         self._model: Model | None = None
         self._has_velocities = self._has_paths = False
+        self._path_count = 2  # corners of paths that there is room for
         self._epoch = -1
-        self._rows: dict[str, int] = {}  # of parts, by name
+        self._names: tuple[str, ...] = ()  # of the parts that `TOLD_PART` counts
+        self._kept: tuple[Any, ...] = ()  # what the table points at, and the table
         self.reset()
         self._tell_addresses()
+
+    @property
+    def scene(self) -> Scene:
+        """The scene that it looks at; for another, make another tracker."""
+        return self._scene
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        raise QueryError("a tracker cannot be copied, since it lives by its ticks: make another of its scene")
 
     def tick(
         self,
@@ -196,13 +209,12 @@ class Tracker:
         if paths is not None or self._has_paths or bends is not None or path_bends is not None:
             self._take_paths(paths, path_bends, bends)
         # That parts have moved is told until a tick has taken it in, even if someone interrupts this one.
-        scene = self.scene
-        model = scene._stage.current or scene._current()
+        model = self._scene._stage.current or self._scene._current()
         is_moved = model is not self._model
         if is_moved:
             self._take_over(model)
         try:
-            # As they nearly always are; how many there are, and which instants, is looked at by compiled code.
+            # As they nearly always are; how many they are, and which instants, compiled code looks at.
             is_done = (
                 type(positions) is np.ndarray
                 and positions.dtype is FLOAT64
@@ -221,7 +233,7 @@ class Tracker:
     def _tick(self, model: Model, positions: Any, t_pose_ns: Any, now_ns: Any, is_moved: bool) -> None:
         """Check the arguments, and tick."""
         rows = as_float64(_shaped(positions, "positions", self._shape), "positions")
-        if type(t_pose_ns) is not int or not -MOST_NS <= t_pose_ns <= MOST_NS:
+        if type(t_pose_ns) is not int or not -MOST_NS < t_pose_ns <= MOST_NS:
             self._take_instants(t_pose_ns)
             t_pose_ns = EACH_ITS_OWN
         _tick.call(model.handle, self._handle, rows, t_pose_ns, _instant(now_ns), is_moved)
@@ -247,26 +259,28 @@ class Tracker:
         marks[:, track.FRONT_COUNT] = 0
 
     def _take_over(self, model: Model) -> None:
-        """Look at *model* from now on; parts that changed in more than their place are looked at anew."""
+        """Look at *model* from now on; parts that changed in more than their place are looked at anew.
+
+        Whoever interrupts this has it done again: that it is done is written last.
+        """
         if model.epoch != self._epoch:
-            self._epoch = model.epoch
             self._forget()
-            self._find_again()
+            self._find_again(model.names)
             count = len(model.parts) - 1
             is_open = (model.parts[:count, SIGN] == SIGN_WINDING) & (model.parts[:count, GRID] == NO_GRID)
             self._settings[track.HOLES] = is_open.any()
             self._arrays["before"] = model.frames[:count, ROTATION : ROTATION + track.POSE_COLUMNS].copy()
             self._arrays["movers"] = room_for_movers(count)
             self._tell_addresses()
+            self._epoch = model.epoch
 
-    def _find_again(self) -> None:
+    def _find_again(self, names: tuple[str, ...]) -> None:
         """Write what the parts of the last answers are numbered now; one that is gone is another than all."""
-        rows = self.scene._row
-        if rows is not self._rows:
-            names, told = list(self._rows), self._arrays["marks"][:, track.TOLD_PART]
-            for finger in np.flatnonzero(told >= 0):
-                told[finger] = rows.get(names[told[finger]], GONE)
-            self._rows = rows
+        if names != self._names:
+            rows = {name: row for row, name in enumerate(names)}
+            told = self._arrays["marks"][:, track.TOLD_PART]
+            found = [rows.get(self._names[row], GONE) if row >= 0 else row for row in told.tolist()]
+            told[:], self._names = found, names
 
     def _tell_addresses(self) -> None:
         """Write the table by which a tick finds its arrays."""
@@ -280,13 +294,16 @@ class Tracker:
             len(arrays["scratch"]),
             len(arrays["fronts"]),
         ]
-        self._table = np.array(counts + [arrays[name].ctypes.data for name in track.NAMES], np.int64)
-        self._handle = int(self._table.ctypes.data)
+        table = np.array(counts + [arrays[name].ctypes.data for name in track.NAMES], np.int64)
+        # Until another handle is told, what the one before leads to stays.
+        self._kept = *self._kept, table, *arrays.values()
+        self._handle = int(table.ctypes.data)
+        self._kept = table, *arrays.values()
 
     def _take_instants(self, t_pose_ns: Any) -> None:
         try:
             instants = np.asarray(t_pose_ns)
-            if instants.dtype.kind not in "iu" or ((instants < -MOST_NS) | (instants > MOST_NS)).any():
+            if instants.dtype.kind not in "iu" or ((instants <= -MOST_NS) | (instants > MOST_NS)).any():
                 raise ValueError("no instants")
             self._pose_ns[...] = instants
         except ValueError as unfit:
@@ -296,15 +313,16 @@ class Tracker:
             ) from unfit
 
     def _take_velocities(self, velocities: Any) -> None:
-        self._has_velocities = velocities is not None
-        self._settings[track.HAS_VELOCITIES] = self._has_velocities
+        self._has_velocities = True  # until it is known that there are none
         if velocities is not None:
             self._velocities[...] = _shaped(velocities, "velocities", self._shape)
+        self._settings[track.HAS_VELOCITIES] = velocities is not None
+        self._has_velocities = velocities is not None
 
     def _take_paths(self, paths: Any, path_bends: Any, bends: Any) -> None:
-        self._has_paths = paths is not None
-        self._settings[track.HAS_PATHS] = self._has_paths
+        self._has_paths = True  # until it is known that there are none
         if paths is None:
+            self._settings[track.HAS_PATHS] = self._has_paths = False
             if bends is not None or path_bends is not None:
                 raise QueryError("bends are of places on paths, but no paths are given")
             return
@@ -316,11 +334,13 @@ class Tracker:
             raise QueryError(f"paths have shape {corners.shape}, expected {expected}")
         count = corners.shape[1]
         arrays = self._arrays
-        if arrays["paths"].shape[1] != count:
+        if self._path_count != count:
+            self._path_count = 0  # until there is room for so many
             arrays["paths"] = np.empty((len(self.contacts), count, 3))
             arrays["path_bends"] = np.linspace(0.0, 1.0, count)
             arrays["scratch"] = np.zeros(track.SCRATCH_SIZE + count)
             self._tell_addresses()
+            self._path_count = count
         arrays["paths"][...] = corners
         if path_bends is None:
             arrays["path_bends"][:] = np.linspace(0.0, 1.0, count)
@@ -332,6 +352,7 @@ class Tracker:
                 )
             arrays["path_bends"][:] = given
         arrays["bends"][:] = np.nan if bends is None else _shaped(bends, "bends", (len(self.contacts),))
+        self._settings[track.HAS_PATHS] = True
 
     def __repr__(self) -> str:
         return f"Tracker({self.scene!r}, {len(self.contacts)} fingers)"
@@ -352,7 +373,7 @@ def _instant(now_ns: Any) -> int:
         now = operator.index(now_ns)
     except TypeError:
         now = MOST_NS + 1
-    if not -MOST_NS <= now <= MOST_NS:
+    if not -MOST_NS < now <= MOST_NS:
         raise QueryError(f"now_ns is {now_ns!r}, expected whole nanoseconds, at most 2**62")
     return now
 
@@ -374,10 +395,12 @@ def _positive(name: str, value: Any, unit: str) -> float:
     return number
 
 
-def _not_negative(name: str, value: Any, unit: str) -> float:
+def _not_negative(name: str, value: Any, unit: str, *, most: float = math.inf) -> float:
     number = _number(name, value, unit, "a number of")
     if number < 0.0:
         raise QueryError(f"{name} is {value!r}, expected a number of {unit} of 0 or more")
+    if number > most:
+        raise QueryError(f"{name} is {value!r}, expected a number of {unit} of {most:g} at most")
     return number
 
 

@@ -1,15 +1,19 @@
 """What callers and sensors may hand to a tracker: refused with a sentence, or answered as far as it goes."""
 
+import copy
+import pickle
 import re
 
 import numpy as np
 import pytest
+import shapes
 from odd_arrays import unaligned
 from ticking import MS, RADIUS, block, flags_of, line, plate
 
 from proximity.errors import PoseError, QueryError
 from proximity.message import ContactFlag
 from proximity.scene import Scene
+from proximity.solid import Solid
 from proximity.tracker import Tracker
 
 TIPS = np.array([(0, 0, 0.05), (0.02, 0, 0.04)])
@@ -59,6 +63,7 @@ def test_something_else_than_a_scene_is_refused(thing):
         ("working_range", [0.1, 0.2], "working_range is .*, expected a number of metres"),
         ("tolerance", -0.1, "tolerance is -0.1, expected a number of shares of 0 or more"),
         ("horizon", 0, "horizon is 0, expected a positive number of seconds"),
+        ("latency", 1.1e9, "latency is 1100000000.0, expected a number of seconds of 1e[+]09 at most"),
         ("max_speed", -3.0, "max_speed is -3.0, expected a positive number of metres a second"),
         ("max_acceleration", None, "max_acceleration is None, expected a positive number of m/s²"),
     ],
@@ -97,7 +102,9 @@ REFUSED = {
     "t_pose_ns is array([0., 1.]), expected whole nanoseconds": {"t_pose_ns": np.array([0.0, 1.0])},
     f"t_pose_ns is {2**70}, expected whole nanoseconds": {"t_pose_ns": 2**70},
     f"t_pose_ns is [{-(2**63)}, 0], expected whole nanoseconds": {"t_pose_ns": [-(2**63), 0]},
-    f"t_pose_ns is {-(2**62) - 1}, expected whole nanoseconds": {"t_pose_ns": -(2**62) - 1},
+    f"t_pose_ns is {-(2**62)}, expected whole nanoseconds": {"t_pose_ns": -(2**62)},
+    f"t_pose_ns is [0, {-(2**62)}], expected whole nanoseconds": {"t_pose_ns": [0, -(2**62)]},
+    f"now_ns is {-(2**62)}, expected whole nanoseconds": {"now_ns": -(2**62)},
     f"t_pose_ns is {2**63}, expected whole nanoseconds": {"t_pose_ns": 2**63},
     "now_ns is None, expected whole nanoseconds, at most 2**62": {"now_ns": None},
     f"now_ns is {-(2**62) - 1}, expected whole nanoseconds": {"now_ns": -(2**62) - 1},
@@ -336,3 +343,29 @@ def test_bends_without_paths_are_refused(given):
 
     with pytest.raises(QueryError, match="bends are of places on paths, but no paths are given"):
         tracker.tick([[0.0, 0.0, 0.05]], 0, 0, **given)
+
+
+@pytest.mark.parametrize("latency", [0.0, 1e9])
+def test_instants_as_far_apart_as_can_be_are_not_taken_for_near_ones(latency):
+    tracker = Tracker(Scene([plate()]), fingers=1, latency=latency)
+    found = tracker.tick([(0.0, 0.0, 0.05)], 1 - 2**62, 2**62)[0]
+
+    assert found["age_ns"] == 2**63 - 1
+    assert found["predicted_ns"] == 2**62 + round(1e9 * latency)
+    assert found["predicted_lower"] < -1e9 < 1e9 < found["predicted_upper"]
+
+
+def test_budget_without_end_is_more_than_any_scene_needs():
+    scene = Scene([Solid(*shapes.sphere(0.1, 4))])
+    exact = scene.signed_distance([0.0, 0.0, 1e-5])
+    for budget in (2**31, 2**62, 10**30):
+        found = Tracker(scene, fingers=1, radius=0.0, budget=budget).tick([(0.0, 0.0, 1e-5)], 0, 0)[0]
+        assert found["lower"] == exact == found["upper"]
+
+
+def test_scene_of_a_tracker_stays_and_a_tracker_is_not_copied(tracker):
+    with pytest.raises(AttributeError):
+        tracker.scene = Scene([plate()])
+    for copied in (copy.copy, copy.deepcopy, pickle.dumps):
+        with pytest.raises(QueryError, match="a tracker cannot be copied, since it lives by its ticks: make"):
+            copied(tracker)

@@ -342,3 +342,31 @@ def test_finger_far_beside_its_path_gets_the_contact_of_the_path():
     assert found["bend"] == pytest.approx(0.1)
     assert found["contact_bend"] == pytest.approx(0.43, abs=1e-5)
     assert abs(found["contact_bend"] - 0.43) <= found["contact_bend_error"]
+
+
+@pytest.mark.parametrize("bend", [0.0, 0.3, 0.5])
+def test_a_told_bend_is_kept_where_corners_are_repeated(bend):
+    """A finger that bends for a while before its tip moves; it touches already."""
+    tracker = Tracker(Scene([plate()]), fingers=1)
+    height = RADIUS - 0.0005
+    path = np.array([(0.0, 0.0, height), (0.0, 0.0, height), (0.0, 0.0, -0.05)])
+    found = tracker.tick([path[0]], 0, 0, velocities=[(0, 0, 0)], paths=path[None], bends=[bend])[0]
+
+    assert flags_of(found) & FOUND == FOUND
+    assert found["bend"] == bend == found["contact_bend"] and found["contact_bend_error"] == 0.0
+
+
+def test_a_contact_where_corners_are_repeated_reaches_back_to_the_first_of_them():
+    tracker = Tracker(Scene([plate()]), fingers=1)
+    path = np.array([(0, 0, 0.05), (0, 0, RADIUS), (0, 0, RADIUS), (0, 0, -0.05)], float)
+    found = tracker.tick([path[0]], 0, 0, velocities=[(0, 0, 0)], paths=path[None], bends=[0.0])[0]
+
+    assert found["contact_bend"] - found["contact_bend_error"] <= 1.0 / 3.0
+
+
+def test_a_told_bend_beyond_the_path_is_its_end():
+    tracker = Tracker(Scene([plate()]), fingers=1)
+    path = np.array([(0, 0, 0.05), (0, 0, 0.03), (0, 0, 0.03)], float)
+    for bend, told in ((-1.0, 0.0), (0.8, 0.8), (2.0, 1.0)):
+        found = tracker.tick([path[0]], 0, 0, velocities=[(0, 0, 0)], paths=path[None], bends=[bend])[0]
+        assert found["bend"] == told

@@ -185,3 +185,120 @@ def test_parts_may_be_moved_by_another_thread_while_fingers_tick():
         thread.join()
 
     assert moves[0] > 10
+
+
+# --- what happens within a tick -----------------------------------------------------------------------------
+
+
+def assert_counted(scene, tracker, tip, name, ticks):
+    """Whether a part that comes from afar is seen to come."""
+    for k in ticks:
+        scene.move(name, Pose(translation=(0.0, 0.0, -0.5 * (k - ticks[0]))))
+        found = tracker.tick(tip, k * MS, k * MS)[0]
+        true = float(scene.signed_distance(tip[0])) - RADIUS
+        assert found["lower"] <= true + 1e-12 and true - 1e-12 <= found["upper"], k
+
+
+def interrupt(monkeypatch, owner, name):
+    """Have a method raise once, as control and C may."""
+    with monkeypatch.context() as patch:
+
+        def raising(*_):
+            raise KeyboardInterrupt
+
+        patch.setattr(owner, name, raising)
+        yield
+
+
+@pytest.mark.parametrize("name", ["_forget", "_find_again", "_tell_addresses"])
+def test_parts_are_counted_though_taking_them_over_was_interrupted(monkeypatch, name):
+    scene = Scene([block("near", (0.0, 0.0, -0.06))])
+    tracker, tip = Tracker(scene, fingers=1), np.array([[0.0, 0.0, 2.0]])
+    tracker.tick(tip, 0, 0)
+    for row in range(40):
+        scene.add(block(f"far {row}", (0.3 * row, 3.0, 4.0)))
+    scene.add(block("comes", (0.0, 0.0, 4.0)))
+    for _ in interrupt(monkeypatch, Tracker, name):
+        with pytest.raises(KeyboardInterrupt):
+            tracker.tick(tip, MS, MS)
+
+    assert_counted(scene, tracker, tip, "comes", range(2, 6))
+
+
+def test_paths_have_room_though_making_it_was_interrupted(monkeypatch):
+    scene = Scene([plate()])
+    tips = np.array([(0.0, 0.0, 0.05)])
+    paths = np.linspace((0.0, 0.0, 0.05), (0.0, 0.0, -0.02), 300)[None]
+    expected = Tracker(scene, fingers=1).tick(tips, 0, 0, paths=paths).copy()
+    tracker = Tracker(scene, fingers=1)
+    for _ in interrupt(monkeypatch, Tracker, "_tell_addresses"):
+        with pytest.raises(KeyboardInterrupt):
+            tracker.tick(tips, 0, 0, paths=paths)
+    tracker.reset()
+    assert np.isnan(tracker.tick(tips, 0, 0)[0]["contact_bend"])
+    tracker.reset()
+
+    assert tracker.tick(tips, 0, 0, paths=paths).tobytes() == expected.tobytes()
+
+
+def test_velocities_are_let_go_of_though_that_was_interrupted(monkeypatch):
+    scene, tips = Scene([plate()]), np.array([(0.0, 0.0, 0.05)])
+    tracker = Tracker(scene, fingers=1)
+    tracker.tick(tips, 0, 0, velocities=[(0.0, 0.0, -1.0)])
+    with pytest.raises(proximity.QueryError):
+        tracker.tick(tips, MS, MS, velocities="fast")
+    found = tracker.tick(tips, 2 * MS, 2 * MS)[0]
+
+    assert not found["velocity"].any()
+
+
+def test_parts_that_another_thread_removes_meanwhile_are_told_apart(monkeypatch):
+    """A tick has taken its model, and only then parts go and come; next time there are more of them."""
+    scene = Scene([block("a", (5.0, 0.0, 0.0)), block("b", (0.0, 5.0, 0.0)), block("c", (0.0, 0.0, -0.06))])
+    tracker, tip = Tracker(scene, fingers=1), np.array([[0.0, 0.0, 0.05]])
+    tracker.tick(tip, 0, 0)
+    scene.hide("b")  # so that there is another model, with another epoch
+    take_over = Tracker._take_over
+
+    def meanwhile(own, model):
+        monkeypatch.undo()
+        scene.remove("a")
+        take_over(own, model)
+
+    monkeypatch.setattr(Tracker, "_take_over", meanwhile)
+    found = tracker.tick(tip, MS, MS)[0]
+    assert found["part"] == 2 and not found["flags"] & ContactFlag.PART_CHANGED
+    scene.add(block("d", (9.0, 0.0, 0.0)))
+    scene.add(block("e", (0.0, 0.0, 4.0)))
+    found = tracker.tick(tip, 2 * MS, 2 * MS)[0]
+    assert found["part"] == 1 and not found["flags"] & ContactFlag.PART_CHANGED
+
+    assert_counted(scene, tracker, np.array([[0.0, 0.0, 2.0]]), "e", range(3, 8))
+
+
+def test_parts_may_come_and_go_in_another_thread_while_fingers_tick():
+    scene = Scene([block("near", (0.0, 0.0, -0.06)), block("first", (0.5, 0.0, 0.0))])
+    tips, is_done = np.array([(0.0, 0.0, 0.05), (0.0, 0.02, 0.06)]), threading.Event()
+    expected = scene.signed_distance(tips) - RADIUS
+    names = [f"part {row}" for row in range(6)]
+
+    def change():
+        while not is_done.is_set():
+            for name in names:
+                scene.add(block(name, (0.4, 0.4, 0.4)))
+            scene.remove("first")
+            for name in names:
+                scene.remove(name)
+            scene.add(block("first", (0.5, 0.0, 0.0)))
+
+    thread = threading.Thread(target=change)
+    thread.start()
+    tracker = Tracker(scene, fingers=2)
+    try:
+        for k in range(2000):
+            found = tracker.tick(tips, k * MS, k * MS)
+            np.testing.assert_allclose(found["signed_distance"], expected, rtol=0.0, atol=1e-12)
+            assert not (found["flags"] & ContactFlag.PART_CHANGED).any()
+    finally:
+        is_done.set()
+        thread.join()

@@ -226,7 +226,10 @@ def _nearest_stage(path, stages, x, y, z):
 
 @inlined
 def interpolate(xs, ys, x):
-    """Piecewise linear: *ys* over increasing *xs*, held beyond the ends; and the slope there."""
+    """Piecewise linear: *ys* over *xs* that do not fall, held beyond the ends; and the slope there.
+
+    Where several have the same *x*, the last that a piece begins at counts.
+    """
     last = len(xs) - 1
     k = 0
     while k < last - 1 and xs[k + 1] <= x:
@@ -234,6 +237,17 @@ def interpolate(xs, ys, x):
     span = xs[k + 1] - xs[k]
     slope = (ys[k + 1] - ys[k]) / span if span > 0.0 else 0.0
     return ys[k] + slope * (min(max(x, xs[k]), xs[k + 1]) - xs[k]), slope
+
+
+@inlined
+def _first_at(xs, ys, x):
+    """As `interpolate`, but where several have the same *x*, the first of them counts."""
+    k = 0
+    while k < len(xs) - 2 and xs[k + 1] < x:
+        k += 1
+    span = xs[k + 1] - xs[k]
+    slope = (ys[k + 1] - ys[k]) / span if span > 0.0 else 0.0
+    return ys[k] + slope * (min(max(x, xs[k]), xs[k + 1]) - xs[k])
 
 
 @kernel
@@ -251,7 +265,10 @@ def look_along_path(
         stage, _ = interpolate(path_bends, stages, bend)
     else:
         stage = _nearest_stage(path, stages, x, y, z)
-    bend, bend_per_metre = interpolate(stages, path_bends, stage)
+    bend_here, bend_per_metre = interpolate(stages, path_bends, stage)
+    # Where corners are repeated, the place does not tell the bend.
+    told = min(max(bend, path_bends[0]), path_bends[len(path_bends) - 1])
+    bend = told if isfinite(bend) else bend_here
     place_on(path, stages, len(stages), stage, place)
     speed = dot(
         place[3], place[4], place[5], records[i, VELOCITY], records[i, VELOCITY + 1], records[i, VELOCITY + 2]
@@ -316,9 +333,10 @@ def _write_contact(
 ):  # fmt: skip
     """Write the contact location: free up to one stage, expected at another, confirmed beyond that."""
     whole = stages[len(stages) - 1]
+    least = max(_first_at(stages, path_bends, free), records[i, BEND])
     if not expected < np.inf:
         # Nothing beyond is known: not farther than this, to be safe; nor which way a surface faces.
-        records[i, CONTACT_BEND], _ = interpolate(stages, path_bends, free)
+        records[i, CONTACT_BEND] = least
         records[i, CONTACT_BEND_ERROR] = np.inf
         return flags
     drift_bend = 0.0
@@ -340,7 +358,6 @@ def _write_contact(
         )  # fmt: skip
         _count(settings, numbers, i, steps)
         if is_touch:
-            least, _ = interpolate(stages, path_bends, free)
             most, _ = interpolate(stages, path_bends, beyond)
             records[i, CONTACT_BEND_ERROR] = max(bend - least, most - bend)
             return flags | CONTACT_FOUND

@@ -227,7 +227,8 @@ def observe(reals, ints, row, t_ns, x, y, z, max_speed, max_acceleration):
         for axis in range(3):
             reals[row, VELOCITY + axis] = 0.0
     if ints[row, IS_KNOWN] == 0 or ints[row, POSE_COUNT] < ENOUGH:
-        reals[row, VELOCITY_ERROR] = max_speed
+        # Whatever the finger does, at that speed it may be going the other way.
+        reals[row, VELOCITY_ERROR] = max_speed + _speed(reals, row)
     return status | (PREDICTED if ints[row, IS_KNOWN] == 1 else 0)
 
 
@@ -249,11 +250,18 @@ def observe_with_velocity(reals, ints, row, t_ns, x, y, z, vx, vy, vz, max_speed
 
 
 @inlined
+def _speed(reals, row):
+    vx, vy, vz = reals[row, VELOCITY], reals[row, VELOCITY + 1], reals[row, VELOCITY + 2]
+    return math.sqrt(vx * vx + vy * vy + vz * vz)
+
+
+@inlined
 def predict(reals, row, h, max_speed, max_acceleration):
     """Where a finger will be *h* seconds after its last pose: dx, dy, dz from there, and *rho*, all m.
 
-    The finger will be within *rho* of that place if it accelerates by at most *max_acceleration* (m/s²) or
-    moves no faster than *max_speed* (m/s), whichever says more. Behind the pose, *h* < 0, counts as at it.
+    The finger will be within *rho* of that place if it accelerates by at most *max_acceleration* (m/s²) and
+    moves no faster than *max_speed* (m/s); where it does so already, the acceleration alone tells. Behind the
+    pose, *h* < 0, counts as at it.
     The place is a little short of straight ahead, and *rho* counts that. A row of zeros knows no place.
     """
     if not h > 0.0:
@@ -261,7 +269,9 @@ def predict(reals, row, h, max_speed, max_acceleration):
     ahead = min(h, HORIZON)
     ahead -= ahead * ahead * (0.5 / COAST)
     vx, vy, vz = reals[row, VELOCITY], reals[row, VELOCITY + 1], reals[row, VELOCITY + 2]
-    speed = math.sqrt(vx * vx + vy * vy + vz * vz)
+    speed = _speed(reals, row)
     # The bound holds about the place straight ahead; the one told is so much short of it.
     rho = (reals[row, VELOCITY_ERROR] + 0.5 * max_acceleration * h) * h + speed * (h - ahead)
-    return vx * ahead, vy * ahead, vz * ahead, min(rho, max_speed * h + speed * ahead)
+    if speed <= max_speed:
+        rho = min(rho, max_speed * h + speed * ahead)
+    return vx * ahead, vy * ahead, vz * ahead, rho

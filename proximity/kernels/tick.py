@@ -404,9 +404,9 @@ def tick(handle, tracker, places, all_pose_ns, now_ns, is_moved):
         scratch,
     ) = tracker_arrays_at(tracker)
     count = len(marks)
-    if len(places) != count or not are_rows(places) or not -MOST_NS <= now_ns <= MOST_NS:
+    if len(places) != count or not are_rows(places) or not -MOST_NS < now_ns <= MOST_NS:
         return False
-    if all_pose_ns != EACH_ITS_OWN and not -MOST_NS <= all_pose_ns <= MOST_NS:
+    if all_pose_ns != EACH_ITS_OWN and not -MOST_NS < all_pose_ns <= MOST_NS:
         return False
     positions = as_rows(places)
     if is_moved:
@@ -418,7 +418,8 @@ def tick(handle, tracker, places, all_pose_ns, now_ns, is_moved):
             forget_surfaces(tracks, balls)
         settings[MOVER_COUNT], settings[STANDS] = gather_movers(frames, parts, movers)
     mover_count, stands = np.int64(settings[MOVER_COUNT]), settings[STANDS] != 0.0
-    acts_ns = now_ns + np.int64(1e9 * settings[LATENCY])
+    latency_ns = np.int64(1e9 * settings[LATENCY])
+    acts_ns = now_ns + latency_ns
     reach = FARTHEST / frames[len(parts) - 1, SCALE]
     witness, place = scratch[:WITNESS_SIZE], scratch[PLACE_AT:STAGES_AT]
     way, stages = real_rows_here(2, 3), scratch[STAGES_AT:SCRATCH_SIZE]
@@ -466,7 +467,8 @@ def tick(handle, tracker, places, all_pose_ns, now_ns, is_moved):
         marks[i, TOLD_PART] = numbers[i, PART]
         foretell(
             reals, words, frames, parts, settings, motions, tracks, marks, balls[i], records, numbers, movers,
-            mover_count, stands, i, 1e-9 * (acts_ns - taken_ns), flags, room, witness, way, stages, place,
+            mover_count, stands, i, 1e-9 * (float(wide[i, AGE_NS]) + float(latency_ns)), flags, room, witness,
+            way, stages, place,
         )  # fmt: skip
         if settings[HAS_PATHS] != 0.0 and isfinite(paths[i, 0, 0]):
             flags = look_along_path(
