@@ -413,8 +413,8 @@ class Scene(Queries):
 
         Notes
         -----
-        Sign: told as when the part was made. That was checked then, and is not now: where a deformed part
-        meets itself, a pseudo-normal may tell the wrong side there.
+        Sign: told as when the part was made. That was checked then, and is not now: of a part that meets
+        itself since, or is pressed quite flat, pseudo-normals may tell the wrong side, even far off.
         Degenerate: faces may lose their area.
         Cost: a fortieth of making the part anew, 12 ms for 300 k faces; the first time somewhat more.
         Answers stay exact; where a part changes much, searches take longer than in a new tree. `contains`
