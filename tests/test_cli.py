@@ -496,7 +496,7 @@ def terminal(monkeypatch, width=200):
         return Console(file=screen, force_terminal=True, width=width, color_system=None)
 
     monkeypatch.setattr(waiting, "Console", console)
-    monkeypatch.setattr("rich.console.Console", console)
+    monkeypatch.setattr("proximity.cli.console.Console", console)
     return screen
 
 

@@ -116,6 +116,30 @@ def test_reader_that_stops_early_causes_no_complaint(option):
 
 
 @pytest.mark.skipif(os.name == "nt", reason="pipes and signals of POSIX")
+@pytest.mark.parametrize(
+    "arguments", [["query", "ball.stl", "1", "2", "3"], ["check", "ball.stl"]], ids=" ".join
+)
+def test_reader_that_has_gone_before_lines_for_people_ends_as_any_other(arguments):
+    # Was: 1, which is what `check --strict` answers of a part without an inside.
+    reading, writing = os.pipe()
+    os.close(reading)
+    code = ON_A_SPHERE.format(tests=str(TESTS), arguments=arguments, before="")
+    program = subprocess.run(
+        [sys.executable, "-c", code],
+        stdout=writing,
+        stderr=subprocess.PIPE,
+        text=True,
+        timeout=60,
+        env=environment(),
+        check=False,
+    )
+    os.close(writing)
+
+    assert program.returncode == 141
+    assert program.stderr == ""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="pipes and signals of POSIX")
 def test_ctrl_c_ends_quietly():
     before = (
         "import time\nproximity.load = lambda path, units: (print('reading', flush=True), time.sleep(60))"

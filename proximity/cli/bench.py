@@ -133,8 +133,9 @@ def _progress() -> Iterator[Callable[[str, float], None]]:
 
     It is drawn when there is something new only: a thread that draws it meanwhile would be measured as well.
     """
-    from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    from proximity.cli.console import Console
 
     console = Console(stderr=True)
     if not console.is_terminal:

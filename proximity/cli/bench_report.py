@@ -3,12 +3,12 @@
 import sys
 from typing import Any
 
-from rich.console import Console
 from rich.table import Table
 
 from proximity.certificate import wording
 from proximity.certificate.wording import microseconds, percent
 from proximity.cli.blocks import Lines, print_block
+from proximity.cli.console import Console
 from proximity.cli.tables import UNBOUNDED
 from proximity.cli.wording import printable
 

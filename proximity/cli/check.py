@@ -9,7 +9,7 @@ import proximity
 from proximity.cli.options import FILE, UNITS
 
 if TYPE_CHECKING:
-    from rich.console import Console
+    from proximity.cli.console import Console
 
 HELP = "\n\n".join(
     (
@@ -39,9 +39,8 @@ def command(
 ) -> None:
     """Print the report of a file."""
     # NumPy, Rich and the library: only now, so that --help answers at once.
-    from rich.console import Console
-
     from proximity.cli import waiting
+    from proximity.cli.console import Console
     from proximity.cli.tables import UNBOUNDED
     from proximity.meshio import metres_per_unit
 

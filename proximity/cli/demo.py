@@ -56,9 +56,8 @@ def command(
     if not 0.0 < seconds <= LONGEST_S:
         raise typer.BadParameter(f"{seconds:g} seconds: expected 0 to {LONGEST_S:g}", param_hint="--seconds")
     # NumPy, Rich and the library: only now, so that --help and mistakes above answer at once.
-    from rich.console import Console
-
     from proximity.cli import waiting
+    from proximity.cli.console import Console
     from proximity.cli.drum_run import DrumsBeside
     from proximity.cli.screen import Screen
     from proximity.cli.watching import Follower, show

@@ -67,8 +67,7 @@ def command(
             f"{rate:g} Hz: expected {LEAST_RATE_HZ:g} to {MOST_RATE_HZ:g}", param_hint="--rate"
         )
     # NumPy, Rich and the library: only now, so that --help and mistakes above answer at once.
-    from rich.console import Console
-
+    from proximity.cli.console import Console
     from proximity.cli.drum_log import DrumLog
     from proximity.cli.drum_run import DrumsBeside, line, summary, table
     from proximity.cli.screen import Screen

@@ -178,9 +178,8 @@ def _write_for_programs(questions: Questions, head: dict[str, Any], as_json: boo
 
 
 def _write_for_people(questions: Questions, scene: "proximity.Scene", units: str) -> None:
-    from rich.console import Console
-
     from proximity.cli import blocks, tables
+    from proximity.cli.console import Console
 
     console = Console()
     if len(questions) == 1:

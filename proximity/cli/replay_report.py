@@ -5,10 +5,10 @@ import sys
 from typing import Any
 
 import typer
-from rich.console import Console
 
 import proximity
 from proximity.cli.blocks import Lines, print_block
+from proximity.cli.console import Console
 from proximity.cli.output import plain
 from proximity.cli.tables import UNBOUNDED
 from proximity.cli.wording import number

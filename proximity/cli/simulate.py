@@ -183,10 +183,10 @@ def _check_out(out: Path | None) -> None:
 
 
 def _print(press: "Simulation") -> None:
-    from rich.console import Console
     from rich.table import Table
 
     from proximity.cli.blocks import print_block
+    from proximity.cli.console import Console
     from proximity.cli.tables import UNBOUNDED
     from proximity.cli.wording import MISSING
     from proximity.decaff import simulation

@@ -114,10 +114,10 @@ def _recorded(path: Path, scene: "proximity.Scene", at: list[float] | None) -> A
 
 
 def _print(press: "PartSimulation") -> None:
-    from rich.console import Console
     from rich.table import Table
 
     from proximity.cli.blocks import print_block
+    from proximity.cli.console import Console
     from proximity.cli.tables import UNBOUNDED
     from proximity.cli.wording import MISSING
     from proximity.decaff import part_simulation

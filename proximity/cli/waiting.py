@@ -8,11 +8,11 @@ from types import TracebackType
 from typing import TypeVar
 
 import typer
-from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 import proximity
+from proximity.cli.console import Console
 
 PATIENCE_S = 1.0  # a wait shorter than this shows nothing
 STATUS_EVERY_S = 0.5

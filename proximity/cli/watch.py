@@ -31,8 +31,7 @@ def command(address: ADDRESS, limit: LIMIT = None) -> None:
     """Show a service until told to stop."""
     check_limit(limit)
     # NumPy, Rich and the library: only now, so that --help and mistakes above answer at once.
-    from rich.console import Console
-
+    from proximity.cli.console import Console
     from proximity.cli.screen import Screen
     from proximity.cli.watching import Follower, show
     from proximity.transport import open_subscriber
