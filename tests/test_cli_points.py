@@ -77,6 +77,10 @@ def test_numbers_come_back_exactly(rows):
             "points.csv, line 1: 'solid box' is neither a point nor a header, "
             "expected three numbers or columns named x, y and z",
         ),
+        (
+            f'1,2,3\n"{"0" * 200_000}",1,2\n',  # more than Python's reader of CSV takes
+            "points.csv, line 2: field larger than field limit (131072), expected three numbers",
+        ),
         (f"1 2 {'9' * 50}z\n", f"points.csv, line 1: '{'9' * 37}...' is not a number"),
     ],
 )
@@ -91,6 +95,13 @@ def test_standard_input_is_named(monkeypatch):
     monkeypatch.setattr(sys, "stdin", io.StringIO("1 2 3\n4\n"))
 
     with pytest.raises(QueryError, match=r"^standard input, line 2: 1 value, expected 3$"):
+        read_points("-")
+
+
+def test_standard_input_that_is_closed_is_named(monkeypatch):
+    monkeypatch.setattr(sys, "stdin", None)  # as Python has it after <&-
+
+    with pytest.raises(QueryError, match=r"^standard input is closed, expected lines of three numbers$"):
         read_points("-")
 
 

@@ -34,6 +34,8 @@ def read_points(path: str) -> array:
     name = "standard input" if path == STANDARD_INPUT else path
     try:
         if path == STANDARD_INPUT:
+            if sys.stdin is None:
+                raise QueryError("standard input is closed, expected lines of three numbers")
             return parse_points(sys.stdin, name)
         with Path(path).open(encoding="utf-8") as lines:
             return parse_points(lines, name)
@@ -62,10 +64,13 @@ def parse_points(lines: Iterable[str], name: str) -> array:
     columns: tuple[int, ...] | None = None  # which fields are x, y, z; None until the first line is seen
     field_count = 3
     for row, line in enumerate(lines, start=1):
-        fields = _fields(line.removeprefix(BYTE_ORDER_MARK) if row == 1 else line)
+        where = f"{name}, line {row}"
+        try:
+            fields = _fields(line.removeprefix(BYTE_ORDER_MARK) if row == 1 else line)
+        except csv.Error as unfit:
+            raise QueryError(f"{where}: {unfit}, expected three numbers") from unfit
         if not fields:
             continue
-        where = f"{name}, line {row}"
         if columns is None:
             columns = _columns_of_header(fields, where)
             if columns is not None:
