@@ -139,6 +139,46 @@ def test_reader_that_has_gone_before_lines_for_people_ends_as_any_other(argument
     assert program.stderr == ""
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a file that is always full")
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["query", "ball.stl", "1", "2", "3"],
+        ["query", "ball.stl", "1", "2", "3", "--json"],
+        ["query", "ball.stl", "--points", "-", "--csv"],
+        ["check", "ball.stl", "--json"],
+    ],
+    ids=" ".join,
+)
+def test_output_that_does_not_fit_the_disk_is_refused_in_one_sentence(arguments):
+    code = ON_A_SPHERE.format(tests=str(TESTS), arguments=arguments, before="")
+    with Path("/dev/full").open("w", encoding="utf-8") as full:
+        program = subprocess.run(
+            [sys.executable, "-c", code],
+            input="1 2 3\n" * 50_000,
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=60,
+            env=environment(),
+            check=False,
+        )
+
+    assert program.stderr == "proximity: the output cannot be written (No space left on device)\n"
+    assert program.returncode == 2
+
+
+@pytest.mark.parametrize("option", ["--json", "--units=mm"])
+def test_output_that_is_closed_is_refused_in_one_sentence(option):
+    before = "sys.stdout = None"  # as Python has it after >&-
+    arguments = ["query", "ball.stl", "1", "2", "3", option]
+    result = run_python(ON_A_SPHERE.format(tests=str(TESTS), arguments=arguments, before=before))
+
+    expected = "standard output is closed, expected a terminal, a file or a pipe to write to"
+    assert result.stderr == f"proximity: {expected}\n"
+    assert result.returncode == 2
+
+
 @pytest.mark.skipif(os.name == "nt", reason="pipes and signals of POSIX")
 def test_ctrl_c_ends_quietly():
     before = (

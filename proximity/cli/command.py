@@ -1,12 +1,13 @@
 """What every command shares: negative numbers among the arguments, and how a command ends.
 
-Library errors become one line on stderr and exit code 2. Whatever else is raised is our bug and keeps its
-traceback.
+Library errors become one line on stderr and exit code 2, and so does output that cannot be written. Whatever
+else is raised is our bug and keeps its traceback.
 """
 
+import errno
 import os
 import sys
-from typing import Any
+from typing import Any, NoReturn
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -16,6 +17,9 @@ from proximity.errors import ProximityError
 EXIT_UNUSABLE = 2  # as for a usage error
 EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells count
 EXIT_BROKEN_PIPE = 141  # 128 + SIGPIPE: the reader, say `head`, went first
+
+NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
+"""What the system says where nothing can be written: the disk is full, or broken."""
 
 
 class Command(TyperCommand):
@@ -36,13 +40,14 @@ class Command(TyperCommand):
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command and turn expected ends into exit codes."""
+        if sys.stdout is None:
+            _complain("standard output is closed, expected a terminal, a file or a pipe to write to")
         try:
             answer = super().invoke(ctx)
             sys.stdout.flush()  # here, where a reader that has gone is still expected
             return answer
         except ProximityError as error:
-            typer.echo(f"proximity: {_one_line(error)}", err=True)
-            raise typer.Exit(EXIT_UNUSABLE) from error
+            _complain(str(error), error)
         except typer.BadParameter as error:
             error.ctx = error.ctx or ctx  # prints how the command is used
             raise
@@ -51,6 +56,11 @@ class Command(TyperCommand):
         except BrokenPipeError as gone:
             _discard_output()
             raise typer.Exit(EXIT_BROKEN_PIPE) from gone
+        except OSError as failure:
+            if failure.errno not in NO_ROOM:
+                raise
+            _discard_output()
+            _complain(f"the output cannot be written ({failure.strerror})", failure)
 
 
 class Group(TyperGroup):
@@ -75,8 +85,10 @@ def _shielded(arg: str) -> str:
     return " " + arg
 
 
-def _one_line(error: ProximityError) -> str:
-    return " ".join(str(error).split())
+def _complain(sentence: str, reason: BaseException | None = None) -> NoReturn:
+    """Say why what is asked cannot be done, in one line on stderr, and end."""
+    typer.echo(f"proximity: {' '.join(sentence.split())}", err=True)
+    raise typer.Exit(EXIT_UNUSABLE) from reason
 
 
 def _discard_output() -> None:
