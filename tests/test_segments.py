@@ -127,6 +127,63 @@ def test_segment_without_length_answers_as_its_point(name):
     assert (segment.fraction == 0.0).all()
 
 
+# ------------------------------------------------------------------------------------------ beside needles
+
+
+TWO_FACES = np.arange(6).reshape(2, 3)
+
+
+def beside_a_needle(aspect, rng):
+    """A needle, another face, and a segment that is over neither: off the needle's short side, in its plane.
+
+    The segment's start is just so far from the needle's plane that what it is off the short side is lost in
+    the rounding of the needle's length; the other face is nearer than the needle, but farther than its plane.
+    """
+    tip, along = rng.uniform(-1.0, 1.0, (2, 3))
+    needle = np.stack([tip, tip + along, tip + along + aspect * rng.normal(size=3)])
+    along, across = needle[1] - needle[0], needle[2] - needle[1]
+    normal = np.cross(along, across)
+    along, normal = along / np.linalg.norm(along), normal / np.linalg.norm(normal)
+    height = min(10.0 ** rng.uniform(-19.0, -16.0) / aspect, 0.01)
+    start = needle[1] + rng.random() * across + height * (3.0 * along + normal)
+    end = start + 0.1 * height * (along + 0.5 * rng.normal(size=3))
+    corner = start + 2.0 * height * normal
+    others = corner + 0.3 * (normal + 0.5 * rng.normal(size=(2, 3)))
+    needle = np.roll(needle, rng.integers(3), axis=0)  # any of its corners may be the first
+    return np.stack([*needle, corner, *others]), start, end
+
+
+@pytest.mark.parametrize("aspect", [1e-6, 1e-8, 1e-10, 1e-12, 1e-14])
+def test_segment_beside_a_needle_is_as_far_as_the_oracle_says(aspect):
+    rng = np.random.default_rng(3)
+    for _ in range(60):
+        vertices, start, end = beside_a_needle(aspect, rng)
+
+        hit = Solid(vertices, TWO_FACES).closest_to_segments(start, end)
+
+        expected = oracle.segment_distance(vertices, TWO_FACES, start, end).distance
+        assert abs(hit.distance - expected) <= judging.allowance(expected, vertices, start, end)
+
+
+def test_needle_does_not_win_by_its_plane():
+    # Was: the needle, at twice the distance.
+    vertices = [
+        (0.07849448522167557, 0.2692870904853205, 0.1246227581057423),
+        (-0.17192060773986734, -0.6243003491327406, 0.49717311574065326),
+        (-0.17192060773989878, -0.6243003491327156, 0.49717311574069195),
+        (-0.17191025586671688, -0.6246666867616484, 0.4971814798406081),
+        (-0.015238583529701583, -0.8035717565690849, 0.3075846362900912),
+        (0.025541092814949762, -0.7134870008501135, 0.2826496250753605),
+    ]
+    start = (-0.17201092403385107, -0.6246226360402185, 0.497307482113007)
+    end = (-0.17200271346167076, -0.6245933372304477, 0.4972952669882476)
+
+    hit = Solid(vertices, TWO_FACES).closest_to_segments(start, end)
+
+    assert hit.face_id == 1
+    assert hit.distance == pytest.approx(1.639392435e-4, rel=1e-9)
+
+
 # ----------------------------------------------------------------------------------------------- crossing
 
 

@@ -96,14 +96,23 @@ def segment_edge_distance_sq(ax, ay, az, ex, ey, ez, dx, dy, dz, inverse_sq, zer
 
 
 @inlined
-def _foot_distance_sq(px, py, pz, abx, aby, abz, acx, acy, acz, nx, ny, nz, normal_sq, inverse_sq, zero):
-    """Whether the foot of *p*, seen from corner a, is inside the triangle; squared distance to the plane."""
+def _foot_distance_sq(
+    px, py, pz, rx, ry, rz, abx, aby, abz, acx, acy, acz, bcx, bcy, bcz, nx, ny, nz, inverse_sq, zero
+):
+    """Whether the foot of a point is inside the triangle; squared distance to the plane.
+
+    The point as seen from corner a is *p*, from corner b *r*: every side is taken at its own corner, as in
+    `point_triangle_distance_sq`.
+    """
     qx = fma(py, nz, -(pz * ny))
     qy = fma(pz, nx, -(px * nz))
     qz = fma(px, ny, -(py * nx))
     side_ab = dot(abx, aby, abz, qx, qy, qz)
     side_ac = -dot(acx, acy, acz, qx, qy, qz)
-    side_bc = normal_sq - (side_ab + side_ac)
+    sx = fma(ry, nz, -(rz * ny))
+    sy = fma(rz, nx, -(rx * nz))
+    sz = fma(rx, ny, -(ry * nx))
+    side_bc = dot(bcx, bcy, bcz, sx, sy, sz)
     height = dot(nx, ny, nz, px, py, pz)
     return minimum(side_ab, minimum(side_ac, side_bc)) >= zero, height * height * inverse_sq
 
@@ -118,12 +127,11 @@ def segment_triangle_distance_sq(
     """
     abx, aby, abz = bx - ax, by - ay, bz - az
     acx, acy, acz = cx - ax, cy - ay, cz - az
+    bcx, bcy, bcz = cx - bx, cy - by, cz - bz
     best_sq = minimum(
         segment_edge_distance_sq(ax, ay, az, abx, aby, abz, dx, dy, dz, inverse_sq, zero, one, tiny),
         minimum(
-            segment_edge_distance_sq(
-                bx, by, bz, cx - bx, cy - by, cz - bz, dx, dy, dz, inverse_sq, zero, one, tiny
-            ),
+            segment_edge_distance_sq(bx, by, bz, bcx, bcy, bcz, dx, dy, dz, inverse_sq, zero, one, tiny),
             segment_edge_distance_sq(cx, cy, cz, -acx, -acy, -acz, dx, dy, dz, inverse_sq, zero, one, tiny),
         ),
     )
@@ -132,12 +140,13 @@ def segment_triangle_distance_sq(
     inverse_normal_sq = one / maximum(normal_sq, tiny)
     has_plane = normal_sq > tiny
     inside, plane_sq = _foot_distance_sq(
-        -ax, -ay, -az, abx, aby, abz, acx, acy, acz, nx, ny, nz, normal_sq, inverse_normal_sq, zero
-    )
+        -ax, -ay, -az, -bx, -by, -bz, abx, aby, abz, acx, acy, acz, bcx, bcy, bcz, nx, ny, nz,
+        inverse_normal_sq, zero,
+    )  # fmt: skip
     best_sq = select(inside & has_plane, minimum(plane_sq, best_sq), best_sq)
     inside, plane_sq = _foot_distance_sq(
-        dx - ax, dy - ay, dz - az, abx, aby, abz, acx, acy, acz, nx, ny, nz,
-        normal_sq, inverse_normal_sq, zero,
+        dx - ax, dy - ay, dz - az, dx - bx, dy - by, dz - bz,
+        abx, aby, abz, acx, acy, acz, bcx, bcy, bcz, nx, ny, nz, inverse_normal_sq, zero,
     )  # fmt: skip
     best_sq = select(inside & has_plane, minimum(plane_sq, best_sq), best_sq)
     is_hit, _, _, _, _, _, _ = crossing(ax, ay, az, bx, by, bz, cx, cy, cz, slope_x, slope_y, dz, zero)
