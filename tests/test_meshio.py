@@ -173,6 +173,27 @@ def test_obj_objects_are_geometries_of_their_own(tmp_path):
     ]
 
 
+@pytest.mark.parametrize(
+    "line", ["# from C:\\parts\\", "o C:\\", "g a\\", "usemtl a\\", " # a\\", "f 3 2 1 # a\\"]
+)
+def test_backslash_behind_a_comment_or_a_name_swallows_no_line(tmp_path, line):
+    text = f"v 0 0 0\nv 1 0 0\nv 0 1 0\n{line}\nf 1 2 3\n"
+    (geometry,) = read(tmp_path, "part.obj", text.encode()).geometries
+    assert geometry.faces.tolist()[-1] == [0, 1, 2]
+
+
+def test_obj_lines_continued_twice_are_one(tmp_path):
+    text = b"v 0 0 0\nv 1 \\\n0 \\\n0\nv 0 1 0\n\tf 1 \\\n2 \\\n3\n"
+    (geometry,) = read(tmp_path, "part.obj", text).geometries
+    assert geometry.faces.tolist() == [[0, 1, 2]]
+
+
+def test_obj_names_may_hold_a_number_sign(tmp_path):
+    text = b"v 0 0 0\nv 1 0 0\nv 0 1 0\no part#1\nf 1 2 3\no part#2 # a comment\nf 3 2 1\n"
+    contents = read(tmp_path, "part.obj", text)
+    assert [geometry.name for geometry in contents.geometries] == ["part#1", "part#2"]
+
+
 def test_obj_lines_are_left_out_and_a_missing_end_is_said(tmp_path):
     contents = read(tmp_path, "part.obj", mesh_files.obj(VERTICES, FACES) + b"l 1 2")
     assert contents.notes == (

@@ -6,6 +6,7 @@ unless a face refers to what is missing.
 """
 
 import re
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -18,6 +19,7 @@ _PASSED_OVER = frozenset((
     "lod", "shadow_obj", "trace_obj", "cstype", "deg", "bmat", "step", "ctech", "stech", "parm", "end", "con",
 ))  # fmt: skip
 _LOWER_DIMENSIONS = frozenset(["l", "p"])
+_NAMING = frozenset(("g", "o", "usemtl", "mtllib", "usemap", "maplib", "shadow_obj", "trace_obj"))
 _FREE_FORM = frozenset(["curv", "curv2", "surf", "bsp", "bzp", "cdc", "cdp", "res"])
 
 
@@ -34,9 +36,8 @@ class _Lines:
         self.object_starts: list[int] = []  # row of the first face after each line "o"
         self.others: set[str] = set()
         text = data.decode("latin-1").removeprefix("\xef\xbb\xbf").replace("\r\n", "\n").replace("\r", "\n")
-        if "\\\n" in text:
-            text = text.replace("\\\n", " ")  # continued lines; line numbers count them as one
-        for line_id, line in enumerate(text.split("\n"), 1):
+        lines = enumerate(text.split("\n"), 1)
+        for line_id, line in _joined(lines) if "\\\n" in text else lines:
             self._sort(line_id, line)
 
     def _sort(self, line_id: int, line: str) -> None:
@@ -56,7 +57,9 @@ class _Lines:
         if key in ("v", "f"):  # indented, or with a tab
             self._sort(line_id, f"{key} {rest[0] if rest else ''}")
         elif key == "o":
-            self.objects.append(rest[0].strip() if rest else "")
+            # A name may hold a #; a comment begins behind blank space.
+            _, *name = re.split(r"\s#", line, maxsplit=1)[0].split(maxsplit=1)
+            self.objects.append(name[0].strip() if name else "")
             self.object_starts.append(len(self.faces))
         elif key in _LOWER_DIMENSIONS:
             self.others.add(key)
@@ -68,6 +71,19 @@ class _Lines:
             raise MeshFormatError(
                 f"line {line_id} begins with {tables.shortened(key)}, which OBJ does not know"
             )
+
+
+def _joined(lines: Iterable[tuple[int, str]]) -> list[tuple[int, str]]:
+    """Put together lines of numbers that a backslash continues; comments and names may end in one."""
+    joined: list[tuple[int, str]] = []
+    goes_on = False
+    for line_id, line in lines:
+        if goes_on:
+            line_id, start = joined.pop()
+            line = f"{start[:-1]} {line}"
+        joined.append((line_id, line))
+        goes_on = line.endswith("\\") and "#" not in line and line.split(maxsplit=1)[0] not in _NAMING
+    return joined
 
 
 def read_obj(source: Source) -> RawFile:
