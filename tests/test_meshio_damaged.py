@@ -300,6 +300,19 @@ def ply(old, new, data=ASCII_PLY):
             "line 9 of its header is 'property bag uchar int vertex_indices'",
         ),
         (ply(b"element face 12", b"element face many"), "line 8 of its header is 'element face many'"),
+        (
+            ply(b"element face 12", b"element face " + b"9" * 5000),
+            f"line 8 of its header is 'element face {'9' * 47}...'",
+        ),
+        (
+            ply(b"end_header", b"element face 6\nproperty list uchar int vertex_indices\nend_header"),
+            "line 10 of its header declares 'face' a second time",
+        ),
+        (
+            ply(b"end_header", b"element vertex 6\nend_header"),
+            "line 10 of its header declares 'vertex' a second time",
+        ),
+        (ply(b"double y", b"double x"), "line 6 of its header declares 'x' a second time"),
         (ply(b"format ascii 1.0\n", b""), "its header has no line format"),
         (
             ply(b"list uchar", b"list float"),

@@ -1,5 +1,6 @@
 """The header of a PLY file: which elements follow, how many, with which properties."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -55,7 +56,7 @@ def read_header(data: bytes) -> Header:
     Raises
     ------
     MeshFormatError
-        If it does not end, or has a line that PLY does not know.
+        If it does not end, has a line that PLY does not know, or declares something twice.
     """
     end = data.find(b"end_header")
     if end < 0:
@@ -73,19 +74,27 @@ def read_header(data: bytes) -> Header:
             continue
         if words[0] == "format" and len(words) > 1 and words[1] in _BYTE_ORDERS:
             byte_order = _BYTE_ORDERS[words[1]]
-        elif words[0] == "element" and len(words) == 3 and words[2].isdecimal():
-            elements.append(Element(words[1], int(words[2])))
+        elif words[0] == "element" and len(words) == 3 and (count := tables.as_count(words[2])) is not None:
+            _check_new(words[1], elements, line_id)
+            elements.append(Element(words[1], count))
         elif (
             words[0] == "property"
             and elements
             and (column := _property(words, byte_order or "<")) is not None
         ):
+            _check_new(column.name, elements[-1].properties, line_id)
             elements[-1].properties.append(column)
         else:
             raise MeshFormatError(f"line {line_id} of its header is {tables.shortened(line, 60)}")
     if byte_order is None:
         raise MeshFormatError("its header has no line format")
     return Header(byte_order == "", elements, data_start)
+
+
+def _check_new(name: str, declared: Sequence[Element | Property], line_id: int) -> None:
+    """Of two columns or tables of one name only one would be read."""
+    if any(other.name == name for other in declared):
+        raise MeshFormatError(f"line {line_id} of its header declares {tables.shortened(name)} a second time")
 
 
 def _property(words: list[str], byte_order: str) -> Property | None:

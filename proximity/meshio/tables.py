@@ -13,6 +13,9 @@ from proximity.errors import MeshFormatError
 LARGEST_EXACT_INTEGER = 2.0**53
 """Indices are read as float64; up to here that loses nothing."""
 
+MOST_COUNT_DIGITS = 18
+"""Of the number of rows that a file declares; that many fit into 64 bits."""
+
 
 def read_rows(rows: list[str], place: Callable[[int], str]) -> list[tuple[np.ndarray, np.ndarray]]:
     """Read rows of numbers, grouped by how many numbers they have.
@@ -94,6 +97,17 @@ def _not_a_number(rows: list[str], place: Callable[[int], str]) -> MeshFormatErr
             if _uniform_table([word]) is None:
                 return MeshFormatError(f"{place(row_id)} has {shortened(word)}, expected a number")
     return MeshFormatError("something in it is not a number")
+
+
+def as_count(word: str) -> int | None:
+    """Return a number of rows, or None where *word* is none, or of more digits than any file has rows.
+
+    Parameters
+    ----------
+    word : str
+        Something out of a file.
+    """
+    return int(word) if word.isdecimal() and len(word) <= MOST_COUNT_DIGITS else None
 
 
 def end_notes(data: bytes) -> list[str]:
