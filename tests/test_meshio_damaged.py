@@ -277,6 +277,22 @@ def test_damaged_obj_is_refused(tmp_path, data, message):
         (OFF.replace(b"3 1 7 5", b"3 1 7 x"), "line 22 (face 11) has 'x', expected a number"),
         (OFF.replace(b"1.0 1.0 1.0", b"1.0 1.0"), "line 10 (vertex 7) has 2 numbers, expected 3 or more"),
         (b"OFF\n3 0 0\n0 0 0\n1 0 0\n0 1 0\n", "it holds no faces"),
+        (
+            OFF.replace(b"8 12 0", b"9 11 0"),
+            "line 11 (vertex 8) has 4 numbers, but other vertices have 3: it is damaged, or its counts are",
+        ),
+        (
+            OFF.replace(b"8 12 0", b"12 8 0"),
+            "line 11 (vertex 8) has 4 numbers, but other vertices have 3: it is damaged, or its counts are",
+        ),
+        (
+            OFF.replace(b"1.0 1.0 0.0", b"1 0 1.0 0.0"),
+            "line 6 (vertex 3) has 4 numbers, but other vertices have 3",
+        ),
+        (
+            OFF.replace(b"8 12 0", b"8 " + b"9" * 5000 + b" 0"),
+            "its counts of vertices, faces and edges are not three whole numbers",
+        ),
     ],
 )
 def test_damaged_off_is_refused(tmp_path, data, message):

@@ -53,21 +53,29 @@ def _content_lines(data: bytes) -> list[tuple[int, str]]:
 
 def _counts(lines: list[tuple[int, str]]) -> tuple[int, int]:
     words = lines[0][1].split() if lines else []
-    if len(words) not in (2, 3) or not all(word.isdecimal() for word in words):
+    counts = [count for word in words if (count := tables.as_count(word)) is not None]
+    if len(words) not in (2, 3) or len(counts) != len(words):
         raise MeshFormatError("its counts of vertices, faces and edges are not three whole numbers")
-    return int(words[0]), int(words[1])
+    return counts[0], counts[1]
 
 
 def _read_vertices(rows: list[str], line_ids: list[int]) -> np.ndarray:
     def place(row: int) -> str:
         return f"line {line_ids[row]} (vertex {row})"
 
-    vertices = np.empty((len(rows), 3))
-    for row_ids, table in tables.read_rows(rows, place):
+    groups = tables.read_rows(rows, place)
+    for row_ids, table in groups:
         if table.shape[1] < 3:
             raise MeshFormatError(f"{place(row_ids[0])} has {table.shape[1]} numbers, expected 3 or more")
-        vertices[row_ids] = table[:, :3]
-    return vertices
+    if len(groups) > 1:
+        # A polygon among the vertices, or a number torn in two.
+        groups.sort(key=lambda group: len(group[0]))
+        (odd_ids, odd), (_, usual) = groups[0], groups[-1]
+        raise MeshFormatError(
+            f"{place(odd_ids[0])} has {odd.shape[1]} numbers, but other vertices have {usual.shape[1]}: "
+            "it is damaged, or its counts are wrong"
+        )
+    return np.ascontiguousarray(groups[0][1][:, :3]) if groups else np.empty((0, 3))
 
 
 def _read_faces(rows: list[str], line_ids: list[int], vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
