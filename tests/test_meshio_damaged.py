@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from proximity import meshio
 from proximity.errors import MeshError, MeshFormatError, ProximityError
-from proximity.meshio import library, step
+from proximity.meshio import library, reading, step
 
 VERTICES, FACES = shapes.cube()
 OUTSIDE = np.array([*FACES[:-1], [1, 7, 8]])
@@ -93,6 +93,29 @@ def test_file_that_may_not_be_read_is_said(tmp_path, monkeypatch):
 
     monkeypatch.setattr(type(path), "read_bytes", refuse)
     assert refusal(path) == "it cannot be opened (Permission denied)"
+
+
+@pytest.mark.parametrize(
+    "reason",
+    [
+        TypeError("a\nb"),
+        AttributeError("a b"),
+        KeyError(1),
+        OverflowError("a"),
+        RecursionError(),
+        ValueError(),
+    ],
+)
+def test_what_no_reader_foresaw_is_one_sentence(tmp_path, monkeypatch, reason):
+    def fail(source):
+        raise reason
+
+    monkeypatch.setitem(reading._READERS, "STL", fail)
+    path = write(tmp_path, "part.stl", BINARY_STL)
+    assert refusal(path) == f"it cannot be read ({library.in_one_line(reason)})"
+    with pytest.raises(MeshFormatError) as caught:
+        meshio.read_geometries(path)
+    assert caught.value.__cause__ is reason
 
 
 def test_path_with_a_null_byte_is_refused():

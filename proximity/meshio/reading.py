@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from proximity.errors import MeshError, MeshFormatError, PoseError
-from proximity.meshio import gltf, obj, off, placing, ply, sniffing, step, stl, threemf
+from proximity.errors import MeshError, MeshFormatError, PoseError, ProximityError
+from proximity.meshio import gltf, library, obj, off, placing, ply, sniffing, step, stl, tables, threemf
 from proximity.meshio.contents import FileContents, Geometry, RawFile, RawMesh, Source
 from proximity.meshio.units import UNITS, metres_per_unit
 
@@ -65,7 +65,7 @@ def read_geometries(
     shown = shown if isinstance(shown, str) else os.fsdecode(shown)
     try:
         source = Source(shown, _read_bytes(Path(shown)))
-        raw = readers[sniffing.find_format(source, Path(shown).suffix.lower())](source)
+        raw = _read(readers[sniffing.find_format(source, Path(shown).suffix.lower())], source)
         if raw.metres_per_number is not None:
             metres = raw.metres_per_number
         elif raw.units is not None:
@@ -78,6 +78,16 @@ def read_geometries(
     return FileContents(
         shown, raw.format, raw.units or units, raw.units is not None, geometries, (*raw.notes, *naming)
     )
+
+
+def _read(reader: Callable[[Source], RawFile], source: Source) -> RawFile:
+    try:
+        return reader(source)
+    except ProximityError:
+        raise
+    except (TypeError, AttributeError, LookupError, ArithmeticError, RecursionError, ValueError) as reason:
+        # what no check of the reader foresaw
+        raise MeshFormatError(f"it cannot be read ({library.in_one_line(reason)})") from reason
 
 
 def _read_bytes(path: Path) -> bytes:
@@ -110,7 +120,7 @@ def _geometries(raw: RawFile, metres: float, stem: str) -> tuple[tuple[Geometry,
             placement = placing.place(mesh.matrix)
             pose = placement.pose(metres)
         except (MeshError, PoseError) as reason:
-            raise MeshFormatError(f"{name!r}: {reason}") from reason
+            raise MeshFormatError(f"{tables.shortened(name, 60)}: {reason}") from reason
         stretch = None if placement.stretch is None else placement.stretch.tobytes()
         key = (id(mesh.vertices), id(mesh.faces), placement.scale, stretch)
         if key not in shared:
@@ -143,8 +153,8 @@ def _check_finite(mesh: RawMesh, vertices: np.ndarray, name: str) -> None:
         vertex = int(np.flatnonzero(is_bad)[0])
         values = ", ".join(str(float(value)) for value in mesh.vertices[vertex])
         raise MeshError(
-            f"vertex {vertex} of {name!r} is not finite: ({values}); {int(is_bad.sum())} of the "
-            f"{int(is_used.sum())} vertices in use are not finite"
+            f"vertex {vertex} of {tables.shortened(name, 60)} is not finite: ({values}); "
+            f"{int(is_bad.sum())} of the {int(is_used.sum())} vertices in use are not finite"
         )
 
 
@@ -170,7 +180,7 @@ def unique_names(names: list[str]) -> tuple[list[str], list[str]]:
         unique.append(f"{name}_{number}")
         taken.add(unique[-1])
     notes = [
-        f"{count} of its meshes are called {name!r}; from the second on they are numbered"
+        f"{count} of its meshes are called {tables.shortened(name, 60)}; from the second on they are numbered"
         for name, count in counts.items()
         if count > 1
     ]
