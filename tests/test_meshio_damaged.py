@@ -537,6 +537,54 @@ def changed_gltf(*path, to):
         ),
         (changed_gltf("scene", to=3), "it refers to scenes 3, but holds 1"),
         (
+            changed_gltf("accessors", 0, "byteOffset", to=2),
+            "accessor 0 (primitive 0 of mesh 0) has 8 entries, which do not fit",
+        ),
+        (
+            changed_gltf("accessors", 1, to={**GLTF["accessors"][1], "count": 33, "byteOffset": 1}),
+            "accessor 1 (primitive 0 of mesh 0) begins at byte 1 of buffer view 1, which begins at 96 with "
+            "entries every 4 bytes, expected multiples of 4",
+        ),
+        (
+            changed_gltf("bufferViews", 0, "byteOffset", to=1),
+            "accessor 0 (primitive 0 of mesh 0) begins at byte 0 of buffer view 0, which begins at 1 with",
+        ),
+        (
+            changed_gltf("accessors", 0, "min", to=[0, 0, 0.5]),
+            "accessor 0 (primitive 0 of mesh 0) says that its min is (0, 0, 0.5), but it is (0, 0, 0)",
+        ),
+        (
+            changed_gltf("accessors", 0, "max", to=[1, 0, 1]),
+            "accessor 0 (primitive 0 of mesh 0) says that its max is (1, 0, 1), but it is (1, 1, 1)",
+        ),
+        (
+            changed_gltf("accessors", 0, "max", to=5),
+            "the max of accessor 0 (primitive 0 of mesh 0) is not 3 finite numbers",
+        ),
+        (changed_gltf("buffers", to=5), "its JSON has buffers that are no list"),
+        (changed_gltf("nodes", to={"a": 1}), "its JSON has nodes that are no list"),
+        (changed_gltf("extensionsUsed", to=5), "its JSON has extensionsUsed that are no list"),
+        (
+            changed_gltf("meshes", 0, "primitives", 0, "extensions", to=5),
+            "primitive 0 of mesh 0 has extensions that are no object of JSON",
+        ),
+        (
+            changed_gltf("nodes", 0, "translation", to=[10**400, 0, 0]),
+            "the translation of node 0 is not 3 finite numbers",
+        ),
+        (
+            changed_gltf("nodes", 0, "mesh", to=10**400),
+            f"the mesh of node 0: there is 1{'0' * 23}..., expected a whole number, 0 or more",
+        ),
+        (
+            changed_gltf("accessors", 0, "type", to="V" * 999),
+            f"accessor 0 (primitive 0 of mesh 0) has type '{'V' * 24}...' of 5126, expected",
+        ),
+        (
+            changed_gltf("asset", "version", to="1" * 999),
+            f"it is glTF version '{'1' * 24}...', expected 2.0",
+        ),
+        (
             changed_gltf("extensionsRequired", to=["KHR_draco_mesh_compression"]),
             "its geometry is stored by KHR_draco_mesh_compression, which is not read; export it without",
         ),
@@ -544,6 +592,20 @@ def changed_gltf(*path, to):
 )
 def test_damaged_glb_is_refused(tmp_path, data, message):
     assert refusal(write(tmp_path, "part.glb", data)).startswith(message)
+
+
+def test_gltf_without_scenes_whose_children_are_no_numbers_is_refused(tmp_path):
+    header = {**GLTF, "nodes": [{"mesh": 0, "children": [[]]}]}
+    del header["scenes"]
+    message = refusal(write(tmp_path, "part.glb", mesh_files.glb(header, BLOB)))
+    assert message == "the children of node 0: there is [], expected a whole number, 0 or more"
+
+
+def test_bounds_of_gltf_positions_may_be_rounded(tmp_path):
+    header, blob = mesh_files.gltf_document([[(VERTICES + 0.1, FACES)]], [{"mesh": 0}])
+    header["accessors"][0] |= {"min": [0.1, 0.1, 0.1], "max": [1.1, 1.10000002, 1.0999999]}
+    path = write(tmp_path, "part.glb", mesh_files.glb(header, blob))
+    assert len(meshio.read_geometries(path).geometries) == 1
 
 
 def test_gltf_without_scenes_places_what_is_nobodys_child(tmp_path):

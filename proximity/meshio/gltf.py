@@ -22,6 +22,7 @@ Part = tuple[np.ndarray, np.ndarray, np.ndarray]
 _TRIANGLES, _TRIANGLE_STRIP, _TRIANGLE_FAN = 4, 5, 6
 _POSITION_TYPE = 5126  # float32
 _INDEX_TYPES = (5121, 5123, 5125)  # unsigned, 1, 2 and 4 bytes
+_EXTENSION_LISTS = ("extensionsUsed", "extensionsRequired")
 _LOST_EXTENSIONS = (
     "KHR_draco_mesh_compression",
     "EXT_meshopt_compression",
@@ -110,9 +111,8 @@ def read_document(
 
 def _check_extensions(document: Document) -> None:
     """Compressed positions would arrive as zeros."""
-    named = document.json.get("extensionsUsed", []) or []
-    required = document.json.get("extensionsRequired", []) or []
-    lost = [name for name in _LOST_EXTENSIONS if name in [*named, *required]]
+    named = [name for key in _EXTENSION_LISTS for name in gltf_buffers.entries(document.json, key)]
+    lost = [name for name in _LOST_EXTENSIONS if name in named]
     if lost:
         raise MeshFormatError(f"its geometry is stored by {lost[0]}, which is not read; export it without")
 
@@ -154,7 +154,10 @@ def _checked_primitive(
         raise MeshFormatError(f"{place} has {corner_count} corners, which is no multiple of 3")
     if mode == _TRIANGLE_STRIP and corner_count < 3:
         raise MeshFormatError(f"{place} is a strip of {corner_count} corners, expected at least 3")
-    face_ids = (primitive.get("extensions") or {}).get("TM_brep_faces")
+    extensions = primitive.get("extensions") or {}
+    if not isinstance(extensions, dict):
+        raise MeshFormatError(f"{place} has extensions that are no object of JSON")
+    face_ids = extensions.get("TM_brep_faces")
     if isinstance(face_ids, dict) and "faceIndices" in face_ids:
         index = integer(face_ids["faceIndices"], f"the CAD faces of {place}")
         gltf_buffers.check_accessor(document, index, place, "SCALAR", _INDEX_TYPES)

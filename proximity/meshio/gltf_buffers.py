@@ -4,17 +4,23 @@ import base64
 import binascii
 import json
 import struct
+import sys
 import urllib.parse
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from proximity.errors import MeshFormatError
+from proximity.meshio import tables
 
 _JSON_CHUNK, _BINARY_CHUNK = 0x4E4F534A, 0x004E4942
 _GLB_HEADER_BYTES, _CHUNK_HEADER_BYTES = 12, 8
 _COMPONENT_BYTES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
 _COMPONENTS = {"SCALAR": 1, "VEC3": 3}
+_LARGEST_INTEGER = 2**53  # of JSON, where numbers are float64
+_BOUNDS_ROUNDING = 1e-5  # of the largest coordinate: single precision, or six digits of text
 
 
 @dataclass(slots=True, eq=False)
@@ -39,15 +45,31 @@ class Document:
         MeshFormatError
             If there is none.
         """
-        entries = self.json.get(kind) or []
-        if (
-            not isinstance(entries, list)
-            or not 0 <= index < len(entries)
-            or not isinstance(entries[index], dict)
-        ):
-            held = len(entries) if isinstance(entries, list) else 0
-            raise MeshFormatError(f"it refers to {kind} {index}, but holds {held}")
-        return entries[index]
+        found = entries(self.json, kind)
+        if not 0 <= index < len(found) or not isinstance(found[index], dict):
+            raise MeshFormatError(f"it refers to {kind} {index}, but holds {len(found)}")
+        return found[index]
+
+
+def entries(holder: dict[str, Any], key: str) -> list[Any]:
+    """Return a list of the header; it is empty where there is none.
+
+    Parameters
+    ----------
+    holder : dict
+        The header, or a part of it.
+    key : str
+        Name of the list.
+
+    Raises
+    ------
+    MeshFormatError
+        If there is something else.
+    """
+    values = holder.get(key) or []
+    if not isinstance(values, list):
+        raise MeshFormatError(f"its JSON has {key} that are no list")
+    return values
 
 
 def integer(value: Any, what: str) -> int:
@@ -65,9 +87,43 @@ def integer(value: Any, what: str) -> int:
     MeshFormatError
         If it is something else.
     """
-    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-        raise MeshFormatError(f"{what}: there is {value!r}, expected a whole number, 0 or more")
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= _LARGEST_INTEGER:
+        raise MeshFormatError(f"{what}: there is {_shown(value)}, expected a whole number, 0 or more")
     return value
+
+
+def numbers(values: Any, count: int, what: str) -> list[float]:
+    """Return a list of finite numbers.
+
+    Parameters
+    ----------
+    values : object
+        Out of JSON.
+    count : int
+        How many there should be.
+    what : str
+        For the message.
+
+    Raises
+    ------
+    MeshFormatError
+        If it is something else.
+    """
+    if (
+        not isinstance(values, list)
+        or len(values) != count
+        or not all(isinstance(value, (int, float)) and abs(value) <= sys.float_info.max for value in values)
+    ):
+        raise MeshFormatError(f"{what} is not {count} finite numbers")
+    return values
+
+
+def _shown(value: Any) -> str:
+    """A value of JSON, as long as a message can bear."""
+    if isinstance(value, str):
+        return tables.shortened(value)
+    text = repr(value)
+    return text if len(text) <= 24 else text[:24] + "..."
 
 
 def split_glb(data: bytes) -> tuple[bytes, bytes | None, list[str]]:
@@ -135,9 +191,9 @@ def parse_document(header: bytes, path: str, binary: bytes | None) -> Document:
         raise MeshFormatError("its JSON has no asset: it is no glTF")
     version = str(tree["asset"].get("version", ""))
     if version.split(".")[0] != "2":
-        raise MeshFormatError(f"it is glTF version {version!r}, expected 2.0")
+        raise MeshFormatError(f"it is glTF version {tables.shortened(version)}, expected 2.0")
     document = Document(tree, [])
-    for k in range(len(tree.get("buffers") or [])):
+    for k in range(len(entries(tree, "buffers"))):
         entry = document.entry("buffers", k)
         data = _buffer_bytes(entry.get("uri"), k, path, binary)
         length = integer(entry.get("byteLength"), f"the length of buffer {k}")
@@ -196,13 +252,13 @@ def check_accessor(
     Raises
     ------
     MeshFormatError
-        If it is of another kind, or reaches beyond its buffer.
+        If it is of another kind, reaches beyond its buffer, or holds other positions than it says.
     """
     accessor = document.entry("accessors", index)
     name = f"accessor {index} ({place})"
     if accessor.get("type") != kind or accessor.get("componentType") not in component_types:
         raise MeshFormatError(
-            f"{name} has type {accessor.get('type')!r} of {accessor.get('componentType')!r}, "
+            f"{name} has type {_shown(accessor.get('type'))} of {_shown(accessor.get('componentType'))}, "
             f"expected {kind!r} of {' or '.join(map(str, component_types))}"
         )
     if "sparse" in accessor or accessor.get("normalized") or "bufferView" not in accessor:
@@ -216,12 +272,35 @@ def check_accessor(
     document.entry("buffers", buffer_index)
     if view_start + view_length > len(document.buffers[buffer_index]):
         raise MeshFormatError(f"buffer view {view_index} reaches beyond the end of buffer {buffer_index}")
-    entry_bytes = _COMPONENTS[kind] * _COMPONENT_BYTES[accessor["componentType"]]
+    component_bytes = _COMPONENT_BYTES[accessor["componentType"]]
+    entry_bytes = _COMPONENTS[kind] * component_bytes
     stride = integer(view.get("byteStride", entry_bytes), f"the stride of buffer view {view_index}")
     start = integer(accessor.get("byteOffset", 0), f"the offset of {name}")
     if stride < entry_bytes or (count and start + (count - 1) * stride + entry_bytes > view_length):
         raise MeshFormatError(f"{name} has {count} entries, which do not fit into buffer view {view_index}")
+    if start % component_bytes or (view_start + start) % component_bytes or stride % component_bytes:
+        raise MeshFormatError(
+            f"{name} begins at byte {start} of buffer view {view_index}, which begins at {view_start} with "
+            f"entries every {stride} bytes, expected multiples of {component_bytes}"
+        )
+    if kind == "VEC3" and count:
+        data = document.buffers[buffer_index]
+        _check_bounds(
+            accessor, np.ndarray((count, 3), "<f4", data, view_start + start, (stride, component_bytes)), name
+        )
     return count
+
+
+def _check_bounds(accessor: dict[str, Any], positions: np.ndarray, name: str) -> None:
+    """The format demands the bounds of positions; many writers leave them out."""
+    rounding = _BOUNDS_ROUNDING * float(np.abs(positions[np.isfinite(positions)]).max(initial=0.0))
+    for key, measured in (("min", np.fmin.reduce(positions)), ("max", np.fmax.reduce(positions))):
+        if accessor.get(key) is None:
+            continue
+        told = numbers(accessor[key], 3, f"the {key} of {name}")
+        if any(abs(a - float(b)) > rounding for a, b in zip(told, measured, strict=True)):
+            shown = [", ".join(f"{value:g}" for value in values) for values in (told, measured)]
+            raise MeshFormatError(f"{name} says that its {key} is ({shown[0]}), but it is ({shown[1]})")
 
 
 def reduced_accessors(document: Document, meshes: list[dict[str, Any]]) -> dict[str, Any]:

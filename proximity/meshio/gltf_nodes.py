@@ -1,11 +1,10 @@
 """The scene graph of a glTF document: which nodes are in the scene, in the order of the file."""
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
 from proximity.errors import MeshFormatError
-from proximity.meshio.gltf_buffers import Document, integer
+from proximity.meshio.gltf_buffers import Document, entries, integer, numbers
 
 _TRANSFORMS = {"matrix": 16, "translation": 3, "rotation": 4, "scale": 3}
 
@@ -49,18 +48,22 @@ def walk(document: Document, *, named_after_meshes: bool = False) -> list[Node]:
         nodes.append(_node(document, entry, index, parent is None, named_after_meshes))
         if parent is not None:
             nodes[parent].reduced["children"].append(rows[index])
-        children = [integer(child, f"the children of node {index}") for child in _list(entry, "children")]
+        children = [integer(child, f"the children of node {index}") for child in entries(entry, "children")]
         waiting += [(child, rows[index]) for child in reversed(children)]
     return nodes
 
 
 def _roots(document: Document) -> list[int]:
-    if _list(document.json, "scenes"):
+    if entries(document.json, "scenes"):
         scene = document.entry("scenes", integer(document.json.get("scene", 0), "the default scene"))
-        return [integer(node, "the nodes of the scene") for node in _list(scene, "nodes")]
+        return [integer(node, "the nodes of the scene") for node in entries(scene, "nodes")]
     # Without scenes everything that is nobody's child counts.
-    count = len(_list(document.json, "nodes"))
-    children = {child for k in range(count) for child in _list(document.entry("nodes", k), "children")}
+    count = len(entries(document.json, "nodes"))
+    children = {
+        integer(child, f"the children of node {k}")
+        for k in range(count)
+        for child in entries(document.entry("nodes", k), "children")
+    }
     return [k for k in range(count) if k not in children]
 
 
@@ -71,14 +74,7 @@ def _node(
     for key, length in _TRANSFORMS.items():
         if entry.get(key) is None:
             continue
-        values = entry[key]
-        if (
-            not isinstance(values, list)
-            or len(values) != length
-            or not all(isinstance(value, (int, float)) and math.isfinite(value) for value in values)
-        ):
-            raise MeshFormatError(f"the {key} of node {index} is not {length} finite numbers")
-        reduced[key] = values
+        reduced[key] = numbers(entry[key], length, f"the {key} of node {index}")
     if "rotation" in reduced and not any(reduced["rotation"]):
         raise MeshFormatError(f"the rotation of node {index} is zero, expected a unit quaternion")
     mesh = None if entry.get("mesh") is None else integer(entry["mesh"], f"the mesh of node {index}")
@@ -87,10 +83,3 @@ def _node(
         names.reverse()
     name = next((str(name) for name in names if isinstance(name, str) and name.strip()), "")
     return Node(f"node{index}", name, mesh, is_root, entry.get("skin") is not None, reduced)
-
-
-def _list(entry: dict[str, Any], key: str) -> list[Any]:
-    values = entry.get(key) or []
-    if not isinstance(values, list):
-        raise MeshFormatError(f"its JSON has {key} that are no list")
-    return values
