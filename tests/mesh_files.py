@@ -134,11 +134,13 @@ def threemf_model(objects, items, unit=' unit="millimeter"') -> str:
     )
 
 
-def threemf(model, name="3D/3dmodel.model") -> bytes:
-    """3MF archive of a model."""
+def threemf(model, name="3D/3dmodel.model", **others) -> bytes:
+    """3MF archive of a model, and of others beside it by the stems of their names."""
     out = io.BytesIO()
     with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr(name, model)
+        for stem, other in others.items():
+            archive.writestr(f"3D/{stem}.model", other)
     return out.getvalue()
 
 

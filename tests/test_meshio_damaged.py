@@ -669,6 +669,75 @@ def test_damaged_3mf_is_refused(tmp_path, data, message):
     assert refusal(write(tmp_path, "part.3mf", data)).startswith(message)
 
 
+def spread_3mf(*ids, unit=' unit="millimeter"', root="", extra=""):
+    """A root model whose object 9 has components, each an object in a model file of its own."""
+    others = {
+        f"part{k}": mesh_files.threemf_model({own_id: (VERTICES, FACES)}, [], unit).replace(
+            "</resources>", extra + "</resources>"
+        )
+        for k, own_id in enumerate(ids)
+    }
+    components = "".join(
+        f'<component p:path="/3D/part{k}.model" objectid="{own_id}"/>' for k, own_id in enumerate(ids)
+    )
+    model = mesh_files.threemf_model({}, [(9, ITEM[1])]).replace(
+        "</resources>", f'<object id="9"><components>{components}</components></object>{root}</resources>'
+    )
+    return mesh_files.threemf(model.replace("<model ", '<model xmlns:p="p" ', 1), **others)
+
+
+def test_3mf_of_several_model_files_is_read(tmp_path):
+    contents = meshio.read_geometries(write(tmp_path, "part.3mf", spread_3mf(1, 2)))
+    assert [len(geometry.faces) for geometry in contents.geometries] == [12, 12]
+
+
+COMPONENTS = "<object id='{}'><components><component objectid='{}'/></components></object>"
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (
+            spread_3mf(1, 1),
+            "object '1' is there twice, in '3D/part0.model' and in '3D/part1.model'; expected ids that",
+        ),
+        (
+            mesh_files.threemf(MODEL.replace("</resources>", "<object id='1'/></resources>")),
+            "object '1' is there twice, in '3D/3dmodel.model' and in '3D/3dmodel.model'; expected ids that",
+        ),
+        (
+            mesh_files.threemf(
+                MODEL.replace("</mesh>", "</mesh><components><component objectid='1'/></components>")
+            ),
+            "object '1' has a mesh and components, expected one of the two",
+        ),
+        (
+            mesh_files.threemf(
+                MODEL.replace(
+                    "</resources>", COMPONENTS.format(2, 3) + COMPONENTS.format(3, 2) + "</resources>"
+                )
+            ),
+            "object '2' is a component of itself, expected a tree",
+        ),
+        (
+            spread_3mf(1, unit=' unit="inch"'),
+            "'3D/3dmodel.model' is in mm, but '3D/part0.model' in in; expected one unit in all",
+        ),
+        (
+            spread_3mf(1, extra="<object id='7'><mesh/></object>"),
+            "'3D/part0.model' holds several objects, or one of components; expected a single mesh",
+        ),
+        (
+            spread_3mf(1, extra=COMPONENTS.format(7, 1)),
+            "'3D/part0.model' holds several objects, or one of components; expected a single mesh",
+        ),
+        (spread_3mf(1, root=COMPONENTS.format(8, 1)), "a component refers to object '1', which is not there"),
+    ],
+)
+def test_3mf_that_would_be_put_together_wrongly_is_refused(tmp_path, data, message):
+    assert refusal(write(tmp_path, "part.3mf", data)).startswith(message)
+
+
 # STEP
 
 
