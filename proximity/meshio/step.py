@@ -1,9 +1,9 @@
 """STEP: meshed by cascadio (OpenCASCADE) into a GLB document, which is then read like any other.
 
 OpenCASCADE goes on where it should stop: it skips entities that it cannot resolve, says so on standard
-output, and hands over the rest. So its words are caught and taken for errors, and the CAD faces that arrive
-are counted against those that the shells of the file list. Positions come in single precision, 1e-7 of a
-part's size: no more than that can be had from cascadio.
+output, and hands over the rest. So its words are caught and taken for errors; the CAD faces that arrive are
+counted against those that the shells of the file list, and the parts against what its assemblies use.
+Positions come in single precision, 1e-7 of a part's size: no more than that can be had from cascadio.
 
 The conversion runs in a process of its own: damaged files can crash OpenCASCADE, and its output can only be
 caught by exchanging file descriptors, which would swallow what other threads print.
@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from proximity.errors import MeshError, MeshFormatError
-from proximity.meshio import gltf, gltf_buffers, step_worker
+from proximity.meshio import gltf, gltf_buffers, step_assembly, step_worker
 from proximity.meshio.contents import RawFile, Source
 
 STEP_TOLERANCE = 1e-5
@@ -62,17 +62,22 @@ def read_step(source: Source, *, tolerance: float, undeclared_metres: float) -> 
     Raises
     ------
     MeshFormatError
-        If the file is cut, damaged, or not all of its faces could be meshed.
+        If the file is cut, damaged, or not all of its faces and parts could be meshed and placed.
     """
     if not _TRAILER.search(source.data[-200:]):
         raise MeshFormatError("it does not end with END-ISO-10303-21: it is cut off")
     text = source.data.decode("latin-1")
     units = _units(text)
+    body_count = step_assembly.count_bodies(text)
     glb = _convert(source.data, tolerance)
     header, binary, _ = gltf_buffers.split_glb(glb)
     # Nodes carry numbers of assembly steps (NAUO1); people know the products.
     raw = gltf.read_document(header, source.path, binary, "STEP", [], named_after_meshes=True)
     _check_faces(text, raw)
+    if len(raw.meshes) < body_count:
+        raise MeshFormatError(
+            f"its assemblies hold {body_count} parts, but OpenCASCADE could read {len(raw.meshes)} only"
+        )
     raw.notes.append(f"curved faces are met within {tolerance * 1e3:g} mm by flat triangles")
     raw.units = ", ".join(units) or None
     raw.metres_per_number = 1.0 if units else undeclared_metres / _ASSUMED_METRES

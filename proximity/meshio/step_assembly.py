@@ -1,0 +1,146 @@
+"""The assemblies of a STEP file: is every use of a product placed, and how many bodies do they make?
+
+OpenCASCADE passes over a use whose place is missing, and puts a shape that belongs to no product at the
+origin, without a word. So the products and their uses are looked up here, by regular expressions: this needs
+a few kinds of records only. Where a file places shapes in another way (mapped items), nothing is said.
+"""
+
+import graphlib
+import re
+from collections import defaultdict
+from dataclasses import dataclass, field
+
+from proximity.errors import MeshFormatError
+
+_USE = "NEXT_ASSEMBLY_USAGE_OCCURRENCE"
+_PLACE = "CONTEXT_DEPENDENT_SHAPE_REPRESENTATION"
+_SHAPE = "SHAPE_DEFINITION_REPRESENTATION"
+_RELATION = "SHAPE_REPRESENTATION_RELATIONSHIP"
+_OF = ("PRODUCT_DEFINITION_SHAPE", "PROPERTY_DEFINITION")
+_BODIES = ("MANIFOLD_SOLID_BREP", "BREP_WITH_VOIDS", "FACETED_BREP", "SHELL_BASED_SURFACE_MODEL")
+_OTHER_WAYS = ("MAPPED_ITEM", "INVISIBILITY")
+"""Records with which places are told otherwise, or shapes left out on purpose."""
+
+_TEXT = re.compile(r"'(?:[^']|'')*'|/\*.*?\*/", re.DOTALL)
+_RECORD = re.compile(
+    rf"(#\d+)\s*=\s*({'|'.join((_USE, _PLACE, _SHAPE, _RELATION, *_OF, *_BODIES))}|\w*SHAPE_REPRESENTATION)"
+    r"\s*\(([^;]*)\)\s*;"
+)
+_REFERENCE = re.compile(r"#\d+")
+
+
+@dataclass(slots=True)
+class _Records:
+    """What the file says about products, by the numbers of its records."""
+
+    uses: dict[str, tuple[str, str]] = field(
+        default_factory=dict
+    )  # use -> assembly, part: product definitions
+    places: list[tuple[str, str]] = field(default_factory=list)  # relation of shapes, what it places
+    shapes: list[tuple[str, str]] = field(default_factory=list)  # what has it, representation
+    owners: dict[str, str] = field(default_factory=dict)  # product definition shape -> its use or product
+    relations: dict[str, list[str]] = field(default_factory=dict)  # relation -> two representations
+    contents: dict[str, list[str]] = field(default_factory=dict)  # representation -> items
+    bodies: set[str] = field(default_factory=set)
+
+
+def count_bodies(text: str) -> int:
+    """Return how many meshes the assemblies of a file must give at least; 0 if that cannot be told.
+
+    Parameters
+    ----------
+    text : str
+        The whole file.
+
+    Raises
+    ------
+    MeshFormatError
+        If a use of a product has no place, a product that is placed has no shape, or one contains itself.
+    """
+    if _USE not in text or any(word in text for word in _OTHER_WAYS):
+        return 0
+    records = _read(_TEXT.sub(" ", text))
+    placed = {records.owners.get(place) for _, place in records.places}
+    shapes = defaultdict(list)
+    for of, shape in records.shapes:
+        if of in records.owners:
+            shapes[records.owners[of]].append(shape)
+    children = defaultdict(list)
+    for use, (assembly, part) in records.uses.items():
+        # A part without any shape, as in lists of material, need not be placed.
+        if part in shapes and use not in placed:
+            raise MeshFormatError(f"{_USE} {use} has no {_PLACE}: a part of the assembly has no place")
+        for product in (assembly, part):
+            if use in placed and product not in shapes:
+                raise MeshFormatError(
+                    f"PRODUCT_DEFINITION {product} is part of an assembly, but has no {_SHAPE}: "
+                    "its shape is missing"
+                )
+        children[assembly].append(part)
+    return _count(records, shapes, children)
+
+
+def _read(text: str) -> _Records:
+    """Sort the records; texts and comments are blank already, so that a semicolon is an end."""
+    records = _Records()
+    for own_id, kind, arguments in _RECORD.findall(text):
+        references = _REFERENCE.findall(arguments)
+        if kind in _BODIES:
+            records.bodies.add(own_id)
+        elif kind in _OF:
+            records.owners[own_id] = references[-1] if references else ""
+        elif len(references) < 2:
+            continue
+        elif kind == _USE:
+            records.uses[own_id] = (references[0], references[1])
+        elif kind == _PLACE:
+            records.places.append((references[0], references[1]))
+        elif kind == _SHAPE:
+            records.shapes.append((references[0], references[1]))
+        elif kind == _RELATION:
+            records.relations[own_id] = references[:2]
+        else:
+            records.contents[own_id] = references
+    return records
+
+
+def _count(records: _Records, shapes: dict[str, list[str]], children: dict[str, list[str]]) -> int:
+    """Expand the uses from the products that are part of no other."""
+    try:
+        order = list(graphlib.TopologicalSorter(children).static_order())  # parts first
+    except graphlib.CycleError as reason:
+        raise MeshFormatError(
+            f"PRODUCT_DEFINITION {reason.args[1][0]} is part of itself, expected a tree"
+        ) from None
+    linked = _linked(records)
+    counts: dict[str, int] = {}
+    for product in order:
+        counts[product] = _has_body(records, linked, shapes.get(product, [])) + sum(
+            counts[part] for part in children.get(product, ())
+        )
+    parts = {part for held in children.values() for part in held}
+    return sum(count for product, count in counts.items() if product not in parts)
+
+
+def _linked(records: _Records) -> dict[str, list[str]]:
+    """Representations of one product: of its axes, of its solids. Relations that place a part are no such."""
+    places = {relation for relation, _ in records.places}
+    linked = defaultdict(list)
+    for relation, (first, second) in records.relations.items():
+        if relation not in places:
+            linked[first].append(second)
+            linked[second].append(first)
+    return linked
+
+
+def _has_body(records: _Records, linked: dict[str, list[str]], shapes: list[str]) -> bool:
+    waiting = list(shapes)
+    seen = set(waiting)
+    while waiting:
+        shape = waiting.pop()
+        if not records.bodies.isdisjoint(records.contents.get(shape, ())):
+            return True
+        new = [other for other in linked.get(shape, ()) if other not in seen]
+        seen.update(new)
+        waiting += new
+    return False
