@@ -13,8 +13,9 @@ from enum import Enum
 import numpy as np
 
 from proximity.kernels import layout
+from proximity.kernels.grid import doubtful_places
 from proximity.kernels.query import ANSWER_WIDTH, closest_batch
-from proximity.kernels.winding import winding_number
+from proximity.kernels.winding import winding_numbers
 from proximity.model import Model, assemble
 from proximity.part_arrays import NO_FOLDS, PartArrays, with_sign
 from proximity.pose import Pose
@@ -22,9 +23,14 @@ from proximity.topology import Topology
 
 SAMPLE_COUNT = 64
 """Points on the surface from which both sides are looked at."""
-SAMPLE_OFFSETS = (1e-6, 1e-3, 3e-2)
-"""How far from the surface, in sizes of the part."""
+SAMPLE_OFFSETS = (1e-6, 3e-2)
+"""How far from the surface, in sizes of the part: just beside it, and where other faces may be nearest."""
 SAMPLE_SEED = 7
+FACE_SAMPLE_COUNT = 128
+"""Points close above those faces whose sides the sign grid does not tell, at most; where a part has no more
+faces than this, above any of them."""
+FACE_SAMPLE_WEIGHTS = np.array([[100, 100, 100], [298, 1, 1], [1, 298, 1], [1, 1, 298]]) / 300.0
+"""Of a face's corners at the points: in its middle, and near its corners, which reach in first."""
 CLEAR_TURNS = 0.95
 """An open surface has an inside where just below it the winding number is above this ..."""
 CLEAR_SHARE = 0.95
@@ -65,8 +71,7 @@ def choose_sign(piece: PartArrays, topology: Topology) -> tuple[PartArrays, Sign
         return piece, SignMethod.NONE, "no face has an area: there is no inside, so distances have no sign"
     if topology.is_watertight:
         signed = with_sign(piece, layout.SIGN_PSEUDONORMAL, has_grid=True)
-        # Asked as if nothing were folded: a surface of which much is meets itself.
-        asked, against = _contradictions(replace(signed, folded=NO_FOLDS), points, normals)
+        asked, against = _contradictions(signed, points, normals)
         if against == 0:
             why = f"closed and oriented; agrees with the winding number at {asked} of {asked} sample points"
             if folded := int(np.unpackbits(signed.folded).sum()):
@@ -123,27 +128,83 @@ def _size(piece: PartArrays) -> float:
 def _turns(model: Model, points: np.ndarray) -> np.ndarray:
     """Winding numbers of a model's only part at local points."""
     root, moments = int(model.parts[0, layout.ROOT]), int(model.parts[0, layout.MOMENTS])
-    return np.array([winding_number(model.reals, model.words, root, moments, *point) for point in points])
+    turns = np.empty(len(points))
+    winding_numbers(model.reals, model.words, root, moments, np.ascontiguousarray(points), turns)
+    return turns
 
 
-def _contradictions(piece: PartArrays, points: np.ndarray, normals: np.ndarray) -> tuple[int, int]:
-    """How many sample points were asked, and at how many the two ways of telling the side differ."""
+def _contradictions(signed: PartArrays, points: np.ndarray, normals: np.ndarray) -> tuple[int, int]:
+    """How many points were asked, and at how many the two ways of telling the side differ.
+
+    Parameters
+    ----------
+    signed : PartArrays
+        With the sign of pseudo-normals.
+    points, normals : (N, 3) float64
+        As `_surface_samples` tells.
+
+    Notes
+    -----
+    Where a surface does not meet itself, it winds 0 times around what is just above it and once around what
+    is just below. Where it does, curves in which it meets itself part it into regions, and in some of them
+    that is wrong everywhere: so a look at each region would do. The sign grid is looked at next to all faces,
+    for regions some cells wide; faces next to which it tells nothing are sampled, for those of small faces.
+    """
+    offsets = _size(signed) * np.array(SAMPLE_OFFSETS)
+    around = np.concatenate([points + side * offset * normals for offset in offsets for side in (-1.0, 1.0)])
+    grid_lower = np.array(signed.grid_lower)
+    doubtful, is_inside, is_clear = doubtful_places(
+        signed.corners, signed.faces, grid_lower, signed.grid_rate, *signed.grid_counts, signed.grid
+    )
+    is_clear &= len(is_clear) > FACE_SAMPLE_COUNT
+    # What is folded over has been looked at, and gets its sides from the winding number.
+    is_clear[signed.bvh.slot_faces[np.unpackbits(signed.folded, bitorder="little") == 1]] = True
+    points, normals = _face_samples(signed, np.flatnonzero(~is_clear))
+    model = bare = assemble([signed], [Pose()])
+    if signed.folded.any():
+        # Asked as if nothing were folded: a surface of which much is meets itself.
+        bare = assemble([replace(signed, folded=NO_FOLDS)], [Pose()])
+    above = points + offsets[0] * normals
+    against = _differing(bare, signed, around) + _differing(model, signed, above)
+    against += _differing(model, signed, doubtful, is_inside)
+    return len(around) + len(above) + len(doubtful), against
+
+
+def _face_samples(piece: PartArrays, among: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points spread evenly over faces, whatever their areas, and the faces' unit normals; local frame."""
+    places = len(FACE_SAMPLE_WEIGHTS) * len(among)
+    count = min(FACE_SAMPLE_COUNT, places)
+    chosen, place = np.divmod(np.arange(count) * places // max(count, 1), len(FACE_SAMPLE_WEIGHTS))
+    corners = piece.corners[piece.faces[among[chosen]]]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = np.linalg.norm(normals, axis=1)
+    points = (corners * FACE_SAMPLE_WEIGHTS[place, :, None]).sum(axis=1)
+    return points[areas > 0.0], normals[areas > 0.0] / areas[areas > 0.0, None]
+
+
+def _differing(
+    model: Model, piece: PartArrays, asked: np.ndarray, is_inside: np.ndarray | None = None
+) -> int:
+    """At how many local points the sign of a part's distances and the winding number differ.
+
+    *is_inside* (N,): what the sign grid tells of them; then only those are asked where that differs.
+    """
     size = _size(piece)
-    around = [points + side * offset * size * normals for offset in SAMPLE_OFFSETS for side in (-1.0, 1.0)]
-    asked = np.concatenate(around)
-    model = assemble([piece], [Pose()])
     answers = np.empty((len(asked), ANSWER_WIDTH))
     world = asked / piece.frame.scale + piece.frame.centre
     # Far from the origin this rounds; both ways are asked about the point that it has become.
     asked = piece.frame.of(world)
     closest_batch(model.handle, world, np.empty(0, np.int64), np.inf, answers)
+    if is_inside is not None:
+        suspect = (answers[:, 0] < 0.0) != is_inside
+        asked, answers = asked[suspect], answers[suspect]
     turns = _turns(model, asked)
     # On the surface itself, to rounding, no side is right.
     is_off = np.abs(answers[:, 0]) * piece.frame.scale > 1e-9 * size
     differs = (answers[:, 0] < 0.0) != (turns > 0.5)
     unclear = np.abs(turns - np.rint(turns)) > 0.2
     twice = np.abs(turns - 0.5) > 0.7
-    return len(asked), int((is_off & (differs | unclear | twice)).sum())
+    return int((is_off & (differs | unclear | twice)).sum())
 
 
 def _clear_share(piece: PartArrays, points: np.ndarray, normals: np.ndarray) -> float:

@@ -6,7 +6,15 @@ import pytest
 import shapes
 
 import oracle
-from proximity.kernels.grid import CROSSED, INSIDE, OUTSIDE, build_grid, cell_state
+from proximity.kernels.grid import (
+    CROSSED,
+    INSIDE,
+    MOST_PLACES,
+    OUTSIDE,
+    build_grid,
+    cell_state,
+    doubtful_places,
+)
 from proximity.kernels.layout import MOMENTS, ROOT, SIGN_PSEUDONORMAL
 from proximity.mesh import TriangleMesh
 from proximity.model import assemble
@@ -54,6 +62,10 @@ class Grid:
         out = np.empty(len(points), np.int64)
         states_at(self.packed.view(np.float32), self.lower, self.rate, self.counts, points, out)
         return out
+
+    def doubtful_places(self):
+        counts = (int(n) for n in self.counts)
+        return doubtful_places(self.corners, self.faces, self.lower, self.rate, *counts, self.packed)
 
     def points_in_cells(self, rng, count):
         return self.lower + rng.random((count, 3)) * self.counts / self.rate
@@ -146,6 +158,27 @@ def test_many_points_are_told_by_one_look(name, least):
     states = grid.states(grid.points_in_cells(np.random.default_rng(7), 4000))
 
     assert (states != CROSSED).mean() >= least
+
+
+@pytest.mark.parametrize("name", ["cube", "turned cube", "sphere", "torus", "cavity"])
+def test_faces_and_grid_agree_where_nothing_lies_between(name):
+    places, is_inside, is_clear = Grid(*MESHES[name]).doubtful_places()
+
+    assert len(places) == len(is_inside) == 0
+    assert is_clear.shape == (len(MESHES[name][1]),)
+
+
+def test_faces_and_grid_differ_on_faces_inside_the_body():
+    grid = Grid(*shapes.join(shapes.sphere(2.0, 4), shapes.sphere(1.0, 3)))
+
+    places, is_inside, is_clear = grid.doubtful_places()
+
+    # Only above the inner ball, whose faces all have clear cells on both sides; more than are returned.
+    distances = np.linalg.norm(places - 0.5 * (grid.corners.max(axis=0) + grid.corners.min(axis=0)), axis=1)
+    assert MOST_PLACES // 2 <= len(places) <= MOST_PLACES
+    assert is_inside.all() and is_clear.all()
+    assert (distances < 0.3 * (grid.corners.max() - grid.corners.min())).all()
+    assert (grid.states(places) == INSIDE).all()
 
 
 def test_beyond_the_grid_is_outside():

@@ -1,6 +1,7 @@
 """How inside is told for one body, and the sentence that says so."""
 
 import re
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -8,10 +9,13 @@ import shapes
 
 import oracle
 from proximity.mesh import TriangleMesh
+from proximity.message import ContactFlag
 from proximity.part_arrays import part_arrays
+from proximity.scene import Scene
 from proximity.sign import SignMethod, choose_sign
 from proximity.solid import Solid
 from proximity.topology import build_topology
+from proximity.tracker import Tracker
 
 AGREES = r"closed and oriented; agrees with the winding number at (\d+) of \1 sample points"
 MEETS_ITSELF = (
@@ -38,6 +42,59 @@ def without_a_face(mesh, face=0):
 def scaled(mesh, size, place):
     return mesh[0] * size + np.asarray(place, float), mesh[1]
 
+
+def handle(half_width, end):
+    """The unit cube with a square pipe that grows from its top, bends, and ends above it or deep inside."""
+    square = half_width * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    x, y = square.T
+    cube = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    rings = [
+        np.column_stack(columns)
+        for columns in (
+            (cube, np.zeros(4)),
+            (cube, np.ones(4)),
+            (0.3 + x, 0.5 + y, np.ones(4)),
+            (0.3 + x, 0.5 + y, 1.2 - x),
+            (0.6 - x, 0.5 + y, 1.2 - x),
+            (0.6 - x, 0.5 + y, np.full(4, end)),
+        )
+    ]
+    k = np.arange(4)
+    sides = [(4 * ring + k, 4 * ring + (k + 1) % 4) for ring in range(len(rings))]
+    quads = [np.column_stack((a, b, d, c)) for (a, b), (c, d) in pairwise(sides)]
+    last = 4 * (len(rings) - 1)
+    quads = np.concatenate([[[3, 2, 1, 0]], *quads, [last + k]])
+    return np.concatenate(rings), np.concatenate((quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]))
+
+
+def quartered(times, mesh):
+    for _ in range(times):
+        mesh = shapes.quartered(*mesh)
+    return mesh
+
+
+def with_bump(size, overlap):
+    """The unit cube and a small one beside it that reaches into its side."""
+    return shapes.join(shapes.cube(), shapes.cube(size, (1.0 + 0.5 * size - overlap, 0.52, 0.53)))
+
+
+SMALL_MEETINGS = {
+    "handle of 4 cm": (handle(0.02, 0.7), (0.6, 0.5, 0.85), 0.12),
+    "handle of 2 cm": (handle(0.01, 0.7), (0.6, 0.5, 0.85), 0.12),
+    "handle of 1 cm": (handle(0.005, 0.7), (0.6, 0.5, 0.85), 0.12),
+    "handle just below the top": (handle(0.005, 0.99), (0.6, 0.5, 0.99), 0.03),
+    "cube of 5 cm half in": (with_bump(0.05, 0.025), (1.0, 0.52, 0.53), 0.06),
+    "cube of 5 cm just in": (with_bump(0.05, 0.004), (1.0, 0.52, 0.53), 0.06),
+    "cube of 1 cm half in": (with_bump(0.01, 0.005), (1.0, 0.52, 0.53), 0.02),
+    "cubes whose corners overlap": (
+        shapes.join(shapes.cube(), shapes.cube(center=(1.48, 1.47, 1.46))), (0.99, 0.985, 0.98), 0.05,
+    ),
+    "cubes of many faces and of few": (
+        shapes.join(quartered(4, shapes.cube()), shapes.cube(0.05, (1.0, 0.52, 0.53))),
+        (1.0, 0.52, 0.53),
+        0.06,
+    ),
+}  # fmt: skip
 
 CASES = {
     "tetrahedron": (shapes.tetrahedron(), SignMethod.PSEUDONORMAL, AGREES),
@@ -155,6 +212,33 @@ def test_body_that_meets_itself_is_deepest_where_both_halves_are():
         True,
         False,
     ]
+
+
+@pytest.mark.parametrize("name", SMALL_MEETINGS)
+def test_small_place_where_a_body_meets_itself_is_seen(name):
+    mesh, place, reach = SMALL_MEETINGS[name]
+    solid = Solid(*mesh)
+    assert solid.is_watertight
+    assert solid.sign_method is SignMethod.WINDING_NUMBER, solid.sign_reason
+    assert re.fullmatch(MEETS_ITSELF, solid.sign_reason), solid.sign_reason
+
+    points = np.asarray(place) + np.random.default_rng(7).uniform(-reach, reach, (400, 3))
+    inside = oracle.winding_number(*mesh, points) > 0.5
+    contacts = Tracker(Scene([solid]), fingers=len(points), radius=0.0).tick(points, 10**6, 10**6)
+
+    assert inside.any()
+    np.testing.assert_array_equal(solid.signed_distance(points) < 0.0, inside)
+    np.testing.assert_array_equal(solid.contains(points), inside)
+    np.testing.assert_array_equal(contacts["flags"] & ContactFlag.INSIDE != 0, inside)
+
+
+@pytest.mark.parametrize("half_width", [0.02, 0.005])
+@pytest.mark.parametrize("end", [1.1, 1.01, 1.0001])
+def test_body_that_nearly_meets_itself_keeps_its_normals(half_width, end):
+    _, found, why = chosen(handle(half_width, end))
+
+    assert found is SignMethod.PSEUDONORMAL, why
+    assert re.fullmatch(AGREES, why), why
 
 
 def test_choice_is_the_same_on_every_run():

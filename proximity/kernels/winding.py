@@ -179,3 +179,12 @@ def winding_number(reals, words, root, moments, px, py, pz):
                 stack[waiting] = load_int(words, base + CHILDREN + k)
                 waiting += 1
     return total / (4.0 * pi)
+
+
+@kernel
+def winding_numbers(reals, words, root, moments, points, turns):
+    """Fill the winding numbers around points (N, 3), local: *turns* (N,)."""
+    for row in range(len(points)):
+        turns[row] = winding_number(
+            reals, words, root, moments, points[row, 0], points[row, 1], points[row, 2]
+        )
