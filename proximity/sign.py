@@ -75,8 +75,7 @@ def choose_sign(piece: PartArrays, topology: Topology) -> tuple[PartArrays, Sign
         if against == 0:
             why = f"closed and oriented; agrees with the winding number at {asked} of {asked} sample points"
             if folded := int(np.unpackbits(signed.folded).sum()):
-                faces = "1 face is" if folded == 1 else f"{folded} faces are"
-                why += f"; {faces} folded over, and there it tells the side"
+                why += f"; {folded} faces are folded over, or next to such, and there it tells the side"
             return signed, SignMethod.PSEUDONORMAL, why
         why = (
             f"closed and oriented, but it meets itself: the nearest face and the winding number disagree at "

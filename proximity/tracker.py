@@ -233,7 +233,7 @@ class Tracker:
     def _tick(self, model: Model, positions: Any, t_pose_ns: Any, now_ns: Any, is_moved: bool) -> None:
         """Check the arguments, and tick."""
         rows = as_float64(_shaped(positions, "positions", self._shape), "positions")
-        if type(t_pose_ns) is not int or not -MOST_NS < t_pose_ns <= MOST_NS:
+        if type(t_pose_ns) is not int or not -MOST_NS <= t_pose_ns <= MOST_NS:
             self._take_instants(t_pose_ns)
             t_pose_ns = EACH_ITS_OWN
         _tick.call(model.handle, self._handle, rows, t_pose_ns, _instant(now_ns), is_moved)
@@ -303,7 +303,7 @@ class Tracker:
     def _take_instants(self, t_pose_ns: Any) -> None:
         try:
             instants = np.asarray(t_pose_ns)
-            if instants.dtype.kind not in "iu" or ((instants <= -MOST_NS) | (instants > MOST_NS)).any():
+            if instants.dtype.kind not in "iu" or ((instants < -MOST_NS) | (instants > MOST_NS)).any():
                 raise ValueError("no instants")
             self._pose_ns[...] = instants
         except ValueError as unfit:
@@ -373,7 +373,7 @@ def _instant(now_ns: Any) -> int:
         now = operator.index(now_ns)
     except TypeError:
         now = MOST_NS + 1
-    if not -MOST_NS < now <= MOST_NS:
+    if not -MOST_NS <= now <= MOST_NS:
         raise QueryError(f"now_ns is {now_ns!r}, expected whole nanoseconds, at most 2**62")
     return now
 

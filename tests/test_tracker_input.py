@@ -102,9 +102,8 @@ REFUSED = {
     "t_pose_ns is array([0., 1.]), expected whole nanoseconds": {"t_pose_ns": np.array([0.0, 1.0])},
     f"t_pose_ns is {2**70}, expected whole nanoseconds": {"t_pose_ns": 2**70},
     f"t_pose_ns is [{-(2**63)}, 0], expected whole nanoseconds": {"t_pose_ns": [-(2**63), 0]},
-    f"t_pose_ns is {-(2**62)}, expected whole nanoseconds": {"t_pose_ns": -(2**62)},
-    f"t_pose_ns is [0, {-(2**62)}], expected whole nanoseconds": {"t_pose_ns": [0, -(2**62)]},
-    f"now_ns is {-(2**62)}, expected whole nanoseconds": {"now_ns": -(2**62)},
+    f"t_pose_ns is {-(2**62) - 1}, expected whole nanoseconds": {"t_pose_ns": -(2**62) - 1},
+    f"t_pose_ns is [0, {-(2**62) - 1}], expected whole nanoseconds": {"t_pose_ns": [0, -(2**62) - 1]},
     f"t_pose_ns is {2**63}, expected whole nanoseconds": {"t_pose_ns": 2**63},
     "now_ns is None, expected whole nanoseconds, at most 2**62": {"now_ns": None},
     f"now_ns is {-(2**62) - 1}, expected whole nanoseconds": {"now_ns": -(2**62) - 1},
@@ -348,11 +347,14 @@ def test_bends_without_paths_are_refused(given):
 @pytest.mark.parametrize("latency", [0.0, 1e9])
 def test_instants_as_far_apart_as_can_be_are_not_taken_for_near_ones(latency):
     tracker = Tracker(Scene([plate()]), fingers=1, latency=latency)
-    found = tracker.tick([(0.0, 0.0, 0.05)], 1 - 2**62, 2**62)[0]
+    tracker.tick([(0.0, 0.0, 0.06)], -(2**62), -(2**62))
+    found = tracker.tick([(0.0, 0.0, 0.05)], -(2**62), 2**62)[0]
 
-    assert found["age_ns"] == 2**63 - 1
+    assert (found["pose_ns"], found["age_ns"]) == (-(2**62), 2**63 - 1)
     assert found["predicted_ns"] == 2**62 + round(1e9 * latency)
     assert found["predicted_lower"] < -1e9 < 1e9 < found["predicted_upper"]
+    found = tracker.tick([(0.0, 0.0, 0.05)], 2**62, 2**62)[0]
+    assert found["age_ns"] == 0 and not found["flags"] & ContactFlag.PREDICTED  # it starts anew
 
 
 def test_budget_without_end_is_more_than_any_scene_needs():

@@ -101,7 +101,7 @@ def test_finger_at_rest_near_a_part_that_comes_is_predicted_nearer():
 
 
 @pytest.mark.parametrize("angular_velocity", [(0, 0, 0), (1e9, -1e9, 1e9)])
-@pytest.mark.parametrize("age", [0, 1, 2**62 - 1])
+@pytest.mark.parametrize("age", [0, 1, 2**62])
 def test_as_fast_as_parts_may_be_nothing_is_promised_that_does_not_hold(angular_velocity, age):
     scene = Scene([plate(), solid(shapes.sphere(0.01, 1), "ball")])
     scene.move(

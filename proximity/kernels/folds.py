@@ -42,21 +42,38 @@ def _normal(corners, faces, face):
 
 @maker
 def folded_faces(corners, faces, neighbors, slot_faces, reals, words, root, moments):
-    """Return which slots have faces that are folded over, a bit each: (blocks,) uint8.
+    """Return which slots have faces folded over, or next to one that is, a bit each: (blocks,) uint8.
+
+    A fold is of two layers at least, and nothing tells which of them is nearer where both lie in one plane.
 
     *corners* (K, 3), *faces* (F, 3): local frame. *neighbors* (F, 3): the face across each edge, or negative.
     *reals*, *words*, *root*, *moments*: the part's tree.
     """
-    folded = np.zeros(len(slot_faces) // LANES, np.uint8)
+    is_over, has_folds = np.zeros(len(faces), np.bool_), False
     looked_at = 0
-    for slot in range(len(slot_faces)):
-        face = slot_faces[slot]
-        if face < 0 or not _is_sharp(corners, faces, neighbors, face):
+    for face in range(len(faces)):
+        if not _is_sharp(corners, faces, neighbors, face):
             continue
         looked_at += 1
         if looked_at > MOST_LOOKED_AT or _faces_wrong(corners, faces, face, reals, words, root, moments):
-            folded[slot // LANES] |= np.uint8(1 << (slot % LANES))
+            is_over[face] = has_folds = True
+    folded = np.zeros(len(slot_faces) // LANES, np.uint8)
+    if has_folds:
+        for slot in range(len(slot_faces)):
+            face = slot_faces[slot]
+            if face >= 0 and (is_over[face] or _is_beside(is_over, neighbors, face)):
+                folded[slot // LANES] |= np.uint8(1 << (slot % LANES))
     return folded
+
+
+@kernel
+def _is_beside(is_over, neighbors, face):
+    """Whether a face across some edge is folded over."""
+    for k in range(3):
+        other = neighbors[face, k]
+        if other >= 0 and is_over[other]:
+            return True
+    return False
 
 
 @kernel

@@ -118,7 +118,7 @@ def _is_within_reach(reals, ints, row, track, t_ns, x, y, z, max_speed):
 def _continues(ints, row, track, t_ns):
     """Whether that track has a pose, before *t_ns* and not too long ago."""
     last_ns = ints[row, track * TRACK_INTS + POSE_NS]
-    return ints[row, track * TRACK_INTS + POSE_COUNT] > 0 and last_ns < t_ns and t_ns - last_ns <= MAX_GAP_NS
+    return ints[row, track * TRACK_INTS + POSE_COUNT] > 0 and t_ns - MAX_GAP_NS <= last_ns < t_ns
 
 
 @inlined

@@ -404,9 +404,9 @@ def tick(handle, tracker, places, all_pose_ns, now_ns, is_moved):
         scratch,
     ) = tracker_arrays_at(tracker)
     count = len(marks)
-    if len(places) != count or not are_rows(places) or not -MOST_NS < now_ns <= MOST_NS:
+    if len(places) != count or not are_rows(places) or not -MOST_NS <= now_ns <= MOST_NS:
         return False
-    if all_pose_ns != EACH_ITS_OWN and not -MOST_NS < all_pose_ns <= MOST_NS:
+    if all_pose_ns != EACH_ITS_OWN and not -MOST_NS <= all_pose_ns <= MOST_NS:
         return False
     positions = as_rows(places)
     if is_moved:
@@ -437,7 +437,7 @@ def tick(handle, tracker, places, all_pose_ns, now_ns, is_moved):
         x, y, z = positions[i, 0], positions[i, 1], positions[i, 2]
         _clear_record(records, wide, numbers, i)
         taken_ns = pose_ns[i] if all_pose_ns == EACH_ITS_OWN else np.int64(all_pose_ns)
-        wide[i, POSE_NS], wide[i, AGE_NS] = taken_ns, now_ns - taken_ns
+        wide[i, POSE_NS], wide[i, AGE_NS] = taken_ns, now_ns - max(taken_ns, 1 - MOST_NS)
         wide[i, PREDICTED_NS] = max(acts_ns, taken_ns)
         records[i, POSITION], records[i, POSITION + 1], records[i, POSITION + 2] = x, y, z
         if settings[HAS_VELOCITIES] != 0.0:

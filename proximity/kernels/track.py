@@ -61,8 +61,8 @@ POSE_COLUMNS = 12
 PLACE_AT, STAGES_AT, SCRATCH_SIZE = 24, 40, 42
 """Places in ``scratch``: a witness comes first, the stages of a path last."""
 MOST_NS = 2**62
-"""ns; it is 146 years. Of instants above its negative the differences are whole numbers of 64 bits."""
-EACH_ITS_OWN = -MOST_NS
+"""ns; it is 146 years. Differences of such instants, but for one from end to end, fit into 64 bits."""
+EACH_ITS_OWN = -MOST_NS - 1
 """Instant of all poses: none, every finger has one of its own."""
 
 FINGER_COUNT, PATH_COUNT, PART_COUNT, MOVERS_SIZE, ROOM_COUNT, SCRATCH_COUNT, FRONTS_COUNT = range(7)
