@@ -7,6 +7,7 @@ import numpy as np
 from proximity.aligned import ALIGNMENT, aligned_empty
 from proximity.bvh import Bvh, LocalFrame, build_bvh, local_frame
 from proximity.kernels import layout
+from proximity.kernels.crossings import passing_faces
 from proximity.kernels.folds import folded_faces
 from proximity.kernels.grid import build_grid
 from proximity.kernels.normals import add_corner_normals
@@ -102,8 +103,7 @@ def with_sign(piece: PartArrays, sign: int, *, has_grid: bool) -> PartArrays:
     piece = replace(piece, sign=sign)
     if not has_grid and sign != layout.SIGN_PSEUDONORMAL:
         return piece
-    words, starts = joined([piece.bvh.nodes, piece.moments], np.float32)
-    tree = (piece.bvh.blocks, words, 0, starts[1])
+    tree = _tree(piece)
     if sign == layout.SIGN_PSEUDONORMAL:
         folded = folded_faces(piece.corners, piece.faces, piece.neighbors, piece.bvh.slot_faces, *tree)
         piece = replace(piece, folded=folded)
@@ -116,6 +116,24 @@ def with_sign(piece: PartArrays, sign: int, *, has_grid: bool) -> PartArrays:
             piece, grid=grid, grid_counts=counts, grid_lower=tuple(lower.tolist()), grid_rate=rate
         )
     return piece
+
+
+def with_passing_faces(piece: PartArrays) -> PartArrays:
+    """Return a part's arrays where faces that pass through others count as folded; see `kernels.crossings`.
+
+    Parameters
+    ----------
+    piece : PartArrays
+        With the sign of pseudo-normals.
+    """
+    passing = passing_faces(piece.corners, piece.faces, piece.neighbors, piece.bvh.slot_faces, *_tree(piece))
+    return replace(piece, folded=piece.folded | passing)
+
+
+def _tree(piece: PartArrays) -> tuple[np.ndarray, np.ndarray, int, int]:
+    """A part's tree as kernels take it: blocks, nodes and moments, where these two begin."""
+    words, starts = joined([piece.bvh.nodes, piece.moments], np.float32)
+    return piece.bvh.blocks, words, 0, starts[1]
 
 
 def grid_size(extent: np.ndarray, wanted: int) -> tuple[float, tuple[int, int, int]]:

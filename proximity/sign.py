@@ -1,9 +1,9 @@
 """How inside is told for one body: chosen once, checked by sampling, and said in a sentence.
 
 - *pseudo-normal*: the surface is closed and oriented, so the normal of the nearest feature tells the side;
-  over faces that are folded onto their neighbours, the winding number.
-- *winding number*: the surface is closed but meets itself, or has small holes; how often it winds around a
-  point tells.
+  over faces that are folded onto their neighbours or pass through others, the winding number.
+- *winding number*: the surface is closed but much of it meets itself, or it has small holes; how often it
+  winds around a point tells.
 - *none*: a sheet, or a surface with large holes. There is no inside; distances have no sign.
 """
 
@@ -17,7 +17,7 @@ from proximity.kernels.grid import doubtful_places
 from proximity.kernels.query import ANSWER_WIDTH, closest_batch
 from proximity.kernels.winding import winding_numbers
 from proximity.model import Model, assemble
-from proximity.part_arrays import NO_FOLDS, PartArrays, with_sign
+from proximity.part_arrays import NO_FOLDS, PartArrays, with_passing_faces, with_sign
 from proximity.pose import Pose
 from proximity.topology import Topology
 
@@ -74,8 +74,12 @@ def choose_sign(piece: PartArrays, topology: Topology) -> tuple[PartArrays, Sign
         asked, against = _contradictions(signed, points, normals)
         if against == 0:
             why = f"closed and oriented; agrees with the winding number at {asked} of {asked} sample points"
+            signed = with_passing_faces(signed)
             if folded := int(np.unpackbits(signed.folded).sum()):
-                why += f"; {folded} faces are folded over, or next to such, and there it tells the side"
+                why += (
+                    f"; {folded} faces are folded over, pass through others, or are next to such, and there "
+                    "it tells the side"
+                )
             return signed, SignMethod.PSEUDONORMAL, why
         why = (
             f"closed and oriented, but it meets itself: the nearest face and the winding number disagree at "

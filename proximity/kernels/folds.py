@@ -49,29 +49,34 @@ def folded_faces(corners, faces, neighbors, slot_faces, reals, words, root, mome
     *corners* (K, 3), *faces* (F, 3): local frame. *neighbors* (F, 3): the face across each edge, or negative.
     *reals*, *words*, *root*, *moments*: the part's tree.
     """
-    is_over, has_folds = np.zeros(len(faces), np.bool_), False
+    is_over = np.zeros(len(faces), np.bool_)
     looked_at = 0
     for face in range(len(faces)):
         if not _is_sharp(corners, faces, neighbors, face):
             continue
         looked_at += 1
-        if looked_at > MOST_LOOKED_AT or _faces_wrong(corners, faces, face, reals, words, root, moments):
-            is_over[face] = has_folds = True
-    folded = np.zeros(len(slot_faces) // LANES, np.uint8)
-    if has_folds:
-        for slot in range(len(slot_faces)):
-            face = slot_faces[slot]
-            if face >= 0 and (is_over[face] or _is_beside(is_over, neighbors, face)):
-                folded[slot // LANES] |= np.uint8(1 << (slot % LANES))
-    return folded
+        if looked_at > MOST_LOOKED_AT or faces_wrong(corners, faces, face, reals, words, root, moments):
+            is_over[face] = True
+    return marked_slots(is_over, neighbors, slot_faces)
+
+
+@maker
+def marked_slots(marks, neighbors, slot_faces):
+    """Return which slots have faces that are marked, or next to one that is, a bit each: (blocks,) uint8."""
+    slots = np.zeros(len(slot_faces) // LANES, np.uint8)
+    for slot in range(len(slot_faces)):
+        face = slot_faces[slot]
+        if face >= 0 and (marks[face] or _is_beside(marks, neighbors, face)):
+            slots[slot // LANES] |= np.uint8(1 << (slot % LANES))
+    return slots
 
 
 @kernel
-def _is_beside(is_over, neighbors, face):
-    """Whether a face across some edge is folded over."""
+def _is_beside(marks, neighbors, face):
+    """Whether a face across some edge is marked."""
     for k in range(3):
         other = neighbors[face, k]
-        if other >= 0 and is_over[other]:
+        if other >= 0 and marks[other]:
             return True
     return False
 
@@ -92,10 +97,12 @@ def _is_sharp(corners, faces, neighbors, face):
 
 
 @kernel
-def _faces_wrong(corners, faces, face, reals, words, root, moments):
+def faces_wrong(corners, faces, face, reals, words, root, moments):
     """Whether somewhere a face has the inside where its normal goes, or none on the other side."""
     nx, ny, nz = _normal(corners, faces, face)
     length = sqrt(dot(nx, ny, nz, nx, ny, nz))
+    if not length > 0.0:
+        return False
     step = min(STEP, SHARE * sqrt(length)) / length
     a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
     for k in range(4):

@@ -1,0 +1,166 @@
+"""Faces that pass through others: found all of them and no others, and no side is wrong because of them."""
+
+import numpy as np
+import pytest
+import shapes
+
+import oracle
+from proximity import ContactFlag
+from proximity.kernels import crossings
+from proximity.scene import Scene
+from proximity.sign import SignMethod
+from proximity.solid import Solid
+from proximity.tracker import Tracker
+
+ACROSS = np.array([[1.0, 1.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 0.0, 2.0**0.5]]) / 2.0**0.5
+"""Turns a cube until one of its edges is what reaches farthest along x."""
+
+
+def edge_to_edge(depth, finer=0):
+    """Two beams that cross, each with an edge in the other, so deep: no corner is near the other."""
+    beam = np.array([0.6, 0.6, 2.0])
+    vertices, faces = shapes.cube(1.0, (0.0, 0.0, 0.0))
+    for _ in range(finer):
+        vertices, faces = shapes.quartered(vertices, faces)
+    one = (vertices * beam) @ ACROSS.T
+    other = one[:, [0, 2, 1]] * (1.0, 1.0, -1.0) + (2.0 * one[:, 0].max() - depth, 0.07, 0.05)
+    return shapes.join((one, faces), (other, faces))
+
+
+def ball_in_ball(depth):
+    """Two balls that overlap, so deep."""
+    return shapes.join(
+        shapes.sphere(1.0, 4), shapes.moved(shapes.sphere(0.5, 3), (1.5 - depth, 0.003, 0.002))
+    )
+
+
+def corner_in_side(depth):
+    """A cube with a corner in the side of another, so deep."""
+    vertices, faces = shapes.cube(0.4, (0.0, 0.0, 0.0))
+    turned = vertices @ shapes.rotation(5).T
+    lowest = turned[turned[:, 2].argmin()]
+    return shapes.join(shapes.box((-1, -1, -1), (1, 1, 0)), (turned - lowest + (0.11, 0.07, -depth), faces))
+
+
+def ball_deep_inside():
+    """A tiny ball, facing outward as well, in a body of many small faces."""
+    torus = shapes.torus(n=96, m=48)
+    return shapes.join(torus, shapes.moved(shapes.sphere(1e-3, 1), (2.2, 0.1, 0.05)))
+
+
+MEETINGS = {
+    **{f"edges, {depth:g} deep": edge_to_edge(depth) for depth in (0.03, 0.01, 1e-3, 1e-6, 1e-8)},
+    **{f"edges of small faces, {depth:g} deep": edge_to_edge(depth, 3) for depth in (0.03, 1e-3, 1e-5)},
+    **{f"balls, {depth:g} deep": ball_in_ball(depth) for depth in (1e-2, 4e-3)},
+    **{f"corner, {depth:g} deep": corner_in_side(depth) for depth in (3e-3, 1e-5)},
+    "ball deep inside": ball_deep_inside(),
+}
+
+
+def marked_faces(solid):
+    piece = solid._model.part_arrays(0)
+    bits = np.unpackbits(piece.folded[:, None], axis=1, bitorder="little")
+    return np.sort(piece.bvh.slot_faces.reshape(-1, 8)[bits == 1])
+
+
+def faces_that_pass(vertices, faces):
+    """By brute force, of a mesh in general position: the faces of which one passes through the other."""
+    pairs = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    edges, of_half_edge = np.unique(pairs, axis=0, return_inverse=True)
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+
+    def side(p, q, r, s):
+        """Sign of the volume of a tetrahedron; 0 where it is flat, as faces of a cube's side are."""
+        volumes = np.einsum("...i,...i", np.cross(q - p, r - p), s - p)
+        return np.where(np.abs(volumes) > 1e-12, np.sign(volumes), 0.0)
+
+    passed = np.zeros(len(faces), bool)
+    is_passing = np.zeros(len(edges), bool)
+    for row, (start, end) in enumerate(edges):
+        p, q = vertices[start], vertices[end]
+        around = [side(p, q, a, b), side(p, q, b, c), side(p, q, c, a)]
+        meets = np.abs(sum(around)) == 3
+        meets &= side(a, b, c, p) * side(a, b, c, q) < 0
+        meets &= ~np.isin(faces, (start, end)).any(axis=1)
+        passed |= meets
+        is_passing[row] = meets.any()
+    return passed | is_passing[of_half_edge.reshape(-1)].reshape(-1, 3).any(axis=1)
+
+
+def bare_marks(solid):
+    """What the kernel marks before faces that lie on a wrong side and neighbours are added."""
+    piece = solid._model.part_arrays(0)
+    model = solid._model
+    marks = np.zeros(len(piece.faces), bool)
+    stacks = np.zeros(crossings.STACKS_SIZE, np.float32)
+    crossings._mark_passing(
+        piece.corners, piece.faces, piece.neighbors, piece.bvh.slot_faces, model.reals, model.words, 0, 1e-12,
+        stacks, marks,
+    )  # fmt: skip
+    return marks
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_faces_that_pass_are_those_of_brute_force(seed):
+    rng = np.random.default_rng(seed)
+    shells = [shapes.sphere(1.0, 2), shapes.torus(0.9, 0.3, 12, 7), shapes.quartered(*shapes.cube(1.2))]
+    turned = [(vertices @ shapes.rotation(seed + k).T, faces) for k, (vertices, faces) in enumerate(shells)]
+    vertices, faces = shapes.join(*(shapes.moved(shell, rng.normal(0.0, 0.6, 3)) for shell in turned))
+    solid = Solid(vertices, faces)
+
+    expected = faces_that_pass(solid.mesh.vertices, solid.mesh.faces)
+
+    assert expected.any() and not expected.all()
+    np.testing.assert_array_equal(bare_marks(solid), expected)
+
+
+@pytest.mark.parametrize("name", MEETINGS)
+def test_side_is_right_wherever_a_body_meets_itself(name):
+    vertices, faces = MEETINGS[name]
+    solid = Solid(vertices, faces)
+    marked = marked_faces(solid)
+    rng = np.random.default_rng(len(name))
+    assert solid.is_watertight
+    if solid.sign_method is SignMethod.PSEUDONORMAL:
+        assert f"; {len(marked)} faces are folded over, pass through others" in solid.sign_reason
+
+    rows = rng.choice(marked, 3000) if len(marked) else rng.integers(0, len(faces), 3000)
+    on = (rng.dirichlet((1.0, 1.0, 1.0), 3000)[:, :, None] * vertices[faces[rows]]).sum(axis=1)
+    points = on + rng.normal(size=(3000, 3)) * 10.0 ** rng.uniform(-8, -1, (3000, 1))
+    inside = oracle.winding_number(vertices, faces, points) > 0.5
+    fingers = points[:300]
+    contacts = Tracker(Scene([solid]), fingers=len(fingers), radius=0.0).tick(fingers, 10**6, 10**6)
+
+    is_off = np.abs(solid.distance(points)) > 1e-9
+    np.testing.assert_array_equal((solid.signed_distance(points) < 0.0)[is_off], inside[is_off])
+    np.testing.assert_array_equal(solid.contains(points)[is_off], inside[is_off])
+    told = contacts["flags"] & ContactFlag.INSIDE != 0
+    np.testing.assert_array_equal(told[is_off[:300]], inside[:300][is_off[:300]])
+
+
+@pytest.mark.parametrize("depth", [0.03, 0.01, 1e-3])
+def test_beams_that_cross_mid_edge_keep_their_normals_elsewhere(depth):
+    """The samples do not see so little, so that these would have wrong sides without the marks."""
+    solid = Solid(*edge_to_edge(depth))
+
+    assert solid.sign_method is SignMethod.PSEUDONORMAL
+    assert 0 < len(marked_faces(solid)) < len(solid.mesh.faces)
+
+
+@pytest.mark.parametrize("gap", [1e-3, 1e-6, 1e-9])
+def test_bodies_that_do_not_pass_through_have_no_marks(gap):
+    solid = Solid(*edge_to_edge(-gap))
+
+    assert len(marked_faces(solid)) == 0, solid.sign_reason
+    assert "folded" not in solid.sign_reason
+
+
+def test_faces_without_area_are_no_faces_to_pass_through():
+    """Tessellation leaves needles of no width along edges; heights over them are rounding."""
+    corners = np.array(
+        [[0, 0, 0], [0.1, 0.3, 0.2], [0.3, 0.9, 0.6 + 2e-16], [0, 0.3, 0.5], [0.2, 0.3, -0.1], [0.1, -1, 0]]
+    )
+    faces = np.array([[0, 1, 2], [0, 2, 5]])
+
+    assert crossings._reaches_through(corners, faces, 1, 3, 4, 1e-10)
+    assert not crossings._reaches_through(corners, faces, 0, 3, 4, 1e-10)
