@@ -10,10 +10,12 @@ from numpy import empty, inf, ndarray  # looked up in NumPy, each would cost cal
 
 from proximity.arrays import FLOAT64, as_points
 from proximity.errors import NotWatertightError, QueryError
-from proximity.kernels import few, hits, query, segment_query
+from proximity.kernels import few, query, segment_query
 from proximity.kernels.cast import NO_ROW, cast_batch, cast_order
 from proximity.kernels.compiling import Settled
 from proximity.kernels.curve import SORT_FROM, morton_order
+from proximity.kernels.hits import ANSWER_WIDTH as HIT_WIDTH
+from proximity.kernels.hits import DISTANCE_WIDTH
 from proximity.kernels.query import closest_batch, contains_batch, distance_batch, has_inside, signed_batch
 from proximity.kernels.segment_query import segment_batch
 from proximity.model import Model, Shelf
@@ -248,14 +250,22 @@ class Queries:
         not hit.
         Source: Woop, Benthin, Wald 2013, "Watertight ray/triangle intersection".
         """
-        if _are_few_pairs(origins, directions, max_distance, workers):
-            answers = empty((len(origins), hits.ANSWER_WIDTH))
+        # `_are_few_pairs`, written out: calling it would be a twentieth of a call with five rays.
+        if (
+            workers is ONE_THREAD
+            and (max_distance is inf or (type(max_distance) is float and max_distance >= 0.0))
+            and type(origins) is type(directions) is ndarray
+            and origins.dtype is directions.dtype is FLOAT64
+            and origins.ndim == directions.ndim == 2
+            and len(origins) < SORT_FROM
+        ):
+            answers = empty((len(origins), HIT_WIDTH))
             model = self._stage.current or self._brought_up_to_date()
             if _cast_few.call(model.handle, origins, directions, max_distance, answers) == NO_ROW:
                 record = RayHits()
                 record._table = answers
                 return record
-        return record_of(RayHits, *self._cast(origins, directions, max_distance, workers, hits.ANSWER_WIDTH))
+        return record_of(RayHits, *self._cast(origins, directions, max_distance, workers, HIT_WIDTH))
 
     def cast_distance(
         self, origins: Any, directions: Any, *, max_distance: float = inf, workers: int = 1
@@ -288,7 +298,7 @@ class Queries:
             model = self._stage.current or self._brought_up_to_date()
             if _lengths_few.call(model.handle, origins, directions, max_distance, distances) == NO_ROW:
                 return distances
-        answers, shape = self._cast(origins, directions, max_distance, workers, hits.DISTANCE_WIDTH)
+        answers, shape = self._cast(origins, directions, max_distance, workers, DISTANCE_WIDTH)
         return answers.reshape(shape)[()]
 
     def _cast(
