@@ -8,9 +8,9 @@ from scene_parts import some_pose
 from proximity import occupancy
 from proximity.kernels import layout
 from proximity.kernels.grid import OUTSIDE
+from proximity.kernels.holders import state_in_part
 from proximity.kernels.occupancy import list_of, turns_of_loose
 from proximity.kernels.scene import to_local
-from proximity.kernels.side import state_in_part
 from proximity.pose import Pose
 from proximity.scene import Part, Scene
 from proximity.solid import Solid

@@ -14,6 +14,7 @@ from proximity.kernels.bounded import DOWN, known_sq, nearest_with_budget
 from proximity.kernels.compiling import inlined, kernel
 from proximity.kernels.contact import BOUNDED, EXACT, INSIDE, SIGNED
 from proximity.kernels.grid import CROSSED, OUTSIDE
+from proximity.kernels.holders import state_in_part
 from proximity.kernels.layout import (
     BOX_LOWER,
     BOX_UPPER,
@@ -33,7 +34,6 @@ from proximity.kernels.scene import is_alone, part_of_slot, to_local
 from proximity.kernels.side import (
     is_inside_by_winding,
     signed_of_slot,
-    state_in_part,
     witness_of_slot,
 )
 from proximity.kernels.witness import ARM, LENGTH, NORMAL, POINT, closest_on_edges, over_face, read_corners

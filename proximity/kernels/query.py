@@ -13,6 +13,13 @@ from math import sqrt
 import numpy as np
 
 from proximity.kernels.compiling import inlined, kernel
+from proximity.kernels.holders import (
+    RECENT,
+    deepest_of_certain,
+    deepest_of_chunk,
+    is_held,
+    note_holders,
+)
 from proximity.kernels.layout import (
     FEATURE_NONE,
     LANES,
@@ -43,12 +50,9 @@ from proximity.kernels.scene import (
     turn_to_scene,
 )
 from proximity.kernels.side import (
-    RECENT,
-    deepest_of_chunk,
     has_normals,
     heights_over,
     is_beyond,
-    is_held,
     signed_of_slot,
     witness_of_slot,
 )
@@ -142,31 +146,42 @@ def _begin_tables(found, recent):
 
 
 @inlined
-def _nearest_of_chunk(
-    reals,
-    words,
-    frames,
-    parts,
-    points,
-    order,
-    first,
-    count,
-    limit_sq,
-    rows,
-    found,
-    depths,
-    signs,
-    stacks,
-):
-    """Fill what is nearest to each of `CHUNK` points; see `deepest_of_chunk`.
+def _begin_chunk(
+    reals, words, frames, parts, points, order, first, count, limit_sq, rows, certain, found, depths, deeper,
+    lists, pairs, recent, stacks, witness,
+):  # fmt: skip
+    """Fill which rows are next, and ask parts that hold some of them for certain; see `deepest_of_certain`.
 
-    Where there is no answer *found* has `NO_PART`, and *signs* nan or inf. What the last chunk ended with, at
-    ``found[CHUNK]``, is where the first walk may start from.
+    Of one part there is nothing to be asked. With a limit, most walks end sooner than depths are found.
+    """
+    for k in range(count):
+        rows[k], certain[k] = _row(order, first + k), 0
+    if len(parts) <= 2:
+        return 0
+    pair_count = note_holders(words, frames, parts, points, rows, count, lists, pairs, certain)
+    if limit_sq < np.inf:
+        for k in range(count):
+            certain[k] = 0
+    return deepest_of_certain(
+        reals, words, frames, parts, points, rows, count, pair_count, certain, found, depths, deeper, pairs,
+        recent, stacks, witness,
+    )  # fmt: skip
+
+
+@inlined
+def _nearest_of_chunk(
+    reals, words, frames, parts, points, order, count, limit_sq, rows, certain, found, depths, signs, stacks
+):
+    """Fill what is nearest to each of `CHUNK` points, but to those that are held for *certain*.
+
+    See `deepest_of_chunk`. Where there is no answer *found* has `NO_PART`, and *signs* nan or inf. What the
+    last chunk ended with, at ``found[CHUNK]``, is where the first walk may start from.
     """
     part, slot = found[CHUNK, 0], found[CHUNK, 1]
     for k in range(count):
-        row = _row(order, first + k)
-        rows[k] = row
+        if certain[k]:
+            continue
+        row = rows[k]
         x, y, z = points[row, 0], points[row, 1], points[row, 2]
         if not _can_be_asked(frames, parts, x, y, z):
             found[k, 0], signs[k], depths[k] = NO_PART, np.nan, np.inf
@@ -180,8 +195,8 @@ def _nearest_of_chunk(
 
 @inlined
 def _signs_of_chunk(
-    reals, words, frames, parts, points, count, rows, found, depths, signs, places, spots, heights, feet,
-    witness,
+    reals, words, frames, parts, points, count, rows, certain, found, depths, signs, places, spots, heights,
+    feet, witness,
 ):  # fmt: skip
     """Turn *signs* of a chunk into signed distances, m, and *depths* into -1 where nothing is held.
 
@@ -205,9 +220,11 @@ def _signs_of_chunk(
             slot = found[k, 1]
             if feet[k] == 0.0 or is_beyond(px, py, pz) or not has_normals(words, parts, part, slot):
                 signed = signed_of_slot(reals, words, parts, part, slot, px, py, pz, witness)
-            signs[k] = signed / frames[part, SCALE]
-            if not signed < 0.0:
+            if certain[k]:
+                signed = -abs(signed)
+            elif not signed < 0.0:
                 depths[k] = -1.0
+            signs[k] = signed / frames[part, SCALE]
 
 
 @kernel
@@ -233,7 +250,12 @@ def signed_batch(handle, points, order, distances):
     reals, words, frames, parts = arrays_at(handle)
     total = len(order) if len(order) else len(points)
     stacks, witness, places = words_here(STACKS_SIZE), reals_here(WITNESS_SIZE), word_rows_here(CHUNK, 3)
-    depths, signs, rows = reals_here(CHUNK), reals_here(CHUNK), longs_here(CHUNK)
+    depths, signs, rows, certain = (
+        reals_here(CHUNK),
+        reals_here(CHUNK),
+        longs_here(CHUNK),
+        longs_here(CHUNK),
+    )
     found, deeper, lists = (
         long_rows_here(FOUND, 2),
         long_rows_here(CHUNK, 2),
@@ -244,34 +266,26 @@ def signed_batch(handle, points, order, distances):
     _begin_tables(found, recent)
     for first in range(0, total, CHUNK):
         count = min(CHUNK, total - first)
+        pair_count = _begin_chunk(
+            reals, words, frames, parts, points, order, first, count, np.inf, rows, certain, found, depths,
+            deeper, lists, pairs, recent, stacks, witness,
+        )  # fmt: skip
         _nearest_of_chunk(
-            reals,
-            words,
-            frames,
-            parts,
-            points,
-            order,
-            first,
-            count,
-            np.inf,
-            rows,
-            found,
-            depths,
-            signs,
+            reals, words, frames, parts, points, order, count, np.inf, rows, certain, found, depths, signs,
             stacks,
-        )
+        )  # fmt: skip
         _signs_of_chunk(
-            reals, words, frames, parts, points, count, rows, found, depths, signs, triangles, spots, heights,
-            feet, witness,
+            reals, words, frames, parts, points, count, rows, certain, found, depths, signs, triangles, spots,
+            heights, feet, witness,
         )  # fmt: skip
         if len(parts) > 2:
             deepest_of_chunk(
-                reals, words, frames, parts, points, rows, count, found, depths, deeper, places, lists,
-                pairs, recent, stacks, witness,
+                reals, words, frames, parts, points, rows, count, found, depths, deeper, places, lists, pairs,
+                pair_count, recent, stacks, witness,
             )  # fmt: skip
             for k in range(count):
                 part = deeper[k, 0]
-                if part != NO_PART:
+                if part != NO_PART and part != found[k, 0]:
                     row = rows[k]
                     px, py, pz = to_local(frames, parts, part, points[row, 0], points[row, 1], points[row, 2])
                     depth = signed_of_slot(reals, words, parts, part, deeper[k, 1], px, py, pz, witness)
@@ -288,7 +302,12 @@ def closest_batch(handle, points, order, limit, answers):
     limit_sq = reach_sq(limit * frames[len(parts) - 1, SCALE])
     total = len(order) if len(order) else len(points)
     stacks, witness, places = words_here(STACKS_SIZE), reals_here(WITNESS_SIZE), word_rows_here(CHUNK, 3)
-    depths, signs, rows = reals_here(CHUNK), reals_here(CHUNK), longs_here(CHUNK)
+    depths, signs, rows, certain = (
+        reals_here(CHUNK),
+        reals_here(CHUNK),
+        longs_here(CHUNK),
+        longs_here(CHUNK),
+    )
     found, deeper, lists = (
         long_rows_here(FOUND, 2),
         long_rows_here(CHUNK, 2),
@@ -299,18 +318,22 @@ def closest_batch(handle, points, order, limit, answers):
     _begin_tables(found, recent)
     for first in range(0, total, CHUNK):
         count = min(CHUNK, total - first)
+        pair_count = _begin_chunk(
+            reals, words, frames, parts, points, order, first, count, limit_sq, rows, certain, found, depths,
+            deeper, lists, pairs, recent, stacks, witness,
+        )  # fmt: skip
         _nearest_of_chunk(
-            reals, words, frames, parts, points, order, first, count, limit_sq, rows, found, depths, signs,
+            reals, words, frames, parts, points, order, count, limit_sq, rows, certain, found, depths, signs,
             stacks,
         )  # fmt: skip
         if len(parts) > 2:
             _signs_of_chunk(
-                reals, words, frames, parts, points, count, rows, found, depths, signs, triangles, spots,
-                heights, feet, witness,
+                reals, words, frames, parts, points, count, rows, certain, found, depths, signs, triangles,
+                spots, heights, feet, witness,
             )  # fmt: skip
             deepest_of_chunk(
-                reals, words, frames, parts, points, rows, count, found, depths, deeper, places, lists,
-                pairs, recent, stacks, witness,
+                reals, words, frames, parts, points, rows, count, found, depths, deeper, places, lists, pairs,
+                pair_count, recent, stacks, witness,
             )  # fmt: skip
         for k in range(count):
             row, part, slot = rows[k], found[k, 0], found[k, 1]
