@@ -235,7 +235,8 @@ class Queries:
         Returns
         -------
         RayHits
-            Arrays of the broadcast leading shape. A row that is not finite answers nan and `NO_FACE`.
+            Arrays of the broadcast leading shape. A row that is not finite, or starts farther off than 1e100
+            part sizes, answers nan and `NO_FACE`.
 
         Raises
         ------
@@ -286,7 +287,8 @@ class Queries:
         Returns
         -------
         (...) float64, m
-            Of the broadcast leading shape; inf where nothing is hit, nan in a row that is not finite.
+            Of the broadcast leading shape; inf where nothing is hit, nan in a row that is not finite, or
+            starts farther off than 1e100 part sizes.
 
         Raises
         ------
@@ -347,7 +349,8 @@ class Queries:
         Returns
         -------
         SegmentHits
-            Arrays of the broadcast leading shape. A row that is not finite answers nan and `NO_FACE`.
+            Arrays of the broadcast leading shape. A row that is not finite, or starts farther off than 1e100
+            part sizes, answers nan and `NO_FACE`.
 
         Raises
         ------

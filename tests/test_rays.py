@@ -423,6 +423,43 @@ def test_ray_from_afar_hits_what_it_aims_at(far):
         assert hit.normal.tolist() == [-1.0, 0.0, 0.0]
 
 
+@pytest.mark.parametrize("far", [1e17, 1e19, 1e30, 1e60, 1e99])
+@pytest.mark.parametrize("count", [1, 2])
+def test_ray_from_any_distance_is_answered(far, count):
+    """Along an axis it hits; aslant, after so long a way, it may."""
+    scene = Scene([Solid(*shapes.cube(2.0, (9.0 * row, 0, 0)), name=str(row)) for row in range(count)])
+
+    distances = scene.cast_distance(
+        [[0.25, 0.5, far], [0.25, -far, 0.5], [0.25, 0.5, far], [far, far, far], [-far, far, 0.0]],
+        [[0, 0, -1], [0, 3, 0], [0, 0, 1], [-1, -1, -1], [1, -1, 0]],
+    )
+
+    np.testing.assert_allclose(distances[:2], far - 1.0, rtol=1e-15)
+    assert distances[2] == np.inf
+    is_hit = abs(distances[3:] / far - [3**0.5, 2**0.5]) < 1e-9
+    assert (is_hit | (distances[3:] == np.inf)).all()
+
+
+@pytest.mark.parametrize("far", [1e104, 1e200, 1.7e308])
+@pytest.mark.parametrize("count", [1, 2])
+def test_ray_from_farther_than_can_be_computed_with_answers_nan_and_the_others_go_on(far, count):
+    scene = Scene([Solid(*shapes.cube(2.0, (9.0 * row, 0, 0)), name=str(row)) for row in range(count)])
+
+    hits = scene.cast(
+        [[0.0, 0.0, 3.0], [0.0, 0.0, far], [-far, far, far]], [[0, 0, -1], [0, 0, -1], [1, -1, -1]]
+    )
+
+    np.testing.assert_array_equal(hits.distance, [2.0, np.nan, np.nan])
+    assert hits.face_id.tolist()[1:] == [NO_FACE, NO_FACE]
+
+
+@pytest.mark.parametrize("size", [1e-60, 1e-98])
+def test_rays_from_far_off_in_sizes_of_the_parts_are_answered(size):
+    scene = Scene([Solid(*shapes.cube(size, (3.0 * size * row, 0, 0)), name=str(row)) for row in range(3)])
+
+    assert scene.cast_distance([[0.0, 0.0, 3.0]], [[0.0, 0.0, -1.0]]).tolist() == [3.0]
+
+
 @pytest.mark.parametrize("size", [1e-100, 1e-9, 1e60])
 def test_parts_of_any_size_are_hit(size):
     solid = Solid(*shapes.cube(size, (0, 0, 0)))

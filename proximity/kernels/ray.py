@@ -81,10 +81,16 @@ def approach(ox, oy, oz, dx, dy, dz):
 
 @inlined
 def _way_through(o, d):
-    """Parameters at which one coordinate enters and leaves the cube."""
-    way = _not_still(d)
-    reach = select(way < like(0.0, way), like(-REACH, way), like(REACH, way))
-    return (-reach - o) / way, (reach - o) / way
+    """Parameters at which one coordinate enters and leaves the cube; of one that stays, never or for ever."""
+    zero, endless = like(0.0, d), like(np.inf, d)
+    is_still, is_within = d == zero, absolute(o) <= like(REACH, o)
+    way = select(is_still, like(1.0, d), d)
+    reach = select(way < zero, like(-REACH, way), like(REACH, way))
+    enter = select(is_within, -endless, endless)
+    return (
+        select(is_still, enter, (-reach - o) / way),
+        select(is_still, -enter, (reach - o) / way),
+    )
 
 
 @inlined

@@ -16,7 +16,7 @@ from proximity.kernels.ray import (
     bound_of_parameter,
     is_from_afar,
 )
-from proximity.kernels.scene import direction_to_local, to_local
+from proximity.kernels.scene import FARTHEST, direction_to_local, to_local
 from proximity.kernels.triangle import dot
 from proximity.simd import (
     absolute,
@@ -24,6 +24,7 @@ from proximity.simd import (
     load,
     load_each,
     maximum,
+    minimum,
     narrow,
     select,
     splat,
@@ -47,6 +48,9 @@ REACH = 12  # longest parameter, m in units of the direction's length
 HIT = VIEW  # weights of what was hit, once the view is not needed
 VIEW_ROWS = 13
 
+WIDEST = 2.0**60
+"""What boxes are widened by at most, local units: that opens all of them, and its product with a reciprocal,
+2^60 at most, is still a float32."""
 AIM_SIZE, VIEW_SIZE = AIM_ROWS * CHUNK, VIEW_ROWS * CHUNK
 
 
@@ -73,12 +77,14 @@ def make_ready(frames, parts, top, drift, origins, directions, offsets, at, limi
         # A little farther, since rounding must not lose a hit at the limit itself.
         reach = splat(limit) / square_root(dot(dx, dy, dz, dx, dy, dz)) * splat(1.0 + 1e-12)
     store_three(views, WAY, at, dx, dy, dz)
-    store(views, CHUNK * IS_SOUND + at, select(is_sound, one, zero))
     store(views, CHUNK * REACH + at, reach)
 
     x, y, z = to_local(frames, parts, top, x, y, z)
     dx, dy, dz = direction_to_local(frames, parts, top, dx, dy, dz)
-    margin = splat(SLAB_MARGIN) + splat(drift) * maximum(maximum(absolute(x), absolute(y)), absolute(z))
+    away = maximum(maximum(absolute(x), absolute(y)), absolute(z))
+    is_sound = is_sound & (away < splat(FARTHEST))
+    store(views, CHUNK * IS_SOUND + at, select(is_sound, one, zero))
+    margin = minimum(splat(SLAB_MARGIN) + splat(drift) * away, splat(WIDEST))
     entry, passes_by = zero, zero > one
     is_far = is_from_afar(x, y, z)
     if bits(is_far):
