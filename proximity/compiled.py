@@ -89,7 +89,8 @@ def write_scene(path: Any, model: Model, parts: Iterable[Any], report: Any) -> N
     }
     arrays = {
         "reals": model.reals,
-        "words": model.words,
+        # Of this model's words nothing changes, but of those that later models of its scene are written to.
+        "words": model.words.copy(),
         "frames": model.frames,
         "parts": model.parts,
         "vertices": np.concatenate([solid.mesh.vertices for _, solid in solids]),

@@ -12,6 +12,7 @@ import tempfile
 import zlib
 from pathlib import Path
 
+import judging
 import numpy as np
 import pytest
 import shapes
@@ -872,3 +873,25 @@ def test_source_faces_of_another_integer_type_become_int32(tmp_path):
 
     assert loaded.source_faces.dtype == np.int32
     assert np.array_equal(loaded.source_faces, rows)
+
+
+def test_scene_that_moves_while_it_is_saved_is_saved_as_it_stood(tmp_path, monkeypatch):
+    """Models of later moments are written beside the one that is being saved, in the same memory."""
+    scene = Scene(
+        [Solid(*shapes.moved(shapes.cube(), (3.0 * row, 0.0, 0.0)), name=str(row)) for row in range(9)]
+    )
+    points = np.random.default_rng(5).uniform(-2.0, 30.0, (50, 3))
+    scene.move("1", Pose(translation=(0.0, 5.0, 0.0)))
+    before = scene.signed_distance(points)
+    write = archive._write_all
+
+    def write_later(*arguments):
+        for step in range(30):
+            scene.move(str(step % 9), Pose(translation=(0.0, 0.0, 1.0 + step)))
+            scene.distance(points)
+        write(*arguments)
+
+    monkeypatch.setattr(archive, "_write_all", write_later)
+    scene.save(tmp_path / "moving.prox")
+
+    assert judging.same_bits(proximity.load(tmp_path / "moving.prox").signed_distance(points), before)
