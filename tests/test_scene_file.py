@@ -526,6 +526,17 @@ def test_compiled_part_keeps_its_kind_unless_told(read, folder, kind, stiffness)
     assert soft.parts[0].stiffness == stiffness
 
 
+def test_part_that_moves_is_turned_with_its_velocities(read, folder):
+    scene = PartFiles().scene(read(PART + POSES))
+    scene.move("box", np.eye(4), velocity=(1.0, 0.0, 0.0), angular_velocity=(0.0, 0.0, 2.0))
+    scene.save(folder / "moving.prox")
+
+    turned = PartFiles().scene(read("[[parts]]\nfile = 'moving.prox'\nturn_degrees = [0, 90, 0]\n" + POSES))
+
+    np.testing.assert_allclose(turned.parts[0].velocity, (0.0, 0.0, -1.0), atol=1e-15)
+    np.testing.assert_allclose(turned.parts[0].angular_velocity, (2.0, 0.0, 0.0), atol=1e-15)
+
+
 def test_two_files_with_one_name_are_refused_with_both_lines(read):
     settings = read(PART + "\n" + PART + POSES)
 

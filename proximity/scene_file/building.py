@@ -202,8 +202,14 @@ def _placed(entry: PartEntry, loaded: tuple[Part, ...]) -> list[Part]:
         name = part.name
         if entry.name is not None:
             name = entry.name if len(loaded) == 1 else f"{entry.name}/{part.name}"
-        pose = part.pose if world_from_file.is_identity else world_from_file @ part.pose
-        part = replace(part, name=name, pose=pose)
+        part = replace(part, name=name)
+        if not world_from_file.is_identity:
+            part = replace(
+                part,
+                pose=world_from_file @ part.pose,
+                velocity=world_from_file.rotation @ part.velocity,
+                angular_velocity=world_from_file.rotation @ part.angular_velocity,
+            )
         if entry.kind is not None:
             part = replace(part, stiffness=entry.stiffness, damping=entry.damping)
         parts.append(part)
