@@ -2,6 +2,8 @@
 
 import math
 import operator
+import weakref
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -139,7 +141,9 @@ class Tracker:
         self._pose_ns = self._arrays["pose_ns"]
         self._velocities = self._arrays["velocities"]
         self._arrays["tracks"][:, track.RADIUS] = _radii(radius, count)
-        self._model: Model | None = None
+        # Not the model itself: what trackers hold on to, a scene could not write its next one to.
+        self._last_model: Callable[[], Model | None] = lambda: None
+        self._last_epoch = -1  # of the parts and faces in `contacts`
         self._has_velocities = self._has_paths = False
         self._path_count = 2  # corners of paths that there is room for
         self._epoch = -1
@@ -210,7 +214,7 @@ class Tracker:
             self._take_paths(paths, path_bends, bends)
         # That parts have moved is told until a tick has taken it in, even if someone interrupts this one.
         model = self._scene._stage.current or self._scene._current()
-        is_moved = model is not self._model
+        is_moved = model is not self._last_model()
         if is_moved:
             self._take_over(model)
         try:
@@ -227,7 +231,8 @@ class Tracker:
             is_done = False
         if not is_done:
             self._tick(model, positions, t_pose_ns, now_ns, is_moved)
-        self._model = model
+        if is_moved:
+            self._last_model, self._last_epoch = weakref.ref(model), model.epoch
         return self.contacts
 
     def _tick(self, model: Model, positions: Any, t_pose_ns: Any, now_ns: Any, is_moved: bool) -> None:
@@ -241,7 +246,7 @@ class Tracker:
     @property
     def epoch(self) -> int:
         """Epoch of the scene as the last tick saw it: what parts and faces in `contacts` mean. Before, -1."""
-        return -1 if self._model is None else self._model.epoch
+        return self._last_epoch
 
     def reset(self) -> None:
         """Forget all fingers: the next tick is like the first."""
