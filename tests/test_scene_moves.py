@@ -26,6 +26,7 @@ from proximity.kernels.layout import LANES, NODE_STRIDE
 from proximity.pose import Pose
 from proximity.scene import Scene
 from proximity.top import REGION_COPIES, TopPlan
+from proximity.tracker import Tracker
 
 VELOCITY, ANGULAR_VELOCITY = (1.0, -2.0, 0.5), (0.1, 0.2, -0.3)
 
@@ -319,6 +320,32 @@ def top_of(model):
     return np.concatenate((static, region, entries))
 
 
+def test_names_may_come_from_somebody_who_asks_the_scene():
+    scene = Scene(some_parts(3))
+    scene.hide("part 1")
+
+    scene.move_many(
+        (part.name for part in scene.parts if not scene.part(part.name).is_hidden),
+        [Pose(translation=(7, 0, 0)), Pose(translation=(8, 0, 0))],
+    )
+
+    assert [part.pose.translation[0] for part in scene.parts][::2] == [7.0, 8.0]
+
+
+def test_trackers_hold_on_to_no_copy():
+    """However many there are, none keeps what the next model could be written to."""
+    scene = Scene(some_parts(12))
+    words = scene._current().words
+    trackers = [Tracker(scene, fingers=1) for _ in range(REGION_COPIES + 4)]
+    rng = np.random.default_rng(9)
+    for step in range(3 * len(trackers)):
+        scene.move("part 1", some_pose(rng, 3.0))
+        trackers[step % len(trackers)].tick(np.zeros((1, 3)), step * 10**6, step * 10**6)
+
+    assert scene._current().words is words
+    assert len(scene._stage._copies) <= 3
+
+
 def test_copies_are_used_again_once_nobody_holds_them():
     scene = Scene(some_parts(12))
     words = scene._current().words
@@ -402,6 +429,8 @@ TWO = [np.eye(4), np.eye(4)]
         ((["part 0", "lid"], TWO), SceneError, "no part is named 'lid'; the scene has 'part 0', 'part 1'"),
         ((["part 0", "part 0"], TWO), SceneError, "part 'part 0' is named twice, expected names that differ"),
         (("part 0", TWO), SceneError, "names are 'part 0', expected a list of names"),
+        ((None, TWO), SceneError, "names are None, expected a list of names"),
+        ((3, TWO), SceneError, "names are 3, expected a list of names"),
         (
             (["part 0"], TWO),
             PoseError,
