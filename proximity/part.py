@@ -47,11 +47,13 @@ def checked_part(given: Any) -> Part:
     Raises
     ------
     SceneError
-        If it is neither, or its velocities or surface are no such numbers.
+        If it is neither, or its velocities, surface or repairs are none.
     PoseError
         If its pose is no rigid transform.
     """
     part = _as_part(given)
+    if not isinstance(part.repairs, Repairs):
+        raise SceneError(f"repairs of part {part.name!r} are {part.repairs!r}, expected Repairs")
     stiffness, damping = checked_surface(part.name, part.stiffness, part.damping)
     velocity = checked_velocity(part.name, part.velocity, "velocity", "m/s")
     angular_velocity = checked_velocity(part.name, part.angular_velocity, "angular_velocity", "rad/s")

@@ -61,6 +61,8 @@ class Scene(Queries):
     def __init__(self, parts: Iterable[Part | Solid], *, report: LoadReport | None = None) -> None:
         if not isinstance(parts, Iterable):
             raise SceneError(f"a scene is made of a list of parts, not of one {type(parts).__name__}")
+        if report is not None and not isinstance(report, LoadReport):
+            raise SceneError(f"report is {report!r}, expected a LoadReport, or None")
         given = [checked_part(part) for part in parts]
         if not given:
             raise SceneError("a scene has no parts, expected at least one")

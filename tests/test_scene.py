@@ -502,6 +502,15 @@ def test_pose_that_is_not_rigid_is_refused_and_nothing_moves(pose, message):
     assert judging.same_bits(scene.closest(points), before)
 
 
+def test_what_could_not_be_saved_is_refused():
+    part = Part("cube", Solid(*shapes.cube()), Pose(), np.arange(12, dtype=np.int32), repairs=None)
+
+    with pytest.raises(SceneError, match="^repairs of part 'cube' are None, expected Repairs$"):
+        Scene([part])
+    with pytest.raises(SceneError, match="^report is 3, expected a LoadReport, or None$"):
+        Scene([Solid(*shapes.cube())], report=3)
+
+
 def test_pose_of_a_new_part_that_is_not_rigid_is_refused():
     with pytest.raises(PoseError, match="a pose's rotation is not orthonormal"):
         Scene([part_of(shapes.cube(), pose=np.diag([2.0, 2.0, 2.0, 1.0]))])
