@@ -1,6 +1,5 @@
 """Parts with poses: the same queries as of one solid, answered for all of them."""
 
-import threading
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -11,6 +10,7 @@ from proximity.compiled import CompiledScene, write_scene
 from proximity.deforming import deform_part
 from proximity.errors import SceneError
 from proximity.kernels.layout import BOX_LOWER, BOX_UPPER
+from proximity.locks import fork_safe_lock
 from proximity.model import Model, assemble
 from proximity.moves import checked_move, checked_moves, checked_surface
 from proximity.moving import Stage, write_motion, write_surface
@@ -77,7 +77,7 @@ class Scene(Queries):
                 )
             taken[part.name] = row
         self.report = report
-        self._lock = threading.Lock()
+        self._lock = fork_safe_lock()
         self._assemble(given, loose=(), epoch=0)
 
     @classmethod
@@ -108,7 +108,7 @@ class Scene(Queries):
         scene._row = {part.name: row for row, part in enumerate(scene._parts)}
         told = compiled.report
         scene.report = None if told is None else LoadReport(**{**told, "notes": tuple(told["notes"])})
-        scene._lock = threading.Lock()
+        scene._lock = fork_safe_lock()
         scene._stage = Stage(compiled.model)
         scene._told = scene._stage.versions.copy()
         return scene
@@ -457,6 +457,6 @@ class Scene(Queries):
 def _made_again(parts: list[Part], report: LoadReport | None, loose: list[int], epoch: int) -> Scene:
     """The copy of a scene: with a lock and arrays of its own, but for those of solids that it shares."""
     scene = Scene.__new__(Scene)
-    scene.report, scene._lock = report, threading.Lock()
+    scene.report, scene._lock = report, fork_safe_lock()
     scene._assemble(parts, loose=loose, epoch=epoch)
     return scene

@@ -34,7 +34,7 @@ topology · bvh
 mesh · pose
 kernels
 arrays · aligned
-simd · errors
+simd · errors · locks
 """
 LEVEL = {
     unit: level
