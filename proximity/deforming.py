@@ -68,14 +68,16 @@ def deform_part(model: Model, row: int, solid: Solid, vertices: object, name: st
     if 0.0 < extent < SMALLEST_SIZE:
         raise MeshError(f"part {name!r} would be {extent:.3g} m long, expected 0 or from {SMALLEST_SIZE:g} m")
 
-    before = model.frames[row].copy()
-    _set_frame(model, row, _frame_for(before, lower, upper))
+    before, normals = model.frames[row].copy(), _normals_of(model, row)
+    normals_before = normals.copy()
+    set_frame(model.frames[row], _frame_for(before, lower, upper))
     area, volume = refit_part(model.handle, row, kept, solid._leaders)
     is_closed = model.parts[row, layout.GRID] != layout.NO_GRID
     if is_closed and volume < -INSIDE_OUT * area:
         model.frames[row] = before
         # A copy, since kernels are compiled for arrays that can be written.
         refit_part(model.handle, row, solid.mesh.vertices.copy(), solid._leaders)
+        normals[:] = normals_before  # to the bit: they had been added in another order
         raise MeshError(
             f"part {name!r} would be turned inside out: its faces would enclose less than nothing"
         )
@@ -87,11 +89,41 @@ def deform_part(model: Model, row: int, solid: Solid, vertices: object, name: st
     return solid._deformed(kept, model.part_alone(row))
 
 
+def frame_of(row: np.ndarray) -> LocalFrame:
+    """Return the local frame that a part's row of frames tells.
+
+    Parameters
+    ----------
+    row : (FRAME_COLUMNS,) float64
+        Of the part.
+    """
+    return LocalFrame(row[layout.CENTRE : layout.CENTRE + 3].copy(), float(row[layout.SCALE]))
+
+
+def set_frame(row: np.ndarray, frame: LocalFrame) -> None:
+    """Write a local frame into a part's row of frames.
+
+    Parameters
+    ----------
+    row : (FRAME_COLUMNS,) float64
+        Of the part.
+    frame : LocalFrame
+        Of the part's arrays.
+    """
+    row[layout.CENTRE : layout.CENTRE + 3], row[layout.SCALE] = frame.centre, frame.scale
+
+
 def _faces_of(model: Model, row: int) -> np.ndarray:
     """The part's faces as rows of corners, (F, 3) int32."""
     at, count = model.parts[row, layout.FACES], 3 * model.parts[row, layout.FACE_COUNT]
     faces: np.ndarray = model.words[at : at + count].view(np.int32).reshape(-1, 3)
     return faces
+
+
+def _normals_of(model: Model, row: int) -> np.ndarray:
+    """The part's corner normals, one after the other."""
+    at = model.parts[row, layout.CORNER_NORMALS]
+    return model.reals[at : at + 3 * model.parts[row, layout.CORNER_COUNT]]
 
 
 def _leaders(faces: np.ndarray, corner_faces: np.ndarray, vertex_count: int) -> np.ndarray:
@@ -127,8 +159,8 @@ def _place(point: np.ndarray) -> str:
 
 def _frame_for(row: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> LocalFrame:
     """The part's frame, where the box lies well in it; else one of its own."""
-    centre = row[layout.CENTRE : layout.CENTRE + 3].copy()
-    frame = LocalFrame(centre, float(row[layout.SCALE]))
+    frame = frame_of(row)
+    centre = frame.centre
     low, high = frame.of(lower), frame.of(upper)
     is_held = bool(max(np.abs(low).max(), np.abs(high).max()) <= 1.0)
     # A difference does not round between half and twice the centre (Sterbenz).
@@ -138,11 +170,6 @@ def _frame_for(row: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> LocalFr
     if is_held and is_exact and float((high - low).max()) >= SMALLEST_SHARE:
         return frame
     return local_frame(lower, upper)
-
-
-def _set_frame(model: Model, row: int, frame: LocalFrame) -> None:
-    model.frames[row, layout.CENTRE : layout.CENTRE + 3] = frame.centre
-    model.frames[row, layout.SCALE] = frame.scale
 
 
 def _ask_the_surface(model: Model, row: int, lower: np.ndarray, extent: float) -> None:

@@ -113,6 +113,7 @@ class Stage(Shelf):
     changes: int  # how often something has changed
     versions: np.ndarray  # (P + 1,) int64, what *changes* was when the row changed last
     _sort_steps: int  # at most, until the order along the curve is made anew
+    _is_whole: bool  # False while something is being changed, and for good if that was interrupted
 
     def __init__(self, model: Model) -> None:
         super().__init__(model)
@@ -133,6 +134,7 @@ class Stage(Shelf):
         self._copies.append(own)
         self._tree = _RIGHT
         self._updates = 0
+        self._is_whole = True
 
     # --- what changes ------------------------------------------------------------------------------------
 
@@ -150,14 +152,14 @@ class Stage(Shelf):
         velocities, angular_velocities : (K, 3) float64
             Or (0, 3): all zero.
         """
-        self.current = None
-        self.changes += 1
+        self._begin()
         freed = move_parts(
             self.frames, self.parts, self.versions, self.changes, rows, matrices, velocities,
             angular_velocities, EXACT_ENOUGH,
         )  # fmt: skip
         if freed:
             self._need(_THINNER)
+        self._is_whole = True
 
     def set_surface(self, row: int, stiffness: float | None, damping: float) -> None:
         """Say how a part answers a touch.
@@ -169,8 +171,9 @@ class Stage(Shelf):
         stiffness, damping
             As `write_surface`.
         """
-        self._change(row)
+        self._begin(row)
         write_surface(self.frames[row], stiffness, damping)
+        self._is_whole = True
 
     def set_hidden(self, row: int, is_hidden: bool) -> bool:
         """Hide or show a part; whether that is a change.
@@ -184,11 +187,12 @@ class Stage(Shelf):
         """
         if self.parts[row, layout.IS_HIDDEN] == is_hidden:
             return False
-        self._change(row)
+        self._begin(row)
         self.epoch += 1
         self.parts[row, layout.IS_HIDDEN] = is_hidden
         if not self.parts[row, layout.IS_LOOSE]:
             self._need(_THINNER if is_hidden else _NEW)
+        self._is_whole = True
         return True
 
     def model_at_work(self) -> Model:
@@ -203,12 +207,13 @@ class Stage(Shelf):
         row : int
             Of the part.
         """
-        self._change(row)
+        self._begin(row)
         self.epoch += 1
         place_box(self.frames, self.parts, row)
         if not self.parts[row, layout.IS_LOOSE]:
             self.parts[row, layout.IS_LOOSE], self.parts[row, layout.IS_FUSED] = 1, 0
             self._need(_THINNER)
+        self._is_whole = True
 
     @property
     def loose_rows(self) -> list[int]:
@@ -243,15 +248,45 @@ class Stage(Shelf):
         if self._plan.part_count > 1:
             self._tree = max(self._tree, tree)
 
-    def _change(self, row: int) -> None:
+    def _begin(self, row: int | None = None) -> None:
+        """Begin to change something, of that row; until `_is_whole` is set again, what follows may not fit.
+
+        A signal may come between any two steps, and its handler may raise: Ctrl-C does.
+        """
+        if not self._is_whole:
+            self._start_over()
+        self._is_whole = False
         self.current = None
         self.changes += 1
-        self.versions[row] = self.changes
+        if row is not None:
+            self.versions[row] = self.changes
+
+    def _start_over(self) -> None:
+        """Have all that follows from the rows made anew, after somebody was interrupted at work."""
+        self.current = None
+        self.changes += 1
+        self.versions[:] = self.changes
+        self.epoch += 1
+        for row in range(len(self.parts) - 1):
+            place_box(self.frames, self.parts, row)
+        self._boxes_version = NEVER
+        for copy in self._copies:
+            copy.version = NEVER
+        self._list_loose()
+        self._need(_NEW)
 
     # --- models ------------------------------------------------------------------------------------------
 
     def update(self) -> Model | None:
         """Return a model of what is true now; None where no copy is left, or no room, to write it to."""
+        if not self._is_whole:
+            self._start_over()
+        self._is_whole = False
+        model = self._updated()
+        self._is_whole = True
+        return model
+
+    def _updated(self) -> Model | None:
         copy = self._free_copy()
         if copy is None or (self._tree != _RIGHT and not self._mend_tree()):
             return None
@@ -328,10 +363,10 @@ class Stage(Shelf):
         return True
 
     def _list_loose(self) -> None:
-        self._loose = loose_rows(self.parts)
-        self._order = np.arange(len(self._loose))
-        self._keys = np.empty(len(self._loose), np.int64)
-        self._sort_steps = len(self._loose) ** 2
+        loose = loose_rows(self.parts)
+        self._loose, self._order = loose, np.arange(len(loose))
+        self._keys = np.empty(len(loose), np.int64)
+        self._sort_steps = len(loose) ** 2
 
 
 def first_unfit_move(matrices: np.ndarray, velocities: np.ndarray, angular_velocities: np.ndarray) -> int:

@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from proximity.bvh import LocalFrame
 from proximity.compiled import CompiledScene, write_scene
-from proximity.deforming import deform_part
-from proximity.errors import SceneError
+from proximity.deforming import deform_part, frame_of, set_frame
+from proximity.errors import MeshError, SceneError
 from proximity.kernels.layout import BOX_LOWER, BOX_UPPER
 from proximity.locks import fork_safe_lock
 from proximity.model import Model, assemble
@@ -57,6 +58,7 @@ class Scene(Queries):
 
     report: LoadReport | None
     _stage: Stage
+    _torn: tuple[int, LocalFrame] | None = None  # the part that is being deformed: row, and frame before
 
     def __init__(self, parts: Iterable[Part | Solid], *, report: LoadReport | None = None) -> None:
         if not isinstance(parts, Iterable):
@@ -353,13 +355,14 @@ class Scene(Queries):
             part.solid._share(model.part_alone(row))
             write_motion(model.frames[row], part.velocity, part.angular_velocity)
             write_surface(model.frames[row], part.stiffness, part.damping)
-        self._parts = parts
-        self._row = {name: row for row, name in enumerate(names)}
-        self._stage = Stage(model)
-        self._told = self._stage.versions.copy()
+        stage, rows = Stage(model), {name: row for row, name in enumerate(names)}
+        told = stage.versions.copy()
+        # At once: in between nothing is called, so that no signal comes.
+        self._parts, self._row, self._stage, self._told = parts, rows, stage, told
 
     def _part_now(self, row: int) -> Part:
         """A part with its present values; made when somebody asks, not when it moves."""
+        self._mend_shape()
         version = self._stage.versions[row]
         if version != self._told[row]:
             self._parts[row] = replace(self._parts[row], **self._stage.values(row))
@@ -425,10 +428,28 @@ class Scene(Queries):
         """
         with self._lock:
             row = self._find(name)
-            part = self._part_now(row)
-            solid = deform_part(self._stage.model_at_work(), row, part.solid, vertices, name)
-            self._parts[row] = replace(part, solid=solid)
-            self._stage.reshape(row)
+            self._part_now(row)
+            self._reshape(row, vertices)
+
+    def _reshape(self, row: int, vertices: Any) -> None:
+        """Give a part another shape; whoever interrupts this leaves a note, and it is made whole again."""
+        part, stage = self._parts[row], self._stage
+        stage.current, self._torn = None, (row, frame_of(stage.frames[row]))
+        try:
+            solid = deform_part(stage.model_at_work(), row, part.solid, vertices, part.name)
+        except MeshError:  # nothing has changed
+            self._torn = None
+            raise
+        self._parts[row] = replace(part, solid=solid)
+        stage.reshape(row)
+        self._torn = None
+
+    def _mend_shape(self) -> None:
+        """Have a part whose deforming was interrupted be as its solid is: as before, or as it was to be."""
+        if self._torn is not None:
+            row, frame = self._torn
+            set_frame(self._stage.frames[row], frame)
+            self._reshape(row, self._parts[row].solid.mesh.vertices)
 
     def _find(self, name: str) -> int:
         try:
@@ -440,6 +461,7 @@ class Scene(Queries):
 
     def _brought_up_to_date(self) -> Model:
         with self._lock:
+            self._mend_shape()
             stage = self._stage
             model = stage.current or stage.update()
             if model is None:

@@ -573,6 +573,24 @@ def test_vertices_that_cannot_be_used_are_refused_and_nothing_changes(vertices, 
     assert scene.signed_distance((1.0, 1.0, 1.25)) == -0.75
 
 
+@pytest.mark.parametrize("make", ["sphere", "torus", "hollow_cube"])
+def test_directions_are_the_same_bits_after_a_shape_is_refused(make):
+    """Of corners as well, whose normals are sums: in another order they would round otherwise."""
+    solid = Solid(*getattr(shapes, make)(), name="part")
+    scene = Scene([solid])
+    points = 1.5 * solid.mesh.vertices
+    before = scene.closest(points)
+
+    with pytest.raises(MeshError, match="inside out"):
+        scene.deform("part", solid.mesh.vertices * [-1.0, 1.0, 1.0])
+
+    assert judging.same_bits(scene.closest(points).gradient, before.gradient)
+    assert judging.same_bits(
+        scene.part("part").solid._model.part_arrays(0).normals,
+        Solid(*getattr(shapes, make)())._model.part_arrays(0).normals,
+    )
+
+
 def test_unknown_part_is_refused_with_the_names():
     scene = Scene([Solid(*shapes.cube(), name="cube")])
 
