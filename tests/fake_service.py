@@ -63,6 +63,8 @@ class FakeAnswers:
     """
 
     source = Source.GEOMETRY
+    refused = 0, 0
+    is_late = False
 
     def __init__(self, count=2, during=lambda tick: None, epoch=0):
         self.count, self.epoch = count, epoch

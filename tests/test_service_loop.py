@@ -81,6 +81,25 @@ def test_answer_of_three_periods_and_a_half_skips_three_deadlines_and_hurries_af
     assert report.states[State.LATE] == 1
 
 
+def test_frame_of_parts_that_nothing_more_is_told_of_is_late():
+    answers = FakeAnswers()
+    answers.during = lambda tick: setattr(answers, "is_late", tick in (1, 2))
+
+    report, outlet, _, _ = serve(ticks=4, answers=answers)
+
+    assert outlet.states == [State.OK, State.LATE, State.LATE, State.OK, *FAREWELL]
+    assert report.states[State.LATE] == 2 and report.missed == 0
+
+
+def test_poses_of_parts_that_are_refused_are_counted_with_those_of_fingers():
+    answers = FakeAnswers()
+    answers.refused = 3, 4
+
+    report, *_ = serve(lambda poll, now_ns: steady(poll, now_ns + 6 * MS), ticks=2, answers=answers)
+
+    assert (report.future, report.backwards) == (3 + 4, 4)
+
+
 def test_publisher_that_takes_too_long_makes_the_next_frame_late():
     clock, outlet = ManualClock(), KeepingOutlet()
     send = outlet.send

@@ -162,11 +162,11 @@ def test_tick_sees_the_moves_that_have_arrived(inlet):
     parts = scene("a")  # a cube about the origin
     answers = TrackerAnswers(Tracker(parts, fingers=1, radius=0.0), MovesInput("queue:"))
     hands = answers.room()
-    hands.positions[0], hands.pose_ns[0] = (0, 0, 2), 0
+    hands.positions[0], hands.pose_ns[0] = (0, 0, 2), NOW
 
-    first = answers.answer(hands, 0)["signed_distance"][0]
+    first = answers.answer(hands, NOW)["signed_distance"][0]
     inlet.put(moves(a=(0, 0, 1)))
-    second = answers.answer(hands, 0)["signed_distance"][0]
+    second = answers.answer(hands, NOW)["signed_distance"][0]
 
     assert first - second == pytest.approx(1.0, abs=1e-12)
     answers.close()
@@ -202,15 +202,21 @@ def test_part_of_which_nothing_more_is_told_is_not_believed_to_go_on(inlet):
 
     source.apply(parts, NOW)
     source.apply(parts, NOW + 100 * MS - 1)
-    assert parts.part("a").velocity.tolist() == [0.5, 0, 0] and source.notes == []
+    assert parts.part("a").velocity.tolist() == [0.5, 0, 0] and source.notes == [] and not source.is_late
 
     source.apply(parts, NOW + 100 * MS)
     assert parts.part("a").velocity.tolist() == [0, 0, 0]
-    assert places(parts) == {"a": [1, 0, 0], "b": [2, 0, 0]}
+    assert places(parts) == {"a": [1.05, 0, 0], "b": [2, 0, 0]}  # where it was when it was believed last
     assert source.notes == ["queue:: 1 velocities of parts of which nothing more was told for 100 ms"]
+    assert source.is_late
 
     source.apply(parts, NOW + 300 * MS)
+    assert places(parts) == {"a": [1.05, 0, 0], "b": [2, 0, 0]}
     assert len(source.notes) == 1 and ": 1 " in source.notes[0]  # said once
+
+    inlet.put(moving(pose_ns=NOW + 310 * MS, speed=0.0))
+    source.apply(parts, NOW + 310 * MS)
+    assert not source.is_late and places(parts)["a"] == [1, 0, 0]
 
 
 def test_part_that_is_told_again_keeps_its_velocity(inlet):
@@ -223,16 +229,73 @@ def test_part_that_is_told_again_keeps_its_velocity(inlet):
     assert parts.part("a").velocity.tolist() == [0.5, 0, 0] and source.notes == []
 
 
-def test_age_of_a_move_counts_from_its_pose_and_not_from_the_future(inlet):
-    for pose_ns, lasts in ((NOW - 90 * MS, 10 * MS), (NOW + 10_000 * MS, 100 * MS), (0, 0)):
-        parts, source = scene("a", "b"), MovesInput("queue:")
-        inlet.put(moving(pose_ns=pose_ns))
-        source.apply(parts, NOW)
-        source.apply(parts, NOW + lasts - 1)
-        assert parts.part("a").velocity.any() == (lasts > 0), pose_ns
+def test_velocity_lasts_from_the_pose_on_and_not_from_when_it_came(inlet):
+    parts, source = scene("a", "b"), MovesInput("queue:")
+    inlet.put(moving(pose_ns=NOW - 90 * MS))
+    source.apply(parts, NOW)
+    source.apply(parts, NOW + 10 * MS - 1)
+    assert parts.part("a").velocity.any()
 
-        source.apply(parts, NOW + lasts)
-        assert not parts.part("a").velocity.any(), pose_ns
+    source.apply(parts, NOW + 10 * MS)
+    assert not parts.part("a").velocity.any() and source.is_late
+
+
+@pytest.mark.parametrize(
+    ("pose_ns", "refused", "note"),
+    [
+        (NOW + 5 * MS + 1, (1, 0), "moves from the future"),
+        (NOW + 3_600_000 * MS, (1, 0), "moves from the future"),
+        (NOW - 1, (0, 1), "moves older than the one before"),
+        (0, (0, 1), "moves older than the one before"),
+    ],
+)
+def test_move_of_an_instant_that_cannot_be_is_left_out_and_counted(inlet, pose_ns, refused, note):
+    parts, source = scene("a", "b"), MovesInput("queue:", clock=lambda: NOW)
+    answers = TrackerAnswers(Tracker(parts, fingers=1), source)
+    inlet.put(moves(a=(0, 0, 1), b=(0, 0, 2)))
+    source.apply(parts, NOW)
+    message = moves(b=(0, 0, 9), a=(0, 0, 3))
+    message.records["pose_ns"] = [pose_ns, NOW]
+    message.records["velocity"] = [(1, 0, 0), (0, 0, 0)]
+    inlet.put(message)
+
+    source.apply(parts, NOW)
+
+    assert places(parts) == {"a": [0, 0, 3], "b": [0, 0, 2]} and not parts.part("b").velocity.any()
+    assert answers.refused == refused and answers.notes == [f"queue:: 1 {note}"]
+    assert not answers.is_late
+
+
+def test_first_move_of_a_part_is_worth_nothing_when_it_is_old(inlet):
+    parts, source = scene("a", "b"), MovesInput("queue:", stale_after=0.05)
+    inlet.put(moving(pose_ns=NOW - 50 * MS - 1))
+    source.apply(parts, NOW)
+    assert places(parts) == {"a": [0, 0, 0], "b": [0, 0, 0]} and not source.is_late
+    assert source.notes == ["queue:: 2 moves older than 50 ms"]
+
+    inlet.put(moving(pose_ns=NOW - 50 * MS, speed=0.0))
+    source.apply(parts, NOW)
+    assert places(parts) == {"a": [1, 0, 0], "b": [2, 0, 0]}
+
+
+def test_move_that_came_while_the_system_kept_the_tick_from_running_is_not_from_the_future(inlet):
+    parts, source = scene("a", "b"), MovesInput("queue:", clock=lambda: NOW + 30 * MS)
+    inlet.put(moving(pose_ns=NOW + 30 * MS))
+
+    source.apply(parts, NOW)
+
+    assert source.future == 0 and parts.part("a").velocity.any()
+
+
+def test_instants_of_ticks_that_skip_ahead_are_those_of_moves_as_well(inlet):
+    hour = 3_600_000 * MS
+    parts = scene("a", "b")
+    source = MovesInput("queue:", clock=lambda: NOW, skipped=lambda: hour)
+    inlet.put(moving())
+
+    source.apply(parts, NOW + hour + 20 * MS)
+
+    assert places(parts)["a"] == [1.01, 0, 0] and source.notes == []
 
 
 def test_edited_scene_is_not_told_a_velocity_that_has_ended(inlet):
@@ -240,8 +303,10 @@ def test_edited_scene_is_not_told_a_velocity_that_has_ended(inlet):
     inlet.put(moving())
     source.apply(scene("a", "b"), NOW)
     source.apply(after, NOW + 200 * MS)  # a is not there any more
+    assert not source.is_late
 
     again = scene("a", "b")
     source.apply(again, NOW + 300 * MS)
 
-    assert not again.part("a").velocity.any() and places(again) == {"a": [1, 0, 0], "b": [2, 0, 0]}
+    assert not again.part("a").velocity.any() and places(again) == {"a": [1.05, 0, 0], "b": [2, 0, 0]}
+    assert source.is_late and len(source.notes) == 1

@@ -258,6 +258,7 @@ def test_moves_reach_the_parts_before_and_after_an_edit(scene_path, folder, requ
     message.records["name"] = b"box"
     message.records["rotation"] = np.eye(3)
     message.records["translation"] = [0.0, 0.0, 0.05]
+    message.header["send_ns"] = message.records["pose_ns"] = time.monotonic_ns()
     with open_publisher(f"mailbox:{folder.name}/moves") as moves:
         moves.publish(message)
         reading_where(served, is_moved, "the part was moved")

@@ -21,7 +21,8 @@ class ContactFlag(IntFlag):
     EXACT = contact.EXACT
     """lower = signed_distance = upper."""
     BOUNDED = contact.BOUNDED
-    """The work budget ran out: the bounds hold, the distance is the nearest surface found so far."""
+    """The work budget ran out, or a part moves and was not told for this pose's instant: the bounds hold, the
+    distance is the nearest surface found so far."""
     SKIPPED = contact.SKIPPED
     """Nothing was searched for: out of the working range, within the tolerance, or in a crowd whose steps
     were spent. The bounds follow from what was known before, and from how far finger and parts have moved."""

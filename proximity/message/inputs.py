@@ -64,7 +64,7 @@ GLOVE_POSE = dtype_of(GLOVE_POSE_FIELDS)
 
 MOVE_FIELDS = (
     Field("name", "S64", "", "of the part, UTF-8, ended by a zero where shorter"),
-    Field("pose_ns", "<i8", "ns", "instant of the pose: its velocities are believed for 100 ms"),
+    Field("pose_ns", "<i8", "ns", "instant of the pose: from then on its velocities carry it, for 100 ms"),
     Field("rotation", "<f8", "", "world_from_part, row by row", (3, 3)),
     Field("translation", "<f8", "m", "of the part's origin", VECTOR),
     Field("velocity", "<f8", "m/s", "of the part's origin", VECTOR),

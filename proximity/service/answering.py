@@ -30,6 +30,14 @@ class Answering(Protocol):
     def notes(self) -> list[str]:
         """Sentences for the report: what was refused or failed, and how often."""
 
+    @property
+    def refused(self) -> tuple[int, int]:
+        """Poses of parts left out so far: from the future, and older than the one before."""
+
+    @property
+    def is_late(self) -> bool:
+        """Whether what the last answer was made of is too old for more than its bounds to be used."""
+
     def room(self) -> Samples:
         """Make room for the samples that it takes."""
 
@@ -72,6 +80,16 @@ class TrackerAnswers:
         """What was wrong with moves of parts."""
         return [] if self.moves is None else self.moves.notes
 
+    @property
+    def refused(self) -> tuple[int, int]:
+        """Moves of parts left out so far."""
+        return (0, 0) if self.moves is None else (self.moves.future, self.moves.backwards)
+
+    @property
+    def is_late(self) -> bool:
+        """Whether of a part that moved nothing more is told."""
+        return self.moves is not None and self.moves.is_late
+
     def room(self) -> Hands:
         """Make room for poses."""
         return Hands(self.count)
@@ -93,6 +111,9 @@ class TrackerAnswers:
     def answer(self, samples: Hands, now_ns: int) -> np.ndarray:
         """Move the parts that are to move, and tick.
 
+        Parts that have a velocity stand where they are at the instant of the newest pose. Bounds hold for
+        the pose of each finger, with parts where they were told to be, carried on with the velocities told.
+
         Parameters
         ----------
         samples : Hands
@@ -101,7 +122,7 @@ class TrackerAnswers:
             Instant of the tick.
         """
         if self.moves is not None:
-            self.moves.apply(self.tracker.scene, now_ns)
+            self.moves.apply(self.tracker.scene, now_ns, samples)
         paths, bends = samples.paths, samples.bends
         contacts = self.tracker.tick(
             samples.positions,
@@ -111,6 +132,8 @@ class TrackerAnswers:
             paths=paths,
             bends=None if paths is None else bends,
         )
+        if self.moves is not None:
+            self.moves.widen(contacts)
         if bends is not None:
             self._bends.write(contacts, bends, samples.pose_ns)
         return contacts

@@ -61,7 +61,9 @@ class Framing:
             self._given, self._given_bytes = contacts, contacts.view(np.uint8)
         self._bytes[:] = self._given_bytes
 
-    def finish(self, start_ns: int, publish_ns: int, missed: int, epoch: int, skipped_ns: int) -> None:
+    def finish(
+        self, start_ns: int, publish_ns: int, missed: int, epoch: int, skipped_ns: int, is_late: bool = False
+    ) -> None:
         """Write the header.
 
         Parameters
@@ -74,6 +76,8 @@ class Framing:
             Of the scene.
         skipped_ns : int, ns
             By which these times are ahead of those that subscribers read.
+        is_late : bool
+            Whether of what the contacts were made of something is too old already.
         """
         oldest_ns, tracked, doubtful = hands.overview(self._wide, self._numbers)
         self.tracked = tracked
@@ -82,7 +86,7 @@ class Framing:
         self._has_started |= tracked > 0
         if not tracked:
             self.state = State.STALE if self._has_started else State.STARTING
-        elif missed != self._missed or publish_ns > valid_until_ns:
+        elif missed != self._missed or publish_ns > valid_until_ns or is_late:
             self.state = State.LATE
         elif tracked < self._count or doubtful:
             self.state = State.DEGRADED

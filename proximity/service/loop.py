@@ -89,7 +89,8 @@ class Service:
     def report(self) -> Report:
         """What was done so far; the same object each time."""
         report, gate, outgoing = self._report, self._gate, self._outgoing
-        report.future, report.backwards = gate.future, gate.backwards
+        future, backwards = self._answering.refused
+        report.future, report.backwards = gate.future + future, gate.backwards + backwards
         report.publish_failures = dict(outgoing.failures)
         report.log_written, report.log_lost = outgoing.log_written, outgoing.log_lost
         real_time = [] if self._real_time is None else self._real_time.notes
@@ -206,7 +207,7 @@ class Service:
         publish_ns = clock.now_ns()
         self._skip_what_is_past(publish_ns)
         epoch = self._answering.epoch + self._epoch_offset
-        framing.finish(start_ns, publish_ns, report.missed, epoch, clock.skipped_ns)
+        framing.finish(start_ns, publish_ns, report.missed, epoch, clock.skipped_ns, self._answering.is_late)
         self._outgoing.hand_out(framing.message)
         report.compute.record(clock.stopwatch_ns() - begun_ns)
         report.lateness.record(start_ns - due_ns)

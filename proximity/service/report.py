@@ -17,7 +17,7 @@ class Report:
     compute: Histogram = field(default_factory=Histogram)  # from the begin of a tick until its frame is out
     lateness: Histogram = field(default_factory=Histogram)  # from when a tick was due until it began
     states: dict[State, int] = field(default_factory=lambda: dict.fromkeys(State, 0))  # frames of each
-    future: int = 0  # poses left out because they are from the future
+    future: int = 0  # poses, of fingers and of parts, left out because they are from the future
     backwards: int = 0  # … because they are older than the one before
     publish_failures: dict[str, int] = field(default_factory=dict)  # by address
     log_written: int = 0

@@ -50,6 +50,8 @@ class SensorAnswers:
 
     source = Source.TELEOPERATION
     epoch = 0
+    refused = 0, 0
+    is_late = False
 
     def __init__(
         self,

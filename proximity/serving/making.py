@@ -16,6 +16,8 @@ from proximity.scene_file import (
 )
 from proximity.service import (
     Answering,
+    Clock,
+    MonotonicClock,
     MovesInput,
     PoseInput,
     RealTime,
@@ -69,21 +71,24 @@ def make_service(settings: SceneFile) -> Made:
         scene = None if settings.input.sensor is not None else files.scene(settings)
         pose_input = _input(settings, recording, scene, count)
         opened.callback(pose_input.close)
-        moves = None if settings.input.moves is None else MovesInput(settings.input.moves)
+        recorded = settings.input.recording
+        clock: Clock = SkippingClock() if recorded is not None and recorded.fast else MonotonicClock()
+        moves = None
+        if settings.input.moves is not None:
+            moves = MovesInput(settings.input.moves, skipped=lambda: clock.skipped_ns)
         answering: Answering
         if scene is None:
             answering = SensorAnswers(count, latency=service.latency)
         else:
             answering = TrackerAnswers(make_tracker(settings, scene, count), moves)
         opened.callback(answering.close)
-        recorded = settings.input.recording
         loop = Service(
             answering,
             pose_input,
             publishers,
             period=service.period,
             valid_for=service.valid_for,
-            clock=SkippingClock() if recorded is not None and recorded.fast else None,
+            clock=clock,
             log=log,
             real_time=RealTime(core=service.core) if service.real_time else None,
         )

@@ -1,0 +1,161 @@
+"""Parts that move, carried on from where they were told to be; and by how much that makes bounds wider.
+
+A part is told where it was at an instant, and how fast it went. At another instant it is where its velocities
+have taken it: the origin along a line, the part turned about its origin. A part of which nothing more is told
+is carried on for `HOLD_NS` and stands from then on, but nobody knows that it does.
+"""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from proximity.message import ContactFlag
+from proximity.scene import Scene
+from proximity.service.clock import SECOND
+
+HOLD_NS = SECOND // 10
+"""How long a part is believed to have the velocity that was told, unless it is told again."""
+NEVER = 2**63 - 1
+
+_TRACKED, _PREDICTED = np.uint32(ContactFlag.TRACKED), np.uint32(ContactFlag.PREDICTED)
+_EXACT, _BOUNDED = np.uint32(ContactFlag.EXACT), np.uint32(ContactFlag.BOUNDED)
+_CONTACT_FOUND = np.uint32(ContactFlag.CONTACT_FOUND)
+_ROUNDED_DOWN, _ROUNDED_UP = 1.0 - 1e-12, 1.0 + 1e-12
+
+
+class Told(NamedTuple):
+    """What was told last of a part."""
+
+    matrix: np.ndarray  # (4, 4) float64, m, world_from_part at pose_ns
+    velocity: np.ndarray  # (3,) float64, m/s, of its origin
+    turning: np.ndarray  # (3,) float64, rad/s, about its origin
+    pose_ns: int
+
+
+class Carried:
+    """Parts with velocities, at one instant after another.
+
+    Parameters
+    ----------
+    told : mapping
+        What was told of each, by name; at least one.
+    silent : container of str
+        Of which parts it is known that nothing more is told.
+    """
+
+    names: list[str]
+    is_silent: np.ndarray  # (M,) bool
+    next_ns: int  # no other part falls silent before
+
+    def __init__(self, told: Mapping[str, Told], silent: set[str]) -> None:
+        self.names = list(told)
+        self.is_silent = np.array([name in silent for name in self.names])
+        self._matrices = np.array([part.matrix for part in told.values()])
+        self._velocities = np.array([part.velocity for part in told.values()])
+        self._turning = np.array([part.turning for part in told.values()])
+        self._pose_ns = np.array([part.pose_ns for part in told.values()], np.int64)
+        self._ends_ns = self._pose_ns + HOLD_NS
+        self._instants = self._pose_ns  # that the parts stand at
+        self._speeds: np.ndarray | None = None
+        self._is_settled = False
+        self._turn_rates: np.ndarray | None = None  # rad/s; None: no part turns
+        if self._turning.any():
+            self._turn_rates = np.linalg.norm(self._turning, axis=1)
+            self._across, self._back = _turns(self._matrices[:, :3, :3], self._turning, self._turn_rates)
+        self._find_next()
+
+    def fall_silent(self, now_ns: int) -> list[str]:
+        """Let parts stand of which nothing was told for too long; the names of those that did not before."""
+        is_over = (self._ends_ns <= now_ns) & ~self.is_silent
+        self.is_silent |= is_over
+        self._find_next()
+        return [self.names[row] for row in np.flatnonzero(is_over)]
+
+    def at(self, instant_ns: int) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+        """Matrices (M, 4, 4) and both velocities (M, 3) at an instant; None where all stand as they did."""
+        if self._is_settled:
+            return None
+        if self.is_silent.any():
+            self._instants = np.where(self.is_silent, self._ends_ns, np.minimum(instant_ns, self._ends_ns))
+        else:
+            self._instants = np.minimum(instant_ns, self._ends_ns)
+        seconds = 1e-9 * (self._instants - self._pose_ns)
+        matrices = self._matrices.copy()
+        matrices[:, :3, 3] += self._velocities * seconds[:, None]
+        if self._turn_rates is not None:
+            angles = (self._turn_rates * seconds)[:, None, None]
+            matrices[:, :3, :3] += np.sin(angles) * self._across + (1.0 - np.cos(angles)) * self._back
+        if not self.is_silent.any():
+            return matrices, self._velocities, self._turning
+        goes = ~self.is_silent[:, None]
+        self._is_settled = bool(self.is_silent.all())
+        return matrices, self._velocities * goes, self._turning * goes
+
+    def widen(self, contacts: np.ndarray, scene: Scene) -> None:
+        """Make contacts hold for parts that stand where they are at another instant than the finger's.
+
+        Parameters
+        ----------
+        contacts : (N,) CONTACT
+            As the scene answered, its parts being where `at` has put them. Changed in place.
+        scene : Scene
+            That they are of.
+        """
+        pose_ns = contacts["pose_ns"]
+        if (pose_ns[:, None] == self._instants).all() and not self.is_silent.any():
+            return
+        is_tracked = (contacts["flags"] & _TRACKED) != 0
+        off_ns = np.abs(np.where(is_tracked, pose_ns, 0)[:, None] - self._instants)
+        off_ns[~is_tracked] = 0
+        if not (off_ns.any() or self.is_silent.any()):
+            return
+        speeds = self._top_speeds(scene)
+        # A part that stands for the scene may go on: predictions do not know of it.
+        ahead_ns = np.where(is_tracked, contacts["predicted_ns"] - pose_ns, 0)[:, None] * self.is_silent
+        doubt = 1e-9 * (off_ns * speeds).max(axis=1) * _ROUNDED_UP
+        doubt_then = 1e-9 * ((off_ns + ahead_ns) * speeds).max(axis=1) * _ROUNDED_UP
+        contacts["lower"] -= doubt
+        contacts["upper"] += doubt
+        contacts["predicted_lower"] -= doubt_then
+        contacts["predicted_upper"] += doubt_then
+        _doubt_the_rest(contacts, doubt_then > 0.0, speeds.max())
+
+    def _top_speeds(self, scene: Scene) -> np.ndarray:
+        """How fast any point of each part goes at most, m/s, (M,)."""
+        if self._speeds is None:
+            speeds = np.linalg.norm(self._velocities, axis=1)
+            for row in np.flatnonzero(self._turning.any(axis=1)):
+                box = np.abs(scene.part(self.names[row]).solid.bounds).max(axis=0)
+                speeds[row] += np.linalg.norm(self._turning[row]) * np.linalg.norm(box)
+            self._speeds = speeds
+        return self._speeds
+
+    def _find_next(self) -> None:
+        self.next_ns = int(self._ends_ns[~self.is_silent].min(initial=NEVER))
+
+
+def _doubt_the_rest(contacts: np.ndarray, is_off: np.ndarray, fastest: float) -> None:
+    """Promise no more of contacts than their widened bounds do, where those are wider."""
+    flags = contacts["flags"]
+    is_sure = is_off & ((flags & _EXACT) != 0)
+    flags[is_sure] ^= _EXACT | _BOUNDED
+    flags[is_off] &= ~_CONTACT_FOUND
+    contacts["contact_bend_error"][is_off] += np.inf  # what is nan stays so
+    speed = np.linalg.norm(contacts["velocity"][is_off], axis=1) + fastest
+    free = np.maximum(contacts["lower"][is_off], 0.0) * _ROUNDED_DOWN / speed
+    free[(flags[is_off] & _PREDICTED) == 0] = 0.0
+    contacts["time_to_contact_lower"][is_off] = np.minimum(contacts["time_to_contact_lower"][is_off], free)
+
+
+def _turns(rotations: np.ndarray, turning: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What is added to rotations (M, 3, 3) as they turn by an angle, twice (M, 3, 3).
+
+    The sine of the angle times the first, and one less its cosine times the second (Rodrigues).
+    """
+    x, y, z = (turning / np.where(rates > 0.0, rates, 1.0)[:, None]).T
+    cross = np.zeros((len(rates), 3, 3))
+    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -z, y, -x
+    cross -= cross.transpose(0, 2, 1)
+    across = cross @ rotations
+    return across, cross @ across
