@@ -176,7 +176,7 @@ def test_callable_may_tell_hands_which_are_taken_as_float64():
 
     assert hands.positions.dtype == np.float64 and hands.positions[1, 2] == 6
     assert hands.pose_ns.tolist() == [NOW, NOW - 1]
-    assert hands.velocities is told.velocities
+    assert (hands.velocities == 1).all() and hands.velocities is not told.velocities
 
 
 def test_velocities_that_a_callable_told_once_are_not_those_of_later_positions():
@@ -317,6 +317,39 @@ def test_poses_may_be_five_milliseconds_ahead(ahead_ns, is_taken):
 
     assert np.isfinite(gate.kept.positions).all() == is_taken
     assert gate.future == (not is_taken)
+
+
+@pytest.mark.parametrize("pose_ns", [NOW + 500 * MS, NOW - 1])
+def test_sample_that_was_left_out_is_not_given_again(pose_ns):
+    """Whoever tells of one finger at a time gives all of them each time."""
+    gate, given = Gate(Hands(2), 100 * MS), hands_at(np.zeros((2, 3)), NOW, velocities=np.zeros((2, 3)))
+    given.bends = np.zeros(2)
+    gate.start(NOW)
+    gate.admit(given, NOW)
+    given.positions[0], given.pose_ns[0], given.velocities[0], given.bends[0] = 1, pose_ns, 1, 1
+
+    for ms in range(600):
+        given.positions[1], given.pose_ns[1] = ms, NOW + ms * MS
+        gate.admit(given, NOW + ms * MS)
+        gate.expire(NOW + ms * MS)
+
+    assert gate.future + gate.backwards == 1
+    assert np.isnan(gate.kept.positions[0, 0]) and gate.kept.positions[1].tolist() == [599] * 3
+    assert gate.kept.velocities.tolist() == [[0, 0, 0]] * 2 and gate.kept.bends.tolist() == [0, 0]
+
+
+def test_arrays_of_a_callable_are_not_written_into():
+    told = hands_at(np.ones((1, 3)), NOW + 6 * MS, velocities=np.ones((1, 3)))
+    told.paths, told.bends = np.ones((1, 2, 3)), np.ones(1)
+    gate, source = Gate(Hands(1), 100 * MS), CallableInput(lambda now_ns: told, 1)
+    gate.start(NOW)
+
+    gate.admit(source.poll(NOW), NOW)
+
+    assert gate.future == 1
+    for array in (told.positions, told.velocities, told.paths, told.bends):
+        assert (array == 1).all()
+    assert told.pose_ns.tolist() == [NOW + 6 * MS]
 
 
 def test_errors_of_a_callable_are_of_the_package_or_named():

@@ -6,7 +6,8 @@ from fake_service import MS, QueueInlet
 
 from proximity.errors import PublishError
 from proximity.message import PATH_CORNERS, PATH_POSES, POSES, Message
-from proximity.service import StreamInput, reception
+from proximity.service import Hands, StreamInput, reception
+from proximity.service.gate import Gate
 from proximity.transport import open_publisher
 
 NOW = 7000 * MS
@@ -122,6 +123,20 @@ def test_paths_come_with_their_poses_and_go_with_a_pose_without(inlet):
     inlet.put(poses(np.zeros((1, 3)), fingers=[0]))
     hands = source.poll(NOW)
     assert np.isnan(hands.paths[0]).all() and np.isfinite(hands.paths[1]).all()
+
+
+def test_pose_that_was_refused_is_not_told_again_with_those_of_other_fingers(inlet):
+    """It once became a pose when its instant came, half a second after it was refused."""
+    source, gate = stream(2), Gate(Hands(2), 100 * MS)
+    gate.start(NOW)
+    inlet.put(poses([[9, 9, 9]], NOW + 500 * MS, fingers=[0]))
+    for ms in range(700):
+        inlet.put(poses([[ms, 0, 0]], NOW + ms * MS, fingers=[1]))
+        gate.admit(source.poll(NOW + ms * MS), NOW + ms * MS)
+        gate.expire(NOW + ms * MS)
+        assert np.isnan(gate.kept.positions[0, 0])
+
+    assert gate.future == 1 and gate.kept.positions[1].tolist() == [699, 0, 0]
 
 
 def test_bends_come_with_poses_that_have_no_path(inlet):

@@ -461,3 +461,24 @@ def test_rehearsal_leaves_nothing_behind():
     first = answers.answer(measured([0.1, 0.1]), NOW)
 
     assert not (first["flags"] & (ContactFlag.PREDICTED | ContactFlag.JUMPED)).any()
+
+
+def test_measurement_that_was_refused_is_not_told_again_with_those_of_other_fingers(inlet):
+    source, outlet, clock = SensorInput("queue:", 2), KeepingOutlet(), ManualClock(NOW)
+    receive = inlet.receive
+
+    def receive_one_more(room):
+        if not inlet.queue and clock.now > max(told_ns):
+            told_ns.append(clock.now)
+            inlet.put(message([0.5], clock.now, finger=[1]))
+        return receive(room)
+
+    told_ns, inlet.receive = [NOW], receive_one_more
+    inlet.put(message([0.1], NOW + 200 * MS, finger=[0], force=3.0, force_is_valid=1))
+    report = Service(SensorAnswers(2), source, [publisher(outlet)], period=0.001, clock=clock).run(
+        tick_count=300
+    )
+
+    assert report.future == 1
+    assert all(records["flags"][0] == 0 for records in outlet.records[:300])
+    assert outlet.records[299]["signed_distance"][1] == 0.5

@@ -47,7 +47,8 @@ class Gate:
         Parameters
         ----------
         given : Samples
-            Of as many fingers as are kept.
+            Of as many fingers as are kept. A sample that is left out is overwritten by the one kept: whoever
+            gives them again, since something was told of another finger, does not give that one again.
         now_ns : int, ns
             The present instant.
         """
@@ -57,7 +58,14 @@ class Gate:
         )
         self.future += future
         self.backwards += backwards
-        kept.take_rest(given, self._mask if future or backwards else slice(None))
+        if not (future or backwards):
+            kept.take_rest(given, slice(None))
+            return
+        kept.take_rest(given, self._mask)
+        is_left_out = ~self._mask
+        given.pose_ns[is_left_out] = kept.pose_ns[is_left_out]
+        given.values[is_left_out] = kept.values[is_left_out]
+        given.take_rest(kept, is_left_out)
 
     def expire(self, now_ns: int) -> None:
         """Forget what is too old.

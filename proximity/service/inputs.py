@@ -27,7 +27,10 @@ class PoseInput(Protocol):
         """Sentences for the report: what was refused or failed, and how often."""
 
     def poll(self, now_ns: int) -> Samples | None:
-        """Return the newest samples; None where there are no others than at the poll before."""
+        """Return the newest samples; None where there are no others than at the poll before.
+
+        The loop overwrites those that it refuses.
+        """
 
     def close(self) -> None:
         """Give back what is open."""
@@ -184,7 +187,7 @@ class CallableInput:
 
 
 def _rest_of(told: Hands, count: int) -> tuple[Any, Any, Any]:
-    """Velocities, paths and bends of so many fingers, as a tracker takes them."""
+    """Velocities, paths and bends of so many fingers, as a tracker takes them: copies."""
     if len(told.positions) != count:
         raise QueryError(f"poses of {len(told.positions)} fingers, expected {count} fingers")
     velocities, paths, bends = told.velocities, told.paths, told.bends
@@ -204,4 +207,4 @@ def _shaped(name: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:
     array = as_float64(values, name, expected=f"numbers of shape {shape}")
     if array.shape != shape:
         raise QueryError(f"{name} have shape {array.shape}, expected {shape}")
-    return array
+    return array.copy()
