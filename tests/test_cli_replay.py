@@ -266,6 +266,16 @@ def test_notes_of_a_recording_are_told(run, tmp_path):
     assert lines["touch"] == ["thumb: 1 time, first at 0 s, 3.5 mm deep"]
 
 
+def test_recording_that_may_be_cut_is_said_to_be(run, tmp_path):
+    """The finger stays 20 mm off; what is cut puts it onto the part."""
+    path = tmp_path / "cut.csv"
+    path.write_text("time_s,hand,finger,x_m,y_m,z_m\n0,0,1,0.03,0.01,0.031\n0.01,0,1,0.03,0.01,0.0")
+
+    lines = lines_of(run(BRACKET, path, *AS_RECORDED).out)
+
+    assert lines["note"] == ["the last line has no end: it may be cut"]
+
+
 def test_hand_out_of_reach_is_told(run, tmp_path):
     path = tmp_path / "far.csv"
     path.write_text("time_s,hand,finger,x_m,y_m,z_m\n0,0,0,9,9,9\n")

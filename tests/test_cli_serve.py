@@ -126,6 +126,16 @@ def test_json_is_a_document_at_the_beginning_and_one_at_the_end(run, scene_path)
     assert ended["compute"]["p50_ns"] <= ended["compute"]["p999_ns"] <= ended["compute"]["max_ns"]
 
 
+def test_recording_that_may_be_cut_is_said_to_be_at_the_beginning_and_in_the_report(run, scene_path):
+    path = scene_path.parent / "hand.csv"
+    path.write_text(path.read_text()[:-1])
+
+    result = run(scene_path, "--ticks", 5)
+
+    note = f"{path}: the last line has no end: it may be cut"
+    assert f"proximity: {note}\n" in result.err and f"note            {note}\n" in result.out
+
+
 def test_log_is_told(run, scene_path, tmp_path):
     log = tmp_path / "run.frames"
 

@@ -55,6 +55,21 @@ def test_samples_become_instants_and_fingers(read):
     assert (recording.sample_count, recording.hand_count, recording.duration_s) == (5, 1, 0.02)
 
 
+@pytest.mark.parametrize("cut", ["", "1", ".", "0", "0.0", "-", "1e"])
+def test_last_line_without_its_end_is_said_to_be_cut_perhaps(read, cut):
+    """A number that is cut is a number: 0.03 may have become 0.0, and tell of a touch that never was."""
+    whole = HEADER + "0.0,0,0,1,2,3\n0.01,0,0,1,2,4"
+    try:
+        recording = read(whole + "\n0.02,0,0,1,2," + cut if cut else whole)
+    except RecordingError:
+        assert cut in (".", "-", "1e")  # no numbers
+        return
+
+    assert recording.notes == ("the last line has no end: it may be cut",)
+    for end in ("\n", "\r\n", "\r", "\n\n", "\n# the end\n"):
+        assert read(whole + end).notes == ()
+
+
 @pytest.mark.parametrize(
     "content",
     [

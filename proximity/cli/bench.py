@@ -97,6 +97,9 @@ def command(
             real_time=real_time,
             sample=lambda: sample(HAND),
         )
+    if subject.recording is not None:
+        for note in subject.recording.notes:
+            typer.echo(f"proximity: {subject.recording.path}: {note}", err=True)
     with _progress() as tell:
         found = certificate.certify(subject, tick_count=ticks, seconds=seconds, seed=seed, tell=tell)
     told = certificate.document(found, period, version=proximity.__version__)

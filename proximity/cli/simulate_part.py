@@ -109,6 +109,8 @@ def _recorded(path: Path, scene: "proximity.Scene", at: list[float] | None) -> A
     from proximity.replay import fitted_pose
 
     recording = read_recording(path)
+    for note in recording.notes:
+        typer.echo(f"proximity: {path}: {note}", err=True)
     pose = fitted_pose(scene, recording, Finger().pad_radius) if at is None else proximity.Pose(None, at)
     return recording.placed(pose)
 

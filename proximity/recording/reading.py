@@ -25,6 +25,8 @@ LARGEST_HAND_COUNT = 32  # a sensor numbers a hand anew when it has lost it; mor
 LARGEST_HAND = 2**31 - 1
 LARGEST_POSITION = 1e6  # m; no sensor sees as far
 LARGEST_TIME_NS = 2.0**62
+LINE_ENDS = "\n\r"
+MAYBE_CUT = "the last line has no end: it may be cut"
 CHUNK = 4096  # lines converted at once
 
 
@@ -37,6 +39,9 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
     too. Blank lines and lines that begin with ``#`` are skipped. Times never run backwards; a finger that
     has no line at a time, or a position of nan, is missing then.
 
+    A last line that does not end may be cut, even in the middle of a number; that is in the notes. It is not
+    refused, nor left out: editors leave the end away as well, and whose last sample is there should have it.
+
     Parameters
     ----------
     path : path
@@ -48,7 +53,8 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
         If it cannot be read or a line cannot be used; the message names file and line.
     """
     name = os.fspath(path)
-    table = _Table(_read_text(name), name)
+    text = _read_text(name)
+    table = _Table(text, name)
     times_ns = table.times()
     hands = table.whole("hand", LARGEST_HAND, "a whole number from 0 on")
     fingers = table.whole("finger", len(FINGERS) - 1, "0 (thumb) to 4 (little finger)")
@@ -69,6 +75,8 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
     notes = [f"{missing} of {len(points)} positions are nan: the finger is missing there"] if missing else []
     if table.ignored:
         notes.append(f"columns not read: {', '.join(table.ignored)}")
+    if text[-1] not in LINE_ENDS:
+        notes.append(MAYBE_CUT)
     return Recording(
         times_ns[np.concatenate(([True], np.diff(times_ns) > 0))],
         positions,

@@ -58,7 +58,7 @@ class RecordingInput:
         if not 0.0 <= latency <= 1.0:
             raise ServiceError(f"a recording with a latency of {latency!r} s, expected 0 to 1 s")
         self.is_over = False
-        self.notes: list[str] = []
+        self.notes = [f"{recording.path or 'the recording'}: {note}" for note in recording.notes]
         self._times_ns = recording.times_ns - recording.times_ns[0]
         self._positions = recording.positions
         if repeat:
