@@ -4,7 +4,8 @@
 nanoseconds, lengths metres, forces newtons, energies joules; null is what so few ticks do not tell.
 
 - ``scene``: ``sha256`` of the content (see `fingerprint`), ``files``, ``parts``, ``faces``, ``bounds``
-- ``machine``, ``versions``; ``settings``: how it was ticked, searched and timed
+- ``machine``, ``versions``; ``settings``: how it was ticked, searched and timed; ``path_corners`` of
+  the paths that came with poses (null: the scene file lets none in), and whether ``parts_move``
 - ``search``: for each goal (manner cold, stays or moves; within the budget or exact) the dearest ``places``,
   with ``work`` (nodes and leaves), ``lower``, ``upper`` and ``width`` of the certified bracket, the climb's
   ``origin``, and ``typical_work`` at random places
@@ -81,6 +82,8 @@ def document(certificate: Certificate, gate: float | None = None, *, version: st
             "budget": subject.budget,
             "working_range_m": subject.working_range,
             "radius_m": subject.settings.get("radius", RADIUS),
+            "path_corners": None if subject.corners is None else subject.corners.shape[1],
+            "parts_move": subject.moves,
             "gate_s": gate,
         },
         "search": [_goal(subject.scene, each) for each in certificate.found],

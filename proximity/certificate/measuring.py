@@ -8,10 +8,12 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 
 from proximity.certificate import motions
+from proximity.certificate.feeding import Paths, SwayingParts, fed_service_input, with_own_scene
 from proximity.certificate.search import Found
 from proximity.certificate.subject import Subject
 from proximity.certificate.ticking import TickLog, tick_all, without_collector
@@ -19,7 +21,7 @@ from proximity.certificate.work import UNLIMITED, Goal, Manner
 from proximity.errors import RecordingError
 from proximity.message import ContactFlag
 from proximity.recording import Recording
-from proximity.service import MonotonicClock, RealTime, RecordingInput, Report, Service, TrackerAnswers
+from proximity.service import MonotonicClock, RealTime, RecordingInput, Report, Service
 from proximity.tracker import Tracker
 from proximity.transport import open_publisher
 
@@ -31,6 +33,7 @@ interrupts. The times that are told are those of the first."""
 EXACT_STEPS = 30_000_000
 """Nodes and leaves that ticks without a budget may visit: some seconds, and fewer ticks of dear scenes."""
 FEWEST_EXACT = 20
+ON_PATHS, MOVING = "worst, on paths", "worst, parts moving"
 ADDRESS = "mailbox:proximity-certificate"
 """Where the loop publishes: inside this process, sealed as for others."""
 
@@ -83,6 +86,10 @@ def measure(
         ways = {"recording": motions.repeated(subject.recording.positions, tick_count), **ways}
     ways["worst, at rest"] = motions.resting(stays, fingers, tick_count)
     ways["worst, passing"] = worst_passing(subject, found, tick_count, rng)
+    if subject.corners is not None:
+        ways[ON_PATHS] = ways["worst, passing"]
+    if subject.moves:
+        ways[MOVING] = ways["worst, passing"]
     ways["worst, anew"] = motions.resting(cold, fingers, tick_count)
     exact = worst[Goal(Manner.COLD, False)]
     costliest = next(each for each in found if each.goal == Goal(Manner.COLD, False)).worst.work
@@ -90,7 +97,8 @@ def measure(
     ways["worst, exact"] = motions.resting(exact, fingers, exact_count)
     total, done, cases = sum(map(len, ways.values())), 0, []
     for name, positions in ways.items():
-        cases.append(_case(subject, name, positions, partial(_tell_of, tell, name, done, total)))
+        ticked = with_own_scene(subject) if name == MOVING else subject
+        cases.append(_case(ticked, name, positions, partial(_tell_of, tell, name, done, total), seed))
         done += len(positions)
     return tuple(cases)
 
@@ -120,16 +128,18 @@ def _tell_of(tell: Callable[[str, float], None], name: str, before: int, total: 
     tell(f"timing: {name}", (before + done) / total)
 
 
-def _case(subject: Subject, name: str, positions: np.ndarray, tell: Callable[[int], None]) -> Case:
+def _case(subject: Subject, name: str, positions: np.ndarray, tell: Callable[[int], None], seed: int) -> Case:
     is_exact, forgets = name == "worst, exact", name in ("worst, exact", "worst, anew")
     settings = {"budget": UNLIMITED} if is_exact else {}
     repeats = 1 if is_exact else REPEATS
+    paths, parts = _told(subject, name, positions.shape[1], seed)
     logs = []
     for repeat in range(repeats):
         tracker = subject.tracker(fingers=positions.shape[1], **settings)
         before = partial(_forget, tracker) if forgets else None
         begun = repeat * len(positions)
-        logs.append(_run(subject, tracker, positions, before, partial(_tell_share, tell, begun, repeats)))
+        told = partial(_tell_share, tell, begun, repeats)
+        logs.append(_run(subject, tracker, positions, before, told, paths, parts))
     # A tick without a finger costs nothing, and would make the others look better.
     counted = ~np.isnan(positions).any(axis=2).all(axis=1)
     kinds = (ContactFlag.EXACT, ContactFlag.BOUNDED, ContactFlag.SKIPPED)
@@ -145,22 +155,39 @@ def _case(subject: Subject, name: str, positions: np.ndarray, tell: Callable[[in
     )
 
 
+def _told(subject: Subject, name: str, fingers: int, seed: int) -> tuple[Paths | None, SwayingParts | None]:
+    """What ticks of a motion are told besides poses: paths wherever they may come, if parts move as well."""
+    paths = parts = None
+    if subject.corners is not None and name in (ON_PATHS, MOVING):
+        paths = Paths(subject.corners, fingers, np.random.default_rng([seed, 101]))
+    if name == MOVING:
+        parts = SwayingParts(subject.scene, round(1e9 * subject.period))
+    return paths, parts
+
+
 def _run(
     subject: Subject,
     tracker: Tracker,
     positions: np.ndarray,
     before: Callable[[int], object] | None,
     tell: Callable[[int], None],
+    paths: Paths | None,
+    parts: SwayingParts | None,
 ) -> TickLog:
     """All ticks of a motion once, and before them a few that are not counted."""
     log, period_ns = TickLog(), round(1e9 * subject.period)
+    told: dict[str, Any] = {"period_ns": period_ns, "before": before}
+    if paths is not None:
+        told |= {"paths_at": paths.at, "bends": paths.bends}
+    if parts is not None:
+        told |= {"before": parts.tell, "move": parts.move}
     rehearsal = positions[: min(REHEARSAL, len(positions) // 10)]
     tell(0)
     with without_collector():
-        tick_all(tracker, rehearsal, TickLog(), first=-REHEARSAL, period_ns=period_ns, before=before)
+        tick_all(tracker, rehearsal, TickLog(), first=-REHEARSAL, **told)
         for first in range(0, len(positions), CHUNK):
             chunk = positions[first : first + CHUNK]
-            tick_all(tracker, chunk, log, first=first, period_ns=period_ns, before=before)
+            tick_all(tracker, chunk, log, first=first, **told)
             tell(first + len(chunk))
     return log
 
@@ -184,6 +211,8 @@ class ProcessorClock(MonotonicClock):
 def run_loop(subject: Subject, found: tuple[Found, ...], seconds: float, seed: int) -> Report:
     """Return what the service's own loop did with fingers that pass through the worst places.
 
+    Where the subject may be told paths, or moves of parts, it is.
+
     Parameters
     ----------
     subject : Subject
@@ -199,9 +228,12 @@ def run_loop(subject: Subject, found: tuple[Found, ...], seconds: float, seed: i
     positions = worst_passing(subject, found, ticks + 1, np.random.default_rng([seed, 100]))
     times_ns = np.arange(len(positions), dtype=np.int64) * period_ns
     hand = Recording(times_ns, positions, _fingers(subject.fingers), "worst places")
+    answers, pose_input = fed_service_input(
+        with_own_scene(subject), RecordingInput(hand, repeat=True), np.random.default_rng([seed, 101])
+    )
     service = Service(
-        TrackerAnswers(subject.tracker()),
-        RecordingInput(hand, repeat=True),
+        answers,
+        pose_input,
         [open_publisher(ADDRESS)],
         period=subject.period,
         clock=ProcessorClock(),

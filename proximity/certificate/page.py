@@ -47,7 +47,7 @@ each; where that is longer than a period, ticks are left out. A drum that stands
 of this; it needs its distances in time.</p>"""
 METHOD = """<h2>How it was measured</h2><p>Every tick was timed on its own, one thread, without pauses
 between ticks: <i>recording</i> and <i>random</i> motion, then all fingers at the worst places: at rest,
-passing through, and anew, as if each tick were the first. The service's own loop ran {ran} with fingers
+passing through, and anew, as if each tick were the first{fed}. The service's own loop ran {ran} with fingers
 that pass through the worst places; caches are colder there, and a frame is made and published. A scene
 fits a period if the computing of 99.9 % of the ticks of every motion, of three runs the best, takes no
 longer, and that of half of the loop's ticks. Interruptions and late waking are the machine's.</p> <p>What
@@ -230,7 +230,7 @@ def _method(told: dict[str, Any]) -> str:
     loop, notes = told["loop"], told["loop"]["notes"] or ["nothing was asked for"]
     given = "".join(f"<li>{escape(note)}</li>" for note in notes)
     ran = f"{three(told['settings']['loop_s'])} s at {three(1e3 * loop['period_s'])} ms"
-    return METHOD.format(ran=ran, given=given)
+    return METHOD.format(ran=ran, given=given, fed=wording.fed(told["settings"]))
 
 
 def _table(heads: Iterable[str], rows: Iterable[Iterable[str]]) -> str:

@@ -9,8 +9,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from proximity.decaff.finger import Finger
 from proximity.errors import ServiceError
 from proximity.loading import load
+from proximity.pose import Pose
 from proximity.recording import Recording, read_recording
 from proximity.replay import fitted_pose
 from proximity.scene import Scene
@@ -23,6 +27,7 @@ from proximity.scene_file import (
     read_input,
     read_scene_file,
 )
+from proximity.serving.gloves import read_gloves
 from proximity.tracker import DEFAULT_BUDGET, Tracker
 
 RADIUS, WORKING_RANGE = 0.007, 0.12
@@ -44,6 +49,8 @@ class Subject:
     files: tuple[str, ...] = ()  # that it came from
     real_time: bool = True  # whether the loop asks the system for priority
     core: int | None = None
+    corners: np.ndarray | None = None  # (M, K, 3) m, finger's frame, of paths that may come; None: none may
+    moves: bool = False  # whether it may be told that parts move
 
     @property
     def budget(self) -> int:
@@ -112,7 +119,8 @@ def read_subject(
     Raises
     ------
     ServiceError
-        If the scene file cannot be used, has no parts, or the number of fingers is none.
+        If the scene file or a calibration of it cannot be used, it has no parts, or the number of fingers is
+        none.
     MeshError
         If the parts cannot be loaded.
     RecordingError
@@ -177,4 +185,14 @@ def _of_scene_file(settings: SceneFile, given: Recording | None, period: float |
         ),
         service.real_time,
         service.core,
+        _corners(settings, count),
+        settings.input.moves is not None,
     )
+
+
+def _corners(settings: SceneFile, count: int) -> np.ndarray | None:
+    """Paths of fingers as the glove has them, (M, K, 3); where poses may bring any, that of PAPER 9."""
+    if settings.input.poses is None:
+        return None
+    gloves = read_gloves(settings, count)
+    return Finger().path_world(Pose())[None] if gloves is None else gloves.corners

@@ -91,6 +91,9 @@ def tick_all(
     period_ns: int = 1_000_000,
     velocities: np.ndarray | None = None,
     before: Callable[[int], object] | None = None,
+    paths_at: Callable[[np.ndarray], np.ndarray] | None = None,
+    bends: np.ndarray | None = None,
+    move: Callable[[int], object] | None = None,
 ) -> None:
     """Tick through a motion, and time each call.
 
@@ -114,6 +117,12 @@ def tick_all(
         Where they are told.
     before : callable
         Of the number of a tick; called before it, and not timed.
+    paths_at : callable
+        Gives the paths of fingers at places, not timed; with *bends* (N,), and without *velocities*.
+    bends : (N,) float64
+        Where on their paths they are.
+    move : callable
+        Of the number of a tick; called before it, and timed with it.
     """
     tick, contacts = tracker.tick, tracker.contacts
     work, flags = contacts["work"], contacts["flags"]
@@ -123,7 +132,16 @@ def tick_all(
         if before is not None:
             before(first + k)
         points, pose_ns = positions[k], start_ns + (first + k) * period_ns
-        if velocities is None:
+        if paths_at is not None or move is not None:
+            paths = None if paths_at is None else paths_at(points)
+            thread_start = thread()
+            start = wall()
+            if move is not None:
+                move(first + k)
+            tick(points, pose_ns, pose_ns + latency_ns, paths=paths, bends=bends)
+            end = wall()
+            thread_end = thread()
+        elif velocities is None:
             thread_start = thread()
             start = wall()
             tick(points, pose_ns, pose_ns + latency_ns)

@@ -82,6 +82,22 @@ def goal(told: dict[str, Any]) -> str:
     return f"{told['manner']}, {'within the budget' if told['within_budget'] else 'exact'}"
 
 
+def fed(settings: dict[str, Any]) -> str:
+    """Return what fingers were timed with besides their poses, behind a semicolon; nothing where that is all.
+
+    Parameters
+    ----------
+    settings : dict
+        See `document`.
+    """
+    corners, ways = settings["path_corners"], []
+    if corners is not None:
+        ways.append(f"on paths of {corners} corners")
+    if settings["parts_move"]:
+        ways.append("with all parts moving")
+    return f"; passing also {', and '.join(ways)}" if ways else ""
+
+
 def counted(count: int, what: str) -> str:
     """Return a number with what it counts.
 

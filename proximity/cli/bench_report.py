@@ -47,7 +47,7 @@ def _scene(told: dict[str, Any]) -> Lines:
         (
             "ticks",
             f"{wording.counted(settings['fingers'], 'finger')}, budget {settings['budget']} nodes and "
-            f"leaves, seed {settings['seed']}",
+            f"leaves, seed {settings['seed']}{wording.fed(settings)}",
         ),
         ("machine", f"{machine['processor']}, {wording.counted(machine['cores'], 'core')}"),
     ]
