@@ -276,6 +276,22 @@ def test_recording_that_may_be_cut_is_said_to_be(run, tmp_path):
     assert lines["note"] == ["the last line has no end: it may be cut"]
 
 
+def test_times_of_a_calendar_are_told_since_the_recording_begins(run, tmp_path):
+    path = tmp_path / "epoch.csv"
+    rows = (f"{1732000000 + k / 100:.3f},0,1,0.03,0.01,{0.05 - 0.001 * k:.3f}" for k in range(45))
+    path.write_text("time_s,hand,finger,x_m,y_m,z_m\n" + "\n".join(rows) + "\n")
+
+    lines = lines_of(run(BRACKET, path, *AS_RECORDED).out)
+    told = json.loads(run(BRACKET, path, *AS_RECORDED, "--json").out)
+
+    assert lines["times"] == ["since the recording's first instant, its 1732000000.000000 s"]
+    assert lines["nearest"][0].startswith("index at 0.44 s: ")
+    first = told["touches"][0]["first_s"] - 1732000000
+    assert 0.3 < first < 0.4 and lines["touch"] == [f"index: 1 time, first at {first:.3f} s, 5 mm deep"]
+    assert told["recording"]["begins_s"] == 1732000000.0
+    assert told["nearest"]["time_s"] == pytest.approx(1732000000.44, abs=1e-6)
+
+
 def test_hand_out_of_reach_is_told(run, tmp_path):
     path = tmp_path / "far.csv"
     path.write_text("time_s,hand,finger,x_m,y_m,z_m\n0,0,0,9,9,9\n")

@@ -12,12 +12,14 @@ from proximity.cli.console import Console
 from proximity.cli.output import plain
 from proximity.cli.tables import UNBOUNDED
 from proximity.cli.wording import number
-from proximity.recording import Recording
+from proximity.recording import NANOSECONDS, Recording
 from proximity.replay import BoundsKept, ReplaySummary, TickTimes
 
 BAR_WIDTH = 40
 US = 1000.0  # ns
 SHOWN_DIGITS = 4
+CLOCK_DIGITS = 6
+"""Of seconds, behind the point: float64 has no more of a calendar's."""
 
 
 def inputs(scene: "proximity.Scene", file: str, recording: Recording, units: str) -> dict[str, Any]:
@@ -41,6 +43,7 @@ def inputs(scene: "proximity.Scene", file: str, recording: Recording, units: str
         "face_count": sum(part.solid.mesh.face_count for part in scene.parts),
         "recording": {
             "file": recording.path,
+            "begins_s": int(recording.times_ns[0]) / NANOSECONDS,
             "duration_s": recording.duration_s,
             "fingers": [{"hand": hand, "finger": finger} for hand, finger in recording.fingers],
             "hand_count": recording.hand_count,
@@ -165,6 +168,7 @@ def _given(report: dict[str, Any], units: str) -> Lines:
             f"{_counted(hands, 'hand')}, {told['sample_count']} samples in {told['frame_count']} frames, "
             f"{_counted(told['gap_count'], 'gap')}",
         ),
+        *_epoch(told["begins_s"]),
         *(("note", note) for note in told["notes"]),
         (
             "placement",
@@ -177,6 +181,13 @@ def _given(report: dict[str, Any], units: str) -> Lines:
             f"{units}, latency {number(settings['latency_ms'])} ms",
         ),
     ]
+
+
+def _epoch(begins: float) -> Lines:
+    """What instants below count from, where the recording's own do not begin at zero."""
+    return (
+        [("times", f"since the recording's first instant, its {begins:.{CLOCK_DIGITS}f} s")] if begins else []
+    )
 
 
 def _measured(report: dict[str, Any]) -> Lines:
@@ -207,21 +218,21 @@ def _bar(count: int, most: int) -> str:
 
 
 def _found(report: dict[str, Any], units: str) -> Lines:
-    ticks, nearest = report["ticks"], report["nearest"]
+    ticks, nearest, begins = report["ticks"], report["nearest"], report["recording"]["begins_s"]
     tracked = ticks["tracked_count"]
     shares = (f"{_share(ticks[f'{name}_count'], tracked)} {name}" for name in ("exact", "bounded", "skipped"))
     lost = ticks["finger_tick_count"] - tracked
     approach = "no finger came within the working range"
     if nearest is not None:
         approach = (
-            f"{nearest['finger']} at {_short(nearest['time_s'])} s: {_short(nearest['signed_distance'])} "
-            f"{units} from {nearest['part'] or 'no part'}"
+            f"{nearest['finger']} at {_since(begins, nearest['time_s'])} s: "
+            f"{_short(nearest['signed_distance'])} {units} from {nearest['part'] or 'no part'}"
         )
     touches = [
         (
             "touch",
-            f"{touch['finger']}: {_counted(touch['count'], 'time')}, first at {_short(touch['first_s'])} s, "
-            f"{_short(touch['deepest'])} {units} deep",
+            f"{touch['finger']}: {_counted(touch['count'], 'time')}, first at "
+            f"{_since(begins, touch['first_s'])} s, {_short(touch['deepest'])} {units} deep",
         )
         for touch in report["touches"]
     ]
@@ -264,6 +275,11 @@ def _times(times: TickTimes) -> dict[str, Any]:
 
 def _share(count: int, total: int) -> str:
     return f"{100.0 * count / total:.1f} %" if total else "-"
+
+
+def _since(begins: float, instant: float) -> str:
+    """Seconds from a recording's first instant to another; both are off by a fraction of a microsecond."""
+    return _short(round(instant - begins, CLOCK_DIGITS))
 
 
 def _short(value: float) -> str:
