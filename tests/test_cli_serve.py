@@ -15,9 +15,9 @@ import pytest
 
 from proximity import cli
 from proximity.cli import serve as command
-from proximity.errors import PublishError
+from proximity.errors import PublishError, RecordingError
 from proximity.message import State
-from proximity.recording import FrameReader
+from proximity.recording import FrameLog, FrameReader
 from proximity.service import Report
 from proximity.transport.links import TRANSPORTS, Transport
 
@@ -144,6 +144,20 @@ def test_log_is_told(run, scene_path, tmp_path):
     assert f"proximity: 500 Hz to mailbox:a, mailbox:b, logged in {log}\n" in result.err
     assert "log             13 frames, 0 lost\n" in result.out
     assert sum(len(frames) for frames in FrameReader(log)) == 13
+
+
+@pytest.mark.parametrize("option", [(), ("--json",)])
+def test_log_that_lacks_frames_ends_with_exit_code_2_behind_the_report(run, scene_path, monkeypatch, option):
+    def refuse(log, data):
+        raise RecordingError("no room")
+
+    monkeypatch.setattr(FrameLog, "append", refuse)
+
+    result = run(scene_path, "--ticks", 10, "--log", scene_path.parent / "run.frames", *option)
+
+    assert result.code == 2
+    assert result.err.endswith("proximity: the log lacks 13 of 13 frames\n")
+    assert "13 frames were not logged, first: no room" in result.out
 
 
 def test_options_hold_instead_of_what_the_file_says(run, scene_path, calls):

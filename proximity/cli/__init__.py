@@ -39,7 +39,8 @@ HELP = "\n\n".join(  # a paragraph a string: some versions of Typer keep line br
         "says.",
         "Exit codes: 0 answered; 1 check --strict found a part without an inside, replay a bound that does "
         "not hold, bench a scene that does not fit its gate, or record, watch, drum or demo no frame; 2 the "
-        "files, the points, the addresses or the options cannot be used; 130 interrupted; 141 the reader of "
+        "files, the points, the addresses or the options cannot be used, or the log of serve lacks frames; "
+        "130 interrupted; 141 the reader of "
         "the output went first.",
     )
 )

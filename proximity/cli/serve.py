@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from proximity.cli.command import EXIT_UNUSABLE
 from proximity.cli.options import LIMIT, check_limit
 
 if TYPE_CHECKING:
@@ -21,8 +22,8 @@ HELP = "\n\n".join(
         "SCENE and the files of its parts may be edited meanwhile: an edit is taken between two ticks, or "
         "refused with a sentence while the scene before is served on.",
         "The report on standard output says how many ticks there were, how many were missed, how long they "
-        "took, and how late they began. Exit codes: 0 stopped as told; 2 SCENE cannot be used, or an address "
-        "is in use.",
+        "took, and how late they began. Exit codes: 0 stopped as told; 2 SCENE cannot be used, an address is "
+        "in use, or the log that was asked for lacks frames.",
     )
 )
 
@@ -93,6 +94,9 @@ def command(
         **given,
     )
     serve_report.write(report, as_json=as_json)
+    if report.log_lost:
+        _say(f"the log lacks {report.log_lost} of {report.log_lost + report.log_written} frames")
+        raise typer.Exit(EXIT_UNUSABLE)
 
 
 def _await_line(descriptor: int, stop: threading.Event) -> None:
