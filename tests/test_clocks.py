@@ -124,11 +124,13 @@ def test_settled_clock_stays_so_when_a_way_becomes_faster_or_slower():
     assert clock.theirs(start + 10 * MS) == start + 10 * MS + AHEAD + TRANSIT_NS
 
 
-def test_other_clock_is_learnt_anew():
-    """A machine started anew, or slept: its monotonic clock jumps."""
-    for jump in (-2 * JUMP_NS, 2 * JUMP_NS):
+@pytest.mark.parametrize("jump", [-2 * JUMP_NS, 2 * JUMP_NS])
+@pytest.mark.parametrize("is_new_run", [False, True])
+def test_other_clock_is_learnt_anew(jump, is_new_run):
+    """A machine started anew: its monotonic clock jumps; forward it may do so at any time."""
+    if is_new_run or jump > 0:
         clock, start = settled()
-        clock.arrived(start + AHEAD + jump, start + MS // 2)
+        clock.arrived(start + AHEAD + jump, start + MS // 2, is_new_run=is_new_run)
         assert not clock.is_settled
 
         clock.arrived(start + AHEAD + jump + SETTLING_NS, start + MS // 2 + SETTLING_NS)
@@ -136,15 +138,70 @@ def test_other_clock_is_learnt_anew():
         assert clock.theirs(start) == start + AHEAD + jump - MS // 2 + TRANSIT_NS
 
 
-def test_old_message_neither_settles_nor_moves_a_clock_for_good():
+def test_old_message_does_not_move_a_clock():
     clock, start = settled()
     clock.arrived(start + AHEAD - 10 * JUMP_NS, start)
-    assert not clock.is_settled
 
-    for sent in range(start + MS, start + 2 * SETTLING_NS, MS):
-        hear(clock, sent)
     assert clock.is_settled
-    assert clock.theirs(start) == start + AHEAD - MS // 2 + TRANSIT_NS
+    assert clock.theirs(start) == pytest.approx(start + AHEAD - MS // 2 + TRANSIT_NS, abs=MS // NS_PER_DRIFT)
+
+
+@pytest.mark.parametrize("silence", [MS, 2 * JUMP_NS])
+@pytest.mark.parametrize("delay", [JUMP_NS // 2, 2 * JUMP_NS])
+def test_way_that_becomes_longer_for_good_is_not_another_clock(delay, silence):
+    """Nothing may come for as long as the delay, as when it is there from one message to the next."""
+    clock, start = settled()
+    for passed in range(silence, silence + 10 * JUMP_NS, MS):
+        clock.arrived(start + passed - delay + AHEAD, start + passed)
+
+    assert clock.is_settled
+    off = start + passed + AHEAD - clock.theirs(start + passed)
+    assert -TRANSIT_NS <= off <= (silence + 10 * JUMP_NS) // NS_PER_DRIFT
+
+
+def test_way_that_becomes_longer_without_end_is_not_another_clock():
+    clock, start = settled()
+    for passed in range(0, 4 * JUMP_NS, MS):
+        clock.arrived(start + passed // 2 + AHEAD, start + passed)
+
+    assert clock.is_settled
+    assert start + passed + AHEAD - clock.theirs(start + passed) <= 4 * JUMP_NS // NS_PER_DRIFT
+
+
+def test_clock_that_was_put_back_makes_all_old_until_a_new_run():
+    clock, start = settled()
+    ahead = AHEAD - 100 * JUMP_NS
+    for passed in range(0, JUMP_NS, MS):
+        clock.arrived(start + passed + ahead, start + passed)
+        assert clock.theirs(start + passed) - (start + passed + ahead) > 99 * JUMP_NS
+
+    clock.arrived(start + passed + ahead, start + passed, is_new_run=True)
+    assert not clock.is_settled
+    assert clock.theirs(start + passed) == start + passed + ahead + TRANSIT_NS
+
+
+def test_new_run_of_a_process_on_a_way_that_is_no_longer_leaves_the_clock_settled():
+    clock, start = settled()
+    clock.arrived(start + AHEAD - JUMP_NS // 2, start, is_new_run=True)
+
+    assert clock.is_settled
+
+
+@pytest.mark.parametrize("count", [1, 5])
+def test_messages_of_an_instant_that_cannot_be_do_not_make_all_others_old(count):
+    clock, start = settled()
+    for number in range(count):
+        clock.arrived(2**61 + number * MS, start + number * MS)
+        assert not clock.is_settled
+    start += count * MS
+    for sent in range(start, start + SETTLING_NS, MS):
+        hear(clock, sent)
+        assert not clock.is_settled
+    hear(clock, start + SETTLING_NS)
+
+    assert clock.is_settled
+    drift = 2 * SETTLING_NS // NS_PER_DRIFT
+    assert clock.theirs(start) == pytest.approx(start + AHEAD - MS // 2 + TRANSIT_NS, abs=drift)
 
 
 @given(st.lists(st.integers(-(2**63), 2**63 - 1), min_size=1, max_size=5))

@@ -48,7 +48,10 @@ double lower_at(const void *data, int64_t now, double speed, double acceleration
 }
 static decaff_clock heard;
 void clock_reset(void) { memset(&heard, 0, sizeof heard); }
-void clock_hear(int64_t sent, int64_t now) { decaff_clock_hear(&heard, sent, now); }
+void clock_hear(uint64_t session, int64_t sent, int64_t now)
+{
+    decaff_clock_hear(&heard, session, sent, now);
+}
 int64_t clock_theirs(int64_t now) { return decaff_clock_theirs(&heard, now); }
 int clock_is_settled(void) { return heard.is_settled; }
 """
@@ -85,7 +88,7 @@ def library(folder):
     loaded.seal_poses.argtypes = (ctypes.c_void_p, size, ctypes.c_uint64, ctypes.c_uint64)
     loaded.makes_sense.argtypes = loaded.state_at.argtypes = (ctypes.c_void_p, whole)
     loaded.lower_at.argtypes, loaded.lower_at.restype = (ctypes.c_void_p, whole, real, real), real
-    loaded.clock_hear.argtypes = (whole, whole)
+    loaded.clock_hear.argtypes = (ctypes.c_uint64, whole, whole)
     loaded.clock_theirs.argtypes, loaded.clock_theirs.restype = (whole,), whole
     return loaded
 
@@ -271,15 +274,21 @@ def test_lower_bounds_are_those_of_python(
     np.testing.assert_allclose(told, contacts["lower"][0], rtol=1e-9, atol=1e-12)
 
 
-@given(st.lists(st.tuples(st.integers(0, 2000 * MS), st.integers(0, 90 * MS)), min_size=1, max_size=30))
+@given(
+    st.lists(
+        st.tuples(st.integers(-2000 * MS, 2000 * MS), st.integers(0, 90 * MS), st.sampled_from([0, 0, 0, 1])),
+        min_size=1,
+        max_size=30,
+    )
+)
 def test_clock_is_that_of_python(library, steps):
-    """Messages that are sent and arrive, each so much later than the one before."""
+    """Messages that are sent and arrive, each so much later than the one before; some begin a new run."""
     library.clock_reset()
-    clock, sent, now = ForeignClock(), NOW, 0
-    for sent_later, now_later in steps:
-        sent, now = sent + sent_later, now + now_later
-        library.clock_hear(sent, now)
-        clock.arrived(sent, now)
+    clock, sent, now, session = ForeignClock(), NOW, 0, 2**63
+    for sent_later, now_later, begun in steps:
+        sent, now, session = sent + sent_later, now + now_later, session + begun
+        library.clock_hear(session, sent, now)
+        clock.arrived(sent, now, is_new_run=bool(begun))
         assert bool(library.clock_is_settled()) is clock.is_settled
         assert library.clock_theirs(now) == pytest.approx(clock.theirs(now), abs=2)
 

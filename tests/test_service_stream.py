@@ -255,6 +255,16 @@ def test_sender_on_another_machine_that_starts_anew_has_another_clock(monkeypatc
     assert age == pytest.approx(3, abs=0.05)
 
 
+def test_poses_that_become_late_for_good_are_not_taken_for_new_ones_of_another_clock(monkeypatch):
+    sender = ForeignSender(monkeypatch)
+    while sender.send() is None:
+        pass
+    sender.now += 1300 * MS
+    ages = [sender.send(transit=1301 * MS) for _ in range(200)]
+
+    assert min(age for age in ages if age is not None) >= 1300
+
+
 @pytest.mark.parametrize("ahead", [-(2**63) - NOW + 1, 2**63 - NOW - 1000 * MS])
 def test_sender_whose_clock_is_beyond_all_measure_is_left_out(monkeypatch, ahead):
     """Its instants, and how far they are from ours, do not fit into 64 bits together."""

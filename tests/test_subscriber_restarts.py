@@ -86,6 +86,17 @@ def test_frame_that_was_held_up_is_older():
     assert reading.age_ns == pytest.approx(32 * MS, abs=1000)
 
 
+@pytest.mark.parametrize("delay", [50 * MS, 900 * MS, 1300 * MS])
+def test_link_that_becomes_late_for_good_is_never_told_as_fresh(delay):
+    """Measured 1307.7 ms ago, and told OK with an age of 8.2 ms: as of a publisher with another clock."""
+    bench = foreign_bench()
+    bench.read(delay)  # for as long nothing comes
+    for _ in range(2000):
+        reading = hear(bench, transit=2 * MS + delay)
+        assert reading.state in (State.LATE, State.STALE)
+        assert reading.age_ns >= delay
+
+
 def test_frame_of_a_publisher_elsewhere_grows_old():
     bench = foreign_bench()
 

@@ -9,7 +9,7 @@ SETTLING_NS = 50_000_000
 PACE_NS = 25_000_000
 """By how much messages may be faster on their way than the first, and one that settles slower."""
 JUMP_NS = 1_000_000_000
-"""A message that is later by more is of another clock, as after a new start of its machine; or it is old."""
+"""Where a new run of the publisher begins with a message that is later by more, its clock is another one."""
 
 
 class ForeignClock:
@@ -17,6 +17,18 @@ class ForeignClock:
 
     A message that took longer than the fastest one is older by that; what all of them took is not seen,
     and `TRANSIT_NS` is allowed for it.
+
+    However late messages come, the clock is thought to go on as it did. That their way has become longer,
+    that their clock was put back and that their machine slept look the same, and only in the first case is it
+    dangerous to be wrong. So what comes is old, until
+
+    - a message is as fast again as they were; or
+    - the publisher begins a new run, as `Publisher` does after its machine slept, or the reader starts anew.
+      Of a run that begins more than `JUMP_NS` late the clock is thought to be another one; or
+    - clocks may have drifted apart so far, in `NS_PER_DRIFT` times as long: 83 minutes for each second.
+
+    A message that is earlier than can be begins it anew at any time, as when their clock was put forward or
+    our machine slept: nothing seems younger by that. If it was a mistake, the ones that follow undo it.
 
     When a message was sent that comes alone, nothing tells: it may be a copy of an old one. So the clock is
     *settled* only when it has been seen to run: another message came `SETTLING_NS` later, and had been sent
@@ -34,25 +46,49 @@ class ForeignClock:
         """Forget: the clock is another one."""
         self.is_settled = False
         self._offset_ns: int | None = None
+        self._former: tuple[int, int] | None = None  # what was believed until a message came too early
 
-    def arrived(self, sent_ns: int, now_ns: int) -> None:
-        """Learn that what was sent at *sent_ns*, their clock, arrived at *now_ns*, ours."""
+    def arrived(self, sent_ns: int, now_ns: int, *, is_new_run: bool = False) -> None:
+        """Learn that what was sent at *sent_ns*, their clock, arrived at *now_ns*, ours.
+
+        Parameters
+        ----------
+        sent_ns, now_ns : int, ns
+            As above.
+        is_new_run : bool
+            Whether the publisher's session is another one than that of the message before.
+        """
         offset = now_ns - sent_ns
         fastest = self._offset_ns
-        pace = PACE_NS + max(now_ns - self._first_ns, 0) // NS_PER_DRIFT
-        if fastest is None or offset > fastest + JUMP_NS or offset < self._first_offset_ns - pace:
-            # Another clock; or what came before was held up; or these are old messages that come at once.
-            self.is_settled = False
-            self._offset_ns = self._first_offset_ns = offset
-            self._seen_ns = self._first_ns = now_ns
+        if fastest is None or (is_new_run and offset > fastest + JUMP_NS):
+            self._begin(offset, now_ns, None)
             return
-        grown = fastest + max(now_ns - self._seen_ns, 0) // NS_PER_DRIFT
-        self._offset_ns, self._seen_ns = min(offset, grown), now_ns
-        if offset <= self._first_offset_ns + pace:
-            self.is_settled |= now_ns - self._first_ns >= SETTLING_NS
+        if offset > fastest + JUMP_NS and self._former is not None:
+            before = _grown(*self._former, now_ns)
+            if offset <= before + JUMP_NS:  # so the message that came too early was wrong
+                self._begin(min(offset, before), now_ns, None)
+                return
+        pace = PACE_NS + max(now_ns - self._first_ns, 0) // NS_PER_DRIFT
+        if offset < self._first_offset_ns - pace:
+            # Another clock; or what came before was held up; or these are old messages that come at once.
+            self._begin(offset, now_ns, (fastest, self._seen_ns) if self.is_settled else self._former)
+            return
+        self._offset_ns, self._seen_ns = min(offset, _grown(fastest, self._seen_ns, now_ns)), now_ns
+        if offset <= self._first_offset_ns + pace and now_ns - self._first_ns >= SETTLING_NS:
+            self.is_settled, self._former = True, None
+
+    def _begin(self, offset_ns: int, now_ns: int, former: tuple[int, int] | None) -> None:
+        self.is_settled, self._former = False, former
+        self._offset_ns = self._first_offset_ns = offset_ns
+        self._seen_ns = self._first_ns = now_ns
 
     def theirs(self, now_ns: int) -> int:
         """Say what their clock shows at *now_ns*, ours; rather late than early."""
         if self._offset_ns is None:
             return now_ns
         return now_ns - self._offset_ns + TRANSIT_NS
+
+
+def _grown(offset_ns: int, seen_ns: int, now_ns: int) -> int:
+    """What an offset may have become as the clocks drifted apart."""
+    return offset_ns + max(now_ns - seen_ns, 0) // NS_PER_DRIFT

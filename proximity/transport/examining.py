@@ -73,6 +73,8 @@ class Examiner:
     What has come once of any run does not come again.
     """
 
+    is_new_run: bool  # the message that was given last is of another run than the one of its kind before it
+
     def __init__(
         self,
         inlet: Inlet,
@@ -82,6 +84,7 @@ class Examiner:
         most_flawed: int = MOST_FLAWED,
     ) -> None:
         self.counts = Counts()
+        self.is_new_run = False
         self._inlet = inlet
         self._kinds = {kind.magic: kind for kind in kinds}
         self._default = kinds[0]
@@ -170,6 +173,7 @@ class Examiner:
         """Count a message that is used, and those before it that are missing."""
         counts, last, (session, sequence, *_) = self.counts, self._last.get(kind.magic), message
         before = sequence - 1  # of the very first none is missing
+        self.is_new_run = last is not None and last[0] != session
         if last is None:
             counts.sessions += 1
         elif last[0] == session:

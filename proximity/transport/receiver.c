@@ -86,7 +86,7 @@ static int take(size_t size, int is_from_sender)
         return 0;
     if (has_frame && arrived.header.session == held.header.session)
         lost += (unsigned long)(arrived.header.sequence - held.header.sequence - 1);
-    decaff_clock_hear(&foreign, arrived.header.publish_ns, now_ns);
+    decaff_clock_hear(&foreign, arrived.header.session, arrived.header.publish_ns, now_ns);
     heard_ns = now_ns;
     has_frame = 1;
     memcpy(&held, &arrived, size);

@@ -180,7 +180,7 @@ class Subscriber:
         self._held, self._spare = self._spare, self._held
         self._is_new, self._is_forgotten, self._widening = True, False, None
         if self._foreign is not None and self._held is not None:
-            self._foreign.arrived(self._held.publish_ns, now)
+            self._foreign.arrived(self._held.publish_ns, now, is_new_run=self._examiner.is_new_run)
 
     def _reading(self) -> Reading:
         now, foreign, held = self._clock(), self._foreign, self._held
