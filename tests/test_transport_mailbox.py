@@ -1,6 +1,7 @@
 """The mailbox: the latest message inside the process."""
 
 import threading
+import time
 import uuid
 
 import numpy as np
@@ -129,8 +130,6 @@ def test_threads_see_whole_messages(address):
 
 
 def test_frames_travel_by_public_names(address):
-    import time
-
     with proximity.open_publisher(address) as publisher, proximity.open_subscriber(address) as subscriber:
         publisher.publish(frame(time.monotonic_ns(), 2))
         reading = subscriber.wait(10.0)
@@ -159,6 +158,23 @@ def test_sessions_rise_even_where_the_clock_stands_still(address, monkeypatch):
     sessions = [open_publisher(address).session for _ in range(3)]
 
     assert sessions == sorted(set(sessions))
+
+
+def test_publisher_whose_machine_slept_begins_another_run(address, monkeypatch):
+    """Its monotonic clock stood still; a calendar that is put back or slews is nothing to it."""
+    publisher, subscriber = open_publisher(address), open_subscriber(address)
+    calendar, sessions, numbers = time.time_ns(), [], []
+    monkeypatch.setattr("time.time_ns", lambda: calendar)
+    for gained in (0, -5_000_000_000, 900_000_000, 3_600_000_000_000, 0):
+        calendar += gained
+        publisher.publish(frame(time.monotonic_ns(), 2))
+        header = subscriber.read().header
+        sessions.append(int(header["session"]))
+        numbers.append(int(header["sequence"]))
+
+    assert numbers == [0, 1, 2, 0, 1]
+    assert sessions == sorted(sessions)
+    assert (subscriber.counts.sessions, subscriber.counts.lost) == (2, 0)
 
 
 def test_options_are_refused(address):

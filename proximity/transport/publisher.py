@@ -7,6 +7,9 @@ from types import TracebackType
 from proximity.message import Message
 from proximity.transport.links import Outlet
 
+ASLEEP_NS = 1_000_000_000
+"""Where the calendar gains more on the monotonic clock between two messages, the machine slept."""
+
 _lock = threading.Lock()
 _newest_session = 0
 
@@ -17,6 +20,10 @@ def _next_session() -> int:
     with _lock:
         _newest_session = max(time.time_ns(), _newest_session + 1)
         return _newest_session
+
+
+def _calendar_ahead_ns() -> int:
+    return time.time_ns() - time.monotonic_ns()
 
 
 class Publisher:
@@ -35,21 +42,25 @@ class Publisher:
     """
 
     address: str
-    session: int  # ns of the calendar at which the publisher was opened: receivers tell a restart by it
+    session: int  # ns of the calendar at which the run began: receivers tell a restart by it
 
     def __init__(self, outlet: Outlet, address: str) -> None:
         self.address = address
         self.session = _next_session()
         self._outlet = outlet
         self._sequences: dict[int, int] = {}  # number of the next message, by the magic of its kind
+        self._awake_ns = _calendar_ahead_ns()
 
     @property
     def sequence(self) -> int:
-        """How many messages were published, of all kinds; of one kind alone, the number of the next."""
+        """How many messages this run published, of all kinds; of one kind alone, the number of the next."""
         return sum(self._sequences.values())
 
     def publish(self, message: Message) -> None:
         """Number, seal and send a message; its number is spent even where sending fails.
+
+        After the machine slept another run begins: its monotonic clock stood still meanwhile, and receivers
+        on other machines must learn it anew.
 
         Parameters
         ----------
@@ -61,6 +72,10 @@ class Publisher:
         PublishError
             If the transport refuses it.
         """
+        before, self._awake_ns = self._awake_ns, _calendar_ahead_ns()
+        if self._awake_ns > before + ASLEEP_NS:
+            self.session = _next_session()
+            self._sequences.clear()
         magic = message.kind.magic
         sequence = self._sequences.get(magic, 0)
         self._sequences[magic] = sequence + 1
