@@ -32,7 +32,7 @@ from proximity.transport import Reading, open_publisher, open_subscriber
 def bench_of(place, force=0.0, finger=0.0):
     """A finger's drum as it is shown."""
     bench = DrumBench(250.0)
-    bench.step(Reading(State.OK, True, 0, 0, None, frame(1).records))
+    bench.step(Reading(State.OK, True, 0, 0, None, frame(1).records), 0)
     (shown,) = bench.fingers
     shown.plant.force, shown.bend = force, finger
     shown.action = replace(shown.action, state=place)

@@ -47,6 +47,11 @@ def reading(now_ns, bend, count=1, state=State.OK):
     return Reading(state, True, now_ns, 0, message.header[()], message.records)
 
 
+def step(bench, told):
+    """A sample at the instant of the reading: one clock for all."""
+    bench.step(told, told.now_ns)
+
+
 @pytest.fixture
 def run(monkeypatch, capsys):
     """Run the command line in this process; returns exit code, stdout and stderr."""
@@ -87,7 +92,7 @@ def test_drum_meets_the_finger_and_goes_when_nothing_is_known():
     bench = DrumBench(1000.0)
     bends = [*np.linspace(0.3, 0.52, 220), *[0.52] * 200]
     for sample, bend in enumerate(bends):
-        bench.step(reading(sample * MS, bend))
+        step(bench, reading(sample * MS, bend))
     finger = bench.fingers[0]
     assert finger.action.state.value == "position"
     assert finger.plant.place == pytest.approx(float(GLOVE.finger.path_length(0.0, WALL)), abs=2e-4)
@@ -97,7 +102,7 @@ def test_drum_meets_the_finger_and_goes_when_nothing_is_known():
 
     empty = np.zeros(0, CONTACT)
     for sample in range(len(bends), len(bends) + 1000):
-        bench.step(Reading(State.STALE, False, sample * MS, 0, None, empty))
+        step(bench, Reading(State.STALE, False, sample * MS, 0, None, empty))
     assert finger.action.state.value == "retracted"
     assert finger.plant.place == pytest.approx(finger.path.retracted, abs=1e-3)
 
@@ -106,7 +111,7 @@ def test_line_tells_state_places_and_force():
     bench = DrumBench(1000.0)
     assert drum_run.line(reading(0, 0.3), bench).endswith("OK: no frame yet")
     for sample in range(5):
-        bench.step(reading(sample * MS, 0.3, 10))
+        step(bench, reading(sample * MS, 0.3, 10))
     told = drum_run.line(reading(0, 0.3), bench).split("; ")
 
     finger = 1e3 * float(GLOVE.finger.path_length(0.0, 0.3))
@@ -122,7 +127,7 @@ def test_line_tells_state_places_and_force():
 def test_table_has_a_row_for_each_finger():
     bench = DrumBench(1000.0)
     for sample in range(3):
-        bench.step(reading(sample * MS, 0.3, 3))
+        step(bench, reading(sample * MS, 0.3, 3))
     stream = io.StringIO()
     Console(file=stream, width=100).print(drum_run.table(reading(0, 0.3, 3), bench, 2))
     rows = stream.getvalue().splitlines()
@@ -134,7 +139,7 @@ def test_table_has_a_row_for_each_finger():
 def test_late_sample_is_a_fault_that_is_counted_and_begun_anew():
     bench = DrumBench(1000.0)
     for now_ms in (0, 1, 2, 3, 40, 41, 42, 43):
-        bench.step(reading(now_ms * MS, 0.3))
+        step(bench, reading(now_ms * MS, 0.3))
     told = drum_run.summary(bench, ADDRESS, Counts(received=8), 0.043)["fingers"][0]
 
     assert told["faults"] == 1
@@ -142,12 +147,24 @@ def test_late_sample_is_a_fault_that_is_counted_and_begun_anew():
     assert told["state"] == "approach"
 
 
+def test_clock_of_another_machine_that_is_learnt_anew_is_no_fault():
+    """Sampled each millisecond; what is known of the other clock jumps by an hour, then by 23 ms."""
+    bench, now_ns = DrumBench(1000.0), 0
+    for sample in range(60):
+        now_ns += MS + {20: 3_600_000 * MS, 40: 23 * MS}.get(sample, 0)
+        bench.step(reading(now_ns, 0.3), sample * MS)
+
+    (finger,) = bench.fingers
+    assert finger.faults == 0
+    assert abs(finger.plant.place - finger.path.place(WALL)) < 1e-3
+
+
 def test_untracked_finger_stays_where_it_was():
     bench = DrumBench(1000.0)
-    bench.step(reading(0, 0.3))
+    step(bench, reading(0, 0.3))
     lost = reading(MS, 0.4)
     lost.contacts["flags"] &= ~np.uint32(ContactFlag.TRACKED)
-    bench.step(lost)
+    step(bench, lost)
 
     assert bench.fingers[0].bend == pytest.approx(0.3)
 
@@ -189,8 +206,8 @@ def test_contact_becomes_a_drum_angle_by_the_calibrated_glove(tmp_path):
     glove = read_glove(glove_files.write(tmp_path / "glove.json"))
     worn, designed = DrumBench(1000.0, [glove]), DrumBench(1000.0)
     for sample in range(5):
-        worn.step(reading(sample * MS, 0.3))
-        designed.step(reading(sample * MS, 0.3))
+        step(worn, reading(sample * MS, 0.3))
+        step(designed, reading(sample * MS, 0.3))
 
     angle = worn.fingers[0].action.angle
     assert angle == pytest.approx(float(glove.drum_angle(WALL)), abs=1e-5)
@@ -202,12 +219,12 @@ def test_each_finger_has_a_glove_of_its_own_or_all_have_one(tmp_path):
     long = glove_files.write(tmp_path / "long.json", phalanges=(0.050, 0.030, 0.022))
     gloves = [read_glove(long), GLOVE]
     bench = DrumBench(1000.0, gloves)
-    bench.step(reading(0, 0.3, 2))
+    step(bench, reading(0, 0.3, 2))
     retracted = [finger.path.retracted for finger in bench.fingers]
     assert retracted[0] > retracted[1] + 0.01
 
     with pytest.raises(DecaffError, match="2 calibrations for 3 fingers, expected one for all or one each"):
-        bench.step(reading(MS, 0.3, 3))
+        step(bench, reading(MS, 0.3, 3))
 
 
 def test_calibration_is_given_on_the_command_line(run, service, tmp_path):
@@ -264,7 +281,7 @@ def test_drum_without_bends_is_shown_as_if_fingers_bent_straight_and_that_is_sai
             told.contacts[name] = np.nan
         for name in ("signed_distance", "lower", "upper"):
             told.contacts[name] = distance
-        bench.step(told)
+        step(bench, told)
 
     (finger,) = bench.fingers
     assert finger.action.state.value == "position" and finger.touches == 1
@@ -301,7 +318,7 @@ def test_stiffness_beyond_what_is_passive_is_said_once(stiffness, is_said):
     for sample in range(5):
         seen = reading(2 * sample * MS, 0.45)
         seen.contacts["surface"], seen.contacts["stiffness"] = Surface.DEFORMABLE, stiffness
-        bench.step(seen)
+        step(bench, seen)
         told += bench.doubts()
 
     shown, _ = bench.fingers[0].controller.law.displayed(stiffness, 0.0)

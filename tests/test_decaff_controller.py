@@ -55,13 +55,17 @@ class Bench:
     def __init__(self, **settings):
         self.controller = FingerController(PATH, RATE, **settings)
         self.now, self.bend, self.force = 0, 0.3, 0.0
+        self.ahead = 0  # ns, the servo's own clock
         self.drum = PATH.retracted  # its place
         self.action = None
 
     def step(self, told=None, state=State.OK, **seen):
         self.now += MS
         given = {"bend": self.bend, "drum_angle": PATH.drum_angle(self.drum), "force": self.force} | seen
-        self.action = self.controller.step(Observation(self.now, state=state, contact=told, **given))
+        sample_ns = self.now + self.ahead
+        self.action = self.controller.step(
+            Observation(self.now, state=state, contact=told, sample_ns=sample_ns, **given)
+        )
         return self.action
 
     def run(self, count, **fields):
@@ -672,6 +676,38 @@ def test_watchdog_is_10_ms():
     bench.now += 10 * MS
     assert bench.run(1).state is DrumState.FAULT
     assert bench.controller.fault == "the servo was 11.0 ms from its last sample"
+
+
+@pytest.mark.parametrize("jump", [-3_000_023 * MS, -11 * MS, 23 * MS])
+def test_clock_of_the_frames_that_jumps_is_no_fault_of_the_servo(jump):
+    """It is guessed from another machine's frames, and jumps when a faster one comes: the motor stays on."""
+    for bench in (approaching(), touching()):
+        speed = bench.controller._speed
+        bench.now, bench.ahead = bench.now + jump, bench.ahead - jump
+        action = bench.step(None)
+
+        assert (action.mode, bench.controller.fault) == (DriveMode.POSITION, "")
+        assert abs(bench.controller._speed) <= abs(speed)
+
+
+def test_drum_freezes_for_its_time_whatever_the_clock_of_the_frames_does():
+    bench = touching()
+    lost = {"flags": 0, "mode": Mode.HOLD}
+    bench.step(contact(bench.now, **lost))
+    bench.now, bench.ahead = bench.now + 10_000 * MS, bench.ahead - 10_000 * MS
+    states = [bench.step(contact(bench.now, **lost)).state for _ in range(240)]
+
+    assert set(states) == {DrumState.FREEZE}
+
+
+def test_pose_that_lies_ahead_once_the_clock_was_learnt_anew_is_not_fresh():
+    bench = approaching()
+    place = bench.action.place
+    bench.now, bench.ahead = bench.now - 1000 * MS, bench.ahead + 1000 * MS
+    action = bench.step(None)
+
+    assert bench.controller.trust is Trust.STALE
+    assert action.place > place
 
 
 def test_emergency_stop_retracts_in_contact_too():

@@ -68,7 +68,7 @@ def test_drum_stands_where_the_finger_of_the_calibrated_glove_touches(glove_and_
         record["counts"] = counts_read(0.4e-3 * tick)
         queue.put(message, sequence=tick)
         contacts = answers.answer(source.poll(now_ns), now_ns)
-        bench.step(Reading(State.OK, True, now_ns, 0, None, contacts))
+        bench.step(Reading(State.OK, True, now_ns, 0, None, contacts), now_ns)
         (finger,) = bench.fingers
         if contacts["signed_distance"][0] > 0.0:
             told.append(contacts["contact_bend"][0])

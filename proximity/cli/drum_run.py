@@ -54,7 +54,7 @@ def run(
     period, due = 1.0 / rate, time.monotonic()
     while not is_over():
         reading = subscriber.read()
-        bench.step(reading)
+        bench.step(reading, time.monotonic_ns())
         look(reading)
         now = time.monotonic()
         due += period * max(1.0, (now - due) // period + 1.0)

@@ -1,6 +1,7 @@
 """The controller of one finger's drum: a state machine, stepped at each sample of the servo (PAPER 8 and 10).
 
-It never waits for a frame and knows no clock but the instants it is told. Where the drum shall stand is a
+It never waits for a frame and knows no clock but the instants it is told: ages of frames are on theirs, all
+else, the watchdog first, on the servo's. Where the drum shall stand is a
 *place* on the finger's way, greater away from the finger. On doubt the drum holds or retreats, never
 advances: whatever the states decide passes `_allowed` last, which lets a target come nearer to the finger
 only while a sound and fresh frame is known.
@@ -81,7 +82,7 @@ class FingerController:
         self._target = self._path.retracted
         self._force = math.inf  # N, of the last sample; inf: no force was served
         self._is_late = False
-        self._now_ns: int | None = None
+        self._sample_ns: int | None = None
         self._finger = self._speed = math.nan
         self._leave_contact()
         self._doubt = Doubt(self._limits)
@@ -101,8 +102,8 @@ class FingerController:
         """
         if not self.fault:
             self.fault = self._fault_of(seen)
-        elapsed = 0.0 if self._now_ns is None else 1e-9 * (seen.now_ns - self._now_ns)
-        self._now_ns = seen.now_ns
+        elapsed = 0.0 if self._sample_ns is None else 1e-9 * (seen.sample_ns - self._sample_ns)
+        self._sample_ns = seen.sample_ns
         if self.fault:
             self.state = DrumState.FAULT
             return self._action(DriveMode.OFF, 0.0, 0.0)
@@ -122,7 +123,7 @@ class FingerController:
     # --- what is measured ---
 
     def _fault_of(self, seen: Observation) -> str:
-        late_ns = 0 if self._now_ns is None else seen.now_ns - self._now_ns
+        late_ns = 0 if self._sample_ns is None else seen.sample_ns - self._sample_ns
         if not 0 <= late_ns <= self._limits.watchdog_ns:
             return f"the servo was {1e-6 * late_ns:.1f} ms from its last sample"
         if not math.isfinite(seen.bend):
@@ -183,7 +184,7 @@ class FingerController:
     def _contact(self, seen: Observation, drum: float, cap: float, elapsed: float) -> DrumAction:
         """Hold the place, or serve a force; what is old changes neither, and in the end the force goes."""
         has_waned = self._doubt.share < 1.0
-        share = self._doubt.take(self.trust, seen.now_ns)
+        share = self._doubt.take(self.trust, seen.sample_ns)
         self._is_late = self._is_late or (has_waned and share == 1.0)
         if self._doubt.is_over(seen.force, self._limits.gone_force):
             self._leave_contact()

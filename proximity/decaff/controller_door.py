@@ -68,15 +68,16 @@ class ControllerDoor:
         """
         if sight.message is not None:
             self._write(sight.message)
-        path = self._path
+        path, now_ns = self._path, START_NS + round(1e9 * sight.now)
         action = self.controller.step(
             Observation(
-                START_NS + round(1e9 * sight.now),
+                now_ns,
                 path.bend(self._wall + sight.link),
                 path.drum_angle(self._wall + sight.drum),
                 State.STALE if sight.message is None else State.OK,
                 None if sight.message is None else self._contact,
                 sight.force,
+                sample_ns=now_ns,
             )
         )
         self.action = action

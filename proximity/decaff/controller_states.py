@@ -1,7 +1,7 @@
 """What a drum's controller is told at each sample of the servo, what it does, and the states it is in."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum, IntEnum
 from typing import Any
 
@@ -48,15 +48,21 @@ class Trust(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """What is known at a sample of the servo."""
+    """What is known at a sample of the servo.
 
-    now_ns: int  # on the clock of the frames
+    There are two clocks. That of the frames may be another machine's, and only be guessed: it jumps when more
+    is learnt of it, and only ages of frames are told by it. How time passes for the drum is told by the
+    sample's own.
+    """
+
+    now_ns: int  # of the sample, on the clock of the frames
     bend: float  # of the finger, by the potentiometer; nan: a fault
     drum_angle: float  # rad, by the encoder; nan: a fault
     state: State = State.STALE  # of the newest reading
     contact: Any = None  # CONTACT, this finger's record of it; None: no frame yet
     force: float = math.nan  # N, between finger and drum; nan: not measured
     has_fault: bool = False  # of motor or current
+    sample_ns: int = field(kw_only=True)  # of the sample, on this machine's monotonic clock
 
 
 @dataclass(frozen=True, slots=True)

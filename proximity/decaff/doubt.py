@@ -21,22 +21,22 @@ class Doubt:
         self._since_ns: int | None = None
         self.share = 1.0
 
-    def take(self, trust: Trust, now_ns: int) -> float:
+    def take(self, trust: Trust, sample_ns: int) -> float:
         """Return the share of the force that is left.
 
         Parameters
         ----------
         trust : Trust
             In the newest frames.
-        now_ns : int, ns
-            The instant.
+        sample_ns : int, ns
+            Of the servo's sample, on its own clock.
         """
         if trust <= Trust.OLD and (trust is Trust.FRESH or self._since_ns is None):
             self._since_ns, self.share = None, 1.0
             return 1.0
         if self._since_ns is None:
-            self._since_ns = now_ns
-        ramped_ns = now_ns - self._since_ns - self._limits.freeze_ns
+            self._since_ns = sample_ns
+        ramped_ns = sample_ns - self._since_ns - self._limits.freeze_ns
         self.share = min(max(1.0 - ramped_ns / self._limits.ramp_ns, 0.0), 1.0)
         return self.share
 

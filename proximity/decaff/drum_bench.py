@@ -46,13 +46,15 @@ class FingerBench:
     peak_torque: float = 0.0  # N m, of the motor, either way
     samples: Counter[str] = field(default_factory=Counter)  # by state
 
-    def step(self, now_ns: int, elapsed: float, state: State, contact: Any) -> None:
+    def step(self, now_ns: int, sample_ns: int, elapsed: float, state: State, contact: Any) -> None:
         """Run one sample.
 
         Parameters
         ----------
         now_ns : int, ns
             On the clock of the frames.
+        sample_ns : int, ns
+            On this machine's monotonic clock.
         elapsed : float, s
             Since the last sample.
         state : State
@@ -66,7 +68,7 @@ class FingerBench:
             self.plant.advance(self.action, self.path.place(self.bend), elapsed)
         link = self.path.bend(min(self.path.place(self.bend), self.plant.place))
         self.action = self.controller.step(
-            Observation(now_ns, link, self.plant.angle, state, contact, self.plant.force)
+            Observation(now_ns, link, self.plant.angle, state, contact, self.plant.force, sample_ns=sample_ns)
         )
         after = self.action.state
         self.touches += after in IN_CONTACT and before not in IN_CONTACT
@@ -122,31 +124,34 @@ class DrumBench:
     ) -> None:
         self._rate, self._drum, self._limits = rate, drum, limits
         self._paths = [FingerPath(glove) for glove in gloves or [Glove()]]
-        self._now_ns: int | None = None
+        self._sample_ns: int | None = None
         self._said: set[str] = set()  # matters
         self.fingers = []
 
-    def step(self, reading: Reading) -> None:
+    def step(self, reading: Reading, sample_ns: int) -> None:
         """Run a sample of every finger.
 
         Parameters
         ----------
         reading : Reading
             The newest.
+        sample_ns : int, ns
+            Now, on this machine's monotonic clock: that of the reading may be another one's, and jump.
         """
         count, now_ns = len(reading.contacts), reading.now_ns
         if count and len(self.fingers) != count:
             self.fingers = [self._finger(path) for path in as_many(self._paths, count)]
-        elapsed = 0.0 if self._now_ns is None else NS * (now_ns - self._now_ns)
-        self._now_ns = now_ns
+        elapsed = 0.0 if self._sample_ns is None else NS * (sample_ns - self._sample_ns)
+        self._sample_ns = sample_ns
         for i, finger in enumerate(self.fingers):
-            finger.step(now_ns, elapsed, reading.state, reading.contacts[i] if i < count else None)
+            contact = reading.contacts[i] if i < count else None
+            finger.step(now_ns, sample_ns, elapsed, reading.state, contact)
 
     def warm_up(self) -> None:
         """Compile what a step needs, on a finger that is thrown away."""
         finger = self._finger(self._paths[0])
-        finger.step(0, 0.0, State.STALE, None)
-        finger.step(1_000_000, 1e-3, State.STALE, None)
+        finger.step(0, 0, 0.0, State.STALE, None)
+        finger.step(1_000_000, 1_000_000, 1e-3, State.STALE, None)
 
     def doubts(self) -> list[str]:
         """Return sentences on what these drums cannot do as the service has it; each matter is said once."""

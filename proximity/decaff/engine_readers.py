@@ -70,7 +70,9 @@ class ControllerReader:
         """
         path, wall = self._path, self._wall
         bend, angle = path.bend(wall + sight.link), path.drum_angle(wall + sight.drum)
-        action = self.controller.step(Observation(now_ns, bend, angle, state, contact, sight.force))
+        action = self.controller.step(
+            Observation(now_ns, bend, angle, state, contact, sight.force, sample_ns=now_ns)
+        )
         self.states[action.state.value] += 1
         is_force = action.mode is DriveMode.FORCE
         if is_force and math.isnan(self.switched_at):

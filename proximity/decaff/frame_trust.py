@@ -105,10 +105,11 @@ class FrameTrust:
         if self._pose_ns is None or self._doubted is not None:
             return self._doubted or Trust.LOST
         age = now_ns - self._pose_ns
-        if age <= self._limits.fresh_ns:
-            return Trust.FRESH
-        if age <= self._limits.stale_ns:
-            return Trust.OLD
+        if age >= -self._limits.ahead_ns:  # else the clock is another one now
+            if age <= self._limits.fresh_ns:
+                return Trust.FRESH
+            if age <= self._limits.stale_ns:
+                return Trust.OLD
         self.location = self._pending = None
         self.was_outside = False
         return Trust.STALE
