@@ -44,6 +44,7 @@ def fill(contacts, bend):
 def reading(now_ns, bend, count=1, state=State.OK):
     message = frame(count, now_ns)
     fill(message.records, bend)
+    message.header["sequence"] = now_ns // MS
     return Reading(state, True, now_ns, 0, message.header[()], message.records)
 
 

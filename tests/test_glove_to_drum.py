@@ -11,7 +11,7 @@ from ticking import solid
 
 from proximity.decaff.drum_bench import DrumBench
 from proximity.decaff.wearing import read_glove
-from proximity.message import GLOVE_POSES, Message, State
+from proximity.message import FRAME, GLOVE_POSES, Message, State
 from proximity.replay import turn_about_axes
 from proximity.scene import Scene
 from proximity.scene_file import read_scene_file
@@ -59,7 +59,7 @@ def test_drum_stands_where_the_finger_of_the_calibrated_glove_touches(glove_and_
         Tracker(Scene([solid((vertices @ TURN.T + KNUCKLE, faces), "plane")]), fingers=1)
     )
     bench, message = DrumBench(1000.0, [glove]), Message(GLOVE_POSES, 1)
-    placed, told = [], []
+    header, placed, told = Message(FRAME, 1).header, [], []
     for tick in range(450):
         now_ns = tick * MS
         record = message.records
@@ -68,7 +68,8 @@ def test_drum_stands_where_the_finger_of_the_calibrated_glove_touches(glove_and_
         record["counts"] = counts_read(0.4e-3 * tick)
         queue.put(message, sequence=tick)
         contacts = answers.answer(source.poll(now_ns), now_ns)
-        bench.step(Reading(State.OK, True, now_ns, 0, None, contacts), now_ns)
+        header["sequence"], header["start_ns"] = tick, now_ns
+        bench.step(Reading(State.OK, True, now_ns, 0, header, contacts), now_ns)
         (finger,) = bench.fingers
         if contacts["signed_distance"][0] > 0.0:
             told.append(contacts["contact_bend"][0])

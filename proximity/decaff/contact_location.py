@@ -32,6 +32,7 @@ class Location:
     error: float  # by which the bend may be off; 0 where it is not told
     pose_ns: int
     finger_speed: float  # m/s, when it was told
+    start_ns: int = 0  # of the tick that told it: poses may be rarer than frames
     incidence: float = 1.0  # cosine between the finger's way and the surface's normal; nan: too near to tell
 
     def bend_at(self, now_ns: int, longest_ns: int) -> float:
@@ -143,7 +144,7 @@ def locate(contact: Any, path: FingerPath) -> Location | None:
     way = path.place(place) - path.place(bend) if math.isfinite(bend) else math.nan
     incidence = min(max(distance / way, 0.0), 1.0) if way > LEAST_WAY and distance < math.inf else math.nan
     speed = math.hypot(*(_or_zero(number) for number in contact["velocity"]))
-    return Location(place, rate, error, int(contact["pose_ns"]), speed, incidence)
+    return Location(place, rate, error, int(contact["pose_ns"]), speed, incidence=incidence)
 
 
 def _is_open(contact: Any) -> bool:

@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from proximity.decaff.controller import FingerController
-from proximity.decaff.controller_states import DrumAction, Observation
+from proximity.decaff.controller_states import DrumAction, FrameMark, Observation
 from proximity.decaff.finger_path import FingerPath
 from proximity.decaff.policies import DriveMode, DrumCommand, Holding, Message, Sight
 from proximity.message import CONTACT, Mode, State, Surface
@@ -52,6 +52,7 @@ class ControllerDoor:
         self, controller: FingerController, path: FingerPath, holding: Holding | None = None
     ) -> None:
         self.controller, self._path, self.action = controller, path, None
+        self._frame: FrameMark | None = None
         self._wall = path.retracted - (holding or Holding()).retracted
         self._contact = np.zeros(1, CONTACT)[0]
         self._contact["flags"] = ContactFlag.TRACKED | ContactFlag.EXACT | ContactFlag.SIGNED
@@ -78,6 +79,7 @@ class ControllerDoor:
                 None if sight.message is None else self._contact,
                 sight.force,
                 sample_ns=now_ns,
+                frame=self._frame,
             )
         )
         self.action = action
@@ -87,7 +89,10 @@ class ControllerDoor:
     def _write(self, message: Message) -> None:
         """Write a distance as a frame would have it: with the place of contact on the finger's way."""
         told, path = self._contact, self._path
-        told["pose_ns"] = START_NS + round(1e9 * message.at)
+        pose_ns = START_NS + round(1e9 * message.at)
+        if self._frame is None or pose_ns != self._frame.start_ns:
+            self._frame = FrameMark(0, 0 if self._frame is None else self._frame.sequence + 1, pose_ns)
+        told["pose_ns"] = pose_ns
         told["bend"] = path.bend(self._wall + message.link)
         told["contact_bend"] = path.bend(self._wall + message.link + message.distance)
         for name in ("signed_distance", "lower", "upper"):

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass, field
 from enum import Enum, IntEnum
-from typing import Any
+from typing import Any, NamedTuple
 
 from proximity.decaff.policies import DriveMode
 from proximity.message import State
@@ -46,6 +46,27 @@ class Trust(IntEnum):
     """The finger is not tracked, or there never was a frame."""
 
 
+class FrameMark(NamedTuple):
+    """By which a frame is known again, and the instant it was made for."""
+
+    session: int
+    sequence: int
+    start_ns: int  # of its tick, on the clock of the frames
+
+    @classmethod
+    def of(cls, header: Any) -> "FrameMark | None":
+        """Take it from a frame's header; None: no frame yet.
+
+        Parameters
+        ----------
+        header : FRAME_HEADER or None
+            Of the frame.
+        """
+        if header is None:
+            return None
+        return cls(int(header["session"]), int(header["sequence"]), int(header["start_ns"]))
+
+
 @dataclass(frozen=True, slots=True)
 class Observation:
     """What is known at a sample of the servo.
@@ -63,6 +84,7 @@ class Observation:
     force: float = math.nan  # N, between finger and drum; nan: not measured
     has_fault: bool = False  # of motor or current
     sample_ns: int = field(kw_only=True)  # of the sample, on this machine's monotonic clock
+    frame: FrameMark | None = field(default=None, kw_only=True)  # that the record is of; None: no frame yet
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,9 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from proximity.decaff.calibrated_glove import CalibratedGlove
 from proximity.decaff.controller import FingerController
-from proximity.decaff.controller_states import IN_CONTACT, DrumAction, Observation
+from proximity.decaff.controller_states import IN_CONTACT, DrumAction, FrameMark, Observation
 from proximity.decaff.drum import GEAR4, Drum
 from proximity.decaff.drum_plant import DrumPlant
 from proximity.decaff.finger_path import FingerPath
@@ -20,7 +22,7 @@ from proximity.decaff.glove import Glove
 from proximity.decaff.limits import Limits
 from proximity.decaff.straight_way import with_bend
 from proximity.decaff.wearing import as_many
-from proximity.message import State, Surface
+from proximity.message import CONTACT, State, Surface
 from proximity.message.contact import ContactFlag
 from proximity.transport import Reading
 
@@ -46,29 +48,33 @@ class FingerBench:
     peak_torque: float = 0.0  # N m, of the motor, either way
     samples: Counter[str] = field(default_factory=Counter)  # by state
 
-    def step(self, now_ns: int, sample_ns: int, elapsed: float, state: State, contact: Any) -> None:
+    def step(
+        self, reading: Reading, sample_ns: int, elapsed: float, contact: Any, frame: FrameMark | None
+    ) -> None:
         """Run one sample.
 
         Parameters
         ----------
-        now_ns : int, ns
-            On the clock of the frames.
+        reading : Reading
+            Of all fingers.
         sample_ns : int, ns
             On this machine's monotonic clock.
         elapsed : float, s
             Since the last sample.
-        state : State
-            Of the reading.
         contact : CONTACT or None
             Of this finger.
+        frame : FrameMark or None
+            Which frame that is of.
         """
+        now_ns = reading.now_ns
         contact = self._follow(contact, now_ns)
         before = self.controller.state
         if self.action is not None:
             self.plant.advance(self.action, self.path.place(self.bend), elapsed)
         link = self.path.bend(min(self.path.place(self.bend), self.plant.place))
+        angle, force = self.plant.angle, self.plant.force
         self.action = self.controller.step(
-            Observation(now_ns, link, self.plant.angle, state, contact, self.plant.force, sample_ns=sample_ns)
+            Observation(now_ns, link, angle, reading.state, contact, force, sample_ns=sample_ns, frame=frame)
         )
         after = self.action.state
         self.touches += after in IN_CONTACT and before not in IN_CONTACT
@@ -138,20 +144,21 @@ class DrumBench:
         sample_ns : int, ns
             Now, on this machine's monotonic clock: that of the reading may be another one's, and jump.
         """
-        count, now_ns = len(reading.contacts), reading.now_ns
+        count, frame = len(reading.contacts), FrameMark.of(reading.header)
         if count and len(self.fingers) != count:
             self.fingers = [self._finger(path) for path in as_many(self._paths, count)]
         elapsed = 0.0 if self._sample_ns is None else NS * (sample_ns - self._sample_ns)
         self._sample_ns = sample_ns
         for i, finger in enumerate(self.fingers):
             contact = reading.contacts[i] if i < count else None
-            finger.step(now_ns, sample_ns, elapsed, reading.state, contact)
+            finger.step(reading, sample_ns, elapsed, contact, frame)
 
     def warm_up(self) -> None:
         """Compile what a step needs, on a finger that is thrown away."""
         finger = self._finger(self._paths[0])
-        finger.step(0, 0, 0.0, State.STALE, None)
-        finger.step(1_000_000, 1_000_000, 1e-3, State.STALE, None)
+        nothing = Reading(State.STALE, False, 0, -1, None, np.zeros(0, CONTACT))
+        finger.step(nothing, 0, 0.0, None, None)
+        finger.step(nothing, 1_000_000, 1e-3, None, None)
 
     def doubts(self) -> list[str]:
         """Return sentences on what these drums cannot do as the service has it; each matter is said once."""

@@ -13,6 +13,7 @@ import math
 from proximity.decaff.closed_loop import LEAD, DecaffLoop, real_wall, soft_wall
 from proximity.decaff.controller import FingerController
 from proximity.decaff.controller_door import START_NS
+from proximity.decaff.controller_states import FrameMark
 from proximity.decaff.delayed_link import DelayedLink
 from proximity.decaff.devices import SERVO_RATE, Decaff, Sensing
 from proximity.decaff.engine_press import EnginePress
@@ -133,7 +134,8 @@ class Engine:
         self._has_touched = self._has_touched or sight.force > 0.0 or sight.link >= 0.0
         if reading.is_valid and contact is not None and not self._has_touched:
             self._note(float(contact["contact_bend"]), float(contact["contact_bend_error"]))
-        return self.reader.command(sight, self._now_ns, reading.state, contact)
+        frame = FrameMark.of(reading.header)
+        return self.reader.command(sight, self._now_ns, reading.state, contact, frame)
 
     def _tick(self, time: float) -> None:
         place, speed = self._loop.link_at(time)

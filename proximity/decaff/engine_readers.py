@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 from proximity.decaff.controller import FingerController
 from proximity.decaff.controller_door import START_NS, commanded
-from proximity.decaff.controller_states import Observation, Trust
+from proximity.decaff.controller_states import FrameMark, Observation, Trust
 from proximity.decaff.finger_path import FingerPath
 from proximity.decaff.policies import DriveMode, DrumCommand, Message, Sight, TargetPolicy
 from proximity.message import State
@@ -30,7 +30,9 @@ class Reader(Protocol):
     advances: int
     """Samples at which the drum was sent nearer although nothing fresh was known."""
 
-    def command(self, sight: Sight, now_ns: int, state: State, contact: Any) -> DrumCommand:
+    def command(
+        self, sight: Sight, now_ns: int, state: State, contact: Any, frame: FrameMark | None
+    ) -> DrumCommand:
         """Return what the drum shall do until the next sample."""
 
 
@@ -54,7 +56,9 @@ class ControllerReader:
         self.advances = 0
         self._target = path.retracted
 
-    def command(self, sight: Sight, now_ns: int, state: State, contact: Any) -> DrumCommand:
+    def command(
+        self, sight: Sight, now_ns: int, state: State, contact: Any, frame: FrameMark | None
+    ) -> DrumCommand:
         """Return what the controller wants.
 
         Parameters
@@ -67,11 +71,13 @@ class ControllerReader:
             Of the newest frame, as it is now.
         contact : CONTACT or None
             What it says of the finger.
+        frame : FrameMark or None
+            Which frame that is.
         """
         path, wall = self._path, self._wall
         bend, angle = path.bend(wall + sight.link), path.drum_angle(wall + sight.drum)
         action = self.controller.step(
-            Observation(now_ns, bend, angle, state, contact, sight.force, sample_ns=now_ns)
+            Observation(now_ns, bend, angle, state, contact, sight.force, sample_ns=now_ns, frame=frame)
         )
         self.states[action.state.value] += 1
         is_force = action.mode is DriveMode.FORCE
@@ -106,7 +112,9 @@ class PolicyReader:
         self._speed = 0.0
         self._message: Message | None = None
 
-    def command(self, sight: Sight, now_ns: int, state: State, contact: Any) -> DrumCommand:
+    def command(
+        self, sight: Sight, now_ns: int, state: State, contact: Any, frame: FrameMark | None
+    ) -> DrumCommand:
         """Return where the drum shall go.
 
         Parameters
@@ -119,6 +127,8 @@ class PolicyReader:
             Of the newest frame; this reader does not care.
         contact : CONTACT or None
             What it says of the finger.
+        frame : FrameMark or None
+            Which frame that is.
         """
         if contact is not None:
             self._take(contact)
