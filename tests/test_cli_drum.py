@@ -17,10 +17,13 @@ from sealed_frames import frame
 
 from proximity import cli
 from proximity.cli import drum_run, screen
+from proximity.cli.drum_log import DrumLog
+from proximity.decaff.controller_states import DrumState
 from proximity.decaff.drum import GEAR4
 from proximity.decaff.drum_bench import DrumBench
 from proximity.decaff.finger_path import FingerPath
 from proximity.decaff.glove import Glove
+from proximity.decaff.policies import DriveMode
 from proximity.decaff.straight_way import with_bend
 from proximity.decaff.wearing import read_glove
 from proximity.errors import DecaffError
@@ -342,6 +345,36 @@ def test_doubts_are_said_on_stderr(run):
     assert result.code == 0
     assert result.err.startswith("proximity: no bend is told of finger 0, 1: shown as if bent straight")
     assert len(result.err.splitlines()) == 1
+
+
+# -------------------------------------------------------------------------------------- drums that fail
+
+
+@pytest.mark.parametrize(
+    ("failure", "ending"),
+    [(ZeroDivisionError("of a drum"), ZeroDivisionError), (DecaffError("of a drum"), SystemExit)],
+)
+def test_drums_that_fail_end_the_command_with_their_motors_off(service, monkeypatch, failure, ending):
+    """The table went on showing the last state, and the exit code was 0."""
+    benches = []
+
+    def fail(log, reading, bench):
+        if any(finger.action.state is DrumState.APPROACH for finger in bench.fingers):
+            benches.append(bench)
+            raise failure
+
+    monkeypatch.setattr(DrumLog, "append", fail)
+    monkeypatch.setattr(sys, "argv", ["proximity", "drum", ADDRESS, "--limit", "20", "--json"])
+    with pytest.raises(ending) as end:
+        cli.main()
+
+    assert end.type is ZeroDivisionError or end.value.code == 2
+    (bench,) = benches
+    for finger in bench.fingers:
+        action = finger.action
+        assert (action.state, action.mode) == (DrumState.FAULT, DriveMode.OFF)
+        assert (action.force_cap, action.torque_cap, action.motor_speed_cap) == (0.0, 0.0, 0.0)
+        assert finger.controller.fault == "the controllers ended: of a drum"
 
 
 # -------------------------------------------------------------------------------------- its log

@@ -81,7 +81,8 @@ def command(
         while True:
             reading, seen = follower.look(TURN_S)
             show(screen, reading, seen, drums.told())
-            if stop.is_set() or not service.is_running or time.monotonic() >= ends:
+            is_running = service.is_running and drums.is_running
+            if stop.is_set() or not is_running or time.monotonic() >= ends:
                 break
         report = service.stop()
     for text in _summary(report, seen, drums):

@@ -15,7 +15,6 @@ from rich.text import Text
 
 from proximity.decaff.controller_states import DrumState
 from proximity.decaff.drum_bench import DrumBench, FingerBench
-from proximity.errors import ProximityError
 from proximity.transport import Counts, Reading, Subscriber
 
 LINE_FINGERS = 8
@@ -64,6 +63,8 @@ def run(
 class DrumsBeside:
     """Runs drums in a thread, with a subscriber of their own, while something else is shown.
 
+    Whatever ends the thread before its time turns the motors off, and is raised as the ``with`` block ends.
+
     Parameters
     ----------
     bench : DrumBench
@@ -85,7 +86,7 @@ class DrumsBeside:
     ) -> None:
         self.bench = bench
         self._subscriber, self._rate, self._look = subscriber, rate, look
-        self._failure: ProximityError | None = None
+        self._failure: BaseException | None = None
         self._is_over = threading.Event()
         self._thread = threading.Thread(target=self._run, name="drums", daemon=True)
 
@@ -106,7 +107,8 @@ class DrumsBeside:
     def _run(self) -> None:
         try:
             run(self.bench, self._subscriber, self._rate, self._look, self._is_over.is_set)
-        except ProximityError as failure:
+        except BaseException as failure:  # a thread that ends tells nobody else
+            self.bench.switch_off(f"the controllers ended: {failure}")
             self._failure = failure
 
     def __enter__(self) -> "DrumsBeside":

@@ -7,19 +7,20 @@ potentiometer tells that bend, or where the drum stops the link.
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from proximity.decaff.calibrated_glove import CalibratedGlove
 from proximity.decaff.controller import FingerController
-from proximity.decaff.controller_states import IN_CONTACT, DrumAction, FrameMark, Observation
+from proximity.decaff.controller_states import IN_CONTACT, DrumAction, DrumState, FrameMark, Observation
 from proximity.decaff.drum import GEAR4, Drum
 from proximity.decaff.drum_plant import DrumPlant
 from proximity.decaff.finger_path import FingerPath
 from proximity.decaff.glove import Glove
 from proximity.decaff.limits import Limits
+from proximity.decaff.policies import DriveMode
 from proximity.decaff.straight_way import with_bend
 from proximity.decaff.wearing import as_many
 from proximity.message import CONTACT, State, Surface
@@ -28,6 +29,7 @@ from proximity.transport import Reading
 
 CARRIED_NS = 20_000_000  # so long a finger is thought to go on as it did
 NS = 1e-9  # in s
+NO_POWER = dict.fromkeys(("force", "speed_cap", "force_cap", "torque", "torque_cap", "motor_speed_cap"), 0.0)
 SOFTER = 1e-6  # share by which a displayed stiffness must fall short before that is said
 
 
@@ -84,6 +86,19 @@ class FingerBench:
         if self.controller.fault:  # there is nobody to press a button
             self.faults += 1
             self.controller.reset()
+
+    def switch_off(self, why: str) -> None:
+        """Leave the motor without power, whatever the controller wanted last; nothing is computed.
+
+        Parameters
+        ----------
+        why : str
+            For whoever asks the controller for its fault.
+        """
+        self.controller.fault = why
+        self.faults += 1
+        if self.action is not None:
+            self.action = replace(self.action, state=DrumState.FAULT, mode=DriveMode.OFF, **NO_POWER)
 
     def _follow(self, contact: Any, now_ns: int) -> Any:
         """Take in where the finger is; the record that the controller gets."""
@@ -152,6 +167,17 @@ class DrumBench:
         for i, finger in enumerate(self.fingers):
             contact = reading.contacts[i] if i < count else None
             finger.step(reading, sample_ns, elapsed, contact, frame)
+
+    def switch_off(self, why: str) -> None:
+        """Leave all motors without power, where nobody steps their controllers any more.
+
+        Parameters
+        ----------
+        why : str
+            The fault that they have.
+        """
+        for finger in self.fingers:
+            finger.switch_off(why)
 
     def warm_up(self) -> None:
         """Compile what a step needs, on a finger that is thrown away."""
