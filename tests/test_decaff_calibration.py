@@ -69,8 +69,9 @@ def test_table_gives_the_bend_of_a_hand_that_is_not_as_designed():
 
 def test_table_is_monotone_and_so_is_its_inverse():
     """PCHIP: no overshoot, however uneven the points."""
-    uneven = CalibratedGlove(DESIGN, calibrated(counts=[100, 101, 20000, 20001, 20002, 50000, 50001]))
-    counts = np.linspace(100, 50001, 5001)
+    table = [22000, 23000, 31000, 32000, 33000, 45000, 45600]
+    uneven = CalibratedGlove(DESIGN, calibrated(counts=table))
+    counts = np.linspace(22000, 45600, 5001)
 
     assert (np.diff(uneven.bend_of_counts(counts)) >= 0.0).all()
     assert (np.diff(GLOVE.counts(np.linspace(-1.0, 2.0, 3001))) > 0.0).all()
@@ -180,6 +181,55 @@ def test_table_for_another_potentiometer_is_refused():
         CalibratedGlove(coarse, calibrated())
 
 
+FLAT, FIST = (float(counts) for counts in HAND.counts([0.0, 1.0]))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"counts": range(7)}, r"the table has 6 counts at bend 1, expected 43\d+, give or take 10\d+"),
+        (
+            {"counts": FLAT + 1e-9 * np.arange(7)},
+            r"the table has 21\d+ counts at bend 1, expected 43\d+, give or take 10\d+",
+        ),
+        (
+            {"counts": [0, 1, 2, 3, 4, 5, 60000]},
+            r"the table has 5 counts at bend 0\.833333, expected 41\d+, give or take 10\d+",
+        ),
+        (
+            {"counts": HAND.counts(TABLE_BENDS) / 16},
+            r"the table has 27\d+(\.\d+)? counts at bend 1, expected 43\d+, give or take 10\d+",
+        ),
+        (
+            {"bends": [0, 1e-9, 2e-9, 3e-9, 4e-9, 5e-9, 1]},
+            r"the table has 41\d+ counts at bend 5e-09, expected 21\d+, give or take 10\d+",
+        ),
+        (
+            {"counts": [FLAT, 26000, 26000.001, 35000, 38000, 41000, FIST]},
+            r"counts go up by 0\.001 from bend 0\.166667 to 0\.333333, expected about 43\d+",
+        ),
+        (
+            {"bends": [0, 1 / 6, 1 / 3, 0.5, 2 / 3, 2 / 3 + 1e-6, 1]},
+            r"counts go up by \d+ from bend 0\.666667 to 0\.666668, expected about 0",
+        ),
+    ],
+)
+def test_table_that_cannot_be_of_this_glove_is_refused(changes, message):
+    with pytest.raises(DecaffError, match=f"^{message}, by how this glove is designed$"):
+        CalibratedGlove(DESIGN, calibrated(**changes))
+
+
+@pytest.mark.parametrize("pulley", [0.8, 1.2])
+@pytest.mark.parametrize("mounted", [-0.3, 0.3])
+def test_table_of_a_glove_that_is_not_quite_as_designed_is_taken(pulley, mounted):
+    """The pulley's radius is off by a fifth; the potentiometer is mounted 17 degrees off."""
+    hand = Glove(cable=Cable(hand_pulley=0.02 * pulley))
+    counts = DESIGN.potentiometer.counts(hand.replica_angle(TABLE_BENDS) + mounted)
+    glove = CalibratedGlove(DESIGN, calibrated(counts=counts))
+
+    assert glove.bend_of_counts(counts) == pytest.approx(TABLE_BENDS)
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -208,6 +258,12 @@ def test_table_for_another_potentiometer_is_refused():
         ),
         ({"backlash": math.inf}, "backlash is inf, expected a number of metres of 0 or more"),
         ({"latency": True}, "latency is True, expected a number of seconds of 0 or more"),
+        ({"touch_offset": 40}, "touch_offset is 40 radians, expected 0.5 at most, either way"),
+        ({"touch_offset": -0.51}, "touch_offset is -0.51 radians, expected 0.5 at most, either way"),
+        ({"cable_compliance": 1.0}, "cable_compliance is 1 metres a newton, expected 0.002 at most"),
+        ({"backlash": 0.5}, "backlash is 0.5 metres, expected 0.01 at most"),
+        ({"latency": 10.0}, "latency is 10 seconds, expected 1 at most"),
+        ({"latency": 1e300}, "latency is 1e+300 seconds, expected 1 at most"),
         ({"phalanges": (0.1, 0.1)}, "phalanges are (0.1, 0.1), expected three numbers of metres"),
         ({"phalanges": (0.1, 0, 0.1)}, "one of phalanges is 0, expected a positive number of metres"),
     ],
@@ -235,7 +291,7 @@ def test_table_does_not_change_after_it_is_made():
 def test_file_gives_back_what_was_written(tmp_path):
     path = tmp_path / "right-index.json"
     for round_ in range(2):  # the second replaces the first
-        made = calibrated(touch_offset=0.1 + 0.2 + round_, name="rechter Zeigefinger ☝")
+        made = calibrated(touch_offset=0.1 + 0.2 - 0.5 * round_, name="rechter Zeigefinger ☝")
         write_calibration(path, made)
         read = read_calibration(path)
 

@@ -22,13 +22,17 @@ TOUCH_TOLERANCE = 0.3e-3
 """m at the fingertip that a touch may be off (PAPER 9.2)."""
 RANGE_MARGIN = 0.05
 """Share of the table's range that counts may lie beyond it: a hand bends farther when it is warm. Assumed."""
+MOST_OFF = 0.5
+"""Share of the design's range of counts that the table may be off it: hands and mountings differ. Assumed."""
+MOST_UNEVEN = 5.0
+"""By how many times counts may go up faster, or slower, than by the design, between two points. Assumed."""
 INVERSE = np.linspace(0.0, 1.0, 4097)
 """Bends at which the table is inverted; lines in between are off by less than a hundredth of a count."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibratedGlove:
-    """A glove with what was measured of it. Refused where the table does not fit the potentiometer."""
+    """A glove with what was measured of it. Refused where the table cannot be of this glove."""
 
     glove: Glove  # as designed; its finger gives way to the measured one
     calibration: Calibration
@@ -44,6 +48,7 @@ class CalibratedGlove:
                 "potentiometer"
             )
         object.__setattr__(self, "glove", _as_measured(self.glove, self.calibration))
+        _check_table(self.glove, self.calibration)
         object.__setattr__(self, "_table", PchipInterpolator(counts, bends))
         dense = np.linspace(counts[0], counts[-1], len(INVERSE) * 4)
         inverse = np.interp(INVERSE, self._table(dense), dense)
@@ -228,3 +233,25 @@ def _as_measured(glove: Glove, calibration: Calibration) -> Glove:
     )
     finger = replace(glove.finger, phalanges=calibration.phalanges)
     return replace(glove, finger=finger, cable=cable)
+
+
+def _check_table(glove: Glove, calibration: Calibration) -> None:
+    """Refuse counts that are not those of the glove's potentiometer and linkage, nor nearly so."""
+    counts, bends = calibration.counts, calibration.bends
+    designed = glove.potentiometer.counts(glove.replica_angle(bends))
+    most = MOST_OFF * abs(designed[-1] - designed[0])
+    off = np.abs(counts - designed)
+    row = int(np.argmax(off))
+    if not off[row] <= most:
+        raise DecaffError(
+            f"the table has {counts[row]:g} counts at bend {bends[row]:g}, expected {designed[row]:.0f}, "
+            f"give or take {most:.0f}, by how this glove is designed"
+        )
+    steps, expected = np.diff(counts), np.diff(designed)
+    uneven = np.flatnonzero((MOST_UNEVEN * steps < expected) | (steps > MOST_UNEVEN * expected))
+    if len(uneven):
+        row = int(uneven[0])
+        raise DecaffError(
+            f"counts go up by {steps[row]:g} from bend {bends[row]:g} to {bends[row + 1]:g}, expected about "
+            f"{expected[row]:.0f}, by how this glove is designed"
+        )

@@ -29,6 +29,14 @@ MOST_AGE_DAYS = 30.0
 """A hand and a strap change. Assumed: the paper says that a calibration has a date, not how long it holds."""
 SLACK_DAYS = 1.0
 """By which a date may lie ahead: two machines whose clocks differ."""
+MOST_TOUCH_OFFSET = 0.5
+"""rad, either way: an encoder that is mounted farther off was not set to zero, or tells degrees. Assumed."""
+MOST_COMPLIANCE = 1.0 / 500.0
+"""m/N: a softer cable would be felt as a spring, whatever the drum does. Assumed."""
+MOST_BACKLASH = 10e-3
+"""m of cable, a third of a replica's radian. Assumed."""
+MOST_LATENCY = 1.0
+"""s; after that no frame is valid. Assumed."""
 LARGEST_FILE = 100_000
 """Bytes; a calibration has some 700."""
 
@@ -54,10 +62,19 @@ class Calibration:
             object.__setattr__(self, name, _column(name, getattr(self, name)))
         if not (self.bends[0] == 0.0 and self.bends[-1] == 1.0):
             raise DecaffError(f"bends go from {self.bends[0]:g} to {self.bends[-1]:g}, expected 0 to 1")
-        finite("touch_offset", self.touch_offset, "radians")
-        not_negative("cable_compliance", self.cable_compliance, "metres a newton")
-        not_negative("backlash", self.backlash, "metres")
-        not_negative("latency", self.latency, "seconds")
+        offset = finite("touch_offset", self.touch_offset, "radians")
+        if abs(offset) > MOST_TOUCH_OFFSET:
+            raise DecaffError(
+                f"touch_offset is {offset:g} radians, expected {MOST_TOUCH_OFFSET:g} at most, either way"
+            )
+        for name, most, unit in (
+            ("cable_compliance", MOST_COMPLIANCE, "metres a newton"),
+            ("backlash", MOST_BACKLASH, "metres"),
+            ("latency", MOST_LATENCY, "seconds"),
+        ):
+            value = not_negative(name, getattr(self, name), unit)
+            if value > most:
+                raise DecaffError(f"{name} is {value:g} {unit}, expected {most:g} at most")
         if len(self.phalanges) != 3:
             raise DecaffError(f"phalanges are {self.phalanges!r}, expected three numbers of metres")
         for length in self.phalanges:
