@@ -124,18 +124,18 @@ def test_settled_clock_stays_so_when_a_way_becomes_faster_or_slower():
     assert clock.theirs(start + 10 * MS) == start + 10 * MS + AHEAD + TRANSIT_NS
 
 
-@pytest.mark.parametrize("jump", [-2 * JUMP_NS, 2 * JUMP_NS])
-@pytest.mark.parametrize("is_new_run", [False, True])
+@pytest.mark.parametrize(
+    ("jump", "is_new_run"), [(-2 * JUMP_NS, True), (2 * JUMP_NS, True), (2 * JUMP_NS, False)]
+)
 def test_other_clock_is_learnt_anew(jump, is_new_run):
     """A machine started anew: its monotonic clock jumps; forward it may do so at any time."""
-    if is_new_run or jump > 0:
-        clock, start = settled()
-        clock.arrived(start + AHEAD + jump, start + MS // 2, is_new_run=is_new_run)
-        assert not clock.is_settled
+    clock, start = settled()
+    clock.arrived(start + AHEAD + jump, start + MS // 2, is_new_run=is_new_run)
+    assert not clock.is_settled
 
-        clock.arrived(start + AHEAD + jump + SETTLING_NS, start + MS // 2 + SETTLING_NS)
-        assert clock.is_settled
-        assert clock.theirs(start) == start + AHEAD + jump - MS // 2 + TRANSIT_NS
+    clock.arrived(start + AHEAD + jump + SETTLING_NS, start + MS // 2 + SETTLING_NS)
+    assert clock.is_settled
+    assert clock.theirs(start) == start + AHEAD + jump - MS // 2 + TRANSIT_NS
 
 
 def test_old_message_does_not_move_a_clock():

@@ -31,7 +31,7 @@ PREFIX_FIELDS = (
         "session",
         "<u8",
         "ns",
-        "of the calendar at which the publisher began: another one is another run of it",
+        "of the calendar at which the publisher's run began: another one is another run of it",
     ),
     Field("sequence", "<u8", "", "0, 1, 2, … of this kind within a session; gaps are messages lost"),
 )
