@@ -443,14 +443,16 @@ def test_ray_from_any_distance_is_answered(far, count):
 @pytest.mark.parametrize("far", [1e104, 1e200, 1.7e308])
 @pytest.mark.parametrize("count", [1, 2])
 def test_ray_from_farther_than_can_be_computed_with_answers_nan_and_the_others_go_on(far, count):
+    """Unless it goes away from everything."""
     scene = Scene([Solid(*shapes.cube(2.0, (9.0 * row, 0, 0)), name=str(row)) for row in range(count)])
 
     hits = scene.cast(
-        [[0.0, 0.0, 3.0], [0.0, 0.0, far], [-far, far, far]], [[0, 0, -1], [0, 0, -1], [1, -1, -1]]
+        [[0.0, 0.0, 3.0], [0.0, 0.0, far], [-far, far, far], [0.0, 0.0, far]],
+        [[0, 0, -1], [0, 0, -1], [1, -1, -1], [0, 0, 1]],
     )
 
-    np.testing.assert_array_equal(hits.distance, [2.0, np.nan, np.nan])
-    assert hits.face_id.tolist()[1:] == [NO_FACE, NO_FACE]
+    np.testing.assert_array_equal(hits.distance, [2.0, np.nan, np.nan, np.inf])
+    assert hits.face_id.tolist()[1:] == 3 * [NO_FACE]
 
 
 @pytest.mark.parametrize("size", [1e-60, 1e-98])

@@ -505,9 +505,9 @@ def test_pose_that_is_not_rigid_is_refused_and_nothing_moves(pose, message):
 def test_what_could_not_be_saved_is_refused():
     part = Part("cube", Solid(*shapes.cube()), Pose(), np.arange(12, dtype=np.int32), repairs=None)
 
-    with pytest.raises(SceneError, match="^repairs of part 'cube' are None, expected Repairs$"):
+    with pytest.raises(SceneError, match=r"^repairs of part 'cube' are None, expected Repairs$"):
         Scene([part])
-    with pytest.raises(SceneError, match="^report is 3, expected a LoadReport, or None$"):
+    with pytest.raises(SceneError, match=r"^report is 3, expected a LoadReport, or None$"):
         Scene([Solid(*shapes.cube())], report=3)
 
 

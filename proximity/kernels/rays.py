@@ -82,8 +82,6 @@ def make_ready(frames, parts, top, drift, origins, directions, offsets, at, limi
     x, y, z = to_local(frames, parts, top, x, y, z)
     dx, dy, dz = direction_to_local(frames, parts, top, dx, dy, dz)
     away = maximum(maximum(absolute(x), absolute(y)), absolute(z))
-    is_sound = is_sound & (away < splat(FARTHEST))
-    store(views, CHUNK * IS_SOUND + at, select(is_sound, one, zero))
     margin = minimum(splat(SLAB_MARGIN) + splat(drift) * away, splat(WIDEST))
     entry, passes_by = zero, zero > one
     is_far = is_from_afar(x, y, z)
@@ -91,6 +89,9 @@ def make_ready(frames, parts, top, drift, origins, directions, offsets, at, limi
         is_near, enter, near_x, near_y, near_z = approach(x, y, z, dx, dy, dz)
         entry, passes_by = select(is_far, enter, zero), is_far & ~is_near
         x, y, z = select(is_far, near_x, x), select(is_far, near_y, y), select(is_far, near_z, z)
+    # From farther than can be computed with, what is hit is not known.
+    is_sound = is_sound & ((away < splat(FARTHEST)) | passes_by)
+    store(views, CHUNK * IS_SOUND + at, select(is_sound, one, zero))
     aim, view = aim_and_view(x, y, z, dx, dy, dz, margin)
     store_three(aims, AIM, at, aim[0], aim[1], aim[2])
     store_three(aims, AIM + 3, at, aim[3], aim[4], aim[5])
