@@ -5,7 +5,7 @@ import pytest
 import shapes
 
 import oracle
-from proximity import ContactFlag
+from proximity import ContactFlag, part_arrays
 from proximity.kernels import crossings
 from proximity.scene import Scene
 from proximity.sign import SignMethod
@@ -164,3 +164,13 @@ def test_faces_without_area_are_no_faces_to_pass_through():
 
     assert crossings._reaches_through(corners, faces, 1, 3, 4, 1e-10)
     assert not crossings._reaches_through(corners, faces, 0, 3, 4, 1e-10)
+
+
+def test_faces_of_a_tangle_all_count_as_passing_through():
+    """Every rod passes every other in the middle: whether each does would take too long to find out."""
+    rod = shapes.box((-1.0, -1e-4, -1e-4), (1.0, 1e-4, 1e-4))
+    rods = [(rod[0] @ shapes.rotation(seed).T, rod[1]) for seed in range(600)]
+    solid = Solid(*shapes.join(*rods))
+    marked = part_arrays.with_passing_faces(solid._model.part_arrays(0)).folded
+
+    assert np.unpackbits(marked).sum() == len(solid.mesh.faces)

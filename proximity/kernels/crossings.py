@@ -35,7 +35,10 @@ DEPTH = 1e-10
 """How far the ends of an edge must be off a face to both sides, in sizes of the part, for the edge to pass
 through: less is contact, give or take rounding. What is thinner is no face."""
 VOTES = 5
-"""Faces of a piece of surface that are looked at; what most of them say counts."""
+"""Faces of a piece of surface that are looked at where the first one is not right; what most say counts."""
+MOST_BLOCKS = 512
+"""Blocks that are looked at for each face, on average: of usual bodies about six are. Of those where it would
+be more, all faces count as passing through others."""
 
 
 @inlined
@@ -84,17 +87,18 @@ def _reaches_through(corners, faces, face, start, end, depth):
 
 @kernel
 def _mark_passed(corners, faces, slot_faces, reals, words, root, start, end, depth, stacks, marks):
-    """Mark the faces that the edge between two corners passes through; whether there is any."""
+    """Mark the faces that the edge between two corners passes through; whether there is any, and the blocks
+    that were looked at."""
     ox, oy, oz = corners[start, 0], corners[start, 1], corners[start, 2]
     dx, dy, dz = corners[end, 0] - ox, corners[end, 1] - oy, corners[end, 2] - oz
     most = max(abs(dx), abs(dy), abs(dz))
     if not most > depth:
-        return False
+        return False, 0
     _, power = frexp(most)
     length, share = ldexp(1.0, power), ldexp(1.0, -power)
     aim, view = aim_and_view(ox, oy, oz, dx * share, dy * share, dz * share, SLAB_MARGIN)
     best32, zero32 = bound_of_parameter(length, 0.0), splat32(np.float32(0.0))
-    is_passing = False
+    is_passing, blocks = False, 0
     at, reference = 0, root
     while True:
         if reference >= 0:
@@ -104,6 +108,7 @@ def _mark_passed(corners, faces, slot_faces, reals, words, root, start, end, dep
                 reference, at = descend(words, base, bounds, is_open, stacks, at)
                 continue
         else:
+            blocks += 1
             hits = _passing(reals, BLOCK_STRIDE * ~reference, view, length)
             while hits:
                 face = slot_faces[LANES * ~reference + trailing_zeros(hits)]
@@ -114,23 +119,31 @@ def _mark_passed(corners, faces, slot_faces, reals, words, root, start, end, dep
                     marks[face] = is_passing = True
         at = next_open(stacks, 0, at, best32)
         if at == NOTHING_WAITS:
-            return is_passing
+            return is_passing, blocks
         reference = load_int(stacks, at + STACK_SIZE)
 
 
 @kernel
 def _mark_passing(corners, faces, neighbors, slot_faces, reals, words, root, depth, stacks, marks):
     """Mark every face that passes through another, or another through it; every edge is taken once."""
+    blocks_left = MOST_BLOCKS * len(faces)
     for face in range(len(faces)):
         for k in range(3):
             other = neighbors[face, k]
             if 0 <= other < face:
                 continue
             start, end = faces[face, k], faces[face, (k + 1) % 3]
-            if _mark_passed(corners, faces, slot_faces, reals, words, root, start, end, depth, stacks, marks):
+            is_passing, blocks = _mark_passed(
+                corners, faces, slot_faces, reals, words, root, start, end, depth, stacks, marks
+            )
+            if is_passing:
                 marks[face] = True
                 if other >= 0:
                     marks[other] = True
+            blocks_left -= blocks
+        if blocks_left < 0:
+            marks[:] = True
+            return
 
 
 @kernel
@@ -152,12 +165,14 @@ def _gather_piece(neighbors, first, is_seen, piece):
 
 @kernel
 def _is_turned(corners, faces, piece, count, reals, words, root, moments):
-    """Whether most of some faces of a piece do not have the outside above and the inside below."""
+    """Whether a face of a piece, and most of some, do not have the outside above and the inside below."""
     votes = min(VOTES, count)
     against = 0
     for vote in range(votes):
         face = piece[(2 * vote + 1) * count // (2 * votes)]
         against += faces_wrong(corners, faces, face, reals, words, root, moments)
+        if against == 0:
+            return False
     return 2 * against > votes
 
 
