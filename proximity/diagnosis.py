@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from proximity.kernels.components import connected
 from proximity.mesh import TriangleMesh
 from proximity.topology import EdgeRuns, Topology, build_topology, edge_runs
 
@@ -66,14 +67,9 @@ def diagnose(mesh: TriangleMesh) -> Diagnosis:
 
 
 def _shell_count(edges: EdgeRuns) -> int:
-    from scipy.sparse import coo_array  # slow to import; most meshes are never diagnosed
-    from scipy.sparse.csgraph import connected_components
-
-    face_count = len(edges.order) // 3
     first = edges.starts[(edges.counts == 2) & ~edges.is_loop]
     one, other = edges.order[first] // 3, edges.order[first + 1] // 3
-    graph = coo_array((np.ones(len(one), dtype=bool), (one, other)), shape=(face_count, face_count))
-    return int(connected_components(graph, directed=False)[0])
+    return int(connected(len(edges.order) // 3, one, other).max(initial=-1)) + 1
 
 
 def _is_oriented(edges: EdgeRuns) -> bool:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from proximity.kernels.components import connected
 from proximity.topology import EdgeRuns, edge_runs
 
 POSITION_ROUNDING = 2.0**-22
@@ -87,11 +88,9 @@ def join_open_pieces(corners: np.ndarray, labels: np.ndarray, is_open: np.ndarra
 
 def linked_components(count: int, one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Labels (count,) of what the links *one* to *other* connect."""
-    from scipy.sparse import coo_array  # slow to import, and a compiled scene needs no splitting
-    from scipy.sparse.csgraph import connected_components
-
-    graph = coo_array((np.ones(len(one), dtype=bool), (one, other)), shape=(count, count))
-    labels: np.ndarray = connected_components(graph, directed=False)[1]
+    labels: np.ndarray = connected(
+        count, np.ascontiguousarray(one, dtype=np.int64), np.ascontiguousarray(other, dtype=np.int64)
+    )
     return labels
 
 
