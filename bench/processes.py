@@ -37,6 +37,8 @@ def _command(words):
     start = [str(script)] if script.is_file() else [sys.executable, "-m", "proximity"]
     folders = [str(cases.PROJECT), *filter(None, [environment.get("PYTHONPATH")])]
     environment["PYTHONPATH"] = os.pathsep.join(folders)
+    # As it is for whoever does not ask for something else: Python keeps what it has made of sources.
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)
 
     def run():
         done = subprocess.run([*start, *words], capture_output=True, text=True, env=environment, check=False)
