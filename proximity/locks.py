@@ -1,16 +1,28 @@
 """Locks that a fork finds open: nobody is at work then, and the child finds nothing half done.
 
 A child has one thread. A lock that another thread held would stay held there for ever, over what that thread
-had begun. So whoever forks takes all locks first, which waits for those at work.
+had begun. So whoever forks takes all locks first, which waits for those at work; the compiler's last, which
+they may be waiting for.
 """
 
+import _thread
 import os
 import threading
 import weakref
+from operator import methodcaller
+from typing import Any
+
+from numba.core.compiler_lock import global_compiler_lock
+
+LATER = 0.01
+"""s until an interruption comes again: what is raised before the fork has ended would be lost once more."""
 
 _locks: weakref.WeakSet[threading.RLock] = weakref.WeakSet()
-_listing = threading.Lock()
-_held: list[threading.RLock] = []
+_listing = threading.RLock()
+_taken: list[list[Any]] = []  # by forks under way: one within another where a signal handler forks
+_interruptions: list[BaseException] = []
+
+_acquired, _released = methodcaller("acquire"), methodcaller("release")
 
 
 def fork_safe_lock() -> threading.RLock:
@@ -21,18 +33,45 @@ def fork_safe_lock() -> threading.RLock:
     return lock
 
 
+def _all_locks() -> list[Any]:
+    while True:
+        try:
+            return [_listing, *_locks, global_compiler_lock]
+        except RuntimeError:  # a scene was made meanwhile, by another thread or by a signal handler
+            continue
+
+
 def _take_all() -> None:
-    _listing.acquire()
-    for lock in list(_locks):
-        lock.acquire()
-        _held.append(lock)
+    """Take all locks, whoever interrupts: what is raised here nobody would hear of, and the fork goes on."""
+    locks, results = _all_locks(), list[bool]()
+    while len(results) < len(locks):
+        try:
+            # Within one call, so that a signal comes while one is waited for, and not between two.
+            results.extend(map(_acquired, locks[len(results) :]))
+        except BaseException as interruption:
+            _interruptions.append(interruption)
+    _taken.append(locks)
 
 
 def _give_back_all() -> None:
-    while _held:
-        _held.pop().release()
-    _listing.release()
+    for lock in reversed(_taken.pop()):
+        _released(lock)
+
+
+def _go_on() -> None:
+    """Of the one who forked: give back, and let an interruption come that came while locks were taken."""
+    _give_back_all()
+    if _interruptions:
+        _interruptions.clear()
+        later = threading.Timer(LATER, _thread.interrupt_main)
+        later.daemon = True
+        later.start()
+
+
+def _begin_child() -> None:
+    _interruptions.clear()
+    _give_back_all()
 
 
 if hasattr(os, "register_at_fork"):  # where there are forks
-    os.register_at_fork(before=_take_all, after_in_parent=_give_back_all, after_in_child=_give_back_all)
+    os.register_at_fork(before=_take_all, after_in_parent=_go_on, after_in_child=_begin_child)

@@ -297,3 +297,61 @@ def test_building_again_and_again_keeps_nothing():
         build()
 
     assert process.memory_info().rss - before <= 4 * held
+
+
+INTERRUPTED_FORK = """
+import os, signal, sys, threading, time
+import numpy as np
+import shapes
+from proximity.scene import Scene
+from proximity.solid import Solid
+
+scene = Scene([Solid(*shapes.cube(), name="cube"), Solid(*shapes.moved(shapes.cube(), (3, 0, 0)), name="b")])
+scene.distance((0, 0, 2.0))
+is_held, told = threading.Event(), []
+
+
+def hold():
+    with scene._lock:
+        is_held.set()
+        time.sleep(0.5)
+
+
+def handle(number, frame):
+    # Makes a scene, and so a lock, while others are waited for; and raises, as Ctrl-C does.
+    told.append(Scene([Solid(*shapes.cube())]).distance((0, 0, 2.0)))
+    raise KeyboardInterrupt
+
+
+signal.signal(signal.SIGINT, handle)
+threading.Thread(target=hold).start()
+is_held.wait()
+threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGINT)).start()
+was_interrupted = False
+try:
+    child = os.fork()
+    if child == 0:
+        signal.alarm(30)
+        scene.move("b", np.eye(4))
+        os._exit(0 if scene.distance((0, 0, 2.0)) == 1.0 else 1)
+    time.sleep(0.2)
+except KeyboardInterrupt:
+    was_interrupted = True
+print(was_interrupted, told[0], os.waitpid(child, 0)[1], scene.distance((0, 0, 2.0)))
+"""
+
+
+@pytest.mark.skipif(
+    "fork" not in multiprocessing.get_all_start_methods(), reason="processes are not forked here"
+)
+def test_fork_that_is_interrupted_while_it_waits_is_safe_and_the_interruption_comes_after():
+    result = subprocess.run(
+        [sys.executable, "-W", "ignore::DeprecationWarning", "-c", INTERRUPTED_FORK],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        env=_environment(),
+    )
+
+    assert result.stderr == ""
+    assert result.stdout == "True 1.0 0 1.0\n"
