@@ -1,10 +1,13 @@
 """Faces that pass through others: found all of them and no others, and no side is wrong because of them."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import shapes
 
 import oracle
+import proximity
 from proximity import ContactFlag, part_arrays
 from proximity.kernels import crossings
 from proximity.scene import Scene
@@ -12,6 +15,7 @@ from proximity.sign import SignMethod
 from proximity.solid import Solid
 from proximity.tracker import Tracker
 
+PROJECT = Path(__file__).resolve().parent.parent
 ACROSS = np.array([[1.0, 1.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 0.0, 2.0**0.5]]) / 2.0**0.5
 """Turns a cube until one of its edges is what reaches farthest along x."""
 
@@ -48,7 +52,34 @@ def ball_deep_inside():
     return shapes.join(torus, shapes.moved(shapes.sphere(1e-3, 1), (2.2, 0.1, 0.05)))
 
 
+def finer(mesh, times):
+    for _ in range(times):
+        mesh = shapes.quartered(*mesh)
+    return mesh
+
+
+def flush_boss(place, size, times=4):
+    """A small boss that stands on a plate of small faces, flush; and balls that draw samples away."""
+    plate = finer(shapes.box((0, 0, 0), (1, 1, 0.2)), times)
+    low, high = (*place, 0.2), (place[0] + size, place[1] + size, 0.2 + size)
+    balls = [shapes.moved(shapes.sphere(0.03, 2), (x, y, 0.5)) for x in (0.2, 0.5, 0.8) for y in (0.2, 0.8)]
+    return shapes.join(plate, finer(shapes.box(low, high), 1), *balls)
+
+
+def flush_beams(overlap):
+    """Two beams, one a little way in the end of the other, with all sides in the same planes."""
+    one, other = shapes.box((0, 0, 0), (1, 0.2, 0.2)), shapes.box((1 - overlap, 0, 0), (2, 0.2, 0.2))
+    return shapes.join(finer(one, 3), finer(other, 2))
+
+
 MEETINGS = {
+    "boss on a plate": flush_boss((0.503, 0.504), 0.02),
+    "tiny boss on a plate": flush_boss((0.503, 0.504), 1e-3),
+    "boss at the rim of a plate": flush_boss((0.0, 0.31), 0.02),
+    "boss at the corner of a plate": flush_boss((0.0, 0.0), 0.02),
+    "large boss at the corner of a plate": flush_boss((0.0, 0.0), 0.3),
+    "boss on a plate of two faces": flush_boss((0.503, 0.504), 0.02, 0),
+    **{f"beams, flush, {overlap:g} deep": flush_beams(overlap) for overlap in (0.05, 3e-3, 1e-5)},
     **{f"edges, {depth:g} deep": edge_to_edge(depth) for depth in (0.03, 0.01, 1e-3, 1e-6, 1e-8)},
     **{f"edges of small faces, {depth:g} deep": edge_to_edge(depth, 3) for depth in (0.03, 1e-3, 1e-5)},
     **{f"balls, {depth:g} deep": ball_in_ball(depth) for depth in (1e-2, 4e-3)},
@@ -93,10 +124,11 @@ def bare_marks(solid):
     model = solid._model
     marks = np.zeros(len(piece.faces), bool)
     stacks = np.zeros(crossings.STACKS_SIZE, np.float32)
-    crossings._mark_passing(
-        piece.corners, piece.faces, piece.neighbors, piece.bvh.slot_faces, model.reals, model.words, 0, 1e-12,
-        stacks, marks,
-    )  # fmt: skip
+    for are_flat in (False, True):
+        crossings._mark_meeting(
+            piece.corners, piece.faces, piece.neighbors, piece.bvh.slot_faces, model.reals, model.words, 0,
+            1e-12, 10**6, are_flat, stacks, marks,
+        )  # fmt: skip
     return marks
 
 
@@ -145,6 +177,38 @@ def test_beams_that_cross_mid_edge_keep_their_normals_elsewhere(depth):
 
     assert solid.sign_method is SignMethod.PSEUDONORMAL
     assert 0 < len(marked_faces(solid)) < len(solid.mesh.faces)
+
+
+@pytest.mark.parametrize("make", ["bracket.stl", "gear.stl", "plate.stl", "hollow_box.stl", "torus.ply"])
+def test_usual_parts_have_no_marks(make):
+    for part in proximity.load(PROJECT / "meshes" / make).parts:
+        assert len(marked_faces(part.solid)) == 0, part.solid.sign_reason
+
+
+def test_lid_that_is_a_fan_of_slivers_has_no_marks():
+    """Its long edges are in the way of each other, but lie between faces in one plane."""
+    count = 6000
+    turn = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+    rim = np.stack([np.cos(turn), np.sin(turn), np.zeros(count)], axis=1)
+    vertices = np.vstack([rim, rim + np.array([0, 0, 0.1]), [[0, 0, 0], [0, 0, 0.1]]])
+    this, after = np.arange(count), np.roll(np.arange(count), -1)
+    low, high = np.full(count, 2 * count), np.full(count, 2 * count + 1)
+    faces = np.vstack(
+        [
+            np.stack(corners, axis=1)
+            for corners in (
+                (low, after, this),
+                (high, this + count, after + count),
+                (this, after, after + count),
+                (this, after + count, this + count),
+            )
+        ]
+    )
+
+    solid = Solid(vertices, faces)
+
+    assert solid.is_watertight
+    assert len(marked_faces(solid)) == 0
 
 
 @pytest.mark.parametrize("gap", [1e-3, 1e-6, 1e-9])

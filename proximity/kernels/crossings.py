@@ -1,12 +1,13 @@
-"""Faces that pass through others of the same body, and those that lie where these put them.
+"""Faces that pass through others of the same body, or lie on them, and those that lie where these put them.
 
-Where no edge of a surface passes through another face of it, every piece of surface that hangs together has
-the inside on one side throughout. So the curves in which a body meets itself, and a look at each piece
-between them, tell over which faces the normal of the nearest one may tell the wrong side. There the winding
-number is asked instead, as over folds.
+Where no edge of a surface passes through another face of it, nor lies on one, every piece of surface that
+hangs together has the inside on one side throughout. So the curves in which a body meets itself, and a look
+at each piece between them, tell over which faces the normal of the nearest one may tell the wrong side. There
+the winding number is asked instead, as over folds.
 
-Not seen: faces of two pieces that lie in one plane and overlap, with no edge that passes through. The
-samples of `sign` look for those.
+A curve in which two plane regions meet is straight, and ends at the rim of one of them. So edges between
+faces in one plane need not be looked at, unless others have met something: of a lid that is tessellated into
+a fan those would be long, and in the way of each other.
 
 Source: Möller 1997, "A fast triangle-triangle intersection test": triangles that are not in one plane meet
 only where an edge of one passes through the other.
@@ -29,11 +30,26 @@ from proximity.kernels.ray import (
     ray_triangle_sides,
 )
 from proximity.kernels.triangle import cross, dot
-from proximity.simd import bits, load, load_int, maximum, minimum, splat, splat32, trailing_zeros
+from proximity.simd import (
+    absolute,
+    bits,
+    load,
+    load_int,
+    maximum,
+    minimum,
+    splat,
+    splat32,
+    square_root,
+    trailing_zeros,
+)
 
 DEPTH = 1e-10
 """How far the ends of an edge must be off a face to both sides, in sizes of the part, for the edge to pass
-through: less is contact, give or take rounding. What is thinner is no face."""
+through; an edge of which both are nearer lies in its plane. What is thinner is no face."""
+SHORTEST = 1e4
+"""Depths: of an edge that lies on a face, more than this much does; less is two corners that touch."""
+FLAT, FOLDED, BESIDE_THIN, CREASED = 0, 1, 2, 3
+"""Edges: between faces in one plane, beside or on each other; of a face that is thinner than any; others."""
 VOTES = 5
 """Faces of a piece of surface that are looked at where the first one is not right; what most say counts."""
 MOST_BLOCKS = 512
@@ -63,32 +79,113 @@ def _passing(reals, base, view, length):
 
 
 @inlined
+def _in_plane(reals, base, px, py, pz, qx, qy, qz, depth):
+    """Of which of the eight triangles at *base* both *p* and *q* lie in the plane."""
+    ax, ay, az = load(reals, base), load(reals, base + 8), load(reals, base + 16)
+    nx, ny, nz = cross(
+        load(reals, base + 24) - ax, load(reals, base + 32) - ay, load(reals, base + 40) - az,
+        load(reals, base + 48) - ax, load(reals, base + 56) - ay, load(reals, base + 64) - az,
+    )  # fmt: skip
+    most = splat(depth) * square_root(dot(nx, ny, nz, nx, ny, nz))
+    first = absolute(dot(nx, ny, nz, splat(px) - ax, splat(py) - ay, splat(pz) - az))
+    last = absolute(dot(nx, ny, nz, splat(qx) - ax, splat(qy) - ay, splat(qz) - az))
+    return bits((first <= most) & (last <= most))
+
+
+@inlined
 def _has_corner(faces, face, corner):
     return faces[face, 0] == corner or faces[face, 1] == corner or faces[face, 2] == corner
 
 
 @kernel
-def _reaches_through(corners, faces, face, start, end, depth):
-    """Whether an edge that meets a face goes on beyond it, on both sides, by more than contact does."""
+def _normal(corners, faces, face):
+    """A normal of a face, its length squared, and that of its longer side at the first corner."""
     a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
     ax, ay, az = corners[a, 0], corners[a, 1], corners[a, 2]
     bx, by, bz = corners[b, 0] - ax, corners[b, 1] - ay, corners[b, 2] - az
     cx, cy, cz = corners[c, 0] - ax, corners[c, 1] - ay, corners[c, 2] - az
     nx, ny, nz = cross(bx, by, bz, cx, cy, cz)
     longest_sq = max(dot(bx, by, bz, bx, by, bz), dot(cx, cy, cz, cx, cy, cz))
-    length_sq = dot(nx, ny, nz, nx, ny, nz)
+    return nx, ny, nz, dot(nx, ny, nz, nx, ny, nz), longest_sq
+
+
+@inlined
+def _height(corners, faces, face, nx, ny, nz, corner):
+    """How far a corner is above the plane of a face, times the length of its normal *n*."""
+    a = faces[face, 0]
+    return dot(
+        nx, ny, nz, corners[corner, 0] - corners[a, 0], corners[corner, 1] - corners[a, 1],
+        corners[corner, 2] - corners[a, 2],
+    )  # fmt: skip
+
+
+@kernel
+def _reaches_through(corners, faces, face, start, end, depth):
+    """Whether an edge that meets a face goes on beyond it, on both sides, by more than contact does."""
+    nx, ny, nz, length_sq, longest_sq = _normal(corners, faces, face)
     if not length_sq > depth * depth * longest_sq:
         return False
     least = depth * sqrt(length_sq)
-    first = dot(nx, ny, nz, corners[start, 0] - ax, corners[start, 1] - ay, corners[start, 2] - az)
-    last = dot(nx, ny, nz, corners[end, 0] - ax, corners[end, 1] - ay, corners[end, 2] - az)
+    first = _height(corners, faces, face, nx, ny, nz, start)
+    last = _height(corners, faces, face, nx, ny, nz, end)
     return min(first, last) < -least and max(first, last) > least
 
 
 @kernel
-def _mark_passed(corners, faces, slot_faces, reals, words, root, start, end, depth, stacks, marks):
-    """Mark the faces that the edge between two corners passes through; whether there is any, and the blocks
-    that were looked at."""
+def _lies_on(corners, faces, face, start, end, depth):
+    """Whether of an edge in the plane of a face more than the shortest lies on it.
+
+    Along its rim as well, unless they share a corner: near that, thin faces are nowhere far from their rims.
+    """
+    slack = -depth if _has_corner(faces, face, start) or _has_corner(faces, face, end) else depth
+    nx, ny, nz, length_sq, longest_sq = _normal(corners, faces, face)
+    if not length_sq > depth * depth * longest_sq:
+        return False
+    px, py, pz = corners[start, 0], corners[start, 1], corners[start, 2]
+    dx, dy, dz = corners[end, 0] - px, corners[end, 1] - py, corners[end, 2] - pz
+    low, high = 0.0, 1.0
+    for k in range(3):
+        u, w = faces[face, k], faces[face, (k + 1) % 3]
+        ex, ey, ez = (
+            corners[w, 0] - corners[u, 0],
+            corners[w, 1] - corners[u, 1],
+            corners[w, 2] - corners[u, 2],
+        )
+        mx, my, mz = cross(nx, ny, nz, ex, ey, ez)
+        within = dot(mx, my, mz, px - corners[u, 0], py - corners[u, 1], pz - corners[u, 2])
+        within += slack * sqrt(dot(mx, my, mz, mx, my, mz))
+        gain = dot(mx, my, mz, dx, dy, dz)
+        if gain > 0.0:
+            low = max(low, -within / gain)
+        elif gain < 0.0:
+            high = min(high, -within / gain)
+        elif within < 0.0:
+            return False
+    return (high - low) * sqrt(dot(dx, dy, dz, dx, dy, dz)) > SHORTEST * depth
+
+
+@kernel
+def _kind_of_edge(corners, faces, face, other, depth):
+    """How the faces at an edge lie to each other; *other* may be missing."""
+    if other < 0:
+        return CREASED
+    nx, ny, nz, own_sq, own_longest_sq = _normal(corners, faces, face)
+    mx, my, mz, other_sq, other_longest_sq = _normal(corners, faces, other)
+    if not (own_sq > depth * depth * own_longest_sq and other_sq > depth * depth * other_longest_sq):
+        return BESIDE_THIN
+    most = depth * sqrt(own_sq)
+    for k in range(3):
+        if abs(_height(corners, faces, face, nx, ny, nz, faces[other, k])) > most:
+            return CREASED
+    return FLAT if dot(nx, ny, nz, mx, my, mz) > 0.0 else FOLDED
+
+
+@kernel
+def _mark_met(corners, faces, slot_faces, reals, words, root, start, end, kind, depth, stacks, marks):
+    """Mark the faces that the edge between two corners passes through or, where it is creased, lies on.
+
+    Returns whether there is any, and how many blocks were looked at.
+    """
     ox, oy, oz = corners[start, 0], corners[start, 1], corners[start, 2]
     dx, dy, dz = corners[end, 0] - ox, corners[end, 1] - oy, corners[end, 2] - oz
     most = max(abs(dx), abs(dy), abs(dz))
@@ -98,7 +195,7 @@ def _mark_passed(corners, faces, slot_faces, reals, words, root, start, end, dep
     length, share = ldexp(1.0, power), ldexp(1.0, -power)
     aim, view = aim_and_view(ox, oy, oz, dx * share, dy * share, dz * share, SLAB_MARGIN)
     best32, zero32 = bound_of_parameter(length, 0.0), splat32(np.float32(0.0))
-    is_passing, blocks = False, 0
+    is_met, blocks = False, 0
     at, reference = 0, root
     while True:
         if reference >= 0:
@@ -116,34 +213,54 @@ def _mark_passed(corners, faces, slot_faces, reals, words, root, start, end, dep
                 if _has_corner(faces, face, start) or _has_corner(faces, face, end):
                     continue
                 if _reaches_through(corners, faces, face, start, end, depth):
-                    marks[face] = is_passing = True
+                    marks[face] = is_met = True
+            if kind == CREASED:
+                hits = _in_plane(
+                    reals, BLOCK_STRIDE * ~reference, ox, oy, oz, ox + dx, oy + dy, oz + dz, depth
+                )
+            while hits:
+                face = slot_faces[LANES * ~reference + trailing_zeros(hits)]
+                hits &= hits - 1
+                if _has_corner(faces, face, start) and _has_corner(faces, face, end):
+                    continue
+                if _lies_on(corners, faces, face, start, end, depth):
+                    marks[face] = is_met = True
         at = next_open(stacks, 0, at, best32)
         if at == NOTHING_WAITS:
-            return is_passing, blocks
+            return is_met, blocks
         reference = load_int(stacks, at + STACK_SIZE)
 
 
 @kernel
-def _mark_passing(corners, faces, neighbors, slot_faces, reals, words, root, depth, stacks, marks):
-    """Mark every face that passes through another, or another through it; every edge is taken once."""
-    blocks_left = MOST_BLOCKS * len(faces)
+def _mark_meeting(
+    corners, faces, neighbors, slot_faces, reals, words, root, depth, blocks_left, are_flat, stacks, marks
+):
+    """Mark every face that meets another; either the flat edges or the others are taken, each once.
+
+    Returns whether there is any, and how many blocks may still be looked at.
+    """
+    is_any = False
     for face in range(len(faces)):
         for k in range(3):
             other = neighbors[face, k]
             if 0 <= other < face:
                 continue
+            kind = _kind_of_edge(corners, faces, face, other, depth)
+            if (kind == FLAT) != are_flat:
+                continue
             start, end = faces[face, k], faces[face, (k + 1) % 3]
-            is_passing, blocks = _mark_passed(
-                corners, faces, slot_faces, reals, words, root, start, end, depth, stacks, marks
+            is_met, blocks = _mark_met(
+                corners, faces, slot_faces, reals, words, root, start, end, kind, depth, stacks, marks
             )
-            if is_passing:
-                marks[face] = True
+            blocks_left -= blocks
+            if is_met:
+                is_any = marks[face] = True
                 if other >= 0:
                     marks[other] = True
-            blocks_left -= blocks
         if blocks_left < 0:
             marks[:] = True
-            return
+            return False, blocks_left
+    return is_any, blocks_left
 
 
 @kernel
@@ -178,7 +295,7 @@ def _is_turned(corners, faces, piece, count, reals, words, root, moments):
 
 @maker
 def passing_faces(corners, faces, neighbors, slot_faces, reals, words, root, moments):
-    """Return which slots have faces that pass through others, or lie on the wrong side of such, a bit each.
+    """Return which slots have faces that meet others, or lie on the wrong side of such, a bit each.
 
     (blocks,) uint8, and with them the faces next to these. The arguments are those of `folds.folded_faces`.
     """
@@ -186,7 +303,14 @@ def passing_faces(corners, faces, neighbors, slot_faces, reals, words, root, mom
     for axis in range(3):
         depth = max(depth, DEPTH * (corners[:, axis].max() - corners[:, axis].min()))
     stacks = words_here(STACKS_SIZE)
-    _mark_passing(corners, faces, neighbors, slot_faces, reals, words, root, depth, stacks, marks)
+    is_any, blocks_left = _mark_meeting(
+        corners, faces, neighbors, slot_faces, reals, words, root, depth, MOST_BLOCKS * len(faces), False,
+        stacks, marks,
+    )  # fmt: skip
+    if is_any:
+        _mark_meeting(
+            corners, faces, neighbors, slot_faces, reals, words, root, depth, blocks_left, True, stacks, marks
+        )
     is_seen, piece = marks.copy(), np.empty(len(faces), np.int64)
     for face in range(len(faces)):
         if not is_seen[face]:
