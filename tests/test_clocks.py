@@ -4,7 +4,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from proximity.transport.clocks import JUMP_NS, NS_PER_DRIFT, SETTLING_NS, TRANSIT_NS, ForeignClock
+from proximity.transport.clocks import (
+    DOUBT_NS,
+    JUMP_NS,
+    NS_PER_DRIFT,
+    PACE_NS,
+    SETTLING_NS,
+    TRANSIT_NS,
+    ForeignClock,
+)
 
 MS = 1_000_000
 AHEAD = 123_456_789_000  # ns by which their clock is ahead of ours
@@ -182,7 +190,7 @@ def test_clock_that_was_put_back_makes_all_old_until_a_new_run():
 
 def test_new_run_of_a_process_on_a_way_that_is_no_longer_leaves_the_clock_settled():
     clock, start = settled()
-    clock.arrived(start + AHEAD - JUMP_NS // 2, start, is_new_run=True)
+    clock.arrived(start + AHEAD, start + JUMP_NS // 2, is_new_run=True)
 
     assert clock.is_settled
 
@@ -202,6 +210,166 @@ def test_messages_of_an_instant_that_cannot_be_do_not_make_all_others_old(count)
     assert clock.is_settled
     drift = 2 * SETTLING_NS // NS_PER_DRIFT
     assert clock.theirs(start) == pytest.approx(start + AHEAD - MS // 2 + TRANSIT_NS, abs=drift)
+
+
+def run(clock, start, duration, transit=MS // 2, period=MS):
+    """Messages that are sent from *start* on, our clock, and arrive; none may seem younger than it is.
+
+    Gives when the next would be sent.
+    """
+    end = start + duration
+    for sent in range(start, end, period):
+        hear(clock, sent, transit)
+        assert is_old_or_true(clock, sent, transit)
+    return end
+
+
+def is_old_or_true(clock, sent, transit):
+    """Whether a message that took long is known to be as old, but for what no receiver can see, or drift."""
+    drift = 60 * JUMP_NS // NS_PER_DRIFT
+    age = clock.theirs(sent + transit) - (sent + AHEAD)
+    return not clock.is_settled or age >= transit - PACE_NS - drift
+
+
+@pytest.mark.parametrize("period", [MS, 11 * MS, 20 * MS])
+@pytest.mark.parametrize("early", [26 * MS, 60 * MS, 500 * MS, 990 * MS, 1500 * MS])
+def test_instant_that_is_too_early_is_undone_by_those_that_follow(early, period):
+    clock, start = settled()
+    clock.arrived(start + AHEAD + early, start + MS // 2)
+    assert not clock.is_settled
+    end = run(clock, start + period, DOUBT_NS + SETTLING_NS + 3 * period, period=period)
+
+    assert clock.is_settled
+    assert clock.theirs(end) == pytest.approx(end + AHEAD - MS // 2 + TRANSIT_NS, abs=MS)
+
+
+def test_first_instant_that_is_too_early_is_undone_too():
+    clock = ForeignClock()
+    clock.arrived(AHEAD + 500 * MS, 0)
+    end = run(clock, MS, DOUBT_NS + SETTLING_NS + 3 * MS)
+
+    assert clock.is_settled
+    assert clock.theirs(end) == pytest.approx(end + AHEAD - MS // 2 + TRANSIT_NS, abs=MS)
+
+
+def test_instant_that_is_too_early_is_not_undone_sooner():
+    clock, start = settled()
+    clock.arrived(start + AHEAD + 500 * MS, start + MS // 2)
+    for sent in range(start + MS, start + DOUBT_NS, MS):
+        hear(clock, sent)
+        assert not clock.is_settled
+        assert clock.theirs(sent) > sent + AHEAD + 499 * MS
+
+
+def slow_and_settled(transit):
+    """A reader that began behind a way that is longer than it need be."""
+    clock = ForeignClock()
+    for sent in range(0, 2 * SETTLING_NS, MS):
+        hear(clock, sent, transit)
+    assert clock.is_settled
+    return clock, 2 * SETTLING_NS
+
+
+@pytest.mark.parametrize("slow", [30 * MS, 500 * MS, 900 * MS, 1500 * MS])
+@pytest.mark.parametrize("count", [1, 3, 40, 60])
+def test_way_that_was_short_once_and_is_long_again_brings_no_former_clock_back(slow, count):
+    """The former clock was wrong by how long the way is: what fits it is old."""
+    clock, start = slow_and_settled(slow)
+    start += slow  # what was sent meanwhile is lost: none overtakes
+    for number in range(count):
+        hear(clock, start + number * MS)
+    run(clock, start + count * MS, 5 * JUMP_NS, slow)
+
+
+@pytest.mark.parametrize("slow", [30 * MS, 500 * MS, 1500 * MS])
+def test_burst_of_old_messages_brings_no_former_clock_back(slow):
+    """What was held up comes at once, in order, again and again."""
+    clock, now = slow_and_settled(slow)
+    hear(clock, now)  # until one was fast, nothing tells how slow the others were
+    for _ in range(20):
+        now += slow
+        for sent in range(now - slow, now, MS):
+            hear(clock, sent, now - sent)
+            assert is_old_or_true(clock, sent, now - sent)
+    assert now + AHEAD - clock.theirs(now) < PACE_NS
+
+
+def test_messages_of_another_kind_that_were_overtaken_prove_no_mistake():
+    clock, start = slow_and_settled(500 * MS)
+    start += 500 * MS
+    clock.arrived(start + AHEAD, start, kind=1)
+    for sent in range(start - 400 * MS, start + 3 * JUMP_NS, MS):
+        clock.arrived(sent + AHEAD, sent + 500 * MS, kind=2)
+        assert is_old_or_true(clock, sent, 500 * MS)
+
+
+@pytest.mark.parametrize("slow", [100 * MS, 500 * MS, 900 * MS])
+@pytest.mark.parametrize("pause", [0, 10 * MS, 2 * JUMP_NS])
+def test_publisher_that_starts_anew_behind_a_late_way_is_old(slow, pause):
+    clock, start = settled()
+    start += pause
+    clock.arrived(start + AHEAD, start + slow, is_new_run=True)
+    run(clock, start + MS, 5 * JUMP_NS, slow)
+
+    assert clock.is_settled
+
+
+@pytest.mark.parametrize("slow", [100 * MS, 500 * MS, 900 * MS])
+def test_publisher_that_starts_anew_behind_a_late_way_after_a_mistake_is_old(slow):
+    clock, start = settled()
+    clock.arrived(start + AHEAD + 500 * MS, start + MS // 2)
+    clock.arrived(start + MS + AHEAD, start + MS + slow, is_new_run=True)
+    run(clock, start + 2 * MS, 5 * JUMP_NS, slow)
+
+
+@pytest.mark.parametrize("behind", [100 * MS, 600 * MS, 900 * MS])
+def test_new_run_that_was_sent_before_the_last_of_the_run_before_has_another_clock(behind):
+    """As when another machine takes over at once."""
+    clock, start = settled()
+    clock.arrived(start + AHEAD - behind, start + MS // 2, is_new_run=True)
+    assert not clock.is_settled
+    for sent in range(start + MS, start + MS + SETTLING_NS, MS):
+        clock.arrived(sent + AHEAD - behind, sent + MS // 2)
+
+    assert clock.is_settled
+    now = start + SETTLING_NS
+    assert clock.theirs(now) == pytest.approx(now + AHEAD - behind - MS // 2 + TRANSIT_NS, abs=MS)
+
+
+@pytest.mark.parametrize("slow", [100 * MS, 300 * MS, 600 * MS, 900 * MS])
+@pytest.mark.parametrize("is_gradual", [False, True])
+def test_way_that_becomes_longer_for_good_is_only_drift(slow, is_gradual):
+    clock, start = settled()
+    sent = start
+    if is_gradual:
+        for sent in range(start, start + JUMP_NS, MS):
+            transit = MS // 2 + slow * (sent - start) // JUMP_NS
+            hear(clock, sent, transit)
+            assert is_old_or_true(clock, sent, transit)
+    run(clock, sent + MS, 10 * JUMP_NS, slow)
+
+    assert clock.is_settled
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.integers(MS, 700 * MS), st.integers(1, 400), st.sampled_from([MS, 7 * MS]), st.booleans()
+        ),
+        min_size=1,
+        max_size=12,
+    )
+)
+def test_no_row_of_ways_and_runs_makes_what_is_old_seem_young(rows):
+    """Where instants are right and come in order, ways may change as they like, and runs begin."""
+    clock, start = settled()
+    now = 0
+    for transit, count, period, is_new_run in rows:
+        for number in range(count):
+            start += period
+            now = max(now, start + transit)
+            clock.arrived(start + AHEAD, now, is_new_run=is_new_run and number == 0)
+            assert is_old_or_true(clock, start, now - start)
 
 
 @given(st.lists(st.integers(-(2**63), 2**63 - 1), min_size=1, max_size=5))

@@ -293,6 +293,48 @@ def test_clock_is_that_of_python(library, steps):
         assert library.clock_theirs(now) == pytest.approx(clock.theirs(now), abs=2)
 
 
+@given(
+    st.lists(
+        st.tuples(
+            st.integers(1, 150),
+            st.sampled_from([MS, 11 * MS, 20 * MS]),
+            st.one_of(st.just(0), st.integers(-1500 * MS, 1500 * MS)),
+            st.booleans(),
+            st.sampled_from([0, 0, 1]),
+        ),
+        min_size=1,
+        max_size=10,
+    )
+)
+def test_clock_is_that_of_python_after_mistakes_and_restarts(library, rows):
+    """Rows of messages whose first is stamped too early or too late, or all of them are."""
+    library.clock_reset()
+    clock, now, session = ForeignClock(), 0, 2**63
+    for count, period, wrong, is_for_good, begun in rows:
+        session += begun
+        for number in range(count):
+            now += period
+            sent = now + NOW + (wrong if is_for_good or number == 0 else 0)
+            library.clock_hear(session, sent, now)
+            clock.arrived(sent, now, is_new_run=bool(begun) and number == 0)
+            assert bool(library.clock_is_settled()) is clock.is_settled
+            assert library.clock_theirs(now) == clock.theirs(now)
+
+
+@pytest.mark.parametrize("early", [26 * MS, 500 * MS, 1500 * MS])
+def test_clock_that_was_mistaken_is_undone_as_in_python(library, early):
+    library.clock_reset()
+    clock = ForeignClock()
+    for now in range(0, 3000 * MS, MS):
+        sent = NOW + now + (early if now == 200 * MS else 0)
+        library.clock_hear(1, sent, now)
+        clock.arrived(sent, now)
+        assert bool(library.clock_is_settled()) is clock.is_settled
+        assert library.clock_theirs(now) == clock.theirs(now)
+    assert clock.is_settled
+    assert clock.theirs(now) - (NOW + now) < 2 * MS
+
+
 @pytest.mark.parametrize(
     ("name", "value"),
     [

@@ -77,7 +77,7 @@ class Reception:
                     yield kind, records, 0
                     continue
                 is_new_run = self._examiner.is_new_run
-                self._foreign.arrived(int(header["send_ns"]), now_ns, is_new_run=is_new_run)
+                self._foreign.arrived(int(header["send_ns"]), now_ns, is_new_run=is_new_run, kind=kind.magic)
                 # Until a clock is seen to run, what it shows may be a copy of something old.
                 if self._foreign.is_settled:
                     yield from self._on_our_clock(kind, records, now_ns - self._foreign.theirs(now_ns))

@@ -10,6 +10,10 @@ PACE_NS = 25_000_000
 """By how much messages may be faster on their way than the first, and one that settles slower."""
 JUMP_NS = 1_000_000_000
 """Where a new run of the publisher begins with a message that is later by more, its clock is another one."""
+BACK_NS = 5_000_000
+"""By how much threads that send side by side may be out of order; instants that go back by more are wrong."""
+DOUBT_NS = 1_000_000_000
+"""After so long the former clock is asked again, where the instant that a clock began with was wrong."""
 
 
 class ForeignClock:
@@ -24,11 +28,19 @@ class ForeignClock:
 
     - a message is as fast again as they were; or
     - the publisher begins a new run, as `Publisher` does after its machine slept, or the reader starts anew.
-      Of a run that begins more than `JUMP_NS` late the clock is thought to be another one; or
+      Of a run that begins more than `JUMP_NS` late the clock is thought to be another one. Less may be the
+      way, so a run that is less late has another clock only where it was sent before what was sent last,
+      as no run that follows another on one machine is: its clock was behind by more than the pause; or
     - clocks may have drifted apart so far, in `NS_PER_DRIFT` times as long: 83 minutes for each second.
 
     A message that is earlier than can be begins it anew at any time, as when their clock was put forward or
-    our machine slept: nothing seems younger by that. If it was a mistake, the ones that follow undo it.
+    our machine slept: nothing seems younger by that. If it was a mistake, the ones that follow undo it, but
+    for two cases that cannot be told from a way that was short once: none that follows tells an earlier
+    instant, as where the next comes only after the mistake has passed; or another one that was as wrong came
+    `SETTLING_NS` later. A longer way never makes instants go back, since a publisher's messages of one kind
+    come in order or not at all; a mistake does. Then the former clock is begun again: at once where messages
+    are more than `JUMP_NS` later than the mistake, otherwise after `DOUBT_NS` in which none came that was as
+    early, by one that fits the former clock. Where there was none, any begins it as if it were the first.
 
     When a message was sent that comes alone, nothing tells: it may be a copy of an old one. So the clock is
     *settled* only when it has been seen to run: another message came `SETTLING_NS` later, and had been sent
@@ -40,6 +52,7 @@ class ForeignClock:
 
     def __init__(self) -> None:
         self._first_offset_ns = self._first_ns = self._seen_ns = 0
+        self._sent_ns: dict[int, int] = {}  # latest instant since the clock began, by kind
         self.reset()
 
     def reset(self) -> None:
@@ -47,8 +60,9 @@ class ForeignClock:
         self.is_settled = False
         self._offset_ns: int | None = None
         self._former: tuple[int, int] | None = None  # what was believed until a message came too early
+        self._doubted_ns: int | None = None  # since when the instant it began with is known to be wrong
 
-    def arrived(self, sent_ns: int, now_ns: int, *, is_new_run: bool = False) -> None:
+    def arrived(self, sent_ns: int, now_ns: int, *, is_new_run: bool = False, kind: int = 0) -> None:
         """Learn that what was sent at *sent_ns*, their clock, arrived at *now_ns*, ours.
 
         Parameters
@@ -56,31 +70,52 @@ class ForeignClock:
         sent_ns, now_ns : int, ns
             As above.
         is_new_run : bool
-            Whether the publisher's session is another one than that of the message before.
+            Whether the publisher's session is another one than that of the message before, of its kind.
+        kind : int
+            Messages of one kind come in the order of their numbers; of several, the order tells nothing.
         """
         offset = now_ns - sent_ns
         fastest = self._offset_ns
-        if fastest is None or (is_new_run and offset > fastest + JUMP_NS):
-            self._begin(offset, now_ns, None)
+        if fastest is None:
+            self._begin(offset, now_ns, {kind: sent_ns}, None)
             return
-        if offset > fastest + JUMP_NS and self._former is not None:
-            before = _grown(*self._former, now_ns)
-            if offset <= before + JUMP_NS:  # so the message that came too early was wrong
-                self._begin(min(offset, before), now_ns, None)
-                return
         pace = PACE_NS + max(now_ns - self._first_ns, 0) // NS_PER_DRIFT
+        latest = self._sent_ns.get(kind, sent_ns)
+        goes_back = sent_ns < latest - BACK_NS
+        self._sent_ns[kind] = max(latest, sent_ns)
+        if offset <= self._first_offset_ns + pace:
+            self._doubted_ns = None
+        elif goes_back and not self.is_settled and self._doubted_ns is None:
+            self._doubted_ns = now_ns
+        if self._doubted_ns is not None:
+            before = offset if self._former is None else _grown(*self._former, now_ns)
+            if offset > fastest + JUMP_NS:
+                is_undone = offset <= before + JUMP_NS
+            else:
+                is_undone = abs(offset - before) <= PACE_NS and now_ns - self._doubted_ns >= DOUBT_NS
+            if is_undone:
+                self._begin(min(offset, before), now_ns, {kind: sent_ns}, None)
+                return
+        is_other = goes_back and self._former is None and offset > fastest + PACE_NS
+        if is_new_run and (is_other or offset > fastest + JUMP_NS):
+            self._begin(offset, now_ns, {kind: sent_ns}, None)
+            return
         if offset < self._first_offset_ns - pace:
             # Another clock; or what came before was held up; or these are old messages that come at once.
-            self._begin(offset, now_ns, (fastest, self._seen_ns) if self.is_settled else self._former)
+            former = (fastest, self._seen_ns) if self.is_settled else self._former
+            self._begin(offset, now_ns, {kind: sent_ns}, former)
             return
         self._offset_ns, self._seen_ns = min(offset, _grown(fastest, self._seen_ns, now_ns)), now_ns
         if offset <= self._first_offset_ns + pace and now_ns - self._first_ns >= SETTLING_NS:
             self.is_settled, self._former = True, None
 
-    def _begin(self, offset_ns: int, now_ns: int, former: tuple[int, int] | None) -> None:
-        self.is_settled, self._former = False, former
+    def _begin(
+        self, offset_ns: int, now_ns: int, sent_ns: dict[int, int], former: tuple[int, int] | None
+    ) -> None:
+        self.is_settled, self._former, self._doubted_ns = False, former, None
         self._offset_ns = self._first_offset_ns = offset_ns
         self._seen_ns = self._first_ns = now_ns
+        self._sent_ns = sent_ns
 
     def theirs(self, now_ns: int) -> int:
         """Say what their clock shows at *now_ns*, ours; rather late than early."""
