@@ -8,7 +8,7 @@ from fake_service import MS, QueueInlet, hands_at
 import oracle
 from proximity.message import MOVES, ContactFlag, Message
 from proximity.scene import Scene
-from proximity.service import MovesInput, TrackerAnswers, reception
+from proximity.service import MovesInput, TrackerAnswers, moves, reception
 from proximity.solid import Solid
 from proximity.tracker import Tracker
 
@@ -192,3 +192,172 @@ def test_part_that_is_taken_out_while_it_moves_is_counted_once_and_the_others_go
 
     np.testing.assert_allclose(served.scene.part("far").pose.translation, (0.002, 0, 0), atol=1e-15)
     assert served.source.notes == ["queue:: 1 moves of parts that cannot be"]
+
+
+# --- parts that no question finds ---
+
+
+def silent(inlet):
+    """Served parts: nothing more is told of the box, which turned."""
+    served = Served(inlet)
+    inlet.put(told(NOW))
+    for ms in (0, 150, 300):
+        contacts = served.tick(NOW + ms * MS, NOW + ms * MS)
+    assert served.answers.is_late and (contacts["lower"] < contacts["signed_distance"]).all()
+    return served
+
+
+class Watched:
+    """By how much `MovesInput.widen` made upper bounds wider at the last tick, m, (N,)."""
+
+    def __init__(self, served, monkeypatch):
+        widen = served.source.widen
+
+        def watched(contacts):
+            before = contacts["upper"].copy()
+            widen(contacts)
+            self.wider = contacts["upper"] - before
+
+        self.served = served
+        monkeypatch.setattr(served.source, "widen", watched)
+
+    def tick(self, ms):
+        """Of fingers of the same instant, and two of earlier ones."""
+        return self.served.tick(NOW + ms * MS, NOW + ms * MS - np.arange(len(TIPS)) * MS)
+
+    def is_sure(self, ms):
+        """Whether a frame is in time, and its bounds are the tracker's."""
+        self.tick(ms)
+        return not self.wider.any() and not self.served.answers.is_late
+
+
+def test_silent_part_that_is_taken_out_makes_nothing_late_and_no_bound_wider(inlet, monkeypatch):
+    served = silent(inlet)
+    watched = Watched(served, monkeypatch)
+    box = served.scene.part("box")
+    served.scene.remove("box")
+    assert watched.is_sure(310) and watched.is_sure(3000)
+    assert served.source.notes == [
+        "queue:: 1 velocities of parts of which nothing more was told for 100 ms"
+    ]  # nobody wanted to move it any more
+
+    served.scene.add(box)
+    assert not watched.is_sure(3010) and served.answers.is_late
+    turn, shift = world_from_box(NOW + 100 * MS)
+    np.testing.assert_allclose(served.scene.part("box").pose.rotation, turn, atol=1e-12)
+    np.testing.assert_allclose(served.scene.part("box").pose.translation, shift, atol=1e-12)
+
+
+def test_silent_part_that_is_hidden_makes_nothing_late_and_no_bound_wider(inlet, monkeypatch):
+    served = silent(inlet)
+    watched = Watched(served, monkeypatch)
+    served.scene.hide("box")
+    assert watched.is_sure(310) and watched.is_sure(3000)
+
+    served.scene.show("box")
+    assert not watched.is_sure(3010) and served.answers.is_late
+
+
+def test_hidden_part_is_carried_on_and_others_go_on_to_widen_bounds(inlet, monkeypatch):
+    served = Served(inlet)
+    watched = Watched(served, monkeypatch)
+    message = Message(MOVES, 2)
+    message.records["name"], message.records["pose_ns"] = [b"box", b"far"], NOW
+    message.records["rotation"], message.records["velocity"] = np.eye(3), [(9.0, 0, 0), (0.1, 0, 0)]
+    inlet.put(message)
+    served.scene.hide("box")
+    watched.tick(10)
+
+    np.testing.assert_allclose(watched.wider, (0.0, 0.0001, 0.0002), atol=1e-9)  # by the speed of the other
+    np.testing.assert_allclose(served.scene.part("box").pose.translation, (0.09, 0, 0), atol=1e-12)
+
+
+def test_part_that_is_shown_while_a_tick_asks_widens_its_bounds(inlet, monkeypatch):
+    served = silent(inlet)
+    watched = Watched(served, monkeypatch)
+    served.scene.hide("box")
+    assert watched.is_sure(310)
+    tracker = served.answers.tracker
+    tick = tracker.tick
+    monkeypatch.setattr(
+        tracker, "tick", lambda *given, **named: served.scene.show("box") or tick(*given, **named)
+    )
+    contacts = served.tick(NOW + 320 * MS, NOW + 320 * MS)
+    assert_holds(contacts, np.full(len(TIPS), NOW + 320 * MS))
+    assert not (contacts["flags"] & ContactFlag.EXACT).any()
+
+
+@pytest.mark.parametrize("edit", [Scene.remove, Scene.hide])
+def test_turning_part_that_goes_while_a_tick_asks_does_not_end_the_service(inlet, monkeypatch, edit):
+    """Another thread takes it out between the moves and the bounds."""
+    served = Served(inlet)
+    watched = Watched(served, monkeypatch)
+    inlet.put(told(NOW))
+    tracker = served.answers.tracker
+    tick = tracker.tick
+    with monkeypatch.context() as patch:
+        patch.setattr(tracker, "tick", lambda *rest, **more: edit(served.scene, "box") or tick(*rest, **more))
+        served.tick(NOW, NOW - np.arange(len(TIPS)) * MS)
+    assert watched.is_sure(10)
+
+
+@pytest.mark.parametrize("again", [False, True])
+def test_part_that_goes_just_before_it_is_moved_is_no_unfit_move(inlet, monkeypatch, again):
+    """Between a tick's look at the scene and its moves; and whoever took it out may put it back."""
+    served = Served(inlet)
+    watched = Watched(served, monkeypatch)
+    inlet.put(told(NOW))
+    served.tick(NOW, NOW)
+    box, move_many = served.scene.part("box"), served.scene.move_many
+
+    def too_late(names, *rest):
+        served.scene.remove("box")
+        try:
+            move_many(names, *rest)
+        finally:
+            if again:
+                served.scene.add(box)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(served.scene, "move_many", too_late)
+        served.tick(NOW + 10 * MS, NOW + 10 * MS)
+    assert served.source.notes == []
+
+    pose_ns = NOW + 20 * MS - np.arange(len(TIPS)) * MS
+    contacts = served.tick(NOW + 20 * MS, pose_ns)
+    if again:
+        assert_holds(contacts, pose_ns)
+        np.testing.assert_allclose(served.scene.part("box").pose.translation, 0.02 * VELOCITY, atol=1e-15)
+    else:
+        assert served.source.notes == ["queue:: 1 moves of parts that cannot be"]
+        assert watched.is_sure(30)
+
+
+def test_scene_is_looked_at_when_it_was_edited_and_not_at_every_message(inlet, monkeypatch):
+    served, asked = Served(inlet), []
+    part, looked = served.scene.part, moves.Presence
+    monkeypatch.setattr(served.scene, "part", lambda name: asked.append(name) or part(name))
+    monkeypatch.setattr(moves, "Presence", lambda scene: asked.append("looked") or looked(scene))
+    for ms in range(0, 50, 5):
+        inlet.put(told(NOW + ms * MS))
+        served.tick(NOW + ms * MS, NOW + ms * MS - np.arange(len(TIPS)) * MS)
+    assert asked == ["looked"]
+
+    served.scene.deform("box", 2.0 * served.scene._parts[0].solid.mesh.vertices)
+    served.tick(NOW + 50 * MS, NOW + 50 * MS)
+    assert asked == ["looked"] * 2
+
+
+def test_bounds_hold_of_a_turning_part_that_is_made_larger(inlet):
+    """It turns about its origin: what is farther from there goes faster."""
+    served = Served(inlet)
+    inlet.put(told(NOW, velocity=0.0))
+    pose_ns = NOW + np.array([10, 0, 10]) * MS
+    before = np.ptp([served.tick(NOW + 10 * MS, pose_ns)[bound][1] for bound in ("lower", "upper")])
+    served.scene.deform("box", 2.0 * VERTICES)
+
+    after = np.ptp([served.tick(NOW + 10 * MS, pose_ns)[bound][1] for bound in ("lower", "upper")])
+
+    corner = np.linalg.norm(np.abs(VERTICES).max(axis=0))
+    assert before == pytest.approx(2 * 0.01 * np.linalg.norm(TURNING) * corner, rel=1e-9)
+    assert after == pytest.approx(2 * before, rel=1e-9)

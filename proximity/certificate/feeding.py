@@ -17,6 +17,7 @@ from proximity.scene import Scene
 from proximity.service import Hands, MovesInput, RecordingInput, TrackerAnswers
 from proximity.service.carrying import Carried, Told
 from proximity.service.gloves import points_on
+from proximity.service.presence import Presence
 from proximity.transport import open_publisher
 
 TOLD_NS = 16_666_667
@@ -71,6 +72,7 @@ class SwayingParts:
         self._scene, self._period_ns = scene, period_ns
         self._names = [part.name for part in fit]
         self._matrices = np.array([part.pose.matrix for part in fit]).reshape(-1, 4, 4)
+        self._presence = Presence(scene)
         self._carried: Carried | None = None
         self._told = -1
 
@@ -79,7 +81,7 @@ class SwayingParts:
         number = tick * self._period_ns // TOLD_NS
         if number != self._told or self._carried is None:
             self._told = number
-            self._carried = Carried(self.moves(number * TOLD_NS), set())
+            self._carried = Carried(self.moves(number * TOLD_NS), set(), self._presence)
 
     def move(self, tick: int) -> None:
         """Put the parts where they are at a tick."""

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from proximity.message import ContactFlag
-from proximity.scene import Scene
 from proximity.service.clock import SECOND
+from proximity.service.presence import Presence
 
 HOLD_NS = SECOND // 10
 """How long a part is believed to have the velocity that was told, unless it is told again."""
@@ -42,13 +42,16 @@ class Carried:
         What was told of each, by name; at least one.
     silent : container of str
         Of which parts it is known that nothing more is told.
+    presence : Presence
+        What the scene has: all of these parts. Those that are hidden are carried on, but no contact is with
+        them: nobody needs to know where they are.
     """
 
     names: list[str]
     is_silent: np.ndarray  # (M,) bool
     next_ns: int  # no other part falls silent before
 
-    def __init__(self, told: Mapping[str, Told], silent: set[str]) -> None:
+    def __init__(self, told: Mapping[str, Told], silent: set[str], presence: Presence) -> None:
         self.names = list(told)
         self.is_silent = np.array([name in silent for name in self.names])
         self._matrices = np.array([part.matrix for part in told.values()])
@@ -57,13 +60,20 @@ class Carried:
         self._pose_ns = np.array([part.pose_ns for part in told.values()], np.int64)
         self._ends_ns = self._pose_ns + HOLD_NS
         self._instants = self._pose_ns  # that the parts stand at
-        self._speeds: np.ndarray | None = None
         self._is_settled = False
+        self._is_found = ~presence.is_hidden(self.names)
         self._turn_rates: np.ndarray | None = None  # rad/s; None: no part turns
+        self._top_speeds = np.linalg.norm(self._velocities, axis=1)  # m/s, of any point of each part
         if self._turning.any():
             self._turn_rates = np.linalg.norm(self._turning, axis=1)
             self._across, self._back = _turns(self._matrices[:, :3, :3], self._turning, self._turn_rates)
+            self._top_speeds += self._turn_rates * presence.radii(self.names)
         self._find_next()
+
+    @property
+    def is_late(self) -> bool:
+        """Whether nothing more is told of a part that questions find."""
+        return bool((self.is_silent & self._is_found).any())
 
     def fall_silent(self, now_ns: int) -> list[str]:
         """Let parts stand of which nothing was told for too long; the names of those that did not before."""
@@ -92,27 +102,28 @@ class Carried:
         self._is_settled = bool(self.is_silent.all())
         return matrices, self._velocities * goes, self._turning * goes
 
-    def widen(self, contacts: np.ndarray, scene: Scene) -> None:
+    def widen(self, contacts: np.ndarray, *, is_edited: bool = False) -> None:
         """Make contacts hold for parts that stand where they are at another instant than the finger's.
 
         Parameters
         ----------
         contacts : (N,) CONTACT
             As the scene answered, its parts being where `at` has put them. Changed in place.
-        scene : Scene
-            That they are of.
+        is_edited : bool
+            Whether the scene may have been answering when parts were shown that were hidden before.
         """
+        found = slice(None) if is_edited or self._is_found.all() else np.flatnonzero(self._is_found)
+        instants, is_silent, speeds = self._instants[found], self.is_silent[found], self._top_speeds[found]
         pose_ns = contacts["pose_ns"]
-        if (pose_ns[:, None] == self._instants).all() and not self.is_silent.any():
+        if (pose_ns[:, None] == instants).all() and not is_silent.any():
             return
         is_tracked = (contacts["flags"] & _TRACKED) != 0
-        off_ns = np.abs(np.where(is_tracked, pose_ns, 0)[:, None] - self._instants)
+        off_ns = np.abs(np.where(is_tracked, pose_ns, 0)[:, None] - instants)
         off_ns[~is_tracked] = 0
-        if not (off_ns.any() or self.is_silent.any()):
+        if not (off_ns.any() or is_silent.any()):
             return
-        speeds = self._top_speeds(scene)
         # A part that stands for the scene may go on: predictions do not know of it.
-        ahead_ns = np.where(is_tracked, contacts["predicted_ns"] - pose_ns, 0)[:, None] * self.is_silent
+        ahead_ns = np.where(is_tracked, contacts["predicted_ns"] - pose_ns, 0)[:, None] * is_silent
         doubt = 1e-9 * (off_ns * speeds).max(axis=1) * _ROUNDED_UP
         doubt_then = 1e-9 * ((off_ns + ahead_ns) * speeds).max(axis=1) * _ROUNDED_UP
         contacts["lower"] -= doubt
@@ -120,16 +131,6 @@ class Carried:
         contacts["predicted_lower"] -= doubt_then
         contacts["predicted_upper"] += doubt_then
         _doubt_the_rest(contacts, doubt_then > 0.0, speeds.max())
-
-    def _top_speeds(self, scene: Scene) -> np.ndarray:
-        """How fast any point of each part goes at most, m/s, (M,)."""
-        if self._speeds is None:
-            speeds = np.linalg.norm(self._velocities, axis=1)
-            for row in np.flatnonzero(self._turning.any(axis=1)):
-                box = np.abs(scene.part(self.names[row]).solid.bounds).max(axis=0)
-                speeds[row] += np.linalg.norm(self._turning[row]) * np.linalg.norm(box)
-            self._speeds = speeds
-        return self._speeds
 
     def _find_next(self) -> None:
         self.next_ns = int(self._ends_ns[~self.is_silent].min(initial=NEVER))

@@ -11,6 +11,7 @@ from proximity.scene import Scene
 from proximity.service.carrying import Carried, Told
 from proximity.service.clock import SECOND
 from proximity.service.gate import AHEAD_NS
+from proximity.service.presence import Presence
 from proximity.service.reception import Reception
 from proximity.service.samples import Hands
 
@@ -32,6 +33,8 @@ class MovesInput:
     of nan are zero. A part that has a velocity is carried on by it from the instant of its pose, at each
     tick anew. When nothing more was told of it for `HOLD_NS` it stands, that is counted, and `is_late`
     says so until it is told again: a part that comes to rest must be told once without a velocity.
+    Of a part that is hidden or taken out nobody needs to know where it is; when it is shown or added again,
+    it is carried on again.
 
     Parameters
     ----------
@@ -67,9 +70,11 @@ class MovesInput:
         self.future = self.backwards = 0
         self._scene: Scene | None = None
         self._latest: dict[str, Told] = {}  # by name of a part that there is or was
-        self._absent: set[str] = set()  # of these, parts that cannot be moved at present
+        self._unfit: set[str] = set()  # of these, parts that cannot be carried on as they were told
         self._silent: set[str] = set()  # of these, parts of which nothing more is told
         self._carried: Carried | None = None  # the parts with a velocity; None: there is none
+        self._presence: Presence | None = None  # what the scene had when parts were gathered last
+        self._epoch = -1  # of the scene then
         self._names: dict[bytes, str] = {}
 
     @property
@@ -80,7 +85,7 @@ class MovesInput:
     @property
     def is_late(self) -> bool:
         """Whether of a part that moved nothing more is told: nobody knows where it is."""
-        return self._carried is not None and bool(self._carried.is_silent.any())
+        return self._carried is not None and self._carried.is_late
 
     def apply(self, scene: Scene, now_ns: int, hands: Hands | None = None) -> None:
         """Put the parts of a scene that are told to move where they are.
@@ -97,13 +102,14 @@ class MovesInput:
         """
         is_told = scene is not self._scene
         if is_told:
-            self._scene = scene
-            self._absent = self._latest.keys() - dict(self._moved_each(scene, self._latest)).keys()
+            self._scene, self._carried, self._presence = scene, None, None
+            self._unfit.clear()
+            list(self._moved_each(scene, self._latest))
         for _, records, ahead_ns in self._reception.messages():
             self._take(scene, records, ahead_ns + self._skipped(), now_ns)
             is_told = True
-        if is_told:
-            self._gather()
+        if is_told or scene.epoch != self._epoch:
+            self._gather(scene)
         if self._carried is not None:
             self._carry(self._carried, scene, now_ns, _instant_of(hands, now_ns))
 
@@ -119,7 +125,7 @@ class MovesInput:
             Of the scene as `apply` has left it; changed in place.
         """
         if self._carried is not None and self._scene is not None:
-            self._carried.widen(contacts, self._scene)
+            self._carried.widen(contacts, is_edited=self._scene.epoch != self._epoch)
 
     def close(self) -> None:
         """Give the address back."""
@@ -146,7 +152,7 @@ class MovesInput:
             moves = dict(self._moved_each(scene, moves, UNFIT))
         self._latest.update(moves)
         self._silent -= moves.keys()
-        self._absent -= moves.keys()
+        self._unfit -= moves.keys()
 
     def _admitted(self, names: list[str], pose_ns: np.ndarray, now_ns: int) -> list[int]:
         """Rows of the moves that may be used: none from the future, none backwards in time, none too old."""
@@ -185,14 +191,29 @@ class MovesInput:
             else:
                 yield name, told
 
-    def _gather(self) -> None:
+    def _gather(self, scene: Scene) -> None:
         """Find the parts that are to be carried on."""
+        self._epoch = scene.epoch
         moving = {
             name: told
             for name, told in self._latest.items()
-            if name not in self._absent and (told.velocity.any() or told.turning.any())
+            if name not in self._unfit and (told.velocity.any() or told.turning.any())
         }
-        self._carried = Carried(moving, self._silent) if moving else None
+        if moving:
+            moving = self._present(scene, moving)
+        self._carried = Carried(moving, self._silent, self._presence) if moving and self._presence else None
+
+    def _present(self, scene: Scene, moving: dict[str, Told]) -> dict[str, Told]:
+        """Those of parts that are in the scene; it is looked at anew only when it was edited."""
+        presence = self._presence
+        if presence is None or presence.epoch != self._epoch:
+            self._presence = presence = Presence(scene)
+            self._epoch = presence.epoch
+            carried = [] if self._carried is None else self._carried.names
+            gone = [name for name in carried if name not in presence and name not in self._silent]
+            if gone:
+                self._reception.leave_out(UNFIT, len(gone), f"part {gone[0]!r} was taken out")
+        return {name: told for name, told in moving.items() if name in presence}
 
     def _carry(self, carried: Carried, scene: Scene, now_ns: int, instant_ns: int) -> None:
         """Put the parts that move where they are at an instant."""
@@ -206,11 +227,14 @@ class MovesInput:
         try:
             scene.move_many(carried.names, *places)
         except (SceneError, PoseError):
-            # One was taken out of the scene, or goes farther than can be computed with.
+            # One goes farther than can be computed with, or was taken out just now: the next tick sees that.
+            is_edited = scene.epoch != self._epoch
             each = zip(*places, [0] * len(carried.names), strict=True)
             moves = {name: Told(*told) for name, told in zip(carried.names, each, strict=True)}
-            self._absent |= moves.keys() - dict(self._moved_each(scene, moves, UNFIT)).keys()
-            self._gather()
+            moved = dict(self._moved_each(scene, moves, "" if is_edited else UNFIT))
+            if not is_edited:
+                self._unfit |= moves.keys() - moved.keys()
+                self._gather(scene)
 
     def _name(self, raw: bytes) -> str:
         name = self._names.get(raw)
