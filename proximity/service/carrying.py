@@ -31,6 +31,7 @@ class Told(NamedTuple):
     velocity: np.ndarray  # (3,) float64, m/s, of its origin
     turning: np.ndarray  # (3,) float64, rad/s, about its origin
     pose_ns: int
+    is_moving: bool = True  # False: both velocities are zero
 
 
 class Carried:
@@ -61,13 +62,14 @@ class Carried:
         self._ends_ns = self._pose_ns + HOLD_NS
         self._instants = self._pose_ns  # that the parts stand at
         self._is_settled = False
-        self._is_found = ~presence.is_hidden(self.names)
+        is_hidden, radii = presence.reach(self.names)
+        self._is_found = ~is_hidden
         self._turn_rates: np.ndarray | None = None  # rad/s; None: no part turns
         self._top_speeds = np.linalg.norm(self._velocities, axis=1)  # m/s, of any point of each part
         if self._turning.any():
             self._turn_rates = np.linalg.norm(self._turning, axis=1)
             self._across, self._back = _turns(self._matrices[:, :3, :3], self._turning, self._turn_rates)
-            self._top_speeds += self._turn_rates * presence.radii(self.names)
+            self._top_speeds += self._turn_rates * radii
         self._find_next()
 
     @property

@@ -144,7 +144,8 @@ class MovesInput:
         matrices[:, 3, 3] = 1.0
         velocities = np.nan_to_num(records["velocity"], posinf=np.inf, neginf=-np.inf)
         turning = np.nan_to_num(records["angular_velocity"], posinf=np.inf, neginf=-np.inf)
-        each = zip(matrices, velocities, turning, pose_ns.tolist(), strict=True)
+        is_moving = velocities.any(axis=1) | turning.any(axis=1)
+        each = zip(matrices, velocities, turning, pose_ns.tolist(), is_moving.tolist(), strict=True)
         moves = {name: Told(*told) for name, told in zip(names, each, strict=True)}
         try:
             scene.move_many(names, matrices, velocities, turning)
@@ -195,9 +196,7 @@ class MovesInput:
         """Find the parts that are to be carried on."""
         self._epoch = scene.epoch
         moving = {
-            name: told
-            for name, told in self._latest.items()
-            if name not in self._unfit and (told.velocity.any() or told.turning.any())
+            name: told for name, told in self._latest.items() if told.is_moving and name not in self._unfit
         }
         if moving:
             moving = self._present(scene, moving)
@@ -210,10 +209,10 @@ class MovesInput:
             self._presence = presence = Presence(scene)
             self._epoch = presence.epoch
             carried = [] if self._carried is None else self._carried.names
-            gone = [name for name in carried if name not in presence and name not in self._silent]
+            gone = [name for name in carried if name not in presence.names and name not in self._silent]
             if gone:
                 self._reception.leave_out(UNFIT, len(gone), f"part {gone[0]!r} was taken out")
-        return {name: told for name, told in moving.items() if name in presence}
+        return {name: told for name, told in moving.items() if name in presence.names}
 
     def _carry(self, carried: Carried, scene: Scene, now_ns: int, instant_ns: int) -> None:
         """Put the parts that move where they are at an instant."""

@@ -1,6 +1,6 @@
 """What a scene has at present: which parts, which of them are hidden, and how far they reach."""
 
-from collections.abc import Sequence
+from collections.abc import KeysView, Sequence
 
 import numpy as np
 
@@ -33,28 +33,18 @@ class Presence:
         )
         self._radii = np.linalg.norm(np.abs(corners).max(axis=0), axis=1)
 
-    def __contains__(self, name: str) -> bool:
-        return name in self._rows
+    @property
+    def names(self) -> KeysView[str]:
+        """Of the parts that are there."""
+        return self._rows.keys()
 
-    def is_hidden(self, names: Sequence[str]) -> np.ndarray:
-        """Whether no question finds parts, (M,) bool.
-
-        Parameters
-        ----------
-        names : sequence of str
-            Of M parts that are there.
-        """
-        return self._is_hidden[self._rows_of(names)]
-
-    def radii(self, names: Sequence[str]) -> np.ndarray:
-        """How far from their origins points of parts are at most, m, (M,).
+    def reach(self, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+        """Whether no question finds parts, (M,) bool, and how far from their origins they reach, m, (M,).
 
         Parameters
         ----------
         names : sequence of str
             Of M parts that are there.
         """
-        return self._radii[self._rows_of(names)]
-
-    def _rows_of(self, names: Sequence[str]) -> np.ndarray:
-        return np.array([self._rows[name] for name in names], np.int64)
+        rows = np.array([self._rows[name] for name in names], np.int64)
+        return self._is_hidden[rows], self._radii[rows]
