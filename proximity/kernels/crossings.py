@@ -19,15 +19,15 @@ import numpy as np
 
 from proximity.kernels.compiling import inlined, kernel, maker
 from proximity.kernels.descent import NOTHING_WAITS, descend, next_open
-from proximity.kernels.folds import faces_wrong, marked_slots
+from proximity.kernels.folds import face_normal, faces_wrong, marked_slots
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NODE_STRIDE, STACK_SIZE, STACKS_SIZE
 from proximity.kernels.memory import words_here
 from proximity.kernels.ray import (
     SLAB_MARGIN,
     aim_and_view,
     bound_of_parameter,
+    hits_in_block,
     open_boxes,
-    ray_triangle_sides,
 )
 from proximity.kernels.triangle import cross, dot
 from proximity.simd import (
@@ -35,8 +35,6 @@ from proximity.simd import (
     bits,
     load,
     load_int,
-    maximum,
-    minimum,
     splat,
     splat32,
     square_root,
@@ -48,34 +46,14 @@ DEPTH = 1e-10
 through; an edge of which both are nearer lies in its plane. What is thinner is no face."""
 SHORTEST = 1e4
 """Depths: of an edge that lies on a face, more than this much does; less is two corners that touch."""
-FLAT, FOLDED, BESIDE_THIN, CREASED = 0, 1, 2, 3
-"""Edges: between faces in one plane, beside or on each other; of a face that is thinner than any; others."""
+FLAT, CREASED, UNCLEAR = 0, 1, 2
+"""Edges: between faces in one plane, beside each other; between faces that are not; where one of them is on
+the other, or thinner than any."""
 VOTES = 5
 """Faces of a piece of surface that are looked at where the first one is not right; what most say counts."""
 MOST_BLOCKS = 512
 """Blocks that are looked at for each face, on average: of usual bodies about six are. Of those where it would
 be more, all faces count as passing through others."""
-
-
-@inlined
-def _passing(reals, base, view, length):
-    """Which of the eight triangles at *base* an edge, up to a little more than its end, passes or touches."""
-    axis, px, py, pz, lean_x, lean_y, pace = view
-    z = np.int64(axis)
-    x, y, z = 8 * ((z + 1) % 3), 8 * ((z + 2) % 3), 8 * z
-    u, v, w, height = ray_triangle_sides(
-        splat(px), splat(py), splat(pz), splat(lean_x), splat(lean_y),
-        load(reals, base + x), load(reals, base + y), load(reals, base + z),
-        load(reals, base + 24 + x), load(reals, base + 24 + y), load(reals, base + 24 + z),
-        load(reals, base + 48 + x), load(reals, base + 48 + y), load(reals, base + 48 + z),
-    )  # fmt: skip
-    zero = splat(0.0)
-    is_hit = (minimum(u, minimum(v, w)) >= zero) | (maximum(u, maximum(v, w)) <= zero)
-    hits = bits(is_hit)
-    if hits:
-        parameters = height / (u + v + w) * splat(pace)
-        hits = bits(is_hit & (parameters >= zero) & (parameters <= splat(length)))
-    return hits
 
 
 @inlined
@@ -98,15 +76,23 @@ def _has_corner(faces, face, corner):
 
 
 @kernel
-def _normal(corners, faces, face):
-    """A normal of a face, its length squared, and that of its longer side at the first corner."""
+def _plane(corners, faces, face, depth):
+    """A normal of a face, and its length, or 0 where the face is thinner than *depth* and has no plane."""
+    nx, ny, nz = face_normal(corners, faces, face)
     a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
-    ax, ay, az = corners[a, 0], corners[a, 1], corners[a, 2]
-    bx, by, bz = corners[b, 0] - ax, corners[b, 1] - ay, corners[b, 2] - az
-    cx, cy, cz = corners[c, 0] - ax, corners[c, 1] - ay, corners[c, 2] - az
-    nx, ny, nz = cross(bx, by, bz, cx, cy, cz)
-    longest_sq = max(dot(bx, by, bz, bx, by, bz), dot(cx, cy, cz, cx, cy, cz))
-    return nx, ny, nz, dot(nx, ny, nz, nx, ny, nz), longest_sq
+    longest_sq = max(_distance_sq(corners, a, b), _distance_sq(corners, a, c))
+    length_sq = dot(nx, ny, nz, nx, ny, nz)
+    return nx, ny, nz, sqrt(length_sq) if length_sq > depth * depth * longest_sq else 0.0
+
+
+@inlined
+def _distance_sq(corners, one, other):
+    x, y, z = (
+        corners[other, 0] - corners[one, 0],
+        corners[other, 1] - corners[one, 1],
+        corners[other, 2] - corners[one, 2],
+    )
+    return dot(x, y, z, x, y, z)
 
 
 @inlined
@@ -122,10 +108,10 @@ def _height(corners, faces, face, nx, ny, nz, corner):
 @kernel
 def _reaches_through(corners, faces, face, start, end, depth):
     """Whether an edge that meets a face goes on beyond it, on both sides, by more than contact does."""
-    nx, ny, nz, length_sq, longest_sq = _normal(corners, faces, face)
-    if not length_sq > depth * depth * longest_sq:
+    nx, ny, nz, length = _plane(corners, faces, face, depth)
+    if length == 0.0:
         return False
-    least = depth * sqrt(length_sq)
+    least = depth * length
     first = _height(corners, faces, face, nx, ny, nz, start)
     last = _height(corners, faces, face, nx, ny, nz, end)
     return min(first, last) < -least and max(first, last) > least
@@ -138,8 +124,8 @@ def _lies_on(corners, faces, face, start, end, depth):
     Along its rim as well, unless they share a corner: near that, thin faces are nowhere far from their rims.
     """
     slack = -depth if _has_corner(faces, face, start) or _has_corner(faces, face, end) else depth
-    nx, ny, nz, length_sq, longest_sq = _normal(corners, faces, face)
-    if not length_sq > depth * depth * longest_sq:
+    nx, ny, nz, length = _plane(corners, faces, face, depth)
+    if length == 0.0:
         return False
     px, py, pz = corners[start, 0], corners[start, 1], corners[start, 2]
     dx, dy, dz = corners[end, 0] - px, corners[end, 1] - py, corners[end, 2] - pz
@@ -169,15 +155,15 @@ def _kind_of_edge(corners, faces, face, other, depth):
     """How the faces at an edge lie to each other; *other* may be missing."""
     if other < 0:
         return CREASED
-    nx, ny, nz, own_sq, own_longest_sq = _normal(corners, faces, face)
-    mx, my, mz, other_sq, other_longest_sq = _normal(corners, faces, other)
-    if not (own_sq > depth * depth * own_longest_sq and other_sq > depth * depth * other_longest_sq):
-        return BESIDE_THIN
-    most = depth * sqrt(own_sq)
+    nx, ny, nz, length = _plane(corners, faces, face, depth)
+    mx, my, mz, other_length = _plane(corners, faces, other, depth)
+    if length == 0.0 or other_length == 0.0:
+        return UNCLEAR
+    most = depth * length
     for k in range(3):
         if abs(_height(corners, faces, face, nx, ny, nz, faces[other, k])) > most:
             return CREASED
-    return FLAT if dot(nx, ny, nz, mx, my, mz) > 0.0 else FOLDED
+    return FLAT if dot(nx, ny, nz, mx, my, mz) > 0.0 else UNCLEAR
 
 
 @kernel
@@ -206,24 +192,21 @@ def _mark_met(corners, faces, slot_faces, reals, words, root, start, end, kind, 
                 continue
         else:
             blocks += 1
-            hits = _passing(reals, BLOCK_STRIDE * ~reference, view, length)
-            while hits:
-                face = slot_faces[LANES * ~reference + trailing_zeros(hits)]
-                hits &= hits - 1
-                if _has_corner(faces, face, start) or _has_corner(faces, face, end):
-                    continue
-                if _reaches_through(corners, faces, face, start, end, depth):
-                    marks[face] = is_met = True
+            base, first = BLOCK_STRIDE * ~reference, LANES * ~reference
+            passed, lain = hits_in_block(reals, base, view, length), 0
             if kind == CREASED:
-                hits = _in_plane(
-                    reals, BLOCK_STRIDE * ~reference, ox, oy, oz, ox + dx, oy + dy, oz + dz, depth
-                )
-            while hits:
-                face = slot_faces[LANES * ~reference + trailing_zeros(hits)]
-                hits &= hits - 1
-                if _has_corner(faces, face, start) and _has_corner(faces, face, end):
-                    continue
-                if _lies_on(corners, faces, face, start, end, depth):
+                lain = _in_plane(reals, base, ox, oy, oz, ox + dx, oy + dy, oz + dz, depth)
+            met = passed | lain
+            while met:
+                lane = trailing_zeros(met)
+                met &= met - 1
+                face = slot_faces[first + lane]
+                shared = _has_corner(faces, face, start) + _has_corner(faces, face, end)
+                if (lain >> lane) & 1:
+                    is_on = shared < 2 and _lies_on(corners, faces, face, start, end, depth)
+                else:
+                    is_on = shared == 0 and _reaches_through(corners, faces, face, start, end, depth)
+                if is_on:
                     marks[face] = is_met = True
         at = next_open(stacks, 0, at, best32)
         if at == NOTHING_WAITS:

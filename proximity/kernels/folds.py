@@ -32,7 +32,8 @@ def is_folded(words, notes, slot):
 
 
 @kernel
-def _normal(corners, faces, face):
+def face_normal(corners, faces, face):
+    """A normal of a face, as long as twice its area."""
     a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
     ax, ay, az = corners[a, 0], corners[a, 1], corners[a, 2]
     bx, by, bz = corners[b, 0] - ax, corners[b, 1] - ay, corners[b, 2] - az
@@ -84,12 +85,12 @@ def _is_beside(marks, neighbors, face):
 @kernel
 def _is_sharp(corners, faces, neighbors, face):
     """Whether one of a face's edges is sharper than edges are."""
-    nx, ny, nz = _normal(corners, faces, face)
+    nx, ny, nz = face_normal(corners, faces, face)
     own_sq = dot(nx, ny, nz, nx, ny, nz)
     for k in range(3):
         other = neighbors[face, k]
         if other >= 0:
-            mx, my, mz = _normal(corners, faces, other)
+            mx, my, mz = face_normal(corners, faces, other)
             other_sq = dot(mx, my, mz, mx, my, mz)
             if dot(nx, ny, nz, mx, my, mz) < SHARPEST * sqrt(own_sq) * sqrt(other_sq):
                 return True
@@ -99,7 +100,7 @@ def _is_sharp(corners, faces, neighbors, face):
 @kernel
 def faces_wrong(corners, faces, face, reals, words, root, moments):
     """Whether somewhere a face has the inside where its normal goes, or none on the other side."""
-    nx, ny, nz = _normal(corners, faces, face)
+    nx, ny, nz = face_normal(corners, faces, face)
     length = sqrt(dot(nx, ny, nz, nx, ny, nz))
     if not length > 0.0:
         return False

@@ -206,16 +206,11 @@ def look_along(ox, oy, oz, dx, dy, dz):
 
 
 @inlined
-def first_in_block(reals, base, view, entry, best):
-    """First hit, up to *best*, of the eight triangles at *base*: t, lane (-1: none), and three weights.
-
-    *view* as `look_along` gives it, *entry* as `approach`.
-    """
-    axis, px, py, pz, lean_x, lean_y, pace = view
+def _seen_along(reals, base, view):
+    """`ray_triangle_sides` of the eight triangles at *base*, and which of them the line hits."""
+    axis, px, py, pz, lean_x, lean_y, _ = view
     z = np.int64(axis)
     x, y, z = 8 * ((z + 1) % 3), 8 * ((z + 2) % 3), 8 * z
-    found, first = best, np.int64(-1)
-    weight_a, weight_b, weight_c = 0.0, 0.0, 0.0
     u, v, w, height = ray_triangle_sides(
         splat(px), splat(py), splat(pz), splat(lean_x), splat(lean_y),
         load(reals, base + x), load(reals, base + y), load(reals, base + z),
@@ -224,6 +219,33 @@ def first_in_block(reals, base, view, entry, best):
     )  # fmt: skip
     zero = splat(0.0)
     is_hit = (minimum(u, minimum(v, w)) >= zero) | (maximum(u, maximum(v, w)) <= zero)
+    return u, v, w, height, is_hit
+
+
+@inlined
+def hits_in_block(reals, base, view, longest):
+    """Which of the eight triangles at *base* a ray hits up to the parameter *longest*: bits.
+
+    *view* as `look_along` gives it; the ray is not from afar.
+    """
+    u, v, w, height, is_hit = _seen_along(reals, base, view)
+    hits = bits(is_hit)
+    if hits:
+        parameters = height / (u + v + w) * splat(view[6])
+        hits = bits(is_hit & (parameters >= splat(0.0)) & (parameters <= splat(longest)))
+    return hits
+
+
+@inlined
+def first_in_block(reals, base, view, entry, best):
+    """First hit, up to *best*, of the eight triangles at *base*: t, lane (-1: none), and three weights.
+
+    *view* as `look_along` gives it, *entry* as `approach`.
+    """
+    found, first = best, np.int64(-1)
+    weight_a, weight_b, weight_c = 0.0, 0.0, 0.0
+    zero, pace = splat(0.0), view[6]
+    u, v, w, height, is_hit = _seen_along(reals, base, view)
     if bits(is_hit):
         # No area: 0/0, which no comparison lets through.
         parameters = splat(entry) + height / (u + v + w) * splat(pace)
