@@ -213,16 +213,20 @@ print(right == 24 * [True], [child.exitcode for child in children], np.array_equ
 )
 def test_forked_processes_go_on_asking():
     """In a process of its own, since a fork copies the threads' locks and not the threads."""
+    assert _output_of(FORK) == f"True {24 * [0]} True\n"
+
+
+def _output_of(program):
+    """What a program prints, in a process of its own that says nothing on stderr."""
     result = subprocess.run(
-        [sys.executable, "-W", "ignore::DeprecationWarning", "-c", FORK],
+        [sys.executable, "-W", "ignore::DeprecationWarning", "-c", program],
         capture_output=True,
         text=True,
         timeout=120,
         env=_environment(),
     )
-
     assert result.stderr == ""
-    assert result.stdout == f"True {24 * [0]} True\n"
+    return result.stdout
 
 
 def _environment():
@@ -345,13 +349,4 @@ print(was_interrupted, told[0], os.waitpid(child, 0)[1], scene.distance((0, 0, 2
     "fork" not in multiprocessing.get_all_start_methods(), reason="processes are not forked here"
 )
 def test_fork_that_is_interrupted_while_it_waits_is_safe_and_the_interruption_comes_after():
-    result = subprocess.run(
-        [sys.executable, "-W", "ignore::DeprecationWarning", "-c", INTERRUPTED_FORK],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        env=_environment(),
-    )
-
-    assert result.stderr == ""
-    assert result.stdout == "True 1.0 0 1.0\n"
+    assert _output_of(INTERRUPTED_FORK) == "True 1.0 0 1.0\n"
