@@ -10,7 +10,16 @@ import numpy as np
 from proximity.errors import MeshError
 from proximity.kernels.build import FACES_SHIFT, build_tree, face_boxes, fill_blocks
 from proximity.kernels.halving import RECORD
-from proximity.kernels.layout import BLOCK_STRIDE, CHILDREN, LANES, MAX_DEPTH, NO_FACE, NODE_STRIDE
+from proximity.kernels.layout import (
+    BLOCK_STRIDE,
+    CENTRE,
+    CHILDREN,
+    LANES,
+    MAX_DEPTH,
+    NO_FACE,
+    NODE_STRIDE,
+    SCALE,
+)
 
 LARGEST_COORDINATE = 1e150
 SMALLEST_SIZE = 1e-150
@@ -31,6 +40,15 @@ class LocalFrame:
     def of(self, points: np.ndarray) -> np.ndarray:
         """Return *points* (..., 3), m, in this frame."""
         return np.asarray((points - self.centre) * self.scale)
+
+    @classmethod
+    def read(cls, row: np.ndarray) -> "LocalFrame":
+        """Return what a row of a model's frames tells; a copy."""
+        return cls(row[CENTRE : CENTRE + 3].copy(), float(row[SCALE]))
+
+    def write(self, row: np.ndarray) -> None:
+        """Write the frame into a row of a model's frames."""
+        row[CENTRE : CENTRE + 3], row[SCALE] = self.centre, self.scale
 
 
 def local_frame(lower: np.ndarray, upper: np.ndarray) -> LocalFrame:

@@ -70,7 +70,7 @@ def deform_part(model: Model, row: int, solid: Solid, vertices: object, name: st
 
     before, normals = model.frames[row].copy(), _normals_of(model, row)
     normals_before = normals.copy()
-    set_frame(model.frames[row], _frame_for(before, lower, upper))
+    _frame_for(before, lower, upper).write(model.frames[row])
     area, volume = refit_part(model.handle, row, kept, solid._leaders)
     is_closed = model.parts[row, layout.GRID] != layout.NO_GRID
     if is_closed and volume < -INSIDE_OUT * area:
@@ -87,30 +87,6 @@ def deform_part(model: Model, row: int, solid: Solid, vertices: object, name: st
     if is_closed:
         _ask_the_surface(model, row, lower, extent)
     return solid._deformed(kept, model.part_alone(row))
-
-
-def frame_of(row: np.ndarray) -> LocalFrame:
-    """Return the local frame that a part's row of frames tells.
-
-    Parameters
-    ----------
-    row : (FRAME_COLUMNS,) float64
-        Of the part.
-    """
-    return LocalFrame(row[layout.CENTRE : layout.CENTRE + 3].copy(), float(row[layout.SCALE]))
-
-
-def set_frame(row: np.ndarray, frame: LocalFrame) -> None:
-    """Write a local frame into a part's row of frames.
-
-    Parameters
-    ----------
-    row : (FRAME_COLUMNS,) float64
-        Of the part.
-    frame : LocalFrame
-        Of the part's arrays.
-    """
-    row[layout.CENTRE : layout.CENTRE + 3], row[layout.SCALE] = frame.centre, frame.scale
 
 
 def _faces_of(model: Model, row: int) -> np.ndarray:
@@ -159,7 +135,7 @@ def _place(point: np.ndarray) -> str:
 
 def _frame_for(row: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> LocalFrame:
     """The part's frame, where the box lies well in it; else one of its own."""
-    frame = frame_of(row)
+    frame = LocalFrame.read(row)
     centre = frame.centre
     low, high = frame.of(lower), frame.of(upper)
     is_held = bool(max(np.abs(low).max(), np.abs(high).max()) <= 1.0)

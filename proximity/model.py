@@ -100,7 +100,7 @@ class Model:
         grid_words = -(-int(np.prod(counts)) // 16) if has_grid else 0
         grid_at = int(part[layout.GRID]) if has_grid else 0
         return PartArrays(
-            frame=LocalFrame(frame[_CENTRE].copy(), float(frame[layout.SCALE])),
+            frame=LocalFrame.read(frame),
             bvh=Bvh(nodes, blocks, slots),
             moments=moments[: MOMENT_STRIDE * part[layout.NODE_COUNT]].copy(),
             faces=self.words[part[layout.FACES] :][:face_numbers].view(np.int32).reshape(-1, 3).copy(),
@@ -167,7 +167,7 @@ def assemble(
     )
     for row, (piece, pose) in enumerate(zip(pieces, poses, strict=True)):
         frames[row, _OWN_LOWER], frames[row, _OWN_UPPER] = piece.lower, piece.upper
-        frames[row, _CENTRE], frames[row, layout.SCALE] = piece.frame.centre, piece.frame.scale
+        piece.frame.write(frames[row])
         parts[row, layout.ROOT], parts[row, layout.NODE_COUNT] = node_ends[row], piece.bvh.node_count
         parts[row, layout.FIRST_BLOCK], parts[row, layout.BLOCK_COUNT] = (
             block_ends[row],
@@ -267,7 +267,6 @@ def finished(
 
 # --- arrays ----------------------------------------------------------------------------------------------
 
-_CENTRE = slice(layout.CENTRE, layout.CENTRE + 3)
 _TRANSLATION = slice(layout.TRANSLATION, layout.TRANSLATION + 3)
 _OWN_LOWER = slice(layout.OWN_LOWER, layout.OWN_LOWER + 3)
 _OWN_UPPER = slice(layout.OWN_UPPER, layout.OWN_UPPER + 3)

@@ -349,9 +349,7 @@ class Stage(Shelf):
         return True
 
     def _make_tree(self, static: int) -> bool:
-        row = self.frames[-1]
-        kept = LocalFrame(row[layout.CENTRE : layout.CENTRE + 3].copy(), float(row[layout.SCALE]))
-        choose_frame(self.frames, self.parts, kept)
+        choose_frame(self.frames, self.parts, LocalFrame.read(self.frames[-1]))
         words, first = self.latest.words, self._plan.static_node(static)
         nodes, entries = static_tree(words, self.frames, self.parts, first)
         if not write_static(words, self.parts, static, nodes, entries):

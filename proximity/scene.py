@@ -8,7 +8,7 @@ import numpy as np
 
 from proximity.bvh import LocalFrame
 from proximity.compiled import CompiledScene, write_scene
-from proximity.deforming import deform_part, frame_of, set_frame
+from proximity.deforming import deform_part
 from proximity.errors import MeshError, SceneError
 from proximity.kernels.layout import BOX_LOWER, BOX_UPPER
 from proximity.locks import fork_safe_lock
@@ -434,7 +434,7 @@ class Scene(Queries):
     def _reshape(self, row: int, vertices: Any) -> None:
         """Give a part another shape; whoever interrupts this leaves a note, and it is made whole again."""
         part, stage = self._parts[row], self._stage
-        stage.current, self._torn = None, (row, frame_of(stage.frames[row]))
+        stage.current, self._torn = None, (row, LocalFrame.read(stage.frames[row]))
         try:
             solid = deform_part(stage.model_at_work(), row, part.solid, vertices, part.name)
         except MeshError:  # nothing has changed
@@ -448,7 +448,7 @@ class Scene(Queries):
         """Have a part whose deforming was interrupted be as its solid is: as before, or as it was to be."""
         if self._torn is not None:
             row, frame = self._torn
-            set_frame(self._stage.frames[row], frame)
+            frame.write(self._stage.frames[row])
             self._reshape(row, self._parts[row].solid.mesh.vertices)
 
     def _find(self, name: str) -> int:

@@ -180,9 +180,8 @@ class Solid(Queries):
             model.words[part[column] :][: 3 * part[layout.FACE_COUNT]].view(np.int32).reshape(-1, 3)
             for column in (layout.FACES, layout.NEIGHBORS)
         )
-        centre = frame[layout.CENTRE : layout.CENTRE + 3].copy()
         self._remains = _Remains(
-            LocalFrame(centre, float(frame[layout.SCALE])),
+            LocalFrame.read(frame),
             int(part[layout.SIGN]),
             bool(part[layout.GRID] != NO_GRID),
             faces,

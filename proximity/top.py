@@ -132,7 +132,7 @@ def choose_frame(frames: np.ndarray, parts: np.ndarray, wanted: LocalFrame) -> N
     is_fit = scene == 1 or SMALLEST_REACH <= reach <= 1.0
     frame = wanted if is_fit else common_frame(lower, upper)
     frames[scene, layout.ROTATION : layout.CENTRE] = (1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0)
-    frames[scene, _CENTRE], frames[scene, layout.SCALE] = frame.centre, frame.scale
+    frame.write(frames[scene])
     is_alike = frames[:scene, : layout.SCALE + 1] == frames[scene, : layout.SCALE + 1]
     is_still = parts[:scene, layout.IS_LOOSE] == 0
     parts[:scene, layout.IS_FUSED] = is_alike.all(axis=1) & is_still
@@ -241,4 +241,3 @@ def clear_first(words: np.ndarray, parts: np.ndarray) -> None:
 
 _BOX_LOWER = slice(layout.BOX_LOWER, layout.BOX_LOWER + 3)
 _BOX_UPPER = slice(layout.BOX_UPPER, layout.BOX_UPPER + 3)
-_CENTRE = slice(layout.CENTRE, layout.CENTRE + 3)
