@@ -16,7 +16,7 @@ from rich.console import Console
 
 import proximity
 from proximity import cli
-from proximity.cli import output, query, tables, waiting
+from proximity.cli import blocks, output, query, tables, waiting
 from proximity.errors import MeshError, MeshFormatError
 
 
@@ -221,6 +221,15 @@ def test_ray_that_is_not_finite_is_told(run):
     lines = block(run("query", "ball.stl", "inf", 0, 50, "--ray", 0, 0, 1).out)
 
     assert lines == {"distance": "inf (the numbers given are not finite)"}
+
+
+def test_what_is_too_far_off_is_told_in_words():
+    far, nothing = [1e200, 0.0, 0.0], float("nan")
+    point = {"query": far, "signed_distance": nothing, "is_signed": False}
+    ray = {"origin": far, "direction": [-1.0, 0.0, 0.0], "distance": nothing, "face": None}
+
+    for told in (blocks.closest_block(point, "mm", ""), blocks.ray_block(ray, "mm", "")):
+        assert told == [("distance", "nan (too far off to be computed)")]
 
 
 def test_segment_is_told(run):

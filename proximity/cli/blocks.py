@@ -40,7 +40,8 @@ def closest_block(answer: dict[str, Any], units: str, sign: str) -> Lines:
     """
     where = side(answer["signed_distance"], answer["is_signed"])
     if where is None:
-        return _nothing("nan (the point is not finite)")
+        is_finite = all(map(math.isfinite, answer["query"]))
+        return _nothing(f"nan ({TOO_FAR if is_finite else 'the point is not finite'})")
     words = {"surface": "on the surface", "unknown": "which side is unknown"}
     return [
         ("signed distance", f"{number(answer['signed_distance'])} {units}, {words.get(where, where)}"),
@@ -103,6 +104,7 @@ def segment_block(answer: dict[str, Any], units: str, sign: str) -> Lines:
     ]
 
 
+TOO_FAR = "too far off to be computed"
 BLOCKS = {"closest": closest_block, "ray": ray_block, "segment": segment_block}
 
 
@@ -116,4 +118,6 @@ def _nothing(why: str) -> Lines:
 
 def _why_nothing(answer: dict[str, Any], first: str, second: str, otherwise: str) -> str:
     is_finite = all(math.isfinite(value) for value in (*answer[first], *answer[second]))
+    if math.isnan(answer["distance"]):
+        otherwise = TOO_FAR
     return f"{number(answer['distance'])} ({otherwise if is_finite else 'the numbers given are not finite'})"
