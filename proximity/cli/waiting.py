@@ -1,8 +1,10 @@
 """What a person sees who waits: a spinner or a bar on stderr, after a second, and only on a terminal."""
 
+import sys
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from threading import Timer
 from types import TracebackType
 from typing import TypeVar
@@ -16,6 +18,8 @@ from proximity.cli.console import Console
 
 PATIENCE_S = 1.0  # a wait shorter than this shows nothing
 STATUS_EVERY_S = 0.5
+
+_LINEAR_ALGEBRA = "scipy.linalg.cython_blas"
 
 T = TypeVar("T")
 
@@ -114,8 +118,23 @@ class Status:
 
 def prepare_kernels() -> None:
     """Compile the kernels, with a word on stderr, where they have not been compiled on this machine yet."""
+    _load_compiler()
     if proximity.kernels_are_cached():
         return
     typer.echo("proximity: compiling for this processor, this once; it takes a minute or two", err=True)
     with spinner("compiling"):
         proximity.warm_up()
+
+
+def _load_compiler() -> None:
+    """Load numba without SciPy's linear algebra, which it looks for and no kernel calls: a tenth of a start.
+
+    For commands alone: kernels of others that share a process with a library may well call it.
+    """
+    if _LINEAR_ALGEBRA in sys.modules:
+        return
+    sys.modules[_LINEAR_ALGEBRA] = None  # type: ignore[assignment]  # an import of it is refused
+    try:
+        import_module("numba.np.arraymath")
+    finally:
+        del sys.modules[_LINEAR_ALGEBRA]
