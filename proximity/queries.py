@@ -6,9 +6,9 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
-from numpy import empty, inf, ndarray  # looked up in NumPy, each would cost calls of five points 2 %
+from numpy import empty, inf  # looked up in NumPy, each would cost calls of five points 2 %
 
-from proximity.arrays import FLOAT64, as_points
+from proximity.arrays import as_points
 from proximity.errors import NotWatertightError, QueryError
 from proximity.kernels import few, query, segment_query
 from proximity.kernels.cast import NO_ROW, cast_batch, cast_order
@@ -42,9 +42,10 @@ _segments_few = Settled(few.segments_few, few.SEGMENTS)
 class Queries:
     """Distance, inside, rays and segments; a base for what has a `Model`.
 
-    Few rows of float64 from somebody in a hurry are answered at once. What else may come is sorted out in
-    functions of its own: variables that they share with one within would be made at every call. Neither do
-    they call `_current`: that would take a fortieth of a call with five rays.
+    Few rows from somebody in a hurry are answered at once, if compiled code finds them plain float64; what
+    else may come is sorted out in functions of its own: variables that they share with one within would be
+    made at every call. How many there are each asks for itself, and none calls `_current`: a function for
+    either would take a fortieth of a call with five rays.
     The model is held by name while it is asked: what nobody holds is written anew when parts move.
     """
 
@@ -95,14 +96,18 @@ class Queries:
         Thread: any number of threads may ask; the interpreter lock is released.
         Source: Bærentzen & Aanæs 2005; Barill et al. 2018; see `kernels`.
         """
-        is_plain = workers is ONE_THREAD and type(max_distance) is float and max_distance >= 0.0
-        if is_plain and _are_few(points):
-            answers = empty((len(points), query.ANSWER_WIDTH))
-            model = self._stage.current or self._brought_up_to_date()
-            if _closest_few.call(model.handle, points, max_distance, answers):
-                record = ClosestPoints()
-                record._table = answers
-                return record
+        if workers is ONE_THREAD and (max_distance is inf or _is_length(max_distance)):
+            try:
+                count = len(points)
+            except TypeError:
+                count = SORT_FROM
+            if count < SORT_FROM:
+                answers = empty((count, query.ANSWER_WIDTH))
+                model = self._stage.current or self._brought_up_to_date()
+                if _closest_few.call(model.handle, points, max_distance, answers):
+                    record = ClosestPoints()
+                    record._table = answers
+                    return record
         return self._closest(points, max_distance, workers)
 
     def _closest(self, points: Any, max_distance: Any, workers: int) -> ClosestPoints:
@@ -158,11 +163,16 @@ class Queries:
 
     def _distances(self, points: Any, workers: int, few: Settled, batch: Callable[..., Any]) -> Any:
         """Signed or unsigned, as the kernels for few and for many points tell them."""
-        if workers is ONE_THREAD and _are_few(points):
-            distances = empty(len(points))
-            model = self._stage.current or self._brought_up_to_date()
-            if few.call(model.handle, points, distances):
-                return distances
+        if workers is ONE_THREAD:
+            try:
+                count = len(points)
+            except TypeError:
+                count = SORT_FROM
+            if count < SORT_FROM:
+                distances = empty(count)
+                model = self._stage.current or self._brought_up_to_date()
+                if few.call(model.handle, points, distances):
+                    return distances
         return self._more_distances(points, workers, few, batch)
 
     def _more_distances(self, points: Any, workers: int, few: Settled, batch: Callable[..., Any]) -> Any:
@@ -171,9 +181,8 @@ class Queries:
         count = len(rows)
         distances = empty(count)
         model = self._current()
-        if count < SORT_FROM and workers == 1 and workers is not True:
-            few.call(model.handle, rows, distances)
-        else:
+        is_settled = count < SORT_FROM and workers == 1 and workers is not True
+        if not (is_settled and few.call(model.handle, rows, distances)):
             _run(lambda order: batch(model.handle, rows, order, distances), rows, workers)
         return distances if rows is points else distances.reshape(points.shape[:-1])[()]
 
@@ -199,11 +208,16 @@ class Queries:
         NotWatertightError
             If nothing here has an inside.
         """
-        if workers is ONE_THREAD and _are_few(points):
-            inside = empty(len(points), np.bool_)
-            model = self._stage.current or self._brought_up_to_date()
-            if _contains_few.call(model.handle, points, inside):
-                return inside
+        if workers is ONE_THREAD:
+            try:
+                count = len(points)
+            except TypeError:
+                count = SORT_FROM
+            if count < SORT_FROM:
+                inside = empty(count, np.bool_)
+                model = self._stage.current or self._brought_up_to_date()
+                if _contains_few.call(model.handle, points, inside):
+                    return inside
         return self._contains(points, workers)
 
     def _contains(self, points: Any, workers: int) -> Any:
@@ -251,21 +265,18 @@ class Queries:
         not hit.
         Source: Woop, Benthin, Wald 2013, "Watertight ray/triangle intersection".
         """
-        # `_are_few_pairs`, written out: calling it would be a twentieth of a call with five rays.
-        if (
-            workers is ONE_THREAD
-            and (max_distance is inf or (type(max_distance) is float and max_distance >= 0.0))
-            and type(origins) is type(directions) is ndarray
-            and origins.dtype is directions.dtype is FLOAT64
-            and origins.ndim == directions.ndim == 2
-            and len(origins) < SORT_FROM
-        ):
-            answers = empty((len(origins), HIT_WIDTH))
-            model = self._stage.current or self._brought_up_to_date()
-            if _cast_few.call(model.handle, origins, directions, max_distance, answers) == NO_ROW:
-                record = RayHits()
-                record._table = answers
-                return record
+        if workers is ONE_THREAD and (max_distance is inf or _is_length(max_distance)):
+            try:
+                count = len(origins)
+            except TypeError:
+                count = SORT_FROM
+            if count < SORT_FROM:
+                answers = empty((count, HIT_WIDTH))
+                model = self._stage.current or self._brought_up_to_date()
+                if _cast_few.call(model.handle, origins, directions, max_distance, answers) == NO_ROW:
+                    record = RayHits()
+                    record._table = answers
+                    return record
         return record_of(RayHits, *self._cast(origins, directions, max_distance, workers, HIT_WIDTH))
 
     def cast_distance(
@@ -295,11 +306,16 @@ class Queries:
         QueryError
             If shapes or types do not fit, or a direction is zero.
         """
-        if _are_few_pairs(origins, directions, max_distance, workers):
-            distances = empty(len(origins))
-            model = self._stage.current or self._brought_up_to_date()
-            if _lengths_few.call(model.handle, origins, directions, max_distance, distances) == NO_ROW:
-                return distances
+        if workers is ONE_THREAD and (max_distance is inf or _is_length(max_distance)):
+            try:
+                count = len(origins)
+            except TypeError:
+                count = SORT_FROM
+            if count < SORT_FROM:
+                distances = empty(count)
+                model = self._stage.current or self._brought_up_to_date()
+                if _lengths_few.call(model.handle, origins, directions, max_distance, distances) == NO_ROW:
+                    return distances
         answers, shape = self._cast(origins, directions, max_distance, workers, DISTANCE_WIDTH)
         return answers.reshape(shape)[()]
 
@@ -363,13 +379,18 @@ class Queries:
         nearest to the start is told.
         Ties: the lowest part; within a part any of the nearest faces, the same on every run.
         """
-        if _are_few_pairs(starts, ends, max_distance, workers):
-            answers = empty((len(starts), segment_query.ANSWER_WIDTH))
-            model = self._stage.current or self._brought_up_to_date()
-            if _segments_few.call(model.handle, starts, ends, max_distance, answers):
-                record = SegmentHits()
-                record._table = answers
-                return record
+        if workers is ONE_THREAD and (max_distance is inf or _is_length(max_distance)):
+            try:
+                count = len(starts)
+            except TypeError:
+                count = SORT_FROM
+            if count < SORT_FROM:
+                answers = empty((count, segment_query.ANSWER_WIDTH))
+                model = self._stage.current or self._brought_up_to_date()
+                if _segments_few.call(model.handle, starts, ends, max_distance, answers):
+                    record = SegmentHits()
+                    record._table = answers
+                    return record
         return self._closest_to_segments(starts, ends, max_distance, workers)
 
     def _closest_to_segments(self, starts: Any, ends: Any, max_distance: Any, workers: int) -> SegmentHits:
@@ -390,23 +411,9 @@ def _distance_batch(handle: int, points: np.ndarray, order: np.ndarray, distance
     distance_batch(handle, points, order, inf, distances)
 
 
-def _are_few(points: Any) -> bool:
-    """Whether these are few rows of float64 from somebody in a hurry; how they lie, kernels look at."""
-    return (
-        type(points) is ndarray and points.dtype is FLOAT64 and points.ndim == 2 and len(points) < SORT_FROM
-    )
-
-
-def _are_few_pairs(first: Any, second: Any, max_distance: Any, workers: Any) -> bool:
-    """The same of rays or segments, and of what comes with them; that both are as many, kernels look at."""
-    return (
-        workers is ONE_THREAD
-        and (max_distance is inf or (type(max_distance) is float and max_distance >= 0.0))
-        and type(first) is type(second) is ndarray
-        and first.dtype is second.dtype is FLOAT64
-        and first.ndim == second.ndim == 2
-        and len(first) < SORT_FROM
-    )
+def _is_length(limit: Any) -> bool:
+    """Whether this is plainly a number of metres to look within."""
+    return type(limit) is float and limit >= 0.0
 
 
 def _checked_limit(max_distance: Any) -> float:

@@ -218,12 +218,9 @@ class Tracker:
         if is_moved:
             self._take_over(model)
         try:
-            # As they nearly always are; how many they are, and which instants, compiled code looks at.
+            # As they nearly always are; what the positions are, and which instants, compiled code looks at.
             is_done = (
-                type(positions) is np.ndarray
-                and positions.dtype is FLOAT64
-                and positions.ndim == 2
-                and type(t_pose_ns) is type(now_ns) is int
+                type(t_pose_ns) is type(now_ns) is int
                 and t_pose_ns != EACH_ITS_OWN
                 and _tick.call(model.handle, self._handle, positions, t_pose_ns, now_ns, is_moved)
             )

@@ -90,17 +90,17 @@ class Settled:
     ----------
     kernel : compiled function
         As `kernel` gives it.
-    types : str
-        Of its arguments, in numba's words: ``"(int64, float64[:,:])"``.
+    types : tuple
+        Of its arguments, as numba names them.
     """
 
     __slots__ = ("_kernel", "_types", "call")
 
-    def __init__(self, kernel: Any, types: str) -> None:
+    def __init__(self, kernel: Any, types: tuple[Any, ...]) -> None:
         self._kernel, self._types = kernel, types
         self.call: Callable[..., Any] = self._compile_and_call
-        """The function. Whoever calls it has looked at dtypes and at the number of axes, which nobody checks
-        any more, and that whole numbers are whole."""
+        """The function. Whoever calls it has looked at dtypes and at the number of axes of arrays, which
+        nobody checks any more, and that whole numbers are whole. Given rows may be anything: see `given`."""
 
     def _compile_and_call(self, *arguments: Any) -> Any:
         is_compiled = hasattr(self._kernel, "compile")

@@ -18,7 +18,6 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 from numba.np import arrayobj
 
-from proximity.kernels.compiling import inlined
 from proximity.simd import IS_COMPILED
 
 LINE = 64  # bytes of a cache line
@@ -43,7 +42,7 @@ def make_table(reals, words, frames, parts):
     return np.array([*table, reals.size, words.size, *frames.shape, parts.shape[1]], dtype=np.int64)
 
 
-def _array(context, builder, array_type, data, lengths):
+def borrowed_array(context, builder, array_type, data, lengths):
     """An array of those lengths, C-ordered, that owns nothing."""
     intp = context.get_value_type(types.intp)
     item = ir.Constant(intp, context.get_abi_sizeof(context.get_data_type(array_type.dtype)))
@@ -78,7 +77,7 @@ def _compiled_arrays_behind(*columns):
             for array_type, (_, place, shape) in zip(array_types, columns, strict=True):
                 lengths = [told(one) if isinstance(one, Told) else ir.Constant(intp, one) for one in shape]
                 data = builder.inttoptr(told(place), ir.IntType(8).as_pointer())
-                values.append(_array(context, builder, array_type, data, lengths))
+                values.append(borrowed_array(context, builder, array_type, data, lengths))
             return context.make_tuple(builder, sig.return_type, values)
 
         return types.Tuple(array_types)(types.int64), codegen
@@ -108,42 +107,18 @@ def _uncompiled_arrays_behind(*columns):
 
 
 @intrinsic
-def _compiled_as_rows(typingctx, array):
-    def codegen(context, builder, sig, args):
-        array_type = sig.return_type
-        given = context.make_array(sig.args[0])(context, builder, args[0])
-        lengths = cgutils.unpack_tuple(builder, given.shape)
-        return _array(context, builder, array_type, given.data, lengths)
-
-    return types.Array(array.dtype, array.ndim, "C")(array), codegen
-
-
-as_rows = _compiled_as_rows if IS_COMPILED else lambda array: array
-"""The array as one in C order, which `are_rows` has found it to be."""
-
-
-@intrinsic
 def _compiled_as_column(typingctx, array):
     def codegen(context, builder, sig, args):
         given = context.make_array(sig.args[0])(context, builder, args[0])
         (length,) = cgutils.unpack_tuple(builder, given.shape)
         one = ir.Constant(length.type, 1)
-        return _array(context, builder, sig.return_type, given.data, [length, one])
+        return borrowed_array(context, builder, sig.return_type, given.data, [length, one])
 
     return types.Array(array.dtype, 2, "C")(array), codegen
 
 
 as_column = _compiled_as_column if IS_COMPILED else lambda array: array[:, None]
 """The numbers (N,) of an array in C order as a column, (N, 1)."""
-
-
-@inlined
-def are_rows(points):
-    """Whether an array of float64 of any strides is (N, 3) in C order, and at an address for such."""
-    size = 8
-    count, width = points.shape
-    is_ordered = points.strides[1] == size and (points.strides[0] == 3 * size or count == 1)
-    return width == 3 and (is_ordered or count == 0) and points.ctypes.data % size == 0
 
 
 def _compiled_here(dtype):
@@ -157,7 +132,7 @@ def _compiled_here(dtype):
         room.align = LINE
         intp = context.get_value_type(types.intp)
         constants = [ir.Constant(intp, length) for length in lengths]
-        return _array(context, builder, types.Array(item_type, len(lengths), "C"), room, constants)
+        return borrowed_array(context, builder, types.Array(item_type, len(lengths), "C"), room, constants)
 
     @intrinsic
     def here(typingctx, count):

@@ -57,6 +57,7 @@ from proximity.kernels.contact import (
 )
 from proximity.kernels.drift import gather_movers, velocity_of_part
 from proximity.kernels.front import BEGINS, LONG, nearest_by_front
+from proximity.kernels.given import FLAG, GIVEN_ROWS, INTEGER, row_count, rows_of
 from proximity.kernels.layout import (
     BLOCK_STRIDE,
     IS_FUSED,
@@ -71,7 +72,7 @@ from proximity.kernels.layout import (
 )
 from proximity.kernels.layout import DAMPING as PART_DAMPING
 from proximity.kernels.layout import STIFFNESS as PART_STIFFNESS
-from proximity.kernels.memory import are_rows, arrays_at, as_rows, real_rows_here
+from proximity.kernels.memory import arrays_at, real_rows_here
 from proximity.kernels.motion import VELOCITY as ESTIMATE
 from proximity.kernels.motion import observe, observe_with_velocity
 from proximity.kernels.scene import (
@@ -370,7 +371,7 @@ def _advise(records, numbers, i):
             numbers[i, KINDS] |= 1 << FORCE_VALID_BIT
 
 
-TICK = "(int64, int64, float64[:,:], int64, int64, boolean)"
+TICK = (INTEGER, INTEGER, GIVEN_ROWS, INTEGER, INTEGER, FLAG)
 
 
 @kernel
@@ -404,11 +405,11 @@ def tick(handle, tracker, places, all_pose_ns, now_ns, is_moved):
         scratch,
     ) = tracker_arrays_at(tracker)
     count = len(marks)
-    if len(places) != count or not are_rows(places) or not -MOST_NS <= now_ns <= MOST_NS:
+    if row_count(places) != count or not -MOST_NS <= now_ns <= MOST_NS:
         return False
     if all_pose_ns != EACH_ITS_OWN and not -MOST_NS <= all_pose_ns <= MOST_NS:
         return False
-    positions = as_rows(places)
+    positions = rows_of(places)
     if is_moved:
         for i in range(count):
             marks[i, FRONT_COUNT] = 0
