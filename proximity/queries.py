@@ -443,14 +443,15 @@ def _broadcast(
     return np.array(one, order="C"), np.array(other, order="C")
 
 
-def _checked_workers(workers: Any) -> int:
+def worker_count(workers: Any, kind: str = "threads") -> int:
+    """How many workers of that kind are meant."""
     if (
         isinstance(workers, bool)
         or not isinstance(workers, (int, np.integer))
         or workers == 0
         or workers < -1
     ):
-        raise QueryError(f"workers is {workers!r}, expected a number of threads, or -1 for all cores")
+        raise QueryError(f"workers is {workers!r}, expected a number of {kind}, or -1 for all cores")
     return (os.cpu_count() or 1) if workers == -1 else int(workers)
 
 
@@ -461,7 +462,7 @@ def _run(
     order_of: Callable[[np.ndarray], np.ndarray] = morton_order,
 ) -> list[Any]:
     """Call *kernel* for all rows, sorted if there are many, on as many threads as asked."""
-    thread_count = _checked_workers(workers)
+    thread_count = worker_count(workers)
     count = len(points)
     if count < SORT_FROM:
         return [kernel(_IN_ORDER)]

@@ -4,9 +4,17 @@ Kernels are compiled for this very processor when first called, and kept on disk
 fraction of a second. A program that must not wait later calls `warm_up` first.
 """
 
-import numpy as np
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
 
-from proximity.kernels.compiling import cache_folder
+import numpy as np
+from llvmlite import binding
+
+from proximity import queries
+from proximity.kernels.compiling import Settled, cache_folder
 from proximity.pose import Pose
 from proximity.scene import Part, Scene
 from proximity.solid import Solid
@@ -14,17 +22,82 @@ from proximity.solid import Solid
 _CORNERS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
 _FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
 
+MOST_HELPERS = 3
+"""Processes beside this one that are of use."""
+_HELP = "from proximity import warmup; warmup._settle({first})"
+
+
+def _mark() -> Path:
+    """The file that says that all is compiled, for these sources and this kind of processor."""
+    return cache_folder() / f"complete-{binding.get_host_cpu_name()}"
+
 
 def kernels_are_cached() -> bool:
-    """Return whether kernels for these sources lie on disk, so that nothing waits for a compiler."""
+    """Return whether `warm_up` has kept all kernels on disk, so that nothing waits for a compiler."""
     try:
-        return any(cache_folder().rglob("query.closest_batch-*.nbi"))
+        return _mark().exists()
     except OSError:
         return False
 
 
-def warm_up() -> None:
-    """Compile or load every kernel: a minute or two the first time on a machine, later less than a second."""
+def warm_up(*, workers: int = 1) -> None:
+    """Compile or load every kernel: some minutes the first time on a machine, later less than a second.
+
+    Parameters
+    ----------
+    workers : int
+        Processes that compile side by side; -1 for all cores. More than one start ``sys.executable``, which
+        must be a Python with this package, and not a program that Python is embedded in.
+
+    Raises
+    ------
+    QueryError
+        If *workers* is no number of processes.
+    """
+    count = queries.worker_count(workers, "processes")
+    with _helpers(0 if kernels_are_cached() else count - 1):
+        _ask_everything()
+    with suppress(OSError):  # where nothing can be kept the next process compiles anew
+        _mark().touch()
+
+
+@contextmanager
+def _helpers(count: int) -> Iterator[None]:
+    """Have other processes compile from the end what this one comes to last."""
+    jobs = len(_calls())
+    started: list[subprocess.Popen[bytes]] = []
+    try:
+        for k in range(min(count, MOST_HELPERS)):
+            code = _HELP.format(first=k * jobs // MOST_HELPERS)
+            nowhere = subprocess.DEVNULL
+            started.append(
+                subprocess.Popen([sys.executable, "-c", code], stdin=nowhere, stdout=nowhere, stderr=nowhere)
+            )
+        yield
+    finally:
+        for helper in started:
+            helper.kill()
+            helper.wait()
+
+
+def _calls() -> list[Settled]:
+    """What Python calls with few rows, and the tick, in the reverse of the order in which they are asked."""
+    from proximity import tracker  # most that ask whether kernels are there tick nothing
+
+    modules = (tracker, queries)
+    return [
+        call for module in modules for call in reversed(vars(module).values()) if isinstance(call, Settled)
+    ]
+
+
+def _settle(first: int) -> None:
+    """Compile all that is called, from the *first* on; each process begins elsewhere."""
+    calls = _calls()
+    for call in calls[first:] + calls[:first]:
+        call.settle()
+
+
+def _ask_everything() -> None:
     first = Solid(_CORNERS, _FACES, name="first")
     second = Part(
         "second", Solid(_CORNERS, _FACES), Pose(translation=(2.0, 0.0, 0.0)), np.arange(4, dtype=np.int32)

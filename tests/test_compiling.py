@@ -1,25 +1,28 @@
 """Kernels that are called past numba's look at arguments; where a walk goes on."""
 
+import os
 import subprocess
 import sys
 
 import numpy as np
 import pytest
 
+import proximity
+from proximity.errors import QueryError
 from proximity.kernels.compiling import Settled, kernel
 from proximity.kernels.descent import descend_in_order, next_open
+from proximity.kernels.given import GIVEN_ROWS, row_count, rows_of
 from proximity.kernels.layout import CHILDREN, LANES, NODE_STRIDE, STACK_SIZE
-from proximity.kernels.memory import are_rows, as_rows
 from proximity.simd import bits, load, load_int, splat32
 
 
 @kernel
 def _total(points):
-    return as_rows(points).sum() if are_rows(points) else -1.0
+    return rows_of(points).sum() if row_count(points) >= 0 else -1.0
 
 
 def test_a_settled_kernel_takes_arrays_that_lie_anyhow_and_looks_at_them_itself():
-    total, rows = Settled(_total, "(float64[:,:],)"), np.arange(12.0).reshape(4, 3)
+    total, rows = Settled(_total, (GIVEN_ROWS,)), np.arange(12.0).reshape(4, 3)
     for _ in range(2):
         assert total.call(rows) == 66.0
     read_only = rows.copy()
@@ -33,9 +36,55 @@ def test_a_settled_kernel_takes_arrays_that_lie_anyhow_and_looks_at_them_itself(
         assert total.call(other) == -1.0
 
 
+DOUBLING = """
+from proximity.kernels import compiling
+
+@compiling.kernel
+def double(number):
+    return number + number
+"""
+
+SIDE_BY_SIDE = """
+import os, sys, time
+from pathlib import Path
+from numba.core.caching import IndexDataCacheFile
+
+save_index, here = IndexDataCacheFile._save_index, Path(sys.argv[1])
+
+def save_when_the_other_has_looked(self, versions):
+    (here / f"looked.{os.getpid()}").touch()
+    give_up = time.monotonic() + 3.0
+    while len(list(here.glob("looked.*"))) < 2 and time.monotonic() < give_up:
+        time.sleep(0.01)
+    save_index(self, versions)
+
+IndexDataCacheFile._save_index = save_when_the_other_has_looked
+from doubling import double
+print(double(eval(sys.argv[2])), sum(double.stats.cache_hits.values()))
+"""
+
+
+def test_processes_that_compile_side_by_side_keep_what_each_has_compiled(tmp_path):
+    """Of two versions of a function one was lost, or the list of one led to the code of the other."""
+    (tmp_path / "doubling.py").write_text(DOUBLING)
+    folders = os.pathsep.join([str(tmp_path), *sys.path])
+    around = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "kept"), "PYTHONPATH": folders}
+
+    def start(number):
+        arguments = [sys.executable, "-c", SIDE_BY_SIDE, str(tmp_path), number]
+        return subprocess.Popen(arguments, stdout=subprocess.PIPE, text=True, env=around)
+
+    for hits in (0, 1):
+        both = [start("21"), start("0.25")]
+        told = [each.communicate(timeout=120)[0] for each in both]
+        assert told == [f"42 {hits}\n", f"0.5 {hits}\n"]
+
+
 LEFT_OVER = """
 import proximity
 from proximity import queries, tracker
+import proximity
+from proximity.errors import QueryError
 from proximity.kernels.compiling import Settled
 
 proximity.warm_up()
@@ -44,6 +93,48 @@ for module in (queries, tracker):
         if isinstance(value, Settled) and getattr(value.call, "__self__", None) is value:
             print(name)
 """
+
+
+HELPED = """
+import subprocess
+from proximity import warmup
+started = []
+class Popen(subprocess.Popen):
+    def __init__(self, arguments, **options):
+        super().__init__(arguments, **options)
+        started.append(self)
+subprocess.Popen = Popen
+warmup.kernels_are_cached = lambda: {are_cached}
+warmup.warm_up(workers={workers})
+print(len(started), *(helper.poll() is not None for helper in started))
+"""
+
+
+@pytest.mark.parametrize(
+    ("workers", "are_cached", "told"),
+    [(1, False, "0"), (3, False, "2 True True"), (9, False, "3 True True True"), (9, True, "0")],
+)
+def test_helpers_compile_beside_and_are_gone_at_the_end(workers, are_cached, told):
+    code = HELPED.format(workers=workers, are_cached=are_cached)
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=600)
+
+    assert (result.returncode, result.stdout.strip()) == (0, told), result.stderr
+
+
+def test_a_helper_compiles_what_is_called():
+    code = (
+        "from proximity import warmup\n"
+        "warmup._settle(3)\n"
+        "print([call for call in warmup._calls() if getattr(call.call, '__self__', None) is call])"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=600)
+
+    assert result.stdout == "[]\n", result.stderr
+
+
+def test_number_of_processes_is_looked_at():
+    with pytest.raises(QueryError, match=r"^workers is 0, expected a number of processes, or -1"):
+        proximity.warm_up(workers=0)
 
 
 def test_warming_up_leaves_no_kernel_of_a_call_to_be_compiled():

@@ -123,7 +123,7 @@ def prepare_kernels() -> None:
         return
     typer.echo("proximity: compiling for this processor, this once; it takes a minute or two", err=True)
     with spinner("compiling"):
-        proximity.warm_up()
+        proximity.warm_up(workers=-1)
 
 
 def _load_compiler() -> None:

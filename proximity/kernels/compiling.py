@@ -10,12 +10,19 @@ import hashlib
 import os
 import shutil
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numba
+from numba.core.caching import FunctionCache
+
+try:
+    import fcntl
+except ImportError:  # not a POSIX system
+    fcntl = None  # type: ignore[assignment]
 
 _PACKAGE = Path(__file__).resolve().parent.parent
 # What the code of a unit is made of.
@@ -58,15 +65,44 @@ def cache_folder(unit: str = "kernels") -> Path:
     return folder
 
 
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Wait until no other process is in such a block for this folder, where the system can tell."""
+    if fcntl is None:
+        yield
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / "lock").open("ab") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+
+
+class _SharedCache(FunctionCache):
+    """numba's, for processes that compile side by side.
+
+    To keep a version of a function numba reads the list of those that are kept, and then writes the list with
+    one more and the code. Of two processes that did so at once, the list of one could lead to the code of the
+    other, for arguments of other types.
+    """
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        with _alone(Path(self.cache_path).parent):
+            super().save_overload(sig, data)
+
+
 def _compile(function: Callable[..., Any], **options: Any) -> Any:
     """What numba makes of *function*; its cache is in the `cache_folder` of its unit."""
+    compiled = numba.njit(nogil=True, error_model="numpy", **options)(function)
+    if numba.config.DISABLE_JIT:
+        return compiled
     before = numba.config.CACHE_DIR
-    folder = str(cache_folder("decaff" if function.__module__.startswith("proximity.decaff.") else "kernels"))
-    numba.config.CACHE_DIR = folder
+    folder = cache_folder("decaff" if function.__module__.startswith("proximity.decaff.") else "kernels")
+    numba.config.CACHE_DIR = str(folder)
     try:
-        return numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
+        compiled._cache = _SharedCache(function)
     finally:
         numba.config.CACHE_DIR = before
+    return compiled
 
 
 def kernel(function: Callable[..., Any]) -> Any:
@@ -98,13 +134,17 @@ class Settled:
 
     def __init__(self, kernel: Any, types: tuple[Any, ...]) -> None:
         self._kernel, self._types = kernel, types
-        self.call: Callable[..., Any] = self._compile_and_call
+        self.call: Callable[..., Any] = self._settle_and_call
         """The function. Whoever calls it has looked at dtypes and at the number of axes of arrays, which
         nobody checks any more, and that whole numbers are whole. Given rows may be anything: see `given`."""
 
-    def _compile_and_call(self, *arguments: Any) -> Any:
+    def settle(self) -> None:
+        """Compile the function, or load it, before it is called."""
         is_compiled = hasattr(self._kernel, "compile")
         self.call = self._kernel.compile(self._types) if is_compiled else self._kernel
+
+    def _settle_and_call(self, *arguments: Any) -> Any:
+        self.settle()
         return self.call(*arguments)
 
 
