@@ -574,6 +574,15 @@ def test_table_on_a_wide_terminal_has_every_column(run, monkeypatch):
     assert "ball" in screen.getvalue()
 
 
+def test_check_on_a_narrow_terminal_cuts_no_number(run, monkeypatch):
+    # Was: "1…" faces of a part that has thousands.
+    screen = terminal(monkeypatch, width=30)
+
+    run("check", "ball.stl")
+
+    assert "\N{HORIZONTAL ELLIPSIS}" not in screen.getvalue()
+
+
 def test_table_on_a_narrow_terminal_leaves_out_normals_and_cuts_nothing(run, monkeypatch):
     screen = terminal(monkeypatch, width=80)
 
