@@ -252,8 +252,17 @@ def test_four_billion_faces_are_not_allocated(tmp_path):
         ),
         (
             OBJ + b"f -1 -2 -9\n",
-            "line 21 (face 12) refers to vertex -1 (counted from 0), but there are 8 vertices",
+            "line 21 (face 12) refers to vertex -9, counted back, but 8 vertices stand before it",
         ),
+        (
+            b"v 0 0 0\nv 1 0 0\nf -1 -2 -3\n" + OBJ,
+            "line 3 (face 0) refers to vertex -3, counted back, but 2 vertices stand before it",
+        ),
+        (
+            OBJ + b"f 1 / 1 2 / 1 3 / 1\n",
+            "line 21 (face 12) has a / that follows no vertex",
+        ),  # was: 1 1 2 1 3 1
+        (OBJ + b"f /1 2 3\n", "line 21 (face 12) has a / that follows no vertex"),
         (OBJ + b"f 1 2\n", "line 21 (face 12) has 2 corners, expected at least 3"),
         (OBJ + b"f\n", "line 21 (face 12) has 0 corners, expected at least 3"),
         (OBJ + b"f 1 2 three\n", "line 21 (face 12) has 'three', expected a number"),
