@@ -30,6 +30,7 @@ BINARY_PLY = mesh_files.ply_binary(VERTICES, FACES)
 MIXED_PLY = mesh_files.ply_binary(VERTICES, [*FACES[:-2], [1, 3, 7, 5]], ">")
 GLTF, BLOB = mesh_files.gltf_document([[(VERTICES, FACES)]], [{"mesh": 0, "name": "cube"}])
 GLB = mesh_files.glb(GLTF, BLOB)
+EXTENSION = "http://schemas.microsoft.com/3dmanufacturing/"
 ITEM = ("1", "1 0 0 0 1 0 0 0 1 0 0 0")
 MODEL = mesh_files.threemf_model({1: (VERTICES, FACES)}, [ITEM])
 THREEMF = mesh_files.threemf(MODEL)
@@ -649,7 +650,7 @@ def test_json_nested_without_end_is_refused(tmp_path):
         ),
         (
             mesh_files.threemf(MODEL.replace('<item objectid="1"', '<item objectid="7"')),
-            "a item refers to object '7'",
+            "an item refers to object '7'",
         ),
         (mesh_files.threemf(re.sub("<item[^>]*>", "", MODEL)), "its build has no items: it places nothing"),
         (
@@ -671,11 +672,36 @@ def test_json_nested_without_end_is_refused(tmp_path):
             mesh_files.threemf(MODEL.replace("<model ", '<model requiredextensions="b p" ')),
             "it needs the extensions b p, which are not read",
         ),
+        (
+            # A prefix means what the file says: here not materials, but beams that would be left out.
+            mesh_files.threemf(
+                MODEL.replace(
+                    "<model ", f'<model xmlns:m="{EXTENSION}beamlattice/2017/02" requiredextensions="m" '
+                )
+            ),
+            "it needs the extensions m, which are not read",
+        ),
+        (
+            mesh_files.threemf(
+                MODEL.replace("</resources>", "<object id='7'><shape/></object></resources>").replace(
+                    '<item objectid="1"', '<item objectid="7"/><item objectid="1"'
+                )
+            ),
+            "object '7' has no mesh and no components: what it is made of is not read",
+        ),
         (mesh_files.threemf(mesh_files.threemf_model({1: (VERTICES, [])}, [ITEM])), "it holds no faces"),
     ],
 )
 def test_damaged_3mf_is_refused(tmp_path, data, message):
     assert refusal(write(tmp_path, "part.3mf", data)).startswith(message)
+
+
+def test_3mf_that_calls_a_known_extension_by_another_name_is_read(tmp_path):
+    model = MODEL.replace(
+        "<model ", f'<model xmlns:q="{EXTENSION}production/2015/06" requiredextensions="q" '
+    )
+    contents = meshio.read_geometries(write(tmp_path, "part.3mf", mesh_files.threemf(model)))
+    assert len(contents.geometries[0].faces) == 12
 
 
 def spread_3mf(*ids, unit=' unit="millimeter"', root="", extra=""):
