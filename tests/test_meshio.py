@@ -294,15 +294,17 @@ def test_what_is_left_out_of_a_scene_is_said(tmp_path):
         animations=[{}],
         skins=[{}],
     )
+    header["meshes"][0]["primitives"][0]["targets"] = [{"POSITION": 0}]
     header["meshes"][0]["primitives"][1]["mode"] = 1
     header["scenes"].append({"nodes": []})
     contents = read(tmp_path, "part.glb", mesh_files.glb(header, blob) + b"\0\0")
     assert len(contents.geometries) == 2 and len(contents.geometries[0].faces) == 12
-    assert contents.notes[:5] == (
+    assert contents.notes[:6] == (
         "2 bytes after its end were ignored",
         "points and lines were left out, they bound nothing",
         "it holds several scenes, the default one was read",
         "its animations were not applied",
+        "its morph targets were not applied, the meshes are in their basic shape",
         "its skins were not applied, the meshes are in their rest position",
     )
 

@@ -598,6 +598,10 @@ def changed_gltf(*path, to):
             changed_gltf("extensionsRequired", to=["KHR_draco_mesh_compression"]),
             "its geometry is stored by KHR_draco_mesh_compression, which is not read; export it without",
         ),
+        (
+            changed_gltf("extensionsRequired", to=["KHR_texture_transform", "ACME_curved_surfaces"]),
+            "it requires the extension 'ACME_curved_surfaces', which is not read",
+        ),
     ],
 )
 def test_damaged_glb_is_refused(tmp_path, data, message):
