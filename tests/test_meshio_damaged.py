@@ -290,6 +290,7 @@ def test_damaged_obj_is_refused(tmp_path, data, message):
     [
         (b"FOO\n" + OFF[4:], "it does not begin with OFF, COFF, NOFF or CNOFF"),
         (b"4OFF\n" + OFF[4:], "it does not begin with OFF, COFF, NOFF or CNOFF"),
+        (b"OFF BINARY\n" + bytes(99), "it is a binary OFF file, which is not read; export it as text"),
         (b"OFF\n", "its counts of vertices, faces and edges are not three whole numbers"),
         (b"OFF\n8 x 0\n", "its counts of vertices, faces and edges are not three whole numbers"),
         (OFF[:-9], "it announces 8 vertices and 12 faces, but 19 lines follow: it is cut off"),
