@@ -226,6 +226,15 @@ def test_ply_elements_in_any_order_with_other_properties_and_lists(tmp_path, lin
     assert geometry.source_faces.tolist() == [0, 1, 1] and geometry.vertices[2].tolist() == [1, 1, 0]
 
 
+@pytest.mark.parametrize("line_end", [b"\n", b" \r\n"])
+def test_ply_header_ends_with_a_line_of_its_own_only(tmp_path, line_end):
+    # Was: "its header declares no vertices".
+    data = mesh_files.ply_binary(VERTICES, FACES)
+    data = data.replace(b"element vertex", b"comment end_header comes later\nelement vertex")
+    data = data.replace(b"\nend_header\n", b"\nend_header" + line_end)
+    assert len(read(tmp_path, "part.ply", data).geometries[0].faces) == 12
+
+
 def test_ply_element_without_rows_takes_no_room(tmp_path):
     data = mesh_files.ply_binary(VERTICES, FACES)
     data = data.replace(b"element face", b"element strip 0\nproperty list int int s\nelement face")
