@@ -791,6 +791,7 @@ def test_3mf_that_would_be_put_together_wrongly_is_refused(tmp_path, data, messa
         ),
         (STEP.replace(b"CLOSED_SHELL", b"NO_SHELL"), "it holds no faces"),
         (STEP[:2000] + STEP[-30:], "OpenCASCADE could not read all of it: ERR"),
+        (STEP + STEP, "it is several STEP files in one, of which OpenCASCADE would read the first only"),
     ],
 )
 def test_damaged_step_is_refused_and_nothing_is_printed(tmp_path, capfd, data, message):

@@ -41,7 +41,8 @@ _SI_PREFIXES = {
 }
 _CONVERSIONS = {"INCH": "in", "FOOT": "ft", "YARD": "yd", "MILE": "mi", "MIL": "mil", "MILLIMETRE": "mm"}
 _SHELL = re.compile(r"\b(?:CLOSED|OPEN)_SHELL\s*\(\s*'(?:[^']|'')*'\s*,\s*\(([^)]*)\)")
-_TRAILER = re.compile(rb"END-ISO-10303-21\s*;\s*$")
+_END = re.compile(rb"END-ISO-10303-21\s*;")
+_TRAILER = re.compile(_END.pattern + rb"\s*$")
 _COMPLAINT = re.compile(r"\bERR\b|Error|Exception|Fails Count", re.IGNORECASE)
 _ESCAPES = re.compile(r"\x1b\[[0-9;]*m")
 _ASSUMED_METRES = 1e-3  # what OpenCASCADE takes for a number without a unit
@@ -66,6 +67,10 @@ def read_step(source: Source, *, tolerance: float, undeclared_metres: float) -> 
     """
     if not _TRAILER.search(source.data[-200:]):
         raise MeshFormatError("it does not end with END-ISO-10303-21: it is cut off")
+    if len(_END.findall(source.data)) > 1:
+        raise MeshFormatError(
+            "it is several STEP files in one, of which OpenCASCADE would read the first only"
+        )
     text = source.data.decode("latin-1")
     units = _units(text)
     body_count = step_assembly.count_bodies(text)
