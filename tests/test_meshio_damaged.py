@@ -123,6 +123,11 @@ def test_path_with_a_null_byte_is_refused():
     assert refusal("part\0.stl").startswith("it cannot be opened (embedded null")
 
 
+def test_path_without_a_letter_is_refused():
+    with pytest.raises(MeshError, match=r"^the path is empty, expected the name of a file$"):
+        meshio.read_geometries("")
+
+
 def test_path_that_is_none_is_refused():
     with pytest.raises(MeshError, match="the path is 5, expected text or a path"):
         meshio.read_geometries(5)
