@@ -141,7 +141,8 @@ class Scene(Queries):
     @property
     def memory_bytes(self) -> int:
         """Bytes held by meshes and trees."""
-        return self._stage.latest.memory_bytes + sum(part.solid._mesh_bytes for part in self._parts)
+        solids = {part.solid for part in self._parts}  # one may be in several parts
+        return self._stage.latest.memory_bytes + sum(solid._mesh_bytes for solid in solids)
 
     def part(self, name: str) -> Part:
         """Return the part of that name.
