@@ -1,6 +1,7 @@
 """Damaged, mislabelled and senseless files: one sentence that names the file, and never a part of it."""
 
 import copy
+import errno
 import json
 import os
 import re
@@ -818,6 +819,22 @@ def test_crash_of_the_step_library_is_an_error_like_others(tmp_path, monkeypatch
 
     monkeypatch.setattr(step.subprocess, "run", crash)
     assert refusal(write(tmp_path, "part.step", STEP)) == message
+
+
+@pytest.mark.parametrize("where", ["tempfile.TemporaryDirectory", "subprocess.run"])
+def test_full_disk_on_the_way_to_the_step_library_is_said(tmp_path, monkeypatch, where):
+    # Was: an OSError, of which the command line said that the output cannot be written.
+    def fail(*arguments, **options):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    path = write(tmp_path, "part.step", STEP)
+    monkeypatch.setattr(f"proximity.meshio.step.{where}", fail)
+
+    with pytest.raises(MeshError) as caught:
+        meshio.read_geometries(path)
+
+    expected = "OpenCASCADE cannot be handed it in a temporary folder (No space left on device)"
+    assert str(caught.value) == f"{path}: {expected}"
 
 
 # Numbers

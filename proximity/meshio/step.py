@@ -64,6 +64,8 @@ def read_step(source: Source, *, tolerance: float, undeclared_metres: float) -> 
     ------
     MeshFormatError
         If the file is cut, damaged, or not all of its faces and parts could be meshed and placed.
+    MeshError
+        If cascadio is not there, or cannot be started.
     """
     if not _TRAILER.search(source.data[-200:]):
         raise MeshFormatError("it does not end with END-ISO-10303-21: it is cut off")
@@ -74,7 +76,11 @@ def read_step(source: Source, *, tolerance: float, undeclared_metres: float) -> 
     text = source.data.decode("latin-1")
     units = _units(text)
     body_count = step_assembly.count_bodies(text)
-    glb = _convert(source.data, tolerance)
+    try:
+        glb = _convert(source.data, tolerance)
+    except OSError as failure:  # a full disk, no room for another process
+        told = failure.strerror or str(failure)
+        raise MeshError(f"OpenCASCADE cannot be handed it in a temporary folder ({told})") from failure
     header, binary, _ = gltf_buffers.split_glb(glb)
     # Nodes carry numbers of assembly steps (NAUO1); people know the products.
     raw = gltf.read_document(header, source.path, binary, "STEP", [], named_after_meshes=True)
