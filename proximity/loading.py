@@ -6,7 +6,7 @@ from typing import Any
 
 from proximity.archive import is_archive
 from proximity.compiled import read_scene
-from proximity.errors import MeshError
+from proximity.errors import MeshError, PoseError
 from proximity.meshio import Geometry, metres_per_unit, read_geometries
 from proximity.part import Part, parts_of_mesh
 from proximity.scene import LoadReport, Scene
@@ -64,7 +64,10 @@ def load(path: str | os.PathLike[str], *, units: str = "mm") -> Scene:
     report = LoadReport(
         contents.path, contents.format, contents.units, contents.units_declared, contents.notes
     )
-    return Scene(_with_own_names(parts), report=report)
+    try:
+        return Scene(_with_own_names(parts), report=report)
+    except PoseError as unfit:
+        raise MeshError(f"{os.fspath(path)}: {unfit}") from unfit
 
 
 def _bodies(geometry: Geometry, path: str | os.PathLike[str]) -> list[Part]:

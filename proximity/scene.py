@@ -48,7 +48,7 @@ class Scene(Queries):
         If there are no parts, two have one name, something else than parts is given, or velocities, stiffness
         or damping of a part are no numbers for it.
     PoseError
-        If a part's pose is no rigid transform.
+        If a part's pose is no rigid transform, or goes too far.
 
     Notes
     -----
@@ -244,7 +244,7 @@ class Scene(Queries):
         SceneError
             If the name is taken, or it is no part.
         PoseError
-            If its pose is no rigid transform.
+            If its pose is no rigid transform, or goes too far.
 
         Notes
         -----

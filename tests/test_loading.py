@@ -2,6 +2,7 @@
 
 import mesh_files
 import numpy as np
+import pytest
 import shapes
 
 import proximity
@@ -57,3 +58,16 @@ def test_memory_of_a_shared_solid_is_counted_once(tmp_path):
     meshes = sum(solid.mesh.vertices.nbytes + solid.mesh.faces.nbytes for solid in solids)
     assert len(solids) == 4
     assert scene.memory_bytes - scene._stage.latest.memory_bytes == meshes
+
+
+def test_file_that_places_a_part_too_far_off_is_refused(tmp_path):
+    nodes = [{"mesh": 0, "name": "lid", "translation": [1e200, 0.0, 0.0]}]
+    path = tmp_path / "far.glb"
+    path.write_bytes(mesh_files.glb(*mesh_files.gltf_document([[shapes.cube()]], nodes)))
+
+    with pytest.raises(proximity.MeshError) as refusal:
+        proximity.load(path)
+
+    assert str(refusal.value).startswith(
+        f"{path}: part 'lid' would be moved by 1e+200 m, which is farther than"
+    )
