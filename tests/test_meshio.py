@@ -296,6 +296,14 @@ def test_primitives_of_a_mesh_are_one_body(tmp_path):
     assert volume(geometry) == pytest.approx(1.0, rel=1e-6)
 
 
+def test_quantised_normals_do_no_harm(tmp_path):
+    # Was: refused, as if the positions were.
+    document = mesh_files.gltf_document(
+        [[(VERTICES, FACES)]], [{"mesh": 0}], extensionsRequired=["KHR_mesh_quantization"]
+    )
+    assert len(read(tmp_path, "part.glb", mesh_files.glb(*document)).geometries[0].faces) == 12
+
+
 def test_what_is_left_out_of_a_scene_is_said(tmp_path):
     header, blob = mesh_files.gltf_document(
         [[(VERTICES, FACES), (VERTICES, FACES)]],

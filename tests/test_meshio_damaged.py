@@ -507,8 +507,12 @@ def changed_gltf(*path, to):
             "accessor 0 (primitive 0 of mesh 0) has 9 entries, which do not",
         ),
         (
+            changed_gltf("accessors", 0, "componentType", to=5130),
+            "accessor 0 (primitive 0 of mesh 0) has type 'VEC3' of 5130, expected 'VEC3' of 5126",
+        ),
+        (
             changed_gltf("accessors", 0, "componentType", to=5122),
-            "accessor 0 (primitive 0 of mesh 0) has type 'VEC3' of",
+            "accessor 0 (primitive 0 of mesh 0) has quantised positions (KHR_mesh_quantization), which are",
         ),
         (
             changed_gltf("accessors", 1, "sparse", to={}),

@@ -28,14 +28,14 @@ _LOST_EXTENSIONS = (
     "KHR_draco_mesh_compression",
     "EXT_meshopt_compression",
     "KHR_meshopt_compression",
-    "KHR_mesh_quantization",
     "EXT_mesh_gpu_instancing",
 )
 """Extensions that hold geometry which is not read here."""
 _LOOKS = re.compile(
-    r"material|texture|light|xmp|animation|audio|image|packing|metadata|features", re.IGNORECASE
+    r"material|texture|light|xmp|animation|audio|image|packing|metadata|features|quantization", re.IGNORECASE
 )
-"""In names of extensions that change no shape."""
+"""In names of extensions that change no shape, or not without being seen: positions that are quantised are
+refused where they stand, and normals that are do no harm."""
 
 
 def read_glb(source: Source) -> RawFile:
