@@ -1,12 +1,13 @@
 """Files to scenes."""
 
 import os
+from dataclasses import replace
 from typing import Any
 
 from proximity.archive import is_archive
 from proximity.compiled import read_scene
-from proximity.errors import MeshError
-from proximity.meshio import metres_per_unit, read_geometries
+from proximity.errors import MeshError, PoseError
+from proximity.meshio import Geometry, metres_per_unit, read_geometries
 from proximity.part import Part, parts_of_mesh
 from proximity.scene import LoadReport, Scene
 
@@ -49,21 +50,33 @@ def load(path: str | os.PathLike[str], *, units: str = "mm") -> Scene:
         return _compiled_scene(os.fsdecode(path))
     contents = read_geometries(path, units=units)
     parts: list[Part] = []
+    first_of: dict[tuple[int, int], tuple[Geometry, list[Part]]] = {}
     for geometry in contents.geometries:
-        try:
-            parts += parts_of_mesh(
-                geometry.vertices,
-                geometry.faces,
-                source_faces=geometry.source_faces,
-                name=geometry.name,
-                pose=geometry.pose,
-            )
-        except MeshError as unusable:
-            raise type(unusable)(f"{os.fspath(path)}, part {geometry.name!r}: {unusable}") from unusable
+        arrays = id(geometry.vertices), id(geometry.faces)
+        if arrays not in first_of:
+            first_of[arrays] = geometry, _bodies(geometry, path)
+        first, bodies = first_of[arrays]
+        # A part that stands in many places is looked through and given its tree once.
+        parts += [
+            replace(body, name=geometry.name + body.name.removeprefix(first.name), pose=geometry.pose)
+            for body in bodies
+        ]
     report = LoadReport(
         contents.path, contents.format, contents.units, contents.units_declared, contents.notes
     )
-    return Scene(_with_own_names(parts), report=report)
+    try:
+        return Scene(_with_own_names(parts), report=report)
+    except PoseError as unfit:
+        raise MeshError(f"{os.fspath(path)}: {unfit}") from unfit
+
+
+def _bodies(geometry: Geometry, path: str | os.PathLike[str]) -> list[Part]:
+    try:
+        return parts_of_mesh(
+            geometry.vertices, geometry.faces, source_faces=geometry.source_faces, name=geometry.name
+        )
+    except MeshError as unusable:
+        raise type(unusable)(f"{os.fspath(path)}, part {geometry.name!r}: {unusable}") from unusable
 
 
 def _compiled_scene(path: str) -> Scene:

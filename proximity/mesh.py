@@ -103,6 +103,8 @@ def _checked_faces(faces: Any, vertex_count: int) -> np.ndarray:
         ) from ragged
     if array.size == 0:
         raise MeshError("the mesh has no faces, expected at least one")
+    if np.ma.is_masked(faces):
+        raise MeshError("faces are masked in places, expected a vertex at every corner")
     if array.dtype.kind == "O":
         array = _from_objects(array)
     if array.dtype.kind == "f" and _holds_whole_numbers(array):

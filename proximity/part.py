@@ -7,7 +7,7 @@ import numpy as np
 
 from proximity.bodies import Repairs, split_bodies
 from proximity.errors import SceneError
-from proximity.moves import checked_surface, checked_velocity
+from proximity.moves import checked_matrix, checked_surface, checked_velocity
 from proximity.part_arrays import common_frame
 from proximity.pose import Pose
 from proximity.solid import Solid
@@ -49,9 +49,10 @@ def checked_part(given: Any) -> Part:
     SceneError
         If it is neither, or its velocities, surface or repairs are none.
     PoseError
-        If its pose is no rigid transform.
+        If its pose is no rigid transform, or goes too far.
     """
     part = _as_part(given)
+    checked_matrix(part.name, part.pose)
     if not isinstance(part.repairs, Repairs):
         raise SceneError(f"repairs of part {part.name!r} are {part.repairs!r}, expected Repairs")
     stiffness, damping = checked_surface(part.name, part.stiffness, part.damping)

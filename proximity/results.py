@@ -137,7 +137,8 @@ class ClosestPoints(_Record):
     @property
     def is_signed(self) -> Any:
         """S bool, False where the distance has no sign, since that part has no inside."""
-        return self._choice(3) != 0
+        is_signed = self._choice(3) != 0
+        return _kept(is_signed) if is_signed.ndim else is_signed
 
 
 class RayHits(_Record):

@@ -48,7 +48,7 @@ class Scene(Queries):
         If there are no parts, two have one name, something else than parts is given, or velocities, stiffness
         or damping of a part are no numbers for it.
     PoseError
-        If a part's pose is no rigid transform.
+        If a part's pose is no rigid transform, or goes too far.
 
     Notes
     -----
@@ -141,7 +141,8 @@ class Scene(Queries):
     @property
     def memory_bytes(self) -> int:
         """Bytes held by meshes and trees."""
-        return self._stage.latest.memory_bytes + sum(part.solid._mesh_bytes for part in self._parts)
+        solids = {part.solid for part in self._parts}  # one may be in several parts
+        return self._stage.latest.memory_bytes + sum(solid._mesh_bytes for solid in solids)
 
     def part(self, name: str) -> Part:
         """Return the part of that name.
@@ -243,7 +244,7 @@ class Scene(Queries):
         SceneError
             If the name is taken, or it is no part.
         PoseError
-            If its pose is no rigid transform.
+            If its pose is no rigid transform, or goes too far.
 
         Notes
         -----

@@ -522,6 +522,20 @@ def test_long_reading_shows_a_spinner_on_a_terminal(monkeypatch):
     assert "reading ball.stl" in screen.getvalue()
 
 
+def test_name_like_a_mark_of_rich_is_shown_while_reading(monkeypatch):
+    # Was: a traceback, of a closing tag that closes nothing.
+    screen = terminal(monkeypatch)
+    monkeypatch.setattr(waiting, "PATIENCE_S", 0.0)
+
+    with waiting.spinner("reading parts[/b].stl"):
+        for _ in range(100):
+            if "reading" in screen.getvalue():
+                break
+            waiting.time.sleep(0.05)
+
+    assert "reading parts[/b].stl" in screen.getvalue()
+
+
 def test_short_reading_shows_nothing(monkeypatch):
     screen = terminal(monkeypatch)
 
@@ -558,6 +572,15 @@ def test_table_on_a_wide_terminal_has_every_column(run, monkeypatch):
 
     assert "normal_x" in screen.getvalue()
     assert "ball" in screen.getvalue()
+
+
+def test_check_on_a_narrow_terminal_cuts_no_number(run, monkeypatch):
+    # Was: "1…" faces of a part that has thousands.
+    screen = terminal(monkeypatch, width=30)
+
+    run("check", "ball.stl")
+
+    assert "\N{HORIZONTAL ELLIPSIS}" not in screen.getvalue()
 
 
 def test_table_on_a_narrow_terminal_leaves_out_normals_and_cuts_nothing(run, monkeypatch):

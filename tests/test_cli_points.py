@@ -34,6 +34,11 @@ def points_of(text):
         '"x","y","z"\n"1","2","-30"\n',
         "name,z,y,x\na,-30,2,1\n",
         '"x","y","z","part"\n1,2,-30,"lid, upper"\n',
+        "Z [mm],Y [mm],X [mm]\n-30,2,1\n",
+        "n,x(mm),y(mm),z(mm)\n7,1,2,-30\n",
+        "x,y,z,x_in\n1,2,-30,0\n",
+        "x,y,z,remark\n1,2,-30,\n",
+        "x,y,z,\n1,2,-30,\n",
     ],
 )
 def test_text_is_read_as_people_write_it(text):
@@ -80,6 +85,19 @@ def test_numbers_come_back_exactly(rows):
         (
             f'1,2,3\n"{"0" * 200_000}",1,2\n',  # more than Python's reader of CSV takes
             "points.csv, line 2: field larger than field limit (131072), expected three numbers",
+        ),
+        ("1.0f 2.0f 3.0f\n", "points.csv, line 1: '1.0f' is not a number"),  # was: a header, and no points
+        ("-1O,2O,3O\n", "points.csv, line 1: '-1O' is not a number"),
+        ("a,x,y,z\n1,2,3,\n", "points.csv, line 2: '' is not a number"),
+        (
+            "id,x,y\n7,1,2\n",  # was: the point 7 1 2
+            "points.csv, line 1: 'id x y' is neither a point nor a header, "
+            "expected three numbers or columns named x, y and z",
+        ),
+        (
+            "x,x,y,z\n1,2,3,4\n",  # was: the point 1 3 4
+            "points.csv, line 1: 'x x y z' is neither a point nor a header, "
+            "expected three numbers or columns named x, y and z",
         ),
         (f"1 2 {'9' * 50}z\n", f"points.csv, line 1: '{'9' * 37}...' is not a number"),
     ],

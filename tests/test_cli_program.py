@@ -136,7 +136,16 @@ def test_reader_that_stops_early_causes_no_complaint(option):
 
 @pytest.mark.skipif(os.name == "nt", reason="pipes and signals of POSIX")
 @pytest.mark.parametrize(
-    "arguments", [["query", "ball.stl", "1", "2", "3"], ["check", "ball.stl"]], ids=" ".join
+    "arguments",
+    [
+        ["query", "ball.stl", "1", "2", "3"],
+        ["check", "ball.stl"],
+        ["--help"],
+        ["--version"],
+        ["query", "--help"],
+        ["query"],
+    ],
+    ids=" ".join,
 )
 def test_reader_that_has_gone_before_lines_for_people_ends_as_any_other(arguments):
     # Was: 1, which is what `check --strict` answers of a part without an inside.
@@ -166,6 +175,10 @@ def test_reader_that_has_gone_before_lines_for_people_ends_as_any_other(argument
         ["query", "ball.stl", "1", "2", "3", "--json"],
         ["query", "ball.stl", "--points", "-", "--csv"],
         ["check", "ball.stl", "--json"],
+        ["--help"],
+        ["--version"],
+        ["query", "--help"],
+        ["check"],
     ],
     ids=" ".join,
 )

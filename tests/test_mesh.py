@@ -86,6 +86,10 @@ def test_vertices_that_cannot_be_used_are_refused(vertices, message):
         ([[0.0, 1.0, 1e300]], "faces have dtype float64, expected integers of shape (F, 3)"),
         ([[True, False, True]], "faces have dtype bool, expected integers of shape (F, 3)"),
         ([["0", "1", "2"]], "faces have dtype <U1, expected integers of shape (F, 3)"),
+        (
+            np.ma.array([[0, 1, 2]], mask=[[0, 0, 1]]),  # was: what the mask hides was taken for a vertex
+            "faces are masked in places, expected a vertex at every corner",
+        ),
         (np.array([[0, 1, None]], object), "faces hold None, expected integers of shape (F, 3)"),
         (np.array([[0, 1, True]], object), "faces hold True, expected integers of shape (F, 3)"),
         (np.array([[0, 1, 2.0]], object), "faces hold 2.0, expected integers of shape (F, 3)"),

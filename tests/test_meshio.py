@@ -226,6 +226,15 @@ def test_ply_elements_in_any_order_with_other_properties_and_lists(tmp_path, lin
     assert geometry.source_faces.tolist() == [0, 1, 1] and geometry.vertices[2].tolist() == [1, 1, 0]
 
 
+@pytest.mark.parametrize("line_end", [b"\n", b" \r\n"])
+def test_ply_header_ends_with_a_line_of_its_own_only(tmp_path, line_end):
+    # Was: "its header declares no vertices".
+    data = mesh_files.ply_binary(VERTICES, FACES)
+    data = data.replace(b"element vertex", b"comment end_header comes later\nelement vertex")
+    data = data.replace(b"\nend_header\n", b"\nend_header" + line_end)
+    assert len(read(tmp_path, "part.ply", data).geometries[0].faces) == 12
+
+
 def test_ply_element_without_rows_takes_no_room(tmp_path):
     data = mesh_files.ply_binary(VERTICES, FACES)
     data = data.replace(b"element face", b"element strip 0\nproperty list int int s\nelement face")
@@ -287,6 +296,14 @@ def test_primitives_of_a_mesh_are_one_body(tmp_path):
     assert volume(geometry) == pytest.approx(1.0, rel=1e-6)
 
 
+def test_quantised_normals_do_no_harm(tmp_path):
+    # Was: refused, as if the positions were.
+    document = mesh_files.gltf_document(
+        [[(VERTICES, FACES)]], [{"mesh": 0}], extensionsRequired=["KHR_mesh_quantization"]
+    )
+    assert len(read(tmp_path, "part.glb", mesh_files.glb(*document)).geometries[0].faces) == 12
+
+
 def test_what_is_left_out_of_a_scene_is_said(tmp_path):
     header, blob = mesh_files.gltf_document(
         [[(VERTICES, FACES), (VERTICES, FACES)]],
@@ -294,15 +311,17 @@ def test_what_is_left_out_of_a_scene_is_said(tmp_path):
         animations=[{}],
         skins=[{}],
     )
+    header["meshes"][0]["primitives"][0]["targets"] = [{"POSITION": 0}]
     header["meshes"][0]["primitives"][1]["mode"] = 1
     header["scenes"].append({"nodes": []})
     contents = read(tmp_path, "part.glb", mesh_files.glb(header, blob) + b"\0\0")
     assert len(contents.geometries) == 2 and len(contents.geometries[0].faces) == 12
-    assert contents.notes[:5] == (
+    assert contents.notes[:6] == (
         "2 bytes after its end were ignored",
         "points and lines were left out, they bound nothing",
         "it holds several scenes, the default one was read",
         "its animations were not applied",
+        "its morph targets were not applied, the meshes are in their basic shape",
         "its skins were not applied, the meshes are in their rest position",
     )
 

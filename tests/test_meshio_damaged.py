@@ -1,6 +1,7 @@
 """Damaged, mislabelled and senseless files: one sentence that names the file, and never a part of it."""
 
 import copy
+import errno
 import json
 import os
 import re
@@ -30,6 +31,7 @@ BINARY_PLY = mesh_files.ply_binary(VERTICES, FACES)
 MIXED_PLY = mesh_files.ply_binary(VERTICES, [*FACES[:-2], [1, 3, 7, 5]], ">")
 GLTF, BLOB = mesh_files.gltf_document([[(VERTICES, FACES)]], [{"mesh": 0, "name": "cube"}])
 GLB = mesh_files.glb(GLTF, BLOB)
+EXTENSION = "http://schemas.microsoft.com/3dmanufacturing/"
 ITEM = ("1", "1 0 0 0 1 0 0 0 1 0 0 0")
 MODEL = mesh_files.threemf_model({1: (VERTICES, FACES)}, [ITEM])
 THREEMF = mesh_files.threemf(MODEL)
@@ -120,6 +122,11 @@ def test_what_no_reader_foresaw_is_one_sentence(tmp_path, monkeypatch, reason):
 
 def test_path_with_a_null_byte_is_refused():
     assert refusal("part\0.stl").startswith("it cannot be opened (embedded null")
+
+
+def test_path_without_a_letter_is_refused():
+    with pytest.raises(MeshError, match=r"^the path is empty, expected the name of a file$"):
+        meshio.read_geometries("")
 
 
 def test_path_that_is_none_is_refused():
@@ -252,8 +259,17 @@ def test_four_billion_faces_are_not_allocated(tmp_path):
         ),
         (
             OBJ + b"f -1 -2 -9\n",
-            "line 21 (face 12) refers to vertex -1 (counted from 0), but there are 8 vertices",
+            "line 21 (face 12) refers to vertex -9, counted back, but 8 vertices stand before it",
         ),
+        (
+            b"v 0 0 0\nv 1 0 0\nf -1 -2 -3\n" + OBJ,
+            "line 3 (face 0) refers to vertex -3, counted back, but 2 vertices stand before it",
+        ),
+        (
+            OBJ + b"f 1 / 1 2 / 1 3 / 1\n",
+            "line 21 (face 12) has a / that follows no vertex",
+        ),  # was: 1 1 2 1 3 1
+        (OBJ + b"f /1 2 3\n", "line 21 (face 12) has a / that follows no vertex"),
         (OBJ + b"f 1 2\n", "line 21 (face 12) has 2 corners, expected at least 3"),
         (OBJ + b"f\n", "line 21 (face 12) has 0 corners, expected at least 3"),
         (OBJ + b"f 1 2 three\n", "line 21 (face 12) has 'three', expected a number"),
@@ -280,6 +296,7 @@ def test_damaged_obj_is_refused(tmp_path, data, message):
     [
         (b"FOO\n" + OFF[4:], "it does not begin with OFF, COFF, NOFF or CNOFF"),
         (b"4OFF\n" + OFF[4:], "it does not begin with OFF, COFF, NOFF or CNOFF"),
+        (b"OFF BINARY\n" + bytes(99), "it is a binary OFF file, which is not read; export it as text"),
         (b"OFF\n", "its counts of vertices, faces and edges are not three whole numbers"),
         (b"OFF\n8 x 0\n", "its counts of vertices, faces and edges are not three whole numbers"),
         (OFF[:-9], "it announces 8 vertices and 12 faces, but 19 lines follow: it is cut off"),
@@ -490,8 +507,12 @@ def changed_gltf(*path, to):
             "accessor 0 (primitive 0 of mesh 0) has 9 entries, which do not",
         ),
         (
+            changed_gltf("accessors", 0, "componentType", to=5130),
+            "accessor 0 (primitive 0 of mesh 0) has type 'VEC3' of 5130, expected 'VEC3' of 5126",
+        ),
+        (
             changed_gltf("accessors", 0, "componentType", to=5122),
-            "accessor 0 (primitive 0 of mesh 0) has type 'VEC3' of",
+            "accessor 0 (primitive 0 of mesh 0) has quantised positions (KHR_mesh_quantization), which are",
         ),
         (
             changed_gltf("accessors", 1, "sparse", to={}),
@@ -588,6 +609,10 @@ def changed_gltf(*path, to):
             changed_gltf("extensionsRequired", to=["KHR_draco_mesh_compression"]),
             "its geometry is stored by KHR_draco_mesh_compression, which is not read; export it without",
         ),
+        (
+            changed_gltf("extensionsRequired", to=["KHR_texture_transform", "ACME_curved_surfaces"]),
+            "it requires the extension 'ACME_curved_surfaces', which is not read",
+        ),
     ],
 )
 def test_damaged_glb_is_refused(tmp_path, data, message):
@@ -640,7 +665,7 @@ def test_json_nested_without_end_is_refused(tmp_path):
         ),
         (
             mesh_files.threemf(MODEL.replace('<item objectid="1"', '<item objectid="7"')),
-            "a item refers to object '7'",
+            "an item refers to object '7'",
         ),
         (mesh_files.threemf(re.sub("<item[^>]*>", "", MODEL)), "its build has no items: it places nothing"),
         (
@@ -662,11 +687,36 @@ def test_json_nested_without_end_is_refused(tmp_path):
             mesh_files.threemf(MODEL.replace("<model ", '<model requiredextensions="b p" ')),
             "it needs the extensions b p, which are not read",
         ),
+        (
+            # A prefix means what the file says: here not materials, but beams that would be left out.
+            mesh_files.threemf(
+                MODEL.replace(
+                    "<model ", f'<model xmlns:m="{EXTENSION}beamlattice/2017/02" requiredextensions="m" '
+                )
+            ),
+            "it needs the extensions m, which are not read",
+        ),
+        (
+            mesh_files.threemf(
+                MODEL.replace("</resources>", "<object id='7'><shape/></object></resources>").replace(
+                    '<item objectid="1"', '<item objectid="7"/><item objectid="1"'
+                )
+            ),
+            "object '7' has no mesh and no components: what it is made of is not read",
+        ),
         (mesh_files.threemf(mesh_files.threemf_model({1: (VERTICES, [])}, [ITEM])), "it holds no faces"),
     ],
 )
 def test_damaged_3mf_is_refused(tmp_path, data, message):
     assert refusal(write(tmp_path, "part.3mf", data)).startswith(message)
+
+
+def test_3mf_that_calls_a_known_extension_by_another_name_is_read(tmp_path):
+    model = MODEL.replace(
+        "<model ", f'<model xmlns:q="{EXTENSION}production/2015/06" requiredextensions="q" '
+    )
+    contents = meshio.read_geometries(write(tmp_path, "part.3mf", mesh_files.threemf(model)))
+    assert len(contents.geometries[0].faces) == 12
 
 
 def spread_3mf(*ids, unit=' unit="millimeter"', root="", extra=""):
@@ -751,6 +801,7 @@ def test_3mf_that_would_be_put_together_wrongly_is_refused(tmp_path, data, messa
         ),
         (STEP.replace(b"CLOSED_SHELL", b"NO_SHELL"), "it holds no faces"),
         (STEP[:2000] + STEP[-30:], "OpenCASCADE could not read all of it: ERR"),
+        (STEP + STEP, "it is several STEP files in one, of which OpenCASCADE would read the first only"),
     ],
 )
 def test_damaged_step_is_refused_and_nothing_is_printed(tmp_path, capfd, data, message):
@@ -772,6 +823,22 @@ def test_crash_of_the_step_library_is_an_error_like_others(tmp_path, monkeypatch
 
     monkeypatch.setattr(step.subprocess, "run", crash)
     assert refusal(write(tmp_path, "part.step", STEP)) == message
+
+
+@pytest.mark.parametrize("where", ["tempfile.TemporaryDirectory", "subprocess.run"])
+def test_full_disk_on_the_way_to_the_step_library_is_said(tmp_path, monkeypatch, where):
+    # Was: an OSError, of which the command line said that the output cannot be written.
+    def fail(*arguments, **options):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    path = write(tmp_path, "part.step", STEP)
+    monkeypatch.setattr(f"proximity.meshio.step.{where}", fail)
+
+    with pytest.raises(MeshError) as caught:
+        meshio.read_geometries(path)
+
+    expected = "OpenCASCADE cannot be handed it in a temporary folder (No space left on device)"
+    assert str(caught.value) == f"{path}: {expected}"
 
 
 # Numbers

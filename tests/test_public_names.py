@@ -136,6 +136,17 @@ def test_type_checkers_are_told_every_name():
     assert sorted(told) == sorted(proximity.__all__)
 
 
+def test_type_checkers_of_users_take_our_types_and_find_misspelt_names():
+    # Was: an installed package without a marker, whose types are passed over, and any name was one.
+    package = Path(proximity.__file__)
+    top = ast.parse(package.read_text(encoding="utf-8")).body
+
+    assert (package.parent / "py.typed").read_bytes() == b""
+    assert "__getattr__" not in {
+        statement.name for statement in top if isinstance(statement, ast.FunctionDef)
+    }
+
+
 def test_dir_shows_names_before_they_are_imported():
     assert set(proximity.__all__) <= set(dir(proximity))
     assert "__version__" in dir(proximity)

@@ -151,7 +151,8 @@ def test_points_are_not_changed():
 
 
 @pytest.mark.parametrize(
-    "field", ["signed_distance", "point", "gradient", "part", "face_id", "barycentric", "feature"]
+    "field",
+    ["signed_distance", "point", "gradient", "part", "face_id", "barycentric", "feature", "is_signed"],
 )
 def test_results_are_read_only(field):
     for shape in ((4, 3), (2, 2, 3)):

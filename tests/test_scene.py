@@ -1,6 +1,7 @@
 """Scenes: the smallest answer over the parts, wherever they are put."""
 
 import re
+from dataclasses import replace
 
 import judging
 import numpy as np
@@ -469,6 +470,19 @@ def test_name_used_twice_is_refused():
 def test_what_is_no_scene_is_refused(parts, message):
     with pytest.raises(SceneError, match=f"^{re.escape(message)}$"):
         Scene(parts)
+
+
+def test_part_that_is_too_far_off_is_refused_wherever_it_comes_in():
+    # Was: only where it was moved there; of others a distance was told that was wrong.
+    scene = Scene(some_parts(2))
+    far = replace(scene.parts[1], name="far", pose=Pose(translation=(0.0, 1e200, 0.0)))
+
+    for come_in in (lambda: Scene([far]), lambda: scene.add(far)):
+        with pytest.raises(
+            PoseError, match=r"^part 'far' would be moved by 1e\+200 m, which is farther than"
+        ):
+            come_in()
+    assert len(scene.parts) == 2
 
 
 def test_part_that_is_not_there_is_named_with_those_that_are():

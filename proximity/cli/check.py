@@ -143,10 +143,11 @@ def _print_parts(console: "Console", parts: list[dict[str, Any]], units: str) ->
     table = Table(box=None, pad_edge=False, header_style="bold")
     table.add_column("part", overflow="fold")
     for title in ("faces", "shells"):
-        table.add_column(title, justify="right")
-    table.add_column("watertight")
-    table.add_column("oriented")
-    table.add_column(f"volume [{units}\N{SUPERSCRIPT THREE}]".replace("[", "\\["), justify="right")
+        table.add_column(title, justify="right", overflow="fold")
+    table.add_column("watertight", overflow="fold")
+    table.add_column("oriented", overflow="fold")
+    volume = f"volume [{units}\N{SUPERSCRIPT THREE}]".replace("[", "\\[")
+    table.add_column(volume, justify="right", overflow="fold")
     table.add_column("sign", overflow="fold")
     table.add_column("manifold3d", overflow="fold")
     for part in parts:

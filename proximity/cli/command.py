@@ -7,6 +7,8 @@ else is raised is our bug and keeps its traceback.
 import errno
 import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any, NoReturn
 
 import typer
@@ -43,9 +45,10 @@ class Command(TyperCommand):
         if sys.stdout is None:
             _complain("standard output is closed, expected a terminal, a file or a pipe to write to")
         try:
-            answer = super().invoke(ctx)
-            sys.stdout.flush()  # here, where a reader that has gone is still expected
-            return answer
+            with _told_where_output_fails():
+                answer = super().invoke(ctx)
+                sys.stdout.flush()  # here, where a reader that has gone is still expected
+                return answer
         except ProximityError as error:
             _complain(str(error), error)
         except typer.BadParameter as error:
@@ -53,18 +56,20 @@ class Command(TyperCommand):
             raise
         except KeyboardInterrupt as interrupt:
             raise typer.Exit(EXIT_INTERRUPTED) from interrupt
-        except BrokenPipeError as gone:
-            _discard_output()
-            raise typer.Exit(EXIT_BROKEN_PIPE) from gone
-        except OSError as failure:
-            if failure.errno not in NO_ROOM:
-                raise
-            _discard_output()
-            _complain(f"the output cannot be written ({failure.strerror})", failure)
+
+    def make_context(self, *args: Any, **options: Any) -> Any:
+        """Read the arguments, and print the help where that is asked for."""
+        with _told_where_output_fails():
+            return super().make_context(*args, **options)
 
 
 class Group(TyperGroup):
-    """The program: Ctrl-C before a command runs is quiet as well."""
+    """The program: Ctrl-C, or output that fails, before a command runs is no traceback either."""
+
+    def make_context(self, *args: Any, **options: Any) -> Any:
+        """Read the arguments, and print help or version where that is asked for."""
+        with _told_where_output_fails():
+            return super().make_context(*args, **options)
 
     def main(self, *args: Any, **options: Any) -> Any:
         """Run the program."""
@@ -72,6 +77,26 @@ class Group(TyperGroup):
             return super().main(*args, **options)
         except KeyboardInterrupt:
             sys.exit(EXIT_INTERRUPTED)
+
+
+@contextmanager
+def _told_where_output_fails() -> Iterator[None]:
+    """Turn output that cannot be written, or that nobody reads any more, into exit codes."""
+    try:
+        yield
+    except BrokenPipeError as gone:
+        _discard_output()
+        raise typer.Exit(EXIT_BROKEN_PIPE) from gone
+    except SystemExit as end:
+        # how Rich, which prints the help, ends a program whose reader has gone: with 1
+        if isinstance(end.__context__, BrokenPipeError):
+            raise typer.Exit(EXIT_BROKEN_PIPE) from end
+        raise
+    except OSError as failure:
+        if failure.errno not in NO_ROOM:
+            raise
+        _discard_output()
+        _complain(f"the output cannot be written ({failure.strerror})", failure)
 
 
 def _shielded(arg: str) -> str:

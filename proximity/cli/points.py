@@ -4,6 +4,7 @@ Only the standard library: bad text is refused before NumPy and the file are loa
 """
 
 import csv
+import re
 import sys
 from array import array
 from collections.abc import Iterable
@@ -13,13 +14,16 @@ from proximity.errors import QueryError
 
 STANDARD_INPUT = "-"
 BYTE_ORDER_MARK = "\ufeff"  # spreadsheets begin their UTF-8 with it
+BEGINS_A_NUMBER = tuple("+-.0123456789")
+NO_LETTER = re.compile(r"[\W\d_]")
 
 
 def read_points(path: str) -> array:
     """Return the points of a text file as a flat array of float64, x y z x y z ...
 
     Blank lines and what follows ``#`` are skipped. Fields stand between commas, semicolons or white space.
-    The first line may name the columns; where it names x, y and z among others, those are taken.
+    The first line may name the columns: x, y and z among others, with a unit behind them or not, or three
+    other names in this order. No name begins like a number.
 
     Parameters
     ----------
@@ -71,6 +75,8 @@ def parse_points(lines: Iterable[str], name: str) -> array:
             raise QueryError(f"{where}: {unfit}, expected three numbers") from unfit
         if not fields:
             continue
+        if not fields[-1] and len(fields) != field_count:
+            del fields[-1]  # some programs end every line with a separator
         if columns is None:
             columns = _columns_of_header(fields, where)
             if columns is not None:
@@ -92,19 +98,20 @@ def _fields(line: str) -> list[str]:
         if separator in text:
             quoted = '"' in text
             fields = next(csv.reader([text], delimiter=separator)) if quoted else text.split(separator)
-            fields = [field.strip() for field in fields]
-            return fields if fields[-1] else fields[:-1]
+            return [field.strip() for field in fields]
     return text.split()
 
 
 def _columns_of_header(fields: list[str], where: str) -> tuple[int, ...] | None:
-    """Return which columns hold x, y and z, or None where *fields* are numbers already."""
-    if any(_is_number(field) for field in fields):
+    """Return which columns hold x, y and z, or None where *fields* are numbers, perhaps misspelt ones."""
+    if any(_is_number(field) or field.startswith(BEGINS_A_NUMBER) for field in fields):
         return None
     names = [field.lower() for field in fields]
-    if {"x", "y", "z"} <= set(names):
-        return names.index("x"), names.index("y"), names.index("z")
-    if len(fields) == 3:
+    words = [NO_LETTER.split(name, maxsplit=1)[0] for name in names]
+    for spelt in (names, words):  # "x" before "x [mm]"
+        if all(spelt.count(axis) == 1 for axis in "xyz"):
+            return spelt.index("x"), spelt.index("y"), spelt.index("z")
+    if len(fields) == 3 and all(names) and not {"x", "y", "z"} & set(words):
         return 0, 1, 2
     raise QueryError(
         f"{where}: {_shown(' '.join(fields))} is neither a point nor a header, "

@@ -37,7 +37,7 @@ def spinner(doing: str) -> Iterator[None]:
     if not console.is_terminal:
         yield
         return
-    status = console.status(doing)
+    status = console.status(escape(doing))  # a file may be named like Rich's marks
     timer = Timer(PATIENCE_S, status.start)
     timer.daemon = True
     timer.start()

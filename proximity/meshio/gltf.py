@@ -7,12 +7,13 @@ how trimesh makes names unique, orders nodes, or treats what it does not know.
 """
 
 import json
+import re
 from typing import Any
 
 import numpy as np
 
 from proximity.errors import MeshFormatError
-from proximity.meshio import gltf_buffers, gltf_nodes, library
+from proximity.meshio import gltf_buffers, gltf_nodes, library, tables
 from proximity.meshio.contents import RawFile, RawMesh, Source
 from proximity.meshio.gltf_buffers import Document, integer
 
@@ -27,10 +28,14 @@ _LOST_EXTENSIONS = (
     "KHR_draco_mesh_compression",
     "EXT_meshopt_compression",
     "KHR_meshopt_compression",
-    "KHR_mesh_quantization",
     "EXT_mesh_gpu_instancing",
 )
 """Extensions that hold geometry which is not read here."""
+_LOOKS = re.compile(
+    r"material|texture|light|xmp|animation|audio|image|packing|metadata|features|quantization", re.IGNORECASE
+)
+"""In names of extensions that change no shape, or not without being seen: positions that are quantised are
+refused where they stand, and normals that are do no harm."""
 
 
 def read_glb(source: Source) -> RawFile:
@@ -115,6 +120,11 @@ def _check_extensions(document: Document) -> None:
     lost = [name for name in _LOST_EXTENSIONS if name in named]
     if lost:
         raise MeshFormatError(f"its geometry is stored by {lost[0]}, which is not read; export it without")
+    for name in map(str, gltf_buffers.entries(document.json, "extensionsRequired")):
+        if not _LOOKS.search(name):
+            raise MeshFormatError(
+                f"it requires the extension {tables.shortened(name, 60)}, which is not read"
+            )
 
 
 def _primitives(document: Document, mesh: int, notes: list[str]) -> list[dict[str, Any]]:
@@ -234,6 +244,13 @@ def _notes(document: Document, nodes: list[gltf_nodes.Node]) -> list[str]:
         notes.append("it holds several scenes, the default one was read")
     if document.json.get("animations"):
         notes.append("its animations were not applied")
+    used = {node.mesh for node in nodes if node.mesh is not None}
+    if any(
+        primitive.get("targets")
+        for mesh in used
+        for primitive in document.entry("meshes", mesh)["primitives"]
+    ):
+        notes.append("its morph targets were not applied, the meshes are in their basic shape")
     if any(node.has_skin for node in nodes):
         notes.append("its skins were not applied, the meshes are in their rest position")
     return notes

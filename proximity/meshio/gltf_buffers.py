@@ -18,6 +18,7 @@ from proximity.meshio import tables
 _JSON_CHUNK, _BINARY_CHUNK = 0x4E4F534A, 0x004E4942
 _GLB_HEADER_BYTES, _CHUNK_HEADER_BYTES = 12, 8
 _COMPONENT_BYTES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
+_QUANTISED = (5120, 5121, 5122, 5123)  # whole numbers of one or two bytes
 _COMPONENTS = {"SCALAR": 1, "VEC3": 3}
 _LARGEST_INTEGER = 2**53  # of JSON, where numbers are float64
 _BOUNDS_ROUNDING = 1e-5  # of the largest coordinate: single precision, or six digits of text
@@ -256,6 +257,10 @@ def check_accessor(
     """
     accessor = document.entry("accessors", index)
     name = f"accessor {index} ({place})"
+    if kind == accessor.get("type") == "VEC3" and accessor.get("componentType") in _QUANTISED:
+        raise MeshFormatError(
+            f"{name} has quantised positions (KHR_mesh_quantization), which are not read; export it without"
+        )
     if accessor.get("type") != kind or accessor.get("componentType") not in component_types:
         raise MeshFormatError(
             f"{name} has type {_shown(accessor.get('type'))} of {_shown(accessor.get('componentType'))}, "

@@ -20,6 +20,7 @@ _PASSED_OVER = frozenset((
 ))  # fmt: skip
 _LOWER_DIMENSIONS = frozenset(["l", "p"])
 _NAMING = frozenset(("g", "o", "usemtl", "mtllib", "usemap", "maplib", "shadow_obj", "trace_obj"))
+_LOOSE_SLASH = re.compile(r"\s/")
 _FREE_FORM = frozenset(["curv", "curv2", "surf", "bsp", "bzp", "cdc", "cdp", "res"])
 
 
@@ -134,7 +135,12 @@ def _read_faces(lines: _Lines, vertices: np.ndarray) -> tuple[np.ndarray, np.nda
 
     rows = _without_comments(lines.faces)
     if any("/" in row for row in rows):  # texture and normal of each corner
-        rows = re.sub(r"/[^\s]*", "", "\n".join(rows)).split("\n")
+        text = "\n".join(["", *rows])
+        loose = _LOOSE_SLASH.search(text)
+        if loose is not None:
+            row = text.count("\n", 0, loose.end()) - 1
+            raise MeshFormatError(f"{place(row)} has a / that follows no vertex")
+        rows = re.sub(r"/[^\s]*", "", text).split("\n")[1:]
     before = np.array(lines.vertices_before, dtype=np.int64)
     pieces = []
     for row_ids, table in tables.read_rows(rows, place):
@@ -142,6 +148,13 @@ def _read_faces(lines: _Lines, vertices: np.ndarray) -> tuple[np.ndarray, np.nda
             row = row_ids[np.flatnonzero((table == 0.0).any(axis=1))[0]]
             raise MeshFormatError(f"{place(row)} refers to vertex 0, but OBJ counts from 1")
         corners = np.where(table > 0.0, table - 1.0, table + before[row_ids, None])
+        too_far = (table < 0.0) & (corners < 0.0)
+        if too_far.any():
+            row, column = np.argwhere(too_far)[0]
+            raise MeshFormatError(
+                f"{place(row_ids[row])} refers to vertex {table[row, column]:g}, counted back, but "
+                f"{before[row_ids[row]]} vertices stand before it"
+            )
         pieces.append((row_ids, np.full(len(row_ids), table.shape[1]), corners))
     return polygons.assemble(vertices, pieces, len(rows), place)
 

@@ -29,6 +29,8 @@ def read_off(source: Source) -> RawFile:
     if not lines or (keyword := _KEYWORD.fullmatch(lines[0][1].strip())) is None:
         raise MeshFormatError("it does not begin with OFF, COFF, NOFF or CNOFF")
     rest_of_first = keyword.group(2).strip()
+    if rest_of_first.split(maxsplit=1)[:1] == ["BINARY"]:
+        raise MeshFormatError("it is a binary OFF file, which is not read; export it as text")
     lines = [(lines[0][0], rest_of_first), *lines[1:]] if rest_of_first else lines[1:]
     vertex_count, face_count = _counts(lines)
     line_ids = [line_id for line_id, _ in lines[1:]]

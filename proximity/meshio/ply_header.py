@@ -1,5 +1,6 @@
 """The header of a PLY file: which elements follow, how many, with which properties."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -15,6 +16,7 @@ _TYPES = {
     "int64": "i8", "uint64": "u8",
     "float16": "f2", "float": "f4", "float32": "f4", "double": "f8", "float64": "f8",
 }  # fmt: skip
+_END = re.compile(rb"[\r\n][ \t]*(end_header)[ \t]*(?:\r\n|\n|\r|$)")
 _BYTE_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 
 
@@ -58,11 +60,10 @@ def read_header(data: bytes) -> Header:
     MeshFormatError
         If it does not end, has a line that PLY does not know, or declares something twice.
     """
-    end = data.find(b"end_header")
-    if end < 0:
+    last_line = _END.search(data)
+    if last_line is None:
         raise MeshFormatError("its header has no line end_header: it is cut off, or no PLY file")
-    line_end = data[end + 10 : end + 12]
-    data_start = end + 10 + (2 if line_end == b"\r\n" else 1 if line_end[:1] in (b"\n", b"\r") else 0)
+    end, data_start = last_line.start(1), last_line.end()
     lines = data[:end].decode("latin-1").replace("\r\n", "\n").replace("\r", "\n").split("\n")
     if lines[0].strip().lower() != "ply":
         raise MeshFormatError("its first line is not ply")

@@ -63,6 +63,8 @@ def read_geometries(
     except TypeError:
         raise MeshError(f"the path is {path!r}, expected text or a path") from None
     shown = shown if isinstance(shown, str) else os.fsdecode(shown)
+    if not shown:
+        raise MeshError("the path is empty, expected the name of a file")
     try:
         source = Source(shown, _read_bytes(Path(shown)))
         raw = _read(readers[sniffing.find_format(source, Path(shown).suffix.lower())], source)

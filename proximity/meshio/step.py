@@ -41,7 +41,8 @@ _SI_PREFIXES = {
 }
 _CONVERSIONS = {"INCH": "in", "FOOT": "ft", "YARD": "yd", "MILE": "mi", "MIL": "mil", "MILLIMETRE": "mm"}
 _SHELL = re.compile(r"\b(?:CLOSED|OPEN)_SHELL\s*\(\s*'(?:[^']|'')*'\s*,\s*\(([^)]*)\)")
-_TRAILER = re.compile(rb"END-ISO-10303-21\s*;\s*$")
+_END = re.compile(rb"END-ISO-10303-21\s*;")
+_TRAILER = re.compile(_END.pattern + rb"\s*$")
 _COMPLAINT = re.compile(r"\bERR\b|Error|Exception|Fails Count", re.IGNORECASE)
 _ESCAPES = re.compile(r"\x1b\[[0-9;]*m")
 _ASSUMED_METRES = 1e-3  # what OpenCASCADE takes for a number without a unit
@@ -63,13 +64,23 @@ def read_step(source: Source, *, tolerance: float, undeclared_metres: float) -> 
     ------
     MeshFormatError
         If the file is cut, damaged, or not all of its faces and parts could be meshed and placed.
+    MeshError
+        If cascadio is not there, or cannot be started.
     """
     if not _TRAILER.search(source.data[-200:]):
         raise MeshFormatError("it does not end with END-ISO-10303-21: it is cut off")
+    if len(_END.findall(source.data)) > 1:
+        raise MeshFormatError(
+            "it is several STEP files in one, of which OpenCASCADE would read the first only"
+        )
     text = source.data.decode("latin-1")
     units = _units(text)
     body_count = step_assembly.count_bodies(text)
-    glb = _convert(source.data, tolerance)
+    try:
+        glb = _convert(source.data, tolerance)
+    except OSError as failure:  # a full disk, no room for another process
+        told = failure.strerror or str(failure)
+        raise MeshError(f"OpenCASCADE cannot be handed it in a temporary folder ({told})") from failure
     header, binary, _ = gltf_buffers.split_glb(glb)
     # Nodes carry numbers of assembly steps (NAUO1); people know the products.
     raw = gltf.read_document(header, source.path, binary, "STEP", [], named_after_meshes=True)

@@ -29,6 +29,9 @@ _ID, _TARGET, _PATH = (
 )
 _UNIT = re.compile(rb"\sunit\s*=\s*[\"']([^\"']*)")
 _NEEDED_EXTENSION = re.compile(rb"\srequiredextensions\s*=\s*[\"']([^\"']*)")
+_NAMESPACE = re.compile(rb"\sxmlns:([^\s=]+)\s*=\s*[\"']([^\"']*)")
+_HARMLESS_EXTENSIONS = re.compile(rb"/(production|material)/")
+"""Production only spreads objects over files, materials only colour them."""
 
 
 @dataclass(slots=True)
@@ -130,9 +133,12 @@ def _unit_of(model: bytes) -> str:
     if root is None:
         raise MeshFormatError("its model file has no element model")
     needed = _NEEDED_EXTENSION.search(root.group(1))
-    if needed is not None and set(needed.group(1).split()) - {b"p", b"m"}:
-        # production only spreads objects over files, materials only colour them
-        raise MeshFormatError(f"it needs the extensions {_shown(needed.group(1))}, which are not read")
+    if needed is not None:
+        # Prefixes are the writer's choice: only what they stand for tells.
+        meant = dict(_NAMESPACE.findall(root.group(1)))
+        words = needed.group(1).split()
+        if not all(_HARMLESS_EXTENSIONS.search(meant.get(word, b"")) for word in words):
+            raise MeshFormatError(f"it needs the extensions {_shown(needed.group(1))}, which are not read")
     declared = _UNIT.search(root.group(1))
     unit = _DEFAULT_UNIT if declared is None else declared.group(1).decode("latin-1").strip().lower()
     if unit not in _UNITS:
@@ -176,8 +182,12 @@ def _check_references(objects: dict[bytes, _Object], references: list[_Reference
     for reference in references:
         target = objects.get(reference.target)
         if target is None or target.file != reference.file:
+            what = "an item" if reference.kind == "item" else "a component"
+            raise MeshFormatError(f"{what} refers to object {_shown(reference.target)!r}, which is not there")
+        if not (target.has_mesh or target.components):
             raise MeshFormatError(
-                f"a {reference.kind} refers to object {_shown(reference.target)!r}, which is not there"
+                f"object {_shown(reference.target)!r} has no mesh and no components: "
+                "what it is made of is not read"
             )
     if not any(reference.kind == "item" for reference in references):
         raise MeshFormatError("its build has no items: it places nothing")
