@@ -365,8 +365,8 @@ class Queries:
         Returns
         -------
         SegmentHits
-            Arrays of the broadcast leading shape. A row that is not finite, or starts farther off than 1e100
-            part sizes, answers nan and `NO_FACE`.
+            Arrays of the broadcast leading shape. A row that is not finite, or with an end farther off than
+            1e100 part sizes, answers nan and `NO_FACE`.
 
         Raises
         ------

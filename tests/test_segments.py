@@ -352,3 +352,15 @@ def test_parts_of_any_size_are_as_exact(size):
     )
 
     assert solid.closest_to_segments(starts, ends).distance == pytest.approx([0.5 * size, 0.0], rel=1e-15)
+
+
+@pytest.mark.parametrize("asked", [solid_of("torus"), some_scene(3)], ids=["solid", "scene"])
+@pytest.mark.parametrize("count", [1, 100])
+def test_segment_with_an_end_that_cannot_be_computed_with_has_no_distance(asked, count):
+    """Ends were pulled in, each coordinate by itself: 1e100, or 0 where half a metre was right, was told."""
+    near, far = [-1.0, -0.5, 0.1], [1e200, 1e150, 0.1]
+    for start, end in ((near, far), (far, near), (far, far), ([1e200, 0.0, 0.0], [1e200, 1.0, 0.0])):
+        hit = asked.closest_to_segments([start] * count, [end] * count)
+
+        assert np.isnan(hit.distance).all() and np.isnan(hit.point_on_solid).all()
+        assert (hit.face_id == NO_FACE).all()

@@ -42,8 +42,8 @@ from proximity.kernels.memory import (
 )
 from proximity.kernels.point import NOTHING_SEEN, best_of_block, closest_in_part
 from proximity.kernels.scene import (
-    FARTHEST,
     ROUNDING,
+    can_be_asked,
     nearest_in_scene,
     to_local,
     to_scene,
@@ -89,13 +89,6 @@ def reach_sq(limit):
 
 
 @inlined
-def _can_be_asked(frames, parts, x, y, z):
-    """Whether a point is finite, and not so far that squares overflow."""
-    reach = FARTHEST / frames[len(parts) - 1, SCALE]
-    return abs(x) <= reach and abs(y) <= reach and abs(z) <= reach
-
-
-@inlined
 def _row(order, i):
     """The row that is *i*-th in order."""
     return order[i] if len(order) else i
@@ -127,7 +120,7 @@ def distance_batch(handle, points, order, limit, distances):
     for i in range(len(order) if len(order) else len(points)):
         row = _row(order, i)
         x, y, z = points[row, 0], points[row, 1], points[row, 2]
-        if not _can_be_asked(frames, parts, x, y, z):
+        if not can_be_asked(frames, parts, x, y, z):
             distances[row] = np.nan
             continue
         if not len(order):
@@ -183,7 +176,7 @@ def _nearest_of_chunk(
             continue
         row = rows[k]
         x, y, z = points[row, 0], points[row, 1], points[row, 2]
-        if not _can_be_asked(frames, parts, x, y, z):
+        if not can_be_asked(frames, parts, x, y, z):
             found[k, 0], signs[k], depths[k] = NO_PART, np.nan, np.inf
             continue
         if not len(order):
@@ -235,7 +228,7 @@ def signed_alone(handle, points, distances):
     for row in range(len(points)):
         x, y, z = points[row, 0], points[row, 1], points[row, 2]
         distances[row] = np.nan
-        if _can_be_asked(frames, parts, x, y, z):
+        if can_be_asked(frames, parts, x, y, z):
             px, py, pz = to_local(frames, parts, 0, x, y, z)
             _, slot = closest_in_part(
                 reals, words, parts[0, ROOT], px, py, pz, np.inf, NO_SLOT, NOTHING_SEEN, stacks, 0

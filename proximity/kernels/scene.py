@@ -46,6 +46,13 @@ FARTHEST = 1e100
 
 
 @inlined
+def can_be_asked(frames, parts, x, y, z):
+    """Whether a point is finite, and not so far that squares overflow."""
+    reach = FARTHEST / frames[len(parts) - 1, SCALE]
+    return abs(x) <= reach and abs(y) <= reach and abs(z) <= reach
+
+
+@inlined
 def is_alone(parts):
     """Whether there is one part, to be found: then it is asked itself, without a tree over parts."""
     return len(parts) == 2 and not parts[0, IS_HIDDEN]

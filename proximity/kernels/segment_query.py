@@ -4,8 +4,6 @@ As `query` does for points: the scene's tree first, parts' trees below it, squar
 scene's scaled frame. A segment without length is a point, and takes the way of points.
 """
 
-from math import isfinite
-
 import numpy as np
 
 from proximity.kernels.compiling import inlined, kernel
@@ -28,7 +26,7 @@ from proximity.kernels.layout import (
 from proximity.kernels.memory import arrays_at, real_rows_here, reals_here, word_rows_here, words_here
 from proximity.kernels.point import NOTHING_SEEN
 from proximity.kernels.query import reach_sq
-from proximity.kernels.scene import is_alone, nearest_in_scene, part_of_slot, to_local, to_scene
+from proximity.kernels.scene import can_be_asked, is_alone, nearest_in_scene, part_of_slot, to_local, to_scene
 from proximity.kernels.segment import segment_in_block, segment_in_part
 from proximity.kernels.segment_box import node_bounds_sq, open_bound
 from proximity.kernels.segment_plan import HIGH, IS_FAR, LOW, PLAN_SIZE, PROBE_SIZE, make_plan
@@ -216,7 +214,7 @@ def segment_batch(handle, starts, ends, order, limit, answers):
     """Fill answers (N, `ANSWER_WIDTH`) for segments (N, 3) to (N, 3); see the columns above.
 
     *order*: the rows in the order to take them in, or empty. *limit*, m: nothing farther is looked for. A
-    row that is not finite answers nan.
+    row that is not finite, or with an end too far off to be computed with, answers nan.
     """
     reals, words, frames, parts = arrays_at(handle)
     choices = answers.view(np.int32)
@@ -230,13 +228,14 @@ def segment_batch(handle, starts, ends, order, limit, answers):
     known_slot = np.int64(NO_SLOT)
     for i in range(len(order) if len(order) else len(starts)):
         row = order[i] if len(order) else i
-        is_finite = True
         has_length = False
         for axis in range(3):
             segment[axis], segment[3 + axis] = starts[row, axis], ends[row, axis]
-            is_finite = is_finite and isfinite(segment[axis]) and isfinite(segment[3 + axis])
             has_length = has_length or segment[axis] != segment[3 + axis]
-        if not is_finite:
+        if not (
+            can_be_asked(frames, parts, segment[0], segment[1], segment[2])
+            and can_be_asked(frames, parts, segment[3], segment[4], segment[5])
+        ):
             _write_nothing(answers[row], choices[row], np.nan)
             continue
         plan, probe = plans[0], probes[0]
