@@ -23,7 +23,8 @@ from proximity.decaff.surface_law import SurfaceLaw
 from proximity.message import Source, Surface
 
 DRUM_DAMPING = 2.0  # N s/m, while a force is served; assumed, as the servo's
-BRAKING_SHARE = 0.5  # of what the drum can brake with, counted on near the finger: its servo lags; assumed
+BRAKING_SHARE = 0.5  # of what the drum can brake with, counted on near the finger; assumed
+SERVO_LAG = 1e-3  # s, by which the drum's speed follows a new cap late: three samples of its servo; assumed
 SPEED_CUTOFF = 50.0  # Hz, of the finger's speed by the potentiometer; assumed
 
 
@@ -288,9 +289,13 @@ class FingerController:
         """How fast the drum may come towards the finger: near it, with little energy; farther, so that it
         can brake until there."""
         coming = max(0.0, self._speed)  # while the drum brakes, the finger goes on
-        near = max(0.0, self._near_speed - self._speed)
+        slowest = coming + max(0.0, self._near_speed - self._speed)
         way = max(0.0, gap - self._limits.near_gap)
-        return math.sqrt((coming + near) ** 2 + 2.0 * self._braking * way) - coming
+        # The next cap is a sample away, and the servo follows it late: so long nothing brakes.
+        unbraked = self._braking * (1.0 / self._rate + SERVO_LAG)
+        return (
+            max(slowest, math.sqrt(slowest**2 + unbraked**2 + 2.0 * self._braking * way) - unbraked) - coming
+        )
 
     def _action(self, mode: DriveMode, speed: float, cap: float) -> DrumAction:
         is_force = mode is DriveMode.FORCE
