@@ -10,7 +10,7 @@ only while a sound and fresh frame is known.
 import math
 
 from proximity.decaff.arguments import positive
-from proximity.decaff.contact_location import Told
+from proximity.decaff.contact_location import LEAST_BEND, MOST_BEND, Told
 from proximity.decaff.controller_states import IN_CONTACT, DrumAction, DrumState, Observation, Trust
 from proximity.decaff.doubt import Doubt
 from proximity.decaff.drum import GEAR4, Drum
@@ -25,6 +25,7 @@ from proximity.message import Source, Surface
 DRUM_DAMPING = 2.0  # N s/m, while a force is served; assumed, as the servo's
 BRAKING_SHARE = 0.5  # of what the drum can brake with, counted on near the finger; assumed
 SERVO_LAG = 1e-3  # s, by which the drum's speed follows a new cap late: three samples of its servo; assumed
+STRAY_ANGLE = math.pi  # rad, beyond the finger's way: a drum is not parked farther off; assumed
 SPEED_CUTOFF = 50.0  # Hz, of the finger's speed by the potentiometer; assumed
 
 
@@ -129,8 +130,18 @@ class FingerController:
             return f"the servo was {1e-6 * late_ns:.1f} ms from its last sample"
         if not math.isfinite(seen.bend):
             return "the potentiometer does not tell the bend"
+        if not LEAST_BEND <= seen.bend <= MOST_BEND:
+            return (
+                f"the potentiometer tells a bend of {seen.bend:g}, expected {LEAST_BEND:g} to {MOST_BEND:g}"
+            )
         if not math.isfinite(seen.drum_angle):
             return "the encoder does not tell the drum's angle"
+        least, most = self._path.drum_angles
+        if not least - STRAY_ANGLE <= seen.drum_angle <= most + STRAY_ANGLE:
+            return (
+                f"the encoder tells a drum angle of {seen.drum_angle:g} rad, but the finger's way goes from "
+                f"{least:.3g} to {most:.3g} rad"
+            )
         return "the motor reports a fault" if seen.has_fault else ""
 
     def _follow_finger(self, seen: Observation, elapsed: float) -> None:
