@@ -252,6 +252,9 @@ def test_teleoperation_goes_back_to_position_when_the_slave_is_off_its_object():
     bench.run(200, **slave)
 
     assert bench.run(1, **slave, signed_distance=0.6e-3).state is DrumState.CONTACT_POSITION
+    states = {bench.run(1, **slave, signed_distance=0.6e-3).state for _ in range(100)}
+    assert states == {DrumState.CONTACT_POSITION}  # it went to and fro, a sample each: the force is steady
+    assert bench.run(1, **slave).state is DrumState.CONTACT_FORCE
 
 
 def test_deformable_surface_is_served_by_its_law_from_the_touch_on():

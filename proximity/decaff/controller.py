@@ -244,12 +244,12 @@ class FingerController:
     def _slave_force(self, told: Told, seen: Observation, elapsed: float, *, is_steady: bool) -> float:
         """What the far end measures, from when the first contact is steady until it is lost."""
         is_told = math.isfinite(told.force)
+        is_off = told.distance > self._handover.lost_distance
         if self._serves_force:
             is_weak = seen.force < self._handover.lost_force
             self._weak_for = self._weak_for + elapsed if is_weak else 0.0
-            is_off = told.distance > self._handover.lost_distance
             self._serves_force = not (is_off or self._weak_for >= self._handover.lost_time)
-        elif is_steady and is_told and self.trust is Trust.FRESH and math.isfinite(seen.force):
+        elif is_steady and is_told and not is_off and self.trust is Trust.FRESH and math.isfinite(seen.force):
             self._serves_force, self._weak_for = True, 0.0
         if not self._serves_force:
             return math.nan
