@@ -246,6 +246,19 @@ def test_teleoperation_serves_the_force_once_it_is_steady():
     assert bench.run(2, **slave).state is DrumState.CONTACT_POSITION
 
 
+def test_teleoperation_goes_back_to_position_when_the_force_is_not_measured_any_more():
+    """Whether the finger is still there could not be told: the drum would press until it met something."""
+    slave = {"source": Source.TELEOPERATION, "force": 0.6, "force_is_valid": 1}
+    bench = touching(handover=ANY_SPEED, **slave)
+    bench.run(200, **slave)
+    bench.force = math.nan
+
+    assert bench.run(19, **slave).state is DrumState.CONTACT_FORCE
+    assert {bench.run(2, **slave).state for _ in range(100)} == {DrumState.CONTACT_POSITION}
+    bench.force = 0.8
+    assert bench.run(200, **slave).state is DrumState.CONTACT_FORCE
+
+
 def test_teleoperation_goes_back_to_position_when_the_slave_is_off_its_object():
     slave = {"source": Source.TELEOPERATION, "force": 0.6, "force_is_valid": 1}
     bench = touching(handover=ANY_SPEED, **slave)

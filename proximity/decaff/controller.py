@@ -246,7 +246,7 @@ class FingerController:
         is_told = math.isfinite(told.force)
         is_off = told.distance > self._handover.lost_distance
         if self._serves_force:
-            is_weak = seen.force < self._handover.lost_force
+            is_weak = not seen.force >= self._handover.lost_force  # nor is one felt that nobody measures
             self._weak_for = self._weak_for + elapsed if is_weak else 0.0
             self._serves_force = not (is_off or self._weak_for >= self._handover.lost_time)
         elif is_steady and is_told and not is_off and self.trust is Trust.FRESH and math.isfinite(seen.force):
