@@ -165,6 +165,17 @@ def test_place_of_contact_does_not_depend_on_latency():
     assert places == pytest.approx([PATH.place(0.5 + 0.5e-9 * 30 * MS)] * 3, abs=1e-9)
 
 
+@pytest.mark.parametrize("place", [0.2, WALL - 0.001, 0.5])
+def test_finger_that_is_free_is_not_pressed_whatever_is_said_of_its_way(place):
+    """A place behind a finger that is 20 mm from everything drew the drum onto it, as if it came late."""
+    bench = Bench()
+    bench.bend, nearest = WALL, PATH.place(WALL) + 0.020
+    for _ in range(100):
+        action = bench.run(1, place=place, signed_distance=0.021, lower=0.020)
+        assert action.state in (DrumState.RETRACTED, DrumState.APPROACH)
+        assert action.place >= nearest - 3e-6
+
+
 # ------------------------------------------------------------------------------------------------ transitions
 
 
