@@ -24,7 +24,7 @@ from proximity.message import Source, Surface
 
 DRUM_DAMPING = 2.0  # N s/m, while a force is served; assumed, as the servo's
 BRAKING_SHARE = 0.5  # of what the drum can brake with, counted on near the finger; assumed
-SERVO_LAG = 1e-3  # s, by which the drum's speed follows a new cap late: three samples of its servo; assumed
+SERVO_LAG = 2e-3  # s, by which the drum's speed follows a new cap late: six samples of its servo; assumed
 STRAY_ANGLE = math.pi  # rad, beyond the finger's way: a drum is not parked farther off; assumed
 SPEED_CUTOFF = 50.0  # Hz, of the finger's speed by the potentiometer; assumed
 
