@@ -233,6 +233,17 @@ def test_drum_leaves_a_finger_whose_object_has_gone():
     assert bench.action.place == pytest.approx(PATH.place(WALL + 0.02))
 
 
+@pytest.mark.parametrize("surface", [Surface.RIGID, Surface.DEFORMABLE])
+def test_drum_leaves_a_finger_that_leans_on_it_when_its_object_has_gone(surface):
+    """It was touched again at once: before a soft part a force of nothing was served, and the drum stayed."""
+    soft = {"surface": surface, "stiffness": 200.0, "damping": 0.0}
+    bench = touching(**soft)
+    for _ in range(20):
+        action = bench.step(contact(bench.now, bench.bend, WALL + 0.05, **soft))  # a centimetre away
+        assert (action.state, action.mode) == (DrumState.APPROACH, DriveMode.POSITION)
+        assert action.place == pytest.approx(PATH.place(WALL + 0.05))
+
+
 def test_rigid_part_of_a_scene_is_never_served_as_a_force():
     bench = touching(handover=ANY_SPEED)
 

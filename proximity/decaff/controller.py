@@ -159,7 +159,7 @@ class FingerController:
         if place < self._path.retracted:
             self.state = DrumState.APPROACH
             self._target = self._allowed(place)
-            if self._touches(seen, drum):
+            if self._touches(seen, drum) and not self._is_clear(seen):
                 return self._contact(seen, drum, cap, elapsed)
         else:
             self.state = DrumState.RETRACTED
@@ -257,8 +257,10 @@ class FingerController:
 
     def _is_released(self, seen: Observation, drum: float) -> bool:
         """Whether finger and drum are apart, or, for certain, finger and object."""
-        if drum - self._finger > self._limits.release_gap:
-            return True
+        return drum - self._finger > self._limits.release_gap or self._is_clear(seen)
+
+    def _is_clear(self, seen: Observation) -> bool:
+        """Whether finger and object are apart for certain: a drum that is touched then is in the way."""
         told = self.frames.told
         if told is None or self.trust is not Trust.FRESH or seen.contact is None:
             return False
