@@ -303,6 +303,11 @@ def test_document_of_a_press_has_what_concerns_its_wall():
         ({"drum": "gear5"}, "drum is 'gear5', expected one of direct, gear4, gear10"),
         ({"policy": "TS"}, "policy is 'TS', expected one of naive, latched, feed-forward, time-stamped"),
         ({"wall": "soft"}, "wall is 'soft', expected one of real, coupled, decaff"),
+        ({"stiffness": 2e6, "damping": 1.0}, r"stiffness is 2e\+06, expected 0 to 1e\+06 newtons a metre"),
+        (
+            {"stiffness": 1.0, "damping": 1e5},
+            r"damping is 100000, expected 0 to 10000 newton seconds a metre",
+        ),
         ({"stiffness": 100.0}, "tuned together: expected both of them, or none"),
     ],
 )
