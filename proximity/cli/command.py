@@ -53,6 +53,10 @@ class Command(TyperCommand):
             raise
         except KeyboardInterrupt as interrupt:
             raise typer.Exit(EXIT_INTERRUPTED) from interrupt
+        except ImportError as broken:
+            if not _is_interrupt(broken):
+                raise
+            raise typer.Exit(EXIT_INTERRUPTED) from broken
         except BrokenPipeError as gone:
             _discard_output()
             raise typer.Exit(EXIT_BROKEN_PIPE) from gone
@@ -72,6 +76,13 @@ class Group(TyperGroup):
             return super().main(*args, **options)
         except KeyboardInterrupt:
             sys.exit(EXIT_INTERRUPTED)
+
+
+def _is_interrupt(error: BaseException | None) -> bool:
+    """Whether Ctrl-C is behind an error: compiled modules turn it into one of theirs as they are imported."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
 
 
 def _shielded(arg: str) -> str:
