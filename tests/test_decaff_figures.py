@@ -251,6 +251,18 @@ def test_missing_matplotlib_is_told_with_what_to_install(tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
+def test_matplotlib_that_refuses_its_settings_is_told_in_a_sentence(tmp_path, monkeypatch):
+    """As it does where MPLBACKEND names a backend that there is no more: though nothing is shown."""
+
+    def unfit(name):
+        raise ValueError("Key backend: 'qt4agg' is not a valid value")
+
+    monkeypatch.setattr(plotting, "import_module", unfit)
+    with pytest.raises(DecaffError, match=r"matplotlib, which cannot be used \(Key backend: 'qt4agg' is"):
+        figures.write_figure("5a", tmp_path / "folder")
+    assert not list(tmp_path.iterdir())
+
+
 # ------------------------------------------------------------------------------------------- one press
 
 
