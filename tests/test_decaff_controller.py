@@ -292,6 +292,18 @@ def test_teleoperation_goes_back_to_position_when_the_slave_is_off_its_object():
     assert bench.run(1, **slave).state is DrumState.CONTACT_FORCE
 
 
+def test_drum_before_a_soft_surface_goes_back_where_it_has_come_too_near():
+    """Touched on its way, it served a force of nothing: by what its motor had done it went on, 12 mm far."""
+    soft = {"surface": Surface.DEFORMABLE, "stiffness": 200.0, "damping": 0.0}
+    for beyond, mode in ((0.2e-3, DriveMode.FORCE), (0.4e-3, DriveMode.POSITION)):
+        bench = touching(**soft)
+        bench.drum = PATH.place(WALL) - beyond
+        bench.bend = PATH.bend(bench.drum)
+        action = bench.step(contact(bench.now, bench.bend, **soft))
+        assert action.mode is mode
+        assert action.place == pytest.approx(PATH.place(WALL))
+
+
 def test_deformable_surface_is_served_by_its_law_from_the_touch_on():
     soft = {"surface": Surface.DEFORMABLE, "stiffness": 200.0, "damping": 0.0}
     bench = Bench()

@@ -203,7 +203,7 @@ class FingerController:
             self.state = DrumState.RETRACTED
             return self._free_action(self._path.retracted, drum, cap)
         self._mark_late(drum, may_begin=self.state not in IN_CONTACT)
-        force = self._force_wanted(seen, elapsed)
+        force = self._force_wanted(seen, drum, elapsed)
         if self.trust is Trust.FRESH:
             self.state = DrumState.CONTACT_POSITION if math.isnan(force) else DrumState.CONTACT_FORCE
         else:
@@ -218,13 +218,17 @@ class FingerController:
         self._force = min(force, self._limits.continuous_force, share * cap)
         return self._action(DriveMode.FORCE, math.inf, share * cap)
 
-    def _force_wanted(self, seen: Observation, elapsed: float) -> float:
+    def _force_wanted(self, seen: Observation, drum: float, elapsed: float) -> float:
         """The force to serve, N; nan: the place is held."""
         told = self.frames.told
         is_steady = self._steady.take(seen.force if math.isfinite(seen.force) else 0.0, self._speed)
         if told is None or (self.trust is not Trust.FRESH and self._force == math.inf):
             return math.nan  # on doubt no force begins
         if self._follows_law:
+            if drum < self._target - self._limits.late_gap:
+                return (
+                    math.nan
+                )  # it came too near: what a surface that is not reached serves does not hold it
             self._serves_force = True
             return self.law.force(
                 told.stiffness, told.damping, self._finger - self._target,
