@@ -456,6 +456,21 @@ def test_interrupt_is_quiet_and_exits_with_130(run, monkeypatch):
     assert result.out + result.err == ""
 
 
+def test_interrupt_while_a_compiled_module_is_imported_is_quiet(run, monkeypatch):
+    """Such a module tells it as an error of its own: a traceback of forty lines was shown."""
+
+    def load(path, units):
+        try:
+            raise KeyboardInterrupt
+        except KeyboardInterrupt as interrupt:
+            raise ImportError("initialization failed") from interrupt
+
+    load_with(monkeypatch, load)
+    result = run("query", "ball.stl", 1, 2, 3)
+
+    assert (result.code, result.out + result.err) == (130, "")
+
+
 def test_interrupt_before_a_command_runs_is_quiet(run, monkeypatch):
     def interrupted(self, ctx):
         raise KeyboardInterrupt

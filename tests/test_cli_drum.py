@@ -272,6 +272,13 @@ def test_calibration_that_does_not_fit_is_refused_with_one_sentence(run, tmp_pat
     assert len(result.err.splitlines()) == 1 and re.search(message, result.err)
 
 
+def test_age_of_no_calibration_is_refused(run):
+    result = run(ADDRESS, "--limit", 1, "--max-age", 5)
+
+    assert result.code == 2
+    assert "only a --calibration has an age" in " ".join(result.err.split())
+
+
 # -------------------------------------------------------------------------------------- what drums cannot do
 
 

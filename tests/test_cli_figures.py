@@ -92,6 +92,14 @@ def test_json_of_a_press_is_the_models(run):
     assert json.loads(result.out) == expected
 
 
+def test_wall_out_of_control_is_told_in_short_numbers(run):
+    result = run("simulate", "--wall", "coupled", "--stiffness", 1e6, "--damping", 1e4, "--speed", 1)
+
+    assert result.code == 0
+    assert re.search(r"peak force \[N\] +\d\.\d+e\+\d+ +6\.000", result.out)
+    assert max(map(len, result.out.splitlines())) < 80
+
+
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from sealed_frames import frame
 
 from proximity.decaff.contact_location import is_sound, locate
-from proximity.decaff.controller import FingerController
+from proximity.decaff.controller import SERVO_LAG, FingerController
 from proximity.decaff.controller_states import DrumState, FrameMark, Observation, Trust
 from proximity.decaff.drum import GEAR4, Drum
 from proximity.decaff.finger_path import FingerPath
@@ -165,6 +165,17 @@ def test_place_of_contact_does_not_depend_on_latency():
     assert places == pytest.approx([PATH.place(0.5 + 0.5e-9 * 30 * MS)] * 3, abs=1e-9)
 
 
+@pytest.mark.parametrize("place", [0.2, WALL - 0.001, 0.5])
+def test_finger_that_is_free_is_not_pressed_whatever_is_said_of_its_way(place):
+    """A place behind a finger that is 20 mm from everything drew the drum onto it, as if it came late."""
+    bench = Bench()
+    bench.bend, nearest = WALL, PATH.place(WALL) + 0.020
+    for _ in range(100):
+        action = bench.run(1, place=place, signed_distance=0.021, lower=0.020)
+        assert action.state in (DrumState.RETRACTED, DrumState.APPROACH)
+        assert action.place >= nearest - 3e-6
+
+
 # ------------------------------------------------------------------------------------------------ transitions
 
 
@@ -222,6 +233,17 @@ def test_drum_leaves_a_finger_whose_object_has_gone():
     assert bench.action.place == pytest.approx(PATH.place(WALL + 0.02))
 
 
+@pytest.mark.parametrize("surface", [Surface.RIGID, Surface.DEFORMABLE])
+def test_drum_leaves_a_finger_that_leans_on_it_when_its_object_has_gone(surface):
+    """It was touched again at once: before a soft part a force of nothing was served, and the drum stayed."""
+    soft = {"surface": surface, "stiffness": 200.0, "damping": 0.0}
+    bench = touching(**soft)
+    for _ in range(20):
+        action = bench.step(contact(bench.now, bench.bend, WALL + 0.05, **soft))  # a centimetre away
+        assert (action.state, action.mode) == (DrumState.APPROACH, DriveMode.POSITION)
+        assert action.place == pytest.approx(PATH.place(WALL + 0.05))
+
+
 def test_rigid_part_of_a_scene_is_never_served_as_a_force():
     bench = touching(handover=ANY_SPEED)
 
@@ -246,12 +268,40 @@ def test_teleoperation_serves_the_force_once_it_is_steady():
     assert bench.run(2, **slave).state is DrumState.CONTACT_POSITION
 
 
+def test_teleoperation_goes_back_to_position_when_the_force_is_not_measured_any_more():
+    """Whether the finger is still there could not be told: the drum would press until it met something."""
+    slave = {"source": Source.TELEOPERATION, "force": 0.6, "force_is_valid": 1}
+    bench = touching(handover=ANY_SPEED, **slave)
+    bench.run(200, **slave)
+    bench.force = math.nan
+
+    assert bench.run(19, **slave).state is DrumState.CONTACT_FORCE
+    assert {bench.run(2, **slave).state for _ in range(100)} == {DrumState.CONTACT_POSITION}
+    bench.force = 0.8
+    assert bench.run(200, **slave).state is DrumState.CONTACT_FORCE
+
+
 def test_teleoperation_goes_back_to_position_when_the_slave_is_off_its_object():
     slave = {"source": Source.TELEOPERATION, "force": 0.6, "force_is_valid": 1}
     bench = touching(handover=ANY_SPEED, **slave)
     bench.run(200, **slave)
 
     assert bench.run(1, **slave, signed_distance=0.6e-3).state is DrumState.CONTACT_POSITION
+    states = {bench.run(1, **slave, signed_distance=0.6e-3).state for _ in range(100)}
+    assert states == {DrumState.CONTACT_POSITION}  # it went to and fro, a sample each: the force is steady
+    assert bench.run(1, **slave).state is DrumState.CONTACT_FORCE
+
+
+def test_drum_before_a_soft_surface_goes_back_where_it_has_come_too_near():
+    """Touched on its way, it served a force of nothing: by what its motor had done it went on, 12 mm far."""
+    soft = {"surface": Surface.DEFORMABLE, "stiffness": 200.0, "damping": 0.0}
+    for beyond, mode in ((0.2e-3, DriveMode.FORCE), (0.4e-3, DriveMode.POSITION)):
+        bench = touching(**soft)
+        bench.drum = PATH.place(WALL) - beyond
+        bench.bend = PATH.bend(bench.drum)
+        action = bench.step(contact(bench.now, bench.bend, **soft))
+        assert action.mode is mode
+        assert action.place == pytest.approx(PATH.place(WALL))
 
 
 def test_deformable_surface_is_served_by_its_law_from_the_touch_on():
@@ -709,7 +759,12 @@ def test_finger_that_is_inside_does_not_carry_the_surface_along():
 
 FAULTS = {
     "the potentiometer does not tell the bend": {"bend": math.nan},
+    "the potentiometer tells a bend of 2.85, expected -0.1 to 1.1": {"bend": 2.85},  # its wire is off
+    "the potentiometer tells a bend of -0.72, expected -0.1 to 1.1": {"bend": -0.72},
     "the encoder does not tell the drum's angle": {"drum_angle": math.inf},
+    "the encoder tells a drum angle of 60 rad, but the finger's way goes from 0.0921 to 1.81 rad": {
+        "drum_angle": 60.0  # degrees
+    },
     "the motor reports a fault": {"has_fault": True},
 }
 
@@ -800,9 +855,11 @@ def test_drum_and_finger_come_together_no_faster_than_that():
     far = list(caps)[60]  # the speed is low-passed
     assert bench.action.speed_cap <= 0.091 - speed + 2e-3
     assert bench.action.force_cap == LIMITS.peak_force
-    # With half of what it has, the drum brakes before the finger, which goes on meanwhile, is near.
-    braked = GEAR4.acceleration * (far - 2e-3)
-    assert (caps[far] + speed) ** 2 == pytest.approx(LIMITS.near_speed(GEAR4.mass) ** 2 + braked, rel=0.1)
+    # With half of what it has, the drum brakes before the finger, which goes on meanwhile, is near; it begins
+    # when the next cap has come and the servo has followed it.
+    closing, near = caps[far] + speed, LIMITS.near_speed(GEAR4.mass)
+    unbraked = closing * (1.0 / RATE + SERVO_LAG)
+    assert unbraked + (closing**2 - near**2) / GEAR4.acceleration == pytest.approx(far - 2e-3, rel=0.1)
 
 
 def test_force_has_a_peak_and_what_lasts():

@@ -251,6 +251,18 @@ def test_missing_matplotlib_is_told_with_what_to_install(tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
+def test_matplotlib_that_refuses_its_settings_is_told_in_a_sentence(tmp_path, monkeypatch):
+    """As it does where MPLBACKEND names a backend that there is no more: though nothing is shown."""
+
+    def unfit(name):
+        raise ValueError("Key backend: 'qt4agg' is not a valid value")
+
+    monkeypatch.setattr(plotting, "import_module", unfit)
+    with pytest.raises(DecaffError, match=r"matplotlib, which cannot be used \(Key backend: 'qt4agg' is"):
+        figures.write_figure("5a", tmp_path / "folder")
+    assert not list(tmp_path.iterdir())
+
+
 # ------------------------------------------------------------------------------------------- one press
 
 
@@ -303,6 +315,11 @@ def test_document_of_a_press_has_what_concerns_its_wall():
         ({"drum": "gear5"}, "drum is 'gear5', expected one of direct, gear4, gear10"),
         ({"policy": "TS"}, "policy is 'TS', expected one of naive, latched, feed-forward, time-stamped"),
         ({"wall": "soft"}, "wall is 'soft', expected one of real, coupled, decaff"),
+        ({"stiffness": 2e6, "damping": 1.0}, r"stiffness is 2e\+06, expected 0 to 1e\+06 newtons a metre"),
+        (
+            {"stiffness": 1.0, "damping": 1e5},
+            r"damping is 100000, expected 0 to 10000 newton seconds a metre",
+        ),
         ({"stiffness": 100.0}, "tuned together: expected both of them, or none"),
     ],
 )

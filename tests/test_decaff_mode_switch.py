@@ -150,6 +150,7 @@ def test_contact_that_is_lost_goes_back_to_position():
     assert take(0.8, 5) == DriveMode.FORCE
     slave = Slave(0.8, distance=0.6e-3)
     assert take(0.8, 1) == DriveMode.POSITION
+    assert take(0.8, 300) == DriveMode.POSITION and set(modes[-300:]) == {DriveMode.POSITION}
 
 
 # ------------------------------------------------------------------------------------------ steady force

@@ -56,6 +56,10 @@ class Command(TyperCommand):
             raise
         except KeyboardInterrupt as interrupt:
             raise typer.Exit(EXIT_INTERRUPTED) from interrupt
+        except ImportError as broken:
+            if not _is_interrupt(broken):
+                raise
+            raise typer.Exit(EXIT_INTERRUPTED) from broken
 
     def make_context(self, *args: Any, **options: Any) -> Any:
         """Read the arguments, and print the help where that is asked for."""
@@ -97,6 +101,13 @@ def _told_where_output_fails() -> Iterator[None]:
             raise
         _discard_output()
         _complain(f"the output cannot be written ({failure.strerror})", failure)
+
+
+def _is_interrupt(error: BaseException | None) -> bool:
+    """Whether Ctrl-C is behind an error: compiled modules turn it into one of theirs as they are imported."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
 
 
 def _shielded(arg: str) -> str:

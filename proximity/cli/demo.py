@@ -54,7 +54,9 @@ def command(
 ) -> None:
     """Run the demo."""
     if not 0.0 < seconds <= LONGEST_S:
-        raise typer.BadParameter(f"{seconds:g} seconds: expected 0 to {LONGEST_S:g}", param_hint="--seconds")
+        raise typer.BadParameter(
+            f"{seconds:g} seconds: expected more than 0, up to {LONGEST_S:g}", param_hint="--seconds"
+        )
     # NumPy, Rich and the library: only now, so that --help and mistakes above answer at once.
     from proximity.cli import waiting
     from proximity.cli.console import Console

@@ -66,6 +66,8 @@ def command(
         raise typer.BadParameter(
             f"{rate:g} Hz: expected {LEAST_RATE_HZ:g} to {MOST_RATE_HZ:g}", param_hint="--rate"
         )
+    if max_age is not None and not calibration:
+        raise typer.BadParameter("only a --calibration has an age", param_hint="--max-age")
     # NumPy, Rich and the library: only now, so that --help and mistakes above answer at once.
     from proximity.cli.console import Console
     from proximity.cli.drum_log import DrumLog

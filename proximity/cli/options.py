@@ -50,4 +50,6 @@ def check_limit(limit: float | None) -> None:
         None: until told to stop.
     """
     if limit is not None and not 0.0 < limit <= LONGEST_S:
-        raise typer.BadParameter(f"{limit:g} seconds: expected 0 to {LONGEST_S:g}", param_hint="--limit")
+        raise typer.BadParameter(
+            f"{limit:g} seconds: expected more than 0, up to {LONGEST_S:g}", param_hint="--limit"
+        )

@@ -50,6 +50,7 @@ ROWS = (  # label, field, factor from SI units, digits
     ("farthest past the wall \\[mm]", "penetration", 1e3, 3),
     ("work of the finger \\[mJ]", "work", 1e3, 3),
 )
+SHOWN_LONG = 1e7  # less is shown with all its digits
 SUFFIXES = (".png", ".svg", ".pdf", ".csv")
 
 
@@ -204,8 +205,13 @@ def _print(press: "Simulation") -> None:
         table.add_column(title, justify="right")
     this, real = press.felt, simulation.felt(press.real)
     for label, field, factor, digits in ROWS:
-        table.add_row(label, *(f"{factor * getattr(one, field):.{digits}f}" for one in (this, real)))
-    table.add_row("force error \\[% rms]", f"{100.0 * press.force_error:.1f}", "0.0")
+        table.add_row(label, *(_shown(factor * getattr(one, field), digits) for one in (this, real)))
+    table.add_row("force error \\[% rms]", _shown(100.0 * press.force_error, 1), "0.0")
     if press.setup.wall == simulation.Wall.DECAFF:
         table.add_row("drum past the wall at contact \\[mm]", f"{1e3 * press.drum_offset:.3f}", MISSING)
     console.print(table)
+
+
+def _shown(value: float, digits: int) -> str:
+    """A number with digits after its point; one that a wall out of control makes, in short."""
+    return f"{value:.{digits}f}" if abs(value) < SHOWN_LONG else f"{value:.3g}"

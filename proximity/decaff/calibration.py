@@ -57,7 +57,7 @@ class Calibration:
 
     def __post_init__(self) -> None:
         if not isinstance(self.made, datetime) or self.made.tzinfo is None:
-            raise DecaffError(f"the date is {self.made!r}, expected one with its time zone")
+            raise DecaffError(f"the date is {self.made}, expected one with its time zone")
         for name in ("counts", "bends"):
             object.__setattr__(self, name, _column(name, getattr(self, name)))
         if not (self.bends[0] == 0.0 and self.bends[-1] == 1.0):
@@ -204,7 +204,9 @@ def _read_document(path: Path) -> dict[str, Any]:
     if len(data) > LARGEST_FILE:
         raise DecaffError(f"has more than {LARGEST_FILE} bytes, expected a calibration of a glove")
     try:
-        document = json.loads(data.decode("utf-8"))
+        document = json.loads(data.decode("utf-8"), object_pairs_hook=_once_each)
+    except DecaffError:
+        raise
     except (ValueError, RecursionError) as unfit:
         raise DecaffError(f"is no JSON ({unfit})") from unfit
     if not isinstance(document, dict) or document.get("format") != FORMAT:
@@ -213,6 +215,15 @@ def _read_document(path: Path) -> dict[str, Any]:
         raise DecaffError(
             f"has version {document.get('version')!r}, expected {VERSION}: calibrate with this version anew"
         )
+    return document
+
+
+def _once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """The fields of an object: of one that stands there twice it is not known which is meant."""
+    document = dict(pairs)
+    if len(document) < len(pairs):
+        twice = next(name for i, (name, _) in enumerate(pairs) if name in dict(pairs[:i]))
+        raise DecaffError(f"has {twice!r} twice, expected each field once")
     return document
 
 

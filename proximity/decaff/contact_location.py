@@ -17,6 +17,7 @@ MOST_RATE = 100.0  # 1/s: no finger bends faster; assumed
 MOST_LENGTH = 100.0  # m: no distance that is measured is greater; assumed
 UNIT_ERROR = 1e-3  # by which a normal's length may differ from 1 (PAPER 10)
 LEAST_CLOSING = 1e-3  # m/s: slower, the finger is not closing; assumed
+TABLE_ERROR = 1e-5  # of a bend, that goes to a place and back; two micrometres
 LEAST_WAY = 3e-3  # m, to the contact: nearer, the place's own error would show in the incidence; assumed
 SILENT = frozenset((State.STARTING, State.STALE, State.STOPPING))
 ACTED_UPON = frozenset((State.OK, State.DEGRADED))
@@ -120,7 +121,7 @@ def locate(contact: Any, path: FingerPath) -> Location | None:
     """Return where the finger touches, by the rule of PAPER 8; None: nowhere before the fist.
 
     Of a path that was followed to the fist and is free, bend and velocity are not asked: the rule guesses by
-    them where no path is known.
+    them where no path is known. No place is nearer to the finger than its distance is, for certain.
 
     Parameters
     ----------
@@ -139,6 +140,11 @@ def locate(contact: Any, path: FingerPath) -> Location | None:
     else:
         # Of a path that was not followed to a contact the place is no nearer than its end, for certain.
         place = max(_extrapolated(contact, bend, distance), -math.inf if math.isnan(place) else place)
+    clearance = min(float(contact["lower"]), distance)
+    if math.isfinite(bend) and clearance > 0.0:
+        # Whatever is said of its way, a finger that is free goes so far, for certain, before it touches.
+        nearest = path.bend(path.place(bend) + clearance)
+        place = nearest if place < nearest - TABLE_ERROR else place
     if not place <= 1.0:
         return None
     way = path.place(place) - path.place(bend) if math.isfinite(bend) else math.nan

@@ -10,7 +10,7 @@ only while a sound and fresh frame is known.
 import math
 
 from proximity.decaff.arguments import positive
-from proximity.decaff.contact_location import Told
+from proximity.decaff.contact_location import LEAST_BEND, MOST_BEND, Told
 from proximity.decaff.controller_states import IN_CONTACT, DrumAction, DrumState, Observation, Trust
 from proximity.decaff.doubt import Doubt
 from proximity.decaff.drum import GEAR4, Drum
@@ -23,7 +23,9 @@ from proximity.decaff.surface_law import SurfaceLaw
 from proximity.message import Source, Surface
 
 DRUM_DAMPING = 2.0  # N s/m, while a force is served; assumed, as the servo's
-BRAKING_SHARE = 0.5  # of what the drum can brake with, counted on near the finger: its servo lags; assumed
+BRAKING_SHARE = 0.5  # of what the drum can brake with, counted on near the finger; assumed
+SERVO_LAG = 2e-3  # s, by which the drum's speed follows a new cap late: six samples of its servo; assumed
+STRAY_ANGLE = math.pi  # rad, beyond the finger's way: a drum is not parked farther off; assumed
 SPEED_CUTOFF = 50.0  # Hz, of the finger's speed by the potentiometer; assumed
 
 
@@ -128,8 +130,18 @@ class FingerController:
             return f"the servo was {1e-6 * late_ns:.1f} ms from its last sample"
         if not math.isfinite(seen.bend):
             return "the potentiometer does not tell the bend"
+        if not LEAST_BEND <= seen.bend <= MOST_BEND:
+            return (
+                f"the potentiometer tells a bend of {seen.bend:g}, expected {LEAST_BEND:g} to {MOST_BEND:g}"
+            )
         if not math.isfinite(seen.drum_angle):
             return "the encoder does not tell the drum's angle"
+        least, most = self._path.drum_angles
+        if not least - STRAY_ANGLE <= seen.drum_angle <= most + STRAY_ANGLE:
+            return (
+                f"the encoder tells a drum angle of {seen.drum_angle:g} rad, but the finger's way goes from "
+                f"{least:.3g} to {most:.3g} rad"
+            )
         return "the motor reports a fault" if seen.has_fault else ""
 
     def _follow_finger(self, seen: Observation, elapsed: float) -> None:
@@ -147,7 +159,7 @@ class FingerController:
         if place < self._path.retracted:
             self.state = DrumState.APPROACH
             self._target = self._allowed(place)
-            if self._touches(seen, drum):
+            if self._touches(seen, drum) and not self._is_clear(seen):
                 return self._contact(seen, drum, cap, elapsed)
         else:
             self.state = DrumState.RETRACTED
@@ -191,7 +203,7 @@ class FingerController:
             self.state = DrumState.RETRACTED
             return self._free_action(self._path.retracted, drum, cap)
         self._mark_late(drum, may_begin=self.state not in IN_CONTACT)
-        force = self._force_wanted(seen, elapsed)
+        force = self._force_wanted(seen, drum, elapsed)
         if self.trust is Trust.FRESH:
             self.state = DrumState.CONTACT_POSITION if math.isnan(force) else DrumState.CONTACT_FORCE
         else:
@@ -206,13 +218,17 @@ class FingerController:
         self._force = min(force, self._limits.continuous_force, share * cap)
         return self._action(DriveMode.FORCE, math.inf, share * cap)
 
-    def _force_wanted(self, seen: Observation, elapsed: float) -> float:
+    def _force_wanted(self, seen: Observation, drum: float, elapsed: float) -> float:
         """The force to serve, N; nan: the place is held."""
         told = self.frames.told
         is_steady = self._steady.take(seen.force if math.isfinite(seen.force) else 0.0, self._speed)
         if told is None or (self.trust is not Trust.FRESH and self._force == math.inf):
             return math.nan  # on doubt no force begins
         if self._follows_law:
+            if drum < self._target - self._limits.late_gap:
+                return (
+                    math.nan
+                )  # it came too near: what a surface that is not reached serves does not hold it
             self._serves_force = True
             return self.law.force(
                 told.stiffness, told.damping, self._finger - self._target,
@@ -232,12 +248,12 @@ class FingerController:
     def _slave_force(self, told: Told, seen: Observation, elapsed: float, *, is_steady: bool) -> float:
         """What the far end measures, from when the first contact is steady until it is lost."""
         is_told = math.isfinite(told.force)
+        is_off = told.distance > self._handover.lost_distance
         if self._serves_force:
-            is_weak = seen.force < self._handover.lost_force
+            is_weak = not seen.force >= self._handover.lost_force  # nor is one felt that nobody measures
             self._weak_for = self._weak_for + elapsed if is_weak else 0.0
-            is_off = told.distance > self._handover.lost_distance
             self._serves_force = not (is_off or self._weak_for >= self._handover.lost_time)
-        elif is_steady and is_told and self.trust is Trust.FRESH and math.isfinite(seen.force):
+        elif is_steady and is_told and not is_off and self.trust is Trust.FRESH and math.isfinite(seen.force):
             self._serves_force, self._weak_for = True, 0.0
         if not self._serves_force:
             return math.nan
@@ -245,8 +261,10 @@ class FingerController:
 
     def _is_released(self, seen: Observation, drum: float) -> bool:
         """Whether finger and drum are apart, or, for certain, finger and object."""
-        if drum - self._finger > self._limits.release_gap:
-            return True
+        return drum - self._finger > self._limits.release_gap or self._is_clear(seen)
+
+    def _is_clear(self, seen: Observation) -> bool:
+        """Whether finger and object are apart for certain: a drum that is touched then is in the way."""
         told = self.frames.told
         if told is None or self.trust is not Trust.FRESH or seen.contact is None:
             return False
@@ -288,9 +306,13 @@ class FingerController:
         """How fast the drum may come towards the finger: near it, with little energy; farther, so that it
         can brake until there."""
         coming = max(0.0, self._speed)  # while the drum brakes, the finger goes on
-        near = max(0.0, self._near_speed - self._speed)
+        slowest = coming + max(0.0, self._near_speed - self._speed)
         way = max(0.0, gap - self._limits.near_gap)
-        return math.sqrt((coming + near) ** 2 + 2.0 * self._braking * way) - coming
+        # The next cap is a sample away, and the servo follows it late: so long nothing brakes.
+        unbraked = self._braking * (1.0 / self._rate + SERVO_LAG)
+        return (
+            max(slowest, math.sqrt(slowest**2 + unbraked**2 + 2.0 * self._braking * way) - unbraked) - coming
+        )
 
     def _action(self, mode: DriveMode, speed: float, cap: float) -> DrumAction:
         is_force = mode is DriveMode.FORCE

@@ -77,8 +77,8 @@ class Observation:
     """
 
     now_ns: int  # of the sample, on the clock of the frames
-    bend: float  # of the finger, by the potentiometer; nan: a fault
-    drum_angle: float  # rad, by the encoder; nan: a fault
+    bend: float  # of the finger, by the potentiometer; nan, or what no finger has: a fault
+    drum_angle: float  # rad, by the encoder; nan, or far off the finger's way: a fault
     state: State = State.STALE  # of the newest reading
     contact: Any = None  # CONTACT, this finger's record of it; None: no frame yet
     force: float = math.nan  # N, between finger and drum; nan: not measured

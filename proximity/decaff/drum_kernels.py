@@ -123,8 +123,11 @@ def enter_mode(drive: np.ndarray, command: np.ndarray, told: float) -> None:
 def demand_position(servo: np.ndarray, drive: np.ndarray, told: float, speed: float, limit: float) -> float:
     """Stiffness, damping and integral against the shaped reference.
 
-    The integral waits while the force is at its limit.
+    The integral waits while the force is at its limit. And the reference waits for a drum that is kept away
+    by more than the limit: once that is gone, the drum comes from where it is, no faster than it may.
     """
+    lead = limit / servo[STIFFNESS]
+    drive[REFERENCE] = max(told - lead, min(told + lead, drive[REFERENCE]))
     error = drive[REFERENCE] - told
     demand = servo[STIFFNESS] * error + servo[DAMPING] * (drive[REFERENCE_SPEED] - speed) + drive[INTEGRATED]
     if abs(demand) <= limit:

@@ -33,6 +33,8 @@ class FingerPath:
 
     retracted: float
     """m: the drum's place farthest from the finger, beyond the fist where it gets there."""
+    drum_angles: tuple[float, float]
+    """rad: the drum's angle at the flat hand, or a little beyond it, and where it is retracted."""
 
     def __init__(self, glove: Glove | CalibratedGlove) -> None:
         angles = np.asarray(glove.drum_angle(BENDS), np.float64)
@@ -49,6 +51,7 @@ class FingerPath:
         self._bends, self._angles = bends.tolist(), angles[first : last + 1].tolist()
         self._places = np.asarray(glove.finger.path_length(0.0, bends), np.float64).tolist()
         self.retracted = self._places[-1]
+        self.drum_angles = self._angles[0], self._angles[-1]
 
     def place(self, bend: float) -> float:
         """Return how far the fingertip has come at a bend, m; at the ends of the table it stays.

@@ -156,7 +156,7 @@ class ForceAfterContact:
         slave = self._slave(sight.now)
         is_steady = self._steady.take(sight.force, sight.finger_speed)
         if math.isnan(self.switched_at):
-            if is_steady:
+            if is_steady and not slave.distance > self._handover.lost_distance:
                 self.switched_at, self._lost_for = sight.now, 0.0
         elif self._is_lost(sight.force, slave.distance):
             self.switched_at = math.nan

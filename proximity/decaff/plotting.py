@@ -83,7 +83,7 @@ def load_figure() -> "type[Figure]":
     Raises
     ------
     DecaffError
-        If matplotlib is not there; it says what to install.
+        If matplotlib is not there; it says what to install. Or if it refuses its own settings.
     """
     try:
         figure: type[Figure] = import_module("matplotlib.figure").Figure
@@ -91,6 +91,8 @@ def load_figure() -> "type[Figure]":
         raise DecaffError(
             f'figures need {missing.name}, which is not installed: pip install "proximity[sim]"'
         ) from missing
+    except ValueError as unfit:  # of MPLBACKEND, though nothing is shown
+        raise DecaffError(f"figures need matplotlib, which cannot be used ({unfit})") from unfit
     return figure
 
 

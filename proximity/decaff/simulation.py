@@ -19,6 +19,7 @@ from proximity.errors import DecaffError
 SPEEDS_ALLOWED = (0.01, 10.0)  # m/s; slower presses are long, and need much memory
 RATES_ALLOWED = (5.0, 50_000.0)  # Hz
 LONGEST_LATENCY = 1.0  # s
+STIFFEST, MOST_DAMPED = 1e6, 1e4  # N/m and N s/m, of a coupled wall; beyond, what is unstable overflows
 POLICIES = {
     "naive": Target.NAIVE,
     "latched": Target.LATCHED,
@@ -59,6 +60,9 @@ class Setup:
         _one_of("policy", self.policy, tuple(POLICIES))
         if (self.stiffness is None) != (self.damping is None):
             raise DecaffError("stiffness and damping are tuned together: expected both of them, or none")
+        if self.stiffness is not None and self.damping is not None:
+            _within("stiffness", self.stiffness, (0.0, STIFFEST), "newtons a metre")
+            _within("damping", self.damping, (0.0, MOST_DAMPED), "newton seconds a metre")
 
 
 @dataclass(frozen=True, slots=True)
