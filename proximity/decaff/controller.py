@@ -226,9 +226,8 @@ class FingerController:
             return math.nan  # on doubt no force begins
         if self._follows_law:
             if drum < self._target - self._limits.late_gap:
-                return (
-                    math.nan
-                )  # it came too near: what a surface that is not reached serves does not hold it
+                # It came too near: what a surface serves that is not reached would not hold it.
+                return math.nan
             self._serves_force = True
             return self.law.force(
                 told.stiffness, told.damping, self._finger - self._target,
