@@ -13,6 +13,7 @@ from proximity.replay import fitted_pose, judging, replay, running, summarise, t
 from proximity.replay.summary import tick_times
 from proximity.scene import Scene
 from proximity.solid import Solid
+from proximity.tracker import Tracker
 
 RADIUS = 0.005
 FINGERS = ((0, 1), (0, 2))
@@ -103,6 +104,17 @@ def test_answers_add_up(scene):
     assert (summary.tick_count, summary.finger_tick_count) == (43, 86)
     assert summary.tracked_count == 81
     assert (summary.exact_count, summary.bounded_count, summary.skipped_count) == (38, 0, 43)
+
+
+def test_hand_that_stays_far_off_has_no_nearest_approach(scene):
+    """Its first tick is searched for, out of the range or not; the later ones, nearer, are not."""
+    recording = recording_above_the_box(np.linspace(1.0, 0.3, 20))
+
+    run = replay(lambda: Tracker(scene, fingers=2, radius=RADIUS, working_range=0.05), recording, latency=0.0)
+
+    exact = (run.contacts["flags"] & np.uint32(ContactFlag.EXACT)) != 0
+    assert exact[0].all() and not exact[-1].any()
+    assert summarise(scene, run, RADIUS).nearest is None
 
 
 def test_nearest_approach_and_touches_are_told(scene):
