@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 from fake_tracker import FakeTracker
 
-from proximity.errors import PoseError, RecordingError
+from proximity.errors import PoseError, RecordingError, SceneError
 from proximity.message import ContactFlag
 from proximity.pose import Pose
 from proximity.recording import Recording
 from proximity.replay import fitted_pose, judging, replay, running, summarise, turn_about_axes
 from proximity.replay.summary import tick_times
-from proximity.scene import Scene
+from proximity.scene import Part, Scene
 from proximity.solid import Solid
 from proximity.tracker import Tracker
 
@@ -194,6 +194,16 @@ def test_finger_that_was_not_there_but_is_said_to_be_tracked_breaks_its_bounds(s
     assert judging.judge_bounds(scene, run, RADIUS).broken_count == 1
 
 
+def test_bounds_hold_where_no_part_is_shown(scene):
+    hidden = Scene([Part("box", scene.parts[0].solid, Pose(), np.arange(12), is_hidden=True)])
+    recording = recording_above_the_box([0.02, 0.01, np.nan])
+
+    run = replay(lambda: Tracker(hidden, fingers=2, radius=RADIUS), recording)
+
+    assert np.isposinf(run.contacts["lower"][0]).all()
+    assert judging.judge_bounds(hidden, run, RADIUS) == judging.BoundsKept(5, 0, 0.0, "")
+
+
 def test_sample_is_bounded_and_takes_every_finger(scene, monkeypatch):
     monkeypatch.setattr(judging, "CHECKED_COUNT", 43)
     run, _ = run_over(scene, recording_above_the_box(DOWN_AND_UP))
@@ -288,6 +298,13 @@ def test_hand_around_a_small_part_is_brought_to_it():
 
     distances = small.signed_distance(recording.placed(pose).positions)
     assert distances.min() == pytest.approx(0.5 * RADIUS, rel=1e-9)
+
+
+def test_hand_is_not_fitted_to_parts_that_are_hidden(scene):
+    hidden = Scene([Part("box", scene.parts[0].solid, Pose(), np.arange(12), is_hidden=True)])
+
+    with pytest.raises(SceneError, match="all parts are hidden, expected one that a recording can be fitted"):
+        fitted_pose(hidden, scattered(50, 0.1), RADIUS)
 
 
 def test_fitted_hand_keeps_its_attitude(scene):

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from proximity.errors import PoseError
+from proximity.errors import PoseError, SceneError
 from proximity.pose import Pose
 from proximity.recording import Recording
 from proximity.scene import Scene
@@ -53,7 +53,14 @@ def fitted_pose(
     -------
     Pose
         For ``recording.placed(pose, scale)``.
+
+    Raises
+    ------
+    SceneError
+        If all parts are hidden: there is nothing to come near.
     """
+    if all(part.is_hidden for part in scene.parts):
+        raise SceneError("all parts are hidden, expected one that a recording can be fitted to")
     lower, upper = scene.bounds
     pose = recording.fitted_to(lower, upper, rotation=rotation, scale=scale)
     placed = recording.placed(pose, scale)
