@@ -300,6 +300,16 @@ def test_hand_around_a_small_part_is_brought_to_it():
     assert distances.min() == pytest.approx(0.5 * RADIUS, rel=1e-9)
 
 
+def test_hand_that_rests_on_a_part_is_pressed_in(scene):
+    """Of a finger that holds still all samples touch, or none: raised until a tenth does, none would."""
+    resting = Recording(np.arange(50) * 10_000_000, np.zeros((50, 1, 3)), ((0, 0),))
+
+    pose = fitted_pose(scene, resting, RADIUS)
+
+    distances = scene.signed_distance(resting.placed(pose).positions)
+    np.testing.assert_allclose(distances, 0.5 * RADIUS, rtol=1e-9)
+
+
 def test_hand_is_not_fitted_to_parts_that_are_hidden(scene):
     hidden = Scene([Part("box", scene.parts[0].solid, Pose(), np.arange(12), is_hidden=True)])
 
