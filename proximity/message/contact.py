@@ -35,7 +35,8 @@ class ContactFlag(IntFlag):
     PART_CHANGED = contact.PART_CHANGED
     """The nearest part is another than at the tick before: the closest point may have jumped."""
     JUMPED = contact.JUMPED
-    """The pose is farther from the one before than a hand can move: the velocity starts anew."""
+    """The pose is farther from the one before than a hand can move: the velocity starts anew, or, back from a
+    jump of a pose or two, goes on."""
     ON_PATH = contact.ON_PATH
     """The place of contact is along the path that was given. So is the time, where the finger
     goes that way: where ``bend_rate`` is positive."""
