@@ -61,7 +61,7 @@ class Mode(IntEnum):
     """What the controller is advised to do with the drum (PAPER 8); on doubt it does less."""
 
     RETRACT = contact.MODE_RETRACT
-    """Nothing will be touched within the horizon."""
+    """Nothing is expected to be touched within the horizon."""
     POSITION = contact.MODE_POSITION
     """A rigid surface is near or touched: the drum stands where the contact is."""
     FORCE = contact.MODE_FORCE
@@ -89,7 +89,12 @@ CONTACT_FIELDS = (
     Field("predicted_distance", "<f8", "m", "expected then"),
     Field("predicted_lower", "<f8", "m", "if the finger accelerates by no more than was said"),
     Field("predicted_upper", "<f8", "m", "likewise"),
-    Field("time_to_contact", "<f8", "s", "from pose_ns; 0 in contact, inf if none within the horizon"),
+    Field(
+        "time_to_contact",
+        "<f8",
+        "s",
+        "from pose_ns; 0 in contact, inf if none is expected within the horizon",
+    ),
     Field(
         "time_to_contact_lower",
         "<f8",
