@@ -105,12 +105,11 @@ class Tracker:
             raise QueryError(f"a tracker looks at a Scene, not at a {type(scene).__name__}")
         count = _whole("fingers", fingers)
         self._scene = scene
-        self.period = _positive("period", period, "seconds")
-        self.latency = _not_negative("latency", latency, "seconds", most=LONGEST_LATENCY)
+        self._period = _positive("period", period, "seconds")
         self.contacts = np.zeros(count, CONTACT)
         settings = np.zeros(track.SETTINGS_SIZE)
         settings[track.WORKING_RANGE] = _not_negative("working_range", working_range, "metres")
-        settings[track.LATENCY] = self.latency
+        settings[track.LATENCY] = _not_negative("latency", latency, "seconds", most=LONGEST_LATENCY)
         settings[track.TOLERANCE] = _not_negative("tolerance", tolerance, "shares")
         settings[track.HORIZON] = _positive("horizon", horizon, "seconds")
         settings[track.MAX_SPEED] = _positive("max_speed", max_speed, "metres a second")
@@ -156,6 +155,16 @@ class Tracker:
     def scene(self) -> Scene:
         """The scene that it looks at; for another, make another tracker."""
         return self._scene
+
+    @property
+    def period(self) -> float:
+        """Between ticks, s, as the tracker was told."""
+        return self._period
+
+    @property
+    def latency(self) -> float:
+        """From a tick until the instant that predictions are for, s; for another, make another tracker."""
+        return float(self._settings[track.LATENCY])
 
     def __reduce__(self) -> tuple[Any, ...]:
         raise QueryError("a tracker cannot be copied, since it lives by its ticks: make another of its scene")

@@ -304,6 +304,19 @@ def test_hand_out_of_reach_is_told(run, tmp_path):
     assert "contact times" not in lines
 
 
+def test_nearest_approach_to_a_part_that_was_not_found_is_told_as_a_bound(run):
+    """With a budget of one no face is met; that is not to be 45 mm away from no part."""
+
+    def spoil(contacts, tick):
+        contacts["part"] = -1
+
+    run.spoil = spoil
+
+    lines = lines_of(run(BRACKET, HAND, *AS_RECORDED, "--budget", 1).out)
+
+    assert lines["nearest"] == ["little at 2.597 s: -2.867 mm at most from some part"]
+
+
 def test_terminal_gets_the_same_lines(run, monkeypatch):
     plain = run(BRACKET, HAND, *AS_RECORDED, *SHORT)
     monkeypatch.setattr(replay_report, "Console", lambda **options: Console(force_terminal=True, width=200))

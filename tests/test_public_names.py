@@ -22,6 +22,11 @@ def test_public_names_are_sorted():
     assert proximity.__all__ == sorted(proximity.__all__, key=as_ruff_sorts)
 
 
+def test_type_checkers_of_users_read_the_annotations():
+    """They pass over a package without this file (PEP 561): every name of it would be Any to them."""
+    assert (Path(proximity.__file__).parent / "py.typed").is_file()
+
+
 def test_public_names_are_those_agreed():
     """Adding or removing one is a decision about versions: change this list with it."""
     assert set(proximity.__all__) == {

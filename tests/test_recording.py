@@ -16,6 +16,7 @@ from proximity.recording import (
     read_recording,
     reading,
     records,
+    whole_file,
     write_contacts,
 )
 
@@ -78,6 +79,9 @@ def test_last_line_without_its_end_is_said_to_be_cut_perhaps(read, cut):
         PLAIN.replace("\n", "\r"),
         PLAIN.removesuffix("\n"),
         "# from a sensor\n\n" + PLAIN.replace("\n", "\n\n# more\n   \n"),
+        PLAIN.replace("\n", '\n# with a "new", glove\n  # 6, "left hand\n'),
+        PLAIN.replace(",", "\t").replace("\n", "\n\t# of\tthe right hand\n"),
+        PLAIN.replace("\n", f"\n#{'-' * 200_000}\n", 1),
         PLAIN.replace(",", ", "),
         PLAIN.replace(",", "\t"),
         PLAIN.replace(",", ";"),
@@ -91,6 +95,9 @@ def test_last_line_without_its_end_is_said_to_be_cut_perhaps(read, cut):
         "cr",
         "no end",
         "comments",
+        "quotes in comments",
+        "tabs before comments",
+        "long comment",
         "spaces",
         "tabs",
         "semicolons",
@@ -412,6 +419,41 @@ def test_log_is_there_wholly_or_not_at_all(tmp_path, contacts, monkeypatch):
         write_contacts(path, contacts, TIMES_NS)
 
     assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_two_who_write_one_file_at_once_each_write_a_whole_one(tmp_path):
+    """As threads do, or containers that share a folder: their processes may have one number."""
+    path = tmp_path / "log.npy"
+
+    with whole_file(path) as first:
+        first.write(b"one")
+        with whole_file(path) as second:
+            second.write(b"another")
+        assert path.read_bytes() == b"another"
+        first.write(b" and its end")
+
+    assert path.read_bytes() == b"one and its end"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_link_to_a_file_stays_one(tmp_path):
+    path, link = tmp_path / "log.npy", tmp_path / "latest.npy"
+    link.symlink_to(path)
+
+    with whole_file(link) as stream:
+        stream.write(b"contacts")
+
+    assert link.is_symlink()
+    assert path.read_bytes() == b"contacts"
+
+
+def test_file_is_written_under_the_longest_name_there_is(tmp_path):
+    path = tmp_path / ("n" * 251 + ".npy")
+
+    with whole_file(path) as stream:
+        stream.write(b"contacts")
+
     assert list(tmp_path.iterdir()) == [path]
 
 

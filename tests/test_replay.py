@@ -5,14 +5,15 @@ import numpy as np
 import pytest
 from fake_tracker import FakeTracker
 
-from proximity.errors import PoseError, RecordingError
+from proximity.errors import PoseError, RecordingError, SceneError
 from proximity.message import ContactFlag
 from proximity.pose import Pose
 from proximity.recording import Recording
 from proximity.replay import fitted_pose, judging, replay, running, summarise, turn_about_axes
 from proximity.replay.summary import tick_times
-from proximity.scene import Scene
+from proximity.scene import Part, Scene
 from proximity.solid import Solid
+from proximity.tracker import Tracker
 
 RADIUS = 0.005
 FINGERS = ((0, 1), (0, 2))
@@ -105,6 +106,17 @@ def test_answers_add_up(scene):
     assert (summary.exact_count, summary.bounded_count, summary.skipped_count) == (38, 0, 43)
 
 
+def test_hand_that_stays_far_off_has_no_nearest_approach(scene):
+    """Its first tick is searched for, out of the range or not; the later ones, nearer, are not."""
+    recording = recording_above_the_box(np.linspace(1.0, 0.3, 20))
+
+    run = replay(lambda: Tracker(scene, fingers=2, radius=RADIUS, working_range=0.05), recording, latency=0.0)
+
+    exact = (run.contacts["flags"] & np.uint32(ContactFlag.EXACT)) != 0
+    assert exact[0].all() and not exact[-1].any()
+    assert summarise(scene, run, RADIUS).nearest is None
+
+
 def test_nearest_approach_and_touches_are_told(scene):
     heights = [0.02, 0.01, 0.005, 0.003, 0.004, 0.006, 0.01, np.nan, 0.0045, 0.02]
 
@@ -180,6 +192,16 @@ def test_finger_that_was_not_there_but_is_said_to_be_tracked_breaks_its_bounds(s
     run, _ = run_over(scene, recording_above_the_box([0.01, np.nan, 0.01]), spoil=spoil)
 
     assert judging.judge_bounds(scene, run, RADIUS).broken_count == 1
+
+
+def test_bounds_hold_where_no_part_is_shown(scene):
+    hidden = Scene([Part("box", scene.parts[0].solid, Pose(), np.arange(12), is_hidden=True)])
+    recording = recording_above_the_box([0.02, 0.01, np.nan])
+
+    run = replay(lambda: Tracker(hidden, fingers=2, radius=RADIUS), recording)
+
+    assert np.isposinf(run.contacts["lower"][0]).all()
+    assert judging.judge_bounds(hidden, run, RADIUS) == judging.BoundsKept(5, 0, 0.0, "")
 
 
 def test_sample_is_bounded_and_takes_every_finger(scene, monkeypatch):
@@ -276,6 +298,23 @@ def test_hand_around_a_small_part_is_brought_to_it():
 
     distances = small.signed_distance(recording.placed(pose).positions)
     assert distances.min() == pytest.approx(0.5 * RADIUS, rel=1e-9)
+
+
+def test_hand_that_rests_on_a_part_is_pressed_in(scene):
+    """Of a finger that holds still all samples touch, or none: raised until a tenth does, none would."""
+    resting = Recording(np.arange(50) * 10_000_000, np.zeros((50, 1, 3)), ((0, 0),))
+
+    pose = fitted_pose(scene, resting, RADIUS)
+
+    distances = scene.signed_distance(resting.placed(pose).positions)
+    np.testing.assert_allclose(distances, 0.5 * RADIUS, rtol=1e-9)
+
+
+def test_hand_is_not_fitted_to_parts_that_are_hidden(scene):
+    hidden = Scene([Part("box", scene.parts[0].solid, Pose(), np.arange(12), is_hidden=True)])
+
+    with pytest.raises(SceneError, match="all parts are hidden, expected one that a recording can be fitted"):
+        fitted_pose(hidden, scattered(50, 0.1), RADIUS)
 
 
 def test_fitted_hand_keeps_its_attitude(scene):

@@ -229,6 +229,16 @@ def test_pose_too_far_from_the_last_is_a_jump_and_starts_the_velocity_anew():
     assert all(np.abs(each["velocity"]).max() < 1e-9 for each in found)
 
 
+def test_finger_back_from_a_pose_gone_astray_goes_on_with_its_velocity():
+    way = [(0.001 * k, 0, 0.05) for k in range(6)]
+    way[4] = (0.08, 0, 0.05)
+    astray, back = ticks(Tracker(Scene([plate()]), fingers=1), way)[4:]
+
+    assert flags_of(astray) & ContactFlag.JUMPED and not flags_of(astray) & ContactFlag.PREDICTED
+    assert flags_of(back) & ContactFlag.JUMPED and flags_of(back) & ContactFlag.PREDICTED
+    assert back["velocity"] == pytest.approx([1.0, 0, 0])
+
+
 def test_higher_speed_allowed_is_no_jump():
     tracker = Tracker(Scene([plate()]), fingers=1, max_speed=100.0)
     found = ticks(tracker, [(0, 0, 0.05), (0.02, 0, 0.05)])

@@ -80,6 +80,13 @@ def test_default_is_a_hand_at_1_khz():
     assert repr(tracker) == "Tracker(Scene(1 parts, 12 faces), 5 fingers)"
 
 
+@pytest.mark.parametrize("setting", ["period", "latency", "scene"])
+def test_setting_of_a_tracker_is_not_changed_to_no_effect(setting):
+    """A latency that was set afterwards was told back, and predictions were for the one before."""
+    with pytest.raises(AttributeError, match=f"property '{setting}' of 'Tracker' object has no setter"):
+        setattr(Tracker(Scene([plate()])), setting, 0.05)
+
+
 # --- arguments of a tick ------------------------------------------------------------------------------------
 
 REFUSED = {

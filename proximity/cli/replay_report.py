@@ -224,10 +224,10 @@ def _found(report: dict[str, Any], units: str) -> Lines:
     lost = ticks["finger_tick_count"] - tracked
     approach = "no finger came within the working range"
     if nearest is not None:
-        approach = (
-            f"{nearest['finger']} at {_since(begins, nearest['time_s'])} s: "
-            f"{_short(nearest['signed_distance'])} {units} from {nearest['part'] or 'no part'}"
-        )
+        length = f"{_short(nearest['signed_distance'])} {units}"
+        # Where the budget was spent before any face was met, the distance is a bound only.
+        place = f"{length} from {nearest['part']}" if nearest["part"] else f"{length} at most from some part"
+        approach = f"{nearest['finger']} at {_since(begins, nearest['time_s'])} s: {place}"
     touches = [
         (
             "touch",

@@ -35,7 +35,8 @@ class ContactFlag(IntFlag):
     PART_CHANGED = contact.PART_CHANGED
     """The nearest part is another than at the tick before: the closest point may have jumped."""
     JUMPED = contact.JUMPED
-    """The pose is farther from the one before than a hand can move: the velocity starts anew."""
+    """The pose is farther from the one before than a hand can move: the velocity starts anew, or, back from a
+    jump of a pose or two, goes on."""
     ON_PATH = contact.ON_PATH
     """The place of contact is along the path that was given. So is the time, where the finger
     goes that way: where ``bend_rate`` is positive."""
@@ -60,7 +61,7 @@ class Mode(IntEnum):
     """What the controller is advised to do with the drum (PAPER 8); on doubt it does less."""
 
     RETRACT = contact.MODE_RETRACT
-    """Nothing will be touched within the horizon."""
+    """Nothing is expected to be touched within the horizon."""
     POSITION = contact.MODE_POSITION
     """A rigid surface is near or touched: the drum stands where the contact is."""
     FORCE = contact.MODE_FORCE
@@ -88,7 +89,12 @@ CONTACT_FIELDS = (
     Field("predicted_distance", "<f8", "m", "expected then"),
     Field("predicted_lower", "<f8", "m", "if the finger accelerates by no more than was said"),
     Field("predicted_upper", "<f8", "m", "likewise"),
-    Field("time_to_contact", "<f8", "s", "from pose_ns; 0 in contact, inf if none within the horizon"),
+    Field(
+        "time_to_contact",
+        "<f8",
+        "s",
+        "from pose_ns; 0 in contact, inf if none is expected within the horizon",
+    ),
     Field(
         "time_to_contact_lower",
         "<f8",

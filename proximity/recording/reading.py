@@ -95,15 +95,21 @@ def _read_text(name: str) -> str:
         raise RecordingError(f"{name}: cannot be read ({failure.strerror or failure})") from failure
 
 
+def _without_comments(text: str) -> Iterator[str]:
+    """The lines, those of comments blank: a quote in a comment opens no field."""
+    for line in io.StringIO(text, newline=""):
+        yield "\n" if line.lstrip().startswith("#") else line
+
+
 class _Table:
     """The columns that are read, as numbers, and the line that each row stands on."""
 
     def __init__(self, text: str, name: str) -> None:
         self.name = name
-        heading = next((line for line in text.splitlines() if line.strip() and line.lstrip()[0] != "#"), "")
+        heading = next((line for line in _without_comments(text) if line.strip()), "")
         self.separator = max(SEPARATORS, key=heading.count)
         reader = csv.reader(
-            io.StringIO(text, newline=""), delimiter=self.separator, strict=True, skipinitialspace=True
+            _without_comments(text), delimiter=self.separator, strict=True, skipinitialspace=True
         )
         self.header: list[str] = []
         lines: list[np.ndarray] = [np.empty(0, dtype=np.int64)]
@@ -123,7 +129,7 @@ class _Table:
         self.columns = dict(zip(self.titles, np.concatenate(numbers, axis=1), strict=True))
 
     def _chunks(self, reader: Any) -> Iterator[tuple[list[list[str]], list[int]]]:
-        """Rows and their lines, without blank ones and comments: few at a time, for the collector's sake."""
+        """Rows and their lines, without blank ones: few at a time, for the collector's sake."""
         while True:
             before = reader.line_num
             try:
@@ -137,7 +143,7 @@ class _Table:
             lines = [
                 (row, line)
                 for line, row in enumerate(rows, start=before + 1)
-                if row and (len(row) > 1 or row[0].strip()) and not row[0].startswith("#")
+                if row and (len(row) > 1 or row[0].strip())
             ]
             yield [row for row, _ in lines], [line for _, line in lines]
 

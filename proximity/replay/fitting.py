@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from proximity.errors import PoseError
+from proximity.errors import PoseError, SceneError
 from proximity.pose import Pose
 from proximity.recording import Recording
 from proximity.scene import Scene
@@ -33,8 +33,9 @@ def fitted_pose(
     """Return where to put a recording so that its fingers come near the parts and touch them.
 
     The box of the middle 80 % of all positions is put concentric with the box of the scene. If then more
-    than a tenth of the positions touch, the hand is raised, along z, until a tenth do. If none touches, the
-    hand is moved along the shortest connection of all, until that finger is pressed in by half its radius.
+    than a tenth of the positions touch, the hand is raised, along z, until a tenth do. If none touches
+    then, the hand is moved along the shortest connection of all, until that finger is pressed in by half its
+    radius.
 
     Parameters
     ----------
@@ -53,19 +54,25 @@ def fitted_pose(
     -------
     Pose
         For ``recording.placed(pose, scale)``.
+
+    Raises
+    ------
+    SceneError
+        If all parts are hidden: there is nothing to come near.
     """
+    if all(part.is_hidden for part in scene.parts):
+        raise SceneError("all parts are hidden, expected one that a recording can be fitted to")
     lower, upper = scene.bounds
     pose = recording.fitted_to(lower, upper, rotation=rotation, scale=scale)
     placed = recording.placed(pose, scale)
     points = placed.positions[placed.is_present]
     points = points[:: -(-len(points) // SAMPLE_COUNT)]
-    share = _touching_share(scene, points, radius, 0.0)
-    if share == 0.0:
-        shift = _way_to_touch(scene, points, radius)
-    elif share > TOUCHING_SHARE:
-        shift = np.array([0.0, 0.0, _height_to_rise(scene, points, radius)])
-    else:
-        return pose
+    share, shift = _touching_share(scene, points, radius, 0.0), np.zeros(3)
+    if share > TOUCHING_SHARE:
+        shift[2] = _height_to_rise(scene, points, radius)
+        share = _touching_share(scene, points, radius, shift[2])
+    if share == 0.0:  # after rising too: of a finger that rests, all samples leave at once
+        shift += _way_to_touch(scene, points + shift, radius)
     return Pose(rotation, pose.translation + shift)
 
 

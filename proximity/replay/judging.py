@@ -65,9 +65,11 @@ def judge_bounds(scene: Scene, run: Replay, radius: float) -> BoundsKept:
     points = run.recording.positions[ticks, rows]
     true = scene.signed_distance(points) - radius
     room = ROUNDING * (np.abs(true) + radius) + COORDINATE_ROUNDING * _largest_coordinate(scene, points)
+    room[np.isinf(true)] = 0.0  # no part is shown: so far is nothing by rounding
     # written so that nan is a broken promise
     is_kept = (contacts["lower"] <= true + room) & (true - room <= contacts["upper"])
-    off = np.fmax(contacts["lower"] - true, true - contacts["upper"])[~is_kept]
+    broken, found = contacts[~is_kept], true[~is_kept]
+    off = np.fmax(broken["lower"] - found, found - broken["upper"])
     first = ""
     if len(off):
         place = int(np.argmin(is_kept))

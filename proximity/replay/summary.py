@@ -127,8 +127,11 @@ def tick_times(nanoseconds: np.ndarray) -> TickTimes:
 
 
 def _nearest(scene: Scene, run: Replay, is_tracked: np.ndarray) -> Approach | None:
-    is_searched = is_tracked & ((run.contacts["flags"] & np.uint32(ContactFlag.SKIPPED)) == 0)
-    distances = np.where(is_searched, run.contacts["signed_distance"], np.inf)
+    # Beyond the range a few are searched for, the first above all: not those that came nearest.
+    flags = run.contacts["flags"]
+    is_searched = (flags & np.uint32(ContactFlag.SKIPPED)) == 0
+    is_in_range = (flags & np.uint32(ContactFlag.IN_RANGE)) != 0
+    distances = np.where(is_tracked & is_searched & is_in_range, run.contacts["signed_distance"], np.inf)
     tick, row = np.unravel_index(int(np.argmin(distances)), distances.shape)
     if not np.isfinite(distances[tick, row]):
         return None
