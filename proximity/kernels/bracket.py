@@ -14,6 +14,7 @@ from proximity.kernels.bounded import DOWN, known_sq, nearest_with_budget
 from proximity.kernels.compiling import inlined, kernel
 from proximity.kernels.contact import BOUNDED, EXACT, INSIDE, SIGNED
 from proximity.kernels.grid import CROSSED, OUTSIDE
+from proximity.kernels.grid import INSIDE as HELD
 from proximity.kernels.holders import state_in_part
 from proximity.kernels.layout import (
     BOX_LOWER,
@@ -41,6 +42,8 @@ from proximity.simd import splat32
 
 FEWEST_STEPS = 8
 """For each further part that may hold the point, when the budget is spent already."""
+SPARE_STEPS = 64
+"""For all of them together. Of further parts that hold the point for certain, their boxes tell how deep."""
 
 
 @inlined
@@ -101,13 +104,39 @@ def fill_witness(reals, words, parts, frames, part, slot, x, y, z, witness):
     return witness[LENGTH] / frames[part, SCALE]
 
 
+@inlined
+def _depth_in_box(frames, part, x, y, z, is_open):
+    """How deep in a part a point that it holds can be, m: as far as to the nearest side of its box.
+
+    Where the part is open, as far as to the farthest corner: through a hole one leaves the box past no face.
+    """
+    nearest, total = np.inf, 0.0
+    for axis in range(3):
+        value = x if axis == 0 else (y if axis == 1 else z)
+        lower, upper = frames[part, BOX_LOWER + axis], frames[part, BOX_UPPER + axis]
+        rounding = 1e-15 * (abs(lower) + abs(upper) + abs(value))
+        above, below = abs(upper - value) + rounding, abs(value - lower) + rounding
+        nearest = min(nearest, above, below)
+        total += max(above, below) ** 2
+    return (sqrt(total) if is_open else nearest) * (1.0 + 1e-12)
+
+
 @kernel
 def _depth_in(reals, words, frames, parts, other, x, y, z, budget, room, witness):
-    """Whether *other* holds a point; if so how deep at least and at most, m, the face found, and steps."""
+    """Whether *other* holds a point; if so how deep at least and at most, m, the face found, and steps.
+
+    *budget*: 0 to look at no face unless it takes one to tell whether it does.
+    """
     px, py, pz = to_local(frames, parts, other, x, y, z)
     state = state_in_part(reals, words, frames, parts, other, px, py, pz)
     if state == OUTSIDE:
         return False, 0.0, 0.0, np.int64(NO_SLOT), np.int64(0)
+    if state == HELD:
+        if budget == 0:
+            most = _depth_in_box(frames, other, x, y, z, parts[other, GRID] == NO_GRID)
+            return True, 0.0, most, np.int64(NO_SLOT), np.int64(1)
+    else:
+        budget = max(budget, FEWEST_STEPS)
     best_sq, slot, lower_sq, work = nearest_with_budget(
         reals, words, frames, parts, parts[other, ROOT], other, x, y, z, np.inf, NO_SLOT, 0.0, 0.0, budget,
         room,
@@ -202,7 +231,8 @@ def bracket_of(
     lower = upper if is_exact else min(sqrt(lower_sq) / scale * DOWN, upper)
     clear = min(lower, sqrt(lower_sq) / scale) * DOWN
 
-    depth_lower, depth_upper = -1.0, -1.0
+    depth_lower, depth_upper, depth_by_box = -1.0, -1.0, -1.0
+    enough = max(budget, work) + SPARE_STEPS
     deep_part, deep_slot = np.int64(NO_PART), np.int64(NO_SLOT)
     if not is_outside:
         sx, sy, sz = to_local(frames, parts, scene, x, y, z)
@@ -229,7 +259,7 @@ def bracket_of(
                         x,
                         y,
                         z,
-                        max(budget - work, FEWEST_STEPS),
+                        max(budget - work, FEWEST_STEPS) if work < enough else 0,
                         room,
                         witness,
                     )
@@ -241,19 +271,23 @@ def bracket_of(
                     least = min(max(least, clear), most)
                 if is_held:
                     depth_lower = max(depth_lower, least)
-                    if most > depth_upper:
+                    if found == NO_SLOT:
+                        depth_by_box = max(depth_by_box, most)
+                        deep_part = other if deep_part == NO_PART else deep_part
+                    elif most > depth_upper:
                         depth_upper, deep_part, deep_slot = most, other, found
         # What other parts were asked has gone over the witness.
-        if slot >= 0 and depth_upper < 0.0:
+        if slot >= 0 and depth_lower < 0.0:
             fill_witness(reals, words, parts, frames, part, slot, x, y, z, witness)
     bits = 0
-    if depth_upper >= 0.0:
+    if depth_lower >= 0.0:
         part, slot = deep_part, deep_slot
-        lower, upper = -depth_upper, -depth_lower
+        lower, upper = -max(depth_upper, depth_by_box), -depth_lower
         bits = SIGNED | INSIDE
+        distance = lower
         if slot >= 0:
             fill_witness(reals, words, parts, frames, part, slot, x, y, z, witness)
-        distance = lower
+            distance = -depth_upper
     else:
         distance = upper
         if slot >= 0 and parts[part, SIGN] != SIGN_NONE:
