@@ -135,6 +135,22 @@ def test_rate_of_the_contact_is_its_drift_as_the_part_moves(name):
     assert abs(rate) > 0.05
 
 
+@pytest.mark.parametrize("start", [-0.05, 0.0, 0.02])
+def test_rate_of_the_contact_at_a_turning_part_is_that_of_the_place_of_contact(start):
+    """It was that of the last place that was asked, which may be where the finger is."""
+    scene, path = Scene([plate()]), line((start, 0, 0.06), (0.05, 0, -0.04))
+    speed, dt = 2.0, 1e-4
+    places = []
+    for step in (-0.5, 0.5):
+        c, s = np.cos(speed * step * dt), np.sin(speed * step * dt)
+        scene.move("plate", Pose([[c, 0, s], [0, 1, 0], [-s, 0, c]]))
+        places.append(first_touch(scene, path, [0.0, 1.0]))
+    scene.move("plate", Pose(), angular_velocity=(0.0, speed, 0.0))
+    found = tick_path(scene, path)
+
+    assert found["contact_bend_rate"] == pytest.approx((places[1] - places[0]) / dt, rel=1e-3)
+
+
 def test_turning_part_lets_the_contact_drift_as_its_surface_does():
     """The plate's top turns about y: 0.03 m beside the axis it sinks at 0.06 m/s, and so does the contact."""
     scene = Scene([plate()])

@@ -341,6 +341,8 @@ def _write_contact(
         return flags
     drift_bend = 0.0
     if mover_count and slot >= 0:
+        # Where it touches, some millimetres beyond the last place that was asked; the normal is from there.
+        place_on(path, stages, len(stages), expected, place)
         vx, vy, vz = velocity_of_part(frames, part, place[0], place[1], place[2])
         along = dot(place[6], place[7], place[8], place[3], place[4], place[5])
         if along < 0.0:
