@@ -1,8 +1,6 @@
 """``proximity demo``: sample scene and hand, a service, its drums and a look at both, in one terminal."""
 
 import os
-import secrets
-import socket
 import sys
 import time
 from contextlib import ExitStack
@@ -111,8 +109,10 @@ def addresses() -> tuple[str, str]:
     Shared memory, where there is iceoryx2 for this machine; both read the same then. Otherwise datagrams.
     """
     if find_spec("iceoryx2") is not None:
-        name = f"iox2://proximity-demo-{os.getpid()}-{secrets.token_hex(4)}"
+        name = f"iox2://proximity-demo-{os.getpid()}-{os.urandom(4).hex()}"
         return name, name
+    import socket  # --help needs none
+
     with socket.socket(type=socket.SOCK_DGRAM) as first, socket.socket(type=socket.SOCK_DGRAM) as second:
         for each in (first, second):
             each.bind(("127.0.0.1", 0))  # a port that is free
