@@ -102,6 +102,22 @@ def test_module_runs_as_the_program():
     assert result.stdout.startswith("proximity ")
 
 
+def test_interrupt_while_the_program_is_imported_is_quiet():
+    code = """
+import sys
+class Interrupting:
+    def find_spec(self, name, path=None, target=None):
+        if name == "typer":
+            raise KeyboardInterrupt
+sys.meta_path.insert(0, Interrupting())
+from proximity import __main__
+__main__.main()
+"""
+    result = run_python(code)
+
+    assert (result.returncode, result.stdout, result.stderr) == (130, "", "")
+
+
 def test_mistake_of_ours_keeps_its_traceback():
     before = "def broken(path, units): raise ZeroDivisionError('a mistake')\nproximity.load = broken"
     result = run_python(ON_A_SPHERE.format(tests=str(TESTS), arguments=["check", "a.stl"], before=before))
