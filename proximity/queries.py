@@ -44,8 +44,7 @@ class Queries:
 
     Few rows from somebody in a hurry are answered at once, if compiled code finds them plain float64; what
     else may come is sorted out in functions of its own: variables that they share with one within would be
-    made at every call. How many there are each asks for itself, and none calls `_current`: a function for
-    either would take a fortieth of a call with five rays.
+    made at every call. Neither do they call `_current`: that would take a fortieth of a call with five rays.
     The model is held by name while it is asked: what nobody holds is written anew when parts move.
     """
 
@@ -96,18 +95,14 @@ class Queries:
         Thread: any number of threads may ask; the interpreter lock is released.
         Source: Bærentzen & Aanæs 2005; Barill et al. 2018; see `kernels`.
         """
-        if workers is ONE_THREAD and (max_distance is inf or _is_length(max_distance)):
-            try:
-                count = len(points)
-            except TypeError:
-                count = SORT_FROM
-            if count < SORT_FROM:
-                answers = empty((count, query.ANSWER_WIDTH))
-                model = self._stage.current or self._brought_up_to_date()
-                if _closest_few.call(model.handle, points, max_distance, answers):
-                    record = ClosestPoints()
-                    record._table = answers
-                    return record
+        is_plain = workers is ONE_THREAD and (max_distance is inf or _is_length(max_distance))
+        if is_plain and (count := _count(points)) < SORT_FROM:
+            answers = empty((count, query.ANSWER_WIDTH))
+            model = self._stage.current or self._brought_up_to_date()
+            if _closest_few.call(model.handle, points, max_distance, answers):
+                record = ClosestPoints()
+                record._table = answers
+                return record
         return self._closest(points, max_distance, workers)
 
     def _closest(self, points: Any, max_distance: Any, workers: int) -> ClosestPoints:
@@ -163,16 +158,11 @@ class Queries:
 
     def _distances(self, points: Any, workers: int, few: Settled, batch: Callable[..., Any]) -> Any:
         """Signed or unsigned, as the kernels for few and for many points tell them."""
-        if workers is ONE_THREAD:
-            try:
-                count = len(points)
-            except TypeError:
-                count = SORT_FROM
-            if count < SORT_FROM:
-                distances = empty(count)
-                model = self._stage.current or self._brought_up_to_date()
-                if few.call(model.handle, points, distances):
-                    return distances
+        if workers is ONE_THREAD and (count := _count(points)) < SORT_FROM:
+            distances = empty(count)
+            model = self._stage.current or self._brought_up_to_date()
+            if few.call(model.handle, points, distances):
+                return distances
         return self._more_distances(points, workers, few, batch)
 
     def _more_distances(self, points: Any, workers: int, few: Settled, batch: Callable[..., Any]) -> Any:
@@ -208,16 +198,11 @@ class Queries:
         NotWatertightError
             If nothing here has an inside.
         """
-        if workers is ONE_THREAD:
-            try:
-                count = len(points)
-            except TypeError:
-                count = SORT_FROM
-            if count < SORT_FROM:
-                inside = empty(count, np.bool_)
-                model = self._stage.current or self._brought_up_to_date()
-                if _contains_few.call(model.handle, points, inside):
-                    return inside
+        if workers is ONE_THREAD and (count := _count(points)) < SORT_FROM:
+            inside = empty(count, np.bool_)
+            model = self._stage.current or self._brought_up_to_date()
+            if _contains_few.call(model.handle, points, inside):
+                return inside
         return self._contains(points, workers)
 
     def _contains(self, points: Any, workers: int) -> Any:
@@ -265,6 +250,7 @@ class Queries:
         not hit.
         Source: Woop, Benthin, Wald 2013, "Watertight ray/triangle intersection".
         """
+        # `_count`, written out here and below: calling it would be a thirtieth of a call with five rays.
         if workers is ONE_THREAD and (max_distance is inf or _is_length(max_distance)):
             try:
                 count = len(origins)
@@ -379,18 +365,14 @@ class Queries:
         nearest to the start is told.
         Ties: the lowest part; within a part any of the nearest faces, the same on every run.
         """
-        if workers is ONE_THREAD and (max_distance is inf or _is_length(max_distance)):
-            try:
-                count = len(starts)
-            except TypeError:
-                count = SORT_FROM
-            if count < SORT_FROM:
-                answers = empty((count, segment_query.ANSWER_WIDTH))
-                model = self._stage.current or self._brought_up_to_date()
-                if _segments_few.call(model.handle, starts, ends, max_distance, answers):
-                    record = SegmentHits()
-                    record._table = answers
-                    return record
+        is_plain = workers is ONE_THREAD and (max_distance is inf or _is_length(max_distance))
+        if is_plain and (count := _count(starts)) < SORT_FROM:
+            answers = empty((count, segment_query.ANSWER_WIDTH))
+            model = self._stage.current or self._brought_up_to_date()
+            if _segments_few.call(model.handle, starts, ends, max_distance, answers):
+                record = SegmentHits()
+                record._table = answers
+                return record
         return self._closest_to_segments(starts, ends, max_distance, workers)
 
     def _closest_to_segments(self, starts: Any, ends: Any, max_distance: Any, workers: int) -> SegmentHits:
@@ -409,6 +391,14 @@ class Queries:
 
 def _distance_batch(handle: int, points: np.ndarray, order: np.ndarray, distances: np.ndarray) -> None:
     distance_batch(handle, points, order, inf, distances)
+
+
+def _count(rows: Any) -> int:
+    """How many rows these may be; too many where that is not to be told."""
+    try:
+        return len(rows)
+    except TypeError:
+        return SORT_FROM
 
 
 def _is_length(limit: Any) -> bool:
