@@ -89,6 +89,21 @@ atexit.register(tell)
     assert result.returncode == 0
 
 
+def test_query_looks_for_no_garbage_while_it_starts_and_does_so_again_afterwards():
+    before = """
+import atexit, gc
+def load(path, units):
+    print("while it starts:", gc.isenabled(), file=sys.stderr)
+    return FakeScene()
+proximity.load = load
+atexit.register(lambda: print("afterwards:", gc.isenabled(), file=sys.stderr))
+"""
+    arguments = ["query", "ball.stl", "1", "2", "3"]
+    result = run_python(ON_A_SPHERE.format(tests=str(TESTS), arguments=arguments, before=before))
+
+    assert result.stderr == "while it starts: False\nafterwards: True\n"
+
+
 def test_module_runs_as_the_program():
     result = subprocess.run(
         [sys.executable, "-m", "proximity", "--version"],

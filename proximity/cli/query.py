@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import proximity
+from proximity.cli.command import uncollected
 from proximity.cli.options import FILE, UNITS
 from proximity.cli.points import number, read_points
 
@@ -97,14 +98,15 @@ def command(
         raise typer.BadParameter(
             f"points are taken in pairs (start, end), but there are {count}", param_hint="--segment"
         )
-    # NumPy, Rich and the library: only now, so that --help and mistakes above answer at once.
-    from proximity.cli import waiting
-    from proximity.meshio import metres_per_unit
+    with uncollected():
+        # NumPy, Rich and the library: only now, so that --help and mistakes above answer at once.
+        from proximity.cli import waiting
+        from proximity.meshio import metres_per_unit
 
-    metres = metres_per_unit(units)
-    waiting.prepare_kernels()
-    with waiting.spinner(f"reading {file}"):
-        scene = proximity.load(str(file), units=units)
+        metres = metres_per_unit(units)
+        waiting.prepare_kernels()
+        with waiting.spinner(f"reading {file}"):
+            scene = proximity.load(str(file), units=units)
     questions = _questions(scene, typed, ray, segment, metres, workers)
     head = {"file": str(file), "units": units, "mode": questions.mode}
     if as_json or as_csv:
