@@ -25,6 +25,7 @@ from rich.console import Console
 from rich.table import Table
 
 import proximity
+from proximity.collector import collector_paused
 
 ROUNDS, MORE_ROUNDS, TURN_NS = 60, 200, 4_000_000
 MOST_SECONDS = 3.0  # a case of long calls has fewer rounds, a third as many at least
@@ -62,9 +63,7 @@ def main(arguments: list[str] | None = None) -> int:
 def measure(case: GateCase, round_count: int) -> float:
     """Our time divided by the yardstick's: the median over paired turns."""
     ours, theirs = _turn(case.ours), _turn(case.theirs)
-    was_enabled = gc.isenabled()
-    gc.disable()
-    try:
+    with collector_paused():
         started, ratios = time.perf_counter(), []
         while len(ratios) < round_count:
             ratios.append(ours() / theirs())
@@ -72,9 +71,6 @@ def measure(case: GateCase, round_count: int) -> float:
             if is_late and 3 * len(ratios) >= round_count:
                 break
         gc.collect()
-    finally:
-        if was_enabled:
-            gc.enable()
     return statistics.median(ratios)
 
 

@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from proximity.collector import collector_paused
+
 ROUND_NS = 20_000_000  # a short call is repeated for about so long in every round
 MAX_CALL_COUNT = 200
 SLOW_NS = 250_000_000  # a longer call takes part in every fifth round only
@@ -46,9 +48,7 @@ def interleave(runs: dict[str, Callable[[], Any]], round_count: int) -> dict[str
         is_slow[name] = first_ns > SLOW_NS
     rounds = {name: np.full(round_count, np.nan) for name in runs}
     calls: dict[str, list[int]] = {name: [] for name in runs}
-    was_enabled = gc.isenabled()
-    gc.disable()
-    try:
+    with collector_paused():
         for number in range(round_count):
             for name, run in runs.items():
                 if is_slow[name] and number % SLOW_ROUND:
@@ -57,9 +57,6 @@ def interleave(runs: dict[str, Callable[[], Any]], round_count: int) -> dict[str
                 rounds[name][number] = statistics.median(times)
                 calls[name] += times
             gc.collect()
-    finally:
-        if was_enabled:
-            gc.enable()
     return {name: Samples(rounds[name], np.array(calls[name])) for name in runs}
 
 

@@ -34,7 +34,7 @@ topology · bvh
 mesh · pose
 kernels
 arrays · aligned
-simd · errors · locks
+simd · errors · locks · collector
 """
 LEVEL = {
     unit: level

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from proximity.collector import collector_paused
 from proximity.message import ContactFlag
 from proximity.tracker import Tracker
 
@@ -192,11 +193,6 @@ def clock_cost() -> tuple[Figures, Figures]:
 @contextmanager
 def without_collector() -> Iterator[None]:
     """Have no garbage collected while something is timed, as in a control loop."""
-    was_enabled = gc.isenabled()
     gc.collect()
-    gc.disable()
-    try:
+    with collector_paused():
         yield
-    finally:
-        if was_enabled:
-            gc.enable()

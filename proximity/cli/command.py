@@ -5,7 +5,6 @@ else is raised is our bug and keeps its traceback.
 """
 
 import errno
-import gc
 import os
 import sys
 from collections.abc import Iterator
@@ -82,21 +81,6 @@ class Group(TyperGroup):
             return super().main(*args, **options)
         except KeyboardInterrupt:
             sys.exit(EXIT_INTERRUPTED)
-
-
-@contextmanager
-def uncollected() -> Iterator[None]:
-    """Look for no garbage in the block.
-
-    What imports and kernels leave behind is none, and to look at it again and again is 4 % of a query.
-    """
-    was_enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was_enabled:
-            gc.enable()
 
 
 @contextmanager
