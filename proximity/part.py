@@ -81,9 +81,7 @@ def _as_part(part: Any) -> Part:
     raise SceneError(f"a scene is made of Part and Solid, not of {type(part).__name__}")
 
 
-def parts_of_mesh(
-    vertices: Any, faces: Any, *, source_faces: Any = None, name: str = "mesh", pose: Pose | None = None
-) -> list[Part]:
+def parts_of_mesh(vertices: Any, faces: Any, *, source_faces: Any = None, name: str = "mesh") -> list[Part]:
     """Return the bodies of a mesh as parts.
 
     Parameters
@@ -94,11 +92,8 @@ def parts_of_mesh(
         What the rows of *faces* are called outside; their numbers where not given.
     name : str
         Of the part; several bodies are numbered from 1.
-    pose : Pose
-        ``world_from_part``.
     """
     bodies = split_bodies(vertices, faces, source_faces)
-    pose = Pose() if pose is None else pose
     lower = np.min([body.mesh.vertices.min(axis=0) for body in bodies], axis=0)
     upper = np.max([body.mesh.vertices.max(axis=0) for body in bodies], axis=0)
     frame = common_frame(lower, upper) if len(bodies) > 1 else None
@@ -106,5 +101,5 @@ def parts_of_mesh(
     for number, body in enumerate(bodies, start=1):
         own = name if len(bodies) == 1 else f"{name}.{number}"
         solid = Solid(body.mesh.vertices, body.mesh.faces, name=own, frame=frame)
-        parts.append(Part(own, solid, pose, body.source_faces, body.repairs))
+        parts.append(Part(own, solid, Pose(), body.source_faces, body.repairs))
     return parts
