@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+import proximity
+
 # A suite in the background, or one that may not hang up, is started with signals ignored, and programs
 # rightly leave them so. Tests that send them mean a program in the foreground.
 for _name, _handler in (("SIGINT", signal.default_int_handler), ("SIGHUP", signal.SIG_DFL)):
@@ -45,6 +47,20 @@ PROCESSES = (
     "test_transport",
 )
 """Files whose tests start processes, look at clocks, or use what a machine has once."""
+
+
+@pytest.fixture(scope="session")
+def compiled_kernels() -> None:
+    """Compile all kernels where that has not been done: a program would say that it does."""
+    if not proximity.kernels_are_cached():
+        proximity.warm_up(workers=-1)
+
+
+@pytest.fixture(autouse=True)
+def kernels_of_programs(request: pytest.FixtureRequest) -> None:
+    """Have the tests of programs begin with compiled kernels, whichever of them runs first."""
+    if request.path.name.startswith(PROCESSES):
+        request.getfixturevalue("compiled_kernels")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
