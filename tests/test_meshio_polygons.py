@@ -70,6 +70,25 @@ def test_polygon_of_any_sense_keeps_it():
 
 @settings(max_examples=60, derandomize=True)
 @given(
+    heights=st.lists(st.integers(1, 9), min_size=2, max_size=12),
+    pieces=st.integers(1, 4),
+    turn=st.floats(0.0, 6.3),
+)
+def test_corners_along_straight_sides_leave_no_triangle_without_area(heights, pieces, turn):
+    steps = [(x + dx, height) for x, height in enumerate(heights) for dx in (0, 1)]
+    outline = np.array([(0, 0), (len(heights), 0), *steps[::-1]], dtype=np.float64)
+    sides = np.roll(outline, -1, axis=0) - outline
+    is_side = sides.any(axis=1)  # neighbours of one height share a corner
+    places = np.arange(pieces)[:, None] / pieces
+    points = (outline[is_side, None] + places * sides[is_side, None]).reshape(-1, 2)
+    points = points @ [[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]
+    parts, whole = areas(*cut(points))
+    assert parts.min() > 1e-6
+    assert parts.sum() == pytest.approx(whole, rel=1e-12)
+
+
+@settings(max_examples=60, derandomize=True)
+@given(
     radii=st.lists(st.floats(0.2, 1.0), min_size=5, max_size=24),
     seed=st.integers(0, 1000),
     scale=st.sampled_from([1e-60, 1.0, 1e60]),
