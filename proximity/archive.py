@@ -11,11 +11,9 @@ These first 64 bytes keep their form in every version, so that any version can t
 Checksums guard against damage (a cut, a flipped bit, a page that went astray), not against malice.
 """
 
-import contextlib
 import json
 import math
 import os
-import secrets
 import stat
 import struct
 import sys
@@ -27,6 +25,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from proximity.errors import MeshFormatError, SceneError
+from proximity.whole_file import whole_file
 
 FORMAT_VERSION = 2
 """Grows whenever something that was written before would be read as something else."""
@@ -96,30 +95,9 @@ def write_archive(
     SceneError
         If it cannot be written; nothing is left behind then.
     """
-    try:
-        shown = os.fsdecode(path)
-    except TypeError:
-        raise SceneError(f"the path is {path!r}, expected text or a path") from None
     head = _head(metadata, arrays, layout)
-    try:
-        target = Path(os.path.realpath(shown))
-        if target.exists() and not target.is_file():
-            raise SceneError(f"{shown}: the scene cannot be saved there: it is no regular file")
-        # Short, and in the same folder: only there a file can take another's place at once.
-        unfinished = target.with_name(f".{secrets.token_hex(8)}.unfinished")
-        try:
-            with open(unfinished, "xb") as file:
-                _write_all(file, head, arrays)
-            os.replace(unfinished, target)
-        except BaseException:
-            with contextlib.suppress(OSError):
-                unfinished.unlink()
-            raise
-        _make_lasting(target.parent)
-    except SceneError:
-        raise
-    except (OSError, ValueError) as reason:
-        raise SceneError(f"{shown}: the scene cannot be saved there ({_told(reason)})") from reason
+    with whole_file(path, SceneError, takes_devices=False) as file:
+        _write_all(file, head, arrays)
 
 
 def _head(metadata: dict[str, Any], arrays: dict[str, np.ndarray], layout: dict[str, int]) -> bytes:
@@ -143,18 +121,6 @@ def _write_all(file: BinaryIO, head: bytes, arrays: dict[str, np.ndarray]) -> No
     for array in arrays.values():
         file.write(array.reshape(-1).view(np.uint8).data)
         file.write(bytes(_whole_pages(array.nbytes) - array.nbytes))
-    file.flush()
-    os.fsync(file.fileno())
-
-
-def _make_lasting(folder: Path) -> None:
-    """Have the new name on the disk too, where the system can do that for a folder."""
-    with contextlib.suppress(OSError):
-        number = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(number)
-        finally:
-            os.close(number)
 
 
 # --- reading ---------------------------------------------------------------------------------------------

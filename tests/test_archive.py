@@ -780,7 +780,7 @@ def test_what_goes_wrong_while_writing_leaves_everything_as_it_was(
         one_solid().save(path)
 
     if isinstance(trouble, OSError):
-        assert str(error.value) == f"{path}: the scene cannot be saved there (No space left on device)"
+        assert str(error.value) == f"{path}: cannot be written (No space left on device)"
     assert os.listdir(tmp_path) == ["cell.prox"] * is_there
     assert not is_there or path.read_bytes() == b"something else"
 
@@ -791,7 +791,7 @@ def test_disk_that_fills_up_leaves_nothing_behind(tmp_path):
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, limits[1]))
     try:
-        with pytest.raises(SceneError, match=r"the scene cannot be saved there \(File too large\)$"):
+        with pytest.raises(SceneError, match=r"cannot be written \(File too large\)$"):
             scene.save(tmp_path / "cell.prox")
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
@@ -814,7 +814,7 @@ def test_folder_that_cannot_be_written_to_is_told():
         os.seteuid(was)
         shutil.rmtree(folder)
 
-    assert str(error.value) == f"{folder}/cell.prox: the scene cannot be saved there (Permission denied)"
+    assert str(error.value) == f"{folder}/cell.prox: cannot be written (Permission denied)"
 
 
 def test_place_where_no_file_can_be_is_told(tmp_path):
@@ -822,14 +822,14 @@ def test_place_where_no_file_can_be_is_told(tmp_path):
     (tmp_path / "file").write_bytes(b"")
 
     for path, reason in (
-        (tmp_path / "folder.prox", ": it is no regular file"),
+        (tmp_path / "folder.prox", " (it is no regular file)"),
         (tmp_path / "none" / "cell.prox", " (No such file or directory)"),
         (tmp_path / "file" / "cell.prox", " (Not a directory)"),
         ("a\0b", " (embedded null"),
     ):
         with pytest.raises(SceneError) as error:
             one_solid().save(path)
-        assert str(error.value).startswith(f"{path}: the scene cannot be saved there{reason}")
+        assert str(error.value).startswith(f"{path}: cannot be written{reason}")
     with pytest.raises(SceneError, match=r"^the path is None, expected text or a path$"):
         one_solid().save(None)
     assert sorted(os.listdir(tmp_path)) == ["file", "folder.prox"]

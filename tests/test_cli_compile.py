@@ -108,10 +108,7 @@ def test_place_that_cannot_be_written_to_is_one_line(run):
     result = run("compile", MESHES / "box.stl", "none/box.prox")
 
     assert (result.code, result.out) == (2, "")
-    assert (
-        result.err
-        == "proximity: none/box.prox: the scene cannot be saved there (No such file or directory)\n"
-    )
+    assert result.err == "proximity: none/box.prox: cannot be written (No such file or directory)\n"
 
 
 def test_damaged_scene_is_one_line(run, tmp_path):

@@ -33,7 +33,7 @@ part_arrays · archive
 topology · bvh
 mesh · pose
 kernels
-arrays · aligned
+arrays · aligned · whole_file
 simd · errors · locks · collector
 """
 LEVEL = {

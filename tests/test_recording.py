@@ -16,7 +16,6 @@ from proximity.recording import (
     read_recording,
     reading,
     records,
-    whole_file,
     write_contacts,
 )
 
@@ -419,41 +418,6 @@ def test_log_is_there_wholly_or_not_at_all(tmp_path, contacts, monkeypatch):
         write_contacts(path, contacts, TIMES_NS)
 
     assert path.read_text() == "old"
-    assert list(tmp_path.iterdir()) == [path]
-
-
-def test_two_who_write_one_file_at_once_each_write_a_whole_one(tmp_path):
-    """As threads do, or containers that share a folder: their processes may have one number."""
-    path = tmp_path / "log.npy"
-
-    with whole_file(path) as first:
-        first.write(b"one")
-        with whole_file(path) as second:
-            second.write(b"another")
-        assert path.read_bytes() == b"another"
-        first.write(b" and its end")
-
-    assert path.read_bytes() == b"one and its end"
-    assert list(tmp_path.iterdir()) == [path]
-
-
-def test_link_to_a_file_stays_one(tmp_path):
-    path, link = tmp_path / "log.npy", tmp_path / "latest.npy"
-    link.symlink_to(path)
-
-    with whole_file(link) as stream:
-        stream.write(b"contacts")
-
-    assert link.is_symlink()
-    assert path.read_bytes() == b"contacts"
-
-
-def test_file_is_written_under_the_longest_name_there_is(tmp_path):
-    path = tmp_path / ("n" * 251 + ".npy")
-
-    with whole_file(path) as stream:
-        stream.write(b"contacts")
-
     assert list(tmp_path.iterdir()) == [path]
 
 

@@ -11,8 +11,8 @@ import numpy as np
 from proximity.certificate.page import page
 from proximity.certificate.starts import surface_samples
 from proximity.errors import ServiceError
-from proximity.recording import whole_file
 from proximity.scene import Scene
+from proximity.whole_file import whole_file
 
 SUFFIXES = (".html", ".json")
 CLOUD = 1200

@@ -63,7 +63,8 @@ def command(
 
 def _write(out: Path, reader: "FrameReader", *, is_parquet: bool) -> int:
     """Write a table in place of what is there, at once and wholly; how many lines."""
-    from proximity.recording import load_pyarrow, whole_file, write_frames_csv, write_frames_parquet
+    from proximity.recording import load_pyarrow, write_frames_csv, write_frames_parquet
+    from proximity.whole_file import whole_file
 
     if is_parquet:
         load_pyarrow()  # where it is missing, not even an unfinished file is made

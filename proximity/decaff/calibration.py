@@ -5,10 +5,8 @@ the names of its fields, and is either wholly there or not at all. How the numbe
 in `calibrating`, a glove that uses them in `calibrated_glove`.
 """
 
-import contextlib
 import json
 import os
-import secrets
 from dataclasses import dataclass, fields
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -19,6 +17,7 @@ import numpy as np
 from proximity.arrays import as_float64
 from proximity.decaff.arguments import finite, not_negative, positive
 from proximity.errors import DecaffError
+from proximity.whole_file import whole_file
 
 FORMAT = "proximity glove calibration"
 VERSION = 1
@@ -97,19 +96,8 @@ def write_calibration(path: str | os.PathLike[str], calibration: Calibration) ->
         If it cannot be written; nothing is left behind then.
     """
     text = json.dumps(_as_document(calibration), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-    target = Path(path)
-    unfinished = target.with_name(f".{secrets.token_hex(8)}.unfinished")
-    try:
-        with open(unfinished, "x", encoding="utf-8") as stream:
-            stream.write(text)
-            stream.flush()
-            os.fsync(stream.fileno())
-        os.replace(unfinished, target)
-    except OSError as failure:
-        raise DecaffError(f"{target}: cannot be written ({failure.strerror or failure})") from failure
-    finally:
-        with contextlib.suppress(OSError):
-            unfinished.unlink()
+    with whole_file(path, DecaffError) as stream:
+        stream.write(text.encode())
 
 
 def read_calibration(path: str | os.PathLike[str]) -> Calibration:

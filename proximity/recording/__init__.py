@@ -10,7 +10,6 @@ from proximity.recording.frame_reader import Damage, FrameReader
 from proximity.recording.frame_tables import load_pyarrow, write_frames_csv, write_frames_parquet
 from proximity.recording.reading import read_recording
 from proximity.recording.records import FINGERS, GAP_LIMIT_S, NANOSECONDS, Recording
-from proximity.recording.whole_file import whole_file
 
 __all__ = [
     "FINGERS",
@@ -24,7 +23,6 @@ __all__ = [
     "check_log_name",
     "load_pyarrow",
     "read_recording",
-    "whole_file",
     "write_contacts",
     "write_frames_csv",
     "write_frames_parquet",

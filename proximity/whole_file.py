@@ -1,0 +1,86 @@
+"""Files that are either wholly there or not at all: written under another name and then renamed."""
+
+import contextlib
+import os
+import secrets
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+from proximity.errors import ProximityError, RecordingError
+
+
+@contextmanager
+def whole_file(
+    path: str | bytes | os.PathLike[str],
+    error: type[ProximityError] = RecordingError,
+    *,
+    takes_devices: bool = True,
+) -> Iterator[BinaryIO]:
+    """Give a stream to write a file with; the file is replaced when the block ends without an error.
+
+    Where a link leads to a file, it is that file which is replaced; its permissions stay. Of several who
+    write one file at once, the last to end wins. After the block it survives a loss of power.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    error : type
+        What to raise.
+    takes_devices : bool
+        Write to what is there and no regular file, ``/dev/null`` for example, as it is; else refuse it.
+
+    Raises
+    ------
+    error
+        If it cannot be written; what was there before is there still, and nothing is left behind.
+    """
+    try:
+        shown = os.fsdecode(path)
+    except TypeError:
+        raise error(f"the path is {path!r}, expected text or a path") from None
+    try:
+        target = Path(os.path.realpath(shown))
+        if target.exists() and not target.is_file():
+            if not takes_devices:
+                raise error(f"{shown}: cannot be written (it is no regular file)")
+            with target.open("wb") as stream:
+                yield stream
+            return
+        # Short, whatever the file's own name is, and nobody else's: threads share a number of their process.
+        unfinished = target.with_name(f".{secrets.token_hex(8)}.unfinished")
+        try:
+            with unfinished.open("xb") as stream:
+                _allow_as(target, unfinished)
+                yield stream
+            _put_on_disk(unfinished)
+            os.replace(unfinished, target)
+        except BaseException:
+            with contextlib.suppress(OSError):
+                unfinished.unlink()
+            raise
+        with contextlib.suppress(OSError):  # not every system can do that for a folder
+            _put_on_disk(target.parent)
+    except (OSError, ValueError) as reason:
+        if isinstance(reason, ProximityError):  # of the block
+            raise
+        told = (isinstance(reason, OSError) and reason.strerror) or reason
+        raise error(f"{shown}: cannot be written ({told})") from reason
+
+
+def _allow_as(old: Path, new: Path) -> None:
+    """Let whoever may read and write one file do so with another."""
+    with contextlib.suppress(OSError):  # nothing old, or a disk that knows no permissions
+        new.chmod(stat.S_IMODE(old.stat().st_mode))
+
+
+def _put_on_disk(path: Path) -> None:
+    """Wait until a file's content, or a folder's names, are where a loss of power does not reach them."""
+    number = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(number)
+    finally:
+        os.close(number)
