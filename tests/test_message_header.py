@@ -1,7 +1,6 @@
 """``decaff_message.h``: what the compiler makes of it, against NumPy and against the Python it stands for."""
 
 import ctypes
-import re
 import sys
 import zlib
 from types import SimpleNamespace
@@ -404,7 +403,7 @@ def test_place_that_cannot_be_written_to_is_told(program, tmp_path):
     result = program("--out", tmp_path / "none" / "x.h")
 
     assert result.code == 2
-    assert "cannot be written (No such file or directory)" in re.sub(r"[\s│]+", " ", result.err)
+    assert result.err.endswith("x.h: cannot be written (No such file or directory)\n")
 
 
 def test_examples_are_told(program):

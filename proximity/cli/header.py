@@ -33,6 +33,7 @@ def command(
     # NumPy: only now, so that --help answers at once.
     from proximity import transport
     from proximity.message.c_header import header_text
+    from proximity.whole_file import whole_file
 
     if receiver:
         text = Path(transport.__file__).with_name("receiver.c").read_text(encoding="ascii")
@@ -41,8 +42,5 @@ def command(
     if out is None:
         typer.echo(text, nl=False)
         return
-    try:
-        out.write_text(text, encoding="ascii")
-    except OSError as failure:
-        reason = failure.strerror or failure
-        raise typer.BadParameter(f"{out}: cannot be written ({reason})", param_hint="--out") from failure
+    with whole_file(out) as stream:
+        stream.write(text.encode("ascii"))
