@@ -110,7 +110,7 @@ def _until(stage, clearance, rate, faster):
     return faster if clearance > 0.0 else stage
 
 
-@kernel
+@inlined
 def advance(
     reals, words, frames, parts, way, stages, count, stage, clearance, radius, speed, movers, near, least,
     part, slot, ease, budget, balls, way_of_parts, room, witness, place,

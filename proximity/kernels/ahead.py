@@ -251,6 +251,19 @@ def _first_at(xs, ys, x):
 
 
 @kernel
+def _advance_on_path(
+    reals, words, frames, parts, path, stages, stage, clearance, radius, movers, near, part, slot, budget,
+    balls, way_of_parts, room, witness, place,
+):  # fmt: skip
+    """`advance` along all of a path, and what it returns but for the last."""
+    free, expected, part, slot, steps, _ = advance(
+        reals, words, frames, parts, path, stages, len(stages), stage, clearance, radius, 1.0, movers, near,
+        0.0, part, slot, 0.0, budget, balls, way_of_parts, room, witness, place,
+    )  # fmt: skip
+    return free, expected, part, slot, steps
+
+
+@kernel
 def look_along_path(
     reals, words, frames, parts, settings, path, path_bends, bend, tracks, marks, balls, records, numbers,
     movers, mover_count, i, flags, room, witness, stages, place,
@@ -296,9 +309,9 @@ def look_along_path(
                 records[i, TIME_TO_CONTACT] = 0.0 if upper <= radius else records[i, TIME_TO_CONTACT]
                 records[i, TIME_TO_CONTACT_LOWER] = 0.0
             return flags | ON_PATH | (CONTACT_FOUND if upper <= radius else 0)
-    free, expected, part, slot, steps, _ = advance(
-        reals, words, frames, parts, path, stages, len(stages), stage, lower - radius, radius, 1.0, movers, 0,
-        0.0, part, slot, 0.0, _left(settings, numbers, i), balls, settings[WAY], room, witness, place,
+    free, expected, part, slot, steps = _advance_on_path(
+        reals, words, frames, parts, path, stages, stage, lower - radius, radius, movers, np.int64(0), part,
+        slot, _left(settings, numbers, i), balls, settings[WAY], room, witness, place,
     )  # fmt: skip
     _count(settings, numbers, i, steps)
     flags |= ON_PATH
@@ -315,10 +328,9 @@ def look_along_path(
                 1.0, 1.0 / speed, whole - stage,
             )  # fmt: skip
         if near:
-            free, expected, part, slot, steps, _ = advance(
-                reals, words, frames, parts, path, stages, len(stages), stage, lower - radius, radius, 1.0,
-                movers, near, 0.0, part, slot, 0.0, _left(settings, numbers, i), balls, settings[WAY], room,
-                witness, place,
+            free, expected, part, slot, steps = _advance_on_path(
+                reals, words, frames, parts, path, stages, stage, lower - radius, radius, movers, near, part,
+                slot, _left(settings, numbers, i), balls, settings[WAY], room, witness, place,
             )  # fmt: skip
             _count(settings, numbers, i, steps)
         records[i, TIME_TO_CONTACT_LOWER] = max(free - stage, 0.0) / speed * DOWN

@@ -156,7 +156,7 @@ def _is_far(px, py, pz):
     return abs(px) > FAR_OUT or abs(py) > FAR_OUT or abs(pz) > FAR_OUT
 
 
-@kernel
+@inlined
 def nearest_with_budget(
     reals, words, frames, parts, start, part, x, y, z, best_sq, best_slot, ease, core, budget, room
 ):

@@ -190,6 +190,55 @@ def may_slip(frames, parts, x, y, z, reach):
 
 
 @kernel
+def _deepest_of_holders(
+    reals, words, frames, parts, x, y, z, part, slot, is_exact, lower, upper, clear, work, budget, room,
+    witness,
+):  # fmt: skip
+    """How deep a point is in the parts that hold it, m: at least; at most, by faces; and at most. -1: not.
+
+    *is_exact* to *work*: what `bracket_of` knows of the nearest face. Returns besides the part that it is
+    deepest in, the slot of the face there, and the steps taken so far.
+    """
+    scene = len(parts) - 1
+    depth_lower, depth_upper, depth_by_box = -1.0, -1.0, -1.0
+    enough = max(budget, work) + SPARE_STEPS
+    deep_part, deep_slot = np.int64(NO_PART), np.int64(NO_SLOT)
+    sx, sy, sz = to_local(frames, parts, scene, x, y, z)
+    sx, sy, sz = splat32(np.float32(sx)), splat32(np.float32(sy)), splat32(np.float32(sz))
+    first, last = list_of(words, frames, parts, x, y, z)
+    for turn in range(turns_of(parts, first, last)):
+        holding, at = holding_bits(words, frames, parts, first, last, turn, x, y, z, sx, sy, sz)
+        while holding:
+            other = holder(words, parts, at, holding)
+            holding &= holding - 1
+            if parts[other, SIGN] == SIGN_NONE:
+                continue
+            if other == part and is_exact and slot >= 0:
+                px, py, pz = to_local(frames, parts, part, x, y, z)
+                _, _, is_held = witness_of_slot(reals, words, parts, part, slot, px, py, pz, witness)
+                least, most, found = lower, upper, slot
+            else:
+                is_held, least, most, found, steps = _depth_in(
+                    reals, words, frames, parts, other, x, y, z,
+                    max(budget - work, FEWEST_STEPS) if work < enough else 0, room, witness,
+                )  # fmt: skip
+                work += steps
+                # What holds for all surfaces holds for this part's, and so does a face of it that is
+                # known; but for rounding, since it was walked in another frame.
+                if other == part and slot >= 0 and upper < most:
+                    most, found = upper, slot
+                least = min(max(least, clear), most)
+            if is_held:
+                depth_lower = max(depth_lower, least)
+                if found == NO_SLOT:
+                    depth_by_box = max(depth_by_box, most)
+                    deep_part = other if deep_part == NO_PART else deep_part
+                elif most > depth_upper:
+                    depth_upper, deep_part, deep_slot = most, other, found
+    return depth_lower, depth_upper, max(depth_upper, depth_by_box), deep_part, deep_slot, work
+
+
+@inlined
 def bracket_at(
     reals, words, frames, parts, x, y, z, part, slot, is_outside, ease, core, budget, room, witness
 ):
@@ -209,7 +258,7 @@ def bracket_at(
     )  # fmt: skip
 
 
-@kernel
+@inlined
 def bracket_of(
     reals, words, frames, parts, x, y, z, best_sq, part, slot, lower_sq, work, is_outside, budget, room,
     witness,
@@ -231,58 +280,20 @@ def bracket_of(
     lower = upper if is_exact else min(sqrt(lower_sq) / scale * DOWN, upper)
     clear = min(lower, sqrt(lower_sq) / scale) * DOWN
 
-    depth_lower, depth_upper, depth_by_box = -1.0, -1.0, -1.0
-    enough = max(budget, work) + SPARE_STEPS
+    depth_lower, depth_upper, depth_most = -1.0, -1.0, -1.0
     deep_part, deep_slot = np.int64(NO_PART), np.int64(NO_SLOT)
     if not is_outside:
-        sx, sy, sz = to_local(frames, parts, scene, x, y, z)
-        sx, sy, sz = splat32(np.float32(sx)), splat32(np.float32(sy)), splat32(np.float32(sz))
-        first, last = list_of(words, frames, parts, x, y, z)
-        for turn in range(turns_of(parts, first, last)):
-            holding, at = holding_bits(words, frames, parts, first, last, turn, x, y, z, sx, sy, sz)
-            while holding:
-                other = holder(words, parts, at, holding)
-                holding &= holding - 1
-                if parts[other, SIGN] == SIGN_NONE:
-                    continue
-                if other == part and is_exact and slot >= 0:
-                    px, py, pz = to_local(frames, parts, part, x, y, z)
-                    _, _, is_held = witness_of_slot(reals, words, parts, part, slot, px, py, pz, witness)
-                    least, most, found = lower, upper, slot
-                else:
-                    is_held, least, most, found, steps = _depth_in(
-                        reals,
-                        words,
-                        frames,
-                        parts,
-                        other,
-                        x,
-                        y,
-                        z,
-                        max(budget - work, FEWEST_STEPS) if work < enough else 0,
-                        room,
-                        witness,
-                    )
-                    work += steps
-                    # What holds for all surfaces holds for this part's, and so does a face of it that is
-                    # known; but for rounding, since it was walked in another frame.
-                    if other == part and slot >= 0 and upper < most:
-                        most, found = upper, slot
-                    least = min(max(least, clear), most)
-                if is_held:
-                    depth_lower = max(depth_lower, least)
-                    if found == NO_SLOT:
-                        depth_by_box = max(depth_by_box, most)
-                        deep_part = other if deep_part == NO_PART else deep_part
-                    elif most > depth_upper:
-                        depth_upper, deep_part, deep_slot = most, other, found
+        depth_lower, depth_upper, depth_most, deep_part, deep_slot, work = _deepest_of_holders(
+            reals, words, frames, parts, x, y, z, part, slot, is_exact, lower, upper, clear, work, budget,
+            room, witness,
+        )  # fmt: skip
         # What other parts were asked has gone over the witness.
         if slot >= 0 and depth_lower < 0.0:
             fill_witness(reals, words, parts, frames, part, slot, x, y, z, witness)
     bits = 0
     if depth_lower >= 0.0:
         part, slot = deep_part, deep_slot
-        lower, upper = -max(depth_upper, depth_by_box), -depth_lower
+        lower, upper = -depth_most, -depth_lower
         bits = SIGNED | INSIDE
         distance = lower
         if slot >= 0:

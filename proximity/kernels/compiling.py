@@ -110,14 +110,15 @@ def kernel(function: Callable[..., Any]) -> Any:
     """Compile *function* when first called, and keep it on disk; it runs without the interpreter lock.
 
     It makes no arrays, and so counts no references: they would be a fifth of a tick. What it needs for itself
-    is on the stack: see ``reals_here`` in `memory`.
+    is on the stack: see ``reals_here`` in `memory`. Whether it is put into its callers is LLVM's to say.
+    numba would have it always put into them where the first of them to be compiled is `inlined`.
     """
-    return _compile(function, _nrt=False)
+    return _compile(function, forceinline=False, _nrt=False)
 
 
 def maker(function: Callable[..., Any]) -> Any:
     """Compile a kernel that makes arrays."""
-    return _compile(function)
+    return _compile(function, forceinline=False)
 
 
 class Settled:
@@ -150,5 +151,5 @@ class Settled:
 
 
 def inlined(function: Callable[..., Any]) -> Any:
-    """Compile an innermost formula: always put into its caller."""
+    """Compile what is always put into its callers: formulas, and what is less than the call of it."""
     return _compile(function, forceinline=True, _nrt=False)

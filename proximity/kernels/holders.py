@@ -67,7 +67,7 @@ def _state_in_grid(words, frames, parts, part, px, py, pz):
     )
 
 
-@kernel
+@inlined
 def state_in_part(reals, words, frames, parts, part, px, py, pz):
     """`INSIDE`, `OUTSIDE` or `CROSSED` (ask the surface) for *p* in the part's local frame."""
     if parts[part, SIGN] == SIGN_NONE:
@@ -77,7 +77,7 @@ def state_in_part(reals, words, frames, parts, part, px, py, pz):
     return INSIDE if is_inside_by_winding(reals, words, parts, part, px, py, pz) else OUTSIDE
 
 
-@kernel
+@inlined
 def depth_in_part(reals, words, frames, parts, part, px, py, pz, state, recent, stacks, witness):
     """Squared local depth and slot where *p* (local) is inside *part*; `NO_SLOT` where it is not.
 
@@ -131,7 +131,7 @@ def is_held(reals, words, frames, parts, x, y, z, recent, stacks, witness):
     return is_inside
 
 
-@kernel
+@inlined
 def note_holders(words, frames, parts, points, rows, count, lists, pairs, certain):
     """Note which parts may hold points, of the first that are listed for each; how many pairs that are.
 
@@ -160,7 +160,7 @@ def note_holders(words, frames, parts, points, rows, count, lists, pairs, certai
     return pair_count
 
 
-@kernel
+@inlined
 def deepest_of_certain(
     reals, words, frames, parts, points, rows, count, pair_count, certain, found, depths, deeper, pairs,
     recent, stacks, witness,
@@ -277,7 +277,7 @@ def _deepest_of_pairs(
         )  # fmt: skip
 
 
-@kernel
+@inlined
 def _ask_for_depth(
     reals, words, frames, parts, points, rows, k, part, state, depths, deeper, recent, stacks, witness
 ):

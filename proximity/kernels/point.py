@@ -13,7 +13,7 @@ instead of the nearest (3 times the time, except with a bound that is known).
 import numpy as np
 
 from proximity.kernels.box import bound_of, far_offset_sq, node_bounds_sq
-from proximity.kernels.compiling import inlined, kernel
+from proximity.kernels.compiling import inlined
 from proximity.kernels.descent import NOTHING_WAITS, descend, nearer_in_block, next_open
 from proximity.kernels.layout import LANES, NO_SLOT, NODE_STRIDE, STACK_SIZE
 from proximity.kernels.triangle import TINY, place_of, point_triangle_distance_sq
@@ -28,7 +28,7 @@ NOTHING_SEEN = 0
 """A reference that no block has."""
 
 
-@kernel
+@inlined
 def closest_in_part(reals, words, start, px, py, pz, best_sq, best_slot, seen, stacks, at):
     """Squared distance and slot of the triangle nearest to *p*, all in the part's local frame.
 

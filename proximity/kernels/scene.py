@@ -9,7 +9,7 @@ frame to frame.
 import numpy as np
 
 from proximity.kernels.box import bound_of, far_offset_sq, node_bounds_sq
-from proximity.kernels.compiling import inlined, kernel
+from proximity.kernels.compiling import inlined
 from proximity.kernels.descent import NOTHING_WAITS, descend, nearer_in_block, next_open
 from proximity.kernels.layout import (
     BLOCK_NOTES,
@@ -134,7 +134,7 @@ def to_scene(frames, parts, part, source, at, target, to):
         target[to + axis] += frames[part, TRANSLATION + axis]
 
 
-@kernel
+@inlined
 def nearest_in_scene(reals, words, frames, parts, x, y, z, best_sq, best_part, best_slot, seen, stacks):
     """Squared distance (scene's scaled frame), part and slot of the surface nearest to a point.
 

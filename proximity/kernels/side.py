@@ -1,6 +1,6 @@
 """Inside or outside of one part, told by the triangle of it that is nearest."""
 
-from proximity.kernels.compiling import inlined, kernel
+from proximity.kernels.compiling import inlined
 from proximity.kernels.folds import is_folded
 from proximity.kernels.layout import (
     BLOCK_NOTES,
@@ -31,7 +31,7 @@ the side is not believed: rounding, at a point 1e-9 part sizes away, turns the w
 decides there."""
 
 
-@kernel
+@inlined
 def is_inside_by_winding(reals, words, parts, part, px, py, pz):
     """Whether *p*, local, has a winding number above one half."""
     return winding_number(reals, words, parts[part, ROOT], parts[part, MOMENTS], px, py, pz) > 0.5
@@ -49,7 +49,7 @@ def has_normals(words, parts, part, slot):
     return parts[part, SIGN] == SIGN_PSEUDONORMAL and not is_folded(words, parts[part, BLOCK_NOTES], slot)
 
 
-@kernel
+@inlined
 def witness_of_slot(reals, words, parts, part, slot, px, py, pz, witness):
     """Fill *witness* for a triangle found; return face, feature and whether *p* is inside the part."""
     read_corners(reals, slot, witness)
@@ -59,7 +59,7 @@ def witness_of_slot(reals, words, parts, part, slot, px, py, pz, witness):
     return face, feature, _is_inside(reals, words, parts, part, slot, px, py, pz, witness)
 
 
-@kernel
+@inlined
 def _is_inside(reals, words, parts, part, slot, px, py, pz, witness):
     """The side that a filled witness tells; on the surface: outside."""
     sign = parts[part, SIGN]
@@ -80,7 +80,7 @@ def _is_inside(reals, words, parts, part, slot, px, py, pz, witness):
     return is_inside_by_winding(reals, words, parts, part, px, py, pz)
 
 
-@kernel
+@inlined
 def signed_of_slot(reals, words, parts, part, slot, px, py, pz, witness):
     """Signed local distance to a triangle found; what `witness_of_slot` would tell, without the rest."""
     read_corners(reals, slot, witness)

@@ -7,7 +7,7 @@ point back even on a needle.
 
 from math import sqrt
 
-from proximity.kernels.compiling import inlined, kernel
+from proximity.kernels.compiling import inlined
 from proximity.kernels.layout import (
     CORNER_NORMALS,
     CORNERS,
@@ -97,7 +97,7 @@ def height_over(px, py, pz, ax, ay, az, bx, by, bz, cx, cy, cz):
     return is_over, dot(nx, ny, nz, pax, pay, paz), nx, ny, nz
 
 
-@kernel
+@inlined
 def closest_on_face(px, py, pz, height, witness):
     """Fill *witness* for a point over the face's inside, at *height* along its unit normal.
 
@@ -139,7 +139,7 @@ def closest_on_face(px, py, pz, height, witness):
     witness[WEIGHT + k] = third
 
 
-@kernel
+@inlined
 def closest_on_edges(px, py, pz, witness):
     """Fill *witness* for the nearest point of the three edges; return the feature and which one.
 
@@ -178,7 +178,7 @@ def closest_on_edges(px, py, pz, witness):
     return feature, which
 
 
-@kernel
+@inlined
 def closest_on_triangle(px, py, pz, witness):
     """Fill *witness* for the point of its triangle nearest to *p*; return the feature and which one.
 
@@ -207,7 +207,7 @@ def closest_on_triangle(px, py, pz, witness):
     return feature, which
 
 
-@kernel
+@inlined
 def _add_face_normal(reals, words, corners_at, face_at, witness):
     """Add the unit normal of the face whose corners are listed at *face_at* to the pseudo-normal."""
     a = corners_at + 3 * load_int(words, face_at)
@@ -223,7 +223,7 @@ def _add_face_normal(reals, words, corners_at, face_at, witness):
         witness[NORMAL + 2] += nz / length
 
 
-@kernel
+@inlined
 def pseudo_normal(reals, words, parts, part, face, feature, which, witness):
     """Make the face's unit normal in *witness* the pseudo-normal of the feature: the one that tells the side.
 
