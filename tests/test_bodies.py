@@ -454,6 +454,71 @@ def test_cavity_that_touches_the_outside_belongs_to_its_body():
         assert volume_of(body) == pytest.approx(27 - size)
 
 
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("is_float32", [False, True])
+def test_cavity_that_lies_on_most_sides_of_its_body_belongs_to_it(seed, is_float32):
+    """A cut through the body, and one at its corner; turned, so that sides lie on each other to rounding."""
+    for lower, upper in [((0, 0.5, 0), (3, 1, 3)), ((0, 0, 0), (1, 1, 1))]:
+        cavity = shapes.inside_out(shapes.box(lower, upper))
+        vertices, faces = shapes.join(shapes.box((0, 0, 0), (3, 3, 3)), cavity)
+        vertices = vertices @ shapes.rotation(seed)
+        vertices = vertices.astype(np.float32).astype(np.float64) if is_float32 else vertices
+        (body,) = split_bodies(vertices, faces)
+        assert volume_of(body) == pytest.approx(27 - np.prod(np.subtract(upper, lower)), rel=1e-5)
+
+
+def sides_meshed_apart(mesh):
+    """The cube with four sides cut finer than the others, as a soup: no edge between the two fits."""
+    vertices, faces = mesh
+    return shapes.soup(*shapes.join(shapes.quartered(vertices, faces[:4]), (vertices, faces[4:])))
+
+
+def without_a_face(mesh):
+    return mesh[0], mesh[1][1:]
+
+
+SMALL_HOLES = {
+    "a face is missing": (without_a_face, shapes.sphere(2.0, 3), shapes.inside_out(shapes.sphere(1.0, 2))),
+    "sides were meshed apart": (
+        sides_meshed_apart, shapes.cube(3.0, (0, 0, 0)), shapes.inside_out(shapes.cube(1.0, (0, 0, 0))),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("hole", SMALL_HOLES)
+@pytest.mark.parametrize("where", ["outside", "cavity", "both"])
+@pytest.mark.parametrize("is_turned", [False, True], ids=["", "inside out"])
+def test_cavity_belongs_to_its_body_though_either_has_small_holes(hole, where, is_turned):
+    pierced, outside, cavity = SMALL_HOLES[hole]
+    outside = pierced(outside) if where != "cavity" else outside
+    cavity = pierced(cavity) if where != "outside" else cavity
+    mesh = shapes.join(cavity, outside)
+    (body,) = split_bodies(*(shapes.inside_out(mesh) if is_turned else mesh))
+
+    assert body.mesh.face_count == len(mesh[1])
+    assert 0.9 * shapes.volume(*mesh) < volume_of(body) < 1.1 * shapes.volume(*mesh)
+    assert body.repairs.is_turned_inside_out == is_turned
+
+
+@pytest.mark.parametrize("hole", SMALL_HOLES)
+def test_inside_out_body_with_small_holes_is_turned(hole):
+    pierced, outside, _ = SMALL_HOLES[hole]
+    (body,) = split_bodies(*shapes.inside_out(pierced(outside)))
+
+    assert volume_of(body) > 0
+    assert body.repairs.is_turned_inside_out
+
+
+def test_box_without_its_lid_has_no_cavities():
+    """What lies in it inside out is a body: a sheet bounds no material."""
+    small = shapes.inside_out(shapes.cube(0.2, (0.4, 0.5, 0.3)))
+    for sheet in (shapes.open_box(), shapes.inside_out(shapes.open_box())):
+        bodies = split_bodies(*shapes.join(sheet, small))
+
+        assert [body.mesh.face_count for body in bodies] == [10, 12]
+        assert [body.repairs.is_turned_inside_out for body in bodies] == [False, True]
+
+
 def test_cavity_goes_to_the_smallest_body_around_it_whatever_the_boxes_say():
     """By its box the cavity might lie in the torus; it lies in the ball within the hole of the torus."""
     torus = shapes.torus(major_radius=4.0)

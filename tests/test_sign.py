@@ -191,6 +191,24 @@ def test_what_has_no_inside_has_distances_without_sign(name):
     assert not solid.closest(points).is_signed.any()
 
 
+@pytest.mark.parametrize("hole", ["outside", "cavity"])
+def test_cavity_of_a_body_with_a_small_hole_is_outside(hole):
+    """Taken apart, the outer shell would be full, and the cavity a solid or a sheet."""
+    outside, cavity = shapes.sphere(1.0, 3), shapes.inside_out(shapes.sphere(0.5, 2))
+    if hole == "outside":
+        outside = without_a_face(outside)
+    else:
+        cavity = without_a_face(cavity)
+    scene = Scene.from_mesh(*shapes.join(outside, cavity))
+
+    assert scene.contains([[0.0, 0.0, 0.0], [0.1, 0.2, 0.1], [0.7, 0.1, 0.0]]).tolist() == [
+        False,
+        False,
+        True,
+    ]
+    assert scene.signed_distance([0.0, 0.0, 0.0]) == pytest.approx(0.5, rel=0.03)
+
+
 def test_cube_inside_out_is_turned_and_says_so():
     solid = Solid(*shapes.inside_out(shapes.cube()))
 

@@ -5,7 +5,7 @@ vertex, all faces running one way, outside out. What cannot be made so stays as 
 no hole is filled, and every change is counted in `Repairs`.
 
 `splitting` has the order of the steps; `cleaning` drops faces, `pieces` connects them across edges,
-`welding` pulls near vertices together, `cavities` finds what lies within what.
+`welding` pulls near vertices together, `cavities` finds what lies within what by the `winding` number.
 """
 
 from proximity.bodies.records import Body, Repairs

@@ -3,22 +3,38 @@
 A shell with material inside has a positive volume, a cavity a negative one. A shell's sign counts relative
 to that of the shell around it, so that a hollow body that was exported inside out is turned as a whole. A
 shell that faces the same way as the body around it is a body of its own (an insert, or a part that overlaps
-another): nothing in the file says otherwise.
+another): nothing in the file says otherwise. A shell with small holes counts as a closed one.
 """
 
 import numpy as np
 
+from proximity.bodies.winding import ShellWinding
+
 VOLUME_ROUNDING = 64 * np.finfo(np.float64).eps
 """A volume is zero when it drowns in the rounding of its coordinates; times area and diagonal."""
 
+NEARLY_CLOSED = 0.8
+"""A shell with holes has an inside where its winding number is clear on both sides of this share of its area.
+Less than a sign asks for: an outer shell that gets one has been asked about its cavities."""
+
+_UNCLEAR_TURNS = 0.1
+"""How far off a whole number a clear winding number may be."""
+
+_SAMPLE_COUNT = 64
+"""Places on a shell with holes, of like areas, at which both sides are looked at."""
+
 _WITNESS_COUNT = 5
-"""Faces of a shell that are asked whether they lie within another. The majority counts: shells may touch."""
+"""Faces of a shell that are asked whether they lie within another."""
+
+_BESIDE = 2.0**-20
+"""How far beside a face both its sides are looked at, in sizes of the shell: of a face that lies on another
+shell one side is within and one is not, so that the other faces decide."""
 
 
 def enclosed_volumes(triangles: np.ndarray, labels: np.ndarray) -> np.ndarray:
     """Return six times the signed volume of each shell, 0 where rounding leaves the sign open: (P,).
 
-    *triangles* and *labels* as for `nest_shells`; means nothing for shells that are not closed.
+    *triangles* and *labels* as for `nest_shells`; roughly right for shells with small holes.
     """
     shell, first = np.unique(labels, return_index=True)
     origin = triangles[first, 0]  # on the surface, so that a flat one comes out as zero
@@ -33,30 +49,36 @@ def enclosed_volumes(triangles: np.ndarray, labels: np.ndarray) -> np.ndarray:
 
 
 def nest_shells(
-    triangles: np.ndarray, labels: np.ndarray, volumes: np.ndarray
+    triangles: np.ndarray, labels: np.ndarray, volumes: np.ndarray, is_closed: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return for each shell the shell whose body it belongs to, and whether it is to be turned.
 
     Parameters
     ----------
     triangles : (K, 3, 3) float64
-        Corners of the faces, scaled to coordinates of at most 1; those of each shell run one way.
+        Corners of the faces, scaled to coordinates of at most 1; those of each closed shell run one way.
     labels : (K,) integers
         The shell of each face, 0 .. P - 1, none without a face.
     volumes : (P,) float64
         Signed, in any unit; a shell of none belongs to itself and stays as it is.
+    is_closed : (P,) bool
+        The others have holes; those that have no inside belong to themselves and stay as they are.
 
     Returns
     -------
     (P,) int64, (P,) bool
     """
     body, is_turned = np.arange(len(volumes)), np.zeros(len(volumes), dtype=bool)
-    side = np.sign(volumes)
-    if not (side < 0).any():
+    if not (volumes < 0).any():
         return body, is_turned
     order = np.argsort(labels, kind="stable")
     starts = np.searchsorted(labels[order], np.arange(len(volumes) + 1))
     shells = _Shells(triangles[order], starts, np.abs(volumes))
+    side = np.sign(volumes)
+    for shell in np.flatnonzero(~is_closed & (volumes != 0)).tolist():
+        if volumes[shell] < 0 or shells.is_nested(shell):
+            side[shell] = shells.clear_side(shell)
+    shells.sizes[side == 0] = 0.0
     is_cavity = np.zeros(len(volumes), dtype=bool)
     # Largest first: a shell comes after those around it.
     for shell in np.argsort(-shells.sizes, kind="stable")[: np.count_nonzero(side)]:
@@ -75,57 +97,59 @@ class _Shells:
     def __init__(self, triangles: np.ndarray, starts: np.ndarray, sizes: np.ndarray) -> None:
         self._triangles, self._starts = triangles, starts
         self.sizes = sizes  # (P,) 0: not a shell to lie in
-        face_lower, face_upper = triangles.min(axis=1), triangles.max(axis=1)
-        self._face_lower, self._face_upper = face_lower.T.copy(), face_upper.T.copy()  # (3, K) each
-        self._lower = np.minimum.reduceat(face_lower, starts[:-1])
-        self._upper = np.maximum.reduceat(face_upper, starts[:-1])
+        self._lower = np.minimum.reduceat(triangles.min(axis=1), starts[:-1]).T.copy()  # (3, P)
+        self._upper = np.maximum.reduceat(triangles.max(axis=1), starts[:-1]).T.copy()
+        self._windings: dict[int, ShellWinding] = {}
+
+    def is_nested(self, shell: int) -> bool:
+        """Whether by its box *shell* may lie within another, or another within it."""
+        is_other = self.sizes > 0
+        is_other[shell] = False
+        lower, upper = self._lower[:, [shell]], self._upper[:, [shell]]
+        is_around = ((self._lower <= lower) & (self._upper >= upper)).all(axis=0)
+        is_within = ((self._lower >= lower) & (self._upper <= upper)).all(axis=0)
+        return bool((is_other & (is_around | is_within)).any())
+
+    def clear_side(self, shell: int) -> int:
+        """1 where a shell with holes has its inside below its faces, -1 above them, 0 if it has none."""
+        triangles = self._faces_of(shell)
+        normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+        reached = np.cumsum(np.sqrt(np.einsum("ij,ij->i", normals, normals)))
+        places = (np.arange(_SAMPLE_COUNT) + 0.5) / _SAMPLE_COUNT * reached[-1]
+        above, below = self._turns_beside(shell, triangles[np.searchsorted(reached, places)], shell)
+        is_clear = np.maximum(abs(above - np.rint(above)), abs(below - np.rint(below))) < _UNCLEAR_TURNS
+        for side, inner, outer in ((1, below, above), (-1, above, below)):
+            has_side = is_clear & (np.rint(inner) == side) & (np.rint(outer) == 0)
+            if has_side.mean() >= NEARLY_CLOSED:
+                return side
+        return 0
 
     def smallest_around(self, shell: int) -> int:
         """The smallest larger shell that *shell* lies within; -1 if there is none."""
-        is_candidate = self.sizes > self.sizes[shell]
-        is_candidate &= (self._lower <= self._lower[shell]).all(axis=1)
-        is_candidate &= (self._upper >= self._upper[shell]).all(axis=1)
-        candidates = np.flatnonzero(is_candidate)
-        witnesses = self._witnesses(shell)
+        candidates = np.flatnonzero(self.sizes > self.sizes[shell])
+        for lower, upper in zip(self._lower, self._upper, strict=True):
+            is_around = (lower[candidates] <= lower[shell]) & (upper[candidates] >= upper[shell])
+            candidates = candidates[is_around]
+        triangles = self._faces_of(shell)
+        chosen = np.unique(np.linspace(0, len(triangles) - 1, _WITNESS_COUNT).astype(np.int64))
         for candidate in candidates[np.argsort(self.sizes[candidates], kind="stable")]:
-            column = self._column_of(candidate, shell)
-            inside_count = sum(_crossing_count(column - witness) != 0 for witness in witnesses)
-            if 2 * inside_count > len(witnesses):
+            turns = self._turns_beside(shell, triangles[chosen], candidate)
+            if np.minimum(np.abs(turns), 1.0).mean() > 0.5:
                 return int(candidate)
         return -1
 
-    def _witnesses(self, shell: int) -> np.ndarray:
-        """Middles of a few faces of *shell*."""
-        first, end = self._starts[shell], self._starts[shell + 1]
-        chosen = np.unique(np.linspace(first, end - 1, _WITNESS_COUNT).astype(np.int64))
-        middles: np.ndarray = self._triangles[chosen].mean(axis=1)
-        return middles
-
-    def _column_of(self, candidate: int, shell: int) -> np.ndarray:
-        """The triangles of *candidate* that a ray from *shell* along z may meet."""
-        lower, upper = self._lower[shell], self._upper[shell]
-        run = slice(self._starts[candidate], self._starts[candidate + 1])
-        is_in_column = self._face_upper[2, run] >= lower[2]
-        for axis in (0, 1):
-            is_in_column &= self._face_lower[axis, run] <= upper[axis]
-            is_in_column &= self._face_upper[axis, run] >= lower[axis]
-        triangles: np.ndarray = self._triangles[run][is_in_column]
+    def _faces_of(self, shell: int) -> np.ndarray:
+        triangles: np.ndarray = self._triangles[self._starts[shell] : self._starts[shell + 1]]
         return triangles
 
-
-def _crossing_count(triangles: np.ndarray) -> int:
-    """How often the z axis from the origin up leaves (K, 3, 3) *triangles* more than it enters: 0 if outside.
-
-    An edge that two faces share is decided the same way for both, so that none is missed or counted twice.
-    """
-    following = np.roll(triangles, -1, axis=1)
-    is_low, is_next_low = triangles[..., 1] < 0, following[..., 1] < 0
-    # Seen along z: does the edge pass the x axis, and on its positive half? Asked from the low end upwards.
-    low = np.where(is_low[..., None], triangles, following)
-    high = np.where(is_low[..., None], following, triangles)
-    passes = (is_low != is_next_low) & (low[..., 0] * high[..., 1] > low[..., 1] * high[..., 0])
-    turns = np.where(is_low, 1, -1) * passes
-    turn = turns.sum(axis=1)
-    a, b, c = np.moveaxis(triangles, 1, 0)
-    is_above = np.einsum("ij,ij->i", a, np.cross(b, c)) * turn > 0
-    return int(turn[is_above].sum())
+    def _turns_beside(self, shell: int, triangles: np.ndarray, other: int) -> np.ndarray:
+        """How often *other* winds around what is above and below (N, 3, 3) faces of *shell*: (2, N)."""
+        a, b, c = np.moveaxis(triangles, 1, 0)
+        normals = np.cross(b - a, c - a)
+        lengths = np.linalg.norm(normals, axis=1)[:, None]
+        step = _BESIDE * (self._upper[:, shell] - self._lower[:, shell]).max()
+        steps = step * normals / np.where(lengths > 0, lengths, 1.0)
+        middles = triangles.mean(axis=1)
+        if other not in self._windings:
+            self._windings[other] = ShellWinding(self._faces_of(other))
+        return self._windings[other].turns(np.stack([middles + steps, middles - steps]))

@@ -43,7 +43,8 @@ def split_bodies(vertices: Any, faces: Any, source_faces: Any = None) -> list[Bo
     apart: each wedge of material is one body's. Closed surfaces that vertex numbers keep apart stay apart,
     and so do closed surfaces that share only corners. Open or flat pieces that share a corner are one body:
     sides that were meshed without regard for each other enclose something only together.
-    A closed surface of negative volume within a body is a cavity of it; elsewhere it is turned inside out.
+    A surface of negative volume within a body is a cavity of it; elsewhere it is turned inside out. Surfaces
+    with small holes count as closed ones there, sheets do not.
     Degenerate: a face without area is kept where dropping it would open the surface.
     Cost: 0.6 s for 300 k faces.
     """
@@ -57,13 +58,16 @@ def split_bodies(vertices: Any, faces: Any, source_faces: Any = None) -> list[Bo
         pieces = stock.connected()
     stock.is_turned[stock.rows] = pieces.is_turned
     triangles = stock.unit_positions[stock.wound(stock.rows)]
-    volumes = np.where(pieces.is_closed, enclosed_volumes(triangles, pieces.labels), 0.0)
-    body_of_piece, is_inside_out = nest_shells(triangles, pieces.labels, volumes)
-    stock.is_inside_out[stock.rows] = is_inside_out[pieces.labels]
-    labels = join_open_pieces(
-        stock.corners[stock.rows], body_of_piece[pieces.labels], volumes[pieces.labels] == 0
-    )
-    return _made_bodies(stock, _ranked_by_first(labels), names)
+    labels, volumes = pieces.labels, enclosed_volumes(triangles, pieces.labels)
+    is_closed = pieces.is_closed & (volumes != 0)
+    if not is_closed.all():
+        joined = join_open_pieces(stock.corners[stock.rows], labels, ~is_closed[labels])
+        first, shells = np.unique(joined, return_index=True, return_inverse=True)[1:]
+        is_closed, labels = is_closed[labels[first]], shells
+        volumes = enclosed_volumes(triangles, labels)
+    body_of_shell, is_inside_out = nest_shells(triangles, labels, volumes, is_closed)
+    stock.is_inside_out[stock.rows] = is_inside_out[labels]
+    return _made_bodies(stock, _ranked_by_first(body_of_shell[labels]), names)
 
 
 def _checked_source_faces(source_faces: Any, face_count: int) -> np.ndarray:
