@@ -7,7 +7,7 @@ import numpy as np
 from proximity.aligned import ALIGNMENT, aligned_empty
 from proximity.bvh import Bvh, LocalFrame, build_bvh, local_frame
 from proximity.kernels import layout
-from proximity.kernels.crossings import passing_faces
+from proximity.kernels.crossings import DEPTH, passing_faces
 from proximity.kernels.folds import folded_faces
 from proximity.kernels.grid import build_grid
 from proximity.kernels.normals import add_corner_normals
@@ -106,7 +106,7 @@ def with_sign(piece: PartArrays, sign: int, *, has_grid: bool) -> PartArrays:
     tree = _tree(piece)
     if sign == layout.SIGN_PSEUDONORMAL:
         folded = folded_faces(piece.corners, piece.faces, piece.neighbors, piece.bvh.slot_faces, *tree)
-        piece = replace(piece, folded=folded)
+        piece = replace(piece, folded=folded | beside_thin_faces(piece))
     if has_grid:
         lower, upper = piece.corners.min(axis=0), piece.corners.max(axis=0)
         wanted = min(max(CELLS_PER_FACE * len(piece.faces), FEWEST_CELLS), LARGEST_GRID)
@@ -116,6 +116,26 @@ def with_sign(piece: PartArrays, sign: int, *, has_grid: bool) -> PartArrays:
             piece, grid=grid, grid_counts=counts, grid_lower=tuple(lower.tolist()), grid_rate=rate
         )
     return piece
+
+
+def beside_thin_faces(piece: PartArrays) -> np.ndarray:
+    """Return which slots have faces as thin as a line, or with a corner of one, a bit each: (blocks,) uint8.
+
+    The normal of such a face is rounding, and so are the pseudo-normals of its edges and corners: there the
+    winding number tells the side. With such faces tessellation closes a surface where sides that were meshed
+    apart meet.
+    """
+    a, b, c = np.moveaxis(piece.corners[piece.faces], 1, 0)
+    longest = np.zeros(len(piece.faces))
+    for start, end in ((a, b), (b, c), (c, a)):
+        np.maximum(longest, np.linalg.norm(end - start, axis=1), out=longest)
+    least_height = DEPTH * np.ptp(piece.corners, axis=0).max()
+    is_thin = np.linalg.norm(np.cross(b - a, c - a), axis=1) <= least_height * longest
+    is_corner_of_thin = np.zeros(len(piece.corners), dtype=bool)
+    is_corner_of_thin[piece.faces[is_thin]] = True
+    is_beside = is_corner_of_thin[piece.faces].any(axis=1)
+    slot_faces = piece.bvh.slot_faces
+    return np.packbits((slot_faces >= 0) & is_beside[slot_faces], bitorder="little")
 
 
 def with_passing_faces(piece: PartArrays) -> PartArrays:

@@ -1,7 +1,8 @@
 """How inside is told for one body: chosen once, checked by sampling, and said in a sentence.
 
 - *pseudo-normal*: the surface is closed and oriented, so the normal of the nearest feature tells the side;
-  over faces that are folded onto their neighbours or pass through others, the winding number.
+  over faces that are folded onto their neighbours, pass through others or are as thin as a line, the winding
+  number.
 - *winding number*: the surface is closed but much of it meets itself, or it has small holes; how often it
   winds around a point tells.
 - *none*: a sheet, or a surface with large holes. There is no inside; distances have no sign.
@@ -17,7 +18,7 @@ from proximity.kernels.grid import doubtful_places
 from proximity.kernels.query import ANSWER_WIDTH, closest_batch
 from proximity.kernels.winding import winding_numbers
 from proximity.model import Model, assemble
-from proximity.part_arrays import NO_FOLDS, PartArrays, with_passing_faces, with_sign
+from proximity.part_arrays import PartArrays, beside_thin_faces, with_passing_faces, with_sign
 from proximity.pose import Pose
 from proximity.topology import Topology
 
@@ -75,11 +76,11 @@ def choose_sign(piece: PartArrays, topology: Topology) -> tuple[PartArrays, Sign
         if against == 0:
             why = f"closed and oriented; agrees with the winding number at {asked} of {asked} sample points"
             signed = with_passing_faces(signed)
-            if folded := int(np.unpackbits(signed.folded).sum()):
-                why += (
-                    f"; {folded} faces are folded over, pass through others, or are next to such, and there "
-                    "it tells the side"
-                )
+            thin = int(np.unpackbits(beside_thin_faces(signed)).sum())
+            folded = int(np.unpackbits(signed.folded).sum()) - thin
+            for count, kind in ((thin, "as thin as a line"), (folded, "folded over, pass through others")):
+                if count:
+                    why += f"; {count} faces are {kind}, or are next to such, and there it tells the side"
             return signed, SignMethod.PSEUDONORMAL, why
         why = (
             f"closed and oriented, but it meets itself: the nearest face and the winding number disagree at "
@@ -166,7 +167,7 @@ def _contradictions(signed: PartArrays, points: np.ndarray, normals: np.ndarray)
     model = bare = assemble([signed], [Pose()])
     if signed.folded.any():
         # Asked as if nothing were folded: a surface of which much is meets itself.
-        bare = assemble([replace(signed, folded=NO_FOLDS)], [Pose()])
+        bare = assemble([replace(signed, folded=beside_thin_faces(signed))], [Pose()])
     above = points + offsets[0] * normals
     against = _differing(bare, signed, around) + _differing(model, signed, above)
     against += _differing(model, signed, doubtful, is_inside)

@@ -219,6 +219,43 @@ def test_cube_inside_out_is_turned_and_says_so():
     assert solid.signed_distance([0.5, 0.5, 0.5]) == -0.5
 
 
+@pytest.mark.parametrize("height", [0.0, 1e-16, 1e-12, 1e-10, 1e-9])
+@pytest.mark.parametrize("seed", range(12))
+def test_side_is_right_beside_a_thin_face_that_closes_a_junction(seed, height):
+    """A vertex on a sharp edge for one side only, and a face in the slit: its normal tells nothing."""
+    rng = np.random.default_rng(seed)
+    vertices, faces = shapes.tetrahedron()
+    vertices = vertices * [1.0, 1.0, 0.3] @ (shapes.rotation(seed) if seed else np.eye(3))
+    a, b, c = faces[1 + seed % 3]
+    way = vertices[b] - vertices[a]
+    off = np.cross(way, rng.normal(size=3))
+    share = rng.uniform(0.2, 0.8) if seed else 0.5
+    vertices = np.vstack([vertices, vertices[a] + share * way + height * off / np.linalg.norm(off)])
+    faces = np.vstack([np.delete(faces, 1 + seed % 3, axis=0), [[a, 4, c], [4, b, c], [a, b, 4]]])
+    offs = np.cross(way, rng.normal(size=(400, 3)))
+    offs *= 10.0 ** rng.uniform(-4, -0.5, (400, 1)) / np.linalg.norm(offs, axis=1, keepdims=True)
+    points = vertices[a] + rng.uniform(0.0, 1.0, (400, 1)) * way + offs
+    inside = oracle.winding_number(vertices, faces, points) > 0.5
+
+    for asked in (Solid(vertices, faces), Scene.from_mesh(*shapes.soup(vertices, faces))):
+        np.testing.assert_array_equal(asked.signed_distance(points) < 0.0, inside)
+        np.testing.assert_array_equal(asked.contains(points), inside)
+
+
+def test_thin_faces_are_said():
+    vertices, faces = shapes.cube()
+    vertices = np.concatenate([vertices, [[0.5, 0.0, 0.0]]])
+    faces = [row for row in faces.tolist() if row != [0, 1, 5]] + [[0, 8, 5], [8, 1, 5], [0, 1, 8]]
+    solid = Solid(vertices, faces)
+
+    assert solid.is_watertight
+    assert solid.sign_method is SignMethod.PSEUDONORMAL
+    assert re.fullmatch(
+        AGREES + "; 10 faces are as thin as a line, or are next to such, and there it tells the side",
+        solid.sign_reason,
+    )
+
+
 def test_body_that_meets_itself_is_deepest_where_both_halves_are():
     solid = Solid(*CASES["two cubes that overlap"][0])
 
