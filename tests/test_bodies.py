@@ -281,6 +281,18 @@ def test_faces_lost_are_counted_at_the_body_that_had_them():
     assert [body.repairs.dropped_sliver_count for body in bodies] == [1, 1]
 
 
+def test_faces_lost_are_counted_at_the_body_that_had_them_though_others_touch_it():
+    """A cube that is there twice, a sheet at four of its corners, and a body at one."""
+    sheet = np.array([[0.0, 0, 0], [1, 0, 0], [0.5, -1, 0]]), np.array([[0, 1, 2]])
+    corner = shapes.moved(shapes.tetrahedron(), (1, 1, 1))
+    mesh = with_faces(shapes.join(shapes.cube(), shapes.cube(), sheet, corner), [16, 16, 0], [16, 0, 1])
+    bodies = split_bodies(*mesh)
+
+    assert [body.mesh.face_count for body in bodies] == [12, 1, 4]
+    assert [body.repairs.dropped_duplicate_count for body in bodies] == [12, 0, 0]
+    assert [body.repairs.dropped_sliver_count for body in bodies] == [2, 0, 0]
+
+
 # Near vertices
 
 

@@ -178,10 +178,21 @@ def _made_bodies(stock: _Stock, labels: np.ndarray, names: np.ndarray) -> list[B
 
 
 def _lost_counts(stock: _Stock, labels: np.ndarray, is_lost: np.ndarray) -> np.ndarray:
-    """How many lost faces each body had: a body with one of the corners, else the first of all."""
-    body_of_corner = np.zeros(len(stock.positions), dtype=np.int64)
-    body_of_corner[stock.corners[stock.rows].ravel()] = np.repeat(labels, 3)
-    return np.bincount(body_of_corner[stock.corners[is_lost]].max(axis=1), minlength=int(labels.max()) + 1)
+    """How many lost faces each body had: the first with most of its corners, else the first of all."""
+    body_count = int(labels.max()) + 1
+    corner = stock.corners[is_lost].ravel().astype(np.int64)
+    held = np.unique(stock.corners[stock.rows] * np.int64(body_count) + labels[:, None])  # corner, body
+    start, end = np.searchsorted(held, (corner * body_count, (corner + 1) * body_count))
+    counts = end - start
+    place = np.arange(counts.sum()) + np.repeat(start - (np.cumsum(counts) - counts), counts)
+    face = np.repeat(np.arange(len(corner)) // 3, counts)
+    pair, shared_count = np.unique(face * body_count + held[place] % body_count, return_counts=True)
+    face, body = np.divmod(pair, body_count)
+    order = np.lexsort((body, -shared_count, face))
+    found, best = np.unique(face[order], return_index=True)
+    owner = np.zeros(len(corner) // 3, dtype=np.int64)
+    owner[found] = body[order[best]]
+    return np.bincount(owner, minlength=body_count)
 
 
 def _distinct_count(ids: np.ndarray) -> int:
