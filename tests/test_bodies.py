@@ -107,6 +107,27 @@ def test_cubes_that_touch_come_apart(offset, spin):
         assert volumes_of(bodies) == [1.0, 1.0]
 
 
+@pytest.mark.parametrize("offset", [(1, 0, 0), (1, 1, 0), (1, 1, 1)], ids=["side", "edge", "corner"])
+@pytest.mark.parametrize("seed", range(4))
+def test_cubes_that_touch_come_apart_though_they_are_inside_out(offset, seed):
+    vertices, faces = shapes.join(shapes.cube(), shapes.moved(shapes.cube(), offset))
+    order = np.random.default_rng(seed).permutation(len(faces)) if seed else np.arange(len(faces))
+    vertices = vertices @ shapes.rotation(seed) if seed else vertices
+    bodies = split_bodies(*shapes.inside_out(shapes.soup(vertices, faces[order])), source_faces=order)
+
+    assert sorted(sorted(rows) for rows in rows_of(bodies)) == [list(range(12)), list(range(12, 24))]
+    assert volumes_of(bodies) == [1.0, 1.0]
+    assert all(body.repairs.is_turned_inside_out for body in bodies)
+
+
+def test_cavities_that_touch_are_cavities_of_one_body():
+    cavities = shapes.join(shapes.cube(), shapes.moved(shapes.cube(), (1, 0, 0)))
+    mesh = shapes.join(shapes.box((-1, -1, -1), (3, 2, 2)), shapes.inside_out(cavities))
+    (body,) = split_bodies(*shapes.soup(*mesh))
+
+    assert volume_of(body) == pytest.approx(4 * 3 * 3 - 2)
+
+
 @given(seed=st.integers(0, 10_000), is_rotated=st.booleans(), label_count=st.integers(1, 4))
 @settings(deadline=None, max_examples=40)
 def test_blocks_of_cells_come_apart_whatever_touches(seed, is_rotated, label_count):

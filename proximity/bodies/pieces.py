@@ -2,13 +2,15 @@
 
 Across an edge of two faces the connection is plain. At an edge of more, bodies touch: pieces that already
 have as many faces running one way along it as the other are whole there and need nothing; what is left is
-paired round the edge, each face with the one across its wedge of material.
+paired round the edge, each face with the one across its wedge of material. Bodies that touch and together
+have a negative volume are inside out: their material is on the other side.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from proximity.bodies.cavities import enclosed_volumes
 from proximity.kernels.components import connected
 from proximity.topology import EdgeRuns, edge_runs
 
@@ -53,6 +55,11 @@ def connect_faces(corners: np.ndarray, unit_positions: np.ndarray) -> Pieces:
     is_open[edges.order[edges.starts[edges.counts == 1]]] = True
     if (edges.counts > 2).any():
         contested = _contested_half_edges(edges, labels, is_turned, is_twisted)
+        wound = np.where(is_turned[:, None], corners[:, ::-1], corners)
+        is_inside_out = _is_inside_out(edges, labels, unit_positions[wound])
+        contested = replace(
+            contested, is_forward=contested.is_forward ^ is_inside_out[contested.half_edges // 3]
+        )
         one, other, is_crossed = _paired_around_edges(contested, corners, unit_positions)
         is_open[contested.half_edges] = True
         is_open[one] = is_open[other] = False
@@ -146,6 +153,17 @@ def _contested_half_edges(
     is_even = np.bincount(meeting) % 2 == 0
     is_whole = np.where(is_twisted[piece], is_even[meeting], balance[meeting] == 0)
     return _Contested(half_edges[~is_whole], edge[~is_whole], is_forward[~is_whole])
+
+
+def _is_inside_out(edges: EdgeRuns, labels: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Whether each of the (K, 3, 3) *triangles* is of bodies that touch, of negative volume together."""
+    is_many = edges.counts > 2
+    counts = edges.counts[is_many]
+    piece = labels[edges.order[np.repeat(is_many, edges.counts)] // 3]
+    first = np.repeat(labels[edges.order[edges.starts[is_many]] // 3], counts)
+    touching = linked_components(int(labels.max()) + 1, first, piece)[labels]
+    is_inside_out: np.ndarray = enclosed_volumes(triangles, touching)[touching] < 0
+    return is_inside_out
 
 
 def _paired_around_edges(
