@@ -468,6 +468,11 @@ class Scene(Queries):
             if model is None:
                 # All copies are in use by questions that take long, or a tree has outgrown its place.
                 now = [self._part_now(row) for row in range(len(self._parts))]
+                # Trackers know faces by their slots. A solid that another scene has deformed since would be
+                # made anew, with other slots: it takes over those that this scene has.
+                present = stage.model_at_work()
+                for row, part in enumerate(now):
+                    part.solid._share(present.part_alone(row))
                 self._assemble(now, loose=stage.loose_rows, epoch=stage.epoch)
                 model = self._stage.latest
             return model

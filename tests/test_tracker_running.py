@@ -13,6 +13,7 @@ import proximity
 from proximity.message import ContactFlag
 from proximity.pose import Pose
 from proximity.scene import Scene
+from proximity.top import REGION_COPIES
 from proximity.tracker import Tracker
 
 
@@ -95,6 +96,30 @@ def test_two_trackers_on_one_scene_that_moves_do_not_disturb_each_other():
         for tracker in trackers:
             found = tracker.tick(tips, k * MS, k * MS)
             assert (found["lower"] <= true + 1e-13).all() and (true <= found["upper"] + 1e-13).all()
+
+
+def test_face_told_stays_though_another_scene_has_deformed_a_solid_that_both_share():
+    """That solid is made anew when the first scene moves to new memory, with its faces in another order."""
+    scene = Scene(
+        [solid(shapes.sphere(0.5, 3), "ball"), block("block", (3, 0, 0)), block("mover", (9, 0, 0))]
+    )
+    vertices = scene.part("ball").solid.mesh.vertices
+    scene.deform("ball", vertices * (4.0, 0.5, 1.0))
+    far = np.array([[0.1, 0.2, 0.9], [3.0, 0.02, 0.5]])
+    tracker = Tracker(scene, fingers=2, working_range=0.01)
+    before = tracker.tick(far, 0, 0).copy()
+
+    Scene([scene.part("ball").solid]).deform("ball", vertices)
+    held = []
+    for step in range(REGION_COPIES + 1):
+        scene.move("mover", Pose(translation=(0, 0, 1e-3 * step)))
+        held.append(scene._current())
+    after = tracker.tick(far, MS, MS)
+
+    assert held[-1].words is not held[0].words
+    assert [scene.parts[part].name for part in after["part"]] == ["ball", "block"]
+    assert after["face"].tolist() == before["face"].tolist()
+    assert np.abs(after["point_on_part"] - before["point_on_part"]).max() < 1e-12
 
 
 def test_a_loaded_compiled_scene_is_tracked_as_the_one_that_was_saved(tmp_path):
