@@ -121,7 +121,7 @@ class ClosestPoints(_Record):
 
     @property
     def gradient(self) -> np.ndarray:
-        """S + (3,) float64, unit, direction of steepest increase of the signed distance."""
+        """S + (3,) float64, unit, direction of steepest increase of the signed distance; 0 where none is."""
         return self._vector(4)
 
     @property

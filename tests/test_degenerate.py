@@ -81,6 +81,24 @@ def test_query_at_the_centre_of_a_cube():
     assert np.abs(hit.gradient).max() == 1.0
 
 
+@pytest.mark.parametrize(
+    ("corners", "faces"),
+    [
+        ([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3], [0, 2, 1], [0, 3, 2]]),
+        ([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]]),
+    ],
+    ids=["faces back to back", "face without area"],
+)
+@pytest.mark.parametrize("place", [0.0, 0.25], ids=["corner", "edge"])
+def test_where_no_way_leads_out_the_gradient_is_zero_on_the_surface_and_a_unit_beside_it(
+    corners, faces, place
+):
+    hit = Solid(corners, faces).closest([[place, 0.0, 0.0], [place, -1e-3, 0.0]])
+
+    assert hit.signed_distance.tolist() == [0.0, 1e-3]
+    assert hit.gradient.tolist() == [[0.0, 0.0, 0.0], [0.0, -1.0, 0.0]]
+
+
 @pytest.mark.parametrize("offset", [1e-15, 1e-12, 1e-9])
 def test_query_a_hair_beside_every_feature_has_the_right_side(offset):
     """Along the pseudo-normal of corners, edges and faces of a body with edges of both kinds."""
