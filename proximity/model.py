@@ -76,6 +76,22 @@ class Model:
             _place(frames, parts, each, Pose())
         return finished(self.reals, self.words, frames, parts)
 
+    def folded_faces(self, row: int) -> np.ndarray:
+        """Return the faces of a part over which the winding number tells the side, (K,) int32.
+
+        Parameters
+        ----------
+        row : int
+            Of the part.
+        """
+        part = self.parts[row]
+        first, count = part[layout.FIRST_BLOCK], part[layout.BLOCK_COUNT]
+        notes = self.words[part[layout.BLOCK_NOTES] + first :][:count].view(np.int32)
+        slots = self.words[part[layout.SLOT_FACES] + LANES * first :][: LANES * count].view(np.int32)
+        marks = (notes >> layout.FOLDED_AT).astype(np.uint8)
+        folded: np.ndarray = slots[np.unpackbits(marks, bitorder="little") == 1]
+        return folded
+
     def part_arrays(self, row: int) -> PartArrays:
         """Return copies of a part's arrays, numbered from zero.
 

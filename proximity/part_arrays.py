@@ -150,6 +150,22 @@ def with_passing_faces(piece: PartArrays) -> PartArrays:
     return replace(piece, folded=piece.folded | passing)
 
 
+def with_folds(piece: PartArrays, faces: np.ndarray) -> PartArrays:
+    """Return a part's arrays where these faces, and no others, count as folded.
+
+    Parameters
+    ----------
+    piece : PartArrays
+        With its sign.
+    faces : (K,) int32
+        Rows of its faces, as found in another tree over them.
+    """
+    if not len(piece.folded):
+        return piece
+    is_folded = np.isin(piece.bvh.slot_faces, faces).reshape(-1, layout.LANES)
+    return replace(piece, folded=np.packbits(is_folded, axis=1, bitorder="little")[:, 0])
+
+
 def _tree(piece: PartArrays) -> tuple[np.ndarray, np.ndarray, int, int]:
     """A part's tree as kernels take it: blocks, nodes and moments, where these two begin."""
     words, starts = joined([piece.bvh.nodes, piece.moments], np.float32)

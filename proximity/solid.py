@@ -12,7 +12,7 @@ from proximity.kernels import layout
 from proximity.kernels.layout import NO_GRID
 from proximity.mesh import TriangleMesh
 from proximity.model import Model, Shelf, assemble
-from proximity.part_arrays import PartArrays, part_arrays, with_sign
+from proximity.part_arrays import PartArrays, part_arrays, with_folds, with_sign
 from proximity.pose import Pose
 from proximity.queries import Queries
 from proximity.sign import SignMethod, choose_sign
@@ -30,6 +30,7 @@ class _Remains:
     has_grid: bool
     faces: np.ndarray  # (F, 3) int32, rows of corners; in the scene's memory, where they stay
     neighbors: np.ndarray  # (F, 3) int32, likewise
+    folded: np.ndarray  # int32, faces over which the winding number tells the side
 
 
 class Solid(Queries):
@@ -186,6 +187,7 @@ class Solid(Queries):
             bool(part[layout.GRID] != NO_GRID),
             faces,
             neighbors,
+            model.folded_faces(row),
         )
         self._stage.current, self._source = None, None
 
@@ -209,7 +211,7 @@ def _made_anew(mesh: TriangleMesh, remains: _Remains) -> PartArrays:
     corners[remains.faces.ravel()] = mesh.vertices[mesh.faces.ravel()]
     faces, neighbors = remains.faces.copy(), remains.neighbors.copy()
     piece = part_arrays(corners, faces, neighbors, remains.frame)
-    return with_sign(piece, remains.sign, has_grid=remains.has_grid)
+    return with_folds(with_sign(piece, remains.sign, has_grid=remains.has_grid), remains.folded)
 
 
 def _volume(mesh: TriangleMesh) -> float:

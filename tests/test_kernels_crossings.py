@@ -179,6 +179,26 @@ def test_beams_that_cross_mid_edge_keep_their_normals_elsewhere(depth):
     assert 0 < len(marked_faces(solid)) < len(solid.mesh.faces)
 
 
+def test_marks_outlast_a_scene_that_gives_the_part_another_shape():
+    """Whoever holds the solid before has it as it was: made anew, and its sides told as before."""
+    vertices, faces = edge_to_edge(0.03, 2)
+    first = Solid(vertices, faces, name="beams")
+    marked = marked_faces(first)
+    scene = Scene([first])
+    scene.deform("beams", 2.0 * vertices)
+    second = scene.part("beams").solid
+    scene.deform("beams", 3.0 * vertices)
+    rng = np.random.default_rng(3)
+    on = (rng.dirichlet((1.0, 1.0, 1.0), 4000)[:, :, None] * vertices[faces[rng.choice(marked, 4000)]]).sum(1)
+    points = on + rng.normal(size=on.shape) * 10.0 ** rng.uniform(-4, -2, (4000, 1))
+    inside = oracle.winding_number(vertices, faces, points) > 0.5
+
+    assert len(marked)
+    for size, solid in ((1.0, first), (2.0, second), (3.0, scene.part("beams").solid)):
+        np.testing.assert_array_equal(solid.signed_distance(size * points) < 0.0, inside)
+        np.testing.assert_array_equal(marked_faces(solid), marked)
+
+
 @pytest.mark.parametrize("make", ["bracket.stl", "gear.stl", "plate.stl", "hollow_box.stl", "torus.ply"])
 def test_usual_parts_have_no_marks(make):
     for part in proximity.load(PROJECT / "meshes" / make).parts:
