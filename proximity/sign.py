@@ -76,15 +76,12 @@ def choose_sign(piece: PartArrays, topology: Topology) -> tuple[PartArrays, Sign
         if against == 0:
             why = f"closed and oriented; agrees with the winding number at {asked} of {asked} sample points"
             signed = with_passing_faces(signed)
-            thin = int(np.unpackbits(beside_thin_faces(signed)).sum())
-            folded = int(np.unpackbits(signed.folded).sum()) - thin
-            for count, kind in ((thin, "as thin as a line"), (folded, "folded over, pass through others")):
-                if count:
-                    why += f"; {count} faces are {kind}, or are next to such, and there it tells the side"
+            if signed.folded.any():
+                why += _exceptions(signed)
             return signed, SignMethod.PSEUDONORMAL, why
         why = (
-            f"closed and oriented, but it meets itself: the nearest face and the winding number disagree at "
-            f"{against} of {asked} sample points"
+            "closed and oriented, but it meets itself or has shells that face the wrong way: the nearest "
+            f"face and the winding number disagree at {against} of {asked} sample points"
         )
         return with_sign(piece, layout.SIGN_WINDING, has_grid=True), SignMethod.WINDING_NUMBER, why
     if topology.is_balanced:
@@ -106,6 +103,18 @@ def choose_sign(piece: PartArrays, topology: Topology) -> tuple[PartArrays, Sign
 
 def _edges(count: int) -> str:
     return "1 edge is" if count == 1 else f"{count} edges are"
+
+
+def _exceptions(signed: PartArrays) -> str:
+    """Where, and why there, the winding number tells the side of a part that has pseudo-normals."""
+    thin_count = int(np.unpackbits(beside_thin_faces(signed)).sum())
+    folded_count = int(np.unpackbits(signed.folded).sum()) - thin_count
+    kinds = ((thin_count, "as thin as a line"), (folded_count, "folded over, pass through others"))
+    return "".join(
+        f"; {count} faces are {kind}, or are next to such, and there it tells the side"
+        for count, kind in kinds
+        if count
+    )
 
 
 def _surface_samples(piece: PartArrays) -> tuple[np.ndarray, np.ndarray]:

@@ -19,8 +19,8 @@ from proximity.tracker import Tracker
 
 AGREES = r"closed and oriented; agrees with the winding number at (\d+) of \1 sample points"
 MEETS_ITSELF = (
-    r"closed and oriented, but it meets itself: the nearest face and the winding number disagree at "
-    r"[1-9]\d* of \d+ sample points"
+    r"closed and oriented, but it meets itself or has shells that face the wrong way: the nearest face "
+    r"and the winding number disagree at [1-9]\d* of \d+ sample points"
 )
 MANY_FACES = r"closed, but edges have more than two faces"
 SMALL_HOLE = (
