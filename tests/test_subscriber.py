@@ -300,6 +300,21 @@ def test_waiting_in_vain_ends():
     assert all(0.0 < timeout <= 0.02 for timeout in bench.wire.waits)
 
 
+@pytest.mark.parametrize("timeout", [np.nan, "1", None])
+def test_who_waits_says_how_long(timeout):
+    """With nan it waited for ever, and kept a core busy."""
+    with pytest.raises(QueryError, match=r"^timeout is .*, expected a number of seconds$"):
+        with_frame().subscriber.wait(timeout)
+
+
+@pytest.mark.parametrize("timeout", [0, -1.0, np.float32(-np.inf)])
+def test_who_has_no_time_does_not_wait(timeout):
+    bench = Reader()
+
+    assert bench.subscriber.wait(timeout).state is State.STALE
+    assert bench.wire.waits == []
+
+
 def test_waiting_for_ever_is_cut_into_hours():
     bench = Reader()
     timer = threading.Timer(0.05, lambda: bench.send(frame()))
@@ -319,7 +334,7 @@ def test_leaving_the_block_closes_the_inlet():
 
 
 @pytest.mark.parametrize("name", ["stale_after", "max_speed", "max_acceleration"])
-@pytest.mark.parametrize("value", [-1.0, np.nan, np.inf])
+@pytest.mark.parametrize("value", [-1.0, np.nan, np.inf, "1", None, True])
 def test_settings_are_numbers_of_zero_or_more(name, value):
     with pytest.raises(QueryError, match=rf"^{name} is .*, expected a number of 0 or more$"):
         Subscriber(Wire(), "wire:", **{name: value})

@@ -76,6 +76,8 @@ def open_subscriber(address: str, **settings: Any) -> Subscriber:
     ------
     PublishError
         If the address is none, is in use, or cannot be opened.
+    QueryError
+        If a setting is no number of 0 or more.
     """
     inlet = open_inlet(address)
     try:

@@ -4,6 +4,7 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from numbers import Real
 from types import TracebackType
 from typing import Any
 
@@ -79,7 +80,7 @@ class Subscriber:
     Raises
     ------
     QueryError
-        If one of the three numbers is not finite or negative.
+        If one of the three numbers is none, not finite or negative.
 
     Notes
     -----
@@ -137,8 +138,15 @@ class Subscriber:
         Parameters
         ----------
         timeout : float, s
-            How long to wait at most.
+            How long to wait at most: inf for ever, 0 or less not at all.
+
+        Raises
+        ------
+        QueryError
+            If it is no number.
         """
+        if not _is_number(timeout) or math.isnan(timeout):
+            raise QueryError(f"timeout is {timeout!r}, expected a number of seconds")
         ends = time.monotonic() + timeout
         while True:
             reading = self.read()
@@ -221,7 +229,11 @@ class Subscriber:
         np.copyto(self._told.view(np.uint8), held.contacts.view(np.uint8))
 
 
+def _is_number(value: Any) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool)
+
+
 def _not_negative(name: str, value: float) -> float:
-    if not 0.0 <= value < math.inf:
+    if not _is_number(value) or not 0.0 <= value < math.inf:
         raise QueryError(f"{name} is {value!r}, expected a number of 0 or more")
     return float(value)
