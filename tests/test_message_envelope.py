@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from proximity.errors import QueryError
 from proximity.message import (
     CONTACT,
     FRAME,
@@ -114,9 +115,9 @@ def test_sealing_gives_the_same_array_each_time():
     assert message.seal(1, 2) is message.seal(1, 3)
 
 
-@pytest.mark.parametrize("count", [-1, MAX_RECORDS + 1])
-def test_message_with_too_many_records_is_refused(count):
-    with pytest.raises(ValueError, match=f"^{count} records, expected 0 to {MAX_RECORDS}$"):
+@pytest.mark.parametrize("count", [-1, MAX_RECORDS + 1, 1.5, None])
+def test_message_that_cannot_have_as_many_records_is_refused(count):
+    with pytest.raises(QueryError, match=f"^{count} records, expected 0 to {MAX_RECORDS}$"):
         Message(FRAME, count)
 
 

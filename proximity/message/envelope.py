@@ -14,6 +14,7 @@ from struct import Struct
 
 import numpy as np
 
+from proximity.errors import QueryError
 from proximity.message.fields import Field, dtype_of, struct_of
 
 VERSION = 1
@@ -88,12 +89,20 @@ class Flaw(Enum):
 class Message:
     """Room for one message with a fixed number of records, and its parts as arrays.
 
+    Write ``header[field]`` and ``records[field]``, the fields of its kind; ``data`` are the bytes of both.
+    Who publishes it sees to session, sequence and checksum; what else all messages begin with is there.
+
     Parameters
     ----------
     kind : Kind
-        What it is to be.
+        What it is to be, such as `POSES`.
     count : int
-        How many records.
+        How many records: 0 to 4096.
+
+    Raises
+    ------
+    QueryError
+        If it cannot have as many.
     """
 
     kind: Kind
@@ -102,8 +111,8 @@ class Message:
     records: np.ndarray  # (count,) structured
 
     def __init__(self, kind: Kind, count: int) -> None:
-        if not 0 <= count <= MAX_RECORDS:
-            raise ValueError(f"{count} records, expected 0 to {MAX_RECORDS}")
+        if not isinstance(count, (int, np.integer)) or not 0 <= count <= MAX_RECORDS:
+            raise QueryError(f"{count!r} records, expected 0 to {MAX_RECORDS}")
         self.kind = kind
         self.data = np.zeros(kind.size(count), np.uint8)
         self.header, self.records = parts_of(self.data, kind)
