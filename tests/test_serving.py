@@ -477,6 +477,24 @@ def test_it_ends_after_so_many_ticks(scene_path):
     assert len(beginnings) == 1
 
 
+@pytest.mark.parametrize("seconds", [-1, float("nan"), "1", True])
+def test_seconds_are_a_number(scene_path, seconds):
+    """With text a thread died with a traceback, and the service went on for ever."""
+    with pytest.raises(ServiceError, match=r"^seconds is .*, expected a number of seconds of 0 or more$"):
+        serve(scene_path, seconds=seconds)
+
+
+@pytest.mark.parametrize("ticks", [-1, 1.5, "1"])
+def test_ticks_are_counted(scene_path, ticks):
+    """With a number that is never reached the service went on for ever."""
+    with pytest.raises(ServiceError, match=r"^tick_count is .*, expected a whole number of 0 or more$"):
+        serve(scene_path, tick_count=ticks)
+
+
+def test_no_ticks_are_made_where_none_are_asked_for(scene_path):
+    assert serve(scene_path, tick_count=0).ticks == 0
+
+
 def test_it_ends_after_some_seconds(scene_path):
     report = serve(scene_path, seconds=0.1)
 
@@ -729,6 +747,14 @@ def test_listener_that_fails_does_not_stop_the_service(child):
     assert service.stop(timeout=PATIENCE_S) == {"ticks": 7}
 
 
+def test_child_is_waited_for_as_long_as_wished(child):
+    service = child(BEGUN + ENDED, timeout=threading.TIMEOUT_MAX)
+
+    with pytest.raises(ServiceError, match=r"^timeout is nan, expected a number of seconds of 0 or more$"):
+        service.stop(timeout=float("nan"))
+    assert service.stop(timeout=float("inf")) == {"ticks": 7}
+
+
 def test_child_that_ends_by_itself_has_a_report(child):
     with child(BEGUN + 'print(json.dumps({"event": "ended", "ticks": 9}), flush=True)') as service:
         wait_until(lambda: not service.is_running, "it ended")
@@ -786,6 +812,11 @@ def test_mistake_within_the_block_is_the_one_that_is_raised(child):
     with pytest.raises(ZeroDivisionError), child(BEGUN + ENDED) as service:
         service._process.kill()
         raise ZeroDivisionError
+
+
+def test_time_to_begin_is_a_number(scene_path):
+    with pytest.raises(ServiceError, match=r"^timeout is -1, expected a number of seconds of 0 or more$"):
+        start_service(scene_path, timeout=-1)
 
 
 def test_override_that_no_option_has_is_refused(scene_path):

@@ -20,6 +20,7 @@ from typing import Any
 
 from proximity.errors import ServiceError
 from proximity.serving.saying import guarded
+from proximity.serving.seconds import checked_seconds
 
 BEGIN_TIMEOUT = 600.0
 """s. Large parts may have to be read, and once kernels compiled: two minutes, or many on a busy machine."""
@@ -107,8 +108,9 @@ class RunningService:
         Raises
         ------
         ServiceError
-            If it has failed, or did not end in time.
+            If it has failed, or did not end in time; or if *timeout* is no number of 0 or more.
         """
+        timeout = checked_seconds("timeout", timeout)
         with suppress(OSError, ValueError):  # it has ended already, or was told already
             assert self._process.stdin is not None
             self._process.stdin.write("stop\n")
@@ -223,9 +225,10 @@ def start_service(
     Raises
     ------
     ServiceError
-        If the file, an address, or an override cannot be used, with the sentence that says why; or if there
-        is no frame in time.
+        If the file, an address, an override or *timeout* cannot be used, with the sentence that says why; or
+        if there is no frame in time.
     """
+    timeout = checked_seconds("timeout", timeout)
     name = os.fsdecode(path)
     command = [sys.executable, "-P", "-m", "proximity", "serve", name, "--json", "--until-stdin"]
     return RunningService(

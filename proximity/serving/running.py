@@ -8,11 +8,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
+from proximity.errors import ServiceError
 from proximity.scene_file import SceneFile, override, read_scene_file
 from proximity.service import Report
 from proximity.serving.editing import Editing
 from proximity.serving.making import Made, make_service
 from proximity.serving.saying import guarded, warnings_of_loop_to
+from proximity.serving.seconds import checked_seconds
 from proximity.stopping import stopped_by_signals
 
 LOOK_S = 0.5
@@ -57,9 +59,9 @@ def serve(
     stop : threading.Event
         Ends it when set by another thread. In the main thread Ctrl-C and SIGTERM do as well.
     tick_count : int
-        Ends it after so many ticks.
+        Ends it after so many ticks; None: it goes on.
     seconds : float, s
-        Ends it so long after the first frame.
+        Ends it so long after the first frame; None: it goes on.
     say : callable
         Is given sentences meanwhile, by other threads: edits that were taken or not, what has failed. They
         are logged as warnings of "proximity.serving" where it is not given.
@@ -77,7 +79,8 @@ def serve(
     Raises
     ------
     ServiceError
-        If the file cannot be used; the message has the line.
+        If the file cannot be used; the message has the line. If *tick_count* or *seconds* are no such
+        numbers.
     PublishError
         If an address cannot be opened.
     RecordingError
@@ -88,6 +91,9 @@ def serve(
     Thread: the calling thread ticks. Others of this process that hold the interpreter lock delay it:
     `start_service` has a process of its own.
     """
+    if tick_count is not None and not (isinstance(tick_count, int) and tick_count >= 0):
+        raise ServiceError(f"tick_count is {tick_count!r}, expected a whole number of 0 or more")
+    seconds = None if seconds is None else checked_seconds("seconds", seconds)
     settings = override(read_scene_file(path), overrides)
     made = make_service(settings)
     stop = threading.Event() if stop is None else stop
@@ -149,7 +155,7 @@ class _Beside:
             return
         if self._seconds is not None:
             # Not by this thread: an edit of a large part may keep it for minutes.
-            self._timer = threading.Timer(min(self._seconds, threading.TIMEOUT_MAX), self._stop.set)
+            self._timer = threading.Timer(self._seconds, self._stop.set)
             self._timer.daemon = True
             self._timer.start()
         while not self._over.wait(LOOK_S):
