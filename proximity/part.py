@@ -19,7 +19,14 @@ NO_VELOCITY.flags.writeable = False
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
-    """A solid with a name, a place in the scene, and the way back to where its faces came from."""
+    """A solid with a name, a place in the scene, and the way back to where its faces came from.
+
+    ``pose`` is world_from_part. ``velocity``, m/s, is that of the part's origin, ``angular_velocity``, rad/s,
+    about it, both in the scene's frame. ``source_faces`` has, for each row of ``solid.mesh.faces``, the row
+    of the file's or the caller's faces; ``repairs`` counts what was mended on the way. A part with
+    ``is_hidden`` is found by no question. ``stiffness``, N/m, and ``damping``, N s/m, are of a part that
+    gives way; a ``stiffness`` of None is rigid.
+    """
 
     name: str
     solid: Solid

@@ -81,7 +81,8 @@ class Queries:
         Raises
         ------
         QueryError
-            If *points* are not numbers of shape (..., 3), or *max_distance* is negative or nan.
+            If *points* are not numbers of shape (..., 3), or *max_distance* is negative or nan, or *workers*
+            is no number of threads.
 
         Notes
         -----
@@ -132,7 +133,7 @@ class Queries:
         Raises
         ------
         QueryError
-            If *points* are not numbers of shape (..., 3).
+            If *points* are not numbers of shape (..., 3), or *workers* is no number of threads.
         """
         return self._distances(points, workers, _signed_few, signed_batch)
 
@@ -153,7 +154,7 @@ class Queries:
         Raises
         ------
         QueryError
-            If *points* are not numbers of shape (..., 3).
+            If *points* are not numbers of shape (..., 3), or *workers* is no number of threads.
         """
         return self._distances(points, workers, _distance_few, _distance_batch)
 
@@ -195,7 +196,7 @@ class Queries:
         Raises
         ------
         QueryError
-            If *points* are not numbers of shape (..., 3).
+            If *points* are not numbers of shape (..., 3), or *workers* is no number of threads.
         NotWatertightError
             If nothing here has an inside.
         """
@@ -241,7 +242,8 @@ class Queries:
         Raises
         ------
         QueryError
-            If shapes or types do not fit, or a direction is zero.
+            If shapes or types do not fit, a direction is zero, *max_distance* is negative or nan, or
+            *workers* is no number of threads.
 
         Notes
         -----
@@ -291,7 +293,8 @@ class Queries:
         Raises
         ------
         QueryError
-            If shapes or types do not fit, or a direction is zero.
+            If shapes or types do not fit, a direction is zero, *max_distance* is negative or nan, or
+            *workers* is no number of threads.
         """
         if workers is ONE_THREAD and (max_distance is inf or _is_length(max_distance)):
             try:
@@ -358,7 +361,8 @@ class Queries:
         Raises
         ------
         QueryError
-            If shapes or types do not fit.
+            If shapes or types do not fit, *max_distance* is negative or nan, or *workers* is no number of
+            threads.
 
         Notes
         -----

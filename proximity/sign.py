@@ -39,7 +39,12 @@ CLEAR_SHARE = 0.95
 
 
 class SignMethod(Enum):
-    """How the sign of a distance is told."""
+    """How the sign of a distance is told.
+
+    PSEUDONORMAL: by the normal of the nearest face, edge or corner of a closed and oriented surface.
+    WINDING_NUMBER: by how often the surface winds around the point, where it is closed but much of it meets
+    itself, or has small holes. NONE: there is no inside, and distances have no sign.
+    """
 
     PSEUDONORMAL = "pseudo-normal"
     WINDING_NUMBER = "winding number"

@@ -87,6 +87,16 @@ def test_public_class_documents_what_it_is_made_of(name):
     assert documented_parameters(inspect.getdoc(value)) == parameters_of(constructor)
 
 
+@pytest.mark.parametrize("name", CLASSES)
+def test_public_class_says_what_its_attributes_are(name):
+    """Comments beside them in the source are not seen by who asks with help()."""
+    value = getattr(proximity, name)
+    attributes = [own for own in vars(value).get("__annotations__", {}) if not own.startswith("_")]
+    words = set(re.findall(r"\w+", inspect.getdoc(value)))
+
+    assert set(attributes) <= words
+
+
 @pytest.mark.parametrize("name", sorted(CALLABLES) + CLASSES)
 def test_sections_are_known_and_in_order(name):
     documentation = inspect.getdoc(CALLABLES.get(name) or getattr(proximity, name))

@@ -38,6 +38,9 @@ LOGGER = logging.getLogger("proximity.serving")
 class RunningService:
     """A service in a process of its own; made by `start_service`, stopped at the end of a ``with`` block.
 
+    ``beginning`` is what it said with its first frame: ``publish``, ``rate_hz``, ``finger_count``,
+    ``part_count``, ``face_count``, ``pid``, ``notes`` and more.
+
     Parameters
     ----------
     command : list of str

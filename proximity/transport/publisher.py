@@ -29,6 +29,8 @@ def _calendar_ahead_ns() -> int:
 class Publisher:
     """Publishes messages at an address; made by `open_publisher`.
 
+    ``session`` is the instant of the calendar, ns, at which its run began: receivers tell a restart by it.
+
     Parameters
     ----------
     outlet : Outlet

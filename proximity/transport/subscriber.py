@@ -40,6 +40,12 @@ class Reading:
     From then on, or where it says itself that it is LATE, contacts are made worse, see `widen`: their bounds
     hold for now and widen, and what was exact is not any more. In the end, and where a frame says so itself,
     nothing is left of them: STALE, or STOPPING.
+
+    ``state`` says how far it goes; ``is_new``, whether a reading before had the same frame. ``contacts`` are
+    records of `CONTACT`, ``header`` those numbers of the frame that are not of a finger, None before the
+    first. Later readings overwrite both: copy what must outlive the next. ``now_ns`` is the instant of the
+    reading on the publisher's clock, ``age_ns`` the time since the oldest pose of a tracked finger, -1
+    before the first frame.
     """
 
     state: State  # what the frame says, or worse
