@@ -3,15 +3,23 @@
 import json
 import math
 import os
+import textwrap
 from dataclasses import replace
 from datetime import UTC, datetime
 
 import numpy as np
 import pytest
 
+from proximity.decaff import calibrating
 from proximity.decaff.calibrated_glove import TOUCH_TOLERANCE, CalibratedGlove
 from proximity.decaff.calibrating import backlash, cable_compliance, step_latency, touch_offset
-from proximity.decaff.calibration import LARGEST_FILE, Calibration, read_calibration, write_calibration
+from proximity.decaff.calibration import (
+    LARGEST_FILE,
+    Calibration,
+    check_age,
+    read_calibration,
+    write_calibration,
+)
 from proximity.decaff.drum_geometry import EccentricDrum
 from proximity.decaff.glove import Glove
 from proximity.decaff.transmission import Cable, Potentiometer
@@ -484,3 +492,18 @@ def test_latency_is_found_from_a_step(height):
     answer += 0.01 * height * np.random.default_rng(7).uniform(-1, 1, len(times))
 
     assert step_latency(times, answer, 0.010) == pytest.approx(4.2e-3, abs=2e-5)
+
+
+def test_example_of_the_documentation_makes_a_calibration(tmp_path, monkeypatch):
+    """Who has measured a glove finds there how the file is made."""
+    monkeypatch.chdir(tmp_path)
+    _, _, example = calibrating.__doc__.partition("::\n")
+
+    exec(compile(textwrap.dedent(example), "calibrating", "exec"), {})
+
+    made = read_calibration("glove.json")
+    check_age(made)
+    CalibratedGlove(Glove(), made)
+    assert made.cable_compliance == pytest.approx(5e-5, rel=0.01)
+    assert made.backlash == pytest.approx(0.15e-3, rel=0.01)
+    assert made.latency == pytest.approx(1e-3)

@@ -1,6 +1,28 @@
 """From measurements to the numbers of a calibration (PAPER 9.2).
 
-Each function refuses what cannot have been measured right.
+Each function refuses what cannot have been measured right. From readings to the file that ``proximity drum
+--calibration`` and a scene file's [glove] take::
+
+    from datetime import UTC, datetime
+
+    from proximity.decaff import calibrating
+    from proximity.decaff.calibration import Calibration, write_calibration
+    from proximity.decaff.glove import Glove
+
+    glove = Glove()  # as designed; lengths, pulleys and potentiometer of another glove are its arguments
+    bends = [0, 1 / 6, 1 / 3, 1 / 2, 2 / 3, 5 / 6, 1]  # flat hand to fist, slowly closing, the cable slack
+    counts = [21845, 26681, 31072, 35008, 38430, 41287, 43559]  # what the potentiometer read there
+    calibration = Calibration(
+        made=datetime.now(UTC),
+        counts=counts,
+        bends=bends,
+        touch_offset=calibrating.touch_offset(glove, [26681, 35008, 41287], [0.579, 1.178, 1.629]),
+        cable_compliance=calibrating.cable_compliance(glove, [35008, 34962], tensions=[0.0, 2.0]),
+        backlash=calibrating.backlash(glove, closing_counts=35008, opening_counts=35078),
+        latency=calibrating.step_latency([0.0, 1e-3, 2e-3, 3e-3], [0.0, 0.0, 0.1, 1.0], step_time=1e-3),
+        phalanges=glove.finger.phalanges,
+    )
+    write_calibration("glove.json", calibration)
 """
 
 import numpy as np
