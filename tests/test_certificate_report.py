@@ -64,7 +64,7 @@ def test_where_so_few_ticks_tell_no_tail_the_longest_counts():
     load = load_of_times("short", np.array([1000, 2000, 9_000_000]), Period(0.001, ""))
 
     assert (load.measure, load.tail_ns, load.over_count) == ("max", 9e6, 1)
-    assert "the longest of computing is 9e+03 µs (short)" in judge((load,), 0.001).sentence
+    assert "the longest of computing is 9000 µs (short), 900 % of it" in judge((load,), 0.001).sentence
 
 
 @pytest.mark.parametrize(
@@ -342,3 +342,11 @@ def test_numbers_have_no_more_digits_than_they_deserve():
         "–", "6.83", "45.4", "2278",
     ]  # fmt: skip
     assert wording.millimetres(-1e-9) == "0.00"
+    assert [wording.two(value) for value in (0.0, 0.0918, 1.0, 18.4, 155.4, 7_770.0)] == [
+        "0",
+        "0.092",
+        "1",
+        "18",
+        "160",
+        "7800",
+    ]

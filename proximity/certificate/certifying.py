@@ -17,6 +17,7 @@ from proximity.certificate.periods import (
 )
 from proximity.certificate.search import MOST_STEPS, Found, search
 from proximity.certificate.subject import Subject
+from proximity.certificate.wording import microseconds, three
 from proximity.errors import ServiceError
 from proximity.service import Histogram, Report
 
@@ -209,6 +210,6 @@ def judge(loads: tuple[Load, ...], period: float) -> Verdict:
         fits,
         worst,
         f"the scene {'fits' if fits else 'does not fit'} {shown_period(period)}: "
-        f"{WORDS[worst.measure]} of computing is {worst.tail_ns / 1e3:.3g} µs ({worst.name}), "
-        f"{1e-7 * worst.tail_ns / period:.3g} % of it; {over} of {total} ticks took longer",
+        f"{WORDS[worst.measure]} of computing is {microseconds(worst.tail_ns)} µs ({worst.name}), "
+        f"{three(1e-7 * worst.tail_ns / period)} % of it; {over} of {total} ticks took longer",
     )

@@ -216,7 +216,7 @@ def _feeling(told: dict[str, Any], picture: str) -> str:
             f"{three(1e3 * felt['energy_error'])} mJ"
             for felt in row["speeds"]
         ]
-        rows.append([name, f"{1e3 * row['delay_s']:.3g}", *cells])
+        rows.append([name, three(1e3 * row["delay_s"]), *cells])
     heads = ["period", "delay, ms", *(f"{felt['speed']:g} m/s" for felt in told["feeling"][0]["speeds"])]
     return (
         "<h2>What that means at the finger</h2>"

@@ -55,6 +55,17 @@ def three(value: float) -> str:
     return f"{value:.0f}" if size >= 100.0 else f"{value:.1f}" if size >= 10.0 else f"{value:.2f}"
 
 
+def two(value: float) -> str:
+    """Return a number with two digits and without an exponent.
+
+    Parameters
+    ----------
+    value : float
+        Any that is not very small.
+    """
+    return f"{float(f'{value:.2g}'):g}"
+
+
 def missed(told: dict[str, Any], unit: str = " a million") -> str:
     """Return how many deadlines were missed, per million, and what that many ticks leave open.
 

@@ -94,9 +94,10 @@ def _ends(told: dict[str, Any]) -> Lines:
         ),
         (
             "at the finger",
-            f"{1e3 * felt['delay_s']:.3g} ms of computing and waking: at {speed['speed']:g} m/s a wall is "
-            f"entered by {1e3 * speed['penetration']:.2g} mm, force {1e3 * speed['force_error']:.2g} mN and "
-            f"work {1e3 * speed['energy_error']:.2g} mJ too large",
+            f"{wording.three(1e3 * felt['delay_s'])} ms of computing and waking: "
+            f"at {speed['speed']:g} m/s a wall is entered by {wording.two(1e3 * speed['penetration'])} mm, "
+            f"force {wording.two(1e3 * speed['force_error'])} mN and "
+            f"work {wording.two(1e3 * speed['energy_error'])} mJ too large",
         ),
         ("verdict", told["verdict"]["sentence"]),
     ]
