@@ -45,6 +45,13 @@ def test_text_is_read_as_people_write_it(text):
     assert points_of(text) == [1.0, 2.0, -30.0]
 
 
+@pytest.mark.parametrize(
+    "header", ["x_in,y_in,z_in", "x,y,z", "x (in),y (in),z (in)", "x at rest,y,z", "%,°,µ"]
+)
+def test_columns_may_be_in_the_unit_that_was_said(header):
+    assert parse_points([header, "1,2,3"], "points.csv", "in").tolist() == [1.0, 2.0, 3.0]
+
+
 @pytest.mark.parametrize("text", ["", "\n\n", "# nothing\n", "x,y,z\n"])
 def test_no_points_are_no_error(text):
     assert points_of(text) == []
@@ -99,6 +106,11 @@ def test_numbers_come_back_exactly(rows):
             "points.csv, line 1: 'x x y z' is neither a point nor a header, "
             "expected three numbers or columns named x, y and z",
         ),
+        (  # was: millimetres
+            "time_s,hand,finger,x_m,y_m,z_m\n0,0,1,0.1,0.2,0.3\n",
+            "points.csv, line 1: 'x_m' is in m, expected mm, as --units says",
+        ),
+        ("x,y,z [IN]\n1,2,3\n", "points.csv, line 1: 'z [IN]' is in in, expected mm, as --units says"),
         (f"1 2 {'9' * 50}z\n", f"points.csv, line 1: '{'9' * 37}...' is not a number"),
     ],
 )

@@ -18,17 +18,19 @@ BEGINS_A_NUMBER = tuple("+-.0123456789")
 NO_LETTER = re.compile(r"[\W\d_]")
 
 
-def read_points(path: str) -> array:
+def read_points(path: str, units: str = "mm") -> array:
     """Return the points of a text file as a flat array of float64, x y z x y z ...
 
     Blank lines and what follows ``#`` are skipped. Fields stand between commas, semicolons or white space.
-    The first line may name the columns: x, y and z among others, with a unit behind them or not, or three
-    other names in this order. No name begins like a number.
+    The first line may name the columns: x, y and z among others, with their unit behind them or not, or
+    three other names in this order. No name begins like a number.
 
     Parameters
     ----------
     path : str
         The file; ``-`` is standard input.
+    units : str
+        Of the coordinates; a header that names another unit contradicts it.
 
     Raises
     ------
@@ -40,16 +42,16 @@ def read_points(path: str) -> array:
         if path == STANDARD_INPUT:
             if sys.stdin is None:
                 raise QueryError("standard input is closed, expected lines of three numbers")
-            return parse_points(sys.stdin, name)
+            return parse_points(sys.stdin, name, units)
         with Path(path).open(encoding="utf-8") as lines:
-            return parse_points(lines, name)
+            return parse_points(lines, name, units)
     except UnicodeDecodeError as unfit:
         raise QueryError(f"{name}: not a text file in UTF-8, expected lines of three numbers") from unfit
     except OSError as failure:
         raise QueryError(f"{name}: cannot be read ({failure.strerror or failure})") from failure
 
 
-def parse_points(lines: Iterable[str], name: str) -> array:
+def parse_points(lines: Iterable[str], name: str, units: str = "mm") -> array:
     """Return the points of *lines* as `read_points` does.
 
     Parameters
@@ -58,11 +60,13 @@ def parse_points(lines: Iterable[str], name: str) -> array:
         The text.
     name : str
         Where it comes from, for messages.
+    units : str
+        As of `read_points`.
 
     Raises
     ------
     QueryError
-        If a line is not a point.
+        If a line is not a point, or the header names another unit.
     """
     coordinates = array("d")
     columns: tuple[int, ...] | None = None  # which fields are x, y, z; None until the first line is seen
@@ -80,6 +84,7 @@ def parse_points(lines: Iterable[str], name: str) -> array:
         if columns is None:
             columns = _columns_of_header(fields, where)
             if columns is not None:
+                _check_units([fields[column] for column in columns], units, where)
                 field_count = len(fields)
                 continue
             columns = (0, 1, 2)
@@ -117,6 +122,19 @@ def _columns_of_header(fields: list[str], where: str) -> tuple[int, ...] | None:
         f"{where}: {_shown(' '.join(fields))} is neither a point nor a header, "
         "expected three numbers or columns named x, y and z"
     )
+
+
+def _check_units(names: list[str], units: str, where: str) -> None:
+    """Refuse columns that say of themselves to be in another unit: answers would be wrong by a factor."""
+    for name in names:
+        behind = [word for word in NO_LETTER.split(name.lower()) if word][1:]
+        if behind and behind[-1] != units:
+            from proximity.meshio import UNITS  # slow, and only for who says more than x
+
+            if behind[-1] in UNITS:
+                raise QueryError(
+                    f"{where}: {_shown(name)} is in {behind[-1]}, expected {units}, as --units says"
+                )
 
 
 def number(text: str) -> float:

@@ -22,7 +22,8 @@ HELP = "\n\n".join(
         "One point gives a block to read, many give a table; --json and --csv give every digit. Signed "
         "distance is negative inside; it is unsigned, and said to be, where a part has no inside.",
         "Points in a file stand one a line, between commas, semicolons or spaces; a first line may name the "
-        "columns, # begins a comment. A point that is not finite answers nan; the others go on.",
+        "columns, and their unit if it is that of --units; # begins a comment. A point that is not finite "
+        "answers nan; the others go on.",
     )
 )
 
@@ -92,7 +93,7 @@ def command(
     _refuse_both(as_json and as_csv, "--json and --csv")
     if workers == 0 or workers < -1:
         raise typer.BadParameter(f"{workers} threads: expected 1 or more, or -1", param_hint="--workers")
-    typed = _typed_points(coordinates, points)
+    typed = _typed_points(coordinates, points, units)
     if segment and len(typed) // 3 % 2 == 1:
         count = len(typed) // 3
         raise typer.BadParameter(
@@ -121,12 +122,12 @@ def _refuse_both(is_both: bool, names: str) -> None:
         raise typer.BadParameter("give one of them, not both", param_hint=names)
 
 
-def _typed_points(coordinates: list[str] | None, path: str | None) -> array:
+def _typed_points(coordinates: list[str] | None, path: str | None, units: str) -> array:
     """Return what was typed or read, flat: x y z x y z ..."""
     if coordinates and path is not None:
         raise typer.BadParameter("points are given as arguments already", param_hint="--points")
     if path is not None:
-        return read_points(path)
+        return read_points(path, units)
     if not coordinates:
         raise typer.BadParameter("give a point, or --points FILE", param_hint="X Y Z")
     if len(coordinates) % 3 != 0:
