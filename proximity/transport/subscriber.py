@@ -133,6 +133,11 @@ class Subscriber:
         -------
         Reading
             Of the newest frame that can be used, or of the one before, older now.
+
+        Raises
+        ------
+        PublishError
+            If the transport cannot receive any more, as a socket that was closed.
         """
         for _, _, now in self._examiner.messages(self._content_flaw):
             self._accept(now)
@@ -150,6 +155,8 @@ class Subscriber:
         ------
         QueryError
             If it is no number.
+        PublishError
+            As of `read`.
         """
         if not _is_number(timeout) or math.isnan(timeout):
             raise QueryError(f"timeout is {timeout!r}, expected a number of seconds")
