@@ -28,6 +28,8 @@ Each function refuses what cannot have been measured right. From readings to the
 import numpy as np
 from numpy.typing import ArrayLike
 
+from proximity.arrays import as_float64
+from proximity.decaff.arguments import finite
 from proximity.decaff.calibrated_glove import TOUCH_TOLERANCE
 from proximity.decaff.glove import Glove
 from proximity.errors import DecaffError
@@ -57,8 +59,8 @@ def touch_offset(glove: Glove, counts: ArrayLike, drum_angles: ArrayLike) -> flo
     DecaffError
         If there are fewer touches, or they disagree with one another by more than 0.3 mm at the fingertip.
     """
-    replica = glove.potentiometer.angle(np.ravel(counts))
-    told = np.ravel(np.asarray(drum_angles, np.float64))
+    replica = glove.potentiometer.angle(_measured("counts", counts))
+    told = _measured("drum_angles", drum_angles)
     if len(replica) != len(told) or len(told) < LEAST_TOUCHES:
         raise DecaffError(
             f"{len(replica)} counts and {len(told)} drum angles at touches, expected {LEAST_TOUCHES} or more "
@@ -93,7 +95,10 @@ def cable_compliance(glove: Glove, counts: ArrayLike, tensions: ArrayLike = (0.0
     DecaffError
         If the replica went with the pull, or nothing was pulled.
     """
-    (slack, taut), (least, most) = np.asarray(counts, np.float64), np.asarray(tensions, np.float64)
+    read, pulled = _measured("counts", counts), _measured("tensions", tensions)
+    if not len(read) == len(pulled) == 2:
+        raise DecaffError(f"{len(read)} counts and {len(pulled)} tensions, expected two of each")
+    (slack, taut), (least, most) = read, pulled
     travel = (slack - taut) / glove.potentiometer.gain * glove.cable.replica_pulley
     compliance = float(travel / (most - least)) if most != least else np.nan
     if not (np.isfinite(compliance) and compliance >= 0.0):
@@ -119,8 +124,10 @@ def backlash(glove: Glove, closing_counts: float, opening_counts: float) -> floa
     DecaffError
         If there is less than none.
     """
+    finite("closing_counts", closing_counts, "counts of the potentiometer")
+    finite("opening_counts", opening_counts, "counts of the potentiometer")
     travel = (opening_counts - closing_counts) / glove.potentiometer.gain * glove.cable.replica_pulley
-    if not (np.isfinite(travel) and travel >= 0.0):
+    if travel < 0.0:
         raise DecaffError(
             f"counts are {closing_counts:g} closing and {opening_counts:g} opening, expected no fewer opening"
         )
@@ -144,8 +151,9 @@ def step_latency(times: ArrayLike, values: ArrayLike, step_time: float) -> float
     DecaffError
         If there is no answer, or it came before the step.
     """
-    instants, answer = np.asarray(times, np.float64), np.asarray(values, np.float64)
-    is_usable = instants.shape == answer.shape and instants.ndim == 1 and len(instants) >= 2
+    finite("step_time", step_time, "seconds")
+    instants, answer = _measured("times", times), _measured("values", values)
+    is_usable = len(instants) == len(answer) >= 2
     if not (is_usable and np.isfinite(answer).all() and (np.diff(instants) > 0.0).all()):
         raise DecaffError(
             "times and values of a step test do not fit, expected two or more, times increasing"
@@ -160,3 +168,8 @@ def step_latency(times: ArrayLike, values: ArrayLike, step_time: float) -> float
     row = int(begun[0])
     passed = np.interp(STEP_SHARE, share[row - 1 : row + 1], instants[row - 1 : row + 1])
     return float(passed - step_time)
+
+
+def _measured(name: str, values: ArrayLike) -> np.ndarray:
+    """Measurements as a row of numbers."""
+    return np.ravel(as_float64(values, name, error=DecaffError, expected="a row of numbers"))
