@@ -30,7 +30,7 @@ from proximity.kernels.layout import (
     SIGN_NONE,
     SIGN_WINDING,
 )
-from proximity.kernels.occupancy import holder, holding_bits, list_of, turns_of
+from proximity.kernels.occupancy import holder, holding_bits, sought, turns_of
 from proximity.kernels.scene import is_alone, part_of_slot, to_local
 from proximity.kernels.side import (
     is_inside_by_winding,
@@ -38,7 +38,6 @@ from proximity.kernels.side import (
     witness_of_slot,
 )
 from proximity.kernels.witness import ARM, LENGTH, NORMAL, POINT, closest_on_edges, over_face, read_corners
-from proximity.simd import splat32
 
 FEWEST_STEPS = 8
 """For each further part that may hold the point, when the budget is spent already."""
@@ -159,10 +158,7 @@ def _depth_in(reals, words, frames, parts, other, x, y, z, budget, room, witness
 @kernel
 def may_slip_in(words, frames, parts, x, y, z):
     """Whether a point is in the box of a part with holes: there it may get inside through no surface."""
-    scene = len(parts) - 1
-    sx, sy, sz = to_local(frames, parts, scene, x, y, z)
-    sx, sy, sz = splat32(np.float32(sx)), splat32(np.float32(sy)), splat32(np.float32(sz))
-    first, last = list_of(words, frames, parts, x, y, z)
+    first, last, sx, sy, sz = sought(words, frames, parts, x, y, z)
     for turn in range(turns_of(parts, first, last)):
         holding, at = holding_bits(words, frames, parts, first, last, turn, x, y, z, sx, sy, sz)
         while holding:
@@ -199,13 +195,10 @@ def _deepest_of_holders(
     *is_exact* to *work*: what `bracket_of` knows of the nearest face. Returns besides the part that it is
     deepest in, the slot of the face there, and the steps taken so far.
     """
-    scene = len(parts) - 1
     depth_lower, depth_upper, depth_by_box = -1.0, -1.0, -1.0
     enough = max(budget, work) + SPARE_STEPS
     deep_part, deep_slot = np.int64(NO_PART), np.int64(NO_SLOT)
-    sx, sy, sz = to_local(frames, parts, scene, x, y, z)
-    sx, sy, sz = splat32(np.float32(sx)), splat32(np.float32(sy)), splat32(np.float32(sz))
-    first, last = list_of(words, frames, parts, x, y, z)
+    first, last, sx, sy, sz = sought(words, frames, parts, x, y, z)
     for turn in range(turns_of(parts, first, last)):
         holding, at = holding_bits(words, frames, parts, first, last, turn, x, y, z, sx, sy, sz)
         while holding:

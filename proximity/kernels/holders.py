@@ -35,6 +35,7 @@ from proximity.kernels.occupancy import (
     list_of,
     listed_bits,
     loose_bits,
+    sought,
     turns_of,
     turns_of_list,
     turns_of_loose,
@@ -111,9 +112,7 @@ def depth_in_part(reals, words, frames, parts, part, px, py, pz, state, recent, 
 @kernel
 def is_held(reals, words, frames, parts, x, y, z, recent, stacks, witness):
     """Whether some part holds a point of the scene's frame; *recent* as in `depth_in_part`."""
-    sx, sy, sz = to_local(frames, parts, len(parts) - 1, x, y, z)
-    sx, sy, sz = splat32(np.float32(sx)), splat32(np.float32(sy)), splat32(np.float32(sz))
-    first, last = list_of(words, frames, parts, x, y, z)
+    first, last, sx, sy, sz = sought(words, frames, parts, x, y, z)
     is_inside = False
     for turn in range(turns_of(parts, first, last)):
         holding, at = holding_bits(words, frames, parts, first, last, turn, x, y, z, sx, sy, sz)

@@ -119,6 +119,14 @@ def turns_of(parts, first, last):
 
 
 @inlined
+def sought(words, frames, parts, x, y, z):
+    """What `holding_bits` takes of a point: the ends of its list, see `list_of`, and its splats."""
+    first, last = list_of(words, frames, parts, x, y, z)
+    sx, sy, sz = to_local(frames, parts, len(parts) - 1, x, y, z)
+    return first, last, splat32(np.float32(sx)), splat32(np.float32(sy)), splat32(np.float32(sz))
+
+
+@inlined
 def holding_bits(words, frames, parts, first, last, turn, x, y, z, sx, sy, sz):
     """Which of up to eight parts may hold a point: bits, and where their numbers are; see `holder`.
 

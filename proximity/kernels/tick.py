@@ -2,7 +2,7 @@
 
 For each finger: take its pose in; bound the distance, by a walk or, out of the working range, by what was
 known and how far finger and parts have moved since. Then, for each again, look ahead (`ahead`): the code of
-either half is more than the nearest cache holds, and a skin's tick takes 5 % less in halves.
+either half is more than the nearest cache holds, and a skin's tick takes 3 to 5 % less in halves.
 """
 
 from math import isfinite, sqrt
