@@ -40,10 +40,12 @@ def whole_file(
     """
     try:
         shown = os.fsdecode(path)
+        target = Path(os.path.realpath(shown))
     except TypeError:
         raise error(f"the path is {path!r}, expected text or a path") from None
+    except ValueError as reason:  # a null byte
+        raise error(f"{shown}: cannot be written ({reason})") from reason
     try:
-        target = Path(os.path.realpath(shown))
         if target.exists() and not target.is_file():
             if not takes_devices:
                 raise error(f"{shown}: cannot be written (it is no regular file)")
@@ -64,11 +66,8 @@ def whole_file(
             raise
         with contextlib.suppress(OSError):  # not every system can do that for a folder
             _put_on_disk(target.parent)
-    except (OSError, ValueError) as reason:
-        if isinstance(reason, ProximityError):  # of the block
-            raise
-        told = (isinstance(reason, OSError) and reason.strerror) or reason
-        raise error(f"{shown}: cannot be written ({told})") from reason
+    except OSError as reason:
+        raise error(f"{shown}: cannot be written ({reason.strerror or reason})") from reason
 
 
 def _allow_as(old: Path, new: Path) -> None:
