@@ -70,10 +70,22 @@ def part_arrays(
     bvh = build_bvh(local, faces)
     normals = np.zeros_like(local)
     add_corner_normals(local, faces, normals)
-    moments = np.empty(bvh.node_count * MOMENT_STRIDE, np.float32)
-    fill_moments(bvh.nodes, bvh.blocks, bvh.node_count, moments)
+    moments = moments_of(bvh)
     fill_slabs(bvh.nodes, bvh.blocks, 0, bvh.node_count, moments, 0)
     return PartArrays(frame, bvh, moments, faces, neighbors, local, normals, lower, upper)
+
+
+def moments_of(bvh: Bvh) -> np.ndarray:
+    """Return what the winding number needs of a tree, (M * MOMENT_STRIDE,) float32.
+
+    Parameters
+    ----------
+    bvh : Bvh
+        Of M nodes.
+    """
+    moments = np.empty(bvh.node_count * MOMENT_STRIDE, np.float32)
+    fill_moments(bvh.nodes, bvh.blocks, bvh.node_count, moments)
+    return moments
 
 
 def common_frame(lower: np.ndarray, upper: np.ndarray) -> LocalFrame:
@@ -162,8 +174,7 @@ def with_folds(piece: PartArrays, faces: np.ndarray) -> PartArrays:
     """
     if not len(piece.folded):
         return piece
-    is_folded = np.isin(piece.bvh.slot_faces, faces).reshape(-1, layout.LANES)
-    return replace(piece, folded=np.packbits(is_folded, axis=1, bitorder="little")[:, 0])
+    return replace(piece, folded=np.packbits(np.isin(piece.bvh.slot_faces, faces), bitorder="little"))
 
 
 def _tree(piece: PartArrays) -> tuple[np.ndarray, np.ndarray, int, int]:

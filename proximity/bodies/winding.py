@@ -3,8 +3,8 @@
 import numpy as np
 
 from proximity.bvh import build_bvh, local_frame
-from proximity.kernels.winding import MOMENT_STRIDE, fill_moments, winding_numbers
-from proximity.part_arrays import joined
+from proximity.kernels.winding import winding_numbers
+from proximity.part_arrays import joined, moments_of
 
 
 class ShellWinding:
@@ -21,9 +21,7 @@ class ShellWinding:
         self._frame = local_frame(corners.min(axis=0), corners.max(axis=0))
         faces = np.arange(len(corners), dtype=np.int32).reshape(-1, 3)
         bvh = build_bvh(np.ascontiguousarray(self._frame.of(corners)), faces)
-        moments = np.empty(bvh.node_count * MOMENT_STRIDE, np.float32)
-        fill_moments(bvh.nodes, bvh.blocks, bvh.node_count, moments)
-        self._words, (_, self._moments) = joined([bvh.nodes, moments], np.float32)
+        self._words, (_, self._moments) = joined([bvh.nodes, moments_of(bvh)], np.float32)
         self._blocks = bvh.blocks
 
     def turns(self, points: np.ndarray) -> np.ndarray:
