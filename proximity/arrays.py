@@ -5,6 +5,7 @@ nothing (integers, float32, big-endian, strided, read-only input); what cannot b
 with the reason.
 """
 
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -63,6 +64,17 @@ def _check_numbers(array: np.ndarray, name: str, error: type[ProximityError], ex
     for value in array.flat:
         if value is None or isinstance(value, (str, bytes)):
             raise error(f"{name} hold {value!r}, which is not a number, expected {expected}")
+
+
+def is_number(value: Any) -> bool:
+    """Return whether *value* is one real number, and no bool.
+
+    Parameters
+    ----------
+    value : object
+        Anything.
+    """
+    return isinstance(value, Real) and not isinstance(value, bool)
 
 
 def as_points(values: Any, name: str = "points") -> np.ndarray:

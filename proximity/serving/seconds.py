@@ -1,9 +1,9 @@
 """Spans of time that a caller gives, checked before anything is begun."""
 
 import threading
-from numbers import Real
 from typing import Any
 
+from proximity.arrays import is_number
 from proximity.errors import ServiceError
 
 
@@ -22,6 +22,6 @@ def checked_seconds(name: str, value: Any) -> float:
     ServiceError
         If it is no such number.
     """
-    if not isinstance(value, Real) or isinstance(value, bool) or not float(value) >= 0.0:
+    if not is_number(value) or not float(value) >= 0.0:
         raise ServiceError(f"{name} is {value!r}, expected a number of seconds of 0 or more")
     return min(float(value), threading.TIMEOUT_MAX)

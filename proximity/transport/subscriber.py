@@ -4,12 +4,12 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from numbers import Real
 from types import TracebackType
 from typing import Any
 
 import numpy as np
 
+from proximity.arrays import is_number
 from proximity.errors import QueryError
 from proximity.message import CONTACT, FRAME, Flaw, Kind, State
 from proximity.transport.ageing import Widening, forget
@@ -158,7 +158,7 @@ class Subscriber:
         PublishError
             As of `read`.
         """
-        if not _is_number(timeout) or math.isnan(timeout):
+        if not is_number(timeout) or math.isnan(timeout):
             raise QueryError(f"timeout is {timeout!r}, expected a number of seconds")
         ends = time.monotonic() + timeout
         while True:
@@ -242,11 +242,7 @@ class Subscriber:
         np.copyto(self._told.view(np.uint8), held.contacts.view(np.uint8))
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, Real) and not isinstance(value, bool)
-
-
 def _not_negative(name: str, value: float) -> float:
-    if not _is_number(value) or not 0.0 <= value < math.inf:
+    if not is_number(value) or not 0.0 <= value < math.inf:
         raise QueryError(f"{name} is {value!r}, expected a number of 0 or more")
     return float(value)
