@@ -49,18 +49,11 @@ PROCESSES = (
 """Files whose tests start processes, look at clocks, or use what a machine has once."""
 
 
-@pytest.fixture(scope="session")
-def compiled_kernels() -> None:
-    """Compile all kernels where that has not been done: a program would say that it does."""
-    if not proximity.kernels_are_cached():
-        proximity.warm_up(workers=-1)
-
-
 @pytest.fixture(autouse=True)
 def kernels_of_programs(request: pytest.FixtureRequest) -> None:
-    """Have the tests of programs begin with compiled kernels, whichever of them runs first."""
-    if request.path.name.startswith(PROCESSES):
-        request.getfixturevalue("compiled_kernels")
+    """Have the tests of programs begin with compiled kernels: a program says that it compiles."""
+    if request.path.name.startswith(PROCESSES) and not proximity.kernels_are_cached():
+        proximity.warm_up(workers=-1)
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
