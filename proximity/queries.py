@@ -11,20 +11,22 @@ from numpy import empty, inf  # looked up in NumPy, each would cost calls of fiv
 from proximity.arrays import as_points
 from proximity.errors import NotWatertightError, QueryError
 from proximity.kernels import few, query, segment_query
-from proximity.kernels.cast import NO_ROW, cast_batch, cast_order
+from proximity.kernels.cast import NO_ROW, cast_batch
 from proximity.kernels.compiling import Settled
 from proximity.kernels.curve import SORT_FROM, morton_order
 from proximity.kernels.hits import ANSWER_WIDTH as HIT_WIDTH
 from proximity.kernels.hits import DISTANCE_WIDTH
 from proximity.kernels.query import closest_batch, contains_batch, distance_batch, has_inside, signed_batch
+from proximity.kernels.ray_order import ray_order
 from proximity.kernels.segment_query import segment_batch
 from proximity.model import Model, Shelf
 from proximity.results import ClosestPoints, RayHits, SegmentHits, record_of
 
-SORT_RAYS_FROM = 16 << 20
-"""Bytes of a model from which on batches of rays are sorted: then neighbours find in the cache what they
-meet. It costs 40 ns a ray; of a plate of 300 k faces it spares a quarter, of one that fits into the cache
-nothing."""
+SORT_RAYS_FROM = 1024
+"""Rays from which on a batch is sorted."""
+SORT_RAYS_IN = 1 << 20
+"""Bytes of a model from which on that is worth it: it costs 15 ns a ray; in one that fits into a nearer cache
+it spares no more than that."""
 ONE_THREAD = 1
 CHUNKS_PER_WORKER = 4
 SMALLEST_CHUNK = 1024
@@ -323,7 +325,7 @@ class Queries:
         count = len(starts)
         answers = empty((count, width))
         model = self._current()
-        is_sorted = count >= SORT_FROM and model.reals.nbytes >= SORT_RAYS_FROM
+        is_sorted = count >= SORT_RAYS_FROM and model.reals.nbytes >= SORT_RAYS_IN
         if workers == 1 and workers is not True and not is_sorted:
             zero_row = cast_batch(model.handle, starts, ways, _IN_ORDER, limit, answers)
         else:
@@ -331,7 +333,7 @@ class Queries:
                 lambda order: cast_batch(model.handle, starts, ways, order, limit, answers),
                 starts,
                 workers,
-                lambda _: cast_order(model.handle, starts, ways) if is_sorted else np.arange(count),
+                lambda _: ray_order(model.handle, starts, ways) if is_sorted else np.arange(count),
             )
             zero_row = min((row for row in rows if row != NO_ROW), default=NO_ROW)
         if zero_row != NO_ROW:

@@ -15,6 +15,7 @@ from llvmlite import binding
 
 from proximity import queries
 from proximity.kernels.compiling import Settled, cache_folder
+from proximity.kernels.ray_order import ray_order
 from proximity.pose import Pose
 from proximity.scene import Part, Scene
 from proximity.solid import Solid
@@ -106,6 +107,7 @@ def _ask_everything() -> None:
     Scene.from_mesh(_CORNERS, _FACES)
     scene = Scene([first, second])
     scene.deform("second", 2.0 * _CORNERS)
+    ray_order(first._current().handle, points, points + 1.5)  # which only larger models ask for
     for asked in (first, scene):
         for rows in (points, points[:2]):  # many and few have kernels of their own
             asked.closest(rows)

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 import oracle
 from proximity import queries
 from proximity.errors import QueryError
+from proximity.kernels.ray_order import ray_order
 from proximity.pose import Pose
 from proximity.results import NO_FACE, NO_PART
 from proximity.scene import Part, Scene
@@ -480,9 +481,42 @@ def test_direction_of_any_length_is_one(way):
     assert solid_of("cube").cast((-1.0, 0.25, 0.5), (way, way, 0.0)).distance == np.inf
 
 
+@pytest.mark.parametrize("count", [0, 1, 7, 9, 3000])
+@pytest.mark.parametrize("sides", [(1.0, 1.0, 1.0), (9.0, 0.3, 1.0), (4.0, 3.0, 1e-12)])
+def test_order_of_rays_has_every_row_once_and_neighbours_near(count, sides):
+    solid = Solid(*shapes.box((50.0, 50.0, 50.0), 50.0 + np.array(sides)))
+    rng = np.random.default_rng(count)
+    places = 50.0 + rng.random((count, 3)) * sides  # where rays start that start inside
+    directions = rng.normal(size=(count, 3))
+    origins = places.copy()
+    origins[: count // 9] = (np.nan, np.inf, 1e300)
+
+    order = ray_order(solid._current().handle, origins, directions)
+
+    assert sorted(order) == list(range(count))
+    if count == 3000:
+        way = np.linalg.norm(np.diff(places[order[count // 9 :]], axis=0), axis=1)
+        assert np.median(way) < 0.3 * np.median(np.linalg.norm(np.diff(places, axis=0), axis=1))
+
+
+def test_rays_are_ordered_by_where_they_enter():
+    """From afar: the first half of the rows enters one half of the longest side, the others the other."""
+    solid = Solid(*shapes.box((-2.0, -0.5, -0.5), (2.0, 0.5, 0.5)))
+    rng = np.random.default_rng(3)
+    x = rng.uniform(-1.9, 1.9, 2000)
+    targets = np.stack((x, np.zeros(2000), np.full(2000, 0.5)), axis=1)
+    directions = rng.normal(size=(2000, 3)) * 0.05 + (0.0, 0.0, -1.0)
+    origins = targets - 7.0 * directions
+
+    entered = x[ray_order(solid._current().handle, origins, directions)] > 0.0
+
+    assert np.array_equal(entered, np.sort(entered))
+
+
 def test_sorted_rays_answer_as_they_do_one_by_one(monkeypatch):
     """Large models have batches sorted; here a small one is made to count as large."""
     monkeypatch.setattr(queries, "SORT_RAYS_FROM", 0)
+    monkeypatch.setattr(queries, "SORT_RAYS_IN", 0)
     solid = Solid(*shapes.sphere(3))
     rng = np.random.default_rng(4)
     origins, directions = rng.normal(size=(500, 3)), rng.normal(size=(500, 3))

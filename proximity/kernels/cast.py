@@ -5,12 +5,9 @@ is rounded before a ray is tested. Parameters of all parts are then comparable; 
 the least of them into metres.
 """
 
-from math import sqrt
-
 import numpy as np
 
-from proximity.kernels.compiling import inlined, kernel, maker
-from proximity.kernels.curve import morton_order
+from proximity.kernels.compiling import inlined, kernel
 from proximity.kernels.descent import NOTHING_WAITS, descend_in_order, next_open
 from proximity.kernels.hits import (
     DISTANCE,
@@ -23,8 +20,6 @@ from proximity.kernels.hits import (
 )
 from proximity.kernels.layout import (
     BLOCK_STRIDE,
-    BOX_LOWER,
-    BOX_UPPER,
     ENTRY,
     FACES,
     IS_FUSED,
@@ -54,7 +49,9 @@ from proximity.kernels.rays import (
     REACH,
     START,
     VIEW_SIZE,
+    WAY,
     aim_of,
+    load_three,
     make_ready,
     view_of,
     way_of,
@@ -63,8 +60,13 @@ from proximity.kernels.scene import direction_to_local, is_alone, to_local
 from proximity.kernels.triangle import dot
 from proximity.simd import (
     bits,
+    load,
     load_int,
+    prefetch,
+    splat,
     splat32,
+    square_root,
+    store,
 )
 
 FAR_MARGIN = 2.0**-46
@@ -179,30 +181,15 @@ def _is_still(directions, row):
     return directions[row, 0] == 0.0 and directions[row, 1] == 0.0 and directions[row, 2] == 0.0
 
 
-@maker
-def cast_order(handle, origins, directions):
-    """The rows of rays (N, 3) in an order in which neighbours meet the scene's box near one another.
-
-    Of those that start inside or pass by, the origin counts, moved to the box.
-    """
-    _, _, frames, _ = arrays_at(handle)
-    lower, upper = np.full(3, np.inf), np.full(3, -np.inf)
-    for part in range(len(frames) - 1):
-        for axis in range(3):
-            lower[axis] = min(lower[axis], frames[part, BOX_LOWER + axis])
-            upper[axis] = max(upper[axis], frames[part, BOX_UPPER + axis])
-    places = np.empty((len(origins), 3))
-    for i in range(len(origins)):
-        enter = 0.0
-        for axis in range(3):
-            way = directions[i, axis]
-            near = (lower[axis] if way > 0.0 else upper[axis]) - origins[i, axis]
-            if near * way > 0.0:
-                enter = max(enter, near / way)
-        for axis in range(3):
-            place = origins[i, axis] + enter * directions[i, axis]
-            places[i, axis] = min(max(place, lower[axis]), upper[axis])
-    return morton_order(places)
+@inlined
+def _fetch_rows(origins, directions, order, begin):
+    """Ask for the rows that come next, which lie here and there."""
+    for i in range(begin, min(begin + CHUNK, len(order))):
+        at = 3 * order[i]
+        prefetch(origins, at)
+        prefetch(origins, at + 2)
+        prefetch(directions, at)
+        prefetch(directions, at + 2)
 
 
 @kernel
@@ -229,6 +216,7 @@ def cast_batch(handle, origins, directions, order, limit, answers):
         for k in range(count):
             row = order[begin + k] if len(order) else begin + k
             rows[k], offsets[k] = row, 3 * row
+        _fetch_rows(origins, directions, order, begin + CHUNK)
         for k in range(count, -(-count // LANES) * LANES):
             # Whoever stands in for a ray is not asked: he has hit nothing.
             offsets[k], slots[k] = offsets[0], NO_SLOT
@@ -242,6 +230,10 @@ def cast_batch(handle, origins, directions, order, limit, answers):
         if is_told_all:
             for at in range(0, count, LANES):
                 work_out(reals, words, frames, parts, slots, at, views, owners, places, hits)
+        for at in range(0, count, LANES):
+            dx, dy, dz = load_three(views, WAY, at)
+            reach = load(views, CHUNK * REACH + at) / splat(scale)
+            store(views, CHUNK * REACH + at, reach * square_root(dot(dx, dy, dz, dx, dy, dz)))
         for k in range(count):
             row, slot = rows[k], slots[k]
             if slot < 0:
@@ -250,8 +242,7 @@ def cast_batch(handle, origins, directions, order, limit, answers):
                     zero_row = row
                 write_no_hit(answers, choices, row, np.inf if is_sound else np.nan)
                 continue
-            dx, dy, dz = way_of(views, k)
-            distance = views[CHUNK * REACH + k] / scale * sqrt(dot(dx, dy, dz, dx, dy, dz))
+            distance = views[CHUNK * REACH + k]
             if not distance <= limit:
                 write_no_hit(answers, choices, row, np.inf)
                 continue

@@ -1,0 +1,127 @@
+"""The order of rays in which neighbours enter the scene's box near one another.
+
+What a walk needs is then still in the cache from the ray before, and the processor guesses its branches right
+more often. A few hundred cells do that as well as the finest curve (2026-11: 0.88 of the walk's time near
+43 k faces, 0.78 near 304 k; with thousands of cells 0.87, 0.78), so one pass of counting is the whole sort.
+"""
+
+import numpy as np
+
+from proximity.kernels.compiling import inlined, maker
+from proximity.kernels.layout import BOX_LOWER, BOX_UPPER, LANES
+from proximity.kernels.memory import arrays_at, longs_here, reals_here
+from proximity.simd import load_each, maximum, minimum, select, splat, store
+
+HALVINGS = 9
+"""How often the box is halved at most, each time across its longest side: 512 cells."""
+RAYS_OF_CELL = 8
+"""Fewer halvings where cells would have fewer rays: counting in them costs, too."""
+WHOLE = 1.5 * 2.0**52
+"""A number added to this is rounded to a whole one."""
+
+
+@maker
+def ray_order(handle, origins, directions):
+    """The rows of rays (N, 3) by the cell of the scene's box that they enter first.
+
+    Of those that start inside or pass by, the origin counts, moved to the box. Rows of one cell keep their
+    order; cells follow one another as halves of halves do.
+    """
+    _, _, frames, _ = arrays_at(handle)
+    lower, upper = np.full(3, np.inf), np.full(3, -np.inf)
+    for part in range(len(frames) - 1):
+        for axis in range(3):
+            lower[axis] = min(lower[axis], frames[part, BOX_LOWER + axis])
+            upper[axis] = max(upper[axis], frames[part, BOX_UPPER + axis])
+    sides, counts, steps = _halve(upper - lower, len(origins))
+    rates = np.where(sides > 0.0, 1.0 / sides, 0.0)
+    cells = _cells(origins, directions, lower, upper, rates, counts)
+    return _by_cell(cells, len(origins), steps)
+
+
+@maker
+def _halve(sides, row_count):
+    """Halve a box of such sides (3,), as often as is worth it for so many rays.
+
+    Returns the sides of the cells, how many there are along x, y and z, and for each halving, from the first
+    on, by how much the number of a cell in its upper half is higher.
+    """
+    halvings = 0
+    while halvings < HALVINGS and (RAYS_OF_CELL << halvings) < row_count:
+        halvings += 1
+    counts, axes = np.ones(3, np.int64), np.empty(halvings, np.int64)
+    for i in range(halvings):
+        axis = np.argmax(sides)
+        axes[i] = axis
+        sides[axis] *= 0.5
+        counts[axis] *= 2
+    steps, stride = np.empty(halvings, np.int64), np.ones(3, np.int64)
+    stride[1], stride[2] = counts[0], counts[0] * counts[1]
+    for i in range(halvings - 1, -1, -1):
+        steps[i] = stride[axes[i]]
+        stride[axes[i]] *= 2
+    return sides, counts, steps
+
+
+@maker
+def _cells(origins, directions, lower, upper, rates, counts):
+    """The number of each ray's cell; a ray that is not finite is in some cell."""
+    row_count = len(origins)
+    cells = np.empty(row_count, np.int32)
+    stride_y, stride_z = float(counts[0]), float(counts[0] * counts[1])
+    offsets, numbers = longs_here(LANES), reals_here(LANES)
+    for at in range(0, row_count, LANES):
+        for k in range(LANES):
+            offsets[k] = 3 * min(at + k, row_count - 1)
+        x, dx = load_each(origins, offsets, 0, 0), load_each(directions, offsets, 0, 0)
+        y, dy = load_each(origins, offsets, 0, 1), load_each(directions, offsets, 0, 1)
+        z, dz = load_each(origins, offsets, 0, 2), load_each(directions, offsets, 0, 2)
+        enter_x, enter_y = _enters(x, dx, lower[0], upper[0]), _enters(y, dy, lower[1], upper[1])
+        enter = maximum(maximum(enter_x, enter_y), _enters(z, dz, lower[2], upper[2]))
+        number = (
+            _cell(x + enter * dx, lower[0], rates[0], counts[0])
+            + _cell(y + enter * dy, lower[1], rates[1], counts[1]) * splat(stride_y)
+            + _cell(z + enter * dz, lower[2], rates[2], counts[2]) * splat(stride_z)
+        )
+        store(numbers, 0, number)
+        for k in range(min(LANES, row_count - at)):
+            cells[at + k] = np.int32(numbers[k])
+    return cells
+
+
+@inlined
+def _enters(o, way, lower, upper):
+    """Parameters at which one coordinate of eight rays comes to the box; 0 of those that do not come."""
+    near = select(way > splat(0.0), splat(lower), splat(upper)) - o
+    return select(near * way > splat(0.0), near / way, splat(0.0))
+
+
+@inlined
+def _cell(place, lower, rate, count):
+    """Which of *count* cells along one axis; where *place* is nan, the first."""
+    along = (place - splat(lower)) * splat(rate)
+    whole = ((along - splat(0.5)) + splat(WHOLE)) - splat(WHOLE)
+    return minimum(maximum(whole, splat(0.0)), splat(count - 1.0))
+
+
+@maker
+def _by_cell(cells, row_count, steps):
+    """The rows sorted by cell: counted, and put where those before leave off."""
+    starts = np.zeros(1 << len(steps), np.int64)
+    for i in range(row_count):
+        starts[cells[i]] += 1
+    total = 0
+    for i in range(len(starts)):
+        cell = 0
+        for k in range(len(steps)):
+            if (i >> (len(steps) - 1 - k)) & 1:
+                cell += steps[k]
+        count = starts[cell]
+        starts[cell] = total
+        total += count
+    order = np.empty(row_count, np.int64)
+    for i in range(row_count):
+        cell = cells[i]
+        order[starts[cell]] = i
+        starts[cell] += 1
+    return order
