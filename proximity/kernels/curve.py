@@ -4,7 +4,7 @@ from math import isfinite
 
 import numpy as np
 
-from proximity.kernels.compiling import maker
+from proximity.kernels.compiling import kernel, maker
 
 SORT_FROM = 48
 """Points from which on a batch is walked along a space-filling curve: each point then starts from its
@@ -42,22 +42,32 @@ def morton_order(points):
     other = np.empty(count, np.int64)
     for i in range(count):
         order[i] = i
-    # Radix sort, eleven bits at a time, stable.
+    # Eleven bits at a time.
     starts = np.empty(2048, np.int64)
     for digit in range(3):
-        shift = np.uint32(11 * digit if digit < 2 else 22)
-        starts[:] = 0
-        for i in range(count):
-            starts[(keys[i] >> shift) & np.uint32(2047)] += 1
-        total = 0
-        for k in range(2048):
-            number = starts[k]
-            starts[k] = total
-            total += number
-        for i in range(count):
-            row = order[i]
-            k = (keys[row] >> shift) & np.uint32(2047)
-            other[starts[k]] = row
-            starts[k] += 1
+        sort_by_digit(keys, np.uint32(11 * digit), starts, order, other)
         order, other = other, order
     return order
+
+
+@kernel
+def sort_by_digit(keys, shift, starts, rows, into):
+    """Fill *into* with *rows*, in the order of the bits from *shift* on of their keys (N,), uint32.
+
+    As many bits as *starts*, which is room to count in, has numbers for. Rows whose bits are equal keep their
+    order.
+    """
+    digits = np.uint32(len(starts) - 1)
+    starts[:] = 0
+    for i in range(len(keys)):
+        starts[(keys[i] >> shift) & digits] += 1
+    total = 0
+    for k in range(len(starts)):
+        number = starts[k]
+        starts[k] = total
+        total += number
+    for i in range(len(rows)):
+        row = rows[i]
+        k = (keys[row] >> shift) & digits
+        into[starts[k]] = row
+        starts[k] += 1

@@ -8,6 +8,7 @@ more often. A few hundred cells do that as well as the finest curve (2026-11: 0.
 import numpy as np
 
 from proximity.kernels.compiling import inlined, maker
+from proximity.kernels.curve import sort_by_digit
 from proximity.kernels.layout import BOX_LOWER, BOX_UPPER, LANES
 from proximity.kernels.memory import arrays_at, longs_here, reals_here
 from proximity.simd import load_each, maximum, minimum, select, splat, store
@@ -33,18 +34,19 @@ def ray_order(handle, origins, directions):
         for axis in range(3):
             lower[axis] = min(lower[axis], frames[part, BOX_LOWER + axis])
             upper[axis] = max(upper[axis], frames[part, BOX_UPPER + axis])
-    sides, counts, steps = _halve(upper - lower, len(origins))
+    sides, counts, ranks = _halve(upper - lower, len(origins))
     rates = np.where(sides > 0.0, 1.0 / sides, 0.0)
-    cells = _cells(origins, directions, lower, upper, rates, counts)
-    return _by_cell(cells, len(origins), steps)
+    keys = _ranks_of_cells(origins, directions, lower, upper, rates, counts, ranks)
+    order = np.empty(len(origins), np.int64)
+    sort_by_digit(keys, np.uint32(0), np.empty(len(ranks), np.int64), np.arange(len(origins)), order)
+    return order
 
 
 @maker
 def _halve(sides, row_count):
     """Halve a box of such sides (3,), as often as is worth it for so many rays.
 
-    Returns the sides of the cells, how many there are along x, y and z, and for each halving, from the first
-    on, by how much the number of a cell in its upper half is higher.
+    Returns the sides of the cells, how many there are along x, y and z, and the place of each in their order.
     """
     halvings = 0
     while halvings < HALVINGS and (RAYS_OF_CELL << halvings) < row_count:
@@ -55,19 +57,22 @@ def _halve(sides, row_count):
         axes[i] = axis
         sides[axis] *= 0.5
         counts[axis] *= 2
-    steps, stride = np.empty(halvings, np.int64), np.ones(3, np.int64)
-    stride[1], stride[2] = counts[0], counts[0] * counts[1]
-    for i in range(halvings - 1, -1, -1):
-        steps[i] = stride[axes[i]]
-        stride[axes[i]] *= 2
-    return sides, counts, steps
+    ranks, steps = np.zeros(1 << halvings, np.uint32), np.ones(3, np.int64)
+    steps[1], steps[2] = counts[0], counts[0] * counts[1]
+    for i in range(halvings):
+        # From the last halving on: which of its halves a cell is in.
+        step = steps[axes[halvings - 1 - i]]
+        for cell in range(len(ranks)):
+            ranks[cell] |= np.uint32(((cell // step) & 1) << i)
+        steps[axes[halvings - 1 - i]] *= 2
+    return sides, counts, ranks
 
 
 @maker
-def _cells(origins, directions, lower, upper, rates, counts):
-    """The number of each ray's cell; a ray that is not finite is in some cell."""
+def _ranks_of_cells(origins, directions, lower, upper, rates, counts, ranks):
+    """The rank of each ray's cell; a ray that is not finite is in some cell."""
     row_count = len(origins)
-    cells = np.empty(row_count, np.int32)
+    found = np.empty(row_count, np.uint32)
     stride_y, stride_z = float(counts[0]), float(counts[0] * counts[1])
     offsets, numbers = longs_here(LANES), reals_here(LANES)
     for at in range(0, row_count, LANES):
@@ -85,8 +90,8 @@ def _cells(origins, directions, lower, upper, rates, counts):
         )
         store(numbers, 0, number)
         for k in range(min(LANES, row_count - at)):
-            cells[at + k] = np.int32(numbers[k])
-    return cells
+            found[at + k] = ranks[np.int64(numbers[k])]
+    return found
 
 
 @inlined
@@ -102,26 +107,3 @@ def _cell(place, lower, rate, count):
     along = (place - splat(lower)) * splat(rate)
     whole = ((along - splat(0.5)) + splat(WHOLE)) - splat(WHOLE)
     return minimum(maximum(whole, splat(0.0)), splat(count - 1.0))
-
-
-@maker
-def _by_cell(cells, row_count, steps):
-    """The rows sorted by cell: counted, and put where those before leave off."""
-    starts = np.zeros(1 << len(steps), np.int64)
-    for i in range(row_count):
-        starts[cells[i]] += 1
-    total = 0
-    for i in range(len(starts)):
-        cell = 0
-        for k in range(len(steps)):
-            if (i >> (len(steps) - 1 - k)) & 1:
-                cell += steps[k]
-        count = starts[cell]
-        starts[cell] = total
-        total += count
-    order = np.empty(row_count, np.int64)
-    for i in range(row_count):
-        cell = cells[i]
-        order[starts[cell]] = i
-        starts[cell] += 1
-    return order
