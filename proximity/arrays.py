@@ -59,6 +59,24 @@ def as_float64(
         raise error(f"{name} hold something that is not a number ({unfit}), expected {expected}") from unfit
 
 
+def is_ready(values: Any, shape: tuple[int, ...]) -> bool:
+    """Return whether *values* is what `as_float64` returns, and of that shape: then nothing is to be done.
+
+    Parameters
+    ----------
+    values : object
+        Anything.
+    shape : tuple of int
+        What is wanted.
+    """
+    return (
+        type(values) is np.ndarray
+        and values.dtype is FLOAT64
+        and values.shape == shape
+        and values.flags.carray
+    )
+
+
 def _check_numbers(array: np.ndarray, name: str, error: type[ProximityError], expected: str) -> None:
     """NumPy would read text as numbers, and None as nan."""
     for value in array.flat:

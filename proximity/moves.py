@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from proximity.arrays import as_float64
+from proximity.arrays import as_float64, is_ready
 from proximity.errors import PoseError, SceneError
 from proximity.moving import FARTHEST_MOVE, FASTEST_MOVE, first_unfit_move
 from proximity.pose import Pose
@@ -178,6 +178,8 @@ def _as_number(value: Any) -> float | None:
 
 
 def _as_matrices(names: list[str], poses: Any) -> np.ndarray:
+    if is_ready(poses, (len(names), 4, 4)):
+        return np.asarray(poses)
     if isinstance(poses, (list, tuple)) and any(isinstance(pose, Pose) for pose in poses):
         if len(poses) != len(names):
             raise PoseError(
@@ -198,6 +200,8 @@ def _as_matrices(names: list[str], poses: Any) -> np.ndarray:
 def _as_velocities(names: list[str], velocities: Any, what: str) -> np.ndarray:
     if velocities is None:
         return NO_VELOCITIES
+    if is_ready(velocities, (len(names), 3)):
+        return np.asarray(velocities)
     expected = f"numbers of shape ({len(names)}, 3)"
     array = as_float64(velocities, f"entries of {what}", error=SceneError, expected=expected)
     if array.shape != (len(names), 3):

@@ -13,10 +13,11 @@ import numpy as np
 
 from proximity.bvh import LARGEST_COORDINATE, LocalFrame
 from proximity.kernels import layout
+from proximity.kernels.compiling import Settled
 from proximity.kernels.contact import SURFACE_DEFORMABLE, SURFACE_RIGID
-from proximity.kernels.loose import SORT_STEPS, bring_up_to_date
+from proximity.kernels.loose import SORT_STEPS, UPDATE, bring_up_to_date
 from proximity.kernels.memory import make_table
-from proximity.kernels.placing import first_unfit, move_parts, place_box
+from proximity.kernels.placing import FIRST_UNFIT, MOVE, first_unfit, move_parts, place_box
 from proximity.model import NEVER, Model, Shelf, finished
 from proximity.pose import ORTHONORMAL_TOLERANCE, ROUNDING, Pose
 from proximity.top import (
@@ -40,6 +41,11 @@ EXACT_ENOUGH = 2.0 * ROUNDING
 UPDATES_BEFORE_SHRINKING = 1000
 """A part that went far away and came back leaves a frame that is too large; a new one costs a new tree, which
 is not to be paid at every tick of a part that goes to and fro."""
+
+
+_first_unfit = Settled(first_unfit, FIRST_UNFIT)
+_move_parts = Settled(move_parts, MOVE)
+_bring_up_to_date = Settled(bring_up_to_date, UPDATE)
 
 
 def write_motion(frame: np.ndarray, velocity: np.ndarray, angular_velocity: np.ndarray) -> None:
@@ -82,10 +88,10 @@ _ANGULAR_VELOCITY = slice(layout.ANGULAR_VELOCITY, layout.ANGULAR_VELOCITY + 3)
 class _Copy:
     """What moves, as it was at some version: rows of a model's tables, and a region of its words."""
 
-    __slots__ = ("frames", "handle", "owner", "parts", "static", "table", "version")
+    __slots__ = ("frames", "handle", "owner", "parts", "region", "static", "table", "version")
 
-    def __init__(self, model: Model, frames: np.ndarray, parts: np.ndarray) -> None:
-        self.frames, self.parts = frames, parts
+    def __init__(self, model: Model, frames: np.ndarray, parts: np.ndarray, region: int) -> None:
+        self.frames, self.parts, self.region = frames, parts, region
         self.table = make_table(model.reals, model.words, frames, parts)
         self.handle = int(self.table.ctypes.data)
         self.version = NEVER
@@ -128,8 +134,8 @@ class Stage(Shelf):
         self._list_loose()
         # A model out of a file may be any copy; one that is made is the first.
         number, self._static = self._plan.copies_of(self.parts)
-        self._copies = [self._new_copy() for _ in range(number)]
-        own = _Copy(model, model.frames, model.parts)
+        self._copies = [self._new_copy(k) for k in range(number)]
+        own = _Copy(model, model.frames, model.parts, self._plan.region(number))
         own.owner, own.version, own.static = weakref.ref(model), 0, self._static
         self._copies.append(own)
         self._tree = _RIGHT
@@ -153,7 +159,7 @@ class Stage(Shelf):
             Or (0, 3): all zero.
         """
         self._begin()
-        freed = move_parts(
+        freed = _move_parts.call(
             self.frames, self.parts, self.versions, self.changes, rows, matrices, velocities,
             angular_velocities, EXACT_ENOUGH,
         )  # fmt: skip
@@ -315,17 +321,17 @@ class Stage(Shelf):
                 return copy
         if len(self._copies) == REGION_COPIES:
             return None
-        self._copies.append(self._new_copy())
+        self._copies.append(self._new_copy(len(self._copies)))
         return self._copies[-1]
 
-    def _new_copy(self) -> _Copy:
-        return _Copy(self.latest, np.empty_like(self.frames), np.empty_like(self.parts))
+    def _new_copy(self, number: int) -> _Copy:
+        region = self._plan.region(number)
+        return _Copy(self.latest, np.empty_like(self.frames), np.empty_like(self.parts), region)
 
     def _write(self, copy: _Copy) -> float:
-        number = self._copies.index(copy)
-        reach = bring_up_to_date(
+        reach = _bring_up_to_date.call(
             self.latest.words, self.frames, self.parts, self.versions, self._boxes_version, self._boxes,
-            self._loose, self._order, self._keys, self._sort_steps, self._plan.region(number), copy.version,
+            self._loose, self._order, self._keys, self._sort_steps, copy.region, copy.version,
             copy.frames, copy.parts,
         )  # fmt: skip
         if reach <= 1.0:
@@ -378,7 +384,7 @@ def first_unfit_move(matrices: np.ndarray, velocities: np.ndarray, angular_veloc
         Or (0, 3).
     """
     return int(
-        first_unfit(
+        _first_unfit.call(
             matrices, velocities, angular_velocities, ORTHONORMAL_TOLERANCE, FARTHEST_MOVE, FASTEST_MOVE
         )
     )

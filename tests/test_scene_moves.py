@@ -332,6 +332,27 @@ def test_names_may_come_from_somebody_who_asks_the_scene():
     assert [part.pose.translation[0] for part in scene.parts][::2] == [7.0, 8.0]
 
 
+def test_names_of_the_last_move_are_looked_up_anew_once_parts_are_others():
+    scene, names = Scene(some_parts(4)), ["part 1", "part 3"]
+    near, far = [Pose(translation=(x, 0.0, 0.0)) for x in (1.0, 2.0)], [Pose(translation=(9.0, 0.0, 0.0))] * 2
+
+    def stands(name):
+        return scene.part(name).pose.translation[0]
+
+    scene.move_many(names, near)
+    scene.move_many(names, far)
+    assert (stands("part 1"), stands("part 3")) == (9.0, 9.0)
+    scene.remove("part 0")
+    scene.move_many(names, near)
+    assert (stands("part 1"), stands("part 3")) == (1.0, 2.0)
+    names.reverse()
+    scene.move_many(names, near)
+    assert (stands("part 1"), stands("part 3")) == (2.0, 1.0)
+    scene.remove("part 3")
+    with pytest.raises(SceneError, match="no part is named 'part 3'"):
+        scene.move_many(names, far)
+
+
 def test_trackers_hold_on_to_no_copy():
     """However many there are, none keeps what the next model could be written to."""
     scene = Scene(some_parts(12))

@@ -43,6 +43,7 @@ MOVER_UPPER = 7
 NEAR_GAP = 10  # m between a finger and a box, of the parts it gathered
 NEAR_SPEED = 11  # their speed at most relative to a velocity, a unit of stage
 MOVER_COLUMNS = 12
+SIX_LANES = 2**6 - 1
 
 ROUNDED_UP = 1.0 + 1e-12
 ROUNDED_DOWN = 1.0 - 1e-12
@@ -83,12 +84,11 @@ def gather_movers(frames, parts, movers):
     size = len(movers) // MOVER_COLUMNS
     count, stands = 0, False
     for part in range(len(parts) - 1):
-        if parts[part, IS_HIDDEN]:
+        # Both velocities follow each other; behind them is what does not count.
+        is_still = bits(load(frames[part], VELOCITY) == splat(0.0)) & SIX_LANES == SIX_LANES
+        if (is_still and stands) or parts[part, IS_HIDDEN]:
             continue
-        moves = False
-        for k in range(6):
-            moves |= frames[part, VELOCITY + k] != 0.0
-        if not moves:
+        if is_still:
             stands = True
             continue
         arm_sq, turn_sq = 0.0, 0.0

@@ -38,6 +38,8 @@ class GivenRows(types.Type):
 GIVEN_ROWS = GivenRows()
 INTEGER, REAL, FLAG = types.int64, types.float64, types.boolean
 TABLE, COLUMN, FLAGS = REAL[:, ::1], REAL[::1], FLAG[::1]
+TABLES, WHOLE_TABLE, WHOLE_COLUMN = REAL[:, :, ::1], INTEGER[:, ::1], INTEGER[::1]
+SHORT_TABLE, SHORT_COLUMN = types.float32[:, ::1], types.float32[::1]
 """Types of arguments, for `compiling.Settled`; only rows that are given may be anything."""
 
 

@@ -9,6 +9,7 @@ at every move: so nodes stay small wherever the parts go, and a move costs O(par
 import numpy as np
 
 from proximity.kernels.compiling import inlined, kernel
+from proximity.kernels.given import INTEGER, SHORT_COLUMN, SHORT_TABLE, TABLE, WHOLE_COLUMN, WHOLE_TABLE
 from proximity.kernels.layout import (
     CORNER_COUNT,
     ENTRY,
@@ -102,6 +103,12 @@ def write_loose(words, region, static_root, boxes, loose, order, first_entry):
         write_lane(words, NODE_STRIDE * region, 0, box, static_root)
     for i in range(count):
         _write_child(words, region, 1 + i, i, below, boxes, loose, order, first_entry, box)
+
+
+UPDATE = (
+    SHORT_COLUMN, TABLE, WHOLE_TABLE, WHOLE_COLUMN, INTEGER, SHORT_TABLE, WHOLE_COLUMN, WHOLE_COLUMN,
+    WHOLE_COLUMN, INTEGER, INTEGER, INTEGER, TABLE, WHOLE_TABLE,
+)  # fmt: skip
 
 
 @kernel

@@ -6,23 +6,28 @@ import numpy as np
 
 from proximity.kernels.box import BOX_MARGIN, round_down, round_up
 from proximity.kernels.compiling import inlined, kernel
+from proximity.kernels.given import INTEGER, REAL, TABLE, TABLES, WHOLE_COLUMN, WHOLE_TABLE
 from proximity.kernels.layout import (
     ANGULAR_VELOCITY,
     BOX_LOWER,
     BOX_UPPER,
     CENTRE,
+    FRAME_COLUMNS,
     IS_FUSED,
     IS_HIDDEN,
     IS_LOOSE,
     IS_TURNED,
+    LANES,
     OWN_LOWER,
     OWN_UPPER,
+    PART_COLUMNS,
     ROTATION,
     SCALE,
     TRANSLATION,
     VELOCITY,
 )
 from proximity.kernels.wide_node import clear_box
+from proximity.simd import lane, load, maximum, minimum, store
 
 
 @inlined
@@ -50,6 +55,9 @@ def _is_rigid(matrix, tolerance, farthest):
     z = matrix[0, 0] * matrix[1, 1] - matrix[0, 1] * matrix[1, 0]
     is_right_handed = x * matrix[2, 0] + y * matrix[2, 1] + z * matrix[2, 2] > 0.0
     return is_affine and is_right_handed and _off_exact(matrix) <= tolerance
+
+
+FIRST_UNFIT = (TABLES, TABLE, TABLE, REAL, REAL, REAL)
 
 
 @kernel
@@ -126,6 +134,9 @@ def place_box(frames, parts, row):
         frames[row, BOX_UPPER + axis] = middle + half
 
 
+MOVE = (TABLE, WHOLE_TABLE, WHOLE_COLUMN, INTEGER, WHOLE_COLUMN, TABLES, TABLE, TABLE, REAL)
+
+
 @kernel
 def move_parts(frames, parts, versions, version, rows, matrices, velocities, angular_velocities, rounding):
     """Write poses and velocities of *rows* and mark them with *version*; how many have become loose.
@@ -169,11 +180,13 @@ def place_scene(frames, parts):
     """
     scene = len(parts) - 1
     reach = 0.0
+    # The upper corner follows the lower one.
+    least = most = load(frames[0], BOX_LOWER)
+    for part in range(1, scene):
+        box = load(frames[part], BOX_LOWER)
+        least, most = minimum(least, box), maximum(most, box)
     for axis in range(3):
-        lower, upper = frames[0, BOX_LOWER + axis], frames[0, BOX_UPPER + axis]
-        for part in range(1, scene):
-            lower = min(lower, frames[part, BOX_LOWER + axis])
-            upper = max(upper, frames[part, BOX_UPPER + axis])
+        lower, upper = lane(least, axis), lane(most, BOX_UPPER - BOX_LOWER + axis)
         frames[scene, BOX_LOWER + axis] = frames[scene, OWN_LOWER + axis] = lower
         frames[scene, BOX_UPPER + axis] = frames[scene, OWN_UPPER + axis] = upper
         if scene == 1:
@@ -190,7 +203,7 @@ def copy_rows(frames, parts, versions, since, to_frames, to_parts):
     scene = len(parts) - 1
     for row in range(scene + 1):
         if row == scene or versions[row] > since:
-            for column in range(frames.shape[1]):
-                to_frames[row, column] = frames[row, column]
-            for column in range(parts.shape[1]):
+            for column in range(0, FRAME_COLUMNS, LANES):
+                store(to_frames[row], column, load(frames[row], column))
+            for column in range(PART_COLUMNS):
                 to_parts[row, column] = parts[row, column]

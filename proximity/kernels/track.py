@@ -10,9 +10,10 @@ from proximity.kernels.advance import BALLS, BALLS_SIZE
 from proximity.kernels.compiling import inlined, kernel
 from proximity.kernels.contact import RECORD_INTS, RECORD_REALS
 from proximity.kernels.front import FRONT_SIZE
-from proximity.kernels.layout import OWN_LOWER, ROTATION, TRANSLATION
+from proximity.kernels.layout import LANES, OWN_LOWER, ROTATION, TRANSLATION
 from proximity.kernels.memory import Told, arrays_behind
 from proximity.kernels.motion import MOTION_INTS, MOTION_REALS
+from proximity.simd import bits, load
 
 # --- columns of ``tracks`` (float64), a row a finger ---
 ANCHOR = 0  # m, scene's frame: where CLEAR was found
@@ -57,6 +58,8 @@ FARTHEST_WAY = 1e3
 A part that is put far away and back goes so far at once."""
 POSE_COLUMNS = 12
 """Of ``before``: rotation and translation of each part at the tick before."""
+LAST = POSE_COLUMNS - LANES
+ALL_LANES = 2**LANES - 1
 
 PLACE_AT, STAGES_AT, SCRATCH_SIZE = 24, 40, 42
 """Places in ``scratch``: a witness comes first, the stages of a path last."""
@@ -155,10 +158,10 @@ def way_of_parts(frames, before):
     """
     farthest_sq = 0.0
     for part in range(len(before)):
-        has_moved = False
-        for k in range(POSE_COLUMNS):
-            has_moved |= frames[part, ROTATION + k] != before[part, k]
-        if not has_moved:
+        # Rotation and translation, which follow each other, by two vectors that overlap.
+        is_first_same = load(frames[part], ROTATION) == load(before[part], 0)
+        is_last_same = load(frames[part], ROTATION + LAST) == load(before[part], LAST)
+        if bits(is_first_same & is_last_same) == ALL_LANES:
             continue
         for corner in range(8):
             x = frames[part, OWN_LOWER + 3 * (corner & 1)]

@@ -4,6 +4,7 @@ import numpy as np
 
 from proximity.kernels.compiling import inlined, kernel
 from proximity.kernels.layout import CHILDREN, LANES, NODE_STRIDE
+from proximity.simd import horizontal_min, load, splat32, store
 
 
 @inlined
@@ -19,8 +20,9 @@ def write_lane(words, base, lane, box, reference):
 def clear_node(words, node):
     """Make all lanes of a node unused."""
     base = NODE_STRIDE * node
-    for k in range(NODE_STRIDE):
-        words[base + k] = np.inf if k < 24 else (-np.inf if k < CHILDREN else 0.0)
+    for k in range(0, NODE_STRIDE, LANES):
+        filling = np.inf if k < 24 else (-np.inf if k < CHILDREN else 0.0)
+        store(words, base + k, splat32(np.float32(filling)))
 
 
 @kernel
@@ -28,11 +30,8 @@ def node_box(words, node, box):
     """The box around all children of a node; unused lanes add nothing."""
     base = NODE_STRIDE * node
     for axis in range(3):
-        lower, upper = np.float32(np.inf), np.float32(-np.inf)
-        for lane in range(LANES):
-            lower = min(lower, words[base + 8 * axis + lane])
-            upper = max(upper, words[base + 24 + 8 * axis + lane])
-        box[axis], box[axis + 3] = lower, upper
+        box[axis] = horizontal_min(load(words, base + 8 * axis))
+        box[axis + 3] = -horizontal_min(-load(words, base + 24 + 8 * axis))
 
 
 @inlined
