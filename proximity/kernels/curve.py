@@ -1,53 +1,94 @@
 """The order of points along a space-filling curve."""
 
-from math import isfinite
-
 import numpy as np
 
-from proximity.kernels.compiling import kernel, maker
+from proximity.kernels.compiling import inlined, kernel, maker
+from proximity.kernels.layout import LANES
+from proximity.kernels.memory import longs_here, reals_here
+from proximity.simd import absolute, horizontal_min, load_each, maximum, minimum, select, splat, store
 
 SORT_FROM = 48
 """Points from which on a batch is walked along a space-filling curve: each point then starts from its
-neighbour's answer. Sorting costs some 30 ns a point and saves a third of the walk."""
+neighbour's answer. Sorting costs some 20 ns a point and saves a third of the walk."""
+BITS = 7
+"""Of the number of a cell along an axis. With ten of them walks are no shorter, and sorting takes a third
+pass (2026-11: batches are 1.04 to 1.12 times as fast with seven, worked out eight at a time)."""
+FIRST_BITS = 11
+"""Of a cell's place along the curve that are sorted by first; by the others then."""
+SPREAD = np.array([sum((n >> bit & 1) << 3 * bit for bit in range(BITS)) for n in range(2**BITS)], np.uint32)
+"""The number of a cell along an axis, with two zeros between any two bits."""
+OF_EIGHT = 3 * LANES
+"""Coordinates of eight points."""
+LARGEST = 1e300
+"""Coordinates beyond are as good as infinite: their difference may be."""
 
 
 @maker
 def morton_order(points):
-    """The rows of *points* along a curve that keeps neighbours together; rows not finite come first."""
+    """The rows of *points* along a curve that keeps neighbours together; rows not finite are anywhere."""
     count = len(points)
-    lower = np.full(3, np.inf)
-    upper = np.full(3, -np.inf)
-    for i in range(count):
-        for axis in range(3):
-            value = points[i, axis]
-            if isfinite(value):
-                lower[axis] = min(lower[axis], value)
-                upper[axis] = max(upper[axis], value)
-    extent = max(upper[0] - lower[0], upper[1] - lower[1], upper[2] - lower[2])
-    rate = 1023.0 / extent if extent > 0.0 and isfinite(extent) else 0.0
-    keys = np.empty(count, np.uint32)
-    for i in range(count):
-        key = np.uint32(0)
-        for axis in range(3):
-            value = (points[i, axis] - lower[axis]) * rate
-            cell = np.uint32(value) if value >= 0.0 and value <= 1023.0 else np.uint32(0)
-            # Two zeros between any two bits.
-            cell = (cell | (cell << np.uint32(16))) & np.uint32(0x030000FF)
-            cell = (cell | (cell << np.uint32(8))) & np.uint32(0x0300F00F)
-            cell = (cell | (cell << np.uint32(4))) & np.uint32(0x030C30C3)
-            cell = (cell | (cell << np.uint32(2))) & np.uint32(0x09249249)
-            key |= cell << np.uint32(axis)
-        keys[i] = key
-    order = np.empty(count, np.int64)
-    other = np.empty(count, np.int64)
-    for i in range(count):
-        order[i] = i
-    # Eleven bits at a time.
-    starts = np.empty(2048, np.int64)
-    for digit in range(3):
-        sort_by_digit(keys, np.uint32(11 * digit), starts, order, other)
-        order, other = other, order
+    keys, half_sorted, order = (
+        np.empty(count, np.uint32),
+        np.empty(count, np.int64),
+        np.empty(count, np.int64),
+    )
+    _write_keys(points, keys)
+    starts = np.empty(2**FIRST_BITS, np.int64)
+    sort_by_digit(keys, np.uint32(0), starts, np.arange(count), half_sorted)
+    sort_by_digit(keys, np.uint32(FIRST_BITS), starts, half_sorted, order)
     return order
+
+
+@kernel
+def _write_keys(points, keys):
+    """Fill the place along the curve of the cell that each point is in."""
+    count, offsets, cells = len(points), longs_here(LANES), reals_here(OF_EIGHT)
+    x0 = y0 = z0 = splat(np.inf)
+    x1 = y1 = z1 = splat(-np.inf)
+    for at in range(0, count, LANES):
+        x, y, z = _eight_from(points, at, offsets)
+        x0, x1 = _around(x, x0, x1)
+        y0, y1 = _around(y, y0, y1)
+        z0, z1 = _around(z, z0, z1)
+    lower_x, lower_y, lower_z = horizontal_min(x0), horizontal_min(y0), horizontal_min(z0)
+    extent = -min(horizontal_min(-x1) + lower_x, horizontal_min(-y1) + lower_y, horizontal_min(-z1) + lower_z)
+    rate = (2.0**BITS - 1.0) / extent if extent > 0.0 else 0.0
+    for at in range(0, count, LANES):
+        x, y, z = _eight_from(points, at, offsets)
+        store(cells, 0, _cells(x, lower_x, rate))
+        store(cells, LANES, _cells(y, lower_y, rate))
+        store(cells, 2 * LANES, _cells(z, lower_z, rate))
+        for k in range(min(LANES, count - at)):
+            key = SPREAD[np.int64(cells[k])]
+            key |= SPREAD[np.int64(cells[LANES + k])] << np.uint32(1)
+            keys[at + k] = key | SPREAD[np.int64(cells[2 * LANES + k])] << np.uint32(2)
+
+
+@inlined
+def _eight_from(points, at, offsets):
+    """The coordinates of eight points from row *at* on; behind the last one, of that."""
+    for k in range(LANES):
+        offsets[k] = 3 * min(at + k, len(points) - 1)
+    return (
+        load_each(points, offsets, 0, 0),
+        load_each(points, offsets, 0, 1),
+        load_each(points, offsets, 0, 2),
+    )
+
+
+@inlined
+def _around(values, least, most):
+    """The least and the most of eight lanes so far, with those of *values* that are finite."""
+    is_finite = absolute(values) < splat(LARGEST)
+    least = minimum(least, select(is_finite, values, splat(np.inf)))
+    return least, maximum(most, select(is_finite, values, splat(-np.inf)))
+
+
+@inlined
+def _cells(values, lower, rate):
+    """The number of the cell along an axis that each value is in, but for its fraction; of nan, 0."""
+    along = (values - splat(lower)) * splat(rate)
+    return minimum(maximum(along, splat(0.0)), splat(2.0**BITS - 1.0))
 
 
 @kernel
