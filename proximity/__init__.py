@@ -44,8 +44,8 @@ if TYPE_CHECKING:
         Surface,
     )
     from proximity.pose import Pose
-    from proximity.results import NO_FACE, ClosestPoints, Feature, RayHits, SegmentHits
-    from proximity.scene import Part, Scene
+    from proximity.results import NO_FACE, NO_PART, ClosestPoints, Feature, RayHits, SegmentHits
+    from proximity.scene import LoadReport, Part, Scene
     from proximity.serving import RunningService, serve, start_service
     from proximity.sign import SignMethod
     from proximity.solid import Solid
@@ -62,12 +62,14 @@ __all__ = [
     "MEASURED",
     "MOVES",
     "NO_FACE",
+    "NO_PART",
     "PATH_POSES",
     "POSES",
     "ClosestPoints",
     "ContactFlag",
     "DecaffError",
     "Feature",
+    "LoadReport",
     "MeshError",
     "MeshFormatError",
     "Message",
@@ -112,12 +114,14 @@ _MODULE_OF = {
     "MEASURED": "proximity.message",
     "MOVES": "proximity.message",
     "NO_FACE": "proximity.results",
+    "NO_PART": "proximity.results",
     "PATH_POSES": "proximity.message",
     "POSES": "proximity.message",
     "ClosestPoints": "proximity.results",
     "ContactFlag": "proximity.message",
     "DecaffError": "proximity.errors",
     "Feature": "proximity.results",
+    "LoadReport": "proximity.scene",
     "MeshError": "proximity.errors",
     "MeshFormatError": "proximity.errors",
     "Message": "proximity.message",

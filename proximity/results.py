@@ -1,6 +1,6 @@
 """What queries answer: records of arrays with the leading shape S of the points that were asked.
 
-One point gives scalars, a grid gives a grid. Where there is no answer: `NO_FACE`, part -1, distance inf,
+One point gives scalars, a grid gives a grid. Where there is no answer: `NO_FACE`, `NO_PART`, distance inf,
 points nan. Records are views of an array that a kernel has filled, and read-only.
 """
 
@@ -54,7 +54,7 @@ class _Record:
 
     @property
     def part(self) -> Any:
-        """S int32, index into ``scene.parts``; -1 where there is no answer."""
+        """S int32, index into ``scene.parts``; `NO_PART` where there is no answer."""
         return self._choice(0)
 
     @property

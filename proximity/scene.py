@@ -26,13 +26,27 @@ NO_ROWS = np.zeros(0, np.int64)
 
 @dataclass(frozen=True, slots=True)
 class LoadReport:
-    """Where a scene came from, and in which units."""
+    """Where a scene came from, and in which units.
+
+    Parameters
+    ----------
+    path : str
+        Of the file.
+    format : str
+        As people say it: "STL, binary".
+    units : str
+        Of the file's coordinates.
+    units_declared : bool
+        False: the file names none, *units* is what the caller said.
+    notes : tuple of str
+        Sentences a user should know.
+    """
 
     path: str
-    format: str  # as people say it: "STL, binary"
-    units: str  # of the file's coordinates
-    units_declared: bool  # False: the file names none, *units* is what the caller said
-    notes: tuple[str, ...]  # sentences a user should know
+    format: str
+    units: str
+    units_declared: bool
+    notes: tuple[str, ...]
 
 
 class Scene(Queries):
