@@ -40,7 +40,7 @@ def as_float64(
     ProximityError
         Of type *error*: ragged, complex, text, or objects that are not numbers.
     """
-    if type(values) is np.ndarray and values.dtype is FLOAT64 and values.flags.carray:
+    if _is_float64(values):
         return values
     try:
         array = np.asanyarray(values)
@@ -69,12 +69,12 @@ def is_ready(values: Any, shape: tuple[int, ...]) -> bool:
     shape : tuple of int
         What is wanted.
     """
-    return (
-        type(values) is np.ndarray
-        and values.dtype is FLOAT64
-        and values.shape == shape
-        and values.flags.carray
-    )
+    return _is_float64(values) and values.shape == shape
+
+
+def _is_float64(values: Any) -> bool:
+    """Whether there is nothing to convert."""
+    return type(values) is np.ndarray and values.dtype is FLOAT64 and values.flags.carray
 
 
 def _check_numbers(array: np.ndarray, name: str, error: type[ProximityError], expected: str) -> None:
@@ -111,12 +111,7 @@ def as_points(values: Any, name: str = "points") -> np.ndarray:
         If they are not numbers of shape (..., 3).
     """
     # What callers in a hurry pass costs a fifth of a microsecond.
-    if (
-        type(values) is np.ndarray
-        and values.dtype is FLOAT64
-        and values.shape[-1:] == _ROW
-        and values.flags.carray
-    ):
+    if _is_float64(values) and values.shape[-1:] == _ROW:
         return values
     points = as_float64(values, name, expected="numbers of shape (..., 3)")
     if points.ndim == 0 or points.shape[-1] != 3:

@@ -21,8 +21,6 @@ from proximity.pose import Pose
 from proximity.queries import Queries
 from proximity.solid import Solid
 
-NO_ROWS = np.zeros(0, np.int64)
-
 
 @dataclass(frozen=True, slots=True)
 class LoadReport:
@@ -75,7 +73,7 @@ class Scene(Queries):
 
     report: LoadReport | None
     _stage: Stage
-    _last_moved: tuple[Any, list[str], np.ndarray] = None, [], NO_ROWS  # by which rows, what, and theirs
+    _last_moved: tuple[Any, list[str], Any] = None, [], None  # by which names, which parts, their rows
     _torn: tuple[int, LocalFrame] | None = None  # the part that is being deformed: row, and frame before
 
     def __init__(self, parts: Iterable[Part | Solid], *, report: LoadReport | None = None) -> None:

@@ -56,13 +56,13 @@ from proximity.kernels.rays import (
     view_of,
     way_of,
 )
+from proximity.kernels.rows import fetch_row
 from proximity.kernels.scene import direction_to_local, is_alone, to_local
 from proximity.kernels.triangle import dot
 from proximity.simd import (
     bits,
     load,
     load_int,
-    prefetch,
     splat,
     splat32,
     square_root,
@@ -181,17 +181,6 @@ def _is_still(directions, row):
     return directions[row, 0] == 0.0 and directions[row, 1] == 0.0 and directions[row, 2] == 0.0
 
 
-@inlined
-def _fetch_rows(origins, directions, order, begin):
-    """Ask for the rows that come next, which lie here and there."""
-    for i in range(begin, min(begin + CHUNK, len(order))):
-        at = 3 * order[i]
-        prefetch(origins, at)
-        prefetch(origins, at + 2)
-        prefetch(directions, at)
-        prefetch(directions, at + 2)
-
-
 @kernel
 def cast_batch(handle, origins, directions, order, limit, answers):
     """Fill answers (N, `ANSWER_WIDTH`) for rays (N, 3) each; see the columns above.
@@ -216,7 +205,8 @@ def cast_batch(handle, origins, directions, order, limit, answers):
         for k in range(count):
             row = order[begin + k] if len(order) else begin + k
             rows[k], offsets[k] = row, 3 * row
-        _fetch_rows(origins, directions, order, begin + CHUNK)
+            fetch_row(origins, order, begin + k + CHUNK)
+            fetch_row(directions, order, begin + k + CHUNK)
         for k in range(count, -(-count // LANES) * LANES):
             # Whoever stands in for a ray is not asked: he has hit nothing.
             offsets[k], slots[k] = offsets[0], NO_SLOT

@@ -5,7 +5,8 @@ import numpy as np
 from proximity.kernels.compiling import inlined, kernel, maker
 from proximity.kernels.layout import LANES
 from proximity.kernels.memory import longs_here, reals_here
-from proximity.simd import absolute, horizontal_min, load_each, maximum, minimum, select, splat, store
+from proximity.kernels.rows import columns_from
+from proximity.simd import absolute, horizontal_min, maximum, minimum, select, splat, store
 
 SORT_FROM = 48
 """Points from which on a batch is walked along a space-filling curve: each point then starts from its
@@ -27,13 +28,9 @@ LARGEST = 1e300
 def morton_order(points):
     """The rows of *points* along a curve that keeps neighbours together; rows not finite are anywhere."""
     count = len(points)
-    keys, half_sorted, order = (
-        np.empty(count, np.uint32),
-        np.empty(count, np.int64),
-        np.empty(count, np.int64),
-    )
+    keys, starts = np.empty(count, np.uint32), np.empty(2**FIRST_BITS, np.int64)
+    half_sorted, order = np.empty(count, np.int64), np.empty(count, np.int64)
     _write_keys(points, keys)
-    starts = np.empty(2**FIRST_BITS, np.int64)
     sort_by_digit(keys, np.uint32(0), starts, np.arange(count), half_sorted)
     sort_by_digit(keys, np.uint32(FIRST_BITS), starts, half_sorted, order)
     return order
@@ -46,7 +43,7 @@ def _write_keys(points, keys):
     x0 = y0 = z0 = splat(np.inf)
     x1 = y1 = z1 = splat(-np.inf)
     for at in range(0, count, LANES):
-        x, y, z = _eight_from(points, at, offsets)
+        x, y, z = columns_from(points, at, offsets)
         x0, x1 = _around(x, x0, x1)
         y0, y1 = _around(y, y0, y1)
         z0, z1 = _around(z, z0, z1)
@@ -54,7 +51,7 @@ def _write_keys(points, keys):
     extent = -min(horizontal_min(-x1) + lower_x, horizontal_min(-y1) + lower_y, horizontal_min(-z1) + lower_z)
     rate = (2.0**BITS - 1.0) / extent if extent > 0.0 else 0.0
     for at in range(0, count, LANES):
-        x, y, z = _eight_from(points, at, offsets)
+        x, y, z = columns_from(points, at, offsets)
         store(cells, 0, _cells(x, lower_x, rate))
         store(cells, LANES, _cells(y, lower_y, rate))
         store(cells, 2 * LANES, _cells(z, lower_z, rate))
@@ -62,18 +59,6 @@ def _write_keys(points, keys):
             key = SPREAD[np.int64(cells[k])]
             key |= SPREAD[np.int64(cells[LANES + k])] << np.uint32(1)
             keys[at + k] = key | SPREAD[np.int64(cells[2 * LANES + k])] << np.uint32(2)
-
-
-@inlined
-def _eight_from(points, at, offsets):
-    """The coordinates of eight points from row *at* on; behind the last one, of that."""
-    for k in range(LANES):
-        offsets[k] = 3 * min(at + k, len(points) - 1)
-    return (
-        load_each(points, offsets, 0, 0),
-        load_each(points, offsets, 0, 1),
-        load_each(points, offsets, 0, 2),
-    )
 
 
 @inlined

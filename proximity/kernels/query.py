@@ -41,6 +41,7 @@ from proximity.kernels.memory import (
     words_here,
 )
 from proximity.kernels.point import NOTHING_SEEN, best_of_block, closest_in_part
+from proximity.kernels.rows import fetch_row
 from proximity.kernels.scene import (
     ROUNDING,
     can_be_asked,
@@ -58,7 +59,6 @@ from proximity.kernels.side import (
 )
 from proximity.kernels.triangle import place_of
 from proximity.kernels.witness import ARM, LENGTH, NORMAL, POINT, WEIGHT, WITNESS_SIZE
-from proximity.simd import prefetch
 
 SHORTEST = 1e-150
 """Local units; the square of less would vanish."""
@@ -96,14 +96,6 @@ def _row(order, i):
 
 
 @inlined
-def _fetch_row(points, order, i):
-    """Ask for the row that is *i*-th in order: they lie all over the place."""
-    if i < len(order):
-        prefetch(points, 3 * order[i])
-        prefetch(points, 3 * order[i] + 2)
-
-
-@inlined
 def _nearest(reals, words, frames, parts, x, y, z, limit_sq, part, slot, stacks):
     """`nearest_in_scene`, starting from the block of what the point before has found, if anything."""
     best_sq, seen = limit_sq, np.int64(NOTHING_SEEN)
@@ -128,7 +120,7 @@ def distance_batch(handle, points, order, limit, distances):
     part, slot = np.int64(NO_PART), np.int64(NO_SLOT)
     for i in range(len(order) if len(order) else len(points)):
         row = _row(order, i)
-        _fetch_row(points, order, i + CHUNK)
+        fetch_row(points, order, i + CHUNK)
         x, y, z = points[row, 0], points[row, 1], points[row, 2]
         if not can_be_asked(frames, parts, x, y, z):
             distances[row] = np.nan
@@ -159,7 +151,7 @@ def _begin_chunk(
     """
     for k in range(count):
         rows[k], certain[k] = _row(order, first + k), 0
-        _fetch_row(points, order, first + k + CHUNK)
+        fetch_row(points, order, first + k + CHUNK)
     if len(parts) <= 2:
         return 0
     pair_count = note_holders(words, frames, parts, points, rows, count, lists, pairs, certain)
@@ -412,7 +404,7 @@ def contains_batch(handle, points, order, inside):
         recent[k, 0] = NO_PART
     for i in range(len(order) if len(order) else len(points)):
         row = _row(order, i)
-        _fetch_row(points, order, i + CHUNK)
+        fetch_row(points, order, i + CHUNK)
         inside[row] = is_held(
             reals,
             words,

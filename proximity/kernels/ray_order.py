@@ -11,7 +11,8 @@ from proximity.kernels.compiling import inlined, maker
 from proximity.kernels.curve import sort_by_digit
 from proximity.kernels.layout import BOX_LOWER, BOX_UPPER, LANES
 from proximity.kernels.memory import arrays_at, longs_here, reals_here
-from proximity.simd import load_each, maximum, minimum, select, splat, store
+from proximity.kernels.rows import columns, columns_from
+from proximity.simd import maximum, minimum, select, splat, store
 
 HALVINGS = 9
 """How often the box is halved at most, each time across its longest side: 512 cells."""
@@ -29,11 +30,8 @@ def ray_order(handle, origins, directions):
     order; cells follow one another as halves of halves do.
     """
     _, _, frames, _ = arrays_at(handle)
-    lower, upper = np.full(3, np.inf), np.full(3, -np.inf)
-    for part in range(len(frames) - 1):
-        for axis in range(3):
-            lower[axis] = min(lower[axis], frames[part, BOX_LOWER + axis])
-            upper[axis] = max(upper[axis], frames[part, BOX_UPPER + axis])
+    scene = len(frames) - 1
+    lower, upper = frames[scene, BOX_LOWER : BOX_LOWER + 3], frames[scene, BOX_UPPER : BOX_UPPER + 3]
     sides, counts, ranks = _halve(upper - lower, len(origins))
     rates = np.where(sides > 0.0, 1.0 / sides, 0.0)
     keys = _ranks_of_cells(origins, directions, lower, upper, rates, counts, ranks)
@@ -76,11 +74,8 @@ def _ranks_of_cells(origins, directions, lower, upper, rates, counts, ranks):
     stride_y, stride_z = float(counts[0]), float(counts[0] * counts[1])
     offsets, numbers = longs_here(LANES), reals_here(LANES)
     for at in range(0, row_count, LANES):
-        for k in range(LANES):
-            offsets[k] = 3 * min(at + k, row_count - 1)
-        x, dx = load_each(origins, offsets, 0, 0), load_each(directions, offsets, 0, 0)
-        y, dy = load_each(origins, offsets, 0, 1), load_each(directions, offsets, 0, 1)
-        z, dz = load_each(origins, offsets, 0, 2), load_each(directions, offsets, 0, 2)
+        x, y, z = columns_from(origins, at, offsets)
+        dx, dy, dz = columns(directions, offsets, 0)
         enter_x, enter_y = _enters(x, dx, lower[0], upper[0]), _enters(y, dy, lower[1], upper[1])
         enter = maximum(maximum(enter_x, enter_y), _enters(z, dz, lower[2], upper[2]))
         number = (

@@ -16,13 +16,13 @@ from proximity.kernels.ray import (
     bound_of_parameter,
     is_from_afar,
 )
+from proximity.kernels.rows import columns
 from proximity.kernels.scene import FARTHEST, direction_to_local, to_local
 from proximity.kernels.triangle import dot
 from proximity.simd import (
     absolute,
     bits,
     load,
-    load_each,
     maximum,
     minimum,
     narrow,
@@ -61,8 +61,8 @@ def make_ready(frames, parts, top, drift, origins, directions, offsets, at, limi
     *origins*, *directions* (N, 3); *offsets* (CHUNK,): how many numbers before each ray. *drift*: what
     boxes are widened by besides, a unit of the origin's distance. *limit*: m.
     """
-    x, y, z = _columns(origins, offsets, at)
-    dx, dy, dz = _columns(directions, offsets, at)
+    x, y, z = columns(origins, offsets, at)
+    dx, dy, dz = columns(directions, offsets, at)
     zero, one = splat(0.0), splat(1.0)
     largest = maximum(maximum(absolute(dx), absolute(dy)), absolute(dz))
     # A difference from itself is not zero where a number is not finite.
@@ -103,11 +103,6 @@ def make_ready(frames, parts, top, drift, origins, directions, offsets, at, limi
     # A ray that passes by, or cannot be asked, opens nothing.
     bound = bound_of_parameter(reach * splat(frames[top, SCALE]), entry)
     store(aims, CHUNK * BOUND + at, select(passes_by | ~is_sound, narrow(splat(-1.0)), bound))
-
-
-@inlined
-def _columns(rows, offsets, at):
-    return load_each(rows, offsets, at, 0), load_each(rows, offsets, at, 1), load_each(rows, offsets, at, 2)
 
 
 @inlined
