@@ -90,9 +90,9 @@ def _ray_steps(reals, words, start, ox, oy, oz, dx, dy, dz, stacks):
         steps += 1
         if reference >= 0:
             base = NODE_STRIDE * reference
-            bounds, is_open = open_boxes(words, base, aim, zero32, best32)
+            bounds, leaving, is_open = open_boxes(words, base, aim, zero32, best32)
             if bits(is_open):
-                reference, at = descend_in_order(words, base, bounds, is_open, stacks, at)
+                reference, at = descend_in_order(words, base, bounds, leaving, is_open, stacks, at)
                 continue
         else:
             block = ~reference

@@ -83,7 +83,7 @@ def ray_boxes_loop(words, bases, queries, found):
             SLAB_MARGIN,
         )
         zero, best32 = splat32(np.float32(0.0)), np.float32(np.inf)
-        bounds, is_open = open_boxes(words, bases[i], aim, zero, best32)
+        bounds, _, is_open = open_boxes(words, bases[i], aim, zero, best32)
         found[i] = horizontal_min(select(is_open, bounds, splat32(np.float32(np.inf))))
 
 

@@ -144,29 +144,32 @@ def test_warming_up_leaves_no_kernel_of_a_call_to_be_compiled():
 
 
 @kernel
-def _two_steps(words, bounds, limit, stacks):
+def _two_steps(words, bounds, ends, limit, stacks):
     """References of the child gone to and of the one that is next, and how many wait."""
     distances = load(bounds, 0)
     is_open = distances <= splat32(limit)
     if not bits(is_open):
         return -1, -1, -1
-    first, at = descend_in_order(words, 0, distances, is_open, stacks, 0)
+    first, at = descend_in_order(words, 0, distances, load(ends, 0), is_open, stacks, 0)
     waiting = at
     at = next_open(stacks, 0, at, limit)
     return first, load_int(stacks, at + STACK_SIZE) if at >= 0 else -1, waiting
 
 
+@pytest.mark.parametrize("is_tie", [False, True], ids=["entered in order", "entered at once, left in order"])
 @pytest.mark.parametrize("count", range(1, LANES + 1))
-def test_of_those_that_wait_the_nearest_is_taken_up_first(count):
+def test_of_those_that_wait_the_nearest_is_taken_up_first(count, is_tie):
     rng = np.random.default_rng(count)
     words = np.zeros(NODE_STRIDE, np.float32)
     words.view(np.int32)[CHILDREN:] = 10 + np.arange(NODE_STRIDE - CHILDREN)
     for _ in range(50):
-        bounds = rng.permutation(np.arange(1.0, LANES + 1.0)).astype(np.float32)
-        order = np.argsort(bounds)
+        places = rng.permutation(np.arange(1.0, LANES + 1.0)).astype(np.float32)
+        order = np.argsort(places)
+        bounds = np.where(places <= count, 1.0, 2.0).astype(np.float32) if is_tie else places
+        ends = places + 2 if is_tie else rng.permutation(places) * np.float32(0.5) + LANES
 
         first, second, waiting = _two_steps(
-            words, bounds, np.float32(count), np.zeros(2 * STACK_SIZE, np.float32)
+            words, bounds, ends, np.float32(1.0 if is_tie else count), np.zeros(2 * STACK_SIZE, np.float32)
         )
 
         assert (first, waiting) == (10 + order[0], count - 1)

@@ -276,7 +276,7 @@ def _open_lanes(node, ox, oy, oz, dx, dy, dz, best, margin):
     rate_x, in_x, out_x = ray.slab(ox, dx, margin)
     rate_y, in_y, out_y = ray.slab(oy, dy, margin)
     rate_z, in_z, out_z = ray.slab(oz, dz, margin)
-    bounds, is_open = ray.ray_boxes_bound(
+    bounds, _, is_open = ray.ray_boxes_bound(
         node, 0, ray.near_plane(dx), ray.near_plane(dy), ray.near_plane(dz),
         splat32(rate_x), splat32(rate_y), splat32(rate_z), splat32(in_x), splat32(in_y), splat32(in_z),
         splat32(out_x), splat32(out_y), splat32(out_z), splat32(np.float32(0.0)),

@@ -138,9 +138,9 @@ def _first_hit_in_scene(reals, words, frames, parts, origins, aims, views, row, 
     while True:
         if reference >= 0:
             base = NODE_STRIDE * reference
-            bounds, is_open = open_boxes(words, base, aim, zero32, best32)
+            bounds, leaving, is_open = open_boxes(words, base, aim, zero32, best32)
             if bits(is_open):
-                reference, at = descend_in_order(words, base, bounds, is_open, stacks, at)
+                reference, at = descend_in_order(words, base, bounds, leaving, is_open, stacks, at)
                 continue
         elif ~reference < ENTRY:
             block = ~reference

@@ -186,7 +186,7 @@ def _mark_met(corners, faces, slot_faces, reals, words, root, start, end, kind, 
     while True:
         if reference >= 0:
             base = NODE_STRIDE * reference
-            bounds, is_open = open_boxes(words, base, aim, zero32, best32)
+            bounds, _, is_open = open_boxes(words, base, aim, zero32, best32)
             if bits(is_open):
                 reference, at = descend(words, base, bounds, is_open, stacks, at)
                 continue

@@ -13,6 +13,7 @@ from proximity.simd import (
     bits,
     compress,
     count_bits,
+    fma,
     horizontal_min,
     load,
     load_int,
@@ -20,10 +21,13 @@ from proximity.simd import (
     nearest_lane,
     select,
     splat,
+    splat32,
     store,
     trailing_zeros,
 )
 
+TIE = np.float32(2.0**-3)
+"""What the end of a way through a box counts for beside its beginning: from 2^-2 to 2^-6 it is all one."""
 NOTHING_WAITS = -1
 """Place on a stack of which the bottom has been reached."""
 
@@ -48,15 +52,19 @@ def descend(words, base, bounds, is_open, stacks, at):
 
 
 @inlined
-def descend_in_order(words, base, bounds, is_open, stacks, at):
-    """As `descend`, and of those that wait the nearest is the next to be taken up.
+def descend_in_order(words, base, bounds, ends, is_open, stacks, at):
+    """As `descend`, of boxes that a ray leaves at *ends*; of those that wait the nearest is taken up next.
 
     A ray that has hit something seldom needs the others: in a gear it visits 8 % fewer nodes and 15 % fewer
     blocks. Points gain 1 and 2 %, less than it costs. All in order, by a sorting network: no faster.
+
+    Boxes that share a plane are entered there at once, or the ray starts in all of them: of such the one that
+    is left first comes first (in a gear, 9 % fewer blocks and 2 % fewer nodes).
     """
-    nearest, it = nearest_lane(bounds, is_open)
+    order = fma(ends, splat32(TIE), bounds)
+    nearest, it = nearest_lane(order, is_open)
     others = is_open & ~it
-    _, second = nearest_lane(bounds, others)
+    _, second = nearest_lane(order, others)
     at = _wait(words, base, bounds, others & ~second, stacks, at)
     at = _wait(words, base, bounds, others & second, stacks, at)
     return load_int(words, base + CHILDREN + nearest), at

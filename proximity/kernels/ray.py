@@ -140,9 +140,9 @@ def ray_boxes_bound(
     nodes, base, near_x, near_y, near_z, rate_x, rate_y, rate_z, in_x, in_y, in_z, out_x, out_y, out_z,
     zero, best,
 ):  # fmt: skip
-    """Parameters at which a ray enters the boxes of the node at *base*, and which it meets up to *best*.
+    """Parameters at which a ray enters and leaves the boxes of the node at *base*, and which it meets.
 
-    Bounds are >= 0. Rates and constants are float32x8 splats of `slab`.
+    Only up to *best*. Of those met parameters are >= 0. Rates and constants are float32x8 splats of `slab`.
     """
     enter_x = fma(load(nodes, base + near_x), rate_x, in_x)
     enter_y = fma(load(nodes, base + 8 + near_y), rate_y, in_y)
@@ -152,7 +152,7 @@ def ray_boxes_bound(
     leave_z = fma(load(nodes, base + 40 - near_z), rate_z, out_z)
     enter = maximum(maximum(enter_x, enter_y), maximum(enter_z, zero))
     leave = minimum(minimum(leave_x, leave_y), minimum(leave_z, best))
-    return enter, enter <= leave
+    return enter, leave, enter <= leave
 
 
 @inlined
@@ -309,9 +309,9 @@ def first_hit(reals, words, start, aim, view, entry, best, best32, best_slot, st
     while True:
         if reference >= 0:
             base = NODE_STRIDE * reference
-            bounds, is_open = open_boxes(words, base, aim, zero32, best32)
+            bounds, leaving, is_open = open_boxes(words, base, aim, zero32, best32)
             if bits(is_open):
-                reference, at = descend_in_order(words, base, bounds, is_open, stacks, at)
+                reference, at = descend_in_order(words, base, bounds, leaving, is_open, stacks, at)
                 continue
         else:
             block = ~reference
