@@ -245,6 +245,20 @@ def test_a_chain_of_any_length_is_not_deep(count, side):
     np.testing.assert_array_equal(leaf_first, np.arange(count + 1))
 
 
+def test_the_smallest_of_a_nodes_boxes_has_its_first_lane():
+    """A walk goes there first where several are equally near."""
+    nodes, links, _, order = halved(random_boxes(np.random.default_rng(8), 5000))
+
+    wide, _, _ = widen_tree(nodes, links, order)
+
+    count = 0
+    for boxes, _ in wide_nodes(wide):
+        surfaces = half_areas(records(boxes[:, 0], boxes[:, 1]))
+        assert (surfaces[1:] >= surfaces[:-1] * (1 - 1e-6)).all()
+        count += 1
+    assert count > 100
+
+
 def test_leaves_are_numbered_in_the_order_of_the_tree():
     """What is below a node has leaves in a row: moments and slabs are made from that."""
     nodes, links, _, order = halved(random_boxes(np.random.default_rng(7), 5000))
@@ -253,15 +267,13 @@ def test_leaves_are_numbered_in_the_order_of_the_tree():
     wide, new_order, leaf_first = widen_tree(nodes, links, order)
 
     children = [names for _, names in wide_nodes(wide)]
-    met, waiting = [], [0]
-    while waiting:
-        name = int(waiting.pop())
-        if name < 0:
-            met.append(~name)
-        else:
-            assert all(below > name for below in children[name] if below >= 0)
-            waiting += list(children[name][::-1])
-    assert met == list(range(len(leaf_first) - 1))
+    leaves = {}  # of a node: the first of its leaves, and behind the last
+    for node in range(len(children) - 1, -1, -1):
+        assert all(below > node for below in children[node] if below >= 0)
+        ends = sorted(leaves[name] if name >= 0 else (~name, ~name + 1) for name in children[node])
+        assert all(end == start for (_, end), (start, _) in itertools.pairwise(ends))
+        leaves[node] = ends[0][0], ends[-1][1]
+    assert leaves[0] == (0, len(leaf_first) - 1)
     assert sorted(new_order) == list(range(5000)) and leaf_first[-1] == 5000
     assert np.diff(leaf_first).min() >= 1 and np.diff(leaf_first).max() <= LANES
 
