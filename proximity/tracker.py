@@ -24,10 +24,11 @@ from proximity.message import CONTACT
 from proximity.model import Model
 from proximity.scene import Scene
 
-DEFAULT_BUDGET = 350
-"""Nodes and leaves a finger and tick. Near CAD parts a walk takes 10 to 60; at the centre of a ball of 1.3 M
-faces these take 20 to 30 µs, as fast as the memory is, and bracket the distance within 2.5 % (1 % with 500,
-but then five fingers there may take longer than 0.2 ms; with 300 it is 4 %)."""
+DEFAULT_BUDGET = 250
+"""Nodes and leaves a finger and tick. Near CAD parts a walk takes 10 to 60, near free forms 3 in 100 000 take
+more than these. At the centre of a ball of 1.3 M faces they take 13 to 28 µs, as fast as the memory is, and
+bracket the distance within 4.1 %. With 350 it is 2.5 %, but on a busy machine one tick in a hundred of five
+fingers there took longer than 0.2 ms then; with 175 it is 6.4 %."""
 MOST = 2**31 - 1
 """Nodes and leaves: more than any scene has."""
 LONGEST_LATENCY = 1e9
@@ -57,8 +58,8 @@ class Tracker:
         From a tick until the controller acts on its answer: predictions are for then.
     budget : int
         Nodes and leaves visited for a finger in a tick, at most, but for a few that tell side and way; None:
-        350, which keeps any tick of five fingers below 0.2 ms. All fingers share 14 budgets for distances,
-        six where there are thousands, and four for looking ahead. A crowd that would need more takes turns:
+        250, which keeps any tick of five fingers below 0.2 ms. All fingers share 20 budgets for distances,
+        eight where there are thousands, and four for looking ahead. A crowd that would need more takes turns:
         its bounds are apart by as small a share of each distance as can be had, the same for all.
     working_range : float, m
         Beyond it there are bounds only: a finger that cannot have come nearer is not searched for.

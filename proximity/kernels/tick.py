@@ -139,7 +139,7 @@ FLAG_BITS = (1 << 16) - 1
 """Of an observation's answer: what goes into the record."""
 CROWD = 10
 """Fingers of two hands: more than that are a crowd."""
-SHARED_BUDGETS, FEWEST_BUDGETS = 14, 6
+SHARED_BUDGETS, FEWEST_BUDGETS = 20, 8
 AHEAD = 4
 """Budgets that all fingers share in a tick: for distances, and for looking ahead. Two hands never come to the
 end of them; a skin of thousands would be late. Who finds none left goes by what it knows, within bounds, and
@@ -154,7 +154,7 @@ within 20 mm of a skin with bounds 9.5 mm apart (p99; 3.8 with this), with half 
 EASE = 0.4
 """Of what bounds may be apart, the share that a search in a crowd leaves them apart, rather than going on. A
 skin whose bounds may be 5 % apart takes 2100 steps a tick; 4700 with 0, to the same bounds on average."""
-SHORT, PAUSE = 3, 200
+SHORT, PAUSE = 2, 200
 """Divisor of the budget: where a search takes more, a front would not get done in half of it. Nor may it
 where a search takes less: then none is tried for so many ticks, which matters from a million faces on."""
 STRAY = 1.0 / 16.0
