@@ -101,7 +101,7 @@ def as_points(values: Any, name: str = "points") -> np.ndarray:
     Parameters
     ----------
     values : (..., 3) array-like
-        Points or directions. Rows that are not finite stay as they are.
+        Points or directions. Rows that are not finite stay as they are. An empty list is no rows: (0, 3).
     name : str
         What the caller calls them, for the message.
 
@@ -114,6 +114,8 @@ def as_points(values: Any, name: str = "points") -> np.ndarray:
     if _is_float64(values) and values.shape[-1:] == _ROW:
         return values
     points = as_float64(values, name, expected="numbers of shape (..., 3)")
+    if points.shape == (0,):
+        return points.reshape(0, 3)
     if points.ndim == 0 or points.shape[-1] != 3:
         raise QueryError(f"{name} have shape {points.shape}, expected (..., 3)")
     return points

@@ -86,11 +86,17 @@ def test_points_keep_their_shape(shape):
     assert as_points(np.ones(shape, np.float32)).shape == shape
 
 
+@pytest.mark.parametrize("rows", [[], (), np.empty(0), np.empty(0, np.float32)])
+def test_an_empty_list_is_no_points(rows):
+    points = as_points(rows)
+    assert (points.shape, points.dtype) == ((0, 3), np.float64)
+
+
 @pytest.mark.parametrize(
     "rows, shape",
     [
         (5.0, r"\(\)"),
-        ([], r"\(0,\)"),
+        (np.ones((0, 2)), r"\(0, 2\)"),
         ([1.0, 2.0], r"\(2,\)"),
         ([1.0, 2.0, 3.0, 4.0], r"\(4,\)"),
         (np.ones((3, 2)), r"\(3, 2\)"),

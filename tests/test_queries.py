@@ -233,7 +233,7 @@ def test_rows_that_are_all_not_finite_answer_nan(asked):
         ((1.0, 2.0), "points have shape (2,), expected (..., 3)"),
         (np.ones((5, 2)), "points have shape (5, 2), expected (..., 3)"),
         (5.0, "points have shape (), expected (..., 3)"),
-        ([], "points have shape (0,), expected (..., 3)"),
+        ([[]], "points have shape (1, 0), expected (..., 3)"),
         ([[1, 2, 3], [1]], "points have rows of different lengths, expected numbers of shape (..., 3)"),
         ([1, 2, 3j], "points have dtype complex128, expected numbers of shape (..., 3)"),
         (["1", "2", "3"], "points have dtype <U1, expected numbers of shape (..., 3)"),
@@ -243,6 +243,16 @@ def test_rows_that_are_all_not_finite_answer_nan(asked):
 def test_points_that_are_none_are_refused(asked, query, points, message):
     with pytest.raises(QueryError, match=f"^{re.escape(message)}$"):
         getattr(asked, query)(points)
+
+
+@ASKED
+@pytest.mark.parametrize("points", [[], np.empty((0, 3))], ids=["list", "array"])
+def test_no_points_have_an_empty_answer(asked, points):
+    for query in ("signed_distance", "distance", "contains"):
+        assert getattr(asked, query)(points).shape == (0,)
+    table = asked.closest(points)
+    assert table.signed_distance.shape == table.part.shape == table.face_id.shape == (0,)
+    assert table.point.shape == table.gradient.shape == table.barycentric.shape == (0, 3)
 
 
 @ASKED
@@ -397,6 +407,7 @@ def test_two_arguments_broadcast(ask):
     assert query(POINTS, there[0]).distance.shape == (4,)
     assert query(POINTS[0], there).distance.shape == (2,)
     assert query(np.empty((0, 3)), there[0]).distance.shape == (0,)
+    assert query([], there[0]).distance.shape == query([], []).distance.shape == (0,)
     assert isinstance(query(POINTS[0], there[0]).distance, np.float64)
 
 
