@@ -14,7 +14,7 @@ from proximity.kernels.compiling import inlined, kernel, maker
 from proximity.kernels.halving import COUNT, FIRST, LEFT, RECORD, RIGHT, half_area, unpack
 from proximity.kernels.layout import CHILDREN, LANES, MAX_DEPTH, NODE_STRIDE
 from proximity.kernels.wide_node import clear_node, write_lane
-from proximity.simd import load, minimum
+from proximity.simd import halves_swapped, lane, load, minimum
 
 EVEN_DEPTH = MAX_DEPTH // 2 - 10
 """From this level on leaves are shared out by count, whatever the binary tree: any ends ten levels later. So
@@ -105,19 +105,28 @@ def _children(links, splits, node, children, waiting):
     return count
 
 
+@inlined
+def _thickness(box):
+    """The shortest side of a box, from its record."""
+    extents = box + halves_swapped(box)  # of the other sign
+    return -max(lane(extents, 0), lane(extents, 1), lane(extents, 2))
+
+
 @kernel
 def _give_lanes(boxes, children, count, lanes):
-    """Fill the lane of each child: the one with the least surface gets the first.
+    """Fill the lane of each child: the thinnest gets the first; of equals, the first in order.
 
-    Of boxes that are equally near, as those that contain a point, a walk takes the first. The smallest is the
-    likeliest to have something near: near a gear box of 119 bodies a point alone visits 7 % fewer nodes and
-    11 % fewer blocks, one that begins with what a neighbour found 2 and 4 %.
+    Of boxes that are equally near, as those that contain a point or share a corner, a walk takes the first. A
+    thin one is likelier to have something near all over. A point by itself near a gear box of 119 bodies
+    visits 7 % fewer nodes and 12 % fewer blocks than in any order; one that begins with a neighbour's answer
+    2 and 4 %. Least surface first is as good there; but far from a plate it opens 3 % more blocks, and this
+    3 % fewer.
     """
     for k in range(count):
-        area = half_area(load(boxes, RECORD * children[k]))
+        thickness = _thickness(load(boxes, RECORD * children[k]))
         lanes[k] = 0
         for other in range(k):
-            if half_area(load(boxes, RECORD * children[other])) <= area:
+            if _thickness(load(boxes, RECORD * children[other])) <= thickness:
                 lanes[k] += 1
             else:
                 lanes[other] += 1
@@ -209,16 +218,16 @@ def widen_tree(boxes, links, order):
         # Last in, first out: the first child is done next, and lies next in memory.
         for k in range(count - 1, -1, -1):
             if is_even:
-                child, start, lane = np.int64(NO_PLACE), first + number * k // count, k
+                child, start, place = np.int64(NO_PLACE), first + number * k // count, k
                 size = first + number * (k + 1) // count - start
                 record = _join_leaves(boxes, leaves, start, size)
             else:
-                child, lane = children[k], lanes[k]
+                child, place = children[k], lanes[k]
                 start, size = np.int64(starts[child]), np.int64(numbers[child])
                 record = load(boxes, RECORD * child)
             unpack(record, box)
-            write_lane(nodes, base, lane, box, ~start)
+            write_lane(nodes, base, place, box, ~start)
             if size > 1:
-                waiting[waiting_count] = (child, start, size, depth + 1, base + CHILDREN + lane)
+                waiting[waiting_count] = (child, start, size, depth + 1, base + CHILDREN + place)
                 waiting_count += 1
     return nodes[: node_count * NODE_STRIDE].copy(), new_order, leaf_first
