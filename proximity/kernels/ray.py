@@ -140,9 +140,9 @@ def ray_boxes_bound(
     nodes, base, near_x, near_y, near_z, rate_x, rate_y, rate_z, in_x, in_y, in_z, out_x, out_y, out_z,
     zero, best,
 ):  # fmt: skip
-    """Parameters at which a ray enters and leaves the boxes of the node at *base*, and which it meets.
+    """Where a ray enters and leaves the boxes of the node at *base*, and which of them it meets up to *best*.
 
-    Only up to *best*. Of those met parameters are >= 0. Rates and constants are float32x8 splats of `slab`.
+    Parameters; that of entering is >= 0. Rates and constants are float32x8 splats of `slab`.
     """
     enter_x = fma(load(nodes, base + near_x), rate_x, in_x)
     enter_y = fma(load(nodes, base + 8 + near_y), rate_y, in_y)
