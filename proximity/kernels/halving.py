@@ -35,11 +35,24 @@ _LEFT_BOX, _LEFT_MIDDLES, _RIGHT_BOX, _RIGHT_MIDDLES = 0, 8, 16, 24
 
 
 @inlined
+def _sides(box):
+    """The sides of a box along x, y and z, from its record; with the other sign."""
+    sides = box + halves_swapped(box)
+    return lane(sides, 0), lane(sides, 1), lane(sides, 2)
+
+
+@inlined
 def half_area(box):
     """Half the surface of a box, from its record."""
-    extents = box + halves_swapped(box)  # of the other sign
-    dx, dy, dz = lane(extents, 0), lane(extents, 1), lane(extents, 2)
+    dx, dy, dz = _sides(box)
     return dx * (dy + dz) + dy * dz
+
+
+@inlined
+def thickness(box):
+    """The shortest side of a box, from its record."""
+    dx, dy, dz = _sides(box)
+    return -max(dx, dy, dz)
 
 
 @inlined

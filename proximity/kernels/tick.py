@@ -155,8 +155,8 @@ EASE = 0.4
 """Of what bounds may be apart, the share that a search in a crowd leaves them apart, rather than going on. A
 skin whose bounds may be 5 % apart takes 2100 steps a tick; 4700 with 0, to the same bounds on average."""
 SHORT, PAUSE = 2, 200
-"""Divisor of the budget: where a search takes more, a front would not get done in half of it. Nor may it
-where a search takes less: then none is tried for so many ticks, which matters from a million faces on."""
+"""Divisor of the budget: what a front may take of it, and a search for one to be begun. Where it does not get
+done in that, none is tried for so many ticks, which matters from a million faces on."""
 STRAY = 1.0 / 16.0
 """Share of its distance that a finger may go until the point of the surface that is told is looked for anew:
 meanwhile it is up to 0.2 % farther than the nearest. Ticks of fingers far off take a seventh less so."""
@@ -276,7 +276,7 @@ def _search(
     kept = marks[i, FRONT_COUNT]
     if may_keep and (kept > 0 or kept == BEGINS):
         best_sq, part, slot, is_found, marks[i, FRONT_COUNT], steps = nearest_by_front(
-            reals, words, frames, parts, x, y, z, part, slot, fronts[i], kept, budget // 2, room
+            reals, words, frames, parts, x, y, z, part, slot, fronts[i], kept, budget // SHORT, room
         )
     if is_found:
         return bracket_of(

@@ -11,10 +11,10 @@ Laine 2017, "Efficient incoherent ray traversal on GPUs through compressed wide 
 import numpy as np
 
 from proximity.kernels.compiling import inlined, kernel, maker
-from proximity.kernels.halving import COUNT, FIRST, LEFT, RECORD, RIGHT, half_area, unpack
+from proximity.kernels.halving import COUNT, FIRST, LEFT, RECORD, RIGHT, half_area, thickness, unpack
 from proximity.kernels.layout import CHILDREN, LANES, MAX_DEPTH, NODE_STRIDE
 from proximity.kernels.wide_node import clear_node, write_lane
-from proximity.simd import halves_swapped, lane, load, minimum
+from proximity.simd import load, minimum
 
 EVEN_DEPTH = MAX_DEPTH // 2 - 10
 """From this level on leaves are shared out by count, whatever the binary tree: any ends ten levels later. So
@@ -105,13 +105,6 @@ def _children(links, splits, node, children, waiting):
     return count
 
 
-@inlined
-def _thickness(box):
-    """The shortest side of a box, from its record."""
-    extents = box + halves_swapped(box)  # of the other sign
-    return -max(lane(extents, 0), lane(extents, 1), lane(extents, 2))
-
-
 @kernel
 def _give_lanes(boxes, children, count, lanes):
     """Fill the lane of each child: the thinnest gets the first; of equals, the first in order.
@@ -123,10 +116,10 @@ def _give_lanes(boxes, children, count, lanes):
     3 % fewer.
     """
     for k in range(count):
-        thickness = _thickness(load(boxes, RECORD * children[k]))
+        own = thickness(load(boxes, RECORD * children[k]))
         lanes[k] = 0
         for other in range(k):
-            if _thickness(load(boxes, RECORD * children[other])) <= thickness:
+            if thickness(load(boxes, RECORD * children[other])) <= own:
                 lanes[k] += 1
             else:
                 lanes[other] += 1
@@ -218,16 +211,16 @@ def widen_tree(boxes, links, order):
         # Last in, first out: the first child is done next, and lies next in memory.
         for k in range(count - 1, -1, -1):
             if is_even:
-                child, start, place = np.int64(NO_PLACE), first + number * k // count, k
+                child, start, lane = np.int64(NO_PLACE), first + number * k // count, k
                 size = first + number * (k + 1) // count - start
                 record = _join_leaves(boxes, leaves, start, size)
             else:
-                child, place = children[k], lanes[k]
+                child, lane = children[k], lanes[k]
                 start, size = np.int64(starts[child]), np.int64(numbers[child])
                 record = load(boxes, RECORD * child)
             unpack(record, box)
-            write_lane(nodes, base, place, box, ~start)
+            write_lane(nodes, base, lane, box, ~start)
             if size > 1:
-                waiting[waiting_count] = (child, start, size, depth + 1, base + CHILDREN + place)
+                waiting[waiting_count] = (child, start, size, depth + 1, base + CHILDREN + lane)
                 waiting_count += 1
     return nodes[: node_count * NODE_STRIDE].copy(), new_order, leaf_first
