@@ -143,7 +143,7 @@ def read_archive(path: Any, layout: dict[str, int]) -> Contents:
 
     Notes
     -----
-    Cost: what reading the file at the speed of memory takes, if the system has it there: 10 ms for 200 MB.
+    Cost: reading the file at the speed of memory, if the system has it there: 10 to 30 ms for 200 MB.
     """
     shown = os.fsdecode(path)
     try:

@@ -57,7 +57,7 @@ class Solid(Queries):
 
     Notes
     -----
-    Cost: about 0.6 s and 180 bytes a face for 300 k faces.
+    Cost: for 300 k faces 1.3 s where they are even and some 3 s where they are needles; 180 bytes a face.
     """
 
     mesh: TriangleMesh
