@@ -6,7 +6,7 @@ import shapes
 
 import oracle
 from proximity.kernels.layout import MOMENTS, ROOT
-from proximity.kernels.winding import winding_number
+from proximity.kernels.winding import turned, winding_number
 from proximity.mesh import TriangleMesh
 from proximity.model import assemble
 from proximity.part_arrays import part_arrays
@@ -128,6 +128,47 @@ def test_two_sides_of_a_thin_wall_do_not_cancel_wrongly():
     points *= 0.3 * np.random.default_rng(8).random((200, 1)) / np.linalg.norm(points, axis=1, keepdims=True)
 
     assert abs(turns(mesh, points)).max() <= LARGEST_ERROR
+
+
+@pytest.mark.parametrize("way", [1, -1])
+def test_copies_are_counted_however_many(way):
+    # Half turns add up in each lane: 50 copies are up to 50 of them.
+    corners, faces = shapes.tetrahedron()
+    copies = np.tile(faces[:, ::way], (50, 1))
+    points = points_about(np.random.default_rng(7), (corners, faces))
+
+    np.testing.assert_array_equal(
+        np.rint(turns((corners, copies), points)),
+        50 * np.rint(oracle.winding_number(corners, faces[:, ::way], points)),
+    )
+
+
+ANGLES = {
+    "any": np.random.default_rng(7).uniform(-np.pi, np.pi, (200, 40)),
+    "small": np.random.default_rng(7).uniform(-1e-9, 1e-9, (200, 40)),
+    "nearly half turns": np.pi - 10.0 ** np.random.default_rng(7).uniform(-15, -1, (200, 40)),
+    "nearly half turns back": 10.0 ** np.random.default_rng(7).uniform(-15, -1, (200, 40)) - np.pi,
+    "nearly half turns to and fro": np.random.default_rng(7).choice([-1, 1], (200, 40))
+    * (np.pi - 10.0 ** np.random.default_rng(8).uniform(-15, -1, (200, 40))),
+    "quarters": 0.5 * np.pi * np.random.default_rng(7).integers(-1, 3, (200, 40)),
+}
+
+
+@pytest.mark.parametrize("name", ANGLES)
+@pytest.mark.parametrize("size", [1.0, 1e-200, 1e200])
+def test_angles_are_added_as_if_one_by_one(name, size):
+    for angles in ANGLES[name]:
+        sum_so_far = (1.0, 0.0, 0.0)
+        for angle in angles:
+            sum_so_far = turned(*sum_so_far, size * np.cos(angle), size * np.sin(angle))
+        cosine, sine, full = sum_so_far
+
+        assert np.arctan2(sine, cosine) + 2.0 * np.pi * full == pytest.approx(angles.sum(), abs=1e-11)
+
+
+@pytest.mark.parametrize("nowhere", [(0.0, 0.0), (np.nan, 1.0), (1.0, np.nan), (np.inf, 1.0), (-0.0, -0.0)])
+def test_what_points_nowhere_turns_by_nothing(nowhere):
+    assert turned(0.6, -0.8, 3.0, *nowhere) == (0.6, -0.8, 3.0)
 
 
 @pytest.mark.parametrize("distance", [10.0, 1e6, 1e30, 1e90])
