@@ -51,6 +51,14 @@ def until(condition, patience=PATIENCE):
     return answer
 
 
+def until_valid(subscriber):
+    """Read until a frame may be used as it is; where none comes, tell what came."""
+    ends, reading = time.monotonic() + PATIENCE, subscriber.read()
+    while not reading.is_valid:
+        assert time.monotonic() < ends, f"no frame that may be used, but {reading} after {subscriber.counts}"
+        reading = subscriber.wait(1.0)
+
+
 class FarEnd:
     """A process at the other end; killed at the latest at the end of the ``with`` block."""
 
@@ -67,6 +75,9 @@ class FarEnd:
         )
         self.pid = self._process.pid
         self.said = self._first_line()
+        if not self.said:
+            self.kill()
+            raise AssertionError(f"far end {role} {address} did not begin: {self._process.stderr.read()}")
 
     def _first_line(self):
         in_time = threading.Timer(PATIENCE, self._process.kill)  # what hangs is killed, and said nothing

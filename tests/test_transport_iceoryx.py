@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from far_end import PATIENCE, FarEnd, frame, new_name, touch, until
+from far_end import PATIENCE, FarEnd, frame, new_name, touch, until, until_valid
 
 from proximity.errors import PublishError
 from proximity.message import State
@@ -56,7 +56,7 @@ def test_frame_of_another_process_is_read_and_valid(address):
     with FarEnd("publish", address, 3), open_subscriber(address) as subscriber:
         reading = subscriber.wait(PATIENCE)
         assert reading.is_new and len(reading.contacts) == 3
-        until(lambda: subscriber.wait(PATIENCE).is_valid)
+        until_valid(subscriber)
 
 
 def test_late_subscriber_gets_the_latest_with_the_next(address):
@@ -162,7 +162,7 @@ def test_nothing_is_sent_or_received_after_close(address):
 def test_subscriber_ages_when_the_publisher_is_killed_and_takes_to_the_next(address):
     with open_subscriber(address, stale_after=0.5) as subscriber:
         with FarEnd("publish", address) as first:
-            until(lambda: subscriber.wait(PATIENCE).is_valid)
+            until_valid(subscriber)
             first.kill()
         states = set()
 
@@ -176,7 +176,7 @@ def test_subscriber_ages_when_the_publisher_is_killed_and_takes_to_the_next(addr
 
         with FarEnd("publish", address) as second:
             assert second.said == "ready"  # at once, though nobody gave the name back
-            until(lambda: subscriber.wait(PATIENCE).is_valid)
+            until_valid(subscriber)
         assert int(subscriber.read().header["session"]) > session
         assert subscriber.counts.sessions == 2
         assert not subscriber.counts.flawed

@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 import pytest
-from far_end import PATIENCE, FarEnd, frame, touch, until
+from far_end import PATIENCE, FarEnd, frame, touch, until, until_valid
 
 from proximity.errors import PublishError
 from proximity.message import State
@@ -102,7 +102,7 @@ def test_whole_skin_arrives_and_of_too_long_a_message_the_beginning(linked):
 
 def test_frames_of_another_process_are_aged_by_its_own_clock(ends):
     with open_subscriber(ends[1]) as subscriber, FarEnd("publish", ends[0], 3):
-        until(lambda: subscriber.wait(PATIENCE).is_valid)
+        until_valid(subscriber)
         assert len(subscriber.wait(PATIENCE).contacts) == 3
         assert not subscriber.counts.flawed
 
@@ -110,7 +110,7 @@ def test_frames_of_another_process_are_aged_by_its_own_clock(ends):
 def test_subscriber_ages_when_the_publisher_is_killed_and_takes_to_the_next(ends):
     with open_subscriber(ends[1], stale_after=0.5) as subscriber:
         with FarEnd("publish", ends[0]) as first:
-            until(lambda: subscriber.wait(PATIENCE).is_valid)
+            until_valid(subscriber)
             first.kill()
         states = set()
 
@@ -121,7 +121,7 @@ def test_subscriber_ages_when_the_publisher_is_killed_and_takes_to_the_next(ends
         until(is_stale)
         assert State.LATE in states
         with FarEnd("publish", ends[0]):
-            until(lambda: subscriber.wait(PATIENCE).is_valid)
+            until_valid(subscriber)
         assert subscriber.counts.sessions == 2
 
 
