@@ -8,6 +8,7 @@ from proximity.aligned import ALIGNMENT, aligned_empty
 from proximity.bvh import Bvh, LocalFrame, build_bvh, local_frame
 from proximity.kernels import layout
 from proximity.kernels.crossings import DEPTH, passing_faces
+from proximity.kernels.faces import thin_faces
 from proximity.kernels.folds import folded_faces
 from proximity.kernels.grid import build_grid
 from proximity.kernels.normals import add_corner_normals
@@ -137,16 +138,13 @@ def beside_thin_faces(piece: PartArrays) -> np.ndarray:
     winding number tells the side. With such faces tessellation closes a surface where sides that were meshed
     apart meet.
     """
-    a, b, c = np.moveaxis(piece.corners[piece.faces], 1, 0)
-    longest = np.zeros(len(piece.faces))
-    for start, end in ((a, b), (b, c), (c, a)):
-        np.maximum(longest, np.linalg.norm(end - start, axis=1), out=longest)
-    least_height = DEPTH * np.ptp(piece.corners, axis=0).max()
-    is_thin = np.linalg.norm(np.cross(b - a, c - a), axis=1) <= least_height * longest
+    slot_faces = piece.bvh.slot_faces
+    is_thin = thin_faces(piece.corners, piece.faces, DEPTH * np.ptp(piece.corners, axis=0).max())
+    if not is_thin.any():
+        return np.zeros(piece.bvh.block_count, np.uint8)
     is_corner_of_thin = np.zeros(len(piece.corners), dtype=bool)
     is_corner_of_thin[piece.faces[is_thin]] = True
     is_beside = is_corner_of_thin[piece.faces].any(axis=1)
-    slot_faces = piece.bvh.slot_faces
     return np.packbits((slot_faces >= 0) & is_beside[slot_faces], bitorder="little")
 
 

@@ -14,6 +14,7 @@ from enum import Enum
 import numpy as np
 
 from proximity.kernels import layout
+from proximity.kernels.faces import double_areas
 from proximity.kernels.grid import doubtful_places
 from proximity.kernels.query import ANSWER_WIDTH, closest_batch
 from proximity.kernels.winding import winding_numbers
@@ -124,9 +125,7 @@ def _exceptions(signed: PartArrays) -> str:
 
 def _surface_samples(piece: PartArrays) -> tuple[np.ndarray, np.ndarray]:
     """Points on faces, by area, and the faces' unit normals; local frame."""
-    a, b, c = (piece.corners[piece.faces[:, k]] for k in range(3))
-    normals = np.cross(b - a, c - a)
-    areas = np.linalg.norm(normals, axis=1)
+    areas = double_areas(piece.corners, piece.faces)
     if not areas.sum() > 0.0:
         return np.empty((0, 3)), np.empty((0, 3))
     rng = np.random.default_rng(SAMPLE_SEED)
@@ -134,8 +133,9 @@ def _surface_samples(piece: PartArrays) -> tuple[np.ndarray, np.ndarray]:
     chosen = np.minimum(chosen, len(areas) - 1)
     chosen = chosen[areas[chosen] > 0.0]
     weights = rng.dirichlet((1.0, 1.0, 1.0), len(chosen))
-    points = (piece.corners[piece.faces[chosen]] * weights[:, :, None]).sum(axis=1)
-    return points, normals[chosen] / areas[chosen, None]
+    corners = piece.corners[piece.faces[chosen]]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return (corners * weights[:, :, None]).sum(axis=1), normals / areas[chosen, None]
 
 
 def _size(piece: PartArrays) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 from proximity.bvh import Bvh, LocalFrame
 from proximity.diagnosis import Diagnosis, diagnose
 from proximity.kernels import layout
+from proximity.kernels.faces import signed_volume
 from proximity.kernels.layout import NO_GRID
 from proximity.mesh import TriangleMesh
 from proximity.model import Model, Shelf, assemble
@@ -74,7 +75,7 @@ class Solid(Queries):
     ) -> None:
         mesh = TriangleMesh(vertices, faces)
         topology = build_topology(mesh)
-        is_turned = topology.is_balanced and _volume(mesh) < 0.0
+        is_turned = topology.is_balanced and signed_volume(mesh.vertices, mesh.faces) < 0.0
         if is_turned:
             mesh = TriangleMesh(mesh.vertices, mesh.faces[:, ::-1])
             topology = build_topology(mesh)
@@ -214,12 +215,3 @@ def _made_anew(mesh: TriangleMesh, remains: _Remains) -> PartArrays:
     faces, neighbors = remains.faces.copy(), remains.neighbors.copy()
     piece = part_arrays(corners, faces, neighbors, remains.frame)
     return with_folds(with_sign(piece, remains.sign, has_grid=remains.has_grid), remains.folded)
-
-
-def _volume(mesh: TriangleMesh) -> float:
-    """Enclosed volume, m³, from the divergence theorem about the middle of the box."""
-    used = mesh.vertices[mesh.faces]
-    middle = 0.5 * used.min(axis=(0, 1)) + 0.5 * used.max(axis=(0, 1))
-    size = float(np.abs(used - middle).max()) or 1.0
-    a, b, c = np.moveaxis((used - middle) / size, 1, 0)
-    return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum())

@@ -9,6 +9,7 @@ another): nothing in the file says otherwise. A shell with small holes counts as
 import numpy as np
 
 from proximity.bodies.winding import ShellWinding
+from proximity.kernels.faces import shell_sizes
 
 VOLUME_ROUNDING = 64 * np.finfo(np.float64).eps
 """A volume is zero when it drowns in the rounding of its coordinates; times area and diagonal."""
@@ -36,15 +37,8 @@ def enclosed_volumes(triangles: np.ndarray, labels: np.ndarray) -> np.ndarray:
 
     *triangles* and *labels* as for `nest_shells`; roughly right for shells with small holes.
     """
-    shell, first = np.unique(labels, return_index=True)
-    origin = triangles[first, 0]  # on the surface, so that a flat one comes out as zero
-    a, b, c = np.moveaxis(triangles - origin[labels][:, None], 1, 0)
-    volumes = np.bincount(labels, weights=np.einsum("ij,ij->i", a, np.cross(b, c)))
-    normals = np.cross(b - a, c - a)
-    areas = np.bincount(labels, weights=np.sqrt(np.einsum("ij,ij->i", normals, normals)))
-    reach = np.zeros(len(shell))
-    np.maximum.at(reach, labels, np.einsum("ij,ij->i", a, a))
-    signed: np.ndarray = np.where(np.abs(volumes) > VOLUME_ROUNDING * areas * np.sqrt(reach), volumes, 0.0)
+    volumes, areas, reach = shell_sizes(triangles, labels.astype(np.int64), int(labels.max()) + 1)
+    signed: np.ndarray = np.where(np.abs(volumes) > VOLUME_ROUNDING * areas * reach, volumes, 0.0)
     return signed
 
 

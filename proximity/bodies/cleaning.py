@@ -9,6 +9,7 @@ Faces are judged in groups connected by edges: a body that is there twice goes a
 import numpy as np
 
 from proximity.bodies.pieces import linked_components
+from proximity.kernels.faces import thin_faces
 from proximity.topology import EdgeRuns, edge_runs
 
 DEGENERATE_HEIGHT = 16 * np.finfo(np.float64).eps
@@ -21,7 +22,8 @@ def find_useless_faces(corners: np.ndarray, unit_positions: np.ndarray) -> tuple
     *unit_positions* are those of the corners, scaled to coordinates of at most 1. Of equal faces the first
     stays.
     """
-    is_folded = (corners == np.roll(corners, 1, axis=1)).any(axis=1)
+    a, b, c = corners.T
+    is_folded = (a == b) | (b == c) | (c == a)
     rows = np.flatnonzero(~is_folded)
     is_sliver, is_duplicate = is_folded, np.zeros(len(corners), dtype=bool)
     if len(rows) == 0:
@@ -30,22 +32,14 @@ def find_useless_faces(corners: np.ndarray, unit_positions: np.ndarray) -> tuple
     is_twin = _equals_earlier_face(corners[rows], edges)
     is_twin &= _can_go(edges, is_twin)
     is_duplicate[rows[is_twin]] = True
-    is_flat = _has_no_height(unit_positions[corners[rows]]) & ~is_twin
+    is_flat = thin_faces(unit_positions, corners[rows], DEGENERATE_HEIGHT) & ~is_twin
     if is_flat.any():
         left = np.flatnonzero(~is_twin)
-        can_go = _can_go(edge_runs(corners[rows[left]]), is_flat[left])
+        if len(left) < len(rows):
+            edges = edge_runs(corners[rows[left]])
+        can_go = _can_go(edges, is_flat[left])
         is_sliver[rows[left[can_go]]] = True
     return is_sliver, is_duplicate
-
-
-def _has_no_height(triangles: np.ndarray) -> np.ndarray:
-    """Whether each of the (K, 3, 3) *triangles* is a line to rounding; coordinates are at most 1."""
-    a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
-    sides = np.stack([b - a, c - b, a - c], axis=1)
-    longest = np.sqrt(np.einsum("ijk,ijk->ij", sides, sides).max(axis=1))
-    double_area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
-    is_flat: np.ndarray = double_area <= DEGENERATE_HEIGHT * longest
-    return is_flat
 
 
 def _equals_earlier_face(corners: np.ndarray, edges: EdgeRuns) -> np.ndarray:

@@ -138,15 +138,20 @@ class _Stock:
     def repairs(self, rows: np.ndarray) -> Repairs:
         """What was done to the faces *rows* of one body, but for the faces that it lost."""
         merged_count, corner_count = _distinct_count(self.merged[rows]), _distinct_count(self.corners[rows])
-        moves = self.unit_positions[self.corners[rows]] - self.unit_positions[self.merged[rows]]
-        farthest = float(np.ldexp(np.linalg.norm(moves, axis=2).max(), -self.exponent))
         return Repairs(
             merged_vertex_count=_distinct_count(self.mesh.faces[rows]) - merged_count,
             welded_vertex_count=merged_count - corner_count,
-            weld_distance=farthest,
+            weld_distance=self._farthest_move(rows),
             turned_face_count=int(self.is_turned[rows].sum()),
             is_turned_inside_out=bool(self.is_inside_out[rows].any()),
         )
+
+    def _farthest_move(self, rows: np.ndarray) -> float:
+        """How far welding moved a corner of the faces *rows*, m."""
+        before, after = self.merged[rows], self.corners[rows]
+        is_moved = before != after
+        moves = self.unit_positions[after[is_moved]] - self.unit_positions[before[is_moved]]
+        return float(np.ldexp(np.linalg.norm(moves, axis=1).max(initial=0.0), -self.exponent))
 
 
 def _ranked_by_first(labels: np.ndarray) -> np.ndarray:
@@ -180,6 +185,8 @@ def _made_bodies(stock: _Stock, labels: np.ndarray, names: np.ndarray) -> list[B
 def _lost_counts(stock: _Stock, labels: np.ndarray, is_lost: np.ndarray) -> np.ndarray:
     """How many lost faces each body had: the first with most of its corners, else the first of all."""
     body_count = int(labels.max()) + 1
+    if not is_lost.any():
+        return np.zeros(body_count, np.int64)
     corner = stock.corners[is_lost].ravel().astype(np.int64)
     held = np.unique(stock.corners[stock.rows] * np.int64(body_count) + labels[:, None])  # corner, body
     start, end = np.searchsorted(held, (corner * body_count, (corner + 1) * body_count))

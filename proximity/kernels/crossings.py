@@ -19,7 +19,8 @@ import numpy as np
 
 from proximity.kernels.compiling import inlined, kernel, maker
 from proximity.kernels.descent import NOTHING_WAITS, descend, next_open
-from proximity.kernels.folds import face_normal, faces_wrong, marked_slots
+from proximity.kernels.faces import face_normal
+from proximity.kernels.folds import faces_wrong, marked_slots
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NODE_STRIDE, STACK_SIZE, STACKS_SIZE
 from proximity.kernels.memory import words_here
 from proximity.kernels.ray import (

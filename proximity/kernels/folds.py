@@ -9,8 +9,9 @@ from math import sqrt
 import numpy as np
 
 from proximity.kernels.compiling import inlined, kernel, maker
+from proximity.kernels.faces import face_normal
 from proximity.kernels.layout import FOLDED_AT, LANES
-from proximity.kernels.triangle import cross, dot
+from proximity.kernels.triangle import dot
 from proximity.kernels.winding import winding_number
 from proximity.simd import load_int
 
@@ -29,16 +30,6 @@ MOST_LOOKED_AT = 4096
 def is_folded(words, notes, slot):
     """Whether the face at a slot is folded over; *notes*: the word where those of all blocks begin."""
     return (load_int(words, notes + slot // LANES) >> (FOLDED_AT + slot % LANES)) & 1 != 0
-
-
-@kernel
-def face_normal(corners, faces, face):
-    """A normal of a face, as long as twice its area."""
-    a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
-    ax, ay, az = corners[a, 0], corners[a, 1], corners[a, 2]
-    bx, by, bz = corners[b, 0] - ax, corners[b, 1] - ay, corners[b, 2] - az
-    cx, cy, cz = corners[c, 0] - ax, corners[c, 1] - ay, corners[c, 2] - az
-    return cross(bx, by, bz, cx, cy, cz)
 
 
 @maker
