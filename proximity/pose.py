@@ -18,6 +18,10 @@ ROUNDING = 8.0 * 2.0**-52
 """How far the nearest exact one is off itself, in float64: so a pose made of a pose's matrix is that pose."""
 
 
+_UNTURNED, _UNMOVED = np.eye(3), np.zeros(3)
+_UNTURNED.flags.writeable = _UNMOVED.flags.writeable = False
+
+
 class Pose:
     """A rotation and a translation that take points of the source frame to the target frame.
 
@@ -40,8 +44,8 @@ class Pose:
     translation: np.ndarray  # (3,) float64, m, read-only
 
     def __init__(self, rotation: Any = None, translation: Any = None) -> None:
-        self.rotation = _checked_rotation(np.eye(3) if rotation is None else rotation)
-        self.translation = _checked_translation(np.zeros(3) if translation is None else translation)
+        self.rotation = _UNTURNED if rotation is None else _checked_rotation(rotation)
+        self.translation = _UNMOVED if translation is None else _checked_translation(translation)
         self.rotation.flags.writeable = False
         self.translation.flags.writeable = False
 
