@@ -1,0 +1,99 @@
+"""Areas, heights and volumes of faces against formulas in NumPy."""
+
+import numpy as np
+import pytest
+import shapes
+
+from proximity.kernels.faces import double_areas, shell_sizes, signed_volume, thin_faces
+
+SHAPES = {
+    "cube": shapes.cube(),
+    "ball": shapes.sphere(1.0, 3),
+    "torus": shapes.torus(n=40, m=24),
+    "sheet": shapes.grid(5, 7),
+    "cavity": shapes.hollow_cube(),
+}
+PLACES = [(1.0, 0.0), (1e-9, 0.0), (1e60, 0.0), (1.0, 1e4)]
+"""Scales, and how far from the origin."""
+
+
+def placed(name, place):
+    vertices, faces = SHAPES[name]
+    scale, offset = place
+    return scale * vertices + offset, faces.astype(np.int32)
+
+
+def expected_areas(vertices, faces):
+    a, b, c = np.moveaxis(vertices[faces], 1, 0)
+    return np.linalg.norm(np.cross(b - a, c - a), axis=1)
+
+
+@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("place", PLACES)
+def test_areas_are_those_of_the_cross_product(name, place):
+    vertices, faces = placed(name, place)
+
+    np.testing.assert_allclose(double_areas(vertices, faces), expected_areas(vertices, faces), rtol=1e-12)
+
+
+@pytest.mark.parametrize("way", [1, -1])
+@pytest.mark.parametrize("place", PLACES)
+def test_volume_has_the_sign_of_the_winding_wherever_the_part_is(place, way):
+    cube, ball = (
+        signed_volume(v, f[:, ::way].copy()) for v, f in (placed(n, place) for n in ("cube", "ball"))
+    )
+
+    assert (np.sign(cube), np.sign(ball)) == (way, way)
+    assert abs(cube) == pytest.approx(48.0, rel=1e-7)  # six times that of a cube whose half side is one
+
+
+def test_flat_and_single_points_enclose_nothing():
+    vertices, faces = placed("sheet", (1.0, 0.0))
+
+    assert signed_volume(vertices, faces) == 0.0
+    assert signed_volume(np.ones((3, 3)), np.array([[0, 1, 2]], np.int32)) == 0.0
+
+
+def test_rows_that_no_face_uses_may_hold_anything():
+    vertices, faces = placed("cube", (1.0, 0.0))
+    more = np.concatenate([vertices, [[np.nan, np.inf, 1e300]]])
+
+    assert signed_volume(more, faces) == signed_volume(vertices, faces)
+    np.testing.assert_array_equal(double_areas(more, faces), double_areas(vertices, faces))
+
+
+@pytest.mark.parametrize("height", [1e-3, 0.5, 0.9, 2.0])
+def test_thin_is_what_is_no_higher_above_its_longest_side(height):
+    rng = np.random.default_rng(7)
+    vertices = rng.normal(size=(600, 3)) * [1.0, 1.0, 0.01]
+    faces = rng.integers(0, 600, (400, 3)).astype(np.int32)
+    a, b, c = np.moveaxis(vertices[faces], 1, 0)
+    longest = np.linalg.norm(np.stack([b - a, c - b, a - c]), axis=2).max(axis=0)
+
+    is_thin = thin_faces(vertices, faces, height)
+
+    np.testing.assert_array_equal(is_thin, expected_areas(vertices, faces) <= height * longest)
+    assert height > 1.0 or 0 < is_thin.sum() < len(is_thin)
+
+
+def test_faces_with_two_corners_in_one_are_thin_whatever_the_height():
+    vertices = np.array([[0.0, 0.0, 0.0], [1.0, 2.0, 3.0]])
+
+    assert thin_faces(vertices, np.array([[0, 1, 1], [0, 0, 0]], np.int32), 0.0).all()
+
+
+def test_shells_are_told_apart():
+    (cube, cube_faces), (ball, ball_faces) = SHAPES["cube"], shapes.inside_out(SHAPES["ball"])
+    triangles = np.concatenate([cube[cube_faces] + 7.0, ball[ball_faces]])
+    labels = np.repeat([1, 0], [len(cube_faces), len(ball_faces)])
+    mixed = np.random.default_rng(7).permutation(len(labels))
+
+    volumes, areas, reach = shell_sizes(triangles[mixed], labels[mixed], 2)
+
+    side = np.ptp(cube[:, 0])
+    assert volumes[1] == pytest.approx(6.0 * side**3)
+    assert -8.0 * np.pi < volumes[0] < -0.95 * 8.0 * np.pi
+    assert areas[1] == pytest.approx(12.0 * side**2)
+    for shell in range(2):
+        first = triangles[mixed][labels[mixed] == shell][:, 0]
+        assert reach[shell] == pytest.approx(np.linalg.norm(first - first[0], axis=1).max())
