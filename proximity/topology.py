@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from proximity.kernels.edges import sorted_half_edges
 from proximity.mesh import TriangleMesh
 
 NO_NEIGHBOR = -1
@@ -149,26 +150,7 @@ def _first_of_equal(keys: np.ndarray) -> np.ndarray:
 
 def edge_runs(corner_ids: np.ndarray) -> EdgeRuns:
     """Return the half-edges of faces given by (F, 3) *corner_ids*, sorted by edge."""
-    from_corner = corner_ids.ravel()
-    to_corner = np.roll(corner_ids, -1, axis=1).ravel()
-    # Corners are int32: twice the product of two of them still fits into 63 bits.
-    keys = np.minimum(from_corner, to_corner).astype(np.int64)
-    keys *= int(corner_ids.max()) + 1
-    keys += np.maximum(from_corner, to_corner)
-    keys *= 2
-    keys += from_corner > to_corner
-    order = np.argsort(keys, kind="stable")
-    keys = keys[order]
-    starts = np.flatnonzero(np.concatenate(([True], (keys[1:] ^ keys[:-1]) > 1)))
-    is_forward = (keys & 1) == 0
-    return EdgeRuns(
-        order=order,
-        is_forward=is_forward,
-        starts=starts,
-        counts=np.diff(starts, append=len(order)),
-        forward_counts=np.add.reduceat(is_forward, starts, dtype=np.int64),
-        is_loop=(from_corner == to_corner)[order[starts]],
-    )
+    return EdgeRuns(*sorted_half_edges(np.ascontiguousarray(corner_ids, dtype=np.int32)))
 
 
 def _neighbors(edges: EdgeRuns, is_opposed: np.ndarray) -> np.ndarray:

@@ -19,7 +19,7 @@ import numpy as np
 
 from proximity.kernels.compiling import inlined, kernel, maker
 from proximity.kernels.descent import NOTHING_WAITS, descend, next_open
-from proximity.kernels.faces import face_normal
+from proximity.kernels.faces import corner_distance_sq, face_normal
 from proximity.kernels.folds import faces_wrong, marked_slots
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NODE_STRIDE, STACK_SIZE, STACKS_SIZE
 from proximity.kernels.memory import words_here
@@ -81,19 +81,9 @@ def _plane(corners, faces, face, depth):
     """A normal of a face, and its length, or 0 where the face is thinner than *depth* and has no plane."""
     nx, ny, nz = face_normal(corners, faces, face)
     a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
-    longest_sq = max(_distance_sq(corners, a, b), _distance_sq(corners, a, c))
+    longest_sq = max(corner_distance_sq(corners, a, b), corner_distance_sq(corners, a, c))
     length_sq = dot(nx, ny, nz, nx, ny, nz)
     return nx, ny, nz, sqrt(length_sq) if length_sq > depth * depth * longest_sq else 0.0
-
-
-@inlined
-def _distance_sq(corners, one, other):
-    x, y, z = (
-        corners[other, 0] - corners[one, 0],
-        corners[other, 1] - corners[one, 1],
-        corners[other, 2] - corners[one, 2],
-    )
-    return dot(x, y, z, x, y, z)
 
 
 @inlined

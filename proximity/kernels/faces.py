@@ -7,7 +7,7 @@ from math import sqrt
 
 import numpy as np
 
-from proximity.kernels.compiling import kernel, maker
+from proximity.kernels.compiling import inlined, kernel, maker
 from proximity.kernels.triangle import cross, dot
 
 
@@ -19,6 +19,17 @@ def face_normal(corners, faces, face):
     bx, by, bz = corners[b, 0] - ax, corners[b, 1] - ay, corners[b, 2] - az
     cx, cy, cz = corners[c, 0] - ax, corners[c, 1] - ay, corners[c, 2] - az
     return cross(bx, by, bz, cx, cy, cz)
+
+
+@inlined
+def corner_distance_sq(corners, one, other):
+    """Squared distance between two corners."""
+    x, y, z = (
+        corners[other, 0] - corners[one, 0],
+        corners[other, 1] - corners[one, 1],
+        corners[other, 2] - corners[one, 2],
+    )
+    return dot(x, y, z, x, y, z)
 
 
 @kernel
@@ -44,13 +55,8 @@ def thin_faces(corners, faces, height):
     for face in range(len(faces)):
         longest_sq = 0.0
         for k in range(3):
-            start, end = faces[face, k], faces[face, (k + 1) % 3]
-            x, y, z = (
-                corners[end, 0] - corners[start, 0],
-                corners[end, 1] - corners[start, 1],
-                corners[end, 2] - corners[start, 2],
-            )
-            longest_sq = max(longest_sq, dot(x, y, z, x, y, z))
+            side_sq = corner_distance_sq(corners, faces[face, k], faces[face, (k + 1) % 3])
+            longest_sq = max(longest_sq, side_sq)
         are_thin[face] = double_area(corners, faces, face) <= height * sqrt(longest_sq)
     return are_thin
 
