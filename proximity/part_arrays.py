@@ -47,6 +47,11 @@ class PartArrays:
     grid_rate: float = 0.0
     folded: np.ndarray = field(default_factory=lambda: NO_FOLDS)  # (blocks,) uint8, see `kernels.folds`
 
+    @property
+    def size(self) -> float:
+        """Longest side of the part's box in its local frame."""
+        return float((self.upper - self.lower).max() * self.frame.scale)
+
 
 def part_arrays(
     corners: np.ndarray, faces: np.ndarray, neighbors: np.ndarray, frame: LocalFrame | None = None
@@ -139,7 +144,7 @@ def beside_thin_faces(piece: PartArrays) -> np.ndarray:
     apart meet.
     """
     slot_faces = piece.bvh.slot_faces
-    is_thin = thin_faces(piece.corners, piece.faces, DEPTH * np.ptp(piece.corners, axis=0).max())
+    is_thin = thin_faces(piece.corners, piece.faces, DEPTH * piece.size)
     if not is_thin.any():
         return np.zeros(piece.bvh.block_count, np.uint8)
     is_corner_of_thin = np.zeros(len(piece.corners), dtype=bool)
@@ -215,7 +220,10 @@ def joined(pieces: list[np.ndarray], dtype: type) -> tuple[np.ndarray, list[int]
         starts.append(end)
         end += -(-piece.size // step) * step
     whole = aligned_empty(max(end, step), dtype)
-    whole[:] = 0
+    filled = 0
     for start, piece in zip(starts, pieces, strict=True):
-        whole[start : start + piece.size] = np.ascontiguousarray(piece).reshape(-1).view(dtype)
+        whole[filled:start] = 0
+        filled = start + piece.size
+        whole[start:filled] = np.ascontiguousarray(piece).reshape(-1).view(dtype)
+    whole[filled:] = 0
     return whole, starts

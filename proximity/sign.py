@@ -138,11 +138,6 @@ def _surface_samples(piece: PartArrays) -> tuple[np.ndarray, np.ndarray]:
     return (corners * weights[:, :, None]).sum(axis=1), normals / areas[chosen, None]
 
 
-def _size(piece: PartArrays) -> float:
-    """Longest side of the part's box in its local frame."""
-    return float((piece.upper - piece.lower).max() * piece.frame.scale)
-
-
 def _turns(model: Model, points: np.ndarray) -> np.ndarray:
     """Winding numbers of a model's only part at local points."""
     root, moments = int(model.parts[0, layout.ROOT]), int(model.parts[0, layout.MOMENTS])
@@ -168,7 +163,7 @@ def _contradictions(signed: PartArrays, points: np.ndarray, normals: np.ndarray)
     that is wrong everywhere: so a look at each region would do. The sign grid is looked at next to all faces,
     for regions some cells wide; faces next to which it tells nothing are sampled, for those of small faces.
     """
-    offsets = _size(signed) * np.array(SAMPLE_OFFSETS)
+    offsets = signed.size * np.array(SAMPLE_OFFSETS)
     around = np.concatenate([points + side * offset * normals for offset in offsets for side in (-1.0, 1.0)])
     grid_lower = np.array(signed.grid_lower)
     doubtful, is_inside, is_clear = doubtful_places(
@@ -207,7 +202,7 @@ def _differing(
 
     *is_inside* (N,): what the sign grid tells of them; then only those are asked where that differs.
     """
-    size = _size(piece)
+    size = piece.size
     answers = np.empty((len(asked), ANSWER_WIDTH))
     world = asked / piece.frame.scale + piece.frame.centre
     # Far from the origin this rounds; both ways are asked about the point that it has become.
@@ -228,6 +223,6 @@ def _differing(
 def _clear_share(piece: PartArrays, points: np.ndarray, normals: np.ndarray) -> float:
     """The share of the area with a winding number near 1 just below and near 0 just above."""
     model = assemble([piece], [Pose()])
-    step = SAMPLE_OFFSETS[0] * _size(piece)
+    step = SAMPLE_OFFSETS[0] * piece.size
     below, above = _turns(model, points - step * normals), _turns(model, points + step * normals)
     return float(np.mean((below > CLEAR_TURNS) & (above < 1.0 - CLEAR_TURNS)))
