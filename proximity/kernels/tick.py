@@ -153,7 +153,8 @@ when there are: so all are as well known as can be, for how far they are. Turns 
 within 20 mm of a skin with bounds 9.5 mm apart (p99; 3.8 with this), with half again as many steps."""
 EASE = 0.4
 """Of what bounds may be apart, the share that a search in a crowd leaves them apart, rather than going on. A
-skin whose bounds may be 5 % apart takes 2100 steps a tick; 4700 with 0, to the same bounds on average."""
+skin whose bounds may be 5 % apart wants less than half the steps that it wants with 0, to the same bounds on
+average."""
 SHORT, PAUSE = 2, 200
 """Divisor of the budget: what a front may take of it, and a search for one to be begun. Where it does not get
 done in that, none is tried for so many ticks, which matters from a million faces on."""
