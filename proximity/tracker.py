@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from proximity.arrays import FLOAT64, as_float64
+from proximity.arrays import FLOAT64, as_float64, shown
 from proximity.errors import QueryError
 from proximity.kernels import track
 from proximity.kernels.advance import BALLS_SIZE
@@ -51,7 +51,8 @@ class Tracker:
     fingers : int
         How many fingertips.
     radius : float or (fingers,) floats, m
-        Of the fingertip spheres.
+        Of the fingertip spheres; 0 is a point, whose contact with a sheet, which has no inside, is foreseen
+        on its path but never confirmed.
     period : float, s
         Between ticks; only told to those who ask.
     latency : float, s
@@ -320,8 +321,8 @@ class Tracker:
             self._pose_ns[...] = instants
         except ValueError as unfit:
             raise QueryError(
-                f"t_pose_ns is {t_pose_ns!r}, expected whole nanoseconds, at most 2**62: one number, or one "
-                f"for each of {self._shape[0]} fingers"
+                f"t_pose_ns is {shown(t_pose_ns)}, expected whole nanoseconds, at most 2**62: one number, or "
+                f"one for each of {self._shape[0]} fingers"
             ) from unfit
 
     def _take_velocities(self, velocities: Any) -> None:
@@ -430,6 +431,7 @@ def _radii(radius: Any, count: int) -> np.ndarray:
     array = as_float64(radius, "radii", error=QueryError, expected="one radius in metres, or one a finger")
     if array.shape not in ((), (count,)) or not (np.isfinite(array) & (array >= 0.0)).all():
         raise QueryError(
-            f"radius is {radius!r}, expected metres of 0 or more: one, or one for each of {count} fingers"
+            f"radius is {shown(radius)}, expected metres of 0 or more: one, or one for each of {count} "
+            "fingers"
         )
     return np.broadcast_to(array, (count,))

@@ -314,6 +314,8 @@ def test_with_all_parts_hidden_there_is_nothing_and_never_was():
         assert np.isnan(found["point_on_part"]).all() and np.isnan(found["normal"]).all()
         assert found["time_to_contact"] == np.inf and found["time_to_contact_lower"] > 0.0
         assert found["predicted_lower"] == np.inf
+    fastest = Tracker(scene, fingers=1).tick([(0, 0, 0.06)], 0, 0, velocities=[(1e200, 0, 0)])[0]
+    assert fastest["predicted_lower"] == -np.inf and fastest["predicted_upper"] == np.inf
     scene.show("low")
     assert ticks(Tracker(scene, fingers=1), [(0, 0, 0.06)])[0]["signed_distance"] == pytest.approx(0.003)
 

@@ -273,6 +273,23 @@ def test_thin_sheet_across_a_path_is_not_passed():
     assert found["contact_bend_error"] <= 1e-3
 
 
+@pytest.mark.parametrize("radius", [0.0, 1e-7, 1e-5, 1e-4])
+def test_finger_as_small_as_a_point_has_its_contact_confirmed(radius):
+    # Was: looked for beyond the surface by more than the radius, where a small finger touches nothing.
+    found = tick_path([plate()], line((0, 0, 0.05), (0, 0, -0.05)), radius=radius)
+
+    true = (0.05 - radius) / 0.1
+    assert flags_of(found) & FOUND == FOUND
+    assert abs(found["contact_bend"] - true) <= found["contact_bend_error"] <= 1e-3
+
+
+def test_point_finds_a_sheet_across_its_path_but_cannot_confirm_it():
+    found = tick_path([sheet()], line((0, 0, 0.05), (0, 0, -0.05)), radius=0.0)
+
+    assert found["contact_bend"] == pytest.approx(0.5, abs=1e-3)
+    assert found["contact_bend_error"] == np.inf
+
+
 def test_path_of_two_equal_corners_is_none():
     found = tick_path([plate()], line((0, 0, 0.05), (0, 0, 0.05)), velocity=(0, 0, -1))
 

@@ -161,7 +161,8 @@ def foretell(
         upper = max(upper, -lower)
         lower = -upper
     records[i, PREDICTED_DISTANCE] = distance - radius
-    records[i, PREDICTED_LOWER] = lower - spread - radius
+    # Far from everything, and as fast as no number tells: nothing is known.
+    records[i, PREDICTED_LOWER] = lower - spread - radius if spread < np.inf else -np.inf
     records[i, PREDICTED_UPPER] = upper + spread - radius
 
     # The time to contact, along the velocity.
@@ -318,7 +319,7 @@ def look_along_path(
     if free < whole:
         flags = _write_contact(
             reals, words, frames, parts, settings, path, path_bends, stages, free, expected, part, slot,
-            radius, records, numbers, mover_count, i, flags, room, place,
+            radius, records, numbers, mover_count, i, flags, room, witness, place,
         )  # fmt: skip
     if speed > 0.0 and flags & PREDICTED and records[i, SIGNED_DISTANCE] > 0.0:
         near = np.int64(0)
@@ -341,7 +342,7 @@ def look_along_path(
 @kernel
 def _write_contact(
     reals, words, frames, parts, settings, path, path_bends, stages, free, expected, part, slot, radius,
-    records, numbers, mover_count, i, flags, room, place,
+    records, numbers, mover_count, i, flags, room, witness, place,
 ):  # fmt: skip
     """Write the contact location: free up to one stage, expected at another, confirmed beyond that."""
     whole = stages[len(stages) - 1]
@@ -371,6 +372,14 @@ def _write_contact(
             _left(settings, numbers, i), room,
         )  # fmt: skip
         _count(settings, numbers, i, steps)
+        if not is_touch and radius < margin:
+            # So small a sphere may be through the surface already: then it is inside.
+            _, _, upper, _, _, _, _, steps = bracket_at(
+                reals, words, frames, parts, place[0], place[1], place[2], part, slot, False, 0.0, 0.0,
+                _left(settings, numbers, i), room, witness,
+            )  # fmt: skip
+            _count(settings, numbers, i, steps)
+            is_touch = upper <= radius
         if is_touch:
             most, _ = interpolate(stages, path_bends, beyond)
             records[i, CONTACT_BEND_ERROR] = max(bend - least, most - bend)
