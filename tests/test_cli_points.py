@@ -46,7 +46,16 @@ def test_text_is_read_as_people_write_it(text):
 
 
 @pytest.mark.parametrize(
-    "header", ["x_in,y_in,z_in", "x,y,z", "x (in),y (in),z (in)", "x at rest,y,z", "%,°,µ"]
+    "header",
+    [
+        "x_in,y_in,z_in",
+        "x,y,z",
+        "x (in),y (in),z (in)",
+        "x at rest,y,z",
+        "%,°,µ",
+        "x (inches),y,z",
+        "x in Inch,y,z",
+    ],
 )
 def test_columns_may_be_in_the_unit_that_was_said(header):
     assert parse_points([header, "1,2,3"], "points.csv", "in").tolist() == [1.0, 2.0, 3.0]
@@ -111,6 +120,20 @@ def test_numbers_come_back_exactly(rows):
             "points.csv, line 1: 'x_m' is in m, expected mm, as --units says",
         ),
         ("x,y,z [IN]\n1,2,3\n", "points.csv, line 1: 'z [IN]' is in in, expected mm, as --units says"),
+        (  # was, as those below: millimetres
+            "x [inch],y [inch],z [inch]\n1,2,3\n",
+            "points.csv, line 1: 'x [inch]' is in in, expected mm, as --units says",
+        ),
+        (
+            "x (inches),y,z\n1,2,3\n",
+            "points.csv, line 1: 'x (inches)' is in in, expected mm, as --units says",
+        ),
+        (
+            "x [\u00b5m],y,z\n1,2,3\n",
+            "points.csv, line 1: 'x [\u00b5m]' is in um, expected mm, as --units says",
+        ),
+        ("x_metres,y,z\n1,2,3\n", "points.csv, line 1: 'x_metres' is in m, expected mm, as --units says"),
+        ("x (m) raw,y,z\n1,2,3\n", "points.csv, line 1: 'x (m) raw' is in m, expected mm, as --units says"),
         (f"1 2 {'9' * 50}z\n", f"points.csv, line 1: '{'9' * 37}...' is not a number"),
     ],
 )

@@ -15,6 +15,14 @@ from proximity.errors import QueryError
 STANDARD_INPUT = "-"
 BYTE_ORDER_MARK = "\ufeff"  # spreadsheets begin their UTF-8 with it
 BEGINS_A_NUMBER = tuple("+-.0123456789")
+WORDS_FOR_UNITS = {
+    "metre": "m", "millimetre": "mm", "centimetre": "cm", "decimetre": "dm", "micrometre": "um",
+    "nanometre": "nm", "kilometre": "km", "meter": "m", "millimeter": "mm", "centimeter": "cm",
+    "decimeter": "dm", "micrometer": "um", "nanometer": "nm", "kilometer": "km", "micron": "um",
+    "\N{GREEK SMALL LETTER MU}m": "um", "inch": "in", "inche": "in", "foot": "ft", "feet": "ft", "yard": "yd",
+    "mile": "mi", "thou": "mil",
+}  # fmt: skip
+"""Other words for units than `meshio.UNITS` has, without an s at the end."""
 NO_LETTER = re.compile(r"[\W\d_]")
 
 
@@ -127,13 +135,14 @@ def _columns_of_header(fields: list[str], where: str) -> tuple[int, ...] | None:
 def _check_units(names: list[str], units: str, where: str) -> None:
     """Refuse columns that say of themselves to be in another unit: answers would be wrong by a factor."""
     for name in names:
-        behind = [word for word in NO_LETTER.split(name.lower()) if word][1:]
+        behind = [word for word in NO_LETTER.split(name.casefold()) if word][1:]
         if behind and behind[-1] != units:
             from proximity.meshio import UNITS  # slow, and only for who says more than x
 
-            if behind[-1] in UNITS:
+            told = [unit for word in behind if (unit := WORDS_FOR_UNITS.get(word.rstrip("s"), word)) in UNITS]
+            if told and units not in told:
                 raise QueryError(
-                    f"{where}: {_shown(name)} is in {behind[-1]}, expected {units}, as --units says"
+                    f"{where}: {_shown(name)} is in {told[-1]}, expected {units}, as --units says"
                 )
 
 
