@@ -15,6 +15,9 @@ from proximity.errors import ProximityError, QueryError
 FLOAT64 = np.dtype(np.float64)
 _ROW = (3,)
 
+FEW_SHOWN, LONGEST_SHOWN = 4, 200
+"""Numbers of an array that a message shows, and characters of any other value."""
+
 
 def as_float64(
     values: Any, name: str, *, error: type[ProximityError] = QueryError, expected: str = "numbers"
@@ -82,6 +85,20 @@ def _check_numbers(array: np.ndarray, name: str, error: type[ProximityError], ex
     for value in array.flat:
         if value is None or isinstance(value, (str, bytes)):
             raise error(f"{name} hold {value!r}, which is not a number, expected {expected}")
+
+
+def shown(value: Any) -> str:
+    """Return how a value stands in a message, on one line; of a longer array dtype and shape.
+
+    Parameters
+    ----------
+    value : object
+        What a caller gave.
+    """
+    if isinstance(value, np.ndarray) and value.size > FEW_SHOWN:
+        return f"an array of {value.dtype}, shape {value.shape}"
+    text = " ".join(repr(value).split())
+    return text if len(text) <= LONGEST_SHOWN else text[: LONGEST_SHOWN - 3] + "..."
 
 
 def is_number(value: Any) -> bool:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy import empty, inf  # looked up in NumPy, each would cost calls of five points 2 %
 
-from proximity.arrays import as_points
+from proximity.arrays import as_points, shown
 from proximity.errors import NotWatertightError, QueryError
 from proximity.kernels import few, query, segment_query
 from proximity.kernels.cast import NO_ROW, cast_batch
@@ -415,7 +415,7 @@ def _is_length(limit: Any) -> bool:
 
 def _checked_limit(max_distance: Any) -> float:
     if isinstance(max_distance, (str, bytes)) or np.ndim(max_distance) > 0:
-        raise QueryError(f"max_distance is {max_distance!r}, expected a length in metres")
+        raise QueryError(f"max_distance is {shown(max_distance)}, expected a length in metres")
     try:
         limit = float(max_distance)
     except (OverflowError, TypeError, ValueError) as unfit:

@@ -107,6 +107,9 @@ REFUSED = {
     "t_pose_ns is '0', expected whole nanoseconds": {"t_pose_ns": "0"},
     "t_pose_ns is [0, 1, 2], expected whole nanoseconds": {"t_pose_ns": [0, 1, 2]},
     "t_pose_ns is array([0., 1.]), expected whole nanoseconds": {"t_pose_ns": np.array([0.0, 1.0])},
+    "t_pose_ns is an array of float64, shape (300,), expected whole nanoseconds": {
+        "t_pose_ns": np.arange(300.0)
+    },
     f"t_pose_ns is {2**70}, expected whole nanoseconds": {"t_pose_ns": 2**70},
     f"t_pose_ns is [{-(2**63)}, 0], expected whole nanoseconds": {"t_pose_ns": [-(2**63), 0]},
     f"t_pose_ns is {-(2**62) - 1}, expected whole nanoseconds": {"t_pose_ns": -(2**62) - 1},

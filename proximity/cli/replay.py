@@ -36,6 +36,8 @@ Examples:
 EXIT_BROKEN_BOUND = 1
 RADIUS_M = 0.007
 RANGE_M = 0.12
+FARTHEST_M = 1e6
+"""How far away a recording may be put, and how large a fingertip may be."""
 MS = 1000.0  # in a second
 
 
@@ -98,11 +100,18 @@ def command(
     metres = metres_per_unit(units)
     settings = Settings(
         rate,
-        _in_metres(radius, "--radius", RADIUS_M, metres),
+        _in_metres(radius, "--radius", RADIUS_M, metres, FARTHEST_M),
         latency / MS,
         budget,
         _in_metres(working_range, "--range", RANGE_M, metres),
     )
+    origin = None if place is None else [coordinate * metres for coordinate in place]
+    for coordinate, length in zip(place or (), origin or (), strict=True):
+        if not abs(length) <= FARTHEST_M:
+            raise typer.BadParameter(
+                f"{coordinate:g}: expected coordinates of at most {FARTHEST_M / metres:g} {units}",
+                param_hint="--place",
+            )
     if out is not None:
         check_log_name(out)
     recorded = read_recording(recording)
@@ -111,7 +120,6 @@ def command(
     waiting.prepare_kernels()
     with waiting.spinner(f"reading {file}"):
         scene = proximity.load(str(file), units=units)
-    origin = None if place is None else [coordinate * metres for coordinate in place]
     pose = _pose(scene, recorded, origin, turn, scale, settings.radius)
     ticked = recorded.placed(pose, scale).resampled(1.0 / rate)
 
@@ -202,11 +210,15 @@ def _check(value: float, option: str, meaning: str, smallest: float, largest: fl
         )
 
 
-def _in_metres(length: float | None, option: str, default: float, metres: float) -> float:
+def _in_metres(
+    length: float | None, option: str, default: float, metres: float, most: float = math.inf
+) -> float:
     if length is None:
         return default
     if not 0.0 < length * metres < math.inf:
         raise typer.BadParameter(f"{length:g}: expected a length above zero", param_hint=option)
+    if length * metres > most:
+        raise typer.BadParameter(f"{length:g}: expected at most {most / metres:g}", param_hint=option)
     return length * metres
 
 

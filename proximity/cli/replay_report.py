@@ -259,7 +259,12 @@ def _kept(report: dict[str, Any], units: str) -> Lines:
             )
         )
     if times["checked_count"]:
-        lines.append(("contact times", f"{of_times} of lower bounds not above the time until the touch"))
+        lines.append(
+            (
+                "contact times",
+                f"{of_times} of lower bounds not above the time until the touch, kept while velocity is",
+            )
+        )
     return lines
 
 
