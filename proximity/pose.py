@@ -18,8 +18,13 @@ ROUNDING = 8.0 * 2.0**-52
 """How far the nearest exact one is off itself, in float64: so a pose made of a pose's matrix is that pose."""
 
 
-_UNTURNED, _UNMOVED = np.eye(3), np.zeros(3)
-_UNTURNED.flags.writeable = _UNMOVED.flags.writeable = False
+def _for_all(array: np.ndarray) -> np.ndarray:
+    """A view that nobody can make writeable again."""
+    array.flags.writeable = False
+    return array.view()
+
+
+_UNTURNED, _UNMOVED = _for_all(np.eye(3)), _for_all(np.zeros(3))
 
 
 class Pose:

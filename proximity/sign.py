@@ -131,11 +131,8 @@ def _surface_samples(piece: PartArrays) -> tuple[np.ndarray, np.ndarray]:
     rng = np.random.default_rng(SAMPLE_SEED)
     chosen = np.searchsorted(np.cumsum(areas), rng.random(SAMPLE_COUNT) * areas.sum(), side="right")
     chosen = np.minimum(chosen, len(areas) - 1)
-    chosen = chosen[areas[chosen] > 0.0]
     weights = rng.dirichlet((1.0, 1.0, 1.0), len(chosen))
-    corners = piece.corners[piece.faces[chosen]]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return (corners * weights[:, :, None]).sum(axis=1), normals / areas[chosen, None]
+    return _placed(piece.corners[piece.faces[chosen]], weights)
 
 
 def _turns(model: Model, points: np.ndarray) -> np.ndarray:
@@ -188,10 +185,14 @@ def _face_samples(piece: PartArrays, among: np.ndarray) -> tuple[np.ndarray, np.
     places = len(FACE_SAMPLE_WEIGHTS) * len(among)
     count = min(FACE_SAMPLE_COUNT, places)
     chosen, place = np.divmod(np.arange(count) * places // max(count, 1), len(FACE_SAMPLE_WEIGHTS))
-    corners = piece.corners[piece.faces[among[chosen]]]
+    return _placed(piece.corners[piece.faces[among[chosen]]], FACE_SAMPLE_WEIGHTS[place])
+
+
+def _placed(corners: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points of (N, 3, 3) *corners* by their weights, (N, 3), with unit normals; where there is an area."""
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     areas = np.linalg.norm(normals, axis=1)
-    points = (corners * FACE_SAMPLE_WEIGHTS[place, :, None]).sum(axis=1)
+    points = (corners * weights[:, :, None]).sum(axis=1)
     return points[areas > 0.0], normals[areas > 0.0] / areas[areas > 0.0, None]
 
 

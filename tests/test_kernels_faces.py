@@ -54,6 +54,16 @@ def test_flat_and_single_points_enclose_nothing():
     assert signed_volume(np.ones((3, 3)), np.array([[0, 1, 2]], np.int32)) == 0.0
 
 
+@pytest.mark.parametrize("way", [1, -1])
+def test_ball_and_the_same_inside_out_enclose_nothing(way):
+    # Was: rounding, and so by chance less than nothing; then all faces were turned.
+    vertices, faces = shapes.sphere(1.0, 3)
+    rotated = vertices @ shapes.rotation(7).T
+    both = np.concatenate([faces[:, ::way], faces[:, ::-way]]).astype(np.int32)
+
+    assert signed_volume(rotated, both) == 0.0
+
+
 def test_rows_that_no_face_uses_may_hold_anything():
     vertices, faces = placed("cube", (1.0, 0.0))
     more = np.concatenate([vertices, [[np.nan, np.inf, 1e300]]])

@@ -150,7 +150,7 @@ ANGLES = {
     "nearly half turns back": 10.0 ** np.random.default_rng(7).uniform(-15, -1, (200, 40)) - np.pi,
     "nearly half turns to and fro": np.random.default_rng(7).choice([-1, 1], (200, 40))
     * (np.pi - 10.0 ** np.random.default_rng(8).uniform(-15, -1, (200, 40))),
-    "quarters": 0.5 * np.pi * np.random.default_rng(7).integers(-1, 3, (200, 40)),
+    "quarters, nearly": 0.5 * np.pi * np.random.default_rng(7).integers(-1, 3, (200, 40)),
 }
 
 
@@ -164,6 +164,63 @@ def test_angles_are_added_as_if_one_by_one(name, size):
         cosine, sine, full = sum_so_far
 
         assert np.arctan2(sine, cosine) + 2.0 * np.pi * full == pytest.approx(angles.sum(), abs=1e-11)
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_exact_quarters_and_halves_are_added(way):
+    # Was: two quarters backwards came to half a turn forwards.
+    sum_so_far = (1.0, 0.0, 0.0)
+    for count in range(1, 20):
+        sum_so_far = turned(*sum_so_far, 0.0, way)
+        cosine, sine, full = sum_so_far
+
+        assert np.arctan2(sine + 0.0, cosine) + 2.0 * np.pi * full == pytest.approx(0.5 * np.pi * way * count)
+
+
+@pytest.mark.parametrize(("first", "second"), [((-1.0, 0.0), (10.0, 5e-324)), ((1.0, 0.0), (-10.0, -5e-324))])
+def test_the_least_numbers_do_not_count_a_turn(first, second):
+    cosine, sine, full = turned(*first, 0.0, *second)
+
+    assert abs(np.arctan2(sine + 0.0, cosine) + 2.0 * np.pi * full) == pytest.approx(np.pi)
+
+
+@pytest.mark.parametrize("way", [1, -1])
+def test_points_on_a_lattice_in_the_planes_of_a_symmetric_part(way):
+    # Solid angles there are whole quarters, to the bit.
+    vertices = np.concatenate([np.eye(3), -np.eye(3)])
+    faces = np.array([[a, b, c] for a in (0, 3) for b in (1, 4) for c in (2, 5)])
+    is_turned = np.linalg.det(vertices[faces]) * way < 0.0
+    faces[is_turned] = faces[is_turned][:, ::-1]
+    points = np.stack(np.meshgrid(*[np.linspace(-2.0, 2.0, 17)] * 3), axis=-1).reshape(-1, 3)
+    points = points[abs(abs(points).sum(axis=1) - 1.0) > 1e-9]
+
+    for copies in (1, 2, 5):
+        found = turns((vertices, np.tile(faces, (copies, 1))), points)
+        expected = way * copies * (abs(points).sum(axis=1) < 1.0)
+        np.testing.assert_array_equal(np.rint(found), expected)
+
+
+def test_nearest_to_the_middle_of_the_frame_is_a_number():
+    # Was nan from 1e-104 on: children that are not used were asked from where they are.
+    for mesh in (shapes.cube(2.0, (0, 0, 0)), shapes.sphere(1.0, 2)):
+        for distance in (1e-110, 1e-160, 1e-200, 0.0):
+            assert turns(mesh, [[distance, 0.0, 0.0]]) == pytest.approx(1.0, abs=LARGEST_ERROR)
+
+
+@pytest.mark.parametrize("distance", [1e-13, 1e-11, 1e-9])
+def test_faces_without_area_turn_nothing_seen_from_nearly_on_them(distance):
+    vertices, faces = shapes.cube()
+    a, b = faces[0, :2]
+    more = np.concatenate([faces, [[a, a, b], [a, b, b], [b, a, a], [b, b, a]]])
+    rng = np.random.default_rng(7)
+    along = vertices[a] + rng.random((300, 1)) * (vertices[b] - vertices[a])
+    points = along + distance * rng.normal(size=(300, 3))
+
+    found, exact = turns((vertices, more), points), oracle.winding_number(vertices, faces, points)
+
+    is_clear = abs(exact - np.rint(exact)) < 1e-3
+    assert is_clear.sum() > 200
+    np.testing.assert_array_equal(np.rint(found[is_clear]), np.rint(exact[is_clear]))
 
 
 @pytest.mark.parametrize("nowhere", [(0.0, 0.0), (np.nan, 1.0), (1.0, np.nan), (np.inf, 1.0), (-0.0, -0.0)])

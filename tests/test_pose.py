@@ -16,6 +16,11 @@ def some_pose(seed=1):
     return Pose(shapes.rotation(seed), np.random.default_rng(seed).uniform(-5.0, 5.0, 3))
 
 
+def test_nobody_can_change_the_pose_that_all_share():
+    with pytest.raises(ValueError, match="WRITEABLE"):
+        Pose().rotation.flags.writeable = True
+
+
 def test_identity_changes_nothing():
     pose = Pose()
 

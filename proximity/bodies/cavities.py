@@ -9,10 +9,7 @@ another): nothing in the file says otherwise. A shell with small holes counts as
 import numpy as np
 
 from proximity.bodies.winding import ShellWinding
-from proximity.kernels.faces import shell_sizes
-
-VOLUME_ROUNDING = 64 * np.finfo(np.float64).eps
-"""A volume is zero when it drowns in the rounding of its coordinates; times area and diagonal."""
+from proximity.kernels.faces import VOLUME_ROUNDING, shell_sizes
 
 NEARLY_CLOSED = 0.8
 """A shell with holes has an inside where its winding number is clear on both sides of this share of its area.

@@ -1,6 +1,6 @@
 """What is told of faces one by one, on loading: how large and how thin they are, what shells enclose.
 
-*corners* (K, 3) float64, *faces* (F, 3) integers throughout: rows of *corners*.
+*corners* (K, 3) float64, *faces* (F, 3) integers: rows of *corners*.
 """
 
 from math import sqrt
@@ -9,6 +9,9 @@ import numpy as np
 
 from proximity.kernels.compiling import inlined, kernel, maker
 from proximity.kernels.triangle import cross, dot
+
+VOLUME_ROUNDING = 64.0 * 2.0**-52
+"""A volume is zero when it drowns in the rounding of its coordinates; times area and reach."""
 
 
 @kernel
@@ -63,10 +66,10 @@ def thin_faces(corners, faces, height):
 
 @maker
 def signed_volume(vertices, faces):
-    """Return six times the enclosed volume, in units in which it is at most some hundred times the box's.
+    """Return six times the enclosed volume, of the mesh scaled so that its box reaches 1 from its middle.
 
-    By the divergence theorem, about the middle of the box around the faces. *vertices* (V, 3): of any size;
-    rows that no face uses may hold anything.
+    0 where rounding leaves the sign open. By the divergence theorem, about that middle. *vertices* (V, 3): of
+    any size; rows that no face uses may hold anything. Source: Neumaier 1974 for the sum.
     """
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for face in range(len(faces)):
@@ -78,15 +81,21 @@ def signed_volume(vertices, faces):
     size = max(high[0] - middle[0], high[1] - middle[1], high[2] - middle[2])
     if not size > 0.0:
         return 0.0
-    volume = 0.0
+    volume, lost, most = 0.0, 0.0, 0.0
     places = np.empty((3, 3))
     for face in range(len(faces)):
         for k in range(3):
             for axis in range(3):
                 places[k, axis] = (vertices[faces[face, k], axis] - middle[axis]) / size
+        ax, ay, az = places[0]
         nx, ny, nz = cross(places[1, 0], places[1, 1], places[1, 2], places[2, 0], places[2, 1], places[2, 2])
-        volume += dot(places[0, 0], places[0, 1], places[0, 2], nx, ny, nz)
-    return volume
+        term = dot(ax, ay, az, nx, ny, nz)
+        most += sqrt(dot(ax, ay, az, ax, ay, az)) * sqrt(dot(nx, ny, nz, nx, ny, nz))
+        total = volume + term
+        lost += (volume - total) + term if abs(volume) >= abs(term) else (term - total) + volume
+        volume = total
+    volume += lost
+    return volume if abs(volume) > VOLUME_ROUNDING * most else 0.0
 
 
 @maker

@@ -48,7 +48,7 @@ MOMENT_STRIDE = 112
 OPENING = 2.5
 """Ratio of distance to radius from which on a cluster counts as far."""
 SMALLEST, LARGEST = 1e-300, 1e300
-"""Between these a number has a reciprocal."""
+"""What a product is between: beyond, it has no direction. That is where features are below 1e-100 local."""
 
 
 @maker
@@ -131,23 +131,24 @@ def turned(cosine, sine, turns, below, volume):
     """Turn angles, ``atan2(sine, cosine)`` and full *turns*, on by ``atan2(volume, below)``.
 
     Vectors or plain numbers. The product of two complex numbers, scaled by its larger part; what points
-    nowhere, as where there is no triangle, turns by nothing. Two angles of one sign have passed half a turn
-    where the sign of their sum is the other.
+    nowhere, as where there is no triangle, turns by nothing. The angle kept is above minus half a turn, and
+    half a turn at most; a sine of minus zero counts as zero. Two angles up, or two down, have passed half a
+    turn where their sum is on the other side, or has come round to where it began.
     """
-    zero = like(0.0, cosine)
+    zero, one = like(0.0, cosine), like(1.0, cosine)
     is_up, is_down = (sine >= zero) & (volume >= zero), (sine < zero) & (volume < zero)
-    is_wide = (cosine < zero) & (below < zero)
-    is_narrow = (cosine >= zero) & (below >= zero)
     new_cosine = fma(cosine, below, -(sine * volume))
     new_sine = fma(cosine, volume, sine * below)
     size = maximum(absolute(new_cosine), absolute(new_sine))
     is_there = (size > like(SMALLEST, size)) & (size < like(LARGEST, size))
-    is_past = is_there & ((new_sine < zero) | is_wide)
-    is_past_below = is_there & ((new_sine >= zero) | is_wide) & ~is_narrow
-    turns = select(is_up & is_past, turns + like(1.0, turns), turns)
-    turns = select(is_down & is_past_below, turns - like(1.0, turns), turns)
-    scale = like(1.0, size) / size
-    return select(is_there, new_cosine * scale, cosine), select(is_there, new_sine * scale, sine), turns
+    scale = one / select(is_there, size, one)
+    # By the numbers that are kept: scaled, the least may have become zero.
+    new_cosine, new_sine = new_cosine * scale, new_sine * scale
+    is_round = (cosine < zero) & (below < zero) & (new_cosine >= zero)
+    is_past = is_there & is_up & ((new_sine < zero) | is_round)
+    is_past_down = is_there & is_down & ((new_sine >= zero) | is_round)
+    turns = select(is_past, turns + one, select(is_past_down, turns - one, turns))
+    return select(is_there, new_cosine, cosine), select(is_there, new_sine, sine), turns
 
 
 @kernel
@@ -165,7 +166,9 @@ def _turned_by_block(reals, base, x, y, z, cosine, sine, turns):
         c,
         fma(dot(bx, by, bz, cx, cy, cz), a, fma(dot(cx, cy, cz, ax, ay, az), b, a * b * c)),
     )
-    return turned(cosine, sine, turns, below, volume)
+    # A point in a triangle's plane sees nothing of it. By rounding, one without area would be half a turn.
+    is_seen = (volume > splat(0.0)) | (volume < splat(0.0))
+    return turned(cosine, sine, turns, select(is_seen, below, absolute(below)), volume)
 
 
 @kernel
@@ -205,10 +208,11 @@ def winding_number(reals, words, root, moments, px, py, pz):
                 widen(load(words, at + 16)) - z,
             )
             distance_sq = dot(dx, dy, dz, dx, dy, dz)
-            is_far = distance_sq > widen(load(words, at + 48))
+            is_used = load(words, base) <= load(words, base + 24)
+            is_far = is_used & (distance_sq > widen(load(words, at + 48)))
             if bits(is_far):
                 fluxes = fluxes + select(is_far, _flux(words, at, dx, dy, dz, distance_sq), splat(0.0))
-            is_near = (load(words, base) <= load(words, base + 24)) & ~is_far
+            is_near = is_used & ~is_far
             store(stack, waiting, compress(load(words, base + CHILDREN), is_near))
             waiting += count_bits(bits(is_near))
         if waiting == 0:
