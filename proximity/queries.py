@@ -71,7 +71,8 @@ class Queries:
             Where to measure from. A row that is not finite, or farther than 1e100 part sizes, answers nan and
             `NO_FACE`; the others go on.
         max_distance : m
-            Search no farther than this. It changes the cost, never an answer within it.
+            Search no farther than this. It changes the cost, never an answer within it; what is deeper
+            inside than this has none.
         workers : int
             Threads; -1 for all cores. The answers are the same, bit for bit.
 

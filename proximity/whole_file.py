@@ -45,6 +45,8 @@ def whole_file(
         raise error(f"the path is {path!r}, expected text or a path") from None
     except ValueError as reason:  # a null byte
         raise error(f"{shown}: cannot be written ({reason})") from reason
+    if not shown:
+        raise error("the path is empty, expected the name of a file")
     try:
         if target.exists() and not target.is_file():
             if not takes_devices:

@@ -87,6 +87,7 @@ def test_error_is_the_one_asked_for_and_says_the_place(tmp_path):
     ("path", "message"),
     [
         (None, "^the path is None, expected text or a path$"),
+        ("", r"^the path is empty, expected the name of a file$"),
         ("log\0.csv", r"cannot be written \(embedded null byte\)$"),
     ],
 )
