@@ -7,12 +7,18 @@ from typing import Any
 from proximity.archive import is_archive
 from proximity.compiled import read_scene
 from proximity.errors import MeshError, PoseError
-from proximity.meshio import Geometry, metres_per_unit, read_geometries
+from proximity.meshio import STEP_TOLERANCE, UNPACKED_LIMIT, Geometry, metres_per_unit, read_geometries
 from proximity.part import Part, parts_of_mesh
 from proximity.scene import LoadReport, Scene
 
 
-def load(path: str | os.PathLike[str], *, units: str = "mm") -> Scene:
+def load(
+    path: str | os.PathLike[str],
+    *,
+    units: str = "mm",
+    step_tolerance: float = STEP_TOLERANCE,
+    unpacked_limit: float = UNPACKED_LIMIT,
+) -> Scene:
     """Return the scene in a file: STL, OBJ, PLY, OFF, glTF, GLB, 3MF or STEP, or one that `Scene.save` wrote.
 
     Parameters
@@ -21,6 +27,11 @@ def load(path: str | os.PathLike[str], *, units: str = "mm") -> Scene:
         The file.
     units : str
         Of its coordinates, where the file declares none: "mm", "m", "in", ...; ``scene.report`` says which.
+    step_tolerance : m
+        How far triangles may leave the curved surfaces of a STEP file; distances are exact to the triangles.
+        ``scene.report`` repeats it.
+    unpacked_limit : bytes
+        What a 3MF file, which is an archive, may unpack to.
 
     Returns
     -------
@@ -32,7 +43,7 @@ def load(path: str | os.PathLike[str], *, units: str = "mm") -> Scene:
     MeshFormatError
         If the file is missing, damaged, or not what it claims; it is never partly read.
     MeshError
-        If what is in it cannot be used, or *units* are unknown.
+        If what is in it cannot be used, *units* are unknown, or an option is out of range.
 
     Notes
     -----
@@ -48,7 +59,9 @@ def load(path: str | os.PathLike[str], *, units: str = "mm") -> Scene:
     if is_archive(path):
         metres_per_unit(units)  # refuses what is no unit, as for any file
         return _compiled_scene(os.fsdecode(path))
-    contents = read_geometries(path, units=units)
+    contents = read_geometries(
+        path, units=units, step_tolerance=step_tolerance, unpacked_limit=unpacked_limit
+    )
     parts: list[Part] = []
     first_of: dict[tuple[int, int], tuple[Geometry, list[Part]]] = {}
     for geometry in contents.geometries:

@@ -4,22 +4,23 @@
 only scaled to metres and cut into triangles. A file of which only a part can be read is refused: what a
 file declares is compared with what it holds, format by format, whoever does the reading.
 
-STL, PLY, OFF and OBJ are read here with NumPy: trimesh keeps no rows of polygons, cuts concave ones
-wrongly, reorders OBJ faces by material and takes damaged files for empty ones; checking all that means
-reading the file anyway. glTF and 3MF go through trimesh, STEP through cascadio (OpenCASCADE), each behind
-checks of their own.
+STL, PLY, OFF, OBJ and 3MF are read here: trimesh keeps no rows of polygons, cuts concave ones wrongly,
+reorders OBJ faces by material, takes damaged files for empty ones and loses placements of 3MF objects. glTF
+goes through trimesh, STEP through cascadio (OpenCASCADE), each behind checks of their own.
 """
 
 from proximity.meshio.contents import FileContents, Geometry
 from proximity.meshio.reading import read_geometries
 from proximity.meshio.sniffing import EXTENSIONS
 from proximity.meshio.step import STEP_TOLERANCE
+from proximity.meshio.threemf import UNPACKED_LIMIT
 from proximity.meshio.units import UNITS, metres_per_unit
 
 __all__ = [
     "EXTENSIONS",
     "STEP_TOLERANCE",
     "UNITS",
+    "UNPACKED_LIMIT",
     "FileContents",
     "Geometry",
     "metres_per_unit",

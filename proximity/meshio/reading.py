@@ -21,12 +21,15 @@ _READERS: dict[str, Callable[[Source], RawFile]] = {
     "OFF": off.read_off,
     "GLB": gltf.read_glb,
     "glTF": gltf.read_gltf,
-    "3MF": threemf.read_3mf,
 }
 
 
 def read_geometries(
-    path: str | os.PathLike[str], *, units: str = "mm", step_tolerance: float = step.STEP_TOLERANCE
+    path: str | os.PathLike[str],
+    *,
+    units: str = "mm",
+    step_tolerance: float = step.STEP_TOLERANCE,
+    unpacked_limit: float = threemf.UNPACKED_LIMIT,
 ) -> FileContents:
     """Read every mesh of a file, in metres, at its place.
 
@@ -39,6 +42,8 @@ def read_geometries(
         declare their unit (glTF, 3MF, STEP) are read in that one, whatever stands here.
     step_tolerance : m
         How far triangles may leave the curved surfaces of a STEP file.
+    unpacked_limit : bytes
+        What a 3MF file, which is an archive, may unpack to.
 
     Returns
     -------
@@ -51,13 +56,19 @@ def read_geometries(
         If the file is missing, unreadable, not what it is called, or not whole. One sentence that begins
         with the path.
     MeshError
-        If there is no such unit, the tolerance is no length, or a vertex in use is not finite.
+        If there is no such unit, the tolerance is no length, the limit no number of bytes, or a vertex in
+        use is not finite.
     """
     metres = metres_per_unit(units)
     if not (isinstance(step_tolerance, (int, float)) and 0.0 < step_tolerance < math.inf):
         raise MeshError(f"step_tolerance is {step_tolerance!r}, expected a length in metres above 0")
     read_step = partial(step.read_step, tolerance=float(step_tolerance), undeclared_metres=metres)
-    readers: dict[str, Callable[[Source], RawFile]] = {**_READERS, "STEP": read_step}
+    if isinstance(unpacked_limit, bool) or not (
+        isinstance(unpacked_limit, (int, float)) and unpacked_limit > 0.0
+    ):
+        raise MeshError(f"unpacked_limit is {unpacked_limit!r}, expected a number of bytes above 0")
+    read_3mf = partial(threemf.read_3mf, unpacked_limit=unpacked_limit)
+    readers: dict[str, Callable[[Source], RawFile]] = {**_READERS, "STEP": read_step, "3MF": read_3mf}
     try:
         shown = os.fspath(path)
     except TypeError:
