@@ -14,7 +14,6 @@ Checksums guard against damage (a cut, a flipped bit, a page that went astray), 
 import json
 import math
 import os
-import stat
 import struct
 import sys
 import zlib
@@ -25,6 +24,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from proximity.errors import MeshFormatError, SceneError
+from proximity.regular_file import open_regular
 from proximity.whole_file import whole_file
 
 FORMAT_VERSION = 2
@@ -62,9 +62,7 @@ def is_archive(path: Any) -> bool:
     """
     try:
         name = os.fsdecode(path)
-        if not stat.S_ISREG(os.stat(name).st_mode):  # a pipe would be waited for
-            return False
-        with open(name, "rb") as file:
+        with open_regular(name) as file:
             begins_so = file.read(len(MAGIC)) == MAGIC
     except (OSError, ValueError, TypeError):
         return False
@@ -147,7 +145,7 @@ def read_archive(path: Any, layout: dict[str, int]) -> Contents:
     """
     shown = os.fsdecode(path)
     try:
-        with open(path, "rb") as file:
+        with open_regular(path) as file:
             if os.fstat(file.fileno()).st_size == 0:
                 raise MeshFormatError(f"it is empty, expected a compiled scene; {_AGAIN}")
             whole = np.memmap(file, np.uint8, "c").view(np.ndarray)

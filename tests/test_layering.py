@@ -33,7 +33,7 @@ part_arrays · archive
 topology · bvh
 mesh · pose
 kernels
-arrays · aligned · whole_file
+arrays · aligned · whole_file · regular_file
 simd · errors · locks · collector
 """
 LEVEL = {

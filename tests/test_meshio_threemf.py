@@ -58,7 +58,7 @@ def test_pairs_of_pairs_are_all_placed(tmp_path):
 def test_more_placements_than_anybody_means_are_refused_with_their_number(tmp_path):
     model = mesh_files.threemf_model({1: (VERTICES, FACES)}, [(61, SHIFT.format(0, 0))])
     nested = "".join(components(k, k - 1, k - 1) for k in range(2, 62))
-    with pytest.raises(MeshFormatError, match=f"its build places {2**60} meshes, expected at most 100000"):
+    with pytest.raises(MeshFormatError, match=f"it places {2**60} parts, expected at most 20000"):
         meshio.read_geometries(write(tmp_path, with_objects(model, nested)))
 
 

@@ -6,7 +6,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import proximity
-from proximity.cli.options import FILE, UNITS
+from proximity.cli.options import (
+    FILE,
+    STEP_TOLERANCE,
+    STEP_TOLERANCE_MM,
+    UNITS,
+    UNPACKED_LIMIT,
+    UNPACKED_LIMIT_GB,
+    load_options,
+)
 
 if TYPE_CHECKING:
     from proximity.cli.console import Console
@@ -36,8 +44,11 @@ def command(
     as_json: Annotated[bool, typer.Option("--json", help="Write one JSON document.")] = False,
     strict: Annotated[bool, typer.Option("--strict", help="Exit with 1 if some part has no inside.")] = False,
     units: UNITS = "mm",
+    step_tolerance: STEP_TOLERANCE = STEP_TOLERANCE_MM,
+    unpacked_limit: UNPACKED_LIMIT = UNPACKED_LIMIT_GB,
 ) -> None:
     """Print the report of a file."""
+    options = load_options(step_tolerance, unpacked_limit)
     # NumPy, Rich and the library: only now, so that --help answers at once.
     from proximity.cli import waiting
     from proximity.cli.console import Console
@@ -47,7 +58,7 @@ def command(
     metres = metres_per_unit(units)
     waiting.prepare_kernels()
     with waiting.spinner(f"reading {file}"):
-        report = _report(proximity.load(str(file), units=units), str(file), units, metres)
+        report = _report(proximity.load(str(file), units=units, **options), str(file), units, metres)
     if as_json:
         import json
 

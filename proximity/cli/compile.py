@@ -6,7 +6,15 @@ from typing import Annotated
 import typer
 
 import proximity
-from proximity.cli.options import FILE, UNITS
+from proximity.cli.options import (
+    FILE,
+    STEP_TOLERANCE,
+    STEP_TOLERANCE_MM,
+    UNITS,
+    UNPACKED_LIMIT,
+    UNPACKED_LIMIT_GB,
+    load_options,
+)
 
 HELP = "\n\n".join(
     (
@@ -31,17 +39,20 @@ def command(
     file: FILE,
     out: Annotated[Path, typer.Argument(metavar="OUT", help=f"Where to write; ends in {EXTENSION}.")],
     units: UNITS = "mm",
+    step_tolerance: STEP_TOLERANCE = STEP_TOLERANCE_MM,
+    unpacked_limit: UNPACKED_LIMIT = UNPACKED_LIMIT_GB,
 ) -> None:
     """Write the scene in a file as a compiled one."""
     if out.suffix.lower() != EXTENSION:  # else a slip of the hand would write over a mesh
         raise typer.BadParameter(f"{out} does not end in {EXTENSION}", param_hint="OUT")
+    options = load_options(step_tolerance, unpacked_limit)
     # Rich and the library: only now, so that --help and mistakes above answer at once.
     from proximity.cli import waiting
     from proximity.cli.wording import printable
 
     waiting.prepare_kernels()
     with waiting.spinner(f"compiling {file}"):
-        scene = proximity.load(str(file), units=units)
+        scene = proximity.load(str(file), units=units, **options)
         scene.save(out)
     face_count = sum(part.solid.mesh.face_count for part in scene.parts)
     parts = "1 part" if len(scene.parts) == 1 else f"{len(scene.parts)} parts"

@@ -1,5 +1,6 @@
 """Options that several commands share."""
 
+import math
 from pathlib import Path
 from typing import Annotated
 
@@ -29,6 +30,24 @@ UNITS = Annotated[
     ),
 ]
 
+STEP_TOLERANCE = Annotated[
+    float,
+    typer.Option(
+        "--step-tolerance",
+        metavar="MM",
+        help="How far triangles may leave the curved faces of a STEP file; distances are exact to these.",
+    ),
+]
+STEP_TOLERANCE_MM = 0.01
+
+UNPACKED_LIMIT = Annotated[
+    float,
+    typer.Option(
+        "--unpacked-limit", metavar="GB", help="What a 3MF file, which is an archive, may unpack to."
+    ),
+]
+UNPACKED_LIMIT_GB = 2.0
+
 ADDRESS = Annotated[
     str,
     typer.Argument(
@@ -53,3 +72,19 @@ def check_limit(limit: float | None) -> None:
         raise typer.BadParameter(
             f"{limit:g} seconds: expected more than 0, up to {LONGEST_S:g}", param_hint="--limit"
         )
+
+
+def load_options(step_tolerance: float, unpacked_limit: float) -> dict[str, float]:
+    """Return what `proximity.load` calls these options, in its units.
+
+    Parameters
+    ----------
+    step_tolerance : float, mm
+        Above 0.
+    unpacked_limit : float, GB
+        Above 0.
+    """
+    for name, value in (("--step-tolerance", step_tolerance), ("--unpacked-limit", unpacked_limit)):
+        if not 0.0 < value < math.inf:
+            raise typer.BadParameter(f"{value:g}: expected more than 0", param_hint=name)
+    return {"step_tolerance": step_tolerance / 1e3, "unpacked_limit": unpacked_limit * 1e9}

@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import proximity
-from proximity.cli.options import FILE, UNITS
+from proximity.cli.options import (
+    FILE,
+    STEP_TOLERANCE,
+    STEP_TOLERANCE_MM,
+    UNITS,
+    UNPACKED_LIMIT,
+    UNPACKED_LIMIT_GB,
+    load_options,
+)
 from proximity.cli.points import number, read_points
 from proximity.collector import collector_paused
 
@@ -84,6 +92,8 @@ def command(
     as_json: Annotated[bool, typer.Option("--json", help="Write one JSON document.")] = False,
     as_csv: Annotated[bool, typer.Option("--csv", help="Write CSV with a header.")] = False,
     units: UNITS = "mm",
+    step_tolerance: STEP_TOLERANCE = STEP_TOLERANCE_MM,
+    unpacked_limit: UNPACKED_LIMIT = UNPACKED_LIMIT_GB,
     workers: Annotated[
         int, typer.Option("--workers", metavar="N", help="Threads for many queries; -1 is all cores.")
     ] = 1,
@@ -93,6 +103,7 @@ def command(
     _refuse_both(as_json and as_csv, "--json and --csv")
     if workers == 0 or workers < -1:
         raise typer.BadParameter(f"{workers} threads: expected 1 or more, or -1", param_hint="--workers")
+    options = load_options(step_tolerance, unpacked_limit)
     typed = _typed_points(coordinates, points, units)
     if segment and len(typed) // 3 % 2 == 1:
         count = len(typed) // 3
@@ -108,7 +119,7 @@ def command(
         metres = metres_per_unit(units)
         waiting.prepare_kernels()
         with waiting.spinner(f"reading {file}"):
-            scene = proximity.load(str(file), units=units)
+            scene = proximity.load(str(file), units=units, **options)
     questions = _questions(scene, typed, ray, segment, metres, workers)
     head = {"file": str(file), "units": units, "mode": questions.mode}
     if as_json or as_csv:

@@ -17,6 +17,7 @@ import numpy as np
 from proximity.arrays import as_float64
 from proximity.decaff.arguments import finite, not_negative, positive
 from proximity.errors import DecaffError
+from proximity.regular_file import open_regular
 from proximity.whole_file import whole_file
 
 FORMAT = "proximity glove calibration"
@@ -185,7 +186,7 @@ def _as_document(calibration: Calibration) -> dict[str, Any]:
 
 def _read_document(path: Path) -> dict[str, Any]:
     try:
-        with open(path, "rb") as stream:
+        with open_regular(path) as stream:
             data = stream.read(LARGEST_FILE + 1)
     except OSError as failure:
         raise DecaffError(f"cannot be read ({failure.strerror or failure})") from failure

@@ -4,7 +4,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from proximity.errors import MeshFormatError
 from proximity.pose import Pose
+
+MOST_PARTS = 20_000
+"""Parts that one file may place. A scene of so many takes ten seconds, and a small file can name millions."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,3 +70,20 @@ class Source:
 
     path: str  # as given, for messages and neighbouring files
     data: bytes
+
+
+def check_part_count(count: int) -> None:
+    """Raise if a file places more parts than anybody means, before they are made.
+
+    Parameters
+    ----------
+    count : int
+        Placements of meshes.
+
+    Raises
+    ------
+    MeshFormatError
+        With the count.
+    """
+    if count > MOST_PARTS:
+        raise MeshFormatError(f"it places {count} parts, expected at most {MOST_PARTS}")

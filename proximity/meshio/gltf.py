@@ -1,10 +1,4 @@
-"""glTF and GLB: checked here, read by trimesh; always in metres.
-
-The structure is checked before trimesh sees it: lengths, references, bounds of every accessor that holds
-geometry. Then a reduced copy goes to trimesh, which decodes the arrays and multiplies the matrices: one mesh
-for each primitive, nodes under names of our own, no materials, cameras or animations. So nothing depends on
-how trimesh makes names unique, orders nodes, or treats what it does not know.
-"""
+"""glTF and GLB: triangles of the default scene, always in metres; no materials, cameras or animations."""
 
 import json
 import re
@@ -13,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from proximity.errors import MeshFormatError
-from proximity.meshio import gltf_buffers, gltf_nodes, library, tables
+from proximity.meshio import gltf_buffers, gltf_nodes, tables
 from proximity.meshio.contents import RawFile, RawMesh, Source
 from proximity.meshio.gltf_buffers import Document, integer
 
@@ -102,14 +96,12 @@ def read_document(
     nodes = gltf_nodes.walk(document, named_after_meshes=named_after_meshes)
     used = sorted({node.mesh for node in nodes if node.mesh is not None})
     primitives = {mesh: _primitives(document, mesh, notes) for mesh in used}
-    scene = _load_reduced(document, nodes, primitives)
-    parts = _assemble_all(scene, primitives)
+    parts = _assemble_all(document, primitives)
     meshes = []
     for node in nodes:
         part = None if node.mesh is None else parts[node.mesh]
         if part is not None:
-            matrix = np.array(scene.graph.get(node.label)[0], dtype=np.float64)
-            meshes.append(RawMesh(node.name, *part, matrix))
+            meshes.append(RawMesh(node.name, *part, node.matrix))
     notes += _notes(document, nodes)
     return RawFile(format_name, meshes, units="m", notes=notes)
 
@@ -128,7 +120,7 @@ def _check_extensions(document: Document) -> None:
 
 
 def _primitives(document: Document, mesh: int, notes: list[str]) -> list[dict[str, Any]]:
-    """The surfaces of a mesh, checked, as trimesh shall see them."""
+    """The surfaces of a mesh, checked: what its accessors are, and how many faces it has."""
     found = []
     primitives = document.entry("meshes", mesh).get("primitives")
     if not isinstance(primitives, list):
@@ -176,35 +168,17 @@ def _checked_primitive(
     return reduced
 
 
-def _load_reduced(document: Document, nodes: list[gltf_nodes.Node], primitives: dict[int, list[dict]]) -> Any:
-    meshes = []
-    for mesh, parts in primitives.items():
-        for k, part in enumerate(parts):
-            kept = {key: value for key, value in part.items() if key != "face_count"}
-            meshes.append({"name": f"{mesh}.{k}", "primitives": [kept]})
-    reduced: dict[str, Any] = {
-        "asset": {"version": "2.0"},
-        "scene": 0,
-        "scenes": [{"nodes": [k for k, node in enumerate(nodes) if node.is_root]}],
-        "nodes": [node.reduced for node in nodes],
-        "meshes": meshes,
-        **gltf_buffers.reduced_accessors(document, meshes),
-    }
-    files = {f"buffer{k}": data for k, data in enumerate(document.buffers)}
-    return library.load_scene(json.dumps(reduced).encode(), "gltf", files)
-
-
-def _assemble_all(scene: Any, primitives: dict[int, list[dict[str, Any]]]) -> dict[int, Part | None]:
+def _assemble_all(document: Document, primitives: dict[int, list[dict[str, Any]]]) -> dict[int, Part | None]:
     """Arrays of every mesh; meshes of the same accessors, as cascadio writes instances, share them."""
     parts: dict[int, Part | None] = {}
     first: dict[str, int] = {}
     for mesh, own in primitives.items():
         twin = first.setdefault(json.dumps(own, sort_keys=True), mesh)
-        parts[mesh] = parts[twin] if twin in parts else _assembled(scene, mesh, own)
+        parts[mesh] = parts[twin] if twin in parts else _assembled(document, mesh, own)
     return parts
 
 
-def _assembled(scene: Any, mesh: int, primitives: list[dict[str, Any]]) -> Part | None:
+def _assembled(document: Document, mesh: int, primitives: list[dict[str, Any]]) -> Part | None:
     """All primitives of a mesh as one: they are what one body shows in several materials."""
     vertices: list[np.ndarray] = []
     faces: list[np.ndarray] = []
@@ -213,29 +187,51 @@ def _assembled(scene: Any, mesh: int, primitives: list[dict[str, Any]]) -> Part 
     for k, primitive in enumerate(primitives):
         if not primitive["face_count"]:
             continue
-        geometry = scene.geometry.get(f"{mesh}.{k}")
-        found = 0 if geometry is None else len(geometry.faces)
-        if found != primitive["face_count"]:
+        attributes = primitive["attributes"]
+        points = gltf_buffers.values(document, attributes["POSITION"]).astype(np.float64)
+        own = _triangles(document, primitive, len(points))
+        outside = np.flatnonzero((own >= len(points)).any(axis=1))
+        if len(outside):
             raise MeshFormatError(
-                f"primitive {k} of mesh {mesh} has {primitive['face_count']} triangles, but {found} were read"
+                f"triangle {outside[0]} of primitive {k} of mesh {mesh} refers to vertices "
+                f"{own[outside[0]].tolist()}, but there are {len(points)}"
             )
-        own = np.asarray(geometry.faces, dtype=np.int64)
-        if own.min() < 0 or own.max() >= len(geometry.vertices):
-            face = int(np.flatnonzero(((own < 0) | (own >= len(geometry.vertices))).any(axis=1))[0])
-            raise MeshFormatError(
-                f"triangle {face} of primitive {k} of mesh {mesh} refers to vertices {own[face].tolist()}, "
-                f"but there are {len(geometry.vertices)}"
-            )
-        vertices.append(np.array(geometry.vertices, dtype=np.float64))
+        vertices.append(points)
         faces.append(own + vertex_count)
-        cad_faces = geometry.vertex_attributes.get("_CAD_FACE")
-        rows.append(np.arange(row_count, row_count + found) if cad_faces is None else np.ravel(cad_faces))
-        vertex_count += len(vertices[-1])
-        row_count += found
+        rows.append(_source_faces(document, primitive, row_count))
+        vertex_count += len(points)
+        row_count += len(own)
     if not row_count:
         return None
     source_faces = np.concatenate(rows).astype(np.int32)
     return np.concatenate(vertices), np.concatenate(faces), source_faces
+
+
+def _triangles(document: Document, primitive: dict[str, Any], vertex_count: int) -> np.ndarray:
+    """Corners of the faces, (F, 3) int64; every other triangle of a strip runs the other way round."""
+    if "indices" in primitive:
+        corners = gltf_buffers.values(document, primitive["indices"]).astype(np.int64).ravel()
+    else:
+        corners = np.arange(vertex_count, dtype=np.int64)
+    if primitive["mode"] == _TRIANGLES:
+        return corners.reshape(-1, 3)
+    faces = np.column_stack([corners[:-2], corners[1:-1], corners[2:]])
+    faces[1::2] = faces[1::2, [0, 2, 1]]
+    return faces
+
+
+def _source_faces(document: Document, primitive: dict[str, Any], first: int) -> np.ndarray:
+    """Rows of the faces in the file; of a CAD part the CAD face of each."""
+    index = primitive["attributes"].get("_CAD_FACE")
+    if index is None:
+        return np.arange(first, first + primitive["face_count"])
+    rows = gltf_buffers.values(document, index).astype(np.int64).ravel()
+    if len(rows) != primitive["face_count"]:
+        raise MeshFormatError(
+            f"accessor {index} names the CAD faces of {len(rows)} triangles, "
+            f"but there are {primitive['face_count']}"
+        )
+    return rows
 
 
 def _notes(document: Document, nodes: list[gltf_nodes.Node]) -> list[str]:

@@ -3,6 +3,7 @@
 import base64
 import binascii
 import json
+import os
 import struct
 import sys
 import urllib.parse
@@ -14,10 +15,11 @@ import numpy as np
 
 from proximity.errors import MeshFormatError
 from proximity.meshio import tables
+from proximity.regular_file import open_regular
 
 _JSON_CHUNK, _BINARY_CHUNK = 0x4E4F534A, 0x004E4942
 _GLB_HEADER_BYTES, _CHUNK_HEADER_BYTES = 12, 8
-_COMPONENT_BYTES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
+_DTYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _QUANTISED = (5120, 5121, 5122, 5123)  # whole numbers of one or two bytes
 _COMPONENTS = {"SCALAR": 1, "VEC3": 3}
 _LARGEST_INTEGER = 2**53  # of JSON, where numbers are float64
@@ -196,8 +198,8 @@ def parse_document(header: bytes, path: str, binary: bytes | None) -> Document:
     document = Document(tree, [])
     for k in range(len(entries(tree, "buffers"))):
         entry = document.entry("buffers", k)
-        data = _buffer_bytes(entry.get("uri"), k, path, binary)
         length = integer(entry.get("byteLength"), f"the length of buffer {k}")
+        data = _buffer_bytes(entry.get("uri"), k, path, binary, length)
         if len(data) < length:
             raise MeshFormatError(
                 f"buffer {k} has {len(data)} bytes, but {length} are declared: it is cut off"
@@ -206,7 +208,7 @@ def parse_document(header: bytes, path: str, binary: bytes | None) -> Document:
     return document
 
 
-def _buffer_bytes(uri: Any, k: int, path: str, binary: bytes | None) -> bytes:
+def _buffer_bytes(uri: Any, k: int, path: str, binary: bytes | None, length: int) -> bytes:
     if uri is None:
         if k or binary is None:
             raise MeshFormatError(
@@ -220,16 +222,27 @@ def _buffer_bytes(uri: Any, k: int, path: str, binary: bytes | None) -> bytes:
             return base64.b64decode(uri.partition("base64,")[2], validate=True)
         except (binascii.Error, ValueError) as reason:
             raise MeshFormatError(f"buffer {k} inside the file is no base64 text ({reason})") from reason
-    if "://" in uri:
-        raise MeshFormatError(f"buffer {k} lies at {uri[:80]!r}, expected a file beside it")
-    beside = Path(path).parent / urllib.parse.unquote(uri)
+    return _read_beside(uri, f"buffer {k} is the file {tables.shortened(uri, 80)}", path, length)
+
+
+def _read_beside(uri: str, what: str, path: str, length: int) -> bytes:
+    """The first bytes of a file in the folder of the document, or below it, links followed; no other."""
     try:
-        return beside.read_bytes()
+        folder = Path(path).resolve().parent
+        beside = (folder / urllib.parse.unquote(uri)).resolve()
+        if "://" in uri or not beside.is_relative_to(folder):
+            raise MeshFormatError(f"{what}, which is not in the folder of this file or below: it is not read")
+        with open_regular(beside) as file:
+            held = os.fstat(file.fileno()).st_size
+            data = file.read(length) if held >= length else b""
+    except MeshFormatError:  # a ValueError, too
+        raise
     except (OSError, ValueError) as reason:
         told = reason.strerror if isinstance(reason, OSError) else str(reason)
-        raise MeshFormatError(
-            f"buffer {k} is the file {uri[:80]!r} beside it, which cannot be read ({told})"
-        ) from reason
+        raise MeshFormatError(f"{what} beside it, which cannot be read ({told})") from reason
+    if held < length:
+        raise MeshFormatError(f"{what} of {held} bytes, but {length} are declared: it is cut off")
+    return data
 
 
 def check_accessor(
@@ -277,7 +290,7 @@ def check_accessor(
     document.entry("buffers", buffer_index)
     if view_start + view_length > len(document.buffers[buffer_index]):
         raise MeshFormatError(f"buffer view {view_index} reaches beyond the end of buffer {buffer_index}")
-    component_bytes = _COMPONENT_BYTES[accessor["componentType"]]
+    component_bytes = np.dtype(_DTYPES[accessor["componentType"]]).itemsize
     entry_bytes = _COMPONENTS[kind] * component_bytes
     stride = integer(view.get("byteStride", entry_bytes), f"the stride of buffer view {view_index}")
     start = integer(accessor.get("byteOffset", 0), f"the offset of {name}")
@@ -289,10 +302,7 @@ def check_accessor(
             f"entries every {stride} bytes, expected multiples of {component_bytes}"
         )
     if kind == "VEC3" and count:
-        data = document.buffers[buffer_index]
-        _check_bounds(
-            accessor, np.ndarray((count, 3), "<f4", data, view_start + start, (stride, component_bytes)), name
-        )
+        _check_bounds(accessor, values(document, index), name)
     return count
 
 
@@ -308,35 +318,24 @@ def _check_bounds(accessor: dict[str, Any], positions: np.ndarray, name: str) ->
             raise MeshFormatError(f"{name} says that its {key} is ({shown[0]}), but it is ({shown[1]})")
 
 
-def reduced_accessors(document: Document, meshes: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return buffers, views and accessors with only what *meshes* use, whose references are renumbered.
+def values(document: Document, index: int) -> np.ndarray:
+    """Return the entries of an accessor as they stand in its buffer, (count, components).
 
     Parameters
     ----------
     document : Document
-        The file; accessors in use are checked.
-    meshes : list of dict
-        Changed in place.
+        The file.
+    index : int
+        Which accessor; `check_accessor` has passed it.
     """
-    order: dict[int, int] = {}
-    for mesh in meshes:
-        for primitive in mesh["primitives"]:
-            for holder, key in [(primitive["attributes"], name) for name in primitive["attributes"]] + [
-                (primitive, "indices")
-            ] * ("indices" in primitive):
-                holder[key] = order.setdefault(holder[key], len(order))
-    accessors: list[dict[str, Any]] = []
-    views: list[dict[str, Any]] = []
-    for index in order:
-        kept = {
-            key: value
-            for key, value in document.json["accessors"][index].items()
-            if key in ("componentType", "type", "count", "byteOffset")
-        }
-        view = document.json["bufferViews"][document.json["accessors"][index]["bufferView"]]
-        accessors.append({**kept, "bufferView": len(views)})
-        views.append(
-            {k: v for k, v in view.items() if k in ("buffer", "byteOffset", "byteLength", "byteStride")}
-        )
-    buffers = [{"uri": f"buffer{k}", "byteLength": len(data)} for k, data in enumerate(document.buffers)]
-    return {"buffers": buffers, "bufferViews": views, "accessors": accessors}
+    accessor = document.json["accessors"][index]
+    view = document.json["bufferViews"][accessor["bufferView"]]
+    dtype = np.dtype(_DTYPES[accessor["componentType"]])
+    width = _COMPONENTS[accessor["type"]]
+    return np.ndarray(
+        (accessor["count"], width),
+        dtype,
+        document.buffers[view["buffer"]],
+        view.get("byteOffset", 0) + accessor.get("byteOffset", 0),
+        (view.get("byteStride", width * dtype.itemsize), dtype.itemsize),
+    )

@@ -12,7 +12,7 @@ import numpy as np
 
 from proximity.errors import MeshFormatError
 from proximity.meshio import polygons, tables
-from proximity.meshio.contents import RawFile, RawMesh, Source
+from proximity.meshio.contents import RawFile, RawMesh, Source, check_part_count
 
 _PASSED_OVER = frozenset((
     "vt", "vn", "vp", "g", "s", "mg", "usemtl", "mtllib", "usemap", "maplib", "bevel", "c_interp", "d_interp",
@@ -163,22 +163,23 @@ def _split_objects(
     lines: _Lines, vertices: np.ndarray, faces: np.ndarray, source_faces: np.ndarray
 ) -> list[RawMesh]:
     """One mesh for each object that has faces; lines of one name belong together."""
-    starts = [0, *lines.object_starts]
     names = ["", *lines.objects]
-    row_names = np.zeros(len(lines.faces), dtype=np.int64)
     ids = {name: k for k, name in enumerate(dict.fromkeys(names))}
-    for name, start in zip(names, starts, strict=True):
-        row_names[start:] = ids[name]
-    present = [(name, k) for name, k in ids.items() if (row_names == k).any()]
+    lengths = np.diff([0, *lines.object_starts, len(lines.faces)])
+    row_names = np.repeat(np.array([ids[name] for name in names]), lengths)
+    present = sorted(set(row_names.tolist()))
+    check_part_count(len(present))
+    known = list(ids)
     if len(present) <= 1:
-        return [RawMesh(_decoded(name), vertices, faces, source_faces) for name, _ in present]
-    meshes = []
+        return [RawMesh(_decoded(known[k]), vertices, faces, source_faces) for k in present]
     face_names = row_names[source_faces]
-    for name, k in present:
-        is_in = face_names == k
+    order = np.argsort(face_names, kind="stable")
+    ends = np.searchsorted(face_names[order], present, side="right")
+    meshes = []
+    for k, rows in zip(present, np.split(order, ends[:-1]), strict=True):
         # Each object keeps its own vertices only, else a file of many objects would be copied many times.
-        used, local = np.unique(faces[is_in], return_inverse=True)
-        meshes.append(RawMesh(_decoded(name), vertices[used], local.reshape(-1, 3), source_faces[is_in]))
+        used, local = np.unique(faces[rows], return_inverse=True)
+        meshes.append(RawMesh(_decoded(known[k]), vertices[used], local.reshape(-1, 3), source_faces[rows]))
     return meshes
 
 

@@ -108,3 +108,37 @@ def _property(words: list[str], byte_order: str) -> Property | None:
     return Property(
         words[4], np.dtype(byte_order + _TYPES[words[3]]), np.dtype(byte_order + _TYPES[words[2]])
     )
+
+
+def check_size(header: Header, size: int) -> None:
+    """Raise if the rows that a header declares cannot be in a file of so many bytes.
+
+    Parameters
+    ----------
+    header : Header
+        Read already.
+    size : int
+        Bytes of the whole file.
+
+    Raises
+    ------
+    MeshFormatError
+        With both numbers.
+    """
+    least, most = 0, 0.0
+    for element in header.elements:
+        for column in element.properties:
+            width = 1 if header.is_ascii else column.dtype.itemsize
+            if column.count_dtype is None:
+                least, most = least + element.count * width, most + element.count * width
+            else:
+                counted = column.count_dtype.itemsize
+                least += element.count * (1 if header.is_ascii else counted)
+                most += element.count * (counted + (256.0 ** min(counted, 4)) * width)
+    held = size - header.data_start
+    if held < least or (not header.is_ascii and held > most + 2):
+        rows = sum(element.count for element in header.elements)
+        raise MeshFormatError(
+            f"its header declares {rows:,} rows of {least:,} bytes or more, but {held:,} follow: "
+            f"{'it is cut off, or a count is wrong' if held < least else 'a count is wrong'}"
+        )

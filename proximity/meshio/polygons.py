@@ -14,6 +14,10 @@ import numpy as np
 from proximity.errors import MeshFormatError
 from proximity.meshio import tables
 
+MOST_CORNERS = 20_000
+"""Of one polygon. Cutting takes up to the square of them: a second for a star of so many."""
+_LARGE, _MOST_IN_LARGE = 1000, 10 * MOST_CORNERS  # corners: of a large one, and of all of them
+
 Piece = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Polygons that stood in rows of one width: polygon rows (n,), corner counts (n,), the rows (n, width)."""
 
@@ -60,7 +64,7 @@ def assemble(
 def check_polygons(
     corners: np.ndarray, sizes: np.ndarray, vertex_count: int, place: Callable[[int], str]
 ) -> None:
-    """Raise if a polygon has fewer than three corners or refers to a vertex that is not there.
+    """Raise if a polygon has too few or too many corners, or refers to a vertex that is not there.
 
     Parameters
     ----------
@@ -81,6 +85,16 @@ def check_polygons(
     small = np.flatnonzero(sizes < 3)
     if len(small):
         raise MeshFormatError(f"{place(int(small[0]))} has {sizes[small[0]]} corners, expected at least 3")
+    large = np.flatnonzero(sizes > MOST_CORNERS)
+    if len(large):
+        raise MeshFormatError(
+            f"{place(int(large[0]))} has {sizes[large[0]]} corners, expected at most {MOST_CORNERS}"
+        )
+    if sizes[sizes > _LARGE].sum() > _MOST_IN_LARGE:
+        raise MeshFormatError(
+            f"its polygons of more than {_LARGE} corners have {sizes[sizes > _LARGE].sum()} together, "
+            f"expected at most {_MOST_IN_LARGE}"
+        )
     outside = np.flatnonzero((corners < 0) | (corners >= vertex_count))
     if len(outside):
         polygon = int(np.searchsorted(np.cumsum(sizes), outside[0], side="right"))

@@ -2,7 +2,6 @@
 
 import math
 import os
-import stat
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -10,9 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from proximity.errors import MeshError, MeshFormatError, PoseError, ProximityError
-from proximity.meshio import gltf, library, obj, off, placing, ply, sniffing, step, stl, tables, threemf
+from proximity.meshio import gltf, obj, off, placing, ply, ply_header, sniffing, step, stl, tables, threemf
 from proximity.meshio.contents import FileContents, Geometry, RawFile, RawMesh, Source
 from proximity.meshio.units import UNITS, metres_per_unit
+from proximity.regular_file import NotRegularFileError, open_regular
+
+_LARGE_BYTES, _HEAD_BYTES = 1 << 26, 1 << 20
+"""Files from which on headers are compared with sizes first, and what of them is read for that."""
 
 _READERS: dict[str, Callable[[Source], RawFile]] = {
     "STL": stl.read_stl,
@@ -77,7 +80,7 @@ def read_geometries(
     if not shown:
         raise MeshError("the path is empty, expected the name of a file")
     try:
-        source = Source(shown, _read_bytes(Path(shown)))
+        source = Source(shown, _read_bytes(shown, unpacked_limit))
         raw = _read(readers[sniffing.find_format(source, Path(shown).suffix.lower())], source)
         if raw.metres_per_number is not None:
             metres = raw.metres_per_number
@@ -100,25 +103,40 @@ def _read(reader: Callable[[Source], RawFile], source: Source) -> RawFile:
         raise
     except (TypeError, AttributeError, LookupError, ArithmeticError, RecursionError, ValueError) as reason:
         # what no check of the reader foresaw
-        raise MeshFormatError(f"it cannot be read ({library.in_one_line(reason)})") from reason
+        raise MeshFormatError(f"it cannot be read ({tables.in_one_line(reason)})") from reason
 
 
-def _read_bytes(path: Path) -> bytes:
+def _read_bytes(path: str, unpacked_limit: float) -> bytes:
     try:
-        mode = path.stat().st_mode
-        # a pipe would be waited for
-        data = path.read_bytes() if stat.S_ISREG(mode) else None
+        with open_regular(path) as file:
+            size = os.fstat(file.fileno()).st_size
+            if size > _LARGE_BYTES:
+                _check_large(file.read(_HEAD_BYTES), size, Path(path).suffix.lower(), unpacked_limit)
+                file.seek(0)
+            data = file.read()
+    except MeshFormatError:  # a ValueError, too
+        raise
     except FileNotFoundError:
         raise MeshFormatError("there is no such file") from None
+    except IsADirectoryError:
+        raise MeshFormatError("it is a directory, expected a file") from None
     except (OSError, ValueError) as reason:
         told = reason.strerror if isinstance(reason, OSError) else str(reason)
+        if isinstance(reason, NotRegularFileError):
+            raise MeshFormatError(f"it {told}, expected one") from reason
         raise MeshFormatError(f"it cannot be opened ({told})") from reason
-    if data is None:
-        what = "a directory, expected a file" if stat.S_ISDIR(mode) else "no regular file, expected one"
-        raise MeshFormatError(f"it is {what}")
     if not data:
         raise MeshFormatError("it is empty")
     return data
+
+
+def _check_large(head: bytes, size: int, extension: str, unpacked_limit: float) -> None:
+    """Raise if the header of a large file contradicts its size: before gigabytes are read for nothing."""
+    sniffing.check_size(head, size, extension)
+    if extension == ".ply":
+        ply_header.check_size(ply_header.read_header(head), size)
+    if extension == ".3mf" and size > unpacked_limit:
+        raise MeshFormatError(f"it has {size:,} bytes, expected at most {unpacked_limit:,} (unpacked_limit)")
 
 
 def _geometries(raw: RawFile, metres: float, stem: str) -> tuple[tuple[Geometry, ...], list[str]]:

@@ -123,3 +123,35 @@ def is_ascii_stl(data: bytes) -> bool:
     """
     head = data[:1024]
     return re.match(rb"(\xef\xbb\xbf)?\s*solid\b", head, re.IGNORECASE) is not None and b"\0" not in head
+
+
+def check_size(head: bytes, size: int, extension: str) -> None:
+    """Compare what the first bytes of a large file claim with its size, before the rest is read.
+
+    Parameters
+    ----------
+    head : bytes
+        Where the file begins, its header included.
+    size : int
+        Bytes of the whole file.
+    extension : str
+        With its dot, lower case.
+
+    Raises
+    ------
+    MeshFormatError
+        If the file cannot be what it is named: with what it should have, and what it has.
+    """
+    held = f"bytes, but the file has {size:,}"
+    if extension == ".stl" and not is_ascii_stl(head):
+        claimed = STL_HEADER_BYTES + STL_FACET_BYTES * stl_face_count(head)
+        if claimed != size:
+            raise MeshFormatError(
+                f"its header says {stl_face_count(head):,} faces: {claimed:,} bytes, {held}"
+            )
+    elif extension == ".glb" and head[:4] == b"glTF" and int.from_bytes(head[8:12], "little") != size:
+        raise MeshFormatError(f"its header says {int.from_bytes(head[8:12], 'little'):,} {held}")
+    elif extension in (".obj", ".off", ".gltf", ".step", ".stp") and b"\0" in head:
+        raise MeshFormatError(
+            f"it is named like {EXTENSIONS[extension]}, a format of text, but holds zero bytes"
+        )

@@ -146,3 +146,15 @@ def shortened(word: str, length: int = 24) -> str:
         Characters to show.
     """
     return repr(word if len(word) <= length else word[:length] + "...")
+
+
+def in_one_line(reason: Exception) -> str:
+    """Return type and message of an exception, shortened.
+
+    Parameters
+    ----------
+    reason : Exception
+        What a library raised.
+    """
+    message = " ".join(str(reason).split())
+    return f"{type(reason).__name__}: {message[:120]}" if message else type(reason).__name__

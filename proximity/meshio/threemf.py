@@ -13,14 +13,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from proximity.errors import MeshFormatError
-from proximity.meshio import library, tables
-from proximity.meshio.contents import RawFile, RawMesh, Source
+from proximity.meshio import tables
+from proximity.meshio.contents import RawFile, RawMesh, Source, check_part_count
 from proximity.meshio.threemf_model import ModelParser, Object, Reference
 
 UNPACKED_LIMIT = 2_000_000_000
 """Bytes that a 3MF file may unpack to, unless the caller says otherwise."""
-MOST_PLACEMENTS = 100_000
-"""Placements of objects in one file. A few kilobytes of nested components can declare any number."""
 _BOMB_RATIO, _BOMB_BYTES = 200, 50_000_000
 """What unpacks to so much more than it is holds no geometry: XML of real meshes shrinks to a tenth."""
 _CHUNK_BYTES = 1 << 20
@@ -53,8 +51,7 @@ def read_3mf(source: Source, unpacked_limit: float = UNPACKED_LIMIT) -> RawFile:
     _check_references(objects, items)
     counts = _placement_counts(objects)
     declared = sum(counts[item.target] for item in items)
-    if declared > MOST_PLACEMENTS:
-        raise MeshFormatError(f"its build places {declared} meshes, expected at most {MOST_PLACEMENTS}")
+    check_part_count(declared)
     placements = list(_placements(objects, items))
     if len(placements) != declared:
         raise MeshFormatError(f"its build places {declared} meshes, but {len(placements)} were made")
@@ -90,7 +87,7 @@ def _read_models(data: bytes, unpacked_limit: float) -> dict[str, ModelParser]:
         NotImplementedError,
         RuntimeError,
     ) as reason:
-        raise MeshFormatError(f"its zip archive cannot be read ({library.in_one_line(reason)})") from reason
+        raise MeshFormatError(f"its zip archive cannot be read ({tables.in_one_line(reason)})") from reason
 
 
 def _check_size(unpacked: int, packed: int, limit: float) -> None:

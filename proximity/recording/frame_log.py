@@ -60,7 +60,10 @@ class FrameLog:
             raise self._error("cannot be opened", failure) from failure
         try:
             self._lock()
-            self._is_regular = stat.S_ISREG(os.fstat(self._file).st_mode)
+            mode = os.fstat(self._file).st_mode
+            self._is_regular = stat.S_ISREG(mode)
+            if stat.S_ISFIFO(mode):  # once it is full, its reader would be waited for
+                raise OSError(errno.EINVAL, "is not a regular file")
             self.cut_size = self._cut_torn() if self._is_regular else 0
         except OSError as failure:
             self._release()

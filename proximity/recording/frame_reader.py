@@ -13,6 +13,7 @@ import numpy as np
 
 from proximity.errors import RecordingError
 from proximity.recording.frame_bytes import MAGIC, UNDECIDED, frame_at, frame_type, is_known
+from proximity.regular_file import open_regular
 
 CHUNK = 1 << 22  # bytes read at once
 
@@ -56,7 +57,7 @@ class FrameReader:
     def __iter__(self) -> Iterator[np.ndarray]:
         self._forget()
         try:
-            with open(self.path, "rb") as file:
+            with open_regular(self.path) as file:
                 yield from self._runs(file)
         except OSError as failure:
             raise RecordingError(f"{self.path}: cannot be read ({failure.strerror or failure})") from failure

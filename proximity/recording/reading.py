@@ -8,13 +8,13 @@ import io
 import os
 from collections.abc import Iterator
 from itertools import islice
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from proximity.errors import RecordingError
 from proximity.recording.records import FINGERS, NANOSECONDS, Recording
+from proximity.regular_file import open_regular
 
 EXPECTED = "time_s, hand, finger, x_m, y_m, z_m"
 NANOSECONDS_IN = {"time_s": NANOSECONDS, "time_ms": 1_000_000, "time_us": 1_000, "time_ns": 1}
@@ -88,7 +88,8 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
 
 def _read_text(name: str) -> str:
     try:
-        return Path(name).read_bytes().decode("utf-8-sig")
+        with open_regular(name) as file:
+            return file.read().decode("utf-8-sig")
     except UnicodeDecodeError as unfit:
         raise RecordingError(f"{name}: not a text file in UTF-8, expected columns {EXPECTED}") from unfit
     except OSError as failure:

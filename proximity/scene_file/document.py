@@ -11,6 +11,7 @@ from functools import cached_property
 from typing import Any
 
 from proximity.errors import ServiceError
+from proximity.regular_file import open_regular
 
 MOST_BYTES = 1 << 20
 """A scene of thousands of parts has less; what is larger is another file."""
@@ -151,7 +152,7 @@ def read_document(path: str | os.PathLike[str]) -> Document:
     """
     name = os.fsdecode(path)
     try:
-        with open(path, "rb") as file:
+        with open_regular(path) as file:
             content = file.read(MOST_BYTES + 1)
     except (OSError, ValueError) as failed:  # a name with a zero in it is a ValueError
         raise ServiceError(f"{name}: cannot be read ({getattr(failed, 'strerror', failed)})") from failed

@@ -1,0 +1,53 @@
+"""Opening a file that a user named, for reading: regular files only, and without waiting.
+
+A named pipe would be waited for until somebody writes to it, and a device may never end.
+"""
+
+import errno
+import os
+import stat
+from typing import BinaryIO
+
+_WITHOUT_WAITING = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0)
+
+
+class NotRegularFileError(OSError):
+    """A pipe, socket or device where a file was expected."""
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        super().__init__(errno.EINVAL, "is not a regular file", path)
+
+
+def open_regular(path: str | os.PathLike[str]) -> BinaryIO:
+    """Open a file for reading bytes, links followed.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+
+    Raises
+    ------
+    NotRegularFileError
+        If it is a pipe, a socket or a device. What was opened is looked at, so that nobody can replace it
+        in between.
+    OSError
+        If it is a directory, or cannot be opened.
+    """
+    return open(path, "rb", opener=_open_descriptor)
+
+
+def _open_descriptor(path: str, flags: int) -> int:
+    try:
+        descriptor = os.open(path, flags | _WITHOUT_WAITING)
+    except OSError as failure:
+        if failure.errno == errno.ENXIO:  # a socket, or a device that is not there
+            raise NotRegularFileError(path) from failure
+        raise
+    mode = os.fstat(descriptor).st_mode
+    if stat.S_ISREG(mode):
+        return descriptor
+    os.close(descriptor)
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), path)
+    raise NotRegularFileError(path)
