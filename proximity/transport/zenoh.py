@@ -72,6 +72,7 @@ class ZenohInlet:
 
     shares_clock = False
     refused = 0
+    is_keyed, unverified = False, 0
 
     def __init__(self, address: Address) -> None:
         key = _key_of(address)
