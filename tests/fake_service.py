@@ -164,6 +164,7 @@ class QueueInlet:
 
     def __init__(self, shares_clock=True):
         self.shares_clock, self.refused = shares_clock, 0
+        self.is_keyed, self.unverified = False, 0
         self.queue, self.is_closed = [], False
 
     def put(self, message, session=1, sequence=None):

@@ -37,6 +37,7 @@ class QueueInlet:
 
     shares_clock = True
     refused = 0
+    is_keyed, unverified = False, 0
 
     def __init__(self, address):
         self._queue = _queues[address.place]

@@ -88,3 +88,15 @@ def test_subscriber_that_cannot_be_made_gives_the_address_back():
         open_subscriber(address, stale_after=-1)
 
     open_subscriber(address).close()
+
+
+def test_files_of_an_address_are_named_as_seen_from_a_folder(tmp_path):
+    folder = str(tmp_path / "a folder & more")
+    text = "udp://[::1]:9100?from=[::1]:1&key=keys/my%20key"
+    moved = parse(parse(text).with_files_in(folder))
+
+    assert moved.place == "[::1]:9100"
+    assert moved.options == {"from": "[::1]:1", "key": f"{folder}/keys/my key"}
+    assert parse(moved.text).with_files_in("/elsewhere") == moved.text
+    for without in ("iox2://decaff", "zenoh://a?connect=tcp/h:1,tcp/h:2", "mailbox:a box", "udp://h:1?key="):
+        assert parse(without).with_files_in(folder) == without

@@ -1,6 +1,8 @@
 """``decaff_message.h``: what the compiler makes of it, against NumPy and against the Python it stands for."""
 
 import ctypes
+import hashlib
+import socket
 import sys
 import zlib
 from types import SimpleNamespace
@@ -12,15 +14,17 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from message_tables import tables
 from test_readme import README
+from test_transport_udp import free_port
 from wire import KNOWN, MS, NOW, Clock, Wire, frame, sealed
 
 from proximity import cli
 from proximity.message import CONTACT, FRAME, POSES, Flaw, Message, State, c_header, flaw_of
 from proximity.message.c_header import ENUMS, KINDS, RECORDS, header_text, meanings_of
 from proximity.message.fields import dtype_of
-from proximity.transport import Subscriber, widen
+from proximity.transport import Subscriber, open_inlet, widen
 from proximity.transport.clocks import ForeignClock
 from proximity.transport.held import AHEAD_NS, LONGEST_VALID_NS
+from proximity.transport.key import write_key
 from proximity.transport.subscriber import STALE_AFTER
 
 FLAWS = [None, Flaw.SHORT, Flaw.MAGIC, Flaw.VERSION, Flaw.SIZE, Flaw.CHECKSUM]
@@ -45,6 +49,9 @@ double lower_at(const void *data, int64_t now, double speed, double acceleration
 {
     return decaff_lower_at(data, now, speed, acceleration);
 }
+void tag_of(const void *key, const void *data, size_t size, void *tag) { decaff_tag(key, data, size, tag); }
+size_t verified(const void *key, const void *data, size_t size) { return decaff_verified(key, data, size); }
+int key_of_text(const char *text, void *key) { return decaff_key_of_text(text, key); }
 static decaff_clock heard;
 void clock_reset(void) { memset(&heard, 0, sizeof heard); }
 void clock_hear(uint64_t session, int64_t sent, int64_t now)
@@ -85,6 +92,9 @@ def library(folder):
     loaded.crc32_of.argtypes, loaded.crc32_of.restype = (ctypes.c_char_p, size), ctypes.c_uint32
     loaded.check_frame.argtypes = loaded.check_poses.argtypes = (ctypes.c_char_p, size)
     loaded.seal_poses.argtypes = (ctypes.c_void_p, size, ctypes.c_uint64, ctypes.c_uint64)
+    loaded.tag_of.argtypes = (ctypes.c_char_p, ctypes.c_char_p, size, ctypes.c_char_p)
+    loaded.verified.argtypes, loaded.verified.restype = (ctypes.c_char_p, ctypes.c_char_p, size), size
+    loaded.key_of_text.argtypes = (ctypes.c_char_p, ctypes.c_char_p)
     loaded.makes_sense.argtypes = loaded.state_at.argtypes = (ctypes.c_void_p, whole)
     loaded.lower_at.argtypes, loaded.lower_at.restype = (ctypes.c_void_p, whole, real, real), real
     loaded.clock_hear.argtypes = (ctypes.c_uint64, whole, whole)
@@ -226,6 +236,71 @@ def test_what_c_seals_has_no_flaw(library):
 
     assert flaw_of(data, POSES) is None
     assert data[16:32].view("<u8").tolist() == [2**63 + 5, 2**64 - 1]
+
+
+KEYS = [bytes(32), bytes(range(32)), b"\xff" * 32, hashlib.sha256(b"another key").digest()]
+
+
+def tag_in_c(library, key, data):
+    tag = ctypes.create_string_buffer(16)
+    library.tag_of(key, data, len(data), tag)
+    return tag.raw
+
+
+@pytest.mark.parametrize("key", KEYS)
+def test_tag_is_that_of_hashlib(library, key):
+    """Every length to beyond the fourth block, and those of messages."""
+    data = np.random.default_rng(7).bytes(70_000)
+    for size in [*range(301), 408, 1736, 2**16 - 1, 2**16, 65_491]:
+        expected = hashlib.blake2s(data[:size], key=key, digest_size=16).digest()
+        assert tag_in_c(library, key, data[:size]) == expected, size
+
+
+@pytest.mark.parametrize("size", [1, 63, 64, 65, 127, 128, 129, 1736])
+def test_what_is_not_as_it_was_tagged_is_not_verified(library, size):
+    key, data = KEYS[1], np.random.default_rng(size).bytes(size)
+    datagram = data + tag_in_c(library, key, data)
+
+    assert library.verified(key, datagram, len(datagram)) == size
+    for at in {0, size // 2, size - 1, size, size + 15}:
+        changed = datagram[:at] + bytes([datagram[at] ^ 0x80]) + datagram[at + 1 :]
+        assert library.verified(key, changed, len(changed)) == 0
+    for cut in (0, 1, 15, 16, len(datagram) - 1):
+        assert library.verified(key, datagram, cut) == 0
+    assert library.verified(KEYS[2], datagram, len(datagram)) == 0
+
+
+@pytest.mark.parametrize(
+    ("text", "is_key"),
+    [
+        ("00ff" * 16, True), ("Ab" * 32 + "\n", True), ("ab" * 32 + "\r\n", True), ("ab" * 31, False),
+        ("ab" * 32 + "a", False), ("ag" * 32, False), ("a b" * 22, False), ("", False), ("\xff" * 64, False),
+    ],
+)  # fmt: skip
+def test_key_is_read_from_its_text(library, text, is_key):
+    key = ctypes.create_string_buffer(32)
+
+    assert bool(library.key_of_text(text.encode("latin-1"), key)) is is_key
+    if is_key:
+        assert key.raw == bytes.fromhex(text)
+
+
+def test_what_c_seals_and_tags_is_taken_over_udp(library, tmp_path):
+    """Poses may come from a program in C."""
+    path, message = tmp_path / "poses.key", Message(POSES, 2)
+    write_key(str(path))
+    port = free_port()
+    library.seal_poses(message.data.ctypes.data, len(message.data), 5, 0)
+    sealed_bytes, room = message.data.tobytes(), np.zeros(500, np.uint8)
+    inlet = open_inlet(f"udp://127.0.0.1:{port}?key={path}")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        key = bytes.fromhex(path.read_text())
+        sender.sendto(sealed_bytes + tag_in_c(library, key, sealed_bytes), ("127.0.0.1", port))
+        assert inlet.wait(20.0)
+        size = inlet.receive(room)
+    inlet.close()
+
+    assert room[:size].tobytes() == sealed_bytes
 
 
 @given(

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+from hashlib import blake2s
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from proximity import transport
 from proximity.message import FRAME, Message, State
 from proximity.message.c_header import header_text
 from proximity.transport import open_publisher, widen
+from proximity.transport.key import write_key
 
 PATIENCE = 30.0  # s
 SOURCE = transport.__path__[0] + "/receiver.c"
@@ -64,8 +66,8 @@ class Receiver:
 
 
 @contextlib.contextmanager
-def listening(program, port, here="127.0.0.1", sender="127.0.0.1"):
-    receiver = Receiver(program, here, port, sender)
+def listening(program, port, here="127.0.0.1", sender="127.0.0.1", *rest):
+    receiver = Receiver(program, here, port, sender, *rest)
     # Who waits in vain for a line is let go.
     timer = threading.Timer(PATIENCE, receiver.process.kill)
     timer.start()
@@ -163,7 +165,7 @@ def test_faults_are_counted_and_the_stream_goes_on(program):
 
     assert counts == {
         "received": 3, "lost": 1, "checksum": 1, "size": 2, "version": 1, "short": 2, "magic": 1, "old": 3,
-        "nonsense": 2, "stranger": 0,
+        "nonsense": 2, "stranger": 0, "unverified": 0,
     }  # fmt: skip
 
 
@@ -252,7 +254,7 @@ def test_wrong_words_are_told(program, words):
     done = subprocess.run([program, *map(str, words)], capture_output=True, text=True, timeout=PATIENCE)
 
     assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr == "receiver: expected ADDRESS PORT SENDER, such as 127.0.0.1 9100 127.0.0.1\n"
+    assert done.stderr == "receiver: expected ADDRESS PORT SENDER [KEY], such as 127.0.0.1 9100 127.0.0.1\n"
 
 
 def test_port_in_use_is_told(program):
@@ -273,3 +275,86 @@ def test_more_fingers_than_there_is_room_for_are_refused(program):
         counts = receiver.stop()
 
     assert (counts["size"], counts["received"]) == (1, 1)
+
+
+# --- with a key ---
+
+
+@pytest.fixture
+def key(tmp_path):
+    path = tmp_path / "frames.key"
+    write_key(str(path))
+    return path
+
+
+def tagged(data, path):
+    return data + blake2s(data, key=bytes.fromhex(path.read_text()), digest_size=16).digest()
+
+
+def test_with_a_key_only_what_it_verifies_is_believed(program, key):
+    port = free_port()
+    keyed = listening(program, port, "127.0.0.1", "127.0.0.1", key)
+    with keyed as receiver, open_publisher(f"udp://127.0.0.1:{port}?key={key}") as publisher:
+        publisher.publish(frame(time.monotonic_ns(), 2, valid_for=900 * MS))
+        receiver.read_until("^0 OK")
+        forged = frame(time.monotonic_ns(), 2, distance=5.0, valid_for=900 * MS)
+        good = tagged(sealed(forged, 1, 2**63), key)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            for number in range(50):
+                sender.sendto(sealed(forged, number, 2**63), ("127.0.0.1", port))
+            for bad in (good[:-1], good[:16], b"", good[:-1] + bytes([good[-1] ^ 1]), b"x" + good[1:]):
+                sender.sendto(bad, ("127.0.0.1", port))
+        publisher.publish(frame(time.monotonic_ns(), 2, valid_for=900 * MS))
+        receiver.read_until("^1 OK")
+        counts = receiver.stop()
+
+    assert (counts.pop("unverified"), counts.pop("received")) == (55, 2)
+    assert not any(counts.values())
+    assert "5000" not in " ".join(receiver.lines)
+
+
+def test_with_a_key_recordings_are_old_however_long_it_was_silent(program, key):
+    port = free_port()
+    message = frame(time.monotonic_ns(), valid_for=900 * MS)
+    recorded = [tagged(sealed(message, number, session=100), key) for number in (10, 11, 12)]
+    later = tagged(sealed(message, 20, session=200), key)
+    keyed = listening(program, port, "127.0.0.1", "127.0.0.1", key)
+    with keyed as receiver, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        for data in (*recorded, *recorded, later):
+            sender.sendto(data, ("127.0.0.1", port))
+        receiver.read_until("^20 ")
+        time.sleep(1.1)  # after a second without a key another run would be believed
+        sender.sendto(tagged(sealed(message, 30, session=100), key), ("127.0.0.1", port))
+        sender.sendto(tagged(sealed(message, 21, session=200), key), ("127.0.0.1", port))
+        receiver.read_until("^21 ")
+        counts = receiver.stop()
+
+    assert (counts["received"], counts["old"], counts["unverified"]) == (5, 4, 0)
+
+
+def test_most_fingers_fit_with_their_tag(program, key):
+    port = free_port()
+    keyed = listening(program, port, "127.0.0.1", "127.0.0.1", key)
+    with keyed as receiver, open_publisher(f"udp://127.0.0.1:{port}?key={key}") as publisher:
+        publisher.publish(frame(time.monotonic_ns(), 65, valid_for=900 * MS))
+        publisher.publish(frame(time.monotonic_ns(), 64, valid_for=900 * MS))
+        receiver.read_until("^1 ")
+        counts = receiver.stop()
+
+    assert (counts["unverified"], counts["received"]) == (1, 1)
+
+
+def test_key_that_cannot_be_used_is_told(program, key):
+    def complaint():
+        words = [program, "127.0.0.1", "9100", "127.0.0.1", str(key)]
+        done = subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE)
+        assert done.returncode == 2
+        return done.stderr
+
+    key.chmod(0o644)
+    assert complaint() == f"receiver: {key} may be used by others (expected permissions 0600)\n"
+    key.chmod(0o600)
+    key.write_text("ab" * 31)
+    assert complaint() == f"receiver: {key} is no key (expected 64 hexadecimal digits)\n"
+    key.unlink()
+    assert complaint() == f"receiver: {key} cannot be opened\n"

@@ -79,6 +79,18 @@ def test_short_file_means_the_defaults(read, folder):
     assert settings.input.recording is settings.input.sensor is settings.input.moves is None
 
 
+def test_files_of_addresses_lie_beside_the_scene_file(read, folder):
+    settings = read(
+        '[service]\npublish = ["udp://127.0.0.1:9100?key=frames.key", "iox2://decaff"]\n'
+        + PART
+        + '[input]\nposes = "udp://127.0.0.1:9101?key=/keys/poses.key"\nmoves = "zenoh://m?config=m.json5"\n'
+    )
+
+    assert settings.service.publish == (f"udp://127.0.0.1:9100?key={folder}/frames.key", "iox2://decaff")
+    assert settings.input.poses == "udp://127.0.0.1:9101?key=/keys/poses.key"
+    assert settings.input.moves == f"zenoh://m?config={folder}/m.json5"
+
+
 def test_every_key_is_read(read, folder):
     settings = read("""
         [service]

@@ -197,7 +197,8 @@ def test_who_listens_to_ipv6_leaves_ipv4_to_others(opened):
 
 
 @pytest.mark.parametrize(
-    ("opener", "option", "known"), [(open_publisher, "from", "bind"), (open_subscriber, "bind", "from")]
+    ("opener", "option", "known"),
+    [(open_publisher, "from", "bind, key"), (open_subscriber, "bind", "from, key")],
 )
 def test_option_of_the_other_end_is_refused(opener, option, known, port):
     with pytest.raises(PublishError, match=rf"there is no option '{option}' \(expected {known}\)$"):

@@ -1,13 +1,18 @@
 """Zenoh over loopback, between endpoints that are named: no test depends on multicast."""
 
 import os
+import shutil
 import socket
+import subprocess
 import sys
 import time
+from collections import Counter
+from pathlib import Path
 
 import numpy as np
 import pytest
 from far_end import PATIENCE, FarEnd, frame, touch, until, until_valid
+from test_readme import README
 
 from proximity.errors import PublishError
 from proximity.message import State
@@ -20,9 +25,7 @@ pytest.importorskip("zenoh", reason="eclipse-zenoh, of the extra zenoh, is not i
 @pytest.fixture
 def ends():
     """The two addresses of one key: where the publisher listens, where the subscriber connects to."""
-    with socket.socket() as held:
-        held.bind(("127.0.0.1", 0))
-        endpoint = f"tcp/127.0.0.1:{held.getsockname()[1]}"
+    endpoint = f"tcp/127.0.0.1:{free_tcp_port()}"
     key = f"zenoh://test/{os.getpid()}"
     return f"{key}?listen={endpoint}", f"{key}?connect={endpoint}"
 
@@ -179,7 +182,10 @@ def test_search_by_multicast_prints_nothing_whether_it_works_or_not():
         ("zenoh://a/*", "expected one key, without wildcards"),
         ("zenoh://a?connect=127.0.0.1", "Zenoh cannot open it .*Endpoints must be of the form"),
         ("zenoh://a?connect=http/127.0.0.1:1", "Unicast not supported for http protocol"),
-        ("zenoh://a?from=here", r"there is no option 'from' \(expected connect, listen\)"),
+        ("zenoh://a?config=none.json5", "the configuration 'none.json5' is not there"),
+        ("zenoh://a?config=/dev/zero", "the configuration '/dev/zero' is not a regular file"),
+        (f"zenoh://a?config={__file__}", "Zenoh cannot open it"),
+        ("zenoh://a?from=here", r"there is no option 'from' \(expected connect, listen, config\)"),
     ],
 )
 def test_address_that_cannot_be_opened_is_refused(address, message):
@@ -201,3 +207,99 @@ def test_without_the_library_the_error_says_what_to_install(monkeypatch):
 
     with pytest.raises(PublishError, match=r'zenoh://decaff: needs zenoh: pip install "proximity\[zenoh\]"'):
         open_publisher("zenoh://decaff")
+
+
+# --- a configuration of Zenoh's own: who may publish ---
+
+ACCESS = """{
+  scouting: { multicast: { enabled: false } },
+  transport: { auth: { usrpwd: { user: "service", password: "x", dictionary_file: "users" } } },
+  access_control: {
+    enabled: IS_ENABLED, default_permission: "deny",
+    rules: [{ id: "poses", permission: "allow", flows: ["ingress", "egress"],
+              messages: ["put", "declare_subscriber"], key_exprs: ["test/poses"] }],
+    subjects: [{ id: "hand", usernames: ["glove"] }],
+    policies: [{ rules: ["poses"], subjects: ["hand"] }],
+  },
+}"""
+
+
+def numbers_taken(inlet, outlets, count, *, is_anybody=False):
+    """Send each outlet's number for a second and until so many of the last came; how often which came."""
+    room, taken, begun = np.zeros(1, np.uint8), Counter(), time.monotonic()
+
+    def has_enough():
+        for number, outlet in enumerate(outlets):
+            outlet.send(np.full(1, number, np.uint8))
+        inlet.wait(0.02)
+        while inlet.receive(room) != NOTHING:
+            taken[int(room[0])] += 1
+        is_late = time.monotonic() - begun > 1.0  # who is let in at all has been by then
+        return is_late and taken[len(outlets) - 1] >= count and (taken[0] or not is_anybody)
+
+    until(has_enough)
+    return taken
+
+
+@pytest.mark.parametrize("is_enabled", [True, False])
+def test_access_control_of_the_configuration_holds(tmp_path, monkeypatch, is_enabled):
+    """Both know a password; only one of them may publish poses, where access is controlled at all."""
+    monkeypatch.chdir(tmp_path)
+    Path("users").write_text("service:x\nglove:g\nother:o\n")
+    Path("service.json5").write_text(ACCESS.replace("IS_ENABLED", str(is_enabled).lower()))
+    for user in ("glove", "other"):
+        password = f'{{ user: "{user}", password: "{user[0]}" }}'
+        Path(f"{user}.json5").write_text(f"{{ transport: {{ auth: {{ usrpwd: {password} }} }} }}")
+    place = f"tcp/127.0.0.1:{free_tcp_port()}"
+    inlet = open_inlet(f"zenoh://test/poses?config=service.json5&listen={place}")
+    outlets = [
+        open_outlet(f"zenoh://test/poses?config={user}.json5&connect={place}") for user in ("other", "glove")
+    ]
+    taken = numbers_taken(inlet, outlets, 20, is_anybody=not is_enabled)
+    for end in (inlet, *outlets):
+        end.close()
+
+    assert set(taken) == ({1} if is_enabled else {0, 1})
+
+
+def test_configuration_of_the_readme_lets_one_certificate_publish(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    make_certificates("service", "glove", "other")
+    text = README.split("```json5\n")[1].split("```")[0]
+    Path("service.json5").write_text(text)
+    for name in ("glove", "other"):
+        Path(f"{name}.json5").write_text(
+            text.split("  access_control")[0].replace("service.", f"{name}.") + "}"
+        )
+    place = f"tls/localhost:{free_tcp_port()}"
+    inlet = open_inlet(f"zenoh://decaff/poses?config=service.json5&listen={place}")
+    outlets = [
+        open_outlet(f"zenoh://decaff/poses?config={name}.json5&connect={place}")
+        for name in ("other", "glove")
+    ]
+    taken = numbers_taken(inlet, outlets, 20)
+    for end in (inlet, *outlets):
+        end.close()
+
+    assert set(taken) == {1}
+
+
+def make_certificates(*names):
+    """A private authority, ca.pem, and for each name a certificate of localhost, in this folder."""
+    if shutil.which("openssl") is None:
+        pytest.skip("there is no openssl to make certificates with")
+    key = "-newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -keyout"
+    commands = [f"req -x509 {key} ca.key -out ca.pem -days 2 -subj /CN=ca"]
+    Path("names").write_text("subjectAltName=DNS:localhost")
+    for name in names:
+        commands.append(f"req {key} {name}.key -out {name}.csr -subj /CN={name}")
+        signed = "-CA ca.pem -CAkey ca.key -CAcreateserial -days 2 -extfile names"
+        commands.append(f"x509 -req -in {name}.csr -out {name}.pem {signed}")
+    for command in commands:
+        subprocess.run(["openssl", *command.split()], check=True, capture_output=True, timeout=60)
+
+
+def free_tcp_port():
+    with socket.socket() as held:
+        held.bind(("127.0.0.1", 0))
+        return held.getsockname()[1]

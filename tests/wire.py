@@ -29,6 +29,7 @@ class Wire:
     """An inlet: gives what was put in."""
 
     refused = 0
+    is_keyed, unverified = False, 0
 
     def __init__(self, shares_clock=True):
         self.shares_clock = shares_clock

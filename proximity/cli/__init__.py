@@ -21,6 +21,7 @@ from proximity.cli import (
     export,
     figures,
     header,
+    key,
     query,
     record,
     replay,
@@ -71,6 +72,7 @@ app.command("watch", cls=Command, epilog=watch.EXAMPLES, help=watch.HELP, no_arg
 app.command("demo", cls=Command, epilog=demo.EXAMPLES, help=demo.HELP)(demo.command)
 app.command("drum", cls=Command, epilog=drum.EXAMPLES, help=drum.HELP, no_args_is_help=True)(drum.command)
 app.command("header", cls=Command, epilog=header.EXAMPLES, help=header.HELP)(header.command)
+app.command("key", cls=Command, epilog=key.EXAMPLES, help=key.HELP, no_args_is_help=True)(key.command)
 app.command("bench", cls=Command, epilog=bench.EXAMPLES, help=bench.HELP, no_args_is_help=True)(bench.command)
 app.command("figures", cls=Command, epilog=figures.EXAMPLES, help=figures.HELP)(figures.command)
 app.command("simulate", cls=Command, epilog=simulate.EXAMPLES, help=simulate.HELP)(simulate.command)

@@ -146,12 +146,11 @@ def _summary(report: dict[str, Any], seen: "Seen", drums: "DrumsBeside") -> list
     counts, fingers = seen.counts, drums.bench.fingers
     touches, faults = sum(each.touches for each in fingers), sum(each.faults for each in fingers)
     peak = max((each.peak_force for each in fingers), default=0.0)
-    refused = counts.refused + counts.flawed.total()
     return [
         f"service     {report['ticks']} frames ({states}), {report['missed']} ticks missed",
         f"computing   p50 {_us(compute['p50_ns'])}, p99 {_us(compute['p99_ns'])}; woken late p50 "
         f"{_us(late['p50_ns'])}, p99 {_us(late['p99_ns'])}",
-        f"watch       {counts.received} frames seen, {counts.lost} lost, {refused} refused",
+        f"watch       {counts.received} frames seen, {counts.lost} lost, {counts.unused} refused",
         f"drums       {drums.received} frames seen, {touches} touches held with {peak:.2f} N at most, "
         f"{faults} faults",
     ]

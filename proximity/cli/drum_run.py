@@ -224,7 +224,7 @@ def summary(bench: DrumBench, address: str, counts: Counts, seconds: float) -> d
         "seconds": round(seconds, 3),
         "frames": counts.received,
         "lost": counts.lost,
-        "refused": counts.refused + counts.flawed.total(),
+        "refused": counts.unused,
         "fingers": fingers,
     }
 

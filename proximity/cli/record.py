@@ -79,12 +79,12 @@ def summary(frame_count: int, seconds: float, counts: "Counts") -> str:
     counts : Counts
         Of the subscriber.
     """
-    refused = counts.refused + counts.flawed.total()
     reasons = [f"{count} {flaw.value}" for flaw, count in counts.flawed.items()]
     reasons += [f"{counts.refused} from a stranger"] if counts.refused else []
+    reasons += [f"{counts.unverified} not verified by the key"] if counts.unverified else []
     frames = "1 frame" if frame_count == 1 else f"{frame_count} frames"
     return (
-        f"{frames} in {seconds:.1f} s, {counts.lost} lost, {refused} refused"
+        f"{frames} in {seconds:.1f} s, {counts.lost} lost, {counts.unused} refused"
         + (f" ({', '.join(reasons)})" if reasons else "")
         + (f", {counts.sessions} sessions" if counts.sessions > 1 else "")
     )

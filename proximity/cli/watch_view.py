@@ -11,7 +11,7 @@ from rich.text import Text
 
 from proximity.cli.distance_bar import ruler
 from proximity.cli.finger_view import FLAG_LETTERS, finger_cells, finger_words, is_tracked
-from proximity.message import State
+from proximity.message import Flaw, State
 from proximity.transport import Counts, Reading
 
 NS_IN_MS = 1e6
@@ -173,6 +173,10 @@ def _cells(columns: dict[str, int]) -> int:
 def _meaning(reading: Reading, seen: Seen) -> str:
     if reading.state is not State.STALE:
         return MEANINGS[reading.state]
+    if seen.counts.unverified and seen.rate_hz == 0.0:
+        return f"what comes is not verified by the key of {seen.address}, expected the publisher's key"
+    if reading.header is None and seen.counts.flawed[Flaw.SIZE]:
+        return "what comes is not as long as it says: if it was sent with a key, expected ?key=FILE here, too"
     if reading.header is None:
         return f"nothing has come from {seen.address} yet, for {seen.silent_s:.1f} s"
     if reading.header["state"] == State.STALE and seen.rate_hz > 0.0:
@@ -185,7 +189,7 @@ def _figures(reading: Reading, seen: Seen) -> list[str]:
     told = [f"{seen.rate_hz:.0f} Hz"]
     if header is not None:
         told.append(f"age {_duration(reading.age_ns)}")
-    told += [f"{counts.lost} lost", f"{counts.refused + counts.flawed.total()} refused"]
+    told += [f"{counts.lost} lost", f"{counts.unused} refused"]
     if header is not None:
         since = time.strftime("%H:%M:%S", time.localtime(int(header["session"]) / NS_IN_S))
         told += [f"{header['missed']} ticks missed", f"epoch {header['epoch']}", f"session of {since}"]

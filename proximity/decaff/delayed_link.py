@@ -42,6 +42,7 @@ class DelayedLink:
 
     shares_clock = True
     refused = 0
+    is_keyed, unverified = False, 0
 
     def __init__(
         self, latency: Latency, clock: Callable[[], int], silences: Iterable[tuple[int, int]] = ()

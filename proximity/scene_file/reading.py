@@ -128,9 +128,8 @@ class _Reader:
     def service(self) -> ServiceSettings:
         """The loop."""
         table, default = self._table("service", SERVICE_KEYS), ServiceSettings()
-        publish = table.texts("publish", default.publish, meaning="an address such as iox2://decaff")
-        for address in publish:
-            _check_address(table, "publish", address)
+        named = table.texts("publish", default.publish, meaning="an address such as iox2://decaff")
+        publish = tuple(self._checked_address(table, "publish", address) for address in named)
         if len(set(publish)) < len(publish):
             table.complain("publish", "has an address twice, expected addresses that differ")
         return ServiceSettings(
@@ -202,9 +201,9 @@ class _Reader:
                 table.complain(key, "is of a recording, and there is no input.recording")
         return InputSettings(
             recording=self._recording(table) if table.has("recording") else None,
-            poses=_address(table, "poses"),
-            sensor=_address(table, "sensor"),
-            moves=_address(table, "moves"),
+            poses=self._address(table, "poses"),
+            sensor=self._address(table, "sensor"),
+            moves=self._address(table, "moves"),
         )
 
     def glove(self) -> GloveSettings | None:
@@ -275,6 +274,24 @@ class _Reader:
             table.complain(key, f"is {named!r}, but {path} {is_folder}, expected {what}")
         return path
 
+    def _address(self, table: Table, key: str) -> str | None:
+        address = table.text(key, None, meaning="an address such as iox2://NAME")
+        return None if address is None else self._checked_address(table, key, address)
+
+    def _checked_address(self, table: Table, key: str, text: str) -> str:
+        """An address, with files that it names as seen from the scene file."""
+        try:
+            address = parse(text)
+        except PublishError as unfit:
+            table.complain(key, f"cannot be used: {unfit}")
+            return text
+        if address.scheme not in TRANSPORTS:
+            schemes = ", ".join(TRANSPORTS)
+            table.complain(
+                key, f"is {text}, but no transport is called {address.scheme!r}: expected {schemes}"
+            )
+        return address.with_files_in(self._folder)
+
     def _from_here(self, path: Any) -> Any:
         """A path that is relative to the scene file."""
         return None if path is None else os.path.join(self._folder, path)
@@ -299,24 +316,6 @@ def _check_together(settings: SceneFile) -> None:
         complain(("glove",), "[glove] is of a hand whose poses come in, and there is no input.poses")
     if inputs.poses is not None and inputs.poses == inputs.moves:
         complain(("input", "moves"), "input.moves is input.poses, expected another address")
-
-
-def _address(table: Table, key: str) -> str | None:
-    address = table.text(key, None, meaning="an address such as iox2://NAME")
-    if address is not None:
-        _check_address(table, key, address)
-    return address
-
-
-def _check_address(table: Table, key: str, text: str) -> None:
-    try:
-        address = parse(text)
-    except PublishError as unfit:
-        table.complain(key, f"cannot be used: {unfit}")
-        return
-    if address.scheme not in TRANSPORTS:
-        schemes = ", ".join(TRANSPORTS)
-        table.complain(key, f"is {text}, but no transport is called {address.scheme!r}: expected {schemes}")
 
 
 def _either(words: tuple[str, ...]) -> str:

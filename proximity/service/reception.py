@@ -49,6 +49,7 @@ class Reception:
             self._inlet, kinds, clock, most_at_once=MOST_AT_ONCE, most_flawed=MOST_FLAWED
         )
         self._foreign = None if self._inlet.shares_clock else ForeignClock()
+        self._has_warned_of_key = False
         self._failures = 0
         self._first_failure = ""
         self._left_out: dict[str, int] = {}
@@ -59,7 +60,7 @@ class Reception:
         # Copies: the loop may be counting meanwhile.
         counts = replace(self._examiner.counts, flawed=self._examiner.counts.flawed.copy())
         notes = [f"{self.address}: {count} {what}" for what, count in list(self._left_out.items())]
-        if counts.lost or counts.refused or counts.flawed:
+        if counts.lost or counts.unused:
             notes.append(f"{self.address}: {counts}")
         if self._failures:
             notes.append(f"receiving failed {self._failures} times, first: {self._first_failure}")
@@ -81,6 +82,11 @@ class Reception:
                 # Until a clock is seen to run, what it shows may be a copy of something old.
                 if self._foreign.is_settled:
                     yield from self._on_our_clock(kind, records, now_ns - self._foreign.theirs(now_ns))
+            if self._examiner.counts.unverified and not self._has_warned_of_key:
+                self._has_warned_of_key = True
+                LOGGER.warning(
+                    "%s: a message is not verified by the key (expected that of its sender)", self.address
+                )
         except OSError as failure:
             self._failures += 1
             if self._failures == 1:

@@ -39,8 +39,8 @@ def open_publisher(address: str) -> Publisher:
     ----------
     address : str
         ``mailbox:NAME`` inside this process, ``iox2://NAME`` on this machine, ``udp://HOST:PORT`` for whoever
-        listens there (``?bind=ADDRESS``: sent from where, if not from loopback), ``zenoh://KEY`` across
-        machines.
+        listens there (``?bind=ADDRESS``: sent from where, if not from loopback; ``?key=FILE``: with tags of
+        that key), ``zenoh://KEY`` across machines.
 
     Returns
     -------
@@ -62,7 +62,7 @@ def open_subscriber(address: str, **settings: Any) -> Subscriber:
     ----------
     address : str
         As of `open_publisher`; ``udp://HOST:PORT`` is where to listen (``?from=HOST``: to whom, if not to
-        this machine).
+        this machine; ``?key=FILE``: only what that key verifies).
     settings
         ``stale_after`` (s after a frame's ``valid_until`` until it is worth nothing, 0.08), ``max_speed``
         (m/s, 3) and ``max_acceleration`` (m/s², 120) of a finger, by which bounds widen meanwhile.

@@ -1,9 +1,13 @@
 """Addresses: which transport, where, and its options."""
 
+import os
 from dataclasses import dataclass
-from urllib.parse import parse_qsl, unquote, urlsplit
+from urllib.parse import parse_qsl, quote, unquote, urlsplit
 
 from proximity.errors import PublishError
+
+FILE_OPTIONS = ("key", "config")
+"""Options that name a file."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +29,18 @@ class Address:
             if name not in known:
                 has = f"expected {', '.join(known)}" if known else "it has none"
                 raise self.refuse(f"there is no option {name!r} ({has})")
+
+    def with_files_in(self, folder: str) -> str:
+        """Return the text of the address with files named as seen from *folder*."""
+        files = [name for name in FILE_OPTIONS if self.options.get(name)]
+        if not files:
+            return self.text
+        options = {
+            name: os.path.join(folder, value) if name in files else value
+            for name, value in self.options.items()
+        }
+        begin = self.text.partition("?")[0]
+        return f"{begin}?" + "&".join(f"{name}={quote(value, '/:[],')}" for name, value in options.items())
 
 
 def parse(text: str) -> Address:

@@ -37,13 +37,21 @@ class Counts:
     lost: int = 0  # numbers that were left out since the first message
     sessions: int = 0  # runs of the publisher
     refused: int = 0  # from somebody else than the address names
+    unverified: int = 0  # not verified by the address's key
     flawed: Counter[Flaw] = field(default_factory=Counter)  # not used, by reason
+
+    @property
+    def unused(self) -> int:
+        """Messages that came and were not used, for whatever reason."""
+        return self.refused + self.unverified + self.flawed.total()
 
     def __str__(self) -> str:
         parts = [f"{self.received} received", f"{self.lost} lost"]
         parts += [f"{count} {flaw.value}" for flaw, count in self.flawed.items()]
         if self.refused:
             parts.append(f"{self.refused} from a stranger")
+        if self.unverified:
+            parts.append(f"{self.unverified} not verified by the key")
         return ", ".join(parts)
 
 
@@ -71,6 +79,10 @@ class Examiner:
     foreign clock tells nothing, and the present run must have been silent. So it must before a run comes back
     that another has followed: of two publishers that go on side by side one is believed, not each in turn.
     What has come once of any run does not come again.
+
+    Where a key verifies messages, nobody else can begin a session, but recorded messages still verify: so a
+    session that is lower than any that was used, of whatever kind, never counts. A publisher whose calendar
+    was put back is then heard only by a receiver that is started anew.
     """
 
     is_new_run: bool  # the message that was given last is of another run than the one of its kind before it
@@ -91,6 +103,7 @@ class Examiner:
         self._room = np.empty(max(kind.size(MAX_RECORDS) for kind in kinds) + 8, np.uint8)
         self._clock = clock
         self._most_at_once, self._most_flawed = most_at_once, most_flawed
+        self._newest_session = 0  # of all kinds
         self._last: dict[int, _Seen] = {}  # by the kind's magic
         self._ended: dict[tuple[int, int], int] = {}  # magic, session: the last number of a run before
 
@@ -110,7 +123,7 @@ class Examiner:
         flawed_count = 0
         for _ in range(self._most_at_once):
             size = inlet.receive(room)
-            counts.refused = inlet.refused
+            counts.refused, counts.unverified = inlet.refused, inlet.unverified
             if size == NOTHING:
                 return
             now = self._clock()
@@ -152,10 +165,12 @@ class Examiner:
 
     def _age_flaw(self, kind: Kind, message: _Seen) -> Flaw | None:
         """Whether the message was overtaken or is repeated."""
+        session, sequence, sent_ns, now_ns = message
+        if session < self._newest_session and self._inlet.is_keyed:
+            return Flaw.OLD
         last = self._last.get(kind.magic)
         if last is None:
             return None
-        session, sequence, sent_ns, now_ns = message
         last_session, last_sequence, last_sent_ns, last_ns = last
         if session == last_session:
             return Flaw.OLD if sequence <= last_sequence else None
@@ -187,3 +202,4 @@ class Examiner:
         counts.lost += sequence - before - 1
         counts.received += 1
         self._last[kind.magic] = message
+        self._newest_session = max(self._newest_session, session)

@@ -90,6 +90,7 @@ class IceoryxInlet:
 
     shares_clock = True
     refused = 0
+    is_keyed, unverified = False, 0
 
     def __init__(self, address: Address) -> None:
         address.check_options()

@@ -36,6 +36,12 @@ class Inlet(Protocol):
     refused: int
     """Messages left out because of whom they are from."""
 
+    is_keyed: bool
+    """Whether only messages that a key verifies are given."""
+
+    unverified: int
+    """Messages left out because the key does not verify them."""
+
     def wait(self, timeout: float) -> bool:
         """Wait until a message may be there, or that many seconds; False if surely none came."""
 

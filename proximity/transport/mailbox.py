@@ -62,6 +62,7 @@ class MailboxInlet:
 
     shares_clock = True
     refused = 0
+    is_keyed, unverified = False, 0
 
     def __init__(self, address: Address) -> None:
         address.check_options()

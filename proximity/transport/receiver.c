@@ -3,12 +3,13 @@
  * on what does not hold any more:
  *
  *   - A datagram counts if it comes from the one sender, is whole, makes sense, and is newer than the last.
+ *     With a key, also only if it is the sender's: of what others send nothing is looked at.
  *   - While a frame is valid it holds as it is, for the instant of its poses. Then a lower bound of each
  *     distance holds, which falls as time passes. Then nothing does: retract.
  *   - It never waits for a frame: at each look it asks what is known now.
  *
  *   proximity header --out decaff_message.h && cc -std=c99 -O2 receiver.c -lm -o receiver
- *   ./receiver 127.0.0.1 9100 127.0.0.1       # listen at, port, sender
+ *   ./receiver 127.0.0.1 9100 127.0.0.1 frames.key    # listen at, port, sender, and the key if there is one
  */
 #define _POSIX_C_SOURCE 200809L
 #include <arpa/inet.h>
@@ -17,6 +18,7 @@
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <sys/stat.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -30,16 +32,17 @@
 struct frame {
     decaff_frame_header header;
     decaff_contact contacts[MOST_FINGERS];
-    char beyond[8]; /* what reaches in here is too large */
+    char beyond[DECAFF_TAG_BYTES + 8]; /* a message that reaches in here is too large */
 };
 
-enum { STRANGER = DECAFF_FLAW_CHECKSUM + 1, OLD, NONSENSE, REASONS };
-static const char *const REASON[REASONS] = {"received", "short",    "magic", "version", "size",
-                                            "checksum", "stranger", "old",   "nonsense"};
+enum { STRANGER = DECAFF_FLAW_CHECKSUM + 1, OLD, NONSENSE, UNVERIFIED, REASONS };
+static const char *const REASON[REASONS] = {"received", "short",    "magic", "version",  "size",
+                                            "checksum", "stranger", "old",   "nonsense", "unverified"};
 static const char *const STATE[] = {"STARTING", "OK", "DEGRADED", "LATE", "STALE", "STOPPING"};
 
 static struct frame held, arrived;
-static int has_frame, is_foreign;
+static int has_frame, is_foreign, has_key;
+static uint8_t key[DECAFF_KEY_BYTES];
 static int64_t heard_ns;
 static decaff_clock foreign;
 static unsigned long lost, counts[REASONS];
@@ -68,8 +71,9 @@ static int reason_against(size_t size, int is_from_sender, int64_t now_ns)
         return flaw;
     if (has_frame && new->session == last->session && new->sequence <= last->sequence)
         return OLD;
-    if (has_frame && new->session < last->session && now_ns - heard_ns <= 1000000000)
-        return OLD; /* of a run before; after silence the sender's calendar may have been put back */
+    if (has_frame && new->session < last->session && (has_key || now_ns - heard_ns <= 1000000000))
+        return OLD; /* of a run before; after silence the sender's calendar may have been put back, but */
+                    /* with a key it may also be a recording, and then only another start is believed */
     if (new->publish_ns > INT64_MAX / 2)
         return NONSENSE;
     return decaff_makes_sense(new, (is_foreign ? new->publish_ns : now_ns) + DECAFF_AHEAD_NS) ? 0 : NONSENSE;
@@ -79,8 +83,12 @@ static int reason_against(size_t size, int is_from_sender, int64_t now_ns)
 static int take(size_t size, int is_from_sender)
 {
     int64_t now_ns = clock_ns();
-    int reason = reason_against(size, is_from_sender, now_ns);
+    int reason;
 
+    if (is_from_sender && has_key && (size = decaff_verified(key, &arrived, size)) == 0)
+        reason = UNVERIFIED;
+    else
+        reason = reason_against(size, is_from_sender, now_ns);
     counts[reason]++;
     if (reason != 0)
         return 0;
@@ -121,6 +129,26 @@ static void look(int is_new)
     printf("\n");
 }
 
+/* Read the key; what is wrong with its file, or NULL. */
+static const char *read_key(const char *path)
+{
+    char text[2 * DECAFF_KEY_BYTES + 2] = {0};
+    struct stat status;
+    int file = open(path, O_RDONLY | O_NONBLOCK);
+    const char *wrong = NULL;
+
+    if (file < 0)
+        return "cannot be opened";
+    if (fstat(file, &status) != 0 || !S_ISREG(status.st_mode))
+        wrong = "is not a regular file";
+    else if ((status.st_mode & 077) != 0)
+        wrong = "may be used by others (expected permissions 0600)";
+    else if (read(file, text, sizeof text - 1) < 0 || !decaff_key_of_text(text, key))
+        wrong = "is no key (expected 64 hexadecimal digits)";
+    close(file);
+    return wrong;
+}
+
 static void stop(int number)
 {
     (void)number;
@@ -132,14 +160,20 @@ int main(int count, char **words)
     struct sockaddr_in here = {0}, sender = {0}, from;
     socklen_t from_size;
     struct pollfd waiting = {0};
-    int reason, is_new, port = count == 4 ? atoi(words[2]) : 0;
+    int reason, is_new, port = count == 4 || count == 5 ? atoi(words[2]) : 0;
+    const char *wrong = count == 5 ? read_key(words[4]) : NULL;
     ssize_t size;
 
     if (port < 1 || port > 65535 || inet_pton(AF_INET, words[1], &here.sin_addr) != 1
         || inet_pton(AF_INET, words[3], &sender.sin_addr) != 1) {
-        fprintf(stderr, "receiver: expected ADDRESS PORT SENDER, such as 127.0.0.1 9100 127.0.0.1\n");
+        fprintf(stderr, "receiver: expected ADDRESS PORT SENDER [KEY], such as 127.0.0.1 9100 127.0.0.1\n");
         return 2;
     }
+    if (wrong != NULL) {
+        fprintf(stderr, "receiver: %s %s\n", words[4], wrong);
+        return 2;
+    }
+    has_key = count == 5;
     is_foreign = ntohl(sender.sin_addr.s_addr) >> 24 != 127;
     here.sin_family = AF_INET;
     here.sin_port = htons((uint16_t)port);

@@ -11,6 +11,10 @@ nobody listens is no error. What waits for a reader is kept by the system, the o
 it at 1 kHz; then the newest are lost. A reader who comes less often finds old messages, and must read again.
 
 Ethernet carries 1472 bytes at once: four fingers. More travel in pieces, and all are lost if one is.
+
+Any program of this machine, and of the other one, can send what looks like a message. With ``?key=FILE`` at
+both ends a tag follows each message (`key`), and datagrams without the right one are left out and counted. It
+keeps others from being believed, not from reading along, nor from flooding the port.
 """
 
 import errno
@@ -24,12 +28,17 @@ import numpy as np
 
 from proximity.errors import PublishError
 from proximity.transport.address import Address
+from proximity.transport.key import TAG_BYTES, Key, key_of
 from proximity.transport.links import NOTHING
 
 MOST_BYTES = 65507
 """That a datagram of IPv4 carries."""
 MOST_STRANGERS = 64
 """Datagrams of others that are left out in one go: a flood of them must not keep a reader from its work."""
+MOST_FORGED_BYTES = 1 << 17
+"""In datagrams that the key does not verify, in one go: some 0.3 ms."""
+LARGEST_DATAGRAM = 1 << 16
+"""Bytes: no datagram has as many."""
 ROOM_BYTES = 1 << 19
 """That the system is asked to keep for a reader; it may give less."""
 
@@ -67,15 +76,16 @@ class UdpOutlet:
     Parameters
     ----------
     address : Address
-        Where to, and ``bind``: from where.
+        Where to; ``bind``: from where; ``key``: with which tags.
     """
 
     lost: int  # messages for which the system had no room
 
     def __init__(self, address: Address) -> None:
-        address.check_options("bind")
+        address.check_options("bind", "key")
         self.lost = 0
         self._text = address.text
+        self._key = key_of(address)
         place = _look_up(address, address.place, needs_port=True)
         bind = address.options.get("bind")
         if bind is None and not place.is_loopback:
@@ -94,22 +104,24 @@ class UdpOutlet:
 
     def send(self, data: np.ndarray) -> None:
         """Send one datagram."""
-        if len(data) > MOST_BYTES:
+        most = MOST_BYTES if self._key is None else MOST_BYTES - TAG_BYTES
+        if len(data) > most:
             raise PublishError(
                 f"{self._text}: a message of {len(data)} bytes does not fit into a datagram "
-                f"(expected at most {MOST_BYTES} bytes)"
+                f"(expected at most {most} bytes)"
             )
+        datagram = data.data if self._key is None else data.tobytes() + self._key.tag(data)
         try:
-            self._socket.send(data.data)
+            self._socket.send(datagram)
         except OSError as failure:
-            self._failed(failure, data)
+            self._failed(failure, datagram)
 
-    def _failed(self, failure: OSError, data: np.ndarray) -> None:
+    def _failed(self, failure: OSError, datagram: memoryview | bytes) -> None:
         """Judge why a datagram was not sent; one that was refused in place of this is not its fault."""
         if failure.errno in _NOBODY:
             # The system tells here that an earlier datagram found nobody, and has not sent this one.
             try:
-                self._socket.send(data.data)
+                self._socket.send(datagram)
                 return
             except OSError as again:
                 failure = again
@@ -129,16 +141,21 @@ class UdpInlet:
     Parameters
     ----------
     address : Address
-        Where, and ``from``: whom to.
+        Where; ``from``: whom to; ``key``: which tags verify.
     """
 
     shares_clock: bool
+    is_keyed: bool
     refused: int
+    unverified: int
 
     def __init__(self, address: Address) -> None:
-        address.check_options("from")
-        self.refused = 0
+        address.check_options("from", "key")
+        self.refused = self.unverified = 0
         self._text = address.text
+        self._key = key_of(address)
+        self.is_keyed = self._key is not None
+        self._datagram = memoryview(bytearray(LARGEST_DATAGRAM if self.is_keyed else 0))
         place = _look_up(address, address.place, needs_port=True)
         source = address.options.get("from")
         if source is not None:
@@ -159,19 +176,48 @@ class UdpInlet:
 
     def receive(self, room: np.ndarray) -> int:
         """Take the next datagram of the one to listen to."""
+        if self._key is not None:
+            return self._receive_verified(room, self._key)
         for _ in range(MOST_STRANGERS):
-            try:
-                size, sender = self._socket.recvfrom_into(room.data, 0, _TELLS_SIZE)
-            except BlockingIOError:
-                return NOTHING
-            except OSError as failure:
-                if getattr(failure, "winerror", None) != _IS_CUT_OFF:
-                    raise PublishError(f"{self._text}: cannot receive ({_reason(failure)})") from failure
-                return len(room) + 1
-            if sender[0] in self._hosts and (not self._port or sender[1] == self._port):
-                return size if _TELLS_SIZE or size < len(room) else size + 1
-            self.refused += 1
+            size, is_expected = self._take(room.data)
+            if is_expected or size == NOTHING:
+                return size
         return NOTHING
+
+    def _receive_verified(self, room: np.ndarray, key: Key) -> int:
+        """Take the next datagram that the key verifies, without its tag."""
+        forged_bytes = 0
+        for _ in range(MOST_STRANGERS):
+            size, is_expected = self._take(self._datagram)
+            if size == NOTHING:
+                return NOTHING
+            if not is_expected:
+                continue
+            if key.verifies(self._datagram[:size]):
+                size -= TAG_BYTES
+                taken = min(size, len(room))
+                room.data[:taken] = self._datagram[:taken]
+                return size
+            self.unverified += 1
+            forged_bytes += size
+            if forged_bytes > MOST_FORGED_BYTES:
+                break
+        return NOTHING
+
+    def _take(self, room: memoryview) -> tuple[int, bool]:
+        """Size of the next datagram, or `NOTHING`, and whether it counts: is of the one to listen to."""
+        try:
+            size, sender = self._socket.recvfrom_into(room, 0, _TELLS_SIZE)
+        except BlockingIOError:
+            return NOTHING, False
+        except OSError as failure:
+            if getattr(failure, "winerror", None) != _IS_CUT_OFF:
+                raise PublishError(f"{self._text}: cannot receive ({_reason(failure)})") from failure
+            return len(room) + 1, True
+        if sender[0] in self._hosts and (not self._port or sender[1] == self._port):
+            return size if _TELLS_SIZE or size < len(room) else size + 1, True
+        self.refused += 1
+        return size, False
 
     def wait(self, timeout: float) -> bool:
         """Wait for any datagram."""

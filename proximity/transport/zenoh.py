@@ -4,6 +4,9 @@ Without options, both ends look for each other in the local network by multicast
 their own choice on every interface. ``?connect=tcp/HOST:PORT`` and ``?listen=tcp/HOST:PORT``, or several with
 commas between, are used instead of that: where multicast does not get through, or shall not.
 
+Whoever is in the network may publish under any key, and is believed. ``?config=FILE`` begins with what a file of
+Zenoh says (JSON5): certificates, passwords and access control are set there.
+
 A message that the network has no room for is dropped rather than delayed, after 0.1 ms for each 64 kB of it;
 who reads too seldom loses the oldest. A late subscriber waits for the next message: an old one would only
 mislead its idea of the other machine's clock. That a second publisher uses the same key is not noticed;
@@ -13,6 +16,7 @@ Thread: an end may be used by any thread, but by one at a time. Zenoh prints not
 """
 
 import json
+import os
 from typing import Any
 
 import numpy as np
@@ -72,6 +76,7 @@ class ZenohInlet:
 
     shares_clock = False
     refused = 0
+    is_keyed, unverified = False, 0
 
     def __init__(self, address: Address) -> None:
         key = _key_of(address)
@@ -120,7 +125,7 @@ open_inlet = ZenohInlet
 
 def _key_of(address: Address) -> Any:
     """Take the key of an address; one that stands for many keys is refused."""
-    address.check_options("connect", "listen")
+    address.check_options("connect", "listen", "config")
     try:
         key = zenoh.KeyExpr(address.place)
     except zenoh.ZError as unfit:
@@ -132,19 +137,31 @@ def _key_of(address: Address) -> Any:
 
 def _open_session(address: Address) -> zenoh.Session:
     """Join the network."""
-    config = zenoh.Config()
     settings: dict[str, Any] = dict(SETTINGS)
-    if address.options:
+    endpoints = {name: text for name, text in address.options.items() if name != "config"}
+    if endpoints:
         settings["scouting/multicast/enabled"] = False
         settings["listen/endpoints"] = []
-    for option, text in address.options.items():
+    for option, text in endpoints.items():
         settings[f"{option}/endpoints"] = text.split(",")
     try:
+        config = _config_of(address)
         for path, value in settings.items():
             config.insert_json5(path, json.dumps(value))
         return zenoh.open(config)
     except zenoh.ZError as failure:
         raise address.refuse(f"Zenoh cannot open it ({_said(failure)})") from failure
+
+
+def _config_of(address: Address) -> zenoh.Config:
+    """What the address's file says, or the defaults."""
+    path = address.options.get("config")
+    if path is None:
+        return zenoh.Config()
+    if not os.path.isfile(path):
+        what = "is not a regular file" if os.path.exists(path) else "is not there"
+        raise address.refuse(f"the configuration {path!r} {what}")
+    return zenoh.Config.from_file(path)
 
 
 def _said(failure: Exception) -> str:

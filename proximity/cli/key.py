@@ -1,0 +1,33 @@
+"""``proximity key``: a key with which the ends of a ``udp://`` address know each other."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+HELP = "\n\n".join(
+    (
+        "Make a key for udp://HOST:PORT?key=FILE: without one, any program that reaches the port is "
+        "believed.",
+        "Both ends name the same file. The sender puts a tag behind each message; the receiver leaves out "
+        "and counts what the key does not verify, and what it has had before. The file holds 64 hexadecimal "
+        "digits (32 random bytes), may be read by its owner only, and is never written over. Use one key "
+        "for each address, and copy it where nobody else reads it, with scp -p for example.",
+    )
+)
+
+EXAMPLES = """
+Examples:
+  proximity key --out poses.key
+  proximity watch "udp://127.0.0.1:9100?key=frames.key"
+"""
+
+
+def command(
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The file to make; must not be there.")],
+) -> None:
+    """Write a new key."""
+    from proximity.transport.key import write_key
+
+    write_key(str(out))
+    typer.echo(f'{out}: made; name it at both ends: "udp://HOST:PORT?key={out}"')

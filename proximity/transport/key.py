@@ -1,0 +1,150 @@
+"""Keys of ``udp://…?key=FILE``: who holds one can make messages, and knows those of others who hold it.
+
+A key is 32 random bytes, kept as 64 hexadecimal digits and a line end in a file that only its owner may read.
+A tag of 16 bytes follows each message in its datagram: BLAKE2s of the whole message with the key (RFC 7693).
+"""
+
+import contextlib
+import hmac
+import os
+import secrets
+import stat
+from hashlib import blake2s
+from typing import Any
+
+from proximity.errors import PublishError
+from proximity.transport.address import Address
+
+KEY_BYTES = 32
+TAG_BYTES = 16
+"""Of a tag: one that is guessed is right once in 3e38 times."""
+_DIGITS = 2 * KEY_BYTES
+_MOST_READ = 1024
+_READ_FLAGS = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+_WRITE_FLAGS = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
+
+
+class Key:
+    """Makes and verifies tags.
+
+    Parameters
+    ----------
+    secret : (32,) bytes
+        The key itself.
+    """
+
+    def __init__(self, secret: bytes) -> None:
+        self._begun = blake2s(key=secret, digest_size=TAG_BYTES)
+
+    def tag(self, message: Any) -> bytes:
+        """Make the tag of a message.
+
+        Parameters
+        ----------
+        message : bytes-like
+            All of it.
+        """
+        hashed = self._begun.copy()
+        hashed.update(message)
+        return hashed.digest()
+
+    def verifies(self, datagram: Any) -> bool:
+        """Whether a datagram is a message and its tag; takes as long wherever a wrong tag differs.
+
+        Parameters
+        ----------
+        datagram : memoryview
+            As it arrived.
+        """
+        end = len(datagram) - TAG_BYTES
+        return end >= 0 and hmac.compare_digest(self.tag(datagram[:end]), datagram[end:])
+
+
+def key_of(address: Address) -> Key | None:
+    """Read the key that an address names; None where it names none.
+
+    Parameters
+    ----------
+    address : Address
+        With or without the option ``key``.
+
+    Raises
+    ------
+    PublishError
+        If the file cannot be read, is no regular file or no key, or may be used by others than its owner.
+    """
+    path = address.options.get("key")
+    if path is None:
+        return None
+    try:
+        number = os.open(path, _READ_FLAGS)
+    except (OSError, ValueError) as failure:
+        reason = getattr(failure, "strerror", None) or failure
+        raise address.refuse(
+            f"the key {path!r} cannot be read ({reason}; `proximity key --out FILE` makes one)"
+        ) from failure
+    try:
+        _check_file(address, path, os.fstat(number))
+        text = os.read(number, _MOST_READ)
+    finally:
+        os.close(number)
+    digits = text.rstrip(b"\r\n")
+    try:
+        secret = bytes.fromhex(digits.decode("ascii"))
+    except ValueError:
+        secret = b""
+    if len(secret) != KEY_BYTES or len(digits) != _DIGITS:
+        raise address.refuse(
+            f"{path!r} is no key (expected {_DIGITS} hexadecimal digits, as `proximity key` writes them)"
+        )
+    return Key(secret)
+
+
+def write_key(path: str) -> None:
+    """Make a key, in a new file that only its owner may read.
+
+    Parameters
+    ----------
+    path : str
+        Of the file.
+
+    Raises
+    ------
+    PublishError
+        If the file is there already, which is never written over, or cannot be written.
+    """
+    try:
+        number = os.open(path, _WRITE_FLAGS, 0o600)
+    except FileExistsError as taken:
+        raise PublishError(
+            f"{path}: is there already, and a key is never written over (expected the name of a new file)"
+        ) from taken
+    except (OSError, ValueError) as failure:
+        raise _not_written(path, failure) from failure
+    try:
+        with os.fdopen(number, "wb") as stream:
+            stream.write(secrets.token_hex(KEY_BYTES).encode("ascii") + b"\n")
+            stream.flush()
+            os.fsync(number)
+    except BaseException as failure:
+        with contextlib.suppress(OSError):  # half a key is none
+            os.unlink(path)
+        if isinstance(failure, OSError):
+            raise _not_written(path, failure) from failure
+        raise
+
+
+def _check_file(address: Address, path: str, status: os.stat_result) -> None:
+    """Refuse what is no regular file, and a key that others may use."""
+    if not stat.S_ISREG(status.st_mode):
+        raise address.refuse(f"the key {path!r} is not a regular file")
+    allowed = stat.S_IMODE(status.st_mode)
+    if os.name != "nt" and allowed & 0o077:
+        raise address.refuse(
+            f"the key {path!r} may be used by others: its permissions are {allowed:04o} "
+            f"(expected 0600: chmod 600 {path})"
+        )
+
+
+def _not_written(path: str, failure: Exception) -> PublishError:
+    return PublishError(f"{path}: cannot be written ({getattr(failure, 'strerror', None) or failure})")
