@@ -15,6 +15,8 @@ from proximity.errors import ProximityError, QueryError
 FLOAT64 = np.dtype(np.float64)
 _ROW = (3,)
 
+COPIED_AT_ONCE = 1 << 20
+"""Rows, which takes some 10 ms."""
 FEW_SHOWN, LONGEST_SHOWN = 4, 200
 """Numbers of an array that a message shows, and characters of any other value."""
 
@@ -57,9 +59,26 @@ def as_float64(
         with np.errstate(over="ignore"):
             if isinstance(array, np.ma.MaskedArray):
                 array = np.ma.filled(array.astype(np.float64), np.nan)
-            return np.require(np.asarray(array), np.float64, ["C", "A", "W"])
+            array = np.asarray(array)
+            if array.ndim and len(array) > COPIED_AT_ONCE and not _is_float64(array):
+                return copied(array)
+            return np.require(array, np.float64, ["C", "A", "W"])
     except (OverflowError, TypeError, ValueError) as unfit:
         raise error(f"{name} hold something that is not a number ({unfit}), expected {expected}") from unfit
+
+
+def copied(array: np.ndarray) -> np.ndarray:
+    """Return a C-ordered float64 copy, made in parts: Ctrl-C is answered in between.
+
+    Parameters
+    ----------
+    array : (N, ...) array
+        Of numbers.
+    """
+    copy = np.empty(array.shape)
+    for first in range(0, len(array), COPIED_AT_ONCE):
+        copy[first : first + COPIED_AT_ONCE] = array[first : first + COPIED_AT_ONCE]
+    return copy
 
 
 def is_ready(values: Any, shape: tuple[int, ...]) -> bool:

@@ -1,14 +1,13 @@
 """The questions that solids and scenes answer alike; arguments are checked here, once."""
 
-import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
 from numpy import empty, inf  # looked up in NumPy, each would cost calls of five points 2 %
 
-from proximity.arrays import as_points, shown
+from proximity.arrays import as_points
+from proximity.batches import IN_ORDER, LARGEST_SLICE, first_slice, run_batch
 from proximity.errors import NotWatertightError, QueryError
 from proximity.kernels import few, query, segment_query
 from proximity.kernels.cast import NO_ROW, cast_batch
@@ -20,6 +19,7 @@ from proximity.kernels.query import closest_batch, contains_batch, distance_batc
 from proximity.kernels.ray_order import ray_order
 from proximity.kernels.segment_query import segment_batch
 from proximity.model import Model, Shelf
+from proximity.query_arguments import broadcast_limits, broadcast_rows, is_length
 from proximity.results import ClosestPoints, RayHits, SegmentHits, record_of
 
 SORT_RAYS_FROM = 1024
@@ -28,10 +28,7 @@ SORT_RAYS_IN = 1 << 20
 """Bytes of a model from which on that is worth it: it costs 15 ns a ray; in one that fits into a nearer cache
 it spares no more than that."""
 ONE_THREAD = 1
-CHUNKS_PER_WORKER = 4
-SMALLEST_CHUNK = 1024
 
-_IN_ORDER = np.empty(0, np.int64)
 _closest_few = Settled(few.closest_few, few.CLOSEST)
 _signed_few = Settled(few.signed_few, few.DISTANCE)
 _distance_few = Settled(few.distance_few, few.DISTANCE)
@@ -100,7 +97,7 @@ class Queries:
         Thread: any number of threads may ask; the interpreter lock is released.
         Source: Bærentzen & Aanæs 2005; Barill et al. 2018; see `kernels`.
         """
-        is_plain = workers is ONE_THREAD and (max_distance is inf or _is_length(max_distance))
+        is_plain = workers is ONE_THREAD and (max_distance is inf or is_length(max_distance))
         if is_plain and (count := _count(points)) < SORT_FROM:
             answers = empty((count, query.ANSWER_WIDTH))
             model = self._stage.current or self._brought_up_to_date()
@@ -111,12 +108,17 @@ class Queries:
         return self._closest(points, max_distance, workers)
 
     def _closest(self, points: Any, max_distance: Any, workers: int) -> ClosestPoints:
-        points = as_points(points)
-        limit = _checked_limit(max_distance)
+        limits, (points,) = broadcast_limits(max_distance, [as_points(points)], "points")
         rows = points.reshape(-1, 3)
         answers = empty((len(rows), query.ANSWER_WIDTH))
         model = self._current()
-        _run(lambda order: closest_batch(model.handle, rows, order, limit, answers), rows, workers)
+        run_batch(
+            lambda order, rows, limits, answers: closest_batch(model.handle, rows, order, limits, answers),
+            [rows, limits, answers],
+            workers,
+            _along_curve,
+            first_slice(model.reals.nbytes),
+        )
         return record_of(ClosestPoints, answers, points.shape[:-1])
 
     def signed_distance(self, points: Any, *, workers: int = 1) -> Any:
@@ -178,7 +180,13 @@ class Queries:
         model = self._current()
         is_settled = count < SORT_FROM and workers == 1 and workers is not True
         if not (is_settled and few.call(model.handle, rows, distances)):
-            _run(lambda order: batch(model.handle, rows, order, distances), rows, workers)
+            run_batch(
+                lambda order, rows, distances: batch(model.handle, rows, order, distances),
+                [rows, distances],
+                workers,
+                _along_curve,
+                first_slice(model.reals.nbytes),
+            )
         return distances if rows is points else distances.reshape(points.shape[:-1])[()]
 
     def contains(self, points: Any, *, workers: int = 1) -> Any:
@@ -219,7 +227,13 @@ class Queries:
             )
         rows = points.reshape(-1, 3)
         inside = empty(len(rows), np.bool_)
-        _run(lambda order: contains_batch(model.handle, rows, order, inside), rows, workers)
+        run_batch(
+            lambda order, rows, inside: contains_batch(model.handle, rows, order, inside),
+            [rows, inside],
+            workers,
+            _along_curve,
+            first_slice(model.reals.nbytes),
+        )
         return inside.reshape(points.shape[:-1])[()]
 
     def cast(self, origins: Any, directions: Any, *, max_distance: float = inf, workers: int = 1) -> RayHits:
@@ -257,7 +271,7 @@ class Queries:
         Source: Woop, Benthin, Wald 2013, "Watertight ray/triangle intersection".
         """
         # `_count`, written out here and below: calling it would be a thirtieth of a call with five rays.
-        if workers is ONE_THREAD and (max_distance is inf or _is_length(max_distance)):
+        if workers is ONE_THREAD and (max_distance is inf or is_length(max_distance)):
             try:
                 count = len(origins)
             except TypeError:
@@ -299,7 +313,7 @@ class Queries:
             If shapes or types do not fit, a direction is zero, *max_distance* is negative or nan, or
             *workers* is no number of threads.
         """
-        if workers is ONE_THREAD and (max_distance is inf or _is_length(max_distance)):
+        if workers is ONE_THREAD and (max_distance is inf or is_length(max_distance)):
             try:
                 count = len(origins)
             except TypeError:
@@ -316,27 +330,20 @@ class Queries:
         self, origins: Any, directions: Any, max_distance: Any, workers: int, width: int
     ) -> tuple[np.ndarray, tuple[int, ...]]:
         """A table of answers so many columns wide, and the shape of the rays."""
-        origins, directions = as_points(origins, "origins"), as_points(directions, "directions")
-        if origins.shape != directions.shape:
-            origins, directions = _broadcast(origins, directions, "origins", "directions")
-        limit = inf if max_distance is inf else _checked_limit(max_distance)
+        rays = as_points(origins, "origins"), as_points(directions, "directions")
+        limits, (origins, directions) = broadcast_limits(
+            max_distance, broadcast_rows(*rays, ("origins", "directions")), "rays"
+        )
         starts, ways = origins, directions
         if origins.ndim != 2:
             starts, ways = origins.reshape(-1, 3), directions.reshape(-1, 3)
-        count = len(starts)
-        answers = empty((count, width))
+        answers = empty((len(starts), width))
         model = self._current()
-        is_sorted = count >= SORT_RAYS_FROM and model.reals.nbytes >= SORT_RAYS_IN
-        if workers == 1 and workers is not True and not is_sorted:
-            zero_row = cast_batch(model.handle, starts, ways, _IN_ORDER, limit, answers)
+        is_sorted = len(starts) >= SORT_RAYS_FROM and model.reals.nbytes >= SORT_RAYS_IN
+        if workers == 1 and workers is not True and not is_sorted and len(starts) <= LARGEST_SLICE:
+            zero_row = cast_batch(model.handle, starts, ways, IN_ORDER, limits, answers)
         else:
-            rows = _run(
-                lambda order: cast_batch(model.handle, starts, ways, order, limit, answers),
-                starts,
-                workers,
-                lambda _: ray_order(model.handle, starts, ways) if is_sorted else np.arange(count),
-            )
-            zero_row = min((row for row in rows if row != NO_ROW), default=NO_ROW)
+            zero_row = _cast_in_slices(model, [starts, ways, limits, answers], workers, is_sorted)
         if zero_row != NO_ROW:
             raise QueryError(f"direction {zero_row} is zero, expected a vector with a length")
         return answers, origins.shape[:-1]
@@ -373,7 +380,7 @@ class Queries:
         nearest to the start is told.
         Ties: the lowest part; within a part any of the nearest faces, the same on every run.
         """
-        is_plain = workers is ONE_THREAD and (max_distance is inf or _is_length(max_distance))
+        is_plain = workers is ONE_THREAD and (max_distance is inf or is_length(max_distance))
         if is_plain and (count := _count(starts)) < SORT_FROM:
             answers = empty((count, segment_query.ANSWER_WIDTH))
             model = self._stage.current or self._brought_up_to_date()
@@ -384,17 +391,26 @@ class Queries:
         return self._closest_to_segments(starts, ends, max_distance, workers)
 
     def _closest_to_segments(self, starts: Any, ends: Any, max_distance: Any, workers: int) -> SegmentHits:
-        starts, ends = _broadcast(as_points(starts, "starts"), as_points(ends, "ends"), "starts", "ends")
-        limit = _checked_limit(max_distance)
+        segments = as_points(starts, "starts"), as_points(ends, "ends")
+        limits, (starts, ends) = broadcast_limits(
+            max_distance, broadcast_rows(*segments, ("starts", "ends")), "segments"
+        )
         here, there = starts.reshape(-1, 3), ends.reshape(-1, 3)
         answers = empty((len(here), segment_query.ANSWER_WIDTH))
         model = self._current()
-        _run(
-            lambda order: segment_batch(model.handle, here, there, order, limit, answers),
-            here,
+        run_batch(
+            lambda order, starts, ends, *others: segment_batch(model.handle, starts, ends, order, *others),
+            [here, there, limits, answers],
             workers,
+            _along_curve,
+            first_slice(model.reals.nbytes),
         )
         return record_of(SegmentHits, answers, starts.shape[:-1])
+
+
+def _along_curve(rows: np.ndarray, *_: np.ndarray) -> np.ndarray:
+    order: np.ndarray = morton_order(rows)
+    return order
 
 
 def _distance_batch(handle: int, points: np.ndarray, order: np.ndarray, distances: np.ndarray) -> None:
@@ -409,65 +425,12 @@ def _count(rows: Any) -> int:
         return SORT_FROM
 
 
-def _is_length(limit: Any) -> bool:
-    """Whether this is plainly a number of metres to look within."""
-    return type(limit) is float and limit >= 0.0
-
-
-def _checked_limit(max_distance: Any) -> float:
-    if isinstance(max_distance, (str, bytes)) or np.ndim(max_distance) > 0:
-        raise QueryError(f"max_distance is {shown(max_distance)}, expected a length in metres")
-    try:
-        limit = float(max_distance)
-    except (OverflowError, TypeError, ValueError) as unfit:
-        raise QueryError(f"max_distance is {max_distance!r}, expected a length in metres") from unfit
-    if not limit >= 0.0:
-        raise QueryError(f"max_distance is {limit}, expected a length of 0 m or more")
-    return limit
-
-
-def _broadcast(
-    first: np.ndarray, second: np.ndarray, first_name: str, second_name: str
-) -> tuple[np.ndarray, np.ndarray]:
-    if first.shape == second.shape:
-        return first, second
-    try:
-        one, other = np.broadcast_arrays(first, second)
-    except ValueError as unfit:
-        raise QueryError(
-            f"{first_name} have shape {first.shape} and {second_name} {second.shape}, "
-            "expected shapes that broadcast together"
-        ) from unfit
-    return np.array(one, order="C"), np.array(other, order="C")
-
-
-def worker_count(workers: Any, kind: str = "threads") -> int:
-    """How many workers of that kind are meant."""
-    if (
-        isinstance(workers, bool)
-        or not isinstance(workers, (int, np.integer))
-        or workers == 0
-        or workers < -1
-    ):
-        raise QueryError(f"workers is {workers!r}, expected a number of {kind}, or -1 for all cores")
-    return (os.cpu_count() or 1) if workers == -1 else int(workers)
-
-
-def _run(
-    kernel: Callable[[np.ndarray], Any],
-    points: np.ndarray,
-    workers: int,
-    order_of: Callable[[np.ndarray], np.ndarray] = morton_order,
-) -> list[Any]:
-    """Call *kernel* for all rows, sorted if there are many, on as many threads as asked."""
-    thread_count = worker_count(workers)
-    count = len(points)
-    if count < SORT_FROM:
-        return [kernel(_IN_ORDER)]
-    order = order_of(points)
-    if thread_count == 1 or count < 2 * SMALLEST_CHUNK:
-        return [kernel(order)]
-    size = max(SMALLEST_CHUNK, -(-count // (thread_count * CHUNKS_PER_WORKER)))
-    chunks = [order[first : first + size] for first in range(0, count, size)]
-    with ThreadPoolExecutor(thread_count) as pool:
-        return [done.result() for done in [pool.submit(kernel, chunk) for chunk in chunks]]
+def _cast_in_slices(model: Model, arrays: list[np.ndarray], workers: Any, is_sorted: bool) -> int:
+    """Fill the answers to many rays; the lowest row whose direction is zero, or `NO_ROW`."""
+    found = run_batch(
+        lambda order, starts, ways, *others: cast_batch(model.handle, starts, ways, order, *others),
+        arrays,
+        workers,
+        (lambda starts, ways, *_: ray_order(model.handle, starts, ways)) if is_sorted else None,
+    )
+    return min((first + row for first, row in found if row != NO_ROW), default=NO_ROW)

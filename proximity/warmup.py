@@ -14,6 +14,7 @@ import numpy as np
 from llvmlite import binding
 
 from proximity import queries
+from proximity.batches import worker_count
 from proximity.kernels.compiling import Settled, cache_folder
 from proximity.kernels.ray_order import ray_order
 from proximity.pose import Pose
@@ -55,7 +56,7 @@ def warm_up(*, workers: int = 1) -> None:
     QueryError
         If *workers* is no number of processes.
     """
-    count = queries.worker_count(workers, "processes")
+    count = worker_count(workers, "processes")
     with _helpers(0 if kernels_are_cached() else count - 1):
         _ask_everything()
     with suppress(OSError):  # where nothing can be kept the next process compiles anew

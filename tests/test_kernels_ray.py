@@ -68,7 +68,7 @@ class Hits:
             np.ascontiguousarray(origins),
             np.ascontiguousarray(directions),
             order,
-            limit,
+            np.array([limit]),
             table,
         )
         self.distance, self.point = self.reals[:, hits.DISTANCE], self.reals[:, 1:4]
@@ -562,8 +562,9 @@ def test_uncompiled_kernels_answer_the_same(tmp_path):
 
 @numba.njit
 def made_ready(frames, parts, drift, origins, directions, offsets, limit, aims, views):
+    views[rays.CHUNK * rays.REACH : rays.CHUNK * (rays.REACH + 1)] = limit
     for at in range(0, rays.CHUNK, 8):
-        rays.make_ready(frames, parts, 0, drift, origins, directions, offsets, at, limit, aims, views)
+        rays.make_ready(frames, parts, 0, drift, origins, directions, offsets, at, aims, views)
 
 
 @numba.njit

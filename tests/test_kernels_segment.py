@@ -88,7 +88,7 @@ class Found:
         self.reals = table[:, : segment_query.ANSWER_REALS]
         self.choices = table.view(np.int32)[:, segment_query.PART :]
         self.choices[:] = 7
-        segment_query.segment_batch(model.handle, self.starts, self.ends, order, limit, table)
+        segment_query.segment_batch(model.handle, self.starts, self.ends, order, np.array([limit]), table)
         self.distance, self.fraction = self.reals[:, 0], self.reals[:, 7]
         self.on_segment, self.on_solid = self.reals[:, 1:4], self.reals[:, 4:7]
         self.barycentric = self.reals[:, 8:11]

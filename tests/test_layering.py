@@ -27,6 +27,7 @@ solid
 moves
 moving
 queries · sign
+batches · query_arguments
 model · results · diagnosis · bodies · meshio
 top · occupancy
 part_arrays · archive

@@ -279,8 +279,9 @@ def test_workers_may_be_any_whole_number():
         (None, "max_distance is None, expected a length in metres"),
         ("0.1", "max_distance is '0.1', expected a length in metres"),
         (1j, "max_distance is 1j, expected a length in metres"),
-        ([0.1, 0.2], "max_distance is [0.1, 0.2], expected a length in metres"),
-        (np.array([0.1]), "max_distance is array([0.1]), expected a length in metres"),
+        ([0.1, -0.5, 0.2, 0.1], "max_distance[1] is -0.5, expected a length of 0 m or more"),
+        (np.array([[0.1], [np.nan]]), "max_distance[1, 0] is nan, expected a length of 0 m or more"),
+        (["a"], "values of max_distance have dtype <U1, expected lengths in metres"),
     ],
 )
 @ASKED
@@ -300,6 +301,48 @@ def test_limit_may_be_any_number():
         assert SOLID.closest((3.0, 0.0, 0.0), max_distance=limit).signed_distance == 2.0
     assert SOLID.closest((3.0, 0.0, 0.0), max_distance=0).signed_distance == np.inf
     assert SOLID.closest((1.0, 0.5, 0.5), max_distance=-0.0).signed_distance == 0.0
+
+
+@pytest.mark.parametrize(
+    "ask, name", [("closest", "points"), ("cast", "rays"), ("closest_to_segments", "segments")]
+)
+def test_limits_that_do_not_broadcast_are_refused_with_both_shapes(ask, name):
+    expected = f"max_distance has shape (3,) and {name} (4, 3), expected a shape that broadcasts against (4,)"
+    with pytest.raises(QueryError, match=f"^{re.escape(expected)}$"):
+        getattr(SCENE, ask)(*[POINTS, POINTS + 1.0][: 1 + (ask != "closest")], max_distance=[1.0, 2.0, 3.0])
+
+
+@ASKED
+@pytest.mark.parametrize("count, workers", [(4, 1), (200, 1), (5000, 1), (5000, 3)])
+@pytest.mark.parametrize("ask", ["closest", "cast", "cast_distance", "closest_to_segments"])
+def test_each_row_has_its_own_limit(asked, ask, count, workers):
+    rng = np.random.default_rng(2)
+    rows = rng.uniform(-1.0, 6.0, (2, count, 3))[: 1 + (ask != "closest")]
+    limits = rng.choice([0.0, 0.3, 1.0, 3.0, np.inf], count)
+    question = getattr(asked, ask)
+
+    answers = columns(question(*rows, max_distance=limits, workers=workers))
+
+    for limit in np.unique(limits):
+        expected = columns(question(*rows, max_distance=float(limit)))
+        for some, all_alike in zip(answers, expected, strict=True):
+            assert judging.same_bits(some[limits == limit], all_alike[limits == limit])
+
+
+@pytest.mark.parametrize("ask", ["closest", "cast_distance", "closest_to_segments"])
+def test_limits_broadcast_against_the_rows_as_numpy_does(ask):
+    rows = [POINTS[:, None], POINTS[::-1, None] + 0.25][: 1 + (ask != "closest")]
+    limits = np.array([0.0, 0.5, 1.1, 3.0, np.inf])
+
+    table = columns(getattr(SCENE, ask)(*rows, max_distance=limits))[0]
+
+    assert table.shape == (4, 5)
+    for k, limit in enumerate(limits):
+        column = columns(getattr(SCENE, ask)(*rows, max_distance=limit))[0]
+        assert judging.same_bits(table[:, k], column[:, 0])
+    one = [row[0, 0] for row in rows]
+    assert columns(getattr(SCENE, ask)(*one, max_distance=[1.0, 2.0]))[0].shape == (2,)
+    assert columns(getattr(SCENE, ask)(*(np.empty((0, 3)) for _ in rows), max_distance=[]))[0].shape == (0,)
 
 
 def test_inside_is_not_asked_where_there_is_none():

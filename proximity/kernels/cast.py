@@ -56,7 +56,7 @@ from proximity.kernels.rays import (
     view_of,
     way_of,
 )
-from proximity.kernels.rows import fetch_row
+from proximity.kernels.rows import fetch_row, limit_of
 from proximity.kernels.scene import direction_to_local, is_alone, to_local
 from proximity.kernels.triangle import dot
 from proximity.simd import (
@@ -182,11 +182,11 @@ def _is_still(directions, row):
 
 
 @kernel
-def cast_batch(handle, origins, directions, order, limit, answers):
+def cast_batch(handle, origins, directions, order, limits, answers):
     """Fill answers (N, `ANSWER_WIDTH`) for rays (N, 3) each; see the columns above.
 
     Of answers (N, `DISTANCE_WIDTH`) distances are filled and nothing else is worked out.
-    *order*: the rows in the order to take them in, or empty. *limit*: the longest distance to look, m. A
+    *order*: the rows in the order to take them in, or empty. *limits*, m, (1,) or (N,): how far to look. A
     direction that is zero, or a row that is not finite, answers nan and `NO_FACE`. Returns the lowest row
     whose direction is zero, or `NO_ROW`: looking for it here spares a caller with five rays two microseconds.
     """
@@ -204,15 +204,15 @@ def cast_batch(handle, origins, directions, order, limit, answers):
         count = min(CHUNK, total - begin)
         for k in range(count):
             row = order[begin + k] if len(order) else begin + k
-            rows[k], offsets[k] = row, 3 * row
+            rows[k], offsets[k], views[CHUNK * REACH + k] = row, 3 * row, limit_of(limits, row)
             fetch_row(origins, order, begin + k + CHUNK)
             fetch_row(directions, order, begin + k + CHUNK)
         for k in range(count, -(-count // LANES) * LANES):
             # Whoever stands in for a ray is not asked: he has hit nothing.
-            offsets[k], slots[k] = offsets[0], NO_SLOT
+            offsets[k], slots[k], views[CHUNK * REACH + k] = offsets[0], NO_SLOT, np.inf
         for at in range(0, count, LANES):
             drift = 0.0 if is_single else FAR_MARGIN
-            make_ready(frames, parts, top, drift, origins, directions, offsets, at, limit, aims, views)
+            make_ready(frames, parts, top, drift, origins, directions, offsets, at, aims, views)
         if is_one_tree:
             _hits_of_tree(reals, words, root, scale, count, aims, views, slots, stacks)
         else:
@@ -233,7 +233,7 @@ def cast_batch(handle, origins, directions, order, limit, answers):
                 write_no_hit(answers, choices, row, np.inf if is_sound else np.nan)
                 continue
             distance = views[CHUNK * REACH + k]
-            if not distance <= limit:
+            if not distance <= limit_of(limits, row):
                 write_no_hit(answers, choices, row, np.inf)
                 continue
             answers[row, DISTANCE] = distance

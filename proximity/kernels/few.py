@@ -9,7 +9,7 @@ import numpy as np
 from proximity.kernels.cast import cast_batch
 from proximity.kernels.compiling import kernel
 from proximity.kernels.given import COLUMN, FLAGS, GIVEN_ROWS, INTEGER, REAL, TABLE, row_count, rows_of
-from proximity.kernels.memory import arrays_at, as_column, longs_here
+from proximity.kernels.memory import arrays_at, as_column, longs_here, reals_here
 from proximity.kernels.query import (
     closest_batch,
     contains_batch,
@@ -37,7 +37,9 @@ def closest_few(handle, rows, limit, answers):
     """`closest_batch`; whether that was done."""
     if row_count(rows) < 0:
         return False
-    closest_batch(handle, rows_of(rows), longs_here(0), limit, answers)
+    limits = reals_here(1)
+    limits[0] = limit
+    closest_batch(handle, rows_of(rows), longs_here(0), limits, answers)
     return True
 
 
@@ -77,7 +79,9 @@ def cast_few(handle, origins, directions, limit, answers):
     """`cast_batch`, and what it returns, or `NOT_ASKED`."""
     if not 0 <= row_count(origins) == row_count(directions):
         return np.int64(NOT_ASKED)
-    return cast_batch(handle, rows_of(origins), rows_of(directions), longs_here(0), limit, answers)
+    limits = reals_here(1)
+    limits[0] = limit
+    return cast_batch(handle, rows_of(origins), rows_of(directions), longs_here(0), limits, answers)
 
 
 @kernel
@@ -91,5 +95,7 @@ def segments_few(handle, starts, ends, limit, answers):
     """`segment_batch`; whether that was done."""
     if not 0 <= row_count(starts) == row_count(ends):
         return False
-    segment_batch(handle, rows_of(starts), rows_of(ends), longs_here(0), limit, answers)
+    limits = reals_here(1)
+    limits[0] = limit
+    segment_batch(handle, rows_of(starts), rows_of(ends), longs_here(0), limits, answers)
     return True

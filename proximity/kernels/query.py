@@ -41,7 +41,7 @@ from proximity.kernels.memory import (
     words_here,
 )
 from proximity.kernels.point import NOTHING_SEEN, best_of_block, closest_in_part
-from proximity.kernels.rows import fetch_row
+from proximity.kernels.rows import fetch_row, limit_of
 from proximity.kernels.scene import (
     ROUNDING,
     can_be_asked,
@@ -142,22 +142,28 @@ def _begin_tables(found, recent):
 
 @inlined
 def _begin_chunk(
-    reals, words, frames, parts, points, order, first, count, limit_sq, rows, certain, found, depths, deeper,
-    lists, pairs, recent, stacks, witness,
+    reals, words, frames, parts, points, order, first, count, limits, rows, reaches, certain, found, depths,
+    deeper, lists, pairs, recent, stacks, witness,
 ):  # fmt: skip
-    """Fill which rows are next, and ask parts that hold some of them for certain; see `deepest_of_certain`.
+    """Fill rows that are next, how far to look for each, and ask parts that hold some of them for certain.
 
-    Of one part there is nothing to be asked. With a limit, most walks end sooner than depths are found.
+    See `deepest_of_certain`. Of one part there is nothing to be asked. With a limit, most walks end sooner
+    than depths are found. No *limits*: *reaches* are filled already.
     """
     for k in range(count):
         rows[k], certain[k] = _row(order, first + k), 0
         fetch_row(points, order, first + k + CHUNK)
+    if len(limits):
+        scale = frames[len(parts) - 1, SCALE]
+        for k in range(count):
+            reaches[k] = reach_sq(limit_of(limits, rows[k]) * scale)
     if len(parts) <= 2:
         return 0
     pair_count = note_holders(words, frames, parts, points, rows, count, lists, pairs, certain)
-    if limit_sq < np.inf:
+    if len(limits):
         for k in range(count):
-            certain[k] = 0
+            if reaches[k] < np.inf:
+                certain[k] = 0
     return deepest_of_certain(
         reals, words, frames, parts, points, rows, count, pair_count, certain, found, depths, deeper, pairs,
         recent, stacks, witness,
@@ -166,7 +172,7 @@ def _begin_chunk(
 
 @inlined
 def _nearest_of_chunk(
-    reals, words, frames, parts, points, order, count, limit_sq, rows, certain, found, depths, signs, stacks
+    reals, words, frames, parts, points, order, count, rows, reaches, certain, found, depths, signs, stacks
 ):
     """Fill what is nearest to each of `CHUNK` points, but to those that are held for *certain*.
 
@@ -184,7 +190,7 @@ def _nearest_of_chunk(
             continue
         if not len(order):
             part, slot = np.int64(NO_PART), np.int64(NO_SLOT)
-        best_sq, part, slot = _nearest(reals, words, frames, parts, x, y, z, limit_sq, part, slot, stacks)
+        best_sq, part, slot = _nearest(reals, words, frames, parts, x, y, z, reaches[k], part, slot, stacks)
         found[k, 0], found[k, 1], depths[k], signs[k] = part, slot, best_sq, np.inf
     found[CHUNK, 0], found[CHUNK, 1] = part, slot
 
@@ -258,16 +264,24 @@ def signed_batch(handle, points, order, distances):
         long_rows_here(CHUNK, 2),
     )
     pairs, recent, triangles = long_rows_here(PAIRS, 3), long_rows_here(RECENT, 2), longs_here(CHUNK)
-    spots, heights, feet = reals_here(SPOTS), reals_here(CHUNK), reals_here(CHUNK)
+    spots, heights, feet, reaches = (
+        reals_here(SPOTS),
+        reals_here(CHUNK),
+        reals_here(CHUNK),
+        reals_here(CHUNK),
+    )
+    no_limits = reals_here(0)
+    for k in range(CHUNK):
+        reaches[k] = np.inf
     _begin_tables(found, recent)
     for first in range(0, total, CHUNK):
         count = min(CHUNK, total - first)
         pair_count = _begin_chunk(
-            reals, words, frames, parts, points, order, first, count, np.inf, rows, certain, found, depths,
-            deeper, lists, pairs, recent, stacks, witness,
+            reals, words, frames, parts, points, order, first, count, no_limits, rows, reaches, certain,
+            found, depths, deeper, lists, pairs, recent, stacks, witness,
         )  # fmt: skip
         _nearest_of_chunk(
-            reals, words, frames, parts, points, order, count, np.inf, rows, certain, found, depths, signs,
+            reals, words, frames, parts, points, order, count, rows, reaches, certain, found, depths, signs,
             stacks,
         )  # fmt: skip
         _signs_of_chunk(
@@ -291,11 +305,10 @@ def signed_batch(handle, points, order, distances):
 
 
 @kernel
-def closest_batch(handle, points, order, limit, answers):
-    """Fill answers (N, `ANSWER_WIDTH`); see the columns above."""
+def closest_batch(handle, points, order, limits, answers):
+    """Fill answers (N, `ANSWER_WIDTH`); see the columns above. *limits*, m: (1,) or (N,)."""
     reals, words, frames, parts = arrays_at(handle)
     choices = answers.view(np.int32)
-    limit_sq = reach_sq(limit * frames[len(parts) - 1, SCALE])
     total = len(order) if len(order) else len(points)
     stacks, witness, places = words_here(STACKS_SIZE), reals_here(WITNESS_SIZE), word_rows_here(CHUNK, 3)
     depths, signs, rows, certain = (
@@ -310,16 +323,21 @@ def closest_batch(handle, points, order, limit, answers):
         long_rows_here(CHUNK, 2),
     )
     pairs, recent, triangles = long_rows_here(PAIRS, 3), long_rows_here(RECENT, 2), longs_here(CHUNK)
-    spots, heights, feet = reals_here(SPOTS), reals_here(CHUNK), reals_here(CHUNK)
+    spots, heights, feet, reaches = (
+        reals_here(SPOTS),
+        reals_here(CHUNK),
+        reals_here(CHUNK),
+        reals_here(CHUNK),
+    )
     _begin_tables(found, recent)
     for first in range(0, total, CHUNK):
         count = min(CHUNK, total - first)
         pair_count = _begin_chunk(
-            reals, words, frames, parts, points, order, first, count, limit_sq, rows, certain, found, depths,
-            deeper, lists, pairs, recent, stacks, witness,
+            reals, words, frames, parts, points, order, first, count, limits, rows, reaches, certain, found,
+            depths, deeper, lists, pairs, recent, stacks, witness,
         )  # fmt: skip
         _nearest_of_chunk(
-            reals, words, frames, parts, points, order, count, limit_sq, rows, certain, found, depths, signs,
+            reals, words, frames, parts, points, order, count, rows, reaches, certain, found, depths, signs,
             stacks,
         )  # fmt: skip
         if len(parts) > 2:
@@ -342,6 +360,7 @@ def closest_batch(handle, points, order, limit, answers):
             px, py, pz = to_local(frames, parts, part, points[row, 0], points[row, 1], points[row, 2])
             face, feature, inside = witness_of_slot(reals, words, parts, part, slot, px, py, pz, witness)
             inside = inside or is_deeper
+            limit = limit_of(limits, row)
             _write_answer(frames, parts, part, face, feature, inside, witness, limit, answers, choices, row)
 
 

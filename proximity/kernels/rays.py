@@ -55,11 +55,11 @@ AIM_SIZE, VIEW_SIZE = AIM_ROWS * CHUNK, VIEW_ROWS * CHUNK
 
 
 @inlined
-def make_ready(frames, parts, top, drift, origins, directions, offsets, at, limit, aims, views):
+def make_ready(frames, parts, top, drift, origins, directions, offsets, at, aims, views):
     """Fill columns *at* to *at* + 7 of the tables, for rays in the frame of row *top*.
 
     *origins*, *directions* (N, 3); *offsets* (CHUNK,): how many numbers before each ray. *drift*: what
-    boxes are widened by besides, a unit of the origin's distance. *limit*: m.
+    boxes are widened by besides, a unit of the origin's distance. In row `REACH` are limits, m.
     """
     x, y, z = columns(origins, offsets, at)
     dx, dy, dz = columns(directions, offsets, at)
@@ -72,10 +72,10 @@ def make_ready(frames, parts, top, drift, origins, directions, offsets, at, limi
         x, y, z = select(is_sound, x, zero), select(is_sound, y, zero), select(is_sound, z, zero)
         dx, dy, dz = select(is_sound, dx, one), select(is_sound, dy, one), select(is_sound, dz, one)
         dx, dy, dz = _scaled(dx, dy, dz, views, at)
-    reach = splat(np.inf)
-    if limit != np.inf:
+    reach = load(views, CHUNK * REACH + at)
+    if bits(reach < splat(np.inf)):
         # A little farther, since rounding must not lose a hit at the limit itself.
-        reach = splat(limit) / square_root(dot(dx, dy, dz, dx, dy, dz)) * splat(1.0 + 1e-12)
+        reach = reach / square_root(dot(dx, dy, dz, dx, dy, dz)) * splat(1.0 + 1e-12)
     store_three(views, WAY, at, dx, dy, dz)
     store(views, CHUNK * REACH + at, reach)
 

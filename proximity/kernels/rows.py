@@ -20,6 +20,12 @@ def columns_from(rows, first, offsets):
 
 
 @inlined
+def limit_of(limits, row):
+    """The limit of a row: its own of (N,), or that of all, (1,)."""
+    return limits[row] if len(limits) > 1 else limits[0]
+
+
+@inlined
 def fetch_row(rows, order, i):
     """Have the row that is *i*-th in order, which may lie anywhere, brought from memory; if there is one."""
     if i < len(order):

@@ -26,6 +26,7 @@ from proximity.kernels.layout import (
 from proximity.kernels.memory import arrays_at, real_rows_here, reals_here, word_rows_here, words_here
 from proximity.kernels.point import NOTHING_SEEN
 from proximity.kernels.query import reach_sq
+from proximity.kernels.rows import limit_of
 from proximity.kernels.scene import can_be_asked, is_alone, nearest_in_scene, part_of_slot, to_local, to_scene
 from proximity.kernels.segment import segment_in_block, segment_in_part
 from proximity.kernels.segment_box import node_bounds_sq, open_bound
@@ -210,11 +211,11 @@ def _write_answer(reals, words, frames, parts, part, slot, segment, plan, witnes
 
 
 @kernel
-def segment_batch(handle, starts, ends, order, limit, answers):
+def segment_batch(handle, starts, ends, order, limits, answers):
     """Fill answers (N, `ANSWER_WIDTH`) for segments (N, 3) to (N, 3); see the columns above.
 
-    *order*: the rows in the order to take them in, or empty. *limit*, m: nothing farther is looked for. A
-    row that is not finite, or with an end too far off to be computed with, answers nan.
+    *order*: the rows in the order to take them in, or empty. *limits*, m, (1,) or (N,): nothing farther is
+    looked for. A row that is not finite, or with an end too far off to be computed with, answers nan.
     """
     reals, words, frames, parts = arrays_at(handle)
     choices = answers.view(np.int32)
@@ -224,10 +225,11 @@ def segment_batch(handle, starts, ends, order, limit, answers):
     plans[:], probes[:], witness[:] = 0.0, 0.0, 0.0
     segment = reals_here(6)
     scale = frames[len(parts) - 1, SCALE]
-    limit_sq = reach_sq(limit * scale)
     known_slot = np.int64(NO_SLOT)
     for i in range(len(order) if len(order) else len(starts)):
         row = order[i] if len(order) else i
+        limit = limit_of(limits, row)
+        limit_sq = reach_sq(limit * scale)
         has_length = False
         for axis in range(3):
             segment[axis], segment[3 + axis] = starts[row, axis], ends[row, axis]

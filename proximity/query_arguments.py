@@ -1,0 +1,106 @@
+"""How far to look, and rows that belong together: what queries are given besides points, checked."""
+
+from typing import Any
+
+import numpy as np
+from numpy import inf
+
+from proximity.arrays import as_float64, copied, shown
+from proximity.errors import QueryError
+
+_NO_LIMIT = np.array([inf])
+
+
+def is_length(limit: Any) -> bool:
+    """Return whether this is plainly a number of metres to look within.
+
+    Parameters
+    ----------
+    limit : object
+        Anything.
+    """
+    return type(limit) is float and limit >= 0.0
+
+
+def broadcast_rows(first: np.ndarray, second: np.ndarray, names: tuple[str, str]) -> list[np.ndarray]:
+    """Return two arrays of rows in one shape, C-ordered.
+
+    Parameters
+    ----------
+    first, second : (..., 3) float64
+        Rows.
+    names : tuple of str
+        What the caller calls them, for the message.
+
+    Raises
+    ------
+    QueryError
+        If their shapes do not broadcast together.
+    """
+    if first.shape == second.shape:
+        return [first, second]
+    try:
+        shape = np.broadcast_shapes(first.shape, second.shape)
+    except ValueError as unfit:
+        raise QueryError(
+            f"{names[0]} have shape {first.shape} and {names[1]} {second.shape}, "
+            "expected shapes that broadcast together"
+        ) from unfit
+    return [_spread(first, shape), _spread(second, shape)]
+
+
+def broadcast_limits(
+    max_distance: Any, rows: list[np.ndarray], name: str
+) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Return how far to look, m, (1,) for all rows or (N,) for each, and the rows in one shape with that.
+
+    Parameters
+    ----------
+    max_distance : float or array-like, m
+        One length, or lengths whose shape broadcasts against the leading shape of the rows.
+    rows : list of (..., 3) float64
+        Of one shape.
+    name : str
+        What the rows are, for the message.
+
+    Raises
+    ------
+    QueryError
+        If they are no lengths of 0 or more, or the shapes do not broadcast together.
+    """
+    if max_distance is inf:
+        return _NO_LIMIT, rows
+    if isinstance(max_distance, (str, bytes)):
+        raise QueryError(f"max_distance is {shown(max_distance)}, expected a length in metres")
+    if np.ndim(max_distance) == 0:
+        return np.array([_checked_limit(max_distance)]), rows
+    limits = as_float64(max_distance, "values of max_distance", expected="lengths in metres")
+    is_unfit = ~(limits >= 0.0)
+    if is_unfit.any():
+        row = tuple(np.argwhere(is_unfit)[0].tolist())
+        where = ", ".join(map(str, row))
+        raise QueryError(f"max_distance[{where}] is {limits[row]}, expected a length of 0 m or more")
+    leading = rows[0].shape[:-1]
+    try:
+        shape = np.broadcast_shapes(leading, limits.shape)
+    except ValueError as unfit:
+        raise QueryError(
+            f"max_distance has shape {limits.shape} and {name} {rows[0].shape}, "
+            f"expected a shape that broadcasts against {leading}"
+        ) from unfit
+    return _spread(limits, shape).reshape(-1), [_spread(array, (*shape, 3)) for array in rows]
+
+
+def _checked_limit(max_distance: Any) -> float:
+    try:
+        limit = float(max_distance)
+    except (OverflowError, TypeError, ValueError) as unfit:
+        raise QueryError(f"max_distance is {max_distance!r}, expected a length in metres") from unfit
+    if not limit >= 0.0:
+        raise QueryError(f"max_distance is {limit}, expected a length of 0 m or more")
+    return limit
+
+
+def _spread(array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """The array in that shape, C-ordered."""
+    return array if array.shape == shape else copied(np.broadcast_to(array, shape))
