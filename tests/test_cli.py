@@ -17,6 +17,7 @@ from rich.console import Console
 import proximity
 from proximity import cli
 from proximity.cli import blocks, output, query, tables, waiting
+from proximity.cli.lengths import in_unit, in_units
 from proximity.errors import MeshError, MeshFormatError
 
 
@@ -332,8 +333,8 @@ def test_json_is_one_valid_document_with_every_digit(run):
     assert document["file"] == "ball.stl"
     assert document["units"] == "mm"
     assert document["mode"] == "closest"
-    assert first["signed_distance"] == direct.signed_distance[0] / 0.001
-    assert first["point"] == (direct.point[0] / 0.001).tolist()
+    assert first["signed_distance"] == in_unit(direct.signed_distance[0], 0.001)
+    assert first["point"] == in_units(direct.point[0], 0.001).tolist()
     assert first["part"] == 0
     assert first["part_name"] == "ball"
     assert first["face"] == 107
@@ -366,10 +367,9 @@ def test_csv_has_a_header_and_every_digit(run):
     first, second = csv.DictReader(io.StringIO(result.out))
     direct = FakeScene().closest(np.array([[0.1, 0.2, 0.3]]) * 0.001)
     assert list(first)[:6] == ["x", "y", "z", "signed_distance", "is_signed", "point_x"]
-    assert float(first["signed_distance"]) == direct.signed_distance[0] / 0.001
-    assert [float(first[name]) for name in ("point_x", "point_y", "point_z")] == (
-        direct.point[0] / 0.001
-    ).tolist()
+    assert float(first["signed_distance"]) == in_unit(direct.signed_distance[0], 0.001)
+    point = [float(first[name]) for name in ("point_x", "point_y", "point_z")]
+    assert point == in_units(direct.point[0], 0.001).tolist()
     assert first["part_name"] == "ball"
     assert second["signed_distance"] == "nan"
     assert second["face"] == ""
