@@ -12,6 +12,7 @@ checks of their own.
 
 from proximity.meshio.contents import FileContents, Geometry
 from proximity.meshio.reading import read_geometries
+from proximity.meshio.sizes import likely_unit, size_notes
 from proximity.meshio.sniffing import EXTENSIONS
 from proximity.meshio.step import STEP_TOLERANCE
 from proximity.meshio.units import UNITS, metres_per_unit
@@ -22,6 +23,8 @@ __all__ = [
     "UNITS",
     "FileContents",
     "Geometry",
+    "likely_unit",
     "metres_per_unit",
     "read_geometries",
+    "size_notes",
 ]
