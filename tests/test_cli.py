@@ -11,7 +11,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from fake_scene import FakeScene
+from fake_scene import FakeRepairs, FakeScene
 from rich.console import Console
 
 import proximity
@@ -19,6 +19,7 @@ from proximity import cli
 from proximity.cli import blocks, output, query, tables, waiting
 from proximity.cli.lengths import in_unit, in_units
 from proximity.errors import MeshError, MeshFormatError
+from proximity.pose import Pose
 
 
 @pytest.fixture
@@ -615,7 +616,7 @@ def test_check_tells_what_the_file_holds(run):
     assert lines["note"] == "2 names shared"
     assert lines["sign"] == "pseudo-normals: closed and oriented (ball)"
     assert lines["repaired"] == "4 vertices at equal positions merged (ball)"
-    assert "ball 20 1 yes yes 4000 pseudo-normals solid" in " ".join(result.out.split())
+    assert "ball 20 × 20 × 20 20 1 yes yes 4000 pseudo-normals solid" in " ".join(result.out.split())
     assert "volume [mm³]" in result.out
 
 
@@ -648,6 +649,81 @@ def test_check_says_the_same_of_many_parts_once(run, monkeypatch):
     lines = block(run("check", "ball.stl").out)
 
     assert lines["sign"] == "pseudo-normals: closed and oriented (ball_0, ball_1, ball_2 and 2 more)"
+
+
+def balls(count):
+    """A scene of equal balls in a row along x, turned by a quarter about x, 30 mm apart."""
+    scene = FakeScene()
+    turn = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+    ball = vars(scene.parts[0])
+    poses = [Pose(turn, [0.030 * k, 0.0, 0.0]) for k in range(count)]
+    scene.parts = tuple(SimpleNamespace(**{**ball, "name": f"b{k}", "pose": p}) for k, p in enumerate(poses))
+    return scene
+
+
+def test_check_shows_sizes_and_a_total(run, monkeypatch):
+    load_with(monkeypatch, lambda path, units: balls(3))
+
+    result = run("check", "ball.stl", "--units", "cm")
+
+    assert block(result.out)["size"] == "8 × 2 × 2 cm"
+    lines = [" ".join(line.split()) for line in result.out.splitlines()]
+    assert "part size [cm] faces shells watertight oriented volume [cm³] sign manifold3d" in lines
+    assert "b1 2 × 2 × 2 20 1 yes yes 4 pseudo-normals solid" in lines
+    assert "3 parts 8 × 2 × 2 60 3 3 of 3 3 of 3 12 3 of 3 3 of 3" in lines
+
+
+def test_check_lists_twenty_parts_and_all_of_them_where_asked(run, monkeypatch):
+    load_with(monkeypatch, lambda path, units: balls(23))
+
+    folded, whole = run("check", "ball.stl").out, run("check", "ball.stl", "--all").out
+
+    assert "b19 " in folded and "b20 " not in folded and "b22 " in whole
+    assert "These are the first 20 of 23 parts; --all lists all." in folded
+    assert "--all" not in whole
+    for text in folded, whole:
+        assert "23 parts 680 × 20 × 20 460" in " ".join(text.split())
+    assert len(json.loads(run("check", "ball.stl", "--json").out)["parts"]) == 23
+
+
+def test_check_says_what_differs_in_numbers_only_once(run, monkeypatch):
+    scene = balls(3)
+    for part, count in zip(scene.parts, (4, 28, 9), strict=True):
+        part.repairs = FakeRepairs(count)
+        part.repairs.describe = lambda count=count: f"Merged {count} of 30 vertices."
+    load_with(monkeypatch, lambda path, units: scene)
+
+    assert block(run("check", "ball.stl").out)["repaired"] == "Merged 4 to 28 of 30 vertices. (b0, b1, b2)"
+
+
+def test_check_as_json_has_sizes_and_a_total(run, monkeypatch):
+    load_with(monkeypatch, lambda path, units: balls(3))
+
+    document = json.loads(run("check", "ball.stl", "--json").out)
+
+    assert document["size"] == [80.0, 20.0, 20.0]
+    assert [part["size"] for part in document["parts"]] == [[20.0] * 3] * 3
+    assert document["total"] == {
+        "part_count": 3, "face_count": 60, "vertex_count": 36, "shell_count": 3, "watertight_count": 3,
+        "oriented_count": 3, "inside_count": 3, "solid_count": 3, "volume": 12000.0,
+    }  # fmt: skip
+
+
+def test_check_without_a_volume_shows_none(run, monkeypatch):
+    load_with(monkeypatch, lambda path, units: FakeScene(has_inside=False))
+
+    assert "20 × 20 × 20 20 1 no yes - none no: NotManifold" in " ".join(run("check", "ball.stl").out.split())
+
+
+@pytest.mark.parametrize(("width", "has_shells"), [(80, False), (120, True)])
+def test_check_leaves_out_columns_where_the_terminal_is_narrow(run, monkeypatch, width, has_shells):
+    screen = terminal(monkeypatch, width=width)
+
+    run("check", "ball.stl")
+
+    title, row = (line for line in screen.getvalue().splitlines() if line.startswith(("part ", "ball ")))
+    assert ("shells" in title) == ("oriented" in title) == has_shells
+    assert "20 × 20 × 20" in row and "pseudo-normals" in row
 
 
 def test_check_as_json_has_every_figure(run, monkeypatch):
