@@ -4,10 +4,19 @@ import os
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from proximity.archive import is_archive
 from proximity.compiled import read_scene
 from proximity.errors import MeshError, PoseError
-from proximity.meshio import STEP_TOLERANCE, UNPACKED_LIMIT, Geometry, metres_per_unit, read_geometries
+from proximity.meshio import (
+    STEP_TOLERANCE,
+    UNPACKED_LIMIT,
+    Geometry,
+    metres_per_unit,
+    read_geometries,
+    size_notes,
+)
 from proximity.part import Part, parts_of_mesh
 from proximity.scene import LoadReport, Scene
 
@@ -78,9 +87,28 @@ def load(
         contents.path, contents.format, contents.units, contents.units_declared, contents.notes
     )
     try:
-        return Scene(_with_own_names(parts), report=report)
+        scene = Scene(_with_own_names(parts), report=report)
     except PoseError as unfit:
         raise MeshError(f"{os.fspath(path)}: {unfit}") from unfit
+    scene.report = replace(report, notes=(*report.notes, *notes_on_sizes(scene)))
+    return scene
+
+
+def notes_on_sizes(scene: Scene) -> list[str]:
+    """Return the sentence of ``scene.report`` about parts of unlikely size, if there is one.
+
+    Parameters
+    ----------
+    scene : Scene
+        From a file.
+    """
+    assert scene.report is not None, "a scene read from a file has a report"
+    lower, upper = scene.bounds
+    with np.errstate(over="ignore"):
+        whole = float((upper - lower).max())
+    sides = scene.part_sizes.max(axis=1).tolist()
+    named = [(part.name, side) for part, side in zip(scene.parts, sides, strict=True)]
+    return size_notes(named, whole, scene.report.units, scene.report.units_declared)
 
 
 def _bodies(geometry: Geometry, path: str | os.PathLike[str]) -> list[Part]:
@@ -96,6 +124,7 @@ def _compiled_scene(path: str) -> Scene:
     scene = Scene._from_compiled(read_scene(path))
     if scene.report is None:
         scene.report = LoadReport(path, "compiled scene", "m", True, ())
+        scene.report = replace(scene.report, notes=tuple(notes_on_sizes(scene)))
     return scene
 
 

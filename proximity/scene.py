@@ -11,7 +11,7 @@ from proximity.bvh import LocalFrame
 from proximity.compiled import CompiledScene, write_scene
 from proximity.deforming import deform_part
 from proximity.errors import MeshError, SceneError
-from proximity.kernels.layout import BOX_LOWER, BOX_UPPER
+from proximity.kernels.layout import BOX_LOWER, BOX_UPPER, OWN_LOWER, OWN_UPPER
 from proximity.locks import fork_safe_lock
 from proximity.model import Model, assemble
 from proximity.moves import checked_move, checked_moves, checked_surface
@@ -20,6 +20,8 @@ from proximity.part import NO_VELOCITY, Part, checked_part, parts_of_mesh
 from proximity.pose import Pose
 from proximity.queries import Queries
 from proximity.solid import Solid
+
+_OWN_LOWER, _OWN_UPPER = slice(OWN_LOWER, OWN_LOWER + 3), slice(OWN_UPPER, OWN_UPPER + 3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,6 +155,14 @@ class Scene(Queries):
         model = self._current()
         row = model.frames[-1]
         return row[BOX_LOWER : BOX_LOWER + 3].copy(), row[BOX_UPPER : BOX_UPPER + 3].copy()
+
+    @property
+    def part_sizes(self) -> np.ndarray:
+        """Length, width and height of each part's box in the part's own frame, m, (P, 3)."""
+        frames = self._current().frames[:-1]
+        with np.errstate(over="ignore"):
+            sizes: np.ndarray = frames[:, _OWN_UPPER] - frames[:, _OWN_LOWER]
+        return sizes
 
     @property
     def memory_bytes(self) -> int:

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from proximity.pose import Pose
 from proximity.results import NO_FACE, Feature
 
 RADIUS = 0.010  # m
@@ -44,10 +45,21 @@ class FakeScene:
             sign_reason="closed and oriented" if has_inside else "it is an open sheet",
             has_inside=has_inside,
             diagnosis=diagnosis,
+            mesh=SimpleNamespace(
+                vertices=np.array([[-RADIUS] * 3, [RADIUS] * 3, [0.0] * 3]), faces=np.array([[0, 1, 2]])
+            ),
         )
         self.parts = (
-            SimpleNamespace(name=name, solid=solid, source_faces=np.arange(100, 200), repairs=FakeRepairs()),
+            SimpleNamespace(
+                name=name,
+                solid=solid,
+                pose=Pose(),
+                source_faces=np.arange(100, 200),
+                repairs=FakeRepairs(),
+            ),
         )
+        self.bounds = np.full(3, -RADIUS), np.full(3, RADIUS)
+        self.part_sizes = np.full((1, 3), 2.0 * RADIUS)
         self.report = SimpleNamespace(
             path="ball.stl", format="STL binary", units="mm", units_declared=False, notes=("2 names shared",)
         )

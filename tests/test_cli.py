@@ -11,13 +11,15 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from fake_scene import FakeScene
+from fake_scene import FakeRepairs, FakeScene
 from rich.console import Console
 
 import proximity
 from proximity import cli
 from proximity.cli import blocks, output, query, tables, waiting
+from proximity.cli.lengths import in_unit, in_units
 from proximity.errors import MeshError, MeshFormatError
+from proximity.pose import Pose
 
 
 @pytest.fixture
@@ -25,7 +27,7 @@ def loaded(monkeypatch):
     """Replace what reads files and compiles; returns the calls of load."""
     calls = []
 
-    def load(path, *, units="mm"):
+    def load(path, *, units="mm", **options):
         calls.append((path, units))
         return FakeScene()
 
@@ -90,7 +92,7 @@ def test_point_on_the_surface_is_told_in_words(run):
 
 
 def test_unknown_side_is_told_in_words(run, monkeypatch):
-    load_with(monkeypatch, lambda path, units: FakeScene(has_inside=False))
+    load_with(monkeypatch, lambda path, units, **options: FakeScene(has_inside=False))
 
     lines = block(run("query", "ball.stl", 4, 0, 0).out)
 
@@ -110,7 +112,7 @@ def test_piped_output_has_no_colours(run):
 
 
 def test_name_of_a_part_cannot_command_the_terminal(run, monkeypatch):
-    load_with(monkeypatch, lambda path, units: FakeScene(name="a\x1b[2Jb [red]"))
+    load_with(monkeypatch, lambda path, units, **options: FakeScene(name="a\x1b[2Jb [red]"))
 
     assert block(run("query", "ball.stl", 4, 0, 0).out)["part"] == "a?[2Jb [red]"
 
@@ -332,8 +334,8 @@ def test_json_is_one_valid_document_with_every_digit(run):
     assert document["file"] == "ball.stl"
     assert document["units"] == "mm"
     assert document["mode"] == "closest"
-    assert first["signed_distance"] == direct.signed_distance[0] / 0.001
-    assert first["point"] == (direct.point[0] / 0.001).tolist()
+    assert first["signed_distance"] == in_unit(direct.signed_distance[0], 0.001)
+    assert first["point"] == in_units(direct.point[0], 0.001).tolist()
     assert first["part"] == 0
     assert first["part_name"] == "ball"
     assert first["face"] == 107
@@ -366,10 +368,9 @@ def test_csv_has_a_header_and_every_digit(run):
     first, second = csv.DictReader(io.StringIO(result.out))
     direct = FakeScene().closest(np.array([[0.1, 0.2, 0.3]]) * 0.001)
     assert list(first)[:6] == ["x", "y", "z", "signed_distance", "is_signed", "point_x"]
-    assert float(first["signed_distance"]) == direct.signed_distance[0] / 0.001
-    assert [float(first[name]) for name in ("point_x", "point_y", "point_z")] == (
-        direct.point[0] / 0.001
-    ).tolist()
+    assert float(first["signed_distance"]) == in_unit(direct.signed_distance[0], 0.001)
+    point = [float(first[name]) for name in ("point_x", "point_y", "point_z")]
+    assert point == in_units(direct.point[0], 0.001).tolist()
     assert first["part_name"] == "ball"
     assert second["signed_distance"] == "nan"
     assert second["face"] == ""
@@ -421,7 +422,7 @@ def test_bad_line_of_a_file_is_one_line_on_stderr(run, loaded, tmp_path):
 
 
 def test_library_error_is_one_line_and_exit_code_2(run, monkeypatch):
-    def load(path, units):
+    def load(path, units, **options):
         raise MeshFormatError("ball.stl: claims 900 faces,\n  but holds 899")
 
     load_with(monkeypatch, load)
@@ -434,7 +435,7 @@ def test_library_error_is_one_line_and_exit_code_2(run, monkeypatch):
 
 
 def test_our_own_mistake_keeps_its_traceback(loaded, monkeypatch):
-    def load(path, units):
+    def load(path, units, **options):
         raise ZeroDivisionError("a mistake")
 
     load_with(monkeypatch, load)
@@ -445,7 +446,7 @@ def test_our_own_mistake_keeps_its_traceback(loaded, monkeypatch):
 
 
 def test_interrupt_is_quiet_and_exits_with_130(run, monkeypatch):
-    def load(path, units):
+    def load(path, units, **options):
         raise KeyboardInterrupt
 
     load_with(monkeypatch, load)
@@ -459,7 +460,7 @@ def test_interrupt_is_quiet_and_exits_with_130(run, monkeypatch):
 def test_interrupt_while_a_compiled_module_is_imported_is_quiet(run, monkeypatch):
     """Such a module tells it as an error of its own: a traceback of forty lines was shown."""
 
-    def load(path, units):
+    def load(path, units, **options):
         try:
             raise KeyboardInterrupt
         except KeyboardInterrupt as interrupt:
@@ -615,12 +616,12 @@ def test_check_tells_what_the_file_holds(run):
     assert lines["note"] == "2 names shared"
     assert lines["sign"] == "pseudo-normals: closed and oriented (ball)"
     assert lines["repaired"] == "4 vertices at equal positions merged (ball)"
-    assert "ball 20 1 yes yes 4000 pseudo-normals solid" in " ".join(result.out.split())
+    assert "ball 20 × 20 × 20 20 1 yes yes 4000 pseudo-normals solid" in " ".join(result.out.split())
     assert "volume [mm³]" in result.out
 
 
 def test_check_tells_a_part_without_an_inside(run, monkeypatch):
-    load_with(monkeypatch, lambda path, units: FakeScene(has_inside=False))
+    load_with(monkeypatch, lambda path, units, **options: FakeScene(has_inside=False))
 
     result = run("check", "ball.stl")
 
@@ -631,7 +632,7 @@ def test_check_tells_a_part_without_an_inside(run, monkeypatch):
 
 def test_strict_check_fails_for_a_part_without_an_inside(run, monkeypatch):
     assert run("check", "ball.stl", "--strict").code == 0
-    load_with(monkeypatch, lambda path, units: FakeScene(has_inside=False))
+    load_with(monkeypatch, lambda path, units, **options: FakeScene(has_inside=False))
 
     result = run("check", "ball.stl", "--strict", "--json")
 
@@ -643,11 +644,86 @@ def test_check_says_the_same_of_many_parts_once(run, monkeypatch):
     scene = FakeScene()
     ball = scene.parts[0]
     scene.parts = tuple(SimpleNamespace(**{**vars(ball), "name": f"ball_{k}"}) for k in range(5))
-    load_with(monkeypatch, lambda path, units: scene)
+    load_with(monkeypatch, lambda path, units, **options: scene)
 
     lines = block(run("check", "ball.stl").out)
 
     assert lines["sign"] == "pseudo-normals: closed and oriented (ball_0, ball_1, ball_2 and 2 more)"
+
+
+def balls(count):
+    """A scene of equal balls in a row along x, turned by a quarter about x, 30 mm apart."""
+    scene = FakeScene()
+    turn = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+    ball = vars(scene.parts[0])
+    poses = [Pose(turn, [0.030 * k, 0.0, 0.0]) for k in range(count)]
+    scene.parts = tuple(SimpleNamespace(**{**ball, "name": f"b{k}", "pose": p}) for k, p in enumerate(poses))
+    return scene
+
+
+def test_check_shows_sizes_and_a_total(run, monkeypatch):
+    load_with(monkeypatch, lambda path, units, **options: balls(3))
+
+    result = run("check", "ball.stl", "--units", "cm")
+
+    assert block(result.out)["size"] == "8 × 2 × 2 cm"
+    lines = [" ".join(line.split()) for line in result.out.splitlines()]
+    assert "part size [cm] faces shells watertight oriented volume [cm³] sign manifold3d" in lines
+    assert "b1 2 × 2 × 2 20 1 yes yes 4 pseudo-normals solid" in lines
+    assert "3 parts 8 × 2 × 2 60 3 3 of 3 3 of 3 12 3 of 3 3 of 3" in lines
+
+
+def test_check_lists_twenty_parts_and_all_of_them_where_asked(run, monkeypatch):
+    load_with(monkeypatch, lambda path, units, **options: balls(23))
+
+    folded, whole = run("check", "ball.stl").out, run("check", "ball.stl", "--all").out
+
+    assert "b19 " in folded and "b20 " not in folded and "b22 " in whole
+    assert "These are the first 20 of 23 parts; --all lists all." in folded
+    assert "--all" not in whole
+    for text in folded, whole:
+        assert "23 parts 680 × 20 × 20 460" in " ".join(text.split())
+    assert len(json.loads(run("check", "ball.stl", "--json").out)["parts"]) == 23
+
+
+def test_check_says_what_differs_in_numbers_only_once(run, monkeypatch):
+    scene = balls(3)
+    for part, count in zip(scene.parts, (4, 28, 9), strict=True):
+        part.repairs = FakeRepairs(count)
+        part.repairs.describe = lambda count=count: f"Merged {count} of 30 vertices."
+    load_with(monkeypatch, lambda path, units, **options: scene)
+
+    assert block(run("check", "ball.stl").out)["repaired"] == "Merged 4 to 28 of 30 vertices. (b0, b1, b2)"
+
+
+def test_check_as_json_has_sizes_and_a_total(run, monkeypatch):
+    load_with(monkeypatch, lambda path, units, **options: balls(3))
+
+    document = json.loads(run("check", "ball.stl", "--json").out)
+
+    assert document["size"] == [80.0, 20.0, 20.0]
+    assert [part["size"] for part in document["parts"]] == [[20.0] * 3] * 3
+    assert document["total"] == {
+        "part_count": 3, "face_count": 60, "vertex_count": 36, "shell_count": 3, "watertight_count": 3,
+        "oriented_count": 3, "inside_count": 3, "solid_count": 3, "volume": 12000.0,
+    }  # fmt: skip
+
+
+def test_check_without_a_volume_shows_none(run, monkeypatch):
+    load_with(monkeypatch, lambda path, units, **options: FakeScene(has_inside=False))
+
+    assert "20 × 20 × 20 20 1 no yes - none no: NotManifold" in " ".join(run("check", "ball.stl").out.split())
+
+
+@pytest.mark.parametrize(("width", "has_shells"), [(80, False), (120, True)])
+def test_check_leaves_out_columns_where_the_terminal_is_narrow(run, monkeypatch, width, has_shells):
+    screen = terminal(monkeypatch, width=width)
+
+    run("check", "ball.stl")
+
+    title, row = (line for line in screen.getvalue().splitlines() if line.startswith(("part ", "ball ")))
+    assert ("shells" in title) == ("oriented" in title) == has_shells
+    assert "20 × 20 × 20" in row and "pseudo-normals" in row
 
 
 def test_check_as_json_has_every_figure(run, monkeypatch):
@@ -661,7 +737,7 @@ def test_check_as_json_has_every_figure(run, monkeypatch):
     assert part["upper"] == [1.0, 1.0, 1.0]
     assert part["repairs"]["merged_vertex_count"] == 4
     assert part["manifold"] == {"is_solid": True, "status": "NoError"}
-    load_with(monkeypatch, lambda path, units: FakeScene(has_inside=False))
+    load_with(monkeypatch, lambda path, units, **options: FakeScene(has_inside=False))
     assert json.loads(run("check", "ball.stl", "--json").out)["parts"][0]["volume"] is None
 
 

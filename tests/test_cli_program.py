@@ -30,7 +30,7 @@ sys.path.insert(0, {tests!r})
 import proximity
 from fake_scene import FakeScene
 from proximity import cli
-vars(proximity).update(load=lambda path, units: FakeScene(), kernels_are_cached=lambda: True)
+vars(proximity).update(load=lambda path, units, **options: FakeScene(), kernels_are_cached=lambda: True)
 sys.argv = ["proximity", *{arguments!r}]
 {before}
 cli.main()
@@ -73,7 +73,7 @@ def test_help_and_version_import_nothing_heavy(arguments):
 def test_query_does_not_wait_for_linear_algebra_that_no_kernel_calls():
     before = """
 import atexit
-def load(path, units):
+def load(path, units, **options):
     import numba.np.arraymath  # as the first kernel does
     return FakeScene()
 def tell():
@@ -92,7 +92,7 @@ atexit.register(tell)
 def test_query_looks_for_no_garbage_while_it_starts_and_does_so_again_afterwards():
     before = """
 import atexit, gc
-def load(path, units):
+def load(path, units, **options):
     print("while it starts:", gc.isenabled(), file=sys.stderr)
     return FakeScene()
 proximity.load = load
@@ -244,9 +244,7 @@ def test_output_that_is_closed_is_refused_in_one_sentence(option):
 
 @pytest.mark.skipif(os.name == "nt", reason="pipes and signals of POSIX")
 def test_ctrl_c_ends_quietly():
-    before = (
-        "import time\nproximity.load = lambda path, units: (print('reading', flush=True), time.sleep(60))"
-    )
+    before = "import time\nproximity.load = lambda path, units, **options: (print('reading', flush=True), time.sleep(60))"
     program = subprocess.Popen(
         [
             sys.executable,
@@ -269,7 +267,7 @@ def test_ctrl_c_ends_quietly():
 def test_name_that_the_terminal_cannot_write_is_escaped():
     before = (
         "sys.stdout.reconfigure(encoding='ascii', errors='strict')\n"
-        "proximity.load = lambda path, units: FakeScene(name='Gehäuse')"
+        "proximity.load = lambda path, units, **options: FakeScene(name='Gehäuse')"
     )
     arguments = ["query", "a.stl", "0", "0", "1"]
     result = run_python(ON_A_SPHERE.format(tests=str(TESTS), arguments=arguments, before=before))

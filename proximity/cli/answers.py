@@ -1,5 +1,8 @@
 """Questions to a scene in people's units, answers as plain lists in the same units.
 
+Lengths of answers have at most 15 significant digits, as `lengths.in_units` rounds them; directions and
+barycentric coordinates are exact.
+
 An answer is a mapping from a field's name to a list with one entry a query: a number, three numbers, a word,
 or None where there is nothing. Fields are named as in the library's results; ``face`` is the row of the
 file's faces, ``face_id`` that of the part's mesh.
@@ -10,6 +13,7 @@ from typing import Any
 import numpy as np
 
 import proximity
+from proximity.cli.lengths import in_units
 from proximity.results import NO_FACE, Feature
 
 Fields = dict[str, list[Any]]
@@ -36,9 +40,9 @@ def closest(scene: "proximity.Scene", points: np.ndarray, metres: float, workers
     found = (hits.face_id != NO_FACE).tolist()
     return {
         "query": points.tolist(),
-        "signed_distance": _in_units(hits.signed_distance, metres),
+        "signed_distance": in_units(hits.signed_distance, metres).tolist(),
         "is_signed": hits.is_signed.tolist(),
-        "point": _in_units(hits.point, metres),
+        "point": in_units(hits.point, metres).tolist(),
         "gradient": hits.gradient.tolist(),
         **_faces(scene, hits),
         "feature": [word if is_found else None for word, is_found in zip(features, found, strict=True)],
@@ -69,8 +73,8 @@ def cast(
     return {
         "origin": origins.tolist(),
         "direction": directions.tolist(),
-        "distance": _in_units(hits.distance, metres),
-        "point": _in_units(hits.point, metres),
+        "distance": in_units(hits.distance, metres).tolist(),
+        "point": in_units(hits.point, metres).tolist(),
         "normal": hits.normal.tolist(),
         **_faces(scene, hits),
         "barycentric": hits.barycentric.tolist(),
@@ -96,10 +100,10 @@ def closest_to_segments(scene: "proximity.Scene", ends: np.ndarray, metres: floa
     return {
         "start": starts.tolist(),
         "end": stops.tolist(),
-        "distance": _in_units(hits.distance, metres),
+        "distance": in_units(hits.distance, metres).tolist(),
         "fraction": hits.fraction.tolist(),
-        "point_on_segment": _in_units(hits.point_on_segment, metres),
-        "point_on_solid": _in_units(hits.point_on_solid, metres),
+        "point_on_segment": in_units(hits.point_on_segment, metres).tolist(),
+        "point_on_solid": in_units(hits.point_on_solid, metres).tolist(),
         **_faces(scene, hits),
     }
 
@@ -107,11 +111,6 @@ def closest_to_segments(scene: "proximity.Scene", ends: np.ndarray, metres: floa
 def _in_metres(points: np.ndarray, metres: float) -> np.ndarray:
     with np.errstate(over="ignore"):  # too far for a float64 is not finite, and answered so
         return points * metres
-
-
-def _in_units(lengths: np.ndarray, metres: float) -> list[Any]:
-    with np.errstate(over="ignore"):
-        return (lengths / metres).tolist()
 
 
 def _faces(scene: "proximity.Scene", hits: Any) -> Fields:

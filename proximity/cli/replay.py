@@ -93,6 +93,7 @@ def command(
     _check(1.0 if limit is None else limit, "--limit", "seconds", 1e-3, 1e9)
     # NumPy, Rich and the library: only now, so that --help and mistakes above answer at once.
     from proximity.cli import replay_report, waiting
+    from proximity.cli.lengths import in_units
     from proximity.meshio import metres_per_unit
     from proximity.recording import check_log_name, read_recording, write_contacts
     from proximity.replay import replay, summarise
@@ -138,7 +139,7 @@ def command(
         **replay_report.inputs(scene, str(file), recorded, units),
         "placement": {
             "is_fitted": place is None,
-            "position": [float(value) / metres for value in pose.translation],
+            "position": in_units(pose.translation, metres).tolist(),
             "turn_degrees": list(turn),
             "scale": scale,
         },
@@ -176,12 +177,14 @@ class Settings:
 
     def told(self, metres: float) -> dict[str, Any]:
         """What the report says of it."""
+        from proximity.cli.lengths import in_unit
+
         return {
             "rate_hz": self.rate,
-            "radius": self.radius / metres,
+            "radius": in_unit(self.radius, metres),
             "latency_ms": self.latency * MS,
             "budget": self.budget,
-            "working_range": self.working_range / metres,
+            "working_range": in_unit(self.working_range, metres),
         }
 
 

@@ -9,6 +9,7 @@ import typer
 import proximity
 from proximity.cli.blocks import Lines, print_block
 from proximity.cli.console import Console
+from proximity.cli.lengths import in_unit
 from proximity.cli.output import plain
 from proximity.cli.tables import UNBOUNDED
 from proximity.cli.wording import number
@@ -82,7 +83,7 @@ def results(summary: ReplaySummary, metres: float) -> dict[str, Any]:
         else {
             "finger": nearest.finger,
             "time_s": nearest.time_s,
-            "signed_distance": nearest.signed_distance / metres,
+            "signed_distance": in_unit(nearest.signed_distance, metres),
             "part": nearest.part,
         },
         "touches": [
@@ -90,21 +91,21 @@ def results(summary: ReplaySummary, metres: float) -> dict[str, Any]:
                 "finger": touch.finger,
                 "count": touch.count,
                 "first_s": touch.first_s,
-                "deepest": touch.deepest / metres,
+                "deepest": in_unit(touch.deepest, metres),
             }
             for touch in summary.touches
         ],
         "bounds": {
             "checked_count": bounds.checked_count,
             "broken_count": bounds.broken_count,
-            "worst": bounds.worst / metres,
+            "worst": in_unit(bounds.worst, metres),
             "first_broken": bounds.first_broken or None,
         },
         "predictions": {
             "checked_count": predictions.checked_count,
             "kept_count": predictions.kept_count,
-            "error_p50": predictions.error_p50 / metres,
-            "error_p95": predictions.error_p95 / metres,
+            "error_p50": in_unit(predictions.error_p50, metres),
+            "error_p95": in_unit(predictions.error_p95, metres),
         },
         "times_to_contact": {
             "checked_count": summary.times_to_contact.checked_count,

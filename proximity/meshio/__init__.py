@@ -11,6 +11,7 @@ goes through trimesh, STEP through cascadio (OpenCASCADE), each behind checks of
 
 from proximity.meshio.contents import FileContents, Geometry
 from proximity.meshio.reading import read_geometries
+from proximity.meshio.sizes import likely_unit, size_notes
 from proximity.meshio.sniffing import EXTENSIONS
 from proximity.meshio.step import STEP_TOLERANCE
 from proximity.meshio.threemf import UNPACKED_LIMIT
@@ -23,6 +24,8 @@ __all__ = [
     "UNPACKED_LIMIT",
     "FileContents",
     "Geometry",
+    "likely_unit",
     "metres_per_unit",
     "read_geometries",
+    "size_notes",
 ]

@@ -1,0 +1,46 @@
+"""Metres in people's units: at most 15 significant digits, whatever their size."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from proximity.cli.lengths import in_unit, in_units, rounded
+
+
+def test_three_millimetres_are_three():
+    # Was: 3.000000000000001.
+    assert in_unit(0.0030000000000000005, 0.001) == 3.0
+    assert in_units(np.array([[-0.0130000000000000012, 0.0, -0.0]]), 0.001).tolist() == [[-13.0, 0.0, 0.0]]
+
+
+def test_zero_has_no_sign():
+    assert [str(value) for value in rounded(np.array([-0.0, 0.0])).tolist()] == ["0.0", "0.0"]
+
+
+def test_what_is_not_finite_stays():
+    np.testing.assert_array_equal(
+        rounded(np.array([np.nan, np.inf, -np.inf])), np.array([np.nan, np.inf, -np.inf])
+    )
+
+
+def test_length_beyond_the_range_of_the_unit_is_infinite():
+    assert in_unit(1e308, 0.001) == np.inf
+
+
+@pytest.mark.parametrize("size", [1e-300, 1e-30, 1e-8, 1e-7, 1.0, 999.9999999999999, 1e15, 1e36, 1e300])
+def test_every_size_is_rounded_to_fifteen_digits(size):
+    values = size * np.random.default_rng(7).uniform(-10.0, 10.0, 1000)
+
+    result = rounded(values)
+
+    assert [float(f"{value:.15g}") for value in result.tolist()] == result.tolist()
+    np.testing.assert_allclose(result, values, rtol=5.1e-15)
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False, max_value=1e308, min_value=-1e308))
+def test_rounded_number_is_near_and_short(value):
+    (result,) = rounded(np.array([value])).tolist()
+
+    assert float(f"{result:.15g}") == result
+    assert result == pytest.approx(value, rel=5.1e-15, abs=1e-323)
