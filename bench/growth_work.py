@@ -30,7 +30,7 @@ from proximity.kernels.scene import direction_to_local, to_local
 from proximity.simd import bits, load_int, splat32
 
 UNLIMITED = 10**9
-WHOLE_SCENE = 1e6  # m
+WHOLE_SCENE = 10.0  # m, as far as a tracker looks
 NO_HORIZON = 1e-9  # s
 
 
@@ -48,7 +48,7 @@ def work_of_points(scene: Scene, points: np.ndarray) -> np.ndarray:
         working_range=WHOLE_SCENE,
         horizon=NO_HORIZON,
     )
-    return tracker.tick(rows, 0, 1)["work"].astype(np.int64).reshape(points.shape[:-1])
+    return tracker.tick(rows, 0, 0)["work"].astype(np.int64).reshape(points.shape[:-1])
 
 
 def work_of_rays(scene: Scene, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -211,7 +211,7 @@ def _errors_of(recording):
         high[axis] = lower[axis] - WALL_DISTANCE
         scene = Scene([Solid(*box(low, high), name="wall")])
         trackers.append(
-            Tracker(scene, fingers=positions.shape[1], latency=1e-9 * AHEAD_NS, working_range=100.0)
+            Tracker(scene, fingers=positions.shape[1], latency=1e-9 * AHEAD_NS, working_range=10.0)
         )
     foretold = np.full_like(positions, np.nan)
     for k, now in enumerate(times_ns.tolist()):

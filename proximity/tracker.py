@@ -35,10 +35,34 @@ LONGEST_LATENCY = 1e9
 """s; instants so much later than any now are whole numbers of 64 bits still."""
 GONE = -2
 """Part of the last answer that is not in the scene any more."""
+LARGEST_RADIUS = 0.1
+"""m; no fingertip is larger, and 7 mm that are given as 7 are."""
+LARGEST_WORKING_RANGE = 10.0
+"""m; likewise 120 mm that are given as 120."""
+SHORTEST_NS = 1000
+"""From one tick to another, and from a clock's 0 to the first: a tick takes longer."""
+EARLY_NS = 100_000
+"""Instants below are seconds where the other instant of the tick is more than `APART_NS` away."""
+APART_NS = 1_000_000_000
+LARGEST_SECONDS = 10_000_000_000
+"""No clock or calendar shows as many."""
 HORIZON = 0.25
 """s. A drum needs less than a tenth of a second to arrive (PAPER 6.4)."""
 
+NOT_NANOSECONDS = "expected nanoseconds, as time.monotonic_ns() gives them: it looks like seconds"
+
 _tick = Settled(tick, TICK)
+
+
+def too_long(length: float, most: float) -> str:
+    """Say of a length that cannot be meant what it is and what was expected; follows "… is ".
+
+    Parameters
+    ----------
+    length, most : float, m
+        What was given, and the limit.
+    """
+    return f"{length:g} m ({1e3 * length:g} mm), expected at most {most:g} m: was it meant in millimetres?"
 
 
 class Tracker:
@@ -51,8 +75,8 @@ class Tracker:
     fingers : int
         How many fingertips.
     radius : float or (fingers,) floats, m
-        Of the fingertip spheres; 0 is a point, whose contact with a sheet, which has no inside, is foreseen
-        on its path but never confirmed.
+        Of the fingertip spheres, 0.1 at most; 0 is a point, whose contact with a sheet, which has no inside,
+        is foreseen on its path but never confirmed.
     period : float, s
         Between ticks; only told to those who ask.
     latency : float, s
@@ -63,7 +87,8 @@ class Tracker:
         eight where there are thousands, and four for looking ahead. A crowd that would need more takes turns:
         its bounds are apart by as small a share of each distance as can be had, the same for all.
     working_range : float, m
-        Beyond it there are bounds only: a finger that cannot have come nearer is not searched for.
+        10 at most. Beyond it there are bounds only: a finger that cannot have come nearer is not searched
+        for.
     tolerance : float
         Share of its distance by which the bounds of a finger may be apart. 0: exact at every tick. For skins
         of thousands: with 0.05, as much as the paper allows away from contact (PAPER 12), most ticks of
@@ -110,7 +135,10 @@ class Tracker:
         self._period = _positive("period", period, "seconds")
         self.contacts = np.zeros(count, CONTACT)
         settings = np.zeros(track.SETTINGS_SIZE)
-        settings[track.WORKING_RANGE] = _not_negative("working_range", working_range, "metres")
+        reach = _not_negative("working_range", working_range, "metres")
+        if reach > LARGEST_WORKING_RANGE:
+            raise QueryError(f"working_range is {too_long(reach, LARGEST_WORKING_RANGE)}")
+        settings[track.WORKING_RANGE] = reach
         settings[track.LATENCY] = _not_negative("latency", latency, "seconds", most=LONGEST_LATENCY)
         settings[track.TOLERANCE] = _not_negative("tolerance", tolerance, "shares")
         settings[track.HORIZON] = _positive("horizon", horizon, "seconds")
@@ -144,6 +172,7 @@ class Tracker:
         self._arrays["tracks"][:, track.RADIUS] = _radii(radius, count)
         # Not the model itself: what trackers hold on to, a scene could not write its next one to.
         self._last_model: Callable[[], Model | None] = lambda: None
+        self._last_now_ns = -MOST_NS  # of the last tick
         self._last_epoch = -1  # of the parts and faces in `contacts`
         self._has_velocities = self._has_paths = False
         self._path_count = 2  # corners of paths that there is room for
@@ -193,7 +222,7 @@ class Tracker:
             Instant of the positions, on the clock of *now_ns*. The same instant again changes no velocity; an
             earlier one starts the velocity anew.
         now_ns : int, ns
-            Instant of the tick.
+            Instant of the tick, as `time.monotonic_ns` gives it.
         velocities : (fingers, 3) float64, m/s
             Where they are known better than the poses tell; rows that are not finite are estimated.
         paths : (fingers, K, 3) float64, m, scene's frame
@@ -212,7 +241,8 @@ class Tracker:
         Raises
         ------
         QueryError
-            If shapes or types do not fit, or bends come without paths. Nothing a sensor may deliver raises.
+            If shapes or types do not fit, bends come without paths, or instants are plainly seconds. Nothing
+            a sensor may deliver raises.
 
         Notes
         -----
@@ -232,24 +262,42 @@ class Tracker:
             # As they nearly always are; what the positions are, and which instants, compiled code looks at.
             is_done = (
                 type(t_pose_ns) is type(now_ns) is int
-                and t_pose_ns != EACH_ITS_OWN
+                and t_pose_ns >= EARLY_NS
+                and now_ns >= EARLY_NS
+                and now_ns - self._last_now_ns >= SHORTEST_NS
                 and _tick.call(model.handle, self._handle, positions, t_pose_ns, now_ns, is_moved)
             )
         except OverflowError:
             is_done = False
         if not is_done:
-            self._tick(model, positions, t_pose_ns, now_ns, is_moved)
+            now_ns = self._tick(model, positions, t_pose_ns, now_ns, is_moved)
+        self._last_now_ns = now_ns
         if is_moved:
             self._last_model, self._last_epoch = weakref.ref(model), model.epoch
         return self.contacts
 
-    def _tick(self, model: Model, positions: Any, t_pose_ns: Any, now_ns: Any, is_moved: bool) -> None:
-        """Check the arguments, and tick."""
+    def _tick(self, model: Model, positions: Any, t_pose_ns: Any, now_ns: Any, is_moved: bool) -> int:
+        """Check the arguments, and tick; its instant."""
         rows = as_float64(_shaped(positions, "positions", self._shape), "positions")
         if type(t_pose_ns) is not int or not -MOST_NS <= t_pose_ns <= MOST_NS:
             self._take_instants(t_pose_ns)
             t_pose_ns = EACH_ITS_OWN
-        _tick.call(model.handle, self._handle, rows, t_pose_ns, _instant(now_ns), is_moved)
+        now = _instant(now_ns)
+        self._refuse_seconds(t_pose_ns, now)
+        _tick.call(model.handle, self._handle, rows, t_pose_ns, now, is_moved)
+        return now
+
+    def _refuse_seconds(self, t_pose_ns: int, now_ns: int) -> None:
+        """Refuse instants, of the poses and of the tick, that no clock shows in nanoseconds."""
+        pose_ns = self._pose_ns.item(0) if t_pose_ns == EACH_ITS_OWN else t_pose_ns
+        is_apart = abs(now_ns - pose_ns) > APART_NS
+        is_too_soon = 0 < now_ns - self._last_now_ns < SHORTEST_NS and 0 < now_ns < LARGEST_SECONDS
+        if 0 < now_ns < (EARLY_NS if is_apart else SHORTEST_NS) or is_too_soon:
+            raise QueryError(f"now_ns is {now_ns}, {NOT_NANOSECONDS}")
+        if is_apart and 0 < pose_ns < EARLY_NS:
+            if t_pose_ns == EACH_ITS_OWN and self._pose_ns.max() >= EARLY_NS:
+                return  # of one finger alone it may be a fault of its sensor
+            raise QueryError(f"t_pose_ns is {pose_ns}, {NOT_NANOSECONDS}")
 
     @property
     def epoch(self) -> int:
@@ -261,6 +309,7 @@ class Tracker:
         self._arrays["motions"][:] = 0.0
         self._arrays["motion_marks"][:] = 0
         self._arrays["marks"][:, track.TOLD_PART] = NO_PART
+        self._last_now_ns = -MOST_NS
         self._settings[track.FIRST] = self._settings[track.PATIENCE] = 0
         self._forget()
 
@@ -387,7 +436,9 @@ def _instant(now_ns: Any) -> int:
     except TypeError:
         now = MOST_NS + 1
     if not -MOST_NS <= now <= MOST_NS:
-        raise QueryError(f"now_ns is {now_ns!r}, expected whole nanoseconds, at most 2**62")
+        raise QueryError(
+            f"now_ns is {now_ns!r}, expected whole nanoseconds, at most 2**62, as of time.monotonic_ns()"
+        )
     return now
 
 
@@ -434,4 +485,6 @@ def _radii(radius: Any, count: int) -> np.ndarray:
             f"radius is {shown(radius)}, expected metres of 0 or more: one, or one for each of {count} "
             "fingers"
         )
+    if (array > LARGEST_RADIUS).any():
+        raise QueryError(f"radius is {too_long(float(array.max()), LARGEST_RADIUS)}")
     return np.broadcast_to(array, (count,))

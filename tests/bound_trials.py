@@ -17,7 +17,7 @@ from proximity.message import CONTACT
 from proximity.tracker import DEFAULT_BUDGET, Tracker
 
 BUDGETS = (1, 2, 3, 5, 8, 16, 40, 100, 400, 2000, None, None)
-WORKING_RANGES = (0.0, 1e-3, 0.02, 0.12, 0.12, 1.0, 1e9)
+WORKING_RANGES = (0.0, 1e-3, 0.02, 0.12, 0.12, 1.0, 10.0)
 PERIODS = (0.001, 0.001, 0.00025, 0.004, 0.0085)  # s
 FEWEST_TICKS = 12
 JERKS = (1e-9, 1e-3, 0.1, 0.1, 300.0)  # m; a part that goes far off makes the scene build its tree anew

@@ -209,7 +209,7 @@ def test_ticks_answer_as_the_scene_does_while_parts_move_deform_hide_and_go():
     balls = [shapes.moved(shapes.sphere(1.0, 4), (2.2 * k, 0.3 * k, 0.0)) for k in range(5)]
     scene = Scene.from_mesh(*shapes.join(*balls))
     names = [part.name for part in scene.parts]
-    tracker = Tracker(scene, fingers=5, radius=0.0, working_range=100.0, max_speed=1e6)
+    tracker = Tracker(scene, fingers=5, radius=0.0, working_range=10.0, max_speed=1e6)
 
     def between(step):
         if step == 60:
@@ -236,7 +236,7 @@ def test_a_move_is_not_forgotten_when_the_tick_is_interrupted(monkeypatch):
     scene = Scene.from_mesh(
         *shapes.join(shapes.sphere(1.0, 4), shapes.moved(shapes.sphere(1.0, 4), (9, 0, 0)))
     )
-    tracker = Tracker(scene, fingers=1, radius=0.0, working_range=100.0, max_speed=1e6)
+    tracker = Tracker(scene, fingers=1, radius=0.0, working_range=10.0, max_speed=1e6)
     place = np.array([[2.0, 1.0, 0.2]])
     assert ticked(scene, tracker, np.repeat(place[None], 10, axis=0))
     scene.move(scene.parts[1].name, Pose(translation=(-5.0, 0.0, 0.0)))

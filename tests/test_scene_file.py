@@ -597,6 +597,24 @@ def test_refused_scene_does_not_lose_what_was_loaded(read, monkeypatch):
     files.scene(read(PART + "position = [1, 0, 0]\n" + POSES))
 
 
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        (
+            "radius = 7",
+            "fingers.radius is 7 m (7000 mm), expected at most 0.1 m: was it meant in millimetres?",
+        ),
+        (
+            "radius = [0.007, 0.2]",
+            "fingers.radius is 0.2 m (200 mm), expected at most 0.1 m: was it meant in ",
+        ),
+        ("working_range = 120", "fingers.working_range is 120 m (120000 mm), expected at most 10 m: was it "),
+    ],
+)
+def test_length_that_cannot_be_meant_is_refused_with_its_line(refusal, line, said):
+    assert refusal(f"[fingers]\ncount = 2\n{line}\n" + PART + POSES).startswith(f"3: {said}")
+
+
 def test_tracker_is_made_as_told(read):
     settings = read(
         PART + POSES + "[service]\nrate_hz = 500\nlatency = 0.003\n"

@@ -111,7 +111,7 @@ def test_scene_is_as_its_parts_say_wherever_a_change_is_interrupted(name):
     while was_interrupted:
         line += 1
         scene = scene_of_parts()
-        tracker = Tracker(scene, fingers=len(POINTS), radius=0.0, working_range=1e3, budget=10**6)
+        tracker = Tracker(scene, fingers=len(POINTS), radius=0.0, working_range=10.0, budget=10**6)
         tracker.tick(POINTS, 10**6, 10**6)
 
         was_interrupted = interrupted_at(line, CHANGES[name], scene)

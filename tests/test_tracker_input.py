@@ -52,6 +52,8 @@ def test_something_else_than_a_scene_is_refused(thing):
         ),
         ("radius", np.nan, "radius is nan, expected metres of 0 or more"),
         ("radius", [0.007] * 2, "expected metres of 0 or more: one, or one for each of 3 fingers"),
+        ("radius", 7, r"radius is 7 m \(7000 mm\), expected at most 0.1 m: was it meant in millimetres\?"),
+        ("radius", [0.007, 0.1001, 0.008], r"radius is 0.1001 m \(100.1 mm\), expected at most 0.1 m"),
         ("radius", "thick", "expected one radius in metres, or one a finger"),
         ("radius", None, "expected one radius in metres, or one a finger"),
         ("period", 0.0, "period is 0.0, expected a positive number of seconds"),
@@ -61,6 +63,7 @@ def test_something_else_than_a_scene_is_refused(thing):
         ("latency", "1 ms", "latency is '1 ms', expected a number of seconds"),
         ("working_range", -1, "working_range is -1, expected a number of metres of 0 or more"),
         ("working_range", [0.1, 0.2], "working_range is .*, expected a number of metres"),
+        ("working_range", 120, r"working_range is 120 m \(120000 mm\), expected at most 10 m: was it meant"),
         ("tolerance", -0.1, "tolerance is -0.1, expected a number of shares of 0 or more"),
         ("horizon", 0, "horizon is 0, expected a positive number of seconds"),
         ("latency", 1.1e9, "latency is 1100000000.0, expected a number of seconds of 1e[+]09 at most"),
@@ -216,11 +219,63 @@ def test_positions_of_any_layout_are_the_same_positions(tracker, convert):
     assert Tracker(tracker.scene, fingers=2).tick(convert(TIPS), [0, 0], np.int32(0)).tobytes() == expected
 
 
+def test_largest_lengths_are_accepted():
+    Tracker(Scene([plate()]), fingers=2, radius=[0.1, 0.0], working_range=10.0)
+
+
+HOUR = 3600 * 1000 * MS
+
+
+@pytest.mark.parametrize(
+    ("t_pose_ns", "now_ns", "which", "value"),
+    [
+        (0, 2, "now_ns", 2), (2, 2, "now_ns", 2), (HOUR, 2, "now_ns", 2), (HOUR, 99_999, "now_ns", 99_999),
+        ([HOUR, HOUR], 2, "now_ns", 2), (HOUR, np.int64(2), "now_ns", 2), (2, HOUR, "t_pose_ns", 2),
+        (3600, HOUR, "t_pose_ns", 3600), ([3600, 3599], HOUR, "t_pose_ns", 3600),
+    ],
+)  # fmt: skip
+def test_instants_that_are_plainly_seconds_are_refused(tracker, t_pose_ns, now_ns, which, value):
+    before = tracker.tick(TIPS, 0, 0).tobytes()
+    with pytest.raises(
+        QueryError,
+        match=rf"^{which} is {value}, expected nanoseconds, as time.monotonic_ns\(\) gives them: it looks ",
+    ):
+        tracker.tick(TIPS - 1e-3, t_pose_ns, now_ns)
+    assert tracker.contacts.tobytes() == before
+
+
+@pytest.mark.parametrize("begin", [200_000, 1_764_000_000])  # of a clock since start, and of the calendar
+def test_seconds_are_refused_at_the_latest_when_the_next_begins(tracker, begin):
+    for _ in range(3):
+        tracker.tick(TIPS, begin, begin)
+    with pytest.raises(QueryError, match=f"now_ns is {begin + 1}, expected nanoseconds"):
+        tracker.tick(TIPS, begin + 1, begin + 1)
+
+
+@pytest.mark.parametrize("instant", [1.5, 7.0, np.float64(7.0), "7", None])
+def test_instants_that_are_not_whole_are_refused(tracker, instant):
+    with pytest.raises(
+        QueryError, match=r"now_ns is .*, expected whole nanoseconds, .* time.monotonic_ns\(\)"
+    ):
+        tracker.tick(TIPS, 0, instant)
+    with pytest.raises(QueryError, match=r"t_pose_ns is .*, expected whole nanoseconds"):
+        tracker.tick(TIPS, instant, 0)
+
+
+def test_clocks_turned_by_hand_are_accepted(tracker):
+    """From 0 on, standing, put back, with pauses, and with ticks of a loop that come close together."""
+    for now in (0, 0, MS // 2, MS, 0, 1000, 2000, 3000, 10**18, 10**18 + 1, -5, 0):
+        assert np.isfinite(tracker.tick(TIPS, now, now)["signed_distance"]).all()
+    tracker.tick(TIPS, [2, HOUR], HOUR)  # a sensor's fault, not the caller's
+    for age in (0, 5, 99_999, 10**9):
+        tracker.tick(TIPS, 10**18, 10**18 + age)
+
+
 def test_float32_and_integers_are_taken_as_they_are(tracker):
-    found = tracker.tick(TIPS.astype(np.float32), np.uint32([3, 4]), 5)
+    found = tracker.tick(TIPS.astype(np.float32), np.uint32([3 * MS, 4 * MS]), 5 * MS)
 
     assert np.array_equal(found["position"], TIPS.astype(np.float32))
-    assert found["age_ns"].tolist() == [2, 1]
+    assert found["age_ns"].tolist() == [2 * MS, MS]
     assert tracker.tick([(0, 0, 1), (1, 0, 0)], 0, 0)["signed_distance"].tolist() == [
         1 - RADIUS,
         0.9 - RADIUS,

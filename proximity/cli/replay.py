@@ -97,14 +97,15 @@ def command(
     from proximity.meshio import metres_per_unit
     from proximity.recording import check_log_name, read_recording, write_contacts
     from proximity.replay import replay, summarise
+    from proximity.tracker import LARGEST_RADIUS, LARGEST_WORKING_RANGE
 
     metres = metres_per_unit(units)
     settings = Settings(
         rate,
-        _in_metres(radius, "--radius", RADIUS_M, metres, FARTHEST_M),
+        _in_metres(radius, "--radius", RADIUS_M, metres, LARGEST_RADIUS),
         latency / MS,
         budget,
-        _in_metres(working_range, "--range", RANGE_M, metres),
+        _in_metres(working_range, "--range", RANGE_M, metres, LARGEST_WORKING_RANGE),
     )
     origin = None if place is None else [coordinate * metres for coordinate in place]
     for coordinate, length in zip(place or (), origin or (), strict=True):
@@ -213,15 +214,16 @@ def _check(value: float, option: str, meaning: str, smallest: float, largest: fl
         )
 
 
-def _in_metres(
-    length: float | None, option: str, default: float, metres: float, most: float = math.inf
-) -> float:
+def _in_metres(length: float | None, option: str, default: float, metres: float, most: float) -> float:
     if length is None:
         return default
     if not 0.0 < length * metres < math.inf:
         raise typer.BadParameter(f"{length:g}: expected a length above zero", param_hint=option)
     if length * metres > most:
-        raise typer.BadParameter(f"{length:g}: expected at most {most / metres:g}", param_hint=option)
+        raise typer.BadParameter(
+            f"{length:g}: {1e3 * length * metres:g} mm by --units, expected at most {1e3 * most:g} mm",
+            param_hint=option,
+        )
     return length * metres
 
 

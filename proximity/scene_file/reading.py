@@ -22,6 +22,7 @@ from proximity.scene_file.records import (
     SceneFile,
     ServiceSettings,
 )
+from proximity.tracker import LARGEST_RADIUS, LARGEST_WORKING_RANGE, too_long
 from proximity.transport.address import parse
 from proximity.transport.links import TRANSPORTS
 
@@ -149,11 +150,20 @@ class _Reader:
         for key in TRACKER_KEYS:
             if self._is_measured and table.has(key):
                 table.complain(key, WITHOUT_GEOMETRY)
+        radius = table.number_or_numbers("radius", default.radius, count, LENGTHS)
+        working_range = table.number("working_range", None, RANGES)
+        largest = max(radius) if isinstance(radius, tuple) else radius
+        for key, length, most in (
+            ("radius", largest, LARGEST_RADIUS),
+            ("working_range", working_range or 0.0, LARGEST_WORKING_RANGE),
+        ):
+            if length > most:
+                table.complain(key, f"is {too_long(length, most)}")
         return FingerSettings(
             count=count,
-            radius=table.number_or_numbers("radius", default.radius, count, LENGTHS),
+            radius=radius,
             budget=table.whole("budget", None, BUDGETS),
-            working_range=table.number("working_range", None, RANGES),
+            working_range=working_range,
             tolerance=table.number("tolerance", None, TOLERANCES),
             horizon=table.number("horizon", None, TIMES),
             max_speed=table.number("max_speed", None, SPEEDS),

@@ -4,8 +4,8 @@ Without options, both ends look for each other in the local network by multicast
 their own choice on every interface. ``?connect=tcp/HOST:PORT`` and ``?listen=tcp/HOST:PORT``, or several with
 commas between, are used instead of that: where multicast does not get through, or shall not.
 
-Whoever is in the network may publish under any key, and is believed. ``?config=FILE`` begins with what a file of
-Zenoh says (JSON5): certificates, passwords and access control are set there.
+Whoever is in the network may publish under any key, and is believed. ``?config=FILE`` begins with what a file
+of Zenoh says (JSON5): certificates, passwords and access control are set there.
 
 A message that the network has no room for is dropped rather than delayed, after 0.1 ms for each 64 kB of it;
 who reads too seldom loses the oldest. A late subscriber waits for the next message: an old one would only
