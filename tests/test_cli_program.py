@@ -134,7 +134,9 @@ __main__.main()
 
 
 def test_mistake_of_ours_keeps_its_traceback():
-    before = "def broken(path, units): raise ZeroDivisionError('a mistake')\nproximity.load = broken"
+    before = (
+        "def broken(path, units, **options): raise ZeroDivisionError('a mistake')\nproximity.load = broken"
+    )
     result = run_python(ON_A_SPHERE.format(tests=str(TESTS), arguments=["check", "a.stl"], before=before))
 
     assert result.returncode == 1

@@ -434,7 +434,9 @@ def test_step_declares_its_unit_and_triangles_know_their_cad_face(tmp_path, unit
     assert geometry.name == "lid"
     assert volume(geometry) == pytest.approx(6 * metres**3, rel=1e-6)  # it comes in single precision
     assert np.bincount(geometry.source_faces).tolist() == [2] * 6
-    assert contents.notes == ("curved faces are met within 0.01 mm by flat triangles",)
+    assert contents.notes == (
+        "curved faces are met within 0.01 mm by flat triangles: distances are exact to these",
+    )
 
 
 def test_step_without_units_is_read_in_those_of_the_caller(tmp_path):

@@ -146,9 +146,7 @@ def check_size(head: bytes, size: int, extension: str) -> None:
     if extension == ".stl" and not is_ascii_stl(head):
         claimed = STL_HEADER_BYTES + STL_FACET_BYTES * stl_face_count(head)
         if claimed != size:
-            raise MeshFormatError(
-                f"its header says {stl_face_count(head):,} faces: {claimed:,} bytes, {held}"
-            )
+            raise MeshFormatError(f"its header says {stl_face_count(head):,} faces: {claimed:,} {held}")
     elif extension == ".glb" and head[:4] == b"glTF" and int.from_bytes(head[8:12], "little") != size:
         raise MeshFormatError(f"its header says {int.from_bytes(head[8:12], 'little'):,} {held}")
     elif extension in (".obj", ".off", ".gltf", ".step", ".stp") and b"\0" in head:
