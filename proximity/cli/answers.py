@@ -37,6 +37,7 @@ def closest(scene: "proximity.Scene", points: np.ndarray, metres: float, workers
     return {
         "query": points.tolist(),
         "signed_distance": _in_units(hits.signed_distance, metres),
+        "distance": _in_units(hits.distance, metres),
         "is_signed": hits.is_signed.tolist(),
         "point": _in_units(hits.point, metres),
         "gradient": hits.gradient.tolist(),
