@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     from proximity.solid import Solid
     from proximity.tracker import Tracker
     from proximity.transport import Publisher, Reading, Subscriber, open_publisher, open_subscriber
+    from proximity.trimesh_scene import from_trimesh
     from proximity.warmup import kernels_are_cached, warm_up
 
 __version__ = "0.1.0"
@@ -98,6 +99,7 @@ __all__ = [
     "Surface",
     "Tracker",
     "TriangleMesh",
+    "from_trimesh",
     "kernels_are_cached",
     "load",
     "open_publisher",
@@ -150,6 +152,7 @@ _MODULE_OF = {
     "Surface": "proximity.message",
     "Tracker": "proximity.tracker",
     "TriangleMesh": "proximity.mesh",
+    "from_trimesh": "proximity.trimesh_scene",
     "kernels_are_cached": "proximity.warmup",
     "load": "proximity.loading",
     "open_publisher": "proximity.transport",

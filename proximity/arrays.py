@@ -19,6 +19,8 @@ COPIED_AT_ONCE = 1 << 20
 """Rows, which takes some 10 ms."""
 FEW_SHOWN, LONGEST_SHOWN = 4, 200
 """Numbers of an array that a message shows, and characters of any other value."""
+DIGITS_SHOWN = 9
+"""Of a number: of a length of a metre nanometres."""
 
 
 def as_float64(
@@ -118,6 +120,53 @@ def shown(value: Any) -> str:
         return f"an array of {value.dtype}, shape {value.shape}"
     text = " ".join(repr(value).split())
     return text if len(text) <= LONGEST_SHOWN else text[: LONGEST_SHOWN - 3] + "..."
+
+
+def shown_number(value: Any) -> str:
+    """Return a number as it stands in a record's short description: with nine digits at most.
+
+    Parameters
+    ----------
+    value : float, int or bool
+        Of Python or NumPy; or an array of them, which is shown as lists are.
+    """
+    value = value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
+    if isinstance(value, list):
+        return f"[{', '.join(map(shown_number, value))}]"
+    return repr(float(f"{value:.{DIGITS_SHOWN}g}") if isinstance(value, float) else value)
+
+
+def trimesh_kind(value: Any) -> str | None:
+    """Return "Trimesh" or "Scene" of an object of trimesh, else None; trimesh itself is not imported.
+
+    Parameters
+    ----------
+    value : object
+        Anything.
+    """
+    for kind in type(value).__mro__:
+        if kind.__module__.split(".")[0] == "trimesh" and kind.__name__ in ("Trimesh", "Scene"):
+            return kind.__name__
+    return None
+
+
+def refuse_trimesh(value: Any, error: type[ProximityError]) -> None:
+    """Raise an error that names the conversion, if *value* is an object of trimesh.
+
+    Parameters
+    ----------
+    value : object
+        Anything.
+    error : type
+        The exception to raise.
+
+    Raises
+    ------
+    ProximityError
+        Of type *error*.
+    """
+    if kind := trimesh_kind(value):
+        raise error(f"a trimesh.{kind} was given: proximity.from_trimesh makes a scene of it, with solids")
 
 
 def is_number(value: Any) -> bool:

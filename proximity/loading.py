@@ -1,6 +1,7 @@
 """Files to scenes."""
 
 import os
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -71,25 +72,45 @@ def load(
     contents = read_geometries(
         path, units=units, step_tolerance=step_tolerance, unpacked_limit=unpacked_limit
     )
+    report = LoadReport(
+        contents.path, contents.format, contents.units, contents.units_declared, contents.notes
+    )
+    return scene_of(contents.geometries, os.fspath(path), report)
+
+
+def scene_of(geometries: Iterable[Geometry], origin: str, report: LoadReport) -> Scene:
+    """Return the scene of meshes in their places, split into bodies.
+
+    Parameters
+    ----------
+    geometries : iterable of Geometry
+        At least one; those that share their arrays share their trees.
+    origin : str
+        Where they came from, for messages.
+    report : LoadReport
+        Of the scene.
+
+    Raises
+    ------
+    MeshError
+        If what they hold cannot be used.
+    """
     parts: list[Part] = []
     first_of: dict[tuple[int, int], tuple[Geometry, list[Part]]] = {}
-    for geometry in contents.geometries:
+    for geometry in geometries:
         arrays = id(geometry.vertices), id(geometry.faces)
         if arrays not in first_of:
-            first_of[arrays] = geometry, _bodies(geometry, path)
+            first_of[arrays] = geometry, _bodies(geometry, origin)
         first, bodies = first_of[arrays]
         # A part that stands in many places is looked through and given its tree once.
         parts += [
             replace(body, name=geometry.name + body.name.removeprefix(first.name), pose=geometry.pose)
             for body in bodies
         ]
-    report = LoadReport(
-        contents.path, contents.format, contents.units, contents.units_declared, contents.notes
-    )
     try:
         scene = Scene(_with_own_names(parts), report=report)
     except PoseError as unfit:
-        raise MeshError(f"{os.fspath(path)}: {unfit}") from unfit
+        raise MeshError(f"{origin}: {unfit}") from unfit
     scene.report = replace(report, notes=(*report.notes, *notes_on_sizes(scene)))
     return scene
 
@@ -111,13 +132,13 @@ def notes_on_sizes(scene: Scene) -> list[str]:
     return size_notes(named, whole, scene.report.units, scene.report.units_declared)
 
 
-def _bodies(geometry: Geometry, path: str | os.PathLike[str]) -> list[Part]:
+def _bodies(geometry: Geometry, origin: str) -> list[Part]:
     try:
         return parts_of_mesh(
             geometry.vertices, geometry.faces, source_faces=geometry.source_faces, name=geometry.name
         )
     except MeshError as unusable:
-        raise type(unusable)(f"{os.fspath(path)}, part {geometry.name!r}: {unusable}") from unusable
+        raise type(unusable)(f"{origin}, part {geometry.name!r}: {unusable}") from unusable
 
 
 def _compiled_scene(path: str) -> Scene:

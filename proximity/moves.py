@@ -7,7 +7,7 @@ import numpy as np
 from proximity.arrays import as_float64, is_ready
 from proximity.errors import PoseError, SceneError
 from proximity.moving import FARTHEST_MOVE, FASTEST_MOVE, first_unfit_move
-from proximity.pose import Pose
+from proximity.pose import Pose, quaternion_hint
 
 NO_VELOCITIES = np.zeros((0, 3))
 """Stands for zero velocities of all parts that are moved."""
@@ -193,6 +193,7 @@ def _as_matrices(names: list[str], poses: Any) -> np.ndarray:
     if matrices.shape != (len(names), 4, 4):
         raise PoseError(
             f"poses have shape {matrices.shape}, expected ({len(names)}, 4, 4): one for each part named"
+            + quaternion_hint(matrices)
         )
     return matrices
 

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from proximity.arrays import refuse_trimesh
 from proximity.bodies import Repairs, split_bodies
 from proximity.errors import SceneError
 from proximity.moves import checked_matrix, checked_surface, checked_velocity
@@ -85,6 +86,7 @@ def _as_part(part: Any) -> Part:
         rows = np.arange(part.mesh.face_count, dtype=np.int32)
         rows.flags.writeable = False
         return Part(part.name, part, Pose(), rows)
+    refuse_trimesh(part, SceneError)
     raise SceneError(f"a scene is made of Part and Solid, not of {type(part).__name__}")
 
 

@@ -8,12 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from proximity.arrays import as_float64, as_points
+from proximity.arrays import as_float64, as_points, shown_number
 from proximity.errors import PoseError
 
 ORTHONORMAL_TOLERANCE = 1e-9
 """How far rotation times its transpose may be from the identity: what a quaternion kept in float64, or a
 product of many matrices, leaves. A rotation within it is replaced by the nearest exact one."""
+QUATERNION_TOLERANCE = 0.01
+"""How far the norm of a quaternion may be from 1: what three decimal places leave, and more."""
 ROUNDING = 8.0 * 2.0**-52
 """How far the nearest exact one is off itself, in float64: so a pose made of a pose's matrix is that pose."""
 
@@ -25,6 +27,18 @@ def _for_all(array: np.ndarray) -> np.ndarray:
 
 
 _UNTURNED, _UNMOVED = _for_all(np.eye(3)), _for_all(np.zeros(3))
+
+
+def quaternion_hint(array: np.ndarray) -> str:
+    """Return what to do with quaternions in place of poses, for the end of a message; "" if they are none.
+
+    Parameters
+    ----------
+    array : array
+        What was given as a pose, or as poses.
+    """
+    is_quaternion = array.shape[-1:] in ((4,), (7,)) and array.shape[-2:] != (4, 4)
+    return "; Pose.from_quaternion(xyzw, translation) makes a pose of a quaternion" if is_quaternion else ""
 
 
 class Pose:
@@ -75,10 +89,44 @@ class Pose:
             matrix, "entries of a pose's matrix", error=PoseError, expected="numbers of shape (4, 4)"
         )
         if array.shape != (4, 4):
-            raise PoseError(f"a pose's matrix has shape {array.shape}, expected (4, 4)")
+            raise PoseError(
+                f"a pose's matrix has shape {array.shape}, expected (4, 4){quaternion_hint(array)}"
+            )
         if not np.array_equal(array[3], (0.0, 0.0, 0.0, 1.0)):
             raise PoseError(f"the last row of a pose's matrix is {array[3].tolist()}, expected [0, 0, 0, 1]")
         return cls(array[:3, :3], array[:3, 3])
+
+    @classmethod
+    def from_quaternion(cls, xyzw: Any, translation: Any = None) -> "Pose":
+        """Return the pose of a unit quaternion, scalar last: (x, y, z, w), as SciPy and ROS have it.
+
+        Parameters
+        ----------
+        xyzw : (4,) float64
+            Of norm 1, within 1 %; it is divided by its norm. (0, 0, 0, 1) turns nothing.
+        translation : (3,) float64, m
+            Zero where not given.
+
+        Raises
+        ------
+        PoseError
+            If it is no such quaternion, or the translation is not 3 finite numbers.
+        """
+        array = as_float64(xyzw, "entries of a quaternion", error=PoseError, expected="4 numbers x, y, z, w")
+        if array.shape != (4,):
+            raise PoseError(f"a quaternion has shape {array.shape}, expected (4,): x, y, z, w")
+        norm = float(np.linalg.norm(array))
+        if not abs(norm - 1.0) <= QUATERNION_TOLERANCE:
+            raise PoseError(
+                f"a quaternion is {shown_number(array)}, of norm {norm:.6g}, expected 4 numbers of norm 1"
+            )
+        x, y, z, w = array / norm
+        rotation = [
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
+            [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
+            [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
+        ]
+        return cls(rotation, translation)
 
     @classmethod
     def known(cls, rotation: np.ndarray, translation: np.ndarray) -> "Pose":
@@ -167,7 +215,7 @@ class Pose:
         return Pose(self.rotation @ other.rotation, self.rotation @ other.translation + self.translation)
 
     def __repr__(self) -> str:
-        return f"Pose(rotation={self.rotation.tolist()}, translation={self.translation.tolist()})"
+        return f"Pose(rotation={shown_number(self.rotation)}, translation={shown_number(self.translation)})"
 
 
 def _checked_rotation(rotation: Any) -> np.ndarray:
@@ -175,7 +223,7 @@ def _checked_rotation(rotation: Any) -> np.ndarray:
         rotation, "entries of a pose's rotation", error=PoseError, expected="numbers of shape (3, 3)"
     )
     if array.shape != (3, 3):
-        raise PoseError(f"a pose's rotation has shape {array.shape}, expected (3, 3)")
+        raise PoseError(f"a pose's rotation has shape {array.shape}, expected (3, 3){quaternion_hint(array)}")
     if not np.isfinite(array).all():
         raise PoseError("a pose's rotation is not finite, expected an orthonormal matrix")
     with np.errstate(over="ignore", invalid="ignore"):

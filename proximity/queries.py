@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from numpy import empty, inf  # looked up in NumPy, each would cost calls of five points 2 %
 
 from proximity.arrays import as_points
@@ -20,7 +21,7 @@ from proximity.kernels.ray_order import ray_order
 from proximity.kernels.segment_query import segment_batch
 from proximity.model import Model, Shelf
 from proximity.query_arguments import broadcast_limits, broadcast_rows, is_length
-from proximity.results import ClosestPoints, RayHits, SegmentHits, record_of
+from proximity.results import ClosestPoints, RayHits, Reals, SegmentHits, record_of
 
 SORT_RAYS_FROM = 1024
 """Rays from which on a batch is sorted."""
@@ -59,7 +60,9 @@ class Queries:
         """The model, which there is not yet."""
         raise NotImplementedError
 
-    def closest(self, points: Any, *, max_distance: float = inf, workers: int = 1) -> ClosestPoints:
+    def closest(
+        self, points: npt.ArrayLike, *, max_distance: npt.ArrayLike = inf, workers: int = 1
+    ) -> ClosestPoints:
         """Return the surface points nearest to *points*, with signed distances.
 
         Parameters
@@ -67,8 +70,9 @@ class Queries:
         points : (..., 3) float64, m
             Where to measure from. A row that is not finite, or farther than 1e100 part sizes, answers nan and
             `NO_FACE`; the others go on.
-        max_distance : m
-            Search no farther than this. It changes the cost, never an answer within it; what is deeper
+        max_distance : float or (...) float64, m
+            Search no farther than this. An array broadcasts against the leading shape of *points*, which
+            then is that of both. It changes the cost, never an answer within it; what is deeper
             inside than this has none.
         workers : int
             Threads; -1 for all cores. The answers are the same, bit for bit.
@@ -76,13 +80,13 @@ class Queries:
         Returns
         -------
         ClosestPoints
-            Arrays of the leading shape of *points*.
+            Arrays of the leading shape of *points* and *max_distance*.
 
         Raises
         ------
         QueryError
-            If *points* are not numbers of shape (..., 3), or *max_distance* is negative or nan, or *workers*
-            is no number of threads.
+            If *points* are not numbers of shape (..., 3), *max_distance* is negative or nan or does not
+            broadcast, or *workers* is no number of threads.
 
         Notes
         -----
@@ -121,7 +125,7 @@ class Queries:
         )
         return record_of(ClosestPoints, answers, points.shape[:-1])
 
-    def signed_distance(self, points: Any, *, workers: int = 1) -> Any:
+    def signed_distance(self, points: npt.ArrayLike, *, workers: int = 1) -> Reals:
         """Return signed distances, m, negative inside: as `closest`, and faster.
 
         Parameters
@@ -142,7 +146,7 @@ class Queries:
         """
         return self._distances(points, workers, _signed_few, signed_batch)
 
-    def distance(self, points: Any, *, workers: int = 1) -> Any:
+    def distance(self, points: npt.ArrayLike, *, workers: int = 1) -> Reals:
         """Return distances to the surface, m, without sign: the fastest query.
 
         Parameters
@@ -189,7 +193,7 @@ class Queries:
             )
         return distances if rows is points else distances.reshape(points.shape[:-1])[()]
 
-    def contains(self, points: Any, *, workers: int = 1) -> Any:
+    def contains(self, points: npt.ArrayLike, *, workers: int = 1) -> npt.NDArray[np.bool_]:
         """Return whether points are inside some part.
 
         Parameters
@@ -236,7 +240,14 @@ class Queries:
         )
         return inside.reshape(points.shape[:-1])[()]
 
-    def cast(self, origins: Any, directions: Any, *, max_distance: float = inf, workers: int = 1) -> RayHits:
+    def cast(
+        self,
+        origins: npt.ArrayLike,
+        directions: npt.ArrayLike,
+        *,
+        max_distance: npt.ArrayLike = inf,
+        workers: int = 1,
+    ) -> RayHits:
         """Return the first hits of rays.
 
         Parameters
@@ -245,8 +256,8 @@ class Queries:
             Where rays start. Shapes broadcast against *directions*.
         directions : (..., 3) float64
             Where they go; any length but zero.
-        max_distance : m
-            Look no farther along a ray than this.
+        max_distance : float or (...) float64, m
+            Look no farther along a ray than this; an array broadcasts against the leading shape of the rays.
         workers : int
             Threads; -1 for all cores.
 
@@ -273,7 +284,7 @@ class Queries:
         # `_count`, written out here and below: calling it would be a thirtieth of a call with five rays.
         if workers is ONE_THREAD and (max_distance is inf or is_length(max_distance)):
             try:
-                count = len(origins)
+                count = len(origins)  # type: ignore[arg-type]  # what has no length raises
             except TypeError:
                 count = SORT_FROM
             if count < SORT_FROM:
@@ -286,8 +297,13 @@ class Queries:
         return record_of(RayHits, *self._cast(origins, directions, max_distance, workers, HIT_WIDTH))
 
     def cast_distance(
-        self, origins: Any, directions: Any, *, max_distance: float = inf, workers: int = 1
-    ) -> Any:
+        self,
+        origins: npt.ArrayLike,
+        directions: npt.ArrayLike,
+        *,
+        max_distance: npt.ArrayLike = inf,
+        workers: int = 1,
+    ) -> Reals:
         """Return how far rays go until they hit something, m: the distances of `cast`, and faster.
 
         Parameters
@@ -296,8 +312,8 @@ class Queries:
             Where rays start. Shapes broadcast against *directions*.
         directions : (..., 3) float64
             Where they go; any length but zero.
-        max_distance : m
-            Look no farther along a ray than this.
+        max_distance : float or (...) float64, m
+            Look no farther along a ray than this; an array broadcasts against the leading shape of the rays.
         workers : int
             Threads; -1 for all cores.
 
@@ -315,7 +331,7 @@ class Queries:
         """
         if workers is ONE_THREAD and (max_distance is inf or is_length(max_distance)):
             try:
-                count = len(origins)
+                count = len(origins)  # type: ignore[arg-type]  # what has no length raises
             except TypeError:
                 count = SORT_FROM
             if count < SORT_FROM:
@@ -349,7 +365,12 @@ class Queries:
         return answers, origins.shape[:-1]
 
     def closest_to_segments(
-        self, starts: Any, ends: Any, *, max_distance: float = inf, workers: int = 1
+        self,
+        starts: npt.ArrayLike,
+        ends: npt.ArrayLike,
+        *,
+        max_distance: npt.ArrayLike = inf,
+        workers: int = 1,
     ) -> SegmentHits:
         """Return the shortest connections between segments and the surface.
 
@@ -357,8 +378,8 @@ class Queries:
         ----------
         starts, ends : (..., 3) float64, m
             Ends of the segments; shapes broadcast. A segment of no length is a point.
-        max_distance : m
-            Search no farther than this.
+        max_distance : float or (...) float64, m
+            Search no farther than this; an array broadcasts against the leading shape of the segments.
         workers : int
             Threads; -1 for all cores.
 

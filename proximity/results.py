@@ -8,7 +8,9 @@ from enum import IntEnum
 from typing import Any, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
+from proximity.arrays import shown_number
 from proximity.kernels.layout import (
     FEATURE_EDGE,
     FEATURE_FACE,
@@ -17,6 +19,11 @@ from proximity.kernels.layout import (
     NO_FACE,
     NO_PART,
 )
+
+Reals = npt.NDArray[np.float64]
+Rows = npt.NDArray[np.int32]
+"""Types of fields, as a type checker knows them. One question answers with NumPy's scalars, which have the
+methods of arrays and count as numbers."""
 
 __all__ = ["NO_FACE", "NO_PART", "ClosestPoints", "Feature", "RayHits", "SegmentHits"]
 
@@ -28,6 +35,10 @@ class Feature(IntEnum):
     FACE = FEATURE_FACE
     EDGE = FEATURE_EDGE
     VERTEX = FEATURE_VERTEX
+
+
+FEW_ROWS = 6
+"""Answers that a record shows all of."""
 
 
 class _Record:
@@ -46,25 +57,30 @@ class _Record:
     def _real(self, column: int) -> Any:
         return _kept(self._table[..., column])
 
-    def _vector(self, column: int) -> np.ndarray:
+    def _vector(self, column: int) -> Reals:
         return _kept(self._table[..., column : column + 3])
 
     def _choice(self, column: int) -> Any:
         return _kept(self._table.view(np.int32)[..., column - self._choice_count])
 
     @property
-    def part(self) -> Any:
+    def part(self) -> Rows:
         """S int32, index into ``scene.parts``; `NO_PART` where there is no answer."""
         return self._choice(0)
 
     @property
-    def face_id(self) -> Any:
+    def face_id(self) -> Rows:
         """S int32, row of that part's ``solid.mesh.faces``; `NO_FACE` where there is no answer."""
         return self._choice(1)
 
     def __repr__(self) -> str:
-        fields = ", ".join(f"{name}={getattr(self, name)!r}" for name in self._fields)
-        return f"{type(self).__name__}({fields})"
+        shape = self._table.shape[:-1]
+        if not shape:
+            fields = ", ".join(f"{name}={_shown(name, getattr(self, name))}" for name in self._fields)
+            return f"{type(self).__name__}({fields})"
+        first = self._fields[0]
+        values = np.array2string(getattr(self, first), threshold=FEW_ROWS, edgeitems=2, separator=", ")
+        return f"{type(self).__name__}(shape={shape}, {first}={' '.join(values.split())})"
 
 
 _Kind = TypeVar("_Kind", bound=_Record)
@@ -87,6 +103,10 @@ def record_of(kind: type[_Kind], table: np.ndarray, shape: tuple[int, ...]) -> _
     return record
 
 
+def _shown(name: str, value: Any) -> str:
+    return Feature(value).name if name == "feature" else shown_number(value)
+
+
 def _kept(column: np.ndarray) -> Any:
     """A column that nobody writes; of one question the number itself."""
     column.setflags(write=False)
@@ -100,6 +120,7 @@ class ClosestPoints(_Record):
     _choice_count = 4
     _fields = (
         "signed_distance",
+        "distance",
         "point",
         "gradient",
         "part",
@@ -110,32 +131,37 @@ class ClosestPoints(_Record):
     )
 
     @property
-    def signed_distance(self) -> Any:
+    def signed_distance(self) -> Reals:
         """S float64, m, negative inside; inf where nothing is within *max_distance*."""
         return self._real(0)
 
     @property
-    def point(self) -> np.ndarray:
+    def distance(self) -> Reals:
+        """S float64, m to the surface, never negative: the magnitude of the signed distance."""
+        return _kept(np.abs(self._table[..., 0]))
+
+    @property
+    def point(self) -> Reals:
         """S + (3,) float64, m, the closest point of the surface."""
         return self._vector(1)
 
     @property
-    def gradient(self) -> np.ndarray:
+    def gradient(self) -> Reals:
         """S + (3,) float64, unit, direction of steepest increase of the signed distance; 0 where none is."""
         return self._vector(4)
 
     @property
-    def barycentric(self) -> np.ndarray:
+    def barycentric(self) -> Reals:
         """S + (3,) float64, weights of the corners of the face; at least 0, sum 1."""
         return self._vector(7)
 
     @property
-    def feature(self) -> Any:
+    def feature(self) -> Rows:
         """S int32, a `Feature`: whether the point lies within the face, on an edge or at a vertex."""
         return self._choice(2)
 
     @property
-    def is_signed(self) -> Any:
+    def is_signed(self) -> npt.NDArray[np.bool_]:
         """S bool, False where the distance has no sign, since that part has no inside."""
         is_signed = self._choice(3) != 0
         return _kept(is_signed) if is_signed.ndim else is_signed
@@ -148,22 +174,22 @@ class RayHits(_Record):
     _fields = ("distance", "point", "normal", "part", "face_id", "barycentric")
 
     @property
-    def distance(self) -> Any:
+    def distance(self) -> Reals:
         """S float64, m along the ray; inf where it hits nothing within *max_distance*."""
         return self._real(0)
 
     @property
-    def point(self) -> np.ndarray:
+    def point(self) -> Reals:
         """S + (3,) float64, m, where it hits."""
         return self._vector(1)
 
     @property
-    def normal(self) -> np.ndarray:
+    def normal(self) -> Reals:
         """S + (3,) float64, unit, outward normal of the face."""
         return self._vector(4)
 
     @property
-    def barycentric(self) -> np.ndarray:
+    def barycentric(self) -> Reals:
         """S + (3,) float64, weights of the corners of the face; at least 0, sum 1."""
         return self._vector(7)
 
@@ -175,26 +201,26 @@ class SegmentHits(_Record):
     _fields = ("distance", "point_on_segment", "point_on_solid", "fraction", "part", "face_id", "barycentric")
 
     @property
-    def distance(self) -> Any:
+    def distance(self) -> Reals:
         """S float64, m, unsigned; 0 where the segment meets the surface, inf beyond the limit."""
         return self._real(0)
 
     @property
-    def point_on_segment(self) -> np.ndarray:
+    def point_on_segment(self) -> Reals:
         """S + (3,) float64, m, this end of the shortest connection."""
         return self._vector(1)
 
     @property
-    def point_on_solid(self) -> np.ndarray:
+    def point_on_solid(self) -> Reals:
         """S + (3,) float64, m, the other end."""
         return self._vector(4)
 
     @property
-    def fraction(self) -> Any:
+    def fraction(self) -> Reals:
         """S float64, where on the segment: 0 at its start, 1 at its end."""
         return self._real(7)
 
     @property
-    def barycentric(self) -> np.ndarray:
+    def barycentric(self) -> Reals:
         """S + (3,) float64, weights of the corners of the face; at least 0, sum 1."""
         return self._vector(8)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from proximity.arrays import refuse_trimesh
 from proximity.bvh import LocalFrame
 from proximity.compiled import CompiledScene, write_scene
 from proximity.deforming import deform_part
@@ -48,6 +49,10 @@ class LoadReport:
     units_declared: bool
     notes: tuple[str, ...]
 
+    def __repr__(self) -> str:
+        units = f"{self.units} {'declared' if self.units_declared else 'assumed'}"
+        return f"LoadReport({self.path!r}, {self.format}, {units}, {len(self.notes)} notes)"
+
 
 class Scene(Queries):
     """Parts that are asked together; they may move, change shape, come and go between questions.
@@ -79,6 +84,7 @@ class Scene(Queries):
     _torn: tuple[int, LocalFrame] | None = None  # the part that is being deformed: row, and frame before
 
     def __init__(self, parts: Iterable[Part | Solid], *, report: LoadReport | None = None) -> None:
+        refuse_trimesh(parts, SceneError)
         if not isinstance(parts, Iterable):
             raise SceneError(f"a scene is made of a list of parts, not of one {type(parts).__name__}")
         if report is not None and not isinstance(report, LoadReport):
@@ -101,7 +107,7 @@ class Scene(Queries):
         self._assemble(given, loose=(), epoch=0)
 
     @classmethod
-    def from_mesh(cls, vertices: Any, faces: Any, *, name: str = "mesh") -> "Scene":
+    def from_mesh(cls, vertices: Any, faces: Any = None, *, name: str = "mesh") -> "Scene":
         """Return a scene of the bodies in a mesh: welded, split and signed, as a file's are.
 
         Parameters
@@ -118,6 +124,7 @@ class Scene(Queries):
         MeshError
             If the arrays cannot be used.
         """
+        refuse_trimesh(vertices, MeshError)
         return cls(parts_of_mesh(vertices, faces, name=name))
 
     @classmethod

@@ -6,8 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from proximity.arrays import refuse_trimesh
 from proximity.bvh import Bvh, LocalFrame
 from proximity.diagnosis import Diagnosis, diagnose
+from proximity.errors import MeshError
 from proximity.kernels import layout
 from proximity.kernels.faces import signed_volume
 from proximity.kernels.layout import NO_GRID
@@ -71,8 +73,9 @@ class Solid(Queries):
     _leaders: np.ndarray | None  # see `deforming`
 
     def __init__(
-        self, vertices: Any, faces: Any, *, name: str = "solid", frame: LocalFrame | None = None
+        self, vertices: Any, faces: Any = None, *, name: str = "solid", frame: LocalFrame | None = None
     ) -> None:
+        refuse_trimesh(vertices, MeshError)
         mesh = TriangleMesh(vertices, faces)
         topology = build_topology(mesh)
         is_turned = topology.is_balanced and signed_volume(mesh.vertices, mesh.faces) < 0.0

@@ -21,6 +21,7 @@ from proximity.kernels.motion import MAX_ACCELERATION, MAX_SPEED, MOTION_INTS, M
 from proximity.kernels.tick import CROWD, TICK, tick
 from proximity.kernels.track import EACH_ITS_OWN, MOST_NS
 from proximity.message import CONTACT
+from proximity.message.contact import Contacts
 from proximity.model import Model
 from proximity.scene import Scene
 
@@ -111,7 +112,7 @@ class Tracker:
     Source: conservative advancement after Mirtich 1996; the paper's requirements in sections 8, 9 and 12.
     """
 
-    contacts: np.ndarray  # (fingers,) CONTACT, filled anew by each tick
+    contacts: Contacts  # (fingers,) CONTACT, filled anew by each tick
 
     def __init__(
         self,
@@ -133,7 +134,7 @@ class Tracker:
         count = _whole("fingers", fingers)
         self._scene = scene
         self._period = _positive("period", period, "seconds")
-        self.contacts = np.zeros(count, CONTACT)
+        self.contacts = np.zeros(count, CONTACT).view(Contacts)
         settings = np.zeros(track.SETTINGS_SIZE)
         reach = _not_negative("working_range", working_range, "metres")
         if reach > LARGEST_WORKING_RANGE:
@@ -210,7 +211,7 @@ class Tracker:
         paths: Any = None,
         path_bends: Any = None,
         bends: Any = None,
-    ) -> np.ndarray:
+    ) -> Contacts:
         """Answer for all fingers.
 
         Parameters

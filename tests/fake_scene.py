@@ -74,6 +74,7 @@ class FakeScene:
         ids = np.where(is_found, 7, NO_FACE).astype(np.int32)
         return SimpleNamespace(
             signed_distance=distance if self.has_inside else abs(distance),
+            distance=abs(distance),
             point=gradient * RADIUS,
             gradient=gradient,
             part=np.where(is_found, 0, NO_FACE),

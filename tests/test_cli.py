@@ -341,6 +341,7 @@ def test_json_is_one_valid_document_with_every_digit(run):
     assert first["face"] == 107
     assert first["face_id"] == 7
     assert first["feature"] == "edge"
+    assert first["distance"] == abs(first["signed_distance"])
     assert first["is_signed"] is True
     assert second["query"] == [None, 0.0, 0.0]
     for field in ("signed_distance", "part", "part_name", "face", "face_id", "feature"):
@@ -367,7 +368,7 @@ def test_csv_has_a_header_and_every_digit(run):
 
     first, second = csv.DictReader(io.StringIO(result.out))
     direct = FakeScene().closest(np.array([[0.1, 0.2, 0.3]]) * 0.001)
-    assert list(first)[:6] == ["x", "y", "z", "signed_distance", "is_signed", "point_x"]
+    assert list(first)[:6] == ["x", "y", "z", "signed_distance", "distance", "is_signed"]
     assert float(first["signed_distance"]) == in_unit(direct.signed_distance[0], 0.001)
     point = [float(first[name]) for name in ("point_x", "point_y", "point_z")]
     assert point == in_units(direct.point[0], 0.001).tolist()

@@ -246,7 +246,7 @@ def test_output_that_is_closed_is_refused_in_one_sentence(option):
 
 @pytest.mark.skipif(os.name == "nt", reason="pipes and signals of POSIX")
 def test_ctrl_c_ends_quietly():
-    before = "import time\nproximity.load = lambda path, units, **options: (print('reading', flush=True), time.sleep(60))"
+    before = "import time\nproximity.load = lambda *_, **__: (print('reading', flush=True), time.sleep(60))"
     program = subprocess.Popen(
         [
             sys.executable,

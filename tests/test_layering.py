@@ -17,6 +17,7 @@ serving
 decaff
 service · scene_file
 warmup · stopping
+trimesh_scene
 loading
 replay
 tracker · transport · recording

@@ -5,9 +5,12 @@ import re
 import numpy as np
 import pytest
 import shapes
+from scipy.spatial.transform import Rotation
 
 from proximity.errors import PoseError, QueryError
 from proximity.pose import Pose
+from proximity.scene import Scene
+from proximity.solid import Solid
 
 QUARTER = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
 
@@ -151,3 +154,61 @@ def test_points_that_are_none_are_refused(points):
         Pose().point(points)
     with pytest.raises(QueryError, match=r"^directions .* expected"):
         Pose().direction(points)
+
+
+def test_quaternion_is_a_pose_scalar_last():
+    half = np.sqrt(0.5)
+    pose = Pose.from_quaternion((0.0, 0.0, half, half), (1.0, 2.0, 3.0))
+
+    np.testing.assert_allclose(pose.point((1.0, 0.0, 0.0)), (1.0, 3.0, 3.0), atol=1e-15)
+    assert Pose.from_quaternion((0, 0, 0, 1)).is_identity
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_quaternion_turns_as_scipy_says(seed):
+    xyzw = np.random.default_rng(seed).normal(size=4)
+    xyzw /= np.linalg.norm(xyzw)
+
+    for given in (xyzw, -xyzw, xyzw * 1.005, xyzw.round(3)):
+        expected = Rotation.from_quat(given).as_matrix()
+        np.testing.assert_allclose(Pose.from_quaternion(given).rotation, expected, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    "xyzw, message",
+    [
+        ((0, 0, 0, 0), "a quaternion is [0.0, 0.0, 0.0, 0.0], of norm 0, expected 4 numbers of norm 1"),
+        ((0, 0, 0, 2), "a quaternion is [0.0, 0.0, 0.0, 2.0], of norm 2, expected 4 numbers of norm 1"),
+        (
+            (0, 0, np.nan, 1),
+            "a quaternion is [0.0, 0.0, nan, 1.0], of norm nan, expected 4 numbers of norm ",
+        ),
+        (
+            (0, 0, np.inf, 1),
+            "a quaternion is [0.0, 0.0, inf, 1.0], of norm inf, expected 4 numbers of norm ",
+        ),
+        ((1, 0, 0), "a quaternion has shape (3,), expected (4,): x, y, z, w"),
+        ("xyzw", "entries of a quaternion have dtype <U4, expected 4 numbers x, y, z, w"),
+    ],
+)
+def test_quaternion_that_is_none_is_refused(xyzw, message):
+    with pytest.raises(PoseError, match=f"^{re.escape(message)}"):
+        Pose.from_quaternion(xyzw)
+
+
+@pytest.mark.parametrize("given", [(0, 0, 0, 1), (0.1, 0.2, 0.3, 0, 0, 0, 1)])
+def test_quaternion_in_place_of_a_pose_is_told_how_to_become_one(given):
+    hint = re.escape("; Pose.from_quaternion(xyzw, translation) makes a pose of a quaternion") + "$"
+    scene = Scene([Solid(*shapes.cube(), name="cube")])
+    asks = [
+        lambda: Pose(given),
+        lambda: Pose.of(given),
+        lambda: scene.move("cube", given),
+        lambda: scene.move("cube", np.array(given, float)),
+        lambda: scene.move_many(["cube"], [given]),
+    ]
+    for ask in asks:
+        with pytest.raises(PoseError, match=hint):
+            ask()
+    with pytest.raises(PoseError, match=r"expected \(4, 4\)$"):
+        Pose.of(np.eye(3))

@@ -72,6 +72,7 @@ def test_public_names_are_those_agreed():
         "Surface",
         "Tracker",
         "TriangleMesh",
+        "from_trimesh",
         "kernels_are_cached",
         "load",
         "open_publisher",

@@ -172,12 +172,38 @@ def test_results_do_not_change_with_later_questions():
 
 
 def test_results_show_themselves():
-    text = repr(SOLID.closest((2.0, 0.25, 0.5)))
-
-    assert text.startswith("ClosestPoints(signed_distance=np.float64(1.0), point=array([1.  , 0.25, 0.5 ])")
-    assert repr(SOLID.cast((2.0, 0.25, 0.5), (-1, 0, 0))).startswith("RayHits(distance=np.float64(1.0), ")
+    assert repr(SOLID.closest((2.0, 0.25, 0.5 + 0.1 + 0.2))) == (
+        "ClosestPoints(signed_distance=1.0, distance=1.0, point=[1.0, 0.25, 0.8], gradient=[1.0, 0.0, 0.0], "
+        "part=0, face_id=11, barycentric=[0.2, 0.25, 0.55], feature=FACE, is_signed=True)"
+    )
+    assert repr(SOLID.cast((2.0, 0.25, 0.5), (-1, 0, 0))).startswith("RayHits(distance=1.0, point=[1.0, 0.25")
     segment = SOLID.closest_to_segments((2.0, 0.25, 0.5), (3.0, 0.25, 0.5))
-    assert repr(segment).startswith("SegmentHits(distance=np.float64(1.0), ")
+    assert repr(segment).startswith("SegmentHits(distance=1.0, point_on_segment=[2.0, 0.25, 0.5], ")
+
+
+@pytest.mark.parametrize("shape", [(2,), (1000,), (60, 50)])
+def test_many_results_show_their_shape_and_a_few_distances(shape):
+    points = np.full((*shape, 3), 3.0)
+    texts = [repr(SOLID.closest(points)), repr(SOLID.cast(points, -points))]
+    texts.append(repr(SOLID.closest_to_segments(points, points + 1.0)))
+
+    for text, name in zip(texts, ("signed_distance", "distance", "distance"), strict=True):
+        assert f"(shape={shape}, {name}=[" in text
+        assert len(text) < 300
+        assert "\n" not in text
+
+
+@ASKED
+def test_distance_is_the_magnitude_of_the_signed_distance(asked):
+    points = [[0.5, 0.5, 0.9], [2.0, 0.25, 0.5], [1.0, 0.5, 0.5], [np.nan, 0.0, 0.0], [99.0, 0.0, 0.0]]
+
+    hits = asked.closest(points, max_distance=50.0)
+
+    np.testing.assert_allclose(hits.distance, [0.1, 1.0, 0.0, np.nan, np.inf], rtol=1e-12)
+    assert judging.same_bits(hits.distance, np.abs(hits.signed_distance))
+    one = asked.closest(points[0])
+    assert isinstance(one.distance, np.float64)
+    assert one.distance == -one.signed_distance
 
 
 def test_feature_says_what_was_nearest():

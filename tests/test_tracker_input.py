@@ -83,6 +83,27 @@ def test_default_is_a_hand_at_1_khz():
     assert repr(tracker) == "Tracker(Scene(1 parts, 12 faces), 5 fingers)"
 
 
+def test_contacts_show_themselves_without_their_dtype():
+    tracker = Tracker(Scene([plate()]), fingers=12)
+    contacts = tracker.tick(np.full((12, 3), [0.0, 0.0, 0.05]), 0, 0)
+    contacts["mode"][1] = 99  # as of a later version
+
+    text, one = repr(contacts), repr(contacts[0])
+
+    assert one.startswith("Contact(finger=0, signed_distance=0.0")
+    assert one.endswith(", mode=RETRACT, flags=TRACKED|EXACT|SIGNED|IN_RANGE)")
+    assert "mode=99, " in repr(contacts[1])
+    assert text.startswith(f"Contacts([{one},\n Contact(finger=1, ")
+    assert text.endswith(",\n and 2 more])")
+    assert "dtype" not in text + repr(contacts[2:4]) + repr(contacts.copy())
+    assert "float64" not in text
+    # What is taken from it is as of any array.
+    assert type(contacts["position"]) is np.ndarray
+    assert type(contacts["signed_distance"][0]) is np.float64
+    assert repr(contacts.reshape(3, 4)).startswith("array([[(")
+    assert [contact["finger"] for contact in contacts] == list(range(12))
+
+
 @pytest.mark.parametrize("setting", ["period", "latency", "scene"])
 def test_setting_of_a_tracker_is_not_changed_to_no_effect(setting):
     """A latency that was set afterwards was told back, and predictions were for the one before."""

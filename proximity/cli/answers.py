@@ -41,6 +41,7 @@ def closest(scene: "proximity.Scene", points: np.ndarray, metres: float, workers
     return {
         "query": points.tolist(),
         "signed_distance": in_units(hits.signed_distance, metres).tolist(),
+        "distance": in_units(hits.distance, metres).tolist(),
         "is_signed": hits.is_signed.tolist(),
         "point": in_units(hits.point, metres).tolist(),
         "gradient": hits.gradient.tolist(),

@@ -7,6 +7,9 @@ import operator
 from enum import IntEnum, IntFlag
 from typing import Any
 
+import numpy as np
+
+from proximity.arrays import shown_number
 from proximity.kernels import contact
 from proximity.message.fields import VECTOR, Field, dtype_of
 
@@ -129,5 +132,37 @@ CONTACT_FIELDS = (
     Field("source", "<u1", "", "a Source"),
     Field("force_is_valid", "<u1", "", "1 where the force means something"),
 )
-CONTACT = dtype_of(CONTACT_FIELDS)
+
+
+class Contact(np.void):  # type: ignore[misc]  # NumPy's own `record` is made so
+    """A record of `CONTACT`, which shows what matters most of it."""
+
+    def __repr__(self) -> str:
+        flags = [str(flag.name) for flag in ContactFlag if self["flags"] & flag]
+        mode = Mode(self["mode"]).name if self["mode"] in set(Mode) else self["mode"]
+        numbers = ", ".join(f"{name}={shown_number(self[name])}" for name in SHOWN_FIELDS)
+        return f"Contact({numbers}, mode={mode}, flags={'|'.join(flags) or 0})"
+
+
+SHOWN_FIELDS = ("finger", "signed_distance", "lower", "upper", "time_to_contact", "part", "face")
+"""Of a record that shows itself; with mode and flags."""
+FEW_CONTACTS = 10
+"""Records that an array of them shows."""
+
+CONTACT = np.dtype((Contact, dtype_of(CONTACT_FIELDS)))
 """One finger at one tick, 328 bytes."""
+
+
+class Contacts(np.ndarray):
+    """An array of `CONTACT`, which shows itself without its dtype; a field of it is a plain array."""
+
+    def __getitem__(self, key: Any) -> Any:
+        return self.view(np.ndarray)[key] if isinstance(key, str) else super().__getitem__(key)
+
+    def __repr__(self) -> str:
+        if self.dtype != CONTACT or self.ndim != 1:
+            return repr(self.view(np.ndarray))
+        lines = [repr(self[row]) for row in range(min(len(self), FEW_CONTACTS))]
+        if len(self) > FEW_CONTACTS:
+            lines.append(f"and {len(self) - FEW_CONTACTS} more")
+        return f"Contacts([{(',' + chr(10) + ' ').join(lines)}])"
