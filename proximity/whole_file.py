@@ -103,11 +103,10 @@ def _unfinished_beside(target: Path) -> Iterator[tuple[Path, BinaryIO]]:
 
 def _remove_abandoned(folder: Path) -> None:
     """Remove what others were writing in a folder when they were killed."""
-    with contextlib.suppress(OSError):
-        with os.scandir(folder) as entries:
-            for entry in entries:
-                if _UNFINISHED.fullmatch(entry.name) and entry.is_file(follow_symlinks=False):
-                    _remove_if_abandoned(entry.path)
+    with contextlib.suppress(OSError), os.scandir(folder) as entries:
+        for entry in entries:
+            if _UNFINISHED.fullmatch(entry.name) and entry.is_file(follow_symlinks=False):
+                _remove_if_abandoned(entry.path)
 
 
 def _remove_if_abandoned(path: str) -> None:
