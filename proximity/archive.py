@@ -8,7 +8,8 @@ Knows files, arrays and JSON only; what the arrays mean is the business of `comp
     page by page: the arrays
 
 These first 64 bytes keep their form in every version, so that any version can tell what it has before it.
-Checksums guard against damage (a cut, a flipped bit, a page that went astray), not against malice.
+Checksums guard against damage (a cut, a flipped bit, a page that went astray), not against malice: what the
+arrays say is looked at by `compiled_model`.
 """
 
 import json
@@ -41,6 +42,7 @@ _HEADER_CHECKSUM = struct.Struct("=I")
 _TYPES = {name: np.dtype(name) for name in ("float64", "float32", "int64", "int32")}
 _WEIGHTS = np.arange(1, PAGE // 8 + 1, dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15) | np.uint64(1)
 """Odd, so that no changed bit is lost in a product; all different, so that no two words may change places."""
+_NOT_UNDERSTOOD = (ValueError, TypeError, LookupError, ArithmeticError, RecursionError)
 _AGAIN = "save the scene again with this version"
 
 
@@ -152,13 +154,15 @@ def read_archive(path: Any, layout: dict[str, int]) -> Contents:
         text_bytes = _checked_header(whole)
         head_bytes = HEADER.size + text_bytes
         document = json.loads(whole[HEADER.size : head_bytes].tobytes())
+        if head_bytes != _whole_pages(head_bytes) or type(document["layout"]) is not dict:
+            raise ValueError("arrays lie across pages, or their layout is not named")
         _check_layout(document["layout"], layout)
         return Contents(document["metadata"], _checked_arrays(whole[head_bytes:], document["arrays"]))
     except MeshFormatError as reason:
         raise MeshFormatError(f"{shown}: {reason}") from None
     except OSError as reason:
         raise MeshFormatError(f"{shown}: it cannot be opened ({_told(reason)})") from reason
-    except (ValueError, TypeError, LookupError) as reason:  # its checksums are right, but not what it says
+    except _NOT_UNDERSTOOD as reason:  # its checksums are right, but not what it says
         raise MeshFormatError(f"{shown}: its description cannot be understood; {_AGAIN}") from reason
 
 

@@ -4,7 +4,7 @@ What a scene, its parts and their solids consist of is listed here once, for bot
 few long arrays, however many they are.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, is_dataclass
 from itertools import pairwise
 from typing import Any
@@ -12,14 +12,27 @@ from typing import Any
 import numpy as np
 
 from proximity.archive import read_archive, write_archive
-from proximity.bodies import Repairs
+from proximity.compiled_fields import (
+    expect,
+    list_of,
+    names_of,
+    numbers_below,
+    repairs_of,
+    report_of,
+    solid_of,
+    surfaces_of,
+    velocities_of,
+)
+from proximity.compiled_model import check_mesh, check_parts, complete_model, named
 from proximity.errors import MeshFormatError, SceneError
 from proximity.kernels import layout
 from proximity.kernels.winding import MOMENT_STRIDE
 from proximity.mesh import TriangleMesh
 from proximity.model import Model, finished
+from proximity.moves import NO_VELOCITIES
+from proximity.moving import first_unfit_move, write_motion, write_surface
 from proximity.pose import Pose
-from proximity.sign import SignMethod
+from proximity.sign import kernel_sign
 from proximity.solid import Solid
 from proximity.top import REGION_COPIES, STATIC_COPIES
 
@@ -28,17 +41,13 @@ LAYOUT |= {"MOMENT_STRIDE": MOMENT_STRIDE, "STATIC_COPIES": STATIC_COPIES, "REGI
 """What the arrays of a model are laid out by: a file with other numbers is refused. What no number shows, say
 another meaning of a column, needs another `archive.FORMAT_VERSION`."""
 
-# Fields of a part that JSON can hold, and what makes them of what it held. Solid, pose and source faces are
-# arrays.
-_FIELDS: dict[str, Callable[[Any], Any]] = {
-    "name": str,
-    "repairs": lambda counts: Repairs(**counts),
-    "velocity": lambda numbers: _vector(numbers),
-    "angular_velocity": lambda numbers: _vector(numbers),
-    "is_hidden": bool,
-    "stiffness": lambda number: number,
-    "damping": float,
-}
+_FIELDS = (
+    "name", "repairs", "velocity", "angular_velocity", "is_hidden", "stiffness", "damping",
+)  # fmt: skip
+"""Fields of a part that JSON can hold. Solid, pose and source faces are arrays."""
+
+
+_CONTRADICTIONS = (ValueError, TypeError, LookupError, ArithmeticError, MeshFormatError)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,7 +90,7 @@ def write_scene(path: Any, model: Model, parts: Iterable[Any], report: Any) -> N
         "parts": {field: [_plain(getattr(part, field)) for part in parts] for field in _FIELDS},
         "solid_of_part": [number_of[id(part.solid)] for part in parts],
         "solids": [
-            [row, solid.name, solid.sign_method.value, solid.sign_reason, solid.is_watertight]
+            [row, str(solid.name), solid.sign_method.value, solid.sign_reason, solid.is_watertight]
             for row, solid in solids
         ],
         "vertex_counts": [solid.mesh.vertex_count for _, solid in solids],
@@ -117,7 +126,7 @@ def read_scene(path: Any) -> CompiledScene:
     contents = read_archive(path, LAYOUT)
     try:
         return _scene(contents.metadata, contents.arrays)
-    except (ValueError, TypeError, LookupError) as reason:  # its checksums are right, but not what it says
+    except _CONTRADICTIONS as reason:  # its checksums are right, but not what it says
         raise MeshFormatError(
             f"{path}: its contents do not hold together ({reason}); save the scene again with this version"
         ) from reason
@@ -127,12 +136,6 @@ def _plain(value: Any) -> Any:
     if is_dataclass(value) and not isinstance(value, type):
         return asdict(value)
     return value.tolist() if isinstance(value, np.ndarray) else value
-
-
-def _vector(numbers: list[float]) -> np.ndarray:
-    vector = np.array(numbers)
-    vector.flags.writeable = False
-    return vector
 
 
 def _source_faces(part: Any) -> np.ndarray:
@@ -152,19 +155,26 @@ def _is_int32(rows: np.ndarray) -> bool:
 
 
 def _scene(metadata: dict[str, Any], arrays: dict[str, np.ndarray]) -> CompiledScene:
-    arrays_of_model = (
+    fields = metadata["parts"]
+    names = names_of(fields["name"])
+    model_arrays = (
         _array(arrays, "reals", np.float64),
         _array(arrays, "words", np.float32),
         _array(arrays, "frames", np.float64, layout.FRAME_COLUMNS),
         _array(arrays, "parts", np.int64, layout.PART_COLUMNS),
     )
-    fields = metadata["parts"]
-    model = finished(*arrays_of_model, names=tuple(map(str, fields["name"])))
-    # Solids look at rows of their own: those of the scene's model serve for others once its parts have moved.
-    reals, words, frames, rows_of_parts = arrays_of_model
-    solids = _solids(metadata, arrays, finished(reals, words, frames.copy(), rows_of_parts.copy()))
+    reals, words, frames, rows = model_arrays
+    # What walks the trees counts on all of it, from here on.
+    below = check_parts(*model_arrays, names)
+    values = _values(fields, names)
     poses = _array(arrays, "poses", np.float64, 12)
-    solid_of_part = metadata["solid_of_part"]
+    _put_in_place(frames, rows, poses, values)
+    complete_model(words, frames, rows, names, below)
+    model = finished(*model_arrays, names=names)
+
+    # Solids look at rows of their own: those of the scene's model serve for others once its parts have moved.
+    whole = finished(reals, words, frames.copy(), rows.copy())
+    solids, solid_of_part = _solids(metadata, arrays, whole, names)
     faces = _slices(
         _array(arrays, "source_faces", np.int32), [solids[number].mesh.face_count for number in solid_of_part]
     )
@@ -172,31 +182,73 @@ def _scene(metadata: dict[str, Any], arrays: dict[str, np.ndarray]) -> CompiledS
         {
             "solid": solids[number],
             "pose": Pose.known(pose[:9].reshape(3, 3), pose[9:]),
-            "source_faces": rows,
-            **{field: made_of(fields[field][row]) for field, made_of in _FIELDS.items()},
+            "source_faces": of_source,
+            **{field: values[field][row] for field in _FIELDS},
         }
-        for row, (number, pose, rows) in enumerate(zip(solid_of_part, poses, faces, strict=True))
+        for row, (number, pose, of_source) in enumerate(zip(solid_of_part, poses, faces, strict=True))
     ]
-    if len(model.parts) != len(parts) + 1 or len(model.frames) != len(model.parts):
-        raise ValueError(f"there are {len(parts)} parts, but the trees of {len(model.parts) - 1}")
-    return CompiledScene(model, parts, metadata["report"])
+    return CompiledScene(model, parts, report_of(metadata["report"]))
 
 
-def _solids(metadata: dict[str, Any], arrays: dict[str, np.ndarray], model: Model) -> list[Solid]:
-    vertices = _slices(_array(arrays, "vertices", np.float64, 3), metadata["vertex_counts"])
-    faces = _slices(_array(arrays, "faces", np.int32, 3), metadata["face_counts"])
-    return [
+def _values(fields: dict[str, Any], names: tuple[str, ...]) -> dict[str, Any]:
+    """Fields of all parts, by name: a list each, one entry a part."""
+    count = len(names)
+    stiffness, damping = surfaces_of(fields["stiffness"], fields["damping"], names)
+    return {
+        "name": names,
+        "repairs": [repairs_of(each) for each in list_of(dict, fields["repairs"], "repairs", count)],
+        "velocity": velocities_of(fields["velocity"], "velocity", count),
+        "angular_velocity": velocities_of(fields["angular_velocity"], "angular_velocity", count),
+        "is_hidden": list_of(bool, fields["is_hidden"], "is_hidden", count),
+        "stiffness": stiffness,
+        "damping": damping,
+    }
+
+
+def _put_in_place(frames: np.ndarray, rows: np.ndarray, poses: np.ndarray, values: dict[str, Any]) -> None:
+    """Write into the tables of parts what is said of them elsewhere in the file: that is what holds."""
+    count = len(rows) - 1
+    expect(len(poses) == count, f"there are {count} parts, but {len(poses)} poses")
+    matrices = np.broadcast_to(np.eye(4), (count, 4, 4)).copy()
+    matrices[:, :3, :3], matrices[:, :3, 3] = poses[:, :9].reshape(-1, 3, 3), poses[:, 9:]
+    unfit = first_unfit_move(matrices, NO_VELOCITIES, NO_VELOCITIES)
+    expect(unfit < 0, f"the pose of part {unfit} is no rigid transform, or leads too far away")
+    frames[:-1, layout.ROTATION : layout.CENTRE] = poses
+    rows[:-1, layout.IS_HIDDEN] = values["is_hidden"]
+    for row in range(count):
+        write_motion(frames[row], values["velocity"][row], values["angular_velocity"][row])
+        write_surface(frames[row], values["stiffness"][row], values["damping"][row])
+
+
+def _solids(
+    metadata: dict[str, Any], arrays: dict[str, np.ndarray], model: Model, names: tuple[str, ...]
+) -> tuple[list[Solid], list[int]]:
+    """The solids, and which of them each part has."""
+    rows = model.parts
+    told = [solid_of(each, len(names)) for each in list_of(list, metadata["solids"], "solids")]
+    solid_of_part = numbers_below(len(told), metadata["solid_of_part"], "solid_of_part", len(names))
+    vertex_counts, face_counts = (
+        numbers_below(2**31, metadata[counts], counts, len(told))
+        for counts in ("vertex_counts", "face_counts")
+    )
+    vertices = _slices(_array(arrays, "vertices", np.float64, 3), vertex_counts)
+    faces = _slices(_array(arrays, "faces", np.int32, 3), face_counts)
+    for row, number in enumerate(solid_of_part):
+        is_alike = (face_counts[number], kernel_sign(told[number][2])) == (
+            rows[row, layout.FACE_COUNT],
+            rows[row, layout.SIGN],
+        )
+        expect(is_alike, f"{named(row, names)} has other faces, or another sign, than its solid")
+        check_mesh(model.words, rows, row, vertices[number], faces[number], names)
+    for number, solid in enumerate(told):
+        expect(solid_of_part[solid[0]] == number, f"solid {number} is not that of part {solid[0]}")
+    solids = [
         Solid._from_model(
-            model,
-            row,
-            TriangleMesh._from_checked(own, of_own),
-            name,
-            (SignMethod(method), reason, is_watertight),
+            model, row, TriangleMesh._from_checked(own, of_own), name, (method, reason, is_watertight)
         )
-        for (row, name, method, reason, is_watertight), own, of_own in zip(
-            metadata["solids"], vertices, faces, strict=True
-        )
+        for (row, name, method, reason, is_watertight), own, of_own in zip(told, vertices, faces, strict=True)
     ]
+    return solids, solid_of_part
 
 
 def _array(arrays: dict[str, np.ndarray], name: str, dtype: type, columns: int | None = None) -> np.ndarray:
@@ -210,7 +262,6 @@ def _array(arrays: dict[str, np.ndarray], name: str, dtype: type, columns: int |
 def _slices(array: np.ndarray, counts: list[int]) -> list[np.ndarray]:
     """*array* cut into runs of so many rows, read-only."""
     ends = np.cumsum([0, *counts]).tolist()
-    if ends[-1] != len(array) or min(counts) < 0:
-        raise ValueError(f"there are {len(array)} rows, but {ends[-1]} are spoken of")
+    expect(ends[-1] == len(array), f"there are {len(array)} rows, but {ends[-1]} are spoken of")
     array.flags.writeable = False
     return [array[start:end] for start, end in pairwise(ends)]

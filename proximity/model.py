@@ -20,14 +20,21 @@ from proximity.kernels.layout import (
     NODE_STRIDE,
     PART_COLUMNS,
 )
-from proximity.kernels.loose import bring_up_to_date
 from proximity.kernels.memory import make_table
 from proximity.kernels.placing import place_box
 from proximity.kernels.winding import MOMENT_STRIDE
 from proximity.occupancy import occupancy
 from proximity.part_arrays import PartArrays, joined
 from proximity.pose import Pose
-from proximity.top import TopPlan, choose_frame, clear_first, loose_rows, static_tree, write_static
+from proximity.top import (
+    TopPlan,
+    choose_frame,
+    clear_first,
+    loose_rows,
+    static_tree,
+    write_moving,
+    write_static,
+)
 
 SPARE = 1.25
 """Room for the static tree, as a multiple of what it takes at first: other parts opened may need more."""
@@ -201,15 +208,9 @@ def assemble(
     reals, words = _filled(pieces, frames, parts, nodes, plan.node_count)
     clear_first(words, parts)
     assert write_static(words, parts, 0, static, entries), "the tree over parts has its room"
-    loose_parts = loose_rows(parts)
-    versions, boxes = np.zeros(count + 1, np.int64), np.zeros((count, 6), np.float32)
-    own_frames, own_parts = np.zeros_like(frames), np.zeros_like(parts)
-    bring_up_to_date(
-        words, frames, parts, versions, NEVER, boxes, loose_parts, np.arange(len(loose_parts)),
-        np.empty(len(loose_parts), np.int64), len(loose_parts) ** 2, plan.region(0), NEVER, own_frames,
-        own_parts,
-    )  # fmt: skip
-    return finished(reals, words, own_frames, own_parts, epoch, names)
+    loose_count = len(loose_rows(parts))
+    write_moving(words, frames, parts, plan.region(0), np.arange(loose_count), loose_count**2)
+    return finished(reals, words, frames, parts, epoch, names)
 
 
 def _nodes_at_most(nodes: np.ndarray, frames: np.ndarray, parts: np.ndarray, static: np.ndarray) -> int:

@@ -59,6 +59,17 @@ _KERNEL_SIGN = {
 }
 
 
+def kernel_sign(method: SignMethod) -> int:
+    """Return the ``layout.SIGN_*`` of a method.
+
+    Parameters
+    ----------
+    method : SignMethod
+        How the sign is told.
+    """
+    return _KERNEL_SIGN[method]
+
+
 def choose_sign(piece: PartArrays, topology: Topology) -> tuple[PartArrays, SignMethod, str]:
     """Return a part's arrays with its sign, the method, and why.
 

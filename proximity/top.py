@@ -14,6 +14,7 @@ from proximity.bvh import LocalFrame
 from proximity.kernels import layout
 from proximity.kernels.build import ENTRIES_SHIFT, build_tree
 from proximity.kernels.layout import LANES, NODE_STRIDE
+from proximity.kernels.loose import bring_up_to_date
 from proximity.kernels.top import gather_entries, name_leaves, thin_out
 from proximity.kernels.wide_node import clear_node
 from proximity.part_arrays import ROOM_TO_MOVE, common_frame
@@ -133,6 +134,18 @@ def choose_frame(frames: np.ndarray, parts: np.ndarray, wanted: LocalFrame) -> N
     frame = wanted if is_fit else common_frame(lower, upper)
     frames[scene, layout.ROTATION : layout.CENTRE] = (1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0)
     frame.write(frames[scene])
+    note_fused(frames, parts)
+
+
+def note_fused(frames: np.ndarray, parts: np.ndarray) -> None:
+    """Say which parts are in the scene's frame themselves, and whether all are.
+
+    Parameters
+    ----------
+    frames, parts
+        Of the model, with the scene's frame chosen.
+    """
+    scene = len(parts) - 1
     is_alike = frames[:scene, : layout.SCALE + 1] == frames[scene, : layout.SCALE + 1]
     is_still = parts[:scene, layout.IS_LOOSE] == 0
     parts[:scene, layout.IS_FUSED] = is_alike.all(axis=1) & is_still
@@ -226,6 +239,66 @@ def _write_entries(words: np.ndarray, parts: np.ndarray, copy: int, entries: np.
     words[at : at + len(entries)] = entries
     words[at + len(entries) :][: whole.size] = whole.reshape(-1).view(np.float32)
     parts[-1, layout.FACES] = at
+
+
+def write_moving(
+    words: np.ndarray, frames: np.ndarray, parts: np.ndarray, region: int, order: np.ndarray, steps: int
+) -> float:
+    """Write what follows from where parts are: boxes, the scene's row, the loose tree; how far they reach.
+
+    Parameters
+    ----------
+    words, frames, parts
+        Of the model, with its static tree.
+    region : int
+        Where the super node is going to be.
+    order : (L,) int64
+        Places of the loose parts in `loose_rows`, along the curve.
+    steps : int
+        By which the order is mended at most.
+    """
+    loose = loose_rows(parts)
+    versions, boxes = np.zeros(len(parts), np.int64), np.zeros((len(parts) - 1, 6), np.float32)
+    never = -1
+    reach = bring_up_to_date(
+        words, frames, parts, versions, never, boxes, loose, order, np.empty(len(loose), np.int64), steps,
+        region, never, frames, parts,
+    )  # fmt: skip
+    return float(reach)
+
+
+def loose_order(words: np.ndarray, parts: np.ndarray) -> np.ndarray | None:
+    """Return the places of the loose parts along the curve, (L,) int64; None where not each of them has one.
+
+    Parameters
+    ----------
+    words, parts
+        Of a model, complete.
+    """
+    loose, region = loose_rows(parts), int(parts[-1, layout.REGION])
+    places = np.arange(len(loose))
+    if not TopPlan.of(parts).room:
+        return places
+    # Fewer than eight are in the super node, beside the static tree.
+    node, lane = (
+        (region, places + 1) if len(loose) < LANES else (region + 1 + places // LANES, places % LANES)
+    )
+    listed = words[NODE_STRIDE * node + layout.PARTS_OF_LANES + lane].view(np.int32)
+    return np.searchsorted(loose, listed) if np.array_equal(np.sort(listed), loose) else None
+
+
+def rewrite_entries(words: np.ndarray, parts: np.ndarray, copy: int) -> None:
+    """Write the entries of loose parts anew, behind those of the static tree, which stay.
+
+    Parameters
+    ----------
+    words, parts
+        Of the model.
+    copy : int
+        Of the static tree.
+    """
+    at = TopPlan.of(parts).entries_at(copy)
+    _write_entries(words, parts, copy, words[at : at + 2 * parts[-1, layout.CORNER_COUNT]])
 
 
 def clear_first(words: np.ndarray, parts: np.ndarray) -> None:

@@ -9,12 +9,14 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 from llvmlite import binding
 
 from proximity import queries
 from proximity.batches import worker_count
+from proximity.compiled import read_scene
 from proximity.kernels.compiling import Settled, cache_folder
 from proximity.kernels.ray_order import ray_order
 from proximity.pose import Pose
@@ -108,6 +110,9 @@ def _ask_everything() -> None:
     Scene.from_mesh(_CORNERS, _FACES)
     scene = Scene([first, second])
     scene.deform("second", 2.0 * _CORNERS)
+    with TemporaryDirectory() as folder:  # what opens it has kernels of its own
+        scene.save(Path(folder, "cell.prox"))
+        read_scene(Path(folder, "cell.prox"))
     ray_order(first._current().handle, points, points + 1.5)  # which only larger models ask for
     for asked in (first, scene):
         for rows in (points, points[:2]):  # many and few have kernels of their own

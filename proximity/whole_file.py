@@ -1,7 +1,12 @@
-"""Files that are either wholly there or not at all: written under another name and then renamed."""
+"""Files that are either wholly there or not at all: written under another name and then renamed.
+
+Whoever writes holds a lock on the file under its other name. So what a process that was killed has left is
+told from what somebody is still writing: it is removed when the next file is written in its folder.
+"""
 
 import contextlib
 import os
+import re
 import secrets
 import stat
 from collections.abc import Iterator
@@ -10,6 +15,13 @@ from pathlib import Path
 from typing import BinaryIO
 
 from proximity.errors import ProximityError, RecordingError
+
+try:
+    import fcntl
+except ImportError:  # not a POSIX system
+    fcntl = None  # type: ignore[assignment]
+
+_UNFINISHED = re.compile(r"\.[0-9a-f]{16}\.unfinished")
 
 
 @contextmanager
@@ -54,22 +66,68 @@ def whole_file(
             with target.open("wb") as stream:
                 yield stream
             return
-        # Short, whatever the file's own name is, and nobody else's: threads share a number of their process.
-        unfinished = target.with_name(f".{secrets.token_hex(8)}.unfinished")
-        try:
-            with unfinished.open("xb") as stream:
+        _remove_abandoned(target.parent)
+        with _unfinished_beside(target) as (unfinished, stream):
+            with stream:
                 _allow_as(target, unfinished)
                 yield stream
             _put_on_disk(unfinished)
             os.replace(unfinished, target)
-        except BaseException:
-            with contextlib.suppress(OSError):
-                unfinished.unlink()
-            raise
         with contextlib.suppress(OSError):  # not every system can do that for a folder
             _put_on_disk(target.parent)
     except OSError as reason:
         raise error(f"{shown}: cannot be written ({reason.strerror or reason})") from reason
+
+
+@contextmanager
+def _unfinished_beside(target: Path) -> Iterator[tuple[Path, BinaryIO]]:
+    """A new file in the folder of *target* and a stream to write it with, locked; gone if the block fails."""
+    while True:
+        # Short, whatever the file's own name is, and nobody else's: threads share a number of their process.
+        unfinished = target.with_name(f".{secrets.token_hex(8)}.unfinished")
+        stream = unfinished.open("xb")
+        lock = os.dup(stream.fileno())  # kept until the file has its name, when the stream is closed
+        try:
+            if not _lock(lock, waits=True) or unfinished.exists():
+                yield unfinished, stream
+                return
+            stream.close()  # somebody took it for abandoned before it was locked
+        except BaseException:
+            stream.close()
+            with contextlib.suppress(OSError):
+                unfinished.unlink()
+            raise
+        finally:
+            os.close(lock)
+
+
+def _remove_abandoned(folder: Path) -> None:
+    """Remove what others were writing in a folder when they were killed."""
+    with contextlib.suppress(OSError), os.scandir(folder) as entries:
+        for entry in entries:
+            if _UNFINISHED.fullmatch(entry.name) and entry.is_file(follow_symlinks=False):
+                _remove_if_abandoned(entry.path)
+
+
+def _remove_if_abandoned(path: str) -> None:
+    with contextlib.suppress(OSError):  # it may be finished by now, or another user's
+        number = os.open(path, os.O_RDONLY)
+        try:
+            if _lock(number, waits=False):
+                os.unlink(path)
+        finally:
+            os.close(number)
+
+
+def _lock(number: int, *, waits: bool) -> bool:
+    """Lock an open file, until all that stands for it is closed; whether that was done."""
+    if fcntl is None:
+        return False
+    try:
+        fcntl.flock(number, fcntl.LOCK_EX if waits else fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:  # somebody has it, or a disk that knows no locks
+        return False
+    return True
 
 
 def _allow_as(old: Path, new: Path) -> None:

@@ -1,6 +1,7 @@
 """``proximity compile``, and compiled scenes wherever the command line takes a file."""
 
 import json
+import os
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -139,3 +140,22 @@ def test_units_of_a_file_that_declares_none_are_taken(run):
 
 def test_help_has_examples(run):
     assert "proximity compile gearbox.step gearbox.prox\n" in run("compile", "--help").out
+
+
+@pytest.mark.parametrize("link", [None, os.symlink, os.link])
+def test_file_is_never_written_over_itself(link, run, tmp_path):
+    source, out = tmp_path / "a.prox", tmp_path / "b.prox"
+    source.write_bytes((MESHES / "box.stl").read_bytes())
+    if link is None:
+        out = tmp_path / "." / "sub" / ".." / "a.prox"
+        (tmp_path / "sub").mkdir()
+    else:
+        link(source, out)
+    before = source.stat()
+
+    result = run("compile", source, out)
+
+    assert (result.code, result.out) == (2, "")
+    assert "itself, expected another file" in " ".join(result.err.replace("│", " ").split())
+    assert source.stat().st_mtime_ns == before.st_mtime_ns and source.stat().st_nlink == before.st_nlink
+    assert out.is_symlink() == (link is os.symlink)

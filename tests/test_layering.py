@@ -23,6 +23,7 @@ replay
 tracker · transport · recording
 scene · message
 compiled
+compiled_model · compiled_fields
 deforming · part
 solid
 moves

@@ -1,7 +1,11 @@
 """Files written wholly or not at all, in place of others."""
 
 import os
+import signal
 import stat
+import subprocess
+import sys
+import threading
 
 import pytest
 
@@ -102,3 +106,83 @@ def test_device_is_written_to_as_it_is_or_refused():
     refused = pytest.raises(SceneError, match=r"^/dev/null: cannot be written \(it is no regular file\)$")
     with refused, whole_file("/dev/null", SceneError, takes_devices=False):
         pytest.fail("it was opened")
+
+
+# --- what writers leave behind ----------------------------------------------------------------------------
+
+needs_locks = pytest.mark.skipif(os.name == "nt", reason="there are no such locks there")
+
+
+def written(path, data=b"new"):
+    with whole_file(path) as stream:
+        stream.write(data)
+
+
+@pytest.fixture
+def writer(tmp_path):
+    """Another process that is writing a file and does not end."""
+    code = (
+        "import sys, time; from proximity.whole_file import whole_file\n"
+        "with whole_file(sys.argv[1]) as stream:\n"
+        "    stream.write(b'half'); stream.flush(); print('writing', flush=True); time.sleep(60)"
+    )
+    command = [sys.executable, "-c", code, tmp_path / "log.npy"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout.readline() == "writing\n"
+        yield process
+        process.kill()
+
+
+@needs_locks
+@pytest.mark.parametrize("number", ["SIGTERM", "SIGHUP", "SIGKILL"])
+def test_what_a_killed_writer_left_goes_with_the_next_file(number, writer, tmp_path):
+    writer.send_signal(getattr(signal, number))
+    writer.wait(timeout=30)
+    (left,) = tmp_path.iterdir()
+    assert left.name.endswith(".unfinished")
+
+    written(tmp_path / "other.csv")
+
+    assert list(tmp_path.iterdir()) == [tmp_path / "other.csv"]
+
+
+@needs_locks
+def test_what_a_living_writer_has_begun_stays(writer, tmp_path):
+    (unfinished,) = tmp_path.iterdir()
+
+    written(tmp_path / "log.npy")
+
+    assert unfinished.read_bytes() == b"half"
+
+
+@needs_locks
+def test_threads_that_write_side_by_side_leave_each_other_alone(tmp_path):
+    wrong = []
+
+    def write(name):
+        try:
+            for step in range(40):
+                written(tmp_path / name, bytes([step]) * 1000)
+        except Exception as error:  # a thread's own would be printed, and the test would pass
+            wrong.append(error)
+
+    threads = [threading.Thread(target=write, args=(f"{k % 3}.npy",)) for k in range(6)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+
+    assert wrong == []
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["0.npy", "1.npy", "2.npy"]
+
+
+def test_files_of_others_that_look_alike_stay(tmp_path):
+    names = [".unfinished", "notes.unfinished", ".0123456789abcdef.unfinished.txt", ".0123.unfinished"]
+    for name in names:
+        (tmp_path / name).write_bytes(b"precious")
+    (tmp_path / ".0123456789abcdef.unfinished").mkdir()
+    (tmp_path / ".fedcba9876543210.unfinished").symlink_to(tmp_path / ".unfinished")
+
+    written(tmp_path / "log.npy")
+
+    assert len(list(tmp_path.iterdir())) == len(names) + 3

@@ -1,5 +1,6 @@
 """``proximity compile``: a file as a scene that opens in milliseconds."""
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -46,6 +47,8 @@ def command(
     if out.suffix.lower() != EXTENSION:  # else a slip of the hand would write over a mesh
         raise typer.BadParameter(f"{out} does not end in {EXTENSION}", param_hint="OUT")
     options = load_options(step_tolerance, unpacked_limit)
+    if _is_one_file(file, out):
+        raise typer.BadParameter(f"{out} is {file} itself, expected another file", param_hint="OUT")
     # Rich and the library: only now, so that --help and mistakes above answer at once.
     from proximity.cli import waiting
     from proximity.cli.wording import printable
@@ -57,3 +60,11 @@ def command(
     face_count = sum(part.solid.mesh.face_count for part in scene.parts)
     parts = "1 part" if len(scene.parts) == 1 else f"{len(scene.parts)} parts"
     typer.echo(printable(f"{out}: {parts}, {face_count} faces, {out.stat().st_size} bytes"))
+
+
+def _is_one_file(file: Path, out: Path) -> bool:
+    """Whether both names lead to one file, through links of any kind."""
+    try:
+        return os.path.samefile(file, out)
+    except (OSError, ValueError):  # one is not there, which is told later
+        return False

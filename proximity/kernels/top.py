@@ -112,7 +112,7 @@ def gather_entries(words, frames, parts, target):
 
 
 @inlined
-def _last_up_to(parts, column, number):
+def last_up_to(parts, column, number):
     """The last part with no more than *number* in a column that rises from part to part."""
     # Halving without a branch, which nobody could predict.
     low, count = np.int64(0), np.int64(len(parts) - 1)
@@ -127,7 +127,7 @@ def _last_up_to(parts, column, number):
 def _part_of_child(words, parts, reference, entries_at):
     """The part that a leaf of the static tree is of: an entry, or a part's own node or block."""
     if reference >= 0:
-        return _last_up_to(parts, ROOT, reference)
+        return last_up_to(parts, ROOT, reference)
     if ~reference < ENTRY:
         return part_of_slot(words, parts, LANES * ~reference)
     return np.int64(load_int(words, entries_at + 2 * (~reference - ENTRY)))
