@@ -66,7 +66,7 @@ class FakeScene:
         self.has_inside = has_inside
 
     def closest(self, points, *, workers=1):
-        with np.errstate(invalid="ignore"):
+        with np.errstate(invalid="ignore", over="ignore"):
             length = np.linalg.norm(points, axis=-1)
             gradient = points / length[:, None]
         is_found = np.isfinite(points).all(axis=-1)

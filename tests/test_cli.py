@@ -17,7 +17,7 @@ from rich.console import Console
 import proximity
 from proximity import cli
 from proximity.cli import blocks, output, query, tables, waiting
-from proximity.cli.lengths import in_unit, in_units
+from proximity.cli.lengths import in_units
 from proximity.errors import MeshError, MeshFormatError
 from proximity.pose import Pose
 
@@ -101,7 +101,7 @@ def test_unknown_side_is_told_in_words(run, monkeypatch):
 
 
 def test_point_that_is_not_finite_is_told_in_words(run):
-    result = run("query", "ball.stl", "nan", 0, "-inf")
+    result = run("query", "ball.stl", "--points", "-", stdin="nan 0 -inf\n")
 
     assert result.code == 0
     assert block(result.out) == {"distance": "nan (the point is not finite)"}
@@ -153,6 +153,19 @@ def test_unknown_option_is_a_usage_error(run, option):
     ("arguments", "message"),
     [
         ((1, 2), "a point is three numbers, but 2 were given"),
+        ((1, 2, "nan"), "'nan' is not finite, expected a number"),
+        ((1, "-inf", 3), "'-inf' is not finite, expected a number"),
+        ((1, "1e400", 3), "'1e400' is beyond 1.8e+308, the largest number"),
+        ((1, 2, 3, "--ray", 0, "nan", 1), "'nan' is not finite, expected a number"),
+        ((1, 2, 3, "--ray", 0, "-1e400", 1), "'-1e400' is beyond 1.8e+308, the largest number"),
+        ((1, 2, 3, "--ray", 0, "up", 1), "'up' is not a number"),
+        (("1,2,3",), "'1,2,3' is not a number; separate numbers by spaces alone: 1 2 3"),
+        (("-1,2,3",), "'-1,2,3' is not a number; separate numbers by spaces alone: -1 2 3"),
+        (("1, 2, 3",), "'1, 2, 3' is not a number; separate numbers by spaces alone: 1 2 3"),
+        (("1,", "2,", 3), "'1,' is not a number; separate numbers by spaces alone: 1"),
+        (("1;2;3",), "'1;2;3' is not a number; separate numbers by spaces alone: 1 2 3"),
+        (("1,5", 2, 3), "'1,5' has a decimal comma, expected a decimal point: 1.5"),
+        ((1, "-2,5", 3), "'-2,5' has a decimal comma, expected a decimal point: -2.5"),
         ((1, 2, "three"), "'three' is not a number"),
         ((1, 2, "1_0"), "'1_0' is not a number"),
         ((), "give a point, or --points FILE"),
@@ -220,7 +233,9 @@ def test_ray_that_misses_is_told(run):
 
 
 def test_ray_that_is_not_finite_is_told(run):
-    lines = block(run("query", "ball.stl", "inf", 0, 50, "--ray", 0, 0, 1).out)
+    options = ("--points", "-", "--ray", 0, 0, 1)
+
+    lines = block(run("query", "ball.stl", *options, stdin="inf 0 50\n").out)
 
     assert lines == {"distance": "inf (the numbers given are not finite)"}
 
@@ -254,7 +269,9 @@ def test_segment_that_touches_is_told(run):
 
 
 def test_segment_that_is_not_finite_is_told(run):
-    lines = block(run("query", "ball.stl", 0, 0, "nan", 0, 0, "nan", "--segment").out)
+    stdin = "0 0 nan\n0 0 nan\n"
+
+    lines = block(run("query", "ball.stl", "--points", "-", "--segment", stdin=stdin).out)
 
     assert lines == {"distance": "nan (the numbers given are not finite)"}
 
@@ -269,7 +286,7 @@ def test_segments_are_pairs_of_points(run):
 
 
 def test_many_points_make_an_aligned_table(run):
-    result = run("query", "ball.stl", 0, 0, 12.5, 1, 2, "nan", -4, 0, 0)
+    result = run("query", "ball.stl", "--points", "-", stdin="0 0 12.5\n1 2 nan\n-4 0 0\n")
 
     lines = result.out.splitlines()
     assert lines[0].split()[:6] == ["#", "distance_mm", "side", "x_mm", "y_mm", "z_mm"]
@@ -326,7 +343,7 @@ def refuse(word):
 
 
 def test_json_is_one_valid_document_with_every_digit(run):
-    result = run("query", "ball.stl", 0.1, 0.2, 0.3, "nan", 0, 0, "--json")
+    result = run("query", "ball.stl", "--points", "-", "--json", stdin="0.1 0.2 0.3\nnan 0 0\n")
 
     document = json.loads(result.out, parse_constant=refuse)
     first, second = document["answers"]
@@ -334,7 +351,7 @@ def test_json_is_one_valid_document_with_every_digit(run):
     assert document["file"] == "ball.stl"
     assert document["units"] == "mm"
     assert document["mode"] == "closest"
-    assert first["signed_distance"] == in_unit(direct.signed_distance[0], 0.001)
+    assert first["signed_distance"] == pytest.approx(direct.signed_distance[0] / 0.001, rel=1e-14)
     assert first["point"] == in_units(direct.point[0], 0.001).tolist()
     assert first["part"] == 0
     assert first["part_name"] == "ball"
@@ -364,23 +381,23 @@ def test_json_of_several_chunks_is_valid(run, monkeypatch):
 
 
 def test_csv_has_a_header_and_every_digit(run):
-    result = run("query", "ball.stl", 0.1, 0.2, 0.3, "nan", 0, 0, "--csv")
+    result = run("query", "ball.stl", "--points", "-", "--csv", stdin="0.1 0.2 0.3\nnan 0 0\n")
 
     first, second = csv.DictReader(io.StringIO(result.out))
     direct = FakeScene().closest(np.array([[0.1, 0.2, 0.3]]) * 0.001)
-    assert list(first)[:6] == ["x", "y", "z", "signed_distance", "distance", "is_signed"]
-    assert float(first["signed_distance"]) == in_unit(direct.signed_distance[0], 0.001)
-    point = [float(first[name]) for name in ("point_x", "point_y", "point_z")]
+    assert list(first)[:6] == ["x_mm", "y_mm", "z_mm", "signed_distance_mm", "distance_mm", "is_signed"]
+    assert float(first["signed_distance_mm"]) == pytest.approx(direct.signed_distance[0] / 0.001, rel=1e-14)
+    point = [float(first[name]) for name in ("point_x_mm", "point_y_mm", "point_z_mm")]
     assert point == in_units(direct.point[0], 0.001).tolist()
     assert first["part_name"] == "ball"
-    assert second["signed_distance"] == "nan"
+    assert second["signed_distance_mm"] == "nan"
     assert second["face"] == ""
 
 
 def test_csv_of_a_miss_says_inf(run):
     (answer,) = csv.DictReader(io.StringIO(run("query", "ball.stl", 90, 0, 0, "--ray", 0, 0, 1, "--csv").out))
 
-    assert answer["distance"] == "inf"
+    assert answer["distance_mm"] == "inf"
     assert answer["normal_x"] == "nan"
 
 
@@ -393,14 +410,15 @@ def test_csv_answers_can_be_read_again_as_points(run):
 
     result = run("query", "ball.stl", "--points", "-", "--json", stdin=written)
 
+    assert written.startswith("x_mm,y_mm,z_mm,")
     assert [answer["query"] for answer in json.loads(result.out)["answers"]] == [[-1, 2, 3], [4, 5, 6]]
 
 
 def test_csv_separates_lines_the_same_way_everywhere():
     stream = io.StringIO()
-    output.write_csv(stream, [{"distance": [1.0, 0.1 + 0.2]}])
+    output.write_csv(stream, "in", [{"distance": [1.0, 0.1 + 0.2]}])
 
-    assert stream.getvalue() == "distance\n1.0\n0.30000000000000004\n"
+    assert stream.getvalue() == "distance_in\n1.0\n0.30000000000000004\n"
 
 
 def test_points_come_from_a_file(run, tmp_path):
@@ -410,15 +428,15 @@ def test_points_come_from_a_file(run, tmp_path):
     assert block(run("query", "ball.stl", "--points", path).out)["signed distance"] == "2.5 mm, outside"
 
 
-def test_bad_line_of_a_file_is_one_line_on_stderr(run, loaded, tmp_path):
+def test_bad_first_line_of_a_file_is_one_line_on_stderr(run, loaded, tmp_path):
     path = tmp_path / "points.csv"
-    path.write_text("0 0 1\n0 0\n", encoding="utf-8")
+    path.write_text("0 0\n0 0 1\n", encoding="utf-8")
 
-    result = run("query", "ball.stl", "--points", path)
+    result = run("query", "ball.stl", "--points", path, "--json")
 
     assert result.code == 2
     assert result.out == ""
-    assert result.err == f"proximity: {path}, line 2: 2 values, expected 3\n"
+    assert result.err == f"proximity: {path}, line 1: 2 values, expected 3\n"
     assert loaded == []
 
 
@@ -553,7 +571,7 @@ def test_many_queries_show_a_bar_on_a_terminal(monkeypatch):
     screen = terminal(monkeypatch)
     monkeypatch.setattr(waiting, "PATIENCE_S", -1.0)
 
-    passed = list(waiting.with_bar("abc", [10, 10, 5], 25, is_shown=True))
+    passed = list(waiting.with_bar("abc", {"a": 10, "b": 10, "c": 5}.get, 25, is_shown=True))
 
     assert passed == ["a", "b", "c"]
     assert "25/25" in screen.getvalue()
@@ -565,7 +583,7 @@ def test_bar_is_not_shown_for_a_short_wait_or_in_the_way(monkeypatch, is_shown):
     if not is_shown:
         monkeypatch.setattr(waiting, "PATIENCE_S", -1.0)
 
-    assert list(waiting.with_bar("abc", [1, 1, 1], 3, is_shown=is_shown)) == ["a", "b", "c"]
+    assert list(waiting.with_bar("abc", len, 3, is_shown=is_shown)) == ["a", "b", "c"]
     assert screen.getvalue() == ""
 
 

@@ -11,8 +11,13 @@ from proximity.cli.points import number, parse_points, read_points
 from proximity.errors import QueryError
 
 
-def points_of(text):
-    return parse_points(text.splitlines(keepends=True), "points.csv").tolist()
+def points_of(text, units="mm"):
+    chunks = parse_points(text.splitlines(keepends=True), "points.csv", units)
+    return [value for chunk in chunks for value in chunk.coordinates]
+
+
+def read(path):
+    return [value for chunk in read_points(path) for value in chunk.coordinates]
 
 
 @pytest.mark.parametrize(
@@ -39,6 +44,8 @@ def points_of(text):
         "x,y,z,x_in\n1,2,-30,0\n",
         "x,y,z,remark\n1,2,-30,\n",
         "x,y,z,\n1,2,-30,\n",
+        'x,y,z,part\n1,2,-30,"lid #2"\n',
+        "x,y,z,part\n1,2,-30,lid#2 # a comment\n",
     ],
 )
 def test_text_is_read_as_people_write_it(text):
@@ -58,12 +65,53 @@ def test_text_is_read_as_people_write_it(text):
     ],
 )
 def test_columns_may_be_in_the_unit_that_was_said(header):
-    assert parse_points([header, "1,2,3"], "points.csv", "in").tolist() == [1.0, 2.0, 3.0]
+    assert points_of(f"{header}\n1,2,3", "in") == [1.0, 2.0, 3.0]
 
 
 @pytest.mark.parametrize("text", ["", "\n\n", "# nothing\n", "x,y,z\n"])
 def test_no_points_are_no_error(text):
     assert points_of(text) == []
+
+
+def test_points_come_in_chunks_and_the_last_is_shorter():
+    chunks = list(parse_points([f"{k} 0 0\n" for k in range(7)], "points.csv", limit=3))
+
+    assert [list(chunk.coordinates[::3]) for chunk in chunks] == [[0.0, 1.0, 2.0], [3.0, 4.0, 5.0], [6.0]]
+
+
+def test_no_points_are_one_empty_chunk():
+    (chunk,) = parse_points([], "points.csv")
+
+    assert len(chunk) == 0 and chunk.names is None
+
+
+def test_points_before_a_bad_line_come_before_the_error():
+    chunks = parse_points(["1 2 3\n"] * 4 + ["4 5\n"], "points.csv", limit=3)
+
+    assert [len(next(chunks)), len(next(chunks))] == [3, 1]
+    with pytest.raises(QueryError, match=r"^points\.csv, line 5: 2 values, expected 3$"):
+        next(chunks)
+
+
+def test_names_of_points_are_kept():
+    text = 'z,name,y,x\n3,"a, b #1",2,1\n6,,5,4\n9,c#2,8,7\n'
+
+    first, second = parse_points(text.splitlines(), "points.csv", limit=2)
+
+    assert first.names == ["a, b #1", ""] and second.names == ["c#2"]
+    assert list(second.coordinates) == [7.0, 8.0, 9.0]
+
+
+def test_text_without_an_end_of_line_is_refused_and_not_kept(monkeypatch):
+    class Endless(io.StringIO):
+        def readline(self, size=-1):
+            assert size > 0, "a line of any length is read"
+            return "1" * size
+
+    monkeypatch.setattr(sys, "stdin", Endless())
+
+    with pytest.raises(QueryError, match=r"^standard input, line 1: has 1000000 characters or more"):
+        list(read_points("-"))
 
 
 def test_points_that_are_not_finite_are_read():
@@ -86,7 +134,27 @@ def test_numbers_come_back_exactly(rows):
         ("1 2 3\n1 2\n", "points.csv, line 2: 2 values, expected 3"),
         ("1\n", "points.csv, line 1: 1 value, expected 3"),
         ("# c\n\n1 2 3 4\n", "points.csv, line 3: 4 values, expected 3"),
-        ("1,5;2,5;3,5\n", "points.csv, line 1: 4 values, expected 3"),
+        (  # was: 4 values, expected 3
+            "1,5;2,5;3,5\n",
+            "points.csv, line 1: '1,5' has a decimal comma, expected a decimal point: 1.5",
+        ),
+        (
+            "x;y;z\n1;2;-3,5\n",
+            "points.csv, line 2: '-3,5' has a decimal comma, expected a decimal point: -3.5",
+        ),
+        ("1,5;2;3\n", "points.csv, line 1: '1,5' has a decimal comma, expected a decimal point: 1.5"),
+        ("1,5;2,5;3\n", "points.csv, line 1: '1,5' has a decimal comma, expected a decimal point: 1.5"),
+        ("1,5\t2\t3\n", "points.csv, line 1: '1,5' has a decimal comma, expected a decimal point: 1.5"),
+        (
+            "x,y,z\n1,2,1e400\n",  # was: infinity
+            "points.csv, line 2: '1e400' is beyond 1.8e+308, the largest number",
+        ),
+        ("1 2 3#4\n", "points.csv, line 1: '3#4' is not a number"),
+        ("1 2 3\n\udcff 1 2\n", "points.csv, line 2: not text in UTF-8, expected three numbers"),
+        (
+            "1" * 1_000_001 + "\n",
+            "points.csv, line 1: has 1000000 characters or more, expected three numbers",
+        ),
         ("1,,3\n", "points.csv, line 1: '' is not a number"),
         ("1 2 x\n", "points.csv, line 1: 'x' is not a number"),
         ("x y z\na b c\n", "points.csv, line 2: 'a' is not a number"),
@@ -148,31 +216,31 @@ def test_standard_input_is_named(monkeypatch):
     monkeypatch.setattr(sys, "stdin", io.StringIO("1 2 3\n4\n"))
 
     with pytest.raises(QueryError, match=r"^standard input, line 2: 1 value, expected 3$"):
-        read_points("-")
+        list(read_points("-"))
 
 
 def test_standard_input_that_is_closed_is_named(monkeypatch):
     monkeypatch.setattr(sys, "stdin", None)  # as Python has it after <&-
 
     with pytest.raises(QueryError, match=r"^standard input is closed, expected lines of three numbers$"):
-        read_points("-")
+        list(read_points("-"))
 
 
 def test_file_is_read(tmp_path):
     path = tmp_path / "points.txt"
     path.write_text("1 2 3\n4 5 6\n", encoding="utf-8")
 
-    assert read_points(str(path)).tolist() == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
+    assert read(str(path)) == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
 
 
 def test_file_that_is_missing_is_refused(tmp_path):
     with pytest.raises(QueryError, match=r"absent\.csv: cannot be read \(No such file or directory\)$"):
-        read_points(str(tmp_path / "absent.csv"))
+        read(str(tmp_path / "absent.csv"))
 
 
 def test_folder_is_refused(tmp_path):
     with pytest.raises(QueryError, match=r"cannot be read \("):
-        read_points(str(tmp_path))
+        read(str(tmp_path))
 
 
 @pytest.mark.parametrize("encoding", ["utf-16", "latin-1"])
@@ -180,10 +248,8 @@ def test_file_in_another_encoding_is_refused(tmp_path, encoding):
     path = tmp_path / "points.csv"
     path.write_bytes("größe,1,2\n".encode(encoding))
 
-    with pytest.raises(
-        QueryError, match=r"points\.csv: not a text file in UTF-8, expected lines of three numbers$"
-    ):
-        read_points(str(path))
+    with pytest.raises(QueryError, match=r"points\.csv, line 1: not text in UTF-8, expected three numbers$"):
+        read(str(path))
 
 
 def test_number_says_what_is_none():

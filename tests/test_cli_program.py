@@ -146,18 +146,19 @@ def test_mistake_of_ours_keeps_its_traceback():
 
 @pytest.mark.skipif(os.name == "nt", reason="pipes and signals of POSIX")
 @pytest.mark.parametrize("option", ["--csv", "--json", "--units=mm"])
-def test_reader_that_stops_early_causes_no_complaint(option):
+def test_reader_that_stops_early_causes_no_complaint(option, tmp_path):
+    points = tmp_path / "points.txt"  # a pipe would fill: answers are written while points are read
+    points.write_text("1 2 3\n" * 50_000, encoding="utf-8")
     arguments = ["query", "ball.stl", "--points", "-", option]
-    program = subprocess.Popen(
-        [sys.executable, "-c", ON_A_SPHERE.format(tests=str(TESTS), arguments=arguments, before="")],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=environment(),
-    )
-    program.stdin.write("1 2 3\n" * 50_000)
-    program.stdin.close()
+    with points.open(encoding="utf-8") as lines:
+        program = subprocess.Popen(
+            [sys.executable, "-c", ON_A_SPHERE.format(tests=str(TESTS), arguments=arguments, before="")],
+            stdin=lines,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=environment(),
+        )
     program.stdout.readline()
     program.stdout.close()
 
@@ -165,6 +166,33 @@ def test_reader_that_stops_early_causes_no_complaint(option):
     program.stderr.close()
     assert program.wait(timeout=60) == 141
     assert complaint == ""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="pipes and signals of POSIX")
+def test_first_answers_come_while_points_are_still_written():
+    code = ON_A_SPHERE.format(
+        tests=str(TESTS), arguments=["query", "ball.stl", "--points", "-", "--csv"], before=""
+    )
+    program = subprocess.Popen(
+        [sys.executable, "-c", code],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment(),
+    )
+    with program:
+        program.stdin.write("0 0 11\n" * 20_000)
+        program.stdin.flush()
+        lines = [program.stdout.readline() for _ in range(20_001)]
+        program.stdin.write("0 0 12\n0\n")
+        program.stdin.close()
+        rest, complaint = program.stdout.read(), program.stderr.read()
+
+    assert lines[0].startswith("x_mm,") and lines[-1].startswith("0.0,0.0,11.0,1.0,")
+    assert rest.startswith("0.0,0.0,12.0,2.0,") and rest.count("\n") == 1
+    assert complaint == "proximity: standard input, line 20002: 1 value, expected 3\n"
+    assert program.returncode == 2
 
 
 @pytest.mark.skipif(os.name == "nt", reason="pipes and signals of POSIX")

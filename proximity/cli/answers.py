@@ -1,7 +1,7 @@
 """Questions to a scene in people's units, answers as plain lists in the same units.
 
-Lengths of answers have at most 15 significant digits, as `lengths.in_units` rounds them; directions and
-barycentric coordinates are exact.
+Lengths of answers have at most 15 significant digits, as `lengths` rounds them; directions and barycentric
+coordinates are exact.
 
 An answer is a mapping from a field's name to a list with one entry a query: a number, three numbers, a word,
 or None where there is nothing. Fields are named as in the library's results; ``face`` is the row of the
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 import proximity
-from proximity.cli.lengths import in_units
+from proximity.cli.lengths import distances_in_units, in_units
 from proximity.results import NO_FACE, Feature
 
 Fields = dict[str, list[Any]]
@@ -35,13 +35,14 @@ def closest(scene: "proximity.Scene", points: np.ndarray, metres: float, workers
     workers : int
         Threads; -1 is all cores.
     """
-    hits = scene.closest(_in_metres(points, metres), workers=workers)
+    asked_from = _in_metres(points, metres)
+    hits = scene.closest(asked_from, workers=workers)
     features = [FEATURE_WORDS.get(code) for code in hits.feature.tolist()]
     found = (hits.face_id != NO_FACE).tolist()
     return {
         "query": points.tolist(),
-        "signed_distance": in_units(hits.signed_distance, metres).tolist(),
-        "distance": in_units(hits.distance, metres).tolist(),
+        "signed_distance": distances_in_units(hits.signed_distance, metres, asked_from, hits.point).tolist(),
+        "distance": distances_in_units(hits.distance, metres, asked_from, hits.point).tolist(),
         "is_signed": hits.is_signed.tolist(),
         "point": in_units(hits.point, metres).tolist(),
         "gradient": hits.gradient.tolist(),
@@ -70,11 +71,12 @@ def cast(
         Threads; -1 is all cores.
     """
     directions = np.broadcast_to(direction, origins.shape)
-    hits = scene.cast(_in_metres(origins, metres), directions, workers=workers)
+    starts = _in_metres(origins, metres)
+    hits = scene.cast(starts, directions, workers=workers)
     return {
         "origin": origins.tolist(),
         "direction": directions.tolist(),
-        "distance": in_units(hits.distance, metres).tolist(),
+        "distance": distances_in_units(hits.distance, metres, starts, hits.point).tolist(),
         "point": in_units(hits.point, metres).tolist(),
         "normal": hits.normal.tolist(),
         **_faces(scene, hits),
@@ -101,7 +103,9 @@ def closest_to_segments(scene: "proximity.Scene", ends: np.ndarray, metres: floa
     return {
         "start": starts.tolist(),
         "end": stops.tolist(),
-        "distance": in_units(hits.distance, metres).tolist(),
+        "distance": distances_in_units(
+            hits.distance, metres, hits.point_on_segment, hits.point_on_solid
+        ).tolist(),
         "fraction": hits.fraction.tolist(),
         "point_on_segment": in_units(hits.point_on_segment, metres).tolist(),
         "point_on_solid": in_units(hits.point_on_solid, metres).tolist(),

@@ -105,7 +105,26 @@ def segment_block(answer: dict[str, Any], units: str, sign: str) -> Lines:
 
 
 TOO_FAR = "too far off to be computed"
+NAMES = ("name", "start_name", "end_name")
 BLOCKS = {"closest": closest_block, "ray": ray_block, "segment": segment_block}
+
+
+def block(mode: str, answer: dict[str, Any], units: str, sign: str) -> Lines:
+    """Return the lines that tell one answer, with the names of its points where they have some.
+
+    Parameters
+    ----------
+    mode : str
+        A key of `BLOCKS`.
+    answer : dict
+        The fields of one answer.
+    units : str
+        What lengths are in.
+    sign : str
+        How the sign is known.
+    """
+    named = [(name.replace("_", " "), answer[name]) for name in NAMES if name in answer]
+    return [*named, *BLOCKS[mode](answer, units, sign)]
 
 
 def _numbers(vector: list[float]) -> str:

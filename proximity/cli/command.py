@@ -111,9 +111,14 @@ def _is_interrupt(error: BaseException | None) -> bool:
 
 
 def _shielded(arg: str) -> str:
-    """Put a space before a negative number: it reads the same, and no longer looks like an option."""
+    """Put a space before a negative number: it reads the same, and no longer looks like an option.
+
+    So do misspelt ones, as -1,5: no option begins with a digit, and what is wrong is said of the number.
+    """
     if not arg.startswith("-"):
         return arg
+    if arg[1:2].isdigit():
+        return " " + arg
     try:
         float(arg)
     except ValueError:

@@ -35,22 +35,44 @@ def in_unit(length: float, metres: float) -> float:
     return float(in_units(np.array([length]), metres)[0])
 
 
-def rounded(values: np.ndarray) -> np.ndarray:
+def distances_in_units(distances: np.ndarray, metres: float, *points: np.ndarray) -> np.ndarray:
+    """Return *distances* in the unit, rounded where the coordinates that they are differences of end.
+
+    Parameters
+    ----------
+    distances : (N,) float64, m
+        Signed or not.
+    metres : float
+        Metres in one unit.
+    *points : (N, 3) float64, m
+        Between which they are. Of the largest coordinate of a row `DIGITS` digits count: from -11 to -10 the
+        distance is 1, where the difference alone would give 0.999999999999999. nan is passed over.
+    """
+    largest = np.zeros(len(distances))
+    for ends in points:
+        largest = np.fmax(largest, np.fmax.reduce(np.abs(ends), axis=1))
+    with np.errstate(over="ignore"):
+        return rounded(distances / metres, largest / metres)
+
+
+def rounded(values: np.ndarray, scales: np.ndarray | None = None) -> np.ndarray:
     """Return *values* rounded to `DIGITS` significant digits; zero has no sign, nan and inf stay.
 
     Parameters
     ----------
     values : (N, ...) float64
         Any.
+    scales : (N, ...) float64
+        Digits are counted from the first of these where they are larger.
     """
-    sizes = np.abs(values)
+    sizes = np.abs(values) if scales is None else np.fmax(np.abs(values), scales)
     is_plain = (sizes > 1e-7) & (sizes < 1e36)  # so that both powers of ten below are exact
     exponents = np.floor(np.log10(np.where(is_plain, sizes, 1.0))).astype(np.intp)
     shifts = DIGITS - 1 - exponents
     up, down = EXACT_POWERS[np.maximum(shifts, 0)], EXACT_POWERS[np.maximum(-shifts, 0)]
     with np.errstate(over="ignore", invalid="ignore"):
         result = np.rint(values * up / down) * down / up + 0.0  # -0.0 + 0.0 is 0.0
-    is_extreme = ~is_plain & np.isfinite(values) & (sizes > 0.0)
+    is_extreme = ~is_plain & np.isfinite(values) & (values != 0.0)
     if is_extreme.any():
         result[is_extreme] = [float(f"{value:.{DIGITS}g}") for value in values[is_extreme].tolist()]
     return result

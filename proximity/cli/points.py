@@ -1,14 +1,18 @@
-"""Points from text: three numbers a line, as CSV or between spaces.
+"""Points from text: three numbers a line, as CSV or between spaces, read in chunks.
 
-Only the standard library: bad text is refused before NumPy and the file are loaded.
+Only the standard library: text that begins badly is refused before NumPy and the file are loaded.
 """
 
 import csv
+import math
 import re
 import sys
 from array import array
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
+from typing import TextIO
 
 from proximity.errors import QueryError
 
@@ -24,14 +28,34 @@ WORDS_FOR_UNITS = {
 }  # fmt: skip
 """Other words for units than `meshio.UNITS` has, without an s at the end."""
 NO_LETTER = re.compile(r"[\W\d_]")
+BEFORE_COMMENT = re.compile(r'(?:"[^"]*"|[^#]|(?<=\S)#)*')
+"""What stands before a # at the start of a line or after white space; others belong to names, as in pin#2."""
+DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
+BETWEEN_NUMBERS = re.compile(r"[,;\s]+")
+NAME = "name"
+"""The column that goes through to the answers."""
+LONGEST_LINE = 1_000_000
+"""Characters: what never ends is no text of points."""
 
 
-def read_points(path: str, units: str = "mm") -> array:
-    """Return the points of a text file as a flat array of float64, x y z x y z ...
+@dataclass(slots=True)
+class Points:
+    """Points as they were typed or read."""
 
-    Blank lines and what follows ``#`` are skipped. Fields stand between commas, semicolons or white space.
-    The first line may name the columns: x, y and z among others, with their unit behind them or not, or
-    three other names in this order. No name begins like a number.
+    coordinates: array = field(default_factory=lambda: array("d"))  # flat: x y z x y z ...
+    names: list[str] | None = None  # one a point; None where there is no such column
+
+    def __len__(self) -> int:
+        return len(self.coordinates) // 3
+
+
+def read_points(path: str, units: str = "mm", limit: int = 20_000) -> Iterator[Points]:
+    """Yield the points of a text file in chunks.
+
+    Blank lines and comments are skipped; a comment begins with ``#`` at the start of a line or behind white
+    space. Fields stand between commas, semicolons or white space. The first line may name the columns: x, y
+    and z among others, with their unit behind them or not, or three other names in this order. No name
+    begins like a number. A column called ``name`` is kept.
 
     Parameters
     ----------
@@ -39,36 +63,42 @@ def read_points(path: str, units: str = "mm") -> array:
         The file; ``-`` is standard input.
     units : str
         Of the coordinates; a header that names another unit contradicts it.
+    limit : int
+        Points in a chunk. A shorter chunk is the last; there is at least one, perhaps empty.
 
     Raises
     ------
     QueryError
-        If the file cannot be read or a line is not a point; the message names file and line.
+        If the file cannot be read or a line is not a point; the message names file and line. Points that
+        stand before such a line are yielded first.
     """
     name = "standard input" if path == STANDARD_INPUT else path
     try:
         if path == STANDARD_INPUT:
             if sys.stdin is None:
                 raise QueryError("standard input is closed, expected lines of three numbers")
-            return parse_points(sys.stdin, name, units)
-        with Path(path).open(encoding="utf-8") as lines:
-            return parse_points(lines, name, units)
-    except UnicodeDecodeError as unfit:
-        raise QueryError(f"{name}: not a text file in UTF-8, expected lines of three numbers") from unfit
+            if hasattr(sys.stdin, "reconfigure"):
+                sys.stdin.reconfigure(encoding="utf-8", errors="surrogateescape")
+            yield from parse_points(_lines(sys.stdin), name, units, limit)
+        else:
+            with Path(path).open(encoding="utf-8", errors="surrogateescape") as stream:
+                yield from parse_points(_lines(stream), name, units, limit)
     except OSError as failure:
         raise QueryError(f"{name}: cannot be read ({failure.strerror or failure})") from failure
 
 
-def parse_points(lines: Iterable[str], name: str, units: str = "mm") -> array:
-    """Return the points of *lines* as `read_points` does.
+def parse_points(lines: Iterable[str], name: str, units: str = "mm", limit: int = 20_000) -> Iterator[Points]:
+    """Yield the points of *lines* as `read_points` does.
 
     Parameters
     ----------
     lines : iterable of str
-        The text.
+        The text; bytes that are no UTF-8 stand in it as surrogates.
     name : str
         Where it comes from, for messages.
     units : str
+        As of `read_points`.
+    limit : int
         As of `read_points`.
 
     Raises
@@ -76,37 +106,93 @@ def parse_points(lines: Iterable[str], name: str, units: str = "mm") -> array:
     QueryError
         If a line is not a point, or the header names another unit.
     """
-    coordinates = array("d")
-    columns: tuple[int, ...] | None = None  # which fields are x, y, z; None until the first line is seen
-    field_count = 3
-    for row, line in enumerate(lines, start=1):
-        where = f"{name}, line {row}"
+    reader = _Reader(name, units)
+    has_yielded = False
+    try:
+        for row, line in enumerate(lines, start=1):
+            reader.read(row, line)
+            if len(reader.points) >= limit:
+                yield reader.taken()
+                has_yielded = True
+    except (QueryError, OSError):
+        if len(reader.points):
+            yield reader.taken()
+        raise
+    if len(reader.points) or not has_yielded:
+        yield reader.taken()
+
+
+class _Reader:
+    """Reads line by line, and collects points until they are taken."""
+
+    def __init__(self, name: str, units: str) -> None:
+        self._name, self._units = name, units
+        self._columns: tuple[int, ...] | None = None  # which fields are x, y, z; None before the first line
+        self._name_column: int | None = None
+        self._field_count = 3
+        self.points = Points()
+
+    def taken(self) -> Points:
+        """Return what was collected, and begin anew."""
+        points = self.points
+        self.points = Points(names=None if points.names is None else [])
+        return points
+
+    def read(self, row: int, line: str) -> None:
+        """Read a line: a point, a header, or nothing."""
+        where = f"{self._name}, line {row}"
+        _check_text(line, where)
         try:
             fields = _fields(line.removeprefix(BYTE_ORDER_MARK) if row == 1 else line)
         except csv.Error as unfit:
             raise QueryError(f"{where}: {unfit}, expected three numbers") from unfit
         if not fields:
-            continue
-        if not fields[-1] and len(fields) != field_count:
+            return
+        if not fields[-1] and len(fields) != self._field_count:
             del fields[-1]  # some programs end every line with a separator
-        if columns is None:
-            columns = _columns_of_header(fields, where)
-            if columns is not None:
-                _check_units([fields[column] for column in columns], units, where)
-                field_count = len(fields)
-                continue
-            columns = (0, 1, 2)
-        if len(fields) != field_count:
-            raise QueryError(f"{where}: {_counted(len(fields))}, expected {field_count}")
+        if self._columns is None and self._is_header(fields, where):
+            return
+        if len(fields) != self._field_count:
+            _refuse_decimal_commas(line, where)
+            raise QueryError(f"{where}: {_counted(len(fields))}, expected {self._field_count}")
         try:
-            coordinates.extend([number(fields[column]) for column in columns])
+            self.points.coordinates.extend([number(fields[column]) for column in self._columns or (0, 1, 2)])
         except ValueError as unfit:
+            _refuse_decimal_commas(line, where)
             raise QueryError(f"{where}: {unfit}") from unfit
-    return coordinates
+        if self._name_column is not None and self.points.names is not None:
+            self.points.names.append(fields[self._name_column])
+
+    def _is_header(self, fields: list[str], where: str) -> bool:
+        """Whether the first line names the columns; which are which is known from then on."""
+        columns = _columns_of_header(fields, where)
+        self._columns = columns or (0, 1, 2)
+        if columns is None:
+            return False
+        _check_units([fields[column] for column in columns], self._units, where)
+        self._field_count = len(fields)
+        names = [name.lower() for name in fields]
+        if NAME in names and names.index(NAME) not in columns:
+            self._name_column, self.points.names = names.index(NAME), []
+        return True
+
+
+def _lines(stream: TextIO) -> Iterator[str]:
+    return iter(partial(stream.readline, LONGEST_LINE), "")
+
+
+def _check_text(line: str, where: str) -> None:
+    if len(line) >= LONGEST_LINE:
+        raise QueryError(f"{where}: has {LONGEST_LINE} characters or more, expected three numbers")
+    if not line.isascii() and any("\udc80" <= letter <= "\udcff" for letter in line):
+        raise QueryError(f"{where}: not text in UTF-8, expected three numbers")
 
 
 def _fields(line: str) -> list[str]:
-    text = line.partition("#")[0].strip()
+    if "#" in line:
+        before = BEFORE_COMMENT.match(line)
+        line = before.group() if before else line
+    text = line.strip()
     for separator in ",;":
         if separator in text:
             quoted = '"' in text
@@ -157,14 +243,53 @@ def number(text: str) -> float:
     Raises
     ------
     ValueError
-        If it spells none.
+        If it spells none, or one beyond the range of float64; the message is a sentence.
     """
     try:
-        if "_" not in text:  # Python would read 1_000
-            return float(text)
+        value = None if "_" in text else float(text)  # Python would read 1_000
     except ValueError:
-        pass
-    raise ValueError(f"{_shown(text.strip())} is not a number")
+        value = None
+    if value is None:
+        raise ValueError(_why_no_number(text.strip()))
+    if math.isinf(value) and any(letter.isdigit() for letter in text):
+        raise ValueError(f"{_shown(text.strip())} is beyond {sys.float_info.max:.2g}, the largest number")
+    return value
+
+
+def finite_number(text: str) -> float:
+    """Return the number that *text* spells.
+
+    Parameters
+    ----------
+    text : str
+        One argument.
+
+    Raises
+    ------
+    ValueError
+        If it spells none, or one that is not finite; the message is a sentence.
+    """
+    value = number(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{_shown(text.strip())} is not finite, expected a number")
+    return value
+
+
+def _why_no_number(text: str) -> str:
+    if DECIMAL_COMMA.fullmatch(text):
+        return f"{_shown(text)} has a decimal comma, expected a decimal point: {text.replace(',', '.')}"
+    numbers = [word for word in BETWEEN_NUMBERS.split(text) if word]
+    if ("," in text or ";" in text) and numbers and all(map(_is_number, numbers)):
+        return f"{_shown(text)} is not a number; separate numbers by spaces alone: {_cut(' '.join(numbers))}"
+    return f"{_shown(text)} is not a number"
+
+
+def _refuse_decimal_commas(line: str, where: str) -> None:
+    """Say so where a line that cannot be read has them: between semicolons or white space."""
+    words = re.split(r"[;\s]+", line.strip("; \t\r\n"))
+    with_comma = [word for word in words if DECIMAL_COMMA.fullmatch(word)]
+    if len(words) >= 3 and with_comma and all(word in with_comma or _is_number(word) for word in words[:3]):
+        raise QueryError(f"{where}: {_why_no_number(with_comma[0])}")
 
 
 def _is_number(field: str) -> bool:
@@ -181,4 +306,8 @@ def _counted(count: int) -> str:
 
 def _shown(text: str) -> str:
     """Quote *text* for a message: printable and not too long."""
-    return repr(text if len(text) <= 40 else text[:37] + "...")
+    return repr(_cut(text))
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= 40 else text[:37] + "..."

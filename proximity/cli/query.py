@@ -2,8 +2,8 @@
 
 import sys
 from array import array
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from itertools import chain
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -18,20 +18,25 @@ from proximity.cli.options import (
     UNPACKED_LIMIT_GB,
     load_options,
 )
-from proximity.cli.points import number, read_points
+from proximity.cli.points import Points, finite_number, read_points
 from proximity.collector import collector_paused
+from proximity.errors import ProximityError
 
 if TYPE_CHECKING:
-    import numpy as np
+    from proximity.cli.questions import Fields, Questions
 
 HELP = "\n\n".join(
     (
         "Measure from points, rays or segments to the nearest part of FILE.",
-        "One point gives a block to read, many give a table; --json and --csv give every digit. Signed "
+        "One point gives a block to read, many give a table; --json and --csv give every digit of 15. Signed "
         "distance is negative inside; it is unsigned, and said to be, where a part has no inside.",
         "Points in a file stand one a line, between commas, semicolons or spaces; a first line may name the "
-        "columns, and their unit if it is that of --units; # begins a comment. A point that is not finite "
+        "columns, and their unit if it is that of --units; a column called name goes through to the answers. "
+        "# at the start of a line or after a space begins a comment. A point of a file that is not finite "
         "answers nan; the others go on.",
+        "Answers are written while points are read. Those that stand before a line which is no point are all "
+        "written; then the line is named, and the exit code is 2. JSON then has the key error behind the "
+        "answers. Columns of CSV that hold lengths end in their unit.",
     )
 )
 
@@ -47,29 +52,6 @@ Examples:
 
 CHUNK = 20_000  # queries answered at once: a bar moves, Ctrl-C is heard, memory stays bounded
 
-Fields = dict[str, list[Any]]
-Ask = Callable[["np.ndarray"], Fields]
-
-
-@dataclass(frozen=True, slots=True)
-class Questions:
-    """What is asked, and how."""
-
-    mode: str  # "closest", "ray" or "segment"
-    points: "np.ndarray"  # (N, 3) float64, in the unit
-    ask: Ask  # rows of points -> answers
-    rows_each: int = 1  # points a query takes
-
-    def __len__(self) -> int:
-        return len(self.points) // self.rows_each
-
-    def chunks(self, limit: int | None = None) -> Iterator[Fields]:
-        """Answer the first *limit* queries, or all, in chunks; at least one chunk, which may be empty."""
-        count = len(self) if limit is None else min(limit, len(self))
-        for first in range(0, max(count, 1), CHUNK):
-            last = min(first + CHUNK, count)
-            yield self.ask(self.points[first * self.rows_each : last * self.rows_each])
-
 
 def command(
     ctx: typer.Context,
@@ -83,7 +65,7 @@ def command(
         typer.Option("--points", metavar="FILE", help="Read the points from a file; - is standard input."),
     ] = None,
     ray: Annotated[
-        tuple[float, float, float] | None,
+        tuple[str, str, str] | None,
         typer.Option("--ray", metavar="DX DY DZ", help="Cast a ray from each point in this direction."),
     ] = None,
     segment: Annotated[
@@ -104,12 +86,10 @@ def command(
     if workers == 0 or workers < -1:
         raise typer.BadParameter(f"{workers} threads: expected 1 or more, or -1", param_hint="--workers")
     options = load_options(step_tolerance, unpacked_limit)
-    typed = _typed_points(coordinates, points, units)
-    if segment and len(typed) // 3 % 2 == 1:
-        count = len(typed) // 3
-        raise typer.BadParameter(
-            f"points are taken in pairs (start, end), but there are {count}", param_hint="--segment"
-        )
+    direction = None if ray is None else tuple(_numbers(ray, "--ray"))
+    mode = "closest" if direction is None else "ray"
+    mode = "segment" if segment else mode
+    chunks = _with_begun(_points(coordinates, points, units, mode))
     # What imports and kernels leave behind is no garbage: to look at it again and again is 4 % of a query.
     with collector_paused():
         # NumPy, Rich and the library: only now, so that --help and mistakes above answer at once.
@@ -120,12 +100,22 @@ def command(
         waiting.prepare_kernels()
         with waiting.spinner(f"reading {file}"):
             scene = proximity.load(str(file), units=units, **options)
-    questions = _questions(scene, typed, ray, segment, metres, workers)
-    head = {"file": str(file), "units": units, "mode": questions.mode}
-    if as_json or as_csv:
-        _write_for_programs(questions, head, as_json)
-    else:
-        _write_for_people(questions, scene, units)
+    from proximity.cli.questions import FarPoints, Questions, asker
+    from proximity.loading import notes_on_sizes
+
+    _show_notes(notes_on_sizes(scene))
+    far = FarPoints(scene, units, metres)
+    questions = Questions(mode, chunks, asker(scene, mode, direction, metres, workers), far)
+    head = {"file": str(file), "units": units, "mode": mode}
+    try:
+        if as_json or as_csv:
+            _write_for_programs(questions, head, as_json)
+        else:
+            _write_for_people(questions, scene, units)
+    except ProximityError:
+        _show_notes([far.note()])
+        raise
+    _show_notes([far.note()])
 
 
 def _refuse_both(is_both: bool, names: str) -> None:
@@ -133,83 +123,95 @@ def _refuse_both(is_both: bool, names: str) -> None:
         raise typer.BadParameter("give one of them, not both", param_hint=names)
 
 
-def _typed_points(coordinates: list[str] | None, path: str | None, units: str) -> array:
-    """Return what was typed or read, flat: x y z x y z ..."""
+def _points(coordinates: list[str] | None, path: str | None, units: str, mode: str) -> Iterator[Points]:
+    """Yield what was typed, at once, or what is read from a file."""
     if coordinates and path is not None:
         raise typer.BadParameter("points are given as arguments already", param_hint="--points")
     if path is not None:
-        return read_points(path, units)
+        yield from read_points(path, units, _chunk_length(mode))
+        return
     if not coordinates:
         raise typer.BadParameter("give a point, or --points FILE", param_hint="X Y Z")
-    if len(coordinates) % 3 != 0:
+    numbers = _numbers(coordinates, "X Y Z")
+    if len(numbers) % 3 != 0:
         raise typer.BadParameter(
-            f"a point is three numbers, but {len(coordinates)} were given", param_hint="X Y Z"
+            f"a point is three numbers, but {len(numbers)} were given", param_hint="X Y Z"
         )
+    count = len(numbers) // 3
+    if mode == "segment" and count % 2 == 1:
+        raise typer.BadParameter(
+            f"points are taken in pairs (start, end), but there are {count}", param_hint="--segment"
+        )
+    length = 3 * _chunk_length(mode)
+    for first in range(0, len(numbers), length):
+        yield Points(array("d", numbers[first : first + length]))
+
+
+def _chunk_length(mode: str) -> int:
+    return CHUNK * (2 if mode == "segment" else 1)
+
+
+def _numbers(texts: Iterable[str], hint: str) -> list[float]:
     try:
-        return array("d", [number(coordinate) for coordinate in coordinates])
+        return [finite_number(text) for text in texts]
     except ValueError as unfit:
-        raise typer.BadParameter(str(unfit), param_hint="X Y Z") from unfit
+        raise typer.BadParameter(str(unfit), param_hint=hint) from unfit
 
 
-def _questions(
-    scene: "proximity.Scene",
-    typed: array,
-    ray: tuple[float, float, float] | None,
-    is_segment: bool,
-    metres: float,
-    workers: int,
-) -> Questions:
-    import numpy as np
-
-    from proximity.cli import answers
-
-    points = np.frombuffer(typed, dtype=np.float64).reshape(-1, 3) if typed else np.empty((0, 3))
-    if ray is not None:
-        direction = np.array(ray)
-        return Questions("ray", points, lambda rows: answers.cast(scene, rows, direction, metres, workers))
-    if is_segment:
-        return Questions(
-            "segment", points, lambda rows: answers.closest_to_segments(scene, rows, metres, workers), 2
-        )
-    return Questions("closest", points, lambda rows: answers.closest(scene, rows, metres, workers))
+def _with_begun(chunks: Iterator[Points]) -> Iterator[Points]:
+    """Read the first chunk now, so that what begins badly is refused before the file is loaded."""
+    return chain([next(chunks)], chunks)
 
 
-def _with_bar(questions: Questions, *, is_shown: bool) -> Iterator[Fields]:
-    from proximity.cli import waiting
+def _show_notes(notes: Iterable[str | None]) -> None:
+    from proximity.cli.wording import printable
 
-    total = len(questions)
-    counts = (min(CHUNK, total - first) for first in range(0, max(total, 1), CHUNK))
-    return waiting.with_bar(questions.chunks(), counts, total, is_shown=is_shown)
+    for note in notes:
+        if note is not None:
+            typer.echo(f"proximity: note: {printable(note)}", err=True)
 
 
-def _write_for_programs(questions: Questions, head: dict[str, Any], as_json: bool) -> None:
-    from proximity.cli import output
+def _write_for_programs(questions: "Questions", head: dict[str, Any], as_json: bool) -> None:
+    from proximity.cli import output, waiting
+    from proximity.cli.questions import count_of
 
-    chunks = _with_bar(questions, is_shown=not sys.stdout.isatty())
+    chunks = waiting.with_bar(questions.chunks(), count_of, None, is_shown=not sys.stdout.isatty())
     if as_json:
         output.write_json(sys.stdout, head, chunks)
     else:
-        output.write_csv(sys.stdout, chunks)
+        output.write_csv(sys.stdout, head["units"], chunks)
 
 
-def _write_for_people(questions: Questions, scene: "proximity.Scene", units: str) -> None:
-    from proximity.cli import blocks, tables
+def _write_for_people(questions: "Questions", scene: "proximity.Scene", units: str) -> None:
+    from proximity.cli import blocks, tables, waiting
     from proximity.cli.console import Console
+    from proximity.cli.questions import count_of
 
     console = Console()
-    if len(questions) == 1:
-        answer = {field: values[0] for field, values in next(questions.chunks()).items()}
-        blocks.print_block(console, blocks.BLOCKS[questions.mode](answer, units, _sign_of(scene, answer)))
+    chunks = questions.chunks()
+    first = next(chunks)
+    count = count_of(first)
+    if count == 1:
+        answer = {field: values[0] for field, values in first.items()}
+        blocks.print_block(console, blocks.block(questions.mode, answer, units, _sign_of(scene, answer)))
+        next(chunks, None)  # a line behind it may be none
     elif console.is_terminal:
-        tables.print_table(console, questions.mode, units, next(questions.chunks(tables.TERMINAL_ROWS)))
-        if len(questions) > tables.TERMINAL_ROWS:
+        tables.print_table(console, questions.mode, units, _first(first, tables.TERMINAL_ROWS))
+        if count > tables.TERMINAL_ROWS:
+            known = str(count) if count < CHUNK else f"{count} or more"
             typer.echo(
-                f"proximity: these are {tables.TERMINAL_ROWS} of {len(questions)}; "
-                "--csv, --json or a pipe shows all",
+                f"proximity: these are {tables.TERMINAL_ROWS} of {known}; --csv, --json or a pipe shows all",
                 err=True,
             )
+        if count < CHUNK:
+            next(chunks, None)
     else:
-        tables.write_table(sys.stdout, questions.mode, units, _with_bar(questions, is_shown=True))
+        everything = waiting.with_bar(chain([first], chunks), count_of, None, is_shown=True)
+        tables.write_table(sys.stdout, questions.mode, units, everything)
+
+
+def _first(fields: "Fields", count: int) -> "Fields":
+    return {field: values[:count] for field, values in fields.items()}
 
 
 def _sign_of(scene: "proximity.Scene", answer: dict[str, Any]) -> str:

@@ -230,4 +230,4 @@ def _in_metres(length: float | None, option: str, default: float, metres: float,
 def _with_bar(chunks: Sequence[range]) -> Iterable[range]:
     from proximity.cli import waiting
 
-    return waiting.with_bar(chunks, map(len, chunks), sum(map(len, chunks)), is_shown=True)
+    return waiting.with_bar(chunks, len, sum(map(len, chunks)), is_shown=True)

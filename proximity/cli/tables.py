@@ -18,6 +18,8 @@ Fields = dict[str, list[Any]]
 TERMINAL_ROWS = 100  # more than a person reads from a screen
 NUMBER_WIDTH = 16  # -1.23456789e-100
 COUNT_WIDTH = 9
+NAME_WIDTH = 12
+NAMES = ("name", "start_name", "end_name")  # of points; in the answers where the points have names
 UNBOUNDED = 10_000  # columns: wider than any table
 
 
@@ -34,7 +36,7 @@ class Column:
     @property
     def is_number(self) -> bool:
         """Whether its entries are floats, aligned to the right."""
-        return self.field not in ("part_name", "feature", "side", "face")
+        return self.field not in ("part_name", "feature", "side", "face", *NAMES)
 
 
 def _vector(title: str, field: str, *, is_length: bool = True, is_dispensable: bool = False) -> list[Column]:
@@ -83,17 +85,20 @@ def write_table(stream: TextIO, mode: str, units: str, chunks: Iterable[Fields])
     units : str
         What lengths are in.
     chunks : iterable of dict
-        Answers, field by field.
+        Answers, field by field; at least one chunk, which may be empty.
     """
-    columns = COLUMNS[mode]
-    titles = [_aligned(column, _title(column, units)) for column in columns]
-    stream.write(_line(["#".rjust(COUNT_WIDTH), *titles]))
+    columns: list[Column] = []
     count = 0
     for chunk in chunks:
+        if not columns:
+            columns = _columns(mode, chunk)
+            titles = [_aligned(column, _title(column, units)) for column in columns]
+            stream.write(_line(["#".rjust(COUNT_WIDTH), *titles]))
         for cells in _rows(chunk, columns):
             aligned = [_aligned(column, cell) for column, cell in zip(columns, cells, strict=True)]
             stream.write(_line([str(count).rjust(COUNT_WIDTH), *aligned]))
             count += 1
+        stream.flush()
 
 
 def print_table(console: Console, mode: str, units: str, answers: Fields) -> None:
@@ -110,11 +115,16 @@ def print_table(console: Console, mode: str, units: str, answers: Fields) -> Non
     answers : dict
         Answers, field by field.
     """
-    table = _drawn(COLUMNS[mode], units, answers)
+    columns = _columns(mode, answers)
+    table = _drawn(columns, units, answers)
     unbounded = console.options.update(width=UNBOUNDED)
     if console.measure(table, options=unbounded).maximum > console.width:
-        table = _drawn([column for column in COLUMNS[mode] if not column.is_dispensable], units, answers)
+        table = _drawn([column for column in columns if not column.is_dispensable], units, answers)
     console.print(table)
+
+
+def _columns(mode: str, answers: Fields) -> list[Column]:
+    return [*(Column(name, name) for name in NAMES if name in answers), *COLUMNS[mode]]
 
 
 def _drawn(columns: list[Column], units: str, answers: Fields) -> Table:
@@ -135,7 +145,9 @@ def _title(column: Column, units: str) -> str:
 def _aligned(column: Column, cell: str) -> str:
     if column.is_number:
         return cell.rjust(NUMBER_WIDTH)
-    return cell.rjust(COUNT_WIDTH) if column.field == "face" else cell.ljust(len("outside"))
+    if column.field == "face":
+        return cell.rjust(COUNT_WIDTH)
+    return cell.ljust(NAME_WIDTH if column.field in NAMES else len("outside"))
 
 
 def _line(cells: list[str]) -> str:

@@ -2,7 +2,7 @@
 
 import sys
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from threading import Timer
@@ -49,17 +49,19 @@ def spinner(doing: str) -> Iterator[None]:
         status.stop()
 
 
-def with_bar(chunks: Iterable[T], counts: Iterable[int], total: int, *, is_shown: bool) -> Iterator[T]:
+def with_bar(
+    chunks: Iterable[T], count_of: Callable[[T], int], total: int | None, *, is_shown: bool
+) -> Iterator[T]:
     """Pass *chunks* on, and show how many of all queries are answered.
 
     Parameters
     ----------
     chunks : iterable
         What is passed on.
-    counts : iterable of int
-        How many queries each chunk holds.
+    count_of : callable
+        Gives how many queries a chunk holds.
     total : int
-        How many there are.
+        How many there are; None where that is not known.
     is_shown : bool
         False where a bar would run into the output.
     """
@@ -74,9 +76,9 @@ def with_bar(chunks: Iterable[T], counts: Iterable[int], total: int, *, is_shown
     task = bar.add_task("answered", total=total)
     started = time.monotonic()
     try:
-        for chunk, count in zip(chunks, counts, strict=True):
+        for chunk in chunks:
             yield chunk
-            bar.advance(task, count)
+            bar.advance(task, count_of(chunk))
             if time.monotonic() - started > PATIENCE_S:
                 bar.start()
     finally:
