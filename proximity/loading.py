@@ -59,7 +59,7 @@ def load(
     -----
     Vertices at equal positions are welded, near ones only where that closes a body; faces without area and
     exact duplicates are dropped. ``part.repairs`` counts what was done, ``part.source_faces`` leads back to
-    the file's faces.
+    the file's faces. Of parts with a size that is not likely, ``scene.report.notes`` names the likely unit.
 
     A saved scene is mapped, not read: it opens at the speed of a glance over its bytes, shares memory with
     other processes that have it open, and must not be changed in place meanwhile; saving again replaces it,

@@ -142,6 +142,10 @@ def test_numbers_come_back_exactly(rows):
             "x;y;z\n1;2;-3,5\n",
             "points.csv, line 2: '-3,5' has a decimal comma, expected a decimal point: -3.5",
         ),
+        (
+            "name;x;y;z\nA;1,5;2;3\n",
+            "points.csv, line 2: '1,5' has a decimal comma, expected a decimal point: 1.5",
+        ),
         ("1,5;2;3\n", "points.csv, line 1: '1,5' has a decimal comma, expected a decimal point: 1.5"),
         ("1,5;2,5;3\n", "points.csv, line 1: '1,5' has a decimal comma, expected a decimal point: 1.5"),
         ("1,5\t2\t3\n", "points.csv, line 1: '1,5' has a decimal comma, expected a decimal point: 1.5"),

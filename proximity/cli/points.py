@@ -288,7 +288,8 @@ def _refuse_decimal_commas(line: str, where: str) -> None:
     """Say so where a line that cannot be read has them: between semicolons or white space."""
     words = re.split(r"[;\s]+", line.strip("; \t\r\n"))
     with_comma = [word for word in words if DECIMAL_COMMA.fullmatch(word)]
-    if len(words) >= 3 and with_comma and all(word in with_comma or _is_number(word) for word in words[:3]):
+    are_numbers = all(word in with_comma or _is_number(word) for word in words)
+    if len(words) >= 3 and with_comma and (are_numbers or ";" in line):
         raise QueryError(f"{where}: {_why_no_number(with_comma[0])}")
 
 

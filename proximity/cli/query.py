@@ -28,15 +28,15 @@ if TYPE_CHECKING:
 HELP = "\n\n".join(
     (
         "Measure from points, rays or segments to the nearest part of FILE.",
-        "One point gives a block to read, many give a table; --json and --csv give every digit of 15. Signed "
-        "distance is negative inside; it is unsigned, and said to be, where a part has no inside.",
+        "One point gives a block to read, many give a table; --json and --csv give lengths with 15 digits. "
+        "Signed distance is negative inside; it is unsigned, and said to be, where a part has no inside.",
         "Points in a file stand one a line, between commas, semicolons or spaces; a first line may name the "
         "columns, and their unit if it is that of --units; a column called name goes through to the answers. "
         "# at the start of a line or after a space begins a comment. A point of a file that is not finite "
         "answers nan; the others go on.",
-        "Answers are written while points are read. Those that stand before a line which is no point are all "
-        "written; then the line is named, and the exit code is 2. JSON then has the key error behind the "
-        "answers. Columns of CSV that hold lengths end in their unit.",
+        "Answers are written while points are read. Where a line is not a point, the answers before it are "
+        "written, the line is named, and the exit code is 2; a JSON document then ends with the key error. "
+        "Columns of CSV that hold lengths end in their unit.",
     )
 )
 
