@@ -21,7 +21,7 @@ from proximity.cli import query
 @pytest.fixture
 def run(monkeypatch, capsys):
     """Run the command line on a ball of 20 mm; returns exit code, stdout and stderr."""
-    fakes = {"load": lambda path, *, units: FakeScene(), "kernels_are_cached": lambda: True}
+    fakes = {"load": lambda path, *, units, **options: FakeScene(), "kernels_are_cached": lambda: True}
     for name, value in fakes.items():
         monkeypatch.setitem(vars(proximity), name, value)
     for name in ("FORCE_COLOR", "NO_COLOR", "GITHUB_ACTIONS", "COLUMNS", "TERMINAL_WIDTH"):
@@ -160,7 +160,8 @@ def test_both_names_of_a_segment_stand_in_its_answer(run):
 
 
 def test_own_csv_is_read_again_with_its_names_and_parts(run, monkeypatch):
-    monkeypatch.setitem(vars(proximity), "load", lambda path, *, units: FakeScene(name="pin#2, left"))
+    scene = FakeScene(name="pin#2, left")
+    monkeypatch.setitem(vars(proximity), "load", lambda path, **options: scene)
     written = run("query", "b.stl", "--points", "-", "--csv", stdin=NAMED).out
 
     assert run("query", "b.stl", "--points", "-", "--csv", stdin=written).out == written
