@@ -83,7 +83,7 @@ def ticks():
         tips[2] = np.nan if k == 3 else tips[2]
         paths = np.stack([tips, 0.5 * tips, -tips], axis=1)
         given = {"paths": paths, "velocities": -tips} if k == 4 else {"paths": paths} if k == 2 else {}
-        records.append(tracker.tick(tips, k * 1_000_000, k * 1_000_000 + 500, **given).copy())
+        records.append(tracker.tick(tips, k * 1_000_000, k * 1_000_000 + 5_000, **given).copy())
         scene.move("cube", Pose(translation=(0, 0, 0.001 * k)), velocity=(0, 0, 1.0))
     return np.stack(records)
 
