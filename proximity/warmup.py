@@ -17,6 +17,7 @@ from llvmlite import binding
 from proximity import queries
 from proximity.batches import worker_count
 from proximity.compiled import read_scene
+from proximity.kernels.code_cache import COMPLETE
 from proximity.kernels.compiling import Settled, cache_folder
 from proximity.kernels.ray_order import ray_order
 from proximity.pose import Pose
@@ -33,7 +34,7 @@ _HELP = "from proximity import warmup; warmup._settle({first})"
 
 def _mark() -> Path:
     """The file that says that all is compiled, for these sources and this kind of processor."""
-    return cache_folder() / f"complete-{binding.get_host_cpu_name()}"
+    return cache_folder() / (COMPLETE + binding.get_host_cpu_name())
 
 
 def kernels_are_cached() -> bool:

@@ -48,7 +48,7 @@ LEVEL = {
 OUTSIDE = {"__init__", "__main__"}
 KERNELS_MAY_IMPORT = {"math", "numpy"}
 # How kernels are compiled and kept, and how they get at arrays: no mathematics there.
-AROUND_KERNELS = {"compiling.py", "given.py", "memory.py"}
+AROUND_KERNELS = {"code_cache.py", "compiling.py", "given.py", "interruptible.py", "memory.py"}
 
 
 def unit_of(path):

@@ -1,5 +1,6 @@
 """What a person sees who waits: a spinner or a bar on stderr, after a second, and only on a terminal."""
 
+import os
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -14,6 +15,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 import proximity
+from proximity.cli.command import EXIT_INTERRUPTED
 from proximity.cli.console import Console
 
 PATIENCE_S = 1.0  # a wait shorter than this shows nothing
@@ -124,8 +126,13 @@ def prepare_kernels() -> None:
     if proximity.kernels_are_cached():
         return
     typer.echo("proximity: compiling for this processor, this once; it takes a minute or two", err=True)
-    with spinner("compiling"):
-        proximity.warm_up(workers=-1)
+    try:
+        with spinner("compiling"):
+            proximity.warm_up(workers=-1)
+    except KeyboardInterrupt:
+        # A compiler is at work in another thread, and Python's way out would take a second or two.
+        sys.stderr.flush()
+        os._exit(EXIT_INTERRUPTED)
 
 
 def _load_compiler() -> None:

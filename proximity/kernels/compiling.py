@@ -10,25 +10,21 @@ import hashlib
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numba
-from numba.core.caching import FunctionCache
 
-try:
-    import fcntl
-except ImportError:  # not a POSIX system
-    fcntl = None  # type: ignore[assignment]
+from proximity.kernels.code_cache import SharedCache
+from proximity.kernels.interruptible import interruptible
 
 _PACKAGE = Path(__file__).resolve().parent.parent
 # What the code of a unit is made of.
 _SOURCES = {
     "kernels": ("kernels/*.py", "simd/*.py"),
-    "decaff": ("kernels/compiling.py", "decaff/*_kernels.py"),
+    "decaff": ("kernels/code_cache.py", "kernels/compiling.py", "decaff/*_kernels.py"),
 }
 
 
@@ -65,32 +61,6 @@ def cache_folder(unit: str = "kernels") -> Path:
     return folder
 
 
-@contextmanager
-def _alone(folder: Path) -> Iterator[None]:
-    """Wait until no other process is in such a block for this folder, where the system can tell."""
-    if fcntl is None:
-        yield
-        return
-    folder.mkdir(parents=True, exist_ok=True)
-    with (folder / "lock").open("ab") as lock:
-        with suppress(OSError):  # of a file system that knows no locks
-            fcntl.flock(lock, fcntl.LOCK_EX)
-        yield
-
-
-class _SharedCache(FunctionCache):
-    """numba's, for processes that compile side by side.
-
-    To keep a version of a function numba reads the list of those that are kept, and then writes the list with
-    one more and the code. Of two processes that did so at once, the list of one could lead to the code of the
-    other, for arguments of other types.
-    """
-
-    def save_overload(self, sig: Any, data: Any) -> None:
-        with _alone(Path(self.cache_path).parent):
-            super().save_overload(sig, data)
-
-
 def _compile(function: Callable[..., Any], **options: Any) -> Any:
     """What numba makes of *function*; its cache is in the `cache_folder` of its unit."""
     compiled = numba.njit(nogil=True, error_model="numpy", **options)(function)
@@ -100,9 +70,10 @@ def _compile(function: Callable[..., Any], **options: Any) -> Any:
     folder = cache_folder("decaff" if function.__module__.startswith("proximity.decaff.") else "kernels")
     numba.config.CACHE_DIR = str(folder)
     try:
-        compiled._cache = _SharedCache(function)
+        compiled._cache = SharedCache(function)
     finally:
         numba.config.CACHE_DIR = before
+    compiled.compile = interruptible(compiled.compile)
     return compiled
 
 
