@@ -20,10 +20,8 @@ from pathlib import Path
 
 import proximity
 from benchmarks.digest import queries, scenes, ticks
+from benchmarks.support.project import MESHES, SHARED_PARTS
 
-PROJECT = Path(__file__).resolve().parent.parent
-MESHES = PROJECT / "meshes"
-CAD = PROJECT.parent / "shared" / "data" / "cad"
 PART_FILES = {".stl", ".ply", ".glb", ".gltf", ".obj", ".off", ".3mf", ".step", ".stp"}
 SCENE_POINTS, SOLID_POINTS, MOST_SOLIDS = 8000, 400, 6
 WORK_CASE = "/work"
@@ -47,7 +45,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def digests(options: argparse.Namespace) -> Iterator[tuple[str, str]]:
-    """Yield the name and the digest of each case that was asked for."""
+    """Yield the name and the digest of each case."""
     folders = [MESHES] if options.without_cad else [MESHES, options.cad]
     if not folders[-1].is_dir():
         print(f"{folders.pop()} is not here: its parts are left out")
@@ -67,14 +65,14 @@ def total_of(found: dict[str, str]) -> str:
 
 
 def compare(before: dict[str, str], now: dict[str, str]) -> int:
-    """Name the cases that differ and those that one run lacks; 1 if answers differ or nothing is common."""
+    """Name the cases that differ, count those that one run lacks; 1 if answers differ or none is common."""
     both = [name for name in now if name in before]
     different = [name for name in both if before[name] != now[name]]
     lacking = sorted(before.keys() ^ now.keys())
     for name in different:
         print(f"{'work differs' if name.endswith(WORK_CASE) else 'ANSWERS DIFFER'}: {name}")
-    for name in lacking:
-        print(f"not compared: {name} is in one of the two runs only")
+    if lacking:
+        print(f"not compared: {len(lacking)} cases that only one of the runs has, the first is {lacking[0]}")
     wrong = [name for name in different if not name.endswith(WORK_CASE)]
     work_count = len(different) - len(wrong)
     print(f"{len(both)} cases compared: {len(wrong)} with other answers, {work_count} with other work")
@@ -115,7 +113,7 @@ def _parse(arguments):
     parser.add_argument("--out", type=Path, metavar="FILE", help="write the digests to FILE")
     parser.add_argument("--against", type=Path, metavar="FILE", help="compare with the digests in FILE")
     parser.add_argument("--workers", type=int, default=1, help="threads of large calls")
-    parser.add_argument("--cad", type=Path, default=CAD, metavar="FOLDER", help="more parts")
+    parser.add_argument("--cad", type=Path, default=SHARED_PARTS, metavar="FOLDER", help="more parts")
     parser.add_argument("--without-cad", action="store_true", help="the sample parts alone")
     return parser.parse_args(arguments)
 

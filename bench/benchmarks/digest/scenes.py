@@ -78,7 +78,7 @@ def hollow_ball(radius: float) -> Scene:
 
 
 def random_pose(rng: np.random.Generator, reach: float, offset: float = 0.0) -> Pose:
-    """A pose turned anyhow, within *reach* of a point *offset* from the origin."""
+    """A pose with a random orientation, within *reach* of a point *offset* from the origin."""
     return Pose(random_rotation(rng), offset + rng.uniform(-reach, reach, 3))
 
 

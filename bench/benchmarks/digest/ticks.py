@@ -37,10 +37,11 @@ class TickCase:
 def digests_of_ticks(meshes: Path) -> Iterator[tuple[str, str, str]]:
     """Yield the name of each case, the digest of its records without `WORK`, and that of `WORK`."""
     for case in CASES:
-        yield f"ticks/{case.name}", *_run(case, meshes)
+        yield f"ticks/{case.name}", *digests_of_case(case, meshes)
 
 
-def _run(case: TickCase, meshes: Path) -> tuple[str, str]:
+def digests_of_case(case: TickCase, meshes: Path) -> tuple[str, str]:
+    """Return the digest of a case's records without `WORK`, and that of `WORK`."""
     rng, scene = generator(case.name), case.make(meshes)
     tracker = Tracker(scene, fingers=case.finger_count, **case.settings)
     positions = motion(scene, case, rng)
@@ -61,7 +62,7 @@ def _run(case: TickCase, meshes: Path) -> tuple[str, str]:
 
 
 def motion(scene: Scene, case: TickCase, rng: np.random.Generator) -> np.ndarray:
-    """Fingers that swing through a scene; at times one is lost, stands still, or jumps, (T, N, 3) m."""
+    """Fingers that swing through a scene; at times one is lost, rests, or jumps, (T, N, 3) m."""
     lower, upper = scene.bounds
     finger_count, tick_count = case.finger_count, case.tick_count
     middle, reach = 0.5 * (lower + upper), case.reach * (0.5 * (upper - lower) + 0.02)
@@ -122,7 +123,7 @@ def move_parts(scene: Scene, number: int, rng: np.random.Generator) -> None:
 
 
 def change_parts(scene: Scene, number: int, rng: np.random.Generator) -> None:
-    """Now and then hide, show, deform, place, or give a surface to one of the parts."""
+    """Every 50 ticks hide, show, deform or move one of the parts, or change its surface."""
     if number % 50:
         return
     names = [part.name for part in scene.parts]

@@ -109,7 +109,7 @@ def write_limits(limits: dict[str, Limit], path: Path | None = None) -> None:
 
 
 def judge(ratios: dict[str, float], limits: dict[str, Limit]) -> list[GateVerdict]:
-    """Hold what was measured against the limits.
+    """Compare measured ratios with the limits.
 
     Raises
     ------

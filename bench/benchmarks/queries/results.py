@@ -1,4 +1,4 @@
-"""Rows of the comparison with other libraries, and the requirements they are held against."""
+"""Rows of the comparison with other libraries, and the requirements on them."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -77,7 +77,7 @@ def make_row(
 
 
 def judge(rows: list[Row]) -> list[Verdict]:
-    """Hold the rows against the requirements; none where this package was not measured."""
+    """Compare the rows with the requirements; none where this package was not measured."""
     verdicts = [
         verdict
         for requirement in REQUIREMENTS

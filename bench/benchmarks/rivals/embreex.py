@@ -12,7 +12,7 @@ EMBREE_MISS = 1e37  # lengths from here on are misses
 
 
 class Embreex(Contender):
-    """Embree through embreex's own scene, asked for distances alone; float32, Embree's default flags."""
+    """Embree through embreex's own scene, distances alone; float32, Embree's default flags."""
 
     name = "embreex"
     package = "embreex"
@@ -48,7 +48,7 @@ class Embreex(Contender):
 
 
 class EmbreexAll(Embreex):
-    """embreex, asked for what our `cast` gives as well: distance, face, barycentric and normal."""
+    """embreex with all that our `cast` gives: distance, face, barycentric and normal."""
 
     name = "embreex (all outputs)"
     beside = Proximity.name

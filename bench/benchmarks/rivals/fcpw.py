@@ -57,7 +57,7 @@ class Fcpw(Contender):
         return Task(self._inside(points), lambda found: np.array(list(found), dtype=bool))
 
     def _inside(self, points):
-        """A call that says which points are inside: in a loop for few, in one call for many."""
+        """A call that says which points are inside: in a loop for small batches, in one call for others."""
         scene, rows = self.engine, list(as_float32(points))
         if len(rows) <= SMALL_BATCH:
             return lambda: [scene.contains(row) for row in rows]
@@ -71,7 +71,7 @@ class Fcpw(Contender):
         return ask_many
 
     def _finder(self, points, record_normal):
-        """A call that returns a record for each point: in a loop for few, in one call for many."""
+        """A call that returns a record for each point: in a loop for small batches, in one call for others."""
         scene = self.engine
         if len(points) > SMALL_BATCH:
             queries = np.asfortranarray(points, dtype=np.float32)

@@ -1,8 +1,8 @@
 """The interface of a contender: a library, asked by the fastest calls that its package offers.
 
 Arrays are converted to the library's own type and order before anything is timed, and answers are read out
-after: a `Task` holds the call alone. All run on one thread (`support.threads`, and
-arguments where a library has them).
+after: a `Task` has the call alone. All run on one thread (`support.threads`, and arguments where a library
+has them).
 """
 
 import importlib.metadata

@@ -51,7 +51,7 @@ class Proximity(Contender):
 
 
 class ProximityLengths(Proximity):
-    """Our rays asked for distances alone."""
+    """Our rays, distances alone."""
 
     name = "proximity (distances)"
     questions = ("cast",)

@@ -1,4 +1,4 @@
-"""Addresses on this machine that nobody else uses, for each transport."""
+"""New addresses on this machine for each transport."""
 
 import os
 import socket
