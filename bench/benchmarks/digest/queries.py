@@ -56,7 +56,7 @@ def digests_of(
 ) -> Iterator[tuple[str, str]]:
     """Yield ``name/query`` and the digest of its answers, for each query.
 
-    *triangles* : (F, 3, 3) m, surface of *target*, near which points are placed; *count*: about how many points.
+    *triangles*: (F, 3, 3) m, surface of *target*, near which points are placed; *count*: how many, about.
     """
     inputs = make_inputs(generator(name), triangles, count)
     for query, fields in QUERIES.items():

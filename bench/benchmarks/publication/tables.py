@@ -64,8 +64,9 @@ AXES = {
 def others_table(document: Document) -> list[str]:
     """Each requirement on a comparison: ours, the fastest of those it names, and whether it is met.
 
-    Behind it, of rays the next: embreex answers distances alone, or all that ours does, and stands beside
-    ours that answers the same. Of signs the fastest of those that are right.
+    For rays the second fastest follows: embreex answers distances alone, or all that ours does, and is
+    compared with ours that answers the same. Where signs of the fastest are wrong, the fastest with right
+    signs follows.
     """
     rows, met = document["rows"], {True: "yes", False: "no"}
     lines = []

@@ -71,7 +71,7 @@ class Fcpw(Contender):
         return ask_many
 
     def _finder(self, points, record_normal):
-        """A call that returns a record for each point: in a loop for small batches, in one call for others."""
+        """A call that returns a record for each point: in a loop for small batches, else in one call."""
         scene = self.engine
         if len(points) > SMALL_BATCH:
             queries = np.asfortranarray(points, dtype=np.float32)
