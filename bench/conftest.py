@@ -1,26 +1,27 @@
-"""What the pytest-benchmark suites share: contenders made once, answers compared, tables that read well.
+"""Fixtures of the pytest-benchmark suites: contenders made once, answers compared, one table for each case.
 
-``python -m pytest bench`` runs all of them, ``python -m pytest bench -k "points and plate"`` a part. One
-group is one question about one case; its rows are the contenders, and times are those of one point, ray or
-call of it: of the processor, so that other programs of the machine are not in them, but by the clock where a
-frame is on its way to somebody. Who is not installed is left out and named below the tables. `report.py`
-compares more fairly, since it interleaves; these suites also cover what nobody else does, and follow it from
-commit to commit.
+``python -m pytest bench`` runs all suites, ``python -m pytest bench -k "points and plate"`` a part. One group
+is one question about one case; its rows are the contenders. Times are those of one point, ray or call, in
+processor time, so that other programs do not count, and by the clock where frames are sent. Libraries that
+are not installed are left out and named below the tables. `report.py` compares more fairly, since it
+interleaves; these suites also cover what no rival does, from commit to commit.
 """
 
-import one_thread
+from benchmarks.support import threads
 
-one_thread.hold_to_one_thread()
+threads.limit_to_one_thread()
 
-import time  # noqa: E402
+import time
 
-import agreement  # noqa: E402
-import pytest  # noqa: E402
+import pytest
 
-import cases  # noqa: E402 - NumPy counts its threads on import
-import rivals  # noqa: E402
+from benchmarks.queries import agreement, cases
+from benchmarks.queries.agreement import OURS
+from benchmarks.rivals import registry
+from benchmarks.rivals.embreex import Embreex
+from benchmarks.rivals.ours import Proximity, ProximityTree
+from benchmarks.rivals.trimesh import Trimesh
 
-OURS = agreement.OURS
 DEFAULTS = {
     # pytest-benchmark's default and ours
     "benchmark_max_time": ("1.0", "0.1"),  # s, of one row
@@ -29,9 +30,9 @@ DEFAULTS = {
     "benchmark_columns": ("None", ["min", "median", "max", "rounds"]),
     "benchmark_disable_gc": ("False", True),
 }
-SMALL_CONTENDERS = (rivals.Proximity, rivals.ProximityTree, rivals.Trimesh, rivals.Embreex)
+SMALL_CONTENDERS = (Proximity, ProximityTree, Trimesh, Embreex)
 TIMES = ("min", "max", "mean", "median", "stddev", "iqr")
-PAIR_COUNT, SMALL_PAIR_COUNT = 2_000_000, 20_000  # queries times faces that the oracle looks at
+PAIR_COUNT, SMALL_PAIR_COUNT = 2_000_000, 20_000  # queries times faces that the oracle computes
 ROUND_S = 20e-6  # a shorter call is repeated within a round
 MOST_ROUNDS = 1000
 SLOW_S = 0.5  # a longer call is timed once
@@ -41,19 +42,21 @@ left_out: dict[str, str] = {}
 
 def pytest_addoption(parser):
     """One option of our own."""
-    parser.addoption("--small", action="store_true", help="a look whether all runs: small meshes, no figures")
+    parser.addoption(
+        "--small", action="store_true", help="only check that everything runs: small meshes, no figures"
+    )
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_configure(config):
-    """Replace defaults of pytest-benchmark; what was asked for on the command line stays."""
+    """Replace defaults of pytest-benchmark; options given on the command line stay."""
     for name, (theirs, ours) in DEFAULTS.items():
         if str(getattr(config.option, name)) == theirs:
             setattr(config.option, name, ours)
     if config.getoption("--small"):
         config.option.benchmark_disable = True
         cases.MESHES.update(dict.fromkeys(cases.MESHES, cases.MESHES["ball"]))
-        rivals.CONTENDERS = SMALL_CONTENDERS
+        registry.CONTENDERS = SMALL_CONTENDERS
 
 
 def pytest_collection_modifyitems(items):
@@ -63,14 +66,14 @@ def pytest_collection_modifyitems(items):
 
 
 def pytest_terminal_summary(terminalreporter):
-    """Name who and what was left out, and why."""
+    """Name what was left out, and why."""
     for name, reason in left_out.items():
         terminalreporter.write_line(f"left out: {name} ({reason})")
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_benchmark_group_stats(benchmarks):
-    """Tables tell the time of one of the many that a call asks for; JSON keeps that of the call."""
+    """Give the tables the time of one query of a call; JSON keeps that of the call."""
     for bench in benchmarks:
         for column in TIMES:
             bench[column] /= bench["extra_info"].get("count", 1)
@@ -78,19 +81,19 @@ def pytest_benchmark_group_stats(benchmarks):
 
 @pytest.fixture(scope="session")
 def made():
-    """What was made once: contenders by name and mesh, answers by case and question."""
+    """Objects made once: contenders by name and mesh, answers by case and question."""
     return {}
 
 
 @pytest.fixture
 def is_small(request):
-    """Whether this is only a look whether all runs."""
+    """Whether this run only checks that everything runs."""
     return request.config.getoption("--small")
 
 
 @pytest.fixture
 def leave_out():
-    """A call that skips a test, and has the reason told below the tables."""
+    """A call that skips a test, and has the reason printed below the tables."""
 
     def skip(name, reason):
         left_out[name] = str(reason)
@@ -107,8 +110,8 @@ def contender(made, leave_out):
         if (name, mesh_name) not in made:
             if name in left_out:
                 leave_out(name, left_out[name])
-            kinds = tuple(kind for kind in rivals.CONTENDERS if kind.name == name)
-            found, missing = rivals.available(kinds)
+            kinds = tuple(kind for kind in registry.CONTENDERS if kind.name == name)
+            found, missing = registry.available(kinds)
             if missing:
                 leave_out(name, missing[name])
             found[0].build(*(mesh or load_mesh(mesh_name, leave_out)))
@@ -172,10 +175,10 @@ def compared(made, contender, is_small):
     def compare(asked, case, mesh_name, question):
         key = case.name, len(case.points), question
         if key not in made:
-            ours = contender(OURS, mesh_name)
-            made[key] = agreement.answers_of(ours, case, question)
+            own = contender(OURS, mesh_name)
+            made[key] = agreement.answers_of(own, case, question)
             found = agreement.check_all(
-                case, question, [ours], pair_count=SMALL_PAIR_COUNT if is_small else PAIR_COUNT
+                case, question, [own], pair_count=SMALL_PAIR_COUNT if is_small else PAIR_COUNT
             )[OURS]
             wrong = found.off_count + found.wrong_sign_count
             assert not wrong, f"{wrong} of our {found.checked_count} answers are wrong"
@@ -189,8 +192,8 @@ def compared(made, contender, is_small):
 
 def _words(found):
     wrong = [(found.off_count, "lengths"), (found.wrong_sign_count, "signs")]
-    told = [f"{count} of {found.checked_count} {what} wrong" for count, what in wrong if count]
-    return f" ({', '.join(told)})" if told else ""
+    remarks = [f"{count} of {found.checked_count} {what} wrong" for count, what in wrong if count]
+    return f" ({', '.join(remarks)})" if remarks else ""
 
 
 @pytest.fixture

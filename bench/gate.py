@@ -1,9 +1,9 @@
-"""Is anything slower than it was? Ratios to a yardstick in the same run, not times: ``python bench/gate.py``.
+"""Fail if anything became slower, by ratios to a yardstick in the same run: ``python bench/gate.py``.
 
-Our call and the yardstick's take turns of a few milliseconds, timed by what the processor spent on this
-thread; a case's ratio is the median over the turns. So a machine that is busy with other things, or twice as
-slow, gives the same ratios. A case above its limit (``gate.toml``) is measured once more, over more turns,
-before the gate fails. ``--twice CASE`` asks ours twice, to see that the gate fails then.
+Our call and the yardstick's take turns of a few milliseconds, in thread time; a case's ratio is the median
+over the turns. So a machine that is busy with other things, or twice as slow, gives the same ratios. A case
+above its limit (``gate.toml``) is measured once more, over more turns, before the gate fails.
+``--twice CASE`` makes our call twice, to see that the gate fails then.
 """
 
 import argparse
@@ -14,17 +14,17 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-import one_thread
+from benchmarks.support import threads
 
 if __name__ == "__main__":
-    one_thread.hold_to_one_thread()
+    threads.limit_to_one_thread()
 
-import gate_limits as limits
-from gate_cases import AnswerError, GateCase, make_cases
-from rich.console import Console
 from rich.table import Table
 
 import proximity
+from benchmarks.gate import limits
+from benchmarks.gate.cases import AnswerError, GateCase, make_cases
+from benchmarks.support.output import open_console, table_of
 from proximity.collector import collector_paused
 
 ROUNDS, MORE_ROUNDS, TURN_NS = 60, 200, 4_000_000
@@ -33,9 +33,9 @@ HEADINGS = ("case", "ours / yardstick", "measured", "limit", "verdict")
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Measure and judge; the exit code is 1 if a case is slower than its limit, 2 if it cannot be told."""
+    """Measure and judge; the exit code is 1 if a case is slower than its limit, 2 if that is unknown."""
     options = _parse(arguments)
-    console = Console(width=None if sys.stdout.isatty() else 120)
+    console = open_console()
     try:
         proximity.warm_up()
         found = _chosen(make_cases(), options)
@@ -53,7 +53,7 @@ def main(arguments: list[str] | None = None) -> int:
     except (AnswerError, limits.LimitError) as reason:
         console.print(f"[red]gate: {reason}", highlight=False, soft_wrap=True)
         return 2
-    console.print(table_of(verdicts))
+    console.print(verdict_table(verdicts))
     failed = [each for each in verdicts if not each.is_met]
     for each in failed:
         console.print(f"gate: {each.sentence}", highlight=False, soft_wrap=True, markup=False)
@@ -74,11 +74,9 @@ def measure(case: GateCase, round_count: int) -> float:
     return statistics.median(ratios)
 
 
-def table_of(verdicts: list[limits.GateVerdict]) -> Table:
-    """The table that is printed."""
-    table = Table(title="Regression gate", title_justify="left", header_style="bold")
-    for heading in HEADINGS:
-        table.add_column(heading, justify="left" if heading in ("case", "verdict") else "right")
+def verdict_table(verdicts: list[limits.GateVerdict]) -> Table:
+    """Return the table of the verdicts."""
+    table = table_of("Regression gate", HEADINGS)
     for each in verdicts:
         figures = (f"{value:.3g}" for value in (each.ratio, each.limit.measured, each.limit.limit))
         table.add_row(each.case, *figures, "[green]ok" if each.is_met else "[red]slower")
@@ -86,7 +84,7 @@ def table_of(verdicts: list[limits.GateVerdict]) -> Table:
 
 
 def _turn(run: Callable[[], Any]) -> Callable[[], float]:
-    """A call that asks for about `TURN_NS`, and says what one of its calls took, ns of thread time."""
+    """A call that repeats *run* for about `TURN_NS`, and returns the thread time of one run, ns."""
     run()
     first_ns = min(_timed(run, 1) for _ in range(3))
     count = max(1, round(TURN_NS / max(1.0, first_ns)))
@@ -104,7 +102,7 @@ def _update(console, ratios, reason):
     known = limits.read_limits() if limits.FILE.is_file() else {}
     known |= {name: limits.new_limit(ratio, reason) for name, ratio in ratios.items()}
     limits.write_limits(known)
-    console.print(table_of(limits.judge(ratios, known)))
+    console.print(verdict_table(limits.judge(ratios, known)))
     return 0
 
 

@@ -1,9 +1,9 @@
-"""Hold the tracker to its promises, on all cores: ``python bench/prove_bounds.py --finger-ticks 1e7``.
+"""Check the tracker's guarantees on all cores: ``python bench/prove_bounds.py --finger-ticks 1e7``.
 
-Trials of `tests/bound_trials.py`, one after another number, until so many finger-ticks have been looked at.
-Prints how often each promise was looked at and how near to broken it was: *worst* is what was exceeded, in
-allowances for rounding (1 would be broken), *closest* what was left to the bound where that was more.
-At the first violations all stops, with exit code 1 and what it takes to see them again: ``--trial N``.
+Runs numbered trials of `tests/bound_trials.py` until that many finger-ticks were checked. Prints how often
+each guarantee was checked and how near it came to being broken: *worst* is the largest excess, in tolerances
+for rounding (1 would be broken), *closest* the smallest distance to the bound where there was no excess. At
+the first violation it stops, with exit code 1 and the option that repeats the trial: ``--trial N``.
 """
 
 import argparse
@@ -12,29 +12,29 @@ import multiprocessing
 import os
 import sys
 import time
-from pathlib import Path
 
-sys.path.append(str(Path(__file__).resolve().parent.parent / "tests"))
-from bound_trials import run_trial
-from trial_log import Tally
+from benchmarks.support.project import project_module
+
+run_trial = project_module("tests", "bound_trials").run_trial
+Tally = project_module("tests", "trial_log").Tally
 
 SIZES = (2000, 5000, 12_000, 40_000)
-"""Finger-ticks of a trial, in turns: short ones meet more cells, long ones drift farther."""
+"""Finger-ticks of a trial, in turn: short ones meet more scenes, long ones drift farther."""
 LIGHT_SHARE = 3
-"""Of so many trials one has only the cells that the tests have."""
+"""One in this many trials has only the scenes of the tests."""
 MARGIN = 1.5
-"""Finger-ticks planned for one wanted: lost fingers do not count."""
+"""Planned finger-ticks for each wanted one: lost fingers do not count."""
 SHOWN = 5
 SILENCE = 15.0  # s between two lines of progress
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run trials; the exit code is 1 if a promise was broken."""
+    """Run trials; the exit code is 1 if a guarantee was broken."""
     options = _parse(arguments)
     if options.trial is not None:
         return _show_again(options.trial)
     total, trials, done, started = Tally(), 0, 0, time.perf_counter()
-    said = started
+    printed = started
     numbers = iter(range(options.seed, sys.maxsize))
     with multiprocessing.get_context("spawn").Pool(options.workers) as pool:
         for number, tally in pool.imap_unordered(_run, _paced(numbers, MARGIN * options.finger_ticks)):
@@ -42,8 +42,8 @@ def main(arguments: list[str] | None = None) -> int:
             total.add(tally)
             done = finger_ticks(total)
             now = time.perf_counter()
-            if now - said > SILENCE:
-                said = now
+            if now - printed > SILENCE:
+                printed = now
                 print(f"{done:>12,} finger-ticks, {trials} trials, {now - started:.0f} s", flush=True)
             if total.broken:
                 print(f"broken in trial {number}", flush=True)
@@ -56,13 +56,13 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def finger_ticks(tally: Tally) -> int:
-    """Of how many finger-ticks the distance was held against the truth."""
+    """Return for how many finger-ticks the distance was compared with the true one."""
     return tally.checks["the distance lies between its bounds"].count if tally.checks else 0
 
 
 def _parse(arguments):
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--finger-ticks", type=float, default=1e7, help="how many to look at, about")
+    parser.add_argument("--finger-ticks", type=float, default=1e7, help="about how many to check")
     parser.add_argument("--minutes", type=float, default=math.inf, help="stop then, however many they are")
     parser.add_argument("--seed", type=int, default=0, help="number of the first trial")
     parser.add_argument("--workers", type=int, default=os.cpu_count(), help="processes")
@@ -75,7 +75,7 @@ def _size(number):
 
 
 def _paced(numbers, wanted):
-    """Numbers of trials that together have about so many finger-ticks."""
+    """Yield numbers of trials that together have about *wanted* finger-ticks."""
     planned = 0
     for number in numbers:
         if planned >= wanted:
@@ -99,13 +99,13 @@ def _show_again(number):
 
 
 def _print_total(total, trials, seconds):
-    print(f"\n{'promise':<56}{'looked at':>12}{'broken':>8}{'worst':>10}{'closest':>10}")
+    print(f"\n{'guarantee':<56}{'checked':>12}{'broken':>8}{'worst':>10}{'closest':>10}")
     for name, check in total.checks.items():
         closest = f"{check.closest:.2g}" if check.closest < math.inf and check.is_length else ""
         worst = f"{max(check.worst, 0.0) + 0.0:.2g}" if check.is_length else ""
         print(f"{name:<56}{check.count:>12,}{check.broken_count:>8,}{worst:>10}{closest:>10}")
-    looks = sum(check.count for check in total.checks.values())
-    print(f"\n{finger_ticks(total):,} finger-ticks in {trials} trials, {looks:,} looks, {seconds:.0f} s")
+    checks = sum(check.count for check in total.checks.values())
+    print(f"\n{finger_ticks(total):,} finger-ticks in {trials} trials, {checks:,} checks, {seconds:.0f} s")
     for broken in total.broken[:SHOWN]:
         print(f"\n{broken}", file=sys.stderr)
     if total.broken:

@@ -1,12 +1,11 @@
 """Measure everything, and write the README's figures and pictures: ``python bench/publish.py``.
 
-Runs `report.py`, `ticks.py`, `service.py` and `growth.py` one after another, on what should be a quiet
-machine, keeps their JSON in ``bench/published``, and makes pictures and the README's section of it. Another
-machine's column of ticks is a ``ticks_NAME.json`` beside them. ``--from-json`` measures nothing.
+Runs `report.py`, `ticks.py`, `service.py` and `growth.py` in turn, on a quiet machine if possible, keeps
+their JSON in ``bench/published``, and makes the pictures and the README's section from it. The ticks of
+another machine are a ``ticks_NAME.json`` beside them. ``--from-json`` measures nothing.
 """
 
 import argparse
-import os
 import shutil
 import subprocess
 import sys
@@ -14,12 +13,12 @@ import tempfile
 import time
 from pathlib import Path
 
-import readme
-from growth import write_pictures
-from growth_fit import Fit
-from growth_timing import GrowthRow
+from benchmarks.growth.fit import Fit
+from benchmarks.growth.plots import write_plots
+from benchmarks.growth.samples import GrowthRow
+from benchmarks.publication import sections
+from benchmarks.support.project import BENCH, environment
 
-BENCH = Path(__file__).resolve().parent
 # Together a quarter of an hour on a quiet machine of two cores; twice that beside others (2026-11-21).
 RUNS = {
     "report": ["--rounds", "7"],
@@ -33,7 +32,7 @@ QUICK_RUNS = {
     "service": ["--small"],
     "growth": ["--small"],
 }
-JUDGED = (0, 1)  # exit codes of a run that ended: all is met, or something is not
+JUDGED = (0, 1)  # exit codes of a complete run: every requirement met, or one not
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -48,10 +47,15 @@ def main(arguments: list[str] | None = None) -> int:
             options.published.mkdir(parents=True, exist_ok=True)
             for path in Path(folder).iterdir():
                 shutil.copy(path, options.published / path.name)
-    documents = readme.read(options.published)
+    documents = sections.read(options.published)
     if "growth" in documents:
         draw_pictures(documents["growth"], options.published)
-    return readme.main(["--published", str(options.published), "--readme", str(options.readme)])
+    try:
+        sections.write(options.readme, documents)
+    except ValueError as reason:
+        print(f"{options.readme}: {reason}", file=sys.stderr)
+        return 1
+    return 0
 
 
 def draw_pictures(document: dict, folder: Path) -> None:
@@ -59,18 +63,17 @@ def draw_pictures(document: dict, folder: Path) -> None:
     rows = [GrowthRow(**row) for row in document["rows"]]
     fits = [Fit(**fit) for fit in document["fits"]]
     with tempfile.TemporaryDirectory(prefix="proximity_pictures_") as drawn:
-        for path in write_pictures(Path(drawn), document["machine"], rows, fits):
-            if path.suffix == ".png" and path.stem in readme.PICTURES:
+        for path in write_plots(Path(drawn), document["machine"], rows, fits):
+            if path.suffix == ".png" and path.stem in sections.PICTURES:
                 shutil.copy(path, folder / path.name)
 
 
 def _measured(name, words, folder):
-    """Run a script with its output shown; whether it ended as it should."""
+    """Run a command with its output shown; return whether it wrote its figures."""
     command = [sys.executable, str(BENCH / f"{name}.py"), *words, "--json", str(folder / f"{name}.json")]
     print("---", *command[1:], flush=True)
     start = time.monotonic()
-    paths = [str(BENCH.parent), *filter(None, [os.environ.get("PYTHONPATH")])]
-    done = subprocess.run(command, env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)}, check=False)
+    done = subprocess.run(command, env=environment(), check=False)
     print(f"--- {name}: {time.monotonic() - start:.0f} s", flush=True)
     if done.returncode in JUDGED and (folder / f"{name}.json").is_file():
         return True
@@ -83,8 +86,8 @@ def _parse(arguments):
     parser.add_argument("--from-json", action="store_true", help="only README and pictures, of what is there")
     parser.add_argument("--only", nargs="+", choices=list(RUNS), metavar="RUN", help=", ".join(RUNS))
     parser.add_argument("--quick", action="store_true", help="a look whether all runs: no figure means much")
-    parser.add_argument("--published", type=Path, default=readme.PUBLISHED, metavar="FOLDER")
-    parser.add_argument("--readme", type=Path, default=readme.README, metavar="FILE")
+    parser.add_argument("--published", type=Path, default=sections.PUBLISHED, metavar="FOLDER")
+    parser.add_argument("--readme", type=Path, default=sections.README, metavar="FILE")
     return parser.parse_args(arguments)
 
 

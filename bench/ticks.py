@@ -1,35 +1,40 @@
-"""Measure the tick, case by case, and hold it against what was asked for: ``python bench/ticks.py``.
+"""Measure ticks, case by case, against their requirements: ``python bench/ticks.py``.
 
-Every tick is timed on its own: thread time (the processor on this thread) and wall time, from call to
-answer, in Python; nothing is subtracted. "Best of 3" is the thread time of each tick in the calmest of three
-runs that are the same: what is left of its tail is the work's own. "A bare loop" only counts, for as long as
-the middle tick takes: its tail is the machine's own. The exit code is 1 if something that was measured is not
-met.
+Every tick is timed by itself: thread time (of the processor) and wall time, from call to answer, in Python;
+nothing is subtracted. "Best of 3" is the shortest thread time of each tick in three equal runs: its tail is
+due to the work. "A bare loop" only counts, for as long as the median tick takes: its tail is due to the
+machine. The exit code is 1 if a requirement that was measured is not met.
 """
 
 import argparse
 import dataclasses
-import json
 import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
 
-import one_thread
+from benchmarks.support import threads
 
-HOW_THREADS = one_thread.hold_to_one_thread() if __name__ == "__main__" else "as the process has them"
+THREADS = threads.limit_to_one_thread() if __name__ == "__main__" else threads.UNLIMITED
 
-import tick_cases as scenes  # noqa: E402 - NumPy counts its threads on import
-from results import describe_machine  # noqa: E402
-from rich.console import Console  # noqa: E402
-from rich.table import Table  # noqa: E402
-from tables import print_verdicts  # noqa: E402
-from tick_crowds import measure_cavity, measure_moving, measure_skin  # noqa: E402
-from tick_files import measure_deform, measure_open  # noqa: E402
-from tick_hands import measure_fingers, measure_prediction, measure_warm  # noqa: E402
-from tick_timing import Figures, TickRow, clock_cost  # noqa: E402
+from rich.console import Console
 
-import proximity  # noqa: E402
+import proximity
+from benchmarks.support.machine import describe_machine
+from benchmarks.support.output import (
+    open_console,
+    print_machine,
+    print_verdicts,
+    refuse_unknown,
+    table_of,
+    write_json,
+)
+from benchmarks.ticks import scenes
+from benchmarks.ticks.crowds import measure_cavity, measure_moving, measure_skin
+from benchmarks.ticks.hands import measure_fingers, measure_warm
+from benchmarks.ticks.prediction import measure_prediction
+from benchmarks.ticks.scene_changes import measure_deform, measure_open
+from benchmarks.ticks.timing import Figures, TickRow, clock_cost
 
 CASES: dict[str, Callable[[argparse.Namespace], list[TickRow]]] = {
     "fingers": measure_fingers,
@@ -49,16 +54,15 @@ PERCENTILES = ("p50", "p90", "p99", "p99.9", "max")
 def main(arguments: list[str] | None = None) -> int:
     """Run the cases; the exit code is 1 if a requirement that was measured is not met."""
     options = _parse(arguments)
-    console = Console(width=None if sys.stdout.isatty() else 160)
-    machine = describe_machine(HOW_THREADS)
+    console = open_console()
+    machine = describe_machine(THREADS)
     proximity.warm_up()
     clocks = clock_cost()
     machine["clocks"] = (
         f"an empty call takes {clocks[0].p50:.2f} µs of thread time (p99.9 {clocks[0].p999:.2f}) "
         f"and {clocks[1].p50:.2f} µs (p99.9 {clocks[1].p999:.2f}) of wall time; not subtracted"
     )
-    for key, value in machine.items():
-        console.print(f"{key:>10}: {value}", highlight=False)
+    print_machine(console, machine)
     rows: list[TickRow] = []
     for name in options.cases:
         start = time.perf_counter()
@@ -68,8 +72,7 @@ def main(arguments: list[str] | None = None) -> int:
     verdicts = [verdict for row in rows for verdict in row.verdicts]
     print_verdicts(console, verdicts)
     if options.json:
-        document = {"machine": machine, "rows": [dataclasses.asdict(row) for row in rows]}
-        options.json.write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        write_json(options.json, machine, rows=rows)
     if options.small:
         console.print("Small scenes: nothing is judged.")
         return 0
@@ -82,13 +85,11 @@ def _parse(arguments):
     parser.add_argument("--ticks", type=int, default=TICKS, help="of each case, at least one")
     parser.add_argument("--quick", action="store_true", help=f"{QUICK_TICKS} ticks of each case")
     parser.add_argument(
-        "--small", action="store_true", help="a look whether all runs: small scenes, few ticks"
+        "--small", action="store_true", help="only check that everything runs: small scenes, few ticks"
     )
     parser.add_argument("--json", type=Path, metavar="OUT", help="write everything to OUT")
     options = parser.parse_args(arguments)
-    unknown = sorted(set(options.cases) - set(CASES))
-    if unknown:
-        parser.error(f"no such case: {', '.join(unknown)}; there are {', '.join(CASES)}")
+    refuse_unknown(parser, "case", options.cases, CASES)
     if options.ticks < 1:
         parser.error(f"{options.ticks} ticks cannot be measured, expected at least one")
     options.cases = list(dict.fromkeys(options.cases)) or list(CASES)
@@ -98,13 +99,8 @@ def _parse(arguments):
 
 
 def print_rows(console: Console, title: str, rows: list[TickRow], seconds: float) -> None:
-    """Print a case: for each row thread and wall time, what was asked of it, and remarks below."""
-    table = Table(title=f"{title}  [{seconds:.0f} s]", title_justify="left", header_style="bold")
-    for heading in HEADINGS:
-        table.add_column(heading, justify="left" if heading in ("case", "time, µs") else "right")
-    for heading in PERCENTILES:
-        table.add_column(heading, justify="right")
-    table.add_column("met")
+    """Print a case: thread and wall time of each row, whether requirements are met, and remarks."""
+    table = table_of(f"{title}  [{seconds:.0f} s]", (*HEADINGS, *PERCENTILES, "met"))
     for row in rows:
         head = [
             row.case,

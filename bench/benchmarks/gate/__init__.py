@@ -1,0 +1,1 @@
+"""The regression gate: ratios of this package's times to those of a plain yardstick."""

@@ -1,0 +1,1 @@
+"""How costs grow with faces, parts, points and distance."""

@@ -1,0 +1,107 @@
+"""Numbers of nodes and leaves that a query visits: the same on every machine."""
+
+import numpy as np
+
+from proximity import Scene, Tracker
+from proximity.kernels.compiling import kernel
+from proximity.kernels.descent import NOTHING_WAITS, descend_in_order, next_open
+from proximity.kernels.layout import (
+    BLOCK_STRIDE,
+    LANES,
+    NO_SLOT,
+    NODE_STRIDE,
+    ROOT,
+    SCALE,
+    STACK_SIZE,
+    STACKS_SIZE,
+)
+from proximity.kernels.memory import arrays_at, words_here
+from proximity.kernels.ray import (
+    SLAB_MARGIN,
+    aim_and_view,
+    approach,
+    bound_of_parameter,
+    first_in_block,
+    is_from_afar,
+    open_boxes,
+)
+from proximity.kernels.rays import scaled_direction
+from proximity.kernels.scene import direction_to_local, to_local
+from proximity.simd import bits, load_int, splat32
+
+UNLIMITED = 10**9
+WHOLE_SCENE = 10.0  # m, as far as a tracker looks
+NO_HORIZON = 1e-9  # s
+
+
+def work_of_points(scene: Scene, points: np.ndarray) -> np.ndarray:
+    """Return nodes and leaves of an exact signed distance for each of (..., 3) *points*, (...).
+
+    As counted by the first tick of a track without a limit to its budget and without a prediction.
+    """
+    rows = points.reshape(-1, 3)
+    tracker = Tracker(
+        scene,
+        fingers=len(rows),
+        radius=0.0,
+        budget=UNLIMITED,
+        working_range=WHOLE_SCENE,
+        horizon=NO_HORIZON,
+    )
+    return tracker.tick(rows, 0, 0)["work"].astype(np.int64).reshape(points.shape[:-1])
+
+
+def work_of_rays(scene: Scene, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return nodes and leaves of each ray (..., 3), (...), and its length to the first hit, m; one part."""
+    assert len(scene.parts) == 1, "rays are counted in scenes of one part"
+    rows, rays = origins.reshape(-1, 3), directions.reshape(-1, 3)
+    work, lengths = np.zeros(len(rows), np.int64), np.zeros(len(rows))
+    model = scene._current()
+    _count_rays(model.handle, rows, rays, work, lengths)
+    return work.reshape(origins.shape[:-1]), lengths.reshape(origins.shape[:-1])
+
+
+@kernel
+def _count_rays(handle, origins, directions, work, lengths):
+    """Fill what `_ray_steps` counts; lengths are inf where nothing is hit."""
+    reals, words, frames, parts = arrays_at(handle)
+    stacks = words_here(STACKS_SIZE)
+    for i in range(len(origins)):
+        x, y, z = to_local(frames, parts, 0, origins[i, 0], origins[i, 1], origins[i, 2])
+        dx, dy, dz = scaled_direction(directions[i, 0], directions[i, 1], directions[i, 2])
+        length = (dx * dx + dy * dy + dz * dz) ** 0.5
+        dx, dy, dz = direction_to_local(frames, parts, 0, dx, dy, dz)
+        best, work[i] = _ray_steps(reals, words, parts[0, ROOT], x, y, z, dx, dy, dz, stacks)
+        lengths[i] = best * length / frames[0, SCALE]
+
+
+@kernel
+def _ray_steps(reals, words, start, ox, oy, oz, dx, dy, dz, stacks):
+    """The traversal of `kernels.ray.first_hit` with a counter: first parameter, and nodes and leaves."""
+    is_near, entry = True, 0.0
+    if is_from_afar(ox, oy, oz):
+        is_near, entry, ox, oy, oz = approach(ox, oy, oz, dx, dy, dz)
+    aim, view = aim_and_view(ox, oy, oz, dx, dy, dz, SLAB_MARGIN)
+    best, best_slot, steps, at = np.inf, np.int64(NO_SLOT), np.int64(0), np.int64(0)
+    best32 = bound_of_parameter(best, entry) if is_near else np.float32(-1.0)
+    zero32 = splat32(np.float32(0.0))
+    reference = start
+    while True:
+        steps += 1
+        if reference >= 0:
+            base = NODE_STRIDE * reference
+            bounds, leaving, is_open = open_boxes(words, base, aim, zero32, best32)
+            if bits(is_open):
+                reference, at = descend_in_order(words, base, bounds, leaving, is_open, stacks, at)
+                continue
+        else:
+            block = ~reference
+            found, first, _, _, _ = first_in_block(reals, BLOCK_STRIDE * block, view, entry, best)
+            slot = LANES * block + first
+            if first >= 0 and (found < best or slot < best_slot or best_slot == NO_SLOT):
+                best, best_slot = found, slot
+                best32 = bound_of_parameter(best, entry)
+        at = next_open(stacks, np.int64(0), at, best32)
+        if at == NOTHING_WAITS:
+            return best, steps
+        reference = load_int(stacks, at + STACK_SIZE)

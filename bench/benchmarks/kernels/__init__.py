@@ -1,0 +1,1 @@
+"""Single kernels, beside a textbook's formulas."""

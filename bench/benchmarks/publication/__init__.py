@@ -1,0 +1,1 @@
+"""The figures of the README, made from the JSON of published runs."""

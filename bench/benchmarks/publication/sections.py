@@ -1,0 +1,206 @@
+"""The README's section on speed, made from the JSON of published runs.
+
+The text between the two marks is made from the files in ``bench/published`` and from nothing else; a test
+checks that. ``publish.py`` takes new figures and writes it.
+"""
+
+import json
+import textwrap
+from pathlib import Path
+from typing import Any
+
+from benchmarks.publication.tables import (
+    build_sentences,
+    growth_table,
+    others_table,
+    period_table,
+    served_table,
+    ticks_table,
+)
+from benchmarks.publication.wording import full_name, short_name, verdict_lines, when, whole
+from benchmarks.support.project import BENCH, PROJECT
+
+PUBLISHED = BENCH / "published"
+README = PROJECT / "README.md"
+BEGIN = "<!-- Figures: made by `python bench/publish.py` of bench/published. Edit neither by hand. -->"
+END = "<!-- End of the figures. -->"
+PICTURES = {
+    "growth_faces": "Time, work, building and memory against the faces of a part",
+    "growth_parts": "Time and work against the parts of a scene",
+    "growth_centre": "Time, work and bracket in the centre of a hollow ball",
+}
+SHOWN_THOUGH_MET = (
+    "fingers/plate: a tick against",
+    "cavity, anywhere",
+    "warm/plate, outside: a track kept, against scene.closest",
+    "prediction",
+    "open",
+    "deform",
+)
+WIDTH = 118
+NAMES = ("report", "ticks", "service", "growth")
+ALONE = ("memory", "proximity ")  # beginnings of requirements that concern this package only
+
+Document = dict[str, Any]
+
+
+def write(readme: Path, documents: dict[str, Document]) -> None:
+    """Write the section of *documents* into a README.
+
+    Raises
+    ------
+    ValueError
+        If the README lacks the marks between which it belongs.
+    """
+    text = replaced(readme.read_text(encoding="utf-8"), section(documents))
+    readme.write_text(text, encoding="utf-8")
+
+
+def read(folder: Path) -> dict[str, Document]:
+    """Return the documents of a folder by name: report, ticks, service, growth; ticks_… of other machines."""
+    return {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in sorted(folder.glob("*.json"))}
+
+
+def replaced(readme: str, text: str) -> str:
+    """Return *readme* with *text* between the marks.
+
+    Raises
+    ------
+    ValueError
+        If the marks are not there, once each and in order.
+    """
+    before, begin, rest = readme.partition(BEGIN)
+    _, end, after = rest.partition(END)
+    if not begin or not end or BEGIN in rest or END in after:
+        raise ValueError(f"expected one line {BEGIN!r} and below it one line {END!r}")
+    return f"{before}{BEGIN}\n\n{text}\n{END}{after}"
+
+
+def section(documents: dict[str, Document]) -> str:
+    """Return the text between the marks; parts without a document are left out."""
+    parts = {"report": _others, "ticks": _ticks, "service": _service, "growth": _growth}
+    here = [name for name in NAMES if name in documents]
+    blocks = [_conditions([documents[name] for name in here])] if here else []
+    for name in here:
+        blocks += parts[name](documents)
+    texts = ("\n".join(block) if isinstance(block, list) else _wrapped(block) for block in blocks)
+    return "\n\n".join(text for text in texts if text) + "\n"
+
+
+def _wrapped(paragraph):
+    return textwrap.fill(paragraph, WIDTH, break_long_words=False, break_on_hyphens=False)
+
+
+def _conditions(documents):
+    """The machine, and how many requirements are met."""
+    machine = documents[0]["machine"]
+    asked = [each for document in documents for each in _verdicts(document)]
+    met = sum(each["is_met"] for each in asked)
+    return (
+        f"{full_name(machine)}. Medians and tails, nothing subtracted; one thread held to one core, but for "
+        "the service. Machines are shared: tails hold what neighbours do. Of "
+        f"{len(asked)} requirements that these runs are held against {met} are met here; those that are not "
+        "are named."
+    )
+
+
+def _verdicts(document):
+    """All requirements that a document judges, wherever it keeps them."""
+    of_rows = (verdict for row in document["rows"] for verdict in row.get("verdicts", ()))
+    return [*document.get("requirements", ()), *document.get("verdicts", ()), *of_rows]
+
+
+def _run(name, document, first):
+    """The command of a run, its date and its machine."""
+    machine = document["machine"]
+    where = "" if machine["processor"] == first["processor"] else f", {full_name(machine)}"
+    return f"`python bench/{name}.py`, {when(machine)}{where}"
+
+
+def _first(documents):
+    return next(documents[name] for name in NAMES if name in documents)["machine"]
+
+
+def _others(documents):
+    document = documents["report"]
+    versions = dict.fromkeys(
+        f"{row['contender'].partition(' (')[0]} {row['version']}" for row in document["rows"]
+    )
+    rounds = f"{document['rounds']} interleaved rounds, " if "rounds" in document else ""
+    missing = document["missing"]
+    absent = f" Not there: {', '.join(missing)}." if missing else ""
+    head = (
+        f"**Beside others** ({_run('report', document, _first(documents))}): medians of {rounds}answers "
+        f"compared before they are timed; {', '.join(versions)}.{absent} Points lie near the surface, "
+        'N(0, 2 % of the diagonal) off it. "Asked for" is how many times as fast it should be. Where signs '
+        "of the fastest are wrong, the fastest whose signs are right follows. embreex by itself tells "
+        "distances, as `cast_distance` does; for all outputs it stands beside `cast`."
+    )
+    verdicts = [each for each in document["requirements"] if each["requirement"].startswith(ALONE)]
+    rest = verdict_lines("on memory and on starting", verdicts)
+    return [head, others_table(document), " ".join(build_sentences(document)), rest]
+
+
+def _ticks(documents):
+    document = documents["ticks"]
+    others = [each for name, each in documents.items() if name.startswith("ticks_")]
+    beside = [
+        f"Beside it: {full_name(each['machine'])}, {each['machine']['date']}"
+        + (f", transcribed {each['machine']['transcribed']}." if "transcribed" in each["machine"] else ".")
+        for each in others
+    ]
+    head = (
+        f"**Ticks** ({_run('ticks', document, _first(documents))}): each timed on its own, from call to "
+        f"answer, {_ticks_of(document)}. The calmest of three runs, tick by tick, is what the "
+        f"work itself takes; a bare loop only counts, for as long as the middle tick takes: its tail is the "
+        f"machine's. {' '.join(beside)}"
+    )
+    period = (
+        "**Against the haptic period**: the same ticks in wall time, as shares of 40 ms (the paper's 25 Hz), "
+        f"5 ms (200 Hz), 3 ms (Kazerooni's), 1 ms and 0.2 ms, on the {short_name(document['machine'])}. Over "
+        "100 a tick does not fit."
+    )
+    return [
+        head.strip(),
+        ticks_table([document, *others]),
+        verdict_lines("on ticks", _verdicts(document)),
+        _met(document),
+        period,
+        period_table(document),
+    ]
+
+
+def _met(document):
+    """Requirements that are listed although they are met; the table has those on times."""
+    found = [
+        each
+        for each in _verdicts(document)
+        if each["is_met"] and each["requirement"].startswith(SHOWN_THOUGH_MET)
+    ]
+    lines = [f"- {each['requirement']}: {each['measured']}" for each in found]
+    return ["Met, besides those on times:", "", *lines] if lines else []
+
+
+def _ticks_of(document):
+    counts = [row["tick_count"] for row in document["rows"] if row["case"].startswith("fingers/")]
+    return f"{whole(min(counts))} or more a case" if counts else "as many as asked for"
+
+
+def _service(documents):
+    document = documents["service"]
+    head = f"**Served** ({_run('service', document, _first(documents))}): a recorded hand at 1 kHz, log on."
+    return [head, served_table(document), verdict_lines("on the service", _verdicts(document))]
+
+
+def _growth(documents):
+    document = documents["growth"]
+    head = (
+        f"**How cost grows** ({_run('growth', document, _first(documents))}): slopes of straight lines "
+        "through the logarithms of both, fitted to the upper two decades, with standard errors: 0 is no "
+        "growth, 0.5 as the square root, 1 in proportion. Nodes and leaves visited are the same on every "
+        "machine. A part is a bumpy ring of even triangles; near is N(0, 2 % of its diagonal) off it. Faces "
+        "much smaller than their distance are nearly equally far: of those about the square root has to be "
+        "looked at."
+    )
+    pictures = [f"![{words}](bench/published/{name}.png)" for name, words in PICTURES.items()]
+    return [head, growth_table(document), " ".join(document["left_out"]), pictures]

@@ -1,0 +1,231 @@
+"""Tables of the README's figures, each made from the JSON of the command that measured it."""
+
+import itertools
+from typing import Any
+
+from benchmarks.growth.fit import Fit
+from benchmarks.growth.samples import FEWEST_FOR_P99, TIME, WORK
+from benchmarks.publication.wording import amount, count_words, figure, power, share, short_name, table, whole
+from benchmarks.queries.results import BUILD, FIVE_RAYS, OUR_TREE, OURS, PROCESS, RAYS, REQUIREMENTS
+
+Document = dict[str, Any]
+US_PER_MS = 1000.0
+PERIODS = {"40 ms": 40.0, "5 ms": 5.0, "3 ms": 3.0, "1 ms": 1.0, "0.2 ms": 0.2}
+"""The paper's 25 Hz; 200 Hz; what Kazerooni's machines need; the tick's own; what is left of it at 5 kHz."""
+SHARES = ("p50", "p99", "p999")
+TICKS = {
+    "fingers/plate": "{fingers} recorded fingers, plate of {faces} faces",
+    "fingers/freeform": "{fingers} recorded fingers, even triangles, {faces} faces",
+    "moving: move_many and tick": "{fingers} fingers, {parts} parts, {faces} faces, a tenth of parts moving",
+    "skin/freeform: tolerance 5 %, working range 20 mm": "{fingers} points of a skin, {faces} faces, "
+    "tolerance 5 %, range 20 mm",
+    "cavity: at rest in the centre": "{fingers} fingers in the centre of a hollow ball of {faces} faces",
+    "deform: scene.deform": "a part of {faces} faces takes another shape (`deform`)",
+}
+NO_TICKS = ("deform: scene.deform",)
+SERVED = {
+    ("a tick", "compute"): "a tick of the service, from waking to having published",
+    ("a tick", "lateness"): "woken later than asked",
+    ("iox2", "publish, one after another"): "`publish` of a frame, shared memory, one after another",
+    ("iox2", "publish, reader waits"): "`publish` of a frame, shared memory, at 1 kHz",
+    ("iox2", "seen by a reader that spins"): "from `publish` to a reader that spins",
+    ("iox2", "seen by a reader that waits"): "from `publish` to a reader that waits",
+    ("udp", "seen by a reader that waits"): "the same by UDP",
+    ("zenoh", "seen by a reader that waits"): "the same by zenoh",
+    ("no service", "iceoryx2 alone: loan, fill, send"): "for comparison: iceoryx2's own loan, fill and send",
+    ("no service", "a loop that counts: compute"): "for comparison: a bare loop that counts to 2000",
+    ("no service", "a loop that counts: lateness"): "for comparison: that loop, woken later than asked",
+}
+GROWTH = {
+    ("faces", "tick of five fingers", TIME): "a tick of five fingers of a recorded hand",
+    ("faces", "five signed points, near", TIME): "five signed points near the surface",
+    ("faces", "five signed points, on the surface", TIME): "five signed points on the surface",
+    ("faces", "five rays", TIME): "five rays",
+    ("faces", "solid and scene", "building"): "making the scene",
+    ("faces", "scene", "memory"): "its memory",
+    ("parts", "tick, all at rest", TIME): "a tick of five fingers, all parts at rest",
+    ("parts", "tick, 10 % moving", TIME): "a tick of five fingers, 10 % of the parts moved before",
+    ("points", "signed_distance", TIME): "one call of `signed_distance`",
+    ("distance", "five signed points, outside", TIME): "five signed points outside",
+    ("centre", "exact signed_distance", TIME): "the worst place: an exact signed distance",
+    ("centre", "finger, default budget", TIME): "the worst place: a finger with the default budget",
+    ("centre", "finger, default budget", "bracket"): "the worst place: how far its bounds are apart",
+    ("centre", "finger inside a full ball", "bracket"): "inside a full ball: how far they are apart",
+}
+AXES = {
+    "faces": "faces",
+    "parts": "parts",
+    "points": "points",
+    "distance": "diagonals away",
+    "centre": "faces of a hollow ball",
+}
+
+
+def others_table(document: Document) -> list[str]:
+    """Each requirement on a comparison: ours, the fastest of those it names, and whether it is met.
+
+    For rays the second fastest follows: embreex answers distances alone, or all that ours does, and is
+    compared with ours that answers the same. Where signs of the fastest are wrong, the fastest with right
+    signs follows.
+    """
+    rows, met = document["rows"], {True: "yes", False: "no"}
+    lines = []
+    for wanted in REQUIREMENTS:
+        name = OUR_TREE if wanted.section == BUILD else OURS
+        for ours in (row for row in rows if (row["section"], row["contender"]) == (wanted.section, name)):
+            for best in _shown(rows, ours, wanted):
+                part = ours["case"].partition("/")[0].partition(",")[0]
+                asked = f"{wanted.least:.2g}"
+                ratio = best["times_ours"]
+                works = f"{wanted.section}, {ours['unit'].replace('a query', 'each')}"
+                cells = (works, part, _time(_beside(rows, ours, best)), _other(best), figure(ratio), asked)
+                lines.append([*cells, met[ratio >= wanted.least]])
+    for earlier, later in reversed(list(itertools.pairwise(lines))):
+        if earlier[:2] == later[:2]:
+            later[1:3] = "", "" if earlier[2] == later[2] else later[2]
+        if earlier[0] == later[0]:
+            later[0] = ""
+    headings = ("work", "part", "proximity", "best other", "times as fast", "asked for", "met")
+    return table(headings, lines, right=2)
+
+
+def _shown(rows, ours, wanted):
+    found = [
+        row
+        for row in rows
+        if (row["section"], row["case"]) == (ours["section"], ours["case"])
+        and row["contender"].startswith(wanted.rivals)
+        and row["times_ours"] is not None
+    ]
+    if not found:
+        return []
+    first, *others = sorted(found, key=lambda row: row["median"])
+    if _wrong(first):
+        others = [row for row in others if not _wrong(row)]
+    return [first, *others[: 1 if _wrong(first) or wanted.section in (RAYS, FIVE_RAYS) else 0]]
+
+
+def _beside(rows, ours, other):
+    """Ours that the other's time was divided by."""
+    same = ours | {"contender": other.get("beside", ours["contender"])}
+    keys = ("section", "case", "contender")
+    return next((row for row in rows if all(row[key] == same[key] for key in keys)), ours)
+
+
+def _wrong(row):
+    return row["agreement"]["wrong_sign_count"] if row["agreement"] else 0
+
+
+def _time(row):
+    tail = f" (p99 {figure(row['p99'])})" if "call" in row["unit"] else ""
+    return f"{figure(row['median'])}{tail}"
+
+
+def _other(row):
+    wrong = _wrong(row)
+    remark = f", {share(wrong, row['agreement']['checked_count'])} % of its signs wrong" if wrong else ""
+    return f"{_time(row)} {row['contender']}{remark}"
+
+
+def build_sentences(document: Document) -> list[str]:
+    """What a whole scene and the program take."""
+    built = [row for row in document["rows"] if (row["section"], row["contender"]) == (BUILD, OURS)]
+    lines = [
+        f"A whole scene, sign and all, of {count_words(int(row['case'].split()[-2]))} faces is made in "
+        f"{amount(row['median'], row['unit'])} and takes {row['bytes_per_face']:.0f} bytes a face."
+        for row in built[-1:]
+    ]
+    processes = [row for row in document["rows"] if row["section"] == PROCESS]
+    commands = ", ".join(f"`{row['case'].partition(',')[0]}` {row['median']:.2g} s" for row in processes)
+    return [*lines, f"From start to end: {commands} (of a file of 50 000 faces)."] if commands else lines
+
+
+def ticks_table(documents: list[Document]) -> list[str]:
+    """Thread times of ticks, a column for each machine, and which of them is faster."""
+    speeds = [_row(document, "fingers/plate") for document in documents]
+    named = []
+    for document, row in zip(documents, speeds, strict=True):
+        machine = document["machine"]
+        order = _rank(row, speeds)
+        named.append(", ".join([short_name(machine), *order, machine["date"][:10]]))
+    lines = []
+    for case, words in TICKS.items():
+        rows = [_row(document, case) for document in documents]
+        if rows[0] is not None:
+            cells = [_percentiles(row, "thread") for row in rows]
+            alike = [_percentiles(rows[0], kind) for kind in ("best", "bare")]
+            lines.append([_worded(words, rows[0]), cells[0], *alike, *cells[1:]])
+    beside = "calmest of 3 runs there", "a bare loop there"
+    headings = ("µs of thread time: p50, p99, p99.9", named[0], *beside, *named[1:])
+    return table(headings, lines)
+
+
+def _rank(row, rows):
+    if row is None or len(rows) < 2 or None in rows:
+        return []
+    medians = sorted(each["thread"]["p50"] for each in rows)
+    words = {medians[0]: ["the faster"], medians[-1]: ["the slower"]}
+    return words.get(row["thread"]["p50"], []) if medians[0] < medians[-1] else []
+
+
+def _row(document, case):
+    return next((row for row in document["rows"] if row["case"] == case), None)
+
+
+def _worded(words, row):
+    return words.format(
+        fingers=whole(row["finger_count"]),
+        parts=row["part_count"],
+        faces=count_words(row["face_count"]),
+    )
+
+
+def _percentiles(row, kind):
+    figures = row and row.get(kind)
+    if not figures:
+        return ""
+    names = SHARES if row.get("tick_count", FEWEST_FOR_P99) >= FEWEST_FOR_P99 else SHARES[:1]
+    return ", ".join(figure(figures[name]) for name in names if figures[name] is not None)
+
+
+def period_table(document: Document) -> list[str]:
+    """Shares of haptic periods that ticks take of wall time."""
+    lines = []
+    for case, words in TICKS.items():
+        row = _row(document, case)
+        if row is not None and row["wall"] and case not in NO_TICKS:
+            wall = [row["wall"][name] for name in SHARES]
+            periods = [US_PER_MS * ms for ms in PERIODS.values()]
+            shares = [" / ".join(share(us, period) for us in wall) for period in periods]
+            lines.append([_worded(words, row), *shares])
+    return table(("% of the period: p50 / p99 / p99.9", *PERIODS), lines)
+
+
+def served_table(document: Document) -> list[str]:
+    """What the service takes, and how late it is."""
+    rows = {(row["address"], row["what"]): row for row in document["rows"]}
+    lines = []
+    for key, words in SERVED.items():
+        if key in rows:
+            row = rows[key]
+            figures = [figure(row["figures"][name]) for name in (*SHARES, "maximum")]
+            lines.append([words, whole(row["count"]), *figures])
+    return table(("µs", "samples", "p50", "p99", "p99.9", "longest"), lines)
+
+
+def growth_table(document: Document) -> list[str]:
+    """From where to where a cost grows, and how steeply in the end."""
+    fits = [Fit(**fit) for fit in document["fits"]]
+    slopes = {(fit.axis, fit.series, fit.quantity): fit.words for fit in fits}
+    lines = []
+    for (axis, series, quantity), words in GROWTH.items():
+        key = (axis, series, quantity)
+        own = [row for row in document["rows"] if (row["axis"], row["series"], row["quantity"]) == key]
+        if own:
+            first, last = own[0], own[-1]
+            reach = f"{power(first['x'])} to {power(last['x'])} {AXES[axis]}"
+            ends = [amount(row["median"], row["unit"].partition(" of")[0]) for row in (first, last)]
+            work = slopes.get((axis, series, WORK), "") if quantity == TIME else ""
+            lines.append([words, reach, " to ".join(ends), slopes.get(key, ""), work])
+    headings = ("cost of", "from, to", "median there", "slope", "slope of nodes and leaves")
+    return table(headings, lines, right=2)

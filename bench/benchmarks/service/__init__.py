@@ -1,0 +1,1 @@
+"""The running service: publishing, latency between processes, lateness and memory."""

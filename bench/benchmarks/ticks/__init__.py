@@ -1,0 +1,1 @@
+"""Single ticks of a tracker: thread time and wall time of each."""

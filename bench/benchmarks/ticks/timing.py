@@ -1,0 +1,105 @@
+"""Rows of the table of ticks; calls are timed by ``proximity.certificate.ticking``."""
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from benchmarks.support.verdicts import Verdict
+from benchmarks.ticks.scenes import face_count
+from proximity.certificate.ticking import (
+    Figures,
+    TickLog,
+    clock_cost,
+    figures_of,
+    tick_all,
+    time_calls,
+    without_collector,
+)
+from proximity.kernels.compiling import kernel
+
+__all__ = [
+    "REPEATS",
+    "Figures",
+    "TickLog",
+    "TickRow",
+    "best_of",
+    "clock_cost",
+    "figures_of",
+    "row_of",
+    "tick_all",
+    "time_calls",
+    "without_collector",
+]
+
+REPEATS = 3  # runs, of which the shortest time of each tick counts
+TRIAL_COUNT = 100_000  # steps of the bare loop, to find out how many make a tick
+
+
+@dataclass(frozen=True, slots=True)
+class TickRow:
+    """A row of the table: a case, its times, and the requirements on it."""
+
+    case: str
+    part_count: int
+    face_count: int
+    finger_count: int
+    tick_count: int
+    thread: Figures | None = None  # µs
+    wall: Figures | None = None  # µs
+    best: Figures | None = None  # µs, thread time, of each tick the shortest of several runs
+    bare: Figures | None = None  # µs, thread time of a loop that only counts, as long as the middle tick
+    verdicts: tuple[Verdict, ...] = ()
+    remarks: tuple[str, ...] = ()  # sentences below the table
+
+
+def best_of(logs: list[TickLog]) -> np.ndarray:
+    """Shortest thread time of each tick over equal runs: what its work takes when undisturbed."""
+    return np.min([log.thread_ns for log in logs], axis=0)
+
+
+@kernel
+def _count(steps, start):
+    """Count in a manner that no compiler can shorten."""
+    value = start
+    for _ in range(steps):
+        value = value * 6364136223846793005 + 1442695040888963407
+    return value
+
+
+def bare_loop(median_ns: float, count: int) -> np.ndarray:
+    """Thread times, ns, of *count* loops that only count and take about *median_ns* each.
+
+    They touch no memory: their tail is the machine's.
+    """
+    trials = TickLog()
+    time_calls([partial(_count, TRIAL_COUNT, 1)] * 50, trials)
+    empty = TickLog()
+    time_calls([partial(_count, 0, 1)] * 50, empty)
+    cost, least = (float(np.median(log.thread_ns)) for log in (trials, empty))
+    steps = round(max(median_ns - least, 0.0) * TRIAL_COUNT / (cost - least))
+    log = TickLog()
+    with without_collector():
+        time_calls([partial(_count, steps, 1)] * count, log)
+    return np.array(log.thread_ns)
+
+
+def row_of(case, scene, finger_count, log, *, best=None, verdicts=(), remarks=(), chosen=None) -> TickRow:
+    """A line of the table; *best* as `best_of` gives it (with it comes a bare loop); *chosen*: only those."""
+    thread, wall = np.array(log.thread_ns), np.array(log.wall_ns)
+    if chosen is not None:
+        thread, wall = thread[chosen], wall[chosen]
+        best = None if best is None else best[chosen]
+    return TickRow(
+        case,
+        len(scene.parts),
+        face_count(scene),
+        finger_count,
+        len(thread),
+        figures_of(thread),
+        figures_of(wall),
+        None if best is None else figures_of(best),
+        None if best is None else figures_of(bare_loop(float(np.median(best)), len(thread))),
+        tuple(verdicts),
+        tuple(remarks),
+    )

@@ -1,0 +1,122 @@
+"""Show whether a change altered any answer: ``python bench/digest.py --out before.json``.
+
+Afterwards ``python bench/digest.py --against before.json`` names the cases that differ.
+
+Prints a line a case, and a total: SHA-256 over the raw bytes of the answers to every query, of the sample
+parts, of the parts in ``shared/data/cad`` beside the project, of random scenes, and of a tracker over 100 000
+ticks. Inputs are seeded and no clock is read, so that two runs on one machine agree, with any number of
+workers. The nodes and leaves that ticks visit (``work`` in their records) are hashed by themselves: another
+search may change them without changing an answer. Other processors, NumPy or numba may round differently:
+compare runs of one machine.
+"""
+
+import argparse
+import hashlib
+import json
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import proximity
+from benchmarks.digest import queries, scenes, ticks
+from benchmarks.support.project import MESHES, SHARED_PARTS
+
+PART_FILES = {".stl", ".ply", ".glb", ".gltf", ".obj", ".off", ".3mf", ".step", ".stp"}
+SCENE_POINTS, SOLID_POINTS, MOST_SOLIDS = 8000, 400, 6
+WORK_CASE = "/work"
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Print the digests; the exit code is 1 if *--against* finds a case whose answers differ."""
+    options = _parse(arguments)
+    proximity.warm_up()
+    started, found = time.perf_counter(), {}
+    for name, digest in digests(options):
+        found[name] = digest
+        print(f"{digest[:16]}  {name}", flush=True)
+    document = {"total": total_of(found), "cases": found}
+    print(f"{document['total']}  total of {len(found)} cases, {time.perf_counter() - started:.0f} s")
+    if options.out:
+        options.out.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    if not options.against:
+        return 0
+    return compare(json.loads(options.against.read_text(encoding="utf-8"))["cases"], found)
+
+
+def digests(options: argparse.Namespace) -> Iterator[tuple[str, str]]:
+    """Yield the name and the digest of each case."""
+    folders = [MESHES] if options.without_cad else [MESHES, options.cad]
+    if not folders[-1].is_dir():
+        print(f"{folders.pop()} is not here: its parts are left out")
+    for folder in folders:
+        for path in sorted(path for path in folder.iterdir() if path.suffix.lower() in PART_FILES):
+            yield from _of_file(f"{folder.name}/{path.name}", path, options.workers)
+    yield from _of_random_scenes(options.workers)
+    for name, answers, work in ticks.digests_of_ticks(MESHES):
+        yield name, answers
+        yield f"{name}{WORK_CASE}", work
+
+
+def total_of(found: dict[str, str]) -> str:
+    """Digest of the digests of answers, in their order; the work of ticks is not in it."""
+    lines = [f"{name} {digest}" for name, digest in found.items() if not name.endswith(WORK_CASE)]
+    return hashlib.sha256("\n".join(lines).encode()).hexdigest()
+
+
+def compare(before: dict[str, str], now: dict[str, str]) -> int:
+    """Name the cases that differ, count those that one run lacks; 1 if answers differ or none is common."""
+    both = [name for name in now if name in before]
+    different = [name for name in both if before[name] != now[name]]
+    lacking = sorted(before.keys() ^ now.keys())
+    for name in different:
+        print(f"{'work differs' if name.endswith(WORK_CASE) else 'ANSWERS DIFFER'}: {name}")
+    if lacking:
+        print(f"not compared: {len(lacking)} cases that only one of the runs has, the first is {lacking[0]}")
+    wrong = [name for name in different if not name.endswith(WORK_CASE)]
+    work_count = len(different) - len(wrong)
+    print(f"{len(both)} cases compared: {len(wrong)} with other answers, {work_count} with other work")
+    return 1 if wrong or not both else 0
+
+
+def _of_file(name: str, path: Path, workers: int) -> Iterator[tuple[str, str]]:
+    """A file as a scene, that scene saved and opened again, and its solids; or the error of loading."""
+    try:
+        scene = proximity.load(path)
+    except proximity.ProximityError as error:
+        yield name, hashlib.sha256(type(error).__name__.encode()).hexdigest()
+        return
+    triangles = queries.triangles_of(scene)
+    yield from queries.digests_of(name, scene, triangles, SCENE_POINTS, workers)
+    saved = scenes.open_saved(scene)
+    yield from queries.digests_of(f"{name} saved", saved, triangles, SOLID_POINTS, workers)
+    for part in scene.parts[:MOST_SOLIDS]:
+        solid = part.solid
+        solid_name = f"{name} solid {part.name}"
+        yield from queries.digests_of(solid_name, solid, queries.triangles_of(solid), SOLID_POINTS, workers)
+
+
+def _of_random_scenes(workers: int) -> Iterator[tuple[str, str]]:
+    """Each random scene as it is made, and after parts were deformed, moved and hidden."""
+    for part_count, size, offset in scenes.RANDOM_SCENES:
+        name = f"random/{part_count} parts of {size:g} m"
+        rng = scenes.generator(name)
+        scene = scenes.random_scene(rng, part_count, size, offset)
+        yield from queries.digests_of(name, scene, queries.triangles_of(scene), SCENE_POINTS, workers)
+        scenes.change_scene(scene, rng, size)
+        triangles = queries.triangles_of(scene)
+        yield from queries.digests_of(f"{name} changed", scene, triangles, SCENE_POINTS, workers)
+
+
+def _parse(arguments):
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write the digests to FILE")
+    parser.add_argument("--against", type=Path, metavar="FILE", help="compare with the digests in FILE")
+    parser.add_argument("--workers", type=int, default=1, help="threads of large calls")
+    parser.add_argument("--cad", type=Path, default=SHARED_PARTS, metavar="FOLDER", help="more parts")
+    parser.add_argument("--without-cad", action="store_true", help="the sample parts alone")
+    return parser.parse_args(arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

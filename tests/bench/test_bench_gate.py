@@ -1,0 +1,148 @@
+"""The regression gate's verdicts: what fails, what is said then, and that a kernel asked twice does not pass.
+
+No real time is judged here: clocks and cases are made up.
+"""
+
+from pathlib import Path
+
+import gate as gate_command
+import pytest
+
+from benchmarks.gate import cases
+from benchmarks.gate import limits as limits_module
+
+BENCH = Path(__file__).resolve().parents[2] / "bench"
+LIMITS = """\
+# What is allowed.
+[fast]
+measured = 0.5
+limit = 0.7
+reason = "2026-11-21: first"
+"""
+
+
+@pytest.fixture
+def limits(monkeypatch, tmp_path):
+    """The module of the limits, with a file of its own."""
+    path = tmp_path / "gate.toml"
+    path.write_text(LIMITS, encoding="utf-8")
+    monkeypatch.setattr(limits_module, "FILE", path)
+    monkeypatch.setattr(limits_module, "is_known_machine", lambda: True)
+    return limits_module
+
+
+@pytest.fixture
+def gate(limits, monkeypatch):
+    """The gate, with cases whose calls take as long as is said, on a clock that only they move."""
+    now_ns = [0]
+
+    def takes(nanoseconds):
+        return lambda: now_ns.__setitem__(0, now_ns[0] + nanoseconds)
+
+    def with_calls(ours_ns, theirs_ns, name="fast"):
+        case = cases.GateCase(name, takes(ours_ns), takes(theirs_ns))
+        monkeypatch.setattr(gate_command, "make_cases", lambda: [case])
+        return gate_command
+
+    monkeypatch.setattr(gate_command.time, "thread_time_ns", lambda: now_ns[0])
+    monkeypatch.setattr(gate_command.proximity, "warm_up", lambda: None)
+    return with_calls
+
+
+def test_case_within_its_limit_passes(gate, capsys):
+    assert gate(60_000, 100_000).main([]) == 0
+
+    out = capsys.readouterr().out
+    assert "fast" in out and "0.6" in out and "ok" in out
+
+
+def test_kernel_that_takes_twice_as_long_fails_and_is_named(gate, capsys):
+    assert gate(100_000, 100_000).main([]) == 1
+
+    out = capsys.readouterr().out
+    assert "Once more, over 200 rounds: fast" in out
+    assert "fast takes 2.00 times as long as it did: 1 times the yardstick's time" in out
+    assert "measured was 0.5, the limit is 0.7" in out
+    assert 'python bench/gate.py --update fast --reason "why' in out
+
+
+def test_asking_twice_fails_where_asking_once_passes(gate):
+    passing = gate(50_000, 100_000)
+
+    assert passing.main([]) == 0
+    assert passing.main(["--twice", "fast"]) == 1
+
+
+def test_second_try_decides(gate, monkeypatch):
+    module = gate(50_000, 100_000)
+    ratios = iter([0.9, 0.5])
+    monkeypatch.setattr(module, "measure", lambda case, rounds: next(ratios))
+
+    assert module.main([]) == 0
+
+
+def test_ratio_is_the_median_over_turns(monkeypatch):
+    calls = iter([1.0, 9.0, 2.0, 2.0, 50.0])
+    turns = iter([lambda: next(calls), lambda: 1.0])
+    monkeypatch.setattr(gate_command, "_turn", lambda run: next(turns))
+
+    assert gate_command.measure(cases.GateCase("x", None, None), 5) == 2.0
+
+
+def test_limit_that_is_not_a_number_is_not_met(limits):
+    verdict = limits.GateVerdict("fast", float("nan"), limits.Limit(0.5, 0.7, "first"))
+
+    assert not verdict.is_met
+
+
+def test_another_processor_has_more_room(gate, limits, monkeypatch):
+    module = gate(75_000, 100_000)
+    assert module.main([]) == 1
+
+    monkeypatch.setattr(limits, "is_known_machine", lambda: False)
+    assert module.main([]) == 0
+    assert limits.OTHER_MACHINE * limits.MARGIN < 2.0, "a kernel that takes twice as long must fail"
+
+
+def test_case_without_a_limit_is_refused(gate, capsys):
+    assert gate(1000, 1000, "new").main([]) == 2
+
+    assert "gate.toml has no limit for new: python bench/gate.py --update new" in capsys.readouterr().out
+
+
+def test_unknown_case_is_refused_with_the_list(gate, capsys):
+    assert gate(1000, 1000).main(["slow"]) == 2
+
+    assert "no case is called slow (expected fast)" in capsys.readouterr().out
+
+
+def test_update_writes_a_limit_with_its_reason_and_keeps_the_comments(gate, limits):
+    assert gate(100_000, 100_000).main(["--update", "fast", "--reason", "it is exact now"]) == 0
+
+    found = limits.read_limits(limits.FILE)["fast"]
+    assert (found.measured, found.limit) == (1.0, limits.MARGIN)
+    assert found.reason.endswith(": it is exact now")
+    assert limits.FILE.read_text(encoding="utf-8").startswith("# What is allowed.\n")
+
+
+def test_update_without_a_reason_is_refused(gate, capsys):
+    with pytest.raises(SystemExit):
+        gate(1000, 1000).main(["--update", "fast"])
+
+    assert 'expected --reason "why"' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "fields",
+    ["measured = 0.5\nlimit = 0.4\nreason = 'x'", "measured = 0.5", "measured = 1\nlimit = 2\nreason = ''"],
+)
+def test_line_of_limits_that_cannot_be_used_is_named(limits, fields):
+    limits.FILE.write_text(f"[fast]\n{fields}\n", encoding="utf-8")
+
+    with pytest.raises(limits.LimitError, match=r"gate\.toml: \[fast\] has .* a larger limit, and a reason"):
+        limits.read_limits(limits.FILE)
+
+
+def test_no_limit_lets_a_kernel_take_twice_as_long():
+    for name, limit in limits_module.read_limits(BENCH / "gate.toml").items():
+        assert limit.limit <= 1.5 * limit.measured, f"{name}: a kernel that takes twice as long must fail"

@@ -1,0 +1,193 @@
+"""The benchmarks still run: every contender that is installed answers the smallest case, and rightly.
+
+No time is judged here, and no rival is expected to be installed.
+"""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+import report
+import ticks
+
+from benchmarks.queries import agreement, cases, results
+from benchmarks.rivals import registry
+from benchmarks.rivals.embreex import Embreex, EmbreexAll
+from benchmarks.support import interleaving
+from benchmarks.support.verdicts import at_most
+from benchmarks.ticks import motions, scenes, timing
+
+BENCH = Path(__file__).resolve().parents[2] / "bench"
+QUERY_COUNT = 40
+PATTERNS = ("near", "scattered", "center", "path", "rays")
+QUESTIONS = {
+    "cast": "rays",
+    "distance": "near",
+    "signed_distance": "near",
+    "closest": "near",
+    "contains": "near",
+}
+
+# Warnings of the rivals are theirs; Warp and Open3D speak up when they are imported.
+pytestmark = pytest.mark.filterwarnings("ignore")
+
+
+@pytest.mark.parametrize("kind", registry.CONTENDERS, ids=lambda kind: kind.name)
+def test_contender_agrees_with_brute_force_on_the_smallest_case(kind):
+    try:
+        contender = kind()
+    except (ImportError, OSError) as reason:
+        if kind.name.startswith("proximity"):
+            raise
+        pytest.skip(f"{kind.name} is not installed: {reason}")
+    for question in contender.questions:
+        case = cases.make_case(f"ball/{QUESTIONS[question]}", QUERY_COUNT)
+        contender.build(case.vertices, case.faces)
+        for by_fives in (False, True):
+            found = agreement.check_all(case, question, [contender], by_fives=by_fives)[kind.name]
+            assert (found.off_count, found.wrong_sign_count) == (0, 0), f"{question}, fives: {by_fives}"
+
+
+@pytest.mark.parametrize("pattern", PATTERNS)
+def test_case_is_the_same_on_every_call(pattern):
+    first, second = (cases.make_case(f"ball/{pattern}", QUERY_COUNT) for _ in range(2))
+
+    assert first.points.shape == (QUERY_COUNT, 3)
+    assert np.array_equal(first.points, second.points)
+    assert (first.directions is not None) == (pattern == "rays")
+
+
+def test_every_suite_runs_each_of_its_cases_once(tmp_path):
+    """In a process of its own: the suites hold theirs to one core."""
+    report = tmp_path / "out.xml"
+    words = ["-m", "pytest", "bench", "--small", "-p", "no:cacheprovider", f"--junit-xml={report}"]
+
+    done = subprocess.run([sys.executable, *words], cwd=BENCH.parent, capture_output=True, text=True)
+
+    assert done.returncode == 0, done.stdout[-5000:] + done.stderr[-2000:]
+    cases = ElementTree.parse(report).iter("testcase")
+    assert {case.get("classname") for case in cases} == {
+        ".".join(suite.relative_to(BENCH.parent).with_suffix("").parts) for suite in BENCH.rglob("bench_*.py")
+    }
+    for skipped in ElementTree.parse(report).iter("skipped"):
+        message = skipped.get("message")
+        assert " is left out: " in message or "for a look" in message
+
+
+def test_mesh_that_is_not_here_is_named(monkeypatch):
+    monkeypatch.setattr(cases, "SHARED_PARTS", BENCH / "nowhere")
+    cases.load_mesh.cache_clear()
+
+    with pytest.raises(cases.MissingMeshError, match=r"cycloidal\.ply is not here"):
+        cases.make_case("cycloidal/near")
+
+
+def test_wrong_lengths_and_wrong_signs_are_counted():
+    case = cases.make_case("ball/near", 4)
+    expected, answers = np.array([1.0, -1.0, 1.0, np.inf]), np.array([1.0, 1.0, 1.5, 1.0])
+
+    found = agreement.compare(case, answers, expected, "oracle")
+
+    assert (found.checked_count, found.off_count, found.wrong_sign_count) == (4, 2, 1)
+
+
+def test_slow_call_sits_out_most_rounds(monkeypatch):
+    monkeypatch.setattr(interleaving, "SLOW_NS", 0)
+
+    found = interleaving.interleave({"slow": lambda: None}, 6)["slow"]
+
+    assert np.isfinite(found.rounds).tolist() == [True, False, False, False, False, True]
+
+
+def test_requirement_is_held_against_the_fastest_rival():
+    times = {"proximity": 1.0, "Warp": 2.0, "Open3D": 8.0}
+    rows = [
+        results.Row(results.POINTS, "ball/near", name, "1", "µs a query", time, time, time, time, 1, time)
+        for name, time in times.items()
+    ]
+
+    (verdict,) = results.judge(rows)
+
+    assert verdict.measured == "2.00 times as fast as Warp"
+    assert not verdict.is_met
+
+
+def test_unknown_case_is_refused_with_the_list(capsys):
+    with pytest.raises(SystemExit):
+        report.main(["--cases", "ball/nowhere"])
+
+    assert "no such case: ball/nowhere; there are featuretype/near" in capsys.readouterr().err
+
+
+def test_report_writes_tables_and_json(capsys, monkeypatch, tmp_path):
+    monkeypatch.setattr(registry, "RIVALS", (Embreex, EmbreexAll))
+    found, _ = registry.available(registry.RIVALS)
+    if not found:
+        pytest.skip("embreex is not installed")
+    path = tmp_path / "out.json"
+    words = ["--without-us", "--rounds", "2", "--queries", "20", "--cases", "ball/rays"]
+
+    exit_code = report.main([*words, "--json", str(path)])
+
+    document = json.loads(path.read_text(encoding="utf-8"))
+    assert exit_code == 0
+    assert {row["section"] for row in document["rows"]} == {"build", "rays", "five rays"}
+    assert "five rays, ball/rays  [µs a call]" in capsys.readouterr().out
+
+
+def test_ticks_of_small_scenes_write_a_table_and_json(capsys, tmp_path):
+    path = tmp_path / "out.json"
+    words = ["fingers", "moving", "skin", "cavity", "warm", "prediction", "open", "deform"]
+
+    exit_code = ticks.main([*words, "--small", "--json", str(path)])
+
+    document = json.loads(path.read_text(encoding="utf-8"))
+    cases = [row["case"] for row in document["rows"]]
+    verdicts = [verdict for row in document["rows"] for verdict in row["verdicts"]]
+    assert exit_code == 0
+    assert {name.partition("/")[0].partition(":")[0] for name in cases} == set(words)
+    held = [each for each in verdicts if "brackets hold" in each["requirement"]]
+    assert len(held) == 4 and all(each["is_met"] for each in held)
+    out = capsys.readouterr().out
+    assert "fingers/plate" in out and "nothing is judged" in out
+
+
+def test_tick_requirement_that_is_not_met_is_an_exit_code(monkeypatch, capsys):
+    for limit, expected in ((10.0, 0), (1.0, 1)):
+        row = timing.TickRow("slow", 1, 12, 5, 1, verdicts=(at_most("slow: p50", limit, 5.0),))
+        monkeypatch.setitem(ticks.CASES, "prediction", lambda _, row=row: [row])
+
+        assert ticks.main(["prediction"]) == expected
+        assert f"slow: p50 at most {limit:g} µs" in capsys.readouterr().out
+
+
+def test_unknown_tick_case_is_refused_with_the_list(capsys):
+    with pytest.raises(SystemExit):
+        ticks.main(["nowhere"])
+
+    assert "no such case: nowhere; there are fingers, moving" in capsys.readouterr().err
+
+
+def test_tick_cases_without_ticks_are_refused(capsys):
+    with pytest.raises(SystemExit):
+        ticks.main(["fingers", "--ticks", "0"])
+
+    assert "0 ticks cannot be measured, expected at least one" in capsys.readouterr().err
+
+
+def test_recordings_that_are_not_here_are_named(monkeypatch):
+    monkeypatch.setattr(motions, "SHARED_HANDS", BENCH / "nowhere")
+
+    assert [hand.name for hand in motions.hands()] == ["generated"]
+    assert "two-hands.csv" in motions.missing_hands()
+
+
+@pytest.mark.parametrize("is_small", [True, False])
+def test_tick_scenes_are_as_large_as_said(is_small):
+    sizes = scenes.SMALL if is_small else scenes.FULL
+    for _, faces in (scenes.plate(sizes.plate), scenes.freeform(sizes.freeform)):
+        assert len(faces) < 700 if is_small else 80_000 <= len(faces) <= 100_000

@@ -1,0 +1,208 @@
+"""The README's figures are those of the published runs, and nobody writes them by hand."""
+
+import json
+from pathlib import Path
+
+import publish
+import pytest
+
+from benchmarks.publication import sections, tables, wording
+from benchmarks.queries import results
+
+ROOT = Path(__file__).resolve().parents[2]
+BENCH = ROOT / "bench"
+
+MACHINE = {
+    "processor": "Fast(R) Processor 9 (family 1, avx2)",
+    "system": "Linux x86_64, 2 cores",
+    "python": "Python 3.11.7, numpy 2.4.6",
+    "threads": "one",
+    "commit": "abc1234",
+    "date": "2026-11-21 23:00 UTC",
+    "load": "0.1, 0.2, 0.3",
+}
+
+
+def comparison(section, contender, median, times_ours, wrong=0):
+    agreement = {"wrong_sign_count": wrong, "checked_count": 100}
+    return {
+        "section": section,
+        "case": "plate/near",
+        "contender": contender,
+        "version": "1.2",
+        "unit": "µs a query",
+        "median": median,
+        "p99": 2 * median,
+        "times_ours": times_ours,
+        "agreement": agreement,
+    }
+
+
+def tick_document(p50=5.0, processor="Fast"):
+    figures = {"p50": p50, "p99": 20.0, "p999": 300.0}
+    row = {
+        "case": "fingers/plate",
+        "part_count": 1,
+        "face_count": 87_304,
+        "finger_count": 5,
+        "tick_count": 20_000,
+        "thread": figures,
+        "wall": figures,
+        "best": {"p50": 4.0, "p99": 6.0, "p999": 8.0},
+        "bare": {"p50": 4.0, "p99": 5.0, "p999": 90.0},
+        "verdicts": [
+            {"requirement": "p50 at most 10 µs", "measured": "5 µs", "is_met": True},
+            {"requirement": "p99.9 at most 50 µs", "measured": "300 µs", "is_met": False},
+        ],
+    }
+    return {"machine": MACHINE | {"processor": processor}, "rows": [row]}
+
+
+def test_readme_has_the_figures_of_the_published_runs():
+    """After a change to what writes them: ``python bench/publish.py --from-json``."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+
+    assert sections.replaced(text, sections.section(sections.read(sections.PUBLISHED))) == text
+
+
+def test_published_pictures_are_there_and_small():
+    for name in sections.PICTURES:
+        assert (BENCH / "published" / f"{name}.png").stat().st_size <= 100_000, name
+
+
+def test_requirement_stands_beside_the_fastest_rival_and_whether_it_is_met():
+    rows = [
+        comparison(results.SIGNED, "proximity", 0.5, 1.0),
+        comparison(results.SIGNED, "Warp", 1.0, 2.0, wrong=18),
+        comparison(results.SIGNED, "FCPW", 4.0, 8.0),
+    ]
+
+    lines = tables.others_table({"rows": rows})
+
+    assert (
+        lines[2] == "| points, signed, µs each | plate | 0.5 | 1 Warp, 18 % of its signs wrong | 2 | 4 | no |"
+    )
+    assert lines[3] == "|  |  |  | 4 FCPW | 8 | 4 | yes |", "the fastest whose signs are right"
+
+
+def test_a_rival_stands_beside_ours_that_answers_the_same():
+    rows = [
+        comparison(results.RAYS, "proximity", 0.5, 1.0),
+        comparison(results.RAYS, "proximity (distances)", 0.4, 1.0),
+        comparison(results.RAYS, "embreex", 0.6, 1.5) | {"beside": "proximity (distances)"},
+        comparison(results.RAYS, "embreex (all outputs)", 0.7, 1.4) | {"beside": "proximity"},
+    ]
+
+    lines = tables.others_table({"rows": rows})
+
+    assert lines[2] == "| rays, µs each | plate | 0.4 | 0.6 embreex | 1.5 | 1 | yes |"
+    assert lines[3] == "|  |  | 0.5 | 0.7 embreex (all outputs) | 1.4 | 1 | yes |"
+
+
+def test_a_build_stands_beside_our_tree_alone():
+    rows = [
+        comparison(results.BUILD, "proximity", 30.0, 20.0) | {"beside": "proximity (tree alone)"},
+        comparison(results.BUILD, "proximity (tree alone)", 1.5, 1.0) | {"beside": "proximity (tree alone)"},
+        comparison(results.BUILD, "FCPW", 2.25, 1.5) | {"beside": "proximity (tree alone)"},
+    ]
+
+    lines = tables.others_table({"rows": rows})
+
+    assert lines[2] == "| build, µs each | plate | 1.5 | 2.25 FCPW | 1.5 | 0.67 | yes |"
+
+
+def test_faster_and_slower_machine_are_told_apart():
+    lines = tables.ticks_table([tick_document(9.0, "Xeon"), tick_document(5.0, "EPYC")])
+
+    heads = "Xeon, the slower, 2026-11-21 | calmest of 3 runs there | a bare loop there | EPYC, the faster"
+    assert heads in lines[0]
+    assert (
+        lines[2]
+        == "| 5 recorded fingers, plate of 87 k faces | 9, 20, 300 | 4, 6, 8 | 4, 5, 90 | 5, 20, 300 |"
+    )
+
+
+def test_shares_of_the_period_are_percent_of_it():
+    lines = tables.period_table(tick_document())
+
+    (cells,) = ([cell.strip() for cell in line.split("|")[2:-1]] for line in lines[2:])
+    assert cells == [
+        "<0.1 / <0.1 / 0.75",
+        "0.1 / 0.4 / 6",
+        "0.17 / 0.67 / 10",
+        "0.5 / 2 / 30",
+        "2.5 / 10 / 150",
+    ]
+
+
+def test_requirement_that_is_not_met_is_named():
+    text = sections.section({"ticks": tick_document(), "ticks_epyc": tick_document(processor="EPYC")})
+
+    assert "1 of 2 are met. Not met:\n\n- p99.9 at most 50 µs: 300 µs" in text
+    assert "commit abc1234, load 0.1 when it began" in text
+    assert "Beside it: EPYC, Linux x86_64, 2 cores" in " ".join(text.split())
+
+
+def test_section_goes_between_the_marks_and_nowhere_else():
+    before = f"# Title\n\n{sections.BEGIN}\n\nold\n{sections.END}\n\nrest\n"
+
+    after = sections.replaced(before, "new\n")
+
+    assert after == f"# Title\n\n{sections.BEGIN}\n\nnew\n\n{sections.END}\n\nrest\n"
+    assert sections.replaced(after, "new\n") == after
+
+
+@pytest.mark.parametrize("text", ["", "{end}{begin}", "{begin}{end}{end}"])
+def test_readme_without_marks_is_refused(text, tmp_path, capsys):
+    path = tmp_path / "README.md"
+    path.write_text(text.format(begin=sections.BEGIN, end=sections.END), encoding="utf-8")
+
+    words = ["--from-json", "--published", str(tmp_path), "--readme", str(path)]
+
+    assert publish.main(words) == 1
+    assert "expected one line" in capsys.readouterr().err
+
+
+def test_figures_have_three_digits_and_no_exponent():
+    assert [wording.figure(value) for value in (0.0123456, 1.5, 12.0, 123.4, 12345.6, None, 0.0)] == [
+        "0.0123", "1.5", "12", "123", "12 346", "–", "0",
+    ]  # fmt: skip
+    assert [wording.count_words(value) for value in (304, 87_304, 304_204, 1_313_000, 1e7)] == [
+        "304", "87 k", "304 k", "1.3 M", "10 M",
+    ]  # fmt: skip
+    assert [wording.amount(*each) for each in ((97_036.0, "µs"), (0.0124, "s"), (5.0, "µs"), (3.0, "%"))] == [
+        "97 ms", "12.4 ms", "5 µs", "3 %",
+    ]  # fmt: skip
+    assert [wording.power(value) for value in (1e-6, 0.0316, 1, 1020, 3.0e6, 1e7)] == [
+        "10⁻⁶", "0.032", "1", "1000", "3·10⁶", "10⁷",
+    ]  # fmt: skip
+
+
+def test_publishing_from_json_writes_pictures_and_readme(tmp_path):
+    rows = [
+        {"axis": "faces", "series": "scene", "quantity": "memory", "unit": "bytes"}
+        | {"x": x, "median": 100 * x, "p99": None, "count": 1}
+        for x in (1e3, 1e4, 1e5)
+    ]
+    slope = {"slope": 1.0, "error": 0.0, "factor": 100.0, "first": 1e3, "last": 1e5, "count": 3}
+    fits = [{"axis": "faces", "series": "scene", "quantity": "memory"} | slope]
+    document = {"machine": MACHINE, "rows": rows, "fits": fits, "left_out": ["10⁷ faces are left out."]}
+    (tmp_path / "growth.json").write_text(json.dumps(document), encoding="utf-8")
+    path = tmp_path / "README.md"
+    path.write_text(f"{sections.BEGIN}\n{sections.END}\n", encoding="utf-8")
+
+    exit_code = publish.main(["--from-json", "--published", str(tmp_path), "--readme", str(path)])
+
+    text = path.read_text(encoding="utf-8")
+    assert exit_code == 0
+    assert "| its memory | 1000 to 10⁵ faces | 100 kB to 10 MB | 1.00 ± 0.00 |  |" in text
+    assert "10⁷ faces are left out." in text
+    assert (tmp_path / "growth_faces.png").is_file()
+
+
+def test_run_that_fails_publishes_nothing(tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(publish.RUNS, "growth", ["--only", "nowhere"])
+
+    assert publish.main(["--only", "growth", "--published", str(tmp_path / "new")]) == 1
+    assert "growth.py ended with 2: nothing is published" in capsys.readouterr().err
+    assert not (tmp_path / "new").exists()
