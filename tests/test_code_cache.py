@@ -74,3 +74,33 @@ def test_ctrl_c_is_heard_while_something_compiles():
     time.sleep(0.2)
     program.send_signal(signal.SIGINT)
     assert program.communicate(timeout=20)[0] == "heard\n"
+
+
+OWN_FUNCTION = """
+import numba
+from proximity.kernels import compiling
+
+@compiling.kernel
+def doubled(value):
+    return 2.0 * value
+
+@numba.njit
+def user_function(value):
+    return doubled(value) + 1.0
+
+print(user_function(3.0), flush=True)
+"""
+
+
+def test_compiled_function_of_a_user_may_call_a_kernel(tmp_path):
+    """Both wait for the lock of numba's compiler; one in another thread waited for ever."""
+    (tmp_path / "own_function.py").write_text(OWN_FUNCTION, encoding="utf-8")
+    ran = subprocess.run(
+        [sys.executable, "own_function.py"],
+        cwd=tmp_path,
+        env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")},
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert ran.stdout == "7.0\n", ran.stderr

@@ -7,6 +7,8 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
+from numba.core.compiler_lock import global_compiler_lock
+
 LOOK_EVERY_S = 0.1
 """How long a wait lasts that no signal ends, as on Windows."""
 STACK_BYTES = 2**26
@@ -26,7 +28,9 @@ def interruptible(compile_now: Callable[[Any], Any]) -> Callable[[Any], Any]:
     """
 
     def compile_beside(types: Any) -> Any:
-        if threading.current_thread() is not threading.main_thread():
+        # Whoever compiles a function of their own that calls a kernel holds numba's lock already: another
+        # thread would wait for it, and its owner for that thread, for ever.
+        if threading.current_thread() is not threading.main_thread() or global_compiler_lock.is_locked():
             return compile_now(types)
         outcome: list[Any] = []
         errors: list[BaseException] = []
