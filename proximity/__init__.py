@@ -26,8 +26,7 @@ if TYPE_CHECKING:
         SceneError,
         ServiceError,
     )
-    from proximity.loading import load
-    from proximity.mesh import TriangleMesh
+    from proximity.mesh.triangle_mesh import TriangleMesh
     from proximity.message import (
         CONTACT,
         FRAME,
@@ -44,15 +43,16 @@ if TYPE_CHECKING:
         Surface,
     )
     from proximity.pose import Pose
-    from proximity.results import NO_FACE, NO_PART, ClosestPoints, Feature, RayHits, SegmentHits
-    from proximity.scene import LoadReport, Part, Scene
-    from proximity.serving import RunningService, serve, start_service
-    from proximity.sign import SignMethod
-    from proximity.solid import Solid
-    from proximity.tracker import Tracker
+    from proximity.scene.loader import load
+    from proximity.scene.results import NO_FACE, NO_PART, ClosestPoints, Feature, RayHits, SegmentHits
+    from proximity.scene.scene import LoadReport, Part, Scene
+    from proximity.scene.sign import SignMethod
+    from proximity.scene.solid import Solid
+    from proximity.scene.trimesh_scene import from_trimesh
+    from proximity.service.hosting import RunningService, serve, start_service
+    from proximity.tracker.tracker import Tracker
+    from proximity.tracker.warm_up import kernels_are_cached, warm_up
     from proximity.transport import Publisher, Reading, Subscriber, open_publisher, open_subscriber
-    from proximity.trimesh_scene import from_trimesh
-    from proximity.warmup import kernels_are_cached, warm_up
 
 __version__ = "0.1.0"
 
@@ -115,51 +115,51 @@ _MODULE_OF = {
     "GLOVE_POSES": "proximity.message",
     "MEASURED": "proximity.message",
     "MOVES": "proximity.message",
-    "NO_FACE": "proximity.results",
-    "NO_PART": "proximity.results",
+    "NO_FACE": "proximity.scene.results",
+    "NO_PART": "proximity.scene.results",
     "PATH_POSES": "proximity.message",
     "POSES": "proximity.message",
-    "ClosestPoints": "proximity.results",
+    "ClosestPoints": "proximity.scene.results",
     "ContactFlag": "proximity.message",
     "DecaffError": "proximity.errors",
-    "Feature": "proximity.results",
-    "LoadReport": "proximity.scene",
+    "Feature": "proximity.scene.results",
+    "LoadReport": "proximity.scene.scene",
     "MeshError": "proximity.errors",
     "MeshFormatError": "proximity.errors",
     "Message": "proximity.message",
     "Mode": "proximity.message",
     "NotWatertightError": "proximity.errors",
-    "Part": "proximity.scene",
+    "Part": "proximity.scene.scene",
     "Pose": "proximity.pose",
     "PoseError": "proximity.errors",
     "ProximityError": "proximity.errors",
     "PublishError": "proximity.errors",
     "Publisher": "proximity.transport",
     "QueryError": "proximity.errors",
-    "RayHits": "proximity.results",
+    "RayHits": "proximity.scene.results",
     "Reading": "proximity.transport",
     "RecordingError": "proximity.errors",
-    "RunningService": "proximity.serving",
-    "Scene": "proximity.scene",
+    "RunningService": "proximity.service.hosting",
+    "Scene": "proximity.scene.scene",
     "SceneError": "proximity.errors",
-    "SegmentHits": "proximity.results",
+    "SegmentHits": "proximity.scene.results",
     "ServiceError": "proximity.errors",
-    "SignMethod": "proximity.sign",
-    "Solid": "proximity.solid",
+    "SignMethod": "proximity.scene.sign",
+    "Solid": "proximity.scene.solid",
     "Source": "proximity.message",
     "State": "proximity.message",
     "Subscriber": "proximity.transport",
     "Surface": "proximity.message",
-    "Tracker": "proximity.tracker",
-    "TriangleMesh": "proximity.mesh",
-    "from_trimesh": "proximity.trimesh_scene",
-    "kernels_are_cached": "proximity.warmup",
-    "load": "proximity.loading",
+    "Tracker": "proximity.tracker.tracker",
+    "TriangleMesh": "proximity.mesh.triangle_mesh",
+    "from_trimesh": "proximity.scene.trimesh_scene",
+    "kernels_are_cached": "proximity.tracker.warm_up",
+    "load": "proximity.scene.loader",
     "open_publisher": "proximity.transport",
     "open_subscriber": "proximity.transport",
-    "serve": "proximity.serving",
-    "start_service": "proximity.serving",
-    "warm_up": "proximity.warmup",
+    "serve": "proximity.service.hosting",
+    "start_service": "proximity.service.hosting",
+    "warm_up": "proximity.tracker.warm_up",
 }
 
 

@@ -11,10 +11,10 @@ from trial_judging import judge
 from trial_log import Log
 from trial_motions import START_NS, motion_of, paths_of
 
-from proximity.kernels.motion import MAX_ACCELERATION, MAX_SPEED
-from proximity.kernels.track import PATIENCE
+from proximity.kernels.tracking.motion import MAX_ACCELERATION, MAX_SPEED
+from proximity.kernels.tracking.track import PATIENCE
 from proximity.message import CONTACT
-from proximity.tracker import DEFAULT_BUDGET, Tracker
+from proximity.tracker.tracker import DEFAULT_BUDGET, Tracker
 
 BUDGETS = (1, 2, 3, 5, 8, 16, 40, 100, 400, 2000, None, None)
 WORKING_RANGES = (0.0, 1e-3, 0.02, 0.12, 0.12, 1.0, 10.0)

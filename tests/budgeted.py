@@ -5,8 +5,9 @@ from typing import NamedTuple
 import numpy as np
 import shapes
 
-from proximity.bvh import LocalFrame
-from proximity.kernels.bounded import ROOM_SIZE, known_sq, nearest_with_budget
+from proximity.kernels.geometry.frames import (
+    part_of_slot,
+)
 from proximity.kernels.layout import (
     BLOCK_COUNT,
     BLOCK_STRIDE,
@@ -23,11 +24,15 @@ from proximity.kernels.layout import (
     SCALE,
     STACKS_SIZE,
 )
-from proximity.kernels.point import NOTHING_SEEN
-from proximity.kernels.scene import nearest_in_scene, part_of_slot
-from proximity.kernels.winding import MOMENT_STRIDE
-from proximity.model import assemble
-from proximity.part_arrays import common_frame, part_arrays
+from proximity.kernels.point.budgeted_walk import ROOM_SIZE, known_sq, nearest_with_budget
+from proximity.kernels.point.walk import NOTHING_SEEN
+from proximity.kernels.scene.nearest_part import (
+    nearest_in_scene,
+)
+from proximity.kernels.sign.winding_number import MOMENT_STRIDE
+from proximity.model.assembly import assemble
+from proximity.model.bvh import LocalFrame
+from proximity.model.part_arrays import common_frame, part_arrays
 from proximity.pose import Pose
 
 GUARD = 64

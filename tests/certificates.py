@@ -4,11 +4,11 @@ import numpy as np
 import shapes
 
 from proximity import Scene, Solid
-from proximity.certificate.certifying import Certificate
-from proximity.certificate.measuring import Case
-from proximity.certificate.search import Found, Place
+from proximity.certificate.certification import Certificate
+from proximity.certificate.measurement import Case
+from proximity.certificate.search.work import GOALS
+from proximity.certificate.search.worst_positions import Found, Place
 from proximity.certificate.subject import Subject
-from proximity.certificate.work import GOALS
 from proximity.service import Report
 
 TICKS = 2000

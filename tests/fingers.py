@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from proximity.kernels import motion
+from proximity.kernels.tracking import motion
 
 MS = 1_000_000  # ns
 LIMITS = (motion.MAX_SPEED, motion.MAX_ACCELERATION)

@@ -16,8 +16,9 @@ import numpy as np
 import shapes
 
 import proximity
-from proximity import Part, Pose, Scene, Solid, archive, compiled
+from proximity import Part, Pose, Scene, Solid
 from proximity.kernels import layout
+from proximity.scene.saved import archive, compiled_scene
 
 LONGEST_S = 20
 """After which a change counts as one without end."""
@@ -99,7 +100,10 @@ def runs(arrays):
         "nodes": (0, layout.NODE_STRIDE * nodes),
         "trees over parts": (layout.NODE_STRIDE * nodes, row[layout.SLOT_FACES]),
         "slots": (row[layout.SLOT_FACES], row[layout.SLOT_FACES] + layout.LANES * blocks),
-        "moments": (row[layout.MOMENTS], row[layout.MOMENTS] + compiled.LAYOUT["MOMENT_STRIDE"] * nodes),
+        "moments": (
+            row[layout.MOMENTS],
+            row[layout.MOMENTS] + compiled_scene.LAYOUT["MOMENT_STRIDE"] * nodes,
+        ),
         "notes": (row[layout.BLOCK_NOTES], row[layout.BLOCK_NOTES] + blocks),
         "grid over parts": (parts[-1, layout.GRID], len(arrays["words"])),
     }
@@ -321,11 +325,11 @@ def main(name, first, count, folder):
     SCENES[name]().save(path)
     # Unchanged it can be used; and then everything has been compiled.
     use(proximity.load(path), path.with_name("again.prox"))
-    contents = archive.read_archive(path, compiled.LAYOUT)
+    contents = archive.read_archive(path, compiled_scene.LAYOUT)
     metadata, arrays = contents.metadata, {key: array.copy() for key, array in contents.arrays.items()}
     for number in range(first, first + count):
         *altered, what = changed(number, name, metadata, arrays)
-        archive.write_archive(path, *altered, compiled.LAYOUT)
+        archive.write_archive(path, *altered, compiled_scene.LAYOUT)
         print(json.dumps([number, what]), flush=True)
         signal.alarm(LONGEST_S)
         try:

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from proximity.kernels.build import face_boxes
-from proximity.kernels.halving import RECORD
 from proximity.kernels.layout import LANES, NODE_STRIDE
+from proximity.kernels.tree.binned_sah import RECORD
+from proximity.kernels.tree.builder import face_boxes
 
 
 def node_of(contents):

@@ -5,7 +5,7 @@ from threading import Condition
 
 import numpy as np
 
-from proximity.transport.links import NOTHING, TRANSPORTS, Transport
+from proximity.transport.link import NOTHING, TRANSPORTS, Transport
 
 _queues = defaultdict(deque)
 _changed = Condition()

@@ -5,8 +5,8 @@ import numpy as np
 import shapes
 
 from proximity.pose import Pose
-from proximity.scene import Part, Scene
-from proximity.solid import Solid
+from proximity.scene.scene import Part, Scene
+from proximity.scene.solid import Solid
 
 KINDS = [shapes.tetrahedron, shapes.cube, shapes.octahedron, shapes.hollow_cube]
 

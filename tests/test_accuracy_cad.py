@@ -8,8 +8,8 @@ import pytest
 from conftest import SHARED_DATA
 
 import oracle
-from proximity.loading import load
-from proximity.sign import SignMethod
+from proximity.scene.loader import load
+from proximity.scene.sign import SignMethod
 
 pytestmark = pytest.mark.skipif(
     not SHARED_DATA.is_dir(), reason="the real parts (shared/data beside the project) are not here"

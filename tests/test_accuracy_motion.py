@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from fingers import Finger
 
-from proximity.kernels.contact import PREDICTED
-from proximity.kernels.motion import MAX_SPEED, SLACK
+from proximity.kernels.contact_columns import PREDICTED
+from proximity.kernels.tracking.motion import MAX_SPEED, SLACK
 
 
 @cache

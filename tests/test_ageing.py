@@ -8,8 +8,8 @@ from wire import KNOWN, MS, NOW, frame, is_silent
 
 from proximity.message import CONTACT, ContactFlag, Surface
 from proximity.pose import Pose
-from proximity.scene import Scene
-from proximity.tracker import Tracker
+from proximity.scene.scene import Scene
+from proximity.tracker.tracker import Tracker
 from proximity.transport import forget, widen
 
 SECOND = 1000 * MS

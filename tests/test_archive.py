@@ -18,22 +18,13 @@ import pytest
 import shapes
 
 import proximity
-from proximity import (
-    MeshFormatError,
-    Part,
-    Pose,
-    Scene,
-    SceneError,
-    Solid,
-    archive,
-    compiled,
-    model,
-    results,
-    solid,
-)
+from proximity import MeshFormatError, Part, Pose, Scene, SceneError, Solid
 from proximity.kernels import layout
-from proximity.queries import Queries
-from proximity.top import TopPlan
+from proximity.model import assembly
+from proximity.model.part_trees import TopPlan
+from proximity.scene import results, solid
+from proximity.scene.queries import Queries
+from proximity.scene.saved import archive, compiled_scene
 
 MESHES = Path(__file__).parent.parent / "meshes"
 
@@ -365,12 +356,12 @@ def test_opening_builds_nothing(tmp_path, monkeypatch):
 
     for module, names in {
         solid: ("part_arrays", "build_topology", "choose_sign", "assemble"),
-        model: ("assemble", "static_tree", "make_table"),
+        assembly: ("assemble", "static_tree", "make_table"),
     }.items():
         for name in names:
             monkeypatch.setattr(module, name, never)
-    monkeypatch.setattr(model, "make_table", lambda *arrays: np.zeros(9, np.int64))
-    monkeypatch.setattr(model.Model, "part_alone", never)
+    monkeypatch.setattr(assembly, "make_table", lambda *arrays: np.zeros(9, np.int64))
+    monkeypatch.setattr(assembly.Model, "part_alone", never)
 
     assert len(proximity.load(path).parts) == 20
 
@@ -414,7 +405,7 @@ def test_every_field_of_a_part_is_saved():
     """A field that is added to `Part` takes a line in `compiled._FIELDS`."""
     fields = {field.name for field in dataclasses.fields(Part)}
 
-    assert fields == {*compiled._FIELDS, "solid", "pose", "source_faces"}
+    assert fields == {*compiled_scene._FIELDS, "solid", "pose", "source_faces"}
 
 
 def test_names_and_reports_may_be_any_text(tmp_path):
@@ -667,7 +658,7 @@ def test_layout_that_is_compared_has_the_strides():
         "FRAME_COLUMNS",
         "MOMENT_STRIDE",
         "IS_HIDDEN",
-    } <= set(compiled.LAYOUT)
+    } <= set(compiled_scene.LAYOUT)
 
 
 def test_table_that_does_not_fit_is_refused(whole, refused):
@@ -694,7 +685,7 @@ def test_table_that_does_not_fit_is_refused(whole, refused):
 
 
 @pytest.mark.parametrize(
-    "document", [[], {}, {"layout": compiled.LAYOUT}, {"layout": compiled.LAYOUT, "arrays": 3}]
+    "document", [[], {}, {"layout": compiled_scene.LAYOUT}, {"layout": compiled_scene.LAYOUT, "arrays": 3}]
 )
 def test_description_that_says_something_else_is_refused(document, whole, refused):
     assert refused(remade(whole, document=document)) == (
@@ -737,7 +728,7 @@ def test_arrays_of_another_shape_or_number_are_refused(whole, refused, monkeypat
     def with_a_part_less(path, metadata, arrays, layout):
         write(path, metadata, {**arrays, "parts": arrays["parts"][1:]}, layout)
 
-    monkeypatch.setattr(compiled, "write_archive", with_a_part_less)
+    monkeypatch.setattr(compiled_scene, "write_archive", with_a_part_less)
     with tempfile.TemporaryDirectory() as folder:
         data = saved(solid_in_two_parts(), Path(folder)).read_bytes()
     assert refused(data) == (

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from proximity import batches
 from proximity.arrays import COPIED_AT_ONCE, as_points
-from proximity.batches import SMALLEST_FIRST, first_slice, run_batch
+from proximity.scene import batches
+from proximity.scene.batches import SMALLEST_FIRST, first_slice, run_batch
 
 TESTS = Path(__file__).parent
 
@@ -70,7 +70,7 @@ def test_long_arrays_are_converted_in_parts():
 INTERRUPTED = """
 import json, os, signal, threading, time
 import numpy as np, shapes
-from proximity.scene import Scene
+from proximity.scene.scene import Scene
 
 scene = Scene.from_mesh(*shapes.sphere(subdivisions=6))
 few = 1e-9 * np.random.default_rng(0).normal(size=(48, 3))  # where a search looks at every face

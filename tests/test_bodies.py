@@ -11,8 +11,8 @@ from scipy.ndimage import label
 
 from proximity.bodies import Repairs, split_bodies
 from proximity.errors import MeshError
-from proximity.mesh import TriangleMesh
-from proximity.topology import build_topology
+from proximity.mesh.topology import build_topology
+from proximity.mesh.triangle_mesh import TriangleMesh
 
 CAD = Path(__file__).parents[2] / "shared" / "data" / "cad"
 

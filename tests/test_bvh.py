@@ -9,7 +9,6 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from proximity.bvh import Bvh, build_bvh, local_frame
 from proximity.errors import MeshError
 from proximity.kernels.layout import (
     BLOCK_STRIDE,
@@ -20,6 +19,7 @@ from proximity.kernels.layout import (
     NODE_STRIDE,
     STACK_SIZE,
 )
+from proximity.model.bvh import Bvh, build_bvh, local_frame
 
 
 def built(vertices, faces=None):

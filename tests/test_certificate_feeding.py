@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from certificates import ball_subject, certificate, found
 
-from proximity.certificate import feeding, measuring, wording
-from proximity.certificate.document import document
+from proximity.certificate import measurement, service_inputs, wording
+from proximity.certificate.report.document import document
 from proximity.certificate.subject import read_subject
 from proximity.decaff.finger import Finger
 from proximity.pose import Pose
-from proximity.service.gloves import points_on
-from proximity.tracker import Tracker
+from proximity.service.inputs.gloves import points_on
+from proximity.tracker.tracker import Tracker
 
 CORNERS = Finger().path_world(Pose())[None]
 MS = 1_000_000
@@ -61,7 +61,7 @@ def test_scene_file_says_whether_paths_and_moves_may_come(tmp_path):
 
 def test_motions_with_paths_and_moves_are_timed_where_they_may_come():
     def names(**settings):
-        cases = measuring.measure(ball_subject(fingers=2, **settings), found(), 100, 1)
+        cases = measurement.measure(ball_subject(fingers=2, **settings), found(), 100, 1)
         return [each.name for each in cases if each.counts and "worst" in each.name]
 
     usual = ["worst, at rest", "worst, passing", "worst, anew"]
@@ -75,18 +75,18 @@ def test_motions_with_paths_and_moves_are_timed_where_they_may_come():
 
 def test_fingers_are_on_their_paths_and_parts_move_in_those_motions_alone(ticks):
     subject = ball_subject(fingers=2, corners=CORNERS, moves=True)
-    measuring.measure(subject, found(), 100, 1)
+    measurement.measure(subject, found(), 100, 1)
 
     on_paths = [told for told in ticks if told[1] is not None]
     moving = [told for told in ticks if told[4] is not subject.scene]
-    rounds = measuring.REPEATS * (100 + 10)  # and a tenth that is not counted
+    rounds = measurement.REPEATS * (100 + 10)  # and a tenth that is not counted
     assert len(on_paths) == 2 * rounds and len(moving) == rounds
     for positions, paths, bends, _, _ in on_paths:
         np.testing.assert_allclose(points_on(paths, bends), positions, atol=1e-12)
         lengths = np.linalg.norm(np.diff(paths, axis=1), axis=2)
         np.testing.assert_allclose(lengths, np.linalg.norm(np.diff(CORNERS[[0, 0]], axis=1), axis=2))
     places = np.array([told[3] for told in moving])
-    assert np.ptp(places, axis=0)[2] > 1e-4 and np.abs(places).max() <= 1.1 * feeding.SWAY
+    assert np.ptp(places, axis=0)[2] > 1e-4 and np.abs(places).max() <= 1.1 * service_inputs.SWAY
     assert (np.diff(places[:100, 2]) != 0.0).all()
     assert subject.scene.parts[0].pose.is_identity
 
@@ -94,7 +94,7 @@ def test_fingers_are_on_their_paths_and_parts_move_in_those_motions_alone(ticks)
 def test_loop_is_told_what_the_service_may_be_told(ticks):
     subject = ball_subject(real_time=False, corners=CORNERS, moves=True)
 
-    report = measuring.run_loop(subject, found(), 0.05, 3)
+    report = measurement.run_loop(subject, found(), 0.05, 3)
 
     rehearsal = len(ticks) - report.ticks
     assert all(told[1] is not None for told in ticks[rehearsal:])

@@ -7,9 +7,10 @@ import shapes
 
 import proximity
 from proximity import Pose, Scene, ServiceError, Solid
-from proximity.certificate import feeling, gate, periods, ticking
+from proximity.certificate import deadlines, period, tick_times
 from proximity.certificate.fingerprint import fingerprint
-from proximity.part import Part
+from proximity.certificate.report import finger_effect
+from proximity.scene.part import Part
 from proximity.service import Histogram
 
 # ------------------------------------------------------------------------------------------------- periods
@@ -18,7 +19,7 @@ from proximity.service import Histogram
 def test_percentiles_of_known_times():
     times = np.arange(1, 10_001) * 1000
 
-    found = periods.percentiles(times)
+    found = deadlines.percentiles(times)
 
     assert found["p50"] == pytest.approx(5_000_500)
     assert found["p99"] == pytest.approx(9_900_010)
@@ -27,10 +28,10 @@ def test_percentiles_of_known_times():
 
 
 def test_percentile_that_so_few_ticks_do_not_tell_is_not_told():
-    assert periods.percentiles(np.arange(999))["p999"] is None
-    assert periods.percentiles(np.arange(1000))["p999"] is not None
-    assert periods.percentiles(np.arange(99))["p99"] is None
-    assert periods.percentiles(np.arange(1)) == {"p50": None, "p99": None, "p999": None, "max": 0.0}
+    assert deadlines.percentiles(np.arange(999))["p999"] is None
+    assert deadlines.percentiles(np.arange(1000))["p999"] is not None
+    assert deadlines.percentiles(np.arange(99))["p99"] is None
+    assert deadlines.percentiles(np.arange(1)) == {"p50": None, "p99": None, "p999": None, "max": 0.0}
 
 
 def test_histogram_tells_what_its_times_do():
@@ -39,17 +40,18 @@ def test_histogram_tells_what_its_times_do():
     for each in times.tolist():
         histogram.record(each)
 
-    counted, timed = periods.percentiles_of(histogram), periods.percentiles(times)
+    counted, timed = deadlines.percentiles_of(histogram), deadlines.percentiles(times)
 
-    for name in periods.SHARES:
+    for name in deadlines.SHARES:
         assert timed[name] <= counted[name] * (1 + 1e-3) and counted[name] <= timed[name] * (1 + 1 / 16)
-    millisecond = periods.Period(0.001, "")
-    over = periods.misses_of(histogram, millisecond).count
-    assert over == pytest.approx(periods.misses(times, millisecond).count, rel=0.05)
+    millisecond = deadlines.Period(0.001, "")
+    over = deadlines.misses_of(histogram, millisecond).count
+    assert over == pytest.approx(deadlines.misses(times, millisecond).count, rel=0.05)
 
 
 def test_tick_of_exactly_the_period_is_in_time():
-    missed = periods.misses(np.array([999_999, 1_000_000, 1_000_001, 5_000_000]), periods.Period(0.001, ""))
+    times_ns = np.array([999_999, 1_000_000, 1_000_001, 5_000_000])
+    missed = deadlines.misses(times_ns, deadlines.Period(0.001, ""))
 
     assert (missed.count, missed.tick_count) == (2, 4)
     assert missed.per_million == 500_000
@@ -58,21 +60,21 @@ def test_tick_of_exactly_the_period_is_in_time():
 @pytest.mark.parametrize("total", [1000, 20_000, 10**6])
 def test_rule_of_three_holds_for_none_seen(total):
     """1 - 0.05^(1/n), which is 3 / n; and no certainty that there are none."""
-    upper = periods.upper_share(0, total)
+    upper = deadlines.upper_share(0, total)
 
     assert upper == pytest.approx(1.0 - 0.05 ** (1.0 / total), rel=1e-9)
     assert upper == pytest.approx(3.0 / total, rel=0.003)
 
 
 def test_upper_share_is_above_what_was_seen_and_one_where_all_were():
-    assert 0.01 < periods.upper_share(10, 1000) < 0.02
-    assert periods.upper_share(1000, 1000) == 1.0
+    assert 0.01 < deadlines.upper_share(10, 1000) < 0.02
+    assert deadlines.upper_share(1000, 1000) == 1.0
 
 
 def test_too_few_ticks_are_refused():
-    periods.check_tick_count(1000)
+    deadlines.check_tick_count(1000)
     with pytest.raises(ServiceError, match=r"999 ticks tell no p99\.9, expected 1000 or more"):
-        periods.check_tick_count(999)
+        deadlines.check_tick_count(999)
 
 
 def test_ticks_are_timed_from_call_to_answer(monkeypatch):
@@ -88,13 +90,13 @@ def test_ticks_are_timed_from_call_to_answer(monkeypatch):
         def thread_time_ns(self):
             return self.now // 10
 
-    clock, log = Clock(), ticking.TickLog()
-    monkeypatch.setattr(ticking, "time", clock)
+    clock, log = Clock(), tick_times.TickLog()
+    monkeypatch.setattr(tick_times, "time", clock)
 
     def call():
         clock.now += 7000
 
-    ticking.time_calls([call, call], log)
+    tick_times.time_calls([call, call], log)
 
     assert log.wall_ns == [8000, 8000]
     assert log.thread_ns == [900, 900]
@@ -111,7 +113,7 @@ def test_ticks_are_timed_from_call_to_answer(monkeypatch):
     ],
 )  # fmt: skip
 def test_period_is_read_as_people_write_it(text, seconds):
-    assert gate.parse_period(text) == pytest.approx(seconds, rel=1e-12)
+    assert period.parse_period(text) == pytest.approx(seconds, rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -121,7 +123,7 @@ def test_what_is_no_period_is_refused(text):
     with pytest.raises(
         ServiceError, match="is no period, expected a time or a rate such as 1ms, 200us or 1kHz"
     ):
-        gate.parse_period(text)
+        period.parse_period(text)
 
 
 # ------------------------------------------------------------------------------------------------- feeling
@@ -129,7 +131,7 @@ def test_what_is_no_period_is_refused(text):
 
 def test_forty_milliseconds_mean_what_the_paper_says():
     """PAPER 3.4 and 7: 4 mm at 0.1 m/s, 0.8 N, 6 mJ."""
-    felt = feeling.felt(0.040, 0.1)
+    felt = finger_effect.felt(0.040, 0.1)
 
     assert felt.penetration == pytest.approx(0.004, rel=1e-12)
     assert felt.force_error == pytest.approx(0.8, rel=1e-12)
@@ -137,8 +139,8 @@ def test_forty_milliseconds_mean_what_the_paper_says():
 
 
 def test_touch_just_after_a_tick_waits_for_the_next_and_its_answer():
-    assert feeling.delay_of(0.001, 0.0002) == pytest.approx(0.0012)
-    assert feeling.delay_of(0.001, 0.0011) == pytest.approx(0.0031)  # every other tick is left out
+    assert finger_effect.delay_of(0.001, 0.0002) == pytest.approx(0.0012)
+    assert finger_effect.delay_of(0.001, 0.0011) == pytest.approx(0.0031)  # every other tick is left out
 
 
 # -------------------------------------------------------------------------------------------- fingerprint

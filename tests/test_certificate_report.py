@@ -9,11 +9,12 @@ import pytest
 from certificates import TICKS, ball_subject, case, certificate, found, loop
 
 from proximity import DecaffError, ServiceError
-from proximity.certificate import measuring, motions, wording, writing
-from proximity.certificate.certifying import check_request, judge, load_of_times
-from proximity.certificate.document import document, periods_of
-from proximity.certificate.page import page
-from proximity.certificate.periods import PERIODS, Period
+from proximity.certificate import measurement, motions, wording
+from proximity.certificate.certification import check_request, judge, load_of_times
+from proximity.certificate.deadlines import PERIODS, Period
+from proximity.certificate.report import files
+from proximity.certificate.report.document import document, periods_of
+from proximity.certificate.report.page import page
 from proximity.decaff import plotting
 from proximity.recording import Recording
 
@@ -111,7 +112,7 @@ def test_document_has_what_its_schema_says(told):
 
 
 def test_document_goes_through_json_unchanged(told):
-    assert json.loads(writing.as_json(told)) == json.loads(json.dumps(told))
+    assert json.loads(files.as_json(told)) == json.loads(json.dumps(told))
 
 
 def test_shares_and_misses_are_of_the_period(told):
@@ -228,7 +229,7 @@ def test_pictures_take_the_colours_of_the_page(text):
 
 
 def test_page_and_numbers_are_written_beside_each_other(told, tmp_path):
-    written = writing.write_report(tmp_path / "cell.html", told, ball_subject().scene)
+    written = files.write_report(tmp_path / "cell.html", told, ball_subject().scene)
 
     assert [path.name for path in written] == ["cell.html", "cell.json"]
     assert json.loads((tmp_path / "cell.json").read_text())["schema"] == 1
@@ -242,10 +243,10 @@ def test_numbers_are_written_even_without_matplotlib(told, tmp_path, monkeypatch
 
     monkeypatch.setattr(plotting, "load_figure", missing)
     with pytest.raises(DecaffError, match=r"pip install .*proximity\[sim\]"):
-        writing.write_report(tmp_path / "cell.html", told, ball_subject().scene)
+        files.write_report(tmp_path / "cell.html", told, ball_subject().scene)
 
     assert [path.name for path in tmp_path.iterdir()] == ["cell.json"]
-    assert writing.write_report(tmp_path / "alone.json", told, ball_subject().scene)[0].name == "alone.json"
+    assert files.write_report(tmp_path / "alone.json", told, ball_subject().scene)[0].name == "alone.json"
 
 
 @pytest.mark.parametrize(
@@ -257,7 +258,7 @@ def test_numbers_are_written_even_without_matplotlib(told, tmp_path, monkeypatch
 )
 def test_report_that_cannot_be_written_is_refused_before_measuring(name, sentence, tmp_path):
     with pytest.raises(ServiceError, match=sentence):
-        writing.check_report_name(tmp_path / name)
+        files.check_report_name(tmp_path / name)
 
 
 # ------------------------------------------------------------------------------------------------- motions
@@ -270,7 +271,7 @@ def test_motions_are_timed_with_as_many_ticks_as_asked_for():
 
     cases = {
         each.name: each
-        for each in measuring.measure(ball_subject(recording=hand, fingers=3), found(), 400, 1)
+        for each in measurement.measure(ball_subject(recording=hand, fingers=3), found(), 400, 1)
     }
 
     assert list(cases) == [
@@ -310,15 +311,15 @@ def test_recording_in_which_nobody_is_seen_is_refused():
     hand = Recording(np.arange(3) * 1_000_000, np.full((3, 1, 3), np.nan), ((0, 1),), "empty.csv")
 
     with pytest.raises(ValueError, match=r"empty\.csv: no finger is seen at any tick"):
-        measuring.measure(ball_subject(recording=hand), found(), 1000, 1)
+        measurement.measure(ball_subject(recording=hand), found(), 1000, 1)
 
 
 def test_loop_runs_as_long_as_said_and_counts_computing_apart():
-    report = measuring.run_loop(ball_subject(real_time=False), found(), 0.05, 3)
+    report = measurement.run_loop(ball_subject(real_time=False), found(), 0.05, 3)
 
     assert report.ticks + report.missed >= 50 and report.ticks <= 50
     assert report.compute.count == report.lateness.count == report.ticks
-    assert report.publish_failures == {measuring.ADDRESS: 0}
+    assert report.publish_failures == {measurement.ADDRESS: 0}
 
 
 # ------------------------------------------------------------------------------------------------- wording

@@ -6,12 +6,12 @@ import shapes
 from certificates import ball_subject
 
 from proximity import Pose, Scene, Solid
-from proximity.certificate import starts
-from proximity.certificate.ascent import ascend
-from proximity.certificate.search import search
+from proximity.certificate.search import starting_positions
+from proximity.certificate.search.ascent import ascend
+from proximity.certificate.search.work import GOALS, NOWHERE, Costs, Goal, Manner, Probe
+from proximity.certificate.search.worst_positions import search
 from proximity.certificate.subject import Subject
-from proximity.certificate.work import GOALS, NOWHERE, Costs, Goal, Manner, Probe
-from proximity.part import Part
+from proximity.scene.part import Part
 
 COUNTS = (60, 60, 20)
 COLD_EXACT = Goal(Manner.COLD, False)
@@ -20,7 +20,7 @@ COLD_EXACT = Goal(Manner.COLD, False)
 @pytest.fixture(scope="module", autouse=True)
 def few_climbs():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("proximity.certificate.search.CLIMBS", 4)
+        patch.setattr("proximity.certificate.search.worst_positions.CLIMBS", 4)
         yield
 
 
@@ -37,7 +37,7 @@ def searched(ball):
 
 def test_centre_of_a_ball_is_found_by_balls_that_shrink(ball, monkeypatch):
     """And by nothing else: places at random, near the surface and in the middles of parts are left out."""
-    monkeypatch.setattr(starts, "centres", lambda scene: np.zeros((0, 3)))
+    monkeypatch.setattr(starting_positions, "centres", lambda scene: np.zeros((0, 3)))
     at_centre = Probe(ball, COLD_EXACT).costs(np.zeros((1, 3))).work[0]
 
     (found,) = (each for each in search(ball, 3, counts=(0, 0, 20)) if each.goal == COLD_EXACT)
@@ -118,9 +118,9 @@ def test_of_equal_work_the_wider_bracket_is_worth_more():
 
 
 def test_shrunk_balls_touch_the_ball_and_hold_none_of_it(ball):
-    points, normals = starts.surface_samples(ball.scene, 8, np.random.default_rng(2))
+    points, normals = starting_positions.surface_samples(ball.scene, 8, np.random.default_rng(2))
 
-    inside = starts.medial_places(ball, points, normals)[8:]
+    inside = starting_positions.medial_places(ball, points, normals)[8:]
 
     touching = np.linalg.norm(inside - points, axis=1)
     # Near the centre the nearest face is known within the budget only.
@@ -132,7 +132,7 @@ def test_shrunk_balls_between_two_walls_are_in_the_middle():
     subject = Subject(Scene(walls))
     points, normals = np.array([[0.01, 0.0, 0.020]]), np.array([[0.0, 0.0, -1.0]])
 
-    places = starts.medial_places(subject, points, normals)
+    places = starting_positions.medial_places(subject, points, normals)
 
     np.testing.assert_allclose(places[0], [0.01, 0.0, 0.0], atol=1e-9)
     np.testing.assert_allclose(places[1], [0.01, 0.0, 0.0225], atol=1e-9)
@@ -143,9 +143,9 @@ def test_surface_is_sampled_by_area_where_parts_stand_and_are_shown():
     rows = np.arange(12, dtype=np.int32)
     parts = [Part("small", small, Pose(translation=[1.0, 0.0, 0.0]), rows), large]
 
-    points, normals = starts.surface_samples(Scene(parts), 2000, np.random.default_rng(3))
+    points, normals = starting_positions.surface_samples(Scene(parts), 2000, np.random.default_rng(3))
     hidden = Scene([*parts[:1], Part("large", large, Pose(), rows, is_hidden=True)])
-    shown, _ = starts.surface_samples(hidden, 50, np.random.default_rng(3))
+    shown, _ = starting_positions.surface_samples(hidden, 50, np.random.default_rng(3))
 
     assert (points[:, 0] > 0.9).mean() == pytest.approx(0.1, abs=0.03)
     np.testing.assert_allclose(np.abs(normals).max(axis=1), 1.0)
@@ -158,7 +158,7 @@ def test_centre_of_a_cap_is_that_of_the_ball_it_is_cut_from():
     scene = Scene([Solid(vertices, cap, name="cap")])
     used = vertices[np.unique(cap)]
 
-    found = starts.centres(Scene([Solid(used, np.searchsorted(np.unique(cap), cap), name="cap")]))
+    found = starting_positions.centres(Scene([Solid(used, np.searchsorted(np.unique(cap), cap), name="cap")]))
 
-    assert len(starts.centres(scene)) == len(found) == 4
+    assert len(starting_positions.centres(scene)) == len(found) == 4
     assert np.linalg.norm(found, axis=1).min() < 1e-9

@@ -16,8 +16,10 @@ from rich.console import Console
 
 import proximity
 from proximity import cli
-from proximity.cli import blocks, output, query, tables, waiting
+from proximity.cli import progress
+from proximity.cli.commands import query
 from proximity.cli.lengths import in_units
+from proximity.cli.views import blocks, output, tables
 from proximity.errors import MeshError, MeshFormatError
 from proximity.pose import Pose
 
@@ -539,7 +541,7 @@ def terminal(monkeypatch, width=200):
     def console(**options):
         return Console(file=screen, force_terminal=True, width=width, color_system=None)
 
-    monkeypatch.setattr(waiting, "Console", console)
+    monkeypatch.setattr(progress, "Console", console)
     monkeypatch.setattr("proximity.cli.console.Console", console)
     return screen
 
@@ -547,13 +549,13 @@ def terminal(monkeypatch, width=200):
 @pytest.mark.parametrize("name", ["ball.stl", "parts[/b].stl"])  # the second: Rich's mark that closes nothing
 def test_long_reading_shows_a_spinner_on_a_terminal(name, monkeypatch):
     screen = terminal(monkeypatch)
-    monkeypatch.setattr(waiting, "PATIENCE_S", 0.0)
+    monkeypatch.setattr(progress, "PATIENCE_S", 0.0)
 
-    with waiting.spinner(f"reading {name}"):
+    with progress.spinner(f"reading {name}"):
         for _ in range(100):
             if "reading" in screen.getvalue():
                 break
-            waiting.time.sleep(0.05)
+            progress.time.sleep(0.05)
 
     assert f"reading {name}" in screen.getvalue()
 
@@ -561,7 +563,7 @@ def test_long_reading_shows_a_spinner_on_a_terminal(name, monkeypatch):
 def test_short_reading_shows_nothing(monkeypatch):
     screen = terminal(monkeypatch)
 
-    with waiting.spinner("reading ball.stl"):
+    with progress.spinner("reading ball.stl"):
         pass
 
     assert screen.getvalue() == ""
@@ -569,9 +571,9 @@ def test_short_reading_shows_nothing(monkeypatch):
 
 def test_many_queries_show_a_bar_on_a_terminal(monkeypatch):
     screen = terminal(monkeypatch)
-    monkeypatch.setattr(waiting, "PATIENCE_S", -1.0)
+    monkeypatch.setattr(progress, "PATIENCE_S", -1.0)
 
-    passed = list(waiting.with_bar("abc", {"a": 10, "b": 10, "c": 5}.get, 25, is_shown=True))
+    passed = list(progress.with_bar("abc", {"a": 10, "b": 10, "c": 5}.get, 25, is_shown=True))
 
     assert passed == ["a", "b", "c"]
     assert "25/25" in screen.getvalue()
@@ -581,9 +583,9 @@ def test_many_queries_show_a_bar_on_a_terminal(monkeypatch):
 def test_bar_is_not_shown_for_a_short_wait_or_in_the_way(monkeypatch, is_shown):
     screen = terminal(monkeypatch)
     if not is_shown:
-        monkeypatch.setattr(waiting, "PATIENCE_S", -1.0)
+        monkeypatch.setattr(progress, "PATIENCE_S", -1.0)
 
-    assert list(waiting.with_bar("abc", len, 3, is_shown=is_shown)) == ["a", "b", "c"]
+    assert list(progress.with_bar("abc", len, 3, is_shown=is_shown)) == ["a", "b", "c"]
     assert screen.getvalue() == ""
 
 
@@ -762,7 +764,7 @@ def test_check_as_json_has_every_figure(run, monkeypatch):
 
 def test_check_of_units_that_are_unknown_is_refused(run):
     with pytest.raises(MeshError, match="furlong"):
-        from proximity.meshio import metres_per_unit
+        from proximity.formats import metres_per_unit
 
         metres_per_unit("furlong")
 

@@ -11,7 +11,8 @@ from certificates import case, certificate, loop
 
 from proximity import DecaffError, cli
 from proximity import certificate as package
-from proximity.certificate import certifying, search
+from proximity.certificate import certification
+from proximity.certificate.search import worst_positions
 from proximity.decaff import plotting
 
 BRACKET, HAND, DEMO = (str(make.FOLDER / name) for name in ("bracket.stl", "hand.csv", "demo.toml"))
@@ -173,9 +174,9 @@ def test_missing_scene_and_one_without_parts_are_refused(run, tmp_path):
 
 def test_all_of_it_runs_on_a_box(run, monkeypatch):
     """Everything is really searched, timed and looped, if shortly; no time is judged."""
-    monkeypatch.setattr(search, "COUNTS", (30, 30, 8))
-    monkeypatch.setattr(search, "CLIMBS", 2)
-    monkeypatch.setattr(package, "certify", certifying.certify)
+    monkeypatch.setattr(worst_positions, "COUNTS", (30, 30, 8))
+    monkeypatch.setattr(worst_positions, "CLIMBS", 2)
+    monkeypatch.setattr(package, "certify", certification.certify)
     box = str(make.FOLDER / "box.stl")
 
     result = run(box, "--ticks", 1000, "--seconds", 0.05, "--no-real-time", "--json")

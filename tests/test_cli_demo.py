@@ -17,13 +17,15 @@ import queued_transport
 from sealed_frames import frame
 
 import proximity
-from proximity import cli, serving
-from proximity.cli import demo, watch_view
-from proximity.cli.drum_run import DrumsBeside, short_words
+from proximity import cli
+from proximity.cli.commands import demo
+from proximity.cli.drum_loop import DrumsBeside, short_words
+from proximity.cli.views import watch_view
 from proximity.decaff.controller_states import DrumState
 from proximity.decaff.drum_bench import DrumBench
 from proximity.errors import PublishError, ServiceError
 from proximity.message import Mode, State
+from proximity.service import hosting
 from proximity.transport import Reading, open_publisher, open_subscriber
 
 # -------------------------------------------------------------------------------------------------- its drums
@@ -136,7 +138,7 @@ def run(monkeypatch, capsys):
         services.append(FakeService(publish, **run_with.service))
         return services[-1]
 
-    monkeypatch.setattr(serving, "start_service", start)
+    monkeypatch.setattr(hosting, "start_service", start)
     monkeypatch.setattr(demo, "addresses", lambda: ("queue:drums", "queue:watch"))
     monkeypatch.setattr(proximity, "kernels_are_cached", lambda: True, raising=False)
     for name in ("FORCE_COLOR", "NO_COLOR", "GITHUB_ACTIONS", "TTY_COMPATIBLE", "TTY_INTERACTIVE"):
@@ -185,7 +187,7 @@ def test_terminal_shows_the_drums_beside_until_ctrl_c(run, monkeypatch):
             os.kill(os.getpid(), signal.SIGINT)
         return shown(*arguments, **options)
 
-    monkeypatch.setattr("proximity.cli.watching.picture", picture)
+    monkeypatch.setattr("proximity.cli.views.service_watch.picture", picture)
     result = run()
 
     plain = re.sub(r"\x1b\[[\d;?]*[a-zA-Z]", "", result.out)
@@ -211,7 +213,7 @@ def test_ctrl_c_while_the_service_starts_is_quiet(run, monkeypatch):
         os.kill(os.getpid(), signal.SIGINT)
         raise ServiceError("demo.toml: the service has failed with exit code 130: it said nothing")
 
-    monkeypatch.setattr(serving, "start_service", start)
+    monkeypatch.setattr(hosting, "start_service", start)
 
     result = run()
 

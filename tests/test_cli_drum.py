@@ -16,8 +16,9 @@ from rich.console import Console
 from sealed_frames import frame
 
 from proximity import cli
-from proximity.cli import drum_run, screen
-from proximity.cli.drum_log import DrumLog
+from proximity.cli import drum_loop
+from proximity.cli.views import screen
+from proximity.cli.views.drum_log import DrumLog
 from proximity.decaff.controller_states import DrumState
 from proximity.decaff.drum import GEAR4
 from proximity.decaff.drum_bench import DrumBench
@@ -113,10 +114,10 @@ def test_drum_meets_the_finger_and_goes_when_nothing_is_known():
 
 def test_line_tells_state_places_and_force():
     bench = DrumBench(1000.0)
-    assert drum_run.line(reading(0, 0.3), bench).endswith("OK: no frame yet")
+    assert drum_loop.line(reading(0, 0.3), bench).endswith("OK: no frame yet")
     for sample in range(5):
         step(bench, reading(sample * MS, 0.3, 10))
-    told = drum_run.line(reading(0, 0.3), bench).split("; ")
+    told = drum_loop.line(reading(0, 0.3), bench).split("; ")
 
     finger = 1e3 * float(GLOVE.finger.path_length(0.0, 0.3))
     assert re.fullmatch(
@@ -125,7 +126,7 @@ def test_line_tells_state_places_and_force():
     )
     assert len(told) == 9 and told[-1] == "and 2 more"
     bench.fingers[0].plant.force = 0.5
-    assert re.search(r" mm, 0\.50 N by -?\d+\.\d mNm; 1: ", drum_run.line(reading(0, 0.3), bench))
+    assert re.search(r" mm, 0\.50 N by -?\d+\.\d mNm; 1: ", drum_loop.line(reading(0, 0.3), bench))
 
 
 def test_table_has_a_row_for_each_finger():
@@ -133,7 +134,7 @@ def test_table_has_a_row_for_each_finger():
     for sample in range(3):
         step(bench, reading(sample * MS, 0.3, 3))
     stream = io.StringIO()
-    Console(file=stream, width=100).print(drum_run.table(reading(0, 0.3, 3), bench, 2))
+    Console(file=stream, width=100).print(drum_loop.table(reading(0, 0.3, 3), bench, 2))
     rows = stream.getvalue().splitlines()
 
     assert rows[0].strip() == "OK, 3 fingers"
@@ -144,7 +145,7 @@ def test_late_sample_is_a_fault_that_is_counted_and_begun_anew():
     bench = DrumBench(1000.0)
     for now_ms in (0, 1, 2, 3, 40, 41, 42, 43):
         step(bench, reading(now_ms * MS, 0.3))
-    told = drum_run.summary(bench, ADDRESS, Counts(received=8), 0.043)["fingers"][0]
+    told = drum_loop.summary(bench, ADDRESS, Counts(received=8), 0.043)["fingers"][0]
 
     assert told["faults"] == 1
     assert told["samples"] == {"retracted": 1 + 1, "approach": 3 + 2, "fault": 1}

@@ -9,13 +9,13 @@ from types import SimpleNamespace
 import pytest
 
 from proximity import cli
-from proximity.cli.output import plain
+from proximity.cli.views.output import plain
 from proximity.decaff.drum import DRUMS
 from proximity.decaff.engine_setup import EngineSetup
 from proximity.decaff.part_simulation import document as part_document
 from proximity.decaff.part_simulation import simulate_on_part
 from proximity.decaff.simulation import Setup, Wall, document, simulate
-from proximity.loading import load
+from proximity.scene.loader import load
 
 MESHES = Path(__file__).resolve().parent.parent / "meshes"
 

@@ -14,7 +14,7 @@ from rich.console import Console
 
 import proximity
 from proximity import cli
-from proximity.cli import replay_report
+from proximity.cli.views import replay_report
 from proximity.message import CONTACT
 
 BRACKET = str(make.FOLDER / "bracket.stl")

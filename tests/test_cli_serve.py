@@ -14,12 +14,12 @@ from types import SimpleNamespace
 import pytest
 
 from proximity import cli
-from proximity.cli import serve as command
+from proximity.cli.commands import serve as command
 from proximity.errors import PublishError, RecordingError
 from proximity.message import State
 from proximity.recording import FrameLog, FrameReader
 from proximity.service import Report
-from proximity.transport.links import TRANSPORTS, Transport
+from proximity.transport.link import TRANSPORTS, Transport
 
 MESHES = Path(__file__).parent.parent / "meshes"
 SCENE = """\
@@ -62,7 +62,7 @@ def run(monkeypatch, capsys):
 @pytest.fixture
 def calls(monkeypatch):
     """Note what would be served, and serve nothing."""
-    import proximity.serving
+    import proximity.service.hosting
 
     noted = []
 
@@ -70,7 +70,7 @@ def calls(monkeypatch):
         noted.append((path, given))
         return Report(1_000_000)
 
-    monkeypatch.setattr(proximity.serving, "serve", serve)
+    monkeypatch.setattr(proximity.service.hosting, "serve", serve)
     return noted
 
 
@@ -192,13 +192,13 @@ def test_without_options_the_file_holds(run, scene_path, calls):
 
 
 def test_edits_and_failures_are_said_on_stderr(run, scene_path, monkeypatch):
-    import proximity.serving
+    import proximity.service.hosting
 
     def serve(path, *, say, **given):
         say(f"{path}:3: not\nlike this")
         return Report(1_000_000)
 
-    monkeypatch.setattr(proximity.serving, "serve", serve)
+    monkeypatch.setattr(proximity.service.hosting, "serve", serve)
 
     assert run(scene_path).err == f"proximity: {scene_path}:3: not like this\n"
 

@@ -15,7 +15,7 @@ from fake_scene import FakeScene
 
 import proximity
 from proximity import cli
-from proximity.cli import query
+from proximity.cli.commands import query
 
 
 @pytest.fixture
@@ -117,7 +117,7 @@ def test_stream_without_an_end_is_answered_as_it_comes(run, monkeypatch):
             assert chunk["signed_distance"] == [1.0] * 10
         raise Enough
 
-    monkeypatch.setattr("proximity.cli.output.write_csv", write)
+    monkeypatch.setattr("proximity.cli.views.output.write_csv", write)
     monkeypatch.setattr(sys, "argv", ["proximity", "query", "ball.stl", "--points", "-", "--csv"])
     monkeypatch.setattr(sys, "stdin", Endless())
 

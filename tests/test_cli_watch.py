@@ -18,7 +18,7 @@ from rich.text import Text
 from sealed_frames import SESSION, frame
 
 from proximity import cli
-from proximity.cli import distance_bar, screen, watch_view, watching
+from proximity.cli.views import distance_bar, screen, service_watch, watch_view
 from proximity.message import CONTACT, ContactFlag, Flaw, Mode, State
 from proximity.transport import Counts, Reading, forget, open_publisher, open_subscriber
 
@@ -255,7 +255,7 @@ def test_rate_is_of_the_last_second(monkeypatch):
     queued_transport.register(monkeypatch)
     now = [100.0]
     with open_subscriber(ADDRESS) as subscriber, open_publisher(ADDRESS) as publisher:
-        follower = watching.Follower(subscriber, gather=0.0, clock=lambda: now[0])
+        follower = service_watch.Follower(subscriber, gather=0.0, clock=lambda: now[0])
         rates, silences = [], []
         for turn in range(120):
             now[0] += 0.05
@@ -327,7 +327,7 @@ def test_terminal_gets_a_table_until_told_to_stop(run, service, monkeypatch, num
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("COLUMNS", "120")
     monkeypatch.setenv("LINES", "30")
-    shown = watching.picture
+    shown = service_watch.picture
     count = []
 
     def picture(*arguments, **options):
@@ -336,7 +336,7 @@ def test_terminal_gets_a_table_until_told_to_stop(run, service, monkeypatch, num
             os.kill(os.getpid(), number)
         return shown(*arguments, **options)
 
-    monkeypatch.setattr(watching, "picture", picture)
+    monkeypatch.setattr(service_watch, "picture", picture)
     result = run(ADDRESS)
 
     assert (result.code, result.err) == (0, "")

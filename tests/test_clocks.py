@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from proximity.transport.clocks import (
+from proximity.transport.publisher_clock import (
     DOUBT_NS,
     JUMP_NS,
     NS_PER_DRIFT,

@@ -10,7 +10,7 @@ import pytest
 
 COMPILE = """
 import sys
-from proximity.kernels.compiling import kernel
+from proximity.kernels.compiler import kernel
 sys.path.insert(0, {folder!r})
 import own_kernel
 print(own_kernel.doubled(21.0))
@@ -21,7 +21,7 @@ print(own_kernel.doubled(21.0))
 def run(tmp_path):
     """Run a program that calls one small kernel; its compiled code is kept in a folder of the test's."""
     (tmp_path / "own_kernel.py").write_text(
-        "from proximity.kernels.compiling import kernel\n\n\n@kernel\ndef doubled(x):\n    return 2.0 * x\n"
+        "from proximity.kernels.compiler import kernel\n\n\n@kernel\ndef doubled(x):\n    return 2.0 * x\n"
     )
 
     def start():

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 import proximity
-from proximity import MeshFormatError, archive, compiled
+from proximity import MeshFormatError
 from proximity.kernels import layout
-from proximity.top import TopPlan
+from proximity.model.part_trees import TopPlan
+from proximity.scene.saved import archive, compiled_scene
 
 HERE = Path(__file__).resolve().parent
 
@@ -22,7 +23,7 @@ HERE = Path(__file__).resolve().parent
 def contents(tmp_path_factory):
     path = tmp_path_factory.mktemp("scene") / "cell.prox"
     mutated_scenes.cell().save(path)
-    return archive.read_archive(path, compiled.LAYOUT)
+    return archive.read_archive(path, compiled_scene.LAYOUT)
 
 
 @pytest.fixture
@@ -34,7 +35,7 @@ def refused(contents, tmp_path):
         metadata = json.loads(json.dumps(contents.metadata))
         change(metadata, arrays)
         path = tmp_path / "changed.prox"
-        archive.write_archive(path, metadata, arrays, compiled.LAYOUT)
+        archive.write_archive(path, metadata, arrays, compiled_scene.LAYOUT)
         with pytest.raises(MeshFormatError) as reason:
             proximity.load(path)
         begins, ends = (
@@ -162,9 +163,9 @@ def test_what_follows_from_other_numbers_is_made_anew(contents, tmp_path):
     entry = plan.entries_at(plan.copies_of(parts)[1]) + 2 * parts[-1, layout.CORNER_COUNT]
     arrays["words"].view(np.int32)[entry : entry + 2] = 10**3
     path, again = tmp_path / "changed.prox", tmp_path / "again.prox"
-    archive.write_archive(path, contents.metadata, arrays, compiled.LAYOUT)
+    archive.write_archive(path, contents.metadata, arrays, compiled_scene.LAYOUT)
 
     proximity.load(path).save(again)
 
-    for name, array in archive.read_archive(again, compiled.LAYOUT).arrays.items():
+    for name, array in archive.read_archive(again, compiled_scene.LAYOUT).arrays.items():
         assert array.tobytes() == contents.arrays[name].tobytes(), name

@@ -9,10 +9,10 @@ import pytest
 
 import proximity
 from proximity.errors import QueryError
-from proximity.kernels.compiling import Settled, kernel
-from proximity.kernels.descent import descend_in_order, next_open
+from proximity.kernels.compiler import Settled, kernel
 from proximity.kernels.given import GIVEN_ROWS, row_count, rows_of
 from proximity.kernels.layout import CHILDREN, LANES, NODE_STRIDE, STACK_SIZE
+from proximity.kernels.tree.traversal import descend_in_order, next_open
 from proximity.simd import bits, load, load_int, splat32
 
 
@@ -85,7 +85,7 @@ import proximity
 from proximity import queries, tracker
 import proximity
 from proximity.errors import QueryError
-from proximity.kernels.compiling import Settled
+from proximity.kernels.compiler import Settled
 
 proximity.warm_up()
 for module in (queries, tracker):

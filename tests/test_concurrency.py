@@ -15,10 +15,10 @@ import pytest
 import shapes
 
 import proximity
-from proximity import queries
 from proximity.pose import Pose
-from proximity.scene import Scene
-from proximity.solid import Solid
+from proximity.scene import queries
+from proximity.scene.scene import Scene
+from proximity.scene.solid import Solid
 
 SCENE = Scene(
     [Solid(*shapes.moved(shapes.torus(), (3.0 * row, 0.0, 0.0)), name=f"ring {row}") for row in range(12)]
@@ -158,8 +158,8 @@ FORK = """
 import multiprocessing, sys, threading, time
 import numpy as np
 import shapes
-from proximity.scene import Scene
-from proximity.solid import Solid
+from proximity.scene.scene import Scene
+from proximity.scene.solid import Solid
 
 solid = Solid(*shapes.torus())
 scene = Scene([solid, Solid(*shapes.cube(), name="cube")])
@@ -307,8 +307,8 @@ INTERRUPTED_FORK = """
 import os, signal, sys, threading, time
 import numpy as np
 import shapes
-from proximity.scene import Scene
-from proximity.solid import Solid
+from proximity.scene.scene import Scene
+from proximity.scene.solid import Solid
 
 scene = Scene([Solid(*shapes.cube(), name="cube"), Solid(*shapes.moved(shapes.cube(), (3, 0, 0)), name="b")])
 scene.distance((0, 0, 2.0))

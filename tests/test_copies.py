@@ -11,8 +11,8 @@ import pytest
 import shapes
 
 from proximity.pose import Pose
-from proximity.scene import Part, Scene
-from proximity.solid import Solid
+from proximity.scene.scene import Part, Scene
+from proximity.scene.solid import Solid
 
 COPIES = {
     "copy": copy.copy,

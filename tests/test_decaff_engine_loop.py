@@ -17,13 +17,13 @@ from proximity.decaff.placed_finger import place_finger, placed
 from proximity.decaff.policies import Target
 from proximity.decaff.recorded_press import recorded_hand, recorded_press
 from proximity.errors import DecaffError
-from proximity.loading import load
 from proximity.pose import Pose
 from proximity.recording import Recording
-from proximity.replay import turn_about_axes
-from proximity.scene import Scene
+from proximity.scene.loader import load
+from proximity.scene.scene import Scene
+from proximity.scene.solid import Solid
 from proximity.service.histogram import Histogram
-from proximity.solid import Solid
+from proximity.tracker.replay import turn_about_axes
 
 MESHES = Path(__file__).resolve().parent.parent / "meshes"
 README = MESHES.parent / "README.md"

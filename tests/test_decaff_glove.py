@@ -17,9 +17,9 @@ from proximity.decaff.transmission import Cable, Potentiometer
 from proximity.errors import DecaffError
 from proximity.message import PATH_CORNERS
 from proximity.pose import Pose
-from proximity.replay import turn_about_axes
-from proximity.scene import Scene
-from proximity.tracker import Tracker
+from proximity.scene.scene import Scene
+from proximity.tracker.replay import turn_about_axes
+from proximity.tracker.tracker import Tracker
 
 MM = 1e-3
 DEGREE = math.pi / 180.0

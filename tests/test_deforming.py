@@ -11,15 +11,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import oracle
-from proximity.bvh import build_bvh
 from proximity.errors import MeshError, SceneError
 from proximity.kernels.layout import CENTRE, MOMENTS, ROOT
-from proximity.kernels.normals import add_corner_normals
-from proximity.kernels.winding import winding_number
+from proximity.kernels.mesh.normals import add_corner_normals
+from proximity.kernels.sign.winding_number import winding_number
+from proximity.model.bvh import build_bvh
 from proximity.pose import Pose
-from proximity.scene import Part, Scene
-from proximity.sign import SignMethod
-from proximity.solid import Solid
+from proximity.scene.scene import Part, Scene
+from proximity.scene.sign import SignMethod
+from proximity.scene.solid import Solid
 
 MESHES = {
     "torus": shapes.torus(),

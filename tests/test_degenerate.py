@@ -7,10 +7,10 @@ import shapes
 
 import oracle
 from proximity.errors import MeshError
-from proximity.results import Feature
-from proximity.scene import Scene
-from proximity.sign import SignMethod
-from proximity.solid import Solid
+from proximity.scene.results import Feature
+from proximity.scene.scene import Scene
+from proximity.scene.sign import SignMethod
+from proximity.scene.solid import Solid
 
 CUBE = Solid(*shapes.cube())
 POINTS = np.random.default_rng(7).uniform(-2.0, 2.0, (200, 3))

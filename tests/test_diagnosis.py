@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import shapes
 
-from proximity.diagnosis import diagnose
-from proximity.mesh import TriangleMesh
+from proximity.mesh.diagnosis import diagnose
+from proximity.mesh.triangle_mesh import TriangleMesh
 
 
 def diagnosis_of(mesh):

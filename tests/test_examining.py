@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from wire import MS, NOW, SESSION, Clock, Wire, frame, sealed
 
 from proximity.message import FRAME, MAX_RECORDS, MOVES, POSES, Flaw, Message
-from proximity.transport.examining import MOST_AT_ONCE, MOST_FLAWED, MOST_RUNS, Examiner
+from proximity.transport.message_check import MOST_AT_ONCE, MOST_FLAWED, MOST_RUNS, Examiner
 
 SECOND = 1000 * MS
 

@@ -12,12 +12,13 @@ from ticking import solid
 from proximity.decaff.drum_bench import DrumBench
 from proximity.decaff.wearing import read_glove
 from proximity.message import FRAME, GLOVE_POSES, Message, State
-from proximity.replay import turn_about_axes
-from proximity.scene import Scene
-from proximity.scene_file import read_scene_file
-from proximity.service import StreamInput, TrackerAnswers, reception
-from proximity.serving.gloves import read_gloves
-from proximity.tracker import Tracker
+from proximity.scene.scene import Scene
+from proximity.service import StreamInput, TrackerAnswers
+from proximity.service.config import read_scene_file
+from proximity.service.hosting.glove_calibrations import read_gloves
+from proximity.service.inputs import reception
+from proximity.tracker.replay import turn_about_axes
+from proximity.tracker.tracker import Tracker
 from proximity.transport import Reading
 
 TURN, KNUCKLE = turn_about_axes((20.0, -35.0, 50.0)), np.array([0.3, -0.2, 1.1])

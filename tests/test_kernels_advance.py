@@ -5,14 +5,22 @@ import pytest
 import shapes
 from ticking import block, line, plate, sheet, solid
 
-from proximity.kernels import advance as advancing
-from proximity.kernels.advance import BALLS, BALLS_SIZE, TOUCH, advance, outward_of, place_on, touches
-from proximity.kernels.bounded import ROOM_SIZE
-from proximity.kernels.bracket import fill_witness
-from proximity.kernels.drift import room_for_movers
+from proximity.kernels.geometry.closest_feature import WITNESS_SIZE
 from proximity.kernels.layout import NO_SLOT
-from proximity.kernels.witness import WITNESS_SIZE
-from proximity.scene import Scene
+from proximity.kernels.point.budgeted_walk import ROOM_SIZE
+from proximity.kernels.scene.distance_bounds import fill_witness
+from proximity.kernels.tracking import conservative_advancement as advancing
+from proximity.kernels.tracking.conservative_advancement import (
+    BALLS,
+    BALLS_SIZE,
+    TOUCH,
+    advance,
+    outward_of,
+    place_on,
+    touches,
+)
+from proximity.kernels.tracking.part_drift import room_for_movers
+from proximity.scene.scene import Scene
 
 RADIUS = 0.007
 PLENTY = 10**6

@@ -27,7 +27,6 @@ from budgeted import (
 )
 
 import oracle
-from proximity.kernels.bounded import ROOM, SWEPT, nearest_with_budget
 from proximity.kernels.layout import (
     BLOCK_STRIDE,
     CHILDREN,
@@ -40,9 +39,10 @@ from proximity.kernels.layout import (
     ROOT,
     SCALE,
 )
-from proximity.kernels.slab import AREA_NORMAL, LARGEST, LEAST
-from proximity.kernels.winding import MOMENT_STRIDE
-from proximity.model import assemble
+from proximity.kernels.point.budgeted_walk import ROOM, SWEPT, nearest_with_budget
+from proximity.kernels.sign.winding_number import MOMENT_STRIDE
+from proximity.kernels.tree.normal_slab import AREA_NORMAL, LARGEST, LEAST
+from proximity.model.assembly import assemble
 from proximity.pose import Pose
 
 ROUNDING = 1e-13

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 from nodes import node_of
 
-from proximity.kernels.box import (
+from proximity.kernels.geometry.box import (
     BOX_MARGIN,
     FAR,
     bound_of,

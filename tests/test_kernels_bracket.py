@@ -6,12 +6,13 @@ import shapes
 from scene_parts import part_of, some_parts
 
 import oracle
-from proximity.kernels import bracket, contact
-from proximity.kernels.bounded import ROOM_SIZE
+from proximity.kernels import contact_columns
+from proximity.kernels.geometry.closest_feature import LENGTH, WITNESS_SIZE
 from proximity.kernels.layout import NO_SLOT, SLOT_FACES
-from proximity.kernels.witness import LENGTH, WITNESS_SIZE
+from proximity.kernels.point.budgeted_walk import ROOM_SIZE
+from proximity.kernels.scene import distance_bounds
 from proximity.pose import Pose
-from proximity.scene import Scene
+from proximity.scene.scene import Scene
 
 PLENTY = 10**6
 
@@ -28,7 +29,7 @@ class Asked:
 
     def at(self, point, *, part=-1, slot=NO_SLOT, is_outside=False, ease=0.0, core=0.0, budget=PLENTY):
         """Distance, lower, upper, clear, part, slot, bits, work."""
-        return bracket.bracket_at(
+        return distance_bounds.bracket_at(
             *self.arrays,
             *map(float, point),
             part,
@@ -72,8 +73,8 @@ def test_with_plenty_of_steps_both_bounds_are_the_distance_of_the_scene(asked):
     for point, true in zip(where, asked.scene.signed_distance(where), strict=True):
         distance, lower, upper, _, part, slot, bits, _ = asked.at(point)
         assert distance == lower == upper == pytest.approx(true, rel=1e-12, abs=1e-13)
-        assert bits & contact.EXACT and not bits & contact.BOUNDED
-        assert bool(bits & contact.INSIDE) == (true < 0.0)
+        assert bits & contact_columns.EXACT and not bits & contact_columns.BOUNDED
+        assert bool(bits & contact_columns.INSIDE) == (true < 0.0)
         assert asked.witness[LENGTH] > 0.0 and slot != NO_SLOT and part >= 0
 
 
@@ -87,8 +88,8 @@ def test_bounds_hold_for_any_budget(asked, budget):
         assert lower <= true[row] + 1e-13 and true[row] <= upper + 1e-13
         assert lower <= distance <= upper
         assert clear <= bare[row] + 1e-13
-        assert bool(bits & contact.EXACT) == (lower == upper) != bool(bits & contact.BOUNDED)
-        assert work <= budget + 12 * bracket.FEWEST_STEPS
+        assert bool(bits & contact_columns.EXACT) == (lower == upper) != bool(bits & contact_columns.BOUNDED)
+        assert work <= budget + 12 * distance_bounds.FEWEST_STEPS
         gaps.append(upper - lower)
     assert (np.array(gaps) > 0.0).any() == (budget < 50)
 
@@ -111,7 +112,7 @@ def test_inside_a_part_the_gap_is_that_of_the_walk(budget):
     _, lower, upper, _, _, _, bits, _ = ball.at((0.001, 0.002, 0.0), budget=budget)
     _, least, most, *_ = ball.at((0.001, 0.002, 0.0), budget=budget, is_outside=True)
 
-    assert bits & contact.INSIDE and most - least > 0.0
+    assert bits & contact_columns.INSIDE and most - least > 0.0
     assert (lower, upper) == pytest.approx((-most, -least), rel=1e-14)
 
 
@@ -158,7 +159,7 @@ def test_inside_several_parts_the_deepest_counts_and_its_face_is_told():
     distance, lower, upper, clear, part, slot, bits, _ = nested.at((0.0, 0.0, 0.25))
 
     assert distance == lower == upper == -1.75
-    assert part == 1 and bits == contact.EXACT | contact.SIGNED | contact.INSIDE
+    assert part == 1 and bits == contact_columns.EXACT | contact_columns.SIGNED | contact_columns.INSIDE
     assert clear <= 0.25 and clear == pytest.approx(0.25)
     assert np.allclose(nested.triangle(part, slot)[:, 2], 2.0)
 
@@ -167,7 +168,7 @@ def test_of_a_sheet_the_side_is_not_known():
     sheet = Asked(Scene([part_of(shapes.grid())]))
     for height in (0.5, -0.5):
         distance, *_, bits, _ = sheet.at((1.3, 1.2, height))
-        assert (distance, bits) == (0.5, contact.EXACT)
+        assert (distance, bits) == (0.5, contact_columns.EXACT)
 
 
 def test_with_all_parts_hidden_nothing_is_near():
@@ -176,7 +177,7 @@ def test_with_all_parts_hidden_nothing_is_near():
     distance, lower, upper, clear, _, slot, bits, _ = Asked(scene).at((0.5, 0.5, 0.5))
 
     assert distance == lower == upper == clear == np.inf
-    assert slot == NO_SLOT and bits == contact.EXACT
+    assert slot == NO_SLOT and bits == contact_columns.EXACT
 
 
 def test_a_witness_of_a_slot_is_as_far_as_its_triangle(asked):
@@ -185,7 +186,7 @@ def test_a_witness_of_a_slot_is_as_far_as_its_triangle(asked):
         reals, words, frames, parts = asked.arrays
         corners = asked.triangle(part, slot)
         expected = oracle.closest(corners, np.array([[0, 1, 2]]), point[None]).distance[0]
-        assert bracket.fill_witness(
+        assert distance_bounds.fill_witness(
             reals, words, parts, frames, part, slot, *point, asked.witness
         ) == pytest.approx(expected)
 
@@ -194,7 +195,7 @@ def test_no_face_is_farther_than_the_farthest_corner(asked):
     vertices = np.concatenate([part.pose.point(part.solid.mesh.vertices) for part in asked.scene.parts])
     for point in points(50):
         farthest = np.linalg.norm(vertices - point, axis=1).min()
-        assert bracket.beyond_all(asked.model.frames, *point) >= farthest
+        assert distance_bounds.beyond_all(asked.model.frames, *point) >= farthest
 
 
 def test_within_a_limit_only_nearer_faces_are_found(asked):
@@ -203,7 +204,7 @@ def test_within_a_limit_only_nearer_faces_are_found(asked):
     for point in points(50):
         distance = float(asked.scene.distance(point))
         for limit, is_found in ((0.99 * distance, False), (1.01 * distance, True)):
-            best_sq, _, slot, lower_sq, _ = bracket.nearest_from(
+            best_sq, _, slot, lower_sq, _ = distance_bounds.nearest_from(
                 reals,
                 words,
                 frames,
@@ -223,7 +224,7 @@ def test_within_a_limit_only_nearer_faces_are_found(asked):
 
 
 def test_only_in_the_box_of_a_part_with_holes_a_point_may_slip_in(asked):
-    slips = lambda *point: bracket.may_slip_in(*asked.arrays[1:], *map(float, point))  # noqa: E731
+    slips = lambda *point: distance_bounds.may_slip_in(*asked.arrays[1:], *map(float, point))  # noqa: E731
 
     assert slips(3.0, 0.0, 0.0) and slips(3.9, 0.9, 0.9)
     assert not slips(4.2, 0.0, 0.0) and not slips(-2.0, 0.0, 0.0) and not slips(0.5, 0.5, 0.0)
@@ -243,8 +244,8 @@ def test_parts_within_parts_are_not_all_searched_when_the_budget_is_spent(kind, 
             distance, lower, upper, _, part, slot, bits, work = nested.at(point, budget=budget)
             assert lower <= true * (1.0 - 1e-12) and true * (1.0 + 1e-12) <= upper
             assert lower <= distance <= upper
-            assert work <= budget + bracket.SPARE_STEPS + count + bracket.FEWEST_STEPS + 4
-            assert bits & contact.INSIDE and lower >= -2.5 * nested.scene.bounds[1].max()
+            assert work <= budget + distance_bounds.SPARE_STEPS + count + distance_bounds.FEWEST_STEPS + 4
+            assert bits & contact_columns.INSIDE and lower >= -2.5 * nested.scene.bounds[1].max()
             if slot >= 0:
                 face = oracle.closest(nested.triangle(part, slot), [[0, 1, 2]], point)
                 assert face.distance == pytest.approx(-distance)

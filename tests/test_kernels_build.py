@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import shapes
 
-from proximity.kernels.build import FACES_SHIFT, build_tree, face_boxes
-from proximity.kernels.halving import COUNT, FIRST, LEFT, NO_CHILD, RECORD, RIGHT, halve
 from proximity.kernels.layout import CHILDREN, LANES, MAX_DEPTH, NODE_STRIDE
-from proximity.kernels.reinsertion import improve
-from proximity.kernels.widening import widen_tree
+from proximity.kernels.tree.binned_sah import COUNT, FIRST, LEFT, NO_CHILD, RECORD, RIGHT, halve
+from proximity.kernels.tree.builder import FACES_SHIFT, build_tree, face_boxes
+from proximity.kernels.tree.collapse import widen_tree
+from proximity.kernels.tree.reinsertion import improve
 
 
 def records(lower, upper):

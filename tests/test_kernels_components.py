@@ -5,7 +5,7 @@ import pytest
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from proximity.kernels.components import connected
+from proximity.kernels.mesh.components import connected
 
 
 @pytest.mark.parametrize(

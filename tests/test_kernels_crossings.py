@@ -8,12 +8,13 @@ import shapes
 
 import oracle
 import proximity
-from proximity import ContactFlag, part_arrays
-from proximity.kernels import crossings
-from proximity.scene import Scene
-from proximity.sign import SignMethod
-from proximity.solid import Solid
-from proximity.tracker import Tracker
+from proximity import ContactFlag
+from proximity.kernels.ray import self_intersections
+from proximity.model import part_arrays
+from proximity.scene.scene import Scene
+from proximity.scene.sign import SignMethod
+from proximity.scene.solid import Solid
+from proximity.tracker.tracker import Tracker
 
 PROJECT = Path(__file__).resolve().parent.parent
 ACROSS = np.array([[1.0, 1.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 0.0, 2.0**0.5]]) / 2.0**0.5
@@ -123,9 +124,9 @@ def bare_marks(solid):
     piece = solid._model.part_arrays(0)
     model = solid._model
     marks = np.zeros(len(piece.faces), bool)
-    stacks = np.zeros(crossings.STACKS_SIZE, np.float32)
+    stacks = np.zeros(self_intersections.STACKS_SIZE, np.float32)
     for are_flat in (False, True):
-        crossings._mark_meeting(
+        self_intersections._mark_meeting(
             piece.corners, piece.faces, piece.neighbors, piece.bvh.slot_faces, model.reals, model.words, 0,
             1e-12, 10**6, are_flat, stacks, marks,
         )  # fmt: skip
@@ -246,8 +247,8 @@ def test_faces_without_area_are_no_faces_to_pass_through():
     )
     faces = np.array([[0, 1, 2], [0, 2, 5]])
 
-    assert crossings._reaches_through(corners, faces, 1, 3, 4, 1e-10)
-    assert not crossings._reaches_through(corners, faces, 0, 3, 4, 1e-10)
+    assert self_intersections._reaches_through(corners, faces, 1, 3, 4, 1e-10)
+    assert not self_intersections._reaches_through(corners, faces, 0, 3, 4, 1e-10)
 
 
 def test_faces_of_a_tangle_all_count_as_passing_through():

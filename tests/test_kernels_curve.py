@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from proximity.kernels.curve import BITS, morton_order
+from proximity.kernels.geometry.morton_order import BITS, morton_order
 
 
 def place_on_curve(points):

@@ -5,7 +5,8 @@ import pytest
 import shapes
 from scene_parts import part_of
 
-from proximity.kernels.drift import (
+from proximity.kernels.layout import ROTATION
+from proximity.kernels.tracking.part_drift import (
     MOVER_COLUMNS,
     MOVER_LOWER,
     drift_until,
@@ -15,10 +16,9 @@ from proximity.kernels.drift import (
     room_for_movers,
     velocity_of_part,
 )
-from proximity.kernels.layout import ROTATION
-from proximity.kernels.track import POSE_COLUMNS, way_of_parts
+from proximity.kernels.tracking.track import POSE_COLUMNS, way_of_parts
 from proximity.pose import Pose
-from proximity.scene import Scene
+from proximity.scene.scene import Scene
 
 TIGHT = 1.0 + 1e-11
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from proximity.kernels.edges import sorted_half_edges
+from proximity.kernels.mesh.edges import sorted_half_edges
 
 
 def expected(corners):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import shapes
 
-from proximity.kernels.faces import double_areas, shell_sizes, signed_volume, thin_faces
+from proximity.kernels.mesh.faces import double_areas, shell_sizes, signed_volume, thin_faces
 
 SHAPES = {
     "cube": shapes.cube(),

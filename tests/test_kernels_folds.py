@@ -7,12 +7,12 @@ from scene_parts import part_of
 
 import oracle
 import proximity
-from proximity.kernels import folds
+from proximity.kernels.sign import folded_faces
 from proximity.pose import Pose
-from proximity.scene import Scene
-from proximity.sign import SignMethod
-from proximity.solid import Solid
-from proximity.tracker import Tracker
+from proximity.scene.scene import Scene
+from proximity.scene.sign import SignMethod
+from proximity.scene.solid import Solid
+from proximity.tracker.tracker import Tracker
 
 SPACING = 0.25
 
@@ -104,7 +104,7 @@ def test_sharp_wedge_is_looked_at_and_found_right():
     solid = Solid(blade, faces)
     assert solid.is_watertight
 
-    assert -np.cos(np.arctan(0.05)) < folds.SHARPEST
+    assert -np.cos(np.arctan(0.05)) < folded_faces.SHARPEST
     assert not solid._model.part_arrays(0).folded.any()
 
 

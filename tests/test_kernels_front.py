@@ -6,14 +6,16 @@ import shapes
 from budgeted import ROOM, SCENES, model_of, points_at, scene_named, without_budget
 from scene_parts import part_of
 
-from proximity.kernels import front as fronts
-from proximity.kernels.front import BEGINS, FRONT, FRONT_SIZE, GROUP, LONG, nearest_by_front
+from proximity.kernels.geometry.frames import (
+    part_of_slot,
+)
 from proximity.kernels.layout import BLOCK_STRIDE, CHILDREN, LANES, NODE_STRIDE, ROOT
-from proximity.kernels.scene import part_of_slot
-from proximity.kernels.track import FRONT_COUNT
+from proximity.kernels.point import coherent_search as fronts
+from proximity.kernels.point.coherent_search import BEGINS, FRONT, FRONT_SIZE, GROUP, LONG, nearest_by_front
+from proximity.kernels.tracking.track import FRONT_COUNT
 from proximity.pose import Pose
-from proximity.scene import Scene
-from proximity.tracker import Tracker
+from proximity.scene.scene import Scene
+from proximity.tracker.tracker import Tracker
 
 PLENTY = 10**6
 
@@ -241,7 +243,7 @@ def test_a_move_is_not_forgotten_when_the_tick_is_interrupted(monkeypatch):
     assert ticked(scene, tracker, np.repeat(place[None], 10, axis=0))
     scene.move(scene.parts[1].name, Pose(translation=(-5.0, 0.0, 0.0)))
     with monkeypatch.context() as patch:
-        patch.setattr("proximity.tracker._tick.call", interrupted)
+        patch.setattr("proximity.tracker.tracker._tick.call", interrupted)
         with pytest.raises(KeyboardInterrupt):
             tracker.tick(place, 11 * 10**6, 11 * 10**6)
     assert tracker.tick(place, 12 * 10**6, 12 * 10**6)["signed_distance"] == scene.signed_distance(place)

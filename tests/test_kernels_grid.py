@@ -6,7 +6,8 @@ import pytest
 import shapes
 
 import oracle
-from proximity.kernels.grid import (
+from proximity.kernels.layout import MOMENTS, ROOT, SIGN_PSEUDONORMAL
+from proximity.kernels.sign.inside_grid import (
     CROSSED,
     INSIDE,
     MOST_PLACES,
@@ -15,12 +16,11 @@ from proximity.kernels.grid import (
     cell_state,
     doubtful_places,
 )
-from proximity.kernels.layout import MOMENTS, ROOT, SIGN_PSEUDONORMAL
-from proximity.mesh import TriangleMesh
-from proximity.model import assemble
-from proximity.part_arrays import LARGEST_GRID, part_arrays, with_sign
+from proximity.mesh.topology import build_topology
+from proximity.mesh.triangle_mesh import TriangleMesh
+from proximity.model.assembly import assemble
+from proximity.model.part_arrays import LARGEST_GRID, part_arrays, with_sign
 from proximity.pose import Pose
-from proximity.topology import build_topology
 
 
 @numba.njit

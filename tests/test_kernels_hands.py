@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from proximity.kernels import hands
-from proximity.kernels.contact import BOUNDED, EXACT, IN_RANGE, TRACKED
+from proximity.kernels.contact_columns import BOUNDED, EXACT, IN_RANGE, TRACKED
+from proximity.kernels.tracking import finger_rows
 from proximity.message import CONTACT
 
 LATEST_NS = 1000
@@ -25,7 +25,7 @@ def test_samples_are_admitted_by_the_rules(how, columns):
     before_ns, before = kept_ns.copy(), kept.copy()
     taken = np.full(500, 7, np.uint8)
 
-    future, backwards = how(hands.admit)(kept_ns, kept, given_ns, given, taken, LATEST_NS)
+    future, backwards = how(finger_rows.admit)(kept_ns, kept, given_ns, given, taken, LATEST_NS)
 
     is_known = np.isfinite(given).all(axis=1)
     is_future = is_known & (given_ns > LATEST_NS)
@@ -43,7 +43,7 @@ def test_samples_are_admitted_by_the_rules(how, columns):
 def test_samples_from_before_an_instant_expire(how):
     kept_ns, kept = np.array([9, 10, 11]), np.ones((3, 3))
 
-    how(hands.expire)(kept_ns, kept, 10)
+    how(finger_rows.expire)(kept_ns, kept, 10)
 
     assert np.isnan(kept[:, 0]).tolist() == [True, False, False]
     assert kept_ns.tolist() == [9, 10, 11]
@@ -63,5 +63,5 @@ def test_overview_of_contacts(how):
     data = contacts.view(np.uint8)
     wide, numbers = data.view(np.int64).reshape(5, -1), data.view(np.int32).reshape(5, -1)
 
-    assert how(hands.overview)(wide, numbers) == (20, 3, 1)
-    assert how(hands.overview)(wide[3:], numbers[3:]) == (hands.LATEST, 0, 0)
+    assert how(finger_rows.overview)(wide, numbers) == (20, 3, 1)
+    assert how(finger_rows.overview)(wide[3:], numbers[3:]) == (finger_rows.LATEST, 0, 0)

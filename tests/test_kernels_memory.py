@@ -11,7 +11,7 @@ import pytest
 from numba.core.errors import NumbaError
 
 import proximity
-from proximity.kernels.compiling import kernel
+from proximity.kernels.compiler import kernel
 from proximity.kernels.memory import (
     Told,
     arrays_at,

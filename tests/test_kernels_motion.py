@@ -4,16 +4,9 @@ import numpy as np
 import pytest
 from fingers import MS, Finger
 
-from proximity.kernels import motion
-from proximity.kernels.contact import JUMPED, PREDICTED, TRACKED
-from proximity.kernels.motion import (
-    COAST,
-    HORIZON,
-    MAX_ACCELERATION,
-    MAX_SPEED,
-    REPEATED,
-    STARTED,
-)
+from proximity.kernels.contact_columns import JUMPED, PREDICTED, TRACKED
+from proximity.kernels.tracking import motion
+from proximity.kernels.tracking.motion import COAST, HORIZON, MAX_ACCELERATION, MAX_SPEED, REPEATED, STARTED
 
 KNOWN = TRACKED | PREDICTED
 

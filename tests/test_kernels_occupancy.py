@@ -5,15 +5,17 @@ import pytest
 import shapes
 from scene_parts import some_pose
 
-from proximity import occupancy
 from proximity.kernels import layout
-from proximity.kernels.grid import OUTSIDE
-from proximity.kernels.holders import state_in_part
-from proximity.kernels.occupancy import list_of, turns_of_loose
-from proximity.kernels.scene import to_local
+from proximity.kernels.geometry.frames import (
+    to_local,
+)
+from proximity.kernels.scene.containment import state_in_part
+from proximity.kernels.scene.part_grid import list_of, turns_of_loose
+from proximity.kernels.sign.inside_grid import OUTSIDE
+from proximity.model import part_grid
 from proximity.pose import Pose
-from proximity.scene import Part, Scene
-from proximity.solid import Solid
+from proximity.scene.scene import Part, Scene
+from proximity.scene.solid import Solid
 
 FAR = np.array([1e4, -7e3, 3e3])
 
@@ -118,7 +120,7 @@ def test_parts_in_one_place_have_fewer_cells_instead_of_longer_tables():
 
     cells = int(np.prod(row[[layout.GRID_X, layout.GRID_Y, layout.GRID_Z]]))
 
-    assert cells < occupancy.CELLS_PER_PART * count / 8
+    assert cells < part_grid.CELLS_PER_PART * count / 8
     assert listed(scene._current(), (0.65, 0.5, 0.5)) == list(range(count))
     assert scene.signed_distance((0.65, 0.5, 0.5)) == pytest.approx(-0.5)
 

@@ -5,6 +5,10 @@ import pytest
 import shapes
 from scene_parts import some_parts
 
+from proximity.kernels.geometry.frames import (
+    part_of_slot,
+    to_local,
+)
 from proximity.kernels.layout import (
     BLOCK_COUNT,
     FIRST_BLOCK,
@@ -15,11 +19,13 @@ from proximity.kernels.layout import (
     SCALE,
     STACKS_SIZE,
 )
-from proximity.kernels.point import NOTHING_SEEN, best_of_block, closest_in_part, slot_distance_sq
-from proximity.kernels.scene import nearest_in_scene, part_of_slot, to_local
-from proximity.mesh import TriangleMesh
-from proximity.scene import Scene
-from proximity.solid import Solid
+from proximity.kernels.point.walk import NOTHING_SEEN, best_of_block, closest_in_part, slot_distance_sq
+from proximity.kernels.scene.nearest_part import (
+    nearest_in_scene,
+)
+from proximity.mesh.triangle_mesh import TriangleMesh
+from proximity.scene.scene import Scene
+from proximity.scene.solid import Solid
 
 MESHES = {
     "sphere": shapes.sphere(1.0, 2),

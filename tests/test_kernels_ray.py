@@ -14,11 +14,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import oracle
-from proximity.kernels import cast, hits, ray, rays
+from proximity.kernels.geometry.frames import (
+    direction_to_local,
+    to_local,
+)
 from proximity.kernels.layout import IS_FUSED, NO_FACE, NO_PART, NODE_STRIDE
-from proximity.kernels.scene import direction_to_local, to_local
-from proximity.model import assemble
-from proximity.part_arrays import common_frame, part_arrays
+from proximity.kernels.ray import hit_rows, ray_lanes, walk
+from proximity.kernels.scene import ray_queries
+from proximity.model.assembly import assemble
+from proximity.model.part_arrays import common_frame, part_arrays
 from proximity.pose import Pose
 from proximity.simd import IS_COMPILED, bits, lane, splat32
 
@@ -60,10 +64,10 @@ class Hits:
         origins, directions = np.broadcast_arrays(
             np.atleast_2d(np.asarray(origins, float)), np.atleast_2d(np.asarray(directions, float))
         )
-        table = np.full((len(origins), hits.ANSWER_WIDTH), 7.0)
-        self.reals, self.choices = table[:, : hits.ANSWER_REALS], table.view(np.int32)[:, hits.PART :]
+        table = np.full((len(origins), hit_rows.ANSWER_WIDTH), 7.0)
+        self.reals, self.choices = table[:, : hit_rows.ANSWER_REALS], table.view(np.int32)[:, hit_rows.PART :]
         self.choices[:] = 7
-        self.zero_row = cast.cast_batch(
+        self.zero_row = ray_queries.cast_batch(
             model.handle,
             np.ascontiguousarray(origins),
             np.ascontiguousarray(directions),
@@ -71,7 +75,7 @@ class Hits:
             np.array([limit]),
             table,
         )
-        self.distance, self.point = self.reals[:, hits.DISTANCE], self.reals[:, 1:4]
+        self.distance, self.point = self.reals[:, hit_rows.DISTANCE], self.reals[:, 1:4]
         self.normal, self.barycentric = self.reals[:, 4:7], self.reals[:, 7:10]
         self.part, self.face = self.choices.T
 
@@ -264,7 +268,7 @@ def test_the_side_of_an_edge_is_never_wrong(seed, size):
 
 @numba.njit
 def _sides(ax, ay, bx, by, cx, cy):
-    return ray.ray_triangle_sides(0.0, 0.0, 0.0, 0.0, 0.0, ax, ay, 1.0, bx, by, 1.0, cx, cy, 1.0)
+    return walk.ray_triangle_sides(0.0, 0.0, 0.0, 0.0, 0.0, ax, ay, 1.0, bx, by, 1.0, cx, cy, 1.0)
 
 
 # ---------------------------------------------------------------------------------------------- box test
@@ -273,14 +277,14 @@ def _sides(ax, ay, bx, by, cx, cy):
 @numba.njit
 def _open_lanes(node, ox, oy, oz, dx, dy, dz, best, margin):
     """Which lanes are open, and the bound of lane 0."""
-    rate_x, in_x, out_x = ray.slab(ox, dx, margin)
-    rate_y, in_y, out_y = ray.slab(oy, dy, margin)
-    rate_z, in_z, out_z = ray.slab(oz, dz, margin)
-    bounds, _, is_open = ray.ray_boxes_bound(
-        node, 0, ray.near_plane(dx), ray.near_plane(dy), ray.near_plane(dz),
+    rate_x, in_x, out_x = walk.slab(ox, dx, margin)
+    rate_y, in_y, out_y = walk.slab(oy, dy, margin)
+    rate_z, in_z, out_z = walk.slab(oz, dz, margin)
+    bounds, _, is_open = walk.ray_boxes_bound(
+        node, 0, walk.near_plane(dx), walk.near_plane(dy), walk.near_plane(dz),
         splat32(rate_x), splat32(rate_y), splat32(rate_z), splat32(in_x), splat32(in_y), splat32(in_z),
         splat32(out_x), splat32(out_y), splat32(out_z), splat32(np.float32(0.0)),
-        splat32(ray.bound_of_parameter(best, 0.0)),
+        splat32(walk.bound_of_parameter(best, 0.0)),
     )  # fmt: skip
     return bits(is_open), lane(bounds, 0)
 
@@ -306,14 +310,14 @@ def test_a_box_is_open_to_every_ray_that_meets_something_in_it(seed, flatness):
     origin = target - length * direction
     if np.abs(origin).max() > 2.0:
         return
-    open_bits, bound = _open_lanes(node_of(lower, upper), *origin, *direction, length, ray.SLAB_MARGIN)
+    open_bits, bound = _open_lanes(node_of(lower, upper), *origin, *direction, length, walk.SLAB_MARGIN)
     assert open_bits == 1
     assert 0.0 <= bound <= np.float32(length) * (1 + 1e-6) + 1e-38
 
 
 def test_a_box_that_is_missed_by_little_is_shut():
     node = node_of([0.25] * 3, [0.5] * 3)
-    margin = ray.SLAB_MARGIN
+    margin = walk.SLAB_MARGIN
     assert _open_lanes(node, -1.0, 0.5 + 4e-6, 0.3, 1.0, 0.0, 0.0, np.inf, margin)[0] == 0
     assert _open_lanes(node, -1.0, 0.5, 0.3, 1.0, 0.0, -0.0, np.inf, margin)[0] == 1
     assert _open_lanes(node, -1.0, 0.5, 0.3, 1.0, 0.0, -0.0, 1.24, margin)[0] == 0
@@ -562,52 +566,53 @@ def test_uncompiled_kernels_answer_the_same(tmp_path):
 
 @numba.njit
 def made_ready(frames, parts, drift, origins, directions, offsets, limit, aims, views):
-    views[rays.CHUNK * rays.REACH : rays.CHUNK * (rays.REACH + 1)] = limit
-    for at in range(0, rays.CHUNK, 8):
-        rays.make_ready(frames, parts, 0, drift, origins, directions, offsets, at, aims, views)
+    views[ray_lanes.CHUNK * ray_lanes.REACH : ray_lanes.CHUNK * (ray_lanes.REACH + 1)] = limit
+    for at in range(0, ray_lanes.CHUNK, 8):
+        ray_lanes.make_ready(frames, parts, 0, drift, origins, directions, offsets, at, aims, views)
 
 
 @numba.njit
 def one_made_ready(frames, parts, origin, way, drift):
     """The same for one ray, by the formulas of a part with a frame of its own."""
     x, y, z = to_local(frames, parts, 0, origin[0], origin[1], origin[2])
-    margin = ray.SLAB_MARGIN + drift * max(abs(x), abs(y), abs(z))
-    dx, dy, dz = rays.scaled_direction(way[0], way[1], way[2])
+    margin = walk.SLAB_MARGIN + drift * max(abs(x), abs(y), abs(z))
+    dx, dy, dz = ray_lanes.scaled_direction(way[0], way[1], way[2])
     dx, dy, dz = direction_to_local(frames, parts, 0, dx, dy, dz)
     is_near, entry = True, 0.0
-    if ray.is_from_afar(x, y, z):
-        is_near, entry, x, y, z = ray.approach(x, y, z, dx, dy, dz)
-    aim, view = ray.aim_and_view(x, y, z, dx, dy, dz, margin)
+    if walk.is_from_afar(x, y, z):
+        is_near, entry, x, y, z = walk.approach(x, y, z, dx, dy, dz)
+    aim, view = walk.aim_and_view(x, y, z, dx, dy, dz, margin)
     return is_near, entry, aim, view
 
 
 @pytest.mark.parametrize("is_turned", [False, True])
-@pytest.mark.parametrize("drift", [0.0, cast.FAR_MARGIN])
+@pytest.mark.parametrize("drift", [0.0, ray_queries.FAR_MARGIN])
 @pytest.mark.parametrize("reach", [0.5, 1e3, 1e90])
 def test_eight_rays_are_made_ready_as_each_is(reach, drift, is_turned):
     rng = np.random.default_rng(7)
     pose = Pose(shapes.rotation(3), np.array([0.3, -0.2, 0.1])) if is_turned else Pose()
     model = assemble([pieces_of(shapes.sphere(subdivisions=1))], [pose])
-    origins = reach * rng.normal(size=(rays.CHUNK, 3))
-    directions = rng.normal(size=(rays.CHUNK, 3)) - rng.integers(0, 2, (rays.CHUNK, 1)) * origins / reach
+    origins = reach * rng.normal(size=(ray_lanes.CHUNK, 3))
+    directions = rng.normal(size=(ray_lanes.CHUNK, 3))
+    directions -= rng.integers(0, 2, (ray_lanes.CHUNK, 1)) * origins / reach
     directions[::3] *= 10.0 ** rng.uniform(-300, 300, (len(directions[::3]), 1))
     directions[1::7, 0] = 0.0
     directions[2::7, 1:] = -0.0
-    order = rng.permutation(rays.CHUNK)
-    aims, views = np.empty(rays.AIM_SIZE, np.float32), np.empty(rays.VIEW_SIZE)
+    order = rng.permutation(ray_lanes.CHUNK)
+    aims, views = np.empty(ray_lanes.AIM_SIZE, np.float32), np.empty(ray_lanes.VIEW_SIZE)
     made_ready(model.frames, model.parts, drift, origins, directions, 3 * order, np.inf, aims, views)
 
     for k, row in enumerate(order):
         is_near, entry, aim, view = one_made_ready(
             model.frames, model.parts, origins[row], directions[row], drift
         )
-        assert (aims[rays.CHUNK * rays.BOUND + k] < 0.0) != is_near
-        assert views[rays.CHUNK * rays.IS_SOUND + k] == 1.0
+        assert (aims[ray_lanes.CHUNK * ray_lanes.BOUND + k] < 0.0) != is_near
+        assert views[ray_lanes.CHUNK * ray_lanes.IS_SOUND + k] == 1.0
         if is_near:
-            assert rays.aim_of(aims, k) == aim
-            assert rays.view_of(views, k) == view
-            assert views[rays.CHUNK * rays.START + k] == entry
-        assert rays.way_of(views, k) == rays.scaled_direction(*directions[row])
+            assert ray_lanes.aim_of(aims, k) == aim
+            assert ray_lanes.view_of(views, k) == view
+            assert views[ray_lanes.CHUNK * ray_lanes.START + k] == entry
+        assert ray_lanes.way_of(views, k) == ray_lanes.scaled_direction(*directions[row])
 
 
 @pytest.mark.parametrize("bad", [(np.nan, 0, 0), (0, np.inf, 0), (0, 0, -np.inf)])
@@ -625,7 +630,7 @@ def test_a_ray_that_cannot_be_asked_does_not_disturb_the_seven_beside_it(place, 
             ways = np.where(others[:, None], directions, bad)
         found = Hits(model, starts, ways)
         assert np.isnan(found.distance[place])
-        assert found.part[place] == NO_PART and found.zero_row == cast.NO_ROW
+        assert found.part[place] == NO_PART and found.zero_row == ray_queries.NO_ROW
         assert np.array_equal(found.reals[others], expected.reals[others])
         assert np.array_equal(found.choices[others], expected.choices[others])
 

@@ -15,11 +15,10 @@ from hypothesis import strategies as st
 from nodes import node_of
 
 import oracle
-from proximity.kernels import segment_query
 from proximity.kernels.layout import FIRST_BLOCK, IS_FUSED, LANES, NO_FACE, NO_PART, NO_SLOT
-from proximity.kernels.segment import segment_in_block
-from proximity.kernels.segment_box import node_bounds_sq, open_bound
-from proximity.kernels.segment_plan import (
+from proximity.kernels.scene import segment_queries
+from proximity.kernels.segment.box import node_bounds_sq, open_bound
+from proximity.kernels.segment.plan import (
     END,
     HIGH,
     IS_FAR,
@@ -31,9 +30,10 @@ from proximity.kernels.segment_plan import (
     TOUCHING,
     make_plan,
 )
-from proximity.kernels.segment_triangle import SEGMENT_WITNESS_SIZE
-from proximity.model import assemble
-from proximity.part_arrays import common_frame, part_arrays
+from proximity.kernels.segment.triangle import SEGMENT_WITNESS_SIZE
+from proximity.kernels.segment.walk import segment_in_block
+from proximity.model.assembly import assemble
+from proximity.model.part_arrays import common_frame, part_arrays
 from proximity.pose import Pose
 from proximity.simd import IS_COMPILED, bits, lane, splat32
 
@@ -84,11 +84,11 @@ class Found:
             np.atleast_2d(np.asarray(starts, float)), np.atleast_2d(np.asarray(ends, float))
         )
         self.starts, self.ends = np.ascontiguousarray(starts), np.ascontiguousarray(ends)
-        table = np.full((len(starts), segment_query.ANSWER_WIDTH), 7.0)
-        self.reals = table[:, : segment_query.ANSWER_REALS]
-        self.choices = table.view(np.int32)[:, segment_query.PART :]
+        table = np.full((len(starts), segment_queries.ANSWER_WIDTH), 7.0)
+        self.reals = table[:, : segment_queries.ANSWER_REALS]
+        self.choices = table.view(np.int32)[:, segment_queries.PART :]
         self.choices[:] = 7
-        segment_query.segment_batch(model.handle, self.starts, self.ends, order, np.array([limit]), table)
+        segment_queries.segment_batch(model.handle, self.starts, self.ends, order, np.array([limit]), table)
         self.distance, self.fraction = self.reals[:, 0], self.reals[:, 7]
         self.on_segment, self.on_solid = self.reals[:, 1:4], self.reals[:, 4:7]
         self.barycentric = self.reals[:, 8:11]

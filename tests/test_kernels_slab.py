@@ -10,8 +10,15 @@ from budgeted import piece_of
 
 import oracle
 from proximity.kernels.layout import BLOCK_STRIDE, CHILDREN, LANES, NODE_STRIDE
-from proximity.kernels.slab import AREA_NORMAL, LARGEST, LEAST, SMALLEST, fill_slabs, slabs_distance_sq
-from proximity.kernels.winding import MOMENT_STRIDE
+from proximity.kernels.sign.winding_number import MOMENT_STRIDE
+from proximity.kernels.tree.normal_slab import (
+    AREA_NORMAL,
+    LARGEST,
+    LEAST,
+    SMALLEST,
+    fill_slabs,
+    slabs_distance_sq,
+)
 from proximity.simd import lane, splat
 
 compiled = numba.njit(error_model="numpy")

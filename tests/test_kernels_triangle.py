@@ -8,14 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
 import oracle
-from proximity.kernels.layout import BLOCK_STRIDE, FEATURE_EDGE, FEATURE_FACE, FEATURE_VERTEX, LANES
-from proximity.kernels.triangle import (
-    TINY,
-    difference_of_products,
-    point_block_distance_sq,
-    point_triangle_distance_sq,
-)
-from proximity.kernels.witness import (
+from proximity.kernels.geometry.closest_feature import (
     ARM,
     LENGTH,
     NORMAL,
@@ -25,6 +18,13 @@ from proximity.kernels.witness import (
     WITNESS_SIZE,
     closest_on_triangle,
 )
+from proximity.kernels.geometry.triangle import (
+    TINY,
+    difference_of_products,
+    point_block_distance_sq,
+    point_triangle_distance_sq,
+)
+from proximity.kernels.layout import BLOCK_STRIDE, FEATURE_EDGE, FEATURE_FACE, FEATURE_VERTEX, LANES
 from proximity.simd import splat, store
 
 ROUNDING = 2.0**-52

@@ -10,12 +10,13 @@ import pytest
 import shapes
 from budgeted import UNLIMITED, model_of, walk
 
-from proximity import part_arrays, sign
+from proximity.model import part_arrays
 from proximity.pose import Pose
-from proximity.scene import Part, Scene
+from proximity.scene import sign
+from proximity.scene.scene import Part, Scene
+from proximity.scene.solid import Solid
 from proximity.simd import IS_COMPILED
-from proximity.solid import Solid
-from proximity.tracker import Tracker
+from proximity.tracker.tracker import Tracker
 
 HERE = Path(__file__).resolve().parent
 FIELDS = ("signed_distance", "point", "gradient", "part", "face_id", "barycentric", "feature", "is_signed")

@@ -6,12 +6,12 @@ import shapes
 
 import oracle
 from proximity.kernels.layout import MOMENTS, ROOT
-from proximity.kernels.winding import turned, winding_number
-from proximity.mesh import TriangleMesh
-from proximity.model import assemble
-from proximity.part_arrays import part_arrays
+from proximity.kernels.sign.winding_number import turned, winding_number
+from proximity.mesh.topology import build_topology
+from proximity.mesh.triangle_mesh import TriangleMesh
+from proximity.model.assembly import assemble
+from proximity.model.part_arrays import part_arrays
 from proximity.pose import Pose
-from proximity.topology import build_topology
 
 LARGEST_ERROR = 0.05
 """The README's figure: of a turn, over all shapes and points here. A sign needs less than 0.5."""

@@ -111,9 +111,9 @@ def test_kernels_know_numbers_only(path):
 
 
 def test_kernels_of_simulations_lie_where_changes_are_noticed():
-    """Compiled code is kept until a file of `decaff` that is named so changes (`kernels.compiling`)."""
+    """Compiled code is kept until a file of `decaff` that is named so changes (`kernels.compiler`)."""
     for path in all_files():
-        if unit_of(path) == "decaff" and "proximity.kernels.compiling" in {name for name, _ in imports(path)}:
+        if unit_of(path) == "decaff" and "proximity.kernels.compiler" in {name for name, _ in imports(path)}:
             assert path.name.endswith("_kernels.py"), path.name
 
 

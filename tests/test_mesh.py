@@ -7,7 +7,7 @@ import pytest
 import shapes
 
 from proximity.errors import MeshError
-from proximity.mesh import TriangleMesh
+from proximity.mesh.triangle_mesh import TriangleMesh
 
 VERTICES, FACES = shapes.tetrahedron()
 
@@ -120,7 +120,7 @@ def test_unused_vertices_need_not_be_finite():
 
 
 def test_more_faces_than_can_be_numbered_are_refused(monkeypatch):
-    monkeypatch.setattr("proximity.mesh.MAX_FACE_COUNT", 3)
+    monkeypatch.setattr("proximity.mesh.triangle_mesh.MAX_FACE_COUNT", 3)
 
     with pytest.raises(MeshError, match=r"^the mesh has 4 faces, at most 3 can be numbered$"):
         TriangleMesh(VERTICES[:3], FACES % 3)

@@ -12,9 +12,9 @@ import pytest
 import shapes
 import step_text
 
-from proximity import meshio
+from proximity import formats
 from proximity.errors import MeshError
-from proximity.meshio import step_worker
+from proximity.formats.step import worker
 
 VERTICES, FACES = shapes.cube()
 SQUARES = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]]
@@ -39,7 +39,7 @@ IDENTITY_3MF = "1 0 0 0 1 0 0 0 1 0 0 0"
 def read(tmp_path, name, data, **options):
     path = tmp_path / name
     path.write_bytes(data)
-    return meshio.read_geometries(path, **options)
+    return formats.read_geometries(path, **options)
 
 
 def volume(geometry):
@@ -89,7 +89,7 @@ def test_trimesh_reads_the_same_from_whole_files(tmp_path, name):
 
     path = tmp_path / f"part.{name}"
     path.write_bytes(POLYGON_FORMATS[name](VERTICES, FACES))
-    ours = meshio.read_geometries(path, units="m").geometries[0]
+    ours = formats.read_geometries(path, units="m").geometries[0]
     theirs = trimesh.load_mesh(path, process=False, maintain_order=True)
     assert np.allclose(
         ours.vertices[ours.faces], theirs.triangles, rtol=1e-6
@@ -105,7 +105,7 @@ def test_arrays_cannot_be_changed(tmp_path):
 
 def test_path_may_be_text_and_its_extension_in_capitals(tmp_path):
     (tmp_path / "PART.STL").write_bytes(mesh_files.stl_binary(VERTICES, FACES))
-    contents = meshio.read_geometries(str(tmp_path / "PART.STL"))
+    contents = formats.read_geometries(str(tmp_path / "PART.STL"))
     assert contents.path == str(tmp_path / "PART.STL") and contents.format == "STL binary"
 
 
@@ -446,7 +446,7 @@ def test_step_without_units_is_read_in_those_of_the_caller(tmp_path):
 
 
 def test_step_assembly_keeps_products_and_places(shared_data):
-    contents = meshio.read_geometries(shared_data / "cad" / "box_sides.STEP")
+    contents = formats.read_geometries(shared_data / "cad" / "box_sides.STEP")
     names = [geometry.name for geometry in contents.geometries]
     assert names == [
         *("box_base", "side_long", "side_long_2", "side_short", "side_short_B"),
@@ -459,8 +459,8 @@ def test_step_assembly_keeps_products_and_places(shared_data):
 
 
 def test_step_part_agrees_with_its_stl_twin(shared_data):
-    step = meshio.read_geometries(shared_data / "cad" / "featuretype.STEP").geometries[0]
-    stl = meshio.read_geometries(shared_data / "cad" / "featuretype.STL", units="in").geometries[0]
+    step = formats.read_geometries(shared_data / "cad" / "featuretype.STEP").geometries[0]
+    stl = formats.read_geometries(shared_data / "cad" / "featuretype.STL", units="in").geometries[0]
     assert np.allclose(step.vertices.min(axis=0), stl.vertices.min(axis=0), atol=1e-7)
     assert np.allclose(step.vertices.max(axis=0), stl.vertices.max(axis=0), atol=1e-7)
     assert volume(step) == pytest.approx(volume(stl), rel=2e-3)  # two tessellations
@@ -469,7 +469,7 @@ def test_step_part_agrees_with_its_stl_twin(shared_data):
 def test_finer_step_tolerance_gives_more_triangles(shared_data):
     path = shared_data / "cad" / "featuretype.STEP"
     coarse, fine = (
-        len(meshio.read_geometries(path, step_tolerance=tolerance).geometries[0].faces)
+        len(formats.read_geometries(path, step_tolerance=tolerance).geometries[0].faces)
         for tolerance in (1e-3, 1e-5)
     )
     assert fine > coarse
@@ -485,10 +485,10 @@ def test_step_worker_converts_and_says_when_cascadio_is_missing(tmp_path, monkey
         "tol_angular": 0.25,
     }
     monkeypatch.setattr(sys, "stdin", io.StringIO(json.dumps(settings)))
-    assert step_worker.main() == 0 and (tmp_path / "part.glb").read_bytes().startswith(b"glTF")
+    assert worker.main() == 0 and (tmp_path / "part.glb").read_bytes().startswith(b"glTF")
     monkeypatch.setattr(sys, "stdin", io.StringIO(json.dumps(settings)))
     monkeypatch.setitem(sys.modules, "cascadio", None)
-    assert step_worker.main() == step_worker.NO_CASCADIO
+    assert worker.main() == worker.NO_CASCADIO
 
 
 # units
@@ -498,12 +498,12 @@ def test_unit_that_does_not_exist_is_refused_with_the_list():
     with pytest.raises(
         MeshError, match=r"there is no unit 'inch', expected one of m, dm, cm, mm, um, nm, km, in, ft"
     ):
-        meshio.metres_per_unit("inch")
+        formats.metres_per_unit("inch")
     with pytest.raises(MeshError, match="there is no unit 5"):
-        meshio.read_geometries("part.stl", units=5)
+        formats.read_geometries("part.stl", units=5)
 
 
 @pytest.mark.parametrize("tolerance", [0.0, -1.0, float("nan"), "fine"])
 def test_tolerance_that_is_no_length_is_refused(tolerance):
     with pytest.raises(MeshError, match=r"step_tolerance is .*, expected a length in metres above 0"):
-        meshio.read_geometries("part.step", step_tolerance=tolerance)
+        formats.read_geometries("part.step", step_tolerance=tolerance)

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from proximity import meshio
+from proximity import formats
 from proximity.errors import MeshFormatError
-from proximity.meshio import step_assembly
+from proximity.formats.step import assembly
 
 ASSEMBLY = (Path(__file__).parent.parent / "meshes" / "assembly.step").read_text("ascii")
 
@@ -48,7 +48,7 @@ def test_part_that_lost_its_place_is_not_left_out(tmp_path, number):
         MeshFormatError,
         match=rf"NEXT_ASSEMBLY_USAGE_OCCURRENCE {use} has no CONTEXT_DEPENDENT_SHAPE_REPRESENTATION: a part",
     ):
-        meshio.read_geometries(path)
+        formats.read_geometries(path)
 
 
 @pytest.mark.parametrize("number", range(4))
@@ -59,32 +59,32 @@ def test_product_that_lost_its_shape_is_not_put_elsewhere(tmp_path, number):
         MeshFormatError,
         match=r"PRODUCT_DEFINITION #\d+ is part of an assembly, but has no SHAPE_DEFINITION_REPRESENTATION",
     ):
-        meshio.read_geometries(path)
+        formats.read_geometries(path)
 
 
 def test_fewer_parts_than_the_assemblies_hold_are_refused(tmp_path, monkeypatch):
     path = tmp_path / "part.step"
     path.write_text(ASSEMBLY)
-    assert len(meshio.read_geometries(path).geometries) == step_assembly.count_bodies(ASSEMBLY) == 4
-    monkeypatch.setattr(step_assembly, "count_bodies", lambda text: 5)
+    assert len(formats.read_geometries(path).geometries) == assembly.count_bodies(ASSEMBLY) == 4
+    monkeypatch.setattr(assembly, "count_bodies", lambda text: 5)
     with pytest.raises(
         MeshFormatError, match="its assemblies hold 5 parts, but OpenCASCADE could read 4 only"
     ):
-        meshio.read_geometries(path)
+        formats.read_geometries(path)
 
 
 def test_uses_are_expanded():
-    assert step_assembly.count_bodies(NESTED) == 4
+    assert assembly.count_bodies(NESTED) == 4
 
 
 def test_files_that_place_shapes_in_other_ways_are_left_alone():
     text = NESTED.replace(
         "#61=CONTEXT_DEPENDENT_SHAPE_REPRESENTATION(#71,#51);", "#61=MAPPED_ITEM('',#1,#2);"
     )
-    assert step_assembly.count_bodies(text) == 0
+    assert assembly.count_bodies(text) == 0
 
 
 def test_product_that_contains_itself_is_refused():
     text = NESTED.replace("('','','',#2,#3,$)", "('','','',#2,#1,$)", 1)
     with pytest.raises(MeshFormatError, match=r"PRODUCT_DEFINITION #[12] is part of itself, expected a tree"):
-        step_assembly.count_bodies(text)
+        assembly.count_bodies(text)

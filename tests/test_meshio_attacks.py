@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import proximity
-from proximity import meshio
+from proximity import formats
 from proximity.errors import MeshFormatError
 from proximity.recording import FrameLog, FrameReader, read_recording
-from proximity.scene_file import read_scene_file
+from proximity.service.config import read_scene_file
 
 VERTICES = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=np.float64)
 FACES = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]
@@ -19,7 +19,7 @@ DOCUMENT, BLOB = mesh_files.gltf_document([[(VERTICES, FACES)]], [{"mesh": 0}])
 
 def refusal(path):
     with pytest.raises(MeshFormatError) as caught:
-        meshio.read_geometries(path)
+        formats.read_geometries(path)
     return str(caught.value).removeprefix(f"{path}: ")
 
 
@@ -53,7 +53,7 @@ def test_buffer_below_the_folder_is_read(tmp_path):
     (tmp_path / "data").mkdir()
     (tmp_path / "data" / "mesh 1.bin").write_bytes(BLOB)
     path = write_gltf(tmp_path / "part.gltf", "data/mesh%201.bin")
-    assert len(meshio.read_geometries(path).geometries[0].faces) == 4
+    assert len(formats.read_geometries(path).geometries[0].faces) == 4
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="named pipes of POSIX")
@@ -107,7 +107,7 @@ def test_nodes_nested_deeply_are_followed(tmp_path):
     nodes = [{"children": [k + 1], "translation": [0, 0, 0.5]} for k in range(count)] + [{"mesh": 0}]
     path = tmp_path / "part.glb"
     path.write_bytes(mesh_files.glb({**DOCUMENT, "nodes": nodes, "scenes": [{"nodes": [0]}]}, BLOB))
-    (geometry,) = meshio.read_geometries(path).geometries
+    (geometry,) = formats.read_geometries(path).geometries
     assert geometry.pose.translation.tolist() == [0, 0, count / 2]
 
 

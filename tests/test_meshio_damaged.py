@@ -16,9 +16,10 @@ import step_text
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from proximity import meshio
+from proximity import formats
 from proximity.errors import MeshError, MeshFormatError, ProximityError
-from proximity.meshio import reading, step, tables
+from proximity.formats import reader, text_rows
+from proximity.formats.step import step
 
 VERTICES, FACES = shapes.cube()
 OUTSIDE = np.array([*FACES[:-1], [1, 7, 8]])
@@ -59,7 +60,7 @@ def write(tmp_path, name, data):
 def refusal(path, **options):
     """What the exception says after the path."""
     with pytest.raises(MeshError) as caught:
-        meshio.read_geometries(path, **options)
+        formats.read_geometries(path, **options)
     message = str(caught.value)
     assert message.startswith(f"{path}: ") and "\n" not in message and "Traceback" not in message
     return message.removeprefix(f"{path}: ")
@@ -93,7 +94,7 @@ def test_file_that_may_not_be_read_is_said(tmp_path, monkeypatch):
     def refuse(name):
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr(reading, "open_regular", refuse)
+    monkeypatch.setattr(reader, "open_regular", refuse)
     assert refusal(path) == "it cannot be opened (Permission denied)"
 
 
@@ -112,11 +113,11 @@ def test_what_no_reader_foresaw_is_one_sentence(tmp_path, monkeypatch, reason):
     def fail(source):
         raise reason
 
-    monkeypatch.setitem(reading._READERS, "STL", fail)
+    monkeypatch.setitem(reader._READERS, "STL", fail)
     path = write(tmp_path, "part.stl", BINARY_STL)
-    assert refusal(path) == f"it cannot be read ({tables.in_one_line(reason)})"
+    assert refusal(path) == f"it cannot be read ({text_rows.in_one_line(reason)})"
     with pytest.raises(MeshFormatError) as caught:
-        meshio.read_geometries(path)
+        formats.read_geometries(path)
     assert caught.value.__cause__ is reason
 
 
@@ -126,12 +127,12 @@ def test_path_with_a_null_byte_is_refused():
 
 def test_path_without_a_letter_is_refused():
     with pytest.raises(MeshError, match=r"^the path is empty, expected the name of a file$"):
-        meshio.read_geometries("")
+        formats.read_geometries("")
 
 
 def test_path_that_is_none_is_refused():
     with pytest.raises(MeshError, match="the path is 5, expected text or a path"):
-        meshio.read_geometries(5)
+        formats.read_geometries(5)
 
 
 def test_too_little_memory_is_said(tmp_path, monkeypatch):
@@ -140,7 +141,7 @@ def test_too_little_memory_is_said(tmp_path, monkeypatch):
     def exhaust(name):
         raise MemoryError
 
-    monkeypatch.setattr(reading, "open_regular", exhaust)
+    monkeypatch.setattr(reader, "open_regular", exhaust)
     assert refusal(path) == "there is not enough memory to read it"
 
 
@@ -630,11 +631,11 @@ def test_bounds_of_gltf_positions_may_be_rounded(tmp_path):
     header, blob = mesh_files.gltf_document([[(VERTICES + 0.1, FACES)]], [{"mesh": 0}])
     header["accessors"][0] |= {"min": [0.1, 0.1, 0.1], "max": [1.1, 1.10000002, 1.0999999]}
     path = write(tmp_path, "part.glb", mesh_files.glb(header, blob))
-    assert len(meshio.read_geometries(path).geometries) == 1
+    assert len(formats.read_geometries(path).geometries) == 1
 
 
 def test_gltf_without_scenes_places_what_is_nobodys_child(tmp_path):
-    contents = meshio.read_geometries(write(tmp_path, "part.glb", changed_gltf("scenes", to=None)))
+    contents = formats.read_geometries(write(tmp_path, "part.glb", changed_gltf("scenes", to=None)))
     assert [geometry.name for geometry in contents.geometries] == ["cube"]
 
 
@@ -721,7 +722,7 @@ def test_3mf_that_calls_a_known_extension_by_another_name_is_read(tmp_path):
     model = MODEL.replace(
         "<model ", f'<model xmlns:q="{EXTENSION}production/2015/06" requiredextensions="q" '
     )
-    contents = meshio.read_geometries(write(tmp_path, "part.3mf", mesh_files.threemf(model)))
+    contents = formats.read_geometries(write(tmp_path, "part.3mf", mesh_files.threemf(model)))
     assert len(contents.geometries[0].faces) == 12
 
 
@@ -751,13 +752,13 @@ def spread_3mf(*ids, unit=' unit="millimeter"', root="", extra=""):
     ids=["ids differ", "one id in both"],
 )
 def test_3mf_of_several_model_files_is_read(tmp_path, data):
-    contents = meshio.read_geometries(write(tmp_path, "part.3mf", data))
+    contents = formats.read_geometries(write(tmp_path, "part.3mf", data))
     assert [len(geometry.faces) for geometry in contents.geometries] == [12, 12]
 
 
 def test_model_file_of_a_3mf_may_hold_objects_that_are_not_placed(tmp_path):
     extra = "<object id='7'><mesh/></object>" + COMPONENTS.format(8, 1)
-    contents = meshio.read_geometries(write(tmp_path, "part.3mf", spread_3mf(1, extra=extra)))
+    contents = formats.read_geometries(write(tmp_path, "part.3mf", spread_3mf(1, extra=extra)))
     assert [len(geometry.faces) for geometry in contents.geometries] == [12]
     assert contents.notes == ("1 of its objects are not placed by the build and were left out",)
 
@@ -838,10 +839,10 @@ def test_full_disk_on_the_way_to_the_step_library_is_said(tmp_path, monkeypatch,
         raise OSError(errno.ENOSPC, "No space left on device")
 
     path = write(tmp_path, "part.step", STEP)
-    monkeypatch.setattr(f"proximity.meshio.step.{where}", fail)
+    monkeypatch.setattr(f"proximity.formats.step.step.{where}", fail)
 
     with pytest.raises(MeshError) as caught:
-        meshio.read_geometries(path)
+        formats.read_geometries(path)
 
     expected = "OpenCASCADE cannot be handed it in a temporary folder (No space left on device)"
     assert str(caught.value) == f"{path}: {expected}"
@@ -876,7 +877,7 @@ def test_vertex_that_is_not_finite_is_named_and_counted(tmp_path, name, value):
 
 def test_vertex_that_no_face_uses_may_be_anything(tmp_path):
     data = mesh_files.obj([*VERTICES, [np.nan] * 3], FACES)
-    assert len(meshio.read_geometries(write(tmp_path, "part.obj", data)).geometries[0].faces) == 12
+    assert len(formats.read_geometries(write(tmp_path, "part.obj", data)).geometries[0].faces) == 12
 
 
 def test_position_that_overflows_in_metres_is_not_finite(tmp_path):
@@ -885,8 +886,8 @@ def test_position_that_overflows_in_metres_is_not_finite(tmp_path):
 
 
 def test_what_a_library_raises_is_one_line():
-    assert tables.in_one_line(ValueError("a\nb  c")) == "ValueError: a b c"
-    assert tables.in_one_line(RecursionError()) == "RecursionError"
+    assert text_rows.in_one_line(ValueError("a\nb  c")) == "ValueError: a b c"
+    assert text_rows.in_one_line(RecursionError()) == "RecursionError"
 
 
 # Any damage at all
@@ -896,10 +897,10 @@ def test_what_a_library_raises_is_one_line():
 def test_no_beginning_of_a_file_is_taken_for_the_whole(tmp_path, name):
     """Cut anywhere: refused, or nothing is missing, or (OBJ has no counts) it is said."""
     data = WHOLE[name]
-    whole = meshio.read_geometries(write(tmp_path, name, data)).geometries[0]
+    whole = formats.read_geometries(write(tmp_path, name, data)).geometries[0]
     for length in range(1, len(data), 1 if len(data) < 1500 else 7):
         try:
-            contents = meshio.read_geometries(write(tmp_path, name, data[:length]))
+            contents = formats.read_geometries(write(tmp_path, name, data[:length]))
         except ProximityError:
             continue
         part = contents.geometries[0]
@@ -939,7 +940,7 @@ def damaged(draw):
 def test_damaged_file_gives_a_sentence_or_a_valid_mesh(tmp_path, file):
     name, data = file
     try:
-        contents = meshio.read_geometries(write(tmp_path, name, data))
+        contents = formats.read_geometries(write(tmp_path, name, data))
     except ProximityError as reason:
         assert str(reason).startswith(str(tmp_path)) and "\n" not in str(reason)
         return

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from proximity.meshio import polygons
+from proximity.formats import polygons
 
 
 def cut(points):

@@ -6,7 +6,7 @@ import pytest
 import shapes
 
 import proximity
-from proximity.meshio import UNITS, likely_unit, size_notes
+from proximity.formats import UNITS, likely_unit, size_notes
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import proximity
-from proximity import meshio
+from proximity import formats
 from proximity.errors import MeshFormatError
 
 SHIFT = "1 0 0 0 1 0 0 0 1 {} {} 0"
@@ -40,7 +40,7 @@ def test_every_component_of_every_item_is_placed(tmp_path, component_count, item
     model = mesh_files.threemf_model({1: (VERTICES, FACES)}, items)
     path = write(tmp_path, with_objects(model, components(99, *[1] * component_count)))
 
-    geometries = meshio.read_geometries(path).geometries
+    geometries = formats.read_geometries(path).geometries
 
     positions = {tuple(np.round(geometry.pose.translation * 1000)) for geometry in geometries}
     assert positions == {(1000 * k, 10 * j, 0) for k in range(item_count) for j in range(component_count)}
@@ -59,26 +59,26 @@ def test_more_placements_than_anybody_means_are_refused_with_their_number(tmp_pa
     model = mesh_files.threemf_model({1: (VERTICES, FACES)}, [(61, SHIFT.format(0, 0))])
     nested = "".join(components(k, k - 1, k - 1) for k in range(2, 62))
     with pytest.raises(MeshFormatError, match=f"it places {2**60} parts, expected at most 20000"):
-        meshio.read_geometries(write(tmp_path, with_objects(model, nested)))
+        formats.read_geometries(write(tmp_path, with_objects(model, nested)))
 
 
 def test_chain_of_components_is_followed_to_its_end(tmp_path):
     model = mesh_files.threemf_model({1: (VERTICES, FACES)}, [(8001, SHIFT.format(0, 0))])
     chain = "".join(components(k, k - 1) for k in range(2, 8002))
-    assert len(meshio.read_geometries(write(tmp_path, with_objects(model, chain))).geometries) == 1
+    assert len(formats.read_geometries(write(tmp_path, with_objects(model, chain))).geometries) == 1
 
 
 def test_comments_that_never_end_are_refused_at_once(tmp_path):
     model = mesh_files.threemf_model({1: (VERTICES, FACES)}, [(1, SHIFT.format(0, 0))])
     with pytest.raises(MeshFormatError, match="is no XML"):
-        meshio.read_geometries(write(tmp_path, with_objects(model, "<!--" * 400_000)))
+        formats.read_geometries(write(tmp_path, with_objects(model, "<!--" * 400_000)))
 
 
 def test_document_type_is_refused(tmp_path):
     model = mesh_files.threemf_model({1: (VERTICES, FACES)}, [(1, SHIFT.format(0, 0))])
     bomb = '<!DOCTYPE model [<!ENTITY a "aaaa">]><model'
     with pytest.raises(MeshFormatError, match=r"has a document type \(<!DOCTYPE>\), expected none"):
-        meshio.read_geometries(write(tmp_path, model.replace("<model", bomb, 1)))
+        formats.read_geometries(write(tmp_path, model.replace("<model", bomb, 1)))
 
 
 def test_archive_that_unpacks_to_too_much_is_refused_with_both_sizes(tmp_path):
@@ -104,7 +104,7 @@ def test_archive_that_unpacks_to_hundreds_of_times_its_size_is_refused(tmp_path)
     with pytest.raises(
         MeshFormatError, match="unpack to 60,000,000 bytes, expected at most 200 times as many"
     ):
-        meshio.read_geometries(path)
+        formats.read_geometries(path)
 
 
 @pytest.mark.parametrize("limit", [0, -1, float("nan"), "2 GB", None, True])
@@ -112,4 +112,4 @@ def test_limit_that_is_no_number_of_bytes_is_refused(tmp_path, limit):
     with pytest.raises(
         proximity.MeshError, match=r"unpacked_limit is .*, expected a number of bytes above 0"
     ):
-        meshio.read_geometries(tmp_path / "part.3mf", unpacked_limit=limit)
+        formats.read_geometries(tmp_path / "part.3mf", unpacked_limit=limit)

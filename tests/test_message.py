@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from proximity.kernels import contact
+from proximity.kernels import contact_columns
 from proximity.message import CONTACT, ContactFlag, Surface
 
 FOUR_BYTES = {"finger", "flags", "part", "face", "work"}
@@ -23,14 +23,14 @@ def test_record_is_little_endian_and_aligned():
 def test_kernels_write_where_the_record_has_the_field(name):
     size = 4 if name in FOUR_BYTES else 8
 
-    assert getattr(contact, name.upper()) * size == CONTACT.fields[name][1]
+    assert getattr(contact_columns, name.upper()) * size == CONTACT.fields[name][1]
 
 
 def test_kinds_share_one_word_with_the_surface_lowest():
     assert [CONTACT.fields[name][1] for name in ("surface", "mode", "source", "force_is_valid")] == list(
-        range(4 * contact.KINDS, 4 * contact.KINDS + 4)
+        range(4 * contact_columns.KINDS, 4 * contact_columns.KINDS + 4)
     )
-    assert 8 * contact.RECORD_REALS == 4 * contact.RECORD_INTS == CONTACT.itemsize
+    assert 8 * contact_columns.RECORD_REALS == 4 * contact_columns.RECORD_INTS == CONTACT.itemsize
 
 
 def test_flags_are_single_bits_and_surfaces_small_numbers():

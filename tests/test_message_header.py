@@ -22,9 +22,9 @@ from proximity.message import CONTACT, FRAME, POSES, Flaw, Message, State, c_hea
 from proximity.message.c_header import ENUMS, KINDS, RECORDS, header_text, meanings_of
 from proximity.message.fields import dtype_of
 from proximity.transport import Subscriber, open_inlet, widen
-from proximity.transport.clocks import ForeignClock
-from proximity.transport.held import AHEAD_NS, LONGEST_VALID_NS
 from proximity.transport.key import write_key
+from proximity.transport.publisher_clock import ForeignClock
+from proximity.transport.received_frame import AHEAD_NS, LONGEST_VALID_NS
 from proximity.transport.subscriber import STALE_AFTER
 
 FLAWS = [None, Flaw.SHORT, Flaw.MAGIC, Flaw.VERSION, Flaw.SIZE, Flaw.CHECKSUM]

@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from proximity.errors import PoseError, QueryError
 from proximity.pose import Pose
-from proximity.scene import Scene
-from proximity.solid import Solid
+from proximity.scene.scene import Scene
+from proximity.scene.solid import Solid
 
 QUARTER = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
 

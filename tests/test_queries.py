@@ -10,9 +10,9 @@ from odd_arrays import unaligned
 
 from proximity.errors import NotWatertightError, QueryError
 from proximity.pose import Pose
-from proximity.results import NO_FACE, NO_PART, ClosestPoints, Feature
-from proximity.scene import Part, Scene
-from proximity.solid import Solid
+from proximity.scene.results import NO_FACE, NO_PART, ClosestPoints, Feature
+from proximity.scene.scene import Part, Scene
+from proximity.scene.solid import Solid
 
 SOLID = Solid(*shapes.cube())
 SCENE = Scene([Solid(*shapes.cube(), name="cube"), Solid(*shapes.moved(shapes.octahedron(), (5, 0, 0)))])

@@ -10,13 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import oracle
-from proximity import queries
 from proximity.errors import QueryError
-from proximity.kernels.ray_order import ray_order
+from proximity.kernels.ray.ray_order import ray_order
 from proximity.pose import Pose
-from proximity.results import NO_FACE, NO_PART
-from proximity.scene import Part, Scene
-from proximity.solid import Solid
+from proximity.scene import queries
+from proximity.scene.results import NO_FACE, NO_PART
+from proximity.scene.scene import Part, Scene
+from proximity.scene.solid import Solid
 
 CLOSED = {
     "tetrahedron": shapes.tetrahedron,

@@ -14,8 +14,8 @@ from proximity.recording import (
     check_log_name,
     contact_log,
     read_recording,
-    reading,
-    records,
+    reader,
+    recording,
     write_contacts,
 )
 
@@ -188,23 +188,23 @@ def test_recording_that_cannot_be_used_is_refused_by_line(read, content, message
 
 
 def test_line_is_right_beyond_the_first_chunk(read):
-    lines = [f"{0.01 * row:.2f},0,0,1,2,3" for row in range(2 * reading.CHUNK)]
-    lines[reading.CHUNK + 10] = lines[reading.CHUNK + 10].replace("1,2,3", "1,?,3")
+    lines = [f"{0.01 * row:.2f},0,0,1,2,3" for row in range(2 * reader.CHUNK)]
+    lines[reader.CHUNK + 10] = lines[reader.CHUNK + 10].replace("1,2,3", "1,?,3")
 
-    with pytest.raises(RecordingError, match=rf"line {reading.CHUNK + 12}: y_m is '\?'"):
+    with pytest.raises(RecordingError, match=rf"line {reader.CHUNK + 12}: y_m is '\?'"):
         read(HEADER + "\n".join(lines))
 
 
 def test_times_unsorted_from_one_chunk_to_the_next_are_refused(read):
-    lines = [f"{0.01 * row:.2f},0,0,1,2,3" for row in range(reading.CHUNK + 20)]
-    lines[reading.CHUNK] = "0,0,0,1,2,3"
+    lines = [f"{0.01 * row:.2f},0,0,1,2,3" for row in range(reader.CHUNK + 20)]
+    lines[reader.CHUNK] = "0,0,0,1,2,3"
 
-    with pytest.raises(RecordingError, match=rf"line {reading.CHUNK + 2}: time_s is 0 after"):
+    with pytest.raises(RecordingError, match=rf"line {reader.CHUNK + 2}: time_s is 0 after"):
         read(HEADER + "\n".join(lines))
 
 
 def test_sensor_that_counts_hands_without_end_is_refused(read):
-    lines = [f"{row},{row},0,1,2,3" for row in range(reading.LARGEST_HAND_COUNT + 1)]
+    lines = [f"{row},{row},0,1,2,3" for row in range(reader.LARGEST_HAND_COUNT + 1)]
 
     with pytest.raises(RecordingError, match=r"there are 33 hands, expected at most 32"):
         read(HEADER + "\n".join(lines))
@@ -328,7 +328,7 @@ def test_fitting_puts_the_middle_of_the_hand_in_the_middle_of_the_box():
 
 
 def test_middle_is_most_of_the_samples():
-    assert records.MIDDLE_SHARE == 0.8
+    assert recording.MIDDLE_SHARE == 0.8
     lower, upper = recording_of(np.arange(101), np.repeat(np.arange(101.0), 3)).middle()
     np.testing.assert_allclose((lower, upper), [[10] * 3, [90] * 3])
 

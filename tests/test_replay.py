@@ -9,11 +9,11 @@ from proximity.errors import PoseError, RecordingError, SceneError
 from proximity.message import ContactFlag
 from proximity.pose import Pose
 from proximity.recording import Recording
-from proximity.replay import fitted_pose, judging, replay, running, summarise, turn_about_axes
-from proximity.replay.summary import tick_times
-from proximity.scene import Part, Scene
-from proximity.solid import Solid
-from proximity.tracker import Tracker
+from proximity.scene.scene import Part, Scene
+from proximity.scene.solid import Solid
+from proximity.tracker.replay import bounds_check, fitted_pose, replay, run, summarise, turn_about_axes
+from proximity.tracker.replay.summary import tick_times
+from proximity.tracker.tracker import Tracker
 
 RADIUS = 0.005
 FINGERS = ((0, 1), (0, 2))
@@ -55,7 +55,7 @@ def test_every_instant_is_one_tick_of_a_fresh_tracker(scene):
 
     run, (rehearsed, tracker) = run_over(scene, recording, latency=0.002)
 
-    assert len(rehearsed.ticks) == running.REHEARSAL
+    assert len(rehearsed.ticks) == run.REHEARSAL
     assert tracker.ticks == [(at, at + 2_000_000) for at in recording.times_ns.tolist()]
     np.testing.assert_array_equal(run.contacts["position"], recording.positions)
     np.testing.assert_allclose(run.contacts["signed_distance"][:, 0], DOWN_AND_UP - RADIUS, atol=1e-15)
@@ -64,7 +64,7 @@ def test_every_instant_is_one_tick_of_a_fresh_tracker(scene):
 
 
 def test_who_waits_sees_all_ticks_pass(scene, monkeypatch):
-    monkeypatch.setattr(running, "CHUNK", 20)
+    monkeypatch.setattr(run, "CHUNK", 20)
     seen = []
 
     def watch(chunks):
@@ -84,7 +84,7 @@ def test_latency_that_is_none_is_refused(scene, latency):
 
 
 def test_log_that_does_not_fit_into_memory_is_refused(scene, monkeypatch):
-    monkeypatch.setattr(running, "LARGEST_LOG_BYTES", 1000)
+    monkeypatch.setattr(run, "LARGEST_LOG_BYTES", 1000)
 
     with pytest.raises(
         RecordingError, match=r"hand\.csv: 43 ticks of 2 fingers would make 0\.0 GiB of contacts"
@@ -165,7 +165,7 @@ def test_histogram_doubles_from_a_microsecond_on():
 def test_bounds_that_hold_are_found_to_hold(scene):
     run, _ = run_over(scene, recording_above_the_box(DOWN_AND_UP))
 
-    assert judging.judge_bounds(scene, run, RADIUS) == judging.BoundsKept(86, 0, 0.0, "")
+    assert bounds_check.judge_bounds(scene, run, RADIUS) == bounds_check.BoundsKept(86, 0, 0.0, "")
 
 
 @pytest.mark.parametrize(
@@ -177,7 +177,7 @@ def test_one_broken_bound_is_noticed(scene, name, off):
             contacts[name][0] += off
 
     run, _ = run_over(scene, recording_above_the_box(DOWN_AND_UP), spoil=spoil)
-    kept = judging.judge_bounds(scene, run, RADIUS)
+    kept = bounds_check.judge_bounds(scene, run, RADIUS)
 
     assert (kept.checked_count, kept.broken_count) == (86, 1)
     assert kept.worst == pytest.approx(0.0 if np.isnan(off) else 1e-6, abs=1e-12)
@@ -191,7 +191,7 @@ def test_finger_that_was_not_there_but_is_said_to_be_tracked_breaks_its_bounds(s
 
     run, _ = run_over(scene, recording_above_the_box([0.01, np.nan, 0.01]), spoil=spoil)
 
-    assert judging.judge_bounds(scene, run, RADIUS).broken_count == 1
+    assert bounds_check.judge_bounds(scene, run, RADIUS).broken_count == 1
 
 
 def test_bounds_hold_where_no_part_is_shown(scene):
@@ -201,14 +201,14 @@ def test_bounds_hold_where_no_part_is_shown(scene):
     run = replay(lambda: Tracker(hidden, fingers=2, radius=RADIUS), recording)
 
     assert np.isposinf(run.contacts["lower"][0]).all()
-    assert judging.judge_bounds(hidden, run, RADIUS) == judging.BoundsKept(5, 0, 0.0, "")
+    assert bounds_check.judge_bounds(hidden, run, RADIUS) == bounds_check.BoundsKept(5, 0, 0.0, "")
 
 
 def test_sample_is_bounded_and_takes_every_finger(scene, monkeypatch):
-    monkeypatch.setattr(judging, "CHECKED_COUNT", 43)
+    monkeypatch.setattr(bounds_check, "CHECKED_COUNT", 43)
     run, _ = run_over(scene, recording_above_the_box(DOWN_AND_UP))
 
-    ticks, rows = judging._sample(np.ones(run.contacts.shape, dtype=bool))
+    ticks, rows = bounds_check._sample(np.ones(run.contacts.shape, dtype=bool))
 
     assert 20 <= len(ticks) <= 43
     assert set(rows) == {0, 1}
@@ -217,7 +217,7 @@ def test_sample_is_bounded_and_takes_every_finger(scene, monkeypatch):
 def test_steady_motion_is_predicted_and_a_turn_is_not(scene):
     run, _ = run_over(scene, recording_above_the_box([0.040, 0.037, 0.034, 0.031, 0.028, 0.031, 0.034]))
 
-    kept = judging.judge_predictions(scene, run, RADIUS)
+    kept = bounds_check.judge_predictions(scene, run, RADIUS)
 
     # Ticks 1 to 4 look two steps ahead; 3 and 4 go on where the finger turns back. The other one rests.
     assert (kept.checked_count, kept.kept_count) == (8, 6)
@@ -228,11 +228,11 @@ def test_steady_motion_is_predicted_and_a_turn_is_not(scene):
 def test_prediction_for_an_instant_that_was_not_recorded_does_not_count(scene):
     run, _ = run_over(scene, recording_above_the_box([0.040, 0.037, 0.034, np.nan, np.nan]))
 
-    kept = judging.judge_predictions(scene, run, RADIUS)
+    kept = bounds_check.judge_predictions(scene, run, RADIUS)
 
     assert kept.checked_count == 2  # of the finger that rests
     run, _ = run_over(scene, recording_above_the_box([0.040]))
-    assert judging.judge_predictions(scene, run, RADIUS).checked_count == 0
+    assert bounds_check.judge_predictions(scene, run, RADIUS).checked_count == 0
 
 
 def test_time_to_contact_is_held_against_the_touch_that_came(scene):
@@ -240,11 +240,11 @@ def test_time_to_contact_is_held_against_the_touch_that_came(scene):
     hasty = [0.020, 0.0195, 0.0185, 0.0165, 0.0125, 0.0049]
 
     foretold = [
-        judging.judge_touches(run_over(scene, recording_above_the_box(heights))[0])
+        bounds_check.judge_touches(run_over(scene, recording_above_the_box(heights))[0])
         for heights in (braking, hasty)
     ]
 
-    assert foretold[0] == judging.TouchesForetold(8, 8)
+    assert foretold[0] == bounds_check.TouchesForetold(8, 8)
     assert foretold[1].checked_count == 5
     assert foretold[1].kept_count == 1  # the touch itself: velocities before were too low
 
@@ -252,7 +252,8 @@ def test_time_to_contact_is_held_against_the_touch_that_came(scene):
 def test_touch_after_the_finger_was_lost_does_not_count(scene):
     run, _ = run_over(scene, recording_above_the_box([0.02, 0.018, np.nan, 0.004, 0.003]))
 
-    assert judging.judge_touches(run).checked_count == 1  # only the last tick: the one before has no velocity
+    # Only the last tick: the one before has no velocity.
+    assert bounds_check.judge_touches(run).checked_count == 1
 
 
 # ---------------------------------------------------------------------------------------------- fitting

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 import oracle
 from proximity.errors import MeshError, PoseError, SceneError
 from proximity.pose import Pose
-from proximity.scene import Part, Scene
-from proximity.solid import Solid
+from proximity.scene.scene import Part, Scene
+from proximity.scene.solid import Solid
 
 KINDS = [shapes.tetrahedron, shapes.cube, shapes.octahedron, shapes.hollow_cube]
 QUARTER = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]

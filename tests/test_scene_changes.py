@@ -22,8 +22,8 @@ from scene_parts import (
 from proximity.errors import PoseError, SceneError
 from proximity.kernels import layout
 from proximity.pose import Pose
-from proximity.scene import Part, Scene
-from proximity.solid import Solid
+from proximity.scene.scene import Part, Scene
+from proximity.scene.solid import Solid
 
 
 def assert_nothing_is_there(scene):

@@ -10,22 +10,22 @@ import numpy as np
 import pytest
 
 from proximity.errors import ServiceError
-from proximity.loading import load
 from proximity.pose import Pose
-from proximity.scene_file import (
+from proximity.scene.loader import load
+from proximity.service.config import (
     FingerSettings,
     PartFiles,
     ServiceSettings,
-    building,
+    builder,
     finger_count,
     make_tracker,
     place_recording,
     read_input,
     read_scene_file,
-    reading,
+    reader,
 )
-from proximity.scene_file.document import MOST_BYTES, MOST_LINES, Document
-from proximity.tracker import DEFAULT_BUDGET, Tracker
+from proximity.service.config.document import MOST_BYTES, MOST_LINES, Document
+from proximity.tracker.tracker import DEFAULT_BUDGET, Tracker
 
 MESHES = Path(__file__).parent.parent / "meshes"
 PART = '[[parts]]\nfile = "box.stl"\n'
@@ -164,8 +164,8 @@ def test_sample_reads_and_names_every_key():
     settings = read_scene_file(MESHES / "demo.toml")
 
     assert settings.service == ServiceSettings()
-    tables = (reading.SERVICE_KEYS, reading.FINGER_KEYS, reading.PART_KEYS, reading.INPUT_KEYS)
-    for keys in (*tables, reading.GLOVE_KEYS):
+    tables = (reader.SERVICE_KEYS, reader.FINGER_KEYS, reader.PART_KEYS, reader.INPUT_KEYS)
+    for keys in (*tables, reader.GLOVE_KEYS):
         for key in keys:
             assert f"\n{key} = " in text or f"\n#{key} = " in text, key
 
@@ -179,7 +179,7 @@ def test_sample_shows_the_defaults_where_it_says_so():
     defaults |= {
         name: parameter.default
         for name, parameter in inspect.signature(Tracker).parameters.items()
-        if name in reading.FINGER_KEYS and name != "budget"
+        if name in reader.FINGER_KEYS and name != "budget"
     }
     for key, value in {**shown["service"], **shown["fingers"]}.items():
         if key not in ("log", "core", "count", "publish"):
@@ -573,7 +573,7 @@ def test_unchanged_files_are_read_once(read, folder, monkeypatch):
         loaded.append(Path(path).name)
         return load(path, **options)
 
-    monkeypatch.setattr(building, "load", load_and_note)
+    monkeypatch.setattr(builder, "load", load_and_note)
     files = PartFiles()
     text = PART + "[[parts]]\nfile = 'box.stl'\nname = 'b'\n[[parts]]\nfile = 'sphere.stl'\n" + POSES
 
@@ -590,7 +590,7 @@ def test_unchanged_files_are_read_once(read, folder, monkeypatch):
 def test_refused_scene_does_not_lose_what_was_loaded(read, monkeypatch):
     files = PartFiles()
     files.scene(read(PART + POSES))
-    monkeypatch.setattr(building, "load", None)  # a call would be a TypeError
+    monkeypatch.setattr(builder, "load", None)  # a call would be a TypeError
 
     with pytest.raises(ServiceError):
         files.scene(read(PART + PART + POSES))

@@ -10,10 +10,10 @@ import shapes
 from scene_parts import part_of
 
 import proximity
-from proximity.part import Part
-from proximity.scene import Scene
-from proximity.solid import Solid
-from proximity.tracker import Tracker
+from proximity.scene.part import Part
+from proximity.scene.scene import Scene
+from proximity.scene.solid import Solid
+from proximity.tracker.tracker import Tracker
 
 PACKAGE = str(Path(proximity.__file__).parent)
 INTERRUPTED = ("scene.py", "moving.py", "deforming.py", "solid.py", "top.py", "queries.py")

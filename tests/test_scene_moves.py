@@ -19,14 +19,14 @@ from scene_parts import (
     some_questions,
 )
 
-from proximity import moving
 from proximity.errors import PoseError, SceneError
 from proximity.kernels import layout
 from proximity.kernels.layout import LANES, NODE_STRIDE
+from proximity.model import moving_models
+from proximity.model.part_trees import REGION_COPIES, TopPlan
 from proximity.pose import Pose
-from proximity.scene import Scene
-from proximity.top import REGION_COPIES, TopPlan
-from proximity.tracker import Tracker
+from proximity.scene.scene import Scene
+from proximity.tracker.tracker import Tracker
 
 VELOCITY, ANGULAR_VELOCITY = (1.0, -2.0, 0.5), (0.1, 0.2, -0.3)
 
@@ -207,7 +207,9 @@ def test_part_that_leaves_the_scene_is_found_and_the_frame_is_not_made_anew_at_e
     scene = Scene(some_parts(9))
     chosen = []
     monkeypatch.setattr(
-        moving, "choose_frame", lambda *given, choose=moving.choose_frame: chosen.append(1) or choose(*given)
+        moving_models,
+        "choose_frame",
+        lambda *given, choose=moving_models.choose_frame: chosen.append(1) or choose(*given),
     )
     rng = np.random.default_rng(4)
     for step in range(200):
@@ -222,7 +224,7 @@ def test_part_that_leaves_the_scene_is_found_and_the_frame_is_not_made_anew_at_e
 
 
 def test_frame_shrinks_again_after_a_while(monkeypatch):
-    monkeypatch.setattr(moving, "UPDATES_BEFORE_SHRINKING", 10)
+    monkeypatch.setattr(moving_models, "UPDATES_BEFORE_SHRINKING", 10)
     scene = Scene(some_parts(9))
     scene.move("part 3", Pose(translation=(1e6, 0.0, 0.0)))
     wide = scene._current().frames[-1, layout.SCALE]

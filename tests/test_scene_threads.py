@@ -9,8 +9,8 @@ import shapes
 from scene_parts import anew, assert_answers_alike, some_parts, some_pose, some_questions
 
 from proximity.pose import Pose
-from proximity.scene import Scene
-from proximity.solid import Solid
+from proximity.scene.scene import Scene
+from proximity.scene.solid import Solid
 
 STEPS = 400
 

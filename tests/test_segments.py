@@ -12,9 +12,9 @@ from test_rays import FAR, MESHES, mesh_of, solid_of, some_scene
 
 import oracle
 from proximity.pose import Pose
-from proximity.results import NO_FACE, NO_PART
-from proximity.scene import Scene
-from proximity.solid import Solid
+from proximity.scene.results import NO_FACE, NO_PART
+from proximity.scene.scene import Scene
+from proximity.scene.solid import Solid
 
 
 def some_segments(name, count, seed=7):

@@ -17,8 +17,8 @@ import oracle
 import proximity
 from proximity.message import ContactFlag
 from proximity.pose import Pose
-from proximity.scene import Scene
-from proximity.tracker import Tracker
+from proximity.scene.scene import Scene
+from proximity.tracker.tracker import Tracker
 
 MESHES = [shapes.tetrahedron(), shapes.cube(), shapes.hollow_cube(), shapes.sphere(0.7, 2), shapes.grid(2, 1)]
 STEPS = 30

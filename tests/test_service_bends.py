@@ -8,9 +8,9 @@ from fake_service import KeepingOutlet, ManualClock, publisher
 from ticking import MS, line, plate
 
 from proximity.message import ContactFlag
-from proximity.scene import Scene
+from proximity.scene.scene import Scene
 from proximity.service import CallableInput, Hands, Service, TrackerAnswers
-from proximity.tracker import Tracker
+from proximity.tracker.tracker import Tracker
 
 RATE = 2.0  # bends a second
 

@@ -21,7 +21,7 @@ import proximity
 from proximity.errors import ServiceError
 from proximity.message import MEASURED, POSES, ContactFlag, Message, Mode, Source, State
 from proximity.recording import FrameReader
-from proximity.serving import start_service
+from proximity.service.hosting import start_service
 from proximity.transport import open_publisher, open_subscriber
 
 pytest.importorskip("iceoryx2", reason="there is no iceoryx2 for this machine")

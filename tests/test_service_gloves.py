@@ -16,12 +16,13 @@ from ticking import solid
 from proximity.decaff.wearing import read_glove
 from proximity.errors import DecaffError, ServiceError
 from proximity.message import GLOVE_POSES, POSES, ContactFlag, Message
-from proximity.replay import turn_about_axes
-from proximity.scene import Scene
-from proximity.scene_file import read_scene_file
-from proximity.service import StreamInput, TrackerAnswers, reception
-from proximity.serving.gloves import read_gloves
-from proximity.tracker import Tracker
+from proximity.scene.scene import Scene
+from proximity.service import StreamInput, TrackerAnswers
+from proximity.service.config import read_scene_file
+from proximity.service.hosting.glove_calibrations import read_gloves
+from proximity.service.inputs import reception
+from proximity.tracker.replay import turn_about_axes
+from proximity.tracker.tracker import Tracker
 
 MESHES = Path(__file__).parent.parent / "meshes"
 NOW = 9000 * MS

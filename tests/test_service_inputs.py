@@ -7,8 +7,8 @@ import pytest
 from fake_service import MS, hands_at
 
 from proximity.errors import QueryError, ServiceError
-from proximity.kernels.contact import PREDICTED, TRACKED
-from proximity.kernels.motion import (
+from proximity.kernels.contact_columns import PREDICTED, TRACKED
+from proximity.kernels.tracking.motion import (
     MAX_ACCELERATION,
     MAX_SPEED,
     MOTION_INTS,
@@ -18,7 +18,7 @@ from proximity.kernels.motion import (
 )
 from proximity.recording import Recording
 from proximity.service import CallableInput, Hands, RecordingInput
-from proximity.service.gate import Gate
+from proximity.service.sample_filter import Gate
 
 NOW = 5000 * MS
 

@@ -7,10 +7,11 @@ from fake_service import QueueInlet
 
 from proximity.message import MOVES, Message
 from proximity.pose import Pose
-from proximity.scene import Scene
-from proximity.service import MovesInput, TrackerAnswers, reception
-from proximity.solid import Solid
-from proximity.tracker import Tracker
+from proximity.scene.scene import Scene
+from proximity.scene.solid import Solid
+from proximity.service import MovesInput, TrackerAnswers
+from proximity.service.inputs import reception
+from proximity.tracker.tracker import Tracker
 
 NOW = 5_000_000_000  # ns
 MS = 1_000_000

@@ -6,8 +6,9 @@ from fake_service import MS, QueueInlet
 
 from proximity.errors import PublishError
 from proximity.message import PATH_CORNERS, PATH_POSES, POSES, Message
-from proximity.service import Hands, StreamInput, reception
-from proximity.service.gate import Gate
+from proximity.service import Hands, StreamInput
+from proximity.service.inputs import reception
+from proximity.service.sample_filter import Gate
 from proximity.transport import open_publisher
 
 NOW = 7000 * MS

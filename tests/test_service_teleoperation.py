@@ -8,7 +8,8 @@ from fake_service import MS, KeepingOutlet, ManualClock, QueueInlet, ScriptedInp
 
 from proximity.errors import ServiceError
 from proximity.message import MEASURED, ContactFlag, Message, Mode, Source, State, Surface
-from proximity.service import Measurements, SensorAnswers, SensorInput, Service, reception
+from proximity.service import Measurements, SensorAnswers, SensorInput, Service
+from proximity.service.inputs import reception
 from proximity.transport import Subscriber, open_publisher
 
 NOW = 9000 * MS

@@ -21,11 +21,11 @@ import pytest
 from proximity.errors import PublishError, RecordingError, ServiceError
 from proximity.message import GLOVE_POSES, MEASURED, MOVES, POSES, ContactFlag, Message, Source, State
 from proximity.recording import FrameReader
-from proximity.scene_file import PartFiles
 from proximity.service import realtime
-from proximity.serving import RunningService, editing, process, running, serve, start_service
+from proximity.service.config import PartFiles
+from proximity.service.hosting import RunningService, process, reloading, run, serve, start_service
 from proximity.transport import open_publisher, open_subscriber
-from proximity.transport.links import TRANSPORTS, Transport
+from proximity.transport.link import TRANSPORTS, Transport
 
 MESHES = Path(__file__).parent.parent / "meshes"
 PATIENCE_S = 60.0
@@ -56,7 +56,7 @@ def folder(tmp_path, monkeypatch):
     """A folder with parts, where edits are looked for more often than people need."""
     for name in ("box.stl", "sphere.stl", "hand.csv"):
         shutil.copy(MESHES / name, tmp_path)
-    monkeypatch.setattr(running, "LOOK_S", 0.02)
+    monkeypatch.setattr(run, "LOOK_S", 0.02)
     return tmp_path
 
 
@@ -85,7 +85,7 @@ def served(scene_path):
             failures.append(failure)
             begun.set()
 
-    (address,) = running.read_scene_file(scene_path).service.publish
+    (address,) = run.read_scene_file(scene_path).service.publish
     with open_subscriber(address) as subscriber, open_publisher(f"{address}/poses") as poses:
         thread = threading.Thread(target=run)
         thread.start()
@@ -310,22 +310,22 @@ def test_measured_distances_are_published_without_geometry(scene_path, folder, r
     ],
 )
 def test_edit_that_needs_a_restart_is_refused_with_its_line(scene_path, before, after, message):
-    settings = running.read_scene_file(scene_path)
+    settings = run.read_scene_file(scene_path)
     edit(scene_path, before, after)
 
     with pytest.raises(ServiceError) as refused:
-        editing.refuse_what_needs_a_restart(settings, running.read_scene_file(scene_path))
+        reloading.refuse_what_needs_a_restart(settings, run.read_scene_file(scene_path))
 
     assert str(refused.value).startswith(f"{scene_path}:{message}, and a running service keeps it: start")
 
 
 def test_recording_s_place_is_kept(scene_path):
     recorded(scene_path, "position = [0, 0, 0]\n")
-    settings = running.read_scene_file(scene_path)
+    settings = run.read_scene_file(scene_path)
     edit(scene_path, "position = [0, 0, 0]", "position = [0, 0, 1]")
 
     with pytest.raises(ServiceError, match=r"cell\.toml:10: input\.position is not as it was"):
-        editing.refuse_what_needs_a_restart(settings, running.read_scene_file(scene_path))
+        reloading.refuse_what_needs_a_restart(settings, run.read_scene_file(scene_path))
 
 
 class FakeService:
@@ -341,13 +341,13 @@ class FakeService:
 @pytest.fixture
 def looking(scene_path):
     """The looking for edits without a loop: a test decides when it looks."""
-    settings = running.read_scene_file(scene_path)
+    settings = run.read_scene_file(scene_path)
     files = PartFiles()
     service, said = FakeService(), []
     made = SimpleNamespace(service=service, files=files, scene=files.scene(settings), moves=None, count=2)
     return SimpleNamespace(
         path=scene_path,
-        editing=editing.Editing(made, settings, {}, said.append),
+        editing=reloading.Editing(made, settings, {}, said.append),
         replaced=service.replaced,
         said=said,
     )
@@ -433,7 +433,7 @@ def test_file_that_a_refused_edit_names_is_watched(looking, folder):
 
 
 def test_mistake_of_ours_in_an_edit_is_said(looking, monkeypatch):
-    monkeypatch.setattr(editing, "make_tracker", None)
+    monkeypatch.setattr(reloading, "make_tracker", None)
     edit(looking.path, "count = 2", "count = 2\nbudget = 40")
     looking.editing.look()
     looking.editing.look()
@@ -503,10 +503,10 @@ def test_it_ends_after_some_seconds(scene_path):
 
 def test_it_ends_after_some_seconds_also_while_an_edit_is_being_made(scene_path, monkeypatch):
     """To read a large part may take minutes."""
-    monkeypatch.setattr(running, "LOOK_S", 0.01)
-    monkeypatch.setattr(running, "PATIENCE_S", 0.01)
+    monkeypatch.setattr(run, "LOOK_S", 0.01)
+    monkeypatch.setattr(run, "PATIENCE_S", 0.01)
     is_over = threading.Event()
-    monkeypatch.setattr(editing.Editing, "look", lambda self: is_over.wait(PATIENCE_S))
+    monkeypatch.setattr(reloading.Editing, "look", lambda self: is_over.wait(PATIENCE_S))
     began = time.monotonic()
     try:
         serve(scene_path, seconds=0.1)
@@ -676,7 +676,7 @@ def test_listener_that_fails_ends_nothing(scene_path, caplog):
 
     assert report.ticks > 0
     assert said[0] == "3 frames" and "was edited" in said[1]
-    assert [record.message for record in caplog.records if record.name == "proximity.serving"] == [
+    assert [record.message for record in caplog.records if record.name == "proximity.service.hosting"] == [
         f"this could not be said: {sentence}" for sentence in said
     ]
 
@@ -689,7 +689,7 @@ def test_listener_that_takes_its_time_delays_no_tick(scene_path):
         assert may_go_on.wait(PATIENCE_S)
         seen.append(sentence)
 
-    with running.warnings_of_loop_to(say):
+    with run.warnings_of_loop_to(say):
         poses_failed.warning("first")  # would wait here
         poses_failed.warning("second")
         assert seen == []
@@ -871,7 +871,7 @@ def test_service_in_its_own_process_serves_is_edited_and_stops(scene_path, folde
 def test_service_stops_when_its_parent_is_killed(scene_path, folder):
     recorded(scene_path, "repeat = true\n")
     code = (
-        "import sys, time; from proximity.serving import start_service\n"
+        "import sys, time; from proximity.service.hosting import start_service\n"
         "service = start_service(sys.argv[1], log=sys.argv[2]); print('up', flush=True); time.sleep(600)"
     )
     log = folder / "run.frames"

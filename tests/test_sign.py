@@ -8,14 +8,14 @@ import pytest
 import shapes
 
 import oracle
-from proximity.mesh import TriangleMesh
+from proximity.mesh.topology import build_topology
+from proximity.mesh.triangle_mesh import TriangleMesh
 from proximity.message import ContactFlag
-from proximity.part_arrays import part_arrays
-from proximity.scene import Scene
-from proximity.sign import SignMethod, choose_sign
-from proximity.solid import Solid
-from proximity.topology import build_topology
-from proximity.tracker import Tracker
+from proximity.model.part_arrays import part_arrays
+from proximity.scene.scene import Scene
+from proximity.scene.sign import SignMethod, choose_sign
+from proximity.scene.solid import Solid
+from proximity.tracker.tracker import Tracker
 
 AGREES = r"closed and oriented; agrees with the winding number at (\d+) of \1 sample points"
 MEETS_ITSELF = (

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import oracle
-from proximity.results import NO_FACE, Feature
-from proximity.sign import SignMethod
-from proximity.solid import Solid
+from proximity.scene.results import NO_FACE, Feature
+from proximity.scene.sign import SignMethod
+from proximity.scene.solid import Solid
 
 
 def needles():

@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from proximity.stopping import SIGNALS, stopped_by_signals
+from proximity.system.stop_signals import SIGNALS, stopped_by_signals
 
 ON_POSIX = os.name == "posix"
 
@@ -59,7 +59,7 @@ def test_another_signal_while_the_event_is_being_set_does_not_wait_for_ever():
     """As when a terminal is closed right after Ctrl-C; the event's lock is not one to be taken twice."""
     code = """
 import os, signal, threading
-from proximity.stopping import stopped_by_signals
+from proximity.system.stop_signals import stopped_by_signals
 
 class Slow(threading.Event):
     def set(self):

@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from proximity import topology
-from proximity.mesh import TriangleMesh
-from proximity.topology import MANY_NEIGHBORS, NO_NEIGHBOR, build_topology, first_equal_rows
+from proximity.mesh import topology
+from proximity.mesh.topology import MANY_NEIGHBORS, NO_NEIGHBOR, build_topology, first_equal_rows
+from proximity.mesh.triangle_mesh import TriangleMesh
 
 
 def topology_of(mesh):

@@ -7,8 +7,8 @@ from ticking import MS, RADIUS, block, contact, flags_of, moving_block, near, pl
 
 from proximity.message import CONTACT, ContactFlag, Surface
 from proximity.pose import Pose
-from proximity.scene import Scene
-from proximity.tracker import Tracker
+from proximity.scene.scene import Scene
+from proximity.tracker.tracker import Tracker
 
 # --- distance and surface -----------------------------------------------------------------------------------
 

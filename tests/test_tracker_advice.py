@@ -5,8 +5,8 @@ import pytest
 from ticking import MS, RADIUS, line, plate, tick_path
 
 from proximity.message import Mode
-from proximity.scene import Scene
-from proximity.tracker import Tracker
+from proximity.scene.scene import Scene
+from proximity.tracker.tracker import Tracker
 
 STIFFNESS, DAMPING = 400.0, 3.0  # N/m, N s/m
 

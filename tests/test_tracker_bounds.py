@@ -16,9 +16,9 @@ from trial_judging import judge
 from trial_log import Tally
 
 from proximity.message import ContactFlag
-from proximity.scene import Scene
-from proximity.solid import Solid
-from proximity.tracker import Tracker
+from proximity.scene.scene import Scene
+from proximity.scene.solid import Solid
+from proximity.tracker.tracker import Tracker
 
 FINGER_TICKS = 100_000
 SIZES = (500, 1500, 2500, 2500)  # of trials: short ones meet more scenes, long ones drift farther

@@ -5,12 +5,12 @@ import pytest
 import shapes
 from ticking import MS, RADIUS
 
-from proximity.kernels.tick import AHEAD, CROWD, MOST_PATIENCE, steps_for_all
-from proximity.kernels.track import PATIENCE
+from proximity.kernels.tracking.tick import AHEAD, CROWD, MOST_PATIENCE, steps_for_all
+from proximity.kernels.tracking.track import PATIENCE
 from proximity.message import ContactFlag
-from proximity.scene import Scene
-from proximity.solid import Solid
-from proximity.tracker import DEFAULT_BUDGET, Tracker
+from proximity.scene.scene import Scene
+from proximity.scene.solid import Solid
+from proximity.tracker.tracker import DEFAULT_BUDGET, Tracker
 
 STEP = 2e-4  # m a tick
 SLACK = 20  # steps that tell side and way of a finger beyond its budget

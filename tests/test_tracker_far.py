@@ -7,9 +7,9 @@ from ticking import MS, RADIUS, near, plate, solid
 
 from proximity.message import ContactFlag
 from proximity.pose import Pose
-from proximity.scene import Scene
-from proximity.solid import Solid
-from proximity.tracker import Tracker
+from proximity.scene.scene import Scene
+from proximity.scene.solid import Solid
+from proximity.tracker.tracker import Tracker
 
 
 def skipped(contacts):

@@ -7,8 +7,8 @@ from ticking import MS, RADIUS, block, flags_of, plate, sheet, solid, tick_at
 
 from proximity.message import ContactFlag
 from proximity.pose import Pose
-from proximity.scene import Scene
-from proximity.tracker import Tracker
+from proximity.scene.scene import Scene
+from proximity.tracker.tracker import Tracker
 
 KINDS = ContactFlag.EXACT | ContactFlag.BOUNDED | ContactFlag.SKIPPED
 

@@ -12,9 +12,9 @@ from ticking import MS, RADIUS, block, flags_of, line, plate
 
 from proximity.errors import PoseError, QueryError
 from proximity.message import ContactFlag
-from proximity.scene import Scene
-from proximity.solid import Solid
-from proximity.tracker import Tracker
+from proximity.scene.scene import Scene
+from proximity.scene.solid import Solid
+from proximity.tracker.tracker import Tracker
 
 TIPS = np.array([(0, 0, 0.05), (0.02, 0, 0.04)])
 PATHS = np.stack([line(tip, tip - (0, 0, 0.1), 3) for tip in TIPS])

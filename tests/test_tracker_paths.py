@@ -20,8 +20,8 @@ from ticking import (
 
 from proximity.message import ContactFlag
 from proximity.pose import Pose
-from proximity.scene import Scene
-from proximity.tracker import Tracker
+from proximity.scene.scene import Scene
+from proximity.tracker.tracker import Tracker
 
 FOUND = ContactFlag.ON_PATH | ContactFlag.CONTACT_FOUND
 

@@ -11,10 +11,10 @@ from ticking import MS, RADIUS, block, line, plate, solid
 
 import proximity
 from proximity.message import ContactFlag
+from proximity.model.part_trees import REGION_COPIES
 from proximity.pose import Pose
-from proximity.scene import Scene
-from proximity.top import REGION_COPIES
-from proximity.tracker import Tracker
+from proximity.scene.scene import Scene
+from proximity.tracker.tracker import Tracker
 
 
 def some_scene():

@@ -7,8 +7,8 @@ from ticking import MS, RADIUS, block, contact, line, moving_block, near, plate,
 
 from proximity.message import ContactFlag
 from proximity.pose import Pose
-from proximity.scene import Part, Scene
-from proximity.tracker import Tracker
+from proximity.scene.scene import Part, Scene
+from proximity.tracker.tracker import Tracker
 
 # --- prediction ---------------------------------------------------------------------------------------------
 

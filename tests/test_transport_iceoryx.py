@@ -16,7 +16,7 @@ from far_end import PATIENCE, FarEnd, frame, new_name, touch, until, until_valid
 from proximity.errors import PublishError
 from proximity.message import State
 from proximity.transport import open_inlet, open_outlet, open_publisher, open_subscriber
-from proximity.transport.links import NOTHING
+from proximity.transport.link import NOTHING
 
 iceoryx2 = pytest.importorskip("iceoryx2", reason="there is no iceoryx2 for this machine")
 iceoryx_names = pytest.importorskip("proximity.transport.iceoryx_names")

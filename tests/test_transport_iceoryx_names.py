@@ -11,7 +11,7 @@ from far_end import PATIENCE, FarEnd, frame, new_name, touch
 
 from proximity.errors import PublishError
 from proximity.transport import open_inlet, open_publisher, open_subscriber
-from proximity.transport.links import NOTHING
+from proximity.transport.link import NOTHING
 
 iceoryx2 = pytest.importorskip("iceoryx2", reason="there is no iceoryx2 for this machine")
 iceoryx_names = pytest.importorskip("proximity.transport.iceoryx_names")

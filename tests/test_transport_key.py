@@ -17,11 +17,11 @@ from wire import MS, Clock, Wire, frame, sealed
 from proximity import cli
 from proximity.errors import PublishError
 from proximity.message import FRAME, POSES, Flaw, Message
-from proximity.service.stream import StreamInput
+from proximity.service.inputs.stream import StreamInput
 from proximity.transport import Examiner, open_inlet, open_outlet, open_publisher, open_subscriber, udp
 from proximity.transport.address import parse
 from proximity.transport.key import TAG_BYTES, key_of, write_key
-from proximity.transport.links import NOTHING
+from proximity.transport.link import NOTHING
 
 PATIENCE = 20.0  # s
 LONG = 10**10  # ns that frames of these tests are valid for

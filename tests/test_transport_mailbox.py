@@ -11,7 +11,7 @@ from wire import frame
 import proximity
 from proximity.message import FRAME, POSES, Message
 from proximity.transport import open_inlet, open_outlet, open_publisher, open_subscriber
-from proximity.transport.links import NOTHING
+from proximity.transport.link import NOTHING
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from wire import MS, frame
 from proximity.errors import PublishError
 from proximity.message import FRAME, Flaw, Message, State
 from proximity.transport import open_inlet, open_outlet, open_publisher, open_subscriber, udp
-from proximity.transport.links import NOTHING
+from proximity.transport.link import NOTHING
 
 PATIENCE = 20.0  # s, for a machine that is busy with something else
 

@@ -17,7 +17,7 @@ from test_readme import README
 from proximity.errors import PublishError
 from proximity.message import State
 from proximity.transport import open_inlet, open_outlet, open_publisher, open_subscriber
-from proximity.transport.links import NOTHING
+from proximity.transport.link import NOTHING
 
 pytest.importorskip("zenoh", reason="eclipse-zenoh, of the extra zenoh, is not installed")
 

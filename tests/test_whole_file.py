@@ -10,7 +10,7 @@ import threading
 import pytest
 
 from proximity import RecordingError, SceneError
-from proximity.whole_file import whole_file
+from proximity.system.whole_file import whole_file
 
 
 def test_two_who_write_one_file_at_once_each_write_a_whole_one(tmp_path):
@@ -122,7 +122,7 @@ def written(path, data=b"new"):
 def writer(tmp_path):
     """Another process that is writing a file and does not end."""
     code = (
-        "import sys, time; from proximity.whole_file import whole_file\n"
+        "import sys, time; from proximity.system.whole_file import whole_file\n"
         "with whole_file(sys.argv[1]) as stream:\n"
         "    stream.write(b'half'); stream.flush(); print('writing', flush=True); time.sleep(60)"
     )

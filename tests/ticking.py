@@ -6,9 +6,9 @@ import shapes
 
 from proximity.message import ContactFlag
 from proximity.pose import Pose
-from proximity.scene import Scene
-from proximity.solid import Solid
-from proximity.tracker import Tracker
+from proximity.scene.scene import Scene
+from proximity.scene.solid import Solid
+from proximity.tracker.tracker import Tracker
 
 MS = 1_000_000  # ns
 RADIUS = 0.007

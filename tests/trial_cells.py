@@ -13,8 +13,8 @@ import shapes
 
 import proximity
 from proximity.pose import Pose
-from proximity.scene import Part, Scene
-from proximity.solid import Solid
+from proximity.scene.scene import Part, Scene
+from proximity.scene.solid import Solid
 
 PROJECT = Path(__file__).resolve().parent.parent
 MESHES = PROJECT / "meshes"

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from proximity.kernels.tick import steps_for_all
+from proximity.kernels.tracking.tick import steps_for_all
 from proximity.message import ContactFlag
 
 DISTANCE_ROUNDING = 1e-14

@@ -6,7 +6,7 @@ import numpy as np
 
 from proximity.message import FRAME, ContactFlag, Message, Mode, State, Surface
 from proximity.transport import Subscriber
-from proximity.transport.links import NOTHING
+from proximity.transport.link import NOTHING
 
 MS = 1_000_000
 NOW = 7_000_000_000_000

@@ -8,7 +8,7 @@ no hole is filled, and every change is counted in `Repairs`.
 `welding` pulls near vertices together, `cavities` finds what lies within what by the `winding` number.
 """
 
-from proximity.bodies.records import Body, Repairs
-from proximity.bodies.splitting import split_bodies
+from proximity.bodies.body_records import Body, Repairs
+from proximity.bodies.body_split import split_bodies
 
 __all__ = ["Body", "Repairs", "split_bodies"]

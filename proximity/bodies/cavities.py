@@ -8,8 +8,8 @@ another): nothing in the file says otherwise. A shell with small holes counts as
 
 import numpy as np
 
-from proximity.bodies.winding import ShellWinding
-from proximity.kernels.faces import VOLUME_ROUNDING, shell_sizes
+from proximity.bodies.shell_winding import ShellWinding
+from proximity.kernels.mesh.faces import VOLUME_ROUNDING, shell_sizes
 
 NEARLY_CLOSED = 0.8
 """A shell with holes has an inside where its winding number is clear on both sides of this share of its area.

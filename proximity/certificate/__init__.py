@@ -5,7 +5,7 @@
 The search climbs on work, which is the same on every run; only what is measured at the end is time.
 """
 
-from proximity.certificate.certifying import (
+from proximity.certificate.certification import (
     SECONDS,
     SEED,
     TICKS,
@@ -14,11 +14,11 @@ from proximity.certificate.certifying import (
     certify,
     check_request,
 )
-from proximity.certificate.document import SCHEMA, document
 from proximity.certificate.fingerprint import fingerprint
-from proximity.certificate.gate import parse_period
+from proximity.certificate.period import parse_period
+from proximity.certificate.report.document import SCHEMA, document
+from proximity.certificate.report.files import as_json, check_report_name, write_report
 from proximity.certificate.subject import Subject, read_subject
-from proximity.certificate.writing import as_json, check_report_name, write_report
 
 __all__ = [
     "SCHEMA",

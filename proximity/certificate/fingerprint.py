@@ -8,8 +8,8 @@ import hashlib
 
 import numpy as np
 
-from proximity.part import Part
-from proximity.scene import Scene
+from proximity.scene.part import Part
+from proximity.scene.scene import Scene
 
 
 def fingerprint(scene: Scene) -> str:

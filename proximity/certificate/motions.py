@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from proximity.scene import Scene
+from proximity.scene.scene import Scene
 
 HAND = 5  # fingers
 SPREAD = 0.05  # m, of the fingers of a hand

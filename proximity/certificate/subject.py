@@ -13,12 +13,11 @@ import numpy as np
 
 from proximity.decaff.finger import Finger
 from proximity.errors import ServiceError
-from proximity.loading import load
 from proximity.pose import Pose
 from proximity.recording import Recording, read_recording
-from proximity.replay import fitted_pose
-from proximity.scene import Scene
-from proximity.scene_file import (
+from proximity.scene.loader import load
+from proximity.scene.scene import Scene
+from proximity.service.config import (
     PartFiles,
     SceneFile,
     finger_count,
@@ -27,8 +26,9 @@ from proximity.scene_file import (
     read_input,
     read_scene_file,
 )
-from proximity.serving.gloves import read_gloves
-from proximity.tracker import DEFAULT_BUDGET, Tracker
+from proximity.service.hosting.glove_calibrations import read_gloves
+from proximity.tracker.replay import fitted_pose
+from proximity.tracker.tracker import DEFAULT_BUDGET, Tracker
 
 RADIUS, WORKING_RANGE = 0.007, 0.12
 """m; as the tracker's own."""

@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 
 import proximity
-from proximity.cli import (
+from proximity.cli.commands import (
     bench,
     check,
     compile,
@@ -29,7 +29,7 @@ from proximity.cli import (
     simulate,
     watch,
 )
-from proximity.cli.command import Command, Group
+from proximity.cli.program import Command, Group
 
 HELP = "\n\n".join(  # a paragraph a string: some versions of Typer keep line breaks, some do not
     (

@@ -10,7 +10,7 @@ LONGEST_S = 1e9
 
 
 def _complete_units(incomplete: str) -> list[str]:
-    from proximity.meshio import UNITS as known  # slow, and only for the one who presses Tab here
+    from proximity.formats import UNITS as known  # slow, and only for the one who presses Tab here
 
     return [name for name in known if name.startswith(incomplete)]
 

@@ -223,7 +223,7 @@ def _check_units(names: list[str], units: str, where: str) -> None:
     for name in names:
         behind = [word for word in NO_LETTER.split(name.casefold()) if word][1:]
         if behind and behind[-1] != units:
-            from proximity.meshio import UNITS  # slow, and only for who says more than x
+            from proximity.formats import UNITS  # slow, and only for who says more than x
 
             told = [unit for word in behind if (unit := WORDS_FOR_UNITS.get(word.rstrip("s"), word)) in UNITS]
             if told and units not in told:

@@ -11,7 +11,7 @@ import proximity
 from proximity.cli import answers
 from proximity.cli.lengths import in_units
 from proximity.cli.points import Points
-from proximity.cli.wording import number
+from proximity.cli.views.wording import number
 from proximity.errors import QueryError
 
 FAR = 1000.0

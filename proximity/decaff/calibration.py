@@ -17,8 +17,8 @@ import numpy as np
 from proximity.arrays import as_float64
 from proximity.decaff.arguments import finite, not_negative, positive
 from proximity.errors import DecaffError
-from proximity.regular_file import open_regular
-from proximity.whole_file import whole_file
+from proximity.system.regular_file import open_regular
+from proximity.system.whole_file import whole_file
 
 FORMAT = "proximity glove calibration"
 VERSION = 1

@@ -12,7 +12,7 @@ import numpy as np
 from proximity.decaff.arguments import not_negative
 from proximity.errors import DecaffError
 from proximity.service.histogram import Histogram
-from proximity.transport.links import NOTHING
+from proximity.transport.link import NOTHING
 
 SECOND = 1_000_000_000  # ns
 DRAWS = 1024  # latencies that are drawn at once

@@ -10,7 +10,7 @@ from math import exp, inf, pi, sqrt
 import numpy as np
 
 from proximity.decaff.finger_kernels import rounded
-from proximity.kernels.compiling import inlined, kernel, maker
+from proximity.kernels.compiler import inlined, kernel, maker
 
 # --- a drum ---
 MASS = 0  # kg, with the rotor behind its gear

@@ -3,7 +3,7 @@
 import numpy as np
 
 from proximity.decaff.drum_kernels import APPLIED, SPEED_NOW, WHERE, pushed, serve
-from proximity.kernels.compiling import kernel
+from proximity.kernels.compiler import kernel
 
 
 @kernel

@@ -34,8 +34,8 @@ from proximity.decaff.simulated_service import (
     TrackedFinger,
 )
 from proximity.decaff.trajectories import Intent
-from proximity.service.answering import TrackerAnswers
-from proximity.tracker import Tracker
+from proximity.service.answers import TrackerAnswers
+from proximity.tracker.tracker import Tracker
 from proximity.transport import Counts, Subscriber
 
 

@@ -15,8 +15,8 @@ from proximity.decaff.placed_finger import place_finger
 from proximity.decaff.policies import Target
 from proximity.decaff.tables import Table
 from proximity.errors import DecaffError
-from proximity.loading import load
-from proximity.scene import Scene
+from proximity.scene.loader import load
+from proximity.scene.scene import Scene
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

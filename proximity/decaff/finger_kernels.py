@@ -9,7 +9,7 @@ from math import floor
 
 import numpy as np
 
-from proximity.kernels.compiling import inlined, kernel, maker
+from proximity.kernels.compiler import inlined, kernel, maker
 
 # --- a body: hand, finger, pad, link ---
 HAND_STIFFNESS = 0  # N/m

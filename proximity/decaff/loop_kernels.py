@@ -30,7 +30,7 @@ from proximity.decaff.finger_kernels import (
     hand_force,
     intent,
 )
-from proximity.kernels.compiling import inlined, kernel, maker
+from proximity.kernels.compiler import inlined, kernel, maker
 
 # --- how a target is made; policies.Target names them ---
 NAIVE = 0  # where the link is now, and the old distance

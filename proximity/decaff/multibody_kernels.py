@@ -13,7 +13,7 @@ from math import cos, sin, sqrt
 
 import numpy as np
 
-from proximity.kernels.compiling import inlined, kernel, maker
+from proximity.kernels.compiler import inlined, kernel, maker
 
 # --- rows of a chain behind the coupling ---
 WEIGHT = 0  # N m, what gravity turns each link with where it is level

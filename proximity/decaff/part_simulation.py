@@ -17,7 +17,7 @@ from proximity.decaff.recorded_press import RecordedPress, recorded_hand
 from proximity.decaff.simulation import Felt, felt
 from proximity.decaff.tables import Table
 from proximity.recording import Recording
-from proximity.scene import Scene
+from proximity.scene.scene import Scene
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -16,7 +16,7 @@ from proximity.decaff.glove import Glove
 from proximity.errors import DecaffError
 from proximity.message import PATH_CORNERS
 from proximity.pose import Pose
-from proximity.scene import Scene
+from proximity.scene.scene import Scene
 
 RETRACTION = 0.030  # m, from the contact to the drum farthest away, as in PAPER 6.4
 LEAST_WAY = 0.030  # m, that the finger must come freely before it touches; assumed

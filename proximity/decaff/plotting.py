@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from proximity.decaff.tables import Table
 from proximity.errors import DecaffError
-from proximity.whole_file import whole_file
+from proximity.system.whole_file import whole_file
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

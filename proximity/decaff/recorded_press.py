@@ -16,9 +16,9 @@ from proximity.decaff.glove import Glove
 from proximity.decaff.placed_finger import PlacedFinger, place_finger
 from proximity.decaff.trajectories import Motion
 from proximity.errors import DecaffError
-from proximity.kernels.motion import MAX_SPEED
+from proximity.kernels.tracking.motion import MAX_SPEED
 from proximity.recording import NANOSECONDS, Recording
-from proximity.scene import Scene
+from proximity.scene.scene import Scene
 
 STEP = 0.001  # s, between two positions that are kept
 LONGEST = 60.0  # s, of a recording

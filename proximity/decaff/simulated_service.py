@@ -10,13 +10,13 @@ import numpy as np
 
 from proximity.decaff.placed_finger import PlacedFinger
 from proximity.message import PATH_CORNERS, Surface
-from proximity.service.answering import Answering, TrackerAnswers
-from proximity.service.framing import Framing
-from proximity.service.gate import Gate
+from proximity.service.answers import Answering, TrackerAnswers
+from proximity.service.frame_builder import Framing
+from proximity.service.inputs.sensor import Measurements
+from proximity.service.inputs.teleoperation import SensorAnswers
+from proximity.service.sample_filter import Gate
 from proximity.service.samples import Hands, Samples
-from proximity.service.sensor import Measurements
-from proximity.service.teleoperation import SensorAnswers
-from proximity.tracker import Tracker
+from proximity.tracker.tracker import Tracker
 from proximity.transport import Outlet, Publisher
 
 SECOND = 1_000_000_000  # ns

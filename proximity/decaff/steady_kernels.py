@@ -4,7 +4,7 @@ from math import exp, pi
 
 import numpy as np
 
-from proximity.kernels.compiling import kernel
+from proximity.kernels.compiler import kernel
 
 # --- a rule ---
 CUTOFF = 0  # Hz, of each of two low-passes

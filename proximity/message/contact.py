@@ -1,6 +1,6 @@
 """What a tick answers for one finger, as it is kept, logged and published.
 
-One record is `CONTACT`. Kernels write by column number (`kernels.contact`); a test holds both together.
+One record is `CONTACT`. Kernels write by column number, see `kernels.contact_columns`; a test compares both.
 """
 
 import operator
@@ -10,40 +10,40 @@ from typing import Any
 import numpy as np
 
 from proximity.arrays import shown_number
-from proximity.kernels import contact
+from proximity.kernels import contact_columns
 from proximity.message.fields import VECTOR, Field, dtype_of
 
 
 class ContactFlag(IntFlag):
     """What is known about a finger at this tick; a set of bits in ``contacts["flags"]``."""
 
-    TRACKED = contact.TRACKED
+    TRACKED = contact_columns.TRACKED
     """The pose given for this tick was a position. Otherwise the bounds promise nothing: -inf and inf."""
-    PREDICTED = contact.PREDICTED
+    PREDICTED = contact_columns.PREDICTED
     """The velocity is known, so that predictions and times to contact mean something."""
-    EXACT = contact.EXACT
+    EXACT = contact_columns.EXACT
     """lower = signed_distance = upper."""
-    BOUNDED = contact.BOUNDED
+    BOUNDED = contact_columns.BOUNDED
     """The work budget ran out, or a part moves and was not told for this pose's instant: the bounds hold, the
     distance is the nearest surface found so far."""
-    SKIPPED = contact.SKIPPED
+    SKIPPED = contact_columns.SKIPPED
     """Nothing was searched for: out of the working range, within the tolerance, or in a crowd whose steps
     were spent. The bounds follow from what was known before, and from how far finger and parts have moved."""
-    SIGNED = contact.SIGNED
+    SIGNED = contact_columns.SIGNED
     """The side is known. Otherwise the distance has no sign: the nearest part has no inside."""
-    INSIDE = contact.INSIDE
+    INSIDE = contact_columns.INSIDE
     """The centre of the fingertip is inside a part."""
-    IN_RANGE = contact.IN_RANGE
+    IN_RANGE = contact_columns.IN_RANGE
     """The distance is within the working range."""
-    PART_CHANGED = contact.PART_CHANGED
+    PART_CHANGED = contact_columns.PART_CHANGED
     """The nearest part is another than at the tick before: the closest point may have jumped."""
-    JUMPED = contact.JUMPED
+    JUMPED = contact_columns.JUMPED
     """The pose is farther from the one before than a hand can move: the velocity starts anew, or, back from a
     jump of a pose or two, goes on."""
-    ON_PATH = contact.ON_PATH
+    ON_PATH = contact_columns.ON_PATH
     """The place of contact is along the path that was given. So is the time, where the finger
     goes that way: where ``bend_rate`` is positive."""
-    CONTACT_FOUND = contact.CONTACT_FOUND
+    CONTACT_FOUND = contact_columns.CONTACT_FOUND
     """The place of contact on the path is confirmed: within ``contact_bend_error``."""
 
     @classmethod
@@ -55,21 +55,21 @@ class ContactFlag(IntFlag):
 class Surface(IntEnum):
     """How a part answers a touch."""
 
-    UNKNOWN = contact.SURFACE_UNKNOWN
-    RIGID = contact.SURFACE_RIGID
-    DEFORMABLE = contact.SURFACE_DEFORMABLE
+    UNKNOWN = contact_columns.SURFACE_UNKNOWN
+    RIGID = contact_columns.SURFACE_RIGID
+    DEFORMABLE = contact_columns.SURFACE_DEFORMABLE
 
 
 class Mode(IntEnum):
     """What the controller is advised to do with the drum (PAPER 8); on doubt it does less."""
 
-    RETRACT = contact.MODE_RETRACT
+    RETRACT = contact_columns.MODE_RETRACT
     """Nothing is expected to be touched within the horizon."""
-    POSITION = contact.MODE_POSITION
+    POSITION = contact_columns.MODE_POSITION
     """A rigid surface is near or touched: the drum stands where the contact is."""
-    FORCE = contact.MODE_FORCE
+    FORCE = contact_columns.MODE_FORCE
     """A deformable surface is near or touched: the drum presses by the surface's law."""
-    HOLD = contact.MODE_HOLD
+    HOLD = contact_columns.MODE_HOLD
     """Nothing is known of the finger."""
 
 

@@ -11,8 +11,8 @@ import numpy as np
 
 from proximity.errors import RecordingError
 from proximity.recording.columns import scalar_columns
-from proximity.recording.records import NANOSECONDS
-from proximity.whole_file import whole_file
+from proximity.recording.recording import NANOSECONDS
+from proximity.system.whole_file import whole_file
 
 CSV_CHUNK = 2000  # ticks turned into text at once
 

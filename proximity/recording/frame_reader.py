@@ -13,7 +13,7 @@ import numpy as np
 
 from proximity.errors import RecordingError
 from proximity.recording.frame_bytes import MAGIC, UNDECIDED, frame_at, frame_type, is_known
-from proximity.regular_file import open_regular
+from proximity.system.regular_file import open_regular
 
 CHUNK = 1 << 22  # bytes read at once
 

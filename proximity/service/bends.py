@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from proximity.kernels.motion import (
+from proximity.kernels.tracking.motion import (
     MAX_ACCELERATION,
     MAX_SPEED,
     MOTION_INTS,

@@ -7,15 +7,15 @@ from contextlib import ExitStack
 from typing import Any
 
 from proximity.errors import ServiceError
-from proximity.service.answering import Answering
+from proximity.service.answers import Answering
 from proximity.service.clock import SECOND, Clock, MonotonicClock
-from proximity.service.framing import Framing
-from proximity.service.gate import Gate
-from proximity.service.inputs import PoseInput
+from proximity.service.frame_builder import Framing
+from proximity.service.inputs.sources import PoseInput
 from proximity.service.log_writer import Log
-from proximity.service.outgoing import Outgoing
+from proximity.service.output import Outgoing
 from proximity.service.realtime import RealTime, undisturbed
 from proximity.service.report import Report
+from proximity.service.sample_filter import Gate
 from proximity.transport import Publisher
 
 FAREWELLS = 3

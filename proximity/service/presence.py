@@ -5,7 +5,7 @@ from collections.abc import KeysView, Sequence
 import numpy as np
 
 from proximity.kernels.layout import IS_HIDDEN, OWN_LOWER, OWN_UPPER
-from proximity.scene import Scene
+from proximity.scene.scene import Scene
 
 
 class Presence:

@@ -9,9 +9,9 @@ from importlib import import_module
 from typing import Any
 
 from proximity.transport.address import parse
-from proximity.transport.ageing import forget, widen
-from proximity.transport.examining import Counts, Examiner
-from proximity.transport.links import TRANSPORTS, Inlet, Outlet
+from proximity.transport.contact_age import forget, widen
+from proximity.transport.link import TRANSPORTS, Inlet, Outlet
+from proximity.transport.message_check import Counts, Examiner
 from proximity.transport.publisher import Publisher
 from proximity.transport.subscriber import Reading, Subscriber
 

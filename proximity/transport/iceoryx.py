@@ -30,8 +30,8 @@ from proximity.transport.iceoryx_names import (
     remove_unfinished_memory,
     take_place,
 )
-from proximity.transport.links import NOTHING
-from proximity.transport.polling import wait_until
+from proximity.transport.link import NOTHING
+from proximity.transport.poll import wait_until
 
 FIRST_ROOM = 8192
 """Bytes of a message at first: a frame of 24 fingers. A longer message makes room for its like."""

@@ -10,7 +10,7 @@ from weakref import WeakValueDictionary
 import numpy as np
 
 from proximity.transport.address import Address
-from proximity.transport.links import NOTHING
+from proximity.transport.link import NOTHING
 
 
 class _Box:

@@ -5,7 +5,7 @@ import time
 from types import TracebackType
 
 from proximity.message import Message
-from proximity.transport.links import Outlet
+from proximity.transport.link import Outlet
 
 ASLEEP_NS = 1_000_000_000
 """Where the calendar gains more on the monotonic clock between two messages, the machine slept."""

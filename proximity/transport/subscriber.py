@@ -12,11 +12,11 @@ import numpy as np
 from proximity.arrays import is_number
 from proximity.errors import QueryError
 from proximity.message import CONTACT, FRAME, Flaw, Kind, State
-from proximity.transport.ageing import Widening, forget
-from proximity.transport.clocks import ForeignClock
-from proximity.transport.examining import Counts, Examiner
-from proximity.transport.held import HeldFrame
-from proximity.transport.links import Inlet
+from proximity.transport.contact_age import Widening, forget
+from proximity.transport.link import Inlet
+from proximity.transport.message_check import Counts, Examiner
+from proximity.transport.publisher_clock import ForeignClock
+from proximity.transport.received_frame import HeldFrame
 
 STALE_AFTER = 0.08
 """s after ``valid_until`` at which a frame is worth nothing; poses are then 100 ms old (PAPER 10)."""

@@ -29,7 +29,7 @@ import numpy as np
 from proximity.errors import PublishError
 from proximity.transport.address import Address
 from proximity.transport.key import TAG_BYTES, Key, key_of
-from proximity.transport.links import NOTHING
+from proximity.transport.link import NOTHING
 
 MOST_BYTES = 65507
 """That a datagram of IPv4 carries."""

@@ -3,8 +3,11 @@
 import numpy as np
 
 from proximity import Scene, Tracker
-from proximity.kernels.compiling import kernel
-from proximity.kernels.descent import NOTHING_WAITS, descend_in_order, next_open
+from proximity.kernels.compiler import kernel
+from proximity.kernels.geometry.frames import (
+    direction_to_local,
+    to_local,
+)
 from proximity.kernels.layout import (
     BLOCK_STRIDE,
     LANES,
@@ -16,7 +19,8 @@ from proximity.kernels.layout import (
     STACKS_SIZE,
 )
 from proximity.kernels.memory import arrays_at, words_here
-from proximity.kernels.ray import (
+from proximity.kernels.ray.ray_lanes import scaled_direction
+from proximity.kernels.ray.walk import (
     SLAB_MARGIN,
     aim_and_view,
     approach,
@@ -25,8 +29,7 @@ from proximity.kernels.ray import (
     is_from_afar,
     open_boxes,
 )
-from proximity.kernels.rays import scaled_direction
-from proximity.kernels.scene import direction_to_local, to_local
+from proximity.kernels.tree.traversal import NOTHING_WAITS, descend_in_order, next_open
 from proximity.simd import bits, load_int, splat32
 
 UNLIMITED = 10**9
@@ -77,7 +80,7 @@ def _count_rays(handle, origins, directions, work, lengths):
 
 @kernel
 def _ray_steps(reals, words, start, ox, oy, oz, dx, dy, dz, stacks):
-    """The traversal of `kernels.ray.first_hit` with a counter: first parameter, and nodes and leaves."""
+    """The traversal of `kernels.ray.walk.first_hit` with a counter: first parameter, and nodes and leaves."""
     is_near, entry = True, 0.0
     if is_from_afar(ox, oy, oz):
         is_near, entry, ox, oy, oz = approach(ox, oy, oz, dx, dy, dz)

@@ -13,12 +13,12 @@ from benchmarks.kernels import loops
 from benchmarks.queries import cases
 from benchmarks.rivals import registry
 from proximity.kernels.layout import BLOCK_STRIDE, CHILDREN, LANES, MOMENTS, NODE_COUNT, NODE_STRIDE, ROOT
-from proximity.kernels.segment_plan import PLAN_SIZE, PROBE_SIZE, make_plan
-from proximity.mesh import TriangleMesh
-from proximity.model import assemble
-from proximity.part_arrays import part_arrays
+from proximity.kernels.segment.plan import PLAN_SIZE, PROBE_SIZE, make_plan
+from proximity.mesh.topology import build_topology
+from proximity.mesh.triangle_mesh import TriangleMesh
+from proximity.model.assembly import assemble
+from proximity.model.part_arrays import part_arrays
 from proximity.pose import Pose
-from proximity.topology import build_topology
 
 CALLS, WINDING_CALLS = 10_000, 1_000
 BASE_COUNT = 64  # blocks or nodes that take turns: 36 KB and 16 KB

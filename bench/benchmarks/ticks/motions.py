@@ -12,8 +12,8 @@ from benchmarks.support.project import MESHES, SHARED_HANDS
 from benchmarks.ticks.scenes import RADIUS
 from proximity.certificate.motions import wandering_hands
 from proximity.recording import Recording, read_recording
-from proximity.replay import fitted_pose
-from proximity.scene import Scene
+from proximity.scene.scene import Scene
+from proximity.tracker.replay import fitted_pose
 
 __all__ = [
     "Hand",

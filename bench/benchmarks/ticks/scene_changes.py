@@ -19,7 +19,7 @@ OPEN_ROUNDS, DEFORM_ROUNDS = 10, 5
 MOST_OPEN_MS = 50.0
 OPEN = """
 import sys, time
-import proximity, proximity.loading, proximity.scene, proximity.compiled
+import proximity, proximity.scene.loader, proximity.scene.scene, proximity.scene.saved.compiled_scene
 start = time.perf_counter_ns()
 scene = proximity.load(sys.argv[1])
 opened = time.perf_counter_ns()

@@ -7,7 +7,7 @@ import numpy as np
 from benchmarks.queries.cases import Mesh
 from benchmarks.support.project import project_module
 from proximity import Pose, Scene, Solid
-from proximity.scene import Part
+from proximity.scene.scene import Part
 
 RADIUS = 0.007  # m, of a fingertip
 PERIOD_NS = 1_000_000  # of a tick

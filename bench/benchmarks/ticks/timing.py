@@ -1,4 +1,4 @@
-"""Rows of the table of ticks; calls are timed by ``proximity.certificate.ticking``."""
+"""Rows of the table of ticks; calls are timed by ``proximity.certificate.tick_times``."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -7,7 +7,7 @@ import numpy as np
 
 from benchmarks.support.verdicts import Verdict
 from benchmarks.ticks.scenes import face_count
-from proximity.certificate.ticking import (
+from proximity.certificate.tick_times import (
     Figures,
     TickLog,
     clock_cost,
@@ -16,7 +16,7 @@ from proximity.certificate.ticking import (
     time_calls,
     without_collector,
 )
-from proximity.kernels.compiling import kernel
+from proximity.kernels.compiler import kernel
 
 __all__ = [
     "REPEATS",

@@ -1,0 +1,215 @@
+"""The whole of it: search, measure, run the loop, and say whether the scene fits its period."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from proximity.certificate.deadlines import (
+    Period,
+    check_tick_count,
+    misses,
+    misses_of,
+    percentiles,
+    percentiles_of,
+)
+from proximity.certificate.measurement import Case, measure, run_loop
+from proximity.certificate.period import shown_period
+from proximity.certificate.search.worst_positions import MOST_STEPS, Found, search
+from proximity.certificate.subject import Subject
+from proximity.certificate.wording import microseconds, three
+from proximity.errors import ServiceError
+from proximity.service import Histogram, Report
+
+TICKS, SECONDS, SEED = 20_000, 3.0, 0
+LONGEST_LOOP = 3600.0
+"""s."""
+GATED, GATED_LOOP = "p999", "p50"
+"""What of every motion, and of the loop, must keep to the period: see `gate`."""
+MISSED = 1e-3
+"""Share of its deadlines that a machine may miss and still be said to keep a period."""
+WORDS = {"p999": "p99.9", "p50": "the median", "max": "the longest"}
+
+
+@dataclass(frozen=True, slots=True)
+class Load:
+    """What ticks took of the processor in one motion, or in the loop."""
+
+    name: str
+    measure: str  # "p999", of the loop "p50"; "max" where so few ticks tell none
+    tail_ns: float  # that of the times
+    over_count: int  # ticks that took longer than the period
+    tick_count: int
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """Whether a scene fits a period, see `gate`, and why."""
+
+    period: float  # s
+    fits: bool
+    worst: Load
+    sentence: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Certificate:
+    """What was found and measured."""
+
+    subject: Subject
+    seed: int
+    tick_count: int  # of each motion, as asked for
+    seconds: float  # of the loop, as asked for
+    found: tuple[Found, ...]
+    cases: tuple[Case, ...]
+    loop: Report
+
+    def loads(self, period: float) -> tuple[Load, ...]:
+        """Return what ticks took, in each motion that a service meets, and in its loop.
+
+        Parameters
+        ----------
+        period : float, s
+            That they are held against.
+        """
+        timed = Period(period, "")
+        motions = [load_of_times(case.name, case.best_ns, timed) for case in self.cases if case.counts]
+        return (*motions, load_of_histogram("service", self.loop.compute, timed))
+
+    def verdict(self, period: float) -> Verdict:
+        """Return whether the scene fits a period.
+
+        Parameters
+        ----------
+        period : float, s
+            Between ticks.
+        """
+        verdict = judge(self.loads(period), period)
+        missed, due = self.loop.missed, self.loop.ticks + self.loop.missed
+        if missed <= MISSED * due:
+            return verdict
+        own = shown_period(1e-9 * self.loop.period_ns)
+        told = f"The machine did not keep {own}, busy as it was: {missed} of {due} deadlines were missed"
+        return replace(verdict, sentence=f"{verdict.sentence}. {told}")
+
+
+def certify(
+    subject: Subject,
+    *,
+    tick_count: int = TICKS,
+    seconds: float = SECONDS,
+    seed: int = SEED,
+    most_steps: float = MOST_STEPS,
+    tell: Callable[[str, float], None] = lambda _, __: None,
+) -> Certificate:
+    """Return the certificate of a scene; it takes some ten seconds.
+
+    Parameters
+    ----------
+    subject : Subject
+        The scene, and how it is ticked.
+    tick_count : int
+        Of each motion; 1000 or more.
+    seconds : float, s
+        That the loop runs.
+    seed : int
+        Decides all that is random: the places found are the same on every run.
+    most_steps : float
+        Nodes and leaves visited in the search for each kind of worst place.
+    tell : callable
+        Is told what is done, and which share of it is.
+
+    Raises
+    ------
+    ServiceError
+        If so few ticks tell nothing, the loop cannot run for so long, or nothing is shown.
+    RecordingError
+        If the recording never has a finger at a tick.
+    """
+    check_request(tick_count, seconds, seed)
+    if all(part.is_hidden for part in subject.scene.parts):
+        raise ServiceError("all parts of the scene are hidden: no tick would find any")
+    found = search(subject, seed, most_steps=most_steps, tell=tell)
+    cases = measure(subject, found, tick_count, seed, tell)
+    tell(f"running the loop for {seconds:g} s", 0.0)
+    loop = run_loop(subject, found, seconds, seed)
+    return Certificate(subject, seed, tick_count, seconds, found, cases, loop)
+
+
+def check_request(tick_count: int, seconds: float, seed: int) -> None:
+    """Refuse what cannot be measured, before it takes time.
+
+    Parameters
+    ----------
+    tick_count, seconds, seed
+        As of `certify`.
+
+    Raises
+    ------
+    ServiceError
+        If one of them cannot be used.
+    """
+    check_tick_count(tick_count)
+    if not 0.0 < seconds <= LONGEST_LOOP:
+        raise ServiceError(f"the loop cannot run for {seconds:g} s, expected up to {LONGEST_LOOP:g} s")
+    if not 0 <= seed < 2**63:
+        raise ServiceError(f"{seed} is no seed, expected a whole number of 0 or more")
+
+
+def load_of_times(name: str, times_ns: np.ndarray, period: Period) -> Load:
+    """Return the load of ticks that were timed.
+
+    Parameters
+    ----------
+    name : str
+        Of the motion.
+    times_ns : (T,) int64
+        Of each tick.
+    period : Period
+        That they are held against.
+    """
+    return Load(name, *_tail(percentiles(times_ns), GATED), misses(times_ns, period).count, len(times_ns))
+
+
+def load_of_histogram(name: str, histogram: Histogram, period: Period) -> Load:
+    """Return the load of ticks that were counted.
+
+    Parameters
+    ----------
+    name : str
+        Of the motion.
+    histogram : Histogram
+        Of their times.
+    period : Period
+        That they are held against.
+    """
+    over = misses_of(histogram, period).count
+    return Load(name, *_tail(percentiles_of(histogram), GATED_LOOP), over, histogram.count)
+
+
+def _tail(times: dict[str, float | None], wanted: str) -> tuple[str, float]:
+    value = times[wanted]
+    return ("max", float(times["max"] or 0.0)) if value is None else (wanted, value)
+
+
+def judge(loads: tuple[Load, ...], period: float) -> Verdict:
+    """Return whether ticks keep to a period: as many of each motion, and of the loop, as `gate` asks for.
+
+    Parameters
+    ----------
+    loads : tuple of Load
+        At least one.
+    period : float, s
+        Between ticks.
+    """
+    worst = max(loads, key=lambda load: load.tail_ns)
+    fits = worst.tail_ns <= 1e9 * period
+    over, total = sum(load.over_count for load in loads), sum(load.tick_count for load in loads)
+    return Verdict(
+        period,
+        fits,
+        worst,
+        f"the scene {'fits' if fits else 'does not fit'} {shown_period(period)}: "
+        f"{WORDS[worst.measure]} of computing is {microseconds(worst.tail_ns)} µs ({worst.name}), "
+        f"{three(1e-7 * worst.tail_ns / period)} % of it; {over} of {total} ticks took longer",
+    )

@@ -1,0 +1,246 @@
+"""What ticks take: five fingers, one thread, in motions from a recorded hand to the worst places.
+
+Each tick is timed on its own: by the processor's time of the thread, and by the clock on the wall, which
+others on the machine share in. Where processors are lent by a host, the first has some of that as well.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from proximity.certificate import motions
+from proximity.certificate.search.work import UNLIMITED, Goal, Manner
+from proximity.certificate.search.worst_positions import Found
+from proximity.certificate.service_inputs import Paths, SwayingParts, fed_service_input, with_own_scene
+from proximity.certificate.subject import Subject
+from proximity.certificate.tick_times import TickLog, tick_all, without_collector
+from proximity.errors import RecordingError
+from proximity.message import ContactFlag
+from proximity.recording import Recording
+from proximity.service import MonotonicClock, RealTime, RecordingInput, Report, Service
+from proximity.tracker.tracker import Tracker
+from proximity.transport import open_publisher
+
+CHUNK = 500  # ticks between two looks of who waits
+REHEARSAL = 20  # ticks that are not counted
+REPEATS = 3
+"""Runs of a motion: every tick is the same in each, and its shortest time is what its work takes when nobody
+interrupts. The times that are told are those of the first."""
+EXACT_STEPS = 30_000_000
+"""Nodes and leaves that ticks without a budget may visit: some seconds, and fewer ticks of dear scenes."""
+FEWEST_EXACT = 20
+ON_PATHS, MOVING = "worst, on paths", "worst, parts moving"
+ADDRESS = "mailbox:proximity-certificate"
+"""Where the loop publishes: inside this process, sealed as for others."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Case:
+    """A motion, and what its ticks took."""
+
+    name: str
+    fingers: int
+    thread_ns: np.ndarray  # (T,) int64, of the processor for this thread
+    wall_ns: np.ndarray  # (T,) int64, from call to answer
+    best_ns: np.ndarray  # (T,) int64, as `thread_ns`, of each tick the shortest of several runs
+    most_work: int  # nodes and leaves of the dearest tick, all fingers
+    shares: dict[str, float]  # of finger-ticks: exact, bounded, skipped
+    counts: bool = True  # False: to compare with; a service never does so
+
+
+def measure(
+    subject: Subject,
+    found: tuple[Found, ...],
+    tick_count: int,
+    seed: int,
+    tell: Callable[[str, float], None] = lambda _, __: None,
+) -> tuple[Case, ...]:
+    """Return what ticks take in each motion.
+
+    Parameters
+    ----------
+    subject : Subject
+        What is ticked.
+    found : tuple of Found
+        The worst places.
+    tick_count : int
+        Of each motion.
+    seed : int
+        Decides all that is random.
+    tell : callable
+        Is told what is done, and which share of all is.
+    """
+    rng, rate, fingers = np.random.default_rng([seed, 100]), 1.0 / subject.period, subject.fingers
+    worst = {each.goal: np.array([place.position for place in each.places]) for each in found}
+    cold, stays = (worst[Goal(manner, True)] for manner in (Manner.COLD, Manner.STAYS))
+    hands = -(-fingers // motions.HAND)
+    wandering = motions.wandering_hands(subject.scene, tick_count, hands, seed=seed, rate=rate)
+    ways: dict[str, np.ndarray] = {"random": np.ascontiguousarray(wandering[:, :fingers])}
+    if subject.recording is not None:
+        if not subject.recording.is_present.any():
+            raise RecordingError(f"{subject.recording.path}: no finger is seen at any tick, expected some")
+        ways = {"recording": motions.repeated(subject.recording.positions, tick_count), **ways}
+    ways["worst, at rest"] = motions.resting(stays, fingers, tick_count)
+    ways["worst, passing"] = worst_passing(subject, found, tick_count, rng)
+    if subject.corners is not None:
+        ways[ON_PATHS] = ways["worst, passing"]
+    if subject.moves:
+        ways[MOVING] = ways["worst, passing"]
+    ways["worst, anew"] = motions.resting(cold, fingers, tick_count)
+    exact = worst[Goal(Manner.COLD, False)]
+    costliest = next(each for each in found if each.goal == Goal(Manner.COLD, False)).worst.work
+    exact_count = int(np.clip(EXACT_STEPS // max(1, fingers * costliest), FEWEST_EXACT, tick_count))
+    ways["worst, exact"] = motions.resting(exact, fingers, exact_count)
+    total, done, cases = sum(map(len, ways.values())), 0, []
+    for name, positions in ways.items():
+        ticked = with_own_scene(subject) if name == MOVING else subject
+        cases.append(_case(ticked, name, positions, partial(_tell_of, tell, name, done, total), seed))
+        done += len(positions)
+    return tuple(cases)
+
+
+def worst_passing(
+    subject: Subject, found: tuple[Found, ...], tick_count: int, rng: np.random.Generator
+) -> np.ndarray:
+    """Return fingers that pass through the worst places of moving fingers, (T, N, 3).
+
+    Parameters
+    ----------
+    subject : Subject
+        How many fingers there are, and how often they are ticked.
+    found : tuple of Found
+        The worst places.
+    tick_count : int
+        How many ticks.
+    rng : Generator
+        Decides along which ways.
+    """
+    (moves,) = (each for each in found if each.goal == Goal(Manner.MOVES, True))
+    places = np.array([place.position for place in moves.places])
+    return motions.passing(places, subject.fingers, tick_count, rng, rate=1.0 / subject.period)
+
+
+def _tell_of(tell: Callable[[str, float], None], name: str, before: int, total: int, done: int) -> None:
+    tell(f"timing: {name}", (before + done) / total)
+
+
+def _case(subject: Subject, name: str, positions: np.ndarray, tell: Callable[[int], None], seed: int) -> Case:
+    is_exact, forgets = name == "worst, exact", name in ("worst, exact", "worst, anew")
+    settings = {"budget": UNLIMITED} if is_exact else {}
+    repeats = 1 if is_exact else REPEATS
+    paths, parts = _told(subject, name, positions.shape[1], seed)
+    logs = []
+    for repeat in range(repeats):
+        tracker = subject.tracker(fingers=positions.shape[1], **settings)
+        before = partial(_forget, tracker) if forgets else None
+        begun = repeat * len(positions)
+        told = partial(_tell_share, tell, begun, repeats)
+        logs.append(_run(subject, tracker, positions, before, told, paths, parts))
+    # A tick without a finger costs nothing, and would make the others look better.
+    counted = ~np.isnan(positions).any(axis=2).all(axis=1)
+    kinds = (ContactFlag.EXACT, ContactFlag.BOUNDED, ContactFlag.SKIPPED)
+    return Case(
+        name,
+        positions.shape[1],
+        np.array(logs[0].thread_ns)[counted],
+        np.array(logs[0].wall_ns)[counted],
+        np.min([log.thread_ns for log in logs], axis=0)[counted],
+        int(max(each.sum() for each in logs[0].work)),
+        {str(kind.name).lower(): logs[0].share(kind) for kind in kinds},
+        counts=not is_exact,
+    )
+
+
+def _told(subject: Subject, name: str, fingers: int, seed: int) -> tuple[Paths | None, SwayingParts | None]:
+    """What ticks of a motion are told besides poses: paths wherever they may come, if parts move as well."""
+    paths = parts = None
+    if subject.corners is not None and name in (ON_PATHS, MOVING):
+        paths = Paths(subject.corners, fingers, np.random.default_rng([seed, 101]))
+    if name == MOVING:
+        parts = SwayingParts(subject.scene, round(1e9 * subject.period))
+    return paths, parts
+
+
+def _run(
+    subject: Subject,
+    tracker: Tracker,
+    positions: np.ndarray,
+    before: Callable[[int], object] | None,
+    tell: Callable[[int], None],
+    paths: Paths | None,
+    parts: SwayingParts | None,
+) -> TickLog:
+    """All ticks of a motion once, and before them a few that are not counted."""
+    log, period_ns = TickLog(), round(1e9 * subject.period)
+    told: dict[str, Any] = {"period_ns": period_ns, "before": before}
+    if paths is not None:
+        told |= {"paths_at": paths.at, "bends": paths.bends}
+    if parts is not None:
+        told |= {"before": parts.tell, "move": parts.move}
+    rehearsal = positions[: min(REHEARSAL, len(positions) // 10)]
+    tell(0)
+    with without_collector():
+        tick_all(tracker, rehearsal, TickLog(), first=-REHEARSAL, **told)
+        for first in range(0, len(positions), CHUNK):
+            chunk = positions[first : first + CHUNK]
+            tick_all(tracker, chunk, log, first=first, **told)
+            tell(first + len(chunk))
+    return log
+
+
+def _tell_share(tell: Callable[[int], None], before: int, repeats: int, done: int) -> None:
+    tell((before + done) // repeats)
+
+
+def _forget(tracker: Tracker, _: int) -> None:
+    tracker.reset()
+
+
+class ProcessorClock(MonotonicClock):
+    """A clock whose stopwatch runs only while the processor works for this thread."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.stopwatch_ns = time.thread_time_ns
+
+
+def run_loop(subject: Subject, found: tuple[Found, ...], seconds: float, seed: int) -> Report:
+    """Return what the service's own loop did with fingers that pass through the worst places.
+
+    Where the subject may be told paths, or moves of parts, it is.
+
+    Parameters
+    ----------
+    subject : Subject
+        What is served, how often, and whether the system is asked for priority.
+    found : tuple of Found
+        The worst places.
+    seconds : float, s
+        How long.
+    seed : int
+        Decides the ways.
+    """
+    ticks, period_ns = max(1, round(seconds / subject.period)), round(1e9 * subject.period)
+    positions = worst_passing(subject, found, ticks + 1, np.random.default_rng([seed, 100]))
+    times_ns = np.arange(len(positions), dtype=np.int64) * period_ns
+    hand = Recording(times_ns, positions, _fingers(subject.fingers), "worst places")
+    answers, pose_input = fed_service_input(
+        with_own_scene(subject), RecordingInput(hand, repeat=True), np.random.default_rng([seed, 101])
+    )
+    service = Service(
+        answers,
+        pose_input,
+        [open_publisher(ADDRESS)],
+        period=subject.period,
+        clock=ProcessorClock(),
+        real_time=RealTime(core=subject.core) if subject.real_time else None,
+    )
+    return service.run(tick_count=ticks)
+
+
+def _fingers(count: int) -> tuple[tuple[int, int], ...]:
+    return tuple(divmod(k, motions.HAND) for k in range(count))

@@ -1,0 +1,1 @@
+"""A certificate as JSON, as a page and as pictures."""

@@ -1,0 +1,149 @@
+"""The pictures of a report, as SVG that may stand in a page, in the page's own colours.
+
+What is drawn in `INK` and `FAINT` takes the colour of the text around it, so that pictures can be read on
+light and on dark. Matplotlib is imported when it is needed.
+"""
+
+import re
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from proximity.certificate.report.finger_effect import SPEEDS, felt
+from proximity.decaff import plotting
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+INK, FAINT = "#010203", "#040506"
+"""Stand for the page's colour of text, and a faint one of it."""
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", INK, INK)
+DASHES = ("-", "-", "--", "-.", (0, (4, 1, 1, 1)), ":", "-", (0, (1, 1)))
+WIDE, HIGH = 7.6, 3.4  # inches
+CLOUD = 1200
+"""Points of the surface that are drawn around the worst places."""
+LOOK = {
+    "text.color": INK, "axes.labelcolor": INK, "axes.edgecolor": INK, "xtick.color": INK, "ytick.color": INK,
+    "axes.facecolor": "none", "figure.facecolor": "none", "savefig.facecolor": "none", "grid.color": FAINT,
+    "legend.labelcolor": INK,
+}  # fmt: skip
+
+
+def draw_tails(told: dict[str, Any]) -> str:
+    """Return how many ticks took longer than a time, for each motion and the loop; both axes logarithmic.
+
+    Parameters
+    ----------
+    told : dict
+        See `document`.
+    """
+
+    def draw(figure: "Figure", _: Any) -> None:
+        panel = figure.add_subplot()
+        rows = [(case["name"], case["tail"], case["ticks"]) for case in told["cases"]]
+        loop = told["loop"]
+        rows += [
+            ("service: computing", loop["compute"]["tail"], loop["ticks"]),
+            ("service: woken late", loop["lateness"]["tail"], loop["ticks"]),
+        ]
+        for number, (name, tail, ticks) in enumerate(rows):
+            times, counts = np.array(tail, np.float64).T
+            panel.step(
+                np.maximum(times, 1.0) / 1e3, counts / ticks, label=name, where="post",
+                color=COLOURS[number % len(COLOURS)], linestyle=DASHES[number % len(DASHES)], linewidth=1.3,
+            )  # fmt: skip
+        _mark_periods(panel, told)
+        panel.set(xscale="log", yscale="log", xlabel="time of a tick [µs]", ylabel="share that took longer")
+        panel.legend(loc="center left", bbox_to_anchor=(1.01, 0.5))
+
+    return _svg(draw, "tails")
+
+
+def draw_places(told: dict[str, Any], surface: np.ndarray) -> str:
+    """Return where the worst places are, seen along two axes, with points of the surface around them.
+
+    Parameters
+    ----------
+    told : dict
+        See `document`.
+    surface : (K, 3) float64, m
+        Points of the surface.
+    """
+
+    def draw(figure: "Figure", _: Any) -> None:
+        panels = figure.subplots(1, 2)
+        for panel, (across, up) in zip(panels, ((0, 1), (0, 2)), strict=True):
+            cloud = 1e3 * surface[:CLOUD]
+            panel.plot(
+                cloud[:, across], cloud[:, up], ".", color=INK, alpha=0.5, markersize=1.8, markeredgewidth=0
+            )
+            for number, goal in enumerate(told["search"]):
+                places = 1e3 * np.array([place["position"] for place in goal["places"]])
+                panel.plot(
+                    places[:, across], places[:, up], "osv^D*"[number % 6], color=COLOURS[number],
+                    markersize=5.5, fillstyle="full" if goal["within_budget"] else "none", label=_words(goal),
+                )  # fmt: skip
+            panel.set(xlabel=f"{'xyz'[across]} [mm]", ylabel=f"{'xyz'[up]} [mm]", aspect="equal")
+        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right center")
+
+    return _svg(draw, "places")
+
+
+def draw_feeling(told: dict[str, Any]) -> str:
+    """Return how deep a finger enters a wall that answers late, with the periods of this scene marked.
+
+    Parameters
+    ----------
+    told : dict
+        See `document`.
+    """
+
+    def draw(figure: "Figure", _: Any) -> None:
+        panels = figure.subplots(1, 2)
+        delays = np.geomspace(5e-5, 5e-2, 60)
+        kinds = (("force_error", "force error [N]"), ("energy_error", "energy error [mJ]"))
+        for panel, (kind, label) in zip(panels, kinds, strict=True):
+            factor = 1e3 if kind == "energy_error" else 1.0
+            for number, speed in enumerate(SPEEDS):
+                values = [factor * getattr(felt(delay, speed), kind) for delay in delays]
+                panel.plot(
+                    1e3 * delays, values, color=COLOURS[number], linestyle=DASHES[number + 1], linewidth=1.3,
+                    label=f"{speed:g} m/s",
+                )  # fmt: skip
+                at = [(1e3 * row["delay_s"], factor * row["speeds"][number][kind]) for row in told["feeling"]]
+                panel.plot(*np.array(at).T, "o", color=COLOURS[number], markersize=4)
+            panel.set(xscale="log", yscale="log", xlabel="delay [ms]", ylabel=label)
+        panels[0].legend(loc="upper left")
+
+    return _svg(draw, "feeling")
+
+
+def _words(goal: dict[str, Any]) -> str:
+    return f"{goal['manner']}, {'budget' if goal['within_budget'] else 'exact'}"
+
+
+def _mark_periods(panel: "Axes", told: dict[str, Any]) -> None:
+    for number, row in enumerate(told["cases"][0]["periods"]):
+        period = row["period_s"]
+        rise = 3 + 8 * (number % 2)  # neighbours may be close
+        panel.axvline(1e6 * period, color=INK, linewidth=0.7, linestyle=":")
+        panel.annotate(
+            f"{1e3 * period:g} ms", (1e6 * period, 1.0), xytext=(0, rise), xycoords=("data", "axes fraction"),
+            textcoords="offset points", ha="center", fontsize=7,
+        )  # fmt: skip
+
+
+def _svg(draw: Callable[["Figure", Any], None], name: str) -> str:
+    """A figure as an element of a page; its ids are its own."""
+    drawn = plotting.render(draw, None, (WIDE, HIGH), "svg", look=LOOK).decode()
+    text = drawn[drawn.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    text = re.sub(r'\sxmlns(:\w+)?="[^"]*"', "", text).replace("xlink:href", "href")
+    text = re.sub(r'\bid="', f'id="{name}-', text)
+    text = re.sub(r'href="#', f'href="#{name}-', text).replace("url(#", f"url(#{name}-")
+    text = re.sub(
+        r'<svg [^>]*?(viewBox="[^"]*")[^>]*>', rf'<svg \1 role="img" aria-label="{name}">', text, count=1
+    )
+    return text.replace(INK, "currentColor").replace(FAINT, "var(--faint)")

@@ -1,0 +1,198 @@
+"""Times of single ticks, wall and thread apart, and what the ticks said of their work.
+
+Nothing is subtracted: what the clocks themselves cost is measured and told (`clock_cost`). Thread time is
+what the processor spent on this thread: others on a shared machine do not count, but what they left in its
+caches does.
+"""
+
+import gc
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from proximity.message import ContactFlag
+from proximity.system.garbage_collector import collector_paused
+from proximity.tracker.tracker import Tracker
+
+PERCENTILES = (50.0, 90.0, 99.0, 99.9, 100.0)
+NS_PER_US = 1e3
+LOGGED_FINGERS = 50  # with more, what ticks say is looked at less often
+CLOCK_CALLS = 20_000
+
+
+@dataclass(frozen=True, slots=True)
+class Figures:
+    """Percentiles of times."""
+
+    p50: float
+    p90: float
+    p99: float
+    p999: float
+    maximum: float
+
+
+def figures_of(nanoseconds: np.ndarray) -> Figures:
+    """Return percentiles in microseconds.
+
+    Parameters
+    ----------
+    nanoseconds : (T,) int64
+        At least one.
+    """
+    return Figures(*(np.percentile(nanoseconds, PERCENTILES) / NS_PER_US).tolist())
+
+
+@dataclass(slots=True, eq=False)
+class TickLog:
+    """What ticks took and said."""
+
+    thread_ns: list[int] = field(default_factory=list)
+    wall_ns: list[int] = field(default_factory=list)
+    work: list[np.ndarray] = field(default_factory=list)  # (N,) steps of each finger
+    flags: list[np.ndarray] = field(default_factory=list)  # (N,)
+
+    def share(self, flag: ContactFlag) -> float:
+        """Return the share of the tracked fingers that have a flag.
+
+        Parameters
+        ----------
+        flag : ContactFlag
+            One of them.
+        """
+        flags = np.stack(self.flags)
+        is_tracked = (flags & ContactFlag.TRACKED) != 0
+        return float(((flags & flag) != 0)[is_tracked].mean()) if is_tracked.any() else 0.0
+
+    def is_whole(self) -> np.ndarray:
+        """Return which ticks had all their fingers, (T,)."""
+        return np.asarray(((np.stack(self.flags) & ContactFlag.TRACKED) != 0).all(axis=1))
+
+    def remark(self) -> str:
+        """Return steps a tick, and what was known of the fingers, in words."""
+        work = np.stack(self.work).sum(axis=1)
+        p50, p99, most = np.percentile(work, (50, 99, 100))
+        kinds = (ContactFlag.IN_RANGE, ContactFlag.INSIDE, ContactFlag.SKIPPED, ContactFlag.BOUNDED)
+        shares = ", ".join(
+            f"{self.share(kind):.1%} {(kind.name or '').lower().replace('_', ' ')}" for kind in kinds
+        )
+        return f"steps a tick: p50 {p50:.0f}, p99 {p99:.0f}, most {most:.0f}; fingers: {shares}"
+
+
+def tick_all(
+    tracker: Tracker,
+    positions: np.ndarray,
+    log: TickLog,
+    *,
+    start_ns: int = 0,
+    first: int = 0,
+    latency_ns: int = 1_000_000,
+    period_ns: int = 1_000_000,
+    velocities: np.ndarray | None = None,
+    before: Callable[[int], object] | None = None,
+    paths_at: Callable[[np.ndarray], np.ndarray] | None = None,
+    bends: np.ndarray | None = None,
+    move: Callable[[int], object] | None = None,
+) -> None:
+    """Tick through a motion, and time each call.
+
+    Parameters
+    ----------
+    tracker : Tracker
+        Of as many fingers.
+    positions : (T, N, 3) float64, m
+        Where the fingers are.
+    log : TickLog
+        Gets the times, and what the ticks said.
+    start_ns : int, ns
+        Instant of tick number 0.
+    first : int
+        Number of the first of these ticks.
+    latency_ns : int, ns
+        From a pose to its tick.
+    period_ns : int, ns
+        Between ticks.
+    velocities : (T, N, 3) float64, m/s
+        Where they are told.
+    before : callable
+        Of the number of a tick; called before it, and not timed.
+    paths_at : callable
+        Gives the paths of fingers at places, not timed; with *bends* (N,), and without *velocities*.
+    bends : (N,) float64
+        Where on their paths they are.
+    move : callable
+        Of the number of a tick; called before it, and timed with it.
+    """
+    tick, contacts = tracker.tick, tracker.contacts
+    work, flags = contacts["work"], contacts["flags"]
+    thread, wall = time.thread_time_ns, time.perf_counter_ns
+    every = max(1, len(contacts) // LOGGED_FINGERS)
+    for k in range(len(positions)):
+        if before is not None:
+            before(first + k)
+        points, pose_ns = positions[k], start_ns + (first + k) * period_ns
+        if paths_at is not None or move is not None:
+            paths = None if paths_at is None else paths_at(points)
+            thread_start = thread()
+            start = wall()
+            if move is not None:
+                move(first + k)
+            tick(points, pose_ns, pose_ns + latency_ns, paths=paths, bends=bends)
+            end = wall()
+            thread_end = thread()
+        elif velocities is None:
+            thread_start = thread()
+            start = wall()
+            tick(points, pose_ns, pose_ns + latency_ns)
+            end = wall()
+            thread_end = thread()
+        else:
+            own = velocities[k]
+            thread_start = thread()
+            start = wall()
+            tick(points, pose_ns, pose_ns + latency_ns, velocities=own)
+            end = wall()
+            thread_end = thread()
+        log.thread_ns.append(thread_end - thread_start)
+        log.wall_ns.append(end - start)
+        if (first + k) % every == 0:
+            log.work.append(work.copy())
+            log.flags.append(flags.copy())
+
+
+def time_calls(calls: list[Callable[[], object]], log: TickLog) -> None:
+    """Time each of some calls once.
+
+    Parameters
+    ----------
+    calls : list of callables
+        Without arguments.
+    log : TickLog
+        Gets the times.
+    """
+    thread, wall = time.thread_time_ns, time.perf_counter_ns
+    for call in calls:
+        thread_start = thread()
+        start = wall()
+        call()
+        end = wall()
+        thread_end = thread()
+        log.thread_ns.append(thread_end - thread_start)
+        log.wall_ns.append(end - start)
+
+
+def clock_cost() -> tuple[Figures, Figures]:
+    """Return what an empty call seems to take, µs: thread and wall."""
+    log = TickLog()
+    time_calls([lambda: None] * CLOCK_CALLS, log)
+    return figures_of(np.array(log.thread_ns)), figures_of(np.array(log.wall_ns))
+
+
+@contextmanager
+def without_collector() -> Iterator[None]:
+    """Have no garbage collected while something is timed, as in a control loop."""
+    gc.collect()
+    with collector_paused():
+        yield

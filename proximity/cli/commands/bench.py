@@ -1,0 +1,151 @@
+"""``proximity bench``: the latency certificate of a scene, and whether it fits a period."""
+
+import contextlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+import proximity
+from proximity.cli.options import UNITS
+from proximity.cli.program import EXIT_UNUSABLE
+
+HELP = "\n\n".join(
+    (
+        "Search SCENE for the places where a tick is dearest, measure ticks there, and hold them against "
+        "haptic sample periods.",
+        "SCENE is a scene file of the service, whose settings hold, or a file of parts, as other commands "
+        "read it. Ticks are timed one by one: along a recorded hand, in random motion, and with all fingers "
+        "at the worst places; then the service's own loop runs for some seconds. The report is one page "
+        "(.html) with its numbers beside it (.json); --json prints these instead.",
+        "With --gate the exit code is 1 unless the computing of 99.9 % of the ticks of every motion, of "
+        "three runs the best, takes no longer than PERIOD, and that of half of the loop's ticks. What the "
+        "machine adds, interruptions and late waking, is told and fails no scene. A page needs matplotlib.",
+    )
+)
+
+EXAMPLES = """
+Examples:
+  proximity bench meshes/bracket.stl
+  proximity bench cell.toml --gate 1ms --out cell-latency.html
+  proximity bench gearbox.step --recording grab.csv --gate 5kHz --json > latency.json
+"""
+
+EXIT_DOES_NOT_FIT = 1
+HAND = "hand.csv"
+REPORT = Path("latency.html")
+
+
+def command(
+    scene: Annotated[Path, typer.Argument(metavar="SCENE", help="A scene file (.toml), or parts.")],
+    recording: Annotated[
+        Path | None,
+        typer.Option(
+            "--recording", metavar="CSV", help="Of a hand, fitted to the parts; else SCENE's, or a sample."
+        ),
+    ] = None,
+    gate: Annotated[
+        str | None, typer.Option("--gate", metavar="PERIOD", help="To fit: 1ms, 200us, 1kHz ...")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            metavar="FILE",
+            help=f"Write the report: .html, or .json alone. Else {REPORT}, or --json.",
+        ),
+    ] = None,
+    fingers: Annotated[
+        int | None, typer.Option("--fingers", metavar="N", help="At the worst places; 5, or as SCENE says.")
+    ] = None,
+    ticks: Annotated[int, typer.Option("--ticks", metavar="N", help="Of each motion.")] = 20_000,
+    seconds: Annotated[
+        float, typer.Option("--seconds", metavar="S", help="That the service's loop runs.")
+    ] = 3.0,
+    seed: Annotated[int, typer.Option("--seed", metavar="N", help="Of the search and of random motion.")] = 0,
+    real_time: Annotated[
+        bool | None,
+        typer.Option(
+            "--real-time/--no-real-time",
+            help="Whether the loop tries for priority and a core of its own; it does, or as SCENE says.",
+            show_default=False,
+        ),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Write one JSON document, in SI units.")] = False,
+    units: UNITS = "mm",
+) -> None:
+    """Certify a scene, and print what was found."""
+    # NumPy, Rich and the library: only now, so that --help answers at once.
+    from proximity import certificate
+    from proximity.cli import progress
+    from proximity.cli.commands.demo import sample
+    from proximity.cli.views import bench_report
+
+    period = None if gate is None else certificate.parse_period(gate)
+    report = REPORT if out is None and not as_json else out
+    if report is not None:
+        certificate.check_report_name(report)
+    certificate.check_request(ticks, seconds, seed)
+    progress.prepare_kernels()
+    with progress.spinner(f"reading {scene}"):
+        subject = certificate.read_subject(
+            scene,
+            units=units,
+            recording=recording,
+            fingers=fingers,
+            period=period,
+            real_time=real_time,
+            sample=lambda: sample(HAND),
+        )
+    if subject.recording is not None:
+        for note in subject.recording.notes:
+            typer.echo(f"proximity: {subject.recording.path}: {note}", err=True)
+    with _progress() as tell:
+        found = certificate.certify(subject, tick_count=ticks, seconds=seconds, seed=seed, tell=tell)
+    told = certificate.document(found, period, version=proximity.__version__)
+    if as_json:
+        typer.echo(certificate.as_json(told), nl=False)
+    else:
+        bench_report.write(told)
+    is_written = report is None or _write(report, told, subject.scene)
+    if gate is not None and not told["verdict"]["fits"]:
+        typer.echo(f"proximity: {told['verdict']['sentence']}", err=True)
+        raise typer.Exit(EXIT_DOES_NOT_FIT)
+    if out is not None and not is_written:
+        raise typer.Exit(EXIT_UNUSABLE)
+
+
+def _write(report: Path, told: dict[str, Any], scene: "proximity.Scene") -> bool:
+    """Write the report; whether all of it, and not the numbers alone, because matplotlib is missing."""
+    from proximity import certificate
+    from proximity.cli import progress
+
+    try:
+        with progress.spinner(f"writing {report}"):
+            written = certificate.write_report(report, told, scene)
+    except proximity.DecaffError as missing:
+        typer.echo(f"proximity: wrote {report.with_suffix('.json')} alone: {missing}", err=True)
+        return False
+    typer.echo(f"proximity: wrote {' and '.join(map(str, written))}", err=True)
+    return True
+
+
+@contextlib.contextmanager
+def _progress() -> Iterator[Callable[[str, float], None]]:
+    """A bar on stderr, where that is a terminal, with what is being done.
+
+    It is drawn when there is something new only: a thread that draws it meanwhile would be measured as well.
+    """
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    from proximity.cli.console import Console
+
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield lambda doing, share: None
+        return
+    columns = TextColumn("{task.description:<32}"), BarColumn(), TimeElapsedColumn()
+    with Progress(*columns, console=console, transient=True, auto_refresh=False) as bar:
+        task = bar.add_task("", total=1.0)
+        yield lambda doing, share: bar.update(task, description=doing, completed=share, refresh=True)

@@ -1,0 +1,75 @@
+"""``proximity check``: what a file holds, what was repaired, and which sign can be trusted."""
+
+from typing import Annotated
+
+import typer
+
+import proximity
+from proximity.cli.options import (
+    FILE,
+    STEP_TOLERANCE,
+    STEP_TOLERANCE_MM,
+    UNITS,
+    UNPACKED_LIMIT,
+    UNPACKED_LIMIT_GB,
+    load_options,
+)
+
+HELP = "\n\n".join(
+    (
+        "Report what FILE holds, part by part.",
+        "For the whole and each part: length, width and height along x, y and z (those of a part in its own "
+        "frame, before it is placed), faces, closed shells, whether it is watertight and oriented, its "
+        "volume, how the sign of distances is known and why, what manifold3d says of it, and what was "
+        "repaired. A size that is not likely is noted with the likely unit. On a narrow terminal some "
+        "columns are left out; --json has all figures.",
+        "The exit code is 0 whenever a report can be made; with --strict it is 1 if some part has no inside.",
+    )
+)
+
+EXAMPLES = """
+Examples:
+  proximity check bracket.stl
+  proximity check gearbox.step --all
+  proximity check gearbox.step --json
+  proximity check scan.ply --units m --strict
+"""
+
+EXIT_NO_INSIDE = 1
+
+
+def command(
+    file: FILE,
+    as_json: Annotated[bool, typer.Option("--json", help="Write one JSON document.")] = False,
+    list_all: Annotated[bool, typer.Option("--all", help="List all parts, not only the first 20.")] = False,
+    strict: Annotated[bool, typer.Option("--strict", help="Exit with 1 if some part has no inside.")] = False,
+    units: UNITS = "mm",
+    step_tolerance: STEP_TOLERANCE = STEP_TOLERANCE_MM,
+    unpacked_limit: UNPACKED_LIMIT = UNPACKED_LIMIT_GB,
+) -> None:
+    """Print the report of a file."""
+    options = load_options(step_tolerance, unpacked_limit)
+    # NumPy, Rich and the library: only now, so that --help answers at once.
+    from proximity.cli import progress
+    from proximity.cli.console import Console
+    from proximity.cli.views import check_report
+    from proximity.cli.views.tables import UNBOUNDED
+    from proximity.formats import metres_per_unit
+
+    metres = metres_per_unit(units)
+    progress.prepare_kernels()
+    with progress.spinner(f"reading {file}"):
+        scene = proximity.load(str(file), units=units, **options)
+        report = check_report.report_of(scene, str(file), units, metres)
+    if as_json:
+        import json
+
+        from proximity.cli.views.output import plain
+
+        typer.echo(json.dumps(plain(report), allow_nan=False, indent=1))
+    else:
+        console = Console()
+        console = console if console.is_terminal else Console(width=UNBOUNDED)
+        check_report.print_report(console, report, is_whole=list_all)
+    if strict and not all(part["has_inside"] for part in report["parts"]):
+        raise typer.Exit(EXIT_NO_INSIDE)

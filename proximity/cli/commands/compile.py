@@ -1,0 +1,70 @@
+"""``proximity compile``: a file as a scene that opens in milliseconds."""
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+import proximity
+from proximity.cli.options import (
+    FILE,
+    STEP_TOLERANCE,
+    STEP_TOLERANCE_MM,
+    UNITS,
+    UNPACKED_LIMIT,
+    UNPACKED_LIMIT_GB,
+    load_options,
+)
+
+HELP = "\n\n".join(
+    (
+        "Make everything that questions to FILE need, and write it to OUT.",
+        "OUT is opened in milliseconds wherever a FILE is taken, and gives the same answers, bit for bit. A "
+        "version of proximity that it was not made for refuses it; then it is compiled again. An OUT that is "
+        "there is replaced, at once or not at all.",
+    )
+)
+
+EXAMPLES = """
+Examples:
+  proximity compile gearbox.step gearbox.prox
+  proximity compile scan.ply scan.prox --units m
+  proximity query gearbox.prox 30 10 5
+"""
+
+EXTENSION = ".prox"
+
+
+def command(
+    file: FILE,
+    out: Annotated[Path, typer.Argument(metavar="OUT", help=f"Where to write; ends in {EXTENSION}.")],
+    units: UNITS = "mm",
+    step_tolerance: STEP_TOLERANCE = STEP_TOLERANCE_MM,
+    unpacked_limit: UNPACKED_LIMIT = UNPACKED_LIMIT_GB,
+) -> None:
+    """Write the scene in a file as a compiled one."""
+    if out.suffix.lower() != EXTENSION:  # else a slip of the hand would write over a mesh
+        raise typer.BadParameter(f"{out} does not end in {EXTENSION}", param_hint="OUT")
+    options = load_options(step_tolerance, unpacked_limit)
+    if _is_one_file(file, out):
+        raise typer.BadParameter(f"{out} is {file} itself, expected another file", param_hint="OUT")
+    # Rich and the library: only now, so that --help and mistakes above answer at once.
+    from proximity.cli import progress
+    from proximity.cli.views.wording import printable
+
+    progress.prepare_kernels()
+    with progress.spinner(f"compiling {file}"):
+        scene = proximity.load(str(file), units=units, **options)
+        scene.save(out)
+    face_count = sum(part.solid.mesh.face_count for part in scene.parts)
+    parts = "1 part" if len(scene.parts) == 1 else f"{len(scene.parts)} parts"
+    typer.echo(printable(f"{out}: {parts}, {face_count} faces, {out.stat().st_size} bytes"))
+
+
+def _is_one_file(file: Path, out: Path) -> bool:
+    """Whether both names lead to one file, through links of any kind."""
+    try:
+        return os.path.samefile(file, out)
+    except (OSError, ValueError):  # one is not there, which is told later
+        return False

@@ -1,0 +1,114 @@
+"""``proximity drum``: drums of a service's fingers, run by their controllers against a simulated plant."""
+
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from proximity.cli.options import ADDRESS, LIMIT, check_limit
+from proximity.system.stop_signals import stopped_by_signals
+
+HELP = "\n\n".join(
+    (
+        "Run the drums of the service that publishes at ADDRESS, until Ctrl-C or --limit.",
+        "Each finger has a controller, as a real drum would have it, and a simulated drum: state, where drum "
+        "and finger are on the finger's way, the angle of the drum by the glove, the force between them and "
+        "the motor's torque. A sample that comes 10 ms late is a fault, as of a real drum, and begins anew. "
+        "Of fingers without a bend it is said that they are only shown as if they bent straight into what is "
+        "nearest. Where the output is no terminal it is one line a second; with --json only a summary at the "
+        "end. The exit code is 1 if no frame came.",
+    )
+)
+
+EXAMPLES = """
+Examples:
+  proximity drum iox2://decaff
+  proximity drum iox2://decaff --calibration glove.json --log drum.csv
+  proximity drum udp://127.0.0.1:9100 --limit 10 --json
+"""
+
+EXIT_NOTHING = 1
+MOST_RATE_HZ = 5000.0
+LEAST_RATE_HZ = 150.0  # slower, each sample would trip the watchdog of 10 ms
+TURN_S = 0.02  # within that a wish to stop is noticed
+SWITCH_S = 1e-3  # that the drums wait at most while a picture is drawn
+OTHER_LINES = 5  # of a terminal, beside the fingers
+
+
+def command(
+    address: ADDRESS,
+    limit: LIMIT = None,
+    rate: Annotated[
+        float, typer.Option("--rate", metavar="HZ", help="Of the controllers; the servos run at 3 kHz.")
+    ] = 500.0,
+    calibration: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--calibration",
+            metavar="FILE",
+            help="Of the glove that is worn; once for all fingers, or once for each. The paper's without it.",
+        ),
+    ] = None,
+    max_age: Annotated[
+        float | None, typer.Option("--max-age", metavar="DAYS", help="Of a calibration; 30 without it.")
+    ] = None,
+    log: Annotated[
+        Path | None, typer.Option("--log", metavar="FILE", help="Write every sample to a CSV file.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print a summary at the end, as JSON.")] = False,
+) -> None:
+    """Run drums until told to stop."""
+    check_limit(limit)
+    if not LEAST_RATE_HZ <= rate <= MOST_RATE_HZ:
+        raise typer.BadParameter(
+            f"{rate:g} Hz: expected {LEAST_RATE_HZ:g} to {MOST_RATE_HZ:g}", param_hint="--rate"
+        )
+    if max_age is not None and not calibration:
+        raise typer.BadParameter("only a --calibration has an age", param_hint="--max-age")
+    # NumPy, Rich and the library: only now, so that --help and mistakes above answer at once.
+    from proximity.cli.console import Console
+    from proximity.cli.drum_loop import DrumsBeside, line, summary, table
+    from proximity.cli.views.drum_log import DrumLog
+    from proximity.cli.views.screen import Screen
+    from proximity.decaff.drum_bench import DrumBench
+    from proximity.decaff.wearing import read_glove
+    from proximity.transport import Reading, open_subscriber
+
+    sys.setswitchinterval(SWITCH_S)
+    bench = DrumBench(rate, [read_glove(path, max_age) for path in calibration or ()])
+    bench.warm_up()
+    started = time.monotonic()
+    ends = None if limit is None else started + limit
+    with (
+        stopped_by_signals() as stop,
+        open_subscriber(address) as subscriber,
+        DrumLog(log) as written,
+        Screen(Console(), is_silent=as_json) as screen,
+    ):
+        newest = [subscriber.read()]
+
+        def look(reading: Reading) -> None:
+            newest[0] = reading
+            written.append(reading, bench)
+
+        with DrumsBeside(bench, subscriber, rate, look) as drums:
+            while drums.is_running and not stop.wait(TURN_S) and not _is_over(ends):
+                for doubt in bench.doubts():
+                    typer.echo(f"proximity: {doubt}", err=True)
+                screen.show(
+                    lambda: line(newest[0], bench),
+                    lambda size: table(newest[0], bench, max(1, size.height - OTHER_LINES)),
+                )
+        counts = subscriber.counts
+    told = summary(bench, address, counts, time.monotonic() - started)
+    if as_json:
+        typer.echo(json.dumps(told, indent=2))
+    if not counts.received:
+        raise typer.Exit(EXIT_NOTHING)
+
+
+def _is_over(ends: float | None) -> bool:
+    return ends is not None and time.monotonic() >= ends

@@ -1,0 +1,56 @@
+"""``proximity figures``: the paper's figures and those beside them, with their numbers."""
+
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+HELP = "\n\n".join(
+    (
+        "Draw the figures that are named, or all, into a folder; each with its numbers beside it, as CSV in "
+        "SI units.",
+        "5a to 5h are those of the paper, 5 has all eight on a page. stability is the sampled wall's region; "
+        "error-speed and error-latency hold coupled walls and drums against the real wall, error-engine a "
+        "drum that the distance service tells of a CAD part; drum-motion and arrival tell when a drum is in "
+        "place. Files that are there are replaced. All take less than a minute. Needs matplotlib.",
+    )
+)
+
+EXAMPLES = """
+Examples:
+  proximity figures
+  proximity figures 5c 5h stability --out paper --format pdf
+"""
+
+
+def command(
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[NAME]...",
+            help="5a to 5h, 5, stability, error-speed, error-latency, error-engine, drum-motion, arrival; "
+            "else all.",
+            show_default=False,
+        ),
+    ] = None,
+    out: Annotated[
+        Path, typer.Option("--out", metavar="DIR", help="The folder; made where it is not there.")
+    ] = Path("figures"),
+    form: Annotated[str, typer.Option("--format", metavar="FORMAT", help="png, svg or pdf.")] = "png",
+) -> None:
+    """Write figures and their numbers."""
+    # NumPy, Rich and the models: only now, so that --help answers at once.
+    from proximity.cli import progress
+    from proximity.decaff import figures
+
+    began, file_count = time.monotonic(), 0
+    chosen = figures.chosen_names(names or ())
+    for name in chosen:
+        started = time.monotonic()
+        with progress.spinner(f"drawing {figures.PLATES[name].title}"):
+            paths = figures.write_figure(name, out, form)
+        file_count += len(paths)
+        told = ", ".join(path.name for path in paths)
+        typer.echo(f"proximity: {told} ({time.monotonic() - started:.1f} s)", err=True)
+    typer.echo(f"{out}: {len(chosen)} figures, {file_count} files, {time.monotonic() - began:.1f} s")

@@ -1,0 +1,113 @@
+"""``proximity record``: every frame that a service publishes, into a file."""
+
+import time
+from contextlib import ExitStack
+from pathlib import Path
+from threading import Event
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from proximity.cli.options import ADDRESS, LIMIT, check_limit
+from proximity.system.stop_signals import stopped_by_signals
+
+if TYPE_CHECKING:
+    from proximity.recording import FrameLog
+    from proximity.transport import Counts, Inlet, Subscriber
+
+HELP = "\n\n".join(
+    (
+        "Write every frame published at ADDRESS to FILE, until Ctrl-C, SIGTERM or --limit.",
+        "FILE is only appended to: a log that is there is continued, and a crash costs at most the frame "
+        "that was being written. What is lost on the way shows as gaps in the frames' numbers. The exit code "
+        "is 1 if no frame came.",
+    )
+)
+
+EXAMPLES = """
+Examples:
+  proximity record iox2://decaff run.frames
+  proximity record udp://127.0.0.1:9100 run.frames --limit 60
+  proximity export run.frames --csv run.csv
+"""
+
+EXIT_NOTHING = 1
+TURN_S = 0.05  # within that a wish to stop is noticed
+GATHER_S = 0.002  # that frames are let come: to wake for each would cost more; buffers hold 60 and more
+PATIENCE_S = 2.0  # of waiting for a first frame before that is said
+
+
+def command(
+    address: ADDRESS,
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="The log; made, or continued.")],
+    limit: LIMIT = None,
+) -> None:
+    """Record frames until told to stop."""
+    check_limit(limit)
+    # NumPy, Rich and the library: only now, so that --help and mistakes above answer at once.
+    from proximity.recording import FrameLog
+    from proximity.transport import Subscriber, open_inlet
+
+    with ExitStack() as opened:
+        stop = opened.enter_context(stopped_by_signals())
+        inlet = open_inlet(address)
+        subscriber = opened.enter_context(Subscriber(inlet, address))
+        log = opened.enter_context(FrameLog(file))
+        if log.cut_size:
+            typer.echo(
+                f"proximity: {file}: {log.cut_size} bytes of a torn frame at its end were cut off", err=True
+            )
+        started = time.monotonic()
+        try:
+            _record(inlet, subscriber, log, stop, limit)
+        finally:  # also on a full disk: the log holds what is told here
+            seconds = time.monotonic() - started
+            typer.echo(f"{file}: {summary(log.frame_count, seconds, subscriber.counts)}")
+    if not log.frame_count:
+        raise typer.Exit(EXIT_NOTHING)
+
+
+def summary(frame_count: int, seconds: float, counts: "Counts") -> str:
+    """Return what was recorded, in words.
+
+    Parameters
+    ----------
+    frame_count : int
+        Written.
+    seconds : float, s
+        How long it took.
+    counts : Counts
+        Of the subscriber.
+    """
+    reasons = [f"{count} {flaw.value}" for flaw, count in counts.flawed.items()]
+    reasons += [f"{counts.refused} from a stranger"] if counts.refused else []
+    reasons += [f"{counts.unverified} not verified by the key"] if counts.unverified else []
+    frames = "1 frame" if frame_count == 1 else f"{frame_count} frames"
+    return (
+        f"{frames} in {seconds:.1f} s, {counts.lost} lost, {counts.unused} refused"
+        + (f" ({', '.join(reasons)})" if reasons else "")
+        + (f", {counts.sessions} sessions" if counts.sessions > 1 else "")
+    )
+
+
+def _record(
+    inlet: "Inlet", subscriber: "Subscriber", log: "FrameLog", stop: Event, limit: float | None
+) -> None:
+    from proximity.cli.progress import Status
+
+    started = time.monotonic()
+    with Status() as status:
+        while not stop.is_set():
+            elapsed = time.monotonic() - started
+            if limit is not None and elapsed >= limit:
+                break
+            inlet.wait(TURN_S if limit is None else min(TURN_S, limit - elapsed))
+            time.sleep(GATHER_S)
+            for data in subscriber.frames():
+                log.append(data)
+            if log.frame_count:
+                status.show(f"{log.path}: {summary(log.frame_count, elapsed, subscriber.counts)}")
+            elif elapsed > PATIENCE_S:
+                status.say_once(f"nothing has come from {subscriber.address} yet")
+        for data in subscriber.frames():  # what came while the last was being written
+            log.append(data)

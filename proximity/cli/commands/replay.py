@@ -1,0 +1,234 @@
+"""``proximity replay``: a recorded hand at a scene, every tick of it, and whether the bounds were kept."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+import proximity
+from proximity.cli.options import FILE, UNITS
+
+if TYPE_CHECKING:
+    from proximity.recording import Recording
+
+HELP = "\n\n".join(
+    (
+        "Run the hand in RECORDING through the tracker, tick by tick, at the parts of FILE.",
+        "RECORDING is CSV with the columns time_s, hand, finger (0 thumb to 4 little), x_m, y_m, z_m. It is "
+        "resampled to the rate of the ticks; a finger lost for more than 50 ms is missing. Unless --place "
+        "says where its origin is, the middle of the hand goes to the middle of the parts, is raised from "
+        "there until no more than a tenth of its samples touch, and brought to a part if none does.",
+        "Every tick is computed as if it came at its time; the summary says how long ticks took, what was "
+        "touched, and whether the bounds were kept. The exit code is 1 if one was not.",
+    )
+)
+
+EXAMPLES = """
+Examples:
+  proximity replay bracket.stl hand.csv --place 0 0 0
+  proximity replay gearbox.step grab.csv --out contacts.npz
+  proximity replay bracket.stl grab.csv --turn 90 0 0 --scale 0.8 --radius 6 --json
+"""
+
+EXIT_BROKEN_BOUND = 1
+RADIUS_M = 0.007
+RANGE_M = 0.12
+FARTHEST_M = 1e6
+"""How far away a recording may be put, and how large a fingertip may be."""
+MS = 1000.0  # in a second
+
+
+def command(
+    file: FILE,
+    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="CSV of fingertips over time.")],
+    place: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(
+            "--place", metavar="X Y Z", help="Where the recording's origin is. Fitted if not given."
+        ),
+    ] = None,
+    turn: Annotated[
+        tuple[float, float, float],
+        typer.Option(
+            "--turn",
+            metavar="RX RY RZ",
+            help="Degrees the recording is turned by about the scene's x, then y, then z.",
+            show_default=False,
+        ),
+    ] = (0.0, 0.0, 0.0),
+    scale: Annotated[
+        float, typer.Option("--scale", metavar="S", help="How many times as large as recorded.")
+    ] = 1.0,
+    rate: Annotated[float, typer.Option("--rate", metavar="HZ", help="Ticks a second.")] = 1000.0,
+    radius: Annotated[
+        float | None, typer.Option("--radius", metavar="R", help="Of the fingertips; 7 mm if not given.")
+    ] = None,
+    latency: Annotated[
+        float, typer.Option("--latency", metavar="MS", help="Age of a pose at its tick, milliseconds.")
+    ] = 1.0,
+    budget: Annotated[
+        int | None, typer.Option("--budget", metavar="N", help="Nodes and leaves a finger may visit a tick.")
+    ] = None,
+    working_range: Annotated[
+        float | None,
+        typer.Option("--range", metavar="D", help="Beyond it only bounds are told; 120 mm if not given."),
+    ] = None,
+    limit: Annotated[
+        float | None, typer.Option("--limit", metavar="SECONDS", help="Replay no more than this.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FILE", help="Write all contacts: .npz, .npy or .csv.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Write one JSON document.")] = False,
+    units: UNITS = "mm",
+) -> None:
+    """Replay a recording and print the summary."""
+    _check(rate, "--rate", "ticks a second", 1.0, 1e6)
+    _check(scale, "--scale", "times the size", 1e-6, 1e6)
+    _check(latency, "--latency", "ms", 0.0, 1e3)
+    _check(1 if budget is None else budget, "--budget", "nodes and leaves", 1, 2**31 - 1)
+    _check(1.0 if limit is None else limit, "--limit", "seconds", 1e-3, 1e9)
+    # NumPy, Rich and the library: only now, so that --help and mistakes above answer at once.
+    from proximity.cli import progress
+    from proximity.cli.lengths import in_units
+    from proximity.cli.views import replay_report
+    from proximity.formats import metres_per_unit
+    from proximity.recording import check_log_name, read_recording, write_contacts
+    from proximity.tracker.replay import replay, summarise
+    from proximity.tracker.tracker import LARGEST_RADIUS, LARGEST_WORKING_RANGE
+
+    metres = metres_per_unit(units)
+    settings = Settings(
+        rate,
+        _in_metres(radius, "--radius", RADIUS_M, metres, LARGEST_RADIUS),
+        latency / MS,
+        budget,
+        _in_metres(working_range, "--range", RANGE_M, metres, LARGEST_WORKING_RANGE),
+    )
+    origin = None if place is None else [coordinate * metres for coordinate in place]
+    for coordinate, length in zip(place or (), origin or (), strict=True):
+        if not abs(length) <= FARTHEST_M:
+            raise typer.BadParameter(
+                f"{coordinate:g}: expected coordinates of at most {FARTHEST_M / metres:g} {units}",
+                param_hint="--place",
+            )
+    if out is not None:
+        check_log_name(out)
+    recorded = read_recording(recording)
+    if limit is not None:
+        recorded = recorded.first(limit)
+    progress.prepare_kernels()
+    with progress.spinner(f"reading {file}"):
+        scene = proximity.load(str(file), units=units)
+    pose = _pose(scene, recorded, origin, turn, scale, settings.radius)
+    ticked = recorded.placed(pose, scale).resampled(1.0 / rate)
+
+    run = replay(
+        lambda: settings.tracker(scene, len(ticked.fingers)),
+        ticked,
+        latency=settings.latency,
+        watch=_with_bar,
+    )
+    with progress.spinner("checking the bounds"):
+        summary = summarise(scene, run, settings.radius)
+    if out is not None:
+        with progress.spinner(f"writing {out}"):
+            write_contacts(out, run.contacts, ticked.times_ns, ticked.fingers)
+    report = {
+        **replay_report.inputs(scene, str(file), recorded, units),
+        "placement": {
+            "is_fitted": place is None,
+            "position": in_units(pose.translation, metres).tolist(),
+            "turn_degrees": list(turn),
+            "scale": scale,
+        },
+        "settings": settings.told(metres),
+        **replay_report.results(summary, metres),
+        "out": None if out is None else str(out),
+    }
+    replay_report.write(report, as_json=as_json)
+    if summary.bounds.broken_count:
+        typer.echo(f"proximity: {replay_report.broken(summary.bounds)}", err=True)
+        raise typer.Exit(EXIT_BROKEN_BOUND)
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """How the tracker is made."""
+
+    rate: float  # Hz
+    radius: float  # m
+    latency: float  # s
+    budget: int | None  # None: the tracker's own
+    working_range: float  # m
+
+    def tracker(self, scene: "proximity.Scene", fingers: int) -> Any:
+        """Make one."""
+        return proximity.Tracker(
+            scene,
+            fingers=fingers,
+            radius=self.radius,
+            period=1.0 / self.rate,
+            latency=self.latency,
+            budget=self.budget,
+            working_range=self.working_range,
+        )
+
+    def told(self, metres: float) -> dict[str, Any]:
+        """What the report says of it."""
+        from proximity.cli.lengths import in_unit
+
+        return {
+            "rate_hz": self.rate,
+            "radius": in_unit(self.radius, metres),
+            "latency_ms": self.latency * MS,
+            "budget": self.budget,
+            "working_range": in_unit(self.working_range, metres),
+        }
+
+
+def _pose(
+    scene: "proximity.Scene",
+    recorded: "Recording",
+    origin: list[float] | None,
+    turn: tuple[float, float, float],
+    scale: float,
+    radius: float,
+) -> "proximity.Pose":
+    """Where the recording is put: at *origin* (m), or fitted where there is none."""
+    from proximity.tracker.replay import fitted_pose, turn_about_axes
+
+    rotation = turn_about_axes(turn)
+    if origin is not None:
+        return proximity.Pose(rotation, origin)
+    return fitted_pose(scene, recorded, radius, rotation=rotation, scale=scale)
+
+
+def _check(value: float, option: str, meaning: str, smallest: float, largest: float) -> None:
+    """Refuse a number out of range, nan included."""
+    if not smallest <= value <= largest:
+        raise typer.BadParameter(
+            f"{value:g} {meaning}: expected {smallest:g} to {largest:g}", param_hint=option
+        )
+
+
+def _in_metres(length: float | None, option: str, default: float, metres: float, most: float) -> float:
+    if length is None:
+        return default
+    if not 0.0 < length * metres < math.inf:
+        raise typer.BadParameter(f"{length:g}: expected a length above zero", param_hint=option)
+    if length * metres > most:
+        raise typer.BadParameter(
+            f"{length:g}: {1e3 * length * metres:g} mm by --units, expected at most {1e3 * most:g} mm",
+            param_hint=option,
+        )
+    return length * metres
+
+
+def _with_bar(chunks: Sequence[range]) -> Iterable[range]:
+    from proximity.cli import progress
+
+    return progress.with_bar(chunks, len, sum(map(len, chunks)), is_shown=True)

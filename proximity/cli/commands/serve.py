@@ -1,0 +1,111 @@
+"""``proximity serve``: the service that a scene file describes, until it is told to stop."""
+
+import contextlib
+import os
+import threading
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from proximity.cli.options import LIMIT, check_limit
+from proximity.cli.program import EXIT_UNUSABLE
+
+if TYPE_CHECKING:
+    from proximity.service.hosting import Beginning
+
+HELP = "\n\n".join(
+    (
+        "Serve the fingers and parts that SCENE describes: poses in, contacts out, every period.",
+        "SCENE is TOML; meshes/demo.toml explains every key. The service ends with Ctrl-C or SIGTERM, with a "
+        "recording that is not repeated, or after --limit or --ticks; its last frames say that it stops. "
+        "SCENE and the files of its parts may be edited meanwhile: an edit is taken between two ticks, or "
+        "refused with a sentence while the scene before is served on.",
+        "The report on standard output says how many ticks there were, how many were missed, how long they "
+        "took, and how late they began. Exit codes: 0 stopped as told; 2 SCENE cannot be used, an address is "
+        "in use, or the log that was asked for lacks frames.",
+    )
+)
+
+EXAMPLES = """
+Examples:
+  proximity serve meshes/demo.toml
+  proximity serve cell.toml --rate 500 --publish udp://192.168.7.2:9100 --log run.frames
+  proximity serve cell.toml --limit 60 --no-real-time --json
+"""
+
+STDIN = 0
+
+
+def command(
+    scene: Annotated[Path, typer.Argument(metavar="SCENE", help="TOML: parts, fingers, input, addresses.")],
+    rate: Annotated[
+        float | None, typer.Option("--rate", metavar="HZ", help="Ticks a second, instead of SCENE's.")
+    ] = None,
+    publish: Annotated[
+        list[str] | None,
+        typer.Option("--publish", metavar="ADDRESS", help="Instead of SCENE's; may stand there repeatedly."),
+    ] = None,
+    log: Annotated[
+        Path | None, typer.Option("--log", metavar="FILE", help="Append all frames, instead of SCENE's log.")
+    ] = None,
+    real_time: Annotated[
+        bool | None,
+        typer.Option(
+            "--real-time/--no-real-time",
+            help="Try for priority, locked memory and a core of its own, or do not.",
+            show_default=False,
+        ),
+    ] = None,
+    limit: LIMIT = None,
+    ticks: Annotated[int | None, typer.Option("--ticks", metavar="N", help="End after so many.")] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Write a JSON document when it has begun, and the report as one.")
+    ] = False,
+    until_stdin: Annotated[
+        bool,
+        typer.Option("--until-stdin", help="End with a line on standard input, or when that is closed."),
+    ] = False,
+) -> None:
+    """Serve until told to stop, and print the report."""
+    check_limit(limit)
+    if ticks is not None and ticks < 1:
+        raise typer.BadParameter(f"{ticks} ticks: expected 1 or more", param_hint="--ticks")
+    # NumPy, Rich and the library: only now, so that --help and mistakes above answer at once.
+    from proximity.cli import progress
+    from proximity.cli.views import serve_report
+    from proximity.service.hosting import serve
+
+    given = {"rate_hz": rate, "publish": publish or None, "log": log, "real_time": real_time}
+    stop = threading.Event()
+    if until_stdin:
+        threading.Thread(target=_await_line, args=(STDIN, stop), daemon=True).start()
+    progress.prepare_kernels()
+
+    def begun(beginning: "Beginning") -> None:
+        serve_report.write_beginning(beginning, as_json=as_json)
+
+    report = serve(
+        scene,
+        stop=stop,
+        tick_count=ticks,
+        seconds=limit,
+        say=_say,
+        begun=begun,
+        **given,
+    )
+    serve_report.write(report, as_json=as_json)
+    if report.log_lost:
+        _say(f"the log lacks {report.log_lost} of {report.log_lost + report.log_written} frames")
+        raise typer.Exit(EXIT_UNUSABLE)
+
+
+def _await_line(descriptor: int, stop: threading.Event) -> None:
+    """Set *stop* when a file has something, or ends."""
+    with contextlib.suppress(OSError):  # it is not open
+        os.read(descriptor, 1)
+    stop.set()
+
+
+def _say(sentence: str) -> None:
+    typer.echo(f"proximity: {' '.join(sentence.split())}", err=True)

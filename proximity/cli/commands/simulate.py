@@ -1,0 +1,217 @@
+"""``proximity simulate``: one press on one wall, beside the same press on a real wall."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from proximity.cli.options import UNITS
+
+if TYPE_CHECKING:
+    from proximity.decaff.simulation import Simulation
+
+HELP = "\n\n".join(
+    (
+        "Simulate a hand that presses on a wall, and say how what it feels differs from a real wall.",
+        "The hand comes at --speed, holds 0.8 N and leaves. A coupled wall is a spring and a damper, by a "
+        "motor that the finger carries; without --stiffness and --damping it has the best of a grid. A "
+        "decaff wall is a drum that is sent to where the wall is said to be; --policy tells with which "
+        "position a distance is taken together. --out draws the press, or writes it as CSV every 0.1 ms.",
+        "With --scene the wall is a CAD part, and what tells the drum is the engine: the tracker on the "
+        "finger's way, frames that are as late as --latency-ms says, and the drum's controller. Beside it "
+        "stand the ideal distance in the same loop and the surface that is truly there. --stiffness and "
+        "--damping make the part deformable; --recording has the hand do what a recorded fingertip did.",
+    )
+)
+
+EXAMPLES = """
+Examples:
+  proximity simulate
+  proximity simulate --speed 0.5 --latency-ms 10 --policy latched --out late.png
+  proximity simulate --wall coupled --latency-ms 3 --stiffness 734 --damping 4.4 --json
+  proximity simulate --scene bracket.stl --at 48 30 20 --latency-ms 10 --out bracket.png
+  proximity simulate --scene bracket.stl --recording hand.csv
+"""
+
+USED_BY = {  # options that only some walls have
+    "--latency-ms": ("coupled", "decaff"),
+    "--rate-hz": ("coupled", "decaff"),
+    "--drum": ("decaff",),
+    "--policy": ("decaff",),
+    "--stiffness": ("coupled",),
+    "--damping": ("coupled",),
+}
+OF_A_SCENE = "only a press on a part has that: expected --scene FILE as well"
+ROWS = (  # label, field, factor from SI units, digits
+    ("force begins \\[ms after the touch]", "onset", 1e3, 2),
+    ("peak force \\[N]", "peak", 1.0, 3),
+    ("force at rest \\[N]", "steady", 1.0, 3),
+    ("ripple at rest \\[mN rms]", "ripple", 1e3, 1),
+    ("farthest past the wall \\[mm]", "penetration", 1e3, 3),
+    ("work of the finger \\[mJ]", "work", 1e3, 3),
+)
+SHOWN_LONG = 1e7  # less is shown with all its digits
+SUFFIXES = (".png", ".svg", ".pdf", ".csv")
+
+
+def command(
+    wall: Annotated[str, typer.Option("--wall", metavar="WALL", help="real, coupled or decaff.")] = "decaff",
+    speed: Annotated[float, typer.Option("--speed", metavar="M/S", help="Of the approach.")] = 0.1,
+    latency_ms: Annotated[
+        float | None, typer.Option("--latency-ms", metavar="MS", help="Of forces or distances; else 1.")
+    ] = None,
+    rate_hz: Annotated[
+        float | None, typer.Option("--rate-hz", metavar="HZ", help="Of forces or distances; else 1000.")
+    ] = None,
+    drum: Annotated[
+        str | None, typer.Option("--drum", metavar="DRUM", help="direct, gear4 or gear10; else gear4.")
+    ] = None,
+    policy: Annotated[
+        str | None,
+        typer.Option(
+            "--policy",
+            metavar="POLICY",
+            help="naive, latched, feed-forward or time-stamped; else time-stamped, on a part the controller.",
+        ),
+    ] = None,
+    stiffness: Annotated[
+        float | None,
+        typer.Option("--stiffness", metavar="N/M", help="Of a coupled wall, with --damping; or of the part."),
+    ] = None,
+    damping: Annotated[
+        float | None, typer.Option("--damping", metavar="NS/M", help="Of them; with --stiffness.")
+    ] = None,
+    scene: Annotated[
+        Path | None,
+        typer.Option("--scene", metavar="FILE", help="Press on a part: a mesh, STEP or scene file (.toml)."),
+    ] = None,
+    part: Annotated[
+        str | None, typer.Option("--part", metavar="NAME", help="Of the scene; the others are left out.")
+    ] = None,
+    at: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(
+            "--at",
+            metavar="X Y Z",
+            help="Touch where the surface is nearest to this; else from above the middle. With --recording: "
+            "where its origin is; else it is fitted.",
+        ),
+    ] = None,
+    recording: Annotated[
+        Path | None, typer.Option("--recording", metavar="CSV", help="Fingertips over time, as of replay.")
+    ] = None,
+    sensor: Annotated[
+        bool, typer.Option("--sensor", help="Teleoperation: a sensor at the far end measures the part.")
+    ] = False,
+    units: UNITS = "mm",
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FILE", help="Draw or write: .png, .svg, .pdf or .csv.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Write one JSON document, in SI units.")] = False,
+) -> None:
+    """Simulate a press and compare it."""
+    given = {
+        "--latency-ms": latency_ms,
+        "--rate-hz": rate_hz,
+        "--drum": drum,
+        "--policy": policy,
+        "--stiffness": stiffness,
+        "--damping": damping,
+    }
+    of_a_scene = {"--part": part, "--at": at, "--recording": recording, "--sensor": sensor or None}
+    if scene is None:
+        _refuse(of_a_scene, OF_A_SCENE)
+        _check(wall, given, out)
+    else:
+        _refuse({"--wall": None if wall == "decaff" else wall}, "on a part of a scene there is only decaff")
+        if stiffness is None:
+            _refuse({"--damping": damping}, "a part that has it has a --stiffness as well")
+        _check_out(out)
+    # NumPy, Rich and the models: only now, so that --help and mistakes above answer at once.
+    from proximity.cli import part_press, progress
+    from proximity.decaff import press_plots, simulation
+
+    told = {"drum": drum, "policy": policy, "rate": rate_hz}
+    if scene is None:
+        told |= {"stiffness": stiffness, "damping": damping}
+    told["latency"] = None if latency_ms is None else 1e-3 * latency_ms
+    chosen: dict[str, Any] = {name: value for name, value in told.items() if value is not None}
+    setup = simulation.Setup(wall=simulation.Wall(wall), speed=speed, **chosen)
+    if scene is not None:
+        place = part_press.Place(scene, part, at, units, recording, stiffness, damping)
+        part_press.run(place, setup, policy, out, is_sensor=sensor, as_json=as_json)
+        _say_written(out)
+        return
+    with progress.spinner("simulating"):
+        press = simulation.simulate(setup)
+        if out is not None:
+            press_plots.write(out, press)
+    if as_json:
+        import json
+
+        from proximity.cli.views.output import plain
+
+        typer.echo(json.dumps(plain(simulation.document(press)), allow_nan=False, indent=1))
+    else:
+        _print(press)
+    _say_written(out)
+
+
+def _say_written(out: Path | None) -> None:
+    if out is not None:
+        typer.echo(f"proximity: wrote {out}", err=True)
+
+
+def _refuse(given: dict[str, Any], sentence: str) -> None:
+    for option, value in given.items():
+        if value is not None:
+            raise typer.BadParameter(sentence, param_hint=option)
+
+
+def _check(wall: str, given: dict[str, Any], out: Path | None) -> None:
+    walls = ("real", "coupled", "decaff")
+    if wall not in walls:
+        raise typer.BadParameter(f"{wall!r}: expected one of {', '.join(walls)}", param_hint="--wall")
+    for option, value in given.items():
+        if value is not None and wall not in USED_BY[option]:
+            raise typer.BadParameter(f"a {wall} wall has none", param_hint=option)
+    _check_out(out)
+
+
+def _check_out(out: Path | None) -> None:
+    if out is not None and out.suffix.lower() not in SUFFIXES:
+        raise typer.BadParameter(f"{out} does not end in {', '.join(SUFFIXES)}", param_hint="--out")
+
+
+def _print(press: "Simulation") -> None:
+    from rich.table import Table
+
+    from proximity.cli.console import Console
+    from proximity.cli.views.blocks import print_block
+    from proximity.cli.views.tables import UNBOUNDED
+    from proximity.cli.views.wording import MISSING
+    from proximity.decaff import simulation
+
+    console = Console()
+    console = console if console.is_terminal else Console(width=UNBOUNDED)
+    print_block(console, [("wall", simulation.describe(press)), ("approach", f"{press.setup.speed:g} m/s")])
+    if press.penalty is not None:
+        tuned = f"{press.penalty.stiffness:.4g} N/m, {press.penalty.damping:.3g} N·s/m"
+        print_block(console, [("spring, damper", tuned)])
+    console.print()
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("")
+    for title in ("this wall", "real wall"):
+        table.add_column(title, justify="right")
+    this, real = press.felt, simulation.felt(press.real)
+    for label, field, factor, digits in ROWS:
+        table.add_row(label, *(_shown(factor * getattr(one, field), digits) for one in (this, real)))
+    table.add_row("force error \\[% rms]", _shown(100.0 * press.force_error, 1), "0.0")
+    if press.setup.wall == simulation.Wall.DECAFF:
+        table.add_row("drum past the wall at contact \\[mm]", f"{1e3 * press.drum_offset:.3f}", MISSING)
+    console.print(table)
+
+
+def _shown(value: float, digits: int) -> str:
+    """A number with digits after its point; one that a wall out of control makes, in short."""
+    return f"{value:.{digits}f}" if abs(value) < SHOWN_LONG else f"{value:.3g}"

@@ -1,0 +1,144 @@
+"""``proximity simulate --scene``: a press on a CAD part with the engine in the loop."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+import proximity
+
+if TYPE_CHECKING:
+    from proximity.decaff.part_simulation import PartSimulation
+    from proximity.decaff.simulation import Setup
+
+ROWS = (  # label, field, factor from SI units, digits, whether a recorded hand has it
+    ("force begins \\[ms after the touch]", "onset", 1e3, 2, True),
+    ("peak force \\[N]", "peak", 1.0, 3, True),
+    ("force at rest \\[N]", "steady", 1.0, 3, False),
+    ("ripple at rest \\[mN rms]", "ripple", 1e3, 1, False),
+    ("farthest past the surface \\[mm]", "penetration", 1e3, 3, True),
+    ("work of the finger \\[mJ]", "work", 1e3, 3, True),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """What is pressed on, and where."""
+
+    file: Path
+    part: str | None
+    at: tuple[float, float, float] | None  # in units
+    units: str
+    recording: Path | None
+    stiffness: float | None  # N/m
+    damping: float | None  # N s/m
+
+
+def run(
+    place: Place, setup: "Setup", policy: str | None, out: Path | None, *, is_sensor: bool, as_json: bool
+) -> None:
+    """Simulate a press on a part, and tell of it.
+
+    Parameters
+    ----------
+    place : Place
+        What is pressed on.
+    setup : Setup
+        Speed, rate, latency and drum.
+    policy : str
+        A plain reading of distances; the drum's controller where None.
+    out : path
+        What to draw or write; None: nothing.
+    is_sensor : bool
+        Distances are measured at a far end.
+    as_json : bool
+        Tell it as a document.
+    """
+    from proximity.cli import progress
+    from proximity.cli.views.output import plain
+    from proximity.decaff import part_simulation, press_plots, simulation
+    from proximity.decaff.drum import DRUMS
+    from proximity.decaff.engine_setup import Distances, EngineSetup
+    from proximity.formats import metres_per_unit
+
+    told = EngineSetup(
+        Distances.SENSOR if is_sensor else Distances.ENGINE,
+        setup.rate,
+        setup.latency,
+        None if policy is None else simulation.POLICIES[policy],
+        DRUMS[setup.drum],
+    )
+    metres = metres_per_unit(place.units)
+    at = None if place.at is None else [metres * coordinate for coordinate in place.at]
+    progress.prepare_kernels()
+    with progress.spinner(f"reading {place.file}"):
+        scene = _scene(place)
+        recorded = None if place.recording is None else _recorded(place.recording, scene, at)
+    with progress.spinner("simulating"):
+        press = part_simulation.simulate_on_part(scene, told, at=at, speed=setup.speed, recording=recorded)
+        if out is not None:
+            press_plots.write_curves(out, part_simulation.numbers(press), simulation.Wall.DECAFF)
+    if as_json:
+        typer.echo(json.dumps(plain(part_simulation.document(press)), allow_nan=False, indent=1))
+    else:
+        _print(press)
+
+
+def _scene(place: Place) -> "proximity.Scene":
+    """The parts of a scene file or of any file that has parts; of these the one that is named."""
+    if place.file.suffix.lower() == ".toml":
+        from proximity.service.config import PartFiles, read_scene_file
+
+        scene = PartFiles().scene(read_scene_file(place.file))
+    else:
+        scene = proximity.load(str(place.file), units=place.units)
+    if place.part is not None:
+        scene = proximity.Scene([scene.part(place.part)])
+    if place.stiffness is not None:
+        for part in scene.parts:
+            scene.set_surface(part.name, stiffness=place.stiffness, damping=place.damping or 0.0)
+    return scene
+
+
+def _recorded(path: Path, scene: "proximity.Scene", at: list[float] | None) -> Any:
+    """The recording where its origin is told, or where its hand touches."""
+    from proximity.decaff.finger import Finger
+    from proximity.recording import read_recording
+    from proximity.tracker.replay import fitted_pose
+
+    recording = read_recording(path)
+    for note in recording.notes:
+        typer.echo(f"proximity: {path}: {note}", err=True)
+    pose = fitted_pose(scene, recording, Finger().pad_radius) if at is None else proximity.Pose(None, at)
+    return recording.placed(pose)
+
+
+def _print(press: "PartSimulation") -> None:
+    from rich.table import Table
+
+    from proximity.cli.console import Console
+    from proximity.cli.views.blocks import print_block
+    from proximity.cli.views.tables import UNBOUNDED
+    from proximity.cli.views.wording import MISSING
+    from proximity.decaff import part_simulation
+    from proximity.decaff.metrics import drum_offset
+
+    console = Console()
+    console = console if console.is_terminal else Console(width=UNBOUNDED)
+    print_block(console, part_simulation.describe(press))
+    console.print()
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("")
+    for title in ("this engine", "ideal distance", "real surface"):
+        table.add_column(title, justify="right")
+    for label, field, factor, digits, is_of_any in ROWS:
+        if is_of_any or press.speed is not None:
+            table.add_row(label, *(f"{factor * getattr(one, field):.{digits}f}" for one in press.felt))
+    both = (press.engine, press.ideal)
+    table.add_row("force error \\[% rms]", *(f"{100.0 * one.error.share:.1f}" for one in both), "0.0")
+    table.add_row("force error \\[mN rms]", *(f"{1e3 * one.error.rms:.1f}" for one in both), "0.0")
+    offsets = (f"{1e3 * drum_offset(one.response):.3f}" for one in both)
+    table.add_row("drum past the surface at contact \\[mm]", *offsets, MISSING)
+    console.print(table)

@@ -1,0 +1,149 @@
+"""What a person sees who waits: a spinner or a bar on stderr, after a second, and only on a terminal."""
+
+import os
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from threading import Timer
+from types import TracebackType
+from typing import TypeVar
+
+import typer
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+import proximity
+from proximity.cli.console import Console
+from proximity.cli.program import EXIT_INTERRUPTED
+
+PATIENCE_S = 1.0  # a wait shorter than this shows nothing
+STATUS_EVERY_S = 0.5
+
+_LINEAR_ALGEBRA = "scipy.linalg.cython_blas"
+
+T = TypeVar("T")
+
+
+@contextmanager
+def spinner(doing: str) -> Iterator[None]:
+    """Show *doing* while the block runs, if it runs long and stderr is a terminal.
+
+    Parameters
+    ----------
+    doing : str
+        What takes the time.
+    """
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield
+        return
+    status = console.status(escape(doing))  # a file may be named like Rich's marks
+    timer = Timer(PATIENCE_S, status.start)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+        timer.join()
+        status.stop()
+
+
+def with_bar(
+    chunks: Iterable[T], count_of: Callable[[T], int], total: int | None, *, is_shown: bool
+) -> Iterator[T]:
+    """Pass *chunks* on, and show how many of all queries are answered.
+
+    Parameters
+    ----------
+    chunks : iterable
+        What is passed on.
+    count_of : callable
+        Gives how many queries a chunk holds.
+    total : int
+        How many there are; None where that is not known.
+    is_shown : bool
+        False where a bar would run into the output.
+    """
+    console = Console(stderr=True)
+    if not (is_shown and console.is_terminal):
+        yield from chunks
+        return
+    bar = Progress(
+        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(),
+        console=console, transient=True,
+    )  # fmt: skip
+    task = bar.add_task("answered", total=total)
+    started = time.monotonic()
+    try:
+        for chunk in chunks:
+            yield chunk
+            bar.advance(task, count_of(chunk))
+            if time.monotonic() - started > PATIENCE_S:
+                bar.start()
+    finally:
+        bar.stop()
+
+
+class Status:
+    """A line on stderr that tells how something goes on, where that is a terminal; and a word, once."""
+
+    def __init__(self) -> None:
+        console = Console(stderr=True)
+        self._spinner = console.status("") if console.is_terminal else None
+        self._is_said = False
+        self._due = 0.0
+
+    def show(self, text: str) -> None:
+        """Show *text* in place of what was shown, twice a second at most."""
+        if self._spinner is None or time.monotonic() < self._due:
+            return
+        self._due = time.monotonic() + STATUS_EVERY_S
+        self._spinner.update(escape(text))
+        self._spinner.start()
+
+    def say_once(self, text: str) -> None:
+        """Say *text*, the first time only, to a terminal or not."""
+        if not self._is_said:
+            typer.echo(f"proximity: {text}", err=True)
+        self._is_said = True
+
+    def __enter__(self) -> "Status":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._spinner is not None:
+            self._spinner.stop()
+
+
+def prepare_kernels() -> None:
+    """Compile the kernels, with a word on stderr, where they have not been compiled on this machine yet."""
+    _load_compiler()
+    if proximity.kernels_are_cached():
+        return
+    typer.echo("proximity: compiling for this processor, this once; it takes a minute or two", err=True)
+    try:
+        with spinner("compiling"):
+            proximity.warm_up(workers=-1)
+    except KeyboardInterrupt:
+        # A compiler is at work in another thread, and Python's way out would take a second or two.
+        sys.stderr.flush()
+        os._exit(EXIT_INTERRUPTED)
+
+
+def _load_compiler() -> None:
+    """Load numba without SciPy's linear algebra, which it looks for and no kernel calls: a tenth of a start.
+
+    For commands alone: kernels of others that share a process with a library may well call it.
+    """
+    if _LINEAR_ALGEBRA in sys.modules:
+        return
+    sys.modules[_LINEAR_ALGEBRA] = None  # type: ignore[assignment]  # an import of it is refused
+    try:
+        import_module("numba.np.arraymath")
+    finally:
+        del sys.modules[_LINEAR_ALGEBRA]

@@ -1,0 +1,111 @@
+"""What is told of a certificate on the terminal."""
+
+import sys
+from typing import Any
+
+from rich.table import Table
+
+from proximity.certificate import wording
+from proximity.certificate.wording import microseconds, percent
+from proximity.cli.console import Console
+from proximity.cli.views.blocks import Lines, print_block
+from proximity.cli.views.tables import UNBOUNDED
+from proximity.cli.views.wording import printable
+
+HASH_DIGITS = 16
+
+
+def write(told: dict[str, Any]) -> None:
+    """Write the certificate to stdout: scene, worst places, times against periods, the verdict.
+
+    Parameters
+    ----------
+    told : dict
+        See `proximity.certificate.report.document`.
+    """
+    console = Console()
+    console = console if console.is_terminal else Console(width=UNBOUNDED)
+    print_block(console, _scene(told))
+    console.print()
+    console.print(_places(told["search"]))
+    console.print()
+    console.print(_times(told))
+    console.print()
+    print_block(console, _ends(told))
+    sys.stdout.flush()
+
+
+def _scene(told: dict[str, Any]) -> Lines:
+    scene, settings, machine = told["scene"], told["settings"], told["machine"]
+    files = ", ".join(map(printable, scene["files"]))
+    return [
+        (
+            "scene",
+            f"{files}: {wording.counted(scene['parts'], 'part')}, {wording.counted(scene['faces'], 'face')}",
+        ),
+        ("content", scene["sha256"][:HASH_DIGITS]),
+        (
+            "ticks",
+            f"{wording.counted(settings['fingers'], 'finger')}, budget {settings['budget']} nodes and "
+            f"leaves, seed {settings['seed']}{wording.fed(settings)}",
+        ),
+        ("machine", f"{machine['processor']}, {wording.counted(machine['cores'], 'core')}"),
+    ]
+
+
+def _places(goals: list[dict[str, Any]]) -> Table:
+    table = _table("worst place for a finger", ("work", "at random", "x", "y", "z", "bracket \\[mm]"))
+    for goal in goals:
+        worst = goal["places"][0]
+        place = map(wording.millimetres, worst["position"])
+        typical = goal["typical_work"]
+        shown = wording.UNKNOWN if typical != typical else f"{typical:.0f}"
+        bracket = f"{1e3 * worst['lower']:.3f} to {1e3 * worst['upper']:.3f}"
+        table.add_row(wording.goal(goal), str(worst["work"]), shown, *place, bracket)
+    return table
+
+
+def _times(told: dict[str, Any]) -> Table:
+    periods = told["cases"][0]["periods"]
+    shares = (f"{1e3 * row['period_s']:g} ms" for row in periods)
+    table = _table("computing \\[µs]; p99.9 in % of", (*wording.WORDS.values(), *shares))
+    for case in told["cases"]:
+        name = case["name"] + ("" if case["counts"] else " (no budget)")
+        _add(table, name, case["compute"], case["periods"])
+    for name, kind in (("service: computing", "compute"), ("service: woken late", "lateness")):
+        counted = told["loop"][kind]
+        _add(table, name, counted, counted["periods"])
+    return table
+
+
+def _add(table: Table, name: str, times: dict[str, Any], periods: list[dict[str, Any]]) -> None:
+    shares = (percent(row["share"]["p999"]) for row in periods)
+    table.add_row(name, *(microseconds(times[key]) for key in wording.WORDS), *shares)
+
+
+def _ends(told: dict[str, Any]) -> Lines:
+    loop, felt = told["loop"], told["feeling"][-1]
+    speed = felt["speeds"][0]
+    return [
+        (
+            "deadlines",
+            f"{loop['missed']} of {loop['ticks'] + loop['missed']} missed by the loop at "
+            f"{1e3 * loop['period_s']:g} ms: {wording.missed(loop)}",
+        ),
+        (
+            "at the finger",
+            f"{wording.three(1e3 * felt['delay_s'])} ms of computing and waking: "
+            f"at {speed['speed']:g} m/s a wall is entered by {wording.two(1e3 * speed['penetration'])} mm, "
+            f"force {wording.two(1e3 * speed['force_error'])} mN and "
+            f"work {wording.two(1e3 * speed['energy_error'])} mJ too large",
+        ),
+        ("verdict", told["verdict"]["sentence"]),
+    ]
+
+
+def _table(first: str, titles: tuple[str, ...]) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column(first)
+    for title in titles:
+        table.add_column(title, justify="right")
+    return table

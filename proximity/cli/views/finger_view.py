@@ -1,0 +1,132 @@
+"""One finger of a frame, as the cells of a table or in words."""
+
+import math
+from typing import Any
+
+import numpy as np
+from rich.text import Text
+
+from proximity.cli.views.distance_bar import bar
+from proximity.message import ContactFlag, Mode
+
+MM = 1e3  # in a metre
+MS = 1e3  # in a second
+FEW_DIGITS_FROM = 1000.0  # mm
+UNKNOWN = "?"
+NONE = "-"
+
+FLAG_LETTERS = {
+    ContactFlag.TRACKED: ("T", "tracked"),
+    ContactFlag.PREDICTED: ("P", "predicted"),
+    ContactFlag.EXACT: ("E", "exact"),
+    ContactFlag.BOUNDED: ("B", "bounded"),
+    ContactFlag.SKIPPED: ("K", "skipped"),
+    ContactFlag.SIGNED: ("S", "side known"),
+    ContactFlag.INSIDE: ("I", "inside"),
+    ContactFlag.IN_RANGE: ("R", "in range"),
+    ContactFlag.PART_CHANGED: ("N", "new part"),
+    ContactFlag.JUMPED: ("J", "jumped"),
+    ContactFlag.ON_PATH: ("W", "on its way"),
+    ContactFlag.CONTACT_FOUND: ("C", "contact found"),
+}
+"""The letter of each flag, always at the same place, and what it means."""
+MODE_STYLES = {Mode.RETRACT: "green", Mode.POSITION: "yellow", Mode.FORCE: "magenta", Mode.HOLD: "red"}
+FREE_STYLE = "green"
+CLOSING_STYLE = "yellow"
+
+
+def is_tracked(contacts: np.ndarray) -> np.ndarray:
+    """Return of which fingers something is known.
+
+    Parameters
+    ----------
+    contacts : (N,) CONTACT
+        Of a reading.
+    """
+    return (contacts["flags"] & ContactFlag.TRACKED) != 0
+
+
+def finger_cells(contact: Any, bar_width: int) -> dict[str, Text]:
+    """Return the cells of a finger by the names of their columns.
+
+    Parameters
+    ----------
+    contact : CONTACT
+        Of a reading.
+    bar_width : int
+        Cells of the bar.
+    """
+    cells = {
+        "finger": Text(str(contact["finger"]), "bold"),
+        "mode": _mode(contact),
+        "flags": _flags(contact),
+    }
+    if not is_tracked(contact):
+        unknown = dict.fromkeys(("part", "distance mm", "touch in", "closing"), Text(UNKNOWN, "red"))
+        return {**cells, **unknown, "bar": Text("nothing is known"[:bar_width], "red")}
+    lower, upper = MM * float(contact["lower"]), MM * float(contact["upper"])
+    predicted = float(contact["predicted_distance"]) if contact["flags"] & ContactFlag.PREDICTED else math.nan
+    style = CLOSING_STYLE if math.isfinite(contact["time_to_contact"]) else FREE_STYLE
+    return {
+        **cells,
+        "part": Text(str(contact["part"]) if contact["part"] >= 0 else NONE),
+        "distance mm": Text(_distance(lower, upper)),
+        "bar": bar(lower, upper, MM * predicted, bar_width, style),
+        "touch in": Text(_time(contact)),
+        "closing": Text(_speed(float(contact["approach_speed"]))),
+    }
+
+
+def finger_words(contact: Any) -> str:
+    """Return what a line of text says of a finger.
+
+    Parameters
+    ----------
+    contact : CONTACT
+        Of a reading.
+    """
+    if not is_tracked(contact):
+        return f"{contact['finger']}: not tracked"
+    lower, upper = MM * float(contact["lower"]), MM * float(contact["upper"])
+    soon = _time(contact)
+    touch = f", touch in {soon}" if soon not in (NONE, UNKNOWN, "now") else ""
+    return f"{contact['finger']}: {_distance(lower, upper)} mm{touch}, {_mode(contact)}"
+
+
+def _distance(lower: float, upper: float) -> str:
+    """The distance, or its bounds, mm."""
+    if lower == upper:
+        return f"{lower + 0.0:.2f}"
+    digits = 1 if max(abs(lower), abs(upper)) < FEW_DIGITS_FROM else 0
+    at_least = f"{lower + 0.0:.{digits}f}"
+    return f"{at_least}…{upper + 0.0:.{digits}f}" if math.isfinite(upper) else f"≥ {at_least}"
+
+
+def _time(contact: Any) -> str:
+    """Time to contact, or what it is at least where the distance is not exact."""
+    seconds, at_least = float(contact["time_to_contact"]), float(contact["time_to_contact_lower"])
+    if math.isnan(seconds):
+        return UNKNOWN
+    if contact["upper"] <= 0.0:
+        return "now"
+    if math.isinf(seconds):
+        return NONE
+    is_exact = bool(contact["flags"] & ContactFlag.EXACT)
+    return f"{MS * seconds:.0f} ms" if is_exact else f"≥ {MS * at_least:.0f} ms"
+
+
+def _speed(speed: float) -> str:
+    return UNKNOWN if math.isnan(speed) else f"{MM * speed + 0.0:.0f} mm/s"
+
+
+def _mode(contact: Any) -> Text:
+    number = int(contact["mode"])
+    if number not in MODE_STYLES:
+        return Text(str(number))
+    return Text(Mode(number).name.lower(), MODE_STYLES[Mode(number)])
+
+
+def _flags(contact: Any) -> Text:
+    return Text(
+        "".join(letter if contact["flags"] & flag else "·" for flag, (letter, _) in FLAG_LETTERS.items())
+    )

@@ -1,0 +1,300 @@
+"""What is told of a replay: the same numbers as JSON and for people, lengths in their unit."""
+
+import json
+import sys
+from typing import Any
+
+import typer
+
+import proximity
+from proximity.cli.console import Console
+from proximity.cli.lengths import in_unit
+from proximity.cli.views.blocks import Lines, print_block
+from proximity.cli.views.output import plain
+from proximity.cli.views.tables import UNBOUNDED
+from proximity.cli.views.wording import number
+from proximity.recording import NANOSECONDS, Recording
+from proximity.tracker.replay import BoundsKept, ReplaySummary, TickTimes
+
+BAR_WIDTH = 40
+US = 1000.0  # ns
+SHOWN_DIGITS = 4
+CLOCK_DIGITS = 6
+"""Of seconds, behind the point: float64 has no more of a calendar's."""
+
+
+def inputs(scene: "proximity.Scene", file: str, recording: Recording, units: str) -> dict[str, Any]:
+    """Return what is told of a scene and a recording.
+
+    Parameters
+    ----------
+    scene : Scene
+        What was touched.
+    file : str
+        Where it came from.
+    recording : Recording
+        As it was recorded.
+    units : str
+        What lengths are in.
+    """
+    return {
+        "file": file,
+        "units": units,
+        "part_count": len(scene.parts),
+        "face_count": sum(part.solid.mesh.face_count for part in scene.parts),
+        "recording": {
+            "file": recording.path,
+            "begins_s": int(recording.times_ns[0]) / NANOSECONDS,
+            "duration_s": recording.duration_s,
+            "fingers": [{"hand": hand, "finger": finger} for hand, finger in recording.fingers],
+            "hand_count": recording.hand_count,
+            "frame_count": len(recording.times_ns),
+            "sample_count": recording.sample_count,
+            "gap_count": recording.gap_count(),
+            "notes": list(recording.notes),
+        },
+    }
+
+
+def results(summary: ReplaySummary, metres: float) -> dict[str, Any]:
+    """Return what is told of the ticks, with lengths in the unit.
+
+    Parameters
+    ----------
+    summary : ReplaySummary
+        In metres.
+    metres : float
+        Metres in one unit.
+    """
+    nearest, bounds, predictions = summary.nearest, summary.bounds, summary.predictions
+    return {
+        "ticks": {
+            "tick_count": summary.tick_count,
+            "finger_tick_count": summary.finger_tick_count,
+            "tracked_count": summary.tracked_count,
+            "exact_count": summary.exact_count,
+            "bounded_count": summary.bounded_count,
+            "skipped_count": summary.skipped_count,
+        },
+        "compute_us": _times(summary.compute),
+        "wall_us": _times(summary.wall),
+        "nearest": None
+        if nearest is None
+        else {
+            "finger": nearest.finger,
+            "time_s": nearest.time_s,
+            "signed_distance": in_unit(nearest.signed_distance, metres),
+            "part": nearest.part,
+        },
+        "touches": [
+            {
+                "finger": touch.finger,
+                "count": touch.count,
+                "first_s": touch.first_s,
+                "deepest": in_unit(touch.deepest, metres),
+            }
+            for touch in summary.touches
+        ],
+        "bounds": {
+            "checked_count": bounds.checked_count,
+            "broken_count": bounds.broken_count,
+            "worst": in_unit(bounds.worst, metres),
+            "first_broken": bounds.first_broken or None,
+        },
+        "predictions": {
+            "checked_count": predictions.checked_count,
+            "kept_count": predictions.kept_count,
+            "error_p50": in_unit(predictions.error_p50, metres),
+            "error_p95": in_unit(predictions.error_p95, metres),
+        },
+        "times_to_contact": {
+            "checked_count": summary.times_to_contact.checked_count,
+            "kept_count": summary.times_to_contact.kept_count,
+        },
+    }
+
+
+def broken(bounds: BoundsKept) -> str:
+    """Return the sentence on bounds that do not hold.
+
+    Parameters
+    ----------
+    bounds : BoundsKept
+        Some of them broken.
+    """
+    return (
+        f"{bounds.broken_count} of {bounds.checked_count} bounds that were checked do not hold, "
+        f"the first: {bounds.first_broken}"
+    )
+
+
+def write(report: dict[str, Any], *, as_json: bool) -> None:
+    """Write the report to stdout.
+
+    Parameters
+    ----------
+    report : dict
+        Of `inputs`, "placement", "settings" and `results`.
+    as_json : bool
+        One JSON document instead of lines to read.
+    """
+    if as_json:
+        typer.echo(json.dumps(plain(report), allow_nan=False, indent=1))
+        return
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=UNBOUNDED)
+    units = report["units"]
+    print_block(console, [*_given(report, units), *_measured(report)])
+    print_block(console, _histogram(report["compute_us"]["histogram"]))
+    print_block(console, [*_found(report, units), *_kept(report, units)])
+    sys.stdout.flush()
+
+
+def _given(report: dict[str, Any], units: str) -> Lines:
+    told, placement, settings = report["recording"], report["placement"], report["settings"]
+    fingers, hands = len(told["fingers"]), told["hand_count"]
+    fitted = "fitted to the parts" if placement["is_fitted"] else "as given"
+    turn = placement["turn_degrees"]
+    turned = f"turned by {_numbers(turn)} degrees, " if any(turn) else ""
+    ticks = report["ticks"]
+    return [
+        (
+            "scene",
+            f"{report['file']}: {_counted(report['part_count'], 'part')}, {report['face_count']} faces",
+        ),
+        (
+            "recording",
+            f"{told['file']}: {_short(told['duration_s'])} s, {_counted(fingers, 'finger')} of "
+            f"{_counted(hands, 'hand')}, {told['sample_count']} samples in {told['frame_count']} frames, "
+            f"{_counted(told['gap_count'], 'gap')}",
+        ),
+        *_epoch(told["begins_s"]),
+        *(("note", note) for note in told["notes"]),
+        (
+            "placement",
+            f"origin at {_numbers(placement['position'])} {units}, {turned}"
+            f"scale {number(placement['scale'])}; {fitted}",
+        ),
+        (
+            "ticks",
+            f"{ticks['tick_count']} at {number(settings['rate_hz'])} Hz, radius {number(settings['radius'])} "
+            f"{units}, latency {number(settings['latency_ms'])} ms",
+        ),
+    ]
+
+
+def _epoch(begins: float) -> Lines:
+    """What instants below count from, where the recording's own do not begin at zero."""
+    return (
+        [("times", f"since the recording's first instant, its {begins:.{CLOCK_DIGITS}f} s")] if begins else []
+    )
+
+
+def _measured(report: dict[str, Any]) -> Lines:
+    def line(times: dict[str, Any]) -> str:
+        shown = (f"{title} {times[key]:.1f}" for title, key in TIMES.items())
+        return ", ".join(shown) + " µs a tick"
+
+    return [("compute", line(report["compute_us"])), ("wall clock", line(report["wall_us"]))]
+
+
+TIMES = {"p50": "p50", "p99": "p99", "p99.9": "p999", "max": "max"}
+
+
+def _histogram(rows: list[Any]) -> Lines:
+    most = max(count for _, _, count in rows)
+    return [
+        (
+            f"{number(low):>6} to {number(high)}".ljust(15),
+            f"µs {count:8d}  {_bar(count, most)}".rstrip(),
+        )
+        for low, high, count in rows
+    ]
+
+
+def _bar(count: int, most: int) -> str:
+    """A bar for a count, of at least one mark where it is not zero."""
+    return "#" * -(-BAR_WIDTH * count // most)
+
+
+def _found(report: dict[str, Any], units: str) -> Lines:
+    ticks, nearest, begins = report["ticks"], report["nearest"], report["recording"]["begins_s"]
+    tracked = ticks["tracked_count"]
+    shares = (f"{_share(ticks[f'{name}_count'], tracked)} {name}" for name in ("exact", "bounded", "skipped"))
+    lost = ticks["finger_tick_count"] - tracked
+    approach = "no finger came within the working range"
+    if nearest is not None:
+        length = f"{_short(nearest['signed_distance'])} {units}"
+        # Where the budget was spent before any face was met, the distance is a bound only.
+        place = f"{length} from {nearest['part']}" if nearest["part"] else f"{length} at most from some part"
+        approach = f"{nearest['finger']} at {_since(begins, nearest['time_s'])} s: {place}"
+    touches = [
+        (
+            "touch",
+            f"{touch['finger']}: {_counted(touch['count'], 'time')}, first at "
+            f"{_since(begins, touch['first_s'])} s, {_short(touch['deepest'])} {units} deep",
+        )
+        for touch in report["touches"]
+    ]
+    return [
+        ("answers", f"{', '.join(shares)}; finger lost in {_share(lost, ticks['finger_tick_count'])}"),
+        ("nearest", approach),
+        *(touches or [("touch", "none")]),
+    ]
+
+
+def _kept(report: dict[str, Any], units: str) -> Lines:
+    bounds, predictions, times = report["bounds"], report["predictions"], report["times_to_contact"]
+    kept = bounds["checked_count"] - bounds["broken_count"]
+    worst = f", the worst is off by {_short(bounds['worst'])} {units}" if bounds["broken_count"] else ""
+    median, most = _short(predictions["error_p50"]), _short(predictions["error_p95"])
+    of_predictions = _share(predictions["kept_count"], predictions["checked_count"])
+    of_times = _share(times["kept_count"], times["checked_count"])
+    lines = [("bounds", f"{kept} of {bounds['checked_count']} hold, checked against exact distances{worst}")]
+    if predictions["checked_count"]:
+        lines.append(
+            (
+                "predictions",
+                f"{of_predictions} within their bounds, error p50 {median}, p95 {most} {units}",
+            )
+        )
+    if times["checked_count"]:
+        lines.append(
+            (
+                "contact times",
+                f"{of_times} of lower bounds not above the time until the touch, kept while velocity is",
+            )
+        )
+    return lines
+
+
+def _times(times: TickTimes) -> dict[str, Any]:
+    return {
+        "p50": times.p50 / US,
+        "p99": times.p99 / US,
+        "p999": times.p999 / US,
+        "max": times.max / US,
+        "histogram": [[low / US, high / US, count] for low, high, count in times.histogram],
+    }
+
+
+def _share(count: int, total: int) -> str:
+    return f"{100.0 * count / total:.1f} %" if total else "-"
+
+
+def _since(begins: float, instant: float) -> str:
+    """Seconds from a recording's first instant to another; both are off by a fraction of a microsecond."""
+    return _short(round(instant - begins, CLOCK_DIGITS))
+
+
+def _short(value: float) -> str:
+    return f"{value + 0.0:.{SHOWN_DIGITS}g}"
+
+
+def _numbers(values: list[float]) -> str:
+    return "  ".join(_short(value) for value in values)
+
+
+def _counted(count: int, what: str) -> str:
+    return f"1 {what}" if count == 1 else f"{count} {what}s"

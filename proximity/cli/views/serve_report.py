@@ -1,0 +1,121 @@
+"""What is told of a service: at its beginning on stderr, at its end on stdout; or both as JSON."""
+
+import json
+import os
+import sys
+from typing import Any
+
+import typer
+
+from proximity.cli.console import Console
+from proximity.cli.views.blocks import Lines, print_block
+from proximity.cli.views.output import plain
+from proximity.cli.views.tables import UNBOUNDED
+from proximity.cli.views.wording import number, printable
+from proximity.service import Histogram, Report
+from proximity.service.hosting import Beginning
+
+US = 1000.0  # ns
+SHARES = {"p50": 50.0, "p99": 99.0, "p99.9": 99.9}
+
+
+def write_beginning(beginning: Beginning, *, as_json: bool) -> None:
+    """Say that the first frame is out: of what, where, at what rate, and what the system did not permit.
+
+    Parameters
+    ----------
+    beginning : Beginning
+        What is served.
+    as_json : bool
+        A document on stdout instead of lines on stderr.
+    """
+    settings = beginning.settings
+    service, rate = settings.service, number(settings.service.rate_hz)
+    if as_json:
+        _write_document(
+            {
+                "event": "begun",
+                "pid": os.getpid(),
+                "scene": settings.path,
+                "publish": list(service.publish),
+                "rate_hz": service.rate_hz,
+                "log": service.log,
+                "finger_count": beginning.finger_count,
+                "part_count": beginning.part_count,
+                "face_count": beginning.face_count,
+                "notes": list(beginning.notes),
+            }
+        )
+        return
+    fingers = _counted(beginning.finger_count, "finger")
+    where = "as a sensor measures them"
+    if beginning.part_count:
+        where = f"at {_counted(beginning.part_count, 'part')}, {_counted(beginning.face_count, 'face')}"
+    _say(f"serving {settings.path}: {fingers} {where}")
+    _say(f"{rate} Hz to {', '.join(service.publish)}{f', logged in {service.log}' if service.log else ''}")
+    for note in beginning.notes:
+        _say(note)
+
+
+def write(report: Report, *, as_json: bool) -> None:
+    """Write the report to stdout.
+
+    Parameters
+    ----------
+    report : Report
+        Of a service that has ended.
+    as_json : bool
+        A document instead of lines to read.
+    """
+    if as_json:
+        _write_document({"event": "ended", **report.as_dict()})
+        return
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=UNBOUNDED)
+    print_block(console, _lines(report))
+    sys.stdout.flush()
+
+
+def _lines(report: Report) -> Lines:
+    rate = number(1e9 / report.period_ns)
+    states = ", ".join(f"{count} {state.name.lower()}" for state, count in report.states.items() if count)
+    dropped = {"from the future": report.future, "backwards in time": report.backwards}
+    poses = ", ".join(f"{count} {why}" for why, count in dropped.items() if count)
+    logged = report.log_written or report.log_lost
+    return [
+        ("ticks", f"{report.ticks} at {rate} Hz, {report.missed} missed"),
+        ("states", states or "none"),
+        ("compute", _times(report.compute)),
+        ("lateness", _times(report.lateness)),
+        *(
+            ("published", f"{address}: {_failures(count)}")
+            for address, count in report.publish_failures.items()
+        ),
+        *([("log", f"{report.log_written} frames, {report.log_lost} lost")] if logged else []),
+        *([("poses", f"not used: {poses}")] if poses else []),
+        *(("note", note) for note in report.notes),
+    ]
+
+
+def _times(histogram: Histogram) -> str:
+    shown = [f"{title} {histogram.percentile(share) / US:.1f}" for title, share in SHARES.items()]
+    return ", ".join([*shown, f"max {histogram.max_ns / US:.1f}"]) + " µs"
+
+
+def _failures(count: int) -> str:
+    return f"{_counted(count, 'frame')} not taken" if count else "all frames"
+
+
+def _counted(count: int, what: str) -> str:
+    return f"1 {what}" if count == 1 else f"{count} {what}s"
+
+
+def _write_document(told: dict[str, Any]) -> None:
+    """One document, on one line, at once: somebody may wait for it."""
+    sys.stdout.write(json.dumps(plain(told), allow_nan=False) + "\n")
+    sys.stdout.flush()
+
+
+def _say(sentence: str) -> None:
+    typer.echo(f"proximity: {printable(sentence)}", err=True)

@@ -1,0 +1,88 @@
+"""Following a service and showing it: what ``watch`` and ``demo`` share."""
+
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+
+from rich.console import ConsoleDimensions, RenderableType
+from rich.text import Text
+
+from proximity.cli.views.screen import Screen
+from proximity.cli.views.watch_view import Seen, line, picture
+from proximity.transport import Reading, Subscriber
+
+GATHER_S = 0.005
+RATE_OVER_S = 1.0
+SAMPLED_EVERY_S = 0.05
+OTHER_LINES = 9  # of a terminal, beside the fingers
+
+
+class Follower:
+    """The newest reading of a subscriber, and how fast frames come.
+
+    Parameters
+    ----------
+    subscriber : Subscriber
+        Of the service.
+    gather : float, s
+        That frames are let come before they are looked at: to wake for each takes a third of a core at 1 kHz.
+    clock : callable
+        Gives now, s, monotonic.
+    """
+
+    def __init__(
+        self, subscriber: Subscriber, *, gather: float = GATHER_S, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._subscriber = subscriber
+        self._gather = gather
+        self._clock = clock
+        self._came_at = clock()
+        self._samples = deque([(self._came_at, 0)])  # instant, frames received until then
+
+    def look(self, timeout: float) -> tuple[Reading, Seen]:
+        """Wait for new frames and return what is known.
+
+        Parameters
+        ----------
+        timeout : float, s
+            How long to wait at most, where none comes.
+        """
+        time.sleep(self._gather)
+        reading = self._subscriber.wait(timeout)
+        now, counts = self._clock(), self._subscriber.counts
+        if reading.is_new:
+            self._came_at = now
+        return reading, Seen(
+            self._subscriber.address, counts, self._rate(now, counts.received), now - self._came_at
+        )
+
+    def _rate(self, now: float, received: int) -> float:
+        samples = self._samples
+        if now - samples[-1][0] >= SAMPLED_EVERY_S:
+            samples.append((now, received))
+        while len(samples) > 1 and now - samples[1][0] >= RATE_OVER_S:
+            samples.popleft()
+        then, before = samples[0]
+        return (received - before) / (now - then) if now - then >= SAMPLED_EVERY_S else 0.0
+
+
+def show(screen: Screen, reading: Reading, seen: Seen, drums: Sequence[Text] | None = None) -> None:
+    """Show a reading if it is time for it.
+
+    Parameters
+    ----------
+    screen : Screen
+        Where.
+    reading : Reading
+        What is known now.
+    seen : Seen
+        What is known beside.
+    drums : sequence of Text
+        What a controller does with each finger, where one runs beside.
+    """
+
+    def drawn(size: ConsoleDimensions) -> RenderableType:
+        rows = max(1, size.height - OTHER_LINES)
+        return picture(reading, seen, width=size.width, row_count=rows, drums=drums)
+
+    screen.show(lambda: line(reading, seen), drawn)

@@ -1,0 +1,200 @@
+"""What ``watch`` shows of one reading: a table for a terminal, or a line of text. Nothing is read here."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from proximity.cli.views.distance_bar import ruler
+from proximity.cli.views.finger_view import FLAG_LETTERS, finger_cells, finger_words, is_tracked
+from proximity.message import Flaw, State
+from proximity.transport import Counts, Reading
+
+NS_IN_MS = 1e6
+NS_IN_S = 1e9
+LINE_FINGERS = 8  # told in a line of text
+
+STATE_STYLES = {
+    State.STARTING: "black on cyan",
+    State.OK: "black on green",
+    State.DEGRADED: "black on yellow",
+    State.LATE: "black on bright_yellow",
+    State.STALE: "bold white on red",
+    State.STOPPING: "black on magenta",
+}
+MEANINGS = {
+    State.STARTING: "the service has no poses yet",
+    State.OK: "every finger is tracked, and in time",
+    State.DEGRADED: "in time; a finger is not tracked, or is near with bounds only",
+    State.LATE: "ticks were missed or poses are old: only the bounds hold, and they widen",
+    State.STOPPING: "the service was told to stop",
+}
+COLUMNS = {  # and their cells; a space follows each
+    "finger": 6,
+    "part": 4,
+    "distance mm": 13,
+    "bar": 0,
+    "touch in": 8,
+    "closing": 9,
+    "mode": 8,
+    "flags": 12,
+}
+NUMBERS = ("finger", "part", "distance mm", "touch in", "closing")
+DRUM_CELLS = 20
+DISPENSABLE = ("flags", "mode", "closing", "part")  # in this order, for the sake of the bar
+ENOUGH_BAR = 24
+SMALLEST_BAR = 14
+LARGEST_BAR = 60
+FLAGS_LEGEND = f"Flags: {', '.join(f'{letter} {word}' for letter, word in FLAG_LETTERS.values())}"
+BARS_LEGEND = "Bars: █ free for certain, ▒ between the bounds, ◆ predicted, » farther"
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """What is known beside a reading."""
+
+    address: str
+    counts: Counts
+    rate_hz: float  # of frames, over the last second
+    silent_s: float  # since the last frame came; since the start, if none did
+
+
+def picture(
+    reading: Reading, seen: Seen, *, width: int, row_count: int, drums: Sequence[Text] | None = None
+) -> RenderableType:
+    """Return what a terminal shows.
+
+    Parameters
+    ----------
+    reading : Reading
+        What is known now.
+    seen : Seen
+        What is known beside.
+    width : int
+        Cells in a line of the terminal.
+    row_count : int
+        Most fingers that are shown: the nearest.
+    drums : sequence of Text
+        What a controller does with each finger, where one runs beside.
+    """
+    if not len(reading.contacts):
+        return Group(*headline(reading, seen, width))
+    columns = _columns(width, has_drums=drums is not None)
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
+    for name, cells in columns.items():
+        title = ruler(cells) if name == "bar" else name
+        table.add_column(title, justify="right" if name in NUMBERS else "left", no_wrap=True, width=cells)
+    rows = nearest(reading.contacts, row_count)
+    for row in rows:
+        shown = finger_cells(reading.contacts[row], columns["bar"])
+        if drums is not None:
+            # A controller that runs beside may not have had its first frame yet.
+            shown["drum"] = drums[row] if row < len(drums) else Text("")
+        table.add_row(*(shown[name] for name in columns))
+    hidden = len(reading.contacts) - len(rows)
+    more = [Text(f"and {hidden} more, farther away", "dim")] if hidden else []
+    legend = f"{FLAGS_LEGEND}. {BARS_LEGEND}." if "flags" in columns else BARS_LEGEND
+    return Group(*headline(reading, seen, width), table, *more, Text(legend, "dim"))
+
+
+def headline(reading: Reading, seen: Seen, width: int) -> tuple[Text, Text]:
+    """Return the two lines above the table: the state and what it means, and the figures.
+
+    Parameters
+    ----------
+    reading : Reading
+        What is known now.
+    seen : Seen
+        What is known beside.
+    width : int
+        Cells in a line of the terminal.
+    """
+    style = STATE_STYLES[reading.state]
+    badge, meaning = f" {reading.state.name} ", _meaning(reading, seen)
+    if reading.state is State.STALE:  # a whole line, so that nobody takes what stands below for now
+        state = Text(f"{badge} {meaning}".ljust(width), style)
+    else:
+        state = Text.assemble((badge, style), f"  {meaning}")
+    return state, Text(f"{seen.address}  {',  '.join(_figures(reading, seen))}")
+
+
+def line(reading: Reading, seen: Seen) -> str:
+    """Return one line of text for what is no terminal.
+
+    Parameters
+    ----------
+    reading : Reading
+        What is known now.
+    seen : Seen
+        What is known beside.
+    """
+    head = f"{time.strftime('%H:%M:%S')} {reading.state.name}: {', '.join(_figures(reading, seen))}"
+    if reading.state is State.STALE:
+        return f"{head}; {_meaning(reading, seen)}"
+    rows = nearest(reading.contacts, LINE_FINGERS)
+    hidden = len(reading.contacts) - len(rows)
+    fingers = [finger_words(reading.contacts[row]) for row in rows]
+    return "; ".join([head, *fingers, *([f"and {hidden} more"] if hidden else [])])
+
+
+def nearest(contacts: np.ndarray, count: int) -> list[int]:
+    """Return which fingers are shown: all, or the nearest, in the order of the frame.
+
+    Parameters
+    ----------
+    contacts : (N,) CONTACT
+        Of all fingers.
+    count : int
+        Most that are shown.
+    """
+    lower = np.where(is_tracked(contacts), contacts["lower"], np.inf)
+    return sorted(np.argsort(lower, kind="stable")[:count].tolist())
+
+
+def _columns(width: int, *, has_drums: bool) -> dict[str, int]:
+    """The columns that fit, and their cells; the bar gets what is left of the line."""
+    columns = COLUMNS | ({"drum": DRUM_CELLS} if has_drums else {})
+    for name in DISPENSABLE:
+        if width - _cells(columns) < ENOUGH_BAR:
+            del columns[name]
+    columns["bar"] = min(max(width - _cells(columns), SMALLEST_BAR), LARGEST_BAR)
+    return columns
+
+
+def _cells(columns: dict[str, int]) -> int:
+    """What the columns take, with a space behind each."""
+    return sum(columns.values()) + len(columns)
+
+
+def _meaning(reading: Reading, seen: Seen) -> str:
+    if reading.state is not State.STALE:
+        return MEANINGS[reading.state]
+    if seen.counts.unverified and seen.rate_hz == 0.0:
+        return f"what comes is not verified by the key of {seen.address}, expected the publisher's key"
+    if reading.header is None and seen.counts.flawed[Flaw.SIZE]:
+        return "what comes is not as long as it says: if it was sent with a key, expected ?key=FILE here, too"
+    if reading.header is None:
+        return f"nothing has come from {seen.address} yet, for {seen.silent_s:.1f} s"
+    if reading.header["state"] == State.STALE and seen.rate_hz > 0.0:
+        return "the service has no new poses: nothing is known of any finger"
+    return f"no frame for {seen.silent_s:.1f} s: nothing is known of any finger"
+
+
+def _figures(reading: Reading, seen: Seen) -> list[str]:
+    counts, header = seen.counts, reading.header
+    told = [f"{seen.rate_hz:.0f} Hz"]
+    if header is not None:
+        told.append(f"age {_duration(reading.age_ns)}")
+    told += [f"{counts.lost} lost", f"{counts.unused} refused"]
+    if header is not None:
+        since = time.strftime("%H:%M:%S", time.localtime(int(header["session"]) / NS_IN_S))
+        told += [f"{header['missed']} ticks missed", f"epoch {header['epoch']}", f"session of {since}"]
+    return told
+
+
+def _duration(ns: int) -> str:
+    return f"{ns / NS_IN_MS:.1f} ms" if ns < NS_IN_S else f"{ns / NS_IN_S:.1f} s"

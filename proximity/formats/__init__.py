@@ -1,0 +1,31 @@
+"""Files to geometries: the only place that knows formats, units and scene graphs.
+
+`read_geometries` gives every mesh of a file as it stands there: nothing is merged, dropped or repaired,
+only scaled to metres and cut into triangles. A file of which only a part can be read is refused: what a
+file declares is compared with what it holds, format by format, whoever does the reading.
+
+STL, PLY, OFF, OBJ and 3MF are read here: trimesh keeps no rows of polygons, cuts concave ones wrongly,
+reorders OBJ faces by material, takes damaged files for empty ones and loses placements of 3MF objects. glTF
+goes through trimesh, STEP through cascadio (OpenCASCADE), each behind checks of their own.
+"""
+
+from proximity.formats.contents import FileContents, Geometry
+from proximity.formats.format_detection import EXTENSIONS
+from proximity.formats.reader import read_geometries
+from proximity.formats.size_check import likely_unit, size_notes
+from proximity.formats.step.step import STEP_TOLERANCE
+from proximity.formats.threemf.threemf import UNPACKED_LIMIT
+from proximity.formats.units import UNITS, metres_per_unit
+
+__all__ = [
+    "EXTENSIONS",
+    "STEP_TOLERANCE",
+    "UNITS",
+    "UNPACKED_LIMIT",
+    "FileContents",
+    "Geometry",
+    "likely_unit",
+    "metres_per_unit",
+    "read_geometries",
+    "size_notes",
+]

@@ -1,0 +1,155 @@
+"""What a file looks like, whatever its name says."""
+
+import re
+
+from proximity.errors import MeshFormatError
+from proximity.formats.contents import Source
+
+EXTENSIONS: dict[str, str] = {
+    ".stl": "STL",
+    ".obj": "OBJ",
+    ".ply": "PLY",
+    ".off": "OFF",
+    ".glb": "GLB",
+    ".gltf": "glTF",
+    ".3mf": "3MF",
+    ".step": "STEP",
+    ".stp": "STEP",
+}
+"""Extension, lower case -> format."""
+
+STL_HEADER_BYTES = 84
+STL_FACET_BYTES = 50
+
+_SIGNATURES: tuple[tuple[bytes, str], ...] = (
+    (rb"glTF", "GLB"),
+    (rb"PK(\x03\x04|\x05\x06)", "a zip archive"),
+    (rb"ply\s", "PLY"),
+    (rb"\s*ISO-10303-21\s*;", "STEP"),
+    (rb"(#[^\n]*\n|\s)*(ST)?C?N?4?n?OFF\b", "OFF"),
+    (rb"\s*\{[\s\S]*\"asset\"", "glTF"),
+    (rb"version https://git-lfs", "a Git LFS pointer (the file itself was not fetched)"),
+    (rb"\s*(<!doctype html|<html)", "a web page"),
+    (rb"\s*<(\?xml|svg)", "an XML file"),
+    (rb"\x1f\x8b", "a gzip archive"),
+    (rb"\x89PNG|\xff\xd8\xff|GIF8", "an image"),
+    (rb"%PDF-", "a PDF document"),
+)
+_OBJ_LINES = re.compile(rb"(#[^\n]*\n|\s)*((mtllib|usemtl|o|g|s)\s[^\n]*\n|#[^\n]*\n|\s)*v\s+[-+.\d]")
+_SNIFFED_BYTES = 65536
+
+
+def find_format(source: Source, extension: str) -> str:
+    """Return the format of a file by its extension, if the content does not contradict it.
+
+    Parameters
+    ----------
+    source : Source
+        The file.
+    extension : str
+        With its dot, lower case.
+
+    Raises
+    ------
+    MeshFormatError
+        If the extension is unknown, or the content looks like something else; the message says what.
+    """
+    looks_like = describe_content(source.data)
+    if extension not in EXTENSIONS:
+        guess = f" (it looks like {looks_like})" if looks_like else ""
+        named = f"unknown extension {extension!r}" if extension else "the name has no extension"
+        raise MeshFormatError(f"{named}{guess}, expected one of {', '.join(EXTENSIONS)}")
+    expected = EXTENSIONS[extension]
+    if looks_like is not None and looks_like != expected:
+        raise MeshFormatError(f"it is named like {expected}, but looks like {looks_like}")
+    return expected
+
+
+def describe_content(data: bytes) -> str | None:
+    """Return what *data* looks like: a format of `EXTENSIONS`, another thing, or None where nothing fits.
+
+    Parameters
+    ----------
+    data : bytes
+        The whole file.
+    """
+    head = data[:_SNIFFED_BYTES]
+    if head.startswith(b"\xef\xbb\xbf"):
+        head = head[3:]
+    if is_binary_stl(data):
+        return "STL"
+    # The list of contents of an archive stands at its end.
+    if head.startswith(b"PK\x03\x04") and b"3d/3dmodel.model" in (head + data[-_SNIFFED_BYTES:]).lower():
+        return "3MF"
+    for pattern, name in _SIGNATURES:
+        if re.match(pattern, head, re.IGNORECASE if name.startswith("a") else 0):
+            return name
+    if is_ascii_stl(data):
+        return "STL"
+    return "OBJ" if _OBJ_LINES.match(head) else None
+
+
+def is_binary_stl(data: bytes) -> bool:
+    """Whether the length is exactly what the face count of a binary STL file asks for.
+
+    Parameters
+    ----------
+    data : bytes
+        The whole file. Files that begin with "solid" are no exception: many exporters write that.
+    """
+    if len(data) <= STL_HEADER_BYTES:
+        return False
+    return len(data) == STL_HEADER_BYTES + STL_FACET_BYTES * stl_face_count(data)
+
+
+def stl_face_count(data: bytes) -> int:
+    """Return the face count that a binary STL file claims.
+
+    Parameters
+    ----------
+    data : bytes
+        At least the header.
+    """
+    return int.from_bytes(data[STL_HEADER_BYTES - 4 : STL_HEADER_BYTES], "little")
+
+
+def is_ascii_stl(data: bytes) -> bool:
+    """Whether the file begins with "solid" and goes on as text.
+
+    Parameters
+    ----------
+    data : bytes
+        The whole file.
+    """
+    head = data[:1024]
+    return re.match(rb"(\xef\xbb\xbf)?\s*solid\b", head, re.IGNORECASE) is not None and b"\0" not in head
+
+
+def check_size(head: bytes, size: int, extension: str) -> None:
+    """Compare what the first bytes of a large file claim with its size, before the rest is read.
+
+    Parameters
+    ----------
+    head : bytes
+        Where the file begins, its header included.
+    size : int
+        Bytes of the whole file.
+    extension : str
+        With its dot, lower case.
+
+    Raises
+    ------
+    MeshFormatError
+        If the file cannot be what it is named: with what it should have, and what it has.
+    """
+    held = f"bytes, but the file has {size:,}"
+    if extension == ".stl" and not is_ascii_stl(head):
+        claimed = STL_HEADER_BYTES + STL_FACET_BYTES * stl_face_count(head)
+        if claimed != size:
+            raise MeshFormatError(f"its header says {stl_face_count(head):,} faces: {claimed:,} {held}")
+    elif extension == ".glb" and head[:4] == b"glTF" and int.from_bytes(head[8:12], "little") != size:
+        raise MeshFormatError(f"its header says {int.from_bytes(head[8:12], 'little'):,} {held}")
+    elif extension in (".obj", ".off", ".gltf", ".step", ".stp") and b"\0" in head:
+        raise MeshFormatError(
+            f"it is named like {EXTENSIONS[extension]}, a format of text, but holds zero bytes"
+        )

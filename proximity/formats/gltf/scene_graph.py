@@ -1,0 +1,113 @@
+"""The scene graph of a glTF document: which nodes are in the scene, in the order of the file."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from proximity.errors import MeshFormatError
+from proximity.formats.contents import check_part_count
+from proximity.formats.gltf.buffers import Document, entries, integer, numbers
+
+_MOST_NODES = 200_000
+_TRANSFORMS = {"matrix": 16, "translation": 3, "rotation": 4, "scale": 3}
+
+
+@dataclass(slots=True, eq=False)
+class Node:
+    """A node that is in the scene."""
+
+    name: str  # of the node, else of its mesh, else ""
+    mesh: int | None
+    has_skin: bool
+    matrix: np.ndarray  # (4, 4) float64, world from node
+
+
+def walk(document: Document, *, named_after_meshes: bool = False) -> list[Node]:
+    """Return the nodes of the default scene, parents before children, in the order of the file.
+
+    Parameters
+    ----------
+    document : Document
+        The file.
+    named_after_meshes : bool
+        The name of its mesh goes before a node's own.
+
+    Raises
+    ------
+    MeshFormatError
+        If nodes refer to what is not there, to one another in a circle, or have a wrong transform.
+    """
+    given = entries(document.json, "nodes")
+    check_part_count(sum(isinstance(node, dict) and "mesh" in node for node in given))
+    if len(given) > _MOST_NODES:
+        raise MeshFormatError(f"it has {len(given)} nodes, expected at most {_MOST_NODES}")
+    nodes: list[Node] = []
+    seen: set[int] = set()
+    waiting = [(index, np.eye(4)) for index in reversed(_roots(document))]
+    while waiting:
+        index, world_from_parent = waiting.pop()
+        if index in seen:
+            raise MeshFormatError(f"node {index} hangs in the scene twice, expected a tree")
+        seen.add(index)
+        entry = document.entry("nodes", index)
+        nodes.append(_node(document, entry, index, world_from_parent, named_after_meshes))
+        children = [integer(child, f"the children of node {index}") for child in entries(entry, "children")]
+        waiting += [(child, nodes[-1].matrix) for child in reversed(children)]
+    return nodes
+
+
+def _roots(document: Document) -> list[int]:
+    if entries(document.json, "scenes"):
+        scene = document.entry("scenes", integer(document.json.get("scene", 0), "the default scene"))
+        return [integer(node, "the nodes of the scene") for node in entries(scene, "nodes")]
+    # Without scenes everything that is nobody's child counts.
+    count = len(entries(document.json, "nodes"))
+    children = {
+        integer(child, f"the children of node {k}")
+        for k in range(count)
+        for child in entries(document.entry("nodes", k), "children")
+    }
+    return [k for k in range(count) if k not in children]
+
+
+def _node(
+    document: Document,
+    entry: dict[str, Any],
+    index: int,
+    world_from_parent: np.ndarray,
+    mesh_name_first: bool,
+) -> Node:
+    given = {
+        key: numbers(entry[key], length, f"the {key} of node {index}")
+        for key, length in _TRANSFORMS.items()
+        if entry.get(key) is not None
+    }
+    if "rotation" in given and not any(given["rotation"]):
+        raise MeshFormatError(f"the rotation of node {index} is zero, expected a unit quaternion")
+    mesh = None if entry.get("mesh") is None else integer(entry["mesh"], f"the mesh of node {index}")
+    names = [entry.get("name"), None if mesh is None else document.entry("meshes", mesh).get("name")]
+    if mesh_name_first:
+        names.reverse()
+    name = next((str(name) for name in names if isinstance(name, str) and name.strip()), "")
+    matrix = world_from_parent @ _local_matrix(given) if given else world_from_parent
+    return Node(name, mesh, entry.get("skin") is not None, matrix)
+
+
+def _local_matrix(given: dict[str, list[float]]) -> np.ndarray:
+    """Parent from node: the matrix, or scale, then rotation, then translation."""
+    if "matrix" in given:
+        return np.array(given["matrix"], dtype=np.float64).reshape(4, 4).T  # column after column
+    matrix = np.eye(4)
+    if "rotation" in given:
+        x, y, z, w = np.array(given["rotation"], dtype=np.float64) / math.hypot(*given["rotation"])
+        matrix[:3, :3] = (
+            (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
+            (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
+            (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
+        )
+    if "scale" in given:
+        matrix[:3, :3] *= given["scale"]
+    matrix[:3, 3] = given.get("translation", 0.0)
+    return matrix

@@ -1,0 +1,187 @@
+"""Wavefront OBJ: lines of vertices, polygons that refer to them, names of objects; no units.
+
+Objects (lines ``o``) become geometries of their own; groups and materials do not, as they colour pieces of
+one body. OBJ has no counts: a file that was cut exactly between two lines cannot be told from a whole one
+unless a face refers to what is missing.
+"""
+
+import re
+from collections.abc import Iterable
+
+import numpy as np
+
+from proximity.errors import MeshFormatError
+from proximity.formats import polygons, text_rows
+from proximity.formats.contents import RawFile, RawMesh, Source, check_part_count
+
+_PASSED_OVER = frozenset((
+    "vt", "vn", "vp", "g", "s", "mg", "usemtl", "mtllib", "usemap", "maplib", "bevel", "c_interp", "d_interp",
+    "lod", "shadow_obj", "trace_obj", "cstype", "deg", "bmat", "step", "ctech", "stech", "parm", "end", "con",
+))  # fmt: skip
+_LOWER_DIMENSIONS = frozenset(["l", "p"])
+_NAMING = frozenset(("g", "o", "usemtl", "mtllib", "usemap", "maplib", "shadow_obj", "trace_obj"))
+_LOOSE_SLASH = re.compile(r"\s/")
+_FREE_FORM = frozenset(["curv", "curv2", "surf", "bsp", "bzp", "cdc", "cdp", "res"])
+
+
+class _Lines:
+    """The lines that matter, sorted by what they are."""
+
+    def __init__(self, data: bytes) -> None:
+        self.vertices: list[str] = []
+        self.vertex_lines: list[int] = []
+        self.faces: list[str] = []
+        self.face_lines: list[int] = []
+        self.vertices_before: list[int] = []  # for each face: relative references count back from here
+        self.objects: list[str] = []
+        self.object_starts: list[int] = []  # row of the first face after each line "o"
+        self.others: set[str] = set()
+        text = data.decode("latin-1").removeprefix("\xef\xbb\xbf").replace("\r\n", "\n").replace("\r", "\n")
+        lines = enumerate(text.split("\n"), 1)
+        for line_id, line in _joined(lines) if "\\\n" in text else lines:
+            self._sort(line_id, line)
+
+    def _sort(self, line_id: int, line: str) -> None:
+        key, _, rest = line.partition(" ")
+        if key == "v":
+            self.vertices.append(rest)
+            self.vertex_lines.append(line_id)
+        elif key == "f":
+            self.faces.append(rest)
+            self.face_lines.append(line_id)
+            self.vertices_before.append(len(self.vertices))
+        elif key not in ("vn", "vt") and line and not line.isspace():
+            self._sort_rare(line_id, line)
+
+    def _sort_rare(self, line_id: int, line: str) -> None:
+        key, *rest = line.split("#", 1)[0].split(maxsplit=1)[:2] or ("",)
+        if key in ("v", "f"):  # indented, or with a tab
+            self._sort(line_id, f"{key} {rest[0] if rest else ''}")
+        elif key == "o":
+            # A name may hold a #; a comment begins behind blank space.
+            _, *name = re.split(r"\s#", line, maxsplit=1)[0].split(maxsplit=1)
+            self.objects.append(name[0].strip() if name else "")
+            self.object_starts.append(len(self.faces))
+        elif key in _LOWER_DIMENSIONS:
+            self.others.add(key)
+        elif key in _FREE_FORM:
+            raise MeshFormatError(
+                f"line {line_id} is a free-form curve or surface ({key}), expected polygons only"
+            )
+        elif key and key not in _PASSED_OVER:
+            raise MeshFormatError(
+                f"line {line_id} begins with {text_rows.shortened(key)}, which OBJ does not know"
+            )
+
+
+def _joined(lines: Iterable[tuple[int, str]]) -> list[tuple[int, str]]:
+    """Put together lines of numbers that a backslash continues; comments and names may end in one."""
+    joined: list[tuple[int, str]] = []
+    goes_on = False
+    for line_id, line in lines:
+        if goes_on:
+            line_id, start = joined.pop()
+            line = f"{start[:-1]} {line}"
+        joined.append((line_id, line))
+        goes_on = line.endswith("\\") and "#" not in line and line.split(maxsplit=1)[0] not in _NAMING
+    return joined
+
+
+def read_obj(source: Source) -> RawFile:
+    """Read an OBJ file.
+
+    Parameters
+    ----------
+    source : Source
+        The file.
+
+    Raises
+    ------
+    MeshFormatError
+        If a line cannot be understood, or a face refers to a vertex that is not there.
+    """
+    lines = _Lines(source.data)
+    vertices = _read_vertices(lines)
+    if len(vertices) and not lines.faces:
+        kind = "lines" if "l" in lines.others else "points"
+        raise MeshFormatError(
+            f"it holds {len(vertices)} vertices and no faces, only {kind}: there is no surface"
+        )
+    faces, source_faces = _read_faces(lines, vertices)
+    notes = ["its points and lines were left out, they bound nothing"] if lines.others else []
+    notes += text_rows.end_notes(source.data)
+    return RawFile("OBJ", _split_objects(lines, vertices, faces, source_faces), notes=notes)
+
+
+def _read_vertices(lines: _Lines) -> np.ndarray:
+    def place(row: int) -> str:
+        return f"line {lines.vertex_lines[row]} (vertex {row + 1})"
+
+    vertices = np.empty((len(lines.vertices), 3))
+    for row_ids, table in text_rows.read_rows(_without_comments(lines.vertices), place):
+        if table.shape[1] not in (3, 4, 6, 7):  # position, weight, colour
+            raise MeshFormatError(f"{place(row_ids[0])} has {table.shape[1]} numbers, expected 3")
+        vertices[row_ids] = table[:, :3]
+    return vertices
+
+
+def _without_comments(rows: list[str]) -> list[str]:
+    return [row.split("#", 1)[0] for row in rows] if any("#" in row for row in rows) else rows
+
+
+def _read_faces(lines: _Lines, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def place(row: int) -> str:
+        return f"line {lines.face_lines[row]} (face {row})"
+
+    rows = _without_comments(lines.faces)
+    if any("/" in row for row in rows):  # texture and normal of each corner
+        text = "\n".join(["", *rows])
+        loose = _LOOSE_SLASH.search(text)
+        if loose is not None:
+            row = text.count("\n", 0, loose.end()) - 1
+            raise MeshFormatError(f"{place(row)} has a / that follows no vertex")
+        rows = re.sub(r"/[^\s]*", "", text).split("\n")[1:]
+    before = np.array(lines.vertices_before, dtype=np.int64)
+    pieces = []
+    for row_ids, table in text_rows.read_rows(rows, place):
+        if (table == 0.0).any():
+            row = row_ids[np.flatnonzero((table == 0.0).any(axis=1))[0]]
+            raise MeshFormatError(f"{place(row)} refers to vertex 0, but OBJ counts from 1")
+        corners = np.where(table > 0.0, table - 1.0, table + before[row_ids, None])
+        too_far = (table < 0.0) & (corners < 0.0)
+        if too_far.any():
+            row, column = np.argwhere(too_far)[0]
+            raise MeshFormatError(
+                f"{place(row_ids[row])} refers to vertex {table[row, column]:g}, counted back, but "
+                f"{before[row_ids[row]]} vertices stand before it"
+            )
+        pieces.append((row_ids, np.full(len(row_ids), table.shape[1]), corners))
+    return polygons.assemble(vertices, pieces, len(rows), place)
+
+
+def _split_objects(
+    lines: _Lines, vertices: np.ndarray, faces: np.ndarray, source_faces: np.ndarray
+) -> list[RawMesh]:
+    """One mesh for each object that has faces; lines of one name belong together."""
+    names = ["", *lines.objects]
+    ids = {name: k for k, name in enumerate(dict.fromkeys(names))}
+    lengths = np.diff([0, *lines.object_starts, len(lines.faces)])
+    row_names = np.repeat(np.array([ids[name] for name in names]), lengths)
+    present = sorted(set(row_names.tolist()))
+    check_part_count(len(present))
+    known = list(ids)
+    if len(present) <= 1:
+        return [RawMesh(_decoded(known[k]), vertices, faces, source_faces) for k in present]
+    face_names = row_names[source_faces]
+    order = np.argsort(face_names, kind="stable")
+    ends = np.searchsorted(face_names[order], present, side="right")
+    meshes = []
+    for k, rows in zip(present, np.split(order, ends[:-1]), strict=True):
+        # Each object keeps its own vertices only, else a file of many objects would be copied many times.
+        used, local = np.unique(faces[rows], return_inverse=True)
+        meshes.append(RawMesh(_decoded(known[k]), vertices[used], local.reshape(-1, 3), source_faces[rows]))
+    return meshes
+
+
+def _decoded(name: str) -> str:
+    return name.encode("latin-1").decode("utf-8", "replace")

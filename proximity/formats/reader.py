@@ -1,0 +1,223 @@
+"""From a path to geometries in metres: opens, chooses the reader, scales, places and names."""
+
+import math
+import os
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from proximity.errors import MeshError, MeshFormatError, PoseError, ProximityError
+from proximity.formats import format_detection, node_placement, obj, off, stl, text_rows
+from proximity.formats.contents import FileContents, Geometry, RawFile, RawMesh, Source
+from proximity.formats.gltf import gltf
+from proximity.formats.ply import header, ply
+from proximity.formats.step import step
+from proximity.formats.threemf import threemf
+from proximity.formats.units import UNITS, metres_per_unit
+from proximity.system.regular_file import NotRegularFileError, open_regular
+
+_LARGE_BYTES, _HEAD_BYTES = 1 << 26, 1 << 20
+"""Files from which on headers are compared with sizes first, and what of them is read for that."""
+
+_READERS: dict[str, Callable[[Source], RawFile]] = {
+    "STL": stl.read_stl,
+    "OBJ": obj.read_obj,
+    "PLY": ply.read_ply,
+    "OFF": off.read_off,
+    "GLB": gltf.read_glb,
+    "glTF": gltf.read_gltf,
+}
+
+
+def read_geometries(
+    path: str | os.PathLike[str],
+    *,
+    units: str = "mm",
+    step_tolerance: float = step.STEP_TOLERANCE,
+    unpacked_limit: float = threemf.UNPACKED_LIMIT,
+) -> FileContents:
+    """Read every mesh of a file, in metres, at its place.
+
+    Parameters
+    ----------
+    path : str or path
+        A file with one of the extensions of `EXTENSIONS`.
+    units : str
+        What a number means in a file that does not say (STL, OBJ, PLY, OFF); a key of `UNITS`. Files that
+        declare their unit (glTF, 3MF, STEP) are read in that one, whatever stands here.
+    step_tolerance : m
+        How far triangles may leave the curved surfaces of a STEP file.
+    unpacked_limit : bytes
+        What a 3MF file, which is an archive, may unpack to.
+
+    Returns
+    -------
+    FileContents
+        At least one geometry; nothing merged, dropped or repaired. Identical instances share their arrays.
+
+    Raises
+    ------
+    MeshFormatError
+        If the file is missing, unreadable, not what it is called, or not whole. One sentence that begins
+        with the path.
+    MeshError
+        If there is no such unit, the tolerance is no length, the limit no number of bytes, or a vertex in
+        use is not finite.
+    """
+    metres = metres_per_unit(units)
+    if not (isinstance(step_tolerance, (int, float)) and 0.0 < step_tolerance < math.inf):
+        raise MeshError(f"step_tolerance is {step_tolerance!r}, expected a length in metres above 0")
+    read_step = partial(step.read_step, tolerance=float(step_tolerance), undeclared_metres=metres)
+    if isinstance(unpacked_limit, bool) or not (
+        isinstance(unpacked_limit, (int, float)) and unpacked_limit > 0.0
+    ):
+        raise MeshError(f"unpacked_limit is {unpacked_limit!r}, expected a number of bytes above 0")
+    read_3mf = partial(threemf.read_3mf, unpacked_limit=unpacked_limit)
+    readers: dict[str, Callable[[Source], RawFile]] = {**_READERS, "STEP": read_step, "3MF": read_3mf}
+    try:
+        shown = os.fspath(path)
+    except TypeError:
+        raise MeshError(f"the path is {path!r}, expected text or a path") from None
+    shown = shown if isinstance(shown, str) else os.fsdecode(shown)
+    if not shown:
+        raise MeshError("the path is empty, expected the name of a file")
+    try:
+        source = Source(shown, _read_bytes(shown, unpacked_limit))
+        raw = _read(readers[format_detection.find_format(source, Path(shown).suffix.lower())], source)
+        if raw.metres_per_number is not None:
+            metres = raw.metres_per_number
+        elif raw.units is not None:
+            metres = UNITS[raw.units]
+        geometries, naming = _geometries(raw, metres, Path(shown).stem)
+    except MemoryError:
+        raise MeshFormatError(f"{shown}: there is not enough memory to read it") from None
+    except MeshError as reason:
+        raise type(reason)(f"{shown}: {reason}") from reason.__cause__
+    return FileContents(
+        shown, raw.format, raw.units or units, raw.units is not None, geometries, (*raw.notes, *naming)
+    )
+
+
+def _read(reader: Callable[[Source], RawFile], source: Source) -> RawFile:
+    try:
+        return reader(source)
+    except ProximityError:
+        raise
+    except (TypeError, AttributeError, LookupError, ArithmeticError, RecursionError, ValueError) as reason:
+        # what no check of the reader foresaw
+        raise MeshFormatError(f"it cannot be read ({text_rows.in_one_line(reason)})") from reason
+
+
+def _read_bytes(path: str, unpacked_limit: float) -> bytes:
+    try:
+        with open_regular(path) as file:
+            size = os.fstat(file.fileno()).st_size
+            if size > _LARGE_BYTES:
+                _check_large(file.read(_HEAD_BYTES), size, Path(path).suffix.lower(), unpacked_limit)
+                file.seek(0)
+            data = file.read()
+    except MeshFormatError:  # a ValueError, too
+        raise
+    except FileNotFoundError:
+        raise MeshFormatError("there is no such file") from None
+    except IsADirectoryError:
+        raise MeshFormatError("it is a directory, expected a file") from None
+    except (OSError, ValueError) as reason:
+        told = reason.strerror if isinstance(reason, OSError) else str(reason)
+        if isinstance(reason, NotRegularFileError):
+            raise MeshFormatError(f"it {told}, expected one") from reason
+        raise MeshFormatError(f"it cannot be opened ({told})") from reason
+    if not data:
+        raise MeshFormatError("it is empty")
+    return data
+
+
+def _check_large(head: bytes, size: int, extension: str, unpacked_limit: float) -> None:
+    """Raise if the header of a large file contradicts its size: before gigabytes are read for nothing."""
+    format_detection.check_size(head, size, extension)
+    if extension == ".ply":
+        header.check_size(header.read_header(head), size)
+    if extension == ".3mf" and size > unpacked_limit:
+        raise MeshFormatError(f"it has {size:,} bytes, expected at most {unpacked_limit:,} (unpacked_limit)")
+
+
+def _geometries(raw: RawFile, metres: float, stem: str) -> tuple[tuple[Geometry, ...], list[str]]:
+    meshes = [mesh for mesh in raw.meshes if len(mesh.faces)]
+    if not meshes:
+        raise MeshFormatError("it holds no faces")
+    names, notes = unique_names([mesh.name.strip() or stem for mesh in meshes])
+    shared: dict[tuple, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
+    geometries = []
+    for mesh, name in zip(meshes, names, strict=True):
+        try:
+            placement = node_placement.place(mesh.matrix)
+            pose = placement.pose(metres)
+        except (MeshError, PoseError) as reason:
+            raise MeshFormatError(f"{text_rows.shortened(name, 60)}: {reason}") from reason
+        stretch = None if placement.stretch is None else placement.stretch.tobytes()
+        key = (id(mesh.vertices), id(mesh.faces), placement.scale, stretch)
+        if key not in shared:
+            shared[key] = _arrays(mesh, name, placement, metres)
+        vertices, faces, source_faces = shared[key]
+        geometries.append(Geometry(name, vertices, faces, source_faces, pose))
+    return tuple(geometries), notes
+
+
+def _arrays(
+    mesh: RawMesh, name: str, placement: node_placement.Placement, metres: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    vertices = placement.part_vertices(mesh.vertices, metres)
+    faces = mesh.faces[:, ::-1] if placement.is_mirrored else mesh.faces
+    arrays = (vertices, np.ascontiguousarray(faces), mesh.source_faces)
+    for array in arrays:
+        array.flags.writeable = False
+    _check_finite(mesh, vertices, name)
+    return arrays
+
+
+def _check_finite(mesh: RawMesh, vertices: np.ndarray, name: str) -> None:
+    is_bad = ~np.isfinite(vertices).all(axis=1)
+    if not is_bad.any():
+        return
+    is_used = np.zeros(len(vertices), dtype=bool)
+    is_used[mesh.faces.ravel()] = True
+    is_bad &= is_used
+    if is_bad.any():
+        vertex = int(np.flatnonzero(is_bad)[0])
+        values = ", ".join(str(float(value)) for value in mesh.vertices[vertex])
+        raise MeshError(
+            f"vertex {vertex} of {text_rows.shortened(name, 60)} is not finite: ({values}); "
+            f"{int(is_bad.sum())} of the {int(is_used.sum())} vertices in use are not finite"
+        )
+
+
+def unique_names(names: list[str]) -> tuple[list[str], list[str]]:
+    """Return names that differ, and notes about those that had to be changed.
+
+    Parameters
+    ----------
+    names : list of str
+        As the file has them. The first of a name keeps it; the others get the first free number.
+    """
+    taken = set(names)
+    unique: list[str] = []
+    counts: dict[str, int] = {}
+    for name in names:
+        counts[name] = counts.get(name, 0) + 1
+        if counts[name] == 1:
+            unique.append(name)
+            continue
+        number = counts[name]
+        while f"{name}_{number}" in taken:
+            number += 1
+        unique.append(f"{name}_{number}")
+        taken.add(unique[-1])
+    notes = [
+        f"{count} of its meshes are called {text_rows.shortened(name, 60)}; "
+        "from the second on they are numbered"
+        for name, count in counts.items()
+        if count > 1
+    ]
+    return unique, notes

@@ -1,0 +1,1 @@
+"""Points, boxes and triangles, as numbers or eight lanes at a time."""

@@ -1,0 +1,33 @@
+"""Rows of three numbers, as points and directions are: eight at a time, and asked for beforehand."""
+
+from proximity.kernels.compiler import inlined
+from proximity.kernels.layout import LANES
+from proximity.simd import load_each, prefetch
+
+
+@inlined
+def columns(rows, offsets, at):
+    """The three numbers of eight rows, by column; *offsets*, from *at* on: how many are before each row."""
+    return load_each(rows, offsets, at, 0), load_each(rows, offsets, at, 1), load_each(rows, offsets, at, 2)
+
+
+@inlined
+def columns_from(rows, first, offsets):
+    """The same of eight rows that follow each other; behind the last one, of that. *offsets* (8,): room."""
+    for k in range(LANES):
+        offsets[k] = 3 * min(first + k, len(rows) - 1)
+    return columns(rows, offsets, 0)
+
+
+@inlined
+def limit_of(limits, row):
+    """The limit of a row: its own of (N,), or that of all, (1,)."""
+    return limits[row] if len(limits) > 1 else limits[0]
+
+
+@inlined
+def fetch_row(rows, order, i):
+    """Have the row that is *i*-th in order, which may lie anywhere, brought from memory; if there is one."""
+    if i < len(order):
+        prefetch(rows, 3 * order[i])
+        prefetch(rows, 3 * order[i] + 2)

@@ -1,0 +1,1 @@
+"""Edges, faces and connected components of a mesh."""

@@ -1,0 +1,83 @@
+"""The half-edges of faces, sorted by edge."""
+
+import numpy as np
+
+from proximity.kernels.compiler import kernel, maker
+
+
+@maker
+def sorted_half_edges(corners):
+    """Return half-edges by the lower, then the higher corner of their edges; forward ones come first.
+
+    *corners* (F, 3) int32, not negative. Half-edge ``3 * face + k`` runs from corner k of a face to the next;
+    forward is from the lower corner to the higher.
+
+    Returns
+    -------
+    order : (H,) int64
+        Half-edges; of one kind and edge by number.
+    is_forward : (H,) bool
+        In that order.
+    starts, counts, forward_counts : (E,) int64
+        Of each edge: its first place in that order, how many there are, and how many run forward.
+    is_loop : (E,) bool
+        Both corners are equal.
+
+    Notes
+    -----
+    Sorted by counting, from the least place on: linear, whatever meets at a corner.
+    """
+    lows, highs = np.empty(corners.size, np.int32), np.empty(corners.size, np.int32)
+    flags = np.empty(corners.size, np.bool_)
+    for face in range(len(corners)):
+        for k in range(3):
+            one, other = corners[face, k], corners[face, (k + 1) % 3]
+            lows[3 * face + k], highs[3 * face + k] = min(one, other), max(one, other)
+            flags[3 * face + k] = one <= other
+    by_way, order = np.empty(corners.size, np.int64), np.empty(corners.size, np.int64)
+    forward, backward = 0, np.count_nonzero(flags)
+    for half in range(corners.size):
+        if flags[half]:
+            by_way[forward] = half
+            forward += 1
+        else:
+            by_way[backward] = half
+            backward += 1
+    places = np.empty(corners.max() + 2, np.int64)
+    _sort_by(highs, by_way, places, order)
+    _sort_by(lows, order, places, by_way)
+    order, is_forward = by_way, np.empty(corners.size, np.bool_)
+    starts, forward_counts = np.empty(corners.size + 1, np.int64), np.zeros(corners.size, np.int64)
+    is_loop = np.empty(corners.size, np.bool_)
+    found, low, high = 0, np.int32(-1), np.int32(-1)
+    for place in range(corners.size):
+        half = order[place]
+        if lows[half] != low or highs[half] != high:
+            low, high = lows[half], highs[half]
+            starts[found], is_loop[found] = place, low == high
+            found += 1
+        is_forward[place] = flags[half]
+        forward_counts[found - 1] += flags[half]
+    starts[found] = corners.size
+    counts = starts[1 : found + 1] - starts[:found]
+    return (
+        order,
+        is_forward,
+        starts[:found].copy(),
+        counts,
+        forward_counts[:found].copy(),
+        is_loop[:found].copy(),
+    )
+
+
+@kernel
+def _sort_by(keys, rows, places, into):
+    """Fill *into* with *rows*, by their keys; of equals the first stays first. *places*: room to count in."""
+    places[:] = 0
+    for row in rows:
+        places[keys[row] + 1] += 1
+    for key in range(1, len(places)):
+        places[key] += places[key - 1]
+    for row in rows:
+        into[places[keys[row]]] = row
+        places[keys[row]] += 1

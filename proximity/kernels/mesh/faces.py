@@ -1,0 +1,123 @@
+"""What is told of faces one by one, on loading: how large and how thin they are, what shells enclose.
+
+*corners* (K, 3) float64, *faces* (F, 3) integers: rows of *corners*.
+"""
+
+from math import sqrt
+
+import numpy as np
+
+from proximity.kernels.compiler import inlined, kernel, maker
+from proximity.kernels.geometry.triangle import cross, dot
+
+VOLUME_ROUNDING = 64.0 * 2.0**-52
+"""A volume is zero when it drowns in the rounding of its coordinates; times area and reach."""
+
+
+@kernel
+def face_normal(corners, faces, face):
+    """A normal of a face, as long as twice its area."""
+    a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
+    ax, ay, az = corners[a, 0], corners[a, 1], corners[a, 2]
+    bx, by, bz = corners[b, 0] - ax, corners[b, 1] - ay, corners[b, 2] - az
+    cx, cy, cz = corners[c, 0] - ax, corners[c, 1] - ay, corners[c, 2] - az
+    return cross(bx, by, bz, cx, cy, cz)
+
+
+@inlined
+def corner_distance_sq(corners, one, other):
+    """Squared distance between two corners."""
+    x, y, z = (
+        corners[other, 0] - corners[one, 0],
+        corners[other, 1] - corners[one, 1],
+        corners[other, 2] - corners[one, 2],
+    )
+    return dot(x, y, z, x, y, z)
+
+
+@kernel
+def double_area(corners, faces, face):
+    """Twice a face's area."""
+    nx, ny, nz = face_normal(corners, faces, face)
+    return sqrt(dot(nx, ny, nz, nx, ny, nz))
+
+
+@maker
+def double_areas(corners, faces):
+    """Return twice the area of each face, (F,)."""
+    areas = np.empty(len(faces))
+    for face in range(len(faces)):
+        areas[face] = double_area(corners, faces, face)
+    return areas
+
+
+@maker
+def thin_faces(corners, faces, height):
+    """Return which faces are not higher than *height* above their longest sides: (F,) bool."""
+    are_thin = np.empty(len(faces), np.bool_)
+    for face in range(len(faces)):
+        longest_sq = 0.0
+        for k in range(3):
+            side_sq = corner_distance_sq(corners, faces[face, k], faces[face, (k + 1) % 3])
+            longest_sq = max(longest_sq, side_sq)
+        are_thin[face] = double_area(corners, faces, face) <= height * sqrt(longest_sq)
+    return are_thin
+
+
+@maker
+def signed_volume(vertices, faces):
+    """Return six times the enclosed volume, of the mesh scaled so that its box reaches 1 from its middle.
+
+    0 where rounding leaves the sign open. By the divergence theorem, about that middle. *vertices* (V, 3): of
+    any size; rows that no face uses may hold anything. Source: Neumaier 1974 for the sum.
+    """
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for face in range(len(faces)):
+        for k in range(3):
+            for axis in range(3):
+                place = vertices[faces[face, k], axis]
+                low[axis], high[axis] = min(low[axis], place), max(high[axis], place)
+    middle = 0.5 * low + 0.5 * high
+    size = max(high[0] - middle[0], high[1] - middle[1], high[2] - middle[2])
+    if not size > 0.0:
+        return 0.0
+    volume, lost, most = 0.0, 0.0, 0.0
+    places = np.empty((3, 3))
+    for face in range(len(faces)):
+        for k in range(3):
+            for axis in range(3):
+                places[k, axis] = (vertices[faces[face, k], axis] - middle[axis]) / size
+        ax, ay, az = places[0]
+        nx, ny, nz = cross(places[1, 0], places[1, 1], places[1, 2], places[2, 0], places[2, 1], places[2, 2])
+        term = dot(ax, ay, az, nx, ny, nz)
+        most += sqrt(dot(ax, ay, az, ax, ay, az)) * sqrt(dot(nx, ny, nz, nx, ny, nz))
+        total = volume + term
+        lost += (volume - total) + term if abs(volume) >= abs(term) else (term - total) + volume
+        volume = total
+    volume += lost
+    return volume if abs(volume) > VOLUME_ROUNDING * most else 0.0
+
+
+@maker
+def shell_sizes(triangles, labels, count):
+    """Return of each of *count* shells six times its signed volume, twice its area, its reach: (3, count).
+
+    *triangles* (F, 3, 3), *labels* (F,) int64: the shell of each, none without one. Volume and reach, the
+    farthest first corner, are told from the first corner of a shell's first triangle: a flat one has no
+    volume.
+    """
+    sizes, first = np.zeros((3, count)), np.full(count, -1)
+    for row in range(len(triangles)):
+        shell = labels[row]
+        if first[shell] < 0:
+            first[shell] = row
+        ox, oy, oz = triangles[first[shell], 0]
+        ax, ay, az = triangles[row, 0, 0] - ox, triangles[row, 0, 1] - oy, triangles[row, 0, 2] - oz
+        bx, by, bz = triangles[row, 1, 0] - ox, triangles[row, 1, 1] - oy, triangles[row, 1, 2] - oz
+        cx, cy, cz = triangles[row, 2, 0] - ox, triangles[row, 2, 1] - oy, triangles[row, 2, 2] - oz
+        nx, ny, nz = cross(bx, by, bz, cx, cy, cz)
+        sizes[0, shell] += dot(ax, ay, az, nx, ny, nz)
+        nx, ny, nz = cross(bx - ax, by - ay, bz - az, cx - ax, cy - ay, cz - az)
+        sizes[1, shell] += sqrt(dot(nx, ny, nz, nx, ny, nz))
+        sizes[2, shell] = max(sizes[2, shell], sqrt(dot(ax, ay, az, ax, ay, az)))
+    return sizes

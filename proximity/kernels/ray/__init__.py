@@ -1,0 +1,1 @@
+"""The first hit of a ray with one part."""

@@ -1,0 +1,104 @@
+"""The order of rays in which neighbours enter the scene's box near one another.
+
+What a walk needs is then still in the cache from the ray before, and the processor guesses its branches right
+more often. A few hundred cells do that as well as the finest curve (2026-11: 0.88 of the walk's time near
+43 k faces, 0.78 near 304 k; with thousands of cells 0.87, 0.78), so one pass of counting is the whole sort.
+"""
+
+import numpy as np
+
+from proximity.kernels.compiler import inlined, maker
+from proximity.kernels.geometry.morton_order import sort_by_digit
+from proximity.kernels.geometry.rows import columns, columns_from
+from proximity.kernels.layout import BOX_LOWER, BOX_UPPER, LANES
+from proximity.kernels.memory import arrays_at, longs_here, reals_here
+from proximity.simd import maximum, minimum, select, splat, store
+
+HALVINGS = 9
+"""How often the box is halved at most, each time across its longest side: 512 cells."""
+RAYS_OF_CELL = 8
+"""Fewer halvings where cells would have fewer rays: counting in them costs, too."""
+WHOLE = 1.5 * 2.0**52
+"""A number added to this is rounded to a whole one."""
+
+
+@maker
+def ray_order(handle, origins, directions):
+    """The rows of rays (N, 3) by the cell of the scene's box that they enter first.
+
+    Of those that start inside or pass by, the origin counts, moved to the box. Rows of one cell keep their
+    order; cells follow one another as halves of halves do.
+    """
+    _, _, frames, _ = arrays_at(handle)
+    scene = len(frames) - 1
+    lower, upper = frames[scene, BOX_LOWER : BOX_LOWER + 3], frames[scene, BOX_UPPER : BOX_UPPER + 3]
+    sides, counts, ranks = _halve(upper - lower, len(origins))
+    rates = np.where(sides > 0.0, 1.0 / sides, 0.0)
+    keys = _ranks_of_cells(origins, directions, lower, upper, rates, counts, ranks)
+    order = np.empty(len(origins), np.int64)
+    sort_by_digit(keys, np.uint32(0), np.empty(len(ranks), np.int64), np.arange(len(origins)), order)
+    return order
+
+
+@maker
+def _halve(sides, row_count):
+    """Halve a box of such sides (3,), as often as is worth it for so many rays.
+
+    Returns the sides of the cells, how many there are along x, y and z, and the place of each in their order.
+    """
+    halvings = 0
+    while halvings < HALVINGS and (RAYS_OF_CELL << halvings) < row_count:
+        halvings += 1
+    counts, axes = np.ones(3, np.int64), np.empty(halvings, np.int64)
+    for i in range(halvings):
+        axis = np.argmax(sides)
+        axes[i] = axis
+        sides[axis] *= 0.5
+        counts[axis] *= 2
+    ranks, steps = np.zeros(1 << halvings, np.uint32), np.ones(3, np.int64)
+    steps[1], steps[2] = counts[0], counts[0] * counts[1]
+    for i in range(halvings):
+        # From the last halving on: which of its halves a cell is in.
+        step = steps[axes[halvings - 1 - i]]
+        for cell in range(len(ranks)):
+            ranks[cell] |= np.uint32(((cell // step) & 1) << i)
+        steps[axes[halvings - 1 - i]] *= 2
+    return sides, counts, ranks
+
+
+@maker
+def _ranks_of_cells(origins, directions, lower, upper, rates, counts, ranks):
+    """The rank of each ray's cell; a ray that is not finite is in some cell."""
+    row_count = len(origins)
+    found = np.empty(row_count, np.uint32)
+    stride_y, stride_z = float(counts[0]), float(counts[0] * counts[1])
+    offsets, numbers = longs_here(LANES), reals_here(LANES)
+    for at in range(0, row_count, LANES):
+        x, y, z = columns_from(origins, at, offsets)
+        dx, dy, dz = columns(directions, offsets, 0)
+        enter_x, enter_y = _enters(x, dx, lower[0], upper[0]), _enters(y, dy, lower[1], upper[1])
+        enter = maximum(maximum(enter_x, enter_y), _enters(z, dz, lower[2], upper[2]))
+        number = (
+            _cell(x + enter * dx, lower[0], rates[0], counts[0])
+            + _cell(y + enter * dy, lower[1], rates[1], counts[1]) * splat(stride_y)
+            + _cell(z + enter * dz, lower[2], rates[2], counts[2]) * splat(stride_z)
+        )
+        store(numbers, 0, number)
+        for k in range(min(LANES, row_count - at)):
+            found[at + k] = ranks[np.int64(numbers[k])]
+    return found
+
+
+@inlined
+def _enters(o, way, lower, upper):
+    """Parameters at which one coordinate of eight rays comes to the box; 0 of those that do not come."""
+    near = select(way > splat(0.0), splat(lower), splat(upper)) - o
+    return select(near * way > splat(0.0), near / way, splat(0.0))
+
+
+@inlined
+def _cell(place, lower, rate, count):
+    """Which of *count* cells along one axis; where *place* is nan, the first."""
+    along = (place - splat(lower)) * splat(rate)
+    whole = ((along - splat(0.5)) + splat(WHOLE)) - splat(WHOLE)
+    return minimum(maximum(whole, splat(0.0)), splat(count - 1.0))

@@ -1,0 +1,295 @@
+"""Faces that pass through others of the same body, or lie on them, and those that lie where these put them.
+
+Where no edge of a surface passes through another face of it, nor lies on one, every piece of surface that
+hangs together has the inside on one side throughout. So the curves in which a body meets itself, and a look
+at each piece between them, tell over which faces the normal of the nearest one may tell the wrong side. There
+the winding number is asked instead, as over folds.
+
+A curve in which two plane regions meet is straight, and ends at the rim of one of them. So edges between
+faces in one plane need not be looked at, unless others have met something: of a lid that is tessellated into
+a fan those would be long, and in the way of each other.
+
+Source: Möller 1997, "A fast triangle-triangle intersection test": triangles that are not in one plane meet
+only where an edge of one passes through the other.
+"""
+
+from math import frexp, ldexp, sqrt
+
+import numpy as np
+
+from proximity.kernels.compiler import inlined, kernel, maker
+from proximity.kernels.geometry.triangle import cross, dot
+from proximity.kernels.layout import BLOCK_STRIDE, LANES, NODE_STRIDE, STACK_SIZE, STACKS_SIZE
+from proximity.kernels.memory import words_here
+from proximity.kernels.mesh.faces import corner_distance_sq, face_normal
+from proximity.kernels.ray.walk import (
+    SLAB_MARGIN,
+    aim_and_view,
+    bound_of_parameter,
+    hits_in_block,
+    open_boxes,
+)
+from proximity.kernels.sign.folded_faces import faces_wrong, marked_slots
+from proximity.kernels.tree.traversal import NOTHING_WAITS, descend, next_open
+from proximity.simd import (
+    absolute,
+    bits,
+    load,
+    load_int,
+    splat,
+    splat32,
+    square_root,
+    trailing_zeros,
+)
+
+DEPTH = 1e-10
+"""How far the ends of an edge must be off a face to both sides, in sizes of the part, for the edge to pass
+through; an edge of which both are nearer lies in its plane. What is thinner is no face."""
+SHORTEST = 1e4
+"""Depths: of an edge that lies on a face, more than this much does; less is two corners that touch."""
+FLAT, CREASED, UNCLEAR = 0, 1, 2
+"""Edges: between faces in one plane, beside each other; between faces that are not; where one of them is on
+the other, or thinner than any."""
+VOTES = 5
+"""Faces of a piece of surface that are looked at where the first one is not right; what most say counts."""
+MOST_BLOCKS = 512
+"""Blocks that are looked at for each face, on average: of usual bodies about six are. Of those where it would
+be more, all faces count as passing through others."""
+
+
+@inlined
+def _in_plane(reals, base, px, py, pz, qx, qy, qz, depth):
+    """Of which of the eight triangles at *base* both *p* and *q* lie in the plane."""
+    ax, ay, az = load(reals, base), load(reals, base + 8), load(reals, base + 16)
+    nx, ny, nz = cross(
+        load(reals, base + 24) - ax, load(reals, base + 32) - ay, load(reals, base + 40) - az,
+        load(reals, base + 48) - ax, load(reals, base + 56) - ay, load(reals, base + 64) - az,
+    )  # fmt: skip
+    most = splat(depth) * square_root(dot(nx, ny, nz, nx, ny, nz))
+    first = absolute(dot(nx, ny, nz, splat(px) - ax, splat(py) - ay, splat(pz) - az))
+    last = absolute(dot(nx, ny, nz, splat(qx) - ax, splat(qy) - ay, splat(qz) - az))
+    return bits((first <= most) & (last <= most))
+
+
+@inlined
+def _has_corner(faces, face, corner):
+    return faces[face, 0] == corner or faces[face, 1] == corner or faces[face, 2] == corner
+
+
+@kernel
+def _plane(corners, faces, face, depth):
+    """A normal of a face, and its length, or 0 where the face is thinner than *depth* and has no plane."""
+    nx, ny, nz = face_normal(corners, faces, face)
+    a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
+    longest_sq = max(corner_distance_sq(corners, a, b), corner_distance_sq(corners, a, c))
+    length_sq = dot(nx, ny, nz, nx, ny, nz)
+    return nx, ny, nz, sqrt(length_sq) if length_sq > depth * depth * longest_sq else 0.0
+
+
+@inlined
+def _height(corners, faces, face, nx, ny, nz, corner):
+    """How far a corner is above the plane of a face, times the length of its normal *n*."""
+    a = faces[face, 0]
+    return dot(
+        nx, ny, nz, corners[corner, 0] - corners[a, 0], corners[corner, 1] - corners[a, 1],
+        corners[corner, 2] - corners[a, 2],
+    )  # fmt: skip
+
+
+@kernel
+def _reaches_through(corners, faces, face, start, end, depth):
+    """Whether an edge that meets a face goes on beyond it, on both sides, by more than contact does."""
+    nx, ny, nz, length = _plane(corners, faces, face, depth)
+    if length == 0.0:
+        return False
+    least = depth * length
+    first = _height(corners, faces, face, nx, ny, nz, start)
+    last = _height(corners, faces, face, nx, ny, nz, end)
+    return min(first, last) < -least and max(first, last) > least
+
+
+@kernel
+def _lies_on(corners, faces, face, start, end, depth):
+    """Whether of an edge in the plane of a face more than the shortest lies on it.
+
+    Along its rim as well, unless they share a corner: near that, thin faces are nowhere far from their rims.
+    """
+    slack = -depth if _has_corner(faces, face, start) or _has_corner(faces, face, end) else depth
+    nx, ny, nz, length = _plane(corners, faces, face, depth)
+    if length == 0.0:
+        return False
+    px, py, pz = corners[start, 0], corners[start, 1], corners[start, 2]
+    dx, dy, dz = corners[end, 0] - px, corners[end, 1] - py, corners[end, 2] - pz
+    low, high = 0.0, 1.0
+    for k in range(3):
+        u, w = faces[face, k], faces[face, (k + 1) % 3]
+        ex, ey, ez = (
+            corners[w, 0] - corners[u, 0],
+            corners[w, 1] - corners[u, 1],
+            corners[w, 2] - corners[u, 2],
+        )
+        mx, my, mz = cross(nx, ny, nz, ex, ey, ez)
+        within = dot(mx, my, mz, px - corners[u, 0], py - corners[u, 1], pz - corners[u, 2])
+        within += slack * sqrt(dot(mx, my, mz, mx, my, mz))
+        gain = dot(mx, my, mz, dx, dy, dz)
+        if gain > 0.0:
+            low = max(low, -within / gain)
+        elif gain < 0.0:
+            high = min(high, -within / gain)
+        elif within < 0.0:
+            return False
+    return (high - low) * sqrt(dot(dx, dy, dz, dx, dy, dz)) > SHORTEST * depth
+
+
+@kernel
+def _kind_of_edge(corners, faces, face, other, depth):
+    """How the faces at an edge lie to each other; *other* may be missing."""
+    if other < 0:
+        return CREASED
+    nx, ny, nz, length = _plane(corners, faces, face, depth)
+    mx, my, mz, other_length = _plane(corners, faces, other, depth)
+    if length == 0.0 or other_length == 0.0:
+        return UNCLEAR
+    most = depth * length
+    for k in range(3):
+        if abs(_height(corners, faces, face, nx, ny, nz, faces[other, k])) > most:
+            return CREASED
+    return FLAT if dot(nx, ny, nz, mx, my, mz) > 0.0 else UNCLEAR
+
+
+@kernel
+def _mark_met(corners, faces, slot_faces, reals, words, root, start, end, kind, depth, stacks, marks):
+    """Mark the faces that the edge between two corners passes through or, where it is creased, lies on.
+
+    Returns whether there is any, and how many blocks were looked at.
+    """
+    ox, oy, oz = corners[start, 0], corners[start, 1], corners[start, 2]
+    dx, dy, dz = corners[end, 0] - ox, corners[end, 1] - oy, corners[end, 2] - oz
+    most = max(abs(dx), abs(dy), abs(dz))
+    if not most > depth:
+        return False, 0
+    _, power = frexp(most)
+    length, share = ldexp(1.0, power), ldexp(1.0, -power)
+    aim, view = aim_and_view(ox, oy, oz, dx * share, dy * share, dz * share, SLAB_MARGIN)
+    best32, zero32 = bound_of_parameter(length, 0.0), splat32(np.float32(0.0))
+    is_met, blocks = False, 0
+    at, reference = 0, root
+    while True:
+        if reference >= 0:
+            base = NODE_STRIDE * reference
+            bounds, _, is_open = open_boxes(words, base, aim, zero32, best32)
+            if bits(is_open):
+                reference, at = descend(words, base, bounds, is_open, stacks, at)
+                continue
+        else:
+            blocks += 1
+            base, first = BLOCK_STRIDE * ~reference, LANES * ~reference
+            passed, lain = hits_in_block(reals, base, view, length), 0
+            if kind == CREASED:
+                lain = _in_plane(reals, base, ox, oy, oz, ox + dx, oy + dy, oz + dz, depth)
+            met = passed | lain
+            while met:
+                lane = trailing_zeros(met)
+                met &= met - 1
+                face = slot_faces[first + lane]
+                shared = _has_corner(faces, face, start) + _has_corner(faces, face, end)
+                if (lain >> lane) & 1:
+                    is_on = shared < 2 and _lies_on(corners, faces, face, start, end, depth)
+                else:
+                    is_on = shared == 0 and _reaches_through(corners, faces, face, start, end, depth)
+                if is_on:
+                    marks[face] = is_met = True
+        at = next_open(stacks, 0, at, best32)
+        if at == NOTHING_WAITS:
+            return is_met, blocks
+        reference = load_int(stacks, at + STACK_SIZE)
+
+
+@kernel
+def _mark_meeting(
+    corners, faces, neighbors, slot_faces, reals, words, root, depth, blocks_left, are_flat, stacks, marks
+):
+    """Mark every face that meets another; either the flat edges or the others are taken, each once.
+
+    Returns whether there is any, and how many blocks may still be looked at.
+    """
+    is_any = False
+    for face in range(len(faces)):
+        for k in range(3):
+            other = neighbors[face, k]
+            if 0 <= other < face:
+                continue
+            kind = _kind_of_edge(corners, faces, face, other, depth)
+            if (kind == FLAT) != are_flat:
+                continue
+            start, end = faces[face, k], faces[face, (k + 1) % 3]
+            is_met, blocks = _mark_met(
+                corners, faces, slot_faces, reals, words, root, start, end, kind, depth, stacks, marks
+            )
+            blocks_left -= blocks
+            if is_met:
+                is_any = marks[face] = True
+                if other >= 0:
+                    marks[other] = True
+        if blocks_left < 0:
+            marks[:] = True
+            return False, blocks_left
+    return is_any, blocks_left
+
+
+@kernel
+def _gather_piece(neighbors, first, is_seen, piece):
+    """Write the faces that hang together with *first* by faces not seen yet; how many."""
+    piece[0], count, at = first, 1, 0
+    is_seen[first] = True
+    while at < count:
+        face = piece[at]
+        at += 1
+        for k in range(3):
+            other = neighbors[face, k]
+            if other >= 0 and not is_seen[other]:
+                is_seen[other] = True
+                piece[count] = other
+                count += 1
+    return count
+
+
+@kernel
+def _is_turned(corners, faces, piece, count, reals, words, root, moments):
+    """Whether a face of a piece, and most of some, do not have the outside above and the inside below."""
+    votes = min(VOTES, count)
+    against = 0
+    for vote in range(votes):
+        face = piece[(2 * vote + 1) * count // (2 * votes)]
+        against += faces_wrong(corners, faces, face, reals, words, root, moments)
+        if against == 0:
+            return False
+    return 2 * against > votes
+
+
+@maker
+def passing_faces(corners, faces, neighbors, slot_faces, reals, words, root, moments):
+    """Return which slots have faces that meet others, or lie on the wrong side of such, a bit each.
+
+    (blocks,) uint8, and with them the faces next to these. The arguments are those of `folds.folded_faces`.
+    """
+    marks, depth = np.zeros(len(faces), np.bool_), 0.0
+    for axis in range(3):
+        depth = max(depth, DEPTH * (corners[:, axis].max() - corners[:, axis].min()))
+    stacks = words_here(STACKS_SIZE)
+    is_any, blocks_left = _mark_meeting(
+        corners, faces, neighbors, slot_faces, reals, words, root, depth, MOST_BLOCKS * len(faces), False,
+        stacks, marks,
+    )  # fmt: skip
+    if is_any:
+        _mark_meeting(
+            corners, faces, neighbors, slot_faces, reals, words, root, depth, blocks_left, True, stacks, marks
+        )
+    is_seen, piece = marks.copy(), np.empty(len(faces), np.int64)
+    for face in range(len(faces)):
+        if not is_seen[face]:
+            count = _gather_piece(neighbors, face, is_seen, piece)
+            if _is_turned(corners, faces, piece, count, reals, words, root, moments):
+                for k in range(count):
+                    marks[piece[k]] = True
+    return marked_slots(marks, neighbors, slot_faces)

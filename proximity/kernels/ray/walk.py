@@ -1,0 +1,328 @@
+"""A ray against one part's tree: the first hit.
+
+Triangles are tested in float64 and watertight: seen along the ray, a shared corner is at the same place for
+all its triangles, and the side on which an edge passes is never wrong. So a ray through an edge or a corner
+of a closed surface hits one of the triangles there. There is no tolerance at edges and no smallest area: a
+face that the ray runs along has no area seen from there and is not hit; its neighbours are.
+
+Boxes are tested in float32, from a start near the part, and widened by more than all roundings can be off.
+The answer is the smallest computed parameter, and among equals the lowest slot; so it depends neither on the
+order of the walk nor on a bound known beforehand.
+
+Source: Woop, Benthin, Wald 2013, "Watertight ray/triangle intersection"; Ize 2013, "Robust BVH ray
+traversal". Unlike there, edge functions are compensated (Kahan) instead of repeated in a wider type, and the
+error of the box test is put into its constants.
+"""
+
+import numpy as np
+
+from proximity.kernels.compiler import inlined
+from proximity.kernels.geometry.box import FAR
+from proximity.kernels.geometry.triangle import difference_of_products
+from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_SLOT, NODE_STRIDE, STACK_SIZE
+from proximity.kernels.tree.traversal import NOTHING_WAITS, descend_in_order, next_open
+from proximity.simd import (
+    absolute,
+    bits,
+    fma,
+    horizontal_min,
+    lane,
+    like,
+    load,
+    load_int,
+    maximum,
+    minimum,
+    narrow,
+    select,
+    splat,
+    splat32,
+    trailing_zeros,
+    widen,
+)
+
+REACH = 1.5
+"""A ray from farther away than `FAR` is started where it enters the cube of this half side."""
+SLAB_MARGIN = 2.0**-20
+"""What a box is widened by, local units: half as much again as float32 can be off. With a start within 2 and
+planes within 1 the reciprocal is off by 2^-23 of a way of at most 3, the result by 2^-24 of it, and the
+constant by 2^-24 of 2."""
+SLOWEST = 2.0**-60
+"""Least component of a direction in the box test: its reciprocal stays finite, and over the length of the
+part it moves the ray by far less than the margin."""
+START_SLACK = 2.0**-50
+"""A ray that starts this little behind a face starts on it: rounding of local coordinates."""
+LATE = 2.0**-51
+"""Rounding of a parameter and of its difference from the start of the box test."""
+WIDEN = 2.0**-22
+"""Rounding of that difference to float32; a test which way it went would be mispredicted every other time."""
+
+
+@inlined
+def is_from_afar(ox, oy, oz):
+    """Whether a ray starts so far out that it is started anew, by `approach`; scalars or vectors."""
+    reach = maximum(maximum(absolute(ox), absolute(oy)), absolute(oz))
+    return reach > like(FAR, reach)
+
+
+@inlined
+def approach(ox, oy, oz, dx, dy, dz):
+    """Of a ray from afar: whether it comes near the local cube, from which parameter on, and the point there.
+
+    The direction's largest component is near 1. The point is rounded, which is as if the origin were. Scalars
+    or vectors of eight.
+    """
+    enter_x, leave_x = _way_through(ox, dx)
+    enter_y, leave_y = _way_through(oy, dy)
+    enter_z, leave_z = _way_through(oz, dz)
+    enter = maximum(maximum(enter_x, enter_y), enter_z)
+    is_near = (enter >= like(0.0, enter)) & (enter <= minimum(minimum(leave_x, leave_y), leave_z))
+    return is_near, enter, _inside(ox + enter * dx), _inside(oy + enter * dy), _inside(oz + enter * dz)
+
+
+@inlined
+def _way_through(o, d):
+    """Parameters at which one coordinate enters and leaves the cube; of one that stays, never or for ever."""
+    zero, endless = like(0.0, d), like(np.inf, d)
+    is_still, is_within = d == zero, absolute(o) <= like(REACH, o)
+    way = select(is_still, like(1.0, d), d)
+    reach = select(way < zero, like(-REACH, way), like(REACH, way))
+    enter = select(is_within, -endless, endless)
+    return (
+        select(is_still, enter, (-reach - o) / way),
+        select(is_still, -enter, (reach - o) / way),
+    )
+
+
+@inlined
+def _not_still(d):
+    """A component of a direction, away from zero."""
+    least = select(d < like(0.0, d), like(-SLOWEST, d), like(SLOWEST, d))
+    return select(absolute(d) > like(SLOWEST, d), d, least)
+
+
+@inlined
+def _inside(value):
+    return minimum(maximum(value, like(-REACH, value)), like(REACH, value))
+
+
+@inlined
+def slab(o, d, margin):
+    """Factor and two constants that turn a plane's coordinate into the parameters of entering and leaving.
+
+    The error of factor, constants and result is in the constants: entering comes out early, leaving late.
+    Scalars or vectors of eight, of float64; what is returned is of float32.
+    """
+    way = narrow(_not_still(d))
+    rate = like(1.0, way) / way
+    wide = widen(rate)
+    start, spread = -o * wide, margin * absolute(wide)
+    return rate, narrow(start - spread), narrow(start + spread)
+
+
+@inlined
+def near_plane(rate):
+    """Offset in a node from a box's lower x (y, z) to the plane that is entered first; the other is left.
+
+    *rate*: as `slab` gives it, or the direction itself.
+    """
+    return 24 if rate < 0.0 else 0
+
+
+@inlined
+def bound_of_parameter(best, start):
+    """The float32 number, counted from *start*, that bounds are compared with; scalars or vectors."""
+    bound = narrow(best - start + best * like(LATE, best))
+    return bound + absolute(bound) * like(WIDEN, bound)
+
+
+@inlined
+def ray_boxes_bound(
+    nodes, base, near_x, near_y, near_z, rate_x, rate_y, rate_z, in_x, in_y, in_z, out_x, out_y, out_z,
+    zero, best,
+):  # fmt: skip
+    """Where a ray enters and leaves the boxes of the node at *base*, and which of them it meets up to *best*.
+
+    Parameters; that of entering is >= 0. Rates and constants are float32x8 splats of `slab`.
+    """
+    enter_x = fma(load(nodes, base + near_x), rate_x, in_x)
+    enter_y = fma(load(nodes, base + 8 + near_y), rate_y, in_y)
+    enter_z = fma(load(nodes, base + 16 + near_z), rate_z, in_z)
+    leave_x = fma(load(nodes, base + 24 - near_x), rate_x, out_x)
+    leave_y = fma(load(nodes, base + 32 - near_y), rate_y, out_y)
+    leave_z = fma(load(nodes, base + 40 - near_z), rate_z, out_z)
+    enter = maximum(maximum(enter_x, enter_y), maximum(enter_z, zero))
+    leave = minimum(minimum(leave_x, leave_y), minimum(leave_z, best))
+    return enter, leave, enter <= leave
+
+
+@inlined
+def steepest_axis(dx, dy, dz):
+    """The axis along which a direction goes fastest, as float64; scalars or vectors of eight."""
+    axis = select(absolute(dx) >= absolute(dy), like(0.0, dx), like(1.0, dx))
+    return select(maximum(absolute(dx), absolute(dy)) >= absolute(dz), axis, like(2.0, dx))
+
+
+@inlined
+def pick(axis, x, y, z):
+    """One of three by number; *axis* as `steepest_axis` tells."""
+    return select(axis == like(0.0, axis), x, select(axis == like(1.0, axis), y, z))
+
+
+@inlined
+def ray_triangle_sides(ox, oy, oz, lean_x, lean_y, ax, ay, az, bx, by, bz, cx, cy, cz):
+    """Weights of the corners, not yet divided by their sum, and the weighted height; scalars or vectors.
+
+    Axes are turned so that the ray runs mostly along z; *lean_x*, *lean_y* are -dx/dz, -dy/dz. A line hits
+    where no two weights differ in sign.
+    """
+    az, bz, cz = az - oz, bz - oz, cz - oz
+    ax, ay = fma(lean_x, az, ax - ox), fma(lean_y, az, ay - oy)
+    bx, by = fma(lean_x, bz, bx - ox), fma(lean_y, bz, by - oy)
+    cx, cy = fma(lean_x, cz, cx - ox), fma(lean_y, cz, cy - oy)
+    u = difference_of_products(bx, cy, by, cx)
+    v = difference_of_products(cx, ay, cy, ax)
+    w = difference_of_products(ax, by, ay, bx)
+    return u, v, w, fma(u, az, fma(v, bz, w * cz))
+
+
+@inlined
+def look_along(ox, oy, oz, dx, dy, dz):
+    """What `ray_triangle_sides` needs of a ray: axis, origin, leans, pace; scalars or vectors of eight.
+
+    Axes are turned so that the ray runs mostly along z; pace is the parameter's change along z.
+    """
+    axis = steepest_axis(dx, dy, dz)
+    speed = pick(axis, dx, dy, dz)
+    pace = like(1.0, speed) / speed
+    return (
+        axis,
+        pick(axis, oy, oz, ox),
+        pick(axis, oz, ox, oy),
+        pick(axis, ox, oy, oz),
+        -pick(axis, dy, dz, dx) * pace,
+        -pick(axis, dz, dx, dy) * pace,
+        pace,
+    )
+
+
+@inlined
+def _seen_along(reals, base, view):
+    """`ray_triangle_sides` of the eight triangles at *base*, and which of them the line hits."""
+    axis, px, py, pz, lean_x, lean_y, _ = view
+    z = np.int64(axis)
+    x, y, z = 8 * ((z + 1) % 3), 8 * ((z + 2) % 3), 8 * z
+    u, v, w, height = ray_triangle_sides(
+        splat(px), splat(py), splat(pz), splat(lean_x), splat(lean_y),
+        load(reals, base + x), load(reals, base + y), load(reals, base + z),
+        load(reals, base + 24 + x), load(reals, base + 24 + y), load(reals, base + 24 + z),
+        load(reals, base + 48 + x), load(reals, base + 48 + y), load(reals, base + 48 + z),
+    )  # fmt: skip
+    zero = splat(0.0)
+    is_hit = (minimum(u, minimum(v, w)) >= zero) | (maximum(u, maximum(v, w)) <= zero)
+    return u, v, w, height, is_hit
+
+
+@inlined
+def hits_in_block(reals, base, view, longest):
+    """Which of the eight triangles at *base* a ray hits up to the parameter *longest*: bits.
+
+    *view* as `look_along` gives it; the ray is not from afar.
+    """
+    u, v, w, height, is_hit = _seen_along(reals, base, view)
+    hits = bits(is_hit)
+    if hits:
+        parameters = height / (u + v + w) * splat(view[6])
+        hits = bits(is_hit & (parameters >= splat(0.0)) & (parameters <= splat(longest)))
+    return hits
+
+
+@inlined
+def first_in_block(reals, base, view, entry, best):
+    """First hit, up to *best*, of the eight triangles at *base*: t, lane (-1: none), and three weights.
+
+    *view* as `look_along` gives it, *entry* as `approach`.
+    """
+    found, first = best, np.int64(-1)
+    weight_a, weight_b, weight_c = 0.0, 0.0, 0.0
+    zero, pace = splat(0.0), view[6]
+    u, v, w, height, is_hit = _seen_along(reals, base, view)
+    if bits(is_hit):
+        # No area: 0/0, which no comparison lets through.
+        parameters = splat(entry) + height / (u + v + w) * splat(pace)
+        is_better = is_hit & (parameters >= splat(-START_SLACK)) & (parameters <= splat(best))
+        if bits(is_better):
+            parameters = select(is_better, maximum(parameters, zero), splat(np.inf))
+            found = horizontal_min(parameters)
+            first = trailing_zeros(bits(parameters <= splat(found)))
+            weight_a, weight_b, weight_c = lane(u, first), lane(v, first), lane(w, first)
+    return found, first, weight_a, weight_b, weight_c
+
+
+@inlined
+def open_boxes(words, base, aim, zero, best32):
+    """`ray_boxes_bound` for a ray of which *aim* has what `slab` gives for x, y and z; *best32* a scalar."""
+    rate_x, in_x, out_x, rate_y, in_y, out_y, rate_z, in_z, out_z = aim
+    return ray_boxes_bound(
+        words, base, near_plane(rate_x), near_plane(rate_y), near_plane(rate_z),
+        splat32(rate_x), splat32(rate_y), splat32(rate_z), splat32(in_x), splat32(in_y), splat32(in_z),
+        splat32(out_x), splat32(out_y), splat32(out_z), zero, splat32(best32),
+    )  # fmt: skip
+
+
+@inlined
+def aim_and_view(ox, oy, oz, dx, dy, dz, margin):
+    """What boxes need of a ray, see `open_boxes`, and what triangles do, see `look_along`."""
+    aim = (*slab(ox, dx, margin), *slab(oy, dy, margin), *slab(oz, dz, margin))
+    return aim, look_along(ox, oy, oz, dx, dy, dz)
+
+
+@inlined
+def ray_in_part(reals, words, start, ox, oy, oz, dx, dy, dz, best, best_slot, stacks, at):
+    """First hit of the ray *o* + t *d*, t >= 0, in the part's local frame: see `first_hit`.
+
+    The largest component of *d* is between 0.5 and 2.
+    """
+    is_near, entry = True, 0.0
+    if is_from_afar(ox, oy, oz):
+        is_near, entry, ox, oy, oz = approach(ox, oy, oz, dx, dy, dz)
+    aim, view = aim_and_view(ox, oy, oz, dx, dy, dz, SLAB_MARGIN)
+    # A ray that passes by opens nothing.
+    best32 = bound_of_parameter(best, entry) if is_near else np.float32(-1.0)
+    return first_hit(reals, words, start, aim, view, entry, best, best32, best_slot, stacks, at)
+
+
+@inlined
+def first_hit(reals, words, start, aim, view, entry, best, best32, best_slot, stacks, at):
+    """First hit of a ray below a reference: t, slot, and three weights.
+
+    The weights are barycentric coordinates times some number; 0 where nothing better than known was found.
+
+    *start*: the reference to walk from, the part's root for all of it. *aim*, *view*: as `aim_and_view` gives
+    them; *entry* as `approach`. *best* and *best_slot*: what is known already; nothing farther is looked at;
+    *best32*: the same for boxes. *stacks* float32, from *at* on: `STACK_SIZE` bounds, then as many
+    references.
+    """
+    zero32 = splat32(np.float32(0.0))
+    weight_a, weight_b, weight_c = 0.0, 0.0, 0.0
+    bottom = at
+    reference = start
+    while True:
+        if reference >= 0:
+            base = NODE_STRIDE * reference
+            bounds, leaving, is_open = open_boxes(words, base, aim, zero32, best32)
+            if bits(is_open):
+                reference, at = descend_in_order(words, base, bounds, leaving, is_open, stacks, at)
+                continue
+        else:
+            block = ~reference
+            found, first, a, b, c = first_in_block(reals, BLOCK_STRIDE * block, view, entry, best)
+            slot = LANES * block + first
+            if first >= 0 and (found < best or slot < best_slot or best_slot == NO_SLOT):
+                best, best_slot = found, slot
+                weight_a, weight_b, weight_c = a, b, c
+                best32 = bound_of_parameter(best, entry)
+        # The next that is still open.
+        at = next_open(stacks, bottom, at, best32)
+        if at == NOTHING_WAITS:
+            return best, best_slot, weight_a, weight_b, weight_c
+        reference = load_int(stacks, at + STACK_SIZE)

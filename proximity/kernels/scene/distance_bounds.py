@@ -1,0 +1,308 @@
+"""The signed distance of one point of a scene between bounds, within a budget of steps.
+
+With budget enough both bounds are the signed distance that `query` answers: the smallest over all parts;
+inside, of several parts that hold the point, the deepest. With less the nearest surface found so far is one
+bound, and the smallest bound of what was not looked at the other. The side does not need the nearest face:
+the sign grid and the winding number tell it as well.
+"""
+
+from math import sqrt
+
+import numpy as np
+
+from proximity.kernels.compiler import inlined, kernel
+from proximity.kernels.contact_columns import BOUNDED, EXACT, INSIDE, SIGNED
+from proximity.kernels.geometry.closest_feature import (
+    ARM,
+    LENGTH,
+    NORMAL,
+    POINT,
+    closest_on_edges,
+    over_face,
+    read_corners,
+)
+from proximity.kernels.geometry.frames import (
+    is_alone,
+    part_of_slot,
+    to_local,
+)
+from proximity.kernels.layout import (
+    BOX_LOWER,
+    BOX_UPPER,
+    GRID,
+    IS_HIDDEN,
+    NO_GRID,
+    NO_PART,
+    NO_SLOT,
+    ROOT,
+    SCALE,
+    SIGN,
+    SIGN_NONE,
+    SIGN_WINDING,
+)
+from proximity.kernels.point.budgeted_walk import DOWN, known_sq, nearest_with_budget
+from proximity.kernels.scene.containment import state_in_part
+from proximity.kernels.scene.part_grid import holder, holding_bits, sought, turns_of
+from proximity.kernels.sign.inside_grid import CROSSED, OUTSIDE
+from proximity.kernels.sign.inside_grid import INSIDE as HELD
+from proximity.kernels.sign.side import is_inside_by_winding, signed_of_slot, witness_of_slot
+
+FEWEST_STEPS = 8
+"""For each further part that may hold the point, when the budget is spent already."""
+SPARE_STEPS = 64
+"""For all of them together. Of further parts that hold the point for certain, their boxes tell how deep."""
+
+
+@inlined
+def nearest_from(reals, words, frames, parts, x, y, z, part, slot, limit_sq, ease, core, budget, room):
+    """`nearest_with_budget` for the whole scene, starting from a face known, if any; with its part.
+
+    *limit_sq*, *core*: in the scene's scaled frame; nothing farther than the limit is looked at.
+    """
+    scene = len(parts) - 1
+    best_sq = limit_sq
+    if slot >= 0:
+        slot_sq = known_sq(reals, frames, parts, part, slot, x, y, z)
+        if slot_sq <= limit_sq:
+            best_sq = slot_sq
+        else:
+            slot = np.int64(NO_SLOT)
+    top = np.int64(0) if is_alone(parts) else scene
+    best_sq, slot, lower_sq, work = nearest_with_budget(
+        reals, words, frames, parts, parts[top, ROOT], top, x, y, z, best_sq, slot, ease, core, budget, room
+    )
+    if slot >= 0:
+        part = part_of_slot(words, parts, slot)
+    return best_sq, part, slot, lower_sq, work
+
+
+@inlined
+def beyond_all(frames, x, y, z):
+    """A distance, m, within which some face lies: that of the scene's farthest corner."""
+    scene = len(frames) - 1
+    total = 0.0
+    for axis in range(3):
+        value = x if axis == 0 else (y if axis == 1 else z)
+        gap = max(abs(value - frames[scene, BOX_LOWER + axis]), abs(frames[scene, BOX_UPPER + axis] - value))
+        total += gap * gap
+    return sqrt(total) * (1.0 + 1e-12)
+
+
+@inlined
+def fill_witness(reals, words, parts, frames, part, slot, x, y, z, witness):
+    """Fill *witness* (local frame of *part*) with the closest point of a triangle found; its distance, m.
+
+    What `closest_on_triangle` fills, but for the weights; the point is only as exact as the place of *p*.
+    """
+    px, py, pz = to_local(frames, parts, part, x, y, z)
+    read_corners(reals, slot, witness)
+    is_over, height = over_face(witness, px, py, pz)
+    if is_over:
+        witness[LENGTH] = abs(height)
+        for axis in range(3):
+            witness[ARM + axis] = witness[NORMAL + axis] * height
+    else:
+        closest_on_edges(px, py, pz, witness)
+    witness[POINT], witness[POINT + 1], witness[POINT + 2] = (
+        px - witness[ARM],
+        py - witness[ARM + 1],
+        pz - witness[ARM + 2],
+    )
+    return witness[LENGTH] / frames[part, SCALE]
+
+
+@inlined
+def _depth_in_box(frames, part, x, y, z, is_open):
+    """How deep in a part a point that it holds can be, m: as far as to the nearest side of its box.
+
+    Where the part is open, as far as to the farthest corner: through a hole one leaves the box past no face.
+    """
+    nearest, total = np.inf, 0.0
+    for axis in range(3):
+        value = x if axis == 0 else (y if axis == 1 else z)
+        lower, upper = frames[part, BOX_LOWER + axis], frames[part, BOX_UPPER + axis]
+        rounding = 1e-15 * (abs(lower) + abs(upper) + abs(value))
+        above, below = abs(upper - value) + rounding, abs(value - lower) + rounding
+        nearest = min(nearest, above, below)
+        total += max(above, below) ** 2
+    return (sqrt(total) if is_open else nearest) * (1.0 + 1e-12)
+
+
+@kernel
+def _depth_in(reals, words, frames, parts, other, x, y, z, budget, room, witness):
+    """Whether *other* holds a point; if so how deep at least and at most, m, the face found, and steps.
+
+    *budget*: 0 to look at no face unless it takes one to tell whether it does.
+    """
+    px, py, pz = to_local(frames, parts, other, x, y, z)
+    state = state_in_part(reals, words, frames, parts, other, px, py, pz)
+    if state == OUTSIDE:
+        return False, 0.0, 0.0, np.int64(NO_SLOT), np.int64(0)
+    if state == HELD:
+        if budget == 0:
+            most = _depth_in_box(frames, other, x, y, z, parts[other, GRID] == NO_GRID)
+            return True, 0.0, most, np.int64(NO_SLOT), np.int64(1)
+    else:
+        budget = max(budget, FEWEST_STEPS)
+    best_sq, slot, lower_sq, work = nearest_with_budget(
+        reals, words, frames, parts, parts[other, ROOT], other, x, y, z, np.inf, NO_SLOT, 0.0, 0.0, budget,
+        room,
+    )  # fmt: skip
+    is_exact = lower_sq >= best_sq
+    is_inside = True
+    if state == CROSSED:
+        if is_exact:
+            is_inside = signed_of_slot(reals, words, parts, other, slot, px, py, pz, witness) < 0.0
+        else:
+            is_inside = is_inside_by_winding(reals, words, parts, other, px, py, pz)
+    scale = frames[len(parts) - 1, SCALE]
+    upper = sqrt(best_sq) / scale
+    lower = upper if is_exact else sqrt(lower_sq) / scale * DOWN
+    if slot == NO_SLOT:
+        upper = beyond_all(frames, x, y, z)
+    return is_inside, lower, upper, slot, work
+
+
+@kernel
+def may_slip_in(words, frames, parts, x, y, z):
+    """Whether a point is in the box of a part with holes: there it may get inside through no surface."""
+    first, last, sx, sy, sz = sought(words, frames, parts, x, y, z)
+    for turn in range(turns_of(parts, first, last)):
+        holding, at = holding_bits(words, frames, parts, first, last, turn, x, y, z, sx, sy, sz)
+        while holding:
+            part = holder(words, parts, at, holding)
+            holding &= holding - 1
+            if parts[part, SIGN] == SIGN_WINDING and parts[part, GRID] == NO_GRID:
+                return True
+    return False
+
+
+@kernel
+def may_slip(frames, parts, x, y, z, reach):
+    """Whether within *reach* of a point there may be a hole by which one gets in or out of a part."""
+    for part in range(len(parts) - 1):
+        if parts[part, SIGN] != SIGN_WINDING or parts[part, GRID] != NO_GRID or parts[part, IS_HIDDEN]:
+            continue
+        is_near = True
+        for axis in range(3):
+            value = x if axis == 0 else (y if axis == 1 else z)
+            gap = max(frames[part, BOX_LOWER + axis] - value, value - frames[part, BOX_UPPER + axis])
+            is_near &= not gap > reach
+        if is_near:
+            return True
+    return False
+
+
+@kernel
+def _deepest_of_holders(
+    reals, words, frames, parts, x, y, z, part, slot, is_exact, lower, upper, clear, work, budget, room,
+    witness,
+):  # fmt: skip
+    """How deep a point is in the parts that hold it, m: at least; at most, by faces; and at most. -1: not.
+
+    *is_exact* to *work*: what `bracket_of` knows of the nearest face. Returns besides the part that it is
+    deepest in, the slot of the face there, and the steps taken so far.
+    """
+    depth_lower, depth_upper, depth_by_box = -1.0, -1.0, -1.0
+    enough = max(budget, work) + SPARE_STEPS
+    deep_part, deep_slot = np.int64(NO_PART), np.int64(NO_SLOT)
+    first, last, sx, sy, sz = sought(words, frames, parts, x, y, z)
+    for turn in range(turns_of(parts, first, last)):
+        holding, at = holding_bits(words, frames, parts, first, last, turn, x, y, z, sx, sy, sz)
+        while holding:
+            other = holder(words, parts, at, holding)
+            holding &= holding - 1
+            if parts[other, SIGN] == SIGN_NONE:
+                continue
+            if other == part and is_exact and slot >= 0:
+                px, py, pz = to_local(frames, parts, part, x, y, z)
+                _, _, is_held = witness_of_slot(reals, words, parts, part, slot, px, py, pz, witness)
+                least, most, found = lower, upper, slot
+            else:
+                is_held, least, most, found, steps = _depth_in(
+                    reals, words, frames, parts, other, x, y, z,
+                    max(budget - work, FEWEST_STEPS) if work < enough else 0, room, witness,
+                )  # fmt: skip
+                work += steps
+                # What holds for all surfaces holds for this part's, and so does a face of it that is
+                # known; but for rounding, since it was walked in another frame.
+                if other == part and slot >= 0 and upper < most:
+                    most, found = upper, slot
+                least = min(max(least, clear), most)
+            if is_held:
+                depth_lower = max(depth_lower, least)
+                if found == NO_SLOT:
+                    depth_by_box = max(depth_by_box, most)
+                    deep_part = other if deep_part == NO_PART else deep_part
+                elif most > depth_upper:
+                    depth_upper, deep_part, deep_slot = most, other, found
+    return depth_lower, depth_upper, max(depth_upper, depth_by_box), deep_part, deep_slot, work
+
+
+@inlined
+def bracket_at(
+    reals, words, frames, parts, x, y, z, part, slot, is_outside, ease, core, budget, room, witness
+):
+    """Signed distance of a point of the scene's frame, m, between bounds.
+
+    *part*, *slot*: a face to start from, or `NO_SLOT`. *is_outside*: True where it is known that no part
+    holds the point. *ease*, *core* (m), of a point that is outside: see `near_enough_sq`; others are asked
+    exactly, as far as the budget goes. Returns what `bracket_of` does.
+    """
+    best_sq, part, slot, lower_sq, work = nearest_from(
+        reals, words, frames, parts, x, y, z, part, slot, np.inf, ease if is_outside else 0.0,
+        core * frames[len(parts) - 1, SCALE], budget, room,
+    )  # fmt: skip
+    return bracket_of(
+        reals, words, frames, parts, x, y, z, best_sq, part, slot, lower_sq, work, is_outside, budget, room,
+        witness,
+    )  # fmt: skip
+
+
+@inlined
+def bracket_of(
+    reals, words, frames, parts, x, y, z, best_sq, part, slot, lower_sq, work, is_outside, budget, room,
+    witness,
+):  # fmt: skip
+    """The same, where the nearest has been searched for: what `nearest_from` returned.
+
+    Returns distance, lower and upper bound, a distance within which there is no surface, part and slot of the
+    face that is meant, bits (EXACT or BOUNDED, SIGNED, INSIDE), and the steps taken.
+    """
+    scene = len(parts) - 1
+    scale = frames[scene, SCALE]
+    is_exact = lower_sq >= best_sq
+    upper = sqrt(best_sq) / scale
+    if slot >= 0:
+        careful = fill_witness(reals, words, parts, frames, part, slot, x, y, z, witness)
+        upper = careful if is_exact else max(careful, upper)
+    elif not is_exact:
+        upper = beyond_all(frames, x, y, z)
+    lower = upper if is_exact else min(sqrt(lower_sq) / scale * DOWN, upper)
+    clear = min(lower, sqrt(lower_sq) / scale) * DOWN
+
+    depth_lower, depth_upper, depth_most = -1.0, -1.0, -1.0
+    deep_part, deep_slot = np.int64(NO_PART), np.int64(NO_SLOT)
+    if not is_outside:
+        depth_lower, depth_upper, depth_most, deep_part, deep_slot, work = _deepest_of_holders(
+            reals, words, frames, parts, x, y, z, part, slot, is_exact, lower, upper, clear, work, budget,
+            room, witness,
+        )  # fmt: skip
+        # What other parts were asked has gone over the witness.
+        if slot >= 0 and depth_lower < 0.0:
+            fill_witness(reals, words, parts, frames, part, slot, x, y, z, witness)
+    bits = 0
+    if depth_lower >= 0.0:
+        part, slot = deep_part, deep_slot
+        lower, upper = -depth_most, -depth_lower
+        bits = SIGNED | INSIDE
+        distance = lower
+        if slot >= 0:
+            fill_witness(reals, words, parts, frames, part, slot, x, y, z, witness)
+            distance = -depth_upper
+    else:
+        distance = upper
+        if slot >= 0 and parts[part, SIGN] != SIGN_NONE:
+            bits = SIGNED
+    bits |= EXACT if lower == upper else BOUNDED
+    return distance, lower, upper, clear, part, slot, bits, work

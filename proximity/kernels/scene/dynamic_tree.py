@@ -1,0 +1,141 @@
+"""The tree over loose parts: those that move by themselves, each whole, in a few nodes written at every move.
+
+The scene's root, once a part is loose, is a *super node*: its first lane is the static tree over all other
+parts, which stays as it is; the other lanes are the loose tree. Its leaves are entries, one a part, behind
+those of the static tree. Loose parts are kept in the order of a space-filling curve, which is mended a little
+at every move: so nodes stay small wherever the parts go, and a move costs O(parts that are loose).
+"""
+
+import numpy as np
+
+from proximity.kernels.compiler import inlined, kernel
+from proximity.kernels.given import INTEGER, SHORT_COLUMN, SHORT_TABLE, TABLE, WHOLE_COLUMN, WHOLE_TABLE
+from proximity.kernels.layout import (
+    CORNER_COUNT,
+    ENTRY,
+    LANES,
+    LOOSE_COUNT,
+    NEIGHBORS,
+    NODE_STRIDE,
+    PARTS_OF_LANES,
+    REGION,
+    ROOT,
+)
+from proximity.kernels.memory import words_here
+from proximity.kernels.scene.placement import box_in_scene, copy_rows, place_scene
+from proximity.kernels.tree.wide_node import clear_node, node_box, write_lane
+
+CURVE_CELLS = 2**20
+"""Cells along each axis of the local cube, for the order along the curve."""
+SORT_STEPS = 8
+"""Steps a loose part by which the order is mended at a move. Any order is right; a good one is fast."""
+
+
+@inlined
+def _spread(cell):
+    """Put two zeros between any two of 21 bits."""
+    cell = (cell | (cell << 32)) & 0x1F00000000FFFF
+    cell = (cell | (cell << 16)) & 0x1F0000FF0000FF
+    cell = (cell | (cell << 8)) & 0x100F00F00F00F00F
+    cell = (cell | (cell << 4)) & 0x10C30C30C30C30C3
+    return (cell | (cell << 2)) & 0x1249249249249249
+
+
+@kernel
+def _curve_key(box):
+    """Place of a box's middle along the curve; empty boxes come last."""
+    key = np.int64(0)
+    if not box[0] <= box[3]:
+        return np.int64(2**62)
+    for axis in range(3):
+        middle = 0.5 * (np.float64(box[axis]) + np.float64(box[axis + 3]))
+        cell = np.int64(min(max((middle + 1.0) * (0.5 * CURVE_CELLS), 0.0), CURVE_CELLS - 1.0))
+        key |= _spread(cell) << axis
+    return key
+
+
+@kernel
+def _mend_order(boxes, loose, order, keys, steps):
+    """Sort *order*, places in *loose*, along the curve: by insertion, and by so many steps at most."""
+    for i in range(len(loose)):
+        keys[i] = _curve_key(boxes[loose[i]])
+    for i in range(1, len(order)):
+        place = order[i]
+        at = i
+        while at > 0 and steps > 0 and keys[order[at - 1]] > keys[place]:
+            order[at] = order[at - 1]
+            at -= 1
+            steps -= 1
+        order[at] = place
+
+
+@kernel
+def _write_child(words, node, lane, i, below, boxes, loose, order, first_entry, box):
+    """Write child *i* of a level: a node from *below* on or, where that is negative, a loose part."""
+    if below >= 0:
+        node_box(words, below + i, box)
+        write_lane(words, NODE_STRIDE * node, lane, box, below + i)
+    else:
+        place, base = order[i], NODE_STRIDE * node
+        write_lane(words, base, lane, boxes[loose[place]], ~(ENTRY + first_entry + place))
+        words.view(np.int32)[base + PARTS_OF_LANES + lane] = loose[place]
+
+
+@kernel
+def write_loose(words, region, static_root, boxes, loose, order, first_entry):
+    """Write the super node at node *region* and the loose tree behind it.
+
+    *static_root*: a node, or -1. *loose* (L,): parts. *order* (L,): their places along the curve.
+    """
+    box = words_here(6)
+    used, below, count = region + 1, -1, len(loose)
+    while count > LANES - 1:
+        node_count = (count + LANES - 1) // LANES
+        for n in range(node_count):
+            clear_node(words, used + n)
+            for i in range(LANES * n, min(LANES * n + LANES, count)):
+                _write_child(words, used + n, i - LANES * n, i, below, boxes, loose, order, first_entry, box)
+        below, count = used, node_count
+        used += node_count
+    clear_node(words, region)
+    if static_root >= 0:
+        node_box(words, static_root, box)
+        write_lane(words, NODE_STRIDE * region, 0, box, static_root)
+    for i in range(count):
+        _write_child(words, region, 1 + i, i, below, boxes, loose, order, first_entry, box)
+
+
+UPDATE = (
+    SHORT_COLUMN, TABLE, WHOLE_TABLE, WHOLE_COLUMN, INTEGER, SHORT_TABLE, WHOLE_COLUMN, WHOLE_COLUMN,
+    WHOLE_COLUMN, INTEGER, INTEGER, INTEGER, TABLE, WHOLE_TABLE,
+)  # fmt: skip
+
+
+@kernel
+def bring_up_to_date(
+    words, frames, parts, versions, published, boxes, loose, order, keys, steps, region, since, to_frames,
+    to_parts,
+):  # fmt: skip
+    """Make a copy of what moves, where *frames* and *parts* say it is now; return how far parts reach.
+
+    With more than 1 they do not fit the scene's frame: then nothing has been written to the copy. *versions*
+    (P + 1,) int64 says of each row when it changed. *boxes* (P, 6) float32 has what was right at version
+    *published*; the copy, *to_frames*, *to_parts* and node *region* of *words*, what was right at *since*.
+    *loose*, *order*, *keys*: parts, and scratch as long.
+    """
+    scene = len(parts) - 1
+    reach = place_scene(frames, parts)
+    if scene > 1:
+        if not reach <= 1.0:
+            return reach
+        for part in loose:
+            if versions[part] > published:
+                box_in_scene(frames, parts, part, boxes[part])
+        _mend_order(boxes, loose, order, keys, steps)
+        write_loose(words, region, parts[scene, NEIGHBORS], boxes, loose, order, parts[scene, CORNER_COUNT])
+    # Nothing stands between a question and a static tree that is alone.
+    is_static = scene > 1 and len(loose) == 0 and parts[scene, NEIGHBORS] >= 0
+    parts[scene, ROOT] = parts[scene, NEIGHBORS] if is_static else region
+    parts[scene, REGION], parts[scene, LOOSE_COUNT] = region, len(loose)
+    copy_rows(frames, parts, versions, since, to_frames, to_parts)
+    return reach

@@ -1,0 +1,400 @@
+"""Whether a model that comes out of a file can be walked: everything in it that is an index is looked at.
+
+Walks check no bounds, and their stacks have room for trees of limited depth. So here, once, every reference
+is compared with what it refers to. A child's number is above its parent's, every node and every leaf is
+reached once, and no tree is deeper than `DEEPEST`: then every walk ends. Where the arrays of a part begin and
+end has been checked before, and that these runs lie in the arrays and do not overlap.
+
+Each function returns the kind of the first fault that it finds, or `SOUND`, and then fills *fault* (int64,
+`FAULT_SIZE`): the part, and up to three numbers that the sentence about it names.
+"""
+
+import numpy as np
+
+from proximity.kernels.compiler import inlined, kernel
+from proximity.kernels.geometry.box import FAR
+from proximity.kernels.geometry.frames import (
+    part_of_slot,
+)
+from proximity.kernels.layout import (
+    BLOCK_COUNT,
+    BLOCK_NOTES,
+    BLOCK_STRIDE,
+    CHILDREN,
+    CORNER_COUNT,
+    CORNER_NORMALS,
+    CORNERS,
+    ENTRY,
+    FACE_COUNT,
+    FACES,
+    FIRST_BLOCK,
+    FOLDED_AT,
+    GRID,
+    GRID_X,
+    GRID_Y,
+    GRID_Z,
+    IS_FUSED,
+    IS_HIDDEN,
+    IS_LOOSE,
+    LANES,
+    MAX_DEPTH,
+    MOMENTS,
+    NEIGHBORS,
+    NO_FACE,
+    NO_GRID,
+    NODE_COUNT,
+    NODE_STRIDE,
+    ROOT,
+    SLOT_FACES,
+)
+from proximity.kernels.scene.static_tree import last_up_to
+from proximity.kernels.sign.inside_grid import CELLS_PER_WORD
+from proximity.kernels.sign.winding_number import MOMENT_STRIDE
+from proximity.simd import absolute, bits, load, load_int, splat, splat32
+
+DEEPEST = MAX_DEPTH // 2
+"""Levels of a part's tree, and of the static tree above it: one below the other they are within a stack."""
+LARGEST_LOCAL = 1.0 + 2.0**-40
+"""Local coordinates, and components of unit normals, reach to 1, give or take rounding."""
+FEWEST_NEIGHBOR = -2
+"""Least number that stands for no neighbour."""
+FAULT_SIZE = 4
+ALL_LANES = 2**LANES - 1
+
+SOUND = 0
+BAD_BOX = 1
+BAD_CHILD_NODE = 2
+BAD_CHILD_BLOCK = 3
+TOO_DEEP = 4
+NOT_REACHED = 5
+NOT_IN_A_ROW = 6
+BAD_NOTE = 7
+BAD_SLOT = 8
+FACE_TWICE = 9
+FACE_MISSING = 10
+BAD_TRIANGLE = 11
+BAD_CORNER_ID = 12
+BAD_NEIGHBOR = 13
+BAD_CORNER = 14
+BAD_NORMAL = 15
+BAD_MOMENT = 16
+BAD_CELL = 17
+BAD_TOP_CHILD = 18
+COVERED_TWICE = 19
+NOT_COVERED = 20
+BAD_VERTEX_ID = 21
+BAD_CORNER_ORDER = 22
+BAD_VERTEX = 23
+BAD_LIST = 24
+BAD_LISTED_PART = 25
+
+
+@inlined
+def _note(fault, kind, part, first, second, third):
+    fault[0], fault[1], fault[2], fault[3] = part, first, second, third
+    return kind
+
+
+@inlined
+def _lanes(words, base):
+    """Which lanes of the node at word *base* have children, and which have not: bits. Others have no box."""
+    used, unused = np.int64(ALL_LANES), np.int64(ALL_LANES)
+    for axis in range(3):
+        lower, upper = load(words, base + 8 * axis), load(words, base + 24 + 8 * axis)
+        is_near = (lower >= splat32(np.float32(-FAR))) & (upper <= splat32(np.float32(FAR)))
+        used &= bits(is_near & (lower <= upper))
+        unused &= bits((lower == splat32(np.float32(np.inf))) & (upper == splat32(np.float32(-np.inf))))
+    return used, unused
+
+
+@kernel
+def fault_in_trees(words, parts, firsts, counts, levels, reached, fault):
+    """Look through the trees of all parts.
+
+    Filled: of each node the *firsts* and *counts* of the blocks below it, and scratch: *levels* (N,) int32.
+    *reached* (B,) uint8: zeros.
+    """
+    for part in range(len(parts) - 1):
+        kind = _fault_in_tree(words, parts, part, firsts, counts, levels, reached, fault)
+        if kind != SOUND:
+            return kind
+    return SOUND
+
+
+@kernel
+def _fault_in_tree(words, parts, part, firsts, counts, levels, reached, fault):
+    root, end = parts[part, ROOT], parts[part, ROOT] + parts[part, NODE_COUNT]
+    first_block = parts[part, FIRST_BLOCK]
+    last_block = first_block + parts[part, BLOCK_COUNT] - 1
+    # What is below a node has been seen when its turn comes.
+    inner = np.int64(0)
+    for node in range(end - 1, root - 1, -1):
+        base = NODE_STRIDE * node
+        used, unused = _lanes(words, base)
+        if used | unused != ALL_LANES:
+            return _note(fault, BAD_BOX, part, node - root, 0, 0)
+        first, last, count, level = np.int64(2**62), np.int64(-1), np.int64(0), np.int64(0)
+        for lane in range(LANES):
+            if not (used >> lane) & 1:
+                continue
+            child = load_int(words, base + CHILDREN + lane)
+            if child >= 0:
+                # Negative: it has a parent.
+                if not node < child < end or levels[child] < 0:
+                    return _note(fault, BAD_CHILD_NODE, part, lane, node - root, child - root)
+                first = min(first, np.int64(firsts[child]))
+                last = max(last, np.int64(firsts[child]) + counts[child] - 1)
+                count += counts[child]
+                level = max(level, np.int64(levels[child]))
+                levels[child] = -levels[child]
+                inner += 1
+            else:
+                block = ~child
+                if not first_block <= block <= last_block or reached[block]:
+                    return _note(fault, BAD_CHILD_BLOCK, part, lane, node - root, block - first_block)
+                reached[block] = 1
+                first, last, count = min(first, block), max(last, block), count + 1
+        if count == 0 or level >= DEEPEST:
+            return _note(fault, TOO_DEEP if count else NOT_REACHED, part, node - root, DEEPEST, 0)
+        if last - first + 1 != count:
+            return _note(fault, NOT_IN_A_ROW, part, node - root, 0, 0)
+        firsts[node], counts[node], levels[node] = first, count, level + 1
+    if inner != end - root - 1 or counts[root] != parts[part, BLOCK_COUNT]:
+        return _note(fault, NOT_REACHED, part, 0, 0, 0)
+    return SOUND
+
+
+@kernel
+def fault_in_parts(reals, words, parts, seen, fault):
+    """Look through slots, faces, corners, moments and sign grids. *seen* (F,) uint8: F of the largest."""
+    for part in range(len(parts) - 1):
+        for face in range(parts[part, FACE_COUNT]):
+            seen[face] = 0
+        kind = _fault_in_slots(reals, words, parts, part, seen, fault)
+        if kind == SOUND:
+            kind = _fault_in_faces(words, parts, part, fault)
+        if kind == SOUND:
+            kind = _fault_in_corners(reals, parts, part, fault)
+        if kind == SOUND:
+            kind = _fault_in_moments(words, parts, part, fault)
+        if kind == SOUND:
+            kind = _fault_in_grid(words, parts, part, fault)
+        if kind != SOUND:
+            return kind
+    return SOUND
+
+
+@kernel
+def _fault_in_slots(reals, words, parts, part, seen, fault):
+    """Every face is in one slot; where a slot has a face, its lane has a triangle, and else it is NaN."""
+    first, face_count = parts[part, FIRST_BLOCK], parts[part, FACE_COUNT]
+    found = np.int64(0)
+    for block in range(first, first + parts[part, BLOCK_COUNT]):
+        if load_int(words, parts[part, BLOCK_NOTES] + block) & (2**FOLDED_AT - 1) != part:
+            return _note(fault, BAD_NOTE, part, block - first, 0, 0)
+        used = np.int64(0)
+        for lane in range(LANES):
+            face = load_int(words, parts[part, SLOT_FACES] + LANES * block + lane)
+            if face == NO_FACE:
+                continue
+            if not 0 <= face < face_count:
+                return _note(fault, BAD_SLOT, part, LANES * (block - first) + lane, face, face_count)
+            if seen[face]:
+                return _note(fault, FACE_TWICE, part, LANES * (block - first) + lane, face, 0)
+            seen[face] = 1
+            found += 1
+            used |= np.int64(1) << lane
+        base = BLOCK_STRIDE * block
+        row = load(reals, base)
+        is_near, is_number = absolute(row) <= splat(LARGEST_LOCAL), row == row
+        for k in range(8, BLOCK_STRIDE, LANES):
+            row = load(reals, base + k)
+            is_near = is_near & (absolute(row) <= splat(LARGEST_LOCAL))
+            is_number = is_number | (row == row)
+        if bits(is_near) != used or bits(is_number) != used:
+            return _note(fault, BAD_TRIANGLE, part, block - first, 0, 0)
+    if found != face_count:
+        return _note(fault, FACE_MISSING, part, found, face_count, 0)
+    return SOUND
+
+
+@kernel
+def _fault_in_faces(words, parts, part, fault):
+    corner_count, face_count = parts[part, CORNER_COUNT], parts[part, FACE_COUNT]
+    for k in range(3 * face_count):
+        corner, neighbor = (
+            load_int(words, parts[part, FACES] + k),
+            load_int(words, parts[part, NEIGHBORS] + k),
+        )
+        if not 0 <= corner < corner_count:
+            return _note(fault, BAD_CORNER_ID, part, k // 3, corner, corner_count)
+        if not FEWEST_NEIGHBOR <= neighbor < face_count:
+            return _note(fault, BAD_NEIGHBOR, part, k // 3, neighbor, face_count)
+    return SOUND
+
+
+@kernel
+def _fault_in_corners(reals, parts, part, fault):
+    for k in range(3 * parts[part, CORNER_COUNT]):
+        if not abs(reals[parts[part, CORNERS] + k]) <= LARGEST_LOCAL:
+            return _note(fault, BAD_CORNER, part, k // 3, 0, 0)
+        if not abs(reals[parts[part, CORNER_NORMALS] + k]) <= LARGEST_LOCAL:
+            return _note(fault, BAD_NORMAL, part, k // 3, 0, 0)
+    return SOUND
+
+
+@kernel
+def _fault_in_moments(words, parts, part, fault):
+    root = parts[part, ROOT]
+    for node in range(root, root + parts[part, NODE_COUNT]):
+        at = parts[part, MOMENTS] + MOMENT_STRIDE * node
+        finite = np.int64(ALL_LANES)
+        for k in range(0, MOMENT_STRIDE, LANES):
+            finite &= bits(absolute(load(words, at + k)) < splat32(np.float32(np.inf)))
+        if finite != ALL_LANES:
+            return _note(fault, BAD_MOMENT, part, node - root, 0, 0)
+    return SOUND
+
+
+@kernel
+def _fault_in_grid(words, parts, part, fault):
+    """No cell is of an unknown state, which has both of its bits set."""
+    at = parts[part, GRID]
+    if at == NO_GRID:
+        return SOUND
+    cells = parts[part, GRID_X] * parts[part, GRID_Y] * parts[part, GRID_Z]
+    for k in range((cells + CELLS_PER_WORD - 1) // CELLS_PER_WORD):
+        word = load_int(words, at + k)
+        if word & (word >> 1) & 0x55555555:
+            return _note(fault, BAD_CELL, part, CELLS_PER_WORD * k, 0, 0)
+    return SOUND
+
+
+@kernel
+def fault_in_lists(words, parts, fault):
+    """Look through the lists of the grid over the scene, which is the last thing in *words*."""
+    scene = len(parts) - 1
+    base = parts[scene, GRID]
+    cells = parts[scene, GRID_X] * parts[scene, GRID_Y] * parts[scene, GRID_Z]
+    if cells == 0:
+        return SOUND
+    size, last = len(words) - base, cells + 1
+    for cell in range(cells):
+        first, end = load_int(words, base + cell), load_int(words, base + cell + 1)
+        if first != last or not first <= end <= size:
+            return _note(fault, BAD_LIST, scene, cell, 0, 0)
+        before, last = np.int64(-1), end
+        for at in range(first, end):
+            part = load_int(words, base + at)
+            if not before < part < scene:
+                return _note(fault, BAD_LISTED_PART, scene, cell, part, scene)
+            before = part
+    return SOUND
+
+
+@inlined
+def _root_of_child(words, parts, reference):
+    """The part and the reference that a leaf of the static tree leads to; part -1 where there is none."""
+    scene = len(parts) - 1
+    if reference >= 0:
+        is_node = reference < parts[scene, FIRST_BLOCK]
+        return last_up_to(parts, ROOT, reference) if is_node else np.int64(-1), reference
+    number = ~reference
+    if number < ENTRY:
+        end = parts[scene - 1, FIRST_BLOCK] + parts[scene - 1, BLOCK_COUNT]
+        return part_of_slot(words, parts, LANES * number) if number < end else np.int64(-1), reference
+    if number - ENTRY >= parts[scene, CORNER_COUNT]:
+        return np.int64(-1), reference
+    at = parts[scene, FACES] + 2 * (number - ENTRY)
+    part, reference = np.int64(load_int(words, at)), np.int64(load_int(words, at + 1))
+    if not 0 <= part < scene:
+        return np.int64(-1), reference
+    node, block = reference - parts[part, ROOT], ~reference - parts[part, FIRST_BLOCK]
+    is_own = 0 <= node < parts[part, NODE_COUNT] if reference >= 0 else 0 <= block < parts[part, BLOCK_COUNT]
+    return part if is_own else np.int64(-1), reference
+
+
+@kernel
+def fault_in_static_tree(words, parts, firsts, counts, levels, covered, fault):
+    """Look through the tree over parts that stand still: each block of them is below it, and once.
+
+    *firsts*, *counts*: as `fault_in_trees` fills them. *levels* (N,), *covered* (B,): zeros; N nodes.
+    """
+    scene = len(parts) - 1
+    root = parts[scene, NEIGHBORS]
+    node_count = len(levels) if root >= 0 else 0
+    if node_count:
+        levels[0] = 1
+    for node in range(node_count):
+        base = NODE_STRIDE * (root + node)
+        used, unused = _lanes(words, base)
+        if used | unused != ALL_LANES:
+            return _note(fault, BAD_BOX, scene, node, 0, 0)
+        if used and (levels[node] == 0 or levels[node] > DEEPEST):
+            return _note(fault, TOO_DEEP if levels[node] else NOT_REACHED, scene, node, DEEPEST, 0)
+        for lane in range(LANES):
+            if not (used >> lane) & 1:
+                continue
+            reference = np.int64(load_int(words, base + CHILDREN + lane))
+            if root <= reference < root + node_count:
+                child = reference - root
+                if child <= node or levels[child]:
+                    return _note(fault, BAD_TOP_CHILD, scene, lane, node, reference)
+                levels[child] = levels[node] + 1
+                continue
+            part, start = _root_of_child(words, parts, reference)
+            if part < 0 or parts[part, IS_LOOSE] or parts[part, IS_HIDDEN]:
+                return _note(fault, BAD_TOP_CHILD, scene, lane, node, reference)
+            if ~reference < ENTRY and not parts[part, IS_FUSED]:
+                return _note(fault, BAD_TOP_CHILD, scene, lane, node, reference)
+            first, count = (firsts[start], counts[start]) if start >= 0 else (np.int32(~start), np.int32(1))
+            for block in range(first, first + count):
+                if covered[block]:
+                    return _note(fault, COVERED_TWICE, part, lane, node, 0)
+                covered[block] = 1
+    return _fault_in_cover(parts, covered, fault)
+
+
+@kernel
+def _fault_in_cover(parts, covered, fault):
+    for part in range(len(parts) - 1):
+        if parts[part, IS_LOOSE] or parts[part, IS_HIDDEN]:
+            continue
+        first = parts[part, FIRST_BLOCK]
+        for block in range(first, first + parts[part, BLOCK_COUNT]):
+            if not covered[block]:
+                return _note(fault, NOT_COVERED, part, block - first, 0, 0)
+    return SOUND
+
+
+@kernel
+def fault_in_mesh(words, parts, part, vertices, faces, largest, corners, fault):
+    """Compare a part's faces with the mesh that they were made of: (V, 3) float64 and (F, 3) int32.
+
+    Vertices at one position are one corner, and corners are numbered in the order of their first vertices:
+    whoever deforms the part counts on it. *corners* (V,) int32: scratch.
+    """
+    vertex_count, faces_at = len(vertices), parts[part, FACES]
+    for vertex in range(vertex_count):
+        corners[vertex] = -1
+    for face in range(len(faces)):
+        for k in range(3):
+            vertex = np.int64(faces[face, k])
+            if not 0 <= vertex < vertex_count:
+                return _note(fault, BAD_VERTEX_ID, part, face, vertex, vertex_count)
+            corner = load_int(words, faces_at + 3 * face + k)
+            if corners[vertex] >= 0 and corners[vertex] != corner:
+                return _note(fault, BAD_CORNER_ORDER, part, vertex, corner, 0)
+            corners[vertex] = corner
+    known = np.int64(0)
+    for vertex in range(vertex_count):
+        corner = np.int64(corners[vertex])
+        if corner > known:
+            return _note(fault, BAD_CORNER_ORDER, part, vertex, corner, 0)
+        known += corner == known
+        for axis in range(3):
+            if corner >= 0 and not abs(vertices[vertex, axis]) <= largest:
+                return _note(fault, BAD_VERTEX, part, vertex, 0, 0)
+    if known != parts[part, CORNER_COUNT]:
+        return _note(fault, BAD_CORNER_ORDER, part, vertex_count, known, 0)
+    return SOUND

@@ -1,0 +1,230 @@
+"""Which parts may hold a point of the scene.
+
+Parts that stand where they stood when the model was made are listed in the cells of a coarse grid over the
+scene: of a cell, those that are neither wholly outside in it nor without an inside. So a look or two tell
+what else would take a look at the boxes of all parts. The lists are made once and never change: a part that
+has moved since, or is hidden, is passed over, and one that has moved is found by its box in the loose tree.
+
+Callers take a point's parts in *turns*, up to `LANES` at a time: first the lists, then the loose tree.
+"""
+
+import numpy as np
+
+from proximity.kernels.compiler import inlined, kernel, maker
+from proximity.kernels.geometry.box import point_boxes_distance_sq
+from proximity.kernels.geometry.frames import (
+    ROUNDING,
+    to_local,
+)
+from proximity.kernels.layout import (
+    BOX_LOWER,
+    BOX_UPPER,
+    CENTRE,
+    GRID,
+    GRID_LOWER,
+    GRID_RATE,
+    GRID_X,
+    GRID_Y,
+    GRID_Z,
+    IS_HIDDEN,
+    IS_LOOSE,
+    LANES,
+    LOOSE_COUNT,
+    NO_GRID,
+    NODE_STRIDE,
+    PARTS_OF_LANES,
+    REGION,
+    ROTATION,
+    SCALE,
+    TRANSLATION,
+)
+from proximity.kernels.sign.inside_grid import CELLS_PER_WORD, SLACK
+from proximity.simd import bits, load_int, splat32, trailing_zeros
+
+
+@inlined
+def list_of(words, frames, parts, x, y, z):
+    """The words from which, and up to which, parts are listed that may hold a point of the scene's frame.
+
+    The only part of a scene is listed nowhere: its row, and so the scene's, tell of its sign grid.
+    """
+    scene = len(parts) - 1
+    if scene == 1:
+        return np.int64(0), np.int64(0)
+    nx, ny, nz = parts[scene, GRID_X], parts[scene, GRID_Y], parts[scene, GRID_Z]
+    rate = frames[scene, GRID_RATE]
+    fx = (x - frames[scene, GRID_LOWER]) * rate
+    fy = (y - frames[scene, GRID_LOWER + 1]) * rate
+    fz = (z - frames[scene, GRID_LOWER + 2]) * rate
+    # A scene of which no part is listed has no cells.
+    if not (fx >= 0.0 and fy >= 0.0 and fz >= 0.0 and fx < nx and fy < ny and fz < nz):
+        return np.int64(0), np.int64(0)
+    base = parts[scene, GRID]
+    at = base + (np.int64(fz) * ny + np.int64(fy)) * nx + np.int64(fx)
+    return base + load_int(words, at), base + load_int(words, at + 1)
+
+
+@inlined
+def turns_of_list(first, last):
+    """Turns that a list takes."""
+    return (last - first + LANES - 1) // LANES
+
+
+@inlined
+def turns_of_loose(parts):
+    """Turns that the loose parts take."""
+    return (parts[len(parts) - 1, LOOSE_COUNT] + LANES - 1) // LANES
+
+
+@inlined
+def listed_bits(words, frames, parts, at, last, x, y, z):
+    """Which of the up to eight parts listed from word *at* on may hold a point: bits."""
+    holding = np.int64(0)
+    for lane in range(min(LANES, last - at)):
+        part = load_int(words, at + lane)
+        may_hold = parts[part, IS_LOOSE] == 0 and parts[part, IS_HIDDEN] == 0
+        if parts[part, GRID] == NO_GRID:
+            may_hold = may_hold and _is_in_box(frames, part, x, y, z)
+        holding |= np.int64(may_hold) << lane
+    return holding
+
+
+@inlined
+def _is_in_box(frames, part, x, y, z):
+    return (
+        frames[part, BOX_LOWER] <= x <= frames[part, BOX_UPPER]
+        and frames[part, BOX_LOWER + 1] <= y <= frames[part, BOX_UPPER + 1]
+        and frames[part, BOX_LOWER + 2] <= z <= frames[part, BOX_UPPER + 2]
+    )
+
+
+@inlined
+def loose_bits(words, parts, turn, sx, sy, sz):
+    """Which of up to eight loose parts have a point in their boxes: bits, and the word of the first's number.
+
+    *sx sy sz*: float32x8 splats, scene's scaled frame.
+    """
+    scene = len(parts) - 1
+    node, mask = parts[scene, REGION], np.int64(-1)
+    if parts[scene, LOOSE_COUNT] < LANES:
+        mask ^= 1  # all are in the super node, beside the static tree
+    else:
+        node += 1 + turn
+    base = NODE_STRIDE * node
+    within = bits(point_boxes_distance_sq(words, base, sx, sy, sz) <= splat32(np.float32(0.0)))
+    return mask & within, base + PARTS_OF_LANES
+
+
+@inlined
+def turns_of(parts, first, last):
+    """Turns that all parts take which may hold a point; *first*, *last* as `list_of` tells."""
+    return np.int64(1) if len(parts) == 2 else turns_of_list(first, last) + turns_of_loose(parts)
+
+
+@inlined
+def sought(words, frames, parts, x, y, z):
+    """What `holding_bits` takes of a point: the ends of its list, see `list_of`, and its splats."""
+    first, last = list_of(words, frames, parts, x, y, z)
+    sx, sy, sz = to_local(frames, parts, len(parts) - 1, x, y, z)
+    return first, last, splat32(np.float32(sx)), splat32(np.float32(sy)), splat32(np.float32(sz))
+
+
+@inlined
+def holding_bits(words, frames, parts, first, last, turn, x, y, z, sx, sy, sz):
+    """Which of up to eight parts may hold a point: bits, and where their numbers are; see `holder`.
+
+    *x y z* are of the scene's frame, *sx sy sz* float32x8 splats of its scaled frame.
+    """
+    if len(parts) == 2:
+        return np.int64(parts[0, IS_HIDDEN] == 0), np.int64(0)
+    lists = turns_of_list(first, last)
+    if turn < lists:
+        at = first + LANES * turn
+        return listed_bits(words, frames, parts, at, last, x, y, z), at
+    return loose_bits(words, parts, turn - lists, sx, sy, sz)
+
+
+@inlined
+def holder(words, parts, at, holding):
+    """The part of the lowest of the bits *holding*; *at* as `holding_bits` tells."""
+    return np.int64(load_int(words, at + trailing_zeros(holding))) if len(parts) > 2 else np.int64(0)
+
+
+@maker
+def cells_of_part(frames, parts, part, grid, lower, rate, nx, ny, nz):
+    """Return the cells (int32, rising) of a grid over the scene in which a part may hold a point.
+
+    *lower* (3,), m, *rate*, cells a metre: of that grid. *grid* (uint32): the part's own, or empty: then the
+    cells that its box meets.
+    """
+    size = np.array([nx, ny, nz])
+    first, count = np.empty(3, np.int64), np.empty(3, np.int64)
+    for axis in range(3):
+        low = np.floor((frames[part, BOX_LOWER + axis] - lower[axis]) * rate - SLACK)
+        high = np.floor((frames[part, BOX_UPPER + axis] - lower[axis]) * rate + SLACK)
+        first[axis] = np.int64(min(max(low, 0.0), size[axis] - 1.0))
+        count[axis] = np.int64(min(max(high, 0.0), size[axis] - 1.0)) - first[axis] + 1
+    cells = np.empty(count[0] * count[1] * count[2], np.int32)
+    found = 0
+    half = np.empty(3)
+    for own in range(3):
+        half[own] = 0.0
+        for axis in range(3):
+            half[own] += abs(frames[part, ROTATION + 3 * axis + own]) * (0.5 + SLACK) / rate
+    for iz in range(first[2], first[2] + count[2]):
+        for iy in range(first[1], first[1] + count[1]):
+            for ix in range(first[0], first[0] + count[0]):
+                cells[found] = (iz * ny + iy) * nx + ix
+                x, y, z = (
+                    lower[0] + (ix + 0.5) / rate,
+                    lower[1] + (iy + 0.5) / rate,
+                    lower[2] + (iz + 0.5) / rate,
+                )
+                found += len(grid) == 0 or _is_occupied(frames, parts, part, grid, x, y, z, half)
+    return cells[:found].copy()
+
+
+@kernel
+def _is_occupied(frames, parts, part, grid, x, y, z, half):
+    """Whether a part's own grid has a cell that is not outside within *half* (3,), m, along its axes."""
+    px, py, pz = to_local(frames, parts, part, x, y, z)
+    scale = frames[part, SCALE]
+    reach = abs(x) + abs(y) + abs(z)
+    for axis in range(3):
+        reach += abs(frames[part, TRANSLATION + axis]) + abs(frames[part, CENTRE + axis])
+    slack = ROUNDING * (reach + 1.0 / scale)
+    rate = frames[part, GRID_RATE]
+    low_x, high_x = _range(
+        px - frames[part, GRID_LOWER], (half[0] + slack) * scale, rate, parts[part, GRID_X]
+    )
+    low_y, high_y = _range(
+        py - frames[part, GRID_LOWER + 1], (half[1] + slack) * scale, rate, parts[part, GRID_Y]
+    )
+    low_z, high_z = _range(
+        pz - frames[part, GRID_LOWER + 2], (half[2] + slack) * scale, rate, parts[part, GRID_Z]
+    )
+    for iz in range(low_z, high_z):
+        for iy in range(low_y, high_y):
+            row = (iz * parts[part, GRID_Y] + iy) * parts[part, GRID_X]
+            if _any_in_row(grid, row + low_x, row + high_x):
+                return True
+    return False
+
+
+@inlined
+def _range(place, half, rate, count):
+    """The cells from which, and up to which, an interval along an axis reaches."""
+    low = np.floor((place - half) * rate - SLACK)
+    high = np.floor((place + half) * rate + SLACK) + 1.0
+    return np.int64(min(max(low, 0.0), np.float64(count))), np.int64(min(max(high, 0.0), np.float64(count)))
+
+
+@inlined
+def _any_in_row(grid, first, last):
+    """Whether of the cells from *first* up to *last* one is not outside, the state that is zero."""
+    for word in range(first // CELLS_PER_WORD, (last + CELLS_PER_WORD - 1) // CELLS_PER_WORD):
+        low = max(first - word * CELLS_PER_WORD, 0)
+        high = min(last - word * CELLS_PER_WORD, CELLS_PER_WORD)
+        if np.int64(grid[word]) & ((np.int64(1) << (2 * high)) - (np.int64(1) << (2 * low))):
+            return True
+    return False

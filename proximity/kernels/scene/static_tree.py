@@ -1,0 +1,191 @@
+"""The static tree over the parts of a scene that stand still, as opened subtrees.
+
+Parts of an assembly overlap: a tree of whole parts would send a query into many of them. So large parts are
+opened until every *entry*, a subtree of a part, is small compared with the scene, and the tree is built
+over entries.
+
+Source: Benthin, Woop, Wald, Áfra 2017, "Improved two-level BVHs using partial re-braiding".
+"""
+
+import numpy as np
+
+from proximity.kernels.compiler import inlined, kernel, maker
+from proximity.kernels.geometry.box import BOX_MARGIN, round_down, round_up
+from proximity.kernels.geometry.frames import (
+    part_of_slot,
+)
+from proximity.kernels.layout import (
+    CENTRE,
+    CHILDREN,
+    ENTRY,
+    IS_FUSED,
+    IS_HIDDEN,
+    IS_LOOSE,
+    LANES,
+    NODE_STRIDE,
+    ROOT,
+    ROTATION,
+    SCALE,
+    TRANSLATION,
+)
+from proximity.kernels.tree.binned_sah import RECORD
+from proximity.kernels.tree.wide_node import clear_box, node_box, write_lane
+from proximity.simd import load_int
+
+
+@kernel
+def scene_box(frames, part, scene, lower, upper, box):
+    """Box in the scene's scaled frame, widened and rounded outward, of a box in a part's local frame.
+
+    *lower*, *upper*: (3,) float64. *box*: (6,) float32.
+    """
+    for axis in range(3):
+        middle, half = frames[part, TRANSLATION + axis], 0.0
+        for other in range(3):
+            low = lower[other] / frames[part, SCALE] + frames[part, CENTRE + other]
+            high = upper[other] / frames[part, SCALE] + frames[part, CENTRE + other]
+            turn = frames[part, ROTATION + 3 * axis + other]
+            middle += turn * (0.5 * low + 0.5 * high)
+            half += abs(turn) * (0.5 * high - 0.5 * low)
+        low = (middle - half - frames[scene, CENTRE + axis]) * frames[scene, SCALE]
+        high = (middle + half - frames[scene, CENTRE + axis]) * frames[scene, SCALE]
+        box[axis] = round_down(low) - BOX_MARGIN
+        box[axis + 3] = round_up(high) + BOX_MARGIN
+
+
+@kernel
+def _lane_box(words, frames, part, base, k, scene, lower, upper, box):
+    """The same for the child in lane *k* of the node at *base*."""
+    for axis in range(3):
+        lower[axis] = words[base + 8 * axis + k]
+        upper[axis] = words[base + 24 + 8 * axis + k]
+    scene_box(frames, part, scene, lower, upper, box)
+
+
+@maker
+def gather_entries(words, frames, parts, target):
+    """Return boxes (E * `RECORD`,) float32 and references (E, 2) int32 of about *target* entries.
+
+    They are subtrees: a part and a reference. Parts that are loose or hidden have none.
+    """
+    scene = len(parts) - 1
+    lower, upper, box = np.empty(3), np.empty(3), np.empty(6, np.float32)
+    # Children of all roots first: their surfaces set the size from which on an entry is small.
+    capacity = LANES * scene + 2 * target
+    waiting_boxes = np.empty((capacity, 6), np.float32)
+    waiting = np.empty((capacity, 2), np.int32)
+    count = 0
+    total = 0.0
+    for part in range(scene):
+        if parts[part, IS_LOOSE] or parts[part, IS_HIDDEN]:
+            continue
+        base = NODE_STRIDE * parts[part, ROOT]
+        for k in range(LANES):
+            if words[base + k] <= words[base + 24 + k]:
+                _lane_box(words, frames, part, base, k, scene, lower, upper, box)
+                waiting_boxes[count] = box
+                waiting[count, 0] = part
+                waiting[count, 1] = load_int(words, base + CHILDREN + k)
+                total += _half_area(box)
+                count += 1
+    small = total / target
+    boxes = np.zeros((capacity, RECORD), np.float32)
+    references = np.empty((capacity, 2), np.int32)
+    done = 0
+    while count:
+        count -= 1
+        part, reference = np.int64(waiting[count, 0]), np.int64(waiting[count, 1])
+        box[:] = waiting_boxes[count]
+        if reference < 0 or _half_area(box) <= small or done + count + LANES >= capacity:
+            for axis in range(3):
+                boxes[done, axis], boxes[done, 4 + axis] = box[axis], -box[3 + axis]
+            references[done] = waiting[count]
+            done += 1
+            continue
+        base = NODE_STRIDE * reference
+        for k in range(LANES):
+            if words[base + k] <= words[base + 24 + k]:
+                _lane_box(words, frames, part, base, k, scene, lower, upper, box)
+                waiting_boxes[count] = box
+                waiting[count, 0] = part
+                waiting[count, 1] = load_int(words, base + CHILDREN + k)
+                count += 1
+    return boxes[:done].copy().reshape(-1), references[:done].copy()
+
+
+@inlined
+def last_up_to(parts, column, number):
+    """The last part with no more than *number* in a column that rises from part to part."""
+    # Halving without a branch, which nobody could predict.
+    low, count = np.int64(0), np.int64(len(parts) - 1)
+    while count > 1:
+        half = count // 2
+        low += half if parts[low + half, column] <= number else 0
+        count -= half
+    return low
+
+
+@inlined
+def _part_of_child(words, parts, reference, entries_at):
+    """The part that a leaf of the static tree is of: an entry, or a part's own node or block."""
+    if reference >= 0:
+        return last_up_to(parts, ROOT, reference)
+    if ~reference < ENTRY:
+        return part_of_slot(words, parts, LANES * ~reference)
+    return np.int64(load_int(words, entries_at + 2 * (~reference - ENTRY)))
+
+
+@maker
+def thin_out(words, parts, first, count, target, entries_at):
+    """Copy a static tree of *count* nodes from node *first* to node *target*, without parts that have left.
+
+    Those are loose or hidden now. Boxes become tight again. Returns whether anything is left.
+    """
+    numbers = words.view(np.int32)
+    box = np.empty(6, np.float32)
+    # Children have higher numbers than their parents.
+    for node in range(count - 1, -1, -1):
+        base = NODE_STRIDE * (target + node)
+        numbers[base : base + NODE_STRIDE] = numbers[NODE_STRIDE * (first + node) :][:NODE_STRIDE]
+        for lane in range(LANES):
+            if not words[base + lane] <= words[base + 24 + lane]:
+                continue
+            reference = np.int64(numbers[base + CHILDREN + lane])
+            if first <= reference < first + count:
+                reference += target - first
+                node_box(words, reference, box)
+            else:
+                part = _part_of_child(words, parts, reference, entries_at)
+                if not parts[part, IS_LOOSE] and not parts[part, IS_HIDDEN]:
+                    continue
+                clear_box(box)
+            write_lane(words, base, lane, box, reference)
+    node_box(words, target, box)
+    return box[0] <= box[3]
+
+
+@kernel
+def _half_area(box):
+    dx, dy, dz = np.float64(box[3] - box[0]), np.float64(box[4] - box[1]), np.float64(box[5] - box[2])
+    return dx * (dy + dz) + dy * dz
+
+
+@kernel
+def name_leaves(nodes, entries, parts, first_node):
+    """Have a tree over entries refer to what its leaves are, and number its nodes from *first_node* on.
+
+    An entry of a part in the scene's own frame is its subtree itself; another is ``~(ENTRY + its place)``.
+    """
+    for node in range(len(nodes) // NODE_STRIDE):
+        for k in range(LANES):
+            at = NODE_STRIDE * node + CHILDREN + k
+            if not nodes[NODE_STRIDE * node + k] <= nodes[NODE_STRIDE * node + 24 + k]:
+                continue
+            reference = np.int64(load_int(nodes, at))
+            if reference >= 0:
+                reference += first_node
+            elif parts[entries[~reference, 0], IS_FUSED]:
+                reference = np.int64(entries[~reference, 1])
+            else:
+                reference = ~(ENTRY + ~reference)
+            nodes.view(np.int32)[at] = reference

@@ -1,0 +1,1 @@
+"""The shortest connection between a segment and one part."""

@@ -1,0 +1,155 @@
+"""Lower bounds from a planned segment to eight boxes.
+
+A bound is the largest of several gaps along unit vectors; any vector does, well chosen ones bound well:
+
+- x, y and z together: the gap between the box and the segment's own box;
+- for each of them with the vector perpendicular to it and to the segment: what long segments need;
+- from the box's middle to the nearest point of the segment: what far boxes need.
+
+Boxes that the segment may touch are ordered by where it may reach them: the earliest fraction is added to
+bounds, times `TOUCHING`. So the first of several crossings is found first and ends the walk.
+
+Source: Gottschalk, Lin, Manocha 1996, "OBBTree" (separating axes).
+"""
+
+import numpy as np
+
+from proximity.kernels.compiler import inlined, kernel
+from proximity.kernels.geometry.box import LARGEST_REST, bound_of
+from proximity.kernels.geometry.triangle import dot
+from proximity.kernels.layout import LANES
+from proximity.kernels.segment.plan import (
+    AXES,
+    AXIS,
+    AXIS_STRIDE,
+    FROM,
+    HALF,
+    HIGH,
+    INVERSE_SQ,
+    LOW,
+    LOWER,
+    OFFSET,
+    ONE,
+    SLACK,
+    TOUCH,
+    TOUCHING,
+    UPPER,
+    WAY,
+    ZERO,
+)
+from proximity.simd import absolute, fma, load, maximum, minimum, narrow, select, splat, widen
+
+SHRINK_FAR = 1.0 - 2.0**-44
+"""Factor on squared float64 bounds, for the rounding of them and of the distances they are compared with."""
+
+
+@inlined
+def _of(values, at, index):
+    """Eight lanes of a plan or a probe."""
+    return load(values, at + LANES * index)
+
+
+@inlined
+def _side_gap(lower, upper, values, at, axis):
+    """How far boxes are from the segment's own box along a coordinate."""
+    gap = maximum(lower - _of(values, at, UPPER + axis), _of(values, at, LOWER + axis) - upper)
+    return maximum(gap, _of(values, at, ZERO))
+
+
+@inlined
+def _axis_gap(sum_j, sum_k, width_j, width_k, values, at, axis):
+    """How far boxes are from the segment along a perpendicular; NaN, of unused lanes, gives 0."""
+    first = AXIS + AXIS_STRIDE * axis
+    n_j, n_k = _of(values, at, first), _of(values, at, first + 1)
+    apart = absolute(fma(n_j, sum_j, n_k * sum_k) - _of(values, at, first + 2))
+    within = fma(absolute(n_j), width_j, fma(absolute(n_k), width_k, _of(values, at, first + 3)))
+    return maximum(apart - within, _of(values, at, ZERO))
+
+
+@inlined
+def _middle_gap_sq(sum_x, sum_y, sum_z, wide_x, wide_y, wide_z, values, at):
+    """Squared gap along the way from each box's middle to the segment, or NaN; first fraction in the box."""
+    zero, half, one = _of(values, at, ZERO), _of(values, at, HALF), _of(values, at, ONE)
+    slack, inverse_sq = _of(values, at, SLACK), _of(values, at, INVERSE_SQ)
+    dx, dy, dz = _of(values, at, WAY), _of(values, at, WAY + 1), _of(values, at, WAY + 2)
+    cx = fma(-half, sum_x, _of(values, at, FROM))
+    cy = fma(-half, sum_y, _of(values, at, FROM + 1))
+    cz = fma(-half, sum_z, _of(values, at, FROM + 2))
+    hx, hy, hz = fma(half, wide_x, slack), fma(half, wide_y, slack), fma(half, wide_z, slack)
+    along = -dot(cx, cy, cz, dx, dy, dz)
+    t = minimum(maximum(along * inverse_sq, zero), one)
+    gx, gy, gz = fma(t, dx, cx), fma(t, dy, cy), fma(t, dz, cz)
+    # The vector need not be exact: the gap along it is taken from both ends of the segment.
+    nearest = dot(gx, gy, gz, cx, cy, cz) + minimum(dot(gx, gy, gz, dx, dy, dz), zero)
+    within = dot(absolute(gx), absolute(gy), absolute(gz), hx, hy, hz)
+    gap = maximum(nearest - within, zero)
+    early = along - dot(absolute(dx), absolute(dy), absolute(dz), hx, hy, hz)
+    early = minimum(maximum(early * inverse_sq, zero), one)
+    # In this order a far gap does not overflow.
+    return gap / dot(gx, gy, gz, gx, gy, gz) * gap, early
+
+
+@inlined
+def _bounds_sq(lx, ly, lz, ux, uy, uz, values, at):
+    """Squared distances, or less, to boxes; earliest fractions times `TOUCHING`. Unused lanes: inf and 0."""
+    sum_x, sum_y, sum_z = lx + ux, ly + uy, lz + uz
+    wide_x, wide_y, wide_z = ux - lx, uy - ly, uz - lz
+    gap_x = _side_gap(lx, ux, values, at, 0)
+    gap_y = _side_gap(ly, uy, values, at, 1)
+    gap_z = _side_gap(lz, uz, values, at, 2)
+    beside_x = _axis_gap(sum_y, sum_z, wide_y, wide_z, values, at, 0)
+    beside_y = _axis_gap(sum_z, sum_x, wide_z, wide_x, values, at, 1)
+    beside_z = _axis_gap(sum_x, sum_y, wide_x, wide_y, values, at, 2)
+    xx, yy, zz = gap_x * gap_x, gap_y * gap_y, gap_z * gap_z
+    middle_sq, early = _middle_gap_sq(sum_x, sum_y, sum_z, wide_x, wide_y, wide_z, values, at)
+    axes_sq = maximum(fma(beside_x, beside_x, xx), fma(beside_y, beside_y, yy))
+    axes_sq = maximum(axes_sq, maximum(fma(beside_z, beside_z, zz), xx + yy + zz))
+    # NaN first: then the other one is taken.
+    return maximum(middle_sq, axes_sq), early * _of(values, at, TOUCH)
+
+
+@inlined
+def segment_boxes_distance_sq(nodes, base, probe):
+    """Bounds in float32 from the segment to the boxes of the node at *base*: see `node_bounds_sq`."""
+    bounds, early = _bounds_sq(
+        load(nodes, base), load(nodes, base + 8), load(nodes, base + 16),
+        load(nodes, base + 24), load(nodes, base + 32), load(nodes, base + 40), probe, 0,
+    )  # fmt: skip
+    return bounds + early
+
+
+@inlined
+def far_segment_boxes_distance_sq(nodes, base, plan):
+    """The same from float64 arithmetic, less OFFSET: see `box.far_point_boxes_distance_sq`."""
+    bounds, early = _bounds_sq(
+        widen(load(nodes, base)), widen(load(nodes, base + 8)), widen(load(nodes, base + 16)),
+        widen(load(nodes, base + 24)), widen(load(nodes, base + 32)), widen(load(nodes, base + 40)),
+        plan, AXES,
+    )  # fmt: skip
+    rest = maximum(bounds * splat(SHRINK_FAR) - splat(plan[OFFSET]), splat(0.0)) + early
+    # Only the rest of unused lanes may leave float32.
+    return narrow(select(rest < splat(np.inf), minimum(rest, splat(LARGEST_REST)), rest))
+
+
+@inlined
+def node_bounds_sq(words, base, plan, probe, is_far):
+    """Float32 bounds of a node's children; what is not above `open_bound` must be looked at."""
+    if is_far:
+        return far_segment_boxes_distance_sq(words, base, plan)
+    return segment_boxes_distance_sq(words, base, probe)
+
+
+@kernel
+def open_bound(plan, best_sq, best_fraction):
+    """The float32 number that bounds are compared with, given the best squared distance and its fraction.
+
+    The fraction is of the whole segment and counts where the distance is 0.
+    """
+    if best_sq > 0.0:
+        return max(bound_of(best_sq, plan[OFFSET]), np.float32(1.001 * TOUCHING))
+    span = plan[HIGH] - plan[LOW]
+    rest = 1.0
+    if best_fraction < plan[HIGH]:
+        # Fractions of the whole segment are coarse where the span is short.
+        rest = min(max((best_fraction - plan[LOW]) / span, 0.0) + 2.0**-50 / span + 1e-5, 1.0)
+    return np.float32(1.001 * TOUCHING * rest)

@@ -1,0 +1,111 @@
+"""Faces that are folded over: slivers that tessellation laid onto their neighbours, facing the wrong way.
+
+A surface with such a sliver is closed, every edge has its two faces, and yet over the sliver the nearest face
+tells the wrong side. There the winding number is asked instead.
+"""
+
+from math import sqrt
+
+import numpy as np
+
+from proximity.kernels.compiler import inlined, kernel, maker
+from proximity.kernels.geometry.triangle import dot
+from proximity.kernels.layout import FOLDED_AT, LANES
+from proximity.kernels.mesh.faces import face_normal
+from proximity.kernels.sign.winding_number import winding_number
+from proximity.simd import load_int
+
+SHARPEST = -0.9
+"""Cosine between the normals of two faces across an edge below which both are looked at: an edge of 26
+degrees. What is folded over is at -1; few edges of real parts are as sharp as this."""
+NEAR_CORNER = 0.8
+"""Weight of a corner at the places where a face is looked at besides its middle."""
+STEP, SHARE = 1e-6, 1e-3
+"""How far to either side, local: at most this, and this share of the root of the face's area."""
+MOST_LOOKED_AT = 4096
+"""Faces of a part; what more there are count as folded."""
+
+
+@inlined
+def is_folded(words, notes, slot):
+    """Whether the face at a slot is folded over; *notes*: the word where those of all blocks begin."""
+    return (load_int(words, notes + slot // LANES) >> (FOLDED_AT + slot % LANES)) & 1 != 0
+
+
+@maker
+def folded_faces(corners, faces, neighbors, slot_faces, reals, words, root, moments):
+    """Return which slots have faces folded over, or next to one that is, a bit each: (blocks,) uint8.
+
+    A fold is of two layers at least, and nothing tells which of them is nearer where both lie in one plane.
+
+    *corners* (K, 3), *faces* (F, 3): local frame. *neighbors* (F, 3): the face across each edge, or negative.
+    *reals*, *words*, *root*, *moments*: the part's tree.
+    """
+    is_over = np.zeros(len(faces), np.bool_)
+    looked_at = 0
+    for face in range(len(faces)):
+        if not _is_sharp(corners, faces, neighbors, face):
+            continue
+        looked_at += 1
+        if looked_at > MOST_LOOKED_AT or faces_wrong(corners, faces, face, reals, words, root, moments):
+            is_over[face] = True
+    return marked_slots(is_over, neighbors, slot_faces)
+
+
+@maker
+def marked_slots(marks, neighbors, slot_faces):
+    """Return which slots have faces that are marked, or next to one that is, a bit each: (blocks,) uint8."""
+    slots = np.zeros(len(slot_faces) // LANES, np.uint8)
+    for slot in range(len(slot_faces)):
+        face = slot_faces[slot]
+        if face >= 0 and (marks[face] or _is_beside(marks, neighbors, face)):
+            slots[slot // LANES] |= np.uint8(1 << (slot % LANES))
+    return slots
+
+
+@kernel
+def _is_beside(marks, neighbors, face):
+    """Whether a face across some edge is marked."""
+    for k in range(3):
+        other = neighbors[face, k]
+        if other >= 0 and marks[other]:
+            return True
+    return False
+
+
+@kernel
+def _is_sharp(corners, faces, neighbors, face):
+    """Whether one of a face's edges is sharper than edges are."""
+    nx, ny, nz = face_normal(corners, faces, face)
+    own_sq = dot(nx, ny, nz, nx, ny, nz)
+    for k in range(3):
+        other = neighbors[face, k]
+        if other >= 0:
+            mx, my, mz = face_normal(corners, faces, other)
+            other_sq = dot(mx, my, mz, mx, my, mz)
+            if dot(nx, ny, nz, mx, my, mz) < SHARPEST * sqrt(own_sq) * sqrt(other_sq):
+                return True
+    return False
+
+
+@kernel
+def faces_wrong(corners, faces, face, reals, words, root, moments):
+    """Whether somewhere a face has the inside where its normal goes, or none on the other side."""
+    nx, ny, nz = face_normal(corners, faces, face)
+    length = sqrt(dot(nx, ny, nz, nx, ny, nz))
+    if not length > 0.0:
+        return False
+    step = min(STEP, SHARE * sqrt(length)) / length
+    a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
+    for k in range(4):
+        u = NEAR_CORNER if k == 1 else ((1.0 - NEAR_CORNER) / 2.0 if k else 1.0 / 3.0)
+        v = NEAR_CORNER if k == 2 else ((1.0 - NEAR_CORNER) / 2.0 if k else 1.0 / 3.0)
+        w = 1.0 - u - v
+        x = u * corners[a, 0] + v * corners[b, 0] + w * corners[c, 0]
+        y = u * corners[a, 1] + v * corners[b, 1] + w * corners[c, 1]
+        z = u * corners[a, 2] + v * corners[b, 2] + w * corners[c, 2]
+        above = winding_number(reals, words, root, moments, x + step * nx, y + step * ny, z + step * nz)
+        below = winding_number(reals, words, root, moments, x - step * nx, y - step * ny, z - step * nz)
+        if above > 0.5 or not below > 0.5:
+            return True
+    return False

@@ -1,0 +1,196 @@
+"""A coarse grid of cells that are wholly inside, wholly outside, or crossed by the surface.
+
+A scene asks of many parts whether a point is inside; for most the answer is one look into this grid. It
+lies in the part's own frame and moves with it. Two bits a cell, sixteen cells a word. Only for parts whose
+winding number is an integer: there inside and outside change at faces only.
+"""
+
+import numpy as np
+
+from proximity.kernels.compiler import inlined, maker
+from proximity.kernels.sign.winding_number import winding_number
+from proximity.simd import load_int
+
+OUTSIDE = 0
+INSIDE = 1
+CROSSED = 2
+UNKNOWN = 3
+CELLS_PER_WORD = 16
+SLACK = 1e-6
+"""Cells. A face this close to a cell counts as crossing it: more than all rounding of a look-up."""
+PITCH = 2.0
+"""Cells. How far apart a face is looked at, by `doubtful_places`, along its longest side and across."""
+CLEARANCE = 1.0 + 4.0 * SLACK
+"""How far off, in what a cell is wide along the face's normal: so the face crosses no cell looked at."""
+MOST_PLACES = 1024
+"""What `doubtful_places` returns at most; even."""
+
+
+@inlined
+def cell_state(words, at, lower_x, lower_y, lower_z, rate, nx, ny, nz, px, py, pz):
+    """State of the cell that holds *p*; `OUTSIDE` beyond the grid."""
+    fx, fy, fz = (px - lower_x) * rate, (py - lower_y) * rate, (pz - lower_z) * rate
+    if not (fx >= 0.0 and fy >= 0.0 and fz >= 0.0 and fx < nx and fy < ny and fz < nz):
+        return OUTSIDE
+    cell = (np.int64(fz) * ny + np.int64(fy)) * nx + np.int64(fx)
+    return (load_int(words, at + cell // CELLS_PER_WORD) >> (2 * (cell % CELLS_PER_WORD))) & 3
+
+
+@maker
+def build_grid(corners, faces, lower, rate, nx, ny, nz, reals, words, root, moments):
+    """Return the packed states (int32) of *nx ny nz* cells of size 1/*rate* from *lower* on.
+
+    *corners* (V, 3), *faces* (F, 3): local frame. *reals*, *words*, *root*, *moments*: the part's tree.
+    """
+    states = np.full(nx * ny * nz, np.uint8(UNKNOWN))
+    cell = np.empty(6, np.int64)
+    size = np.array([nx, ny, nz])
+    v = np.empty((3, 3))
+    normal = np.empty(3)
+    for face in range(len(faces)):
+        for corner in range(3):
+            for axis in range(3):
+                v[corner, axis] = (corners[faces[face, corner], axis] - lower[axis]) * rate
+        for axis in range(3):
+            low, high = min(v[0, axis], v[1, axis], v[2, axis]), max(v[0, axis], v[1, axis], v[2, axis])
+            cell[axis] = min(max(np.int64(np.floor(low - SLACK)), 0), size[axis] - 1)
+            cell[axis + 3] = min(max(np.int64(np.floor(high + SLACK)), 0), size[axis] - 1)
+        for axis in range(3):
+            j, k = (axis + 1) % 3, (axis + 2) % 3
+            normal[axis] = (v[1, j] - v[0, j]) * (v[2, k] - v[0, k]) - (v[1, k] - v[0, k]) * (
+                v[2, j] - v[0, j]
+            )
+        reach = (0.5 + SLACK) * (abs(normal[0]) + abs(normal[1]) + abs(normal[2]))
+        for iz in range(cell[2], cell[5] + 1):
+            for iy in range(cell[1], cell[4] + 1):
+                for ix in range(cell[0], cell[3] + 1):
+                    height = (
+                        normal[0] * (ix + 0.5 - v[0, 0])
+                        + normal[1] * (iy + 0.5 - v[0, 1])
+                        + normal[2] * (iz + 0.5 - v[0, 2])
+                    )
+                    if abs(height) <= reach:
+                        states[(iz * ny + iy) * nx + ix] = CROSSED
+
+    # Cells that touch and are not crossed are on one side: one winding number tells for all of them.
+    stack = np.empty(nx * ny * nz, np.int32)
+    for seed in range(nx * ny * nz):
+        if states[seed] != UNKNOWN:
+            continue
+        ix, iy, iz = seed % nx, (seed // nx) % ny, seed // (nx * ny)
+        turns = winding_number(
+            reals,
+            words,
+            root,
+            moments,
+            lower[0] + (ix + 0.5) / rate,
+            lower[1] + (iy + 0.5) / rate,
+            lower[2] + (iz + 0.5) / rate,
+        )
+        state = INSIDE if turns > 0.5 else OUTSIDE
+        states[seed] = state
+        stack[0] = seed
+        waiting = 1
+        while waiting:
+            waiting -= 1
+            here = np.int64(stack[waiting])
+            ix, iy, iz = here % nx, (here // nx) % ny, here // (nx * ny)
+            if ix > 0 and states[here - 1] == UNKNOWN:
+                states[here - 1] = state
+                stack[waiting] = here - 1
+                waiting += 1
+            if ix < nx - 1 and states[here + 1] == UNKNOWN:
+                states[here + 1] = state
+                stack[waiting] = here + 1
+                waiting += 1
+            if iy > 0 and states[here - nx] == UNKNOWN:
+                states[here - nx] = state
+                stack[waiting] = here - nx
+                waiting += 1
+            if iy < ny - 1 and states[here + nx] == UNKNOWN:
+                states[here + nx] = state
+                stack[waiting] = here + nx
+                waiting += 1
+            if iz > 0 and states[here - nx * ny] == UNKNOWN:
+                states[here - nx * ny] = state
+                stack[waiting] = here - nx * ny
+                waiting += 1
+            if iz < nz - 1 and states[here + nx * ny] == UNKNOWN:
+                states[here + nx * ny] = state
+                stack[waiting] = here + nx * ny
+                waiting += 1
+
+    packed = np.zeros((len(states) + CELLS_PER_WORD - 1) // CELLS_PER_WORD, np.uint32)
+    for here in range(len(states)):
+        packed[here // CELLS_PER_WORD] |= np.uint32(states[here]) << np.uint32(2 * (here % CELLS_PER_WORD))
+    return packed
+
+
+@maker
+def doubtful_places(corners, faces, lower, rate, nx, ny, nz, grid):
+    """Return places that a face and the grid tell to be on different sides, and which faces are clear.
+
+    Every face is looked at, every `PITCH` cells, to both sides, so far off that it crosses no cell there.
+    Places (N, 3), local, at most `MOST_PLACES`, spread evenly, and whether the grid says inside, (N,) bool:
+    where another face lies in between, nothing is wrong. Clear, (F,) bool: on each side some cell that was
+    looked at is not crossed. *grid*: what `build_grid` returned; the other arguments are as there.
+    """
+    places, is_inside = np.empty((MOST_PLACES, 3)), np.empty(MOST_PLACES, np.bool_)
+    is_clear = np.zeros(len(faces), np.bool_)
+    count, met, stride = 0, 0, 1
+    v = np.empty((3, 3))
+    normal, place = np.empty(3), np.empty(3)
+    for face in range(len(faces)):
+        for corner in range(3):
+            for axis in range(3):
+                v[corner, axis] = (corners[faces[face, corner], axis] - lower[axis]) * rate
+        longest_sq, a = -1.0, 0
+        for corner in range(3):
+            other = (corner + 1) % 3
+            x, y, z = v[other, 0] - v[corner, 0], v[other, 1] - v[corner, 1], v[other, 2] - v[corner, 2]
+            length_sq = x * x + y * y + z * z
+            if length_sq > longest_sq:
+                longest_sq, a = length_sq, corner
+        b, c = (a + 1) % 3, (a + 2) % 3
+        area_sq = 0.0
+        for axis in range(3):
+            j, k = (axis + 1) % 3, (axis + 2) % 3
+            normal[axis] = (v[b, j] - v[a, j]) * (v[c, k] - v[a, k]) - (v[b, k] - v[a, k]) * (
+                v[c, j] - v[a, j]
+            )
+            area_sq += normal[axis] * normal[axis]
+        if not area_sq > 0.0:
+            is_clear[face] = True
+            continue
+        step = CLEARANCE * (abs(normal[0]) + abs(normal[1]) + abs(normal[2])) / area_sq
+        rows = np.int64(np.sqrt(area_sq / longest_sq) / PITCH) + 1
+        is_clear_above = is_clear_below = False
+        for row in range(rows):
+            to_c = (row + 1.0 / 3.0) / rows
+            columns = np.int64((1.0 - to_c) * np.sqrt(longest_sq) / PITCH) + 1
+            for column in range(columns):
+                to_b = (1.0 - to_c) * (column + 0.5) / columns
+                for side in (1.0, -1.0):
+                    for axis in range(3):
+                        way = to_b * (v[b, axis] - v[a, axis]) + to_c * (v[c, axis] - v[a, axis])
+                        place[axis] = v[a, axis] + way + side * step * normal[axis]
+                    state = cell_state(grid, 0, 0.0, 0.0, 0.0, 1.0, nx, ny, nz, place[0], place[1], place[2])
+                    if state == CROSSED:
+                        continue
+                    is_clear_above = is_clear_above or side > 0.0
+                    is_clear_below = is_clear_below or side < 0.0
+                    if (state == INSIDE) == (side < 0.0):
+                        continue
+                    met += 1
+                    if met % stride != 0:
+                        continue
+                    if count == MOST_PLACES:
+                        count, stride = count // 2, 2 * stride
+                        for kept in range(count):
+                            places[kept], is_inside[kept] = places[2 * kept + 1], is_inside[2 * kept + 1]
+                    for axis in range(3):
+                        places[count, axis] = lower[axis] + place[axis] / rate
+                    is_inside[count] = state == INSIDE
+                    count += 1
+        is_clear[face] = is_clear_above and is_clear_below
+    return places[:count].copy(), is_inside[:count].copy(), is_clear

@@ -1,0 +1,257 @@
+"""The generalized winding number of one part, by its tree.
+
+A cluster of faces that is far away for its size counts as one dipole and one quadrupole; near clusters are
+opened, and the triangles of near leaves are summed exactly. For a closed part the sum is 1 inside and 0
+outside, give or take a few hundredths.
+
+Tried and dropped (2026-11): dipoles alone, from three radii on. The two sides of a thin wall cancel in a
+dipole: 0.18 off inside a hollow ball, 0.5 inside nested ones; and slower by a third. One arc tangent for each
+triangle: near a gear a walk took three times as long, near a plate twice.
+
+``moments``: `MOMENT_STRIDE` words a node: for its eight children the centre x, y, z (weighted by area), the
+sum of the area normals x, y, z, the squared distance from which on the child counts as far, and how the area
+normals are spread about the centre: xx, yy, xy, xz, yz of the symmetric first moment without its trace; then
+two words of `slab`.
+
+Source: Jacobson, Kavan, Sorkine-Hornung 2013, "Robust inside-outside segmentation using generalized winding
+numbers"; Barill et al. 2018, "Fast winding numbers for soups and clouds" (here with terms of the first two
+orders); van Oosterom & Strackee 1983 for the solid angle of a triangle.
+"""
+
+from math import atan2, pi, sqrt
+
+import numpy as np
+
+from proximity.kernels.compiler import kernel, maker
+from proximity.kernels.geometry.triangle import dot
+from proximity.kernels.layout import BLOCK_STRIDE, CHILDREN, LANES, NODE_STRIDE, STACK_SIZE
+from proximity.kernels.memory import reals_here, words_here
+from proximity.simd import (
+    absolute,
+    bits,
+    compress,
+    count_bits,
+    fma,
+    lane,
+    like,
+    load,
+    load_int,
+    maximum,
+    select,
+    splat,
+    square_root,
+    store,
+    widen,
+)
+
+MOMENT_STRIDE = 112
+OPENING = 2.5
+"""Ratio of distance to radius from which on a cluster counts as far."""
+SMALLEST, LARGEST = 1e-300, 1e300
+"""What a product is between: beyond, it has no direction. That is where features are below 1e-100 local."""
+
+
+@maker
+def fill_moments(words, reals, node_count, moments):
+    """Fill the moments of a tree that starts at word 0 with blocks at real 0.
+
+    A child's number is above its parent's, so that nodes are done from the last to the first.
+    """
+    # Of each node: area; area times centre; area normal; area normal times place, nine numbers.
+    sums = np.zeros((node_count, 16))
+    own = np.empty(16)
+    for node in range(node_count - 1, -1, -1):
+        base = NODE_STRIDE * node
+        for k in range(LANES):
+            at = MOMENT_STRIDE * node + k
+            for row in range(12):
+                moments[at + 8 * row] = 0.0
+            if not words[base + k] <= words[base + 24 + k]:
+                continue
+            child = load_int(words, base + CHILDREN + k)
+            own[:] = 0.0
+            if child >= 0:
+                own[:] = sums[child]
+            else:
+                for i in range(LANES):
+                    _add_triangle(reals, BLOCK_STRIDE * ~child + i, own)
+            for number in range(16):
+                sums[node, number] += own[number]
+            area = own[0]
+            radius_sq = 0.0
+            for axis in range(3):
+                low, high = words[base + 8 * axis + k], words[base + 24 + 8 * axis + k]
+                centre = own[1 + axis] / area if area > 0.0 else 0.5 * (np.float64(low) + np.float64(high))
+                moments[at + 8 * axis] = centre
+                moments[at + 24 + 8 * axis] = own[4 + axis]
+                reach = max(high - centre, centre - low)
+                radius_sq += reach * reach
+            moments[at + 48] = OPENING * OPENING * radius_sq
+            if area > 0.0:
+                _write_spread(own, moments, at + 56)
+
+
+@kernel
+def _write_spread(sums, moments, at):
+    """Write the first moment about the centre: the two sides of a thin wall cancel in all but this."""
+    x, y, z = sums[1] / sums[0], sums[2] / sums[0], sums[3] / sums[0]
+    xx, yy, zz = sums[7] - sums[4] * x, sums[11] - sums[5] * y, sums[15] - sums[6] * z
+    trace = xx + yy + zz
+    moments[at] = xx - trace / 3.0
+    moments[at + 8] = yy - trace / 3.0
+    moments[at + 16] = 0.5 * (sums[8] - sums[4] * y + sums[10] - sums[5] * x)
+    moments[at + 24] = 0.5 * (sums[9] - sums[4] * z + sums[13] - sums[6] * x)
+    moments[at + 32] = 0.5 * (sums[12] - sums[5] * z + sums[14] - sums[6] * y)
+
+
+@kernel
+def _add_triangle(reals, b, sums):
+    """Add the triangle whose first coordinate is real *b* to the sums of `fill_moments`; NaN adds nothing."""
+    if reals[b] != reals[b]:
+        return
+    ux, uy, uz = reals[b + 24] - reals[b], reals[b + 32] - reals[b + 8], reals[b + 40] - reals[b + 16]
+    vx, vy, vz = reals[b + 48] - reals[b], reals[b + 56] - reals[b + 8], reals[b + 64] - reals[b + 16]
+    nx, ny, nz = 0.5 * (uy * vz - uz * vy), 0.5 * (uz * vx - ux * vz), 0.5 * (ux * vy - uy * vx)
+    area = sqrt(nx * nx + ny * ny + nz * nz)
+    sums[0] += area
+    for axis in range(3):
+        at = b + 8 * axis
+        middle = (reals[at] + reals[at + 24] + reals[at + 48]) / 3.0
+        sums[1 + axis] += area * middle
+        sums[7 + axis] += nx * middle
+        sums[10 + axis] += ny * middle
+        sums[13 + axis] += nz * middle
+    sums[4] += nx
+    sums[5] += ny
+    sums[6] += nz
+
+
+@kernel
+def turned(cosine, sine, turns, below, volume):
+    """Turn angles, ``atan2(sine, cosine)`` and full *turns*, on by ``atan2(volume, below)``.
+
+    Vectors or plain numbers. The product of two complex numbers, scaled by its larger part; what points
+    nowhere, as where there is no triangle, turns by nothing. The angle kept is above minus half a turn, and
+    half a turn at most; a sine of minus zero counts as zero. Two angles up, or two down, have passed half a
+    turn where their sum is on the other side, or has come round to where it began.
+    """
+    zero, one = like(0.0, cosine), like(1.0, cosine)
+    is_up, is_down = (sine >= zero) & (volume >= zero), (sine < zero) & (volume < zero)
+    new_cosine = fma(cosine, below, -(sine * volume))
+    new_sine = fma(cosine, volume, sine * below)
+    size = maximum(absolute(new_cosine), absolute(new_sine))
+    is_there = (size > like(SMALLEST, size)) & (size < like(LARGEST, size))
+    scale = one / select(is_there, size, one)
+    # By the numbers that are kept: scaled, the least may have become zero.
+    new_cosine, new_sine = new_cosine * scale, new_sine * scale
+    is_round = (cosine < zero) & (below < zero) & (new_cosine >= zero)
+    is_past = is_there & is_up & ((new_sine < zero) | is_round)
+    is_past_down = is_there & is_down & ((new_sine >= zero) | is_round)
+    turns = select(is_past, turns + one, select(is_past_down, turns - one, turns))
+    return select(is_there, new_cosine, cosine), select(is_there, new_sine, sine), turns
+
+
+@kernel
+def _turned_by_block(reals, base, x, y, z, cosine, sine, turns):
+    """Turn each lane's angle on by half the solid angle of a block's triangle, seen from *p*."""
+    ax, ay, az = load(reals, base) - x, load(reals, base + 8) - y, load(reals, base + 16) - z
+    bx, by, bz = load(reals, base + 24) - x, load(reals, base + 32) - y, load(reals, base + 40) - z
+    cx, cy, cz = load(reals, base + 48) - x, load(reals, base + 56) - y, load(reals, base + 64) - z
+    a = square_root(dot(ax, ay, az, ax, ay, az))
+    b = square_root(dot(bx, by, bz, bx, by, bz))
+    c = square_root(dot(cx, cy, cz, cx, cy, cz))
+    volume = dot(ax, ay, az, by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx)
+    below = fma(
+        dot(ax, ay, az, bx, by, bz),
+        c,
+        fma(dot(bx, by, bz, cx, cy, cz), a, fma(dot(cx, cy, cz, ax, ay, az), b, a * b * c)),
+    )
+    if bits(below < splat(0.0)):
+        # Beside a face of which two corners are one, rounding would be half a turn: it turns nothing.
+        is_line = (ax == bx) & (ay == by) & (az == bz)
+        is_line = is_line | ((bx == cx) & (by == cy) & (bz == cz))
+        is_line = is_line | ((cx == ax) & (cy == ay) & (cz == az))
+        below = select(is_line, splat(1.0), below)
+        volume = select(is_line, splat(0.0), volume)
+    return turned(cosine, sine, turns, below, volume)
+
+
+@kernel
+def _sum_of_angles(cosine, sine, turns):
+    """The sum of all lanes' angles: lane by lane with the one that is four, two and one further."""
+    room = reals_here(48)
+    for step in (4, 2, 1):
+        for at in (0, 8):
+            store(room, at, cosine)
+            store(room, at + 16, sine)
+            store(room, at + 32, turns)
+        cosine, sine, turns = turned(
+            cosine, sine, turns + load(room, step + 32), load(room, step), load(room, step + 16)
+        )
+    return atan2(lane(sine, 0) + 0.0, lane(cosine, 0)) + 2.0 * pi * lane(turns, 0)
+
+
+@kernel
+def winding_number(reals, words, root, moments, px, py, pz):
+    """How often the part winds around *p* (local frame): about 1 inside a closed part, about 0 outside."""
+    stack = words_here(STACK_SIZE)
+    x, y, z = splat(px), splat(py), splat(pz)
+    cosine, sine, turns = splat(1.0), splat(0.0), splat(0.0)
+    fluxes = splat(0.0)
+    reference, waiting = root, 0
+    while True:
+        if reference < 0:
+            cosine, sine, turns = _turned_by_block(
+                reals, BLOCK_STRIDE * ~reference, x, y, z, cosine, sine, turns
+            )
+        else:
+            base = NODE_STRIDE * reference
+            at = moments + MOMENT_STRIDE * reference
+            dx, dy, dz = (
+                widen(load(words, at)) - x,
+                widen(load(words, at + 8)) - y,
+                widen(load(words, at + 16)) - z,
+            )
+            distance_sq = dot(dx, dy, dz, dx, dy, dz)
+            is_used = load(words, base) <= load(words, base + 24)
+            is_far = is_used & (distance_sq > widen(load(words, at + 48)))
+            if bits(is_far):
+                fluxes = fluxes + select(is_far, _flux(words, at, dx, dy, dz, distance_sq), splat(0.0))
+            is_near = is_used & ~is_far
+            store(stack, waiting, compress(load(words, base + CHILDREN), is_near))
+            waiting += count_bits(bits(is_near))
+        if waiting == 0:
+            break
+        waiting -= 1
+        reference = load_int(stack, waiting)
+    total = 2.0 * _sum_of_angles(cosine, sine, turns)
+    for i in range(LANES):
+        total += lane(fluxes, i)
+    return total / (4.0 * pi)
+
+
+@kernel
+def _flux(words, at, dx, dy, dz, distance_sq):
+    """What the children of the node with moments *at*, seen as points, add to the solid angle."""
+    flux = dot(
+        dx, dy, dz, widen(load(words, at + 24)), widen(load(words, at + 32)), widen(load(words, at + 40))
+    )
+    xx, yy = widen(load(words, at + 56)), widen(load(words, at + 64))
+    xy, xz, yz = widen(load(words, at + 72)), widen(load(words, at + 80)), widen(load(words, at + 88))
+    spread_x = dot(dx, dy, dz, xx, xy, xz)
+    spread_y = dot(dx, dy, dz, xy, yy, yz)
+    spread_z = dot(dx, dy, dz, xz, yz, -(xx + yy))
+    inverse = splat(1.0) / square_root(distance_sq)
+    inverse_sq = inverse * inverse
+    return (flux - splat(3.0) * dot(dx, dy, dz, spread_x, spread_y, spread_z) * inverse_sq) * (
+        inverse_sq * inverse
+    )
+
+
+@kernel
+def winding_numbers(reals, words, root, moments, points, turns):
+    """Fill the winding numbers around points (N, 3), local: *turns* (N,)."""
+    for row in range(len(points)):
+        turns[row] = winding_number(
+            reals, words, root, moments, points[row, 0], points[row, 1], points[row, 2]
+        )

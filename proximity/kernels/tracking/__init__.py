@@ -1,0 +1,1 @@
+"""One tick: distances with bounds, motion and prediction of every finger."""

@@ -1,0 +1,138 @@
+"""What comes in each tick and what goes out, for all fingers at once: a dozen small questions in one call.
+
+A *sample* of a finger is a row of ``values`` (float64, first column nan: nothing is known) and its instant.
+"""
+
+import math
+
+import numpy as np
+
+from proximity.kernels.compiler import inlined, kernel
+from proximity.kernels.contact_columns import BOUNDED, FLAGS, IN_RANGE, POSE_NS, TRACKED
+from proximity.kernels.tracking.motion import (
+    JUMPED,
+    REPEATED,
+    STARTED,
+    VELOCITY,
+    VELOCITY_ERROR,
+    WEIGHTS,
+    observe_with_velocity,
+    predict,
+)
+
+# --- columns of what `follow_distances` fills ---
+STATUS = 0  # bits, as `motion.observe` answers
+RATE = 1  # m/s, of the distance; zero while it is not known
+STEP = 2  # m, by which the distance will have changed
+SPREAD = 3  # m, by which that may be off
+FOLLOWED_SIZE = 4
+
+# --- columns of the *doubts* of a distance that is followed: sums of weight times squared error, m² ---
+DOUBT = 0  # of the present track
+DOUBT_BEFORE = 1  # of the one before the last jump, at most
+DOUBTS_SIZE = 2
+LARGEST_ERROR = 1e3
+"""m: what is off by more is as good as not known, and must fade like others."""
+
+LATEST = np.int64(2**63 - 1)
+
+
+@kernel
+def admit(kept_ns, kept, given_ns, given, taken, latest_ns):
+    """Take samples into *kept*; how many are from after *latest_ns*, and how many older than the one kept.
+
+    Those are left out: ``taken`` (N,) uint8 tells which were not. A sample that knows nothing is taken,
+    whatever its instant, and the instant kept stays: what comes next must still be newer than that.
+    """
+    future, backwards = 0, 0
+    for i in range(len(kept_ns)):
+        taken[i] = 1
+        is_known = True
+        for column in range(kept.shape[1]):
+            is_known &= math.isfinite(given[i, column])
+        if not is_known:
+            kept[i, 0] = np.nan
+        elif given_ns[i] > latest_ns:
+            taken[i] = 0
+            future += 1
+        elif given_ns[i] < kept_ns[i]:
+            taken[i] = 0
+            backwards += 1
+        else:
+            kept_ns[i] = given_ns[i]
+            for column in range(kept.shape[1]):
+                kept[i, column] = given[i, column]
+    return future, backwards
+
+
+@kernel
+def expire(kept_ns, kept, oldest_ns):
+    """Forget the samples from before *oldest_ns*."""
+    for i in range(len(kept_ns)):
+        if kept_ns[i] < oldest_ns:
+            kept[i, 0] = np.nan
+
+
+@kernel
+def overview(wide, numbers):
+    """Of contacts as int64 and int32 columns: instant of the oldest pose, fingers tracked, fingers in doubt.
+
+    In doubt is who is near and has bounds only. Without a finger that is tracked the instant is `LATEST`.
+    """
+    oldest, tracked, doubtful = LATEST, 0, 0
+    for i in range(len(wide)):
+        flags = numbers[i, FLAGS]
+        if flags & TRACKED:
+            tracked += 1
+            oldest = min(oldest, wide[i, POSE_NS])
+            if flags & BOUNDED and flags & IN_RANGE:
+                doubtful += 1
+    return oldest, tracked, doubtful
+
+
+@inlined
+def _doubt(motions, doubts, i, error, status, weight_before):
+    """How far off the slope of a track may be because of errors of its distances, m/s.
+
+    The slope is the sum of weight times deviation of age times distance, over the sum of weight times squared
+    deviation. By Cauchy and Schwarz errors change it by no more than this, whatever they are.
+    """
+    error_sq = min(error, LARGEST_ERROR) ** 2 if error >= 0.0 else LARGEST_ERROR**2
+    weight = motions[i, WEIGHTS]
+    if status & STARTED:
+        # After a jump the track may go on where it was.
+        doubts[i, DOUBT_BEFORE] = max(doubts[i, DOUBT], doubts[i, DOUBT_BEFORE]) if status & JUMPED else 0.0
+        doubts[i, DOUBT] = error_sq
+    elif status & JUMPED:
+        doubts[i, DOUBT] = doubts[i, DOUBT_BEFORE] + error_sq
+    elif not status & REPEATED:
+        doubts[i, DOUBT] = (weight - 1.0) / weight_before * doubts[i, DOUBT] + error_sq
+    spread = weight * motions[i, WEIGHTS + 2] - motions[i, WEIGHTS + 1] * motions[i, WEIGHTS + 1]
+    return math.sqrt(doubts[i, DOUBT] * weight / spread) if spread > 0.0 else 0.0
+
+
+@kernel
+def follow_distances(
+    motions, motion_marks, doubts, measured_ns, distances, errors, rates, acts_ns, max_speed,
+    max_acceleration, followed,
+):  # fmt: skip
+    """Follow distances that were measured as `motion` follows a finger, along one axis; see `FOLLOWED_SIZE`.
+
+    *rates* (N,), m/s, are of the distances; nan: to be estimated. *distances* (N, 1) of nan answer 0.
+    *errors* (N,), m: how far off each distance may be; what is none is very far. *doubts*
+    (N, `DOUBTS_SIZE`): what is kept of them, zeros at first. A rate that is told is taken at its word.
+    """
+    for i in range(len(measured_ns)):
+        weight_before = motions[i, WEIGHTS]
+        status = observe_with_velocity(
+            motions, motion_marks, i, measured_ns[i], distances[i, 0], 0.0, 0.0, rates[i], 0.0, 0.0,
+            max_speed, max_acceleration,
+        )  # fmt: skip
+        ahead = 1e-9 * (acts_ns - measured_ns[i])
+        if status:
+            doubt = _doubt(motions, doubts, i, errors[i], status, weight_before)
+            if not (status & REPEATED or math.isfinite(rates[i])):
+                motions[i, VELOCITY_ERROR] += doubt
+        step, _, _, spread = predict(motions, i, ahead, max_speed, max_acceleration)
+        followed[i, STATUS], followed[i, RATE] = status, motions[i, VELOCITY]
+        followed[i, STEP], followed[i, SPREAD] = step, spread

@@ -1,0 +1,188 @@
+"""How parts move at an instant: the velocity of a point, and the *drift*, a speed that no surface exceeds.
+
+A part that cannot have come before an instant does not count until then. So each finger gathers the parts
+that move and may come near within the time it asks for, each with the gap between their boxes and it: at most
+a few, however many move elsewhere.
+"""
+
+from math import sqrt
+
+import numpy as np
+
+from proximity.kernels.compiler import inlined, kernel
+from proximity.kernels.geometry.triangle import dot
+from proximity.kernels.layout import (
+    ANGULAR_VELOCITY,
+    BOX_LOWER,
+    BOX_UPPER,
+    IS_HIDDEN,
+    LANES,
+    OWN_LOWER,
+    OWN_UPPER,
+    TRANSLATION,
+    VELOCITY,
+)
+from proximity.simd import (
+    bits,
+    horizontal_min,
+    lane,
+    load,
+    maximum,
+    minimum,
+    select,
+    splat,
+    square_root,
+    trailing_zeros,
+)
+
+# --- ``movers`` (float64): columns of as many numbers as parts that may move, one after another ---
+MOVER_VELOCITY = 0  # m/s, of the part's origin
+MOVER_TURN = 3  # m/s at most, by turning about it
+MOVER_LOWER = 4  # m, scene's frame: of the part's box
+MOVER_UPPER = 7
+NEAR_GAP = 10  # m between a finger and a box, of the parts it gathered
+NEAR_SPEED = 11  # their speed at most relative to a velocity, a unit of stage
+MOVER_COLUMNS = 12
+SIX_LANES = 2**6 - 1
+
+ROUNDED_UP = 1.0 + 1e-12
+ROUNDED_DOWN = 1.0 - 1e-12
+MOST_COMINGS = 8
+"""Faster and faster parts that are told apart; where there are more, less is certain."""
+AT_ONCE = 1e-12
+"""s or m: what comes within so little is here, so that a look from one coming to the next gets on."""
+
+
+def room_for_movers(part_count):
+    """Return a table for so many parts, (`MOVER_COLUMNS` times some lanes,)."""
+    return np.zeros(MOVER_COLUMNS * LANES * (part_count // LANES + 2))
+
+
+@inlined
+def velocity_of_part(frames, part, x, y, z):
+    """Velocity of a part at a point of the scene's frame, m/s."""
+    rx, ry, rz = (
+        x - frames[part, TRANSLATION],
+        y - frames[part, TRANSLATION + 1],
+        z - frames[part, TRANSLATION + 2],
+    )
+    wx, wy, wz = (
+        frames[part, ANGULAR_VELOCITY],
+        frames[part, ANGULAR_VELOCITY + 1],
+        frames[part, ANGULAR_VELOCITY + 2],
+    )
+    return (
+        frames[part, VELOCITY] + wy * rz - wz * ry,
+        frames[part, VELOCITY + 1] + wz * rx - wx * rz,
+        frames[part, VELOCITY + 2] + wx * ry - wy * rx,
+    )
+
+
+@kernel
+def gather_movers(frames, parts, movers):
+    """Fill the columns of parts that have a velocity; how many there are, and whether any stands."""
+    size = len(movers) // MOVER_COLUMNS
+    count, stands = 0, False
+    for part in range(len(parts) - 1):
+        # Both velocities follow each other; behind them is what does not count.
+        is_still = bits(load(frames[part], VELOCITY) == splat(0.0)) & SIX_LANES == SIX_LANES
+        if (is_still and stands) or parts[part, IS_HIDDEN]:
+            continue
+        if is_still:
+            stands = True
+            continue
+        arm_sq, turn_sq = 0.0, 0.0
+        for axis in range(3):
+            arm = max(abs(frames[part, OWN_LOWER + axis]), abs(frames[part, OWN_UPPER + axis]))
+            arm_sq += arm * arm
+            turn_sq += frames[part, ANGULAR_VELOCITY + axis] * frames[part, ANGULAR_VELOCITY + axis]
+            movers[(MOVER_VELOCITY + axis) * size + count] = frames[part, VELOCITY + axis]
+            movers[(MOVER_LOWER + axis) * size + count] = frames[part, BOX_LOWER + axis]
+            movers[(MOVER_UPPER + axis) * size + count] = frames[part, BOX_UPPER + axis]
+        movers[MOVER_TURN * size + count] = sqrt(arm_sq) * sqrt(turn_sq)
+        count += 1
+    for k in range(count, count + LANES):
+        for axis in range(3):
+            movers[(MOVER_LOWER + axis) * size + k] = np.inf
+    return count, stands
+
+
+@inlined
+def _gaps(movers, at, size, x):
+    """How far a coordinate is outside of eight boxes along one axis; within them, 0."""
+    below = load(movers, MOVER_LOWER * size + at) - splat(x)
+    above = splat(x) - load(movers, MOVER_UPPER * size + at)
+    return maximum(maximum(below, above), splat(0.0))
+
+
+@kernel
+def gather_near(movers, count, ux, uy, uz, x, y, z, off, speed, unit, extent):
+    """Gather what may come near a point in a while; how many parts there are, and the speed of the fastest.
+
+    The point moves by at most *speed* m a unit of stage, parts as they do relative to *u*, m/s, *unit*
+    seconds a unit; *extent* units are asked for. A part counts if it can come within *off* m of the point.
+    The fastest, m a unit, is that of all that move, however far.
+    """
+    size = len(movers) // MOVER_COLUMNS
+    near = 0
+    fastest = splat(0.0)
+    for first in range(0, count, LANES):
+        gap_x = _gaps(movers, first, size, x)
+        gap_y = _gaps(movers, first + size, size, y)
+        gap_z = _gaps(movers, first + 2 * size, size, z)
+        gaps = square_root(dot(gap_x, gap_y, gap_z, gap_x, gap_y, gap_z)) * splat(ROUNDED_DOWN) - splat(off)
+        vx = load(movers, MOVER_VELOCITY * size + first) - splat(ux)
+        vy = load(movers, (MOVER_VELOCITY + 1) * size + first) - splat(uy)
+        vz = load(movers, (MOVER_VELOCITY + 2) * size + first) - splat(uz)
+        speeds = square_root(dot(vx, vy, vz, vx, vy, vz)) + load(movers, MOVER_TURN * size + first)
+        speeds = speeds * splat(unit * ROUNDED_UP)
+        speeds = select(gaps < splat(np.inf), speeds, splat(0.0))
+        fastest = maximum(fastest, speeds)
+        coming = bits(gaps <= (splat(speed) + speeds) * splat(extent * ROUNDED_UP))
+        while coming:
+            k = trailing_zeros(coming)
+            coming &= coming - 1
+            movers[NEAR_GAP * size + near] = lane(gaps, k)
+            movers[NEAR_SPEED * size + near] = lane(speeds, k)
+            near += 1
+    for k in range(near, near + LANES):
+        movers[NEAR_GAP * size + k], movers[NEAR_SPEED * size + k] = np.inf, 0.0
+    return near, -horizontal_min(splat(0.0) - fastest)
+
+
+@inlined
+def drift_until(movers, near, least, speed, gone):
+    """The drift a unit of stage until *gone* units have passed, *least* or more; when a faster part comes.
+
+    *near*, *speed*: as `gather_near` has them.
+    """
+    if near == 0:
+        return least, np.inf
+    size = len(movers) // MOVER_COLUMNS
+    soon = gone * ROUNDED_UP + AT_ONCE
+    fastest = splat(least)
+    for first in range(0, near, LANES):
+        gaps, speeds = load(movers, NEAR_GAP * size + first), load(movers, NEAR_SPEED * size + first)
+        has_come = gaps <= (splat(speed) + speeds) * splat(soon)
+        fastest = maximum(fastest, select(has_come, speeds, splat(least)))
+    drift = -horizontal_min(splat(0.0) - fastest)
+    coming = splat(np.inf)
+    for first in range(0, near, LANES):
+        gaps, speeds = load(movers, NEAR_GAP * size + first), load(movers, NEAR_SPEED * size + first)
+        comes = gaps / (splat(speed) + speeds)
+        coming = minimum(coming, select(speeds > splat(drift), comes, splat(np.inf)))
+    return drift, horizontal_min(coming) * ROUNDED_DOWN
+
+
+@inlined
+def free_for(movers, near, least, speed, clearance):
+    """Units of stage in which nothing *clearance* m away is reached, whatever moves; see `drift_until`."""
+    free = 0.0
+    for _ in range(MOST_COMINGS):
+        drift, faster = drift_until(movers, near, least, speed, free)
+        rate = speed + drift
+        left = clearance / rate * ROUNDED_DOWN if rate > 0.0 else (np.inf if clearance > 0.0 else 0.0)
+        if left <= faster:
+            return max(free, left)
+        free = faster
+    return free

@@ -1,0 +1,1 @@
+"""The eight-wide tree over boxes: building, refitting and walking it."""

@@ -1,0 +1,226 @@
+"""A binary tree to an eight-wide one: of all ways to take nodes out, the one with the least surface left.
+
+A node of the binary tree becomes a wide node or goes; what is below it then belongs to the wide node above.
+The cost of a subtree in one to eight places of the node above follows from those of its two halves, from the
+bottom up. What a query visits goes with the surface of the nodes.
+
+Source: Wald, Benthin, Boulos 2008, "Getting rid of packets" (wide trees from binary ones); Ylitie, Karras,
+Laine 2017, "Efficient incoherent ray traversal on GPUs through compressed wide BVHs" (the best of them).
+"""
+
+import numpy as np
+
+from proximity.kernels.compiler import inlined, kernel, maker
+from proximity.kernels.layout import CHILDREN, LANES, MAX_DEPTH, NODE_STRIDE
+from proximity.kernels.tree.binned_sah import COUNT, FIRST, LEFT, RECORD, RIGHT, half_area, thickness, unpack
+from proximity.kernels.tree.wide_node import clear_node, write_lane
+from proximity.simd import load, minimum
+
+EVEN_DEPTH = MAX_DEPTH // 2 - 10
+"""From this level on leaves are shared out by count, whatever the binary tree: any ends ten levels later. So
+the tree of a scene and that of a part, one below the other, are within the stack. Real parts end before."""
+NOT_WIDER = 0
+"""Split of a subtree that is no better in one place more."""
+NO_PLACE = -1
+"""Where the reference to the root belongs; the binary node of leaves in a row."""
+
+
+@maker
+def _levels(links):
+    """Return the nodes of a binary tree, each behind its parent, and what leaves each has.
+
+    Where these begin in the order of leaves, and how many they are.
+    """
+    count = len(links)
+    nodes, starts, numbers = np.empty(count, np.int32), np.zeros(count, np.int32), np.ones(count, np.int32)
+    nodes[0] = 0
+    known = 1
+    for i in range(count):
+        node = nodes[i]
+        if links[node, LEFT] >= 0:
+            nodes[known], nodes[known + 1] = links[node, LEFT], links[node, RIGHT]
+            known += 2
+    for i in range(count - 1, -1, -1):
+        node = nodes[i]
+        if links[node, LEFT] >= 0:
+            numbers[node] = numbers[links[node, LEFT]] + numbers[links[node, RIGHT]]
+    for i in range(count):
+        node = nodes[i]
+        if links[node, LEFT] >= 0:
+            starts[links[node, LEFT]] = starts[node]
+            starts[links[node, RIGHT]] = starts[node] + numbers[links[node, LEFT]]
+    return nodes, starts, numbers
+
+
+@kernel
+def _share_out(boxes, links, nodes, costs, splits):
+    """Fill the least cost of each subtree in 1 to 8 places, and how many of those its left half gets.
+
+    The first split is that of all eight places of the subtree's own wide node; others may be `NOT_WIDER`.
+    """
+    for i in range(len(nodes) - 1, -1, -1):
+        node = nodes[i]
+        left, right = links[node, LEFT], links[node, RIGHT]
+        if left < 0:
+            for place in range(LANES):
+                costs[node, place], splits[node, place] = 0.0, NOT_WIDER
+            continue
+        for places in range(2, LANES + 1):
+            best, split = np.float32(np.inf), 1
+            for share in range(1, places):
+                cost = costs[left, share - 1] + costs[right, places - share - 1]
+                if cost < best:
+                    best, split = cost, share
+            costs[node, places - 1], splits[node, places - 1] = best, split
+        costs[node, 0] = half_area(load(boxes, RECORD * node)) + costs[node, LANES - 1]
+        splits[node, 0] = splits[node, LANES - 1]
+        for places in range(1, LANES):
+            if costs[node, places] >= costs[node, places - 1]:
+                costs[node, places], splits[node, places] = costs[node, places - 1], NOT_WIDER
+
+
+@kernel
+def _children(links, splits, node, children, waiting):
+    """Put the children of the wide node that *node* becomes into *children*, in order; how many there are."""
+    if links[node, LEFT] < 0:
+        children[0] = node
+        return 1
+    split = np.int64(splits[node, 0])
+    waiting[0, 0], waiting[0, 1] = links[node, RIGHT], LANES - split
+    waiting[1, 0], waiting[1, 1] = links[node, LEFT], split
+    count, waiting_count = 0, 2
+    while waiting_count:
+        waiting_count -= 1
+        it, places = waiting[waiting_count, 0], waiting[waiting_count, 1]
+        while places > 1 and splits[it, places - 1] == NOT_WIDER:
+            places -= 1
+        if places == 1:
+            children[count] = it
+            count += 1
+            continue
+        split = np.int64(splits[it, places - 1])
+        waiting[waiting_count, 0], waiting[waiting_count, 1] = links[it, RIGHT], places - split
+        waiting[waiting_count + 1, 0], waiting[waiting_count + 1, 1] = links[it, LEFT], split
+        waiting_count += 2
+    return count
+
+
+@kernel
+def _give_lanes(boxes, children, count, lanes):
+    """Fill the lane of each child: the thinnest gets the first; of equals, the first in order.
+
+    Of boxes that are equally near, as those that contain a point or share a corner, a walk takes the first. A
+    thin one is likelier to have something near all over. A point by itself near a gear box of 119 bodies
+    visits 7 % fewer nodes and 12 % fewer blocks than in any order; one that begins with a neighbour's answer
+    2 and 4 %. Least surface first is as good there; but far from a plate it opens 3 % more blocks, and this
+    3 % fewer.
+    """
+    for k in range(count):
+        own = thickness(load(boxes, RECORD * children[k]))
+        lanes[k] = 0
+        for other in range(k):
+            if thickness(load(boxes, RECORD * children[other])) <= own:
+                lanes[k] += 1
+            else:
+                lanes[other] += 1
+
+
+@maker
+def _leaves_in_order(links, starts, leaf_count, order):
+    """Return the nodes that are leaves, in order, the faces in that order, and each leaf's first place there.
+
+    Behind the last leaf's is where it ends.
+    """
+    leaves = np.empty(leaf_count, np.int32)
+    for node in range(len(links)):
+        if links[node, LEFT] < 0:
+            leaves[starts[node]] = node
+    leaf_first, placed = np.empty(leaf_count + 1, np.int32), 0
+    new_order = np.empty_like(order)
+    for leaf in range(leaf_count):
+        leaf_first[leaf] = placed
+        first = links[leaves[leaf], FIRST]
+        for i in range(links[leaves[leaf], COUNT]):
+            new_order[placed] = order[first + i]
+            placed += 1
+    leaf_first[leaf_count] = placed
+    return leaves, new_order, leaf_first
+
+
+@inlined
+def _join_leaves(boxes, leaves, first, count):
+    """Record of the box around leaves in a row."""
+    box = load(boxes, RECORD * leaves[first])
+    for i in range(first + 1, first + count):
+        box = minimum(box, load(boxes, RECORD * leaves[i]))
+    return box
+
+
+@maker
+def widen_tree(boxes, links, order):
+    """Return the wide nodes, and the order of faces and each leaf's first place in it, leaves in a row.
+
+    Parameters
+    ----------
+    boxes : (N * `RECORD`,) float32
+    links : (N, 4) int32
+        As `halving.halve` returns them; children may have been put elsewhere since.
+    order : (F,) int32
+        What a leaf's ``FIRST`` counts in.
+
+    Returns
+    -------
+    nodes : (M * NODE_STRIDE,) float32
+        See `layout`; a child's number is above its parent's.
+    order : (F,) int32
+    leaf_first : (B + 1,) int32
+    """
+    topological, starts, numbers = _levels(links)
+    leaf_count = np.int64(numbers[0])
+    costs = np.empty((len(links), LANES), np.float32)
+    splits = np.empty((len(links), LANES), np.int8)
+    _share_out(boxes, links, topological, costs, splits)
+
+    leaves, new_order, leaf_first = _leaves_in_order(links, starts, leaf_count, order)
+
+    # There are no more wide nodes than binary ones with children; what is not written to takes no memory.
+    nodes = np.empty(max(leaf_count - 1, 1) * NODE_STRIDE, np.float32)
+    node_count = 0
+    box = np.empty(6, np.float32)
+    children, lanes = np.empty(LANES, np.int64), np.empty(LANES, np.int64)
+    scratch = np.empty((LANES + 1, 2), np.int64)
+    # What becomes a wide node: a node of the binary tree, or some leaves in a row; how deep it is, and where
+    # the reference to it belongs.
+    waiting = np.empty((MAX_DEPTH * LANES, 5), np.int64)
+    waiting[0] = (0, 0, leaf_count, 0, NO_PLACE)
+    waiting_count = 1
+    while waiting_count:
+        waiting_count -= 1
+        node, first, number, depth, reference_at = waiting[waiting_count]
+        base = node_count * NODE_STRIDE
+        if reference_at != NO_PLACE:
+            nodes.view(np.int32)[reference_at] = node_count
+        node_count += 1
+        clear_node(nodes, node_count - 1)
+        is_even = depth >= EVEN_DEPTH
+        if is_even:
+            count = min(number, LANES)
+        else:
+            count = _children(links, splits, node, children, scratch)
+            _give_lanes(boxes, children, count, lanes)
+        # Last in, first out: the first child is done next, and lies next in memory.
+        for k in range(count - 1, -1, -1):
+            if is_even:
+                child, start, lane = np.int64(NO_PLACE), first + number * k // count, k
+                size = first + number * (k + 1) // count - start
+                record = _join_leaves(boxes, leaves, start, size)
+            else:
+                child, lane = children[k], lanes[k]
+                start, size = np.int64(starts[child]), np.int64(numbers[child])
+                record = load(boxes, RECORD * child)
+            unpack(record, box)
+            write_lane(nodes, base, lane, box, ~start)
+            if size > 1:
+                waiting[waiting_count] = (child, start, size, depth + 1, base + CHILDREN + lane)
+                waiting_count += 1
+    return nodes[: node_count * NODE_STRIDE].copy(), new_order, leaf_first

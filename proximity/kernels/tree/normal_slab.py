@@ -1,0 +1,105 @@
+"""How far what is below a node reaches along its mean normal: a bound that is tight where boxes are not.
+
+A box around a tilted or curved patch is nearer to a point than the patch, by about the patch's size: from the
+centre of a ball all boxes look too near. The slab between two planes across the patch's area normal misses by
+the patch's sagitta only, which falls with the square of its size.
+
+The two numbers of each child, the least and the largest scalar product of a corner with the child's area
+normal, lie in ``moments`` behind those of `winding`. They take a second memory access a node, and so are
+looked at by walks that do not find an end.
+"""
+
+import numpy as np
+
+from proximity.kernels.compiler import inlined, kernel, maker
+from proximity.kernels.geometry.box import round_down, round_up
+from proximity.kernels.geometry.triangle import dot
+from proximity.kernels.layout import BLOCK_STRIDE, CHILDREN, LANES, NODE_STRIDE
+from proximity.kernels.sign.winding_number import MOMENT_STRIDE
+from proximity.simd import (
+    horizontal_min,
+    load,
+    load_int,
+    maximum,
+    minimum,
+    narrow,
+    select,
+    splat,
+    widen,
+)
+
+AREA_NORMAL = 24
+"""Offset of the sum of area normals in a node's moments: x, y, z."""
+LEAST = 96
+LARGEST = 104
+MARGIN = 1e-12
+"""Of the normal's length: more than what scalar products of local coordinates are off."""
+SHRINK_SLAB = 1.0 - 2.0**-22
+"""Makes up for what is rounded on the way to a float32 bound."""
+SMALLEST = 2.0**-96
+"""A bound below it counts as 0: the smallest float32 numbers have few bits, and rounding may raise them."""
+
+
+@maker
+def fill_slabs(words, reals, root, node_count, moments, moments_at):
+    """Fill the slabs of a tree of *node_count* nodes from *root* on; its moments are there.
+
+    *moments*, *moments_at*: the array that has the moments, and where those of node 0 are or would be. A
+    child's number is above its parent's; the leaves below a node have numbers in a row.
+    """
+    ends = np.empty((node_count, 2), np.int64)
+    for node in range(root + node_count - 1, root - 1, -1):
+        base, at, own = NODE_STRIDE * node, moments_at + MOMENT_STRIDE * node, node - root
+        ends[own, 0], ends[own, 1] = np.int64(2**62), np.int64(-1)
+        for k in range(LANES):
+            moments[at + LEAST + k], moments[at + LARGEST + k] = 0.0, 0.0
+            if not words[base + k] <= words[base + 24 + k]:
+                continue
+            child = load_int(words, base + CHILDREN + k)
+            first = ends[child - root, 0] if child >= 0 else ~child
+            last = ends[child - root, 1] if child >= 0 else ~child
+            ends[own, 0], ends[own, 1] = min(ends[own, 0], first), max(ends[own, 1], last)
+            nx, ny, nz = (
+                np.float64(moments[at + AREA_NORMAL + k]),
+                np.float64(moments[at + AREA_NORMAL + 8 + k]),
+                np.float64(moments[at + AREA_NORMAL + 16 + k]),
+            )
+            least, largest = _extent(reals, first, last, nx, ny, nz)
+            slack = MARGIN * (abs(nx) + abs(ny) + abs(nz))
+            moments[at + LEAST + k] = round_down(least - slack)
+            moments[at + LARGEST + k] = round_up(largest + slack)
+
+
+@kernel
+def _extent(reals, first, last, nx, ny, nz):
+    """Least and largest scalar product of *n* with a corner in the blocks from *first* to *last*."""
+    x, y, z = splat(nx), splat(ny), splat(nz)
+    least, largest = splat(np.inf), splat(-np.inf)
+    for block in range(first, last + 1):
+        for corner in range(3):
+            base = BLOCK_STRIDE * block + 24 * corner
+            along = dot(x, y, z, load(reals, base), load(reals, base + 8), load(reals, base + 16))
+            # An unused lane is NaN, which neither comparison lets in.
+            least = select(along < least, along, least)
+            largest = select(along > largest, along, largest)
+    return horizontal_min(least), -horizontal_min(splat(0.0) - largest)
+
+
+@inlined
+def slabs_distance_sq(words, at, x, y, z, factor):
+    """Squared distances (float32x8), times *factor*, below which nothing in the children of a node lies.
+
+    *at*: the node's moments. *x y z*: float64x8 splats of the point. A child without a mean normal gives 0.
+    """
+    nx, ny, nz = (
+        widen(load(words, at + AREA_NORMAL)),
+        widen(load(words, at + AREA_NORMAL + 8)),
+        widen(load(words, at + AREA_NORMAL + 16)),
+    )
+    along = dot(nx, ny, nz, x, y, z)
+    gap = maximum(widen(load(words, at + LEAST)) - along, along - widen(load(words, at + LARGEST)))
+    normal_sq = dot(nx, ny, nz, nx, ny, nz)
+    squares = gap * gap / normal_sq * splat(SHRINK_SLAB * factor)
+    # NaN, as of 0 / 0, fails the comparison as well.
+    is_beyond = (gap > splat(0.0)) & (squares > splat(SMALLEST))
+    return narrow(minimum(select(is_beyond, squares, splat(0.0)), splat(3.3e38)))

@@ -1,0 +1,125 @@
+"""What is wrong with a mesh, in numbers.
+
+Nothing here repairs or decides: `bodies` has mended what could be, and whoever reads a diagnosis chooses.
+The second opinion on what is a solid is that of `manifold3d`.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from proximity.kernels.mesh.components import connected
+from proximity.mesh.topology import EdgeRuns, Topology, build_topology, edge_runs
+from proximity.mesh.triangle_mesh import TriangleMesh
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """Counts and measures of one mesh; lengths in metres, in the mesh's own frame."""
+
+    vertex_count: int  # positions in use, each counted once
+    face_count: int
+    shell_count: int  # surfaces connected across edges of two faces: outer ones and cavities
+    boundary_edge_count: int  # of one face
+    nonmanifold_edge_count: int  # of more than two faces
+    misoriented_edge_count: int  # of two faces that run the same way
+    is_watertight: bool  # every edge has exactly two faces, running opposite ways
+    is_oriented: bool  # at every edge as many faces run one way as the other, but for one on a boundary
+    volume: float  # m³, negative if inside out, nan where an edge is not run as often one way as the other
+    area: float  # m²
+    lower: tuple[float, float, float]  # m, corners of the box around all faces
+    upper: tuple[float, float, float]  # m
+    is_solid_by_manifold: bool  # manifold3d takes it, and for something of positive volume
+    manifold_status: str  # manifold3d's word: "NoError", "NotManifold", ...
+
+
+def diagnose(mesh: TriangleMesh) -> Diagnosis:
+    """Return what there is to say about *mesh*.
+
+    Notes
+    -----
+    Degenerate: volume and area beyond the range of float64 are inf or 0.
+    Cost: 1 s for 300 k faces, half of it manifold3d's.
+    """
+    topology = build_topology(mesh)
+    edges = edge_runs(topology.corner_ids)
+    corners = mesh.vertices[mesh.faces].reshape(-1, 3)
+    lower, upper = corners.min(axis=0), corners.max(axis=0)
+    volume, area = _volume_and_area(mesh, lower, upper)
+    is_solid, status = _opinion_of_manifold(mesh, topology, lower, upper)
+    return Diagnosis(
+        vertex_count=int(topology.corner_ids.max()) + 1,
+        face_count=mesh.face_count,
+        shell_count=_shell_count(edges),
+        boundary_edge_count=topology.boundary_edge_count,
+        nonmanifold_edge_count=topology.nonmanifold_edge_count,
+        misoriented_edge_count=topology.misoriented_edge_count,
+        is_watertight=topology.is_watertight,
+        is_oriented=_is_oriented(edges),
+        volume=volume if topology.is_balanced else math.nan,
+        area=area,
+        lower=_as_tuple(lower),
+        upper=_as_tuple(upper),
+        is_solid_by_manifold=is_solid,
+        manifold_status=status,
+    )
+
+
+def _shell_count(edges: EdgeRuns) -> int:
+    first = edges.starts[(edges.counts == 2) & ~edges.is_loop]
+    one, other = edges.order[first] // 3, edges.order[first + 1] // 3
+    return int(connected(len(edges.order) // 3, one, other).max(initial=-1)) + 1
+
+
+def _is_oriented(edges: EdgeRuns) -> bool:
+    imbalance = np.abs(2 * edges.forward_counts - edges.counts)
+    return bool((edges.is_loop | (imbalance <= edges.counts % 2)).all())
+
+
+def _in_unit_box(points: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, int]:
+    """*points* about the middle of their box, scaled by a power of two to at most 1, and its exponent.
+
+    Products of three coordinates then neither lose digits far from the origin nor over- or underflow.
+    """
+    middle = lower + (upper / 2 - lower / 2)
+    centred = points - middle
+    exponent = int(np.frexp(np.maximum(upper - middle, middle - lower).max())[1])
+    scaled: np.ndarray = np.ldexp(centred, -exponent)
+    return scaled, exponent
+
+
+def _volume_and_area(mesh: TriangleMesh, lower: np.ndarray, upper: np.ndarray) -> tuple[float, float]:
+    """Volume by the divergence theorem, m³, and area, m²; the sums are rounded once."""
+    points, exponent = _in_unit_box(mesh.vertices[mesh.faces].reshape(-1, 3), lower, upper)
+    a, b, c = np.moveaxis(points.reshape(-1, 3, 3), 1, 0)
+    normals = np.cross(b - a, c - a)
+    volume = math.fsum(np.einsum("ij,ij->i", a, normals).tolist()) / 6
+    area = math.fsum(np.linalg.norm(normals, axis=1).tolist()) / 2
+    with np.errstate(over="ignore", under="ignore"):
+        return float(np.ldexp(volume, 3 * exponent)), float(np.ldexp(area, 2 * exponent))
+
+
+def _opinion_of_manifold(
+    mesh: TriangleMesh, topology: Topology, lower: np.ndarray, upper: np.ndarray
+) -> tuple[bool, str]:
+    """Whether manifold3d takes the mesh for a solid, and its status."""
+    # It would say so too, but kills the process on some unbalanced garbage (3.5.4: 4 of 735 meshes tried).
+    if not topology.is_balanced:
+        return False, "NotManifold"
+    import manifold3d  # 40 ms; most meshes are never diagnosed
+
+    positions = np.empty((int(topology.corner_ids.max()) + 1, 3))
+    positions[topology.corner_ids.ravel()] = mesh.vertices[mesh.faces.ravel()]
+    points, _ = _in_unit_box(positions, lower, upper)
+    is_folded = (topology.corner_ids == np.roll(topology.corner_ids, 1, axis=1)).any(axis=1)
+    faces = topology.corner_ids[~is_folded].astype(np.uint64)
+    judged = manifold3d.Manifold(manifold3d.Mesh64(points, faces))
+    status = judged.status().name
+    # Flat and inside-out surfaces are manifolds too; a volume says that there is something inside.
+    return status == "NoError" and judged.volume() > 0.0, status
+
+
+def _as_tuple(point: np.ndarray) -> tuple[float, float, float]:
+    x, y, z = point.tolist()
+    return x, y, z

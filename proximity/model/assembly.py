@@ -1,0 +1,336 @@
+"""Solids and scenes as the arrays that kernels take; see `kernels.layout`.
+
+A part's arrays are made once, numbered from zero. A model puts those of its parts together and renumbers
+tree references; a solid that has gone into a scene looks at the scene's arrays and keeps none of its own.
+"""
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from proximity.kernels import layout
+from proximity.kernels.layout import (
+    BLOCK_STRIDE,
+    FRAME_COLUMNS,
+    LANES,
+    NO_GRID,
+    NODE_STRIDE,
+    PART_COLUMNS,
+)
+from proximity.kernels.memory import make_table
+from proximity.kernels.scene.placement import place_box
+from proximity.kernels.sign.winding_number import MOMENT_STRIDE
+from proximity.model.bvh import Bvh, LocalFrame
+from proximity.model.part_arrays import PartArrays, joined
+from proximity.model.part_grid import occupancy
+from proximity.model.part_trees import (
+    TopPlan,
+    choose_frame,
+    clear_first,
+    loose_rows,
+    static_tree,
+    write_moving,
+    write_static,
+)
+from proximity.pose import Pose
+
+SPARE = 1.25
+"""Room for the static tree, as a multiple of what it takes at first: other parts opened may need more."""
+NEVER = -1
+"""Version of a copy that has nothing yet."""
+
+
+@dataclass(frozen=True, slots=True, weakref_slot=True, eq=False)
+class Model:
+    """Parts with poses as four arrays, and their address.
+
+    Whoever looks at the arrays of a scene's model must keep the model itself: once nobody has it, some of
+    them are written anew for a later one.
+    """
+
+    reals: np.ndarray  # float64
+    words: np.ndarray  # float32
+    frames: np.ndarray  # (P + 1, FRAME_COLUMNS) float64
+    parts: np.ndarray  # (P + 1, PART_COLUMNS) int64
+    table: np.ndarray  # int64, see `memory`
+    handle: int  # address of the table; valid as long as this model lives
+    epoch: int = 0  # of the scene: grows whenever part indices, faces or what is hidden change
+    names: tuple[str, ...] = ()  # of the scene's parts, row by row
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # A copy has arrays of its own, and so another table and another address.
+        return finished, (self.reals, self.words, self.frames, self.parts, self.epoch, self.names)
+
+    @property
+    def memory_bytes(self) -> int:
+        """Bytes of all arrays."""
+        return self.reals.nbytes + self.words.nbytes + self.frames.nbytes + self.parts.nbytes
+
+    def part_alone(self, row: int) -> "Model":
+        """Return a model of one part at the identity pose, in this model's memory.
+
+        Parameters
+        ----------
+        row : int
+            Of the part.
+        """
+        frames, parts = self.frames[[row, row]], self.parts[[row, row]]
+        frames[:, layout.VELOCITY :] = 0.0
+        parts[:, [layout.IS_LOOSE, layout.IS_HIDDEN]] = 0
+        for each in (0, 1):
+            _place(frames, parts, each, Pose())
+        return finished(self.reals, self.words, frames, parts)
+
+    def folded_faces(self, row: int) -> np.ndarray:
+        """Return the faces of a part over which the winding number tells the side, (K,) int32.
+
+        Parameters
+        ----------
+        row : int
+            Of the part.
+        """
+        part = self.parts[row]
+        first, count = part[layout.FIRST_BLOCK], part[layout.BLOCK_COUNT]
+        notes = self.words[part[layout.BLOCK_NOTES] + first :][:count].view(np.int32)
+        slots = self.words[part[layout.SLOT_FACES] + LANES * first :][: LANES * count].view(np.int32)
+        marks = (notes >> layout.FOLDED_AT).astype(np.uint8)
+        folded: np.ndarray = slots[np.unpackbits(marks, bitorder="little") == 1]
+        return folded
+
+    def part_arrays(self, row: int) -> PartArrays:
+        """Return copies of a part's arrays, numbered from zero.
+
+        Parameters
+        ----------
+        row : int
+            Of the part.
+        """
+        part, frame = self.parts[row], self.frames[row]
+        nodes = self.words[NODE_STRIDE * part[layout.ROOT] :][: NODE_STRIDE * part[layout.NODE_COUNT]]
+        nodes = _renumbered(nodes, -int(part[layout.ROOT]), -int(part[layout.FIRST_BLOCK]))
+        blocks = self.reals[BLOCK_STRIDE * part[layout.FIRST_BLOCK] :]
+        blocks = blocks[: BLOCK_STRIDE * part[layout.BLOCK_COUNT]].copy()
+        slots = self.words[part[layout.SLOT_FACES] + LANES * part[layout.FIRST_BLOCK] :]
+        slots = slots[: LANES * part[layout.BLOCK_COUNT]].view(np.int32).copy()
+        notes = self.words[part[layout.BLOCK_NOTES] + part[layout.FIRST_BLOCK] :]
+        notes = notes[: part[layout.BLOCK_COUNT]].view(np.int32)
+        moments = self.words[part[layout.MOMENTS] + MOMENT_STRIDE * part[layout.ROOT] :]
+        face_numbers, corner_numbers = 3 * part[layout.FACE_COUNT], 3 * part[layout.CORNER_COUNT]
+        has_grid = part[layout.GRID] != NO_GRID
+        counts = (int(part[layout.GRID_X]), int(part[layout.GRID_Y]), int(part[layout.GRID_Z]))
+        grid_words = -(-int(np.prod(counts)) // 16) if has_grid else 0
+        grid_at = int(part[layout.GRID]) if has_grid else 0
+        return PartArrays(
+            frame=LocalFrame.read(frame),
+            bvh=Bvh(nodes, blocks, slots),
+            moments=moments[: MOMENT_STRIDE * part[layout.NODE_COUNT]].copy(),
+            faces=self.words[part[layout.FACES] :][:face_numbers].view(np.int32).reshape(-1, 3).copy(),
+            neighbors=self.words[part[layout.NEIGHBORS] :][:face_numbers]
+            .view(np.int32)
+            .reshape(-1, 3)
+            .copy(),
+            corners=self.reals[part[layout.CORNERS] :][:corner_numbers].reshape(-1, 3).copy(),
+            normals=self.reals[part[layout.CORNER_NORMALS] :][:corner_numbers].reshape(-1, 3).copy(),
+            lower=frame[_OWN_LOWER].copy(),
+            upper=frame[_OWN_UPPER].copy(),
+            sign=int(part[layout.SIGN]),
+            grid=self.words[grid_at : grid_at + grid_words].view(np.uint32).copy(),
+            grid_counts=counts,
+            grid_lower=tuple(frame[layout.GRID_LOWER : layout.GRID_LOWER + 3]),
+            grid_rate=float(frame[layout.GRID_RATE]),
+            folded=(notes >> layout.FOLDED_AT).astype(np.uint8),
+        )
+
+
+@dataclass(slots=True)
+class Shelf:
+    """Where each question looks for its model."""
+
+    current: Model | None  # None where it must be made first
+
+
+def assemble(
+    pieces: list[PartArrays],
+    poses: list[Pose],
+    *,
+    loose: Collection[int] = (),
+    hidden: Collection[int] = (),
+    epoch: int = 0,
+    names: tuple[str, ...] = (),
+) -> Model:
+    """Return the model of parts at poses.
+
+    Parameters
+    ----------
+    pieces : list of PartArrays
+        At least one.
+    poses : list of Pose
+        ``world_from_part``, one a part.
+    loose, hidden : collection of int
+        Rows of parts that are going to move, and of those that no question finds.
+    epoch : int
+        Of the scene.
+    names : tuple of str
+        Of its parts.
+    """
+    count = len(pieces)
+    parts = np.zeros((count + 1, PART_COLUMNS), np.int64)
+    frames = np.zeros((count + 1, FRAME_COLUMNS))
+    parts[list(loose), layout.IS_LOOSE], parts[list(hidden), layout.IS_HIDDEN] = 1, 1
+    node_ends = np.cumsum([0] + [piece.bvh.node_count for piece in pieces])
+    block_ends = np.cumsum([0] + [piece.bvh.block_count for piece in pieces])
+    nodes = _together(
+        [
+            _renumbered(piece.bvh.nodes, int(node), int(block))
+            for piece, node, block in zip(pieces, node_ends, block_ends, strict=False)
+        ],
+        np.float32,
+    )
+    for row, (piece, pose) in enumerate(zip(pieces, poses, strict=True)):
+        frames[row, _OWN_LOWER], frames[row, _OWN_UPPER] = piece.lower, piece.upper
+        piece.frame.write(frames[row])
+        parts[row, layout.ROOT], parts[row, layout.NODE_COUNT] = node_ends[row], piece.bvh.node_count
+        parts[row, layout.FIRST_BLOCK], parts[row, layout.BLOCK_COUNT] = (
+            block_ends[row],
+            piece.bvh.block_count,
+        )
+        parts[row, layout.SIGN] = piece.sign
+        _write_grid(frames, parts, row, piece.grid_counts, piece.grid_lower, piece.grid_rate)
+        _place(frames, parts, row, pose)
+    choose_frame(frames, parts, _wanted_frame(pieces))
+    static, entries = static_tree(nodes, frames, parts, int(node_ends[-1]) + 1)
+    parts[count, layout.FIRST_BLOCK] = node_ends[-1]
+    if count > 1:
+        parts[count, layout.NODE_COUNT] = int(SPARE * _nodes_at_most(nodes, frames, parts, static)) + LANES
+    plan = TopPlan.of(parts)
+    reals, words = _filled(pieces, frames, parts, nodes, plan.node_count)
+    clear_first(words, parts)
+    assert write_static(words, parts, 0, static, entries), "the tree over parts has its room"
+    loose_count = len(loose_rows(parts))
+    write_moving(words, frames, parts, plan.region(0), np.arange(loose_count), loose_count**2)
+    return finished(reals, words, frames, parts, epoch, names)
+
+
+def _nodes_at_most(nodes: np.ndarray, frames: np.ndarray, parts: np.ndarray, static: np.ndarray) -> int:
+    """Nodes of the static tree, now or once parts that are loose or hidden stand there as well."""
+    flags = [layout.IS_LOOSE, layout.IS_HIDDEN]
+    if parts[:, flags].any():
+        parts = parts.copy()
+        parts[:, flags] = 0
+        everything, _ = static_tree(nodes, frames, parts, 0)
+        return max(len(static), len(everything)) // NODE_STRIDE
+    return len(static) // NODE_STRIDE
+
+
+def _filled(
+    pieces: list[PartArrays], frames: np.ndarray, parts: np.ndarray, nodes: np.ndarray, top_nodes: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Put the parts' arrays together, with room for *top_nodes* over them, and note where they are."""
+    count = len(pieces)
+    reals, real_starts = joined(
+        [_together([piece.bvh.blocks for piece in pieces], np.float64)]
+        + [array for piece in pieces for array in (piece.corners, piece.normals)],
+        np.float64,
+    )
+    holders = occupancy(pieces, frames, parts)
+    words, word_starts = joined(
+        [
+            _together([nodes, np.zeros(top_nodes * NODE_STRIDE, np.float32)], np.float32),
+            _together([piece.bvh.slot_faces for piece in pieces], np.int32),
+            _together([piece.moments for piece in pieces], np.float32),
+        ]
+        + [array for piece in pieces for array in (piece.faces, piece.neighbors, piece.grid)]
+        + [_notes_on_blocks(pieces), holders.words],
+        np.float32,
+    )
+    for row, piece in enumerate(pieces):
+        part = parts[row]
+        part[[layout.CORNERS, layout.CORNER_NORMALS]] = real_starts[1 + 2 * row : 3 + 2 * row]
+        part[[layout.FACES, layout.NEIGHBORS, layout.GRID]] = word_starts[3 + 3 * row : 6 + 3 * row]
+        part[layout.CORNER_COUNT], part[layout.FACE_COUNT] = len(piece.corners), len(piece.faces)
+        if not len(piece.grid):
+            part[layout.GRID] = NO_GRID
+    parts[:, layout.SLOT_FACES], parts[:, layout.MOMENTS] = word_starts[1], word_starts[2]
+    parts[count, layout.FACE_COUNT] = parts[:count, layout.FACE_COUNT].sum()
+    parts[:, layout.BLOCK_NOTES], parts[count, layout.GRID] = word_starts[-2:]
+    _write_grid(frames, parts, count, holders.counts, holders.lower, holders.rate)
+    return reals, words
+
+
+def finished(
+    reals: np.ndarray,
+    words: np.ndarray,
+    frames: np.ndarray,
+    parts: np.ndarray,
+    epoch: int = 0,
+    names: tuple[str, ...] = (),
+) -> Model:
+    """Return a model of arrays that are complete.
+
+    Parameters
+    ----------
+    reals, words, frames, parts
+        See `kernels.layout`.
+    epoch : int
+        Of the scene.
+    names : tuple of str
+        Of its parts.
+    """
+    table = make_table(reals, words, frames, parts)
+    return Model(reals, words, frames, parts, table, int(table.ctypes.data), epoch, names)
+
+
+# --- arrays ----------------------------------------------------------------------------------------------
+
+_TRANSLATION = slice(layout.TRANSLATION, layout.TRANSLATION + 3)
+_OWN_LOWER = slice(layout.OWN_LOWER, layout.OWN_LOWER + 3)
+_OWN_UPPER = slice(layout.OWN_UPPER, layout.OWN_UPPER + 3)
+
+
+def _together(pieces: list[np.ndarray], dtype: type) -> np.ndarray:
+    """*pieces* end to end."""
+    return np.concatenate(pieces) if len(pieces) > 1 else np.asarray(pieces[0], dtype=dtype)
+
+
+def _notes_on_blocks(pieces: list[PartArrays]) -> np.ndarray:
+    """Of each block the part that it is of, and which of its faces are folded over."""
+    notes = [np.full(piece.bvh.block_count, row, np.int32) for row, piece in enumerate(pieces)]
+    for own, piece in zip(notes, pieces, strict=True):
+        if len(piece.folded):
+            own |= piece.folded.astype(np.int32) << layout.FOLDED_AT
+    return np.concatenate(notes)
+
+
+def _renumbered(nodes: np.ndarray, node_shift: int, block_shift: int) -> np.ndarray:
+    """A copy of *nodes* whose references count from elsewhere."""
+    nodes = nodes.copy()
+    table = nodes.reshape(-1, NODE_STRIDE)
+    children = table.view(np.int32)[:, layout.CHILDREN : layout.CHILDREN + LANES]
+    is_used = table[:, :LANES] <= table[:, 24 : 24 + LANES]
+    children[is_used & (children >= 0)] += node_shift
+    children[is_used & (children < 0)] -= block_shift
+    return nodes
+
+
+def _write_grid(
+    frames: np.ndarray, parts: np.ndarray, row: int, counts: tuple[int, int, int], lower: Any, rate: float
+) -> None:
+    """Write what a row's grid is like: of a part its sign grid, of the scene that over it."""
+    parts[row, [layout.GRID_X, layout.GRID_Y, layout.GRID_Z]] = counts
+    frames[row, layout.GRID_LOWER : layout.GRID_LOWER + 3] = lower
+    frames[row, layout.GRID_RATE] = rate
+
+
+def _place(frames: np.ndarray, parts: np.ndarray, row: int, pose: Pose) -> None:
+    """Write a row's pose, and the box that follows from it."""
+    frames[row, layout.ROTATION : layout.ROTATION + 9] = pose.rotation.reshape(-1)
+    frames[row, _TRANSLATION] = pose.translation
+    place_box(frames, parts, row)
+
+
+def _wanted_frame(pieces: list[PartArrays]) -> LocalFrame:
+    """The frame of the largest part: if others share it, they can be walked as one tree."""
+    largest = max(pieces, key=lambda piece: float((piece.upper - piece.lower).max()))
+    return largest.frame

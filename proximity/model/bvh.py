@@ -1,0 +1,173 @@
+"""The tree of one part as data: local frame, nodes, leaf blocks, and a check that they hold together.
+
+See `kernels.layout` for how the arrays are laid out.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from proximity.errors import MeshError
+from proximity.kernels.layout import (
+    BLOCK_STRIDE,
+    CENTRE,
+    CHILDREN,
+    LANES,
+    MAX_DEPTH,
+    NO_FACE,
+    NODE_STRIDE,
+    SCALE,
+)
+from proximity.kernels.tree.binned_sah import RECORD
+from proximity.kernels.tree.builder import FACES_SHIFT, build_tree, face_boxes, fill_blocks
+
+LARGEST_COORDINATE = 1e150
+SMALLEST_SIZE = 1e-150
+"""Squares of squares must stay within float64."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LocalFrame:
+    """A frame in which something lies within [-1, 1]: moved by *centre*, then scaled by *scale*.
+
+    Both are chosen so that neither step rounds: the centre is zero or has few bits, the scale is a power of
+    two.
+    """
+
+    centre: np.ndarray  # (3,) m
+    scale: float  # local units a metre
+
+    def of(self, points: np.ndarray) -> np.ndarray:
+        """Return *points* (..., 3), m, in this frame."""
+        return np.asarray((points - self.centre) * self.scale)
+
+    @classmethod
+    def read(cls, row: np.ndarray) -> "LocalFrame":
+        """Return what a row of a model's frames tells; a copy."""
+        return cls(row[CENTRE : CENTRE + 3].copy(), float(row[SCALE]))
+
+    def write(self, row: np.ndarray) -> None:
+        """Write the frame into a row of a model's frames."""
+        row[CENTRE : CENTRE + 3], row[SCALE] = self.centre, self.scale
+
+
+def local_frame(lower: np.ndarray, upper: np.ndarray) -> LocalFrame:
+    """Return the local frame of a box.
+
+    Parameters
+    ----------
+    lower, upper : (3,) float64, m
+        Corners of the box.
+
+    Raises
+    ------
+    MeshError
+        If the box is so large, or so small, that squared lengths leave float64.
+    """
+    largest = float(np.maximum(np.abs(lower), np.abs(upper)).max())
+    extent = float((upper - lower).max())
+    if largest > LARGEST_COORDINATE or 0.0 < extent < SMALLEST_SIZE:
+        raise MeshError(
+            f"the part reaches to {largest:.3g} m and is {extent:.3g} m long; coordinates up to "
+            f"{LARGEST_COORDINATE:g} m and sizes from {SMALLEST_SIZE:g} m can be computed with"
+        )
+    middle = 0.5 * lower + 0.5 * upper
+    grain = 2.0 ** np.ceil(np.log2(extent)) if extent > 0.0 else largest
+    # Nearer to the origin than two sizes the difference could round; farther, all bits of it fit.
+    is_off = np.abs(middle) >= 2.0 * grain
+    centre = np.where(is_off, np.rint(middle / grain) * grain if grain > 0.0 else middle, 0.0)
+    if extent == 0.0:
+        centre = lower.copy()
+    reach = float(np.maximum(np.abs(lower - centre), np.abs(upper - centre)).max())
+    scale = 2.0 ** -np.ceil(np.log2(reach)) if reach > 0.0 else 1.0
+    return LocalFrame(centre, float(scale))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bvh:
+    """An eight-wide tree over triangles, in their local frame."""
+
+    nodes: np.ndarray  # (M * NODE_STRIDE,) float32
+    blocks: np.ndarray  # (B * BLOCK_STRIDE,) float64
+    slot_faces: np.ndarray  # (B * LANES,) int32, NO_FACE in unused lanes
+
+    @property
+    def node_count(self) -> int:
+        """Inner nodes."""
+        return len(self.nodes) // NODE_STRIDE
+
+    @property
+    def block_count(self) -> int:
+        """Leaves."""
+        return len(self.blocks) // BLOCK_STRIDE
+
+    def check(self, corners: np.ndarray, faces: np.ndarray) -> int:
+        """Assert that the tree holds together, and return its depth.
+
+        Every face lies in exactly one slot, every box contains what is below it, every node and leaf is
+        reached once, and the depth is within the walks' stack.
+
+        Parameters
+        ----------
+        corners : (K, 3) float64
+            Local coordinates.
+        faces : (F, 3) int32
+            Rows of *corners*.
+        """
+        used = self.slot_faces[self.slot_faces != NO_FACE]
+        assert np.array_equal(np.sort(used), np.arange(len(faces))), "every face lies in exactly one slot"
+        nodes = self.nodes.reshape(-1, NODE_STRIDE)
+        lower = nodes[:, :24].reshape(-1, 3, LANES)
+        upper = nodes[:, 24:48].reshape(-1, 3, LANES)
+        children = self.nodes.view(np.int32).reshape(-1, NODE_STRIDE)[:, CHILDREN : CHILDREN + LANES]
+        seen_nodes, seen_blocks = np.zeros(self.node_count, int), np.zeros(self.block_count, int)
+        deepest = 0
+        waiting = [(0, np.full(3, -np.inf), np.full(3, np.inf), 1)]
+        while waiting:
+            node, low, high, depth = waiting.pop()
+            deepest = max(deepest, depth)
+            seen_nodes[node] += 1
+            for lane in np.flatnonzero(lower[node, 0] <= upper[node, 0]):
+                box_low, box_high = lower[node, :, lane], upper[node, :, lane]
+                assert (box_low >= low).all() and (box_high <= high).all(), (
+                    "a child's box lies in its parent's"
+                )
+                child = children[node, lane]
+                if child >= 0:
+                    waiting.append((child, box_low, box_high, depth + 1))
+                    continue
+                seen_blocks[~child] += 1
+                held = self.slot_faces[LANES * ~child : LANES * ~child + LANES]
+                points = corners[faces[held[held != NO_FACE]]].reshape(-1, 3)
+                assert (points >= box_low).all() and (points <= box_high).all(), (
+                    "a leaf's box holds its faces"
+                )
+        assert (seen_nodes == 1).all() and (seen_blocks == 1).all(), "every node and leaf is reached once"
+        assert deepest <= MAX_DEPTH, "the depth is within the stack"
+        return deepest
+
+
+def build_bvh(corners: np.ndarray, faces: np.ndarray) -> Bvh:
+    """Return the tree over triangles.
+
+    Parameters
+    ----------
+    corners : (K, 3) float64
+        Local coordinates, within [-1, 1].
+    faces : (F, 3) int32
+        Rows of *corners*; at least one.
+
+    Notes
+    -----
+    Degenerate: any input gives a tree of bounded depth; runs that no plane separates are halved.
+    Cost: O(F log F); 0.15 s for 300 k faces.
+    Source: see `kernels.tree.builder`.
+    """
+    boxes = np.empty(RECORD * len(faces), np.float32)
+    face_boxes(corners, faces, boxes)
+    nodes, order, block_first = build_tree(boxes, FACES_SHIFT)
+    block_count = len(block_first) - 1
+    blocks = np.empty(block_count * BLOCK_STRIDE)
+    slot_faces = np.empty(block_count * LANES, np.int32)
+    fill_blocks(corners, faces, order, block_first, blocks, slot_faces)
+    return Bvh(nodes, blocks, slot_faces)

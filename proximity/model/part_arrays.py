@@ -1,0 +1,231 @@
+"""One part as plain arrays in its local frame, numbered from zero: what a model is put together of."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from proximity.kernels import layout
+from proximity.kernels.mesh.faces import thin_faces
+from proximity.kernels.mesh.normals import add_corner_normals
+from proximity.kernels.ray.self_intersections import DEPTH, passing_faces
+from proximity.kernels.sign.folded_faces import folded_faces
+from proximity.kernels.sign.inside_grid import build_grid
+from proximity.kernels.sign.winding_number import MOMENT_STRIDE, fill_moments
+from proximity.kernels.tree.normal_slab import fill_slabs
+from proximity.model.bvh import Bvh, LocalFrame, build_bvh, local_frame
+from proximity.system.aligned_memory import ALIGNMENT, aligned_empty
+
+CELLS_PER_FACE = 64
+FEWEST_CELLS = 512
+LARGEST_GRID = 2**18
+"""Cells of a sign grid; two bits each."""
+ROOM_TO_MOVE = 0.25
+"""How much of the scene's frame its parts take up at first: they can move that far before it must change."""
+SMALLEST_SHARE = 2.0**-8
+"""A part that is smaller than this share of its file gets a frame of its own, for tight boxes."""
+NO_GRID_CELLS = np.zeros(0, np.uint32)
+NO_FOLDS = np.zeros(0, np.uint8)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PartArrays:
+    """One part in its local frame, numbered from zero."""
+
+    frame: LocalFrame
+    bvh: Bvh
+    moments: np.ndarray  # (M * MOMENT_STRIDE,) float32
+    faces: np.ndarray  # (F, 3) int32, rows of corners
+    neighbors: np.ndarray  # (F, 3) int32
+    corners: np.ndarray  # (K, 3) float64, local
+    normals: np.ndarray  # (K, 3) float64, unit
+    lower: np.ndarray  # (3,) m, box
+    upper: np.ndarray  # (3,) m
+    sign: int = layout.SIGN_NONE
+    grid: np.ndarray = field(default_factory=lambda: NO_GRID_CELLS)  # uint32, packed states
+    grid_counts: tuple[int, int, int] = (0, 0, 0)
+    grid_lower: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    grid_rate: float = 0.0
+    folded: np.ndarray = field(default_factory=lambda: NO_FOLDS)  # (blocks,) uint8
+
+    @property
+    def size(self) -> float:
+        """Longest side of the part's box in its local frame."""
+        return float((self.upper - self.lower).max() * self.frame.scale)
+
+
+def part_arrays(
+    corners: np.ndarray, faces: np.ndarray, neighbors: np.ndarray, frame: LocalFrame | None = None
+) -> PartArrays:
+    """Return the arrays of one part, with no sign chosen yet.
+
+    Parameters
+    ----------
+    corners : (K, 3) float64, m
+        One row a position.
+    faces : (F, 3) int32
+        Rows of *corners*.
+    neighbors : (F, 3) int32
+        As `topology.Topology.neighbors`.
+    frame : LocalFrame
+        To share with other parts; one of its own where not given, or where that would be coarse.
+    """
+    lower, upper = corners.min(axis=0), corners.max(axis=0)
+    if frame is None or float((upper - lower).max()) * frame.scale < SMALLEST_SHARE:
+        frame = local_frame(lower, upper)
+    local = np.ascontiguousarray(frame.of(corners))
+    bvh = build_bvh(local, faces)
+    normals = np.zeros_like(local)
+    add_corner_normals(local, faces, normals)
+    moments = moments_of(bvh)
+    fill_slabs(bvh.nodes, bvh.blocks, 0, bvh.node_count, moments, 0)
+    return PartArrays(frame, bvh, moments, faces, neighbors, local, normals, lower, upper)
+
+
+def moments_of(bvh: Bvh) -> np.ndarray:
+    """Return what the winding number needs of a tree, (M * MOMENT_STRIDE,) float32.
+
+    Parameters
+    ----------
+    bvh : Bvh
+        Of M nodes.
+    """
+    moments = np.empty(bvh.node_count * MOMENT_STRIDE, np.float32)
+    fill_moments(bvh.nodes, bvh.blocks, bvh.node_count, moments)
+    return moments
+
+
+def common_frame(lower: np.ndarray, upper: np.ndarray) -> LocalFrame:
+    """Return a frame for parts that go together, with room for them to move.
+
+    Parameters
+    ----------
+    lower, upper : (3,) float64, m
+        Corners of the box around all of them.
+    """
+    frame = local_frame(lower, upper)
+    return LocalFrame(frame.centre, frame.scale * ROOM_TO_MOVE)
+
+
+def with_sign(piece: PartArrays, sign: int, *, has_grid: bool) -> PartArrays:
+    """Return a part's arrays with its kind of sign and what that needs: folded faces, a sign grid.
+
+    Parameters
+    ----------
+    piece : PartArrays
+        Without.
+    sign : int
+        One of ``layout.SIGN_*``.
+    has_grid : bool
+        Whether the winding number is an integer everywhere.
+    """
+    piece = replace(piece, sign=sign)
+    if not has_grid and sign != layout.SIGN_PSEUDONORMAL:
+        return piece
+    tree = _tree(piece)
+    if sign == layout.SIGN_PSEUDONORMAL:
+        folded = folded_faces(piece.corners, piece.faces, piece.neighbors, piece.bvh.slot_faces, *tree)
+        piece = replace(piece, folded=folded | beside_thin_faces(piece))
+    if has_grid:
+        lower, upper = piece.corners.min(axis=0), piece.corners.max(axis=0)
+        wanted = min(max(CELLS_PER_FACE * len(piece.faces), FEWEST_CELLS), LARGEST_GRID)
+        rate, counts = grid_size(upper - lower, wanted)
+        grid = build_grid(piece.corners, piece.faces, lower, rate, *counts, *tree)
+        piece = replace(
+            piece, grid=grid, grid_counts=counts, grid_lower=tuple(lower.tolist()), grid_rate=rate
+        )
+    return piece
+
+
+def beside_thin_faces(piece: PartArrays) -> np.ndarray:
+    """Return which slots have faces as thin as a line, or with a corner of one, a bit each: (blocks,) uint8.
+
+    The normal of such a face is rounding, and so are the pseudo-normals of its edges and corners: there the
+    winding number tells the side. With such faces tessellation closes a surface where sides that were meshed
+    apart meet.
+    """
+    slot_faces = piece.bvh.slot_faces
+    is_thin = thin_faces(piece.corners, piece.faces, DEPTH * piece.size)
+    if not is_thin.any():
+        return np.zeros(piece.bvh.block_count, np.uint8)
+    is_corner_of_thin = np.zeros(len(piece.corners), dtype=bool)
+    is_corner_of_thin[piece.faces[is_thin]] = True
+    is_beside = is_corner_of_thin[piece.faces].any(axis=1)
+    return np.packbits((slot_faces >= 0) & is_beside[slot_faces], bitorder="little")
+
+
+def with_passing_faces(piece: PartArrays) -> PartArrays:
+    """Return a part's arrays where self-intersecting faces count as folded.
+
+    See `kernels.ray.self_intersections`.
+
+    Parameters
+    ----------
+    piece : PartArrays
+        With the sign of pseudo-normals.
+    """
+    passing = passing_faces(piece.corners, piece.faces, piece.neighbors, piece.bvh.slot_faces, *_tree(piece))
+    return replace(piece, folded=piece.folded | passing)
+
+
+def with_folds(piece: PartArrays, faces: np.ndarray) -> PartArrays:
+    """Return a part's arrays where these faces, and no others, count as folded.
+
+    Parameters
+    ----------
+    piece : PartArrays
+        With its sign.
+    faces : (K,) int32
+        Rows of its faces, as found in another tree over them.
+    """
+    if not len(piece.folded):
+        return piece
+    return replace(piece, folded=np.packbits(np.isin(piece.bvh.slot_faces, faces), bitorder="little"))
+
+
+def _tree(piece: PartArrays) -> tuple[np.ndarray, np.ndarray, int, int]:
+    """A part's tree as kernels take it: blocks, nodes and moments, where these two begin."""
+    words, starts = joined([piece.bvh.nodes, piece.moments], np.float32)
+    return piece.bvh.blocks, words, 0, starts[1]
+
+
+def grid_size(extent: np.ndarray, wanted: int) -> tuple[float, tuple[int, int, int]]:
+    """Return cells a unit of length, and how many along each axis, of a grid over a box.
+
+    Parameters
+    ----------
+    extent : (3,) float64
+        Of the box.
+    wanted : int
+        About how many cells in all.
+    """
+    shape = np.maximum(extent, extent.max() / 64.0)
+    if not shape.prod() > 0.0:
+        return 1.0, (1, 1, 1)
+    rate = float((wanted / shape.prod()) ** (1.0 / 3.0))
+    nx, ny, nz = (int(number) for number in np.floor(extent * rate) + 1)
+    return rate, (nx, ny, nz)
+
+
+def joined(pieces: list[np.ndarray], dtype: type) -> tuple[np.ndarray, list[int]]:
+    """Return *pieces* in one array, each on a cache line, and where each begins; their bits are kept.
+
+    Parameters
+    ----------
+    pieces : list of arrays
+        Of types as wide as *dtype*.
+    dtype : type
+        Of the result.
+    """
+    step = ALIGNMENT // np.dtype(dtype).itemsize
+    starts, end = [], 0
+    for piece in pieces:
+        starts.append(end)
+        end += -(-piece.size // step) * step
+    whole = aligned_empty(max(end, step), dtype)
+    filled = 0
+    for start, piece in zip(starts, pieces, strict=True):
+        whole[filled:start] = 0
+        filled = start + piece.size
+        whole[start:filled] = np.ascontiguousarray(piece).reshape(-1).view(dtype)
+    whole[filled:] = 0
+    return whole, starts

@@ -1,0 +1,316 @@
+"""Where the trees over the parts of a scene lie in its arrays, and how the static one is made.
+
+Behind the nodes of the parts a scene has one empty node, `STATIC_COPIES` places for a tree over the parts
+that stand still, and `REGION_COPIES` places for what changes when parts move: super node and loose tree. What
+a query may still be reading is never written to: the next copy is. A scene of one part has the empty node
+only.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from proximity.kernels import layout
+from proximity.kernels.layout import LANES, NODE_STRIDE
+from proximity.kernels.scene.dynamic_tree import bring_up_to_date
+from proximity.kernels.scene.static_tree import gather_entries, name_leaves, thin_out
+from proximity.kernels.tree.builder import ENTRIES_SHIFT, build_tree
+from proximity.kernels.tree.wide_node import clear_node
+from proximity.model.bvh import LocalFrame
+from proximity.model.part_arrays import ROOM_TO_MOVE, common_frame
+
+ENTRIES_PER_PART = 32
+FEWEST_ENTRIES = 256
+"""How far large parts are opened in a scene's tree. On 118 touching parts of 43 k faces rays and points take
+0.97 of the time that they take with 16. With 64 they take as long, and a tree over 120 parts takes 12 ms to
+make instead of 9."""
+STATIC_COPIES = 3
+REGION_COPIES = 8
+SMALLEST_REACH = ROOM_TO_MOVE / 16.0
+"""Parts that take up less of the scene's frame than this have boxes that are coarse."""
+NO_NODE = -1
+"""Root of a static tree over nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class TopPlan:
+    """Which nodes, and which words, are for the trees over parts."""
+
+    part_count: int
+    first_node: int  # an empty one
+    room: int  # nodes of a static tree; 0 for a scene of one part
+
+    @classmethod
+    def of(cls, parts: np.ndarray) -> "TopPlan":
+        """Return the plan that a model was made by; the scene's row has it.
+
+        Parameters
+        ----------
+        parts : (P + 1, PART_COLUMNS) int64
+            Of the model.
+        """
+        row = parts[-1]
+        return cls(len(parts) - 1, int(row[layout.FIRST_BLOCK]), int(row[layout.NODE_COUNT]))
+
+    def copies_of(self, parts: np.ndarray) -> tuple[int, int]:
+        """Return which copy of what moves a model uses, and which of the static tree.
+
+        Parameters
+        ----------
+        parts : (P + 1, PART_COLUMNS) int64
+            Of the model, complete.
+        """
+        if not self.room:
+            return 0, 0
+        row = parts[-1]
+        moving = int(row[layout.REGION] - self.region(0)) // self._region_nodes
+        return moving, int(row[layout.FACES] - self.entries_at(0)) // (NODE_STRIDE * self._static_nodes)
+
+    @property
+    def entry_room(self) -> int:
+        """Entries of a static tree and of the loose parts."""
+        return LANES * self.room + self.part_count
+
+    @property
+    def node_count(self) -> int:
+        """Nodes in all."""
+        if not self.room:
+            return 1
+        return 1 + STATIC_COPIES * self._static_nodes + REGION_COPIES * self._region_nodes
+
+    @property
+    def _static_nodes(self) -> int:
+        return self.room + -(-2 * self.entry_room // NODE_STRIDE)
+
+    @property
+    def _region_nodes(self) -> int:
+        """A super node, and the levels below it if all parts are loose."""
+        total, count = 1, self.part_count
+        while count >= LANES:
+            count = -(-count // LANES)
+            total += count
+        return total
+
+    def static_node(self, copy: int) -> int:
+        """Return the root of a copy of the static tree."""
+        return self.first_node + 1 + copy * self._static_nodes
+
+    def entries_at(self, copy: int) -> int:
+        """Return the first word of its entries."""
+        return NODE_STRIDE * (self.static_node(copy) + self.room)
+
+    def region(self, copy: int) -> int:
+        """Return the super node of a copy of what moves."""
+        if not self.room:
+            return self.first_node
+        return self.static_node(STATIC_COPIES) + copy * self._region_nodes
+
+
+def loose_rows(parts: np.ndarray) -> np.ndarray:
+    """Return the rows of the parts that are loose, (L,) int64.
+
+    Parameters
+    ----------
+    parts : (P + 1, PART_COLUMNS) int64
+        Of the model.
+    """
+    return np.flatnonzero(parts[:-1, layout.IS_LOOSE])
+
+
+def choose_frame(frames: np.ndarray, parts: np.ndarray, wanted: LocalFrame) -> None:
+    """Give the scene's row a frame that all parts fit, and say which parts are in that frame themselves.
+
+    Parameters
+    ----------
+    frames, parts
+        Of the model.
+    wanted : LocalFrame
+        Taken if it fits: parts that share it can be walked as one tree. Otherwise one with room to move.
+    """
+    scene = len(parts) - 1
+    lower, upper = frames[:scene, _BOX_LOWER].min(axis=0), frames[:scene, _BOX_UPPER].max(axis=0)
+    reach = np.maximum(np.abs(wanted.of(lower)), np.abs(wanted.of(upper))).max()
+    is_fit = scene == 1 or SMALLEST_REACH <= reach <= 1.0
+    frame = wanted if is_fit else common_frame(lower, upper)
+    frames[scene, layout.ROTATION : layout.CENTRE] = (1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0)
+    frame.write(frames[scene])
+    note_fused(frames, parts)
+
+
+def note_fused(frames: np.ndarray, parts: np.ndarray) -> None:
+    """Say which parts are in the scene's frame themselves, and whether all are.
+
+    Parameters
+    ----------
+    frames, parts
+        Of the model, with the scene's frame chosen.
+    """
+    scene = len(parts) - 1
+    is_alike = frames[:scene, : layout.SCALE + 1] == frames[scene, : layout.SCALE + 1]
+    is_still = parts[:scene, layout.IS_LOOSE] == 0
+    parts[:scene, layout.IS_FUSED] = is_alike.all(axis=1) & is_still
+    parts[scene, layout.IS_FUSED] = scene == 1 or parts[:scene, layout.IS_FUSED].all()
+
+
+def static_tree(
+    words: np.ndarray, frames: np.ndarray, parts: np.ndarray, first_node: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the tree over parts that are neither loose nor hidden.
+
+    Parameters
+    ----------
+    words : (W,) float32
+        The parts' nodes at least.
+    frames, parts
+        Of the model, with the scene's frame chosen.
+    first_node : int
+        Where its root is going to be.
+
+    Returns
+    -------
+    nodes : (N * NODE_STRIDE,) float32
+        Empty where nothing stands still.
+    entries : (E, 2) int32
+        Part and reference.
+    """
+    scene = len(parts) - 1
+    still_count = int((parts[:scene, [layout.IS_LOOSE, layout.IS_HIDDEN]] == 0).all(axis=1).sum())
+    if not still_count or scene == 1:
+        return np.zeros(0, np.float32), np.zeros((0, 2), np.int32)
+    target = max(FEWEST_ENTRIES, ENTRIES_PER_PART * still_count)
+    boxes, references = gather_entries(words, frames, parts, target)
+    nodes, order, _ = build_tree(boxes, ENTRIES_SHIFT)
+    references = references[order]
+    name_leaves(nodes, references, parts, first_node)
+    return nodes, references
+
+
+def write_static(
+    words: np.ndarray, parts: np.ndarray, copy: int, nodes: np.ndarray, entries: np.ndarray
+) -> bool:
+    """Put a static tree in its place; whether there is room. The only part of a scene needs none.
+
+    Parameters
+    ----------
+    words, parts
+        Of the model; the scene's row of *parts* is told.
+    copy : int
+        Which of the places.
+    nodes, entries
+        As `static_tree` returns them for that place.
+    """
+    plan = TopPlan.of(parts)
+    if not plan.room:
+        return True
+    if len(nodes) > NODE_STRIDE * plan.room or len(entries) > LANES * plan.room:
+        return False
+    words[NODE_STRIDE * plan.static_node(copy) :][: len(nodes)] = nodes
+    row = parts[-1]
+    row[layout.CORNER_COUNT], row[layout.BLOCK_COUNT] = len(entries), len(nodes) // NODE_STRIDE
+    row[layout.NEIGHBORS] = plan.static_node(copy) if len(nodes) else NO_NODE
+    _write_entries(words, parts, copy, entries.reshape(-1).view(np.float32))
+    return True
+
+
+def thin_static(words: np.ndarray, parts: np.ndarray, copy: int) -> None:
+    """Put the static tree, without the parts that have become loose or hidden, in another place.
+
+    Parameters
+    ----------
+    words, parts
+        Of the model; the scene's row of *parts* is told.
+    copy : int
+        Which of the places.
+    """
+    row, target = parts[-1], TopPlan.of(parts).static_node(copy)
+    entries_at, root = row[layout.FACES], row[layout.NEIGHBORS]
+    entries = words[entries_at : entries_at + 2 * row[layout.CORNER_COUNT]]
+    if root != NO_NODE:
+        is_left = thin_out(words, parts, root, row[layout.BLOCK_COUNT], target, entries_at)
+        row[layout.NEIGHBORS] = target if is_left else NO_NODE
+    row[layout.IS_FUSED] = parts[:-1, layout.IS_FUSED].all()
+    _write_entries(words, parts, copy, entries)
+
+
+def _write_entries(words: np.ndarray, parts: np.ndarray, copy: int, entries: np.ndarray) -> None:
+    """Write the entries of a static tree, and behind them those of loose parts, which stand whole."""
+    at, loose = TopPlan.of(parts).entries_at(copy), loose_rows(parts)
+    whole = np.stack((loose, parts[loose, layout.ROOT]), axis=1).astype(np.int32)
+    words[at : at + len(entries)] = entries
+    words[at + len(entries) :][: whole.size] = whole.reshape(-1).view(np.float32)
+    parts[-1, layout.FACES] = at
+
+
+def write_moving(
+    words: np.ndarray, frames: np.ndarray, parts: np.ndarray, region: int, order: np.ndarray, steps: int
+) -> float:
+    """Write what follows from where parts are: boxes, the scene's row, the loose tree; how far they reach.
+
+    Parameters
+    ----------
+    words, frames, parts
+        Of the model, with its static tree.
+    region : int
+        Where the super node is going to be.
+    order : (L,) int64
+        Places of the loose parts in `loose_rows`, along the curve.
+    steps : int
+        By which the order is mended at most.
+    """
+    loose = loose_rows(parts)
+    versions, boxes = np.zeros(len(parts), np.int64), np.zeros((len(parts) - 1, 6), np.float32)
+    never = -1
+    reach = bring_up_to_date(
+        words, frames, parts, versions, never, boxes, loose, order, np.empty(len(loose), np.int64), steps,
+        region, never, frames, parts,
+    )  # fmt: skip
+    return float(reach)
+
+
+def loose_order(words: np.ndarray, parts: np.ndarray) -> np.ndarray | None:
+    """Return the places of the loose parts along the curve, (L,) int64; None where not each of them has one.
+
+    Parameters
+    ----------
+    words, parts
+        Of a model, complete.
+    """
+    loose, region = loose_rows(parts), int(parts[-1, layout.REGION])
+    places = np.arange(len(loose))
+    if not TopPlan.of(parts).room:
+        return places
+    # Fewer than eight are in the super node, beside the static tree.
+    node, lane = (
+        (region, places + 1) if len(loose) < LANES else (region + 1 + places // LANES, places % LANES)
+    )
+    listed = words[NODE_STRIDE * node + layout.PARTS_OF_LANES + lane].view(np.int32)
+    return np.searchsorted(loose, listed) if np.array_equal(np.sort(listed), loose) else None
+
+
+def rewrite_entries(words: np.ndarray, parts: np.ndarray, copy: int) -> None:
+    """Write the entries of loose parts anew, behind those of the static tree, which stay.
+
+    Parameters
+    ----------
+    words, parts
+        Of the model.
+    copy : int
+        Of the static tree.
+    """
+    at = TopPlan.of(parts).entries_at(copy)
+    _write_entries(words, parts, copy, words[at : at + 2 * parts[-1, layout.CORNER_COUNT]])
+
+
+def clear_first(words: np.ndarray, parts: np.ndarray) -> None:
+    """Make the first of the nodes for trees over parts the empty one.
+
+    Parameters
+    ----------
+    words, parts
+        Of the model.
+    """
+    clear_node(words, TopPlan.of(parts).first_node)
+
+
+_BOX_LOWER = slice(layout.BOX_LOWER, layout.BOX_LOWER + 3)
+_BOX_UPPER = slice(layout.BOX_UPPER, layout.BOX_UPPER + 3)

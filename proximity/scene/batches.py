@@ -1,0 +1,195 @@
+"""Many rows asked in slices: Ctrl-C is answered at the end of a slice, whatever the batch takes.
+
+Compiled code cannot be interrupted. How a batch is cut changes no answer.
+"""
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from threading import Event
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from proximity.errors import QueryError
+from proximity.kernels.geometry.morton_order import SORT_FROM
+
+CHUNKS_PER_WORKER = 4
+SMALLEST_CHUNK = 1024
+BLOCK = 1 << 20
+"""Rows that are sorted together, which takes some 30 ms: more can be interrupted in between."""
+SLICE_SECONDS = 0.04
+"""What a slice should take. At its end it waits for the interpreter lock: 5 ms where others are busy."""
+LARGEST_SLICE = 1 << 16
+"""Rows; where searches suddenly take a hundred times as long, so does one slice."""
+SMALLEST_FIRST = 16
+GROWTH = 4
+"""How many times as long as the one before a slice is at most."""
+FIRST_BYTES = 1 << 30
+"""Bytes of a model times rows of the first slice: at the centre of a sphere, where a search looks at every
+face, some 100 bytes in 15 ns, that slice takes 0.2 s."""
+
+IN_ORDER = np.empty(0, np.int64)
+"""The order of rows that are asked as they come."""
+
+Ask = Callable[..., Any]
+OrderOf = Callable[..., np.ndarray]
+
+
+def worker_count(workers: Any, kind: str = "threads") -> int:
+    """Return how many workers of that kind are meant.
+
+    Parameters
+    ----------
+    workers : int
+        1 or more; -1 for all cores.
+    kind : str
+        What they are, for the message.
+
+    Raises
+    ------
+    QueryError
+        If *workers* is no such number.
+    """
+    if (
+        isinstance(workers, bool)
+        or not isinstance(workers, (int, np.integer))
+        or workers == 0
+        or workers < -1
+    ):
+        raise QueryError(f"workers is {workers!r}, expected a number of {kind}, or -1 for all cores")
+    return (os.cpu_count() or 1) if workers == -1 else int(workers)
+
+
+def first_slice(model_bytes: int) -> int:
+    """Return how many rows to ask at first, of points or segments, which may be anywhere.
+
+    Parameters
+    ----------
+    model_bytes : int
+        Of what is asked.
+    """
+    return min(max(SMALLEST_FIRST, FIRST_BYTES // model_bytes), LARGEST_SLICE)
+
+
+def run_batch(
+    ask: Ask,
+    arrays: list[np.ndarray],
+    workers: Any,
+    order_of: OrderOf | None,
+    size: int = LARGEST_SLICE,
+) -> list[tuple[int, Any]]:
+    """Ask for all rows, sorted if there are many, on as many threads as wanted.
+
+    Parameters
+    ----------
+    ask : callable
+        Given an order and the arrays, or a slice of each, asks for the rows of that number, or for all as
+        they come where the order is empty.
+    arrays : list of array
+        What *ask* takes, N rows each; one that has a single row stands for all.
+    workers : int
+        Threads; -1 for all cores.
+    order_of : callable or None
+        Given the arrays, or a slice of each, the order to take their rows in; None: as they come.
+    size : int
+        Rows of the first slice.
+
+    Returns
+    -------
+    list of tuple
+        For each slice, the first row that it was cut from, and what *ask* has returned.
+
+    Raises
+    ------
+    QueryError
+        If *workers* is no number of threads.
+    """
+    thread_count = worker_count(workers)
+    count = len(arrays[0])
+    if count < SORT_FROM:
+        return [(0, ask(IN_ORDER, *arrays))]
+    if thread_count > 1 and count >= 2 * SMALLEST_CHUNK:
+        return _run_on_threads(ask, arrays, thread_count, order_of, size)
+    if count <= size:
+        return [(0, ask(order_of(*arrays) if order_of else IN_ORDER, *arrays))]
+    answers = []
+    for first in range(0, count, BLOCK):
+        block = Block(first, _cut(arrays, first, first + BLOCK), order_of)
+        answers += block.ask(ask, 0, block.count, size)
+    return answers
+
+
+def _run_on_threads(
+    ask: Ask, arrays: list[np.ndarray], thread_count: int, order_of: OrderOf | None, size: int
+) -> list[tuple[int, Any]]:
+    answers = []
+    is_over = Event()
+    with ThreadPoolExecutor(thread_count) as pool:
+        try:
+            for first in range(0, len(arrays[0]), BLOCK):
+                block = Block(first, _cut(arrays, first, first + BLOCK), order_of)
+                step = max(SMALLEST_CHUNK, -(-block.count // (thread_count * CHUNKS_PER_WORKER)))
+                chunks = [
+                    pool.submit(block.ask, ask, at, min(at + step, block.count), size, is_over)
+                    for at in range(0, block.count, step)
+                ]
+                for chunk in chunks:
+                    answers += chunk.result()
+        finally:
+            is_over.set()  # whoever is interrupted here has the threads stop, and waits for that
+    return answers
+
+
+def _cut(arrays: list[np.ndarray], first: int, last: int) -> list[np.ndarray]:
+    return [array[first:last] if len(array) > 1 else array for array in arrays]
+
+
+class Block:
+    """Rows that are sorted together.
+
+    Parameters
+    ----------
+    first : int
+        How many rows are before them.
+    arrays : list of array
+        Theirs alone.
+    order_of : callable or None
+        See `run_batch`.
+    """
+
+    def __init__(self, first: int, arrays: list[np.ndarray], order_of: OrderOf | None) -> None:
+        self._first, self._arrays = first, arrays
+        self._order = order_of(*arrays) if order_of else None
+        self.count = len(arrays[0])
+
+    def ask(
+        self, ask: Ask, at: int, last: int, size: int, is_over: Event | None = None
+    ) -> list[tuple[int, Any]]:
+        """Ask for rows *at* to *last*, in slices.
+
+        Parameters
+        ----------
+        ask : callable
+            See `run_batch`.
+        at, last : int
+            Of the order, or of the rows where there is none.
+        size : int
+            Rows of the first slice.
+        is_over : Event or None
+            Set where no more slices are wanted.
+        """
+        answers = []
+        while at < last and not (is_over and is_over.is_set()):
+            count = min(size, last - at)
+            begun = perf_counter()
+            if self._order is None:
+                answer = ask(IN_ORDER, *_cut(self._arrays, at, at + count))
+                answers.append((self._first + at, answer))
+            else:
+                answers.append((self._first, ask(self._order[at : at + count], *self._arrays)))
+            seconds = max(perf_counter() - begun, 1e-9)
+            size = max(1, min(GROWTH * count, int(count * SLICE_SECONDS / seconds), LARGEST_SLICE))
+            at += count
+        return answers

@@ -1,0 +1,159 @@
+"""New corners for a part of a model, in place: its tree is refitted, not rebuilt.
+
+What changes: corners, leaf blocks, boxes, corner normals, moments, the part's own box, and its local frame
+where the old one no longer fits. Faces, neighbours, slots and the shape of the tree stay. The tree over the
+parts is left to the caller.
+"""
+
+import numpy as np
+
+from proximity.arrays import as_float64
+from proximity.errors import MeshError
+from proximity.kernels import layout
+from proximity.kernels.sign.inside_grid import CROSSED
+from proximity.kernels.tree.refit import NO_ROW, UNUSED, refit_part, survey_vertices
+from proximity.model.assembly import Model
+from proximity.model.bvh import LARGEST_COORDINATE, SMALLEST_SIZE, LocalFrame, local_frame
+from proximity.model.part_arrays import SMALLEST_SHARE
+from proximity.scene.solid import Solid
+
+FARTHEST = LARGEST_COORDINATE / 4.0
+"""m, for one coordinate: the part may be turned, and moved as far as a part may be."""
+INSIDE_OUT = 1e-12
+"""Rounding of the enclosed volume, in areas times sizes of the local frame: a volume further below zero is
+negative."""
+ROOM_IN_GRID = 1.0 + 2.0**-20
+
+
+def deform_part(model: Model, row: int, solid: Solid, vertices: object, name: str) -> Solid:
+    """Write new vertices into a part of *model*; return the solid that has them.
+
+    *solid*, the part as it was, keeps its shape: if its arrays were these, it is made anew when next asked.
+    The part's box in the scene and the tree over the parts are out of date afterwards.
+
+    Parameters
+    ----------
+    model : Model
+        Of a scene; changed in place.
+    row : int
+        Of the part.
+    solid : Solid
+        The part.
+    vertices : (V, 3) float64, m, part's frame
+        One for each of ``solid.mesh.vertices``.
+    name : str
+        Of the part, for messages.
+
+    Raises
+    ------
+    MeshError
+        If they cannot be used; nothing is changed then.
+    """
+    assert model.reals.flags.writeable and model.words.flags.writeable, "what is deformed is not shared"
+    count = solid.mesh.vertex_count
+    shape = f"({count}, 3)"
+    array = as_float64(
+        vertices, f"vertices of part {name!r}", error=MeshError, expected=f"numbers of shape {shape}"
+    )
+    if array.shape != (count, 3):
+        raise MeshError(f"vertices of part {name!r} have shape {array.shape}, expected {shape}, as its mesh")
+    if solid._leaders is None:
+        solid._leaders = _leaders(solid.mesh.faces, _faces_of(model, row), count)
+    kept, box = np.empty((count, 3)), np.empty(6)
+    bad = survey_vertices(array, solid._leaders, FARTHEST, kept, box)
+    if bad != NO_ROW:
+        raise MeshError(_why_not(kept, solid._leaders, bad, name))
+    lower, upper = box[:3], box[3:]
+    extent = float((upper - lower).max())
+    if 0.0 < extent < SMALLEST_SIZE:
+        raise MeshError(f"part {name!r} would be {extent:.3g} m long, expected 0 or from {SMALLEST_SIZE:g} m")
+
+    before, normals = model.frames[row].copy(), _normals_of(model, row)
+    normals_before = normals.copy()
+    _frame_for(before, lower, upper).write(model.frames[row])
+    area, volume = refit_part(model.handle, row, kept, solid._leaders)
+    is_closed = model.parts[row, layout.GRID] != layout.NO_GRID
+    if is_closed and volume < -INSIDE_OUT * area:
+        model.frames[row] = before
+        # A copy, since kernels are compiled for arrays that can be written.
+        refit_part(model.handle, row, solid.mesh.vertices.copy(), solid._leaders)
+        normals[:] = normals_before  # to the bit: they had been added in another order
+        raise MeshError(
+            f"part {name!r} would be turned inside out: its faces would enclose less than nothing"
+        )
+    solid._let_go(model, row, before)
+    model.frames[row, layout.OWN_LOWER : layout.OWN_LOWER + 3] = lower
+    model.frames[row, layout.OWN_UPPER : layout.OWN_UPPER + 3] = upper
+    if is_closed:
+        _ask_the_surface(model, row, lower, extent)
+    return solid._deformed(kept, model.part_alone(row))
+
+
+def _faces_of(model: Model, row: int) -> np.ndarray:
+    """The part's faces as rows of corners, (F, 3) int32."""
+    at, count = model.parts[row, layout.FACES], 3 * model.parts[row, layout.FACE_COUNT]
+    faces: np.ndarray = model.words[at : at + count].view(np.int32).reshape(-1, 3)
+    return faces
+
+
+def _normals_of(model: Model, row: int) -> np.ndarray:
+    """The part's corner normals, one after the other."""
+    at = model.parts[row, layout.CORNER_NORMALS]
+    return model.reals[at : at + 3 * model.parts[row, layout.CORNER_COUNT]]
+
+
+def _leaders(faces: np.ndarray, corner_faces: np.ndarray, vertex_count: int) -> np.ndarray:
+    """Of each vertex the first one at the same position, (V,) int32; `UNUSED` where no face has it."""
+    corner = np.full(vertex_count, UNUSED, np.int32)
+    corner[faces.ravel()] = corner_faces.ravel()
+    used = np.flatnonzero(corner != UNUSED)
+    first = np.empty(int(corner.max()) + 1, np.int32)
+    first[corner[used[::-1]]] = used[::-1]  # of several the last one stays
+    assert (np.diff(first) > 0).all(), "corners are numbered in the order of their first vertices"
+    return np.where(corner == UNUSED, np.int32(UNUSED), first[corner])
+
+
+def _why_not(vertices: np.ndarray, leaders: np.ndarray, row: int, name: str) -> str:
+    """What is wrong with the first vertex that cannot be used."""
+    place = _place(vertices[row])
+    if not np.isfinite(vertices[row]).all():
+        return f"vertex {row} of part {name!r} would be at {place}, expected finite coordinates"
+    if np.abs(vertices[row]).max() > FARTHEST:
+        return (
+            f"vertex {row} of part {name!r} would be at {place}, "
+            f"expected coordinates up to {FARTHEST:g} m, which can be computed with"
+        )
+    return (
+        f"vertices {leaders[row]} and {row} of part {name!r} are one corner, but would be at "
+        f"{_place(vertices[leaders[row]])} and {place}: that tears the surface, expected one place for both"
+    )
+
+
+def _place(point: np.ndarray) -> str:
+    return "(" + ", ".join(f"{value:.6g}" for value in point.tolist()) + ")"
+
+
+def _frame_for(row: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> LocalFrame:
+    """The part's frame, where the box lies well in it; else one of its own."""
+    frame = LocalFrame.read(row)
+    centre = frame.centre
+    low, high = frame.of(lower), frame.of(upper)
+    is_held = bool(max(np.abs(low).max(), np.abs(high).max()) <= 1.0)
+    # A difference does not round between half and twice the centre (Sterbenz).
+    way, off = np.sign(centre), np.abs(centre)
+    near, far = np.minimum(way * lower, way * upper), np.maximum(way * lower, way * upper)
+    is_exact = bool((near >= 0.5 * off).all() and (far <= 2.0 * off).all())
+    if is_held and is_exact and float((high - low).max()) >= SMALLEST_SHARE:
+        return frame
+    return local_frame(lower, upper)
+
+
+def _ask_the_surface(model: Model, row: int, lower: np.ndarray, extent: float) -> None:
+    """Make the sign grid one cell that the surface crosses: within the box, the nearest face tells."""
+    part, frame = model.parts[row], model.frames[row]
+    scale = frame[layout.SCALE]
+    model.words[part[layout.GRID] :][:1].view(np.int32)[0] = CROSSED
+    part[[layout.GRID_X, layout.GRID_Y, layout.GRID_Z]] = 1
+    local = (lower - frame[layout.CENTRE : layout.CENTRE + 3]) * scale
+    frame[layout.GRID_LOWER : layout.GRID_LOWER + 3] = local
+    frame[layout.GRID_RATE] = 1.0 / (extent * scale * ROOM_IN_GRID) if extent > 0.0 else 1.0

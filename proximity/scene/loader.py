@@ -1,0 +1,165 @@
+"""Files to scenes."""
+
+import os
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from proximity.errors import MeshError, PoseError
+from proximity.formats import (
+    STEP_TOLERANCE,
+    UNPACKED_LIMIT,
+    Geometry,
+    metres_per_unit,
+    read_geometries,
+    size_notes,
+)
+from proximity.scene.part import Part, parts_of_mesh
+from proximity.scene.saved.archive import is_archive
+from proximity.scene.saved.compiled_scene import read_scene
+from proximity.scene.scene import LoadReport, Scene
+
+
+def load(
+    path: str | os.PathLike[str],
+    *,
+    units: str = "mm",
+    step_tolerance: float = STEP_TOLERANCE,
+    unpacked_limit: float = UNPACKED_LIMIT,
+) -> Scene:
+    """Return the scene in a file: STL, OBJ, PLY, OFF, glTF, GLB, 3MF or STEP, or one that `Scene.save` wrote.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    units : str
+        Of its coordinates, where the file declares none: "mm", "m", "in", ...; ``scene.report`` says which.
+    step_tolerance : m
+        How far triangles may leave the curved surfaces of a STEP file; distances are exact to the triangles.
+        ``scene.report`` repeats it.
+    unpacked_limit : bytes
+        What a 3MF file, which is an archive, may unpack to.
+
+    Returns
+    -------
+    Scene
+        In metres. Names and poses are the file's; a part that is several bodies is split.
+
+    Raises
+    ------
+    MeshFormatError
+        If the file is missing, damaged, or not what it claims; it is never partly read.
+    MeshError
+        If what is in it cannot be used, *units* are unknown, or an option is out of range.
+
+    Notes
+    -----
+    Vertices at equal positions are welded, near ones only where that closes a body; faces without area and
+    exact duplicates are dropped. ``part.repairs`` counts what was done, ``part.source_faces`` leads back to
+    the file's faces. Of parts with a size that is not likely, ``scene.report.notes`` names the likely unit.
+
+    A saved scene is mapped, not read: it opens at the speed of a glance over its bytes, shares memory with
+    other processes that have it open, and must not be changed in place meanwhile; saving again replaces it,
+    which is no such change. It is recognised by its first bytes, whatever its name is. *units* do not matter
+    to it, and ``report`` is that of the file which it was made of.
+    """
+    if is_archive(path):
+        metres_per_unit(units)  # refuses what is no unit, as for any file
+        return _compiled_scene(os.fsdecode(path))
+    contents = read_geometries(
+        path, units=units, step_tolerance=step_tolerance, unpacked_limit=unpacked_limit
+    )
+    report = LoadReport(
+        contents.path, contents.format, contents.units, contents.units_declared, contents.notes
+    )
+    return scene_of(contents.geometries, os.fspath(path), report)
+
+
+def scene_of(geometries: Iterable[Geometry], origin: str, report: LoadReport) -> Scene:
+    """Return the scene of meshes in their places, split into bodies.
+
+    Parameters
+    ----------
+    geometries : iterable of Geometry
+        At least one; those that share their arrays share their trees.
+    origin : str
+        Where they came from, for messages.
+    report : LoadReport
+        Of the scene.
+
+    Raises
+    ------
+    MeshError
+        If what they hold cannot be used.
+    """
+    parts: list[Part] = []
+    first_of: dict[tuple[int, int], tuple[Geometry, list[Part]]] = {}
+    for geometry in geometries:
+        arrays = id(geometry.vertices), id(geometry.faces)
+        if arrays not in first_of:
+            first_of[arrays] = geometry, _bodies(geometry, origin)
+        first, bodies = first_of[arrays]
+        # A part that stands in many places is looked through and given its tree once.
+        parts += [
+            replace(body, name=geometry.name + body.name.removeprefix(first.name), pose=geometry.pose)
+            for body in bodies
+        ]
+    try:
+        scene = Scene(_with_own_names(parts), report=report)
+    except PoseError as unfit:
+        raise MeshError(f"{origin}: {unfit}") from unfit
+    scene.report = replace(report, notes=(*report.notes, *notes_on_sizes(scene)))
+    return scene
+
+
+def notes_on_sizes(scene: Scene) -> list[str]:
+    """Return the sentence of ``scene.report`` about parts of unlikely size, if there is one.
+
+    Parameters
+    ----------
+    scene : Scene
+        From a file.
+    """
+    assert scene.report is not None, "a scene read from a file has a report"
+    lower, upper = scene.bounds
+    with np.errstate(over="ignore"):
+        whole = float((upper - lower).max())
+    sides = scene.part_sizes.max(axis=1).tolist()
+    named = [(part.name, side) for part, side in zip(scene.parts, sides, strict=True)]
+    return size_notes(named, whole, scene.report.units, scene.report.units_declared)
+
+
+def _bodies(geometry: Geometry, origin: str) -> list[Part]:
+    try:
+        return parts_of_mesh(
+            geometry.vertices, geometry.faces, source_faces=geometry.source_faces, name=geometry.name
+        )
+    except MeshError as unusable:
+        raise type(unusable)(f"{origin}, part {geometry.name!r}: {unusable}") from unusable
+
+
+def _compiled_scene(path: str) -> Scene:
+    scene = Scene._from_compiled(read_scene(path))
+    if scene.report is None:
+        scene.report = LoadReport(path, "compiled scene", "m", True, ())
+        scene.report = replace(scene.report, notes=tuple(notes_on_sizes(scene)))
+    return scene
+
+
+def _with_own_names(parts: list[Part]) -> list[Part]:
+    """Number the later of parts that would share a name, as a file's "a.1" and the first body of its "a"."""
+    taken: set[str] = set()
+    renamed: list[Any] = []
+    for part in parts:
+        name, number = part.name, 1
+        while name in taken:
+            number += 1
+            name = f"{part.name}#{number}"
+        taken.add(name)
+        renamed.append(
+            part if name == part.name else Part(name, part.solid, part.pose, part.source_faces, part.repairs)
+        )
+    return renamed

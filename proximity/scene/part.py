@@ -1,0 +1,114 @@
+"""A solid in a scene: name, place, how it moves and answers a touch; and the bodies of a mesh as parts."""
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from proximity.arrays import refuse_trimesh
+from proximity.bodies import Repairs, split_bodies
+from proximity.errors import SceneError
+from proximity.model.part_arrays import common_frame
+from proximity.pose import Pose
+from proximity.scene.part_motion import checked_matrix, checked_surface, checked_velocity
+from proximity.scene.solid import Solid
+
+NO_REPAIRS = Repairs(0, 0, 0.0, 0, 0, 0, False)
+NO_VELOCITY = np.zeros(3)
+NO_VELOCITY.flags.writeable = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """A solid with a name, a place in the scene, and the way back to where its faces came from.
+
+    ``pose`` is world_from_part. ``velocity``, m/s, is that of the part's origin, ``angular_velocity``, rad/s,
+    about it, both in the scene's frame. ``source_faces`` has, for each row of ``solid.mesh.faces``, the row
+    of the file's or the caller's faces; ``repairs`` counts what was mended on the way. A part with
+    ``is_hidden`` is found by no question. ``stiffness``, N/m, and ``damping``, N s/m, are of a part that
+    gives way; a ``stiffness`` of None is rigid.
+    """
+
+    name: str
+    solid: Solid
+    pose: Pose  # world_from_part; a scene takes a (4, 4) matrix as well
+    source_faces: np.ndarray  # (F,) int32, row of the caller's faces, or of the file's
+    repairs: Repairs = NO_REPAIRS  # what was mended on the way
+    velocity: np.ndarray = field(default_factory=lambda: NO_VELOCITY)  # (3,) m/s, of its origin, in the scene
+    angular_velocity: np.ndarray = field(default_factory=lambda: NO_VELOCITY)  # (3,) rad/s, about its origin
+    is_hidden: bool = False  # no question finds it
+    stiffness: float | None = None  # N/m; None: rigid
+    damping: float = 0.0  # N s/m, of a part that is not rigid
+
+    def __repr__(self) -> str:
+        return f"Part({self.name!r}, {self.solid.mesh.face_count} faces)"
+
+
+def checked_part(given: Any) -> Part:
+    """Return a part to put into a scene, with everything that a user may have set looked at.
+
+    Parameters
+    ----------
+    given : Part or Solid
+        A `Solid` becomes a part at the identity pose.
+
+    Raises
+    ------
+    SceneError
+        If it is neither, or its velocities, surface or repairs are none.
+    PoseError
+        If its pose is no rigid transform, or goes too far.
+    """
+    part = _as_part(given)
+    checked_matrix(part.name, part.pose)
+    if not isinstance(part.repairs, Repairs):
+        raise SceneError(f"repairs of part {part.name!r} are {part.repairs!r}, expected Repairs")
+    stiffness, damping = checked_surface(part.name, part.stiffness, part.damping)
+    velocity = checked_velocity(part.name, part.velocity, "velocity", "m/s")
+    angular_velocity = checked_velocity(part.name, part.angular_velocity, "angular_velocity", "rad/s")
+    velocity.flags.writeable = angular_velocity.flags.writeable = False
+    return replace(
+        part,
+        velocity=velocity,
+        angular_velocity=angular_velocity,
+        is_hidden=bool(part.is_hidden),
+        stiffness=stiffness,
+        damping=damping,
+    )
+
+
+def _as_part(part: Any) -> Part:
+    if isinstance(part, Part):
+        if not isinstance(part.solid, Solid):
+            raise SceneError(f"part {part.name!r} holds a {type(part.solid).__name__}, expected a Solid")
+        return part if isinstance(part.pose, Pose) else replace(part, pose=Pose.of(part.pose))
+    if isinstance(part, Solid):
+        rows = np.arange(part.mesh.face_count, dtype=np.int32)
+        rows.flags.writeable = False
+        return Part(part.name, part, Pose(), rows)
+    refuse_trimesh(part, SceneError)
+    raise SceneError(f"a scene is made of Part and Solid, not of {type(part).__name__}")
+
+
+def parts_of_mesh(vertices: Any, faces: Any, *, source_faces: Any = None, name: str = "mesh") -> list[Part]:
+    """Return the bodies of a mesh as parts.
+
+    Parameters
+    ----------
+    vertices, faces
+        As `Scene.from_mesh`.
+    source_faces : (F,) integers
+        What the rows of *faces* are called outside; their numbers where not given.
+    name : str
+        Of the part; several bodies are numbered from 1.
+    """
+    bodies = split_bodies(vertices, faces, source_faces)
+    lower = np.min([body.mesh.vertices.min(axis=0) for body in bodies], axis=0)
+    upper = np.max([body.mesh.vertices.max(axis=0) for body in bodies], axis=0)
+    frame = common_frame(lower, upper) if len(bodies) > 1 else None
+    parts = []
+    for number, body in enumerate(bodies, start=1):
+        own = name if len(bodies) == 1 else f"{name}.{number}"
+        solid = Solid(body.mesh.vertices, body.mesh.faces, name=own, frame=frame)
+        parts.append(Part(own, solid, Pose(), body.source_faces, body.repairs))
+    return parts

@@ -1,0 +1,212 @@
+"""What a caller says about how parts move and how they answer a touch, checked at the door."""
+
+from typing import Any
+
+import numpy as np
+
+from proximity.arrays import as_float64, is_ready
+from proximity.errors import PoseError, SceneError
+from proximity.model.moving_models import FARTHEST_MOVE, FASTEST_MOVE, first_unfit_move
+from proximity.pose import Pose, quaternion_hint
+
+NO_VELOCITIES = np.zeros((0, 3))
+"""Stands for zero velocities of all parts that are moved."""
+
+
+def checked_moves(
+    names: list[str], poses: Any, velocities: Any, angular_velocities: Any
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return matrices (K, 4, 4) and both velocities (K, 3), or (0, 3), for parts of those names.
+
+    Parameters
+    ----------
+    names : list of str
+        K names, for messages.
+    poses : (K, 4, 4) array-like, or a list of Pose
+        ``world_from_part``.
+    velocities, angular_velocities : (K, 3) array-like, or None
+        m/s and rad/s.
+
+    Raises
+    ------
+    PoseError
+        If some pose is no rigid transform, or goes too far.
+    SceneError
+        If velocities are not finite or too fast, or not as many.
+    """
+    matrices = _as_matrices(names, poses)
+    linear = _as_velocities(names, velocities, "velocities")
+    angular = _as_velocities(names, angular_velocities, "angular_velocities")
+    row = first_unfit_move(matrices, linear, angular)
+    if row >= 0:
+        # Each is looked at alone, which finds the sentence to say.
+        matrices = np.array([checked_matrix(*each) for each in zip(names, matrices, strict=True)])
+        for name, velocity in zip(names, linear, strict=False):
+            checked_velocity(name, velocity, "velocity", "m/s")
+        for name, velocity in zip(names, angular, strict=False):
+            checked_velocity(name, velocity, "angular_velocity", "rad/s")
+    return matrices, linear, angular
+
+
+def checked_move(
+    name: str, pose: Any, velocity: Any, angular_velocity: Any
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return what `checked_moves` returns, for one part.
+
+    Parameters
+    ----------
+    name : str
+        Of the part, for messages.
+    pose : Pose or (4, 4) array-like
+        ``world_from_part``.
+    velocity, angular_velocity : (3,) array-like
+        m/s and rad/s.
+
+    Raises
+    ------
+    PoseError
+        If the pose is no rigid transform, or goes too far.
+    SceneError
+        If a velocity is not finite, or beyond 1e9 m/s or rad/s.
+    """
+    linear = checked_velocity(name, velocity, "velocity", "m/s").reshape(1, 3)
+    angular = checked_velocity(name, angular_velocity, "angular_velocity", "rad/s").reshape(1, 3)
+    matrix = pose.matrix if isinstance(pose, Pose) else pose
+    if not isinstance(matrix, np.ndarray) or matrix.shape != (4, 4) or matrix.dtype.kind != "f":
+        matrix = checked_matrix(name, pose)
+    matrices = np.array(matrix, np.float64).reshape(1, 4, 4)
+    if first_unfit_move(matrices, linear, angular) >= 0:
+        matrices = checked_matrix(name, pose).reshape(1, 4, 4)
+    return matrices, linear, angular
+
+
+def checked_matrix(name: str, pose: Any) -> np.ndarray:
+    """Return a pose as a (4, 4) matrix.
+
+    Parameters
+    ----------
+    name : str
+        Of the part, for messages.
+    pose : Pose or (4, 4) array-like
+        ``world_from_part``.
+
+    Raises
+    ------
+    PoseError
+        If it is no rigid transform, or goes too far.
+    """
+    try:
+        pose = Pose.of(pose)
+    except PoseError as unfit:
+        raise PoseError(f"part {name!r}: {unfit}") from unfit
+    distance = float(np.abs(pose.translation).max())
+    if not distance <= FARTHEST_MOVE:
+        raise PoseError(
+            f"part {name!r} would be moved by {distance:.3g} m, which is farther than can be computed with"
+        )
+    return np.asarray(pose.matrix)
+
+
+def checked_velocity(name: str, velocity: Any, what: str, unit: str) -> np.ndarray:
+    """Return a velocity as (3,) float64, a copy.
+
+    Parameters
+    ----------
+    name : str
+        Of the part, for messages.
+    velocity : (3,) array-like
+        Of `FASTEST_MOVE` at most along each axis.
+    what, unit : str
+        Which velocity, and its unit, for messages.
+
+    Raises
+    ------
+    SceneError
+        If it is not three such numbers.
+    """
+    expected = f"3 finite numbers, {unit}"
+    array = as_float64(velocity, f"entries of {what} of part {name!r}", error=SceneError, expected=expected)
+    if array.shape != (3,):
+        raise SceneError(f"{what} of part {name!r} has shape {array.shape}, expected {expected}")
+    if not np.isfinite(array).all():
+        raise SceneError(f"{what} of part {name!r} is {array.tolist()}, expected {expected}")
+    if np.abs(array).max() > FASTEST_MOVE:
+        most = f"at most {FASTEST_MOVE:g} {unit} along each axis"
+        raise SceneError(f"{what} of part {name!r} is {array.tolist()}, expected {most}")
+    return array.copy()
+
+
+def checked_surface(name: str, stiffness: Any, damping: Any) -> tuple[float | None, float]:
+    """Return stiffness, N/m, None of a rigid part, and damping, N s/m.
+
+    Parameters
+    ----------
+    name : str
+        Of the part, for messages.
+    stiffness : float or None
+        Above 0.
+    damping : float
+        At least 0, and 0 of a rigid part.
+
+    Raises
+    ------
+    SceneError
+        If they are no such numbers.
+    """
+    damping = _as_number(damping)
+    if damping is None or not 0.0 <= damping < np.inf:
+        raise SceneError(f"damping of part {name!r} is not a finite number of 0 N s/m or more")
+    if stiffness is None:
+        if damping:
+            raise SceneError(f"part {name!r} is rigid (no stiffness), but has a damping of {damping:g} N s/m")
+        return None, 0.0
+    stiffness = _as_number(stiffness)
+    if stiffness is None or not 0.0 < stiffness < np.inf:
+        raise SceneError(
+            f"stiffness of part {name!r} is not a finite number above 0 N/m, nor None for a rigid part"
+        )
+    return stiffness, damping
+
+
+def _as_number(value: Any) -> float | None:
+    if isinstance(value, (str, bytes)) or np.ndim(value) > 0:
+        return None
+    try:
+        return float(value)
+    except (OverflowError, TypeError, ValueError):
+        return None
+
+
+def _as_matrices(names: list[str], poses: Any) -> np.ndarray:
+    if is_ready(poses, (len(names), 4, 4)):
+        return np.asarray(poses)
+    if isinstance(poses, (list, tuple)) and any(isinstance(pose, Pose) for pose in poses):
+        if len(poses) != len(names):
+            raise PoseError(
+                f"there are {len(poses)} poses for {len(names)} parts, expected one for each part"
+            )
+        return np.array([checked_matrix(*each) for each in zip(names, poses, strict=True)])
+    expected = f"numbers of shape ({len(names)}, 4, 4)"
+    matrices = as_float64(poses, "entries of poses", error=PoseError, expected=expected)
+    if not names and not matrices.size:
+        return matrices.reshape(0, 4, 4)
+    if matrices.shape != (len(names), 4, 4):
+        raise PoseError(
+            f"poses have shape {matrices.shape}, expected ({len(names)}, 4, 4): one for each part named"
+            + quaternion_hint(matrices)
+        )
+    return matrices
+
+
+def _as_velocities(names: list[str], velocities: Any, what: str) -> np.ndarray:
+    if velocities is None:
+        return NO_VELOCITIES
+    if is_ready(velocities, (len(names), 3)):
+        return np.asarray(velocities)
+    expected = f"numbers of shape ({len(names)}, 3)"
+    array = as_float64(velocities, f"entries of {what}", error=SceneError, expected=expected)
+    if array.shape != (len(names), 3):
+        raise SceneError(
+            f"{what} have shape {array.shape}, expected ({len(names)}, 3): one for each part named"
+        )
+    return array

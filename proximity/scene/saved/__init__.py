@@ -1,0 +1,1 @@
+"""Compiled scenes: files that are mapped into memory and checked, not built again."""

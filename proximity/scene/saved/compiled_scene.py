@@ -1,0 +1,267 @@
+"""Scenes as files that are opened without making anything anew: which arrays and words stand in `archive`.
+
+What a scene, its parts and their solids consist of is listed here once, for both ways. Parts share a file's
+few long arrays, however many they are.
+"""
+
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, is_dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from proximity.errors import MeshFormatError, SceneError
+from proximity.kernels import layout
+from proximity.kernels.sign.winding_number import MOMENT_STRIDE
+from proximity.mesh.triangle_mesh import TriangleMesh
+from proximity.model.assembly import Model, finished
+from proximity.model.moving_models import first_unfit_move, write_motion, write_surface
+from proximity.model.part_trees import REGION_COPIES, STATIC_COPIES
+from proximity.pose import Pose
+from proximity.scene.part_motion import NO_VELOCITIES
+from proximity.scene.saved.archive import read_archive, write_archive
+from proximity.scene.saved.description import (
+    expect,
+    list_of,
+    names_of,
+    numbers_below,
+    repairs_of,
+    report_of,
+    solid_of,
+    surfaces_of,
+    velocities_of,
+)
+from proximity.scene.saved.stored_model import check_mesh, check_parts, complete_model, named
+from proximity.scene.sign import kernel_sign
+from proximity.scene.solid import Solid
+
+LAYOUT = {name: value for name, value in vars(layout).items() if name.isupper() and isinstance(value, int)}
+LAYOUT |= {"MOMENT_STRIDE": MOMENT_STRIDE, "STATIC_COPIES": STATIC_COPIES, "REGION_COPIES": REGION_COPIES}
+"""What the arrays of a model are laid out by: a file with other numbers is refused. What no number shows, say
+another meaning of a column, needs another `archive.FORMAT_VERSION`."""
+
+_FIELDS = (
+    "name", "repairs", "velocity", "angular_velocity", "is_hidden", "stiffness", "damping",
+)  # fmt: skip
+"""Fields of a part that JSON can hold. Solid, pose and source faces are arrays."""
+
+
+_CONTRADICTIONS = (ValueError, TypeError, LookupError, ArithmeticError, MeshFormatError)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CompiledScene:
+    """What a file gives back."""
+
+    model: Model
+    parts: list[dict[str, Any]]  # the fields of each part, by name
+    report: dict[str, Any] | None  # the fields of the report, by name
+
+
+def write_scene(path: Any, model: Model, parts: Iterable[Any], report: Any) -> None:
+    """Write what a scene consists of.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    model : Model
+        Up to date.
+    parts : iterable of Part
+        In the order of the model's.
+    report : LoadReport or None
+        Where the scene came from.
+
+    Raises
+    ------
+    SceneError
+        If the file cannot be written, or a part's source faces are not what they should be.
+    """
+    parts = list(parts)
+    # A solid may be in several parts: it is written once, and its first part is where its arrays are.
+    row_of: dict[int, int] = {}
+    for row, part in enumerate(parts):
+        row_of.setdefault(id(part.solid), row)
+    number_of = {solid: number for number, solid in enumerate(row_of)}
+    solids = [(row, parts[row].solid) for row in row_of.values()]
+    metadata = {
+        "report": None if report is None else asdict(report),
+        "parts": {field: [_plain(getattr(part, field)) for part in parts] for field in _FIELDS},
+        "solid_of_part": [number_of[id(part.solid)] for part in parts],
+        "solids": [
+            [row, str(solid.name), solid.sign_method.value, solid.sign_reason, solid.is_watertight]
+            for row, solid in solids
+        ],
+        "vertex_counts": [solid.mesh.vertex_count for _, solid in solids],
+        "face_counts": [solid.mesh.face_count for _, solid in solids],
+    }
+    arrays = {
+        "reals": model.reals,
+        # Of this model's words nothing changes, but of those that later models of its scene are written to.
+        "words": model.words.copy(),
+        "frames": model.frames,
+        "parts": model.parts,
+        "vertices": np.concatenate([solid.mesh.vertices for _, solid in solids]),
+        "faces": np.concatenate([solid.mesh.faces for _, solid in solids]),
+        "source_faces": np.concatenate([_source_faces(part) for part in parts]),
+        "poses": np.array([[*part.pose.rotation.flat, *part.pose.translation] for part in parts]),
+    }
+    write_archive(path, metadata, arrays, LAYOUT)
+
+
+def read_scene(path: Any) -> CompiledScene:
+    """Return what `write_scene` wrote; the arrays are mapped, and trees are not made anew.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+
+    Raises
+    ------
+    MeshFormatError
+        If it is damaged, or does not fit this version or machine.
+    """
+    contents = read_archive(path, LAYOUT)
+    try:
+        return _scene(contents.metadata, contents.arrays)
+    except _CONTRADICTIONS as reason:  # its checksums are right, but not what it says
+        raise MeshFormatError(
+            f"{path}: its contents do not hold together ({reason}); save the scene again with this version"
+        ) from reason
+
+
+def _plain(value: Any) -> Any:
+    if is_dataclass(value) and not isinstance(value, type):
+        return asdict(value)
+    return value.tolist() if isinstance(value, np.ndarray) else value
+
+
+def _source_faces(part: Any) -> np.ndarray:
+    rows = np.asarray(part.source_faces)
+    expected = (part.solid.mesh.face_count,)
+    if rows.shape != expected or rows.dtype.kind not in "iu" or not _is_int32(rows):
+        raise SceneError(
+            f"part {part.name!r} cannot be saved: its source_faces are {rows.dtype} of shape {rows.shape}, "
+            f"expected int32 of shape {expected}"
+        )
+    return rows.astype(np.int32)
+
+
+def _is_int32(rows: np.ndarray) -> bool:
+    limits = np.iinfo(np.int32)
+    return bool((rows >= limits.min).all() and (rows <= limits.max).all())
+
+
+def _scene(metadata: dict[str, Any], arrays: dict[str, np.ndarray]) -> CompiledScene:
+    fields = metadata["parts"]
+    names = names_of(fields["name"])
+    model_arrays = (
+        _array(arrays, "reals", np.float64),
+        _array(arrays, "words", np.float32),
+        _array(arrays, "frames", np.float64, layout.FRAME_COLUMNS),
+        _array(arrays, "parts", np.int64, layout.PART_COLUMNS),
+    )
+    reals, words, frames, rows = model_arrays
+    # What walks the trees counts on all of it, from here on.
+    below = check_parts(*model_arrays, names)
+    values = _values(fields, names)
+    poses = _array(arrays, "poses", np.float64, 12)
+    _put_in_place(frames, rows, poses, values)
+    complete_model(words, frames, rows, names, below)
+    model = finished(*model_arrays, names=names)
+
+    # Solids look at rows of their own: those of the scene's model serve for others once its parts have moved.
+    whole = finished(reals, words, frames.copy(), rows.copy())
+    solids, solid_of_part = _solids(metadata, arrays, whole, names)
+    faces = _slices(
+        _array(arrays, "source_faces", np.int32), [solids[number].mesh.face_count for number in solid_of_part]
+    )
+    parts = [
+        {
+            "solid": solids[number],
+            "pose": Pose.known(pose[:9].reshape(3, 3), pose[9:]),
+            "source_faces": of_source,
+            **{field: values[field][row] for field in _FIELDS},
+        }
+        for row, (number, pose, of_source) in enumerate(zip(solid_of_part, poses, faces, strict=True))
+    ]
+    return CompiledScene(model, parts, report_of(metadata["report"]))
+
+
+def _values(fields: dict[str, Any], names: tuple[str, ...]) -> dict[str, Any]:
+    """Fields of all parts, by name: a list each, one entry a part."""
+    count = len(names)
+    stiffness, damping = surfaces_of(fields["stiffness"], fields["damping"], names)
+    return {
+        "name": names,
+        "repairs": [repairs_of(each) for each in list_of(dict, fields["repairs"], "repairs", count)],
+        "velocity": velocities_of(fields["velocity"], "velocity", count),
+        "angular_velocity": velocities_of(fields["angular_velocity"], "angular_velocity", count),
+        "is_hidden": list_of(bool, fields["is_hidden"], "is_hidden", count),
+        "stiffness": stiffness,
+        "damping": damping,
+    }
+
+
+def _put_in_place(frames: np.ndarray, rows: np.ndarray, poses: np.ndarray, values: dict[str, Any]) -> None:
+    """Write into the tables of parts what is said of them elsewhere in the file: that is what holds."""
+    count = len(rows) - 1
+    expect(len(poses) == count, f"there are {count} parts, but {len(poses)} poses")
+    matrices = np.broadcast_to(np.eye(4), (count, 4, 4)).copy()
+    matrices[:, :3, :3], matrices[:, :3, 3] = poses[:, :9].reshape(-1, 3, 3), poses[:, 9:]
+    unfit = first_unfit_move(matrices, NO_VELOCITIES, NO_VELOCITIES)
+    expect(unfit < 0, f"the pose of part {unfit} is no rigid transform, or leads too far away")
+    frames[:-1, layout.ROTATION : layout.CENTRE] = poses
+    rows[:-1, layout.IS_HIDDEN] = values["is_hidden"]
+    for row in range(count):
+        write_motion(frames[row], values["velocity"][row], values["angular_velocity"][row])
+        write_surface(frames[row], values["stiffness"][row], values["damping"][row])
+
+
+def _solids(
+    metadata: dict[str, Any], arrays: dict[str, np.ndarray], model: Model, names: tuple[str, ...]
+) -> tuple[list[Solid], list[int]]:
+    """The solids, and which of them each part has."""
+    rows = model.parts
+    told = [solid_of(each, len(names)) for each in list_of(list, metadata["solids"], "solids")]
+    solid_of_part = numbers_below(len(told), metadata["solid_of_part"], "solid_of_part", len(names))
+    vertex_counts, face_counts = (
+        numbers_below(2**31, metadata[counts], counts, len(told))
+        for counts in ("vertex_counts", "face_counts")
+    )
+    vertices = _slices(_array(arrays, "vertices", np.float64, 3), vertex_counts)
+    faces = _slices(_array(arrays, "faces", np.int32, 3), face_counts)
+    for row, number in enumerate(solid_of_part):
+        is_alike = (face_counts[number], kernel_sign(told[number][2])) == (
+            rows[row, layout.FACE_COUNT],
+            rows[row, layout.SIGN],
+        )
+        expect(is_alike, f"{named(row, names)} has other faces, or another sign, than its solid")
+        check_mesh(model.words, rows, row, vertices[number], faces[number], names)
+    for number, solid in enumerate(told):
+        expect(solid_of_part[solid[0]] == number, f"solid {number} is not that of part {solid[0]}")
+    solids = [
+        Solid._from_model(
+            model, row, TriangleMesh._from_checked(own, of_own), name, (method, reason, is_watertight)
+        )
+        for (row, name, method, reason, is_watertight), own, of_own in zip(told, vertices, faces, strict=True)
+    ]
+    return solids, solid_of_part
+
+
+def _array(arrays: dict[str, np.ndarray], name: str, dtype: type, columns: int | None = None) -> np.ndarray:
+    array = arrays[name]
+    expected = array.shape[:1] if columns is None else (len(array), columns)
+    if array.dtype != dtype or array.shape != expected:
+        raise ValueError(f"{name} are {array.dtype} of shape {array.shape}")
+    return array
+
+
+def _slices(array: np.ndarray, counts: list[int]) -> list[np.ndarray]:
+    """*array* cut into runs of so many rows, read-only."""
+    ends = np.cumsum([0, *counts]).tolist()
+    expect(ends[-1] == len(array), f"there are {len(array)} rows, but {ends[-1]} are spoken of")
+    array.flags.writeable = False
+    return [array[start:end] for start, end in pairwise(ends)]

@@ -1,0 +1,144 @@
+"""Who makes contacts of samples: a tracker, or a sensor's measurements."""
+
+from typing import Any, Protocol
+
+import numpy as np
+
+from proximity.message import Source
+from proximity.service.bends import Bends
+from proximity.service.samples import Hands, Samples
+from proximity.tracker.tracker import Tracker
+
+REHEARSAL = 200  # ticks, at places all over the scene
+MS = 1_000_000  # ns
+PAGE = 4096  # bytes
+
+
+class Answering(Protocol):
+    """Makes the contacts of a tick."""
+
+    count: int
+    """Of fingers."""
+    source: Source
+    """Where its distances come from."""
+
+    @property
+    def epoch(self) -> int:
+        """A number that grows with each change of what parts and faces of the last answer mean."""
+
+    @property
+    def notes(self) -> list[str]:
+        """Sentences for the report: what was refused or failed, and how often."""
+
+    @property
+    def refused(self) -> tuple[int, int]:
+        """Poses of parts left out so far: from the future, and older than the one before."""
+
+    @property
+    def is_late(self) -> bool:
+        """Whether what the last answer was made of is too old for more than its bounds to be used."""
+
+    def room(self) -> Samples:
+        """Make room for the samples that it takes."""
+
+    def rehearse(self) -> None:
+        """Do all that takes long the first time, and forget it."""
+
+    def answer(self, samples: Any, now_ns: int) -> np.ndarray:
+        """Return (N,) CONTACT for samples of N fingers; the same array each time, overwritten by the next."""
+
+    def close(self) -> None:
+        """Give back what is open."""
+
+
+class TrackerAnswers:
+    """Contacts with the parts of a scene.
+
+    Parameters
+    ----------
+    tracker : Tracker
+        Of as many fingers as the input has. Only the service may tick it from now on.
+    moves : MovesInput
+        Where parts move; None: nothing tells.
+    """
+
+    source = Source.GEOMETRY
+
+    def __init__(self, tracker: Tracker, moves: Any = None) -> None:
+        self.tracker = tracker
+        self.moves = moves
+        self.count = len(tracker.contacts)
+        self._bends = Bends(self.count)
+
+    @property
+    def epoch(self) -> int:
+        """Of the scene as the last tick saw it."""
+        return self.tracker.epoch
+
+    @property
+    def notes(self) -> list[str]:
+        """What was wrong with moves of parts."""
+        return [] if self.moves is None else self.moves.notes
+
+    @property
+    def refused(self) -> tuple[int, int]:
+        """Moves of parts left out so far."""
+        return (0, 0) if self.moves is None else (self.moves.future, self.moves.backwards)
+
+    @property
+    def is_late(self) -> bool:
+        """Whether of a part that moved nothing more is told."""
+        return self.moves is not None and self.moves.is_late
+
+    def room(self) -> Hands:
+        """Make room for poses."""
+        return Hands(self.count)
+
+    def rehearse(self) -> None:
+        """Read all of the scene into memory, and tick all over it, which compiles what is not yet."""
+        tracker, rng = self.tracker, np.random.default_rng(0)
+        model = tracker.scene._current()
+        for array in (model.reals, model.words):
+            array.view(np.uint8)[::PAGE].max(initial=0)
+        lower, upper = tracker.scene.bounds
+        for tick in range(REHEARSAL):
+            tips = rng.uniform(lower, upper, (self.count, 3))
+            contacts = tracker.tick(tips, tick * MS, tick * MS)
+            self._bends.write(contacts, tips[:, 0], contacts["pose_ns"])
+        tracker.reset()
+        self._bends.forget()
+
+    def answer(self, samples: Hands, now_ns: int) -> np.ndarray:
+        """Move the parts that are to move, and tick.
+
+        Parts that have a velocity stand where they are at the instant of the newest pose. Bounds hold for
+        the pose of each finger, with parts where they were told to be, carried on with the velocities told.
+
+        Parameters
+        ----------
+        samples : Hands
+            Newest poses; nan: not tracked.
+        now_ns : int, ns
+            Instant of the tick.
+        """
+        if self.moves is not None:
+            self.moves.apply(self.tracker.scene, now_ns, samples)
+        paths, bends = samples.paths, samples.bends
+        contacts = self.tracker.tick(
+            samples.positions,
+            samples.pose_ns,
+            now_ns,
+            velocities=samples.velocities,
+            paths=paths,
+            bends=None if paths is None else bends,
+        )
+        if self.moves is not None:
+            self.moves.widen(contacts)
+        if bends is not None:
+            self._bends.write(contacts, bends, samples.pose_ns)
+        return contacts
+
+    def close(self) -> None:
+        """Close the input of moves."""
+        if self.moves is not None:
+            self.moves.close()

@@ -1,0 +1,224 @@
+"""What a scene file describes, made: the scene, the tracker, the recording in its place.
+
+What cannot be made is an error with the line that asked for it.
+"""
+
+import os
+from dataclasses import fields, replace
+from typing import Any
+
+from proximity.errors import ProximityError, ServiceError
+from proximity.pose import Pose
+from proximity.recording import Recording, read_recording
+from proximity.scene.loader import load
+from proximity.scene.part import Part
+from proximity.scene.scene import Scene
+from proximity.service.config.settings import FingerSettings, PartEntry, SceneFile
+from proximity.tracker.replay import fitted_pose, turn_about_axes
+from proximity.tracker.tracker import Tracker
+
+DEFAULT_FINGERS = 5
+
+
+class PartFiles:
+    """The files that parts came from, kept: an edited scene reads only those that have changed."""
+
+    def __init__(self) -> None:
+        self._kept: dict[tuple[str, str], tuple[Any, tuple[Part, ...]]] = {}
+
+    def scene(self, settings: SceneFile) -> Scene:
+        """Return the scene of a file.
+
+        Parameters
+        ----------
+        settings : SceneFile
+            Its parts are loaded, named and placed.
+
+        Raises
+        ------
+        ServiceError
+            If a file cannot be used, or two parts would have one name.
+        """
+        kept: dict[tuple[str, str], tuple[Any, tuple[Part, ...]]] = {}
+        parts: list[Part] = []
+        entry_of: dict[str, int] = {}  # by name
+        for index, entry in enumerate(settings.parts):
+            try:
+                loaded = self._load(entry, kept)
+            except ProximityError as unusable:
+                raise settings.error(
+                    ("parts", index, "file"), f"parts[{index}].file: {unusable}"
+                ) from unusable
+            for part in _placed(entry, loaded):
+                if part.name in entry_of:
+                    raise _taken(settings, index, part.name, entry_of[part.name])
+                entry_of[part.name] = index
+                parts.append(part)
+        try:
+            scene = Scene(parts)
+        except ProximityError as unusable:
+            raise settings.error(("parts",), f"parts: {unusable}") from unusable
+        self._kept = kept
+        return scene
+
+    def _load(self, entry: PartEntry, kept: Any) -> tuple[Part, ...]:
+        key, stamp = (entry.file, entry.units), stamp_of(entry.file)
+        found = kept.get(key) or self._kept.get(key)
+        if found is None or found[0] != stamp:
+            found = stamp, load(entry.file, units=entry.units).parts
+        kept[key] = found
+        return tuple(found[1])
+
+
+def stamp_of(path: str) -> tuple[int, ...] | None:
+    """Return what changes when a file does; None where there is none.
+
+    Not its date and size alone: of unpacked archives all files may have one date, and of parts with as many
+    faces one size.
+
+    Parameters
+    ----------
+    path : str
+        The file.
+    """
+    try:
+        status = os.stat(path)
+    except OSError:
+        return None
+    return status.st_mtime_ns, status.st_ctime_ns, status.st_ino, status.st_size
+
+
+def finger_count(settings: SceneFile, recording: Recording | None) -> int:
+    """Return how many fingers there are: as the file says, as a recording has, or five.
+
+    Parameters
+    ----------
+    settings : SceneFile
+        What was asked for.
+    recording : Recording
+        The input, if it is one.
+
+    Raises
+    ------
+    ServiceError
+        If the file says another number than the recording has.
+    """
+    count = settings.fingers.count
+    if recording is None:
+        return DEFAULT_FINGERS if count is None else count
+    if count not in (None, len(recording.fingers)):
+        raise settings.error(
+            ("fingers", "count"),
+            f"fingers.count is {count}, expected {len(recording.fingers)}, as {recording.path} has",
+        )
+    return len(recording.fingers)
+
+
+def make_tracker(settings: SceneFile, scene: Scene, count: int) -> Tracker:
+    """Return the tracker that a scene file asks for.
+
+    Parameters
+    ----------
+    settings : SceneFile
+        What was asked for.
+    scene : Scene
+        What is looked at.
+    count : int
+        Of fingers.
+
+    Raises
+    ------
+    ServiceError
+        If it cannot be.
+    """
+    told = {one.name: getattr(settings.fingers, one.name) for one in fields(FingerSettings)}
+    told = {name: value for name, value in told.items() if value is not None and name != "count"}
+    service = settings.service
+    try:
+        return Tracker(scene, fingers=count, period=service.period, latency=service.latency, **told)
+    except ProximityError as unfit:
+        raise settings.error(("fingers", "radius"), f"fingers: {unfit}") from unfit
+
+
+def read_input(settings: SceneFile) -> Recording | None:
+    """Return the recording that is the input, as it was recorded; None where it is another.
+
+    Parameters
+    ----------
+    settings : SceneFile
+        Where it is.
+
+    Raises
+    ------
+    ServiceError
+        If it cannot be read.
+    """
+    entry = settings.input.recording
+    if entry is None:
+        return None
+    try:
+        return read_recording(entry.file)
+    except ProximityError as unusable:
+        raise settings.error(("input", "recording"), f"input.recording: {unusable}") from unusable
+
+
+def place_recording(settings: SceneFile, recording: Recording, scene: Scene) -> Recording:
+    """Return a recording in the scene's frame: where the file says, or fitted to the parts.
+
+    Parameters
+    ----------
+    settings : SceneFile
+        Its input is a recording.
+    recording : Recording
+        As it was recorded.
+    scene : Scene
+        What it is fitted to.
+
+    Raises
+    ------
+    ServiceError
+        If it cannot be placed so.
+    """
+    entry = settings.input.recording
+    if entry is None:
+        raise ServiceError(f"{settings.path}: the input is no recording")
+    try:
+        rotation = turn_about_axes(entry.turn_degrees)
+        pose = Pose(rotation, entry.position)
+        if entry.fit:
+            radius = settings.fingers.radius
+            largest = radius if isinstance(radius, float) else max(radius)
+            pose = fitted_pose(scene, recording, largest, rotation=rotation, scale=entry.scale)
+        return recording.placed(pose, entry.scale)
+    except ProximityError as unusable:
+        raise settings.error(("input", "recording"), f"input.recording: {unusable}") from unusable
+
+
+def _placed(entry: PartEntry, loaded: tuple[Part, ...]) -> list[Part]:
+    """The parts of a file under their names, where the entry puts them."""
+    world_from_file = Pose(turn_about_axes(entry.turn_degrees), entry.position)
+    parts = []
+    for part in loaded:
+        name = part.name
+        if entry.name is not None:
+            name = entry.name if len(loaded) == 1 else f"{entry.name}/{part.name}"
+        part = replace(part, name=name)
+        if not world_from_file.is_identity:
+            part = replace(
+                part,
+                pose=world_from_file @ part.pose,
+                velocity=world_from_file.rotation @ part.velocity,
+                angular_velocity=world_from_file.rotation @ part.angular_velocity,
+            )
+        if entry.kind is not None:
+            part = replace(part, stiffness=entry.stiffness, damping=entry.damping)
+        parts.append(part)
+    return parts
+
+
+def _taken(settings: SceneFile, index: int, name: str, earlier: int) -> ServiceError:
+    line = settings.document.line_of(("parts", earlier))
+    return settings.error(
+        ("parts", index),
+        f"parts[{index}] has a part {name!r}, as the one on line {line} has: give one of them another name",
+    )

@@ -1,0 +1,215 @@
+"""The text of a scene file: what tomllib reads in it, and on which line that stands.
+
+tomllib says lines of what is no TOML, and of nothing else. So it is given the file once more, one statement
+at a time: lines are put together until they can be read on their own.
+"""
+
+import os
+import re
+import tomllib
+from functools import cached_property
+from typing import Any
+
+from proximity.errors import ServiceError
+from proximity.system.regular_file import open_regular
+
+MOST_BYTES = 1 << 20
+"""A scene of thousands of parts has less; what is larger is another file."""
+MOST_LINES = 200
+"""Of one statement: behind a longer one no line is told, but that of the statement."""
+PLACE_IN_MESSAGE = re.compile(r" \(at (?:line (\d+), column (\d+)|end of document)\)$")
+
+Path = tuple[str | int, ...]
+"""Keys and indices that lead to a value: ("parts", 1, "position")."""
+
+
+class Document:
+    """A TOML file that was read, and what is wrong with its content.
+
+    Parameters
+    ----------
+    text : str
+        What is in the file.
+    name : str
+        What messages call it; nothing where there is no file.
+
+    Raises
+    ------
+    ServiceError
+        If it is no TOML; the message has the line.
+    """
+
+    name: str
+    data: dict[str, Any]
+
+    def __init__(self, text: str, name: str) -> None:
+        self.name = name
+        self._text_lines = text.replace("\r\n", "\n").split("\n")
+        self._complaints: list[tuple[int, str]] = []
+        try:
+            self.data = tomllib.loads(text)
+        except RecursionError as deep:
+            raise ServiceError(f"{name}:1: brackets within brackets, too deep to be read") from deep
+        except ValueError as unfit:  # tomllib.TOMLDecodeError, or a number of thousands of digits
+            raise self._no_toml(str(unfit)) from unfit
+
+    def line_of(self, path: Path) -> int:
+        """Return the line, from 1, on which a value begins; of what is not there that of its table.
+
+        Parameters
+        ----------
+        path : tuple
+            Of the value.
+        """
+        while path not in self._lines:
+            path = path[:-1]
+        return self._lines[path]
+
+    def error(self, path: Path, sentence: str) -> ServiceError:
+        """Return the error that says something of a value.
+
+        Parameters
+        ----------
+        path : tuple
+            Of the value.
+        sentence : str
+            What is wrong and what was expected.
+        """
+        return ServiceError(f"{self._place(self.line_of(path))}{sentence}")
+
+    def complain(self, path: Path, sentence: str) -> None:
+        """Remember that something is wrong, and go on.
+
+        Parameters
+        ----------
+        path, sentence
+            As of `error`.
+        """
+        self._complaints.append((self.line_of(path), sentence))
+
+    def raise_complaints(self) -> None:
+        """Raise what was complained of first in the file, if anything was.
+
+        Raises
+        ------
+        ServiceError
+            With the line, and how many more complaints there are.
+        """
+        if not self._complaints:
+            return
+        line, sentence = min(self._complaints, key=lambda complaint: complaint[0])
+        more = len(self._complaints) - 1
+        also = f" (and {more} more {'mistake' if more == 1 else 'mistakes'})" if more else ""
+        raise ServiceError(f"{self._place(line)}{sentence}{also}")
+
+    @cached_property
+    def _lines(self) -> dict[Path, int]:
+        """Where values and tables begin."""
+        lines: dict[Path, int] = {(): 1}
+        newest: dict[Path, int] = {}  # of arrays of tables: the index of the last one
+        table: Path = ()
+        statement: list[str] = []
+        for number, line in enumerate(self._text_lines, start=1):
+            statement.append(line)
+            content = _loaded("\n".join(statement))
+            if content is not None:
+                begins = number - len(statement) + 1
+                if statement[0].lstrip().startswith("["):
+                    table = _enter(content, newest, lines, begins)
+                else:
+                    _note(content, table, lines, begins)
+                statement = []
+            elif len(statement) > MOST_LINES:
+                break
+        return lines
+
+    def _place(self, line: int) -> str:
+        return f"{self.name}:{line}: " if self.name else ""
+
+    def _no_toml(self, message: str) -> ServiceError:
+        place = PLACE_IN_MESSAGE.search(message)
+        if place is None:
+            return ServiceError(f"{self.name}:1: {message}, expected TOML")
+        what = message[: place.start()]
+        if place[1] is None:
+            last = max(number for number, line in enumerate(self._text_lines, start=1) if line.strip())
+            return ServiceError(f"{self.name}:{last}: the file ends too early: {what}")
+        return ServiceError(f"{self.name}:{place[1]}: no TOML at column {place[2]}: {what}")
+
+
+def read_document(path: str | os.PathLike[str]) -> Document:
+    """Return what is in a TOML file.
+
+    Parameters
+    ----------
+    path : path
+        The file, in UTF-8.
+
+    Raises
+    ------
+    ServiceError
+        If it cannot be read, is too large, no text, or no TOML.
+    """
+    name = os.fsdecode(path)
+    try:
+        with open_regular(path) as file:
+            content = file.read(MOST_BYTES + 1)
+    except (OSError, ValueError) as failed:  # a name with a zero in it is a ValueError
+        raise ServiceError(f"{name}: cannot be read ({getattr(failed, 'strerror', failed)})") from failed
+    if len(content) > MOST_BYTES:
+        raise ServiceError(f"{name}: larger than {MOST_BYTES >> 20} MiB, expected a scene file in TOML")
+    try:
+        text = content.decode("utf-8-sig")  # some editors begin a file with a mark
+    except UnicodeDecodeError as unfit:
+        line = content.count(b"\n", 0, unfit.start) + 1
+        raise ServiceError(f"{name}:{line}: not UTF-8, expected a scene file in TOML") from unfit
+    if not text.strip():
+        raise ServiceError(f"{name}:1: the file is empty, expected a scene file in TOML")
+    return Document(text, name)
+
+
+def spelled(path: Path) -> str:
+    """Return a path as people write it: ``parts[1].position``.
+
+    Parameters
+    ----------
+    path : tuple
+        Of a value.
+    """
+    words = "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in path)
+    return words.removeprefix(".")
+
+
+def _loaded(text: str) -> dict[str, Any] | None:
+    try:
+        return tomllib.loads(text)
+    except ValueError:
+        return None
+
+
+def _enter(header: Any, newest: dict[Path, int], lines: dict[Path, int], begins: int) -> Path:
+    """The path of the table that a header alone, as it was read, begins."""
+    path: Path = ()
+    while header:
+        ((key, header),) = header.items()
+        path = (*path, key)
+        lines.setdefault(path, begins)
+        if isinstance(header, list):  # [[key]]: one more
+            newest[path] = newest.get(path, -1) + 1
+            header = {}
+        if path in newest:
+            path = (*path, newest[path])
+            lines.setdefault(path, begins)
+    return path
+
+
+def _note(content: Any, path: Path, lines: dict[Path, int], begins: int) -> None:
+    """Write down where the values of one statement begin."""
+    items: Any = ()
+    if isinstance(content, dict):
+        items = content.items()
+    elif isinstance(content, list):
+        items = enumerate(content)
+    for key, value in items:
+        lines.setdefault((*path, key), begins)
+        _note(value, (*path, key), lines, begins)

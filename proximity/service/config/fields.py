@@ -1,0 +1,195 @@
+"""One table of a scene file: values of the types and within the ranges that are expected.
+
+What is wrong is complained of, and some value is returned all the same: so that one look at a file finds the
+first mistake by line, not the first that somebody happened to look for.
+"""
+
+import difflib
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from proximity.service.config.document import Document, Path, spelled
+
+REQUIRED: Any = object()
+"""Stands for a default: there is none."""
+LONGEST_SHOWN = 60  # characters
+LARGEST_SHOWN = 10**20
+
+
+@dataclass(frozen=True, slots=True)
+class Range:
+    """Which numbers are accepted, and in what unit."""
+
+    unit: str
+    lowest: float = -math.inf
+    highest: float = math.inf
+    is_above: bool = False  # the lowest is not accepted itself
+
+    def holds(self, value: float) -> bool:
+        """Whether a number is in it; nan and the infinities never are."""
+        is_high = value > self.lowest if self.is_above else value >= self.lowest
+        return is_high and value <= self.highest and math.isfinite(value)
+
+    def __str__(self) -> str:
+        return f"{self._bounds()} ({self.unit})" if self.unit else self._bounds()
+
+    def _bounds(self) -> str:
+        if self.highest < math.inf:
+            return f"{'above ' if self.is_above else 'from '}{self.lowest:g} to {self.highest:g}"
+        if self.lowest > -math.inf:
+            return f"above {self.lowest:g}" if self.is_above else f"of {self.lowest:g} or more"
+        return "that is finite"
+
+
+class Table:
+    """A table at a path of a document, and the keys that it may have.
+
+    Parameters
+    ----------
+    document : Document
+        Where it is, and where complaints go.
+    path : tuple
+        Of the table; one that is not there is empty.
+    content : any
+        What is there; complained of unless it is a table.
+    known : sequence of str
+        Its keys; others are complained of.
+    """
+
+    def __init__(self, document: Document, path: Path, content: Any, known: Sequence[str]) -> None:
+        self._document, self._path = document, path
+        self._content: dict[str, Any] = content if isinstance(content, dict) else {}
+        self._meant: set[str] = set()  # keys that others were probably meant to be
+        if not isinstance(content, dict):
+            header = f"[[{spelled(path[:-1])}]]" if isinstance(path[-1], int) else f"[{spelled(path)}]"
+            document.complain(path, f"{spelled(path)} is {_shown(content)}, expected a table: {header}")
+        for key in self._content:
+            if key not in known:
+                self._refuse(key, known)
+
+    def has(self, key: str) -> bool:
+        """Whether a key is there, whatever it says."""
+        return key in self._content
+
+    def complain(self, key: str, sentence: str) -> None:
+        """Complain of one key: *sentence* follows its name."""
+        path = (*self._path, key)
+        self._document.complain(path, f"{spelled(path)} {sentence}")
+
+    def text(self, key: str, default: Any = REQUIRED, *, meaning: str) -> Any:
+        """A text with something in it; *meaning* is what it is expected to be."""
+        return self._value(key, default, f"{meaning}, as text in quotes", _as_text)
+
+    def truth(self, key: str, default: bool) -> bool:
+        """True or false."""
+        return bool(self._value(key, default, "true or false", _as_truth))
+
+    def number(self, key: str, default: Any, accepted: Range) -> Any:
+        """A number within a range."""
+        return self._value(key, default, f"a number {accepted}", lambda value: _as_number(value, accepted))
+
+    def whole(self, key: str, default: Any, accepted: Range) -> Any:
+        """A whole number within a range."""
+        expected = f"a whole number {accepted}"
+        return self._value(key, default, expected, lambda value: _as_whole(value, accepted))
+
+    def one_of(self, key: str, default: Any, words: Sequence[str]) -> Any:
+        """One of some words."""
+        expected = " or ".join(f'"{word}"' for word in words)
+        return self._value(key, default, expected, lambda value: value if value in words else None)
+
+    def texts(self, key: str, default: Any, *, meaning: str) -> Any:
+        """One text, or several in a list."""
+        return self._value(key, default, f"{meaning}, as text in quotes, or a list of such", _as_texts)
+
+    def numbers(self, key: str, default: Any, count: int | None, accepted: Range) -> Any:
+        """A list of so many numbers within a range; None: of any number of them."""
+        value = self._content.get(key)
+        if isinstance(value, list):
+            if len(value) != (count or len(value)) or not value:
+                numbers = "1 number" if len(value) == 1 else f"{len(value)} numbers"
+                self.complain(key, f"has {numbers}, expected {count or 'some'} ({accepted.unit})")
+                return default
+            for index, item in enumerate(value):
+                if _as_number(item, accepted) is None:
+                    self.complain(key, f"has {_shown(item)} at index {index}, expected a number {accepted}")
+                    return default
+        expected = f"{count} numbers ({accepted.unit}) in brackets"
+        return self._value(key, default, expected, _as_numbers)
+
+    def number_or_numbers(self, key: str, default: Any, count: int | None, accepted: Range) -> Any:
+        """One number within a range, or a list of so many."""
+        is_listed = isinstance(self._content.get(key), list)
+        return (
+            self.numbers(key, default, count, accepted) if is_listed else self.number(key, default, accepted)
+        )
+
+    def _value(self, key: str, default: Any, expected: str, read: Callable[[Any], Any]) -> Any:
+        """What *read* makes of a value; None from it: it cannot be used."""
+        if key not in self._content:
+            if default is REQUIRED and key not in self._meant:
+                path = (*self._path, key)
+                self._document.complain(self._path, f"{spelled(path)} is missing, expected {expected}")
+            return default
+        value = read(self._content[key])
+        if value is None:
+            self.complain(key, f"is {_shown(self._content[key])}, expected {expected}")
+            return default
+        return value
+
+    def _refuse(self, key: str, known: Sequence[str]) -> None:
+        close = difflib.get_close_matches(key, known, n=1)
+        self._meant.update(close)
+        hint = f"did you mean {close[0]}?" if close else f"expected {', '.join(known)}"
+        where = f"[{spelled(self._path)}]" if self._path else "the file"
+        self._document.complain((*self._path, key), f"{where} has no key {key!r}: {hint}")
+
+
+def _as_text(value: Any) -> str | None:
+    return value if isinstance(value, str) and value.strip() else None
+
+
+def _as_truth(value: Any) -> bool | None:
+    return value if isinstance(value, bool) else None
+
+
+def _as_number(value: Any, accepted: Range) -> float | None:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    try:
+        number = float(value)
+    except OverflowError:
+        return None
+    return number if accepted.holds(number) else None
+
+
+def _as_whole(value: Any, accepted: Range) -> int | None:
+    is_whole = isinstance(value, int) and not isinstance(value, bool)
+    return value if is_whole and _as_number(value, accepted) is not None else None
+
+
+def _as_numbers(value: Any) -> tuple[float, ...] | None:
+    return tuple(map(float, value)) if isinstance(value, list) else None
+
+
+def _as_texts(value: Any) -> tuple[str, ...] | None:
+    listed = value if isinstance(value, list) else [value]
+    return tuple(listed) if listed and all(map(_as_text, listed)) else None
+
+
+def _shown(value: Any) -> str:
+    """A value as a message names it: short, and in TOML's words."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, dict):
+        return "a table"
+    if isinstance(value, list):
+        return "a list" if value else "an empty list"
+    if isinstance(value, float):
+        return f"{value:g}"
+    if isinstance(value, int) and abs(value) > LARGEST_SHOWN:
+        return "a number beyond all measure"
+    text = repr(value) if isinstance(value, str) else str(value)
+    return text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]}…"

@@ -1,0 +1,332 @@
+"""A scene file from text to records: which keys there are, and what each may say.
+
+``meshes/demo.toml`` shows and explains every key.
+"""
+
+import os
+from dataclasses import replace
+from typing import Any
+
+from proximity.errors import MeshError, PublishError
+from proximity.formats import metres_per_unit
+from proximity.message import MAX_RECORDS
+from proximity.service.config.document import Document, Path, read_document
+from proximity.service.config.fields import REQUIRED, Range, Table
+from proximity.service.config.settings import (
+    ORIGIN,
+    FingerSettings,
+    GloveSettings,
+    InputSettings,
+    PartEntry,
+    RecordingEntry,
+    SceneFile,
+    ServiceSettings,
+)
+from proximity.tracker.tracker import LARGEST_RADIUS, LARGEST_WORKING_RANGE, too_long
+from proximity.transport.address import parse
+from proximity.transport.link import TRANSPORTS
+
+TABLES = ("service", "fingers", "parts", "input", "glove")
+SERVICE_KEYS = ("rate_hz", "latency", "valid_for", "publish", "log", "real_time", "core")
+TRACKER_KEYS = (
+    "radius", "budget", "working_range", "tolerance", "horizon", "max_speed", "max_acceleration",
+)  # fmt: skip
+FINGER_KEYS = ("count", *TRACKER_KEYS)
+PART_KEYS = ("file", "units", "name", "position", "turn_degrees", "kind", "stiffness", "damping")
+SOURCES = ("recording", "poses", "sensor")
+RECORDING_KEYS = ("repeat", "fast", "fit", "position", "turn_degrees", "scale")
+INPUT_KEYS = (*SOURCES, "moves", *RECORDING_KEYS)
+GLOVE_KEYS = ("calibration", "max_age_days")
+
+WITHOUT_GEOMETRY = "cannot be used: distances are measured by input.sensor, there is no geometry"
+
+RATES = Range("Hz", 1.0, 100_000.0)
+LATENCIES = Range("s", 0.0, 1.0)
+VALIDITIES = Range("s", 1e-5, 0.1)  # poses of 100 ms are worth nothing (PAPER 10)
+CORES = Range("", 0, 4095)
+COUNTS = Range("", 1, MAX_RECORDS)
+BUDGETS = Range("nodes and leaves", 1, 2**31 - 1)
+LENGTHS = Range("m", 0.0, 1e6, is_above=True)
+RANGES = Range("m", 0.0, 1e6)
+TOLERANCES = Range("", 0.0, 1.0)
+TIMES = Range("s", 0.0, 1e3, is_above=True)
+SPEEDS = Range("m/s", 0.0, 1e6, is_above=True)
+ACCELERATIONS = Range("m/s²", 0.0, 1e9, is_above=True)
+AGES = Range("days", 0.0, 36_500.0, is_above=True)
+COORDINATES = Range("m", -1e6, 1e6)
+ANGLES = Range("degrees", -1e6, 1e6)
+SCALES = Range("", 1e-6, 1e6)
+STIFFNESSES = Range("N/m", 0.0, 1e12, is_above=True)
+DAMPINGS = Range("N s/m", 0.0, 1e12)
+
+
+def read_scene_file(path: str | os.PathLike[str]) -> SceneFile:
+    """Return what a scene file says; ``meshes/demo.toml`` explains every key.
+
+    Parameters
+    ----------
+    path : path
+        The file: TOML in UTF-8.
+
+    Raises
+    ------
+    ServiceError
+        If it cannot be used. The message names the line of what is wrong first, and what was expected.
+    """
+    document = read_document(path)
+    reader = _Reader(document, os.path.dirname(os.path.abspath(os.fsdecode(path))))
+    settings = SceneFile(
+        path=os.fsdecode(path),
+        service=reader.service(),
+        fingers=reader.fingers(),
+        parts=reader.parts(),
+        input=reader.input(),
+        glove=reader.glove(),
+        document=document,
+    )
+    _check_together(settings)
+    document.raise_complaints()
+    return settings
+
+
+def override(settings: SceneFile, given: dict[str, Any]) -> SceneFile:
+    """Return what a scene file says, but for some of its [service].
+
+    Parameters
+    ----------
+    settings : SceneFile
+        What the file says.
+    given : dict
+        What holds instead, by its key in [service]; None: what the file says. A path is relative to the
+        present folder.
+
+    Raises
+    ------
+    ServiceError
+        If it cannot be used.
+    """
+    document = Document("", "")
+    told = {key: _as_in_toml(value) for key, value in given.items() if value is not None}
+    document.data["service"] = told
+    service = _Reader(document, os.getcwd()).service()
+    document.raise_complaints()
+    changed = {key: getattr(service, key) for key in told}
+    settings = replace(settings, service=replace(settings.service, **changed))
+    _check_together(settings)
+    settings.document.raise_complaints()
+    return settings
+
+
+class _Reader:
+    """The tables of one document, one after the other."""
+
+    def __init__(self, document: Document, folder: str) -> None:
+        self._document, self._folder = document, folder
+        Table(document, (), document.data, TABLES)  # complains of others
+        given = document.data.get("input")
+        self._is_measured = isinstance(given, dict) and "sensor" in given
+
+    def service(self) -> ServiceSettings:
+        """The loop."""
+        table, default = self._table("service", SERVICE_KEYS), ServiceSettings()
+        named = table.texts("publish", default.publish, meaning="an address such as iox2://decaff")
+        publish = tuple(self._checked_address(table, "publish", address) for address in named)
+        if len(set(publish)) < len(publish):
+            table.complain("publish", "has an address twice, expected addresses that differ")
+        return ServiceSettings(
+            rate_hz=table.number("rate_hz", default.rate_hz, RATES),
+            latency=table.number("latency", default.latency, LATENCIES),
+            valid_for=table.number("valid_for", default.valid_for, VALIDITIES),
+            publish=publish,
+            log=self._from_here(table.text("log", None, meaning="the file to write")),
+            real_time=table.truth("real_time", default.real_time),
+            core=table.whole("core", None, CORES),
+        )
+
+    def fingers(self) -> FingerSettings:
+        """The fingertips."""
+        table, default = self._table("fingers", FINGER_KEYS), FingerSettings()
+        count = table.whole("count", None, COUNTS)
+        for key in TRACKER_KEYS:
+            if self._is_measured and table.has(key):
+                table.complain(key, WITHOUT_GEOMETRY)
+        radius = table.number_or_numbers("radius", default.radius, count, LENGTHS)
+        working_range = table.number("working_range", None, RANGES)
+        largest = max(radius) if isinstance(radius, tuple) else radius
+        for key, length, most in (
+            ("radius", largest, LARGEST_RADIUS),
+            ("working_range", working_range or 0.0, LARGEST_WORKING_RANGE),
+        ):
+            if length > most:
+                table.complain(key, f"is {too_long(length, most)}")
+        return FingerSettings(
+            count=count,
+            radius=radius,
+            budget=table.whole("budget", None, BUDGETS),
+            working_range=working_range,
+            tolerance=table.number("tolerance", None, TOLERANCES),
+            horizon=table.number("horizon", None, TIMES),
+            max_speed=table.number("max_speed", None, SPEEDS),
+            max_acceleration=table.number("max_acceleration", None, ACCELERATIONS),
+        )
+
+    def parts(self) -> tuple[PartEntry, ...]:
+        """The parts, in the order of the file."""
+        listed = self._document.data.get("parts", [])
+        if not isinstance(listed, list):
+            self._document.complain(
+                ("parts",), "parts are not a list of tables, expected [[parts]] above each"
+            )
+            return ()
+        if self._is_measured and listed:
+            self._document.complain(("parts", 0), f"[[parts]] {WITHOUT_GEOMETRY}")
+            return ()
+        if not self._is_measured and not listed:
+            self._document.complain((), "[[parts]] is missing, expected at least one")
+        entries = [self._part(("parts", index), content) for index, content in enumerate(listed)]
+        for index, entry in enumerate(entries):
+            earlier = [other.name for other in entries[:index]]
+            if entry.name is not None and entry.name in earlier:
+                first = ("parts", earlier.index(entry.name), "name")
+                self._document.complain(
+                    ("parts", index, "name"),
+                    f"parts[{index}].name is {entry.name!r}, as of the part on line "
+                    f"{self._document.line_of(first)}, expected names that differ",
+                )
+        return tuple(entries)
+
+    def input(self) -> InputSettings:
+        """Where poses come from."""
+        if "input" not in self._document.data:
+            self._document.complain((), f"[input] is missing, expected it to have {_either(SOURCES)}")
+            return InputSettings()
+        table = self._table("input", INPUT_KEYS)
+        given = [key for key in SOURCES if table.has(key)]
+        if not given:
+            self._document.complain(("input",), f"[input] says no source, expected {_either(SOURCES)}")
+        for more in given[1:]:
+            table.complain(more, f"stands beside input.{given[0]}, expected only one of {_either(SOURCES)}")
+        for key in RECORDING_KEYS:
+            if table.has(key) and "recording" not in given:
+                table.complain(key, "is of a recording, and there is no input.recording")
+        return InputSettings(
+            recording=self._recording(table) if table.has("recording") else None,
+            poses=self._address(table, "poses"),
+            sensor=self._address(table, "sensor"),
+            moves=self._address(table, "moves"),
+        )
+
+    def glove(self) -> GloveSettings | None:
+        """What the hand wears."""
+        if "glove" not in self._document.data:
+            return None
+        table, meaning = self._table("glove", GLOVE_KEYS), "a calibration of a glove"
+        named = table.texts("calibration", REQUIRED, meaning=meaning)
+        files = () if named is REQUIRED else named
+        return GloveSettings(
+            calibration=tuple(self._existing(table, "calibration", each, meaning) for each in files),
+            max_age_days=table.number("max_age_days", None, AGES),
+        )
+
+    def _part(self, path: Path, content: Any) -> PartEntry:
+        table = Table(self._document, path, content, PART_KEYS)
+        kind = table.one_of("kind", None, ("rigid", "deformable"))
+        if kind == "deformable":
+            stiffness = table.number("stiffness", REQUIRED, STIFFNESSES)
+            damping = table.number("damping", 0.0, DAMPINGS)
+        else:
+            stiffness, damping = None, 0.0
+            for key in ("stiffness", "damping"):
+                if table.has(key):
+                    table.complain(key, 'is of a deformable part, expected kind = "deformable" beside it')
+        units = table.text("units", "mm", meaning="a unit such as mm")
+        try:
+            metres_per_unit(units)
+        except MeshError as unknown:
+            table.complain("units", f"cannot be used: {unknown}")
+        return PartEntry(
+            file=self._file(table, "file", "a file of parts"),
+            units=units,
+            name=table.text("name", None, meaning="what the part is to be called"),
+            position=table.numbers("position", ORIGIN, 3, COORDINATES),
+            turn_degrees=table.numbers("turn_degrees", ORIGIN, 3, ANGLES),
+            kind=kind,
+            stiffness=stiffness,
+            damping=damping,
+        )
+
+    def _recording(self, table: Table) -> RecordingEntry:
+        is_fitted = table.truth("fit", False)
+        if is_fitted and table.has("position"):
+            table.complain("position", "stands beside fit = true, expected only one of them")
+        return RecordingEntry(
+            file=self._file(table, "recording", "a recording"),
+            repeat=table.truth("repeat", False),
+            fast=table.truth("fast", False),
+            fit=is_fitted,
+            position=table.numbers("position", ORIGIN, 3, COORDINATES),
+            turn_degrees=table.numbers("turn_degrees", ORIGIN, 3, ANGLES),
+            scale=table.number("scale", 1.0, SCALES),
+        )
+
+    def _table(self, name: str, known: tuple[str, ...]) -> Table:
+        return Table(self._document, (name,), self._document.data.get(name, {}), known)
+
+    def _file(self, table: Table, key: str, what: str) -> str:
+        """A file that is there."""
+        named = table.text(key, REQUIRED, meaning=what)
+        return "" if named is REQUIRED else self._existing(table, key, named, what)
+
+    def _existing(self, table: Table, key: str, named: str, what: str) -> str:
+        path = str(self._from_here(named))
+        if not os.path.isfile(path):
+            is_folder = "is a folder" if os.path.isdir(path) else "is not there"
+            table.complain(key, f"is {named!r}, but {path} {is_folder}, expected {what}")
+        return path
+
+    def _address(self, table: Table, key: str) -> str | None:
+        address = table.text(key, None, meaning="an address such as iox2://NAME")
+        return None if address is None else self._checked_address(table, key, address)
+
+    def _checked_address(self, table: Table, key: str, text: str) -> str:
+        """An address, with files that it names as seen from the scene file."""
+        try:
+            address = parse(text)
+        except PublishError as unfit:
+            table.complain(key, f"cannot be used: {unfit}")
+            return text
+        if address.scheme not in TRANSPORTS:
+            schemes = ", ".join(TRANSPORTS)
+            table.complain(
+                key, f"is {text}, but no transport is called {address.scheme!r}: expected {schemes}"
+            )
+        return address.with_files_in(self._folder)
+
+    def _from_here(self, path: Any) -> Any:
+        """A path that is relative to the scene file."""
+        return None if path is None else os.path.join(self._folder, path)
+
+
+def _as_in_toml(value: Any) -> Any:
+    if isinstance(value, os.PathLike):
+        return os.fsdecode(value)
+    return list(value) if isinstance(value, tuple) else value
+
+
+def _check_together(settings: SceneFile) -> None:
+    """Complain of what does not fit together, though each of it could be."""
+    inputs, complain = settings.input, settings.document.complain
+    if inputs.moves is not None and inputs.sensor is not None:
+        complain(("input", "moves"), f"input.moves {WITHOUT_GEOMETRY}")
+    for key in ("poses", "sensor", "moves"):
+        address = getattr(inputs, key)
+        if address is not None and address in settings.service.publish:
+            complain(("input", key), f"input.{key} is {address}, where frames are published")
+    if settings.glove is not None and inputs.poses is None:
+        complain(("glove",), "[glove] is of a hand whose poses come in, and there is no input.poses")
+    if inputs.poses is not None and inputs.poses == inputs.moves:
+        complain(("input", "moves"), "input.moves is input.poses, expected another address")
+
+
+def _either(words: tuple[str, ...]) -> str:
+    return f"{', '.join(words[:-1])} or {words[-1]}"

@@ -1,0 +1,114 @@
+"""What a scene file says, in metres and seconds, with every value checked.
+
+Paths are complete: those in the file are relative to it. Whether files can be loaded is not known yet.
+"""
+
+from dataclasses import dataclass, field
+
+from proximity.errors import ServiceError
+from proximity.service.config.document import Document, Path
+
+Vector = tuple[float, float, float]
+ORIGIN: Vector = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class ServiceSettings:
+    """How the loop runs, and whom it tells."""
+
+    rate_hz: float = 1000.0
+    latency: float = 0.001  # s, from a tick until the controller acts
+    valid_for: float = 0.020  # s, from a pose on
+    publish: tuple[str, ...] = ("iox2://decaff",)
+    log: str | None = None  # file of all frames
+    real_time: bool = True
+    core: int | None = None  # None: the service chooses
+
+    @property
+    def period(self) -> float:
+        """Between ticks, s."""
+        return 1.0 / self.rate_hz
+
+
+@dataclass(frozen=True, slots=True)
+class FingerSettings:
+    """The fingertips, and what a tracker is told besides; None: its own default."""
+
+    count: int | None = None  # None: as many as a recording has, else five
+    radius: float | tuple[float, ...] = 0.007  # m, one for all or one each
+    budget: int | None = None
+    working_range: float | None = None  # m
+    tolerance: float | None = None
+    horizon: float | None = None  # s
+    max_speed: float | None = None  # m/s
+    max_acceleration: float | None = None  # m/s²
+
+
+@dataclass(frozen=True, slots=True)
+class PartEntry:
+    """A file of one part or several, where it is put, and how it answers a touch."""
+
+    file: str
+    units: str = "mm"
+    name: str | None = None  # None: as in the file
+    position: Vector = ORIGIN  # m
+    turn_degrees: Vector = ORIGIN  # about x, then y, then z
+    kind: str | None = None  # "rigid" or "deformable"; None: as in the file
+    stiffness: float | None = None  # N/m, of a deformable part
+    damping: float = 0.0  # N s/m
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingEntry:
+    """A recorded hand, and where it is put."""
+
+    file: str
+    repeat: bool = False
+    fast: bool = False  # as fast as possible instead of in real time
+    fit: bool = False  # so that it touches; *position* means nothing then
+    position: Vector = ORIGIN  # m, of its origin
+    turn_degrees: Vector = ORIGIN
+    scale: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class InputSettings:
+    """Where poses come from: exactly one of the first three."""
+
+    recording: RecordingEntry | None = None
+    poses: str | None = None  # address
+    sensor: str | None = None  # address: distances are measured, there is no geometry
+    moves: str | None = None  # address: parts move
+
+
+@dataclass(frozen=True, slots=True)
+class GloveSettings:
+    """What is worn by the hand whose poses come in."""
+
+    calibration: tuple[str, ...]  # files: one for all fingers, or one each
+    max_age_days: float | None = None  # of a calibration; None: as `decaff.calibration` has it
+
+
+@dataclass(frozen=True, slots=True)
+class SceneFile:
+    """A scene file that was read and checked."""
+
+    path: str
+    service: ServiceSettings
+    fingers: FingerSettings
+    parts: tuple[PartEntry, ...]
+    input: InputSettings
+    glove: GloveSettings | None  # None: poses are of fingertips
+    document: Document = field(repr=False, compare=False)
+
+    def error(self, path: Path, sentence: str) -> ServiceError:
+        """Return the error that says something of a value, with file and line.
+
+        Parameters
+        ----------
+        path : tuple
+            Of the value: ("parts", 1, "file").
+        sentence : str
+            What is wrong and what was expected.
+        """
+        return self.document.error(path, sentence)

@@ -1,0 +1,63 @@
+"""What is said while a service runs: whoever listens can neither delay the loop nor end it."""
+
+import logging
+import queue
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from logging.handlers import QueueHandler, QueueListener
+
+LOGGER = logging.getLogger("proximity.service.hosting")
+LOOP_LOGGER = logging.getLogger("proximity.service")
+
+
+def guarded(say: Callable[[str], None]) -> Callable[[str], None]:
+    """Return what says the same, and logs instead of raising what goes wrong.
+
+    Parameters
+    ----------
+    say : callable
+        Is given a sentence.
+    """
+
+    def say_guarded(sentence: str) -> None:
+        try:
+            say(sentence)
+        except Exception:  # a terminal that was closed, for example
+            LOGGER.exception("this could not be said: %s", sentence)
+
+    return say_guarded
+
+
+@contextmanager
+def warnings_of_loop_to(say: Callable[[str], None] | None) -> Iterator[None]:
+    """Have what the loop warns of within the block said by a thread of its own.
+
+    Parameters
+    ----------
+    say : callable
+        Is given sentences; None: they are logged, and nothing else.
+    """
+    if say is None:
+        yield
+        return
+    waiting: queue.SimpleQueue[logging.LogRecord] = queue.SimpleQueue()
+    handler, listener = QueueHandler(waiting), QueueListener(waiting, _Saying(say))
+    handler.setLevel(logging.WARNING)
+    LOOP_LOGGER.addHandler(handler)
+    listener.start()
+    try:
+        yield
+    finally:
+        LOOP_LOGGER.removeHandler(handler)
+        listener.stop()
+
+
+class _Saying(logging.Handler):
+    """Passes records on as sentences."""
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        super().__init__(logging.WARNING)
+        self._say = say
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._say(record.getMessage())

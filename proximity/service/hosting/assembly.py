@@ -1,0 +1,112 @@
+"""What a scene file describes, put together: publishers, log, input and answers, ready for the loop."""
+
+from contextlib import ExitStack
+from dataclasses import dataclass
+
+from proximity.errors import RecordingError
+from proximity.recording import FrameLog, Recording
+from proximity.scene.scene import Scene
+from proximity.service import (
+    Answering,
+    Clock,
+    MonotonicClock,
+    MovesInput,
+    PoseInput,
+    RealTime,
+    RecordingInput,
+    SensorAnswers,
+    SensorInput,
+    Service,
+    SkippingClock,
+    StreamInput,
+    TrackerAnswers,
+)
+from proximity.service.config import (
+    PartFiles,
+    SceneFile,
+    finger_count,
+    make_tracker,
+    place_recording,
+    read_input,
+)
+from proximity.service.hosting.glove_calibrations import read_gloves
+from proximity.transport import open_publisher
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Made:
+    """A service that is ready to run, and what is needed to give it another scene."""
+
+    service: Service
+    files: PartFiles  # of the parts
+    scene: Scene | None  # None: a sensor measures
+    moves: MovesInput | None
+    count: int  # of fingers
+
+
+def make_service(settings: SceneFile) -> Made:
+    """Open and load all that a scene file asks for.
+
+    Parameters
+    ----------
+    settings : SceneFile
+        What is asked for.
+
+    Raises
+    ------
+    ServiceError
+        If parts, recording or calibrations cannot be used; the message has the line.
+    PublishError
+        If an address cannot be opened.
+    RecordingError
+        If the log cannot be written.
+    """
+    service, files = settings.service, PartFiles()
+    with ExitStack() as opened:
+        # What another program may have taken first: that takes no time.
+        publishers = [opened.enter_context(open_publisher(address)) for address in service.publish]
+        log = None if service.log is None else opened.enter_context(FrameLog(service.log))
+        recording = read_input(settings)
+        count = finger_count(settings, recording)
+        scene = None if settings.input.sensor is not None else files.scene(settings)
+        pose_input = _input(settings, recording, scene, count)
+        opened.callback(pose_input.close)
+        recorded = settings.input.recording
+        clock: Clock = SkippingClock() if recorded is not None and recorded.fast else MonotonicClock()
+        moves = None
+        if settings.input.moves is not None:
+            moves = MovesInput(settings.input.moves, skipped=lambda: clock.skipped_ns)
+        answering: Answering
+        if scene is None:
+            answering = SensorAnswers(count, latency=service.latency)
+        else:
+            answering = TrackerAnswers(make_tracker(settings, scene, count), moves)
+        opened.callback(answering.close)
+        loop = Service(
+            answering,
+            pose_input,
+            publishers,
+            period=service.period,
+            valid_for=service.valid_for,
+            clock=clock,
+            log=log,
+            real_time=RealTime(core=service.core) if service.real_time else None,
+        )
+        opened.pop_all()  # closed by the loop from here on
+    return Made(loop, files, scene, moves, count)
+
+
+def _input(settings: SceneFile, recording: Recording | None, scene: Scene | None, count: int) -> PoseInput:
+    given = settings.input
+    if given.poses is not None:
+        return StreamInput(given.poses, count, gloves=read_gloves(settings, count))
+    if given.sensor is not None:
+        return SensorInput(given.sensor, count)
+    assert recording is not None and scene is not None and given.recording is not None
+    # A pose for each tick, as `proximity replay` has them.
+    placed = place_recording(settings, recording, scene)
+    try:
+        resampled = placed.resampled(settings.service.period)
+    except RecordingError as too_long:
+        raise settings.error(("input", "recording"), f"input.recording: {too_long}") from too_long
+    return RecordingInput(resampled, repeat=given.recording.repeat)

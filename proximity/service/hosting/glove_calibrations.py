@@ -1,0 +1,43 @@
+"""Calibrations of gloves, as a scene file names them, become what the service knows of fingers."""
+
+import numpy as np
+
+from proximity.errors import DecaffError
+from proximity.service import GloveWays
+from proximity.service.config import SceneFile
+
+TABLE = 4097
+"""Places of a table of counts: lines in between are off by less than a hundredth of a count."""
+
+
+def read_gloves(settings: SceneFile, count: int) -> GloveWays | None:
+    """Return where fingertips go as fingers bend, by their calibrations; None where there is no [glove].
+
+    Parameters
+    ----------
+    settings : SceneFile
+        What is asked for.
+    count : int
+        Of fingers.
+
+    Raises
+    ------
+    ServiceError
+        If a calibration cannot be read, is too old, does not fit, or there are not as many as fingers.
+    """
+    glove = settings.glove
+    if glove is None:
+        return None
+    # Only where there is a glove: the models bring half a second of imports.
+    from proximity.decaff.wearing import as_many, read_glove
+
+    try:
+        worn = as_many([read_glove(path, glove.max_age_days) for path in glove.calibration], count)
+    except DecaffError as unfit:
+        raise settings.error(("glove", "calibration"), f"glove.calibration: {unfit}") from unfit
+    tables = [each.counts_table(TABLE) for each in worn]
+    return GloveWays(
+        corners=np.stack([each.path_finger() for each in worn]),
+        counts=np.stack([counts for counts, _ in tables]),
+        bends=np.stack([bends for _, bends in tables]),
+    )

@@ -1,0 +1,254 @@
+"""A service in a process of its own, and what its parent holds of it.
+
+The child is ``python -m proximity serve --json``: it says on its standard output, a JSON document a line,
+that the first frame is out, and at the end what it has done. It stops at a line on its standard input, or
+when that ends, as it does when the parent dies, however it dies.
+"""
+
+import json
+import logging
+import os
+import queue
+import subprocess
+import sys
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from types import TracebackType
+from typing import Any
+
+from proximity.errors import ServiceError
+from proximity.service.hosting.announcements import guarded
+from proximity.service.hosting.durations import checked_seconds
+
+BEGIN_TIMEOUT = 600.0
+"""s. Large parts may have to be read, and once kernels compiled: two minutes, or many on a busy machine."""
+STOP_TIMEOUT = 10.0
+"""s. The last frames, the log's last blocks, and an edit that is being made."""
+KEPT_LINES = 40
+"""Of what the child has said: how it ended is among them."""
+SPOKEN_BY = "proximity: "
+EXIT_UNUSABLE = 2
+OPTIONS = {"rate_hz": "--rate", "publish": "--publish", "log": "--log"}
+SWITCHES = {"real_time": ("--no-real-time", "--real-time")}
+LOGGER = logging.getLogger("proximity.service.hosting")
+
+
+class RunningService:
+    """A service in a process of its own; made by `start_service`, stopped at the end of a ``with`` block.
+
+    ``beginning`` is what it said with its first frame: ``publish``, ``rate_hz``, ``finger_count``,
+    ``part_count``, ``face_count``, ``pid``, ``notes`` and more.
+
+    Parameters
+    ----------
+    command : list of str
+        What to run.
+    path : str
+        The scene file, for messages.
+    say : callable
+        Is given what the service says meanwhile, by another thread.
+    timeout : float, s
+        That it has until its first frame.
+    """
+
+    beginning: dict[str, Any]  # publish, rate_hz, finger_count, part_count, face_count, pid, notes
+
+    def __init__(self, command: list[str], path: str, say: Callable[[str], None], timeout: float) -> None:
+        # Guarded: when nobody reads on, the service waits as soon as the pipe is full.
+        self._path, self._say = path, guarded(say)
+        self._said: deque[str] = deque(maxlen=KEPT_LINES)
+        self._told: queue.SimpleQueue[dict[str, Any] | None] = queue.SimpleQueue()
+        self._report: dict[str, Any] | None = None
+        self._process = subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            encoding="utf-8",
+            errors="replace",
+            env={
+                **os.environ,
+                "PYTHONPATH": os.pathsep.join(
+                    filter(None, sys.path)
+                ),  # the modules that this process imports
+                "PYTHONIOENCODING": "utf-8",
+            },
+        )
+        self._readers = [
+            threading.Thread(target=read, name="service", daemon=True)
+            for read in (self._read_told, self._read_said)
+        ]
+        for reader in self._readers:
+            reader.start()
+        try:
+            self.beginning = self._wait_for_begin(timeout)
+        except BaseException:
+            self._process.kill()
+            self._clean_up()
+            raise
+
+    @property
+    def is_running(self) -> bool:
+        """Whether it still serves: it also ends with a recording that is not repeated."""
+        return self._process.poll() is None
+
+    def stop(self, timeout: float = STOP_TIMEOUT) -> dict[str, Any]:
+        """Have it publish that it stops, and wait until it has ended; stopping twice is once.
+
+        Parameters
+        ----------
+        timeout : float, s
+            How long to wait; then it is killed.
+
+        Returns
+        -------
+        dict
+            What it has done: ``ticks``, ``missed``, ``compute``, ``lateness``, ``states``,
+            ``publish_failures``, ``notes`` and more, as ``proximity serve --json`` writes it.
+
+        Raises
+        ------
+        ServiceError
+            If it has failed, or did not end in time; or if *timeout* is no number of 0 or more.
+        """
+        timeout = checked_seconds("timeout", timeout)
+        with suppress(OSError, ValueError):  # it has ended already, or was told already
+            assert self._process.stdin is not None
+            self._process.stdin.write("stop\n")
+            self._process.stdin.close()
+        try:
+            code = self._process.wait(timeout)
+        except subprocess.TimeoutExpired as late:
+            self._process.kill()
+            raise ServiceError(
+                f"{self._path}: the service did not stop within {timeout:g} s: killed"
+            ) from late
+        finally:
+            self._clean_up()
+        if self._report is None:
+            raise self._failure(code)
+        return self._report
+
+    def __enter__(self) -> "RunningService":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        # What went wrong within the block is what the caller must hear of.
+        with suppress(*(() if kind is None else (ServiceError,))):
+            self.stop()
+
+    def __repr__(self) -> str:
+        state = "running" if self.is_running else "ended"
+        return f"RunningService({self._path!r}, process {self._process.pid}, {state})"
+
+    def _wait_for_begin(self, timeout: float) -> dict[str, Any]:
+        try:
+            told = self._told.get(timeout=timeout)
+        except queue.Empty:
+            raise ServiceError(
+                f"{self._path}: the service has published nothing within {timeout:g} s: killed"
+            ) from None
+        if told is None:
+            raise self._failure(self._process.wait())
+        return told
+
+    def _failure(self, code: int) -> ServiceError:
+        """What the child's end is called: its own sentence, where it has said one."""
+        self._readers[1].join(1.0)
+        sentences = [line for line in self._said if line.startswith(SPOKEN_BY)]
+        if code == EXIT_UNUSABLE and sentences:
+            return ServiceError(sentences[-1].removeprefix(SPOKEN_BY))
+        last = self._said[-1] if self._said else "it said nothing"
+        return ServiceError(f"{self._path}: the service has failed with exit code {code}: {last}")
+
+    def _read_told(self) -> None:
+        """Take the documents on the child's standard output: first that it has begun, then the report."""
+        try:
+            for line in self._process.stdout or ():
+                if not line.startswith("{"):  # of whom?
+                    continue
+                told = json.loads(line)
+                if told.pop("event") == "begun":
+                    self._told.put(told)
+                else:
+                    self._report = told
+        finally:
+            self._told.put(None)  # whoever waits, waits no longer
+
+    def _read_said(self) -> None:
+        for line in self._process.stderr or ():
+            line = line.rstrip()
+            self._said.append(line)
+            if line.startswith(SPOKEN_BY):
+                self._say(line.removeprefix(SPOKEN_BY))
+
+    def _clean_up(self) -> None:
+        self._process.wait()
+        for reader in self._readers:
+            reader.join(1.0)
+        for pipe in (self._process.stdin, self._process.stdout, self._process.stderr):
+            with suppress(OSError):
+                if pipe is not None:
+                    pipe.close()
+
+
+def start_service(
+    path: str | os.PathLike[str],
+    *,
+    timeout: float = BEGIN_TIMEOUT,
+    say: Callable[[str], None] | None = None,
+    **overrides: Any,
+) -> RunningService:
+    """Serve a scene file in a process of its own; return when its first frame is out.
+
+    The process ends with this one, however this one ends.
+
+    Parameters
+    ----------
+    path : path
+        The scene file; ``meshes/demo.toml`` explains such files. It may be edited while it is served.
+    timeout : float, s
+        That the service has until its first frame; parts must be read, and kernels compiled the first time.
+    say : callable
+        Is given sentences meanwhile, by another thread: edits that were taken or not, what has failed. They
+        are logged as warnings of "proximity.service.hosting" where it is not given.
+    overrides
+        What holds instead of what the file's [service] says: ``publish``, ``rate_hz``, ``log``,
+        ``real_time``. None: the file holds.
+
+    Returns
+    -------
+    RunningService
+        To be stopped, or used in a ``with`` block.
+
+    Raises
+    ------
+    ServiceError
+        If the file, an address, an override or *timeout* cannot be used, with the sentence that says why; or
+        if there is no frame in time.
+    """
+    timeout = checked_seconds("timeout", timeout)
+    name = os.fsdecode(path)
+    command = [sys.executable, "-P", "-m", "proximity", "serve", name, "--json", "--until-stdin"]
+    return RunningService(
+        command + list(_options(overrides)), name, LOGGER.warning if say is None else say, timeout
+    )
+
+
+def _options(overrides: dict[str, Any]) -> Iterator[str]:
+    """What the command line is told of overrides."""
+    for key, value in overrides.items():
+        if value is None:
+            continue
+        if key in SWITCHES:
+            yield SWITCHES[key][bool(value)]
+        elif key in OPTIONS:
+            for one in value if isinstance(value, list | tuple) else (value,):
+                yield from (OPTIONS[key], str(one))
+        else:
+            known = ", ".join((*OPTIONS, *SWITCHES))
+            raise ServiceError(f"{key} cannot be said otherwise than in the scene file, expected {known}")

@@ -1,0 +1,108 @@
+"""A scene that is edited while it is served: made beside the loop, taken between two ticks.
+
+What cannot be used is said, and the scene before goes on.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import Any
+
+from proximity.errors import ProximityError
+from proximity.service import TrackerAnswers
+from proximity.service.config import SceneFile, make_tracker, override, read_scene_file, stamp_of
+from proximity.service.config.document import Path, spelled
+from proximity.service.hosting.assembly import Made
+
+REFUSED = "the edit is not taken, the scene before goes on"
+
+
+class Editing:
+    """Gives a running service the scene of its file, whenever that file or a file of its parts changes.
+
+    Parameters
+    ----------
+    made : Made
+        The service, and what is kept of its scene.
+    settings : SceneFile
+        What it was made of.
+    given : dict
+        What was said otherwise than in the file: it goes on to hold.
+    say : callable
+        Is given a sentence for whoever edits.
+    """
+
+    def __init__(
+        self, made: Made, settings: SceneFile, given: dict[str, Any], say: Callable[[str], None]
+    ) -> None:
+        self._made, self._settings, self._given, self._say = made, settings, given, say
+        self._looked_at = self._seen = _stamps(settings)
+
+    def look(self) -> None:
+        """Take an edit, if there is one that the look before has seen already: it is not half-written."""
+        seen = {path: stamp_of(path) for path in self._seen}
+        is_finished, self._seen = seen == self._seen, seen
+        if not is_finished or seen == self._looked_at:
+            return
+        self._looked_at = seen
+        try:
+            told = self._take()
+        except ProximityError as unusable:
+            told = f"{REFUSED}: {unusable}"
+        except Exception as failure:  # a mistake of ours must not end the looking
+            told = f"{REFUSED}: {type(failure).__name__}: {failure}"
+        self._say(told)
+
+    def _take(self) -> str:
+        """Make the edited scene and hand it to the loop; what is said of it."""
+        started, before = time.monotonic(), self._settings
+        settings = override(read_scene_file(before.path), self._given)
+        # Files that are new are watched as well from here on, even if they cannot be used yet.
+        self._seen = self._looked_at = {**_stamps(settings), **self._looked_at}
+        refuse_what_needs_a_restart(before, settings)
+        if self._made.scene is None:
+            return f"{settings.path} was edited, to no effect"
+        scene = self._made.files.scene(settings)
+        tracker = make_tracker(settings, scene, self._made.count)
+        self._made.service.replace(TrackerAnswers(tracker, self._made.moves))
+        self._settings = settings
+        self._seen = self._looked_at = {path: self._looked_at[path] for path in _stamps(settings)}
+        return f"{settings.path} was edited: {scene} is served, after {time.monotonic() - started:.1f} s"
+
+
+def refuse_what_needs_a_restart(before: SceneFile, after: SceneFile) -> None:
+    """Raise if a file says something else of what a running service cannot change.
+
+    Parameters
+    ----------
+    before, after : SceneFile
+        What is served; what it was edited to.
+
+    Raises
+    ------
+    ServiceError
+        With the line of what is other.
+    """
+    told = _fixed(after)
+    for path, value in _fixed(before).items():
+        if told[path] != value:
+            raise after.error(
+                path, f"{spelled(path)} is not as it was, and a running service keeps it: start it anew"
+            )
+
+
+def _fixed(settings: SceneFile) -> dict[Path, Any]:
+    """What a running service cannot change, by where it stands."""
+    told: dict[Path, Any] = {("service", key): value for key, value in asdict(settings.service).items()}
+    del told["service", "latency"]
+    told["fingers", "count"] = settings.fingers.count
+    given = asdict(settings.input)
+    recorded = given.pop("recording") or {}
+    given["recording"] = recorded.pop("file", None)
+    told |= {("input", key): value for key, value in {**given, **recorded}.items()}
+    told["glove",] = settings.glove
+    return told
+
+
+def _stamps(settings: SceneFile) -> dict[str, Any]:
+    return {path: stamp_of(path) for path in (settings.path, *(part.file for part in settings.parts))}

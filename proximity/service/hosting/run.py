@@ -1,0 +1,180 @@
+"""A scene file served in this process."""
+
+import logging
+import os
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from proximity.errors import ServiceError
+from proximity.service import Report
+from proximity.service.config import SceneFile, override, read_scene_file
+from proximity.service.hosting.announcements import guarded, warnings_of_loop_to
+from proximity.service.hosting.assembly import Made, make_service
+from proximity.service.hosting.durations import checked_seconds
+from proximity.service.hosting.reloading import Editing
+from proximity.system.stop_signals import stopped_by_signals
+
+LOOK_S = 0.5
+"""Between two looks whether the scene file was edited."""
+BEGIN_LOOK_S = 0.005
+"""Between two looks whether the first frame is out."""
+PATIENCE_S = 2.0
+"""That an edit which is being made when all is over is waited for: a large part may take minutes."""
+LOGGER = logging.getLogger("proximity.service.hosting")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Beginning:
+    """What is known when the first frame is out."""
+
+    settings: SceneFile  # as served, what was overridden included
+    finger_count: int
+    part_count: int  # 0: distances are measured
+    face_count: int
+    notes: tuple[str, ...]  # sentences: what the system did not permit
+
+
+def serve(
+    path: str | os.PathLike[str],
+    *,
+    stop: threading.Event | None = None,
+    tick_count: int | None = None,
+    seconds: float | None = None,
+    say: Callable[[str], None] | None = None,
+    begun: Callable[[Beginning], None] | None = None,
+    **overrides: Any,
+) -> Report:
+    """Serve a scene file in this process until told to stop; ``meshes/demo.toml`` explains such files.
+
+    While it serves, an edit of the file, or of a file of its parts, is taken between two ticks; one that
+    cannot be used is said, and the scene before goes on.
+
+    Parameters
+    ----------
+    path : path
+        The scene file.
+    stop : threading.Event
+        Ends it when set by another thread. In the main thread Ctrl-C and SIGTERM do as well.
+    tick_count : int
+        Ends it after so many ticks; None: it goes on.
+    seconds : float, s
+        Ends it so long after the first frame; None: it goes on.
+    say : callable
+        Is given sentences meanwhile, by other threads: edits that were taken or not, what has failed. They
+        are logged as warnings of "proximity.service.hosting" where it is not given.
+    begun : callable
+        Is told, by another thread, that the first frame is out.
+    overrides
+        What holds instead of what the file's [service] says, by its keys: ``publish``, ``rate_hz``, ``log``,
+        ``real_time``, … None: the file holds.
+
+    Returns
+    -------
+    Report
+        Ticks, how late and how long they were, what failed.
+
+    Raises
+    ------
+    ServiceError
+        If the file cannot be used; the message has the line. If *tick_count* or *seconds* are no such
+        numbers.
+    PublishError
+        If an address cannot be opened.
+    RecordingError
+        If the log cannot be written.
+
+    Notes
+    -----
+    Thread: the calling thread ticks. Others of this process that hold the interpreter lock delay it:
+    `start_service` has a process of its own.
+    """
+    if tick_count is not None and not (isinstance(tick_count, int) and tick_count >= 0):
+        raise ServiceError(f"tick_count is {tick_count!r}, expected a whole number of 0 or more")
+    seconds = None if seconds is None else checked_seconds("seconds", seconds)
+    settings = override(read_scene_file(path), overrides)
+    made = make_service(settings)
+    stop = threading.Event() if stop is None else stop
+    say = None if say is None else guarded(say)
+    beside = _Beside(made, settings, overrides, stop, seconds, say or LOGGER.warning, begun)
+    with warnings_of_loop_to(say), beside.running(), stopped_by_signals(stop):
+        report = made.service.run(stop=stop, tick_count=tick_count)
+    beside.raise_failure()
+    return report
+
+
+class _Beside:
+    """The thread beside the loop: tells that it has begun, looks for edits, ends it in time.
+
+    It is made before the loop asks the system for priority and a core: threads inherit these.
+    """
+
+    def __init__(
+        self,
+        made: Made,
+        settings: SceneFile,
+        overrides: dict[str, Any],
+        stop: threading.Event,
+        seconds: float | None,
+        say: Callable[[str], None],
+        begun: Callable[[Beginning], None] | None,
+    ) -> None:
+        self._made, self._settings, self._stop = made, settings, stop
+        self._seconds, self._begun = seconds, begun
+        self._editing = Editing(made, settings, overrides, say)
+        self._over = threading.Event()
+        self._timer: threading.Timer | None = None
+        self._failure: BaseException | None = None
+
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        """Run beside the block."""
+        thread = threading.Thread(target=self._run, name="beside the loop", daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            self._over.set()
+            thread.join(PATIENCE_S)
+            if self._timer is not None:
+                self._timer.cancel()
+
+    def raise_failure(self) -> None:
+        """Raise what the caller's own function raised."""
+        if self._failure is not None:
+            raise self._failure
+
+    def _run(self) -> None:
+        try:
+            self._wait_for_begin()
+        except BaseException as failure:
+            self._failure = failure
+            self._stop.set()
+            return
+        if self._seconds is not None:
+            # Not by this thread: an edit of a large part may keep it for minutes.
+            self._timer = threading.Timer(self._seconds, self._stop.set)
+            self._timer.daemon = True
+            self._timer.start()
+        while not self._over.wait(LOOK_S):
+            self._editing.look()
+
+    def _wait_for_begin(self) -> None:
+        service = self._made.service
+        while not service.report.ticks and not self._over.wait(BEGIN_LOOK_S):
+            pass
+        report = service.report
+        if self._begun is None or not report.ticks:
+            return
+        parts = () if self._made.scene is None else self._made.scene.parts
+        self._begun(
+            Beginning(
+                settings=self._settings,
+                finger_count=self._made.count,
+                part_count=len(parts),
+                face_count=sum(part.solid.mesh.face_count for part in parts),
+                notes=tuple(report.notes),
+            )
+        )

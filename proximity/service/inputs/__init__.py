@@ -1,0 +1,1 @@
+"""Where a service gets poses, part motions and measured distances from."""

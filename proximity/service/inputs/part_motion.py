@@ -1,0 +1,264 @@
+"""Parts that move while they are served: where to, as messages tell."""
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+
+import numpy as np
+
+from proximity.errors import PoseError, SceneError
+from proximity.message import MOVES
+from proximity.scene.scene import Scene
+from proximity.service.clock import SECOND
+from proximity.service.inputs.part_prediction import Carried, Told
+from proximity.service.inputs.reception import Reception
+from proximity.service.presence import Presence
+from proximity.service.sample_filter import AHEAD_NS
+from proximity.service.samples import Hands
+
+SILENT = "velocities of parts of which nothing more was told for 100 ms"
+UNFIT = "moves of parts that cannot be"
+FUTURE, BACKWARDS = "moves from the future", "moves older than the one before"
+
+EXACT = 1e-9
+SINGLE = 1e-5
+"""How far rotation times its transpose may be from the identity: senders that compute in single precision
+are off by a millionth, and a scene refuses that. Up to here the nearest rotation is meant."""
+
+
+class MovesInput:
+    """Moves of parts, as `MOVES` messages at an address.
+
+    A part that is not there, or a pose that is not rigid, is counted and left out; the others move. So is a
+    move from more than 5 ms in the future, older than the one before of the same part, or too old. Velocities
+    of nan are zero. A part that has a velocity is carried on by it from the instant of its pose, at each
+    tick anew. When nothing more was told of it for `HOLD_NS` it stands, that is counted, and `is_late`
+    says so until it is told again: a part that comes to rest must be told once without a velocity.
+    Of a part that is hidden or taken out nobody needs to know where it is; when it is shown or added again,
+    it is carried on again.
+
+    Parameters
+    ----------
+    address : str
+        As of `open_subscriber`.
+    stale_after : float, s
+        Age from which a move is worth nothing when it comes.
+    clock : callable
+        Gives now, ns, monotonic.
+    skipped : callable
+        Gives by how much the instants of ticks are ahead of that clock, ns: those of a `SkippingClock` are.
+
+    Raises
+    ------
+    PublishError
+        If the address cannot be opened.
+    """
+
+    future: int  # moves left out because they are from the future
+    backwards: int  # … because they are older than the one before
+
+    def __init__(
+        self,
+        address: str,
+        *,
+        stale_after: float = 0.100,
+        clock: Callable[[], int] = time.monotonic_ns,
+        skipped: Callable[[], int] = lambda: 0,
+    ) -> None:
+        self._reception = Reception(address, [MOVES], clock)
+        self._clock, self._skipped = clock, skipped
+        self._stale_after_ns = round(SECOND * stale_after)
+        self.future = self.backwards = 0
+        self._scene: Scene | None = None
+        self._latest: dict[str, Told] = {}  # by name of a part that there is or was
+        self._unfit: set[str] = set()  # of these, parts that cannot be carried on as they were told
+        self._silent: set[str] = set()  # of these, parts of which nothing more is told
+        self._carried: Carried | None = None  # the parts with a velocity; None: there is none
+        self._presence: Presence | None = None  # what the scene had when parts were gathered last
+        self._epoch = -1  # of the scene then
+        self._names: dict[bytes, str] = {}
+
+    @property
+    def notes(self) -> list[str]:
+        """What was lost, refused or left out."""
+        return self._reception.notes
+
+    @property
+    def is_late(self) -> bool:
+        """Whether of a part that moved nothing more is told: nobody knows where it is."""
+        return self._carried is not None and self._carried.is_late
+
+    def apply(self, scene: Scene, now_ns: int, hands: Hands | None = None) -> None:
+        """Put the parts of a scene that are told to move where they are.
+
+        Parameters
+        ----------
+        scene : Scene
+            Another one than before, an edited one perhaps, gets all that was told until now.
+        now_ns : int, ns
+            The present instant.
+        hands : Hands
+            Poses that the scene will be asked about: parts are put where they are at the newest instant of
+            these, since distances are told for the instants of poses. Without a finger it is now.
+        """
+        is_told = scene is not self._scene
+        if is_told:
+            self._scene, self._carried, self._presence = scene, None, None
+            self._unfit.clear()
+            list(self._moved_each(scene, self._latest))
+        for _, records, ahead_ns in self._reception.messages():
+            self._take(scene, records, ahead_ns + self._skipped(), now_ns)
+            is_told = True
+        if is_told or scene.epoch != self._epoch:
+            self._gather(scene)
+        if self._carried is not None:
+            self._carry(self._carried, scene, now_ns, _instant_of(hands, now_ns))
+
+    def widen(self, contacts: np.ndarray) -> None:
+        """Make bounds wider by what is not known of parts that move.
+
+        Of a finger whose pose is of another instant than those parts are put at, that is how far they go in
+        between. Of a part of which nothing more is told it is how far it may have come since.
+
+        Parameters
+        ----------
+        contacts : (N,) CONTACT
+            Of the scene as `apply` has left it; changed in place.
+        """
+        if self._carried is not None and self._scene is not None:
+            self._carried.widen(contacts, is_edited=self._scene.epoch != self._epoch)
+
+    def close(self) -> None:
+        """Give the address back."""
+        self._reception.close()
+
+    def _take(self, scene: Scene, records: np.ndarray, ahead_ns: int, now_ns: int) -> None:
+        """Move parts to where a message tells, and keep what it told."""
+        names = [self._name(raw) for raw in records["name"].tolist()]
+        pose_ns = records["pose_ns"] + ahead_ns
+        rows = self._admitted(names, pose_ns, now_ns)
+        if len(rows) < len(names):
+            names, records, pose_ns = [names[row] for row in rows], records[rows], pose_ns[rows]
+        matrices = np.zeros((len(names), 4, 4))
+        matrices[:, :3, :3] = _nearest_rotations(records["rotation"])
+        matrices[:, :3, 3] = records["translation"]
+        matrices[:, 3, 3] = 1.0
+        velocities = np.nan_to_num(records["velocity"], posinf=np.inf, neginf=-np.inf)
+        turning = np.nan_to_num(records["angular_velocity"], posinf=np.inf, neginf=-np.inf)
+        is_moving = velocities.any(axis=1) | turning.any(axis=1)
+        each = zip(matrices, velocities, turning, pose_ns.tolist(), is_moving.tolist(), strict=True)
+        moves = {name: Told(*told) for name, told in zip(names, each, strict=True)}
+        try:
+            scene.move_many(names, matrices, velocities, turning)
+        except (SceneError, PoseError):
+            moves = dict(self._moved_each(scene, moves, UNFIT))
+        self._latest.update(moves)
+        self._silent -= moves.keys()
+        self._unfit -= moves.keys()
+
+    def _admitted(self, names: list[str], pose_ns: np.ndarray, now_ns: int) -> list[int]:
+        """Rows of the moves that may be used: none from the future, none backwards in time, none too old."""
+        admitted, latest = [], self._latest
+        future = backwards = stale = 0
+        # Not by the tick's start: where the system kept us from running since, new moves are after it.
+        latest_ns = max(now_ns, self._clock() + self._skipped()) + AHEAD_NS
+        for row, (name, instant) in enumerate(zip(names, pose_ns.tolist(), strict=True)):
+            if instant > latest_ns:
+                future += 1
+            elif name in latest and instant < latest[name].pose_ns:
+                backwards += 1
+            elif instant < now_ns - self._stale_after_ns:
+                stale += 1
+            else:
+                admitted.append(row)
+        if len(admitted) < len(names):
+            self.future += future
+            self.backwards += backwards
+            too_old = f"moves older than {self._stale_after_ns / 1_000_000:g} ms"
+            for what, count in ((FUTURE, future), (BACKWARDS, backwards), (too_old, stale)):
+                if count:
+                    self._reception.leave_out(what, count)
+        return admitted
+
+    def _moved_each(
+        self, scene: Scene, moves: Mapping[str, Told], unfit_are: str = ""
+    ) -> Iterator[tuple[str, Told]]:
+        """Move one after the other, and leave out whoever cannot be; gives those that were moved."""
+        for name, told in moves.items():
+            try:
+                scene.move(name, told.matrix, velocity=told.velocity, angular_velocity=told.turning)
+            except (SceneError, PoseError) as unfit:
+                if unfit_are:
+                    self._reception.leave_out(unfit_are, 1, str(unfit))
+            else:
+                yield name, told
+
+    def _gather(self, scene: Scene) -> None:
+        """Find the parts that are to be carried on."""
+        self._epoch = scene.epoch
+        moving = {
+            name: told for name, told in self._latest.items() if told.is_moving and name not in self._unfit
+        }
+        if moving:
+            moving = self._present(scene, moving)
+        self._carried = Carried(moving, self._silent, self._presence) if moving and self._presence else None
+
+    def _present(self, scene: Scene, moving: dict[str, Told]) -> dict[str, Told]:
+        """Those of parts that are in the scene; it is looked at anew only when it was edited."""
+        presence = self._presence
+        if presence is None or presence.epoch != self._epoch:
+            self._presence = presence = Presence(scene)
+            self._epoch = presence.epoch
+            carried = [] if self._carried is None else self._carried.names
+            gone = [name for name in carried if name not in presence.names and name not in self._silent]
+            if gone:
+                self._reception.leave_out(UNFIT, len(gone), f"part {gone[0]!r} was taken out")
+        return {name: told for name, told in moving.items() if name in presence.names}
+
+    def _carry(self, carried: Carried, scene: Scene, now_ns: int, instant_ns: int) -> None:
+        """Put the parts that move where they are at an instant."""
+        if now_ns >= carried.next_ns:
+            silent = carried.fall_silent(now_ns)
+            self._silent.update(silent)
+            self._reception.leave_out(SILENT, len(silent), f"first of {silent[0]!r}")
+        places = carried.at(instant_ns)
+        if places is None:
+            return
+        try:
+            scene.move_many(carried.names, *places)
+        except (SceneError, PoseError):
+            # One goes farther than can be computed with, or was taken out just now: the next tick sees that.
+            is_edited = scene.epoch != self._epoch
+            each = zip(*places, [0] * len(carried.names), strict=True)
+            moves = {name: Told(*told) for name, told in zip(carried.names, each, strict=True)}
+            moved = dict(self._moved_each(scene, moves, "" if is_edited else UNFIT))
+            if not is_edited:
+                self._unfit |= moves.keys() - moved.keys()
+                self._gather(scene)
+
+    def _name(self, raw: bytes) -> str:
+        name = self._names.get(raw)
+        if name is None:
+            name = raw.decode("utf-8", "replace")
+            if self._scene is not None and name in self._latest:
+                self._names[raw] = name
+        return name
+
+
+def _instant_of(hands: Hands | None, now_ns: int) -> int:
+    """The newest instant of a finger that is there; now where there is none."""
+    if hands is None:
+        return now_ns
+    is_there = np.isfinite(hands.positions).all(axis=1)
+    return int(hands.pose_ns[is_there].max()) if is_there.any() else now_ns
+
+
+def _nearest_rotations(rotations: np.ndarray) -> np.ndarray:
+    """Rotations (K, 3, 3) of which those that are off by single precision are made exact."""
+    with np.errstate(over="ignore", invalid="ignore"):  # whatever a sender tells
+        off = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2), initial=0.0)
+    rows = (off > EXACT) & (off <= SINGLE)
+    if rows.any():
+        left, _, right = np.linalg.svd(rotations[rows])
+        rotations = rotations.copy()
+        rotations[rows] = left @ right
+    return rotations

@@ -1,0 +1,143 @@
+"""Messages that a service is fed with: distrusted, counted, and never an exception in the loop."""
+
+import logging
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from proximity.message import Kind, parts_of
+from proximity.transport import Examiner, open_inlet
+from proximity.transport.publisher_clock import ForeignClock
+
+LOGGER = logging.getLogger("proximity.service")
+MOST_AT_ONCE = 256
+"""Messages looked at in one tick: more than shared memory keeps, so that the newest is among them however
+seldom ticks are. Of moves nothing would tell that newer ones wait."""
+MOST_FLAWED = 32
+"""Of these, such that cannot be used: a flood of garbage takes 0.1 ms of a tick, not all."""
+
+FARTHEST_NS = 2**62
+"""Between two clocks: 146 years. Instants of one that is farther off could not be told in 64 bits."""
+
+
+class Reception:
+    """Takes the messages at an address that can be used.
+
+    Parameters
+    ----------
+    address : str
+        As of `open_subscriber`.
+    kinds : sequence of Kind
+        Which are expected.
+    clock : callable
+        Gives now, ns, monotonic.
+
+    Raises
+    ------
+    PublishError
+        If the address cannot be opened.
+    """
+
+    def __init__(
+        self, address: str, kinds: Sequence[Kind], clock: Callable[[], int] = time.monotonic_ns
+    ) -> None:
+        self.address = address
+        self._inlet = open_inlet(address)
+        self._examiner = Examiner(
+            self._inlet, kinds, clock, most_at_once=MOST_AT_ONCE, most_flawed=MOST_FLAWED
+        )
+        self._foreign = None if self._inlet.shares_clock else ForeignClock()
+        self._has_warned_of_key = False
+        self._failures = 0
+        self._first_failure = ""
+        self._left_out: dict[str, int] = {}
+
+    @property
+    def notes(self) -> list[str]:
+        """What was lost, refused or left out."""
+        # Copies: the loop may be counting meanwhile.
+        counts = replace(self._examiner.counts, flawed=self._examiner.counts.flawed.copy())
+        notes = [f"{self.address}: {count} {what}" for what, count in list(self._left_out.items())]
+        if counts.lost or counts.unused:
+            notes.append(f"{self.address}: {counts}")
+        if self._failures:
+            notes.append(f"receiving failed {self._failures} times, first: {self._first_failure}")
+        return notes
+
+    def messages(self) -> Iterator[tuple[Kind, np.ndarray, int]]:
+        """Give what has arrived, oldest first: kind, records, and by how much our clock is ahead, ns.
+
+        The records are overwritten by the next message.
+        """
+        try:
+            for kind, data, now_ns in self._examiner.messages():
+                header, records = parts_of(data, kind)
+                if self._foreign is None:
+                    yield kind, records, 0
+                    continue
+                is_new_run = self._examiner.is_new_run
+                self._foreign.arrived(int(header["send_ns"]), now_ns, is_new_run=is_new_run, kind=kind.magic)
+                # Until a clock is seen to run, what it shows may be a copy of something old.
+                if self._foreign.is_settled:
+                    yield from self._on_our_clock(kind, records, now_ns - self._foreign.theirs(now_ns))
+            if self._examiner.counts.unverified and not self._has_warned_of_key:
+                self._has_warned_of_key = True
+                LOGGER.warning(
+                    "%s: a message is not verified by the key (expected that of its sender)", self.address
+                )
+        except OSError as failure:
+            self._failures += 1
+            if self._failures == 1:
+                self._first_failure = str(failure)
+                LOGGER.warning("receiving failed: %s", failure)
+
+    def _on_our_clock(
+        self, kind: Kind, records: np.ndarray, ahead_ns: int
+    ) -> Iterator[tuple[Kind, np.ndarray, int]]:
+        if abs(ahead_ns) <= FARTHEST_NS:
+            yield kind, records, ahead_ns
+        else:
+            self.leave_out("messages of a clock that cannot be", 1)
+
+    def leave_out(self, what: str, count: int, why: str = "") -> None:
+        """Count what of a message is not used; the first time is logged.
+
+        Parameters
+        ----------
+        what : str
+            In the plural, for the report.
+        count : int
+            How many.
+        why : str
+            For the log.
+        """
+        if what not in self._left_out:
+            LOGGER.warning("%s: %s%s", self.address, what, why and f" ({why})")
+        self._left_out[what] = self._left_out.get(what, 0) + count
+
+    def close(self) -> None:
+        """Give the address back."""
+        self._inlet.close()
+
+
+def rows_of(fingers: np.ndarray, count: int) -> tuple[slice | np.ndarray, np.ndarray | None]:
+    """Return the rows that records of these fingers belong to, and which of the records they are.
+
+    Parameters
+    ----------
+    fingers : (K,) integers
+        As records name them.
+    count : int
+        Of fingers that there are; whoever is beyond them is left out.
+
+    Returns
+    -------
+    rows, chosen
+        All rows in order, as is usual, are a slice; all records are None.
+    """
+    if len(fingers) == count and (fingers == np.arange(count)).all():
+        return slice(None), None
+    is_known = fingers < count
+    return (fingers, None) if is_known.all() else (fingers[is_known], is_known)

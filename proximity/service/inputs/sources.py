@@ -1,0 +1,210 @@
+"""Where poses come from: what any input must do, and the two that need no transport."""
+
+import logging
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import numpy as np
+
+from proximity.arrays import as_float64
+from proximity.errors import ProximityError, QueryError, ServiceError
+from proximity.kernels.tracking.motion import MAX_GAP_NS
+from proximity.recording import Recording
+from proximity.service.clock import SECOND
+from proximity.service.samples import Hands, Samples
+
+LOGGER = logging.getLogger("proximity.service")
+
+
+class PoseInput(Protocol):
+    """An input of samples; its methods are called by the loop, and neither wait nor raise."""
+
+    is_over: bool
+    """Whether nothing will come any more: a recording that has ended."""
+
+    @property
+    def notes(self) -> list[str]:
+        """Sentences for the report: what was refused or failed, and how often."""
+
+    def poll(self, now_ns: int) -> Samples | None:
+        """Return the newest samples; None where there are no others than at the poll before.
+
+        The loop overwrites those that it refuses.
+        """
+
+    def close(self) -> None:
+        """Give back what is open."""
+
+
+class RecordingInput:
+    """A recording in real time: each pose has its recorded instant, counted from the first poll on.
+
+    To serve a recording as fast as it can be computed, give the service a `SkippingClock`.
+
+    Parameters
+    ----------
+    recording : Recording
+        In the frame of the scene. At its own instants, or `Recording.resampled` to those of the ticks.
+    latency : float, s
+        How old a pose is when it comes in.
+    repeat : bool
+        Begin anew after the end. Between, the hand is away for a tenth of a second: from the last pose to the
+        first it has not moved, and no velocity may say so.
+    """
+
+    is_over: bool
+
+    def __init__(self, recording: Recording, *, latency: float = 0.0, repeat: bool = False) -> None:
+        if not 0.0 <= latency <= 1.0:
+            raise ServiceError(f"a recording with a latency of {latency!r} s, expected 0 to 1 s")
+        self.is_over = False
+        self.notes = [f"{recording.path or 'the recording'}: {note}" for note in recording.notes]
+        self._times_ns = recording.times_ns - recording.times_ns[0]
+        self._positions = recording.positions
+        if repeat:
+            self._times_ns, self._positions = _with_nobody_at_the_end(self._times_ns, self._positions)
+        self._hands = Hands(len(recording.fingers))
+        self._latency_ns = round(SECOND * latency)
+        self._repeat = repeat
+        self._row = -1  # the last one given
+        self._start_ns: int | None = None  # instant of the first row
+        self._round_ns = int(self._times_ns[-1]) + MAX_GAP_NS
+
+    def poll(self, now_ns: int) -> Hands | None:
+        """Return the poses of the last instant that is past; None where that is the one given before.
+
+        Parameters
+        ----------
+        now_ns : int, ns
+            The present instant.
+        """
+        if self._start_ns is None:
+            self._start_ns = now_ns - self._latency_ns
+        elapsed = now_ns - self._latency_ns - self._start_ns
+        if self._repeat and elapsed >= self._round_ns:
+            # All rounds that are past at once: there may have been a long pause.
+            self._start_ns += elapsed // self._round_ns * self._round_ns
+            elapsed %= self._round_ns
+            self._row = -1
+        row = self._row_at(elapsed)
+        if row == self._row:
+            return None
+        self._row = row
+        self.is_over = not self._repeat and row == len(self._times_ns) - 1
+        self._hands.positions[...] = self._positions[row]
+        self._hands.pose_ns[...] = self._start_ns + self._times_ns.item(row)
+        return self._hands
+
+    def close(self) -> None:
+        """Do nothing."""
+
+    def _row_at(self, elapsed_ns: int) -> int:
+        """The last row that is not after that time; never one before the last one given."""
+        row, times = self._row, self._times_ns
+        # Mostly the next one, or none.
+        while row + 1 < len(times) and times.item(row + 1) <= elapsed_ns:
+            row += 1
+        return row
+
+
+def _with_nobody_at_the_end(times_ns: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Times and positions with one more instant, a step as there are others after the last: no finger."""
+    steps = np.diff(times_ns)
+    end_ns = times_ns[-1] + (int(np.median(steps)) if len(steps) else SECOND)
+    nobody = np.full((1, *positions.shape[1:]), np.nan)
+    return np.append(times_ns, end_ns), np.concatenate([positions, nobody])
+
+
+class CallableInput:
+    """Poses that a function tells, called once a tick with the present instant, ns.
+
+    It returns positions, (N, 3) float64, m, of that very instant; or positions and their instants, one or
+    (N,) int64, ns; or `Hands`; or None where it has nothing new. What it raises is counted, and the loop
+    goes on without a new pose. It must be quick: the tick waits for it.
+
+    Parameters
+    ----------
+    function : callable
+        Of the present instant, ns.
+    count : int
+        Of fingers.
+    """
+
+    is_over = False
+
+    def __init__(self, function: Callable[[int], Any], count: int) -> None:
+        self.failures = 0
+        self._function = function
+        self._hands = Hands(count)
+        self._first_failure = ""
+
+    @property
+    def notes(self) -> list[str]:
+        """How often the function failed, and how it did first."""
+        if not self.failures:
+            return []
+        return [f"the function that tells poses failed {self.failures} times, first: {self._first_failure}"]
+
+    def poll(self, now_ns: int) -> Hands | None:
+        """Ask the function.
+
+        Parameters
+        ----------
+        now_ns : int, ns
+            The present instant.
+        """
+        try:
+            told = self._function(now_ns)
+            return None if told is None else self._understood(told, now_ns)
+        except Exception as failure:
+            self._count(failure)
+            return None
+
+    def close(self) -> None:
+        """Do nothing."""
+
+    def _understood(self, told: Any, now_ns: int) -> Hands:
+        hands = self._hands
+        rest: tuple[Any, Any, Any] = None, None, None
+        if isinstance(told, Hands):
+            rest = _rest_of(told, len(hands.positions))
+            told = told.positions, told.pose_ns
+        positions, instants = told if isinstance(told, tuple) and len(told) == 2 else (told, now_ns)
+        array = _shaped("positions", positions, hands.positions.shape)
+        if np.asarray(instants).dtype.kind not in "iu":
+            raise QueryError(f"instants are {instants!r}, expected whole nanoseconds")
+        hands.pose_ns[...] = instants
+        hands.positions[...] = array
+        hands.velocities, hands.paths, hands.bends = rest
+        return hands
+
+    def _count(self, failure: Exception) -> None:
+        self.failures += 1
+        if self.failures == 1:
+            kind = "" if isinstance(failure, ProximityError) else f"{type(failure).__name__}: "
+            self._first_failure = f"{kind}{failure}"
+            LOGGER.warning("the function that tells poses failed: %s", self._first_failure)
+
+
+def _rest_of(told: Hands, count: int) -> tuple[Any, Any, Any]:
+    """Velocities, paths and bends of so many fingers, as a tracker takes them: copies."""
+    if len(told.positions) != count:
+        raise QueryError(f"poses of {len(told.positions)} fingers, expected {count} fingers")
+    velocities, paths, bends = told.velocities, told.paths, told.bends
+    if velocities is not None:
+        velocities = _shaped("velocities", velocities, (count, 3))
+    if paths is not None:
+        shape = np.shape(paths)
+        if len(shape) != 3 or shape[1] < 2:
+            raise QueryError(f"paths have shape {shape}, expected ({count}, K, 3) with K of 2 or more")
+        paths = _shaped("paths", paths, (count, shape[1], 3))
+    if bends is not None:
+        bends = _shaped("bends", bends, (count,))
+    return velocities, paths, bends
+
+
+def _shaped(name: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:
+    array = as_float64(values, name, expected=f"numbers of shape {shape}")
+    if array.shape != shape:
+        raise QueryError(f"{name} have shape {array.shape}, expected {shape}")
+    return array.copy()

@@ -1,0 +1,133 @@
+"""Poses that come as messages, from another process or machine."""
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from proximity.message import GLOVE_POSES, PATH_CORNERS, PATH_POSES, POSES, Kind
+from proximity.service.inputs.gloves import GloveWays, is_rotation, points_on
+from proximity.service.inputs.reception import Reception, rows_of
+from proximity.service.samples import Hands
+
+
+class StreamInput:
+    """Poses of fingers, as `POSES`, `PATH_POSES` and `GLOVE_POSES` messages at an address.
+
+    A message need not tell all fingers: of the others, what was told last is still true. Where several have
+    come since the last poll, the newest counts.
+
+    Parameters
+    ----------
+    address : str
+        As of `open_subscriber`.
+    count : int
+        Of fingers.
+    clock : callable
+        Gives now, ns, monotonic.
+    gloves : GloveWays
+        Of the fingers. Without it `GLOVE_POSES` cannot be understood, and are counted as of a kind that is
+        not expected.
+
+    Raises
+    ------
+    PublishError
+        If the address cannot be opened.
+    """
+
+    is_over = False
+
+    def __init__(
+        self,
+        address: str,
+        count: int,
+        *,
+        clock: Callable[[], int] = time.monotonic_ns,
+        gloves: GloveWays | None = None,
+    ) -> None:
+        kinds = [POSES, PATH_POSES] if gloves is None else [POSES, PATH_POSES, GLOVE_POSES]
+        self._reception = Reception(address, kinds, clock)
+        self._gloves = gloves
+        self._count = count
+        self._hands = Hands(count)
+
+    @property
+    def notes(self) -> list[str]:
+        """What was lost, refused or left out."""
+        return self._reception.notes
+
+    def poll(self, now_ns: int) -> Hands | None:
+        """Return the newest pose of each finger; None where no message came.
+
+        Parameters
+        ----------
+        now_ns : int, ns
+            The present instant.
+        """
+        has_come = False
+        for kind, records, ahead_ns in self._reception.messages():
+            has_come = True
+            self._take(kind, records, ahead_ns)
+        return self._hands if has_come else None
+
+    def close(self) -> None:
+        """Give the address back."""
+        self._reception.close()
+
+    def _take(self, kind: Kind, records: np.ndarray, ahead_ns: int) -> None:
+        hands = self._hands
+        rows, chosen = rows_of(records["finger"], self._count)
+        if chosen is not None:
+            self._reception.leave_out("poses of fingers that are not served", int((~chosen).sum()))
+            records = records[chosen]
+        hands.pose_ns[rows] = records["pose_ns"] + ahead_ns
+        if kind is GLOVE_POSES:
+            self._take_gloves(records, rows)
+            return
+        hands.positions[rows] = records["position"]
+        if hands.velocities is not None or np.isfinite(records["velocity"]).any():
+            if hands.velocities is None:
+                hands.velocities = np.full((self._count, 3), np.nan)
+            hands.velocities[rows] = records["velocity"]
+        if hands.bends is not None or np.isfinite(records["bend"]).any():
+            hands.bends = self._bends()
+            hands.bends[rows] = records["bend"]
+        if hands.paths is not None or kind is PATH_POSES:
+            hands.paths = self._paths()
+            # A pose without a path says that the one before does not hold any more.
+            hands.paths[rows] = records["corners"] if kind is PATH_POSES else np.nan
+
+    def _take_gloves(self, records: np.ndarray, rows: slice | np.ndarray) -> None:
+        """Take tips, bends and paths as the gloves have them."""
+        assert self._gloves is not None
+        hands, fingers = self._hands, records["finger"]
+        is_placed = np.isfinite(records["translation"]).all(axis=1)
+        is_turn = is_rotation(records["rotation"])
+        self._leave_out("rotations that are none", is_placed & ~is_turn)
+        bends = self._gloves.bend(fingers, records["bend"], records["counts"])
+        self._leave_out(
+            "counts that the calibration does not reach: calibrate anew",
+            np.isnan(bends) & np.isfinite(records["counts"]),
+        )
+        knuckles = np.where((is_placed & is_turn)[:, None], records["translation"], np.nan)
+        rotations = np.where(is_turn[:, None, None], records["rotation"], np.nan)
+        paths = self._gloves.paths(fingers, rotations, knuckles)
+        hands.positions[rows] = points_on(paths, bends)
+        hands.paths, hands.bends = self._paths(), self._bends()
+        hands.paths[rows], hands.bends[rows] = paths, bends
+        if hands.velocities is not None:
+            hands.velocities[rows] = np.nan
+
+    def _leave_out(self, what: str, which: np.ndarray) -> None:
+        if which.any():
+            self._reception.leave_out(what, int(which.sum()))
+
+    def _paths(self) -> np.ndarray:
+        """Room for paths, from the first one on."""
+        paths = self._hands.paths
+        return np.full((self._count, PATH_CORNERS, 3), np.nan) if paths is None else paths
+
+    def _bends(self) -> np.ndarray:
+        """Room for bends, from the first one on."""
+        bends = self._hands.bends
+        return np.full(self._count, np.nan) if bends is None else bends

@@ -1,0 +1,202 @@
+"""Teleoperation: distances that a sensor measured, published as contacts without any geometry.
+
+What a sensor does not tell is not made up: places, parts and faces stay unknown. The speed of approach is
+estimated from successive distances as `kernels.tracking.motion` does from poses, along one axis.
+"""
+
+import numpy as np
+
+from proximity.errors import ServiceError
+from proximity.kernels.tracking import finger_rows
+from proximity.kernels.tracking.motion import MAX_ACCELERATION, MAX_SPEED, MOTION_INTS, MOTION_REALS
+from proximity.message import CONTACT, ContactFlag, Mode, Source, Surface
+from proximity.service.clock import SECOND
+from proximity.service.inputs.sensor import Measurements
+from proximity.tracker.tracker import HORIZON
+from proximity.transport import forget
+
+OBSERVED = int(ContactFlag.TRACKED | ContactFlag.PREDICTED | ContactFlag.JUMPED)
+"""What following the distances tells of them."""
+AS_TOLD = ("position", "velocity", "normal", "bend", "bend_rate", "surface", "force", "force_is_valid")
+"""Fields of a measurement that a contact has as well."""
+
+
+class SensorAnswers:
+    """Contacts as a sensor measured them.
+
+    Parameters
+    ----------
+    count : int
+        Of fingers.
+    latency : float, s
+        From a tick until the controller acts on its answer: predictions are for then.
+    horizon : float, s
+        How far ahead contacts are looked for.
+    max_speed : float, m/s
+        By which a distance changes at most; faster is a jump of the sensor.
+    max_acceleration : float, m/s²
+        Bounds of predictions hold as long as it is not exceeded, and distances are no farther off than told.
+
+    Raises
+    ------
+    ServiceError
+        If a number cannot be used.
+
+    Notes
+    -----
+    Where a sensor tells bend and bend rate, the bend at contact is told as well, on the assumption that both
+    bend and distance go on as they do (PAPER 8); how far it is off is not known.
+    """
+
+    source = Source.TELEOPERATION
+    epoch = 0
+    refused = 0, 0
+    is_late = False
+
+    def __init__(
+        self,
+        count: int,
+        *,
+        latency: float = 0.001,
+        horizon: float = HORIZON,
+        max_speed: float = MAX_SPEED,
+        max_acceleration: float = MAX_ACCELERATION,
+    ) -> None:
+        if not (
+            0.0 <= latency <= 1.0 and all(number > 0.0 for number in (horizon, max_speed, max_acceleration))
+        ):
+            raise ServiceError(
+                f"latency {latency!r} s, horizon {horizon!r} s, max_speed {max_speed!r} m/s and "
+                f"max_acceleration {max_acceleration!r} m/s², expected a latency of 0 to 1 s and the others "
+                "above zero"
+            )
+        self.count = count
+        self.notes: list[str] = []
+        self._latency_ns = round(SECOND * latency)
+        self._horizon, self._max_speed, self._max_acceleration = horizon, max_speed, max_acceleration
+        self._motions = np.zeros((count, MOTION_REALS))
+        self._motion_marks = np.zeros((count, MOTION_INTS), np.int64)
+        self._doubts = np.zeros((count, finger_rows.DOUBTS_SIZE))
+        self._followed = np.zeros((count, finger_rows.FOLLOWED_SIZE))
+        self._contacts = np.zeros(count, CONTACT)
+        self._bytes = self._contacts.view(np.uint8).reshape(count, -1)
+        forget(self._contacts)
+        self._contacts["finger"] = np.arange(count)
+        self._contacts["source"] = self.source
+        self._unknown = self._bytes.copy()
+
+    def room(self) -> Measurements:
+        """Make room for measurements."""
+        return Measurements(self.count)
+
+    def rehearse(self) -> None:
+        """Answer measurements of nothing, and forget that."""
+        self.answer(Measurements(self.count), 0)
+        self._motions[:] = 0.0
+        self._motion_marks[:] = 0
+        self._doubts[:] = 0.0
+
+    def answer(self, samples: Measurements, now_ns: int) -> np.ndarray:
+        """Make the contacts.
+
+        Parameters
+        ----------
+        samples : Measurements
+            Newest ones; nan: nothing was measured.
+        now_ns : int, ns
+            Instant of the tick.
+
+        Returns
+        -------
+        (N,) CONTACT
+            The same array each time.
+        """
+        with np.errstate(over="ignore", invalid="ignore"):  # whatever a sensor tells
+            return self._answer(samples, now_ns)
+
+    def _answer(self, samples: Measurements, now_ns: int) -> np.ndarray:
+        acts_ns = now_ns + self._latency_ns
+        told, contacts = samples.records, self._contacts
+        finger_rows.follow_distances(
+            self._motions, self._motion_marks, self._doubts, samples.pose_ns, samples.distances,
+            told["error"], -told["approach_speed"], acts_ns, self._max_speed, self._max_acceleration,
+            self._followed,
+        )  # fmt: skip
+        status = self._followed[:, finger_rows.STATUS].astype(np.uint32)
+        self._write_distances(samples.distances[:, 0], told["error"], status)
+        self._write_times(status)
+        for name in AS_TOLD:
+            contacts[name] = told[name]
+        self._write_surface(told)
+        self._write_bend(told)
+        is_unknown = status == 0
+        if is_unknown.any():
+            self._bytes[is_unknown] = self._unknown[is_unknown]
+        contacts["pose_ns"], contacts["age_ns"] = samples.pose_ns, now_ns - samples.pose_ns
+        contacts["predicted_ns"] = np.maximum(acts_ns, samples.pose_ns)
+        return contacts
+
+    def close(self) -> None:
+        """Do nothing."""
+
+    def _write_distances(self, distance: np.ndarray, error: np.ndarray, status: np.ndarray) -> None:
+        """Write distances, now and predicted, their bounds and what is known of them."""
+        contacts, followed = self._contacts, self._followed
+        has_error = (error >= 0.0) & (error < np.inf)
+        error = np.where(has_error, error, np.inf)
+        lower, upper = distance - error, distance + error
+        step, spread = followed[:, finger_rows.STEP], followed[:, finger_rows.SPREAD]
+        contacts["signed_distance"], contacts["lower"], contacts["upper"] = distance, lower, upper
+        contacts["predicted_distance"] = distance + step
+        contacts["predicted_lower"] = lower + (step - spread)
+        contacts["predicted_upper"] = upper + (step + spread)
+        is_predicted = (status & ContactFlag.PREDICTED) != 0
+        contacts["approach_speed"] = np.where(is_predicted, -followed[:, finger_rows.RATE], np.nan)
+        flags = status & OBSERVED | int(ContactFlag.SIGNED | ContactFlag.IN_RANGE)
+        flags |= np.where(error == 0.0, int(ContactFlag.EXACT), 0).astype(np.uint32)
+        flags |= np.where(has_error, 0, int(ContactFlag.BOUNDED)).astype(np.uint32)
+        contacts["flags"] = flags
+
+    def _write_times(self, status: np.ndarray) -> None:
+        """Write the time to contact at the present speed, and the time that is free for certain."""
+        contacts = self._contacts
+        distance, clearance = contacts["signed_distance"], np.maximum(contacts["lower"], 0.0)
+        is_predicted = (status & ContactFlag.PREDICTED) != 0
+        closing = np.where(is_predicted, contacts["approach_speed"], self._max_speed)
+        is_closing = closing > 0.0
+        free = np.where(clearance > 0.0, self._horizon, 0.0)
+        np.divide(clearance, closing, out=free, where=is_closing)
+        expected = np.full(self.count, np.inf)
+        np.divide(distance, closing, out=expected, where=is_closing & is_predicted)
+        expected[expected > self._horizon] = np.inf
+        is_touching = distance <= 0.0
+        expected[is_touching] = free[is_touching] = 0.0
+        contacts["time_to_contact"] = expected
+        contacts["time_to_contact_lower"] = np.minimum(free, self._horizon)
+
+    def _write_surface(self, told: np.ndarray) -> None:
+        """Write how the object answers a touch, and what the controller is advised to do."""
+        contacts = self._contacts
+        has_force = (told["force_is_valid"] != 0) & np.isfinite(told["force"])
+        contacts["force_is_valid"] = has_force
+        contacts["force"][~has_force] = 0.0
+        is_deformable = told["surface"] == Surface.DEFORMABLE
+        for name in ("stiffness", "damping"):
+            contacts[name] = np.where(is_deformable & np.isfinite(told[name]), told[name], 0.0)
+        is_near = contacts["time_to_contact"] < np.inf
+        contacts["mode"] = np.where(is_near, np.where(is_deformable, Mode.FORCE, Mode.POSITION), Mode.RETRACT)
+
+    def _write_bend(self, told: np.ndarray) -> None:
+        """Write the bend at contact where it follows from bend, bend rate and time to contact."""
+        contacts = self._contacts
+        time_left, bend = contacts["time_to_contact"], told["bend"]
+        is_touching = contacts["signed_distance"] <= 0.0
+        is_bending = (time_left < np.inf) & (told["bend_rate"] > 0.0)
+        place = np.full(self.count, np.nan)
+        place[is_bending] = bend[is_bending] + told["bend_rate"][is_bending] * time_left[is_bending]
+        place[place > 1.0] = np.nan
+        place[is_touching] = bend[is_touching]
+        is_sure = is_touching & (contacts["upper"] <= 0.0)
+        contacts["contact_bend"] = place
+        contacts["contact_bend_error"] = np.where(np.isnan(place), np.nan, np.where(is_sure, 0.0, np.inf))
+        contacts["contact_bend_rate"] = np.nan

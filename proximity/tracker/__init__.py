@@ -1,0 +1,1 @@
+"""Fingers that are followed from tick to tick."""

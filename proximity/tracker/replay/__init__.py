@@ -1,0 +1,25 @@
+"""A recording through a tracker: every tick, and whether every bound was kept.
+
+The clock is simulated: a tick comes as long after the instant of its pose as the latency says, and the next
+one follows at once. The tracker is whatever answers ticks; this package knows neither files nor units.
+"""
+
+from proximity.tracker.replay.bounds_check import BoundsKept, PredictionsKept, TouchesForetold
+from proximity.tracker.replay.placement import fitted_pose, turn_about_axes
+from proximity.tracker.replay.run import Replay, Ticking, replay
+from proximity.tracker.replay.summary import FingerTouches, ReplaySummary, TickTimes, summarise
+
+__all__ = [
+    "BoundsKept",
+    "FingerTouches",
+    "PredictionsKept",
+    "Replay",
+    "ReplaySummary",
+    "TickTimes",
+    "Ticking",
+    "TouchesForetold",
+    "fitted_pose",
+    "replay",
+    "summarise",
+    "turn_about_axes",
+]

@@ -1,0 +1,491 @@
+"""A track per finger: every tick, signed distance with bounds, prediction, time and place of contact."""
+
+import math
+import operator
+import weakref
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from proximity.arrays import FLOAT64, as_float64, shown
+from proximity.errors import QueryError
+from proximity.kernels.compiler import Settled
+from proximity.kernels.layout import GRID, NO_GRID, NO_PART, NO_SLOT, ROTATION, SIGN, SIGN_WINDING
+from proximity.kernels.point.budgeted_walk import ROOM_SIZE
+from proximity.kernels.point.coherent_search import FRONT_SIZE
+from proximity.kernels.tracking import track
+from proximity.kernels.tracking.conservative_advancement import BALLS_SIZE
+from proximity.kernels.tracking.motion import MAX_ACCELERATION, MAX_SPEED, MOTION_INTS, MOTION_REALS
+from proximity.kernels.tracking.part_drift import room_for_movers
+from proximity.kernels.tracking.tick import CROWD, TICK, tick
+from proximity.kernels.tracking.track import EACH_ITS_OWN, MOST_NS
+from proximity.message import CONTACT
+from proximity.message.contact import Contacts
+from proximity.model.assembly import Model
+from proximity.scene.scene import Scene
+
+DEFAULT_BUDGET = 250
+"""Nodes and leaves a finger and tick. Near CAD parts a walk takes 10 to 60, near free forms 3 in 100 000 take
+more than these. At the centre of a ball of 1.3 M faces they take 13 to 28 µs, as fast as the memory is, and
+bracket the distance within 4.1 %. With 350 it is 2.5 %, but on a busy machine one tick in a hundred of five
+fingers there took longer than 0.2 ms then; with 175 it is 6.4 %."""
+MOST = 2**31 - 1
+"""Nodes and leaves: more than any scene has."""
+LONGEST_LATENCY = 1e9
+"""s; instants so much later than any now are whole numbers of 64 bits still."""
+GONE = -2
+"""Part of the last answer that is not in the scene any more."""
+LARGEST_RADIUS = 0.1
+"""m; no fingertip is larger, and 7 mm that are given as 7 are."""
+LARGEST_WORKING_RANGE = 10.0
+"""m; likewise 120 mm that are given as 120."""
+SHORTEST_NS = 1000
+"""From one tick to another, and from a clock's 0 to the first: a tick takes longer."""
+EARLY_NS = 100_000
+"""Instants below are seconds where the other instant of the tick is more than `APART_NS` away."""
+APART_NS = 1_000_000_000
+LARGEST_SECONDS = 10_000_000_000
+"""No clock or calendar shows as many."""
+HORIZON = 0.25
+"""s. A drum needs less than a tenth of a second to arrive (PAPER 6.4)."""
+
+NOT_NANOSECONDS = "expected nanoseconds, as time.monotonic_ns() gives them: it looks like seconds"
+
+_tick = Settled(tick, TICK)
+
+
+def too_long(length: float, most: float) -> str:
+    """Say of a length that cannot be meant what it is and what was expected; follows "… is ".
+
+    Parameters
+    ----------
+    length, most : float, m
+        What was given, and the limit.
+    """
+    return f"{length:g} m ({1e3 * length:g} mm), expected at most {most:g} m: was it meant in millimetres?"
+
+
+class Tracker:
+    """What a haptic glove's controller must know of a scene, for every fingertip, every tick.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its parts may be moved, added, removed, hidden or deformed between ticks.
+    fingers : int
+        How many fingertips.
+    radius : float or (fingers,) floats, m
+        Of the fingertip spheres, 0.1 at most; 0 is a point, whose contact with a sheet, which has no inside,
+        is foreseen on its path but never confirmed.
+    period : float, s
+        Between ticks; only told to those who ask.
+    latency : float, s
+        From a tick until the controller acts on its answer: predictions are for then.
+    budget : int
+        Nodes and leaves visited for a finger in a tick, at most, but for a few that tell side and way; None:
+        250, which keeps any tick of five fingers below 0.2 ms. All fingers share 20 budgets for distances,
+        eight where there are thousands, and four for looking ahead. A crowd that would need more takes turns:
+        its bounds are apart by as small a share of each distance as can be had, the same for all.
+    working_range : float, m
+        10 at most. Beyond it there are bounds only: a finger that cannot have come nearer is not searched
+        for.
+    tolerance : float
+        Share of its distance by which the bounds of a finger may be apart. 0: exact at every tick. For skins
+        of thousands: with 0.05, as much as the paper allows away from contact (PAPER 12), most ticks of
+        most points follow from the tick before, and searches end sooner.
+    horizon : float, s
+        How far ahead contacts are looked for.
+    max_speed : float, m/s
+        Poses farther apart than this allows are tracking jumps.
+    max_acceleration : float, m/s²
+        Of a fingertip: bounds of predictions hold as long as neither is exceeded.
+
+    Raises
+    ------
+    QueryError
+        If an argument cannot be used; the message says which and what was expected.
+
+    Notes
+    -----
+    Thread: a tick releases the interpreter lock; one thread ticks a tracker, any may move parts meanwhile.
+    Source: conservative advancement after Mirtich 1996; the paper's requirements in sections 8, 9 and 12.
+    """
+
+    contacts: Contacts  # (fingers,) CONTACT, filled anew by each tick
+
+    def __init__(
+        self,
+        scene: Scene,
+        *,
+        fingers: int = 5,
+        radius: Any = 0.007,
+        period: float = 0.001,
+        latency: float = 0.001,
+        budget: int | None = None,
+        working_range: float = 0.12,
+        tolerance: float = 0.0,
+        horizon: float = HORIZON,
+        max_speed: float = MAX_SPEED,
+        max_acceleration: float = MAX_ACCELERATION,
+    ) -> None:
+        if not isinstance(scene, Scene):
+            raise QueryError(f"a tracker looks at a Scene, not at a {type(scene).__name__}")
+        count = _whole("fingers", fingers)
+        self._scene = scene
+        self._period = _positive("period", period, "seconds")
+        self.contacts = np.zeros(count, CONTACT).view(Contacts)
+        settings = np.zeros(track.SETTINGS_SIZE)
+        reach = _not_negative("working_range", working_range, "metres")
+        if reach > LARGEST_WORKING_RANGE:
+            raise QueryError(f"working_range is {too_long(reach, LARGEST_WORKING_RANGE)}")
+        settings[track.WORKING_RANGE] = reach
+        settings[track.LATENCY] = _not_negative("latency", latency, "seconds", most=LONGEST_LATENCY)
+        settings[track.TOLERANCE] = _not_negative("tolerance", tolerance, "shares")
+        settings[track.HORIZON] = _positive("horizon", horizon, "seconds")
+        settings[track.MAX_SPEED] = _positive("max_speed", max_speed, "metres a second")
+        settings[track.MAX_ACCELERATION] = _positive("max_acceleration", max_acceleration, "m/s²")
+        settings[track.BUDGET] = DEFAULT_BUDGET if budget is None else min(_whole("budget", budget), MOST)
+        self._settings = settings
+        self._shape = (count, 3)
+        nothing = np.full(count, np.nan)
+        self._arrays: dict[str, np.ndarray] = {
+            "settings": settings,
+            "pose_ns": np.zeros(count, np.int64),
+            "velocities": np.full((count, 3), np.nan),
+            "paths": np.full((count, 2, 3), np.nan),
+            "path_bends": np.array([0.0, 1.0]),
+            "bends": nothing,
+            "motions": np.zeros((count, MOTION_REALS)),
+            "motion_marks": np.zeros((count, MOTION_INTS), np.int64),
+            "tracks": np.zeros((count, track.TRACK_REALS)),
+            "marks": np.zeros((count, track.TRACK_INTS), np.int64),
+            "balls": np.zeros((count, BALLS_SIZE)),
+            "fronts": np.zeros((count if count <= CROWD else 0, FRONT_SIZE), np.float32),
+            "records": self.contacts,
+            "before": np.zeros((0, track.POSE_COLUMNS)),
+            "movers": room_for_movers(0),
+            "room": np.zeros(ROOM_SIZE, np.float32),
+            "scratch": np.zeros(track.SCRATCH_SIZE + 2),
+        }
+        self._pose_ns = self._arrays["pose_ns"]
+        self._velocities = self._arrays["velocities"]
+        self._arrays["tracks"][:, track.RADIUS] = _radii(radius, count)
+        # Not the model itself: what trackers hold on to, a scene could not write its next one to.
+        self._last_model: Callable[[], Model | None] = lambda: None
+        self._last_now_ns = -MOST_NS  # of the last tick
+        self._last_epoch = -1  # of the parts and faces in `contacts`
+        self._has_velocities = self._has_paths = False
+        self._path_count = 2  # corners of paths that there is room for
+        self._epoch = -1
+        self._names: tuple[str, ...] = ()  # of the parts that `TOLD_PART` counts
+        self._kept: tuple[Any, ...] = ()  # what the table points at, and the table
+        self.reset()
+        self._tell_addresses()
+
+    @property
+    def scene(self) -> Scene:
+        """The scene that it looks at; for another, make another tracker."""
+        return self._scene
+
+    @property
+    def period(self) -> float:
+        """Between ticks, s, as the tracker was told."""
+        return self._period
+
+    @property
+    def latency(self) -> float:
+        """From a tick until the instant that predictions are for, s; for another, make another tracker."""
+        return float(self._settings[track.LATENCY])
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        raise QueryError("a tracker cannot be copied, since it lives by its ticks: make another of its scene")
+
+    def tick(
+        self,
+        positions: Any,
+        t_pose_ns: Any,
+        now_ns: int,
+        *,
+        velocities: Any = None,
+        paths: Any = None,
+        path_bends: Any = None,
+        bends: Any = None,
+    ) -> Contacts:
+        """Answer for all fingers.
+
+        Parameters
+        ----------
+        positions : (fingers, 3) float64, m, scene's frame
+            Centres of the fingertips. A row that is not finite is a finger that is not tracked: its record
+            says so, the others go on. They are read during the tick: nobody else should write them then.
+        t_pose_ns : int or (fingers,) int64, ns
+            Instant of the positions, on the clock of *now_ns*. The same instant again changes no velocity; an
+            earlier one starts the velocity anew.
+        now_ns : int, ns
+            Instant of the tick, as `time.monotonic_ns` gives it.
+        velocities : (fingers, 3) float64, m/s
+            Where they are known better than the poses tell; rows that are not finite are estimated.
+        paths : (fingers, K, 3) float64, m, scene's frame
+            Where each fingertip goes as the finger bends: the corners of a polyline. A finger whose first
+            corner is not finite has no path.
+        path_bends : (K,) float64
+            Bend at each corner, increasing; evenly from 0 to 1 where not given.
+        bends : (fingers,) float64
+            Bend of each finger at its pose; the nearest place on the path where not given.
+
+        Returns
+        -------
+        (fingers,) CONTACT
+            The same array each time: copy what must outlive the next tick.
+
+        Raises
+        ------
+        QueryError
+            If shapes or types do not fit, bends come without paths, or instants are plainly seconds. Nothing
+            a sensor may deliver raises.
+
+        Notes
+        -----
+        Sign: as `Scene.signed_distance`, less the radius.
+        Cost: some 10 µs for five fingers near parts of 100 k faces.
+        """
+        if velocities is not None or self._has_velocities:
+            self._take_velocities(velocities)
+        if paths is not None or self._has_paths or bends is not None or path_bends is not None:
+            self._take_paths(paths, path_bends, bends)
+        # That parts have moved is told until a tick has taken it in, even if someone interrupts this one.
+        model = self._scene._stage.current or self._scene._current()
+        is_moved = model is not self._last_model()
+        if is_moved:
+            self._take_over(model)
+        try:
+            # As they nearly always are; what the positions are, and which instants, compiled code looks at.
+            is_done = (
+                type(t_pose_ns) is type(now_ns) is int
+                and t_pose_ns >= EARLY_NS
+                and now_ns >= EARLY_NS
+                and now_ns - self._last_now_ns >= SHORTEST_NS
+                and _tick.call(model.handle, self._handle, positions, t_pose_ns, now_ns, is_moved)
+            )
+        except OverflowError:
+            is_done = False
+        if not is_done:
+            now_ns = self._tick(model, positions, t_pose_ns, now_ns, is_moved)
+        self._last_now_ns = now_ns
+        if is_moved:
+            self._last_model, self._last_epoch = weakref.ref(model), model.epoch
+        return self.contacts
+
+    def _tick(self, model: Model, positions: Any, t_pose_ns: Any, now_ns: Any, is_moved: bool) -> int:
+        """Check the arguments, and tick; its instant."""
+        rows = as_float64(_shaped(positions, "positions", self._shape), "positions")
+        if type(t_pose_ns) is not int or not -MOST_NS <= t_pose_ns <= MOST_NS:
+            self._take_instants(t_pose_ns)
+            t_pose_ns = EACH_ITS_OWN
+        now = _instant(now_ns)
+        self._refuse_seconds(t_pose_ns, now)
+        _tick.call(model.handle, self._handle, rows, t_pose_ns, now, is_moved)
+        return now
+
+    def _refuse_seconds(self, t_pose_ns: int, now_ns: int) -> None:
+        """Refuse instants, of the poses and of the tick, that no clock shows in nanoseconds."""
+        pose_ns = self._pose_ns.item(0) if t_pose_ns == EACH_ITS_OWN else t_pose_ns
+        is_apart = abs(now_ns - pose_ns) > APART_NS
+        is_too_soon = 0 < now_ns - self._last_now_ns < SHORTEST_NS and 0 < now_ns < LARGEST_SECONDS
+        if 0 < now_ns < (EARLY_NS if is_apart else SHORTEST_NS) or is_too_soon:
+            raise QueryError(f"now_ns is {now_ns}, {NOT_NANOSECONDS}")
+        if is_apart and 0 < pose_ns < EARLY_NS:
+            if t_pose_ns == EACH_ITS_OWN and self._pose_ns.max() >= EARLY_NS:
+                return  # of one finger alone it may be a fault of its sensor
+            raise QueryError(f"t_pose_ns is {pose_ns}, {NOT_NANOSECONDS}")
+
+    @property
+    def epoch(self) -> int:
+        """Epoch of the scene as the last tick saw it: what parts and faces in `contacts` mean. Before, -1."""
+        return self._last_epoch
+
+    def reset(self) -> None:
+        """Forget all fingers: the next tick is like the first."""
+        self._arrays["motions"][:] = 0.0
+        self._arrays["motion_marks"][:] = 0
+        self._arrays["marks"][:, track.TOLD_PART] = NO_PART
+        self._last_now_ns = -MOST_NS
+        self._settings[track.FIRST] = self._settings[track.PATIENCE] = 0
+        self._forget()
+
+    def _forget(self) -> None:
+        """Forget what was known of surfaces."""
+        track.forget_surfaces(self._arrays["tracks"], self._arrays["balls"])
+        marks = self._arrays["marks"]
+        marks[:, track.SLOT], marks[:, track.PART], marks[:, track.IS_OUTSIDE] = NO_SLOT, NO_PART, 0
+        marks[:, track.FRONT_COUNT] = 0
+
+    def _take_over(self, model: Model) -> None:
+        """Look at *model* from now on; parts that changed in more than their place are looked at anew.
+
+        Whoever interrupts this has it done again: that it is done is written last.
+        """
+        if model.epoch != self._epoch:
+            self._forget()
+            self._find_again(model.names)
+            count = len(model.parts) - 1
+            is_open = (model.parts[:count, SIGN] == SIGN_WINDING) & (model.parts[:count, GRID] == NO_GRID)
+            self._settings[track.HOLES] = is_open.any()
+            self._arrays["before"] = model.frames[:count, ROTATION : ROTATION + track.POSE_COLUMNS].copy()
+            self._arrays["movers"] = room_for_movers(count)
+            self._tell_addresses()
+            self._epoch = model.epoch
+
+    def _find_again(self, names: tuple[str, ...]) -> None:
+        """Write what the parts of the last answers are numbered now; one that is gone is another than all."""
+        if names != self._names:
+            rows = {name: row for row, name in enumerate(names)}
+            told = self._arrays["marks"][:, track.TOLD_PART]
+            found = [rows.get(self._names[row], GONE) if row >= 0 else row for row in told.tolist()]
+            told[:], self._names = found, names
+
+    def _tell_addresses(self) -> None:
+        """Write the table by which a tick finds its arrays."""
+        arrays = self._arrays
+        counts = [
+            len(arrays["tracks"]),
+            len(arrays["path_bends"]),
+            len(arrays["before"]),
+            len(arrays["movers"]),
+            len(arrays["room"]),
+            len(arrays["scratch"]),
+            len(arrays["fronts"]),
+        ]
+        table = np.array(counts + [arrays[name].ctypes.data for name in track.NAMES], np.int64)
+        # Until another handle is told, what the one before leads to stays.
+        self._kept = *self._kept, table, *arrays.values()
+        self._handle = int(table.ctypes.data)
+        self._kept = table, *arrays.values()
+
+    def _take_instants(self, t_pose_ns: Any) -> None:
+        try:
+            instants = np.asarray(t_pose_ns)
+            if instants.dtype.kind not in "iu" or ((instants < -MOST_NS) | (instants > MOST_NS)).any():
+                raise ValueError("no instants")
+            self._pose_ns[...] = instants
+        except ValueError as unfit:
+            raise QueryError(
+                f"t_pose_ns is {shown(t_pose_ns)}, expected whole nanoseconds, at most 2**62: one number, or "
+                f"one for each of {self._shape[0]} fingers"
+            ) from unfit
+
+    def _take_velocities(self, velocities: Any) -> None:
+        self._has_velocities = True  # until it is known that there are none
+        if velocities is not None:
+            self._velocities[...] = _shaped(velocities, "velocities", self._shape)
+        self._settings[track.HAS_VELOCITIES] = velocities is not None
+        self._has_velocities = velocities is not None
+
+    def _take_paths(self, paths: Any, path_bends: Any, bends: Any) -> None:
+        self._has_paths = True  # until it is known that there are none
+        if paths is None:
+            self._settings[track.HAS_PATHS] = self._has_paths = False
+            if bends is not None or path_bends is not None:
+                raise QueryError("bends are of places on paths, but no paths are given")
+            return
+        expected = f"({len(self.contacts)}, K, 3) with K of 2 or more"
+        corners = as_float64(
+            paths, "values of paths", error=QueryError, expected=f"numbers of shape {expected}"
+        )
+        if corners.ndim != 3 or corners.shape[::2] != self._shape or corners.shape[1] < 2:
+            raise QueryError(f"paths have shape {corners.shape}, expected {expected}")
+        count = corners.shape[1]
+        arrays = self._arrays
+        if self._path_count != count:
+            self._path_count = 0  # until there is room for so many
+            arrays["paths"] = np.empty((len(self.contacts), count, 3))
+            arrays["path_bends"] = np.linspace(0.0, 1.0, count)
+            arrays["scratch"] = np.zeros(track.SCRATCH_SIZE + count)
+            self._tell_addresses()
+            self._path_count = count
+        arrays["paths"][...] = corners
+        if path_bends is None:
+            arrays["path_bends"][:] = np.linspace(0.0, 1.0, count)
+        else:
+            given = _shaped(path_bends, "path_bends", (count,))
+            if not (np.isfinite(given).all() and (np.diff(given) > 0.0).all()):
+                raise QueryError(
+                    "path_bends do not increase, or are not finite, expected the bend at each corner"
+                )
+            arrays["path_bends"][:] = given
+        arrays["bends"][:] = np.nan if bends is None else _shaped(bends, "bends", (len(self.contacts),))
+        self._settings[track.HAS_PATHS] = True
+
+    def __repr__(self) -> str:
+        return f"Tracker({self.scene!r}, {len(self.contacts)} fingers)"
+
+
+def _shaped(values: Any, name: str, shape: tuple[int, ...]) -> np.ndarray:
+    # Nothing to do, as at nearly every tick, is seen first.
+    if type(values) is np.ndarray and values.dtype is FLOAT64 and values.shape == shape:
+        return values
+    array = as_float64(values, f"values of {name}", error=QueryError, expected=f"numbers of shape {shape}")
+    if array.shape != shape:
+        raise QueryError(f"{name} have shape {array.shape}, expected {shape}")
+    return array
+
+
+def _instant(now_ns: Any) -> int:
+    try:
+        now = operator.index(now_ns)
+    except TypeError:
+        now = MOST_NS + 1
+    if not -MOST_NS <= now <= MOST_NS:
+        raise QueryError(
+            f"now_ns is {now_ns!r}, expected whole nanoseconds, at most 2**62, as of time.monotonic_ns()"
+        )
+    return now
+
+
+def _number(name: str, value: Any, unit: str, expected: str) -> float:
+    try:
+        number = float(value) if not isinstance(value, (bool, str, bytes)) else math.nan
+    except (TypeError, ValueError, OverflowError):
+        number = math.nan
+    if not math.isfinite(number):
+        raise QueryError(f"{name} is {value!r}, expected {expected} {unit}")
+    return number
+
+
+def _positive(name: str, value: Any, unit: str) -> float:
+    number = _number(name, value, unit, "a positive number of")
+    if not number > 0.0:
+        raise QueryError(f"{name} is {value!r}, expected a positive number of {unit}")
+    return number
+
+
+def _not_negative(name: str, value: Any, unit: str, *, most: float = math.inf) -> float:
+    number = _number(name, value, unit, "a number of")
+    if number < 0.0:
+        raise QueryError(f"{name} is {value!r}, expected a number of {unit} of 0 or more")
+    if number > most:
+        raise QueryError(f"{name} is {value!r}, expected a number of {unit} of {most:g} at most")
+    return number
+
+
+def _whole(name: str, value: Any) -> int:
+    try:
+        number = operator.index(value) if not isinstance(value, bool) else 0
+    except TypeError:
+        number = 0
+    if number < 1:
+        raise QueryError(f"{name} is {value!r}, expected a whole number of 1 or more")
+    return number
+
+
+def _radii(radius: Any, count: int) -> np.ndarray:
+    array = as_float64(radius, "radii", error=QueryError, expected="one radius in metres, or one a finger")
+    if array.shape not in ((), (count,)) or not (np.isfinite(array) & (array >= 0.0)).all():
+        raise QueryError(
+            f"radius is {shown(radius)}, expected metres of 0 or more: one, or one for each of {count} "
+            "fingers"
+        )
+    if (array > LARGEST_RADIUS).any():
+        raise QueryError(f"radius is {too_long(float(array.max()), LARGEST_RADIUS)}")
+    return np.broadcast_to(array, (count,))
