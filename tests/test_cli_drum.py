@@ -22,9 +22,11 @@ from proximity.cli.views.drum_log import DrumLog
 from proximity.decaff.controller_states import DrumState
 from proximity.decaff.drum import GEAR4
 from proximity.decaff.drum_bench import DrumBench
+from proximity.decaff.drum_command import (
+    DriveMode,
+)
 from proximity.decaff.finger_path import FingerPath
 from proximity.decaff.glove import Glove
-from proximity.decaff.policies import DriveMode
 from proximity.decaff.straight_way import with_bend
 from proximity.decaff.wearing import read_glove
 from proximity.errors import DecaffError

@@ -20,9 +20,17 @@ from proximity.decaff.closed_loop import DecaffLoop, decaff, ideal_drum, penalty
 from proximity.decaff.coupled_limit import critical_stiffness, device_resistance
 from proximity.decaff.devices import COUPLED_DEVICE, MASSLESS_MOTOR, Decaff, Link, PenaltyWall, Sensing
 from proximity.decaff.drum import DIRECT, DRUMS
+from proximity.decaff.drum_command import (
+    DriveMode,
+    DrumCommand,
+)
 from proximity.decaff.hand import Hand
 from proximity.decaff.metrics import deviation, drum_lag, drum_offset
-from proximity.decaff.policies import DriveMode, DrumCommand, Holding, Target, TargetPolicy
+from proximity.decaff.policies import (
+    Holding,
+    Target,
+    TargetPolicy,
+)
 from proximity.decaff.servo import servo_for
 from proximity.decaff.sweeps import SPEEDS, with_drum, with_latency
 from proximity.decaff.trajectories import Press

@@ -14,14 +14,19 @@ from proximity.decaff.contact_location import is_sound, locate
 from proximity.decaff.controller import SERVO_LAG, FingerController
 from proximity.decaff.controller_states import DrumState, FrameMark, Observation, Trust
 from proximity.decaff.drum import GEAR4, Drum
+from proximity.decaff.drum_command import (
+    DriveMode,
+)
 from proximity.decaff.finger_path import FingerPath
 from proximity.decaff.frame_trust import FrameTrust
 from proximity.decaff.glove import Glove
 from proximity.decaff.limits import ForceBudget, Limits
-from proximity.decaff.mode_switch import Handover, SteadyRule
 from proximity.decaff.passivity import is_passive
-from proximity.decaff.policies import DriveMode
 from proximity.decaff.servo import move, servo_for
+from proximity.decaff.steady_force import (
+    Handover,
+    SteadyRule,
+)
 from proximity.decaff.surface_law import SurfaceLaw
 from proximity.errors import DecaffError
 from proximity.message import ContactFlag, Mode, Source, State, Surface

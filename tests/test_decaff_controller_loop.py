@@ -12,12 +12,17 @@ from proximity.decaff.controller_door import ControllerDoor
 from proximity.decaff.controller_states import DrumAction, DrumState, FrameMark, Observation
 from proximity.decaff.devices import SERVO_RATE, Decaff
 from proximity.decaff.drum import DRUMS
+from proximity.decaff.drum_command import (
+    DriveMode,
+)
 from proximity.decaff.drum_plant import DrumPlant
 from proximity.decaff.finger_path import FingerPath
 from proximity.decaff.glove import Glove
 from proximity.decaff.hand import Hand
 from proximity.decaff.limits import Limits
-from proximity.decaff.policies import DriveMode, Target
+from proximity.decaff.policies import (
+    Target,
+)
 from proximity.message import ContactFlag, Mode, State
 
 HAND = Hand()

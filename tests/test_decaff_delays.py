@@ -5,10 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from proximity.decaff import delayed_loops, sampled_finger, stability, unit_circle
+from proximity.decaff import delayed_loops, sampled_finger, sampled_mass, unit_circle
 from proximity.decaff.sampled_finger import SampledFinger
+from proximity.decaff.sampled_mass import (
+    SampledMass,
+)
 from proximity.decaff.spring_damper import FINGER, SpringDamper
-from proximity.decaff.stability import SampledMass
 from proximity.errors import DecaffError
 
 # ------------------------------------------------------------------------------------------- pure delay
@@ -40,7 +42,7 @@ def test_pure_delay_by_mass(delay, stiffnesses):
 def test_pure_delay_is_the_limit_of_fast_sampling():
     """As the period goes to zero, d + 1/2 samples for the spring and d + 1 for the damper are one delay."""
     samples = 4000
-    sampled = stability.maximum_stiffness(SampledMass(1.0, 1.0 / samples, samples))
+    sampled = sampled_mass.maximum_stiffness(SampledMass(1.0, 1.0 / samples, samples))
     edge = delayed_loops.pure_delay_boundary(1.0, 1.0, 100_001)
     limit = delayed_loops.pure_delay_limit(1.0, 1.0)
 
@@ -169,5 +171,5 @@ def test_finger_without_spring_and_damper_is_a_free_mass():
     found = sampled_finger.characteristic(plant, [100.0, 3900.0], [5.0, 60.0])
 
     np.testing.assert_allclose(
-        found, stability.characteristic(SampledMass(), [100.0, 3900.0], [5.0, 60.0]), atol=1e-12
+        found, sampled_mass.characteristic(SampledMass(), [100.0, 3900.0], [5.0, 60.0]), atol=1e-12
     )

@@ -29,8 +29,14 @@ from proximity.decaff.hand import Hand
 from proximity.decaff.metrics import deviation
 from proximity.decaff.placed_finger import place_finger
 from proximity.decaff.policies import Target
+from proximity.decaff.sampled_mass import (
+    SampledMass,
+    maximum_stiffness,
+)
 from proximity.decaff.simulation import Setup, Wall, simulate
-from proximity.decaff.stability import SampledMass, maximum_stiffness, stiffness_limit
+from proximity.decaff.stability import (
+    stiffness_limit,
+)
 from proximity.decaff.tables import Table
 from proximity.errors import DecaffError
 

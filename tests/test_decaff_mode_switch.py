@@ -9,16 +9,27 @@ import pytest
 from proximity.decaff import drum_kernels
 from proximity.decaff.closed_loop import DecaffLoop
 from proximity.decaff.devices import Decaff, Sensing
+from proximity.decaff.drum_command import (
+    DriveMode,
+    DrumCommand,
+)
 from proximity.decaff.hand import Hand
 from proximity.decaff.mode_switch import (
     ForceAfterContact,
-    Handover,
     Slave,
-    SteadyForce,
-    SteadyRule,
     bump,
 )
-from proximity.decaff.policies import DriveMode, DrumCommand, Holding, Sight, Target, TargetPolicy
+from proximity.decaff.policies import (
+    Holding,
+    Sight,
+    Target,
+    TargetPolicy,
+)
+from proximity.decaff.steady_force import (
+    Handover,
+    SteadyForce,
+    SteadyRule,
+)
 from proximity.errors import DecaffError
 
 HAND = Hand()

@@ -9,11 +9,18 @@ from hypothesis import strategies as st
 
 from proximity.decaff import (
     sampled_laws,
+    sampled_mass,
     servo_gains,
     stability,
     unit_circle,
 )
-from proximity.decaff.stability import Gains, SampledMass, Verdict
+from proximity.decaff.sampled_mass import (
+    Gains,
+    SampledMass,
+)
+from proximity.decaff.stability import (
+    Verdict,
+)
 from proximity.errors import DecaffError
 
 PAPER_WALL = SampledMass()  # 0.7 kg, 200 Hz, the one sample of equation (1)
@@ -21,7 +28,7 @@ UNIT = {d: SampledMass(1.0, 1.0, d) for d in (0, 1, 2, 3, 4, 8)}
 
 
 def radius(device, stiffness, damping):
-    return float(unit_circle.spectral_radius(stability.characteristic(device, stiffness, damping)))
+    return float(unit_circle.spectral_radius(sampled_mass.characteristic(device, stiffness, damping)))
 
 
 # ------------------------------------------------------------------------------------------ the polynomial
@@ -29,7 +36,7 @@ def radius(device, stiffness, damping):
 
 def test_polynomial_of_equation_1_is_the_printed_one():
     a, b = 0.07, 0.2
-    found = stability.characteristic(UNIT[1], a * UNIT[1].stiffness_unit, b * UNIT[1].damping_unit)
+    found = sampled_mass.characteristic(UNIT[1], a * UNIT[1].stiffness_unit, b * UNIT[1].damping_unit)
 
     np.testing.assert_allclose(found, [1.0, -2.0, 1.0 + a + b, a, -b], rtol=1e-15)
 
@@ -39,7 +46,7 @@ def test_polynomial_is_that_of_the_motion(delay_samples):
     """A mass stepped sample by sample shrinks or grows in the long run as the largest root says."""
     device = SampledMass(0.7, 0.005, delay_samples)
     for share in (0.5, 1.3):
-        gains = stability.maximum_stiffness(device)
+        gains = sampled_mass.maximum_stiffness(device)
         stiffness = share * gains.stiffness
         positions, position, velocity, force = [0.0] * (delay_samples + 1), 1e-3, 0.0, 0.0
         logs = []
@@ -87,10 +94,10 @@ def test_jury_and_roots_agree_on_random_walls():
     rng = np.random.default_rng(7)
     for delay_samples, count in ((1, 40_000), (0, 4000), (2, 4000), (5, 4000)):
         device = SampledMass(1.0, 1.0, delay_samples)
-        limit = stability.maximum_stiffness(device)
+        limit = sampled_mass.maximum_stiffness(device)
         stiffness = rng.uniform(-0.2, 1.5, count) * limit.stiffness
         damping = rng.uniform(-0.2, 1.2, count) * stability.largest_damping(device)
-        polynomials = stability.characteristic(device, stiffness, damping)
+        polynomials = sampled_mass.characteristic(device, stiffness, damping)
         by_roots = unit_circle.spectral_radius(polynomials)
         # Where a root is on the circle but for rounding, either may be right.
         is_clear = np.abs(by_roots - 1.0) > 1e-9
@@ -114,7 +121,7 @@ def test_jury_tells_where_roots_are(half, first):
 
 
 def test_roots_are_those_of_numpy():
-    polynomial = stability.characteristic(PAPER_WALL, 3900.0, 60.0)
+    polynomial = sampled_mass.characteristic(PAPER_WALL, 3900.0, 60.0)
 
     found = np.sort_complex(unit_circle.roots(polynomial))
     np.testing.assert_allclose(found, np.sort_complex(np.roots(polynomial)), atol=1e-12)
@@ -174,7 +181,7 @@ def test_region_is_what_the_boundary_encloses(delay_samples):
     rng = np.random.default_rng(7)
     dampings = rng.uniform(0.0, 1.1, 200) * stability.largest_damping(device)
     limits = np.array([stability.stiffness_limit(device, damping) for damping in dampings])
-    top = stability.maximum_stiffness(device).stiffness
+    top = sampled_mass.maximum_stiffness(device).stiffness
     stiffness = rng.uniform(0.0, 1.3, (30, 200)) * top
     is_clear = np.abs(stiffness - limits) > 1e-6 * top
 
@@ -185,11 +192,11 @@ def test_region_is_what_the_boundary_encloses(delay_samples):
 def test_boundary_is_where_the_radius_is_one():
     stiffness, damping = stability.boundary(PAPER_WALL, 50)
 
-    inner = unit_circle.spectral_radius(stability.characteristic(PAPER_WALL, stiffness, damping))
+    inner = unit_circle.spectral_radius(sampled_mass.characteristic(PAPER_WALL, stiffness, damping))
     np.testing.assert_allclose(inner, 1.0, atol=3e-7)  # the double root of the start splits by rounding
     assert (stiffness[0], damping[0], stiffness[-1]) == (0.0, 0.0, 0.0)
     assert damping[-1] == stability.largest_damping(PAPER_WALL)
-    assert stiffness.max() <= stability.maximum_stiffness(PAPER_WALL).stiffness
+    assert stiffness.max() <= sampled_mass.maximum_stiffness(PAPER_WALL).stiffness
     with pytest.raises(DecaffError, match="count is 1, expected a whole number of 2 or more"):
         stability.boundary(PAPER_WALL, 1)
 
@@ -219,8 +226,8 @@ def test_walls_with_no_damping_or_too_much_have_no_stiffness():
     ],
 )
 def test_largest_stiffness_by_delay(delay_samples, stiffness, damping, paper_stiffness, paper_damping):
-    unit = stability.maximum_stiffness(UNIT[delay_samples])
-    paper = stability.maximum_stiffness(SampledMass(0.7, 0.005, delay_samples))
+    unit = sampled_mass.maximum_stiffness(UNIT[delay_samples])
+    paper = sampled_mass.maximum_stiffness(SampledMass(0.7, 0.005, delay_samples))
 
     assert (unit.stiffness, unit.damping) == pytest.approx((stiffness, damping), abs=1e-8)
     assert (unit.stiffness, unit.damping) == pytest.approx((stiffness, damping), rel=1e-6)
@@ -229,7 +236,7 @@ def test_largest_stiffness_by_delay(delay_samples, stiffness, damping, paper_sti
 
 
 def test_largest_stiffness_of_the_paper():
-    found = stability.maximum_stiffness(PAPER_WALL)
+    found = sampled_mass.maximum_stiffness(PAPER_WALL)
 
     assert found.stiffness == pytest.approx(4045.14, rel=1e-5)
     assert found.damping == pytest.approx(59.457, rel=1e-5)
@@ -237,14 +244,14 @@ def test_largest_stiffness_of_the_paper():
 
 def test_largest_stiffness_has_closed_forms():
     """d = 0: a root of two; d = 1: a root of a cubic, on the edge of Jury's table too."""
-    none = stability.maximum_stiffness(UNIT[0])
+    none = sampled_mass.maximum_stiffness(UNIT[0])
     two = math.sqrt(2.0)
     assert none.stiffness == pytest.approx(4.0 * (two - 1.0) * (2.0 - two) / two, rel=1e-12)
 
     cosine = next(root.real for root in np.roots([2.0, 2.0, -2.0, -1.0]) if abs(root.real - 0.85) < 0.1)
     assert cosine == pytest.approx(0.854637679718, abs=1e-12)
     half_angle = 0.5 * math.acos(cosine)
-    one = stability.maximum_stiffness(UNIT[1])
+    one = sampled_mass.maximum_stiffness(UNIT[1])
     assert one.stiffness / 2.0 == pytest.approx(0.0722346746, abs=1e-10)
     # PAPER prints b = 0.2123468943: at a maximum, a search finds the place to fewer digits than the value.
     assert one.damping / 2.0 == pytest.approx(0.2123468943, abs=1e-9)
@@ -263,8 +270,10 @@ def test_papers_wall_is_marginal_by_its_one_sample_of_delay():
     assert radius(PAPER_WALL, 3900.0, 60.0) == pytest.approx(0.993663, abs=1e-6)
     assert stability.stiffness_limit(PAPER_WALL, 60.0) == pytest.approx(4044.79, abs=5.1e-3)
     # 3900 is the limit of a slightly lighter mass or slower sampling.
-    assert stability.maximum_stiffness(SampledMass(0.675, 0.005)).stiffness == pytest.approx(3900.0, rel=1e-3)
-    assert stability.maximum_stiffness(SampledMass(0.7, 1 / 196.4)).stiffness == pytest.approx(
+    assert sampled_mass.maximum_stiffness(SampledMass(0.675, 0.005)).stiffness == pytest.approx(
+        3900.0, rel=1e-3
+    )
+    assert sampled_mass.maximum_stiffness(SampledMass(0.7, 1 / 196.4)).stiffness == pytest.approx(
         3900.0, rel=1e-3
     )
 
@@ -287,7 +296,7 @@ def test_papers_wall_is_marginal_by_its_one_sample_of_delay():
     ],
 )
 def test_largest_stiffness_by_rate_and_mass(rate_hz, mass, stiffness, damping):
-    found = stability.maximum_stiffness(SampledMass(mass, 1.0 / rate_hz))
+    found = sampled_mass.maximum_stiffness(SampledMass(mass, 1.0 / rate_hz))
 
     assert found.stiffness == pytest.approx(stiffness, abs=5.1e-3 if rate_hz == 25 else 0.51, rel=1e-7)
     assert found.damping == pytest.approx(damping, abs=0.051 if damping > 10 else 5.1e-3)
@@ -306,7 +315,7 @@ def test_largest_stiffness_by_rate_and_mass(rate_hz, mass, stiffness, damping):
     ],
 )
 def test_damping_window(stiffness, low, high):
-    found = stability.damping_window(PAPER_WALL, stiffness)
+    found = sampled_mass.damping_window(PAPER_WALL, stiffness)
 
     assert found[0] == pytest.approx(low, abs=5.1e-4)
     assert found[1] == pytest.approx(high, abs=5.1e-2 if stiffness == 100 else 5.1e-3)
@@ -315,15 +324,15 @@ def test_damping_window(stiffness, low, high):
 
 
 def test_damping_window_of_section_13():
-    assert stability.damping_window(PAPER_WALL, 2000.0) == pytest.approx((17.437, 100.000), abs=2e-3)
+    assert sampled_mass.damping_window(PAPER_WALL, 2000.0) == pytest.approx((17.437, 100.000), abs=2e-3)
 
 
 def test_wall_above_the_limit_has_no_window():
-    assert np.isnan(stability.damping_window(PAPER_WALL, 4050.0)).all()
+    assert np.isnan(sampled_mass.damping_window(PAPER_WALL, 4050.0)).all()
     with pytest.raises(
         DecaffError, match=r"stiffness is 0\.0, expected a positive number of newtons a metre"
     ):
-        stability.damping_window(PAPER_WALL, 0.0)
+        sampled_mass.damping_window(PAPER_WALL, 0.0)
 
 
 @pytest.mark.parametrize("delay_samples", UNIT)
@@ -331,7 +340,7 @@ def test_soft_walls_need_damping_for_their_delay(delay_samples):
     """kv > kp times the mean delay; and at most tan(pi/(4(d+1))) 2m/T: 115.98 for the paper's wall."""
     device = SampledMass(0.7, 0.005, delay_samples)
     stiffness = 1e-6 * device.stiffness_unit
-    low, high = stability.damping_window(device, stiffness)
+    low, high = sampled_mass.damping_window(device, stiffness)
 
     assert low == pytest.approx(stiffness * (delay_samples + 0.5) * device.period, rel=1e-3)
     assert high == pytest.approx(stability.largest_damping(device), rel=1e-3)
@@ -376,7 +385,7 @@ def test_sampling_faster_restores_any_wall_with_damping(stiffness, damping, dela
 
 
 def test_slowest_period_of_the_largest_stiffness_is_its_own():
-    gains = stability.maximum_stiffness(PAPER_WALL)
+    gains = sampled_mass.maximum_stiffness(PAPER_WALL)
 
     assert stability.slowest_period(0.7, gains) == pytest.approx(0.005, rel=1e-9)
     with pytest.raises(

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from proximity.decaff import energies, figure_5, reacting_operator, stability
+from proximity.decaff import energies, figure_5, reacting_operator, sampled_mass, stability
 from proximity.decaff.closed_loop import decaff, ideal_drum, penalty_wall, real_wall
 from proximity.decaff.devices import COUPLED_DEVICE, Decaff, Link, Sensing
 from proximity.decaff.energies import Stop
@@ -20,7 +20,7 @@ from proximity.decaff.walls import RealWall, steady_excess
 YES, PARTLY, NO = "yes", "only if", "no"
 TIMES = (0.0, 0.520, 1e-5)  # s: from, to, step of the curves
 HAND = Hand()
-PAIR = stability.Gains(3900.0, 60.0)  # the paper's
+PAIR = sampled_mass.Gains(3900.0, 60.0)  # the paper's
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,9 +53,9 @@ def markdown(found: list[Claim]) -> str:
 
 
 def _stiffest() -> Claim:
-    device = stability.SampledMass()
-    best = stability.maximum_stiffness(device)
-    radius = np.abs(np.roots(stability.characteristic(device, PAIR.stiffness, PAIR.damping))).max()
+    device = sampled_mass.SampledMass()
+    best = sampled_mass.maximum_stiffness(device)
+    radius = np.abs(np.roots(sampled_mass.characteristic(device, PAIR.stiffness, PAIR.damping))).max()
     return Claim(
         "stiffest wall 3900 N/m with 60 N s/m at 200 Hz, 0.7 kg, marginally stable",
         YES,
@@ -65,7 +65,7 @@ def _stiffest() -> Claim:
 
 
 def _most_damping() -> Claim:
-    largest = stability.largest_damping(stability.SampledMass())
+    largest = stability.largest_damping(sampled_mass.SampledMass())
     return Claim(
         "60 N s/m is the largest damping",
         PARTLY,
@@ -74,7 +74,7 @@ def _most_damping() -> Claim:
 
 
 def _love_and_book() -> Claim:
-    least, most = stability.damping_window(stability.SampledMass(), 2000.0)
+    least, most = sampled_mass.damping_window(sampled_mass.SampledMass(), 2000.0)
     return Claim(
         "too stiff, too little and too much damping each make it unstable (Love and Book)",
         YES,

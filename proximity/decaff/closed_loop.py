@@ -13,8 +13,16 @@ import numpy as np
 from proximity.decaff import drum_kernels, finger_kernels, loop_kernels
 from proximity.decaff.arguments import not_negative, positive
 from proximity.decaff.devices import COUPLED_DEVICE, Decaff, Link, PenaltyWall
+from proximity.decaff.drum_command import (
+    DrumCommand,
+)
 from proximity.decaff.hand import Hand
-from proximity.decaff.policies import Controller, DrumCommand, Message, Sight, Target
+from proximity.decaff.policies import (
+    Controller,
+    Message,
+    Sight,
+    Target,
+)
 from proximity.decaff.response import Response
 from proximity.decaff.servo import STEP, steps_a_sample
 from proximity.decaff.trajectories import Intent

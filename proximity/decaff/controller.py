@@ -14,11 +14,16 @@ from proximity.decaff.contact_location import LEAST_BEND, MOST_BEND, Told
 from proximity.decaff.controller_states import IN_CONTACT, DrumAction, DrumState, Observation, Trust
 from proximity.decaff.doubt import Doubt
 from proximity.decaff.drum import GEAR4, Drum
+from proximity.decaff.drum_command import (
+    DriveMode,
+)
 from proximity.decaff.finger_path import FingerPath
 from proximity.decaff.frame_trust import FrameTrust
 from proximity.decaff.limits import ForceBudget, Limits
-from proximity.decaff.mode_switch import Handover, SteadyForce
-from proximity.decaff.policies import DriveMode
+from proximity.decaff.steady_force import (
+    Handover,
+    SteadyForce,
+)
 from proximity.decaff.surface_law import SurfaceLaw
 from proximity.message import Source, Surface
 

@@ -9,28 +9,26 @@ import math
 import numpy as np
 
 from proximity.decaff.controller import FingerController
-from proximity.decaff.controller_states import DrumAction, FrameMark, Observation
+from proximity.decaff.controller_states import (
+    DrumAction,
+    FrameMark,
+    Observation,
+    commanded,
+)
+from proximity.decaff.drum_command import (
+    DriveMode,
+    DrumCommand,
+)
 from proximity.decaff.finger_path import FingerPath
-from proximity.decaff.policies import DriveMode, DrumCommand, Holding, Message, Sight
+from proximity.decaff.policies import (
+    Holding,
+    Message,
+    Sight,
+)
 from proximity.message import CONTACT, Mode, State, Surface
 from proximity.message.contact import ContactFlag
 
 START_NS = 1_000_000_000_000  # the loop's 0 on the clock of frames: its times are negative before the contact
-
-
-def commanded(action: DrumAction, target: float) -> DrumCommand:
-    """Return what a servo is told of a controller's action.
-
-    Parameters
-    ----------
-    action : DrumAction
-        Of the controller.
-    target : float, m or N
-        Its place, as the servo counts it; or its force.
-    """
-    return DrumCommand(
-        action.mode, target, action.speed_cap, action.force_cap, action.start_force, action.force_slew
-    )
 
 
 class ControllerDoor:

@@ -5,7 +5,10 @@ from dataclasses import dataclass, field
 from enum import Enum, IntEnum
 from typing import Any, NamedTuple
 
-from proximity.decaff.policies import DriveMode
+from proximity.decaff.drum_command import (
+    DriveMode,
+    DrumCommand,
+)
 from proximity.message import State
 
 
@@ -103,3 +106,18 @@ class DrumAction:
     torque_cap: float = 0.0  # N m at the motor's shaft, at most: by the force cap and what motor and gear can
     motor_speed_cap: float = 0.0  # rad/s of the motor's shaft, at most
     force_slew: float = 0.0  # N/s at the fingertip, of the force; 0: that of a handover, inf: at once
+
+
+def commanded(action: DrumAction, target: float) -> DrumCommand:
+    """Return what a servo is told of a controller's action.
+
+    Parameters
+    ----------
+    action : DrumAction
+        Of the controller.
+    target : float, m or N
+        Its place, as the servo counts it; or its force.
+    """
+    return DrumCommand(
+        action.mode, target, action.speed_cap, action.force_cap, action.start_force, action.force_slew
+    )

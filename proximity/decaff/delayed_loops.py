@@ -10,8 +10,10 @@ import numpy as np
 from scipy.optimize import brentq
 
 from proximity.decaff.arguments import not_negative, positive
+from proximity.decaff.sampled_mass import (
+    Gains,
+)
 from proximity.decaff.spring_damper import SpringDamper
-from proximity.decaff.stability import Gains
 
 ROOT_TOLERANCE = 1e-15  # rad
 SMALL_TURN = 1e-9  # rad, where a bracket begins: at rest every loop is in phase

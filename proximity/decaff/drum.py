@@ -14,6 +14,7 @@ from proximity.decaff.arguments import not_negative, positive, whole
 
 RIM_RADIUS = 0.010  # m; assumed: PAPER 6.1
 REFERENCE_SHARE = 0.5  # of the force limit, that the reference's acceleration may ask for; assumed: PAPER 6.4
+PAD_STIFFNESS = 200.0  # N/m, of a fingertip; the paper's
 
 
 @dataclass(frozen=True, slots=True)

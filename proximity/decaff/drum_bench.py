@@ -16,11 +16,13 @@ from proximity.decaff.calibrated_glove import CalibratedGlove
 from proximity.decaff.controller import FingerController
 from proximity.decaff.controller_states import IN_CONTACT, DrumAction, DrumState, FrameMark, Observation
 from proximity.decaff.drum import GEAR4, Drum
+from proximity.decaff.drum_command import (
+    DriveMode,
+)
 from proximity.decaff.drum_plant import DrumPlant
 from proximity.decaff.finger_path import FingerPath
 from proximity.decaff.glove import Glove
 from proximity.decaff.limits import Limits
-from proximity.decaff.policies import DriveMode
 from proximity.decaff.straight_way import with_bend
 from proximity.decaff.wearing import as_many
 from proximity.message import CONTACT, State, Surface

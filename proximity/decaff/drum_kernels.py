@@ -5,11 +5,10 @@ a positive motor force pushes there; to press on the finger the motor pulls. The
 what it computes from a measurement is applied from the next sample on.
 """
 
-from math import exp, inf, pi, sqrt
+from math import exp, floor, inf, pi, sqrt
 
 import numpy as np
 
-from proximity.decaff.finger_kernels import rounded
 from proximity.kernels.compiler import inlined, kernel, maker
 
 # --- a drum ---
@@ -206,3 +205,9 @@ def move_drum(
             drum, drive[APPLIED], 0.0, drive[WHERE], drive[SPEED_NOW], step
         )
         positions[i] = drive[WHERE]
+
+
+@inlined
+def rounded(position: float, resolution: float) -> float:
+    """What an encoder tells; *resolution* 0: the position itself."""
+    return floor(position / resolution + 0.5) * resolution if resolution > 0.0 else position

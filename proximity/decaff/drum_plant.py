@@ -6,12 +6,13 @@ Forces and masses are those of the drum's rim, taken as at the fingertip, as the
 import numpy as np
 
 from proximity.decaff import drum_kernels
-from proximity.decaff.controller_door import commanded
-from proximity.decaff.controller_states import DrumAction
-from proximity.decaff.drum import GEAR4, Drum
+from proximity.decaff.controller_states import (
+    DrumAction,
+    commanded,
+)
+from proximity.decaff.drum import GEAR4, PAD_STIFFNESS, Drum
 from proximity.decaff.drum_plant_kernels import serve_against
 from proximity.decaff.finger_path import FingerPath
-from proximity.decaff.hand import Hand
 from proximity.decaff.servo import servo_for, steps_a_sample
 
 SERVO_RATE = 3000.0  # Hz (PAPER 6.3, 12)
@@ -41,7 +42,7 @@ class DrumPlant:
         self.drum = drum
         self._drum, self._servo = drum.as_array(), servo.as_array()
         self._steps = steps_a_sample(rate)
-        self._stiffness = Hand().pad_stiffness
+        self._stiffness = PAD_STIFFNESS
         self._drive = np.zeros(drum_kernels.DRIVE_SIZE)
         self._command = np.zeros(drum_kernels.COMMAND_SIZE)
         self._left = 0.0

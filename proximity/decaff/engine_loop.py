@@ -16,12 +16,19 @@ from proximity.decaff.controller_door import START_NS
 from proximity.decaff.controller_states import FrameMark
 from proximity.decaff.delayed_link import DelayedLink
 from proximity.decaff.devices import SERVO_RATE, Decaff, Sensing
+from proximity.decaff.drum_command import (
+    DrumCommand,
+)
 from proximity.decaff.engine_press import EnginePress
 from proximity.decaff.engine_readers import ControllerReader, PolicyReader, Reader
 from proximity.decaff.engine_setup import Distances, EngineSetup
 from proximity.decaff.hand import Hand
 from proximity.decaff.placed_finger import PlacedFinger
-from proximity.decaff.policies import DrumCommand, Holding, Sight, TargetPolicy
+from proximity.decaff.policies import (
+    Holding,
+    Sight,
+    TargetPolicy,
+)
 from proximity.decaff.recorded_press import RecordedPress
 from proximity.decaff.response import Response
 from proximity.decaff.servo import servo_for

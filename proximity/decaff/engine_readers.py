@@ -10,10 +10,25 @@ from dataclasses import replace
 from typing import Any, Protocol
 
 from proximity.decaff.controller import FingerController
-from proximity.decaff.controller_door import START_NS, commanded
-from proximity.decaff.controller_states import FrameMark, Observation, Trust
+from proximity.decaff.controller_door import (
+    START_NS,
+)
+from proximity.decaff.controller_states import (
+    FrameMark,
+    Observation,
+    Trust,
+    commanded,
+)
+from proximity.decaff.drum_command import (
+    DriveMode,
+    DrumCommand,
+)
 from proximity.decaff.finger_path import FingerPath
-from proximity.decaff.policies import DriveMode, DrumCommand, Message, Sight, TargetPolicy
+from proximity.decaff.policies import (
+    Message,
+    Sight,
+    TargetPolicy,
+)
 from proximity.message import State
 
 NS = 1e-9  # in s

@@ -5,10 +5,11 @@ the record; row i is the instant (i - zero) step. The device of a penalty wall i
 the pad, which pushes and pulls; a real wall only pushes.
 """
 
-from math import floor
-
 import numpy as np
 
+from proximity.decaff.drum_kernels import (
+    rounded,
+)
 from proximity.kernels.compiler import inlined, kernel, maker
 
 # --- a body: hand, finger, pad, link ---
@@ -93,12 +94,6 @@ def hand_force(body: np.ndarray, press: np.ndarray, t: float, finger: float, spe
     """What the hand pushes the finger with, N."""
     wanted, wanted_speed = intent(press, t)
     return body[HAND_STIFFNESS] * (wanted - finger) + body[HAND_DAMPING] * (wanted_speed - speed)
-
-
-@inlined
-def rounded(position: float, resolution: float) -> float:
-    """What an encoder tells; *resolution* 0: the position itself."""
-    return floor(position / resolution + 0.5) * resolution if resolution > 0.0 else position
 
 
 @kernel

@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass
 
 from proximity.decaff.arguments import not_negative, positive
+from proximity.decaff.drum import PAD_STIFFNESS
 from proximity.decaff.trajectories import Press
 
 STEADY_FORCE = 0.8  # N: a pad of 200 N/m pressed in by 4 mm (PAPER 1.2)
@@ -22,7 +23,7 @@ class Hand:
     stiffness: float = 300.0  # N/m, of hand and arm; assumed: PAPER 6.1
     damping: float = 3.0  # N s/m; assumed: PAPER 6.1
     finger_mass: float = 0.010  # kg; assumed: PAPER 1.2
-    pad_stiffness: float = 200.0  # N/m, the paper's
+    pad_stiffness: float = PAD_STIFFNESS
     pad_damping: float = 6.0  # N s/m, the paper's
 
     def __post_init__(self) -> None:

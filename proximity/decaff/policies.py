@@ -12,8 +12,12 @@ from typing import Protocol
 
 import numpy as np
 
-from proximity.decaff import drum_kernels, loop_kernels
+from proximity.decaff import loop_kernels
 from proximity.decaff.arguments import positive
+from proximity.decaff.drum_command import (
+    DriveMode,
+    DrumCommand,
+)
 
 
 class Target(IntEnum):
@@ -27,14 +31,6 @@ class Target(IntEnum):
     """Where the link is now, the distance less the way gone since at the old speed; held."""
     TIME_STAMPED = loop_kernels.TIME_STAMPED
     """Where the link was when the distance was measured; held."""
-
-
-class DriveMode(IntEnum):
-    """What the drum's motor serves."""
-
-    OFF = drum_kernels.OFF
-    POSITION = drum_kernels.POSITION
-    FORCE = drum_kernels.FORCE
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,36 +77,6 @@ class Sight:
     force: float  # N, between link and drum
     motor_force: float  # N, positive away from the finger
     message: Message | None  # the newest delivered; None: none, or nothing within reach
-
-
-@dataclass(frozen=True, slots=True)
-class DrumCommand:
-    """What a controller wants of the drum's servo for a sample."""
-
-    mode: DriveMode = DriveMode.POSITION
-    target: float = 0.0  # m, or N to press on the finger with
-    speed_cap: float = math.inf  # m/s, of the reference
-    force_cap: float = math.inf  # N, of the motor
-    start_force: float = (
-        math.nan
-    )  # N, the force reference at a change to force; nan: from nothing, not bumpless
-
-    force_slew: float = 0.0  # N/s, of the force reference; 0: the servo's own, inf: at once
-
-    def write(self, array: np.ndarray) -> None:
-        """Write it as the kernels read it.
-
-        Parameters
-        ----------
-        array : (COMMAND_SIZE,) float64
-            Filled anew.
-        """
-        array[drum_kernels.MODE] = self.mode
-        array[drum_kernels.TARGET] = self.target
-        array[drum_kernels.SPEED_CAP] = self.speed_cap
-        array[drum_kernels.FORCE_CAP] = self.force_cap
-        array[drum_kernels.START_FORCE] = self.start_force
-        array[drum_kernels.SLEW] = self.force_slew
 
 
 class Controller(Protocol):

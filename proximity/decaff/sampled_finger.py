@@ -15,8 +15,10 @@ from scipy.linalg import expm
 from scipy.optimize import brentq, minimize_scalar
 
 from proximity.decaff.arguments import not_negative, positive, whole
+from proximity.decaff.sampled_mass import (
+    Gains,
+)
 from proximity.decaff.spring_damper import FINGER, SpringDamper
-from proximity.decaff.stability import Gains
 from proximity.decaff.unit_circle import spectral_radius
 
 ANGLES_PER_SAMPLE = 256  # of the edge, for each sample of memory

@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from proximity.decaff.arguments import not_negative, positive
-from proximity.decaff.stability import Gains
+from proximity.decaff.sampled_mass import (
+    Gains,
+)
 
 
 def sampled_force(last: ArrayLike, before: ArrayLike, gains: Gains, period: float) -> np.ndarray:

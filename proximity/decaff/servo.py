@@ -13,8 +13,10 @@ import numpy as np
 from proximity.decaff import drum_kernels as kernels
 from proximity.decaff.arguments import not_negative, positive
 from proximity.decaff.drum import Drum
+from proximity.decaff.sampled_mass import (
+    SampledMass,
+)
 from proximity.decaff.servo_gains import best_damped
-from proximity.decaff.stability import SampledMass
 from proximity.errors import DecaffError
 
 REFERENCE_SPEED_SHARE = 0.7  # of the speed limit; the 1.75 m/s of PAPER 12

@@ -8,7 +8,13 @@ import math
 from scipy.optimize import minimize_scalar
 
 from proximity.decaff.arguments import positive
-from proximity.decaff.stability import Gains, SampledMass, characteristic, damping_window, maximum_stiffness
+from proximity.decaff.sampled_mass import (
+    Gains,
+    SampledMass,
+    characteristic,
+    damping_window,
+    maximum_stiffness,
+)
 from proximity.decaff.unit_circle import spectral_radius
 from proximity.errors import DecaffError
 

@@ -5,7 +5,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from proximity.decaff import plotting
-from proximity.decaff.stability import Gains, SampledMass, boundary, maximum_stiffness
+from proximity.decaff.sampled_mass import (
+    Gains,
+    SampledMass,
+    maximum_stiffness,
+)
+from proximity.decaff.stability import (
+    boundary,
+)
 from proximity.decaff.tables import Table
 
 if TYPE_CHECKING:

@@ -1,0 +1,142 @@
+"""A mass that feels a sampled force: which stiffness and damping keep it stable."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import brentq
+
+from proximity.decaff.arguments import positive, whole
+
+ROOT_TOLERANCE = 1e-15  # rad, of h
+
+
+@dataclass(frozen=True, slots=True)
+class SampledMass:
+    """A mass that feels a sampled force."""
+
+    mass: float = 0.7  # kg, of Salcudean and Vlaar's device
+    period: float = 0.005  # s
+    delay_samples: int = 1  # d; one is built into equation (1)
+
+    def __post_init__(self) -> None:
+        positive("mass", self.mass, "kilograms")
+        positive("period", self.period, "seconds")
+        whole("delay_samples", self.delay_samples, 0)
+
+    @property
+    def stiffness_unit(self) -> float:
+        """Stiffness at a = 1, N/m."""
+        return 2.0 * self.mass / self.period**2
+
+    @property
+    def damping_unit(self) -> float:
+        """Damping at b = 1, N·s/m."""
+        return 2.0 * self.mass / self.period
+
+    @property
+    def last_half_angle(self) -> float:
+        """The h at which the region ends, rad."""
+        return math.pi / (4.0 * (self.delay_samples + 1))
+
+
+@dataclass(frozen=True, slots=True)
+class Gains:
+    """What a wall or a servo is told to be."""
+
+    stiffness: float  # N/m
+    damping: float  # N·s/m
+
+
+def characteristic(device: SampledMass, stiffness: ArrayLike, damping: ArrayLike) -> np.ndarray:
+    """Return coefficients of the characteristic polynomial, (..., d + 4), highest power first.
+
+    Parameters
+    ----------
+    device : SampledMass
+        Of d samples of delay.
+    stiffness : (...) float64, N/m
+        Of the wall.
+    damping : (...) float64, N·s/m
+        Of the wall; broadcast with the stiffness.
+    """
+    a, b = np.broadcast_arrays(
+        np.asarray(stiffness, np.float64) / device.stiffness_unit,
+        np.asarray(damping, np.float64) / device.damping_unit,
+    )
+    polynomial = np.zeros((*a.shape, device.delay_samples + 4))
+    polynomial[..., :3] = 1.0, -2.0, 1.0
+    polynomial[..., -3] += a + b
+    polynomial[..., -2] += a
+    polynomial[..., -1] -= b
+    return polynomial
+
+
+def maximum_stiffness(device: SampledMass) -> Gains:
+    """Return the largest stiffness of a stable wall, and the one damping at which it is reached.
+
+    Parameters
+    ----------
+    device : SampledMass
+        Of d samples of delay.
+    """
+    return gains_at(device, _stiffest_half_angle(device))
+
+
+def damping_window(device: SampledMass, stiffness: float) -> tuple[float, float]:
+    """Return the damping from which on and up to which a wall is stable, N·s/m; nan where there is none.
+
+    Parameters
+    ----------
+    device : SampledMass
+        Of d samples of delay.
+    stiffness : float, N/m
+        Of the wall.
+
+    Raises
+    ------
+    DecaffError
+        If the stiffness is not positive and finite.
+    """
+    a = positive("stiffness", stiffness, "newtons a metre") / device.stiffness_unit
+    stiffest = _stiffest_half_angle(device)
+    if a > edge_at(device, stiffest)[0]:
+        return math.nan, math.nan
+    ends = (
+        root_between(lambda h: edge_at(device, h)[0] - a, *bracket)
+        for bracket in ((0.0, stiffest), (stiffest, device.last_half_angle))
+    )
+    low, high = (gains_at(device, half_angle).damping for half_angle in ends)
+    return low, high
+
+
+def edge_at(device: SampledMass, half_angle: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    """a and b where the roots reach the unit circle at twice the angle."""
+    half_angle = np.asarray(half_angle)
+    turned = 2.0 * (device.delay_samples + 1) * half_angle
+    tangent = np.tan(half_angle)
+    # At the end the cosine is that of a right angle, but for rounding.
+    a = np.where(half_angle < device.last_half_angle, 2.0 * tangent**2 * np.cos(turned), 0.0)
+    return a, tangent * np.sin(turned) - 0.5 * a
+
+
+def gains_at(device: SampledMass, half_angle: float) -> Gains:
+    a, b = edge_at(device, half_angle)
+    return Gains(float(a) * device.stiffness_unit, float(b) * device.damping_unit)
+
+
+def _stiffest_half_angle(device: SampledMass) -> float:
+    """Where a has its maximum: 2 cos(nh) = n sin h cos h sin(nh), n = 2d + 2."""
+    n = 2.0 * (device.delay_samples + 1)
+
+    def slope(h: float) -> float:
+        return 2.0 * math.cos(n * h) - 0.5 * n * math.sin(2.0 * h) * math.sin(n * h)
+
+    return root_between(slope, 0.0, device.last_half_angle)
+
+
+def root_between(function: Callable[[float], Any], low: float, high: float) -> float:
+    return float(brentq(function, low, high, xtol=ROOT_TOLERANCE))
