@@ -4,9 +4,9 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 
-from proximity.decaff.calibration import Calibration, write_calibration
-from proximity.decaff.glove import Glove
-from proximity.decaff.transmission import Cable
+from proximity.decaff.glove.calibration import Calibration, write_calibration
+from proximity.decaff.glove.glove import Glove
+from proximity.decaff.glove.transmission import Cable
 
 HAND = Glove(cable=Cable(hand_pulley=0.0205, backlash=0.15e-3))
 """The glove as it is: its pulley and cable are not quite as designed."""

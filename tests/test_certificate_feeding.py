@@ -9,7 +9,7 @@ from certificates import ball_subject, certificate, found
 from proximity.certificate import measurement, service_inputs, wording
 from proximity.certificate.report.document import document
 from proximity.certificate.subject import read_subject
-from proximity.decaff.finger import Finger
+from proximity.decaff.glove.finger import Finger
 from proximity.pose import Pose
 from proximity.service.inputs.gloves import points_on
 from proximity.tracker.tracker import Tracker

@@ -15,8 +15,8 @@ from proximity.certificate.deadlines import PERIODS, Period
 from proximity.certificate.report import files
 from proximity.certificate.report.document import document, periods_of
 from proximity.certificate.report.page import page
-from proximity.decaff import plotting
 from proximity.recording import Recording
+from proximity.studies.figures import style
 
 VOID = {"meta", "br", "path", "use", "rect", "line", "circle"}
 SURFACE = np.random.default_rng(1).uniform(-0.05, 0.05, (40, 3))
@@ -241,7 +241,7 @@ def test_numbers_are_written_even_without_matplotlib(told, tmp_path, monkeypatch
     def missing():
         raise DecaffError('figures need matplotlib, which is not installed: pip install "proximity[sim]"')
 
-    monkeypatch.setattr(plotting, "load_figure", missing)
+    monkeypatch.setattr(style, "load_figure", missing)
     with pytest.raises(DecaffError, match=r"pip install .*proximity\[sim\]"):
         files.write_report(tmp_path / "cell.html", told, ball_subject().scene)
 

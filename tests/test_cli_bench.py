@@ -13,7 +13,7 @@ from proximity import DecaffError, cli
 from proximity import certificate as package
 from proximity.certificate import certification
 from proximity.certificate.search import worst_positions
-from proximity.decaff import plotting
+from proximity.studies.figures import style
 
 BRACKET, HAND, DEMO = (str(make.FOLDER / name) for name in ("bracket.stl", "hand.csv", "demo.toml"))
 
@@ -113,7 +113,7 @@ def test_without_matplotlib_the_numbers_are_written_and_the_gate_holds(
     def missing():
         raise DecaffError('figures need matplotlib, which is not installed: pip install "proximity[sim]"')
 
-    monkeypatch.setattr(plotting, "load_figure", missing)
+    monkeypatch.setattr(style, "load_figure", missing)
 
     result = run(BRACKET, *arguments)
 

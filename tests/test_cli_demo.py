@@ -21,8 +21,8 @@ from proximity import cli
 from proximity.cli.commands import demo
 from proximity.cli.drum_loop import DrumsBeside, short_words
 from proximity.cli.views import watch_view
-from proximity.decaff.controller_states import DrumState
-from proximity.decaff.drum_bench import DrumBench
+from proximity.decaff.controller.controller_states import DrumState
+from proximity.decaff.simulated_drums.service_drums import DrumBench
 from proximity.errors import PublishError, ServiceError
 from proximity.message import Mode, State
 from proximity.service import hosting

@@ -19,16 +19,14 @@ from proximity import cli
 from proximity.cli import drum_loop
 from proximity.cli.views import screen
 from proximity.cli.views.drum_log import DrumLog
-from proximity.decaff.controller_states import DrumState
-from proximity.decaff.drum import GEAR4
-from proximity.decaff.drum_bench import DrumBench
-from proximity.decaff.drum_command import (
-    DriveMode,
-)
-from proximity.decaff.finger_path import FingerPath
-from proximity.decaff.glove import Glove
-from proximity.decaff.straight_way import with_bend
-from proximity.decaff.wearing import read_glove
+from proximity.decaff.controller.controller_states import DrumState
+from proximity.decaff.drum.drum import GEAR4
+from proximity.decaff.drum.drum_command import DriveMode
+from proximity.decaff.glove.default_bend import with_bend
+from proximity.decaff.glove.finger_path import FingerPath
+from proximity.decaff.glove.glove import Glove
+from proximity.decaff.glove.glove_set import read_glove
+from proximity.decaff.simulated_drums.service_drums import DrumBench
 from proximity.errors import DecaffError
 from proximity.message import CONTACT, ContactFlag, Mode, State, Surface
 from proximity.transport import Counts, Reading, open_publisher

@@ -10,12 +10,12 @@ import pytest
 
 from proximity import cli
 from proximity.cli.views.output import plain
-from proximity.decaff.drum import DRUMS
-from proximity.decaff.engine_setup import EngineSetup
-from proximity.decaff.part_simulation import document as part_document
-from proximity.decaff.part_simulation import simulate_on_part
-from proximity.decaff.simulation import Setup, Wall, document, simulate
+from proximity.decaff.drum.drum import DRUMS
 from proximity.scene.loader import load
+from proximity.studies.engine.engine_setup import EngineSetup
+from proximity.studies.part_press import document as part_document
+from proximity.studies.part_press import simulate_on_part
+from proximity.studies.simulation.simulated_press import Setup, Wall, document, simulate
 
 MESHES = Path(__file__).resolve().parent.parent / "meshes"
 

@@ -10,19 +10,19 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from proximity.decaff import calibrating
-from proximity.decaff.calibrated_glove import TOUCH_TOLERANCE, CalibratedGlove
-from proximity.decaff.calibrating import backlash, cable_compliance, step_latency, touch_offset
-from proximity.decaff.calibration import (
+from proximity.decaff.glove import calibration_fit
+from proximity.decaff.glove.calibrated_glove import TOUCH_TOLERANCE, CalibratedGlove
+from proximity.decaff.glove.calibration import (
     LARGEST_FILE,
     Calibration,
     check_age,
     read_calibration,
     write_calibration,
 )
-from proximity.decaff.drum_geometry import EccentricDrum
-from proximity.decaff.glove import Glove
-from proximity.decaff.transmission import Cable, Potentiometer
+from proximity.decaff.glove.calibration_fit import backlash, cable_compliance, step_latency, touch_offset
+from proximity.decaff.glove.drum_geometry import EccentricDrum
+from proximity.decaff.glove.glove import Glove
+from proximity.decaff.glove.transmission import Cable, Potentiometer
 from proximity.errors import DecaffError
 
 DESIGN = Glove()
@@ -497,7 +497,7 @@ def test_latency_is_found_from_a_step(height):
 def test_example_of_the_documentation_makes_a_calibration(tmp_path, monkeypatch):
     """Who has measured a glove finds there how the file is made."""
     monkeypatch.chdir(tmp_path)
-    _, _, example = calibrating.__doc__.partition("::\n")
+    _, _, example = calibration_fit.__doc__.partition("::\n")
 
     exec(compile(textwrap.dedent(example), "calibrating", "exec"), {})
 

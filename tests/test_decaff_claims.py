@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from proximity.decaff import claims
+from proximity.studies import claims
 
 README = Path(__file__).resolve().parents[1] / "README.md"
 
@@ -15,7 +15,7 @@ def found():
 
 
 def test_readme_has_every_claim_with_its_figures(found):
-    """Run ``python -m proximity.decaff.claims`` for what belongs there."""
+    """Run ``python -m proximity.studies.claims`` for what belongs there."""
     assert claims.markdown(found) in README.read_text()
 
 

@@ -15,26 +15,26 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from proximity.decaff import finger_kernels, metrics, sweeps
-from proximity.decaff.closed_loop import DecaffLoop, decaff, ideal_drum, penalty_wall, real_wall
-from proximity.decaff.coupled_limit import critical_stiffness, device_resistance
-from proximity.decaff.devices import COUPLED_DEVICE, MASSLESS_MOTOR, Decaff, Link, PenaltyWall, Sensing
-from proximity.decaff.drum import DIRECT, DRUMS
-from proximity.decaff.drum_command import (
-    DriveMode,
-    DrumCommand,
-)
-from proximity.decaff.hand import Hand
-from proximity.decaff.metrics import deviation, drum_lag, drum_offset
-from proximity.decaff.policies import (
-    Holding,
-    Target,
-    TargetPolicy,
-)
-from proximity.decaff.servo import servo_for
-from proximity.decaff.sweeps import SPEEDS, with_drum, with_latency
-from proximity.decaff.trajectories import Press
+from proximity.decaff.drum.drum import DIRECT, DRUMS
+from proximity.decaff.drum.drum_command import DriveMode, DrumCommand
+from proximity.decaff.drum.servo import servo_for
 from proximity.errors import DecaffError
+from proximity.studies.paper.trajectories import Press
+from proximity.studies.simulation import finger_kernels, metrics, sweeps
+from proximity.studies.simulation.closed_loop import DecaffLoop, decaff, ideal_drum, penalty_wall, real_wall
+from proximity.studies.simulation.devices import (
+    COUPLED_DEVICE,
+    MASSLESS_MOTOR,
+    Decaff,
+    Link,
+    PenaltyWall,
+    Sensing,
+)
+from proximity.studies.simulation.hand import Hand
+from proximity.studies.simulation.metrics import deviation, drum_lag, drum_offset
+from proximity.studies.simulation.sweeps import SPEEDS, with_drum, with_latency
+from proximity.studies.simulation.target_policies import Holding, Target, TargetPolicy
+from proximity.studies.stability.coupled_limit import critical_stiffness, device_resistance
 
 HERE = Path(__file__).resolve().parent
 HAND = Hand()
@@ -655,9 +655,9 @@ def test_finger_that_meets_nothing_has_no_onset_and_no_offset():
 
 PRESSES = """
 import hashlib
-from proximity.decaff.closed_loop import decaff, ideal_drum, penalty_wall, real_wall
-from proximity.decaff.devices import Decaff, PenaltyWall, Sensing
-from proximity.decaff.hand import Hand
+from proximity.studies.simulation.closed_loop import decaff, ideal_drum, penalty_wall, real_wall
+from proximity.studies.simulation.devices import Decaff, PenaltyWall, Sensing
+from proximity.studies.simulation.hand import Hand
 hand = Hand()
 press = hand.press(1.0, hold=1e-3)
 glove = Decaff(sensing=Sensing(reach=0.002, latency=0.0003, noise=1e-5))

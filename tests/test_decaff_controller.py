@@ -10,24 +10,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sealed_frames import frame
 
-from proximity.decaff.contact_location import is_sound, locate
-from proximity.decaff.controller import SERVO_LAG, FingerController
-from proximity.decaff.controller_states import DrumState, FrameMark, Observation, Trust
-from proximity.decaff.drum import GEAR4, Drum
-from proximity.decaff.drum_command import (
-    DriveMode,
-)
-from proximity.decaff.finger_path import FingerPath
-from proximity.decaff.frame_trust import FrameTrust
-from proximity.decaff.glove import Glove
-from proximity.decaff.limits import ForceBudget, Limits
-from proximity.decaff.passivity import is_passive
-from proximity.decaff.servo import move, servo_for
-from proximity.decaff.steady_force import (
-    Handover,
-    SteadyRule,
-)
-from proximity.decaff.surface_law import SurfaceLaw
+from proximity.decaff.controller.contact_location import is_sound, locate
+from proximity.decaff.controller.controller import SERVO_LAG, FingerController
+from proximity.decaff.controller.controller_states import DrumState, FrameMark, Observation, Trust
+from proximity.decaff.controller.frame_trust import FrameTrust
+from proximity.decaff.controller.limits import ForceBudget, Limits
+from proximity.decaff.controller.passivity import is_passive
+from proximity.decaff.controller.steady_force import Handover, SteadyRule
+from proximity.decaff.controller.surface_law import SurfaceLaw
+from proximity.decaff.drum.drum import GEAR4, Drum
+from proximity.decaff.drum.drum_command import DriveMode
+from proximity.decaff.drum.servo import move, servo_for
+from proximity.decaff.glove.finger_path import FingerPath
+from proximity.decaff.glove.glove import Glove
 from proximity.errors import DecaffError
 from proximity.message import ContactFlag, Mode, Source, State, Surface
 from proximity.transport import open_subscriber

@@ -6,24 +6,20 @@ import numpy as np
 import pytest
 from sealed_frames import frame
 
-from proximity.decaff.closed_loop import decaff
-from proximity.decaff.controller import FingerController
-from proximity.decaff.controller_door import ControllerDoor
-from proximity.decaff.controller_states import DrumAction, DrumState, FrameMark, Observation
-from proximity.decaff.devices import SERVO_RATE, Decaff
-from proximity.decaff.drum import DRUMS
-from proximity.decaff.drum_command import (
-    DriveMode,
-)
-from proximity.decaff.drum_plant import DrumPlant
-from proximity.decaff.finger_path import FingerPath
-from proximity.decaff.glove import Glove
-from proximity.decaff.hand import Hand
-from proximity.decaff.limits import Limits
-from proximity.decaff.policies import (
-    Target,
-)
+from proximity.decaff.controller.controller import FingerController
+from proximity.decaff.controller.controller_states import DrumAction, DrumState, FrameMark, Observation
+from proximity.decaff.controller.limits import Limits
+from proximity.decaff.drum.drum import DRUMS
+from proximity.decaff.drum.drum_command import DriveMode
+from proximity.decaff.glove.finger_path import FingerPath
+from proximity.decaff.glove.glove import Glove
+from proximity.decaff.simulated_drums.simulated_drum import DrumPlant
 from proximity.message import ContactFlag, Mode, State
+from proximity.studies.simulation.closed_loop import decaff
+from proximity.studies.simulation.controller_in_loop import ControllerDoor
+from proximity.studies.simulation.devices import SERVO_RATE, Decaff
+from proximity.studies.simulation.hand import Hand
+from proximity.studies.simulation.target_policies import Target
 
 HAND = Hand()
 PATH = FingerPath(Glove())

@@ -5,13 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from proximity.decaff import delayed_loops, sampled_finger, sampled_mass, unit_circle
-from proximity.decaff.sampled_finger import SampledFinger
-from proximity.decaff.sampled_mass import (
-    SampledMass,
-)
-from proximity.decaff.spring_damper import FINGER, SpringDamper
+from proximity.decaff.drum import sampled_mass, unit_circle
+from proximity.decaff.drum.sampled_mass import SampledMass
 from proximity.errors import DecaffError
+from proximity.studies.paper.spring_damper import FINGER, SpringDamper
+from proximity.studies.stability import delayed_loops, sampled_finger
+from proximity.studies.stability.sampled_finger import SampledFinger
 
 # ------------------------------------------------------------------------------------------- pure delay
 

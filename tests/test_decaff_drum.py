@@ -6,12 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from proximity.decaff import arrival, drum_kernels, servo, servo_response
-from proximity.decaff.devices import Decaff, Sensing
-from proximity.decaff.drum import DIRECT, DRUMS, GEAR4, GEAR10, Drum, Motor
-from proximity.decaff.hand import Hand
-from proximity.decaff.servo import move, servo_for, settling_time
+from proximity.decaff.drum import drum_kernels, servo
+from proximity.decaff.drum.drum import DIRECT, DRUMS, GEAR4, GEAR10, Drum, Motor
+from proximity.decaff.drum.servo import move, servo_for, settling_time
 from proximity.errors import DecaffError
+from proximity.studies.simulation import arrival
+from proximity.studies.simulation.devices import Decaff, Sensing
+from proximity.studies.simulation.hand import Hand
+from proximity.studies.stability import servo_response
 
 FRICTIONLESS = Motor(friction=0.0)
 

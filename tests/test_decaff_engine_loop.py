@@ -7,15 +7,6 @@ import numpy as np
 import pytest
 import shapes
 
-from proximity.decaff.delayed_link import DelayedLink, latencies_of
-from proximity.decaff.engine_loop import press_on_part
-from proximity.decaff.engine_setup import Distances, EngineSetup
-from proximity.decaff.hand import Hand
-from proximity.decaff.metrics import drum_offset, rest
-from proximity.decaff.mode_switch import BUMP_TIME
-from proximity.decaff.placed_finger import place_finger, placed
-from proximity.decaff.policies import Target
-from proximity.decaff.recorded_press import recorded_hand, recorded_press
 from proximity.errors import DecaffError
 from proximity.pose import Pose
 from proximity.recording import Recording
@@ -23,6 +14,15 @@ from proximity.scene.loader import load
 from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
 from proximity.service.histogram import Histogram
+from proximity.studies.engine.delayed_link import DelayedLink, latencies_of
+from proximity.studies.engine.engine_loop import press_on_part
+from proximity.studies.engine.engine_setup import Distances, EngineSetup
+from proximity.studies.engine.placed_finger import place_finger, placed
+from proximity.studies.engine.recorded_press import recorded_hand, recorded_press
+from proximity.studies.simulation.force_after_contact import BUMP_TIME
+from proximity.studies.simulation.hand import Hand
+from proximity.studies.simulation.metrics import drum_offset, rest
+from proximity.studies.simulation.target_policies import Target
 from proximity.tracker.replay import turn_about_axes
 
 MESHES = Path(__file__).resolve().parent.parent / "meshes"

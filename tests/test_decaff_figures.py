@@ -8,37 +8,31 @@ import matplotlib
 import numpy as np
 import pytest
 
-from proximity.decaff import (
+from proximity.decaff.drum.sampled_mass import SampledMass, maximum_stiffness
+from proximity.errors import DecaffError
+from proximity.studies.engine.engine_loop import press_on_part
+from proximity.studies.engine.engine_setup import EngineSetup
+from proximity.studies.engine.placed_finger import place_finger
+from proximity.studies.figures import (
     arrival_plots,
+    catalogue,
     engine_plots,
     error_plots,
-    figure_5,
     figure_5_plots,
-    figures,
-    plotting,
     press_plots,
-    simulation,
     stability_plots,
-    sweeps,
+    style,
 )
-from proximity.decaff.arrival import needed_look_ahead
-from proximity.decaff.devices import Decaff
-from proximity.decaff.engine_loop import press_on_part
-from proximity.decaff.engine_setup import EngineSetup
-from proximity.decaff.hand import Hand
-from proximity.decaff.metrics import deviation
-from proximity.decaff.placed_finger import place_finger
-from proximity.decaff.policies import Target
-from proximity.decaff.sampled_mass import (
-    SampledMass,
-    maximum_stiffness,
-)
-from proximity.decaff.simulation import Setup, Wall, simulate
-from proximity.decaff.stability import (
-    stiffness_limit,
-)
-from proximity.decaff.tables import Table
-from proximity.errors import DecaffError
+from proximity.studies.figures.tables import Table
+from proximity.studies.paper import figure_5
+from proximity.studies.simulation import simulated_press, sweeps
+from proximity.studies.simulation.arrival import needed_look_ahead
+from proximity.studies.simulation.devices import Decaff
+from proximity.studies.simulation.hand import Hand
+from proximity.studies.simulation.metrics import deviation
+from proximity.studies.simulation.simulated_press import Setup, Wall, simulate
+from proximity.studies.simulation.target_policies import Target
+from proximity.studies.stability.sampled_wall import stiffness_limit
 
 STARTS = {"png": b"\x89PNG\r\n\x1a\n", "svg": b"<?xml", "pdf": b"%PDF-"}
 
@@ -59,7 +53,7 @@ def read_columns(path):
 def test_table_keeps_every_digit(tmp_path):
     path = tmp_path / "table.csv"
     written = np.array([0.1, 1.0 / 3.0, 1e-300, np.inf])
-    plotting.write_table(path, Table({"a_m": written, "count": [1, 2, 3, 4]}))
+    style.write_table(path, Table({"a_m": written, "count": [1, 2, 3, 4]}))
 
     assert path.read_text().splitlines()[:2] == ["a_m,count", "0.1,1"]
     np.testing.assert_array_equal(read_columns(path)["a_m"], written)
@@ -82,7 +76,7 @@ def test_table_gives_the_rows_that_are_asked_for():
 @pytest.mark.parametrize("name", figure_5.FIGURES)
 def test_numbers_beside_figure_5_are_the_models(name, tmp_path):
     """Among them the samples that PAPER 3.4 prints, which the models are held against elsewhere."""
-    plotting.write_table(tmp_path / "5.csv", figures.PLATES[name].numbers())
+    style.write_table(tmp_path / "5.csv", catalogue.PLATES[name].numbers())
     found = read_columns(tmp_path / "5.csv")
     times = figure_5.sample_times(1e-4)
 
@@ -138,7 +132,7 @@ def test_force_errors_beside_the_figure_are_the_models():
 
 
 def test_every_reading_of_a_distance_is_in_the_figure():
-    assert set(error_plots.TARGETS.values()) == set(simulation.POLICIES.values()) == set(Target)
+    assert set(error_plots.TARGETS.values()) == set(simulated_press.POLICIES.values()) == set(Target)
 
 
 def test_look_ahead_beside_the_figure_is_the_models(monkeypatch):
@@ -164,7 +158,7 @@ def test_force_errors_of_the_engine_beside_the_figure_are_the_models(monkeypatch
     assert table["engine_error"][0] == felt.error.share < table["engine_error"][1]
     assert table["ideal_error"][0] == pytest.approx(felt.error.share, abs=0.01)
     assert 0.0 < table["told_contact_m"][0] < table["told_error_m"][0]
-    plotting.render(engine_plots.draw, table, engine_plots.SIZE, "svg")
+    style.render(engine_plots.draw, table, engine_plots.SIZE, "svg")
 
 
 def test_missing_sample_is_told(monkeypatch, tmp_path):
@@ -177,7 +171,7 @@ def test_missing_sample_is_told(monkeypatch, tmp_path):
 
 def test_drum_that_swings_through_its_place_is_not_in_time_for_that():
     """A direct drum swings 3 mm past: told of a wall from 14 mm away at 0.7 m/s, it is there by chance."""
-    from proximity.decaff.drum import DIRECT
+    from proximity.decaff.drum.drum import DIRECT
 
     glove = sweeps.with_latency(sweeps.with_drum(Decaff(), DIRECT, 3000.0), 0.010)
     assert needed_look_ahead(Hand(), glove, 0.7) == pytest.approx(0.020, abs=2.1e-3)
@@ -194,9 +188,9 @@ def test_drums_of_the_figure_are_in_place_after_their_settling_time():
 # ------------------------------------------------------------------------------------------------ files
 
 
-@pytest.mark.parametrize("form", plotting.FORMATS)
+@pytest.mark.parametrize("form", style.FORMATS)
 def test_figure_is_written_with_its_numbers(form, tmp_path):
-    paths = figures.write_figure("5h", tmp_path / "new" / "folder", form)
+    paths = catalogue.write_figure("5h", tmp_path / "new" / "folder", form)
 
     assert [path.name for path in paths] == [f"figure-5h.{form}", "figure-5h.csv"]
     assert paths[0].read_bytes().startswith(STARTS[form])
@@ -205,7 +199,7 @@ def test_figure_is_written_with_its_numbers(form, tmp_path):
 
 @pytest.mark.parametrize("name", ["5", "5a", "stability"])
 def test_every_kind_of_figure_is_drawn(name, tmp_path):
-    image, _ = figures.write_figure(name, tmp_path, "svg")
+    image, _ = catalogue.write_figure(name, tmp_path, "svg")
 
     text = image.read_text()
     assert "[ms]" in text or "[N·s/m]" in text  # text stays text, and axes have units
@@ -222,38 +216,38 @@ def test_every_kind_of_figure_is_drawn(name, tmp_path):
 def test_sweeps_are_drawn(draw, numbers, monkeypatch):
     monkeypatch.setattr(arrival_plots, "SPEEDS", (0.5,))
 
-    assert plotting.render(draw, numbers(), (7.0, 3.0), "svg").startswith(STARTS["svg"])
+    assert style.render(draw, numbers(), (7.0, 3.0), "svg").startswith(STARTS["svg"])
 
 
 def test_same_figure_is_the_same_file_and_leaves_no_trace_in_matplotlib(tmp_path):
-    before = {name: matplotlib.rcParams[name] for name in plotting.LOOK}
-    first, _ = figures.write_figure("drum-motion", tmp_path, "svg")
+    before = {name: matplotlib.rcParams[name] for name in style.LOOK}
+    first, _ = catalogue.write_figure("drum-motion", tmp_path, "svg")
     content = first.read_bytes()
-    again, _ = figures.write_figure("drum-motion", tmp_path, "svg")
+    again, _ = catalogue.write_figure("drum-motion", tmp_path, "svg")
 
     assert again.read_bytes() == content
-    assert {name: matplotlib.rcParams[name] for name in plotting.LOOK} == before
+    assert {name: matplotlib.rcParams[name] for name in style.LOOK} == before
     assert "matplotlib.pyplot" not in sys.modules
 
 
 def test_unknown_figure_and_format_are_refused_with_the_list(tmp_path):
     with pytest.raises(DecaffError, match=r"no figure '6', expected some of 5a, 5b, 5c, .* arrival"):
-        figures.write_figure("6", tmp_path)
+        catalogue.write_figure("6", tmp_path)
     with pytest.raises(DecaffError, match="no figures of format 'gif', expected one of png, svg, pdf"):
-        figures.write_figure("5a", tmp_path / "folder", "gif")
+        catalogue.write_figure("5a", tmp_path / "folder", "gif")
     assert not list(tmp_path.iterdir())
 
 
 def test_folder_that_is_a_file_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(DecaffError, match="no folder can be made"):
-        figures.write_figure("5a", tmp_path / "file")
+        catalogue.write_figure("5a", tmp_path / "file")
 
 
 def test_missing_matplotlib_is_told_with_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     with pytest.raises(DecaffError, match=r'figures need matplotlib.*pip install "proximity\[sim\]"'):
-        figures.write_figure("5a", tmp_path / "folder")
+        catalogue.write_figure("5a", tmp_path / "folder")
     assert not list(tmp_path.iterdir())
 
 
@@ -263,9 +257,9 @@ def test_matplotlib_that_refuses_its_settings_is_told_in_a_sentence(tmp_path, mo
     def unfit(name):
         raise ValueError("Key backend: 'qt4agg' is not a valid value")
 
-    monkeypatch.setattr(plotting, "import_module", unfit)
+    monkeypatch.setattr(style, "import_module", unfit)
     with pytest.raises(DecaffError, match=r"matplotlib, which cannot be used \(Key backend: 'qt4agg' is"):
-        figures.write_figure("5a", tmp_path / "folder")
+        catalogue.write_figure("5a", tmp_path / "folder")
     assert not list(tmp_path.iterdir())
 
 
@@ -286,12 +280,12 @@ def test_simulated_press_is_told_as_the_metrics_say(setup, tmp_path):
     found = deviation(press.response)
 
     assert press.force_error == found.error
-    assert press.felt.onset - simulation.felt(press.real).onset == found.onset
+    assert press.felt.onset - simulated_press.felt(press.real).onset == found.onset
     assert press.felt.peak == found.peak
-    assert press.felt.steady - simulation.felt(press.real).steady == found.steady_error
+    assert press.felt.steady - simulated_press.felt(press.real).steady == found.steady_error
     assert press.felt.penetration == found.penetration
-    assert press.felt.work - simulation.felt(press.real).work == found.work_error
-    for form in ("csv", *plotting.FORMATS[:1]):
+    assert press.felt.work - simulated_press.felt(press.real).work == found.work_error
+    for form in ("csv", *style.FORMATS[:1]):
         press_plots.write(tmp_path / f"press.{form}", press)
     columns = read_columns(tmp_path / "press.csv")
     touch = int(np.argmin(np.abs(columns["time_s"])))
@@ -304,11 +298,11 @@ def test_simulated_press_is_told_as_the_metrics_say(setup, tmp_path):
 def test_document_of_a_press_has_what_concerns_its_wall():
     setup = Setup(Wall.COUPLED, speed=1.0, stiffness=1000.0, damping=2.0)
     press = simulate(setup)
-    told = simulation.document(press)
+    told = simulated_press.document(press)
 
     assert told["stiffness"] == 1000.0 and "drum" not in told
     assert told["felt"] == asdict(press.felt)
-    assert "latency" not in simulation.document(simulate(Setup(Wall.REAL, speed=1.0)))
+    assert "latency" not in simulated_press.document(simulate(Setup(Wall.REAL, speed=1.0)))
 
 
 @pytest.mark.parametrize(

@@ -9,11 +9,11 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 from test_tracker_paths import THINGS
 
-from proximity.decaff.drum_geometry import ArmDrum, EccentricDrum
-from proximity.decaff.finger import Finger
-from proximity.decaff.glove import Glove
-from proximity.decaff.linkage import Linkage
-from proximity.decaff.transmission import Cable, Potentiometer
+from proximity.decaff.glove.drum_geometry import ArmDrum, EccentricDrum
+from proximity.decaff.glove.finger import Finger
+from proximity.decaff.glove.glove import Glove
+from proximity.decaff.glove.linkage import Linkage
+from proximity.decaff.glove.transmission import Cable, Potentiometer
 from proximity.errors import DecaffError
 from proximity.message import PATH_CORNERS
 from proximity.pose import Pose

@@ -6,31 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from proximity.decaff import drum_kernels
-from proximity.decaff.closed_loop import DecaffLoop
-from proximity.decaff.devices import Decaff, Sensing
-from proximity.decaff.drum_command import (
-    DriveMode,
-    DrumCommand,
-)
-from proximity.decaff.hand import Hand
-from proximity.decaff.mode_switch import (
-    ForceAfterContact,
-    Slave,
-    bump,
-)
-from proximity.decaff.policies import (
-    Holding,
-    Sight,
-    Target,
-    TargetPolicy,
-)
-from proximity.decaff.steady_force import (
-    Handover,
-    SteadyForce,
-    SteadyRule,
-)
+from proximity.decaff.controller.steady_force import Handover, SteadyForce, SteadyRule
+from proximity.decaff.drum import drum_kernels
+from proximity.decaff.drum.drum_command import DriveMode, DrumCommand
 from proximity.errors import DecaffError
+from proximity.studies.simulation.closed_loop import DecaffLoop
+from proximity.studies.simulation.devices import Decaff, Sensing
+from proximity.studies.simulation.force_after_contact import ForceAfterContact, Slave, bump
+from proximity.studies.simulation.hand import Hand
+from proximity.studies.simulation.target_policies import Holding, Sight, Target, TargetPolicy
 
 HAND = Hand()
 RATE = 3000.0

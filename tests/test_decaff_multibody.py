@@ -5,11 +5,11 @@ import pytest
 from printed import printed
 from scipy.integrate import solve_ivp
 
-from proximity.decaff import multibody_kernels as kernels
-from proximity.decaff.impulses import impulse_law, stopped_energy
-from proximity.decaff.multibody import INDEX_FINGER, PlanarFinger
-from proximity.decaff.multibody_contact import MAX_STEPS, Plane, Shown, press
 from proximity.errors import DecaffError
+from proximity.studies.multibody import contact_kernels as kernels
+from proximity.studies.multibody.contact import MAX_STEPS, Plane, Shown, press
+from proximity.studies.multibody.finger_chain import INDEX_FINGER, PlanarFinger
+from proximity.studies.multibody.impulses import impulse_law, stopped_energy
 
 TWO_LINKS = PlanarFinger.of_rods((0.045, 0.036), (0.020, 0.012))
 FREE = PlanarFinger.of_rods((0.045, 0.026, 0.020), (0.020, 0.010, 0.006))  # without springs, dampers, weight

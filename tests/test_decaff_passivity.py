@@ -7,10 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from proximity.decaff import passivity, sampled_energy, sampled_finger, sampled_laws, unit_circle
-from proximity.decaff.sampled_finger import SampledFinger
-from proximity.decaff.spring_damper import SpringDamper
+from proximity.decaff.controller import passivity
+from proximity.decaff.drum import unit_circle
 from proximity.errors import DecaffError
+from proximity.studies.paper.spring_damper import SpringDamper
+from proximity.studies.stability import sampled_energy, sampled_finger, sampled_laws
+from proximity.studies.stability.sampled_finger import SampledFinger
 
 # ----------------------------------------------------------------------------------------------- passivity
 

@@ -7,21 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from proximity.decaff import (
-    sampled_laws,
-    sampled_mass,
-    servo_gains,
-    stability,
-    unit_circle,
-)
-from proximity.decaff.sampled_mass import (
-    Gains,
-    SampledMass,
-)
-from proximity.decaff.stability import (
-    Verdict,
-)
+from proximity.decaff.drum import sampled_mass, servo_gains, unit_circle
+from proximity.decaff.drum.sampled_mass import Gains, SampledMass
 from proximity.errors import DecaffError
+from proximity.studies.stability import sampled_laws, sampled_wall
+from proximity.studies.stability.sampled_wall import Verdict
 
 PAPER_WALL = SampledMass()  # 0.7 kg, 200 Hz, the one sample of equation (1)
 UNIT = {d: SampledMass(1.0, 1.0, d) for d in (0, 1, 2, 3, 4, 8)}
@@ -96,7 +86,7 @@ def test_jury_and_roots_agree_on_random_walls():
         device = SampledMass(1.0, 1.0, delay_samples)
         limit = sampled_mass.maximum_stiffness(device)
         stiffness = rng.uniform(-0.2, 1.5, count) * limit.stiffness
-        damping = rng.uniform(-0.2, 1.2, count) * stability.largest_damping(device)
+        damping = rng.uniform(-0.2, 1.2, count) * sampled_wall.largest_damping(device)
         polynomials = sampled_mass.characteristic(device, stiffness, damping)
         by_roots = unit_circle.spectral_radius(polynomials)
         # Where a root is on the circle but for rounding, either may be right.
@@ -162,7 +152,7 @@ def jury_limit(b):
     ],
 )
 def test_limit_of_equation_1(b, expected):
-    found = stability.stiffness_limit(UNIT[1], b * UNIT[1].damping_unit) / UNIT[1].stiffness_unit
+    found = sampled_wall.stiffness_limit(UNIT[1], b * UNIT[1].damping_unit) / UNIT[1].stiffness_unit
 
     assert found == pytest.approx(expected, abs=1e-9)
     assert found == pytest.approx(jury_limit(b), rel=1e-12)
@@ -170,7 +160,7 @@ def test_limit_of_equation_1(b, expected):
 
 @pytest.mark.parametrize("b", [0.01, 0.3, 0.9, 0.999])
 def test_limit_without_delay(b):
-    found = stability.stiffness_limit(UNIT[0], b * UNIT[0].damping_unit) / UNIT[0].stiffness_unit
+    found = sampled_wall.stiffness_limit(UNIT[0], b * UNIT[0].damping_unit) / UNIT[0].stiffness_unit
 
     assert found == pytest.approx(2.0 * b * (1.0 - b) / (1.0 + b), rel=1e-9)
 
@@ -179,36 +169,36 @@ def test_limit_without_delay(b):
 def test_region_is_what_the_boundary_encloses(delay_samples):
     device = UNIT[delay_samples]
     rng = np.random.default_rng(7)
-    dampings = rng.uniform(0.0, 1.1, 200) * stability.largest_damping(device)
-    limits = np.array([stability.stiffness_limit(device, damping) for damping in dampings])
+    dampings = rng.uniform(0.0, 1.1, 200) * sampled_wall.largest_damping(device)
+    limits = np.array([sampled_wall.stiffness_limit(device, damping) for damping in dampings])
     top = sampled_mass.maximum_stiffness(device).stiffness
     stiffness = rng.uniform(0.0, 1.3, (30, 200)) * top
     is_clear = np.abs(stiffness - limits) > 1e-6 * top
 
-    found = stability.is_stable(device, stiffness, np.broadcast_to(dampings, stiffness.shape))
+    found = sampled_wall.is_stable(device, stiffness, np.broadcast_to(dampings, stiffness.shape))
     np.testing.assert_array_equal(found[is_clear], (stiffness < limits)[is_clear])
 
 
 def test_boundary_is_where_the_radius_is_one():
-    stiffness, damping = stability.boundary(PAPER_WALL, 50)
+    stiffness, damping = sampled_wall.boundary(PAPER_WALL, 50)
 
     inner = unit_circle.spectral_radius(sampled_mass.characteristic(PAPER_WALL, stiffness, damping))
     np.testing.assert_allclose(inner, 1.0, atol=3e-7)  # the double root of the start splits by rounding
     assert (stiffness[0], damping[0], stiffness[-1]) == (0.0, 0.0, 0.0)
-    assert damping[-1] == stability.largest_damping(PAPER_WALL)
+    assert damping[-1] == sampled_wall.largest_damping(PAPER_WALL)
     assert stiffness.max() <= sampled_mass.maximum_stiffness(PAPER_WALL).stiffness
     with pytest.raises(DecaffError, match="count is 1, expected a whole number of 2 or more"):
-        stability.boundary(PAPER_WALL, 1)
+        sampled_wall.boundary(PAPER_WALL, 1)
 
 
 def test_walls_with_no_damping_or_too_much_have_no_stiffness():
-    assert stability.stiffness_limit(PAPER_WALL, 0.0) == 0.0
-    assert stability.stiffness_limit(PAPER_WALL, 116.0) == 0.0
-    assert stability.stiffness_limit(PAPER_WALL, 115.9) > 0.0
+    assert sampled_wall.stiffness_limit(PAPER_WALL, 0.0) == 0.0
+    assert sampled_wall.stiffness_limit(PAPER_WALL, 116.0) == 0.0
+    assert sampled_wall.stiffness_limit(PAPER_WALL, 115.9) > 0.0
     with pytest.raises(
         DecaffError, match="damping is nan, expected a number of newton seconds a metre of 0 or"
     ):
-        stability.stiffness_limit(PAPER_WALL, math.nan)
+        sampled_wall.stiffness_limit(PAPER_WALL, math.nan)
 
 
 # --------------------------------------------------------------------------------------- largest stiffness
@@ -268,7 +258,7 @@ def test_largest_stiffness_has_closed_forms():
 
 def test_papers_wall_is_marginal_by_its_one_sample_of_delay():
     assert radius(PAPER_WALL, 3900.0, 60.0) == pytest.approx(0.993663, abs=1e-6)
-    assert stability.stiffness_limit(PAPER_WALL, 60.0) == pytest.approx(4044.79, abs=5.1e-3)
+    assert sampled_wall.stiffness_limit(PAPER_WALL, 60.0) == pytest.approx(4044.79, abs=5.1e-3)
     # 3900 is the limit of a slightly lighter mass or slower sampling.
     assert sampled_mass.maximum_stiffness(SampledMass(0.675, 0.005)).stiffness == pytest.approx(
         3900.0, rel=1e-3
@@ -343,7 +333,7 @@ def test_soft_walls_need_damping_for_their_delay(delay_samples):
     low, high = sampled_mass.damping_window(device, stiffness)
 
     assert low == pytest.approx(stiffness * (delay_samples + 0.5) * device.period, rel=1e-3)
-    assert high == pytest.approx(stability.largest_damping(device), rel=1e-3)
+    assert high == pytest.approx(sampled_wall.largest_damping(device), rel=1e-3)
     if delay_samples == 1:
         assert high == pytest.approx(115.98, abs=5e-3)
 
@@ -358,15 +348,15 @@ def test_soft_walls_need_damping_for_their_delay(delay_samples):
     ],
 )
 def test_love_and_book_say_what_destabilises(stiffness, damping, expected):
-    found = stability.verdict(PAPER_WALL, Gains(stiffness, damping))
+    found = sampled_wall.verdict(PAPER_WALL, Gains(stiffness, damping))
 
     assert found is expected
-    assert bool(stability.is_stable(PAPER_WALL, stiffness, damping)) is (expected is Verdict.STABLE)
+    assert bool(sampled_wall.is_stable(PAPER_WALL, stiffness, damping)) is (expected is Verdict.STABLE)
 
 
 def test_damping_that_is_no_number_has_no_verdict():
     with pytest.raises(DecaffError, match="damping is nan, expected a number of newton seconds a metre"):
-        stability.verdict(PAPER_WALL, Gains(100.0, math.nan))
+        sampled_wall.verdict(PAPER_WALL, Gains(100.0, math.nan))
 
 
 @given(
@@ -375,10 +365,12 @@ def test_damping_that_is_no_number_has_no_verdict():
     st.sampled_from([0, 1, 2, 7]),
 )
 def test_sampling_faster_restores_any_wall_with_damping(stiffness, damping, delay_samples):
-    period = stability.slowest_period(0.7, Gains(stiffness, damping), delay_samples)
+    period = sampled_wall.slowest_period(0.7, Gains(stiffness, damping), delay_samples)
 
     def state(share):
-        return stability.verdict(SampledMass(0.7, share * period, delay_samples), Gains(stiffness, damping))
+        return sampled_wall.verdict(
+            SampledMass(0.7, share * period, delay_samples), Gains(stiffness, damping)
+        )
 
     assert [state(share) for share in (0.01, 0.5, 0.999)] == [Verdict.STABLE] * 3
     assert Verdict.STABLE not in [state(share) for share in (1.001, 2.0, 50.0)]
@@ -387,11 +379,11 @@ def test_sampling_faster_restores_any_wall_with_damping(stiffness, damping, dela
 def test_slowest_period_of_the_largest_stiffness_is_its_own():
     gains = sampled_mass.maximum_stiffness(PAPER_WALL)
 
-    assert stability.slowest_period(0.7, gains) == pytest.approx(0.005, rel=1e-9)
+    assert sampled_wall.slowest_period(0.7, gains) == pytest.approx(0.005, rel=1e-9)
     with pytest.raises(
         DecaffError, match=r"damping is 0\.0, expected a positive number of newton seconds a metre"
     ):
-        stability.slowest_period(0.7, Gains(100.0, 0.0))
+        sampled_wall.slowest_period(0.7, Gains(100.0, 0.0))
 
 
 def test_best_damped_servo():

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from scipy.integrate import quad, solve_ivp
 
-from proximity.decaff import energies, figure_5, reacting_operator, walls
-from proximity.decaff.energies import Stop
-from proximity.decaff.spring_damper import (
+from proximity.errors import DecaffError
+from proximity.studies.paper import energies, figure_5, reacting_operator, walls
+from proximity.studies.paper.energies import Stop
+from proximity.studies.paper.spring_damper import (
     FINGER,
     RIGID,
     SpringDamper,
@@ -16,9 +17,8 @@ from proximity.decaff.spring_damper import (
     series_stiffness,
     slow_series_damping,
 )
-from proximity.decaff.trajectories import Press
-from proximity.decaff.walls import Convention, DecaffWall, RealWall, TraditionalWall
-from proximity.errors import DecaffError
+from proximity.studies.paper.trajectories import Press
+from proximity.studies.paper.walls import Convention, DecaffWall, RealWall, TraditionalWall
 
 MS, MM, MJ = 1e-3, 1e-3, 1e-3
 STEP = 1e-5  # s, of the curves below; PAPER's was the same

@@ -9,8 +9,8 @@ import shapes
 from fake_service import MS, QueueInlet
 from ticking import solid
 
-from proximity.decaff.drum_bench import DrumBench
-from proximity.decaff.wearing import read_glove
+from proximity.decaff.glove.glove_set import read_glove
+from proximity.decaff.simulated_drums.service_drums import DrumBench
 from proximity.message import FRAME, GLOVE_POSES, Message, State
 from proximity.scene.scene import Scene
 from proximity.service import StreamInput, TrackerAnswers

@@ -148,7 +148,7 @@ DECORATORS = {"kernel", "inlined", "maker"}
 def decorated():
     """All compiled functions of the package: the file, the name, the decorator, and the names called."""
     package = Path(proximity.__file__).parent
-    for path in sorted([*package.glob("kernels/*.py"), *package.glob("decaff/*_kernels.py")]):
+    for path in sorted([*package.glob("kernels/**/*.py"), *package.glob("*/**/*_kernels.py")]):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if not isinstance(node, ast.FunctionDef):
                 continue

@@ -1,129 +1,203 @@
-"""The picture of the layers, held against the imports."""
+"""The layers of the package and of its larger parts, compared with the imports."""
 
 import ast
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
 
 import proximity
 
-PACKAGE = Path(proximity.__file__).parent
-
+ROOT = Path(proximity.__file__).parent.parent
 # Top to bottom. A unit (a module, or a folder) may import only from lines below its own.
-LAYERS = """
+PICTURES = {
+    "proximity": """
 cli
 certificate
-serving
-decaff
-service · scene_file
-warmup · stopping
+studies
+service
+tracker
+scene
+bodies · decaff
+formats · model · recording · transport
+mesh · message · pose
+arrays · kernels · system
+errors · simd
+""",
+    "proximity.kernels": """
+tracking
+scene
+point · ray · segment
+tree
+sign
+mesh
+geometry
+compiler · given
+code_cache · contact_columns · interruptible · layout · memory
+""",
+    "proximity.scene": """
 trimesh_scene
-loading
-replay
-tracker · transport · recording
-scene · message
-compiled
-compiled_model · compiled_fields
-deforming · part
+loader
+scene
+deformation · part · saved
 solid
-moves
-moving
-queries · sign
-batches · query_arguments
-model · results · diagnosis · bodies · meshio
-top · occupancy
-part_arrays · archive
-topology · bvh
-mesh · pose
-kernels
-arrays · aligned · whole_file · regular_file
-simd · errors · locks · collector
-"""
-LEVEL = {
-    unit: level
-    for level, line in enumerate(reversed(LAYERS.split("\n")[1:-1]))
-    for unit in line.replace("·", " ").split()
+queries
+batches · part_motion · query_arguments · results · sign
+""",
+    "proximity.service": """
+loop
+inputs
+answers · hosting · output · report · sample_filter
+bends · clock · config · frame_builder · histogram · log_writer · presence · realtime · samples
+""",
+    "proximity.service.inputs": """
+teleoperation
+part_motion · sensor · stream
+gloves · part_prediction · reception · sources
+""",
+    "proximity.decaff": """
+simulated_drums
+controller
+drum · glove
+arguments
+""",
+    "proximity.studies": """
+part_press
+claims · figures
+engine · stability
+simulation
+multibody · paper
+""",
+    "proximity.certificate": """
+report
+certification
+measurement
+search · service_inputs
+deadlines · fingerprint · machine · motions · period · subject · tick_times · wording
+""",
+    "proximity.cli": """
+commands
+part_press · questions
+answers · progress · views
+console · drum_loop · lengths · options · points · program
+""",
 }
-# What the whole package is to its users; and what starts the command line.
+# Part of the whole package but in no layer: what its users import, and what starts the command line.
 OUTSIDE = {"__init__", "__main__"}
 KERNELS_MAY_IMPORT = {"math", "numpy"}
 # How kernels are compiled and kept, and how they get at arrays: no mathematics there.
-AROUND_KERNELS = {"code_cache.py", "compiling.py", "given.py", "interruptible.py", "memory.py"}
+AROUND_KERNELS = {"code_cache.py", "compiler.py", "given.py", "interruptible.py", "memory.py"}
 
 
-def unit_of(path):
-    """The name in the picture of the file at *path*."""
-    return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+def module_of(path):
+    """The name under which the file at *path* is imported."""
+    return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
 
 
-def all_files():
-    return sorted(path for path in PACKAGE.rglob("*.py") if "__pycache__" not in path.parts)
+FILES = {
+    module_of(path): path
+    for path in sorted((ROOT / "proximity").rglob("*.py"))
+    if "__pycache__" not in path.parts
+}
+PACKAGES = sorted(module for module, path in FILES.items() if path.name == "__init__.py")
 
 
 def imports(path):
-    """Modules that a file imports, wherever in it, with the line; a type checker's imports as well."""
+    """Modules of this package, or names of others, that a file imports anywhere in it, each with its line."""
     for statement in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(statement, ast.Import):
             yield from ((alias.name, statement.lineno) for alias in statement.names)
         elif isinstance(statement, ast.ImportFrom):
             assert statement.level == 0, f"{path.name}:{statement.lineno} imports relatively"
-            if statement.module == "proximity":
-                names = (f"proximity.{alias.name}" for alias in statement.names)
-                yield from ((name, statement.lineno) for name in names)
-            else:
-                yield statement.module, statement.lineno
+            for alias in statement.names:
+                name = f"{statement.module}.{alias.name}"
+                is_module = name in FILES or statement.module == "proximity"
+                yield name if is_module else statement.module, statement.lineno
 
 
-def test_picture_names_every_unit_once():
-    present = {unit_of(path) for path in all_files()} - OUTSIDE
+def unit_of(module, package):
+    """The unit directly in *package* that a module belongs to, or None."""
+    rest = module.removeprefix(package + ".")
+    return None if rest == module else rest.split(".")[0]
 
-    assert set(LEVEL) == present
-    assert len(LAYERS.replace("·", " ").split()) == len(LEVEL)
+
+def levels_of(package):
+    """The units of a picture with their heights; 0 is the lowest."""
+    rows = PICTURES[package].strip().split("\n")
+    return {unit: height for height, row in enumerate(reversed(rows)) for unit in row.split(" · ")}
+
+
+def units_in(package):
+    units = {unit_of(module, package) for module in FILES}
+    return units - {None, *OUTSIDE}
+
+
+@pytest.mark.parametrize("package", PICTURES)
+def test_picture_names_every_unit_once(package):
+    assert set(levels_of(package)) == units_in(package)
+    assert len(PICTURES[package].replace(" · ", "\n").split()) == len(units_in(package))
+
+
+@pytest.mark.parametrize("package", PICTURES)
+def test_units_import_only_from_lines_below(package):
+    level = levels_of(package)
+    for module, path in FILES.items():
+        own = unit_of(module, package)
+        if own is None or own in OUTSIDE:
+            continue
+        for name, line in imports(path):
+            other = unit_of(name, package)
+            # The command line is a user: it asks for public names, which are imported when first needed.
+            is_public = package == "proximity" and other in {*proximity.__all__, "__version__"}
+            if other is None or other == own or (own == "cli" and is_public):
+                continue
+            assert other in level, f"{path.name}:{line}: import {name} from the module that has it"
+            assert level[other] < level[own], f"{path.name}:{line}: {own} may not import {other}"
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_no_circle_of_imports(package):
+    graph = TopologicalSorter()
+    for module, path in FILES.items():
+        own = unit_of(module, package)
+        others = {unit_of(name, package) for name, _ in imports(path)} - {None, own}
+        if own is not None and own not in OUTSIDE:
+            graph.add(own, *others)
+    try:
+        graph.prepare()
+    except CycleError as error:
+        pytest.fail(f"{package}: {' imports '.join(reversed(error.args[1]))}")
 
 
 @pytest.mark.parametrize(
-    "path",
-    [path for path in all_files() if unit_of(path) not in OUTSIDE],
-    ids=lambda path: str(path.relative_to(PACKAGE)),
+    "module",
+    [
+        module
+        for module, path in FILES.items()
+        if unit_of(module, "proximity") == "kernels" and path.name not in AROUND_KERNELS
+    ],
 )
-def test_file_imports_only_from_lines_below(path):
-    own = unit_of(path)
-    for name, line in imports(path):
-        parts = name.split(".")
-        if parts[0] != "proximity" or (len(parts) > 1 and parts[1] == own):
-            continue
-        # The command line is a user: it asks for public names, which are imported when first needed.
-        if own == "cli" and (len(parts) == 1 or parts[1] in {*proximity.__all__, "__version__"}):
-            continue
-        assert len(parts) > 1 and parts[1] in LEVEL, f"line {line}: import {name} from the module that has it"
-        assert LEVEL[parts[1]] < LEVEL[own], f"line {line}: {own} may not import {parts[1]}"
-
-
-@pytest.mark.parametrize(
-    "path",
-    [path for path in all_files() if unit_of(path) == "kernels" and path.name not in AROUND_KERNELS],
-    ids=lambda path: path.name,
-)
-def test_kernels_know_numbers_only(path):
-    for name, line in imports(path):
+def test_kernels_know_numbers_only(module):
+    for name, line in imports(FILES[module]):
         top = name.split(".")[0]
         assert top == "proximity" or top in KERNELS_MAY_IMPORT, f"line {line}: a kernel may not import {name}"
 
 
-def test_kernels_of_simulations_lie_where_changes_are_noticed():
-    """Compiled code is kept until a file of `decaff` that is named so changes (`kernels.compiler`)."""
-    for path in all_files():
-        if unit_of(path) == "decaff" and "proximity.kernels.compiler" in {name for name, _ in imports(path)}:
-            assert path.name.endswith("_kernels.py"), path.name
+def test_kernels_outside_the_engine_lie_where_changes_are_noticed():
+    """Compiled code is kept until a source changes that `kernels.compiler` lists by its name."""
+    for module, path in FILES.items():
+        is_compiled = "proximity.kernels.compiler" in {name for name, _ in imports(path)}
+        if is_compiled and unit_of(module, "proximity") in ("decaff", "studies"):
+            assert path.name.endswith("_kernels.py"), module
 
 
 def test_only_lower_units_are_named_by_those_that_know_no_files():
-    """Walls: neither a solid nor a scene knows files, and no mathematics is in the command line."""
-    for path in all_files():
-        used = {name.split(".")[1] for name, _ in imports(path) if name.startswith("proximity.")}
-        if unit_of(path) in ("solid", "scene", "queries"):
-            assert not used & {"meshio", "loading"}, path.name
-        if unit_of(path) == "solid":
+    """Neither a solid nor a scene reads files, and no mathematics is in the command line."""
+    for module, path in FILES.items():
+        used = {unit_of(name, "proximity") for name, _ in imports(path)}
+        if module in ("proximity.scene.solid", "proximity.scene.scene", "proximity.scene.queries"):
+            assert "formats" not in used, module
+        if module == "proximity.scene.solid":
             assert "bodies" not in used
-        if unit_of(path) == "cli":
-            assert not used & {"kernels", "simd", "model", "bvh", "sign"}, path.name
+        if unit_of(module, "proximity") == "cli":
+            assert not used & {"kernels", "simd", "model"}, module

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from ticking import solid
 
-from proximity.decaff.wearing import read_glove
+from proximity.decaff.glove.glove_set import read_glove
 from proximity.errors import DecaffError, ServiceError
 from proximity.message import GLOVE_POSES, POSES, ContactFlag, Message
 from proximity.scene.scene import Scene

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from proximity.decaff.finger import Finger
+from proximity.decaff.glove.finger import Finger
 from proximity.errors import ServiceError
 from proximity.pose import Pose
 from proximity.recording import Recording, read_recording

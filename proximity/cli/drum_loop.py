@@ -13,8 +13,8 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
-from proximity.decaff.controller_states import DrumState
-from proximity.decaff.drum_bench import DrumBench, FingerBench
+from proximity.decaff.controller.controller_states import DrumState
+from proximity.decaff.simulated_drums.service_drums import DrumBench, FingerBench
 from proximity.transport import Counts, Reading, Subscriber
 
 LINE_FINGERS = 8

@@ -10,8 +10,8 @@ import typer
 import proximity
 
 if TYPE_CHECKING:
-    from proximity.decaff.part_simulation import PartSimulation
-    from proximity.decaff.simulation import Setup
+    from proximity.studies.part_press import PartSimulation
+    from proximity.studies.simulation.simulated_press import Setup
 
 ROWS = (  # label, field, factor from SI units, digits, whether a recorded hand has it
     ("force begins \\[ms after the touch]", "onset", 1e3, 2, True),
@@ -58,16 +58,18 @@ def run(
     """
     from proximity.cli import progress
     from proximity.cli.views.output import plain
-    from proximity.decaff import part_simulation, press_plots, simulation
-    from proximity.decaff.drum import DRUMS
-    from proximity.decaff.engine_setup import Distances, EngineSetup
+    from proximity.decaff.drum.drum import DRUMS
     from proximity.formats import metres_per_unit
+    from proximity.studies import part_press
+    from proximity.studies.engine.engine_setup import Distances, EngineSetup
+    from proximity.studies.figures import press_plots
+    from proximity.studies.simulation import simulated_press
 
     told = EngineSetup(
         Distances.SENSOR if is_sensor else Distances.ENGINE,
         setup.rate,
         setup.latency,
-        None if policy is None else simulation.POLICIES[policy],
+        None if policy is None else simulated_press.POLICIES[policy],
         DRUMS[setup.drum],
     )
     metres = metres_per_unit(place.units)
@@ -77,11 +79,11 @@ def run(
         scene = _scene(place)
         recorded = None if place.recording is None else _recorded(place.recording, scene, at)
     with progress.spinner("simulating"):
-        press = part_simulation.simulate_on_part(scene, told, at=at, speed=setup.speed, recording=recorded)
+        press = part_press.simulate_on_part(scene, told, at=at, speed=setup.speed, recording=recorded)
         if out is not None:
-            press_plots.write_curves(out, part_simulation.numbers(press), simulation.Wall.DECAFF)
+            press_plots.write_curves(out, part_press.numbers(press), simulated_press.Wall.DECAFF)
     if as_json:
-        typer.echo(json.dumps(plain(part_simulation.document(press)), allow_nan=False, indent=1))
+        typer.echo(json.dumps(plain(part_press.document(press)), allow_nan=False, indent=1))
     else:
         _print(press)
 
@@ -104,7 +106,7 @@ def _scene(place: Place) -> "proximity.Scene":
 
 def _recorded(path: Path, scene: "proximity.Scene", at: list[float] | None) -> Any:
     """The recording where its origin is told, or where its hand touches."""
-    from proximity.decaff.finger import Finger
+    from proximity.decaff.glove.finger import Finger
     from proximity.recording import read_recording
     from proximity.tracker.replay import fitted_pose
 
@@ -122,12 +124,12 @@ def _print(press: "PartSimulation") -> None:
     from proximity.cli.views.blocks import print_block
     from proximity.cli.views.tables import UNBOUNDED
     from proximity.cli.views.wording import MISSING
-    from proximity.decaff import part_simulation
-    from proximity.decaff.metrics import drum_offset
+    from proximity.studies import part_press
+    from proximity.studies.simulation.metrics import drum_offset
 
     console = Console()
     console = console if console.is_terminal else Console(width=UNBOUNDED)
-    print_block(console, part_simulation.describe(press))
+    print_block(console, part_press.describe(press))
     console.print()
     table = Table(box=None, pad_edge=False, header_style="bold")
     table.add_column("")

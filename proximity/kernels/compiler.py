@@ -2,8 +2,8 @@
 
 numba keeps a function's code as long as its own file is unchanged, even when a function that was compiled
 into it has changed elsewhere. So the code is kept in a folder named after all sources together: whoever
-edits or updates them gets new code throughout, and the old folder is removed. The engine's kernels and those
-of the simulations have a folder each, so that an edit of one costs no compiling of the other.
+edits or updates them gets new code throughout, and the old folder is removed. The kernels of the engine, of
+the drum and of the studies have a folder each, so that an edit of one costs no compiling of the others.
 """
 
 import hashlib
@@ -25,6 +25,7 @@ _PACKAGE = Path(__file__).resolve().parent.parent
 _SOURCES = {
     "kernels": ("kernels/**/*.py", "simd/*.py"),
     "decaff": ("kernels/code_cache.py", "kernels/compiler.py", "decaff/**/*_kernels.py"),
+    "studies": ("kernels/code_cache.py", "kernels/compiler.py", "*/**/*_kernels.py"),
 }
 
 
@@ -67,7 +68,8 @@ def _compile(function: Callable[..., Any], **options: Any) -> Any:
     if numba.config.DISABLE_JIT:
         return compiled
     before = numba.config.CACHE_DIR
-    folder = cache_folder("decaff" if function.__module__.startswith("proximity.decaff.") else "kernels")
+    unit = function.__module__.split(".")[1:2]
+    folder = cache_folder(unit[0] if unit and unit[0] in _SOURCES else "kernels")
     numba.config.CACHE_DIR = str(folder)
     try:
         compiled._cache = SharedCache(function)

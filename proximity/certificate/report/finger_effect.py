@@ -7,10 +7,10 @@ high, equation (10), and the operator's work too large, equation (15); finger an
 import math
 from dataclasses import dataclass
 
-from proximity.decaff.energies import energy_excess
-from proximity.decaff.spring_damper import FINGER
-from proximity.decaff.trajectories import Press
-from proximity.decaff.walls import steady_excess, total_delay
+from proximity.studies.paper.energies import energy_excess
+from proximity.studies.paper.spring_damper import FINGER
+from proximity.studies.paper.trajectories import Press
+from proximity.studies.paper.walls import steady_excess, total_delay
 
 SPEEDS = (0.1, 0.5, 1.0)
 """m/s, of fingers that meet a wall."""

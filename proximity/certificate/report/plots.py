@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from proximity.certificate.report.finger_effect import SPEEDS, felt
-from proximity.decaff import plotting
+from proximity.studies.figures import style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -137,7 +137,7 @@ def _mark_periods(panel: "Axes", told: dict[str, Any]) -> None:
 
 def _svg(draw: Callable[["Figure", Any], None], name: str) -> str:
     """A figure as an element of a page; its ids are its own."""
-    drawn = plotting.render(draw, None, (WIDE, HIGH), "svg", look=LOOK).decode()
+    drawn = style.render(draw, None, (WIDE, HIGH), "svg", look=LOOK).decode()
     text = drawn[drawn.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
     text = re.sub(r'\sxmlns(:\w+)?="[^"]*"', "", text).replace("xlink:href", "href")

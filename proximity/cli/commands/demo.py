@@ -61,8 +61,8 @@ def command(
     from proximity.cli.drum_loop import DrumsBeside
     from proximity.cli.views.screen import Screen
     from proximity.cli.views.service_watch import Follower, show
-    from proximity.decaff.drum_bench import DrumBench
-    from proximity.decaff.limits import Limits
+    from proximity.decaff.controller.limits import Limits
+    from proximity.decaff.simulated_drums.service_drums import DrumBench
     from proximity.transport import open_subscriber
 
     sys.setswitchinterval(SWITCH_S)

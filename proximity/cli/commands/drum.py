@@ -73,8 +73,8 @@ def command(
     from proximity.cli.drum_loop import DrumsBeside, line, summary, table
     from proximity.cli.views.drum_log import DrumLog
     from proximity.cli.views.screen import Screen
-    from proximity.decaff.drum_bench import DrumBench
-    from proximity.decaff.wearing import read_glove
+    from proximity.decaff.glove.glove_set import read_glove
+    from proximity.decaff.simulated_drums.service_drums import DrumBench
     from proximity.transport import Reading, open_subscriber
 
     sys.setswitchinterval(SWITCH_S)

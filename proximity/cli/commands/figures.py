@@ -42,14 +42,14 @@ def command(
     """Write figures and their numbers."""
     # NumPy, Rich and the models: only now, so that --help answers at once.
     from proximity.cli import progress
-    from proximity.decaff import figures
+    from proximity.studies.figures import catalogue
 
     began, file_count = time.monotonic(), 0
-    chosen = figures.chosen_names(names or ())
+    chosen = catalogue.chosen_names(names or ())
     for name in chosen:
         started = time.monotonic()
-        with progress.spinner(f"drawing {figures.PLATES[name].title}"):
-            paths = figures.write_figure(name, out, form)
+        with progress.spinner(f"drawing {catalogue.PLATES[name].title}"):
+            paths = catalogue.write_figure(name, out, form)
         file_count += len(paths)
         told = ", ".join(path.name for path in paths)
         typer.echo(f"proximity: {told} ({time.monotonic() - started:.1f} s)", err=True)

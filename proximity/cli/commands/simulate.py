@@ -8,7 +8,7 @@ import typer
 from proximity.cli.options import UNITS
 
 if TYPE_CHECKING:
-    from proximity.decaff.simulation import Simulation
+    from proximity.studies.simulation.simulated_press import Simulation
 
 HELP = "\n\n".join(
     (
@@ -129,21 +129,22 @@ def command(
         _check_out(out)
     # NumPy, Rich and the models: only now, so that --help and mistakes above answer at once.
     from proximity.cli import part_press, progress
-    from proximity.decaff import press_plots, simulation
+    from proximity.studies.figures import press_plots
+    from proximity.studies.simulation import simulated_press
 
     told = {"drum": drum, "policy": policy, "rate": rate_hz}
     if scene is None:
         told |= {"stiffness": stiffness, "damping": damping}
     told["latency"] = None if latency_ms is None else 1e-3 * latency_ms
     chosen: dict[str, Any] = {name: value for name, value in told.items() if value is not None}
-    setup = simulation.Setup(wall=simulation.Wall(wall), speed=speed, **chosen)
+    setup = simulated_press.Setup(wall=simulated_press.Wall(wall), speed=speed, **chosen)
     if scene is not None:
         place = part_press.Place(scene, part, at, units, recording, stiffness, damping)
         part_press.run(place, setup, policy, out, is_sensor=sensor, as_json=as_json)
         _say_written(out)
         return
     with progress.spinner("simulating"):
-        press = simulation.simulate(setup)
+        press = simulated_press.simulate(setup)
         if out is not None:
             press_plots.write(out, press)
     if as_json:
@@ -151,7 +152,7 @@ def command(
 
         from proximity.cli.views.output import plain
 
-        typer.echo(json.dumps(plain(simulation.document(press)), allow_nan=False, indent=1))
+        typer.echo(json.dumps(plain(simulated_press.document(press)), allow_nan=False, indent=1))
     else:
         _print(press)
     _say_written(out)
@@ -190,11 +191,13 @@ def _print(press: "Simulation") -> None:
     from proximity.cli.views.blocks import print_block
     from proximity.cli.views.tables import UNBOUNDED
     from proximity.cli.views.wording import MISSING
-    from proximity.decaff import simulation
+    from proximity.studies.simulation import simulated_press
 
     console = Console()
     console = console if console.is_terminal else Console(width=UNBOUNDED)
-    print_block(console, [("wall", simulation.describe(press)), ("approach", f"{press.setup.speed:g} m/s")])
+    print_block(
+        console, [("wall", simulated_press.describe(press)), ("approach", f"{press.setup.speed:g} m/s")]
+    )
     if press.penalty is not None:
         tuned = f"{press.penalty.stiffness:.4g} N/m, {press.penalty.damping:.3g} N·s/m"
         print_block(console, [("spring, damper", tuned)])
@@ -203,11 +206,11 @@ def _print(press: "Simulation") -> None:
     table.add_column("")
     for title in ("this wall", "real wall"):
         table.add_column(title, justify="right")
-    this, real = press.felt, simulation.felt(press.real)
+    this, real = press.felt, simulated_press.felt(press.real)
     for label, field, factor, digits in ROWS:
         table.add_row(label, *(_shown(factor * getattr(one, field), digits) for one in (this, real)))
     table.add_row("force error \\[% rms]", _shown(100.0 * press.force_error, 1), "0.0")
-    if press.setup.wall == simulation.Wall.DECAFF:
+    if press.setup.wall == simulated_press.Wall.DECAFF:
         table.add_row("drum past the wall at contact \\[mm]", f"{1e3 * press.drum_offset:.3f}", MISSING)
     console.print(table)
 

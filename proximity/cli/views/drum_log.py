@@ -5,7 +5,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, TextIO
 
-from proximity.decaff.drum_bench import DrumBench
+from proximity.decaff.simulated_drums.service_drums import DrumBench
 from proximity.errors import RecordingError
 from proximity.transport import Reading
 

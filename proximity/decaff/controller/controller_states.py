@@ -1,0 +1,120 @@
+"""What a drum's controller is told at each sample of the servo, what it does, and the states it is in."""
+
+import math
+from dataclasses import dataclass, field
+from enum import Enum, IntEnum
+from typing import Any, NamedTuple
+
+from proximity.decaff.drum.drum_command import DriveMode, DrumCommand
+from proximity.message import State
+
+
+class DrumState(Enum):
+    """What a drum does (PAPER 8 and 10)."""
+
+    RETRACTED = "retracted"
+    """Out of the finger's way, or on its way there."""
+    APPROACH = "approach"
+    """Stands, or goes to, where the finger will touch."""
+    CONTACT_POSITION = "position"
+    """The finger touches; the place is held."""
+    CONTACT_FORCE = "force"
+    """The finger touches; a force is served."""
+    HOLD = "hold"
+    """The finger touches, and what is known is old: nothing advances."""
+    FREEZE = "freeze"
+    """The finger touches, and nothing is known: a moment as it was, then without force."""
+    FAULT = "fault"
+    """The motor is off until the controller is reset."""
+
+
+IN_CONTACT = frozenset(
+    (DrumState.CONTACT_POSITION, DrumState.CONTACT_FORCE, DrumState.HOLD, DrumState.FREEZE)
+)
+
+
+class Trust(IntEnum):
+    """What a finger's newest frames are worth now."""
+
+    FRESH = 0
+    """Sound, tracked, and young enough to be acted upon."""
+    OLD = 1
+    """Sound; older than that."""
+    STALE = 2
+    """Too old, or the service knows nothing."""
+    LOST = 3
+    """The finger is not tracked, or there never was a frame."""
+
+
+class FrameMark(NamedTuple):
+    """By which a frame is known again, and the instant it was made for."""
+
+    session: int
+    sequence: int
+    start_ns: int  # of its tick, on the clock of the frames
+
+    @classmethod
+    def of(cls, header: Any) -> "FrameMark | None":
+        """Take it from a frame's header; None: no frame yet.
+
+        Parameters
+        ----------
+        header : FRAME_HEADER or None
+            Of the frame.
+        """
+        if header is None:
+            return None
+        return cls(int(header["session"]), int(header["sequence"]), int(header["start_ns"]))
+
+
+@dataclass(frozen=True, slots=True)
+class Observation:
+    """What is known at a sample of the servo.
+
+    There are two clocks. That of the frames may be another machine's, and only be guessed: it jumps when more
+    is learnt of it, and only ages of frames are told by it. How time passes for the drum is told by the
+    sample's own.
+    """
+
+    now_ns: int  # of the sample, on the clock of the frames
+    bend: float  # of the finger, by the potentiometer; nan, or what no finger has: a fault
+    drum_angle: float  # rad, by the encoder; nan, or far off the finger's way: a fault
+    state: State = State.STALE  # of the newest reading
+    contact: Any = None  # CONTACT, this finger's record of it; None: no frame yet
+    force: float = math.nan  # N, between finger and drum; nan: not measured
+    has_fault: bool = False  # of motor or current
+    sample_ns: int = field(kw_only=True)  # of the sample, on this machine's monotonic clock
+    frame: FrameMark | None = field(default=None, kw_only=True)  # that the record is of; None: no frame yet
+
+
+@dataclass(frozen=True, slots=True)
+class DrumAction:
+    """What the drum shall do until the next sample."""
+
+    state: DrumState
+    mode: DriveMode
+    place: float  # m of the finger's path where the drum shall stand
+    angle: float  # rad, of the drum, there
+    force: float  # N to press with, in force mode
+    speed_cap: float  # m/s at the fingertip
+    force_cap: float  # N at the fingertip
+    start_force: float = math.nan  # N that a change to force starts from
+    torque: float = 0.0  # N m at the motor's shaft that presses with that force, in force mode
+    torque_cap: float = 0.0  # N m at the motor's shaft, at most: by the force cap and what motor and gear can
+    motor_speed_cap: float = 0.0  # rad/s of the motor's shaft, at most
+    force_slew: float = 0.0  # N/s at the fingertip, of the force; 0: that of a handover, inf: at once
+
+
+def commanded(action: DrumAction, target: float) -> DrumCommand:
+    """Return what a servo is told of a controller's action.
+
+    Parameters
+    ----------
+    action : DrumAction
+        Of the controller.
+    target : float, m or N
+        Its place, as the servo counts it; or its force.
+    """
+    return DrumCommand(
+        action.mode, target, action.speed_cap, action.force_cap, action.start_force, action.force_slew
+    )

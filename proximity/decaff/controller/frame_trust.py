@@ -1,0 +1,198 @@
+"""What a controller keeps of frames: the last that is believed, and where it says that the finger touches.
+
+Doubt is counted, never repaired: a frame that cannot be is as if it had not come, and the one before ages.
+"""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+from proximity.decaff.controller.contact_location import (
+    ACTED_UPON,
+    SILENT,
+    Location,
+    Told,
+    is_sound,
+    is_tracked,
+    locate,
+)
+from proximity.decaff.controller.controller_states import FrameMark, Observation, Trust
+from proximity.decaff.controller.limits import Limits
+from proximity.decaff.glove.finger_path import FingerPath
+from proximity.message.contact import ContactFlag
+
+LARGEST_ERROR = 5e-3
+"""m: a contact whose place is less certain than that still does not come nearer unconfirmed. Assumed."""
+_NONE = -1, -(2**63)  # before every sequence and every pose
+
+
+class FrameTrust:
+    """The frames of one finger, as far as they are believed.
+
+    Each frame is looked at once. Several may be of the same pose, and parts may have moved from one to the
+    next: what they say counts at once. But they do not confirm each other: a mistake of the pose is in all.
+
+    Parameters
+    ----------
+    path : FingerPath
+        Of the finger.
+    limits : Limits
+        Of ages and speeds.
+    """
+
+    told: Told | None  # by the record that was believed last
+    location: Location | None  # None: nothing will be touched
+    dropped: int  # records that could not be
+    awaited: int  # contacts that came nearer than can be, until a frame of a second pose agreed
+    was_outside: bool  # since the start, since nothing was known, or since the last jump of finger or part
+
+    def __init__(self, path: FingerPath, limits: Limits) -> None:
+        self._path, self._limits = path, limits
+        self.dropped = self.awaited = 0
+        self.forget()
+
+    def forget(self) -> None:
+        """Start anew: what comes next is confirmed by a frame of a second pose."""
+        self.told = self.location = None
+        self.was_outside = False
+        self._pose_ns: int | None = None
+        self._frame: FrameMark | None = None  # that was looked at last
+        self._newest = (
+            _NONE  # of this run of the service: its highest sequence, its last pose that was believed
+        )
+        self._pending: Location | None = None
+        self._doubted: Trust | None = None
+
+    def take(self, seen: Observation) -> Trust:
+        """Take in what is new, and say what is known.
+
+        Parameters
+        ----------
+        seen : Observation
+            Of this sample.
+        """
+        if seen.contact is None or seen.frame is None:
+            return self._trust(seen.now_ns)
+        if seen.state in SILENT:  # whatever its age: the service itself knows nothing
+            return self._doubt(Trust.STALE)
+        if not is_tracked(seen.contact):
+            return self._doubt(Trust.LOST)
+        if seen.state in ACTED_UPON:
+            self._take_record(seen.contact, seen.frame, seen.now_ns)
+        return self._trust(seen.now_ns)
+
+    def _doubt(self, trust: Trust) -> Trust:
+        """Nothing is known until another record can be believed; who is inside then may be so by a jump."""
+        self.location = self._pending = None
+        self.was_outside = False
+        self._doubted = trust
+        return trust
+
+    def place(self, now_ns: int) -> float:
+        """Return where the finger will touch, m; inf: nowhere.
+
+        Parameters
+        ----------
+        now_ns : int, ns
+            The instant.
+        """
+        if self.location is None:
+            return math.inf
+        bend = self.location.bend_at(now_ns, self._limits.fresh_ns)
+        if not bend <= 1.0:
+            return math.inf
+        elapsed = 1e-9 * min(max(self.age_ns(now_ns), 0), self._limits.fresh_ns)
+        # However fast it is said to drift: nothing comes nearer faster than that.
+        nearest = self._path.place(self.location.bend) - self._limits.max_speed * elapsed
+        return max(self._path.place(bend), nearest)
+
+    def age_ns(self, now_ns: int) -> int:
+        """Return how long ago the last pose was that is believed, ns.
+
+        Parameters
+        ----------
+        now_ns : int, ns
+            The instant.
+        """
+        return now_ns if self._pose_ns is None else now_ns - self._pose_ns
+
+    def _trust(self, now_ns: int) -> Trust:
+        if self._pose_ns is None or self._doubted is not None:
+            return self._doubted or Trust.LOST
+        age = now_ns - self._pose_ns
+        if age >= -self._limits.ahead_ns:  # else the clock is another one now
+            if age <= self._limits.fresh_ns:
+                return Trust.FRESH
+            if age <= self._limits.stale_ns:
+                return Trust.OLD
+        self.location = self._pending = None
+        self.was_outside = False
+        return Trust.STALE
+
+    def _take_record(self, contact: Any, frame: FrameMark, now_ns: int) -> None:
+        before, pose_ns = self._frame, int(contact["pose_ns"])
+        if frame == before:
+            return  # seen before
+        self._frame = frame
+        if before is None or frame.session != before.session:
+            self._newest = _NONE  # another run may have another clock
+        sequence, newest_ns = self._newest
+        is_backward = frame.sequence <= sequence or pose_ns < newest_ns
+        self._newest = max(sequence, frame.sequence), newest_ns
+        if is_backward or not is_sound(contact, now_ns, self._limits.ahead_ns):
+            self.dropped += 1
+            return
+        if now_ns - pose_ns > self._limits.stale_ns:
+            return  # too old to tell anything
+        self._take_side(contact)
+        self._take_location(contact, frame.start_ns)
+        self._pose_ns, self._doubted = pose_ns, None
+        self._newest = frame.sequence, pose_ns
+        self.told = Told.of(contact)
+
+    def _take_side(self, contact: Any) -> None:
+        """Remember whether the finger was outside of everything; a jump makes that unknown."""
+        flags, distance = int(contact["flags"]), float(contact["signed_distance"])
+        if flags & ContactFlag.JUMPED:
+            self.was_outside = False
+        if distance > 0.0 and not flags & ContactFlag.INSIDE:
+            self.was_outside = True
+
+    def _take_location(self, contact: Any, start_ns: int) -> None:
+        """Believe a place at once if it is farther, or nearer by no more than can be; else after a second."""
+        is_outside = float(contact["signed_distance"]) > 0.0
+        if not is_outside and self.location is not None:
+            return  # it touches where it is, however deep: the place that was told before is the surface
+        told = locate(contact, self._path)
+        if told is None:
+            self._pending = None
+            if is_outside:
+                self.location = None
+            return
+        known = 1.0 if self.location is None else self.location.incidence
+        is_near = math.isnan(told.incidence)
+        told = replace(told, start_ns=start_ns, incidence=known if is_near else told.incidence)
+        pending = self._pending
+        is_doubted = pending is not None and pending.pose_ns == told.pose_ns  # this pose itself
+        if self._may_follow(self.location, told, by_pose=is_doubted) or (
+            not is_doubted and self._may_follow(pending, told)
+        ):
+            self.location, self._pending = told, None
+        else:
+            if self.location is not None and not float(contact["signed_distance"]) > 0.0:
+                self.was_outside = False  # a part was put where the finger is
+            self._pending = told
+            self.awaited += not is_doubted
+
+    def _may_follow(self, before: Location | None, told: Location, *, by_pose: bool = False) -> bool:
+        """Whether a contact that was there may have come to where it is told now; *by_pose*: by its pose."""
+        if before is None:
+            return False
+        elapsed_ns = told.pose_ns - before.pose_ns
+        if not by_pose:
+            elapsed_ns = max(elapsed_ns, told.start_ns - before.start_ns)
+        elapsed_ns = min(elapsed_ns, self._limits.fresh_ns)
+        place = self._path.place(told.bend)
+        error = min(self._path.place(told.bend + told.error) - place, LARGEST_ERROR)
+        nearer = self._path.place(before.bend) - place
+        return nearer <= self._limits.max_speed * 1e-9 * elapsed_ns + error

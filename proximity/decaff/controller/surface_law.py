@@ -1,0 +1,68 @@
+"""The force of a deformable surface, as far as a sampled drum may display it (PAPER 5 and 7)."""
+
+import math
+
+from proximity.decaff.arguments import not_negative, positive
+from proximity.decaff.controller.passivity import largest_passive_stiffness
+
+DAMPING_SHARE = 0.5  # of the drum's own damping that the surface's may take; assumed
+DELAY_SAMPLES = 1  # what the servo computes acts a sample later
+
+
+class SurfaceLaw:
+    """``F = k delta + b delta'``, never pulling, within the bound of passivity.
+
+    Parameters
+    ----------
+    rate : float, Hz
+        Of the servo.
+    drum_damping : float, N s/m
+        The drum's own, at the fingertip.
+    """
+
+    def __init__(self, rate: float, drum_damping: float) -> None:
+        self._period = 1.0 / positive("rate", rate, "hertz")
+        self._own = not_negative("drum_damping", drum_damping, "newton seconds a metre")
+        self._asked = (0.0, 0.0)
+        self._displayed = (0.0, 0.0)
+
+    def displayed(self, stiffness: float, damping: float) -> tuple[float, float]:
+        """Return the stiffness, N/m, and the damping, N s/m, that are displayed for those of a surface.
+
+        Parameters
+        ----------
+        stiffness : float, N/m
+            Of the surface; what is no number counts as nothing.
+        damping : float, N s/m
+            Of the surface, likewise.
+        """
+        asked = (_usable(stiffness), _usable(damping))
+        if asked != self._asked:
+            soft = min(asked[1], DAMPING_SHARE * self._own)
+            most = largest_passive_stiffness(self._own, soft, self._period, DELAY_SAMPLES)
+            self._asked, self._displayed = asked, (min(asked[0], most), soft)
+        return self._displayed
+
+    def force(self, stiffness: float, damping: float, depth: float, speed: float, incidence: float) -> float:
+        """Return the force along the finger's way, N.
+
+        Parameters
+        ----------
+        stiffness, damping
+            As of `displayed`.
+        depth : float, m
+            Of the finger beyond the place of contact, along its way.
+        speed : float, m/s
+            At which that grows.
+        incidence : float
+            Cosine between way and normal: it shortens the depth, and of the force only that share is along
+            the way.
+        """
+        if not depth > 0.0:
+            return 0.0
+        k, b = self.displayed(stiffness, damping)
+        return max(0.0, incidence * incidence * (k * depth + b * speed))
+
+
+def _usable(number: float) -> float:
+    return float(number) if math.isfinite(number) and number > 0.0 else 0.0

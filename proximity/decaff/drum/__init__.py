@@ -1,0 +1,1 @@
+"""The contact drum as a motor with a servo."""

@@ -1,0 +1,134 @@
+"""The contact drum as a plant: motor, gear, friction, limits, encoder, pulse width.
+
+All that acts at the rim is told there, behind the gear, so that a drum compares with the finger it stops: a
+gear of n multiplies the motor's force by n, and the mass of its rotor by n². What drives it is in `servo`.
+"""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from proximity.decaff.arguments import not_negative, positive, whole
+from proximity.decaff.drum import drum_kernels as kernels
+
+RIM_RADIUS = 0.010  # m; assumed: PAPER 6.1
+REFERENCE_SHARE = 0.5  # of the force limit, that the reference's acceleration may ask for; assumed: PAPER 6.4
+PAD_STIFFNESS = 200.0  # N/m, of a fingertip; the paper's
+
+
+@dataclass(frozen=True, slots=True)
+class Motor:
+    """A motor of the 20 W class, at its own shaft."""
+
+    inertia: float = 1.5e-6  # kg m², of the rotor; assumed: 15 g at the rim, PAPER 6.1
+    torque: float = 0.28  # N m, at most; assumed: 28 N at the rim, PAPER 6.1
+    speed: float = 1000.0  # rad/s, at most; assumed: 1 m/s behind a gear of 10, PAPER 6.1
+    friction: float = 4.5e-4  # N m; assumed: with it, 0.045 N at the rim, drums settle as in PAPER 6.4
+    encoder_counts: int = 2000  # a turn; assumed: 31 µm at the rim, PAPER 6.1
+    duty_bits: int = 0  # of the pulse width, either way; 0: continuous, as in the paper's analysis
+
+    def __post_init__(self) -> None:
+        positive("inertia", self.inertia, "kilogram square metres")
+        positive("torque", self.torque, "newton metres")
+        positive("speed", self.speed, "radians a second")
+        not_negative("friction", self.friction, "newton metres")
+        whole("encoder_counts", self.encoder_counts, 1)
+        whole("duty_bits", self.duty_bits, 0)
+
+
+@dataclass(frozen=True, slots=True)
+class Drum:
+    """A motor, a gear and a rim; what is told of it holds at the rim."""
+
+    motor: Motor = field(default_factory=Motor)
+    ratio: float = 1.0  # turns of the motor to one of the drum
+    radius: float = RIM_RADIUS  # m
+    gear_limit: float = 100.0  # N, that its teeth and bearings carry; assumed: PAPER 6.1
+    usable_acceleration: float | None = (
+        None  # m/s², of the reference; None: half of what the force limit allows
+    )
+
+    def __post_init__(self) -> None:
+        positive("ratio", self.ratio, "turns to a turn")
+        positive("radius", self.radius, "metres")
+        positive("gear_limit", self.gear_limit, "newtons")
+        if self.usable_acceleration is not None:
+            positive("usable_acceleration", self.usable_acceleration, "metres a second squared")
+
+    @property
+    def mass(self) -> float:
+        """Of the rotor, as felt at the rim, kg."""
+        return self.motor.inertia * (self.ratio / self.radius) ** 2
+
+    @property
+    def force_limit(self) -> float:
+        """At the rim, N."""
+        return min(self.motor.torque * self.ratio / self.radius, self.gear_limit)
+
+    @property
+    def speed_limit(self) -> float:
+        """At the rim, m/s."""
+        return self.motor.speed * self.radius / self.ratio
+
+    @property
+    def friction(self) -> float:
+        """Coulomb friction at the rim, N."""
+        return self.motor.friction * self.ratio / self.radius
+
+    @property
+    def resolution(self) -> float:
+        """Of the encoder, at the rim, m."""
+        return 2.0 * math.pi * self.radius / (self.motor.encoder_counts * self.ratio)
+
+    @property
+    def force_step(self) -> float:
+        """By which the pulse width changes the force, N; 0: continuous."""
+        bits = self.motor.duty_bits
+        return self.motor.torque * self.ratio / self.radius / 2.0**bits if bits else 0.0
+
+    @property
+    def acceleration(self) -> float:
+        """Of the servo's reference, m/s²."""
+        if self.usable_acceleration is not None:
+            return self.usable_acceleration
+        return REFERENCE_SHARE * self.force_limit / self.mass
+
+    def motor_torque(self, force: float) -> float:
+        """Return the torque of the motor for a force at the rim, N m at its shaft; no more than it may.
+
+        Parameters
+        ----------
+        force : float, N
+            At the rim, of either sign; infinite: all there is.
+        """
+        most = self.force_limit
+        return min(max(force, -most), most) * self.radius / self.ratio
+
+    def motor_speed(self, speed: float) -> float:
+        """Return the speed of the motor for one of the rim, rad/s at its shaft; no more than it has.
+
+        Parameters
+        ----------
+        speed : float, m/s
+            Of the rim, of either sign.
+        """
+        most = self.speed_limit
+        return min(max(speed, -most), most) * self.ratio / self.radius
+
+    def as_array(self) -> np.ndarray:
+        """Return its numbers as the kernels read them."""
+        array = np.zeros(kernels.DRUM_SIZE)
+        array[kernels.MASS] = self.mass
+        array[kernels.FRICTION] = self.friction
+        array[kernels.FORCE_LIMIT] = self.force_limit
+        array[kernels.SPEED_LIMIT] = self.speed_limit
+        array[kernels.RESOLUTION] = self.resolution
+        array[kernels.FORCE_STEP] = self.force_step
+        return array
+
+
+DIRECT = Drum(usable_acceleration=800.0)  # of PAPER 6.4; half the force would give 933 m/s²
+GEAR4 = Drum(ratio=4.0)
+GEAR10 = Drum(ratio=10.0)
+DRUMS = {"direct": DIRECT, "gear4": GEAR4, "gear10": GEAR10}

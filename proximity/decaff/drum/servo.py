@@ -1,0 +1,158 @@
+"""How a drum is driven: a position servo with a shaped reference, or a force, sample by sample.
+
+The servo holds the drum where it should be, as a sampled wall would; what bounds such a wall bounds its
+stiffness (PAPER 4.2). It acts one sample late. Its reference is never faster than the drum can follow and
+still stop.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from proximity.decaff.arguments import not_negative, positive
+from proximity.decaff.drum import drum_kernels as kernels
+from proximity.decaff.drum.drum import Drum
+from proximity.decaff.drum.sampled_mass import SampledMass
+from proximity.decaff.drum.servo_gains import best_damped
+from proximity.errors import DecaffError
+
+REFERENCE_SPEED_SHARE = 0.7  # of the speed limit; the 1.75 m/s of PAPER 12
+STEP = 1e-5  # s, of the plant, at most: 0.03 rad of a 5 g link's bounce on its drum
+
+
+@dataclass(frozen=True, slots=True)
+class Servo:
+    """How a drum is driven, once a sample: to a place, or with a force."""
+
+    rate: float  # Hz
+    stiffness: float  # N/m
+    damping: float  # N s/m
+    acceleration: float  # m/s², of the reference
+    speed: float  # m/s, of the reference
+    integral_time: float = 0.080  # s; assumed: with it drums settle as in PAPER 6.4
+    force_gain: float = 10.0  # 1/s, of the force integrator; assumed: below damping over mass when held
+    force_damping: float = 2.0  # N s/m, while the force is served; assumed
+    force_slew: float = 5.0  # N/s, of the force reference (PAPER 7)
+    smoothing: float = 20.0  # Hz, of the motor's force that a change to force starts with; assumed
+
+    def __post_init__(self) -> None:
+        positive("rate", self.rate, "hertz")
+        positive("stiffness", self.stiffness, "newtons a metre")
+        not_negative("damping", self.damping, "newton seconds a metre")
+        positive("acceleration", self.acceleration, "metres a second squared")
+        positive("speed", self.speed, "metres a second")
+        positive("integral_time", self.integral_time, "seconds", may_be_infinite=True)
+        not_negative("force_gain", self.force_gain, "1/s")
+        not_negative("force_damping", self.force_damping, "newton seconds a metre")
+        positive("force_slew", self.force_slew, "newtons a second", may_be_infinite=True)
+        positive("smoothing", self.smoothing, "hertz")
+
+    @property
+    def period(self) -> float:
+        """Of a sample, s."""
+        return 1.0 / self.rate
+
+    def as_array(self) -> np.ndarray:
+        """Return its numbers as the kernels read them."""
+        array = np.zeros(kernels.SERVO_SIZE)
+        array[kernels.PERIOD] = self.period
+        array[kernels.STIFFNESS] = self.stiffness
+        array[kernels.DAMPING] = self.damping
+        array[kernels.INTEGRAL] = self.stiffness / self.integral_time
+        array[kernels.ACCELERATION] = self.acceleration
+        array[kernels.SPEED] = self.speed
+        array[kernels.FORCE_GAIN] = self.force_gain
+        array[kernels.FORCE_DAMPING] = self.force_damping
+        array[kernels.FORCE_SLEW] = self.force_slew
+        array[kernels.SMOOTHING] = self.smoothing
+        return array
+
+
+def servo_for(drum: Drum, rate: float) -> Servo:
+    """Return the servo that suits a drum: best damped at a fifth of the largest stiffness that is stable.
+
+    Parameters
+    ----------
+    drum : Drum
+        What it drives.
+    rate : float, Hz
+        Samples a second.
+
+    Raises
+    ------
+    DecaffError
+        If the rate is not positive.
+    """
+    period = 1.0 / positive("rate", rate, "hertz")
+    gains = best_damped(SampledMass(drum.mass, period))
+    return Servo(
+        rate,
+        gains.stiffness,
+        gains.damping,
+        drum.acceleration,
+        REFERENCE_SPEED_SHARE * drum.speed_limit,
+    )
+
+
+def steps_a_sample(rate: float, step: float = STEP) -> int:
+    """Return into how many steps of the plant a sample is cut, so that none is longer than *step*.
+
+    Parameters
+    ----------
+    rate : float, Hz
+        Samples a second.
+    step : float, s
+        The longest that is allowed.
+    """
+    return math.ceil(1.0 / (positive("rate", rate, "hertz") * positive("step", step, "seconds")) - 1e-9)
+
+
+def move(drum: Drum, servo: Servo, distance: float, duration: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return how a drum goes from rest to a place, nothing in its way: times, s, and positions, m.
+
+    Parameters
+    ----------
+    drum, servo : Drum, Servo
+        What moves, and what drives it.
+    distance : float, m
+        To where.
+    duration : float, s
+        How long to look.
+    """
+    steps = steps_a_sample(servo.rate)
+    step = servo.period / steps
+    positions = np.zeros(math.ceil(positive("duration", duration, "seconds") / step))
+    kernels.move_drum(drum.as_array(), servo.as_array(), float(distance), steps, step, positions)
+    return step * np.arange(1, len(positions) + 1), positions
+
+
+def settling_time(
+    drum: Drum, servo: Servo, distance: float, *, within: float = 1e-4, longest: float = 0.5
+) -> float:
+    """Return from when on a drum stays near the place it was sent to, s; inf if it is not there at the end.
+
+    Parameters
+    ----------
+    drum, servo : Drum, Servo
+        What moves, and what drives it.
+    distance : float, m
+        How far it is sent.
+    within : float, m
+        What counts as being there.
+    longest : float, s
+        How long to look.
+
+    Raises
+    ------
+    DecaffError
+        If the distance is none.
+    """
+    if not math.isfinite(distance) or abs(distance) <= within:
+        raise DecaffError(
+            f"distance is {distance!r}, expected metres, farther than {within:g} from the start"
+        )
+    times, positions = move(drum, servo, distance, longest)
+    is_away = np.abs(positions - distance) > within
+    last = int(np.flatnonzero(is_away)[-1])
+    return float(times[last + 1]) if last + 1 < len(times) else math.inf

@@ -1,0 +1,71 @@
+"""Gains of a sampled position servo, such as the drum's: a sampled wall that holds a mass where it should be.
+
+Far below the largest stiffness there is a damping with which disturbances die out quickly.
+"""
+
+import math
+
+from scipy.optimize import minimize_scalar
+
+from proximity.decaff.arguments import positive
+from proximity.decaff.drum.sampled_mass import (
+    Gains,
+    SampledMass,
+    characteristic,
+    damping_window,
+    maximum_stiffness,
+)
+from proximity.decaff.drum.unit_circle import spectral_radius
+from proximity.errors import DecaffError
+
+WELL_DAMPED_SHARE = 0.2  # of the largest stiffness, at which a servo is damped well (PAPER 4.2)
+
+
+def best_damped(device: SampledMass, share: float = WELL_DAMPED_SHARE) -> Gains:
+    """Return a stiffness, and the damping with which disturbances die out fastest.
+
+    Parameters
+    ----------
+    device : SampledMass
+        Of d samples of delay.
+    share : float
+        Of the largest stiffness.
+
+    Raises
+    ------
+    DecaffError
+        If the share is not between zero and one.
+    """
+    if not positive("share", share, "shares") < 1.0:
+        raise DecaffError(f"share is {share!r}, expected one below 1 of the largest stiffness")
+    stiffness = share * maximum_stiffness(device).stiffness
+    found = minimize_scalar(
+        lambda damping: float(spectral_radius(characteristic(device, stiffness, damping))),
+        bounds=damping_window(device, stiffness),
+        method="bounded",
+        options={"xatol": 1e-9 * device.damping_unit},
+    )
+    return Gains(stiffness, float(found.x))
+
+
+def settling_samples(device: SampledMass, gains: Gains, within: float = 0.02) -> float:
+    """Return after how many samples a disturbance is down to a share of itself; inf if it never is.
+
+    Parameters
+    ----------
+    device : SampledMass
+        Of d samples of delay.
+    gains : Gains
+        Of the wall or servo.
+    within : float
+        The share, below one.
+
+    Raises
+    ------
+    DecaffError
+        If the share is not between zero and one.
+    """
+    if not positive("within", within, "shares") < 1.0:
+        raise DecaffError(f"within is {within!r}, expected a share below 1")
+    radius = float(spectral_radius(characteristic(device, gains.stiffness, gains.damping)))
+    return math.log(within) / math.log(radius) if radius < 1.0 else math.inf

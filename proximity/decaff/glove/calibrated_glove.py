@@ -1,0 +1,257 @@
+"""A glove as it was measured: counts to bend, and bend to where the drum stands, by the calibration.
+
+What the cable and the linkage are thought to do (`glove`) is used for forces only. The bend comes of the
+table; and the drum is placed by the potentiometer itself, which sits on the replica that the drum will
+touch.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import PchipInterpolator
+
+from proximity.decaff.glove.calibration import Calibration
+from proximity.decaff.glove.finger import Finger
+from proximity.decaff.glove.glove import Glove
+from proximity.errors import DecaffError
+from proximity.message import PATH_CORNERS
+from proximity.pose import Pose
+
+TOUCH_TOLERANCE = 0.3e-3
+"""m at the fingertip that a touch may be off (PAPER 9.2)."""
+RANGE_MARGIN = 0.05
+"""Share of the table's range that counts may lie beyond it: a hand bends farther when it is warm. Assumed."""
+MOST_OFF = 0.5
+"""Share of the design's range of counts that the table may be off it: hands and mountings differ. Assumed."""
+MOST_UNEVEN = 5.0
+"""By how many times counts may go up faster, or slower, than by the design, between two points. Assumed."""
+INVERSE = np.linspace(0.0, 1.0, 4097)
+"""Bends at which the table is inverted; lines in between are off by less than a hundredth of a count."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CalibratedGlove:
+    """A glove with what was measured of it. Refused where the table cannot be of this glove."""
+
+    glove: Glove  # as designed; its finger gives way to the measured one
+    calibration: Calibration
+    _table: PchipInterpolator = field(init=False, repr=False)
+    _inverse: np.ndarray = field(init=False, repr=False)  # at INVERSE
+
+    def __post_init__(self) -> None:
+        counts, bends = self.calibration.counts, self.calibration.bends
+        last = self.glove.potentiometer.count - 1
+        if counts[0] < 0.0 or counts[-1] > last:
+            raise DecaffError(
+                f"the table has counts from {counts[0]:g} to {counts[-1]:g}, expected 0 to {last} of this "
+                "potentiometer"
+            )
+        object.__setattr__(self, "glove", _as_measured(self.glove, self.calibration))
+        _check_table(self.glove, self.calibration)
+        object.__setattr__(self, "_table", PchipInterpolator(counts, bends))
+        dense = np.linspace(counts[0], counts[-1], len(INVERSE) * 4)
+        inverse = np.interp(INVERSE, self._table(dense), dense)
+        object.__setattr__(self, "_inverse", inverse)
+
+    @property
+    def finger(self) -> Finger:
+        """The finger as measured."""
+        return self.glove.finger
+
+    def bend_of_counts(
+        self, counts: ArrayLike, tension: ArrayLike = 0.0, *, is_closing: ArrayLike = True
+    ) -> np.ndarray:
+        """Return the bend, (...); nan where the counts lie farther off the table than a hand can go.
+
+        Parameters
+        ----------
+        counts : (...) float64
+            What the potentiometer reads.
+        tension : (...) float64, N
+            Of the cable: it stretches, and the replica stays behind.
+        is_closing : (...) bool
+            Whether the finger bends, as when the table was made; as it opens, the replica is ahead by the
+            backlash.
+        """
+        read = np.asarray(counts, np.float64)
+        behind = np.asarray(tension, np.float64) * self.calibration.cable_compliance
+        ahead = np.where(is_closing, 0.0, self.calibration.backlash)
+        turn = (behind - ahead) / self.glove.cable.replica_pulley
+        place = read + self.glove.potentiometer.gain * turn
+        first, last = self.calibration.counts[[0, -1]]
+        margin = RANGE_MARGIN * (last - first)
+        is_near = (place >= first - margin) & (place <= last + margin)
+        return np.where(is_near, self._extended_bend(place), np.nan)
+
+    def counts(self, bend: ArrayLike) -> np.ndarray:
+        """Return what the potentiometer reads at a bend as the finger closes, (...), float64.
+
+        Parameters
+        ----------
+        bend : (...) float64
+            Of the finger.
+        """
+        place = np.asarray(bend, np.float64)
+        inside = np.clip(place, 0.0, 1.0)
+        first, last = self.calibration.counts[[0, -1]]
+        return np.interp(inside, INVERSE, self._inverse) + (place - inside) * (last - first)
+
+    def counts_table(self, row_count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return counts, evenly over all that a hand may reach, and the bends there, (K,) and (K,).
+
+        Parameters
+        ----------
+        row_count : int
+            K, 2 or more.
+        """
+        first, last = self.calibration.counts[[0, -1]]
+        margin = RANGE_MARGIN * (last - first)
+        counts = np.linspace(first - margin, last + margin, row_count)
+        return counts, self._extended_bend(counts)
+
+    def path_finger(self, corner_count: int = PATH_CORNERS) -> np.ndarray:
+        """Return the way of the fingertip from flat hand to fist, evenly in bend, (K, 3), m, finger's frame.
+
+        Parameters
+        ----------
+        corner_count : int
+            K, 2 or more.
+        """
+        return self.finger.path_world(Pose(), corner_count)
+
+    def drum_angle(self, bend: ArrayLike) -> np.ndarray:
+        """Return what the drum's encoder says as it meets the finger there, (...), rad; nan: it cannot.
+
+        Parameters
+        ----------
+        bend : (...) float64
+            Where the finger is to be met.
+        """
+        return self._drum_angle_of_counts(self.counts(bend))
+
+    def bend_of_drum(self, drum_angle: ArrayLike) -> np.ndarray:
+        """Return the bend at which the finger meets the drum, (...): the inverse of `drum_angle`.
+
+        Parameters
+        ----------
+        drum_angle : (...) float64, rad
+            What the drum's encoder says.
+        """
+        own = np.asarray(drum_angle, np.float64) - self.calibration.touch_offset
+        return self._extended_bend(self.glove.potentiometer.counts(self.glove.drum.replica_angle(own)))
+
+    def gap(self, bend: ArrayLike, drum_angle: ArrayLike) -> np.ndarray:
+        """Return how far the fingertip goes until the replica meets the drum, (...), m; negative beyond it.
+
+        Parameters
+        ----------
+        bend : (...) float64
+            Where the finger is.
+        drum_angle : (...) float64, rad
+            What the drum's encoder says.
+        """
+        return self.finger.path_length(bend, self.bend_of_drum(drum_angle))
+
+    def check_counts(self, counts: float) -> None:
+        """Refuse to start with a reading that the table does not reach.
+
+        Parameters
+        ----------
+        counts : float
+            What the potentiometer reads.
+
+        Raises
+        ------
+        DecaffError
+            If the table is of another hand, or the glove has slipped.
+        """
+        if not np.isfinite(self.bend_of_counts(counts)):
+            first, last = self.calibration.counts[[0, -1]]
+            raise DecaffError(
+                f"the potentiometer reads {counts:g}, expected {first:g} to {last:g} as when the glove was "
+                f"calibrated on {self.calibration.made:%Y-%m-%d}: calibrate anew"
+            )
+
+    def check_touches(self, counts: ArrayLike, drum_angles: ArrayLike) -> None:
+        """Refuse to run where the drum touches elsewhere than it did when the glove was calibrated.
+
+        Parameters
+        ----------
+        counts : (K,) float64
+            What the potentiometer read as the drum, driven slowly, touched the replica.
+        drum_angles : (K,) float64, rad
+            What the drum's encoder said then.
+
+        Raises
+        ------
+        DecaffError
+            If one is off by more than 0.3 mm at the fingertip, or cannot be told.
+        """
+        read, told = np.ravel(counts), np.ravel(drum_angles)
+        if len(read) != len(told):
+            raise DecaffError(f"{len(read)} counts and {len(told)} drum angles at touches, expected as many")
+        for count, angle, off in zip(read, told, self.touch_error(read, told), strict=True):
+            self.check_counts(float(count))
+            if not abs(off) <= TOUCH_TOLERANCE:
+                raise DecaffError(
+                    f"touch-off disagrees by {1e3 * off:.2f} mm at {count:g} counts and a drum angle of "
+                    f"{angle:.4f} rad, expected {1e3 * TOUCH_TOLERANCE:g} mm at most: calibrate anew"
+                )
+
+    def touch_error(self, counts: ArrayLike, drum_angles: ArrayLike) -> np.ndarray:
+        """Return how far beyond the expected place the drum touched, (...), m at the fingertip.
+
+        Parameters
+        ----------
+        counts, drum_angles
+            As of `check_touches`, of any shape.
+        """
+        read = np.asarray(counts, np.float64)
+        replica = self.glove.potentiometer.angle(read)
+        off = np.asarray(drum_angles, np.float64) - self._drum_angle_of_counts(read)
+        return off / self.glove.drum.drum_rate(replica) * self.glove.tip_per_radian(self.bend_of_counts(read))
+
+    def _drum_angle_of_counts(self, counts: np.ndarray) -> np.ndarray:
+        replica = self.glove.potentiometer.angle(counts)
+        return self.glove.drum.drum_angle(replica) + self.calibration.touch_offset
+
+    def _extended_bend(self, counts: np.ndarray) -> np.ndarray:
+        """By the table, and beyond it at the table's mean slope: that of its ends may be nothing."""
+        first, last = self.calibration.counts[[0, -1]]
+        inside = np.clip(counts, first, last)
+        return self._table(inside) + (counts - inside) / (last - first)
+
+
+def _as_measured(glove: Glove, calibration: Calibration) -> Glove:
+    """A glove with the finger and the cable that were measured."""
+    compliance = calibration.cable_compliance
+    cable = replace(
+        glove.cable,
+        stiffness=1.0 / compliance if compliance > 0.0 else np.inf,
+        backlash=calibration.backlash,
+    )
+    finger = replace(glove.finger, phalanges=calibration.phalanges)
+    return replace(glove, finger=finger, cable=cable)
+
+
+def _check_table(glove: Glove, calibration: Calibration) -> None:
+    """Refuse counts that are not those of the glove's potentiometer and linkage, nor nearly so."""
+    counts, bends = calibration.counts, calibration.bends
+    designed = glove.potentiometer.counts(glove.replica_angle(bends))
+    most = MOST_OFF * abs(designed[-1] - designed[0])
+    off = np.abs(counts - designed)
+    row = int(np.argmax(off))
+    if not off[row] <= most:
+        raise DecaffError(
+            f"the table has {counts[row]:g} counts at bend {bends[row]:g}, expected {designed[row]:.0f}, "
+            f"give or take {most:.0f}, by how this glove is designed"
+        )
+    steps, expected = np.diff(counts), np.diff(designed)
+    uneven = np.flatnonzero((MOST_UNEVEN * steps < expected) | (steps > MOST_UNEVEN * expected))
+    if len(uneven):
+        row = int(uneven[0])
+        raise DecaffError(
+            f"counts go up by {steps[row]:g} from bend {bends[row]:g} to {bends[row + 1]:g}, expected about "
+            f"{expected[row]:.0f}, by how this glove is designed"
+        )

@@ -1,0 +1,175 @@
+"""From measurements to the numbers of a calibration (PAPER 9.2).
+
+Each function refuses what cannot have been measured right. From readings to the file that ``proximity drum
+--calibration`` and a scene file's [glove] take::
+
+    from datetime import UTC, datetime
+
+    from proximity.decaff import calibrating
+    from proximity.decaff.glove.calibration import Calibration, write_calibration
+    from proximity.decaff.glove.glove import Glove
+
+    glove = Glove()  # as designed; lengths, pulleys and potentiometer of another glove are its arguments
+    bends = [0, 1 / 6, 1 / 3, 1 / 2, 2 / 3, 5 / 6, 1]  # flat hand to fist, slowly closing, the cable slack
+    counts = [21845, 26681, 31072, 35008, 38430, 41287, 43559]  # what the potentiometer read there
+    calibration = Calibration(
+        made=datetime.now(UTC),
+        counts=counts,
+        bends=bends,
+        touch_offset=calibrating.touch_offset(glove, [26681, 35008, 41287], [0.579, 1.178, 1.629]),
+        cable_compliance=calibrating.cable_compliance(glove, [35008, 34962], tensions=[0.0, 2.0]),
+        backlash=calibrating.backlash(glove, closing_counts=35008, opening_counts=35078),
+        latency=calibrating.step_latency([0.0, 1e-3, 2e-3, 3e-3], [0.0, 0.0, 0.1, 1.0], step_time=1e-3),
+        phalanges=glove.finger.phalanges,
+    )
+    write_calibration("glove.json", calibration)
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from proximity.arrays import as_float64
+from proximity.decaff.arguments import finite
+from proximity.decaff.glove.calibrated_glove import TOUCH_TOLERANCE
+from proximity.decaff.glove.glove import Glove
+from proximity.errors import DecaffError
+
+LEAST_TOUCHES = 3
+"""Angles at which the drum is driven to touch, slowly and with little force."""
+STEP_SHARE = 0.1
+"""Of a step: an answer that has come so far has begun."""
+
+
+def touch_offset(glove: Glove, counts: ArrayLike, drum_angles: ArrayLike) -> float:
+    """Return where the drum's encoder says it touches, less where its geometry does, rad.
+
+    For a drum on a coaxial arm its angle alpha is that of the geometry and this.
+
+    Parameters
+    ----------
+    glove : Glove
+        As designed.
+    counts : (K,) float64
+        What the potentiometer read at each touch; three or more.
+    drum_angles : (K,) float64, rad
+        What the drum's encoder said then.
+
+    Raises
+    ------
+    DecaffError
+        If there are fewer touches, or they disagree with one another by more than 0.3 mm at the fingertip.
+    """
+    replica = glove.potentiometer.angle(_measured("counts", counts))
+    told = _measured("drum_angles", drum_angles)
+    if len(replica) != len(told) or len(told) < LEAST_TOUCHES:
+        raise DecaffError(
+            f"{len(replica)} counts and {len(told)} drum angles at touches, expected {LEAST_TOUCHES} or more "
+            "of each"
+        )
+    offsets = told - glove.drum.drum_angle(replica)
+    scale = glove.tip_per_radian(glove.bend(replica)) / glove.drum.drum_rate(replica)
+    mean = float(offsets.mean())
+    off = float(np.abs((offsets - mean) * scale).max())
+    if not off <= TOUCH_TOLERANCE:
+        raise DecaffError(
+            f"the touches disagree by {1e3 * off:.2f} mm, expected {1e3 * TOUCH_TOLERANCE:g} mm at most: "
+            "touch off anew"
+        )
+    return mean
+
+
+def cable_compliance(glove: Glove, counts: ArrayLike, tensions: ArrayLike = (0.0, 2.0)) -> float:
+    """Return how far the cable stretches a newton, m/N, the finger held still.
+
+    Parameters
+    ----------
+    glove : Glove
+        As designed.
+    counts : (2,) float64
+        What the potentiometer read under each tension.
+    tensions : (2,) float64, N
+        Of the cable.
+
+    Raises
+    ------
+    DecaffError
+        If the replica went with the pull, or nothing was pulled.
+    """
+    read, pulled = _measured("counts", counts), _measured("tensions", tensions)
+    if not len(read) == len(pulled) == 2:
+        raise DecaffError(f"{len(read)} counts and {len(pulled)} tensions, expected two of each")
+    (slack, taut), (least, most) = read, pulled
+    travel = (slack - taut) / glove.potentiometer.gain * glove.cable.replica_pulley
+    compliance = float(travel / (most - least)) if most != least else np.nan
+    if not (np.isfinite(compliance) and compliance >= 0.0):
+        raise DecaffError(
+            f"counts went from {slack:g} to {taut:g} as the tension went from {least:g} to {most:g} N, "
+            "expected fewer under more tension"
+        )
+    return compliance
+
+
+def backlash(glove: Glove, closing_counts: float, opening_counts: float) -> float:
+    """Return the cable's backlash, m, of the same bend reached from both directions.
+
+    Parameters
+    ----------
+    glove : Glove
+        As designed.
+    closing_counts, opening_counts : float
+        What the potentiometer read as the finger came from the flat hand, and from the fist.
+
+    Raises
+    ------
+    DecaffError
+        If there is less than none.
+    """
+    finite("closing_counts", closing_counts, "counts of the potentiometer")
+    finite("opening_counts", opening_counts, "counts of the potentiometer")
+    travel = (opening_counts - closing_counts) / glove.potentiometer.gain * glove.cable.replica_pulley
+    if travel < 0.0:
+        raise DecaffError(
+            f"counts are {closing_counts:g} closing and {opening_counts:g} opening, expected no fewer opening"
+        )
+    return float(travel)
+
+
+def step_latency(times: ArrayLike, values: ArrayLike, step_time: float) -> float:
+    """Return how long after a step its answer began, s: when it had come a tenth of its way.
+
+    Parameters
+    ----------
+    times : (K,) float64, s
+        Of the values; increasing.
+    values : (K,) float64
+        The answer, at rest before the step and at its end.
+    step_time : s
+        When the step was.
+
+    Raises
+    ------
+    DecaffError
+        If there is no answer, or it came before the step.
+    """
+    finite("step_time", step_time, "seconds")
+    instants, answer = _measured("times", times), _measured("values", values)
+    is_usable = len(instants) == len(answer) >= 2
+    if not (is_usable and np.isfinite(answer).all() and (np.diff(instants) > 0.0).all()):
+        raise DecaffError(
+            "times and values of a step test do not fit, expected two or more, times increasing"
+        )
+    before = instants <= step_time
+    rest = float(answer[before].mean()) if before.any() else np.nan
+    way = float(answer[-1]) - rest
+    share = (answer - rest) / way if way else np.full(len(answer), np.nan)
+    begun = np.flatnonzero(share >= STEP_SHARE)
+    if not len(begun) or before[begun[0]]:
+        raise DecaffError(f"no answer follows the step at {step_time:g} s, expected one that begins after it")
+    row = int(begun[0])
+    passed = np.interp(STEP_SHARE, share[row - 1 : row + 1], instants[row - 1 : row + 1])
+    return float(passed - step_time)
+
+
+def _measured(name: str, values: ArrayLike) -> np.ndarray:
+    """Measurements as a row of numbers."""
+    return np.ravel(as_float64(values, name, error=DecaffError, expected="a row of numbers"))

@@ -1,0 +1,40 @@
+"""What stands in for a bend that nobody tells: a finger that bends straight into what is nearest.
+
+For simulated drums only, so that they have something to do behind a service that knows fingertips alone. A
+real drum without a bend stays retracted.
+"""
+
+import math
+from typing import Any
+
+from proximity.decaff.glove.finger_path import FingerPath
+from proximity.message import Mode
+
+CONTACT_BEND = 0.5
+"""At which such a finger touches: half way to the fist."""
+STEP = 1e-3  # m, of a difference
+NEAR = (Mode.POSITION, Mode.FORCE)
+
+
+def with_bend(contact: Any, path: FingerPath) -> Any:
+    """Return a record as if the finger bent straight into what is nearest; itself where nothing is in reach.
+
+    Parameters
+    ----------
+    contact : CONTACT
+        Of a tracked finger, without a bend.
+    path : FingerPath
+        Of the finger.
+    """
+    distance, closing = float(contact["signed_distance"]), float(contact["approach_speed"])
+    if not math.isfinite(distance):
+        return contact
+    place = path.place(CONTACT_BEND) - distance
+    told, bend = contact.copy(), path.bend(place)
+    told["bend"] = bend
+    told["bend_rate"] = (path.bend(place + STEP) - bend) / STEP * closing
+    if int(contact["mode"]) in NEAR:
+        told["contact_bend"], told["contact_bend_error"] = CONTACT_BEND, 0.0
+    else:
+        told["bend_rate"] = math.nan  # nothing will be touched: nothing is to be extrapolated
+    return told

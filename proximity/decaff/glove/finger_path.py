@@ -1,0 +1,102 @@
+"""One finger's way in metres, and the drum's on it: what a controller compares many times a millisecond.
+
+A *place* is how far the fingertip has come from the flat hand. The drum's place is where it meets the finger:
+it stands at the greater ones, so that greater is away from the finger. Tables take the place of the linkage's
+equations, which would have to be solved backwards.
+"""
+
+from bisect import bisect_right
+
+import numpy as np
+
+from proximity.decaff.glove.calibrated_glove import CalibratedGlove
+from proximity.decaff.glove.glove import Glove
+from proximity.errors import DecaffError
+
+BENDS = np.linspace(-0.05, 1.05, 2201)
+"""A line between two neighbours is off by less than a micrometre."""
+
+
+class FingerPath:
+    """Places of fingertip and drum, as tables.
+
+    Parameters
+    ----------
+    glove : Glove or CalibratedGlove
+        Of the finger.
+
+    Raises
+    ------
+    DecaffError
+        If the drum cannot stand anywhere in the finger's way.
+    """
+
+    retracted: float
+    """m: the drum's place farthest from the finger, beyond the fist where it gets there."""
+    drum_angles: tuple[float, float]
+    """rad: the drum's angle at the flat hand, or a little beyond it, and where it is retracted."""
+
+    def __init__(self, glove: Glove | CalibratedGlove) -> None:
+        angles = np.asarray(glove.drum_angle(BENDS), np.float64)
+        flat = int(np.searchsorted(BENDS, 0.0))
+        rises = np.diff(angles) > 0.0  # nan does not
+        stops = np.flatnonzero(~rises[flat:])
+        last = flat + int(stops[0]) if len(stops) else len(BENDS) - 1
+        starts = np.flatnonzero(~rises[:flat])
+        first = int(starts[-1]) + 1 if len(starts) else 0
+        if last <= flat:
+            raise DecaffError("the drum turns back at the flat hand, expected one that follows the finger")
+        bends = BENDS[first : last + 1]
+        # Lists: for a single number NumPy takes ten times as long.
+        self._bends, self._angles = bends.tolist(), angles[first : last + 1].tolist()
+        self._places = np.asarray(glove.finger.path_length(0.0, bends), np.float64).tolist()
+        self.retracted = self._places[-1]
+        self.drum_angles = self._angles[0], self._angles[-1]
+
+    def place(self, bend: float) -> float:
+        """Return how far the fingertip has come at a bend, m; at the ends of the table it stays.
+
+        Parameters
+        ----------
+        bend : float
+            Of the finger.
+        """
+        return _between(bend, self._bends, self._places)
+
+    def bend(self, place: float) -> float:
+        """Return the bend at a place.
+
+        Parameters
+        ----------
+        place : float, m
+            Of the fingertip.
+        """
+        return _between(place, self._places, self._bends)
+
+    def drum_place(self, angle: float) -> float:
+        """Return where the drum meets the finger, m.
+
+        Parameters
+        ----------
+        angle : float, rad
+            Of the drum.
+        """
+        return _between(angle, self._angles, self._places)
+
+    def drum_angle(self, place: float) -> float:
+        """Return the angle at which the drum meets the finger at a place, rad.
+
+        Parameters
+        ----------
+        place : float, m
+            Of the fingertip.
+        """
+        return _between(place, self._places, self._angles)
+
+
+def _between(x: float, xs: list[float], ys: list[float]) -> float:
+    """The line through two neighbours; beyond the ends the last value, and of nan nan."""
+    if not xs[0] < x < xs[-1]:
+        return ys[0] if x <= xs[0] else (ys[-1] if x >= xs[-1] else float("nan"))
+    i = bisect_right(xs, x) - 1
+    return ys[i] + (ys[i + 1] - ys[i]) * ((x - xs[i]) / (xs[i + 1] - xs[i]))

@@ -1,0 +1,59 @@
+"""The gloves of a hand, from the files of their calibrations: as many as there are fingers."""
+
+import os
+from collections.abc import Sequence
+from typing import TypeVar
+
+from proximity.decaff.glove.calibrated_glove import CalibratedGlove
+from proximity.decaff.glove.calibration import check_age, read_calibration
+from proximity.decaff.glove.glove import Glove
+from proximity.errors import DecaffError
+
+G = TypeVar("G")
+
+
+def read_glove(
+    path: str | os.PathLike[str], most_days: float | None = None, *, design: Glove | None = None
+) -> CalibratedGlove:
+    """Return a glove as it was measured, unless that was too long ago.
+
+    Parameters
+    ----------
+    path : path
+        Of its calibration.
+    most_days : float, days
+        As of `check_age`.
+    design : Glove
+        As it was designed; the paper's where not given.
+
+    Raises
+    ------
+    DecaffError
+        If the calibration cannot be read, is too old, or does not fit the design; the message has the file.
+    """
+    calibration = read_calibration(path)
+    try:
+        check_age(calibration, most_days=most_days)
+        return CalibratedGlove(design or Glove(), calibration)
+    except DecaffError as unfit:
+        raise DecaffError(f"{os.fsdecode(path)}: {unfit}") from unfit
+
+
+def as_many(gloves: Sequence[G], count: int) -> list[G]:
+    """Return what there is of so many fingers: one for all, or as they are.
+
+    Parameters
+    ----------
+    gloves : sequence
+        One, or one a finger.
+    count : int
+        Of fingers.
+
+    Raises
+    ------
+    DecaffError
+        If there is another number of them.
+    """
+    if len(gloves) not in (1, count):
+        raise DecaffError(f"{len(gloves)} calibrations for {count} fingers, expected one for all or one each")
+    return list(gloves) * count if len(gloves) == 1 else list(gloves)

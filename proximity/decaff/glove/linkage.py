@@ -1,0 +1,179 @@
+"""The two bars that carry the bend of a finger to the hand's cable, and whether they can.
+
+In the finger's frame (see `finger`): the base is fixed to the back of the hand, the first bar turns about
+it, the second leads from the first to the thimble on the distal phalanx. The elbow lies on the dorsal side.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import CubicHermiteSpline
+
+from proximity.decaff.arguments import finite, positive
+from proximity.decaff.glove.finger import Finger
+from proximity.errors import DecaffError
+
+CHECKED_BENDS = np.linspace(0.0, 1.0, 1001)
+
+
+@dataclass(frozen=True, slots=True)
+class Linkage:
+    """Where the linkage is fixed, and its bars; the values are assumed (PAPER 9.1)."""
+
+    base: tuple[float, float] = (0.025, 0.015)  # m
+    first_bar: float = 0.085  # m
+    second_bar: float = 0.065  # m
+    thimble_along: float = 0.5  # share of the distal phalanx
+    thimble_dorsal: float = 0.010  # m off the phalanx
+
+    def __post_init__(self) -> None:
+        positive("first_bar", self.first_bar, "metres")
+        positive("second_bar", self.second_bar, "metres")
+        if len(self.base) != 2:
+            raise DecaffError(f"base is {self.base!r}, expected two numbers of metres")
+        for value in (*self.base, self.thimble_along, self.thimble_dorsal):
+            finite("one of base and thimble", value, "metres")
+
+    def reach(self, finger: Finger, bend: ArrayLike) -> np.ndarray:
+        """Return how far the thimble is from the base, (...), m.
+
+        Parameters
+        ----------
+        finger : Finger
+            That wears it.
+        bend : (...) float64
+            Where the finger is.
+        """
+        way = self._way(finger, bend)
+        return np.hypot(way[..., 0], way[..., 1])
+
+    def angle(self, finger: Finger, bend: ArrayLike) -> np.ndarray:
+        """Return the angle of the first bar, (...), rad; nan where the bars do not reach.
+
+        Parameters
+        ----------
+        finger, bend
+            As of `reach`.
+        """
+        way = self._way(finger, bend)
+        reach = np.hypot(way[..., 0], way[..., 1])
+        with np.errstate(invalid="ignore"):
+            elbow = np.arccos(self._elbow_cosine(reach))
+        return np.arctan2(way[..., 1], way[..., 0]) + elbow
+
+    def angle_rate(self, finger: Finger, bend: ArrayLike) -> np.ndarray:
+        """Return the derivative of `angle` with respect to the bend, (...), rad.
+
+        Parameters
+        ----------
+        finger, bend
+            As of `reach`.
+        """
+        way = self._way(finger, bend)
+        rate = finger.point_rate(bend, self.thimble_along, self.thimble_dorsal)
+        reach = np.hypot(way[..., 0], way[..., 1])
+        reach_rate = (way * rate).sum(axis=-1) / reach
+        turn = (way[..., 0] * rate[..., 1] - way[..., 1] * rate[..., 0]) / reach**2
+        cosine = self._elbow_cosine(reach)
+        cosine_rate = 1.0 / self.first_bar - cosine / reach
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return turn - cosine_rate * reach_rate / np.sqrt(1.0 - cosine**2)
+
+    def turn(self, finger: Finger, bend: ArrayLike) -> np.ndarray:
+        """Return how far the first bar has turned since the flat hand, (...), rad; bending is positive.
+
+        Before bend 0 and beyond 1 it goes on in a straight line: linkages may not reach there, and a hand
+        may bend a little farther than it did when it was measured.
+
+        Parameters
+        ----------
+        finger, bend
+            As of `reach`; the linkage is one that `check` lets pass.
+        """
+        place = np.asarray(bend, np.float64)
+        inside = np.clip(place, 0.0, 1.0)
+        turned = np.abs(self.angle(finger, inside) - _measured(self, finger).flat_angle)
+        beyond = place - inside
+        return turned + beyond * self.turn_rate(finger, inside) if beyond.any() else turned
+
+    def turn_rate(self, finger: Finger, bend: ArrayLike) -> np.ndarray:
+        """Return the derivative of `turn` with respect to the bend, (...), rad.
+
+        Parameters
+        ----------
+        finger, bend
+            As of `turn`.
+        """
+        return np.abs(self.angle_rate(finger, np.clip(bend, 0.0, 1.0)))
+
+    def bend(self, finger: Finger, turn: ArrayLike) -> np.ndarray:
+        """Return the bend at which the first bar has turned so far, (...): the inverse of `turn`.
+
+        Parameters
+        ----------
+        finger : Finger
+            That wears it.
+        turn : (...) float64, rad
+            Since the flat hand.
+        """
+        inverse = _measured(self, finger).bend_of_turn
+        wanted = np.asarray(turn, np.float64)
+        inside = np.clip(wanted, inverse.x[0], inverse.x[-1])
+        place = inverse(inside)
+        beyond = wanted - inside
+        return place + beyond / self.turn_rate(finger, place) if beyond.any() else place
+
+    def check(self, finger: Finger) -> None:
+        """Refuse a linkage that does not follow the finger over its whole bend.
+
+        Parameters
+        ----------
+        finger : Finger
+            That is to wear it.
+
+        Raises
+        ------
+        DecaffError
+            If the bars cannot reach the thimble, or the angle turns back: then two bends have one angle.
+        """
+        reach = self.reach(finger, CHECKED_BENDS)
+        least, most = abs(self.first_bar - self.second_bar), self.first_bar + self.second_bar
+        is_out = ~((least < reach) & (reach < most))
+        if is_out.any():
+            row = int(np.argmax(is_out))
+            raise DecaffError(
+                f"the linkage does not reach the thimble at bend {CHECKED_BENDS[row]:.3f}: it is "
+                f"{1e3 * reach[row]:.1f} mm from the base, expected {1e3 * least:.1f} to {1e3 * most:.1f} mm"
+            )
+        rate = self.angle_rate(finger, CHECKED_BENDS)
+        is_back = ~(rate * rate[0] > 0.0)
+        if is_back.any():
+            raise DecaffError(
+                f"the linkage folds back at bend {CHECKED_BENDS[np.argmax(is_back)]:.3f}: expected an angle "
+                "that goes one way from flat hand to fist"
+            )
+
+    def _way(self, finger: Finger, bend: ArrayLike) -> np.ndarray:
+        """From the base to the thimble."""
+        return finger.point(bend, self.thimble_along, self.thimble_dorsal) - np.array(self.base)
+
+    def _elbow_cosine(self, reach: np.ndarray) -> np.ndarray:
+        """Of the angle at the base between the first bar and the way to the thimble."""
+        return (self.first_bar**2 + reach**2 - self.second_bar**2) / (2.0 * self.first_bar * reach)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Measured:
+    """What is worked out once for a linkage on a finger."""
+
+    flat_angle: float  # rad
+    bend_of_turn: CubicHermiteSpline  # through the checked bends, with their true slopes: right to 1e-13
+
+
+@lru_cache(maxsize=16)
+def _measured(linkage: Linkage, finger: Finger) -> _Measured:
+    angles = linkage.angle(finger, CHECKED_BENDS)
+    slopes = 1.0 / np.abs(linkage.angle_rate(finger, CHECKED_BENDS))
+    return _Measured(float(angles[0]), CubicHermiteSpline(np.abs(angles - angles[0]), CHECKED_BENDS, slopes))

@@ -1,0 +1,1 @@
+"""Simulated drums that follow a running service."""

@@ -1,0 +1,221 @@
+"""Drums of all fingers of a service, simulated: controllers, plants, and potentiometers that do not exist.
+
+The finger is where the service has it, or, where that tells no bend, as `straight_way` has it. The
+potentiometer tells that bend, or where the drum stops the link.
+"""
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from proximity.decaff.controller.controller import FingerController
+from proximity.decaff.controller.controller_states import (
+    IN_CONTACT,
+    DrumAction,
+    DrumState,
+    FrameMark,
+    Observation,
+)
+from proximity.decaff.controller.limits import Limits
+from proximity.decaff.drum.drum import GEAR4, Drum
+from proximity.decaff.drum.drum_command import DriveMode
+from proximity.decaff.glove.calibrated_glove import CalibratedGlove
+from proximity.decaff.glove.default_bend import with_bend
+from proximity.decaff.glove.finger_path import FingerPath
+from proximity.decaff.glove.glove import Glove
+from proximity.decaff.glove.glove_set import as_many
+from proximity.decaff.simulated_drums.simulated_drum import DrumPlant
+from proximity.message import CONTACT, State, Surface
+from proximity.message.contact import ContactFlag
+from proximity.transport import Reading
+
+CARRIED_NS = 20_000_000  # so long a finger is thought to go on as it did
+NS = 1e-9  # in s
+NO_POWER = dict.fromkeys(("force", "speed_cap", "force_cap", "torque", "torque_cap", "motor_speed_cap"), 0.0)
+SOFTER = 1e-6  # share by which a displayed stiffness must fall short before that is said
+
+
+@dataclass(slots=True)
+class FingerBench:
+    """One finger: controller, plant, and what became of them."""
+
+    path: FingerPath
+    controller: FingerController
+    plant: DrumPlant
+    action: DrumAction | None = None
+    bend: float = 0.0  # as the service had it last
+    has_bend: bool = False  # the service tells where on its way the finger is
+    is_seen: bool = False  # the service has told of it
+    touches: int = 0
+    faults: int = 0
+    peak_force: float = 0.0  # N
+    peak_torque: float = 0.0  # N m, of the motor, either way
+    samples: Counter[str] = field(default_factory=Counter)  # by state
+
+    def step(
+        self, reading: Reading, sample_ns: int, elapsed: float, contact: Any, frame: FrameMark | None
+    ) -> None:
+        """Run one sample.
+
+        Parameters
+        ----------
+        reading : Reading
+            Of all fingers.
+        sample_ns : int, ns
+            On this machine's monotonic clock.
+        elapsed : float, s
+            Since the last sample.
+        contact : CONTACT or None
+            Of this finger.
+        frame : FrameMark or None
+            Which frame that is of.
+        """
+        now_ns = reading.now_ns
+        contact = self._follow(contact, now_ns)
+        before = self.controller.state
+        if self.action is not None:
+            self.plant.advance(self.action, self.path.place(self.bend), elapsed)
+        link = self.path.bend(min(self.path.place(self.bend), self.plant.place))
+        angle, force = self.plant.angle, self.plant.force
+        self.action = self.controller.step(
+            Observation(now_ns, link, angle, reading.state, contact, force, sample_ns=sample_ns, frame=frame)
+        )
+        after = self.action.state
+        self.touches += after in IN_CONTACT and before not in IN_CONTACT
+        self.peak_force = max(self.peak_force, self.plant.force)
+        self.peak_torque = max(self.peak_torque, abs(self.plant.torque))
+        self.samples[after.value] += 1
+        if self.controller.fault:  # there is nobody to press a button
+            self.faults += 1
+            self.controller.reset()
+
+    def switch_off(self, why: str) -> None:
+        """Leave the motor without power, whatever the controller wanted last; nothing is computed.
+
+        Parameters
+        ----------
+        why : str
+            For whoever asks the controller for its fault.
+        """
+        self.controller.fault = why
+        self.faults += 1
+        if self.action is not None:
+            self.action = replace(self.action, state=DrumState.FAULT, mode=DriveMode.OFF, **NO_POWER)
+
+    def _follow(self, contact: Any, now_ns: int) -> Any:
+        """Take in where the finger is; the record that the controller gets."""
+        if contact is None or not int(contact["flags"]) & ContactFlag.TRACKED:
+            return contact
+        self.is_seen, self.has_bend = True, math.isfinite(contact["bend"])
+        if not self.has_bend:
+            contact = with_bend(contact, self.path)
+        bend, rate = float(contact["bend"]), float(contact["bend_rate"])
+        if math.isfinite(bend):
+            age = min(max(now_ns - int(contact["pose_ns"]), 0), CARRIED_NS)
+            self.bend = min(max(bend + (rate * NS * age if math.isfinite(rate) else 0.0), 0.0), 1.0)
+        return contact
+
+
+class DrumBench:
+    """The drums of all fingers.
+
+    Parameters
+    ----------
+    rate : float, Hz
+        At which `step` is called.
+    gloves : sequence of Glove or CalibratedGlove
+        One for all fingers, or one each; the paper's where not given.
+    drum : Drum
+        Of every finger.
+    limits : Limits
+        Of every controller.
+
+    Raises
+    ------
+    DecaffError
+        If a drum cannot stand in its finger's way; by `step`, if the service has another number of fingers.
+    """
+
+    fingers: list[FingerBench]
+
+    def __init__(
+        self,
+        rate: float,
+        gloves: Sequence[Glove | CalibratedGlove] | None = None,
+        drum: Drum = GEAR4,
+        limits: Limits | None = None,
+    ) -> None:
+        self._rate, self._drum, self._limits = rate, drum, limits
+        self._paths = [FingerPath(glove) for glove in gloves or [Glove()]]
+        self._sample_ns: int | None = None
+        self._said: set[str] = set()  # matters
+        self.fingers = []
+
+    def step(self, reading: Reading, sample_ns: int) -> None:
+        """Run a sample of every finger.
+
+        Parameters
+        ----------
+        reading : Reading
+            The newest.
+        sample_ns : int, ns
+            Now, on this machine's monotonic clock: that of the reading may be another one's, and jump.
+        """
+        count, frame = len(reading.contacts), FrameMark.of(reading.header)
+        if count and len(self.fingers) != count:
+            self.fingers = [self._finger(path) for path in as_many(self._paths, count)]
+        elapsed = 0.0 if self._sample_ns is None else NS * (sample_ns - self._sample_ns)
+        self._sample_ns = sample_ns
+        for i, finger in enumerate(self.fingers):
+            contact = reading.contacts[i] if i < count else None
+            finger.step(reading, sample_ns, elapsed, contact, frame)
+
+    def switch_off(self, why: str) -> None:
+        """Leave all motors without power, where nobody steps their controllers any more.
+
+        Parameters
+        ----------
+        why : str
+            The fault that they have.
+        """
+        for finger in self.fingers:
+            finger.switch_off(why)
+
+    def warm_up(self) -> None:
+        """Compile what a step needs, on a finger that is thrown away."""
+        finger = self._finger(self._paths[0])
+        nothing = Reading(State.STALE, False, 0, -1, None, np.zeros(0, CONTACT))
+        finger.step(nothing, 0, 0.0, None, None)
+        finger.step(nothing, 1_000_000, 1e-3, None, None)
+
+    def doubts(self) -> list[str]:
+        """Return sentences on what these drums cannot do as the service has it; each matter is said once."""
+        silent = [i for i, finger in enumerate(self.fingers) if finger.is_seen and not finger.has_bend]
+        told = []
+        if silent and "bends" not in self._said:
+            self._said.add("bends")
+            told.append(
+                f"no bend is told of finger {', '.join(map(str, silent))}: shown as if bent straight into "
+                "what is nearest; a real drum stays retracted without a bend, which a path or a glove tells"
+            )
+        for i, finger in enumerate(self.fingers):
+            surface = finger.controller.frames.told
+            if surface is None or surface.surface != Surface.DEFORMABLE:
+                continue
+            shown, _ = finger.controller.law.displayed(surface.stiffness, surface.damping)
+            matter = f"{surface.stiffness:g} N/m"
+            if shown < (1.0 - SOFTER) * surface.stiffness and matter not in self._said:
+                self._said.add(matter)
+                told.append(
+                    f"the part before finger {i} has {matter}, beyond what this drum can display at "
+                    f"{self._rate:g} Hz without feeding energy: it feels as {shown:.0f} N/m"
+                )
+        return told
+
+    def _finger(self, path: FingerPath) -> FingerBench:
+        controller = FingerController(path, self._rate, self._drum, self._limits)
+        return FingerBench(path, controller, DrumPlant(path, self._drum))

@@ -1,0 +1,85 @@
+"""A simulated drum of one finger, driven by a controller's actions in the controller's own time.
+
+Forces and masses are those of the drum's rim, taken as at the fingertip, as the closed loop has it.
+"""
+
+import numpy as np
+
+from proximity.decaff.controller.controller_states import DrumAction, commanded
+from proximity.decaff.drum import drum_kernels
+from proximity.decaff.drum.drum import GEAR4, PAD_STIFFNESS, Drum
+from proximity.decaff.drum.servo import servo_for, steps_a_sample
+from proximity.decaff.glove.finger_path import FingerPath
+from proximity.decaff.simulated_drums.simulated_drum_kernels import serve_against
+
+SERVO_RATE = 3000.0  # Hz (PAPER 6.3, 12)
+LONGEST = 0.1  # s that one action is served for
+
+
+class DrumPlant:
+    """Drum, motor and servo, and the pad of a finger that leans on it.
+
+    Parameters
+    ----------
+    path : FingerPath
+        Of the finger.
+    drum : Drum
+        What is driven.
+    rate : float, Hz
+        Of its servo.
+    """
+
+    drum: Drum
+    force: float  # N, on the finger
+    link: float  # m, of the replica's link: where the finger is, or where the drum stops it
+
+    def __init__(self, path: FingerPath, drum: Drum = GEAR4, rate: float = SERVO_RATE) -> None:
+        servo = servo_for(drum, rate)
+        self._path, self._period = path, servo.period
+        self.drum = drum
+        self._drum, self._servo = drum.as_array(), servo.as_array()
+        self._steps = steps_a_sample(rate)
+        self._stiffness = PAD_STIFFNESS
+        self._drive = np.zeros(drum_kernels.DRIVE_SIZE)
+        self._command = np.zeros(drum_kernels.COMMAND_SIZE)
+        self._left = 0.0
+        self.force = self.link = 0.0
+        drum_kernels.rest_drum(self._drum, self._drive, path.retracted)
+
+    @property
+    def place(self) -> float:
+        """Where the drum stands on the finger's way, m."""
+        return float(self._drive[drum_kernels.WHERE])
+
+    @property
+    def angle(self) -> float:
+        """What the drum's encoder tells, rad."""
+        return self._path.drum_angle(self.place)
+
+    @property
+    def torque(self) -> float:
+        """Of the motor at its shaft, N m; pressing on the finger is positive."""
+        return self.drum.motor_torque(-float(self._drive[drum_kernels.APPLIED]))
+
+    def advance(self, action: DrumAction, finger: float, seconds: float) -> None:
+        """Serve an action for a time, in whole samples; what is left over comes next.
+
+        Parameters
+        ----------
+        action : DrumAction
+            Of the controller.
+        finger : float, m
+            Where the finger would be without a drum.
+        seconds : float, s
+            How long; no more than a tenth of a second counts.
+        """
+        target = action.force if action.mode == drum_kernels.FORCE else action.place
+        commanded(action, target).write(self._command)
+        time = self._left + min(max(seconds, 0.0), LONGEST)
+        samples = int(time / self._period)
+        self._left = time - samples * self._period
+        self.force = serve_against(
+            self._drum, self._servo, self._drive, self._command, finger, self._stiffness,
+            samples, self._steps, self._period / self._steps,
+        )  # fmt: skip
+        self.link = min(finger, self.place)

@@ -1,0 +1,33 @@
+"""A drum that a finger of a given place leans on, for controllers that run against a clock."""
+
+import numpy as np
+
+from proximity.decaff.drum.drum_kernels import APPLIED, SPEED_NOW, WHERE, pushed, serve
+from proximity.kernels.compiler import kernel
+
+
+@kernel
+def serve_against(
+    drum: np.ndarray,
+    servo: np.ndarray,
+    drive: np.ndarray,
+    command: np.ndarray,
+    finger: float,
+    stiffness: float,
+    samples: int,
+    steps: int,
+    step: float,
+) -> float:
+    """Serve a command for so many samples of *steps* each, and return the force on the finger, N.
+
+    The finger stays where it is; its pad gives way where the drum stands before it.
+    """
+    contact = max(0.0, stiffness * (finger - drive[WHERE]))
+    for _ in range(samples):
+        serve(drum, servo, drive, command, contact)
+        for _ in range(steps):
+            contact = max(0.0, stiffness * (finger - drive[WHERE]))
+            drive[WHERE], drive[SPEED_NOW] = pushed(
+                drum, drive[APPLIED], contact, drive[WHERE], drive[SPEED_NOW], step
+            )
+    return contact

@@ -1,0 +1,1 @@
+"""Studies of the DECAFF paper: its models and figures, stability, and simulated presses."""

@@ -1,0 +1,1 @@
+"""A press on a CAD part with the distance engine in the loop."""

@@ -1,0 +1,200 @@
+"""A press on a CAD part with the real engine in the loop: hand, tracker, message, controller, drum, finger.
+
+The finger of the closed loop moves on its way before a part. At the service's rate its pose goes to a
+tracker, the answer becomes a frame, its bytes arrive after the service's latency, are examined, and the
+drum's controller acts at its own rate on what it then knows. Against it stands the wall that is truly there:
+by exact geometry, with the same hand. All in simulated time, the same on every run.
+
+Forces are along the finger's way, as its one degree of freedom has them.
+"""
+
+import math
+
+from proximity.decaff.controller.controller import FingerController
+from proximity.decaff.controller.controller_states import FrameMark
+from proximity.decaff.drum.drum_command import DrumCommand
+from proximity.decaff.drum.servo import servo_for
+from proximity.service.answers import TrackerAnswers
+from proximity.studies.engine.delayed_link import DelayedLink
+from proximity.studies.engine.engine_press import EnginePress
+from proximity.studies.engine.engine_readers import ControllerReader, PolicyReader, Reader
+from proximity.studies.engine.engine_setup import Distances, EngineSetup
+from proximity.studies.engine.placed_finger import PlacedFinger
+from proximity.studies.engine.recorded_press import RecordedPress
+from proximity.studies.engine.simulated_service import (
+    SECOND,
+    ExactAnswers,
+    Feed,
+    MeasuredFinger,
+    SimulatedService,
+    TrackedFinger,
+)
+from proximity.studies.paper.trajectories import Intent
+from proximity.studies.simulation.closed_loop import LEAD, DecaffLoop, real_wall, soft_wall
+from proximity.studies.simulation.controller_in_loop import START_NS
+from proximity.studies.simulation.devices import SERVO_RATE, Decaff, Sensing
+from proximity.studies.simulation.hand import Hand
+from proximity.studies.simulation.response import Response
+from proximity.studies.simulation.target_policies import Holding, Sight, TargetPolicy
+from proximity.tracker.tracker import Tracker
+from proximity.transport import Counts, Subscriber
+
+
+def press_on_part(
+    finger: PlacedFinger, press: Intent, setup: EngineSetup | None = None, hand: Hand | None = None
+) -> EnginePress:
+    """Return a press on a part.
+
+    Parameters
+    ----------
+    finger : PlacedFinger
+        Before its part. The part's surface, rigid or deformable, is the wall.
+    press : Press or RecordedPress
+        What the hand means to do.
+    setup : EngineSetup
+        How the finger is told of the part, and what stops it.
+    hand : Hand
+        Who presses.
+    """
+    setup, hand = setup or EngineSetup(), hand or Hand()
+    loop = DecaffLoop(hand, press, _glove(finger, setup))
+    part = finger.scene.parts[finger.part]
+    if part.stiffness is None:
+        real = real_wall(hand, press, like=loop.response)
+    else:
+        along = finger.incidence**2  # of the surface's law, along the finger's way
+        real = soft_wall(hand, press, along * part.stiffness, along * part.damping, like=loop.response)
+    engine = Engine(finger, setup, loop, real)
+    while not loop.is_over:
+        loop.tick(engine.command(loop.sight()))
+    reader = engine.reader
+    return EnginePress(
+        finger, setup, loop.response, real, reader.states, reader.switched_at, engine.counts,
+        engine.told_contact, engine.told_error, reader.advances,
+    )  # fmt: skip
+
+
+class Engine:
+    """Service, message and controller of one finger, stepped by the closed loop.
+
+    Parameters
+    ----------
+    finger : PlacedFinger
+        Before its part.
+    setup : EngineSetup
+        How it is told.
+    loop : DecaffLoop
+        Whose finger it is.
+    real : Response
+        The real wall's, whose force a far end feels.
+    """
+
+    told_contact: float
+    told_error: float
+    reader: Reader
+
+    def __init__(self, finger: PlacedFinger, setup: EngineSetup, loop: DecaffLoop, real: Response) -> None:
+        self._finger, self._setup, self._loop, self._real = finger, setup, loop, real
+        self._wall, self._intent = finger.contact_place, loop.response.press
+        self._now_ns = 0
+        link = DelayedLink(setup.latency, lambda: self._now_ns, [_in_ns(span) for span in setup.silent])
+        self._period = 1.0 / setup.rate
+        self._service = SimulatedService(_feed(finger, setup, self._period), link, self._period)
+        self._frames = Subscriber(link, "simulation", clock=lambda: self._now_ns)
+        self._begin = loop.now + setup.phase * self._period
+        self._ticks = 0
+        self.told_contact = self.told_error = math.nan
+        self._has_touched = False
+        if setup.reading is None:
+            self.reader = ControllerReader(
+                FingerController(finger.path, SERVO_RATE, setup.drum), finger.path, self._wall
+            )
+        else:
+            policy = TargetPolicy(setup.reading, Holding(retracted=finger.retraction))
+            self.reader = PolicyReader(policy, finger.path, self._wall)
+
+    @property
+    def counts(self) -> Counts:
+        """Frames that were received, lost and refused."""
+        return self._frames.counts
+
+    def command(self, sight: Sight) -> DrumCommand:
+        """Make the frames that are due, take what has arrived, and have the drum told.
+
+        Parameters
+        ----------
+        sight : Sight
+            Of this sample of the servo.
+        """
+        while self._begin + self._ticks * self._period <= sight.now + 1e-9:
+            self._tick(self._begin + self._ticks * self._period)
+            self._ticks += 1
+        self._now_ns = _instant_ns(sight.now)
+        reading = self._frames.read()
+        contact = reading.contacts[0] if len(reading.contacts) else None
+        self._has_touched = self._has_touched or sight.force > 0.0 or sight.link >= 0.0
+        if reading.is_valid and contact is not None and not self._has_touched:
+            self._note(float(contact["contact_bend"]), float(contact["contact_bend_error"]))
+        frame = FrameMark.of(reading.header)
+        return self.reader.command(sight, self._now_ns, reading.state, contact, frame)
+
+    def _tick(self, time: float) -> None:
+        place, speed = self._loop.link_at(time)
+        path, bend = self._finger.path, math.nan
+        is_seen = not isinstance(self._intent, RecordedPress) or self._intent.sees(time)
+        if is_seen and not any(first <= time <= last for first, last in self._setup.blind):
+            bend = path.bend(self._wall + place)
+        self._now_ns = _instant_ns(time)
+        self._service.tick(self._now_ns, bend=bend, **self._measured(time, bend, speed))
+
+    def _measured(self, time: float, bend: float, speed: float) -> dict[str, float]:
+        """What only a sensor tells: how fast the finger bends, 1/s, and the force on it, N."""
+        if self._setup.distances != Distances.SENSOR or not math.isfinite(bend):
+            return {"bend_rate": math.nan, "force": math.nan}
+        force = self._setup.far_force
+        if force is None:
+            force = float(self._real.force[self._loop.row(time)])
+        return {"bend_rate": speed / float(self._finger.glove.finger.speed(bend)), "force": force}
+
+    def _note(self, bend: float, error: float) -> None:
+        """Keep what was told of the contact last."""
+        if math.isfinite(bend):
+            place = self._finger.path.place(bend)
+            self.told_contact = place - self._wall
+            self.told_error = self._finger.path.place(bend + error) - place if error < math.inf else math.inf
+
+
+def _feed(finger: PlacedFinger, setup: EngineSetup, period: float) -> Feed:
+    if setup.distances == Distances.SENSOR:
+        return MeasuredFinger(finger, setup.expected_latency)
+    tracker = Tracker(
+        finger.scene,
+        fingers=1,
+        radius=finger.glove.finger.pad_radius,
+        period=period,
+        latency=setup.expected_latency,
+        tolerance=setup.tolerance,
+        budget=setup.budget,
+    )
+    if setup.distances == Distances.IDEAL:
+        return TrackedFinger(finger, ExactAnswers(tracker, finger.contact_bend))
+    return TrackedFinger(finger, TrackerAnswers(tracker), setup.corners)
+
+
+def _glove(finger: PlacedFinger, setup: EngineSetup) -> Decaff:
+    """Drum and servo; the drum waits where the controller's own is retracted."""
+    reach = min(setup.way, finger.contact_place - LEAD)
+    return Decaff(
+        drum=setup.drum,
+        servo=servo_for(setup.drum, SERVO_RATE),
+        sensing=Sensing(reach=reach),
+        holding=Holding(retracted=finger.retraction),
+    )
+
+
+def _instant_ns(time: float) -> int:
+    return START_NS + round(SECOND * time)
+
+
+def _in_ns(span: tuple[float, float]) -> tuple[int, int]:
+    return _instant_ns(span[0]), _instant_ns(span[1])

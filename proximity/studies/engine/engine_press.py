@@ -1,0 +1,68 @@
+"""What a press on a CAD part came to, beside the same press on the wall that is truly there."""
+
+import math
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+
+from proximity.studies.engine.engine_setup import EngineSetup
+from proximity.studies.engine.placed_finger import PlacedFinger
+from proximity.studies.simulation.metrics import force_error, onset, work
+from proximity.studies.simulation.response import Response
+from proximity.transport import Counts
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EnginePress:
+    """What a press came to; places of `response` count from the true surface, along the finger's way."""
+
+    finger: PlacedFinger
+    setup: EngineSetup
+    response: Response
+    real: Response  # on the real wall, at the same instants
+    states: Counter[str]  # samples of the servo in each state of the controller
+    switched_at: float  # s, when the controller first served a force; nan: it did not
+    counts: Counts  # frames, as the subscriber counts them
+    told_contact: float  # m past the true surface, the place of contact in the last frame before the touch
+    told_error: float  # m, the bound that this frame gave for it, on the polyline that the tracker had
+    advances: int  # samples at which the drum was sent nearer although nothing fresh was known
+
+    @property
+    def error(self) -> "ForceError":
+        """Against the real wall."""
+        return ForceError.of(self)
+
+
+@dataclass(frozen=True, slots=True)
+class ForceError:
+    """A press on a part against the same on the real wall, from the touch on."""
+
+    share: float  # rms of the difference of the forces over the rms of the real one
+    rms: float  # N, of the difference
+    largest: float  # N, of it
+    onset: float  # s, by how much the force begins later
+    penetration: float  # m, how far the pad's far side was past the real surface, before the release
+    work: float  # J, of the finger until the release, less the real one
+
+    @classmethod
+    def of(cls, press: EnginePress) -> "ForceError":
+        """Compare.
+
+        Parameters
+        ----------
+        press : EnginePress
+            Of any hand.
+        """
+        response, real = press.response, press.real
+        off = response.force[response.zero :] - real.force[response.zero :]
+        before_release = response.times < response.press.release_time
+        past = response.link - np.maximum(real.link, 0.0)
+        return cls(
+            force_error(response, real),
+            math.sqrt(float(np.square(off).mean())),
+            float(np.abs(off).max()),
+            onset(response) - onset(real),
+            float(past[before_release].max()),
+            work(response) - work(real),
+        )

@@ -1,0 +1,150 @@
+"""Who reads frames in the closed loop with the engine, and moves the drum by them.
+
+The loop's wall is at 0; on the finger's way it is at the place of contact. A reader turns the one into the
+other.
+"""
+
+import math
+from collections import Counter
+from dataclasses import replace
+from typing import Any, Protocol
+
+from proximity.decaff.controller.controller import FingerController
+from proximity.decaff.controller.controller_states import FrameMark, Observation, Trust, commanded
+from proximity.decaff.drum.drum_command import DriveMode, DrumCommand
+from proximity.decaff.glove.finger_path import FingerPath
+from proximity.message import State
+from proximity.studies.simulation.controller_in_loop import START_NS
+from proximity.studies.simulation.target_policies import Message, Sight, TargetPolicy
+
+NS = 1e-9  # in s
+ADVANCE = 1e-9  # m: a target that comes nearer by less than that stays
+
+
+class Reader(Protocol):
+    """What a drum does, by the newest frame."""
+
+    states: Counter[str]
+    """Samples of the servo, by state."""
+    switched_at: float
+    """s, when a force was served first; nan: never."""
+    advances: int
+    """Samples at which the drum was sent nearer although nothing fresh was known."""
+
+    def command(
+        self, sight: Sight, now_ns: int, state: State, contact: Any, frame: FrameMark | None
+    ) -> DrumCommand:
+        """Return what the drum shall do until the next sample."""
+
+
+class ControllerReader:
+    """The drum's controller.
+
+    Parameters
+    ----------
+    controller : FingerController
+        Of the finger.
+    path : FingerPath
+        Of the finger.
+    wall : float, m
+        The place of contact on it.
+    """
+
+    def __init__(self, controller: FingerController, path: FingerPath, wall: float) -> None:
+        self.controller, self._path, self._wall = controller, path, wall
+        self.states: Counter[str] = Counter()
+        self.switched_at = math.nan
+        self.advances = 0
+        self._target = path.retracted
+
+    def command(
+        self, sight: Sight, now_ns: int, state: State, contact: Any, frame: FrameMark | None
+    ) -> DrumCommand:
+        """Return what the controller wants.
+
+        Parameters
+        ----------
+        sight : Sight
+            Of this sample: what potentiometer, encoder and force sensor tell.
+        now_ns : int, ns
+            The instant, on the clock of frames.
+        state : State
+            Of the newest frame, as it is now.
+        contact : CONTACT or None
+            What it says of the finger.
+        frame : FrameMark or None
+            Which frame that is.
+        """
+        path, wall = self._path, self._wall
+        bend, angle = path.bend(wall + sight.link), path.drum_angle(wall + sight.drum)
+        action = self.controller.step(
+            Observation(now_ns, bend, angle, state, contact, sight.force, sample_ns=now_ns, frame=frame)
+        )
+        self.states[action.state.value] += 1
+        is_force = action.mode is DriveMode.FORCE
+        if is_force and math.isnan(self.switched_at):
+            self.switched_at = sight.now
+        if self.controller.trust is not Trust.FRESH and action.place < self._target - ADVANCE:
+            self.advances += 1
+        self._target = action.place
+        target = action.force if is_force else action.place - wall
+        return commanded(action, target)
+
+
+class PolicyReader:
+    """One of the plain readings of a distance (PAPER 6.3), with the engine's distances along the way.
+
+    Parameters
+    ----------
+    policy : TargetPolicy
+        The reading.
+    path : FingerPath
+        Of the finger.
+    wall : float, m
+        The place of contact on it.
+    """
+
+    def __init__(self, policy: TargetPolicy, path: FingerPath, wall: float) -> None:
+        self._policy, self._path, self._wall = policy, path, wall
+        self.states: Counter[str] = Counter()
+        self.switched_at = math.nan
+        self.advances = 0
+        self._last = (0, 0.0)  # ns, m: of the frame before
+        self._speed = 0.0
+        self._message: Message | None = None
+
+    def command(
+        self, sight: Sight, now_ns: int, state: State, contact: Any, frame: FrameMark | None
+    ) -> DrumCommand:
+        """Return where the drum shall go.
+
+        Parameters
+        ----------
+        sight : Sight
+            Of this sample.
+        now_ns : int, ns
+            The instant, on the clock of frames.
+        state : State
+            Of the newest frame; this reader does not care.
+        contact : CONTACT or None
+            What it says of the finger.
+        frame : FrameMark or None
+            Which frame that is.
+        """
+        if contact is not None:
+            self._take(contact)
+        self.states["plain"] += 1
+        return self._policy.command(replace(sight, message=self._message))
+
+    def _take(self, contact: Any) -> None:
+        pose_ns, bend = int(contact["pose_ns"]), float(contact["bend"])
+        if pose_ns == self._last[0] or not math.isfinite(bend):
+            return
+        place, to = self._path.place(bend), float(contact["contact_bend"])
+        if self._last[0]:
+            self._speed = (place - self._last[1]) / (NS * (pose_ns - self._last[0]))
+        self._last = (pose_ns, place)
+        self._message = None
+        if math.isfinite(to):
+            at = NS * (pose_ns - START_NS)
+            self._message = Message(at, place - self._wall, self._speed, self._path.place(to) - place)

@@ -1,0 +1,215 @@
+"""A finger before a part: how its hand is held, and where on its way it touches first, by exact geometry.
+
+That place is the truth of a simulation with the engine: the real wall stands there. It is found by asking the
+exact distance again and again along the finger's own curve, not along the polyline that a tracker is given.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from proximity.decaff.glove.finger import Finger
+from proximity.decaff.glove.finger_path import FingerPath
+from proximity.decaff.glove.glove import Glove
+from proximity.errors import DecaffError
+from proximity.message import PATH_CORNERS
+from proximity.pose import Pose
+from proximity.scene.scene import Scene
+
+RETRACTION = 0.030  # m, from the contact to the drum farthest away, as in PAPER 6.4
+LEAST_WAY = 0.030  # m, that the finger must come freely before it touches; assumed
+FARTHEST_OFF = 0.020  # m, of the fingertip from where it was to touch: what is in its way is touched instead
+AS_ASKED = 1e-5  # m, likewise: no other attitude needs to be tried
+ROLLS = 24  # attitudes of the hand about the way at the touch that are tried, evenly
+TOUCH_TOLERANCE = 1e-9  # m, at which the search for the touch ends
+MOST_STEPS = 20_000  # of that search: a finger that slides along a surface never gets there
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlacedFinger:
+    """A finger of a hand that stands still before a scene, and its first touch."""
+
+    scene: Scene
+    glove: Glove
+    path: FingerPath
+    world_from_hand: Pose
+    contact_bend: float
+    normal: np.ndarray  # (3,) unit, outward, of the surface there
+    part: int  # row of the part that is touched
+
+    @property
+    def contact_place(self) -> float:
+        """How far the fingertip has come when it touches, m."""
+        return self.path.place(self.contact_bend)
+
+    @property
+    def retraction(self) -> float:
+        """From the touch to where the drum waits, m."""
+        return self.path.retracted - self.contact_place
+
+    @property
+    def incidence(self) -> float:
+        """Cosine between the finger's way and the surface's normal at the touch."""
+        return -float(self.normal @ _direction(self.glove.finger, self.world_from_hand, self.contact_bend))
+
+    def corners(self, count: int = PATH_CORNERS) -> np.ndarray:
+        """Return the way as a tracker takes it, (K, 3), m, scene's frame.
+
+        Parameters
+        ----------
+        count : int
+            K.
+        """
+        return self.glove.finger.path_world(self.world_from_hand, count)
+
+    def point(self, bend: float) -> np.ndarray:
+        """Return the centre of the fingertip, (3,), m, scene's frame.
+
+        Parameters
+        ----------
+        bend : float
+            Of the finger.
+        """
+        return self.world_from_hand.point(self.glove.finger.point_hand(bend))
+
+
+def place_finger(
+    scene: Scene, at: Sequence[float] | None = None, *, glove: Glove | None = None
+) -> PlacedFinger:
+    """Return a finger that touches a part head-on, 30 mm before its drum's farthest place.
+
+    Of the attitudes of the hand the first is taken that leaves the finger a free way; where none does, the
+    one that lets it touch nearest to the place that was meant.
+
+    Parameters
+    ----------
+    scene : Scene
+        With parts.
+    at : three floats, m
+        The finger touches where the surface is nearest to this point, from outside.
+        Where not given: a point above the middle of the parts.
+    glove : Glove
+        Of the finger; the default one where not given.
+
+    Raises
+    ------
+    DecaffError
+        If *at* is no point, or no attitude of the hand leaves the finger a free way.
+    """
+    glove = glove or Glove()
+    path, finger = FingerPath(glove), glove.finger
+    bend = path.bend(path.retracted - RETRACTION)
+    point, way = _target(scene, _viewpoint(scene) if at is None else np.asarray(at, np.float64))
+    center = point - finger.pad_radius * way
+    best, nearest = None, FARTHEST_OFF
+    for turn in range(ROLLS):
+        pose = _held(finger, bend, center, way, 2.0 * math.pi * turn / ROLLS)
+        touch = first_touch(scene, finger, pose)
+        if not path.place(touch) > LEAST_WAY:
+            continue
+        off = float(np.linalg.norm(pose.point(finger.point_hand(touch)) - center))
+        if off < nearest - 1e-6:
+            best, nearest = (pose, touch), off
+        if off < AS_ASKED:
+            break
+    if best is None:
+        told = ", ".join(f"{1e3 * coordinate:g}" for coordinate in point)
+        raise DecaffError(
+            f"({told}) mm: no hand gets its finger there without touching before, expected a place with "
+            f"{1e3 * LEAST_WAY:g} mm of free way before it"
+        )
+    return placed(scene, glove, *best)
+
+
+def placed(scene: Scene, glove: Glove, world_from_hand: Pose, touch: float | None = None) -> PlacedFinger:
+    """Return a finger of a hand that is held in some way.
+
+    Parameters
+    ----------
+    scene : Scene
+        With parts.
+    glove : Glove
+        Of the finger.
+    world_from_hand : Pose
+        Of its knuckle and its plane.
+    touch : float
+        Bend of its first touch, where it is known.
+
+    Raises
+    ------
+    DecaffError
+        If the finger touches nothing before the fist, or is inside from the beginning.
+    """
+    bend = first_touch(scene, glove.finger, world_from_hand) if touch is None else touch
+    if not 0.0 < bend < 1.0:
+        raise DecaffError("the finger touches nothing between flat hand and fist, expected one that does")
+    hit = scene.closest(world_from_hand.point(glove.finger.point_hand(bend)))
+    normal = np.asarray(hit.gradient, np.float64)
+    return PlacedFinger(scene, glove, FingerPath(glove), world_from_hand, bend, normal, int(hit.part))
+
+
+def first_touch(scene: Scene, finger: Finger, world_from_hand: Pose) -> float:
+    """Return the bend at which the pad touches first; nan if not before the fist, or from the beginning.
+
+    Parameters
+    ----------
+    scene : Scene
+        With parts.
+    finger : Finger
+        That bends from the flat hand on.
+    world_from_hand : Pose
+        Of its knuckle and its plane.
+
+    Notes
+    -----
+    Cost: an exact distance a step. No step is longer than the distance, so that nothing is passed by.
+    """
+    fastest = float(finger.speed(np.linspace(0.0, 1.0, 101)).max()) * 1.001
+    bend = 0.0
+    for _ in range(MOST_STEPS):
+        point = world_from_hand.point(finger.point_hand(bend))
+        distance = float(scene.signed_distance(point)) - finger.pad_radius
+        if distance <= TOUCH_TOLERANCE:
+            return bend if bend > 0.0 else math.nan
+        bend += distance / fastest
+        if bend >= 1.0:
+            return math.nan
+    return math.nan
+
+
+def _viewpoint(scene: Scene) -> np.ndarray:
+    """Above the middle of all parts, by their height and a finger's length."""
+    lower, upper = scene.bounds
+    middle = 0.5 * (lower + upper)
+    return np.array([middle[0], middle[1], upper[2] + (upper[2] - lower[2]) + 0.1])
+
+
+def _target(scene: Scene, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The surface point nearest to *at*, and the way to it, unit."""
+    if at.shape != (3,) or not np.isfinite(at).all():
+        raise DecaffError(f"the place is {at.tolist()!r}, expected three coordinates in metres")
+    hit = scene.closest(at)
+    gradient = np.asarray(hit.gradient, np.float64)
+    return np.asarray(hit.point, np.float64), -gradient
+
+
+def _held(finger: Finger, bend: float, center: np.ndarray, way: np.ndarray, roll: float) -> Pose:
+    """A hand whose fingertip is at *center* at a bend and goes along *way*; turned about that by *roll*."""
+    rate = finger.point_rate(bend)
+    tangent = np.array([*(rate / np.hypot(*rate)), 0.0])
+    hand = np.stack([tangent, np.cross([0.0, 0.0, 1.0], tangent), [0.0, 0.0, 1.0]], axis=1)
+    side = np.cross(way, np.eye(3)[np.argmin(np.abs(way))])
+    side /= np.linalg.norm(side)
+    other = np.cross(way, side)
+    c, s = math.cos(roll), math.sin(roll)
+    world = np.stack([way, c * side + s * other, c * other - s * side], axis=1)
+    rotation = world @ hand.T
+    return Pose(rotation, center - rotation @ finger.point_hand(bend))
+
+
+def _direction(finger: Finger, world_from_hand: Pose, bend: float) -> np.ndarray:
+    """Where the fingertip goes as the finger bends, unit, (3,), scene's frame."""
+    rate = finger.point_rate(bend)
+    return world_from_hand.direction(np.array([*(rate / np.hypot(*rate)), 0.0]))

@@ -1,0 +1,193 @@
+"""The distance service inside a simulation: its gate, answers, frames and bytes, by the simulation's clock.
+
+All but the loop that keeps appointments is the service's own. What it is fed with is a finger of the closed
+loop: poses for a tracker, or what the sensor of a far end would measure there.
+"""
+
+from typing import Any, Protocol
+
+import numpy as np
+
+from proximity.message import PATH_CORNERS, Surface
+from proximity.service.answers import Answering, TrackerAnswers
+from proximity.service.frame_builder import Framing
+from proximity.service.inputs.sensor import Measurements
+from proximity.service.inputs.teleoperation import SensorAnswers
+from proximity.service.sample_filter import Gate
+from proximity.service.samples import Hands, Samples
+from proximity.studies.engine.placed_finger import PlacedFinger
+from proximity.tracker.tracker import Tracker
+from proximity.transport import Outlet, Publisher
+
+SECOND = 1_000_000_000  # ns
+VALID_FOR, STALE_AFTER = 0.020, 0.100  # s, as of a service that is told nothing else
+
+
+class Feed(Protocol):
+    """What a service is fed with, and who answers it."""
+
+    answering: Answering
+
+    def samples(self, now_ns: int, bend: float, bend_rate: float, force: float) -> Samples:
+        """Return what is known of the finger at an instant; a bend of nan: nothing is."""
+
+
+class TrackedFinger:
+    """Poses of a finger and its way, for a tracker.
+
+    Parameters
+    ----------
+    finger : PlacedFinger
+        Before its part.
+    answering : TrackerAnswers
+        Of one finger.
+    corners : int
+        Of the polyline that the tracker takes as the way.
+    """
+
+    def __init__(self, finger: PlacedFinger, answering: TrackerAnswers, corners: int = PATH_CORNERS) -> None:
+        self.answering: Answering = answering
+        self._finger = finger
+        self._hands = Hands(1)
+        self._hands.paths, self._hands.bends = finger.corners(corners)[None], np.zeros(1)
+
+    def samples(self, now_ns: int, bend: float, bend_rate: float, force: float) -> Hands:
+        """Return the pose.
+
+        Parameters
+        ----------
+        now_ns : int, ns
+            Its instant.
+        bend : float
+            Of the finger; nan: it is not seen.
+        bend_rate : float, 1/s
+            Not told: the tracker finds it out.
+        force : float, N
+            Not told.
+        """
+        hands = self._hands
+        hands.positions[0] = self._finger.point(bend)
+        hands.pose_ns[0] = now_ns
+        assert hands.bends is not None
+        hands.bends[0] = bend
+        return hands
+
+
+class ExactAnswers(TrackerAnswers):
+    """A tracker's contacts, with the place of contact as it truly is, known from the beginning.
+
+    Parameters
+    ----------
+    tracker : Tracker
+        Of one finger.
+    contact_bend : float
+        The truth.
+    """
+
+    def __init__(self, tracker: Tracker, contact_bend: float) -> None:
+        super().__init__(tracker)
+        self._contact_bend = contact_bend
+
+    def answer(self, samples: Hands, now_ns: int) -> np.ndarray:
+        """Tick, and tell the truth.
+
+        Parameters
+        ----------
+        samples : Hands
+            The newest pose.
+        now_ns : int, ns
+            Instant of the tick.
+        """
+        contacts = super().answer(samples, now_ns)
+        contacts["contact_bend"], contacts["contact_bend_error"] = self._contact_bend, 0.0
+        return contacts
+
+
+class MeasuredFinger:
+    """What a sensor at a far end measures, where a finger does as this one does: teleoperation.
+
+    Parameters
+    ----------
+    finger : PlacedFinger
+        Before its part.
+    latency : float, s
+        For which contacts are predicted.
+    """
+
+    def __init__(self, finger: PlacedFinger, latency: float) -> None:
+        self.answering: Answering = SensorAnswers(1, latency=latency)
+        self._finger = finger
+        self._measured = Measurements(1)
+
+    def samples(self, now_ns: int, bend: float, bend_rate: float, force: float) -> Measurements:
+        """Return the measurement.
+
+        Parameters
+        ----------
+        now_ns : int, ns
+            Its instant.
+        bend : float
+            Of the finger; nan: nothing is measured.
+        bend_rate : float, 1/s
+            At which that grows.
+        force : float, N
+            On the finger of the far end.
+        """
+        measured, finger = self._measured, self._finger
+        measured.pose_ns[0] = now_ns
+        measured.distances[0, 0] = np.nan
+        if not np.isfinite(bend):
+            return measured
+        point, record = finger.point(bend), measured.records[0]
+        hit = finger.scene.closest(point)
+        measured.distances[0, 0] = float(hit.signed_distance) - finger.glove.finger.pad_radius
+        record["measured_ns"], record["signed_distance"] = now_ns, measured.distances[0, 0]
+        record["position"], record["normal"] = point, hit.gradient
+        record["velocity"] = record["approach_speed"] = np.nan
+        record["bend"], record["bend_rate"] = bend, bend_rate
+        record["surface"], record["force"], record["force_is_valid"] = Surface.RIGID, force, True
+        return measured
+
+
+class SimulatedService:
+    """Ticks when it is told to, and publishes.
+
+    Parameters
+    ----------
+    feed : Feed
+        Of one finger.
+    outlet : Outlet
+        Where frames go.
+    period : float, s
+        Between ticks, as frames tell it.
+    """
+
+    def __init__(self, feed: Feed, outlet: Outlet, period: float) -> None:
+        answering = feed.answering
+        self._feed, self._answering = feed, answering
+        self._gate = Gate(answering.room(), round(SECOND * STALE_AFTER))
+        self._framing = Framing(
+            answering.count, answering.source, round(SECOND * period), round(SECOND * VALID_FOR)
+        )
+        self._publisher = Publisher(outlet, "simulation")
+        self._has_begun = False
+
+    def tick(self, now_ns: int, **known: Any) -> None:
+        """Make a frame of what is known now.
+
+        Parameters
+        ----------
+        now_ns : int, ns
+            The instant.
+        **known
+            Of the finger, as `Feed.samples` takes it.
+        """
+        gate, framing = self._gate, self._framing
+        if not self._has_begun:
+            gate.start(now_ns)
+            self._has_begun = True
+        gate.admit(self._feed.samples(now_ns, **known), now_ns)
+        gate.expire(now_ns)
+        framing.fill(self._answering.answer(gate.kept, now_ns))
+        framing.finish(now_ns, now_ns, 0, self._answering.epoch, 0)
+        self._publisher.publish(framing.message)

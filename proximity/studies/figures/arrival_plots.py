@@ -1,0 +1,115 @@
+"""When a drum arrives, drawn: how it goes to its place, and from how far away it must be told of a wall."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from proximity.decaff.drum.drum import DRUMS
+from proximity.decaff.drum.servo import move, servo_for, settling_time
+from proximity.studies.figures import style
+from proximity.studies.figures.tables import Table
+from proximity.studies.simulation.arrival import arrival_time, look_ahead, needed_look_ahead
+from proximity.studies.simulation.devices import SERVO_RATE, Decaff
+from proximity.studies.simulation.hand import Hand
+from proximity.studies.simulation.sweeps import with_drum, with_latency
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+WAY = 0.030  # m, from where a drum waits (PAPER 6.4)
+DURATION = 0.080  # s, of the ways shown
+SAMPLING = 1e-4  # s, of the curves
+IN_PLACE = 1e-4  # m
+SPEEDS = (0.1, 0.15, 0.25, 0.35, 0.5, 0.7, 1.0)  # m/s
+LATENCIES = (0.001, 0.010, 0.040)  # s (PAPER 6.4)
+MOTION_SIZE = (style.COLUMN, 2.4)
+SIZE = (style.PAGE, 2.7)
+STROKES = dict(zip(DRUMS, (style.PENALTY, style.TIME_STAMPED, style.LATCHED), strict=True))
+
+
+def motion_numbers() -> Table:
+    """Return how far each drum is from its place after it was sent there, and when it stays there."""
+    instants = np.arange(round(DURATION / SAMPLING) + 1) * SAMPLING
+    columns = {"time_s": instants}
+    for name, drum in DRUMS.items():
+        servo = servo_for(drum, SERVO_RATE)
+        times, positions = move(drum, servo, WAY, DURATION + SAMPLING)
+        columns[f"{name}_left_m"] = WAY - np.interp(
+            instants, np.append(0.0, times), np.append(0.0, positions)
+        )
+        settled = settling_time(drum, servo, WAY, within=IN_PLACE)
+        columns[f"{name}_settled_s"] = np.full(len(instants), settled)
+    return Table(columns)
+
+
+def draw_motion(figure: "Figure", table: Table) -> None:
+    """Draw the ways of the drums.
+
+    Parameters
+    ----------
+    figure : Figure
+        Empty.
+    table : Table
+        As of `motion_numbers`.
+    """
+    panel = figure.subplots()
+    for name, stroke in STROKES.items():
+        settled = float(table[f"{name}_settled_s"][0])
+        label = f"{name}, {1e3 * settled:.1f} ms"
+        panel.plot(1e3 * table["time_s"], 1e3 * table[f"{name}_left_m"], **style.line(stroke), label=label)
+        panel.plot(1e3 * settled, 1e3 * IN_PLACE, color=stroke["color"], marker=stroke["marker"])
+    panel.axhline(0.0, **style.GUIDE)
+    panel.set_xlim(0.0, 1e3 * DURATION)
+    panel.set_xlabel("time [ms]")
+    panel.set_ylabel("left to go [mm]")
+    panel.legend(title="within 0.1 mm after", title_fontsize=7, loc="upper right")
+
+
+def numbers() -> Table:
+    """Return the look-ahead that each drum needs, found by simulated presses and by the formula."""
+    hand, rows = Hand(), []
+    for name, drum in DRUMS.items():
+        glove = with_drum(Decaff(), drum, SERVO_RATE)
+        for latency in LATENCIES:
+            told = with_latency(glove, latency)
+            arrival = arrival_time(drum, glove.servo, WAY)
+            rows += [
+                (
+                    name,
+                    latency,
+                    speed,
+                    needed_look_ahead(hand, told, speed),
+                    look_ahead(speed, told.sensing, arrival),
+                )
+                for speed in SPEEDS
+            ]
+    names = ("drum", "latency_s", "speed_m_per_s", "look_ahead_m", "formula_m")
+    return Table.of_rows(names, rows)
+
+
+def draw(figure: "Figure", table: Table) -> None:
+    """Draw the look-ahead over speed, a panel a latency.
+
+    Parameters
+    ----------
+    figure : Figure
+        Empty.
+    table : Table
+        As of `numbers`.
+    """
+    panels = figure.subplots(1, len(LATENCIES), sharey=True)
+    for panel, latency in zip(panels, LATENCIES, strict=True):
+        for name, stroke in STROKES.items():
+            rows = table.where(drum=name, latency_s=latency)
+            panel.plot(rows["speed_m_per_s"], 1e3 * rows["formula_m"], **style.line(stroke))
+            found = {"color": stroke["color"], "marker": stroke["marker"], "linestyle": "none"}
+            panel.plot(rows["speed_m_per_s"], 1e3 * rows["look_ahead_m"], **found)
+            panel.plot([], [], **stroke, label=f"drum {name}")
+        panel.set_xlim(0.0, 1.05)
+        panel.set_xlabel("speed of approach [m/s]")
+    panels[0].plot([], [], "k+", label="marks: simulated")
+    panels[0].plot([], [], **style.REAL, label="lines: v (τ + 1/f + t)")
+    panels[0].set_ylim(bottom=0.0)
+    panels[0].set_ylabel("look-ahead needed [mm]")
+    style.letter_panels(panels, (f"{1e3 * latency:g} ms of latency" for latency in LATENCIES))
+    style.legend_above(figure, panels[0], 5)

@@ -1,0 +1,158 @@
+"""All figures by name: FIG 5a to 5h of the paper, and what this project found beside it.
+
+A figure is a table of numbers and what draws it; both are written beside each other.
+"""
+
+import os
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from proximity.errors import DecaffError
+from proximity.studies.figures import (
+    arrival_plots,
+    engine_plots,
+    error_plots,
+    figure_5_plots,
+    stability_plots,
+    style,
+)
+from proximity.studies.figures.tables import Table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, slots=True)
+class Plate:
+    """A figure: where its numbers are from, and how they are drawn."""
+
+    title: str
+    stem: str  # of its files
+    numbers: Callable[[], Table]
+    draw: "Callable[[Figure, Table], None]"
+    size: tuple[float, float]  # inches
+
+
+def _figure_5(name: str) -> Plate:
+    return Plate(
+        f"FIG {name}: {figure_5_plots.CAPTIONS[name]}",
+        f"figure-{name}",
+        partial(figure_5_plots.numbers, name),
+        figure_5_plots.drawer(name),
+        figure_5_plots.SIZE,
+    )
+
+
+PLATES = {
+    **{name: _figure_5(name) for name in figure_5_plots.CAPTIONS},
+    "5": Plate(
+        "FIG 5a to 5h on a page",
+        "figure-5",
+        figure_5_plots.all_numbers,
+        figure_5_plots.draw_all,
+        figure_5_plots.PAGE_SIZE,
+    ),
+    "stability": Plate(
+        "stability region of the sampled wall",
+        "stability",
+        stability_plots.numbers,
+        stability_plots.draw,
+        stability_plots.SIZE,
+    ),
+    "error-speed": Plate(
+        "force error against speed",
+        "error-speed",
+        error_plots.numbers_against_speed,
+        error_plots.draw_against_speed,
+        error_plots.SIZE,
+    ),
+    "error-latency": Plate(
+        "force error against latency",
+        "error-latency",
+        error_plots.numbers_against_latency,
+        error_plots.draw_against_latency,
+        error_plots.SIZE,
+    ),
+    "error-engine": Plate(
+        "force error with the engine in the loop, on the sample bracket",
+        "error-engine",
+        engine_plots.numbers,
+        engine_plots.draw,
+        engine_plots.SIZE,
+    ),
+    "drum-motion": Plate(
+        "how drums go to their place",
+        "drum-motion",
+        arrival_plots.motion_numbers,
+        arrival_plots.draw_motion,
+        arrival_plots.MOTION_SIZE,
+    ),
+    "arrival": Plate(
+        "look-ahead that a drum needs to arrive in time",
+        "arrival",
+        arrival_plots.numbers,
+        arrival_plots.draw,
+        arrival_plots.SIZE,
+    ),
+}
+"""Every figure by its name."""
+
+
+def chosen_names(names: Iterable[str]) -> tuple[str, ...]:
+    """Return the names of figures that are asked for, each once: all where none is named.
+
+    Parameters
+    ----------
+    names : strs
+        Some of `PLATES`.
+
+    Raises
+    ------
+    DecaffError
+        If one is not; it says which there are.
+    """
+    chosen = tuple(dict.fromkeys(names))
+    for name in chosen:
+        if name not in PLATES:
+            raise DecaffError(f"no figure {name!r}, expected some of {', '.join(PLATES)}")
+    return chosen or tuple(PLATES)
+
+
+def write_figure(name: str, folder: str | os.PathLike[str], form: str = "png") -> tuple[Path, Path]:
+    """Write a figure and its numbers, each at once and wholly; return both paths.
+
+    Parameters
+    ----------
+    name : str
+        One of `PLATES`.
+    folder : path
+        Made where it is not there.
+    form : str
+        One of `plotting.FORMATS`.
+
+    Raises
+    ------
+    DecaffError
+        If there is no such figure or format, matplotlib is not there, or the folder cannot be made.
+    """
+    (name,) = chosen_names([name])
+    plate, folder = PLATES[name], Path(folder)
+    style.check_format(form)
+    style.load_figure()
+    _make(folder)
+    table = plate.numbers()
+    drawn = style.render(plate.draw, table, plate.size, form)
+    image, numbers = folder / f"{plate.stem}.{form}", folder / f"{plate.stem}.csv"
+    style.write_bytes(image, drawn)
+    style.write_table(numbers, table)
+    return image, numbers
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as failure:
+        raise DecaffError(f"{folder}: no folder can be made ({failure.strerror or failure})") from failure

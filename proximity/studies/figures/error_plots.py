@@ -1,0 +1,135 @@
+"""Force error of penalty walls and drums against speed and latency, drawn; the real wall is the reference."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from proximity.studies.figures import style
+from proximity.studies.figures.tables import Table
+from proximity.studies.simulation import sweeps
+from proximity.studies.simulation.closed_loop import ideal_drum
+from proximity.studies.simulation.devices import Decaff
+from proximity.studies.simulation.hand import Hand
+from proximity.studies.simulation.metrics import deviation
+from proximity.studies.simulation.target_policies import Target
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+RATE = 1000.0  # Hz, of walls and of distances (PAPER 6.2, 6.3)
+SPEEDS = tuple(np.geomspace(0.1, 1.0, 11).tolist())  # m/s
+LATENCIES = tuple(1e-3 * np.array([0.1, 0.2, 0.3, 0.5, 1, 2, 3, 5, 7, 10, 15, 20, 30, 40]))  # s
+SPEED_PANELS = (0.001, 0.010)  # s of latency, in the figure against speed
+LATENCY_PANELS = (0.1, 0.5)  # m/s, in the figure against latency
+SIZE = (style.PAGE, 3.0)
+TARGETS = {
+    "naive": Target.NAIVE,
+    "latched": Target.LATCHED,
+    "feed_forward": Target.FEED_FORWARD,
+    "time_stamped": Target.TIME_STAMPED,
+}
+CURVES = (
+    ("penalty", style.PENALTY, "penalty wall, best tuned"),
+    ("naive", style.NAIVE, "drum, naive"),
+    ("latched", style.LATCHED, "drum, latched"),
+    ("feed_forward", style.FEED_FORWARD, "drum, feed-forward"),
+    ("time_stamped", style.TIME_STAMPED, "drum, time-stamped"),
+    ("ideal_drum", style.FLOOR, "drum that never moves"),
+)
+
+
+def numbers(latencies: Sequence[float], speeds: Sequence[float]) -> Table:
+    """Return force errors of all walls, a row a latency and speed.
+
+    Parameters
+    ----------
+    latencies : floats, s
+        Of walls and of distances. The penalty wall is tuned for each, once for all speeds.
+    speeds : floats, m/s
+        Of the approach.
+    """
+    hand, glove, speeds = Hand(), Decaff(), tuple(speeds)
+    floor = np.array([deviation(ideal_drum(hand, hand.press(speed))).error for speed in speeds])
+    blocks = []
+    for latency in latencies:
+        wall = sweeps.best_penalty_wall(hand, RATE, latency)
+        told = sweeps.with_latency(glove, latency, RATE)
+        block = {
+            "latency_s": np.full(len(speeds), latency),
+            "speed_m_per_s": np.array(speeds),
+            "penalty_stiffness_N_per_m": np.full(len(speeds), wall.stiffness),
+            "penalty_damping_N_s_per_m": np.full(len(speeds), wall.damping),
+            "penalty_error": sweeps.penalty_row(hand, wall, speeds=speeds).errors,
+        }
+        for name, target in TARGETS.items():
+            block[f"{name}_error"] = sweeps.drum_row(hand, told, target, speeds=speeds).errors
+        blocks.append(block | {"ideal_drum_error": floor})
+    return Table({name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]})
+
+
+def numbers_against_speed() -> Table:
+    """Return force errors at many speeds and two latencies."""
+    return numbers(SPEED_PANELS, SPEEDS)
+
+
+def numbers_against_latency() -> Table:
+    """Return force errors at many latencies and two speeds."""
+    return numbers(LATENCIES, LATENCY_PANELS)
+
+
+def draw_against_speed(figure: "Figure", table: Table) -> None:
+    """Draw force errors over speed, a panel a latency.
+
+    Parameters
+    ----------
+    figure : Figure
+        Empty.
+    table : Table
+        As of `numbers_against_speed`.
+    """
+    panels = figure.subplots(1, len(SPEED_PANELS), sharey=True)
+    for panel, latency in zip(panels, SPEED_PANELS, strict=True):
+        rows = table.where(latency_s=latency)
+        _curves(panel, rows["speed_m_per_s"], rows)
+        panel.set_xlabel("speed of approach [m/s]")
+        panel.set_xticks([0.1, 0.2, 0.5, 1.0], ["0.1", "0.2", "0.5", "1"])
+    style.letter_panels(panels, (f"{1e3 * latency:g} ms of latency" for latency in SPEED_PANELS))
+    _finish(figure, panels)
+
+
+def draw_against_latency(figure: "Figure", table: Table) -> None:
+    """Draw force errors over latency, a panel a speed.
+
+    Parameters
+    ----------
+    figure : Figure
+        Empty.
+    table : Table
+        As of `numbers_against_latency`.
+    """
+    panels = figure.subplots(1, len(LATENCY_PANELS), sharey=True)
+    for panel, speed in zip(panels, LATENCY_PANELS, strict=True):
+        rows = table.where(speed_m_per_s=speed)
+        _curves(panel, 1e3 * rows["latency_s"], rows)
+        panel.set_xlabel("latency [ms]")
+        ticks = [0.1, 0.3, 1.0, 3.0, 10.0, 40.0]
+        panel.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    style.letter_panels(panels, (f"approach at {speed:g} m/s" for speed in LATENCY_PANELS))
+    _finish(figure, panels)
+
+
+def _curves(panel: "Axes", across: np.ndarray, rows: Table) -> None:
+    panel.set_xscale("log")
+    panel.set_yscale("log")
+    for name, stroke, label in CURVES:
+        panel.plot(across, 100.0 * rows[f"{name}_error"], **stroke, label=label)
+    panel.minorticks_off()
+
+
+def _finish(figure: "Figure", panels: "Sequence[Axes]") -> None:
+    panels[0].set_ylabel("force error against the real wall [%]")
+    panels[0].set_ylim(1.0, 700.0)
+    panels[0].set_yticks([1, 3, 10, 30, 100, 300], ["1", "3", "10", "30", "100", "300"])
+    style.legend_above(figure, panels[0], 3)

@@ -1,0 +1,153 @@
+"""FIG 5a to 5h of the paper, drawn: where the finger is by each wall's knowledge, and the force it feels."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from proximity.studies.figures import style
+from proximity.studies.figures.tables import Table
+from proximity.studies.paper import figure_5
+from proximity.studies.paper.figure_5 import DELAY, FIGURES, GAIN_SHARE, PRESS, SIMULATED
+from proximity.studies.paper.reacting_operator import critical_gain, react
+from proximity.studies.paper.spring_damper import FINGER
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+SAMPLING = 1e-4  # s, of the curves
+SIZE = (style.COLUMN, 3.1)
+PAGE_SIZE = (style.PAGE, 6.6)
+POSITIONS_SHOWN = (-2.0, 10.5)  # mm; before and after, the finger is on its way
+POSITION_TICKS = (0, 4, 8)  # mm
+FORCES_SHOWN = (-0.06, 1.75)  # N; the same everywhere, so that figures compare
+CAPTIONS = {
+    "5a": "real wall",
+    "5b": "penetration, no delay",
+    "5c": "penetration and 40 ms of delay",
+    "5d": "40 ms of delay, no penetration",
+    "5e": "error by penetration alone",
+    "5f": "operator reacts to the delayed force",
+    "5g": "soft wall: 100 N/m for finger and wall",
+    "5h": "light damping: 1 N·s/m for finger and wall",
+}
+
+
+def numbers(name: str) -> Table:
+    """Return the curves of one of the figures.
+
+    Parameters
+    ----------
+    name : str
+        ``"5a"`` and so on.
+    """
+    times = figure_5.sample_times(SAMPLING)
+    columns = {
+        "time_s": times,
+        "real_position_m": PRESS.at(times).position,
+        "real_force_N": figure_5.real_wall(times),
+    }
+    if name != "5a":
+        columns["position_m"] = position(name, times)
+        columns["error_N" if name == "5e" else "force_N"] = FIGURES[name](times)
+    return Table(columns)
+
+
+def position(name: str, times: np.ndarray) -> np.ndarray:
+    """Return where a finger is, as its wall knows it at some instants, (T,), m.
+
+    Parameters
+    ----------
+    name : str
+        ``"5a"`` and so on.
+    times : (T,) float64, s
+        When.
+    """
+    if name == "5f":
+        gain = GAIN_SHARE * critical_gain(FINGER, DELAY)
+        reaction = react(PRESS, FINGER, gain, DELAY, end=float(times[-1]) + DELAY)
+        return reaction.position[np.searchsorted(reaction.times, times, side="right") - 1]
+    wall = SIMULATED.get("5b" if name == "5e" else name)
+    if wall is None:
+        return PRESS.at(times).position
+    return PRESS.deeper(wall.penetration).at(times - wall.delay).position
+
+
+def all_numbers() -> Table:
+    """Return the curves of all eight figures."""
+    times = figure_5.sample_times(SAMPLING)
+    curves = {f"{name}_{'error' if name == '5e' else 'force'}_N": FIGURES[name](times) for name in FIGURES}
+    return Table({"time_s": times, **curves})
+
+
+def drawer(name: str) -> "Callable[[Figure, Table], None]":
+    """Return what draws one of the figures: positions above, forces below.
+
+    Parameters
+    ----------
+    name : str
+        ``"5a"`` and so on.
+    """
+
+    def draw(figure: "Figure", table: Table) -> None:
+        above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 3))
+        times = 1e3 * table["time_s"]
+        above.plot(times, 1e3 * table["real_position_m"], **style.REAL)
+        below.plot(times, table["real_force_N"], **style.REAL, label="real wall")
+        if name != "5a":
+            kind = "error_N" if name == "5e" else "force_N"
+            stroke = style.line(style.PENALTY)
+            shown = {"5e": "simulated less real", "5f": "felt by the operator"}.get(name, "simulated wall")
+            above.plot(times, 1e3 * table["position_m"], **stroke)
+            below.plot(times, table[kind], **stroke, label=shown)
+            style.legend_above(figure, below, 2)
+        above.set_ylim(*POSITIONS_SHOWN)
+        above.set_yticks(POSITION_TICKS)
+        for instant, event in ((PRESS.touch_time, " touch"), (PRESS.loss_time, " leaves")):
+            above.text(1e3 * instant, POSITIONS_SHOWN[1], event, va="top", fontsize=6.5, color="0.35")
+        above.set_ylabel("position [mm]")
+        above.set_title(f"FIG {name}  {CAPTIONS[name]}", loc="left")
+        below.set_ylim(*FORCES_SHOWN)
+        below.set_ylabel("force [N]")
+        below.set_xlabel("time [ms]")
+        below.set_xlim(0.0, times[-1])
+        _mark_events(above, below)
+
+    return draw
+
+
+def draw_all(figure: "Figure", table: Table) -> None:
+    """Draw the forces of all eight figures on a page.
+
+    Parameters
+    ----------
+    figure : Figure
+        Empty.
+    table : Table
+        As of `all_numbers`.
+    """
+    panels = figure.subplots(4, 2, sharex=True, sharey=True).ravel()
+    times, real = 1e3 * table["time_s"], table["5a_force_N"]
+    for panel, name in zip(panels, FIGURES, strict=True):
+        panel.plot(times, real, **style.REAL, label="real wall")
+        if name != "5a":
+            curve = table[f"{name}_{'error' if name == '5e' else 'force'}_N"]
+            label = "simulated wall (5e: less the real one)"
+            panel.plot(times, curve, **style.line(style.PENALTY), label=label)
+        _mark_events(panel)
+    style.letter_panels(panels, (CAPTIONS[name] for name in FIGURES))
+    panels[0].set_ylim(*FORCES_SHOWN)
+    for panel in panels[::2]:
+        panel.set_ylabel("force [N]")
+    for panel in panels[-2:]:
+        panel.set_xlabel("time [ms]")
+        panel.set_xlim(0.0, times[-1])
+    style.legend_above(figure, panels[1], 2)
+
+
+def _mark_events(*panels: "Axes") -> None:
+    """Touch, and loss of the real wall."""
+    for panel in panels:
+        for instant in (PRESS.touch_time, PRESS.loss_time):
+            panel.axvline(1e3 * instant, **style.GUIDE)

@@ -1,0 +1,1 @@
+"""A finger as a chain of links."""

@@ -1,0 +1,1 @@
+"""The models of the paper: walls, presses, energies and FIG 5."""

@@ -1,0 +1,178 @@
+"""FIG 5a to 5h of the paper as arrays: one press, felt on a real wall and on simulated ones.
+
+Every function takes instants in seconds and gives forces in newtons. The paper's own curves are not known,
+only what it says of them; the press is assumed (PAPER 3.1).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from proximity.errors import DecaffError
+from proximity.studies.paper.reacting_operator import critical_gain, react
+from proximity.studies.paper.spring_damper import FINGER, SpringDamper, in_series
+from proximity.studies.paper.trajectories import Press
+from proximity.studies.paper.walls import Convention, RealWall, TraditionalWall
+
+PRESS = Press()
+DELAY = 0.040  # s, the paper's 25 Hz
+PENETRATION = PRESS.speed * DELAY  # m; more than a finger that slows down goes in that time
+SOFT = in_series(FINGER, SpringDamper(stiffness=200.0, damping=np.inf))  # 5g: 100 N/m
+LIGHTLY_DAMPED = in_series(FINGER, SpringDamper(stiffness=np.inf, damping=1.2))  # 5h: 1 N·s/m
+GAIN_SHARE = 1.5  # of the gain at which 5f becomes unstable; assumed: the paper gives none
+
+REAL = RealWall(FINGER)
+SIMULATED = {
+    "5b": TraditionalWall(FINGER, PENETRATION),
+    "5c": TraditionalWall(FINGER, PENETRATION, DELAY),
+    "5d": TraditionalWall(FINGER, delay=DELAY),
+    "5g": TraditionalWall(SOFT, PENETRATION, DELAY),
+    "5h": TraditionalWall(LIGHTLY_DAMPED, PENETRATION, DELAY),
+}
+
+
+def sample_times(step: float = 1e-5, end: float = 0.520) -> np.ndarray:
+    """Return evenly spaced instants from 0 on, (T,), s.
+
+    Parameters
+    ----------
+    step : float, s
+        Between two.
+    end : float, s
+        The last, if *step* divides it.
+    """
+    return np.arange(round(end / step) + 1) * step
+
+
+def real_wall(times: np.ndarray, press: Press = PRESS, convention: str = Convention.NEWTON) -> np.ndarray:
+    """Return FIG 5a: the real wall.
+
+    Parameters
+    ----------
+    times : (T,) float64, s
+        When.
+    press : Press
+        The motion on the real wall.
+    convention : Convention
+        Or its name.
+    """
+    return REAL.force(times, press, convention)
+
+
+def simulated_wall(
+    figure: str, times: np.ndarray, press: Press = PRESS, convention: str = Convention.NEWTON
+) -> np.ndarray:
+    """Return FIG 5b (penetrated), 5c (and late), 5d (late only), 5g (soft) or 5h (lightly damped).
+
+    Parameters
+    ----------
+    figure : str
+        ``"5b"`` and so on.
+    times, press, convention
+        As of `real_wall`.
+
+    Raises
+    ------
+    DecaffError
+        If it is none of these.
+    """
+    wall = SIMULATED.get(figure)
+    if wall is None:
+        raise DecaffError(
+            f"no simulated wall is shown in figure {figure!r}, expected one of {', '.join(SIMULATED)}"
+        )
+    return wall.force(times, press, convention)
+
+
+def penetration_error(
+    times: np.ndarray, press: Press = PRESS, convention: str = Convention.NEWTON
+) -> np.ndarray:
+    """Return FIG 5e: by how much 5b is above 5a. It is the same wall as 5b.
+
+    Parameters
+    ----------
+    times, press, convention
+        As of `real_wall`.
+    """
+    return simulated_wall("5b", times, press, convention) - real_wall(times, press, convention)
+
+
+def operator_reacts(
+    times: np.ndarray, press: Press = PRESS, *, gain: float | None = None, step: float = DELAY
+) -> np.ndarray:
+    """Return FIG 5f: the operator draws back from the force felt one step ago; held in between.
+
+    Parameters
+    ----------
+    times : (T,) float64, s
+        When.
+    press : Press
+        What the operator means to do.
+    gain : float, m/N
+        How far he draws back; 1.5 times what is stable where not given.
+    step : float, s
+        How late he reacts; assumed to be the delay.
+    """
+    gain = GAIN_SHARE * critical_gain(FINGER, step) if gain is None else gain
+    reaction = react(press, FINGER, gain, step, end=float(np.max(times, initial=0.0)) + step)
+    felt = np.searchsorted(reaction.times, np.asarray(times), side="right") - 1
+    return np.where(felt >= 0, reaction.force[np.maximum(felt, 0)], 0.0)
+
+
+FIGURES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "5a": real_wall,
+    "5b": lambda times: simulated_wall("5b", times),
+    "5c": lambda times: simulated_wall("5c", times),
+    "5d": lambda times: simulated_wall("5d", times),
+    "5e": penetration_error,
+    "5f": operator_reacts,
+    "5g": lambda times: simulated_wall("5g", times),
+    "5h": lambda times: simulated_wall("5h", times),
+}
+"""Every curve of the figure by its name, as functions of instants; all else as in the paper or assumed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """A simulated wall's force in numbers, beside the real wall's."""
+
+    peak: float  # N
+    peak_time: float  # s after the touch
+    steady: float  # N, when the finger begins to leave
+    end_time: float  # s, the last instant with a force
+    force_at_loss: float  # N, when the finger leaves the real wall
+    impulse_after_loss: float  # N·s, from then on
+    rms_error: float  # N, from the touch to `ERROR_WINDOW` after the loss
+
+
+ERROR_WINDOW = 0.080  # s
+
+
+def compare(times: np.ndarray, force: np.ndarray, real: np.ndarray, press: Press = PRESS) -> Comparison:
+    """Return what the paper's figure shows of a wall, in numbers.
+
+    Parameters
+    ----------
+    times : (T,) float64, s
+        Evenly spaced, from before the touch until no force is left.
+    force, real : (T,) float64, N
+        Of the wall, and of the real wall.
+    press : Press
+        The motion on the real wall.
+    """
+    step = times[1] - times[0]
+    half = 0.5 * step  # an instant counts as the one it is nearest to
+    is_after = times > press.loss_time - half
+    is_judged = (times > press.touch_time - half) & (times < press.loss_time + ERROR_WINDOW + half)
+    felt = np.flatnonzero(force > 0.0)
+    peak = int(np.argmax(force))
+    return Comparison(
+        peak=float(force[peak]),
+        peak_time=float(times[peak] - press.touch_time),
+        steady=float(np.interp(press.release_time, times, force)),
+        end_time=float(times[felt[-1]]) if len(felt) else float("nan"),
+        force_at_loss=float(np.interp(press.loss_time, times, force)),
+        impulse_after_loss=float(np.trapezoid(force[is_after], dx=step)),
+        rms_error=float(np.sqrt(np.mean((force - real)[is_judged] ** 2))),
+    )

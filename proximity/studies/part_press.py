@@ -1,0 +1,154 @@
+"""One press on a CAD part, as it is told: the engine in the loop, the ideal distance and the real surface."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from proximity.recording import Recording
+from proximity.scene.scene import Scene
+from proximity.studies.engine.engine_loop import press_on_part
+from proximity.studies.engine.engine_press import EnginePress
+from proximity.studies.engine.engine_setup import Distances, EngineSetup
+from proximity.studies.engine.placed_finger import place_finger
+from proximity.studies.engine.recorded_press import RecordedPress, recorded_hand
+from proximity.studies.figures import press_plots
+from proximity.studies.figures.tables import Table
+from proximity.studies.simulation.devices import SERVO_RATE
+from proximity.studies.simulation.hand import Hand
+from proximity.studies.simulation.metrics import drum_offset
+from proximity.studies.simulation.simulated_press import Felt, felt
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PartSimulation:
+    """A press on a part, with the engine and with the ideal distance in the same loop."""
+
+    engine: EnginePress
+    ideal: EnginePress
+    speed: float | None  # m/s, of the approach; None: as it was recorded
+
+    @property
+    def felt(self) -> tuple[Felt, Felt, Felt]:
+        """What was felt: with the engine, with the ideal distance, on the real wall."""
+        return felt(self.engine.response), felt(self.ideal.response), felt(self.engine.real)
+
+
+def simulate_on_part(
+    scene: Scene,
+    setup: EngineSetup,
+    *,
+    at: Sequence[float] | None = None,
+    speed: float = 0.1,
+    recording: Recording | None = None,
+) -> PartSimulation:
+    """Return a press on a part.
+
+    Parameters
+    ----------
+    scene : Scene
+        With parts.
+    setup : EngineSetup
+        How the finger is told of them.
+    at : three floats, m
+        Where the finger touches, as of `place_finger`; not of a recorded hand.
+    speed : float, m/s
+        Of the approach; not of a recorded hand.
+    recording : Recording
+        In the scene's frame: the finger that touches first is followed.
+
+    Raises
+    ------
+    DecaffError
+        As of `place_finger` and `recorded_hand`.
+    """
+    hand = Hand()
+    if recording is not None:
+        finger, recorded = recorded_hand(scene, recording)
+        runs = [press_on_part(finger, recorded, each, hand) for each in (setup, setup.ideal)]
+        return PartSimulation(runs[0], runs[1], None)
+    finger, press = place_finger(scene, at), hand.press(speed)
+    runs = [press_on_part(finger, press, each, hand) for each in (setup, setup.ideal)]
+    return PartSimulation(runs[0], runs[1], speed)
+
+
+def describe(simulation: PartSimulation) -> list[tuple[str, str]]:
+    """Return in words what was pressed on, by whom, and what told the drum.
+
+    Parameters
+    ----------
+    simulation : PartSimulation
+        The press.
+    """
+    press = simulation.engine
+    finger, setup, part = press.finger, press.setup, press.finger.scene.parts[press.finger.part]
+    surface = "rigid" if part.stiffness is None else f"{part.stiffness:g} N/m, {part.damping:g} N·s/m"
+    point = finger.point(finger.contact_bend) - finger.glove.finger.pad_radius * finger.normal
+    place = ", ".join(f"{round(1e3 * coordinate, 2) + 0.0:.2f}" for coordinate in point.tolist())
+    told = "a sensor at the far end" if setup.distances == Distances.SENSOR else "the tracker"
+    who = (
+        "controller" if setup.reading is None else f"{setup.reading.name.lower().replace('_', '-')} distances"
+    )
+    intent = press.response.press
+    comes = (
+        f"{intent.finger} of the recording"
+        if isinstance(intent, RecordedPress)
+        else f"{simulation.speed:g} m/s"
+    )
+    lines = [
+        ("part", f"{part.name}, {surface}, touched at ({place}) mm, incidence {finger.incidence:.3f}"),
+        ("approach", comes),
+        ("told by", f"{told} at {setup.rate:g} Hz, {1e3 * setup.expected_latency:g} ms late"),
+        ("drum", f"{who}, servo at {SERVO_RATE:g} Hz"),
+        ("frames", str(press.counts)),
+        ("states", ", ".join(f"{state} {count / SERVO_RATE:.3f} s" for state, count in press.states.items())),
+    ]
+    if math.isfinite(press.switched_at):
+        lines.append(("force", f"served from {1e3 * press.switched_at:.1f} ms after the touch on"))
+    return lines
+
+
+def document(simulation: PartSimulation) -> dict[str, Any]:
+    """Return all that is told of a press, as plain values in SI units.
+
+    Parameters
+    ----------
+    simulation : PartSimulation
+        The press.
+    """
+    press = simulation.engine
+    finger, setup = press.finger, press.setup
+    names = ("engine", "ideal", "real")
+    return {
+        "part": finger.scene.parts[finger.part].name,
+        "place": {
+            "fingertip": finger.point(finger.contact_bend).tolist(),
+            "normal": finger.normal.tolist(),
+            "incidence": finger.incidence,
+            "contact_bend": finger.contact_bend,
+        },
+        "speed": simulation.speed,
+        "distances": str(setup.distances),
+        "rate": setup.rate,
+        "latency": setup.expected_latency,
+        "told_contact": press.told_contact,
+        "told_error": press.told_error,
+        "drum_offset": drum_offset(press.response),
+        "switched_at": press.switched_at,
+        "states": {state: count / SERVO_RATE for state, count in press.states.items()},
+        "frames": {"received": press.counts.received, "lost": press.counts.lost},
+        "force_error": {"engine": asdict(press.error), "ideal": asdict(simulation.ideal.error)},
+        "felt": {name: asdict(each) for name, each in zip(names, simulation.felt, strict=True)},
+    }
+
+
+def numbers(simulation: PartSimulation) -> Table:
+    """Return the press every 0.1 ms, with the ideal distance and on the real wall beside it.
+
+    Parameters
+    ----------
+    simulation : PartSimulation
+        The press.
+    """
+    engine, ideal = simulation.engine, simulation.ideal.response
+    return press_plots.curves(engine.response, engine.real, has_drum=True, ideal=ideal)

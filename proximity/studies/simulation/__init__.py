@@ -1,0 +1,1 @@
+"""Hand, finger, wall and drum in closed loop."""

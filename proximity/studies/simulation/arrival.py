@@ -1,0 +1,120 @@
+"""From how far away a drum must be told of a wall, so that it stands there when the finger comes.
+
+By a formula, and by looking: presses are simulated with less and less reach until the drum is late.
+"""
+
+import math
+from dataclasses import replace
+
+from proximity.decaff.arguments import positive
+from proximity.decaff.drum.drum import Drum
+from proximity.decaff.drum.servo import Servo
+from proximity.errors import DecaffError
+from proximity.studies.simulation.closed_loop import decaff
+from proximity.studies.simulation.devices import Decaff, Sensing
+from proximity.studies.simulation.hand import Hand
+from proximity.studies.simulation.metrics import drum_lag
+
+SETTLING_SAMPLES = 15.0  # of the servo: what is left of its lag is then small (PAPER 4.2, 6.4)
+IN_PLACE = 1e-4  # m, from the wall (PAPER 6.4)
+GRID = 2e-3  # m, of the reaches that are tried (PAPER 6.4)
+FARTHEST = 0.160  # m, that is tried
+SWING = 6  # steps beyond the least reach, that are tried as well
+SHORT_HOLD = 1e-3  # s: what comes after the touch does not matter
+
+
+def arrival_time(drum: Drum, servo: Servo, distance: float) -> float:
+    """Return how long a drum is about to take from rest to rest, s: full speed-up, full braking, settling.
+
+    Parameters
+    ----------
+    drum, servo : Drum, Servo
+        What moves, and what drives it.
+    distance : float, m
+        How far.
+
+    Raises
+    ------
+    DecaffError
+        If the distance is not positive.
+    """
+    swing = 2.0 * math.sqrt(positive("distance", distance, "metres") / drum.acceleration)
+    return swing + SETTLING_SAMPLES * servo.period
+
+
+def look_ahead(speed: float, sensing: Sensing, arrival: float) -> float:
+    """Return from how far away a wall must be told, m: what a finger goes until the drum is there.
+
+    Parameters
+    ----------
+    speed : float, m/s
+        Of the finger.
+    sensing : Sensing
+        How late distances come, and how far apart.
+    arrival : float, s
+        What the drum needs.
+
+    Raises
+    ------
+    DecaffError
+        If the speed or the arrival time is not positive.
+    """
+    age = sensing.latency + 1.0 / sensing.rate
+    return positive("speed", speed, "metres a second") * (age + positive("arrival", arrival, "seconds"))
+
+
+def needed_look_ahead(hand: Hand, glove: Decaff, speed: float, *, grid: float = GRID) -> float:
+    """Return the least reach with which a drum is in place at the touch, m, of whole steps; by bisection.
+
+    Parameters
+    ----------
+    hand : Hand
+        Who presses.
+    glove : Decaff
+        With what; its reach does not matter.
+    speed : float, m/s
+        Of the finger.
+    grid : float, m
+        The steps.
+
+    Raises
+    ------
+    DecaffError
+        If the drum is late at the farthest reach.
+    """
+    press = hand.press(speed, hold=SHORT_HOLD)
+
+    def is_in_place(count: int) -> bool:
+        sensing = replace(glove.sensing, reach=count * grid)
+        return abs(drum_lag(decaff(hand, press, replace(glove, sensing=sensing)))) <= IN_PLACE
+
+    late, early = 0, round(FARTHEST / positive("grid", grid, "metres"))
+    if not is_in_place(early):
+        raise DecaffError(f"the drum is late at {speed:g} m/s, even when told from {FARTHEST:g} m away")
+    while early - late > 1:
+        middle = (late + early) // 2
+        late, early = (late, middle) if is_in_place(middle) else (middle, early)
+    # A drum that swings past its place is there for a moment on its way: it must be there from then on.
+    later = [count for count in range(early + 1, early + 1 + SWING) if not is_in_place(count)]
+    return (max(later, default=late) + 1) * grid
+
+
+def age_on_curve(error: float, curvature: float, speed: float) -> float:
+    """Return how old one distance may be on a curved path, s: latency and the time between measurements.
+
+    Parameters
+    ----------
+    error : float, m
+        How wrong the contact location may be.
+    curvature : float, 1/m
+        Of the distance along the finger's path (PAPER 6.5, 9.3).
+    speed : float, m/s
+        Of the finger.
+
+    Raises
+    ------
+    DecaffError
+        If a number is not positive.
+    """
+    way = math.sqrt(2.0 * positive("error", error, "metres") / positive("curvature", curvature, "1/m"))
+    return way / positive("speed", speed, "metres a second")

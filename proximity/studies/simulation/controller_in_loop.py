@@ -1,0 +1,85 @@
+"""The drum's controller in the closed loop: what the loop tells becomes frames, its actions become commands.
+
+The loop's wall is at 0 and its drum waits at some distance from it; the finger's way is laid so that this is
+where the controller's drum is retracted.
+"""
+
+import math
+
+import numpy as np
+
+from proximity.decaff.controller.controller import FingerController
+from proximity.decaff.controller.controller_states import DrumAction, FrameMark, Observation, commanded
+from proximity.decaff.drum.drum_command import DriveMode, DrumCommand
+from proximity.decaff.glove.finger_path import FingerPath
+from proximity.message import CONTACT, Mode, State, Surface
+from proximity.message.contact import ContactFlag
+from proximity.studies.simulation.target_policies import Holding, Message, Sight
+
+START_NS = 1_000_000_000_000  # the loop's 0 on the clock of frames: its times are negative before the contact
+
+
+class ControllerDoor:
+    """A `FingerController` as `closed_loop.decaff` asks one.
+
+    Parameters
+    ----------
+    controller : FingerController
+        Of the same rate as the loop's servo.
+    path : FingerPath
+        Of the controller.
+    holding : Holding
+        Of the loop's glove.
+    """
+
+    action: DrumAction | None  # of the last sample
+
+    def __init__(
+        self, controller: FingerController, path: FingerPath, holding: Holding | None = None
+    ) -> None:
+        self.controller, self._path, self.action = controller, path, None
+        self._frame: FrameMark | None = None
+        self._wall = path.retracted - (holding or Holding()).retracted
+        self._contact = np.zeros(1, CONTACT)[0]
+        self._contact["flags"] = ContactFlag.TRACKED | ContactFlag.EXACT | ContactFlag.SIGNED
+        self._contact["normal"] = math.nan
+        self._contact["mode"], self._contact["surface"] = Mode.POSITION, Surface.RIGID
+
+    def command(self, sight: Sight) -> DrumCommand:
+        """Return what the drum shall do.
+
+        Parameters
+        ----------
+        sight : Sight
+            Of this sample.
+        """
+        if sight.message is not None:
+            self._write(sight.message)
+        path, now_ns = self._path, START_NS + round(1e9 * sight.now)
+        action = self.controller.step(
+            Observation(
+                now_ns,
+                path.bend(self._wall + sight.link),
+                path.drum_angle(self._wall + sight.drum),
+                State.STALE if sight.message is None else State.OK,
+                None if sight.message is None else self._contact,
+                sight.force,
+                sample_ns=now_ns,
+                frame=self._frame,
+            )
+        )
+        self.action = action
+        target = action.force if action.mode is DriveMode.FORCE else action.place - self._wall
+        return commanded(action, target)
+
+    def _write(self, message: Message) -> None:
+        """Write a distance as a frame would have it: with the place of contact on the finger's way."""
+        told, path = self._contact, self._path
+        pose_ns = START_NS + round(1e9 * message.at)
+        if self._frame is None or pose_ns != self._frame.start_ns:
+            self._frame = FrameMark(0, 0 if self._frame is None else self._frame.sequence + 1, pose_ns)
+        told["pose_ns"] = pose_ns
+        told["bend"] = path.bend(self._wall + message.link)
+        told["contact_bend"] = path.bend(self._wall + message.link + message.distance)
+        for name in ("signed_distance", "lower", "upper"):
+            told[name] = message.distance

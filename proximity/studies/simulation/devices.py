@@ -1,0 +1,115 @@
+"""What a finger presses with and on: links, penalty walls, and gloves with a drum that are told distances."""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from proximity.decaff.arguments import finite, not_negative, positive, whole
+from proximity.decaff.drum.drum import DIRECT, GEAR4, Drum
+from proximity.decaff.drum.servo import Servo, servo_for
+from proximity.errors import DecaffError
+from proximity.studies.simulation import loop_kernels
+from proximity.studies.simulation.target_policies import Holding
+
+SERVO_RATE = 3000.0  # Hz (PAPER 6.3, 12)
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """What moves with the finger: the replica's link, and how hard its touch of the drum is."""
+
+    mass: float = 0.005  # kg, at the fingertip; assumed: PAPER 6.1
+    damping: float = 0.0  # N s/m
+    contact_stiffness: float = 50_000.0  # N/m; assumed: PAPER 6.1
+    contact_damping: float = 20.0  # N s/m; assumed: with it an ideal drum errs as in PAPER 6.3
+
+    def __post_init__(self) -> None:
+        positive("mass", self.mass, "kilograms")
+        not_negative("damping", self.damping, "newton seconds a metre")
+        positive("contact_stiffness", self.contact_stiffness, "newtons a metre")
+        not_negative("contact_damping", self.contact_damping, "newton seconds a metre")
+
+
+# Link and rotor of a traditional glove, which hang on the finger; assumed: PAPER 6.1.
+COUPLED_DEVICE = Link(mass=0.020, damping=0.05)
+MASSLESS_MOTOR = Link(mass=0.005, damping=0.05)
+
+
+@dataclass(frozen=True, slots=True)
+class PenaltyWall:
+    """A traditional wall: a spring and a damper on sampled positions, late, held, never pulling."""
+
+    stiffness: float  # N/m
+    damping: float  # N s/m, on the difference of two samples
+    rate: float = 1000.0  # Hz
+    latency: float = 0.001  # s, beyond sampling and holding
+    resolution: float = DIRECT.resolution  # m, of an encoder without a gear
+
+    def __post_init__(self) -> None:
+        not_negative("stiffness", self.stiffness, "newtons a metre")
+        not_negative("damping", self.damping, "newton seconds a metre")
+        positive("rate", self.rate, "hertz")
+        not_negative("latency", self.latency, "seconds")
+        not_negative("resolution", self.resolution, "metres")
+
+
+@dataclass(frozen=True, slots=True)
+class Sensing:
+    """How distances to the wall are measured: how often, how late, how far, how well."""
+
+    rate: float = 1000.0  # Hz
+    latency: float = 0.001  # s, from measurement to delivery
+    reach: float = 0.100  # m, farther distances are not told
+    bias: float = 0.0  # m, added to each
+    scale_error: float = 0.0  # share, by which each is too large
+    noise: float = 0.0  # m, rms
+    wall_speed: float = 0.0  # m/s, positive away from the finger
+    phase: float = 0.5  # of a period, before the first measurement; assumed
+    seed: int = 7
+
+    def __post_init__(self) -> None:
+        positive("rate", self.rate, "hertz")
+        not_negative("latency", self.latency, "seconds")
+        positive("reach", self.reach, "metres")
+        finite("bias", self.bias, "metres")
+        finite("scale_error", self.scale_error, "shares")
+        not_negative("noise", self.noise, "metres")
+        finite("wall_speed", self.wall_speed, "metres a second")
+        if not not_negative("phase", self.phase, "periods") < 1.0:
+            raise DecaffError(f"phase is {self.phase!r}, expected one below 1 of a period")
+        whole("seed", self.seed, 0)
+
+    def as_array(self) -> np.ndarray:
+        """Return its numbers as the kernels read them."""
+        array = np.zeros(loop_kernels.SENSING_SIZE)
+        array[loop_kernels.RATE] = self.rate
+        array[loop_kernels.LATENCY] = self.latency
+        array[loop_kernels.REACH] = self.reach
+        array[loop_kernels.BIAS] = self.bias
+        array[loop_kernels.SCALE_ERROR] = self.scale_error
+        array[loop_kernels.WALL_SPEED] = self.wall_speed
+        array[loop_kernels.SENSING_PHASE] = self.phase
+        return array
+
+    def noises(self, duration: float) -> np.ndarray:
+        """Return the error of each distance that is measured in so many seconds, m; the same on every run."""
+        if self.noise == 0.0:
+            return np.zeros(1)
+        count = math.ceil(duration * self.rate) + 1
+        return self.noise * np.random.default_rng(self.seed).standard_normal(count)
+
+
+@dataclass(frozen=True, slots=True)
+class Decaff:
+    """A glove with a contact drum: what it is made of, and what it is told."""
+
+    drum: Drum = GEAR4
+    servo: Servo = None  # type: ignore[assignment]  # None: the one that suits the drum, at 3 kHz
+    link: Link = field(default_factory=Link)
+    sensing: Sensing = field(default_factory=Sensing)
+    holding: Holding = field(default_factory=Holding)
+
+    def __post_init__(self) -> None:
+        if self.servo is None:
+            object.__setattr__(self, "servo", servo_for(self.drum, SERVO_RATE))

@@ -1,0 +1,102 @@
+"""From position to force: when a first contact has come to rest, and how the drum changes over.
+
+In teleoperation the drum first stands where the wall is; when the force is steady, it serves the force that
+the slave measures. The force reference starts at the force that is felt, and the integrator takes up what
+else the motor does.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from proximity.decaff.controller.steady_force import Handover, SteadyForce
+from proximity.decaff.drum.drum_command import DriveMode, DrumCommand
+from proximity.studies.simulation.response import Response
+from proximity.studies.simulation.target_policies import Controller, Sight
+
+BUMP_TIME = 0.3  # s after a change of mode, in which a bump is looked for
+
+
+@dataclass(frozen=True, slots=True)
+class Slave:
+    """What the far end tells."""
+
+    force: float  # N, measured
+    distance: float = 0.0  # m, from its object
+
+
+class ForceAfterContact:
+    """A controller for teleoperation: position at first contact, the slave's force once the force is steady.
+
+    Parameters
+    ----------
+    place : Controller
+        Who says where the drum stands as long as the position is served.
+    slave : function of seconds to Slave
+        What the far end tells.
+    rate : float, Hz
+        Of the servo.
+    handover : Handover
+        How the modes change.
+    """
+
+    switched_at: float  # s; nan while the position is served
+
+    def __init__(
+        self,
+        place: Controller,
+        slave: Callable[[float], Slave],
+        rate: float,
+        handover: Handover | None = None,
+    ) -> None:
+        self._place, self._slave, self._rate = place, slave, rate
+        self._handover = handover or Handover()
+        self._steady = SteadyForce(rate, self._handover.rule)
+        self._lost_for = 0.0
+        self.switched_at = math.nan
+
+    def command(self, sight: Sight) -> DrumCommand:
+        """Return where the drum shall go, or with what force it shall press.
+
+        Parameters
+        ----------
+        sight : Sight
+            Of this sample.
+        """
+        command = self._place.command(sight)
+        slave = self._slave(sight.now)
+        is_steady = self._steady.take(sight.force, sight.finger_speed)
+        if math.isnan(self.switched_at):
+            if is_steady and not slave.distance > self._handover.lost_distance:
+                self.switched_at, self._lost_for = sight.now, 0.0
+        elif self._is_lost(sight.force, slave.distance):
+            self.switched_at = math.nan
+        if math.isnan(self.switched_at):
+            return command
+        start = self._steady.filtered if self._handover.is_bumpless else math.nan
+        return DrumCommand(DriveMode.FORCE, slave.force, start_force=start)
+
+    def _is_lost(self, force: float, distance: float) -> bool:
+        """No force for a while, or the slave is off its object."""
+        is_weak = force < self._handover.lost_force
+        self._lost_for = self._lost_for + 1.0 / self._rate if is_weak else 0.0
+        return distance > self._handover.lost_distance or self._lost_for >= self._handover.lost_time
+
+
+def bump(response: Response, at: float, time: float = BUMP_TIME) -> float:
+    """Return by how much the force on the finger departs from what it was at a change of mode, at most, N.
+
+    Parameters
+    ----------
+    response : Response
+        The press.
+    at : float, s
+        Of the change.
+    time : float, s
+        How long to look.
+    """
+    row = response.zero + round(at / response.step)
+    after = response.force[row : row + round(time / response.step)]
+    return float(np.abs(after - response.force[row]).max())

@@ -1,0 +1,55 @@
+"""What a press came to: forces and positions, instant by instant."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from proximity.studies.paper.trajectories import Intent
+from proximity.studies.simulation import finger_kernels
+from proximity.studies.simulation.hand import Hand
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Response:
+    """What a press on a wall came to; N steps. Arrays are views of one record."""
+
+    hand: Hand
+    press: Intent
+    step: float  # s
+    zero: int  # row of the contact
+    record: np.ndarray  # (RECORD_SIZE, N), rows of `finger_kernels`
+
+    @property
+    def times(self) -> np.ndarray:
+        """(N,) s, from the contact."""
+        return self.step * (np.arange(self.record.shape[1]) - self.zero)
+
+    @property
+    def force(self) -> np.ndarray:
+        """(N,) N, of the pad on the finger."""
+        return self.record[finger_kernels.FORCE]
+
+    @property
+    def finger(self) -> np.ndarray:
+        """(N,) m."""
+        return self.record[finger_kernels.FINGER]
+
+    @property
+    def finger_speed(self) -> np.ndarray:
+        """(N,) m/s."""
+        return self.record[finger_kernels.FINGER_SPEED]
+
+    @property
+    def link(self) -> np.ndarray:
+        """(N,) m, of what the pad presses on."""
+        return self.record[finger_kernels.LINK]
+
+    @property
+    def drum(self) -> np.ndarray:
+        """(N,) m."""
+        return self.record[finger_kernels.DRUM]
+
+    @property
+    def contact(self) -> np.ndarray:
+        """(N,) N, of wall or drum on the link."""
+        return self.record[finger_kernels.CONTACT]

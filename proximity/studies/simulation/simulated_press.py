@@ -1,0 +1,202 @@
+"""One press on one wall, as told by a few numbers, beside the same press on a real wall."""
+
+import math
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+from typing import Any
+
+from proximity.decaff.arguments import not_negative
+from proximity.decaff.drum.drum import DRUMS
+from proximity.errors import DecaffError
+from proximity.studies.simulation.closed_loop import decaff, penalty_wall, real_wall
+from proximity.studies.simulation.devices import SERVO_RATE, Decaff, PenaltyWall
+from proximity.studies.simulation.hand import Hand
+from proximity.studies.simulation.metrics import drum_offset, force_error, onset, rest, work
+from proximity.studies.simulation.response import Response
+from proximity.studies.simulation.sweeps import best_penalty_wall, with_drum, with_latency
+from proximity.studies.simulation.target_policies import Target
+
+SPEEDS_ALLOWED = (0.01, 10.0)  # m/s; slower presses are long, and need much memory
+RATES_ALLOWED = (5.0, 50_000.0)  # Hz
+LONGEST_LATENCY = 1.0  # s
+STIFFEST, MOST_DAMPED = 1e6, 1e4  # N/m and N s/m, of a coupled wall; beyond, what is unstable overflows
+POLICIES = {
+    "naive": Target.NAIVE,
+    "latched": Target.LATCHED,
+    "feed-forward": Target.FEED_FORWARD,
+    "time-stamped": Target.TIME_STAMPED,
+}
+
+
+class Wall(StrEnum):
+    """What is pressed on."""
+
+    REAL = "real"
+    COUPLED = "coupled"
+    """A traditional wall: a spring and a damper, by a motor that the finger carries."""
+    DECAFF = "decaff"
+    """A drum that stands where the wall is said to be."""
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """What a press is simulated with; what does not concern its wall is not looked at."""
+
+    wall: Wall = Wall.DECAFF
+    speed: float = 0.1  # m/s
+    latency: float = 0.001  # s, of forces or of distances
+    rate: float = 1000.0  # Hz, of forces or of distances
+    drum: str = "gear4"  # of `DRUMS`; its servo runs at 3 kHz
+    policy: str = "time-stamped"  # of `POLICIES`
+    stiffness: float | None = None  # N/m, of a coupled wall; None: the best of a grid, as is the damping
+    damping: float | None = None  # N s/m
+
+    def __post_init__(self) -> None:
+        _within("speed", self.speed, SPEEDS_ALLOWED, "metres a second")
+        _within("rate", self.rate, RATES_ALLOWED, "hertz")
+        _within("latency", self.latency, (0.0, LONGEST_LATENCY), "seconds")
+        _one_of("wall", self.wall, tuple(Wall))
+        _one_of("drum", self.drum, tuple(DRUMS))
+        _one_of("policy", self.policy, tuple(POLICIES))
+        if (self.stiffness is None) != (self.damping is None):
+            raise DecaffError("stiffness and damping are tuned together: expected both of them, or none")
+        if self.stiffness is not None and self.damping is not None:
+            _within("stiffness", self.stiffness, (0.0, STIFFEST), "newtons a metre")
+            _within("damping", self.damping, (0.0, MOST_DAMPED), "newton seconds a metre")
+
+
+@dataclass(frozen=True, slots=True)
+class Felt:
+    """A press in a few numbers."""
+
+    onset: float  # s after the touch, from 0.1 N on
+    peak: float  # N
+    steady: float  # N, mean at rest
+    ripple: float  # N, standard deviation at rest
+    penetration: float  # m, farthest past the wall before the release
+    work: float  # J, of the finger until the release
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Simulation:
+    """A press that was simulated."""
+
+    setup: Setup
+    response: Response
+    real: Response  # the same on a real wall, at the same instants
+    penalty: PenaltyWall | None  # the coupled wall, tuned
+
+    @property
+    def felt(self) -> Felt:
+        """What was felt."""
+        return felt(self.response)
+
+    @property
+    def force_error(self) -> float:
+        """Rms of the difference from the real force over the real rms, from contact on."""
+        return force_error(self.response, self.real)
+
+    @property
+    def drum_offset(self) -> float:
+        """How far past the wall the drum is when the link meets it, m; nan where there is none."""
+        return drum_offset(self.response) if self.setup.wall == Wall.DECAFF else math.nan
+
+
+def simulate(setup: Setup) -> Simulation:
+    """Return a press on a wall.
+
+    Parameters
+    ----------
+    setup : Setup
+        With what.
+
+    Raises
+    ------
+    DecaffError
+        If the stiffness or the damping is negative.
+    """
+    hand, penalty = Hand(), None
+    press = hand.press(setup.speed)
+    if setup.wall == Wall.COUPLED:
+        penalty = _penalty(hand, setup)
+        response = penalty_wall(hand, press, penalty)
+    elif setup.wall == Wall.DECAFF:
+        glove = with_drum(Decaff(), DRUMS[setup.drum], SERVO_RATE)
+        told = with_latency(glove, setup.latency, setup.rate)
+        response = decaff(hand, press, told, POLICIES[setup.policy])
+    else:
+        response = real_wall(hand, press)
+    return Simulation(setup, response, real_wall(hand, press, like=response), penalty)
+
+
+def felt(response: Response) -> Felt:
+    """Return a press in a few numbers.
+
+    Parameters
+    ----------
+    response : Response
+        The press.
+    """
+    at_rest = response.force[rest(response)]
+    before_release = response.times < response.press.release_time
+    return Felt(
+        onset(response),
+        float(response.force.max()),
+        float(at_rest.mean()),
+        float(at_rest.std()),
+        float(response.link[before_release].max()),
+        work(response),
+    )
+
+
+def _penalty(hand: Hand, setup: Setup) -> PenaltyWall:
+    if setup.stiffness is None or setup.damping is None:
+        return best_penalty_wall(hand, setup.rate, setup.latency)
+    return PenaltyWall(setup.stiffness, setup.damping, setup.rate, setup.latency)
+
+
+def _within(name: str, value: float, limits: tuple[float, float], unit: str) -> None:
+    if not limits[0] <= not_negative(name, value, unit) <= limits[1]:
+        raise DecaffError(f"{name} is {value:g}, expected {limits[0]:g} to {limits[1]:g} {unit}")
+
+
+def _one_of(name: str, value: str, known: tuple[str, ...]) -> None:
+    if value not in known:
+        raise DecaffError(f"{name} is {value!r}, expected one of {', '.join(known)}")
+
+
+def describe(simulation: Simulation) -> str:
+    """Return a wall in words.
+
+    Parameters
+    ----------
+    simulation : Simulation
+        A press on it.
+    """
+    setup = simulation.setup
+    late = f"{1e3 * setup.latency:g} ms of latency at {setup.rate:g} Hz"
+    if setup.wall == Wall.COUPLED:
+        return f"coupled, {late}"
+    if setup.wall == Wall.DECAFF:
+        return f"DECAFF, drum {setup.drum}, {setup.policy} distances, {late}"
+    return "real"
+
+
+def document(simulation: Simulation) -> dict[str, Any]:
+    """Return all that is told of a press, as plain values in SI units.
+
+    Parameters
+    ----------
+    simulation : Simulation
+        The press.
+    """
+    setup, penalty = simulation.setup, simulation.penalty
+    told: dict[str, Any] = {"wall": str(setup.wall), "speed": setup.speed}
+    if setup.wall != Wall.REAL:
+        told |= {"latency": setup.latency, "rate": setup.rate}
+    if setup.wall == Wall.DECAFF:
+        told |= {"drum": setup.drum, "policy": setup.policy, "drum_offset": simulation.drum_offset}
+    if penalty is not None:
+        told |= {"stiffness": penalty.stiffness, "damping": penalty.damping}
+    told["force_error"] = simulation.force_error
+    return told | {"felt": asdict(simulation.felt), "real": asdict(felt(simulation.real))}

@@ -1,0 +1,150 @@
+"""Many presses at once: walls against speed, latency, rate and drum (PAPER 6.2 to 6.5).
+
+A penalty wall is given the best stiffness and damping of a grid for its rate and latency: the most favourable
+tuning there is, one for all speeds.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from proximity.decaff.drum.drum import Drum
+from proximity.decaff.drum.servo import servo_for
+from proximity.studies.simulation.closed_loop import decaff, penalty_wall, real_wall
+from proximity.studies.simulation.devices import COUPLED_DEVICE, Decaff, Link, PenaltyWall
+from proximity.studies.simulation.hand import Hand
+from proximity.studies.simulation.metrics import Deviation, deviation, force_error
+from proximity.studies.simulation.response import Response
+from proximity.studies.simulation.target_policies import Controller, Target
+
+SPEEDS = (0.1, 0.25, 0.5, 1.0)  # m/s (PAPER 6)
+# N/m: six to a decade, from softer than the hand to stiffer than any sampled wall here can be.
+STIFFNESSES = tuple(50.0 * 10.0 ** (k / 6.0) for k in range(16))
+# Damping over stiffness, in units of latency and period together; assumed: with these the best are PAPER's.
+DAMPING_RATIOS = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.5, 3.0)
+TUNING_STEP = 2e-5  # s, of the simulation
+HOPELESS = 3.0  # an error from which on a stiffer wall is not tried
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Row:
+    """One wall at several speeds."""
+
+    wall: PenaltyWall | Decaff
+    speeds: tuple[float, ...]  # m/s
+    deviations: tuple[Deviation, ...]  # one a speed
+
+    @property
+    def errors(self) -> np.ndarray:
+        """Force errors, one a speed."""
+        return np.array([one.error for one in self.deviations])
+
+
+def best_penalty_wall(
+    hand: Hand,
+    rate: float,
+    latency: float,
+    *,
+    device: Link = COUPLED_DEVICE,
+    speeds: Sequence[float] = SPEEDS,
+) -> PenaltyWall:
+    """Return the wall of the grid whose force errors, averaged over the speeds, are least.
+
+    Parameters
+    ----------
+    hand : Hand
+        Who presses.
+    rate : float, Hz
+        Samples a second.
+    latency : float, s
+        Beyond sampling and holding.
+    device : Link
+        What hangs on the finger.
+    speeds : floats, m/s
+        At which it is to serve.
+    """
+    presses = [hand.press(speed) for speed in speeds]
+    references: list[Response] = []
+    best, best_error = PenaltyWall(0.0, 0.0, rate, latency), np.inf
+    for ratio in DAMPING_RATIOS:
+        for stiffness in STIFFNESSES:
+            damping = ratio * stiffness * (latency + 1.0 / rate)
+            wall = PenaltyWall(stiffness, damping, rate, latency)
+            responses = [
+                penalty_wall(hand, press, wall, device=device, step=TUNING_STEP) for press in presses
+            ]
+            references = references or [real_wall(hand, one.press, like=one) for one in responses]
+            errors = [force_error(one, real) for one, real in zip(responses, references, strict=True)]
+            if np.mean(errors) < best_error:
+                best, best_error = wall, float(np.mean(errors))
+            if errors[0] > HOPELESS:
+                break
+    return best
+
+
+def penalty_row(
+    hand: Hand, wall: PenaltyWall, *, device: Link = COUPLED_DEVICE, speeds: Sequence[float] = SPEEDS
+) -> Row:
+    """Return how far a penalty wall is from a real one at several speeds.
+
+    Parameters
+    ----------
+    hand, wall, device
+        As of `closed_loop.penalty_wall`.
+    speeds : floats, m/s
+        Of the approach.
+    """
+    deviations = (deviation(penalty_wall(hand, hand.press(speed), wall, device=device)) for speed in speeds)
+    return Row(wall, tuple(speeds), tuple(deviations))
+
+
+def drum_row(
+    hand: Hand,
+    glove: Decaff,
+    target: Target | Controller = Target.TIME_STAMPED,
+    *,
+    speeds: Sequence[float] = SPEEDS,
+) -> Row:
+    """Return how far a drum is from a real wall at several speeds.
+
+    Parameters
+    ----------
+    hand, glove, target
+        As of `closed_loop.decaff`. A controller with a memory goes from press to press with it.
+    speeds : floats, m/s
+        Of the approach.
+    """
+    deviations = (deviation(decaff(hand, hand.press(speed), glove, target)) for speed in speeds)
+    return Row(glove, tuple(speeds), tuple(deviations))
+
+
+def with_latency(glove: Decaff, latency: float, rate: float | None = None) -> Decaff:
+    """Return the same glove, told later.
+
+    Parameters
+    ----------
+    glove : Decaff
+        As it is.
+    latency : float, s
+        From measurement to delivery.
+    rate : float, Hz
+        Of the distances; as it is where not given.
+    """
+    sensing = replace(glove.sensing, latency=latency, rate=rate or glove.sensing.rate)
+    return replace(glove, sensing=sensing)
+
+
+def with_drum(glove: Decaff, drum: Drum, rate: float) -> Decaff:
+    """Return the same glove with another drum, and the servo that suits it.
+
+    Parameters
+    ----------
+    glove : Decaff
+        As it is.
+    drum : Drum
+        The other.
+    rate : float, Hz
+        Of its servo.
+    """
+    return replace(glove, drum=drum, servo=servo_for(drum, rate))

@@ -1,0 +1,120 @@
+"""How a drum's target is made of what is known: four readings of a distance, and the door for a controller.
+
+A distance is old when it arrives. What it is combined with decides everything (PAPER 6.3): with the link's
+present position it is wrong by the way gone since; with the position at the same instant it is a place in the
+world.
+"""
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Protocol
+
+import numpy as np
+
+from proximity.decaff.arguments import positive
+from proximity.decaff.drum.drum_command import DriveMode, DrumCommand
+from proximity.studies.simulation import loop_kernels
+
+
+class Target(IntEnum):
+    """Which position goes with a distance."""
+
+    NAIVE = loop_kernels.NAIVE
+    """Where the link is now, in contact too: the paper's "proportionate position", taken at its word."""
+    LATCHED = loop_kernels.LATCHED
+    """Where the link is now; held from touch to release."""
+    FEED_FORWARD = loop_kernels.FEED_FORWARD
+    """Where the link is now, the distance less the way gone since at the old speed; held."""
+    TIME_STAMPED = loop_kernels.TIME_STAMPED
+    """Where the link was when the distance was measured; held."""
+
+
+@dataclass(frozen=True, slots=True)
+class Holding:
+    """When a target is held, and where the drum waits otherwise."""
+
+    retracted: float = 0.030  # m; assumed: PAPER 6.4
+    touch_gap: float = 30e-6  # m, of link and drum: nearer is touching (PAPER 8)
+    release_gap: float = 1e-3  # m, farther is released (PAPER 8)
+
+    def __post_init__(self) -> None:
+        positive("retracted", self.retracted, "metres")
+        positive("touch_gap", self.touch_gap, "metres")
+        positive("release_gap", self.release_gap, "metres")
+
+    def as_array(self) -> np.ndarray:
+        """Return its numbers as the kernels read them."""
+        array = np.zeros(loop_kernels.HOLDING_SIZE)
+        array[loop_kernels.RETRACTED] = self.retracted
+        array[loop_kernels.TOUCH_GAP] = self.touch_gap
+        array[loop_kernels.RELEASE_GAP] = self.release_gap
+        return array
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """A distance, with what was known of the link at the same instant."""
+
+    at: float  # s, of the measurement
+    link: float  # m
+    speed: float  # m/s, of the link
+    distance: float  # m, to the wall
+
+
+@dataclass(frozen=True, slots=True)
+class Sight:
+    """What a controller knows at a sample of the servo."""
+
+    now: float  # s
+    link: float  # m, by the potentiometer
+    speed: float  # m/s, of the link
+    finger_speed: float  # m/s, behind the pad: where the link is stopped, the finger still goes on
+    drum: float  # m, where it is
+    force: float  # N, between link and drum
+    motor_force: float  # N, positive away from the finger
+    message: Message | None  # the newest delivered; None: none, or nothing within reach
+
+
+class Controller(Protocol):
+    """Whatever decides, every sample, what the drum does: a policy here, or a real controller."""
+
+    def command(self, sight: Sight) -> DrumCommand:
+        """Return what the drum shall do until the next sample."""
+        ...
+
+
+class TargetPolicy:
+    """One of the four readings of a distance, as a controller: what the compiled loop does, sample by sample.
+
+    Parameters
+    ----------
+    target : Target
+        The reading.
+    holding : Holding
+        When the target is held.
+    """
+
+    def __init__(self, target: Target, holding: Holding | None = None) -> None:
+        self._kind = int(Target(target))
+        self._holding = (holding or Holding()).as_array()
+        self._memory = np.zeros(loop_kernels.MEMORY_SIZE)
+        self._message = np.zeros(loop_kernels.MESSAGE_SIZE)
+
+    def command(self, sight: Sight) -> DrumCommand:
+        """Return where the drum shall go.
+
+        Parameters
+        ----------
+        sight : Sight
+            Of this sample.
+        """
+        message = self._message
+        message[loop_kernels.AT] = -math.inf
+        if sight.message is not None:
+            told = sight.message
+            message[:] = told.at, told.link, told.speed, told.distance
+        place = loop_kernels.choose_target(
+            self._kind, sight.now, sight.link, sight.drum, message, self._holding, self._memory
+        )
+        return DrumCommand(DriveMode.POSITION, place)

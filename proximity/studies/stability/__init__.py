@@ -1,0 +1,1 @@
+"""Stability of sampled and delayed walls."""
