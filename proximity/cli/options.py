@@ -1,8 +1,11 @@
 """Options that several commands share."""
 
+import inspect
 import math
+from collections.abc import Callable
+from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, get_type_hints
 
 import typer
 
@@ -88,3 +91,42 @@ def load_options(step_tolerance: float, unpacked_limit: float) -> dict[str, floa
         if not 0.0 < value < math.inf:
             raise typer.BadParameter(f"{value:g}: expected more than 0", param_hint=name)
     return {"step_tolerance": step_tolerance / 1e3, "unpacked_limit": unpacked_limit * 1e9}
+
+
+def with_option_groups(command: Callable[..., None]) -> Callable[..., None]:
+    """Return a command in which every field of a dataclass among its parameters is an option of its own.
+
+    Parameters
+    ----------
+    command : function
+        Its annotations, and those of the dataclasses, are what Typer takes.
+    """
+    hints = get_type_hints(command, include_extras=True)
+    groups: dict[str, Any] = {name: kind for name, kind in hints.items() if is_dataclass(kind)}
+    parameters: list[inspect.Parameter] = []
+    for parameter in inspect.signature(command).parameters.values():
+        if parameter.name not in groups:
+            parameters.append(parameter.replace(kind=parameter.KEYWORD_ONLY))
+            continue
+        group = groups[parameter.name]
+        types = get_type_hints(group, include_extras=True)
+        hints |= types
+        for field in fields(group):
+            default = parameter.empty if field.default is MISSING else field.default
+            parameters.append(
+                inspect.Parameter(
+                    field.name, parameter.KEYWORD_ONLY, default=default, annotation=types[field.name]
+                )
+            )
+
+    def run(**given: Any) -> None:
+        made = {
+            name: group(**{field.name: given.pop(field.name) for field in fields(group)})
+            for name, group in groups.items()
+        }
+        command(**made, **given)
+
+    run.__doc__ = command.__doc__
+    run.__annotations__ = {name: hint for name, hint in hints.items() if name not in groups}
+    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    return run

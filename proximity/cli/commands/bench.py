@@ -37,42 +37,50 @@ HAND = "hand.csv"
 REPORT = Path("latency.html")
 
 
+SCENE = Annotated[Path, typer.Argument(metavar="SCENE", help="A scene file (.toml), or parts.")]
+RECORDING = Annotated[
+    Path | None,
+    typer.Option(
+        "--recording", metavar="CSV", help="Of a hand, fitted to the parts; else SCENE's, or a sample."
+    ),
+]
+GATE = Annotated[str | None, typer.Option("--gate", metavar="PERIOD", help="To fit: 1ms, 200us, 1kHz ...")]
+OUT = Annotated[
+    Path | None,
+    typer.Option(
+        "--out",
+        metavar="FILE",
+        help=f"Write the report: .html, or .json alone. Else {REPORT}, or --json.",
+    ),
+]
+FINGERS = Annotated[
+    int | None, typer.Option("--fingers", metavar="N", help="At the worst places; 5, or as SCENE says.")
+]
+TICKS = Annotated[int, typer.Option("--ticks", metavar="N", help="Of each motion.")]
+SECONDS = Annotated[float, typer.Option("--seconds", metavar="S", help="That the service's loop runs.")]
+SEED = Annotated[int, typer.Option("--seed", metavar="N", help="Of the search and of random motion.")]
+REAL_TIME = Annotated[
+    bool | None,
+    typer.Option(
+        "--real-time/--no-real-time",
+        help="Whether the loop tries for priority and a core of its own; it does, or as SCENE says.",
+        show_default=False,
+    ),
+]
+AS_JSON = Annotated[bool, typer.Option("--json", help="Write one JSON document, in SI units.")]
+
+
 def command(
-    scene: Annotated[Path, typer.Argument(metavar="SCENE", help="A scene file (.toml), or parts.")],
-    recording: Annotated[
-        Path | None,
-        typer.Option(
-            "--recording", metavar="CSV", help="Of a hand, fitted to the parts; else SCENE's, or a sample."
-        ),
-    ] = None,
-    gate: Annotated[
-        str | None, typer.Option("--gate", metavar="PERIOD", help="To fit: 1ms, 200us, 1kHz ...")
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out",
-            metavar="FILE",
-            help=f"Write the report: .html, or .json alone. Else {REPORT}, or --json.",
-        ),
-    ] = None,
-    fingers: Annotated[
-        int | None, typer.Option("--fingers", metavar="N", help="At the worst places; 5, or as SCENE says.")
-    ] = None,
-    ticks: Annotated[int, typer.Option("--ticks", metavar="N", help="Of each motion.")] = 20_000,
-    seconds: Annotated[
-        float, typer.Option("--seconds", metavar="S", help="That the service's loop runs.")
-    ] = 3.0,
-    seed: Annotated[int, typer.Option("--seed", metavar="N", help="Of the search and of random motion.")] = 0,
-    real_time: Annotated[
-        bool | None,
-        typer.Option(
-            "--real-time/--no-real-time",
-            help="Whether the loop tries for priority and a core of its own; it does, or as SCENE says.",
-            show_default=False,
-        ),
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Write one JSON document, in SI units.")] = False,
+    scene: SCENE,
+    recording: RECORDING = None,
+    gate: GATE = None,
+    out: OUT = None,
+    fingers: FINGERS = None,
+    ticks: TICKS = 20_000,
+    seconds: SECONDS = 3.0,
+    seed: SEED = 0,
+    real_time: REAL_TIME = None,
+    as_json: AS_JSON = False,
     units: UNITS = "mm",
 ) -> None:
     """Certify a scene, and print what was found."""

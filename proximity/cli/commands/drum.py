@@ -38,36 +38,36 @@ SWITCH_S = 1e-3  # that the drums wait at most while a picture is drawn
 OTHER_LINES = 5  # of a terminal, beside the fingers
 
 
+RATE = Annotated[
+    float, typer.Option("--rate", metavar="HZ", help="Of the controllers; the servos run at 3 kHz.")
+]
+CALIBRATION = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--calibration",
+        metavar="FILE",
+        help="Of the glove that is worn; once for all fingers, or once for each. The paper's without it.",
+    ),
+]
+MAX_AGE = Annotated[
+    float | None, typer.Option("--max-age", metavar="DAYS", help="Of a calibration; 30 without it.")
+]
+LOG = Annotated[Path | None, typer.Option("--log", metavar="FILE", help="Write every sample to a CSV file.")]
+AS_JSON = Annotated[bool, typer.Option("--json", help="Print a summary at the end, as JSON.")]
+
+
 def command(
     address: ADDRESS,
     limit: LIMIT = None,
-    rate: Annotated[
-        float, typer.Option("--rate", metavar="HZ", help="Of the controllers; the servos run at 3 kHz.")
-    ] = 500.0,
-    calibration: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--calibration",
-            metavar="FILE",
-            help="Of the glove that is worn; once for all fingers, or once for each. The paper's without it.",
-        ),
-    ] = None,
-    max_age: Annotated[
-        float | None, typer.Option("--max-age", metavar="DAYS", help="Of a calibration; 30 without it.")
-    ] = None,
-    log: Annotated[
-        Path | None, typer.Option("--log", metavar="FILE", help="Write every sample to a CSV file.")
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print a summary at the end, as JSON.")] = False,
+    rate: RATE = 500.0,
+    calibration: CALIBRATION = None,
+    max_age: MAX_AGE = None,
+    log: LOG = None,
+    as_json: AS_JSON = False,
 ) -> None:
     """Run drums until told to stop."""
     check_limit(limit)
-    if not LEAST_RATE_HZ <= rate <= MOST_RATE_HZ:
-        raise typer.BadParameter(
-            f"{rate:g} Hz: expected {LEAST_RATE_HZ:g} to {MOST_RATE_HZ:g}", param_hint="--rate"
-        )
-    if max_age is not None and not calibration:
-        raise typer.BadParameter("only a --calibration has an age", param_hint="--max-age")
+    _check(rate, max_age, calibration)
     # NumPy, Rich and the library: only now, so that --help and mistakes above answer at once.
     from proximity.cli.console import Console
     from proximity.cli.drum_loop import DrumsBeside, line, summary, table
@@ -108,6 +108,15 @@ def command(
         typer.echo(json.dumps(told, indent=2))
     if not counts.received:
         raise typer.Exit(EXIT_NOTHING)
+
+
+def _check(rate: float, max_age: float | None, calibration: list[Path] | None) -> None:
+    if not LEAST_RATE_HZ <= rate <= MOST_RATE_HZ:
+        raise typer.BadParameter(
+            f"{rate:g} Hz: expected {LEAST_RATE_HZ:g} to {MOST_RATE_HZ:g}", param_hint="--rate"
+        )
+    if max_age is not None and not calibration:
+        raise typer.BadParameter("only a --calibration has an age", param_hint="--max-age")
 
 
 def _is_over(ends: float | None) -> bool:

@@ -53,32 +53,41 @@ Examples:
 CHUNK = 20_000  # queries answered at once: a bar moves, Ctrl-C is heard, memory stays bounded
 
 
+COORDINATES = Annotated[
+    list[str] | None,
+    typer.Argument(metavar="X Y Z", help="One point or many. Negative numbers are numbers."),
+]
+POINTS = Annotated[
+    str | None,
+    typer.Option("--points", metavar="FILE", help="Read the points from a file; - is standard input."),
+]
+RAY = Annotated[
+    tuple[str, str, str] | None,
+    typer.Option("--ray", metavar="DX DY DZ", help="Cast a ray from each point in this direction."),
+]
+SEGMENT = Annotated[
+    bool, typer.Option("--segment", help="Take the points in pairs: start and end of a segment.")
+]
+AS_JSON = Annotated[bool, typer.Option("--json", help="Write one JSON document.")]
+AS_CSV = Annotated[bool, typer.Option("--csv", help="Write CSV with a header.")]
+WORKERS = Annotated[
+    int, typer.Option("--workers", metavar="N", help="Threads for many queries; -1 is all cores.")
+]
+
+
 def command(
     ctx: typer.Context,
     file: FILE,
-    coordinates: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="X Y Z", help="One point or many. Negative numbers are numbers."),
-    ] = None,
-    points: Annotated[
-        str | None,
-        typer.Option("--points", metavar="FILE", help="Read the points from a file; - is standard input."),
-    ] = None,
-    ray: Annotated[
-        tuple[str, str, str] | None,
-        typer.Option("--ray", metavar="DX DY DZ", help="Cast a ray from each point in this direction."),
-    ] = None,
-    segment: Annotated[
-        bool, typer.Option("--segment", help="Take the points in pairs: start and end of a segment.")
-    ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Write one JSON document.")] = False,
-    as_csv: Annotated[bool, typer.Option("--csv", help="Write CSV with a header.")] = False,
+    coordinates: COORDINATES = None,
+    points: POINTS = None,
+    ray: RAY = None,
+    segment: SEGMENT = False,
+    as_json: AS_JSON = False,
+    as_csv: AS_CSV = False,
     units: UNITS = "mm",
     step_tolerance: STEP_TOLERANCE = STEP_TOLERANCE_MM,
     unpacked_limit: UNPACKED_LIMIT = UNPACKED_LIMIT_GB,
-    workers: Annotated[
-        int, typer.Option("--workers", metavar="N", help="Threads for many queries; -1 is all cores.")
-    ] = 1,
+    workers: WORKERS = 1,
 ) -> None:
     """Answer the queries on the command line."""
     _refuse_both(ray is not None and segment, "--ray and --segment")

@@ -3,13 +3,14 @@
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 import proximity
-from proximity.cli.options import FILE, UNITS
+from proximity.cli.options import FILE, UNITS, with_option_groups
 
 if TYPE_CHECKING:
     from proximity.recording import Recording
@@ -41,80 +42,132 @@ FARTHEST_M = 1e6
 MS = 1000.0  # in a second
 
 
+RECORDING = Annotated[Path, typer.Argument(metavar="RECORDING", help="CSV of fingertips over time.")]
+PLACE = Annotated[
+    tuple[float, float, float] | None,
+    typer.Option("--place", metavar="X Y Z", help="Where the recording's origin is. Fitted if not given."),
+]
+TURN = Annotated[
+    tuple[float, float, float],
+    typer.Option(
+        "--turn",
+        metavar="RX RY RZ",
+        help="Degrees the recording is turned by about the scene's x, then y, then z.",
+        show_default=False,
+    ),
+]
+SCALE = Annotated[float, typer.Option("--scale", metavar="S", help="How many times as large as recorded.")]
+RATE = Annotated[float, typer.Option("--rate", metavar="HZ", help="Ticks a second.")]
+RADIUS = Annotated[
+    float | None, typer.Option("--radius", metavar="R", help="Of the fingertips; 7 mm if not given.")
+]
+LATENCY = Annotated[
+    float, typer.Option("--latency", metavar="MS", help="Age of a pose at its tick, milliseconds.")
+]
+BUDGET = Annotated[
+    int | None, typer.Option("--budget", metavar="N", help="Nodes and leaves a finger may visit a tick.")
+]
+WORKING_RANGE = Annotated[
+    float | None,
+    typer.Option("--range", metavar="D", help="Beyond it only bounds are told; 120 mm if not given."),
+]
+LIMIT = Annotated[float | None, typer.Option("--limit", metavar="SECONDS", help="Replay no more than this.")]
+OUT = Annotated[
+    Path | None, typer.Option("--out", metavar="FILE", help="Write all contacts: .npz, .npy or .csv.")
+]
+AS_JSON = Annotated[bool, typer.Option("--json", help="Write one JSON document.")]
+
+
+@dataclass(frozen=True, slots=True)
+class Placement:
+    """Options that say where the recording is put."""
+
+    place: PLACE = None
+    turn: TURN = (0.0, 0.0, 0.0)
+    scale: SCALE = 1.0
+
+    def check(self) -> None:
+        """Refuse a scale out of range."""
+        _check(self.scale, "--scale", "times the size", 1e-6, 1e6)
+
+    def origin(self, metres: float, units: str) -> list[float] | None:
+        """Return the origin of the recording in metres, or None if it is to be fitted."""
+        if self.place is None:
+            return None
+        for coordinate in self.place:
+            if not abs(coordinate * metres) <= FARTHEST_M:
+                raise typer.BadParameter(
+                    f"{coordinate:g}: expected coordinates of at most {FARTHEST_M / metres:g} {units}",
+                    param_hint="--place",
+                )
+        return [coordinate * metres for coordinate in self.place]
+
+    def pose(
+        self, scene: "proximity.Scene", recorded: "Recording", origin: list[float] | None, radius: float
+    ) -> "proximity.Pose":
+        """Return the pose of the recording: at *origin* (m), or fitted where there is none."""
+        from proximity.tracker.replay import fitted_pose, turn_about_axes
+
+        rotation = turn_about_axes(self.turn)
+        if origin is not None:
+            return proximity.Pose(rotation, origin)
+        return fitted_pose(scene, recorded, radius, rotation=rotation, scale=self.scale)
+
+
+@dataclass(frozen=True, slots=True)
+class TrackerOptions:
+    """Options that say how the tracker is made."""
+
+    rate: RATE = 1000.0
+    radius: RADIUS = None
+    latency: LATENCY = 1.0
+    budget: BUDGET = None
+    working_range: WORKING_RANGE = None
+
+    def check(self) -> None:
+        """Refuse numbers out of range."""
+        _check(self.rate, "--rate", "ticks a second", 1.0, 1e6)
+        _check(self.latency, "--latency", "ms", 0.0, 1e3)
+        _check(1 if self.budget is None else self.budget, "--budget", "nodes and leaves", 1, 2**31 - 1)
+
+    def settings(self, metres: float) -> "Settings":
+        """Return the same in SI units."""
+        from proximity.tracker.tracker import LARGEST_RADIUS, LARGEST_WORKING_RANGE
+
+        return Settings(
+            self.rate,
+            _in_metres(self.radius, "--radius", RADIUS_M, metres, LARGEST_RADIUS),
+            self.latency / MS,
+            self.budget,
+            _in_metres(self.working_range, "--range", RANGE_M, metres, LARGEST_WORKING_RANGE),
+        )
+
+
+@with_option_groups
 def command(
     file: FILE,
-    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="CSV of fingertips over time.")],
-    place: Annotated[
-        tuple[float, float, float] | None,
-        typer.Option(
-            "--place", metavar="X Y Z", help="Where the recording's origin is. Fitted if not given."
-        ),
-    ] = None,
-    turn: Annotated[
-        tuple[float, float, float],
-        typer.Option(
-            "--turn",
-            metavar="RX RY RZ",
-            help="Degrees the recording is turned by about the scene's x, then y, then z.",
-            show_default=False,
-        ),
-    ] = (0.0, 0.0, 0.0),
-    scale: Annotated[
-        float, typer.Option("--scale", metavar="S", help="How many times as large as recorded.")
-    ] = 1.0,
-    rate: Annotated[float, typer.Option("--rate", metavar="HZ", help="Ticks a second.")] = 1000.0,
-    radius: Annotated[
-        float | None, typer.Option("--radius", metavar="R", help="Of the fingertips; 7 mm if not given.")
-    ] = None,
-    latency: Annotated[
-        float, typer.Option("--latency", metavar="MS", help="Age of a pose at its tick, milliseconds.")
-    ] = 1.0,
-    budget: Annotated[
-        int | None, typer.Option("--budget", metavar="N", help="Nodes and leaves a finger may visit a tick.")
-    ] = None,
-    working_range: Annotated[
-        float | None,
-        typer.Option("--range", metavar="D", help="Beyond it only bounds are told; 120 mm if not given."),
-    ] = None,
-    limit: Annotated[
-        float | None, typer.Option("--limit", metavar="SECONDS", help="Replay no more than this.")
-    ] = None,
-    out: Annotated[
-        Path | None, typer.Option("--out", metavar="FILE", help="Write all contacts: .npz, .npy or .csv.")
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Write one JSON document.")] = False,
+    recording: RECORDING,
+    placement: Placement,
+    tracker: TrackerOptions,
+    limit: LIMIT = None,
+    out: OUT = None,
+    as_json: AS_JSON = False,
     units: UNITS = "mm",
 ) -> None:
     """Replay a recording and print the summary."""
-    _check(rate, "--rate", "ticks a second", 1.0, 1e6)
-    _check(scale, "--scale", "times the size", 1e-6, 1e6)
-    _check(latency, "--latency", "ms", 0.0, 1e3)
-    _check(1 if budget is None else budget, "--budget", "nodes and leaves", 1, 2**31 - 1)
+    tracker.check()
+    placement.check()
     _check(1.0 if limit is None else limit, "--limit", "seconds", 1e-3, 1e9)
     # NumPy, Rich and the library: only now, so that --help and mistakes above answer at once.
     from proximity.cli import progress
-    from proximity.cli.lengths import in_units
     from proximity.cli.views import replay_report
     from proximity.formats import metres_per_unit
-    from proximity.recording import check_log_name, read_recording, write_contacts
+    from proximity.recording import check_log_name, read_recording
     from proximity.tracker.replay import replay, summarise
-    from proximity.tracker.tracker import LARGEST_RADIUS, LARGEST_WORKING_RANGE
 
     metres = metres_per_unit(units)
-    settings = Settings(
-        rate,
-        _in_metres(radius, "--radius", RADIUS_M, metres, LARGEST_RADIUS),
-        latency / MS,
-        budget,
-        _in_metres(working_range, "--range", RANGE_M, metres, LARGEST_WORKING_RANGE),
-    )
-    origin = None if place is None else [coordinate * metres for coordinate in place]
-    for coordinate, length in zip(place or (), origin or (), strict=True):
-        if not abs(length) <= FARTHEST_M:
-            raise typer.BadParameter(
-                f"{coordinate:g}: expected coordinates of at most {FARTHEST_M / metres:g} {units}",
-                param_hint="--place",
-            )
+    settings = tracker.settings(metres)
+    origin = placement.origin(metres, units)
     if out is not None:
         check_log_name(out)
     recorded = read_recording(recording)
@@ -123,29 +176,18 @@ def command(
     progress.prepare_kernels()
     with progress.spinner(f"reading {file}"):
         scene = proximity.load(str(file), units=units)
-    pose = _pose(scene, recorded, origin, turn, scale, settings.radius)
-    ticked = recorded.placed(pose, scale).resampled(1.0 / rate)
-
-    run = replay(
-        lambda: settings.tracker(scene, len(ticked.fingers)),
-        ticked,
-        latency=settings.latency,
-        watch=_with_bar,
-    )
+    pose = placement.pose(scene, recorded, origin, settings.radius)
+    ticked = recorded.placed(pose, placement.scale).resampled(1.0 / settings.rate)
+    tracker_of = partial(settings.tracker, scene, len(ticked.fingers))
+    run = replay(tracker_of, ticked, latency=settings.latency, watch=_with_bar)
     with progress.spinner("checking the bounds"):
         summary = summarise(scene, run, settings.radius)
     if out is not None:
-        with progress.spinner(f"writing {out}"):
-            write_contacts(out, run.contacts, ticked.times_ns, ticked.fingers)
+        _write_contacts(out, run, ticked)
     report = {
         **replay_report.inputs(scene, str(file), recorded, units),
-        "placement": {
-            "is_fitted": place is None,
-            "position": in_units(pose.translation, metres).tolist(),
-            "turn_degrees": list(turn),
-            "scale": scale,
-        },
-        "settings": settings.told(metres),
+        "placement": _placement_report(placement, pose, metres),
+        "settings": settings.report(metres),
         **replay_report.results(summary, metres),
         "out": None if out is None else str(out),
     }
@@ -155,9 +197,28 @@ def command(
         raise typer.Exit(EXIT_BROKEN_BOUND)
 
 
+def _write_contacts(out: Path, run: Any, ticked: "Recording") -> None:
+    from proximity.cli import progress
+    from proximity.recording import write_contacts
+
+    with progress.spinner(f"writing {out}"):
+        write_contacts(out, run.contacts, ticked.times_ns, ticked.fingers)
+
+
+def _placement_report(placement: Placement, pose: "proximity.Pose", metres: float) -> dict[str, Any]:
+    from proximity.cli.lengths import in_units
+
+    return {
+        "is_fitted": placement.place is None,
+        "position": in_units(pose.translation, metres).tolist(),
+        "turn_degrees": list(placement.turn),
+        "scale": placement.scale,
+    }
+
+
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """How the tracker is made."""
+    """How the tracker is made, in SI units."""
 
     rate: float  # Hz
     radius: float  # m
@@ -166,7 +227,7 @@ class Settings:
     working_range: float  # m
 
     def tracker(self, scene: "proximity.Scene", fingers: int) -> Any:
-        """Make one."""
+        """Return a tracker of a scene."""
         return proximity.Tracker(
             scene,
             fingers=fingers,
@@ -177,8 +238,8 @@ class Settings:
             working_range=self.working_range,
         )
 
-    def told(self, metres: float) -> dict[str, Any]:
-        """What the report says of it."""
+    def report(self, metres: float) -> dict[str, Any]:
+        """Return the part of the report about them, in people's units."""
         from proximity.cli.lengths import in_unit
 
         return {
@@ -188,23 +249,6 @@ class Settings:
             "budget": self.budget,
             "working_range": in_unit(self.working_range, metres),
         }
-
-
-def _pose(
-    scene: "proximity.Scene",
-    recorded: "Recording",
-    origin: list[float] | None,
-    turn: tuple[float, float, float],
-    scale: float,
-    radius: float,
-) -> "proximity.Pose":
-    """Where the recording is put: at *origin* (m), or fitted where there is none."""
-    from proximity.tracker.replay import fitted_pose, turn_about_axes
-
-    rotation = turn_about_axes(turn)
-    if origin is not None:
-        return proximity.Pose(rotation, origin)
-    return fitted_pose(scene, recorded, radius, rotation=rotation, scale=scale)
 
 
 def _check(value: float, option: str, meaning: str, smallest: float, largest: float) -> None:

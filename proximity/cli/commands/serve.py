@@ -37,35 +37,45 @@ Examples:
 STDIN = 0
 
 
+SCENE = Annotated[Path, typer.Argument(metavar="SCENE", help="TOML: parts, fingers, input, addresses.")]
+RATE = Annotated[
+    float | None, typer.Option("--rate", metavar="HZ", help="Ticks a second, instead of SCENE's.")
+]
+PUBLISH = Annotated[
+    list[str] | None,
+    typer.Option("--publish", metavar="ADDRESS", help="Instead of SCENE's; may stand there repeatedly."),
+]
+LOG = Annotated[
+    Path | None, typer.Option("--log", metavar="FILE", help="Append all frames, instead of SCENE's log.")
+]
+REAL_TIME = Annotated[
+    bool | None,
+    typer.Option(
+        "--real-time/--no-real-time",
+        help="Try for priority, locked memory and a core of its own, or do not.",
+        show_default=False,
+    ),
+]
+TICKS = Annotated[int | None, typer.Option("--ticks", metavar="N", help="End after so many.")]
+AS_JSON = Annotated[
+    bool, typer.Option("--json", help="Write a JSON document when it has begun, and the report as one.")
+]
+UNTIL_STDIN = Annotated[
+    bool,
+    typer.Option("--until-stdin", help="End with a line on standard input, or when that is closed."),
+]
+
+
 def command(
-    scene: Annotated[Path, typer.Argument(metavar="SCENE", help="TOML: parts, fingers, input, addresses.")],
-    rate: Annotated[
-        float | None, typer.Option("--rate", metavar="HZ", help="Ticks a second, instead of SCENE's.")
-    ] = None,
-    publish: Annotated[
-        list[str] | None,
-        typer.Option("--publish", metavar="ADDRESS", help="Instead of SCENE's; may stand there repeatedly."),
-    ] = None,
-    log: Annotated[
-        Path | None, typer.Option("--log", metavar="FILE", help="Append all frames, instead of SCENE's log.")
-    ] = None,
-    real_time: Annotated[
-        bool | None,
-        typer.Option(
-            "--real-time/--no-real-time",
-            help="Try for priority, locked memory and a core of its own, or do not.",
-            show_default=False,
-        ),
-    ] = None,
+    scene: SCENE,
+    rate: RATE = None,
+    publish: PUBLISH = None,
+    log: LOG = None,
+    real_time: REAL_TIME = None,
     limit: LIMIT = None,
-    ticks: Annotated[int | None, typer.Option("--ticks", metavar="N", help="End after so many.")] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Write a JSON document when it has begun, and the report as one.")
-    ] = False,
-    until_stdin: Annotated[
-        bool,
-        typer.Option("--until-stdin", help="End with a line on standard input, or when that is closed."),
-    ] = False,
+    ticks: TICKS = None,
+    as_json: AS_JSON = False,
+    until_stdin: UNTIL_STDIN = False,
 ) -> None:
     """Serve until told to stop, and print the report."""
     check_limit(limit)

@@ -1,14 +1,15 @@
 """``proximity simulate``: one press on one wall, beside the same press on a real wall."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from proximity.cli.options import UNITS
+from proximity.cli.options import UNITS, with_option_groups
 
 if TYPE_CHECKING:
-    from proximity.studies.simulation.simulated_press import Simulation
+    from proximity.studies.simulation.simulated_press import Setup, Simulation
 
 HELP = "\n\n".join(
     (
@@ -54,93 +55,160 @@ SHOWN_LONG = 1e7  # less is shown with all its digits
 SUFFIXES = (".png", ".svg", ".pdf", ".csv")
 
 
+WALL = Annotated[str, typer.Option("--wall", metavar="WALL", help="real, coupled or decaff.")]
+SPEED = Annotated[float, typer.Option("--speed", metavar="M/S", help="Of the approach.")]
+LATENCY_MS = Annotated[
+    float | None, typer.Option("--latency-ms", metavar="MS", help="Of forces or distances; else 1.")
+]
+RATE_HZ = Annotated[
+    float | None, typer.Option("--rate-hz", metavar="HZ", help="Of forces or distances; else 1000.")
+]
+DRUM = Annotated[
+    str | None, typer.Option("--drum", metavar="DRUM", help="direct, gear4 or gear10; else gear4.")
+]
+POLICY = Annotated[
+    str | None,
+    typer.Option(
+        "--policy",
+        metavar="POLICY",
+        help="naive, latched, feed-forward or time-stamped; else time-stamped, on a part the controller.",
+    ),
+]
+STIFFNESS = Annotated[
+    float | None,
+    typer.Option("--stiffness", metavar="N/M", help="Of a coupled wall, with --damping; or of the part."),
+]
+DAMPING = Annotated[
+    float | None,
+    typer.Option("--damping", metavar="NS/M", help="Damping of the surface. Requires --stiffness."),
+]
+SCENE = Annotated[
+    Path | None,
+    typer.Option("--scene", metavar="FILE", help="Press on a part: a mesh, STEP or scene file (.toml)."),
+]
+PART = Annotated[
+    str | None, typer.Option("--part", metavar="NAME", help="Of the scene; the others are left out.")
+]
+AT = Annotated[
+    tuple[float, float, float] | None,
+    typer.Option(
+        "--at",
+        metavar="X Y Z",
+        help="Touch where the surface is nearest to this; else from above the middle. With --recording: "
+        "where its origin is; else it is fitted.",
+    ),
+]
+RECORDING = Annotated[
+    Path | None, typer.Option("--recording", metavar="CSV", help="Fingertips over time, as of replay.")
+]
+SENSOR = Annotated[
+    bool, typer.Option("--sensor", help="Teleoperation: a sensor at the far end measures the part.")
+]
+OUT = Annotated[
+    Path | None, typer.Option("--out", metavar="FILE", help="Draw or write: .png, .svg, .pdf or .csv.")
+]
+AS_JSON = Annotated[bool, typer.Option("--json", help="Write one JSON document, in SI units.")]
+
+
+@dataclass(frozen=True, slots=True)
+class WallOptions:
+    """Options of the wall and of what drives the drum; None where the option was not given."""
+
+    wall: WALL = "decaff"
+    speed: SPEED = 0.1
+    latency_ms: LATENCY_MS = None
+    rate_hz: RATE_HZ = None
+    drum: DRUM = None
+    policy: POLICY = None
+    stiffness: STIFFNESS = None
+    damping: DAMPING = None
+
+    def check(self) -> None:
+        """Refuse options that a wall of this kind does not have."""
+        _check(
+            self.wall,
+            {
+                "--latency-ms": self.latency_ms,
+                "--rate-hz": self.rate_hz,
+                "--drum": self.drum,
+                "--policy": self.policy,
+                "--stiffness": self.stiffness,
+                "--damping": self.damping,
+            },
+        )
+
+    def check_on_part(self) -> None:
+        """Refuse options that a press on a part does not have."""
+        wall = None if self.wall == "decaff" else self.wall
+        _refuse({"--wall": wall}, "on a part of a scene there is only decaff")
+        if self.stiffness is None:
+            _refuse({"--damping": self.damping}, "a part that has it has a --stiffness as well")
+
+    def setup(self, *, is_on_part: bool) -> "Setup":
+        """Return the setup of the simulation."""
+        from proximity.studies.simulation import simulated_press
+
+        given = {
+            "drum": self.drum,
+            "policy": self.policy,
+            "rate": self.rate_hz,
+            "stiffness": None if is_on_part else self.stiffness,
+            "damping": None if is_on_part else self.damping,
+            "latency": None if self.latency_ms is None else 1e-3 * self.latency_ms,
+        }
+        chosen: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+        return simulated_press.Setup(wall=simulated_press.Wall(self.wall), speed=self.speed, **chosen)
+
+
+@dataclass(frozen=True, slots=True)
+class PartOptions:
+    """Options of a press on a part of a scene."""
+
+    scene: SCENE = None
+    part: PART = None
+    at: AT = None
+    recording: RECORDING = None
+    sensor: SENSOR = False
+    units: UNITS = "mm"
+
+    def check(self) -> None:
+        """Refuse options that need a scene where there is none."""
+        if self.scene is None:
+            given = {"--part": self.part, "--at": self.at, "--recording": self.recording}
+            _refuse({**given, "--sensor": self.sensor or None}, OF_A_SCENE)
+
+
+@with_option_groups
 def command(
-    wall: Annotated[str, typer.Option("--wall", metavar="WALL", help="real, coupled or decaff.")] = "decaff",
-    speed: Annotated[float, typer.Option("--speed", metavar="M/S", help="Of the approach.")] = 0.1,
-    latency_ms: Annotated[
-        float | None, typer.Option("--latency-ms", metavar="MS", help="Of forces or distances; else 1.")
-    ] = None,
-    rate_hz: Annotated[
-        float | None, typer.Option("--rate-hz", metavar="HZ", help="Of forces or distances; else 1000.")
-    ] = None,
-    drum: Annotated[
-        str | None, typer.Option("--drum", metavar="DRUM", help="direct, gear4 or gear10; else gear4.")
-    ] = None,
-    policy: Annotated[
-        str | None,
-        typer.Option(
-            "--policy",
-            metavar="POLICY",
-            help="naive, latched, feed-forward or time-stamped; else time-stamped, on a part the controller.",
-        ),
-    ] = None,
-    stiffness: Annotated[
-        float | None,
-        typer.Option("--stiffness", metavar="N/M", help="Of a coupled wall, with --damping; or of the part."),
-    ] = None,
-    damping: Annotated[
-        float | None, typer.Option("--damping", metavar="NS/M", help="Of them; with --stiffness.")
-    ] = None,
-    scene: Annotated[
-        Path | None,
-        typer.Option("--scene", metavar="FILE", help="Press on a part: a mesh, STEP or scene file (.toml)."),
-    ] = None,
-    part: Annotated[
-        str | None, typer.Option("--part", metavar="NAME", help="Of the scene; the others are left out.")
-    ] = None,
-    at: Annotated[
-        tuple[float, float, float] | None,
-        typer.Option(
-            "--at",
-            metavar="X Y Z",
-            help="Touch where the surface is nearest to this; else from above the middle. With --recording: "
-            "where its origin is; else it is fitted.",
-        ),
-    ] = None,
-    recording: Annotated[
-        Path | None, typer.Option("--recording", metavar="CSV", help="Fingertips over time, as of replay.")
-    ] = None,
-    sensor: Annotated[
-        bool, typer.Option("--sensor", help="Teleoperation: a sensor at the far end measures the part.")
-    ] = False,
-    units: UNITS = "mm",
-    out: Annotated[
-        Path | None, typer.Option("--out", metavar="FILE", help="Draw or write: .png, .svg, .pdf or .csv.")
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Write one JSON document, in SI units.")] = False,
+    surface: WallOptions,
+    pressed: PartOptions,
+    out: OUT = None,
+    as_json: AS_JSON = False,
 ) -> None:
     """Simulate a press and compare it."""
-    given = {
-        "--latency-ms": latency_ms,
-        "--rate-hz": rate_hz,
-        "--drum": drum,
-        "--policy": policy,
-        "--stiffness": stiffness,
-        "--damping": damping,
-    }
-    of_a_scene = {"--part": part, "--at": at, "--recording": recording, "--sensor": sensor or None}
-    if scene is None:
-        _refuse(of_a_scene, OF_A_SCENE)
-        _check(wall, given, out)
+    pressed.check()
+    if pressed.scene is None:
+        surface.check()
     else:
-        _refuse({"--wall": None if wall == "decaff" else wall}, "on a part of a scene there is only decaff")
-        if stiffness is None:
-            _refuse({"--damping": damping}, "a part that has it has a --stiffness as well")
-        _check_out(out)
+        surface.check_on_part()
+    _check_out(out)
     # NumPy, Rich and the models: only now, so that --help and mistakes above answer at once.
     from proximity.cli import part_press, progress
     from proximity.studies.figures import press_plots
     from proximity.studies.simulation import simulated_press
 
-    told = {"drum": drum, "policy": policy, "rate": rate_hz}
-    if scene is None:
-        told |= {"stiffness": stiffness, "damping": damping}
-    told["latency"] = None if latency_ms is None else 1e-3 * latency_ms
-    chosen: dict[str, Any] = {name: value for name, value in told.items() if value is not None}
-    setup = simulated_press.Setup(wall=simulated_press.Wall(wall), speed=speed, **chosen)
-    if scene is not None:
-        place = part_press.Place(scene, part, at, units, recording, stiffness, damping)
-        part_press.run(place, setup, policy, out, is_sensor=sensor, as_json=as_json)
+    setup = surface.setup(is_on_part=pressed.scene is not None)
+    if pressed.scene is not None:
+        place = part_press.Place(
+            pressed.scene,
+            pressed.part,
+            pressed.at,
+            pressed.units,
+            pressed.recording,
+            surface.stiffness,
+            surface.damping,
+        )
+        part_press.run(place, setup, surface.policy, out, is_sensor=pressed.sensor, as_json=as_json)
         _say_written(out)
         return
     with progress.spinner("simulating"):
@@ -169,14 +237,13 @@ def _refuse(given: dict[str, Any], sentence: str) -> None:
             raise typer.BadParameter(sentence, param_hint=option)
 
 
-def _check(wall: str, given: dict[str, Any], out: Path | None) -> None:
+def _check(wall: str, given: dict[str, Any]) -> None:
     walls = ("real", "coupled", "decaff")
     if wall not in walls:
         raise typer.BadParameter(f"{wall!r}: expected one of {', '.join(walls)}", param_hint="--wall")
     for option, value in given.items():
         if value is not None and wall not in USED_BY[option]:
             raise typer.BadParameter(f"a {wall} wall has none", param_hint=option)
-    _check_out(out)
 
 
 def _check_out(out: Path | None) -> None:
