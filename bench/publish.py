@@ -1,8 +1,8 @@
-"""Measure everything, and write the README's figures and pictures: ``python bench/publish.py``.
+"""Measure everything, and write the figures and pictures of the documentation: ``python bench/publish.py``.
 
 Runs `report.py`, `ticks.py`, `service.py` and `growth.py` in turn, on a quiet machine if possible, keeps
-their JSON in ``bench/published``, and makes the pictures and the README's section from it. The ticks of
-another machine are a ``ticks_NAME.json`` beside them. ``--from-json`` measures nothing.
+their JSON in ``bench/published``, and makes the pictures, the page on speed and the README's table from it.
+The ticks of another machine are a ``ticks_NAME.json`` beside them. ``--from-json`` measures nothing.
 """
 
 import argparse
@@ -51,15 +51,17 @@ def main(arguments: list[str] | None = None) -> int:
     if "growth" in documents:
         draw_pictures(documents["growth"], options.published)
     try:
-        sections.write(options.readme, documents)
+        sections.write(options.page, sections.section(documents))
+        if {"report", "ticks"} <= documents.keys():
+            sections.write(options.readme, sections.summary(documents))
     except ValueError as reason:
-        print(f"{options.readme}: {reason}", file=sys.stderr)
+        print(f"{options.page}, {options.readme}: {reason}", file=sys.stderr)
         return 1
     return 0
 
 
 def draw_pictures(document: dict, folder: Path) -> None:
-    """Write the pictures that the README shows."""
+    """Write the pictures that the page shows."""
     rows = [GrowthRow(**row) for row in document["rows"]]
     fits = [Fit(**fit) for fit in document["fits"]]
     with tempfile.TemporaryDirectory(prefix="proximity_pictures_") as drawn:
@@ -83,10 +85,11 @@ def _measured(name, words, folder):
 
 def _parse(arguments):
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--from-json", action="store_true", help="only README and pictures, of what is there")
+    parser.add_argument("--from-json", action="store_true", help="only pages and pictures, of what is there")
     parser.add_argument("--only", nargs="+", choices=list(RUNS), metavar="RUN", help=", ".join(RUNS))
     parser.add_argument("--quick", action="store_true", help="a look whether all runs: no figure means much")
     parser.add_argument("--published", type=Path, default=sections.PUBLISHED, metavar="FOLDER")
+    parser.add_argument("--page", type=Path, default=sections.PAGE, metavar="FILE")
     parser.add_argument("--readme", type=Path, default=sections.README, metavar="FILE")
     return parser.parse_args(arguments)
 

@@ -1,6 +1,6 @@
-"""The README's tables of fields, made of the tables that messages are made of: run this to have them anew.
+"""The tables of fields in docs/message.md, made of the tables of the messages: run this to have them anew.
 
-What it prints goes into the README, section "Message"; a test compares.
+What it prints is the end of that page; a test compares.
 """
 
 from proximity.message.c_header import ENUMS, RECORDS, c_type, meanings_of

@@ -1,12 +1,9 @@
-"""What the README says of the paper's claims is what the models say today."""
-
-from pathlib import Path
+"""What docs/decaff.md says of the paper's claims is what the models say today."""
 
 import pytest
+from pages import PAGES
 
 from proximity.studies import claims
-
-README = Path(__file__).resolve().parents[1] / "README.md"
 
 
 @pytest.fixture(scope="module")
@@ -14,9 +11,9 @@ def found():
     return claims.claims()
 
 
-def test_readme_has_every_claim_with_its_figures(found):
+def test_page_has_every_claim_with_its_figures(found):
     """Run ``python -m proximity.studies.claims`` for what belongs there."""
-    assert claims.markdown(found) in README.read_text()
+    assert claims.markdown(found) in PAGES["decaff.md"]
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapes
+from pages import PAGES
 
 from proximity.errors import DecaffError
 from proximity.pose import Pose
@@ -26,7 +27,6 @@ from proximity.studies.simulation.target_policies import Target
 from proximity.tracker.replay import turn_about_axes
 
 MESHES = Path(__file__).resolve().parent.parent / "meshes"
-README = MESHES.parent / "README.md"
 HAND = Hand()
 SAGITTA = 30e-6  # m, by which the polyline of a finger's way is off it (`Finger.path_world`)
 WAY = 0.045  # m: enough for a drum to arrive
@@ -135,12 +135,10 @@ def test_coarse_way_shows_as_force_error(flat):
     assert off[0] - off[1] == pytest.approx(-HAND.series_stiffness * bias, abs=noise)
 
 
-def test_figures_of_the_readme_are_those_of_the_loop():
+def test_figures_of_the_page_are_those_of_the_loop():
     """In bands: friction and encoder make a few tenths of a percent, and where they do is chance."""
-    bracket, text = (
-        place_finger(load(MESHES / "bracket.stl"), (0.048, 0.030, 0.020)),
-        README.read_text(encoding="utf-8"),
-    )
+    bracket = place_finger(load(MESHES / "bracket.stl"), (0.048, 0.030, 0.020))
+    text = PAGES["decaff.md"]
 
     for speed, share, latched in ((0.1, 0.023, 0.051), (1.0, 0.176, 0.46)):
         press = run(bracket, speed, latency=0.010)

@@ -13,7 +13,7 @@ from compiling_c import WARNINGS, c_compiler, compiler, run
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from message_tables import tables
-from test_readme import README
+from pages import PAGES
 from test_transport_udp import free_port
 from wire import KNOWN, MS, NOW, Clock, Wire, frame, sealed
 
@@ -191,11 +191,9 @@ def test_meanings_of_members_are_those_of_the_source():
         assert all(meanings.values()) or name == "surface"
 
 
-def test_readme_has_every_field():
+def test_page_has_every_field():
     """Run tests/message_tables.py for what belongs there."""
-    section = README.split("\n## Message\n")[1].split("\n## ")[0]
-
-    assert section.strip().endswith(tables().strip())
+    assert PAGES["message.md"].strip().endswith(tables().strip())
 
 
 # --- its functions, against those of Python ---

@@ -1,4 +1,4 @@
-"""The README, held against the program."""
+"""The README and the documentation, compared with the program."""
 
 import contextlib
 import io
@@ -6,34 +6,34 @@ import math
 import re
 import shlex
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
-from test_layering import LAYERS
+from pages import PAGES, README, ROOT
+from test_layering import PICTURES
 from wire import MS, frame
 
 import proximity
 from proximity import cli
 from proximity.service import StreamInput
 
-ROOT = Path(__file__).parent.parent
-README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+def blocks(language, text=README):
+    return re.findall(rf"```{language}\n(.*?)```", text, re.DOTALL)
 
 
-def blocks(language):
-    return re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)
-
-
-@pytest.mark.parametrize("code", blocks("python"), ids=["questions", "ticks"])
-def test_python_example_prints_what_the_readme_shows(code, monkeypatch):
+@pytest.mark.parametrize(
+    ("code", "text"),
+    [(code, text) for text in (README, *PAGES.values()) for code in blocks("python", text)],
+)
+def test_python_example_prints_what_the_page_shows(code, text, monkeypatch):
     monkeypatch.chdir(ROOT)
     printed = io.StringIO()
 
     with contextlib.redirect_stdout(printed):
         exec(compile(code, "README.md", "exec"), {})
 
-    assert printed.getvalue() in blocks("text")
+    assert printed.getvalue() in blocks("text", text)
 
 
 def test_first_command_prints_what_the_readme_shows(monkeypatch, capsys):
@@ -60,7 +60,7 @@ def test_two_commands_set_everything_up():
 
 
 def test_sender_of_poses_as_the_readme_shows_it_is_understood():
-    (code,) = blocks("py")
+    (code,) = blocks("py", PAGES["service.md"])
     _, _, sender = code.partition("\n\n")
     source = StreamInput("mailbox:readme/poses", 5)
     tips = np.arange(15.0).reshape(5, 3)
@@ -77,7 +77,7 @@ def test_sender_of_poses_as_the_readme_shows_it_is_understood():
 
 
 def test_reader_of_frames_as_the_readme_shows_it_follows_and_retreats(monkeypatch):
-    (code,) = blocks("py")
+    (code,) = blocks("py", PAGES["service.md"])
     reader, _, _ = code.partition("\n\n")
     told = []
 
@@ -115,12 +115,36 @@ def test_reader_of_frames_as_the_readme_shows_it_follows_and_retreats(monkeypatc
 
 
 def test_picture_of_the_layers_is_the_one_that_is_tested():
-    (picture,) = (block for block in blocks("text") if "queries · sign" in block)
+    (picture,) = (block for block in blocks("text", PAGES["development.md"]) if " cli " in block)
     units = [re.split(r"\s{3,}", line.strip())[0] for line in picture.splitlines()]
 
-    assert units == LAYERS.split("\n")[1:-1]
+    assert units == PICTURES["proximity"].strip().split("\n")
 
 
-def test_every_file_named_is_there():
-    for name in re.findall(r"`((?:tests|bench|kernels|meshes)/[\w./]*)`", README):
+@pytest.mark.parametrize("text", [README, *PAGES.values()], ids=["README.md", *PAGES])
+def test_every_file_named_is_there(text):
+    for name in re.findall(r"`((?:tests|bench|kernels|scene|meshes)/[\w./]*)`", text):
         assert (ROOT / name).exists() or (ROOT / "proximity" / name).exists(), name
+
+
+def test_links_lead_to_files():
+    pages = {path: path.read_text(encoding="utf-8") for path in (ROOT / "docs").rglob("*.md")}
+    for path, text in {ROOT / "README.md": README, **pages}.items():
+        for target in re.findall(r"\]\(([^)\s]+)\)", text):
+            if not target.startswith("https:"):
+                assert (path.parent / target.partition("#")[0]).exists(), f"{path.name}: {target}"
+
+
+def test_readme_is_short():
+    assert len(README.encode()) <= 10_000
+
+
+def test_functions_of_the_flows_are_where_the_page_says():
+    flows = PAGES["flows.md"].split("\n## ")[1:]
+    hops = [re.findall(r"^\d+\. `([\w/.]+)`: `(\w+)`", flow, re.MULTILINE) for flow in flows]
+
+    assert [len(flow) <= most for flow, most in zip(hops, (10, 14, 14), strict=True)] == [True] * 3
+    assert sum(map(len, hops)) == len(re.findall(r"^\d+\. ", PAGES["flows.md"], re.MULTILINE))
+    for path, function in (hop for flow in hops for hop in flow):
+        source = (ROOT / "proximity" / path).read_text(encoding="utf-8")
+        assert re.search(rf"^ *def {function}\(", source, re.MULTILINE), f"{path}: {function}"

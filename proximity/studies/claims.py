@@ -212,7 +212,7 @@ def _load() -> Claim:
     return Claim(
         "computing the distance is a small load",
         YES,
-        "the paper leaves that open; [measured here](#how-fast): a hundredth of a millisecond for five "
+        "the paper leaves that open; [measured here](performance.md): a hundredth of a millisecond for five "
         "fingers at a part of 87 k faces, and bounded everywhere",
     )
 

@@ -1,4 +1,4 @@
-"""The README's figures are those of the published runs, and nobody writes them by hand."""
+"""The figures of the documentation are those of the published runs, and nobody writes them by hand."""
 
 import json
 from pathlib import Path
@@ -58,11 +58,14 @@ def tick_document(p50=5.0, processor="Fast"):
     return {"machine": MACHINE | {"processor": processor}, "rows": [row]}
 
 
-def test_readme_has_the_figures_of_the_published_runs():
+@pytest.mark.parametrize(
+    ("path", "made"), [(sections.PAGE, sections.section), (sections.README, sections.summary)]
+)
+def test_pages_have_the_figures_of_the_published_runs(path, made):
     """After a change to what writes them: ``python bench/publish.py --from-json``."""
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    text = path.read_text(encoding="utf-8")
 
-    assert sections.replaced(text, sections.section(sections.read(sections.PUBLISHED))) == text
+    assert sections.replaced(text, made(sections.read(sections.PUBLISHED))) == text
 
 
 def test_published_pictures_are_there_and_small():
@@ -153,11 +156,11 @@ def test_section_goes_between_the_marks_and_nowhere_else():
 
 
 @pytest.mark.parametrize("text", ["", "{end}{begin}", "{begin}{end}{end}"])
-def test_readme_without_marks_is_refused(text, tmp_path, capsys):
-    path = tmp_path / "README.md"
+def test_page_without_marks_is_refused(text, tmp_path, capsys):
+    path = tmp_path / "performance.md"
     path.write_text(text.format(begin=sections.BEGIN, end=sections.END), encoding="utf-8")
 
-    words = ["--from-json", "--published", str(tmp_path), "--readme", str(path)]
+    words = ["--from-json", "--published", str(tmp_path), "--page", str(path)]
 
     assert publish.main(words) == 1
     assert "expected one line" in capsys.readouterr().err
@@ -178,7 +181,7 @@ def test_figures_have_three_digits_and_no_exponent():
     ]  # fmt: skip
 
 
-def test_publishing_from_json_writes_pictures_and_readme(tmp_path):
+def test_publishing_from_json_writes_pictures_and_page(tmp_path):
     rows = [
         {"axis": "faces", "series": "scene", "quantity": "memory", "unit": "bytes"}
         | {"x": x, "median": 100 * x, "p99": None, "count": 1}
@@ -188,10 +191,10 @@ def test_publishing_from_json_writes_pictures_and_readme(tmp_path):
     fits = [{"axis": "faces", "series": "scene", "quantity": "memory"} | slope]
     document = {"machine": MACHINE, "rows": rows, "fits": fits, "left_out": ["10⁷ faces are left out."]}
     (tmp_path / "growth.json").write_text(json.dumps(document), encoding="utf-8")
-    path = tmp_path / "README.md"
+    path = tmp_path / "performance.md"
     path.write_text(f"{sections.BEGIN}\n{sections.END}\n", encoding="utf-8")
 
-    exit_code = publish.main(["--from-json", "--published", str(tmp_path), "--readme", str(path)])
+    exit_code = publish.main(["--from-json", "--published", str(tmp_path), "--page", str(path)])
 
     text = path.read_text(encoding="utf-8")
     assert exit_code == 0

@@ -1,7 +1,7 @@
-"""The README's section on speed, made from the JSON of published runs.
+"""The page on speed and the README's small table, made from the JSON of published runs.
 
-The text between the two marks is made from the files in ``bench/published`` and from nothing else; a test
-checks that. ``publish.py`` takes new figures and writes it.
+The text between the two marks of either is made from the files in ``bench/published`` and from nothing
+else; a test checks that. ``publish.py`` takes new figures and writes it.
 """
 
 import json
@@ -15,6 +15,7 @@ from benchmarks.publication.tables import (
     others_table,
     period_table,
     served_table,
+    summary_table,
     ticks_table,
 )
 from benchmarks.publication.wording import full_name, short_name, verdict_lines, when, whole
@@ -22,6 +23,7 @@ from benchmarks.support.project import BENCH, PROJECT
 
 PUBLISHED = BENCH / "published"
 README = PROJECT / "README.md"
+PAGE = PROJECT / "docs" / "performance.md"
 BEGIN = "<!-- Figures: made by `python bench/publish.py` of bench/published. Edit neither by hand. -->"
 END = "<!-- End of the figures. -->"
 PICTURES = {
@@ -44,16 +46,15 @@ ALONE = ("memory", "proximity ")  # beginnings of requirements that concern this
 Document = dict[str, Any]
 
 
-def write(readme: Path, documents: dict[str, Document]) -> None:
-    """Write the section of *documents* into a README.
+def write(page: Path, text: str) -> None:
+    """Write a text between the marks of a page.
 
     Raises
     ------
     ValueError
-        If the README lacks the marks between which it belongs.
+        If the page lacks the marks between which the text belongs.
     """
-    text = replaced(readme.read_text(encoding="utf-8"), section(documents))
-    readme.write_text(text, encoding="utf-8")
+    page.write_text(replaced(page.read_text(encoding="utf-8"), text), encoding="utf-8")
 
 
 def read(folder: Path) -> dict[str, Document]:
@@ -61,19 +62,31 @@ def read(folder: Path) -> dict[str, Document]:
     return {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in sorted(folder.glob("*.json"))}
 
 
-def replaced(readme: str, text: str) -> str:
-    """Return *readme* with *text* between the marks.
+def replaced(page: str, text: str) -> str:
+    """Return *page* with *text* between the marks.
 
     Raises
     ------
     ValueError
         If the marks are not there, once each and in order.
     """
-    before, begin, rest = readme.partition(BEGIN)
+    before, begin, rest = page.partition(BEGIN)
     _, end, after = rest.partition(END)
     if not begin or not end or BEGIN in rest or END in after:
         raise ValueError(f"expected one line {BEGIN!r} and below it one line {END!r}")
     return f"{before}{BEGIN}\n\n{text}\n{END}{after}"
+
+
+def summary(documents: dict[str, Document]) -> str:
+    """Return the README's table: six rows, and the line that says how they were measured."""
+    document = documents["report"]
+    lines = summary_table(document, documents["ticks"])
+    how = (
+        f"Medians on one core, {short_name(document['machine'])}, {document['machine']['date']}: a plate of "
+        "304 k faces, 87 k for the tick, and points near its surface. proximity computes in double "
+        "precision, the others here in single. [All figures, with tails and conditions](docs/performance.md)."
+    )
+    return "\n".join([*lines, "", _wrapped(how)]) + "\n"
 
 
 def section(documents: dict[str, Document]) -> str:
@@ -202,5 +215,5 @@ def _growth(documents):
         "much smaller than their distance are nearly equally far: of those about the square root has to be "
         "looked at."
     )
-    pictures = [f"![{words}](bench/published/{name}.png)" for name, words in PICTURES.items()]
+    pictures = [f"![{words}](../bench/published/{name}.png)" for name, words in PICTURES.items()]
     return [head, growth_table(document), " ".join(document["left_out"]), pictures]

@@ -1,4 +1,4 @@
-"""Tables of the README's figures, each made from the JSON of the command that measured it."""
+"""Tables of published figures, each made from the JSON of the command that measured it."""
 
 import itertools
 from typing import Any
@@ -87,6 +87,26 @@ def others_table(document: Document) -> list[str]:
             later[0] = ""
     headings = ("work", "part", "proximity", "best other", "times as fast", "asked for", "met")
     return table(headings, lines, right=2)
+
+
+def summary_table(report: Document, ticks: Document) -> list[str]:
+    """Each kind of work at the plate, beside the fastest other with right signs; and a tick."""
+    rows = report["rows"]
+    lines = []
+    for wanted in REQUIREMENTS:
+        name = OUR_TREE if wanted.section == BUILD else OURS
+        for ours in (row for row in rows if (row["section"], row["contender"]) == (wanted.section, name)):
+            shown = _shown(rows, ours, wanted) if ours["case"].startswith("plate") else []
+            rivals = [row for row in shown if not _wrong(row)][:1]
+            work = f"{wanted.section}, {ours['unit'].replace('a query', 'each')}"
+            lines += [
+                [work, _time(_beside(rows, ours, best)), _other(best), figure(best["times_ours"])]
+                for best in rivals
+            ]
+    (tick,) = (row for row in ticks["rows"] if row["case"] == "fingers/plate")
+    times = f"{figure(tick['thread']['p50'])} (p99 {figure(tick['thread']['p99'])})"
+    lines.append([f"a tick of {tick['finger_count']} fingers, µs", times, "", ""])
+    return table(("work", "proximity", "fastest other", "times as fast"), lines)
 
 
 def _shown(rows, ours, wanted):
