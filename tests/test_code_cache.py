@@ -78,9 +78,9 @@ def test_ctrl_c_is_heard_while_something_compiles():
 
 OWN_FUNCTION = """
 import numba
-from proximity.kernels import compiling
+from proximity.kernels import compiler
 
-@compiling.kernel
+@compiler.kernel
 def doubled(value):
     return 2.0 * value
 

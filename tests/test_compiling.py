@@ -37,9 +37,9 @@ def test_a_settled_kernel_takes_arrays_that_lie_anyhow_and_looks_at_them_itself(
 
 
 DOUBLING = """
-from proximity.kernels import compiling
+from proximity.kernels import compiler
 
-@compiling.kernel
+@compiler.kernel
 def double(number):
     return number + number
 """
@@ -82,7 +82,8 @@ def test_processes_that_compile_side_by_side_keep_what_each_has_compiled(tmp_pat
 
 LEFT_OVER = """
 import proximity
-from proximity import queries, tracker
+from proximity.scene import queries
+from proximity.tracker import tracker
 import proximity
 from proximity.errors import QueryError
 from proximity.kernels.compiler import Settled
@@ -97,7 +98,7 @@ for module in (queries, tracker):
 
 HELPED = """
 import subprocess
-from proximity import warmup
+from proximity.tracker import warm_up as warmup
 started = []
 class Popen(subprocess.Popen):
     def __init__(self, arguments, **options):
@@ -123,7 +124,7 @@ def test_helpers_compile_beside_and_are_gone_at_the_end(workers, are_cached, tol
 
 def test_a_helper_compiles_what_is_called():
     code = (
-        "from proximity import warmup\n"
+        "from proximity.tracker import warm_up as warmup\n"
         "warmup._settle(3)\n"
         "print([call for call in warmup._calls() if getattr(call.call, '__self__', None) is call])"
     )

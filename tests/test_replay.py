@@ -11,7 +11,14 @@ from proximity.pose import Pose
 from proximity.recording import Recording
 from proximity.scene.scene import Part, Scene
 from proximity.scene.solid import Solid
-from proximity.tracker.replay import bounds_check, fitted_pose, replay, run, summarise, turn_about_axes
+from proximity.tracker.replay import (
+    bounds_check,
+    fitted_pose,
+    replay,
+    replay_loop,
+    summarise,
+    turn_about_axes,
+)
 from proximity.tracker.replay.summary import tick_times
 from proximity.tracker.tracker import Tracker
 
@@ -55,7 +62,7 @@ def test_every_instant_is_one_tick_of_a_fresh_tracker(scene):
 
     run, (rehearsed, tracker) = run_over(scene, recording, latency=0.002)
 
-    assert len(rehearsed.ticks) == run.REHEARSAL
+    assert len(rehearsed.ticks) == replay_loop.REHEARSAL
     assert tracker.ticks == [(at, at + 2_000_000) for at in recording.times_ns.tolist()]
     np.testing.assert_array_equal(run.contacts["position"], recording.positions)
     np.testing.assert_allclose(run.contacts["signed_distance"][:, 0], DOWN_AND_UP - RADIUS, atol=1e-15)
@@ -64,7 +71,7 @@ def test_every_instant_is_one_tick_of_a_fresh_tracker(scene):
 
 
 def test_who_waits_sees_all_ticks_pass(scene, monkeypatch):
-    monkeypatch.setattr(run, "CHUNK", 20)
+    monkeypatch.setattr(replay_loop, "CHUNK", 20)
     seen = []
 
     def watch(chunks):
@@ -84,7 +91,7 @@ def test_latency_that_is_none_is_refused(scene, latency):
 
 
 def test_log_that_does_not_fit_into_memory_is_refused(scene, monkeypatch):
-    monkeypatch.setattr(run, "LARGEST_LOG_BYTES", 1000)
+    monkeypatch.setattr(replay_loop, "LARGEST_LOG_BYTES", 1000)
 
     with pytest.raises(
         RecordingError, match=r"hand\.csv: 43 ticks of 2 fingers would make 0\.0 GiB of contacts"

@@ -23,7 +23,7 @@ from proximity.message import GLOVE_POSES, MEASURED, MOVES, POSES, ContactFlag, 
 from proximity.recording import FrameReader
 from proximity.service import realtime
 from proximity.service.config import PartFiles
-from proximity.service.hosting import RunningService, process, reloading, run, serve, start_service
+from proximity.service.hosting import RunningService, process, reloading, scene_service, serve, start_service
 from proximity.transport import open_publisher, open_subscriber
 from proximity.transport.link import TRANSPORTS, Transport
 
@@ -56,7 +56,7 @@ def folder(tmp_path, monkeypatch):
     """A folder with parts, where edits are looked for more often than people need."""
     for name in ("box.stl", "sphere.stl", "hand.csv"):
         shutil.copy(MESHES / name, tmp_path)
-    monkeypatch.setattr(run, "LOOK_S", 0.02)
+    monkeypatch.setattr(scene_service, "LOOK_S", 0.02)
     return tmp_path
 
 
@@ -85,7 +85,7 @@ def served(scene_path):
             failures.append(failure)
             begun.set()
 
-    (address,) = run.read_scene_file(scene_path).service.publish
+    (address,) = scene_service.read_scene_file(scene_path).service.publish
     with open_subscriber(address) as subscriber, open_publisher(f"{address}/poses") as poses:
         thread = threading.Thread(target=run)
         thread.start()
@@ -310,22 +310,22 @@ def test_measured_distances_are_published_without_geometry(scene_path, folder, r
     ],
 )
 def test_edit_that_needs_a_restart_is_refused_with_its_line(scene_path, before, after, message):
-    settings = run.read_scene_file(scene_path)
+    settings = scene_service.read_scene_file(scene_path)
     edit(scene_path, before, after)
 
     with pytest.raises(ServiceError) as refused:
-        reloading.refuse_what_needs_a_restart(settings, run.read_scene_file(scene_path))
+        reloading.refuse_what_needs_a_restart(settings, scene_service.read_scene_file(scene_path))
 
     assert str(refused.value).startswith(f"{scene_path}:{message}, and a running service keeps it: start")
 
 
 def test_recording_s_place_is_kept(scene_path):
     recorded(scene_path, "position = [0, 0, 0]\n")
-    settings = run.read_scene_file(scene_path)
+    settings = scene_service.read_scene_file(scene_path)
     edit(scene_path, "position = [0, 0, 0]", "position = [0, 0, 1]")
 
     with pytest.raises(ServiceError, match=r"cell\.toml:10: input\.position is not as it was"):
-        reloading.refuse_what_needs_a_restart(settings, run.read_scene_file(scene_path))
+        reloading.refuse_what_needs_a_restart(settings, scene_service.read_scene_file(scene_path))
 
 
 class FakeService:
@@ -341,7 +341,7 @@ class FakeService:
 @pytest.fixture
 def looking(scene_path):
     """The looking for edits without a loop: a test decides when it looks."""
-    settings = run.read_scene_file(scene_path)
+    settings = scene_service.read_scene_file(scene_path)
     files = PartFiles()
     service, said = FakeService(), []
     made = SimpleNamespace(service=service, files=files, scene=files.scene(settings), moves=None, count=2)
@@ -503,8 +503,8 @@ def test_it_ends_after_some_seconds(scene_path):
 
 def test_it_ends_after_some_seconds_also_while_an_edit_is_being_made(scene_path, monkeypatch):
     """To read a large part may take minutes."""
-    monkeypatch.setattr(run, "LOOK_S", 0.01)
-    monkeypatch.setattr(run, "PATIENCE_S", 0.01)
+    monkeypatch.setattr(scene_service, "LOOK_S", 0.01)
+    monkeypatch.setattr(scene_service, "PATIENCE_S", 0.01)
     is_over = threading.Event()
     monkeypatch.setattr(reloading.Editing, "look", lambda self: is_over.wait(PATIENCE_S))
     began = time.monotonic()
@@ -676,7 +676,7 @@ def test_listener_that_fails_ends_nothing(scene_path, caplog):
 
     assert report.ticks > 0
     assert said[0] == "3 frames" and "was edited" in said[1]
-    assert [record.message for record in caplog.records if record.name == "proximity.service.hosting"] == [
+    assert [record.message for record in caplog.records if record.name == "proximity.hosting"] == [
         f"this could not be said: {sentence}" for sentence in said
     ]
 
@@ -689,7 +689,7 @@ def test_listener_that_takes_its_time_delays_no_tick(scene_path):
         assert may_go_on.wait(PATIENCE_S)
         seen.append(sentence)
 
-    with run.warnings_of_loop_to(say):
+    with scene_service.warnings_of_loop_to(say):
         poses_failed.warning("first")  # would wait here
         poses_failed.warning("second")
         assert seen == []

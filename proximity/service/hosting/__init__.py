@@ -6,6 +6,6 @@ one can delay a tick.
 """
 
 from proximity.service.hosting.process import RunningService, start_service
-from proximity.service.hosting.run import Beginning, serve
+from proximity.service.hosting.scene_service import Beginning, serve
 
 __all__ = ["Beginning", "RunningService", "serve", "start_service"]

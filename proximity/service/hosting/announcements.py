@@ -6,7 +6,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from logging.handlers import QueueHandler, QueueListener
 
-LOGGER = logging.getLogger("proximity.service.hosting")
+# Not below the loop's logger: what cannot be announced would be announced again, for ever.
+LOGGER = logging.getLogger("proximity.hosting")
 LOOP_LOGGER = logging.getLogger("proximity.service")
 
 

@@ -32,7 +32,7 @@ SPOKEN_BY = "proximity: "
 EXIT_UNUSABLE = 2
 OPTIONS = {"rate_hz": "--rate", "publish": "--publish", "log": "--log"}
 SWITCHES = {"real_time": ("--no-real-time", "--real-time")}
-LOGGER = logging.getLogger("proximity.service.hosting")
+LOGGER = logging.getLogger("proximity.hosting")
 
 
 class RunningService:
@@ -215,7 +215,7 @@ def start_service(
         That the service has until its first frame; parts must be read, and kernels compiled the first time.
     say : callable
         Is given sentences meanwhile, by another thread: edits that were taken or not, what has failed. They
-        are logged as warnings of "proximity.service.hosting" where it is not given.
+        are logged as warnings of "proximity.hosting" where it is not given.
     overrides
         What holds instead of what the file's [service] says: ``publish``, ``rate_hz``, ``log``,
         ``real_time``. None: the file holds.

@@ -6,7 +6,7 @@ one follows at once. The tracker is whatever answers ticks; this package knows n
 
 from proximity.tracker.replay.bounds_check import BoundsKept, PredictionsKept, TouchesForetold
 from proximity.tracker.replay.placement import fitted_pose, turn_about_axes
-from proximity.tracker.replay.run import Replay, Ticking, replay
+from proximity.tracker.replay.replay_loop import Replay, Ticking, replay
 from proximity.tracker.replay.summary import FingerTouches, ReplaySummary, TickTimes, summarise
 
 __all__ = [

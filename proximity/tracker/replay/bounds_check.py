@@ -7,7 +7,7 @@ import numpy as np
 from proximity.message import ContactFlag
 from proximity.recording import NANOSECONDS
 from proximity.scene.scene import Scene
-from proximity.tracker.replay.run import Replay
+from proximity.tracker.replay.replay_loop import Replay
 
 CHECKED_COUNT = 20_000  # finger-ticks, evenly chosen
 ROUNDING = 1e-12  # of a distance: how far two ways of computing it may be apart

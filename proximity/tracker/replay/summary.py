@@ -16,7 +16,7 @@ from proximity.tracker.replay.bounds_check import (
     judge_touches,
     touching,
 )
-from proximity.tracker.replay.run import Replay
+from proximity.tracker.replay.replay_loop import Replay
 
 PERCENTILES = (50.0, 99.0, 99.9, 100.0)
 MICROSECOND_NS = 1000

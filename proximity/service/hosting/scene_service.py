@@ -23,7 +23,7 @@ BEGIN_LOOK_S = 0.005
 """Between two looks whether the first frame is out."""
 PATIENCE_S = 2.0
 """That an edit which is being made when all is over is waited for: a large part may take minutes."""
-LOGGER = logging.getLogger("proximity.service.hosting")
+LOGGER = logging.getLogger("proximity.hosting")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,7 +64,7 @@ def serve(
         Ends it so long after the first frame; None: it goes on.
     say : callable
         Is given sentences meanwhile, by other threads: edits that were taken or not, what has failed. They
-        are logged as warnings of "proximity.service.hosting" where it is not given.
+        are logged as warnings of "proximity.hosting" where it is not given.
     begun : callable
         Is told, by another thread, that the first frame is out.
     overrides
