@@ -1,10 +1,10 @@
 """Check the tracker's guarantees on all cores: ``python bench/prove_bounds.py --finger-ticks 1e7``.
 
-Runs numbered trials of `tests/bound_trials.py` until that many finger-ticks were checked. Prints how often
-each guarantee was checked and how near it came to being broken: *worst* is the largest excess, in tolerances
-for rounding (1 would be broken), *closest* the smallest distance to the bound where there was no excess. At
-the first violation it stops, with exit code 1 and the option that repeats the trial: ``--trial N``.
-"""
+Runs numbered trials of `tests/trials/bound_trials.py` until that many finger-ticks were checked. Prints how
+often each guarantee was checked and how near it came to being broken: *worst* is the largest excess, in
+tolerances for rounding (1 would be broken), *closest* the smallest distance to the bound where there was no
+excess. At the first violation it stops, with exit code 1 and the option that repeats the trial: ``--trial
+N``."""
 
 import argparse
 import math
@@ -15,8 +15,8 @@ import time
 
 from benchmarks.support.project import project_module
 
-run_trial = project_module("tests", "bound_trials").run_trial
-Tally = project_module("tests", "trial_log").Tally
+run_trial = project_module("tests/trials", "bound_trials").run_trial
+Tally = project_module("tests/trials", "trial_log").Tally
 
 SIZES = (2000, 5000, 12_000, 40_000)
 """Finger-ticks of a trial, in turn: short ones meet more scenes, long ones drift farther."""

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
+from project import SHARED_DATA
 
 import proximity
 
@@ -15,7 +16,6 @@ for _name, _handler in (("SIGINT", signal.default_int_handler), ("SIGHUP", signa
     if getattr(signal, _name, None) and signal.getsignal(getattr(signal, _name)) is signal.SIG_IGN:
         signal.signal(getattr(signal, _name), _handler)
 
-SHARED_DATA = Path(__file__).resolve().parent.parent.parent / "shared" / "data"
 
 settings.register_profile("default", deadline=None)  # a first call compiles, which no deadline can know
 settings.register_profile(
@@ -32,27 +32,28 @@ def shared_data() -> Path:
     return SHARED_DATA
 
 
-PROCESSES = (
-    "test_bench",
-    "test_cli",
-    "test_concurrency",
-    "test_demo",
-    "test_frame_log",
-    "test_glove_to_drum",
-    "test_readme",
-    "test_receiver",
-    "test_service",
-    "test_serving",
-    "test_stopping",
-    "test_transport",
-)
-"""Files whose tests start processes, look at clocks, or use what a machine has once."""
+TESTS_OF_PROCESSES = {"bench", "cli", "service", "transport"}
+"""Folders whose tests start processes, look at clocks, or use what a machine has once."""
+MORE_TESTS_OF_PROCESSES = {
+    "test_concurrency.py",
+    "test_frame_log.py",
+    "test_glove_to_drum.py",
+    "test_readme.py",
+    "test_receiver_c.py",
+    "test_stopping.py",
+}
+"""Files elsewhere that do so too."""
+
+
+def has_processes(path: Path) -> bool:
+    """Whether the tests of a file are kept in one worker, with kernels compiled before."""
+    return path.parent.name in TESTS_OF_PROCESSES or path.name in MORE_TESTS_OF_PROCESSES
 
 
 @pytest.fixture(autouse=True)
 def kernels_of_programs(request: pytest.FixtureRequest) -> None:
     """Have the tests of programs begin with compiled kernels: a program says that it compiles."""
-    if request.path.name.startswith(PROCESSES) and not proximity.kernels_are_cached():
+    if has_processes(request.path) and not proximity.kernels_are_cached():
         proximity.warm_up(workers=-1)
 
 
@@ -60,6 +61,5 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     """With pytest-xdist: a file stays with one worker, and so do all that start processes."""
     if config.pluginmanager.hasplugin("xdist"):
         for item in items:
-            file = item.path.name
-            group = "processes" if file.startswith(PROCESSES) else file
+            group = "processes" if has_processes(item.path) else item.path.name
             item.add_marker(pytest.mark.xdist_group(group))

@@ -25,7 +25,7 @@ def ring(face_count: int) -> Mesh:
 
 def ball(subdivisions: int) -> Mesh:
     """A ball whose corners are all equally far from its centre, the origin; 20 · 4^n faces."""
-    return project_module("tests", "shapes").sphere(BALL_RADIUS, subdivisions)
+    return project_module("tests/support", "shapes").sphere(BALL_RADIUS, subdivisions)
 
 
 def hollow_ball(subdivisions: int) -> Mesh:

@@ -15,7 +15,7 @@ from benchmarks.queries.cases import Case, hands_of, part_of
 from benchmarks.rivals.interface import Contender, Task
 from benchmarks.support.project import project_module
 
-oracle = project_module("tests", "oracle")
+oracle = project_module("tests/support", "oracle")
 
 TOLERANCE = 1e-5  # of the diagonal: about a hundred roundings of float32
 SAMPLE_COUNT = 1000

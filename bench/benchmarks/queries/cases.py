@@ -99,7 +99,7 @@ def _shared(file_name: str) -> Callable[[], Mesh]:
 
 
 def _sphere(subdivision_count: int) -> Callable[[], Mesh]:
-    return lambda: project_module("tests", "shapes").sphere(1.0, subdivision_count)
+    return lambda: project_module("tests/support", "shapes").sphere(1.0, subdivision_count)
 
 
 def _plate() -> Mesh:

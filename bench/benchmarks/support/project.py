@@ -17,9 +17,13 @@ TEMPORARY_PREFIX = "proximity_bench_"
 
 
 def project_module(folder: str, name: str) -> ModuleType:
-    """Return the module *name* in *folder* of the project, which is not part of the package."""
-    if str(PROJECT / folder) not in sys.path:
-        sys.path.append(str(PROJECT / folder))
+    """Return the module *name* in *folder* of the project, which is not part of the package.
+
+    Modules of the tests import one another: their helpers are found as well.
+    """
+    for needed in (folder, "tests/support"):
+        if str(PROJECT / needed) not in sys.path:
+            sys.path.append(str(PROJECT / needed))
     return importlib.import_module(name)
 
 

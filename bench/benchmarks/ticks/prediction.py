@@ -46,7 +46,7 @@ def measure_prediction(options) -> list[TickRow]:
 
 def _errors_of(recording):
     """Yield for each finger how far its position 9 ms later is from the pose, and from the prediction."""
-    box = project_module("tests", "shapes").box
+    box = project_module("tests/support", "shapes").box
     positions, times_ns = recording.positions, recording.times_ns
     lower = np.nanmin(positions, axis=(0, 1))
     trackers = []

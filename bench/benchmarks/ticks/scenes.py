@@ -55,7 +55,7 @@ def freeform(counts: tuple[int, int], size: float = 0.15) -> Mesh:
 
 def cavity(sizes: Sizes, radius: float = 0.1) -> Mesh:
     """A ball with a spherical hollow of that radius, whose corners are all equally far from the centre."""
-    shapes = project_module("tests", "shapes")
+    shapes = project_module("tests/support", "shapes")
     hollow = shapes.inside_out(shapes.sphere(radius, sizes.cavity_subdivisions))
     return shapes.join(shapes.sphere(1.2 * radius, 3), hollow)
 
@@ -73,7 +73,7 @@ def scene_of(mesh: Mesh, name: str = "part") -> Scene:
 def many_parts(sizes: Sizes) -> Scene:
     """Parts of three kinds, 50 mm long, with random orientations, on a lattice of 80 mm in two layers."""
     make = project_module("meshes", "make")
-    turned = project_module("tests", "shapes").rotation
+    turned = project_module("tests/support", "shapes").rotation
     solids = [
         Solid(*make.torus(0.018, 0.007, *sizes.kind), name="ring"),
         Solid(*freeform(sizes.kind, 0.05), name="bumps"),

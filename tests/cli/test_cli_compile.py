@@ -1,0 +1,159 @@
+"""``proximity compile``, and compiled scenes wherever the command line takes a file."""
+
+import json
+import os
+import sys
+from types import SimpleNamespace
+
+import pytest
+from project import MESHES
+
+from proximity import cli
+
+
+@pytest.fixture
+def run(monkeypatch, capsys, tmp_path):
+    """Run the command line in an empty folder; returns exit code, stdout and stderr."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("FORCE_COLOR", "NO_COLOR", "GITHUB_ACTIONS", "COLUMNS", "TERMINAL_WIDTH"):
+        monkeypatch.delenv(name, raising=False)
+
+    def run_with(*arguments):
+        monkeypatch.setattr(sys, "argv", ["proximity", *map(str, arguments)])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        written = capsys.readouterr()
+        return SimpleNamespace(code=end.value.code, out=written.out, err=written.err)
+
+    return run_with
+
+
+def test_one_line_says_what_was_written(run, tmp_path):
+    result = run("compile", MESHES / "assembly.glb", "cell.prox")
+
+    size = (tmp_path / "cell.prox").stat().st_size
+    assert (result.code, result.err) == (0, "")
+    assert result.out == f"cell.prox: 4 parts, 1192 faces, {size} bytes\n"
+
+
+def test_one_part_is_told_as_one(run):
+    assert run("compile", MESHES / "box.stl", "box.prox").out.startswith("box.prox: 1 part, 12 faces, ")
+
+
+@pytest.mark.parametrize("options", [(), ("--json",), ("--csv",), ("--ray", 0, 0, -1)])
+def test_compiled_scene_answers_as_its_file(options, run):
+    run("compile", MESHES / "assembly.glb", "cell.prox")
+
+    compiled = run("query", "cell.prox", 30, 20, 7.5, *options)
+
+    assert compiled.code == 0
+    asked = run("query", MESHES / "assembly.glb", 30, 20, 7.5, *options)
+    assert compiled.out == asked.out.replace(str(MESHES / "assembly.glb"), "cell.prox")
+
+
+def test_check_says_what_the_scene_was_compiled_from(run):
+    run("compile", MESHES / "bracket.stl", "cell.prox", "--units", "cm")
+
+    shown = run("check", "cell.prox").out.splitlines()
+
+    assert shown[:4] == [
+        "file            cell.prox",
+        f"compiled from   {MESHES / 'bracket.stl'}",
+        "format          STL binary",
+        "units of file   cm (assumed: the file declares none)",
+    ]
+
+
+def test_check_as_json_is_that_of_the_file(run):
+    run("compile", MESHES / "assembly.glb", "cell.prox")
+
+    compiled = json.loads(run("check", "cell.prox", "--json").out)
+    direct = json.loads(run("check", MESHES / "assembly.glb", "--json").out)
+
+    assert compiled.pop("compiled_from") == str(MESHES / "assembly.glb")
+    assert direct.pop("compiled_from") is None
+    assert {**compiled, "file": direct["file"]} == direct
+
+
+def test_compiled_scene_is_compiled_again(run, tmp_path):
+    run("compile", MESHES / "assembly.glb", "a.prox")
+
+    assert run("compile", "a.prox", "b.prox").code == 0
+
+    assert (tmp_path / "a.prox").read_bytes() == (tmp_path / "b.prox").read_bytes()
+
+
+def test_name_of_a_mesh_is_not_written_over(run, tmp_path):
+    (tmp_path / "part.stl").write_bytes(b"precious")
+
+    result = run("compile", MESHES / "box.stl", "part.stl")
+
+    assert result.code == 2
+    assert "part.stl does not end in .prox" in " ".join(result.err.split())
+    assert (tmp_path / "part.stl").read_bytes() == b"precious"
+
+
+def test_file_that_cannot_be_used_leaves_nothing(run, tmp_path):
+    (tmp_path / "part.stl").write_bytes(b"no mesh")
+
+    result = run("compile", "part.stl", "part.prox")
+
+    assert result.code == 2
+    assert result.err.startswith("proximity: part.stl: ")
+    assert not (tmp_path / "part.prox").exists()
+
+
+def test_place_that_cannot_be_written_to_is_one_line(run):
+    result = run("compile", MESHES / "box.stl", "none/box.prox")
+
+    assert (result.code, result.out) == (2, "")
+    assert result.err == "proximity: none/box.prox: cannot be written (No such file or directory)\n"
+
+
+def test_damaged_scene_is_one_line(run, tmp_path):
+    run("compile", MESHES / "box.stl", "box.prox")
+    data = (tmp_path / "box.prox").read_bytes()
+    (tmp_path / "box.prox").write_bytes(data[:-1])
+
+    for arguments in (
+        ("query", "box.prox", 0, 0, 0),
+        ("check", "box.prox"),
+        ("compile", "box.prox", "b.prox"),
+    ):
+        result = run(*arguments)
+        assert (result.code, result.out) == (2, "")
+        assert result.err == (
+            f"proximity: box.prox: it is cut off after {len(data) - 1} of {len(data)} bytes; "
+            "save the scene again with this version\n"
+        )
+
+
+def test_units_of_a_file_that_declares_none_are_taken(run):
+    run("compile", MESHES / "box.stl", "box.prox", "--units", "in")
+
+    (answer,) = json.loads(run("query", "box.prox", 43, 0, 0, "--units", "in", "--json").out)["answers"]
+
+    assert answer["signed_distance"] == pytest.approx(3.0, rel=1e-12)
+
+
+def test_help_has_examples(run):
+    assert "proximity compile gearbox.step gearbox.prox\n" in run("compile", "--help").out
+
+
+@pytest.mark.parametrize("link", [None, os.symlink, os.link])
+def test_file_is_never_written_over_itself(link, run, tmp_path):
+    source, out = tmp_path / "a.prox", tmp_path / "b.prox"
+    source.write_bytes((MESHES / "box.stl").read_bytes())
+    if link is None:
+        out = tmp_path / "." / "sub" / ".." / "a.prox"
+        (tmp_path / "sub").mkdir()
+    else:
+        link(source, out)
+    before = source.stat()
+
+    result = run("compile", source, out)
+
+    assert (result.code, result.out) == (2, "")
+    assert "itself, expected another file" in " ".join(result.err.replace("│", " ").split())
+    assert source.stat().st_mtime_ns == before.st_mtime_ns and source.stat().st_nlink == before.st_nlink
+    assert out.is_symlink() == (link is os.symlink)

@@ -1,0 +1,212 @@
+"""``proximity figures`` and ``proximity simulate``."""
+
+import json
+import re
+import sys
+from types import SimpleNamespace
+
+import pytest
+from project import MESHES
+
+from proximity import cli
+from proximity.cli.views.output import plain
+from proximity.decaff.drum.drum import DRUMS
+from proximity.scene.loader import load
+from proximity.studies.engine.engine_setup import EngineSetup
+from proximity.studies.part_press import document as part_document
+from proximity.studies.part_press import simulate_on_part
+from proximity.studies.simulation.simulated_press import Setup, Wall, document, simulate
+
+
+@pytest.fixture
+def run(monkeypatch, capsys, tmp_path):
+    """Run the command line in a folder of its own; returns exit code, stdout and stderr."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+    for name in ("FORCE_COLOR", "NO_COLOR", "GITHUB_ACTIONS"):
+        monkeypatch.delenv(name, raising=False)
+
+    def run_with(*arguments):
+        monkeypatch.setattr(sys, "argv", ["proximity", *map(str, arguments)])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        written = capsys.readouterr()
+        return SimpleNamespace(code=end.value.code, out=written.out, err=written.err)
+
+    return run_with
+
+
+def test_figures_are_written_and_progress_is_told(run, tmp_path):
+    (tmp_path / "paper").mkdir()
+    (tmp_path / "paper" / "notes.txt").write_text("kept")
+
+    result = run("figures", "stability", "5d", "5d", "--out", "paper", "--format", "svg")
+
+    assert result.code == 0
+    assert re.fullmatch(r"paper: 2 figures, 4 files, \d+\.\d s\n", result.out)
+    first, second = result.err.splitlines()
+    assert re.fullmatch(r"proximity: stability.svg, stability.csv \(\d+\.\d s\)", first)
+    assert re.fullmatch(r"proximity: figure-5d.svg, figure-5d.csv \(\d+\.\d s\)", second)
+    assert sorted(path.name for path in (tmp_path / "paper").iterdir()) == [
+        "figure-5d.csv", "figure-5d.svg", "notes.txt", "stability.csv", "stability.svg",
+    ]  # fmt: skip
+
+
+def test_unknown_figure_is_refused_with_the_list(run, tmp_path):
+    result = run("figures", "5d", "5z")
+
+    assert (result.code, result.out) == (2, "")
+    assert result.err.startswith("proximity: no figure '5z', expected some of 5a, 5b, 5c, 5d, 5e, 5f, 5g, 5h")
+    assert not list(tmp_path.iterdir())
+
+
+def test_unknown_format_is_refused(run):
+    result = run("figures", "5d", "--format", "gif")
+
+    assert result.code == 2
+    assert result.err == "proximity: no figures of format 'gif', expected one of png, svg, pdf\n"
+
+
+@pytest.mark.parametrize("wall", ["real", "coupled", "decaff"])
+def test_press_on_every_wall_is_told_and_drawn(run, tmp_path, wall):
+    tuned = ("--stiffness", 734, "--damping", 4.4) if wall == "coupled" else ()
+    result = run("simulate", "--wall", wall, "--speed", 0.5, *tuned, "--out", "press.png")
+
+    assert result.code == 0
+    assert result.err == "proximity: wrote press.png\n"
+    assert (tmp_path / "press.png").read_bytes().startswith(b"\x89PNG")
+    steady = re.search(r"force at rest \[N\] +(\S+) +(\S+)", result.out)
+    setup = Setup(Wall(wall), 0.5, **({"stiffness": 734.0, "damping": 4.4} if tuned else {}))
+    assert steady.groups() == (f"{simulate(setup).felt.steady:.3f}", "0.800")
+    assert ("drum past the wall" in result.out) == (wall == "decaff")
+
+
+def test_json_of_a_press_is_the_models(run):
+    options = ("--latency-ms", 10, "--rate-hz", 500, "--drum", "gear10", "--policy", "latched")
+    result = run("simulate", *options, "--speed", 1, "--json")
+
+    expected = document(simulate(Setup(Wall.DECAFF, 1.0, 0.010, 500.0, "gear10", "latched")))
+    assert (result.code, result.err) == (0, "")
+    assert json.loads(result.out) == expected
+
+
+def test_wall_out_of_control_is_told_in_short_numbers(run):
+    result = run("simulate", "--wall", "coupled", "--stiffness", 1e6, "--damping", 1e4, "--speed", 1)
+
+    assert result.code == 0
+    assert re.search(r"peak force \[N\] +\d\.\d+e\+\d+ +6\.000", result.out)
+    assert max(map(len, result.out.splitlines())) < 80
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (("--wall", "soft"), "'soft': expected one of real, coupled, decaff"),
+        (("--wall", "coupled", "--drum", "gear4"), "a coupled wall has none"),
+        (("--stiffness", 5), "a decaff wall has none"),
+        (("--out", "press.gif"), "press.gif does not end in .png, .svg, .pdf, .csv"),
+        (("--policy", "TS"), "policy is 'TS', expected one of naive, latched, feed-forward, time-stamped"),
+        (("--wall", "coupled", "--stiffness", 5), "expected both of them, or none"),
+        (("--wall", "coupled", "--stiffness", -5, "--damping", 1), "stiffness is -5.0, expected"),
+        (("--speed", "nan"), "speed is nan"),
+    ],
+)
+def test_press_that_makes_no_sense_is_refused(run, options, sentence):
+    result = run("simulate", *options)
+
+    assert (result.code, result.out) == (2, "")
+    assert sentence in " ".join(result.err.split())
+
+
+def test_csv_of_a_press_needs_no_matplotlib(run, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+
+    assert run("simulate", "--speed", 1, "--out", "press.csv").code == 0
+    assert (tmp_path / "press.csv").read_text().startswith("time_s,intent_m,finger_m,link_m,force_N")
+    assert "figures need matplotlib" in run("simulate", "--speed", 1, "--out", "press.png").err
+
+
+# --- on a part, with the engine ---
+
+BOX = MESHES / "box.stl"
+FAST = ("--scene", BOX, "--at", 20, 15, 25, "--speed", 1)
+
+
+def test_press_on_a_part_is_told_beside_the_ideal_and_the_real(run, tmp_path):
+    result = run("simulate", *FAST, "--latency-ms", 3, "--out", "press.csv")
+
+    assert (result.code, result.err) == (0, "proximity: wrote press.csv\n")
+    assert "part            box, rigid, touched at (20.00, 15.00, 20.00) mm, incidence 1.000" in result.out
+    assert "told by         the tracker at 1000 Hz, 3 ms late" in result.out
+    assert "this engine" in result.out and "ideal distance" in result.out and "real surface" in result.out
+    names = (tmp_path / "press.csv").read_text().splitlines()[0].split(",")
+    assert {"time_s", "force_N", "ideal_force_N", "real_force_N", "drum_m"} <= set(names)
+
+
+def test_json_of_a_press_on_a_part_is_the_models(run):
+    result = run("simulate", *FAST, "--drum", "direct", "--stiffness", 800, "--damping", 2, "--json")
+
+    scene = load(BOX)
+    scene.set_surface("box", stiffness=800.0, damping=2.0)
+    setup = EngineSetup(drum=DRUMS["direct"])
+    expected = simulate_on_part(scene, setup, at=(0.020, 0.015, 0.025), speed=1.0)
+    assert (result.code, result.err) == (0, "")
+    assert json.loads(result.out) == plain(part_document(expected))
+
+
+def test_recorded_hand_and_far_end_are_simulated(run, tmp_path):
+    rows = [f"{0.01 * i:.2f},0,1,0.02,0.015,{0.027 + abs(25 - i) * 0.001 - 0.003:.4f}" for i in range(50)]
+    (tmp_path / "hand.csv").write_text("\n".join(["time_s,hand,finger,x_m,y_m,z_m", *rows, ""]))
+    recorded = ("--recording", "hand.csv", "--at", 0, 0, 0)
+
+    result = run("simulate", "--scene", BOX, *recorded, "--out", "press.png")
+    assert result.code == 0
+    assert "approach        index of the recording" in result.out
+    assert "force at rest" not in result.out
+    assert (tmp_path / "press.png").read_bytes().startswith(b"\x89PNG")
+    result = run("simulate", *FAST, "--sensor")
+    assert "told by         a sensor at the far end" in result.out
+    assert "force           served from" in result.out
+
+
+def test_part_of_a_scene_file_is_pressed_with_a_plain_reading(run, tmp_path):
+    (tmp_path / "cell.toml").write_text(
+        f"""
+        [service]
+        publish = "mailbox:x"
+        [[parts]]
+        file = "{BOX}"
+        name = "low"
+        [[parts]]
+        file = "{BOX}"
+        name = "high"
+        position = [0.0, 0.0, 0.1]
+        [input]
+        poses = "mailbox:y"
+        """
+    )
+    result = run("simulate", "--scene", "cell.toml", "--part", "high", "--speed", 1, "--policy", "latched")
+
+    assert result.code == 0
+    assert "high, rigid, touched at (20.00, 15.00, 120.00) mm" in result.out
+    assert "drum            latched distances, servo at 3000 Hz" in result.out
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (("--part", "box"), "only a press on a part has that: expected --scene FILE as well"),
+        (("--sensor",), "expected --scene FILE as well"),
+        (("--scene", BOX, "--wall", "real"), "on a part of a scene there is only decaff"),
+        (("--scene", BOX, "--damping", 2), "a part that has it has a --stiffness as well"),
+        (("--scene", BOX, "--part", "lid"), "lid"),
+        (("--scene", BOX, "--out", "press.gif"), "press.gif does not end in"),
+        (("--scene", "none.stl"), "none.stl"),
+        (("--scene", BOX, "--latency-ms", -1), "latency is -0.001, expected"),
+    ],
+)
+def test_press_on_a_part_that_makes_no_sense_is_refused(run, options, sentence):
+    result = run("simulate", *options)
+
+    assert (result.code, result.out) == (2, "")
+    assert sentence in " ".join(result.err.split())

@@ -1,0 +1,352 @@
+"""The program from outside: what it imports, pipes, Ctrl-C, and completion in a shell."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from project import SUPPORT
+
+HEAVY = {"numba", "numpy", "scipy", "trimesh", "llvmlite", "manifold3d", "cascadio", "networkx"}
+
+AS_PROGRAM = """
+import sys
+from proximity import cli
+sys.argv = ["proximity", *{arguments!r}]
+try:
+    cli.main()
+except SystemExit as end:
+    code = end.code
+print("imported", *sorted({heavy!r} & set(sys.modules)), file=sys.stderr)
+sys.exit(code)
+"""
+
+ON_A_SPHERE = """
+import sys
+sys.path.insert(0, {tests!r})
+import proximity
+from fake_scene import FakeScene
+from proximity import cli
+vars(proximity).update(load=lambda path, units, **options: FakeScene(), kernels_are_cached=lambda: True)
+sys.argv = ["proximity", *{arguments!r}]
+{before}
+cli.main()
+"""
+
+
+def environment(**more):
+    kept = {key: value for key, value in os.environ.items() if key not in ("FORCE_COLOR", "GITHUB_ACTIONS")}
+    return {**kept, **more}
+
+
+def run_python(code, **options):
+    return subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, env=environment(), **options
+    )
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--help"],
+        ["--version"],
+        ["query", "--help"],
+        ["check", "--help"],
+        ["replay", "--help"],
+        ["record", "--help"],
+        ["export", "--help"],
+        ["watch", "--help"],
+        ["demo", "--help"],
+        ["query", "part.stl", "1", "--no"],
+    ],
+    ids=" ".join,
+)
+def test_help_and_version_import_nothing_heavy(arguments):
+    result = run_python(AS_PROGRAM.format(arguments=arguments, heavy=HEAVY))
+
+    assert result.stderr.splitlines()[-1] == "imported"
+
+
+def test_query_does_not_wait_for_linear_algebra_that_no_kernel_calls():
+    before = """
+import atexit
+def load(path, units, **options):
+    import numba.np.arraymath  # as the first kernel does
+    return FakeScene()
+def tell():
+    print("linear algebra:", "scipy.linalg" in sys.modules, file=sys.stderr)
+    import scipy.linalg.cython_blas
+proximity.load = load
+atexit.register(tell)
+"""
+    arguments = ["query", "ball.stl", "1", "2", "3"]
+    result = run_python(ON_A_SPHERE.format(tests=str(SUPPORT), arguments=arguments, before=before))
+
+    assert result.stderr == "linear algebra: False\n"
+    assert result.returncode == 0
+
+
+def test_query_looks_for_no_garbage_while_it_starts_and_does_so_again_afterwards():
+    before = """
+import atexit, gc
+def load(path, units, **options):
+    print("while it starts:", gc.isenabled(), file=sys.stderr)
+    return FakeScene()
+proximity.load = load
+atexit.register(lambda: print("afterwards:", gc.isenabled(), file=sys.stderr))
+"""
+    arguments = ["query", "ball.stl", "1", "2", "3"]
+    result = run_python(ON_A_SPHERE.format(tests=str(SUPPORT), arguments=arguments, before=before))
+
+    assert result.stderr == "while it starts: False\nafterwards: True\n"
+
+
+def test_module_runs_as_the_program():
+    result = subprocess.run(
+        [sys.executable, "-m", "proximity", "--version"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+        env=environment(),
+    )
+
+    assert result.stdout.startswith("proximity ")
+
+
+def test_interrupt_while_the_program_is_imported_is_quiet():
+    code = """
+import sys
+class Interrupting:
+    def find_spec(self, name, path=None, target=None):
+        if name == "typer":
+            raise KeyboardInterrupt
+sys.meta_path.insert(0, Interrupting())
+from proximity import __main__
+__main__.main()
+"""
+    result = run_python(code)
+
+    assert (result.returncode, result.stdout, result.stderr) == (130, "", "")
+
+
+def test_mistake_of_ours_keeps_its_traceback():
+    before = (
+        "def broken(path, units, **options): raise ZeroDivisionError('a mistake')\nproximity.load = broken"
+    )
+    result = run_python(ON_A_SPHERE.format(tests=str(SUPPORT), arguments=["check", "a.stl"], before=before))
+
+    assert result.returncode == 1
+    assert result.stderr.startswith("Traceback")
+    assert result.stderr.endswith("ZeroDivisionError: a mistake\n")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="pipes and signals of POSIX")
+@pytest.mark.parametrize("option", ["--csv", "--json", "--units=mm"])
+def test_reader_that_stops_early_causes_no_complaint(option, tmp_path):
+    points = tmp_path / "points.txt"  # a pipe would fill: answers are written while points are read
+    points.write_text("1 2 3\n" * 50_000, encoding="utf-8")
+    arguments = ["query", "ball.stl", "--points", "-", option]
+    with points.open(encoding="utf-8") as lines:
+        program = subprocess.Popen(
+            [sys.executable, "-c", ON_A_SPHERE.format(tests=str(SUPPORT), arguments=arguments, before="")],
+            stdin=lines,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=environment(),
+        )
+    program.stdout.readline()
+    program.stdout.close()
+
+    complaint = program.stderr.read()
+    program.stderr.close()
+    assert program.wait(timeout=60) == 141
+    assert complaint == ""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="pipes and signals of POSIX")
+def test_first_answers_come_while_points_are_still_written():
+    code = ON_A_SPHERE.format(
+        tests=str(SUPPORT), arguments=["query", "ball.stl", "--points", "-", "--csv"], before=""
+    )
+    program = subprocess.Popen(
+        [sys.executable, "-c", code],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment(),
+    )
+    with program:
+        program.stdin.write("0 0 11\n" * 20_000)
+        program.stdin.flush()
+        lines = [program.stdout.readline() for _ in range(20_001)]
+        program.stdin.write("0 0 12\n0\n")
+        program.stdin.close()
+        rest, complaint = program.stdout.read(), program.stderr.read()
+
+    assert lines[0].startswith("x_mm,") and lines[-1].startswith("0.0,0.0,11.0,1.0,")
+    assert rest.startswith("0.0,0.0,12.0,2.0,") and rest.count("\n") == 1
+    assert complaint == "proximity: standard input, line 20002: 1 value, expected 3\n"
+    assert program.returncode == 2
+
+
+@pytest.mark.skipif(os.name == "nt", reason="pipes and signals of POSIX")
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["query", "ball.stl", "1", "2", "3"],
+        ["check", "ball.stl"],
+        ["--help"],
+        ["--version"],
+        ["query", "--help"],
+        ["query"],
+    ],
+    ids=" ".join,
+)
+def test_reader_that_has_gone_before_lines_for_people_ends_as_any_other(arguments):
+    # Was: 1, which is what `check --strict` answers of a part without an inside.
+    reading, writing = os.pipe()
+    os.close(reading)
+    code = ON_A_SPHERE.format(tests=str(SUPPORT), arguments=arguments, before="")
+    program = subprocess.run(
+        [sys.executable, "-c", code],
+        stdout=writing,
+        stderr=subprocess.PIPE,
+        text=True,
+        timeout=60,
+        env=environment(),
+        check=False,
+    )
+    os.close(writing)
+
+    assert program.returncode == 141
+    assert program.stderr == ""
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a file that is always full")
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["query", "ball.stl", "1", "2", "3"],
+        ["query", "ball.stl", "1", "2", "3", "--json"],
+        ["query", "ball.stl", "--points", "-", "--csv"],
+        ["check", "ball.stl", "--json"],
+        ["--help"],
+        ["--version"],
+        ["query", "--help"],
+        ["check"],
+    ],
+    ids=" ".join,
+)
+def test_output_that_does_not_fit_the_disk_is_refused_in_one_sentence(arguments):
+    code = ON_A_SPHERE.format(tests=str(SUPPORT), arguments=arguments, before="")
+    with Path("/dev/full").open("w", encoding="utf-8") as full:
+        program = subprocess.run(
+            [sys.executable, "-c", code],
+            input="1 2 3\n" * 50_000,
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=60,
+            env=environment(),
+            check=False,
+        )
+
+    assert program.stderr == "proximity: the output cannot be written (No space left on device)\n"
+    assert program.returncode == 2
+
+
+@pytest.mark.parametrize("option", ["--json", "--units=mm"])
+def test_output_that_is_closed_is_refused_in_one_sentence(option):
+    before = "sys.stdout = None"  # as Python has it after >&-
+    arguments = ["query", "ball.stl", "1", "2", "3", option]
+    result = run_python(ON_A_SPHERE.format(tests=str(SUPPORT), arguments=arguments, before=before))
+
+    expected = "standard output is closed, expected a terminal, a file or a pipe to write to"
+    assert result.stderr == f"proximity: {expected}\n"
+    assert result.returncode == 2
+
+
+@pytest.mark.skipif(os.name == "nt", reason="pipes and signals of POSIX")
+def test_ctrl_c_ends_quietly():
+    before = "import time\nproximity.load = lambda *_, **__: (print('reading', flush=True), time.sleep(60))"
+    program = subprocess.Popen(
+        [
+            sys.executable,
+            "-c",
+            ON_A_SPHERE.format(tests=str(SUPPORT), arguments=["check", "a.stl"], before=before),
+        ],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment(),
+    )
+    assert program.stdout.readline() == "reading\n"
+    program.send_signal(signal.SIGINT)
+
+    _, complaint = program.communicate(timeout=60)
+    assert program.returncode == 130
+    assert complaint == ""
+
+
+def test_name_that_the_terminal_cannot_write_is_escaped():
+    before = (
+        "sys.stdout.reconfigure(encoding='ascii', errors='strict')\n"
+        "proximity.load = lambda path, units, **options: FakeScene(name='Gehäuse')"
+    )
+    arguments = ["query", "a.stl", "0", "0", "1"]
+    result = run_python(ON_A_SPHERE.format(tests=str(SUPPORT), arguments=arguments, before=before))
+
+    assert result.returncode == 0
+    assert "Geh\\xe4use" in result.stdout
+
+
+def complete(words):
+    """Ask for completions of the last word as the script that bash runs does."""
+    result = subprocess.run(
+        [sys.executable, "-m", "proximity"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        env=environment(
+            _PROXIMITY_COMPLETE="complete_bash", COMP_WORDS=" ".join(words), COMP_CWORD=str(len(words) - 1)
+        ),
+    )
+    return result.stdout.split()
+
+
+def test_commands_options_and_units_are_completed():
+    assert complete(["proximity", "q"]) == ["query"]
+    assert complete(["proximity", "query", "part.stl", "-1", "--seg"]) == ["--segment"]
+    assert "mm" in complete(["proximity", "query", "part.stl", "--units", "m"])
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
+def test_completion_works_in_bash(tmp_path):
+    """Source what --show-completion prints, and complete as the Tab key does."""
+    program = tmp_path / "proximity"
+    program.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m proximity "$@"\n', encoding="utf-8")
+    program.chmod(0o755)
+    script = """
+        eval "$(proximity --show-completion bash)" || exit 3
+        COMP_WORDS=(proximity ch) COMP_CWORD=1
+        $(complete -p proximity | sed 's/.*-F \\([^ ]*\\).*/\\1/') proximity ch proximity
+        echo "completed: ${COMPREPLY[*]}"
+    """
+    result = subprocess.run(
+        ["bash", "--norc", "-c", script],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        env=environment(
+            PATH=f"{tmp_path}{os.pathsep}{os.environ['PATH']}",
+            _TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION="1",
+        ),
+    )
+
+    assert result.stdout.strip() == "completed: check", result.stderr

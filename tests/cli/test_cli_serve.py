@@ -1,0 +1,295 @@
+"""``proximity serve``: what it says, what its options do, and how it ends."""
+
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from project import MESHES
+
+from proximity import cli
+from proximity.cli.commands import serve as command
+from proximity.errors import PublishError, RecordingError
+from proximity.message import State
+from proximity.recording import FrameLog, FrameReader
+from proximity.service import Report
+from proximity.transport.link import TRANSPORTS, Transport
+
+SCENE = """\
+[service]
+rate_hz = 500
+publish = ["mailbox:a", "mailbox:b"]
+real_time = false
+[[parts]]
+file = "box.stl"
+[input]
+recording = "hand.csv"
+"""
+
+
+@pytest.fixture
+def scene_path(tmp_path):
+    for name in ("box.stl", "hand.csv"):
+        shutil.copy(MESHES / name, tmp_path)
+    path = tmp_path / "cell.toml"
+    path.write_text(SCENE)
+    return path
+
+
+@pytest.fixture
+def run(monkeypatch, capsys):
+    """Run the command line in this process; returns exit code, stdout and stderr."""
+    for name in ("FORCE_COLOR", "NO_COLOR", "GITHUB_ACTIONS", "COLUMNS", "TERMINAL_WIDTH"):
+        monkeypatch.delenv(name, raising=False)
+
+    def run_with(*arguments):
+        monkeypatch.setattr(sys, "argv", ["proximity", "serve", *map(str, arguments)])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        written = capsys.readouterr()
+        return SimpleNamespace(code=end.value.code, out=written.out, err=written.err)
+
+    return run_with
+
+
+@pytest.fixture
+def calls(monkeypatch):
+    """Note what would be served, and serve nothing."""
+    import proximity.service.hosting
+
+    noted = []
+
+    def serve(path, **given):
+        noted.append((path, given))
+        return Report(1_000_000)
+
+    monkeypatch.setattr(proximity.service.hosting, "serve", serve)
+    return noted
+
+
+def told(text):
+    """The words of a message, without the frame that Rich draws and breaks it into."""
+    return " ".join("".join(" " if letter in "╭╮╰╯─│" else letter for letter in text).split())
+
+
+def test_beginning_and_end_are_told_in_words(run, scene_path):
+    result = run(scene_path, "--ticks", 100)
+
+    assert result.code == 0
+    assert result.err == (
+        f"proximity: serving {scene_path}: 5 fingers at 1 part, 12 faces\n"
+        "proximity: 500 Hz to mailbox:a, mailbox:b\n"
+    )
+    lines = [(line[:16].strip(), line[16:]) for line in result.out.splitlines()]
+    assert [label for label, _ in lines] == [
+        "ticks",
+        "states",
+        "compute",
+        "lateness",
+        "published",
+        "published",
+    ]
+    told = dict(lines)
+    assert re.fullmatch(r"100 at 500 Hz, \d+ missed", told["ticks"])
+    assert re.fullmatch(r"(\d+ \w+(, )?)+", told["states"])
+    assert re.fullmatch(r"p50 [\d.]+, p99 [\d.]+, p99\.9 [\d.]+, max [\d.]+ µs", told["compute"])
+    assert re.fullmatch(r"p50 [\d.]+, p99 [\d.]+, p99\.9 [\d.]+, max [\d.]+ µs", told["lateness"])
+    assert told["published"] == "mailbox:b: all frames"
+
+
+def test_json_is_a_document_at_the_beginning_and_one_at_the_end(run, scene_path):
+    result = run(scene_path, "--ticks", 100, "--json")
+
+    begun, ended = map(json.loads, result.out.splitlines())
+    assert (result.code, result.err) == (0, "")
+    assert begun == {
+        "event": "begun",
+        "pid": os.getpid(),
+        "scene": str(scene_path),
+        "publish": ["mailbox:a", "mailbox:b"],
+        "rate_hz": 500.0,
+        "log": None,
+        "finger_count": 5,
+        "part_count": 1,
+        "face_count": 12,
+        "notes": [],
+    }
+    assert (ended["event"], ended["ticks"]) == ("ended", 100)
+    assert sum(ended["states"].values()) == 100
+    assert ended["compute"]["p50_ns"] <= ended["compute"]["p999_ns"] <= ended["compute"]["max_ns"]
+
+
+def test_recording_that_may_be_cut_is_said_to_be_at_the_beginning_and_in_the_report(run, scene_path):
+    path = scene_path.parent / "hand.csv"
+    path.write_text(path.read_text()[:-1])
+
+    result = run(scene_path, "--ticks", 5)
+
+    note = f"{path}: the last line has no end: it may be cut"
+    assert f"proximity: {note}\n" in result.err and f"note            {note}\n" in result.out
+
+
+def test_log_is_told(run, scene_path, tmp_path):
+    log = tmp_path / "run.frames"
+
+    result = run(scene_path, "--ticks", 10, "--log", log)
+
+    assert f"proximity: 500 Hz to mailbox:a, mailbox:b, logged in {log}\n" in result.err
+    assert "log             13 frames, 0 lost\n" in result.out
+    assert sum(len(frames) for frames in FrameReader(log)) == 13
+
+
+@pytest.mark.parametrize("option", [(), ("--json",)])
+def test_log_that_lacks_frames_ends_with_exit_code_2_behind_the_report(run, scene_path, monkeypatch, option):
+    def refuse(log, data):
+        raise RecordingError("no room")
+
+    monkeypatch.setattr(FrameLog, "append", refuse)
+
+    result = run(scene_path, "--ticks", 10, "--log", scene_path.parent / "run.frames", *option)
+
+    assert result.code == 2
+    assert result.err.endswith("proximity: the log lacks 13 of 13 frames\n")
+    assert "13 frames were not logged, first: no room" in result.out
+
+
+def test_options_hold_instead_of_what_the_file_says(run, scene_path, calls):
+    options = (
+        "--rate",
+        250,
+        "--publish",
+        "mailbox:x",
+        "--publish",
+        "mailbox:y",
+        "--log",
+        "a",
+        "--no-real-time",
+    )
+    run(scene_path, *options, "--limit", 2.5, "--ticks", 7)
+
+    ((path, given),) = calls
+    assert path == scene_path
+    assert given["rate_hz"] == 250.0
+    assert given["publish"] == ["mailbox:x", "mailbox:y"]
+    assert given["log"] == Path("a")
+    assert given["real_time"] is False
+    assert (given["seconds"], given["tick_count"]) == (2.5, 7)
+
+
+def test_without_options_the_file_holds(run, scene_path, calls):
+    run(scene_path)
+
+    ((_, given),) = calls
+    assert [given[key] for key in ("rate_hz", "publish", "log", "real_time")] == [None] * 4
+    assert given["seconds"] is given["tick_count"] is None
+
+
+def test_edits_and_failures_are_said_on_stderr(run, scene_path, monkeypatch):
+    import proximity.service.hosting
+
+    def serve(path, *, say, **given):
+        say(f"{path}:3: not\nlike this")
+        return Report(1_000_000)
+
+    monkeypatch.setattr(proximity.service.hosting, "serve", serve)
+
+    assert run(scene_path).err == f"proximity: {scene_path}:3: not like this\n"
+
+
+def test_end_of_standard_input_ends_it():
+    """As when the program dies that has started this one."""
+    there, here = os.pipe()
+    stop = threading.Event()
+    thread = threading.Thread(target=command._await_line, args=(there, stop))
+    thread.start()
+    assert not stop.wait(0.05)
+
+    os.close(here)
+
+    thread.join(60.0)
+    os.close(there)
+    assert stop.is_set()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--limit", 0), "0 seconds: expected"),
+        (("--limit", "nan"), "nan seconds: expected"),
+        (("--ticks", 0), "0 ticks: expected 1 or more"),
+    ],
+)
+def test_wrong_use_is_a_usage_error(run, scene_path, calls, options, message):
+    result = run(scene_path, *options)
+
+    assert result.code == 2
+    assert message in told(result.err)
+    assert "Usage: proximity serve" in result.err
+    assert calls == []
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--rate", 0), "service.rate_hz is 0, expected a number from 1 to 100000 (Hz)"),
+        (("--rate", "nan"), "service.rate_hz is nan, expected a number from 1 to 100000 (Hz)"),
+        (
+            ("--publish", "decaff"),
+            "service.publish cannot be used: decaff: expected an address such as iox2://",
+        ),
+        (("--log", "/none/run.frames"), "/none/run.frames: cannot be opened (No such file or directory)"),
+    ],
+)
+def test_what_cannot_be_used_is_one_line(run, scene_path, options, message):
+    result = run(scene_path, *options)
+
+    assert (result.code, result.out) == (2, "")
+    assert result.err.startswith(f"proximity: {message}")
+    assert result.err.count("\n") == 1
+
+
+def test_unusable_scene_file_is_one_line_with_its_line(run, scene_path):
+    scene_path.write_text(SCENE.replace("box.stl", "bax.stl"))
+
+    result = run(scene_path)
+
+    assert (result.code, result.out) == (2, "")
+    assert result.err.startswith(f"proximity: {scene_path}:6: parts[0].file is 'bax.stl', but ")
+    assert result.err.count("\n") == 1
+
+
+def test_address_in_use_is_one_line(run, scene_path, monkeypatch):
+    def refuse(address):
+        raise PublishError(f"{address.text}: another publisher is there already")
+
+    monkeypatch.setitem(TRANSPORTS, "taken", Transport("taken_transport", ""))
+    monkeypatch.setitem(sys.modules, "taken_transport", SimpleNamespace(open_outlet=refuse))
+
+    result = run(scene_path, "--publish", "taken:a")
+
+    assert (result.code, result.out) == (2, "")
+    assert result.err == "proximity: taken:a: another publisher is there already\n"
+
+
+def test_sigterm_ends_the_program_with_a_last_word_and_a_report(scene_path, tmp_path):
+    log = tmp_path / "run.frames"
+    scene_path.write_text(SCENE + "repeat = true\n")
+    command = [sys.executable, "-P", "-m", "proximity", "serve", scene_path, "--log", log, "--json"]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+
+    with subprocess.Popen(command, stdout=subprocess.PIPE, env=environment, text=True) as program:
+        assert json.loads(program.stdout.readline())["event"] == "begun"
+        program.send_signal(signal.SIGTERM)
+        report = json.loads(program.stdout.readline())
+        assert program.wait(60.0) == 0
+
+    (frames,) = FrameReader(log)
+    assert frames["header"]["state"].tolist()[-3:] == [State.STOPPING] * 3
+    assert report["log_written"] == len(frames) == report["ticks"] + 3

@@ -1,0 +1,575 @@
+"""Segments against boxes, triangles, one part and a scene: bounds that hold, and every degenerate case."""
+
+import os
+import subprocess
+import sys
+from fractions import Fraction
+from pathlib import Path
+
+import numba
+import numpy as np
+import pytest
+import shapes
+from hypothesis import given
+from hypothesis import strategies as st
+from nodes import node_of
+from project import IMPORT_PATHS, ROOT
+
+import oracle
+from proximity.kernels.layout import FIRST_BLOCK, IS_FUSED, LANES, NO_FACE, NO_PART, NO_SLOT
+from proximity.kernels.scene import segment_queries
+from proximity.kernels.segment.box import node_bounds_sq, open_bound
+from proximity.kernels.segment.plan import (
+    END,
+    HIGH,
+    IS_FAR,
+    LOW,
+    OFFSET,
+    PLAN_SIZE,
+    PROBE_SIZE,
+    START,
+    TOUCHING,
+    make_plan,
+)
+from proximity.kernels.segment.triangle import SEGMENT_WITNESS_SIZE
+from proximity.kernels.segment.walk import segment_in_block
+from proximity.model.assembly import assemble
+from proximity.model.part_arrays import common_frame, part_arrays
+from proximity.pose import Pose
+from proximity.simd import IS_COMPILED, bits, lane, splat32
+
+ALL_ROWS = np.empty(0, np.int64)
+ROUNDING = 2.0**-52
+TRIANGLE = (np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), np.array([[0, 1, 2]]))
+WITHOUT_AREA = (
+    np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0], [2.0, 2.0, 2.0], [0.0, 0.0, 3.0]]),
+    np.array([[0, 1, 2], [3, 3, 3], [0, 1, 3], [2, 2, 0]]),
+)
+MESHES = {
+    "triangle": TRIANGLE,
+    "without area": WITHOUT_AREA,
+    "cube": shapes.cube(),
+    "grid": shapes.grid(),
+    "torus": shapes.torus(),
+    "hollow cube": shapes.hollow_cube(),
+}
+
+
+# ---------------------------------------------------------------------------------------------- helpers
+
+
+def pieces_of(mesh, frame=None):
+    """One part's arrays, without neighbours: segments do not ask for them."""
+    vertices, faces = mesh
+    faces = np.ascontiguousarray(faces, dtype=np.int32)
+    return part_arrays(np.ascontiguousarray(vertices, dtype=np.float64), faces, np.zeros_like(faces), frame)
+
+
+def model_of(*meshes, poses=None, is_fused=False):
+    """Several parts; *is_fused*: in one frame, so that they are walked as one tree."""
+    frame = None
+    if is_fused:
+        vertices = np.concatenate([vertices for vertices, _ in meshes])
+        frame = common_frame(vertices.min(axis=0), vertices.max(axis=0))
+    model = assemble([pieces_of(mesh, frame) for mesh in meshes], poses or [Pose()] * len(meshes))
+    assert not is_fused or (model.parts[:-1, IS_FUSED] == 1).all()
+    return model
+
+
+class Found:
+    """The columns of `segment_batch` by name."""
+
+    def __init__(self, model, starts, ends, *, limit=np.inf, order=ALL_ROWS):
+        starts, ends = np.broadcast_arrays(
+            np.atleast_2d(np.asarray(starts, float)), np.atleast_2d(np.asarray(ends, float))
+        )
+        self.starts, self.ends = np.ascontiguousarray(starts), np.ascontiguousarray(ends)
+        table = np.full((len(starts), segment_queries.ANSWER_WIDTH), 7.0)
+        self.reals = table[:, : segment_queries.ANSWER_REALS]
+        self.choices = table.view(np.int32)[:, segment_queries.PART :]
+        self.choices[:] = 7
+        segment_queries.segment_batch(model.handle, self.starts, self.ends, order, np.array([limit]), table)
+        self.distance, self.fraction = self.reals[:, 0], self.reals[:, 7]
+        self.on_segment, self.on_solid = self.reals[:, 1:4], self.reals[:, 4:7]
+        self.barycentric = self.reals[:, 8:11]
+        self.part, self.face = self.choices.T
+
+
+def assert_right(mesh, starts, ends):
+    """Distance as the oracle's; witness points on segment and face, as far apart as it says."""
+    vertices, faces = np.asarray(mesh[0]), np.asarray(mesh[1])
+    found = Found(model_of(mesh), starts, ends)
+    largest = max(np.abs(vertices).max(), np.abs(found.starts).max(), np.abs(found.ends).max())
+    expected = oracle.segment_distance(vertices, faces, found.starts, found.ends).distance
+    off = np.abs(found.distance - expected)
+    assert (off <= 1e-12 * expected + 1e-15 * largest).all(), off.max()
+    room = 4.0 * ROUNDING * largest
+    gap = np.linalg.norm(found.on_segment - found.on_solid, axis=1)
+    assert np.abs(gap - found.distance).max() <= room
+    place = found.starts + found.fraction[:, None] * (found.ends - found.starts)
+    assert np.abs(place - found.on_segment).max() <= room
+    assert (found.barycentric >= 0.0).all()
+    assert np.abs(found.barycentric.sum(axis=1) - 1.0).max() <= 4.0 * ROUNDING
+    corners = vertices[faces[found.face]]
+    assert np.abs((found.barycentric[:, :, None] * corners).sum(axis=1) - found.on_solid).max() <= room
+    assert ((found.fraction >= 0.0) & (found.fraction <= 1.0)).all()
+    return found
+
+
+def some_edges(mesh, count, seed):
+    """Corners a, b, c of faces drawn by chance, and vectors (count, 3)."""
+    vertices, faces = mesh
+    rng = np.random.default_rng(seed)
+    chosen = faces[rng.integers(0, len(faces), count)]
+    return *np.moveaxis(vertices[chosen], 1, 0), rng.normal(size=(count, 3))
+
+
+def needles(aspect, count=40):
+    """Triangles that are *aspect* times as long as high, all over the place."""
+    rng = np.random.default_rng(5)
+    triangles = []
+    for seed in range(count):
+        along, across, _ = shapes.rotation(seed)
+        origin = rng.normal(size=3)
+        triangles.append([origin, origin + along, origin + rng.random() * along + across / aspect])
+    return np.array(triangles).reshape(-1, 3), np.arange(3 * count).reshape(-1, 3)
+
+
+@pytest.fixture(scope="module", params=sorted(MESHES))
+def mesh(request):
+    return MESHES[request.param]
+
+
+# ------------------------------------------------------------------------------------------- boxes
+
+
+@numba.njit(error_model="numpy")
+def open_lanes(node, segments, best_sq, far, opened):
+    """Of each segment: the lanes that a walk with that best opens; whether it counts as far."""
+    plan, probe = np.zeros(PLAN_SIZE), np.zeros(PROBE_SIZE, np.float32)
+    for i in range(len(segments)):
+        s = segments[i]
+        make_plan(plan, probe, s[0], s[1], s[2], s[3], s[4], s[5])
+        far[i] = plan[IS_FAR]
+        bounds = node_bounds_sq(node, 0, plan, probe, plan[IS_FAR] != 0.0)
+        opened[i] = bits(bounds <= splat32(open_bound(plan, best_sq[i], np.inf)))
+
+
+@numba.njit(error_model="numpy")
+def bounds_of(node, segment):
+    """The bounds of a node's boxes, the square taken off them, and the bound for a crossing at 0.5."""
+    plan, probe, bounds = np.zeros(PLAN_SIZE), np.zeros(PROBE_SIZE, np.float32), np.zeros(LANES)
+    s = segment
+    make_plan(plan, probe, s[0], s[1], s[2], s[3], s[4], s[5])
+    found = node_bounds_sq(node, 0, plan, probe, plan[IS_FAR] != 0.0)
+    for k in range(LANES):
+        bounds[k] = lane(found, k)
+    return bounds, plan[OFFSET], open_bound(plan, 0.0, 0.5)
+
+
+def distance_sq_to_segment(point, start, end):
+    """Exactly."""
+    p, a, b = ([Fraction(x) for x in each.tolist()] for each in (point, start, end))
+    way, arm = [y - x for x, y in zip(a, b, strict=True)], [y - x for x, y in zip(a, p, strict=True)]
+    length_sq = sum(x * x for x in way)
+    t = min(max(sum(x * y for x, y in zip(way, arm, strict=True)) / length_sq, 0), 1) if length_sq else 0
+    return sum((x - t * y) ** 2 for x, y in zip(arm, way, strict=True))
+
+
+@pytest.mark.parametrize("reach", [0.3, 3.0, 1e2, 1e6, 1e12])
+@pytest.mark.parametrize("size", [0.0, 1e-6, 0.1, 1.0])
+def test_box_that_holds_the_nearest_point_is_always_opened(reach, size):
+    rng = np.random.default_rng(7)
+    middles = rng.uniform(-1.0 + size / 2, 1.0 - size / 2, (LANES, 1, 3))
+    contents = middles + size * rng.uniform(-0.5, 0.5, (LANES, 4, 3))
+    segments = rng.normal(size=(200, 6)) * reach
+    segments[::4, 3:] = segments[::4, :3] + 1e-3 * rng.normal(size=(50, 3))
+    segments[1::4, 3:] = segments[1::4, :3] + np.eye(3)[rng.integers(0, 3, 50)] * reach
+    # Through a box, or beside it, far at both ends.
+    aim = contents[rng.integers(0, LANES, 50), 0] + rng.choice([0.0, 1e-9, 0.1], (50, 1))
+    way = rng.normal(size=(50, 3)) * reach
+    segments[2::4] = np.concatenate([aim - way, aim + way], axis=1)
+    each = [
+        [float(min(distance_sq_to_segment(p, s[:3], s[3:]) for p in box)) for box in contents]
+        for s in segments
+    ]
+    # As low as a walk may compute it, once the segment is cut.
+    best_sq = np.maximum(np.sqrt(np.min(each, axis=1)) * (1.0 - 2.0**-48) - 2.0**-48, 1e-300) ** 2
+    opened, far = np.empty(200, np.int64), np.empty(200)
+
+    open_lanes(node_of(contents), segments, best_sq, far, opened)
+
+    nearest = np.argmin(each, axis=1)
+    assert ((opened >> nearest) & 1 == 1).all()
+    assert (far == (reach > 10.0)).mean() > 0.7
+
+
+def test_bounds_are_tight_along_the_ways_that_matter():
+    """Within a tenth of the distance, for small boxes beside, beyond and far from segments."""
+    rng = np.random.default_rng(8)
+    for scale in (1.0, 1e5):
+        for _ in range(100):
+            contents = rng.uniform(-1.0, 1.0, (LANES, 1, 3)) + 0.01 * rng.normal(size=(LANES, 4, 3))
+            contents = np.clip(contents, -1.0, 1.0)
+            segment = np.concatenate([rng.normal(size=3), rng.normal(size=3)]) * scale
+            bounds, offset, _ = bounds_of(node_of(contents), segment)
+            exact = [
+                float(min(distance_sq_to_segment(p, segment[:3], segment[3:]) for p in box))
+                for box in contents
+            ]
+            lower, exact = np.sqrt(bounds + offset), np.sqrt(exact)
+            assert (lower <= exact * (1 + 1e-6)).all()
+            assert (lower >= 0.9 * exact - 0.1).all()
+
+
+def test_unused_lanes_are_never_opened():
+    node = node_of(np.zeros((1, 1, 3)))
+    segments = np.array([[0.0, 0, 0, 1, 1, 1], [1e6, 1e6, 0, 2e6, 0, 0], [-1e99, 0, 0, 1e99, 1, 1]])
+    opened, far = np.empty(3, np.int64), np.empty(3)
+
+    open_lanes(node, segments, np.full(3, np.inf), far, opened)
+
+    assert (opened == 1).all()
+
+
+def test_boxes_behind_a_crossing_are_closed():
+    contents = np.linspace(-0.9, 0.9, LANES)[:, None, None] + np.zeros((LANES, 1, 3))
+    bounds, _, limit = bounds_of(node_of(contents), np.array([-1.0, -1.0, -1.0, 1.0, 1.0, 1.0]))
+
+    assert (bounds < 1.1 * TOUCHING).all() and (np.diff(bounds) > 0.0).all()
+    assert (bounds <= limit).tolist() == [True] * 4 + [False] * 4
+
+
+# -------------------------------------------------------------------------------------------- plans
+
+
+def plan_of(start, end):
+    plan = np.zeros(PLAN_SIZE)
+    make_plan(plan, np.zeros(PROBE_SIZE, np.float32), *(float(x) for x in (*start, *end)))
+    return plan
+
+
+def test_segment_near_the_part_is_kept_as_it_is():
+    plan = plan_of((-2.0, 0.1, 0.2), (2.0, 0.3, 1.9))
+
+    assert plan[START : START + 3].tolist() == [-2.0, 0.1, 0.2]
+    assert plan[END : END + 3].tolist() == [2.0, 0.3, 1.9]
+    assert (plan[LOW], plan[HIGH], plan[IS_FAR], plan[OFFSET]) == (0.0, 1.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("far", [10.0, 1e6, 1e15])
+def test_long_segment_is_cut_on_the_line_to_the_last_bit(far):
+    rng = np.random.default_rng(9)
+    for _ in range(50):
+        start, end = far * rng.normal(size=3), far * rng.normal(size=3)
+        # The middle third passes by the origin.
+        end = -start * rng.uniform(0.1, 3.0) + rng.normal(size=3)
+        plan = plan_of(start, end)
+        if far > 10.0:
+            assert np.abs(plan[START : START + 6]).max() < 1e-3 * far
+        for at, fraction in ((START, plan[LOW]), (END, plan[HIGH])):
+            for axis in range(3):
+                exact = Fraction(start[axis]) + Fraction(fraction) * (
+                    Fraction(end[axis]) - Fraction(start[axis])
+                )
+                assert abs(Fraction(plan[at + axis]) - exact) <= Fraction(2.0**-52) * abs(exact)
+
+
+def test_cut_never_takes_the_nearest_point():
+    """Corners of the local cube are the farthest that a surface can lie from where the cut aims."""
+    rng = np.random.default_rng(10)
+    for far in (3.0, 100.0, 1e7):
+        for _ in range(100):
+            start, end = far * rng.normal(size=3), far * rng.normal(size=3)
+            plan = plan_of(start, end)
+            for _ in range(5):
+                p = rng.choice([-1.0, 1.0], 3)
+                t = np.clip((p - start) @ (end - start) / ((end - start) @ (end - start)), 0.0, 1.0)
+                assert plan[LOW] - 1e-12 <= t <= plan[HIGH] + 1e-12
+
+
+# -------------------------------------------------------------------------------- against the oracle
+
+
+@pytest.mark.parametrize("length", [1e-200, 1e-15, 1e-8, 1e-2, 1.0, 10.0])
+def test_segments_of_any_length(mesh, length):
+    rng = np.random.default_rng(11)
+    starts = rng.normal(size=(200, 3))
+    assert_right(mesh, starts, starts + length * rng.normal(size=(200, 3)))
+
+
+def test_segments_between_points_of_a_lattice(mesh):
+    """Nearly all of them touch, cross at corners, lie in planes and along edges."""
+    rng = np.random.default_rng(12)
+    step = np.abs(mesh[0]).max() / 4
+    found = assert_right(mesh, step * rng.integers(-2, 5, (400, 3)), step * rng.integers(-2, 5, (400, 3)))
+    assert (found.distance == 0.0).sum() > 10
+
+
+def test_segment_along_an_edge(mesh):
+    a, b, _, _ = some_edges(mesh, 200, 13)
+    found = assert_right(mesh, a - 0.3 * (b - a), b + 0.4 * (b - a))
+    assert found.distance.max() <= 1e-15 * 4
+
+
+@pytest.mark.parametrize("off", [0.1, 1e-3, 1e-9, 1e-14])
+def test_segment_parallel_to_an_edge_or_nearly(mesh, off):
+    a, b, _, way = some_edges(mesh, 200, 14)
+    assert_right(mesh, a + 0.1 * way, b + 0.1 * way)
+    assert_right(mesh, a + off * way, b + off * way)
+    assert_right(mesh, a + 0.1 * way, b + 0.1 * way + off * way[::-1])
+
+
+@pytest.mark.parametrize("off", [0.0, 1e-3, 1e-9, 1e-14])
+def test_segment_in_the_plane_of_a_face_or_nearly(mesh, off):
+    a, b, c, way = some_edges(mesh, 200, 15)
+    assert_right(mesh, a + off * way, a + 0.3 * (b - a) + 0.4 * (c - a) + off * way[::-1])
+    assert_right(mesh, a - 2.0 * (b - a) + off * way, a + 3.0 * (c - a) + off * way[::-1])
+
+
+def test_segment_from_and_through_a_corner_or_an_edge(mesh):
+    a, b, c, way = some_edges(mesh, 200, 16)
+    inside = (a + b + c) / 3
+    for place in (a, 0.25 * a + 0.75 * b, inside):
+        assert_right(mesh, place, place + way)
+        found = assert_right(mesh, place - way, place + way)
+        assert found.distance.max() <= 1e-15 * 8
+    assert_right(mesh, inside, inside[::-1])
+
+
+@pytest.mark.parametrize("aspect", [1e3, 1e6, 1e9, 1e12])
+def test_needles(aspect):
+    mesh = needles(aspect)
+    rng = np.random.default_rng(17)
+    assert_right(mesh, rng.normal(size=(200, 3)), rng.normal(size=(200, 3)))
+    a, b, c, way = some_edges(mesh, 200, 18)
+    place = a + rng.random((200, 1)) * (b - a) + 0.1 * (c - a)
+    assert_right(mesh, place - way, place + way)
+    assert_right(mesh, place - way, place - 1e-9 * way)
+    assert_right(mesh, place - (b - a) + 1e-3 * way, place + (b - a) + 1e-3 * way)
+
+
+@pytest.mark.parametrize("far", [1e3, 1e6])
+def test_segments_far_longer_than_the_part_and_far_away(mesh, far):
+    rng = np.random.default_rng(19)
+    way, place = far * rng.normal(size=(100, 3)), rng.normal(size=(100, 3))
+    assert_right(mesh, place - way, place + way)
+    assert_right(mesh, way, way + place)
+    assert_right(mesh, way, way[::-1])
+
+
+def test_long_segment_through_a_part_is_as_right_as_a_short_one():
+    """Its ends are exact, so its rounding is the part's, not that of a million part sizes."""
+    mesh, far = MESHES["torus"], 2.0**20
+    place = np.round(np.random.default_rng(20).normal(size=(200, 3)) * 2**20) / 2**20
+    way = np.round(np.random.default_rng(21).normal(size=(200, 3)) * 2**20) / 2**20
+    model = model_of(mesh)
+    long = Found(model, place - far * way, place + far * way)
+    short = Found(model, place - 16 * way, place + 16 * way)
+
+    assert np.abs(long.distance - short.distance).max() <= 8e-15
+    assert ((long.distance == 0.0) == (short.distance == 0.0)).all()
+
+
+@given(
+    start=st.tuples(*[st.floats(-4.0, 4.0)] * 3),
+    end=st.tuples(*[st.floats(-4.0, 4.0)] * 3),
+    corners=st.lists(st.tuples(*[st.sampled_from([0.0, 1.0, -1.0]) | st.floats(-1.0, 1.0)] * 3), min_size=3),
+)
+def test_any_segment_and_any_triangles(start, end, corners):
+    count = len(corners) // 3
+    assert_right((np.array(corners), np.arange(3 * count).reshape(-1, 3)), start, end)
+
+
+# --------------------------------------------------------------------------------------------- crossing
+
+
+@pytest.mark.parametrize(
+    "solid", [shapes.cube(2.0, (0, 0, 0)), shapes.sphere(), shapes.octahedron()], ids=["cube", "sphere", "8"]
+)
+def test_segment_out_of_a_closed_solid_never_slips_through_an_edge_or_a_corner(solid):
+    vertices, faces = solid
+    rng = np.random.default_rng(22)
+    inside = rng.normal(size=(2000, 3)) * rng.choice([0.0, 0.1], (2000, 1))
+    face = faces[rng.integers(0, len(faces), 2000)]
+    share = rng.choice([0.0, 1.0, 0.5, 0.3], (2000, 1))
+    aim = share * vertices[face[:, 0]] + (1.0 - share) * vertices[face[:, 1]]
+
+    out, back = (
+        Found(model_of(solid), inside, inside + 2 * (aim - inside)),
+        Found(model_of(solid), inside + 4 * (aim - inside), inside),
+    )
+
+    assert (out.distance == 0.0).all() and (back.distance == 0.0).all()
+    assert np.abs(out.fraction - 0.5).max() <= 1e-15 and np.abs(back.fraction - 0.75).max() <= 1e-15
+    assert np.abs(out.on_solid - out.on_segment).max() <= 1e-15 * 4
+
+
+def test_first_of_several_crossings_is_told():
+    model = model_of(shapes.hollow_cube())
+    starts = [(-3, 0.1, 0.2), (3, 0.1, 0.2), (0, 0.1, 0.2), (-1, 0.1, 0.2), (0, 0.1, 0.2)]
+    ends = [(3, 0.1, 0.2), (-3, 0.1, 0.2), (3, 0.1, 0.2), (1, 0.1, 0.2), (0.25, 0.1, 0.2)]
+
+    found = Found(model, starts, ends)
+
+    assert found.on_solid[:4, 0] == pytest.approx([-1.5, 1.5, 0.5, -0.5], rel=1e-15)
+    assert found.distance.tolist() == [0.0, 0.0, 0.0, 0.0, 0.25]
+    assert found.fraction == pytest.approx([0.25, 0.25, 1 / 6, 0.25, 1.0])
+
+
+def test_segment_inside_that_touches_nothing_tells_how_far_the_surface_is():
+    found = assert_right(shapes.cube(), (0.25, 0.5, 0.5), (0.9, 0.5, 0.5))
+    assert found.distance == pytest.approx([0.1]) and found.fraction == [1.0]
+
+
+@pytest.mark.parametrize("count", [1, 2, 9])
+@pytest.mark.parametrize("is_fused", [False, True])
+def test_first_crossing_of_a_scene_is_the_first_of_its_parts(count, is_fused):
+    meshes = [shapes.moved(shapes.torus(), 1.3 * np.arange(3) * k) for k in range(count)]
+    rng = np.random.default_rng(23)
+    starts, ends = rng.uniform(-3, 15, (2, 300, 3))
+
+    found = Found(model_of(*meshes, is_fused=is_fused), starts, ends)
+
+    first = np.full(300, np.inf)
+    for each in meshes:
+        alone = Found(model_of(each), starts, ends)
+        first = np.minimum(first, np.where(alone.distance == 0.0, alone.fraction, np.inf))
+    assert ((found.distance == 0.0) == np.isfinite(first)).all()
+    hit = np.isfinite(first)
+    assert np.abs(found.fraction[hit] - first[hit]).max(initial=0.0) <= 1e-14
+
+
+# ----------------------------------------------------------------------------------- scenes, rows, ties
+
+
+def a_scene(is_fused=False):
+    meshes = [shapes.moved(shapes.torus(n=12, m=6), (0.7 * k, 0.0, 0.2 * k)) for k in range(9)]
+    poses = None if is_fused else [Pose(shapes.rotation(k), 0.5 * np.arange(3) * k) for k in range(9)]
+    turned = (
+        meshes
+        if is_fused
+        else [(v @ p.rotation.T + p.translation, f) for (v, f), p in zip(meshes, poses, strict=True)]
+    )
+    return model_of(*meshes, poses=poses, is_fused=is_fused), shapes.join(*turned)
+
+
+@pytest.mark.parametrize("is_fused", [False, True])
+def test_scene_answers_as_all_its_faces(is_fused):
+    model, (vertices, faces) = a_scene(is_fused)
+    rng = np.random.default_rng(24)
+    starts = rng.uniform(-8, 12, (150, 3))
+    ends = starts + rng.choice([0.1, 3.0, 30.0], (150, 1)) * rng.normal(size=(150, 3))
+    expected = oracle.segment_distance(vertices, faces, starts, ends)
+
+    found = Found(model, starts, ends)
+
+    off = np.abs(found.distance - expected.distance)
+    assert (off <= 1e-12 * expected.distance + 1e-15 * 40).all()
+    corners = vertices[faces[found.part * (len(faces) // 9) + found.face]]
+    place = (found.barycentric[:, :, None] * corners).sum(axis=1)
+    assert np.abs(place - found.on_solid).max() <= 4e-14
+    gap = np.linalg.norm(found.on_segment - found.on_solid, axis=1)
+    assert np.abs(gap - found.distance).max() <= 1e-14
+
+
+@pytest.mark.parametrize("is_fused", [False, True])
+def test_answers_depend_on_nothing_but_the_segment(is_fused):
+    model, _ = a_scene(is_fused)
+    rng = np.random.default_rng(25)
+    starts, ends = rng.integers(-2, 8, (2, 100, 3)) * 0.5
+
+    found = Found(model, starts, ends)
+
+    shuffled = Found(model, starts, ends, order=rng.permutation(100))
+    assert np.array_equal(found.reals, shuffled.reals) and np.array_equal(found.choices, shuffled.choices)
+    for row in range(0, 100, 9):
+        alone = Found(model, starts[row], ends[row])
+        assert np.array_equal(found.reals[row], alone.reals[0])
+        assert np.array_equal(found.choices[row], alone.choices[0])
+
+
+def test_order_may_name_some_rows_only():
+    found = Found(model_of(shapes.cube()), np.full((3, 3), 2.0), np.full((3, 3), 3.0), order=np.array([1]))
+
+    assert (found.reals[[0, 2]] == 7.0).all() and (found.choices[[0, 2]] == 7).all()
+    assert found.distance[1] == pytest.approx(3.0**0.5)
+
+
+@pytest.mark.parametrize("is_fused", [False, True])
+def test_limit_changes_nothing_within_it(is_fused):
+    model, _ = a_scene(is_fused)
+    rng = np.random.default_rng(26)
+    starts = rng.uniform(-8, 12, (200, 3))
+    ends = starts + rng.normal(size=(200, 3))
+    free = Found(model, starts, ends)
+    for limit in (0.0, 0.5, free.distance[7], 3.0):
+        found = Found(model, starts, ends, limit=limit)
+        near = free.distance <= limit
+        assert np.array_equal(found.reals[near], free.reals[near])
+        assert np.array_equal(found.choices[near], free.choices[near])
+        assert np.isinf(found.distance[~near]).all() and np.isnan(found.reals[~near, 1:]).all()
+        assert (found.part[~near] == NO_PART).all() and (found.face[~near] == NO_FACE).all()
+
+
+def test_row_that_is_not_finite_answers_nan_and_the_others_go_on():
+    starts, ends = np.full((4, 3), 2.0), np.full((4, 3), 3.0)
+    starts[1, 1], ends[2, 0] = np.nan, np.inf
+
+    found = Found(model_of(shapes.cube()), starts, ends)
+
+    assert np.isnan(found.reals[1:3]).all()
+    assert (found.choices[1:3] == [NO_PART, NO_FACE]).all()
+    assert found.distance[[0, 3]] == pytest.approx([3.0**0.5] * 2)
+
+
+def test_lowest_slot_wins_among_equals():
+    """Ten copies of one face: whatever the tree looks like, the first in leaf order is told."""
+    vertices, faces = TRIANGLE
+    model = model_of((vertices, np.repeat(faces, 30, axis=0)))
+    plan = np.zeros(PLAN_SIZE)
+    found = Found(model, [(0.2, 0.2, 1.0), (0.2, 0.2, -1.0)], [(0.3, 0.3, 2.0), (0.2, 0.2, 1.0)])
+    first = int(model.words.view(np.int32)[model.parts[0, 4] + LANES * model.parts[0, FIRST_BLOCK]])
+
+    assert (found.face == first).all() and found.distance.tolist() == [1.0, 0.0]
+    make_plan(plan, np.zeros(PROBE_SIZE, np.float32), 0.0, 0.0, 1.5, 0.1, 0.0, 1.0)
+    witness = np.zeros(SEGMENT_WITNESS_SIZE)
+    _, fraction, slot = segment_in_block(model.reals, 0, plan, np.inf, np.inf, NO_SLOT, witness)
+    assert (fraction, slot) == (np.inf, 0)
+    # A known one that is as near and lower stays; a higher one goes.
+    best_sq, _, _ = segment_in_block(model.reals, 1, plan, np.inf, np.inf, NO_SLOT, witness)
+    assert segment_in_block(model.reals, 1, plan, best_sq, np.inf, 3, witness)[2] == 3
+    assert segment_in_block(model.reals, 1, plan, best_sq, np.inf, 20, witness)[2] == 8
+    assert segment_in_block(model.reals, 1, plan, 0.5 * best_sq, np.inf, 20, witness)[2] == 20
+
+
+# ------------------------------------------------------------------------------------------- uncompiled
+
+UNCOMPILED = """
+import sys
+import numpy as np
+import test_kernels_segment as tests
+np.seterr(all="ignore")
+np.save(sys.argv[1], tests.a_few_segments())
+"""
+
+
+def a_few_segments():
+    """At a part and at scenes, near and far, beside, across and without length: every branch, once."""
+    rng = np.random.default_rng(27)
+    starts, ends = rng.normal(size=(2, 6, 3))
+    starts[3], starts[4], ends[5] = 1e4 * starts[3], ends[4], -20.0 * starts[5]
+    meshes = [shapes.cube(), shapes.moved(shapes.tetrahedron(), (1.0, 0.5, 0.2))]
+    turned = [Pose(), Pose(shapes.rotation(1), (0.3, 0.2, 0.1))]
+    models = [model_of(meshes[0]), model_of(*meshes, is_fused=True), model_of(*meshes, poses=turned)]
+    found = [Found(model, starts, ends) for model in models]
+    return np.concatenate([np.hstack([each.reals, each.choices]) for each in found])
+
+
+@pytest.mark.skipif(not IS_COMPILED, reason="compares compiled with uncompiled")
+def test_uncompiled_kernels_answer_the_same(tmp_path):
+    paths = os.pathsep.join([*IMPORT_PATHS, str(Path(__file__).parent)])
+    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": paths}
+    saved = tmp_path / "segments.npy"
+    subprocess.run([sys.executable, "-c", UNCOMPILED, str(saved)], check=True, env=environment, cwd=ROOT)
+    assert np.array_equal(np.load(saved), a_few_segments())

@@ -1,0 +1,491 @@
+"""``decaff_message.h``: what the compiler makes of it, against NumPy and against the Python it stands for."""
+
+import ctypes
+import hashlib
+import socket
+import sys
+import zlib
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from compiling_c import WARNINGS, c_compiler, compiler, run
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from message_tables import tables
+from pages import PAGES
+from ports import free_port
+from wire import KNOWN, MS, NOW, Clock, Wire, frame, sealed
+
+from proximity import cli
+from proximity.message import CONTACT, FRAME, POSES, Flaw, Message, State, c_header, flaw_of
+from proximity.message.c_header import ENUMS, KINDS, RECORDS, header_text, meanings_of
+from proximity.message.fields import dtype_of
+from proximity.transport import Subscriber, open_inlet, widen
+from proximity.transport.key import write_key
+from proximity.transport.publisher_clock import ForeignClock
+from proximity.transport.received_frame import AHEAD_NS, LONGEST_VALID_NS
+from proximity.transport.subscriber import STALE_AFTER
+
+FLAWS = [None, Flaw.SHORT, Flaw.MAGIC, Flaw.VERSION, Flaw.SIZE, Flaw.CHECKSUM]
+FINITE = st.floats(-10, 10)
+
+LIBRARY = """
+#include "decaff_message.h"
+uint32_t crc32_of(const void *data, size_t size) { return decaff_crc32(data, size); }
+int check_frame(const void *data, size_t size) { return (int)decaff_check_frame(data, size); }
+int check_poses(const void *data, size_t size)
+{
+    return (int)decaff_check(data, size, DECAFF_POSES_MAGIC, sizeof(decaff_input_header), sizeof(decaff_pose),
+                             offsetof(decaff_input_header, count));
+}
+void seal_poses(void *data, size_t size, uint64_t session, uint64_t sequence)
+{
+    decaff_seal(data, size, DECAFF_POSES_MAGIC, sizeof(decaff_input_header), session, sequence);
+}
+int makes_sense(const void *data, int64_t latest) { return decaff_makes_sense(data, latest); }
+int state_at(const void *data, int64_t now) { return (int)decaff_state_at(data, now); }
+double lower_at(const void *data, int64_t now, double speed, double acceleration)
+{
+    return decaff_lower_at(data, now, speed, acceleration);
+}
+void tag_of(const void *key, const void *data, size_t size, void *tag) { decaff_tag(key, data, size, tag); }
+size_t verified(const void *key, const void *data, size_t size) { return decaff_verified(key, data, size); }
+int key_of_text(const char *text, void *key) { return decaff_key_of_text(text, key); }
+static decaff_clock heard;
+void clock_reset(void) { memset(&heard, 0, sizeof heard); }
+void clock_hear(uint64_t session, int64_t sent, int64_t now)
+{
+    decaff_clock_hear(&heard, session, sent, now);
+}
+int64_t clock_theirs(int64_t now) { return decaff_clock_theirs(&heard, now); }
+int clock_is_settled(void) { return heard.is_settled; }
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("header")
+    (folder / "decaff_message.h").write_text(header_text(), encoding="ascii")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def library(folder):
+    """The functions of the header."""
+    (folder / "library.c").write_text(LIBRARY, encoding="ascii")
+    target = folder / "library.so"
+    run(
+        c_compiler(),
+        "-std=c99",
+        *WARNINGS,
+        "-O1",
+        "-shared",
+        "-fPIC",
+        folder / "library.c",
+        "-lm",
+        "-o",
+        target,
+    )
+    loaded = ctypes.CDLL(str(target))
+    whole, size, real = ctypes.c_int64, ctypes.c_size_t, ctypes.c_double
+    loaded.crc32_of.argtypes, loaded.crc32_of.restype = (ctypes.c_char_p, size), ctypes.c_uint32
+    loaded.check_frame.argtypes = loaded.check_poses.argtypes = (ctypes.c_char_p, size)
+    loaded.seal_poses.argtypes = (ctypes.c_void_p, size, ctypes.c_uint64, ctypes.c_uint64)
+    loaded.tag_of.argtypes = (ctypes.c_char_p, ctypes.c_char_p, size, ctypes.c_char_p)
+    loaded.verified.argtypes, loaded.verified.restype = (ctypes.c_char_p, ctypes.c_char_p, size), size
+    loaded.key_of_text.argtypes = (ctypes.c_char_p, ctypes.c_char_p)
+    loaded.makes_sense.argtypes = loaded.state_at.argtypes = (ctypes.c_void_p, whole)
+    loaded.lower_at.argtypes, loaded.lower_at.restype = (ctypes.c_void_p, whole, real, real), real
+    loaded.clock_hear.argtypes = (ctypes.c_uint64, whole, whole)
+    loaded.clock_theirs.argtypes, loaded.clock_theirs.restype = (whole,), whole
+    return loaded
+
+
+def test_every_size_and_offset_is_that_of_numpy(folder):
+    lines = []
+    for name, (_, fields) in RECORDS.items():
+        lines.append(f'printf("{name} . %zu 0\\n", sizeof(decaff_{name}));')
+        for field in fields:
+            place = f"offsetof(decaff_{name}, {field.name})"
+            size = f"sizeof(((decaff_{name} *)0)->{field.name})"
+            lines.append(f'printf("{name} {field.name} %zu %zu\\n", {size}, {place});')
+    source = folder / "layout.c"
+    text = "\n".join(lines)
+    source.write_text(
+        f'#include <stdio.h>\n#include "decaff_message.h"\nint main(void)\n{{\n{text}\nreturn 0;\n}}\n'
+    )
+    run(c_compiler(), "-std=c99", *WARNINGS, source, "-lm", "-o", folder / "layout")
+    told = {tuple(line.split()[:2]): line.split()[2:] for line in run(folder / "layout").splitlines()}
+
+    expected = {}
+    for name, (_, fields) in RECORDS.items():
+        dtype = dtype_of(fields)
+        expected[name, "."] = [str(dtype.itemsize), "0"]
+        for field, (part, offset) in dtype.fields.items():
+            expected[name, field] = [str(part.itemsize), str(offset)]
+    assert told == expected
+
+
+def test_every_number_is_that_of_python(folder):
+    expected = {f"DECAFF_{kind.name.upper()}_MAGIC": kind.magic for kind in KINDS}
+    for name, values in ENUMS.items():
+        expected |= {f"DECAFF_{name.upper()}_{member.name}": int(member) for member in values}
+    expected |= {
+        "DECAFF_LONGEST_VALID_NS": LONGEST_VALID_NS,
+        "DECAFF_STALE_AFTER_NS": round(1e9 * STALE_AFTER),
+        "DECAFF_AHEAD_NS": AHEAD_NS,
+    }
+    source = folder / "numbers.c"
+    text = "\n".join(f'printf("{name} %lld\\n", (long long){name});' for name in expected)
+    source.write_text(
+        f'#include <stdio.h>\n#include "decaff_message.h"\nint main(void)\n{{\n{text}\nreturn 0;\n}}\n'
+    )
+    run(c_compiler(), "-std=c99", *WARNINGS, source, "-lm", "-o", folder / "numbers")
+    told = dict(line.split() for line in run(folder / "numbers").splitlines())
+
+    assert told == {name: str(number) for name, number in expected.items()}
+
+
+@pytest.mark.parametrize("standard", ["c99", "c11", "c17"])
+def test_header_compiles_as_c_without_a_warning(folder, standard):
+    source = folder / f"{standard}.c"
+    source.write_text('#include "decaff_message.h"\nint main(void) { return 0; }\n')
+
+    run(c_compiler(), f"-std={standard}", *WARNINGS, "-Wconversion", "-Wshadow", "-fsyntax-only", source)
+
+
+@pytest.mark.parametrize("standard", ["c++11", "c++17"])
+def test_header_compiles_as_cpp_without_a_warning(folder, standard):
+    source = folder / f"{standard}.cpp"
+    source.write_text('#include "decaff_message.h"\nint main() { return decaff_check_frame("", 0) == 0; }\n')
+
+    run(compiler("c++", "g++", "clang++"), f"-std={standard}", *WARNINGS, "-fsyntax-only", source)
+
+
+def test_compiler_holds_the_layout(folder):
+    source = folder / "moved.c"
+    text = header_text().replace("double lower;", "float lower;")
+    source.write_text(text + "int main(void) { return 0; }\n")
+
+    with pytest.raises(AssertionError, match=r"static assertion failed|static_assert failed"):
+        run(c_compiler(), "-std=c11", "-fsyntax-only", source)
+
+
+def test_every_field_is_told_with_unit_and_meaning():
+    for name, (what, fields) in RECORDS.items():
+        assert what.endswith("."), name
+        for field in fields:
+            assert field.meaning and not field.meaning.endswith("."), (name, field.name)
+            has_number = field.type == "<f8" and field.name not in ("normal", "rotation")
+            is_bend = "bend" in field.name and not field.name.endswith("rate")
+            assert bool(field.unit) == (has_number and not is_bend) or field.type != "<f8", (name, field.name)
+            assert (field.unit == "ns") == (field.name.endswith("_ns") or field.name == "session")
+
+
+def test_meanings_of_members_are_those_of_the_source():
+    assert meanings_of(State)["STALE"] == "Too old, or nothing came: nothing is known."
+    for name, values in ENUMS.items():
+        meanings = meanings_of(values)
+        assert list(meanings) == list(values.__members__)
+        assert all(meanings.values()) or name == "surface"
+
+
+def test_page_has_every_field():
+    """Run tests/support/messages/message_tables.py for what belongs there."""
+    assert PAGES["message.md"].strip().endswith(tables().strip())
+
+
+# --- its functions, against those of Python ---
+
+
+@given(st.binary(max_size=2000))
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_checksum_is_that_of_zlib(library, data):
+    assert library.crc32_of(data, len(data)) == zlib.crc32(data)
+
+
+@given(st.binary(max_size=400), st.booleans(), st.sampled_from([FRAME, POSES]), st.integers(0, 400))
+def test_flaws_are_those_of_python(library, noise, has_checksum, kind, at):
+    message = Message(kind, 1)
+    data = bytearray(message.seal(1, 2).tobytes())
+    data[at : at + len(noise) // 20] = noise[: len(noise) // 20]
+    if has_checksum and len(data) >= 8:
+        data[4:8] = zlib.crc32(data[8:]).to_bytes(4, "little")
+    check = library.check_frame if kind is FRAME else library.check_poses
+    for candidate in (bytes(data), bytes(data[: at + 1]), bytes(noise), bytes(data) + noise):
+        flaw = flaw_of(np.frombuffer(candidate, np.uint8), kind)
+        assert FLAWS[check(candidate, len(candidate))] is flaw
+
+
+@pytest.mark.parametrize("count", [0, 2, 2**32 - 1])
+def test_count_that_does_not_fit_is_seen(library, count):
+    data = bytearray(sealed(frame(count=1)))
+    data[88:92] = count.to_bytes(4, "little")
+    data[4:8] = zlib.crc32(data[8:]).to_bytes(4, "little")
+
+    assert FLAWS[library.check_frame(bytes(data), len(data))] is Flaw.SIZE
+
+
+def test_what_c_seals_has_no_flaw(library):
+    data = Message(POSES, 3).data
+    data[:40] = 0
+    library.seal_poses(data.ctypes.data, len(data), 2**63 + 5, 2**64 - 1)
+
+    assert flaw_of(data, POSES) is None
+    assert data[16:32].view("<u8").tolist() == [2**63 + 5, 2**64 - 1]
+
+
+KEYS = [bytes(32), bytes(range(32)), b"\xff" * 32, hashlib.sha256(b"another key").digest()]
+
+
+def tag_in_c(library, key, data):
+    tag = ctypes.create_string_buffer(16)
+    library.tag_of(key, data, len(data), tag)
+    return tag.raw
+
+
+@pytest.mark.parametrize("key", KEYS)
+def test_tag_is_that_of_hashlib(library, key):
+    """Every length to beyond the fourth block, and those of messages."""
+    data = np.random.default_rng(7).bytes(70_000)
+    for size in [*range(301), 408, 1736, 2**16 - 1, 2**16, 65_491]:
+        expected = hashlib.blake2s(data[:size], key=key, digest_size=16).digest()
+        assert tag_in_c(library, key, data[:size]) == expected, size
+
+
+@pytest.mark.parametrize("size", [1, 63, 64, 65, 127, 128, 129, 1736])
+def test_what_is_not_as_it_was_tagged_is_not_verified(library, size):
+    key, data = KEYS[1], np.random.default_rng(size).bytes(size)
+    datagram = data + tag_in_c(library, key, data)
+
+    assert library.verified(key, datagram, len(datagram)) == size
+    for at in {0, size // 2, size - 1, size, size + 15}:
+        changed = datagram[:at] + bytes([datagram[at] ^ 0x80]) + datagram[at + 1 :]
+        assert library.verified(key, changed, len(changed)) == 0
+    for cut in (0, 1, 15, 16, len(datagram) - 1):
+        assert library.verified(key, datagram, cut) == 0
+    assert library.verified(KEYS[2], datagram, len(datagram)) == 0
+
+
+@pytest.mark.parametrize(
+    ("text", "is_key"),
+    [
+        ("00ff" * 16, True), ("Ab" * 32 + "\n", True), ("ab" * 32 + "\r\n", True), ("ab" * 31, False),
+        ("ab" * 32 + "a", False), ("ag" * 32, False), ("a b" * 22, False), ("", False), ("\xff" * 64, False),
+    ],
+)  # fmt: skip
+def test_key_is_read_from_its_text(library, text, is_key):
+    key = ctypes.create_string_buffer(32)
+
+    assert bool(library.key_of_text(text.encode("latin-1"), key)) is is_key
+    if is_key:
+        assert key.raw == bytes.fromhex(text)
+
+
+def test_what_c_seals_and_tags_is_taken_over_udp(library, tmp_path):
+    """Poses may come from a program in C."""
+    path, message = tmp_path / "poses.key", Message(POSES, 2)
+    write_key(str(path))
+    port = free_port()
+    library.seal_poses(message.data.ctypes.data, len(message.data), 5, 0)
+    sealed_bytes, room = message.data.tobytes(), np.zeros(500, np.uint8)
+    inlet = open_inlet(f"udp://127.0.0.1:{port}?key={path}")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        key = bytes.fromhex(path.read_text())
+        sender.sendto(sealed_bytes + tag_in_c(library, key, sealed_bytes), ("127.0.0.1", port))
+        assert inlet.wait(20.0)
+        size = inlet.receive(room)
+    inlet.close()
+
+    assert room[:size].tobytes() == sealed_bytes
+
+
+@given(
+    st.sampled_from(list(State)),
+    st.integers(0, 3000 * MS),
+    st.sampled_from([0, 5 * MS, 20 * MS, 5000 * MS, 2**62]),
+)
+def test_states_are_those_of_a_subscriber(library, state, later, valid_for):
+    message, wire, clock = frame(state=state, valid_for=valid_for), Wire(), Clock()
+    wire.put(sealed(message))
+    subscriber = Subscriber(wire, "wire:", clock=clock)
+    subscriber.read()
+    clock.now += later
+
+    assert library.state_at(message.data.ctypes.data, clock.now) == subscriber.read().state
+
+
+VALUES = st.one_of(FINITE, st.sampled_from([np.nan, np.inf, -np.inf, 0.0, 1e-9]))
+
+
+@given(
+    st.lists(VALUES, min_size=6, max_size=6),
+    st.lists(st.floats(-0.1, 0.2), min_size=4, max_size=4),
+    st.booleans(),
+    st.booleans(),
+    st.integers(-MS, 5 * MS),
+    st.integers(0, 100 * MS),
+    VALUES,
+)
+def test_lower_bounds_are_those_of_python(
+    library, velocities, bounds, is_predicted, is_geometry, ahead, later, approach
+):
+    contacts = frame(count=1).records.copy()
+    contact = contacts[0]
+    contact["velocity"], contact["part_velocity"] = velocities[:3], velocities[3:]
+    contact["lower"], contact["upper"] = sorted(bounds[:2])
+    contact["predicted_lower"], contact["predicted_upper"] = sorted(bounds[2:])
+    contact["approach_speed"], contact["source"] = approach, not is_geometry
+    contact["flags"] = KNOWN if is_predicted else 1
+    contact["predicted_ns"] = contact["pose_ns"] + ahead
+    now = int(contact["pose_ns"]) + later
+    told = library.lower_at(contacts.ctypes.data, now, 2.5, 100.0)
+    widen(contacts, now, 2.5, 100.0)
+
+    np.testing.assert_allclose(told, contacts["lower"][0], rtol=1e-9, atol=1e-12)
+
+
+@given(
+    st.lists(
+        st.tuples(st.integers(-2000 * MS, 2000 * MS), st.integers(0, 90 * MS), st.sampled_from([0, 0, 0, 1])),
+        min_size=1,
+        max_size=30,
+    )
+)
+def test_clock_is_that_of_python(library, steps):
+    """Messages that are sent and arrive, each so much later than the one before; some begin a new run."""
+    library.clock_reset()
+    clock, sent, now, session = ForeignClock(), NOW, 0, 2**63
+    for sent_later, now_later, begun in steps:
+        sent, now, session = sent + sent_later, now + now_later, session + begun
+        library.clock_hear(session, sent, now)
+        clock.arrived(sent, now, is_new_run=bool(begun))
+        assert bool(library.clock_is_settled()) is clock.is_settled
+        assert library.clock_theirs(now) == pytest.approx(clock.theirs(now), abs=2)
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.integers(1, 150),
+            st.sampled_from([MS, 11 * MS, 20 * MS]),
+            st.one_of(st.just(0), st.integers(-1500 * MS, 1500 * MS)),
+            st.booleans(),
+            st.sampled_from([0, 0, 1]),
+        ),
+        min_size=1,
+        max_size=10,
+    )
+)
+def test_clock_is_that_of_python_after_mistakes_and_restarts(library, rows):
+    """Rows of messages whose first is stamped too early or too late, or all of them are."""
+    library.clock_reset()
+    clock, now, session = ForeignClock(), 0, 2**63
+    for count, period, wrong, is_for_good, begun in rows:
+        session += begun
+        for number in range(count):
+            now += period
+            sent = now + NOW + (wrong if is_for_good or number == 0 else 0)
+            library.clock_hear(session, sent, now)
+            clock.arrived(sent, now, is_new_run=bool(begun) and number == 0)
+            assert bool(library.clock_is_settled()) is clock.is_settled
+            assert library.clock_theirs(now) == clock.theirs(now)
+
+
+@pytest.mark.parametrize("early", [26 * MS, 500 * MS, 1500 * MS])
+def test_clock_that_was_mistaken_is_undone_as_in_python(library, early):
+    library.clock_reset()
+    clock = ForeignClock()
+    for now in range(0, 3000 * MS, MS):
+        sent = NOW + now + (early if now == 200 * MS else 0)
+        library.clock_hear(1, sent, now)
+        clock.arrived(sent, now)
+        assert bool(library.clock_is_settled()) is clock.is_settled
+        assert library.clock_theirs(now) == clock.theirs(now)
+    assert clock.is_settled
+    assert clock.theirs(now) - (NOW + now) < 2 * MS
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("lower", 0.051), ("upper", np.nan), ("signed_distance", np.nan), ("pose_ns", NOW - 2 * MS),
+        ("pose_ns", NOW + 5 * MS + 1),
+    ],
+)  # fmt: skip
+def test_contact_without_sense_is_seen(library, name, value):
+    message = frame()
+    assert library.makes_sense(message.data.ctypes.data, NOW + 5 * MS) == 1
+    message.records[name][4] = value
+    assert library.makes_sense(message.data.ctypes.data, NOW + 5 * MS) == 0
+    message.records["flags"][4] = 0
+    assert library.makes_sense(message.data.ctypes.data, NOW + 5 * MS) == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("state", 6),
+        ("source", 2),
+        ("pose_ns", NOW + 5 * MS + 1),
+        ("publish_ns", NOW + 5 * MS + 1),
+        ("pose_ns", -1),
+    ],
+)
+def test_header_without_sense_is_seen(library, name, value):
+    message = frame()
+    message.header[name] = value
+
+    assert library.makes_sense(message.data.ctypes.data, NOW + 5 * MS) == 0
+
+
+# --- the command ---
+
+
+@pytest.fixture
+def program(monkeypatch, capsys):
+    def run_with(*arguments):
+        monkeypatch.setattr(sys, "argv", ["proximity", "header", *map(str, arguments)])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        written = capsys.readouterr()
+        return SimpleNamespace(code=end.value.code, out=written.out, err=written.err)
+
+    return run_with
+
+
+def test_header_is_printed(program):
+    result = program()
+
+    assert (result.code, result.out, result.err) == (0, header_text(), "")
+
+
+def test_header_is_written(program, tmp_path):
+    result = program("--out", tmp_path / "decaff_message.h")
+
+    assert (result.code, result.out) == (0, "")
+    assert (tmp_path / "decaff_message.h").read_text(encoding="ascii") == header_text()
+
+
+def test_receiver_is_printed(program):
+    assert program("--receiver").out.startswith("/*\n * receiver.c: ")
+
+
+def test_place_that_cannot_be_written_to_is_told(program, tmp_path):
+    result = program("--out", tmp_path / "none" / "x.h")
+
+    assert result.code == 2
+    assert result.err.endswith("x.h: cannot be written (No such file or directory)\n")
+
+
+def test_examples_are_told(program):
+    assert "proximity header --out decaff_message.h\n" in program("--help").out
+
+
+def test_contact_of_the_header_is_the_one_of_python():
+    assert dtype_of(RECORDS["contact"][1]) == CONTACT
+    assert c_header.RECORDS.keys() == {
+        "prefix", "frame_header", "contact", "input_header", "pose", "path_pose", "glove_pose", "move",
+        "measurement",
+    }  # fmt: skip

@@ -1,0 +1,887 @@
+"""Compiled scenes: what comes back is what was saved, bit for bit, or nothing does."""
+
+import dataclasses
+import errno
+import gc
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import zlib
+from pathlib import Path
+
+import judging
+import numpy as np
+import pytest
+import shapes
+from project import MESHES
+
+import proximity
+from proximity import MeshFormatError, Part, Pose, Scene, SceneError, Solid
+from proximity.kernels import layout
+from proximity.model import assembly
+from proximity.model.part_trees import TopPlan
+from proximity.scene import results, solid
+from proximity.scene.queries import Queries
+from proximity.scene.saved import archive, compiled_scene
+
+
+def part(name, mesh, pose=None):
+    own = Solid(*mesh, name=name)
+    rows = np.random.default_rng(len(name)).permutation(own.mesh.face_count).astype(np.int32)
+    return Part(name, own, Pose() if pose is None else pose, rows)
+
+
+def one_solid():
+    return Scene([Solid(*shapes.sphere(0.02, 2), name="ball")])
+
+
+def parts_with_poses():
+    places = np.random.default_rng(1).uniform(-0.1, 0.1, (20, 3))
+    return Scene(
+        [
+            part(f"part {row}", shapes.torus(0.02, 0.006), Pose(shapes.rotation(row), place))
+            for row, place in enumerate(places)
+        ]
+    )
+
+
+def moved_parts():
+    scene = parts_with_poses()
+    for row in (3, 11):
+        scene.move(f"part {row}", Pose(shapes.rotation(50 + row), (0.3, 0.1 * row, -0.2)))
+    return scene
+
+
+def parts_that_move_hide_and_give_way():
+    scene = parts_with_poses()
+    for row in (2, 7, 9, 15):
+        scene.move(
+            f"part {row}", Pose(shapes.rotation(row), (0.1, 0.0, 0.1 * row)), velocity=(0.1, -0.2, row)
+        )
+        scene.distance([0.0, 0.0, 0.0])
+    scene.move("part 3", Pose(), angular_velocity=(0.0, 1e-3, 2.0))
+    scene.hide("part 4")
+    scene.hide("part 7")
+    scene.set_surface("part 5", stiffness=0.1 + 0.2, damping=0.7)
+    scene.remove("part 0")
+    scene.move("part 9", Pose(shapes.rotation(3), (0.2, 0.2, 0.2)))
+    return scene
+
+
+def loose_part_alone():
+    scene = Scene(parts_with_poses().parts[:2])
+    scene.move("part 0", Pose(shapes.rotation(9), (0.1, 0.2, 0.3)))
+    scene.remove("part 1")
+    return scene
+
+
+def every_kind_of_sign():
+    vertices, faces = shapes.sphere(0.02, 3)
+    lean = shapes.join(shapes.cube(0.02), shapes.moved(shapes.cube(0.02), (0.01, 0.01, 0.0)))
+    return Scene(
+        [
+            part("closed", shapes.cube(0.01)),
+            part("with a hole", shapes.moved((vertices, faces[1:]), (0.1, 0.0, 0.0))),
+            part("meets itself", shapes.moved(lean, (0.0, 0.1, 0.0))),
+            part("sheet", shapes.grid(), Pose(translation=(0.0, 0.0, 0.1))),
+            part("inside out", shapes.inside_out(shapes.moved(shapes.cube(0.01), (1000.0, 0.0, 0.0)))),
+        ]
+    )
+
+
+def solid_in_two_parts():
+    own, rows = Solid(*shapes.octahedron(0.01)), np.arange(8, dtype=np.int32)
+    return Scene(
+        [Part(name, own, Pose(translation=(x, 0, 0)), rows) for name, x in (("a", 0.0), ("b", 0.05))]
+    )
+
+
+def bodies_of_a_mesh():
+    mesh = shapes.join(shapes.cube(0.01), shapes.moved(shapes.hollow_cube(0.03, 0.01), (0.05, 0.0, 0.0)))
+    return Scene.from_mesh(*shapes.soup(*mesh), name="pair")
+
+
+def file_of_parts():
+    return proximity.load(MESHES / "assembly.glb")
+
+
+SCENES = [
+    one_solid,
+    parts_with_poses,
+    moved_parts,
+    parts_that_move_hide_and_give_way,
+    loose_part_alone,
+    every_kind_of_sign,
+    solid_in_two_parts,
+    bodies_of_a_mesh,
+    file_of_parts,
+]
+
+
+def saved(scene, folder, name="cell.prox"):
+    scene.save(folder / name)
+    return folder / name
+
+
+def bits(value):
+    """Something that is equal where every bit is."""
+    if dataclasses.is_dataclass(value):
+        return {field.name: bits(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, results._Record):
+        return bits(value._table)
+    if isinstance(value, np.ndarray):
+        return value.dtype.str, value.shape, value.tobytes()
+    return np.float64(value).tobytes() if isinstance(value, float) else value
+
+
+def answers(asked, seed=5):
+    """All that can be asked, about points near and far, in bits."""
+    rng = np.random.default_rng(seed)
+    lower, upper = asked.bounds
+    points = rng.uniform(lower - 0.02, np.minimum(upper, lower + 0.4) + 0.02, (300, 3))
+    told = {
+        "bounds": bits(np.array(asked.bounds)),
+        "closest": bits(asked.closest(points)),
+        "near": bits(asked.closest(points, max_distance=0.01)),
+        "distance": bits(asked.distance(points)),
+        "cast": bits(asked.cast(points, rng.normal(size=(300, 3)))),
+        "segments": bits(asked.closest_to_segments(points, points[::-1])),
+    }
+    for question in (asked.signed_distance, asked.contains):
+        try:
+            told[question.__name__] = bits(question(points))
+        except proximity.NotWatertightError as refused:
+            told[question.__name__] = str(refused)
+    return told
+
+
+def described(scene):
+    """All that a user sees of the parts, in bits."""
+    return [
+        {
+            "name": part.name,
+            "rotation": bits(part.pose.rotation),
+            "translation": bits(part.pose.translation),
+            "source_faces": bits(part.source_faces),
+            "repairs": bits(part.repairs),
+            "solid": (part.solid.name, part.solid.sign_method, part.solid.sign_reason, repr(part.solid)),
+            "is_watertight": (part.solid.is_watertight, part.solid.has_inside),
+            "vertices": bits(part.solid.mesh.vertices),
+            "faces": bits(part.solid.mesh.faces),
+            "topology": bits(part.solid.topology),
+            "diagnosis": bits(part.solid.diagnosis),
+            "bvh": bits(part.solid.bvh),
+            "memory_bytes": part.solid.memory_bytes,
+            "velocity": bits(part.velocity),
+            "angular_velocity": bits(part.angular_velocity),
+            "surface": (part.is_hidden, bits(part.stiffness), bits(part.damping)),
+        }
+        for part in scene.parts
+    ]
+
+
+def mapped_file(array):
+    """The file that an array's memory is, or None."""
+    while array is not None:
+        if isinstance(array, np.memmap):
+            return Path(array.filename)
+        array = getattr(array, "base", None)
+    return None
+
+
+# --- what comes back ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("make", SCENES)
+def test_scene_comes_back_bit_for_bit(make, tmp_path):
+    scene = make()
+    loaded = proximity.load(saved(scene, tmp_path))
+
+    assert answers(loaded) == answers(scene)
+    assert described(loaded) == described(scene)
+    assert repr(loaded) == repr(scene)
+    assert loaded.memory_bytes == scene.memory_bytes
+
+
+@pytest.mark.parametrize("make", SCENES)
+def test_each_solid_of_a_loaded_scene_answers_as_before(make, tmp_path):
+    scene = make()
+    loaded = proximity.load(saved(scene, tmp_path))
+
+    for before, after in zip(scene.parts, loaded.parts, strict=True):
+        assert answers(after.solid) == answers(before.solid)
+
+
+@pytest.mark.parametrize("make", SCENES)
+def test_loaded_scene_is_saved_as_the_same_file(make, tmp_path):
+    first = saved(make(), tmp_path)
+    if make is not file_of_parts:
+        first = saved(proximity.load(first), tmp_path, "with a report.prox")
+
+    second = saved(proximity.load(first), tmp_path, "again.prox")
+
+    assert second.read_bytes() == first.read_bytes()
+
+
+def test_parts_of_a_loaded_scene_move(tmp_path):
+    scene = parts_with_poses()
+    path = saved(scene, tmp_path)
+    before = path.read_bytes()
+    loaded, other = proximity.load(path), proximity.load(path)
+
+    for step in range(3):
+        pose = Pose(shapes.rotation(step), (0.2 * step, 0.1, -0.1))
+        scene.move(f"part {step}", pose)
+        loaded.move(f"part {step}", pose)
+        assert answers(loaded) == answers(scene)
+
+    assert answers(other) == answers(parts_with_poses())
+    assert path.read_bytes() == before
+
+
+class Held(Queries):
+    """What a model answers that somebody has kept."""
+
+    def __init__(self, scene):
+        self.model, self.bounds = scene._current(), scene.bounds
+
+    def _current(self):
+        return self.model
+
+
+def test_question_under_way_is_not_disturbed_by_a_loaded_scene_that_moves(tmp_path):
+    """The scene that is saved uses a later copy of what moves, and of the static tree."""
+    scene = parts_with_poses()
+    first = Held(scene)
+    scene.move("part 0", Pose(translation=(0.1, 0.1, 0.0)))
+    loaded = proximity.load(saved(scene, tmp_path))
+    held = Held(loaded)
+    before = answers(held)
+    assert TopPlan.of(first.model.parts).copies_of(first.model.parts) == (0, 0)
+    assert TopPlan.of(held.model.parts).copies_of(held.model.parts) == (1, 1)
+
+    for step in range(4):
+        loaded.move(f"part {step}", Pose(translation=(0.0, 0.1, 0.1 * step)))
+        answers(loaded)
+        assert answers(held) == before
+
+
+def test_moving_a_loaded_scene_assembles_nothing(tmp_path, monkeypatch):
+    loaded = proximity.load(saved(parts_with_poses(), tmp_path))
+    alone = [part.solid.distance([0.0, 0.0, 0.0]) for part in loaded.parts]
+    monkeypatch.setattr(Scene, "_assemble", None)
+
+    for step in range(30):
+        loaded.move(f"part {step % 20}", Pose(translation=(0.0, 0.01, 0.01 * step)))
+        loaded.distance([0.0, 0.0, 0.0])
+
+    assert alone == [part.solid.distance([0.0, 0.0, 0.0]) for part in loaded.parts]
+
+
+def test_solids_of_a_loaded_scene_go_into_another(tmp_path):
+    scene = every_kind_of_sign()
+    loaded = proximity.load(saved(scene, tmp_path))
+
+    def rearranged(parts):
+        return Scene([dataclasses.replace(parts[row], pose=Pose()) for row in (3, 1, 0)])
+
+    assert answers(rearranged(loaded.parts)) == answers(rearranged(scene.parts))
+
+
+def test_solid_in_two_parts_stays_one(tmp_path):
+    one, other = proximity.load(saved(solid_in_two_parts(), tmp_path)).parts
+
+    assert one.solid is other.solid
+
+
+def test_report_comes_back(tmp_path):
+    scene = proximity.load(MESHES / "bracket.stl", units="cm")
+
+    loaded = proximity.load(saved(scene, tmp_path))
+
+    assert loaded.report == scene.report
+    assert loaded.report.path == str(MESHES / "bracket.stl")
+    assert isinstance(loaded.report.notes, tuple)
+
+
+def test_scene_of_arrays_comes_from_the_file(tmp_path):
+    path = saved(one_solid(), tmp_path)
+
+    report = proximity.load(path).report
+
+    assert (report.path, report.format, report.units, report.units_declared) == (
+        str(path),
+        "compiled scene",
+        "m",
+        True,
+    )
+
+
+def test_arrays_of_a_loaded_scene_are_read_only_and_mapped(tmp_path):
+    path = saved(every_kind_of_sign(), tmp_path)
+    loaded = proximity.load(path)
+
+    for part in loaded.parts:
+        shown = (part.solid.mesh.vertices, part.solid.mesh.faces, part.source_faces)
+        for array in shown:
+            assert not array.flags.writeable
+            assert mapped_file(array) == path
+        for array in (part.pose.rotation, part.pose.translation, part.velocity, part.angular_velocity):
+            assert not array.flags.writeable
+    for array in (loaded._current().reals, loaded._current().words):
+        assert array.flags.writeable and array.ctypes.data % 64 == 0
+        assert mapped_file(array) == path
+
+
+def test_solid_alone_neither_moves_nor_hides(tmp_path):
+    scene = parts_with_poses()
+    scene.move("part 2", Pose(), velocity=(1.0, 2.0, 3.0))
+    scene.hide("part 2")
+
+    alone = proximity.load(saved(scene, tmp_path)).parts[2].solid._model
+
+    assert not alone.parts[:, [layout.IS_LOOSE, layout.IS_HIDDEN]].any()
+    assert not alone.frames[:, layout.VELOCITY : layout.SURFACE].any()
+
+
+def test_opening_builds_nothing(tmp_path, monkeypatch):
+    path = saved(parts_with_poses(), tmp_path)
+
+    def never(*_, **__):
+        raise AssertionError("something is made anew")
+
+    for module, names in {
+        solid: ("part_arrays", "build_topology", "choose_sign", "assemble"),
+        assembly: ("assemble", "static_tree", "make_table"),
+    }.items():
+        for name in names:
+            monkeypatch.setattr(module, name, never)
+    monkeypatch.setattr(assembly, "make_table", lambda *arrays: np.zeros(9, np.int64))
+    monkeypatch.setattr(assembly.Model, "part_alone", never)
+
+    assert len(proximity.load(path).parts) == 20
+
+
+def test_opening_imports_nothing_that_reads_or_splits_meshes(tmp_path):
+    path = saved(one_solid(), tmp_path)
+    code = (
+        "import proximity, sys; proximity.load(sys.argv[1]); "
+        "slow = {'trimesh', 'scipy.sparse', 'scipy.spatial', 'cascadio', 'manifold3d', 'lxml', 'networkx'}; "
+        "print(sorted(slow & set(sys.modules)))"
+    )
+
+    result = subprocess.run(
+        [sys.executable, "-c", code, path], capture_output=True, text=True, check=True, timeout=120
+    )
+
+    assert result.stdout == "[]\n"
+
+
+def test_loaded_scene_outlives_its_file(tmp_path):
+    scene = one_solid()
+    loaded = proximity.load(saved(scene, tmp_path))
+
+    os.unlink(tmp_path / "cell.prox")
+    gc.collect()
+
+    assert answers(loaded) == answers(scene)
+
+
+def test_loaded_scene_keeps_what_it_opened_when_another_is_saved_there(tmp_path):
+    scene = parts_with_poses()
+    loaded = proximity.load(saved(scene, tmp_path))
+
+    saved(one_solid(), tmp_path)
+
+    assert answers(loaded) == answers(scene)
+    assert len(proximity.load(tmp_path / "cell.prox").parts) == 1
+
+
+def test_every_field_of_a_part_is_saved():
+    """A field that is added to `Part` takes a line in `compiled._FIELDS`."""
+    fields = {field.name for field in dataclasses.fields(Part)}
+
+    assert fields == {*compiled_scene._FIELDS, "solid", "pose", "source_faces"}
+
+
+def test_names_and_reports_may_be_any_text(tmp_path):
+    name = 'über "zwei"\n\udcff\x00 😀'
+    scene = Scene([part(name, shapes.cube())])
+
+    (loaded,) = proximity.load(saved(scene, tmp_path)).parts
+
+    assert loaded.name == loaded.solid.name == name
+
+
+def test_float_that_is_no_round_number_comes_back(tmp_path):
+    repairs = proximity.load(MESHES / "bracket.stl").parts[0].repairs
+    mended = dataclasses.replace(repairs, weld_distance=np.float64(0.1) + 0.2, turned_face_count=np.int64(3))
+    scene = Scene([dataclasses.replace(part("a", shapes.cube()), repairs=mended)])
+
+    (loaded,) = proximity.load(saved(scene, tmp_path)).parts
+
+    assert loaded.repairs == mended
+    assert loaded.repairs.weld_distance == 0.30000000000000004
+
+
+# --- how it is recognised -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["cell.prox", "CELL.PROX", "cell", "cell.stl"])
+def test_compiled_scene_is_recognised_by_its_first_bytes(name, tmp_path):
+    path = saved(one_solid(), tmp_path, name)
+
+    assert answers(proximity.load(path)) == answers(one_solid())
+    assert answers(proximity.load(str(path))) == answers(one_solid())
+
+
+def test_units_that_are_none_are_refused_for_compiled_scenes_too(tmp_path):
+    path = saved(one_solid(), tmp_path)
+
+    with pytest.raises(proximity.MeshError, match=r"^there is no unit 'furlong', expected one of m, "):
+        proximity.load(path, units="furlong")
+
+
+def test_folder_and_missing_file_are_told_as_for_any_file(tmp_path):
+    (tmp_path / "folder.prox").mkdir()
+
+    with pytest.raises(MeshFormatError, match=r"folder\.prox: it is a directory, expected a file$"):
+        proximity.load(tmp_path / "folder.prox")
+    with pytest.raises(MeshFormatError, match=r"none\.prox: there is no such file$"):
+        proximity.load(tmp_path / "none.prox")
+    with pytest.raises(proximity.MeshError, match=r"^the path is 5\.0, expected text or a path$"):
+        proximity.load(5.0)
+
+
+# --- damage -------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The bytes of a compiled scene of three parts."""
+    scene = every_kind_of_sign()
+    return saved(Scene(scene.parts[:3]), tmp_path_factory.mktemp("whole")).read_bytes()
+
+
+@pytest.fixture
+def refused(tmp_path):
+    """Load these bytes; returns the reason why that is refused, without the file's name."""
+
+    def load(data, name="cell.prox"):
+        path = tmp_path / name
+        path.write_bytes(data)
+        with pytest.raises(MeshFormatError) as error:
+            proximity.load(path)
+        told = str(error.value)
+        assert told.startswith(f"{path}: ") and "\n" not in told
+        return told.removeprefix(f"{path}: ")
+
+    return load
+
+
+def flipped(data, position, bit):
+    changed = bytearray(data)
+    changed[position] ^= 1 << bit
+    return bytes(changed)
+
+
+def document_of(data):
+    text_bytes = archive.HEADER.unpack_from(data)[4]
+    return json.loads(data[archive.HEADER.size : archive.HEADER.size + text_bytes])
+
+
+def sections(data):
+    """First and last byte of everything in a file, and its name."""
+    text_bytes = archive.HEADER.unpack_from(data)[4]
+    head = archive.HEADER.size + text_bytes
+    starts = [entry["offset"] + head for entry in document_of(data)["arrays"]]
+    names = [entry["name"] for entry in document_of(data)["arrays"]]
+    ends = [*starts[1:], len(data)]
+    yield from (("header", 0, archive.HEADER.size), ("description", archive.HEADER.size, head))
+    yield from zip(names, starts, ends, strict=True)
+
+
+def remade(data, *, header=None, document=None):
+    """The file with other fields in its header, or another description, and the right checksums."""
+    fields = list(archive.HEADER.unpack_from(data))
+    text = data[archive.HEADER.size : archive.HEADER.size + fields[4]]
+    rest = data[archive.HEADER.size + fields[4] :]
+    if document is not None:
+        text = json.dumps(document).encode()
+        text = text.ljust(-(-(len(text) + archive.HEADER.size) // 4096) * 4096 - archive.HEADER.size)
+        fields[3:6] = archive.HEADER.size + len(text) + len(rest), len(text), zlib.crc32(text)
+    for position, value in (header or {}).items():
+        fields[position] = value
+    packed = archive.HEADER.pack(*fields[:-1], 0)[:-4]
+    return packed + zlib.crc32(packed).to_bytes(4, sys.byteorder) + text + rest
+
+
+def test_remade_file_is_a_file(whole, tmp_path):
+    """Guards the tests below: what they change is all that is wrong."""
+    (tmp_path / "a.prox").write_bytes(remade(whole, document=document_of(whole)))
+
+    assert remade(whole) == whole
+    assert len(proximity.load(tmp_path / "a.prox").parts) == 3
+
+
+def test_flipped_bit_is_found_wherever_it_is(whole, refused):
+    rng = np.random.default_rng(11)
+    seen = set()
+    for name, start, end in sections(whole):
+        count = end - start if name == "header" else 40
+        positions = {
+            start,
+            end - 1,
+            *rng.choice(np.arange(start, end), min(count, end - start), replace=False),
+        }
+        for position in positions:
+            told = refused(flipped(whole, int(position), int(rng.integers(8))))
+            seen.add((name, told.split(" (")[0]))
+            assert told.endswith("; save the scene again with this version"), (name, position, told)
+
+    again = "; save the scene again with this version"
+    assert seen == {
+        ("header", f"it is named like a compiled scene, but does not begin like one{again}"),
+        ("header", f"it is damaged: the checksum of its header differs{again}"),
+        ("description", f"it is damaged: the checksum of its description differs{again}"),
+        *(
+            (name, f"it is damaged: the checksum of {name!r} differs{again}")
+            for name in ("reals", "words", "frames", "parts", "vertices", "faces", "source_faces", "poses")
+        ),
+    }
+
+
+def test_every_bit_of_a_page_counts_in_its_checksum():
+    data = np.random.default_rng(2).integers(0, 256, 4096 + 77, dtype=np.uint8)
+    expected = archive.checksum_of(data)
+
+    for position in range(len(data)):
+        for bit in range(8):
+            data[position] ^= 1 << bit
+            assert archive.checksum_of(data) != expected
+            data[position] ^= 1 << bit
+    assert archive.checksum_of(data) == expected
+
+
+def test_pages_and_words_that_change_places_are_found():
+    data = np.random.default_rng(3).integers(0, 256, (8, 4096), dtype=np.uint8)
+    expected = archive.checksum_of(data.reshape(-1))
+
+    pages = data[[0, 1, 2, 5, 4, 3, 6, 7]]
+    words = data.view(np.uint64).copy()
+    words[2, [7, 300]] = words[2, [300, 7]]
+    zeroed = data.copy()
+    zeroed[4, 512:1024] = 0
+
+    for changed in (pages, words.view(np.uint8), zeroed):
+        assert archive.checksum_of(np.ascontiguousarray(changed).reshape(-1)) != expected
+
+
+@pytest.mark.parametrize("count", [1, 7, 8, 63, 64, 100, 4096, 5000])
+def test_cut_file_is_refused(count, whole, refused):
+    told = refused(whole[:count])
+
+    expected = {
+        True: f"it is cut off after {count} of {len(whole)} bytes",
+        8 <= count < 64: f"it is cut off after {count} bytes",
+        count < 8: "it is named like a compiled scene, but does not begin like one",
+    }[True]
+    assert told == f"{expected}; save the scene again with this version"
+
+
+def test_file_without_its_last_byte_is_refused(whole, refused):
+    assert refused(whole[:-1]).startswith(f"it is cut off after {len(whole) - 1} of {len(whole)} bytes; ")
+
+
+@pytest.mark.parametrize("more", [1, 4096])
+def test_file_with_something_behind_it_is_refused(more, whole, refused):
+    told = refused(whole + bytes(more))
+
+    assert told == f"there are {more} bytes behind its end; save the scene again with this version"
+
+
+def test_empty_file_is_refused(refused):
+    assert refused(b"") == ("it is empty, expected a compiled scene; save the scene again with this version")
+
+
+def test_other_file_under_that_name_is_refused(refused):
+    for data in ((MESHES / "box.stl").read_bytes(), b"\n" * 5000):
+        assert refused(data) == (
+            "it is named like a compiled scene, but does not begin like one; "
+            "save the scene again with this version"
+        )
+
+
+def test_file_of_another_byte_order_is_refused(whole, refused):
+    turned = bytearray(whole)
+    turned[8:12] = turned[8:12][::-1]
+
+    assert refused(bytes(turned)) == (
+        f"it was written on a machine of another byte order, expected {sys.byteorder}-endian; "
+        "save the scene again on this machine"
+    )
+
+
+@pytest.mark.parametrize("version", [0, archive.FORMAT_VERSION - 1, archive.FORMAT_VERSION + 1, 2**32 - 1])
+def test_file_of_another_version_is_refused(version, whole, refused):
+    assert refused(remade(whole, header={2: version})) == (
+        f"it has format version {version}, expected {archive.FORMAT_VERSION}; "
+        "save the scene again with this version"
+    )
+
+
+def test_file_for_another_layout_is_refused(whole, refused):
+    changed, missing, added = document_of(whole), document_of(whole), document_of(whole)
+    changed["layout"]["NODE_STRIDE"] = 80
+    del missing["layout"]["MOMENT_STRIDE"]
+    added["layout"]["A_NEW_COLUMN"] = 9
+
+    for document, told in ((changed, "NODE_STRIDE is 80, expected 64"),
+                           (missing, "MOMENT_STRIDE is None, expected "),
+                           (added, "A_NEW_COLUMN is 9, expected None")):  # fmt: skip
+        reason = refused(remade(whole, document=document))
+        assert reason.startswith(
+            f"it was saved by another version, which lays out trees in another way ({told}"
+        )
+        assert reason.endswith("); save the scene again with this version")
+
+
+def test_layout_that_is_compared_has_the_strides():
+    assert {
+        "NODE_STRIDE",
+        "BLOCK_STRIDE",
+        "PART_COLUMNS",
+        "FRAME_COLUMNS",
+        "MOMENT_STRIDE",
+        "IS_HIDDEN",
+    } <= set(compiled_scene.LAYOUT)
+
+
+def test_table_that_does_not_fit_is_refused(whole, refused):
+    def changed(row, **entry):
+        document = document_of(whole)
+        document["arrays"][row].update(entry)
+        return remade(whole, document=document)
+
+    for row, entry in (
+        (0, {"dtype": "object"}),
+        (0, {"offset": 4096}),
+        (2, {"shape": [10**12, 48]}),
+        (3, {"shape": [-1, -4]}),
+    ):
+        name = document_of(whole)["arrays"][row]["name"]
+        assert refused(changed(row, **entry)) == (
+            f"its table of arrays does not fit it ({name!r}); save the scene again with this version"
+        )
+    document = document_of(whole)
+    document["arrays"].pop()
+    assert refused(remade(whole, document=document)) == (
+        "its table of arrays does not fit it (the end); save the scene again with this version"
+    )
+
+
+@pytest.mark.parametrize(
+    "document", [[], {}, {"layout": compiled_scene.LAYOUT}, {"layout": compiled_scene.LAYOUT, "arrays": 3}]
+)
+def test_description_that_says_something_else_is_refused(document, whole, refused):
+    assert refused(remade(whole, document=document)) == (
+        "its description cannot be understood; save the scene again with this version"
+    )
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "told"),
+    [
+        ("face_counts", [1, 2, 3], "there are 1315 rows, but 6 are spoken of"),
+        ("face_counts", [2000, -697, 12], "face_counts have -697, expected 0 to "),
+        ("solid_of_part", [0, 1, 7], "solid_of_part have 7, expected 0 to 2"),
+        ("solid_of_part", [0, 1], "there are "),
+        ("solids", 5, "solids are 5, expected a list"),
+        ("parts", {}, "'name'"),
+    ],
+)
+def test_contents_that_contradict_each_other_are_refused(key, value, told, whole, refused):
+    document = document_of(whole)
+    document["metadata"][key] = value
+
+    reason = refused(remade(whole, document=document))
+
+    assert reason.startswith(f"its contents do not hold together ({told}")
+    assert reason.endswith("); save the scene again with this version")
+
+
+def test_arrays_of_another_shape_or_number_are_refused(whole, refused, monkeypatch):
+    document = document_of(whole)
+    (frames,) = (entry for entry in document["arrays"] if entry["name"] == "frames")
+    frames["shape"] = [frames["shape"][0] * 2, frames["shape"][1] // 2]
+
+    assert refused(remade(whole, document=document)).startswith(
+        f"its contents do not hold together (frames are float64 of shape ({frames['shape'][0]}, 24)); "
+    )
+
+    write = archive.write_archive
+
+    def with_a_part_less(path, metadata, arrays, layout):
+        write(path, metadata, {**arrays, "parts": arrays["parts"][1:]}, layout)
+
+    monkeypatch.setattr(compiled_scene, "write_archive", with_a_part_less)
+    with tempfile.TemporaryDirectory() as folder:
+        data = saved(solid_in_two_parts(), Path(folder)).read_bytes()
+    assert refused(data) == (
+        "its contents do not hold together (there are 2 parts, but the trees of 1); "
+        "save the scene again with this version"
+    )
+
+
+def test_file_that_cannot_be_mapped_is_told(whole, tmp_path, monkeypatch):
+    path = tmp_path / "cell.prox"
+    path.write_bytes(whole)
+
+    def no_memory(*_):
+        raise OSError(errno.ENOMEM, os.strerror(errno.ENOMEM))
+
+    monkeypatch.setattr(np, "memmap", no_memory)
+
+    with pytest.raises(MeshFormatError, match=r"cell\.prox: it cannot be opened \(Cannot allocate memory\)$"):
+        proximity.load(path)
+
+
+# --- writing ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("step", ["fsync", "replace"])
+@pytest.mark.parametrize("trouble", [OSError(errno.ENOSPC, "No space left on device"), KeyboardInterrupt()])
+@pytest.mark.parametrize("is_there", [True, False])
+def test_what_goes_wrong_while_writing_leaves_everything_as_it_was(
+    step, trouble, is_there, tmp_path, monkeypatch
+):
+    path = tmp_path / "cell.prox"
+    if is_there:
+        path.write_bytes(b"something else")
+
+    def fails(*_):
+        raise trouble
+
+    monkeypatch.setattr(archive.os, step, fails)
+    with pytest.raises((SceneError, KeyboardInterrupt)) as error:
+        one_solid().save(path)
+
+    if isinstance(trouble, OSError):
+        assert str(error.value) == f"{path}: cannot be written (No space left on device)"
+    assert os.listdir(tmp_path) == ["cell.prox"] * is_there
+    assert not is_there or path.read_bytes() == b"something else"
+
+
+def test_disk_that_fills_up_leaves_nothing_behind(tmp_path):
+    resource = pytest.importorskip("resource")
+    scene = one_solid()
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, limits[1]))
+    try:
+        with pytest.raises(SceneError, match=r"cannot be written \(File too large\)$"):
+            scene.save(tmp_path / "cell.prox")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+    assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.skipif(os.name != "posix", reason="folders are protected in another way")
+def test_folder_that_cannot_be_written_to_is_told():
+    scene, folder = one_solid(), Path(tempfile.mkdtemp())
+    folder.chmod(0o555)
+    was = os.geteuid()
+    try:
+        if was == 0:
+            os.seteuid(65534)  # root may write anywhere
+        with pytest.raises(SceneError) as error:
+            scene.save(folder / "cell.prox")
+        assert os.listdir(folder) == []
+    finally:
+        os.seteuid(was)
+        shutil.rmtree(folder)
+
+    assert str(error.value) == f"{folder}/cell.prox: cannot be written (Permission denied)"
+
+
+def test_place_where_no_file_can_be_is_told(tmp_path):
+    (tmp_path / "folder.prox").mkdir()
+    (tmp_path / "file").write_bytes(b"")
+
+    for path, reason in (
+        (tmp_path / "folder.prox", " (it is no regular file)"),
+        (tmp_path / "none" / "cell.prox", " (No such file or directory)"),
+        (tmp_path / "file" / "cell.prox", " (Not a directory)"),
+        ("a\0b", " (embedded null"),
+    ):
+        with pytest.raises(SceneError) as error:
+            one_solid().save(path)
+        assert str(error.value).startswith(f"{path}: cannot be written{reason}")
+    with pytest.raises(SceneError, match=r"^the path is None, expected text or a path$"):
+        one_solid().save(None)
+    assert sorted(os.listdir(tmp_path)) == ["file", "folder.prox"]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="links need rights elsewhere")
+def test_saving_through_a_link_keeps_the_link(tmp_path):
+    (tmp_path / "link.prox").symlink_to(tmp_path / "cell.prox")
+
+    one_solid().save(tmp_path / "link.prox")
+
+    assert (tmp_path / "link.prox").is_symlink()
+    assert len(proximity.load(tmp_path / "cell.prox").parts) == 1
+
+
+@pytest.mark.parametrize(
+    ("rows", "told"),
+    [
+        (np.arange(3), "int64 of shape (3,)"),
+        (np.arange(12.0), "float64 of shape (12,)"),
+        (np.arange(12) + 2**31, "int64 of shape (12,)"),
+        (None, "object of shape ()"),
+    ],
+)
+def test_source_faces_that_are_none_are_told(rows, told, tmp_path):
+    scene = Scene([Part("lid", Solid(*shapes.cube()), Pose(), rows)])
+
+    with pytest.raises(SceneError) as error:
+        scene.save(tmp_path / "cell.prox")
+
+    assert str(error.value) == (
+        f"part 'lid' cannot be saved: its source_faces are {told}, expected int32 of shape (12,)"
+    )
+
+
+def test_source_faces_of_another_integer_type_become_int32(tmp_path):
+    rows = np.arange(12, dtype=np.uint64)[::-1]
+    scene = Scene([Part("lid", Solid(*shapes.cube()), Pose(), rows)])
+
+    (loaded,) = proximity.load(saved(scene, tmp_path)).parts
+
+    assert loaded.source_faces.dtype == np.int32
+    assert np.array_equal(loaded.source_faces, rows)
+
+
+def test_scene_that_moves_while_it_is_saved_is_saved_as_it_stood(tmp_path, monkeypatch):
+    """Models of later moments are written beside the one that is being saved, in the same memory."""
+    scene = Scene(
+        [Solid(*shapes.moved(shapes.cube(), (3.0 * row, 0.0, 0.0)), name=str(row)) for row in range(9)]
+    )
+    points = np.random.default_rng(5).uniform(-2.0, 30.0, (50, 3))
+    scene.move("1", Pose(translation=(0.0, 5.0, 0.0)))
+    before = scene.signed_distance(points)
+    write = archive._write_all
+
+    def write_later(*arguments):
+        for step in range(30):
+            scene.move(str(step % 9), Pose(translation=(0.0, 0.0, 1.0 + step)))
+            scene.distance(points)
+        write(*arguments)
+
+    monkeypatch.setattr(archive, "_write_all", write_later)
+    scene.save(tmp_path / "moving.prox")
+
+    assert judging.same_bits(proximity.load(tmp_path / "moving.prox").signed_distance(points), before)

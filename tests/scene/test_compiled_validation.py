@@ -1,0 +1,169 @@
+"""Compiled scenes with wrong contents and right checksums: refused, or used without harm."""
+
+import json
+import re
+import subprocess
+import sys
+
+import mutated_scenes
+import numpy as np
+import pytest
+from project import TRIALS
+
+import proximity
+from proximity import MeshFormatError
+from proximity.kernels import layout
+from proximity.model.part_trees import TopPlan
+from proximity.scene.saved import archive, compiled_scene
+
+
+@pytest.fixture(scope="module")
+def contents(tmp_path_factory):
+    path = tmp_path_factory.mktemp("scene") / "cell.prox"
+    mutated_scenes.cell().save(path)
+    return archive.read_archive(path, compiled_scene.LAYOUT)
+
+
+@pytest.fixture
+def refused(contents, tmp_path):
+    """A function that changes the file, opens it, and returns why it is refused."""
+
+    def load(change):
+        arrays = {name: array.copy() for name, array in contents.arrays.items()}
+        metadata = json.loads(json.dumps(contents.metadata))
+        change(metadata, arrays)
+        path = tmp_path / "changed.prox"
+        archive.write_archive(path, metadata, arrays, compiled_scene.LAYOUT)
+        with pytest.raises(MeshFormatError) as reason:
+            proximity.load(path)
+        begins, ends = (
+            f"{path}: its contents do not hold together (",
+            "); save the scene again with this version",
+        )
+        told = str(reason.value)
+        assert told.startswith(begins) and told.endswith(ends)
+        return told[len(begins) : -len(ends)]
+
+    return load
+
+
+@pytest.mark.parametrize(("name", "count"), [("cell", 500), ("crowd", 250), ("alone", 100), ("bodies", 150)])
+def test_changed_file_is_refused_or_can_be_used(name, count, tmp_path):
+    """Each column of every table and a thousand numbers are changed; a crash would end the other process."""
+    command = [sys.executable, TRIALS / "mutated_scenes.py", name, "0", str(count), tmp_path]
+
+    result = subprocess.run(command, capture_output=True, text=True, timeout=280)
+
+    lines = [json.loads(line) for line in result.stdout.splitlines()]
+    assert result.returncode == 0, (lines[-1:], result.stderr)
+    outcomes = [line for line in lines if len(line) == 3]
+    assert len(outcomes) == count
+    assert [line for line in outcomes if not line[2].startswith(("refused: ", "answered"))] == []
+    assert {line[2].split(":")[0] for line in outcomes} == {"refused", "answered"}
+
+
+def word(row, column, offset, value):
+    """A change of the word *offset* behind what a column of a part's row says."""
+
+    def change(metadata, arrays):
+        arrays["words"].view(np.int32)[arrays["parts"][row, column] + offset] = value
+
+    return change
+
+
+def child(row, node, lane, value):
+    """A change of a reference in a part's tree, or in the tree over the parts that stand still (-1)."""
+
+    def change(metadata, arrays):
+        root = arrays["parts"][row, layout.ROOT if row >= 0 else layout.NEIGHBORS]
+        at = layout.NODE_STRIDE * (root + node) + layout.CHILDREN + lane
+        arrays["words"].view(np.int32)[at] = value
+
+    return change
+
+
+def number(name, row, column, value):
+    """A change of a number in a table."""
+
+    def change(metadata, arrays):
+        arrays[name][row, column] = value
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (child(1, 0, 0, 9000), r"part 1 'with a hole': child 0 of node 0 refers to node \d+, expected"),
+        (child(1, 0, 0, 1), r"part 1 'with a hole': child 0 of node 0 refers to node 0, expected"),
+        (child(1, 0, 0, ~2**20), r"part 1 'with a hole': child 0 of node 0 refers to block \d+, expected"),
+        (child(-1, 0, 0, 7), r"the trees over the parts: child 0 of node 0 refers to 7, where"),
+        (child(-1, 0, 0, ~(layout.ENTRY + 500)), r"the trees over the parts: child 0 of node 0 refers to -"),
+        (word(0, layout.SLOT_FACES, 0, 12), r"part 0 'cube': slot 0 holds face 12, but there are 12"),
+        (word(0, layout.BLOCK_NOTES, 0, 1), r"part 0 'cube': block 0 is noted as another part's"),
+        (word(0, layout.FACES, 0, 8), r"part 0 'cube': face 0 refers to corner 8, but there are 8"),
+        (word(0, layout.NEIGHBORS, 0, -3), r"part 0 'cube': face 0 has face -3 for a neighbour, but there"),
+        (word(0, layout.GRID, 0, -1), r"part 0 'cube': its sign grid has cells of no known state"),
+        (word(-1, layout.GRID, 0, 0), r"the trees over the parts: cell 0 of the grid over the parts has no"),
+        (number("parts", 2, layout.CORNERS, 2**40), r"the table of parts has a number "),
+        (number("parts", 0, layout.SIGN, 3), r"a part has no known kind of sign"),
+        (number("parts", 0, layout.SIGN, 2), r"part 0 'cube' has other faces, or another sign, than"),
+        (number("parts", -1, layout.REGION, 0), r"the tree over moved parts is at none of its places"),
+        (number("frames", 0, layout.SCALE, 3.0), r"a local frame is not scaled by a power of two"),
+        (number("poses", 1, 0, 0.5), r"the pose of part 1 is no rigid transform"),
+        (number("faces", 3, 1, 8), r"part 0 'cube': face 3 of its mesh refers to vertex 8, but there are 8"),
+    ],
+    ids=lambda value: value[:40] if isinstance(value, str) else "",
+)  # fmt: skip
+def test_reference_to_what_is_not_there_is_told(change, told, refused):
+    assert re.match(told, refused(change))
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "told"),
+    [
+        ("name", ["a", "a", "b", "c", "d"], "two parts have one name"),
+        ("name", ["a", 7, "b", "c", "d"], "entry 1 of names is 7, expected str"),
+        ("velocity", [[0.0, 0.0, float("nan")]] * 5, "velocity of part 0 are not finite, or too fast"),
+        ("is_hidden", [0] * 5, "entry 0 of is_hidden is 0, expected bool"),
+        ("stiffness", [-1.0] * 5, "stiffness of part 'cube' is not a finite number above 0 N/m"),
+        ("repairs", [{}] * 5, "repairs are {}"),
+    ],
+)
+def test_field_of_another_type_or_range_is_told(field, value, told, refused):
+    def change(metadata, arrays):
+        metadata["parts"][field] = value
+
+    assert refused(change).startswith(told)
+
+
+def test_hidden_part_that_is_said_to_be_shown_is_missed(refused):
+    """It is not in the tree over the parts, so that no question would find it."""
+
+    def change(metadata, arrays):
+        metadata["parts"]["is_hidden"] = [False] * 5
+
+    assert refused(change) == "part 4 'hidden': block 0 is missing in the tree over the parts"
+
+
+def test_what_follows_from_other_numbers_is_made_anew(contents, tmp_path):
+    """Boxes of parts, flags, and the tree over parts that have moved may say anything."""
+    arrays = {name: array.copy() for name, array in contents.arrays.items()}
+    parts, frames = arrays["parts"], arrays["frames"]
+    parts[:, [layout.IS_TURNED, layout.IS_FUSED]] = 1 - parts[:, [layout.IS_TURNED, layout.IS_FUSED]]
+    parts[:-1, layout.IS_HIDDEN] = 1
+    parts[-1, [layout.ROOT, layout.LOOSE_COUNT]] = 10**3
+    frames[:, layout.BOX_LOWER : layout.OWN_LOWER] = 7.0
+    frames[:-1, layout.ROTATION : layout.CENTRE] = 2.0
+    plan, region = TopPlan.of(parts), parts[-1, layout.REGION]
+    children = layout.NODE_STRIDE * region + layout.CHILDREN + np.arange(layout.LANES)
+    arrays["words"].view(np.int32)[children] = 10**3
+    entry = plan.entries_at(plan.copies_of(parts)[1]) + 2 * parts[-1, layout.CORNER_COUNT]
+    arrays["words"].view(np.int32)[entry : entry + 2] = 10**3
+    path, again = tmp_path / "changed.prox", tmp_path / "again.prox"
+    archive.write_archive(path, contents.metadata, arrays, compiled_scene.LAYOUT)
+
+    proximity.load(path).save(again)
+
+    for name, array in archive.read_archive(again, compiled_scene.LAYOUT).arrays.items():
+        assert array.tobytes() == contents.arrays[name].tobytes(), name

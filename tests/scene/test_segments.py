@@ -1,0 +1,366 @@
+"""Segments through the public door: shortest connections of solids and scenes, against the oracle."""
+
+from functools import cache
+
+import judging
+import numpy as np
+import pytest
+import shapes
+from hypothesis import given
+from hypothesis import strategies as st
+from ray_scenes import FAR, MESHES, mesh_of, solid_of, some_scene
+
+import oracle
+from proximity.pose import Pose
+from proximity.scene.results import NO_FACE, NO_PART
+from proximity.scene.scene import Scene
+from proximity.scene.solid import Solid
+
+
+def some_segments(name, count, seed=7):
+    """Long and short ones, around, along, through and within."""
+    vertices, faces = mesh_of(name)
+    rng = np.random.default_rng(seed)
+    corners = vertices[faces[rng.integers(len(faces), size=count)]]
+    weights = rng.dirichlet((1.0, 1.0, 1.0), count)
+    weights[rng.random(count) < 0.3] = (0.0, 0.5, 0.5)
+    weights[rng.random(count) < 0.3] = (0.0, 0.0, 1.0)
+    starts = (corners * weights[:, :, None]).sum(axis=1)
+    starts += rng.choice([0.0, 1e-9, 1e-3, 0.3, 2.0], (count, 1)) * rng.normal(size=(count, 3))
+    ways = rng.choice([1e-12, 1e-6, 0.1, 1.0, 10.0], (count, 1)) * rng.normal(size=(count, 3))
+    # Some run along an edge of a face: parallel to what they are nearest to.
+    along = rng.random(count) < 0.25
+    ways[along] = (corners[:, 1] - corners[:, 0])[along]
+    return starts, starts + ways
+
+
+@cache
+def scene_of(count, is_turned=True):
+    return some_scene(count, is_turned=is_turned)
+
+
+def assert_segments_hold_together(hit, vertices, faces, starts, ends):
+    """Distance, both witness points, fraction, face and barycentric of one mesh's answers say the same."""
+    largest = max(np.abs(vertices).max(), np.abs(starts).max(), np.abs(ends).max())
+    room = 16.0 * judging.ROUNDING * largest
+    gap = np.linalg.norm(hit.point_on_segment - hit.point_on_solid, axis=-1)
+    assert np.abs(gap - hit.distance).max() <= room
+    assert ((hit.fraction >= 0.0) & (hit.fraction <= 1.0)).all()
+    there = starts + hit.fraction[:, None] * (ends - starts)
+    assert np.abs(there - hit.point_on_segment).max() <= room
+    weights, corners = hit.barycentric, vertices[faces[hit.face_id]]
+    assert (weights >= 0.0).all()
+    assert np.abs(weights.sum(axis=1) - 1.0).max() <= 4.0 * judging.ROUNDING
+    assert np.abs((weights[:, :, None] * corners).sum(axis=1) - hit.point_on_solid).max() <= room
+
+
+# ------------------------------------------------------------------------------------ against the oracle
+
+
+@pytest.mark.parametrize("name", sorted(MESHES))
+def test_distances_agree_with_the_oracle(name):
+    vertices, faces = mesh_of(name)
+    starts, ends = some_segments(name, 300)
+
+    hit = solid_of(name).closest_to_segments(starts, ends)
+
+    expected = oracle.segment_distance(vertices, faces, starts, ends).distance
+    off = np.abs(hit.distance - expected)
+    assert (off <= judging.allowance(expected, vertices, starts, ends)).all(), off.max()
+    mesh = solid_of(name).mesh
+    assert_segments_hold_together(hit, mesh.vertices, mesh.faces, starts, ends)
+    assert (hit.part == 0).all()
+
+
+@given(
+    start=st.tuples(*[st.sampled_from([-1.0, 0.0, 0.5, 1.0, 2.0]) | st.floats(-3.0, 3.0)] * 3),
+    way=st.tuples(*[st.sampled_from([-1.0, 0.0, 1.0]) | st.floats(-3.0, 3.0)] * 3),
+    name=st.sampled_from(sorted(MESHES)),
+)
+def test_a_segment_agrees_with_the_oracle(start, way, name):
+    (vertices, faces), start = mesh_of(name), np.array(start)
+    end = start + np.array(way)
+
+    hit = solid_of(name).closest_to_segments(start, end)
+
+    expected = oracle.segment_distance(vertices, faces, start, end).distance
+    assert abs(hit.distance - expected) <= judging.allowance(expected, vertices, start, end)
+
+
+@pytest.mark.parametrize("name", sorted(MESHES))
+def test_segment_is_never_farther_than_its_points(name):
+    starts, ends = some_segments(name, 200)
+    solid = solid_of(name)
+    shares = np.linspace(0.0, 1.0, 21)[:, None, None]
+
+    along = solid.distance(starts + shares * (ends - starts))
+
+    hit = solid.closest_to_segments(starts, ends)
+    room = judging.allowance(along.max(), starts, ends)
+    assert (hit.distance <= along.min(axis=0) + room).all()
+    own = solid.distance(hit.point_on_segment)
+    assert (np.abs(own - hit.distance) <= room).all()
+
+
+@pytest.mark.parametrize("name", sorted(MESHES))
+def test_segment_turned_round_is_as_far(name):
+    starts, ends = some_segments(name, 200)
+
+    there = solid_of(name).closest_to_segments(starts, ends).distance
+    back = solid_of(name).closest_to_segments(ends, starts).distance
+
+    assert (np.abs(there - back) <= judging.allowance(there, starts, ends)).all()
+
+
+@pytest.mark.parametrize("name", sorted(MESHES))
+def test_segment_without_length_answers_as_its_point(name):
+    points, _ = some_segments(name, 200)
+    solid = solid_of(name)
+
+    segment, hit = solid.closest_to_segments(points, points), solid.closest(points)
+
+    assert np.array_equal(segment.distance, np.abs(hit.signed_distance))
+    assert np.array_equal(segment.point_on_solid, hit.point)
+    assert np.array_equal(segment.face_id, hit.face_id)
+    assert np.array_equal(segment.barycentric, hit.barycentric)
+    assert np.array_equal(segment.point_on_segment, points)
+    assert (segment.fraction == 0.0).all()
+
+
+# ------------------------------------------------------------------------------------------ beside needles
+
+
+TWO_FACES = np.arange(6).reshape(2, 3)
+
+
+def beside_a_needle(aspect, rng):
+    """A needle, another face, and a segment that is over neither: off the needle's short side, in its plane.
+
+    The segment's start is just so far from the needle's plane that what it is off the short side is lost in
+    the rounding of the needle's length; the other face is nearer than the needle, but farther than its plane.
+    """
+    tip, along = rng.uniform(-1.0, 1.0, (2, 3))
+    needle = np.stack([tip, tip + along, tip + along + aspect * rng.normal(size=3)])
+    along, across = needle[1] - needle[0], needle[2] - needle[1]
+    normal = np.cross(along, across)
+    along, normal = along / np.linalg.norm(along), normal / np.linalg.norm(normal)
+    height = min(10.0 ** rng.uniform(-19.0, -16.0) / aspect, 0.01)
+    start = needle[1] + rng.random() * across + height * (3.0 * along + normal)
+    end = start + 0.1 * height * (along + 0.5 * rng.normal(size=3))
+    corner = start + 2.0 * height * normal
+    others = corner + 0.3 * (normal + 0.5 * rng.normal(size=(2, 3)))
+    needle = np.roll(needle, rng.integers(3), axis=0)  # any of its corners may be the first
+    return np.stack([*needle, corner, *others]), start, end
+
+
+@pytest.mark.parametrize("aspect", [1e-6, 1e-8, 1e-10, 1e-12, 1e-14])
+def test_segment_beside_a_needle_is_as_far_as_the_oracle_says(aspect):
+    rng = np.random.default_rng(3)
+    for _ in range(60):
+        vertices, start, end = beside_a_needle(aspect, rng)
+
+        hit = Solid(vertices, TWO_FACES).closest_to_segments(start, end)
+
+        expected = oracle.segment_distance(vertices, TWO_FACES, start, end).distance
+        assert abs(hit.distance - expected) <= judging.allowance(expected, vertices, start, end)
+
+
+def test_needle_does_not_win_by_its_plane():
+    # Was: the needle, at twice the distance.
+    vertices = [
+        (0.07849448522167557, 0.2692870904853205, 0.1246227581057423),
+        (-0.17192060773986734, -0.6243003491327406, 0.49717311574065326),
+        (-0.17192060773989878, -0.6243003491327156, 0.49717311574069195),
+        (-0.17191025586671688, -0.6246666867616484, 0.4971814798406081),
+        (-0.015238583529701583, -0.8035717565690849, 0.3075846362900912),
+        (0.025541092814949762, -0.7134870008501135, 0.2826496250753605),
+    ]
+    start = (-0.17201092403385107, -0.6246226360402185, 0.497307482113007)
+    end = (-0.17200271346167076, -0.6245933372304477, 0.4972952669882476)
+
+    hit = Solid(vertices, TWO_FACES).closest_to_segments(start, end)
+
+    assert hit.face_id == 1
+    assert hit.distance == pytest.approx(1.639392435e-4, rel=1e-9)
+
+
+# ----------------------------------------------------------------------------------------------- crossing
+
+
+@pytest.mark.parametrize("name", ["cube", "torus", "hollow cube"])
+def test_segment_that_crosses_tells_the_crossing_nearest_to_its_start(name):
+    solid = solid_of(name)
+    rng = np.random.default_rng(11)
+    starts = rng.uniform(-3.0, 3.0, (300, 3))
+    ends = rng.uniform(-3.0, 3.0, (300, 3))
+
+    hit, ray = solid.closest_to_segments(starts, ends), solid.cast(starts, ends - starts)
+
+    length = np.linalg.norm(ends - starts, axis=1)
+    crosses = ray.distance <= length
+    assert crosses.sum() > 20
+    assert (hit.distance[crosses] == 0.0).all()
+    assert (hit.distance[~crosses] > 0.0).all()
+    first = ray.distance[crosses] / length[crosses]
+    assert np.abs(hit.fraction[crosses] - first).max() <= 1e-12
+    assert np.abs(hit.point_on_solid[crosses] - ray.point[crosses]).max() <= 1e-12
+
+
+@pytest.mark.parametrize(
+    "start, end", [((1.0, 0.5, 0.5), (2.0, 0.5, 0.5)), ((1.0, 1.0, 1.0), (2.0, 3.0, 4.0))]
+)
+def test_segment_that_touches_has_distance_zero(start, end):
+    hit = solid_of("cube").closest_to_segments(start, end)
+
+    assert (hit.distance, hit.fraction) == (0.0, 0.0)
+    assert solid_of("cube").closest_to_segments(end, start).distance == 0.0
+
+
+# ------------------------------------------------------------------------------------- what changes nothing
+
+
+@given(exponent=st.integers(-100, 100), seed=st.integers(0, 1000))
+def test_scaling_by_a_power_of_two_scales_to_the_bit(exponent, seed):
+    vertices, faces = mesh_of("tetrahedron")
+    starts, ends = some_segments("tetrahedron", 20, seed)
+    scale = 2.0**exponent
+
+    hit = solid_of("tetrahedron").closest_to_segments(starts, ends)
+    scaled = Solid(vertices * scale, faces).closest_to_segments(starts * scale, ends * scale)
+
+    assert np.array_equal(scaled.distance, hit.distance * scale)
+    assert np.array_equal(scaled.point_on_solid, hit.point_on_solid * scale)
+    for field in ("fraction", "barycentric", "face_id"):
+        assert judging.same_bits(getattr(scaled, field), getattr(hit, field)), field
+
+
+@given(seed=st.integers(0, 1000), limit=st.floats(0.0, 6.0))
+def test_limit_never_changes_an_answer_within_it(seed, limit):
+    starts, ends = some_segments("torus", 10, seed)
+    for asked in (solid_of("torus"), scene_of(12)):
+        free = asked.closest_to_segments(starts, ends)
+
+        hit = asked.closest_to_segments(starts, ends, max_distance=limit)
+
+        within = free.distance <= limit
+        for field in hit._fields:
+            assert judging.same_bits(getattr(hit, field)[within], getattr(free, field)[within]), field
+        assert np.isinf(hit.distance[~within]).all() and np.isnan(hit.point_on_solid[~within]).all()
+        assert (hit.face_id[~within] == NO_FACE).all() and (hit.part[~within] == NO_PART).all()
+
+
+@pytest.mark.parametrize("count", [1, 2, 7, 47, 48, 49, 1023, 1024, 1025])
+def test_batch_is_its_segments_one_by_one(count):
+    for asked in (solid_of("torus"), scene_of(12)):
+        starts, ends = some_segments("torus", count, seed=count)
+
+        hits = asked.closest_to_segments(starts, ends)
+
+        for row in range(0, count, 1 + count // 40):
+            one = asked.closest_to_segments(starts[row], ends[row])
+            for field in hits._fields:
+                assert judging.same_bits(getattr(hits, field)[row], getattr(one, field)), field
+
+
+@pytest.mark.parametrize("workers", [2, 3, -1])
+@pytest.mark.parametrize("count", [5, 2048, 5001])
+def test_workers_answer_the_same(workers, count):
+    starts, ends = some_segments("torus", count)
+    ends[count // 2] = np.nan
+
+    for asked in (solid_of("torus"), scene_of(12)):
+        found = asked.closest_to_segments(starts, ends, workers=workers)
+        assert judging.same_bits(found, asked.closest_to_segments(starts, ends))
+
+
+def test_limit_of_nothing_still_finds_what_is_touched():
+    """Touching is a matter of rounding: with and without a limit it must be decided alike."""
+    for seed in range(300, 320):
+        starts, ends = some_segments("torus", 10, seed)
+        free = solid_of("torus").closest_to_segments(starts, ends)
+        hit = solid_of("torus").closest_to_segments(starts, ends, max_distance=0.0)
+
+        assert np.array_equal(hit.distance == 0.0, free.distance == 0.0)
+
+
+# ------------------------------------------------------------------------------------------------ scenes
+
+
+@pytest.mark.parametrize("is_turned", [True, False], ids=["turned", "shifted"])
+@pytest.mark.parametrize("offset", [np.zeros(3), FAR], ids=["here", "far"])
+@pytest.mark.parametrize("count", [1, 2, 8, 9, 64])
+def test_answer_of_a_scene_is_the_least_over_its_parts(count, offset, is_turned):
+    scene = some_scene(count, is_turned=is_turned, offset=offset)
+    rng = np.random.default_rng(12)
+    starts = offset + rng.uniform(-6.0, 6.0, (80, 3))
+    ends = starts + rng.choice([1e-6, 0.3, 3.0], (80, 1)) * rng.normal(size=(80, 3))
+    each = []
+    for part in scene.parts:
+        back, mesh = part.pose.inverse, part.solid.mesh
+        own = back.point(starts), back.point(ends)
+        each.append(oracle.segment_distance(mesh.vertices, mesh.faces, *own).distance)
+    expected = np.min(each, axis=0)
+
+    hit = scene.closest_to_segments(starts, ends)
+
+    room = 1e-12 * expected.max() + 4e-15 * np.abs(starts).max()
+    assert np.abs(hit.distance - expected).max() <= room
+    chosen = np.array(each)[hit.part, np.arange(80)]
+    assert np.abs(chosen - expected).max() <= room
+
+
+def test_ties_go_to_the_lowest_part():
+    scene = Scene([Solid(*shapes.cube(), name=f"{row}") for row in range(9)])
+    starts, ends = some_segments("cube", 200)
+
+    hit, alone = (asked.closest_to_segments(starts, ends) for asked in (scene, solid_of("cube")))
+
+    assert (hit.part == 0).all()
+    assert np.array_equal(hit.distance, alone.distance)
+
+
+def test_moved_part_is_met_where_it_is():
+    scene = some_scene(3)
+    scene.move("part 1", Pose([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], (100.0, 0.0, 0.0)))
+
+    hit = scene.closest_to_segments((90.0, 0.5, 0.25), (97.0, 0.5, 0.25))
+
+    assert (hit.distance, hit.part, hit.fraction) == (2.0, 1, 1.0)
+    assert hit.point_on_solid.tolist() == [99.0, 0.5, 0.25]
+    assert hit.point_on_segment.tolist() == [97.0, 0.5, 0.25]
+
+
+@pytest.mark.parametrize("far", [1e3, 1e9, 1e20])
+def test_segment_that_ends_far_away_is_as_exact_near_the_part(far):
+    """Its rounding is that of its own coordinates."""
+    for asked in (solid_of("cube"), Scene([solid_of("cube"), Solid(*shapes.cube(1.0, (9, 9, 9)), name="b")])):
+        beside = asked.closest_to_segments((-far, 0.5, 3.0), (far, 0.5, 3.0))
+        away = asked.closest_to_segments((2.0, 0.5, 0.5), (far, 0.5, 0.5))
+        through = asked.closest_to_segments((-far, 0.5, 0.25), (far, 0.5, 0.25))
+
+        assert beside.distance == pytest.approx(2.0, rel=1e-15 * far + 1e-12) or far > 1e15
+        assert away.distance == 1.0
+        assert through.distance == 0.0
+
+
+@pytest.mark.parametrize("size", [1e-100, 1e-9, 1e60])
+def test_parts_of_any_size_are_as_exact(size):
+    solid = Solid(*shapes.cube(size, (0, 0, 0)))
+    starts, ends = (
+        size * np.array([[-2.0, 1.0, 0.2], [-2.0, 0.1, 0.2]]),
+        size * np.array([[2.0, 1.0, 0.2]] * 2),
+    )
+
+    assert solid.closest_to_segments(starts, ends).distance == pytest.approx([0.5 * size, 0.0], rel=1e-15)
+
+
+@pytest.mark.parametrize("asked", [solid_of("torus"), some_scene(3)], ids=["solid", "scene"])
+@pytest.mark.parametrize("count", [1, 100])
+def test_segment_with_an_end_that_cannot_be_computed_with_has_no_distance(asked, count):
+    """Ends were pulled in, each coordinate by itself: 1e100, or 0 where half a metre was right, was told."""
+    near, far = [-1.0, -0.5, 0.1], [1e200, 1e150, 0.1]
+    for start, end in ((near, far), (far, near), (far, far), ([1e200, 0.0, 0.0], [1e200, 1.0, 0.0])):
+        hit = asked.closest_to_segments([start] * count, [end] * count)
+
+        assert np.isnan(hit.distance).all() and np.isnan(hit.point_on_solid).all()
+        assert (hit.face_id == NO_FACE).all()
