@@ -162,7 +162,7 @@ def test_force_errors_of_the_engine_beside_the_figure_are_the_models(monkeypatch
 
 
 def test_missing_sample_is_told(monkeypatch, tmp_path):
-    monkeypatch.setattr(engine_plots, "__file__", str(tmp_path / "decaff" / "engine_plots.py"))
+    monkeypatch.setattr(engine_plots, "__file__", str(tmp_path / "studies" / "figures" / "engine_plots.py"))
     with pytest.raises(
         DecaffError, match=r"the sample bracket\.stl is neither in .* nor in meshes beside it"
     ):

@@ -42,7 +42,7 @@ def bracket() -> Scene:
     DecaffError
         If it is at neither place.
     """
-    package = Path(__file__).resolve().parent.parent
+    package = Path(__file__).resolve().parents[2]
     for folder in (package / "samples", package.parent / "meshes"):
         if (folder / "bracket.stl").is_file():
             return load(folder / "bracket.stl")
