@@ -148,26 +148,7 @@ class Tracker:
         settings[track.BUDGET] = DEFAULT_BUDGET if budget is None else min(_whole("budget", budget), MOST)
         self._settings = settings
         self._shape = (count, 3)
-        nothing = np.full(count, np.nan)
-        self._arrays: dict[str, np.ndarray] = {
-            "settings": settings,
-            "pose_ns": np.zeros(count, np.int64),
-            "velocities": np.full((count, 3), np.nan),
-            "paths": np.full((count, 2, 3), np.nan),
-            "path_bends": np.array([0.0, 1.0]),
-            "bends": nothing,
-            "motions": np.zeros((count, MOTION_REALS)),
-            "motion_marks": np.zeros((count, MOTION_INTS), np.int64),
-            "tracks": np.zeros((count, track.TRACK_REALS)),
-            "marks": np.zeros((count, track.TRACK_INTS), np.int64),
-            "balls": np.zeros((count, BALLS_SIZE)),
-            "fronts": np.zeros((count if count <= CROWD else 0, FRONT_SIZE), np.float32),
-            "records": self.contacts,
-            "before": np.zeros((0, track.POSE_COLUMNS)),
-            "movers": room_for_movers(0),
-            "room": np.zeros(ROOM_SIZE, np.float32),
-            "scratch": np.zeros(track.SCRATCH_SIZE + 2),
-        }
+        self._arrays = _arrays_for(count, settings, self.contacts)
         self._pose_ns = self._arrays["pose_ns"]
         self._velocities = self._arrays["velocities"]
         self._arrays["tracks"][:, track.RADIUS] = _radii(radius, count)
@@ -467,6 +448,29 @@ def _not_negative(name: str, value: Any, unit: str, *, most: float = math.inf) -
     if number > most:
         raise QueryError(f"{name} is {value!r}, expected a number of {unit} of {most:g} at most")
     return number
+
+
+def _arrays_for(count: int, settings: np.ndarray, contacts: np.ndarray) -> dict[str, np.ndarray]:
+    """What a tick of so many fingers reads and writes, by the names in `kernels.tracking.track`."""
+    return {
+        "settings": settings,
+        "pose_ns": np.zeros(count, np.int64),
+        "velocities": np.full((count, 3), np.nan),
+        "paths": np.full((count, 2, 3), np.nan),
+        "path_bends": np.array([0.0, 1.0]),
+        "bends": np.full(count, np.nan),
+        "motions": np.zeros((count, MOTION_REALS)),
+        "motion_marks": np.zeros((count, MOTION_INTS), np.int64),
+        "tracks": np.zeros((count, track.TRACK_REALS)),
+        "marks": np.zeros((count, track.TRACK_INTS), np.int64),
+        "balls": np.zeros((count, BALLS_SIZE)),
+        "fronts": np.zeros((count if count <= CROWD else 0, FRONT_SIZE), np.float32),
+        "records": contacts,
+        "before": np.zeros((0, track.POSE_COLUMNS)),
+        "movers": room_for_movers(0),
+        "room": np.zeros(ROOM_SIZE, np.float32),
+        "scratch": np.zeros(track.SCRATCH_SIZE + 2),
+    }
 
 
 def _whole(name: str, value: Any) -> int:
