@@ -1,6 +1,7 @@
 """Compiled scenes with wrong contents and right checksums: refused, or used without harm."""
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -8,7 +9,7 @@ import sys
 import mutated_scenes
 import numpy as np
 import pytest
-from project import TRIALS
+from project import IMPORT_PATHS, TRIALS
 
 import proximity
 from proximity import MeshFormatError
@@ -52,7 +53,8 @@ def test_changed_file_is_refused_or_can_be_used(name, count, tmp_path):
     """Each column of every table and a thousand numbers are changed; a crash would end the other process."""
     command = [sys.executable, TRIALS / "mutated_scenes.py", name, "0", str(count), tmp_path]
 
-    result = subprocess.run(command, capture_output=True, text=True, timeout=280)
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(IMPORT_PATHS)}
+    result = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=280)
 
     lines = [json.loads(line) for line in result.stdout.splitlines()]
     assert result.returncode == 0, (lines[-1:], result.stderr)
