@@ -79,12 +79,13 @@ def replaced(page: str, text: str) -> str:
 
 def summary(documents: dict[str, Document]) -> str:
     """Return the README's table: six rows, and the line that says how they were measured."""
-    document = documents["report"]
-    lines = summary_table(document, documents["ticks"])
+    lines = summary_table(documents["report"], documents["ticks"])
+    report, ticks = documents["report"]["machine"], documents["ticks"]["machine"]
     how = (
-        f"Medians on one core, {short_name(document['machine'])}, {document['machine']['date']}: a plate of "
-        "304 k faces, 87 k for the tick, and points near its surface. proximity computes in double "
-        "precision, the others here in single. [All figures, with tails and conditions](docs/performance.md)."
+        f"Medians on one core, {short_name(report)}, {report['date']} (the tick: {ticks['date']}): a plate "
+        "of 304 k faces, 87 k for the tick, and points near its surface. proximity computes in double "
+        "precision, the others here in single. [All figures](docs/performance.md), with tails, conditions, "
+        "and the cases in which embreex casts rays faster."
     )
     return "\n".join([*lines, "", _wrapped(how)]) + "\n"
 
