@@ -1,1 +1,1 @@
-"""The figures of the README, made from the JSON of published runs."""
+"""The figures of the documentation, made from the JSON of published runs."""

@@ -78,7 +78,7 @@ def replaced(page: str, text: str) -> str:
 
 
 def summary(documents: dict[str, Document]) -> str:
-    """Return the README's table: six rows, and the line that says how they were measured."""
+    """Return the README's table, and the line that says how it was measured."""
     lines = summary_table(documents["report"], documents["ticks"])
     report, ticks = documents["report"]["machine"], documents["ticks"]["machine"]
     how = (

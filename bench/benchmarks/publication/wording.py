@@ -1,4 +1,4 @@
-"""Wording of figures and conditions in the README."""
+"""Wording of figures and conditions in the documentation."""
 
 import math
 import re

@@ -46,7 +46,7 @@ from proximity.model.assembly import assemble
 from proximity.pose import Pose
 
 ROUNDING = 1e-13
-"""What distances are off, relative and in coordinates; the README says 1e-12 and 1e-15, in lengths."""
+"""What distances are off, relative and in coordinates; docs/accuracy.md says 1e-12 and 1e-15, in lengths."""
 
 
 def assert_between(low, distance, high, size):
