@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from proximity.scene.load_report import LoadReport
     from proximity.scene.loader import load
     from proximity.scene.part import Part
-    from proximity.scene.results import NO_FACE, NO_PART, ClosestPoints, Feature, RayHits, SegmentHits
+    from proximity.scene.queries.results import NO_FACE, NO_PART, ClosestPoints, Feature, RayHits, SegmentHits
     from proximity.scene.scene import Scene
     from proximity.scene.sign import SignMethod
     from proximity.scene.solid import Solid
@@ -117,14 +117,14 @@ _MODULE_OF = {
     "GLOVE_POSES": "proximity.message",
     "MEASURED": "proximity.message",
     "MOVES": "proximity.message",
-    "NO_FACE": "proximity.scene.results",
-    "NO_PART": "proximity.scene.results",
+    "NO_FACE": "proximity.scene.queries.results",
+    "NO_PART": "proximity.scene.queries.results",
     "PATH_POSES": "proximity.message",
     "POSES": "proximity.message",
-    "ClosestPoints": "proximity.scene.results",
+    "ClosestPoints": "proximity.scene.queries.results",
     "ContactFlag": "proximity.message",
     "DecaffError": "proximity.errors",
-    "Feature": "proximity.scene.results",
+    "Feature": "proximity.scene.queries.results",
     "LoadReport": "proximity.scene.load_report",
     "MeshError": "proximity.errors",
     "MeshFormatError": "proximity.errors",
@@ -138,13 +138,13 @@ _MODULE_OF = {
     "PublishError": "proximity.errors",
     "Publisher": "proximity.transport",
     "QueryError": "proximity.errors",
-    "RayHits": "proximity.scene.results",
+    "RayHits": "proximity.scene.queries.results",
     "Reading": "proximity.transport",
     "RecordingError": "proximity.errors",
     "RunningService": "proximity.service.hosting",
     "Scene": "proximity.scene.scene",
     "SceneError": "proximity.errors",
-    "SegmentHits": "proximity.scene.results",
+    "SegmentHits": "proximity.scene.queries.results",
     "ServiceError": "proximity.errors",
     "SignMethod": "proximity.scene.sign",
     "Solid": "proximity.scene.solid",

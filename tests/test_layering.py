@@ -43,8 +43,7 @@ scene_parts
 deformation · part · saved
 solid
 queries · solid_arrays
-line_queries · point_queries
-batches · load_report · part_motion · query_arguments · results · sign
+load_report · part_motion · sign
 """,
     "proximity.service": """
 loop
@@ -86,9 +85,7 @@ console · drum_loop · lengths · options · points · program
 }
 # Part of the whole package but in no layer: what its users import, and what starts the command line.
 OUTSIDE = {"__init__", "__main__"}
-NO_FILES = {
-    f"proximity.scene.{name}" for name in ("solid", "scene", "scene_parts", "queries", "point_queries")
-}
+NO_FILES = {f"proximity.scene.{name}" for name in ("solid", "scene", "scene_parts", "queries.point_queries")}
 KERNELS_MAY_IMPORT = {"math", "numpy"}
 # How kernels are compiled and kept, and how they get at arrays: no mathematics there.
 AROUND_KERNELS = {"code_cache.py", "compiler.py", "given.py", "interruptible.py", "memory.py"}

@@ -14,7 +14,7 @@ import numpy as np
 
 import proximity
 from proximity.cli.lengths import distances_in_units, in_units
-from proximity.scene.results import NO_FACE, Feature
+from proximity.scene.queries.results import NO_FACE, Feature
 
 Fields = dict[str, list[Any]]
 

@@ -13,7 +13,7 @@ from proximity.model.scene_state import SceneState
 from proximity.scene.load_report import LoadReport
 from proximity.scene.part import NO_VELOCITY, Part, checked_part, parts_of_mesh
 from proximity.scene.part_motion import checked_move, checked_moves, checked_surface
-from proximity.scene.queries import Queries
+from proximity.scene.queries.all_queries import Queries
 from proximity.scene.saved.compiled_scene import CompiledScene, write_scene
 from proximity.scene.scene_parts import SceneParts, checked_parts, with_arrays
 from proximity.scene.solid import Solid

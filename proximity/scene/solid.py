@@ -16,7 +16,7 @@ from proximity.mesh.triangle_mesh import TriangleMesh
 from proximity.model.assembly import Model
 from proximity.model.bvh import Bvh, LocalFrame
 from proximity.model.part_arrays import part_arrays
-from proximity.scene.queries import Queries
+from proximity.scene.queries.all_queries import Queries
 from proximity.scene.sign import SignMethod, choose_sign
 from proximity.scene.solid_arrays import SolidArrays
 

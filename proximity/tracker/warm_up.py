@@ -18,8 +18,8 @@ from proximity.kernels.code_cache import COMPLETE
 from proximity.kernels.compiler import Settled, cache_folder
 from proximity.kernels.ray.ray_order import ray_order
 from proximity.pose import Pose
-from proximity.scene import line_queries, point_queries
-from proximity.scene.batches import worker_count
+from proximity.scene.queries import line_queries, point_queries
+from proximity.scene.queries.batches import worker_count
 from proximity.scene.saved.compiled_scene import read_scene
 from proximity.scene.scene import Part, Scene
 from proximity.scene.solid import Solid

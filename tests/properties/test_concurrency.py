@@ -15,7 +15,7 @@ import pytest
 import shapes
 
 from proximity.pose import Pose
-from proximity.scene import line_queries, point_queries
+from proximity.scene.queries import line_queries, point_queries
 from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
 

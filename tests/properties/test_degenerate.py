@@ -7,7 +7,7 @@ import shapes
 
 import oracle
 from proximity.errors import MeshError
-from proximity.scene.results import Feature
+from proximity.scene.queries.results import Feature
 from proximity.scene.scene import Scene
 from proximity.scene.sign import SignMethod
 from proximity.scene.solid import Solid

@@ -23,8 +23,9 @@ from proximity import MeshFormatError, Part, Pose, Scene, SceneError, Solid
 from proximity.kernels import layout
 from proximity.model import assembly
 from proximity.model.part_trees import TopPlan
-from proximity.scene import results, scene_parts, solid, solid_arrays
-from proximity.scene.queries import Queries
+from proximity.scene import scene_parts, solid, solid_arrays
+from proximity.scene.queries import results
+from proximity.scene.queries.all_queries import Queries
 from proximity.scene.saved import archive, compiled_scene
 
 

@@ -9,8 +9,8 @@ import pytest
 from project import SUPPORT
 
 from proximity.arrays import COPIED_AT_ONCE, as_points
-from proximity.scene import batches
-from proximity.scene.batches import SMALLEST_FIRST, first_slice, run_batch
+from proximity.scene.queries import batches
+from proximity.scene.queries.batches import SMALLEST_FIRST, first_slice, run_batch
 
 
 def backwards(rows, *_):

@@ -10,7 +10,7 @@ from odd_arrays import unaligned
 
 from proximity.errors import NotWatertightError, QueryError
 from proximity.pose import Pose
-from proximity.scene.results import NO_FACE, NO_PART, ClosestPoints, Feature
+from proximity.scene.queries.results import NO_FACE, NO_PART, ClosestPoints, Feature
 from proximity.scene.scene import Part, Scene
 from proximity.scene.solid import Solid
 

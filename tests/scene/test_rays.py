@@ -12,8 +12,8 @@ import oracle
 from proximity.errors import QueryError
 from proximity.kernels.ray.ray_order import ray_order
 from proximity.pose import Pose
-from proximity.scene import line_queries
-from proximity.scene.results import NO_FACE, NO_PART
+from proximity.scene.queries import line_queries
+from proximity.scene.queries.results import NO_FACE, NO_PART
 from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
 

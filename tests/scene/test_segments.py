@@ -12,7 +12,7 @@ from ray_scenes import FAR, MESHES, mesh_of, solid_of, some_scene
 
 import oracle
 from proximity.pose import Pose
-from proximity.scene.results import NO_FACE, NO_PART
+from proximity.scene.queries.results import NO_FACE, NO_PART
 from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import oracle
-from proximity.scene.results import NO_FACE, Feature
+from proximity.scene.queries.results import NO_FACE, Feature
 from proximity.scene.sign import SignMethod
 from proximity.scene.solid import Solid
 

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from proximity.pose import Pose
-from proximity.scene.results import NO_FACE, Feature
+from proximity.scene.queries.results import NO_FACE, Feature
 
 RADIUS = 0.010  # m
 

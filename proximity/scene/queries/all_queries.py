@@ -1,7 +1,7 @@
 """The queries that solids and scenes answer alike."""
 
-from proximity.scene.line_queries import LineQueries
-from proximity.scene.point_queries import PointQueries
+from proximity.scene.queries.line_queries import LineQueries
+from proximity.scene.queries.point_queries import PointQueries
 
 
 class Queries(PointQueries, LineQueries):

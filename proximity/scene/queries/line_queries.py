@@ -18,7 +18,7 @@ from proximity.kernels.scene.ray_queries import NO_ROW, cast_batch
 from proximity.kernels.scene.segment_queries import ANSWER_WIDTH as SEGMENT_WIDTH
 from proximity.kernels.scene.segment_queries import segment_batch
 from proximity.model.assembly import Model
-from proximity.scene.batches import (
+from proximity.scene.queries.batches import (
     IN_ORDER,
     LARGEST_SLICE,
     ONE_THREAD,
@@ -28,8 +28,8 @@ from proximity.scene.batches import (
     row_count,
     run_batch,
 )
-from proximity.scene.query_arguments import broadcast_limits, broadcast_rows, is_length
-from proximity.scene.results import RayHits, Reals, SegmentHits, record_of
+from proximity.scene.queries.query_arguments import broadcast_limits, broadcast_rows, is_length
+from proximity.scene.queries.results import RayHits, Reals, SegmentHits, record_of
 
 SORT_RAYS_FROM = 1024
 """Rays from which on a batch is sorted."""

@@ -20,7 +20,7 @@ from proximity.kernels.scene.point_queries import (
     has_inside,
     signed_batch,
 )
-from proximity.scene.batches import (
+from proximity.scene.queries.batches import (
     ONE_THREAD,
     HasSnapshot,
     first_slice,
@@ -28,8 +28,8 @@ from proximity.scene.batches import (
     row_count,
     run_batch,
 )
-from proximity.scene.query_arguments import broadcast_limits, is_length
-from proximity.scene.results import ClosestPoints, Reals, record_of
+from proximity.scene.queries.query_arguments import broadcast_limits, is_length
+from proximity.scene.queries.results import ClosestPoints, Reals, record_of
 
 _closest_few = Settled(small_batches.closest_few, small_batches.CLOSEST)
 _signed_few = Settled(small_batches.signed_few, small_batches.DISTANCE)

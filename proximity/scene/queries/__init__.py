@@ -1,0 +1,1 @@
+"""The queries that solids and scenes answer: arguments, batches and records."""
