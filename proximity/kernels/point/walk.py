@@ -14,7 +14,7 @@ import numpy as np
 
 from proximity.kernels.compiler import inlined
 from proximity.kernels.geometry.box import bound_of, far_offset_sq, node_bounds_sq
-from proximity.kernels.geometry.triangle import TINY, place_of, point_triangle_distance_sq
+from proximity.kernels.geometry.triangle import place_of, point_triangle_distance_sq
 from proximity.kernels.layout import LANES, NO_SLOT, NODE_STRIDE, STACK_SIZE
 from proximity.kernels.tree.traversal import NOTHING_WAITS, descend, nearer_in_block, next_open
 from proximity.simd import (
@@ -78,19 +78,8 @@ def slot_distance_sq(reals, slot, px, py, pz):
     """Squared distance from *p* to the triangle at *slot*: to the bit what the walk computes for it."""
     base = place_of(slot)
     return point_triangle_distance_sq(
-        px,
-        py,
-        pz,
-        reals[base],
-        reals[base + 8],
-        reals[base + 16],
-        reals[base + 24],
-        reals[base + 32],
-        reals[base + 40],
-        reals[base + 48],
-        reals[base + 56],
-        reals[base + 64],
-        0.0,
-        1.0,
-        TINY,
+        (px, py, pz),
+        (reals[base], reals[base + 8], reals[base + 16]),
+        (reals[base + 24], reals[base + 32], reals[base + 40]),
+        (reals[base + 48], reals[base + 56], reals[base + 64]),
     )
