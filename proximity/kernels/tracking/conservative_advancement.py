@@ -26,7 +26,7 @@ from proximity.kernels.geometry.frames import (
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import LANES, SCALE
 from proximity.kernels.point.budgeted_walk import DOWN
-from proximity.kernels.scene.distance_bounds import fill_witness, nearest_from
+from proximity.kernels.scene.distance_bounds import fill_witness, nearest_from_face
 from proximity.kernels.tracking.part_drift import drift_until
 from proximity.simd import horizontal_min, load, minimum, select, splat, square_root
 
@@ -156,8 +156,8 @@ def advance(
             continue
         # What is farther than this at present is not reached before the end.
         limit = ((speed + drift_at_end) * (end - stage) + radius + drift_at_end * gone) * scale
-        best_sq, part, slot, lower_sq, steps = nearest_from(
-            reals, words, frames, parts, place[0], place[1], place[2], part, slot,
+        best_sq, part, slot, lower_sq, steps = nearest_from_face(
+            (reals, words, frames, parts), (place[0], place[1], place[2]), part, slot,
             limit * limit * (1.0 + 1e-12), ease, (radius + EXACT_WITHIN) * scale, budget - work, room,
         )  # fmt: skip
         work += steps
@@ -193,7 +193,7 @@ def touches(reals, words, frames, parts, x, y, z, radius, part, slot, budget, ro
     """Whether a sphere at a point touches some surface for certain, and the steps it took to know."""
     # Any face within the radius tells: with an ease of all the distance the first that is found is enough.
     limit = radius * frames[len(frames) - 1, SCALE]
-    _, _, slot, _, work = nearest_from(
-        reals, words, frames, parts, x, y, z, part, slot, limit * limit, 1.0, 0.0, budget, room
+    _, _, slot, _, work = nearest_from_face(
+        (reals, words, frames, parts), (x, y, z), part, slot, limit * limit, 1.0, 0.0, budget, room
     )
     return slot >= 0, work

@@ -42,7 +42,7 @@ from proximity.kernels.geometry.frames import (
 )
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.point.budgeted_walk import DOWN
-from proximity.kernels.scene.distance_bounds import bracket_at, may_slip, may_slip_in
+from proximity.kernels.scene.distance_bounds import bounds_at, may_slip, may_slip_in
 from proximity.kernels.tracking.conservative_advancement import TOUCH, advance, place_on, touches
 from proximity.kernels.tracking.motion import predict
 from proximity.kernels.tracking.part_drift import (
@@ -146,8 +146,8 @@ def foretell(
             distance = sqrt(dot(ax, ay, az, ax, ay, az))
             lower, upper = lower - length, distance
         else:
-            distance, lower, upper, _, _, _, _, steps = bracket_at(
-                reals, words, frames, parts, x + dx, y + dy, z + dz, part, slot,
+            distance, lower, upper, _, _, _, _, steps = bounds_at(
+                (reals, words, frames, parts), (x + dx, y + dy, z + dz), part, slot,
                 stays_outside and length < lower, CHEAP, radius, left, room, witness,
             )  # fmt: skip
             _count(settings, numbers, i, steps)
@@ -304,8 +304,8 @@ def look_along_path(
     # How far it is from the path's place; the finger itself may be a little beside it.
     lower = records[i, LOWER] + radius - off
     if flags & INSIDE or lower <= radius:
-        _, lower, upper, _, part, slot, _, steps = bracket_at(
-            reals, words, frames, parts, place[0], place[1], place[2], part, slot, False,
+        _, lower, upper, _, part, slot, _, steps = bounds_at(
+            (reals, words, frames, parts), (place[0], place[1], place[2]), part, slot, False,
             0.0, 0.0, _left(settings, numbers, i), room, witness,
         )  # fmt: skip
         _count(settings, numbers, i, steps)
@@ -382,8 +382,8 @@ def _write_contact(
         _count(settings, numbers, i, steps)
         if not is_touch and radius < margin:
             # So small a sphere may be through the surface already: then it is inside.
-            _, _, upper, _, _, _, _, steps = bracket_at(
-                reals, words, frames, parts, place[0], place[1], place[2], part, slot, False, 0.0, 0.0,
+            _, _, upper, _, _, _, _, steps = bounds_at(
+                (reals, words, frames, parts), (place[0], place[1], place[2]), part, slot, False, 0.0, 0.0,
                 _left(settings, numbers, i), room, witness,
             )  # fmt: skip
             _count(settings, numbers, i, steps)

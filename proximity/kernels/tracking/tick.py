@@ -87,11 +87,11 @@ from proximity.kernels.layout import (
 from proximity.kernels.layout import DAMPING as PART_DAMPING
 from proximity.kernels.layout import STIFFNESS as PART_STIFFNESS
 from proximity.kernels.memory import arrays_at, real_rows_here
-from proximity.kernels.point.coherent_search import BEGINS, LONG, nearest_by_front
+from proximity.kernels.point.coherent_search import BEGINS, LONG, nearest_from_last_answer
 from proximity.kernels.scene.distance_bounds import (
     beyond_all,
-    bracket_at,
-    bracket_of,
+    bounds_at,
+    bounds_of_nearest,
     fill_witness,
     may_slip_in,
 )
@@ -275,23 +275,23 @@ def _search(
     reals, words, frames, parts, marks, fronts, i, x, y, z, part, slot, is_outside, is_moved, ease, radius,
     budget, room, witness,
 ):  # fmt: skip
-    """As `bracket_at`: from the front of the finger's last search where it has one, by a walk otherwise."""
+    """As `bounds_at`: from the front of the finger's last search where it has one, by a walk otherwise."""
     best_sq, is_found, steps = 0.0, False, np.int64(0)
     # A part with a frame of its own is walked as a whole, and gains nothing.
     may_keep = len(fronts) > 0 and slot >= 0 and not is_moved
     may_keep = may_keep and (parts[part, IS_FUSED] == 1 or is_alone(parts))
     kept = marks[i, FRONT_COUNT]
     if may_keep and (kept > 0 or kept == BEGINS):
-        best_sq, part, slot, is_found, marks[i, FRONT_COUNT], steps = nearest_by_front(
-            reals, words, frames, parts, x, y, z, part, slot, fronts[i], kept, budget // SHORT, room
+        best_sq, part, slot, is_found, marks[i, FRONT_COUNT], steps = nearest_from_last_answer(
+            (reals, words, frames, parts), (x, y, z), part, slot, fronts[i], kept, budget // SHORT, room
         )
     if is_found:
-        return bracket_of(
-            reals, words, frames, parts, x, y, z, best_sq, part, slot, best_sq, steps, is_outside, budget,
-            room, witness,
-        )  # fmt: skip
-    distance, lower, upper, clear, part, slot, bits, work = bracket_at(
-        reals, words, frames, parts, x, y, z, part, slot, is_outside, ease, radius, budget - steps, room,
+        nearest = best_sq, part, slot, best_sq, steps
+        return bounds_of_nearest(
+            (reals, words, frames, parts), (x, y, z), nearest, is_outside, budget, room, witness
+        )
+    distance, lower, upper, clear, part, slot, bits, work = bounds_at(
+        (reals, words, frames, parts), (x, y, z), part, slot, is_outside, ease, radius, budget - steps, room,
         witness,
     )  # fmt: skip
     work += steps
