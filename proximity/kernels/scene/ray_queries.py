@@ -127,7 +127,7 @@ def _first_hit_in_scene(reals, words, frames, parts, origins, aims, views, row, 
     b0, b1, b2 = 0.0, 0.0, 0.0
     # The ray in the frame of the part that was met last.
     here, ratio = np.int64(NO_PART), 1.0
-    local_origin, local_direction = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    lx, ly, lz, ux, uy, uz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     entries = parts[scene, FACES]
     zero32 = splat32(np.float32(0.0))
     bottom = 2 * STACK_SIZE
@@ -157,11 +157,11 @@ def _first_hit_in_scene(reals, words, frames, parts, origins, aims, views, row, 
             if part != here:
                 here, ratio = part, frames[part, SCALE] / scale
                 x, y, z = origins[row, 0], origins[row, 1], origins[row, 2]
+                lx, ly, lz = to_local(frames, parts, part, x, y, z)
                 dx, dy, dz = way_of(views, k)
-                local_origin = to_local(frames, parts, part, x, y, z)
-                local_direction = direction_to_local(frames, parts, part, dx, dy, dz)
+                ux, uy, uz = direction_to_local(frames, parts, part, dx, dy, dz)
             found, slot, a, b, c = ray_in_part(
-                reals, words, start, local_origin, local_direction, best * ratio, best_slot, stacks, 0
+                reals, words, start, (lx, ly, lz), (ux, uy, uz), best * ratio, best_slot, stacks, 0
             )
             if slot != best_slot:
                 best, best_slot = found / ratio, slot
