@@ -136,17 +136,6 @@ def bound_of_parameter(best, start):
 
 
 @inlined
-def _through_boxes(nodes, base, rate, entering, leaving):
-    """Parameters at which a ray enters and leaves eight boxes along one axis.
-
-    *base*: where a node has the lower planes of that axis. *rate* and the rest: as `slab` gives them.
-    """
-    near, wide_rate = near_plane(rate), splat32(rate)
-    enter = fma(load(nodes, base + near), wide_rate, splat32(entering))
-    return enter, fma(load(nodes, base + 24 - near), wide_rate, splat32(leaving))
-
-
-@inlined
 def open_boxes(words, base, aim, zero, best32):
     """Where a ray enters and leaves the boxes of the node at *base*, and which it meets up to *best32*.
 
@@ -154,9 +143,14 @@ def open_boxes(words, base, aim, zero, best32):
     a scalar, *zero* a float32x8.
     """
     rate_x, in_x, out_x, rate_y, in_y, out_y, rate_z, in_z, out_z = aim
-    enter_x, leave_x = _through_boxes(words, base, rate_x, in_x, out_x)
-    enter_y, leave_y = _through_boxes(words, base + 8, rate_y, in_y, out_y)
-    enter_z, leave_z = _through_boxes(words, base + 16, rate_z, in_z, out_z)
+    near_x, near_y, near_z = near_plane(rate_x), near_plane(rate_y), near_plane(rate_z)
+    rate_x, rate_y, rate_z = splat32(rate_x), splat32(rate_y), splat32(rate_z)
+    enter_x = fma(load(words, base + near_x), rate_x, splat32(in_x))
+    enter_y = fma(load(words, base + 8 + near_y), rate_y, splat32(in_y))
+    enter_z = fma(load(words, base + 16 + near_z), rate_z, splat32(in_z))
+    leave_x = fma(load(words, base + 24 - near_x), rate_x, splat32(out_x))
+    leave_y = fma(load(words, base + 32 - near_y), rate_y, splat32(out_y))
+    leave_z = fma(load(words, base + 40 - near_z), rate_z, splat32(out_z))
     enter = maximum(maximum(enter_x, enter_y), maximum(enter_z, zero))
     leave = minimum(minimum(leave_x, leave_y), minimum(leave_z, splat32(best32)))
     return enter, leave, enter <= leave
