@@ -43,9 +43,11 @@ if TYPE_CHECKING:
         Surface,
     )
     from proximity.pose import Pose
+    from proximity.scene.load_report import LoadReport
     from proximity.scene.loader import load
+    from proximity.scene.part import Part
     from proximity.scene.results import NO_FACE, NO_PART, ClosestPoints, Feature, RayHits, SegmentHits
-    from proximity.scene.scene import LoadReport, Part, Scene
+    from proximity.scene.scene import Scene
     from proximity.scene.sign import SignMethod
     from proximity.scene.solid import Solid
     from proximity.scene.trimesh_scene import from_trimesh
@@ -123,13 +125,13 @@ _MODULE_OF = {
     "ContactFlag": "proximity.message",
     "DecaffError": "proximity.errors",
     "Feature": "proximity.scene.results",
-    "LoadReport": "proximity.scene.scene",
+    "LoadReport": "proximity.scene.load_report",
     "MeshError": "proximity.errors",
     "MeshFormatError": "proximity.errors",
     "Message": "proximity.message",
     "Mode": "proximity.message",
     "NotWatertightError": "proximity.errors",
-    "Part": "proximity.scene.scene",
+    "Part": "proximity.scene.part",
     "Pose": "proximity.pose",
     "PoseError": "proximity.errors",
     "ProximityError": "proximity.errors",

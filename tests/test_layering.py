@@ -39,10 +39,11 @@ code_cache · contact_columns · interruptible · layout · memory
 trimesh_scene
 loader
 scene
+scene_parts
 deformation · part · saved
 solid
-queries
-batches · part_motion · query_arguments · results · sign
+queries · solid_arrays
+batches · load_report · part_motion · query_arguments · results · sign
 """,
     "proximity.service": """
 loop

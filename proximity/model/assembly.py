@@ -1,7 +1,7 @@
 """Solids and scenes as the arrays that kernels take; see `kernels.layout`.
 
 A part's arrays are made once, numbered from zero. A model puts those of its parts together and renumbers
-tree references; a solid that has gone into a scene looks at the scene's arrays and keeps none of its own.
+tree references; the solids of a scene's parts look at the scene's arrays and keep none of their own.
 """
 
 from collections.abc import Collection
@@ -142,13 +142,6 @@ class Model:
             grid_rate=float(frame[layout.GRID_RATE]),
             folded=(notes >> layout.FOLDED_AT).astype(np.uint8),
         )
-
-
-@dataclass(slots=True)
-class Shelf:
-    """Where each question looks for its model."""
-
-    current: Model | None  # None where it must be made first
 
 
 def assemble(

@@ -11,7 +11,7 @@ from proximity.arrays import as_float64
 from proximity.errors import MeshError
 from proximity.kernels import layout
 from proximity.kernels.sign.inside_grid import CROSSED
-from proximity.kernels.tree.refit import NO_ROW, UNUSED, refit_part, survey_vertices
+from proximity.kernels.tree.refit import NO_ROW, refit_part, survey_vertices
 from proximity.model.assembly import Model
 from proximity.model.bvh import LARGEST_COORDINATE, SMALLEST_SIZE, LocalFrame, local_frame
 from proximity.model.part_arrays import SMALLEST_SHARE
@@ -28,7 +28,7 @@ ROOM_IN_GRID = 1.0 + 2.0**-20
 def deform_part(model: Model, row: int, solid: Solid, vertices: object, name: str) -> Solid:
     """Write new vertices into a part of *model*; return the solid that has them.
 
-    *solid*, the part as it was, keeps its shape: if its arrays were these, it is made anew when next asked.
+    *solid*, the part as it was, keeps its shape: it builds its arrays anew when next asked.
     The part's box in the scene and the tree over the parts are out of date afterwards.
 
     Parameters
@@ -57,12 +57,10 @@ def deform_part(model: Model, row: int, solid: Solid, vertices: object, name: st
     )
     if array.shape != (count, 3):
         raise MeshError(f"vertices of part {name!r} have shape {array.shape}, expected {shape}, as its mesh")
-    if solid._leaders is None:
-        solid._leaders = _leaders(solid.mesh.faces, _faces_of(model, row), count)
     kept, box = np.empty((count, 3)), np.empty(6)
-    bad = survey_vertices(array, solid._leaders, FARTHEST, kept, box)
+    bad = survey_vertices(array, solid.first_vertices, FARTHEST, kept, box)
     if bad != NO_ROW:
-        raise MeshError(_why_not(kept, solid._leaders, bad, name))
+        raise MeshError(_why_not(kept, solid.first_vertices, bad, name))
     lower, upper = box[:3], box[3:]
     extent = float((upper - lower).max())
     if 0.0 < extent < SMALLEST_SIZE:
@@ -70,30 +68,26 @@ def deform_part(model: Model, row: int, solid: Solid, vertices: object, name: st
 
     before, normals = model.frames[row].copy(), _normals_of(model, row)
     normals_before = normals.copy()
+    arrays = solid._arrays
+    is_here = arrays.row == row  # a solid in several parts has its arrays in one of them
+    arrays.is_overwritten |= is_here  # before anything is written
     _frame_for(before, lower, upper).write(model.frames[row])
-    area, volume = refit_part(model.handle, row, kept, solid._leaders)
+    area, volume = refit_part(model.handle, row, kept, solid.first_vertices)
     is_closed = model.parts[row, layout.GRID] != layout.NO_GRID
     if is_closed and volume < -INSIDE_OUT * area:
         model.frames[row] = before
         # A copy, since kernels are compiled for arrays that can be written.
-        refit_part(model.handle, row, solid.mesh.vertices.copy(), solid._leaders)
+        refit_part(model.handle, row, solid.mesh.vertices.copy(), solid.first_vertices)
         normals[:] = normals_before  # to the bit: they had been added in another order
+        arrays.is_overwritten = arrays.is_overwritten and not is_here
         raise MeshError(
             f"part {name!r} would be turned inside out: its faces would enclose less than nothing"
         )
-    solid._let_go(model, row, before)
     model.frames[row, layout.OWN_LOWER : layout.OWN_LOWER + 3] = lower
     model.frames[row, layout.OWN_UPPER : layout.OWN_UPPER + 3] = upper
     if is_closed:
         _ask_the_surface(model, row, lower, extent)
-    return solid._deformed(kept, model.part_alone(row))
-
-
-def _faces_of(model: Model, row: int) -> np.ndarray:
-    """The part's faces as rows of corners, (F, 3) int32."""
-    at, count = model.parts[row, layout.FACES], 3 * model.parts[row, layout.FACE_COUNT]
-    faces: np.ndarray = model.words[at : at + count].view(np.int32).reshape(-1, 3)
-    return faces
+    return solid._deformed(kept, model, row)
 
 
 def _normals_of(model: Model, row: int) -> np.ndarray:
@@ -102,18 +96,7 @@ def _normals_of(model: Model, row: int) -> np.ndarray:
     return model.reals[at : at + 3 * model.parts[row, layout.CORNER_COUNT]]
 
 
-def _leaders(faces: np.ndarray, corner_faces: np.ndarray, vertex_count: int) -> np.ndarray:
-    """Of each vertex the first one at the same position, (V,) int32; `UNUSED` where no face has it."""
-    corner = np.full(vertex_count, UNUSED, np.int32)
-    corner[faces.ravel()] = corner_faces.ravel()
-    used = np.flatnonzero(corner != UNUSED)
-    first = np.empty(int(corner.max()) + 1, np.int32)
-    first[corner[used[::-1]]] = used[::-1]  # of several the last one stays
-    assert (np.diff(first) > 0).all(), "corners are numbered in the order of their first vertices"
-    return np.where(corner == UNUSED, np.int32(UNUSED), first[corner])
-
-
-def _why_not(vertices: np.ndarray, leaders: np.ndarray, row: int, name: str) -> str:
+def _why_not(vertices: np.ndarray, first_vertices: np.ndarray, row: int, name: str) -> str:
     """What is wrong with the first vertex that cannot be used."""
     place = _place(vertices[row])
     if not np.isfinite(vertices[row]).all():
@@ -123,9 +106,10 @@ def _why_not(vertices: np.ndarray, leaders: np.ndarray, row: int, name: str) -> 
             f"vertex {row} of part {name!r} would be at {place}, "
             f"expected coordinates up to {FARTHEST:g} m, which can be computed with"
         )
+    first = first_vertices[row]
     return (
-        f"vertices {leaders[row]} and {row} of part {name!r} are one corner, but would be at "
-        f"{_place(vertices[leaders[row]])} and {place}: that tears the surface, expected one place for both"
+        f"vertices {first} and {row} of part {name!r} are one corner, but would be at "
+        f"{_place(vertices[first])} and {place}: that tears the surface, expected one position for both"
     )
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from proximity.arrays import as_float64, is_ready
 from proximity.errors import PoseError, SceneError
-from proximity.model.moving_models import FARTHEST_MOVE, FASTEST_MOVE, first_unfit_move
+from proximity.model.scene_state import FARTHEST_MOVE, FASTEST_MOVE, first_unfit_move
 from proximity.pose import Pose, quaternion_hint
 
 NO_VELOCITIES = np.zeros((0, 3))

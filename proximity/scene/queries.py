@@ -24,7 +24,7 @@ from proximity.kernels.scene.point_queries import (
 )
 from proximity.kernels.scene.ray_queries import NO_ROW, cast_batch
 from proximity.kernels.scene.segment_queries import segment_batch
-from proximity.model.assembly import Model, Shelf
+from proximity.model.assembly import Model
 from proximity.scene.batches import IN_ORDER, LARGEST_SLICE, first_slice, run_batch
 from proximity.scene.query_arguments import broadcast_limits, broadcast_rows, is_length
 from proximity.scene.results import ClosestPoints, RayHits, Reals, SegmentHits, record_of
@@ -50,20 +50,14 @@ class Queries:
 
     Few rows from somebody in a hurry are answered at once, if compiled code finds them plain float64; what
     else may come is sorted out in functions of its own: variables that they share with one within would be
-    made at every call. Neither do they call `_current`: that would take a fortieth of a call with five rays.
-    The model is held by name while it is asked: what nobody holds is written anew when parts move.
+    made at every call. The model is held by name while it is asked: what nobody holds is written anew when
+    parts move.
     """
 
     __slots__ = ()
 
-    _stage: Shelf
-
-    def _current(self) -> Model:
-        """The model, up to date."""
-        return self._stage.current or self._brought_up_to_date()
-
-    def _brought_up_to_date(self) -> Model:
-        """The model, which there is not yet."""
+    def snapshot(self) -> Model:
+        """Return the arrays that are asked, up to date."""
         raise NotImplementedError
 
     def closest(
@@ -110,7 +104,7 @@ class Queries:
         is_plain = workers is ONE_THREAD and (max_distance is inf or is_length(max_distance))
         if is_plain and (count := _count(points)) < SORT_FROM:
             answers = empty((count, point_queries.ANSWER_WIDTH))
-            model = self._stage.current or self._brought_up_to_date()
+            model = self.snapshot()
             if _closest_few.call(model.handle, points, max_distance, answers):
                 record = ClosestPoints()
                 record._table = answers
@@ -121,7 +115,7 @@ class Queries:
         limits, (points,) = broadcast_limits(max_distance, [as_points(points)], "points")
         rows = points.reshape(-1, 3)
         answers = empty((len(rows), point_queries.ANSWER_WIDTH))
-        model = self._current()
+        model = self.snapshot()
         run_batch(
             lambda order, rows, limits, answers: closest_batch(model.handle, rows, order, limits, answers),
             [rows, limits, answers],
@@ -174,21 +168,21 @@ class Queries:
         return self._distances(points, workers, _distance_few, _distance_batch)
 
     def _distances(self, points: Any, workers: int, few: Settled, batch: Callable[..., Any]) -> Any:
-        """Signed or unsigned, as the kernels for few and for many points tell them."""
+        """Signed or unsigned, by kernels for small batches and for large ones."""
         if workers is ONE_THREAD and (count := _count(points)) < SORT_FROM:
             distances = empty(count)
-            model = self._stage.current or self._brought_up_to_date()
+            model = self.snapshot()
             if few.call(model.handle, points, distances):
                 return distances
-        return self._more_distances(points, workers, few, batch)
+        return self._distances_of_any(as_points(points), workers, few, batch)
 
-    def _more_distances(self, points: Any, workers: int, few: Settled, batch: Callable[..., Any]) -> Any:
-        points = as_points(points)
+    def _distances_of_any(
+        self, points: np.ndarray, workers: int, few: Settled, batch: Callable[..., Any]
+    ) -> Any:
         rows = points if points.ndim == 2 else points.reshape(-1, 3)
-        count = len(rows)
-        distances = empty(count)
-        model = self._current()
-        is_settled = count < SORT_FROM and workers == 1 and workers is not True
+        distances = empty(len(rows))
+        model = self.snapshot()
+        is_settled = len(rows) < SORT_FROM and workers == 1 and workers is not True
         if not (is_settled and few.call(model.handle, rows, distances)):
             run_batch(
                 lambda order, rows, distances: batch(model.handle, rows, order, distances),
@@ -223,14 +217,14 @@ class Queries:
         """
         if workers is ONE_THREAD and (count := _count(points)) < SORT_FROM:
             inside = empty(count, np.bool_)
-            model = self._stage.current or self._brought_up_to_date()
+            model = self.snapshot()
             if _contains_few.call(model.handle, points, inside):
                 return inside
         return self._contains(points, workers)
 
     def _contains(self, points: Any, workers: int) -> Any:
         points = as_points(points)
-        model = self._current()
+        model = self.snapshot()
         if not has_inside(model.handle):
             raise NotWatertightError(
                 "no part has an inside, so that nothing can be contained; sign_reason of each part says why"
@@ -287,19 +281,14 @@ class Queries:
         not hit.
         Source: Woop, Benthin, Wald 2013, "Watertight ray/triangle intersection".
         """
-        # `_count`, written out here and below: calling it would be a thirtieth of a call with five rays.
-        if workers is ONE_THREAD and (max_distance is inf or is_length(max_distance)):
-            try:
-                count = len(origins)  # type: ignore[arg-type]  # what has no length raises
-            except TypeError:
-                count = SORT_FROM
-            if count < SORT_FROM:
-                answers = empty((count, HIT_WIDTH))
-                model = self._stage.current or self._brought_up_to_date()
-                if _cast_few.call(model.handle, origins, directions, max_distance, answers) == NO_ROW:
-                    record = RayHits()
-                    record._table = answers
-                    return record
+        is_plain = workers is ONE_THREAD and (max_distance is inf or is_length(max_distance))
+        if is_plain and (count := _count(origins)) < SORT_FROM:
+            answers = empty((count, HIT_WIDTH))
+            model = self.snapshot()
+            if _cast_few.call(model.handle, origins, directions, max_distance, answers) == NO_ROW:
+                record = RayHits()
+                record._table = answers
+                return record
         return record_of(RayHits, *self._cast(origins, directions, max_distance, workers, HIT_WIDTH))
 
     def cast_distance(
@@ -335,16 +324,12 @@ class Queries:
             If shapes or types do not fit, a direction is zero, *max_distance* is negative or nan, or
             *workers* is no number of threads.
         """
-        if workers is ONE_THREAD and (max_distance is inf or is_length(max_distance)):
-            try:
-                count = len(origins)  # type: ignore[arg-type]  # what has no length raises
-            except TypeError:
-                count = SORT_FROM
-            if count < SORT_FROM:
-                distances = empty(count)
-                model = self._stage.current or self._brought_up_to_date()
-                if _lengths_few.call(model.handle, origins, directions, max_distance, distances) == NO_ROW:
-                    return distances
+        is_plain = workers is ONE_THREAD and (max_distance is inf or is_length(max_distance))
+        if is_plain and (count := _count(origins)) < SORT_FROM:
+            distances = empty(count)
+            model = self.snapshot()
+            if _lengths_few.call(model.handle, origins, directions, max_distance, distances) == NO_ROW:
+                return distances
         answers, shape = self._cast(origins, directions, max_distance, workers, DISTANCE_WIDTH)
         return answers.reshape(shape)[()]
 
@@ -360,7 +345,7 @@ class Queries:
         if origins.ndim != 2:
             starts, ways = origins.reshape(-1, 3), directions.reshape(-1, 3)
         answers = empty((len(starts), width))
-        model = self._current()
+        model = self.snapshot()
         is_sorted = len(starts) >= SORT_RAYS_FROM and model.reals.nbytes >= SORT_RAYS_IN
         if workers == 1 and workers is not True and not is_sorted and len(starts) <= LARGEST_SLICE:
             zero_row = cast_batch(model.handle, starts, ways, IN_ORDER, limits, answers)
@@ -410,7 +395,7 @@ class Queries:
         is_plain = workers is ONE_THREAD and (max_distance is inf or is_length(max_distance))
         if is_plain and (count := _count(starts)) < SORT_FROM:
             answers = empty((count, segment_queries.ANSWER_WIDTH))
-            model = self._stage.current or self._brought_up_to_date()
+            model = self.snapshot()
             if _segments_few.call(model.handle, starts, ends, max_distance, answers):
                 record = SegmentHits()
                 record._table = answers
@@ -424,7 +409,7 @@ class Queries:
         )
         here, there = starts.reshape(-1, 3), ends.reshape(-1, 3)
         answers = empty((len(here), segment_queries.ANSWER_WIDTH))
-        model = self._current()
+        model = self.snapshot()
         run_batch(
             lambda order, starts, ends, *others: segment_batch(model.handle, starts, ends, order, *others),
             [here, there, limits, answers],

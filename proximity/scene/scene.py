@@ -1,8 +1,6 @@
 """Parts with poses: the same queries as of one solid, answered for all of them."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
-from operator import is_
 from typing import Any
 
 import numpy as np
@@ -10,48 +8,18 @@ import numpy as np
 from proximity.arrays import refuse_trimesh
 from proximity.errors import MeshError, SceneError
 from proximity.kernels.layout import BOX_LOWER, BOX_UPPER, OWN_LOWER, OWN_UPPER
-from proximity.model.assembly import Model, assemble
-from proximity.model.bvh import LocalFrame
-from proximity.model.moving_models import Stage, write_motion, write_surface
-from proximity.pose import Pose
-from proximity.scene.deformation import deform_part
+from proximity.model.assembly import Model
+from proximity.model.scene_state import SceneState
+from proximity.scene.load_report import LoadReport
 from proximity.scene.part import NO_VELOCITY, Part, checked_part, parts_of_mesh
 from proximity.scene.part_motion import checked_move, checked_moves, checked_surface
 from proximity.scene.queries import Queries
 from proximity.scene.saved.compiled_scene import CompiledScene, write_scene
+from proximity.scene.scene_parts import SceneParts, checked_parts, with_arrays
 from proximity.scene.solid import Solid
 from proximity.system.locks import fork_safe_lock
 
 _OWN_LOWER, _OWN_UPPER = slice(OWN_LOWER, OWN_LOWER + 3), slice(OWN_UPPER, OWN_UPPER + 3)
-
-
-@dataclass(frozen=True, slots=True)
-class LoadReport:
-    """Where a scene came from, and in which units.
-
-    Parameters
-    ----------
-    path : str
-        Of the file.
-    format : str
-        As people say it: "STL, binary".
-    units : str
-        Of the file's coordinates.
-    units_declared : bool
-        False: the file names none, *units* is what the caller said.
-    notes : tuple of str
-        Sentences a user should know.
-    """
-
-    path: str
-    format: str
-    units: str
-    units_declared: bool
-    notes: tuple[str, ...]
-
-    def __repr__(self) -> str:
-        units = f"{self.units} {'declared' if self.units_declared else 'assumed'}"
-        return f"LoadReport({self.path!r}, {self.format}, {units}, {len(self.notes)} notes)"
 
 
 class Scene(Queries):
@@ -79,9 +47,7 @@ class Scene(Queries):
     """
 
     report: LoadReport | None
-    _stage: Stage
-    _last_moved: tuple[Any, list[str], Any] = None, [], None  # by which names, which parts, their rows
-    _torn: tuple[int, LocalFrame] | None = None  # the part that is being deformed: row, and frame before
+    _parts: SceneParts
 
     def __init__(self, parts: Iterable[Part | Solid], *, report: LoadReport | None = None) -> None:
         refuse_trimesh(parts, SceneError)
@@ -89,22 +55,10 @@ class Scene(Queries):
             raise SceneError(f"a scene is made of a list of parts, not of one {type(parts).__name__}")
         if report is not None and not isinstance(report, LoadReport):
             raise SceneError(f"report is {report!r}, expected a LoadReport, or None")
-        given = [checked_part(part) for part in parts]
-        if not given:
-            raise SceneError("a scene has no parts, expected at least one")
-        taken: dict[str, int] = {}
-        for row, part in enumerate(given):
-            if not isinstance(part.name, str):
-                raise SceneError(f"part {row} is named {part.name!r}, expected text")
-            if part.name in taken:
-                raise SceneError(
-                    f"parts {taken[part.name]} and {row} are both named {part.name!r}, "
-                    "expected names that differ"
-                )
-            taken[part.name] = row
-        self.report = report
-        self._lock = fork_safe_lock()
-        self._assemble(given, loose=(), epoch=0)
+        self._begin(SceneParts.of(*with_arrays(checked_parts(parts))), report)
+
+    def _begin(self, parts: SceneParts, report: LoadReport | None) -> None:
+        self._parts, self.report, self._lock = parts, report, fork_safe_lock()
 
     @classmethod
     def from_mesh(cls, vertices: Any, faces: Any = None, *, name: str = "mesh") -> "Scene":
@@ -130,43 +84,55 @@ class Scene(Queries):
     @classmethod
     def _from_compiled(cls, compiled: CompiledScene) -> "Scene":
         """The scene that was saved; its trees are not made anew."""
-        scene = cls.__new__(cls)
-        scene._parts = [Part(**fields) for fields in compiled.parts]
-        scene._row = {part.name: row for row, part in enumerate(scene._parts)}
-        told = compiled.report
-        scene.report = None if told is None else LoadReport(**{**told, "notes": tuple(told["notes"])})
-        scene._lock = fork_safe_lock()
-        scene._stage = Stage(compiled.model)
-        scene._told = scene._stage.versions.copy()
+        scene, fields = cls.__new__(cls), compiled.report
+        report = None if fields is None else LoadReport(**{**fields, "notes": tuple(fields["notes"])})
+        parts = [Part(**fields) for fields in compiled.parts]
+        scene._begin(SceneParts(parts, SceneState(compiled.model)), report)
         return scene
 
     def __reduce__(self) -> tuple[Any, ...]:
         with self._lock:
-            parts = [self._part_now(row) for row in range(len(self._parts))]
-            return _made_again, (parts, self.report, self._stage.loose_rows, self._stage.epoch)
+            state = self._parts.state
+            return _made_again, (list(self._parts), self.report, state.loose_rows, state.epoch)
+
+    def snapshot(self) -> Model:
+        """Return the arrays of this moment, as queries and trackers take them.
+
+        What it shows does not change while somebody holds it: let it go when done, since while several are
+        held, the next needs more memory.
+        """
+        return self._parts.state.current or self._updated()
+
+    def _updated(self) -> Model:
+        with self._lock:
+            model = self._parts.updated()
+            if model is None:
+                # All copies are in use by queries that take long, or a tree has outgrown its memory.
+                self._parts = self._parts.in_new_memory()
+                model = self._parts.state.latest
+            return model
 
     @property
     def parts(self) -> tuple[Part, ...]:
         """The parts, as they are at present."""
         with self._lock:
-            return tuple(self._part_now(row) for row in range(len(self._parts)))
+            return tuple(self._parts)
 
     @property
     def epoch(self) -> int:
         """A number that grows whenever indices of parts, their faces, or what is hidden change."""
-        return self._stage.epoch
+        return self._parts.state.epoch
 
     @property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper corner of the box around all parts, hidden ones too, m, (3,) each."""
-        model = self._current()
-        row = model.frames[-1]
+        row = self.snapshot().frames[-1]
         return row[BOX_LOWER : BOX_LOWER + 3].copy(), row[BOX_UPPER : BOX_UPPER + 3].copy()
 
     @property
     def part_sizes(self) -> np.ndarray:
         """Length, width and height of each part's box in the part's own frame, m, (P, 3)."""
-        frames = self._current().frames[:-1]
+        frames = self.snapshot().frames[:-1]
         with np.errstate(over="ignore"):
             sizes: np.ndarray = frames[:, _OWN_UPPER] - frames[:, _OWN_LOWER]
         return sizes
@@ -174,8 +140,7 @@ class Scene(Queries):
     @property
     def memory_bytes(self) -> int:
         """Bytes held by meshes and trees."""
-        solids = {part.solid for part in self._parts}  # one may be in several parts
-        return self._stage.latest.memory_bytes + sum(solid._mesh_bytes for solid in solids)
+        return self._parts.memory_bytes
 
     def part(self, name: str) -> Part:
         """Return the part of that name.
@@ -191,7 +156,7 @@ class Scene(Queries):
             If there is none; the message lists the names.
         """
         with self._lock:
-            return self._part_now(self._find(name))
+            return self._parts[self._parts.find(name)]
 
     def move(
         self, name: str, pose: Any, *, velocity: Any = NO_VELOCITY, angular_velocity: Any = NO_VELOCITY
@@ -222,8 +187,8 @@ class Scene(Queries):
         Cost: as `move_many`.
         """
         with self._lock:
-            row = np.array([self._find(name)], np.int64)
-            self._stage.move(row, *checked_move(name, pose, velocity, angular_velocity))
+            row = np.array([self._parts.find(name)], np.int64)
+            self._parts.state.move(row, *checked_move(name, pose, velocity, angular_velocity))
 
     def move_many(
         self, names: Iterable[str], poses: Any, velocities: Any = None, angular_velocities: Any = None
@@ -259,8 +224,8 @@ class Scene(Queries):
             raise SceneError(f"names are {names!r}, expected a list of names")
         names = list(names)  # before the lock is taken: they may come from somebody who asks this scene
         with self._lock:
-            rows = self._rows_of(names)
-            self._stage.move(rows, *checked_moves(names, poses, velocities, angular_velocities))
+            rows = self._parts.rows_of(names)
+            self._parts.state.move(rows, *checked_moves(names, poses, velocities, angular_velocities))
 
     def add(self, part: Part | Solid) -> None:
         """Add a part behind the others.
@@ -285,10 +250,9 @@ class Scene(Queries):
         with self._lock:
             if not isinstance(part.name, str):
                 raise SceneError(f"the part to add is named {part.name!r}, expected text")
-            if part.name in self._row:
+            if part.name in self._parts.row_of:
                 raise SceneError(f"a part is named {part.name!r} already, expected another name")
-            now = [self._part_now(row) for row in range(len(self._parts))]
-            self._assemble([*now, part], loose=self._stage.loose_rows, epoch=self._stage.epoch + 1)
+            self._parts = self._parts.with_part(part)
 
     def remove(self, name: str) -> None:
         """Take a part out; indices of those behind it go down by one.
@@ -296,7 +260,7 @@ class Scene(Queries):
         Parameters
         ----------
         name : str
-            Of the part. Its solid can still be asked, and added again.
+            Of the part. Its solid, which somebody may have, can still be asked, and added again.
 
         Raises
         ------
@@ -308,15 +272,10 @@ class Scene(Queries):
         Cost: as `add`.
         """
         with self._lock:
-            gone = self._find(name)
+            row = self._parts.find(name)
             if len(self._parts) == 1:
                 raise SceneError(f"part {name!r} is the only one, and a scene has at least one: hide it")
-            kept = [row for row in range(len(self._parts)) if row != gone]
-            loose = [new for new, row in enumerate(kept) if row in self._stage.loose_rows]
-            solid = self._parts[gone].solid
-            # In memory of its own: it would hold on to that of the whole scene.
-            solid._share(assemble([solid._model.part_arrays(0)], [Pose()]))
-            self._assemble([self._part_now(row) for row in kept], loose=loose, epoch=self._stage.epoch + 1)
+            self._parts = self._parts.without(row)
 
     def hide(self, name: str) -> None:
         """Let no question find a part, until it is shown; what is hidden may move.
@@ -332,7 +291,7 @@ class Scene(Queries):
             If there is no such part.
         """
         with self._lock:
-            self._stage.set_hidden(self._find(name), True)
+            self._parts.state.set_hidden(self._parts.find(name), True)
 
     def show(self, name: str) -> None:
         """Let questions find a part again.
@@ -348,7 +307,7 @@ class Scene(Queries):
             If there is no such part.
         """
         with self._lock:
-            self._stage.set_hidden(self._find(name), False)
+            self._parts.state.set_hidden(self._parts.find(name), False)
 
     def set_surface(self, name: str, *, stiffness: float | None = None, damping: float = 0.0) -> None:
         """Say how a part answers a touch: rigid, or as a spring with a damper. Distances do not change.
@@ -368,38 +327,7 @@ class Scene(Queries):
             If there is no such part, or they are no such numbers.
         """
         with self._lock:
-            self._stage.set_surface(self._find(name), *checked_surface(name, stiffness, damping))
-
-    def _assemble(self, parts: list[Part], *, loose: Iterable[int], epoch: int) -> None:
-        """Put the arrays of *parts* together, and begin with what they say."""
-        hidden = [row for row, part in enumerate(parts) if part.is_hidden]
-        pieces = [part.solid._model.part_arrays(0) for part in parts]
-        names = tuple(part.name for part in parts)
-        model = assemble(
-            pieces,
-            [part.pose for part in parts],
-            loose=list(loose),
-            hidden=hidden,
-            epoch=epoch,
-            names=names,
-        )
-        for row, part in enumerate(parts):
-            part.solid._share(model.part_alone(row))
-            write_motion(model.frames[row], part.velocity, part.angular_velocity)
-            write_surface(model.frames[row], part.stiffness, part.damping)
-        stage, rows = Stage(model), {name: row for row, name in enumerate(names)}
-        told = stage.versions.copy()
-        # At once: in between nothing is called, so that no signal comes.
-        self._parts, self._row, self._stage, self._told = parts, rows, stage, told
-
-    def _part_now(self, row: int) -> Part:
-        """A part with its present values; made when somebody asks, not when it moves."""
-        self._mend_shape()
-        version = self._stage.versions[row]
-        if version != self._told[row]:
-            self._parts[row] = replace(self._parts[row], **self._stage.values(row))
-            self._told[row] = version
-        return self._parts[row]
+            self._parts.state.set_surface(self._parts.find(name), *checked_surface(name, stiffness, damping))
 
     def save(self, path: Any) -> None:
         """Write the scene as it stands to a file that `load` maps: no tree is made anew then.
@@ -420,10 +348,10 @@ class Scene(Queries):
         Thread: parts may be asked and moved meanwhile; what is written is how they stood at one moment.
         """
         while True:
-            model = self._current()
+            model = self.snapshot()
             with self._lock:
-                if self._stage.current is model:
-                    parts = [self._part_now(row) for row in range(len(self._parts))]
+                if self._parts.state.current is model:
+                    parts = list(self._parts)
                     break
         write_scene(path, model, parts, self.report)
 
@@ -459,75 +387,15 @@ class Scene(Queries):
         Thread: must not run while another thread asks this scene or a solid of its parts.
         """
         with self._lock:
-            row = self._find(name)
-            self._part_now(row)
-            self._reshape(row, vertices)
-
-    def _reshape(self, row: int, vertices: Any) -> None:
-        """Give a part another shape; whoever interrupts this leaves a note, and it is made whole again."""
-        part, stage = self._parts[row], self._stage
-        stage.current, self._torn = None, (row, LocalFrame.read(stage.frames[row]))
-        try:
-            solid = deform_part(stage.model_at_work(), row, part.solid, vertices, part.name)
-        except MeshError:  # nothing has changed
-            self._torn = None
-            raise
-        self._parts[row] = replace(part, solid=solid)
-        stage.reshape(row)
-        self._torn = None
-
-    def _mend_shape(self) -> None:
-        """Have a part whose deforming was interrupted be as its solid is: as before, or as it was to be."""
-        if self._torn is not None:
-            row, frame = self._torn
-            frame.write(self._stage.frames[row])
-            self._reshape(row, self._parts[row].solid.mesh.vertices)
-
-    def _find(self, name: str) -> int:
-        try:
-            return self._row[name]
-        except (KeyError, TypeError):
-            known = ", ".join(repr(known) for known in list(self._row)[:10])
-            more = "" if len(self._row) <= 10 else f" and {len(self._row) - 10} more"
-            raise SceneError(f"no part is named {name!r}; the scene has {known}{more}") from None
-
-    def _rows_of(self, names: list[str]) -> np.ndarray:
-        """The rows of parts of those names, each once; mostly they are the very same as at the last move."""
-        row_of, last, rows = self._last_moved
-        if row_of is self._row and len(last) == len(names) and all(map(is_, last, names)):
-            return rows
-        rows = np.array([self._find(name) for name in names], np.int64)
-        if len(set(names)) < len(names):
-            twice = next(name for place, name in enumerate(names) if name in names[:place])
-            raise SceneError(f"part {twice!r} is named twice, expected names that differ")
-        self._last_moved = self._row, names, rows
-        return rows
-
-    def _brought_up_to_date(self) -> Model:
-        with self._lock:
-            self._mend_shape()
-            stage = self._stage
-            model = stage.current or stage.update()
-            if model is None:
-                # All copies are in use by questions that take long, or a tree has outgrown its place.
-                now = [self._part_now(row) for row in range(len(self._parts))]
-                # Trackers know faces by their slots. A solid that another scene has deformed since would be
-                # made anew, with other slots: it takes over those that this scene has.
-                present = stage.model_at_work()
-                for row, part in enumerate(now):
-                    part.solid._share(present.part_alone(row))
-                self._assemble(now, loose=stage.loose_rows, epoch=stage.epoch)
-                model = self._stage.latest
-            return model
+            self._parts.mend()
+            self._parts.deform(self._parts.find(name), vertices)
 
     def __repr__(self) -> str:
-        faces = sum(part.solid.mesh.face_count for part in self._parts)
-        return f"Scene({len(self._parts)} parts, {faces} faces)"
+        return f"Scene({len(self._parts)} parts, {self._parts.face_count} faces)"
 
 
-def _made_again(parts: list[Part], report: LoadReport | None, loose: list[int], epoch: int) -> Scene:
-    """The copy of a scene: with a lock and arrays of its own, but for those of solids that it shares."""
+def _made_again(parts: list[Part], report: LoadReport | None, dynamic: list[int], epoch: int) -> Scene:
+    """The copy of a scene, with a lock and arrays of its own."""
     scene = Scene.__new__(Scene)
-    scene.report, scene._lock = report, fork_safe_lock()
-    scene._assemble(parts, loose=loose, epoch=epoch)
+    scene._begin(SceneParts.of(*with_arrays(parts), dynamic=dynamic, epoch=epoch), report)
     return scene

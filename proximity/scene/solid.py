@@ -1,6 +1,5 @@
-"""One body: its faces, how they hang together, its tree, and how inside is told."""
+"""One body: its faces, how they meet, its tree, and how its inside is decided."""
 
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -9,37 +8,25 @@ import numpy as np
 from proximity.arrays import refuse_trimesh
 from proximity.errors import MeshError
 from proximity.kernels import layout
-from proximity.kernels.layout import NO_GRID
 from proximity.kernels.mesh.faces import signed_volume
+from proximity.kernels.tree.refit import UNUSED
 from proximity.mesh.diagnosis import Diagnosis, diagnose
 from proximity.mesh.topology import Topology, build_topology
 from proximity.mesh.triangle_mesh import TriangleMesh
-from proximity.model.assembly import Model, Shelf, assemble
+from proximity.model.assembly import Model
 from proximity.model.bvh import Bvh, LocalFrame
-from proximity.model.part_arrays import PartArrays, part_arrays, with_folds, with_sign
-from proximity.pose import Pose
+from proximity.model.part_arrays import part_arrays
 from proximity.scene.queries import Queries
 from proximity.scene.sign import SignMethod, choose_sign
+from proximity.scene.solid_arrays import SolidArrays
 
-DEFORMED = "; told when the part was made, and not looked at since it has been deformed"
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Remains:
-    """What is kept of a solid whose arrays a scene has deformed: with the mesh, enough to make it anew."""
-
-    frame: LocalFrame
-    sign: int
-    has_grid: bool
-    faces: np.ndarray  # (F, 3) int32, rows of corners; in the scene's memory, where they stay
-    neighbors: np.ndarray  # (F, 3) int32, likewise
-    folded: np.ndarray  # int32, faces over which the winding number tells the side
+DEFORMED = "; decided when the part was made, and not looked at since it has been deformed"
 
 
 class Solid(Queries):
-    """One body from arrays, ready to be asked; it never changes, also where a scene deforms its part.
+    """One body from arrays, ready for queries. It never changes: deforming a part makes another solid.
 
-    ``mesh`` holds vertices and faces; ``sign_method`` says how inside is told, and ``sign_reason`` why so.
+    ``mesh`` holds vertices and faces; ``sign_method`` says how inside is decided, and ``sign_reason`` why so.
 
     Parameters
     ----------
@@ -67,10 +54,7 @@ class Solid(Queries):
     name: str
     sign_method: SignMethod
     sign_reason: str
-    _stage: Shelf  # the arrays; None where they must be made first
-    _source: tuple[Model, int] | None  # of what to make them: a part of a scene's model,
-    _remains: _Remains | None  # or what is left after a scene has deformed it
-    _leaders: np.ndarray | None  # see `deforming`
+    _arrays: SolidArrays
 
     def __init__(
         self, vertices: Any, faces: Any = None, *, name: str = "solid", frame: LocalFrame | None = None
@@ -89,8 +73,7 @@ class Solid(Queries):
         self.name = name
         self._is_watertight = topology.is_watertight
         piece, self.sign_method, self.sign_reason = choose_sign(piece, topology)
-        self._stage = Shelf(assemble([piece], [Pose()]))
-        self._source, self._remains, self._leaders = None, None, None
+        self._arrays = SolidArrays.own(piece)
         if is_turned:
             self.sign_reason += "; all faces were turned, since they ran clockwise seen from outside"
 
@@ -102,14 +85,39 @@ class Solid(Queries):
         solid = cls.__new__(cls)
         solid.mesh, solid.name = mesh, name
         solid.sign_method, solid.sign_reason, solid._is_watertight = sign
-        solid._stage, solid._source = Shelf(None), (model, row)
-        solid._remains, solid._leaders = None, None
+        solid._arrays = SolidArrays.of_part(model, row)
+        return solid
+
+    def _for_scene(self) -> "Solid":
+        """The same solid, for a scene to say where its arrays are."""
+        solid = Solid.__new__(Solid)
+        solid.__dict__.update(self.__dict__, _arrays=SolidArrays(self.snapshot()))
+        return solid
+
+    def _deformed(self, vertices: np.ndarray, model: Model, row: int) -> "Solid":
+        """The same faces over other vertices, checked already, with their arrays in a scene's memory."""
+        reason = self.sign_reason.removesuffix(DEFORMED) + DEFORMED
+        sign = self.sign_method, reason, self._is_watertight
+        solid = Solid._from_model(model, row, self.mesh.with_vertices(vertices), self.name, sign)
+        solid.first_vertices = self.first_vertices
         return solid
 
     def __getstate__(self) -> dict[str, Any]:
         """What a copy is made of: arrays of its own, wherever these lie."""
-        own = Shelf(assemble([self._model.part_arrays(0)], [Pose()]))
-        return self.__dict__ | {"_stage": own, "_source": None, "_remains": None}
+        return self.__dict__ | {"_arrays": self.snapshot().part_arrays(0)}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state, _arrays=SolidArrays.own(state["_arrays"]))
+
+    def snapshot(self) -> Model:
+        """Return the arrays that queries take, at the identity pose.
+
+        Notes
+        -----
+        Cost: nothing, but for a solid whose part a scene has deformed since: its tree is built anew, once.
+        """
+        arrays = self._arrays
+        return arrays.rebuilt(self.mesh) if arrays.is_overwritten else arrays.model
 
     @property
     def has_inside(self) -> bool:
@@ -124,7 +132,7 @@ class Solid(Queries):
     @property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper corner of the box around the faces, m, (3,) each."""
-        row = self._model.frames[0]
+        row = self.snapshot().frames[0]
         return (
             row[layout.OWN_LOWER : layout.OWN_LOWER + 3].copy(),
             row[layout.OWN_UPPER : layout.OWN_UPPER + 3].copy(),
@@ -143,78 +151,32 @@ class Solid(Queries):
     @property
     def bvh(self) -> Bvh:
         """The tree, for inspection; see `Bvh.check`."""
-        return self._model.part_arrays(0).bvh
+        return self.snapshot().part_arrays(0).bvh
+
+    @cached_property
+    def first_vertices(self) -> np.ndarray:
+        """Of each vertex the first one at the same position, (V,) int32; -1 where no face has it."""
+        model = self._arrays.model
+        part = model.parts[0]
+        corner_of = model.words[part[layout.FACES] :][: 3 * part[layout.FACE_COUNT]].view(np.int32)
+        corner = np.full(self.mesh.vertex_count, UNUSED, np.int32)
+        corner[self.mesh.faces.ravel()] = corner_of
+        used = np.flatnonzero(corner != UNUSED)
+        first = np.empty(int(corner.max()) + 1, np.int32)
+        first[corner[used[::-1]]] = used[::-1]  # of several the last one stays
+        assert (np.diff(first) > 0).all(), "corners are numbered in the order of their first vertices"
+        return np.where(corner == UNUSED, np.int32(UNUSED), first[corner])
 
     @property
     def memory_bytes(self) -> int:
         """Bytes held by the mesh and the tree."""
-        return self._model.memory_bytes + self._mesh_bytes
+        return self.snapshot().memory_bytes + self._mesh_bytes
 
     @property
     def _mesh_bytes(self) -> int:
-        leaders = 0 if self._leaders is None else self._leaders.nbytes
-        return self.mesh.vertices.nbytes + self.mesh.faces.nbytes + leaders
-
-    @property
-    def _model(self) -> Model:
-        """The arrays, made now where they came out of a file, or where a scene has deformed them."""
-        # Whoever else may be making them sets them before he lets go of what they are made of.
-        source, remains = self._source, self._remains
-        model = self._stage.current
-        if model is None and source is not None:
-            whole, row = source
-            model = self._stage.current = whole.part_alone(row)
-            self._source = None
-        if model is None:
-            assert remains is not None, "a solid has arrays, or what they are made of"
-            model = self._stage.current = assemble([_made_anew(self.mesh, remains)], [Pose()])
-        return model
-
-    def _brought_up_to_date(self) -> Model:
-        return self._model
-
-    def _share(self, model: Model) -> None:
-        """Take over equal arrays that lie in a scene's memory, and let the own ones go."""
-        self._stage.current, self._source = model, None
-
-    def _let_go(self, model: Model, row: int, frame: np.ndarray) -> None:
-        """Look away from a row of a scene's *model* that has another shape now; *frame*: that row before."""
-        part = model.parts[row]
-        mine, at = (self._stage.current, 0) if self._source is None else self._source
-        if mine is None or mine.reals is not model.reals or mine.parts[at, layout.ROOT] != part[layout.ROOT]:
-            return
-        faces, neighbors = (
-            model.words[part[column] :][: 3 * part[layout.FACE_COUNT]].view(np.int32).reshape(-1, 3)
-            for column in (layout.FACES, layout.NEIGHBORS)
-        )
-        self._remains = _Remains(
-            LocalFrame.read(frame),
-            int(part[layout.SIGN]),
-            bool(part[layout.GRID] != NO_GRID),
-            faces,
-            neighbors,
-            model.folded_faces(row),
-        )
-        self._stage.current, self._source = None, None
-
-    def _deformed(self, vertices: np.ndarray, model: Model) -> "Solid":
-        """The same faces over other vertices, checked already; *model* has their arrays."""
-        solid = Solid.__new__(Solid)
-        solid.mesh = self.mesh.with_vertices(vertices)
-        solid.name, solid.sign_method = self.name, self.sign_method
-        solid.sign_reason = self.sign_reason.removesuffix(DEFORMED) + DEFORMED
-        solid._is_watertight, solid._leaders = self._is_watertight, self._leaders
-        solid._stage, solid._source, solid._remains = Shelf(model), None, None
-        return solid
+        first_vertices = self.__dict__.get("first_vertices")
+        known = 0 if first_vertices is None else first_vertices.nbytes
+        return self.mesh.vertices.nbytes + self.mesh.faces.nbytes + known
 
     def __repr__(self) -> str:
         return f"Solid({self.name!r}, {self.mesh.face_count} faces, sign by {self.sign_method.value})"
-
-
-def _made_anew(mesh: TriangleMesh, remains: _Remains) -> PartArrays:
-    """The arrays of a solid that had been let go; its sign is told as before."""
-    corners = np.empty((int(remains.faces.max()) + 1, 3))
-    corners[remains.faces.ravel()] = mesh.vertices[mesh.faces.ravel()]
-    faces, neighbors = remains.faces.copy(), remains.neighbors.copy()
-    piece = part_arrays(corners, faces, neighbors, remains.frame)
-    return with_folds(with_sign(piece, remains.sign, has_grid=remains.has_grid), remains.folded)

@@ -9,8 +9,9 @@ from proximity.arrays import trimesh_kind
 from proximity.errors import MeshError, PoseError
 from proximity.formats import UNITS, Geometry, metres_per_unit
 from proximity.formats.node_placement import Placement, place
+from proximity.scene.load_report import LoadReport
 from proximity.scene.loader import scene_of
-from proximity.scene.scene import LoadReport, Scene
+from proximity.scene.scene import Scene
 
 Placed = tuple[str, Any, np.ndarray | None]
 """Name of a part, its mesh or other geometry, and the matrix that places it."""

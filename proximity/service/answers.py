@@ -97,7 +97,7 @@ class TrackerAnswers:
     def rehearse(self) -> None:
         """Read all of the scene into memory, and tick all over it, which compiles what is not yet."""
         tracker, rng = self.tracker, np.random.default_rng(0)
-        model = tracker.scene._current()
+        model = tracker.scene.snapshot()
         for array in (model.reals, model.words):
             array.view(np.uint8)[::PAGE].max(initial=0)
         lower, upper = tracker.scene.bounds

@@ -22,7 +22,7 @@ class Presence:
     epoch: int  # of the scene, when it was looked at
 
     def __init__(self, scene: Scene) -> None:
-        model = scene._current()
+        model = scene.snapshot()
         self.epoch = model.epoch
         self._rows = {name: row for row, name in enumerate(model.names)}
         count = len(self._rows)

@@ -236,7 +236,7 @@ class Tracker:
         if paths is not None or self._has_paths or bends is not None or path_bends is not None:
             self._take_paths(paths, path_bends, bends)
         # That parts have moved is told until a tick has taken it in, even if someone interrupts this one.
-        model = self._scene._stage.current or self._scene._current()
+        model = self._scene.snapshot()
         is_moved = model is not self._last_model()
         if is_moved:
             self._take_over(model)

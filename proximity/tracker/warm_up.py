@@ -114,7 +114,7 @@ def _ask_everything() -> None:
     with TemporaryDirectory() as folder:  # what opens it has kernels of its own
         scene.save(Path(folder, "cell.prox"))
         read_scene(Path(folder, "cell.prox"))
-    ray_order(first._current().handle, points, points + 1.5)  # which only larger models ask for
+    ray_order(first.snapshot().handle, points, points + 1.5)  # which only larger models ask for
     for asked in (first, scene):
         for rows in (points, points[:2]):  # many and few have kernels of their own
             asked.closest(rows)

@@ -14,7 +14,6 @@ import psutil
 import pytest
 import shapes
 
-import proximity
 from proximity.pose import Pose
 from proximity.scene import queries
 from proximity.scene.scene import Scene
@@ -96,7 +95,7 @@ def test_a_question_is_answered_as_of_one_moment_though_parts_move_meanwhile(mon
         for step in range(10):
             for row in range(12):
                 scene.move(f"ring {row}", Pose(translation=(0.0, 1.0 + step, 0.3)))
-            scene._current()
+            scene.snapshot()
         return call(*given)
 
     with monkeypatch.context() as patch:
@@ -106,34 +105,25 @@ def test_a_question_is_answered_as_of_one_moment_though_parts_move_meanwhile(mon
     assert judging.same_bits(found, expected)
 
 
-class Interrupted:
-    """Where a solid looks for its model; at the look of that number another thread asks it, in between."""
-
-    def __init__(self, number, ask):
-        self.looks, self.number, self.ask, self.model = 0, number, ask, None
-
-    @property
-    def current(self):
-        found = self.model
-        self.looks += 1
-        if self.looks == self.number:
-            self.ask()
-        return found
-
-    @current.setter
-    def current(self, model):
-        self.model = model
-
-
-@pytest.mark.parametrize("number", [1, 2])
-def test_two_threads_may_ask_a_solid_out_of_a_file_for_the_first_time(tmp_path, number):
+def test_two_threads_may_ask_a_solid_for_the_first_time_since_its_part_was_deformed():
     points = some_points(20, 6)
-    SCENE.save(tmp_path / "rings.prox")
-    solid = proximity.load(tmp_path / "rings.prox").parts[3].solid
-    solid._stage = Interrupted(number, lambda: solid.distance(points))
+    scene = Scene([Solid(*shapes.torus(n=60, m=40), name="torus"), Solid(*shapes.cube(), name="other")])
+    for _ in range(5):
+        solid = scene.part("torus").solid
+        expected = solid.distance(points)
+        scene.deform("torus", 1.1 * solid.mesh.vertices)
+        start, found = threading.Barrier(4), []
 
-    assert judging.same_bits(solid.distance(points), SCENE.parts[3].solid.distance(points))
-    assert solid._stage.looks > number
+        def ask(solid=solid, start=start, found=found):
+            start.wait()
+            found.append(solid.distance(points))
+
+        threads = [threading.Thread(target=ask) for _ in range(4)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert all(np.array_equal(each, expected) for each in found) and len(found) == 4
 
 
 def test_the_interpreter_goes_on_while_a_thread_asks():

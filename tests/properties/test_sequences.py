@@ -86,7 +86,7 @@ class Cell:
             for _ in range(MANY):
                 known[name] = replace(shape, pose=some_pose(rng, 2.0))
                 scene.move(name, known[name].pose)
-                self.held.append(scene._current())
+                self.held.append(scene.snapshot())
             self.held = self.held if rng.random() < 0.5 else []
         else:
             return Cell(self._copied(folder), dict(known), rng)

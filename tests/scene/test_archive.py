@@ -23,7 +23,7 @@ from proximity import MeshFormatError, Part, Pose, Scene, SceneError, Solid
 from proximity.kernels import layout
 from proximity.model import assembly
 from proximity.model.part_trees import TopPlan
-from proximity.scene import results, solid
+from proximity.scene import results, scene_parts, solid, solid_arrays
 from proximity.scene.queries import Queries
 from proximity.scene.saved import archive, compiled_scene
 
@@ -246,9 +246,9 @@ class Held(Queries):
     """What a model answers that somebody has kept."""
 
     def __init__(self, scene):
-        self.model, self.bounds = scene._current(), scene.bounds
+        self.model, self.bounds = scene.snapshot(), scene.bounds
 
-    def _current(self):
+    def snapshot(self):
         return self.model
 
 
@@ -272,7 +272,7 @@ def test_question_under_way_is_not_disturbed_by_a_loaded_scene_that_moves(tmp_pa
 def test_moving_a_loaded_scene_assembles_nothing(tmp_path, monkeypatch):
     loaded = proximity.load(saved(parts_with_poses(), tmp_path))
     alone = [part.solid.distance([0.0, 0.0, 0.0]) for part in loaded.parts]
-    monkeypatch.setattr(Scene, "_assemble", None)
+    monkeypatch.setattr(scene_parts, "assemble", None)
 
     for step in range(30):
         loaded.move(f"part {step % 20}", Pose(translation=(0.0, 0.01, 0.01 * step)))
@@ -331,7 +331,7 @@ def test_arrays_of_a_loaded_scene_are_read_only_and_mapped(tmp_path):
             assert mapped_file(array) == path
         for array in (part.pose.rotation, part.pose.translation, part.velocity, part.angular_velocity):
             assert not array.flags.writeable
-    for array in (loaded._current().reals, loaded._current().words):
+    for array in (loaded.snapshot().reals, loaded.snapshot().words):
         assert array.flags.writeable and array.ctypes.data % 64 == 0
         assert mapped_file(array) == path
 
@@ -341,7 +341,7 @@ def test_solid_alone_neither_moves_nor_hides(tmp_path):
     scene.move("part 2", Pose(), velocity=(1.0, 2.0, 3.0))
     scene.hide("part 2")
 
-    alone = proximity.load(saved(scene, tmp_path)).parts[2].solid._model
+    alone = proximity.load(saved(scene, tmp_path)).parts[2].solid.snapshot()
 
     assert not alone.parts[:, [layout.IS_LOOSE, layout.IS_HIDDEN]].any()
     assert not alone.frames[:, layout.VELOCITY : layout.SURFACE].any()
@@ -354,13 +354,14 @@ def test_opening_builds_nothing(tmp_path, monkeypatch):
         raise AssertionError("something is made anew")
 
     for module, names in {
-        solid: ("part_arrays", "build_topology", "choose_sign", "assemble"),
+        solid: ("part_arrays", "build_topology", "choose_sign"),
+        solid_arrays: ("part_arrays", "assemble"),
+        scene_parts: ("assemble",),
         assembly: ("assemble", "static_tree", "make_table"),
     }.items():
         for name in names:
             monkeypatch.setattr(module, name, never)
     monkeypatch.setattr(assembly, "make_table", lambda *arrays: np.zeros(9, np.int64))
-    monkeypatch.setattr(assembly.Model, "part_alone", never)
 
     assert len(proximity.load(path).parts) == 20
 

@@ -57,7 +57,7 @@ def test_memory_of_a_shared_solid_is_counted_once(tmp_path):
     solids = {part.solid for part in scene.parts}
     meshes = sum(solid.mesh.vertices.nbytes + solid.mesh.faces.nbytes for solid in solids)
     assert len(solids) == 4
-    assert scene.memory_bytes - scene._stage.latest.memory_bytes == meshes
+    assert scene.memory_bytes - scene.snapshot().memory_bytes == meshes
 
 
 def test_file_that_places_a_part_too_far_off_is_refused(tmp_path):

@@ -453,7 +453,7 @@ def test_order_of_rays_has_every_row_once_and_neighbours_near(count, sides):
     origins = places.copy()
     origins[: count // 9] = (np.nan, np.inf, 1e300)
 
-    order = ray_order(solid._current().handle, origins, directions)
+    order = ray_order(solid.snapshot().handle, origins, directions)
 
     assert sorted(order) == list(range(count))
     if count == 3000:
@@ -470,7 +470,7 @@ def test_rays_are_ordered_by_where_they_enter():
     directions = rng.normal(size=(2000, 3)) * 0.05 + (0.0, 0.0, -1.0)
     origins = targets - 7.0 * directions
 
-    entered = x[ray_order(solid._current().handle, origins, directions)] > 0.0
+    entered = x[ray_order(solid.snapshot().handle, origins, directions)] > 0.0
 
     assert np.array_equal(entered, np.sort(entered))
 

@@ -128,13 +128,13 @@ def test_hiding_what_is_hidden_changes_nothing():
     assert scene.epoch == 0
 
     scene.hide("part 1")
-    model = scene._current()
+    model = scene.snapshot()
     scene.hide("part 1")
 
-    assert scene._current() is model
+    assert scene.snapshot() is model
     assert scene.epoch == model.epoch == 1
     scene.show("part 1")
-    assert scene.epoch == scene._current().epoch == 2
+    assert scene.epoch == scene.snapshot().epoch == 2
 
 
 def test_bounds_are_those_of_hidden_parts_too():
@@ -162,7 +162,7 @@ def test_added_part_is_found_and_others_stay_as_they_are():
     assert [part.name for part in scene.parts] == [f"part {row}" for row in range(6)] + ["ring"]
     assert_answers_alike(scene, anew(scene), points, others)
     assert_right_by_brute_force(scene, points)
-    model = scene._current()
+    model = scene.snapshot()
     assert np.flatnonzero(model.parts[:-1, layout.IS_LOOSE]).tolist() == [2]
     assert np.flatnonzero(model.parts[:-1, layout.IS_HIDDEN]).tolist() == [3]
     assert model.frames[2, layout.VELOCITY : layout.VELOCITY + 3].tolist() == [1, 2, 3]
@@ -193,11 +193,11 @@ def test_removed_part_goes_on_answering_and_may_come_back():
     scene.remove("part 5")
 
     assert [each.name for each in scene.parts] == [f"part {row}" for row in range(5)]
-    assert np.flatnonzero(scene._current().parts[:-1, layout.IS_LOOSE]).tolist() == [1, 4]
+    assert np.flatnonzero(scene.snapshot().parts[:-1, layout.IS_LOOSE]).tolist() == [1, 4]
     assert_answers_alike(scene, anew(scene), points, others)
     assert judging.same_bits(part.solid.closest(points), alone)
     scene.remove("part 0")
-    assert np.flatnonzero(scene._current().parts[:-1, layout.IS_LOOSE]).tolist() == [0, 3]
+    assert np.flatnonzero(scene.snapshot().parts[:-1, layout.IS_LOOSE]).tolist() == [0, 3]
     assert scene.part("part 1") is scene.parts[0]
     scene.add(part)
     assert judging.same_bits(scene.parts[-1].solid.closest(points), alone)
@@ -208,7 +208,7 @@ def test_removed_part_goes_on_answering_and_may_come_back():
 
 def test_removed_part_does_not_hold_on_to_the_scene():
     scene = Scene([Solid(*shapes.torus(n=60, m=40), name="large"), Solid(*shapes.cube(), name="small")])
-    words = weakref.ref(scene._current().words)
+    words = weakref.ref(scene.snapshot().words)
     small = scene.part("small").solid
 
     scene.remove("small")
@@ -230,7 +230,7 @@ def test_faces_are_told_right_when_a_part_that_moved_is_the_only_one_left():
 
     scene.remove("other")
 
-    assert np.array_equal(solid.closest(points).face_id, before)
+    assert np.array_equal(scene.part("cube").solid.closest(points).face_id, before)
     shifted = points + np.array([1.0, 0.0, 0.0])
     assert np.array_equal(scene.closest(shifted).face_id, before)
 
@@ -293,12 +293,12 @@ def test_part_that_is_added_with_a_pose_that_is_not_rigid_is_refused():
 def test_surface_is_rigid_unless_a_stiffness_is_given():
     scene = Scene([part_of(shapes.cube(), "a"), part_of(shapes.cube(), "b", stiffness=200.0, damping=0.5)])
     columns = slice(layout.SURFACE, layout.DAMPING + 1)
-    assert scene._current().frames[:2, columns].tolist() == [[1.0, 0.0, 0.0], [2.0, 200.0, 0.5]]
+    assert scene.snapshot().frames[:2, columns].tolist() == [[1.0, 0.0, 0.0], [2.0, 200.0, 0.5]]
 
     scene.set_surface("a", stiffness=300.0)
     scene.set_surface("b")
 
-    assert scene._current().frames[:2, columns].tolist() == [[2.0, 300.0, 0.0], [1.0, 0.0, 0.0]]
+    assert scene.snapshot().frames[:2, columns].tolist() == [[2.0, 300.0, 0.0], [1.0, 0.0, 0.0]]
     assert [(part.stiffness, part.damping) for part in scene.parts] == [(300.0, 0.0), (None, 0.0)]
 
 

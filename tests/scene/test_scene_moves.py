@@ -22,7 +22,7 @@ from scene_parts import (
 from proximity.errors import PoseError, SceneError
 from proximity.kernels import layout
 from proximity.kernels.layout import LANES, NODE_STRIDE
-from proximity.model import moving_models
+from proximity.model import scene_state
 from proximity.model.part_trees import REGION_COPIES, TopPlan
 from proximity.pose import Pose
 from proximity.scene.scene import Scene
@@ -102,7 +102,7 @@ def test_parts_of_one_frame_are_walked_right_after_some_of_them_left_it():
     scene = Scene.from_mesh(*shapes.join(*bodies))
     rng = np.random.default_rng(3)
     points, others = rng.uniform(-3.0, 15.0, (2, 100, 3))
-    assert scene._current().parts[:-1, layout.IS_FUSED].all()
+    assert scene.snapshot().parts[:-1, layout.IS_FUSED].all()
     for name in [part.name for part in scene.parts][::3]:
         scene.move(name, some_pose(rng, 5.0))
         assert_answers_alike(scene, anew(scene), points, others)
@@ -124,7 +124,7 @@ def test_first_move_makes_a_part_loose_and_later_ones_touch_no_other_node():
     rng = np.random.default_rng(2)
     names = ["part 3", "part 8", "part 20"]
     scene.move_many(names, matrices_of(rng, 3))
-    model = scene._current()
+    model = scene.snapshot()
     assert np.flatnonzero(model.parts[:, layout.IS_LOOSE]).tolist() == [3, 8, 20]
     plan, kept = TopPlan.of(model.parts), model.words.copy()
     regions = slice(NODE_STRIDE * plan.region(0), NODE_STRIDE * plan.region(REGION_COPIES))
@@ -133,7 +133,7 @@ def test_first_move_makes_a_part_loose_and_later_ones_touch_no_other_node():
 
     for _ in range(5):
         scene.move_many(names, matrices_of(rng, 3))
-        model = scene._current()
+        model = scene.snapshot()
 
     assert model.words is words
     changed = np.flatnonzero(words.view(np.int32) != kept.view(np.int32))
@@ -144,13 +144,13 @@ def test_first_move_makes_a_part_loose_and_later_ones_touch_no_other_node():
 
 def test_velocity_and_surface_alone_touch_no_tree():
     scene = Scene(some_parts(9))
-    before, root = scene._current().words.copy(), scene._current().parts[-1, layout.NEIGHBORS]
+    before, root = scene.snapshot().words.copy(), scene.snapshot().parts[-1, layout.NEIGHBORS]
     pose = scene.part("part 4").pose
 
     scene.move("part 4", pose, velocity=VELOCITY, angular_velocity=ANGULAR_VELOCITY)
     scene.set_surface("part 5", stiffness=300.0, damping=2.0)
 
-    model = scene._current()
+    model = scene.snapshot()
     frames = model.frames
     assert frames[4, layout.VELOCITY : layout.SURFACE].tolist() == [*VELOCITY, *ANGULAR_VELOCITY]
     assert frames[5, layout.SURFACE : layout.DAMPING + 1].tolist() == [2.0, 300.0, 2.0]
@@ -172,7 +172,7 @@ def test_velocities_are_those_of_the_last_move():
     assert scene.parts[2].angular_velocity.tolist() == [1, 1, 1]
     scene.move_many(["part 1"], [np.eye(4)])
     assert not scene.part("part 1").velocity.any()
-    assert not scene._current().frames[1, layout.VELOCITY : layout.SURFACE].any()
+    assert not scene.snapshot().frames[1, layout.VELOCITY : layout.SURFACE].any()
 
 
 def test_moving_does_not_change_the_epoch():
@@ -181,7 +181,7 @@ def test_moving_does_not_change_the_epoch():
     scene.move("part 1", Pose(translation=(3.0, 0.0, 0.0)), velocity=VELOCITY)
     scene.set_surface("part 1", stiffness=1.0)
 
-    assert scene.epoch == scene._current().epoch == 0
+    assert scene.epoch == scene.snapshot().epoch == 0
 
 
 def test_parts_that_did_not_move_are_the_same_objects():
@@ -207,9 +207,9 @@ def test_part_that_leaves_the_scene_is_found_and_the_frame_is_not_made_anew_at_e
     scene = Scene(some_parts(9))
     chosen = []
     monkeypatch.setattr(
-        moving_models,
+        scene_state,
         "choose_frame",
-        lambda *given, choose=moving_models.choose_frame: chosen.append(1) or choose(*given),
+        lambda *given, choose=scene_state.choose_frame: chosen.append(1) or choose(*given),
     )
     rng = np.random.default_rng(4)
     for step in range(200):
@@ -224,14 +224,14 @@ def test_part_that_leaves_the_scene_is_found_and_the_frame_is_not_made_anew_at_e
 
 
 def test_frame_shrinks_again_after_a_while(monkeypatch):
-    monkeypatch.setattr(moving_models, "UPDATES_BEFORE_SHRINKING", 10)
+    monkeypatch.setattr(scene_state, "UPDATES_BEFORE_SHRINKING", 10)
     scene = Scene(some_parts(9))
     scene.move("part 3", Pose(translation=(1e6, 0.0, 0.0)))
-    wide = scene._current().frames[-1, layout.SCALE]
+    wide = scene.snapshot().frames[-1, layout.SCALE]
     scales = []
     for step in range(15):
         scene.move("part 3", Pose(translation=(0.01 * step, 0.0, 0.0)))
-        scales.append(scene._current().frames[-1, layout.SCALE])
+        scales.append(scene.snapshot().frames[-1, layout.SCALE])
 
     assert scales[8] == wide
     assert scales[-1] > 1e4 * wide
@@ -296,7 +296,7 @@ def test_model_that_is_held_is_never_written_to():
             ["part 1", f"part {step % 12}"][: 1 + (step % 12 != 1)],
             matrices_of(rng, 2)[: 1 + (step % 12 != 1)],
         )
-        model = scene._current()
+        model = scene.snapshot()
         held.append((model, model.frames.copy(), model.parts.copy(), top_of(model)))
 
     for model, frames, parts, top in held:
@@ -355,48 +355,59 @@ def test_names_of_the_last_move_are_looked_up_anew_once_parts_are_others():
         scene.move_many(names, far)
 
 
+def copy_in_use(scene):
+    """The number of the copy, of what moves, that the scene's present snapshot uses."""
+    parts = scene.snapshot().parts
+    return TopPlan.of(parts).copies_of(parts)[0]
+
+
 def test_trackers_hold_on_to_no_copy():
     """However many there are, none keeps what the next model could be written to."""
     scene = Scene(some_parts(12))
-    words = scene._current().words
+    words = scene.snapshot().words
     trackers = [Tracker(scene, fingers=1) for _ in range(REGION_COPIES + 4)]
     rng = np.random.default_rng(9)
+    copies = set()
     for step in range(3 * len(trackers)):
         scene.move("part 1", some_pose(rng, 3.0))
         trackers[step % len(trackers)].tick(np.zeros((1, 3)), step * 10**6, step * 10**6)
+        copies.add(copy_in_use(scene))
 
-    assert scene._current().words is words
-    assert len(scene._stage._copies) <= 3
+    assert scene.snapshot().words is words
+    assert len(copies) <= 3
 
 
 def test_copies_are_used_again_once_nobody_holds_them():
     scene = Scene(some_parts(12))
-    words = scene._current().words
+    words = scene.snapshot().words
     rng = np.random.default_rng(8)
+    copies = set()
     for row in range(12):
         for _ in range(3):
             scene.move(f"part {row}", some_pose(rng, 3.0))
-            scene._current()
+            copies.add(copy_in_use(scene))
 
-    assert scene._current().words is words
-    assert len(scene._stage._copies) <= 3
+    assert scene.snapshot().words is words
+    assert len(copies) <= 3
 
 
 def test_moving_twenty_of_two_hundred_parts_writes_the_boxes_of_twenty():
     scene = Scene(some_parts(200))
     names, matrices = [f"part {row}" for row in range(0, 200, 10)], matrices_of(np.random.default_rng(9), 20)
     scene.move_many(names, matrices)
-    words = scene._current().words
-    before, static = words.view(np.int32).copy(), scene._stage._static
+    words = scene.snapshot().words
+    before, static = words.view(np.int32).copy(), scene.snapshot().parts[-1, layout.NEIGHBORS]
+    copies = set()
     for _ in range(10):
         matrices[:, :3, 3] += 1e-4
         scene.move_many(names, matrices)
-        scene._current()
+        copies.add(copy_in_use(scene))
 
-    assert scene._current().words is words and scene._stage._static == static
+    assert scene.snapshot().words is words
+    assert scene.snapshot().parts[-1, layout.NEIGHBORS] == static
     # A box is a child of a node; nodes above have no more boxes than there are below.
-    a_box, copies = NODE_STRIDE // LANES, len(scene._stage._copies)
-    assert 20 < np.count_nonzero(words.view(np.int32) != before) <= copies * 2 * 20 * a_box
+    a_box = NODE_STRIDE // LANES
+    assert 20 < np.count_nonzero(words.view(np.int32) != before) <= len(copies) * 2 * 20 * a_box
 
 
 # -------------------------------------------------------------------------------------------- refusals
@@ -440,7 +451,7 @@ def test_pose_that_is_not_rigid_is_named_and_nothing_moves(matrix, message):
 
     for found, expected in zip(answers(scene, points, others), before, strict=True):
         assert judging.same_bits(found, expected)
-    assert not scene._current().parts[:, layout.IS_LOOSE].any()
+    assert not scene.snapshot().parts[:, layout.IS_LOOSE].any()
 
 
 TWO = [np.eye(4), np.eye(4)]

@@ -425,7 +425,7 @@ def test_asking_again_gives_the_same():
 
 @pytest.mark.parametrize("name", sorted(MESHES))
 def test_tree_holds_together(name):
-    arrays = solid_of(name)._model.part_arrays(0)
+    arrays = solid_of(name).snapshot().part_arrays(0)
 
     assert arrays.bvh.check(arrays.corners, arrays.faces) <= 48
 

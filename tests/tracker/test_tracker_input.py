@@ -216,7 +216,7 @@ def test_a_refused_tick_leaves_the_epoch_that_contacts_are_of(tracker):
         tracker.tick(TIPS[:1], MS, MS)
     assert tracker.epoch == before
     tracker.tick(TIPS, MS, MS)
-    assert tracker.epoch == tracker.scene._current().epoch > before
+    assert tracker.epoch == tracker.scene.snapshot().epoch > before
 
 
 def as_masked(tips):

@@ -113,7 +113,7 @@ def test_face_told_stays_though_another_scene_has_deformed_a_solid_that_both_sha
     held = []
     for step in range(REGION_COPIES + 1):
         scene.move("mover", Pose(translation=(0, 0, 1e-3 * step)))
-        held.append(scene._current())
+        held.append(scene.snapshot())
     after = tracker.tick(far, MS, MS)
 
     assert held[-1].words is not held[0].words

@@ -59,7 +59,7 @@ def work_of_rays(scene: Scene, origins: np.ndarray, directions: np.ndarray) -> t
     assert len(scene.parts) == 1, "rays are counted in scenes of one part"
     rows, rays = origins.reshape(-1, 3), directions.reshape(-1, 3)
     work, lengths = np.zeros(len(rows), np.int64), np.zeros(len(rows))
-    model = scene._current()
+    model = scene.snapshot()
     _count_rays(model.handle, rows, rays, work, lengths)
     return work.reshape(origins.shape[:-1]), lengths.reshape(origins.shape[:-1])
 

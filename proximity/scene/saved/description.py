@@ -8,7 +8,7 @@ import numpy as np
 
 from proximity.bodies import Repairs
 from proximity.errors import MeshFormatError, SceneError
-from proximity.model.moving_models import first_unfit_move
+from proximity.model.scene_state import first_unfit_move
 from proximity.scene.part_motion import checked_surface
 from proximity.scene.sign import SignMethod
 

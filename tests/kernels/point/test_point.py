@@ -37,7 +37,7 @@ MESHES = {
 
 def model_of(name):
     mesh = TriangleMesh(*MESHES[name])
-    return Solid(mesh.vertices, mesh.faces)._model
+    return Solid(mesh.vertices, mesh.faces).snapshot()
 
 
 def some_points(rng, count):
@@ -87,7 +87,7 @@ def test_best_of_a_block_is_the_lowest_of_its_nearest_triangles(name):
 
 @pytest.mark.parametrize("count", [1, 2, 9, 40])
 def test_scene_is_walked_from_any_block_to_the_same_end(count):
-    model, stacks = Scene(some_parts(count))._current(), np.empty(STACKS_SIZE, np.float32)
+    model, stacks = Scene(some_parts(count)).snapshot(), np.empty(STACKS_SIZE, np.float32)
     arrays = (model.reals, model.words, model.frames, model.parts)
     rng = np.random.default_rng(count)
     scale = model.frames[-1 if count > 1 else 0, SCALE]
@@ -108,7 +108,7 @@ def test_scene_is_walked_from_any_block_to_the_same_end(count):
 
 @pytest.mark.parametrize("count", [1, 2, 7, 40])
 def test_each_slot_belongs_to_the_part_that_has_its_block(count):
-    model = Scene(some_parts(count))._current()
+    model = Scene(some_parts(count)).snapshot()
 
     for part in range(count):
         first, blocks = model.parts[part, [FIRST_BLOCK, BLOCK_COUNT]]
@@ -119,6 +119,6 @@ def test_each_slot_belongs_to_the_part_that_has_its_block(count):
 def test_parts_of_a_scene_asked_alone_are_part_0():
     scene = Scene(some_parts(5))
     scene.closest((0.0, 0.0, 0.0))
-    model = scene.parts[3].solid._model
+    model = scene.parts[3].solid.snapshot()
 
     assert part_of_slot(model.words, model.parts, LANES * model.parts[0, FIRST_BLOCK]) == 0

@@ -88,7 +88,7 @@ MEETINGS = {
 
 
 def marked_faces(solid):
-    piece = solid._model.part_arrays(0)
+    piece = solid.snapshot().part_arrays(0)
     bits = np.unpackbits(piece.folded[:, None], axis=1, bitorder="little")
     return np.sort(piece.bvh.slot_faces.reshape(-1, 8)[bits == 1])
 
@@ -119,8 +119,8 @@ def faces_that_pass(vertices, faces):
 
 def bare_marks(solid):
     """What the kernel marks before faces that lie on a wrong side and neighbours are added."""
-    piece = solid._model.part_arrays(0)
-    model = solid._model
+    piece = solid.snapshot().part_arrays(0)
+    model = solid.snapshot()
     marks = np.zeros(len(piece.faces), bool)
     stacks = np.zeros(self_intersections.STACKS_SIZE, np.float32)
     for are_flat in (False, True):
@@ -254,6 +254,6 @@ def test_faces_of_a_tangle_all_count_as_passing_through():
     rod = shapes.box((-1.0, -1e-4, -1e-4), (1.0, 1e-4, 1e-4))
     rods = [(rod[0] @ shapes.rotation(seed).T, rod[1]) for seed in range(600)]
     solid = Solid(*shapes.join(*rods))
-    marked = part_arrays.with_passing_faces(solid._model.part_arrays(0)).folded
+    marked = part_arrays.with_passing_faces(solid.snapshot().part_arrays(0)).folded
 
     assert np.unpackbits(marked).sum() == len(solid.mesh.faces)

@@ -22,7 +22,7 @@ class Asked:
 
     def __init__(self, scene):
         self.scene = scene
-        self.model = scene._current()
+        self.model = scene.snapshot()
         self.room, self.witness = np.zeros(ROOM_SIZE, np.float32), np.zeros(WITNESS_SIZE)
         m = self.model
         self.arrays = (m.reals, m.words, m.frames, m.parts)

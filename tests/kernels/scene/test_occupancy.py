@@ -78,7 +78,7 @@ def corners_of_cells(model, rng, count):
 def test_no_part_that_may_hold_a_point_is_left_out(count, is_turned, offset):
     rng = np.random.default_rng(count)
     scene = scene_of(rng, count, offset=offset, is_turned=is_turned)
-    model = scene._current()
+    model = scene.snapshot()
 
     some = 0
     for point in [*points_around(scene, rng, 150), *corners_of_cells(model, rng, 50)]:
@@ -94,7 +94,7 @@ def test_lists_name_few_parts():
     scene = scene_of(rng, 40, spread=4.0)
     points = points_around(scene, rng, 500)[:500]
 
-    found = sum(len(listed(scene._current(), point)) for point in points)
+    found = sum(len(listed(scene.snapshot(), point)) for point in points)
 
     assert found < 0.02 * 40 * len(points)
 
@@ -106,7 +106,7 @@ def test_scenes_of_any_size_have_their_lists(size):
     solid = Solid(size * vertices, faces)
     poses = [Pose(translation=size * rng.normal(size=3)) for _ in range(12)]
     scene = Scene([placed(f"part {k}", solid, pose) for k, pose in enumerate(poses)])
-    model = scene._current()
+    model = scene.snapshot()
 
     for point in points_around(scene, rng, 60)[:120]:
         assert set(holders(model, point)) <= set(listed(model, point))
@@ -116,12 +116,12 @@ def test_parts_in_one_place_have_fewer_cells_instead_of_longer_tables():
     count = 300
     solid = Solid(*shapes.cube())
     scene = Scene([placed(f"part {k}", solid, Pose(translation=(1e-3 * k, 0, 0))) for k in range(count)])
-    row = scene._current().parts[-1]
+    row = scene.snapshot().parts[-1]
 
     cells = int(np.prod(row[[layout.GRID_X, layout.GRID_Y, layout.GRID_Z]]))
 
     assert cells < part_grid.CELLS_PER_PART * count / 8
-    assert listed(scene._current(), (0.65, 0.5, 0.5)) == list(range(count))
+    assert listed(scene.snapshot(), (0.65, 0.5, 0.5)) == list(range(count))
     assert scene.signed_distance((0.65, 0.5, 0.5)) == pytest.approx(-0.5)
 
 
@@ -131,7 +131,7 @@ def test_a_part_without_an_inside_is_not_listed():
     scene = Scene([placed("sheet", sheet), placed("ball", ball, Pose(translation=(0.5, 0.5, 0.0)))])
     points = np.append(points_around(scene, np.random.default_rng(1), 100), [(0.5, 0.5, 0.1)], axis=0)
 
-    assert {part for point in points for part in listed(scene._current(), point)} == {1}
+    assert {part for point in points for part in listed(scene.snapshot(), point)} == {1}
 
 
 def test_a_scene_of_sheets_alone_has_no_cells():
@@ -139,14 +139,14 @@ def test_a_scene_of_sheets_alone_has_no_cells():
         [placed(f"sheet {k}", Solid(*shapes.grid()), Pose(translation=(0, 0, k))) for k in range(3)]
     )
 
-    assert scene._current().parts[-1, layout.GRID_X] == 0
+    assert scene.snapshot().parts[-1, layout.GRID_X] == 0
     assert scene.signed_distance((0.5, 0.5, 0.25)) == 0.25
 
 
 def test_a_part_asked_alone_is_listed_nowhere_though_its_scene_has_lists():
     scene = scene_of(np.random.default_rng(6), 4)
     solid = scene.parts[1].solid
-    model = solid._model
+    model = solid.snapshot()
     assert model.parts[1, layout.GRID_X] > 0  # the part's own sign grid
 
     assert list_of(model.words, model.frames, model.parts, 0.1, 0.1, 0.1) == (0, 0)
@@ -161,7 +161,7 @@ def test_parts_that_have_moved_are_found_where_they_are_and_nowhere_else(loose):
     names = [f"part {k}" for k in range(loose)]
     poses = [some_pose(rng, 2.0).matrix for _ in names]
     scene.move_many(names, poses)
-    assert turns_of_loose(scene._current().parts) == -(-loose // 8)
+    assert turns_of_loose(scene.snapshot().parts) == -(-loose // 8)
 
     anew = Scene(scene.parts)
     points = np.concatenate([before, points_around(scene, rng, 100)])

@@ -57,7 +57,7 @@ def points_over(vertices, face, rng, count):
 
 
 def faces_folded(solid):
-    piece = solid._model.part_arrays(0)
+    piece = solid.snapshot().part_arrays(0)
     bits = np.unpackbits(piece.folded[:, None], axis=1, bitorder="little")
     return piece.bvh.slot_faces.reshape(-1, 8)[bits == 1].tolist()
 
@@ -94,7 +94,7 @@ def test_side_is_right_around_a_flap_whichever_of_its_layers_is_found(seed):
 def test_nothing_else_is(make):
     solid = Solid(*getattr(shapes, make)())
 
-    assert not solid._model.part_arrays(0).folded.any()
+    assert not solid.snapshot().part_arrays(0).folded.any()
     assert "folded" not in solid.sign_reason
 
 
@@ -105,7 +105,7 @@ def test_sharp_wedge_is_looked_at_and_found_right():
     assert solid.is_watertight
 
     assert -np.cos(np.arctan(0.05)) < folded_faces.SHARPEST
-    assert not solid._model.part_arrays(0).folded.any()
+    assert not solid.snapshot().part_arrays(0).folded.any()
 
 
 @pytest.mark.parametrize("count", [1, 5, 200])

@@ -47,7 +47,7 @@ class Way:
 
     @property
     def arrays(self):
-        model = self.scene._current()
+        model = self.scene.snapshot()
         return model.reals, model.words, model.frames, model.parts
 
     def at(self, stage):

@@ -38,7 +38,7 @@ def scene_of(motions):
 
 def movers_of(scene):
     """The table of parts that move, how many they are, and whether any stands."""
-    model = scene._current()
+    model = scene.snapshot()
     movers = room_for_movers(len(model.parts) - 1)
     return movers, *gather_movers(model.frames, model.parts, movers)
 
@@ -78,7 +78,7 @@ def fastest_corner(scene, u):
 def test_velocity_of_a_point_is_that_of_the_origin_and_of_turning_about_it():
     v, w = (0.3, -0.2, 0.1), (1.0, -2.0, 0.5)
     scene, point = scene_of([((0, 0, 0), (0, 0, 0)), (v, w)]), np.array([3.4, 1.2, -1.0])
-    frames = scene._current().frames
+    frames = scene.snapshot().frames
 
     assert velocity_of_part(frames, 0, *point) == (0.0, 0.0, 0.0)
     expected = v + np.cross(w, point - (3.0, 1.0, -2.0))
@@ -234,7 +234,7 @@ def test_nothing_moves_nothing_counts():
 
 
 def before(scene):
-    model = scene._current()
+    model = scene.snapshot()
     return model.frames[: len(model.parts) - 1, ROTATION : ROTATION + POSE_COLUMNS].copy()
 
 
@@ -247,7 +247,7 @@ def test_way_of_parts_is_how_far_the_farthest_corner_went_and_is_taken_once():
         corners = part.solid.mesh.vertices
         expected = max(expected, np.linalg.norm(pose.point(corners) - part.pose.point(corners), axis=1).max())
     scene.move_many(["0", "1"], poses)
-    frames = scene._current().frames
+    frames = scene.snapshot().frames
 
     assert expected <= way_of_parts(frames, old) <= expected * TIGHT
     assert way_of_parts(frames, old) == 0.0
@@ -257,7 +257,7 @@ def test_way_of_parts_is_how_far_the_farthest_corner_went_and_is_taken_once():
 def test_way_of_a_part_that_stands_is_nothing_and_of_a_step_its_length():
     scene = scene_of([((1, 2, 3), (4, 5, 6))])
     old = before(scene)
-    assert way_of_parts(scene._current().frames, old) == 0.0
+    assert way_of_parts(scene.snapshot().frames, old) == 0.0
 
     scene.move("0", Pose(shapes.rotation(0), (0.25, 1.0, -2.0)))
-    assert 0.25 <= way_of_parts(scene._current().frames, old) <= 0.25 * TIGHT
+    assert 0.25 <= way_of_parts(scene.snapshot().frames, old) <= 0.25 * TIGHT

@@ -1,9 +1,9 @@
 """Models of one scene as its parts move: what changes is written beside what queries may still be reading.
 
-A `Stage` keeps what is true now. When a model is asked for, the rows, boxes and loose nodes that have changed
-since are written to a copy that no living model uses, and that copy becomes the model. The static tree is
-copied, and thinned out, when a part moves for the first time or is hidden; it is made anew only when a part
-that stands still is shown, or one leaves the scene's frame.
+A `SceneState` keeps what is true now. When a model is asked for, the rows, boxes and dynamic nodes that have
+changed since are written to a copy that no living model uses, and that copy becomes the model. The static
+tree is copied, and thinned out, when a part moves for the first time or is hidden; it is made anew only when
+a part that stands still is shown, or one leaves the scene's frame.
 """
 
 import weakref
@@ -17,7 +17,7 @@ from proximity.kernels.contact_columns import SURFACE_DEFORMABLE, SURFACE_RIGID
 from proximity.kernels.memory import make_table
 from proximity.kernels.scene.dynamic_tree import SORT_STEPS, UPDATE, DynamicParts, bring_up_to_date
 from proximity.kernels.scene.placement import FIRST_UNFIT, MOVE, first_unfit, move_parts, place_box
-from proximity.model.assembly import NEVER, Model, Shelf, finished
+from proximity.model.assembly import NEVER, Model, finished
 from proximity.model.bvh import LARGEST_COORDINATE, LocalFrame
 from proximity.model.part_trees import (
     REGION_COPIES,
@@ -104,7 +104,7 @@ class _Copy:
         return self.owner is None or self.owner() is None
 
 
-class Stage(Shelf):
+class SceneState:
     """Where the parts of a scene are now, and the models that show it.
 
     Not for several threads at once: the scene has a lock. A model, once made, may be asked by any of them.
@@ -115,6 +115,7 @@ class Stage(Shelf):
         As `assemble` made it.
     """
 
+    current: Model | None  # None while something has changed that no model shows yet
     latest: Model  # the current one, or what that was before something changed
     changes: int  # how often something has changed
     versions: np.ndarray  # (P + 1,) int64, what *changes* was when the row changed last
@@ -122,8 +123,7 @@ class Stage(Shelf):
     _is_whole: bool  # False while something is being changed, and for good if that was interrupted
 
     def __init__(self, model: Model) -> None:
-        super().__init__(model)
-        self.latest = model
+        self.current = self.latest = model
         self.epoch = model.epoch
         self.frames, self.parts = model.frames.copy(), model.parts.copy()
         self.changes = 0
@@ -201,9 +201,10 @@ class Stage(Shelf):
         self._is_whole = True
         return True
 
-    def model_at_work(self) -> Model:
+    def writable_model(self) -> Model:
         """Return a model of the present state itself, to change a part's shape in."""
-        return finished(self.latest.reals, self.latest.words, self.frames, self.parts, self.epoch)
+        latest = self.latest
+        return finished(latest.reals, latest.words, self.frames, self.parts, self.epoch, latest.names)
 
     def reshape(self, row: int) -> None:
         """Take notice that the shape of a part has changed; from now on it stands by itself.

@@ -1,0 +1,220 @@
+"""The parts of a scene by name, and their arrays: what a scene replaces whole when a part comes or goes."""
+
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import replace
+from operator import is_
+from typing import Any
+
+import numpy as np
+
+from proximity.errors import MeshError, SceneError
+from proximity.model.assembly import Model, assemble
+from proximity.model.bvh import LocalFrame
+from proximity.model.part_arrays import PartArrays
+from proximity.model.scene_state import SceneState, write_motion, write_surface
+from proximity.scene.deformation import deform_part
+from proximity.scene.part import Part, checked_part
+
+
+class SceneParts:
+    """Parts, their rows by name, and the state of their arrays.
+
+    Not for several threads at once: the scene has a lock.
+
+    Parameters
+    ----------
+    parts : list of Part
+        As the state has them.
+    state : SceneState
+        Of their arrays.
+    """
+
+    def __init__(self, parts: list[Part], state: SceneState) -> None:
+        self.state = state
+        self.row_of = {part.name: row for row, part in enumerate(parts)}
+        self._parts = parts
+        self._versions = state.versions.copy()  # of the rows that `_parts` shows
+        self._last_rows: tuple[list[str], np.ndarray] = [], np.empty(0, np.int64)
+        self._interrupted: tuple[int, LocalFrame] | None = None  # deformation: row, and its frame before
+
+    @classmethod
+    def of(
+        cls, parts: list[Part], pieces: list[PartArrays], *, dynamic: Collection[int] = (), epoch: int = 0
+    ) -> "SceneParts":
+        """Return parts whose arrays are put together from *pieces*.
+
+        Parameters
+        ----------
+        parts : list of Part
+            With names that differ, and solids that are in no other scene.
+        pieces : list of PartArrays
+            Of the parts.
+        dynamic : collection of int
+            Rows of the parts that have moved by themselves.
+        epoch : int
+            Of the scene.
+        """
+        model = assemble(
+            pieces,
+            [part.pose for part in parts],
+            loose=dynamic,
+            hidden=[row for row, part in enumerate(parts) if part.is_hidden],
+            epoch=epoch,
+            names=tuple(part.name for part in parts),
+        )
+        for row, part in enumerate(parts):
+            part.solid._arrays.move_to(model, row)
+            write_motion(model.frames[row], part.velocity, part.angular_velocity)
+            write_surface(model.frames[row], part.stiffness, part.damping)
+        return cls(parts, SceneState(model))
+
+    def __len__(self) -> int:
+        return len(self._parts)
+
+    def __iter__(self) -> Iterator[Part]:
+        """The parts as they are at present."""
+        return (self[row] for row in range(len(self._parts)))
+
+    def __getitem__(self, row: int) -> Part:
+        """A part with its present values; made when somebody asks, not when it moves."""
+        self.mend()
+        version = self.state.versions[row]
+        if version != self._versions[row]:
+            self._parts[row] = replace(self._parts[row], **self.state.values(row))
+            self._versions[row] = version
+        return self._parts[row]
+
+    @property
+    def face_count(self) -> int:
+        """Of all parts."""
+        return sum(part.solid.mesh.face_count for part in self._parts)
+
+    @property
+    def memory_bytes(self) -> int:
+        """Bytes of meshes and trees."""
+        solids = {part.solid for part in self._parts}  # one may be in several parts
+        return self.state.latest.memory_bytes + sum(solid._mesh_bytes for solid in solids)
+
+    def find(self, name: str) -> int:
+        """Return the row of the part of that name; a `SceneError` if there is none."""
+        try:
+            return self.row_of[name]
+        except (KeyError, TypeError):
+            known = ", ".join(repr(known) for known in list(self.row_of)[:10])
+            more = "" if len(self.row_of) <= 10 else f" and {len(self.row_of) - 10} more"
+            raise SceneError(f"no part is named {name!r}; the scene has {known}{more}") from None
+
+    def rows_of(self, names: list[str]) -> np.ndarray:
+        """Return the rows of parts of those names, each once; a `SceneError` if they are not."""
+        last, rows = self._last_rows
+        if len(last) == len(names) and all(map(is_, last, names)):  # as they mostly are
+            return rows
+        rows = np.array([self.find(name) for name in names], np.int64)
+        if len(set(names)) < len(names):
+            twice = next(name for row, name in enumerate(names) if name in names[:row])
+            raise SceneError(f"part {twice!r} is named twice, expected names that differ")
+        self._last_rows = names, rows
+        return rows
+
+    def with_part(self, part: Part) -> "SceneParts":
+        """Return these parts and another one behind them."""
+        parts, pieces = self._parts_and_arrays(range(len(self)))
+        added, arrays = with_arrays([part])
+        return self.of(
+            parts + added, pieces + arrays, dynamic=self.state.loose_rows, epoch=self.state.epoch + 1
+        )
+
+    def without(self, removed: int) -> "SceneParts":
+        """Return these parts but the one of that row."""
+        kept = [row for row in range(len(self)) if row != removed]
+        dynamic = [new for new, row in enumerate(kept) if row in self.state.loose_rows]
+        remaining = self.of(*self._parts_and_arrays(kept), dynamic=dynamic, epoch=self.state.epoch + 1)
+        solid = self._parts[removed].solid
+        if all(part.solid is not solid for part in remaining):
+            solid._arrays.leave_scene(solid.mesh)
+        return remaining
+
+    def in_new_memory(self) -> "SceneParts":
+        """Return the same parts, with their arrays elsewhere."""
+        kept = self._parts_and_arrays(range(len(self)))
+        return self.of(*kept, dynamic=self.state.loose_rows, epoch=self.state.epoch)
+
+    def _parts_and_arrays(self, rows: Sequence[int]) -> tuple[list[Part], list[PartArrays]]:
+        parts = [self[row] for row in rows]
+        model = self.state.writable_model()
+        return parts, [model.part_arrays(row) for row in rows]
+
+    def updated(self) -> Model | None:
+        """Return a model of what is true now; None where there is no memory left to write it to."""
+        self.mend()
+        return self.state.current or self.state.update()
+
+    def deform(self, row: int, vertices: Any) -> None:
+        """Give a part another shape; whoever interrupts this leaves a note, by which it is mended.
+
+        Parameters
+        ----------
+        row : int
+            Of the part.
+        vertices : (V, 3) float64, m, part's frame
+            As `deform_part` takes them.
+        """
+        part, state = self._parts[row], self.state
+        state.current, self._interrupted = None, (row, LocalFrame.read(state.frames[row]))
+        try:
+            solid = deform_part(state.writable_model(), row, part.solid, vertices, part.name)
+        except MeshError:  # nothing has changed
+            self._interrupted = None
+            raise
+        self._parts[row] = replace(part, solid=solid)
+        state.reshape(row)
+        self._interrupted = None
+
+    def mend(self) -> None:
+        """Give a part whose deformation was interrupted the shape of its solid, the old or the new one."""
+        if self._interrupted is not None:
+            row, frame = self._interrupted
+            frame.write(self.state.frames[row])
+            self.deform(row, self._parts[row].solid.mesh.vertices)
+
+
+def checked_parts(given: Iterable[Any]) -> list[Part]:
+    """Return parts to make a scene of.
+
+    Parameters
+    ----------
+    given : iterable of Part or Solid
+        At least one; names must differ.
+
+    Raises
+    ------
+    SceneError, PoseError
+        As `Scene`.
+    """
+    parts = [checked_part(part) for part in given]
+    if not parts:
+        raise SceneError("a scene has no parts, expected at least one")
+    row_of: dict[str, int] = {}
+    for row, part in enumerate(parts):
+        if not isinstance(part.name, str):
+            raise SceneError(f"part {row} is named {part.name!r}, expected text")
+        if part.name in row_of:
+            raise SceneError(
+                f"parts {row_of[part.name]} and {row} are both named {part.name!r}, "
+                "expected names that differ"
+            )
+        row_of[part.name] = row
+    return parts
+
+
+def with_arrays(parts: list[Part]) -> tuple[list[Part], list[PartArrays]]:
+    """Return parts for a scene of their own, and their arrays.
+
+    Parameters
+    ----------
+    parts : list of Part
+        A solid may be in several.
+    """
+    solids = {id(part.solid): part.solid._for_scene() for part in parts}
+    own = [replace(part, solid=solids[id(part.solid)]) for part in parts]
+    return own, [part.solid.snapshot().part_arrays(0) for part in own]
