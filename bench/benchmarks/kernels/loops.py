@@ -40,8 +40,8 @@ def triangle_loop(reals, bases, queries, found):
 def block_loop(reals, bases, queries, found):
     """Smallest squared distance of a point to the eight triangles of a block."""
     for i in range(len(bases)):
-        x, y, z = splat(queries[i, 0]), splat(queries[i, 1]), splat(queries[i, 2])
-        found[i] = horizontal_min(point_block_distance_sq(reals, bases[i], x, y, z))
+        p = splat(queries[i, 0]), splat(queries[i, 1]), splat(queries[i, 2])
+        found[i] = horizontal_min(point_block_distance_sq(reals, bases[i], p))
 
 
 @kernel

@@ -105,10 +105,10 @@ def point_triangle_distance_sq(p, a, b, c):
 
 
 @inlined
-def point_block_distance_sq(blocks, base, px, py, pz):
-    """Squared distances from a point, given as float64x8 splats, to the eight triangles at *base*."""
+def point_block_distance_sq(blocks, base, p):
+    """Squared distances from a point, (x, y, z) of float64x8, to the eight triangles at *base*."""
     return point_triangle_distance_sq(
-        (px, py, pz),
+        p,
         (load(blocks, base), load(blocks, base + 8), load(blocks, base + 16)),
         (load(blocks, base + 24), load(blocks, base + 32), load(blocks, base + 40)),
         (load(blocks, base + 48), load(blocks, base + 56), load(blocks, base + 64)),

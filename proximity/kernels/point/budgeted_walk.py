@@ -185,9 +185,8 @@ def _wait(room, at, bounds, references, part, which):
 def _nearer_in_leaf(reals, reference, query, best_sq, best_slot):
     """`nearer_in_block`, of squared distances in the scene's scaled frame."""
     px, py, pz, factor, _ = query
-    found_sq, best_slot = nearer_in_block(
-        reals, ~reference, splat(px), splat(py), splat(pz), best_sq / factor, best_slot
-    )
+    lanes = splat(px), splat(py), splat(pz)
+    found_sq, best_slot = nearer_in_block(reals, ~reference, lanes, best_sq / factor, best_slot)
     return found_sq * factor, best_slot
 
 

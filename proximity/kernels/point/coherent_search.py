@@ -224,7 +224,8 @@ def _look_into_leaf(reals, reference, seen, p, best_sq, slot, plane):
     """`nearer_in_block`, unless the block has been *seen*; and the plane that is kept of it."""
     px, py, pz = p
     if reference != seen:
-        best_sq, slot = nearer_in_block(reals, ~reference, splat(px), splat(py), splat(pz), best_sq, slot)
+        lanes = splat(px), splat(py), splat(pz)
+        best_sq, slot = nearer_in_block(reals, ~reference, lanes, best_sq, slot)
     # Where the nearest face is, no plane is out of reach.
     if slot // LANES != ~reference:
         plane = _better_plane(reals, BLOCK_STRIDE * ~reference, p, plane)

@@ -48,8 +48,8 @@ def scalar_distances_sq(points, triangles, out):
 def block_distances_sq(points, blocks, out):
     """Squared distances (N, 8): each point with the eight triangles of its block."""
     for i in range(len(points)):
-        x, y, z = splat(points[i, 0]), splat(points[i, 1]), splat(points[i, 2])
-        store(out, LANES * i, point_block_distance_sq(blocks, BLOCK_STRIDE * i, x, y, z))
+        p = splat(points[i, 0]), splat(points[i, 1]), splat(points[i, 2])
+        store(out, LANES * i, point_block_distance_sq(blocks, BLOCK_STRIDE * i, p))
 
 
 @numba.njit(error_model="numpy")
