@@ -261,8 +261,8 @@ def nearest_from_last_answer(model, point, part, slot, front, count, budget, roo
 
     way = _way_since(front, qx, qy, qz, slack)
     # Nodes that are due, by bits; and the first of those that come to the front in this search.
-    due, also_due, fresh = *_due_nodes(front, count, way), count
-    begins = count <= 0 or not way <= OLDEST
+    due, also_due = _due_nodes(front, count, way)
+    begins, fresh = count <= 0 or not way <= OLDEST, count
     has_begun, is_found = False, True
     limit = np.int64(front[LIMIT])
     while is_found:

@@ -23,7 +23,7 @@ class Chunk(NamedTuple):
 
     points: np.ndarray  # (N, 3) float64, m, scene's frame: all points of the query
     rows: np.ndarray  # (CHUNK,) int64, of *points*
-    count: int  # of rows in use
+    point_count: int  # rows in use
 
 
 class Candidates(NamedTuple):

@@ -172,7 +172,7 @@ def deepest_of_certain(model, chunk, candidates, pair_count, found, workspace):
     """
     certain, pairs = candidates.certain, candidates.pairs
     nearest, depths, deeper, _ = found
-    for k in range(chunk.count):
+    for k in range(chunk.point_count):
         deeper[k, 0], deeper[k, 1] = NO_PART, NO_SLOT
         if certain[k]:
             depths[k] = -1.0

@@ -125,14 +125,14 @@ def signed_batch(handle, points, order, distances):
         signs_of_chunk(model, chunk, candidates, found, heights, workspace)
         if len(parts) > 2:
             deepest_of_chunk(model, chunk, candidates, pair_count, found, workspace)
-            for k in range(chunk.count):
+            for k in range(chunk.point_count):
                 part = found.deeper[k, 0]
                 if part != NO_PART and part != found.nearest[k, 0]:
                     row, slot = rows[k], found.deeper[k, 1]
                     px, py, pz = to_local(frames, parts, part, points[row, 0], points[row, 1], points[row, 2])
                     depth = signed_of_slot(reals, words, parts, part, slot, px, py, pz, workspace.witness)
                     found.distances[k] = -abs(depth) / frames[part, SCALE]
-        for k in range(chunk.count):
+        for k in range(chunk.point_count):
             distances[rows[k]] = found.distances[k]
 
 
@@ -154,7 +154,7 @@ def closest_batch(handle, points, order, limits, answers):
         if len(parts) > 2:
             signs_of_chunk(model, chunk, candidates, found, heights, workspace)
             deepest_of_chunk(model, chunk, candidates, pair_count, found, workspace)
-        for k in range(chunk.count):
+        for k in range(chunk.point_count):
             row, part, slot = rows[k], found.nearest[k, 0], found.nearest[k, 1]
             if part == NO_PART:
                 _write_nothing(answers, choices, row, found.distances[k])
