@@ -85,7 +85,7 @@ console · drum_loop · lengths · options · points · program
 }
 # Part of the whole package but in no layer: what its users import, and what starts the command line.
 OUTSIDE = {"__init__", "__main__"}
-KERNELS_MAY_IMPORT = {"math", "numpy", "typing"}
+KERNELS_MAY_IMPORT = {"math", "numpy", "typing"}  # typing: named tuples of arrays
 # How kernels are compiled and kept, and how they get at arrays: no mathematics there.
 AROUND_KERNELS = {"code_cache.py", "compiler.py", "given.py", "interruptible.py", "memory.py"}
 
