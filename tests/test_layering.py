@@ -43,6 +43,7 @@ scene_parts
 deformation · part · saved
 solid
 queries · solid_arrays
+line_queries · point_queries
 batches · load_report · part_motion · query_arguments · results · sign
 """,
     "proximity.service": """
@@ -85,6 +86,9 @@ console · drum_loop · lengths · options · points · program
 }
 # Part of the whole package but in no layer: what its users import, and what starts the command line.
 OUTSIDE = {"__init__", "__main__"}
+NO_FILES = {
+    f"proximity.scene.{name}" for name in ("solid", "scene", "scene_parts", "queries", "point_queries")
+}
 KERNELS_MAY_IMPORT = {"math", "numpy", "typing"}  # typing: named tuples of arrays
 # How kernels are compiled and kept, and how they get at arrays: no mathematics there.
 AROUND_KERNELS = {"code_cache.py", "compiler.py", "given.py", "interruptible.py", "memory.py"}
@@ -196,7 +200,7 @@ def test_only_lower_units_are_named_by_those_that_know_no_files():
     """Neither a solid nor a scene reads files, and no mathematics is in the command line."""
     for module, path in FILES.items():
         used = {unit_of(name, "proximity") for name, _ in imports(path)}
-        if module in ("proximity.scene.solid", "proximity.scene.scene", "proximity.scene.queries"):
+        if module in NO_FILES:
             assert "formats" not in used, module
         if module == "proximity.scene.solid":
             assert "bodies" not in used

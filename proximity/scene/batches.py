@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from proximity.errors import QueryError
-from proximity.kernels.geometry.morton_order import SORT_FROM
+from proximity.kernels.geometry.morton_order import SORT_FROM, morton_order
+from proximity.model.assembly import Model
 
 CHUNKS_PER_WORKER = 4
 SMALLEST_CHUNK = 1024
@@ -32,9 +33,46 @@ face, some 100 bytes in 15 ns, that slice takes 0.2 s."""
 
 IN_ORDER = np.empty(0, np.int64)
 """The order of rows that are asked as they come."""
+ONE_THREAD = 1
 
 Ask = Callable[..., Any]
 OrderOf = Callable[..., np.ndarray]
+
+
+class HasSnapshot:
+    """A base of what queries are asked of."""
+
+    __slots__ = ()
+
+    def snapshot(self) -> Model:
+        """Return the arrays that are asked, up to date."""
+        raise NotImplementedError
+
+
+def row_count(rows: Any) -> int:
+    """Return how many rows these may be; `SORT_FROM` where that cannot be seen.
+
+    Parameters
+    ----------
+    rows : object
+        Anything.
+    """
+    try:
+        return len(rows)
+    except TypeError:
+        return SORT_FROM
+
+
+def morton_order_of(rows: np.ndarray, *_: np.ndarray) -> np.ndarray:
+    """Return the order of the first array's rows along a space-filling curve, (N,) int64.
+
+    Parameters
+    ----------
+    rows : (N, 3) float64
+        Points.
+    """
+    order: np.ndarray = morton_order(rows)
+    return order
 
 
 def worker_count(workers: Any, kind: str = "threads") -> int:

@@ -18,7 +18,7 @@ from proximity.kernels.code_cache import COMPLETE
 from proximity.kernels.compiler import Settled, cache_folder
 from proximity.kernels.ray.ray_order import ray_order
 from proximity.pose import Pose
-from proximity.scene import queries
+from proximity.scene import line_queries, point_queries
 from proximity.scene.batches import worker_count
 from proximity.scene.saved.compiled_scene import read_scene
 from proximity.scene.scene import Part, Scene
@@ -29,7 +29,7 @@ _FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
 
 MOST_HELPERS = 3
 """Processes beside this one that are of use."""
-_HELP = "from proximity import warmup; warmup._settle({first})"
+_HELP = "from proximity.tracker.warm_up import _settle; _settle({first})"
 
 
 def _mark() -> Path:
@@ -89,7 +89,7 @@ def _calls() -> list[Settled]:
     """What Python calls with few rows, and the tick, in the reverse of the order in which they are asked."""
     from proximity.tracker import tracker  # most that ask whether kernels are there tick nothing
 
-    modules = (tracker, queries)
+    modules = (tracker, point_queries, line_queries)
     return [
         call for module in modules for call in reversed(vars(module).values()) if isinstance(call, Settled)
     ]

@@ -14,6 +14,7 @@ from proximity.kernels.given import GIVEN_ROWS, row_count, rows_of
 from proximity.kernels.layout import CHILDREN, LANES, NODE_STRIDE, STACK_SIZE
 from proximity.kernels.tree.traversal import descend_in_order, next_open
 from proximity.simd import bits, load, load_int, splat32
+from proximity.tracker.warm_up import _HELP
 
 
 @kernel
@@ -82,14 +83,14 @@ def test_processes_that_compile_side_by_side_keep_what_each_has_compiled(tmp_pat
 
 LEFT_OVER = """
 import proximity
-from proximity.scene import queries
+from proximity.scene import line_queries, point_queries
 from proximity.tracker import tracker
 import proximity
 from proximity.errors import QueryError
 from proximity.kernels.compiler import Settled
 
 proximity.warm_up()
-for module in (queries, tracker):
+for module in (point_queries, line_queries, tracker):
     for name, value in vars(module).items():
         if isinstance(value, Settled) and getattr(value.call, "__self__", None) is value:
             print(name)
@@ -124,8 +125,8 @@ def test_helpers_compile_beside_and_are_gone_at_the_end(workers, are_cached, tol
 
 def test_a_helper_compiles_what_is_called():
     code = (
+        f"{_HELP.format(first=3)}\n"
         "from proximity.tracker import warm_up as warmup\n"
-        "warmup._settle(3)\n"
         "print([call for call in warmup._calls() if getattr(call.call, '__self__', None) is call])"
     )
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=600)

@@ -12,7 +12,7 @@ import oracle
 from proximity.errors import QueryError
 from proximity.kernels.ray.ray_order import ray_order
 from proximity.pose import Pose
-from proximity.scene import queries
+from proximity.scene import line_queries
 from proximity.scene.results import NO_FACE, NO_PART
 from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
@@ -477,8 +477,8 @@ def test_rays_are_ordered_by_where_they_enter():
 
 def test_sorted_rays_answer_as_they_do_one_by_one(monkeypatch):
     """Large models have batches sorted; here a small one is made to count as large."""
-    monkeypatch.setattr(queries, "SORT_RAYS_FROM", 0)
-    monkeypatch.setattr(queries, "SORT_RAYS_IN", 0)
+    monkeypatch.setattr(line_queries, "SORT_RAYS_FROM", 0)
+    monkeypatch.setattr(line_queries, "SORT_RAYS_IN", 0)
     solid = Solid(*shapes.sphere(3))
     rng = np.random.default_rng(4)
     origins, directions = rng.normal(size=(500, 3)), rng.normal(size=(500, 3))

@@ -16,7 +16,13 @@ from proximity.scene.solid import Solid
 from proximity.tracker.tracker import Tracker
 
 PACKAGE = str(Path(proximity.__file__).parent)
-INTERRUPTED = ("scene.py", "moving.py", "deforming.py", "solid.py", "top.py", "queries.py")
+INTERRUPTED = {
+    f"{PACKAGE}/{name}.py"
+    for name in (
+        "scene/scene", "scene/scene_parts", "scene/deformation", "scene/solid", "scene/solid_arrays",
+        "scene/point_queries", "model/scene_state", "model/part_trees",
+    )
+}  # fmt: skip
 POINTS = np.random.default_rng(3).uniform(-3.0, 12.0, (40, 3))
 WAYS = np.random.default_rng(4).normal(size=(40, 3))
 
@@ -58,9 +64,7 @@ def interrupted_at(line, change, scene):
 
     def watch(frame, event, _):
         nonlocal left
-        if not frame.f_code.co_filename.startswith(PACKAGE):
-            return None
-        if Path(frame.f_code.co_filename).name not in INTERRUPTED:
+        if frame.f_code.co_filename not in INTERRUPTED:
             return None
         if event == "line":
             left -= 1
