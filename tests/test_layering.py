@@ -86,7 +86,7 @@ console · drum_loop · lengths · options · points · program
 # Part of the whole package but in no layer: what its users import, and what starts the command line.
 OUTSIDE = {"__init__", "__main__"}
 NO_FILES = {f"proximity.scene.{name}" for name in ("solid", "scene", "scene_parts", "queries.point_queries")}
-KERNELS_MAY_IMPORT = {"math", "numpy"}
+KERNELS_MAY_IMPORT = {"math", "numpy", "typing"}  # typing: named tuples of arrays
 # How kernels are compiled and kept, and how they get at arrays: no mathematics there.
 AROUND_KERNELS = {"code_cache.py", "compiler.py", "given.py", "interruptible.py", "memory.py"}
 

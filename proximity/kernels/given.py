@@ -43,6 +43,21 @@ SHORT_TABLE, SHORT_COLUMN = types.float32[:, ::1], types.float32[::1]
 """Types of arguments, for `compiling.Settled`; only rows that are given may be anything."""
 
 
+def bundle_type(bundle: type, *kinds: types.Type) -> types.Type:
+    """Return the type of a named tuple as an argument.
+
+    Parameters
+    ----------
+    bundle : type
+        The named tuple.
+    kinds : types
+        Of its fields.
+    """
+    if len(set(kinds)) == 1:
+        return types.NamedUniTuple(kinds[0], len(kinds), bundle)
+    return types.NamedTuple(kinds, bundle)
+
+
 @register_model(GivenRows)
 class _GivenRowsModel(models.StructModel):
     def __init__(self, manager, kind):

@@ -10,6 +10,7 @@ counting was a tenth of the time of a call with five points and a fifth of a tic
 
 import ctypes
 import math
+from typing import NamedTuple
 
 import numpy as np
 from llvmlite import ir
@@ -24,6 +25,15 @@ LINE = 64  # bytes of a cache line
 
 REALS_AT, WORDS_AT, FRAMES_AT, PARTS_AT, REAL_COUNT, WORD_COUNT, ROWS, FRAME_COLUMNS, PART_COLUMNS = range(9)
 """Places in a model's table: addresses, and lengths."""
+
+
+class Model(NamedTuple):
+    """The four arrays of a model, see `layout`: what most kernels are handed first."""
+
+    reals: np.ndarray  # (R,) float64
+    words: np.ndarray  # (W,) float32
+    frames: np.ndarray  # (P, C) float64
+    parts: np.ndarray  # (P, D) int64
 
 
 class Told(int):
@@ -61,7 +71,7 @@ def borrowed_array(context, builder, array_type, data, lengths):
     return array._getvalue()
 
 
-def _compiled_arrays_behind(*columns):
+def _compiled_arrays_behind(*columns, bundle=None):
     array_types = [types.Array(from_dtype(np.dtype(dtype)), len(shape), "C") for dtype, _, shape in columns]
 
     @intrinsic
@@ -80,12 +90,13 @@ def _compiled_arrays_behind(*columns):
                 values.append(borrowed_array(context, builder, array_type, data, lengths))
             return context.make_tuple(builder, sig.return_type, values)
 
-        return types.Tuple(array_types)(types.int64), codegen
+        kind = types.NamedTuple(array_types, bundle) if bundle else types.Tuple(array_types)
+        return kind(types.int64), codegen
 
     return arrays
 
 
-def _uncompiled_arrays_behind(*columns):
+def _uncompiled_arrays_behind(*columns, bundle=None):
     ctypes_of = {"float64": ctypes.c_double, "float32": ctypes.c_float, "int64": ctypes.c_int64}
     ctypes_of["int32"] = ctypes.c_int32
 
@@ -101,7 +112,7 @@ def _uncompiled_arrays_behind(*columns):
             if count:
                 flat = np.ctypeslib.as_array((ctypes_of[dtype] * count).from_address(table[place]))
             found.append(flat.reshape(lengths))
-        return tuple(found)
+        return bundle(*found) if bundle else tuple(found)
 
     return arrays
 
@@ -121,18 +132,20 @@ as_column = _compiled_as_column if IS_COMPILED else lambda array: array[:, None]
 """The numbers (N,) of an array in C order as a column, (N, 1)."""
 
 
+def _array_on_stack(context, builder, item_type, *lengths):
+    """A C-ordered array of those constant lengths, that lasts as long as the function being compiled."""
+    item = context.get_data_type(item_type)
+    # numba's own way to do this fills the memory with zeros at every call.
+    with builder.goto_entry_block():
+        place = builder.alloca(ir.ArrayType(item, math.prod(lengths)))
+    place.align = LINE
+    intp = context.get_value_type(types.intp)
+    constants = [ir.Constant(intp, length) for length in lengths]
+    return borrowed_array(context, builder, types.Array(item_type, len(lengths), "C"), place, constants)
+
+
 def _compiled_here(dtype):
     item_type = from_dtype(np.dtype(dtype))
-
-    def array_of(context, builder, *lengths):
-        item = context.get_data_type(item_type)
-        # numba's own way to do this fills the memory with zeros at every call.
-        with builder.goto_entry_block():
-            room = builder.alloca(ir.ArrayType(item, math.prod(lengths)))
-        room.align = LINE
-        intp = context.get_value_type(types.intp)
-        constants = [ir.Constant(intp, length) for length in lengths]
-        return borrowed_array(context, builder, types.Array(item_type, len(lengths), "C"), room, constants)
 
     @intrinsic
     def here(typingctx, count):
@@ -140,7 +153,7 @@ def _compiled_here(dtype):
             return None
 
         def codegen(context, builder, sig, args):
-            return array_of(context, builder, count.literal_value)
+            return _array_on_stack(context, builder, item_type, count.literal_value)
 
         return types.Array(item_type, 1, "C")(count), codegen
 
@@ -150,7 +163,8 @@ def _compiled_here(dtype):
             return None
 
         def codegen(context, builder, sig, args):
-            return array_of(context, builder, count.literal_value, columns.literal_value)
+            lengths = count.literal_value, columns.literal_value
+            return _array_on_stack(context, builder, item_type, *lengths)
 
         return types.Array(item_type, 2, "C")(count, columns), codegen
 
@@ -161,8 +175,34 @@ def _uncompiled_here(dtype):
     return lambda count: np.empty(count, dtype), lambda count, columns: np.empty((count, columns), dtype)
 
 
+def _compiled_bundle_here(bundle, *columns):
+    item_types = [from_dtype(np.dtype(dtype)) for dtype, *_ in columns]
+    array_types = [
+        types.Array(item_type, len(lengths), "C")
+        for item_type, (_, *lengths) in zip(item_types, columns, strict=True)
+    ]
+
+    @intrinsic
+    def here(typingctx):
+        def codegen(context, builder, sig, args):
+            arrays = [
+                _array_on_stack(context, builder, item_type, *lengths)
+                for item_type, (_, *lengths) in zip(item_types, columns, strict=True)
+            ]
+            return context.make_tuple(builder, sig.return_type, arrays)
+
+        return types.NamedTuple(array_types, bundle)(), codegen
+
+    return here
+
+
+def _uncompiled_bundle_here(bundle, *columns):
+    return lambda: bundle(*(np.empty(lengths, dtype) for dtype, *lengths in columns))
+
+
 arrays_behind = _compiled_arrays_behind if IS_COMPILED else _uncompiled_arrays_behind
-"""A function of a table's address that gives arrays: for each dtype, place of its address, and lengths."""
+"""A function of a table's address that gives arrays: for each dtype, place of its address, and lengths. It
+gives them as a *bundle*, a named tuple, where there is one."""
 
 _here = _compiled_here if IS_COMPILED else _uncompiled_here
 reals_here, real_rows_here = _here("float64")
@@ -173,10 +213,14 @@ with anything in it. The caller must be a function that is called, not one that 
 memory may be something else's as soon as it returns. To make rows of an array that is there would take longer
 than a step of a walk."""
 
+bundle_here = _compiled_bundle_here if IS_COMPILED else _uncompiled_bundle_here
+"""A function that gives a *bundle*, a named tuple, of such arrays: of each the dtype and constant lengths."""
+
 arrays_at = arrays_behind(
     ("float64", REALS_AT, (Told(REAL_COUNT),)),
     ("float32", WORDS_AT, (Told(WORD_COUNT),)),
     ("float64", FRAMES_AT, (Told(ROWS), Told(FRAME_COLUMNS))),
     ("int64", PARTS_AT, (Told(ROWS), Told(PART_COLUMNS))),
+    bundle=Model,
 )
-"""The four arrays of the model whose table is at a handle."""
+"""The `Model` whose table is at a handle."""

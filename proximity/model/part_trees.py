@@ -12,7 +12,7 @@ import numpy as np
 
 from proximity.kernels import layout
 from proximity.kernels.layout import LANES, NODE_STRIDE
-from proximity.kernels.scene.dynamic_tree import bring_up_to_date
+from proximity.kernels.scene.dynamic_tree import DynamicParts, bring_up_to_date
 from proximity.kernels.scene.static_tree import gather_entries, name_leaves, thin_out
 from proximity.kernels.tree.builder import ENTRIES_SHIFT, build_tree
 from proximity.kernels.tree.wide_node import clear_node
@@ -259,11 +259,10 @@ def write_moving(
     """
     loose = loose_rows(parts)
     versions, boxes = np.zeros(len(parts), np.int64), np.zeros((len(parts) - 1, 6), np.float32)
-    never = -1
+    dynamic, never = DynamicParts(loose, order, np.empty(len(loose), np.int64)), -1
     reach = bring_up_to_date(
-        words, frames, parts, versions, never, boxes, loose, order, np.empty(len(loose), np.int64), steps,
-        region, never, frames, parts,
-    )  # fmt: skip
+        words, frames, parts, versions, never, boxes, dynamic, steps, region, never, frames, parts
+    )
     return float(reach)
 
 

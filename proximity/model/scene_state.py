@@ -15,7 +15,7 @@ from proximity.kernels import layout
 from proximity.kernels.compiler import Settled
 from proximity.kernels.contact_columns import SURFACE_DEFORMABLE, SURFACE_RIGID
 from proximity.kernels.memory import make_table
-from proximity.kernels.scene.dynamic_tree import SORT_STEPS, UPDATE, bring_up_to_date
+from proximity.kernels.scene.dynamic_tree import SORT_STEPS, UPDATE, DynamicParts, bring_up_to_date
 from proximity.kernels.scene.placement import FIRST_UNFIT, MOVE, first_unfit, move_parts, place_box
 from proximity.model.assembly import NEVER, Model, finished
 from proximity.model.bvh import LARGEST_COORDINATE, LocalFrame
@@ -332,13 +332,12 @@ class SceneState:
     def _write(self, copy: _Copy) -> float:
         reach = _bring_up_to_date.call(
             self.latest.words, self.frames, self.parts, self.versions, self._boxes_version, self._boxes,
-            self._loose, self._order, self._keys, self._sort_steps, copy.region, copy.version,
-            copy.frames, copy.parts,
+            self._dynamic, self._sort_steps, copy.region, copy.version, copy.frames, copy.parts,
         )  # fmt: skip
         if reach <= 1.0:
             copy.version, copy.static = self.changes, self._static
             self._boxes_version = self.changes
-            self._sort_steps = SORT_STEPS * len(self._loose)
+            self._sort_steps = SORT_STEPS * len(self._dynamic.rows)
         return float(reach)
 
     def _mend_tree(self) -> bool:
@@ -368,10 +367,9 @@ class SceneState:
         return True
 
     def _list_loose(self) -> None:
-        loose = loose_rows(self.parts)
-        self._loose, self._order = loose, np.arange(len(loose))
-        self._keys = np.empty(len(loose), np.int64)
-        self._sort_steps = len(loose) ** 2
+        rows = loose_rows(self.parts)
+        self._dynamic = DynamicParts(rows, np.arange(len(rows)), np.empty(len(rows), np.int64))
+        self._sort_steps = len(rows) ** 2
 
 
 def first_unfit_move(matrices: np.ndarray, velocities: np.ndarray, angular_velocities: np.ndarray) -> int:

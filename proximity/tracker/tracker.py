@@ -16,9 +16,10 @@ from proximity.kernels.point.budgeted_walk import ROOM_SIZE
 from proximity.kernels.point.coherent_search import FRONT_SIZE
 from proximity.kernels.tracking import track
 from proximity.kernels.tracking.conservative_advancement import BALLS_SIZE
+from proximity.kernels.tracking.finger_distance import CROWD
 from proximity.kernels.tracking.motion import MAX_ACCELERATION, MAX_SPEED, MOTION_INTS, MOTION_REALS
-from proximity.kernels.tracking.part_drift import room_for_movers
-from proximity.kernels.tracking.tick import CROWD, TICK, tick
+from proximity.kernels.tracking.part_drift import POSE_COLUMNS, room_for_movers
+from proximity.kernels.tracking.tick import TICK, tick
 from proximity.kernels.tracking.track import EACH_ITS_OWN, MOST_NS
 from proximity.message import CONTACT
 from proximity.message.contact import Contacts
@@ -313,7 +314,7 @@ class Tracker:
             count = len(model.parts) - 1
             is_open = (model.parts[:count, SIGN] == SIGN_WINDING) & (model.parts[:count, GRID] == NO_GRID)
             self._settings[track.HOLES] = is_open.any()
-            self._arrays["before"] = model.frames[:count, ROTATION : ROTATION + track.POSE_COLUMNS].copy()
+            self._arrays["before"] = model.frames[:count, ROTATION : ROTATION + POSE_COLUMNS].copy()
             self._arrays["movers"] = room_for_movers(count)
             self._tell_addresses()
             self._epoch = model.epoch
@@ -334,8 +335,7 @@ class Tracker:
             len(arrays["path_bends"]),
             len(arrays["before"]),
             len(arrays["movers"]),
-            len(arrays["room"]),
-            len(arrays["scratch"]),
+            len(arrays["workspace"]),
             len(arrays["fronts"]),
         ]
         table = np.array(counts + [arrays[name].ctypes.data for name in track.NAMES], np.int64)
@@ -382,7 +382,7 @@ class Tracker:
             self._path_count = 0  # until there is room for so many
             arrays["paths"] = np.empty((len(self.contacts), count, 3))
             arrays["path_bends"] = np.linspace(0.0, 1.0, count)
-            arrays["scratch"] = np.zeros(track.SCRATCH_SIZE + count)
+            arrays["path_lengths"] = np.zeros(count)
             self._tell_addresses()
             self._path_count = count
         arrays["paths"][...] = corners
@@ -459,6 +459,7 @@ def _arrays_for(count: int, settings: np.ndarray, contacts: np.ndarray) -> dict[
         "paths": np.full((count, 2, 3), np.nan),
         "path_bends": np.array([0.0, 1.0]),
         "bends": np.full(count, np.nan),
+        "path_lengths": np.zeros(2),
         "motions": np.zeros((count, MOTION_REALS)),
         "motion_marks": np.zeros((count, MOTION_INTS), np.int64),
         "tracks": np.zeros((count, track.TRACK_REALS)),
@@ -466,10 +467,9 @@ def _arrays_for(count: int, settings: np.ndarray, contacts: np.ndarray) -> dict[
         "balls": np.zeros((count, BALLS_SIZE)),
         "fronts": np.zeros((count if count <= CROWD else 0, FRONT_SIZE), np.float32),
         "records": contacts,
-        "before": np.zeros((0, track.POSE_COLUMNS)),
+        "before": np.zeros((0, POSE_COLUMNS)),
         "movers": room_for_movers(0),
-        "room": np.zeros(ROOM_SIZE, np.float32),
-        "scratch": np.zeros(track.SCRATCH_SIZE + 2),
+        "workspace": np.zeros(ROOM_SIZE, np.float32),
     }
 
 

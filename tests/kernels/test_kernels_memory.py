@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from proximity.kernels.memory import (
     arrays_at,
     arrays_behind,
     as_column,
+    bundle_here,
     longs_here,
     make_table,
     real_rows_here,
@@ -72,12 +74,46 @@ def transpose(values):
     return room.shape
 
 
+class Squares(NamedTuple):
+    numbers: np.ndarray
+    table: np.ndarray
+
+
+squares_here = bundle_here(Squares, ("int64", SIZE), ("float32", SIZE, 2))
+
+
+@kernel
+def fill(squares):
+    for k in range(SIZE):
+        squares.table[k, 0], squares.table[k, 1] = squares.numbers[k], squares.numbers[k] ** 2
+
+
+@kernel
+def sum_of_squares():
+    """Through a bundle on the stack, which another function fills."""
+    squares = squares_here()
+    numbers, table = squares
+    for k in range(SIZE):
+        numbers[k] = k
+    fill(squares)
+    total = 0.0
+    for k in range(SIZE):
+        total += table[k, 1] - table[k, 0]
+    return total, numbers.shape, table.shape
+
+
 @kernel
 def count_down(values):
     column = as_column(values)
     for row in range(column.shape[0]):
         column[row, 0] = column.shape[0] - row
     return column.shape
+
+
+def test_bundle_on_the_stack_has_arrays_of_the_shapes_asked_for():
+    numbers = np.arange(SIZE)
+
+    assert sum_of_squares() == ((numbers**2 - numbers).sum(), (SIZE,), (SIZE, 2))
 
 
 def test_numbers_are_written_through_the_column_made_of_them():

@@ -5,7 +5,8 @@ import pytest
 import shapes
 from ticking import MS, RADIUS
 
-from proximity.kernels.tracking.tick import AHEAD, CROWD, MOST_PATIENCE, steps_for_all
+from proximity.kernels.tracking.finger_distance import CROWD
+from proximity.kernels.tracking.tick import AHEAD, MOST_PATIENCE, steps_for_all
 from proximity.kernels.tracking.track import PATIENCE
 from proximity.message import ContactFlag
 from proximity.scene.scene import Scene

@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.gate.yardstick import box_distance_sq, box_entry, triangle_distance_sq, triangle_entry
 from proximity.kernels.compiler import kernel
 from proximity.kernels.geometry.box import point_boxes_distance_sq
-from proximity.kernels.geometry.triangle import TINY, point_block_distance_sq, point_triangle_distance_sq
+from proximity.kernels.geometry.triangle import point_block_distance_sq, point_triangle_distance_sq
 from proximity.kernels.layout import STACKS_SIZE
 from proximity.kernels.memory import words_here
 from proximity.kernels.ray.walk import SLAB_MARGIN, aim_and_view, first_in_block, look_along, open_boxes
@@ -29,18 +29,19 @@ def triangle_loop(reals, bases, queries, found):
     for i in range(len(bases)):
         b = bases[i]
         found[i] = point_triangle_distance_sq(
-            queries[i, 0], queries[i, 1], queries[i, 2],
-            reals[b], reals[b + 8], reals[b + 16], reals[b + 24], reals[b + 32], reals[b + 40],
-            reals[b + 48], reals[b + 56], reals[b + 64], 0.0, 1.0, TINY,
-        )  # fmt: skip
+            (queries[i, 0], queries[i, 1], queries[i, 2]),
+            (reals[b], reals[b + 8], reals[b + 16]),
+            (reals[b + 24], reals[b + 32], reals[b + 40]),
+            (reals[b + 48], reals[b + 56], reals[b + 64]),
+        )
 
 
 @kernel
 def block_loop(reals, bases, queries, found):
     """Smallest squared distance of a point to the eight triangles of a block."""
     for i in range(len(bases)):
-        x, y, z = splat(queries[i, 0]), splat(queries[i, 1]), splat(queries[i, 2])
-        found[i] = horizontal_min(point_block_distance_sq(reals, bases[i], x, y, z))
+        p = splat(queries[i, 0]), splat(queries[i, 1]), splat(queries[i, 2])
+        found[i] = horizontal_min(point_block_distance_sq(reals, bases[i], p))
 
 
 @kernel

@@ -8,7 +8,7 @@ nothing is skipped that could be nearer.
 import numpy as np
 
 from proximity.kernels.compiler import inlined
-from proximity.simd import fma, load, maximum, minimum, narrow, select, splat, widen
+from proximity.simd import fma, load, maximum, minimum, narrow, select, splat, splat32, widen
 
 FAR = 2.0
 """Within this (part sizes from the middle) a coordinate rounded to float32 is off by 2^-24 at most."""
@@ -72,10 +72,20 @@ def far_point_boxes_distance_sq(nodes, base, x, y, z, offset):
 
 
 @inlined
-def node_bounds_sq(words, base, is_far, x, y, z, wide_x, wide_y, wide_z, offset):
-    """One of the two above; *x y z* are the float32 splats of the point, *wide_* the float64 ones."""
-    if is_far:
-        return far_point_boxes_distance_sq(words, base, wide_x, wide_y, wide_z, offset)
+def lanes_of_point(px, py, pz):
+    """A point as nodes and blocks take it: (x, y, z) of float32x8, the same of float64x8; `far_offset_sq`."""
+    narrow_lanes = splat32(np.float32(px)), splat32(np.float32(py)), splat32(np.float32(pz))
+    return narrow_lanes, (splat(px), splat(py), splat(pz)), far_offset_sq(px, py, pz)
+
+
+@inlined
+def node_bounds_sq(words, base, point_lanes):
+    """One of the two above; *point_lanes*: see `lanes_of_point`."""
+    narrow_lanes, wide_lanes, offset = point_lanes
+    if offset > 0.0:
+        x, y, z = wide_lanes
+        return far_point_boxes_distance_sq(words, base, x, y, z, splat(offset))
+    x, y, z = narrow_lanes
     return point_boxes_distance_sq(words, base, x, y, z)
 
 

@@ -13,7 +13,7 @@ difference of products (see Jeannerod, Louvet, Muller 2013) for the cross produc
 
 from proximity.kernels.compiler import inlined
 from proximity.kernels.layout import BLOCK_STRIDE, LANES
-from proximity.simd import fma, load, maximum, minimum, select, splat
+from proximity.simd import fma, like, load, maximum, minimum, select
 
 TINY = 1e-60
 """Below it a squared length, or a squared double area, counts as none: in the local frame that is an edge of
@@ -50,20 +50,26 @@ def dot(ax, ay, az, bx, by, bz):
 
 
 @inlined
-def edge_distance_sq(px, py, pz, ex, ey, ez, zero, one, tiny):
-    """Squared distance from a point to the segment from the origin to *e*."""
-    t = dot(px, py, pz, ex, ey, ez) / maximum(dot(ex, ey, ez, ex, ey, ez), tiny)
-    t = minimum(maximum(t, zero), one)
+def edge_distance_sq(p, e):
+    """Squared distance from point *p* to the segment from the origin to *e*; (x, y, z) each."""
+    px, py, pz = p
+    ex, ey, ez = e
+    t = dot(px, py, pz, ex, ey, ez) / maximum(dot(ex, ey, ez, ex, ey, ez), like(TINY, ex))
+    t = minimum(maximum(t, like(0.0, ex)), like(1.0, ex))
     dx, dy, dz = fma(-t, ex, px), fma(-t, ey, py), fma(-t, ez, pz)
     return dot(dx, dy, dz, dx, dy, dz)
 
 
 @inlined
-def point_triangle_distance_sq(px, py, pz, ax, ay, az, bx, by, bz, cx, cy, cz, zero, one, tiny):
-    """Squared distance from point *p* to triangle *abc*; scalars or vectors of eight.
+def point_triangle_distance_sq(p, a, b, c):
+    """Squared distance from point *p* to triangle *abc*; (x, y, z) each, scalars or vectors of eight.
 
-    Local frame: coordinates of the triangle within [-1, 1]. *tiny* is `TINY`, in the type of the others.
+    Local frame: coordinates of the triangle within [-1, 1].
     """
+    px, py, pz = p
+    ax, ay, az = a
+    bx, by, bz = b
+    cx, cy, cz = c
     abx, aby, abz = bx - ax, by - ay, bz - az
     acx, acy, acz = cx - ax, cy - ay, cz - az
     bcx, bcy, bcz = cx - bx, cy - by, cz - bz
@@ -83,15 +89,15 @@ def point_triangle_distance_sq(px, py, pz, ax, ay, az, bx, by, bz, cx, cy, cz, z
     ry = fma(pbz, nx, -(pbx * nz))
     rz = fma(pbx, ny, -(pby * nx))
     side_bc = dot(bcx, bcy, bcz, rx, ry, rz)
-    inside = (minimum(side_ab, minimum(side_ac, side_bc)) >= zero) & (normal_sq > tiny)
+    inside = (minimum(side_ab, minimum(side_ac, side_bc)) >= like(0.0, px)) & (normal_sq > like(TINY, px))
     height = dot(nx, ny, nz, pax, pay, paz)
     plane_sq = height * height / normal_sq
 
     edge_sq = minimum(
-        edge_distance_sq(pax, pay, paz, abx, aby, abz, zero, one, tiny),
+        edge_distance_sq((pax, pay, paz), (abx, aby, abz)),
         minimum(
-            edge_distance_sq(pax, pay, paz, acx, acy, acz, zero, one, tiny),
-            edge_distance_sq(pbx, pby, pbz, bcx, bcy, bcz, zero, one, tiny),
+            edge_distance_sq((pax, pay, paz), (acx, acy, acz)),
+            edge_distance_sq((pbx, pby, pbz), (bcx, bcy, bcz)),
         ),
     )
     # The plane is never farther than an edge when the foot is inside; rounding may say so on needles.
@@ -99,24 +105,13 @@ def point_triangle_distance_sq(px, py, pz, ax, ay, az, bx, by, bz, cx, cy, cz, z
 
 
 @inlined
-def point_block_distance_sq(blocks, base, px, py, pz):
-    """Squared distances from a point, given as float64x8 splats, to the eight triangles at *base*."""
+def point_block_distance_sq(blocks, base, p):
+    """Squared distances from a point, (x, y, z) of float64x8, to the eight triangles at *base*."""
     return point_triangle_distance_sq(
-        px,
-        py,
-        pz,
-        load(blocks, base),
-        load(blocks, base + 8),
-        load(blocks, base + 16),
-        load(blocks, base + 24),
-        load(blocks, base + 32),
-        load(blocks, base + 40),
-        load(blocks, base + 48),
-        load(blocks, base + 56),
-        load(blocks, base + 64),
-        splat(0.0),
-        splat(1.0),
-        splat(TINY),
+        p,
+        (load(blocks, base), load(blocks, base + 8), load(blocks, base + 16)),
+        (load(blocks, base + 24), load(blocks, base + 32), load(blocks, base + 40)),
+        (load(blocks, base + 48), load(blocks, base + 56), load(blocks, base + 64)),
     )
 
 

@@ -85,13 +85,24 @@ DOWN = 1.0 - 2.0**-50
 
 
 @inlined
-def _bounds(words, base, is_far, x, y, z, wide_x, wide_y, wide_z, factor):
+def _query_in(frames, parts, part, point):
+    """A point of the scene's frame as seen from *part*: x, y, z, `factor_of`, and whether it is far out."""
+    x, y, z = point
+    px, py, pz = to_local(frames, parts, part, x, y, z)
+    # Not far where it is NaN: nothing is opened then, in float32.
+    is_far = abs(px) > FAR_OUT or abs(py) > FAR_OUT or abs(pz) > FAR_OUT
+    return px, py, pz, factor_of(frames, part), is_far
+
+
+@inlined
+def _bounds(words, base, query):
     """Squared distances (float32x8) below which nothing in the children of a node lies, in the scene's scale.
 
-    *factor*: what a squared length of this frame is in the scene's. Unused lanes give inf, or NaN in a part
-    that is too small for bounds.
+    *query*: see `_query_in`. Unused lanes give inf, or NaN in a part that is too small for bounds.
     """
+    px, py, pz, factor, is_far = query
     if is_far:
+        wide_x, wide_y, wide_z = splat(px), splat(py), splat(pz)
         zero = splat(0.0)
         gap_x = maximum(
             maximum(widen(load(words, base)) - wide_x, wide_x - widen(load(words, base + 24))), zero
@@ -105,6 +116,7 @@ def _bounds(words, base, is_far, x, y, z, wide_x, wide_y, wide_z, factor):
         wide = fma(gap_x, gap_x, fma(gap_y, gap_y, gap_z * gap_z)) * splat(SHRINK_FAR * SHRINK * factor)
         wide = select(wide > splat(SMALLEST), wide, zero)
         return narrow(select(wide < splat(np.inf), minimum(wide, splat(LARGEST_REST)), wide))
+    x, y, z = splat32(np.float32(px)), splat32(np.float32(py)), splat32(np.float32(pz))
     shrunk = np.float32(SHRINK * factor if factor > SMALLEST else 0.0)
     return point_boxes_distance_sq(words, base, x, y, z) * splat32(shrunk)
 
@@ -153,30 +165,45 @@ def best_known(reals, frames, parts, part, slot, x, y, z):
 
 
 @inlined
-def _is_far(px, py, pz):
-    # False for a point that is NaN: nothing is opened then, in float32.
-    return abs(px) > FAR_OUT or abs(py) > FAR_OUT or abs(pz) > FAR_OUT
+def _step_into(words, parts, reference, part):
+    """The subtree that an entry of the tree over parts stands for, and the row in whose frame it is."""
+    entry = parts[len(parts) - 1, FACES] + 2 * (~reference - ENTRY)
+    owner = np.int64(load_int(words, entry))
+    return np.int64(load_int(words, entry + 1)), part if parts[owner, IS_FUSED] else owner
 
 
 @inlined
-def nearest_with_budget(
-    reals, words, frames, parts, start, part, x, y, z, best_sq, best_slot, ease, core, budget, room
-):
+def _wait(room, at, bounds, references, part, which):
+    """Leave subtrees waiting, those of eight that *which* says; the place behind them."""
+    store(room, at, compress(bounds, which))
+    store(room, at + ROOM, compress(references, which))
+    store(room, at + 2 * ROOM, splat32(np.float32(part)))
+    return at + count_bits(bits(which))
+
+
+@inlined
+def _nearer_in_leaf(reals, reference, query, best_sq, best_slot):
+    """`nearer_in_block`, of squared distances in the scene's scaled frame."""
+    px, py, pz, factor, _ = query
+    lanes = splat(px), splat(py), splat(pz)
+    found_sq, best_slot = nearer_in_block(reals, ~reference, lanes, best_sq / factor, best_slot)
+    return found_sq * factor, best_slot
+
+
+@inlined
+def nearest_with_budget(model, start, part, point, best_sq, best_slot, ease, core, budget, room):
     """What of a subtree is nearest to a point of the scene's frame, as far as *budget* steps tell.
 
-    *start*: the reference to walk from, in the frame of *part* (the scene's row for the tree over parts).
-    *best_sq* (scene's scaled frame) and *best_slot*: what is known already; nothing farther is looked at.
-    *ease*, *core* (scaled as well): see `near_enough_sq`. A step is a node or a leaf. Returns the smallest
-    squared distance found, its slot, the squared distance below which nothing lies (where the search has
-    ended, that of the best, or with ease what is near enough to it), and the steps taken.
+    *model*: its four arrays; *point*: (x, y, z). *start*: the reference to walk from, in the frame of *part*
+    (the scene's row for the tree over parts). *best_sq* (scene's scaled frame) and *best_slot*: what is known
+    already; nothing farther is looked at. *ease*, *core* (scaled as well): see `near_enough_sq`. A step is a
+    node or a leaf. Returns the smallest squared distance found, its slot, the squared distance below which
+    nothing lies (where the search has ended, that of the best, or with ease what is near enough to it), and
+    the steps taken.
     """
-    px, py, pz = to_local(frames, parts, part, x, y, z)
-    factor = factor_of(frames, part)
-    is_far = _is_far(px, py, pz)
-    wide_x, wide_y, wide_z = splat(px), splat(py), splat(pz)
-    vx, vy, vz = splat32(np.float32(px)), splat32(np.float32(py)), splat32(np.float32(pz))
+    reals, words, frames, parts = model
+    query = _query_in(frames, parts, part, point)
     best32 = open_up_to(near_enough_sq(best_sq, best_slot, ease, core))
-    scene = len(parts) - 1
     deep_end = max(budget // DEEP, DEPTH if budget >= 2 * DEPTH else 0, budget - SWEPT)
     work = 0
     at = 0
@@ -185,42 +212,29 @@ def nearest_with_budget(
         work += 1
         if reference >= 0:
             base = NODE_STRIDE * reference
-            bounds = _bounds(words, base, is_far, vx, vy, vz, wide_x, wide_y, wide_z, factor)
+            bounds = _bounds(words, base, query)
             is_open = bounds <= splat32(best32)
             if bits(is_open):
                 nearest, it = lowest_lane(bounds)
                 left = is_open
                 if work < deep_end:
                     left = is_open & ~it
-                store(room, at, compress(bounds, left))
-                store(room, at + ROOM, compress(load(words, base + CHILDREN), left))
-                store(room, at + 2 * ROOM, splat32(np.float32(part)))
-                at += count_bits(bits(left))
+                at = _wait(room, at, bounds, load(words, base + CHILDREN), part, left)
                 if work < deep_end:
                     reference = load_int(words, base + CHILDREN + nearest)
                     continue
         elif ~reference < ENTRY:
-            found_sq, best_slot = nearer_in_block(
-                reals, ~reference, wide_x, wide_y, wide_z, best_sq / factor, best_slot
-            )
-            best_sq = found_sq * factor
+            best_sq, best_slot = _nearer_in_leaf(reals, reference, query, best_sq, best_slot)
             best32 = open_up_to(near_enough_sq(best_sq, best_slot, ease, core))
         else:
             work -= 1
-            entry = parts[scene, FACES] + 2 * (~reference - ENTRY)
-            reference = load_int(words, entry + 1)
-            if not parts[load_int(words, entry), IS_FUSED]:
-                part = load_int(words, entry)
-                px, py, pz = to_local(frames, parts, part, x, y, z)
-                factor = factor_of(frames, part)
-                is_far = _is_far(px, py, pz)
-                wide_x, wide_y, wide_z = splat(px), splat(py), splat(pz)
-                vx, vy, vz = splat32(np.float32(px)), splat32(np.float32(py)), splat32(np.float32(pz))
+            reference, owner = _step_into(words, parts, reference, part)
+            if owner != part:
+                part = owner
+                query = _query_in(frames, parts, part, point)
             continue
         if work >= deep_end:
-            return _sweep(
-                reals, words, frames, parts, x, y, z, best_sq, best_slot, ease, core, at, work, budget, room
-            )
+            return _sweep(model, point, best_sq, best_slot, ease, core, at, work, budget, room)
         while at > 0:
             at -= 1
             if room[at] <= best32:
@@ -230,11 +244,7 @@ def nearest_with_budget(
         reference = load_int(room, at + ROOM)
         if np.int64(room[at + 2 * ROOM]) != part:
             part = np.int64(room[at + 2 * ROOM])
-            px, py, pz = to_local(frames, parts, part, x, y, z)
-            factor = factor_of(frames, part)
-            is_far = _is_far(px, py, pz)
-            wide_x, wide_y, wide_z = splat(px), splat(py), splat(pz)
-            vx, vy, vz = splat32(np.float32(px)), splat32(np.float32(py)), splat32(np.float32(pz))
+            query = _query_in(frames, parts, part, point)
 
 
 @inlined
@@ -265,14 +275,38 @@ def _fetch(reals, words, reference):
             prefetch(reals, BLOCK_STRIDE * ~reference + 8 * line)
 
 
-@kernel
-def _sweep(reals, words, frames, parts, x, y, z, best_sq, best_slot, ease, core, count, work, budget, room):
-    """Go on from what waits: *count* subtrees in *room*."""
-    scene = len(parts) - 1
+@inlined
+def _nearest_waiting(room, first, end):
+    """Of what waits from *first* up to *end*, the place of the smallest bound."""
+    nearest = first
+    for k in range(first + 1, end):
+        if room[k] < room[nearest]:
+            nearest = np.int64(k)
+    return nearest
+
+
+@inlined
+def _bounds_with_slabs(words, parts, reference, query, above):
+    """`_bounds` of the node *reference*, or *above*, what is known of all of it, or by slabs: the greatest.
+
+    In this order unused lanes stay NaN or inf.
+    """
+    bounds = maximum(splat32(above), _bounds(words, NODE_STRIDE * reference, query))
     # Nodes of the trees over parts come after those of the parts, and have no slabs.
-    top = parts[scene - 1, ROOT] + parts[scene - 1, NODE_COUNT]
+    scene = len(parts) - 1
+    if reference < parts[scene - 1, ROOT] + parts[scene - 1, NODE_COUNT]:
+        px, py, pz, factor, _ = query
+        at = parts[scene, MOMENTS] + MOMENT_STRIDE * reference
+        bounds = maximum(slabs_distance_sq(words, at, splat(px), splat(py), splat(pz), factor), bounds)
+    return bounds
+
+
+@kernel
+def _sweep(model, point, best_sq, best_slot, ease, core, count, work, budget, room):
+    """Go on from what waits: *count* subtrees in *room*."""
+    reals, words, frames, parts = model
     part = np.int64(-1)
-    px, py, pz, factor, is_far = 0.0, 0.0, 0.0, 1.0, False
+    query = 0.0, 0.0, 0.0, 1.0, False
     share = SHARE
     while True:
         enough_sq = near_enough_sq(best_sq, best_slot, ease, core)
@@ -307,56 +341,23 @@ def _sweep(reals, words, frames, parts, x, y, z, best_sq, best_slot, ease, core,
                 reference = np.int64(load_int(room, i + ROOM))
                 tag = np.int64(room[i + 2 * ROOM])
                 if reference < 0 and ~reference >= ENTRY:
-                    entry = parts[scene, FACES] + 2 * (~reference - ENTRY)
-                    reference = np.int64(load_int(words, entry + 1))
-                    if not parts[load_int(words, entry), IS_FUSED]:
-                        tag = np.int64(load_int(words, entry))
+                    reference, tag = _step_into(words, parts, reference, tag)
                 if tag != part:
                     part = tag
-                    px, py, pz = to_local(frames, parts, part, x, y, z)
-                    factor = factor_of(frames, part)
-                    is_far = _is_far(px, py, pz)
+                    query = _query_in(frames, parts, part, point)
                 above = room[i]
                 room[i] = np.float32(np.inf)
                 work += 1
                 if reference < 0:
-                    found_sq, best_slot = nearer_in_block(
-                        reals, ~reference, splat(px), splat(py), splat(pz), best_sq / factor, best_slot
-                    )
-                    best_sq = found_sq * factor
+                    best_sq, best_slot = _nearer_in_leaf(reals, reference, query, best_sq, best_slot)
                     best32 = open_up_to(near_enough_sq(best_sq, best_slot, ease, core))
                     follows = False
                     continue
-                base = NODE_STRIDE * reference
-                bounds = _bounds(
-                    words,
-                    base,
-                    is_far,
-                    splat32(np.float32(px)),
-                    splat32(np.float32(py)),
-                    splat32(np.float32(pz)),
-                    splat(px),
-                    splat(py),
-                    splat(pz),
-                    factor,
-                )
-                # The greatest of all that is known; in this order unused lanes stay NaN or inf.
-                bounds = maximum(splat32(above), bounds)
-                if reference < top:
-                    at = parts[scene, MOMENTS] + MOMENT_STRIDE * reference
-                    bounds = maximum(
-                        slabs_distance_sq(words, at, splat(px), splat(py), splat(pz), factor), bounds
-                    )
-                is_open = bounds <= splat32(best32)
-                store(room, count, compress(bounds, is_open))
-                store(room, count + ROOM, compress(load(words, base + CHILDREN), is_open))
-                store(room, count + 2 * ROOM, splat32(np.float32(part)))
-                opened = count + count_bits(bits(is_open))
+                bounds = _bounds_with_slabs(words, parts, reference, query, above)
+                references = load(words, NODE_STRIDE * reference + CHILDREN)
+                opened = _wait(room, count, bounds, references, part, bounds <= splat32(best32))
                 follows = follows and opened > count
                 if follows:
-                    following = count
-                    for k in range(count + 1, opened):
-                        if room[k] < room[following]:
-                            following = np.int64(k)
+                    following = _nearest_waiting(room, count, opened)
                 count = opened
         share = 2.0 * share if FEWEST * (work - before) < end else SHARE

@@ -29,10 +29,10 @@ from proximity.kernels.geometry.frames import (
     part_of_slot,
     to_local,
 )
-from proximity.kernels.geometry.triangle import dot, point_block_distance_sq
+from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import BLOCK_STRIDE, CHILDREN, ENTRY, FACES, LANES, NODE_STRIDE, ROOT
 from proximity.kernels.point.budgeted_walk import best_known, factor_of, nearest_with_budget
-from proximity.kernels.tree.traversal import nearer_of
+from proximity.kernels.tree.traversal import nearer_in_block
 from proximity.simd import (
     bits,
     fma,
@@ -159,23 +159,98 @@ def _keep_node(words, node, front, count, vx, vy, vz):
     front[NODE + count] = node
 
 
+@inlined
+def _way_since(front, qx, qy, qz, slack):
+    """How far the point has come since the front began, at most."""
+    sx, sy, sz = qx - front[WAY + 1], qy - front[WAY + 2], qz - front[WAY + 3]
+    way = front[WAY] + np.float32(sqrt(sx * sx + sy * sy + sz * sz))
+    return way * np.float32(1.0 + ROUNDED) + np.float32(slack)
+
+
+@inlined
+def _begin_front(words, root, front, vx, vy, vz):
+    """Make a front of the root alone."""
+    for k in range(0, FRONT, LANES):
+        store(front, DUE + k, splat32(INFINITE))
+    _keep_node(words, root, front, 0, vx, vy, vz)
+
+
+@inlined
+def _due_nodes(front, count, way):
+    """Which nodes are due: two words of bits, one for the first `WORD`."""
+    due, also_due = np.int64(0), np.int64(0)
+    if way <= OLDEST:
+        for k in range(0, min(count, WORD), LANES):
+            due |= bits(load(front, DUE + k) <= splat32(way)) << k
+        for k in range(WORD, count, LANES):
+            also_due |= bits(load(front, DUE + k) <= splat32(way)) << (k - WORD)
+    return due, also_due
+
+
+@inlined
+def _next_due(due, also_due, fresh):
+    """The next node to look at: of those that are due, or else *fresh*, the next that has come to the front.
+
+    Returns it, and the three as they are from then on.
+    """
+    if due:
+        return np.int64(trailing_zeros(due)), due & (due - 1), also_due, fresh
+    if also_due:
+        return np.int64(WORD + trailing_zeros(also_due)), due, also_due & (also_due - 1), fresh
+    return fresh, due, also_due, fresh + 1
+
+
+@inlined
+def _away(front, node, vx, vy, vz):
+    """How far the planes of a node's children are; of one that is in the front itself: inf."""
+    at = GROUP * node
+    away = fma(load(front, at + Z), vz, -load(front, at + OFFSET))
+    return fma(load(front, at + X), vx, fma(load(front, at + Y), vy, away))
+
+
+@inlined
+def _better_plane(reals, block, p, plane):
+    """The plane of a block where it is farther from *p* than *plane*, that of its box."""
+    px, py, pz = p
+    gx, gy, gz, offset = _plane_of_block(reals, block, px, py, pz)
+    length = gx * px + gy * py + gz * pz - offset
+    if length > plane[4]:
+        return np.float32(gx), np.float32(gy), np.float32(gz), np.float32(offset), np.float32(length)
+    return plane
+
+
+@inlined
+def _look_into_leaf(reals, reference, seen, p, best_sq, slot, plane):
+    """`nearer_in_block`, unless the block has been *seen*; and the plane that is kept of it."""
+    px, py, pz = p
+    if reference != seen:
+        lanes = splat(px), splat(py), splat(pz)
+        best_sq, slot = nearer_in_block(reals, ~reference, lanes, best_sq, slot)
+    # Where the nearest face is, no plane is out of reach.
+    if slot // LANES != ~reference:
+        plane = _better_plane(reals, BLOCK_STRIDE * ~reference, p, plane)
+    return best_sq, slot, plane
+
+
 @kernel
-def nearest_by_front(reals, words, frames, parts, x, y, z, part, slot, front, count, budget, room):
+def nearest_from_last_answer(model, point, part, slot, front, count, budget, room):
     """What of the whole scene is nearest to a point of its frame: exactly, or not at all.
 
-    *part*, *slot*: a face, best the one that was nearest a moment ago. *front* (`FRONT_SIZE`,): of the last
-    search, with *count* nodes, or `BEGINS`. The scene must not have changed since.
+    *model*: its four arrays; *point*: (x, y, z). *part*, *slot*: a face, best the one that was nearest a
+    moment ago. *front* (`FRONT_SIZE`,): of the last search, with *count* nodes, or `BEGINS`. The scene must
+    not have changed since.
 
     Returns the squared distance (scene's scaled frame), part and slot of the nearest found; whether nothing
     is nearer, or *budget* steps were too few to know; the front's count, 0 where it is not to be kept, even
     if it answered well; and the steps taken, one more than *budget* at most.
     """
-    scene = len(parts) - 1
-    here = np.int64(0) if is_alone(parts) else scene
+    reals, words, frames, parts = model
+    here = np.int64(0) if is_alone(parts) else len(parts) - 1
     factor = factor_of(frames, here)
+    x, y, z = point
     best_sq, slot = best_known(reals, frames, parts, part, slot, x, y, z)
     best_sq, seen = best_sq / factor, ~(slot // LANES)
-    px, py, pz = to_local(frames, parts, here, x, y, z)
+    p = px, py, pz = to_local(frames, parts, here, x, y, z)
     size = abs(px) + abs(py) + abs(pz)
     slack = ROUNDED * (1.0 + size)
     work = np.int64(0)
@@ -183,45 +258,24 @@ def nearest_by_front(reals, words, frames, parts, x, y, z, part, slot, front, co
         return best_sq * factor, part, slot, False, np.int64(0), work
     qx, qy, qz = np.float32(px), np.float32(py), np.float32(pz)
     vx, vy, vz = splat32(qx), splat32(qy), splat32(qz)
-    wide_x, wide_y, wide_z = splat(px), splat(py), splat(pz)
 
-    sx, sy, sz = qx - front[WAY + 1], qy - front[WAY + 2], qz - front[WAY + 3]
-    way = front[WAY] + np.float32(sqrt(sx * sx + sy * sy + sz * sz))
-    way = way * np.float32(1.0 + ROUNDED) + np.float32(slack)
+    way = _way_since(front, qx, qy, qz, slack)
     # Nodes that are due, by bits; and the first of those that come to the front in this search.
-    due, also_due, fresh = np.int64(0), np.int64(0), count
-    if way <= OLDEST:
-        for k in range(0, min(count, WORD), LANES):
-            due |= bits(load(front, DUE + k) <= splat32(way)) << k
-        for k in range(WORD, count, LANES):
-            also_due |= bits(load(front, DUE + k) <= splat32(way)) << (k - WORD)
-    begins = count <= 0 or not way <= OLDEST
+    due, also_due = _due_nodes(front, count, way)
+    begins, fresh = count <= 0 or not way <= OLDEST, count
     has_begun, is_found = False, True
     limit = np.int64(front[LIMIT])
     while is_found:
         if begins:
             begins, has_begun = False, True
             due, also_due, fresh, way = np.int64(0), np.int64(0), np.int64(0), NONE
-            for k in range(0, FRONT, LANES):
-                store(front, DUE + k, splat32(INFINITE))
-            _keep_node(words, parts[here, ROOT], front, 0, vx, vy, vz)
+            _begin_front(words, parts[here, ROOT], front, vx, vy, vz)
             count, limit = np.int64(1), np.int64(FRONT)
             work += 1
-        if due:
-            node = np.int64(trailing_zeros(due))
-            due &= due - 1
-        elif also_due:
-            node = np.int64(WORD + trailing_zeros(also_due))
-            also_due &= also_due - 1
-        else:
-            node = fresh
-            fresh += 1
+        node, due, also_due, fresh = _next_due(due, also_due, fresh)
         if node >= count:
             break
-        at = GROUP * node
-        away = fma(load(front, at + Z), vz, -load(front, at + OFFSET))
-        away = fma(load(front, at + X), vx, fma(load(front, at + Y), vy, away))
-        reach = _reach(best_sq, slack)
+        away, reach = _away(front, node, vx, vy, vz), _reach(best_sq, slack)
         # Of the children that are looked at: which, and how far the nearest is from then on.
         looked_at, least = np.int64(0), INFINITE
         while True:
@@ -231,8 +285,8 @@ def nearest_by_front(reals, words, frames, parts, x, y, z, part, slot, front, co
             looked_at |= opened & -opened
             lane = trailing_zeros(opened)
             base = NODE_STRIDE * np.int64(front[NODE + node]) + lane
-            gx, gy, gz, offset, length = _plane_of_box(words, base, qx, qy, qz)
-            if length <= reach:
+            plane = _plane_of_box(words, base, qx, qy, qz)
+            if plane[4] <= reach:
                 if work >= budget:
                     is_found = False
                     break
@@ -244,34 +298,23 @@ def nearest_by_front(reals, words, frames, parts, x, y, z, part, slot, front, co
                         break
                     _keep_node(words, reference, front, count, vx, vy, vz)
                     count += 1
-                    offset, length = BEHIND_NONE, INFINITE
+                    plane = plane[0], plane[1], plane[2], BEHIND_NONE, INFINITE
                 elif ~reference < ENTRY:
-                    block = BLOCK_STRIDE * ~reference
-                    if reference != seen:
-                        distances = point_block_distance_sq(reals, block, wide_x, wide_y, wide_z)
-                        best_sq, slot = nearer_of(distances, ~reference, best_sq, slot)
-                    # Where the nearest face is, no plane is out of reach.
-                    if slot // LANES != ~reference:
-                        ox, oy, oz, behind = _plane_of_block(reals, block, px, py, pz)
-                        before = ox * px + oy * py + oz * pz - behind
-                        if before > length:
-                            gx, gy, gz = np.float32(ox), np.float32(oy), np.float32(oz)
-                            offset, length = np.float32(behind), np.float32(before)
+                    best_sq, slot, plane = _look_into_leaf(reals, reference, seen, p, best_sq, slot, plane)
                 else:
                     # A part with a frame of its own is walked.
-                    entry = parts[scene, FACES] + 2 * (~reference - ENTRY)
+                    entry = parts[here, FACES] + 2 * (~reference - ENTRY)
                     start, owner = np.int64(load_int(words, entry + 1)), np.int64(load_int(words, entry))
                     best_sq, slot, lower_sq, steps = nearest_with_budget(
-                        reals, words, frames, parts, start, owner, x, y, z, best_sq, slot, 0.0, 0.0,
-                        budget - work, room,
-                    )  # fmt: skip
+                        model, start, owner, point, best_sq, slot, 0.0, 0.0, budget - work, room
+                    )
                     work += steps
                     if lower_sq < best_sq:
                         is_found = False
                         break
                 reach = _reach(best_sq, slack)
             at = GROUP * node + lane
-            front[at + X], front[at + Y], front[at + Z], front[at + OFFSET] = gx, gy, gz, offset
+            front[at + X], front[at + Y], front[at + Z], front[at + OFFSET], length = plane
             least = min(least, length)
         least = min(least, horizontal_min(select(away > splat32(reach), away, splat32(INFINITE))))
         front[DUE + node] = way + CLOSING * max(least - reach, NONE)

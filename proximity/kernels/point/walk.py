@@ -13,8 +13,8 @@ instead of the nearest (3 times the time, except with a bound that is known).
 import numpy as np
 
 from proximity.kernels.compiler import inlined
-from proximity.kernels.geometry.box import bound_of, far_offset_sq, node_bounds_sq
-from proximity.kernels.geometry.triangle import TINY, place_of, point_triangle_distance_sq
+from proximity.kernels.geometry.box import bound_of, lanes_of_point, node_bounds_sq
+from proximity.kernels.geometry.triangle import place_of, point_triangle_distance_sq
 from proximity.kernels.layout import LANES, NO_SLOT, NODE_STRIDE, STACK_SIZE
 from proximity.kernels.tree.traversal import NOTHING_WAITS, descend, nearer_in_block, next_open
 from proximity.simd import (
@@ -36,26 +36,20 @@ def closest_in_part(reals, words, start, px, py, pz, best_sq, best_slot, seen, s
     known already; nothing farther is looked at. *seen*: the block they are the best of, or `NOTHING_SEEN`.
     *stacks* float32, from *at* on: `STACK_SIZE` bounds, then as many references.
     """
-    wide_x, wide_y, wide_z = splat(px), splat(py), splat(pz)
-    x, y, z = splat32(np.float32(px)), splat32(np.float32(py)), splat32(np.float32(pz))
-    offset = far_offset_sq(px, py, pz)
-    is_far = offset > 0.0
-    offsets = splat(offset)
+    point_lanes = _, wide_lanes, offset = lanes_of_point(px, py, pz)
     best32 = bound_of(best_sq, offset)
     bottom = at
     reference = start
     while True:
         if reference >= 0:
             base = NODE_STRIDE * reference
-            bounds = node_bounds_sq(words, base, is_far, x, y, z, wide_x, wide_y, wide_z, offsets)
+            bounds = node_bounds_sq(words, base, point_lanes)
             is_open = bounds <= splat32(best32)
             if bits(is_open):
                 reference, at = descend(words, base, bounds, is_open, stacks, at)
                 continue
         elif reference != seen:
-            best_sq, best_slot = nearer_in_block(
-                reals, ~reference, wide_x, wide_y, wide_z, best_sq, best_slot
-            )
+            best_sq, best_slot = nearer_in_block(reals, ~reference, wide_lanes, best_sq, best_slot)
             best32 = bound_of(best_sq, offset)
         # The next that is still open.
         at = next_open(stacks, bottom, at, best32)
@@ -70,7 +64,8 @@ def best_of_block(reals, slot, px, py, pz):
 
     It takes less time than one triangle alone, and a walk that starts from there need not come by again.
     """
-    return nearer_in_block(reals, slot // LANES, splat(px), splat(py), splat(pz), np.inf, np.int64(NO_SLOT))
+    p = splat(px), splat(py), splat(pz)
+    return nearer_in_block(reals, slot // LANES, p, np.inf, np.int64(NO_SLOT))
 
 
 @inlined
@@ -78,19 +73,8 @@ def slot_distance_sq(reals, slot, px, py, pz):
     """Squared distance from *p* to the triangle at *slot*: to the bit what the walk computes for it."""
     base = place_of(slot)
     return point_triangle_distance_sq(
-        px,
-        py,
-        pz,
-        reals[base],
-        reals[base + 8],
-        reals[base + 16],
-        reals[base + 24],
-        reals[base + 32],
-        reals[base + 40],
-        reals[base + 48],
-        reals[base + 56],
-        reals[base + 64],
-        0.0,
-        1.0,
-        TINY,
+        (px, py, pz),
+        (reals[base], reals[base + 8], reals[base + 16]),
+        (reals[base + 24], reals[base + 32], reals[base + 40]),
+        (reals[base + 48], reals[base + 56], reals[base + 64]),
     )

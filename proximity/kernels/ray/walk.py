@@ -123,7 +123,7 @@ def slab(o, d, margin):
 def near_plane(rate):
     """Offset in a node from a box's lower x (y, z) to the plane that is entered first; the other is left.
 
-    *rate*: as `slab` gives it, or the direction itself.
+    *rate*: as `slab` gives it.
     """
     return 24 if rate < 0.0 else 0
 
@@ -136,22 +136,23 @@ def bound_of_parameter(best, start):
 
 
 @inlined
-def ray_boxes_bound(
-    nodes, base, near_x, near_y, near_z, rate_x, rate_y, rate_z, in_x, in_y, in_z, out_x, out_y, out_z,
-    zero, best,
-):  # fmt: skip
-    """Where a ray enters and leaves the boxes of the node at *base*, and which of them it meets up to *best*.
+def open_boxes(words, base, aim, zero, best32):
+    """Where a ray enters and leaves the boxes of the node at *base*, and which it meets up to *best32*.
 
-    Parameters; that of entering is >= 0. Rates and constants are float32x8 splats of `slab`.
+    Parameters; that of entering is >= 0. *aim*: nine numbers, what `slab` gives for x, y and z. *best32* is
+    a scalar, *zero* a float32x8.
     """
-    enter_x = fma(load(nodes, base + near_x), rate_x, in_x)
-    enter_y = fma(load(nodes, base + 8 + near_y), rate_y, in_y)
-    enter_z = fma(load(nodes, base + 16 + near_z), rate_z, in_z)
-    leave_x = fma(load(nodes, base + 24 - near_x), rate_x, out_x)
-    leave_y = fma(load(nodes, base + 32 - near_y), rate_y, out_y)
-    leave_z = fma(load(nodes, base + 40 - near_z), rate_z, out_z)
+    rate_x, in_x, out_x, rate_y, in_y, out_y, rate_z, in_z, out_z = aim
+    near_x, near_y, near_z = near_plane(rate_x), near_plane(rate_y), near_plane(rate_z)
+    rate_x, rate_y, rate_z = splat32(rate_x), splat32(rate_y), splat32(rate_z)
+    enter_x = fma(load(words, base + near_x), rate_x, splat32(in_x))
+    enter_y = fma(load(words, base + 8 + near_y), rate_y, splat32(in_y))
+    enter_z = fma(load(words, base + 16 + near_z), rate_z, splat32(in_z))
+    leave_x = fma(load(words, base + 24 - near_x), rate_x, splat32(out_x))
+    leave_y = fma(load(words, base + 32 - near_y), rate_y, splat32(out_y))
+    leave_z = fma(load(words, base + 40 - near_z), rate_z, splat32(out_z))
     enter = maximum(maximum(enter_x, enter_y), maximum(enter_z, zero))
-    leave = minimum(minimum(leave_x, leave_y), minimum(leave_z, best))
+    leave = minimum(minimum(leave_x, leave_y), minimum(leave_z, splat32(best32)))
     return enter, leave, enter <= leave
 
 
@@ -169,12 +170,16 @@ def pick(axis, x, y, z):
 
 
 @inlined
-def ray_triangle_sides(ox, oy, oz, lean_x, lean_y, ax, ay, az, bx, by, bz, cx, cy, cz):
+def ray_triangle_sides(origin, lean_x, lean_y, a, b, c):
     """Weights of the corners, not yet divided by their sum, and the weighted height; scalars or vectors.
 
-    Axes are turned so that the ray runs mostly along z; *lean_x*, *lean_y* are -dx/dz, -dy/dz. A line hits
-    where no two weights differ in sign.
+    *origin* of the ray and corners *a b c*: (x, y, z) each, axes turned so that the ray runs mostly along z;
+    *lean_x*, *lean_y* are -dx/dz, -dy/dz. A line hits where no two weights differ in sign.
     """
+    ox, oy, oz = origin
+    ax, ay, az = a
+    bx, by, bz = b
+    cx, cy, cz = c
     az, bz, cz = az - oz, bz - oz, cz - oz
     ax, ay = fma(lean_x, az, ax - ox), fma(lean_y, az, ay - oy)
     bx, by = fma(lean_x, bz, bx - ox), fma(lean_y, bz, by - oy)
@@ -212,11 +217,13 @@ def _seen_along(reals, base, view):
     z = np.int64(axis)
     x, y, z = 8 * ((z + 1) % 3), 8 * ((z + 2) % 3), 8 * z
     u, v, w, height = ray_triangle_sides(
-        splat(px), splat(py), splat(pz), splat(lean_x), splat(lean_y),
-        load(reals, base + x), load(reals, base + y), load(reals, base + z),
-        load(reals, base + 24 + x), load(reals, base + 24 + y), load(reals, base + 24 + z),
-        load(reals, base + 48 + x), load(reals, base + 48 + y), load(reals, base + 48 + z),
-    )  # fmt: skip
+        (splat(px), splat(py), splat(pz)),
+        splat(lean_x),
+        splat(lean_y),
+        (load(reals, base + x), load(reals, base + y), load(reals, base + z)),
+        (load(reals, base + 24 + x), load(reals, base + 24 + y), load(reals, base + 24 + z)),
+        (load(reals, base + 48 + x), load(reals, base + 48 + y), load(reals, base + 48 + z)),
+    )
     zero = splat(0.0)
     is_hit = (minimum(u, minimum(v, w)) >= zero) | (maximum(u, maximum(v, w)) <= zero)
     return u, v, w, height, is_hit
@@ -259,17 +266,6 @@ def first_in_block(reals, base, view, entry, best):
 
 
 @inlined
-def open_boxes(words, base, aim, zero, best32):
-    """`ray_boxes_bound` for a ray of which *aim* has what `slab` gives for x, y and z; *best32* a scalar."""
-    rate_x, in_x, out_x, rate_y, in_y, out_y, rate_z, in_z, out_z = aim
-    return ray_boxes_bound(
-        words, base, near_plane(rate_x), near_plane(rate_y), near_plane(rate_z),
-        splat32(rate_x), splat32(rate_y), splat32(rate_z), splat32(in_x), splat32(in_y), splat32(in_z),
-        splat32(out_x), splat32(out_y), splat32(out_z), zero, splat32(best32),
-    )  # fmt: skip
-
-
-@inlined
 def aim_and_view(ox, oy, oz, dx, dy, dz, margin):
     """What boxes need of a ray, see `open_boxes`, and what triangles do, see `look_along`."""
     aim = (*slab(ox, dx, margin), *slab(oy, dy, margin), *slab(oz, dz, margin))
@@ -277,11 +273,13 @@ def aim_and_view(ox, oy, oz, dx, dy, dz, margin):
 
 
 @inlined
-def ray_in_part(reals, words, start, ox, oy, oz, dx, dy, dz, best, best_slot, stacks, at):
-    """First hit of the ray *o* + t *d*, t >= 0, in the part's local frame: see `first_hit`.
+def ray_in_part(reals, words, start, origin, direction, best, best_slot, stacks, at):
+    """First hit of the ray *origin* + t *direction*, t >= 0, in the part's local frame: see `first_hit`.
 
-    The largest component of *d* is between 0.5 and 2.
+    (x, y, z) each; the largest component of *direction* is between 0.5 and 2.
     """
+    ox, oy, oz = origin
+    dx, dy, dz = direction
     is_near, entry = True, 0.0
     if is_from_afar(ox, oy, oz):
         is_near, entry, ox, oy, oz = approach(ox, oy, oz, dx, dy, dz)

@@ -1,10 +1,10 @@
-"""Which parts of a scene hold a point, and how deep.
+"""Which parts of a scene contain a point, and how deep.
 
 The signed distance of a scene is the smallest over its parts: exact outside; inside, of several parts that
-hold the point, the deepest counts.
+contain the point, the deepest counts.
 
-A point in a cell that a part's sign grid tells to be inside is held for *certain*. Then only parts that may
-hold it are asked, each for its own nearest surface, and not which surface of all is the nearest: of two
+A point in a cell that a part's sign grid tells to be inside is inside for *certain*. Then only parts that may
+contain it are asked, each for its own nearest surface, and not which surface of all is the nearest: of two
 walks that spares the longer one. Others are told the nearest surface first, and then asked of the other parts
 whose surface passes through their cell.
 """
@@ -32,12 +32,13 @@ from proximity.kernels.layout import (
     SIGN_NONE,
 )
 from proximity.kernels.point.walk import NOTHING_SEEN, best_of_block, closest_in_part
+from proximity.kernels.scene.chunk_tables import RECENT
 from proximity.kernels.scene.part_grid import (
-    holder,
-    holding_bits,
+    containing_bits,
     list_of,
     listed_bits,
     loose_bits,
+    lowest_part,
     sought,
     turns_of,
     turns_of_list,
@@ -47,13 +48,10 @@ from proximity.kernels.sign.inside_grid import CROSSED, INSIDE, OUTSIDE, UNKNOWN
 from proximity.kernels.sign.side import is_inside_by_winding, signed_of_slot
 from proximity.simd import load_int, splat32, trailing_zeros
 
-RECENT = 16
-"""Parts of which it is remembered what was found in them last."""
-
 
 @inlined
 def _state_in_grid(words, frames, parts, part, px, py, pz):
-    """State of the cell of a part's sign grid that holds *p*, local."""
+    """State of the cell of a part's sign grid that contains *p*, local."""
     return cell_state(
         words,
         parts[part, GRID],
@@ -81,22 +79,23 @@ def state_in_part(reals, words, frames, parts, part, px, py, pz):
 
 
 @inlined
-def depth_in_part(reals, words, frames, parts, part, px, py, pz, state, recent, stacks, witness):
-    """Squared local depth and slot where *p* (local) is inside *part*; `NO_SLOT` where it is not.
+def depth_in_part(model, part, p, state, workspace):
+    """Squared local depth and slot where *p*, local, is inside *part*; `NO_SLOT` where it is not.
 
-    *state*: `INSIDE` or `CROSSED`, as `state_in_part` tells. *recent* (RECENT, 2) int64: parts asked lately
-    and the slots found there, from which walks may start.
+    *state*: `INSIDE` or `CROSSED`, as `state_in_part` tells.
     """
+    reals, words, frames, parts = model
+    px, py, pz = p
     # Faces that pass by a cell may have marked it: mostly, not always, the surface is within its diagonal.
     rate = frames[part, GRID_RATE]
     reach_sq = np.inf if state == INSIDE else 3.001 / (rate * rate)
     slot, seen = np.int64(NO_SLOT), np.int64(NOTHING_SEEN)
-    last = part % RECENT
+    recent, last = workspace.recent, part % RECENT
     if recent[last, 0] == part:
         known_sq, known = best_of_block(reals, recent[last, 1], px, py, pz)
         if known_sq <= reach_sq:
             reach_sq, slot, seen = known_sq, known, ~(known // LANES)
-    root = parts[part, ROOT]
+    root, stacks = parts[part, ROOT], workspace.stacks
     found_sq, slot = closest_in_part(reals, words, root, px, py, pz, reach_sq, slot, seen, stacks, 0)
     if slot == NO_SLOT:
         found_sq, slot = closest_in_part(
@@ -105,40 +104,42 @@ def depth_in_part(reals, words, frames, parts, part, px, py, pz, state, recent, 
     if slot >= 0:
         recent[last, 0], recent[last, 1] = part, slot
         if state == CROSSED:
-            signed = signed_of_slot(reals, words, parts, part, slot, px, py, pz, witness)
+            signed = signed_of_slot(reals, words, parts, part, slot, px, py, pz, workspace.witness)
             if not signed < 0.0:
                 slot = np.int64(NO_SLOT)
     return found_sq, slot
 
 
 @kernel
-def is_held(reals, words, frames, parts, x, y, z, recent, stacks, witness):
-    """Whether some part holds a point of the scene's frame; *recent* as in `depth_in_part`."""
+def is_contained(model, point, workspace):
+    """Whether some part contains a point of the scene's frame, (x, y, z)."""
+    reals, words, frames, parts = model
+    x, y, z = point
     first, last, sx, sy, sz = sought(words, frames, parts, x, y, z)
     is_inside = False
     for turn in range(turns_of(parts, first, last)):
-        holding, at = holding_bits(words, frames, parts, first, last, turn, x, y, z, sx, sy, sz)
-        while holding and not is_inside:
-            part = holder(words, parts, at, holding)
-            holding &= holding - 1
+        containing, at = containing_bits(words, frames, parts, first, last, turn, x, y, z, sx, sy, sz)
+        while containing and not is_inside:
+            part = lowest_part(words, parts, at, containing)
+            containing &= containing - 1
             px, py, pz = to_local(frames, parts, part, x, y, z)
             state = state_in_part(reals, words, frames, parts, part, px, py, pz)
             is_inside = state == INSIDE
             if state == CROSSED:
-                _, slot = depth_in_part(
-                    reals, words, frames, parts, part, px, py, pz, state, recent, stacks, witness
-                )
+                _, slot = depth_in_part(model, part, (px, py, pz), state, workspace)
                 is_inside = slot >= 0
     return is_inside
 
 
 @inlined
-def note_holders(words, frames, parts, points, rows, count, lists, pairs, certain):
-    """Note which parts may hold points, of the first that are listed for each; how many pairs that are.
+def note_candidates(model, chunk, candidates):
+    """Note which parts may contain points, of the first that are listed for each; how many pairs that are.
 
-    *rows* (count,): of *points*. Filled: *lists* (count, 2), where parts are listed; *pairs* (count * LANES,
-    3): place in *rows*, part and state, never `OUTSIDE`; *certain* (count,): 1 where a part holds the point.
+    No pair has the state `OUTSIDE`.
     """
+    _, words, frames, parts = model
+    points, rows, count = chunk
+    certain, lists, pairs, _ = candidates
     pair_count = 0
     for k in range(count):
         row = rows[k]
@@ -146,10 +147,10 @@ def note_holders(words, frames, parts, points, rows, count, lists, pairs, certai
         certain[k] = 0
         lists[k, 0], lists[k, 1] = list_of(words, frames, parts, x, y, z)
         at = lists[k, 0]
-        holding = listed_bits(words, frames, parts, at, lists[k, 1], x, y, z)
-        while holding:
-            part = np.int64(load_int(words, at + trailing_zeros(holding)))
-            holding &= holding - 1
+        containing = listed_bits(words, frames, parts, at, lists[k, 1], x, y, z)
+        while containing:
+            part = np.int64(load_int(words, at + trailing_zeros(containing)))
+            containing &= containing - 1
             state = np.int64(UNKNOWN)
             if parts[part, GRID] != NO_GRID:
                 px, py, pz = to_local(frames, parts, part, x, y, z)
@@ -162,17 +163,16 @@ def note_holders(words, frames, parts, points, rows, count, lists, pairs, certai
 
 
 @inlined
-def deepest_of_certain(
-    reals, words, frames, parts, points, rows, count, pair_count, certain, found, depths, deeper, pairs,
-    recent, stacks, witness,
-):  # fmt: skip
-    """Find the part that holds each point deepest, of points that are held for certain.
+def deepest_of_certain(model, chunk, candidates, pair_count, found, workspace):
+    """Find the part that contains each point deepest, of points that are inside for certain.
 
-    The first *pair_count* of *pairs* are as `note_holders` noted them. Those of the other points are moved to
-    the front; returns how many they are. Of the certain points *found*, *depths* and *deeper* are filled, see
-    `deepest_of_chunk`; of the others *deeper* gets `NO_PART`.
+    The first *pair_count* pairs are as `note_candidates` noted them. Those of the other points are moved to
+    the front; returns how many they are. Of the certain points nearest, depths and deeper are filled; of the
+    others deeper gets `NO_PART`.
     """
-    for k in range(count):
+    certain, pairs = candidates.certain, candidates.pairs
+    nearest, depths, deeper, _ = found
+    for k in range(chunk.point_count):
         deeper[k, 0], deeper[k, 1] = NO_PART, NO_SLOT
         if certain[k]:
             depths[k] = -1.0
@@ -180,11 +180,8 @@ def deepest_of_certain(
     for i in range(pair_count):
         k, part, state = pairs[i, 0], pairs[i, 1], pairs[i, 2]
         if certain[k]:
-            _ask_for_depth(
-                reals, words, frames, parts, points, rows, k, part, state, depths, deeper, recent, stacks,
-                witness,
-            )  # fmt: skip
-            found[k, 0], found[k, 1] = deeper[k, 0], deeper[k, 1]
+            _ask_for_depth(model, chunk, k, part, state, found, workspace)
+            nearest[k, 0], nearest[k, 1] = deeper[k, 0], deeper[k, 1]
         else:
             pairs[left, 0], pairs[left, 1], pairs[left, 2] = k, part, state
             left += 1
@@ -192,66 +189,56 @@ def deepest_of_certain(
 
 
 @kernel
-def deepest_of_chunk(
-    reals, words, frames, parts, points, rows, count, found, depths, deeper, places, lists, pairs, pair_count,
-    recent, stacks, witness,
-):  # fmt: skip
-    """Find, for points of which the nearest surface is known, the part that holds each of them deepest.
+def deepest_of_chunk(model, chunk, candidates, pair_count, found, workspace):
+    """Find, for points of which the nearest surface is known, the part that contains each of them deepest.
 
-    *rows* (count,): of *points*. *found* (count, 2): nearest part, or `NO_PART`, and slot. *depths* (count,):
-    squared distance (scene's scaled frame) where the nearest part holds the point, or another does for
-    certain, else -1; made larger where another goes deeper, and then *deeper* (count, 2) gets that part and
-    slot. *pairs*, the first *pair_count*: what `deepest_of_certain` left. *places* (count, 3) float32 and the
-    rest are scratch.
+    Depths are at least 0 where the nearest part contains the point, or another does for certain; they are
+    made larger where another goes deeper, and then deeper gets that part and slot. The first *pair_count*
+    pairs are what `deepest_of_certain` left.
 
     The points are asked together, turn by turn: so few steps wait for another.
     """
+    _, words, frames, parts = model
+    points, rows, count = chunk
+    _, lists, pairs, positions = candidates
+    nearest = found.nearest
     scene = len(parts) - 1
     turns, loose_turns = np.int64(0), turns_of_loose(parts)
     for i in range(pair_count):
         k, part = pairs[i, 0], pairs[i, 1]
-        if part != found[k, 0]:
-            _ask_for_depth(
-                reals, words, frames, parts, points, rows, k, part, pairs[i, 2], depths, deeper, recent,
-                stacks, witness,
-            )  # fmt: skip
+        if part != nearest[k, 0]:
+            _ask_for_depth(model, chunk, k, part, pairs[i, 2], found, workspace)
     for k in range(count):
         turns = max(turns, turns_of_list(lists[k, 0], lists[k, 1]))
         if loose_turns:
             row = rows[k]
             x, y, z = to_local(frames, parts, scene, points[row, 0], points[row, 1], points[row, 2])
-            places[k, 0], places[k, 1], places[k, 2] = np.float32(x), np.float32(y), np.float32(z)
+            positions[k, 0], positions[k, 1], positions[k, 2] = np.float32(x), np.float32(y), np.float32(z)
     for turn in range(1, turns):
         pair_count = 0
         for k in range(count):
             row = rows[k]
             at = lists[k, 0] + LANES * turn
-            holding = listed_bits(
+            containing = listed_bits(
                 words, frames, parts, at, lists[k, 1], points[row, 0], points[row, 1], points[row, 2]
             )
-            pair_count = _add_pairs(words, at, holding, k, found[k, 0], pairs, pair_count)
-        _deepest_of_pairs(
-            reals, words, frames, parts, points, rows, pair_count, depths, deeper, pairs, recent, stacks,
-            witness,
-        )  # fmt: skip
+            pair_count = _add_pairs(words, at, containing, k, nearest[k, 0], pairs, pair_count)
+        _deepest_of_pairs(model, chunk, pairs, pair_count, found, workspace)
     for turn in range(loose_turns):
         pair_count = 0
         for k in range(count):
-            sx, sy, sz = splat32(places[k, 0]), splat32(places[k, 1]), splat32(places[k, 2])
-            holding, at = loose_bits(words, parts, turn, sx, sy, sz)
-            pair_count = _add_pairs(words, at, holding, k, found[k, 0], pairs, pair_count)
-        _deepest_of_pairs(
-            reals, words, frames, parts, points, rows, pair_count, depths, deeper, pairs, recent, stacks,
-            witness,
-        )  # fmt: skip
+            sx, sy, sz = splat32(positions[k, 0]), splat32(positions[k, 1]), splat32(positions[k, 2])
+            containing, at = loose_bits(words, parts, turn, sx, sy, sz)
+            pair_count = _add_pairs(words, at, containing, k, nearest[k, 0], pairs, pair_count)
+        _deepest_of_pairs(model, chunk, pairs, pair_count, found, workspace)
 
 
 @inlined
-def _add_pairs(words, at, holding, k, nearest, pairs, pair_count):
+def _add_pairs(words, at, containing, k, nearest, pairs, pair_count):
     """Note which parts point *k* is to be asked of, but for the *nearest*, which has been; how many pairs."""
-    while holding:
-        part = np.int64(load_int(words, at + trailing_zeros(holding)))
-        holding &= holding - 1
+    while containing:
+        part = np.int64(load_int(words, at + trailing_zeros(containing)))
+        containing &= containing - 1
         pairs[pair_count, 0], pairs[pair_count, 1] = k, part
         # Neither branch could be foreseen.
         pair_count += part != nearest
@@ -259,10 +246,10 @@ def _add_pairs(words, at, holding, k, nearest, pairs, pair_count):
 
 
 @kernel
-def _deepest_of_pairs(
-    reals, words, frames, parts, points, rows, pair_count, depths, deeper, pairs, recent, stacks, witness
-):
-    """Ask parts that may hold points; see `deepest_of_chunk`. *pairs*: place in *rows*, and part."""
+def _deepest_of_pairs(model, chunk, pairs, pair_count, found, workspace):
+    """Ask parts that may contain points; see `deepest_of_chunk`. Of *pairs* the states are not known yet."""
+    reals, words, frames, parts = model
+    points, rows, _ = chunk
     left = 0
     for i in range(pair_count):
         k, part = pairs[i, 0], pairs[i, 1]
@@ -272,26 +259,22 @@ def _deepest_of_pairs(
         pairs[left, 0], pairs[left, 1], pairs[left, 2] = k, part, state
         left += state != OUTSIDE
     for i in range(left):
-        _ask_for_depth(
-            reals, words, frames, parts, points, rows, pairs[i, 0], pairs[i, 1], pairs[i, 2], depths, deeper,
-            recent, stacks, witness,
-        )  # fmt: skip
+        _ask_for_depth(model, chunk, pairs[i, 0], pairs[i, 1], pairs[i, 2], found, workspace)
 
 
 @inlined
-def _ask_for_depth(
-    reals, words, frames, parts, points, rows, k, part, state, depths, deeper, recent, stacks, witness
-):
-    """Ask a part how deep it holds point *k*, if it does, and keep that where it is the deepest so far."""
+def _ask_for_depth(model, chunk, k, part, state, found, workspace):
+    """Ask a part how deep it contains point *k*, if it does, and keep that where it is the deepest so far."""
+    reals, words, frames, parts = model
+    points, rows, _ = chunk
+    _, depths, deeper, _ = found
     row = rows[k]
     px, py, pz = to_local(frames, parts, part, points[row, 0], points[row, 1], points[row, 2])
     if state == UNKNOWN:
         state = np.int64(state_in_part(reals, words, frames, parts, part, px, py, pz))
         if state == OUTSIDE:
             return
-    depth_sq, slot = depth_in_part(
-        reals, words, frames, parts, part, px, py, pz, state, recent, stacks, witness
-    )
+    depth_sq, slot = depth_in_part(model, part, (px, py, pz), state, workspace)
     if slot >= 0:
         ratio = frames[part, SCALE] / frames[len(parts) - 1, SCALE]
         depth_sq /= ratio * ratio

@@ -1,9 +1,9 @@
 """The signed distance of one point of a scene between bounds, within a budget of steps.
 
 With budget enough both bounds are the signed distance that `query` answers: the smallest over all parts;
-inside, of several parts that hold the point, the deepest. With less the nearest surface found so far is one
-bound, and the smallest bound of what was not looked at the other. The side does not need the nearest face:
-the sign grid and the winding number tell it as well.
+inside, of several parts that contain the point, the deepest. With less the nearest surface found so far is
+one bound, and the smallest bound of what was not looked at the other. The side does not need the nearest
+face: the sign grid and the winding number tell it as well.
 """
 
 from math import sqrt
@@ -42,24 +42,26 @@ from proximity.kernels.layout import (
 )
 from proximity.kernels.point.budgeted_walk import DOWN, known_sq, nearest_with_budget
 from proximity.kernels.scene.containment import state_in_part
-from proximity.kernels.scene.part_grid import holder, holding_bits, sought, turns_of
+from proximity.kernels.scene.part_grid import containing_bits, lowest_part, sought, turns_of
 from proximity.kernels.sign.inside_grid import CROSSED, OUTSIDE
-from proximity.kernels.sign.inside_grid import INSIDE as HELD
+from proximity.kernels.sign.inside_grid import INSIDE as INSIDE_CELL
 from proximity.kernels.sign.side import is_inside_by_winding, signed_of_slot, witness_of_slot
 
 FEWEST_STEPS = 8
-"""For each further part that may hold the point, when the budget is spent already."""
+"""For each further part that may contain the point, when the budget is spent already."""
 SPARE_STEPS = 64
-"""For all of them together. Of further parts that hold the point for certain, their boxes tell how deep."""
+"""For all of them together. Of further parts that contain the point for certain the boxes tell how deep."""
 
 
 @inlined
-def nearest_from(reals, words, frames, parts, x, y, z, part, slot, limit_sq, ease, core, budget, room):
+def nearest_from_face(model, point, part, slot, limit_sq, ease, core, budget, room):
     """`nearest_with_budget` for the whole scene, starting from a face known, if any; with its part.
 
-    *limit_sq*, *core*: in the scene's scaled frame; nothing farther than the limit is looked at.
+    *model*: its four arrays; *point*: (x, y, z). *limit_sq*, *core*: in the scene's scaled frame; nothing
+    farther than the limit is looked at.
     """
-    scene = len(parts) - 1
+    reals, words, frames, parts = model
+    x, y, z = point
     best_sq = limit_sq
     if slot >= 0:
         slot_sq = known_sq(reals, frames, parts, part, slot, x, y, z)
@@ -67,9 +69,9 @@ def nearest_from(reals, words, frames, parts, x, y, z, part, slot, limit_sq, eas
             best_sq = slot_sq
         else:
             slot = np.int64(NO_SLOT)
-    top = np.int64(0) if is_alone(parts) else scene
+    top = np.int64(0) if is_alone(parts) else len(parts) - 1
     best_sq, slot, lower_sq, work = nearest_with_budget(
-        reals, words, frames, parts, parts[top, ROOT], top, x, y, z, best_sq, slot, ease, core, budget, room
+        model, parts[top, ROOT], top, point, best_sq, slot, ease, core, budget, room
     )
     if slot >= 0:
         part = part_of_slot(words, parts, slot)
@@ -113,7 +115,7 @@ def fill_witness(reals, words, parts, frames, part, slot, x, y, z, witness):
 
 @inlined
 def _depth_in_box(frames, part, x, y, z, is_open):
-    """How deep in a part a point that it holds can be, m: as far as to the nearest side of its box.
+    """How deep in a part a point that it contains can be, m: as far as to the nearest side of its box.
 
     Where the part is open, as far as to the farthest corner: through a hole one leaves the box past no face.
     """
@@ -129,25 +131,26 @@ def _depth_in_box(frames, part, x, y, z, is_open):
 
 
 @kernel
-def _depth_in(reals, words, frames, parts, other, x, y, z, budget, room, witness):
-    """Whether *other* holds a point; if so how deep at least and at most, m, the face found, and steps.
+def _depth_in(model, other, point, budget, room, witness):
+    """Whether *other* contains a point; if so how deep at least and at most, m, the face found, and steps.
 
     *budget*: 0 to look at no face unless it takes one to tell whether it does.
     """
+    reals, words, frames, parts = model
+    x, y, z = point
     px, py, pz = to_local(frames, parts, other, x, y, z)
     state = state_in_part(reals, words, frames, parts, other, px, py, pz)
     if state == OUTSIDE:
         return False, 0.0, 0.0, np.int64(NO_SLOT), np.int64(0)
-    if state == HELD:
+    if state == INSIDE_CELL:
         if budget == 0:
             most = _depth_in_box(frames, other, x, y, z, parts[other, GRID] == NO_GRID)
             return True, 0.0, most, np.int64(NO_SLOT), np.int64(1)
     else:
         budget = max(budget, FEWEST_STEPS)
     best_sq, slot, lower_sq, work = nearest_with_budget(
-        reals, words, frames, parts, parts[other, ROOT], other, x, y, z, np.inf, NO_SLOT, 0.0, 0.0, budget,
-        room,
-    )  # fmt: skip
+        model, parts[other, ROOT], other, point, np.inf, NO_SLOT, 0.0, 0.0, budget, room
+    )
     is_exact = lower_sq >= best_sq
     is_inside = True
     if state == CROSSED:
@@ -168,10 +171,10 @@ def may_slip_in(words, frames, parts, x, y, z):
     """Whether a point is in the box of a part with holes: there it may get inside through no surface."""
     first, last, sx, sy, sz = sought(words, frames, parts, x, y, z)
     for turn in range(turns_of(parts, first, last)):
-        holding, at = holding_bits(words, frames, parts, first, last, turn, x, y, z, sx, sy, sz)
-        while holding:
-            part = holder(words, parts, at, holding)
-            holding &= holding - 1
+        containing, at = containing_bits(words, frames, parts, first, last, turn, x, y, z, sx, sy, sz)
+        while containing:
+            part = lowest_part(words, parts, at, containing)
+            containing &= containing - 1
             if parts[part, SIGN] == SIGN_WINDING and parts[part, GRID] == NO_GRID:
                 return True
     return False
@@ -194,42 +197,41 @@ def may_slip(frames, parts, x, y, z, reach):
 
 
 @kernel
-def _deepest_of_holders(
-    reals, words, frames, parts, x, y, z, part, slot, is_exact, lower, upper, clear, work, budget, room,
-    witness,
-):  # fmt: skip
-    """How deep a point is in the parts that hold it, m: at least; at most, by faces; and at most. -1: not.
+def _deepest_containing(model, point, part, slot, nearest, work, budget, room, witness):
+    """How deep a point is in the parts that contain it, m: at least; at most, by faces; and at most. -1: not.
 
-    *is_exact* to *work*: what `bracket_of` knows of the nearest face. Returns besides the part that it is
+    *part*, *slot*, *nearest*: what `bounds_of_nearest` knows of the nearest face: whether it is that for
+    certain, lower and upper bound of its distance, and `clear`. Returns besides the part that the point is
     deepest in, the slot of the face there, and the steps taken so far.
     """
+    reals, words, frames, parts = model
+    x, y, z = point
+    is_exact, lower, upper, clear = nearest
     depth_lower, depth_upper, depth_by_box = -1.0, -1.0, -1.0
     enough = max(budget, work) + SPARE_STEPS
     deep_part, deep_slot = np.int64(NO_PART), np.int64(NO_SLOT)
     first, last, sx, sy, sz = sought(words, frames, parts, x, y, z)
     for turn in range(turns_of(parts, first, last)):
-        holding, at = holding_bits(words, frames, parts, first, last, turn, x, y, z, sx, sy, sz)
-        while holding:
-            other = holder(words, parts, at, holding)
-            holding &= holding - 1
+        containing, at = containing_bits(words, frames, parts, first, last, turn, x, y, z, sx, sy, sz)
+        while containing:
+            other = lowest_part(words, parts, at, containing)
+            containing &= containing - 1
             if parts[other, SIGN] == SIGN_NONE:
                 continue
             if other == part and is_exact and slot >= 0:
                 px, py, pz = to_local(frames, parts, part, x, y, z)
-                _, _, is_held = witness_of_slot(reals, words, parts, part, slot, px, py, pz, witness)
+                _, _, is_inside = witness_of_slot(reals, words, parts, part, slot, px, py, pz, witness)
                 least, most, found = lower, upper, slot
             else:
-                is_held, least, most, found, steps = _depth_in(
-                    reals, words, frames, parts, other, x, y, z,
-                    max(budget - work, FEWEST_STEPS) if work < enough else 0, room, witness,
-                )  # fmt: skip
+                left = max(budget - work, FEWEST_STEPS) if work < enough else 0
+                is_inside, least, most, found, steps = _depth_in(model, other, point, left, room, witness)
                 work += steps
                 # What holds for all surfaces holds for this part's, and so does a face of it that is
                 # known; but for rounding, since it was walked in another frame.
                 if other == part and slot >= 0 and upper < most:
                     most, found = upper, slot
                 least = min(max(least, clear), most)
-            if is_held:
+            if is_inside:
                 depth_lower = max(depth_lower, least)
                 if found == NO_SLOT:
                     depth_by_box = max(depth_by_box, most)
@@ -240,35 +242,32 @@ def _deepest_of_holders(
 
 
 @inlined
-def bracket_at(
-    reals, words, frames, parts, x, y, z, part, slot, is_outside, ease, core, budget, room, witness
-):
+def bounds_at(model, point, part, slot, is_outside, ease, core, budget, room, witness):
     """Signed distance of a point of the scene's frame, m, between bounds.
 
-    *part*, *slot*: a face to start from, or `NO_SLOT`. *is_outside*: True where it is known that no part
-    holds the point. *ease*, *core* (m), of a point that is outside: see `near_enough_sq`; others are asked
-    exactly, as far as the budget goes. Returns what `bracket_of` does.
+    *model*: its four arrays; *point*: (x, y, z). *part*, *slot*: a face to start from, or `NO_SLOT`.
+    *is_outside*: True where it is known that no part contains the point. *ease*, *core* (m), of a point that
+    is outside: see `near_enough_sq`; others are asked exactly, as far as the budget goes. Returns what
+    `bounds_of_nearest` does.
     """
-    best_sq, part, slot, lower_sq, work = nearest_from(
-        reals, words, frames, parts, x, y, z, part, slot, np.inf, ease if is_outside else 0.0,
-        core * frames[len(parts) - 1, SCALE], budget, room,
+    _, _, frames, parts = model
+    nearest = nearest_from_face(
+        model, point, part, slot, np.inf, ease if is_outside else 0.0, core * frames[len(parts) - 1, SCALE],
+        budget, room,
     )  # fmt: skip
-    return bracket_of(
-        reals, words, frames, parts, x, y, z, best_sq, part, slot, lower_sq, work, is_outside, budget, room,
-        witness,
-    )  # fmt: skip
+    return bounds_of_nearest(model, point, nearest, is_outside, budget, room, witness)
 
 
 @inlined
-def bracket_of(
-    reals, words, frames, parts, x, y, z, best_sq, part, slot, lower_sq, work, is_outside, budget, room,
-    witness,
-):  # fmt: skip
-    """The same, where the nearest has been searched for: what `nearest_from` returned.
+def bounds_of_nearest(model, point, nearest, is_outside, budget, room, witness):
+    """The same, where the nearest has been searched for: *nearest* is what `nearest_from_face` returned.
 
     Returns distance, lower and upper bound, a distance within which there is no surface, part and slot of the
     face that is meant, bits (EXACT or BOUNDED, SIGNED, INSIDE), and the steps taken.
     """
+    reals, words, frames, parts = model
+    x, y, z = point
+    best_sq, part, slot, lower_sq, work = nearest
     scene = len(parts) - 1
     scale = frames[scene, SCALE]
     is_exact = lower_sq >= best_sq
@@ -284,10 +283,9 @@ def bracket_of(
     depth_lower, depth_upper, depth_most = -1.0, -1.0, -1.0
     deep_part, deep_slot = np.int64(NO_PART), np.int64(NO_SLOT)
     if not is_outside:
-        depth_lower, depth_upper, depth_most, deep_part, deep_slot, work = _deepest_of_holders(
-            reals, words, frames, parts, x, y, z, part, slot, is_exact, lower, upper, clear, work, budget,
-            room, witness,
-        )  # fmt: skip
+        depth_lower, depth_upper, depth_most, deep_part, deep_slot, work = _deepest_containing(
+            model, point, part, slot, (is_exact, lower, upper, clear), work, budget, room, witness
+        )
         # What other parts were asked has gone over the witness.
         if slot >= 0 and depth_lower < 0.0:
             fill_witness(reals, words, parts, frames, part, slot, x, y, z, witness)

@@ -6,10 +6,20 @@ those of the static tree. Loose parts are kept in the order of a space-filling c
 at every move: so nodes stay small wherever the parts go, and a move costs O(parts that are loose).
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from proximity.kernels.compiler import inlined, kernel
-from proximity.kernels.given import INTEGER, SHORT_COLUMN, SHORT_TABLE, TABLE, WHOLE_COLUMN, WHOLE_TABLE
+from proximity.kernels.given import (
+    INTEGER,
+    SHORT_COLUMN,
+    SHORT_TABLE,
+    TABLE,
+    WHOLE_COLUMN,
+    WHOLE_TABLE,
+    bundle_type,
+)
 from proximity.kernels.layout import (
     CORNER_COUNT,
     ENTRY,
@@ -29,6 +39,14 @@ CURVE_CELLS = 2**20
 """Cells along each axis of the local cube, for the order along the curve."""
 SORT_STEPS = 8
 """Steps a loose part by which the order is mended at a move. Any order is right; a good one is fast."""
+
+
+class DynamicParts(NamedTuple):
+    """Those parts that move by themselves, and their order along the curve."""
+
+    rows: np.ndarray  # (L,) int64, of the parts
+    order: np.ndarray  # (L,) int64, places in *rows* along the curve
+    keys: np.ndarray  # (L,) int64, scratch: where each is along the curve
 
 
 @inlined
@@ -106,23 +124,24 @@ def write_loose(words, region, static_root, boxes, loose, order, first_entry):
 
 
 UPDATE = (
-    SHORT_COLUMN, TABLE, WHOLE_TABLE, WHOLE_COLUMN, INTEGER, SHORT_TABLE, WHOLE_COLUMN, WHOLE_COLUMN,
-    WHOLE_COLUMN, INTEGER, INTEGER, INTEGER, TABLE, WHOLE_TABLE,
+    SHORT_COLUMN, TABLE, WHOLE_TABLE, WHOLE_COLUMN, INTEGER, SHORT_TABLE,
+    bundle_type(DynamicParts, WHOLE_COLUMN, WHOLE_COLUMN, WHOLE_COLUMN),
+    INTEGER, INTEGER, INTEGER, TABLE, WHOLE_TABLE,
 )  # fmt: skip
 
 
 @kernel
 def bring_up_to_date(
-    words, frames, parts, versions, published, boxes, loose, order, keys, steps, region, since, to_frames,
-    to_parts,
-):  # fmt: skip
+    words, frames, parts, versions, published, boxes, dynamic, steps, region, since, to_frames, to_parts
+):
     """Make a copy of what moves, where *frames* and *parts* say it is now; return how far parts reach.
 
     With more than 1 they do not fit the scene's frame: then nothing has been written to the copy. *versions*
     (P + 1,) int64 says of each row when it changed. *boxes* (P, 6) float32 has what was right at version
     *published*; the copy, *to_frames*, *to_parts* and node *region* of *words*, what was right at *since*.
-    *loose*, *order*, *keys*: parts, and scratch as long.
+    *dynamic*: see `DynamicParts`; its order is mended by so many *steps* at most.
     """
+    loose, order, keys = dynamic
     scene = len(parts) - 1
     reach = place_scene(frames, parts)
     if scene > 1:

@@ -9,7 +9,7 @@ frame to frame.
 import numpy as np
 
 from proximity.kernels.compiler import inlined
-from proximity.kernels.geometry.box import bound_of, far_offset_sq, node_bounds_sq
+from proximity.kernels.geometry.box import bound_of, lanes_of_point, node_bounds_sq
 from proximity.kernels.geometry.frames import is_alone, part_of_slot, to_local
 from proximity.kernels.layout import (
     ENTRY,
@@ -25,7 +25,6 @@ from proximity.kernels.tree.traversal import NOTHING_WAITS, descend, nearer_in_b
 from proximity.simd import (
     bits,
     load_int,
-    splat,
     splat32,
 )
 
@@ -49,11 +48,7 @@ def nearest_in_scene(reals, words, frames, parts, x, y, z, best_sq, best_part, b
         return best_sq, np.int64(0) if best_slot >= 0 else best_part, best_slot
 
     px, py, pz = to_local(frames, parts, scene, x, y, z)
-    wide_x, wide_y, wide_z = splat(px), splat(py), splat(pz)
-    vx, vy, vz = splat32(np.float32(px)), splat32(np.float32(py)), splat32(np.float32(pz))
-    offset = far_offset_sq(px, py, pz)
-    is_far = offset > 0.0
-    offsets = splat(offset)
+    point_lanes = _, wide_lanes, offset = lanes_of_point(px, py, pz)
     entries = parts[scene, FACES]
     best32 = bound_of(best_sq, offset)
     bottom = 2 * STACK_SIZE
@@ -63,16 +58,14 @@ def nearest_in_scene(reals, words, frames, parts, x, y, z, best_sq, best_part, b
     while True:
         if reference >= 0:
             base = NODE_STRIDE * reference
-            bounds = node_bounds_sq(words, base, is_far, vx, vy, vz, wide_x, wide_y, wide_z, offsets)
+            bounds = node_bounds_sq(words, base, point_lanes)
             is_open = bounds <= splat32(best32)
             if bits(is_open):
                 reference, at = descend(words, base, bounds, is_open, stacks, at)
                 continue
         elif ~reference < ENTRY:
             if reference != seen:
-                best_sq, best_slot = nearer_in_block(
-                    reals, ~reference, wide_x, wide_y, wide_z, best_sq, best_slot
-                )
+                best_sq, best_slot = nearer_in_block(reals, ~reference, wide_lanes, best_sq, best_slot)
                 best32 = bound_of(best_sq, offset)
         else:
             entry = entries + 2 * (~reference - ENTRY)

@@ -1,4 +1,4 @@
-"""Which parts may hold a point of the scene.
+"""Which parts may contain a point of the scene.
 
 Parts that stand where they stood when the model was made are listed in the cells of a coarse grid over the
 scene: of a cell, those that are neither wholly outside in it nor without an inside. So a look or two tell
@@ -44,7 +44,7 @@ from proximity.simd import bits, load_int, splat32, trailing_zeros
 
 @inlined
 def list_of(words, frames, parts, x, y, z):
-    """The words from which, and up to which, parts are listed that may hold a point of the scene's frame.
+    """The words from which, and up to which, parts are listed that may contain a point of the scene's frame.
 
     The only part of a scene is listed nowhere: its row, and so the scene's, tell of its sign grid.
     """
@@ -78,15 +78,15 @@ def turns_of_loose(parts):
 
 @inlined
 def listed_bits(words, frames, parts, at, last, x, y, z):
-    """Which of the up to eight parts listed from word *at* on may hold a point: bits."""
-    holding = np.int64(0)
+    """Which of the up to eight parts listed from word *at* on may contain a point: bits."""
+    containing = np.int64(0)
     for lane in range(min(LANES, last - at)):
         part = load_int(words, at + lane)
-        may_hold = parts[part, IS_LOOSE] == 0 and parts[part, IS_HIDDEN] == 0
+        may_contain = parts[part, IS_LOOSE] == 0 and parts[part, IS_HIDDEN] == 0
         if parts[part, GRID] == NO_GRID:
-            may_hold = may_hold and _is_in_box(frames, part, x, y, z)
-        holding |= np.int64(may_hold) << lane
-    return holding
+            may_contain = may_contain and _is_in_box(frames, part, x, y, z)
+        containing |= np.int64(may_contain) << lane
+    return containing
 
 
 @inlined
@@ -117,21 +117,21 @@ def loose_bits(words, parts, turn, sx, sy, sz):
 
 @inlined
 def turns_of(parts, first, last):
-    """Turns that all parts take which may hold a point; *first*, *last* as `list_of` tells."""
+    """Turns that all parts take which may contain a point; *first*, *last* as `list_of` tells."""
     return np.int64(1) if len(parts) == 2 else turns_of_list(first, last) + turns_of_loose(parts)
 
 
 @inlined
 def sought(words, frames, parts, x, y, z):
-    """What `holding_bits` takes of a point: the ends of its list, see `list_of`, and its splats."""
+    """What `containing_bits` takes of a point: the ends of its list, see `list_of`, and its splats."""
     first, last = list_of(words, frames, parts, x, y, z)
     sx, sy, sz = to_local(frames, parts, len(parts) - 1, x, y, z)
     return first, last, splat32(np.float32(sx)), splat32(np.float32(sy)), splat32(np.float32(sz))
 
 
 @inlined
-def holding_bits(words, frames, parts, first, last, turn, x, y, z, sx, sy, sz):
-    """Which of up to eight parts may hold a point: bits, and where their numbers are; see `holder`.
+def containing_bits(words, frames, parts, first, last, turn, x, y, z, sx, sy, sz):
+    """Which of up to eight parts may contain a point: bits, and where their numbers are; see `lowest_part`.
 
     *x y z* are of the scene's frame, *sx sy sz* float32x8 splats of its scaled frame.
     """
@@ -145,14 +145,14 @@ def holding_bits(words, frames, parts, first, last, turn, x, y, z, sx, sy, sz):
 
 
 @inlined
-def holder(words, parts, at, holding):
-    """The part of the lowest of the bits *holding*; *at* as `holding_bits` tells."""
-    return np.int64(load_int(words, at + trailing_zeros(holding))) if len(parts) > 2 else np.int64(0)
+def lowest_part(words, parts, at, containing):
+    """The part of the lowest of the bits *containing*; *at* as `containing_bits` tells."""
+    return np.int64(load_int(words, at + trailing_zeros(containing))) if len(parts) > 2 else np.int64(0)
 
 
 @maker
 def cells_of_part(frames, parts, part, grid, lower, rate, nx, ny, nz):
-    """Return the cells (int32, rising) of a grid over the scene in which a part may hold a point.
+    """Return the cells (int32, rising) of a grid over the scene in which a part may contain a point.
 
     *lower* (3,), m, *rate*, cells a metre: of that grid. *grid* (uint32): the part's own, or empty: then the
     cells that its box meets.

@@ -161,7 +161,7 @@ def _first_hit_in_scene(reals, words, frames, parts, origins, aims, views, row, 
                 dx, dy, dz = way_of(views, k)
                 ux, uy, uz = direction_to_local(frames, parts, part, dx, dy, dz)
             found, slot, a, b, c = ray_in_part(
-                reals, words, start, lx, ly, lz, ux, uy, uz, best * ratio, best_slot, stacks, 0
+                reals, words, start, (lx, ly, lz), (ux, uy, uz), best * ratio, best_slot, stacks, 0
             )
             if slot != best_slot:
                 best, best_slot = found / ratio, slot

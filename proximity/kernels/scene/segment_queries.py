@@ -42,7 +42,7 @@ from proximity.kernels.point.walk import NOTHING_SEEN
 from proximity.kernels.scene.nearest_part import (
     nearest_in_scene,
 )
-from proximity.kernels.scene.point_queries import reach_sq
+from proximity.kernels.scene.point_chunk import reach_sq
 from proximity.kernels.segment.box import node_bounds_sq, open_bound
 from proximity.kernels.segment.plan import HIGH, IS_FAR, LOW, PLAN_SIZE, PROBE_SIZE, make_plan
 from proximity.kernels.segment.plan import PART as PLANNED_PART

@@ -17,7 +17,7 @@ from proximity.kernels.compiler import inlined, kernel
 from proximity.kernels.geometry.closest_feature import LENGTH, POINT, TRIANGLE, WEIGHT, closest_on_triangle
 from proximity.kernels.geometry.triangle import TINY, cross, difference_of_products, dot
 from proximity.kernels.segment.plan import END, SLOPE_X, SLOPE_Y, START, ordered_axes
-from proximity.simd import absolute, fma, maximum, minimum, select
+from proximity.simd import absolute, fma, like, maximum, minimum, select
 
 # Behind the columns of `witness`: the answer for a segment.
 GAP = 24  # distance
@@ -29,7 +29,7 @@ SEGMENT_WITNESS_SIZE = 36
 
 
 @inlined
-def crossing(ax, ay, az, bx, by, bz, cx, cy, cz, slope_x, slope_y, span, zero):
+def segment_triangle_crossing(a, b, c, slope_x, slope_y, span):
     """Whether the segment from the origin to (slope_x, slope_y, 1) · span crosses *abc*, and where.
 
     Returns the truth, numerator and denominator of the fraction along the segment, the weights of the three
@@ -37,6 +37,9 @@ def crossing(ax, ay, az, bx, by, bz, cx, cy, cz, slope_x, slope_y, span, zero):
     are exact, and faces that share an edge or a corner leave no gap between them. Closed: edges and ends
     count. A face seen edge-on is not crossed, its neighbours are.
     """
+    ax, ay, az = a
+    bx, by, bz = b
+    cx, cy, cz = c
     ax, ay = fma(-slope_x, az, ax), fma(-slope_y, az, ay)
     bx, by = fma(-slope_x, bz, bx), fma(-slope_y, bz, by)
     cx, cy = fma(-slope_x, cz, cx), fma(-slope_y, cz, cy)
@@ -47,7 +50,7 @@ def crossing(ax, ay, az, bx, by, bz, cx, cy, cz, slope_x, slope_y, span, zero):
     most = maximum(weight_a, maximum(weight_b, weight_c))
     total = weight_a + weight_b + weight_c
     depth = fma(weight_a, az, fma(weight_b, bz, weight_c * cz))
-    whole = total * span
+    whole, zero = total * span, like(0.0, total)
     part = select(whole < zero, -depth, depth)
     whole = absolute(whole)
     is_hit = ((least >= zero) | (most <= zero)) & (whole > zero) & (part >= zero) & (part <= whole)
@@ -62,26 +65,30 @@ def _gap_sq(wx, wy, wz, t, dx, dy, dz):
 
 
 @inlined
-def _clamp(t, zero, one):
-    return minimum(maximum(t, zero), one)
+def _clamp(t):
+    return minimum(maximum(t, like(0.0, t)), like(1.0, t))
 
 
 @inlined
-def segment_edge_distance_sq(ax, ay, az, ex, ey, ez, dx, dy, dz, inverse_sq, zero, one, tiny):
+def segment_edge_distance_sq(a, e, d, inverse_sq):
     """Squared distance from the segment, origin to *d*, to an edge, from *a* to a + e; without its end a + e.
 
-    *inverse_sq* is 1 / |d|². The end a + e is the next edge's start.
+    (x, y, z) each; *inverse_sq* is 1 / |d|². The end a + e is the next edge's start.
     """
+    ax, ay, az = a
+    ex, ey, ez = e
+    dx, dy, dz = d
+    tiny = like(TINY, ex)
     edge_sq = maximum(dot(ex, ey, ez, ex, ey, ez), tiny)
-    inverse_edge_sq = one / edge_sq
+    inverse_edge_sq = like(1.0, ex) / edge_sq
     along_edge = -dot(ex, ey, ez, ax, ay, az)
     gain = dot(ex, ey, ez, dx, dy, dz)
     # Both ends of the segment, and the corner.
-    u = _clamp(along_edge * inverse_edge_sq, zero, one)
+    u = _clamp(along_edge * inverse_edge_sq)
     best_sq = _gap_sq(ax, ay, az, u, ex, ey, ez)
-    u = _clamp((along_edge + gain) * inverse_edge_sq, zero, one)
+    u = _clamp((along_edge + gain) * inverse_edge_sq)
     best_sq = minimum(best_sq, _gap_sq(ax - dx, ay - dy, az - dz, u, ex, ey, ez))
-    t = _clamp(dot(dx, dy, dz, ax, ay, az) * inverse_sq, zero, one)
+    t = _clamp(dot(dx, dy, dz, ax, ay, az) * inverse_sq)
     best_sq = minimum(best_sq, _gap_sq(ax, ay, az, -t, dx, dy, dz))
     # Where the two lines pass each other.
     nx, ny, nz = cross(dx, dy, dz, ex, ey, ez)
@@ -89,21 +96,25 @@ def segment_edge_distance_sq(ax, ay, az, ex, ey, ez, dx, dy, dz, inverse_sq, zer
     my = fma(az, ex, -(ax * ez))
     mz = fma(ax, ey, -(ay * ex))
     t = dot(mx, my, mz, nx, ny, nz) / maximum(dot(nx, ny, nz, nx, ny, nz), tiny * tiny)
-    t = _clamp(t, zero, one)
-    u = _clamp(fma(t, gain, along_edge) * inverse_edge_sq, zero, one)
+    t = _clamp(t)
+    u = _clamp(fma(t, gain, along_edge) * inverse_edge_sq)
     passing_sq = _gap_sq(fma(-t, dx, ax), fma(-t, dy, ay), fma(-t, dz, az), u, ex, ey, ez)
     return minimum(best_sq, passing_sq)
 
 
 @inlined
-def _foot_distance_sq(
-    px, py, pz, rx, ry, rz, abx, aby, abz, acx, acy, acz, bcx, bcy, bcz, nx, ny, nz, inverse_sq, zero
-):
+def _foot_distance_sq(p, r, ab, ac, bc, normal, inverse_sq):
     """Whether the foot of a point is inside the triangle; squared distance to the plane.
 
     The point as seen from corner a is *p*, from corner b *r*: every side is taken at its own corner, as in
-    `point_triangle_distance_sq`.
+    `point_triangle_distance_sq`. *inverse_sq*: 1 / |normal|².
     """
+    px, py, pz = p
+    rx, ry, rz = r
+    abx, aby, abz = ab
+    acx, acy, acz = ac
+    bcx, bcy, bcz = bc
+    nx, ny, nz = normal
     qx = fma(py, nz, -(pz * ny))
     qy = fma(pz, nx, -(px * nz))
     qz = fma(px, ny, -(py * nx))
@@ -114,43 +125,42 @@ def _foot_distance_sq(
     sz = fma(rx, ny, -(ry * nx))
     side_bc = dot(bcx, bcy, bcz, sx, sy, sz)
     height = dot(nx, ny, nz, px, py, pz)
-    return minimum(side_ab, minimum(side_ac, side_bc)) >= zero, height * height * inverse_sq
+    is_inside = minimum(side_ab, minimum(side_ac, side_bc)) >= like(0.0, height)
+    return is_inside, height * height * inverse_sq
 
 
 @inlined
-def segment_triangle_distance_sq(
-    ax, ay, az, bx, by, bz, cx, cy, cz, dx, dy, dz, slope_x, slope_y, inverse_sq, zero, one, tiny
-):
+def segment_triangle_distance_sq(a, b, c, d, slope_x, slope_y, inverse_sq):
     """Squared distance from the segment, origin to *d*, to triangle *abc*; scalars or vectors of eight.
 
-    *slope_x*, *slope_y*: dx / dz, dy / dz. *inverse_sq*: 1 / |d|². *tiny*: `TINY` in the type of the others.
+    (x, y, z) each. *slope_x*, *slope_y*: dx / dz, dy / dz. *inverse_sq*: 1 / |d|².
     """
-    abx, aby, abz = bx - ax, by - ay, bz - az
-    acx, acy, acz = cx - ax, cy - ay, cz - az
-    bcx, bcy, bcz = cx - bx, cy - by, cz - bz
+    ax, ay, az = a
+    bx, by, bz = b
+    cx, cy, cz = c
+    dx, dy, dz = d
+    ab = abx, aby, abz = bx - ax, by - ay, bz - az
+    ac = acx, acy, acz = cx - ax, cy - ay, cz - az
+    bc = cx - bx, cy - by, cz - bz
     best_sq = minimum(
-        segment_edge_distance_sq(ax, ay, az, abx, aby, abz, dx, dy, dz, inverse_sq, zero, one, tiny),
+        segment_edge_distance_sq(a, ab, d, inverse_sq),
         minimum(
-            segment_edge_distance_sq(bx, by, bz, bcx, bcy, bcz, dx, dy, dz, inverse_sq, zero, one, tiny),
-            segment_edge_distance_sq(cx, cy, cz, -acx, -acy, -acz, dx, dy, dz, inverse_sq, zero, one, tiny),
+            segment_edge_distance_sq(b, bc, d, inverse_sq),
+            segment_edge_distance_sq(c, (-acx, -acy, -acz), d, inverse_sq),
         ),
     )
-    nx, ny, nz = cross(abx, aby, abz, acx, acy, acz)
-    normal_sq = dot(nx, ny, nz, nx, ny, nz)
-    inverse_normal_sq = one / maximum(normal_sq, tiny)
+    normal = nx, ny, nz = cross(abx, aby, abz, acx, acy, acz)
+    normal_sq, tiny = dot(nx, ny, nz, nx, ny, nz), like(TINY, nx)
+    inverse_normal_sq = like(1.0, nx) / maximum(normal_sq, tiny)
     has_plane = normal_sq > tiny
-    inside, plane_sq = _foot_distance_sq(
-        -ax, -ay, -az, -bx, -by, -bz, abx, aby, abz, acx, acy, acz, bcx, bcy, bcz, nx, ny, nz,
-        inverse_normal_sq, zero,
-    )  # fmt: skip
+    from_a, from_b = (-ax, -ay, -az), (-bx, -by, -bz)
+    inside, plane_sq = _foot_distance_sq(from_a, from_b, ab, ac, bc, normal, inverse_normal_sq)
     best_sq = select(inside & has_plane, minimum(plane_sq, best_sq), best_sq)
-    inside, plane_sq = _foot_distance_sq(
-        dx - ax, dy - ay, dz - az, dx - bx, dy - by, dz - bz,
-        abx, aby, abz, acx, acy, acz, bcx, bcy, bcz, nx, ny, nz, inverse_normal_sq, zero,
-    )  # fmt: skip
+    from_a, from_b = (dx - ax, dy - ay, dz - az), (dx - bx, dy - by, dz - bz)
+    inside, plane_sq = _foot_distance_sq(from_a, from_b, ab, ac, bc, normal, inverse_normal_sq)
     best_sq = select(inside & has_plane, minimum(plane_sq, best_sq), best_sq)
-    is_hit, _, _, _, _, _, _ = crossing(ax, ay, az, bx, by, bz, cx, cy, cz, slope_x, slope_y, dz, zero)
-    return select(is_hit, zero, best_sq)
+    is_hit, _, _, _, _, _, _ = segment_triangle_crossing(a, b, c, slope_x, slope_y, dz)
+    return select(is_hit, like(0.0, dz), best_sq)
 
 
 @kernel
@@ -222,12 +232,14 @@ def _take_crossing(plan, witness):
     i, j, k = ordered_axes(plan)
     px, py, pz = plan[START + i], plan[START + j], plan[START + k]
     a, b, c = TRIANGLE, TRIANGLE + 3, TRIANGLE + 6
-    is_hit, part, whole, weight_a, weight_b, weight_c, total = crossing(
-        witness[a + i] - px, witness[a + j] - py, witness[a + k] - pz,
-        witness[b + i] - px, witness[b + j] - py, witness[b + k] - pz,
-        witness[c + i] - px, witness[c + j] - py, witness[c + k] - pz,
-        plan[SLOPE_X], plan[SLOPE_Y], plan[END + k] - pz, 0.0,
-    )  # fmt: skip
+    is_hit, part, whole, weight_a, weight_b, weight_c, total = segment_triangle_crossing(
+        (witness[a + i] - px, witness[a + j] - py, witness[a + k] - pz),
+        (witness[b + i] - px, witness[b + j] - py, witness[b + k] - pz),
+        (witness[c + i] - px, witness[c + j] - py, witness[c + k] - pz),
+        plan[SLOPE_X],
+        plan[SLOPE_Y],
+        plan[END + k] - pz,
+    )
     if not is_hit:
         return False
     t = min(part / whole, 1.0)

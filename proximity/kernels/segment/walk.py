@@ -9,7 +9,6 @@ import numpy as np
 
 from proximity.kernels.compiler import inlined, kernel
 from proximity.kernels.geometry.closest_feature import read_corners
-from proximity.kernels.geometry.triangle import TINY
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_SLOT, NODE_STRIDE, STACK_SIZE
 from proximity.kernels.segment.box import node_bounds_sq, open_bound
 from proximity.kernels.segment.plan import (
@@ -45,12 +44,14 @@ def segment_block_distance_sq(reals, base, plan):
     dx, dy, dz = splat(plan[END + i]) - px, splat(plan[END + j]) - py, splat(plan[END + k]) - pz
     x, y, z = base + 8 * i, base + 8 * j, base + 8 * k
     return segment_triangle_distance_sq(
-        load(reals, x) - px, load(reals, y) - py, load(reals, z) - pz,
-        load(reals, x + 24) - px, load(reals, y + 24) - py, load(reals, z + 24) - pz,
-        load(reals, x + 48) - px, load(reals, y + 48) - py, load(reals, z + 48) - pz,
-        dx, dy, dz, splat(plan[SLOPE_X]), splat(plan[SLOPE_Y]), splat(plan[PER_LENGTH_SQ]),
-        splat(0.0), splat(1.0), splat(TINY),
-    )  # fmt: skip
+        (load(reals, x) - px, load(reals, y) - py, load(reals, z) - pz),
+        (load(reals, x + 24) - px, load(reals, y + 24) - py, load(reals, z + 24) - pz),
+        (load(reals, x + 48) - px, load(reals, y + 48) - py, load(reals, z + 48) - pz),
+        (dx, dy, dz),
+        splat(plan[SLOPE_X]),
+        splat(plan[SLOPE_Y]),
+        splat(plan[PER_LENGTH_SQ]),
+    )
 
 
 @kernel

@@ -7,7 +7,7 @@ winding number is an integer: there inside and outside change at faces only.
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined, maker
+from proximity.kernels.compiler import inlined, kernel, maker
 from proximity.kernels.sign.winding_number import winding_number
 from proximity.simd import load_int
 
@@ -34,6 +34,40 @@ def cell_state(words, at, lower_x, lower_y, lower_z, rate, nx, ny, nz, px, py, p
         return OUTSIDE
     cell = (np.int64(fz) * ny + np.int64(fy)) * nx + np.int64(fx)
     return (load_int(words, at + cell // CELLS_PER_WORD) >> (2 * (cell % CELLS_PER_WORD))) & 3
+
+
+@inlined
+def _reach(states, there, state, stack, waiting):
+    """Have a cell on the same side wait on the *stack*, if its state is not known yet; how many wait."""
+    if states[there] == UNKNOWN:
+        states[there] = state
+        stack[waiting] = there
+        waiting += 1
+    return waiting
+
+
+@kernel
+def _spread(states, seed, state, nx, ny, nz, stack):
+    """Give a cell, and all that are not crossed and touch it, one after the other, their *state*."""
+    states[seed] = state
+    stack[0] = seed
+    waiting = 1
+    while waiting:
+        waiting -= 1
+        here = np.int64(stack[waiting])
+        ix, iy, iz = here % nx, (here // nx) % ny, here // (nx * ny)
+        if ix > 0:
+            waiting = _reach(states, here - 1, state, stack, waiting)
+        if ix < nx - 1:
+            waiting = _reach(states, here + 1, state, stack, waiting)
+        if iy > 0:
+            waiting = _reach(states, here - nx, state, stack, waiting)
+        if iy < ny - 1:
+            waiting = _reach(states, here + nx, state, stack, waiting)
+        if iz > 0:
+            waiting = _reach(states, here - nx * ny, state, stack, waiting)
+        if iz < nz - 1:
+            waiting = _reach(states, here + nx * ny, state, stack, waiting)
 
 
 @maker
@@ -88,37 +122,7 @@ def build_grid(corners, faces, lower, rate, nx, ny, nz, reals, words, root, mome
             lower[2] + (iz + 0.5) / rate,
         )
         state = INSIDE if turns > 0.5 else OUTSIDE
-        states[seed] = state
-        stack[0] = seed
-        waiting = 1
-        while waiting:
-            waiting -= 1
-            here = np.int64(stack[waiting])
-            ix, iy, iz = here % nx, (here // nx) % ny, here // (nx * ny)
-            if ix > 0 and states[here - 1] == UNKNOWN:
-                states[here - 1] = state
-                stack[waiting] = here - 1
-                waiting += 1
-            if ix < nx - 1 and states[here + 1] == UNKNOWN:
-                states[here + 1] = state
-                stack[waiting] = here + 1
-                waiting += 1
-            if iy > 0 and states[here - nx] == UNKNOWN:
-                states[here - nx] = state
-                stack[waiting] = here - nx
-                waiting += 1
-            if iy < ny - 1 and states[here + nx] == UNKNOWN:
-                states[here + nx] = state
-                stack[waiting] = here + nx
-                waiting += 1
-            if iz > 0 and states[here - nx * ny] == UNKNOWN:
-                states[here - nx * ny] = state
-                stack[waiting] = here - nx * ny
-                waiting += 1
-            if iz < nz - 1 and states[here + nx * ny] == UNKNOWN:
-                states[here + nx * ny] = state
-                stack[waiting] = here + nx * ny
-                waiting += 1
+        _spread(states, seed, state, nx, ny, nz, stack)
 
     packed = np.zeros((len(states) + CELLS_PER_WORD - 1) // CELLS_PER_WORD, np.uint32)
     for here in range(len(states)):

@@ -1,19 +1,20 @@
-"""Conservative advancement: how far a sphere can go on its way and touch nothing, and where it will touch.
+"""Conservative advancement: how far a sphere can go on its path and touch nothing, and where it will touch.
 
-From a place where every surface is at least *c* away from the sphere it can go on for *c*, less what the
-parts move toward it, and touch nothing. So the way is cut into steps, each of which is certified by one
+From a position where every surface is at least *c* away from the sphere it can go on for *c*, less what the
+parts move toward it, and touch nothing. So the path is cut into steps, each of which is certified by one
 closest-point query; near the contact the steps shrink to what is left. Nothing is ever passed through,
-however thin. Beyond the last step the nearest face tells where the touch is to be expected.
+however thin. Beyond the last step the nearest face shows where the touch is to be expected.
 
 What a query finds is kept: a *ball* without any surface in it. At the next tick the finger is a little beside
-where it was, its way leads through the same balls, and most steps need no query.
+where it was, its path leads through the same balls, and most steps need no query.
 
-A way is a polyline with a number at each corner, the *stage*: seconds, or metres along a path.
+A position on a path is given by its *parameter*: seconds, or metres along the path.
 
 Source: Mirtich 1996, "Impulse-based dynamic simulation of rigid body systems" (conservative advancement).
 """
 
 from math import sqrt
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,7 +27,7 @@ from proximity.kernels.geometry.frames import (
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import LANES, SCALE
 from proximity.kernels.point.budgeted_walk import DOWN
-from proximity.kernels.scene.distance_bounds import fill_witness, nearest_from
+from proximity.kernels.scene.distance_bounds import fill_witness, nearest_from_face
 from proximity.kernels.tracking.part_drift import drift_until
 from proximity.simd import horizontal_min, load, minimum, select, splat, square_root
 
@@ -34,7 +35,7 @@ MOST_STEPS = 24
 TOUCH = 1e-5
 """m: nearer than this is a touch; a tenth of what an operator would feel as a bias."""
 NEAR = 0.01
-"""Share of the way gone that may be left to the nearest face's plane."""
+"""Share of the distance covered that may be left to the nearest face's plane."""
 BALLS = 16
 """That a finger keeps; the oldest goes first. Fewer are asked for anew more often: 8 cost 15 % of a tick."""
 BALLS_SIZE = 5 * BALLS + 1
@@ -49,48 +50,75 @@ STEEP = 0.5
 """Cosine from which on that plane is believed so."""
 
 
+class Path(NamedTuple):
+    """A polyline with a parameter at each corner, which falls nowhere: s, or m along it."""
+
+    corners: np.ndarray  # (K, 3) float64, m, scene's frame
+    parameters: np.ndarray  # (K,) float64
+
+
+class Sphere(NamedTuple):
+    """A sphere that follows a path, and what is known of its surroundings."""
+
+    radius: float  # m
+    speed: float  # m a unit of the path's parameter, at most
+    balls: np.ndarray  # (BALLS_SIZE,) float64, of the finger
+    displacement: float  # m, by which parts have moved up to now
+
+
+class Advance(NamedTuple):
+    """How far a sphere gets on its path."""
+
+    free: float  # parameter up to which it touches nothing, for certain
+    expected: float  # parameter at which it will touch; inf if not on this path
+    part: int  # of the face that it then touches, or was nearest to last
+    slot: int  # of that face
+    steps: int  # nodes and leaves visited
+
+
 @inlined
-def place_on(way, stages, count, stage, place):
-    """Fill *place* (6,) with the place on a way at *stage*, and the way's direction a unit of stage."""
+def point_on_path(path, parameter, vectors):
+    """Fill *vectors* (6,) with the point of a path at *parameter*, and the path's direction a unit."""
+    corners, parameters = path.corners, path.parameters
     k = 0
-    while k < count - 2 and stages[k + 1] <= stage:
+    while k < len(parameters) - 2 and parameters[k + 1] <= parameter:
         k += 1
-    span = stages[k + 1] - stages[k]
-    share = (stage - stages[k]) / span if span > 0.0 else 0.0
+    span = parameters[k + 1] - parameters[k]
+    share = (parameter - parameters[k]) / span if span > 0.0 else 0.0
     for axis in range(3):
-        step = way[k + 1, axis] - way[k, axis]
-        place[axis] = way[k, axis] + share * step
-        place[3 + axis] = step / span if span > 0.0 else 0.0
+        step = corners[k + 1, axis] - corners[k, axis]
+        vectors[axis] = corners[k, axis] + share * step
+        vectors[3 + axis] = step / span if span > 0.0 else 0.0
 
 
 @inlined
-def outward_of(frames, parts, part, witness, out):
+def outward_of(model, part, witness, out):
     """Fill *out* (3,) with the unit direction, scene's frame, from the surface to the point of a witness."""
     length = witness[LENGTH]
     factor = 1.0 / length if length > 1e-150 else 0.0
-    x, y, z = direction_to_scene(
-        frames,
-        parts,
+    out[0], out[1], out[2] = direction_to_scene(
+        model.frames,
+        model.parts,
         part,
         witness[ARM] * factor,
         witness[ARM + 1] * factor,
         witness[ARM + 2] * factor,
     )
-    out[0], out[1], out[2] = x, y, z
 
 
 @inlined
-def _room_in_balls(balls, way_of_parts, x, y, z, radius):
-    """How far a sphere is at least from every surface, by the balls; negative where they do not tell well."""
+def _clearance_in_balls(sphere, x, y, z):
+    """How far a sphere at a point is at least from every surface, by its balls; negative: ask anew."""
+    balls = sphere.balls
     nearest = splat(np.inf)
     for first in range(0, BALLS, LANES):
         dx = splat(x) - load(balls, first)
         dy = splat(y) - load(balls, first + BALLS)
         dz = splat(z) - load(balls, first + 2 * BALLS)
         off = square_root(dot(dx, dy, dz, dx, dy, dz)) + (
-            splat(way_of_parts) - load(balls, first + 4 * BALLS)
+            splat(sphere.displacement) - load(balls, first + 4 * BALLS)
         )
-        full = load(balls, first + 3 * BALLS) - splat(radius)
+        full = load(balls, first + 3 * BALLS) - splat(sphere.radius)
         left = full - off * splat(1.0 + 1e-12)
         is_worth = left >= splat(WORTH) * full
         nearest = minimum(nearest, select(is_worth, splat(0.0) - left, splat(1.0)))
@@ -98,102 +126,104 @@ def _room_in_balls(balls, way_of_parts, x, y, z, radius):
 
 
 @inlined
-def _keep_ball(balls, way_of_parts, x, y, z, clear):
+def _keep_ball(sphere, x, y, z, clear):
+    """Keep that no surface is nearer to a point than *clear*, m, in place of the oldest ball."""
+    balls = sphere.balls
     ball = int(balls[5 * BALLS])
     balls[ball], balls[ball + BALLS], balls[ball + 2 * BALLS] = x, y, z
-    balls[ball + 3 * BALLS], balls[ball + 4 * BALLS] = clear, way_of_parts
+    balls[ball + 3 * BALLS], balls[ball + 4 * BALLS] = clear, sphere.displacement
     balls[5 * BALLS] = (ball + 1) % BALLS
 
 
 @inlined
-def _until(stage, clearance, rate, faster):
+def _free_until(parameter, clearance, rate, faster):
     """How far a clearance lets a sphere go: up to where it is used up, or where a faster part may come."""
     if rate > 0.0:
-        return min(stage + clearance / rate * DOWN, faster)
-    return faster if clearance > 0.0 else stage
+        return min(parameter + clearance / rate * DOWN, faster)
+    return faster if clearance > 0.0 else parameter
 
 
 @inlined
-def advance(
-    reals, words, frames, parts, way, stages, count, stage, clearance, radius, speed, movers, near, least,
-    part, slot, ease, budget, balls, way_of_parts, room, witness, place,
-):  # fmt: skip
-    """How far a sphere gets on its way.
+def advance_conservatively(
+    model, path, sphere, drift, start, clearance, part, slot, tolerance, budget, scratch
+):
+    """How far a sphere gets on its path, from the parameter *start* on, as an `Advance`.
 
-    *way* (K, 3), *stages* (K,), *count* of them in use: the way, m, and its stages. *speed*: m a unit of
-    stage at most. *movers*, *near*, *least*: m a unit of stage that surfaces may move toward the sphere, see
-    `drift_until`. It is at *stage*, *clearance* away from everything. *part*, *slot*: a face to start from.
-    *ease*: share of a clearance that a step need not find. *balls* (`BALLS_SIZE`,): of the finger;
-    *way_of_parts*: how far parts have moved, m. *place* (9,): scratch.
-
-    Returns the stage up to which it touches nothing, for certain; the stage at which it will, or
-    inf if not on this way; part and slot of the face it then touches or was nearest to last; the steps
-    taken; and whether the touch is one: within `TOUCH`.
+    At *start* it is *clearance* m away from everything. *drift*: of surfaces toward it, a `Drift`. *part*,
+    *slot*: a face to start from. *tolerance*: share of a clearance that a step need not find. Fills the first
+    six of the scratch vectors as `point_on_path` does, and the last three with the outward direction of the
+    face found last.
     """
-    end = stages[count - 1]
-    begin = stage
+    end, speed, vectors = path.parameters[len(path.parameters) - 1], sphere.speed, scratch.vectors
     work = np.int64(0)
     expected = np.inf
-    drift_at_end, _ = drift_until(movers, near, least, speed, end - begin)
+    drift_at_end, _ = drift_until(drift, speed, end - start)
     if not speed + drift_at_end > 0.0:
-        return end, expected, part, slot, work, False
-    scale = frames[len(frames) - 1, SCALE]
-    drift, faster = drift_until(movers, near, least, speed, 0.0)
-    free = _until(stage, clearance, speed + drift, begin + faster)
+        return Advance(end, expected, part, slot, work)
+    scale = model.frames[len(model.frames) - 1, SCALE]
+    drift_now, faster = drift_until(drift, speed, 0.0)
+    free = _free_until(start, clearance, speed + drift_now, start + faster)
     for _ in range(MOST_STEPS):
         if not free < end:
-            return end, np.inf, part, slot, work, False
+            return Advance(end, np.inf, part, slot, work)
         if work >= budget:
             break
-        stage = free
-        place_on(way, stages, count, stage, place)
-        gone = stage - begin
-        drift, faster = drift_until(movers, near, least, speed, gone)
-        rate = speed + drift
-        known = _room_in_balls(balls, way_of_parts, place[0], place[1], place[2], radius) - drift * gone
+        here = free
+        point_on_path(path, here, vectors)
+        x, y, z = vectors[0], vectors[1], vectors[2]
+        gone = here - start
+        drift_now, faster = drift_until(drift, speed, gone)
+        rate = speed + drift_now
+        known = _clearance_in_balls(sphere, x, y, z) - drift_now * gone
         if known > NEAR * speed * gone and known > TOUCH:
-            free = _until(stage, known, rate, begin + faster)
+            free = _free_until(here, known, rate, start + faster)
             continue
         # What is farther than this at present is not reached before the end.
-        limit = ((speed + drift_at_end) * (end - stage) + radius + drift_at_end * gone) * scale
-        best_sq, part, slot, lower_sq, steps = nearest_from(
-            reals, words, frames, parts, place[0], place[1], place[2], part, slot,
-            limit * limit * (1.0 + 1e-12), ease, (radius + EXACT_WITHIN) * scale, budget - work, room,
+        limit = ((speed + drift_at_end) * (end - here) + sphere.radius + drift_at_end * gone) * scale
+        best_sq, part, slot, lower_sq, steps = nearest_from_face(
+            model, (x, y, z), part, slot, limit * limit * (1.0 + 1e-12), tolerance,
+            (sphere.radius + EXACT_WITHIN) * scale, budget - work, scratch.workspace,
         )  # fmt: skip
         work += steps
         clear = sqrt(lower_sq) / scale * DOWN
-        _keep_ball(balls, way_of_parts, place[0], place[1], place[2], clear)
+        _keep_ball(sphere, x, y, z, clear)
         if slot < 0 and lower_sq >= best_sq:
-            return end, np.inf, part, slot, work, False
-        rounding = rounding_at(frames, place[0], place[1], place[2])
-        left = max(clear - radius - rounding - drift * gone, 0.0)
-        free = _until(stage, left, rate, begin + faster)
+            return Advance(end, np.inf, part, slot, work)
+        left = max(clear - sphere.radius - rounding_at(model.frames, x, y, z) - drift_now * gone, 0.0)
+        free = _free_until(here, left, rate, start + faster)
         if slot < 0:
             continue
-        gap = fill_witness(reals, words, parts, frames, part, slot, place[0], place[1], place[2], witness)
-        gap = max(gap - radius, 0.0)
-        closing = _closing(frames, parts, part, witness, place)
-        expected = stage + gap / closing if closing > 0.0 else np.inf
+        gap, closing = _gap_and_closing(model, sphere, part, slot, scratch)
+        expected = here + gap / closing if closing > 0.0 else np.inf
         if gap <= TOUCH:
-            return free, min(expected, stage + TOUCH / speed), part, slot, work, drift == 0.0
+            return Advance(free, min(expected, here + TOUCH / speed), part, slot, work)
         if (closing >= STEEP * speed and gap <= NEAR * speed * gone) or left <= 0.1 * TOUCH:
             break
-    return free, max(expected, free) if expected < end else np.inf, part, slot, work, False
+    return Advance(free, max(expected, free) if expected < end else np.inf, part, slot, work)
 
 
 @inlined
-def _closing(frames, parts, part, witness, place):
-    """Metres a unit of stage by which the way at *place* nears the face of a filled witness."""
-    outward_of(frames, parts, part, witness, place[6:9])
-    return -dot(place[6], place[7], place[8], place[3], place[4], place[5])
+def _gap_and_closing(model, sphere, part, slot, scratch):
+    """How far the sphere at the scratch point is from a face, m, and by how much its path nears it a unit."""
+    vectors = scratch.vectors
+    gap = fill_witness(
+        model.reals, model.words, model.parts, model.frames, part, slot, vectors[0], vectors[1], vectors[2],
+        scratch.witness,
+    )  # fmt: skip
+    outward_of(model, part, scratch.witness, vectors[6:9])
+    closing = -dot(vectors[6], vectors[7], vectors[8], vectors[3], vectors[4], vectors[5])
+    return max(gap - sphere.radius, 0.0), closing
 
 
 @kernel
-def touches(reals, words, frames, parts, x, y, z, radius, part, slot, budget, room):
-    """Whether a sphere at a point touches some surface for certain, and the steps it took to know."""
-    # Any face within the radius tells: with an ease of all the distance the first that is found is enough.
-    limit = radius * frames[len(frames) - 1, SCALE]
-    _, _, slot, _, work = nearest_from(
-        reals, words, frames, parts, x, y, z, part, slot, limit * limit, 1.0, 0.0, budget, room
+def touches(model, point, radius, part, slot, budget, workspace):
+    """Whether a sphere at *point* (x, y, z) touches some surface for certain, and the steps it took to know.
+
+    *part*, *slot*: a face to start from, which is best the one that is expected to be touched.
+    """
+    # Any face within the radius will do: with a tolerance of the whole distance the first found is enough.
+    limit = radius * model.frames[len(model.frames) - 1, SCALE]
+    _, _, slot, _, work = nearest_from_face(
+        model, point, part, slot, limit * limit, 1.0, 0.0, budget, workspace
     )
     return slot >= 0, work

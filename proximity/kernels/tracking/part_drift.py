@@ -2,10 +2,11 @@
 
 A part that cannot have come before an instant does not count until then. So each finger gathers the parts
 that move and may come near within the time it asks for, each with the gap between their boxes and it: at most
-a few, however many move elsewhere.
+a few, however many move elsewhere. And how far parts have moved since the tick before.
 """
 
 from math import sqrt
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from proximity.kernels.layout import (
     LANES,
     OWN_LOWER,
     OWN_UPPER,
+    ROTATION,
     TRANSLATION,
     VELOCITY,
 )
@@ -51,6 +53,27 @@ MOST_COMINGS = 8
 """Faster and faster parts that are told apart; where there are more, less is certain."""
 AT_ONCE = 1e-12
 """s or m: what comes within so little is here, so that a look from one coming to the next gets on."""
+
+POSE_COLUMNS = 12
+"""Numbers of a part's pose: rotation and translation."""
+LAST = POSE_COLUMNS - LANES
+ALL_LANES = 2**LANES - 1
+
+
+class Movers(NamedTuple):
+    """The parts of a scene that have a velocity."""
+
+    columns: np.ndarray  # float64, as `gather_movers` fills them
+    moving_count: int  # parts in the columns
+    any_stands: bool  # whether some part has no velocity
+
+
+class Drift(NamedTuple):
+    """How fast surfaces may move toward a point of a path; a unit is one of the path's parameter."""
+
+    columns: np.ndarray  # float64, as `gather_near` fills them
+    near_count: int  # parts in the columns
+    least: float  # m a unit, of parts that are near from the start
 
 
 def room_for_movers(part_count):
@@ -116,25 +139,29 @@ def _gaps(movers, at, size, x):
 
 
 @kernel
-def gather_near(movers, count, ux, uy, uz, x, y, z, off, speed, unit, extent):
-    """Gather what may come near a point in a while; how many parts there are, and the speed of the fastest.
+def gather_near(movers, velocity, point, off, speed, unit, extent):
+    """Gather the parts that may come near a point in a while; their number, and the speed of the fastest.
 
-    The point moves by at most *speed* m a unit of stage, parts as they do relative to *u*, m/s, *unit*
-    seconds a unit; *extent* units are asked for. A part counts if it can come within *off* m of the point.
-    The fastest, m a unit, is that of all that move, however far.
+    *velocity*, m/s, and *point*, m: (x, y, z). The point moves by at most *speed* m a unit of the path's
+    parameter, parts as they do relative to *velocity*, *unit* seconds a unit; *extent* units are asked for. A
+    part counts if it can come within *off* m of the point. The fastest, m a unit, is that of all that move,
+    however far.
     """
-    size = len(movers) // MOVER_COLUMNS
+    columns = movers.columns
+    size = len(columns) // MOVER_COLUMNS
+    x, y, z = point
+    ux, uy, uz = velocity
     near = 0
     fastest = splat(0.0)
-    for first in range(0, count, LANES):
-        gap_x = _gaps(movers, first, size, x)
-        gap_y = _gaps(movers, first + size, size, y)
-        gap_z = _gaps(movers, first + 2 * size, size, z)
+    for first in range(0, movers.moving_count, LANES):
+        gap_x = _gaps(columns, first, size, x)
+        gap_y = _gaps(columns, first + size, size, y)
+        gap_z = _gaps(columns, first + 2 * size, size, z)
         gaps = square_root(dot(gap_x, gap_y, gap_z, gap_x, gap_y, gap_z)) * splat(ROUNDED_DOWN) - splat(off)
-        vx = load(movers, MOVER_VELOCITY * size + first) - splat(ux)
-        vy = load(movers, (MOVER_VELOCITY + 1) * size + first) - splat(uy)
-        vz = load(movers, (MOVER_VELOCITY + 2) * size + first) - splat(uz)
-        speeds = square_root(dot(vx, vy, vz, vx, vy, vz)) + load(movers, MOVER_TURN * size + first)
+        vx = load(columns, MOVER_VELOCITY * size + first) - splat(ux)
+        vy = load(columns, (MOVER_VELOCITY + 1) * size + first) - splat(uy)
+        vz = load(columns, (MOVER_VELOCITY + 2) * size + first) - splat(uz)
+        speeds = square_root(dot(vx, vy, vz, vx, vy, vz)) + load(columns, MOVER_TURN * size + first)
         speeds = speeds * splat(unit * ROUNDED_UP)
         speeds = select(gaps < splat(np.inf), speeds, splat(0.0))
         fastest = maximum(fastest, speeds)
@@ -142,47 +169,94 @@ def gather_near(movers, count, ux, uy, uz, x, y, z, off, speed, unit, extent):
         while coming:
             k = trailing_zeros(coming)
             coming &= coming - 1
-            movers[NEAR_GAP * size + near] = lane(gaps, k)
-            movers[NEAR_SPEED * size + near] = lane(speeds, k)
+            columns[NEAR_GAP * size + near] = lane(gaps, k)
+            columns[NEAR_SPEED * size + near] = lane(speeds, k)
             near += 1
     for k in range(near, near + LANES):
-        movers[NEAR_GAP * size + k], movers[NEAR_SPEED * size + k] = np.inf, 0.0
+        columns[NEAR_GAP * size + k], columns[NEAR_SPEED * size + k] = np.inf, 0.0
     return near, -horizontal_min(splat(0.0) - fastest)
 
 
 @inlined
-def drift_until(movers, near, least, speed, gone):
-    """The drift a unit of stage until *gone* units have passed, *least* or more; when a faster part comes.
+def drift_until(drift, speed, gone):
+    """The drift a unit until *gone* units have passed, and the unit from which a faster part may be there.
 
-    *near*, *speed*: as `gather_near` has them.
+    *speed*: m a unit, of the point, as `gather_near` had it.
     """
+    near, least = drift.near_count, drift.least
     if near == 0:
         return least, np.inf
-    size = len(movers) // MOVER_COLUMNS
+    size = len(drift.columns) // MOVER_COLUMNS
     soon = gone * ROUNDED_UP + AT_ONCE
     fastest = splat(least)
     for first in range(0, near, LANES):
-        gaps, speeds = load(movers, NEAR_GAP * size + first), load(movers, NEAR_SPEED * size + first)
+        gaps, speeds = _near_at(drift.columns, size, first)
         has_come = gaps <= (splat(speed) + speeds) * splat(soon)
         fastest = maximum(fastest, select(has_come, speeds, splat(least)))
-    drift = -horizontal_min(splat(0.0) - fastest)
+    fastest_now = -horizontal_min(splat(0.0) - fastest)
     coming = splat(np.inf)
     for first in range(0, near, LANES):
-        gaps, speeds = load(movers, NEAR_GAP * size + first), load(movers, NEAR_SPEED * size + first)
+        gaps, speeds = _near_at(drift.columns, size, first)
         comes = gaps / (splat(speed) + speeds)
-        coming = minimum(coming, select(speeds > splat(drift), comes, splat(np.inf)))
-    return drift, horizontal_min(coming) * ROUNDED_DOWN
+        coming = minimum(coming, select(speeds > splat(fastest_now), comes, splat(np.inf)))
+    return fastest_now, horizontal_min(coming) * ROUNDED_DOWN
 
 
 @inlined
-def free_for(movers, near, least, speed, clearance):
-    """Units of stage in which nothing *clearance* m away is reached, whatever moves; see `drift_until`."""
+def _near_at(columns, size, first):
+    """Gaps, m, and speeds, m a unit, of eight parts that may come near."""
+    return load(columns, NEAR_GAP * size + first), load(columns, NEAR_SPEED * size + first)
+
+
+@inlined
+def free_for(drift, speed, clearance):
+    """Units in which nothing *clearance* m away is reached, whatever moves; see `drift_until`."""
     free = 0.0
     for _ in range(MOST_COMINGS):
-        drift, faster = drift_until(movers, near, least, speed, free)
-        rate = speed + drift
+        fastest, faster = drift_until(drift, speed, free)
+        rate = speed + fastest
         left = clearance / rate * ROUNDED_DOWN if rate > 0.0 else (np.inf if clearance > 0.0 else 0.0)
         if left <= faster:
             return max(free, left)
         free = faster
     return free
+
+
+@inlined
+def _corner_displacement_sq(frames, before, part, x, y, z):
+    """Squared displacement of a point of the part from its pose *before* to the present one, m²."""
+    total = 0.0
+    for axis in range(3):
+        at = ROTATION + 3 * axis
+        shift = (
+            (frames[part, at] - before[part, 3 * axis]) * x
+            + (frames[part, at + 1] - before[part, 3 * axis + 1]) * y
+            + (frames[part, at + 2] - before[part, 3 * axis + 2]) * z
+            + (frames[part, TRANSLATION + axis] - before[part, 9 + axis])
+        )
+        total += shift * shift
+    return total
+
+
+@kernel
+def displacement_of_parts(frames, before):
+    """How far any point of any part has moved at most since *before* (P, 12) was taken, m; takes it anew.
+
+    The displacement of a point is a convex function of where on the part it is, so that a corner of the box
+    goes farthest.
+    """
+    farthest_sq = 0.0
+    for part in range(len(before)):
+        # Rotation and translation, which follow each other, by two vectors that overlap.
+        is_first_same = load(frames[part], ROTATION) == load(before[part], 0)
+        is_last_same = load(frames[part], ROTATION + LAST) == load(before[part], LAST)
+        if bits(is_first_same & is_last_same) == ALL_LANES:
+            continue
+        for corner in range(8):
+            x = frames[part, OWN_LOWER + 3 * (corner & 1)]
+            y = frames[part, OWN_LOWER + 1 + 3 * ((corner >> 1) & 1)]
+            z = frames[part, OWN_LOWER + 2 + 3 * (corner >> 2)]
+            farthest_sq = max(farthest_sq, _corner_displacement_sq(frames, before, part, x, y, z))
+        for k in range(POSE_COLUMNS):
+            before[part, k] = frames[part, ROTATION + k]
+    return np.sqrt(farthest_sq) * (1.0 + 1e-12)

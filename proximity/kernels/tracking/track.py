@@ -4,16 +4,17 @@ A *track* is what is known about one finger: where it was asked for last, how fa
 the nearest face. A distance changes by no more than finger and parts have moved since.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from proximity.kernels.compiler import inlined, kernel
 from proximity.kernels.contact_columns import RECORD_INTS, RECORD_REALS
-from proximity.kernels.layout import LANES, OWN_LOWER, ROTATION, TRANSLATION
 from proximity.kernels.memory import Told, arrays_behind
 from proximity.kernels.point.coherent_search import FRONT_SIZE
 from proximity.kernels.tracking.conservative_advancement import BALLS, BALLS_SIZE
 from proximity.kernels.tracking.motion import MOTION_INTS, MOTION_REALS
-from proximity.simd import bits, load
+from proximity.kernels.tracking.part_drift import POSE_COLUMNS
 
 # --- columns of ``tracks`` (float64), a row a finger ---
 ANCHOR = 0  # m, scene's frame: where CLEAR was found
@@ -56,39 +57,69 @@ SETTINGS_SIZE = 17
 FARTHEST_WAY = 1e3
 """m that parts may have moved until all tracks start anew: of larger sums, small steps are lost by rounding.
 A part that is put far away and back goes so far at once."""
-POSE_COLUMNS = 12
-"""Of ``before``: rotation and translation of each part at the tick before."""
-LAST = POSE_COLUMNS - LANES
-ALL_LANES = 2**LANES - 1
-
-PLACE_AT, STAGES_AT, SCRATCH_SIZE = 24, 40, 42
-"""Places in ``scratch``: a witness comes first, the stages of a path last."""
 MOST_NS = 2**62
 """ns; it is 146 years. Differences of such instants, but for one from end to end, fit into 64 bits."""
 EACH_ITS_OWN = -MOST_NS - 1
 """Instant of all poses: none, every finger has one of its own."""
 
-FINGER_COUNT, PATH_COUNT, PART_COUNT, MOVERS_SIZE, ROOM_COUNT, SCRATCH_COUNT, FRONTS_COUNT = range(7)
-FIRST_ADDRESS = 7
-NAMES = (
-    "settings",
-    "pose_ns",
-    "velocities",
-    "paths",
-    "path_bends",
-    "bends",
-    "motions",
-    "motion_marks",
-    "tracks",
-    "marks",
-    "balls",
-    "fronts",
-    "records",
-    "before",
-    "movers",
-    "room",
-    "scratch",
-)
+
+class TrackerArrays(NamedTuple):
+    """All that a tick reads and writes, beside the model; arrays of many rows have one a finger."""
+
+    settings: np.ndarray  # float64, see above
+    pose_ns: np.ndarray  # int64, of positions that have an instant each
+    velocities: np.ndarray  # (N, 3) float64, m/s, as given
+    paths: np.ndarray  # (N, K, 3) float64, m, scene's frame: corners; nan for none
+    path_bends: np.ndarray  # (K,) float64, at the corners of all paths
+    bends: np.ndarray  # (N,) float64, as given; nan: the nearest on the path
+    path_lengths: np.ndarray  # (K,) float64, m: scratch, along one path up to each corner
+    motions: np.ndarray  # float64, see `motion`
+    motion_marks: np.ndarray  # int64, see `motion`
+    tracks: np.ndarray  # float64, see above
+    marks: np.ndarray  # int64, see above
+    balls: np.ndarray  # float64, see `conservative_advancement`
+    fronts: np.ndarray  # float32, see `coherent_search`; no rows for a crowd
+    records: np.ndarray  # float64, the answers, see `contact_columns`
+    wide: np.ndarray  # int64, the same memory
+    numbers: np.ndarray  # int32, the same memory
+    before: np.ndarray  # (P, 12) float64, poses of the parts at the tick before
+    movers: np.ndarray  # float64, see `part_drift`
+    workspace: np.ndarray  # float32, of searches, see `budgeted_walk`
+
+
+class Finger(NamedTuple):
+    """The rows of one finger."""
+
+    track: np.ndarray  # float64, see above
+    marks: np.ndarray  # int64, see above
+    balls: np.ndarray  # float64
+    record: np.ndarray  # float64, its answer
+    numbers: np.ndarray  # int32, the same memory
+
+
+class Scratch(NamedTuple):
+    """What a search works in; nothing in it is kept from one finger to the next."""
+
+    workspace: np.ndarray  # float32, see `budgeted_walk`
+    witness: np.ndarray  # float64, see `closest_feature`
+    vectors: np.ndarray  # (9,) float64: three vectors, for each function to say which
+
+
+@inlined
+def finger_at(arrays, i):
+    """The rows of finger *i*."""
+    return Finger(arrays.tracks[i], arrays.marks[i], arrays.balls[i], arrays.records[i], arrays.numbers[i])
+
+
+@inlined
+def vector_at(row, column):
+    """Three numbers of a row, from *column* on."""
+    return row[column], row[column + 1], row[column + 2]
+
+
+FINGER_COUNT, PATH_COUNT, PART_COUNT, MOVERS_SIZE, WORKSPACE_SIZE, FRONTS_COUNT = range(6)
+FIRST_ADDRESS = 6
+NAMES = tuple(name for name in TrackerArrays._fields if name not in ("wide", "numbers"))
 """Of the arrays, in the order of their addresses in the table."""
 FINGERS, KNOTS = Told(FINGER_COUNT), Told(PATH_COUNT)
 
@@ -104,6 +135,7 @@ tracker_arrays_at = arrays_behind(
     ("float64", _address("paths"), (FINGERS, KNOTS, 3)),
     ("float64", _address("path_bends"), (KNOTS,)),
     ("float64", _address("bends"), (FINGERS,)),
+    ("float64", _address("path_lengths"), (KNOTS,)),
     ("float64", _address("motions"), (FINGERS, MOTION_REALS)),
     ("int64", _address("motion_marks"), (FINGERS, MOTION_INTS)),
     ("float64", _address("tracks"), (FINGERS, TRACK_REALS)),
@@ -115,13 +147,9 @@ tracker_arrays_at = arrays_behind(
     ("int32", _address("records"), (FINGERS, RECORD_INTS)),
     ("float64", _address("before"), (Told(PART_COUNT), POSE_COLUMNS)),
     ("float64", _address("movers"), (Told(MOVERS_SIZE),)),
-    ("float32", _address("room"), (Told(ROOM_COUNT),)),
-    ("float64", _address("scratch"), (Told(SCRATCH_COUNT),)),
+    ("float32", _address("workspace"), (Told(WORKSPACE_SIZE),)),
 )
-"""The arrays of the tracker whose table is at an address, in the order of `NAMES`.
-
-``records`` comes three times: as float64, int64 and int32.
-"""
+"""The arrays of the tracker whose table is at an address, in the order of `TrackerArrays`."""
 
 
 @kernel
@@ -131,43 +159,3 @@ def forget_surfaces(tracks, balls):
         tracks[i, CLEAR], tracks[i, ODOMETER], tracks[i, FOOT_WAY] = -1.0, 0.0, -1.0
         for ball in range(BALLS):
             balls[i, 3 * BALLS + ball], balls[i, 4 * BALLS + ball] = -1.0, 0.0
-
-
-@inlined
-def _shift_of_corner(frames, before, part, x, y, z):
-    """Squared way of a point of the part from its pose *before* to the present one, m²."""
-    total = 0.0
-    for axis in range(3):
-        at = ROTATION + 3 * axis
-        way = (
-            (frames[part, at] - before[part, 3 * axis]) * x
-            + (frames[part, at + 1] - before[part, 3 * axis + 1]) * y
-            + (frames[part, at + 2] - before[part, 3 * axis + 2]) * z
-            + (frames[part, TRANSLATION + axis] - before[part, 9 + axis])
-        )
-        total += way * way
-    return total
-
-
-@kernel
-def way_of_parts(frames, before):
-    """How far any point of any part has moved at most since *before* (P, 12) was taken, m; takes it anew.
-
-    The way of a point is a convex function of where on the part it is, so that a corner of the box goes
-    farthest.
-    """
-    farthest_sq = 0.0
-    for part in range(len(before)):
-        # Rotation and translation, which follow each other, by two vectors that overlap.
-        is_first_same = load(frames[part], ROTATION) == load(before[part], 0)
-        is_last_same = load(frames[part], ROTATION + LAST) == load(before[part], LAST)
-        if bits(is_first_same & is_last_same) == ALL_LANES:
-            continue
-        for corner in range(8):
-            x = frames[part, OWN_LOWER + 3 * (corner & 1)]
-            y = frames[part, OWN_LOWER + 1 + 3 * ((corner >> 1) & 1)]
-            z = frames[part, OWN_LOWER + 2 + 3 * (corner >> 2)]
-            farthest_sq = max(farthest_sq, _shift_of_corner(frames, before, part, x, y, z))
-        for k in range(POSE_COLUMNS):
-            before[part, k] = frames[part, ROTATION + k]
-    return np.sqrt(farthest_sq) * (1.0 + 1e-12)

@@ -81,15 +81,12 @@ def next_open(stacks, bottom, at, best32):
 
 
 @inlined
-def nearer_in_block(reals, block, wide_x, wide_y, wide_z, best_sq, best_slot):
-    """Squared distance and slot of the best so far or, nearer or of a lower slot, a triangle of *block*."""
-    distances = point_block_distance_sq(reals, BLOCK_STRIDE * block, wide_x, wide_y, wide_z)
-    return nearer_of(distances, block, best_sq, best_slot)
+def nearer_in_block(reals, block, p, best_sq, best_slot):
+    """Squared distance and slot of the best so far or, nearer or of a lower slot, a triangle of *block*.
 
-
-@inlined
-def nearer_of(distances, block, best_sq, best_slot):
-    """The same, of squared distances to the triangles of *block*."""
+    *p*: the point, (x, y, z) of float64x8.
+    """
+    distances = point_block_distance_sq(reals, BLOCK_STRIDE * block, p)
     is_better = distances <= splat(best_sq)
     if bits(is_better):
         smallest = horizontal_min(select(is_better, distances, splat(np.inf)))

@@ -15,12 +15,13 @@ from proximity.kernels.geometry.box import (
     FAR,
     bound_of,
     far_offset_sq,
+    lanes_of_point,
     node_bounds_sq,
     round_down,
     round_up,
 )
 from proximity.kernels.layout import LANES
-from proximity.simd import bits, lane, splat, splat32
+from proximity.simd import bits, lane, splat32
 
 compiled = numba.njit(error_model="numpy")
 
@@ -30,10 +31,9 @@ def open_lanes(node, points, best_sq, bounds, opened):
     """Of each point: the bounds of the node's boxes, and which lanes a walk with that best would open."""
     for i in range(len(points)):
         px, py, pz = points[i]
-        x, y, z = splat32(np.float32(px)), splat32(np.float32(py)), splat32(np.float32(pz))
-        offset = far_offset_sq(px, py, pz)
-        found = node_bounds_sq(node, 0, offset > 0.0, x, y, z, splat(px), splat(py), splat(pz), splat(offset))
-        opened[i] = bits(found <= splat32(bound_of(best_sq[i], offset)))
+        point_lanes = lanes_of_point(px, py, pz)
+        found = node_bounds_sq(node, 0, point_lanes)
+        opened[i] = bits(found <= splat32(bound_of(best_sq[i], point_lanes[2])))
         for k in range(LANES):
             bounds[i, k] = lane(found, k)
 

@@ -19,7 +19,6 @@ from proximity.kernels.geometry.closest_feature import (
     closest_on_triangle,
 )
 from proximity.kernels.geometry.triangle import (
-    TINY,
     difference_of_products,
     point_block_distance_sq,
     point_triangle_distance_sq,
@@ -38,17 +37,19 @@ def scalar_distances_sq(points, triangles, out):
     for i in range(len(points)):
         p, t = points[i], triangles[i]
         out[i] = point_triangle_distance_sq(
-            p[0], p[1], p[2], t[0, 0], t[0, 1], t[0, 2], t[1, 0], t[1, 1], t[1, 2], t[2, 0], t[2, 1], t[2, 2],
-            0.0, 1.0, TINY,
-        )  # fmt: skip
+            (p[0], p[1], p[2]),
+            (t[0, 0], t[0, 1], t[0, 2]),
+            (t[1, 0], t[1, 1], t[1, 2]),
+            (t[2, 0], t[2, 1], t[2, 2]),
+        )
 
 
 @numba.njit(error_model="numpy")
 def block_distances_sq(points, blocks, out):
     """Squared distances (N, 8): each point with the eight triangles of its block."""
     for i in range(len(points)):
-        x, y, z = splat(points[i, 0]), splat(points[i, 1]), splat(points[i, 2])
-        store(out, LANES * i, point_block_distance_sq(blocks, BLOCK_STRIDE * i, x, y, z))
+        p = splat(points[i, 0]), splat(points[i, 1]), splat(points[i, 2])
+        store(out, LANES * i, point_block_distance_sq(blocks, BLOCK_STRIDE * i, p))
 
 
 @numba.njit(error_model="numpy")

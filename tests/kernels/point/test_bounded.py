@@ -226,7 +226,7 @@ def test_room_suffices_where_all_is_open(best_sq):
     arrays = eightfold(6)
     room, whole = guarded_room()
     for budget in [1, 2, 9, 100, 1000, *range(SWEPT - 3, 8 * SWEPT, 997), 4 * SWEPT // 3, 2 * SWEPT]:
-        found = nearest_with_budget(*arrays, 0, 0, 0.0, 0.0, 0.0, best_sq, NO_SLOT, 0.0, 0.0, budget, room)
+        found = nearest_with_budget(arrays, 0, 0, (0.0, 0.0, 0.0), best_sq, NO_SLOT, 0.0, 0.0, budget, room)
 
         assert found == (best_sq, NO_SLOT, 0.0, budget)
         assert (whole[:GUARD] == UNTOUCHED).all() and (whole[-GUARD:] == UNTOUCHED).all()
@@ -242,7 +242,7 @@ def test_room_suffices_for_the_deepest_trees_and_all_budgets():
     room, whole = guarded_room()
     total = depth + 7 * depth + 1
     for budget in [1, depth - 1, depth, 4 * depth, 4 * total, SWEPT, UNLIMITED]:
-        found = nearest_with_budget(*arrays, 0, 0, 0.0, 0.0, 0.0, np.inf, NO_SLOT, 0.0, 0.0, budget, room)
+        found = nearest_with_budget(arrays, 0, 0, (0.0, 0.0, 0.0), np.inf, NO_SLOT, 0.0, 0.0, budget, room)
 
         assert found == (np.inf, NO_SLOT, 0.0 if budget < total else np.inf, min(budget, total))
         assert (whole[:GUARD] == UNTOUCHED).all() and (whole[-GUARD:] == UNTOUCHED).all()
@@ -257,7 +257,7 @@ def test_room_suffices_for_sweeps_after_the_deepest_descent():
     arrays = by_hand(depth + count, children)
     for budget in range(4 * SWEPT // 3, 4 * SWEPT // 3 + 60, 7):
         room, whole = guarded_room()
-        found = nearest_with_budget(*arrays, 0, 0, 0.0, 0.0, 0.0, np.inf, NO_SLOT, 0.0, 0.0, budget, room)
+        found = nearest_with_budget(arrays, 0, 0, (0.0, 0.0, 0.0), np.inf, NO_SLOT, 0.0, 0.0, budget, room)
 
         assert found == (np.inf, NO_SLOT, 0.0, budget)
         assert (whole[:GUARD] == UNTOUCHED).all() and (whole[-GUARD:] == UNTOUCHED).all()
@@ -272,7 +272,7 @@ def test_opening_a_node_does_not_lower_the_bound():
     words[at + LEAST : at + LEAST + 2 * LANES] = 1.0  # in the plane 2 x = 1
     room, _ = guarded_room()
     for budget, expected in [(1, 0.0), (2, 0.25), (3, 0.25), (7, 0.25)]:
-        found = nearest_with_budget(*arrays, 0, 0, 0.0, 0.0, 0.0, np.inf, NO_SLOT, 0.0, 0.0, budget, room)
+        found = nearest_with_budget(arrays, 0, 0, (0.0, 0.0, 0.0), np.inf, NO_SLOT, 0.0, 0.0, budget, room)
 
         assert found == (np.inf, NO_SLOT, pytest.approx(expected, rel=1e-6), budget)
 

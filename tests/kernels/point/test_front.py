@@ -11,7 +11,14 @@ from proximity.kernels.geometry.frames import (
 )
 from proximity.kernels.layout import BLOCK_STRIDE, CHILDREN, LANES, NODE_STRIDE, ROOT
 from proximity.kernels.point import coherent_search as fronts
-from proximity.kernels.point.coherent_search import BEGINS, FRONT, FRONT_SIZE, GROUP, LONG, nearest_by_front
+from proximity.kernels.point.coherent_search import (
+    BEGINS,
+    FRONT,
+    FRONT_SIZE,
+    GROUP,
+    LONG,
+    nearest_from_last_answer,
+)
 from proximity.kernels.tracking.track import FRONT_COUNT
 from proximity.pose import Pose
 from proximity.scene.scene import Scene
@@ -36,9 +43,9 @@ class Searcher:
         if self.slot is None:
             _, self.slot = without_budget(self.model, point)
         part = int(part_of_slot(self.model.words, self.model.parts, self.slot))
-        found_sq, part, slot, is_found, self.count, self.steps = nearest_by_front(
-            *self.arrays, *map(float, point), part, self.slot, self.row[:FRONT_SIZE], self.count or BEGINS,
-            budget, ROOM,
+        found_sq, part, slot, is_found, self.count, self.steps = nearest_from_last_answer(
+            self.arrays, tuple(map(float, point)), part, self.slot, self.row[:FRONT_SIZE],
+            self.count or BEGINS, budget, ROOM,
         )  # fmt: skip
         assert np.isnan(self.row[FRONT_SIZE:]).all() and 0 <= self.count <= FRONT
         assert part == part_of_slot(self.model.words, self.model.parts, slot)

@@ -268,7 +268,7 @@ def test_the_side_of_an_edge_is_never_wrong(seed, size):
 
 @numba.njit
 def _sides(ax, ay, bx, by, cx, cy):
-    return walk.ray_triangle_sides(0.0, 0.0, 0.0, 0.0, 0.0, ax, ay, 1.0, bx, by, 1.0, cx, cy, 1.0)
+    return walk.ray_triangle_sides((0.0, 0.0, 0.0), 0.0, 0.0, (ax, ay, 1.0), (bx, by, 1.0), (cx, cy, 1.0))
 
 
 # ---------------------------------------------------------------------------------------------- box test
@@ -277,15 +277,9 @@ def _sides(ax, ay, bx, by, cx, cy):
 @numba.njit
 def _open_lanes(node, ox, oy, oz, dx, dy, dz, best, margin):
     """Which lanes are open, and the bound of lane 0."""
-    rate_x, in_x, out_x = walk.slab(ox, dx, margin)
-    rate_y, in_y, out_y = walk.slab(oy, dy, margin)
-    rate_z, in_z, out_z = walk.slab(oz, dz, margin)
-    bounds, _, is_open = walk.ray_boxes_bound(
-        node, 0, walk.near_plane(dx), walk.near_plane(dy), walk.near_plane(dz),
-        splat32(rate_x), splat32(rate_y), splat32(rate_z), splat32(in_x), splat32(in_y), splat32(in_z),
-        splat32(out_x), splat32(out_y), splat32(out_z), splat32(np.float32(0.0)),
-        splat32(walk.bound_of_parameter(best, 0.0)),
-    )  # fmt: skip
+    aim = (*walk.slab(ox, dx, margin), *walk.slab(oy, dy, margin), *walk.slab(oz, dz, margin))
+    best32 = walk.bound_of_parameter(best, 0.0)
+    bounds, _, is_open = walk.open_boxes(node, 0, aim, splat32(np.float32(0.0)), best32)
     return bits(is_open), lane(bounds, 0)
 
 

@@ -29,9 +29,9 @@ class Asked:
 
     def at(self, point, *, part=-1, slot=NO_SLOT, is_outside=False, ease=0.0, core=0.0, budget=PLENTY):
         """Distance, lower, upper, clear, part, slot, bits, work."""
-        return distance_bounds.bracket_at(
-            *self.arrays,
-            *map(float, point),
+        return distance_bounds.bounds_at(
+            self.arrays,
+            tuple(map(float, point)),
             part,
             slot,
             is_outside,
@@ -199,17 +199,13 @@ def test_no_face_is_farther_than_the_farthest_corner(asked):
 
 
 def test_within_a_limit_only_nearer_faces_are_found(asked):
-    reals, words, frames, parts = asked.arrays
-    scale = frames[-1, 15]
+    scale = asked.model.frames[-1, 15]
     for point in points(50):
         distance = float(asked.scene.distance(point))
         for limit, is_found in ((0.99 * distance, False), (1.01 * distance, True)):
-            best_sq, _, slot, lower_sq, _ = distance_bounds.nearest_from(
-                reals,
-                words,
-                frames,
-                parts,
-                *point,
+            best_sq, _, slot, lower_sq, _ = distance_bounds.nearest_from_face(
+                asked.arrays,
+                tuple(point),
                 0,
                 NO_SLOT,
                 (limit * scale) ** 2,

@@ -7,6 +7,7 @@ from ticking import block, line, plate, sheet, solid
 
 from proximity.kernels.geometry.closest_feature import WITNESS_SIZE
 from proximity.kernels.layout import NO_SLOT
+from proximity.kernels.memory import Model
 from proximity.kernels.point.budgeted_walk import ROOM_SIZE
 from proximity.kernels.scene.distance_bounds import fill_witness
 from proximity.kernels.tracking import conservative_advancement as advancing
@@ -14,12 +15,15 @@ from proximity.kernels.tracking.conservative_advancement import (
     BALLS,
     BALLS_SIZE,
     TOUCH,
-    advance,
+    Path,
+    Sphere,
+    advance_conservatively,
     outward_of,
-    place_on,
+    point_on_path,
     touches,
 )
-from proximity.kernels.tracking.part_drift import room_for_movers
+from proximity.kernels.tracking.part_drift import Drift, room_for_movers
+from proximity.kernels.tracking.track import Scratch
 from proximity.scene.scene import Scene
 
 RADIUS = 0.007
@@ -41,14 +45,13 @@ class Way:
         self.corners, self.radius = np.asarray(corners, dtype=np.float64), radius
         lengths = np.linalg.norm(np.diff(self.corners, axis=0), axis=1)
         self.stages = np.append(0.0, np.cumsum(lengths)) if stages is None else np.asarray(stages, float)
-        self.balls, self.room = no_balls(), np.zeros(ROOM_SIZE, np.float32)
-        self.witness, self.place = np.zeros(WITNESS_SIZE), np.zeros(9)
-        self.movers, self.near = room_for_movers(0), 0
+        self.balls = no_balls()
+        self.scratch = Scratch(np.zeros(ROOM_SIZE, np.float32), np.zeros(WITNESS_SIZE), np.zeros(9))
 
     @property
-    def arrays(self):
+    def model(self):
         model = self.scene.snapshot()
-        return model.reals, model.words, model.frames, model.parts
+        return Model(model.reals, model.words, model.frames, model.parts)
 
     def at(self, stage):
         return np.array([np.interp(stage, self.stages, column) for column in self.corners.T])
@@ -59,12 +62,13 @@ class Way:
     def go(
         self, *, start=0.0, speed=1.0, drift=0.0, ease=0.0, budget=PLENTY, clearance=None, way_of_parts=0.0
     ):
-        """Free until, expected at, part, slot, steps, is one."""
+        """Free until, expected at, part, slot, steps."""
         clearance = self.clearance(start) if clearance is None else clearance
-        return advance(
-            *self.arrays, self.corners, self.stages, len(self.stages), start, clearance, self.radius,
-            float(speed), self.movers, self.near, float(drift), 0, NO_SLOT, float(ease), budget, self.balls,
-            way_of_parts, self.room, self.witness, self.place,
+        sphere = Sphere(self.radius, float(speed), self.balls, way_of_parts)
+        nothing_near = Drift(room_for_movers(0), 0, float(drift))
+        return advance_conservatively(
+            self.model, Path(self.corners, self.stages), sphere, nothing_near, start, clearance, 0, NO_SLOT,
+            float(ease), budget, self.scratch,
         )  # fmt: skip
 
     def is_free(self, start, end, count=200):
@@ -92,28 +96,29 @@ def down(things=None, **settings):
 )
 def test_place_on_a_way_is_between_its_corners_and_the_direction_a_unit_of_stage(stage, place, direction):
     out = np.full(9, np.nan)
-    place_on(np.array([(0, 0, 0), (1, 0, 0), (1, 3, 0)], float), np.array([0.0, 2.0, 3.0]), 3, stage, out)
+    corners = np.array([(0, 0, 0), (1, 0, 0), (1, 3, 0)], float)
+    point_on_path(Path(corners, np.array([0.0, 2.0, 3.0])), stage, out)
 
     assert out[:6].tolist() == [*place, *direction]
 
 
 def test_corner_that_is_there_twice_leads_on():
     corners, out = np.array([(0, 0, 0), (1, 0, 0), (1, 0, 0), (1, 1, 0)], float), np.zeros(9)
-    place_on(corners, np.array([0.0, 1.0, 1.0, 2.0]), 4, 1.0, out)
+    point_on_path(Path(corners, np.array([0.0, 1.0, 1.0, 2.0])), 1.0, out)
     assert out[:6].tolist() == [1, 0, 0, 0, 1, 0]
 
-    place_on(corners[:3], np.array([0.0, 1.0, 1.0]), 3, 1.0, out)
+    point_on_path(Path(corners[:3], np.array([0.0, 1.0, 1.0])), 1.0, out)
     assert out[:6].tolist() == [1, 0, 0, 0, 0, 0]
 
 
 def test_outward_is_from_the_surface_to_the_point_and_nothing_on_it():
     way, out = down(), np.zeros(3)
-    reals, words, frames, parts = way.arrays
+    model, witness = way.model, way.scratch.witness
     for height, expected in ((0.05, (0, 0, 1)), (-0.001, (0, 0, -1)), (0.0, (0, 0, 0))):
         # The slot of the top is found by a way that goes there.
         slot = way.go()[3]
-        fill_witness(reals, words, parts, frames, 0, slot, 0.0, 0.0, height, way.witness)
-        outward_of(frames, parts, 0, way.witness, out)
+        fill_witness(model.reals, model.words, model.parts, model.frames, 0, slot, 0.0, 0.0, height, witness)
+        outward_of(model, 0, witness, out)
         assert out.tolist() == pytest.approx(expected, abs=1e-12)
 
 
@@ -121,7 +126,7 @@ def test_outward_is_from_the_surface_to_the_point_and_nothing_on_it():
 
 
 def test_straight_at_a_plate_the_way_is_free_until_just_before_the_touch():
-    free, expected, part, slot, steps, _ = down().go()
+    free, expected, part, slot, steps = down().go()
 
     assert 0.0929 <= free <= 0.093
     assert expected == pytest.approx(0.093, abs=1e-9)
@@ -216,7 +221,7 @@ def test_sphere_that_does_not_move_among_surfaces_that_do_not_is_free_for_ever()
 
 def test_with_a_budget_of_one_step_something_is_certified():
     way = down([solid(shapes.sphere(0.05, 4), "ball")])
-    free, *_, steps, _ = way.go(budget=1)
+    free, *_, steps = way.go(budget=1)
 
     assert way.clearance(0.0) * (1 - 1e-9) <= free <= 0.043
     assert steps <= 24
@@ -250,13 +255,15 @@ def test_a_ball_tells_its_room_less_what_moved_and_nothing_when_it_gave_more():
     """Free of surface for 0.1 m about (1, 0, 0), when parts had moved 2 m; the sphere has 0.02 m."""
     balls = no_balls()
     balls[[3, 3 + BALLS, 3 + 2 * BALLS, 3 + 3 * BALLS, 3 + 4 * BALLS]] = (1.0, 0.0, 0.0, 0.1, 2.0)
-    room = lambda x, moved=2.0: advancing._room_in_balls(balls, moved, x, 0.0, 0.0, 0.02)  # noqa: E731
 
-    assert room(1.0) == 0.08
-    assert room(1.03) == pytest.approx(0.05, rel=1e-9) and room(1.03) <= 0.05
-    assert room(1.01, 2.02) == pytest.approx(0.05, rel=1e-9) and room(1.01, 2.02) <= 0.05
+    def clearance(x, moved=2.0):
+        return advancing._clearance_in_balls(Sphere(0.02, 1.0, balls, moved), x, 0.0, 0.0)
+
+    assert clearance(1.0) == 0.08
+    assert clearance(1.03) == pytest.approx(0.05, rel=1e-9) and clearance(1.03) <= 0.05
+    assert clearance(1.01, 2.02) == pytest.approx(0.05, rel=1e-9) and clearance(1.01, 2.02) <= 0.05
     # Less than a quarter of what it gave is not worth taking.
-    assert room(1.07) < 0.0 and room(1.0, 2.07) < 0.0 and room(0.0) < 0.0
+    assert clearance(1.07) < 0.0 and clearance(1.0, 2.07) < 0.0 and clearance(0.0) < 0.0
 
 
 def test_moved_parts_are_met_where_they_are_now():
@@ -278,13 +285,15 @@ def test_moved_parts_are_met_where_they_are_now():
 )
 def test_sphere_touches_what_is_nearer_than_its_radius(height, expected):
     way = down()
-    is_touch, steps = touches(*way.arrays, 0.0, 0.0, height, RADIUS, 0, NO_SLOT, PLENTY, way.room)
+    is_touch, steps = touches(
+        way.model, (0.0, 0.0, height), RADIUS, 0, NO_SLOT, PLENTY, way.scratch.workspace
+    )
 
     assert is_touch == expected and steps > 0
 
 
 def test_without_steps_left_a_touch_is_not_claimed():
     ball = down([solid(shapes.sphere(0.05, 4), "ball")])
-    is_touch, _ = touches(*ball.arrays, 0.0, 0.0, 0.0, 0.0499, 0, NO_SLOT, 1, ball.room)
+    is_touch, _ = touches(ball.model, (0.0, 0.0, 0.0), 0.0499, 0, NO_SLOT, 1, ball.scratch.workspace)
 
     assert not is_touch

@@ -9,6 +9,10 @@ from proximity.kernels.layout import ROTATION
 from proximity.kernels.tracking.part_drift import (
     MOVER_COLUMNS,
     MOVER_LOWER,
+    POSE_COLUMNS,
+    Drift,
+    Movers,
+    displacement_of_parts,
     drift_until,
     free_for,
     gather_movers,
@@ -16,7 +20,6 @@ from proximity.kernels.tracking.part_drift import (
     room_for_movers,
     velocity_of_part,
 )
-from proximity.kernels.tracking.track import POSE_COLUMNS, way_of_parts
 from proximity.pose import Pose
 from proximity.scene.scene import Scene
 
@@ -37,24 +40,30 @@ def scene_of(motions):
 
 
 def movers_of(scene):
-    """The table of parts that move, how many they are, and whether any stands."""
+    """The parts that move."""
     model = scene.snapshot()
     movers = room_for_movers(len(model.parts) - 1)
-    return movers, *gather_movers(model.frames, model.parts, movers)
+    return Movers(movers, *gather_movers(model.frames, model.parts, movers))
 
 
 def near_of(scene, u=(0.0, 0.0, 0.0), x=(0.0, 0.0, 0.0), off=0.0, speed=0.0, unit=1.0, extent=1e9):
-    """The table after a look for what may come near, how many parts that are, and the speed of all others."""
-    movers, count, stands = movers_of(scene)
+    """The drift of what may come near."""
+    movers = movers_of(scene)
     near, _ = gather_near(
-        movers, count, *map(float, u), *map(float, x), float(off), float(speed), float(unit), float(extent)
-    )  # fmt: skip
-    return movers, near, float(np.linalg.norm(u)) if stands else 0.0
+        movers,
+        tuple(map(float, u)),
+        tuple(map(float, x)),
+        float(off),
+        float(speed),
+        float(unit),
+        float(extent),
+    )
+    return Drift(movers.columns, near, float(np.linalg.norm(u)) if movers.any_stands else 0.0)
 
 
 def drift(scene, u=(0.0, 0.0, 0.0)):
     """What no part exceeds at any time."""
-    return drift_until(*near_of(scene, u), 0.0, 1e9)[0]
+    return drift_until(near_of(scene, u), 0.0, 1e9)[0]
 
 
 def fastest_corner(scene, u):
@@ -150,16 +159,16 @@ def train(speeds, gap=1.0):
 def test_a_part_counts_from_when_it_can_have_come():
     # 0.5 m and 1.5 m off a point at y = 0.5; both come at once with the point.
     scene = train([1.0, 4.0])
-    movers, near, least = near_of(scene, x=(0.5, 0.5, 0.5), speed=1.0)
+    near = near_of(scene, x=(0.5, 0.5, 0.5), speed=1.0)
 
-    assert near == 2
-    drift, faster = drift_until(movers, near, least, 1.0, 0.0)
+    assert near.near_count == 2
+    drift, faster = drift_until(near, 1.0, 0.0)
     assert drift == 0.0
     assert faster == pytest.approx(0.5 / 2.0)
-    drift, faster = drift_until(movers, near, least, 1.0, faster)
+    drift, faster = drift_until(near, 1.0, faster)
     assert 1.0 <= drift <= TIGHT
     assert faster == pytest.approx(1.5 / 5.0)
-    assert drift_until(movers, near, least, 1.0, faster) == (pytest.approx(4.0), np.inf)
+    assert drift_until(near, 1.0, faster) == (pytest.approx(4.0), np.inf)
 
 
 def test_only_parts_that_may_come_in_time_are_gathered():
@@ -169,8 +178,8 @@ def test_only_parts_that_may_come_in_time_are_gathered():
         for off in (0.0, 0.2, 0.7):
             for unit in (0.5, 1.0):
                 come = 0.5 + np.arange(21) - off <= (1.0 + unit) * extent
-                _, near, _ = near_of(scene, x=(0.5, 0.5, 0.5), off=off, speed=1.0, unit=unit, extent=extent)
-                assert near == come.sum()
+                near = near_of(scene, x=(0.5, 0.5, 0.5), off=off, speed=1.0, unit=unit, extent=extent)
+                assert near.near_count == come.sum()
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -179,9 +188,9 @@ def test_what_moves_is_never_nearer_than_gap_and_drift_allow(seed):
     rng = np.random.default_rng(seed)
     scene = scene_of(rng.normal(size=(19, 2, 3)) * rng.choice([0.0, 0.1, 3.0], (19, 2, 1)))
     x, u = rng.normal(size=3) * 10.0, rng.normal(size=3)
-    movers, near, least = near_of(scene, u, x, extent=1.0)
+    near = near_of(scene, u, x, extent=1.0)
     for gone in np.append(0.0, rng.uniform(0.0, 1.0, 20)):
-        drift, faster = drift_until(movers, near, least, 0.0, gone)
+        drift, faster = drift_until(near, 0.0, gone)
         assert faster > gone
         for part in scene.parts:
             arms = part.pose.rotation @ part.solid.mesh.vertices.T
@@ -196,8 +205,8 @@ def test_what_moves_is_never_nearer_than_gap_and_drift_allow(seed):
 
 @pytest.mark.parametrize("count", [1, 8, 20])
 def test_the_fastest_is_told_however_far_it_is(count):
-    movers, found, _ = movers_of(train(np.linspace(1.0, 3.0, count)))
-    near, fastest = gather_near(movers, found, 0.0, 1.0, 0.0, 0.5, 0.5, 0.5, 0.0, 0.0, 0.5, 0.1)
+    movers = movers_of(train(np.linspace(1.0, 3.0, count)))
+    near, fastest = gather_near(movers, (0.0, 1.0, 0.0), (0.5, 0.5, 0.5), 0.0, 0.0, 0.5, 0.1)
 
     assert near == 0
     assert fastest == pytest.approx(0.5 * (1.0 + (3.0 if count > 1 else 1.0)))
@@ -210,7 +219,7 @@ def test_among_many_parts_none_is_lost():
 
 
 def test_a_clearance_lasts_until_what_has_come_by_then_may_use_it_up():
-    movers, near, least = near_of(train([1.0, 4.0]), x=(0.5, 0.5, 0.5), speed=1.0)
+    near = near_of(train([1.0, 4.0]), x=(0.5, 0.5, 0.5), speed=1.0)
 
     for clearance, expected in (
         (0.1, 0.1),  # used up by the point itself
@@ -219,15 +228,16 @@ def test_a_clearance_lasts_until_what_has_come_by_then_may_use_it_up():
         (0.7, 0.3),  # the second part comes
         (2.0, 0.4),
     ):
-        assert free_for(movers, near, least, 1.0, clearance) == pytest.approx(expected)
-    assert free_for(movers, 0, 0.0, 0.0, 0.1) == np.inf
-    assert free_for(movers, 0, 0.0, 0.0, 0.0) == 0.0
-    assert free_for(movers, 0, 0.5, 0.5, 0.1) == pytest.approx(0.1)
+        assert free_for(near, 1.0, clearance) == pytest.approx(expected)
+    nothing, slow = Drift(near.columns, 0, 0.0), Drift(near.columns, 0, 0.5)
+    assert free_for(nothing, 0.0, 0.1) == np.inf
+    assert free_for(nothing, 0.0, 0.0) == 0.0
+    assert free_for(slow, 0.5, 0.1) == pytest.approx(0.1)
 
 
 def test_nothing_moves_nothing_counts():
     assert near_of(scene_of([((0, 0, 0), (0, 0, 0))] * 9))[1:] == (0, 0.0)
-    assert drift_until(room_for_movers(9), 0, 0.25, 1.0, 1.0) == (0.25, np.inf)
+    assert drift_until(Drift(room_for_movers(9), 0, 0.25), 1.0, 1.0) == (0.25, np.inf)
 
 
 # --- how far they have moved --------------------------------------------------------------------------------
@@ -238,7 +248,7 @@ def before(scene):
     return model.frames[: len(model.parts) - 1, ROTATION : ROTATION + POSE_COLUMNS].copy()
 
 
-def test_way_of_parts_is_how_far_the_farthest_corner_went_and_is_taken_once():
+def test_displacement_of_parts_is_how_far_the_farthest_corner_went_and_is_taken_once():
     scene = scene_of([((0, 0, 0), (0, 0, 0))] * 3)
     old = before(scene)
     poses = [Pose(shapes.rotation(9 + row), (3.0 * row, 1.5, -2.0)) for row in range(2)]
@@ -249,15 +259,15 @@ def test_way_of_parts_is_how_far_the_farthest_corner_went_and_is_taken_once():
     scene.move_many(["0", "1"], poses)
     frames = scene.snapshot().frames
 
-    assert expected <= way_of_parts(frames, old) <= expected * TIGHT
-    assert way_of_parts(frames, old) == 0.0
+    assert expected <= displacement_of_parts(frames, old) <= expected * TIGHT
+    assert displacement_of_parts(frames, old) == 0.0
     assert np.array_equal(old, before(scene))
 
 
-def test_way_of_a_part_that_stands_is_nothing_and_of_a_step_its_length():
+def test_displacement_of_a_part_that_stands_is_nothing_and_of_a_step_its_length():
     scene = scene_of([((1, 2, 3), (4, 5, 6))])
     old = before(scene)
-    assert way_of_parts(scene.snapshot().frames, old) == 0.0
+    assert displacement_of_parts(scene.snapshot().frames, old) == 0.0
 
     scene.move("0", Pose(shapes.rotation(0), (0.25, 1.0, -2.0)))
-    assert 0.25 <= way_of_parts(scene.snapshot().frames, old) <= 0.25 * TIGHT
+    assert 0.25 <= displacement_of_parts(scene.snapshot().frames, old) <= 0.25 * TIGHT

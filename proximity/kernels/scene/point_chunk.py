@@ -1,0 +1,134 @@
+"""The steps that points take in chunks: who may contain them, what is nearest to each, and on which side.
+
+What comes after, the deepest of several parts that contain a point, is in `containment`.
+"""
+
+import numpy as np
+
+from proximity.kernels.compiler import inlined
+from proximity.kernels.geometry.frames import ROUNDING, can_be_asked, to_local
+from proximity.kernels.geometry.rows import fetch_row, limit_of
+from proximity.kernels.geometry.triangle import place_of
+from proximity.kernels.layout import LANES, NO_PART, NO_SLOT, SCALE
+from proximity.kernels.point.walk import NOTHING_SEEN, best_of_block
+from proximity.kernels.scene.chunk_tables import CHUNK
+from proximity.kernels.scene.containment import deepest_of_certain, note_candidates
+from proximity.kernels.scene.nearest_part import nearest_in_scene
+from proximity.kernels.sign.side import has_normals, heights_over, is_beyond, signed_of_slot
+
+
+@inlined
+def reach_sq(limit):
+    """How far to look for what is within *limit*, local: a little farther, since distances round."""
+    return (limit + ROUNDING) * (limit + ROUNDING) * (1.0 + ROUNDING)
+
+
+@inlined
+def row_of(order, i):
+    """The row that is *i*-th in order."""
+    return order[i] if len(order) else i
+
+
+@inlined
+def nearest_from_block(model, point, limit_sq, part, slot, stacks):
+    """`nearest_in_scene`, starting from the block of what the point before has found, if anything."""
+    reals, words, frames, parts = model
+    x, y, z = point
+    best_sq, seen = limit_sq, np.int64(NOTHING_SEEN)
+    if slot >= 0:
+        seen = ~(slot // LANES)
+        px, py, pz = to_local(frames, parts, part, x, y, z)
+        ratio = frames[part, SCALE] / frames[len(parts) - 1, SCALE]
+        best_sq, slot = best_of_block(reals, slot, px, py, pz)
+        best_sq /= ratio * ratio
+        if not best_sq <= limit_sq:
+            best_sq, part, slot = limit_sq, np.int64(NO_PART), np.int64(NO_SLOT)
+    return nearest_in_scene(reals, words, frames, parts, x, y, z, best_sq, part, slot, seen, stacks)
+
+
+@inlined
+def begin_chunk(model, chunk, order, first, limits, reaches, candidates, found, workspace):
+    """Fill rows that are next, how far to look for each, and ask parts that contain some of them for certain.
+
+    See `deepest_of_certain`. Of one part there is nothing to be asked. With a limit, most walks end sooner
+    than depths are found. No *limits*: *reaches* are filled already.
+    """
+    _, _, frames, parts = model
+    points, rows, count = chunk
+    certain = candidates.certain
+    for k in range(count):
+        rows[k], certain[k] = row_of(order, first + k), 0
+        fetch_row(points, order, first + k + CHUNK)
+    if len(limits):
+        scale = frames[len(parts) - 1, SCALE]
+        for k in range(count):
+            reaches[k] = reach_sq(limit_of(limits, rows[k]) * scale)
+    if len(parts) <= 2:
+        return 0
+    pair_count = note_candidates(model, chunk, candidates)
+    if len(limits):
+        for k in range(count):
+            if reaches[k] < np.inf:
+                certain[k] = 0
+    return deepest_of_certain(model, chunk, candidates, pair_count, found, workspace)
+
+
+@inlined
+def nearest_of_chunk(model, chunk, order, reaches, candidates, found, workspace):
+    """Fill what is nearest to each point, but to those that are inside for certain.
+
+    See `deepest_of_chunk`. Where there is no answer the nearest part is `NO_PART`, and the distance nan or
+    inf. What the last chunk ended with, behind the nearest, is where the first walk may start from.
+    """
+    _, _, frames, parts = model
+    points, rows, count = chunk
+    nearest, depths, _, distances = found
+    part, slot = nearest[CHUNK, 0], nearest[CHUNK, 1]
+    for k in range(count):
+        if candidates.certain[k]:
+            continue
+        row = rows[k]
+        x, y, z = points[row, 0], points[row, 1], points[row, 2]
+        if not can_be_asked(frames, parts, x, y, z):
+            nearest[k, 0], distances[k], depths[k] = NO_PART, np.nan, np.inf
+            continue
+        if not len(order):
+            part, slot = np.int64(NO_PART), np.int64(NO_SLOT)
+        best_sq, part, slot = nearest_from_block(model, (x, y, z), reaches[k], part, slot, workspace.stacks)
+        nearest[k, 0], nearest[k, 1], depths[k], distances[k] = part, slot, best_sq, np.inf
+    nearest[CHUNK, 0], nearest[CHUNK, 1] = part, slot
+
+
+@inlined
+def signs_of_chunk(model, chunk, candidates, found, heights, workspace):
+    """Fill the signed distances of a chunk, m, and turn depths into -1 where nothing contains the point.
+
+    What is over a face, as most is, is worked out for eight points at a time.
+    """
+    reals, words, frames, parts = model
+    points, rows, count = chunk
+    nearest, depths, _, distances = found
+    places, spots, height, is_over = heights
+    for k in range(CHUNK):
+        places[k] = 0
+        if k < count and nearest[k, 0] != NO_PART:
+            row, slot = rows[k], nearest[k, 1]
+            places[k] = place_of(slot)
+            spots[k], spots[CHUNK + k], spots[2 * CHUNK + k] = to_local(
+                frames, parts, nearest[k, 0], points[row, 0], points[row, 1], points[row, 2]
+            )
+    for at in range(0, count, LANES):
+        heights_over(reals, places, at, spots, height, is_over)
+    for k in range(count):
+        part = nearest[k, 0]
+        if part != NO_PART:
+            px, py, pz = spots[k], spots[CHUNK + k], spots[2 * CHUNK + k]
+            signed = height[k] + 0.0  # never -0.0
+            slot = nearest[k, 1]
+            if is_over[k] == 0.0 or is_beyond(px, py, pz) or not has_normals(words, parts, part, slot):
+                signed = signed_of_slot(reals, words, parts, part, slot, px, py, pz, workspace.witness)
+            if candidates.certain[k]:
+                signed = -abs(signed)
+            elif not signed < 0.0:
+                depths[k] = -1.0
+            distances[k] = signed / frames[part, SCALE]

@@ -1,0 +1,263 @@
+"""Where on a path that is given a finger touches first and, if it goes that way, when.
+
+A path is a polyline with a *bend* at each corner, the number that the glove's controller counts in. The
+contact is found by conservative advancement along its length and confirmed by probes beyond it.
+"""
+
+from math import isfinite, sqrt
+
+import numpy as np
+
+from proximity.kernels.compiler import inlined, kernel
+from proximity.kernels.contact_columns import (
+    BEND,
+    BEND_RATE,
+    CONTACT_BEND,
+    CONTACT_BEND_ERROR,
+    CONTACT_BEND_RATE,
+    CONTACT_FOUND,
+    INSIDE,
+    LOWER,
+    ON_PATH,
+    POSITION,
+    PREDICTED,
+    SIGNED_DISTANCE,
+    TIME_TO_CONTACT,
+    TIME_TO_CONTACT_LOWER,
+    VELOCITY,
+)
+from proximity.kernels.geometry.frames import (
+    rounding_at,
+)
+from proximity.kernels.geometry.triangle import dot
+from proximity.kernels.point.budgeted_walk import DOWN
+from proximity.kernels.scene.distance_bounds import bounds_at
+from proximity.kernels.tracking.conservative_advancement import (
+    TOUCH,
+    Sphere,
+    advance_conservatively,
+    point_on_path,
+    touches,
+)
+from proximity.kernels.tracking.part_drift import Drift, gather_near, velocity_of_part
+from proximity.kernels.tracking.prediction import STILL, count_steps, steps_left
+from proximity.kernels.tracking.track import PART, RADIUS, SLOT, WAY, vector_at
+
+PROBES = 3
+"""Questions beyond the expected contact, each farther, to confirm it."""
+
+
+@inlined
+def _measure(path):
+    """Fill the parameters of a path with its length up to each corner; return its whole length."""
+    corners, lengths = path
+    lengths[0] = 0.0
+    for k in range(len(lengths) - 1):
+        dx, dy = corners[k + 1, 0] - corners[k, 0], corners[k + 1, 1] - corners[k, 1]
+        dz = corners[k + 1, 2] - corners[k, 2]
+        lengths[k + 1] = lengths[k] + sqrt(dx * dx + dy * dy + dz * dz)
+    return lengths[len(lengths) - 1]
+
+
+@inlined
+def _nearest_parameter(path, x, y, z):
+    """The parameter of the point on a path that is nearest to a point."""
+    corners, lengths = path
+    best_sq, best = np.inf, 0.0
+    for k in range(len(lengths) - 1):
+        ex, ey = corners[k + 1, 0] - corners[k, 0], corners[k + 1, 1] - corners[k, 1]
+        ez = corners[k + 1, 2] - corners[k, 2]
+        ax, ay, az = x - corners[k, 0], y - corners[k, 1], z - corners[k, 2]
+        length_sq = dot(ex, ey, ez, ex, ey, ez)
+        share = min(max(dot(ax, ay, az, ex, ey, ez) / length_sq, 0.0), 1.0) if length_sq > 0.0 else 0.0
+        ax, ay, az = ax - share * ex, ay - share * ey, az - share * ez
+        distance_sq = dot(ax, ay, az, ax, ay, az)
+        if distance_sq < best_sq:
+            best_sq, best = distance_sq, lengths[k] + share * (lengths[k + 1] - lengths[k])
+    return best
+
+
+@inlined
+def _interpolate(xs, ys, x):
+    """Piecewise linear: *ys* over *xs* that do not fall, held beyond the ends; and the slope there.
+
+    Where several have the same *x*, the last that a piece begins at counts.
+    """
+    last = len(xs) - 1
+    k = 0
+    while k < last - 1 and xs[k + 1] <= x:
+        k += 1
+    span = xs[k + 1] - xs[k]
+    slope = (ys[k + 1] - ys[k]) / span if span > 0.0 else 0.0
+    return ys[k] + slope * (min(max(x, xs[k]), xs[k + 1]) - xs[k]), slope
+
+
+@inlined
+def _first_at(xs, ys, x):
+    """As `_interpolate`, but where several have the same *x*, the first of them counts."""
+    k = 0
+    while k < len(xs) - 2 and xs[k + 1] < x:
+        k += 1
+    span = xs[k + 1] - xs[k]
+    slope = (ys[k + 1] - ys[k]) / span if span > 0.0 else 0.0
+    return ys[k] + slope * (min(max(x, xs[k]), xs[k + 1]) - xs[k])
+
+
+@inlined
+def _locate(path, path_bends, bend, x, y, z):
+    """Where on its path a finger at a point is: parameter, bend, and the bend's slope a metre.
+
+    *bend*: as given; nan for that of the nearest point on the path.
+    """
+    parameters = path.parameters
+    if isfinite(bend):
+        here, _ = _interpolate(path_bends, parameters, bend)
+    else:
+        here = _nearest_parameter(path, x, y, z)
+    bend_here, bend_per_metre = _interpolate(parameters, path_bends, here)
+    # Where corners are repeated, the point does not tell the bend.
+    within = min(max(bend, path_bends[0]), path_bends[len(path_bends) - 1])
+    return here, within if isfinite(bend) else bend_here, bend_per_metre
+
+
+@inlined
+def _bounds_at_vectors(model, settings, finger, part, slot, scratch):
+    """Lower and upper bound of the distance of the first scratch vector, m; the nearest part and slot."""
+    vectors = scratch.vectors
+    _, lower, upper, _, part, slot, _, steps = bounds_at(
+        model, (vectors[0], vectors[1], vectors[2]), part, slot, False, 0.0, 0.0,
+        steps_left(settings, finger.numbers), scratch.workspace, scratch.witness,
+    )  # fmt: skip
+    count_steps(settings, finger.numbers, steps)
+    return lower, upper, part, slot
+
+
+@inlined
+def _write_contact_here(record, speed, is_certain):
+    """Write that a finger is in contact already, or so near that it cannot be told; the flag of a contact.
+
+    *speed*: along its path, m/s.
+    """
+    record[CONTACT_BEND] = record[BEND]
+    record[CONTACT_BEND_ERROR] = 0.0 if is_certain else np.inf
+    record[CONTACT_BEND_RATE] = 0.0
+    if speed > 0.0:
+        record[TIME_TO_CONTACT] = 0.0 if is_certain else record[TIME_TO_CONTACT]
+        record[TIME_TO_CONTACT_LOWER] = 0.0
+    return CONTACT_FOUND if is_certain else 0
+
+
+@kernel
+def _advance_on_path(model, settings, finger, path, drift, start, clearance, part, slot, scratch):
+    """How far a fingertip gets along its path, as an `Advance`; its steps are counted."""
+    sphere = Sphere(finger.track[RADIUS], 1.0, finger.balls, settings[WAY])
+    budget = steps_left(settings, finger.numbers)
+    advance = advance_conservatively(
+        model, path, sphere, drift, start, clearance, part, slot, 0.0, budget, scratch
+    )
+    count_steps(settings, finger.numbers, advance.steps)
+    return advance
+
+
+@kernel
+def predict_contact_on_path(model, settings, finger, path, path_bends, bend, movers, scratch, flags):
+    """Write where on its path a finger touches first and, if it goes that way, when; the flags.
+
+    *path*: its corners; its parameters are filled. *path_bends* (K,): at the corners. *bend*: of the finger,
+    nan for that of the nearest point on the path.
+    """
+    whole = _measure(path)
+    if not (whole > 0.0 and isfinite(whole)):
+        return flags
+    flags |= ON_PATH
+    record, radius, vectors = finger.record, finger.track[RADIUS], scratch.vectors
+    x, y, z = vector_at(record, POSITION)
+    here, bend, bend_per_metre = _locate(path, path_bends, bend, x, y, z)
+    point_on_path(path, here, vectors)
+    vx, vy, vz = vector_at(record, VELOCITY)
+    speed = dot(vectors[3], vectors[4], vectors[5], vx, vy, vz)
+    if abs(speed) <= STILL:
+        speed = 0.0
+    record[BEND], record[BEND_RATE] = bend, speed * bend_per_metre
+    ox, oy, oz = x - vectors[0], y - vectors[1], z - vectors[2]
+    off = sqrt(dot(ox, oy, oz, ox, oy, oz)) * (1.0 + 1e-12)
+
+    # How far the path's point is from everything; the finger itself may be a little beside it.
+    part, slot = finger.marks[PART], finger.marks[SLOT]
+    lower = record[LOWER] + radius - off
+    if flags & INSIDE or lower <= radius:
+        lower, upper, part, slot = _bounds_at_vectors(model, settings, finger, part, slot, scratch)
+        if lower <= radius:
+            return flags | _write_contact_here(record, speed, upper <= radius)
+    standing = Drift(movers.columns, np.int64(0), 0.0)
+    advance = _advance_on_path(
+        model, settings, finger, path, standing, here, lower - radius, part, slot, scratch
+    )
+    if advance.free < whole:
+        flags |= _write_contact(model, settings, finger, path, path_bends, movers, advance, scratch)
+    if speed > 0.0 and flags & PREDICTED and record[SIGNED_DISTANCE] > 0.0:
+        near = np.int64(0)
+        if movers.moving_count:
+            near, _ = gather_near(
+                movers, (0.0, 0.0, 0.0), (x, y, z), radius + off + rounding_at(model.frames, x, y, z), 1.0,
+                1.0 / speed, whole - here,
+            )  # fmt: skip
+        if near:
+            advance = _advance_on_path(
+                model, settings, finger, path, Drift(movers.columns, near, 0.0), here, lower - radius,
+                advance.part, advance.slot, scratch,
+            )  # fmt: skip
+        record[TIME_TO_CONTACT_LOWER] = max(advance.free - here, 0.0) / speed * DOWN
+        record[TIME_TO_CONTACT] = max(advance.expected - here, 0.0) / speed
+    return flags
+
+
+@inlined
+def _speed_of_contact(frames, path, advance, vectors):
+    """How fast the contact moves along the path, m/s, because its part does.
+
+    The contact is some millimetres beyond the last point that was asked; the normal, in the last three
+    numbers of *vectors*, is from there.
+    """
+    point_on_path(path, advance.expected, vectors)
+    vx, vy, vz = velocity_of_part(frames, advance.part, vectors[0], vectors[1], vectors[2])
+    along = dot(vectors[6], vectors[7], vectors[8], vectors[3], vectors[4], vectors[5])
+    return dot(vectors[6], vectors[7], vectors[8], vx, vy, vz) / along if along < 0.0 else 0.0
+
+
+@kernel
+def _write_contact(model, settings, finger, path, path_bends, movers, advance, scratch):
+    """Write the contact: free up to one parameter, expected at another, confirmed beyond that; its flag."""
+    record, radius, parameters = finger.record, finger.track[RADIUS], path.parameters
+    free, expected, part, slot, _ = advance
+    least = max(_first_at(parameters, path_bends, free), record[BEND])
+    if not expected < np.inf:
+        # Nothing beyond is known: not farther than this, to be safe; nor which way a surface faces.
+        record[CONTACT_BEND] = least
+        record[CONTACT_BEND_ERROR] = np.inf
+        return 0
+    speed = 0.0
+    if movers.moving_count and slot >= 0:
+        speed = _speed_of_contact(model.frames, path, advance, scratch.vectors)
+    bend, slope = _interpolate(parameters, path_bends, expected)
+    record[CONTACT_BEND], record[CONTACT_BEND_ERROR] = bend, np.inf
+    record[CONTACT_BEND_RATE] = speed * slope
+    margin = max(2.0 * (expected - free), 2.0 * TOUCH)
+    for _ in range(PROBES):
+        beyond = min(expected + margin, parameters[len(parameters) - 1])
+        point_on_path(path, beyond, scratch.vectors)
+        is_touch, steps = touches(
+            model, vector_at(scratch.vectors, 0), radius, part, slot, steps_left(settings, finger.numbers),
+            scratch.workspace,
+        )  # fmt: skip
+        count_steps(settings, finger.numbers, steps)
+        if not is_touch and radius < margin:
+            # So small a sphere may be through the surface already: then it is inside.
+            _, upper, _, _ = _bounds_at_vectors(model, settings, finger, part, slot, scratch)
+            is_touch = upper <= radius
+        if is_touch:
+            most, _ = _interpolate(parameters, path_bends, beyond)
+            record[CONTACT_BEND_ERROR] = max(bend - least, most - bend)
+            return CONTACT_FOUND
+        margin *= 4.0
+    return 0
