@@ -42,8 +42,8 @@ class PublishError(ProximityError, OSError):
 
 
 class ServiceError(ProximityError, ValueError):
-    """A scene file cannot be used, or a service cannot be run as told."""
+    """A scene file cannot be used, or a service cannot be run as described."""
 
 
 class DecaffError(ProximityError, ValueError):
-    """A model, a calibration or a controller cannot be used as told."""
+    """A model, a calibration or a controller cannot be used as described."""

@@ -115,11 +115,11 @@ class _Stock:
         if vertex_count in (_distinct_count(corners), 3 * len(given)):
             return connect_faces(corners, self.unit_positions)
         numbered = connect_faces(given, np.ldexp(self.mesh.vertices, self.exponent))
-        is_settled = numbered.is_closed[numbered.labels]
-        if is_settled.all():
+        is_certain = numbered.is_closed[numbered.labels]
+        if is_certain.all():
             return numbered
-        left = connect_faces(corners[~is_settled], self.unit_positions)
-        return numbered.with_replaced(~is_settled, left)
+        left = connect_faces(corners[~is_certain], self.unit_positions)
+        return numbered.with_replaced(~is_certain, left)
 
     def weld(self, pieces: Pieces) -> None:
         welded, is_collapsed = weld_near(self.corners[self.rows], self.unit_positions, pieces)

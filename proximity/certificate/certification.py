@@ -89,8 +89,8 @@ class Certificate:
         if missed <= MISSED * due:
             return verdict
         own = shown_period(1e-9 * self.loop.period_ns)
-        told = f"The machine did not keep {own}, busy as it was: {missed} of {due} deadlines were missed"
-        return replace(verdict, sentence=f"{verdict.sentence}. {told}")
+        reported = f"The machine did not keep {own}, busy as it was: {missed} of {due} deadlines were missed"
+        return replace(verdict, sentence=f"{verdict.sentence}. {reported}")
 
 
 def certify(
@@ -117,7 +117,7 @@ def certify(
     most_steps : float
         Nodes and leaves visited in the search for each kind of worst place.
     tell : callable
-        Is told what is done, and which share of it is.
+        Called with what is done, and which share of it is.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 """Times against sample periods: shares, deadlines missed, and how sure so many ticks make of it.
 
-A percentile is told where the ticks support it: beyond it must lie at least one of them.
+A percentile is reported where the ticks support it: beyond it must lie at least one of them.
 """
 
 from dataclasses import dataclass
@@ -133,7 +133,7 @@ def percentiles_of(histogram: Histogram) -> dict[str, float | None]:
 
 
 def is_supported(share: float, tick_count: int) -> bool:
-    """Return whether at least one tick is expected beyond a percentile; of the longest it is always told.
+    """Return whether at least one tick is expected beyond a percentile; of the longest it is always reported.
 
     Parameters
     ----------

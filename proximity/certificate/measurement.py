@@ -29,7 +29,7 @@ CHUNK = 500  # ticks between two looks of who waits
 REHEARSAL = 20  # ticks that are not counted
 REPEATS = 3
 """Runs of a motion: every tick is the same in each, and its shortest time is what its work takes when nobody
-interrupts. The times that are told are those of the first."""
+interrupts. The times that are reported are those of the first."""
 EXACT_STEPS = 30_000_000
 """Nodes and leaves that ticks without a budget may visit: some seconds, and fewer ticks of dear scenes."""
 FEWEST_EXACT = 20
@@ -72,7 +72,7 @@ def measure(
     seed : int
         Decides all that is random.
     tell : callable
-        Is told what is done, and which share of all is.
+        Called with what is done, and which share of all is.
     """
     rng, rate, fingers = np.random.default_rng([seed, 100]), 1.0 / subject.period, subject.fingers
     worst = {each.goal: np.array([place.position for place in each.places]) for each in found}
@@ -98,7 +98,7 @@ def measure(
     total, done, cases = sum(map(len, ways.values())), 0, []
     for name, positions in ways.items():
         ticked = with_own_scene(subject) if name == MOVING else subject
-        cases.append(_case(ticked, name, positions, partial(_tell_of, tell, name, done, total), seed))
+        cases.append(_case(ticked, name, positions, partial(_progress_of, tell, name, done, total), seed))
         done += len(positions)
     return tuple(cases)
 
@@ -124,7 +124,7 @@ def worst_passing(
     return motions.passing(places, subject.fingers, tick_count, rng, rate=1.0 / subject.period)
 
 
-def _tell_of(tell: Callable[[str, float], None], name: str, before: int, total: int, done: int) -> None:
+def _progress_of(tell: Callable[[str, float], None], name: str, before: int, total: int, done: int) -> None:
     tell(f"timing: {name}", (before + done) / total)
 
 
@@ -132,14 +132,14 @@ def _case(subject: Subject, name: str, positions: np.ndarray, tell: Callable[[in
     is_exact, forgets = name == "worst, exact", name in ("worst, exact", "worst, anew")
     settings = {"budget": UNLIMITED} if is_exact else {}
     repeats = 1 if is_exact else REPEATS
-    paths, parts = _told(subject, name, positions.shape[1], seed)
+    paths, parts = _reported(subject, name, positions.shape[1], seed)
     logs = []
     for repeat in range(repeats):
         tracker = subject.tracker(fingers=positions.shape[1], **settings)
         before = partial(_forget, tracker) if forgets else None
         begun = repeat * len(positions)
-        told = partial(_tell_share, tell, begun, repeats)
-        logs.append(_run(subject, tracker, positions, before, told, paths, parts))
+        reported = partial(_report_share, tell, begun, repeats)
+        logs.append(_run(subject, tracker, positions, before, reported, paths, parts))
     # A tick without a finger costs nothing, and would make the others look better.
     counted = ~np.isnan(positions).any(axis=2).all(axis=1)
     kinds = (ContactFlag.EXACT, ContactFlag.BOUNDED, ContactFlag.SKIPPED)
@@ -155,8 +155,10 @@ def _case(subject: Subject, name: str, positions: np.ndarray, tell: Callable[[in
     )
 
 
-def _told(subject: Subject, name: str, fingers: int, seed: int) -> tuple[Paths | None, SwayingParts | None]:
-    """What ticks of a motion are told besides poses: paths wherever they may come, if parts move as well."""
+def _reported(
+    subject: Subject, name: str, fingers: int, seed: int
+) -> tuple[Paths | None, SwayingParts | None]:
+    """What ticks of a motion are given besides poses: paths wherever they may come, if parts move as well."""
     paths = parts = None
     if subject.corners is not None and name in (ON_PATHS, MOVING):
         paths = Paths(subject.corners, fingers, np.random.default_rng([seed, 101]))
@@ -176,23 +178,23 @@ def _run(
 ) -> TickLog:
     """All ticks of a motion once, and before them a few that are not counted."""
     log, period_ns = TickLog(), round(1e9 * subject.period)
-    told: dict[str, Any] = {"period_ns": period_ns, "before": before}
+    reported: dict[str, Any] = {"period_ns": period_ns, "before": before}
     if paths is not None:
-        told |= {"paths_at": paths.at, "bends": paths.bends}
+        reported |= {"paths_at": paths.at, "bends": paths.bends}
     if parts is not None:
-        told |= {"before": parts.tell, "move": parts.move}
+        reported |= {"before": parts.tell, "move": parts.move}
     rehearsal = positions[: min(REHEARSAL, len(positions) // 10)]
     tell(0)
     with without_collector():
-        tick_all(tracker, rehearsal, TickLog(), first=-REHEARSAL, **told)
+        tick_all(tracker, rehearsal, TickLog(), first=-REHEARSAL, **reported)
         for first in range(0, len(positions), CHUNK):
             chunk = positions[first : first + CHUNK]
-            tick_all(tracker, chunk, log, first=first, **told)
+            tick_all(tracker, chunk, log, first=first, **reported)
             tell(first + len(chunk))
     return log
 
 
-def _tell_share(tell: Callable[[int], None], before: int, repeats: int, done: int) -> None:
+def _report_share(tell: Callable[[int], None], before: int, repeats: int, done: int) -> None:
     tell((before + done) // repeats)
 
 
@@ -211,7 +213,7 @@ class ProcessorClock(MonotonicClock):
 def run_loop(subject: Subject, found: tuple[Found, ...], seconds: float, seed: int) -> Report:
     """Return what the service's own loop did with fingers that pass through the worst places.
 
-    Where the subject may be told paths, or moves of parts, it is.
+    Where the subject may be given paths, or moves of parts, it is.
 
     Parameters
     ----------

@@ -3,8 +3,8 @@
 A scene fits a period if the computing of 99.9 % of the ticks in every motion takes no longer: the processor's
 time for the thread, of each tick the shortest of three runs that are the same. So does a half of the ticks of
 the service's own loop at that period, where caches are colder, and a frame is made. All else is not the
-scene's but the machine's, and is told beside it: interruptions, and how late it wakes the loop. A gate that
-failed because of them would fail good scenes on a noisy machine.
+scene's but the machine's, and is reported beside it: interruptions, and how late it wakes the loop. A gate
+that failed because of them would fail good scenes on a noisy machine.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""What a service may be told besides poses: where fingers go as they bend, and how parts move.
+"""What a service may be given besides poses: where fingers go as they bend, and how parts move.
 
 Both make a tick dearer. A scene file says whether they may come; then there are motions with them as well: a
 path through each fingertip wherever it is, and all parts swaying a little, so that fingers stay at the worst
@@ -16,11 +16,11 @@ from proximity.message import MAX_RECORDS, MOVES, Message
 from proximity.scene.scene import Scene
 from proximity.service import Hands, MovesInput, RecordingInput, TrackerAnswers
 from proximity.service.inputs.gloves import points_on
-from proximity.service.inputs.part_prediction import Carried, Told
+from proximity.service.inputs.part_prediction import Carried, ReportedMotion
 from proximity.service.presence import Presence
 from proximity.transport import open_publisher
 
-TOLD_NS = 16_666_667
+MOVES_PERIOD_NS = 16_666_667
 """Between two moves of a part: 60 Hz, as a simulation or a renderer tells them."""
 SWAY, BEAT, TURN_RATE = 0.001, 10.0, 0.01
 """m, rad/s and rad/s: how far parts sway, how fast, and how fast they turn meanwhile."""
@@ -74,14 +74,14 @@ class SwayingParts:
         self._matrices = np.array([part.pose.matrix for part in fit]).reshape(-1, 4, 4)
         self._presence = Presence(scene)
         self._carried: Carried | None = None
-        self._told = -1
+        self._shown = -1
 
     def tell(self, tick: int) -> None:
-        """Have moves told where they are due; not what a tick takes."""
-        number = tick * self._period_ns // TOLD_NS
-        if number != self._told or self._carried is None:
-            self._told = number
-            self._carried = Carried(self.moves(number * TOLD_NS), set(), self._presence)
+        """Have moves reported where they are due; not what a tick takes."""
+        number = tick * self._period_ns // MOVES_PERIOD_NS
+        if number != self._shown or self._carried is None:
+            self._shown = number
+            self._carried = Carried(self.moves(number * MOVES_PERIOD_NS), set(), self._presence)
 
     def move(self, tick: int) -> None:
         """Put the parts where they are at a tick."""
@@ -90,7 +90,7 @@ class SwayingParts:
         assert places is not None
         self._scene.move_many(self._carried.names, *places)
 
-    def moves(self, now_ns: int) -> dict[str, Told]:
+    def moves(self, now_ns: int) -> dict[str, ReportedMotion]:
         """Return where the parts are at an instant, and how fast they go."""
         phase = BEAT * 1e-9 * now_ns
         shift, velocity = np.zeros(3), np.zeros(3)
@@ -99,7 +99,7 @@ class SwayingParts:
         matrices = self._matrices.copy()
         matrices[:, :3, 3] += shift
         return {
-            name: Told(matrix, velocity, turning, now_ns)
+            name: ReportedMotion(matrix, velocity, turning, now_ns)
             for name, matrix in zip(self._names, matrices, strict=True)
         }
 
@@ -114,14 +114,14 @@ class FedInput:
     paths : Paths
         Of its fingers; None: they have none.
     parts : SwayingParts
-        What is told to move; None: nothing.
+        What is asked to move; None: nothing.
     """
 
     def __init__(self, hand: RecordingInput, paths: Paths | None, parts: SwayingParts | None) -> None:
         self._hand, self._paths, self._parts = hand, paths, parts
         self._publisher = None if parts is None else open_publisher(MOVES_ADDRESS)
         self._message: Message | None = None
-        self._told_ns = -TOLD_NS
+        self._sent_ns = -MOVES_PERIOD_NS
         self.is_over = False  # the recording begins anew
 
     @property
@@ -137,9 +137,9 @@ class FedInput:
         now_ns : int, ns
             The present instant.
         """
-        if self._parts is not None and now_ns - self._told_ns >= TOLD_NS:
-            self._told_ns = now_ns
-            self._tell(self._parts.moves(now_ns), now_ns)
+        if self._parts is not None and now_ns - self._sent_ns >= MOVES_PERIOD_NS:
+            self._sent_ns = now_ns
+            self._send(self._parts.moves(now_ns), now_ns)
         hands = self._hand.poll(now_ns)
         if hands is not None and self._paths is not None:
             hands.paths, hands.bends = self._paths.at(hands.positions), self._paths.bends.copy()
@@ -151,17 +151,17 @@ class FedInput:
         if self._publisher is not None:
             self._publisher.close()
 
-    def _tell(self, moves: dict[str, Told], now_ns: int) -> None:
+    def _send(self, moves: dict[str, ReportedMotion], now_ns: int) -> None:
         assert self._publisher is not None
         if self._message is None:
             self._message = Message(MOVES, len(moves))
             self._message.records["name"] = [name.encode() for name in moves]
         header, records = self._message.header, self._message.records
         header["send_ns"] = records["pose_ns"] = now_ns
-        matrices = np.array([told.matrix for told in moves.values()])
+        matrices = np.array([motion.matrix for motion in moves.values()])
         records["rotation"], records["translation"] = matrices[:, :3, :3], matrices[:, :3, 3]
-        records["velocity"] = [told.velocity for told in moves.values()]
-        records["angular_velocity"] = [told.turning for told in moves.values()]
+        records["velocity"] = [motion.velocity for motion in moves.values()]
+        records["angular_velocity"] = [motion.turning for motion in moves.values()]
         self._publisher.publish(self._message)
 
 
@@ -179,7 +179,7 @@ def with_own_scene(subject: Subject) -> Subject:
 def fed_service_input(
     subject: Subject, hand: RecordingInput, rng: np.random.Generator
 ) -> tuple[TrackerAnswers, FedInput]:
-    """Return who answers and who tells in a loop, with all that the subject is told.
+    """Return who answers and who tells in a loop, with all that the subject is given.
 
     Parameters
     ----------

@@ -50,7 +50,7 @@ class Subject:
     real_time: bool = True  # whether the loop asks the system for priority
     core: int | None = None
     corners: np.ndarray | None = None  # (M, K, 3) m, finger's frame, of paths that may come; None: none may
-    moves: bool = False  # whether it may be told that parts move
+    moves: bool = False  # whether it may be given that parts move
 
     @property
     def budget(self) -> int:
@@ -74,17 +74,17 @@ class Subject:
         Parameters
         ----------
         fingers : int
-            As many as the subject has, where not given. If it is another number, radii that are told one by
+            As many as the subject has, where not given. If it is another number, radii that are given one by
             one do not fit: the largest holds for all.
         settings
             What holds instead of the subject's.
         """
         count = self.fingers if fingers is None else fingers
-        told = {**self.settings, **settings}
-        radius = told.get("radius", RADIUS)
+        reported = {**self.settings, **settings}
+        radius = reported.get("radius", RADIUS)
         if not isinstance(radius, float) and len(radius) != count:
-            told["radius"] = max(radius)
-        return Tracker(self.scene, fingers=count, period=self.period, latency=self.latency, **told)
+            reported["radius"] = max(radius)
+        return Tracker(self.scene, fingers=count, period=self.period, latency=self.latency, **reported)
 
 
 def read_subject(
@@ -158,7 +158,7 @@ def _of_scene_file(settings: SceneFile, given: Recording | None, period: float |
     own = read_input(settings) if given is None else None
     service, count = settings.service, finger_count(settings, own)
     make_tracker(settings, scene, count)  # refuses, with the line, what no tracker takes
-    told = {
+    reported = {
         name: getattr(settings.fingers, name)
         for name in (
             "radius",
@@ -176,7 +176,7 @@ def _of_scene_file(settings: SceneFile, given: Recording | None, period: float |
         count,
         ticks,
         service.latency,
-        {name: value for name, value in told.items() if value is not None},
+        {name: value for name, value in reported.items() if value is not None},
         None if own is None else place_recording(settings, own, scene).resampled(ticks),
         (
             settings.path,

@@ -1,6 +1,6 @@
 """Times of single ticks, wall and thread apart, and what the ticks said of their work.
 
-Nothing is subtracted: what the clocks themselves cost is measured and told (`clock_cost`). Thread time is
+Nothing is subtracted: what the clocks themselves cost is measured and reported (`clock_cost`). Thread time is
 what the processor spent on this thread: others on a shared machine do not count, but what they left in its
 caches does.
 """
@@ -115,7 +115,7 @@ def tick_all(
     period_ns : int, ns
         Between ticks.
     velocities : (T, N, 3) float64, m/s
-        Where they are told.
+        Where they are reported.
     before : callable
         Of the number of a tick; called before it, and not timed.
     paths_at : callable

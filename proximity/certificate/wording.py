@@ -66,31 +66,31 @@ def two(value: float) -> str:
     return f"{float(f'{value:.2g}'):g}"
 
 
-def missed(told: dict[str, Any], unit: str = " a million") -> str:
+def missed(reported: dict[str, Any], unit: str = " a million") -> str:
     """Return how many deadlines were missed, per million, and what that many ticks leave open.
 
     Parameters
     ----------
-    told : dict
+    reported : dict
         With ``missed`` and what goes with it, see `document`.
     unit : str
         What follows the first number.
     """
-    if told["missed_per_million"] == 1e6:
+    if reported["missed_per_million"] == 1e6:
         return "all"
-    upper = _two(_raised(told["missed_per_million_upper_95"]))
-    return f"{_two(told['missed_per_million'])}{unit} (< {upper})"
+    upper = _two(_raised(reported["missed_per_million_upper_95"]))
+    return f"{_two(reported['missed_per_million'])}{unit} (< {upper})"
 
 
-def goal(told: dict[str, Any]) -> str:
+def goal(reported: dict[str, Any]) -> str:
     """Return what a search was for.
 
     Parameters
     ----------
-    told : dict
+    reported : dict
         A row of ``search``, see `document`.
     """
-    return f"{told['manner']}, {'within the budget' if told['within_budget'] else 'exact'}"
+    return f"{reported['manner']}, {'within the budget' if reported['within_budget'] else 'exact'}"
 
 
 def fed(settings: dict[str, Any]) -> str:

@@ -1,4 +1,4 @@
-"""The loop of ``proximity drum``, beside what shows it, and what is told of its drums.
+"""The loop of ``proximity drum``, beside what shows it, and what is reported of its drums.
 
 To draw a table takes longer than a drum's watchdog waits: so the drums have a thread of their own.
 """
@@ -100,7 +100,7 @@ class DrumsBeside:
         """Frames that came."""
         return self._subscriber.counts.received
 
-    def told(self) -> list[Text]:
+    def reported(self) -> list[Text]:
         """Return what each drum does, in words."""
         return [short_words(finger) for finger in self.bench.fingers]
 
@@ -241,9 +241,11 @@ def style_of(finger: FingerBench) -> str:
 
 def _words(finger: FingerBench) -> list[str]:
     plant = finger.plant
-    told = [
+    reported = [
         state_of(finger).value,
         f"drum at {MM * plant.place:.1f} mm ({math.degrees(plant.angle):.1f}°)",
         f"finger at {MM * finger.path.place(finger.bend):.1f} mm",
     ]
-    return [*told, f"{plant.force:.2f} N by {MM * plant.torque:.1f} mNm"] if plant.force > 0.0 else told
+    return (
+        [*reported, f"{plant.force:.2f} N by {MM * plant.torque:.1f} mNm"] if plant.force > 0.0 else reported
+    )

@@ -59,7 +59,7 @@ ADDRESS = Annotated[
 ]
 
 LIMIT = Annotated[
-    float | None, typer.Option("--limit", metavar="SECONDS", help="End after that; else when told to.")
+    float | None, typer.Option("--limit", metavar="SECONDS", help="End after that; else when asked to.")
 ]
 
 
@@ -69,7 +69,7 @@ def check_limit(limit: float | None) -> None:
     Parameters
     ----------
     limit : float, s
-        None: until told to stop.
+        None: until asked to stop.
     """
     if limit is not None and not 0.0 < limit <= LONGEST_S:
         raise typer.BadParameter(

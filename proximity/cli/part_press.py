@@ -65,7 +65,7 @@ def run(
     from proximity.studies.figures import press_plots
     from proximity.studies.simulation import simulated_press
 
-    told = EngineSetup(
+    reported = EngineSetup(
         Distances.SENSOR if is_sensor else Distances.ENGINE,
         setup.rate,
         setup.latency,
@@ -79,7 +79,7 @@ def run(
         scene = _scene(place)
         recorded = None if place.recording is None else _recorded(place.recording, scene, at)
     with progress.spinner("simulating"):
-        press = part_press.simulate_on_part(scene, told, at=at, speed=setup.speed, recording=recorded)
+        press = part_press.simulate_on_part(scene, reported, at=at, speed=setup.speed, recording=recorded)
         if out is not None:
             press_plots.write_curves(out, part_press.numbers(press), simulated_press.Wall.DECAFF)
     if as_json:
@@ -105,7 +105,7 @@ def _scene(place: Place) -> "proximity.Scene":
 
 
 def _recorded(path: Path, scene: "proximity.Scene", at: list[float] | None) -> Any:
-    """The recording where its origin is told, or where its hand touches."""
+    """The recording where its origin is reported, or where its hand touches."""
     from proximity.decaff.glove.finger import Finger
     from proximity.recording import read_recording
     from proximity.tracker.replay import fitted_pose

@@ -225,10 +225,12 @@ def _check_units(names: list[str], units: str, where: str) -> None:
         if behind and behind[-1] != units:
             from proximity.formats import UNITS  # slow, and only for who says more than x
 
-            told = [unit for word in behind if (unit := WORDS_FOR_UNITS.get(word.rstrip("s"), word)) in UNITS]
-            if told and units not in told:
+            reported = [
+                unit for word in behind if (unit := WORDS_FOR_UNITS.get(word.rstrip("s"), word)) in UNITS
+            ]
+            if reported and units not in reported:
                 raise QueryError(
-                    f"{where}: {_shown(name)} is in {told[-1]}, expected {units}, as --units says"
+                    f"{where}: {_shown(name)} is in {reported[-1]}, expected {units}, as --units says"
                 )
 
 

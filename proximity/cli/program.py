@@ -45,7 +45,7 @@ class Command(TyperCommand):
         if sys.stdout is None:
             _complain("standard output is closed, expected a terminal, a file or a pipe to write to")
         try:
-            with _told_where_output_fails():
+            with _reporting_failed_output():
                 answer = super().invoke(ctx)
                 sys.stdout.flush()  # here, where a reader that has gone is still expected
                 return answer
@@ -63,7 +63,7 @@ class Command(TyperCommand):
 
     def make_context(self, *args: Any, **options: Any) -> Any:
         """Read the arguments, and print the help where that is asked for."""
-        with _told_where_output_fails():
+        with _reporting_failed_output():
             return super().make_context(*args, **options)
 
 
@@ -72,7 +72,7 @@ class Group(TyperGroup):
 
     def make_context(self, *args: Any, **options: Any) -> Any:
         """Read the arguments, and print help or version where that is asked for."""
-        with _told_where_output_fails():
+        with _reporting_failed_output():
             return super().make_context(*args, **options)
 
     def main(self, *args: Any, **options: Any) -> Any:
@@ -84,7 +84,7 @@ class Group(TyperGroup):
 
 
 @contextmanager
-def _told_where_output_fails() -> Iterator[None]:
+def _reporting_failed_output() -> Iterator[None]:
     """Turn output that cannot be written, or that nobody reads any more, into exit codes."""
     try:
         yield

@@ -1,8 +1,8 @@
 """Wavefront OBJ: lines of vertices, polygons that refer to them, names of objects; no units.
 
 Objects (lines ``o``) become geometries of their own; groups and materials do not, as they colour pieces of
-one body. OBJ has no counts: a file that was cut exactly between two lines cannot be told from a whole one
-unless a face refers to what is missing.
+one body. OBJ has no counts: a file that was cut exactly between two lines cannot be distinguished from a
+whole one unless a face refers to what is missing.
 """
 
 import re
@@ -20,7 +20,7 @@ _PASSED_OVER = frozenset((
 ))  # fmt: skip
 _LOWER_DIMENSIONS = frozenset(["l", "p"])
 _NAMING = frozenset(("g", "o", "usemtl", "mtllib", "usemap", "maplib", "shadow_obj", "trace_obj"))
-_LOOSE_SLASH = re.compile(r"\s/")
+_STRAY_SLASH = re.compile(r"\s/")
 _FREE_FORM = frozenset(["curv", "curv2", "surf", "bsp", "bzp", "cdc", "cdp", "res"])
 
 
@@ -136,9 +136,9 @@ def _read_faces(lines: _Lines, vertices: np.ndarray) -> tuple[np.ndarray, np.nda
     rows = _without_comments(lines.faces)
     if any("/" in row for row in rows):  # texture and normal of each corner
         text = "\n".join(["", *rows])
-        loose = _LOOSE_SLASH.search(text)
-        if loose is not None:
-            row = text.count("\n", 0, loose.end()) - 1
+        dynamic = _STRAY_SLASH.search(text)
+        if dynamic is not None:
+            row = text.count("\n", 0, dynamic.end()) - 1
             raise MeshFormatError(f"{place(row)} has a / that follows no vertex")
         rows = re.sub(r"/[^\s]*", "", text).split("\n")[1:]
     before = np.array(lines.vertices_before, dtype=np.int64)

@@ -125,10 +125,10 @@ def _read_bytes(path: str, unpacked_limit: float) -> bytes:
     except IsADirectoryError:
         raise MeshFormatError("it is a directory, expected a file") from None
     except (OSError, ValueError) as reason:
-        told = reason.strerror if isinstance(reason, OSError) else str(reason)
+        reported = reason.strerror if isinstance(reason, OSError) else str(reason)
         if isinstance(reason, NotRegularFileError):
-            raise MeshFormatError(f"it {told}, expected one") from reason
-        raise MeshFormatError(f"it cannot be opened ({told})") from reason
+            raise MeshFormatError(f"it {reported}, expected one") from reason
+        raise MeshFormatError(f"it cannot be opened ({reported})") from reason
     if not data:
         raise MeshFormatError("it is empty")
     return data

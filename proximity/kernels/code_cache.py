@@ -94,11 +94,11 @@ def _read(path: str) -> Any:
 
 
 def _throw_away(path: Path, reason: Exception) -> None:
-    told = (isinstance(reason, OSError) and reason.strerror) or reason
+    reported = (isinstance(reason, OSError) and reason.strerror) or reason
     folder = path.parent.parent
     _say(
-        f"compiled kernels in {folder} are damaged ({path.name}: {told}); they are made anew, which may take "
-        "a minute or two"
+        f"compiled kernels in {folder} are damaged ({path.name}: {reported}); they are made anew, which may "
+        "take a minute or two"
     )
     for mark in folder.glob(COMPLETE + "*"):
         with suppress(OSError):
@@ -106,7 +106,7 @@ def _throw_away(path: Path, reason: Exception) -> None:
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path, ignore_errors=True)
     else:
-        with suppress(OSError):  # of another user; it is told when nothing can be kept
+        with suppress(OSError):  # of another user; it is reported when nothing can be kept
             path.unlink()
 
 

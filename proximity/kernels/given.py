@@ -40,7 +40,7 @@ INTEGER, REAL, FLAG = types.int64, types.float64, types.boolean
 TABLE, COLUMN, FLAGS = REAL[:, ::1], REAL[::1], FLAG[::1]
 TABLES, WHOLE_TABLE, WHOLE_COLUMN = REAL[:, :, ::1], INTEGER[:, ::1], INTEGER[::1]
 SHORT_TABLE, SHORT_COLUMN = types.float32[:, ::1], types.float32[::1]
-"""Types of arguments, for `compiling.Settled`; only rows that are given may be anything."""
+"""Types of arguments, for `compiling.CompiledCall`; only rows that are given may be anything."""
 
 
 def bundle_type(bundle: type, *kinds: types.Type) -> types.Type:
@@ -145,4 +145,4 @@ row_count = _compiled_row_count if IS_COMPILED else _uncompiled_row_count
 """How many rows were given; -1 where that is not (N, 3) float64 in C order, at an address for such."""
 
 rows_of = _compiled_rows_of if IS_COMPILED else lambda given: given
-"""The rows that were given, of which `row_count` has told that there are some."""
+"""The rows that were given, of which `row_count` has found that there are some."""

@@ -31,7 +31,7 @@ NODE_STRIDE = 64
 CHILDREN = 48
 """Offset of the child references in a node."""
 PARTS_OF_LANES = 56
-"""Offset of the part numbers, int32, in those nodes of the loose tree that have parts for children."""
+"""Offset of the part numbers, int32, in those nodes of the dynamic tree that have parts for children."""
 BLOCK_STRIDE = 72
 NO_FACE = -1
 NO_PART = -1
@@ -49,7 +49,7 @@ ENTRY = 2**29
 """First number of an entry among leaves."""
 
 # --- columns of ``parts`` (int64) ---
-ROOT = 0  # node to start from; of the scene's row: of all trees over parts, see `loose`
+ROOT = 0  # node to start from; of the scene's row: of all trees over parts, see `dynamic_tree`
 NODE_COUNT = 1  # nodes of the part, from its root on; of the scene's row: room for a static tree
 FIRST_BLOCK = 2  # of the scene's row: first node of the trees over parts
 BLOCK_COUNT = 3  # of the scene's row: nodes of the static tree
@@ -59,20 +59,20 @@ FACES = 6  # in words: three corners a face; of the scene's row: the entries
 NEIGHBORS = 7  # in words: face across each edge; of the scene's row: root of the static tree, or -1
 CORNERS = 8  # in reals: local coordinates, three a corner
 CORNER_NORMALS = 9  # in reals: angle-weighted pseudo-normal, three a corner
-CORNER_COUNT = 10  # of the scene's row: entries of the static tree; those of loose parts follow
+CORNER_COUNT = 10  # of the scene's row: entries of the static tree; those of dynamic parts follow
 FACE_COUNT = 11
 GRID = 12  # in words: see `grid`; NO_GRID where there is none; of the scene's row: see `occupancy`
 GRID_X = 13  # cells along x, y, z; of the scene's row: 0 where there is none
 GRID_Y = 14
 GRID_Z = 15
-SIGN = 16  # how inside is told: one of the three below
+SIGN = 16  # how inside is decided: one of the three below
 IS_TURNED = 17  # 0 where the part's rotation is the identity
 IS_FUSED = 18  # 1 where the part's local frame is the scene's, and the part at the identity pose; of the
 # scene's row: 1 where that holds for all, or there is only one
-IS_LOOSE = 19  # 1 where the part has moved by itself: it stands whole in the tree over parts
+IS_DYNAMIC = 19  # 1 where the part has moved by itself: it stands whole in the tree over parts
 IS_HIDDEN = 20  # 1 where no question finds it
-REGION = 21  # of the scene's row: the super node, behind which the loose tree is
-LOOSE_COUNT = 22  # of the scene's row: parts that are loose
+REGION = 21  # of the scene's row: the super node, behind which the dynamic tree is
+DYNAMIC_COUNT = 22  # of the scene's row: parts that are dynamic
 BLOCK_NOTES = 23  # in words: of each block the part, and `FOLDED_AT`; the same for all parts
 PART_COLUMNS = 24
 

@@ -36,7 +36,7 @@ class Model(NamedTuple):
     parts: np.ndarray  # (P, D) int64
 
 
-class Told(int):
+class TableLength(int):
     """A length that the table tells, at this place; other lengths are as they stand."""
 
     __slots__ = ()
@@ -80,13 +80,15 @@ def _compiled_arrays_behind(*columns, bundle=None):
             intp = context.get_value_type(types.intp)
             table = builder.inttoptr(args[0], intp.as_pointer())
 
-            def told(place):
+            def loaded(place):
                 return builder.load(builder.gep(table, [ir.Constant(intp, int(place))]))
 
             values = []
             for array_type, (_, place, shape) in zip(array_types, columns, strict=True):
-                lengths = [told(one) if isinstance(one, Told) else ir.Constant(intp, one) for one in shape]
-                data = builder.inttoptr(told(place), ir.IntType(8).as_pointer())
+                lengths = [
+                    loaded(one) if isinstance(one, TableLength) else ir.Constant(intp, one) for one in shape
+                ]
+                data = builder.inttoptr(loaded(place), ir.IntType(8).as_pointer())
                 values.append(borrowed_array(context, builder, array_type, data, lengths))
             return context.make_tuple(builder, sig.return_type, values)
 
@@ -102,11 +104,11 @@ def _uncompiled_arrays_behind(*columns, bundle=None):
 
     def arrays(handle):
         places = [place for _, place, shape in columns]
-        places += [one for _, _, shape in columns for one in shape if isinstance(one, Told)]
+        places += [one for _, _, shape in columns for one in shape if isinstance(one, TableLength)]
         table = (ctypes.c_int64 * (max(places) + 1)).from_address(int(handle))
         found = []
         for dtype, place, shape in columns:
-            lengths = [table[one] if isinstance(one, Told) else one for one in shape]
+            lengths = [table[one] if isinstance(one, TableLength) else one for one in shape]
             count = int(np.prod(lengths))
             flat = np.zeros(0, dtype)
             if count:
@@ -217,10 +219,10 @@ bundle_here = _compiled_bundle_here if IS_COMPILED else _uncompiled_bundle_here
 """A function that gives a *bundle*, a named tuple, of such arrays: of each the dtype and constant lengths."""
 
 arrays_at = arrays_behind(
-    ("float64", REALS_AT, (Told(REAL_COUNT),)),
-    ("float32", WORDS_AT, (Told(WORD_COUNT),)),
-    ("float64", FRAMES_AT, (Told(ROWS), Told(FRAME_COLUMNS))),
-    ("int64", PARTS_AT, (Told(ROWS), Told(PART_COLUMNS))),
+    ("float64", REALS_AT, (TableLength(REAL_COUNT),)),
+    ("float32", WORDS_AT, (TableLength(WORD_COUNT),)),
+    ("float64", FRAMES_AT, (TableLength(ROWS), TableLength(FRAME_COLUMNS))),
+    ("int64", PARTS_AT, (TableLength(ROWS), TableLength(PART_COLUMNS))),
     bundle=Model,
 )
 """The `Model` whose table is at a handle."""

@@ -70,7 +70,7 @@ def header_text() -> str:
         "CHECKED_FROM": str(CHECKED_FROM),
         "MAGICS": "\n".join(_magics()),
         "ENUMS": "\n\n".join(_enum(name, values) for name, values in ENUMS.items()),
-        "RECORDS": "\n\n".join(_record(name, *told) for name, told in RECORDS.items()),
+        "RECORDS": "\n\n".join(_record(name, *reported) for name, reported in RECORDS.items()),
         "FLAWS": "\n".join(_flaws()),
         "CRC_TABLE": _crc_table(),
         "ASSERTS": "\n".join(_assertions()),
@@ -141,8 +141,8 @@ def _record(name: str, what: str, fields: Sequence[Field]) -> str:
     lines.append(f"typedef struct decaff_{name} {{")
     for field in fields:
         line, comment = f"    {_declaration(field)};", _comment(_meaning(field), "    ")
-        told = f"{line} {comment[0].strip()}"
-        lines += [told] if len(comment) == 1 and len(told) <= WIDTH else [*comment, line]
+        reported = f"{line} {comment[0].strip()}"
+        lines += [reported] if len(comment) == 1 and len(reported) <= WIDTH else [*comment, line]
     return "\n".join([*lines, f"}} decaff_{name};"])
 
 

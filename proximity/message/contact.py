@@ -24,7 +24,7 @@ class ContactFlag(IntFlag):
     EXACT = contact_columns.EXACT
     """lower = signed_distance = upper."""
     BOUNDED = contact_columns.BOUNDED
-    """The work budget ran out, or a part moves and was not told for this pose's instant: the bounds hold, the
+    """The work budget ran out, or a part moves and its pose is of another instant: the bounds hold, the
     distance is the nearest surface found so far."""
     SKIPPED = contact_columns.SKIPPED
     """Nothing was searched for: out of the working range, within the tolerance, or in a crowd whose steps
@@ -61,7 +61,7 @@ class Surface(IntEnum):
 
 
 class Mode(IntEnum):
-    """What the controller is advised to do with the drum (PAPER 8); on doubt it does less."""
+    """What the controller is advised to do with the drum (PAPER 8); where it is uncertain it does less."""
 
     RETRACT = contact_columns.MODE_RETRACT
     """Nothing is expected to be touched within the horizon."""
@@ -115,7 +115,7 @@ CONTACT_FIELDS = (
         "bend",
         "<f8",
         "",
-        "of the finger at pose_ns, 0 to 1: where on its path it is, or as told; nan: not known",
+        "of the finger at pose_ns, 0 to 1: where on its path it is, or as given; nan: not known",
     ),
     Field("bend_rate", "<f8", "1/s", "of bend; nan: not known"),
     Field("contact_bend", "<f8", "", "where on the path it touches first; nan if it does not"),

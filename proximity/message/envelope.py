@@ -173,13 +173,13 @@ def flaw_of(data: np.ndarray, kind: Kind) -> Flaw | None:
     size = len(data)
     if size < kind.header_size:
         return Flaw.SHORT
-    magic, checksum, version, header_size, told_size, _, _ = unpack_prefix(data.data)
+    magic, checksum, version, header_size, declared_size, _, _ = unpack_prefix(data.data)
     if magic != kind.magic:
         return Flaw.MAGIC
     if version != VERSION:
         return Flaw.VERSION
     count, rest = divmod(size - kind.header_size, kind.record_size)
-    if told_size != size or header_size != kind.header_size or rest or count > MAX_RECORDS:
+    if declared_size != size or header_size != kind.header_size or rest or count > MAX_RECORDS:
         return Flaw.SIZE
     if zlib.crc32(data[CHECKED_FROM:].data) != checksum:
         return Flaw.CHECKSUM

@@ -1,4 +1,4 @@
-"""What messages are made of, field by field, told once: NumPy types, C header and README come from here.
+"""What messages are made of, field by field, reported once: NumPy types, C header and README come from here.
 
 A field's number is little-endian and lies on a multiple of its size.
 """

@@ -17,12 +17,12 @@ class State(IntEnum):
     DEGRADED = 2
     """In time, but with less than was asked for: a finger is not tracked, or is near with bounds only."""
     LATE = 3
-    """Ticks were missed, or the poses, or what was told of a part that moves, are older than the frame may be
-    used: what holds are its bounds."""
+    """Ticks were missed, or a pose, of a finger or of a part that moves, is older than the frame may be used:
+    what holds are its bounds."""
     STALE = 4
     """Too old, or nothing came: nothing is known."""
     STOPPING = 5
-    """The last frame of a service that was told to stop."""
+    """The last frame of a service that was asked to stop."""
 
 
 class Source(IntEnum):

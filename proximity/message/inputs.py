@@ -57,7 +57,7 @@ GLOVE_POSE_FIELDS = (
     ),
     Field("translation", "<f8", "m", "of the knuckle; nan: not tracked", VECTOR),
     Field("bend", "<f8", "", "of the finger, 0 to 1; nan: the counts tell"),
-    Field("counts", "<f8", "counts", "what the glove's potentiometer reads; nan: the bend is told"),
+    Field("counts", "<f8", "counts", "what the glove's potentiometer reads; nan: the bend is reported"),
 )
 GLOVE_POSE = dtype_of(GLOVE_POSE_FIELDS)
 """One finger of a ``glove_poses`` message, 128 bytes: where its knuckle is, and how far it is bent."""

@@ -29,7 +29,7 @@ from proximity.model.part_trees import (
     TopPlan,
     choose_frame,
     clear_first,
-    loose_rows,
+    dynamic_rows,
     static_tree,
     write_moving,
     write_static,
@@ -78,7 +78,7 @@ class Model:
         """
         frames, parts = self.frames[[row, row]], self.parts[[row, row]]
         frames[:, layout.VELOCITY :] = 0.0
-        parts[:, [layout.IS_LOOSE, layout.IS_HIDDEN]] = 0
+        parts[:, [layout.IS_DYNAMIC, layout.IS_HIDDEN]] = 0
         for each in (0, 1):
             _place(frames, parts, each, Pose())
         return finished(self.reals, self.words, frames, parts)
@@ -148,7 +148,7 @@ def assemble(
     pieces: list[PartArrays],
     poses: list[Pose],
     *,
-    loose: Collection[int] = (),
+    dynamic: Collection[int] = (),
     hidden: Collection[int] = (),
     epoch: int = 0,
     names: tuple[str, ...] = (),
@@ -161,7 +161,7 @@ def assemble(
         At least one.
     poses : list of Pose
         ``world_from_part``, one a part.
-    loose, hidden : collection of int
+    dynamic, hidden : collection of int
         Rows of parts that are going to move, and of those that no question finds.
     epoch : int
         Of the scene.
@@ -171,7 +171,7 @@ def assemble(
     count = len(pieces)
     parts = np.zeros((count + 1, PART_COLUMNS), np.int64)
     frames = np.zeros((count + 1, FRAME_COLUMNS))
-    parts[list(loose), layout.IS_LOOSE], parts[list(hidden), layout.IS_HIDDEN] = 1, 1
+    parts[list(dynamic), layout.IS_DYNAMIC], parts[list(hidden), layout.IS_HIDDEN] = 1, 1
     node_ends = np.cumsum([0] + [piece.bvh.node_count for piece in pieces])
     block_ends = np.cumsum([0] + [piece.bvh.block_count for piece in pieces])
     nodes = _together(
@@ -201,14 +201,14 @@ def assemble(
     reals, words = _filled(pieces, frames, parts, nodes, plan.node_count)
     clear_first(words, parts)
     assert write_static(words, parts, 0, static, entries), "the tree over parts has its room"
-    loose_count = len(loose_rows(parts))
-    write_moving(words, frames, parts, plan.region(0), np.arange(loose_count), loose_count**2)
+    dynamic_count = len(dynamic_rows(parts))
+    write_moving(words, frames, parts, plan.region(0), np.arange(dynamic_count), dynamic_count**2)
     return finished(reals, words, frames, parts, epoch, names)
 
 
 def _nodes_at_most(nodes: np.ndarray, frames: np.ndarray, parts: np.ndarray, static: np.ndarray) -> int:
-    """Nodes of the static tree, now or once parts that are loose or hidden stand there as well."""
-    flags = [layout.IS_LOOSE, layout.IS_HIDDEN]
+    """Nodes of the static tree, now or once parts that are dynamic or hidden stand there as well."""
+    flags = [layout.IS_DYNAMIC, layout.IS_HIDDEN]
     if parts[:, flags].any():
         parts = parts.copy()
         parts[:, flags] = 0
@@ -227,7 +227,7 @@ def _filled(
         + [array for piece in pieces for array in (piece.corners, piece.normals)],
         np.float64,
     )
-    holders = occupancy(pieces, frames, parts)
+    containing = occupancy(pieces, frames, parts)
     words, word_starts = joined(
         [
             _together([nodes, np.zeros(top_nodes * NODE_STRIDE, np.float32)], np.float32),
@@ -235,7 +235,7 @@ def _filled(
             _together([piece.moments for piece in pieces], np.float32),
         ]
         + [array for piece in pieces for array in (piece.faces, piece.neighbors, piece.grid)]
-        + [_notes_on_blocks(pieces), holders.words],
+        + [_notes_on_blocks(pieces), containing.words],
         np.float32,
     )
     for row, piece in enumerate(pieces):
@@ -248,7 +248,7 @@ def _filled(
     parts[:, layout.SLOT_FACES], parts[:, layout.MOMENTS] = word_starts[1], word_starts[2]
     parts[count, layout.FACE_COUNT] = parts[:count, layout.FACE_COUNT].sum()
     parts[:, layout.BLOCK_NOTES], parts[count, layout.GRID] = word_starts[-2:]
-    _write_grid(frames, parts, count, holders.counts, holders.lower, holders.rate)
+    _write_grid(frames, parts, count, containing.counts, containing.lower, containing.rate)
     return reals, words
 
 

@@ -29,7 +29,7 @@ NOTHING = Occupancy(np.zeros(0, np.int32), (0, 0, 0), np.zeros(3), 0.0)
 
 
 def occupancy(pieces: list[PartArrays], frames: np.ndarray, parts: np.ndarray) -> Occupancy:
-    """Return which parts may hold a point, of those that are not loose.
+    """Return which parts may hold a point, of those that are not dynamic.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def occupancy(pieces: list[PartArrays], frames: np.ndarray, parts: np.ndarray) -
     rows = [
         row
         for row, piece in enumerate(pieces)
-        if piece.sign != layout.SIGN_NONE and not parts[row, layout.IS_LOOSE]
+        if piece.sign != layout.SIGN_NONE and not parts[row, layout.IS_DYNAMIC]
     ]
     if len(pieces) == 1 or not rows:
         return NOTHING

@@ -1,9 +1,9 @@
 """Where the trees over the parts of a scene lie in its arrays, and how the static one is made.
 
 Behind the nodes of the parts a scene has one empty node, `STATIC_COPIES` places for a tree over the parts
-that stand still, and `REGION_COPIES` places for what changes when parts move: super node and loose tree. What
-a query may still be reading is never written to: the next copy is. A scene of one part has the empty node
-only.
+that stand still, and `REGION_COPIES` places for what changes when parts move: super node and dynamic tree.
+What a query may still be reading is never written to: the next copy is. A scene of one part has the empty
+node only.
 """
 
 from dataclasses import dataclass
@@ -68,7 +68,7 @@ class TopPlan:
 
     @property
     def entry_room(self) -> int:
-        """Entries of a static tree and of the loose parts."""
+        """Entries of a static tree and of the dynamic parts."""
         return LANES * self.room + self.part_count
 
     @property
@@ -84,7 +84,7 @@ class TopPlan:
 
     @property
     def _region_nodes(self) -> int:
-        """A super node, and the levels below it if all parts are loose."""
+        """A super node, and the levels below it if all parts are dynamic."""
         total, count = 1, self.part_count
         while count >= LANES:
             count = -(-count // LANES)
@@ -106,15 +106,15 @@ class TopPlan:
         return self.static_node(STATIC_COPIES) + copy * self._region_nodes
 
 
-def loose_rows(parts: np.ndarray) -> np.ndarray:
-    """Return the rows of the parts that are loose, (L,) int64.
+def dynamic_rows(parts: np.ndarray) -> np.ndarray:
+    """Return the rows of the parts that are dynamic, (L,) int64.
 
     Parameters
     ----------
     parts : (P + 1, PART_COLUMNS) int64
         Of the model.
     """
-    return np.flatnonzero(parts[:-1, layout.IS_LOOSE])
+    return np.flatnonzero(parts[:-1, layout.IS_DYNAMIC])
 
 
 def choose_frame(frames: np.ndarray, parts: np.ndarray, wanted: LocalFrame) -> None:
@@ -147,7 +147,7 @@ def note_fused(frames: np.ndarray, parts: np.ndarray) -> None:
     """
     scene = len(parts) - 1
     is_alike = frames[:scene, : layout.SCALE + 1] == frames[scene, : layout.SCALE + 1]
-    is_still = parts[:scene, layout.IS_LOOSE] == 0
+    is_still = parts[:scene, layout.IS_DYNAMIC] == 0
     parts[:scene, layout.IS_FUSED] = is_alike.all(axis=1) & is_still
     parts[scene, layout.IS_FUSED] = scene == 1 or parts[:scene, layout.IS_FUSED].all()
 
@@ -155,7 +155,7 @@ def note_fused(frames: np.ndarray, parts: np.ndarray) -> None:
 def static_tree(
     words: np.ndarray, frames: np.ndarray, parts: np.ndarray, first_node: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the tree over parts that are neither loose nor hidden.
+    """Return the tree over parts that are neither dynamic nor hidden.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ def static_tree(
         Part and reference.
     """
     scene = len(parts) - 1
-    still_count = int((parts[:scene, [layout.IS_LOOSE, layout.IS_HIDDEN]] == 0).all(axis=1).sum())
+    still_count = int((parts[:scene, [layout.IS_DYNAMIC, layout.IS_HIDDEN]] == 0).all(axis=1).sum())
     if not still_count or scene == 1:
         return np.zeros(0, np.float32), np.zeros((0, 2), np.int32)
     target = max(FEWEST_ENTRIES, ENTRIES_PER_PART * still_count)
@@ -193,7 +193,7 @@ def write_static(
     Parameters
     ----------
     words, parts
-        Of the model; the scene's row of *parts* is told.
+        Of the model; the scene's row of *parts* is reported.
     copy : int
         Which of the places.
     nodes, entries
@@ -213,12 +213,12 @@ def write_static(
 
 
 def thin_static(words: np.ndarray, parts: np.ndarray, copy: int) -> None:
-    """Put the static tree, without the parts that have become loose or hidden, in another place.
+    """Put the static tree, without the parts that have become dynamic or hidden, in another place.
 
     Parameters
     ----------
     words, parts
-        Of the model; the scene's row of *parts* is told.
+        Of the model; the scene's row of *parts* is reported.
     copy : int
         Which of the places.
     """
@@ -233,9 +233,9 @@ def thin_static(words: np.ndarray, parts: np.ndarray, copy: int) -> None:
 
 
 def _write_entries(words: np.ndarray, parts: np.ndarray, copy: int, entries: np.ndarray) -> None:
-    """Write the entries of a static tree, and behind them those of loose parts, which stand whole."""
-    at, loose = TopPlan.of(parts).entries_at(copy), loose_rows(parts)
-    whole = np.stack((loose, parts[loose, layout.ROOT]), axis=1).astype(np.int32)
+    """Write the entries of a static tree, and behind them those of dynamic parts, which stand whole."""
+    at, dynamic = TopPlan.of(parts).entries_at(copy), dynamic_rows(parts)
+    whole = np.stack((dynamic, parts[dynamic, layout.ROOT]), axis=1).astype(np.int32)
     words[at : at + len(entries)] = entries
     words[at + len(entries) :][: whole.size] = whole.reshape(-1).view(np.float32)
     parts[-1, layout.FACES] = at
@@ -244,7 +244,7 @@ def _write_entries(words: np.ndarray, parts: np.ndarray, copy: int, entries: np.
 def write_moving(
     words: np.ndarray, frames: np.ndarray, parts: np.ndarray, region: int, order: np.ndarray, steps: int
 ) -> float:
-    """Write what follows from where parts are: boxes, the scene's row, the loose tree; how far they reach.
+    """Write what follows from where parts are: boxes, the scene's row, the dynamic tree; how far they reach.
 
     Parameters
     ----------
@@ -253,41 +253,41 @@ def write_moving(
     region : int
         Where the super node is going to be.
     order : (L,) int64
-        Places of the loose parts in `loose_rows`, along the curve.
+        Places of the dynamic parts in `dynamic_rows`, along the curve.
     steps : int
         By which the order is mended at most.
     """
-    loose = loose_rows(parts)
+    rows = dynamic_rows(parts)
     versions, boxes = np.zeros(len(parts), np.int64), np.zeros((len(parts) - 1, 6), np.float32)
-    dynamic, never = DynamicParts(loose, order, np.empty(len(loose), np.int64)), -1
+    dynamic, never = DynamicParts(rows, order, np.empty(len(rows), np.int64)), -1
     reach = bring_up_to_date(
         words, frames, parts, versions, never, boxes, dynamic, steps, region, never, frames, parts
     )
     return float(reach)
 
 
-def loose_order(words: np.ndarray, parts: np.ndarray) -> np.ndarray | None:
-    """Return the places of the loose parts along the curve, (L,) int64; None where not each of them has one.
+def dynamic_order(words: np.ndarray, parts: np.ndarray) -> np.ndarray | None:
+    """Return the dynamic parts' places along the curve, (L,) int64; None where not each of them has one.
 
     Parameters
     ----------
     words, parts
         Of a model, complete.
     """
-    loose, region = loose_rows(parts), int(parts[-1, layout.REGION])
-    places = np.arange(len(loose))
+    dynamic, region = dynamic_rows(parts), int(parts[-1, layout.REGION])
+    places = np.arange(len(dynamic))
     if not TopPlan.of(parts).room:
         return places
     # Fewer than eight are in the super node, beside the static tree.
     node, lane = (
-        (region, places + 1) if len(loose) < LANES else (region + 1 + places // LANES, places % LANES)
+        (region, places + 1) if len(dynamic) < LANES else (region + 1 + places // LANES, places % LANES)
     )
     listed = words[NODE_STRIDE * node + layout.PARTS_OF_LANES + lane].view(np.int32)
-    return np.searchsorted(loose, listed) if np.array_equal(np.sort(listed), loose) else None
+    return np.searchsorted(dynamic, listed) if np.array_equal(np.sort(listed), dynamic) else None
 
 
 def rewrite_entries(words: np.ndarray, parts: np.ndarray, copy: int) -> None:
-    """Write the entries of loose parts anew, behind those of the static tree, which stay.
+    """Write the entries of dynamic parts anew, behind those of the static tree, which stay.
 
     Parameters
     ----------

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from proximity.kernels import layout
-from proximity.kernels.compiler import Settled
+from proximity.kernels.compiler import CompiledCall
 from proximity.kernels.contact_columns import SURFACE_DEFORMABLE, SURFACE_RIGID
 from proximity.kernels.memory import make_table
 from proximity.kernels.scene.dynamic_tree import SORT_STEPS, UPDATE, DynamicParts, bring_up_to_date
@@ -25,7 +25,7 @@ from proximity.model.part_trees import (
     STATIC_COPIES,
     TopPlan,
     choose_frame,
-    loose_rows,
+    dynamic_rows,
     static_tree,
     thin_static,
     write_static,
@@ -43,9 +43,9 @@ UPDATES_BEFORE_SHRINKING = 1000
 is not to be paid at every tick of a part that goes to and fro."""
 
 
-_first_unfit = Settled(first_unfit, FIRST_UNFIT)
-_move_parts = Settled(move_parts, MOVE)
-_bring_up_to_date = Settled(bring_up_to_date, UPDATE)
+_first_unfit = CompiledCall(first_unfit, FIRST_UNFIT)
+_move_parts = CompiledCall(move_parts, MOVE)
+_bring_up_to_date = CompiledCall(bring_up_to_date, UPDATE)
 
 
 def write_motion(frame: np.ndarray, velocity: np.ndarray, angular_velocity: np.ndarray) -> None:
@@ -131,7 +131,7 @@ class SceneState:
         self.versions = np.zeros(count + 1, np.int64)
         self._plan = TopPlan.of(self.parts)
         self._boxes, self._boxes_version = np.empty((count, 6), np.float32), NEVER
-        self._list_loose()
+        self._list_dynamic()
         # A model out of a file may be any copy; one that is made is the first.
         number, self._static = self._plan.copies_of(self.parts)
         self._copies = [self._new_copy(k) for k in range(number)]
@@ -196,7 +196,7 @@ class SceneState:
         self._begin(row)
         self.epoch += 1
         self.parts[row, layout.IS_HIDDEN] = is_hidden
-        if not self.parts[row, layout.IS_LOOSE]:
+        if not self.parts[row, layout.IS_DYNAMIC]:
             self._need(_THINNER if is_hidden else _NEW)
         self._is_whole = True
         return True
@@ -217,15 +217,15 @@ class SceneState:
         self._begin(row)
         self.epoch += 1
         place_box(self.frames, self.parts, row)
-        if not self.parts[row, layout.IS_LOOSE]:
-            self.parts[row, layout.IS_LOOSE], self.parts[row, layout.IS_FUSED] = 1, 0
+        if not self.parts[row, layout.IS_DYNAMIC]:
+            self.parts[row, layout.IS_DYNAMIC], self.parts[row, layout.IS_FUSED] = 1, 0
             self._need(_THINNER)
         self._is_whole = True
 
     @property
-    def loose_rows(self) -> list[int]:
+    def dynamic_rows(self) -> list[int]:
         """Rows of the parts that have moved by themselves."""
-        return [int(row) for row in loose_rows(self.parts)]
+        return [int(row) for row in dynamic_rows(self.parts)]
 
     def values(self, row: int) -> dict[str, Any]:
         """Return what is true of a part now, by names of fields.
@@ -279,7 +279,7 @@ class SceneState:
         self._boxes_version = NEVER
         for copy in self._copies:
             copy.version = NEVER
-        self._list_loose()
+        self._list_dynamic()
         self._need(_NEW)
 
     # --- models ------------------------------------------------------------------------------------------
@@ -351,7 +351,7 @@ class SceneState:
         elif not self._make_tree(unused[0]):
             return False
         self._static, self._tree = unused[0], _RIGHT
-        self._list_loose()
+        self._list_dynamic()
         return True
 
     def _make_tree(self, static: int) -> bool:
@@ -366,8 +366,8 @@ class SceneState:
         self._updates = 0
         return True
 
-    def _list_loose(self) -> None:
-        rows = loose_rows(self.parts)
+    def _list_dynamic(self) -> None:
+        rows = dynamic_rows(self.parts)
         self._dynamic = DynamicParts(rows, np.arange(len(rows)), np.empty(len(rows), np.int64))
         self._sort_steps = len(rows) ** 2
 

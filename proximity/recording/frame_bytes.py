@@ -17,7 +17,7 @@ MAGIC = FRAME.magic.to_bytes(4, "little")
 LARGEST_FRAME = FRAME.size(MAX_RECORDS)
 """Bytes."""
 UNDECIDED = -1
-"""Whether a frame begins there can be told when more bytes are there."""
+"""Whether a frame begins there can be known when more bytes are there."""
 
 _BEGINNING = struct.Struct("<IIHHI")  # magic, checksum, version, header_size, size: as in `PREFIX`
 _COUNT = struct.Struct("<I")

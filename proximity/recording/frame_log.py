@@ -141,7 +141,7 @@ class FrameLog:
         self._file = -1
 
     def _lock(self) -> None:
-        """Keep others from writing: frames of two services in one log would be told as one row."""
+        """Keep others from writing: frames of two services in one log would be reported as one row."""
         if fcntl is None:
             return
         try:

@@ -67,19 +67,19 @@ class FrameReader:
     @property
     def notes(self) -> list[str]:
         """What a user should know of the log's condition, as sentences."""
-        told = []
+        reported = []
         if self.damage:
             places = "1 place" if len(self.damage) == 1 else f"{len(self.damage)} places"
             size = sum(place.size for place in self.damage)
-            told.append(
+            reported.append(
                 f"damaged in {places}, {size} bytes skipped, the first at byte {self.damage[0].start}"
             )
         if self.torn_size:
-            told.append(f"{self.torn_size} bytes of a torn frame at the end left out")
+            reported.append(f"{self.torn_size} bytes of a torn frame at the end left out")
         if self.foreign_count:
             frames = "1 frame" if self.foreign_count == 1 else f"{self.foreign_count} frames"
-            told.append(f"{frames} of another version of the message left out")
-        return told
+            reported.append(f"{frames} of another version of the message left out")
+        return reported
 
     def _forget(self) -> None:
         self.frame_count = self.torn_size = self.foreign_count = 0

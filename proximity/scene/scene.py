@@ -93,7 +93,7 @@ class Scene(Queries):
     def __reduce__(self) -> tuple[Any, ...]:
         with self._lock:
             state = self._parts.state
-            return _made_again, (list(self._parts), self.report, state.loose_rows, state.epoch)
+            return _made_again, (list(self._parts), self.report, state.dynamic_rows, state.epoch)
 
     def snapshot(self) -> Model:
         """Return the arrays of this moment, as queries and trackers take them.
@@ -378,7 +378,7 @@ class Scene(Queries):
 
         Notes
         -----
-        Sign: told as when the part was made. That was checked then, and is not now: of a part that meets
+        Sign: as decided when the part was made. That was checked then, and is not now: of a part that meets
         itself since, or is pressed quite flat, pseudo-normals may tell the wrong side, even far off.
         Degenerate: faces may lose their area.
         Cost: a fortieth of making the part anew, 12 ms for 300 k faces; the first time somewhat more.

@@ -57,7 +57,7 @@ class SceneParts:
         model = assemble(
             pieces,
             [part.pose for part in parts],
-            loose=dynamic,
+            dynamic=dynamic,
             hidden=[row for row, part in enumerate(parts) if part.is_hidden],
             epoch=epoch,
             names=tuple(part.name for part in parts),
@@ -121,13 +121,13 @@ class SceneParts:
         parts, pieces = self._parts_and_arrays(range(len(self)))
         added, arrays = with_arrays([part])
         return self.of(
-            parts + added, pieces + arrays, dynamic=self.state.loose_rows, epoch=self.state.epoch + 1
+            parts + added, pieces + arrays, dynamic=self.state.dynamic_rows, epoch=self.state.epoch + 1
         )
 
     def without(self, removed: int) -> "SceneParts":
         """Return these parts but the one of that row."""
         kept = [row for row in range(len(self)) if row != removed]
-        dynamic = [new for new, row in enumerate(kept) if row in self.state.loose_rows]
+        dynamic = [new for new, row in enumerate(kept) if row in self.state.dynamic_rows]
         remaining = self.of(*self._parts_and_arrays(kept), dynamic=dynamic, epoch=self.state.epoch + 1)
         solid = self._parts[removed].solid
         if all(part.solid is not solid for part in remaining):
@@ -137,7 +137,7 @@ class SceneParts:
     def in_new_memory(self) -> "SceneParts":
         """Return the same parts, with their arrays elsewhere."""
         kept = self._parts_and_arrays(range(len(self)))
-        return self.of(*kept, dynamic=self.state.loose_rows, epoch=self.state.epoch)
+        return self.of(*kept, dynamic=self.state.dynamic_rows, epoch=self.state.epoch)
 
     def _parts_and_arrays(self, rows: Sequence[int]) -> tuple[list[Part], list[PartArrays]]:
         parts = [self[row] for row in rows]

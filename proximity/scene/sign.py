@@ -1,4 +1,4 @@
-"""How inside is told for one body: chosen once, checked by sampling, and said in a sentence.
+"""How inside is decided for one body: chosen once, checked by sampling, and said in a sentence.
 
 - *pseudo-normal*: the surface is closed and oriented, so the normal of the nearest feature tells the side;
   over faces that are folded onto their neighbours, pass through others or are as thin as a line, the winding
@@ -16,7 +16,7 @@ import numpy as np
 from proximity.kernels import layout
 from proximity.kernels.mesh.faces import double_areas
 from proximity.kernels.scene.point_queries import ANSWER_WIDTH, closest_batch
-from proximity.kernels.sign.inside_grid import doubtful_places
+from proximity.kernels.sign.inside_grid import uncertain_points
 from proximity.kernels.sign.winding_number import winding_numbers
 from proximity.mesh.topology import Topology
 from proximity.model.assembly import Model, assemble
@@ -40,7 +40,7 @@ CLEAR_SHARE = 0.95
 
 
 class SignMethod(Enum):
-    """How the sign of a distance is told.
+    """How the sign of a distance is decided.
 
     PSEUDONORMAL: by the normal of the nearest face, edge or corner of a closed and oriented surface.
     WINDING_NUMBER: by how often the surface winds around the point, where it is closed but much of it meets
@@ -65,7 +65,7 @@ def kernel_sign(method: SignMethod) -> int:
     Parameters
     ----------
     method : SignMethod
-        How the sign is told.
+        How the sign is decided.
     """
     return _KERNEL_SIGN[method]
 
@@ -174,7 +174,7 @@ def _contradictions(signed: PartArrays, points: np.ndarray, normals: np.ndarray)
     offsets = signed.size * np.array(SAMPLE_OFFSETS)
     around = np.concatenate([points + side * offset * normals for offset in offsets for side in (-1.0, 1.0)])
     grid_lower = np.array(signed.grid_lower)
-    doubtful, is_inside, is_clear = doubtful_places(
+    uncertain, is_inside, is_clear = uncertain_points(
         signed.corners, signed.faces, grid_lower, signed.grid_rate, *signed.grid_counts, signed.grid
     )
     is_clear &= len(is_clear) > FACE_SAMPLE_COUNT
@@ -187,8 +187,8 @@ def _contradictions(signed: PartArrays, points: np.ndarray, normals: np.ndarray)
         bare = assemble([replace(signed, folded=beside_thin_faces(signed))], [Pose()])
     above = points + offsets[0] * normals
     against = _differing(bare, signed, around) + _differing(model, signed, above)
-    against += _differing(model, signed, doubtful, is_inside)
-    return len(around) + len(above) + len(doubtful), against
+    against += _differing(model, signed, uncertain, is_inside)
+    return len(around) + len(above) + len(uncertain), against
 
 
 def _face_samples(piece: PartArrays, among: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -8,7 +8,7 @@
 from proximity.service.answers import Answering, TrackerAnswers
 from proximity.service.clock import Clock, MonotonicClock, SkippingClock
 from proximity.service.histogram import Histogram
-from proximity.service.inputs.gloves import GloveWays
+from proximity.service.inputs.gloves import GloveChoices
 from proximity.service.inputs.part_motion import MovesInput
 from proximity.service.inputs.sensor import Measurements, SensorInput
 from proximity.service.inputs.sources import CallableInput, PoseInput, RecordingInput
@@ -24,7 +24,7 @@ __all__ = [
     "Answering",
     "CallableInput",
     "Clock",
-    "GloveWays",
+    "GloveChoices",
     "Hands",
     "Histogram",
     "Log",

@@ -87,7 +87,7 @@ class TrackerAnswers:
 
     @property
     def is_late(self) -> bool:
-        """Whether of a part that moved nothing more is told."""
+        """Whether of a part that moved nothing more is reported."""
         return self.moves is not None and self.moves.is_late
 
     def room(self) -> Hands:
@@ -112,7 +112,8 @@ class TrackerAnswers:
         """Move the parts that are to move, and tick.
 
         Parts that have a velocity stand where they are at the instant of the newest pose. Bounds hold for
-        the pose of each finger, with parts where they were told to be, carried on with the velocities told.
+        the pose of each finger, with parts where they were asked to be, carried on with the velocities
+        reported.
 
         Parameters
         ----------

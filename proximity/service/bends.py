@@ -1,4 +1,4 @@
-"""Bends that come with poses, where no path is known: what is told of them, and how fast they change."""
+"""Bends that come with poses, where no path is known: what is reported of them, and how fast they change."""
 
 import numpy as np
 
@@ -44,7 +44,7 @@ class Bends:
         contacts : (N,) CONTACT
             As a tracker answered.
         bends : (N,) float64
-            As they came with the poses; nan: not told.
+            As they came with the poses; nan: not reported.
         pose_ns : (N,) int64, ns
             Instants of the poses.
         """

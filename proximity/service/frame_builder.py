@@ -38,7 +38,7 @@ class Framing:
         self._count = count
         self._period_ns, self._valid_for_ns = period_ns, valid_for_ns
         self._has_started = False
-        self._missed = 0  # as the last frame told
+        self._missed = 0  # as the last frame reported
         self._epoch = 0
         forget(self.message.records)
         self.message.records["finger"] = np.arange(count)
@@ -79,7 +79,7 @@ class Framing:
         is_late : bool
             Whether of what the contacts were made of something is too old already.
         """
-        oldest_ns, tracked, doubtful = finger_rows.overview(self._wide, self._numbers)
+        oldest_ns, tracked, uncertain = finger_rows.overview(self._wide, self._numbers)
         self.tracked = tracked
         pose_ns = oldest_ns if tracked else start_ns
         valid_until_ns = pose_ns + self._valid_for_ns
@@ -88,7 +88,7 @@ class Framing:
             self.state = State.STALE if self._has_started else State.STARTING
         elif missed != self._missed or publish_ns > valid_until_ns or is_late:
             self.state = State.LATE
-        elif tracked < self._count or doubtful:
+        elif tracked < self._count or uncertain:
             self.state = State.DEGRADED
         else:
             self.state = State.OK

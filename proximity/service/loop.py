@@ -98,7 +98,7 @@ class Service:
         return report
 
     def run(self, *, stop: threading.Event | None = None, tick_count: int | None = None) -> Report:
-        """Serve until told to stop, or until the input is over; then say STOPPING and close everything.
+        """Serve until asked to stop, or until the input is over; then say STOPPING and close everything.
 
         The first tick comes when everything is compiled and in memory. A service runs once.
 
@@ -179,13 +179,13 @@ class Service:
         self._framing.finish(0, 0, 0, 0, 0)
 
     def _serve(self, stop: threading.Event | None, tick_count: int | None) -> None:
-        is_told_to_stop = threading.Event().is_set if stop is None else stop.is_set
+        is_asked_to_stop = threading.Event().is_set if stop is None else stop.is_set
         self._thread = threading.get_ident()
         begin_ns = self._clock.now_ns()
         self._gate.start(begin_ns)
         self._due_ns = begin_ns + self._period_ns
         report, pose_input = self._report, self._input
-        while not is_told_to_stop() and report.ticks != tick_count and not pose_input.is_over:
+        while not is_asked_to_stop() and report.ticks != tick_count and not pose_input.is_over:
             self._tick()
             self._skip_what_is_past(self._clock.now_ns())
             self._due_ns += self._period_ns

@@ -1,6 +1,6 @@
 """What keeps a loop from being disturbed: sharp timers, priority, memory that stays, a core of its own.
 
-Each is tried; what the system does not permit is told in a sentence, and nothing fails because of it.
+Each is tried; what the system does not permit is reported in a sentence, and nothing fails because of it.
 """
 
 import ctypes

@@ -42,9 +42,9 @@ class Report:
         }
 
     def __str__(self) -> str:
-        told = ", ".join(f"{count} {state.name.lower()}" for state, count in self.states.items() if count)
+        reported = ", ".join(f"{count} {state.name.lower()}" for state, count in self.states.items() if count)
         lines = [
-            f"{self.ticks} ticks ({told or 'none'}), {self.missed} missed",
+            f"{self.ticks} ticks ({reported or 'none'}), {self.missed} missed",
             f"computing: {self.compute}",
             f"woken late: {self.lateness}",
         ]

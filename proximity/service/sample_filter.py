@@ -48,7 +48,7 @@ class Gate:
         ----------
         given : Samples
             Of as many fingers as are kept. A sample that is left out is overwritten by the one kept: whoever
-            gives them again, since something was told of another finger, does not give that one again.
+            gives them again, since something was reported of another finger, does not give that one again.
         now_ns : int, ns
             The present instant.
         """

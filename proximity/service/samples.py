@@ -49,7 +49,7 @@ class Hands:
     def take_rest(self, given: "Hands", rows: Any) -> None:
         """Copy velocities, paths and bends of some fingers.
 
-        What was told once and is not any more becomes nan.
+        What was reported once and is not any more becomes nan.
 
         Parameters
         ----------

@@ -17,7 +17,7 @@ from numba import config
 from proximity.simd.vectors import LANES
 
 IS_COMPILED = not config.DISABLE_JIT
-"""False where numba is told to interpret: then every name below works on NumPy arrays."""
+"""False where numba is asked to interpret: then every name below works on NumPy arrays."""
 
 if IS_COMPILED:
     from proximity.simd.compiled import (

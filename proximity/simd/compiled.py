@@ -300,7 +300,7 @@ def _lowest(context, builder, bounds, result_type):
     vector = ir.VectorType(i32, LANES)
     keys = builder.and_(builder.bitcast(bounds, vector), ir.Constant(vector, [~7] * LANES))
     keys = builder.or_(keys, ir.Constant(vector, list(range(LANES))))
-    # In all lanes, so that the lane that has it is told without leaving the vectors.
+    # In all lanes, so that the lane that has it is reported without leaving the vectors.
     lowest = keys
     for step in (4, 2, 1):
         order = ir.Constant(vector, [i ^ step for i in range(LANES)])

@@ -173,7 +173,7 @@ def _slow() -> Claim:
 
 def _exact_match() -> Claim:
     floor = [_error(ideal_drum(HAND, HAND.press(speed))) for speed in (0.1, 1.0)]
-    found = _error(decaff(HAND, HAND.press(0.25), _told(0.001)))
+    found = _error(decaff(HAND, HAND.press(0.25), _reported(0.001)))
     coupled = _error(penalty_wall(HAND, HAND.press(0.25), best_penalty_wall(HAND, 1000.0, 0.001)))
     return Claim(
         "the drum gives exactly the force of the real wall (16)",
@@ -186,9 +186,9 @@ def _exact_match() -> Claim:
 def _delay() -> Claim:
     press = HAND.press(0.5)
     stamped, naive = (
-        _error(decaff(HAND, press, _told(0.010), use)) for use in (Target.TIME_STAMPED, Target.NAIVE)
+        _error(decaff(HAND, press, _reported(0.010), use)) for use in (Target.TIME_STAMPED, Target.NAIVE)
     )
-    late = drum_offset(decaff(HAND, press, _told(0.003), Target.NAIVE))
+    late = drum_offset(decaff(HAND, press, _reported(0.003), Target.NAIVE))
     return Claim(
         "it greatly reduces the delay of (11)",
         PARTLY,
@@ -241,7 +241,7 @@ def _half_times(name: str) -> tuple[float, float]:
     return float(times[rows[0]]), float(times[rows[-1]])
 
 
-def _told(latency: float) -> Decaff:
+def _reported(latency: float) -> Decaff:
     return replace(Decaff(), sensing=Sensing(latency=latency))
 
 

@@ -1,4 +1,4 @@
-"""One press on a CAD part, as it is told: the engine in the loop, the ideal distance and the real surface."""
+"""One press on a CAD part: the engine in the loop, the ideal distance and the real surface."""
 
 import math
 from collections.abc import Sequence
@@ -49,7 +49,7 @@ def simulate_on_part(
     scene : Scene
         With parts.
     setup : EngineSetup
-        How the finger is told of them.
+        How the finger learns of them.
     at : three floats, m
         Where the finger touches, as of `place_finger`; not of a recorded hand.
     speed : float, m/s
@@ -73,7 +73,7 @@ def simulate_on_part(
 
 
 def describe(simulation: PartSimulation) -> list[tuple[str, str]]:
-    """Return in words what was pressed on, by whom, and what told the drum.
+    """Return in words what was pressed on, by whom, and what informed the drum.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def describe(simulation: PartSimulation) -> list[tuple[str, str]]:
     surface = "rigid" if part.stiffness is None else f"{part.stiffness:g} N/m, {part.damping:g} N·s/m"
     point = finger.point(finger.contact_bend) - finger.glove.finger.pad_radius * finger.normal
     place = ", ".join(f"{round(1e3 * coordinate, 2) + 0.0:.2f}" for coordinate in point.tolist())
-    told = "a sensor at the far end" if setup.distances == Distances.SENSOR else "the tracker"
+    reported = "a sensor at the far end" if setup.distances == Distances.SENSOR else "the tracker"
     who = (
         "controller" if setup.reading is None else f"{setup.reading.name.lower().replace('_', '-')} distances"
     )
@@ -98,7 +98,7 @@ def describe(simulation: PartSimulation) -> list[tuple[str, str]]:
     lines = [
         ("part", f"{part.name}, {surface}, touched at ({place}) mm, incidence {finger.incidence:.3f}"),
         ("approach", comes),
-        ("told by", f"{told} at {setup.rate:g} Hz, {1e3 * setup.expected_latency:g} ms late"),
+        ("reported by", f"{reported} at {setup.rate:g} Hz, {1e3 * setup.expected_latency:g} ms late"),
         ("drum", f"{who}, servo at {SERVO_RATE:g} Hz"),
         ("frames", str(press.counts)),
         ("states", ", ".join(f"{state} {count / SERVO_RATE:.3f} s" for state, count in press.states.items())),
@@ -109,7 +109,7 @@ def describe(simulation: PartSimulation) -> list[tuple[str, str]]:
 
 
 def document(simulation: PartSimulation) -> dict[str, Any]:
-    """Return all that is told of a press, as plain values in SI units.
+    """Return all that is reported of a press, as plain values in SI units.
 
     Parameters
     ----------
@@ -131,8 +131,8 @@ def document(simulation: PartSimulation) -> dict[str, Any]:
         "distances": str(setup.distances),
         "rate": setup.rate,
         "latency": setup.expected_latency,
-        "told_contact": press.told_contact,
-        "told_error": press.told_error,
+        "reported_contact": press.reported_contact,
+        "reported_error": press.reported_error,
         "drum_offset": drum_offset(press.response),
         "switched_at": press.switched_at,
         "states": {state: count / SERVO_RATE for state, count in press.states.items()},

@@ -1,7 +1,7 @@
 """Files that are either wholly there or not at all: written under another name and then renamed.
 
 Whoever writes holds a lock on the file under its other name. So what a process that was killed has left is
-told from what somebody is still writing: it is removed when the next file is written in its folder.
+distinguished from what somebody is still writing: it is removed when the next file is written in its folder.
 """
 
 import contextlib

@@ -10,15 +10,15 @@ import numpy as np
 
 from proximity.arrays import FLOAT64, as_float64, shown
 from proximity.errors import QueryError
-from proximity.kernels.compiler import Settled
+from proximity.kernels.compiler import CompiledCall
 from proximity.kernels.layout import GRID, NO_GRID, NO_PART, NO_SLOT, ROTATION, SIGN, SIGN_WINDING
-from proximity.kernels.point.budgeted_walk import ROOM_SIZE
+from proximity.kernels.point.budgeted_walk import WORKSPACE_SIZE
 from proximity.kernels.point.coherent_search import FRONT_SIZE
 from proximity.kernels.tracking import track
 from proximity.kernels.tracking.conservative_advancement import BALLS_SIZE
 from proximity.kernels.tracking.finger_distance import CROWD
 from proximity.kernels.tracking.motion import MAX_ACCELERATION, MAX_SPEED, MOTION_INTS, MOTION_REALS
-from proximity.kernels.tracking.part_drift import POSE_COLUMNS, room_for_movers
+from proximity.kernels.tracking.part_drift import POSE_COLUMNS, movers_workspace
 from proximity.kernels.tracking.tick import TICK, tick
 from proximity.kernels.tracking.track import EACH_ITS_OWN, MOST_NS
 from proximity.message import CONTACT
@@ -53,7 +53,7 @@ HORIZON = 0.25
 
 NOT_NANOSECONDS = "expected nanoseconds, as time.monotonic_ns() gives them: it looks like seconds"
 
-_tick = Settled(tick, TICK)
+_tick = CompiledCall(tick, TICK)
 
 
 def too_long(length: float, most: float) -> str:
@@ -80,7 +80,7 @@ class Tracker:
         Of the fingertip spheres, 0.1 at most; 0 is a point, whose contact with a sheet, which has no inside,
         is foreseen on its path but never confirmed.
     period : float, s
-        Between ticks; only told to those who ask.
+        Between ticks; only asked to those who ask.
     latency : float, s
         From a tick until the controller acts on its answer: predictions are for then.
     budget : int
@@ -160,10 +160,10 @@ class Tracker:
         self._has_velocities = self._has_paths = False
         self._path_count = 2  # corners of paths that there is room for
         self._epoch = -1
-        self._names: tuple[str, ...] = ()  # of the parts that `TOLD_PART` counts
+        self._names: tuple[str, ...] = ()  # of the parts that `REPORTED_PART` counts
         self._kept: tuple[Any, ...] = ()  # what the table points at, and the table
         self.reset()
-        self._tell_addresses()
+        self._write_addresses()
 
     @property
     def scene(self) -> Scene:
@@ -172,7 +172,7 @@ class Tracker:
 
     @property
     def period(self) -> float:
-        """Between ticks, s, as the tracker was told."""
+        """Between ticks, s, as given to the tracker."""
         return self._period
 
     @property
@@ -236,7 +236,7 @@ class Tracker:
             self._take_velocities(velocities)
         if paths is not None or self._has_paths or bends is not None or path_bends is not None:
             self._take_paths(paths, path_bends, bends)
-        # That parts have moved is told until a tick has taken it in, even if someone interrupts this one.
+        # That parts have moved is reported until a tick has taken it in, even if someone interrupts this one.
         model = self._scene.snapshot()
         is_moved = model is not self._last_model()
         if is_moved:
@@ -291,7 +291,7 @@ class Tracker:
         """Forget all fingers: the next tick is like the first."""
         self._arrays["motions"][:] = 0.0
         self._arrays["motion_marks"][:] = 0
-        self._arrays["marks"][:, track.TOLD_PART] = NO_PART
+        self._arrays["marks"][:, track.REPORTED_PART] = NO_PART
         self._last_now_ns = -MOST_NS
         self._settings[track.FIRST] = self._settings[track.PATIENCE] = 0
         self._forget()
@@ -315,19 +315,19 @@ class Tracker:
             is_open = (model.parts[:count, SIGN] == SIGN_WINDING) & (model.parts[:count, GRID] == NO_GRID)
             self._settings[track.HOLES] = is_open.any()
             self._arrays["before"] = model.frames[:count, ROTATION : ROTATION + POSE_COLUMNS].copy()
-            self._arrays["movers"] = room_for_movers(count)
-            self._tell_addresses()
+            self._arrays["movers"] = movers_workspace(count)
+            self._write_addresses()
             self._epoch = model.epoch
 
     def _find_again(self, names: tuple[str, ...]) -> None:
         """Write what the parts of the last answers are numbered now; one that is gone is another than all."""
         if names != self._names:
             rows = {name: row for row, name in enumerate(names)}
-            told = self._arrays["marks"][:, track.TOLD_PART]
-            found = [rows.get(self._names[row], GONE) if row >= 0 else row for row in told.tolist()]
-            told[:], self._names = found, names
+            reported = self._arrays["marks"][:, track.REPORTED_PART]
+            found = [rows.get(self._names[row], GONE) if row >= 0 else row for row in reported.tolist()]
+            reported[:], self._names = found, names
 
-    def _tell_addresses(self) -> None:
+    def _write_addresses(self) -> None:
         """Write the table by which a tick finds its arrays."""
         arrays = self._arrays
         counts = [
@@ -339,7 +339,7 @@ class Tracker:
             len(arrays["fronts"]),
         ]
         table = np.array(counts + [arrays[name].ctypes.data for name in track.NAMES], np.int64)
-        # Until another handle is told, what the one before leads to stays.
+        # Until another handle is reported, what the one before leads to stays.
         self._kept = *self._kept, table, *arrays.values()
         self._handle = int(table.ctypes.data)
         self._kept = table, *arrays.values()
@@ -383,7 +383,7 @@ class Tracker:
             arrays["paths"] = np.empty((len(self.contacts), count, 3))
             arrays["path_bends"] = np.linspace(0.0, 1.0, count)
             arrays["path_lengths"] = np.zeros(count)
-            self._tell_addresses()
+            self._write_addresses()
             self._path_count = count
         arrays["paths"][...] = corners
         if path_bends is None:
@@ -468,8 +468,8 @@ def _arrays_for(count: int, settings: np.ndarray, contacts: np.ndarray) -> dict[
         "fronts": np.zeros((count if count <= CROWD else 0, FRONT_SIZE), np.float32),
         "records": contacts,
         "before": np.zeros((0, POSE_COLUMNS)),
-        "movers": room_for_movers(0),
-        "workspace": np.zeros(ROOM_SIZE, np.float32),
+        "movers": movers_workspace(0),
+        "workspace": np.zeros(WORKSPACE_SIZE, np.float32),
     }
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from llvmlite import binding
 
 from proximity.kernels.code_cache import COMPLETE
-from proximity.kernels.compiler import Settled, cache_folder
+from proximity.kernels.compiler import CompiledCall, cache_folder
 from proximity.kernels.ray.ray_order import ray_order
 from proximity.pose import Pose
 from proximity.scene.queries import line_queries, point_queries
@@ -85,13 +85,16 @@ def _helpers(count: int) -> Iterator[None]:
             helper.wait()
 
 
-def _calls() -> list[Settled]:
+def _calls() -> list[CompiledCall]:
     """What Python calls with few rows, and the tick, in the reverse of the order in which they are asked."""
     from proximity.tracker import tracker  # most that ask whether kernels are there tick nothing
 
     modules = (tracker, point_queries, line_queries)
     return [
-        call for module in modules for call in reversed(vars(module).values()) if isinstance(call, Settled)
+        call
+        for module in modules
+        for call in reversed(vars(module).values())
+        if isinstance(call, CompiledCall)
     ]
 
 

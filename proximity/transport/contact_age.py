@@ -7,7 +7,7 @@ import numpy as np
 
 from proximity.message import CONTACT, ContactFlag, Mode, Source, Surface
 
-_UNTOLD = np.uint32(
+_NOT_PREDICTED = np.uint32(
     ~(ContactFlag.EXACT | ContactFlag.SKIPPED | ContactFlag.PREDICTED | ContactFlag.CONTACT_FOUND)
     & 0xFFFF_FFFF
 )
@@ -40,8 +40,8 @@ def widen(contacts: np.ndarray, now_ns: int, max_speed: float, max_acceleration:
     and rotation, that the scene had for it at the tick.
     ``part_velocity`` is that of one point. How much faster other parts and other points are, and how far off
     the finger's velocity may be, is in the published predictions: their bounds are apart by what both may
-    have done until ``predicted_ns``. Where a publisher predicts for the pose's own instant that is not told:
-    then no part is thought to be faster than the nearest point of the nearest one.
+    have done until ``predicted_ns``. Where a publisher predicts for the pose's own instant that is not
+    reported: then no part is thought to be faster than the nearest point of the nearest one.
     """
     Widening(contacts, max_speed, max_acceleration).at(now_ns)
 
@@ -66,7 +66,7 @@ class Widening:
         self._free = contacts["time_to_contact_lower"].copy()
         with np.errstate(all="ignore"):  # a publisher's numbers may be anything
             self._set_rates((flags & _PREDICTED) != 0, max_speed, max_acceleration)
-        contacts["flags"] = (flags & _UNTOLD) | np.where(self._is_tracked, _BOUNDED, np.uint32(0))
+        contacts["flags"] = (flags & _NOT_PREDICTED) | np.where(self._is_tracked, _BOUNDED, np.uint32(0))
         contacts["contact_bend_error"] += np.inf
         contacts["force_is_valid"] = 0
 
@@ -91,11 +91,11 @@ class Widening:
         # A sensor's error stays; of a bracket it is not known how much narrower it is at the predicted place.
         spread -= np.where(is_geometry, 0.0, self._upper - self._lower)
         spread *= 0.5 / ahead
-        is_told = (ahead > 0.0) & (spread < np.inf)
-        spread[~is_told] = 0.0
+        is_predicted = (ahead > 0.0) & (spread < np.inf)
+        spread[~is_predicted] = 0.0
         # So wide a spread may be the top speed of a finger that could turn round: what it did tells nothing.
         going = np.where(spread < max_speed, going, np.fmax(going, part_speed))
-        is_known = is_predicted & is_told
+        is_known = is_predicted & is_predicted
         # Where there is no velocity it is nan, and fmin passes over it.
         self._at_first = np.where(is_known, going + spread, np.nan)
         self._each_second = 0.5 * max_acceleration

@@ -12,7 +12,7 @@ JUMP_NS = 1_000_000_000
 """Where a new run of the publisher begins with a message that is later by more, its clock is another one."""
 BACK_NS = 5_000_000
 """By how much threads that send side by side may be out of order; instants that go back by more are wrong."""
-DOUBT_NS = 1_000_000_000
+UNCERTAIN_NS = 1_000_000_000
 """After so long the former clock is asked again, where the instant that a clock began with was wrong."""
 
 
@@ -35,19 +35,20 @@ class ForeignClock:
 
     A message that is earlier than can be begins it anew at any time, as when their clock was put forward or
     our machine slept: nothing seems younger by that. If it was a mistake, the ones that follow undo it, but
-    for two cases that cannot be told from a way that was short once: none that follows tells an earlier
-    instant, as where the next comes only after the mistake has passed; or another one that was as wrong came
-    `SETTLING_NS` later. A longer way never makes instants go back, since a publisher's messages of one kind
-    come in order or not at all; a mistake does. Then the former clock is begun again: at once where messages
-    are more than `JUMP_NS` later than the mistake, otherwise after `DOUBT_NS` in which none came that was as
-    early, by one that fits the former clock. Where there was none, any begins it as if it were the first.
+    for two cases that cannot be distinguished from a way that was short once: none that follows tells an
+    earlier instant, as where the next comes only after the mistake has passed; or another one that was as
+    wrong came `SETTLING_NS` later. A longer way never makes instants go back, since a publisher's messages of
+    one kind come in order or not at all; a mistake does. Then the former clock is begun again: at once where
+    messages are more than `JUMP_NS` later than the mistake, otherwise after `UNCERTAIN_NS` in which none came
+    that was as early, by one that fits the former clock. Where there was none, any begins it as if it were
+    the first.
 
     When a message was sent that comes alone, nothing tells: it may be a copy of an old one. So the clock is
     *settled* only when it has been seen to run: another message came `SETTLING_NS` later, and had been sent
     as much later.
     """
 
-    is_settled: bool
+    is_certain: bool
     """Whether `theirs` may be believed."""
 
     def __init__(self) -> None:
@@ -57,10 +58,12 @@ class ForeignClock:
 
     def reset(self) -> None:
         """Forget: the clock is another one."""
-        self.is_settled = False
+        self.is_certain = False
         self._offset_ns: int | None = None
         self._former: tuple[int, int] | None = None  # what was believed until a message came too early
-        self._doubted_ns: int | None = None  # since when the instant it began with is known to be wrong
+        self._uncertain_since_ns: int | None = (
+            None  # since when the instant it began with is known to be wrong
+        )
 
     def arrived(self, sent_ns: int, now_ns: int, *, is_new_run: bool = False, kind: int = 0) -> None:
         """Learn that what was sent at *sent_ns*, their clock, arrived at *now_ns*, ours.
@@ -84,15 +87,17 @@ class ForeignClock:
         goes_back = sent_ns < latest - BACK_NS
         self._sent_ns[kind] = max(latest, sent_ns)
         if offset <= self._first_offset_ns + pace:
-            self._doubted_ns = None
-        elif goes_back and not self.is_settled and self._doubted_ns is None:
-            self._doubted_ns = now_ns
-        if self._doubted_ns is not None:
+            self._uncertain_since_ns = None
+        elif goes_back and not self.is_certain and self._uncertain_since_ns is None:
+            self._uncertain_since_ns = now_ns
+        if self._uncertain_since_ns is not None:
             before = offset if self._former is None else _grown(*self._former, now_ns)
             if offset > fastest + JUMP_NS:
                 is_undone = offset <= before + JUMP_NS
             else:
-                is_undone = abs(offset - before) <= PACE_NS and now_ns - self._doubted_ns >= DOUBT_NS
+                is_undone = (
+                    abs(offset - before) <= PACE_NS and now_ns - self._uncertain_since_ns >= UNCERTAIN_NS
+                )
             if is_undone:
                 self._begin(min(offset, before), now_ns, {kind: sent_ns}, None)
                 return
@@ -102,17 +107,17 @@ class ForeignClock:
             return
         if offset < self._first_offset_ns - pace:
             # Another clock; or what came before was held up; or these are old messages that come at once.
-            former = (fastest, self._seen_ns) if self.is_settled else self._former
+            former = (fastest, self._seen_ns) if self.is_certain else self._former
             self._begin(offset, now_ns, {kind: sent_ns}, former)
             return
         self._offset_ns, self._seen_ns = min(offset, _grown(fastest, self._seen_ns, now_ns)), now_ns
         if offset <= self._first_offset_ns + pace and now_ns - self._first_ns >= SETTLING_NS:
-            self.is_settled, self._former = True, None
+            self.is_certain, self._former = True, None
 
     def _begin(
         self, offset_ns: int, now_ns: int, sent_ns: dict[int, int], former: tuple[int, int] | None
     ) -> None:
-        self.is_settled, self._former, self._doubted_ns = False, former, None
+        self.is_certain, self._former, self._uncertain_since_ns = False, former, None
         self._offset_ns = self._first_offset_ns = offset_ns
         self._seen_ns = self._first_ns = now_ns
         self._sent_ns = sent_ns

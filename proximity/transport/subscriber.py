@@ -36,10 +36,10 @@ _NO_CONTACTS = np.zeros(0, CONTACT)
 class Reading:
     """What a subscriber knows now.
 
-    Up to ``valid_until``, and a second after its oldest pose at most, a frame is told as it was published.
-    From then on, or where it says itself that it is LATE, contacts are made worse, see `widen`: their bounds
-    hold for now and widen, and what was exact is not any more. In the end, and where a frame says so itself,
-    nothing is left of them: STALE, or STOPPING.
+    Up to ``valid_until``, and a second after its oldest pose at most, a frame is reported as it was
+    published. From then on, or where it says itself that it is LATE, contacts are made worse, see `widen`:
+    their bounds hold for now and widen, and what was exact is not any more. In the end, and where a frame
+    says so itself, nothing is left of them: STALE, or STOPPING.
 
     ``state`` says how far it goes; ``is_new``, whether a reading before had the same frame. ``contacts`` are
     records of `CONTACT`, ``header`` those numbers of the frame that are not of a finger, None before the
@@ -117,8 +117,10 @@ class Subscriber:
         self._held: HeldFrame | None = None  # the newest frame
         self._spare: HeldFrame | None = None  # room for the next: the newest stays until that is verified
         self._is_new = False
-        self._told = self._shown = _NO_CONTACTS  # the newest, made worse; the same, read-only
-        self._widening: Widening | None = None  # of what is told; None: it does not hold the newest as late
+        self._as_published = self._shown = _NO_CONTACTS  # the newest, made worse; the same, read-only
+        self._widening: Widening | None = (
+            None  # of what is reported; None: it does not hold the newest as late
+        )
         self._is_forgotten = False
 
     @property
@@ -211,13 +213,13 @@ class Subscriber:
             return Reading(State.STALE, False, now, -1, None, _NO_CONTACTS)
         is_new, self._is_new = self._is_new, False
         state, contacts = held.state, held.contacts
-        if now > held.expires_ns or state not in _VALID or (foreign is not None and not foreign.is_settled):
+        if now > held.expires_ns or state not in _VALID or (foreign is not None and not foreign.is_certain):
             state, contacts = self._worsened(held, now)
         return Reading(state, is_new, now, max(now - held.pose_ns, 0), held.header, contacts)
 
     def _worsened(self, held: HeldFrame, now: int) -> tuple[State, np.ndarray]:
-        """State and contacts of a frame that is not to be told as it came."""
-        is_believed = self._foreign is None or self._foreign.is_settled
+        """State and contacts of a frame that is not known as it came."""
+        is_believed = self._foreign is None or self._foreign.is_certain
         if not is_believed or now > held.expires_ns + self._stale_after_ns:
             state = max(held.state, State.STALE)
         else:
@@ -225,21 +227,21 @@ class Subscriber:
         if state is State.LATE and held.state in _USED:
             if self._widening is None:
                 self._copy(held)
-                self._widening = Widening(self._told, self._max_speed, self._max_acceleration)
+                self._widening = Widening(self._as_published, self._max_speed, self._max_acceleration)
             self._widening.at(now)
             self._is_forgotten = False
         elif not self._is_forgotten:
             self._copy(held)
-            forget(self._told)
+            forget(self._as_published)
             self._is_forgotten, self._widening = True, None
         return state, self._shown
 
     def _copy(self, held: HeldFrame) -> None:
-        if len(self._told) != held.count:
-            self._told = np.empty(held.count, CONTACT)
-            self._shown = self._told.view()
+        if len(self._as_published) != held.count:
+            self._as_published = np.empty(held.count, CONTACT)
+            self._shown = self._as_published.view()
             self._shown.flags.writeable = False
-        np.copyto(self._told.view(np.uint8), held.contacts.view(np.uint8))
+        np.copyto(self._as_published.view(np.uint8), held.contacts.view(np.uint8))
 
 
 def _not_negative(name: str, value: float) -> float:

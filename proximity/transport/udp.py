@@ -90,7 +90,7 @@ class UdpOutlet:
         bind = address.options.get("bind")
         if bind is None and not place.is_loopback:
             raise address.refuse(
-                f"{place.host} is not on this machine, and messages go from loopback unless told otherwise "
+                f"{place.host} is not on this machine, and messages go from loopback unless asked otherwise "
                 "(expected ?bind=ADDRESS, that of the network card to send from, or ?bind=0.0.0.0 for any)"
             )
         loopback = "::1" if place.family == socket.AF_INET6 else "127.0.0.1"

@@ -131,7 +131,7 @@ def _key_of(address: Address) -> Any:
     except zenoh.ZError as unfit:
         raise address.refuse(f"expected a key such as decaff/poses ({_said(unfit)})") from unfit
     if "*" in address.place:
-        raise address.refuse("expected one key, without wildcards: several publishers cannot be told apart")
+        raise address.refuse("expected one key, without wildcards: several publishers cannot be known apart")
     return key
 
 

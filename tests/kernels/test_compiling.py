@@ -9,7 +9,7 @@ import pytest
 
 import proximity
 from proximity.errors import QueryError
-from proximity.kernels.compiler import Settled, kernel
+from proximity.kernels.compiler import CompiledCall, kernel
 from proximity.kernels.given import GIVEN_ROWS, row_count, rows_of
 from proximity.kernels.layout import CHILDREN, LANES, NODE_STRIDE, STACK_SIZE
 from proximity.kernels.tree.traversal import descend_in_order, next_open
@@ -23,7 +23,7 @@ def _total(points):
 
 
 def test_a_settled_kernel_takes_arrays_that_lie_anyhow_and_looks_at_them_itself():
-    total, rows = Settled(_total, (GIVEN_ROWS,)), np.arange(12.0).reshape(4, 3)
+    total, rows = CompiledCall(_total, (GIVEN_ROWS,)), np.arange(12.0).reshape(4, 3)
     for _ in range(2):
         assert total.call(rows) == 66.0
     read_only = rows.copy()
@@ -87,12 +87,12 @@ from proximity.scene import line_queries, point_queries
 from proximity.tracker import tracker
 import proximity
 from proximity.errors import QueryError
-from proximity.kernels.compiler import Settled
+from proximity.kernels.compiler import CompiledCall
 
 proximity.warm_up()
 for module in (point_queries, line_queries, tracker):
     for name, value in vars(module).items():
-        if isinstance(value, Settled) and getattr(value.call, "__self__", None) is value:
+        if isinstance(value, CompiledCall) and getattr(value.call, "__self__", None) is value:
             print(name)
 """
 

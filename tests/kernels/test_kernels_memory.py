@@ -15,7 +15,7 @@ from project import TRIALS
 import proximity
 from proximity.kernels.compiler import kernel
 from proximity.kernels.memory import (
-    Told,
+    TableLength,
     arrays_at,
     arrays_behind,
     as_column,
@@ -30,7 +30,9 @@ from proximity.simd import IS_COMPILED
 compiled = pytest.mark.skipif(not IS_COMPILED, reason="kernels are not compiled")
 SIZE = 40
 
-two_at = arrays_behind(("float64", 1, (Told(0), 2, 3)), ("int32", 2, (Told(0),)), ("float32", 1, (Told(3),)))
+two_at = arrays_behind(
+    ("float64", 1, (TableLength(0), 2, 3)), ("int32", 2, (TableLength(0),)), ("float32", 1, (TableLength(3),))
+)
 
 
 @kernel

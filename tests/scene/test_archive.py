@@ -344,7 +344,7 @@ def test_solid_alone_neither_moves_nor_hides(tmp_path):
 
     alone = proximity.load(saved(scene, tmp_path)).parts[2].solid.snapshot()
 
-    assert not alone.parts[:, [layout.IS_LOOSE, layout.IS_HIDDEN]].any()
+    assert not alone.parts[:, [layout.IS_DYNAMIC, layout.IS_HIDDEN]].any()
     assert not alone.frames[:, layout.VELOCITY : layout.SURFACE].any()
 
 

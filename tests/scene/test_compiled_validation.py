@@ -154,7 +154,7 @@ def test_what_follows_from_other_numbers_is_made_anew(contents, tmp_path):
     parts, frames = arrays["parts"], arrays["frames"]
     parts[:, [layout.IS_TURNED, layout.IS_FUSED]] = 1 - parts[:, [layout.IS_TURNED, layout.IS_FUSED]]
     parts[:-1, layout.IS_HIDDEN] = 1
-    parts[-1, [layout.ROOT, layout.LOOSE_COUNT]] = 10**3
+    parts[-1, [layout.ROOT, layout.DYNAMIC_COUNT]] = 10**3
     frames[:, layout.BOX_LOWER : layout.OWN_LOWER] = 7.0
     frames[:-1, layout.ROTATION : layout.CENTRE] = 2.0
     plan, region = TopPlan.of(parts), parts[-1, layout.REGION]

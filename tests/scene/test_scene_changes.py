@@ -163,7 +163,7 @@ def test_added_part_is_found_and_others_stay_as_they_are():
     assert_answers_alike(scene, anew(scene), points, others)
     assert_right_by_brute_force(scene, points)
     model = scene.snapshot()
-    assert np.flatnonzero(model.parts[:-1, layout.IS_LOOSE]).tolist() == [2]
+    assert np.flatnonzero(model.parts[:-1, layout.IS_DYNAMIC]).tolist() == [2]
     assert np.flatnonzero(model.parts[:-1, layout.IS_HIDDEN]).tolist() == [3]
     assert model.frames[2, layout.VELOCITY : layout.VELOCITY + 3].tolist() == [1, 2, 3]
     assert model.frames[6, layout.VELOCITY : layout.VELOCITY + 3].tolist() == [0, 0, 1]
@@ -193,11 +193,11 @@ def test_removed_part_goes_on_answering_and_may_come_back():
     scene.remove("part 5")
 
     assert [each.name for each in scene.parts] == [f"part {row}" for row in range(5)]
-    assert np.flatnonzero(scene.snapshot().parts[:-1, layout.IS_LOOSE]).tolist() == [1, 4]
+    assert np.flatnonzero(scene.snapshot().parts[:-1, layout.IS_DYNAMIC]).tolist() == [1, 4]
     assert_answers_alike(scene, anew(scene), points, others)
     assert judging.same_bits(part.solid.closest(points), alone)
     scene.remove("part 0")
-    assert np.flatnonzero(scene.snapshot().parts[:-1, layout.IS_LOOSE]).tolist() == [0, 3]
+    assert np.flatnonzero(scene.snapshot().parts[:-1, layout.IS_DYNAMIC]).tolist() == [0, 3]
     assert scene.part("part 1") is scene.parts[0]
     scene.add(part)
     assert judging.same_bits(scene.parts[-1].solid.closest(points), alone)

@@ -125,7 +125,7 @@ def test_first_move_makes_a_part_loose_and_later_ones_touch_no_other_node():
     names = ["part 3", "part 8", "part 20"]
     scene.move_many(names, matrices_of(rng, 3))
     model = scene.snapshot()
-    assert np.flatnonzero(model.parts[:, layout.IS_LOOSE]).tolist() == [3, 8, 20]
+    assert np.flatnonzero(model.parts[:, layout.IS_DYNAMIC]).tolist() == [3, 8, 20]
     plan, kept = TopPlan.of(model.parts), model.words.copy()
     regions = slice(NODE_STRIDE * plan.region(0), NODE_STRIDE * plan.region(REGION_COPIES))
     words, row = model.words, model.parts[-1].copy()
@@ -154,7 +154,7 @@ def test_velocity_and_surface_alone_touch_no_tree():
     frames = model.frames
     assert frames[4, layout.VELOCITY : layout.SURFACE].tolist() == [*VELOCITY, *ANGULAR_VELOCITY]
     assert frames[5, layout.SURFACE : layout.DAMPING + 1].tolist() == [2.0, 300.0, 2.0]
-    assert not model.parts[:, layout.IS_LOOSE].any()
+    assert not model.parts[:, layout.IS_DYNAMIC].any()
     assert model.parts[-1, layout.NEIGHBORS] == root
     first = NODE_STRIDE * TopPlan.of(model.parts).region(0)
     assert judging.same_bits(model.words[:first], before[:first])
@@ -451,7 +451,7 @@ def test_pose_that_is_not_rigid_is_named_and_nothing_moves(matrix, message):
 
     for found, expected in zip(answers(scene, points, others), before, strict=True):
         assert judging.same_bits(found, expected)
-    assert not scene.snapshot().parts[:, layout.IS_LOOSE].any()
+    assert not scene.snapshot().parts[:, layout.IS_DYNAMIC].any()
 
 
 TWO = [np.eye(4), np.eye(4)]

@@ -94,7 +94,7 @@ def test_engine_is_the_ideal_distance_on_a_flat_part(flat, speed):
     ideal = press_on_part(flat, HAND.press(speed), engine.setup.ideal)
     drum = 2.0 * engine.setup.drum.resolution
 
-    assert abs(engine.told_contact) < SAGITTA
+    assert abs(engine.reported_contact) < SAGITTA
     assert abs(drum_offset(engine.response) - drum_offset(ideal.response)) < SAGITTA + drum
     off = [one.response.force[rest(one.response)].mean() for one in (engine, ideal)]
     assert abs(off[0] - off[1]) < HAND.series_stiffness * (SAGITTA + drum)
@@ -117,8 +117,8 @@ def test_engine_knows_curved_and_needle_meshed_parts_as_well(mesh, at):
     finger = place_finger(load(MESHES / mesh), at)
     press = run(finger, 0.5, latency=0.003)
 
-    assert press.told_error < SAGITTA / finger.incidence
-    assert abs(press.told_contact) < press.told_error + SAGITTA / finger.incidence
+    assert press.reported_error < SAGITTA / finger.incidence
+    assert abs(press.reported_contact) < press.reported_error + SAGITTA / finger.incidence
     assert press.error.share < 0.11  # PAPER 6.3 has 10 % at 0.5 m/s, and a shift of 0.1 ms makes 3 points
     assert press.error.penetration < 0.2e-3
 
@@ -127,7 +127,7 @@ def test_coarse_way_shows_as_force_error(flat):
     """PAPER 6.5: a bias e of the distance costs 120 N/m e at rest, of hand and pad in a row."""
     press, fine = run(flat, corners=9), run(flat)
     off = [one.response.force[rest(one.response)].mean() for one in (press, fine)]
-    bias = press.told_contact - fine.told_contact
+    bias = press.reported_contact - fine.reported_contact
 
     assert bias > SAGITTA  # what the tracker promises is for the polyline it is given
     noise = HAND.series_stiffness * 2.0 * press.setup.drum.resolution
@@ -145,9 +145,9 @@ def test_figures_of_the_page_are_those_of_the_loop():
         plain = run(bracket, speed, reading=Target.LATCHED)
         assert plain.error.share == pytest.approx(latched, rel=0.1)
         assert f"{100 * share:.1f} %" in text
-    assert press.told_contact == pytest.approx(4.5e-6, abs=0.5e-6)
+    assert press.reported_contact == pytest.approx(4.5e-6, abs=0.5e-6)
     coarse = run(bracket, 1.0, corners=9)
-    assert coarse.told_contact == pytest.approx(0.38e-3, abs=0.01e-3)
+    assert coarse.reported_contact == pytest.approx(0.38e-3, abs=0.01e-3)
     assert "off by 4.5 µm" in text and "off by 0.38 mm" in text and "5.1 and 46 %" in text
 
 

@@ -24,7 +24,7 @@ from proximity.kernels.layout import (
     SCALE,
     STACKS_SIZE,
 )
-from proximity.kernels.point.budgeted_walk import ROOM_SIZE, known_sq, nearest_with_budget
+from proximity.kernels.point.budgeted_walk import WORKSPACE_SIZE, known_sq, nearest_with_budget
 from proximity.kernels.point.walk import NOTHING_SEEN
 from proximity.kernels.scene.nearest_part import (
     nearest_in_scene,
@@ -69,7 +69,7 @@ def start_of(model):
 
 def guarded_room():
     """Room for a walk, and the whole array of which it is the middle."""
-    whole = np.full(ROOM_SIZE + 2 * GUARD, UNTOUCHED, np.float32)
+    whole = np.full(WORKSPACE_SIZE + 2 * GUARD, UNTOUCHED, np.float32)
     return whole[GUARD:-GUARD], whole
 
 

@@ -235,7 +235,7 @@ def interrupt(monkeypatch, owner, name):
         yield
 
 
-@pytest.mark.parametrize("name", ["_forget", "_find_again", "_tell_addresses"])
+@pytest.mark.parametrize("name", ["_forget", "_find_again", "_write_addresses"])
 def test_parts_are_counted_though_taking_them_over_was_interrupted(monkeypatch, name):
     scene = Scene([block("near", (0.0, 0.0, -0.06))])
     tracker, tip = Tracker(scene, fingers=1), np.array([[0.0, 0.0, 2.0]])
@@ -256,7 +256,7 @@ def test_paths_have_room_though_making_it_was_interrupted(monkeypatch):
     paths = np.linspace((0.0, 0.0, 0.05), (0.0, 0.0, -0.02), 300)[None]
     expected = Tracker(scene, fingers=1).tick(tips, 0, 0, paths=paths).copy()
     tracker = Tracker(scene, fingers=1)
-    for _ in interrupt(monkeypatch, Tracker, "_tell_addresses"):
+    for _ in interrupt(monkeypatch, Tracker, "_write_addresses"):
         with pytest.raises(KeyboardInterrupt):
             tracker.tick(tips, 0, 0, paths=paths)
     tracker.reset()

@@ -5,12 +5,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from proximity.transport.publisher_clock import (
-    DOUBT_NS,
     JUMP_NS,
     NS_PER_DRIFT,
     PACE_NS,
     SETTLING_NS,
     TRANSIT_NS,
+    UNCERTAIN_NS,
     ForeignClock,
 )
 
@@ -27,13 +27,13 @@ def settled():
     clock = ForeignClock()
     for sent in range(0, 2 * SETTLING_NS, MS):
         hear(clock, sent)
-    assert clock.is_settled
+    assert clock.is_certain
     return clock, 2 * SETTLING_NS
 
 
 def test_clock_that_was_never_heard_is_ours():
     assert ForeignClock().theirs(17) == 17
-    assert not ForeignClock().is_settled
+    assert not ForeignClock().is_certain
 
 
 def test_fastest_message_tells_the_clock():
@@ -73,17 +73,17 @@ def test_one_message_settles_nothing():
     clock = ForeignClock()
     hear(clock, 0)
 
-    assert not clock.is_settled
+    assert not clock.is_certain
 
 
 def test_clock_is_settled_once_it_was_seen_to_run():
     clock = ForeignClock()
     for sent in range(0, SETTLING_NS, MS):
         hear(clock, sent)
-        assert not clock.is_settled
+        assert not clock.is_certain
     hear(clock, SETTLING_NS)
 
-    assert clock.is_settled
+    assert clock.is_certain
 
 
 def test_slow_publisher_settles_with_its_second_message():
@@ -91,7 +91,7 @@ def test_slow_publisher_settles_with_its_second_message():
     hear(clock, 0)
     hear(clock, 200 * MS)
 
-    assert clock.is_settled
+    assert clock.is_certain
 
 
 @given(st.integers(2, 300), st.integers(0, 3000))
@@ -100,7 +100,7 @@ def test_row_of_old_messages_that_comes_at_once_settles_nothing(count, gap_ns):
     for number in range(count):
         clock.arrived(number * MS, number * gap_ns)
 
-    assert not clock.is_settled
+    assert not clock.is_certain
 
 
 @pytest.mark.parametrize("count", [10, 60, 150, 300])
@@ -111,7 +111,7 @@ def test_row_of_old_messages_in_two_parts_settles_nothing(count):
         for number in range(count):
             clock.arrived((part * count + number) * MS, part * 100 * MS + number)
 
-    assert not clock.is_settled
+    assert not clock.is_certain
 
 
 def test_first_messages_that_were_held_up_do_not_count():
@@ -120,7 +120,7 @@ def test_first_messages_that_were_held_up_do_not_count():
     hear(clock, 60 * MS, 35 * MS)  # much faster: a new beginning
     hear(clock, 96 * MS, MS)
 
-    assert not clock.is_settled
+    assert not clock.is_certain
 
 
 def test_settled_clock_stays_so_when_a_way_becomes_faster_or_slower():
@@ -128,7 +128,7 @@ def test_settled_clock_stays_so_when_a_way_becomes_faster_or_slower():
     hear(clock, start, 300 * MS)
     hear(clock, start + MS, 0)
 
-    assert clock.is_settled
+    assert clock.is_certain
     assert clock.theirs(start + 10 * MS) == start + 10 * MS + AHEAD + TRANSIT_NS
 
 
@@ -139,10 +139,10 @@ def test_other_clock_is_learnt_anew(jump, is_new_run):
     """A machine started anew: its monotonic clock jumps; forward it may do so at any time."""
     clock, start = settled()
     clock.arrived(start + AHEAD + jump, start + MS // 2, is_new_run=is_new_run)
-    assert not clock.is_settled
+    assert not clock.is_certain
 
     clock.arrived(start + AHEAD + jump + SETTLING_NS, start + MS // 2 + SETTLING_NS)
-    assert clock.is_settled
+    assert clock.is_certain
     assert clock.theirs(start) == start + AHEAD + jump - MS // 2 + TRANSIT_NS
 
 
@@ -150,7 +150,7 @@ def test_old_message_does_not_move_a_clock():
     clock, start = settled()
     clock.arrived(start + AHEAD - 10 * JUMP_NS, start)
 
-    assert clock.is_settled
+    assert clock.is_certain
     assert clock.theirs(start) == pytest.approx(start + AHEAD - MS // 2 + TRANSIT_NS, abs=MS // NS_PER_DRIFT)
 
 
@@ -162,7 +162,7 @@ def test_way_that_becomes_longer_for_good_is_not_another_clock(delay, silence):
     for passed in range(silence, silence + 10 * JUMP_NS, MS):
         clock.arrived(start + passed - delay + AHEAD, start + passed)
 
-    assert clock.is_settled
+    assert clock.is_certain
     off = start + passed + AHEAD - clock.theirs(start + passed)
     assert -TRANSIT_NS <= off <= (silence + 10 * JUMP_NS) // NS_PER_DRIFT
 
@@ -172,7 +172,7 @@ def test_way_that_becomes_longer_without_end_is_not_another_clock():
     for passed in range(0, 4 * JUMP_NS, MS):
         clock.arrived(start + passed // 2 + AHEAD, start + passed)
 
-    assert clock.is_settled
+    assert clock.is_certain
     assert start + passed + AHEAD - clock.theirs(start + passed) <= 4 * JUMP_NS // NS_PER_DRIFT
 
 
@@ -184,7 +184,7 @@ def test_clock_that_was_put_back_makes_all_old_until_a_new_run():
         assert clock.theirs(start + passed) - (start + passed + ahead) > 99 * JUMP_NS
 
     clock.arrived(start + passed + ahead, start + passed, is_new_run=True)
-    assert not clock.is_settled
+    assert not clock.is_certain
     assert clock.theirs(start + passed) == start + passed + ahead + TRANSIT_NS
 
 
@@ -192,7 +192,7 @@ def test_new_run_of_a_process_on_a_way_that_is_no_longer_leaves_the_clock_settle
     clock, start = settled()
     clock.arrived(start + AHEAD, start + JUMP_NS // 2, is_new_run=True)
 
-    assert clock.is_settled
+    assert clock.is_certain
 
 
 @pytest.mark.parametrize("count", [1, 5])
@@ -200,14 +200,14 @@ def test_messages_of_an_instant_that_cannot_be_do_not_make_all_others_old(count)
     clock, start = settled()
     for number in range(count):
         clock.arrived(2**61 + number * MS, start + number * MS)
-        assert not clock.is_settled
+        assert not clock.is_certain
     start += count * MS
     for sent in range(start, start + SETTLING_NS, MS):
         hear(clock, sent)
-        assert not clock.is_settled
+        assert not clock.is_certain
     hear(clock, start + SETTLING_NS)
 
-    assert clock.is_settled
+    assert clock.is_certain
     drift = 2 * SETTLING_NS // NS_PER_DRIFT
     assert clock.theirs(start) == pytest.approx(start + AHEAD - MS // 2 + TRANSIT_NS, abs=drift)
 
@@ -228,7 +228,7 @@ def is_old_or_true(clock, sent, transit):
     """Whether a message that took long is known to be as old, but for what no receiver can see, or drift."""
     drift = 60 * JUMP_NS // NS_PER_DRIFT
     age = clock.theirs(sent + transit) - (sent + AHEAD)
-    return not clock.is_settled or age >= transit - PACE_NS - drift
+    return not clock.is_certain or age >= transit - PACE_NS - drift
 
 
 @pytest.mark.parametrize("period", [MS, 11 * MS, 20 * MS])
@@ -236,28 +236,28 @@ def is_old_or_true(clock, sent, transit):
 def test_instant_that_is_too_early_is_undone_by_those_that_follow(early, period):
     clock, start = settled()
     clock.arrived(start + AHEAD + early, start + MS // 2)
-    assert not clock.is_settled
-    end = run(clock, start + period, DOUBT_NS + SETTLING_NS + 3 * period, period=period)
+    assert not clock.is_certain
+    end = run(clock, start + period, UNCERTAIN_NS + SETTLING_NS + 3 * period, period=period)
 
-    assert clock.is_settled
+    assert clock.is_certain
     assert clock.theirs(end) == pytest.approx(end + AHEAD - MS // 2 + TRANSIT_NS, abs=MS)
 
 
 def test_first_instant_that_is_too_early_is_undone_too():
     clock = ForeignClock()
     clock.arrived(AHEAD + 500 * MS, 0)
-    end = run(clock, MS, DOUBT_NS + SETTLING_NS + 3 * MS)
+    end = run(clock, MS, UNCERTAIN_NS + SETTLING_NS + 3 * MS)
 
-    assert clock.is_settled
+    assert clock.is_certain
     assert clock.theirs(end) == pytest.approx(end + AHEAD - MS // 2 + TRANSIT_NS, abs=MS)
 
 
 def test_instant_that_is_too_early_is_not_undone_sooner():
     clock, start = settled()
     clock.arrived(start + AHEAD + 500 * MS, start + MS // 2)
-    for sent in range(start + MS, start + DOUBT_NS, MS):
+    for sent in range(start + MS, start + UNCERTAIN_NS, MS):
         hear(clock, sent)
-        assert not clock.is_settled
+        assert not clock.is_certain
         assert clock.theirs(sent) > sent + AHEAD + 499 * MS
 
 
@@ -266,7 +266,7 @@ def slow_and_settled(transit):
     clock = ForeignClock()
     for sent in range(0, 2 * SETTLING_NS, MS):
         hear(clock, sent, transit)
-    assert clock.is_settled
+    assert clock.is_certain
     return clock, 2 * SETTLING_NS
 
 
@@ -311,7 +311,7 @@ def test_publisher_that_starts_anew_behind_a_late_way_is_old(slow, pause):
     clock.arrived(start + AHEAD, start + slow, is_new_run=True)
     run(clock, start + MS, 5 * JUMP_NS, slow)
 
-    assert clock.is_settled
+    assert clock.is_certain
 
 
 @pytest.mark.parametrize("slow", [100 * MS, 500 * MS, 900 * MS])
@@ -327,11 +327,11 @@ def test_new_run_that_was_sent_before_the_last_of_the_run_before_has_another_clo
     """As when another machine takes over at once."""
     clock, start = settled()
     clock.arrived(start + AHEAD - behind, start + MS // 2, is_new_run=True)
-    assert not clock.is_settled
+    assert not clock.is_certain
     for sent in range(start + MS, start + MS + SETTLING_NS, MS):
         clock.arrived(sent + AHEAD - behind, sent + MS // 2)
 
-    assert clock.is_settled
+    assert clock.is_certain
     now = start + SETTLING_NS
     assert clock.theirs(now) == pytest.approx(now + AHEAD - behind - MS // 2 + TRANSIT_NS, abs=MS)
 
@@ -348,7 +348,7 @@ def test_way_that_becomes_longer_for_good_is_only_drift(slow, is_gradual):
             assert is_old_or_true(clock, sent, transit)
     run(clock, sent + MS, 10 * JUMP_NS, slow)
 
-    assert clock.is_settled
+    assert clock.is_certain
 
 
 @given(
@@ -384,5 +384,5 @@ def test_reset_forgets():
     clock, _ = settled()
     clock.reset()
 
-    assert not clock.is_settled
+    assert not clock.is_certain
     assert clock.theirs(5) == 5

@@ -46,7 +46,7 @@ TAIL_POINTS = 120  # of a plot
 
 
 def document(certificate: Certificate, gate: float | None = None, *, version: str = "") -> dict[str, Any]:
-    """Return all that is told of a certificate.
+    """Return all that is reported of a certificate.
 
     Parameters
     ----------

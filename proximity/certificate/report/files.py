@@ -39,14 +39,14 @@ def check_report_name(path: str | os.PathLike[str]) -> None:
         raise ServiceError(f"{target}: there is no folder {target.parent}")
 
 
-def write_report(path: str | os.PathLike[str], told: dict[str, Any], scene: Scene) -> tuple[Path, ...]:
+def write_report(path: str | os.PathLike[str], reported: dict[str, Any], scene: Scene) -> tuple[Path, ...]:
     """Write JSON, and then the page if that is asked for; each file wholly or not at all.
 
     Parameters
     ----------
     path : path
         Ends in .html: the page, with the JSON beside it. Ends in .json: that alone.
-    told : dict
+    reported : dict
         See `document`.
     scene : Scene
         Whose surface is drawn.
@@ -67,25 +67,25 @@ def write_report(path: str | os.PathLike[str], told: dict[str, Any], scene: Scen
     target = Path(path)
     numbers = target.with_suffix(".json")
     with whole_file(numbers) as stream:
-        stream.write(as_json(told).encode())
+        stream.write(as_json(reported).encode())
     if target.suffix.lower() == ".json":
         return (numbers,)
     surface, _ = surface_samples(scene, CLOUD, np.random.default_rng(0))
-    text = page(told, surface)
+    text = page(reported, surface)
     with whole_file(target) as stream:
         stream.write(text.encode())
     return target, numbers
 
 
-def as_json(told: dict[str, Any]) -> str:
+def as_json(reported: dict[str, Any]) -> str:
     """Return a document as text; what is no number becomes null.
 
     Parameters
     ----------
-    told : dict
+    reported : dict
         See `document`.
     """
-    return json.dumps(_plain(told), allow_nan=False, indent=1, ensure_ascii=False) + "\n"
+    return json.dumps(_plain(reported), allow_nan=False, indent=1, ensure_ascii=False) + "\n"
 
 
 def _plain(value: Any) -> Any:

@@ -56,12 +56,12 @@ the system gave the loop:</p><ul>{given}</ul>"""
 HASH_DIGITS = 16  # shown in the title
 
 
-def page(told: dict[str, Any], surface: np.ndarray) -> str:
+def page(reported: dict[str, Any], surface: np.ndarray) -> str:
     """Return the report.
 
     Parameters
     ----------
-    told : dict
+    reported : dict
         See `document`.
     surface : (K, 3) float64, m
         Points of the surface, for the picture of the worst places.
@@ -71,17 +71,18 @@ def page(told: dict[str, Any], surface: np.ndarray) -> str:
     DecaffError
         If matplotlib is not there; it says what to install.
     """
-    name = escape(told["scene"]["files"][0] if told["scene"]["files"] else "scene")
+    name = escape(reported["scene"]["files"][0] if reported["scene"]["files"] else "scene")
     parts = [
         f"<h1>Latency certificate: {name}</h1>",
-        f'<p class="dim">scene {told["scene"]["sha256"][:HASH_DIGITS]} · {told["machine"]["date"]}</p>',
-        _verdict(told),
-        _facts(told),
-        _times(told, plots.draw_tails(told)),
-        _shares(told),
-        _places(told, plots.draw_places(told, surface)),
-        _feeling(told, plots.draw_feeling(told)),
-        _method(told),
+        f'<p class="dim">scene {reported["scene"]["sha256"][:HASH_DIGITS]} · '
+        f"{reported['machine']['date']}</p>",
+        _verdict(reported),
+        _facts(reported),
+        _times(reported, plots.draw_tails(reported)),
+        _shares(reported),
+        _places(reported, plots.draw_places(reported, surface)),
+        _feeling(reported, plots.draw_feeling(reported)),
+        _method(reported),
     ]
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
@@ -92,8 +93,8 @@ def page(told: dict[str, Any], surface: np.ndarray) -> str:
     )
 
 
-def _verdict(told: dict[str, Any]) -> str:
-    verdict, loop = told["verdict"], told["loop"]
+def _verdict(reported: dict[str, Any]) -> str:
+    verdict, loop = reported["verdict"], reported["loop"]
     word, kind = ("Fits", "verdict") if verdict["fits"] else ("Does not fit", "verdict bad")
     sentence = verdict["sentence"]
     woken = microseconds(loop["lateness"]["p99"])
@@ -104,8 +105,8 @@ def _verdict(told: dict[str, Any]) -> str:
     )
 
 
-def _facts(told: dict[str, Any]) -> str:
-    scene, machine, settings = told["scene"], told["machine"], told["settings"]
+def _facts(reported: dict[str, Any]) -> str:
+    scene, machine, settings = reported["scene"], reported["machine"], reported["settings"]
     size = (np.array(scene["bounds"][1]) - scene["bounds"][0]) * 1e3
     facts = {
         "files": ", ".join(scene["files"]),
@@ -116,14 +117,14 @@ def _facts(told: dict[str, Any]) -> str:
         f"working range {three(1e3 * settings['working_range_m'])} mm, seed {settings['seed']}",
         "machine": f"{machine['processor']}, {machine['cores']} cores, {machine['system']}; "
         f"load {', '.join(f'{load:g}' for load in machine['load'])}",
-        "versions": ", ".join(f"{name} {version}" for name, version in told["versions"].items()),
+        "versions": ", ".join(f"{name} {version}" for name, version in reported["versions"].items()),
     }
     return (
         "<dl>" + "".join(f"<dt>{key}</dt><dd>{escape(value)}</dd>" for key, value in facts.items()) + "</dl>"
     )
 
 
-def _times(told: dict[str, Any], picture: str) -> str:
+def _times(reported: dict[str, Any], picture: str) -> str:
     rows = [
         [
             case["name"] + ("" if case["counts"] else " *"),
@@ -133,9 +134,9 @@ def _times(told: dict[str, Any], picture: str) -> str:
             *(microseconds(case["wall"][key]) for key in ("p999", "max")),
             microseconds(case["best"]["p999"]) if case["counts"] else "",
         ]
-        for case in told["cases"]
+        for case in reported["cases"]
     ]
-    loop = told["loop"]
+    loop = reported["loop"]
     for name, kind in (("service: computing", "compute"), ("service: woken late", "lateness")):
         rows.append(
             [
@@ -157,11 +158,11 @@ def _times(told: dict[str, Any], picture: str) -> str:
     )
 
 
-def _shares(told: dict[str, Any]) -> str:
-    rows = [(case["name"] + ("" if case["counts"] else " *"), case["periods"]) for case in told["cases"]]
+def _shares(reported: dict[str, Any]) -> str:
+    rows = [(case["name"] + ("" if case["counts"] else " *"), case["periods"]) for case in reported["cases"]]
     rows += [
-        ("service: computing", told["loop"]["compute"]["periods"]),
-        ("service: woken late", told["loop"]["lateness"]["periods"]),
+        ("service: computing", reported["loop"]["compute"]["periods"]),
+        ("service: woken late", reported["loop"]["lateness"]["periods"]),
     ]
     heads = ["%, missed"] + [
         f"{1e3 * row['period_s']:g} ms<br><small>{escape(row['source'])}</small>" for row in rows[0][1]
@@ -183,9 +184,9 @@ def _share(row: dict[str, Any]) -> str:
     return f"<td{kind}>{shares}<br><small>{escape(wording.missed(row, ''))}</small></td>"
 
 
-def _places(told: dict[str, Any], picture: str) -> str:
+def _places(reported: dict[str, Any], picture: str) -> str:
     rows = []
-    for goal in told["search"]:
+    for goal in reported["search"]:
         worst = goal["places"][0]
         typical = goal["typical_work"]
         rows.append(
@@ -208,9 +209,9 @@ def _places(told: dict[str, Any], picture: str) -> str:
     )
 
 
-def _feeling(told: dict[str, Any], picture: str) -> str:
+def _feeling(reported: dict[str, Any], picture: str) -> str:
     rows = []
-    for row in told["feeling"]:
+    for row in reported["feeling"]:
         name = row["source"] if row["period_s"] is None else f"{1e3 * row['period_s']:g} ms: {row['source']}"
         cells = [
             f"{three(1e3 * felt['penetration'])} mm, {three(felt['force_error'])} N, "
@@ -218,7 +219,7 @@ def _feeling(told: dict[str, Any], picture: str) -> str:
             for felt in row["speeds"]
         ]
         rows.append([name, three(1e3 * row["delay_s"]), *cells])
-    heads = ["period", "delay, ms", *(f"{felt['speed']:g} m/s" for felt in told["feeling"][0]["speeds"])]
+    heads = ["period", "delay, ms", *(f"{felt['speed']:g} m/s" for felt in reported["feeling"][0]["speeds"])]
     return (
         "<h2>What that means at the finger</h2>"
         + _table(heads, rows)
@@ -227,11 +228,11 @@ def _feeling(told: dict[str, Any], picture: str) -> str:
     )
 
 
-def _method(told: dict[str, Any]) -> str:
-    loop, notes = told["loop"], told["loop"]["notes"] or ["nothing was asked for"]
+def _method(reported: dict[str, Any]) -> str:
+    loop, notes = reported["loop"], reported["loop"]["notes"] or ["nothing was asked for"]
     given = "".join(f"<li>{escape(note)}</li>" for note in notes)
-    ran = f"{three(told['settings']['loop_s'])} s at {three(1e3 * loop['period_s'])} ms"
-    return METHOD.format(ran=ran, given=given, fed=wording.fed(told["settings"]))
+    ran = f"{three(reported['settings']['loop_s'])} s at {three(1e3 * loop['period_s'])} ms"
+    return METHOD.format(ran=ran, given=given, fed=wording.fed(reported["settings"]))
 
 
 def _table(heads: Iterable[str], rows: Iterable[Iterable[str]]) -> str:

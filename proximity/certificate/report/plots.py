@@ -31,19 +31,19 @@ LOOK = {
 }  # fmt: skip
 
 
-def draw_tails(told: dict[str, Any]) -> str:
+def draw_tails(reported: dict[str, Any]) -> str:
     """Return how many ticks took longer than a time, for each motion and the loop; both axes logarithmic.
 
     Parameters
     ----------
-    told : dict
+    reported : dict
         See `document`.
     """
 
     def draw(figure: "Figure", _: Any) -> None:
         panel = figure.add_subplot()
-        rows = [(case["name"], case["tail"], case["ticks"]) for case in told["cases"]]
-        loop = told["loop"]
+        rows = [(case["name"], case["tail"], case["ticks"]) for case in reported["cases"]]
+        loop = reported["loop"]
         rows += [
             ("service: computing", loop["compute"]["tail"], loop["ticks"]),
             ("service: woken late", loop["lateness"]["tail"], loop["ticks"]),
@@ -54,19 +54,19 @@ def draw_tails(told: dict[str, Any]) -> str:
                 np.maximum(times, 1.0) / 1e3, counts / ticks, label=name, where="post",
                 color=COLOURS[number % len(COLOURS)], linestyle=DASHES[number % len(DASHES)], linewidth=1.3,
             )  # fmt: skip
-        _mark_periods(panel, told)
+        _mark_periods(panel, reported)
         panel.set(xscale="log", yscale="log", xlabel="time of a tick [µs]", ylabel="share that took longer")
         panel.legend(loc="center left", bbox_to_anchor=(1.01, 0.5))
 
     return _svg(draw, "tails")
 
 
-def draw_places(told: dict[str, Any], surface: np.ndarray) -> str:
+def draw_places(reported: dict[str, Any], surface: np.ndarray) -> str:
     """Return where the worst places are, seen along two axes, with points of the surface around them.
 
     Parameters
     ----------
-    told : dict
+    reported : dict
         See `document`.
     surface : (K, 3) float64, m
         Points of the surface.
@@ -79,7 +79,7 @@ def draw_places(told: dict[str, Any], surface: np.ndarray) -> str:
             panel.plot(
                 cloud[:, across], cloud[:, up], ".", color=INK, alpha=0.5, markersize=1.8, markeredgewidth=0
             )
-            for number, goal in enumerate(told["search"]):
+            for number, goal in enumerate(reported["search"]):
                 places = 1e3 * np.array([place["position"] for place in goal["places"]])
                 panel.plot(
                     places[:, across], places[:, up], "osv^D*"[number % 6], color=COLOURS[number],
@@ -91,12 +91,12 @@ def draw_places(told: dict[str, Any], surface: np.ndarray) -> str:
     return _svg(draw, "places")
 
 
-def draw_feeling(told: dict[str, Any]) -> str:
+def draw_feeling(reported: dict[str, Any]) -> str:
     """Return how deep a finger enters a wall that answers late, with the periods of this scene marked.
 
     Parameters
     ----------
-    told : dict
+    reported : dict
         See `document`.
     """
 
@@ -112,7 +112,10 @@ def draw_feeling(told: dict[str, Any]) -> str:
                     1e3 * delays, values, color=COLOURS[number], linestyle=DASHES[number + 1], linewidth=1.3,
                     label=f"{speed:g} m/s",
                 )  # fmt: skip
-                at = [(1e3 * row["delay_s"], factor * row["speeds"][number][kind]) for row in told["feeling"]]
+                at = [
+                    (1e3 * row["delay_s"], factor * row["speeds"][number][kind])
+                    for row in reported["feeling"]
+                ]
                 panel.plot(*np.array(at).T, "o", color=COLOURS[number], markersize=4)
             panel.set(xscale="log", yscale="log", xlabel="delay [ms]", ylabel=label)
         panels[0].legend(loc="upper left")
@@ -124,8 +127,8 @@ def _words(goal: dict[str, Any]) -> str:
     return f"{goal['manner']}, {'budget' if goal['within_budget'] else 'exact'}"
 
 
-def _mark_periods(panel: "Axes", told: dict[str, Any]) -> None:
-    for number, row in enumerate(told["cases"][0]["periods"]):
+def _mark_periods(panel: "Axes", reported: dict[str, Any]) -> None:
+    for number, row in enumerate(reported["cases"][0]["periods"]):
         period = row["period_s"]
         rise = 3 + 8 * (number % 2)  # neighbours may be close
         panel.axvline(1e6 * period, color=INK, linewidth=0.7, linestyle=":")

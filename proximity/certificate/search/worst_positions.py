@@ -76,7 +76,7 @@ def search(
     most_steps : float
         Nodes and leaves visited for each goal, about.
     tell : callable
-        Is told what is done, and which share of the search is.
+        Called with what is done, and which share of the search is.
     """
     begin = starts(subject, COUNTS if counts is None else counts, np.random.default_rng([seed, 0]))
     found: list[Found] = []

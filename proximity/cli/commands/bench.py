@@ -21,7 +21,7 @@ HELP = "\n\n".join(
         "(.html) with its numbers beside it (.json); --json prints these instead.",
         "With --gate the exit code is 1 unless the computing of 99.9 % of the ticks of every motion, of "
         "three runs the best, takes no longer than PERIOD, and that of half of the loop's ticks. What the "
-        "machine adds, interruptions and late waking, is told and fails no scene. A page needs matplotlib.",
+        "machine adds, interruptions and late waking, is shown and fails no scene. A page needs matplotlib.",
     )
 )
 
@@ -111,27 +111,27 @@ def command(
             typer.echo(f"proximity: {subject.recording.path}: {note}", err=True)
     with _progress() as tell:
         found = certificate.certify(subject, tick_count=ticks, seconds=seconds, seed=seed, tell=tell)
-    told = certificate.document(found, period, version=proximity.__version__)
+    reported = certificate.document(found, period, version=proximity.__version__)
     if as_json:
-        typer.echo(certificate.as_json(told), nl=False)
+        typer.echo(certificate.as_json(reported), nl=False)
     else:
-        bench_report.write(told)
-    is_written = report is None or _write(report, told, subject.scene)
-    if gate is not None and not told["verdict"]["fits"]:
-        typer.echo(f"proximity: {told['verdict']['sentence']}", err=True)
+        bench_report.write(reported)
+    is_written = report is None or _write(report, reported, subject.scene)
+    if gate is not None and not reported["verdict"]["fits"]:
+        typer.echo(f"proximity: {reported['verdict']['sentence']}", err=True)
         raise typer.Exit(EXIT_DOES_NOT_FIT)
     if out is not None and not is_written:
         raise typer.Exit(EXIT_UNUSABLE)
 
 
-def _write(report: Path, told: dict[str, Any], scene: "proximity.Scene") -> bool:
+def _write(report: Path, reported: dict[str, Any], scene: "proximity.Scene") -> bool:
     """Write the report; whether all of it, and not the numbers alone, because matplotlib is missing."""
     from proximity import certificate
     from proximity.cli import progress
 
     try:
         with progress.spinner(f"writing {report}"):
-            written = certificate.write_report(report, told, scene)
+            written = certificate.write_report(report, reported, scene)
     except proximity.DecaffError as missing:
         typer.echo(f"proximity: wrote {report.with_suffix('.json')} alone: {missing}", err=True)
         return False

@@ -66,5 +66,5 @@ def _is_one_file(file: Path, out: Path) -> bool:
     """Whether both names lead to one file, through links of any kind."""
     try:
         return os.path.samefile(file, out)
-    except (OSError, ValueError):  # one is not there, which is told later
+    except (OSError, ValueError):  # one is not there, which is reported later
         return False

@@ -80,7 +80,7 @@ def command(
         screen, ends = opened.enter_context(Screen(Console())), time.monotonic() + seconds
         while True:
             reading, seen = follower.look(TURN_S)
-            show(screen, reading, seen, drums.told())
+            show(screen, reading, seen, drums.reported())
             is_running = service.is_running and drums.is_running
             if stop.is_set() or not is_running or time.monotonic() >= ends:
                 break

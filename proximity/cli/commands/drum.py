@@ -65,7 +65,7 @@ def command(
     log: LOG = None,
     as_json: AS_JSON = False,
 ) -> None:
-    """Run drums until told to stop."""
+    """Run drums until asked to stop."""
     check_limit(limit)
     _check(rate, max_age, calibration)
     # NumPy, Rich and the library: only now, so that --help and mistakes above answer at once.
@@ -96,16 +96,16 @@ def command(
 
         with DrumsBeside(bench, subscriber, rate, look) as drums:
             while drums.is_running and not stop.wait(TURN_S) and not _is_over(ends):
-                for doubt in bench.doubts():
-                    typer.echo(f"proximity: {doubt}", err=True)
+                for warning in bench.warnings():
+                    typer.echo(f"proximity: {warning}", err=True)
                 screen.show(
                     lambda: line(newest[0], bench),
                     lambda size: table(newest[0], bench, max(1, size.height - OTHER_LINES)),
                 )
         counts = subscriber.counts
-    told = summary(bench, address, counts, time.monotonic() - started)
+    reported = summary(bench, address, counts, time.monotonic() - started)
     if as_json:
-        typer.echo(json.dumps(told, indent=2))
+        typer.echo(json.dumps(reported, indent=2))
     if not counts.received:
         raise typer.Exit(EXIT_NOTHING)
 

@@ -51,6 +51,6 @@ def command(
         with progress.spinner(f"drawing {catalogue.PLATES[name].title}"):
             paths = catalogue.write_figure(name, out, form)
         file_count += len(paths)
-        told = ", ".join(path.name for path in paths)
-        typer.echo(f"proximity: {told} ({time.monotonic() - started:.1f} s)", err=True)
+        reported = ", ".join(path.name for path in paths)
+        typer.echo(f"proximity: {reported} ({time.monotonic() - started:.1f} s)", err=True)
     typer.echo(f"{out}: {len(chosen)} figures, {file_count} files, {time.monotonic() - began:.1f} s")

@@ -42,7 +42,7 @@ def command(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="The log; made, or continued.")],
     limit: LIMIT = None,
 ) -> None:
-    """Record frames until told to stop."""
+    """Record frames until asked to stop."""
     check_limit(limit)
     # NumPy, Rich and the library: only now, so that --help and mistakes above answer at once.
     from proximity.recording import FrameLog
@@ -60,7 +60,7 @@ def command(
         started = time.monotonic()
         try:
             _record(inlet, subscriber, log, stop, limit)
-        finally:  # also on a full disk: the log holds what is told here
+        finally:  # also on a full disk: the log holds what is reported here
             seconds = time.monotonic() - started
             typer.echo(f"{file}: {summary(log.frame_count, seconds, subscriber.counts)}")
     if not log.frame_count:

@@ -69,7 +69,7 @@ BUDGET = Annotated[
 ]
 WORKING_RANGE = Annotated[
     float | None,
-    typer.Option("--range", metavar="D", help="Beyond it only bounds are told; 120 mm if not given."),
+    typer.Option("--range", metavar="D", help="Beyond it only bounds are reported; 120 mm if not given."),
 ]
 LIMIT = Annotated[float | None, typer.Option("--limit", metavar="SECONDS", help="Replay no more than this.")]
 OUT = Annotated[

@@ -1,4 +1,4 @@
-"""``proximity serve``: the service that a scene file describes, until it is told to stop."""
+"""``proximity serve``: the service that a scene file describes, until it is asked to stop."""
 
 import contextlib
 import os
@@ -22,8 +22,8 @@ HELP = "\n\n".join(
         "SCENE and the files of its parts may be edited meanwhile: an edit is taken between two ticks, or "
         "refused with a sentence while the scene before is served on.",
         "The report on standard output says how many ticks there were, how many were missed, how long they "
-        "took, and how late they began. Exit codes: 0 stopped as told; 2 SCENE cannot be used, an address is "
-        "in use, or the log that was asked for lacks frames.",
+        "took, and how late they began. Exit codes: 0 stopped when asked; 2 SCENE cannot be used, an address "
+        "is in use, or the log that was asked for lacks frames.",
     )
 )
 
@@ -77,7 +77,7 @@ def command(
     as_json: AS_JSON = False,
     until_stdin: UNTIL_STDIN = False,
 ) -> None:
-    """Serve until told to stop, and print the report."""
+    """Serve until asked to stop, and print the report."""
     check_limit(limit)
     if ticks is not None and ticks < 1:
         raise typer.BadParameter(f"{ticks} ticks: expected 1 or more", param_hint="--ticks")

@@ -28,7 +28,7 @@ TURN_S = 0.02  # within that a wish to stop is noticed, and a silence shown
 
 
 def command(address: ADDRESS, limit: LIMIT = None) -> None:
-    """Show a service until told to stop."""
+    """Show a service until asked to stop."""
     check_limit(limit)
     # NumPy, Rich and the library: only now, so that --help and mistakes above answer at once.
     from proximity.cli.console import Console

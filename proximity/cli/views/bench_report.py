@@ -1,4 +1,4 @@
-"""What is told of a certificate on the terminal."""
+"""What is reported of a certificate on the terminal."""
 
 import sys
 from typing import Any
@@ -15,28 +15,28 @@ from proximity.cli.views.wording import printable
 HASH_DIGITS = 16
 
 
-def write(told: dict[str, Any]) -> None:
+def write(reported: dict[str, Any]) -> None:
     """Write the certificate to stdout: scene, worst places, times against periods, the verdict.
 
     Parameters
     ----------
-    told : dict
+    reported : dict
         See `proximity.certificate.report.document`.
     """
     console = Console()
     console = console if console.is_terminal else Console(width=UNBOUNDED)
-    print_block(console, _scene(told))
+    print_block(console, _scene(reported))
     console.print()
-    console.print(_places(told["search"]))
+    console.print(_places(reported["search"]))
     console.print()
-    console.print(_times(told))
+    console.print(_times(reported))
     console.print()
-    print_block(console, _ends(told))
+    print_block(console, _ends(reported))
     sys.stdout.flush()
 
 
-def _scene(told: dict[str, Any]) -> Lines:
-    scene, settings, machine = told["scene"], told["settings"], told["machine"]
+def _scene(reported: dict[str, Any]) -> Lines:
+    scene, settings, machine = reported["scene"], reported["settings"], reported["machine"]
     files = ", ".join(map(printable, scene["files"]))
     return [
         (
@@ -65,15 +65,15 @@ def _places(goals: list[dict[str, Any]]) -> Table:
     return table
 
 
-def _times(told: dict[str, Any]) -> Table:
-    periods = told["cases"][0]["periods"]
+def _times(reported: dict[str, Any]) -> Table:
+    periods = reported["cases"][0]["periods"]
     shares = (f"{1e3 * row['period_s']:g} ms" for row in periods)
     table = _table("computing \\[µs]; p99.9 in % of", (*wording.WORDS.values(), *shares))
-    for case in told["cases"]:
+    for case in reported["cases"]:
         name = case["name"] + ("" if case["counts"] else " (no budget)")
         _add(table, name, case["compute"], case["periods"])
     for name, kind in (("service: computing", "compute"), ("service: woken late", "lateness")):
-        counted = told["loop"][kind]
+        counted = reported["loop"][kind]
         _add(table, name, counted, counted["periods"])
     return table
 
@@ -83,8 +83,8 @@ def _add(table: Table, name: str, times: dict[str, Any], periods: list[dict[str,
     table.add_row(name, *(microseconds(times[key]) for key in wording.WORDS), *shares)
 
 
-def _ends(told: dict[str, Any]) -> Lines:
-    loop, felt = told["loop"], told["feeling"][-1]
+def _ends(reported: dict[str, Any]) -> Lines:
+    loop, felt = reported["loop"], reported["feeling"][-1]
     speed = felt["speeds"][0]
     return [
         (
@@ -99,7 +99,7 @@ def _ends(told: dict[str, Any]) -> Lines:
             f"force {wording.two(1e3 * speed['force_error'])} mN and "
             f"work {wording.two(1e3 * speed['energy_error'])} mJ too large",
         ),
-        ("verdict", told["verdict"]["sentence"]),
+        ("verdict", reported["verdict"]["sentence"]),
     ]
 
 

@@ -64,7 +64,7 @@ def ray_block(answer: dict[str, Any], units: str, sign: str) -> Lines:
     units : str
         What lengths are in.
     sign : str
-        Not told: a ray needs none.
+        Not reported: a ray needs none.
     """
     del sign
     if answer["face"] is None:
@@ -88,7 +88,7 @@ def segment_block(answer: dict[str, Any], units: str, sign: str) -> Lines:
     units : str
         What lengths are in.
     sign : str
-        Not told: the distance of a segment has none.
+        Not reported: the distance of a segment has none.
     """
     del sign
     if answer["face"] is None:

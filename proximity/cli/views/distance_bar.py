@@ -78,10 +78,10 @@ def touch(depth_mm: float, width: int) -> Text:
     width : int
         Cells of the field.
     """
-    told = f"{depth_mm + 0.0:.2f} mm inside"
-    if width > len(told) + len("touches, "):
-        told = f"touches, {told}"
-    return Text(told[:width].center(width), TOUCH_STYLE)
+    reported = f"{depth_mm + 0.0:.2f} mm inside"
+    if width > len(reported) + len("touches, "):
+        reported = f"touches, {reported}"
+    return Text(reported[:width].center(width), TOUCH_STYLE)
 
 
 def _cells(distance_mm: float, width: int) -> float:

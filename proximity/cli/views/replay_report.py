@@ -1,4 +1,4 @@
-"""What is told of a replay: the same numbers as JSON and for people, lengths in their unit."""
+"""What is reported of a replay: the same numbers as JSON and for people, lengths in their unit."""
 
 import json
 import sys
@@ -24,7 +24,7 @@ CLOCK_DIGITS = 6
 
 
 def inputs(scene: "proximity.Scene", file: str, recording: Recording, units: str) -> dict[str, Any]:
-    """Return what is told of a scene and a recording.
+    """Return what is reported of a scene and a recording.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def inputs(scene: "proximity.Scene", file: str, recording: Recording, units: str
 
 
 def results(summary: ReplaySummary, metres: float) -> dict[str, Any]:
-    """Return what is told of the ticks, with lengths in the unit.
+    """Return what is reported of the ticks, with lengths in the unit.
 
     Parameters
     ----------
@@ -152,8 +152,8 @@ def write(report: dict[str, Any], *, as_json: bool) -> None:
 
 
 def _given(report: dict[str, Any], units: str) -> Lines:
-    told, placement, settings = report["recording"], report["placement"], report["settings"]
-    fingers, hands = len(told["fingers"]), told["hand_count"]
+    reported, placement, settings = report["recording"], report["placement"], report["settings"]
+    fingers, hands = len(reported["fingers"]), reported["hand_count"]
     fitted = "fitted to the parts" if placement["is_fitted"] else "as given"
     turn = placement["turn_degrees"]
     turned = f"turned by {_numbers(turn)} degrees, " if any(turn) else ""
@@ -165,12 +165,13 @@ def _given(report: dict[str, Any], units: str) -> Lines:
         ),
         (
             "recording",
-            f"{told['file']}: {_short(told['duration_s'])} s, {_counted(fingers, 'finger')} of "
-            f"{_counted(hands, 'hand')}, {told['sample_count']} samples in {told['frame_count']} frames, "
-            f"{_counted(told['gap_count'], 'gap')}",
+            f"{reported['file']}: {_short(reported['duration_s'])} s, {_counted(fingers, 'finger')} of "
+            f"{_counted(hands, 'hand')}, {reported['sample_count']} samples in "
+            f"{reported['frame_count']} frames, "
+            f"{_counted(reported['gap_count'], 'gap')}",
         ),
-        *_epoch(told["begins_s"]),
-        *(("note", note) for note in told["notes"]),
+        *_epoch(reported["begins_s"]),
+        *(("note", note) for note in reported["notes"]),
         (
             "placement",
             f"origin at {_numbers(placement['position'])} {units}, {turned}"

@@ -1,4 +1,4 @@
-"""What is told of a service: at its beginning on stderr, at its end on stdout; or both as JSON."""
+"""What is reported of a service: at its beginning on stderr, at its end on stdout; or both as JSON."""
 
 import json
 import os
@@ -111,9 +111,9 @@ def _counted(count: int, what: str) -> str:
     return f"1 {what}" if count == 1 else f"{count} {what}s"
 
 
-def _write_document(told: dict[str, Any]) -> None:
+def _write_document(reported: dict[str, Any]) -> None:
     """One document, on one line, at once: somebody may wait for it."""
-    sys.stdout.write(json.dumps(plain(told), allow_nan=False) + "\n")
+    sys.stdout.write(json.dumps(plain(reported), allow_nan=False) + "\n")
     sys.stdout.flush()
 
 

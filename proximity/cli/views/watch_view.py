@@ -16,7 +16,7 @@ from proximity.transport import Counts, Reading
 
 NS_IN_MS = 1e6
 NS_IN_S = 1e9
-LINE_FINGERS = 8  # told in a line of text
+LINE_FINGERS = 8  # reported in a line of text
 
 STATE_STYLES = {
     State.STARTING: "black on cyan",
@@ -31,7 +31,7 @@ MEANINGS = {
     State.OK: "every finger is tracked, and in time",
     State.DEGRADED: "in time; a finger is not tracked, or is near with bounds only",
     State.LATE: "ticks were missed or poses are old: only the bounds hold, and they widen",
-    State.STOPPING: "the service was told to stop",
+    State.STOPPING: "the service was asked to stop",
 }
 COLUMNS = {  # and their cells; a space follows each
     "finger": 6,
@@ -186,14 +186,14 @@ def _meaning(reading: Reading, seen: Seen) -> str:
 
 def _figures(reading: Reading, seen: Seen) -> list[str]:
     counts, header = seen.counts, reading.header
-    told = [f"{seen.rate_hz:.0f} Hz"]
+    reported = [f"{seen.rate_hz:.0f} Hz"]
     if header is not None:
-        told.append(f"age {_duration(reading.age_ns)}")
-    told += [f"{counts.lost} lost", f"{counts.unused} refused"]
+        reported.append(f"age {_duration(reading.age_ns)}")
+    reported += [f"{counts.lost} lost", f"{counts.unused} refused"]
     if header is not None:
         since = time.strftime("%H:%M:%S", time.localtime(int(header["session"]) / NS_IN_S))
-        told += [f"{header['missed']} ticks missed", f"epoch {header['epoch']}", f"session of {since}"]
-    return told
+        reported += [f"{header['missed']} ticks missed", f"epoch {header['epoch']}", f"session of {since}"]
+    return reported
 
 
 def _duration(ns: int) -> str:

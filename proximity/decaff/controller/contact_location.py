@@ -1,7 +1,7 @@
 """Where a finger will touch, as a frame tells it: a place on the finger's way, and the instant it holds for.
 
-What is told at an instant is combined with the pose of the same instant, never with a later one: the place
-does not depend on how late the frame came.
+What is reported at an instant is combined with the pose of the same instant, never with a later one: the
+place does not depend on how late the frame came.
 """
 
 import math
@@ -30,10 +30,10 @@ class Location:
 
     bend: float  # at pose_ns
     rate: float  # 1/s, by which it drifts as the object moves
-    error: float  # by which the bend may be off; 0 where it is not told
+    error: float  # by which the bend may be off; 0 where it is not reported
     pose_ns: int
-    finger_speed: float  # m/s, when it was told
-    start_ns: int = 0  # of the tick that told it: poses may be rarer than frames
+    finger_speed: float  # m/s, when it was reported
+    start_ns: int = 0  # of the tick that reported it: poses may be rarer than frames
     incidence: float = 1.0  # cosine between the finger's way and the surface's normal; nan: too near to tell
 
     def bend_at(self, now_ns: int, longest_ns: int) -> float:
@@ -50,7 +50,7 @@ class Location:
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class ContactReading:
     """What a record says of a touch, kept after the record itself is overwritten."""
 
     surface: int
@@ -59,10 +59,10 @@ class Told:
     lower: float  # m
     stiffness: float  # N/m
     damping: float  # N s/m
-    force: float  # N; nan: not told
+    force: float  # N; nan: not reported
 
     @classmethod
-    def of(cls, contact: Any) -> "Told":
+    def of(cls, contact: Any) -> "ContactReading":
         """Take what is kept of a record.
 
         Parameters
@@ -71,7 +71,7 @@ class Told:
             Of the finger.
         """
         force = float(contact["force"])
-        is_told = contact["force_is_valid"] and math.isfinite(force)
+        is_known = contact["force_is_valid"] and math.isfinite(force)
         return cls(
             int(contact["surface"]),
             int(contact["source"]),
@@ -79,7 +79,7 @@ class Told:
             float(contact["lower"]),
             float(contact["stiffness"]),
             float(contact["damping"]),
-            force if is_told else math.nan,
+            force if is_known else math.nan,
         )
 
 
@@ -154,7 +154,7 @@ def locate(contact: Any, path: FingerPath) -> Location | None:
 
 
 def _is_open(contact: Any) -> bool:
-    """Whether a path was followed as far as steps sufficed, and no contact was met: then no drift is told."""
+    """Whether a path was followed as far as steps sufficed, without a contact: then there is no drift."""
     flags = int(contact["flags"]) & (ContactFlag.ON_PATH | ContactFlag.CONTACT_FOUND)
     return flags == ContactFlag.ON_PATH and math.isnan(contact["contact_bend_rate"])
 

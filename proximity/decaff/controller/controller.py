@@ -1,16 +1,16 @@
 """The controller of one finger's drum: a state machine, stepped at each sample of the servo (PAPER 8 and 10).
 
-It never waits for a frame and knows no clock but the instants it is told: ages of frames are on theirs, all
+It never waits for a frame and knows no clock but the instants it is given: ages of frames are on theirs, all
 else, the watchdog first, on the servo's. Where the drum shall stand is a
-*place* on the finger's way, greater away from the finger. On doubt the drum holds or retreats, never
-advances: whatever the states decide passes `_allowed` last, which lets a target come nearer to the finger
-only while a sound and fresh frame is known.
+*place* on the finger's way, greater away from the finger. Where it is uncertain the drum holds or retreats,
+never advances: whatever the states decide passes `_allowed` last, which lets a target come nearer to the
+finger only while a sound and fresh frame is known.
 """
 
 import math
 
 from proximity.decaff.arguments import positive
-from proximity.decaff.controller.contact_location import LEAST_BEND, MOST_BEND, Told
+from proximity.decaff.controller.contact_location import LEAST_BEND, MOST_BEND, ContactReading
 from proximity.decaff.controller.controller_states import (
     IN_CONTACT,
     DrumAction,
@@ -20,7 +20,7 @@ from proximity.decaff.controller.controller_states import (
 )
 from proximity.decaff.controller.frame_trust import FrameTrust
 from proximity.decaff.controller.limits import ForceBudget, Limits
-from proximity.decaff.controller.release import Doubt
+from proximity.decaff.controller.release import Release
 from proximity.decaff.controller.steady_force import Handover, SteadyForce
 from proximity.decaff.controller.surface_law import SurfaceLaw
 from proximity.decaff.drum.drum import GEAR4, Drum
@@ -93,7 +93,7 @@ class FingerController:
         self._sample_ns: int | None = None
         self._finger = self._speed = math.nan
         self._leave_contact()
-        self._doubt = Doubt(self._limits)
+        self._release = Release(self._limits)
         self._budget = ForceBudget(self._limits)
 
     def stop(self) -> None:
@@ -177,7 +177,7 @@ class FingerController:
             return self._path.retracted
         place = min(self.frames.place(seen.now_ns), self._path.retracted)
         if not self.frames.was_outside:
-            # From inside no side of the surface can be told: no nearer than it is, and off the finger.
+            # From inside no side of the surface can be known: no nearer than it is, and off the finger.
             return min(max(self._target, self._finger + self._limits.standoff), self._path.retracted)
         if self.trust is Trust.OLD and self.frames.location is not None:
             age = self.frames.age_ns(seen.now_ns)
@@ -201,10 +201,10 @@ class FingerController:
 
     def _contact(self, seen: Observation, drum: float, cap: float, elapsed: float) -> DrumAction:
         """Hold the place, or serve a force; what is old changes neither, and in the end the force goes."""
-        has_waned = self._doubt.share < 1.0
-        share = self._doubt.take(self.trust, seen.sample_ns)
+        has_waned = self._release.share < 1.0
+        share = self._release.take(self.trust, seen.sample_ns)
         self._is_late = self._is_late or (has_waned and share == 1.0)
-        if self._doubt.is_over(seen.force, self._limits.gone_force):
+        if self._release.is_over(seen.force, self._limits.gone_force):
             self._leave_contact()
             self.state = DrumState.RETRACTED
             return self._free_action(self._path.retracted, drum, cap)
@@ -226,43 +226,47 @@ class FingerController:
 
     def _force_wanted(self, seen: Observation, drum: float, elapsed: float) -> float:
         """The force to serve, N; nan: the place is held."""
-        told = self.frames.told
+        reading = self.frames.reading
         is_steady = self._steady.take(seen.force if math.isfinite(seen.force) else 0.0, self._speed)
-        if told is None or (self.trust is not Trust.FRESH and self._force == math.inf):
-            return math.nan  # on doubt no force begins
+        if reading is None or (self.trust is not Trust.FRESH and self._force == math.inf):
+            return math.nan  # where it is uncertain no force begins
         if self._follows_law:
             if drum < self._target - self._limits.late_gap:
                 # It came too near: what a surface serves that is not reached would not hold it.
                 return math.nan
             self._serves_force = True
             return self.law.force(
-                told.stiffness, told.damping, self._finger - self._target,
+                reading.stiffness, reading.damping, self._finger - self._target,
                 self._speed, 1.0 if self.frames.location is None else self.frames.location.incidence,
             )  # fmt: skip
-        if told.source != Source.TELEOPERATION:
+        if reading.source != Source.TELEOPERATION:
             self._serves_force = False  # a rigid part of the scene
             return math.nan
-        return self._slave_force(told, seen, elapsed, is_steady=is_steady)
+        return self._slave_force(reading, seen, elapsed, is_steady=is_steady)
 
     @property
     def _follows_law(self) -> bool:
         """Whether the force is a surface's. It must not be slewed: late, it would swing with the drum."""
-        told = self.frames.told
-        return told is not None and told.surface == Surface.DEFORMABLE
+        reading = self.frames.reading
+        return reading is not None and reading.surface == Surface.DEFORMABLE
 
-    def _slave_force(self, told: Told, seen: Observation, elapsed: float, *, is_steady: bool) -> float:
+    def _slave_force(
+        self, reading: ContactReading, seen: Observation, elapsed: float, *, is_steady: bool
+    ) -> float:
         """What the far end measures, from when the first contact is steady until it is lost."""
-        is_told = math.isfinite(told.force)
-        is_off = told.distance > self._handover.lost_distance
+        is_known = math.isfinite(reading.force)
+        is_off = reading.distance > self._handover.lost_distance
         if self._serves_force:
             is_weak = not seen.force >= self._handover.lost_force  # nor is one felt that nobody measures
             self._weak_for = self._weak_for + elapsed if is_weak else 0.0
             self._serves_force = not (is_off or self._weak_for >= self._handover.lost_time)
-        elif is_steady and is_told and not is_off and self.trust is Trust.FRESH and math.isfinite(seen.force):
+        elif (
+            is_steady and is_known and not is_off and self.trust is Trust.FRESH and math.isfinite(seen.force)
+        ):
             self._serves_force, self._weak_for = True, 0.0
         if not self._serves_force:
             return math.nan
-        return max(0.0, told.force) if is_told else self._force
+        return max(0.0, reading.force) if is_known else self._force
 
     def _is_released(self, seen: Observation, drum: float) -> bool:
         """Whether finger and drum are apart, or, for certain, finger and object."""
@@ -270,15 +274,15 @@ class FingerController:
 
     def _is_clear(self, seen: Observation) -> bool:
         """Whether finger and object are apart for certain: a drum that is touched then is in the way."""
-        told = self.frames.told
-        if told is None or self.trust is not Trust.FRESH or seen.contact is None:
+        reading = self.frames.reading
+        if reading is None or self.trust is not Trust.FRESH or seen.contact is None:
             return False
-        return told.lower > self._limits.release_gap
+        return reading.lower > self._limits.release_gap
 
     def _leave_contact(self) -> None:
         self._serves_force, self._weak_for = False, 0.0
         self._steady = SteadyForce(self._rate, self._handover.rule)
-        self._doubt = Doubt(self._limits)
+        self._release = Release(self._limits)
 
     # --- what is sent ---
 

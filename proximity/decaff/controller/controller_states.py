@@ -1,4 +1,4 @@
-"""What a drum's controller is told at each sample of the servo, what it does, and the states it is in."""
+"""What a drum's controller is given at each sample of the servo, what it does, and the states it is in."""
 
 import math
 from dataclasses import dataclass, field
@@ -72,8 +72,8 @@ class Observation:
     """What is known at a sample of the servo.
 
     There are two clocks. That of the frames may be another machine's, and only be guessed: it jumps when more
-    is learnt of it, and only ages of frames are told by it. How time passes for the drum is told by the
-    sample's own.
+    is learnt of it, and only ages of frames are reported by it. How time passes for the drum is reported by
+    the sample's own.
     """
 
     now_ns: int  # of the sample, on the clock of the frames
@@ -106,7 +106,7 @@ class DrumAction:
 
 
 def commanded(action: DrumAction, target: float) -> DrumCommand:
-    """Return what a servo is told of a controller's action.
+    """Return what a servo is given of a controller's action.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """What a controller keeps of frames: the last that is believed, and where it says that the finger touches.
 
-Doubt is counted, never repaired: a frame that cannot be is as if it had not come, and the one before ages.
+Distrust is counted, never repaired: a frame that cannot be is as if it had not come, and the one before ages.
 """
 
 import math
@@ -10,8 +10,8 @@ from typing import Any
 from proximity.decaff.controller.contact_location import (
     ACTED_UPON,
     SILENT,
+    ContactReading,
     Location,
-    Told,
     is_sound,
     is_tracked,
     locate,
@@ -40,7 +40,7 @@ class FrameTrust:
         Of ages and speeds.
     """
 
-    told: Told | None  # by the record that was believed last
+    reading: ContactReading | None  # by the record that was believed last
     location: Location | None  # None: nothing will be touched
     dropped: int  # records that could not be
     awaited: int  # contacts that came nearer than can be, until a frame of a second pose agreed
@@ -53,7 +53,7 @@ class FrameTrust:
 
     def forget(self) -> None:
         """Start anew: what comes next is confirmed by a frame of a second pose."""
-        self.told = self.location = None
+        self.reading = self.location = None
         self.was_outside = False
         self._pose_ns: int | None = None
         self._frame: FrameMark | None = None  # that was looked at last
@@ -61,7 +61,7 @@ class FrameTrust:
             _NONE  # of this run of the service: its highest sequence, its last pose that was believed
         )
         self._pending: Location | None = None
-        self._doubted: Trust | None = None
+        self._distrust: Trust | None = None
 
     def take(self, seen: Observation) -> Trust:
         """Take in what is new, and say what is known.
@@ -74,18 +74,18 @@ class FrameTrust:
         if seen.contact is None or seen.frame is None:
             return self._trust(seen.now_ns)
         if seen.state in SILENT:  # whatever its age: the service itself knows nothing
-            return self._doubt(Trust.STALE)
+            return self._distrusted(Trust.STALE)
         if not is_tracked(seen.contact):
-            return self._doubt(Trust.LOST)
+            return self._distrusted(Trust.LOST)
         if seen.state in ACTED_UPON:
             self._take_record(seen.contact, seen.frame, seen.now_ns)
         return self._trust(seen.now_ns)
 
-    def _doubt(self, trust: Trust) -> Trust:
+    def _distrusted(self, trust: Trust) -> Trust:
         """Nothing is known until another record can be believed; who is inside then may be so by a jump."""
         self.location = self._pending = None
         self.was_outside = False
-        self._doubted = trust
+        self._distrust = trust
         return trust
 
     def place(self, now_ns: int) -> float:
@@ -117,8 +117,8 @@ class FrameTrust:
         return now_ns if self._pose_ns is None else now_ns - self._pose_ns
 
     def _trust(self, now_ns: int) -> Trust:
-        if self._pose_ns is None or self._doubted is not None:
-            return self._doubted or Trust.LOST
+        if self._pose_ns is None or self._distrust is not None:
+            return self._distrust or Trust.LOST
         age = now_ns - self._pose_ns
         if age >= -self._limits.ahead_ns:  # else the clock is another one now
             if age <= self._limits.fresh_ns:
@@ -146,9 +146,9 @@ class FrameTrust:
             return  # too old to tell anything
         self._take_side(contact)
         self._take_location(contact, frame.start_ns)
-        self._pose_ns, self._doubted = pose_ns, None
+        self._pose_ns, self._distrust = pose_ns, None
         self._newest = frame.sequence, pose_ns
-        self.told = Told.of(contact)
+        self.reading = ContactReading.of(contact)
 
     def _take_side(self, contact: Any) -> None:
         """Remember whether the finger was outside of everything; a jump makes that unknown."""
@@ -162,37 +162,37 @@ class FrameTrust:
         """Believe a place at once if it is farther, or nearer by no more than can be; else after a second."""
         is_outside = float(contact["signed_distance"]) > 0.0
         if not is_outside and self.location is not None:
-            return  # it touches where it is, however deep: the place that was told before is the surface
-        told = locate(contact, self._path)
-        if told is None:
+            return  # it touches where it is, however deep: the place that was reported before is the surface
+        reading = locate(contact, self._path)
+        if reading is None:
             self._pending = None
             if is_outside:
                 self.location = None
             return
         known = 1.0 if self.location is None else self.location.incidence
-        is_near = math.isnan(told.incidence)
-        told = replace(told, start_ns=start_ns, incidence=known if is_near else told.incidence)
+        is_near = math.isnan(reading.incidence)
+        reading = replace(reading, start_ns=start_ns, incidence=known if is_near else reading.incidence)
         pending = self._pending
-        is_doubted = pending is not None and pending.pose_ns == told.pose_ns  # this pose itself
-        if self._may_follow(self.location, told, by_pose=is_doubted) or (
-            not is_doubted and self._may_follow(pending, told)
+        is_same_pose = pending is not None and pending.pose_ns == reading.pose_ns  # this pose itself
+        if self._may_follow(self.location, reading, by_pose=is_same_pose) or (
+            not is_same_pose and self._may_follow(pending, reading)
         ):
-            self.location, self._pending = told, None
+            self.location, self._pending = reading, None
         else:
             if self.location is not None and not float(contact["signed_distance"]) > 0.0:
                 self.was_outside = False  # a part was put where the finger is
-            self._pending = told
-            self.awaited += not is_doubted
+            self._pending = reading
+            self.awaited += not is_same_pose
 
-    def _may_follow(self, before: Location | None, told: Location, *, by_pose: bool = False) -> bool:
-        """Whether a contact that was there may have come to where it is told now; *by_pose*: by its pose."""
+    def _may_follow(self, before: Location | None, reading: Location, *, by_pose: bool = False) -> bool:
+        """Whether a contact that was there may have come to where it is now; *by_pose*: by its pose."""
         if before is None:
             return False
-        elapsed_ns = told.pose_ns - before.pose_ns
+        elapsed_ns = reading.pose_ns - before.pose_ns
         if not by_pose:
-            elapsed_ns = max(elapsed_ns, told.start_ns - before.start_ns)
+            elapsed_ns = max(elapsed_ns, reading.start_ns - before.start_ns)
         elapsed_ns = min(elapsed_ns, self._limits.fresh_ns)
-        place = self._path.place(told.bend)
-        error = min(self._path.place(told.bend + told.error) - place, LARGEST_ERROR)
+        place = self._path.place(reading.bend)
+        error = min(self._path.place(reading.bend + reading.error) - place, LARGEST_ERROR)
         nearer = self._path.place(before.bend) - place
         return nearer <= self._limits.max_speed * 1e-9 * elapsed_ns + error

@@ -1,4 +1,4 @@
-"""What a drum's controller never exceeds, and how long it believes what it was told (PAPER 8 and 10)."""
+"""What a drum's controller never exceeds, and how long it believes what it was given (PAPER 8 and 10)."""
 
 import math
 from dataclasses import dataclass, fields
@@ -40,12 +40,12 @@ class Limits:
             positive(field.name, getattr(self, field.name), _unit(field.name))
 
     def widening(self, finger_speed: float, age_ns: int) -> float:
-        """Return by how much a drum draws back from a contact that was told long ago, m.
+        """Return by how much a drum draws back from a contact that was reported long ago, m.
 
         Parameters
         ----------
         finger_speed : float, m/s
-            When it was told.
+            When it was reported.
         age_ns : int, ns
             Since the pose.
         """

@@ -4,7 +4,7 @@ from proximity.decaff.controller.controller_states import Trust
 from proximity.decaff.controller.limits import Limits
 
 
-class Doubt:
+class Release:
     """How long nothing has been known, and what share of the force is left.
 
     Parameters

@@ -1,6 +1,6 @@
 """The contact drum as a plant: motor, gear, friction, limits, encoder, pulse width.
 
-All that acts at the rim is told there, behind the gear, so that a drum compares with the finger it stops: a
+All that acts at the rim is given there, behind the gear, so that a drum compares with the finger it stops: a
 gear of n multiplies the motor's force by n, and the mass of its rotor by n². What drives it is in `servo`.
 """
 
@@ -39,7 +39,7 @@ class Motor:
 
 @dataclass(frozen=True, slots=True)
 class Drum:
-    """A motor, a gear and a rim; what is told of it holds at the rim."""
+    """A motor, a gear and a rim; what is given of it holds at the rim."""
 
     motor: Motor = field(default_factory=Motor)
     ratio: float = 1.0  # turns of the motor to one of the drum

@@ -1,6 +1,6 @@
 """A motor-driven drum as a moving mass, and the servo that runs it, sample by sample.
 
-All is told at the drum's rim: masses in kg, positions in m. A positive position is away from the finger, and
+All is given at the drum's rim: masses in kg, positions in m. A positive position is away from the finger, and
 a positive motor force pushes there; to press on the finger the motor pulls. The servo acts one sample late:
 what it computes from a measurement is applied from the next sample on.
 """
@@ -54,7 +54,7 @@ DEMANDED = 3  # N, for the next
 REFERENCE = 4  # m
 REFERENCE_SPEED = 5  # m/s
 INTEGRATED = 6  # N
-LAST = 7  # m, position told a sample ago
+LAST = 7  # m, position given a sample ago
 FORCE_REFERENCE = 8  # N
 LAST_MODE = 9
 SMOOTHED = 10  # N, what the motor did of late
@@ -101,7 +101,7 @@ def shape_reference(servo: np.ndarray, drive: np.ndarray, target: float, speed_c
 
 
 @inlined
-def enter_mode(drive: np.ndarray, command: np.ndarray, told: float) -> None:
+def enter_mode(drive: np.ndarray, command: np.ndarray, reported: float) -> None:
     """Start a mode where the last one left off.
 
     A position starts where the drum is, with no integral: with one, a drum whose finger has gone would go
@@ -110,7 +110,7 @@ def enter_mode(drive: np.ndarray, command: np.ndarray, told: float) -> None:
     (2026-11-21, gear4).
     """
     if command[MODE] == POSITION:
-        drive[REFERENCE], drive[REFERENCE_SPEED], drive[INTEGRATED] = told, 0.0, 0.0
+        drive[REFERENCE], drive[REFERENCE_SPEED], drive[INTEGRATED] = reported, 0.0, 0.0
     elif command[MODE] == FORCE:
         start = command[START_FORCE]
         drive[FORCE_REFERENCE] = start if start == start else 0.0
@@ -119,15 +119,17 @@ def enter_mode(drive: np.ndarray, command: np.ndarray, told: float) -> None:
 
 
 @inlined
-def demand_position(servo: np.ndarray, drive: np.ndarray, told: float, speed: float, limit: float) -> float:
+def demand_position(
+    servo: np.ndarray, drive: np.ndarray, reported: float, speed: float, limit: float
+) -> float:
     """Stiffness, damping and integral against the shaped reference.
 
     The integral waits while the force is at its limit. And the reference waits for a drum that is kept away
     by more than the limit: once that is gone, the drum comes from where it is, no faster than it may.
     """
     lead = limit / servo[STIFFNESS]
-    drive[REFERENCE] = max(told - lead, min(told + lead, drive[REFERENCE]))
-    error = drive[REFERENCE] - told
+    drive[REFERENCE] = max(reported - lead, min(reported + lead, drive[REFERENCE]))
+    error = drive[REFERENCE] - reported
     demand = servo[STIFFNESS] * error + servo[DAMPING] * (drive[REFERENCE_SPEED] - speed) + drive[INTEGRATED]
     if abs(demand) <= limit:
         drive[INTEGRATED] += servo[INTEGRAL] * error * servo[PERIOD]
@@ -161,15 +163,15 @@ def serve(
 
     *measured* is the force between link and drum, N; only force mode looks at it.
     """
-    told = rounded(drive[WHERE], drum[RESOLUTION])
-    speed = (told - drive[LAST]) / servo[PERIOD]
-    drive[LAST] = told
+    reported = rounded(drive[WHERE], drum[RESOLUTION])
+    speed = (reported - drive[LAST]) / servo[PERIOD]
+    drive[LAST] = reported
     if command[MODE] != drive[LAST_MODE]:
-        enter_mode(drive, command, told)
+        enter_mode(drive, command, reported)
     limit = min(drum[FORCE_LIMIT], command[FORCE_CAP])
     demand = 0.0
     if command[MODE] == POSITION:
-        demand = demand_position(servo, drive, told, speed, limit)
+        demand = demand_position(servo, drive, reported, speed, limit)
         shape_reference(servo, drive, command[TARGET], command[SPEED_CAP])
     elif command[MODE] == FORCE:
         slew = command[SLEW] if command[SLEW] > 0.0 else servo[FORCE_SLEW]
@@ -183,7 +185,7 @@ def serve(
 
 @kernel
 def rest_drum(drum: np.ndarray, drive: np.ndarray, where: float) -> None:
-    """A drum at rest *where* it is told to be, with nothing in its memory."""
+    """A drum at rest *where* it is asked to be, with nothing in its memory."""
     drive[:] = 0.0
     drive[WHERE] = drive[REFERENCE] = where
     drive[LAST] = rounded(where, drum[RESOLUTION])

@@ -45,7 +45,7 @@ class SampledMass:
 
 @dataclass(frozen=True, slots=True)
 class Gains:
-    """What a wall or a servo is told to be."""
+    """What a wall or a servo is asked to be."""
 
     stiffness: float  # N/m
     damping: float  # N·s/m

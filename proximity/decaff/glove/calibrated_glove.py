@@ -186,12 +186,14 @@ class CalibratedGlove:
         Raises
         ------
         DecaffError
-            If one is off by more than 0.3 mm at the fingertip, or cannot be told.
+            If one is off by more than 0.3 mm at the fingertip, or cannot be known.
         """
-        read, told = np.ravel(counts), np.ravel(drum_angles)
-        if len(read) != len(told):
-            raise DecaffError(f"{len(read)} counts and {len(told)} drum angles at touches, expected as many")
-        for count, angle, off in zip(read, told, self.touch_error(read, told), strict=True):
+        read, reported = np.ravel(counts), np.ravel(drum_angles)
+        if len(read) != len(reported):
+            raise DecaffError(
+                f"{len(read)} counts and {len(reported)} drum angles at touches, expected as many"
+            )
+        for count, angle, off in zip(read, reported, self.touch_error(read, reported), strict=True):
             self.check_counts(float(count))
             if not abs(off) <= TOUCH_TOLERANCE:
                 raise DecaffError(

@@ -60,13 +60,13 @@ def touch_offset(glove: Glove, counts: ArrayLike, drum_angles: ArrayLike) -> flo
         If there are fewer touches, or they disagree with one another by more than 0.3 mm at the fingertip.
     """
     replica = glove.potentiometer.angle(_measured("counts", counts))
-    told = _measured("drum_angles", drum_angles)
-    if len(replica) != len(told) or len(told) < LEAST_TOUCHES:
+    reported = _measured("drum_angles", drum_angles)
+    if len(replica) != len(reported) or len(reported) < LEAST_TOUCHES:
         raise DecaffError(
-            f"{len(replica)} counts and {len(told)} drum angles at touches, expected {LEAST_TOUCHES} or more "
-            "of each"
+            f"{len(replica)} counts and {len(reported)} drum angles at touches, "
+            f"expected {LEAST_TOUCHES} or more of each"
         )
-    offsets = told - glove.drum.drum_angle(replica)
+    offsets = reported - glove.drum.drum_angle(replica)
     scale = glove.tip_per_radian(glove.bend(replica)) / glove.drum.drum_rate(replica)
     mean = float(offsets.mean())
     off = float(np.abs((offsets - mean) * scale).max())

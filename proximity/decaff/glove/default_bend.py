@@ -30,11 +30,11 @@ def with_bend(contact: Any, path: FingerPath) -> Any:
     if not math.isfinite(distance):
         return contact
     place = path.place(CONTACT_BEND) - distance
-    told, bend = contact.copy(), path.bend(place)
-    told["bend"] = bend
-    told["bend_rate"] = (path.bend(place + STEP) - bend) / STEP * closing
+    reported, bend = contact.copy(), path.bend(place)
+    reported["bend"] = bend
+    reported["bend_rate"] = (path.bend(place + STEP) - bend) / STEP * closing
     if int(contact["mode"]) in NEAR:
-        told["contact_bend"], told["contact_bend_error"] = CONTACT_BEND, 0.0
+        reported["contact_bend"], reported["contact_bend_error"] = CONTACT_BEND, 0.0
     else:
-        told["bend_rate"] = math.nan  # nothing will be touched: nothing is to be extrapolated
-    return told
+        reported["bend_rate"] = math.nan  # nothing will be touched: nothing is to be extrapolated
+    return reported

@@ -49,7 +49,7 @@ class FingerBench:
     action: DrumAction | None = None
     bend: float = 0.0  # as the service had it last
     has_bend: bool = False  # the service tells where on its way the finger is
-    is_seen: bool = False  # the service has told of it
+    is_seen: bool = False  # the service has reported it
     touches: int = 0
     faults: int = 0
     peak_force: float = 0.0  # N
@@ -192,29 +192,30 @@ class DrumBench:
         finger.step(nothing, 0, 0.0, None, None)
         finger.step(nothing, 1_000_000, 1e-3, None, None)
 
-    def doubts(self) -> list[str]:
+    def warnings(self) -> list[str]:
         """Return sentences on what these drums cannot do as the service has it; each matter is said once."""
         silent = [i for i, finger in enumerate(self.fingers) if finger.is_seen and not finger.has_bend]
-        told = []
+        reported = []
         if silent and "bends" not in self._said:
             self._said.add("bends")
-            told.append(
-                f"no bend is told of finger {', '.join(map(str, silent))}: shown as if bent straight into "
-                "what is nearest; a real drum stays retracted without a bend, which a path or a glove tells"
+            reported.append(
+                f"no bend is reported of finger {', '.join(map(str, silent))}: shown as if bent straight "
+                "into what is nearest; a real drum stays retracted without a bend, which comes from a "
+                "path or a glove"
             )
         for i, finger in enumerate(self.fingers):
-            surface = finger.controller.frames.told
+            surface = finger.controller.frames.reading
             if surface is None or surface.surface != Surface.DEFORMABLE:
                 continue
             shown, _ = finger.controller.law.displayed(surface.stiffness, surface.damping)
             matter = f"{surface.stiffness:g} N/m"
             if shown < (1.0 - SOFTER) * surface.stiffness and matter not in self._said:
                 self._said.add(matter)
-                told.append(
+                reported.append(
                     f"the part before finger {i} has {matter}, beyond what this drum can display at "
                     f"{self._rate:g} Hz without feeding energy: it feels as {shown:.0f} N/m"
                 )
-        return told
+        return reported
 
     def _finger(self, path: FingerPath) -> FingerBench:
         controller = FingerController(path, self._rate, self._drum, self._limits)

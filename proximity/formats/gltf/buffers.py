@@ -238,8 +238,8 @@ def _read_beside(uri: str, what: str, path: str, length: int) -> bytes:
     except MeshFormatError:  # a ValueError, too
         raise
     except (OSError, ValueError) as reason:
-        told = reason.strerror if isinstance(reason, OSError) else str(reason)
-        raise MeshFormatError(f"{what} beside it, which cannot be read ({told})") from reason
+        reported = reason.strerror if isinstance(reason, OSError) else str(reason)
+        raise MeshFormatError(f"{what} beside it, which cannot be read ({reported})") from reason
     if held < length:
         raise MeshFormatError(f"{what} of {held} bytes, but {length} are declared: it is cut off")
     return data
@@ -312,9 +312,9 @@ def _check_bounds(accessor: dict[str, Any], positions: np.ndarray, name: str) ->
     for key, measured in (("min", np.fmin.reduce(positions)), ("max", np.fmax.reduce(positions))):
         if accessor.get(key) is None:
             continue
-        told = numbers(accessor[key], 3, f"the {key} of {name}")
-        if any(abs(a - float(b)) > rounding for a, b in zip(told, measured, strict=True)):
-            shown = [", ".join(f"{value:g}" for value in values) for values in (told, measured)]
+        reported = numbers(accessor[key], 3, f"the {key} of {name}")
+        if any(abs(a - float(b)) > rounding for a, b in zip(reported, measured, strict=True)):
+            shown = [", ".join(f"{value:g}" for value in values) for values in (reported, measured)]
             raise MeshFormatError(f"{name} says that its {key} is ({shown[0]}), but it is ({shown[1]})")
 
 

@@ -19,7 +19,7 @@ _RELATION = "SHAPE_REPRESENTATION_RELATIONSHIP"
 _OF = ("PRODUCT_DEFINITION_SHAPE", "PROPERTY_DEFINITION")
 _BODIES = ("MANIFOLD_SOLID_BREP", "BREP_WITH_VOIDS", "FACETED_BREP", "SHELL_BASED_SURFACE_MODEL")
 _OTHER_WAYS = ("MAPPED_ITEM", "INVISIBILITY")
-"""Records with which places are told otherwise, or shapes left out on purpose."""
+"""Records with which positions are given otherwise, or shapes left out on purpose."""
 
 _TEXT = re.compile(r"'(?:[^']|'')*'|/\*.*?\*/", re.DOTALL)
 _RECORD = re.compile(
@@ -45,7 +45,7 @@ class _Records:
 
 
 def count_bodies(text: str) -> int:
-    """Return how many meshes the assemblies of a file must give at least; 0 if that cannot be told.
+    """Return how many meshes the assemblies of a file must give at least; 0 if that cannot be known.
 
     Parameters
     ----------

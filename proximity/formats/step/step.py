@@ -80,8 +80,8 @@ def read_step(source: Source, *, tolerance: float, undeclared_metres: float) -> 
     try:
         glb = _convert(source.data, tolerance)
     except OSError as failure:  # a full disk, no room for another process
-        told = failure.strerror or str(failure)
-        raise MeshError(f"OpenCASCADE cannot be handed it in a temporary folder ({told})") from failure
+        reported = failure.strerror or str(failure)
+        raise MeshError(f"OpenCASCADE cannot be handed it in a temporary folder ({reported})") from failure
     header, binary, _ = buffers.split_glb(glb)
     # Nodes carry numbers of assembly steps (NAUO1); people know the products.
     raw = gltf.read_document(header, source.path, binary, "STEP", [], named_after_meshes=True)
@@ -107,7 +107,7 @@ def _convert(data: bytes, tolerance: float) -> bytes:
             "path": sys.path,
             "step": str(step),
             "glb": str(glb),
-            # cascadio takes millimetres, and triangles stay within half of what it is told
+            # cascadio takes millimetres, and triangles stay within half of what it is given
             "tol_linear": tolerance * 1e3,
             "tol_angular": STEP_ANGLE,
         }
@@ -126,8 +126,8 @@ def _convert(data: bytes, tolerance: float) -> bytes:
         if done.returncode == worker.NO_CASCADIO:
             raise MeshError("STEP files need the package cascadio, which cannot be imported")
         if done.returncode or complaint or not glb.exists() or not glb.stat().st_size:
-            told = f": {' '.join(complaint.split())[:160]}" if complaint else ""
-            raise MeshFormatError(f"OpenCASCADE could not read all of it{told}")
+            reported = f": {' '.join(complaint.split())[:160]}" if complaint else ""
+            raise MeshFormatError(f"OpenCASCADE could not read all of it{reported}")
         return glb.read_bytes()
 
 

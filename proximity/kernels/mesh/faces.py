@@ -1,4 +1,4 @@
-"""What is told of faces one by one, on loading: how large and how thin they are, what shells enclose.
+"""What is found of faces one by one, on loading: how large and how thin they are, what shells enclose.
 
 *corners* (K, 3) float64, *faces* (F, 3) integers: rows of *corners*.
 """
@@ -103,7 +103,7 @@ def shell_sizes(triangles, labels, count):
     """Return of each of *count* shells six times its signed volume, twice its area, its reach: (3, count).
 
     *triangles* (F, 3, 3), *labels* (F,) int64: the shell of each, none without one. Volume and reach, the
-    farthest first corner, are told from the first corner of a shell's first triangle: a flat one has no
+    farthest first corner, are measured from the first corner of a shell's first triangle: a flat one has no
     volume.
     """
     sizes, first = np.zeros((3, count)), np.full(count, -1)

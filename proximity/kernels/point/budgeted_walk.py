@@ -63,12 +63,12 @@ from proximity.simd import (
 SWEPT = 4096
 """Steps of a budget that are taken in sweeps at most; the rest goes depth first."""
 ROOM = 4 * STACK_SIZE + (LANES - 1) * SWEPT + 4 * LANES
-ROOM_SIZE = 3 * ROOM
+WORKSPACE_SIZE = 3 * ROOM
 DEEP = 8
 """Share of a budget, as a divisor, that goes depth first."""
 DEPTH = 16
 """Steps that go depth first at least, of budgets of twice as many: mostly that is all it takes. Looking ahead
-with 40 steps, ticks are some 10 % shorter at p99 than with an eighth of them, contacts told as early."""
+with 40 steps, ticks are some 10 % shorter at p99 than with an eighth of them, contacts reported as early."""
 SHARE = 0.08
 """Of the gap between the bounds that one sweep closes; more where that would open few. At the centre of a
 ball of 82 k faces 800 steps leave a bracket of 0.4 % with 0.02 to 0.3 (0.02 takes a fifth longer), of 0.8 %

@@ -1,4 +1,4 @@
-"""What is told of rays: rows of answers, worked out for eight hits at a time."""
+"""What is reported of rays: rows of answers, worked out for eight hits at a time."""
 
 import numpy as np
 

@@ -5,8 +5,8 @@ contain the point, the deepest counts.
 
 A point in a cell that a part's sign grid tells to be inside is inside for *certain*. Then only parts that may
 contain it are asked, each for its own nearest surface, and not which surface of all is the nearest: of two
-walks that spares the longer one. Others are told the nearest surface first, and then asked of the other parts
-whose surface passes through their cell.
+walks that spares the longer one. Others are given the nearest surface first, and then asked of the other
+parts whose surface passes through their cell.
 """
 
 import numpy as np
@@ -35,14 +35,14 @@ from proximity.kernels.point.walk import NOTHING_SEEN, best_of_block, closest_in
 from proximity.kernels.scene.chunk_tables import RECENT
 from proximity.kernels.scene.part_grid import (
     containing_bits,
+    dynamic_bits,
+    dynamic_turn_count,
     list_of,
     listed_bits,
-    loose_bits,
     lowest_part,
     sought,
     turns_of,
     turns_of_list,
-    turns_of_loose,
 )
 from proximity.kernels.sign.inside_grid import CROSSED, INSIDE, OUTSIDE, UNKNOWN, cell_state
 from proximity.kernels.sign.side import is_inside_by_winding, signed_of_slot
@@ -203,14 +203,14 @@ def deepest_of_chunk(model, chunk, candidates, pair_count, found, workspace):
     _, lists, pairs, positions = candidates
     nearest = found.nearest
     scene = len(parts) - 1
-    turns, loose_turns = np.int64(0), turns_of_loose(parts)
+    turns, dynamic_turns = np.int64(0), dynamic_turn_count(parts)
     for i in range(pair_count):
         k, part = pairs[i, 0], pairs[i, 1]
         if part != nearest[k, 0]:
             _ask_for_depth(model, chunk, k, part, pairs[i, 2], found, workspace)
     for k in range(count):
         turns = max(turns, turns_of_list(lists[k, 0], lists[k, 1]))
-        if loose_turns:
+        if dynamic_turns:
             row = rows[k]
             x, y, z = to_local(frames, parts, scene, points[row, 0], points[row, 1], points[row, 2])
             positions[k, 0], positions[k, 1], positions[k, 2] = np.float32(x), np.float32(y), np.float32(z)
@@ -224,11 +224,11 @@ def deepest_of_chunk(model, chunk, candidates, pair_count, found, workspace):
             )
             pair_count = _add_pairs(words, at, containing, k, nearest[k, 0], pairs, pair_count)
         _deepest_of_pairs(model, chunk, pairs, pair_count, found, workspace)
-    for turn in range(loose_turns):
+    for turn in range(dynamic_turns):
         pair_count = 0
         for k in range(count):
             sx, sy, sz = splat32(positions[k, 0]), splat32(positions[k, 1]), splat32(positions[k, 2])
-            containing, at = loose_bits(words, parts, turn, sx, sy, sz)
+            containing, at = dynamic_bits(words, parts, turn, sx, sy, sz)
             pair_count = _add_pairs(words, at, containing, k, nearest[k, 0], pairs, pair_count)
         _deepest_of_pairs(model, chunk, pairs, pair_count, found, workspace)
 

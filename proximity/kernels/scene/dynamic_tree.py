@@ -1,9 +1,9 @@
-"""The tree over loose parts: those that move by themselves, each whole, in a few nodes written at every move.
+"""The tree over dynamic parts: those that move by themselves, each whole; it is written at every move.
 
-The scene's root, once a part is loose, is a *super node*: its first lane is the static tree over all other
-parts, which stays as it is; the other lanes are the loose tree. Its leaves are entries, one a part, behind
+The scene's root, once a part is dynamic, is a *super node*: its first lane is the static tree over all other
+parts, which stays as it is; the other lanes are the dynamic tree. Its leaves are entries, one a part, behind
 those of the static tree. Loose parts are kept in the order of a space-filling curve, which is mended a little
-at every move: so nodes stay small wherever the parts go, and a move costs O(parts that are loose).
+at every move: so nodes stay small wherever the parts go, and a move costs O(parts that are dynamic).
 """
 
 from typing import NamedTuple
@@ -22,9 +22,9 @@ from proximity.kernels.given import (
 )
 from proximity.kernels.layout import (
     CORNER_COUNT,
+    DYNAMIC_COUNT,
     ENTRY,
     LANES,
-    LOOSE_COUNT,
     NEIGHBORS,
     NODE_STRIDE,
     PARTS_OF_LANES,
@@ -38,7 +38,7 @@ from proximity.kernels.tree.wide_node import clear_node, node_box, write_lane
 CURVE_CELLS = 2**20
 """Cells along each axis of the local cube, for the order along the curve."""
 SORT_STEPS = 8
-"""Steps a loose part by which the order is mended at a move. Any order is right; a good one is fast."""
+"""Steps a dynamic part by which the order is mended at a move. Any order is right; a good one is fast."""
 
 
 class DynamicParts(NamedTuple):
@@ -73,10 +73,10 @@ def _curve_key(box):
 
 
 @kernel
-def _mend_order(boxes, loose, order, keys, steps):
-    """Sort *order*, places in *loose*, along the curve: by insertion, and by so many steps at most."""
-    for i in range(len(loose)):
-        keys[i] = _curve_key(boxes[loose[i]])
+def _mend_order(boxes, dynamic, order, keys, steps):
+    """Sort *order*, places in *dynamic*, along the curve: by insertion, and by so many steps at most."""
+    for i in range(len(dynamic)):
+        keys[i] = _curve_key(boxes[dynamic[i]])
     for i in range(1, len(order)):
         place = order[i]
         at = i
@@ -88,31 +88,33 @@ def _mend_order(boxes, loose, order, keys, steps):
 
 
 @kernel
-def _write_child(words, node, lane, i, below, boxes, loose, order, first_entry, box):
-    """Write child *i* of a level: a node from *below* on or, where that is negative, a loose part."""
+def _write_child(words, node, lane, i, below, boxes, dynamic, order, first_entry, box):
+    """Write child *i* of a level: a node from *below* on or, where that is negative, a dynamic part."""
     if below >= 0:
         node_box(words, below + i, box)
         write_lane(words, NODE_STRIDE * node, lane, box, below + i)
     else:
         place, base = order[i], NODE_STRIDE * node
-        write_lane(words, base, lane, boxes[loose[place]], ~(ENTRY + first_entry + place))
-        words.view(np.int32)[base + PARTS_OF_LANES + lane] = loose[place]
+        write_lane(words, base, lane, boxes[dynamic[place]], ~(ENTRY + first_entry + place))
+        words.view(np.int32)[base + PARTS_OF_LANES + lane] = dynamic[place]
 
 
 @kernel
-def write_loose(words, region, static_root, boxes, loose, order, first_entry):
-    """Write the super node at node *region* and the loose tree behind it.
+def write_dynamic(words, region, static_root, boxes, dynamic, order, first_entry):
+    """Write the super node at node *region* and the dynamic tree behind it.
 
-    *static_root*: a node, or -1. *loose* (L,): parts. *order* (L,): their places along the curve.
+    *static_root*: a node, or -1. *dynamic* (L,): parts. *order* (L,): their places along the curve.
     """
     box = words_here(6)
-    used, below, count = region + 1, -1, len(loose)
+    used, below, count = region + 1, -1, len(dynamic)
     while count > LANES - 1:
         node_count = (count + LANES - 1) // LANES
         for n in range(node_count):
             clear_node(words, used + n)
             for i in range(LANES * n, min(LANES * n + LANES, count)):
-                _write_child(words, used + n, i - LANES * n, i, below, boxes, loose, order, first_entry, box)
+                _write_child(
+                    words, used + n, i - LANES * n, i, below, boxes, dynamic, order, first_entry, box
+                )
         below, count = used, node_count
         used += node_count
     clear_node(words, region)
@@ -120,7 +122,7 @@ def write_loose(words, region, static_root, boxes, loose, order, first_entry):
         node_box(words, static_root, box)
         write_lane(words, NODE_STRIDE * region, 0, box, static_root)
     for i in range(count):
-        _write_child(words, region, 1 + i, i, below, boxes, loose, order, first_entry, box)
+        _write_child(words, region, 1 + i, i, below, boxes, dynamic, order, first_entry, box)
 
 
 UPDATE = (
@@ -141,20 +143,22 @@ def bring_up_to_date(
     *published*; the copy, *to_frames*, *to_parts* and node *region* of *words*, what was right at *since*.
     *dynamic*: see `DynamicParts`; its order is mended by so many *steps* at most.
     """
-    loose, order, keys = dynamic
+    dynamic, order, keys = dynamic
     scene = len(parts) - 1
     reach = place_scene(frames, parts)
     if scene > 1:
         if not reach <= 1.0:
             return reach
-        for part in loose:
+        for part in dynamic:
             if versions[part] > published:
                 box_in_scene(frames, parts, part, boxes[part])
-        _mend_order(boxes, loose, order, keys, steps)
-        write_loose(words, region, parts[scene, NEIGHBORS], boxes, loose, order, parts[scene, CORNER_COUNT])
+        _mend_order(boxes, dynamic, order, keys, steps)
+        write_dynamic(
+            words, region, parts[scene, NEIGHBORS], boxes, dynamic, order, parts[scene, CORNER_COUNT]
+        )
     # Nothing stands between a question and a static tree that is alone.
-    is_static = scene > 1 and len(loose) == 0 and parts[scene, NEIGHBORS] >= 0
+    is_static = scene > 1 and len(dynamic) == 0 and parts[scene, NEIGHBORS] >= 0
     parts[scene, ROOT] = parts[scene, NEIGHBORS] if is_static else region
-    parts[scene, REGION], parts[scene, LOOSE_COUNT] = region, len(loose)
+    parts[scene, REGION], parts[scene, DYNAMIC_COUNT] = region, len(dynamic)
     copy_rows(frames, parts, versions, since, to_frames, to_parts)
     return reach

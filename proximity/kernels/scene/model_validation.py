@@ -33,9 +33,9 @@ from proximity.kernels.layout import (
     GRID_X,
     GRID_Y,
     GRID_Z,
+    IS_DYNAMIC,
     IS_FUSED,
     IS_HIDDEN,
-    IS_LOOSE,
     LANES,
     MAX_DEPTH,
     MOMENTS,
@@ -343,7 +343,7 @@ def fault_in_static_tree(words, parts, firsts, counts, levels, covered, fault):
                 levels[child] = levels[node] + 1
                 continue
             part, start = _root_of_child(words, parts, reference)
-            if part < 0 or parts[part, IS_LOOSE] or parts[part, IS_HIDDEN]:
+            if part < 0 or parts[part, IS_DYNAMIC] or parts[part, IS_HIDDEN]:
                 return _note(fault, BAD_TOP_CHILD, scene, lane, node, reference)
             if ~reference < ENTRY and not parts[part, IS_FUSED]:
                 return _note(fault, BAD_TOP_CHILD, scene, lane, node, reference)
@@ -358,7 +358,7 @@ def fault_in_static_tree(words, parts, firsts, counts, levels, covered, fault):
 @kernel
 def _fault_in_cover(parts, covered, fault):
     for part in range(len(parts) - 1):
-        if parts[part, IS_LOOSE] or parts[part, IS_HIDDEN]:
+        if parts[part, IS_DYNAMIC] or parts[part, IS_HIDDEN]:
             continue
         first = parts[part, FIRST_BLOCK]
         for block in range(first, first + parts[part, BLOCK_COUNT]):

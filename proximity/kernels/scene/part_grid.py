@@ -3,9 +3,9 @@
 Parts that stand where they stood when the model was made are listed in the cells of a coarse grid over the
 scene: of a cell, those that are neither wholly outside in it nor without an inside. So a look or two tell
 what else would take a look at the boxes of all parts. The lists are made once and never change: a part that
-has moved since, or is hidden, is passed over, and one that has moved is found by its box in the loose tree.
+has moved since, or is hidden, is passed over, and one that has moved is found by its box in the dynamic tree.
 
-Callers take a point's parts in *turns*, up to `LANES` at a time: first the lists, then the loose tree.
+Callers take a point's parts in *turns*, up to `LANES` at a time: first the lists, then the dynamic tree.
 """
 
 import numpy as np
@@ -20,16 +20,16 @@ from proximity.kernels.layout import (
     BOX_LOWER,
     BOX_UPPER,
     CENTRE,
+    DYNAMIC_COUNT,
     GRID,
     GRID_LOWER,
     GRID_RATE,
     GRID_X,
     GRID_Y,
     GRID_Z,
+    IS_DYNAMIC,
     IS_HIDDEN,
-    IS_LOOSE,
     LANES,
-    LOOSE_COUNT,
     NO_GRID,
     NODE_STRIDE,
     PARTS_OF_LANES,
@@ -71,9 +71,9 @@ def turns_of_list(first, last):
 
 
 @inlined
-def turns_of_loose(parts):
-    """Turns that the loose parts take."""
-    return (parts[len(parts) - 1, LOOSE_COUNT] + LANES - 1) // LANES
+def dynamic_turn_count(parts):
+    """Turns that the dynamic parts take."""
+    return (parts[len(parts) - 1, DYNAMIC_COUNT] + LANES - 1) // LANES
 
 
 @inlined
@@ -82,7 +82,7 @@ def listed_bits(words, frames, parts, at, last, x, y, z):
     containing = np.int64(0)
     for lane in range(min(LANES, last - at)):
         part = load_int(words, at + lane)
-        may_contain = parts[part, IS_LOOSE] == 0 and parts[part, IS_HIDDEN] == 0
+        may_contain = parts[part, IS_DYNAMIC] == 0 and parts[part, IS_HIDDEN] == 0
         if parts[part, GRID] == NO_GRID:
             may_contain = may_contain and _is_in_box(frames, part, x, y, z)
         containing |= np.int64(may_contain) << lane
@@ -99,14 +99,14 @@ def _is_in_box(frames, part, x, y, z):
 
 
 @inlined
-def loose_bits(words, parts, turn, sx, sy, sz):
-    """Which of up to eight loose parts have a point in their boxes: bits, and the word of the first's number.
+def dynamic_bits(words, parts, turn, sx, sy, sz):
+    """Which of up to eight dynamic parts have a point in their boxes: bits, and where the first's number is.
 
     *sx sy sz*: float32x8 splats, scene's scaled frame.
     """
     scene = len(parts) - 1
     node, mask = parts[scene, REGION], np.int64(-1)
-    if parts[scene, LOOSE_COUNT] < LANES:
+    if parts[scene, DYNAMIC_COUNT] < LANES:
         mask ^= 1  # all are in the super node, beside the static tree
     else:
         node += 1 + turn
@@ -118,7 +118,7 @@ def loose_bits(words, parts, turn, sx, sy, sz):
 @inlined
 def turns_of(parts, first, last):
     """Turns that all parts take which may contain a point; *first*, *last* as `list_of` tells."""
-    return np.int64(1) if len(parts) == 2 else turns_of_list(first, last) + turns_of_loose(parts)
+    return np.int64(1) if len(parts) == 2 else turns_of_list(first, last) + dynamic_turn_count(parts)
 
 
 @inlined
@@ -141,7 +141,7 @@ def containing_bits(words, frames, parts, first, last, turn, x, y, z, sx, sy, sz
     if turn < lists:
         at = first + LANES * turn
         return listed_bits(words, frames, parts, at, last, x, y, z), at
-    return loose_bits(words, parts, turn - lists, sx, sy, sz)
+    return dynamic_bits(words, parts, turn - lists, sx, sy, sz)
 
 
 @inlined

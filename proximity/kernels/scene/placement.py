@@ -13,9 +13,9 @@ from proximity.kernels.layout import (
     BOX_UPPER,
     CENTRE,
     FRAME_COLUMNS,
+    IS_DYNAMIC,
     IS_FUSED,
     IS_HIDDEN,
-    IS_LOOSE,
     IS_TURNED,
     LANES,
     OWN_LOWER,
@@ -139,9 +139,9 @@ MOVE = (TABLE, WHOLE_TABLE, WHOLE_COLUMN, INTEGER, WHOLE_COLUMN, TABLES, TABLE, 
 
 @kernel
 def move_parts(frames, parts, versions, version, rows, matrices, velocities, angular_velocities, rounding):
-    """Write poses and velocities of *rows* and mark them with *version*; how many have become loose.
+    """Write poses and velocities of *rows* and mark them with *version*; how many have become dynamic.
 
-    Velocities (0, 3) are zero for all. A part whose pose stays as it is does not become loose.
+    Velocities (0, 3) are zero for all. A part whose pose stays as it is does not become dynamic.
     """
     freed = 0
     for k in range(len(rows)):
@@ -149,8 +149,8 @@ def move_parts(frames, parts, versions, version, rows, matrices, velocities, ang
         versions[row] = version
         if _write_pose(frames, row, matrices[k], rounding):
             place_box(frames, parts, row)
-            freed += not parts[row, IS_LOOSE]
-            parts[row, IS_LOOSE], parts[row, IS_FUSED] = 1, 0
+            freed += not parts[row, IS_DYNAMIC]
+            parts[row, IS_DYNAMIC], parts[row, IS_FUSED] = 1, 0
         for axis in range(3):
             frames[row, VELOCITY + axis] = velocities[k, axis] if len(velocities) else 0.0
             frames[row, ANGULAR_VELOCITY + axis] = (

@@ -72,7 +72,7 @@ FAR_MARGIN = 2.0**-46
 is rounded for each part on its own."""
 
 NO_ROW = -1
-"""Where a row is told: none."""
+"""Where a row is reported: none."""
 
 
 @kernel
@@ -192,7 +192,7 @@ def cast_batch(handle, origins, directions, order, limits, answers):
     choices = answers.view(np.int32)
     stacks, aims, views = words_here(STACKS_SIZE), words_here(AIM_SIZE), reals_here(VIEW_SIZE)
     rows, offsets, slots = longs_here(CHUNK), longs_here(CHUNK), longs_here(CHUNK)
-    is_single, is_told_all = is_alone(parts), answers.shape[1] != DISTANCE_WIDTH
+    is_single, fills_all_columns = is_alone(parts), answers.shape[1] != DISTANCE_WIDTH
     top = np.int64(0) if is_single else len(parts) - 1
     scale, root, is_one_tree = frames[top, SCALE], parts[top, ROOT], is_single or parts[top, IS_FUSED]
     owners, places, hits = longs_here(CHUNK), longs_here(PLACES_SIZE), reals_here(HITS_SIZE)
@@ -215,7 +215,7 @@ def cast_batch(handle, origins, directions, order, limits, answers):
             _hits_of_tree(reals, words, root, scale, count, aims, views, slots, stacks)
         else:
             _hits_of_parts(reals, words, frames, parts, count, origins, rows, aims, views, slots, stacks)
-        if is_told_all:
+        if fills_all_columns:
             for at in range(0, count, LANES):
                 work_out(reals, words, frames, parts, slots, at, views, owners, places, hits)
         for at in range(0, count, LANES):
@@ -235,6 +235,6 @@ def cast_batch(handle, origins, directions, order, limits, answers):
                 write_no_hit(answers, choices, row, np.inf)
                 continue
             answers[row, DISTANCE] = distance
-            if is_told_all:
+            if fills_all_columns:
                 write_hit(words, parts, owners[k], slot, hits, k, answers, choices, row)
     return zero_row

@@ -28,7 +28,7 @@ DISTANCE = (INTEGER, GIVEN_ROWS, COLUMN)
 CONTAINS = (INTEGER, GIVEN_ROWS, FLAGS)
 SEGMENTS = CAST = (INTEGER, GIVEN_ROWS, GIVEN_ROWS, REAL, TABLE)
 LENGTHS = (INTEGER, GIVEN_ROWS, GIVEN_ROWS, REAL, COLUMN)
-"""Types of the arguments; see `compiling.Settled`."""
+"""Types of the arguments; see `compiling.CompiledCall`."""
 
 NOT_ASKED = -2
 """Of rays: these are not rows."""

@@ -18,9 +18,9 @@ from proximity.kernels.layout import (
     CENTRE,
     CHILDREN,
     ENTRY,
+    IS_DYNAMIC,
     IS_FUSED,
     IS_HIDDEN,
-    IS_LOOSE,
     LANES,
     NODE_STRIDE,
     ROOT,
@@ -66,7 +66,7 @@ def _lane_box(words, frames, part, base, k, scene, lower, upper, box):
 def gather_entries(words, frames, parts, target):
     """Return boxes (E * `RECORD`,) float32 and references (E, 2) int32 of about *target* entries.
 
-    They are subtrees: a part and a reference. Parts that are loose or hidden have none.
+    They are subtrees: a part and a reference. Parts that are dynamic or hidden have none.
     """
     scene = len(parts) - 1
     lower, upper, box = np.empty(3), np.empty(3), np.empty(6, np.float32)
@@ -77,7 +77,7 @@ def gather_entries(words, frames, parts, target):
     count = 0
     total = 0.0
     for part in range(scene):
-        if parts[part, IS_LOOSE] or parts[part, IS_HIDDEN]:
+        if parts[part, IS_DYNAMIC] or parts[part, IS_HIDDEN]:
             continue
         base = NODE_STRIDE * parts[part, ROOT]
         for k in range(LANES):
@@ -139,7 +139,7 @@ def _part_of_child(words, parts, reference, entries_at):
 def thin_out(words, parts, first, count, target, entries_at):
     """Copy a static tree of *count* nodes from node *first* to node *target*, without parts that have left.
 
-    Those are loose or hidden now. Boxes become tight again. Returns whether anything is left.
+    Those are dynamic or hidden now. Boxes become tight again. Returns whether anything is left.
     """
     numbers = words.view(np.int32)
     box = np.empty(6, np.float32)
@@ -156,7 +156,7 @@ def thin_out(words, parts, first, count, target, entries_at):
                 node_box(words, reference, box)
             else:
                 part = _part_of_child(words, parts, reference, entries_at)
-                if not parts[part, IS_LOOSE] and not parts[part, IS_HIDDEN]:
+                if not parts[part, IS_DYNAMIC] and not parts[part, IS_HIDDEN]:
                     continue
                 clear_box(box)
             write_lane(words, base, lane, box, reference)

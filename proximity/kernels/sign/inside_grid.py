@@ -19,11 +19,11 @@ CELLS_PER_WORD = 16
 SLACK = 1e-6
 """Cells. A face this close to a cell counts as crossing it: more than all rounding of a look-up."""
 PITCH = 2.0
-"""Cells. How far apart a face is looked at, by `doubtful_places`, along its longest side and across."""
+"""Cells. How far apart a face is looked at, by `uncertain_points`, along its longest side and across."""
 CLEARANCE = 1.0 + 4.0 * SLACK
 """How far off, in what a cell is wide along the face's normal: so the face crosses no cell looked at."""
 MOST_PLACES = 1024
-"""What `doubtful_places` returns at most; even."""
+"""What `uncertain_points` returns at most; even."""
 
 
 @inlined
@@ -131,7 +131,7 @@ def build_grid(corners, faces, lower, rate, nx, ny, nz, reals, words, root, mome
 
 
 @maker
-def doubtful_places(corners, faces, lower, rate, nx, ny, nz, grid):
+def uncertain_points(corners, faces, lower, rate, nx, ny, nz, grid):
     """Return places that a face and the grid tell to be on different sides, and which faces are clear.
 
     Every face is looked at, every `PITCH` cells, to both sides, so far off that it crosses no cell there.

@@ -1,4 +1,4 @@
-"""Inside or outside of one part, told by the triangle of it that is nearest."""
+"""Inside or outside of one part, decided by the triangle of it that is nearest."""
 
 from proximity.kernels.compiler import inlined
 from proximity.kernels.geometry.closest_feature import (
@@ -45,7 +45,7 @@ def is_beyond(px, py, pz):
 
 @inlined
 def has_normals(words, parts, part, slot):
-    """Whether the side of a face, and of its edges and corners, is told by their normals."""
+    """Whether the side of a face, and of its edges and corners, is decided by their normals."""
     return parts[part, SIGN] == SIGN_PSEUDONORMAL and not is_folded(words, parts[part, BLOCK_NOTES], slot)
 
 

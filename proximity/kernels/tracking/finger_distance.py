@@ -89,7 +89,7 @@ SHORT, PAUSE = 2, 200
 """Divisor of the budget: what a front may take of it, and a search for one to be begun. Where it does not get
 done in that, none is tried for so many ticks, which matters from a million faces on."""
 STRAY = 1.0 / 16.0
-"""Share of its distance that a finger may go until the point of the surface that is told is looked for anew:
+"""Share of its distance that a finger may go until the reported point of the surface is looked for anew:
 meanwhile it is up to 0.2 % farther than the nearest. Ticks of fingers far off take a seventh less so."""
 FEWEST_STEPS = 8
 """For the distance of a finger of which nothing is known, when none are left."""

@@ -28,9 +28,9 @@ SPREAD = 3  # m, by which that may be off
 FOLLOWED_SIZE = 4
 
 # --- columns of the *doubts* of a distance that is followed: sums of weight times squared error, m² ---
-DOUBT = 0  # of the present track
-DOUBT_BEFORE = 1  # of the one before the last jump, at most
-DOUBTS_SIZE = 2
+DISTANCE_ERROR = 0  # of the present track
+DISTANCE_ERROR_BEFORE = 1  # of the one before the last jump, at most
+ERROR_SUMS_SIZE = 2
 LARGEST_ERROR = 1e3
 """m: what is off by more is as good as not known, and must fade like others."""
 
@@ -75,23 +75,23 @@ def expire(kept_ns, kept, oldest_ns):
 
 @kernel
 def overview(wide, numbers):
-    """Of contacts as int64 and int32 columns: instant of the oldest pose, fingers tracked, fingers in doubt.
+    """Of contacts as int64 and int32 columns: instant of the oldest pose, fingers tracked, fingers uncertain.
 
-    In doubt is who is near and has bounds only. Without a finger that is tracked the instant is `LATEST`.
+    Uncertain is who is near and has bounds only. Without a finger that is tracked the instant is `LATEST`.
     """
-    oldest, tracked, doubtful = LATEST, 0, 0
+    oldest, tracked, uncertain = LATEST, 0, 0
     for i in range(len(wide)):
         flags = numbers[i, FLAGS]
         if flags & TRACKED:
             tracked += 1
             oldest = min(oldest, wide[i, POSE_NS])
             if flags & BOUNDED and flags & IN_RANGE:
-                doubtful += 1
-    return oldest, tracked, doubtful
+                uncertain += 1
+    return oldest, tracked, uncertain
 
 
 @inlined
-def _doubt(motions, doubts, i, error, status, weight_before):
+def _distance_error(motions, error_sums, i, error, status, weight_before):
     """How far off the slope of a track may be because of errors of its distances, m/s.
 
     The slope is the sum of weight times deviation of age times distance, over the sum of weight times squared
@@ -101,26 +101,33 @@ def _doubt(motions, doubts, i, error, status, weight_before):
     weight = motions[i, WEIGHTS]
     if status & STARTED:
         # After a jump the track may go on where it was.
-        doubts[i, DOUBT_BEFORE] = max(doubts[i, DOUBT], doubts[i, DOUBT_BEFORE]) if status & JUMPED else 0.0
-        doubts[i, DOUBT] = error_sq
+        error_sums[i, DISTANCE_ERROR_BEFORE] = (
+            max(error_sums[i, DISTANCE_ERROR], error_sums[i, DISTANCE_ERROR_BEFORE])
+            if status & JUMPED
+            else 0.0
+        )
+        error_sums[i, DISTANCE_ERROR] = error_sq
     elif status & JUMPED:
-        doubts[i, DOUBT] = doubts[i, DOUBT_BEFORE] + error_sq
+        error_sums[i, DISTANCE_ERROR] = error_sums[i, DISTANCE_ERROR_BEFORE] + error_sq
     elif not status & REPEATED:
-        doubts[i, DOUBT] = (weight - 1.0) / weight_before * doubts[i, DOUBT] + error_sq
+        error_sums[i, DISTANCE_ERROR] = (weight - 1.0) / weight_before * error_sums[
+            i, DISTANCE_ERROR
+        ] + error_sq
     spread = weight * motions[i, WEIGHTS + 2] - motions[i, WEIGHTS + 1] * motions[i, WEIGHTS + 1]
-    return math.sqrt(doubts[i, DOUBT] * weight / spread) if spread > 0.0 else 0.0
+    return math.sqrt(error_sums[i, DISTANCE_ERROR] * weight / spread) if spread > 0.0 else 0.0
 
 
 @kernel
 def follow_distances(
-    motions, motion_marks, doubts, measured_ns, distances, errors, rates, acts_ns, max_speed,
+    motions, motion_marks, error_sums, measured_ns, distances, errors, rates, acts_ns, max_speed,
     max_acceleration, followed,
 ):  # fmt: skip
     """Follow distances that were measured as `motion` follows a finger, along one axis; see `FOLLOWED_SIZE`.
 
     *rates* (N,), m/s, are of the distances; nan: to be estimated. *distances* (N, 1) of nan answer 0.
-    *errors* (N,), m: how far off each distance may be; what is none is very far. *doubts*
-    (N, `DOUBTS_SIZE`): what is kept of them, zeros at first. A rate that is told is taken at its word.
+    *errors* (N,), m: how far off each distance may be; what is none is very far. *error_sums*
+    (N, `ERROR_SUMS_SIZE`): what is kept of them, zeros at first. A rate that is reported is taken at its
+    word.
     """
     for i in range(len(measured_ns)):
         weight_before = motions[i, WEIGHTS]
@@ -130,9 +137,9 @@ def follow_distances(
         )  # fmt: skip
         ahead = 1e-9 * (acts_ns - measured_ns[i])
         if status:
-            doubt = _doubt(motions, doubts, i, errors[i], status, weight_before)
+            distance_error = _distance_error(motions, error_sums, i, errors[i], status, weight_before)
             if not (status & REPEATED or math.isfinite(rates[i])):
-                motions[i, VELOCITY_ERROR] += doubt
+                motions[i, VELOCITY_ERROR] += distance_error
         step, _, _, spread = predict(motions, i, ahead, max_speed, max_acceleration)
         followed[i, STATUS], followed[i, RATE] = status, motions[i, VELOCITY]
         followed[i, STEP], followed[i, SPREAD] = step, spread

@@ -67,7 +67,7 @@ NOISE = 0.15e-3
 MAX_NOISE_SPEED = 0.3
 """m/s: a velocity that noise alone may put farther off is not known yet."""
 MOST_SURPRISE = 1e3
-"""m/s; only a velocity that was told can be so far off, and an error without end would never fade."""
+"""m/s; only a velocity that was given can be so far off, and an error without end would never fade."""
 ENOUGH = 3
 """Poses from which on a track is believed, and so its error: sensors tell the first pose of a hand twice."""
 MAX_GAP_NS = 100_000_000
@@ -270,7 +270,7 @@ def predict(reals, row, h, max_speed, max_acceleration):
     ahead -= ahead * ahead * (0.5 / COAST)
     vx, vy, vz = reals[row, VELOCITY], reals[row, VELOCITY + 1], reals[row, VELOCITY + 2]
     speed = _speed(reals, row)
-    # The bound holds about the place straight ahead; the one told is so much short of it.
+    # The bound holds about the place straight ahead; the one reported is so much short of it.
     rho = (reals[row, VELOCITY_ERROR] + 0.5 * max_acceleration * h) * h + speed * (h - ahead)
     if speed <= max_speed:
         rho = min(rho, max_speed * h + speed * ahead)

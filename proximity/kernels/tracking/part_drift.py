@@ -50,7 +50,7 @@ SIX_LANES = 2**6 - 1
 ROUNDED_UP = 1.0 + 1e-12
 ROUNDED_DOWN = 1.0 - 1e-12
 MOST_COMINGS = 8
-"""Faster and faster parts that are told apart; where there are more, less is certain."""
+"""Faster and faster parts that are kept apart; where there are more, less is certain."""
 AT_ONCE = 1e-12
 """s or m: what comes within so little is here, so that a look from one coming to the next gets on."""
 
@@ -76,7 +76,7 @@ class Drift(NamedTuple):
     least: float  # m a unit, of parts that are near from the start
 
 
-def room_for_movers(part_count):
+def movers_workspace(part_count):
     """Return a table for so many parts, (`MOVER_COLUMNS` times some lanes,)."""
     return np.zeros(MOVER_COLUMNS * LANES * (part_count // LANES + 2))
 

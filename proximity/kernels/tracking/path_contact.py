@@ -134,7 +134,7 @@ def _bounds_at_vectors(model, settings, finger, part, slot, scratch):
 
 @inlined
 def _write_contact_here(record, speed, is_certain):
-    """Write that a finger is in contact already, or so near that it cannot be told; the flag of a contact.
+    """Write that a finger is in contact already, or so near that it cannot be known; the flag of a contact.
 
     *speed*: along its path, m/s.
     """

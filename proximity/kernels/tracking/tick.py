@@ -76,10 +76,10 @@ from proximity.kernels.tracking.track import (
     MOST_NS,
     MOVER_COUNT,
     PATIENCE,
+    REPORTED_PART,
     SLOT,
     STANDS,
     STEPS_LEFT,
-    TOLD_PART,
     WAY,
     Scratch,
     TrackerArrays,
@@ -188,7 +188,7 @@ def _observe_all(model, arrays, positions, all_pose_ns, now_ns):
         else:
             flags &= ~(TRACKED | PREDICTED)
             finger.numbers[KINDS] = MODE_HOLD << MODE_BIT
-            finger.marks[TOLD_PART] = NO_PART
+            finger.marks[REPORTED_PART] = NO_PART
         finger.numbers[FLAGS] = flags
 
 
@@ -238,9 +238,9 @@ def _find_all_distances(model, arrays, is_moved, scratch):
             continue
         flags |= find_distance(model, arrays, i, is_moved, scratch)
         part, marks = finger.numbers[PART], finger.marks
-        if marks[TOLD_PART] != part and marks[TOLD_PART] != NO_PART:
+        if marks[REPORTED_PART] != part and marks[REPORTED_PART] != NO_PART:
             flags |= PART_CHANGED
-        marks[TOLD_PART] = part
+        marks[REPORTED_PART] = part
         finger.numbers[FLAGS] = flags
     return late
 

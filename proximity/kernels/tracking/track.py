@@ -10,7 +10,7 @@ import numpy as np
 
 from proximity.kernels.compiler import inlined, kernel
 from proximity.kernels.contact_columns import RECORD_INTS, RECORD_REALS
-from proximity.kernels.memory import Told, arrays_behind
+from proximity.kernels.memory import TableLength, arrays_behind
 from proximity.kernels.point.coherent_search import FRONT_SIZE
 from proximity.kernels.tracking.conservative_advancement import BALLS, BALLS_SIZE
 from proximity.kernels.tracking.motion import MOTION_INTS, MOTION_REALS
@@ -21,7 +21,7 @@ ANCHOR = 0  # m, scene's frame: where CLEAR was found
 CLEAR = 3  # m: every surface was at least so far from the anchor; negative: not known
 ODOMETER = 4  # m: how far parts had moved until then
 RADIUS = 5  # m, of the fingertip
-FOOT = 6  # m, scene's frame: the point of the surface that was told last
+FOOT = 6  # m, scene's frame: the point of the surface that was reported last
 FOOT_FROM = 9  # m: where the finger was when it was the nearest of its face
 FOOT_WAY = 12  # m: how far parts had moved then; negative where there is none
 TRACK_REALS = 16
@@ -30,7 +30,7 @@ TRACK_REALS = 16
 SLOT = 0  # of the nearest face found last, or NO_SLOT
 PART = 1  # its part
 IS_OUTSIDE = 2  # 1 where no part held the anchor
-TOLD_PART = 3  # part of the last answer
+REPORTED_PART = 3  # part of the last answer
 FRONT_COUNT = 4  # of the front that is kept, see `front`; 0 for none; negative: ticks until one
 TRACK_INTS = 5
 
@@ -121,7 +121,7 @@ FINGER_COUNT, PATH_COUNT, PART_COUNT, MOVERS_SIZE, WORKSPACE_SIZE, FRONTS_COUNT 
 FIRST_ADDRESS = 6
 NAMES = tuple(name for name in TrackerArrays._fields if name not in ("wide", "numbers"))
 """Of the arrays, in the order of their addresses in the table."""
-FINGERS, KNOTS = Told(FINGER_COUNT), Told(PATH_COUNT)
+FINGERS, KNOTS = TableLength(FINGER_COUNT), TableLength(PATH_COUNT)
 
 
 def _address(name):
@@ -141,13 +141,13 @@ tracker_arrays_at = arrays_behind(
     ("float64", _address("tracks"), (FINGERS, TRACK_REALS)),
     ("int64", _address("marks"), (FINGERS, TRACK_INTS)),
     ("float64", _address("balls"), (FINGERS, BALLS_SIZE)),
-    ("float32", _address("fronts"), (Told(FRONTS_COUNT), FRONT_SIZE)),
+    ("float32", _address("fronts"), (TableLength(FRONTS_COUNT), FRONT_SIZE)),
     ("float64", _address("records"), (FINGERS, RECORD_REALS)),
     ("int64", _address("records"), (FINGERS, RECORD_REALS)),
     ("int32", _address("records"), (FINGERS, RECORD_INTS)),
-    ("float64", _address("before"), (Told(PART_COUNT), POSE_COLUMNS)),
-    ("float64", _address("movers"), (Told(MOVERS_SIZE),)),
-    ("float32", _address("workspace"), (Told(WORKSPACE_SIZE),)),
+    ("float64", _address("before"), (TableLength(PART_COUNT), POSE_COLUMNS)),
+    ("float64", _address("movers"), (TableLength(MOVERS_SIZE),)),
+    ("float32", _address("workspace"), (TableLength(WORKSPACE_SIZE),)),
 )
 """The arrays of the tracker whose table is at an address, in the order of `TrackerArrays`."""
 

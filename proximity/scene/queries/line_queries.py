@@ -8,7 +8,7 @@ from numpy import empty, inf  # looked up in NumPy, each would cost calls of fiv
 
 from proximity.arrays import as_points
 from proximity.errors import QueryError
-from proximity.kernels.compiler import Settled
+from proximity.kernels.compiler import CompiledCall
 from proximity.kernels.geometry.morton_order import SORT_FROM
 from proximity.kernels.ray.hit_rows import ANSWER_WIDTH as HIT_WIDTH
 from proximity.kernels.ray.hit_rows import DISTANCE_WIDTH
@@ -37,9 +37,9 @@ SORT_RAYS_IN = 1 << 20
 """Bytes of a model from which on that is worth it: it costs 15 ns a ray; in one that fits into a nearer cache
 it spares no more than that."""
 
-_cast_few = Settled(small_batches.cast_few, small_batches.CAST)
-_lengths_few = Settled(small_batches.lengths_few, small_batches.LENGTHS)
-_segments_few = Settled(small_batches.segments_few, small_batches.SEGMENTS)
+_cast_few = CompiledCall(small_batches.cast_few, small_batches.CAST)
+_lengths_few = CompiledCall(small_batches.lengths_few, small_batches.LENGTHS)
+_segments_few = CompiledCall(small_batches.segments_few, small_batches.SEGMENTS)
 
 
 class LineQueries(HasSnapshot):
@@ -196,7 +196,7 @@ class LineQueries(HasSnapshot):
         Notes
         -----
         On the surface: a segment that crosses or touches it has distance 0; of several crossings the one
-        nearest to the start is told.
+        nearest to the start is reported.
         Ties: the lowest part; within a part any of the nearest faces, the same on every run.
         """
         is_plain = workers is ONE_THREAD and (max_distance is inf or is_length(max_distance))

@@ -9,7 +9,7 @@ from numpy import empty, inf  # looked up in NumPy, each would cost calls of fiv
 
 from proximity.arrays import as_points
 from proximity.errors import NotWatertightError
-from proximity.kernels.compiler import Settled
+from proximity.kernels.compiler import CompiledCall
 from proximity.kernels.geometry.morton_order import SORT_FROM
 from proximity.kernels.scene import small_batches
 from proximity.kernels.scene.point_queries import (
@@ -31,10 +31,10 @@ from proximity.scene.queries.batches import (
 from proximity.scene.queries.query_arguments import broadcast_limits, is_length
 from proximity.scene.queries.results import ClosestPoints, Reals, record_of
 
-_closest_few = Settled(small_batches.closest_few, small_batches.CLOSEST)
-_signed_few = Settled(small_batches.signed_few, small_batches.DISTANCE)
-_distance_few = Settled(small_batches.distance_few, small_batches.DISTANCE)
-_contains_few = Settled(small_batches.contains_few, small_batches.CONTAINS)
+_closest_few = CompiledCall(small_batches.closest_few, small_batches.CLOSEST)
+_signed_few = CompiledCall(small_batches.signed_few, small_batches.DISTANCE)
+_distance_few = CompiledCall(small_batches.distance_few, small_batches.DISTANCE)
+_contains_few = CompiledCall(small_batches.contains_few, small_batches.CONTAINS)
 
 
 class PointQueries(HasSnapshot):
@@ -154,7 +154,7 @@ class PointQueries(HasSnapshot):
         """
         return self._distances(points, workers, _distance_few, _distance_batch)
 
-    def _distances(self, points: Any, workers: int, few: Settled, batch: Callable[..., Any]) -> Any:
+    def _distances(self, points: Any, workers: int, few: CompiledCall, batch: Callable[..., Any]) -> Any:
         """Signed or unsigned, by kernels for small batches and for large ones."""
         if workers is ONE_THREAD and (count := row_count(points)) < SORT_FROM:
             distances = empty(count)
@@ -164,13 +164,13 @@ class PointQueries(HasSnapshot):
         return self._distances_of_any(as_points(points), workers, few, batch)
 
     def _distances_of_any(
-        self, points: np.ndarray, workers: int, few: Settled, batch: Callable[..., Any]
+        self, points: np.ndarray, workers: int, few: CompiledCall, batch: Callable[..., Any]
     ) -> Any:
         rows = points if points.ndim == 2 else points.reshape(-1, 3)
         distances = empty(len(rows))
         model = self.snapshot()
-        is_settled = len(rows) < SORT_FROM and workers == 1 and workers is not True
-        if not (is_settled and few.call(model.handle, rows, distances)):
+        is_certain = len(rows) < SORT_FROM and workers == 1 and workers is not True
+        if not (is_certain and few.call(model.handle, rows, distances)):
             run_batch(
                 lambda order, rows, distances: batch(model.handle, rows, order, distances),
                 [rows, distances],

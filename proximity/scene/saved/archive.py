@@ -161,7 +161,7 @@ def read_archive(path: Any, layout: dict[str, int]) -> Contents:
     except MeshFormatError as reason:
         raise MeshFormatError(f"{shown}: {reason}") from None
     except OSError as reason:
-        raise MeshFormatError(f"{shown}: it cannot be opened ({_told(reason)})") from reason
+        raise MeshFormatError(f"{shown}: it cannot be opened ({_reported(reason)})") from reason
     except _NOT_UNDERSTOOD as reason:  # its checksums are right, but not what it says
         raise MeshFormatError(f"{shown}: its description cannot be understood; {_AGAIN}") from reason
 
@@ -234,7 +234,7 @@ def checksum_of(data: np.ndarray) -> int:
     return zlib.crc32(data[whole:].data, zlib.crc32(sums.data))
 
 
-def _told(reason: Exception) -> str:
+def _reported(reason: Exception) -> str:
     return (isinstance(reason, OSError) and reason.strerror) or str(reason)
 
 

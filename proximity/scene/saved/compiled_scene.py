@@ -225,28 +225,30 @@ def _solids(
 ) -> tuple[list[Solid], list[int]]:
     """The solids, and which of them each part has."""
     rows = model.parts
-    told = [solid_of(each, len(names)) for each in list_of(list, metadata["solids"], "solids")]
-    solid_of_part = numbers_below(len(told), metadata["solid_of_part"], "solid_of_part", len(names))
+    reported = [solid_of(each, len(names)) for each in list_of(list, metadata["solids"], "solids")]
+    solid_of_part = numbers_below(len(reported), metadata["solid_of_part"], "solid_of_part", len(names))
     vertex_counts, face_counts = (
-        numbers_below(2**31, metadata[counts], counts, len(told))
+        numbers_below(2**31, metadata[counts], counts, len(reported))
         for counts in ("vertex_counts", "face_counts")
     )
     vertices = _slices(_array(arrays, "vertices", np.float64, 3), vertex_counts)
     faces = _slices(_array(arrays, "faces", np.int32, 3), face_counts)
     for row, number in enumerate(solid_of_part):
-        is_alike = (face_counts[number], kernel_sign(told[number][2])) == (
+        is_alike = (face_counts[number], kernel_sign(reported[number][2])) == (
             rows[row, layout.FACE_COUNT],
             rows[row, layout.SIGN],
         )
         expect(is_alike, f"{named(row, names)} has other faces, or another sign, than its solid")
         check_mesh(model.words, rows, row, vertices[number], faces[number], names)
-    for number, solid in enumerate(told):
+    for number, solid in enumerate(reported):
         expect(solid_of_part[solid[0]] == number, f"solid {number} is not that of part {solid[0]}")
     solids = [
         Solid._from_model(
             model, row, TriangleMesh._from_checked(own, of_own), name, (method, reason, is_watertight)
         )
-        for (row, name, method, reason, is_watertight), own, of_own in zip(told, vertices, faces, strict=True)
+        for (row, name, method, reason, is_watertight), own, of_own in zip(
+            reported, vertices, faces, strict=True
+        )
     ]
     return solids, solid_of_part
 

@@ -3,7 +3,7 @@
 Kernels check no bounds. So every number that says where something lies is compared with what is there, see
 `kernels.scene.model_validation`. What follows from other numbers is not believed but written again, which
 is less work than to compare it and leaves the same bits: boxes of parts, the scene's row, and the tree over
-loose parts.
+dynamic parts.
 """
 
 from typing import Any
@@ -24,7 +24,7 @@ from proximity.model.part_trees import (
     STATIC_COPIES,
     TopPlan,
     clear_first,
-    loose_order,
+    dynamic_order,
     note_fused,
     rewrite_entries,
     write_moving,
@@ -125,7 +125,7 @@ def complete_model(
     for part in range(len(parts) - 1):
         place_box(frames, parts, part)
     frames[-1, layout.ROTATION : layout.CENTRE] = (1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0)
-    row[[layout.IS_TURNED, layout.IS_LOOSE, layout.IS_HIDDEN]] = 0
+    row[[layout.IS_TURNED, layout.IS_DYNAMIC, layout.IS_HIDDEN]] = 0
     note_fused(frames, parts)
     clear_first(words, parts)
     fault = np.zeros(model_validation.FAULT_SIZE, np.int64)
@@ -136,7 +136,7 @@ def complete_model(
         _raise_at(kind, fault, parts, names)
         rewrite_entries(words, parts, plan.copies_of(parts)[1])
     _raise_at(model_validation.fault_in_lists(words, parts, fault), fault, parts, names)
-    order = loose_order(words, parts)
+    order = dynamic_order(words, parts)
     if order is None:
         raise MeshFormatError("the tree over the parts that have moved does not have each of them once")
     if not write_moving(words, frames, parts, int(row[layout.REGION]), order, 0) <= 1.0:
@@ -185,10 +185,10 @@ def _raise_at(kind: int, fault: np.ndarray, parts: np.ndarray, names: tuple[str,
     part, *numbers = fault.tolist()
     row = parts[part]
     where = "the trees over the parts" if part == len(names) else named(part, names)
-    told = _SENTENCES[int(kind)].format(
+    reported = _SENTENCES[int(kind)].format(
         *numbers, nodes=row[layout.NODE_COUNT], blocks=row[layout.BLOCK_COUNT]
     )
-    raise MeshFormatError(f"{where}: {told}")
+    raise MeshFormatError(f"{where}: {reported}")
 
 
 def named(part: int, names: tuple[str, ...]) -> str:
@@ -223,7 +223,9 @@ def _check_rows(parts: np.ndarray, count: int, real_count: int, word_count: int)
     _expect(((sizes >= 0) & (sizes <= max(real_count, word_count))).all(), "the table of parts has a number "
             f"that is below 0 or beyond the {max(real_count, word_count)} numbers in the file")  # fmt: skip
     rows = parts[:-1]
-    _expect((rows[:, [layout.IS_LOOSE, layout.IS_HIDDEN]] <= 1).all(), "a flag of a part is neither 0 nor 1")
+    _expect(
+        (rows[:, [layout.IS_DYNAMIC, layout.IS_HIDDEN]] <= 1).all(), "a flag of a part is neither 0 nor 1"
+    )
     _expect((rows[:, layout.SIGN] <= layout.SIGN_WINDING).all(), "a part has no known kind of sign")
     at_least_one = [layout.NODE_COUNT, layout.BLOCK_COUNT, layout.FACE_COUNT, layout.CORNER_COUNT]
     _expect((rows[:, at_least_one] > 0).all(), "a part has no nodes, blocks, faces or corners")

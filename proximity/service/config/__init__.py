@@ -1,6 +1,6 @@
 """A service described in a file: which parts, which fingers, where poses come from, where frames go.
 
-TOML, with every mistake told by its line; ``meshes/demo.toml`` explains each key. `read_scene_file` checks
+TOML, with every mistake named by its line; ``meshes/demo.toml`` explains each key. `read_scene_file` checks
 what can be checked without opening parts; what the file describes is then made of it.
 """
 

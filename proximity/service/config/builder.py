@@ -131,11 +131,11 @@ def make_tracker(settings: SceneFile, scene: Scene, count: int) -> Tracker:
     ServiceError
         If it cannot be.
     """
-    told = {one.name: getattr(settings.fingers, one.name) for one in fields(FingerSettings)}
-    told = {name: value for name, value in told.items() if value is not None and name != "count"}
+    reported = {one.name: getattr(settings.fingers, one.name) for one in fields(FingerSettings)}
+    reported = {name: value for name, value in reported.items() if value is not None and name != "count"}
     service = settings.service
     try:
-        return Tracker(scene, fingers=count, period=service.period, latency=service.latency, **told)
+        return Tracker(scene, fingers=count, period=service.period, latency=service.latency, **reported)
     except ProximityError as unfit:
         raise settings.error(("fingers", "radius"), f"fingers: {unfit}") from unfit
 

@@ -16,7 +16,7 @@ from proximity.system.regular_file import open_regular
 MOST_BYTES = 1 << 20
 """A scene of thousands of parts has less; what is larger is another file."""
 MOST_LINES = 200
-"""Of one statement: behind a longer one no line is told, but that of the statement."""
+"""Of one statement: behind a longer one no line is named, but that of the statement."""
 PLACE_IN_MESSAGE = re.compile(r" \(at (?:line (\d+), column (\d+)|end of document)\)$")
 
 Path = tuple[str | int, ...]

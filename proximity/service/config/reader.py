@@ -106,11 +106,11 @@ def override(settings: SceneFile, given: dict[str, Any]) -> SceneFile:
         If it cannot be used.
     """
     document = Document("", "")
-    told = {key: _as_in_toml(value) for key, value in given.items() if value is not None}
-    document.data["service"] = told
+    reported = {key: _as_in_toml(value) for key, value in given.items() if value is not None}
+    document.data["service"] = reported
     service = _Reader(document, os.getcwd()).service()
     document.raise_complaints()
-    changed = {key: getattr(service, key) for key in told}
+    changed = {key: getattr(service, key) for key in reported}
     settings = replace(settings, service=replace(settings.service, **changed))
     _check_together(settings)
     settings.document.raise_complaints()

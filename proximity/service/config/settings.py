@@ -32,7 +32,7 @@ class ServiceSettings:
 
 @dataclass(frozen=True, slots=True)
 class FingerSettings:
-    """The fingertips, and what a tracker is told besides; None: its own default."""
+    """The fingertips, and what a tracker is given besides; None: its own default."""
 
     count: int | None = None  # None: as many as a recording has, else five
     radius: float | tuple[float, ...] = 0.007  # m, one for all or one each

@@ -3,14 +3,14 @@
 import numpy as np
 
 from proximity.errors import DecaffError
-from proximity.service import GloveWays
+from proximity.service import GloveChoices
 from proximity.service.config import SceneFile
 
 TABLE = 4097
 """Places of a table of counts: lines in between are off by less than a hundredth of a count."""
 
 
-def read_gloves(settings: SceneFile, count: int) -> GloveWays | None:
+def read_gloves(settings: SceneFile, count: int) -> GloveChoices | None:
     """Return where fingertips go as fingers bend, by their calibrations; None where there is no [glove].
 
     Parameters
@@ -36,7 +36,7 @@ def read_gloves(settings: SceneFile, count: int) -> GloveWays | None:
     except DecaffError as unfit:
         raise settings.error(("glove", "calibration"), f"glove.calibration: {unfit}") from unfit
     tables = [each.counts_table(TABLE) for each in worn]
-    return GloveWays(
+    return GloveChoices(
         corners=np.stack([each.path_finger() for each in worn]),
         counts=np.stack([counts for counts, _ in tables]),
         bends=np.stack([bends for _, bends in tables]),

@@ -59,7 +59,7 @@ class RunningService:
         # Guarded: when nobody reads on, the service waits as soon as the pipe is full.
         self._path, self._say = path, guarded(say)
         self._said: deque[str] = deque(maxlen=KEPT_LINES)
-        self._told: queue.SimpleQueue[dict[str, Any] | None] = queue.SimpleQueue()
+        self._reported: queue.SimpleQueue[dict[str, Any] | None] = queue.SimpleQueue()
         self._report: dict[str, Any] | None = None
         self._process = subprocess.Popen(
             command,
@@ -78,7 +78,7 @@ class RunningService:
         )
         self._readers = [
             threading.Thread(target=read, name="service", daemon=True)
-            for read in (self._read_told, self._read_said)
+            for read in (self._read_report, self._read_said)
         ]
         for reader in self._readers:
             reader.start()
@@ -114,7 +114,7 @@ class RunningService:
             If it has failed, or did not end in time; or if *timeout* is no number of 0 or more.
         """
         timeout = checked_seconds("timeout", timeout)
-        with suppress(OSError, ValueError):  # it has ended already, or was told already
+        with suppress(OSError, ValueError):  # it has ended already, or was reported already
             assert self._process.stdin is not None
             self._process.stdin.write("stop\n")
             self._process.stdin.close()
@@ -147,14 +147,14 @@ class RunningService:
 
     def _wait_for_begin(self, timeout: float) -> dict[str, Any]:
         try:
-            told = self._told.get(timeout=timeout)
+            reported = self._reported.get(timeout=timeout)
         except queue.Empty:
             raise ServiceError(
                 f"{self._path}: the service has published nothing within {timeout:g} s: killed"
             ) from None
-        if told is None:
+        if reported is None:
             raise self._failure(self._process.wait())
-        return told
+        return reported
 
     def _failure(self, code: int) -> ServiceError:
         """What the child's end is called: its own sentence, where it has said one."""
@@ -165,19 +165,19 @@ class RunningService:
         last = self._said[-1] if self._said else "it said nothing"
         return ServiceError(f"{self._path}: the service has failed with exit code {code}: {last}")
 
-    def _read_told(self) -> None:
+    def _read_report(self) -> None:
         """Take the documents on the child's standard output: first that it has begun, then the report."""
         try:
             for line in self._process.stdout or ():
                 if not line.startswith("{"):  # of whom?
                     continue
-                told = json.loads(line)
-                if told.pop("event") == "begun":
-                    self._told.put(told)
+                reported = json.loads(line)
+                if reported.pop("event") == "begun":
+                    self._reported.put(reported)
                 else:
-                    self._report = told
+                    self._report = reported
         finally:
-            self._told.put(None)  # whoever waits, waits no longer
+            self._reported.put(None)  # whoever waits, waits no longer
 
     def _read_said(self) -> None:
         for line in self._process.stderr or ():
@@ -240,7 +240,7 @@ def start_service(
 
 
 def _options(overrides: dict[str, Any]) -> Iterator[str]:
-    """What the command line is told of overrides."""
+    """What the command line reports of overrides."""
     for key, value in overrides.items():
         if value is None:
             continue

@@ -46,12 +46,12 @@ class Editing:
             return
         self._looked_at = seen
         try:
-            told = self._take()
+            reported = self._take()
         except ProximityError as unusable:
-            told = f"{REFUSED}: {unusable}"
+            reported = f"{REFUSED}: {unusable}"
         except Exception as failure:  # a mistake of ours must not end the looking
-            told = f"{REFUSED}: {type(failure).__name__}: {failure}"
-        self._say(told)
+            reported = f"{REFUSED}: {type(failure).__name__}: {failure}"
+        self._say(reported)
 
     def _take(self) -> str:
         """Make the edited scene and hand it to the loop; what is said of it."""
@@ -83,9 +83,9 @@ def refuse_what_needs_a_restart(before: SceneFile, after: SceneFile) -> None:
     ServiceError
         With the line of what is other.
     """
-    told = _fixed(after)
+    reported = _fixed(after)
     for path, value in _fixed(before).items():
-        if told[path] != value:
+        if reported[path] != value:
             raise after.error(
                 path, f"{spelled(path)} is not as it was, and a running service keeps it: start it anew"
             )
@@ -93,15 +93,15 @@ def refuse_what_needs_a_restart(before: SceneFile, after: SceneFile) -> None:
 
 def _fixed(settings: SceneFile) -> dict[Path, Any]:
     """What a running service cannot change, by where it stands."""
-    told: dict[Path, Any] = {("service", key): value for key, value in asdict(settings.service).items()}
-    del told["service", "latency"]
-    told["fingers", "count"] = settings.fingers.count
+    reported: dict[Path, Any] = {("service", key): value for key, value in asdict(settings.service).items()}
+    del reported["service", "latency"]
+    reported["fingers", "count"] = settings.fingers.count
     given = asdict(settings.input)
     recorded = given.pop("recording") or {}
     given["recording"] = recorded.pop("file", None)
-    told |= {("input", key): value for key, value in {**given, **recorded}.items()}
-    told["glove",] = settings.glove
-    return told
+    reported |= {("input", key): value for key, value in {**given, **recorded}.items()}
+    reported["glove",] = settings.glove
+    return reported
 
 
 def _stamps(settings: SceneFile) -> dict[str, Any]:

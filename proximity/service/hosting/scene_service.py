@@ -47,7 +47,7 @@ def serve(
     begun: Callable[[Beginning], None] | None = None,
     **overrides: Any,
 ) -> Report:
-    """Serve a scene file in this process until told to stop; ``meshes/demo.toml`` explains such files.
+    """Serve a scene file in this process until asked to stop; ``meshes/demo.toml`` explains such files.
 
     While it serves, an edit of the file, or of a file of its parts, is taken between two ticks; one that
     cannot be used is said, and the scene before goes on.
@@ -66,7 +66,7 @@ def serve(
         Is given sentences meanwhile, by other threads: edits that were taken or not, what has failed. They
         are logged as warnings of "proximity.hosting" where it is not given.
     begun : callable
-        Is told, by another thread, that the first frame is out.
+        Called, by another thread, when the first frame is out.
     overrides
         What holds instead of what the file's [service] says, by its keys: ``publish``, ``rate_hz``, ``log``,
         ``real_time``, … None: the file holds.

@@ -15,26 +15,26 @@ float32, or multiplies many turns, may leave. Assumed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class GloveWays:
+class GloveChoices:
     """Where fingertips go as fingers bend, and what their potentiometers read meanwhile; N fingers."""
 
     corners: np.ndarray  # (N, K, 3) float64, m, finger's frame: knuckle, x along the flat finger, y dorsal
     counts: np.ndarray  # (N, M) float64, increasing
     bends: np.ndarray  # (N, M) float64, at the counts
 
-    def bend(self, rows: np.ndarray, told: np.ndarray, counts: np.ndarray) -> np.ndarray:
-        """Return the bends of some fingers, (F,): as told, else of the counts; nan where neither can be.
+    def bend(self, rows: np.ndarray, reported: np.ndarray, counts: np.ndarray) -> np.ndarray:
+        """Return the bends of some fingers, (F,): as given, else of the counts; nan where neither can be.
 
         Parameters
         ----------
         rows : (F,) int
             Which fingers.
-        told : (F,) float64
+        reported : (F,) float64
             Bends; nan: the counts tell.
         counts : (F,) float64
             What potentiometers read.
         """
-        bends = np.array(told, np.float64)
+        bends = np.array(reported, np.float64)
         for i in np.flatnonzero(np.isnan(bends)):
             row = rows[i]
             bends[i] = np.interp(counts[i], self.counts[row], self.bends[row], left=np.nan, right=np.nan)

@@ -9,13 +9,13 @@ from proximity.errors import PoseError, SceneError
 from proximity.message import MOVES
 from proximity.scene.scene import Scene
 from proximity.service.clock import SECOND
-from proximity.service.inputs.part_prediction import Carried, Told
+from proximity.service.inputs.part_prediction import Carried, ReportedMotion
 from proximity.service.inputs.reception import Reception
 from proximity.service.presence import Presence
 from proximity.service.sample_filter import AHEAD_NS
 from proximity.service.samples import Hands
 
-SILENT = "velocities of parts of which nothing more was told for 100 ms"
+SILENT = "velocities of parts of which nothing more was reported for 100 ms"
 UNFIT = "moves of parts that cannot be"
 FUTURE, BACKWARDS = "moves from the future", "moves older than the one before"
 
@@ -31,8 +31,8 @@ class MovesInput:
     A part that is not there, or a pose that is not rigid, is counted and left out; the others move. So is a
     move from more than 5 ms in the future, older than the one before of the same part, or too old. Velocities
     of nan are zero. A part that has a velocity is carried on by it from the instant of its pose, at each
-    tick anew. When nothing more was told of it for `HOLD_NS` it stands, that is counted, and `is_late`
-    says so until it is told again: a part that comes to rest must be told once without a velocity.
+    tick anew. When nothing more was reported of it for `HOLD_NS` it stands, that is counted, and `is_late`
+    says so until it is reported again: a part that comes to rest must be reported once without a velocity.
     Of a part that is hidden or taken out nobody needs to know where it is; when it is shown or added again,
     it is carried on again.
 
@@ -69,9 +69,9 @@ class MovesInput:
         self._stale_after_ns = round(SECOND * stale_after)
         self.future = self.backwards = 0
         self._scene: Scene | None = None
-        self._latest: dict[str, Told] = {}  # by name of a part that there is or was
-        self._unfit: set[str] = set()  # of these, parts that cannot be carried on as they were told
-        self._silent: set[str] = set()  # of these, parts of which nothing more is told
+        self._latest: dict[str, ReportedMotion] = {}  # by name of a part that there is or was
+        self._unfit: set[str] = set()  # of these, parts that cannot be carried on as they were reported
+        self._silent: set[str] = set()  # of these, parts of which nothing more is reported
         self._carried: Carried | None = None  # the parts with a velocity; None: there is none
         self._presence: Presence | None = None  # what the scene had when parts were gathered last
         self._epoch = -1  # of the scene then
@@ -84,31 +84,31 @@ class MovesInput:
 
     @property
     def is_late(self) -> bool:
-        """Whether of a part that moved nothing more is told: nobody knows where it is."""
+        """Whether of a part that moved nothing more is reported: nobody knows where it is."""
         return self._carried is not None and self._carried.is_late
 
     def apply(self, scene: Scene, now_ns: int, hands: Hands | None = None) -> None:
-        """Put the parts of a scene that are told to move where they are.
+        """Put the parts of a scene that are asked to move where they are.
 
         Parameters
         ----------
         scene : Scene
-            Another one than before, an edited one perhaps, gets all that was told until now.
+            Another one than before, an edited one perhaps, gets all that was reported until now.
         now_ns : int, ns
             The present instant.
         hands : Hands
             Poses that the scene will be asked about: parts are put where they are at the newest instant of
-            these, since distances are told for the instants of poses. Without a finger it is now.
+            these, since distances are reported for the instants of poses. Without a finger it is now.
         """
-        is_told = scene is not self._scene
-        if is_told:
+        is_reported = scene is not self._scene
+        if is_reported:
             self._scene, self._carried, self._presence = scene, None, None
             self._unfit.clear()
             list(self._moved_each(scene, self._latest))
         for _, records, ahead_ns in self._reception.messages():
             self._take(scene, records, ahead_ns + self._skipped(), now_ns)
-            is_told = True
-        if is_told or scene.epoch != self._epoch:
+            is_reported = True
+        if is_reported or scene.epoch != self._epoch:
             self._gather(scene)
         if self._carried is not None:
             self._carry(self._carried, scene, now_ns, _instant_of(hands, now_ns))
@@ -117,7 +117,7 @@ class MovesInput:
         """Make bounds wider by what is not known of parts that move.
 
         Of a finger whose pose is of another instant than those parts are put at, that is how far they go in
-        between. Of a part of which nothing more is told it is how far it may have come since.
+        between. Of a part of which nothing more is reported it is how far it may have come since.
 
         Parameters
         ----------
@@ -132,7 +132,7 @@ class MovesInput:
         self._reception.close()
 
     def _take(self, scene: Scene, records: np.ndarray, ahead_ns: int, now_ns: int) -> None:
-        """Move parts to where a message tells, and keep what it told."""
+        """Move parts to where a message tells, and keep what it reported."""
         names = [self._name(raw) for raw in records["name"].tolist()]
         pose_ns = records["pose_ns"] + ahead_ns
         rows = self._admitted(names, pose_ns, now_ns)
@@ -146,7 +146,7 @@ class MovesInput:
         turning = np.nan_to_num(records["angular_velocity"], posinf=np.inf, neginf=-np.inf)
         is_moving = velocities.any(axis=1) | turning.any(axis=1)
         each = zip(matrices, velocities, turning, pose_ns.tolist(), is_moving.tolist(), strict=True)
-        moves = {name: Told(*told) for name, told in zip(names, each, strict=True)}
+        moves = {name: ReportedMotion(*reported) for name, reported in zip(names, each, strict=True)}
         try:
             scene.move_many(names, matrices, velocities, turning)
         except (SceneError, PoseError):
@@ -180,29 +180,33 @@ class MovesInput:
         return admitted
 
     def _moved_each(
-        self, scene: Scene, moves: Mapping[str, Told], unfit_are: str = ""
-    ) -> Iterator[tuple[str, Told]]:
+        self, scene: Scene, moves: Mapping[str, ReportedMotion], unfit_are: str = ""
+    ) -> Iterator[tuple[str, ReportedMotion]]:
         """Move one after the other, and leave out whoever cannot be; gives those that were moved."""
-        for name, told in moves.items():
+        for name, reported in moves.items():
             try:
-                scene.move(name, told.matrix, velocity=told.velocity, angular_velocity=told.turning)
+                scene.move(
+                    name, reported.matrix, velocity=reported.velocity, angular_velocity=reported.turning
+                )
             except (SceneError, PoseError) as unfit:
                 if unfit_are:
                     self._reception.leave_out(unfit_are, 1, str(unfit))
             else:
-                yield name, told
+                yield name, reported
 
     def _gather(self, scene: Scene) -> None:
         """Find the parts that are to be carried on."""
         self._epoch = scene.epoch
         moving = {
-            name: told for name, told in self._latest.items() if told.is_moving and name not in self._unfit
+            name: reported
+            for name, reported in self._latest.items()
+            if reported.is_moving and name not in self._unfit
         }
         if moving:
             moving = self._present(scene, moving)
         self._carried = Carried(moving, self._silent, self._presence) if moving and self._presence else None
 
-    def _present(self, scene: Scene, moving: dict[str, Told]) -> dict[str, Told]:
+    def _present(self, scene: Scene, moving: dict[str, ReportedMotion]) -> dict[str, ReportedMotion]:
         """Those of parts that are in the scene; it is looked at anew only when it was edited."""
         presence = self._presence
         if presence is None or presence.epoch != self._epoch:
@@ -212,7 +216,7 @@ class MovesInput:
             gone = [name for name in carried if name not in presence.names and name not in self._silent]
             if gone:
                 self._reception.leave_out(UNFIT, len(gone), f"part {gone[0]!r} was taken out")
-        return {name: told for name, told in moving.items() if name in presence.names}
+        return {name: reported for name, reported in moving.items() if name in presence.names}
 
     def _carry(self, carried: Carried, scene: Scene, now_ns: int, instant_ns: int) -> None:
         """Put the parts that move where they are at an instant."""
@@ -229,7 +233,9 @@ class MovesInput:
             # One goes farther than can be computed with, or was taken out just now: the next tick sees that.
             is_edited = scene.epoch != self._epoch
             each = zip(*places, [0] * len(carried.names), strict=True)
-            moves = {name: Told(*told) for name, told in zip(carried.names, each, strict=True)}
+            moves = {
+                name: ReportedMotion(*reported) for name, reported in zip(carried.names, each, strict=True)
+            }
             moved = dict(self._moved_each(scene, moves, "" if is_edited else UNFIT))
             if not is_edited:
                 self._unfit |= moves.keys() - moved.keys()

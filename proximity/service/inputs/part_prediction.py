@@ -1,8 +1,8 @@
-"""Parts that move, carried on from where they were told to be; and by how much that makes bounds wider.
+"""Parts that move, carried on from where they were asked to be; and by how much that makes bounds wider.
 
-A part is told where it was at an instant, and how fast it went. At another instant it is where its velocities
-have taken it: the origin along a line, the part turned about its origin. A part of which nothing more is told
-is carried on for `HOLD_NS` and stands from then on, but nobody knows that it does.
+A part is reported where it was at an instant, and how fast it went. At another instant it is where its
+velocities have taken it: the origin along a line, the part turned about its origin. A part of which nothing
+more is reported is carried on for `HOLD_NS` and stands from then on, but nobody knows that it does.
 """
 
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ from proximity.service.clock import SECOND
 from proximity.service.presence import Presence
 
 HOLD_NS = SECOND // 10
-"""How long a part is believed to have the velocity that was told, unless it is told again."""
+"""How long a part is believed to have the velocity that was given, unless it is reported again."""
 NEVER = 2**63 - 1
 
 _TRACKED, _PREDICTED = np.uint32(ContactFlag.TRACKED), np.uint32(ContactFlag.PREDICTED)
@@ -24,8 +24,8 @@ _CONTACT_FOUND = np.uint32(ContactFlag.CONTACT_FOUND)
 _ROUNDED_DOWN, _ROUNDED_UP = 1.0 - 1e-12, 1.0 + 1e-12
 
 
-class Told(NamedTuple):
-    """What was told last of a part."""
+class ReportedMotion(NamedTuple):
+    """What was reported last of a part."""
 
     matrix: np.ndarray  # (4, 4) float64, m, world_from_part at pose_ns
     velocity: np.ndarray  # (3,) float64, m/s, of its origin
@@ -39,10 +39,10 @@ class Carried:
 
     Parameters
     ----------
-    told : mapping
-        What was told of each, by name; at least one.
+    reported : mapping
+        What was reported of each, by name; at least one.
     silent : container of str
-        Of which parts it is known that nothing more is told.
+        Of which parts it is known that nothing more is reported.
     presence : Presence
         What the scene has: all of these parts. Those that are hidden are carried on, but no contact is with
         them: nobody needs to know where they are.
@@ -52,13 +52,13 @@ class Carried:
     is_silent: np.ndarray  # (M,) bool
     next_ns: int  # no other part falls silent before
 
-    def __init__(self, told: Mapping[str, Told], silent: set[str], presence: Presence) -> None:
-        self.names = list(told)
+    def __init__(self, reported: Mapping[str, ReportedMotion], silent: set[str], presence: Presence) -> None:
+        self.names = list(reported)
         self.is_silent = np.array([name in silent for name in self.names])
-        self._matrices = np.array([part.matrix for part in told.values()])
-        self._velocities = np.array([part.velocity for part in told.values()])
-        self._turning = np.array([part.turning for part in told.values()])
-        self._pose_ns = np.array([part.pose_ns for part in told.values()], np.int64)
+        self._matrices = np.array([part.matrix for part in reported.values()])
+        self._velocities = np.array([part.velocity for part in reported.values()])
+        self._turning = np.array([part.turning for part in reported.values()])
+        self._pose_ns = np.array([part.pose_ns for part in reported.values()], np.int64)
         self._ends_ns = self._pose_ns + HOLD_NS
         self._instants = self._pose_ns  # that the parts stand at
         self._is_settled = False
@@ -74,11 +74,11 @@ class Carried:
 
     @property
     def is_late(self) -> bool:
-        """Whether nothing more is told of a part that questions find."""
+        """Whether nothing more is reported of a part that questions find."""
         return bool((self.is_silent & self._is_found).any())
 
     def fall_silent(self, now_ns: int) -> list[str]:
-        """Let parts stand of which nothing was told for too long; the names of those that did not before."""
+        """Let parts stand whose motion was reported too long ago; the names of those that did not before."""
         is_over = (self._ends_ns <= now_ns) & ~self.is_silent
         self.is_silent |= is_over
         self._find_next()
@@ -126,19 +126,19 @@ class Carried:
             return
         # A part that stands for the scene may go on: predictions do not know of it.
         ahead_ns = np.where(is_tracked, contacts["predicted_ns"] - pose_ns, 0)[:, None] * is_silent
-        doubt = 1e-9 * (off_ns * speeds).max(axis=1) * _ROUNDED_UP
-        doubt_then = 1e-9 * ((off_ns + ahead_ns) * speeds).max(axis=1) * _ROUNDED_UP
-        contacts["lower"] -= doubt
-        contacts["upper"] += doubt
-        contacts["predicted_lower"] -= doubt_then
-        contacts["predicted_upper"] += doubt_then
-        _doubt_the_rest(contacts, doubt_then > 0.0, speeds.max())
+        error = 1e-9 * (off_ns * speeds).max(axis=1) * _ROUNDED_UP
+        error_then = 1e-9 * ((off_ns + ahead_ns) * speeds).max(axis=1) * _ROUNDED_UP
+        contacts["lower"] -= error
+        contacts["upper"] += error
+        contacts["predicted_lower"] -= error_then
+        contacts["predicted_upper"] += error_then
+        _widen_the_rest(contacts, error_then > 0.0, speeds.max())
 
     def _find_next(self) -> None:
         self.next_ns = int(self._ends_ns[~self.is_silent].min(initial=NEVER))
 
 
-def _doubt_the_rest(contacts: np.ndarray, is_off: np.ndarray, fastest: float) -> None:
+def _widen_the_rest(contacts: np.ndarray, is_off: np.ndarray, fastest: float) -> None:
     """Promise no more of contacts than their widened bounds do, where those are wider."""
     flags = contacts["flags"]
     is_sure = is_off & ((flags & _EXACT) != 0)

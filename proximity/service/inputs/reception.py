@@ -19,7 +19,7 @@ MOST_FLAWED = 32
 """Of these, such that cannot be used: a flood of garbage takes 0.1 ms of a tick, not all."""
 
 FARTHEST_NS = 2**62
-"""Between two clocks: 146 years. Instants of one that is farther off could not be told in 64 bits."""
+"""Between two clocks: 146 years. Instants of one that is farther off could not be reported in 64 bits."""
 
 
 class Reception:
@@ -80,7 +80,7 @@ class Reception:
                 is_new_run = self._examiner.is_new_run
                 self._foreign.arrived(int(header["send_ns"]), now_ns, is_new_run=is_new_run, kind=kind.magic)
                 # Until a clock is seen to run, what it shows may be a copy of something old.
-                if self._foreign.is_settled:
+                if self._foreign.is_certain:
                     yield from self._on_our_clock(kind, records, now_ns - self._foreign.theirs(now_ns))
             if self._examiner.counts.unverified and not self._has_warned_of_key:
                 self._has_warned_of_key = True

@@ -25,7 +25,7 @@ class Measurements:
 
     distances: np.ndarray  # (N, 1) float64, m; nan: nothing was measured
     pose_ns: np.ndarray  # (N,) int64, ns, instants of the measurements
-    records: np.ndarray  # (N,) MEASUREMENT: all that was told
+    records: np.ndarray  # (N,) MEASUREMENT: all that was reported
 
     def __init__(self, count: int) -> None:
         self.distances = np.full((count, 1), np.nan)
@@ -40,7 +40,7 @@ class Measurements:
         return self.distances
 
     def take_rest(self, given: "Measurements", rows: Any) -> None:
-        """Copy all else that was told of some fingers.
+        """Copy all else that was reported of some fingers.
 
         Parameters
         ----------
@@ -55,7 +55,7 @@ class Measurements:
 class SensorInput:
     """Distances of fingers, as `MEASURED` messages at an address.
 
-    A message need not tell all fingers: of the others, what was told last is still true.
+    A message need not tell all fingers: of the others, what was reported last is still true.
 
     Parameters
     ----------

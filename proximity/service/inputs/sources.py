@@ -154,8 +154,8 @@ class CallableInput:
             The present instant.
         """
         try:
-            told = self._function(now_ns)
-            return None if told is None else self._understood(told, now_ns)
+            reported = self._function(now_ns)
+            return None if reported is None else self._understood(reported, now_ns)
         except Exception as failure:
             self._count(failure)
             return None
@@ -163,13 +163,15 @@ class CallableInput:
     def close(self) -> None:
         """Do nothing."""
 
-    def _understood(self, told: Any, now_ns: int) -> Hands:
+    def _understood(self, reported: Any, now_ns: int) -> Hands:
         hands = self._hands
         rest: tuple[Any, Any, Any] = None, None, None
-        if isinstance(told, Hands):
-            rest = _rest_of(told, len(hands.positions))
-            told = told.positions, told.pose_ns
-        positions, instants = told if isinstance(told, tuple) and len(told) == 2 else (told, now_ns)
+        if isinstance(reported, Hands):
+            rest = _rest_of(reported, len(hands.positions))
+            reported = reported.positions, reported.pose_ns
+        positions, instants = (
+            reported if isinstance(reported, tuple) and len(reported) == 2 else (reported, now_ns)
+        )
         array = _shaped("positions", positions, hands.positions.shape)
         if np.asarray(instants).dtype.kind not in "iu":
             raise QueryError(f"instants are {instants!r}, expected whole nanoseconds")
@@ -186,11 +188,11 @@ class CallableInput:
             LOGGER.warning("the function that tells poses failed: %s", self._first_failure)
 
 
-def _rest_of(told: Hands, count: int) -> tuple[Any, Any, Any]:
+def _rest_of(reported: Hands, count: int) -> tuple[Any, Any, Any]:
     """Velocities, paths and bends of so many fingers, as a tracker takes them: copies."""
-    if len(told.positions) != count:
-        raise QueryError(f"poses of {len(told.positions)} fingers, expected {count} fingers")
-    velocities, paths, bends = told.velocities, told.paths, told.bends
+    if len(reported.positions) != count:
+        raise QueryError(f"poses of {len(reported.positions)} fingers, expected {count} fingers")
+    velocities, paths, bends = reported.velocities, reported.paths, reported.bends
     if velocities is not None:
         velocities = _shaped("velocities", velocities, (count, 3))
     if paths is not None:

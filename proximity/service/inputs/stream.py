@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 
 from proximity.message import GLOVE_POSES, PATH_CORNERS, PATH_POSES, POSES, Kind
-from proximity.service.inputs.gloves import GloveWays, is_rotation, points_on
+from proximity.service.inputs.gloves import GloveChoices, is_rotation, points_on
 from proximity.service.inputs.reception import Reception, rows_of
 from proximity.service.samples import Hands
 
@@ -14,8 +14,8 @@ from proximity.service.samples import Hands
 class StreamInput:
     """Poses of fingers, as `POSES`, `PATH_POSES` and `GLOVE_POSES` messages at an address.
 
-    A message need not tell all fingers: of the others, what was told last is still true. Where several have
-    come since the last poll, the newest counts.
+    A message need not tell all fingers: of the others, what was reported last is still true. Where several
+    have come since the last poll, the newest counts.
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ class StreamInput:
         Of fingers.
     clock : callable
         Gives now, ns, monotonic.
-    gloves : GloveWays
+    gloves : GloveChoices
         Of the fingers. Without it `GLOVE_POSES` cannot be understood, and are counted as of a kind that is
         not expected.
 
@@ -43,7 +43,7 @@ class StreamInput:
         count: int,
         *,
         clock: Callable[[], int] = time.monotonic_ns,
-        gloves: GloveWays | None = None,
+        gloves: GloveChoices | None = None,
     ) -> None:
         kinds = [POSES, PATH_POSES] if gloves is None else [POSES, PATH_POSES, GLOVE_POSES]
         self._reception = Reception(address, kinds, clock)

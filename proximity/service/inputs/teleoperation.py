@@ -17,7 +17,7 @@ from proximity.transport import forget
 
 OBSERVED = int(ContactFlag.TRACKED | ContactFlag.PREDICTED | ContactFlag.JUMPED)
 """What following the distances tells of them."""
-AS_TOLD = ("position", "velocity", "normal", "bend", "bend_rate", "surface", "force", "force_is_valid")
+AS_GIVEN = ("position", "velocity", "normal", "bend", "bend_rate", "surface", "force", "force_is_valid")
 """Fields of a measurement that a contact has as well."""
 
 
@@ -35,7 +35,8 @@ class SensorAnswers:
     max_speed : float, m/s
         By which a distance changes at most; faster is a jump of the sensor.
     max_acceleration : float, m/s²
-        Bounds of predictions hold as long as it is not exceeded, and distances are no farther off than told.
+        Bounds of predictions hold as long as it is not exceeded, and distances are no farther off than
+        reported.
 
     Raises
     ------
@@ -44,8 +45,8 @@ class SensorAnswers:
 
     Notes
     -----
-    Where a sensor tells bend and bend rate, the bend at contact is told as well, on the assumption that both
-    bend and distance go on as they do (PAPER 8); how far it is off is not known.
+    Where a sensor tells bend and bend rate, the bend at contact is reported as well, on the assumption that
+    both bend and distance go on as they do (PAPER 8); how far it is off is not known.
     """
 
     source = Source.TELEOPERATION
@@ -76,7 +77,7 @@ class SensorAnswers:
         self._horizon, self._max_speed, self._max_acceleration = horizon, max_speed, max_acceleration
         self._motions = np.zeros((count, MOTION_REALS))
         self._motion_marks = np.zeros((count, MOTION_INTS), np.int64)
-        self._doubts = np.zeros((count, finger_rows.DOUBTS_SIZE))
+        self._error_sums = np.zeros((count, finger_rows.ERROR_SUMS_SIZE))
         self._followed = np.zeros((count, finger_rows.FOLLOWED_SIZE))
         self._contacts = np.zeros(count, CONTACT)
         self._bytes = self._contacts.view(np.uint8).reshape(count, -1)
@@ -94,7 +95,7 @@ class SensorAnswers:
         self.answer(Measurements(self.count), 0)
         self._motions[:] = 0.0
         self._motion_marks[:] = 0
-        self._doubts[:] = 0.0
+        self._error_sums[:] = 0.0
 
     def answer(self, samples: Measurements, now_ns: int) -> np.ndarray:
         """Make the contacts.
@@ -116,19 +117,19 @@ class SensorAnswers:
 
     def _answer(self, samples: Measurements, now_ns: int) -> np.ndarray:
         acts_ns = now_ns + self._latency_ns
-        told, contacts = samples.records, self._contacts
+        reported, contacts = samples.records, self._contacts
         finger_rows.follow_distances(
-            self._motions, self._motion_marks, self._doubts, samples.pose_ns, samples.distances,
-            told["error"], -told["approach_speed"], acts_ns, self._max_speed, self._max_acceleration,
+            self._motions, self._motion_marks, self._error_sums, samples.pose_ns, samples.distances,
+            reported["error"], -reported["approach_speed"], acts_ns, self._max_speed, self._max_acceleration,
             self._followed,
         )  # fmt: skip
         status = self._followed[:, finger_rows.STATUS].astype(np.uint32)
-        self._write_distances(samples.distances[:, 0], told["error"], status)
+        self._write_distances(samples.distances[:, 0], reported["error"], status)
         self._write_times(status)
-        for name in AS_TOLD:
-            contacts[name] = told[name]
-        self._write_surface(told)
-        self._write_bend(told)
+        for name in AS_GIVEN:
+            contacts[name] = reported[name]
+        self._write_surface(reported)
+        self._write_bend(reported)
         is_unknown = status == 0
         if is_unknown.any():
             self._bytes[is_unknown] = self._unknown[is_unknown]
@@ -174,26 +175,26 @@ class SensorAnswers:
         contacts["time_to_contact"] = expected
         contacts["time_to_contact_lower"] = np.minimum(free, self._horizon)
 
-    def _write_surface(self, told: np.ndarray) -> None:
+    def _write_surface(self, reported: np.ndarray) -> None:
         """Write how the object answers a touch, and what the controller is advised to do."""
         contacts = self._contacts
-        has_force = (told["force_is_valid"] != 0) & np.isfinite(told["force"])
+        has_force = (reported["force_is_valid"] != 0) & np.isfinite(reported["force"])
         contacts["force_is_valid"] = has_force
         contacts["force"][~has_force] = 0.0
-        is_deformable = told["surface"] == Surface.DEFORMABLE
+        is_deformable = reported["surface"] == Surface.DEFORMABLE
         for name in ("stiffness", "damping"):
-            contacts[name] = np.where(is_deformable & np.isfinite(told[name]), told[name], 0.0)
+            contacts[name] = np.where(is_deformable & np.isfinite(reported[name]), reported[name], 0.0)
         is_near = contacts["time_to_contact"] < np.inf
         contacts["mode"] = np.where(is_near, np.where(is_deformable, Mode.FORCE, Mode.POSITION), Mode.RETRACT)
 
-    def _write_bend(self, told: np.ndarray) -> None:
+    def _write_bend(self, reported: np.ndarray) -> None:
         """Write the bend at contact where it follows from bend, bend rate and time to contact."""
         contacts = self._contacts
-        time_left, bend = contacts["time_to_contact"], told["bend"]
+        time_left, bend = contacts["time_to_contact"], reported["bend"]
         is_touching = contacts["signed_distance"] <= 0.0
-        is_bending = (time_left < np.inf) & (told["bend_rate"] > 0.0)
+        is_bending = (time_left < np.inf) & (reported["bend_rate"] > 0.0)
         place = np.full(self.count, np.nan)
-        place[is_bending] = bend[is_bending] + told["bend_rate"][is_bending] * time_left[is_bending]
+        place[is_bending] = bend[is_bending] + reported["bend_rate"][is_bending] * time_left[is_bending]
         place[place > 1.0] = np.nan
         place[is_touching] = bend[is_touching]
         is_sure = is_touching & (contacts["upper"] <= 0.0)

@@ -52,7 +52,7 @@ def press_on_part(
     press : Press or RecordedPress
         What the hand means to do.
     setup : EngineSetup
-        How the finger is told of the part, and what stops it.
+        How the finger learns of the part, and what stops it.
     hand : Hand
         Who presses.
     """
@@ -70,7 +70,7 @@ def press_on_part(
     reader = engine.reader
     return EnginePress(
         finger, setup, loop.response, real, reader.states, reader.switched_at, engine.counts,
-        engine.told_contact, engine.told_error, reader.advances,
+        engine.reported_contact, engine.reported_error, reader.advances,
     )  # fmt: skip
 
 
@@ -82,15 +82,15 @@ class Engine:
     finger : PlacedFinger
         Before its part.
     setup : EngineSetup
-        How it is told.
+        How it is reported.
     loop : DecaffLoop
         Whose finger it is.
     real : Response
         The real wall's, whose force a far end feels.
     """
 
-    told_contact: float
-    told_error: float
+    reported_contact: float
+    reported_error: float
     reader: Reader
 
     def __init__(self, finger: PlacedFinger, setup: EngineSetup, loop: DecaffLoop, real: Response) -> None:
@@ -103,7 +103,7 @@ class Engine:
         self._frames = Subscriber(link, "simulation", clock=lambda: self._now_ns)
         self._begin = loop.now + setup.phase * self._period
         self._ticks = 0
-        self.told_contact = self.told_error = math.nan
+        self.reported_contact = self.reported_error = math.nan
         self._has_touched = False
         if setup.reading is None:
             self.reader = ControllerReader(
@@ -119,7 +119,7 @@ class Engine:
         return self._frames.counts
 
     def command(self, sight: Sight) -> DrumCommand:
-        """Make the frames that are due, take what has arrived, and have the drum told.
+        """Make the frames that are due, take what has arrived, and have the drum informed.
 
         Parameters
         ----------
@@ -157,11 +157,13 @@ class Engine:
         return {"bend_rate": speed / float(self._finger.glove.finger.speed(bend)), "force": force}
 
     def _note(self, bend: float, error: float) -> None:
-        """Keep what was told of the contact last."""
+        """Keep what was reported of the contact last."""
         if math.isfinite(bend):
             place = self._finger.path.place(bend)
-            self.told_contact = place - self._wall
-            self.told_error = self._finger.path.place(bend + error) - place if error < math.inf else math.inf
+            self.reported_contact = place - self._wall
+            self.reported_error = (
+                self._finger.path.place(bend + error) - place if error < math.inf else math.inf
+            )
 
 
 def _feed(finger: PlacedFinger, setup: EngineSetup, period: float) -> Feed:

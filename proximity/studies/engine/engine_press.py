@@ -24,8 +24,10 @@ class EnginePress:
     states: Counter[str]  # samples of the servo in each state of the controller
     switched_at: float  # s, when the controller first served a force; nan: it did not
     counts: Counts  # frames, as the subscriber counts them
-    told_contact: float  # m past the true surface, the place of contact in the last frame before the touch
-    told_error: float  # m, the bound that this frame gave for it, on the polyline that the tracker had
+    reported_contact: (
+        float  # m past the true surface, the place of contact in the last frame before the touch
+    )
+    reported_error: float  # m, the bound that this frame gave for it, on the polyline that the tracker had
     advances: int  # samples at which the drum was sent nearer although nothing fresh was known
 
     @property

@@ -1,4 +1,4 @@
-"""How a simulated finger is told of a part: by whom, how often, how late, and what fails meanwhile."""
+"""How a simulated finger learns of a part: by whom, how often, how late, and what fails meanwhile."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -30,7 +30,7 @@ class Distances(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class EngineSetup:
-    """How a finger is told of a part, and what stops it."""
+    """How a finger learns of a part, and what stops it."""
 
     distances: Distances = Distances.ENGINE
     rate: float = 1000.0  # Hz, of the service
@@ -56,7 +56,7 @@ class EngineSetup:
 
     @property
     def ideal(self) -> "EngineSetup":
-        """The same drum and hand, told the truth at once."""
+        """The same drum and hand, informed without delay."""
         return replace(self, distances=Distances.IDEAL, rate=SERVO_RATE, latency=0.0, phase=0.0)
 
     @property

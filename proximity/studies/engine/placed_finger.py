@@ -115,9 +115,9 @@ def place_finger(
         if off < AS_ASKED:
             break
     if best is None:
-        told = ", ".join(f"{1e3 * coordinate:g}" for coordinate in point)
+        reported = ", ".join(f"{1e3 * coordinate:g}" for coordinate in point)
         raise DecaffError(
-            f"({told}) mm: no hand gets its finger there without touching before, expected a place with "
+            f"({reported}) mm: no hand gets its finger there without touching before, expected a place with "
             f"{1e3 * LEAST_WAY:g} mm of free way before it"
         )
     return placed(scene, glove, *best)

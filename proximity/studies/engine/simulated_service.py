@@ -20,7 +20,7 @@ from proximity.tracker.tracker import Tracker
 from proximity.transport import Outlet, Publisher
 
 SECOND = 1_000_000_000  # ns
-VALID_FOR, STALE_AFTER = 0.020, 0.100  # s, as of a service that is told nothing else
+VALID_FOR, STALE_AFTER = 0.020, 0.100  # s, as of a service that is given nothing else
 
 
 class Feed(Protocol):
@@ -61,9 +61,9 @@ class TrackedFinger:
         bend : float
             Of the finger; nan: it is not seen.
         bend_rate : float, 1/s
-            Not told: the tracker finds it out.
+            Not reported: the tracker finds it out.
         force : float, N
-            Not told.
+            Not reported.
         """
         hands = self._hands
         hands.positions[0] = self._finger.point(bend)
@@ -150,7 +150,7 @@ class MeasuredFinger:
 
 
 class SimulatedService:
-    """Ticks when it is told to, and publishes.
+    """Ticks when it is asked to, and publishes.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""When a drum arrives, drawn: how it goes to its place, and from how far away it must be told of a wall."""
+"""When a drum arrives, drawn: how it goes to its place, and from how far away it must know of a wall."""
 
 from typing import TYPE_CHECKING
 
@@ -71,15 +71,15 @@ def numbers() -> Table:
     for name, drum in DRUMS.items():
         glove = with_drum(Decaff(), drum, SERVO_RATE)
         for latency in LATENCIES:
-            told = with_latency(glove, latency)
+            reported = with_latency(glove, latency)
             arrival = arrival_time(drum, glove.servo, WAY)
             rows += [
                 (
                     name,
                     latency,
                     speed,
-                    needed_look_ahead(hand, told, speed),
-                    look_ahead(speed, told.sensing, arrival),
+                    needed_look_ahead(hand, reported, speed),
+                    look_ahead(speed, reported.sensing, arrival),
                 )
                 for speed in SPEEDS
             ]

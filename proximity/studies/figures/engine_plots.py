@@ -71,8 +71,8 @@ def numbers() -> Table:
                         floor,
                         felt.error.onset,
                         drum_offset(felt.response),
-                        felt.told_contact,
-                        felt.told_error,
+                        felt.reported_contact,
+                        felt.reported_error,
                     )
                 )
     names = (

@@ -55,7 +55,7 @@ def numbers(latencies: Sequence[float], speeds: Sequence[float]) -> Table:
     blocks = []
     for latency in latencies:
         wall = sweeps.best_penalty_wall(hand, RATE, latency)
-        told = sweeps.with_latency(glove, latency, RATE)
+        reported = sweeps.with_latency(glove, latency, RATE)
         block = {
             "latency_s": np.full(len(speeds), latency),
             "speed_m_per_s": np.array(speeds),
@@ -64,7 +64,7 @@ def numbers(latencies: Sequence[float], speeds: Sequence[float]) -> Table:
             "penalty_error": sweeps.penalty_row(hand, wall, speeds=speeds).errors,
         }
         for name, target in TARGETS.items():
-            block[f"{name}_error"] = sweeps.drum_row(hand, told, target, speeds=speeds).errors
+            block[f"{name}_error"] = sweeps.drum_row(hand, reported, target, speeds=speeds).errors
         blocks.append(block | {"ideal_drum_error": floor})
     return Table({name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]})
 

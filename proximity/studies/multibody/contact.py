@@ -140,7 +140,7 @@ def press(
     kernels.press(chain, table, int(shown), _steps(shown, lag, step), step, states, forces)
     if not np.isfinite(states[-1]).all():
         raise DecaffError(f"the motion runs away in steps of {step:g} s, expected shorter ones")
-    return _told(finger, states, forces, step)
+    return _reported(finger, states, forces, step)
 
 
 def _start(name: str, values: ArrayLike, n: int) -> np.ndarray:
@@ -172,8 +172,8 @@ def _chain(finger: PlanarFinger) -> np.ndarray:
     return np.vstack([finger.coupling(), *rows])
 
 
-def _told(finger: PlanarFinger, states: np.ndarray, forces: np.ndarray, step: float) -> Pressing:
-    """The states, told in joints' angles."""
+def _reported(finger: PlanarFinger, states: np.ndarray, forces: np.ndarray, step: float) -> Pressing:
+    """The states, reported in joints' angles."""
     n = len(finger.lengths)
     links = states[:, : 2 * n].reshape(-1, 2, n)
     joints = np.diff(links, axis=2, prepend=0.0)

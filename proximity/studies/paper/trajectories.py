@@ -1,4 +1,4 @@
-"""How a finger presses on a wall and leaves it: displacements told in advance, in closed form.
+"""How a finger presses on a wall and leaves it: displacements given in advance, in closed form.
 
 The paper shows such curves without numbers; those here are assumed (PAPER 3.1). Pressing in is the
 polynomial of lowest degree that keeps the speed of the touch and stops at depth without a jump of the

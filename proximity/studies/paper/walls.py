@@ -1,6 +1,6 @@
 """What a finger feels of a real wall, of a traditional simulated one, and of the DECAFF drum.
 
-The motion of the finger is told in advance; what differs is the motion that the wall lets it make, when it
+The motion of the finger is given in advance; what differs is the motion that the wall lets it make, when it
 answers, and with which spring and damper (the paper's equations 2 to 11 and 16). Numbers of equations are
 the paper's.
 """

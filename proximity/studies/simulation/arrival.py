@@ -1,4 +1,4 @@
-"""From how far away a drum must be told of a wall, so that it stands there when the finger comes.
+"""From how far away a drum must know of a wall, so that it stands there when the finger comes.
 
 By a formula, and by looking: presses are simulated with less and less reach until the drum is late.
 """
@@ -43,7 +43,7 @@ def arrival_time(drum: Drum, servo: Servo, distance: float) -> float:
 
 
 def look_ahead(speed: float, sensing: Sensing, arrival: float) -> float:
-    """Return from how far away a wall must be told, m: what a finger goes until the drum is there.
+    """Return from how far away a wall must be known, m: what a finger goes until the drum is there.
 
     Parameters
     ----------
@@ -90,7 +90,9 @@ def needed_look_ahead(hand: Hand, glove: Decaff, speed: float, *, grid: float = 
 
     late, early = 0, round(FARTHEST / positive("grid", grid, "metres"))
     if not is_in_place(early):
-        raise DecaffError(f"the drum is late at {speed:g} m/s, even when told from {FARTHEST:g} m away")
+        raise DecaffError(
+            f"the drum is late at {speed:g} m/s, even when distinguished from {FARTHEST:g} m away"
+        )
     while early - late > 1:
         middle = (late + early) // 2
         late, early = (late, middle) if is_in_place(middle) else (middle, early)

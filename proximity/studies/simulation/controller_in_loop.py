@@ -74,12 +74,12 @@ class ControllerDoor:
 
     def _write(self, message: Message) -> None:
         """Write a distance as a frame would have it: with the place of contact on the finger's way."""
-        told, path = self._contact, self._path
+        reported, path = self._contact, self._path
         pose_ns = START_NS + round(1e9 * message.at)
         if self._frame is None or pose_ns != self._frame.start_ns:
             self._frame = FrameMark(0, 0 if self._frame is None else self._frame.sequence + 1, pose_ns)
-        told["pose_ns"] = pose_ns
-        told["bend"] = path.bend(self._wall + message.link)
-        told["contact_bend"] = path.bend(self._wall + message.link + message.distance)
+        reported["pose_ns"] = pose_ns
+        reported["bend"] = path.bend(self._wall + message.link)
+        reported["contact_bend"] = path.bend(self._wall + message.link + message.distance)
         for name in ("signed_distance", "lower", "upper"):
-            told[name] = message.distance
+            reported[name] = message.distance

@@ -1,4 +1,4 @@
-"""What a finger presses with and on: links, penalty walls, and gloves with a drum that are told distances."""
+"""What a finger presses with and on: links, penalty walls, and gloves with a drum, given distances."""
 
 import math
 from dataclasses import dataclass, field
@@ -60,7 +60,7 @@ class Sensing:
 
     rate: float = 1000.0  # Hz
     latency: float = 0.001  # s, from measurement to delivery
-    reach: float = 0.100  # m, farther distances are not told
+    reach: float = 0.100  # m, farther distances are not reported
     bias: float = 0.0  # m, added to each
     scale_error: float = 0.0  # share, by which each is too large
     noise: float = 0.0  # m, rms
@@ -102,7 +102,7 @@ class Sensing:
 
 @dataclass(frozen=True, slots=True)
 class Decaff:
-    """A glove with a contact drum: what it is made of, and what it is told."""
+    """A glove with a contact drum: what it is made of, and what it is given."""
 
     drum: Drum = GEAR4
     servo: Servo = None  # type: ignore[assignment]  # None: the one that suits the drum, at 3 kHz

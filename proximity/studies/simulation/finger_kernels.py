@@ -163,11 +163,11 @@ def press_penalty_wall(
     for i in range(record.shape[1]):
         since = i - first
         if since >= 0 and since % every == 0:
-            told = rounded(link, wall[WALL_RESOLUTION])
-            if told > 0.0:
-                damped = wall[WALL_DAMPING] * (told - before) / (every * step)
-                forces[since // every] = max(0.0, wall[WALL_STIFFNESS] * told + damped)
-            before = told
+            reported = rounded(link, wall[WALL_RESOLUTION])
+            if reported > 0.0:
+                damped = wall[WALL_DAMPING] * (reported - before) / (every * step)
+                forces[since // every] = max(0.0, wall[WALL_STIFFNESS] * reported + damped)
+            before = reported
         push_back = forces[(since - late) // every] if since >= late else 0.0
         force = body[PAD_STIFFNESS] * (finger - link) + body[PAD_DAMPING] * (speed - link_speed)
         record[FORCE, i], record[FINGER, i], record[FINGER_SPEED, i] = force, finger, speed

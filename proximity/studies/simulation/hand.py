@@ -1,6 +1,6 @@
 """The hand that presses: what it means to do, how soft it is, and the finger with its pad.
 
-The hand's intent is a motion told in advance (`trajectories.Press`), through the wall's surface to a depth
+The hand's intent is a motion given in advance (`trajectories.Press`), through the wall's surface to a depth
 that no hand reaches: springs and dampers lie between intent and finger, and between finger and surface.
 Contact is at 0, at time 0; positions are positive into the wall.
 """

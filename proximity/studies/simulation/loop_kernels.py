@@ -41,7 +41,7 @@ TIME_STAMPED = 3  # where the link was when the distance was measured; held
 # --- sensing ---
 RATE = 0  # Hz, of distances
 LATENCY = 1  # s, from measurement to delivery
-REACH = 2  # m, farther distances are not told
+REACH = 2  # m, farther distances are not reported
 BIAS = 3  # m, added to each distance
 SCALE_ERROR = 4  # share, by which each distance is too large
 WALL_SPEED = 5  # m/s, of the wall

@@ -1,4 +1,4 @@
-"""One press on one wall, as told by a few numbers, beside the same press on a real wall."""
+"""One press on one wall, as given by a few numbers, beside the same press on a real wall."""
 
 import math
 from dataclasses import asdict, dataclass
@@ -122,8 +122,8 @@ def simulate(setup: Setup) -> Simulation:
         response = penalty_wall(hand, press, penalty)
     elif setup.wall == Wall.DECAFF:
         glove = with_drum(Decaff(), DRUMS[setup.drum], SERVO_RATE)
-        told = with_latency(glove, setup.latency, setup.rate)
-        response = decaff(hand, press, told, POLICIES[setup.policy])
+        reported = with_latency(glove, setup.latency, setup.rate)
+        response = decaff(hand, press, reported, POLICIES[setup.policy])
     else:
         response = real_wall(hand, press)
     return Simulation(setup, response, real_wall(hand, press, like=response), penalty)
@@ -183,7 +183,7 @@ def describe(simulation: Simulation) -> str:
 
 
 def document(simulation: Simulation) -> dict[str, Any]:
-    """Return all that is told of a press, as plain values in SI units.
+    """Return all that is reported of a press, as plain values in SI units.
 
     Parameters
     ----------
@@ -191,12 +191,12 @@ def document(simulation: Simulation) -> dict[str, Any]:
         The press.
     """
     setup, penalty = simulation.setup, simulation.penalty
-    told: dict[str, Any] = {"wall": str(setup.wall), "speed": setup.speed}
+    reported: dict[str, Any] = {"wall": str(setup.wall), "speed": setup.speed}
     if setup.wall != Wall.REAL:
-        told |= {"latency": setup.latency, "rate": setup.rate}
+        reported |= {"latency": setup.latency, "rate": setup.rate}
     if setup.wall == Wall.DECAFF:
-        told |= {"drum": setup.drum, "policy": setup.policy, "drum_offset": simulation.drum_offset}
+        reported |= {"drum": setup.drum, "policy": setup.policy, "drum_offset": simulation.drum_offset}
     if penalty is not None:
-        told |= {"stiffness": penalty.stiffness, "damping": penalty.damping}
-    told["force_error"] = simulation.force_error
-    return told | {"felt": asdict(simulation.felt), "real": asdict(felt(simulation.real))}
+        reported |= {"stiffness": penalty.stiffness, "damping": penalty.damping}
+    reported["force_error"] = simulation.force_error
+    return reported | {"felt": asdict(simulation.felt), "real": asdict(felt(simulation.real))}

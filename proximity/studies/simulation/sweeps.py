@@ -120,7 +120,7 @@ def drum_row(
 
 
 def with_latency(glove: Decaff, latency: float, rate: float | None = None) -> Decaff:
-    """Return the same glove, told later.
+    """Return the same glove, reported later.
 
     Parameters
     ----------

@@ -112,8 +112,8 @@ class TargetPolicy:
         message = self._message
         message[loop_kernels.AT] = -math.inf
         if sight.message is not None:
-            told = sight.message
-            message[:] = told.at, told.link, told.speed, told.distance
+            reported = sight.message
+            message[:] = reported.at, reported.link, reported.speed, reported.distance
         place = loop_kernels.choose_target(
             self._kind, sight.now, sight.link, sight.drum, message, self._holding, self._memory
         )

@@ -45,7 +45,7 @@ def critical_stiffness(hand: Hand, device: Link, delay: float) -> float:
     hand, device : Hand, Link
         As of `device_resistance`.
     delay : float, s
-        Of the spring's force, all told: latency, and half a period of sampling and holding.
+        Of the spring's force, in all: latency, and half a period of sampling and holding.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What is told of a replay: times, answers, the nearest approach, touches, and whether bounds were kept."""
+"""The summary of a replay: times, answers, the nearest approach, touches, and whether bounds were kept."""
 
 from dataclasses import dataclass
 
@@ -73,7 +73,7 @@ class ReplaySummary:
 
 
 def summarise(scene: Scene, run: Replay, radius: float) -> ReplaySummary:
-    """Return what is told of a replay; every bound of a sample is checked against the exact distance.
+    """Return what is reported of a replay; every bound of a sample is checked against the exact distance.
 
     Parameters
     ----------

@@ -9,7 +9,7 @@ import oracle
 from proximity.kernels import contact_columns
 from proximity.kernels.geometry.closest_feature import LENGTH, WITNESS_SIZE
 from proximity.kernels.layout import NO_SLOT, SLOT_FACES
-from proximity.kernels.point.budgeted_walk import ROOM_SIZE
+from proximity.kernels.point.budgeted_walk import WORKSPACE_SIZE
 from proximity.kernels.scene import distance_bounds
 from proximity.pose import Pose
 from proximity.scene.scene import Scene
@@ -23,7 +23,7 @@ class Asked:
     def __init__(self, scene):
         self.scene = scene
         self.model = scene.snapshot()
-        self.room, self.witness = np.zeros(ROOM_SIZE, np.float32), np.zeros(WITNESS_SIZE)
+        self.room, self.witness = np.zeros(WORKSPACE_SIZE, np.float32), np.zeros(WITNESS_SIZE)
         m = self.model
         self.arrays = (m.reals, m.words, m.frames, m.parts)
 

@@ -10,7 +10,7 @@ from proximity.kernels.geometry.frames import (
     to_local,
 )
 from proximity.kernels.scene.containment import state_in_part
-from proximity.kernels.scene.part_grid import list_of, turns_of_loose
+from proximity.kernels.scene.part_grid import dynamic_turn_count, list_of
 from proximity.kernels.sign.inside_grid import OUTSIDE
 from proximity.model import part_grid
 from proximity.pose import Pose
@@ -161,7 +161,7 @@ def test_parts_that_have_moved_are_found_where_they_are_and_nowhere_else(loose):
     names = [f"part {k}" for k in range(loose)]
     poses = [some_pose(rng, 2.0).matrix for _ in names]
     scene.move_many(names, poses)
-    assert turns_of_loose(scene.snapshot().parts) == -(-loose // 8)
+    assert dynamic_turn_count(scene.snapshot().parts) == -(-loose // 8)
 
     anew = Scene(scene.parts)
     points = np.concatenate([before, points_around(scene, rng, 100)])

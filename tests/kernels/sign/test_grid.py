@@ -14,7 +14,7 @@ from proximity.kernels.sign.inside_grid import (
     OUTSIDE,
     build_grid,
     cell_state,
-    doubtful_places,
+    uncertain_points,
 )
 from proximity.mesh.topology import build_topology
 from proximity.mesh.triangle_mesh import TriangleMesh
@@ -63,9 +63,9 @@ class Grid:
         states_at(self.packed.view(np.float32), self.lower, self.rate, self.counts, points, out)
         return out
 
-    def doubtful_places(self):
+    def uncertain_points(self):
         counts = (int(n) for n in self.counts)
-        return doubtful_places(self.corners, self.faces, self.lower, self.rate, *counts, self.packed)
+        return uncertain_points(self.corners, self.faces, self.lower, self.rate, *counts, self.packed)
 
     def points_in_cells(self, rng, count):
         return self.lower + rng.random((count, 3)) * self.counts / self.rate
@@ -162,7 +162,7 @@ def test_many_points_are_told_by_one_look(name, least):
 
 @pytest.mark.parametrize("name", ["cube", "turned cube", "sphere", "torus", "cavity"])
 def test_faces_and_grid_agree_where_nothing_lies_between(name):
-    places, is_inside, is_clear = Grid(*MESHES[name]).doubtful_places()
+    places, is_inside, is_clear = Grid(*MESHES[name]).uncertain_points()
 
     assert len(places) == len(is_inside) == 0
     assert is_clear.shape == (len(MESHES[name][1]),)
@@ -171,7 +171,7 @@ def test_faces_and_grid_agree_where_nothing_lies_between(name):
 def test_faces_and_grid_differ_on_faces_inside_the_body():
     grid = Grid(*shapes.join(shapes.sphere(2.0, 4), shapes.sphere(1.0, 3)))
 
-    places, is_inside, is_clear = grid.doubtful_places()
+    places, is_inside, is_clear = grid.uncertain_points()
 
     # Only above the inner ball, whose faces all have clear cells on both sides; more than are returned.
     distances = np.linalg.norm(places - 0.5 * (grid.corners.max(axis=0) + grid.corners.min(axis=0)), axis=1)

@@ -8,7 +8,7 @@ from ticking import block, line, plate, sheet, solid
 from proximity.kernels.geometry.closest_feature import WITNESS_SIZE
 from proximity.kernels.layout import NO_SLOT
 from proximity.kernels.memory import Model
-from proximity.kernels.point.budgeted_walk import ROOM_SIZE
+from proximity.kernels.point.budgeted_walk import WORKSPACE_SIZE
 from proximity.kernels.scene.distance_bounds import fill_witness
 from proximity.kernels.tracking import conservative_advancement as advancing
 from proximity.kernels.tracking.conservative_advancement import (
@@ -22,7 +22,7 @@ from proximity.kernels.tracking.conservative_advancement import (
     point_on_path,
     touches,
 )
-from proximity.kernels.tracking.part_drift import Drift, room_for_movers
+from proximity.kernels.tracking.part_drift import Drift, movers_workspace
 from proximity.kernels.tracking.track import Scratch
 from proximity.scene.scene import Scene
 
@@ -46,7 +46,7 @@ class Way:
         lengths = np.linalg.norm(np.diff(self.corners, axis=0), axis=1)
         self.stages = np.append(0.0, np.cumsum(lengths)) if stages is None else np.asarray(stages, float)
         self.balls = no_balls()
-        self.scratch = Scratch(np.zeros(ROOM_SIZE, np.float32), np.zeros(WITNESS_SIZE), np.zeros(9))
+        self.scratch = Scratch(np.zeros(WORKSPACE_SIZE, np.float32), np.zeros(WITNESS_SIZE), np.zeros(9))
 
     @property
     def model(self):
@@ -60,12 +60,20 @@ class Way:
         return max(float(self.scene.distance(self.at(stage))) - self.radius, 0.0)
 
     def go(
-        self, *, start=0.0, speed=1.0, drift=0.0, ease=0.0, budget=PLENTY, clearance=None, way_of_parts=0.0
+        self,
+        *,
+        start=0.0,
+        speed=1.0,
+        drift=0.0,
+        ease=0.0,
+        budget=PLENTY,
+        clearance=None,
+        displacement_of_parts=0.0,
     ):
         """Free until, expected at, part, slot, steps."""
         clearance = self.clearance(start) if clearance is None else clearance
-        sphere = Sphere(self.radius, float(speed), self.balls, way_of_parts)
-        nothing_near = Drift(room_for_movers(0), 0, float(drift))
+        sphere = Sphere(self.radius, float(speed), self.balls, displacement_of_parts)
+        nothing_near = Drift(movers_workspace(0), 0, float(drift))
         return advance_conservatively(
             self.model, Path(self.corners, self.stages), sphere, nothing_near, start, clearance, 0, NO_SLOT,
             float(ease), budget, self.scratch,
@@ -271,7 +279,7 @@ def test_moved_parts_are_met_where_they_are_now():
     way = down()
     way.go()
     way.scene.move("plate", np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.08], [0, 0, 0, 1.0]]))
-    free, expected, *_ = way.go(way_of_parts=0.08)
+    free, expected, *_ = way.go(displacement_of_parts=0.08)
 
     assert free <= 0.013
     assert expected == pytest.approx(0.013, abs=1e-6)

@@ -17,7 +17,7 @@ from proximity.kernels.tracking.part_drift import (
     free_for,
     gather_movers,
     gather_near,
-    room_for_movers,
+    movers_workspace,
     velocity_of_part,
 )
 from proximity.pose import Pose
@@ -42,7 +42,7 @@ def scene_of(motions):
 def movers_of(scene):
     """The parts that move."""
     model = scene.snapshot()
-    movers = room_for_movers(len(model.parts) - 1)
+    movers = movers_workspace(len(model.parts) - 1)
     return Movers(movers, *gather_movers(model.frames, model.parts, movers))
 
 
@@ -237,7 +237,7 @@ def test_a_clearance_lasts_until_what_has_come_by_then_may_use_it_up():
 
 def test_nothing_moves_nothing_counts():
     assert near_of(scene_of([((0, 0, 0), (0, 0, 0))] * 9))[1:] == (0, 0.0)
-    assert drift_until(Drift(room_for_movers(9), 0, 0.25), 1.0, 1.0) == (0.25, np.inf)
+    assert drift_until(Drift(movers_workspace(9), 0, 0.25), 1.0, 1.0) == (0.25, np.inf)
 
 
 # --- how far they have moved --------------------------------------------------------------------------------
