@@ -114,7 +114,7 @@ class FedInput:
     paths : Paths
         Of its fingers; None: they have none.
     parts : SwayingParts
-        What is asked to move; None: nothing.
+        What moves; None: nothing.
     """
 
     def __init__(self, hand: RecordingInput, paths: Paths | None, parts: SwayingParts | None) -> None:

@@ -112,7 +112,7 @@ class TrackerAnswers:
         """Move the parts that are to move, and tick.
 
         Parts that have a velocity stand where they are at the instant of the newest pose. Bounds hold for
-        the pose of each finger, with parts where they were asked to be, carried on with the velocities
+        the pose of each finger, with parts where they were reported to be, carried on with the velocities
         reported.
 
         Parameters

@@ -1,23 +1,17 @@
 """A track per finger: every tick, signed distance with bounds, prediction, time and place of contact."""
 
-import math
-import operator
 import weakref
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from proximity.arrays import FLOAT64, as_float64, shown
+from proximity.arrays import as_float64, shown
 from proximity.errors import QueryError
 from proximity.kernels.compiler import CompiledCall
 from proximity.kernels.layout import GRID, NO_GRID, NO_PART, NO_SLOT, ROTATION, SIGN, SIGN_WINDING
-from proximity.kernels.point.budgeted_walk import WORKSPACE_SIZE
-from proximity.kernels.point.coherent_search import FRONT_SIZE
 from proximity.kernels.tracking import track
-from proximity.kernels.tracking.conservative_advancement import BALLS_SIZE
-from proximity.kernels.tracking.finger_distance import CROWD
-from proximity.kernels.tracking.motion import MAX_ACCELERATION, MAX_SPEED, MOTION_INTS, MOTION_REALS
+from proximity.kernels.tracking.motion import MAX_ACCELERATION, MAX_SPEED
 from proximity.kernels.tracking.part_drift import POSE_COLUMNS, movers_workspace
 from proximity.kernels.tracking.tick import TICK, tick
 from proximity.kernels.tracking.track import EACH_ITS_OWN, MOST_NS
@@ -25,6 +19,18 @@ from proximity.message import CONTACT
 from proximity.message.contact import Contacts
 from proximity.model.assembly import Model
 from proximity.scene.scene import Scene
+from proximity.tracker.finger_arrays import arrays_for
+from proximity.tracker.tracker_arguments import (
+    LARGEST_WORKING_RANGE,
+    LONGEST_LATENCY,
+    instant,
+    not_negative,
+    positive,
+    radii,
+    shaped,
+    too_long,
+    whole,
+)
 
 DEFAULT_BUDGET = 250
 """Nodes and leaves a finger and tick. Near CAD parts a walk takes 10 to 60, near free forms 3 in 100 000 take
@@ -33,14 +39,8 @@ bracket the distance within 4.1 %. With 350 it is 2.5 %, but on a busy machine o
 fingers there took longer than 0.2 ms then; with 175 it is 6.4 %."""
 MOST = 2**31 - 1
 """Nodes and leaves: more than any scene has."""
-LONGEST_LATENCY = 1e9
-"""s; instants so much later than any now are whole numbers of 64 bits still."""
 GONE = -2
 """Part of the last answer that is not in the scene any more."""
-LARGEST_RADIUS = 0.1
-"""m; no fingertip is larger, and 7 mm that are given as 7 are."""
-LARGEST_WORKING_RANGE = 10.0
-"""m; likewise 120 mm that are given as 120."""
 SHORTEST_NS = 1000
 """From one tick to another, and from a clock's 0 to the first: a tick takes longer."""
 EARLY_NS = 100_000
@@ -54,17 +54,6 @@ HORIZON = 0.25
 NOT_NANOSECONDS = "expected nanoseconds, as time.monotonic_ns() gives them: it looks like seconds"
 
 _tick = CompiledCall(tick, TICK)
-
-
-def too_long(length: float, most: float) -> str:
-    """Say of a length that cannot be meant what it is and what was expected; follows "… is ".
-
-    Parameters
-    ----------
-    length, most : float, m
-        What was given, and the limit.
-    """
-    return f"{length:g} m ({1e3 * length:g} mm), expected at most {most:g} m: was it meant in millimetres?"
 
 
 class Tracker:
@@ -132,27 +121,27 @@ class Tracker:
     ) -> None:
         if not isinstance(scene, Scene):
             raise QueryError(f"a tracker looks at a Scene, not at a {type(scene).__name__}")
-        count = _whole("fingers", fingers)
+        count = whole("fingers", fingers)
         self._scene = scene
-        self._period = _positive("period", period, "seconds")
+        self._period = positive("period", period, "seconds")
         self.contacts = np.zeros(count, CONTACT).view(Contacts)
         settings = np.zeros(track.SETTINGS_SIZE)
-        reach = _not_negative("working_range", working_range, "metres")
+        reach = not_negative("working_range", working_range, "metres")
         if reach > LARGEST_WORKING_RANGE:
             raise QueryError(f"working_range is {too_long(reach, LARGEST_WORKING_RANGE)}")
         settings[track.WORKING_RANGE] = reach
-        settings[track.LATENCY] = _not_negative("latency", latency, "seconds", most=LONGEST_LATENCY)
-        settings[track.TOLERANCE] = _not_negative("tolerance", tolerance, "shares")
-        settings[track.HORIZON] = _positive("horizon", horizon, "seconds")
-        settings[track.MAX_SPEED] = _positive("max_speed", max_speed, "metres a second")
-        settings[track.MAX_ACCELERATION] = _positive("max_acceleration", max_acceleration, "m/s²")
-        settings[track.BUDGET] = DEFAULT_BUDGET if budget is None else min(_whole("budget", budget), MOST)
+        settings[track.LATENCY] = not_negative("latency", latency, "seconds", most=LONGEST_LATENCY)
+        settings[track.TOLERANCE] = not_negative("tolerance", tolerance, "shares")
+        settings[track.HORIZON] = positive("horizon", horizon, "seconds")
+        settings[track.MAX_SPEED] = positive("max_speed", max_speed, "metres a second")
+        settings[track.MAX_ACCELERATION] = positive("max_acceleration", max_acceleration, "m/s²")
+        settings[track.BUDGET] = DEFAULT_BUDGET if budget is None else min(whole("budget", budget), MOST)
         self._settings = settings
         self._shape = (count, 3)
-        self._arrays = _arrays_for(count, settings, self.contacts)
+        self._arrays = arrays_for(count, settings, self.contacts)
         self._pose_ns = self._arrays["pose_ns"]
         self._velocities = self._arrays["velocities"]
-        self._arrays["tracks"][:, track.RADIUS] = _radii(radius, count)
+        self._arrays["tracks"][:, track.RADIUS] = radii(radius, count)
         # Not the model itself: what trackers hold on to, a scene could not write its next one to.
         self._last_model: Callable[[], Model | None] = lambda: None
         self._last_now_ns = -MOST_NS  # of the last tick
@@ -261,11 +250,11 @@ class Tracker:
 
     def _tick(self, model: Model, positions: Any, t_pose_ns: Any, now_ns: Any, is_moved: bool) -> int:
         """Check the arguments, and tick; its instant."""
-        rows = as_float64(_shaped(positions, "positions", self._shape), "positions")
+        rows = as_float64(shaped(positions, "positions", self._shape), "positions")
         if type(t_pose_ns) is not int or not -MOST_NS <= t_pose_ns <= MOST_NS:
             self._take_instants(t_pose_ns)
             t_pose_ns = EACH_ITS_OWN
-        now = _instant(now_ns)
+        now = instant(now_ns)
         self._refuse_seconds(t_pose_ns, now)
         _tick.call(model.handle, self._handle, rows, t_pose_ns, now, is_moved)
         return now
@@ -359,7 +348,7 @@ class Tracker:
     def _take_velocities(self, velocities: Any) -> None:
         self._has_velocities = True  # until it is known that there are none
         if velocities is not None:
-            self._velocities[...] = _shaped(velocities, "velocities", self._shape)
+            self._velocities[...] = shaped(velocities, "velocities", self._shape)
         self._settings[track.HAS_VELOCITIES] = velocities is not None
         self._has_velocities = velocities is not None
 
@@ -389,107 +378,14 @@ class Tracker:
         if path_bends is None:
             arrays["path_bends"][:] = np.linspace(0.0, 1.0, count)
         else:
-            given = _shaped(path_bends, "path_bends", (count,))
+            given = shaped(path_bends, "path_bends", (count,))
             if not (np.isfinite(given).all() and (np.diff(given) > 0.0).all()):
                 raise QueryError(
                     "path_bends do not increase, or are not finite, expected the bend at each corner"
                 )
             arrays["path_bends"][:] = given
-        arrays["bends"][:] = np.nan if bends is None else _shaped(bends, "bends", (len(self.contacts),))
+        arrays["bends"][:] = np.nan if bends is None else shaped(bends, "bends", (len(self.contacts),))
         self._settings[track.HAS_PATHS] = True
 
     def __repr__(self) -> str:
         return f"Tracker({self.scene!r}, {len(self.contacts)} fingers)"
-
-
-def _shaped(values: Any, name: str, shape: tuple[int, ...]) -> np.ndarray:
-    # Nothing to do, as at nearly every tick, is seen first.
-    if type(values) is np.ndarray and values.dtype is FLOAT64 and values.shape == shape:
-        return values
-    array = as_float64(values, f"values of {name}", error=QueryError, expected=f"numbers of shape {shape}")
-    if array.shape != shape:
-        raise QueryError(f"{name} have shape {array.shape}, expected {shape}")
-    return array
-
-
-def _instant(now_ns: Any) -> int:
-    try:
-        now = operator.index(now_ns)
-    except TypeError:
-        now = MOST_NS + 1
-    if not -MOST_NS <= now <= MOST_NS:
-        raise QueryError(
-            f"now_ns is {now_ns!r}, expected whole nanoseconds, at most 2**62, as of time.monotonic_ns()"
-        )
-    return now
-
-
-def _number(name: str, value: Any, unit: str, expected: str) -> float:
-    try:
-        number = float(value) if not isinstance(value, (bool, str, bytes)) else math.nan
-    except (TypeError, ValueError, OverflowError):
-        number = math.nan
-    if not math.isfinite(number):
-        raise QueryError(f"{name} is {value!r}, expected {expected} {unit}")
-    return number
-
-
-def _positive(name: str, value: Any, unit: str) -> float:
-    number = _number(name, value, unit, "a positive number of")
-    if not number > 0.0:
-        raise QueryError(f"{name} is {value!r}, expected a positive number of {unit}")
-    return number
-
-
-def _not_negative(name: str, value: Any, unit: str, *, most: float = math.inf) -> float:
-    number = _number(name, value, unit, "a number of")
-    if number < 0.0:
-        raise QueryError(f"{name} is {value!r}, expected a number of {unit} of 0 or more")
-    if number > most:
-        raise QueryError(f"{name} is {value!r}, expected a number of {unit} of {most:g} at most")
-    return number
-
-
-def _arrays_for(count: int, settings: np.ndarray, contacts: np.ndarray) -> dict[str, np.ndarray]:
-    """What a tick of so many fingers reads and writes, by the names in `kernels.tracking.track`."""
-    return {
-        "settings": settings,
-        "pose_ns": np.zeros(count, np.int64),
-        "velocities": np.full((count, 3), np.nan),
-        "paths": np.full((count, 2, 3), np.nan),
-        "path_bends": np.array([0.0, 1.0]),
-        "bends": np.full(count, np.nan),
-        "path_lengths": np.zeros(2),
-        "motions": np.zeros((count, MOTION_REALS)),
-        "motion_marks": np.zeros((count, MOTION_INTS), np.int64),
-        "tracks": np.zeros((count, track.TRACK_REALS)),
-        "marks": np.zeros((count, track.TRACK_INTS), np.int64),
-        "balls": np.zeros((count, BALLS_SIZE)),
-        "fronts": np.zeros((count if count <= CROWD else 0, FRONT_SIZE), np.float32),
-        "records": contacts,
-        "before": np.zeros((0, POSE_COLUMNS)),
-        "movers": movers_workspace(0),
-        "workspace": np.zeros(WORKSPACE_SIZE, np.float32),
-    }
-
-
-def _whole(name: str, value: Any) -> int:
-    try:
-        number = operator.index(value) if not isinstance(value, bool) else 0
-    except TypeError:
-        number = 0
-    if number < 1:
-        raise QueryError(f"{name} is {value!r}, expected a whole number of 1 or more")
-    return number
-
-
-def _radii(radius: Any, count: int) -> np.ndarray:
-    array = as_float64(radius, "radii", error=QueryError, expected="one radius in metres, or one a finger")
-    if array.shape not in ((), (count,)) or not (np.isfinite(array) & (array >= 0.0)).all():
-        raise QueryError(
-            f"radius is {shown(radius)}, expected metres of 0 or more: one, or one for each of {count} "
-            "fingers"
-        )
-    if (array > LARGEST_RADIUS).any():
-        raise QueryError(f"radius is {too_long(float(array.max()), LARGEST_RADIUS)}")
-    return np.broadcast_to(array, (count,))

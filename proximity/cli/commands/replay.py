@@ -132,7 +132,7 @@ class TrackerOptions:
 
     def settings(self, metres: float) -> "Settings":
         """Return the same in SI units."""
-        from proximity.tracker.tracker import LARGEST_RADIUS, LARGEST_WORKING_RANGE
+        from proximity.tracker.tracker_arguments import LARGEST_RADIUS, LARGEST_WORKING_RANGE
 
         return Settings(
             self.rate,

@@ -185,7 +185,7 @@ def serve(
 
 @kernel
 def rest_drum(drum: np.ndarray, drive: np.ndarray, where: float) -> None:
-    """A drum at rest *where* it is asked to be, with nothing in its memory."""
+    """A drum at rest *where* it should be, with nothing in its memory."""
     drive[:] = 0.0
     drive[WHERE] = drive[REFERENCE] = where
     drive[LAST] = rounded(where, drum[RESOLUTION])

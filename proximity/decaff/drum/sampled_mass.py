@@ -45,7 +45,7 @@ class SampledMass:
 
 @dataclass(frozen=True, slots=True)
 class Gains:
-    """What a wall or a servo is asked to be."""
+    """What a wall or a servo should be."""
 
     stiffness: float  # N/m
     damping: float  # N·s/m

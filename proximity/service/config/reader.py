@@ -22,7 +22,7 @@ from proximity.service.config.settings import (
     SceneFile,
     ServiceSettings,
 )
-from proximity.tracker.tracker import LARGEST_RADIUS, LARGEST_WORKING_RANGE, too_long
+from proximity.tracker.tracker_arguments import LARGEST_RADIUS, LARGEST_WORKING_RANGE, too_long
 from proximity.transport.address import parse
 from proximity.transport.link import TRANSPORTS
 

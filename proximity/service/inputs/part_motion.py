@@ -88,7 +88,7 @@ class MovesInput:
         return self._carried is not None and self._carried.is_late
 
     def apply(self, scene: Scene, now_ns: int, hands: Hands | None = None) -> None:
-        """Put the parts of a scene that are asked to move where they are.
+        """Put the parts of a scene that are reported to move where they are.
 
         Parameters
         ----------

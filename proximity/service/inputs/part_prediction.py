@@ -1,4 +1,4 @@
-"""Parts that move, carried on from where they were asked to be; and by how much that makes bounds wider.
+"""Parts that move, carried on from where they were reported to be; and by how much that makes bounds wider.
 
 A part is reported where it was at an instant, and how fast it went. At another instant it is where its
 velocities have taken it: the origin along a line, the part turned about its origin. A part of which nothing

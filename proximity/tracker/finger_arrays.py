@@ -1,0 +1,44 @@
+"""The arrays that a tick reads and writes."""
+
+import numpy as np
+
+from proximity.kernels.point.budgeted_walk import WORKSPACE_SIZE
+from proximity.kernels.point.coherent_search import FRONT_SIZE
+from proximity.kernels.tracking import track
+from proximity.kernels.tracking.conservative_advancement import BALLS_SIZE
+from proximity.kernels.tracking.finger_distance import CROWD
+from proximity.kernels.tracking.motion import MOTION_INTS, MOTION_REALS
+from proximity.kernels.tracking.part_drift import POSE_COLUMNS, movers_workspace
+
+
+def arrays_for(count: int, settings: np.ndarray, contacts: np.ndarray) -> dict[str, np.ndarray]:
+    """Return what a tick of so many fingers reads and writes, by the names in `kernels.tracking.track`.
+
+    Parameters
+    ----------
+    count : int
+        Of the fingers.
+    settings : (SETTINGS_SIZE,) float64
+        Of the tracker.
+    contacts : (count,) CONTACT
+        Where its answers go.
+    """
+    return {
+        "settings": settings,
+        "pose_ns": np.zeros(count, np.int64),
+        "velocities": np.full((count, 3), np.nan),
+        "paths": np.full((count, 2, 3), np.nan),
+        "path_bends": np.array([0.0, 1.0]),
+        "bends": np.full(count, np.nan),
+        "path_lengths": np.zeros(2),
+        "motions": np.zeros((count, MOTION_REALS)),
+        "motion_marks": np.zeros((count, MOTION_INTS), np.int64),
+        "tracks": np.zeros((count, track.TRACK_REALS)),
+        "marks": np.zeros((count, track.TRACK_INTS), np.int64),
+        "balls": np.zeros((count, BALLS_SIZE)),
+        "fronts": np.zeros((count if count <= CROWD else 0, FRONT_SIZE), np.float32),
+        "records": contacts,
+        "before": np.zeros((0, POSE_COLUMNS)),
+        "movers": movers_workspace(0),
+        "workspace": np.zeros(WORKSPACE_SIZE, np.float32),
+    }

@@ -1,0 +1,155 @@
+"""What a tracker is given, checked; every function here raises a `QueryError` that says what was expected."""
+
+import math
+import operator
+from typing import Any
+
+import numpy as np
+
+from proximity.arrays import FLOAT64, as_float64, shown
+from proximity.errors import QueryError
+from proximity.kernels.tracking.track import MOST_NS
+
+LONGEST_LATENCY = 1e9
+"""s; instants so much later than any now are whole numbers of 64 bits still."""
+LARGEST_RADIUS = 0.1
+"""m; no fingertip is larger, and 7 mm that are given as 7 are."""
+LARGEST_WORKING_RANGE = 10.0
+"""m; likewise 120 mm that are given as 120."""
+
+
+def too_long(length: float, most: float) -> str:
+    """Say of a length that cannot be meant what it is and what was expected; follows "… is ".
+
+    Parameters
+    ----------
+    length, most : float, m
+        What was given, and the limit.
+    """
+    return f"{length:g} m ({1e3 * length:g} mm), expected at most {most:g} m: was it meant in millimetres?"
+
+
+def shaped(values: Any, name: str, shape: tuple[int, ...]) -> np.ndarray:
+    """Return numbers as a float64 array of that shape.
+
+    Parameters
+    ----------
+    values : array-like
+        What the caller gave.
+    name : str
+        How the caller calls it, for the message.
+    shape : tuple of int
+        Expected.
+    """
+    # Nothing to do, as at nearly every tick, is seen first.
+    if type(values) is np.ndarray and values.dtype is FLOAT64 and values.shape == shape:
+        return values
+    array = as_float64(values, f"values of {name}", error=QueryError, expected=f"numbers of shape {shape}")
+    if array.shape != shape:
+        raise QueryError(f"{name} have shape {array.shape}, expected {shape}")
+    return array
+
+
+def instant(now_ns: Any) -> int:
+    """Return an instant in nanoseconds.
+
+    Parameters
+    ----------
+    now_ns : int, ns
+        What the caller gave.
+    """
+    try:
+        now = operator.index(now_ns)
+    except TypeError:
+        now = MOST_NS + 1
+    if not -MOST_NS <= now <= MOST_NS:
+        raise QueryError(
+            f"now_ns is {now_ns!r}, expected whole nanoseconds, at most 2**62, as of time.monotonic_ns()"
+        )
+    return now
+
+
+def _number(name: str, value: Any, unit: str, expected: str) -> float:
+    try:
+        number = float(value) if not isinstance(value, (bool, str, bytes)) else math.nan
+    except (TypeError, ValueError, OverflowError):
+        number = math.nan
+    if not math.isfinite(number):
+        raise QueryError(f"{name} is {value!r}, expected {expected} {unit}")
+    return number
+
+
+def positive(name: str, value: Any, unit: str) -> float:
+    """Return a number above 0.
+
+    Parameters
+    ----------
+    name, unit : str
+        For the message.
+    value : number
+        What the caller gave.
+    """
+    number = _number(name, value, unit, "a positive number of")
+    if not number > 0.0:
+        raise QueryError(f"{name} is {value!r}, expected a positive number of {unit}")
+    return number
+
+
+def not_negative(name: str, value: Any, unit: str, *, most: float = math.inf) -> float:
+    """Return a number of 0 or more.
+
+    Parameters
+    ----------
+    name, unit : str
+        For the message.
+    value : number
+        What the caller gave.
+    most : float
+        The limit.
+    """
+    number = _number(name, value, unit, "a number of")
+    if number < 0.0:
+        raise QueryError(f"{name} is {value!r}, expected a number of {unit} of 0 or more")
+    if number > most:
+        raise QueryError(f"{name} is {value!r}, expected a number of {unit} of {most:g} at most")
+    return number
+
+
+def whole(name: str, value: Any) -> int:
+    """Return a whole number of 1 or more.
+
+    Parameters
+    ----------
+    name : str
+        For the message.
+    value : int
+        What the caller gave.
+    """
+    try:
+        number = operator.index(value) if not isinstance(value, bool) else 0
+    except TypeError:
+        number = 0
+    if number < 1:
+        raise QueryError(f"{name} is {value!r}, expected a whole number of 1 or more")
+    return number
+
+
+def radii(radius: Any, count: int) -> np.ndarray:
+    """Return the radius of each finger, m, (count,).
+
+    Parameters
+    ----------
+    radius : float or (count,) floats, m
+        What the caller gave.
+    count : int
+        Of the fingers.
+    """
+    array = as_float64(radius, "radii", error=QueryError, expected="one radius in metres, or one a finger")
+    if array.shape not in ((), (count,)) or not (np.isfinite(array) & (array >= 0.0)).all():
+        raise QueryError(
+            f"radius is {shown(radius)}, expected metres of 0 or more: one, or one for each of {count} "
+            "fingers"
+        )
+    if (array > LARGEST_RADIUS).any():
+        raise QueryError(f"radius is {too_long(float(array.max()), LARGEST_RADIUS)}")
+    return np.broadcast_to(array, (count,))
