@@ -1,6 +1,5 @@
 """``proximity simulate --scene``: a press on a CAD part with the engine in the loop."""
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -57,7 +56,7 @@ def run(
         Tell it as a document.
     """
     from proximity.cli import progress
-    from proximity.cli.views.output import plain
+    from proximity.cli.views.output import write_document
     from proximity.decaff.drum.drum import DRUMS
     from proximity.formats import metres_per_unit
     from proximity.studies import part_press
@@ -83,7 +82,7 @@ def run(
         if out is not None:
             press_plots.write_curves(out, part_press.numbers(press), simulated_press.Wall.DECAFF)
     if as_json:
-        typer.echo(json.dumps(plain(part_press.document(press)), allow_nan=False, indent=1))
+        write_document(part_press.document(press))
     else:
         _print(press)
 
@@ -118,29 +117,21 @@ def _recorded(path: Path, scene: "proximity.Scene", at: list[float] | None) -> A
 
 
 def _print(press: "PartSimulation") -> None:
-    from rich.table import Table
-
-    from proximity.cli.console import Console
-    from proximity.cli.views.blocks import print_block
-    from proximity.cli.views.tables import UNBOUNDED
-    from proximity.cli.views.wording import MISSING
+    from proximity.cli.console import print_block, results_console, table
+    from proximity.cli.wording import MISSING
     from proximity.studies import part_press
     from proximity.studies.simulation.metrics import drum_offset
 
-    console = Console()
-    console = console if console.is_terminal else Console(width=UNBOUNDED)
+    console = results_console()
     print_block(console, part_press.describe(press))
     console.print()
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    table.add_column("")
-    for title in ("this engine", "ideal distance", "real surface"):
-        table.add_column(title, justify="right")
+    rows = table([""], ("this engine", "ideal distance", "real surface"))
     for label, field, factor, digits, is_of_any in ROWS:
         if is_of_any or press.speed is not None:
-            table.add_row(label, *(f"{factor * getattr(one, field):.{digits}f}" for one in press.felt))
+            rows.add_row(label, *(f"{factor * getattr(one, field):.{digits}f}" for one in press.felt))
     both = (press.engine, press.ideal)
-    table.add_row("force error \\[% rms]", *(f"{100.0 * one.error.share:.1f}" for one in both), "0.0")
-    table.add_row("force error \\[mN rms]", *(f"{1e3 * one.error.rms:.1f}" for one in both), "0.0")
+    rows.add_row("force error \\[% rms]", *(f"{100.0 * one.error.share:.1f}" for one in both), "0.0")
+    rows.add_row("force error \\[mN rms]", *(f"{1e3 * one.error.rms:.1f}" for one in both), "0.0")
     offsets = (f"{1e3 * drum_offset(one.response):.3f}" for one in both)
-    table.add_row("drum past the surface at contact \\[mm]", *offsets, MISSING)
-    console.print(table)
+    rows.add_row("drum past the surface at contact \\[mm]", *offsets, MISSING)
+    console.print(rows)

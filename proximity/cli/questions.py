@@ -1,4 +1,10 @@
-"""What is asked on the command line: points in chunks, as they come, and the answers to them."""
+"""Queries of the command line: points in chunks, as they come, and the answers in people's units.
+
+An answer is a mapping from a field's name to a list with one entry a query: a number, three numbers, a word,
+or None where there is nothing. Fields are named as in the library's results; ``face`` is the row of the
+file's faces, ``face_id`` that of the part's mesh. Lengths have at most 15 significant digits, as
+`lengths` rounds them; directions and barycentric coordinates are exact.
+"""
 
 import math
 from collections.abc import Callable, Iterable, Iterator
@@ -8,14 +14,16 @@ from typing import Any
 import numpy as np
 
 import proximity
-from proximity.cli import answers
-from proximity.cli.lengths import in_units
+from proximity.cli.lengths import distances_in_units, in_units
 from proximity.cli.points import Points
-from proximity.cli.views.wording import number
+from proximity.cli.wording import number
 from proximity.errors import QueryError
+from proximity.scene.queries.results import NO_FACE, Feature
 
 FAR = 1000.0
 """Sizes of the scene: points beyond are noted."""
+
+FEATURE_WORDS = {int(feature): feature.name.lower() for feature in Feature}
 
 Fields = dict[str, list[Any]]
 Ask = Callable[[np.ndarray], Fields]
@@ -108,11 +116,92 @@ def asker(
     workers : int
         Threads; -1 is all cores.
     """
-    if mode == "ray":
-        return lambda rows: answers.cast(scene, rows, np.array(direction), metres, workers)
-    if mode == "segment":
-        return lambda rows: answers.closest_to_segments(scene, rows, metres, workers)
-    return lambda rows: answers.closest(scene, rows, metres, workers)
+    ask = {"closest": _closest, "ray": _first_hits, "segment": _closest_to_segments}[mode]
+
+    def answers_to(rows: np.ndarray) -> Fields:
+        with np.errstate(over="ignore"):  # too far for a float64 is not finite, and answered so
+            points = rows * metres
+        found = ask(scene, rows, points, direction, metres, workers)
+        return {name: _listed(values) for name, values in found.items()}
+
+    return answers_to
+
+
+def _listed(values: np.ndarray | list[Any]) -> list[Any]:
+    return values.tolist() if isinstance(values, np.ndarray) else values
+
+
+def _closest(
+    scene: "proximity.Scene", rows: np.ndarray, points: np.ndarray, _: Any, metres: float, workers: int
+) -> dict[str, Any]:
+    hits = scene.closest(points, workers=workers)
+    words = zip(hits.feature.tolist(), hits.face_id.tolist(), strict=True)
+    return {
+        "query": rows,
+        "signed_distance": distances_in_units(hits.signed_distance, metres, points, hits.point),
+        "distance": distances_in_units(hits.distance, metres, points, hits.point),
+        "is_signed": hits.is_signed,
+        "point": in_units(hits.point, metres),
+        "gradient": hits.gradient,
+        **_faces(scene, hits),
+        "feature": [None if face == NO_FACE else FEATURE_WORDS.get(feature) for feature, face in words],
+        "barycentric": hits.barycentric,
+    }
+
+
+def _first_hits(
+    scene: "proximity.Scene",
+    rows: np.ndarray,
+    starts: np.ndarray,
+    direction: Any,
+    metres: float,
+    workers: int,
+) -> dict[str, Any]:
+    directions = np.broadcast_to(np.array(direction), rows.shape)
+    hits = scene.cast(starts, directions, workers=workers)
+    return {
+        "origin": rows,
+        "direction": directions,
+        "distance": distances_in_units(hits.distance, metres, starts, hits.point),
+        "point": in_units(hits.point, metres),
+        "normal": hits.normal,
+        **_faces(scene, hits),
+        "barycentric": hits.barycentric,
+    }
+
+
+def _closest_to_segments(
+    scene: "proximity.Scene", rows: np.ndarray, ends: np.ndarray, _: Any, metres: float, workers: int
+) -> dict[str, Any]:
+    hits = scene.closest_to_segments(ends[0::2], ends[1::2], workers=workers)
+    return {
+        "start": rows[0::2],
+        "end": rows[1::2],
+        "distance": distances_in_units(hits.distance, metres, hits.point_on_segment, hits.point_on_solid),
+        "fraction": hits.fraction,
+        "point_on_segment": in_units(hits.point_on_segment, metres),
+        "point_on_solid": in_units(hits.point_on_solid, metres),
+        **_faces(scene, hits),
+    }
+
+
+def _faces(scene: "proximity.Scene", hits: Any) -> Fields:
+    """Name part and face of each hit; None where nothing was found."""
+    names = [*(part.name for part in scene.parts), None]  # NO_FACE, -1, takes the last
+    faces = np.full(hits.face_id.shape, NO_FACE, dtype=np.int64)
+    for index in np.unique(hits.part[hits.face_id != NO_FACE]):
+        here = hits.part == index
+        faces[here] = scene.parts[index].source_faces[hits.face_id[here]]
+    return {
+        "part": _or_none(hits.part),
+        "part_name": [names[index] for index in hits.part.tolist()],
+        "face": _or_none(faces),
+        "face_id": _or_none(hits.face_id),
+    }
+
+
+def _or_none(ids: np.ndarray) -> list[int | None]:
+    return [None if number == NO_FACE else number for number in ids.tolist()]
 
 
 def count_of(fields: Fields) -> int:

@@ -323,7 +323,9 @@ def test_nearest_approach_to_a_part_that_was_not_found_is_told_as_a_bound(run):
 
 def test_terminal_gets_the_same_lines(run, monkeypatch):
     plain = run(BRACKET, HAND, *AS_RECORDED, *SHORT)
-    monkeypatch.setattr(replay_report, "Console", lambda **options: Console(force_terminal=True, width=200))
+    monkeypatch.setattr(
+        "proximity.cli.console.Console", lambda **options: Console(force_terminal=True, width=200)
+    )
 
     styled = run(BRACKET, HAND, *AS_RECORDED, *SHORT)
 

@@ -51,9 +51,8 @@ def command(
     options = load_options(step_tolerance, unpacked_limit)
     # NumPy, Rich and the library: only now, so that --help answers at once.
     from proximity.cli import progress
-    from proximity.cli.console import Console
+    from proximity.cli.console import results_console
     from proximity.cli.views import check_report
-    from proximity.cli.views.tables import UNBOUNDED
     from proximity.formats import metres_per_unit
 
     metres = metres_per_unit(units)
@@ -62,14 +61,10 @@ def command(
         scene = proximity.load(str(file), units=units, **options)
         report = check_report.report_of(scene, str(file), units, metres)
     if as_json:
-        import json
+        from proximity.cli.views.output import write_document
 
-        from proximity.cli.views.output import plain
-
-        typer.echo(json.dumps(plain(report), allow_nan=False, indent=1))
+        write_document(report)
     else:
-        console = Console()
-        console = console if console.is_terminal else Console(width=UNBOUNDED)
-        check_report.print_report(console, report, is_whole=list_all)
+        check_report.print_report(results_console(), report, is_whole=list_all)
     if strict and not all(part["has_inside"] for part in report["parts"]):
         raise typer.Exit(EXIT_NO_INSIDE)

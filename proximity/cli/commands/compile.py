@@ -51,7 +51,7 @@ def command(
         raise typer.BadParameter(f"{out} is {file} itself, expected another file", param_hint="OUT")
     # Rich and the library: only now, so that --help and mistakes above answer at once.
     from proximity.cli import progress
-    from proximity.cli.views.wording import printable
+    from proximity.cli.wording import printable
 
     progress.prepare_kernels()
     with progress.spinner(f"compiling {file}"):

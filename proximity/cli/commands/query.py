@@ -173,7 +173,7 @@ def _with_begun(chunks: Iterator[Points]) -> Iterator[Points]:
 
 
 def _show_notes(notes: Iterable[str | None]) -> None:
-    from proximity.cli.views.wording import printable
+    from proximity.cli.wording import printable
 
     for note in notes:
         if note is not None:
@@ -183,20 +183,20 @@ def _show_notes(notes: Iterable[str | None]) -> None:
 def _write_for_programs(questions: "Questions", head: dict[str, Any], as_json: bool) -> None:
     from proximity.cli import progress
     from proximity.cli.questions import count_of
-    from proximity.cli.views import output
+    from proximity.cli.views import answers
 
     chunks = progress.with_bar(questions.chunks(), count_of, None, is_shown=not sys.stdout.isatty())
     if as_json:
-        output.write_json(sys.stdout, head, chunks)
+        answers.write_json(sys.stdout, head, chunks)
     else:
-        output.write_csv(sys.stdout, head["units"], chunks)
+        answers.write_csv(sys.stdout, head["units"], chunks)
 
 
 def _write_for_people(questions: "Questions", scene: "proximity.Scene", units: str) -> None:
     from proximity.cli import progress
-    from proximity.cli.console import Console
+    from proximity.cli.console import Console, print_block
     from proximity.cli.questions import count_of
-    from proximity.cli.views import blocks, tables
+    from proximity.cli.views import answers
 
     console = Console()
     chunks = questions.chunks()
@@ -204,21 +204,21 @@ def _write_for_people(questions: "Questions", scene: "proximity.Scene", units: s
     count = count_of(first)
     if count == 1:
         answer = {field: values[0] for field, values in first.items()}
-        blocks.print_block(console, blocks.block(questions.mode, answer, units, _sign_of(scene, answer)))
+        print_block(console, answers.block(questions.mode, answer, units, _sign_of(scene, answer)))
         next(chunks, None)  # a line behind it may be none
     elif console.is_terminal:
-        tables.print_table(console, questions.mode, units, _first(first, tables.TERMINAL_ROWS))
-        if count > tables.TERMINAL_ROWS:
+        answers.print_table(console, questions.mode, units, _first(first, answers.TERMINAL_ROWS))
+        if count > answers.TERMINAL_ROWS:
             known = str(count) if count < CHUNK else f"{count} or more"
             typer.echo(
-                f"proximity: these are {tables.TERMINAL_ROWS} of {known}; --csv, --json or a pipe shows all",
+                f"proximity: these are {answers.TERMINAL_ROWS} of {known}; --csv, --json or a pipe shows all",
                 err=True,
             )
         if count < CHUNK:
             next(chunks, None)
     else:
         everything = progress.with_bar(chain([first], chunks), count_of, None, is_shown=True)
-        tables.write_table(sys.stdout, questions.mode, units, everything)
+        answers.write_table(sys.stdout, questions.mode, units, everything)
 
 
 def _first(fields: "Fields", count: int) -> "Fields":

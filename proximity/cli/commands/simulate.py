@@ -216,11 +216,9 @@ def command(
         if out is not None:
             press_plots.write(out, press)
     if as_json:
-        import json
+        from proximity.cli.views.output import write_document
 
-        from proximity.cli.views.output import plain
-
-        typer.echo(json.dumps(plain(simulated_press.document(press)), allow_nan=False, indent=1))
+        write_document(simulated_press.document(press))
     else:
         _print(press)
     _say_written(out)
@@ -252,16 +250,11 @@ def _check_out(out: Path | None) -> None:
 
 
 def _print(press: "Simulation") -> None:
-    from rich.table import Table
-
-    from proximity.cli.console import Console
-    from proximity.cli.views.blocks import print_block
-    from proximity.cli.views.tables import UNBOUNDED
-    from proximity.cli.views.wording import MISSING
+    from proximity.cli.console import print_block, results_console, table
+    from proximity.cli.wording import MISSING
     from proximity.studies.simulation import simulated_press
 
-    console = Console()
-    console = console if console.is_terminal else Console(width=UNBOUNDED)
+    console = results_console()
     print_block(
         console, [("wall", simulated_press.describe(press)), ("approach", f"{press.setup.speed:g} m/s")]
     )
@@ -269,17 +262,14 @@ def _print(press: "Simulation") -> None:
         tuned = f"{press.penalty.stiffness:.4g} N/m, {press.penalty.damping:.3g} N·s/m"
         print_block(console, [("spring, damper", tuned)])
     console.print()
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    table.add_column("")
-    for title in ("this wall", "real wall"):
-        table.add_column(title, justify="right")
+    rows = table([""], ("this wall", "real wall"))
     this, real = press.felt, simulated_press.felt(press.real)
     for label, field, factor, digits in ROWS:
-        table.add_row(label, *(_shown(factor * getattr(one, field), digits) for one in (this, real)))
-    table.add_row("force error \\[% rms]", _shown(100.0 * press.force_error, 1), "0.0")
+        rows.add_row(label, *(_shown(factor * getattr(one, field), digits) for one in (this, real)))
+    rows.add_row("force error \\[% rms]", _shown(100.0 * press.force_error, 1), "0.0")
     if press.setup.wall == simulated_press.Wall.DECAFF:
-        table.add_row("drum past the wall at contact \\[mm]", f"{1e3 * press.drum_offset:.3f}", MISSING)
-    console.print(table)
+        rows.add_row("drum past the wall at contact \\[mm]", f"{1e3 * press.drum_offset:.3f}", MISSING)
+    console.print(rows)
 
 
 def _shown(value: float, digits: int) -> str:

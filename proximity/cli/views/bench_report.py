@@ -7,10 +7,8 @@ from rich.table import Table
 
 from proximity.certificate import wording
 from proximity.certificate.wording import microseconds, percent
-from proximity.cli.console import Console
-from proximity.cli.views.blocks import Lines, print_block
-from proximity.cli.views.tables import UNBOUNDED
-from proximity.cli.views.wording import printable
+from proximity.cli.console import Lines, print_block, results_console, table
+from proximity.cli.wording import printable
 
 HASH_DIGITS = 16
 
@@ -23,8 +21,7 @@ def write(reported: dict[str, Any]) -> None:
     reported : dict
         See `proximity.certificate.report.document`.
     """
-    console = Console()
-    console = console if console.is_terminal else Console(width=UNBOUNDED)
+    console = results_console()
     print_block(console, _scene(reported))
     console.print()
     console.print(_places(reported["search"]))
@@ -54,33 +51,33 @@ def _scene(reported: dict[str, Any]) -> Lines:
 
 
 def _places(goals: list[dict[str, Any]]) -> Table:
-    table = _table("worst place for a finger", ("work", "at random", "x", "y", "z", "bracket \\[mm]"))
+    rows = table(["worst place for a finger"], ("work", "at random", "x", "y", "z", "bracket [mm]"))
     for goal in goals:
         worst = goal["places"][0]
         place = map(wording.millimetres, worst["position"])
         typical = goal["typical_work"]
         shown = wording.UNKNOWN if typical != typical else f"{typical:.0f}"
         bracket = f"{1e3 * worst['lower']:.3f} to {1e3 * worst['upper']:.3f}"
-        table.add_row(wording.goal(goal), str(worst["work"]), shown, *place, bracket)
-    return table
+        rows.add_row(wording.goal(goal), str(worst["work"]), shown, *place, bracket)
+    return rows
 
 
 def _times(reported: dict[str, Any]) -> Table:
     periods = reported["cases"][0]["periods"]
     shares = (f"{1e3 * row['period_s']:g} ms" for row in periods)
-    table = _table("computing \\[µs]; p99.9 in % of", (*wording.WORDS.values(), *shares))
+    rows = table(["computing [µs]; p99.9 in % of"], (*wording.WORDS.values(), *shares))
     for case in reported["cases"]:
         name = case["name"] + ("" if case["counts"] else " (no budget)")
-        _add(table, name, case["compute"], case["periods"])
+        _add(rows, name, case["compute"], case["periods"])
     for name, kind in (("service: computing", "compute"), ("service: woken late", "lateness")):
         counted = reported["loop"][kind]
-        _add(table, name, counted, counted["periods"])
-    return table
+        _add(rows, name, counted, counted["periods"])
+    return rows
 
 
-def _add(table: Table, name: str, times: dict[str, Any], periods: list[dict[str, Any]]) -> None:
+def _add(rows: Table, name: str, times: dict[str, Any], periods: list[dict[str, Any]]) -> None:
     shares = (percent(row["share"]["p999"]) for row in periods)
-    table.add_row(name, *(microseconds(times[key]) for key in wording.WORDS), *shares)
+    rows.add_row(name, *(microseconds(times[key]) for key in wording.WORDS), *shares)
 
 
 def _ends(reported: dict[str, Any]) -> Lines:
@@ -101,11 +98,3 @@ def _ends(reported: dict[str, Any]) -> Lines:
         ),
         ("verdict", reported["verdict"]["sentence"]),
     ]
-
-
-def _table(first: str, titles: tuple[str, ...]) -> Table:
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    table.add_column(first)
-    for title in titles:
-        table.add_column(title, justify="right")
-    return table

@@ -4,6 +4,7 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import asdict
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,10 +13,9 @@ from rich.table import Table
 from rich.text import Text
 
 import proximity
+from proximity.cli.console import print_block, print_fitting, table_of
 from proximity.cli.lengths import in_unit, in_units
-from proximity.cli.views.blocks import print_block
-from proximity.cli.views.tables import UNBOUNDED
-from proximity.cli.views.wording import MISSING, number, printable
+from proximity.cli.wording import MISSING, number, printable
 
 NAMES_SHOWN = 3  # parts named with a remark; the others are counted
 PARTS_SHOWN = 20
@@ -85,7 +85,8 @@ def print_report(console: Console, report: Values, *, is_whole: bool) -> None:
     )
     console.print()
     shown = parts if is_whole else parts[:PARTS_SHOWN]
-    _print_table(console, shown, report)
+    narrower = (DISPENSABLE[:count] for count in range(len(DISPENSABLE) + 1))
+    print_fitting(console, [partial(_table, shown, report, left_out) for left_out in narrower])
     if len(shown) < len(parts):
         console.print(f"These are the first {len(shown)} of {len(parts)} parts; --all lists all.")
     console.print()
@@ -149,15 +150,6 @@ def _total(parts: list[Values]) -> Values:
     }
 
 
-def _print_table(console: Console, parts: list[Values], report: Values) -> None:
-    unbounded = console.options.update(width=UNBOUNDED)
-    for left_out in range(len(DISPENSABLE) + 1):
-        table = _table(parts, report, DISPENSABLE[:left_out])
-        if console.measure(table, options=unbounded).maximum <= console.width:
-            break
-    console.print(table)
-
-
 def _table(parts: list[Values], report: Values, left_out: tuple[str, ...]) -> Table:
     units, count = report["units"], len(report["parts"])
     columns: list[tuple[str, str, bool, Callable[[Values], str]]] = [  # key, title, whether right, cell
@@ -184,9 +176,7 @@ def _table(parts: list[Values], report: Values, left_out: tuple[str, ...]) -> Ta
         "manifold3d": f"{total['solid_count']} of {count}",
     }
     columns = [column for column in columns if column[0] not in left_out]
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for _, title, is_right, _ in columns:
-        table.add_column(Text(title), justify="right" if is_right else "left", overflow="fold")
+    table = table_of((title, is_right) for _, title, is_right, _ in columns)
     for part in parts:
         table.add_row(*(Text(cell(part)) for _, _, _, cell in columns))
     if count > 1:

@@ -1,18 +1,13 @@
 """What is reported of a replay: the same numbers as JSON and for people, lengths in their unit."""
 
-import json
 import sys
 from typing import Any
 
-import typer
-
 import proximity
-from proximity.cli.console import Console
+from proximity.cli.console import Lines, print_block, results_console
 from proximity.cli.lengths import in_unit
-from proximity.cli.views.blocks import Lines, print_block
-from proximity.cli.views.output import plain
-from proximity.cli.views.tables import UNBOUNDED
-from proximity.cli.views.wording import number
+from proximity.cli.views.output import write_document
+from proximity.cli.wording import counted, number
 from proximity.recording import NANOSECONDS, Recording
 from proximity.tracker.replay import BoundsKept, ReplaySummary, TickTimes
 
@@ -139,11 +134,9 @@ def write(report: dict[str, Any], *, as_json: bool) -> None:
         One JSON document instead of lines to read.
     """
     if as_json:
-        typer.echo(json.dumps(plain(report), allow_nan=False, indent=1))
+        write_document(report)
         return
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=UNBOUNDED)
+    console = results_console()
     units = report["units"]
     print_block(console, [*_given(report, units), *_measured(report)])
     print_block(console, _histogram(report["compute_us"]["histogram"]))
@@ -161,14 +154,14 @@ def _given(report: dict[str, Any], units: str) -> Lines:
     return [
         (
             "scene",
-            f"{report['file']}: {_counted(report['part_count'], 'part')}, {report['face_count']} faces",
+            f"{report['file']}: {counted(report['part_count'], 'part')}, {report['face_count']} faces",
         ),
         (
             "recording",
-            f"{reported['file']}: {_short(reported['duration_s'])} s, {_counted(fingers, 'finger')} of "
-            f"{_counted(hands, 'hand')}, {reported['sample_count']} samples in "
+            f"{reported['file']}: {_short(reported['duration_s'])} s, {counted(fingers, 'finger')} of "
+            f"{counted(hands, 'hand')}, {reported['sample_count']} samples in "
             f"{reported['frame_count']} frames, "
-            f"{_counted(reported['gap_count'], 'gap')}",
+            f"{counted(reported['gap_count'], 'gap')}",
         ),
         *_epoch(reported["begins_s"]),
         *(("note", note) for note in reported["notes"]),
@@ -233,7 +226,7 @@ def _found(report: dict[str, Any], units: str) -> Lines:
     touches = [
         (
             "touch",
-            f"{touch['finger']}: {_counted(touch['count'], 'time')}, first at "
+            f"{touch['finger']}: {counted(touch['count'], 'time')}, first at "
             f"{_since(begins, touch['first_s'])} s, {_short(touch['deepest'])} {units} deep",
         )
         for touch in report["touches"]
@@ -295,7 +288,3 @@ def _short(value: float) -> str:
 
 def _numbers(values: list[float]) -> str:
     return "  ".join(_short(value) for value in values)
-
-
-def _counted(count: int, what: str) -> str:
-    return f"1 {what}" if count == 1 else f"{count} {what}s"

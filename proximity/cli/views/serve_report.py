@@ -1,17 +1,13 @@
 """What is reported of a service: at its beginning on stderr, at its end on stdout; or both as JSON."""
 
-import json
 import os
 import sys
-from typing import Any
 
 import typer
 
-from proximity.cli.console import Console
-from proximity.cli.views.blocks import Lines, print_block
-from proximity.cli.views.output import plain
-from proximity.cli.views.tables import UNBOUNDED
-from proximity.cli.views.wording import number, printable
+from proximity.cli.console import Lines, print_block, results_console
+from proximity.cli.views.output import write_document
+from proximity.cli.wording import counted, number, printable
 from proximity.service import Histogram, Report
 from proximity.service.hosting import Beginning
 
@@ -32,7 +28,7 @@ def write_beginning(beginning: Beginning, *, as_json: bool) -> None:
     settings = beginning.settings
     service, rate = settings.service, number(settings.service.rate_hz)
     if as_json:
-        _write_document(
+        write_document(
             {
                 "event": "begun",
                 "pid": os.getpid(),
@@ -44,13 +40,14 @@ def write_beginning(beginning: Beginning, *, as_json: bool) -> None:
                 "part_count": beginning.part_count,
                 "face_count": beginning.face_count,
                 "notes": list(beginning.notes),
-            }
+            },
+            indent=None,
         )
         return
-    fingers = _counted(beginning.finger_count, "finger")
+    fingers = counted(beginning.finger_count, "finger")
     where = "as a sensor measures them"
     if beginning.part_count:
-        where = f"at {_counted(beginning.part_count, 'part')}, {_counted(beginning.face_count, 'face')}"
+        where = f"at {counted(beginning.part_count, 'part')}, {counted(beginning.face_count, 'face')}"
     _say(f"serving {settings.path}: {fingers} {where}")
     _say(f"{rate} Hz to {', '.join(service.publish)}{f', logged in {service.log}' if service.log else ''}")
     for note in beginning.notes:
@@ -68,12 +65,9 @@ def write(report: Report, *, as_json: bool) -> None:
         A document instead of lines to read.
     """
     if as_json:
-        _write_document({"event": "ended", **report.as_dict()})
+        write_document({"event": "ended", **report.as_dict()}, indent=None)
         return
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=UNBOUNDED)
-    print_block(console, _lines(report))
+    print_block(results_console(), _lines(report))
     sys.stdout.flush()
 
 
@@ -104,17 +98,7 @@ def _times(histogram: Histogram) -> str:
 
 
 def _failures(count: int) -> str:
-    return f"{_counted(count, 'frame')} not taken" if count else "all frames"
-
-
-def _counted(count: int, what: str) -> str:
-    return f"1 {what}" if count == 1 else f"{count} {what}s"
-
-
-def _write_document(reported: dict[str, Any]) -> None:
-    """One document, on one line, at once: somebody may wait for it."""
-    sys.stdout.write(json.dumps(plain(reported), allow_nan=False) + "\n")
-    sys.stdout.flush()
+    return f"{counted(count, 'frame')} not taken" if count else "all frames"
 
 
 def _say(sentence: str) -> None:

@@ -16,6 +16,19 @@ def number(value: float) -> str:
     return f"{value + 0.0:.9g}"
 
 
+def counted(count: int, what: str) -> str:
+    """Return a number with what it counts.
+
+    Parameters
+    ----------
+    count : int
+        How many.
+    what : str
+        One of them.
+    """
+    return f"{count} {what}" if count == 1 else f"{count} {what}s"
+
+
 def printable(text: str) -> str:
     """Return *text* with what could move a terminal's cursor replaced.
 
