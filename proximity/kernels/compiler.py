@@ -24,6 +24,7 @@ _PACKAGE = Path(__file__).resolve().parent.parent
 # What the code of a unit is made of.
 _SOURCES = {
     "kernels": ("kernels/**/*.py", "simd/*.py"),
+    "service": ("kernels/**/*.py", "simd/*.py", "service/*_kernels.py"),
     "decaff": ("kernels/code_cache.py", "kernels/compiler.py", "decaff/**/*_kernels.py"),
     "studies": ("kernels/code_cache.py", "kernels/compiler.py", "*/**/*_kernels.py"),
 }

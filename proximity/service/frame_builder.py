@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from proximity.kernels.tracking import finger_rows
 from proximity.message import FRAME, PREFIX, Message, Source, State
 from proximity.message.envelope import PREFIX_FIELDS
 from proximity.message.fields import struct_of
 from proximity.message.frame import FRAME_FIELDS
+from proximity.service import finger_kernels
 from proximity.transport import forget
 
 _HEADER = struct_of(FRAME_FIELDS[len(PREFIX_FIELDS) :])
@@ -79,7 +79,7 @@ class Framing:
         is_late : bool
             Whether of what the contacts were made of something is too old already.
         """
-        oldest_ns, tracked, uncertain = finger_rows.overview(self._wide, self._numbers)
+        oldest_ns, tracked, uncertain = finger_kernels.overview(self._wide, self._numbers)
         self.tracked = tracked
         pose_ns = oldest_ns if tracked else start_ns
         valid_until_ns = pose_ns + self._valid_for_ns

@@ -15,7 +15,7 @@ from proximity.service.log_writer import Log
 from proximity.service.output import Outgoing
 from proximity.service.realtime import RealTime, undisturbed
 from proximity.service.report import Report
-from proximity.service.sample_filter import Gate
+from proximity.service.sample_filter import SampleFilter
 from proximity.transport import Publisher
 
 FAREWELLS = 3
@@ -77,7 +77,7 @@ class Service:
         self._thread: int | None = None  # that the loop runs in
         self._epoch_offset = 0
         self._clock: Clock = MonotonicClock() if clock is None else clock
-        self._gate = Gate(answering.room(), _nanoseconds("stale_after", stale_after))
+        self._gate = SampleFilter(answering.room(), _nanoseconds("stale_after", stale_after))
         self._framing = Framing(
             answering.count, answering.source, self._period_ns, _nanoseconds("valid_for", valid_for)
         )
@@ -172,7 +172,7 @@ class Service:
     def _rehearse(self) -> None:
         """Compile and touch all that a tick needs."""
         self._answering.rehearse()
-        gate = Gate(self._answering.room(), 0)
+        gate = SampleFilter(self._answering.room(), 0)
         gate.start(0)
         gate.admit(self._answering.room(), 0)
         gate.expire(0)

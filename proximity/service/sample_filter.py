@@ -2,14 +2,15 @@
 
 import numpy as np
 
-from proximity.kernels.tracking import finger_rows
+from proximity.service import finger_kernels
 from proximity.service.samples import Samples
 
 AHEAD_NS = 5_000_000
 """A pose farther in the future than this is a mistake (PAPER 10)."""
+NEVER_NS = np.int64(-(2**63))
 
 
-class Gate:
+class SampleFilter:
     """Keeps the newest sample of each finger that may be used.
 
     Parameters
@@ -27,6 +28,7 @@ class Gate:
         self.kept = kept
         self.future = self.backwards = 0
         self._stale_after_ns = stale_after_ns
+        self._refused_ns = np.full(len(kept.pose_ns), NEVER_NS)
         self._taken = np.zeros(len(kept.pose_ns), np.uint8)
         self._mask = self._taken.view(bool)
 
@@ -47,25 +49,19 @@ class Gate:
         Parameters
         ----------
         given : Samples
-            Of as many fingers as are kept. A sample that is left out is overwritten by the one kept: whoever
-            gives them again, since something was reported of another finger, does not give that one again.
+            Of as many fingers as are kept; only read. One that is left out stays out, and is counted once,
+            also where it is given again because something was reported of another finger.
         now_ns : int, ns
             The present instant.
         """
         kept = self.kept
-        future, backwards = finger_rows.admit(
-            kept.pose_ns, kept.values, given.pose_ns, given.values, self._taken, now_ns + AHEAD_NS
-        )
+        future, backwards = finger_kernels.admit(
+            kept.pose_ns, kept.values, given.pose_ns, given.values, self._refused_ns, self._taken,
+            now_ns + AHEAD_NS,
+        )  # fmt: skip
         self.future += future
         self.backwards += backwards
-        if not (future or backwards):
-            kept.take_rest(given, slice(None))
-            return
-        kept.take_rest(given, self._mask)
-        is_left_out = ~self._mask
-        given.pose_ns[is_left_out] = kept.pose_ns[is_left_out]
-        given.values[is_left_out] = kept.values[is_left_out]
-        given.take_rest(kept, is_left_out)
+        kept.take_rest(given, slice(None) if self._mask.all() else self._mask)
 
     def expire(self, now_ns: int) -> None:
         """Forget what is too old.
@@ -75,4 +71,4 @@ class Gate:
         now_ns : int, ns
             The present instant.
         """
-        finger_rows.expire(self.kept.pose_ns, self.kept.values, now_ns - self._stale_after_ns)
+        finger_kernels.expire(self.kept.pose_ns, self.kept.values, now_ns - self._stale_after_ns)

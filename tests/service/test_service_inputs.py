@@ -18,7 +18,7 @@ from proximity.kernels.tracking.motion import (
 )
 from proximity.recording import Recording
 from proximity.service import CallableInput, Hands, RecordingInput
-from proximity.service.sample_filter import Gate
+from proximity.service.sample_filter import SampleFilter
 
 NOW = 5000 * MS
 
@@ -106,7 +106,7 @@ def test_way_from_the_end_of_a_recording_to_its_beginning_is_no_velocity(jump):
     source = RecordingInput(
         Recording(np.arange(rows) * np.int64(MS), positions, ((0, 1),)), latency=0.0, repeat=True
     )
-    gate = Gate(Hands(1), 100 * MS)
+    gate = SampleFilter(Hands(1), 100 * MS)
     gate.start(NOW)
     reals, marks = np.zeros((1, MOTION_REALS)), np.zeros((1, MOTION_INTS), np.int64)
     fastest = abs(jump) / (rows - 1) / 1e-3 + 1e-6
@@ -268,7 +268,7 @@ def test_notes_of_a_recording_are_those_of_its_input():
 
 
 def test_what_was_told_once_and_is_not_any_more_becomes_unknown():
-    gate = Gate(Hands(2), 100 * MS)
+    gate = SampleFilter(Hands(2), 100 * MS)
     gate.start(NOW)
     first = hands_at(np.zeros((2, 3)), NOW, velocities=np.ones((2, 3)))
     first.paths, first.bends = np.ones((2, 4, 3)), np.ones(2)
@@ -283,7 +283,7 @@ def test_what_was_told_once_and_is_not_any_more_becomes_unknown():
 
 
 def test_finger_whose_sample_is_left_out_keeps_all_of_the_one_before():
-    gate = Gate(Hands(2), 100 * MS)
+    gate = SampleFilter(Hands(2), 100 * MS)
     gate.start(NOW)
     gate.admit(hands_at(np.zeros((2, 3)), NOW, velocities=np.zeros((2, 3))), NOW)
 
@@ -299,7 +299,7 @@ def test_finger_whose_sample_is_left_out_keeps_all_of_the_one_before():
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("pose_ns", [0, NOW - 1, NOW + 1, 2**62])
 def test_finger_that_is_lost_is_lost_at_once_whatever_its_instant(unknown, axis, pose_ns):
-    gate = Gate(Hands(1), 100 * MS)
+    gate = SampleFilter(Hands(1), 100 * MS)
     gate.start(NOW)
     gate.admit(hands_at([[1, 1, 1]], NOW), NOW)
     lost = hands_at([[1, 1, 1]], pose_ns)
@@ -318,7 +318,7 @@ def test_finger_that_is_lost_is_lost_at_once_whatever_its_instant(unknown, axis,
 
 @pytest.mark.parametrize(("ahead_ns", "is_taken"), [(5 * MS, True), (5 * MS + 1, False)])
 def test_poses_may_be_five_milliseconds_ahead(ahead_ns, is_taken):
-    gate = Gate(Hands(1), 100 * MS)
+    gate = SampleFilter(Hands(1), 100 * MS)
     gate.start(NOW)
 
     gate.admit(hands_at([[1, 1, 1]], NOW + ahead_ns), NOW)
@@ -330,7 +330,10 @@ def test_poses_may_be_five_milliseconds_ahead(ahead_ns, is_taken):
 @pytest.mark.parametrize("pose_ns", [NOW + 500 * MS, NOW - 1])
 def test_sample_that_was_left_out_is_not_given_again(pose_ns):
     """Whoever tells of one finger at a time gives all of them each time."""
-    gate, given = Gate(Hands(2), 100 * MS), hands_at(np.zeros((2, 3)), NOW, velocities=np.zeros((2, 3)))
+    gate, given = (
+        SampleFilter(Hands(2), 100 * MS),
+        hands_at(np.zeros((2, 3)), NOW, velocities=np.zeros((2, 3))),
+    )
     given.bends = np.zeros(2)
     gate.start(NOW)
     gate.admit(given, NOW)
@@ -349,7 +352,7 @@ def test_sample_that_was_left_out_is_not_given_again(pose_ns):
 def test_arrays_of_a_callable_are_not_written_into():
     told = hands_at(np.ones((1, 3)), NOW + 6 * MS, velocities=np.ones((1, 3)))
     told.paths, told.bends = np.ones((1, 2, 3)), np.ones(1)
-    gate, source = Gate(Hands(1), 100 * MS), CallableInput(lambda now_ns: told, 1)
+    gate, source = SampleFilter(Hands(1), 100 * MS), CallableInput(lambda now_ns: told, 1)
     gate.start(NOW)
 
     gate.admit(source.poll(NOW), NOW)

@@ -8,7 +8,7 @@ from proximity.errors import PublishError
 from proximity.message import PATH_CORNERS, PATH_POSES, POSES, Message
 from proximity.service import Hands, StreamInput
 from proximity.service.inputs import reception
-from proximity.service.sample_filter import Gate
+from proximity.service.sample_filter import SampleFilter
 from proximity.transport import open_publisher
 
 NOW = 7000 * MS
@@ -128,7 +128,7 @@ def test_paths_come_with_their_poses_and_go_with_a_pose_without(inlet):
 
 def test_pose_that_was_refused_is_not_told_again_with_those_of_other_fingers(inlet):
     """It once became a pose when its instant came, half a second after it was refused."""
-    source, gate = stream(2), Gate(Hands(2), 100 * MS)
+    source, gate = stream(2), SampleFilter(Hands(2), 100 * MS)
     gate.start(NOW)
     inlet.put(poses([[9, 9, 9]], NOW + 500 * MS, fingers=[0]))
     for ms in range(700):

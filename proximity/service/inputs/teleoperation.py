@@ -7,9 +7,9 @@ estimated from successive distances as `kernels.tracking.motion` does from poses
 import numpy as np
 
 from proximity.errors import ServiceError
-from proximity.kernels.tracking import finger_rows
 from proximity.kernels.tracking.motion import MAX_ACCELERATION, MAX_SPEED, MOTION_INTS, MOTION_REALS
 from proximity.message import CONTACT, ContactFlag, Mode, Source, Surface
+from proximity.service import finger_kernels
 from proximity.service.clock import SECOND
 from proximity.service.inputs.sensor import Measurements
 from proximity.tracker.tracker import HORIZON
@@ -77,8 +77,8 @@ class SensorAnswers:
         self._horizon, self._max_speed, self._max_acceleration = horizon, max_speed, max_acceleration
         self._motions = np.zeros((count, MOTION_REALS))
         self._motion_marks = np.zeros((count, MOTION_INTS), np.int64)
-        self._error_sums = np.zeros((count, finger_rows.ERROR_SUMS_SIZE))
-        self._followed = np.zeros((count, finger_rows.FOLLOWED_SIZE))
+        self._error_sums = np.zeros((count, finger_kernels.ERROR_SUMS_SIZE))
+        self._followed = np.zeros((count, finger_kernels.FOLLOWED_SIZE))
         self._contacts = np.zeros(count, CONTACT)
         self._bytes = self._contacts.view(np.uint8).reshape(count, -1)
         forget(self._contacts)
@@ -118,12 +118,12 @@ class SensorAnswers:
     def _answer(self, samples: Measurements, now_ns: int) -> np.ndarray:
         acts_ns = now_ns + self._latency_ns
         reported, contacts = samples.records, self._contacts
-        finger_rows.follow_distances(
+        finger_kernels.follow_distances(
             self._motions, self._motion_marks, self._error_sums, samples.pose_ns, samples.distances,
             reported["error"], -reported["approach_speed"], acts_ns, self._max_speed, self._max_acceleration,
             self._followed,
         )  # fmt: skip
-        status = self._followed[:, finger_rows.STATUS].astype(np.uint32)
+        status = self._followed[:, finger_kernels.STATUS].astype(np.uint32)
         self._write_distances(samples.distances[:, 0], reported["error"], status)
         self._write_times(status)
         for name in AS_GIVEN:
@@ -146,13 +146,13 @@ class SensorAnswers:
         has_error = (error >= 0.0) & (error < np.inf)
         error = np.where(has_error, error, np.inf)
         lower, upper = distance - error, distance + error
-        step, spread = followed[:, finger_rows.STEP], followed[:, finger_rows.SPREAD]
+        step, spread = followed[:, finger_kernels.STEP], followed[:, finger_kernels.SPREAD]
         contacts["signed_distance"], contacts["lower"], contacts["upper"] = distance, lower, upper
         contacts["predicted_distance"] = distance + step
         contacts["predicted_lower"] = lower + (step - spread)
         contacts["predicted_upper"] = upper + (step + spread)
         is_predicted = (status & ContactFlag.PREDICTED) != 0
-        contacts["approach_speed"] = np.where(is_predicted, -followed[:, finger_rows.RATE], np.nan)
+        contacts["approach_speed"] = np.where(is_predicted, -followed[:, finger_kernels.RATE], np.nan)
         flags = status & OBSERVED | int(ContactFlag.SIGNED | ContactFlag.IN_RANGE)
         flags |= np.where(error == 0.0, int(ContactFlag.EXACT), 0).astype(np.uint32)
         flags |= np.where(has_error, 0, int(ContactFlag.BOUNDED)).astype(np.uint32)

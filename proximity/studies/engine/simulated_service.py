@@ -13,7 +13,7 @@ from proximity.service.answers import Answering, TrackerAnswers
 from proximity.service.frame_builder import Framing
 from proximity.service.inputs.sensor import Measurements
 from proximity.service.inputs.teleoperation import SensorAnswers
-from proximity.service.sample_filter import Gate
+from proximity.service.sample_filter import SampleFilter
 from proximity.service.samples import Hands, Samples
 from proximity.studies.engine.placed_finger import PlacedFinger
 from proximity.tracker.tracker import Tracker
@@ -165,7 +165,7 @@ class SimulatedService:
     def __init__(self, feed: Feed, outlet: Outlet, period: float) -> None:
         answering = feed.answering
         self._feed, self._answering = feed, answering
-        self._gate = Gate(answering.room(), round(SECOND * STALE_AFTER))
+        self._gate = SampleFilter(answering.room(), round(SECOND * STALE_AFTER))
         self._framing = Framing(
             answering.count, answering.source, round(SECOND * period), round(SECOND * VALID_FOR)
         )

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from proximity.kernels.contact_columns import BOUNDED, EXACT, IN_RANGE, TRACKED
-from proximity.kernels.tracking import finger_rows
 from proximity.message import CONTACT
+from proximity.service import finger_kernels
 
 LATEST_NS = 1000
 
@@ -23,9 +23,10 @@ def test_samples_are_admitted_by_the_rules(how, columns):
     kept, given = rng.random((2, 500, columns))
     given[rng.random(500) < 0.2, rng.integers(columns)] = np.nan
     before_ns, before = kept_ns.copy(), kept.copy()
-    taken = np.full(500, 7, np.uint8)
+    taken, refused_ns = np.full(500, 7, np.uint8), np.zeros(500, np.int64)
+    admit = how(finger_kernels.admit)
 
-    future, backwards = how(finger_rows.admit)(kept_ns, kept, given_ns, given, taken, LATEST_NS)
+    future, backwards = admit(kept_ns, kept, given_ns, given, refused_ns, taken, LATEST_NS)
 
     is_known = np.isfinite(given).all(axis=1)
     is_future = is_known & (given_ns > LATEST_NS)
@@ -38,12 +39,16 @@ def test_samples_are_admitted_by_the_rules(how, columns):
     np.testing.assert_array_equal(kept[is_future | is_old], before[is_future | is_old])
     assert np.isnan(kept[~is_known, 0]).all()
 
+    again = admit(kept_ns, kept, given_ns, given, refused_ns, taken, 2 * LATEST_NS)
+    assert again == (0, 0)
+    np.testing.assert_array_equal(taken, is_used | ~is_known)
+
 
 @pytest.mark.parametrize("how", [lambda kernel: kernel, interpreted], ids=["compiled", "interpreted"])
 def test_samples_from_before_an_instant_expire(how):
     kept_ns, kept = np.array([9, 10, 11]), np.ones((3, 3))
 
-    how(finger_rows.expire)(kept_ns, kept, 10)
+    how(finger_kernels.expire)(kept_ns, kept, 10)
 
     assert np.isnan(kept[:, 0]).tolist() == [True, False, False]
     assert kept_ns.tolist() == [9, 10, 11]
@@ -63,5 +68,5 @@ def test_overview_of_contacts(how):
     data = contacts.view(np.uint8)
     wide, numbers = data.view(np.int64).reshape(5, -1), data.view(np.int32).reshape(5, -1)
 
-    assert how(finger_rows.overview)(wide, numbers) == (20, 3, 1)
-    assert how(finger_rows.overview)(wide[3:], numbers[3:]) == (finger_rows.LATEST, 0, 0)
+    assert how(finger_kernels.overview)(wide, numbers) == (20, 3, 1)
+    assert how(finger_kernels.overview)(wide[3:], numbers[3:]) == (finger_kernels.LATEST, 0, 0)

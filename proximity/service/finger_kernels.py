@@ -38,11 +38,12 @@ LATEST = np.int64(2**63 - 1)
 
 
 @kernel
-def admit(kept_ns, kept, given_ns, given, taken, latest_ns):
+def admit(kept_ns, kept, given_ns, given, refused_ns, taken, latest_ns):
     """Take samples into *kept*; how many are from after *latest_ns*, and how many older than the one kept.
 
-    Those are left out: ``taken`` (N,) uint8 tells which were not. A sample that knows nothing is taken,
-    whatever its instant, and the instant kept stays: what comes next must still be newer than that.
+    Those are left out: ``taken`` (N,) uint8 tells which were not, and *refused_ns* (N,) keeps their instants:
+    the same sample again stays out, and is not counted. A sample that knows nothing is taken, whatever its
+    instant, and the instant kept stays: what comes next must still be newer than that.
     """
     future, backwards = 0, 0
     for i in range(len(kept_ns)):
@@ -52,12 +53,13 @@ def admit(kept_ns, kept, given_ns, given, taken, latest_ns):
             is_known &= math.isfinite(given[i, column])
         if not is_known:
             kept[i, 0] = np.nan
-        elif given_ns[i] > latest_ns:
+        elif given_ns[i] == refused_ns[i]:
             taken[i] = 0
-            future += 1
-        elif given_ns[i] < kept_ns[i]:
+        elif given_ns[i] > latest_ns or given_ns[i] < kept_ns[i]:
             taken[i] = 0
-            backwards += 1
+            refused_ns[i] = given_ns[i]
+            future += given_ns[i] > latest_ns
+            backwards += given_ns[i] <= latest_ns
         else:
             kept_ns[i] = given_ns[i]
             for column in range(kept.shape[1]):
