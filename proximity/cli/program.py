@@ -20,7 +20,7 @@ EXIT_UNUSABLE = 2  # as for a usage error
 EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells count
 EXIT_BROKEN_PIPE = 141  # 128 + SIGPIPE: the reader, say `head`, went first
 
-NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
+DISK_IS_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 """What the system says where nothing can be written: the disk is full, or broken."""
 
 
@@ -97,7 +97,7 @@ def _reporting_failed_output() -> Iterator[None]:
             raise typer.Exit(EXIT_BROKEN_PIPE) from end
         raise
     except OSError as failure:
-        if failure.errno not in NO_ROOM:
+        if failure.errno not in DISK_IS_FULL:
             raise
         _discard_output()
         _complain(f"the output cannot be written ({failure.strerror})", failure)

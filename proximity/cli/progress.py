@@ -18,7 +18,7 @@ import proximity
 from proximity.cli.console import Console
 from proximity.cli.program import EXIT_INTERRUPTED
 
-PATIENCE_S = 1.0  # a wait shorter than this shows nothing
+ANNOUNCE_AFTER_S = 1.0  # a wait shorter than this shows nothing
 STATUS_EVERY_S = 0.5
 
 _LINEAR_ALGEBRA = "scipy.linalg.cython_blas"
@@ -40,7 +40,7 @@ def spinner(doing: str) -> Iterator[None]:
         yield
         return
     status = console.status(escape(doing))  # a file may be named like Rich's marks
-    timer = Timer(PATIENCE_S, status.start)
+    timer = Timer(ANNOUNCE_AFTER_S, status.start)
     timer.daemon = True
     timer.start()
     try:
@@ -81,7 +81,7 @@ def with_bar(
         for chunk in chunks:
             yield chunk
             bar.advance(task, count_of(chunk))
-            if time.monotonic() - started > PATIENCE_S:
+            if time.monotonic() - started > ANNOUNCE_AFTER_S:
                 bar.start()
     finally:
         bar.stop()

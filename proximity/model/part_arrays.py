@@ -19,7 +19,7 @@ CELLS_PER_FACE = 64
 FEWEST_CELLS = 512
 LARGEST_GRID = 2**18
 """Cells of a sign grid; two bits each."""
-ROOM_TO_MOVE = 0.25
+MOVING_MARGIN = 0.25
 """How much of the scene's frame its parts take up at first: they can move that far before it must change."""
 SMALLEST_SHARE = 2.0**-8
 """A part that is smaller than this share of its file gets a frame of its own, for tight boxes."""
@@ -103,7 +103,7 @@ def common_frame(lower: np.ndarray, upper: np.ndarray) -> LocalFrame:
         Corners of the box around all of them.
     """
     frame = local_frame(lower, upper)
-    return LocalFrame(frame.centre, frame.scale * ROOM_TO_MOVE)
+    return LocalFrame(frame.centre, frame.scale * MOVING_MARGIN)
 
 
 def with_sign(piece: PartArrays, sign: int, *, has_grid: bool) -> PartArrays:

@@ -17,7 +17,7 @@ from proximity.kernels.scene.static_tree import gather_entries, name_leaves, thi
 from proximity.kernels.tree.builder import ENTRIES_SHIFT, build_tree
 from proximity.kernels.tree.wide_node import clear_node
 from proximity.model.bvh import LocalFrame
-from proximity.model.part_arrays import ROOM_TO_MOVE, common_frame
+from proximity.model.part_arrays import MOVING_MARGIN, common_frame
 
 ENTRIES_PER_PART = 32
 FEWEST_ENTRIES = 256
@@ -26,7 +26,7 @@ FEWEST_ENTRIES = 256
 make instead of 9."""
 STATIC_COPIES = 3
 REGION_COPIES = 8
-SMALLEST_REACH = ROOM_TO_MOVE / 16.0
+SMALLEST_REACH = MOVING_MARGIN / 16.0
 """Parts that take up less of the scene's frame than this have boxes that are coarse."""
 NO_NODE = -1
 """Root of a static tree over nothing."""
@@ -38,7 +38,7 @@ class TopPlan:
 
     part_count: int
     first_node: int  # an empty one
-    room: int  # nodes of a static tree; 0 for a scene of one part
+    capacity: int  # nodes of a static tree; 0 for a scene of one part
 
     @classmethod
     def of(cls, parts: np.ndarray) -> "TopPlan":
@@ -60,27 +60,27 @@ class TopPlan:
         parts : (P + 1, PART_COLUMNS) int64
             Of the model, complete.
         """
-        if not self.room:
+        if not self.capacity:
             return 0, 0
         row = parts[-1]
         moving = int(row[layout.REGION] - self.region(0)) // self._region_nodes
         return moving, int(row[layout.FACES] - self.entries_at(0)) // (NODE_STRIDE * self._static_nodes)
 
     @property
-    def entry_room(self) -> int:
+    def entry_capacity(self) -> int:
         """Entries of a static tree and of the dynamic parts."""
-        return LANES * self.room + self.part_count
+        return LANES * self.capacity + self.part_count
 
     @property
     def node_count(self) -> int:
         """Nodes in all."""
-        if not self.room:
+        if not self.capacity:
             return 1
         return 1 + STATIC_COPIES * self._static_nodes + REGION_COPIES * self._region_nodes
 
     @property
     def _static_nodes(self) -> int:
-        return self.room + -(-2 * self.entry_room // NODE_STRIDE)
+        return self.capacity + -(-2 * self.entry_capacity // NODE_STRIDE)
 
     @property
     def _region_nodes(self) -> int:
@@ -97,11 +97,11 @@ class TopPlan:
 
     def entries_at(self, copy: int) -> int:
         """Return the first word of its entries."""
-        return NODE_STRIDE * (self.static_node(copy) + self.room)
+        return NODE_STRIDE * (self.static_node(copy) + self.capacity)
 
     def region(self, copy: int) -> int:
         """Return the super node of a copy of what moves."""
-        if not self.room:
+        if not self.capacity:
             return self.first_node
         return self.static_node(STATIC_COPIES) + copy * self._region_nodes
 
@@ -200,9 +200,9 @@ def write_static(
         As `static_tree` returns them for that place.
     """
     plan = TopPlan.of(parts)
-    if not plan.room:
+    if not plan.capacity:
         return True
-    if len(nodes) > NODE_STRIDE * plan.room or len(entries) > LANES * plan.room:
+    if len(nodes) > NODE_STRIDE * plan.capacity or len(entries) > LANES * plan.capacity:
         return False
     words[NODE_STRIDE * plan.static_node(copy) :][: len(nodes)] = nodes
     row = parts[-1]
@@ -276,7 +276,7 @@ def dynamic_order(words: np.ndarray, parts: np.ndarray) -> np.ndarray | None:
     """
     dynamic, region = dynamic_rows(parts), int(parts[-1, layout.REGION])
     places = np.arange(len(dynamic))
-    if not TopPlan.of(parts).room:
+    if not TopPlan.of(parts).capacity:
         return places
     # Fewer than eight are in the super node, beside the static tree.
     node, lane = (

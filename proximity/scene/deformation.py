@@ -22,7 +22,7 @@ FARTHEST = LARGEST_COORDINATE / 4.0
 INSIDE_OUT = 1e-12
 """Rounding of the enclosed volume, in areas times sizes of the local frame: a volume further below zero is
 negative."""
-ROOM_IN_GRID = 1.0 + 2.0**-20
+GRID_MARGIN = 1.0 + 2.0**-20
 
 
 def deform_part(model: Model, row: int, solid: Solid, vertices: object, name: str) -> Solid:
@@ -140,4 +140,4 @@ def _ask_the_surface(model: Model, row: int, lower: np.ndarray, extent: float) -
     part[[layout.GRID_X, layout.GRID_Y, layout.GRID_Z]] = 1
     local = (lower - frame[layout.CENTRE : layout.CENTRE + 3]) * scale
     frame[layout.GRID_LOWER : layout.GRID_LOWER + 3] = local
-    frame[layout.GRID_RATE] = 1.0 / (extent * scale * ROOM_IN_GRID) if extent > 0.0 else 1.0
+    frame[layout.GRID_RATE] = 1.0 / (extent * scale * GRID_MARGIN) if extent > 0.0 else 1.0

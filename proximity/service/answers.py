@@ -38,7 +38,7 @@ class Answering(Protocol):
     def is_late(self) -> bool:
         """Whether what the last answer was made of is too old for more than its bounds to be used."""
 
-    def room(self) -> Samples:
+    def new_samples(self) -> Samples:
         """Make room for the samples that it takes."""
 
     def rehearse(self) -> None:
@@ -90,7 +90,7 @@ class TrackerAnswers:
         """Whether of a part that moved nothing more is reported."""
         return self.moves is not None and self.moves.is_late
 
-    def room(self) -> Hands:
+    def new_samples(self) -> Hands:
         """Make room for poses."""
         return Hands(self.count)
 

@@ -42,7 +42,7 @@ class Framing:
         self._epoch = 0
         forget(self.message.records)
         self.message.records["finger"] = np.arange(count)
-        self._header_room = memoryview(self.message.data)  # type: ignore[arg-type]
+        self._header_buffer = memoryview(self.message.data)  # type: ignore[arg-type]
         self._bytes = self.message.records.view(np.uint8)
         self._wide = self._bytes.view(np.int64).reshape(count, -1)
         self._numbers = self._bytes.view(np.int32).reshape(count, -1)
@@ -112,7 +112,7 @@ class Framing:
 
     def _write(self, pose_ns: int, start_ns: int, publish_ns: int) -> None:
         _HEADER.pack_into(
-            self._header_room,
+            self._header_buffer,
             PREFIX.itemsize,
             pose_ns,
             start_ns,

@@ -77,7 +77,7 @@ class Service:
         self._thread: int | None = None  # that the loop runs in
         self._epoch_offset = 0
         self._clock: Clock = MonotonicClock() if clock is None else clock
-        self._gate = SampleFilter(answering.room(), _nanoseconds("stale_after", stale_after))
+        self._gate = SampleFilter(answering.new_samples(), _nanoseconds("stale_after", stale_after))
         self._framing = Framing(
             answering.count, answering.source, self._period_ns, _nanoseconds("valid_for", valid_for)
         )
@@ -172,9 +172,9 @@ class Service:
     def _rehearse(self) -> None:
         """Compile and touch all that a tick needs."""
         self._answering.rehearse()
-        gate = SampleFilter(self._answering.room(), 0)
+        gate = SampleFilter(self._answering.new_samples(), 0)
         gate.start(0)
-        gate.admit(self._answering.room(), 0)
+        gate.admit(self._answering.new_samples(), 0)
         gate.expire(0)
         self._framing.finish(0, 0, 0, 0, 0)
 

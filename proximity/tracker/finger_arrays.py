@@ -3,7 +3,7 @@
 import numpy as np
 
 from proximity.kernels.point.budgeted_walk import WORKSPACE_SIZE
-from proximity.kernels.point.coherent_search import FRONT_SIZE
+from proximity.kernels.point.coherent_search import FRONTIER_SIZE
 from proximity.kernels.tracking import track
 from proximity.kernels.tracking.conservative_advancement import BALLS_SIZE
 from proximity.kernels.tracking.finger_distance import CROWD
@@ -36,7 +36,7 @@ def arrays_for(count: int, settings: np.ndarray, contacts: np.ndarray) -> dict[s
         "tracks": np.zeros((count, track.TRACK_REALS)),
         "marks": np.zeros((count, track.TRACK_INTS), np.int64),
         "balls": np.zeros((count, BALLS_SIZE)),
-        "fronts": np.zeros((count if count <= CROWD else 0, FRONT_SIZE), np.float32),
+        "frontiers": np.zeros((count if count <= CROWD else 0, FRONTIER_SIZE), np.float32),
         "records": contacts,
         "before": np.zeros((0, POSE_COLUMNS)),
         "movers": movers_workspace(0),

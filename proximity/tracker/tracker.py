@@ -282,7 +282,7 @@ class Tracker:
         self._arrays["motion_marks"][:] = 0
         self._arrays["marks"][:, track.REPORTED_PART] = NO_PART
         self._last_now_ns = -MOST_NS
-        self._settings[track.FIRST] = self._settings[track.PATIENCE] = 0
+        self._settings[track.FIRST] = self._settings[track.ADAPTIVE_TOLERANCE] = 0
         self._forget()
 
     def _forget(self) -> None:
@@ -290,7 +290,7 @@ class Tracker:
         track.forget_surfaces(self._arrays["tracks"], self._arrays["balls"])
         marks = self._arrays["marks"]
         marks[:, track.SLOT], marks[:, track.PART], marks[:, track.IS_OUTSIDE] = NO_SLOT, NO_PART, 0
-        marks[:, track.FRONT_COUNT] = 0
+        marks[:, track.FRONTIER_COUNT] = 0
 
     def _take_over(self, model: Model) -> None:
         """Look at *model* from now on; parts that changed in more than their place are looked at anew.
@@ -325,7 +325,7 @@ class Tracker:
             len(arrays["before"]),
             len(arrays["movers"]),
             len(arrays["workspace"]),
-            len(arrays["fronts"]),
+            len(arrays["frontiers"]),
         ]
         table = np.array(counts + [arrays[name].ctypes.data for name in track.NAMES], np.int64)
         # Until another handle is reported, what the one before leads to stays.

@@ -33,7 +33,7 @@ from proximity.transport.iceoryx_names import (
 from proximity.transport.link import NOTHING
 from proximity.transport.poll import wait_until
 
-FIRST_ROOM = 8192
+FIRST_BYTES = 8192
 """Bytes of a message at first: a frame of 24 fingers. A longer message makes room for its like."""
 SPARE = 3
 """Messages in memory for each subscriber, beside the one that it reads: one that died leaves some behind."""
@@ -51,7 +51,7 @@ class IceoryxOutlet:
         address.check_options()
         self._text = address.text
         self._node, self._service = open_service(address, "publisher")
-        builder = self._service.publisher_builder().initial_max_slice_len(FIRST_ROOM).max_loaned_samples(1)
+        builder = self._service.publisher_builder().initial_max_slice_len(FIRST_BYTES).max_loaned_samples(1)
         builder = builder.allocation_strategy(iceoryx2.AllocationStrategy.PowerOfTwo)
         builder = builder.override_sample_preallocation(_most_in_memory(self._service))
         self._publisher = take_place(builder.create, address, self._node, self._service, "publisher")
@@ -99,7 +99,7 @@ class IceoryxInlet:
         create = self._service.subscriber_builder().buffer_size(BUFFER).create
         self._subscriber = take_place(create, address, self._node, self._service, "subscriber")
 
-    def receive(self, room: np.ndarray) -> int:
+    def receive(self, buffer: np.ndarray) -> int:
         """Take the oldest message of the buffer."""
         if self._subscriber is None:
             return NOTHING
@@ -110,8 +110,8 @@ class IceoryxInlet:
         if sample is None:
             return NOTHING
         size: int = sample.header.number_of_elements
-        taken = min(size, len(room))
-        room.data[:taken] = ctypes.string_at(sample.payload_ptr, taken)
+        taken = min(size, len(buffer))
+        buffer.data[:taken] = ctypes.string_at(sample.payload_ptr, taken)
         sample.delete()
         return size
 

@@ -28,7 +28,7 @@ SUBSCRIBERS = 16
 """Of a name, at most."""
 NODES = 2 * SUBSCRIBERS
 """Ends that have a name open, those that were killed and not yet noticed included."""
-PATIENCE = 0.3
+LOCK_TIMEOUT = 0.3
 """s to ask again for a place that may just be given back."""
 UNFINISHED_AFTER = 1.0
 """s: nobody alive takes as long to make a name or a piece of memory; iceoryx2 waits no longer for a name."""
@@ -63,7 +63,7 @@ def open_service(address: Address, role: str) -> tuple[Any, Any]:
 
 def take_place(create: Callable[[], Any], address: Address, node: Any, service: Any, role: str) -> Any:
     """Make a publisher or a subscriber by *create*; ask again where all places seem to be taken."""
-    ends = time.monotonic() + PATIENCE
+    ends = time.monotonic() + LOCK_TIMEOUT
     while True:
         try:
             return create()

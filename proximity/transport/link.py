@@ -25,10 +25,10 @@ class Inlet(Protocol):
     shares_clock: bool
     """Whether the sender's monotonic clock is ours: whether it is on this machine."""
 
-    def receive(self, room: np.ndarray) -> int:
-        """Take the next message that waits, oldest first, into *room* (uint8); its size, or `NOTHING`.
+    def receive(self, buffer: np.ndarray) -> int:
+        """Take the next message that waits, oldest first, into *buffer* (uint8); its size, or `NOTHING`.
 
-        Of a message larger than *room* only the beginning is taken; its size is returned all the same.
+        Of a message larger than *buffer* only the beginning is taken; its size is returned all the same.
         Whatever is not from the sender that the address names is left out and counted in `refused`.
         Raises `PublishError` if nothing can be received at all.
         """

@@ -69,7 +69,7 @@ class MailboxInlet:
         self._box = _box(address.place)
         self._seen = 0
 
-    def receive(self, room: np.ndarray) -> int:
+    def receive(self, buffer: np.ndarray) -> int:
         """Copy what is in the box, if it was not seen before."""
         box = self._box
         if (
@@ -78,8 +78,8 @@ class MailboxInlet:
             return NOTHING
         with box.changed:
             self._seen = box.count
-            size = min(box.size, len(room))
-            room[:size] = box.data[:size]
+            size = min(box.size, len(buffer))
+            buffer[:size] = box.data[:size]
             return box.size
 
     def wait(self, timeout: float) -> bool:

@@ -100,7 +100,7 @@ class Examiner:
         self._inlet = inlet
         self._kinds = {kind.magic: kind for kind in kinds}
         self._default = kinds[0]
-        self._room = np.empty(max(kind.size(MAX_RECORDS) for kind in kinds) + 8, np.uint8)
+        self._buffer = np.empty(max(kind.size(MAX_RECORDS) for kind in kinds) + 8, np.uint8)
         self._clock = clock
         self._most_at_once, self._most_flawed = most_at_once, most_flawed
         self._newest_session = 0  # of all kinds
@@ -119,17 +119,17 @@ class Examiner:
         content_flaw : callable
             Says what is wrong inside of a message that is whole and new; None: nothing.
         """
-        inlet, room, counts = self._inlet, self._room, self.counts
+        inlet, buffer, counts = self._inlet, self._buffer, self.counts
         flawed_count = 0
         for _ in range(self._most_at_once):
-            size = inlet.receive(room)
+            size = inlet.receive(buffer)
             counts.refused, counts.unverified = inlet.refused, inlet.unverified
             if size == NOTHING:
                 return
             now = self._clock()
-            data = room[:size]
+            data = buffer[:size]
             kind = self._kind_of(data)
-            flaw = self._take_in(kind, data, now, content_flaw) if size <= len(room) else Flaw.SIZE
+            flaw = self._take_in(kind, data, now, content_flaw) if size <= len(buffer) else Flaw.SIZE
             if flaw is None:
                 yield kind, data, now
                 continue

@@ -70,8 +70,8 @@ class HeldFrame:
         self.state = State.STALE
         self.pose_ns = self.publish_ns = self.expires_ns = 0
         size = FRAME.size(count)
-        self._room = np.zeros(size + 16, np.uint8)
-        self._data = self._room[:size]
+        self._buffer = np.zeros(size + 16, np.uint8)
+        self._data = self._buffer[:size]
         shown = self._data.view()
         shown.flags.writeable = False
         header, self.contacts = parts_of(shown, FRAME)
@@ -81,7 +81,7 @@ class HeldFrame:
     def _take_columns(self) -> None:
         """The columns that are looked at, and room for what is found: NumPy is slow at making arrays."""
         count, records = self.count, self._data[FRAME.header_size :]
-        self._reals = self._room[FRAME.header_size :].view("<f8")
+        self._reals = self._buffer[FRAME.header_size :].view("<f8")
         self._reals[-2:] = np.finfo(float).min, np.finfo(float).max
         self._left_at, self._right_at = _places(_LEFT, count), _places(_RIGHT, count)
         self._left, self._right = np.empty((2, count, len(_LEFT)))

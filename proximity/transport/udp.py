@@ -39,7 +39,7 @@ MOST_FORGED_BYTES = 1 << 17
 """In datagrams that the key does not verify, in one go: some 0.3 ms."""
 LARGEST_DATAGRAM = 1 << 16
 """Bytes: no datagram has as many."""
-ROOM_BYTES = 1 << 19
+BUFFER_BYTES = 1 << 19
 """That the system is asked to keep for a reader; it may give less."""
 
 # Of the network or of the other side, not of the message: nobody is there, now.
@@ -48,7 +48,7 @@ _NOBODY = {
     for name in ("ECONNREFUSED", "ECONNRESET", "EHOSTUNREACH", "EHOSTDOWN")
     if hasattr(errno, name)  # not every system has them all
 }
-_NO_ROOM = {errno.EAGAIN, errno.EWOULDBLOCK, errno.ENOBUFS, errno.ENOMEM}
+_NO_BUFFERS = {errno.EAGAIN, errno.EWOULDBLOCK, errno.ENOBUFS, errno.ENOMEM}
 # Linux then tells the size of what was cut off. Elsewhere what fills the room is taken to have been cut off.
 _TELLS_SIZE = getattr(socket, "MSG_TRUNC", 0) if sys.platform == "linux" else 0
 _IS_CUT_OFF = 10040  # WSAEMSGSIZE: Windows says so by an error
@@ -125,7 +125,7 @@ class UdpOutlet:
                 return
             except OSError as again:
                 failure = again
-        if failure.errno in _NO_ROOM:
+        if failure.errno in _NO_BUFFERS:
             self.lost += 1
         elif failure.errno not in _NOBODY:
             raise PublishError(f"{self._text}: cannot send ({_reason(failure)})") from failure
@@ -174,17 +174,17 @@ class UdpInlet:
         if self._poll is not None:
             self._poll.register(self._socket, select.POLLIN)
 
-    def receive(self, room: np.ndarray) -> int:
+    def receive(self, buffer: np.ndarray) -> int:
         """Take the next datagram of the one to listen to."""
         if self._key is not None:
-            return self._receive_verified(room, self._key)
+            return self._receive_verified(buffer, self._key)
         for _ in range(MOST_STRANGERS):
-            size, is_expected = self._take(room.data)
+            size, is_expected = self._take(buffer.data)
             if is_expected or size == NOTHING:
                 return size
         return NOTHING
 
-    def _receive_verified(self, room: np.ndarray, key: Key) -> int:
+    def _receive_verified(self, buffer: np.ndarray, key: Key) -> int:
         """Take the next datagram that the key verifies, without its tag."""
         forged_bytes = 0
         for _ in range(MOST_STRANGERS):
@@ -195,8 +195,8 @@ class UdpInlet:
                 continue
             if key.verifies(self._datagram[:size]):
                 size -= TAG_BYTES
-                taken = min(size, len(room))
-                room.data[:taken] = self._datagram[:taken]
+                taken = min(size, len(buffer))
+                buffer.data[:taken] = self._datagram[:taken]
                 return size
             self.unverified += 1
             forged_bytes += size
@@ -204,18 +204,18 @@ class UdpInlet:
                 break
         return NOTHING
 
-    def _take(self, room: memoryview) -> tuple[int, bool]:
+    def _take(self, buffer: memoryview) -> tuple[int, bool]:
         """Size of the next datagram, or `NOTHING`, and whether it counts: is of the one to listen to."""
         try:
-            size, sender = self._socket.recvfrom_into(room, 0, _TELLS_SIZE)
+            size, sender = self._socket.recvfrom_into(buffer, 0, _TELLS_SIZE)
         except BlockingIOError:
             return NOTHING, False
         except OSError as failure:
             if getattr(failure, "winerror", None) != _IS_CUT_OFF:
                 raise PublishError(f"{self._text}: cannot receive ({_reason(failure)})") from failure
-            return len(room) + 1, True
+            return len(buffer) + 1, True
         if sender[0] in self._hosts and (not self._port or sender[1] == self._port):
-            return size if _TELLS_SIZE or size < len(room) else size + 1, True
+            return size if _TELLS_SIZE or size < len(buffer) else size + 1, True
         self.refused += 1
         return size, False
 
@@ -279,7 +279,7 @@ def _open(address: Address, place: _Place) -> socket.socket:
         if place.family == socket.AF_INET6:
             opened.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
         opened.setblocking(False)
-        opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, ROOM_BYTES)
+        opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
         opened.bind(place.name)
     except OSError as failure:
         opened.close()

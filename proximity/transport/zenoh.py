@@ -88,13 +88,13 @@ class ZenohInlet:
         self._subscriber: Any = self._session.declare_subscriber(key, ring)
         self._next: Any = None
 
-    def receive(self, room: np.ndarray) -> int:
+    def receive(self, buffer: np.ndarray) -> int:
         """Take the oldest message of the buffer."""
         if not self._has_message():
             return NOTHING
         data, self._next = self._next.payload.to_bytes(), None
-        taken = min(len(data), len(room))
-        room.data[:taken] = data[:taken]
+        taken = min(len(data), len(buffer))
+        buffer.data[:taken] = data[:taken]
         return len(data)
 
     def wait(self, timeout: float) -> bool:

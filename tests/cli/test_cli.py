@@ -549,7 +549,7 @@ def terminal(monkeypatch, width=200):
 @pytest.mark.parametrize("name", ["ball.stl", "parts[/b].stl"])  # the second: Rich's mark that closes nothing
 def test_long_reading_shows_a_spinner_on_a_terminal(name, monkeypatch):
     screen = terminal(monkeypatch)
-    monkeypatch.setattr(progress, "PATIENCE_S", 0.0)
+    monkeypatch.setattr(progress, "ANNOUNCE_AFTER_S", 0.0)
 
     with progress.spinner(f"reading {name}"):
         for _ in range(100):
@@ -571,7 +571,7 @@ def test_short_reading_shows_nothing(monkeypatch):
 
 def test_many_queries_show_a_bar_on_a_terminal(monkeypatch):
     screen = terminal(monkeypatch)
-    monkeypatch.setattr(progress, "PATIENCE_S", -1.0)
+    monkeypatch.setattr(progress, "ANNOUNCE_AFTER_S", -1.0)
 
     passed = list(progress.with_bar("abc", {"a": 10, "b": 10, "c": 5}.get, 25, is_shown=True))
 
@@ -583,7 +583,7 @@ def test_many_queries_show_a_bar_on_a_terminal(monkeypatch):
 def test_bar_is_not_shown_for_a_short_wait_or_in_the_way(monkeypatch, is_shown):
     screen = terminal(monkeypatch)
     if not is_shown:
-        monkeypatch.setattr(progress, "PATIENCE_S", -1.0)
+        monkeypatch.setattr(progress, "ANNOUNCE_AFTER_S", -1.0)
 
     assert list(progress.with_bar("abc", len, 3, is_shown=is_shown)) == ["a", "b", "c"]
     assert screen.getvalue() == ""

@@ -114,7 +114,7 @@ def test_log_is_continued_and_what_was_torn_is_told(run, tmp_path):
 
 
 def test_no_frame_is_exit_code_1(run, tmp_path, monkeypatch):
-    monkeypatch.setattr(cli.record, "PATIENCE_S", 0.02)
+    monkeypatch.setattr(cli.record, "ANNOUNCE_AFTER_S", 0.02)
 
     result = run(ADDRESS, tmp_path / "run.frames", "--limit", 0.2)
 

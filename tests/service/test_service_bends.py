@@ -25,7 +25,7 @@ def answers():
 
 def told(answers, bends, *, paths=None, ticks=8, every=1):
     """The contacts after some ticks; fingers bend at `RATE` from *bends* on, a pose each *every* ticks."""
-    hands = answers.room()
+    hands = answers.new_samples()
     answers.rehearse()  # forgets the test before
     for tick in range(ticks):
         pose = tick // every * every

@@ -468,11 +468,11 @@ def test_measurement_that_was_refused_is_not_told_again_with_those_of_other_fing
     source, outlet, clock = SensorInput("queue:", 2), KeepingOutlet(), ManualClock(NOW)
     receive = inlet.receive
 
-    def receive_one_more(room):
+    def receive_one_more(new_samples):
         if not inlet.queue and clock.now > max(told_ns):
             told_ns.append(clock.now)
             inlet.put(message([0.5], clock.now, finger=[1]))
-        return receive(room)
+        return receive(new_samples)
 
     told_ns, inlet.receive = [NOW], receive_one_more
     inlet.put(message([0.1], NOW + 200 * MS, finger=[0], force=3.0, force_is_valid=1))

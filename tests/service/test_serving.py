@@ -503,7 +503,7 @@ def test_it_ends_after_some_seconds(scene_path):
 def test_it_ends_after_some_seconds_also_while_an_edit_is_being_made(scene_path, monkeypatch):
     """To read a large part may take minutes."""
     monkeypatch.setattr(scene_service, "LOOK_S", 0.01)
-    monkeypatch.setattr(scene_service, "PATIENCE_S", 0.01)
+    monkeypatch.setattr(scene_service, "ANNOUNCE_AFTER_S", 0.01)
     is_over = threading.Event()
     monkeypatch.setattr(reloading.Editing, "look", lambda self: is_over.wait(PATIENCE_S))
     began = time.monotonic()

@@ -574,20 +574,20 @@ def test_controller_sees_what_is_known_and_no_more():
         def __init__(self):
             self.sights = []
 
-        def command(self, sight):
-            self.sights.append(sight)
+        def command(self, distance_sample):
+            self.sights.append(distance_sample)
             return DrumCommand(DriveMode.OFF)
 
     watcher = Watcher()
     sensing = Sensing(latency=0.004, reach=0.020)
     response = decaff(HAND, HAND.press(0.5), replace(GLOVE, sensing=sensing), watcher)
-    told = [sight for sight in watcher.sights if sight.message]
+    told = [distance_sample for distance_sample in watcher.sights if distance_sample.message]
 
     assert watcher.sights[0].message is None
     assert len(told) > 100
-    for sight in told:
-        message = sight.message
-        assert 0.004 - 1e-9 <= sight.now - message.at <= 0.005 + 1e-3 / 3
+    for distance_sample in told:
+        message = distance_sample.message
+        assert 0.004 - 1e-9 <= distance_sample.now - message.at <= 0.005 + 1e-3 / 3
         assert message.distance <= 0.020
         assert message.link + message.distance == pytest.approx(0.0, abs=1e-15)
     # A drum that nobody drives stands where it was, and is pushed out of the way.
@@ -606,12 +606,12 @@ def test_loop_can_be_taken_sample_by_sample():
         decaff(HAND, HAND.press(1.0), GLOVE, "TS")
     assert loop.now < -0.1
     while not loop.is_over:
-        loop.tick(policy.command(loop.sight()))
+        loop.tick(policy.command(loop.distance_sample()))
 
     with pytest.raises(DecaffError, match="the press is over at"):
         loop.tick(DrumCommand())
     with pytest.raises(DecaffError, match="the press is over at"):
-        loop.sight()
+        loop.distance_sample()
     with pytest.raises(DecaffError, match=r"expected one that has not begun"):
         loop.run(Target.NAIVE)
 

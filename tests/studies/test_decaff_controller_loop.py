@@ -36,8 +36,8 @@ def test_controller_displays_what_the_plain_rule_does(speed):
     states = []
 
     class Watched:
-        def command(self, sight):
-            command = door.command(sight)
+        def command(self, distance_sample):
+            command = door.command(distance_sample)
             states.append(door.action.state)
             return command
 

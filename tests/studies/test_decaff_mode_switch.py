@@ -14,7 +14,7 @@ from proximity.studies.simulation.closed_loop import DecaffLoop
 from proximity.studies.simulation.devices import Decaff, Sensing
 from proximity.studies.simulation.force_after_contact import ForceAfterContact, Slave, bump
 from proximity.studies.simulation.hand import Hand
-from proximity.studies.simulation.target_policies import Holding, Sight, Target, TargetPolicy
+from proximity.studies.simulation.target_policies import DistanceSample, Holding, Target, TargetPolicy
 
 HAND = Hand()
 RATE = 3000.0
@@ -38,7 +38,7 @@ def pressed(speed, *, rule=ANY_SPEED, is_bumpless=True, hold=HOLD, retracted=0.0
     )
     loop = DecaffLoop(HAND, HAND.press(speed, hold=hold), glove)
     while loop.now < loop.response.press.release_time and not loop.now > controller.switched_at + beyond:
-        loop.tick(controller.command(loop.sight()))
+        loop.tick(controller.command(loop.distance_sample()))
     return loop.response, controller
 
 
@@ -129,8 +129,8 @@ def test_contact_that_is_lost_goes_back_to_position():
 
     def take(force, count):
         for _ in range(count):
-            sight = Sight(len(modes) / RATE, 0.0, 0.0, 0.0, 0.0, force, -force, None)
-            modes.append(controller.command(sight).mode)
+            distance_sample = DistanceSample(len(modes) / RATE, 0.0, 0.0, 0.0, 0.0, force, -force, None)
+            modes.append(controller.command(distance_sample).mode)
         return modes[-1]
 
     slave = Slave(0.8)

@@ -73,14 +73,14 @@ def guarded_room():
     return whole[GUARD:-GUARD], whole
 
 
-ROOM, WHOLE = guarded_room()
+WORKSPACE, WHOLE = guarded_room()
 
 
-def walk(model, point, budget, best_sq=np.inf, slot=NO_SLOT, *, ease=0.0, core=0.0):
+def walk(model, point, budget, best_sq=np.inf, slot=NO_SLOT, *, tolerance=0.0, core=0.0):
     """Ask, and check what holds for every walk: it wrote in its room only, and spent some, not too much."""
     arrays = (model.reals, model.words, model.frames, model.parts)
     found = nearest_with_budget(
-        arrays, *start_of(model), tuple(map(float, point)), best_sq, slot, ease, core, budget, ROOM
+        arrays, *start_of(model), tuple(map(float, point)), best_sq, slot, tolerance, core, budget, WORKSPACE
     )
     assert (WHOLE[:GUARD] == UNTOUCHED).all() and (WHOLE[-GUARD:] == UNTOUCHED).all(), (
         "nothing is written beside the room"

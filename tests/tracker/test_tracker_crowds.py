@@ -6,8 +6,8 @@ import shapes
 from ticking import MS, RADIUS
 
 from proximity.kernels.tracking.finger_distance import CROWD
-from proximity.kernels.tracking.tick import AHEAD, MOST_PATIENCE, steps_for_all
-from proximity.kernels.tracking.track import PATIENCE
+from proximity.kernels.tracking.tick import AHEAD, MOST_TOLERANCE, steps_for_all
+from proximity.kernels.tracking.track import ADAPTIVE_TOLERANCE
 from proximity.message import ContactFlag
 from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
@@ -72,10 +72,10 @@ def test_in_a_crowd_bounds_are_as_wide_for_all_for_how_far_they_are(ball):
     for k in range(200):
         contacts = tracker.tick(tips + k * 1e-5, k * MS, k * MS)
     share = (contacts["upper"] - contacts["lower"]) / contacts["lower"]
-    patience = tracker._settings[PATIENCE]
+    adaptive_tolerance = tracker._settings[ADAPTIVE_TOLERANCE]
 
-    assert 0.0 < patience < MOST_PATIENCE
-    assert np.percentile(share, 99.0) <= 1.5 * patience
+    assert 0.0 < adaptive_tolerance < MOST_TOLERANCE
+    assert np.percentile(share, 99.0) <= 1.5 * adaptive_tolerance
     near, far = contacts["lower"] < 0.02, contacts["lower"] > 0.04
     assert near.sum() > 100 and far.sum() > 100
     assert np.median((contacts["upper"] - contacts["lower"])[near]) < np.median(
@@ -88,15 +88,15 @@ def test_patience_is_forgotten_with_the_fingers_and_two_hands_never_have_any(bal
     tracker, tips = Tracker(ball, fingers=count), skin(count)
     for k in range(40):
         contacts = tracker.tick(tips + k * STEP, k * MS, k * MS)
-    assert tracker._settings[PATIENCE] > 0.0
+    assert tracker._settings[ADAPTIVE_TOLERANCE] > 0.0
     tracker.reset()
-    assert tracker._settings[PATIENCE] == 0.0
+    assert tracker._settings[ADAPTIVE_TOLERANCE] == 0.0
 
     few = Tracker(ball, fingers=CROWD)
     for k in range(40):
         contacts = few.tick(tips[:CROWD] + k * STEP, k * MS, k * MS)
         assert has(contacts, ContactFlag.EXACT).all()
-    assert few._settings[PATIENCE] == 0.0
+    assert few._settings[ADAPTIVE_TOLERANCE] == 0.0
 
 
 def test_bounds_within_the_tolerance_are_carried_on(ball):

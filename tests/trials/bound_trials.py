@@ -12,7 +12,7 @@ from trial_log import Log
 from trial_motions import START_NS, motion_of, paths_of
 
 from proximity.kernels.tracking.motion import MAX_ACCELERATION, MAX_SPEED
-from proximity.kernels.tracking.track import PATIENCE
+from proximity.kernels.tracking.track import ADAPTIVE_TOLERANCE
 from proximity.message import CONTACT
 from proximity.tracker.tracker import DEFAULT_BUDGET, Tracker
 
@@ -180,7 +180,7 @@ def _tick_through(rng, cell, events, tracker, motion, paths):
     history, truth = History(cell, tick_count), Truth(cell, motion.positions)
     records = np.empty((tick_count, finger_count), CONTACT)
     corners = None if paths is None else np.empty((tick_count, *paths.corners.shape))
-    patience = np.empty(tick_count)
+    adaptive_tolerance = np.empty(tick_count)
     for tick in range(tick_count):
         if tick:
             for _ in range(rng.choice([1, 1, 1, 1, 3])):
@@ -195,7 +195,7 @@ def _tick_through(rng, cell, events, tracker, motion, paths):
             corners[tick] = paths.at(motion.positions[tick])
             more |= {"paths": corners[tick], "path_bends": paths.bends, "bends": paths.told_bends(rng)}
         pose_ns, now_ns = motion.pose_ns[tick], int(motion.now_ns[tick])
-        patience[tick] = tracker._settings[PATIENCE]
+        adaptive_tolerance[tick] = tracker._settings[ADAPTIVE_TOLERANCE]
         records[tick] = tracker.tick(motion.positions[tick], pose_ns, now_ns, **more)
         truth.tick = tick + 1
     truth.ask()
@@ -208,7 +208,7 @@ def _tick_through(rng, cell, events, tracker, motion, paths):
         positions=motion.positions.reshape(-1, 3),
         records=records.ravel(),
         true=truth.true.ravel(),
-        patience=np.repeat(patience, finger_count),
+        adaptive_tolerance=np.repeat(adaptive_tolerance, finger_count),
         is_exact=motion.is_exact[fingers],
         start_ns=START_NS,
         paths=None if paths is None else corners.reshape(-1, *corners.shape[2:]),

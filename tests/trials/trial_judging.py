@@ -134,7 +134,7 @@ def _judge_distances(log, tally):
     clear = np.abs(log.true) > room
     tally.demand("inside", log, (log.has("INSIDE") == (log.true < 0.0))[clear], clear)
     # Less than an allowance apart is near enough, whatever was searched for.
-    share = np.maximum(log.tolerance, log.patience)
+    share = np.maximum(log.tolerance, log.adaptive_tolerance)
     near = np.isfinite(true) & (told["upper"] <= (1.0 + share) * told["lower"] + room)
     skipped = log.has("SKIPPED") & ~near & ~log.crowd_is_spent()
     tally.look("skipped is out of range", log, (log.working_range - true)[skipped], room[skipped], skipped)

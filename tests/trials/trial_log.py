@@ -34,7 +34,7 @@ class Log:
     positions: np.ndarray  # (M, 3) m
     records: np.ndarray  # (M,) CONTACT
     true: np.ndarray  # (M,) m, signed distance of the centre
-    patience: np.ndarray  # (M,) share by which bounds may be apart in a crowd
+    adaptive_tolerance: np.ndarray  # (M,) share by which bounds may be apart in a crowd
     is_exact: np.ndarray  # (M,) predictions may be held against the course
     start_ns: int
     paths: np.ndarray | None  # (M, K, 3)

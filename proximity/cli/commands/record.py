@@ -34,7 +34,7 @@ Examples:
 EXIT_NOTHING = 1
 TURN_S = 0.05  # within that a wish to stop is noticed
 GATHER_S = 0.002  # that frames are let come: to wake for each would cost more; buffers hold 60 and more
-PATIENCE_S = 2.0  # of waiting for a first frame before that is said
+ANNOUNCE_AFTER_S = 2.0  # of waiting for a first frame before that is said
 
 
 def command(
@@ -107,7 +107,7 @@ def _record(
                 log.append(data)
             if log.frame_count:
                 status.show(f"{log.path}: {summary(log.frame_count, elapsed, subscriber.counts)}")
-            elif elapsed > PATIENCE_S:
+            elif elapsed > ANNOUNCE_AFTER_S:
                 status.say_once(f"nothing has come from {subscriber.address} yet")
         for data in subscriber.frames():  # what came while the last was being written
             log.append(data)

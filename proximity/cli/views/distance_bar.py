@@ -12,7 +12,7 @@ SCALE_MM = 120.0
 """As far as the tracker searches by default."""
 MARKS_MM = (0, 30, 60, 90, 120)
 FEW_MARKS_MM = (0, 60, 120)
-ROOM_FOR_MARKS = 24  # cells
+MARKS_WIDTH = 24  # cells
 EIGHTHS = " ▏▎▍▌▋▊▉"
 BETWEEN = "▒"
 PREDICTED = "◆"
@@ -30,7 +30,7 @@ def ruler(width: int) -> str:
         Cells of a bar.
     """
     cells = [" "] * width
-    for mark in MARKS_MM if width >= ROOM_FOR_MARKS else FEW_MARKS_MM:
+    for mark in MARKS_MM if width >= MARKS_WIDTH else FEW_MARKS_MM:
         text = str(mark)
         first = min(round(mark / SCALE_MM * width), width - len(text))
         cells[first : first + len(text)] = text

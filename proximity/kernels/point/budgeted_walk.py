@@ -5,9 +5,9 @@ that has not ended after an eighth of its budget, or a few steps, has met one of
 search opens everything (the centre of a ball): from there on it opens, sweep by sweep, what has the smallest
 bounds, and follows one of them down to a leaf, so that the gap between the bounds closes from both sides.
 
-What waits is kept in *room* (float32): three planes of `ROOM` numbers: a squared distance below which nothing
-in the subtree lies, in the scene's scaled frame whatever the subtree's own; its reference (int32 bits); and
-the part in whose frame it is, or the scene's row.
+What waits is kept in *workspace* (float32): three planes of `WORKSPACE` numbers: a squared distance below
+which nothing in the subtree lies, in the scene's scaled frame whatever the subtree's own; its reference
+(int32 bits); and the part in whose frame it is, or the scene's row.
 
 Tried and dropped (2026-11): see the figures beside `SHARE`.
 """
@@ -62,8 +62,8 @@ from proximity.simd import (
 
 SWEPT = 4096
 """Steps of a budget that are taken in sweeps at most; the rest goes depth first."""
-ROOM = 4 * STACK_SIZE + (LANES - 1) * SWEPT + 4 * LANES
-WORKSPACE_SIZE = 3 * ROOM
+WORKSPACE = 4 * STACK_SIZE + (LANES - 1) * SWEPT + 4 * LANES
+WORKSPACE_SIZE = 3 * WORKSPACE
 DEEP = 8
 """Share of a budget, as a divisor, that goes depth first."""
 DEPTH = 16
@@ -128,16 +128,16 @@ def open_up_to(best_sq):
 
 
 @inlined
-def near_enough_sq(best_sq, best_slot, ease, core):
+def near_enough_sq(best_sq, best_slot, tolerance, core):
     """The squared distance from which on nothing more is looked for: a little below the best found.
 
-    *ease*: the share of the distance beyond *core* that may be missed; 0 for an exact search.
+    *tolerance*: the share of the distance beyond *core* that may be missed; 0 for an exact search.
     """
     enough_sq = best_sq
-    if ease > 0.0 and best_slot >= 0:
+    if tolerance > 0.0 and best_slot >= 0:
         best = sqrt(best_sq)
         if best > core:
-            enough = best - ease * (best - core)
+            enough = best - tolerance * (best - core)
             enough_sq = enough * enough * DOWN
     return enough_sq
 
@@ -173,11 +173,11 @@ def _step_into(words, parts, reference, part):
 
 
 @inlined
-def _wait(room, at, bounds, references, part, which):
+def _wait(workspace, at, bounds, references, part, which):
     """Leave subtrees waiting, those of eight that *which* says; the place behind them."""
-    store(room, at, compress(bounds, which))
-    store(room, at + ROOM, compress(references, which))
-    store(room, at + 2 * ROOM, splat32(np.float32(part)))
+    store(workspace, at, compress(bounds, which))
+    store(workspace, at + WORKSPACE, compress(references, which))
+    store(workspace, at + 2 * WORKSPACE, splat32(np.float32(part)))
     return at + count_bits(bits(which))
 
 
@@ -191,19 +191,19 @@ def _nearer_in_leaf(reals, reference, query, best_sq, best_slot):
 
 
 @inlined
-def nearest_with_budget(model, start, part, point, best_sq, best_slot, ease, core, budget, room):
+def nearest_with_budget(model, start, part, point, best_sq, best_slot, tolerance, core, budget, workspace):
     """What of a subtree is nearest to a point of the scene's frame, as far as *budget* steps tell.
 
     *model*: its four arrays; *point*: (x, y, z). *start*: the reference to walk from, in the frame of *part*
     (the scene's row for the tree over parts). *best_sq* (scene's scaled frame) and *best_slot*: what is known
-    already; nothing farther is looked at. *ease*, *core* (scaled as well): see `near_enough_sq`. A step is a
-    node or a leaf. Returns the smallest squared distance found, its slot, the squared distance below which
-    nothing lies (where the search has ended, that of the best, or with ease what is near enough to it), and
-    the steps taken.
+    already; nothing farther is looked at. *tolerance*, *core* (scaled as well): see `near_enough_sq`. A step
+    is a node or a leaf. Returns the smallest squared distance found, its slot, the squared distance below
+    which nothing lies (where the search has ended, that of the best, or with ease what is near enough to it),
+    and the steps taken.
     """
     reals, words, frames, parts = model
     query = _query_in(frames, parts, part, point)
-    best32 = open_up_to(near_enough_sq(best_sq, best_slot, ease, core))
+    best32 = open_up_to(near_enough_sq(best_sq, best_slot, tolerance, core))
     deep_end = max(budget // DEEP, DEPTH if budget >= 2 * DEPTH else 0, budget - SWEPT)
     work = 0
     at = 0
@@ -219,13 +219,13 @@ def nearest_with_budget(model, start, part, point, best_sq, best_slot, ease, cor
                 left = is_open
                 if work < deep_end:
                     left = is_open & ~it
-                at = _wait(room, at, bounds, load(words, base + CHILDREN), part, left)
+                at = _wait(workspace, at, bounds, load(words, base + CHILDREN), part, left)
                 if work < deep_end:
                     reference = load_int(words, base + CHILDREN + nearest)
                     continue
         elif ~reference < ENTRY:
             best_sq, best_slot = _nearer_in_leaf(reals, reference, query, best_sq, best_slot)
-            best32 = open_up_to(near_enough_sq(best_sq, best_slot, ease, core))
+            best32 = open_up_to(near_enough_sq(best_sq, best_slot, tolerance, core))
         else:
             work -= 1
             reference, owner = _step_into(words, parts, reference, part)
@@ -234,31 +234,35 @@ def nearest_with_budget(model, start, part, point, best_sq, best_slot, ease, cor
                 query = _query_in(frames, parts, part, point)
             continue
         if work >= deep_end:
-            return _sweep(model, point, best_sq, best_slot, ease, core, at, work, budget, room)
+            return _sweep(model, point, best_sq, best_slot, tolerance, core, at, work, budget, workspace)
         while at > 0:
             at -= 1
-            if room[at] <= best32:
+            if workspace[at] <= best32:
                 break
         else:
-            return best_sq, best_slot, near_enough_sq(best_sq, best_slot, ease, core), work
-        reference = load_int(room, at + ROOM)
-        if np.int64(room[at + 2 * ROOM]) != part:
-            part = np.int64(room[at + 2 * ROOM])
+            return best_sq, best_slot, near_enough_sq(best_sq, best_slot, tolerance, core), work
+        reference = load_int(workspace, at + WORKSPACE)
+        if np.int64(workspace[at + 2 * WORKSPACE]) != part:
+            part = np.int64(workspace[at + 2 * WORKSPACE])
             query = _query_in(frames, parts, part, point)
 
 
 @inlined
-def _keep_open(room, count, best32):
+def _keep_open(workspace, count, best32):
     """Drop what waits beyond *best32*; return how many are left, and the smallest bound of them."""
-    store(room, count, splat32(np.float32(np.inf)))
+    store(workspace, count, splat32(np.float32(np.inf)))
     smallest = splat32(np.float32(np.inf))
     kept = 0
     for i in range(0, count, LANES):
-        bounds, references, tags = load(room, i), load(room, i + ROOM), load(room, i + 2 * ROOM)
+        bounds, references, tags = (
+            load(workspace, i),
+            load(workspace, i + WORKSPACE),
+            load(workspace, i + 2 * WORKSPACE),
+        )
         is_open = bounds <= splat32(best32)
-        store(room, kept, compress(bounds, is_open))
-        store(room, kept + ROOM, compress(references, is_open))
-        store(room, kept + 2 * ROOM, compress(tags, is_open))
+        store(workspace, kept, compress(bounds, is_open))
+        store(workspace, kept + WORKSPACE, compress(references, is_open))
+        store(workspace, kept + 2 * WORKSPACE, compress(tags, is_open))
         kept += count_bits(bits(is_open))
         smallest = minimum(smallest, bounds)
     return kept, horizontal_min(smallest)
@@ -276,11 +280,11 @@ def _fetch(reals, words, reference):
 
 
 @inlined
-def _nearest_waiting(room, first, end):
+def _nearest_waiting(workspace, first, end):
     """Of what waits from *first* up to *end*, the place of the smallest bound."""
     nearest = first
     for k in range(first + 1, end):
-        if room[k] < room[nearest]:
+        if workspace[k] < workspace[nearest]:
             nearest = np.int64(k)
     return nearest
 
@@ -302,20 +306,20 @@ def _bounds_with_slabs(words, parts, reference, query, above):
 
 
 @kernel
-def _sweep(model, point, best_sq, best_slot, ease, core, count, work, budget, room):
-    """Go on from what waits: *count* subtrees in *room*."""
+def _sweep(model, point, best_sq, best_slot, tolerance, core, count, work, budget, workspace):
+    """Go on from what waits: *count* subtrees in *workspace*."""
     reals, words, frames, parts = model
     part = np.int64(-1)
     query = 0.0, 0.0, 0.0, 1.0, False
     share = SHARE
     while True:
-        enough_sq = near_enough_sq(best_sq, best_slot, ease, core)
+        enough_sq = near_enough_sq(best_sq, best_slot, tolerance, core)
         best32 = open_up_to(enough_sq)
-        count, lowest = _keep_open(room, count, best32)
+        count, lowest = _keep_open(workspace, count, best32)
         lower_sq = min(np.float64(lowest), enough_sq)
         if count == 0:
             return best_sq, best_slot, enough_sq, work
-        if work >= budget or count + LANES > ROOM - 2 * LANES:
+        if work >= budget or count + LANES > WORKSPACE - 2 * LANES:
             return best_sq, best_slot, lower_sq, work
         gap = min(best_sq, 4.0 * lower_sq + 1.0) - lower_sq
         threshold = max(np.float32(lower_sq + share * gap), lowest)
@@ -325,39 +329,39 @@ def _sweep(model, point, best_sq, best_slot, ease, core, count, work, budget, ro
         for first in range(0, end, LANES):
             if first + LANES > end:
                 # Children that were appended in this sweep wait for the next.
-                chosen = bits(load(room, first) <= splat32(threshold)) & ((1 << (end - first)) - 1)
+                chosen = bits(load(workspace, first) <= splat32(threshold)) & ((1 << (end - first)) - 1)
             else:
-                chosen = bits(load(room, first) <= splat32(threshold))
+                chosen = bits(load(workspace, first) <= splat32(threshold))
             left = chosen
             while left:
-                _fetch(reals, words, load_int(room, first + trailing_zeros(left) + ROOM))
+                _fetch(reals, words, load_int(workspace, first + trailing_zeros(left) + WORKSPACE))
                 left &= left - 1
-            while (chosen or following >= 0) and work < budget and count + LANES <= ROOM - 2 * LANES:
+            while (chosen or following >= 0) and work < budget and count + LANES <= WORKSPACE - 2 * LANES:
                 if following >= 0:
                     i, following = following, np.int64(-1)
                 else:
                     i = first + trailing_zeros(chosen)
                     chosen &= chosen - 1
-                reference = np.int64(load_int(room, i + ROOM))
-                tag = np.int64(room[i + 2 * ROOM])
+                reference = np.int64(load_int(workspace, i + WORKSPACE))
+                tag = np.int64(workspace[i + 2 * WORKSPACE])
                 if reference < 0 and ~reference >= ENTRY:
                     reference, tag = _step_into(words, parts, reference, tag)
                 if tag != part:
                     part = tag
                     query = _query_in(frames, parts, part, point)
-                above = room[i]
-                room[i] = np.float32(np.inf)
+                above = workspace[i]
+                workspace[i] = np.float32(np.inf)
                 work += 1
                 if reference < 0:
                     best_sq, best_slot = _nearer_in_leaf(reals, reference, query, best_sq, best_slot)
-                    best32 = open_up_to(near_enough_sq(best_sq, best_slot, ease, core))
+                    best32 = open_up_to(near_enough_sq(best_sq, best_slot, tolerance, core))
                     follows = False
                     continue
                 bounds = _bounds_with_slabs(words, parts, reference, query, above)
                 references = load(words, NODE_STRIDE * reference + CHILDREN)
-                opened = _wait(room, count, bounds, references, part, bounds <= splat32(best32))
+                opened = _wait(workspace, count, bounds, references, part, bounds <= splat32(best32))
                 follows = follows and opened > count
                 if follows:
-                    following = _nearest_waiting(room, count, opened)
+                    following = _nearest_waiting(workspace, count, opened)
                 count = opened
         share = 2.0 * share if FEWEST * (work - before) < end else SHARE

@@ -1,11 +1,11 @@
 """The surface nearest to a point that has come a little way since it was asked for.
 
-A search ends at a *front*: nodes that were opened, with their children that were not, or are leaves. Of each
-of these a plane is kept that has all of it behind, square to the way from what is nearest in it to the point,
-as that was when the plane was made. From a plane a point is never farther than from what is behind; and after
-a little way hardly nearer, for what is neglected is of second order. So the next search looks at planes,
-eight at once, and opens what may hold something nearer than the face that was the nearest. Nor does it look
-at all: how far a node's planes are out of reach tells for how long a way they stay there.
+A search ends at a *frontier*: nodes that were opened, with their children that were not, or are leaves. Of
+each of these a plane is kept that has all of it behind, square to the way from what is nearest in it to the
+point, as that was when the plane was made. From a plane a point is never farther than from what is behind;
+and after a little way hardly nearer, for what is neglected is of second order. So the next search looks at
+planes, eight at once, and opens what may hold something nearer than the face that was the nearest. Nor does
+it look at all: how far a node's planes are out of reach tells for how long a way they stay there.
 
 Five recorded fingers near a bumpy ring of 90 k even triangles take 10 steps a tick in place of 199 (p50),
 half the time; ten near a gear of 118 bodies 55 in place of 243, which is no faster. Near plane faces a walk
@@ -14,8 +14,8 @@ takes 7 steps a finger and is as fast; parts with frames of their own are walked
 Tried and dropped (2026-11): distances less the way come since, in place of planes. Of first order, they
 opened twice as many near plane faces as a walk from the root.
 
-Sources: Li & Chen 1998, "Incremental 3D collision detection with hierarchical data structures" (the front).
-That a distance to a convex set lies nowhere below its tangents is textbook.
+Sources: Li & Chen 1998, "Incremental 3D collision detection with hierarchical data structures" (the
+frontier). That a distance to a convex set lies nowhere below its tangents is textbook.
 """
 
 from math import sqrt
@@ -49,39 +49,39 @@ from proximity.simd import (
     trailing_zeros,
 )
 
-FRONT = 112
-"""Nodes of a front; one that would get more begins anew from the root."""
-WORD = FRONT // 2
+FRONTIER = 112
+"""Nodes of a frontier; one that would get more begins anew from the root."""
+WORD = FRONTIER // 2
 """Of as many a word of bits says which are due."""
 GROUP = 4 * LANES
-"""Numbers a node, which come first in a front: its children's planes, x, y, z of the direction and offset."""
+"""Numbers a node, which come first: its children's planes, x, y, z of the direction and offset."""
 X, Y, Z, OFFSET = 0, LANES, 2 * LANES, 3 * LANES
-DUE = GROUP * FRONT
+DUE = GROUP * FRONTIER
 """Of each node: up to what way the planes of all its children are out of reach, but for opened nodes."""
-NODE = DUE + FRONT
+NODE = DUE + FRONTIER
 """Its number."""
-WAY = NODE + FRONT
-"""How far the point has come since the front began; where it was last is behind it. In the tree's frame."""
+WAY = NODE + FRONTIER
+"""How far the point has come since the frontier began; behind it, where it was last. In the tree's frame."""
 LIMIT = WAY + 4
 """How many nodes it may get until it begins anew, to be lean again."""
-FRONT_SIZE = LIMIT + 1
+FRONTIER_SIZE = LIMIT + 1
 BEGINS = -1
-"""In place of a count: there is no front yet."""
+"""In place of a count: there is no frontier yet."""
 LONG = 20
-"""Steps: a walk that takes fewer is as fast as looking through a front."""
+"""Steps: a walk that takes fewer is as fast as looking through a frontier."""
 MOST_NODES = 2**24
 """Up to which float32 tells all apart."""
 FARTHEST = 1e3
 """Part sizes: from farther away all planes look alike in float32."""
 OLDEST = np.float32(2.0)
-"""Part sizes that a point may have come until its front begins anew: it may not be worth keeping here."""
+"""Part sizes that a point may have come until its frontier begins anew: it may not be worth keeping here."""
 ROUNDED = 2.0**-19
 """How far what is computed in float32 is off, several times over: relative, and in part sizes."""
 SMALLEST = np.float32(1e-30)
 """Squared lengths below this give no direction."""
 NONE, ONE, INFINITE = np.float32(0.0), np.float32(1.0), np.float32(np.inf)
 BEHIND_NONE = np.float32(-np.inf)
-"""Offset of the plane of a child that is in the front itself: out of reach for ever."""
+"""Offset of the plane of a child that is in the frontier itself: out of reach for ever."""
 CLOSING = np.float32(0.49)
 """Of what a plane is out of reach, the way on which it stays there; a half, since the nearest face may recede
 as the plane comes, less what the sum is rounded by."""
@@ -143,8 +143,8 @@ def _reach(best_sq, slack):
 
 
 @inlined
-def _keep_node(words, node, front, count, vx, vy, vz):
-    """Append a node to a front: the planes of its children's boxes."""
+def _keep_node(words, node, frontier, count, vx, vy, vz):
+    """Append a node to a frontier: the planes of its children's boxes."""
     base, at = NODE_STRIDE * node, GROUP * count
     at_x, at_y, at_z = nearest_in_boxes(words, base, vx, vy, vz)
     gap_x, gap_y, gap_z = vx - at_x, vy - at_y, vz - at_z
@@ -152,44 +152,44 @@ def _keep_node(words, node, front, count, vx, vy, vz):
     # Of unused lanes all becomes NaN: they are never opened.
     share = select(gap_sq > splat32(SMALLEST), splat32(ONE) / square_root(gap_sq), splat32(NONE))
     gap_x, gap_y, gap_z = gap_x * share, gap_y * share, gap_z * share
-    store(front, at + X, gap_x)
-    store(front, at + Y, gap_y)
-    store(front, at + Z, gap_z)
-    store(front, at + OFFSET, fma(gap_x, at_x, fma(gap_y, at_y, gap_z * at_z)))
-    front[NODE + count] = node
+    store(frontier, at + X, gap_x)
+    store(frontier, at + Y, gap_y)
+    store(frontier, at + Z, gap_z)
+    store(frontier, at + OFFSET, fma(gap_x, at_x, fma(gap_y, at_y, gap_z * at_z)))
+    frontier[NODE + count] = node
 
 
 @inlined
-def _way_since(front, qx, qy, qz, slack):
-    """How far the point has come since the front began, at most."""
-    sx, sy, sz = qx - front[WAY + 1], qy - front[WAY + 2], qz - front[WAY + 3]
-    way = front[WAY] + np.float32(sqrt(sx * sx + sy * sy + sz * sz))
+def _way_since(frontier, qx, qy, qz, slack):
+    """How far the point has come since the frontier began, at most."""
+    sx, sy, sz = qx - frontier[WAY + 1], qy - frontier[WAY + 2], qz - frontier[WAY + 3]
+    way = frontier[WAY] + np.float32(sqrt(sx * sx + sy * sy + sz * sz))
     return way * np.float32(1.0 + ROUNDED) + np.float32(slack)
 
 
 @inlined
-def _begin_front(words, root, front, vx, vy, vz):
-    """Make a front of the root alone."""
-    for k in range(0, FRONT, LANES):
-        store(front, DUE + k, splat32(INFINITE))
-    _keep_node(words, root, front, 0, vx, vy, vz)
+def _begin_front(words, root, frontier, vx, vy, vz):
+    """Make a frontier of the root alone."""
+    for k in range(0, FRONTIER, LANES):
+        store(frontier, DUE + k, splat32(INFINITE))
+    _keep_node(words, root, frontier, 0, vx, vy, vz)
 
 
 @inlined
-def _due_nodes(front, count, way):
+def _due_nodes(frontier, count, way):
     """Which nodes are due: two words of bits, one for the first `WORD`."""
     due, also_due = np.int64(0), np.int64(0)
     if way <= OLDEST:
         for k in range(0, min(count, WORD), LANES):
-            due |= bits(load(front, DUE + k) <= splat32(way)) << k
+            due |= bits(load(frontier, DUE + k) <= splat32(way)) << k
         for k in range(WORD, count, LANES):
-            also_due |= bits(load(front, DUE + k) <= splat32(way)) << (k - WORD)
+            also_due |= bits(load(frontier, DUE + k) <= splat32(way)) << (k - WORD)
     return due, also_due
 
 
 @inlined
 def _next_due(due, also_due, fresh):
-    """The next node to look at: of those that are due, or else *fresh*, the next that has come to the front.
+    """The next node to look at: of those that are due, or else *fresh*, the next one that is new.
 
     Returns it, and the three as they are from then on.
     """
@@ -201,11 +201,11 @@ def _next_due(due, also_due, fresh):
 
 
 @inlined
-def _away(front, node, vx, vy, vz):
-    """How far the planes of a node's children are; of one that is in the front itself: inf."""
+def _away(frontier, node, vx, vy, vz):
+    """How far the planes of a node's children are; of one that is in the frontier itself: inf."""
     at = GROUP * node
-    away = fma(load(front, at + Z), vz, -load(front, at + OFFSET))
-    return fma(load(front, at + X), vx, fma(load(front, at + Y), vy, away))
+    away = fma(load(frontier, at + Z), vz, -load(frontier, at + OFFSET))
+    return fma(load(frontier, at + X), vx, fma(load(frontier, at + Y), vy, away))
 
 
 @inlined
@@ -233,16 +233,16 @@ def _look_into_leaf(reals, reference, seen, p, best_sq, slot, plane):
 
 
 @kernel
-def nearest_from_last_answer(model, point, part, slot, front, count, budget, room):
+def nearest_from_last_answer(model, point, part, slot, frontier, count, budget, workspace):
     """What of the whole scene is nearest to a point of its frame: exactly, or not at all.
 
     *model*: its four arrays; *point*: (x, y, z). *part*, *slot*: a face, best the one that was nearest a
-    moment ago. *front* (`FRONT_SIZE`,): of the last search, with *count* nodes, or `BEGINS`. The scene must
-    not have changed since.
+    moment ago. *frontier* (`FRONTIER_SIZE`,): of the last search, with *count* nodes, or `BEGINS`. The scene
+    must not have changed since.
 
     Returns the squared distance (scene's scaled frame), part and slot of the nearest found; whether nothing
-    is nearer, or *budget* steps were too few to know; the front's count, 0 where it is not to be kept, even
-    if it answered well; and the steps taken, one more than *budget* at most.
+    is nearer, or *budget* steps were too few to know; the frontier's count, 0 where it is not to be kept,
+    even if it answered well; and the steps taken, one more than *budget* at most.
     """
     reals, words, frames, parts = model
     here = np.int64(0) if is_alone(parts) else len(parts) - 1
@@ -259,23 +259,23 @@ def nearest_from_last_answer(model, point, part, slot, front, count, budget, roo
     qx, qy, qz = np.float32(px), np.float32(py), np.float32(pz)
     vx, vy, vz = splat32(qx), splat32(qy), splat32(qz)
 
-    way = _way_since(front, qx, qy, qz, slack)
-    # Nodes that are due, by bits; and the first of those that come to the front in this search.
-    due, also_due = _due_nodes(front, count, way)
+    way = _way_since(frontier, qx, qy, qz, slack)
+    # Nodes that are due, by bits; and the first of those that come to the frontier in this search.
+    due, also_due = _due_nodes(frontier, count, way)
     begins, fresh = count <= 0 or not way <= OLDEST, count
     has_begun, is_found = False, True
-    limit = np.int64(front[LIMIT])
+    limit = np.int64(frontier[LIMIT])
     while is_found:
         if begins:
             begins, has_begun = False, True
             due, also_due, fresh, way = np.int64(0), np.int64(0), np.int64(0), NONE
-            _begin_front(words, parts[here, ROOT], front, vx, vy, vz)
-            count, limit = np.int64(1), np.int64(FRONT)
+            _begin_front(words, parts[here, ROOT], frontier, vx, vy, vz)
+            count, limit = np.int64(1), np.int64(FRONTIER)
             work += 1
         node, due, also_due, fresh = _next_due(due, also_due, fresh)
         if node >= count:
             break
-        away, reach = _away(front, node, vx, vy, vz), _reach(best_sq, slack)
+        away, reach = _away(frontier, node, vx, vy, vz), _reach(best_sq, slack)
         # Of the children that are looked at: which, and how far the nearest is from then on.
         looked_at, least = np.int64(0), INFINITE
         while True:
@@ -284,7 +284,7 @@ def nearest_from_last_answer(model, point, part, slot, front, count, budget, roo
                 break
             looked_at |= opened & -opened
             lane = trailing_zeros(opened)
-            base = NODE_STRIDE * np.int64(front[NODE + node]) + lane
+            base = NODE_STRIDE * np.int64(frontier[NODE + node]) + lane
             plane = _plane_of_box(words, base, qx, qy, qz)
             if plane[4] <= reach:
                 if work >= budget:
@@ -296,7 +296,7 @@ def nearest_from_last_answer(model, point, part, slot, front, count, budget, roo
                     if count >= limit or reference >= MOST_NODES:
                         begins, is_found = True, not has_begun
                         break
-                    _keep_node(words, reference, front, count, vx, vy, vz)
+                    _keep_node(words, reference, frontier, count, vx, vy, vz)
                     count += 1
                     plane = plane[0], plane[1], plane[2], BEHIND_NONE, INFINITE
                 elif ~reference < ENTRY:
@@ -306,7 +306,7 @@ def nearest_from_last_answer(model, point, part, slot, front, count, budget, roo
                     entry = parts[here, FACES] + 2 * (~reference - ENTRY)
                     start, owner = np.int64(load_int(words, entry + 1)), np.int64(load_int(words, entry))
                     best_sq, slot, lower_sq, steps = nearest_with_budget(
-                        model, start, owner, point, best_sq, slot, 0.0, 0.0, budget - work, room
+                        model, start, owner, point, best_sq, slot, 0.0, 0.0, budget - work, workspace
                     )
                     work += steps
                     if lower_sq < best_sq:
@@ -314,13 +314,13 @@ def nearest_from_last_answer(model, point, part, slot, front, count, budget, roo
                         break
                 reach = _reach(best_sq, slack)
             at = GROUP * node + lane
-            front[at + X], front[at + Y], front[at + Z], front[at + OFFSET], length = plane
+            frontier[at + X], frontier[at + Y], frontier[at + Z], frontier[at + OFFSET], length = plane
             least = min(least, length)
         least = min(least, horizontal_min(select(away > splat32(reach), away, splat32(INFINITE))))
-        front[DUE + node] = way + CLOSING * max(least - reach, NONE)
+        frontier[DUE + node] = way + CLOSING * max(least - reach, NONE)
     if has_begun:
-        front[LIMIT] = min(2 * count + LANES, FRONT)
+        frontier[LIMIT] = min(2 * count + LANES, FRONTIER)
     if not is_found or (has_begun and work < LONG):
         count = np.int64(0)
-    front[WAY], front[WAY + 1], front[WAY + 2], front[WAY + 3] = way, qx, qy, qz
+    frontier[WAY], frontier[WAY + 1], frontier[WAY + 2], frontier[WAY + 3] = way, qx, qy, qz
     return best_sq * factor, part_of_slot(words, parts, slot), slot, is_found, count, work

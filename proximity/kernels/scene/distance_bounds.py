@@ -54,7 +54,7 @@ SPARE_STEPS = 64
 
 
 @inlined
-def nearest_from_face(model, point, part, slot, limit_sq, ease, core, budget, room):
+def nearest_from_face(model, point, part, slot, limit_sq, tolerance, core, budget, workspace):
     """`nearest_with_budget` for the whole scene, starting from a face known, if any; with its part.
 
     *model*: its four arrays; *point*: (x, y, z). *limit_sq*, *core*: in the scene's scaled frame; nothing
@@ -71,7 +71,7 @@ def nearest_from_face(model, point, part, slot, limit_sq, ease, core, budget, ro
             slot = np.int64(NO_SLOT)
     top = np.int64(0) if is_alone(parts) else len(parts) - 1
     best_sq, slot, lower_sq, work = nearest_with_budget(
-        model, parts[top, ROOT], top, point, best_sq, slot, ease, core, budget, room
+        model, parts[top, ROOT], top, point, best_sq, slot, tolerance, core, budget, workspace
     )
     if slot >= 0:
         part = part_of_slot(words, parts, slot)
@@ -131,7 +131,7 @@ def _depth_in_box(frames, part, x, y, z, is_open):
 
 
 @kernel
-def _depth_in(model, other, point, budget, room, witness):
+def _depth_in(model, other, point, budget, workspace, witness):
     """Whether *other* contains a point; if so how deep at least and at most, m, the face found, and steps.
 
     *budget*: 0 to look at no face unless it takes one to tell whether it does.
@@ -149,7 +149,7 @@ def _depth_in(model, other, point, budget, room, witness):
     else:
         budget = max(budget, FEWEST_STEPS)
     best_sq, slot, lower_sq, work = nearest_with_budget(
-        model, parts[other, ROOT], other, point, np.inf, NO_SLOT, 0.0, 0.0, budget, room
+        model, parts[other, ROOT], other, point, np.inf, NO_SLOT, 0.0, 0.0, budget, workspace
     )
     is_exact = lower_sq >= best_sq
     is_inside = True
@@ -197,7 +197,7 @@ def may_slip(frames, parts, x, y, z, reach):
 
 
 @kernel
-def _deepest_containing(model, point, part, slot, nearest, work, budget, room, witness):
+def _deepest_containing(model, point, part, slot, nearest, work, budget, workspace, witness):
     """How deep a point is in the parts that contain it, m: at least; at most, by faces; and at most. -1: not.
 
     *part*, *slot*, *nearest*: what `bounds_of_nearest` knows of the nearest face: whether it is that for
@@ -224,7 +224,9 @@ def _deepest_containing(model, point, part, slot, nearest, work, budget, room, w
                 least, most, found = lower, upper, slot
             else:
                 left = max(budget - work, FEWEST_STEPS) if work < enough else 0
-                is_inside, least, most, found, steps = _depth_in(model, other, point, left, room, witness)
+                is_inside, least, most, found, steps = _depth_in(
+                    model, other, point, left, workspace, witness
+                )
                 work += steps
                 # What holds for all surfaces holds for this part's, and so does a face of it that is
                 # known; but for rounding, since it was walked in another frame.
@@ -242,24 +244,24 @@ def _deepest_containing(model, point, part, slot, nearest, work, budget, room, w
 
 
 @inlined
-def bounds_at(model, point, part, slot, is_outside, ease, core, budget, room, witness):
+def bounds_at(model, point, part, slot, is_outside, tolerance, core, budget, workspace, witness):
     """Signed distance of a point of the scene's frame, m, between bounds.
 
     *model*: its four arrays; *point*: (x, y, z). *part*, *slot*: a face to start from, or `NO_SLOT`.
-    *is_outside*: True where it is known that no part contains the point. *ease*, *core* (m), of a point that
-    is outside: see `near_enough_sq`; others are asked exactly, as far as the budget goes. Returns what
+    *is_outside*: True where it is known that no part contains the point. *tolerance*, *core* (m), of a point
+    that is outside: see `near_enough_sq`; others are asked exactly, as far as the budget goes. Returns what
     `bounds_of_nearest` does.
     """
     _, _, frames, parts = model
     nearest = nearest_from_face(
-        model, point, part, slot, np.inf, ease if is_outside else 0.0, core * frames[len(parts) - 1, SCALE],
-        budget, room,
+        model, point, part, slot, np.inf, tolerance if is_outside else 0.0,
+        core * frames[len(parts) - 1, SCALE], budget, workspace,
     )  # fmt: skip
-    return bounds_of_nearest(model, point, nearest, is_outside, budget, room, witness)
+    return bounds_of_nearest(model, point, nearest, is_outside, budget, workspace, witness)
 
 
 @inlined
-def bounds_of_nearest(model, point, nearest, is_outside, budget, room, witness):
+def bounds_of_nearest(model, point, nearest, is_outside, budget, workspace, witness):
     """The same, where the nearest has been searched for: *nearest* is what `nearest_from_face` returned.
 
     Returns distance, lower and upper bound, a distance within which there is no surface, part and slot of the
@@ -284,7 +286,7 @@ def bounds_of_nearest(model, point, nearest, is_outside, budget, room, witness):
     deep_part, deep_slot = np.int64(NO_PART), np.int64(NO_SLOT)
     if not is_outside:
         depth_lower, depth_upper, depth_most, deep_part, deep_slot, work = _deepest_containing(
-            model, point, part, slot, (is_exact, lower, upper, clear), work, budget, room, witness
+            model, point, part, slot, (is_exact, lower, upper, clear), work, budget, workspace, witness
         )
         # What other parts were asked has gone over the witness.
         if slot >= 0 and depth_lower < 0.0:

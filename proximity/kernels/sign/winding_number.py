@@ -179,14 +179,18 @@ def _turned_by_block(reals, base, x, y, z, cosine, sine, turns):
 @kernel
 def _sum_of_angles(cosine, sine, turns):
     """The sum of all lanes' angles: lane by lane with the one that is four, two and one further."""
-    room = reals_here(48)
+    workspace = reals_here(48)
     for step in (4, 2, 1):
         for at in (0, 8):
-            store(room, at, cosine)
-            store(room, at + 16, sine)
-            store(room, at + 32, turns)
+            store(workspace, at, cosine)
+            store(workspace, at + 16, sine)
+            store(workspace, at + 32, turns)
         cosine, sine, turns = turned(
-            cosine, sine, turns + load(room, step + 32), load(room, step), load(room, step + 16)
+            cosine,
+            sine,
+            turns + load(workspace, step + 32),
+            load(workspace, step),
+            load(workspace, step + 16),
         )
     return atan2(lane(sine, 0) + 0.0, lane(cosine, 0)) + 2.0 * pi * lane(turns, 0)
 

@@ -56,17 +56,17 @@ from proximity.kernels.scene.distance_bounds import (
 from proximity.kernels.tracking.conservative_advancement import outward_of
 from proximity.kernels.tracking.part_drift import velocity_of_part
 from proximity.kernels.tracking.track import (
+    ADAPTIVE_TOLERANCE,
     ANCHOR,
     BUDGET,
     CLEAR,
     FOOT,
     FOOT_FROM,
     FOOT_WAY,
-    FRONT_COUNT,
+    FRONTIER_COUNT,
     HOLES,
     IS_OUTSIDE,
     ODOMETER,
-    PATIENCE,
     RADIUS,
     SLOT,
     STEPS_LEFT,
@@ -81,7 +81,7 @@ from proximity.simd import load_int
 
 CROWD = 10
 """Fingers of two hands: more than that are a crowd."""
-EASE = 0.4
+TOLERANCE_SHARE = 0.4
 """Of what bounds may be apart, the share that a search in a crowd leaves them apart, rather than going on. A
 skin whose bounds may be 5 % apart wants less than half the steps that it wants with 0, to the same bounds on
 average."""
@@ -112,7 +112,7 @@ def find_distance(model, arrays, i, is_moved, scratch):
     is_far = is_outside and clearance - radius > settings[WORKING_RANGE]
     is_near_enough, has_surface = False, False
     work, upper = np.int64(0), np.inf
-    tolerance = max(settings[TOLERANCE], settings[PATIENCE])
+    tolerance = max(settings[TOLERANCE], settings[ADAPTIVE_TOLERANCE])
     if is_far or (is_outside and (tolerance > 0.0 or left <= 0)):
         upper, has_surface = _upper_bound(model, settings, finger, clearance, scratch)
         is_near_enough = left <= 0 or upper - clearance <= tolerance * (clearance - radius)
@@ -128,7 +128,7 @@ def find_distance(model, arrays, i, is_moved, scratch):
             i,
             is_outside,
             is_moved,
-            EASE * tolerance if len(arrays.marks) > CROWD else 0.0,
+            TOLERANCE_SHARE * tolerance if len(arrays.marks) > CROWD else 0.0,
             min(np.int64(settings[BUDGET]), max(left, FEWEST_STEPS)),
             scratch,
         )
@@ -214,12 +214,12 @@ def _search(model, arrays, i, is_outside, is_moved, tolerance, budget, scratch):
     point = vector_at(finger.record, POSITION)
     best_sq, is_found, steps = 0.0, False, np.int64(0)
     # A part with a frame of its own is walked as a whole, and gains nothing.
-    may_keep = len(arrays.fronts) > 0 and slot >= 0 and not is_moved
+    may_keep = len(arrays.frontiers) > 0 and slot >= 0 and not is_moved
     may_keep = may_keep and (parts[part, IS_FUSED] == 1 or is_alone(parts))
-    kept = marks[FRONT_COUNT]
+    kept = marks[FRONTIER_COUNT]
     if may_keep and (kept > 0 or kept == BEGINS):
-        best_sq, part, slot, is_found, marks[FRONT_COUNT], steps = nearest_from_last_answer(
-            model, point, part, slot, arrays.fronts[i], kept, budget // SHORT, scratch.workspace
+        best_sq, part, slot, is_found, marks[FRONTIER_COUNT], steps = nearest_from_last_answer(
+            model, point, part, slot, arrays.frontiers[i], kept, budget // SHORT, scratch.workspace
         )
     if is_found:
         nearest = best_sq, part, slot, best_sq, steps
@@ -232,11 +232,11 @@ def _search(model, arrays, i, is_outside, is_moved, tolerance, budget, scratch):
     )  # fmt: skip
     work += steps
     if steps > 0:  # in vain
-        marks[FRONT_COUNT] = -PAUSE
+        marks[FRONTIER_COUNT] = -PAUSE
     elif kept < BEGINS - 1:
-        marks[FRONT_COUNT] = kept + 1
+        marks[FRONTIER_COUNT] = kept + 1
     else:
-        marks[FRONT_COUNT] = BEGINS if may_keep and LONG <= work <= budget // SHORT else 0
+        marks[FRONTIER_COUNT] = BEGINS if may_keep and LONG <= work <= budget // SHORT else 0
     return distance, lower, upper, clear, part, slot, bits, work
 
 

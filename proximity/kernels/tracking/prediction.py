@@ -58,7 +58,7 @@ STILL = 1e-6
 """m/s. Slower than this nothing gets anywhere within a horizon."""
 CHEAP = 0.02
 """Share of the distance that a finger may go before its prediction takes a walk of its own."""
-EASE = 0.1
+LOOK_TOLERANCE = 0.1
 """Share of a clearance that a step along the velocity need not find: what it leaves, later steps get, and all
 walks end sooner. Ten fingers among moving parts take a fifth fewer steps and are certified to be free for 5 %
 less of the time; with 0.3 for 14 % less. Five near a part with holes take 155 steps at p99 instead of 197.
@@ -207,8 +207,8 @@ def predict_time_to_contact(model, settings, finger, motion, path, flags, scratc
         sphere = Sphere(finger.track[RADIUS], speed, finger.balls, settings[WAY])
         budget = min(steps_left(settings, finger.numbers), STRIDE)
         advance = advance_conservatively(
-            model, path, sphere, drift, 0.0, clearance, finger.marks[PART], finger.marks[SLOT], EASE, budget,
-            scratch,
+            model, path, sphere, drift, 0.0, clearance, finger.marks[PART], finger.marks[SLOT],
+            LOOK_TOLERANCE, budget, scratch,
         )  # fmt: skip
         free = max(free, advance.free)
         # Where the path has not been followed to its end, or to a touch, there is still the nearest face.

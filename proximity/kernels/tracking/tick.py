@@ -62,12 +62,13 @@ from proximity.kernels.tracking.prediction import (
     relative_motion,
 )
 from proximity.kernels.tracking.track import (
+    ADAPTIVE_TOLERANCE,
     AHEAD_LEFT,
     BUDGET,
     EACH_ITS_OWN,
     FARTHEST_WAY,
     FIRST,
-    FRONT_COUNT,
+    FRONTIER_COUNT,
     HAS_PATHS,
     HAS_VELOCITIES,
     LATENCY,
@@ -75,7 +76,6 @@ from proximity.kernels.tracking.track import (
     MAX_SPEED,
     MOST_NS,
     MOVER_COUNT,
-    PATIENCE,
     REPORTED_PART,
     SLOT,
     STANDS,
@@ -98,8 +98,8 @@ end of them; a skin of thousands would be late. Who finds none left goes by what
 is among the first at the next tick."""
 MANY, PRESENCE = 500, 4
 """Steps that each finger beyond so many takes the time of, not searched for: so many fewer are shared."""
-LEAST_PATIENCE, MOST_PATIENCE = 1e-3, 0.5
-MORE_PATIENCE, LESS_PATIENCE = 1.1, 0.99
+LEAST_TOLERANCE, MOST_TOLERANCE = 1e-3, 0.5
+TOLERANCE_GROWTH, TOLERANCE_DECAY = 1.1, 0.99
 """In a crowd bounds may be apart by some share of the distance, which grows when no steps are left and fades
 when there are: so all are as well known as can be, for how far they are. Turns regardless of that left points
 within 20 mm of a skin with bounds 9.5 mm apart (p99; 3.8 with this), with half again as many steps."""
@@ -134,7 +134,7 @@ def tick(handle, tracker, positions, all_pose_ns, now_ns, is_moved):
         _find_all_distances(model, arrays, is_moved, scratch), _predict_all(model, arrays, straight, scratch)
     )
     settings[FIRST] = (np.int64(settings[FIRST]) + late) % count if late < count else 0.0
-    settings[PATIENCE] = _patience_after(settings[PATIENCE], settings[STEPS_LEFT])
+    settings[ADAPTIVE_TOLERANCE] = _tolerance_after(settings[ADAPTIVE_TOLERANCE], settings[STEPS_LEFT])
     return True
 
 
@@ -145,11 +145,11 @@ def steps_for_all(budget, count):
 
 
 @inlined
-def _patience_after(patience, steps_left):
+def _tolerance_after(adaptive_tolerance, steps_left):
     """The share by which bounds may be apart at the next tick."""
     if steps_left <= 0.0:
-        return min(max(patience, LEAST_PATIENCE) * MORE_PATIENCE, MOST_PATIENCE)
-    return patience * LESS_PATIENCE if patience > LEAST_PATIENCE else 0.0
+        return min(max(adaptive_tolerance, LEAST_TOLERANCE) * TOLERANCE_GROWTH, MOST_TOLERANCE)
+    return adaptive_tolerance * TOLERANCE_DECAY if adaptive_tolerance > LEAST_TOLERANCE else 0.0
 
 
 @inlined
@@ -157,7 +157,7 @@ def _follow_parts(model, arrays):
     """Take in that parts have moved: how far at most, and which of them have a velocity."""
     settings = arrays.settings
     for i in range(len(arrays.marks)):
-        arrays.marks[i, FRONT_COUNT] = 0
+        arrays.marks[i, FRONTIER_COUNT] = 0
     displacement = displacement_of_parts(model.frames, arrays.before)
     settings[WAY] = (settings[WAY] + displacement) * (1.0 + 2.0**-52)
     if not settings[WAY] <= FARTHEST_WAY:

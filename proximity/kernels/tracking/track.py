@@ -11,7 +11,7 @@ import numpy as np
 from proximity.kernels.compiler import inlined, kernel
 from proximity.kernels.contact_columns import RECORD_INTS, RECORD_REALS
 from proximity.kernels.memory import TableLength, arrays_behind
-from proximity.kernels.point.coherent_search import FRONT_SIZE
+from proximity.kernels.point.coherent_search import FRONTIER_SIZE
 from proximity.kernels.tracking.conservative_advancement import BALLS, BALLS_SIZE
 from proximity.kernels.tracking.motion import MOTION_INTS, MOTION_REALS
 from proximity.kernels.tracking.part_drift import POSE_COLUMNS
@@ -31,7 +31,9 @@ SLOT = 0  # of the nearest face found last, or NO_SLOT
 PART = 1  # its part
 IS_OUTSIDE = 2  # 1 where no part held the anchor
 REPORTED_PART = 3  # part of the last answer
-FRONT_COUNT = 4  # of the front that is kept, see `front`; 0 for none; negative: ticks until one
+FRONTIER_COUNT = (
+    4  # of the frontier that is kept, see `coherent_search`; 0 for none; negative: ticks until one
+)
 TRACK_INTS = 5
 
 # --- ``settings`` (float64) ---
@@ -51,7 +53,7 @@ TOLERANCE = 14  # of a distance, see `Tracker`
 AHEAD_LEFT = 12  # steps that are left for looking ahead, of all fingers; written by the tick
 FIRST = 13  # finger that is done first, so that each has its turn; written by the tick
 STEPS_LEFT = 15  # steps that are left for distances, of all fingers; written by the tick
-PATIENCE = 16  # likewise, of a crowd; written by the tick
+ADAPTIVE_TOLERANCE = 16  # likewise, of a crowd; written by the tick
 SETTINGS_SIZE = 17
 
 FARTHEST_WAY = 1e3
@@ -78,7 +80,7 @@ class TrackerArrays(NamedTuple):
     tracks: np.ndarray  # float64, see above
     marks: np.ndarray  # int64, see above
     balls: np.ndarray  # float64, see `conservative_advancement`
-    fronts: np.ndarray  # float32, see `coherent_search`; no rows for a crowd
+    frontiers: np.ndarray  # float32, see `coherent_search`; no rows for a crowd
     records: np.ndarray  # float64, the answers, see `contact_columns`
     wide: np.ndarray  # int64, the same memory
     numbers: np.ndarray  # int32, the same memory
@@ -117,7 +119,7 @@ def vector_at(row, column):
     return row[column], row[column + 1], row[column + 2]
 
 
-FINGER_COUNT, PATH_COUNT, PART_COUNT, MOVERS_SIZE, WORKSPACE_SIZE, FRONTS_COUNT = range(6)
+FINGER_COUNT, PATH_COUNT, PART_COUNT, MOVERS_SIZE, WORKSPACE_SIZE, FRONTIERS_COUNT = range(6)
 FIRST_ADDRESS = 6
 NAMES = tuple(name for name in TrackerArrays._fields if name not in ("wide", "numbers"))
 """Of the arrays, in the order of their addresses in the table."""
@@ -141,7 +143,7 @@ tracker_arrays_at = arrays_behind(
     ("float64", _address("tracks"), (FINGERS, TRACK_REALS)),
     ("int64", _address("marks"), (FINGERS, TRACK_INTS)),
     ("float64", _address("balls"), (FINGERS, BALLS_SIZE)),
-    ("float32", _address("fronts"), (TableLength(FRONTS_COUNT), FRONT_SIZE)),
+    ("float32", _address("frontiers"), (TableLength(FRONTIERS_COUNT), FRONTIER_SIZE)),
     ("float64", _address("records"), (FINGERS, RECORD_REALS)),
     ("int64", _address("records"), (FINGERS, RECORD_REALS)),
     ("int32", _address("records"), (FINGERS, RECORD_INTS)),

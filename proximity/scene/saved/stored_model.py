@@ -129,7 +129,7 @@ def complete_model(
     note_fused(frames, parts)
     clear_first(words, parts)
     fault = np.zeros(model_validation.FAULT_SIZE, np.int64)
-    if plan.room:
+    if plan.capacity:
         levels = np.zeros(row[layout.BLOCK_COUNT], np.int32)
         covered = np.zeros(parts[-2, layout.FIRST_BLOCK] + parts[-2, layout.BLOCK_COUNT], np.uint8)
         kind = model_validation.fault_in_static_tree(words, parts, *below, levels, covered, fault)
@@ -246,8 +246,10 @@ def _check_top(parts: np.ndarray) -> None:
             "the trees over the parts do not begin behind those of the parts")  # fmt: skip
     _expect(row[layout.FACE_COUNT] == parts[:-1, layout.FACE_COUNT].sum(),
             f"the scene has {row[layout.FACE_COUNT]} faces, but its parts do not")  # fmt: skip
-    _expect((plan.room > 0) == (scene > 1), f"there is a tree of {plan.room} nodes over {scene} parts")
-    if not plan.room:
+    _expect(
+        (plan.capacity > 0) == (scene > 1), f"there is a tree of {plan.capacity} nodes over {scene} parts"
+    )
+    if not plan.capacity:
         _expect(row[layout.REGION] == plan.first_node, "the empty node is not behind those of the part")
         return
     regions = [plan.region(copy) for copy in range(REGION_COPIES)]
@@ -257,9 +259,10 @@ def _check_top(parts: np.ndarray) -> None:
     root, copy = row[layout.NEIGHBORS], entries.index(row[layout.FACES])
     _expect(root in (NO_NODE, plan.static_node(copy)), "the tree over parts is at none of its places")
     _expect((root == NO_NODE or row[layout.BLOCK_COUNT] > 0)
-            and row[layout.BLOCK_COUNT] <= plan.room and row[layout.CORNER_COUNT] <= LANES * plan.room,
+            and row[layout.BLOCK_COUNT] <= plan.capacity
+            and row[layout.CORNER_COUNT] <= LANES * plan.capacity,
             f"the tree over parts has {row[layout.BLOCK_COUNT]} nodes and {row[layout.CORNER_COUNT]} "
-            f"entries, but there is room for {plan.room} nodes")  # fmt: skip
+            f"entries, but there is room for {plan.capacity} nodes")  # fmt: skip
 
 
 def _check_places(parts: np.ndarray, real_count: int, word_count: int) -> None:

@@ -21,7 +21,7 @@ LOOK_S = 0.5
 """Between two looks whether the scene file was edited."""
 BEGIN_LOOK_S = 0.005
 """Between two looks whether the first frame is out."""
-PATIENCE_S = 2.0
+ANNOUNCE_AFTER_S = 2.0
 """That an edit which is being made when all is over is waited for: a large part may take minutes."""
 LOGGER = logging.getLogger("proximity.hosting")
 
@@ -137,7 +137,7 @@ class _Beside:
             yield
         finally:
             self._over.set()
-            thread.join(PATIENCE_S)
+            thread.join(ANNOUNCE_AFTER_S)
             if self._timer is not None:
                 self._timer.cancel()
 

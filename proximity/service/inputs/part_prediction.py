@@ -61,7 +61,7 @@ class Carried:
         self._pose_ns = np.array([part.pose_ns for part in reported.values()], np.int64)
         self._ends_ns = self._pose_ns + HOLD_NS
         self._instants = self._pose_ns  # that the parts stand at
-        self._is_settled = False
+        self._is_known = False
         is_hidden, radii = presence.reach(self.names)
         self._is_found = ~is_hidden
         self._turn_rates: np.ndarray | None = None  # rad/s; None: no part turns
@@ -86,7 +86,7 @@ class Carried:
 
     def at(self, instant_ns: int) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
         """Matrices (M, 4, 4) and both velocities (M, 3) at an instant; None where all stand as they did."""
-        if self._is_settled:
+        if self._is_known:
             return None
         if self.is_silent.any():
             self._instants = np.where(self.is_silent, self._ends_ns, np.minimum(instant_ns, self._ends_ns))
@@ -101,7 +101,7 @@ class Carried:
         if not self.is_silent.any():
             return matrices, self._velocities, self._turning
         goes = ~self.is_silent[:, None]
-        self._is_settled = bool(self.is_silent.all())
+        self._is_known = bool(self.is_silent.all())
         return matrices, self._velocities * goes, self._turning * goes
 
     def widen(self, contacts: np.ndarray, *, is_edited: bool = False) -> None:

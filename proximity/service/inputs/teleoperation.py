@@ -86,7 +86,7 @@ class SensorAnswers:
         self._contacts["source"] = self.source
         self._unknown = self._bytes.copy()
 
-    def room(self) -> Measurements:
+    def new_samples(self) -> Measurements:
         """Make room for measurements."""
         return Measurements(self.count)
 

@@ -61,13 +61,13 @@ class DelayedLink:
         if not any(first <= now_ns <= last for first, last in self._silences):
             self._under_way.append((self._last_ns, data.copy()))
 
-    def receive(self, room: np.ndarray) -> int:
+    def receive(self, buffer: np.ndarray) -> int:
         """Hand over the oldest message that has arrived."""
         if not self._under_way or self._under_way[0][0] > self._clock():
             return NOTHING
         data = self._under_way.popleft()[1]
-        size = min(len(data), len(room))
-        room[:size] = data[:size]
+        size = min(len(data), len(buffer))
+        buffer[:size] = data[:size]
         return len(data)
 
     def wait(self, timeout: float) -> bool:

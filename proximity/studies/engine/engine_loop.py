@@ -35,7 +35,7 @@ from proximity.studies.simulation.controller_in_loop import START_NS
 from proximity.studies.simulation.devices import SERVO_RATE, Decaff, Sensing
 from proximity.studies.simulation.hand import Hand
 from proximity.studies.simulation.response import Response
-from proximity.studies.simulation.target_policies import Holding, Sight, TargetPolicy
+from proximity.studies.simulation.target_policies import DistanceSample, Holding, TargetPolicy
 from proximity.tracker.tracker import Tracker
 from proximity.transport import Counts, Subscriber
 
@@ -66,7 +66,7 @@ def press_on_part(
         real = soft_wall(hand, press, along * part.stiffness, along * part.damping, like=loop.response)
     engine = Engine(finger, setup, loop, real)
     while not loop.is_over:
-        loop.tick(engine.command(loop.sight()))
+        loop.tick(engine.command(loop.distance_sample()))
     reader = engine.reader
     return EnginePress(
         finger, setup, loop.response, real, reader.states, reader.switched_at, engine.counts,
@@ -118,7 +118,7 @@ class Engine:
         """Frames that were received, lost and refused."""
         return self._frames.counts
 
-    def command(self, sight: Sight) -> DrumCommand:
+    def command(self, distance_sample: DistanceSample) -> DrumCommand:
         """Make the frames that are due, take what has arrived, and have the drum informed.
 
         Parameters
@@ -126,17 +126,17 @@ class Engine:
         sight : Sight
             Of this sample of the servo.
         """
-        while self._begin + self._ticks * self._period <= sight.now + 1e-9:
+        while self._begin + self._ticks * self._period <= distance_sample.now + 1e-9:
             self._tick(self._begin + self._ticks * self._period)
             self._ticks += 1
-        self._now_ns = _instant_ns(sight.now)
+        self._now_ns = _instant_ns(distance_sample.now)
         reading = self._frames.read()
         contact = reading.contacts[0] if len(reading.contacts) else None
-        self._has_touched = self._has_touched or sight.force > 0.0 or sight.link >= 0.0
+        self._has_touched = self._has_touched or distance_sample.force > 0.0 or distance_sample.link >= 0.0
         if reading.is_valid and contact is not None and not self._has_touched:
             self._note(float(contact["contact_bend"]), float(contact["contact_bend_error"]))
         frame = FrameMark.of(reading.header)
-        return self.reader.command(sight, self._now_ns, reading.state, contact, frame)
+        return self.reader.command(distance_sample, self._now_ns, reading.state, contact, frame)
 
     def _tick(self, time: float) -> None:
         place, speed = self._loop.link_at(time)

@@ -15,7 +15,7 @@ from proximity.decaff.drum.drum_command import DriveMode, DrumCommand
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.message import State
 from proximity.studies.simulation.controller_in_loop import START_NS
-from proximity.studies.simulation.target_policies import Message, Sight, TargetPolicy
+from proximity.studies.simulation.target_policies import DistanceSample, Message, TargetPolicy
 
 NS = 1e-9  # in s
 ADVANCE = 1e-9  # m: a target that comes nearer by less than that stays
@@ -32,7 +32,12 @@ class Reader(Protocol):
     """Samples at which the drum was sent nearer although nothing fresh was known."""
 
     def command(
-        self, sight: Sight, now_ns: int, state: State, contact: Any, frame: FrameMark | None
+        self,
+        distance_sample: DistanceSample,
+        now_ns: int,
+        state: State,
+        contact: Any,
+        frame: FrameMark | None,
     ) -> DrumCommand:
         """Return what the drum shall do until the next sample."""
 
@@ -58,7 +63,12 @@ class ControllerReader:
         self._target = path.retracted
 
     def command(
-        self, sight: Sight, now_ns: int, state: State, contact: Any, frame: FrameMark | None
+        self,
+        distance_sample: DistanceSample,
+        now_ns: int,
+        state: State,
+        contact: Any,
+        frame: FrameMark | None,
     ) -> DrumCommand:
         """Return what the controller wants.
 
@@ -76,14 +86,16 @@ class ControllerReader:
             Which frame that is.
         """
         path, wall = self._path, self._wall
-        bend, angle = path.bend(wall + sight.link), path.drum_angle(wall + sight.drum)
+        bend, angle = path.bend(wall + distance_sample.link), path.drum_angle(wall + distance_sample.drum)
         action = self.controller.step(
-            Observation(now_ns, bend, angle, state, contact, sight.force, sample_ns=now_ns, frame=frame)
+            Observation(
+                now_ns, bend, angle, state, contact, distance_sample.force, sample_ns=now_ns, frame=frame
+            )
         )
         self.states[action.state.value] += 1
         is_force = action.mode is DriveMode.FORCE
         if is_force and math.isnan(self.switched_at):
-            self.switched_at = sight.now
+            self.switched_at = distance_sample.now
         if self.controller.trust is not Trust.FRESH and action.place < self._target - ADVANCE:
             self.advances += 1
         self._target = action.place
@@ -114,7 +126,12 @@ class PolicyReader:
         self._message: Message | None = None
 
     def command(
-        self, sight: Sight, now_ns: int, state: State, contact: Any, frame: FrameMark | None
+        self,
+        distance_sample: DistanceSample,
+        now_ns: int,
+        state: State,
+        contact: Any,
+        frame: FrameMark | None,
     ) -> DrumCommand:
         """Return where the drum shall go.
 
@@ -134,7 +151,7 @@ class PolicyReader:
         if contact is not None:
             self._take(contact)
         self.states["plain"] += 1
-        return self._policy.command(replace(sight, message=self._message))
+        return self._policy.command(replace(distance_sample, message=self._message))
 
     def _take(self, contact: Any) -> None:
         pose_ns, bend = int(contact["pose_ns"]), float(contact["bend"])

@@ -165,7 +165,7 @@ class SimulatedService:
     def __init__(self, feed: Feed, outlet: Outlet, period: float) -> None:
         answering = feed.answering
         self._feed, self._answering = feed, answering
-        self._gate = SampleFilter(answering.room(), round(SECOND * STALE_AFTER))
+        self._gate = SampleFilter(answering.new_samples(), round(SECOND * STALE_AFTER))
         self._framing = Framing(
             answering.count, answering.source, round(SECOND * period), round(SECOND * VALID_FOR)
         )

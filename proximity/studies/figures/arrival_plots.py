@@ -37,8 +37,8 @@ def motion_numbers() -> Table:
         columns[f"{name}_left_m"] = WAY - np.interp(
             instants, np.append(0.0, times), np.append(0.0, positions)
         )
-        settled = settling_time(drum, servo, WAY, within=IN_PLACE)
-        columns[f"{name}_settled_s"] = np.full(len(instants), settled)
+        at_rest = settling_time(drum, servo, WAY, within=IN_PLACE)
+        columns[f"{name}_settled_s"] = np.full(len(instants), at_rest)
     return Table(columns)
 
 
@@ -54,10 +54,10 @@ def draw_motion(figure: "Figure", table: Table) -> None:
     """
     panel = figure.subplots()
     for name, stroke in STROKES.items():
-        settled = float(table[f"{name}_settled_s"][0])
-        label = f"{name}, {1e3 * settled:.1f} ms"
+        at_rest = float(table[f"{name}_settled_s"][0])
+        label = f"{name}, {1e3 * at_rest:.1f} ms"
         panel.plot(1e3 * table["time_s"], 1e3 * table[f"{name}_left_m"], **style.line(stroke), label=label)
-        panel.plot(1e3 * settled, 1e3 * IN_PLACE, color=stroke["color"], marker=stroke["marker"])
+        panel.plot(1e3 * at_rest, 1e3 * IN_PLACE, color=stroke["color"], marker=stroke["marker"])
     panel.axhline(0.0, **style.GUIDE)
     panel.set_xlim(0.0, 1e3 * DURATION)
     panel.set_xlabel("time [ms]")

@@ -20,7 +20,7 @@ from proximity.studies.simulation import finger_kernels, loop_kernels
 from proximity.studies.simulation.devices import COUPLED_DEVICE, Decaff, Link, PenaltyWall
 from proximity.studies.simulation.hand import Hand
 from proximity.studies.simulation.response import Response
-from proximity.studies.simulation.target_policies import Controller, Message, Sight, Target
+from proximity.studies.simulation.target_policies import Controller, DistanceSample, Message, Target
 
 TAIL = 0.100  # s, looked at after the hand has left: forces that come late still count
 LEAD = 0.005  # s, or m beyond the reach: free motion before anything happens
@@ -156,7 +156,7 @@ def decaff(
     if not callable(getattr(target, "command", None)):
         raise DecaffError(f"target is {target!r}, expected a Target or a controller with a method command")
     while not loop.is_over:
-        loop.tick(target.command(loop.sight()))
+        loop.tick(target.command(loop.distance_sample()))
     return loop.response
 
 
@@ -198,7 +198,7 @@ class DecaffLoop:
         """Seconds from the contact."""
         return (self._first - self.response.zero) * self.response.step
 
-    def sight(self) -> Sight:
+    def distance_sample(self) -> DistanceSample:
         """Return what a controller knows at this sample.
 
         Raises
@@ -212,7 +212,7 @@ class DecaffLoop:
             self._sensing, self._noise, row, response.zero, response.step, response.record, self._message
         )
         at, link, speed, distance = (float(number) for number in self._message)
-        return Sight(
+        return DistanceSample(
             self.now,
             float(response.link[row]),
             float(response.record[finger_kernels.LINK_SPEED, row]),

@@ -14,7 +14,7 @@ from proximity.decaff.drum.drum_command import DriveMode, DrumCommand
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.message import CONTACT, Mode, State, Surface
 from proximity.message.contact import ContactFlag
-from proximity.studies.simulation.target_policies import Holding, Message, Sight
+from proximity.studies.simulation.target_policies import DistanceSample, Holding, Message
 
 START_NS = 1_000_000_000_000  # the loop's 0 on the clock of frames: its times are negative before the contact
 
@@ -45,7 +45,7 @@ class ControllerDoor:
         self._contact["normal"] = math.nan
         self._contact["mode"], self._contact["surface"] = Mode.POSITION, Surface.RIGID
 
-    def command(self, sight: Sight) -> DrumCommand:
+    def command(self, distance_sample: DistanceSample) -> DrumCommand:
         """Return what the drum shall do.
 
         Parameters
@@ -53,17 +53,17 @@ class ControllerDoor:
         sight : Sight
             Of this sample.
         """
-        if sight.message is not None:
-            self._write(sight.message)
-        path, now_ns = self._path, START_NS + round(1e9 * sight.now)
+        if distance_sample.message is not None:
+            self._write(distance_sample.message)
+        path, now_ns = self._path, START_NS + round(1e9 * distance_sample.now)
         action = self.controller.step(
             Observation(
                 now_ns,
-                path.bend(self._wall + sight.link),
-                path.drum_angle(self._wall + sight.drum),
-                State.STALE if sight.message is None else State.OK,
-                None if sight.message is None else self._contact,
-                sight.force,
+                path.bend(self._wall + distance_sample.link),
+                path.drum_angle(self._wall + distance_sample.drum),
+                State.STALE if distance_sample.message is None else State.OK,
+                None if distance_sample.message is None else self._contact,
+                distance_sample.force,
                 sample_ns=now_ns,
                 frame=self._frame,
             )

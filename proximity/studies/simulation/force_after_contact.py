@@ -14,7 +14,7 @@ import numpy as np
 from proximity.decaff.controller.steady_force import Handover, SteadyForce
 from proximity.decaff.drum.drum_command import DriveMode, DrumCommand
 from proximity.studies.simulation.response import Response
-from proximity.studies.simulation.target_policies import Controller, Sight
+from proximity.studies.simulation.target_policies import Controller, DistanceSample
 
 BUMP_TIME = 0.3  # s after a change of mode, in which a bump is looked for
 
@@ -57,7 +57,7 @@ class ForceAfterContact:
         self._lost_for = 0.0
         self.switched_at = math.nan
 
-    def command(self, sight: Sight) -> DrumCommand:
+    def command(self, distance_sample: DistanceSample) -> DrumCommand:
         """Return where the drum shall go, or with what force it shall press.
 
         Parameters
@@ -65,13 +65,13 @@ class ForceAfterContact:
         sight : Sight
             Of this sample.
         """
-        command = self._place.command(sight)
-        slave = self._slave(sight.now)
-        is_steady = self._steady.take(sight.force, sight.finger_speed)
+        command = self._place.command(distance_sample)
+        slave = self._slave(distance_sample.now)
+        is_steady = self._steady.take(distance_sample.force, distance_sample.finger_speed)
         if math.isnan(self.switched_at):
             if is_steady and not slave.distance > self._handover.lost_distance:
-                self.switched_at, self._lost_for = sight.now, 0.0
-        elif self._is_lost(sight.force, slave.distance):
+                self.switched_at, self._lost_for = distance_sample.now, 0.0
+        elif self._is_lost(distance_sample.force, slave.distance):
             self.switched_at = math.nan
         if math.isnan(self.switched_at):
             return command

@@ -63,7 +63,7 @@ class Message:
 
 
 @dataclass(frozen=True, slots=True)
-class Sight:
+class DistanceSample:
     """What a controller knows at a sample of the servo."""
 
     now: float  # s
@@ -79,7 +79,7 @@ class Sight:
 class Controller(Protocol):
     """Whatever decides, every sample, what the drum does: a policy here, or a real controller."""
 
-    def command(self, sight: Sight) -> DrumCommand:
+    def command(self, distance_sample: DistanceSample) -> DrumCommand:
         """Return what the drum shall do until the next sample."""
         ...
 
@@ -101,7 +101,7 @@ class TargetPolicy:
         self._memory = np.zeros(loop_kernels.MEMORY_SIZE)
         self._message = np.zeros(loop_kernels.MESSAGE_SIZE)
 
-    def command(self, sight: Sight) -> DrumCommand:
+    def command(self, distance_sample: DistanceSample) -> DrumCommand:
         """Return where the drum shall go.
 
         Parameters
@@ -111,10 +111,16 @@ class TargetPolicy:
         """
         message = self._message
         message[loop_kernels.AT] = -math.inf
-        if sight.message is not None:
-            reported = sight.message
+        if distance_sample.message is not None:
+            reported = distance_sample.message
             message[:] = reported.at, reported.link, reported.speed, reported.distance
         place = loop_kernels.choose_target(
-            self._kind, sight.now, sight.link, sight.drum, message, self._holding, self._memory
+            self._kind,
+            distance_sample.now,
+            distance_sample.link,
+            distance_sample.drum,
+            message,
+            self._holding,
+            self._memory,
         )
         return DrumCommand(DriveMode.POSITION, place)

@@ -64,10 +64,10 @@ def judge_bounds(scene: Scene, run: Replay, radius: float) -> BoundsKept:
     contacts = run.contacts[ticks, rows]
     points = run.recording.positions[ticks, rows]
     true = scene.signed_distance(points) - radius
-    room = ROUNDING * (np.abs(true) + radius) + COORDINATE_ROUNDING * _largest_coordinate(scene, points)
-    room[np.isinf(true)] = 0.0  # no part is shown: so far is nothing by rounding
+    workspace = ROUNDING * (np.abs(true) + radius) + COORDINATE_ROUNDING * _largest_coordinate(scene, points)
+    workspace[np.isinf(true)] = 0.0  # no part is shown: so far is nothing by rounding
     # written so that nan is a broken promise
-    is_kept = (contacts["lower"] <= true + room) & (true - room <= contacts["upper"])
+    is_kept = (contacts["lower"] <= true + workspace) & (true - workspace <= contacts["upper"])
     broken, found = contacts[~is_kept], true[~is_kept]
     off = np.fmax(broken["lower"] - found, found - broken["upper"])
     first = ""

@@ -39,7 +39,7 @@ from proximity.kernels.layout import (
     ROOT,
     SCALE,
 )
-from proximity.kernels.point.budgeted_walk import ROOM, SWEPT, nearest_with_budget
+from proximity.kernels.point.budgeted_walk import SWEPT, WORKSPACE, nearest_with_budget
 from proximity.kernels.sign.winding_number import MOMENT_STRIDE
 from proximity.kernels.tree.normal_slab import AREA_NORMAL, LARGEST, LEAST
 from proximity.model.assembly import assemble
@@ -91,9 +91,9 @@ def test_bounds_hold_whatever_the_budget(name):
                     assert found[:3] == (*ended, ended[0])
 
 
-@pytest.mark.parametrize("ease", [0.02, 0.1, 0.5, 1.0])
+@pytest.mark.parametrize("tolerance", [0.02, 0.1, 0.5, 1.0])
 @pytest.mark.parametrize("name", SCENES)
-def test_with_ease_bounds_hold_and_no_more_than_its_share_is_missed(name, ease):
+def test_with_ease_bounds_hold_and_no_more_than_its_share_is_missed(name, tolerance):
     """Of the distance beyond a core, which is searched exactly."""
     rng = np.random.default_rng(8)
     model, mesh = scene_named(name)
@@ -103,13 +103,13 @@ def test_with_ease_bounds_hold_and_no_more_than_its_share_is_missed(name, ease):
     for point, distance in zip(points, oracle.closest(*mesh, points).distance, strict=True):
         for core in (0.0, 0.5 * distance, 2.0 * distance):
             for budget in (UNLIMITED, int(rng.integers(1, 60)), int(rng.integers(1, 2000))):
-                found = walk(model, point, budget, ease=ease, core=core * scale)
+                found = walk(model, point, budget, tolerance=tolerance, core=core * scale)
                 low, high = np.sqrt([found.lower_sq, found.best_sq]) / scale
                 assert_between(low, distance, high, size)
                 if found.work < budget:
-                    least = high - ease * max(high - core, 0.0)
+                    least = high - tolerance * max(high - core, 0.0)
                     assert low == pytest.approx(least, rel=1e-12, abs=1e-300)
-        steps += walk(model, point, UNLIMITED, ease=ease).work
+        steps += walk(model, point, UNLIMITED, tolerance=tolerance).work
         exact_steps += walk(model, point, UNLIMITED).work
     assert steps <= exact_steps
 
@@ -120,7 +120,7 @@ def test_within_the_core_the_search_is_exact():
         exact = walk(model, point, UNLIMITED)
         core = 1.0001 * np.sqrt(exact.best_sq)
 
-        found = walk(model, point, UNLIMITED, ease=0.3, core=core)
+        found = walk(model, point, UNLIMITED, tolerance=0.3, core=core)
 
         assert found.lower_sq == found.best_sq == exact.best_sq
 
@@ -132,7 +132,7 @@ def test_with_nothing_found_ease_does_not_lower_the_limit():
         if limit == 0.0:
             continue  # on the surface
 
-        assert walk(model, point, UNLIMITED, limit, ease=0.5)[:3] == (limit, NO_SLOT, limit)
+        assert walk(model, point, UNLIMITED, limit, tolerance=0.5)[:3] == (limit, NO_SLOT, limit)
 
 
 def test_answer_does_not_depend_on_how_the_budget_is_divided():
@@ -224,13 +224,17 @@ def test_unused_lanes_of_a_minute_part_stay_closed():
 def test_room_suffices_where_all_is_open(best_sq):
     """With every bound 0 and nothing found each step leaves eight more waiting, as long as asked."""
     arrays = eightfold(6)
-    room, whole = guarded_room()
+    workspace, whole = guarded_room()
     for budget in [1, 2, 9, 100, 1000, *range(SWEPT - 3, 8 * SWEPT, 997), 4 * SWEPT // 3, 2 * SWEPT]:
-        found = nearest_with_budget(arrays, 0, 0, (0.0, 0.0, 0.0), best_sq, NO_SLOT, 0.0, 0.0, budget, room)
+        found = nearest_with_budget(
+            arrays, 0, 0, (0.0, 0.0, 0.0), best_sq, NO_SLOT, 0.0, 0.0, budget, workspace
+        )
 
         assert found == (best_sq, NO_SLOT, 0.0, budget)
         assert (whole[:GUARD] == UNTOUCHED).all() and (whole[-GUARD:] == UNTOUCHED).all()
-    assert (room[: ROOM - LANES] != UNTOUCHED).sum() > ROOM * 3 // 4, "the room was nearly full"
+    assert (workspace[: WORKSPACE - LANES] != UNTOUCHED).sum() > WORKSPACE * 3 // 4, (
+        "the room was nearly full"
+    )
 
 
 def test_room_suffices_for_the_deepest_trees_and_all_budgets():
@@ -239,10 +243,12 @@ def test_room_suffices_for_the_deepest_trees_and_all_budgets():
     children = np.full((depth, LANES), ~0)
     children[:-1, 0] = np.arange(1, depth)
     arrays = by_hand(depth, children)
-    room, whole = guarded_room()
+    workspace, whole = guarded_room()
     total = depth + 7 * depth + 1
     for budget in [1, depth - 1, depth, 4 * depth, 4 * total, SWEPT, UNLIMITED]:
-        found = nearest_with_budget(arrays, 0, 0, (0.0, 0.0, 0.0), np.inf, NO_SLOT, 0.0, 0.0, budget, room)
+        found = nearest_with_budget(
+            arrays, 0, 0, (0.0, 0.0, 0.0), np.inf, NO_SLOT, 0.0, 0.0, budget, workspace
+        )
 
         assert found == (np.inf, NO_SLOT, 0.0 if budget < total else np.inf, min(budget, total))
         assert (whole[:GUARD] == UNTOUCHED).all() and (whole[-GUARD:] == UNTOUCHED).all()
@@ -256,8 +262,10 @@ def test_room_suffices_for_sweeps_after_the_deepest_descent():
     children[: depth - 1, 0] = np.arange(1, depth)
     arrays = by_hand(depth + count, children)
     for budget in range(4 * SWEPT // 3, 4 * SWEPT // 3 + 60, 7):
-        room, whole = guarded_room()
-        found = nearest_with_budget(arrays, 0, 0, (0.0, 0.0, 0.0), np.inf, NO_SLOT, 0.0, 0.0, budget, room)
+        workspace, whole = guarded_room()
+        found = nearest_with_budget(
+            arrays, 0, 0, (0.0, 0.0, 0.0), np.inf, NO_SLOT, 0.0, 0.0, budget, workspace
+        )
 
         assert found == (np.inf, NO_SLOT, 0.0, budget)
         assert (whole[:GUARD] == UNTOUCHED).all() and (whole[-GUARD:] == UNTOUCHED).all()
@@ -270,9 +278,11 @@ def test_opening_a_node_does_not_lower_the_bound():
     words[:48].reshape(6, LANES)[:3, 1:], words[:48].reshape(6, LANES)[3:, 1:] = np.inf, -np.inf
     words[at + AREA_NORMAL : at + AREA_NORMAL + LANES] = 2.0
     words[at + LEAST : at + LEAST + 2 * LANES] = 1.0  # in the plane 2 x = 1
-    room, _ = guarded_room()
+    workspace, _ = guarded_room()
     for budget, expected in [(1, 0.0), (2, 0.25), (3, 0.25), (7, 0.25)]:
-        found = nearest_with_budget(arrays, 0, 0, (0.0, 0.0, 0.0), np.inf, NO_SLOT, 0.0, 0.0, budget, room)
+        found = nearest_with_budget(
+            arrays, 0, 0, (0.0, 0.0, 0.0), np.inf, NO_SLOT, 0.0, 0.0, budget, workspace
+        )
 
         assert found == (np.inf, NO_SLOT, pytest.approx(expected, rel=1e-6), budget)
 

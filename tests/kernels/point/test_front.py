@@ -3,23 +3,23 @@
 import numpy as np
 import pytest
 import shapes
-from budgeted import ROOM, SCENES, model_of, points_at, scene_named, without_budget
+from budgeted import SCENES, WORKSPACE, model_of, points_at, scene_named, without_budget
 from scene_parts import part_of
 
 from proximity.kernels.geometry.frames import (
     part_of_slot,
 )
 from proximity.kernels.layout import BLOCK_STRIDE, CHILDREN, LANES, NODE_STRIDE, ROOT
-from proximity.kernels.point import coherent_search as fronts
+from proximity.kernels.point import coherent_search as frontiers
 from proximity.kernels.point.coherent_search import (
     BEGINS,
-    FRONT,
-    FRONT_SIZE,
+    FRONTIER,
+    FRONTIER_SIZE,
     GROUP,
     LONG,
     nearest_from_last_answer,
 )
-from proximity.kernels.tracking.track import FRONT_COUNT
+from proximity.kernels.tracking.track import FRONTIER_COUNT
 from proximity.pose import Pose
 from proximity.scene.scene import Scene
 from proximity.tracker.tracker import Tracker
@@ -33,8 +33,8 @@ class Searcher:
     def __init__(self, model):
         self.model = model
         self.arrays = (model.reals, model.words, model.frames, model.parts)
-        self.row = np.full(FRONT_SIZE + LANES, np.nan, np.float32)
-        self.row[:FRONT_SIZE] = 0.0
+        self.row = np.full(FRONTIER_SIZE + LANES, np.nan, np.float32)
+        self.row[:FRONTIER_SIZE] = 0.0
         self.count, self.slot = BEGINS, None
         self.steps = 0
 
@@ -44,10 +44,10 @@ class Searcher:
             _, self.slot = without_budget(self.model, point)
         part = int(part_of_slot(self.model.words, self.model.parts, self.slot))
         found_sq, part, slot, is_found, self.count, self.steps = nearest_from_last_answer(
-            self.arrays, tuple(map(float, point)), part, self.slot, self.row[:FRONT_SIZE],
-            self.count or BEGINS, budget, ROOM,
+            self.arrays, tuple(map(float, point)), part, self.slot, self.row[:FRONTIER_SIZE],
+            self.count or BEGINS, budget, WORKSPACE,
         )  # fmt: skip
-        assert np.isnan(self.row[FRONT_SIZE:]).all() and 0 <= self.count <= FRONT
+        assert np.isnan(self.row[FRONTIER_SIZE:]).all() and 0 <= self.count <= FRONTIER
         assert part == part_of_slot(self.model.words, self.model.parts, slot)
         self.slot = int(slot)
         return float(found_sq), int(slot), bool(is_found)
@@ -117,7 +117,7 @@ def test_planes_have_all_that_is_below_them_behind():
             continue
         for k in range(searcher.count):
             planes = searcher.row[GROUP * k : GROUP * (k + 1)].reshape(4, LANES).astype(np.float64)
-            node = model.words[NODE_STRIDE * int(searcher.row[fronts.NODE + k]) :][:NODE_STRIDE]
+            node = model.words[NODE_STRIDE * int(searcher.row[frontiers.NODE + k]) :][:NODE_STRIDE]
             for lane in np.flatnonzero((node[:LANES] <= node[24 : 24 + LANES]) & np.isfinite(planes[3])):
                 corners = faces_below(model, int(node.view(np.int32)[CHILDREN + lane]))
                 direction, offset = planes[:3, lane], planes[3, lane]
@@ -133,7 +133,7 @@ def test_the_front_holds_every_face():
     for turn in range(50):
         searcher.at((0.02 + 1e-4 * turn, 0.0, 1.5))
     held = set()
-    opened = {int(searcher.row[fronts.NODE + k]) for k in range(searcher.count)}
+    opened = {int(searcher.row[frontiers.NODE + k]) for k in range(searcher.count)}
     assert int(model.parts[0, ROOT]) in opened
     for node in opened:
         words = model.words[NODE_STRIDE * node :][:NODE_STRIDE]
@@ -202,7 +202,7 @@ def ticked(scene, tracker, places, between=lambda step: None):
         is_there = np.isfinite(place).all(axis=1)
         assert np.abs(found["signed_distance"] - true)[is_there].max() <= 1e-12
         assert (found["lower"] == found["upper"])[is_there].all()
-        kept += int((tracker._arrays["marks"][:, FRONT_COUNT] > 0).sum())
+        kept += int((tracker._arrays["marks"][:, FRONTIER_COUNT] > 0).sum())
     return kept
 
 
@@ -262,5 +262,5 @@ def interrupted(*_):
 
 def test_crowds_keep_no_fronts():
     scene = Scene([part_of(shapes.sphere(1.0, 4), "fine", Pose())])
-    assert len(Tracker(scene, fingers=11)._arrays["fronts"]) == 0
-    assert len(Tracker(scene, fingers=10)._arrays["fronts"]) == 10
+    assert len(Tracker(scene, fingers=11)._arrays["frontiers"]) == 0
+    assert len(Tracker(scene, fingers=10)._arrays["frontiers"]) == 10

@@ -23,11 +23,11 @@ class Asked:
     def __init__(self, scene):
         self.scene = scene
         self.model = scene.snapshot()
-        self.room, self.witness = np.zeros(WORKSPACE_SIZE, np.float32), np.zeros(WITNESS_SIZE)
+        self.workspace, self.witness = np.zeros(WORKSPACE_SIZE, np.float32), np.zeros(WITNESS_SIZE)
         m = self.model
         self.arrays = (m.reals, m.words, m.frames, m.parts)
 
-    def at(self, point, *, part=-1, slot=NO_SLOT, is_outside=False, ease=0.0, core=0.0, budget=PLENTY):
+    def at(self, point, *, part=-1, slot=NO_SLOT, is_outside=False, tolerance=0.0, core=0.0, budget=PLENTY):
         """Distance, lower, upper, clear, part, slot, bits, work."""
         return distance_bounds.bounds_at(
             self.arrays,
@@ -35,10 +35,10 @@ class Asked:
             part,
             slot,
             is_outside,
-            ease,
+            tolerance,
             core,
             budget,
-            self.room,
+            self.workspace,
             self.witness,
         )
 
@@ -146,12 +146,12 @@ def test_with_ease_a_bracket_outside_is_as_wide_and_inside_it_is_exact(asked):
     where = points(300)
     for point, true in zip(where, asked.scene.signed_distance(where), strict=True):
         core = 0.1
-        _, lower, upper, clear, *_ = asked.at(point, is_outside=True, ease=0.2, core=core)
+        _, lower, upper, clear, *_ = asked.at(point, is_outside=True, tolerance=0.2, core=core)
         if true > 0.0:
             assert lower <= true * (1.0 + 1e-12) and true <= upper * (1.0 + 1e-12)
             assert clear <= lower
             assert lower == pytest.approx(upper - 0.2 * max(upper - core, 0.0), rel=1e-12)
-        assert asked.at(point, ease=0.2, core=core)[:7] == asked.at(point)[:7]
+        assert asked.at(point, tolerance=0.2, core=core)[:7] == asked.at(point)[:7]
 
 
 def test_inside_several_parts_the_deepest_counts_and_its_face_is_told():
@@ -212,7 +212,7 @@ def test_within_a_limit_only_nearer_faces_are_found(asked):
                 0.0,
                 0.0,
                 PLENTY,
-                asked.room,
+                asked.workspace,
             )
             assert (slot != NO_SLOT) == is_found
             assert lower_sq >= best_sq

@@ -40,11 +40,13 @@ def no_balls():
 class Way:
     """A sphere's way through a scene; stages are metres along it unless given."""
 
-    def __init__(self, things, corners, stages=None, *, radius=RADIUS):
+    def __init__(self, things, corners, parameters=None, *, radius=RADIUS):
         self.scene = things if isinstance(things, Scene) else Scene(things)
         self.corners, self.radius = np.asarray(corners, dtype=np.float64), radius
         lengths = np.linalg.norm(np.diff(self.corners, axis=0), axis=1)
-        self.stages = np.append(0.0, np.cumsum(lengths)) if stages is None else np.asarray(stages, float)
+        self.parameters = (
+            np.append(0.0, np.cumsum(lengths)) if parameters is None else np.asarray(parameters, float)
+        )
         self.balls = no_balls()
         self.scratch = Scratch(np.zeros(WORKSPACE_SIZE, np.float32), np.zeros(WITNESS_SIZE), np.zeros(9))
 
@@ -53,11 +55,11 @@ class Way:
         model = self.scene.snapshot()
         return Model(model.reals, model.words, model.frames, model.parts)
 
-    def at(self, stage):
-        return np.array([np.interp(stage, self.stages, column) for column in self.corners.T])
+    def at(self, parameter):
+        return np.array([np.interp(parameter, self.parameters, column) for column in self.corners.T])
 
-    def clearance(self, stage):
-        return max(float(self.scene.distance(self.at(stage))) - self.radius, 0.0)
+    def clearance(self, parameter):
+        return max(float(self.scene.distance(self.at(parameter))) - self.radius, 0.0)
 
     def go(
         self,
@@ -65,7 +67,7 @@ class Way:
         start=0.0,
         speed=1.0,
         drift=0.0,
-        ease=0.0,
+        tolerance=0.0,
         budget=PLENTY,
         clearance=None,
         displacement_of_parts=0.0,
@@ -75,13 +77,14 @@ class Way:
         sphere = Sphere(self.radius, float(speed), self.balls, displacement_of_parts)
         nothing_near = Drift(movers_workspace(0), 0, float(drift))
         return advance_conservatively(
-            self.model, Path(self.corners, self.stages), sphere, nothing_near, start, clearance, 0, NO_SLOT,
-            float(ease), budget, self.scratch,
+            self.model, Path(self.corners, self.parameters), sphere, nothing_near, start, clearance, 0,
+            NO_SLOT,
+            float(tolerance), budget, self.scratch,
         )  # fmt: skip
 
     def is_free(self, start, end, count=200):
-        stages = np.linspace(start, end, count)
-        return (self.scene.distance(np.array([self.at(s) for s in stages])) >= self.radius - 1e-12).all()
+        parameters = np.linspace(start, end, count)
+        return (self.scene.distance(np.array([self.at(s) for s in parameters])) >= self.radius - 1e-12).all()
 
 
 def down(things=None, **settings):
@@ -92,7 +95,7 @@ def down(things=None, **settings):
 
 
 @pytest.mark.parametrize(
-    ("stage", "place", "direction"),
+    ("parameter", "place", "direction"),
     [
         (0.0, (0, 0, 0), (0.5, 0, 0)),
         (1.0, (0.5, 0, 0), (0.5, 0, 0)),
@@ -102,10 +105,10 @@ def down(things=None, **settings):
         (4.0, (1, 6, 0), (0, 3, 0)),
     ],
 )
-def test_place_on_a_way_is_between_its_corners_and_the_direction_a_unit_of_stage(stage, place, direction):
+def test_place_on_a_way_is_between_its_corners_and_the_direction_a_unit_of_stage(parameter, place, direction):
     out = np.full(9, np.nan)
     corners = np.array([(0, 0, 0), (1, 0, 0), (1, 3, 0)], float)
-    point_on_path(Path(corners, np.array([0.0, 2.0, 3.0])), stage, out)
+    point_on_path(Path(corners, np.array([0.0, 2.0, 3.0])), parameter, out)
 
     assert out[:6].tolist() == [*place, *direction]
 
@@ -154,13 +157,13 @@ def test_way_that_meets_nothing_is_free_to_its_end():
     way = Way([plate()], line((0, 0, 0.1), (0, 0, 0.3)))
     free, expected, *_ = way.go()
 
-    assert (free, expected) == (way.stages[-1], np.inf)
+    assert (free, expected) == (way.parameters[-1], np.inf)
 
 
 def test_way_that_ends_before_the_surface_is_free_to_its_end():
     way = Way([plate()], line((0, 0, 0.1), (0, 0, RADIUS + 0.001)))
 
-    assert way.go()[:2] == (way.stages[-1], np.inf)
+    assert way.go()[:2] == (way.parameters[-1], np.inf)
 
 
 def test_what_is_far_is_not_asked_twice():
@@ -170,15 +173,15 @@ def test_what_is_far_is_not_asked_twice():
     assert way.go(clearance=0.0)[STEPS] <= 2
 
 
-@pytest.mark.parametrize("ease", [0.0, 0.1, 0.5])
+@pytest.mark.parametrize("tolerance", [0.0, 0.1, 0.5])
 @pytest.mark.parametrize("seed", range(8))
-def test_what_is_certified_is_free_on_any_way_with_any_budget(seed, ease):
+def test_what_is_certified_is_free_on_any_way_with_any_budget(seed, tolerance):
     rng = np.random.default_rng(seed)
     things = [block("block", (0, 0, 0)), solid(shapes.torus(0.1, 0.03), "ring"), sheet(height=-0.12)]
     way = Way(things, np.concatenate([[(0.2, 0.2, 0.2)], rng.uniform(-0.2, 0.2, (5, 3))]))
     for budget in (1, 3, 10, PLENTY):
         way.balls = no_balls()
-        free, expected, *_ = way.go(budget=budget, ease=ease)
+        free, expected, *_ = way.go(budget=budget, tolerance=tolerance)
         assert free > 0.0 and way.is_free(0.0, free)
         assert free <= expected
 
@@ -192,7 +195,7 @@ def test_a_start_along_the_way_counts_from_there():
 
 def test_stages_may_be_seconds():
     """0.2 m in 4 s, that is 0.05 m a second."""
-    free, expected, *_ = down(stages=(0.0, 4.0)).go(speed=0.05)
+    free, expected, *_ = down(parameters=(0.0, 4.0)).go(speed=0.05)
 
     assert expected == pytest.approx(0.093 / 0.05, rel=1e-9)
     assert 0.0929 / 0.05 <= free <= 0.093 / 0.05
@@ -215,14 +218,14 @@ def test_balls_found_while_surfaces_stood_are_smaller_where_they_may_have_come_n
 
 def test_surface_that_may_come_from_beyond_the_end_of_the_way_is_looked_for():
     """A sphere that hardly moves: at 0.1 m/s the plate, 0.093 m away, may be there after 0.93 s of 1."""
-    way = Way([plate(half=0.3)], line((0, 0, 0.1), (0.01, 0, 0.1)), stages=(0.0, 1.0))
+    way = Way([plate(half=0.3)], line((0, 0, 0.1), (0.01, 0, 0.1)), parameters=(0.0, 1.0))
     free = way.go(speed=0.01, drift=0.1)[FREE]
 
     assert 0.8 <= free <= 0.9300001
 
 
 def test_sphere_that_does_not_move_among_surfaces_that_do_not_is_free_for_ever():
-    way = Way([plate()], line((0, 0, 0.01), (0, 0, 0.01)), stages=(0.0, 1.0))
+    way = Way([plate()], line((0, 0, 0.01), (0, 0, 0.01)), parameters=(0.0, 1.0))
 
     assert way.go(speed=0.0)[:2] == (1.0, np.inf)
 
