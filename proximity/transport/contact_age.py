@@ -91,11 +91,11 @@ class Widening:
         # A sensor's error stays; of a bracket it is not known how much narrower it is at the predicted place.
         spread -= np.where(is_geometry, 0.0, self._upper - self._lower)
         spread *= 0.5 / ahead
-        is_predicted = (ahead > 0.0) & (spread < np.inf)
-        spread[~is_predicted] = 0.0
+        is_finite = (ahead > 0.0) & (spread < np.inf)
+        spread[~is_finite] = 0.0
         # So wide a spread may be the top speed of a finger that could turn round: what it did tells nothing.
         going = np.where(spread < max_speed, going, np.fmax(going, part_speed))
-        is_known = is_predicted & is_predicted
+        is_known = is_predicted & is_finite
         # Where there is no velocity it is nan, and fmin passes over it.
         self._at_first = np.where(is_known, going + spread, np.nan)
         self._each_second = 0.5 * max_acceleration

@@ -106,7 +106,7 @@ static void look(int is_new)
 {
     static int told = -1;
     int64_t now_ns = is_foreign ? decaff_clock_theirs(&foreign, clock_ns()) : clock_ns();
-    int is_believed = has_frame && (!is_foreign || foreign.is_settled);
+    int is_believed = has_frame && (!is_foreign || foreign.is_certain);
     int state = is_believed ? (int)decaff_state_at(&held.header, now_ns) : (int)DECAFF_STATE_STALE;
     uint32_t i;
 

@@ -298,11 +298,11 @@ def test_drum_without_bends_is_shown_as_if_fingers_bent_straight_and_that_is_sai
     (finger,) = bench.fingers
     assert finger.action.state.value == "position" and finger.touches == 1
     assert finger.plant.force == pytest.approx(0.2, rel=0.15)  # 200 N/m of a pad
-    assert bench.error_sums() == [
-        "no bend is told of finger 0: shown as if bent straight into what is nearest; a real drum stays "
-        "retracted without a bend, which a path or a glove tells"
+    assert bench.warnings() == [
+        "no bend is reported of finger 0: shown as if bent straight into what is nearest; a real drum stays "
+        "retracted without a bend, which comes from a path or a glove"
     ]
-    assert bench.error_sums() == []
+    assert bench.warnings() == []
 
 
 def test_stand_in_for_a_bend_goes_straight_to_the_contact():
@@ -331,7 +331,7 @@ def test_stiffness_beyond_what_is_passive_is_said_once(stiffness, is_said):
         seen = reading(2 * sample * MS, 0.45)
         seen.contacts["surface"], seen.contacts["stiffness"] = Surface.DEFORMABLE, stiffness
         step(bench, seen)
-        told += bench.error_sums()
+        told += bench.warnings()
 
     shown, _ = bench.fingers[0].controller.law.displayed(stiffness, 0.0)
     expected = (
@@ -351,7 +351,7 @@ def test_doubts_are_said_on_stderr(run):
         result = run(ADDRESS, "--limit", 0.4, "--json")
 
     assert result.code == 0
-    assert result.err.startswith("proximity: no bend is told of finger 0, 1: shown as if bent straight")
+    assert result.err.startswith("proximity: no bend is reported of finger 0, 1: shown as if bent straight")
     assert len(result.err.splitlines()) == 1
 
 

@@ -137,7 +137,7 @@ def test_press_on_a_part_is_told_beside_the_ideal_and_the_real(run, tmp_path):
 
     assert (result.code, result.err) == (0, "proximity: wrote press.csv\n")
     assert "part            box, rigid, touched at (20.00, 15.00, 20.00) mm, incidence 1.000" in result.out
-    assert "told by         the tracker at 1000 Hz, 3 ms late" in result.out
+    assert "reported by     the tracker at 1000 Hz, 3 ms late" in result.out
     assert "this engine" in result.out and "ideal distance" in result.out and "real surface" in result.out
     names = (tmp_path / "press.csv").read_text().splitlines()[0].split(",")
     assert {"time_s", "force_N", "ideal_force_N", "real_force_N", "drum_m"} <= set(names)
@@ -165,7 +165,7 @@ def test_recorded_hand_and_far_end_are_simulated(run, tmp_path):
     assert "force at rest" not in result.out
     assert (tmp_path / "press.png").read_bytes().startswith(b"\x89PNG")
     result = run("simulate", *FAST, "--sensor")
-    assert "told by         a sensor at the far end" in result.out
+    assert "reported by     a sensor at the far end" in result.out
     assert "force           served from" in result.out
 
 

@@ -342,7 +342,7 @@ def test_age_of_a_distance_on_a_curved_path():
         (lambda: arrival.age_on_curve(1e-4, 0.0, 1.0), "curvature is 0.0, expected a positive number of 1/m"),
         (
             lambda: arrival.needed_look_ahead(Hand(), Decaff(sensing=Sensing(latency=0.5)), 1.0),
-            "the drum is late at 1 m/s, even when told from 0.16 m away",
+            "the drum is late at 1 m/s, even when known from 0.16 m away",
         ),
     ],
 )

@@ -83,7 +83,7 @@ def test_processes_that_compile_side_by_side_keep_what_each_has_compiled(tmp_pat
 
 LEFT_OVER = """
 import proximity
-from proximity.scene import line_queries, point_queries
+from proximity.scene.queries import line_queries, point_queries
 from proximity.tracker import tracker
 import proximity
 from proximity.errors import QueryError

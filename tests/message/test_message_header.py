@@ -59,7 +59,7 @@ void clock_hear(uint64_t session, int64_t sent, int64_t now)
     decaff_clock_hear(&heard, session, sent, now);
 }
 int64_t clock_theirs(int64_t now) { return decaff_clock_theirs(&heard, now); }
-int clock_is_settled(void) { return heard.is_certain; }
+int clock_is_certain(void) { return heard.is_certain; }
 """
 
 
@@ -361,7 +361,7 @@ def test_clock_is_that_of_python(library, steps):
         sent, now, session = sent + sent_later, now + now_later, session + begun
         library.clock_hear(session, sent, now)
         clock.arrived(sent, now, is_new_run=bool(begun))
-        assert bool(library.clock_is_settled()) is clock.is_certain
+        assert bool(library.clock_is_certain()) is clock.is_certain
         assert library.clock_theirs(now) == pytest.approx(clock.theirs(now), abs=2)
 
 
@@ -389,7 +389,7 @@ def test_clock_is_that_of_python_after_mistakes_and_restarts(library, rows):
             sent = now + NOW + (wrong if is_for_good or number == 0 else 0)
             library.clock_hear(session, sent, now)
             clock.arrived(sent, now, is_new_run=bool(begun) and number == 0)
-            assert bool(library.clock_is_settled()) is clock.is_certain
+            assert bool(library.clock_is_certain()) is clock.is_certain
             assert library.clock_theirs(now) == clock.theirs(now)
 
 
@@ -401,7 +401,7 @@ def test_clock_that_was_mistaken_is_undone_as_in_python(library, early):
         sent = NOW + now + (early if now == 200 * MS else 0)
         library.clock_hear(1, sent, now)
         clock.arrived(sent, now)
-        assert bool(library.clock_is_settled()) is clock.is_certain
+        assert bool(library.clock_is_certain()) is clock.is_certain
         assert library.clock_theirs(now) == clock.theirs(now)
     assert clock.is_certain
     assert clock.theirs(now) - (NOW + now) < 2 * MS

@@ -81,5 +81,5 @@ def test_drum_stands_where_the_finger_of_the_calibrated_glove_touches(glove_and_
     assert max(abs(angle - true) for angle in placed) < 0.3e-3 / MM_AN_ANGLE
     assert finger.action.state.value == "position" and finger.touches == 1
     assert finger.plant.angle == pytest.approx(true, abs=0.3e-3 / MM_AN_ANGLE)
-    assert finger.has_bend and finger.faults == 0 and bench.error_sums() == []
+    assert finger.has_bend and finger.faults == 0 and bench.warnings() == []
     assert told[0] == pytest.approx(PLANE_BEND, abs=1e-3) and max(told) - min(told) < 1e-4

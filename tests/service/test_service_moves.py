@@ -208,7 +208,7 @@ def test_part_of_which_nothing_more_is_told_is_not_believed_to_go_on(inlet):
     source.apply(parts, NOW + 100 * MS)
     assert parts.part("a").velocity.tolist() == [0, 0, 0]
     assert places(parts) == {"a": [1.05, 0, 0], "b": [2, 0, 0]}  # where it was when it was believed last
-    assert source.notes == ["queue:: 1 velocities of parts of which nothing more was told for 100 ms"]
+    assert source.notes == ["queue:: 1 velocities of parts of which nothing more was reported for 100 ms"]
     assert source.is_late
 
     source.apply(parts, NOW + 300 * MS)

@@ -1,4 +1,4 @@
-"""What a tick foretells: the distance when the controller acts, and the time to contact, known by heart."""
+"""What a tick predicts: the distance when the controller acts, and the time to contact, known by heart."""
 
 import numpy as np
 import pytest

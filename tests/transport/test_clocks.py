@@ -76,7 +76,7 @@ def test_one_message_settles_nothing():
     assert not clock.is_certain
 
 
-def test_clock_is_settled_once_it_was_seen_to_run():
+def test_clock_is_certain_once_it_was_seen_to_run():
     clock = ForeignClock()
     for sent in range(0, SETTLING_NS, MS):
         hear(clock, sent)

@@ -212,7 +212,7 @@ def test_who_sends_to_others_must_say_from_where():
     with pytest.raises(
         PublishError,
         match=r"^udp://192.0.2.7:9100: 192.0.2.7 is not on this machine, and messages go from loopback "
-        r"unless told otherwise \(expected \?bind=ADDRESS, that of the network card to send from, or ",
+        r"unless asked otherwise \(expected \?bind=ADDRESS, that of the network card to send from, or ",
     ):
         open_publisher("udp://192.0.2.7:9100")
 

@@ -143,22 +143,20 @@ def bring_up_to_date(
     *published*; the copy, *to_frames*, *to_parts* and node *region* of *words*, what was right at *since*.
     *dynamic*: see `DynamicParts`; its order is mended by so many *steps* at most.
     """
-    dynamic, order, keys = dynamic
+    rows, order, keys = dynamic
     scene = len(parts) - 1
     reach = place_scene(frames, parts)
     if scene > 1:
         if not reach <= 1.0:
             return reach
-        for part in dynamic:
+        for part in rows:
             if versions[part] > published:
                 box_in_scene(frames, parts, part, boxes[part])
-        _mend_order(boxes, dynamic, order, keys, steps)
-        write_dynamic(
-            words, region, parts[scene, NEIGHBORS], boxes, dynamic, order, parts[scene, CORNER_COUNT]
-        )
+        _mend_order(boxes, rows, order, keys, steps)
+        write_dynamic(words, region, parts[scene, NEIGHBORS], boxes, rows, order, parts[scene, CORNER_COUNT])
     # Nothing stands between a question and a static tree that is alone.
-    is_static = scene > 1 and len(dynamic) == 0 and parts[scene, NEIGHBORS] >= 0
+    is_static = scene > 1 and len(rows) == 0 and parts[scene, NEIGHBORS] >= 0
     parts[scene, ROOT] = parts[scene, NEIGHBORS] if is_static else region
-    parts[scene, REGION], parts[scene, DYNAMIC_COUNT] = region, len(dynamic)
+    parts[scene, REGION], parts[scene, DYNAMIC_COUNT] = region, len(rows)
     copy_rows(frames, parts, versions, since, to_frames, to_parts)
     return reach
