@@ -84,10 +84,10 @@ class Scene(Queries):
     @classmethod
     def _from_compiled(cls, compiled: CompiledScene) -> "Scene":
         """The scene that was saved; its trees are not made anew."""
-        scene, fields = cls.__new__(cls), compiled.report
-        report = None if fields is None else LoadReport(**{**fields, "notes": tuple(fields["notes"])})
+        scene, report = cls.__new__(cls), compiled.report
         parts = [Part(**fields) for fields in compiled.parts]
-        scene._begin(SceneParts(parts, SceneState(compiled.model)), report)
+        loaded = None if report is None else LoadReport(**{**report, "notes": tuple(report["notes"])})
+        scene._begin(SceneParts(parts, SceneState(compiled.model)), loaded)
         return scene
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -134,8 +134,7 @@ class Scene(Queries):
         """Length, width and height of each part's box in the part's own frame, m, (P, 3)."""
         frames = self.snapshot().frames[:-1]
         with np.errstate(over="ignore"):
-            sizes: np.ndarray = frames[:, _OWN_UPPER] - frames[:, _OWN_LOWER]
-        return sizes
+            return np.subtract(frames[:, _OWN_UPPER], frames[:, _OWN_LOWER])
 
     @property
     def memory_bytes(self) -> int:

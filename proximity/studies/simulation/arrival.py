@@ -90,9 +90,7 @@ def needed_look_ahead(hand: Hand, glove: Decaff, speed: float, *, grid: float = 
 
     late, early = 0, round(FARTHEST / positive("grid", grid, "metres"))
     if not is_in_place(early):
-        raise DecaffError(
-            f"the drum is late at {speed:g} m/s, even when known from {FARTHEST:g} m away"
-        )
+        raise DecaffError(f"the drum is late at {speed:g} m/s, even when known from {FARTHEST:g} m away")
     while early - late > 1:
         middle = (late + early) // 2
         late, early = (late, middle) if is_in_place(middle) else (middle, early)
