@@ -191,7 +191,7 @@ def _of_scene_file(settings: SceneFile, given: Recording | None, period: float |
 
 
 def _corners(settings: SceneFile, count: int) -> np.ndarray | None:
-    """Paths of fingers as the glove has them, (M, K, 3); where poses may bring any, that of PAPER 9."""
+    """Paths of fingers as the glove has them, (M, K, 3); where poses bring their own, the default."""
     if settings.input.poses is None:
         return None
     gloves = read_gloves(settings, count)

@@ -61,7 +61,7 @@ class Surface(IntEnum):
 
 
 class Mode(IntEnum):
-    """What the controller is advised to do with the drum (PAPER 8); where it is uncertain it does less."""
+    """What the controller is advised to do with the drum; where it is uncertain it does less."""
 
     RETRACT = contact_columns.MODE_RETRACT
     """Nothing is expected to be touched within the horizon."""

@@ -8,8 +8,8 @@ from proximity.message.envelope import PREFIX_FIELDS, Kind
 from proximity.message.fields import VECTOR, Field, dtype_of, reserved
 
 PATH_CORNERS = 65
-"""Corners of the polyline that tells a finger's path, evenly in its bend from 0 to 1. On the finger of PAPER
-9.1 they are 3.6 mm apart at most, and the path is 0.03 mm off the line at most."""
+"""Corners of the polyline that tells a finger's path, evenly in its bend from 0 to 1. On the default
+finger they are 3.6 mm apart at most, and the path is 0.03 mm off the line at most."""
 
 INPUT_FIELDS = (
     *PREFIX_FIELDS,

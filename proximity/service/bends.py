@@ -14,7 +14,7 @@ from proximity.kernels.tracking.motion import (
 from proximity.message import ContactFlag
 
 METRES_A_BEND = 0.2
-"""That a fingertip goes from flat hand to fist, about (PAPER 9.1): what is known of noise and acceleration of
+"""That a fingertip goes from flat hand to fist, about: what is known of noise and acceleration of
 fingertips in metres holds of bends by it."""
 
 

@@ -1,4 +1,4 @@
-"""A frame in the making: contacts, times and a state that says how far they can be trusted (PAPER 8)."""
+"""A frame in the making: contacts, times and a state that says how far to trust them (docs/message.md)."""
 
 import numpy as np
 

@@ -6,7 +6,7 @@ from proximity.service import finger_kernels
 from proximity.service.samples import Samples
 
 AHEAD_NS = 5_000_000
-"""A pose farther in the future than this is a mistake (PAPER 10)."""
+"""A pose farther in the future than this is a mistake."""
 NEVER_NS = np.int64(-(2**63))
 
 

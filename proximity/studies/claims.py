@@ -1,4 +1,4 @@
-"""What the paper claims, whether it holds, and under which conditions: figures of the models (PAPER 1.4)."""
+"""What the paper claims, whether it holds, and under which conditions, by the models (docs/decaff.md)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -49,7 +49,7 @@ APART_NS = 1_000_000_000
 LARGEST_SECONDS = 10_000_000_000
 """No clock or calendar shows as many."""
 HORIZON = 0.25
-"""s. A drum needs less than a tenth of a second to arrive (PAPER 6.4)."""
+"""s. A drum needs less than a tenth of a second to arrive."""
 
 NOT_NANOSECONDS = "expected nanoseconds, as time.monotonic_ns() gives them: it looks like seconds"
 
@@ -82,7 +82,7 @@ class Tracker:
         for.
     tolerance : float
         Share of its distance by which the bounds of a finger may be apart. 0: exact at every tick. For skins
-        of thousands: with 0.05, as much as the paper allows away from contact (PAPER 12), most ticks of
+        of thousands: with 0.05, as much as the paper allows away from contact, most ticks of
         most points follow from the tick before, and searches end sooner.
     horizon : float, s
         How far ahead contacts are looked for.
@@ -99,7 +99,7 @@ class Tracker:
     Notes
     -----
     Thread: a tick releases the interpreter lock; one thread ticks a tracker, any may move parts meanwhile.
-    Source: conservative advancement after Mirtich 1996; the paper's requirements in sections 8, 9 and 12.
+    Source: conservative advancement after Mirtich 1996.
     """
 
     contacts: Contacts  # (fingers,) CONTACT, filled anew by each tick

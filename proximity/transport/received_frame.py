@@ -10,11 +10,11 @@ from proximity.message.fields import struct_of
 from proximity.message.frame import FRAME_FIELDS
 
 AHEAD_NS = 5_000_000
-"""An instant farther in the future than this is a mistake (PAPER 10)."""
+"""An instant farther in the future than this is a mistake."""
 LONGEST_VALID_NS = 1_000_000_000
 """After its oldest pose no frame is valid for longer, whatever it says."""
 UNIT_ERROR = 1e-3
-"""By which a normal's length may differ from 1 (PAPER 10)."""
+"""By which a normal's length may differ from 1."""
 ORDERED = (
     ("lower", "signed_distance"),
     ("signed_distance", "upper"),

@@ -1,4 +1,4 @@
-"""The receiving side: the newest frame, and how far it can be trusted now (PAPER 8 and 10)."""
+"""The receiving side: the newest frame, and how far it can be trusted now (docs/message.md)."""
 
 import math
 import time
@@ -19,7 +19,7 @@ from proximity.transport.publisher_clock import ForeignClock
 from proximity.transport.received_frame import HeldFrame
 
 STALE_AFTER = 0.08
-"""s after ``valid_until`` at which a frame is worth nothing; poses are then 100 ms old (PAPER 10)."""
+"""s after ``valid_until`` at which a frame is worth nothing; poses are then 100 ms old."""
 MAX_SPEED = 3.0
 """m/s: no finger is faster, as the tracker has it by default."""
 MAX_ACCELERATION = 120.0

@@ -15,7 +15,7 @@ from proximity.message.contact import ContactFlag
 LEAST_BEND, MOST_BEND = -0.1, 1.1  # beyond the hand's range by a calibration's margin; assumed
 MOST_RATE = 100.0  # 1/s: no finger bends faster; assumed
 MOST_LENGTH = 100.0  # m: no distance that is measured is greater; assumed
-UNIT_ERROR = 1e-3  # by which a normal's length may differ from 1 (PAPER 10)
+UNIT_ERROR = 1e-3  # by which a normal's length may differ from 1
 LEAST_CLOSING = 1e-3  # m/s: slower, the finger is not closing; assumed
 TABLE_ERROR = 1e-5  # of a bend, that goes to a place and back; two micrometres
 LEAST_WAY = 3e-3  # m, to the contact: nearer, the place's own error would show in the incidence; assumed
@@ -84,7 +84,7 @@ class ContactReading:
 
 
 def is_sound(contact: Any, now_ns: int, ahead_ns: int) -> bool:
-    """Return whether what a tracked finger's record says can be (PAPER 10).
+    """Return whether what a tracked finger's record says can be.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ def is_sound(contact: Any, now_ns: int, ahead_ns: int) -> bool:
 
 
 def locate(contact: Any, path: FingerPath) -> Location | None:
-    """Return where the finger touches, by the rule of PAPER 8; None: nowhere before the fist.
+    """Return where the finger touches, from what the record says; None: nowhere before the fist.
 
     Of a path that was followed to the fist and is free, bend and velocity are not asked: the rule guesses by
     them where no path is known. No place is nearer to the finger than its distance is, for certain.

@@ -1,4 +1,4 @@
-"""The controller of one finger's drum: a state machine, stepped at each sample of the servo (PAPER 8 and 10).
+"""The controller of one finger's drum: a state machine, stepped at each sample of the servo (docs/decaff.md).
 
 It never waits for a frame and knows no clock but the instants it is given: ages of frames are on theirs, all
 else, the watchdog first, on the servo's. Where the drum shall stand is a

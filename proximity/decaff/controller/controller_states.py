@@ -10,7 +10,7 @@ from proximity.message import State
 
 
 class DrumState(Enum):
-    """What a drum does (PAPER 8 and 10)."""
+    """What a drum does."""
 
     RETRACTED = "retracted"
     """Out of the finger's way, or on its way there."""

@@ -1,4 +1,4 @@
-"""What a drum's controller never exceeds, and how long it believes what it was given (PAPER 8 and 10)."""
+"""What a drum's controller never exceeds, and how long it believes what it was given (docs/decaff.md)."""
 
 import math
 from dataclasses import dataclass, fields

@@ -10,7 +10,7 @@ from proximity.decaff.controller import steady_kernels
 
 @dataclass(frozen=True, slots=True)
 class SteadyRule:
-    """When a force counts as steady (PAPER 7)."""
+    """When a force counts as steady."""
 
     cutoff: float = 50.0  # Hz, of two low-passes in a row
     window: float = 0.050  # s, looked back on
@@ -85,9 +85,9 @@ class Handover:
 
     rule: SteadyRule = field(default_factory=SteadyRule)
     is_bumpless: bool = True  # otherwise the force starts from nothing, its integrator at 0
-    lost_force: float = 0.05  # N: with less, for a while, the contact is lost (PAPER 7)
+    lost_force: float = 0.05  # N: with less, for a while, the contact is lost
     lost_time: float = 0.020  # s
-    lost_distance: float = 0.5e-3  # m, of the slave from its object: more, and the contact is lost (PAPER 7)
+    lost_distance: float = 0.5e-3  # m, of the slave from its object: more, and the contact is lost
 
     def __post_init__(self) -> None:
         not_negative("lost_force", self.lost_force, "newtons")

@@ -1,4 +1,4 @@
-"""The force of a deformable surface, as far as a sampled drum may display it (PAPER 5 and 7)."""
+"""The force of a deformable surface, as far as a sampled drum may display it (docs/decaff.md)."""
 
 import math
 

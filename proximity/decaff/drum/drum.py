@@ -12,8 +12,8 @@ import numpy as np
 from proximity.decaff.arguments import not_negative, positive, whole
 from proximity.decaff.drum import drum_kernels as kernels
 
-RIM_RADIUS = 0.010  # m; assumed: PAPER 6.1
-REFERENCE_SHARE = 0.5  # of the force limit, that the reference's acceleration may ask for; assumed: PAPER 6.4
+RIM_RADIUS = 0.010  # m; assumed
+REFERENCE_SHARE = 0.5  # of the force limit, that the reference's acceleration may ask for; assumed
 PAD_STIFFNESS = 200.0  # N/m, of a fingertip; the paper's
 
 
@@ -21,11 +21,11 @@ PAD_STIFFNESS = 200.0  # N/m, of a fingertip; the paper's
 class Motor:
     """A motor of the 20 W class, at its own shaft."""
 
-    inertia: float = 1.5e-6  # kg m², of the rotor; assumed: 15 g at the rim, PAPER 6.1
-    torque: float = 0.28  # N m, at most; assumed: 28 N at the rim, PAPER 6.1
-    speed: float = 1000.0  # rad/s, at most; assumed: 1 m/s behind a gear of 10, PAPER 6.1
-    friction: float = 4.5e-4  # N m; assumed: with it, 0.045 N at the rim, drums settle as in PAPER 6.4
-    encoder_counts: int = 2000  # a turn; assumed: 31 µm at the rim, PAPER 6.1
+    inertia: float = 1.5e-6  # kg m², of the rotor; assumed: 15 g at the rim
+    torque: float = 0.28  # N m, at most; assumed: 28 N at the rim
+    speed: float = 1000.0  # rad/s, at most; assumed: 1 m/s behind a gear of 10
+    friction: float = 4.5e-4  # N m; assumed: with it, 0.045 N at the rim, drums settle as docs/decaff.md says
+    encoder_counts: int = 2000  # a turn; assumed: 31 µm at the rim
     duty_bits: int = 0  # of the pulse width, either way; 0: continuous, as in the paper's analysis
 
     def __post_init__(self) -> None:
@@ -44,7 +44,7 @@ class Drum:
     motor: Motor = field(default_factory=Motor)
     ratio: float = 1.0  # turns of the motor to one of the drum
     radius: float = RIM_RADIUS  # m
-    gear_limit: float = 100.0  # N, that its teeth and bearings carry; assumed: PAPER 6.1
+    gear_limit: float = 100.0  # N, that its teeth and bearings carry; assumed
     usable_acceleration: float | None = (
         None  # m/s², of the reference; None: half of what the force limit allows
     )
@@ -128,7 +128,7 @@ class Drum:
         return array
 
 
-DIRECT = Drum(usable_acceleration=800.0)  # of PAPER 6.4; half the force would give 933 m/s²
+DIRECT = Drum(usable_acceleration=800.0)  # m/s², assumed; half the force would give 933 m/s²
 GEAR4 = Drum(ratio=4.0)
 GEAR10 = Drum(ratio=10.0)
 DRUMS = {"direct": DIRECT, "gear4": GEAR4, "gear10": GEAR10}

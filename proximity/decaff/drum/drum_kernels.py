@@ -105,8 +105,8 @@ def enter_mode(drive: np.ndarray, command: np.ndarray, reported: float) -> None:
     """Start a mode where the last one left off.
 
     A position starts where the drum is, with no integral: with one, a drum whose finger has gone would go
-    after it. A force starts so that the motor does what it did of late. PAPER 7 takes its force at the very
-    sample; but where that one saw an encoder count, the damping adds 4 N, and the finger is thrown off
+    after it. A force starts so that the motor does what it did of late. Taking its force at the very
+    sample was tried: where that one saw an encoder count, the damping adds 4 N, and the finger is thrown off
     (2026-11-21, gear4).
     """
     if command[MODE] == POSITION:

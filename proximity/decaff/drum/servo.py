@@ -1,8 +1,8 @@
 """How a drum is driven: a position servo with a shaped reference, or a force, sample by sample.
 
 The servo holds the drum where it should be, as a sampled wall would; what bounds such a wall bounds its
-stiffness (PAPER 4.2). It acts one sample late. Its reference is never faster than the drum can follow and
-still stop.
+stiffness (docs/decaff.md). It acts one sample late. Its reference is never faster than the drum can follow
+and still stop.
 """
 
 import math
@@ -17,7 +17,7 @@ from proximity.decaff.drum.sampled_mass import SampledMass
 from proximity.decaff.drum.servo_gains import best_damped
 from proximity.errors import DecaffError
 
-REFERENCE_SPEED_SHARE = 0.7  # of the speed limit; the 1.75 m/s of PAPER 12
+REFERENCE_SPEED_SHARE = 0.7  # of the speed limit; 1.75 m/s
 STEP = 1e-5  # s, of the plant, at most: 0.03 rad of a 5 g link's bounce on its drum
 
 
@@ -30,10 +30,10 @@ class Servo:
     damping: float  # N s/m
     acceleration: float  # m/s², of the reference
     speed: float  # m/s, of the reference
-    integral_time: float = 0.080  # s; assumed: with it drums settle as in PAPER 6.4
+    integral_time: float = 0.080  # s; assumed: with it drums settle as docs/decaff.md says
     force_gain: float = 10.0  # 1/s, of the force integrator; assumed: below damping over mass when held
     force_damping: float = 2.0  # N s/m, while the force is served; assumed
-    force_slew: float = 5.0  # N/s, of the force reference (PAPER 7)
+    force_slew: float = 5.0  # N/s, of the force reference
     smoothing: float = 20.0  # Hz, of the motor's force that a change to force starts with; assumed
 
     def __post_init__(self) -> None:

@@ -18,7 +18,7 @@ from proximity.decaff.drum.sampled_mass import (
 from proximity.decaff.drum.unit_circle import spectral_radius
 from proximity.errors import DecaffError
 
-WELL_DAMPED_SHARE = 0.2  # of the largest stiffness, at which a servo is damped well (PAPER 4.2)
+WELL_DAMPED_SHARE = 0.2  # of the largest stiffness, at which a servo is damped well
 
 
 def best_damped(device: SampledMass, share: float = WELL_DAMPED_SHARE) -> Gains:

@@ -19,7 +19,7 @@ from proximity.message import PATH_CORNERS
 from proximity.pose import Pose
 
 TOUCH_TOLERANCE = 0.3e-3
-"""m at the fingertip that a touch may be off (PAPER 9.2)."""
+"""m at the fingertip that a touch may be off."""
 RANGE_MARGIN = 0.05
 """Share of the table's range that counts may lie beyond it: a hand bends farther when it is warm. Assumed."""
 MOST_OFF = 0.5

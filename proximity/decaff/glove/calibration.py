@@ -1,7 +1,7 @@
 """What was measured of a glove on a hand: kept in a file, and refused when it does not fit any more.
 
-A calibration is a table of counts over bends and five numbers (PAPER 9.2). Its file is JSON with units in
-the names of its fields, and is either wholly there or not at all. How the numbers come of measurements is
+A calibration is a table of counts over bends and five numbers (docs/decaff.md). Its file is JSON with units
+in the names of its fields, and is either wholly there or not at all. How the numbers come of measurements is
 in `calibrating`, a glove that uses them in `calibrated_glove`.
 """
 
@@ -24,7 +24,7 @@ FORMAT = "proximity glove calibration"
 VERSION = 1
 """Of the file. Another one is refused: what it says may mean something else."""
 TABLE_SIZE = 7
-"""Points of the table, flat hand and fist among them (PAPER 9.2)."""
+"""Points of the table, flat hand and fist among them."""
 MOST_AGE_DAYS = 30.0
 """A hand and a strap change. Assumed: the paper says that a calibration has a date, not how long it holds."""
 SLACK_DAYS = 1.0

@@ -1,4 +1,4 @@
-"""From measurements to the numbers of a calibration (PAPER 9.2).
+"""From measurements to the numbers of a calibration (docs/decaff.md).
 
 Each function refuses what cannot have been measured right. From readings to the file that ``proximity drum
 --calibration`` and a scene file's [glove] take::

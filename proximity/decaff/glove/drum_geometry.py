@@ -37,7 +37,7 @@ class DrumGeometry(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ArmDrum:
-    """A roller on an arm about the potentiometer's axis: linear (PAPER 9.2 A, advised); values assumed."""
+    """A roller on an arm about the potentiometer's axis: linear; values assumed."""
 
     arm: float = 0.040  # m, from the axis to the roller's centre
     roller_radius: float = 0.006  # m
@@ -114,7 +114,7 @@ class ArmDrum:
 
 @dataclass(frozen=True, slots=True)
 class EccentricDrum:
-    """A roller on a crank about a motor beside the replica (PAPER 9.2 B); the values are assumed.
+    """A roller on a crank about a motor beside the replica; the values are assumed.
 
     Near a right angle between crank and link the drum locks itself: it holds with little torque, but must
     turn far to arrive.

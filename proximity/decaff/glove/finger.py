@@ -2,7 +2,7 @@
 
 Frame: the knuckle is the origin, x points along the flat finger, y out of the back of the hand, z completes
 them; the finger stays in z = 0 and bends towards -y. Bend is 0 for the flat hand and 1 for the fist; all
-joints bend in proportion (PAPER 9.1). Formulas go on outside of 0 to 1.
+joints bend in proportion (docs/decaff.md). Formulas go on outside of 0 to 1.
 """
 
 import math
@@ -19,14 +19,14 @@ from proximity.message import PATH_CORNERS
 from proximity.pose import Pose
 
 SEARCH_TOLERANCE = 1e-5
-"""m of path: what PAPER 9.3 counts queries to, a tenth of the bias that a drum may have (PAPER 12)."""
+"""m of path: how near queries are counted to, a tenth of the bias that a drum may have."""
 GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(16)
 """For lengths along the path: sixteen nodes give all digits over a whole bend."""
 
 
 @dataclass(frozen=True, slots=True)
 class Finger:
-    """Three phalanges, their joints, and a round pad; the values are assumed (PAPER 9.1)."""
+    """Three phalanges, their joints, and a round pad; the values are assumed."""
 
     phalanges: tuple[float, float, float] = (0.045, 0.026, 0.020)  # m, from the knuckle on
     # rad, of each joint at bend 1; the last joint bends two thirds of the middle one
@@ -135,7 +135,7 @@ class Finger:
         """Return the bend at which the pad touches, as one distance tells: ``b + d / (-n . p')``, (...).
 
         The distance is divided by the cosine of incidence, which the raw distance leaves out: that one is
-        wrong at first order. What is left grows with the square of the distance along the path (PAPER 9.3);
+        wrong at first order. What is left grows with the square of the distance along the path;
         nan where bending leads away from the surface, or along it.
 
         Parameters

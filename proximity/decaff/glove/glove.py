@@ -1,8 +1,8 @@
 """The glove: from the bend of a finger to the replica, to the potentiometer and to the drum, and back.
 
 One degree of freedom a finger: bend, fingertip, angle of the linkage, travel of the cable, angle of the
-replica, counts, and where the drum must stand are all functions of one another (PAPER 9). A calibration
-replaces what the cable and the linkage are thought to do by what was measured (`calibration`).
+replica, counts, and where the drum must stand are all functions of one another (docs/decaff.md). A
+calibration replaces what the cable and the linkage are thought to do by what was measured (`calibration`).
 """
 
 from dataclasses import dataclass, field

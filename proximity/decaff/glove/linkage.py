@@ -20,7 +20,7 @@ CHECKED_BENDS = np.linspace(0.0, 1.0, 1001)
 
 @dataclass(frozen=True, slots=True)
 class Linkage:
-    """Where the linkage is fixed, and its bars; the values are assumed (PAPER 9.1)."""
+    """Where the linkage is fixed, and its bars; the values are assumed."""
 
     base: tuple[float, float] = (0.025, 0.015)  # m
     first_bar: float = 0.085  # m

@@ -12,7 +12,7 @@ from proximity.errors import DecaffError
 
 @dataclass(frozen=True, slots=True)
 class Cable:
-    """A cable that the linkage pulls and the replica follows; the values are assumed (PAPER 9.1)."""
+    """A cable that the linkage pulls and the replica follows; the values are assumed."""
 
     hand_pulley: float = 0.020  # m, radius
     replica_pulley: float = 0.030  # m, radius
@@ -73,7 +73,7 @@ class Cable:
 
 @dataclass(frozen=True, slots=True)
 class Potentiometer:
-    """What reads the replica's angle: counts, evenly over its span (PAPER 9.1)."""
+    """What reads the replica's angle: counts, evenly over its span."""
 
     bits: int = 16  # 12 are too coarse: 0.14 mm a count
     span: float = math.radians(270.0)  # rad

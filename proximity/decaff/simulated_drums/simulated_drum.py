@@ -12,7 +12,7 @@ from proximity.decaff.drum.servo import servo_for, steps_a_sample
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.simulated_drums.simulated_drum_kernels import serve_against
 
-SERVO_RATE = 3000.0  # Hz (PAPER 6.3, 12)
+SERVO_RATE = 3000.0  # Hz
 LONGEST = 0.1  # s that one action is served for
 
 

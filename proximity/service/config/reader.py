@@ -42,7 +42,7 @@ WITHOUT_GEOMETRY = "cannot be used: distances are measured by input.sensor, ther
 
 RATES = Range("Hz", 1.0, 100_000.0)
 LATENCIES = Range("s", 0.0, 1.0)
-VALIDITIES = Range("s", 1e-5, 0.1)  # poses of 100 ms are worth nothing (PAPER 10)
+VALIDITIES = Range("s", 1e-5, 0.1)  # poses of 100 ms are worth nothing
 CORES = Range("", 0, 4095)
 COUNTS = Range("", 1, MAX_RECORDS)
 BUDGETS = Range("nodes and leaves", 1, 2**31 - 1)

@@ -11,7 +11,7 @@ from proximity.service.inputs.reception import Reception, rows_of
 from proximity.service.samples import LONG_AGO
 
 UNIT_ERROR = 1e-3
-"""By which a normal's length may differ from 1 (PAPER 10)."""
+"""By which a normal's length may differ from 1."""
 
 
 class Measurements:

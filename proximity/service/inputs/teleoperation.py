@@ -46,7 +46,7 @@ class SensorAnswers:
     Notes
     -----
     Where a sensor tells bend and bend rate, the bend at contact is reported as well, on the assumption that
-    both bend and distance go on as they do (PAPER 8); how far it is off is not known.
+    both bend and distance go on as they do; how far it is off is not known.
     """
 
     source = Source.TELEOPERATION

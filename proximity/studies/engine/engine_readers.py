@@ -104,7 +104,7 @@ class ControllerReader:
 
 
 class PolicyReader:
-    """One of the plain readings of a distance (PAPER 6.3), with the engine's distances along the way.
+    """One of the plain readings of a distance, with the engine's distances along the way.
 
     Parameters
     ----------

@@ -12,7 +12,7 @@ from proximity.studies.engine.delayed_link import Latency
 from proximity.studies.simulation.devices import SERVO_RATE
 from proximity.studies.simulation.target_policies import Target
 
-FARTHEST = 0.100  # m; as far as PAPER 6.4 looks
+FARTHEST = 0.100  # m, that a wall is known of; assumed
 Spans = Sequence[tuple[float, float]]
 """From, to; s from the touch."""
 

@@ -18,7 +18,7 @@ from proximity.message import PATH_CORNERS
 from proximity.pose import Pose
 from proximity.scene.scene import Scene
 
-RETRACTION = 0.030  # m, from the contact to the drum farthest away, as in PAPER 6.4
+RETRACTION = 0.030  # m, from the contact to the drum farthest away; assumed
 LEAST_WAY = 0.030  # m, that the finger must come freely before it touches; assumed
 FARTHEST_OFF = 0.020  # m, of the fingertip from where it was to touch: what is in its way is touched instead
 AS_ASKED = 1e-5  # m, likewise: no other attitude needs to be tried

@@ -16,12 +16,12 @@ from proximity.studies.simulation.sweeps import with_drum, with_latency
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-WAY = 0.030  # m, from where a drum waits (PAPER 6.4)
+WAY = 0.030  # m, from where a drum waits
 DURATION = 0.080  # s, of the ways shown
 SAMPLING = 1e-4  # s, of the curves
 IN_PLACE = 1e-4  # m
 SPEEDS = (0.1, 0.15, 0.25, 0.35, 0.5, 0.7, 1.0)  # m/s
-LATENCIES = (0.001, 0.010, 0.040)  # s (PAPER 6.4)
+LATENCIES = (0.001, 0.010, 0.040)  # s
 MOTION_SIZE = (style.COLUMN, 2.4)
 SIZE = (style.PAGE, 2.7)
 STROKES = dict(zip(DRUMS, (style.PENALTY, style.TIME_STAMPED, style.LATCHED), strict=True))

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-RATE = 1000.0  # Hz, of walls and of distances (PAPER 6.2, 6.3)
+RATE = 1000.0  # Hz, of walls and of distances
 SPEEDS = tuple(np.geomspace(0.1, 1.0, 11).tolist())  # m/s
 LATENCIES = tuple(1e-3 * np.array([0.1, 0.2, 0.3, 0.5, 1, 2, 3, 5, 7, 10, 15, 20, 30, 40]))  # s
 SPEED_PANELS = (0.001, 0.010)  # s of latency, in the figure against speed

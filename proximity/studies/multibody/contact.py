@@ -35,7 +35,7 @@ class Shown(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Plane:
-    """A plane that yields; stiffness and damping are those of PAPER 11."""
+    """A plane that yields; stiffness and damping are assumed."""
 
     stiffness: float = 2000.0  # N/m
     damping: float = 2.0  # N s/m

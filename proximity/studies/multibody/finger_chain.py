@@ -1,4 +1,4 @@
-"""A finger as a planar chain of links: its equations of motion, momentum and energy (PAPER 11).
+"""A finger as a planar chain of links: its equations of motion, momentum and energy (docs/decaff.md).
 
 ``M(q) q'' + C(q, q') q' + D q' + P(q) = Jᵀ f + tau``. Angles q are of the joints, each relative to the link
 before, counter-clockwise; the first counts from the x axis, and gravity pulls along -y. C comes of the
@@ -17,7 +17,7 @@ from proximity.decaff.arguments import not_negative
 from proximity.errors import DecaffError
 
 GRAVITY = 9.81
-"""m/s², as PAPER 11 counts it."""
+"""m/s²."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -254,8 +254,8 @@ INDEX_FINGER = PlanarFinger.of_rods(
     (0.020, 0.010, 0.006),
     stiffnesses=(0.6, 0.4, 0.2),
     rest_angles=(-0.5, -0.5, -0.3),
-    # Not in PAPER; these and no others give the impulses that it prints, to all digits.
+    # The paper has none; with these the impulses are the reference values of the tests, to all digits.
     dampings=(0.010, 0.006, 0.003),
     gravity=GRAVITY,
 )
-"""Three rods; all values are assumed (PAPER 11)."""
+"""Three rods; all values are assumed."""

@@ -1,4 +1,4 @@
-"""What an error of the shown force does to the energy of a finger that it stops (PAPER 2 and 11).
+"""What an error of the shown force does to the energy of a finger that it stops (docs/decaff.md).
 
 The energy is a square of the momentum, so an impulse that is off by a share changes it by a linear and a
 quadratic part of that share.

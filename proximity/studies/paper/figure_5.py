@@ -1,7 +1,7 @@
 """FIG 5a to 5h of the paper as arrays: one press, felt on a real wall and on simulated ones.
 
 Every function takes instants in seconds and gives forces in newtons. The paper's own curves are not known,
-only what it says of them; the press is assumed (PAPER 3.1).
+only what it says of them; the press is assumed (docs/decaff.md).
 """
 
 from collections.abc import Callable

@@ -40,7 +40,7 @@ class SpringDamper:
 
 
 FINGER = SpringDamper(stiffness=200.0, damping=6.0, mass=0.010)
-"""The paper's pad; its mass is assumed: PAPER 1.2 (A)."""
+"""The paper's pad; its mass is assumed."""
 RIGID = SpringDamper(math.inf, math.inf)
 
 

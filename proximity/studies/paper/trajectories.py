@@ -1,6 +1,6 @@
 """How a finger presses on a wall and leaves it: displacements given in advance, in closed form.
 
-The paper shows such curves without numbers; those here are assumed (PAPER 3.1). Pressing in is the
+The paper shows such curves without numbers; those here are assumed (docs/decaff.md). Pressing in is the
 polynomial of lowest degree that keeps the speed of the touch and stops at depth without a jump of the
 acceleration. A quintic is needed in general; in the time that is taken here, twice the depth over the
 speed, its fifth power vanishes.
@@ -53,10 +53,10 @@ class Press:
     Refused where it would have to leave before it has stopped.
     """
 
-    speed: float = 0.1  # m/s, at touch and at loss; assumed: PAPER 3.1
+    speed: float = 0.1  # m/s, at touch and at loss; assumed
     depth: float = 0.004  # m, the pad's deflection in the paper
-    touch_time: float = 0.050  # s; assumed: PAPER 3.1
-    release_time: float = 0.280  # s, when it begins to leave; assumed: PAPER 3.1
+    touch_time: float = 0.050  # s; assumed
+    release_time: float = 0.280  # s, when it begins to leave; assumed
 
     def __post_init__(self) -> None:
         positive("speed", self.speed, "metres a second")

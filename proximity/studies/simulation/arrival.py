@@ -15,9 +15,9 @@ from proximity.studies.simulation.devices import Decaff, Sensing
 from proximity.studies.simulation.hand import Hand
 from proximity.studies.simulation.metrics import drum_lag
 
-SETTLING_SAMPLES = 15.0  # of the servo: what is left of its lag is then small (PAPER 4.2, 6.4)
-IN_PLACE = 1e-4  # m, from the wall (PAPER 6.4)
-GRID = 2e-3  # m, of the reaches that are tried (PAPER 6.4)
+SETTLING_SAMPLES = 15.0  # of the servo: what is left of its lag is then small
+IN_PLACE = 1e-4  # m, from the wall
+GRID = 2e-3  # m, of the reaches that are tried
 FARTHEST = 0.160  # m, that is tried
 SWING = 6  # steps beyond the least reach, that are tried as well
 SHORT_HOLD = 1e-3  # s: what comes after the touch does not matter
@@ -107,7 +107,7 @@ def age_on_curve(error: float, curvature: float, speed: float) -> float:
     error : float, m
         How wrong the contact location may be.
     curvature : float, 1/m
-        Of the distance along the finger's path (PAPER 6.5, 9.3).
+        Of the distance along the finger's path.
     speed : float, m/s
         Of the finger.
 

@@ -12,17 +12,17 @@ from proximity.errors import DecaffError
 from proximity.studies.simulation import loop_kernels
 from proximity.studies.simulation.target_policies import Holding
 
-SERVO_RATE = 3000.0  # Hz (PAPER 6.3, 12)
+SERVO_RATE = 3000.0  # Hz
 
 
 @dataclass(frozen=True, slots=True)
 class Link:
     """What moves with the finger: the replica's link, and how hard its touch of the drum is."""
 
-    mass: float = 0.005  # kg, at the fingertip; assumed: PAPER 6.1
+    mass: float = 0.005  # kg, at the fingertip; assumed
     damping: float = 0.0  # N s/m
-    contact_stiffness: float = 50_000.0  # N/m; assumed: PAPER 6.1
-    contact_damping: float = 20.0  # N s/m; assumed: with it an ideal drum errs as in PAPER 6.3
+    contact_stiffness: float = 50_000.0  # N/m; assumed
+    contact_damping: float = 20.0  # N s/m; assumed: with it an ideal drum errs as docs/decaff.md says
 
     def __post_init__(self) -> None:
         positive("mass", self.mass, "kilograms")
@@ -31,7 +31,7 @@ class Link:
         not_negative("contact_damping", self.contact_damping, "newton seconds a metre")
 
 
-# Link and rotor of a traditional glove, which hang on the finger; assumed: PAPER 6.1.
+# Link and rotor of a traditional glove, which hang on the finger; assumed
 COUPLED_DEVICE = Link(mass=0.020, damping=0.05)
 MASSLESS_MOTOR = Link(mass=0.005, damping=0.05)
 

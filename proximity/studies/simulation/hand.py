@@ -12,17 +12,17 @@ from proximity.decaff.arguments import not_negative, positive
 from proximity.decaff.drum.drum import PAD_STIFFNESS
 from proximity.studies.paper.trajectories import Press
 
-STEADY_FORCE = 0.8  # N: a pad of 200 N/m pressed in by 4 mm (PAPER 1.2)
-HOLD_TIME = 0.2  # s; assumed: PAPER 6.1
+STEADY_FORCE = 0.8  # N: a pad of 200 N/m pressed in by 4 mm
+HOLD_TIME = 0.2  # s; assumed
 
 
 @dataclass(frozen=True, slots=True)
 class Hand:
     """Hand, finger and pad in a row: intent - (spring, damper) - finger - (spring, damper) - surface."""
 
-    stiffness: float = 300.0  # N/m, of hand and arm; assumed: PAPER 6.1
-    damping: float = 3.0  # N s/m; assumed: PAPER 6.1
-    finger_mass: float = 0.010  # kg; assumed: PAPER 1.2
+    stiffness: float = 300.0  # N/m, of hand and arm; assumed
+    damping: float = 3.0  # N s/m; assumed
+    finger_mass: float = 0.010  # kg; assumed
     pad_stiffness: float = PAD_STIFFNESS
     pad_damping: float = 6.0  # N s/m, the paper's
 

@@ -13,7 +13,7 @@ import numpy as np
 from proximity.studies.simulation.closed_loop import real_wall
 from proximity.studies.simulation.response import Response
 
-ONSET_FORCE = 0.1  # N, from which on a finger feels a wall; assumed: with it onsets are those of PAPER 6.2
+ONSET_FORCE = 0.1  # N, from which on a finger feels a wall; assumed
 REST_TIME = 0.090  # s of the hold, that count as rest
 REST_END = 0.010  # s before the release, where they end
 

@@ -1,4 +1,4 @@
-"""Many presses at once: walls against speed, latency, rate and drum (PAPER 6.2 to 6.5).
+"""Many presses at once: walls against speed, latency, rate and drum (docs/decaff.md).
 
 A penalty wall is given the best stiffness and damping of a grid for its rate and latency: the most favourable
 tuning there is, one for all speeds.
@@ -18,10 +18,10 @@ from proximity.studies.simulation.metrics import Deviation, deviation, force_err
 from proximity.studies.simulation.response import Response
 from proximity.studies.simulation.target_policies import Controller, Target
 
-SPEEDS = (0.1, 0.25, 0.5, 1.0)  # m/s (PAPER 6)
+SPEEDS = (0.1, 0.25, 0.5, 1.0)  # m/s
 # N/m: six to a decade, from softer than the hand to stiffer than any sampled wall here can be.
 STIFFNESSES = tuple(50.0 * 10.0 ** (k / 6.0) for k in range(16))
-# Damping over stiffness, in units of latency and period together; assumed: with these the best are PAPER's.
+# Damping over stiffness, in units of latency and period together; assumed.
 DAMPING_RATIOS = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.5, 3.0)
 TUNING_STEP = 2e-5  # s, of the simulation
 HOPELESS = 3.0  # an error from which on a stiffer wall is not tried

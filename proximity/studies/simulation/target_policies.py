@@ -1,8 +1,8 @@
 """How a drum's target is made of what is known: four readings of a distance, and the door for a controller.
 
-A distance is old when it arrives. What it is combined with decides everything (PAPER 6.3): with the link's
-present position it is wrong by the way gone since; with the position at the same instant it is a place in the
-world.
+A distance is old when it arrives. What it is combined with decides everything (docs/decaff.md): with the
+link's present position it is wrong by the way gone since; with the position at the same instant it is a place
+in the world.
 """
 
 import math
@@ -34,9 +34,9 @@ class Target(IntEnum):
 class Holding:
     """When a target is held, and where the drum waits otherwise."""
 
-    retracted: float = 0.030  # m; assumed: PAPER 6.4
-    touch_gap: float = 30e-6  # m, of link and drum: nearer is touching (PAPER 8)
-    release_gap: float = 1e-3  # m, farther is released (PAPER 8)
+    retracted: float = 0.030  # m; assumed
+    touch_gap: float = 30e-6  # m, of link and drum: nearer is touching
+    release_gap: float = 1e-3  # m, farther is released
 
     def __post_init__(self) -> None:
         positive("retracted", self.retracted, "metres")

@@ -103,14 +103,14 @@ def _resonance(finger: SpringDamper) -> float:
 
 
 ARM = SpringDamper(stiffness=500.0, damping=20.0, mass=2.0)
-"""Of an operator who holds a handle; assumed: PAPER 5 (A)."""
+"""Of an operator who holds a handle; assumed."""
 
 
 @dataclass(frozen=True, slots=True)
 class PositionedHandle:
     """A handle that is moved to where a simulated compliance would be: Kazerooni's kind of display.
 
-    All assumed: PAPER 5 (A). The text gives no more than a limit of 3 ms on the period.
+    All assumed. The text gives no more than a limit of 3 ms on the period.
     """
 
     arm: SpringDamper = ARM

@@ -100,7 +100,7 @@ def maximum_stiffness(plant: SampledFinger) -> Gains:
 
     Notes
     -----
-    Source: PAPER 4.4. Walls of negative damping are not looked at.
+    Walls of negative damping are not looked at.
     """
     edge = _Edge(plant)
     dampings = np.linspace(0.0, edge.largest_damping(), DAMPINGS)
