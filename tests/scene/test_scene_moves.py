@@ -318,7 +318,7 @@ def top_of(model):
         numbers[NODE_STRIDE * root :][: NODE_STRIDE * row[layout.BLOCK_COUNT]] if root >= 0 else numbers[:0]
     )
     region = numbers[NODE_STRIDE * row[layout.ROOT] :][: NODE_STRIDE * (plan.region(1) - plan.region(0))]
-    entries = numbers[row[layout.FACES] :][: 2 * plan.entry_room]
+    entries = numbers[row[layout.FACES] :][: 2 * plan.entry_capacity]
     return np.concatenate((static, region, entries))
 
 

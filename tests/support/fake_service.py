@@ -75,7 +75,7 @@ class FakeAnswers:
         self.is_closed = False
         self.contacts = np.zeros(count, CONTACT)
 
-    def room(self):
+    def new_samples(self):
         return Hands(self.count)
 
     def rehearse(self):

@@ -312,4 +312,4 @@ def test_room_is_not_read_beyond_what_arrived():
 
     assert bench.arrive(sealed(frame(count=5), 2)[:-1]) == []
     assert bench.counts.flawed == {Flaw.SIZE: 1}
-    assert np.count_nonzero(bench.examiner._room[: FRAME.size(5)]) > 0
+    assert np.count_nonzero(bench.examiner._buffer[: FRAME.size(5)]) > 0
