@@ -6,7 +6,7 @@ import os
 import platform
 from pathlib import Path
 
-PACKAGES = ("numpy", "numba")
+from proximity.native import MODE
 
 
 def processor_name() -> str:
@@ -25,8 +25,11 @@ def processor_name() -> str:
 
 def versions() -> dict[str, str]:
     """Return the versions of what has a share in how long a tick takes."""
-    found = {name: importlib.metadata.version(name) for name in PACKAGES}
-    return {"python": platform.python_version(), **found}
+    return {
+        "python": platform.python_version(),
+        "numpy": importlib.metadata.version("numpy"),
+        "kernels": MODE,
+    }
 
 
 def describe() -> dict[str, object]:

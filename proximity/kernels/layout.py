@@ -103,6 +103,8 @@ DAMPING = 40  # N s/m
 FRAME_COLUMNS = 48
 
 # --- how a query turned out ---
+ANSWERED = -1
+"""Returned by queries that have answered every row; others return the first row that they could not."""
 FEATURE_NONE = -1
 FEATURE_FACE = 0
 FEATURE_EDGE = 1

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from proximity import native
 from proximity.kernels import layout
 from proximity.kernels.layout import (
     BLOCK_STRIDE,
@@ -19,7 +20,7 @@ from proximity.kernels.layout import (
     NODE_STRIDE,
     PART_COLUMNS,
 )
-from proximity.kernels.memory import make_table
+from proximity.kernels.model_arrays import ModelArrays
 from proximity.kernels.scene.placement import place_box
 from proximity.kernels.sign.winding_number import MOMENT_STRIDE
 from proximity.model.bvh import Bvh, LocalFrame
@@ -44,7 +45,7 @@ NEVER = -1
 
 @dataclass(frozen=True, slots=True, weakref_slot=True, eq=False)
 class Model:
-    """Parts with poses as four arrays, and their address.
+    """Parts with poses as four arrays.
 
     Whoever looks at the arrays of a scene's model must keep the model itself: once nobody has it, some of
     them are written anew for a later one.
@@ -54,13 +55,11 @@ class Model:
     words: np.ndarray  # float32
     frames: np.ndarray  # (P + 1, FRAME_COLUMNS) float64
     parts: np.ndarray  # (P + 1, PART_COLUMNS) int64
-    table: np.ndarray  # int64, see `memory`
-    handle: int  # address of the table; valid as long as this model lives
+    packed: Any  # the four, as entry points take them
     epoch: int = 0  # of the scene: grows whenever part indices, faces or what is hidden change
     names: tuple[str, ...] = ()  # of the scene's parts, row by row
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # A copy has arrays of its own, and so another table and another address.
         return finished, (self.reals, self.words, self.frames, self.parts, self.epoch, self.names)
 
     @property
@@ -271,8 +270,8 @@ def finished(
     names : tuple of str
         Of its parts.
     """
-    table = make_table(reals, words, frames, parts)
-    return Model(reals, words, frames, parts, table, int(table.ctypes.data), epoch, names)
+    packed = native.packed(ModelArrays(reals, words, frames, parts))
+    return Model(reals, words, frames, parts, packed, epoch, names)
 
 
 # --- arrays ----------------------------------------------------------------------------------------------

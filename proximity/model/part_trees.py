@@ -18,6 +18,7 @@ from proximity.kernels.tree.builder import ENTRIES_SHIFT, build_tree
 from proximity.kernels.tree.wide_node import clear_node
 from proximity.model.bvh import LocalFrame
 from proximity.model.part_arrays import MOVING_MARGIN, common_frame
+from proximity.native import packed
 
 ENTRIES_PER_PART = 32
 FEWEST_ENTRIES = 256
@@ -261,7 +262,7 @@ def write_moving(
     versions, boxes = np.zeros(len(parts), np.int64), np.zeros((len(parts) - 1, 6), np.float32)
     dynamic, never = DynamicParts(rows, order, np.empty(len(rows), np.int64)), -1
     reach = bring_up_to_date(
-        words, frames, parts, versions, never, boxes, dynamic, steps, region, never, frames, parts
+        words, frames, parts, versions, never, boxes, packed(dynamic), steps, region, never, frames, parts
     )
     return float(reach)
 

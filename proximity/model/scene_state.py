@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 
 from proximity.kernels import layout
-from proximity.kernels.compiler import CompiledCall
 from proximity.kernels.contact_columns import SURFACE_DEFORMABLE, SURFACE_RIGID
-from proximity.kernels.memory import make_table
-from proximity.kernels.scene.dynamic_tree import SORT_STEPS, UPDATE, DynamicParts, bring_up_to_date
-from proximity.kernels.scene.placement import FIRST_UNFIT, MOVE, first_unfit, move_parts, place_box
+from proximity.kernels.model_arrays import ModelArrays
+from proximity.kernels.scene.dynamic_tree import SORT_STEPS, DynamicParts, bring_up_to_date
+from proximity.kernels.scene.placement import first_unfit, move_parts, place_box
 from proximity.model.assembly import NEVER, Model, finished
 from proximity.model.bvh import LARGEST_COORDINATE, LocalFrame
 from proximity.model.part_trees import (
@@ -30,6 +29,7 @@ from proximity.model.part_trees import (
     thin_static,
     write_static,
 )
+from proximity.native import packed
 from proximity.pose import ORTHONORMAL_TOLERANCE, ROUNDING, Pose
 
 FARTHEST_MOVE = LARGEST_COORDINATE / 4.0
@@ -41,11 +41,6 @@ EXACT_ENOUGH = 2.0 * ROUNDING
 UPDATES_BEFORE_SHRINKING = 1000
 """A part that went far away and came back leaves a frame that is too large; a new one costs a new tree, which
 is not to be paid at every tick of a part that goes to and fro."""
-
-
-_first_unfit = CompiledCall(first_unfit, FIRST_UNFIT)
-_move_parts = CompiledCall(move_parts, MOVE)
-_bring_up_to_date = CompiledCall(bring_up_to_date, UPDATE)
 
 
 def write_motion(frame: np.ndarray, velocity: np.ndarray, angular_velocity: np.ndarray) -> None:
@@ -88,12 +83,11 @@ _ANGULAR_VELOCITY = slice(layout.ANGULAR_VELOCITY, layout.ANGULAR_VELOCITY + 3)
 class _Copy:
     """What moves, as it was at some version: rows of a model's tables, and a region of its words."""
 
-    __slots__ = ("frames", "handle", "owner", "parts", "region", "static", "table", "version")
+    __slots__ = ("frames", "owner", "packed", "parts", "region", "static", "version")
 
     def __init__(self, model: Model, frames: np.ndarray, parts: np.ndarray, region: int) -> None:
         self.frames, self.parts, self.region = frames, parts, region
-        self.table = make_table(model.reals, model.words, frames, parts)
-        self.handle = int(self.table.ctypes.data)
+        self.packed = packed(ModelArrays(model.reals, model.words, frames, parts))
         self.version = NEVER
         self.static = 0
         self.owner: weakref.ref[Model] | None = None
@@ -159,7 +153,7 @@ class SceneState:
             Or (0, 3): all zero.
         """
         self._begin()
-        freed = _move_parts.call(
+        freed = move_parts(
             self.frames, self.parts, self.versions, self.changes, rows, matrices, velocities,
             angular_velocities, EXACT_ENOUGH,
         )  # fmt: skip
@@ -309,9 +303,8 @@ class SceneState:
             self._need(_NEW)
         latest = self.latest
         model = Model(
-            latest.reals, latest.words, copy.frames, copy.parts, copy.table, copy.handle, self.epoch,
-            latest.names,
-        )  # fmt: skip
+            latest.reals, latest.words, copy.frames, copy.parts, copy.packed, self.epoch, latest.names
+        )
         copy.owner = weakref.ref(model)
         self.latest = self.current = model
         return model
@@ -330,9 +323,9 @@ class SceneState:
         return _Copy(self.latest, np.empty_like(self.frames), np.empty_like(self.parts), region)
 
     def _write(self, copy: _Copy) -> float:
-        reach = _bring_up_to_date.call(
+        reach = bring_up_to_date(
             self.latest.words, self.frames, self.parts, self.versions, self._boxes_version, self._boxes,
-            self._dynamic, self._sort_steps, copy.region, copy.version, copy.frames, copy.parts,
+            packed(self._dynamic), self._sort_steps, copy.region, copy.version, copy.frames, copy.parts,
         )  # fmt: skip
         if reach <= 1.0:
             copy.version, copy.static = self.changes, self._static
@@ -383,7 +376,7 @@ def first_unfit_move(matrices: np.ndarray, velocities: np.ndarray, angular_veloc
         Or (0, 3).
     """
     return int(
-        _first_unfit.call(
+        first_unfit(
             matrices, velocities, angular_velocities, ORTHONORMAL_TOLERANCE, FARTHEST_MOVE, FASTEST_MOVE
         )
     )

@@ -72,12 +72,12 @@ def deform_part(model: Model, row: int, solid: Solid, vertices: object, name: st
     is_here = arrays.row == row  # a solid in several parts has its arrays in one of them
     arrays.is_overwritten |= is_here  # before anything is written
     _frame_for(before, lower, upper).write(model.frames[row])
-    area, volume = refit_part(model.handle, row, kept, solid.first_vertices)
+    area, volume = refit_part(model.packed, row, kept, solid.first_vertices)
     is_closed = model.parts[row, layout.GRID] != layout.NO_GRID
     if is_closed and volume < -INSIDE_OUT * area:
         model.frames[row] = before
         # A copy, since kernels are compiled for arrays that can be written.
-        refit_part(model.handle, row, solid.mesh.vertices.copy(), solid.first_vertices)
+        refit_part(model.packed, row, solid.mesh.vertices.copy(), solid.first_vertices)
         normals[:] = normals_before  # to the bit: they had been added in another order
         arrays.is_overwritten = arrays.is_overwritten and not is_here
         raise MeshError(

@@ -219,7 +219,7 @@ def _differing(
     world = asked / piece.frame.scale + piece.frame.centre
     # Far from the origin this rounds; both ways are asked about the point that it has become.
     asked = piece.frame.of(world)
-    closest_batch(model.handle, world, np.empty(0, np.int64), np.full(1, np.inf), answers)
+    closest_batch(model.packed, world, np.empty(0, np.int64), np.full(1, np.inf), answers)
     if is_inside is not None:
         suspect = (answers[:, 0] < 0.0) != is_inside
         asked, answers = asked[suspect], answers[suspect]

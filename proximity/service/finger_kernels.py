@@ -7,7 +7,6 @@ import math
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined, kernel
 from proximity.kernels.contact_columns import BOUNDED, FLAGS, IN_RANGE, POSE_NS, TRACKED
 from proximity.kernels.tracking.motion import (
     JUMPED,
@@ -19,6 +18,7 @@ from proximity.kernels.tracking.motion import (
     observe_with_velocity,
     predict,
 )
+from proximity.native import entry, inlined
 
 # --- columns of what `follow_distances` fills ---
 STATUS = 0  # bits, as `motion.observe` answers
@@ -37,7 +37,7 @@ LARGEST_ERROR = 1e3
 LATEST = np.int64(2**63 - 1)
 
 
-@kernel
+@entry("int64[:], float64[:, :], int64[:], float64[:, :], int64[:], uint8[:], int -> int, int")
 def admit(kept_ns, kept, given_ns, given, refused_ns, taken, latest_ns):
     """Take samples into *kept*; how many are from after *latest_ns*, and how many older than the one kept.
 
@@ -67,7 +67,7 @@ def admit(kept_ns, kept, given_ns, given, refused_ns, taken, latest_ns):
     return future, backwards
 
 
-@kernel
+@entry("int64[:], float64[:, :], int")
 def expire(kept_ns, kept, oldest_ns):
     """Forget the samples from before *oldest_ns*."""
     for i in range(len(kept_ns)):
@@ -75,7 +75,7 @@ def expire(kept_ns, kept, oldest_ns):
             kept[i, 0] = np.nan
 
 
-@kernel
+@entry("int64[:, :], int32[:, :] -> int, int, int")
 def overview(wide, numbers):
     """Of contacts as int64 and int32 columns: instant of the oldest pose, fingers tracked, fingers uncertain.
 
@@ -119,7 +119,10 @@ def _distance_error(motions, error_sums, i, error, status, weight_before):
     return math.sqrt(error_sums[i, DISTANCE_ERROR] * weight / spread) if spread > 0.0 else 0.0
 
 
-@kernel
+@entry(
+    "float64[:, :], int64[:, :], float64[:, :], int64[:], float64[:, :], float64[:], float64[:], int, "
+    "float, float, float64[:, :]",
+)
 def follow_distances(
     motions, motion_marks, error_sums, measured_ns, distances, errors, rates, acts_ns, max_speed,
     max_acceleration, followed,

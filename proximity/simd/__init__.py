@@ -12,14 +12,10 @@ Under ``NUMBA_DISABLE_JIT=1`` the same names work on NumPy arrays of eight, so t
 through. There `fma` multiplies and adds exactly, too.
 """
 
-from numba import config
+from proximity.native import IS_JIT
+from proximity.simd.lanes import LANES
 
-from proximity.simd.vectors import LANES
-
-IS_COMPILED = not config.DISABLE_JIT
-"""False where numba is asked to interpret: then every name below works on NumPy arrays."""
-
-if IS_COMPILED:
+if IS_JIT:
     from proximity.simd.compiled import (
         absolute,
         add_rows,
@@ -51,7 +47,7 @@ if IS_COMPILED:
         trailing_zeros,
         widen,
     )
-else:  # pragma: no cover — which branch runs is chosen by the environment
+else:  # on NumPy arrays of eight
     from proximity.simd.interpreted import (
         absolute,
         add_rows,
@@ -85,7 +81,6 @@ else:  # pragma: no cover — which branch runs is chosen by the environment
     )
 
 __all__ = [
-    "IS_COMPILED",
     "LANES",
     "absolute",
     "add_rows",

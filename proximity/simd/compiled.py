@@ -8,7 +8,8 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from proximity.simd.vectors import LANES, LLVM, Vector, f32x8, f64x8, mask8, suffix
+from proximity.simd.lanes import LANES
+from proximity.simd.vectors import LLVM, Vector, f32x8, f64x8, mask8, suffix
 
 
 def _splat(builder, value, vector_type):

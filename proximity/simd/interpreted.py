@@ -4,7 +4,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from proximity.simd.vectors import LANES
+from proximity.simd.lanes import LANES
 
 absolute = np.abs
 square_root = np.sqrt

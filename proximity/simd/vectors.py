@@ -10,8 +10,7 @@ from numba import types
 from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
 from numba.extending import lower_builtin, models, register_model
 
-LANES = 8
-"""Lanes of every vector type."""
+from proximity.simd.lanes import LANES
 
 
 class Vector(types.Type):

@@ -7,12 +7,11 @@ they may be waiting for.
 
 import _thread
 import os
+import sys
 import threading
 import weakref
 from operator import methodcaller
 from typing import Any
-
-from numba.core.compiler_lock import global_compiler_lock
 
 LATER = 0.01
 """s until an interruption comes again: what is raised before the fork has ended would be lost once more."""
@@ -36,7 +35,8 @@ def fork_safe_lock() -> threading.RLock:
 def _all_locks() -> list[Any]:
     while True:
         try:
-            return [_listing, *_locks, global_compiler_lock]
+            compiler = sys.modules.get("numba.core.compiler_lock")  # where kernels are compiled in this process
+            return [_listing, *_locks, *([compiler.global_compiler_lock] if compiler else [])]
         except RuntimeError:  # a scene was made meanwhile, by another thread or by a signal handler
             continue
 

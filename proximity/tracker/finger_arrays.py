@@ -11,8 +11,8 @@ from proximity.kernels.tracking.motion import MOTION_INTS, MOTION_REALS
 from proximity.kernels.tracking.part_drift import POSE_COLUMNS, movers_workspace
 
 
-def arrays_for(count: int, settings: np.ndarray, contacts: np.ndarray) -> dict[str, np.ndarray]:
-    """Return what a tick of so many fingers reads and writes, by the names in `kernels.tracking.track`.
+def arrays_for(count: int, settings: np.ndarray) -> dict[str, np.ndarray]:
+    """Return what a tick of so many fingers reads and writes beside its records, by the names in `kernels.tracking.track`.
 
     Parameters
     ----------
@@ -20,8 +20,6 @@ def arrays_for(count: int, settings: np.ndarray, contacts: np.ndarray) -> dict[s
         Of the fingers.
     settings : (SETTINGS_SIZE,) float64
         Of the tracker.
-    contacts : (count,) CONTACT
-        Where its answers go.
     """
     return {
         "settings": settings,
@@ -37,7 +35,6 @@ def arrays_for(count: int, settings: np.ndarray, contacts: np.ndarray) -> dict[s
         "marks": np.zeros((count, track.TRACK_INTS), np.int64),
         "balls": np.zeros((count, BALLS_SIZE)),
         "frontiers": np.zeros((count if count <= CROWD else 0, FRONTIER_SIZE), np.float32),
-        "records": contacts,
         "before": np.zeros((0, POSE_COLUMNS)),
         "movers": movers_workspace(0),
         "workspace": np.zeros(WORKSPACE_SIZE, np.float32),

@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
+from proximity import native
 from proximity.arrays import as_float64, shown
 from proximity.errors import QueryError
-from proximity.kernels.compiler import CompiledCall
 from proximity.kernels.layout import GRID, NO_GRID, NO_PART, NO_SLOT, ROTATION, SIGN, SIGN_WINDING
 from proximity.kernels.tracking import track
 from proximity.kernels.tracking.motion import MAX_ACCELERATION, MAX_SPEED
 from proximity.kernels.tracking.part_drift import POSE_COLUMNS, movers_workspace
-from proximity.kernels.tracking.tick import TICK, tick
+from proximity.kernels.tracking.tick import tick
 from proximity.kernels.tracking.track import EACH_ITS_OWN, MOST_NS
 from proximity.message import CONTACT
 from proximity.message.contact import Contacts
@@ -53,7 +53,7 @@ HORIZON = 0.25
 
 NOT_NANOSECONDS = "expected nanoseconds, as time.monotonic_ns() gives them: it looks like seconds"
 
-_tick = CompiledCall(tick, TICK)
+_tick = native.lenient("tick")
 
 
 class Tracker:
@@ -138,7 +138,7 @@ class Tracker:
         settings[track.BUDGET] = DEFAULT_BUDGET if budget is None else min(whole("budget", budget), MOST)
         self._settings = settings
         self._shape = (count, 3)
-        self._arrays = arrays_for(count, settings, self.contacts)
+        self._arrays = arrays_for(count, settings)
         self._pose_ns = self._arrays["pose_ns"]
         self._velocities = self._arrays["velocities"]
         self._arrays["tracks"][:, track.RADIUS] = radii(radius, count)
@@ -150,9 +150,8 @@ class Tracker:
         self._path_count = 2  # corners of paths that there is room for
         self._epoch = -1
         self._names: tuple[str, ...] = ()  # of the parts that `REPORTED_PART` counts
-        self._kept: tuple[Any, ...] = ()  # what the table points at, and the table
         self.reset()
-        self._write_addresses()
+        self._pack()
 
     @property
     def scene(self) -> Scene:
@@ -237,7 +236,7 @@ class Tracker:
                 and t_pose_ns >= EARLY_NS
                 and now_ns >= EARLY_NS
                 and now_ns - self._last_now_ns >= SHORTEST_NS
-                and _tick.call(model.handle, self._handle, positions, t_pose_ns, now_ns, is_moved)
+                and _tick(model.packed, self._packed, positions, t_pose_ns, now_ns, is_moved) is True
             )
         except OverflowError:
             is_done = False
@@ -256,7 +255,7 @@ class Tracker:
             t_pose_ns = EACH_ITS_OWN
         now = instant(now_ns)
         self._refuse_seconds(t_pose_ns, now)
-        _tick.call(model.handle, self._handle, rows, t_pose_ns, now, is_moved)
+        tick(model.packed, self._packed, rows, t_pose_ns, now, is_moved)
         return now
 
     def _refuse_seconds(self, t_pose_ns: int, now_ns: int) -> None:
@@ -305,7 +304,7 @@ class Tracker:
             self._settings[track.HOLES] = is_open.any()
             self._arrays["before"] = model.frames[:count, ROTATION : ROTATION + POSE_COLUMNS].copy()
             self._arrays["movers"] = movers_workspace(count)
-            self._write_addresses()
+            self._pack()
             self._epoch = model.epoch
 
     def _find_again(self, names: tuple[str, ...]) -> None:
@@ -316,22 +315,16 @@ class Tracker:
             found = [rows.get(self._names[row], GONE) if row >= 0 else row for row in reported.tolist()]
             reported[:], self._names = found, names
 
-    def _write_addresses(self) -> None:
-        """Write the table by which a tick finds its arrays."""
-        arrays = self._arrays
-        counts = [
-            len(arrays["tracks"]),
-            len(arrays["path_bends"]),
-            len(arrays["before"]),
-            len(arrays["movers"]),
-            len(arrays["workspace"]),
-            len(arrays["frontiers"]),
-        ]
-        table = np.array(counts + [arrays[name].ctypes.data for name in track.NAMES], np.int64)
-        # Until another handle is reported, what the one before leads to stays.
-        self._kept = *self._kept, table, *arrays.values()
-        self._handle = int(table.ctypes.data)
-        self._kept = table, *arrays.values()
+    def _pack(self) -> None:
+        """Have ticks find the arrays that there are now."""
+        records = self.contacts.view(np.ndarray)
+        shape = len(records), -1
+        views: dict[str, np.ndarray] = {
+            "records": records.view(np.float64).reshape(shape),
+            "wide": records.view(np.int64).reshape(shape),
+            "numbers": records.view(np.int32).reshape(shape),
+        }
+        self._packed: Any = native.packed(track.TrackerArrays(**(self._arrays | views)))
 
     def _take_instants(self, t_pose_ns: Any) -> None:
         try:
@@ -372,7 +365,7 @@ class Tracker:
             arrays["paths"] = np.empty((len(self.contacts), count, 3))
             arrays["path_bends"] = np.linspace(0.0, 1.0, count)
             arrays["path_lengths"] = np.zeros(count)
-            self._write_addresses()
+            self._pack()
             self._path_count = count
         arrays["paths"][...] = corners
         if path_bends is None:

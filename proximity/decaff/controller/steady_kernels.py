@@ -4,7 +4,7 @@ from math import exp, pi
 
 import numpy as np
 
-from proximity.kernels.compiler import kernel
+from proximity.native import entry
 
 # --- a rule ---
 CUTOFF = 0  # Hz, of each of two low-passes
@@ -23,7 +23,7 @@ SLOW_COUNT = 3  # samples for which the finger has been slow
 WATCH_SIZE = 4
 
 
-@kernel
+@entry("float64[:], float64[:], float64[:], float, float, float -> bool")
 def watch_force(
     rule: np.ndarray, watch: np.ndarray, window: np.ndarray, force: float, speed: float, period: float
 ) -> bool:

@@ -9,7 +9,7 @@ from math import exp, floor, inf, pi, sqrt
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined, kernel, maker
+from proximity.native import entry, inlined
 
 # --- a drum ---
 MASS = 0  # kg, with the rotor behind its gear
@@ -155,7 +155,7 @@ def demand_force(
     return demand
 
 
-@kernel
+@entry("float64[:], float64[:], float64[:], float64[:], float")
 def serve(
     drum: np.ndarray, servo: np.ndarray, drive: np.ndarray, command: np.ndarray, measured: float
 ) -> None:
@@ -183,7 +183,7 @@ def serve(
     drive[DEMANDED] = max(-limit, min(limit, demand))
 
 
-@kernel
+@entry("float64[:], float64[:], float")
 def rest_drum(drum: np.ndarray, drive: np.ndarray, where: float) -> None:
     """A drum at rest *where* it should be, with nothing in its memory."""
     drive[:] = 0.0
@@ -192,7 +192,7 @@ def rest_drum(drum: np.ndarray, drive: np.ndarray, where: float) -> None:
     drive[LAST_MODE] = POSITION
 
 
-@maker
+@entry("float64[:], float64[:], float, int, float, float64[:]", makes_arrays=True)
 def move_drum(
     drum: np.ndarray, servo: np.ndarray, target: float, steps: int, step: float, positions: np.ndarray
 ) -> None:

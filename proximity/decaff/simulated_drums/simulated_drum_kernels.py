@@ -3,10 +3,10 @@
 import numpy as np
 
 from proximity.decaff.drum.drum_kernels import APPLIED, SPEED_NOW, WHERE, pushed, serve
-from proximity.kernels.compiler import kernel
+from proximity.native import entry
 
 
-@kernel
+@entry("float64[:], float64[:], float64[:], float64[:], float, float, int, int, float -> float")
 def serve_against(
     drum: np.ndarray,
     servo: np.ndarray,

@@ -7,7 +7,7 @@ nothing is skipped that could be nearer.
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined
+from proximity.native import inlined
 from proximity.simd import fma, load, maximum, minimum, narrow, select, splat, splat32, widen
 
 FAR = 2.0

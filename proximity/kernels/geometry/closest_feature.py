@@ -7,7 +7,6 @@ point back even on a needle.
 
 from math import sqrt
 
-from proximity.kernels.compiler import inlined
 from proximity.kernels.geometry.triangle import TINY, cross, dot, place_of
 from proximity.kernels.layout import (
     CORNER_NORMALS,
@@ -18,6 +17,7 @@ from proximity.kernels.layout import (
     FEATURE_VERTEX,
     NEIGHBORS,
 )
+from proximity.native import inlined
 from proximity.simd import fma, like, load_int, minimum, select, square_root
 
 WITNESS_SIZE = 24

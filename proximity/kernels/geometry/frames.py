@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined
 from proximity.kernels.layout import (
     BLOCK_NOTES,
     CENTRE,
@@ -14,6 +13,7 @@ from proximity.kernels.layout import (
     SCALE,
     TRANSLATION,
 )
+from proximity.native import inlined
 from proximity.simd import (
     like,
     load_int,

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined, kernel, maker
 from proximity.kernels.geometry.rows import columns_from
 from proximity.kernels.layout import LANES
-from proximity.kernels.memory import longs_here, reals_here
+from proximity.kernels.stack_arrays import longs_here, reals_here
+from proximity.native import entry, inlined, kernel
 from proximity.simd import absolute, horizontal_min, maximum, minimum, select, splat, store
 
 SORT_FROM = 48
@@ -24,7 +24,7 @@ LARGEST = 1e300
 """Coordinates beyond are as good as infinite: their difference may be."""
 
 
-@maker
+@entry("float64[:, :] -> int64[:]", makes_arrays=True)
 def morton_order(points):
     """The rows of *points* along a curve that keeps neighbours together; rows not finite are anywhere."""
     count = len(points)

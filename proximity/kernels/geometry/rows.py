@@ -1,7 +1,7 @@
 """Rows of three numbers, as points and directions are: eight at a time, and asked for beforehand."""
 
-from proximity.kernels.compiler import inlined
 from proximity.kernels.layout import LANES
+from proximity.native import inlined
 from proximity.simd import load_each, prefetch
 
 
@@ -17,6 +17,23 @@ def columns_from(rows, first, offsets):
     for k in range(LANES):
         offsets[k] = 3 * min(first + k, len(rows) - 1)
     return columns(rows, offsets, 0)
+
+
+@inlined
+def copy_numbers(source, start, target, at, count):
+    """Copy so many numbers of an array, from *start* on, to *target*, from *at* on.
+
+    An assignment of slices would compare their lengths, and carry numba's error for it.
+    """
+    for k in range(count):
+        target[at + k] = source[start + k]
+
+
+@inlined
+def copy_row(source, row, target, to):
+    """Copy a row of a table to row *to* of another."""
+    for column in range(source.shape[1]):
+        target[to, column] = source[row, column]
 
 
 @inlined

@@ -11,8 +11,8 @@ Source for the method: the Voronoi regions of Ericson, Real-Time Collision Detec
 difference of products (see Jeannerod, Louvet, Muller 2013) for the cross product.
 """
 
-from proximity.kernels.compiler import inlined
 from proximity.kernels.layout import BLOCK_STRIDE, LANES
+from proximity.native import inlined
 from proximity.simd import fma, like, load, maximum, minimum, select
 
 TINY = 1e-60

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from proximity.kernels.compiler import kernel, maker
+from proximity.native import entry, kernel
 
 
 @kernel
@@ -14,7 +14,7 @@ def _root(parents, node):
     return node
 
 
-@maker
+@entry("int, int64[:], int64[:] -> int32[:]", makes_arrays=True)
 def connected(count, one, other):
     """Return labels (count,) int32 of nodes that the links *one* to *other* (L,) int64 connect.
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from proximity.kernels.compiler import kernel, maker
+from proximity.native import entry, kernel
 
 
-@maker
+@entry("int32[:, :] -> int64[:], bool[:], int64[:], int64[:], int64[:], bool[:]", makes_arrays=True)
 def sorted_half_edges(corners):
     """Return half-edges by the lower, then the higher corner of their edges; forward ones come first.
 
@@ -35,7 +35,10 @@ def sorted_half_edges(corners):
             lows[3 * face + k], highs[3 * face + k] = min(one, other), max(one, other)
             flags[3 * face + k] = one <= other
     by_way, order = np.empty(corners.size, np.int64), np.empty(corners.size, np.int64)
-    forward, backward = 0, np.count_nonzero(flags)
+    forward, backward, largest = 0, 0, 0
+    for half in range(corners.size):
+        backward += flags[half]
+        largest = max(largest, highs[half])
     for half in range(corners.size):
         if flags[half]:
             by_way[forward] = half
@@ -43,7 +46,7 @@ def sorted_half_edges(corners):
         else:
             by_way[backward] = half
             backward += 1
-    places = np.empty(corners.max() + 2, np.int64)
+    places = np.empty(largest + 2, np.int64)
     _sort_by(highs, by_way, places, order)
     _sort_by(lows, order, places, by_way)
     order, is_forward = by_way, np.empty(corners.size, np.bool_)
@@ -59,7 +62,9 @@ def sorted_half_edges(corners):
         is_forward[place] = flags[half]
         forward_counts[found - 1] += flags[half]
     starts[found] = corners.size
-    counts = starts[1 : found + 1] - starts[:found]
+    counts = np.empty(found, np.int64)
+    for edge in range(found):
+        counts[edge] = starts[edge + 1] - starts[edge]
     return (
         order,
         is_forward,

@@ -2,11 +2,11 @@
 
 from math import atan2, sqrt
 
-from proximity.kernels.compiler import kernel
 from proximity.kernels.geometry.triangle import cross, dot
+from proximity.native import entry
 
 
-@kernel
+@entry("float64[:, :], int32[:, :], float64[:, :]")
 def add_corner_normals(corners, faces, normals):
     """Add to each corner the unit normals of its faces, weighted by the faces' angles there; make them unit.
 

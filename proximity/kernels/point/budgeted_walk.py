@@ -16,7 +16,6 @@ from math import sqrt
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined, kernel
 from proximity.kernels.geometry.box import LARGEST, LARGEST_REST, SHRINK_FAR, point_boxes_distance_sq
 from proximity.kernels.geometry.frames import (
     to_local,
@@ -39,6 +38,7 @@ from proximity.kernels.point.walk import best_of_block, slot_distance_sq
 from proximity.kernels.sign.winding_number import MOMENT_STRIDE
 from proximity.kernels.tree.normal_slab import SMALLEST, slabs_distance_sq
 from proximity.kernels.tree.traversal import nearer_in_block
+from proximity.native import inlined, kernel
 from proximity.simd import (
     bits,
     compress,

@@ -22,7 +22,6 @@ from math import sqrt
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined, kernel
 from proximity.kernels.geometry.box import nearest_in_boxes
 from proximity.kernels.geometry.frames import (
     is_alone,
@@ -33,6 +32,7 @@ from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import BLOCK_STRIDE, CHILDREN, ENTRY, FACES, LANES, NODE_STRIDE, ROOT
 from proximity.kernels.point.budgeted_walk import best_known, factor_of, nearest_with_budget
 from proximity.kernels.tree.traversal import nearer_in_block
+from proximity.native import inlined, kernel
 from proximity.simd import (
     bits,
     fma,

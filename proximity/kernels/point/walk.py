@@ -12,11 +12,11 @@ instead of the nearest (3 times the time, except with a bound that is known).
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined
 from proximity.kernels.geometry.box import bound_of, lanes_of_point, node_bounds_sq
 from proximity.kernels.geometry.triangle import place_of, point_triangle_distance_sq
 from proximity.kernels.layout import LANES, NO_SLOT, NODE_STRIDE, STACK_SIZE
 from proximity.kernels.tree.traversal import NOTHING_WAITS, descend, nearer_in_block, next_open
+from proximity.native import inlined
 from proximity.simd import (
     bits,
     load_int,

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined
 from proximity.kernels.geometry.frames import (
     part_of_slot,
 )
@@ -20,6 +19,7 @@ from proximity.kernels.layout import (
     TRANSLATION,
 )
 from proximity.kernels.ray.ray_lanes import CHUNK, HIT, WAY, load_three, store_three
+from proximity.native import inlined
 from proximity.simd import load_each, load_int, maximum, select, splat, square_root
 
 # columns of the answers: float64

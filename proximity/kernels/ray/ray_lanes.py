@@ -7,7 +7,6 @@ from math import frexp, ldexp
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined
 from proximity.kernels.geometry.frames import (
     FARTHEST,
     direction_to_local,
@@ -17,6 +16,7 @@ from proximity.kernels.geometry.rows import columns
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import LANES, SCALE
 from proximity.kernels.ray.walk import SLAB_MARGIN, aim_and_view, approach, bound_of_parameter, is_from_afar
+from proximity.native import inlined
 from proximity.simd import (
     absolute,
     bits,

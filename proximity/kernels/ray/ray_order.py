@@ -7,11 +7,12 @@ more often. A few hundred cells do that as well as the finest curve (2026-11: 0.
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined, maker
 from proximity.kernels.geometry.morton_order import sort_by_digit
 from proximity.kernels.geometry.rows import columns, columns_from
 from proximity.kernels.layout import BOX_LOWER, BOX_UPPER, LANES
-from proximity.kernels.memory import arrays_at, longs_here, reals_here
+from proximity.kernels.model_arrays import ModelArrays
+from proximity.kernels.stack_arrays import longs_here, reals_here
+from proximity.native import entry, inlined, maker
 from proximity.simd import maximum, minimum, select, splat, store
 
 HALVINGS = 9
@@ -22,21 +23,28 @@ WHOLE = 1.5 * 2.0**52
 """A number added to this is rounded to a whole one."""
 
 
-@maker
-def ray_order(handle, origins, directions):
+@entry(ModelArrays, "float64[:, 3], float64[:, 3] -> int64[:]", makes_arrays=True)
+def ray_order(model, origins, directions):
     """The rows of rays (N, 3) by the cell of the scene's box that they enter first.
 
     Of those that start inside or pass by, the origin counts, moved to the box. Rows of one cell keep their
     order; cells follow one another as halves of halves do.
     """
-    _, _, frames, _ = arrays_at(handle)
+    frames = model.frames
     scene = len(frames) - 1
     lower, upper = frames[scene, BOX_LOWER : BOX_LOWER + 3], frames[scene, BOX_UPPER : BOX_UPPER + 3]
-    sides, counts, ranks = _halve(upper - lower, len(origins))
-    rates = np.where(sides > 0.0, 1.0 / sides, 0.0)
+    sides = np.empty(3)
+    for axis in range(3):
+        sides[axis] = upper[axis] - lower[axis]
+    counts, ranks = _halve(sides, len(origins))
+    rates = np.empty(3)
+    for axis in range(3):
+        rates[axis] = 1.0 / sides[axis] if sides[axis] > 0.0 else 0.0
     keys = _ranks_of_cells(origins, directions, lower, upper, rates, counts, ranks)
-    order = np.empty(len(origins), np.int64)
-    sort_by_digit(keys, np.uint32(0), np.empty(len(ranks), np.int64), np.arange(len(origins)), order)
+    rows, order = np.empty(len(origins), np.int64), np.empty(len(origins), np.int64)
+    for row in range(len(origins)):
+        rows[row] = row
+    sort_by_digit(keys, np.uint32(0), np.empty(len(ranks), np.int64), rows, order)
     return order
 
 
@@ -44,14 +52,17 @@ def ray_order(handle, origins, directions):
 def _halve(sides, row_count):
     """Halve a box of such sides (3,), as often as is worth it for so many rays.
 
-    Returns the sides of the cells, how many there are along x, y and z, and the place of each in their order.
+    *sides* become those of the cells. Returns how many there are along x, y and z, and the place of each in
+    their order.
     """
     halvings = 0
     while halvings < HALVINGS and (RAYS_OF_CELL << halvings) < row_count:
         halvings += 1
     counts, axes = np.ones(3, np.int64), np.empty(halvings, np.int64)
     for i in range(halvings):
-        axis = np.argmax(sides)
+        axis = 0
+        for other in range(1, 3):
+            axis = other if sides[other] > sides[axis] else axis
         axes[i] = axis
         sides[axis] *= 0.5
         counts[axis] *= 2
@@ -63,7 +74,7 @@ def _halve(sides, row_count):
         for cell in range(len(ranks)):
             ranks[cell] |= np.uint32(((cell // step) & 1) << i)
         steps[axes[halvings - 1 - i]] *= 2
-    return sides, counts, ranks
+    return counts, ranks
 
 
 @maker

@@ -17,10 +17,8 @@ from math import frexp, ldexp, sqrt
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined, kernel, maker
 from proximity.kernels.geometry.triangle import cross, dot
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NODE_STRIDE, STACK_SIZE, STACKS_SIZE
-from proximity.kernels.memory import words_here
 from proximity.kernels.mesh.faces import corner_distance_sq, face_normal
 from proximity.kernels.ray.walk import (
     SLAB_MARGIN,
@@ -30,7 +28,9 @@ from proximity.kernels.ray.walk import (
     open_boxes,
 )
 from proximity.kernels.sign.folded_faces import faces_wrong, marked_slots
+from proximity.kernels.stack_arrays import words_here
 from proximity.kernels.tree.traversal import NOTHING_WAITS, descend, next_open
+from proximity.native import entry, inlined, kernel
 from proximity.simd import (
     absolute,
     bits,
@@ -267,7 +267,10 @@ def _is_turned(corners, faces, piece, count, reals, words, root, moments):
     return 2 * against > votes
 
 
-@maker
+@entry(
+    "float64[:, :], int32[:, :], int32[:, :], int32[:], float64[:], float32[:], int, int -> uint8[:]",
+    makes_arrays=True,
+)
 def passing_faces(corners, faces, neighbors, slot_faces, reals, words, root, moments):
     """Return which slots have faces that meet others, or lie on the wrong side of such, a bit each.
 
@@ -275,7 +278,10 @@ def passing_faces(corners, faces, neighbors, slot_faces, reals, words, root, mom
     """
     marks, depth = np.zeros(len(faces), np.bool_), 0.0
     for axis in range(3):
-        depth = max(depth, DEPTH * (corners[:, axis].max() - corners[:, axis].min()))
+        low, high = corners[0, axis], corners[0, axis]
+        for corner in range(len(corners)):
+            low, high = min(low, corners[corner, axis]), max(high, corners[corner, axis])
+        depth = max(depth, DEPTH * (high - low))
     stacks = words_here(STACKS_SIZE)
     is_any, blocks_left = _mark_meeting(
         corners, faces, neighbors, slot_faces, reals, words, root, depth, MOST_BLOCKS * len(faces), False,

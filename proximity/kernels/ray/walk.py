@@ -16,11 +16,11 @@ error of the box test is put into its constants.
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined
 from proximity.kernels.geometry.box import FAR
 from proximity.kernels.geometry.triangle import difference_of_products
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_SLOT, NODE_STRIDE, STACK_SIZE
 from proximity.kernels.tree.traversal import NOTHING_WAITS, descend_in_order, next_open
+from proximity.native import inlined
 from proximity.simd import (
     absolute,
     bits,

@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined
 from proximity.kernels.geometry.closest_feature import WITNESS_SIZE
 from proximity.kernels.layout import LANES, NO_PART, NO_SLOT, STACKS_SIZE
-from proximity.kernels.memory import bundle_here
+from proximity.kernels.stack_arrays import bundle_here
+from proximity.native import inlined
 
 CHUNK = 64
 """Points that go through each step together."""

@@ -11,7 +11,6 @@ parts whose surface passes through their cell.
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined, kernel
 from proximity.kernels.geometry.frames import (
     to_local,
 )
@@ -46,6 +45,7 @@ from proximity.kernels.scene.part_grid import (
 )
 from proximity.kernels.sign.inside_grid import CROSSED, INSIDE, OUTSIDE, UNKNOWN, cell_state
 from proximity.kernels.sign.side import is_inside_by_winding, signed_of_slot
+from proximity.native import inlined, kernel
 from proximity.simd import load_int, splat32, trailing_zeros
 
 

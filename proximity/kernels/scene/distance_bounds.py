@@ -10,7 +10,6 @@ from math import sqrt
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined, kernel
 from proximity.kernels.contact_columns import BOUNDED, EXACT, INSIDE, SIGNED
 from proximity.kernels.geometry.closest_feature import (
     ARM,
@@ -46,6 +45,7 @@ from proximity.kernels.scene.part_grid import containing_bits, lowest_part, soug
 from proximity.kernels.sign.inside_grid import CROSSED, OUTSIDE
 from proximity.kernels.sign.inside_grid import INSIDE as INSIDE_CELL
 from proximity.kernels.sign.side import is_inside_by_winding, signed_of_slot, witness_of_slot
+from proximity.native import inlined, kernel
 
 FEWEST_STEPS = 8
 """For each further part that may contain the point, when the budget is spent already."""

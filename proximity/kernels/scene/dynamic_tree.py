@@ -10,16 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined, kernel
-from proximity.kernels.given import (
-    INTEGER,
-    SHORT_COLUMN,
-    SHORT_TABLE,
-    TABLE,
-    WHOLE_COLUMN,
-    WHOLE_TABLE,
-    bundle_type,
-)
 from proximity.kernels.layout import (
     CORNER_COUNT,
     DYNAMIC_COUNT,
@@ -31,9 +21,10 @@ from proximity.kernels.layout import (
     REGION,
     ROOT,
 )
-from proximity.kernels.memory import words_here
 from proximity.kernels.scene.placement import box_in_scene, copy_rows, place_scene
+from proximity.kernels.stack_arrays import words_here
 from proximity.kernels.tree.wide_node import clear_node, node_box, write_lane
+from proximity.native import bundle, entry, inlined, kernel
 
 CURVE_CELLS = 2**20
 """Cells along each axis of the local cube, for the order along the curve."""
@@ -47,6 +38,9 @@ class DynamicParts(NamedTuple):
     rows: np.ndarray  # (L,) int64, of the parts
     order: np.ndarray  # (L,) int64, places in *rows* along the curve
     keys: np.ndarray  # (L,) int64, scratch: where each is along the curve
+
+
+bundle(DynamicParts, rows="int64[:]", order="int64[:]", keys="int64[:]")
 
 
 @inlined
@@ -125,14 +119,11 @@ def write_dynamic(words, region, static_root, boxes, dynamic, order, first_entry
         _write_child(words, region, 1 + i, i, below, boxes, dynamic, order, first_entry, box)
 
 
-UPDATE = (
-    SHORT_COLUMN, TABLE, WHOLE_TABLE, WHOLE_COLUMN, INTEGER, SHORT_TABLE,
-    bundle_type(DynamicParts, WHOLE_COLUMN, WHOLE_COLUMN, WHOLE_COLUMN),
-    INTEGER, INTEGER, INTEGER, TABLE, WHOLE_TABLE,
-)  # fmt: skip
-
-
-@kernel
+@entry(
+    "float32[:], float64[:, :], int64[:, :], int64[:], int, float32[:, :]",
+    DynamicParts,
+    "int, int, int, float64[:, :], int64[:, :] -> float",
+)
 def bring_up_to_date(
     words, frames, parts, versions, published, boxes, dynamic, steps, region, since, to_frames, to_parts
 ):

@@ -11,7 +11,6 @@ Each function returns the kind of the first fault that it finds, or `SOUND`, and
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined, kernel
 from proximity.kernels.geometry.box import FAR
 from proximity.kernels.geometry.frames import (
     part_of_slot,
@@ -50,6 +49,7 @@ from proximity.kernels.layout import (
 from proximity.kernels.scene.static_tree import last_up_to
 from proximity.kernels.sign.inside_grid import CELLS_PER_WORD
 from proximity.kernels.sign.winding_number import MOMENT_STRIDE
+from proximity.native import entry, inlined, kernel
 from proximity.simd import absolute, bits, load, load_int, splat, splat32
 
 DEEPEST = MAX_DEPTH // 2
@@ -107,7 +107,7 @@ def _lanes(words, base):
     return used, unused
 
 
-@kernel
+@entry("float32[:], int64[:, :], int32[:], int32[:], int32[:], uint8[:], int64[:] -> int")
 def fault_in_trees(words, parts, firsts, counts, levels, reached, fault):
     """Look through the trees of all parts.
 
@@ -164,7 +164,7 @@ def _fault_in_tree(words, parts, part, firsts, counts, levels, reached, fault):
     return SOUND
 
 
-@kernel
+@entry("float64[:], float32[:], int64[:, :], uint8[:], int64[:] -> int")
 def fault_in_parts(reals, words, parts, seen, fault):
     """Look through slots, faces, corners, moments and sign grids. *seen* (F,) uint8: F of the largest."""
     for part in range(len(parts) - 1):
@@ -270,7 +270,7 @@ def _fault_in_grid(words, parts, part, fault):
     return SOUND
 
 
-@kernel
+@entry("float32[:], int64[:, :], int64[:] -> int")
 def fault_in_lists(words, parts, fault):
     """Look through the lists of the grid over the scene, which is the last thing in *words*."""
     scene = len(parts) - 1
@@ -314,7 +314,7 @@ def _root_of_child(words, parts, reference):
     return part if is_own else np.int64(-1), reference
 
 
-@kernel
+@entry("float32[:], int64[:, :], int32[:], int32[:], int32[:], uint8[:], int64[:] -> int")
 def fault_in_static_tree(words, parts, firsts, counts, levels, covered, fault):
     """Look through the tree over parts that stand still: each block of them is below it, and once.
 
@@ -367,7 +367,7 @@ def _fault_in_cover(parts, covered, fault):
     return SOUND
 
 
-@kernel
+@entry("float32[:], int64[:, :], int, float64[:, :], int32[:, :], float, int32[:], int64[:] -> int")
 def fault_in_mesh(words, parts, part, vertices, faces, largest, corners, fault):
     """Compare a part's faces with the mesh that they were made of: (V, 3) float64 and (F, 3) int32.
 

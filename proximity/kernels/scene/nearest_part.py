@@ -8,7 +8,6 @@ frame to frame.
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined
 from proximity.kernels.geometry.box import bound_of, lanes_of_point, node_bounds_sq
 from proximity.kernels.geometry.frames import is_alone, part_of_slot, to_local
 from proximity.kernels.layout import (
@@ -22,6 +21,7 @@ from proximity.kernels.layout import (
 )
 from proximity.kernels.point.walk import closest_in_part
 from proximity.kernels.tree.traversal import NOTHING_WAITS, descend, nearer_in_block, next_open
+from proximity.native import inlined
 from proximity.simd import (
     bits,
     load_int,

@@ -10,7 +10,6 @@ Callers take a point's parts in *turns*, up to `LANES` at a time: first the list
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined, kernel, maker
 from proximity.kernels.geometry.box import point_boxes_distance_sq
 from proximity.kernels.geometry.frames import (
     ROUNDING,
@@ -39,6 +38,7 @@ from proximity.kernels.layout import (
     TRANSLATION,
 )
 from proximity.kernels.sign.inside_grid import CELLS_PER_WORD, SLACK
+from proximity.native import entry, inlined, kernel
 from proximity.simd import bits, load_int, splat32, trailing_zeros
 
 
@@ -150,7 +150,10 @@ def lowest_part(words, parts, at, containing):
     return np.int64(load_int(words, at + trailing_zeros(containing))) if len(parts) > 2 else np.int64(0)
 
 
-@maker
+@entry(
+    "float64[:, :], int64[:, :], int, uint32[:], float64[:], float, int, int, int -> int32[:]",
+    makes_arrays=True,
+)
 def cells_of_part(frames, parts, part, grid, lower, rate, nx, ny, nz):
     """Return the cells (int32, rising) of a grid over the scene in which a part may contain a point.
 

@@ -4,9 +4,7 @@ from math import isfinite
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined, kernel
 from proximity.kernels.geometry.box import BOX_MARGIN, round_down, round_up
-from proximity.kernels.given import INTEGER, REAL, TABLE, TABLES, WHOLE_COLUMN, WHOLE_TABLE
 from proximity.kernels.layout import (
     ANGULAR_VELOCITY,
     BOX_LOWER,
@@ -27,6 +25,7 @@ from proximity.kernels.layout import (
     VELOCITY,
 )
 from proximity.kernels.tree.wide_node import clear_box
+from proximity.native import entry, inlined, kernel
 from proximity.simd import lane, load, maximum, minimum, store
 
 
@@ -57,10 +56,9 @@ def _is_rigid(matrix, tolerance, farthest):
     return is_affine and is_right_handed and _off_exact(matrix) <= tolerance
 
 
-FIRST_UNFIT = (TABLES, TABLE, TABLE, REAL, REAL, REAL)
 
 
-@kernel
+@entry("float64[:, :, :], float64[:, :], float64[:, :], float, float, float -> int")
 def first_unfit(matrices, velocities, angular_velocities, tolerance, farthest, fastest):
     """The first row that cannot be used, or -1.
 
@@ -109,7 +107,7 @@ def _write_pose(frames, row, matrix, rounding):
     return True
 
 
-@kernel
+@entry("float64[:, :], int64[:, :], int")
 def place_box(frames, parts, row):
     """Fill a row's box in the scene's frame, and whether it is turned, from its pose and its own box."""
     is_turned, is_shifted = False, False
@@ -134,10 +132,12 @@ def place_box(frames, parts, row):
         frames[row, BOX_UPPER + axis] = middle + half
 
 
-MOVE = (TABLE, WHOLE_TABLE, WHOLE_COLUMN, INTEGER, WHOLE_COLUMN, TABLES, TABLE, TABLE, REAL)
 
 
-@kernel
+@entry(
+    "float64[:, :], int64[:, :], int64[:], int, int64[:], float64[:, :, :], float64[:, :], "
+    "float64[:, :], float -> int",
+)
 def move_parts(frames, parts, versions, version, rows, matrices, velocities, angular_velocities, rounding):
     """Write poses and velocities of *rows* and mark them with *version*; how many have become dynamic.
 

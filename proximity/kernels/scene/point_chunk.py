@@ -5,7 +5,6 @@ What comes after, the deepest of several parts that contain a point, is in `cont
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined
 from proximity.kernels.geometry.frames import ROUNDING, can_be_asked, to_local
 from proximity.kernels.geometry.rows import fetch_row, limit_of
 from proximity.kernels.geometry.triangle import place_of
@@ -15,6 +14,7 @@ from proximity.kernels.scene.chunk_tables import CHUNK
 from proximity.kernels.scene.containment import deepest_of_certain, note_candidates
 from proximity.kernels.scene.nearest_part import nearest_in_scene
 from proximity.kernels.sign.side import has_normals, heights_over, is_beyond, signed_of_slot
+from proximity.native import inlined
 
 
 @inlined

@@ -12,11 +12,11 @@ from math import sqrt
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined, kernel
 from proximity.kernels.geometry.closest_feature import ARM, LENGTH, NORMAL, POINT, WEIGHT, WITNESS_SIZE
-from proximity.kernels.geometry.frames import can_be_asked, to_local, to_scene, turn_to_scene
+from proximity.kernels.geometry.frames import can_be_asked, is_alone, to_local, to_scene, turn_to_scene
 from proximity.kernels.geometry.rows import fetch_row, limit_of
 from proximity.kernels.layout import (
+    ANSWERED,
     FEATURE_NONE,
     NO_FACE,
     NO_PART,
@@ -27,7 +27,7 @@ from proximity.kernels.layout import (
     SIGN_NONE,
     STACKS_SIZE,
 )
-from proximity.kernels.memory import arrays_at, longs_here, reals_here, words_here
+from proximity.kernels.model_arrays import ModelArrays
 from proximity.kernels.point.walk import NOTHING_SEEN, closest_in_part
 from proximity.kernels.scene.chunk_tables import (
     CHUNK,
@@ -49,6 +49,8 @@ from proximity.kernels.scene.point_chunk import (
     signs_of_chunk,
 )
 from proximity.kernels.sign.side import signed_of_slot, witness_of_slot
+from proximity.kernels.stack_arrays import longs_here, reals_here, words_here
+from proximity.native import HANDFUL, entry, inlined, kernel
 
 SHORTEST = 1e-150
 """Local units; the square of less would vanish."""
@@ -67,51 +69,56 @@ IS_SIGNED = PART + 3
 ANSWER_WIDTH = ANSWER_REALS + 2
 """float64 that a row takes in all."""
 
+NO_INSIDE = 0
+"""Returned by `contains_batch` where no part has an inside."""
 
-@kernel
-def distance_batch(handle, points, order, limit, distances):
-    """Fill unsigned distances (N,), m; inf beyond *limit*."""
-    model, stacks = arrays_at(handle), words_here(STACKS_SIZE)
+
+@entry(ModelArrays, "float64[:, 3], int64[:], float64[:], float64[:, 1] -> int", handful=HANDFUL)
+def distance_batch(model, points, order, limits, distances):
+    """Fill unsigned distances (N, 1), m. *limits* are not looked at."""
+    stacks = words_here(STACKS_SIZE)
     _, _, frames, parts = model
     scale = frames[len(parts) - 1, SCALE]
-    limit_sq = reach_sq(limit * scale)
+    limit_sq = reach_sq(np.inf)
     part, slot = np.int64(NO_PART), np.int64(NO_SLOT)
     for i in range(len(order) if len(order) else len(points)):
         row = row_of(order, i)
         fetch_row(points, order, i + CHUNK)
         x, y, z = points[row, 0], points[row, 1], points[row, 2]
         if not can_be_asked(frames, parts, x, y, z):
-            distances[row] = np.nan
+            distances[row, 0] = np.nan
             continue
         if not len(order):
             part, slot = np.int64(NO_PART), np.int64(NO_SLOT)
         best_sq, part, slot = nearest_from_block(model, (x, y, z), limit_sq, part, slot, stacks)
-        distance = sqrt(best_sq) / scale
-        distances[row] = distance if slot >= 0 and distance <= limit else np.inf
+        distances[row, 0] = sqrt(best_sq) / scale if slot >= 0 else np.inf
+    return ANSWERED
 
 
 @kernel
-def signed_alone(handle, points, distances):
-    """Fill signed distances (N,), m, to one part, of points as they come: without tables that many need."""
-    reals, words, frames, parts = arrays_at(handle)
+def signed_alone(model, points, distances):
+    """Fill signed distances (N, 1), m, to one part, of points as they come: without tables that many need."""
+    reals, words, frames, parts = model
     stacks, witness = words_here(STACKS_SIZE), reals_here(WITNESS_SIZE)
     for row in range(len(points)):
         x, y, z = points[row, 0], points[row, 1], points[row, 2]
-        distances[row] = np.nan
+        distances[row, 0] = np.nan
         if can_be_asked(frames, parts, x, y, z):
             px, py, pz = to_local(frames, parts, 0, x, y, z)
             _, slot = closest_in_part(
                 reals, words, parts[0, ROOT], px, py, pz, np.inf, NO_SLOT, NOTHING_SEEN, stacks, 0
             )
             signed = signed_of_slot(reals, words, parts, 0, slot, px, py, pz, witness)
-            distances[row] = signed / frames[0, SCALE]
+            distances[row, 0] = signed / frames[0, SCALE]
 
 
-@kernel
-def signed_batch(handle, points, order, distances):
-    """Fill signed distances (N,), m."""
-    model = arrays_at(handle)
+@entry(ModelArrays, "float64[:, 3], int64[:], float64[:], float64[:, 1] -> int", handful=HANDFUL)
+def signed_batch(model, points, order, limits, distances):
+    """Fill signed distances (N, 1), m. *limits* are not looked at."""
     reals, words, frames, parts = model
+    if is_alone(parts) and not len(order):
+        signed_alone(model, points, distances)
+        return ANSWERED
     rows, reaches, no_limits = longs_here(CHUNK), reals_here(CHUNK), reals_here(0)
     candidates, found, heights, workspace = candidates_here(), found_here(), heights_here(), workspace_here()
     for k in range(CHUNK):
@@ -133,13 +140,13 @@ def signed_batch(handle, points, order, distances):
                     depth = signed_of_slot(reals, words, parts, part, slot, px, py, pz, workspace.witness)
                     found.distances[k] = -abs(depth) / frames[part, SCALE]
         for k in range(chunk.point_count):
-            distances[rows[k]] = found.distances[k]
+            distances[rows[k], 0] = found.distances[k]
+    return ANSWERED
 
 
-@kernel
-def closest_batch(handle, points, order, limits, answers):
+@entry(ModelArrays, "float64[:, 3], int64[:], float64[:], float64[:, 12] -> int", handful=HANDFUL)
+def closest_batch(model, points, order, limits, answers):
     """Fill answers (N, `ANSWER_WIDTH`); see the columns above. *limits*, m: (1,) or (N,)."""
-    model = arrays_at(handle)
     reals, words, frames, parts = model
     choices = answers.view(np.int32)
     rows, reaches = longs_here(CHUNK), reals_here(CHUNK)
@@ -167,6 +174,7 @@ def closest_batch(handle, points, order, limits, answers):
             inside = inside or is_deeper
             limit = limit_of(limits, row)
             _write_answer(frames, parts, part, face, feature, inside, witness, limit, answers, choices, row)
+    return ANSWERED
 
 
 @inlined
@@ -208,22 +216,27 @@ def _write_answer(frames, parts, part, face, feature, inside, witness, limit, an
     choices[row, IS_SIGNED] = parts[part, SIGN] != SIGN_NONE
 
 
-@kernel
-def has_inside(handle):
+@inlined
+def _has_inside(parts):
     """Whether some part has one."""
-    _, _, _, parts = arrays_at(handle)
     part, count = 0, len(parts) - 1
     while part < count and parts[part, SIGN] == SIGN_NONE:
         part += 1
     return part < count
 
 
-@kernel
-def contains_batch(handle, points, order, inside):
-    """Fill whether each point is inside some part (N,), bool. Points that are not finite are not."""
-    model, workspace = arrays_at(handle), workspace_here()
+@entry(ModelArrays, "float64[:, 3], int64[:], float64[:], bool[:, 1] -> int", handful=HANDFUL)
+def contains_batch(model, points, order, limits, inside):
+    """Fill whether each point is inside some part (N, 1). Points that are not finite are not.
+
+    *limits* are not looked at. Returns `NO_INSIDE`, and fills nothing, where no part has an inside.
+    """
+    if not _has_inside(model.parts):
+        return NO_INSIDE
+    workspace = workspace_here()
     forget(workspace)
     for i in range(len(order) if len(order) else len(points)):
         row = row_of(order, i)
         fetch_row(points, order, i + CHUNK)
-        inside[row] = is_contained(model, (points[row, 0], points[row, 1], points[row, 2]), workspace)
+        inside[row, 0] = is_contained(model, (points[row, 0], points[row, 1], points[row, 2]), workspace)
+    return ANSWERED

@@ -6,7 +6,6 @@ scene's scaled frame. A segment without length is a point, and takes the way of 
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined, kernel
 from proximity.kernels.geometry.closest_feature import (
     LENGTH,
     POINT,
@@ -23,6 +22,7 @@ from proximity.kernels.geometry.frames import (
 )
 from proximity.kernels.geometry.rows import limit_of
 from proximity.kernels.layout import (
+    ANSWERED,
     ENTRY,
     FACES,
     IS_FUSED,
@@ -37,7 +37,7 @@ from proximity.kernels.layout import (
     STACK_SIZE,
     STACKS_SIZE,
 )
-from proximity.kernels.memory import arrays_at, real_rows_here, reals_here, word_rows_here, words_here
+from proximity.kernels.model_arrays import ModelArrays
 from proximity.kernels.point.walk import NOTHING_SEEN
 from proximity.kernels.scene.nearest_part import (
     nearest_in_scene,
@@ -56,7 +56,9 @@ from proximity.kernels.segment.triangle import (
     segment_on_triangle,
 )
 from proximity.kernels.segment.walk import segment_in_block, segment_in_part
+from proximity.kernels.stack_arrays import real_rows_here, reals_here, word_rows_here, words_here
 from proximity.kernels.tree.traversal import NOTHING_WAITS, descend, next_open
+from proximity.native import HANDFUL, entry, inlined, kernel
 from proximity.simd import (
     bits,
     load_int,
@@ -225,14 +227,19 @@ def _write_answer(reals, words, frames, parts, part, slot, segment, plan, witnes
     choice[FACE] = load_int(words, parts[part, SLOT_FACES] + slot)
 
 
-@kernel
-def segment_batch(handle, starts, ends, order, limits, answers):
+@entry(
+    ModelArrays,
+    "float64[:, 3], float64[:, 3], int64[:], float64[:], float64[:, :] -> int",
+    handful=HANDFUL,
+)
+def segment_batch(model, starts, ends, order, limits, answers):
     """Fill answers (N, `ANSWER_WIDTH`) for segments (N, 3) to (N, 3); see the columns above.
 
     *order*: the rows in the order to take them in, or empty. *limits*, m, (1,) or (N,): nothing farther is
     looked for. A row that is not finite, or with an end too far off to be computed with, answers nan.
+    Returns `ANSWERED`.
     """
-    reals, words, frames, parts = arrays_at(handle)
+    reals, words, frames, parts = model
     choices = answers.view(np.int32)
     stacks = words_here(STACKS_SIZE)
     plans, probes = real_rows_here(2, PLAN_SIZE), word_rows_here(2, PROBE_SIZE)
@@ -276,3 +283,4 @@ def segment_batch(handle, starts, ends, order, limits, answers):
         _write_answer(
             reals, words, frames, parts, part, slot, segment, plan, witness, limit, answers[row], choices[row]
         )
+    return ANSWERED

@@ -9,11 +9,11 @@ Source: Benthin, Woop, Wald, Áfra 2017, "Improved two-level BVHs using partial 
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined, kernel, maker
 from proximity.kernels.geometry.box import BOX_MARGIN, round_down, round_up
 from proximity.kernels.geometry.frames import (
     part_of_slot,
 )
+from proximity.kernels.geometry.rows import copy_numbers, copy_row
 from proximity.kernels.layout import (
     CENTRE,
     CHILDREN,
@@ -30,6 +30,7 @@ from proximity.kernels.layout import (
 )
 from proximity.kernels.tree.binned_sah import RECORD
 from proximity.kernels.tree.wide_node import clear_box, node_box, write_lane
+from proximity.native import entry, inlined, kernel
 from proximity.simd import load_int
 
 
@@ -62,7 +63,7 @@ def _lane_box(words, frames, part, base, k, scene, lower, upper, box):
     scene_box(frames, part, scene, lower, upper, box)
 
 
-@maker
+@entry("float32[:], float64[:, :], int64[:, :], int -> float32[:], int32[:, :]", makes_arrays=True)
 def gather_entries(words, frames, parts, target):
     """Return boxes (E * `RECORD`,) float32 and references (E, 2) int32 of about *target* entries.
 
@@ -83,34 +84,37 @@ def gather_entries(words, frames, parts, target):
         for k in range(LANES):
             if words[base + k] <= words[base + 24 + k]:
                 _lane_box(words, frames, part, base, k, scene, lower, upper, box)
-                waiting_boxes[count] = box
+                for side in range(6):
+                    waiting_boxes[count, side] = box[side]
                 waiting[count, 0] = part
                 waiting[count, 1] = load_int(words, base + CHILDREN + k)
                 total += _half_area(box)
                 count += 1
     small = total / target
-    boxes = np.zeros((capacity, RECORD), np.float32)
+    boxes = np.zeros(capacity * RECORD, np.float32)
     references = np.empty((capacity, 2), np.int32)
     done = 0
     while count:
         count -= 1
         part, reference = np.int64(waiting[count, 0]), np.int64(waiting[count, 1])
-        box[:] = waiting_boxes[count]
+        for k in range(6):
+            box[k] = waiting_boxes[count, k]
         if reference < 0 or _half_area(box) <= small or done + count + LANES >= capacity:
             for axis in range(3):
-                boxes[done, axis], boxes[done, 4 + axis] = box[axis], -box[3 + axis]
-            references[done] = waiting[count]
+                boxes[RECORD * done + axis], boxes[RECORD * done + 4 + axis] = box[axis], -box[3 + axis]
+            copy_row(waiting, count, references, done)
             done += 1
             continue
         base = NODE_STRIDE * reference
         for k in range(LANES):
             if words[base + k] <= words[base + 24 + k]:
                 _lane_box(words, frames, part, base, k, scene, lower, upper, box)
-                waiting_boxes[count] = box
+                for side in range(6):
+                    waiting_boxes[count, side] = box[side]
                 waiting[count, 0] = part
                 waiting[count, 1] = load_int(words, base + CHILDREN + k)
                 count += 1
-    return boxes[:done].copy().reshape(-1), references[:done].copy()
+    return boxes[: RECORD * done].copy(), references[:done].copy()
 
 
 @inlined
@@ -135,7 +139,7 @@ def _part_of_child(words, parts, reference, entries_at):
     return np.int64(load_int(words, entries_at + 2 * (~reference - ENTRY)))
 
 
-@maker
+@entry("float32[:], int64[:, :], int, int, int, int -> bool", makes_arrays=True)
 def thin_out(words, parts, first, count, target, entries_at):
     """Copy a static tree of *count* nodes from node *first* to node *target*, without parts that have left.
 
@@ -146,7 +150,7 @@ def thin_out(words, parts, first, count, target, entries_at):
     # Children have higher numbers than their parents.
     for node in range(count - 1, -1, -1):
         base = NODE_STRIDE * (target + node)
-        numbers[base : base + NODE_STRIDE] = numbers[NODE_STRIDE * (first + node) :][:NODE_STRIDE]
+        copy_numbers(numbers, NODE_STRIDE * (first + node), numbers, base, NODE_STRIDE)
         for lane in range(LANES):
             if not words[base + lane] <= words[base + 24 + lane]:
                 continue
@@ -170,7 +174,7 @@ def _half_area(box):
     return dx * (dy + dz) + dy * dz
 
 
-@kernel
+@entry("float32[:], int32[:, :], int64[:, :], int")
 def name_leaves(nodes, entries, parts, first_node):
     """Have a tree over entries refer to what its leaves are, and number its nodes from *first_node* on.
 

@@ -14,7 +14,6 @@ Source: Gottschalk, Lin, Manocha 1996, "OBBTree" (separating axes).
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined, kernel
 from proximity.kernels.geometry.box import LARGEST_REST, bound_of
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import LANES
@@ -37,6 +36,7 @@ from proximity.kernels.segment.plan import (
     WAY,
     ZERO,
 )
+from proximity.native import inlined, kernel
 from proximity.simd import absolute, fma, load, maximum, minimum, narrow, select, splat, widen
 
 SHRINK_FAR = 1.0 - 2.0**-44

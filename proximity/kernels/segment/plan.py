@@ -9,10 +9,10 @@ from math import sqrt
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined, kernel
 from proximity.kernels.geometry.box import FAR, round_down, round_up
 from proximity.kernels.geometry.triangle import TINY, dot
 from proximity.kernels.layout import LANES
+from proximity.native import inlined, kernel
 from proximity.simd import fma, splat, splat32, store
 
 # --- what bounds need, eight lanes each: in a plan from AXES on, or in a probe ---

@@ -13,10 +13,10 @@ common perpendicular; Woop, Benthin, Wald 2013, "Watertight ray/triangle interse
 
 from math import inf, sqrt
 
-from proximity.kernels.compiler import inlined, kernel
 from proximity.kernels.geometry.closest_feature import LENGTH, POINT, TRIANGLE, WEIGHT, closest_on_triangle
 from proximity.kernels.geometry.triangle import TINY, cross, difference_of_products, dot
 from proximity.kernels.segment.plan import END, SLOPE_X, SLOPE_Y, START, ordered_axes
+from proximity.native import inlined, kernel
 from proximity.simd import absolute, fma, like, maximum, minimum, select
 
 # Behind the columns of `witness`: the answer for a segment.

@@ -7,7 +7,6 @@ once one is known only what comes before it is looked at. So nothing depends on 
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined, kernel
 from proximity.kernels.geometry.closest_feature import read_corners
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_SLOT, NODE_STRIDE, STACK_SIZE
 from proximity.kernels.segment.box import node_bounds_sq, open_bound
@@ -24,6 +23,7 @@ from proximity.kernels.segment.plan import (
 )
 from proximity.kernels.segment.triangle import FRACTION, segment_on_triangle, segment_triangle_distance_sq
 from proximity.kernels.tree.traversal import NOTHING_WAITS, descend, next_open
+from proximity.native import inlined, kernel
 from proximity.simd import (
     bits,
     horizontal_min,

@@ -8,11 +8,11 @@ from math import sqrt
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined, kernel, maker
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import FOLDED_AT, LANES
 from proximity.kernels.mesh.faces import face_normal
 from proximity.kernels.sign.winding_number import winding_number
+from proximity.native import entry, inlined, kernel, maker
 from proximity.simd import load_int
 
 SHARPEST = -0.9
@@ -32,7 +32,10 @@ def is_folded(words, notes, slot):
     return (load_int(words, notes + slot // LANES) >> (FOLDED_AT + slot % LANES)) & 1 != 0
 
 
-@maker
+@entry(
+    "float64[:, :], int32[:, :], int32[:, :], int32[:], float64[:], float32[:], int, int -> uint8[:]",
+    makes_arrays=True,
+)
 def folded_faces(corners, faces, neighbors, slot_faces, reals, words, root, moments):
     """Return which slots have faces folded over, or next to one that is, a bit each: (blocks,) uint8.
 

@@ -7,8 +7,9 @@ winding number is an integer: there inside and outside change at faces only.
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined, kernel, maker
+from proximity.kernels.geometry.rows import copy_row
 from proximity.kernels.sign.winding_number import winding_number
+from proximity.native import entry, inlined, kernel
 from proximity.simd import load_int
 
 OUTSIDE = 0
@@ -70,7 +71,11 @@ def _spread(states, seed, state, nx, ny, nz, stack):
             waiting = _reach(states, here + nx * ny, state, stack, waiting)
 
 
-@maker
+@entry(
+    "float64[:, :], int32[:, :], float64[:], float, int, int, int, float64[:], float32[:], int, "
+    "int -> uint32[:]",
+    makes_arrays=True,
+)
 def build_grid(corners, faces, lower, rate, nx, ny, nz, reals, words, root, moments):
     """Return the packed states (int32) of *nx ny nz* cells of size 1/*rate* from *lower* on.
 
@@ -130,7 +135,11 @@ def build_grid(corners, faces, lower, rate, nx, ny, nz, reals, words, root, mome
     return packed
 
 
-@maker
+@entry(
+    "float64[:, :], int32[:, :], float64[:], float, int, int, int, "
+    "uint32[:] -> float64[:, :], bool[:], bool[:]",
+    makes_arrays=True,
+)
 def uncertain_points(corners, faces, lower, rate, nx, ny, nz, grid):
     """Return places that a face and the grid tell to be on different sides, and which faces are clear.
 
@@ -191,7 +200,8 @@ def uncertain_points(corners, faces, lower, rate, nx, ny, nz, grid):
                     if count == MOST_PLACES:
                         count, stride = count // 2, 2 * stride
                         for kept in range(count):
-                            places[kept], is_inside[kept] = places[2 * kept + 1], is_inside[2 * kept + 1]
+                            copy_row(places, 2 * kept + 1, places, kept)
+                            is_inside[kept] = is_inside[2 * kept + 1]
                     for axis in range(3):
                         places[count, axis] = lower[axis] + place[axis] / rate
                     is_inside[count] = state == INSIDE

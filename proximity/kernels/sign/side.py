@@ -1,6 +1,5 @@
 """Inside or outside of one part, decided by the triangle of it that is nearest."""
 
-from proximity.kernels.compiler import inlined
 from proximity.kernels.geometry.closest_feature import (
     ARM,
     LENGTH,
@@ -23,6 +22,7 @@ from proximity.kernels.layout import (
 )
 from proximity.kernels.sign.folded_faces import is_folded
 from proximity.kernels.sign.winding_number import winding_number
+from proximity.native import inlined
 from proximity.simd import load, load_each, load_int, select, splat, store
 
 FLAT = 1e-6

@@ -22,10 +22,10 @@ from math import atan2, pi, sqrt
 
 import numpy as np
 
-from proximity.kernels.compiler import kernel, maker
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import BLOCK_STRIDE, CHILDREN, LANES, NODE_STRIDE, STACK_SIZE
-from proximity.kernels.memory import reals_here, words_here
+from proximity.kernels.stack_arrays import reals_here, words_here
+from proximity.native import entry, kernel
 from proximity.simd import (
     absolute,
     bits,
@@ -51,7 +51,7 @@ SMALLEST, LARGEST = 1e-300, 1e300
 """What a product is between: beyond, it has no direction. That is where features are below 1e-100 local."""
 
 
-@maker
+@entry("float32[:], float64[:], int, float32[:]", makes_arrays=True)
 def fill_moments(words, reals, node_count, moments):
     """Fill the moments of a tree that starts at word 0 with blocks at real 0.
 
@@ -69,10 +69,9 @@ def fill_moments(words, reals, node_count, moments):
             if not words[base + k] <= words[base + 24 + k]:
                 continue
             child = load_int(words, base + CHILDREN + k)
-            own[:] = 0.0
-            if child >= 0:
-                own[:] = sums[child]
-            else:
+            for number in range(16):
+                own[number] = sums[child, number] if child >= 0 else 0.0
+            if child < 0:
                 for i in range(LANES):
                     _add_triangle(reals, BLOCK_STRIDE * ~child + i, own)
             for number in range(16):
@@ -252,7 +251,7 @@ def _flux(words, at, dx, dy, dz, distance_sq):
     )
 
 
-@kernel
+@entry("float64[:], float32[:], int, int, float64[:, :], float64[:]")
 def winding_numbers(reals, words, root, moments, points, turns):
     """Fill the winding numbers around points (N, 3), local: *turns* (N,)."""
     for row in range(len(points)):

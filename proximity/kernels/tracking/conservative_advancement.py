@@ -18,7 +18,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined, kernel
 from proximity.kernels.geometry.closest_feature import ARM, LENGTH
 from proximity.kernels.geometry.frames import (
     direction_to_scene,
@@ -29,6 +28,7 @@ from proximity.kernels.layout import LANES, SCALE
 from proximity.kernels.point.budgeted_walk import DOWN
 from proximity.kernels.scene.distance_bounds import fill_witness, nearest_from_face
 from proximity.kernels.tracking.part_drift import drift_until
+from proximity.native import inlined, kernel
 from proximity.simd import horizontal_min, load, minimum, select, splat, square_root
 
 MOST_STEPS = 24

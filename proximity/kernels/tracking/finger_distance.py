@@ -8,7 +8,6 @@ from math import sqrt
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined
 from proximity.kernels.contact_columns import (
     APPROACH_SPEED,
     DAMPING,
@@ -77,6 +76,7 @@ from proximity.kernels.tracking.track import (
     vector_at,
 )
 from proximity.kernels.tracking.track import PART as TRACK_PART
+from proximity.native import inlined
 from proximity.simd import load_int
 
 CROWD = 10

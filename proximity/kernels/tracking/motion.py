@@ -22,8 +22,8 @@ was one of a pose or two gone astray. Times are whole nanoseconds: a float would
 
 import math
 
-from proximity.kernels.compiler import inlined, kernel
 from proximity.kernels.contact_columns import JUMPED, PREDICTED, TRACKED
+from proximity.native import entry, inlined, kernel
 
 # --- columns of ``reals`` (float64) ---
 POSITION = 0  # m, the last pose
@@ -186,7 +186,7 @@ def _follow(reals, row, x, y, z, dt, max_acceleration):
     return noise_error
 
 
-@kernel
+@entry("float64[:, :], int64[:, :], int, int, float, float, float, float, float -> int")
 def observe(reals, ints, row, t_ns, x, y, z, max_speed, max_acceleration):
     """Take in the pose of a finger at *t_ns*; what is known then, as bits.
 

@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined, kernel
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import (
     ANGULAR_VELOCITY,
@@ -24,6 +23,7 @@ from proximity.kernels.layout import (
     TRANSLATION,
     VELOCITY,
 )
+from proximity.native import inlined, kernel
 from proximity.simd import (
     bits,
     horizontal_min,

@@ -8,7 +8,6 @@ from math import isfinite, sqrt
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined, kernel
 from proximity.kernels.contact_columns import (
     BEND,
     BEND_RATE,
@@ -42,6 +41,7 @@ from proximity.kernels.tracking.conservative_advancement import (
 from proximity.kernels.tracking.part_drift import Drift, gather_near, velocity_of_part
 from proximity.kernels.tracking.prediction import STILL, count_steps, steps_left
 from proximity.kernels.tracking.track import PART, RADIUS, SLOT, WAY, vector_at
+from proximity.native import inlined, kernel
 
 PROBES = 3
 """Questions beyond the expected contact, each farther, to confirm it."""

@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined
 from proximity.kernels.contact_columns import (
     APPROACH_SPEED,
     IN_RANGE,
@@ -53,6 +52,7 @@ from proximity.kernels.tracking.track import (
     WORKING_RANGE,
     vector_at,
 )
+from proximity.native import inlined
 
 STILL = 1e-6
 """m/s. Slower than this nothing gets anywhere within a horizon."""

@@ -8,7 +8,6 @@ from math import isfinite
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined, kernel
 from proximity.kernels.contact_columns import (
     AGE_NS,
     APPROACH_SPEED,
@@ -47,9 +46,9 @@ from proximity.kernels.contact_columns import (
 )
 from proximity.kernels.geometry.closest_feature import WITNESS_SIZE
 from proximity.kernels.geometry.frames import can_be_asked
-from proximity.kernels.given import FLAG, GIVEN_ROWS, INTEGER, row_count, rows_of
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_FACE, NO_PART
-from proximity.kernels.memory import arrays_at, real_rows_here, reals_here
+from proximity.kernels.model_arrays import ModelArrays
+from proximity.kernels.stack_arrays import real_rows_here, reals_here
 from proximity.kernels.tracking.conservative_advancement import Path
 from proximity.kernels.tracking.finger_distance import find_distance
 from proximity.kernels.tracking.motion import VELOCITY as ESTIMATE
@@ -85,8 +84,8 @@ from proximity.kernels.tracking.track import (
     TrackerArrays,
     finger_at,
     forget_surfaces,
-    tracker_arrays_at,
 )
+from proximity.native import HANDFUL, entry, inlined
 from proximity.simd import prefetch
 
 FLAG_BITS = (1 << 16) - 1
@@ -105,21 +104,16 @@ when there are: so all are as well known as can be, for how far they are. Turns 
 within 20 mm of a skin with bounds 9.5 mm apart (p99; 3.8 with this), with half again as many steps."""
 
 
-TICK = (INTEGER, INTEGER, GIVEN_ROWS, INTEGER, INTEGER, FLAG)
+@entry(ModelArrays, TrackerArrays, "float64[:, 3], int, int, bool -> bool", handful=HANDFUL)
+def tick(model, arrays, positions, all_pose_ns, now_ns, is_moved):
+    """Fill the records of a tracker; whether that was done.
 
-
-@kernel
-def tick(handle, tracker, positions, all_pose_ns, now_ns, is_moved):
-    """Fill the records of the tracker at address *tracker* for the model at *handle*; whether that was done.
-
-    It is not done, and nothing is changed, where *positions* are not (fingers, 3) in C order, or instants are
+    It is not done, and nothing is changed, where *positions* are not as many as fingers, or instants are
     beyond `MOST_NS`. *all_pose_ns*: instant of the positions, or `EACH_ITS_OWN`. *is_moved*: whether parts
     may stand elsewhere than at the tick before.
     """
-    model = arrays_at(handle)
-    arrays = TrackerArrays(*tracker_arrays_at(tracker))
     settings, count = arrays.settings, len(arrays.marks)
-    if row_count(positions) != count or not -MOST_NS <= now_ns <= MOST_NS:
+    if len(positions) != count or not -MOST_NS <= now_ns <= MOST_NS:
         return False
     if all_pose_ns != EACH_ITS_OWN and not -MOST_NS <= all_pose_ns <= MOST_NS:
         return False
@@ -129,7 +123,7 @@ def tick(handle, tracker, positions, all_pose_ns, now_ns, is_moved):
     settings[AHEAD_LEFT] = AHEAD * settings[BUDGET]
     if is_moved:
         _follow_parts(model, arrays)
-    _observe_all(model, arrays, rows_of(positions), all_pose_ns, now_ns)
+    _observe_all(model, arrays, positions, all_pose_ns, now_ns)
     late = min(
         _find_all_distances(model, arrays, is_moved, scratch), _predict_all(model, arrays, straight, scratch)
     )

@@ -8,13 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined, kernel
 from proximity.kernels.contact_columns import RECORD_INTS, RECORD_REALS
-from proximity.kernels.memory import TableLength, arrays_behind
 from proximity.kernels.point.coherent_search import FRONTIER_SIZE
 from proximity.kernels.tracking.conservative_advancement import BALLS, BALLS_SIZE
 from proximity.kernels.tracking.motion import MOTION_INTS, MOTION_REALS
 from proximity.kernels.tracking.part_drift import POSE_COLUMNS
+from proximity.native import bundle, entry, inlined
 
 # --- columns of ``tracks`` (float64), a row a finger ---
 ANCHOR = 0  # m, scene's frame: where CLEAR was found
@@ -119,42 +118,33 @@ def vector_at(row, column):
     return row[column], row[column + 1], row[column + 2]
 
 
-FINGER_COUNT, PATH_COUNT, PART_COUNT, MOVERS_SIZE, WORKSPACE_SIZE, FRONTIERS_COUNT = range(6)
-FIRST_ADDRESS = 6
-NAMES = tuple(name for name in TrackerArrays._fields if name not in ("wide", "numbers"))
-"""Of the arrays, in the order of their addresses in the table."""
-FINGERS, KNOTS = TableLength(FINGER_COUNT), TableLength(PATH_COUNT)
-
-
-def _address(name):
-    return FIRST_ADDRESS + NAMES.index(name)
-
-
-tracker_arrays_at = arrays_behind(
-    ("float64", _address("settings"), (SETTINGS_SIZE,)),
-    ("int64", _address("pose_ns"), (FINGERS,)),
-    ("float64", _address("velocities"), (FINGERS, 3)),
-    ("float64", _address("paths"), (FINGERS, KNOTS, 3)),
-    ("float64", _address("path_bends"), (KNOTS,)),
-    ("float64", _address("bends"), (FINGERS,)),
-    ("float64", _address("path_lengths"), (KNOTS,)),
-    ("float64", _address("motions"), (FINGERS, MOTION_REALS)),
-    ("int64", _address("motion_marks"), (FINGERS, MOTION_INTS)),
-    ("float64", _address("tracks"), (FINGERS, TRACK_REALS)),
-    ("int64", _address("marks"), (FINGERS, TRACK_INTS)),
-    ("float64", _address("balls"), (FINGERS, BALLS_SIZE)),
-    ("float32", _address("frontiers"), (TableLength(FRONTIERS_COUNT), FRONTIER_SIZE)),
-    ("float64", _address("records"), (FINGERS, RECORD_REALS)),
-    ("int64", _address("records"), (FINGERS, RECORD_REALS)),
-    ("int32", _address("records"), (FINGERS, RECORD_INTS)),
-    ("float64", _address("before"), (TableLength(PART_COUNT), POSE_COLUMNS)),
-    ("float64", _address("movers"), (TableLength(MOVERS_SIZE),)),
-    ("float32", _address("workspace"), (TableLength(WORKSPACE_SIZE),)),
+VIEWS = ("wide", "numbers")
+"""Arrays of a tracker that are other views of ``records``."""
+bundle(
+    TrackerArrays,
+    settings=f"float64[{SETTINGS_SIZE}]",
+    pose_ns="int64[:]",
+    velocities="float64[:, 3]",
+    paths="float64[:, :, 3]",
+    path_bends="float64[:]",
+    bends="float64[:]",
+    path_lengths="float64[:]",
+    motions=f"float64[:, {MOTION_REALS}]",
+    motion_marks=f"int64[:, {MOTION_INTS}]",
+    tracks=f"float64[:, {TRACK_REALS}]",
+    marks=f"int64[:, {TRACK_INTS}]",
+    balls=f"float64[:, {BALLS_SIZE}]",
+    frontiers=f"float32[:, {FRONTIER_SIZE}]",
+    records=f"float64[:, {RECORD_REALS}]",
+    wide=f"int64[:, {RECORD_REALS}]",
+    numbers=f"int32[:, {RECORD_INTS}]",
+    before=f"float64[:, {POSE_COLUMNS}]",
+    movers="float64[:]",
+    workspace="float32[:]",
 )
-"""The arrays of the tracker whose table is at an address, in the order of `TrackerArrays`."""
 
 
-@kernel
+@entry("float64[:, :], float64[:, :]")
 def forget_surfaces(tracks, balls):
     """Forget how far surfaces were, as no tick had been before."""
     for i in range(len(tracks)):

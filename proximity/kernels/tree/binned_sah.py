@@ -12,7 +12,8 @@ Source: Wald 2007, "On fast construction of SAH-based bounding volume hierarchie
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined, kernel, maker
+from proximity.kernels.geometry.rows import copy_numbers, copy_row
+from proximity.native import inlined, kernel, maker
 from proximity.simd import halves_swapped, lane, load, minimum, splat32, store
 
 RECORD = 8
@@ -190,6 +191,13 @@ def _divide(boxes, order, first, count, middles, at, bins, plane, sides):
     return left - first
 
 
+@inlined
+def _write_leaf(links, node, first, count):
+    """Write a node of the binary tree that has faces and no children yet."""
+    links[node, LEFT], links[node, RIGHT] = NO_CHILD, NO_CHILD
+    links[node, FIRST], links[node, COUNT] = first, count
+
+
 @maker
 def halve(boxes, order, leaf_shift):
     """Return the boxes (N * `RECORD`) and the links (N, 4) of a binary tree; node 0 is its root.
@@ -213,10 +221,10 @@ def halve(boxes, order, leaf_shift):
     waiting = np.empty((LARGEST_WAITING, 2), np.int64)  # node and depth
     middles = np.empty(LARGEST_WAITING * RECORD, np.float32)
     _measure(boxes, 0, len(order), sides, 0)
-    nodes[:RECORD] = sides[:RECORD]
-    middles[:RECORD] = sides[RECORD : 2 * RECORD]
-    links[0] = (NO_CHILD, NO_CHILD, 0, len(order))
-    waiting[0] = (0, 0)
+    copy_numbers(sides, 0, nodes, 0, RECORD)
+    copy_numbers(sides, RECORD, middles, 0, RECORD)
+    _write_leaf(links, 0, 0, len(order))
+    waiting[0, 0], waiting[0, 1] = 0, 0
     node_count, waiting_count = 1, 1
     while waiting_count:
         waiting_count -= 1
@@ -240,19 +248,20 @@ def halve(boxes, order, leaf_shift):
                 np.empty(capacity * RECORD, np.float32),
                 np.empty((capacity, 4), np.int32),
             )
-            more_nodes[: RECORD * node_count] = nodes[: RECORD * node_count]
-            more_links[:node_count] = links[:node_count]
+            copy_numbers(nodes, 0, more_nodes, 0, RECORD * node_count)
+            for kept in range(node_count):
+                copy_row(links, kept, more_links, kept)
             nodes, links = more_nodes, more_links
         links[node, LEFT], links[node, RIGHT] = node_count, node_count + 1
-        links[node_count] = (NO_CHILD, NO_CHILD, first, left)
-        links[node_count + 1] = (NO_CHILD, NO_CHILD, first + left, count - left)
+        _write_leaf(links, node_count, first, left)
+        _write_leaf(links, node_count + 1, first + left, count - left)
         # The larger side waits longer.
         smaller = 0 if left <= count - left else 1
         for side in (1 - smaller, smaller):
             at = _RIGHT_BOX if side else _LEFT_BOX
-            nodes[RECORD * (node_count + side) :][:RECORD] = sides[at : at + RECORD]
-            middles[RECORD * waiting_count :][:RECORD] = sides[at + RECORD : at + 2 * RECORD]
-            waiting[waiting_count] = (node_count + side, depth + 1)
+            copy_numbers(sides, at, nodes, RECORD * (node_count + side), RECORD)
+            copy_numbers(sides, at + RECORD, middles, RECORD * waiting_count, RECORD)
+            waiting[waiting_count, 0], waiting[waiting_count, 1] = node_count + side, depth + 1
             waiting_count += 1
         node_count += 2
     return nodes[: RECORD * node_count].copy(), links[:node_count].copy()

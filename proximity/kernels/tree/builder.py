@@ -6,19 +6,19 @@ Runs of faces are halved until a leaf takes them (`halving`), what turns out bad
 
 import numpy as np
 
-from proximity.kernels.compiler import kernel, maker
 from proximity.kernels.geometry.box import BOX_MARGIN, round_down, round_up
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_FACE
 from proximity.kernels.tree.binned_sah import RECORD, halve
 from proximity.kernels.tree.collapse import widen_tree
 from proximity.kernels.tree.reinsertion import improve
+from proximity.native import entry
 
 FACES_SHIFT = 3
 ENTRIES_SHIFT = 0
 """A leaf takes two to the power of that: eight faces, as many as a block, or one entry."""
 
 
-@kernel
+@entry("float64[:, :], int32[:, :], float32[:]")
 def face_boxes(vertices, faces, boxes):
     """Fill the records (see `halving`) of float32 boxes that contain each face with a margin."""
     for face in range(len(faces)):
@@ -32,14 +32,16 @@ def face_boxes(vertices, faces, boxes):
             boxes[at + 4 + axis] = -(round_up(max(a, b, c)) + BOX_MARGIN)
 
 
-@maker
+@entry("float32[:], int -> float32[:], int32[:], int32[:]", makes_arrays=True)
 def build_tree(boxes, leaf_shift):
     """Return nodes (float32, flat), the order of faces (int32) and each leaf's first place in it (int32).
 
     *boxes*: (F * `RECORD`,) float32, F >= 1; they are moved. A leaf takes ``2 ** leaf_shift`` at most. Child
     references lie in the nodes as int32 bits; see `layout`. Leaves are numbered in the order of faces.
     """
-    order = np.arange(len(boxes) // RECORD).astype(np.int32)
+    order = np.empty(len(boxes) // RECORD, np.int32)
+    for face in range(len(order)):
+        order[face] = face
     tree, links = halve(boxes, order, leaf_shift)
     if leaf_shift != ENTRIES_SHIFT:
         # Over entries somebody is waiting: it would spare 2 % of the steps, and take a third of the time.
@@ -47,7 +49,7 @@ def build_tree(boxes, leaf_shift):
     return widen_tree(tree, links, order)
 
 
-@kernel
+@entry("float64[:, :], int32[:, :], int32[:], int32[:], float64[:], int32[:]")
 def fill_blocks(vertices, faces, order, block_first, blocks, face_of_slot):
     """Put the corners of every leaf's faces into eight-lane blocks; unused lanes are NaN."""
     for block in range(len(block_first) - 1):

@@ -10,10 +10,10 @@ Laine 2017, "Efficient incoherent ray traversal on GPUs through compressed wide 
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined, kernel, maker
 from proximity.kernels.layout import CHILDREN, LANES, MAX_DEPTH, NODE_STRIDE
 from proximity.kernels.tree.binned_sah import COUNT, FIRST, LEFT, RECORD, RIGHT, half_area, thickness, unpack
 from proximity.kernels.tree.wide_node import clear_node, write_lane
+from proximity.native import inlined, kernel, maker
 from proximity.simd import load, minimum
 
 EVEN_DEPTH = MAX_DEPTH // 2 - 10
@@ -156,6 +156,13 @@ def _join_leaves(boxes, leaves, first, count):
     return box
 
 
+@inlined
+def _wait(waiting, at, node, first, number, depth, reference_at):
+    """Write what is to become a wide node; see `widen_tree`."""
+    waiting[at, 0], waiting[at, 1], waiting[at, 2] = node, first, number
+    waiting[at, 3], waiting[at, 4] = depth, reference_at
+
+
 @maker
 def widen_tree(boxes, links, order):
     """Return the wide nodes, and the order of faces and each leaf's first place in it, leaves in a row.
@@ -192,11 +199,12 @@ def widen_tree(boxes, links, order):
     # What becomes a wide node: a node of the binary tree, or some leaves in a row; how deep it is, and where
     # the reference to it belongs.
     waiting = np.empty((MAX_DEPTH * LANES, 5), np.int64)
-    waiting[0] = (0, 0, leaf_count, 0, NO_PLACE)
+    _wait(waiting, 0, 0, 0, leaf_count, 0, NO_PLACE)
     waiting_count = 1
     while waiting_count:
         waiting_count -= 1
-        node, first, number, depth, reference_at = waiting[waiting_count]
+        node, first, number = waiting[waiting_count, 0], waiting[waiting_count, 1], waiting[waiting_count, 2]
+        depth, reference_at = waiting[waiting_count, 3], waiting[waiting_count, 4]
         base = node_count * NODE_STRIDE
         if reference_at != NO_PLACE:
             nodes.view(np.int32)[reference_at] = node_count
@@ -221,6 +229,6 @@ def widen_tree(boxes, links, order):
             unpack(record, box)
             write_lane(nodes, base, lane, box, ~start)
             if size > 1:
-                waiting[waiting_count] = (child, start, size, depth + 1, base + CHILDREN + lane)
+                _wait(waiting, waiting_count, child, start, size, depth + 1, base + CHILDREN + lane)
                 waiting_count += 1
     return nodes[: node_count * NODE_STRIDE].copy(), new_order, leaf_first

@@ -11,11 +11,11 @@ looked at by walks that do not find an end.
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined, kernel, maker
 from proximity.kernels.geometry.box import round_down, round_up
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import BLOCK_STRIDE, CHILDREN, LANES, NODE_STRIDE
 from proximity.kernels.sign.winding_number import MOMENT_STRIDE
+from proximity.native import entry, inlined, kernel
 from proximity.simd import (
     horizontal_min,
     load,
@@ -40,7 +40,7 @@ SMALLEST = 2.0**-96
 """A bound below it counts as 0: the smallest float32 numbers have few bits, and rounding may raise them."""
 
 
-@maker
+@entry("float32[:], float64[:], int, int, float32[:], int", makes_arrays=True)
 def fill_slabs(words, reals, root, node_count, moments, moments_at):
     """Fill the slabs of a tree of *node_count* nodes from *root* on; its moments are there.
 

@@ -15,7 +15,6 @@ from math import pi, sqrt
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined, kernel, maker
 from proximity.kernels.geometry.box import BOX_MARGIN
 from proximity.kernels.geometry.triangle import cross, dot
 from proximity.kernels.layout import (
@@ -34,9 +33,10 @@ from proximity.kernels.layout import (
     SCALE,
     SLOT_FACES,
 )
-from proximity.kernels.memory import arrays_at
+from proximity.kernels.model_arrays import ModelArrays
 from proximity.kernels.sign.winding_number import MOMENT_STRIDE, OPENING
 from proximity.kernels.tree.normal_slab import fill_slabs
+from proximity.native import entry, inlined, kernel
 from proximity.simd import (
     absolute,
     add_rows,
@@ -75,7 +75,7 @@ MIDDLE = 0.41421356237309503
 """Tangent of an eighth of pi: from here on an arc is measured from a quarter of pi."""
 
 
-@kernel
+@entry("float64[:, :], int32[:], float, float64[:, :], float64[:] -> int")
 def survey_vertices(vertices, leaders, largest, kept, box):
     """Copy *vertices* (V, 3) to *kept*, fill *box* (6,), lower and upper; the first row that cannot be used.
 
@@ -103,13 +103,13 @@ def survey_vertices(vertices, leaders, largest, kept, box):
     return bad
 
 
-@maker
-def refit_part(handle, part, vertices, leaders):
+@entry(ModelArrays, "int, float64[:, 3], int32[:] -> float, float", makes_arrays=True)
+def refit_part(model, part, vertices, leaders):
     """Write *vertices* (V, 3), m, of which all can be used, into a part; its frame is set, and holds them.
 
     Returns area and three times the enclosed volume, local.
     """
-    reals, words, frames, parts = arrays_at(handle)
+    reals, words, frames, parts = model
     root, node_count = parts[part, ROOT], parts[part, NODE_COUNT]
     slot_faces, faces, moments = parts[part, SLOT_FACES], parts[part, FACES], parts[part, MOMENTS]
     corner_count = parts[part, CORNER_COUNT]

@@ -10,8 +10,8 @@ Source: Bittner, Hapala, Havran 2013, "Fast insertion-based optimization of boun
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined, kernel, maker
 from proximity.kernels.tree.binned_sah import LEFT, NO_CHILD, RECORD, RIGHT, half_area
+from proximity.native import inlined, kernel, maker
 from proximity.simd import load, minimum, store
 
 LARGEST_SEARCH = 1024
@@ -105,6 +105,31 @@ def _best_place(boxes, links, parents, moved, beside, keys, nodes):
 
 
 @maker
+def _at_rank(values, rank):
+    """Return what would be at that place if *values* (N,), float32 and not negative, were sorted.
+
+    Such numbers are ordered as their bits are: eight of them a pass, from the highest on.
+    """
+    keys = values.view(np.uint32)
+    counts = np.empty(256, np.int64)
+    prefix, left = np.uint32(0), np.int64(rank)
+    for shift in (24, 16, 8, 0):
+        counts[:] = 0
+        for i in range(len(keys)):
+            if (keys[i] >> (shift + 7)) >> 1 == prefix:
+                counts[(keys[i] >> shift) & 255] += 1
+        digit = 0
+        while left >= counts[digit]:
+            left -= counts[digit]
+            digit += 1
+        prefix = np.uint32((prefix << 8) | digit)
+    for i in range(len(keys)):
+        if keys[i] == prefix:
+            return values[i]
+    return values[0]  # never: some value has that rank
+
+
+@maker
 def improve(boxes, links):
     """Put the largest subtrees of a binary tree where they add least; see `halving.halve`.
 
@@ -114,12 +139,12 @@ def improve(boxes, links):
     parents = np.full(count, NO_CHILD, np.int32)
     areas = np.empty(count, np.float32)
     for node in range(count):
-        areas[node] = half_area(load(boxes, RECORD * node))
+        areas[node] = half_area(load(boxes, RECORD * node)) + np.float32(0.0)  # no zero with a sign
         if links[node, LEFT] != NO_CHILD:
             parents[links[node, LEFT]] = node
             parents[links[node, RIGHT]] = node
     wanted = min(count, max(count // SHARE, FEWEST))
-    least = np.partition(areas, count - wanted)[count - wanted]
+    least = _at_rank(areas, count - wanted)
     keys, nodes = np.empty(LARGEST_SEARCH, np.float32), np.empty(LARGEST_SEARCH, np.int32)
     for node in range(1, count):
         parent = np.int64(parents[node])

@@ -6,9 +6,9 @@ from some place on, `STACK_SIZE` bounds and then as many references (int32 bits)
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined
 from proximity.kernels.geometry.triangle import point_block_distance_sq
 from proximity.kernels.layout import BLOCK_STRIDE, CHILDREN, LANES, NO_SLOT, STACK_SIZE
+from proximity.native import inlined
 from proximity.simd import (
     bits,
     compress,

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined, kernel
 from proximity.kernels.layout import CHILDREN, LANES, NODE_STRIDE
+from proximity.native import entry, inlined, kernel
 from proximity.simd import horizontal_min, load, splat32, store
 
 
@@ -16,7 +16,7 @@ def write_lane(words, base, lane, box, reference):
     words.view(np.int32)[base + CHILDREN + lane] = reference
 
 
-@kernel
+@entry("float32[:], int")
 def clear_node(words, node):
     """Make all lanes of a node unused."""
     base = NODE_STRIDE * node

@@ -33,7 +33,6 @@ face, some 100 bytes in 15 ns, that slice takes 0.2 s."""
 
 IN_ORDER = np.empty(0, np.int64)
 """The order of rows that are asked as they come."""
-ONE_THREAD = 1
 
 Ask = Callable[..., Any]
 OrderOf = Callable[..., np.ndarray]
@@ -47,20 +46,6 @@ class HasSnapshot:
     def snapshot(self) -> Model:
         """Return the arrays that are asked, up to date."""
         raise NotImplementedError
-
-
-def row_count(rows: Any) -> int:
-    """Return how many rows these may be; `SORT_FROM` where that cannot be seen.
-
-    Parameters
-    ----------
-    rows : object
-        Anything.
-    """
-    try:
-        return len(rows)
-    except TypeError:
-        return SORT_FROM
 
 
 def morton_order_of(rows: np.ndarray, *_: np.ndarray) -> np.ndarray:

@@ -1,35 +1,22 @@
-"""Queries of rays and segments; arguments are checked here, once."""
+"""Queries of rays and segments."""
 
+from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 import numpy.typing as npt
-from numpy import empty, inf  # looked up in NumPy, each would cost calls of five rays 2 %
+from numpy import inf  # looked up in NumPy, it would cost calls of five rays 2 %
 
-from proximity.arrays import as_points
-from proximity.errors import QueryError
-from proximity.kernels.compiler import CompiledCall
-from proximity.kernels.geometry.morton_order import SORT_FROM
+from proximity.errors import ProximityError, QueryError
 from proximity.kernels.ray.hit_rows import ANSWER_WIDTH as HIT_WIDTH
 from proximity.kernels.ray.hit_rows import DISTANCE_WIDTH
 from proximity.kernels.ray.ray_order import ray_order
-from proximity.kernels.scene import small_batches
-from proximity.kernels.scene.ray_queries import NO_ROW, cast_batch
+from proximity.kernels.scene.ray_queries import cast_batch
 from proximity.kernels.scene.segment_queries import ANSWER_WIDTH as SEGMENT_WIDTH
 from proximity.kernels.scene.segment_queries import segment_batch
 from proximity.model.assembly import Model
-from proximity.scene.queries.batches import (
-    IN_ORDER,
-    LARGEST_SLICE,
-    ONE_THREAD,
-    HasSnapshot,
-    first_slice,
-    morton_order_of,
-    row_count,
-    run_batch,
-)
-from proximity.scene.queries.query_arguments import broadcast_limits, broadcast_rows, is_length
-from proximity.scene.queries.results import RayHits, Reals, SegmentHits, record_of
+from proximity.scene.queries.batches import LARGEST_SLICE, HasSnapshot, OrderOf
+from proximity.scene.queries.checked_query import CheckedQuery
+from proximity.scene.queries.results import RayHits, Reals, SegmentHits
 
 SORT_RAYS_FROM = 1024
 """Rays from which on a batch is sorted."""
@@ -37,13 +24,32 @@ SORT_RAYS_IN = 1 << 20
 """Bytes of a model from which on that is worth it: it costs 15 ns a ray; in one that fits into a nearer cache
 it spares no more than that."""
 
-_cast_few = CompiledCall(small_batches.cast_few, small_batches.CAST)
-_lengths_few = CompiledCall(small_batches.lengths_few, small_batches.LENGTHS)
-_segments_few = CompiledCall(small_batches.segments_few, small_batches.SEGMENTS)
+
+def _zero_direction(row: int) -> ProximityError:
+    return QueryError(f"direction {row} is zero, expected a vector with a length")
+
+
+def _order_of_rays(model: Model, count: int) -> tuple[OrderOf | None, int]:
+    if count < SORT_RAYS_FROM or model.reals.nbytes < SORT_RAYS_IN:
+        return None, LARGEST_SLICE
+    return lambda origins, directions, *_: ray_order(model.packed, origins, directions), LARGEST_SLICE
+
+
+def _ray_query(width: int) -> Callable[..., Any]:
+    names = ("origins", "directions")
+    return CheckedQuery(
+        "cast_batch", cast_batch, names, "rays", width, _zero_direction, _order_of_rays
+    ).quick()
+
+
+_cast, _cast_distance = _ray_query(HIT_WIDTH), _ray_query(DISTANCE_WIDTH)
+_closest_to_segments = CheckedQuery(
+    "segment_batch", segment_batch, ("starts", "ends"), "segments", SEGMENT_WIDTH, _zero_direction
+).quick()
 
 
 class LineQueries(HasSnapshot):
-    """Queries of rays and segments, for what has a `Model`; small batches as in `PointQueries`."""
+    """Queries of rays and segments, for what has a `Model`."""
 
     __slots__ = ()
 
@@ -88,15 +94,9 @@ class LineQueries(HasSnapshot):
         not hit.
         Source: Woop, Benthin, Wald 2013, "Watertight ray/triangle intersection".
         """
-        is_plain = workers is ONE_THREAD and (max_distance is inf or is_length(max_distance))
-        if is_plain and (count := row_count(origins)) < SORT_FROM:
-            answers = empty((count, HIT_WIDTH))
-            model = self.snapshot()
-            if _cast_few.call(model.handle, origins, directions, max_distance, answers) == NO_ROW:
-                record = RayHits()
-                record._table = answers
-                return record
-        return record_of(RayHits, *self._cast(origins, directions, max_distance, workers, HIT_WIDTH))
+        record = RayHits()
+        record._table = _cast(self.snapshot(), origins, directions, max_distance, workers)
+        return record
 
     def cast_distance(
         self,
@@ -131,36 +131,7 @@ class LineQueries(HasSnapshot):
             If shapes or types do not fit, a direction is zero, *max_distance* is negative or nan, or
             *workers* is no number of threads.
         """
-        is_plain = workers is ONE_THREAD and (max_distance is inf or is_length(max_distance))
-        if is_plain and (count := row_count(origins)) < SORT_FROM:
-            distances = empty(count)
-            model = self.snapshot()
-            if _lengths_few.call(model.handle, origins, directions, max_distance, distances) == NO_ROW:
-                return distances
-        answers, shape = self._cast(origins, directions, max_distance, workers, DISTANCE_WIDTH)
-        return answers.reshape(shape)[()]
-
-    def _cast(
-        self, origins: Any, directions: Any, max_distance: Any, workers: int, width: int
-    ) -> tuple[np.ndarray, tuple[int, ...]]:
-        """A table of answers so many columns wide, and the shape of the rays."""
-        rays = as_points(origins, "origins"), as_points(directions, "directions")
-        limits, (origins, directions) = broadcast_limits(
-            max_distance, broadcast_rows(*rays, ("origins", "directions")), "rays"
-        )
-        starts, ways = origins, directions
-        if origins.ndim != 2:
-            starts, ways = origins.reshape(-1, 3), directions.reshape(-1, 3)
-        answers = empty((len(starts), width))
-        model = self.snapshot()
-        is_sorted = len(starts) >= SORT_RAYS_FROM and model.reals.nbytes >= SORT_RAYS_IN
-        if workers == 1 and workers is not True and not is_sorted and len(starts) <= LARGEST_SLICE:
-            zero_row = cast_batch(model.handle, starts, ways, IN_ORDER, limits, answers)
-        else:
-            zero_row = _cast_in_slices(model, [starts, ways, limits, answers], workers, is_sorted)
-        if zero_row != NO_ROW:
-            raise QueryError(f"direction {zero_row} is zero, expected a vector with a length")
-        return answers, origins.shape[:-1]
+        return _cast_distance(self.snapshot(), origins, directions, max_distance, workers)
 
     def closest_to_segments(
         self,
@@ -199,40 +170,6 @@ class LineQueries(HasSnapshot):
         nearest to the start is reported.
         Ties: the lowest part; within a part any of the nearest faces, the same on every run.
         """
-        is_plain = workers is ONE_THREAD and (max_distance is inf or is_length(max_distance))
-        if is_plain and (count := row_count(starts)) < SORT_FROM:
-            answers = empty((count, SEGMENT_WIDTH))
-            model = self.snapshot()
-            if _segments_few.call(model.handle, starts, ends, max_distance, answers):
-                record = SegmentHits()
-                record._table = answers
-                return record
-        return self._closest_to_segments(starts, ends, max_distance, workers)
-
-    def _closest_to_segments(self, starts: Any, ends: Any, max_distance: Any, workers: int) -> SegmentHits:
-        segments = as_points(starts, "starts"), as_points(ends, "ends")
-        limits, (starts, ends) = broadcast_limits(
-            max_distance, broadcast_rows(*segments, ("starts", "ends")), "segments"
-        )
-        here, there = starts.reshape(-1, 3), ends.reshape(-1, 3)
-        answers = empty((len(here), SEGMENT_WIDTH))
-        model = self.snapshot()
-        run_batch(
-            lambda order, starts, ends, *others: segment_batch(model.handle, starts, ends, order, *others),
-            [here, there, limits, answers],
-            workers,
-            morton_order_of,
-            first_slice(model.reals.nbytes),
-        )
-        return record_of(SegmentHits, answers, starts.shape[:-1])
-
-
-def _cast_in_slices(model: Model, arrays: list[np.ndarray], workers: Any, is_sorted: bool) -> int:
-    """Fill the answers to many rays; the lowest row whose direction is zero, or `NO_ROW`."""
-    found = run_batch(
-        lambda order, starts, ways, *others: cast_batch(model.handle, starts, ways, order, *others),
-        arrays,
-        workers,
-        (lambda starts, ways, *_: ray_order(model.handle, starts, ways)) if is_sorted else None,
-    )
-    return min((first + row for first, row in found if row != NO_ROW), default=NO_ROW)
+        record = SegmentHits()
+        record._table = _closest_to_segments(self.snapshot(), starts, ends, max_distance, workers)
+        return record

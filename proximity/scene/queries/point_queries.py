@@ -1,49 +1,43 @@
-"""Queries of points: closest, distances, inside; arguments are checked here, once."""
+"""Queries of points: closest, distances, inside."""
 
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numpy import empty, inf  # looked up in NumPy, each would cost calls of five points 2 %
+from numpy import inf  # looked up in NumPy, it would cost calls of five points 2 %
 
-from proximity.arrays import as_points
-from proximity.errors import NotWatertightError
-from proximity.kernels.compiler import CompiledCall
-from proximity.kernels.geometry.morton_order import SORT_FROM
-from proximity.kernels.scene import small_batches
+from proximity.errors import NotWatertightError, ProximityError
 from proximity.kernels.scene.point_queries import (
     ANSWER_WIDTH,
     closest_batch,
     contains_batch,
     distance_batch,
-    has_inside,
     signed_batch,
 )
-from proximity.scene.queries.batches import (
-    ONE_THREAD,
-    HasSnapshot,
-    first_slice,
-    morton_order_of,
-    row_count,
-    run_batch,
-)
-from proximity.scene.queries.query_arguments import broadcast_limits, is_length
-from proximity.scene.queries.results import ClosestPoints, Reals, record_of
+from proximity.scene.queries.batches import HasSnapshot
+from proximity.scene.queries.checked_query import CheckedQuery
+from proximity.scene.queries.results import ClosestPoints, Reals
 
-_closest_few = CompiledCall(small_batches.closest_few, small_batches.CLOSEST)
-_signed_few = CompiledCall(small_batches.signed_few, small_batches.DISTANCE)
-_distance_few = CompiledCall(small_batches.distance_few, small_batches.DISTANCE)
-_contains_few = CompiledCall(small_batches.contains_few, small_batches.CONTAINS)
+
+def _no_inside(_: int) -> ProximityError:
+    return NotWatertightError(
+        "no part has an inside, so that nothing can be contained; sign_reason of each part says why"
+    )
+
+
+def _query(name: str, entry: object, width: int, dtype: type = np.float64) -> Callable[..., Any]:
+    return CheckedQuery(name, entry, ("points",), "points", width, _no_inside, dtype=dtype).quick()
+
+
+_closest = _query("closest_batch", closest_batch, ANSWER_WIDTH)
+_signed_distance = _query("signed_batch", signed_batch, 1)
+_distance = _query("distance_batch", distance_batch, 1)
+_contains = _query("contains_batch", contains_batch, 1, np.bool_)
 
 
 class PointQueries(HasSnapshot):
-    """Queries of points, for what has a `Model`.
-
-    Small batches of plain float64 are answered at once by compiled code; everything else is checked and
-    sliced first, in methods of its own. The model is held by name while it is asked: what nobody holds is
-    written anew when parts move.
-    """
+    """Queries of points, for what has a `Model`."""
 
     __slots__ = ()
 
@@ -88,29 +82,9 @@ class PointQueries(HasSnapshot):
         Thread: any number of threads may ask; the interpreter lock is released.
         Source: Bærentzen & Aanæs 2005; Barill et al. 2018; see `kernels`.
         """
-        is_plain = workers is ONE_THREAD and (max_distance is inf or is_length(max_distance))
-        if is_plain and (count := row_count(points)) < SORT_FROM:
-            answers = empty((count, ANSWER_WIDTH))
-            model = self.snapshot()
-            if _closest_few.call(model.handle, points, max_distance, answers):
-                record = ClosestPoints()
-                record._table = answers
-                return record
-        return self._closest(points, max_distance, workers)
-
-    def _closest(self, points: Any, max_distance: Any, workers: int) -> ClosestPoints:
-        limits, (points,) = broadcast_limits(max_distance, [as_points(points)], "points")
-        rows = points.reshape(-1, 3)
-        answers = empty((len(rows), ANSWER_WIDTH))
-        model = self.snapshot()
-        run_batch(
-            lambda order, rows, limits, answers: closest_batch(model.handle, rows, order, limits, answers),
-            [rows, limits, answers],
-            workers,
-            morton_order_of,
-            first_slice(model.reals.nbytes),
-        )
-        return record_of(ClosestPoints, answers, points.shape[:-1])
+        record = ClosestPoints()
+        record._table = _closest(self.snapshot(), points, max_distance, workers)
+        return record
 
     def signed_distance(self, points: npt.ArrayLike, *, workers: int = 1) -> Reals:
         """Return signed distances, m, negative inside: as `closest`, and faster.
@@ -131,7 +105,7 @@ class PointQueries(HasSnapshot):
         QueryError
             If *points* are not numbers of shape (..., 3), or *workers* is no number of threads.
         """
-        return self._distances(points, workers, _signed_few, signed_batch)
+        return _signed_distance(self.snapshot(), points, inf, workers)
 
     def distance(self, points: npt.ArrayLike, *, workers: int = 1) -> Reals:
         """Return distances to the surface, m, without sign: the fastest query.
@@ -152,33 +126,7 @@ class PointQueries(HasSnapshot):
         QueryError
             If *points* are not numbers of shape (..., 3), or *workers* is no number of threads.
         """
-        return self._distances(points, workers, _distance_few, _distance_batch)
-
-    def _distances(self, points: Any, workers: int, few: CompiledCall, batch: Callable[..., Any]) -> Any:
-        """Signed or unsigned, by kernels for small batches and for large ones."""
-        if workers is ONE_THREAD and (count := row_count(points)) < SORT_FROM:
-            distances = empty(count)
-            model = self.snapshot()
-            if few.call(model.handle, points, distances):
-                return distances
-        return self._distances_of_any(as_points(points), workers, few, batch)
-
-    def _distances_of_any(
-        self, points: np.ndarray, workers: int, few: CompiledCall, batch: Callable[..., Any]
-    ) -> Any:
-        rows = points if points.ndim == 2 else points.reshape(-1, 3)
-        distances = empty(len(rows))
-        model = self.snapshot()
-        is_certain = len(rows) < SORT_FROM and workers == 1 and workers is not True
-        if not (is_certain and few.call(model.handle, rows, distances)):
-            run_batch(
-                lambda order, rows, distances: batch(model.handle, rows, order, distances),
-                [rows, distances],
-                workers,
-                morton_order_of,
-                first_slice(model.reals.nbytes),
-            )
-        return distances if rows is points else distances.reshape(points.shape[:-1])[()]
+        return _distance(self.snapshot(), points, inf, workers)
 
     def contains(self, points: npt.ArrayLike, *, workers: int = 1) -> npt.NDArray[np.bool_]:
         """Return whether points are inside some part.
@@ -202,31 +150,4 @@ class PointQueries(HasSnapshot):
         NotWatertightError
             If nothing here has an inside.
         """
-        if workers is ONE_THREAD and (count := row_count(points)) < SORT_FROM:
-            inside = empty(count, np.bool_)
-            model = self.snapshot()
-            if _contains_few.call(model.handle, points, inside):
-                return inside
-        return self._contains(points, workers)
-
-    def _contains(self, points: Any, workers: int) -> Any:
-        points = as_points(points)
-        model = self.snapshot()
-        if not has_inside(model.handle):
-            raise NotWatertightError(
-                "no part has an inside, so that nothing can be contained; sign_reason of each part says why"
-            )
-        rows = points.reshape(-1, 3)
-        inside = empty(len(rows), np.bool_)
-        run_batch(
-            lambda order, rows, inside: contains_batch(model.handle, rows, order, inside),
-            [rows, inside],
-            workers,
-            morton_order_of,
-            first_slice(model.reals.nbytes),
-        )
-        return inside.reshape(points.shape[:-1])[()]
-
-
-def _distance_batch(handle: int, points: np.ndarray, order: np.ndarray, distances: np.ndarray) -> None:
-    distance_batch(handle, points, order, inf, distances)
+        return _contains(self.snapshot(), points, inf, workers)

@@ -11,24 +11,13 @@ from proximity.errors import QueryError
 _NO_LIMIT = np.array([inf])
 
 
-def is_length(limit: Any) -> bool:
-    """Return whether this is plainly a number of metres to look within.
+def broadcast_rows(rows: list[np.ndarray], names: tuple[str, ...]) -> list[np.ndarray]:
+    """Return one array of rows, or two in one shape, C-ordered.
 
     Parameters
     ----------
-    limit : object
-        Anything.
-    """
-    return type(limit) is float and limit >= 0.0
-
-
-def broadcast_rows(first: np.ndarray, second: np.ndarray, names: tuple[str, str]) -> list[np.ndarray]:
-    """Return two arrays of rows in one shape, C-ordered.
-
-    Parameters
-    ----------
-    first, second : (..., 3) float64
-        Rows.
+    rows : list of (..., 3) float64
+        One or two.
     names : tuple of str
         What the caller calls them, for the message.
 
@@ -37,8 +26,9 @@ def broadcast_rows(first: np.ndarray, second: np.ndarray, names: tuple[str, str]
     QueryError
         If their shapes do not broadcast together.
     """
+    first, second = rows[0], rows[-1]
     if first.shape == second.shape:
-        return [first, second]
+        return rows
     try:
         shape = np.broadcast_shapes(first.shape, second.shape)
     except ValueError as unfit:

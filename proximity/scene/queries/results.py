@@ -5,7 +5,7 @@ points nan. Records are views of an array that a kernel has filled, and read-onl
 """
 
 from enum import IntEnum
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -81,26 +81,6 @@ class _Record:
         first = self._fields[0]
         values = np.array2string(getattr(self, first), threshold=FEW_ROWS, edgeitems=2, separator=", ")
         return f"{type(self).__name__}(shape={shape}, {first}={' '.join(values.split())})"
-
-
-_Kind = TypeVar("_Kind", bound=_Record)
-
-
-def record_of(kind: type[_Kind], table: np.ndarray, shape: tuple[int, ...]) -> _Kind:
-    """Return the record of a table of rows, in the shape of the question.
-
-    Parameters
-    ----------
-    kind : type
-        Of the record.
-    table : (N, columns) float64
-        As a kernel has filled it.
-    shape : tuple of int
-        Of the question.
-    """
-    record = kind()
-    record._table = table.reshape((*shape, table.shape[1]))
-    return record
 
 
 def _shown(name: str, value: Any) -> str:

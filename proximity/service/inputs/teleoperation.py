@@ -120,8 +120,8 @@ class SensorAnswers:
         reported, contacts = samples.records, self._contacts
         finger_kernels.follow_distances(
             self._motions, self._motion_marks, self._error_sums, samples.pose_ns, samples.distances,
-            reported["error"], -reported["approach_speed"], acts_ns, self._max_speed, self._max_acceleration,
-            self._followed,
+            np.ascontiguousarray(reported["error"]), -reported["approach_speed"], acts_ns, self._max_speed,
+            self._max_acceleration, self._followed,
         )  # fmt: skip
         status = self._followed[:, finger_kernels.STATUS].astype(np.uint32)
         self._write_distances(samples.distances[:, 0], reported["error"], status)

@@ -13,7 +13,7 @@ from math import cos, sin, sqrt
 
 import numpy as np
 
-from proximity.kernels.compiler import inlined, kernel, maker
+from proximity.native import entry, inlined, kernel
 
 # --- rows of a chain behind the coupling ---
 WEIGHT = 0  # N m, what gravity turns each link with where it is level
@@ -40,7 +40,7 @@ HELD_ON_SLOPE = 3  # as HELD, with half of the last difference added
 INTEGRALS = 4
 
 
-@kernel
+@entry("float64[:, :], float64[:], float64[:] -> float, float")
 def tip_height(chain: np.ndarray, state: np.ndarray, plane: np.ndarray) -> tuple[float, float]:
     """Normal · tip, m, and its time derivative, m/s."""
     n = chain.shape[1]
@@ -148,7 +148,7 @@ def shown_force(way: int, lag: int, k: int, felt: np.ndarray, held: float) -> tu
     return force, force
 
 
-@maker
+@entry("float64[:, :], float64[:], int, int, float, float64[:, :], float64[:]", makes_arrays=True)
 def press(
     chain: np.ndarray,
     plane: np.ndarray,

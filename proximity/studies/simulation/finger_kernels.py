@@ -8,7 +8,7 @@ the pad, which pushes and pulls; a real wall only pushes.
 import numpy as np
 
 from proximity.decaff.drum.drum_kernels import rounded
-from proximity.kernels.compiler import inlined, kernel, maker
+from proximity.native import entry, inlined
 
 # --- a body: hand, finger, pad, link ---
 HAND_STIFFNESS = 0  # N/m
@@ -94,7 +94,7 @@ def hand_force(body: np.ndarray, press: np.ndarray, t: float, finger: float, spe
     return body[HAND_STIFFNESS] * (wanted - finger) + body[HAND_DAMPING] * (wanted_speed - speed)
 
 
-@kernel
+@entry("float64[:], float64[:], int, float, float64[:, :]")
 def press_real_wall(body: np.ndarray, press: np.ndarray, zero: int, step: float, record: np.ndarray) -> None:
     """A finger on a wall that neither moves nor pulls."""
     finger, speed = intent(press, -zero * step)
@@ -111,7 +111,7 @@ def press_real_wall(body: np.ndarray, press: np.ndarray, zero: int, step: float,
         finger += speed * step
 
 
-@kernel
+@entry("float64[:], float64[:], float64[:], int, float, float64[:, :]")
 def press_soft_wall(
     body: np.ndarray, press: np.ndarray, wall: np.ndarray, zero: int, step: float, record: np.ndarray
 ) -> None:
@@ -139,7 +139,7 @@ def press_soft_wall(
         surface += sink * step
 
 
-@maker
+@entry("float64[:], float64[:], float64[:], int64[:], int, float, float64[:, :]", makes_arrays=True)
 def press_penalty_wall(
     body: np.ndarray,
     press: np.ndarray,

@@ -12,7 +12,7 @@ import numpy as np
 
 from proximity.decaff.drum import drum_kernels as drums
 from proximity.decaff.drum.drum_kernels import pushed, serve
-from proximity.kernels.compiler import inlined, kernel, maker
+from proximity.native import entry, inlined
 from proximity.studies.simulation.finger_kernels import (
     CONTACT,
     CONTACT_DAMPING,
@@ -76,7 +76,7 @@ def contact_force(body: np.ndarray, link: float, link_speed: float, drum: float,
     return max(0.0, force)
 
 
-@kernel
+@entry("float64[:], int, float, float64[:, :]")
 def start_record(press: np.ndarray, zero: int, step: float, record: np.ndarray) -> None:
     """The first row: hand, finger and link move together, at the hand's speed."""
     where, speed = intent(press, -zero * step)
@@ -84,7 +84,7 @@ def start_record(press: np.ndarray, zero: int, step: float, record: np.ndarray) 
     record[FINGER_SPEED, 0] = record[LINK_SPEED, 0] = speed
 
 
-@kernel
+@entry("float64[:], float64[:], float64[:], float64[:], int, int, int, float, float64[:, :] -> float")
 def advance_plant(
     body: np.ndarray,
     press: np.ndarray,
@@ -124,7 +124,7 @@ def advance_plant(
     return back
 
 
-@kernel
+@entry("float64[:], float64[:], int, int, float, float64[:, :], float64[:]")
 def read_message(
     sensing: np.ndarray,
     noise: np.ndarray,
@@ -162,7 +162,7 @@ def predicted_contact(kind: int, now: float, link: float, message: np.ndarray) -
     return contact
 
 
-@kernel
+@entry("int, float, float, float, float64[:], float64[:], float64[:] -> float")
 def choose_target(
     kind: int,
     now: float,
@@ -187,7 +187,11 @@ def choose_target(
     return target
 
 
-@maker
+@entry(
+    "int, float64[:], float64[:], float64[:], float64[:], float64[:], float64[:], float64[:], "
+    "float64[:], int, int, float64[:, :]",
+    makes_arrays=True,
+)
 def run_loop(
     kind: int,
     body: np.ndarray,
@@ -223,7 +227,7 @@ def run_loop(
         back = advance_plant(body, press, drum, drive, first, last, zero, step, record)
 
 
-@maker
+@entry("float64[:], float64[:], float, int, float, float64[:, :]", makes_arrays=True)
 def run_stop(
     body: np.ndarray, press: np.ndarray, where: float, zero: int, step: float, record: np.ndarray
 ) -> None:

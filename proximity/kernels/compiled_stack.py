@@ -1,0 +1,91 @@
+"""Arrays on the stack of compiled code, as numba makes them."""
+
+import math
+
+import numpy as np
+from llvmlite import ir
+from numba import from_dtype, types
+from numba.extending import intrinsic
+from numba.np import arrayobj
+
+LINE = 64
+"""Bytes of a cache line."""
+
+
+def array_in_memory(context, builder, array_type, data, lengths):
+    """An array of those lengths, C-ordered, that owns nothing: of memory that is somebody else's."""
+    intp = context.get_value_type(types.intp)
+    item = ir.Constant(intp, context.get_abi_sizeof(context.get_data_type(array_type.dtype)))
+    strides = [item]
+    for length in reversed(lengths[1:]):
+        strides.insert(0, builder.mul(strides[0], length))
+    array = context.make_array(array_type)(context, builder)
+    arrayobj.populate_array(
+        array,
+        data=builder.bitcast(data, array.data.type),
+        shape=lengths,
+        strides=strides,
+        itemsize=item,
+        meminfo=None,
+    )
+    return array._getvalue()
+
+
+def _array_on_stack(context, builder, item_type, *lengths):
+    """A C-ordered array of those constant lengths, that lasts as long as the function being compiled."""
+    item = context.get_data_type(item_type)
+    # numba's own way to do this fills the memory with zeros at every call.
+    with builder.goto_entry_block():
+        place = builder.alloca(ir.ArrayType(item, math.prod(lengths)))
+    place.align = LINE
+    intp = context.get_value_type(types.intp)
+    constants = [ir.Constant(intp, length) for length in lengths]
+    return array_in_memory(context, builder, types.Array(item_type, len(lengths), "C"), place, constants)
+
+
+def arrays_here(dtype):
+    item_type = from_dtype(np.dtype(dtype))
+
+    @intrinsic
+    def here(typingctx, count):
+        if not isinstance(count, types.IntegerLiteral):
+            return None
+
+        def codegen(context, builder, sig, args):
+            return _array_on_stack(context, builder, item_type, count.literal_value)
+
+        return types.Array(item_type, 1, "C")(count), codegen
+
+    @intrinsic
+    def rows_here(typingctx, count, columns):
+        if not isinstance(count, types.IntegerLiteral) or not isinstance(columns, types.IntegerLiteral):
+            return None
+
+        def codegen(context, builder, sig, args):
+            lengths = count.literal_value, columns.literal_value
+            return _array_on_stack(context, builder, item_type, *lengths)
+
+        return types.Array(item_type, 2, "C")(count, columns), codegen
+
+    return here, rows_here
+
+
+def bundle_here(bundle, *columns):
+    item_types = [from_dtype(np.dtype(dtype)) for dtype, *_ in columns]
+    array_types = [
+        types.Array(item_type, len(lengths), "C")
+        for item_type, (_, *lengths) in zip(item_types, columns, strict=True)
+    ]
+
+    @intrinsic
+    def here(typingctx):
+        def codegen(context, builder, sig, args):
+            arrays = [
+                _array_on_stack(context, builder, item_type, *lengths)
+                for item_type, (_, *lengths) in zip(item_types, columns, strict=True)
+            ]
+            return context.make_tuple(builder, sig.return_type, arrays)
+
+        return types.NamedTuple(array_types, bundle)(), codegen
+
+    return here

@@ -1,0 +1,19 @@
+"""The four arrays of a model, as entry points take them; `layout` says what is where."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from proximity.native import bundle
+
+
+class ModelArrays(NamedTuple):
+    """A solid, or a scene of hundreds: what most kernels are handed first."""
+
+    reals: np.ndarray  # (R,) float64
+    words: np.ndarray  # (W,) float32
+    frames: np.ndarray  # (P + 1, C) float64
+    parts: np.ndarray  # (P + 1, D) int64
+
+
+bundle(ModelArrays, reals="float64[:]", words="float32[:]", frames="float64[:, :]", parts="int64[:, :]")

@@ -1,0 +1,31 @@
+"""Compiled kernels: how they are declared, and where their code comes from."""
+
+from proximity.native.declaration import (
+    ENTRIES,
+    HANDFUL,
+    bundle,
+    entry,
+    inlined,
+    kernel,
+    lenient,
+    maker,
+    packed,
+    query,
+)
+from proximity.native.mode import IS_AHEAD, IS_JIT, MODE
+
+__all__ = [
+    "ENTRIES",
+    "HANDFUL",
+    "IS_AHEAD",
+    "IS_JIT",
+    "MODE",
+    "bundle",
+    "entry",
+    "inlined",
+    "kernel",
+    "lenient",
+    "maker",
+    "packed",
+    "query",
+]

@@ -1,0 +1,207 @@
+"""How kernels are declared, whichever way they are compiled.
+
+Python calls entry points only. Everything else that is compiled is called by compiled code: calling it from
+Python is an error where it was compiled ahead of time, so that nothing runs as slow Python by accident.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from proximity.native.mode import IS_AHEAD, IS_JIT, MODE, OBJECTS
+from proximity.native.signature import (
+    ANY_LENGTH,
+    BUNDLES,
+    Array,
+    Bundle,
+    Scalar,
+    Signature,
+    bundle,
+    signature,
+)
+
+ENTRIES: dict[str, "Entry"] = {}
+"""All entry points, by their names."""
+HANDFUL = 16
+"""Rows up to which an entry point may keep the interpreter locked: to release it takes 0.1 µs."""
+_KINDS = {"int": 0, "float": 1, "bool": 2}
+_ARRAY, _BUNDLE = 3, 4
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A kernel that Python calls."""
+
+    name: str
+    signature: Signature
+    handful: int  # rows up to which the interpreter stays locked
+    compiled: Any  # the function as numba compiles it, or the plain one
+
+    def description(self) -> tuple[Any, ...]:
+        """Return what the extension has to know."""
+        takes, gives = (tuple(map(_codes, each)) for each in (self.signature.arguments, self.signature.results))
+        return MODE, self.name, takes, gives, self.handful
+
+    def fits(self, arguments: tuple[Any, ...]) -> bool:
+        """Return whether these are arguments as declared.
+
+        Parameters
+        ----------
+        arguments : tuple
+            Of a call.
+        """
+        kinds = self.signature.arguments
+        return len(arguments) == len(kinds) and all(map(_is_of, kinds, arguments))
+
+
+def entry(
+    *parts: Any, handful: int = -1, makes_arrays: bool = False
+) -> Callable[[Callable[..., Any]], Any]:
+    """Declare a kernel that Python calls, with the types that it takes and gives.
+
+    Parameters
+    ----------
+    *parts : str or class of a bundle
+        The signature, see `native.signature`. A call with other types is an error.
+    handful : int
+        Rows of the first array up to which the interpreter stays locked during a call; -1: it never does.
+    makes_arrays : bool
+        Whether the kernel makes arrays; others count no references, see `kernel`.
+    """
+    types = signature(", ".join(part if isinstance(part, str) else part.__name__ for part in parts))
+
+    def declare(function: Callable[..., Any]) -> Any:
+        name = function.__name__
+        if name in ENTRIES:
+            raise ValueError(f"there are two entry points named {name}")
+        compiled = _compiled(function) if makes_arrays else _compiled(function, _nrt=False)
+        ENTRIES[name] = Entry(name, types, handful, compiled)
+        return OBJECTS.make_entry(*ENTRIES[name].description(), False) if IS_AHEAD else compiled
+
+    return declare
+
+
+def kernel(function: Callable[..., Any]) -> Any:
+    """Declare a function of compiled code.
+
+    It makes no arrays, and so counts no references: they would be a fifth of a tick. What it needs for itself
+    is on the stack, see `kernels.stack_arrays`. Whether it is put into its callers is LLVM's to say.
+    """
+    return _compiled(function, _nrt=False)
+
+
+def maker(function: Callable[..., Any]) -> Any:
+    """Declare a function of compiled code that makes arrays."""
+    return _compiled(function)
+
+
+def inlined(function: Callable[..., Any]) -> Any:
+    """Declare what is always put into its callers: formulas, and what is less than the call of it."""
+    return _compiled(function, forceinline=True, _nrt=False)
+
+
+def lenient(name: str) -> Any:
+    """Return an entry point that answers NotImplemented where an argument is not as declared.
+
+    Parameters
+    ----------
+    name : str
+        Of the entry point.
+    """
+    if IS_AHEAD:
+        return OBJECTS.make_entry(*ENTRIES[name].description(), True)
+    declared = ENTRIES[name]
+    return lambda *given: declared.compiled(*given) if declared.fits(given) else NotImplemented
+
+
+def query(name: str, width: int, few: int, ask: Callable[..., Any]) -> Any:
+    """Return the function of a query: of a model, arrays of rows, a limit, and a number of workers.
+
+    It returns the table of answers. Where it can, compiled code takes few plain rows by itself, which spares
+    a call of five rows half a microsecond; all else *ask* checks and answers, and refuses.
+
+    Parameters
+    ----------
+    name : str
+        Of the entry point, which takes a bundle, the arrays of rows, their order, limits and answers, and
+        returns -1 if it has answered all of them.
+    width : int
+        Columns of an answer.
+    few : int
+        Rows below which compiled code may answer by itself.
+    ask : callable
+        Answers every question.
+    """
+    if not IS_AHEAD:
+        return ask
+    declared = ENTRIES[name]
+    arguments = declared.signature.arguments
+    dtype = np.dtype(arguments[-1].dtype).num  # type: ignore[union-attr]
+    return OBJECTS.make_query((*declared.description(), False), len(arguments) - 4, width, dtype, few, ask)
+
+
+def packed(arrays: Any) -> Any:
+    """Return a bundle as entry points take it.
+
+    Parameters
+    ----------
+    arrays : named tuple
+        Of a class that was declared by `bundle`. It is not copied.
+    """
+    if not IS_AHEAD:
+        return arrays
+    kind = BUNDLES[type(arrays).__name__]
+    codes = tuple(map(_codes, kind.arrays))
+    return OBJECTS.make_bundle(kind.name, list(BUNDLES).index(kind.name), codes, tuple(arrays))
+
+
+class _Internal:
+    """What Python cannot call, since it is compiled code's own."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self._name = f"{function.__module__}.{function.__qualname__}"
+
+    def __call__(self, *_: Any, **__: Any) -> Any:
+        raise TypeError(
+            f"{self._name} is called by compiled code only; to call it from Python, have numba compile it "
+            "(PROXIMITY_ISA=jit) or step through it (NUMBA_DISABLE_JIT=1)"
+        )
+
+
+def _compiled(function: Callable[..., Any], **options: Any) -> Any:
+    if IS_AHEAD:
+        return _Internal(function)
+    if IS_JIT:
+        from proximity.native.jit import compiled
+
+        return compiled(function, **{"forceinline": False} | options)
+    return function
+
+
+def _is_of(value: Array | Scalar | Bundle, given: Any) -> bool:
+    if isinstance(value, Bundle):
+        return isinstance(given, value.kind)
+    if isinstance(value, Scalar):
+        return isinstance(given, (float, int, np.number, np.bool_) if value.kind == "float" else (int, np.integer, np.bool_))
+    return (
+        isinstance(given, np.ndarray)
+        and given.dtype == value.dtype
+        and given.flags.c_contiguous
+        and given.flags.aligned
+        and given.ndim == len(value.lengths)
+        and all(length in (ANY_LENGTH, axis) for length, axis in zip(value.lengths, given.shape, strict=True))
+    )
+
+
+def _codes(value: Array | Scalar | Bundle) -> tuple[int, ...]:
+    """How the extension describes a type: kind, number, lengths."""
+    if isinstance(value, Scalar):
+        return _KINDS[value.kind], 0, 0
+    if isinstance(value, Bundle):
+        return _BUNDLE, list(BUNDLES).index(value.name), 0
+    return _ARRAY, np.dtype(value.dtype).num, 0, *value.lengths
+
+
+__all__ = ["ENTRIES", "HANDFUL", "bundle", "entry", "inlined", "kernel", "lenient", "maker", "packed", "query"]

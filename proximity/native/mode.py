@@ -1,0 +1,78 @@
+"""Where compiled kernels come from in this process.
+
+- *Objects*: compiled ahead of time, in the extension ``_kernels``, for a set of instructions that this
+  processor has. So it nearly always is.
+- *JIT*: numba compiles them when they are first called. For processors without objects, and for whoever edits
+  kernels.
+- *Interpreted*: plain Python, to step through (``NUMBA_DISABLE_JIT=1``).
+
+``PROXIMITY_ISA`` overrides the choice: the name of a set of instructions (``v3``, ``v4``, ``neon``), or
+``jit``.
+"""
+
+import importlib.util
+import os
+import sys
+from typing import Any
+
+from proximity.native.sources import TOOLS, sources_digest
+
+JIT, INTERPRETED = "jit", "interpreted"
+_REBUILD = 'run `python -m pip install -e .` in the checkout'
+
+
+def _objects() -> Any:
+    """The extension module; None where there is none."""
+    try:
+        from proximity.native import _kernels  # type: ignore[attr-defined]
+    except ImportError:
+        return None
+    return _kernels
+
+
+def _mode() -> tuple[str, Any]:
+    """The name of the mode, or of a set of instructions, and the extension where that is used."""
+    if os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0"):
+        return INTERPRETED, None
+    wanted = os.environ.get("PROXIMITY_ISA", "")
+    if wanted == JIT:
+        return JIT, None
+    objects = _objects()
+    usable = objects.usable_instructions() if objects else []
+    if wanted:
+        if wanted not in usable:
+            raise ImportError(
+                f"PROXIMITY_ISA is {wanted!r}, expected 'jit' or one of {usable}, which this processor and this "
+                "installation have"
+            )
+        return wanted, objects
+    if not objects:
+        return _instead("kernels have not been compiled for this system")
+    if TOOLS.is_dir() and objects.sources_digest != sources_digest():
+        return _instead("kernels have been edited since they were compiled")
+    if not usable:
+        return _instead("this processor has none of the instructions that kernels were compiled for")
+    return usable[-1], objects
+
+
+def _instead(reason: str) -> tuple[str, Any]:
+    """Take numba, and say why."""
+    if importlib.util.find_spec("numba") is None:
+        raise ImportError(
+            f"proximity: {reason}, and numba, which compiles them when they are called, is not installed: "
+            f'{_REBUILD}, or install numba: `python -m pip install "proximity[jit]"`'
+        )
+    if sys.stderr is not None:
+        print(
+            f"proximity: {reason}; numba compiles them when they are first called, which takes a minute or two "
+            f"once ({_REBUILD} to compile them ahead of time)",
+            file=sys.stderr,
+        )
+    return JIT, None
+
+
+MODE, OBJECTS = _mode()
+IS_AHEAD = OBJECTS is not None
+"""Whether kernels were compiled ahead of time."""
+IS_JIT = MODE == JIT
+"""Whether numba compiles them."""

@@ -1,0 +1,112 @@
+"""Signatures of entry points: what Python hands to compiled code, and gets from it.
+
+A signature is written as ``"Model, float64[:, 3], int64[:], int -> bool"``: scalars (``int``, ``float``,
+``bool``), arrays in C order with their dtype and axes (a number where the length of an axis is fixed), and
+names of bundles. A *bundle* is a named tuple of arrays, declared once; compiled code finds its arrays through
+a table of words, so that a call hands over one address however many arrays there are.
+
+Every array and every result is a few 64-bit words: an array its address and its lengths, a scalar itself.
+"""
+
+import re
+from dataclasses import dataclass
+from typing import Any
+
+SCALARS = ("int", "float", "bool")
+DTYPES = ("float64", "float32", "int64", "int32", "uint32", "uint8", "bool")
+ANY_LENGTH = -1
+_ARRAY = re.compile(r"(\w+)\[([^\]]*)\]")
+_PARTS = re.compile(r"\w+(?:\[[^\]]*\])?")
+
+
+@dataclass(frozen=True, slots=True)
+class Array:
+    """An array in C order."""
+
+    dtype: str
+    lengths: tuple[int, ...]  # of its axes; `ANY_LENGTH` where it is not fixed
+
+    @property
+    def word_count(self) -> int:
+        """Words that hand it over: its address and its lengths."""
+        return 1 + len(self.lengths)
+
+
+@dataclass(frozen=True, slots=True)
+class Scalar:
+    """A number or a truth value."""
+
+    kind: str  # of `SCALARS`
+    word_count = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Bundle:
+    """A named tuple of arrays."""
+
+    kind: Any  # the class of the tuple
+    arrays: tuple[Array, ...]  # of its fields
+    word_count = 1
+
+    @property
+    def name(self) -> str:
+        """Name of the tuple's class, by which signatures refer to it."""
+        return str(self.kind.__name__)
+
+
+Value = Array | Scalar | Bundle
+
+BUNDLES: dict[str, Bundle] = {}
+"""Those that have been declared, by their names."""
+
+
+@dataclass(frozen=True, slots=True)
+class Signature:
+    """Arguments and results of an entry point."""
+
+    arguments: tuple[Value, ...]
+    results: tuple[Array | Scalar, ...]
+
+
+def bundle(kind: Any, **fields: str) -> Any:
+    """Declare a named tuple of arrays; returns its class.
+
+    Parameters
+    ----------
+    kind : type
+        The named tuple.
+    **fields : str
+        Of each of its fields the type of the array, as in a signature.
+    """
+    if tuple(fields) != kind._fields:
+        raise ValueError(f"{kind.__name__} has the fields {kind._fields}, declared are {tuple(fields)}")
+    arrays = tuple(_value(text) for text in fields.values())
+    BUNDLES[kind.__name__] = Bundle(kind, arrays)  # type: ignore[arg-type]
+    return kind
+
+
+def signature(text: str) -> Signature:
+    """Return the signature that is written so.
+
+    Parameters
+    ----------
+    text : str
+        See the module.
+    """
+    arguments, _, results = text.partition("->")
+    return Signature(
+        tuple(map(_value, _PARTS.findall(arguments))),
+        tuple(map(_value, _PARTS.findall(results))),  # type: ignore[arg-type]
+    )
+
+
+def _value(text: str) -> Value:
+    if text in SCALARS:
+        return Scalar(text)
+    if text in BUNDLES:
+        return BUNDLES[text]
+    found = _ARRAY.fullmatch(text)
+    if not found or found[1] not in DTYPES:
+        raise ValueError(f"{text!r} is no type of an argument: expected {SCALARS}, an array or a bundle")
+    lengths = [part.strip() for part in found[2].split(",")]
+    return Array(found[1], tuple(ANY_LENGTH if part == ":" else int(part) for part in lengths))

@@ -1,0 +1,28 @@
+"""The sources that compiled kernels are made of, and their digest: which code belongs to which sources."""
+
+import hashlib
+from functools import cache
+from pathlib import Path
+
+PACKAGE = Path(__file__).resolve().parent.parent
+TOOLS = PACKAGE.parent / "tools" / "kernel_build"
+"""Where a checkout has the tool that compiles kernels; an installed package has none."""
+_PATTERNS = ("native/*.py", "simd/*.py", "kernels/**/*.py", "*/**/*_kernels.py")
+
+
+def kernel_sources() -> list[Path]:
+    """Return the files in which kernels are written, and what they are declared and compiled with."""
+    files = {path for pattern in _PATTERNS for path in PACKAGE.glob(pattern)}
+    if TOOLS.is_dir():
+        files |= {path for path in TOOLS.rglob("*") if path.suffix in {".py", ".c", ".h"}}
+    return sorted(files)
+
+
+@cache
+def sources_digest() -> str:
+    """Return the digest of all of them."""
+    digest = hashlib.sha256()
+    for source in kernel_sources():
+        content = source.read_bytes()
+        digest.update(f"{source.name} {len(content)} ".encode() + content)
+    return digest.hexdigest()[:32]

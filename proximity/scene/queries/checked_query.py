@@ -1,0 +1,80 @@
+"""Queries with all their checks: rows of any shape, limits, slices, threads.
+
+A query takes a model, one or two arrays of rows, how far to look, and a number of workers; it returns the
+table of its answers. Few plain rows are answered by compiled code alone, see `native.query`.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from proximity import native
+from proximity.arrays import as_points
+from proximity.errors import ProximityError
+from proximity.kernels.geometry.morton_order import SORT_FROM
+from proximity.kernels.layout import ANSWERED
+from proximity.model.assembly import Model
+from proximity.scene.queries.batches import OrderOf, first_slice, morton_order_of, run_batch
+from proximity.scene.queries.query_arguments import broadcast_limits, broadcast_rows
+
+
+def order_of_points(model: Model, count: int) -> tuple[OrderOf | None, int]:
+    """Return how to order many points or segments, and how many rows to ask at first.
+
+    Parameters
+    ----------
+    model : Model
+        What is asked.
+    count : int
+        Rows.
+    """
+    return morton_order_of, first_slice(model.reals.nbytes)
+
+
+@dataclass(frozen=True, slots=True)
+class CheckedQuery:
+    """A query of some kind."""
+
+    name: str  # of the entry point
+    entry: Any  # the entry point itself
+    names: tuple[str, ...]  # what callers call the arrays of rows
+    subject: str  # what the rows are, for messages about limits
+    width: int  # columns of an answer; of one column the table has no axis of columns
+    refusal: Callable[[int], ProximityError]  # the error for what an entry point returns but `ANSWERED`
+    order_of: Callable[[Model, int], tuple[OrderOf | None, int]] = order_of_points
+    dtype: type = np.float64
+
+    def ask(self, model: Model, *arguments: Any) -> Any:
+        """Return the table of answers, in the shape of the question.
+
+        Parameters
+        ----------
+        model : Model
+            What is asked.
+        *arguments
+            Arrays of rows, how far to look, and a number of workers, as the caller gave them.
+        """
+        *given, max_distance, workers = arguments
+        rows = [as_points(each, name) for each, name in zip(given, self.names, strict=True)]
+        limits, rows = broadcast_limits(max_distance, broadcast_rows(rows, self.names), self.subject)
+        flat = [each.reshape(-1, 3) for each in rows]
+        answers: np.ndarray = np.empty((len(flat[0]), self.width), self.dtype)
+        order_of, size = self.order_of(model, len(answers))
+
+        def ask_slice(order: np.ndarray, *arrays: np.ndarray) -> int:
+            *rows, limits, answers = arrays
+            return int(self.entry(model.packed, *rows, order, limits, answers))
+
+        found = run_batch(ask_slice, [*flat, limits, answers], workers, order_of, size)
+        refused = min((first + row for first, row in found if row != ANSWERED), default=ANSWERED)
+        if refused != ANSWERED:
+            raise self.refusal(refused)
+        shape = rows[0].shape[:-1]
+        return answers.reshape((*shape, self.width) if self.width > 1 else shape)[()]
+
+    def quick(self) -> Any:
+        """Return the query as a function that answers few plain rows at once."""
+        return native.query(self.name, self.width, SORT_FROM, self.ask)
+

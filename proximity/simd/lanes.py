@@ -1,0 +1,4 @@
+"""How wide vectors are."""
+
+LANES = 8
+"""Lanes of every vector type."""

@@ -1,0 +1,68 @@
+"""Build hook: puts kernels that were compiled ahead of time into the checkout, and into wheels.
+
+``PROXIMITY_TARGET`` names another system to build a wheel for, see ``kernel_build/targets.py``.
+"""
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+
+REQUIREMENTS = ["numba==0.68.1", "numpy>=2.1", "ziglang>=0.15"]
+"""What compiling takes: numba's internals are leaned on, so its version is fixed."""
+EXTENSION = "proximity/native/{}"
+SECONDS = 100
+
+
+class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
+    """Compiles kernels where they have not been compiled from these sources."""
+
+    PLUGIN_NAME = "custom"
+
+    def dependencies(self) -> list[str]:
+        """Return what has to be installed for this build."""
+        if self.target_name != "wheel" or self._state()["is_current"] == "yes":
+            return []
+        return REQUIREMENTS
+
+    def initialize(self, version: str, build_data: dict[str, Any]) -> None:
+        """Compile, and tell the builder of a wheel what to take in."""
+        if self.target_name != "wheel":
+            return
+        state = self._state()
+        if state["is_current"] == "no":
+            self._say(f"compiling kernels for {state['target']} ahead of time, at most {SECONDS} s on two cores")
+            started = time.perf_counter()
+            try:
+                self._tool("--target", state["target"])
+            except subprocess.CalledProcessError:
+                if version != "editable":
+                    raise
+                self._say("kernels could not be compiled; numba compiles them when they are called")
+                return
+            self._say(f"compiled in {time.perf_counter() - started:.0f} s")
+        if version != "editable":
+            build_data["pure_python"] = False
+            build_data["tag"] = f"cp311-abi3-{state['wheel']}"
+            build_data["force_include"][state["extension"]] = EXTENSION.format(Path(state["extension"]).name)
+
+    def _state(self) -> dict[str, str]:
+        """Of the target: its name, tag and extension module, and whether that is as the sources are."""
+        lines = self._tool("--state", *self._target(), capture=True).splitlines()
+        return dict(line.split("=", 1) for line in lines)
+
+    def _target(self) -> list[str]:
+        target = os.environ.get("PROXIMITY_TARGET")
+        return ["--target", target] if target else []
+
+    def _tool(self, *options: str, capture: bool = False) -> str:
+        tool = str(Path(self.root, "tools", "build_kernels.py"))
+        command = [sys.executable, tool, *options]
+        return subprocess.run(command, check=True, text=True, stdout=subprocess.PIPE if capture else None).stdout or ""
+
+    def _say(self, sentence: str) -> None:
+        print(f"proximity: {sentence}", file=sys.stderr, flush=True)

@@ -1,0 +1,220 @@
+"""Kernels to one LLVM module: numba's front end, with its optimiser and its linker switched off.
+
+numba infers types and lowers each function to raw LLVM code. By itself it would optimise every function anew
+for each of its callers; here all raw modules are linked once, and only the doors stay visible. A *door* is a
+function of one address: words of arguments, behind which it writes words of results.
+
+This leans on internals of numba, which is pinned where this runs; see `disable_code_generation`.
+"""
+
+import itertools
+from collections.abc import Iterator
+from typing import Any
+
+from llvmlite import binding, ir
+from numba import types
+from numba.core import cgutils, codegen, compiler, cpu, dispatcher, registry
+from numba.core.compiler_lock import global_compiler_lock
+from numba.extending import intrinsic
+
+from kernel_build.targets import DOOR_PREFIX
+from proximity.kernels.compiled_stack import array_in_memory
+from proximity.native.jit import numba_type
+from proximity.native.signature import Array, Bundle, Signature
+
+
+def disable_code_generation() -> None:
+    """Have numba stop behind its front end, in this process, for good."""
+    library = codegen.CPUCodeLibrary
+    numbers = itertools.count(1)
+
+    def set_layout(self, module):
+        module.data_layout = self._codegen._data_layout
+
+    def finalize(self):
+        self._finalized = True
+
+    def executable(self, library, fndesc, env):
+        return [].append  # a builtin, as numba wants it, and another one for each function: it is a key
+
+    library._optimize_functions = set_layout
+    library.finalize = finalize
+    library._get_module_for_linking = lambda self: self._final_module
+    codegen.JITCodeLibrary.get_pointer_to_function = lambda self, name: next(numbers)
+    cpu.CPUContext.get_executable = executable
+    customize = dispatcher._FunctionCompiler._customize_flags
+
+    def without_wrappers(self, flags):
+        flags = customize(self, flags)
+        flags.no_cpython_wrapper = flags.no_cfunc_wrapper = True
+        return flags
+
+    dispatcher._FunctionCompiler._customize_flags = without_wrappers
+
+
+# --- words to values, inside compiled code ---------------------------------------------------------------
+
+
+def _word(builder, words, at):
+    return builder.load(builder.gep(words, [ir.Constant(words.type.pointee, at)]))
+
+
+def _words_behind(builder, address):
+    return builder.inttoptr(address, ir.IntType(64).as_pointer())
+
+
+def _array(context, builder, value, words, at):
+    """The array of which the words are at that place."""
+    word = ir.IntType(64)
+    lengths = [
+        _word(builder, words, at + 1 + axis) if length < 0 else ir.Constant(word, length)
+        for axis, length in enumerate(value.lengths)
+    ]
+    data = builder.inttoptr(_word(builder, words, at), ir.IntType(8).as_pointer())
+    return array_in_memory(context, builder, numba_type(value), data, lengths)
+
+
+def _value_at(context, builder, value, words, at):
+    if isinstance(value, Array):
+        return _array(context, builder, value, words, at)
+    if isinstance(value, Bundle):
+        table = _words_behind(builder, _word(builder, words, at))
+        arrays, place = [], 0
+        for array in value.arrays:
+            arrays.append(_array(context, builder, array, table, place))
+            place += array.word_count
+        return context.make_tuple(builder, numba_type(value), arrays)
+    word = _word(builder, words, at)
+    if value.kind == "float":
+        return builder.bitcast(word, ir.DoubleType())
+    if value.kind == "bool":
+        return builder.icmp_signed("!=", word, ir.Constant(word.type, 0))
+    return word
+
+
+def _reader(value, at):
+    """A function of the address of the words: the value of which the words are at that place."""
+
+    @intrinsic
+    def read(typingctx, address):
+        def generate(context, builder, sig, args):
+            return _value_at(context, builder, value, _words_behind(builder, args[0]), at)
+
+        return numba_type(value)(types.int64), generate
+
+    return read
+
+
+def _writer(value, at):
+    """A function of the address of the words and of a value: the value as words at that place.
+
+    An array is its address, its lengths, and the address of its owner, of which it is one reference.
+    """
+
+    @intrinsic
+    def write(typingctx, address, result):
+        def generate(context, builder, sig, args):
+            words = _words_behind(builder, args[0])
+
+            def store(number, offset):
+                builder.store(number, builder.gep(words, [ir.Constant(ir.IntType(64), at + offset)]))
+
+            if isinstance(value, Array):
+                array = context.make_array(sig.args[1])(context, builder, args[1])
+                context.nrt.incref(builder, sig.args[1], args[1])
+                store(builder.ptrtoint(array.data, ir.IntType(64)), 0)
+                for axis, length in enumerate(cgutils.unpack_tuple(builder, array.shape)):
+                    store(length, 1 + axis)
+                store(builder.ptrtoint(array.meminfo, ir.IntType(64)), 1 + len(value.lengths))
+            elif value.kind == "float":
+                store(builder.bitcast(args[1], ir.IntType(64)), 0)
+            else:
+                number = args[1]
+                if number.type.width < 64:
+                    number = builder.zext(number, ir.IntType(64))
+                store(number, 0)
+            return context.get_dummy_value()
+
+        return types.void(types.int64, numba_type(value)), generate
+
+    return write
+
+
+# --- doors -----------------------------------------------------------------------------------------------
+
+
+def _door(name: str, kernel: Any, signature: Signature) -> Any:
+    """The function of one address that asks a kernel."""
+    names: dict[str, Any] = {"kernel": kernel}
+    lines, at = [], 0
+    for k, value in enumerate(signature.arguments):
+        names[f"read_{k}"] = _reader(value, at)
+        lines.append(f"    a{k} = read_{k}(words)")
+        at += value.word_count
+    call = f"kernel({', '.join(f'a{k}' for k in range(len(signature.arguments)))})"
+    results = ", ".join(f"r{k}" for k in range(len(signature.results)))
+    lines.append(f"    {results + ' = ' if results else ''}{call}")
+    for k, value in enumerate(signature.results):
+        names[f"write_{k}"] = _writer(value, at)
+        lines.append(f"    write_{k}(words, r{k})")
+        at += value.word_count + isinstance(value, Array)
+    exec(f"def {name}(words):\n" + "\n".join(lines), names)
+    return names[name]
+
+
+def _compiled(function: Any) -> Any:
+    target = registry.cpu_target
+    flags = compiler.Flags()
+    options = {"nopython": True, "nogil": True, "error_model": "numpy"}
+    target.options.parse_as_flags(flags, options)
+    flags.no_cpython_wrapper = flags.no_cfunc_wrapper = True
+    return compiler.compile_extra(
+        target.typing_context, target.target_context, function, (types.int64,), types.none, flags, {}
+    )
+
+
+def _modules(library: Any, seen: set[int]) -> Iterator[Any]:
+    """Raw modules of a library and of all that it is linked with, each once."""
+    if id(library) in seen:
+        return
+    seen.add(id(library))
+    for other in library._linking_libraries:
+        yield from _modules(other, seen)
+    yield library._final_module
+
+
+def linked_doors(entries: dict[str, tuple[Any, Signature]]) -> str:
+    """Return the LLVM code of all doors, not optimised, as text.
+
+    Parameters
+    ----------
+    entries : dict
+        Of each entry point, by the name of its door, the kernel and its signature.
+    """
+    with global_compiler_lock:
+        seen: set[int] = set()
+        whole = binding.parse_assembly("")
+        symbols = {}
+        for name, (kernel, signature) in entries.items():
+            result = _compiled(_door(name, kernel, signature))
+            symbols[name] = result.fndesc.mangled_name
+            for module in _modules(result.library, seen):
+                part = module.clone()
+                for function in part.functions:
+                    if not function.is_declaration and function.name != symbols[name]:
+                        function.linkage = "weak_odr"
+                whole.data_layout = part.data_layout
+                whole.triple = part.triple
+                whole.link_in(part)
+    doors = {symbol: name for name, symbol in symbols.items()}
+    for function in whole.functions:
+        if function.name in doors:
+            function.name = DOOR_PREFIX + doors[function.name]
+            function.linkage = "external"
+        elif not function.is_declaration:
+            function.linkage = "internal"
+    for variable in whole.global_variables:
+        if variable.linkage is not binding.Linkage.private and not variable.is_declaration:
+            variable.linkage = "internal"
+    whole.verify()
+    return str(whole)
