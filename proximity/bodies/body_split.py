@@ -191,9 +191,9 @@ def _lost_counts(stock: _Stock, labels: np.ndarray, is_lost: np.ndarray) -> np.n
     held = np.unique(stock.corners[stock.rows] * np.int64(body_count) + labels[:, None])  # corner, body
     start, end = np.searchsorted(held, (corner * body_count, (corner + 1) * body_count))
     counts = end - start
-    place = np.arange(counts.sum()) + np.repeat(start - (np.cumsum(counts) - counts), counts)
+    position = np.arange(counts.sum()) + np.repeat(start - (np.cumsum(counts) - counts), counts)
     face = np.repeat(np.arange(len(corner)) // 3, counts)
-    pair, shared_count = np.unique(face * body_count + held[place] % body_count, return_counts=True)
+    pair, shared_count = np.unique(face * body_count + held[position] % body_count, return_counts=True)
     face, body = np.divmod(pair, body_count)
     order = np.lexsort((body, -shared_count, face))
     found, best = np.unique(face[order], return_index=True)

@@ -21,7 +21,7 @@ _UNCLEAR_TURNS = 0.1
 _SAMPLE_COUNT = 64
 """Places on a shell with holes, of like areas, at which both sides are looked at."""
 
-_WITNESS_COUNT = 5
+_VOTE_COUNT = 5
 """Faces of a shell that are asked whether they lie within another."""
 
 _BESIDE = 2.0**-20
@@ -106,8 +106,8 @@ class _Shells:
         triangles = self._faces_of(shell)
         normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
         reached = np.cumsum(np.sqrt(np.einsum("ij,ij->i", normals, normals)))
-        places = (np.arange(_SAMPLE_COUNT) + 0.5) / _SAMPLE_COUNT * reached[-1]
-        above, below = self._turns_beside(shell, triangles[np.searchsorted(reached, places)], shell)
+        sampled_areas = (np.arange(_SAMPLE_COUNT) + 0.5) / _SAMPLE_COUNT * reached[-1]
+        above, below = self._turns_beside(shell, triangles[np.searchsorted(reached, sampled_areas)], shell)
         is_clear = np.maximum(abs(above - np.rint(above)), abs(below - np.rint(below))) < _UNCLEAR_TURNS
         for side, inner, outer in ((1, below, above), (-1, above, below)):
             has_side = is_clear & (np.rint(inner) == side) & (np.rint(outer) == 0)
@@ -122,7 +122,7 @@ class _Shells:
             is_around = (lower[candidates] <= lower[shell]) & (upper[candidates] >= upper[shell])
             candidates = candidates[is_around]
         triangles = self._faces_of(shell)
-        chosen = np.unique(np.linspace(0, len(triangles) - 1, _WITNESS_COUNT).astype(np.int64))
+        chosen = np.unique(np.linspace(0, len(triangles) - 1, _VOTE_COUNT).astype(np.int64))
         for candidate in candidates[np.argsort(self.sizes[candidates], kind="stable")]:
             turns = self._turns_beside(shell, triangles[chosen], candidate)
             if np.minimum(np.abs(turns), 1.0).mean() > 0.5:

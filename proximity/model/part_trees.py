@@ -50,7 +50,7 @@ class TopPlan:
             Of the model.
         """
         row = parts[-1]
-        return cls(len(parts) - 1, int(row[layout.FIRST_BLOCK]), int(row[layout.NODE_COUNT]))
+        return cls(len(parts) - 1, int(row[layout.SCENE_FIRST_NODE]), int(row[layout.SCENE_STATIC_CAPACITY]))
 
     def copies_of(self, parts: np.ndarray) -> tuple[int, int]:
         """Return which copy of what moves a model uses, and which of the static tree.
@@ -63,8 +63,10 @@ class TopPlan:
         if not self.capacity:
             return 0, 0
         row = parts[-1]
-        moving = int(row[layout.REGION] - self.region(0)) // self._region_nodes
-        return moving, int(row[layout.FACES] - self.entries_at(0)) // (NODE_STRIDE * self._static_nodes)
+        moving = int(row[layout.SCENE_SUPER_NODE] - self.region(0)) // self._region_nodes
+        return moving, int(row[layout.SCENE_ENTRIES] - self.entries_at(0)) // (
+            NODE_STRIDE * self._static_nodes
+        )
 
     @property
     def entry_capacity(self) -> int:
@@ -114,7 +116,7 @@ def dynamic_rows(parts: np.ndarray) -> np.ndarray:
     parts : (P + 1, PART_COLUMNS) int64
         Of the model.
     """
-    return np.flatnonzero(parts[:-1, layout.IS_DYNAMIC])
+    return np.flatnonzero(parts[:-1, layout.PART_IS_DYNAMIC])
 
 
 def choose_frame(frames: np.ndarray, parts: np.ndarray, wanted: LocalFrame) -> None:
@@ -128,11 +130,14 @@ def choose_frame(frames: np.ndarray, parts: np.ndarray, wanted: LocalFrame) -> N
         Taken if it fits: parts that share it can be walked as one tree. Otherwise one with room to move.
     """
     scene = len(parts) - 1
-    lower, upper = frames[:scene, _BOX_LOWER].min(axis=0), frames[:scene, _BOX_UPPER].max(axis=0)
+    lower, upper = (
+        frames[:scene, layout.FRAME_BOX_LOWER_XYZ].min(axis=0),
+        frames[:scene, layout.FRAME_BOX_UPPER_XYZ].max(axis=0),
+    )
     reach = np.maximum(np.abs(wanted.of(lower)), np.abs(wanted.of(upper))).max()
     is_fit = scene == 1 or SMALLEST_REACH <= reach <= 1.0
     frame = wanted if is_fit else common_frame(lower, upper)
-    frames[scene, layout.ROTATION : layout.CENTRE] = (1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0)
+    frames[scene, layout.FRAME_ROTATION : layout.FRAME_CENTRE] = (1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0)
     frame.write(frames[scene])
     note_fused(frames, parts)
 
@@ -146,10 +151,10 @@ def note_fused(frames: np.ndarray, parts: np.ndarray) -> None:
         Of the model, with the scene's frame chosen.
     """
     scene = len(parts) - 1
-    is_alike = frames[:scene, : layout.SCALE + 1] == frames[scene, : layout.SCALE + 1]
-    is_still = parts[:scene, layout.IS_DYNAMIC] == 0
-    parts[:scene, layout.IS_FUSED] = is_alike.all(axis=1) & is_still
-    parts[scene, layout.IS_FUSED] = scene == 1 or parts[:scene, layout.IS_FUSED].all()
+    is_alike = frames[:scene, : layout.FRAME_SCALE + 1] == frames[scene, : layout.FRAME_SCALE + 1]
+    is_still = parts[:scene, layout.PART_IS_DYNAMIC] == 0
+    parts[:scene, layout.PART_IS_FUSED] = is_alike.all(axis=1) & is_still
+    parts[scene, layout.SCENE_ALL_FUSED] = scene == 1 or parts[:scene, layout.PART_IS_FUSED].all()
 
 
 def static_tree(
@@ -174,7 +179,7 @@ def static_tree(
         Part and reference.
     """
     scene = len(parts) - 1
-    still_count = int((parts[:scene, [layout.IS_DYNAMIC, layout.IS_HIDDEN]] == 0).all(axis=1).sum())
+    still_count = int((parts[:scene, [layout.PART_IS_DYNAMIC, layout.PART_IS_HIDDEN]] == 0).all(axis=1).sum())
     if not still_count or scene == 1:
         return np.zeros(0, np.float32), np.zeros((0, 2), np.int32)
     target = max(FEWEST_ENTRIES, ENTRIES_PER_PART * still_count)
@@ -206,8 +211,11 @@ def write_static(
         return False
     words[NODE_STRIDE * plan.static_node(copy) :][: len(nodes)] = nodes
     row = parts[-1]
-    row[layout.CORNER_COUNT], row[layout.BLOCK_COUNT] = len(entries), len(nodes) // NODE_STRIDE
-    row[layout.NEIGHBORS] = plan.static_node(copy) if len(nodes) else NO_NODE
+    row[layout.SCENE_ENTRY_COUNT], row[layout.SCENE_STATIC_NODE_COUNT] = (
+        len(entries),
+        len(nodes) // NODE_STRIDE,
+    )
+    row[layout.SCENE_STATIC_ROOT] = plan.static_node(copy) if len(nodes) else NO_NODE
     _write_entries(words, parts, copy, entries.reshape(-1).view(np.float32))
     return True
 
@@ -223,22 +231,22 @@ def thin_static(words: np.ndarray, parts: np.ndarray, copy: int) -> None:
         Which of the places.
     """
     row, target = parts[-1], TopPlan.of(parts).static_node(copy)
-    entries_at, root = row[layout.FACES], row[layout.NEIGHBORS]
-    entries = words[entries_at : entries_at + 2 * row[layout.CORNER_COUNT]]
+    entries_at, root = row[layout.SCENE_ENTRIES], row[layout.SCENE_STATIC_ROOT]
+    entries = words[entries_at : entries_at + 2 * row[layout.SCENE_ENTRY_COUNT]]
     if root != NO_NODE:
-        is_left = thin_out(words, parts, root, row[layout.BLOCK_COUNT], target, entries_at)
-        row[layout.NEIGHBORS] = target if is_left else NO_NODE
-    row[layout.IS_FUSED] = parts[:-1, layout.IS_FUSED].all()
+        is_left = thin_out(words, parts, root, row[layout.SCENE_STATIC_NODE_COUNT], target, entries_at)
+        row[layout.SCENE_STATIC_ROOT] = target if is_left else NO_NODE
+    row[layout.SCENE_ALL_FUSED] = parts[:-1, layout.PART_IS_FUSED].all()
     _write_entries(words, parts, copy, entries)
 
 
 def _write_entries(words: np.ndarray, parts: np.ndarray, copy: int, entries: np.ndarray) -> None:
     """Write the entries of a static tree, and behind them those of dynamic parts, which stand whole."""
     at, dynamic = TopPlan.of(parts).entries_at(copy), dynamic_rows(parts)
-    whole = np.stack((dynamic, parts[dynamic, layout.ROOT]), axis=1).astype(np.int32)
+    whole = np.stack((dynamic, parts[dynamic, layout.PART_ROOT]), axis=1).astype(np.int32)
     words[at : at + len(entries)] = entries
     words[at + len(entries) :][: whole.size] = whole.reshape(-1).view(np.float32)
-    parts[-1, layout.FACES] = at
+    parts[-1, layout.SCENE_ENTRIES] = at
 
 
 def write_moving(
@@ -274,15 +282,17 @@ def dynamic_order(words: np.ndarray, parts: np.ndarray) -> np.ndarray | None:
     words, parts
         Of a model, complete.
     """
-    dynamic, region = dynamic_rows(parts), int(parts[-1, layout.REGION])
-    places = np.arange(len(dynamic))
+    dynamic, region = dynamic_rows(parts), int(parts[-1, layout.SCENE_SUPER_NODE])
+    positions = np.arange(len(dynamic))
     if not TopPlan.of(parts).capacity:
-        return places
+        return positions
     # Fewer than eight are in the super node, beside the static tree.
     node, lane = (
-        (region, places + 1) if len(dynamic) < LANES else (region + 1 + places // LANES, places % LANES)
+        (region, positions + 1)
+        if len(dynamic) < LANES
+        else (region + 1 + positions // LANES, positions % LANES)
     )
-    listed = words[NODE_STRIDE * node + layout.PARTS_OF_LANES + lane].view(np.int32)
+    listed = words[NODE_STRIDE * node + layout.NODE_PARTS + lane].view(np.int32)
     return np.searchsorted(dynamic, listed) if np.array_equal(np.sort(listed), dynamic) else None
 
 
@@ -297,7 +307,7 @@ def rewrite_entries(words: np.ndarray, parts: np.ndarray, copy: int) -> None:
         Of the static tree.
     """
     at = TopPlan.of(parts).entries_at(copy)
-    _write_entries(words, parts, copy, words[at : at + 2 * parts[-1, layout.CORNER_COUNT]])
+    _write_entries(words, parts, copy, words[at : at + 2 * parts[-1, layout.SCENE_ENTRY_COUNT]])
 
 
 def clear_first(words: np.ndarray, parts: np.ndarray) -> None:
@@ -309,7 +319,3 @@ def clear_first(words: np.ndarray, parts: np.ndarray) -> None:
         Of the model.
     """
     clear_node(words, TopPlan.of(parts).first_node)
-
-
-_BOX_LOWER = slice(layout.BOX_LOWER, layout.BOX_LOWER + 3)
-_BOX_UPPER = slice(layout.BOX_UPPER, layout.BOX_UPPER + 3)

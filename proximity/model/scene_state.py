@@ -16,7 +16,7 @@ from proximity.kernels.compiler import CompiledCall
 from proximity.kernels.contact_columns import SURFACE_DEFORMABLE, SURFACE_RIGID
 from proximity.kernels.memory import make_table
 from proximity.kernels.scene.dynamic_tree import SORT_STEPS, UPDATE, DynamicParts, bring_up_to_date
-from proximity.kernels.scene.placement import FIRST_UNFIT, MOVE, first_unfit, move_parts, place_box
+from proximity.kernels.scene.placement import FIRST_UNFIT, MOVE, first_unfit, move_parts, update_box
 from proximity.model.assembly import NEVER, Model, finished
 from proximity.model.bvh import LARGEST_COORDINATE, LocalFrame
 from proximity.model.part_trees import (
@@ -73,16 +73,16 @@ def write_surface(frame: np.ndarray, stiffness: float | None, damping: float) ->
     damping : N s/m
         0 of a rigid part.
     """
-    frame[layout.SURFACE] = SURFACE_RIGID if stiffness is None else SURFACE_DEFORMABLE
-    frame[layout.STIFFNESS], frame[layout.DAMPING] = stiffness or 0.0, damping
+    frame[layout.FRAME_SURFACE] = SURFACE_RIGID if stiffness is None else SURFACE_DEFORMABLE
+    frame[layout.FRAME_STIFFNESS], frame[layout.FRAME_DAMPING] = stiffness or 0.0, damping
 
 
 # What is to be done about the static tree.
 _RIGHT = 0
 _THINNER = 1
 _NEW = 2
-_VELOCITY = slice(layout.VELOCITY, layout.VELOCITY + 3)
-_ANGULAR_VELOCITY = slice(layout.ANGULAR_VELOCITY, layout.ANGULAR_VELOCITY + 3)
+_VELOCITY = slice(layout.FRAME_VELOCITY, layout.FRAME_VELOCITY + 3)
+_ANGULAR_VELOCITY = slice(layout.FRAME_ANGULAR_VELOCITY, layout.FRAME_ANGULAR_VELOCITY + 3)
 
 
 class _Copy:
@@ -191,12 +191,12 @@ class SceneState:
         is_hidden : bool
             Whether no question finds it.
         """
-        if self.parts[row, layout.IS_HIDDEN] == is_hidden:
+        if self.parts[row, layout.PART_IS_HIDDEN] == is_hidden:
             return False
         self._begin(row)
         self.epoch += 1
-        self.parts[row, layout.IS_HIDDEN] = is_hidden
-        if not self.parts[row, layout.IS_DYNAMIC]:
+        self.parts[row, layout.PART_IS_HIDDEN] = is_hidden
+        if not self.parts[row, layout.PART_IS_DYNAMIC]:
             self._need(_THINNER if is_hidden else _NEW)
         self._is_whole = True
         return True
@@ -216,9 +216,9 @@ class SceneState:
         """
         self._begin(row)
         self.epoch += 1
-        place_box(self.frames, self.parts, row)
-        if not self.parts[row, layout.IS_DYNAMIC]:
-            self.parts[row, layout.IS_DYNAMIC], self.parts[row, layout.IS_FUSED] = 1, 0
+        update_box(self.frames, self.parts, row)
+        if not self.parts[row, layout.PART_IS_DYNAMIC]:
+            self.parts[row, layout.PART_IS_DYNAMIC], self.parts[row, layout.PART_IS_FUSED] = 1, 0
             self._need(_THINNER)
         self._is_whole = True
 
@@ -238,17 +238,17 @@ class SceneState:
         frame = self.frames[row]
         velocity, angular_velocity = frame[_VELOCITY].copy(), frame[_ANGULAR_VELOCITY].copy()
         velocity.flags.writeable = angular_velocity.flags.writeable = False
-        is_rigid = frame[layout.SURFACE] == SURFACE_RIGID
+        is_rigid = frame[layout.FRAME_SURFACE] == SURFACE_RIGID
         return {
             "pose": Pose.known(
-                frame[layout.ROTATION : layout.ROTATION + 9].reshape(3, 3),
-                frame[layout.TRANSLATION : layout.TRANSLATION + 3],
+                frame[layout.FRAME_ROTATION : layout.FRAME_ROTATION + 9].reshape(3, 3),
+                frame[layout.FRAME_TRANSLATION_XYZ],
             ),
             "velocity": velocity,
             "angular_velocity": angular_velocity,
-            "is_hidden": bool(self.parts[row, layout.IS_HIDDEN]),
-            "stiffness": None if is_rigid else float(frame[layout.STIFFNESS]),
-            "damping": float(frame[layout.DAMPING]),
+            "is_hidden": bool(self.parts[row, layout.PART_IS_HIDDEN]),
+            "stiffness": None if is_rigid else float(frame[layout.FRAME_STIFFNESS]),
+            "damping": float(frame[layout.FRAME_DAMPING]),
         }
 
     def _need(self, tree: int) -> None:
@@ -275,7 +275,7 @@ class SceneState:
         self.versions[:] = self.changes
         self.epoch += 1
         for row in range(len(self.parts) - 1):
-            place_box(self.frames, self.parts, row)
+            update_box(self.frames, self.parts, row)
         self._boxes_version = NEVER
         for copy in self._copies:
             copy.version = NEVER

@@ -15,7 +15,7 @@ import numpy as np
 
 from proximity.kernels import layout
 from proximity.kernels.mesh.faces import double_areas
-from proximity.kernels.scene.point_queries import ANSWER_WIDTH, closest_batch
+from proximity.kernels.scene.point_queries import POINT_ANSWER_WIDTH, closest_batch
 from proximity.kernels.sign.inside_grid import uncertain_points
 from proximity.kernels.sign.winding_number import winding_numbers
 from proximity.mesh.topology import Topology
@@ -148,7 +148,7 @@ def _surface_samples(piece: PartArrays) -> tuple[np.ndarray, np.ndarray]:
 
 def _turns(model: Model, points: np.ndarray) -> np.ndarray:
     """Winding numbers of a model's only part at local points."""
-    root, moments = int(model.parts[0, layout.ROOT]), int(model.parts[0, layout.MOMENTS])
+    root, moments = int(model.parts[0, layout.PART_ROOT]), int(model.parts[0, layout.PART_MOMENTS])
     turns = np.empty(len(points))
     winding_numbers(model.reals, model.words, root, moments, np.ascontiguousarray(points), turns)
     return turns
@@ -193,10 +193,10 @@ def _contradictions(signed: PartArrays, points: np.ndarray, normals: np.ndarray)
 
 def _face_samples(piece: PartArrays, among: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Points spread evenly over faces, whatever their areas, and the faces' unit normals; local frame."""
-    places = len(FACE_SAMPLE_WEIGHTS) * len(among)
-    count = min(FACE_SAMPLE_COUNT, places)
-    chosen, place = np.divmod(np.arange(count) * places // max(count, 1), len(FACE_SAMPLE_WEIGHTS))
-    return _placed(piece.corners[piece.faces[among[chosen]]], FACE_SAMPLE_WEIGHTS[place])
+    sample_count = len(FACE_SAMPLE_WEIGHTS) * len(among)
+    count = min(FACE_SAMPLE_COUNT, sample_count)
+    chosen, sample = np.divmod(np.arange(count) * sample_count // max(count, 1), len(FACE_SAMPLE_WEIGHTS))
+    return _placed(piece.corners[piece.faces[among[chosen]]], FACE_SAMPLE_WEIGHTS[sample])
 
 
 def _placed(corners: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -215,7 +215,7 @@ def _differing(
     *is_inside* (N,): what the sign grid tells of them; then only those are asked where that differs.
     """
     size = piece.size
-    answers = np.empty((len(asked), ANSWER_WIDTH))
+    answers = np.empty((len(asked), POINT_ANSWER_WIDTH))
     world = asked / piece.frame.scale + piece.frame.centre
     # Far from the origin this rounds; both ways are asked about the point that it has become.
     asked = piece.frame.of(world)

@@ -134,8 +134,8 @@ class Solid(Queries):
         """Lower and upper corner of the box around the faces, m, (3,) each."""
         row = self.snapshot().frames[0]
         return (
-            row[layout.OWN_LOWER : layout.OWN_LOWER + 3].copy(),
-            row[layout.OWN_UPPER : layout.OWN_UPPER + 3].copy(),
+            row[layout.FRAME_OWN_LOWER : layout.FRAME_OWN_LOWER + 3].copy(),
+            row[layout.FRAME_OWN_UPPER : layout.FRAME_OWN_UPPER + 3].copy(),
         )
 
     @cached_property
@@ -158,7 +158,7 @@ class Solid(Queries):
         """Of each vertex the first one at the same position, (V,) int32; -1 where no face has it."""
         model = self._arrays.model
         part = model.parts[0]
-        corner_of = model.words[part[layout.FACES] :][: 3 * part[layout.FACE_COUNT]].view(np.int32)
+        corner_of = model.words[part[layout.PART_FACES] :][: 3 * part[layout.PART_FACE_COUNT]].view(np.int32)
         corner = np.full(self.mesh.vertex_count, UNUSED, np.int32)
         corner[self.mesh.faces.ravel()] = corner_of
         used = np.flatnonzero(corner != UNUSED)

@@ -62,9 +62,9 @@ def _row_pointers(context, builder, array_types, arrays, at, shift):
     """Addresses of eight rows of four float64: *shift* beyond the offsets in an int64 array from *at* on."""
     offsets = context.make_array(array_types[1])(context, builder, arrays[1]).data
     for i in range(LANES):
-        place = builder.load(builder.gep(offsets, [builder.add(at, ir.Constant(at.type, i))]))
-        place = builder.add(place, shift)
-        yield _element_pointer(context, builder, array_types[0], arrays[0], place, _ROW)
+        offset = builder.load(builder.gep(offsets, [builder.add(at, ir.Constant(at.type, i))]))
+        offset = builder.add(offset, shift)
+        yield _element_pointer(context, builder, array_types[0], arrays[0], offset, _ROW)
 
 
 def _order(*lanes):

@@ -8,8 +8,9 @@ import numpy as np
 
 from proximity.arrays import as_float64, shown
 from proximity.errors import QueryError
+from proximity.kernels import layout
 from proximity.kernels.compiler import CompiledCall
-from proximity.kernels.layout import GRID, NO_GRID, NO_PART, NO_SLOT, ROTATION, SIGN, SIGN_WINDING
+from proximity.kernels.layout import NO_PART, NO_SLOT
 from proximity.kernels.tracking import track
 from proximity.kernels.tracking.motion import MAX_ACCELERATION, MAX_SPEED
 from proximity.kernels.tracking.part_drift import POSE_COLUMNS, movers_workspace
@@ -125,23 +126,25 @@ class Tracker:
         self._scene = scene
         self._period = positive("period", period, "seconds")
         self.contacts = np.zeros(count, CONTACT).view(Contacts)
-        settings = np.zeros(track.SETTINGS_SIZE)
+        settings = np.zeros(track.SETTING_COUNT)
         reach = not_negative("working_range", working_range, "metres")
         if reach > LARGEST_WORKING_RANGE:
             raise QueryError(f"working_range is {too_long(reach, LARGEST_WORKING_RANGE)}")
-        settings[track.WORKING_RANGE] = reach
-        settings[track.LATENCY] = not_negative("latency", latency, "seconds", most=LONGEST_LATENCY)
-        settings[track.TOLERANCE] = not_negative("tolerance", tolerance, "shares")
-        settings[track.HORIZON] = positive("horizon", horizon, "seconds")
-        settings[track.MAX_SPEED] = positive("max_speed", max_speed, "metres a second")
-        settings[track.MAX_ACCELERATION] = positive("max_acceleration", max_acceleration, "m/s²")
-        settings[track.BUDGET] = DEFAULT_BUDGET if budget is None else min(whole("budget", budget), MOST)
+        settings[track.SETTING_WORKING_RANGE] = reach
+        settings[track.SETTING_LATENCY] = not_negative("latency", latency, "seconds", most=LONGEST_LATENCY)
+        settings[track.SETTING_TOLERANCE] = not_negative("tolerance", tolerance, "shares")
+        settings[track.SETTING_HORIZON] = positive("horizon", horizon, "seconds")
+        settings[track.SETTING_MAX_SPEED] = positive("max_speed", max_speed, "metres a second")
+        settings[track.SETTING_MAX_ACCELERATION] = positive("max_acceleration", max_acceleration, "m/s²")
+        settings[track.SETTING_BUDGET] = (
+            DEFAULT_BUDGET if budget is None else min(whole("budget", budget), MOST)
+        )
         self._settings = settings
         self._shape = (count, 3)
         self._arrays = arrays_for(count, settings, self.contacts)
         self._pose_ns = self._arrays["pose_ns"]
         self._velocities = self._arrays["velocities"]
-        self._arrays["tracks"][:, track.RADIUS] = radii(radius, count)
+        self._arrays["tracks"][:, track.TRACK_RADIUS] = radii(radius, count)
         # Not the model itself: what trackers hold on to, a scene could not write its next one to.
         self._last_model: Callable[[], Model | None] = lambda: None
         self._last_now_ns = -MOST_NS  # of the last tick
@@ -167,7 +170,7 @@ class Tracker:
     @property
     def latency(self) -> float:
         """From a tick until the instant that predictions are for, s; for another, make another tracker."""
-        return float(self._settings[track.LATENCY])
+        return float(self._settings[track.SETTING_LATENCY])
 
     def __reduce__(self) -> tuple[Any, ...]:
         raise QueryError("a tracker cannot be copied, since it lives by its ticks: make another of its scene")
@@ -280,17 +283,17 @@ class Tracker:
         """Forget all fingers: the next tick is like the first."""
         self._arrays["motions"][:] = 0.0
         self._arrays["motion_marks"][:] = 0
-        self._arrays["marks"][:, track.REPORTED_PART] = NO_PART
+        self._arrays["marks"][:, track.TRACK_REPORTED_PART] = NO_PART
         self._last_now_ns = -MOST_NS
-        self._settings[track.FIRST] = self._settings[track.ADAPTIVE_TOLERANCE] = 0
+        self._settings[track.SETTING_FIRST_FINGER] = self._settings[track.SETTING_ADAPTIVE_TOLERANCE] = 0
         self._forget()
 
     def _forget(self) -> None:
         """Forget what was known of surfaces."""
         track.forget_surfaces(self._arrays["tracks"], self._arrays["balls"])
         marks = self._arrays["marks"]
-        marks[:, track.SLOT], marks[:, track.PART], marks[:, track.IS_OUTSIDE] = NO_SLOT, NO_PART, 0
-        marks[:, track.FRONTIER_COUNT] = 0
+        marks[:, track.TRACK_SLOT], marks[:, track.TRACK_PART] = NO_SLOT, NO_PART
+        marks[:, track.TRACK_IS_OUTSIDE] = marks[:, track.TRACK_FRONTIER_COUNT] = 0
 
     def _take_over(self, model: Model) -> None:
         """Look at *model* from now on; parts that changed in more than their place are looked at anew.
@@ -301,9 +304,11 @@ class Tracker:
             self._forget()
             self._find_again(model.names)
             count = len(model.parts) - 1
-            is_open = (model.parts[:count, SIGN] == SIGN_WINDING) & (model.parts[:count, GRID] == NO_GRID)
-            self._settings[track.HOLES] = is_open.any()
-            self._arrays["before"] = model.frames[:count, ROTATION : ROTATION + POSE_COLUMNS].copy()
+            signs, grids = model.parts[:count, layout.PART_SIGN], model.parts[:count, layout.PART_GRID]
+            is_open = (signs == layout.SIGN_WINDING) & (grids == layout.NO_GRID)
+            self._settings[track.SETTING_HAS_HOLES] = is_open.any()
+            first, end = layout.FRAME_ROTATION, layout.FRAME_ROTATION + POSE_COLUMNS
+            self._arrays["before"] = model.frames[:count, first:end].copy()
             self._arrays["movers"] = movers_workspace(count)
             self._write_addresses()
             self._epoch = model.epoch
@@ -312,7 +317,7 @@ class Tracker:
         """Write what the parts of the last answers are numbered now; one that is gone is another than all."""
         if names != self._names:
             rows = {name: row for row, name in enumerate(names)}
-            reported = self._arrays["marks"][:, track.REPORTED_PART]
+            reported = self._arrays["marks"][:, track.TRACK_REPORTED_PART]
             found = [rows.get(self._names[row], GONE) if row >= 0 else row for row in reported.tolist()]
             reported[:], self._names = found, names
 
@@ -349,13 +354,13 @@ class Tracker:
         self._has_velocities = True  # until it is known that there are none
         if velocities is not None:
             self._velocities[...] = shaped(velocities, "velocities", self._shape)
-        self._settings[track.HAS_VELOCITIES] = velocities is not None
+        self._settings[track.SETTING_HAS_VELOCITIES] = velocities is not None
         self._has_velocities = velocities is not None
 
     def _take_paths(self, paths: Any, path_bends: Any, bends: Any) -> None:
         self._has_paths = True  # until it is known that there are none
         if paths is None:
-            self._settings[track.HAS_PATHS] = self._has_paths = False
+            self._settings[track.SETTING_HAS_PATHS] = self._has_paths = False
             if bends is not None or path_bends is not None:
                 raise QueryError("bends are of places on paths, but no paths are given")
             return
@@ -385,7 +390,7 @@ class Tracker:
                 )
             arrays["path_bends"][:] = given
         arrays["bends"][:] = np.nan if bends is None else shaped(bends, "bends", (len(self.contacts),))
-        self._settings[track.HAS_PATHS] = True
+        self._settings[track.SETTING_HAS_PATHS] = True
 
     def __repr__(self) -> str:
         return f"Tracker({self.scene!r}, {len(self.contacts)} fingers)"

@@ -11,7 +11,7 @@ import proximity
 from proximity.errors import QueryError
 from proximity.kernels.compiler import CompiledCall, kernel
 from proximity.kernels.given import GIVEN_ROWS, row_count, rows_of
-from proximity.kernels.layout import CHILDREN, LANES, NODE_STRIDE, STACK_SIZE
+from proximity.kernels.layout import LANES, NODE_CHILDREN, NODE_STRIDE, STACK_SIZE
 from proximity.kernels.tree.traversal import descend_in_order, next_open
 from proximity.simd import bits, load, load_int, splat32
 from proximity.tracker.warm_up import _HELP
@@ -163,7 +163,7 @@ def _two_steps(words, bounds, ends, limit, stacks):
 def test_of_those_that_wait_the_nearest_is_taken_up_first(count, is_tie):
     rng = np.random.default_rng(count)
     words = np.zeros(NODE_STRIDE, np.float32)
-    words.view(np.int32)[CHILDREN:] = 10 + np.arange(NODE_STRIDE - CHILDREN)
+    words.view(np.int32)[NODE_CHILDREN:] = 10 + np.arange(NODE_STRIDE - NODE_CHILDREN)
     for _ in range(50):
         places = rng.permutation(np.arange(1.0, LANES + 1.0)).astype(np.float32)
         order = np.argsort(places)

@@ -28,7 +28,7 @@ def test_kernels_write_where_the_record_has_the_field(name):
 
 def test_kinds_share_one_word_with_the_surface_lowest():
     assert [CONTACT.fields[name][1] for name in ("surface", "mode", "source", "force_is_valid")] == list(
-        range(4 * contact_columns.KINDS, 4 * contact_columns.KINDS + 4)
+        range(4 * contact_columns.RECORD_KINDS, 4 * contact_columns.RECORD_KINDS + 4)
     )
     assert 8 * contact_columns.RECORD_REALS == 4 * contact_columns.RECORD_INTS == CONTACT.itemsize
 

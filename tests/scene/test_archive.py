@@ -344,8 +344,8 @@ def test_solid_alone_neither_moves_nor_hides(tmp_path):
 
     alone = proximity.load(saved(scene, tmp_path)).parts[2].solid.snapshot()
 
-    assert not alone.parts[:, [layout.IS_DYNAMIC, layout.IS_HIDDEN]].any()
-    assert not alone.frames[:, layout.VELOCITY : layout.SURFACE].any()
+    assert not alone.parts[:, [layout.PART_IS_DYNAMIC, layout.PART_IS_HIDDEN]].any()
+    assert not alone.frames[:, layout.FRAME_VELOCITY : layout.FRAME_SURFACE].any()
 
 
 def test_opening_builds_nothing(tmp_path, monkeypatch):
@@ -658,7 +658,7 @@ def test_layout_that_is_compared_has_the_strides():
         "PART_COLUMNS",
         "FRAME_COLUMNS",
         "MOMENT_STRIDE",
-        "IS_HIDDEN",
+        "PART_IS_HIDDEN",
     } <= set(compiled_scene.LAYOUT)
 
 

@@ -38,7 +38,7 @@ def cross(ax, ay, az, bx, by, bz):
 
 
 @inlined
-def place_of(slot):
+def offset_of(slot):
     """Where in ``reals`` the triangle at a slot has its first number; the others follow eight apart."""
     return BLOCK_STRIDE * (slot // LANES) + slot % LANES
 
@@ -121,7 +121,7 @@ __all__ = [
     "dot",
     "edge_distance_sq",
     "maximum",
-    "place_of",
+    "offset_of",
     "point_block_distance_sq",
     "point_triangle_distance_sq",
 ]

@@ -10,15 +10,15 @@ import numpy as np
 from proximity.kernels.compiler import inlined, maker
 from proximity.kernels.geometry.morton_order import sort_by_digit
 from proximity.kernels.geometry.rows import columns, columns_from
-from proximity.kernels.layout import BOX_LOWER, BOX_UPPER, LANES
+from proximity.kernels.layout import FRAME_BOX_LOWER, FRAME_BOX_UPPER, LANES
 from proximity.kernels.memory import arrays_at, longs_here, reals_here
 from proximity.simd import maximum, minimum, select, splat, store
 
-HALVINGS = 9
+MOST_HALVINGS = 9
 """How often the box is halved at most, each time across its longest side: 512 cells."""
 RAYS_OF_CELL = 8
 """Fewer halvings where cells would have fewer rays: counting in them costs, too."""
-WHOLE = 1.5 * 2.0**52
+ROUND_TO_WHOLE = 1.5 * 2.0**52
 """A number added to this is rounded to a whole one."""
 
 
@@ -31,7 +31,10 @@ def ray_order(handle, origins, directions):
     """
     _, _, frames, _ = arrays_at(handle)
     scene = len(frames) - 1
-    lower, upper = frames[scene, BOX_LOWER : BOX_LOWER + 3], frames[scene, BOX_UPPER : BOX_UPPER + 3]
+    lower, upper = (
+        frames[scene, FRAME_BOX_LOWER : FRAME_BOX_LOWER + 3],
+        frames[scene, FRAME_BOX_UPPER : FRAME_BOX_UPPER + 3],
+    )
     sides, counts, ranks = _halve(upper - lower, len(origins))
     rates = np.where(sides > 0.0, 1.0 / sides, 0.0)
     keys = _ranks_of_cells(origins, directions, lower, upper, rates, counts, ranks)
@@ -47,7 +50,7 @@ def _halve(sides, row_count):
     Returns the sides of the cells, how many there are along x, y and z, and the place of each in their order.
     """
     halvings = 0
-    while halvings < HALVINGS and (RAYS_OF_CELL << halvings) < row_count:
+    while halvings < MOST_HALVINGS and (RAYS_OF_CELL << halvings) < row_count:
         halvings += 1
     counts, axes = np.ones(3, np.int64), np.empty(halvings, np.int64)
     for i in range(halvings):
@@ -90,15 +93,15 @@ def _ranks_of_cells(origins, directions, lower, upper, rates, counts, ranks):
 
 
 @inlined
-def _enters(o, way, lower, upper):
+def _enters(o, direction, lower, upper):
     """Parameters at which one coordinate of eight rays comes to the box; 0 of those that do not come."""
-    near = select(way > splat(0.0), splat(lower), splat(upper)) - o
-    return select(near * way > splat(0.0), near / way, splat(0.0))
+    near = select(direction > splat(0.0), splat(lower), splat(upper)) - o
+    return select(near * direction > splat(0.0), near / direction, splat(0.0))
 
 
 @inlined
-def _cell(place, lower, rate, count):
-    """Which of *count* cells along one axis; where *place* is nan, the first."""
-    along = (place - splat(lower)) * splat(rate)
-    whole = ((along - splat(0.5)) + splat(WHOLE)) - splat(WHOLE)
+def _cell(coordinate, lower, rate, count):
+    """Which of *count* cells along one axis; where *coordinate* is nan, the first."""
+    along = (coordinate - splat(lower)) * splat(rate)
+    whole = ((along - splat(0.5)) + splat(ROUND_TO_WHOLE)) - splat(ROUND_TO_WHOLE)
     return minimum(maximum(whole, splat(0.0)), splat(count - 1.0))

@@ -42,12 +42,12 @@ from proximity.simd import (
     trailing_zeros,
 )
 
-DEPTH = 1e-10
+CONTACT_DEPTH = 1e-10
 """How far the ends of an edge must be off a face to both sides, in sizes of the part, for the edge to pass
 through; an edge of which both are nearer lies in its plane. What is thinner is no face."""
-SHORTEST = 1e4
+SHORTEST_CONTACT = 1e4
 """Depths: of an edge that lies on a face, more than this much does; less is two corners that touch."""
-FLAT, CREASED, UNCLEAR = 0, 1, 2
+EDGE_FLAT, EDGE_CREASED, EDGE_UNCLEAR = 0, 1, 2
 """Edges: between faces in one plane, beside each other; between faces that are not; where one of them is on
 the other, or thinner than any."""
 VOTES = 5
@@ -138,23 +138,23 @@ def _lies_on(corners, faces, face, start, end, depth):
             high = min(high, -within / gain)
         elif within < 0.0:
             return False
-    return (high - low) * sqrt(dot(dx, dy, dz, dx, dy, dz)) > SHORTEST * depth
+    return (high - low) * sqrt(dot(dx, dy, dz, dx, dy, dz)) > SHORTEST_CONTACT * depth
 
 
 @kernel
 def _kind_of_edge(corners, faces, face, other, depth):
     """How the faces at an edge lie to each other; *other* may be missing."""
     if other < 0:
-        return CREASED
+        return EDGE_CREASED
     nx, ny, nz, length = _plane(corners, faces, face, depth)
     mx, my, mz, other_length = _plane(corners, faces, other, depth)
     if length == 0.0 or other_length == 0.0:
-        return UNCLEAR
+        return EDGE_UNCLEAR
     most = depth * length
     for k in range(3):
         if abs(_height(corners, faces, face, nx, ny, nz, faces[other, k])) > most:
-            return CREASED
-    return FLAT if dot(nx, ny, nz, mx, my, mz) > 0.0 else UNCLEAR
+            return EDGE_CREASED
+    return EDGE_FLAT if dot(nx, ny, nz, mx, my, mz) > 0.0 else EDGE_UNCLEAR
 
 
 @kernel
@@ -185,7 +185,7 @@ def _mark_met(corners, faces, slot_faces, reals, words, root, start, end, kind, 
             blocks += 1
             base, first = BLOCK_STRIDE * ~reference, LANES * ~reference
             passed, lain = hits_in_block(reals, base, view, length), 0
-            if kind == CREASED:
+            if kind == EDGE_CREASED:
                 lain = _in_plane(reals, base, ox, oy, oz, ox + dx, oy + dy, oz + dz, depth)
             met = passed | lain
             while met:
@@ -220,7 +220,7 @@ def _mark_meeting(
             if 0 <= other < face:
                 continue
             kind = _kind_of_edge(corners, faces, face, other, depth)
-            if (kind == FLAT) != are_flat:
+            if (kind == EDGE_FLAT) != are_flat:
                 continue
             start, end = faces[face, k], faces[face, (k + 1) % 3]
             is_met, blocks = _mark_met(
@@ -275,7 +275,7 @@ def passing_faces(corners, faces, neighbors, slot_faces, reals, words, root, mom
     """
     marks, depth = np.zeros(len(faces), np.bool_), 0.0
     for axis in range(3):
-        depth = max(depth, DEPTH * (corners[:, axis].max() - corners[:, axis].min()))
+        depth = max(depth, CONTACT_DEPTH * (corners[:, axis].max() - corners[:, axis].min()))
     stacks = words_here(STACKS_SIZE)
     is_any, blocks_left = _mark_meeting(
         corners, faces, neighbors, slot_faces, reals, words, root, depth, MOST_BLOCKS * len(faces), False,

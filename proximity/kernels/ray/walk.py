@@ -40,20 +40,20 @@ from proximity.simd import (
     widen,
 )
 
-REACH = 1.5
+APPROACH_REACH = 1.5
 """A ray from farther away than `FAR` is started where it enters the cube of this half side."""
 SLAB_MARGIN = 2.0**-20
 """What a box is widened by, local units: half as much again as float32 can be off. With a start within 2 and
 planes within 1 the reciprocal is off by 2^-23 of a way of at most 3, the result by 2^-24 of it, and the
 constant by 2^-24 of 2."""
-SLOWEST = 2.0**-60
+SLOWEST_COMPONENT = 2.0**-60
 """Least component of a direction in the box test: its reciprocal stays finite, and over the length of the
 part it moves the ray by far less than the margin."""
 START_SLACK = 2.0**-50
 """A ray that starts this little behind a face starts on it: rounding of local coordinates."""
-LATE = 2.0**-51
+PARAMETER_ROUNDING = 2.0**-51
 """Rounding of a parameter and of its difference from the start of the box test."""
-WIDEN = 2.0**-22
+FLOAT32_WIDENING = 2.0**-22
 """Rounding of that difference to float32; a test which way it went would be mispredicted every other time."""
 
 
@@ -71,38 +71,38 @@ def approach(ox, oy, oz, dx, dy, dz):
     The direction's largest component is near 1. The point is rounded, which is as if the origin were. Scalars
     or vectors of eight.
     """
-    enter_x, leave_x = _way_through(ox, dx)
-    enter_y, leave_y = _way_through(oy, dy)
-    enter_z, leave_z = _way_through(oz, dz)
+    enter_x, leave_x = _cube_parameters(ox, dx)
+    enter_y, leave_y = _cube_parameters(oy, dy)
+    enter_z, leave_z = _cube_parameters(oz, dz)
     enter = maximum(maximum(enter_x, enter_y), enter_z)
     is_near = (enter >= like(0.0, enter)) & (enter <= minimum(minimum(leave_x, leave_y), leave_z))
     return is_near, enter, _inside(ox + enter * dx), _inside(oy + enter * dy), _inside(oz + enter * dz)
 
 
 @inlined
-def _way_through(o, d):
+def _cube_parameters(o, d):
     """Parameters at which one coordinate enters and leaves the cube; of one that stays, never or for ever."""
     zero, endless = like(0.0, d), like(np.inf, d)
-    is_still, is_within = d == zero, absolute(o) <= like(REACH, o)
-    way = select(is_still, like(1.0, d), d)
-    reach = select(way < zero, like(-REACH, way), like(REACH, way))
+    is_still, is_within = d == zero, absolute(o) <= like(APPROACH_REACH, o)
+    step = select(is_still, like(1.0, d), d)
+    reach = select(step < zero, like(-APPROACH_REACH, step), like(APPROACH_REACH, step))
     enter = select(is_within, -endless, endless)
     return (
-        select(is_still, enter, (-reach - o) / way),
-        select(is_still, -enter, (reach - o) / way),
+        select(is_still, enter, (-reach - o) / step),
+        select(is_still, -enter, (reach - o) / step),
     )
 
 
 @inlined
 def _not_still(d):
     """A component of a direction, away from zero."""
-    least = select(d < like(0.0, d), like(-SLOWEST, d), like(SLOWEST, d))
-    return select(absolute(d) > like(SLOWEST, d), d, least)
+    least = select(d < like(0.0, d), like(-SLOWEST_COMPONENT, d), like(SLOWEST_COMPONENT, d))
+    return select(absolute(d) > like(SLOWEST_COMPONENT, d), d, least)
 
 
 @inlined
 def _inside(value):
-    return minimum(maximum(value, like(-REACH, value)), like(REACH, value))
+    return minimum(maximum(value, like(-APPROACH_REACH, value)), like(APPROACH_REACH, value))
 
 
 @inlined
@@ -112,8 +112,8 @@ def slab(o, d, margin):
     The error of factor, constants and result is in the constants: entering comes out early, leaving late.
     Scalars or vectors of eight, of float64; what is returned is of float32.
     """
-    way = narrow(_not_still(d))
-    rate = like(1.0, way) / way
+    step = narrow(_not_still(d))
+    rate = like(1.0, step) / step
     wide = widen(rate)
     start, spread = -o * wide, margin * absolute(wide)
     return rate, narrow(start - spread), narrow(start + spread)
@@ -131,8 +131,8 @@ def near_plane(rate):
 @inlined
 def bound_of_parameter(best, start):
     """The float32 number, counted from *start*, that bounds are compared with; scalars or vectors."""
-    bound = narrow(best - start + best * like(LATE, best))
-    return bound + absolute(bound) * like(WIDEN, bound)
+    bound = narrow(best - start + best * like(PARAMETER_ROUNDING, best))
+    return bound + absolute(bound) * like(FLOAT32_WIDENING, bound)
 
 
 @inlined

@@ -21,18 +21,18 @@ from proximity.kernels.given import (
     bundle_type,
 )
 from proximity.kernels.layout import (
-    CORNER_COUNT,
-    DYNAMIC_COUNT,
     ENTRY,
     LANES,
-    NEIGHBORS,
+    NODE_PARTS,
     NODE_STRIDE,
-    PARTS_OF_LANES,
-    REGION,
-    ROOT,
+    PART_ROOT,
+    SCENE_DYNAMIC_COUNT,
+    SCENE_ENTRY_COUNT,
+    SCENE_STATIC_ROOT,
+    SCENE_SUPER_NODE,
 )
 from proximity.kernels.memory import words_here
-from proximity.kernels.scene.placement import box_in_scene, copy_rows, place_scene
+from proximity.kernels.scene.placement import box_in_scene, copy_rows, update_scene_box
 from proximity.kernels.tree.wide_node import clear_node, node_box, write_lane
 
 CURVE_CELLS = 2**20
@@ -78,13 +78,13 @@ def _mend_order(boxes, dynamic, order, keys, steps):
     for i in range(len(dynamic)):
         keys[i] = _curve_key(boxes[dynamic[i]])
     for i in range(1, len(order)):
-        place = order[i]
+        index = order[i]
         at = i
-        while at > 0 and steps > 0 and keys[order[at - 1]] > keys[place]:
+        while at > 0 and steps > 0 and keys[order[at - 1]] > keys[index]:
             order[at] = order[at - 1]
             at -= 1
             steps -= 1
-        order[at] = place
+        order[at] = index
 
 
 @kernel
@@ -94,9 +94,9 @@ def _write_child(words, node, lane, i, below, boxes, dynamic, order, first_entry
         node_box(words, below + i, box)
         write_lane(words, NODE_STRIDE * node, lane, box, below + i)
     else:
-        place, base = order[i], NODE_STRIDE * node
-        write_lane(words, base, lane, boxes[dynamic[place]], ~(ENTRY + first_entry + place))
-        words.view(np.int32)[base + PARTS_OF_LANES + lane] = dynamic[place]
+        index, base = order[i], NODE_STRIDE * node
+        write_lane(words, base, lane, boxes[dynamic[index]], ~(ENTRY + first_entry + index))
+        words.view(np.int32)[base + NODE_PARTS + lane] = dynamic[index]
 
 
 @kernel
@@ -145,7 +145,7 @@ def bring_up_to_date(
     """
     rows, order, keys = dynamic
     scene = len(parts) - 1
-    reach = place_scene(frames, parts)
+    reach = update_scene_box(frames, parts)
     if scene > 1:
         if not reach <= 1.0:
             return reach
@@ -153,10 +153,18 @@ def bring_up_to_date(
             if versions[part] > published:
                 box_in_scene(frames, parts, part, boxes[part])
         _mend_order(boxes, rows, order, keys, steps)
-        write_dynamic(words, region, parts[scene, NEIGHBORS], boxes, rows, order, parts[scene, CORNER_COUNT])
+        write_dynamic(
+            words,
+            region,
+            parts[scene, SCENE_STATIC_ROOT],
+            boxes,
+            rows,
+            order,
+            parts[scene, SCENE_ENTRY_COUNT],
+        )
     # Nothing stands between a question and a static tree that is alone.
-    is_static = scene > 1 and len(rows) == 0 and parts[scene, NEIGHBORS] >= 0
-    parts[scene, ROOT] = parts[scene, NEIGHBORS] if is_static else region
-    parts[scene, REGION], parts[scene, DYNAMIC_COUNT] = region, len(rows)
+    is_static = scene > 1 and len(rows) == 0 and parts[scene, SCENE_STATIC_ROOT] >= 0
+    parts[scene, PART_ROOT] = parts[scene, SCENE_STATIC_ROOT] if is_static else region
+    parts[scene, SCENE_SUPER_NODE], parts[scene, SCENE_DYNAMIC_COUNT] = region, len(rows)
     copy_rows(frames, parts, versions, since, to_frames, to_parts)
     return reach

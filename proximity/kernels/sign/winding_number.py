@@ -24,7 +24,7 @@ import numpy as np
 
 from proximity.kernels.compiler import kernel, maker
 from proximity.kernels.geometry.triangle import dot
-from proximity.kernels.layout import BLOCK_STRIDE, CHILDREN, LANES, NODE_STRIDE, STACK_SIZE
+from proximity.kernels.layout import BLOCK_STRIDE, LANES, NODE_CHILDREN, NODE_STRIDE, STACK_SIZE
 from proximity.kernels.memory import reals_here, words_here
 from proximity.simd import (
     absolute,
@@ -47,7 +47,7 @@ from proximity.simd import (
 MOMENT_STRIDE = 112
 OPENING = 2.5
 """Ratio of distance to radius from which on a cluster counts as far."""
-SMALLEST, LARGEST = 1e-300, 1e300
+SMALLEST_PRODUCT, LARGEST_PRODUCT = 1e-300, 1e300
 """What a product is between: beyond, it has no direction. That is where features are below 1e-100 local."""
 
 
@@ -68,7 +68,7 @@ def fill_moments(words, reals, node_count, moments):
                 moments[at + 8 * row] = 0.0
             if not words[base + k] <= words[base + 24 + k]:
                 continue
-            child = load_int(words, base + CHILDREN + k)
+            child = load_int(words, base + NODE_CHILDREN + k)
             own[:] = 0.0
             if child >= 0:
                 own[:] = sums[child]
@@ -140,7 +140,7 @@ def turned(cosine, sine, turns, below, volume):
     new_cosine = fma(cosine, below, -(sine * volume))
     new_sine = fma(cosine, volume, sine * below)
     size = maximum(absolute(new_cosine), absolute(new_sine))
-    is_there = (size > like(SMALLEST, size)) & (size < like(LARGEST, size))
+    is_there = (size > like(SMALLEST_PRODUCT, size)) & (size < like(LARGEST_PRODUCT, size))
     scale = one / select(is_there, size, one)
     # By the numbers that are kept: scaled, the least may have become zero.
     new_cosine, new_sine = new_cosine * scale, new_sine * scale
@@ -222,7 +222,7 @@ def winding_number(reals, words, root, moments, px, py, pz):
             if bits(is_far):
                 fluxes = fluxes + select(is_far, _flux(words, at, dx, dy, dz, distance_sq), splat(0.0))
             is_near = is_used & ~is_far
-            store(stack, waiting, compress(load(words, base + CHILDREN), is_near))
+            store(stack, waiting, compress(load(words, base + NODE_CHILDREN), is_near))
             waiting += count_bits(bits(is_near))
         if waiting == 0:
             break

@@ -12,51 +12,51 @@ from proximity.kernels.compiler import inlined, kernel
 from proximity.kernels.contact_columns import RECORD_INTS, RECORD_REALS
 from proximity.kernels.memory import TableLength, arrays_behind
 from proximity.kernels.point.coherent_search import FRONTIER_SIZE
-from proximity.kernels.tracking.conservative_advancement import BALLS, BALLS_SIZE
+from proximity.kernels.tracking.conservative_advancement import BALL_COUNT, BALLS_SIZE
 from proximity.kernels.tracking.motion import MOTION_INTS, MOTION_REALS
 from proximity.kernels.tracking.part_drift import POSE_COLUMNS
 
 # --- columns of ``tracks`` (float64), a row a finger ---
-ANCHOR = 0  # m, scene's frame: where CLEAR was found
-CLEAR = 3  # m: every surface was at least so far from the anchor; negative: not known
-ODOMETER = 4  # m: how far parts had moved until then
-RADIUS = 5  # m, of the fingertip
-FOOT = 6  # m, scene's frame: the point of the surface that was reported last
-FOOT_FROM = 9  # m: where the finger was when it was the nearest of its face
-FOOT_WAY = 12  # m: how far parts had moved then; negative where there is none
+TRACK_ANCHOR = 0  # m, scene's frame: where TRACK_CLEAR was found
+TRACK_CLEAR = 3  # m: every surface was at least so far from the anchor; negative: not known
+TRACK_ODOMETER = 4  # m: how far parts had moved until then
+TRACK_RADIUS = 5  # m, of the fingertip
+TRACK_SURFACE_POINT = 6  # m, scene's frame: the point of the surface that was reported last
+TRACK_SURFACE_FROM = 9  # m: where the finger was when it was the nearest of its face
+TRACK_SURFACE_DISPLACEMENT = 12  # m: how far parts had moved then; negative where there is none
 TRACK_REALS = 16
 
 # --- columns of ``marks`` (int64), a row a finger ---
-SLOT = 0  # of the nearest face found last, or NO_SLOT
-PART = 1  # its part
-IS_OUTSIDE = 2  # 1 where no part held the anchor
-REPORTED_PART = 3  # part of the last answer
-FRONTIER_COUNT = (
-    4  # of the frontier that is kept, see `coherent_search`; 0 for none; negative: ticks until one
+TRACK_SLOT = 0  # of the nearest face found last, or NO_SLOT
+TRACK_PART = 1  # its part
+TRACK_IS_OUTSIDE = 2  # 1 where no part held the anchor
+TRACK_REPORTED_PART = 3  # part of the last answer
+TRACK_FRONTIER_COUNT = (
+    4  # nodes of the frontier kept, see `coherent_search`; negative: ticks until the next try
 )
 TRACK_INTS = 5
 
 # --- ``settings`` (float64) ---
-WORKING_RANGE = 0  # m
-LATENCY = 1  # s
-HORIZON = 2  # s
-MAX_SPEED = 3  # m/s
-MAX_ACCELERATION = 4  # m/s²
-WAY = 5  # m that parts have moved since the tracker began; written by the tick
-BUDGET = 6  # steps a finger
-HAS_VELOCITIES = 7  # 1 where the caller gives velocities
-HAS_PATHS = 8
-HOLES = 9  # 1 where some part has an inside though it is not closed
-MOVER_COUNT = 10  # parts that have a velocity; written by the tick
-STANDS = 11  # 1 where some part has none
-TOLERANCE = 14  # of a distance, see `Tracker`
-AHEAD_LEFT = 12  # steps that are left for looking ahead, of all fingers; written by the tick
-FIRST = 13  # finger that is done first, so that each has its turn; written by the tick
-STEPS_LEFT = 15  # steps that are left for distances, of all fingers; written by the tick
-ADAPTIVE_TOLERANCE = 16  # likewise, of a crowd; written by the tick
-SETTINGS_SIZE = 17
+SETTING_WORKING_RANGE = 0  # m
+SETTING_LATENCY = 1  # s
+SETTING_HORIZON = 2  # s
+SETTING_MAX_SPEED = 3  # m/s
+SETTING_MAX_ACCELERATION = 4  # m/s²
+SETTING_DISPLACEMENT = 5  # m that parts have moved since the tracker began; written by the tick
+SETTING_BUDGET = 6  # steps a finger
+SETTING_HAS_VELOCITIES = 7  # 1 where the caller gives velocities
+SETTING_HAS_PATHS = 8
+SETTING_HAS_HOLES = 9  # 1 where some part has an inside though it is not closed
+SETTING_MOVER_COUNT = 10  # parts that have a velocity; written by the tick
+SETTING_ANY_STANDS = 11  # 1 where some part has none
+SETTING_TOLERANCE = 14  # of a distance, see `Tracker`
+SETTING_PREDICTION_STEPS_LEFT = 12  # steps left for predictions, of all fingers; written by the tick
+SETTING_FIRST_FINGER = 13  # finger that is done first, so that each has its turn; written by the tick
+SETTING_STEPS_LEFT = 15  # steps that are left for distances, of all fingers; written by the tick
+SETTING_ADAPTIVE_TOLERANCE = 16  # likewise, of a crowd; written by the tick
+SETTING_COUNT = 17
 
-FARTHEST_WAY = 1e3
+MOST_DISPLACEMENT = 1e3
 """m that parts may have moved until all tracks start anew: of larger sums, small steps are lost by rounding.
 A part that is put far away and back goes so far at once."""
 MOST_NS = 2**62
@@ -103,7 +103,7 @@ class Scratch(NamedTuple):
     """What a search works in; nothing in it is kept from one finger to the next."""
 
     workspace: np.ndarray  # float32, see `budgeted_walk`
-    witness: np.ndarray  # float64, see `closest_feature`
+    closest: np.ndarray  # float64, see `closest_feature`
     vectors: np.ndarray  # (9,) float64: three vectors, for each function to say which
 
 
@@ -119,19 +119,26 @@ def vector_at(row, column):
     return row[column], row[column + 1], row[column + 2]
 
 
-FINGER_COUNT, PATH_COUNT, PART_COUNT, MOVERS_SIZE, WORKSPACE_SIZE, FRONTIERS_COUNT = range(6)
-FIRST_ADDRESS = 6
+(
+    TABLE_FINGER_COUNT,
+    TABLE_KNOT_COUNT,
+    TABLE_PART_COUNT,
+    TABLE_MOVERS_SIZE,
+    TABLE_WORKSPACE_SIZE,
+    TABLE_FRONTIER_COUNT,
+) = range(6)
+TABLE_FIRST_ADDRESS = 6
 NAMES = tuple(name for name in TrackerArrays._fields if name not in ("wide", "numbers"))
 """Of the arrays, in the order of their addresses in the table."""
-FINGERS, KNOTS = TableLength(FINGER_COUNT), TableLength(PATH_COUNT)
+FINGERS, KNOTS = TableLength(TABLE_FINGER_COUNT), TableLength(TABLE_KNOT_COUNT)
 
 
 def _address(name):
-    return FIRST_ADDRESS + NAMES.index(name)
+    return TABLE_FIRST_ADDRESS + NAMES.index(name)
 
 
 tracker_arrays_at = arrays_behind(
-    ("float64", _address("settings"), (SETTINGS_SIZE,)),
+    ("float64", _address("settings"), (SETTING_COUNT,)),
     ("int64", _address("pose_ns"), (FINGERS,)),
     ("float64", _address("velocities"), (FINGERS, 3)),
     ("float64", _address("paths"), (FINGERS, KNOTS, 3)),
@@ -143,13 +150,13 @@ tracker_arrays_at = arrays_behind(
     ("float64", _address("tracks"), (FINGERS, TRACK_REALS)),
     ("int64", _address("marks"), (FINGERS, TRACK_INTS)),
     ("float64", _address("balls"), (FINGERS, BALLS_SIZE)),
-    ("float32", _address("frontiers"), (TableLength(FRONTIERS_COUNT), FRONTIER_SIZE)),
+    ("float32", _address("frontiers"), (TableLength(TABLE_FRONTIER_COUNT), FRONTIER_SIZE)),
     ("float64", _address("records"), (FINGERS, RECORD_REALS)),
     ("int64", _address("records"), (FINGERS, RECORD_REALS)),
     ("int32", _address("records"), (FINGERS, RECORD_INTS)),
-    ("float64", _address("before"), (TableLength(PART_COUNT), POSE_COLUMNS)),
-    ("float64", _address("movers"), (TableLength(MOVERS_SIZE),)),
-    ("float32", _address("workspace"), (TableLength(WORKSPACE_SIZE),)),
+    ("float64", _address("before"), (TableLength(TABLE_PART_COUNT), POSE_COLUMNS)),
+    ("float64", _address("movers"), (TableLength(TABLE_MOVERS_SIZE),)),
+    ("float32", _address("workspace"), (TableLength(TABLE_WORKSPACE_SIZE),)),
 )
 """The arrays of the tracker whose table is at an address, in the order of `TrackerArrays`."""
 
@@ -158,6 +165,10 @@ tracker_arrays_at = arrays_behind(
 def forget_surfaces(tracks, balls):
     """Forget how far surfaces were, as no tick had been before."""
     for i in range(len(tracks)):
-        tracks[i, CLEAR], tracks[i, ODOMETER], tracks[i, FOOT_WAY] = -1.0, 0.0, -1.0
-        for ball in range(BALLS):
-            balls[i, 3 * BALLS + ball], balls[i, 4 * BALLS + ball] = -1.0, 0.0
+        tracks[i, TRACK_CLEAR], tracks[i, TRACK_ODOMETER], tracks[i, TRACK_SURFACE_DISPLACEMENT] = (
+            -1.0,
+            0.0,
+            -1.0,
+        )
+        for ball in range(BALL_COUNT):
+            balls[i, 3 * BALL_COUNT + ball], balls[i, 4 * BALL_COUNT + ball] = -1.0, 0.0

@@ -15,14 +15,14 @@ import numpy as np
 from proximity.kernels.compiler import inlined, kernel, maker
 from proximity.simd import halves_swapped, lane, load, minimum, splat32, store
 
-RECORD = 8
+BOX_STRIDE = 8
 """Numbers of a record."""
-LEFT = 0
+LINK_LEFT = 0
 """Columns of a binary tree's links (int32): its children, or -1 in a leaf; the faces of a leaf, where they
 begin in the order of faces and how many they are."""
-RIGHT = 1
-FIRST = 2
-COUNT = 3
+LINK_RIGHT = 1
+LINK_FIRST = 2
+LINK_COUNT = 3
 NO_CHILD = -1
 BIN_COUNT = 16
 HALVED_DEPTH = 64
@@ -79,10 +79,10 @@ def _measure(boxes, first, count, sides, at):
     """Put the box of a run, and that of its middles, to *sides*."""
     box, middles = _nowhere(), _nowhere()
     for position in range(first, first + count):
-        record = load(boxes, RECORD * position)
+        record = load(boxes, BOX_STRIDE * position)
         box, middles = minimum(box, record), minimum(middles, _middles(record))
     store(sides, at, box)
-    store(sides, at + RECORD, middles)
+    store(sides, at + BOX_STRIDE, middles)
 
 
 @inlined
@@ -101,7 +101,7 @@ def _bin_rate(middles, at, axis, bin_count):
 @inlined
 def _bin(boxes, position, axis, start, rate, bin_count):
     """The bin of the record at *position*."""
-    at = RECORD * position + axis
+    at = BOX_STRIDE * position + axis
     return min(np.int64((boxes[at] - boxes[at + 4] - start) * rate), bin_count - 1)
 
 
@@ -112,7 +112,7 @@ def _fill_bins(boxes, first, count, middles, at, bins, bin_counts):
     for axis in range(3):
         for b in range(BIN_COUNT * axis, BIN_COUNT * axis + used):
             bin_counts[b] = 0
-            store(bins, RECORD * b, _nowhere())
+            store(bins, BOX_STRIDE * b, _nowhere())
     start_x, start_y, start_z = middles[at], middles[at + 1], middles[at + 2]
     rate_x, rate_y, rate_z = (
         _bin_rate(middles, at, 0, used),
@@ -120,13 +120,13 @@ def _fill_bins(boxes, first, count, middles, at, bins, bin_counts):
         _bin_rate(middles, at, 2, used),
     )
     for position in range(first, first + count):
-        record = load(boxes, RECORD * position)
+        record = load(boxes, BOX_STRIDE * position)
         x = _bin(boxes, position, 0, start_x, rate_x, used)
         y = _bin(boxes, position, 1, start_y, rate_y, used) + BIN_COUNT
         z = _bin(boxes, position, 2, start_z, rate_z, used) + 2 * BIN_COUNT
         for b in (x, y, z):
             bin_counts[b] += 1
-            store(bins, RECORD * b, minimum(load(bins, RECORD * b), record))
+            store(bins, BOX_STRIDE * b, minimum(load(bins, BOX_STRIDE * b), record))
 
 
 @kernel
@@ -142,13 +142,13 @@ def _best_plane(bins, bin_counts, used, leaf_shift, right_costs):
         box, number = _nowhere(), 0
         for b in range(used - 1, 0, -1):
             number += bin_counts[BIN_COUNT * axis + b]
-            box = minimum(box, load(bins, RECORD * (BIN_COUNT * axis + b)))
+            box = minimum(box, load(bins, BOX_STRIDE * (BIN_COUNT * axis + b)))
             leaves = np.float32((number + round_up) >> leaf_shift)
             right_costs[b] = half_area(box) * leaves if number else np.float32(np.inf)
         box, number = _nowhere(), 0
         for b in range(used - 1):
             number += bin_counts[BIN_COUNT * axis + b]
-            box = minimum(box, load(bins, RECORD * (BIN_COUNT * axis + b)))
+            box = minimum(box, load(bins, BOX_STRIDE * (BIN_COUNT * axis + b)))
             if number == 0:
                 continue
             leaves = np.float32((number + round_up) >> leaf_shift)
@@ -166,19 +166,19 @@ def _divide(boxes, order, first, count, middles, at, bins, plane, sides):
     left_middles, right_middles = _nowhere(), _nowhere()
     left, right = first, first + count - 1
     while left <= right:
-        record = load(boxes, RECORD * left)
+        record = load(boxes, BOX_STRIDE * left)
         if _bin(boxes, left, axis, start, rate, used) <= last:
             left_middles = minimum(left_middles, _middles(record))
             left += 1
         else:
             right_middles = minimum(right_middles, _middles(record))
-            store(boxes, RECORD * left, load(boxes, RECORD * right))
-            store(boxes, RECORD * right, record)
+            store(boxes, BOX_STRIDE * left, load(boxes, BOX_STRIDE * right))
+            store(boxes, BOX_STRIDE * right, record)
             order[left], order[right] = order[right], order[left]
             right -= 1
     left_box, right_box = _nowhere(), _nowhere()
     for b in range(used):
-        box = load(bins, RECORD * (BIN_COUNT * axis + b))
+        box = load(bins, BOX_STRIDE * (BIN_COUNT * axis + b))
         if b <= last:
             left_box = minimum(left_box, box)
         else:
@@ -192,11 +192,11 @@ def _divide(boxes, order, first, count, middles, at, bins, plane, sides):
 
 @maker
 def halve(boxes, order, leaf_shift):
-    """Return the boxes (N * `RECORD`) and the links (N, 4) of a binary tree; node 0 is its root.
+    """Return the boxes (N * `BOX_STRIDE`) and the links (N, 4) of a binary tree; node 0 is its root.
 
     Parameters
     ----------
-    boxes : (F * `RECORD`,) float32
+    boxes : (F * `BOX_STRIDE`,) float32
         Of the faces, F >= 1. Brought into the tree's order.
     order : (F,) int32
         Numbers of the faces. Brought into the tree's order.
@@ -204,32 +204,34 @@ def halve(boxes, order, leaf_shift):
         A leaf takes ``2 ** leaf_shift`` faces at most.
     """
     capacity = max(64, len(order) >> leaf_shift << 1)
-    nodes = np.empty(capacity * RECORD, np.float32)
+    nodes = np.empty(capacity * BOX_STRIDE, np.float32)
     links = np.empty((capacity, 4), np.int32)
-    bins = np.empty(3 * BIN_COUNT * RECORD, np.float32)
+    bins = np.empty(3 * BIN_COUNT * BOX_STRIDE, np.float32)
     bin_counts = np.empty(3 * BIN_COUNT, np.int32)
     right_costs = np.empty(BIN_COUNT, np.float32)
-    sides = np.empty(4 * RECORD, np.float32)
+    sides = np.empty(4 * BOX_STRIDE, np.float32)
     waiting = np.empty((LARGEST_WAITING, 2), np.int64)  # node and depth
-    middles = np.empty(LARGEST_WAITING * RECORD, np.float32)
+    middles = np.empty(LARGEST_WAITING * BOX_STRIDE, np.float32)
     _measure(boxes, 0, len(order), sides, 0)
-    nodes[:RECORD] = sides[:RECORD]
-    middles[:RECORD] = sides[RECORD : 2 * RECORD]
+    nodes[:BOX_STRIDE] = sides[:BOX_STRIDE]
+    middles[:BOX_STRIDE] = sides[BOX_STRIDE : 2 * BOX_STRIDE]
     links[0] = (NO_CHILD, NO_CHILD, 0, len(order))
     waiting[0] = (0, 0)
     node_count, waiting_count = 1, 1
     while waiting_count:
         waiting_count -= 1
         node, depth = waiting[waiting_count]
-        first, count = np.int64(links[node, FIRST]), np.int64(links[node, COUNT])
+        first, count = np.int64(links[node, LINK_FIRST]), np.int64(links[node, LINK_COUNT])
         if count <= 1 << leaf_shift:
             continue
         plane = -1
         if depth < HALVED_DEPTH and count > 2:
-            _fill_bins(boxes, first, count, middles, RECORD * waiting_count, bins, bin_counts)
+            _fill_bins(boxes, first, count, middles, BOX_STRIDE * waiting_count, bins, bin_counts)
             plane = _best_plane(bins, bin_counts, _bins_for(count), leaf_shift, right_costs)
         if plane >= 0:
-            left = _divide(boxes, order, first, count, middles, RECORD * waiting_count, bins, plane, sides)
+            left = _divide(
+                boxes, order, first, count, middles, BOX_STRIDE * waiting_count, bins, plane, sides
+            )
         else:
             left = count // 2
             _measure(boxes, first, left, sides, _LEFT_BOX)
@@ -237,22 +239,22 @@ def halve(boxes, order, leaf_shift):
         if node_count + 2 > capacity:
             capacity *= 2
             more_nodes, more_links = (
-                np.empty(capacity * RECORD, np.float32),
+                np.empty(capacity * BOX_STRIDE, np.float32),
                 np.empty((capacity, 4), np.int32),
             )
-            more_nodes[: RECORD * node_count] = nodes[: RECORD * node_count]
+            more_nodes[: BOX_STRIDE * node_count] = nodes[: BOX_STRIDE * node_count]
             more_links[:node_count] = links[:node_count]
             nodes, links = more_nodes, more_links
-        links[node, LEFT], links[node, RIGHT] = node_count, node_count + 1
+        links[node, LINK_LEFT], links[node, LINK_RIGHT] = node_count, node_count + 1
         links[node_count] = (NO_CHILD, NO_CHILD, first, left)
         links[node_count + 1] = (NO_CHILD, NO_CHILD, first + left, count - left)
         # The larger side waits longer.
         smaller = 0 if left <= count - left else 1
         for side in (1 - smaller, smaller):
             at = _RIGHT_BOX if side else _LEFT_BOX
-            nodes[RECORD * (node_count + side) :][:RECORD] = sides[at : at + RECORD]
-            middles[RECORD * waiting_count :][:RECORD] = sides[at + RECORD : at + 2 * RECORD]
+            nodes[BOX_STRIDE * (node_count + side) :][:BOX_STRIDE] = sides[at : at + BOX_STRIDE]
+            middles[BOX_STRIDE * waiting_count :][:BOX_STRIDE] = sides[at + BOX_STRIDE : at + 2 * BOX_STRIDE]
             waiting[waiting_count] = (node_count + side, depth + 1)
             waiting_count += 1
         node_count += 2
-    return nodes[: RECORD * node_count].copy(), links[:node_count].copy()
+    return nodes[: BOX_STRIDE * node_count].copy(), links[:node_count].copy()

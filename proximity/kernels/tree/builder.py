@@ -9,7 +9,7 @@ import numpy as np
 from proximity.kernels.compiler import kernel, maker
 from proximity.kernels.geometry.box import BOX_MARGIN, round_down, round_up
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_FACE
-from proximity.kernels.tree.binned_sah import RECORD, halve
+from proximity.kernels.tree.binned_sah import BOX_STRIDE, halve
 from proximity.kernels.tree.collapse import widen_tree
 from proximity.kernels.tree.reinsertion import improve
 
@@ -22,7 +22,7 @@ ENTRIES_SHIFT = 0
 def face_boxes(vertices, faces, boxes):
     """Fill the records (see `halving`) of float32 boxes that contain each face with a margin."""
     for face in range(len(faces)):
-        at = RECORD * face
+        at = BOX_STRIDE * face
         boxes[at + 3], boxes[at + 7] = 0.0, 0.0
         for axis in range(3):
             a = vertices[faces[face, 0], axis]
@@ -36,10 +36,10 @@ def face_boxes(vertices, faces, boxes):
 def build_tree(boxes, leaf_shift):
     """Return nodes (float32, flat), the order of faces (int32) and each leaf's first place in it (int32).
 
-    *boxes*: (F * `RECORD`,) float32, F >= 1; they are moved. A leaf takes ``2 ** leaf_shift`` at most. Child
-    references lie in the nodes as int32 bits; see `layout`. Leaves are numbered in the order of faces.
+    *boxes*: (F * `BOX_STRIDE`,) float32, F >= 1; they are moved. A leaf takes ``2 ** leaf_shift`` at most.
+    Child references lie in the nodes as int32 bits; see `layout`. Leaves are numbered in the order of faces.
     """
-    order = np.arange(len(boxes) // RECORD).astype(np.int32)
+    order = np.arange(len(boxes) // BOX_STRIDE).astype(np.int32)
     tree, links = halve(boxes, order, leaf_shift)
     if leaf_shift != ENTRIES_SHIFT:
         # Over entries somebody is waiting: it would spare 2 % of the steps, and take a third of the time.

@@ -8,7 +8,7 @@ import numpy as np
 
 from proximity.kernels.compiler import inlined
 from proximity.kernels.geometry.triangle import point_block_distance_sq
-from proximity.kernels.layout import BLOCK_STRIDE, CHILDREN, LANES, NO_SLOT, STACK_SIZE
+from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_SLOT, NODE_CHILDREN, STACK_SIZE
 from proximity.simd import (
     bits,
     compress,
@@ -36,7 +36,7 @@ NOTHING_WAITS = -1
 def _wait(words, base, bounds, which, stacks, at):
     """Leave children of the node at *base* waiting; *at* behind them."""
     store(stacks, at, compress(bounds, which))
-    store(stacks, at + STACK_SIZE, compress(load(words, base + CHILDREN), which))
+    store(stacks, at + STACK_SIZE, compress(load(words, base + NODE_CHILDREN), which))
     return at + count_bits(bits(which))
 
 
@@ -48,7 +48,7 @@ def descend(words, base, bounds, is_open, stacks, at):
     """
     nearest, it = lowest_lane(bounds)
     at = _wait(words, base, bounds, is_open & ~it, stacks, at)
-    return load_int(words, base + CHILDREN + nearest), at
+    return load_int(words, base + NODE_CHILDREN + nearest), at
 
 
 @inlined
@@ -67,7 +67,7 @@ def descend_in_order(words, base, bounds, ends, is_open, stacks, at):
     _, second = nearest_lane(order, others)
     at = _wait(words, base, bounds, others & ~second, stacks, at)
     at = _wait(words, base, bounds, others & second, stacks, at)
-    return load_int(words, base + CHILDREN + nearest), at
+    return load_int(words, base + NODE_CHILDREN + nearest), at
 
 
 @inlined

@@ -3,7 +3,7 @@
 import numpy as np
 
 from proximity.kernels.compiler import inlined, kernel
-from proximity.kernels.layout import CHILDREN, LANES, NODE_STRIDE
+from proximity.kernels.layout import LANES, NODE_CHILDREN, NODE_STRIDE
 from proximity.simd import horizontal_min, load, splat32, store
 
 
@@ -13,7 +13,7 @@ def write_lane(words, base, lane, box, reference):
     for axis in range(3):
         words[base + 8 * axis + lane] = box[axis]
         words[base + 24 + 8 * axis + lane] = box[axis + 3]
-    words.view(np.int32)[base + CHILDREN + lane] = reference
+    words.view(np.int32)[base + NODE_CHILDREN + lane] = reference
 
 
 @kernel
@@ -21,7 +21,7 @@ def clear_node(words, node):
     """Make all lanes of a node unused."""
     base = NODE_STRIDE * node
     for k in range(0, NODE_STRIDE, LANES):
-        filling = np.inf if k < 24 else (-np.inf if k < CHILDREN else 0.0)
+        filling = np.inf if k < 24 else (-np.inf if k < NODE_CHILDREN else 0.0)
         store(words, base + k, splat32(np.float32(filling)))
 
 

@@ -10,13 +10,12 @@ from proximity.arrays import as_points
 from proximity.errors import QueryError
 from proximity.kernels.compiler import CompiledCall
 from proximity.kernels.geometry.morton_order import SORT_FROM
-from proximity.kernels.ray.hit_rows import ANSWER_WIDTH as HIT_WIDTH
-from proximity.kernels.ray.hit_rows import DISTANCE_WIDTH
+from proximity.kernels.layout import NO_ROW
+from proximity.kernels.ray.hit_rows import DISTANCE_WIDTH, RAY_ANSWER_WIDTH
 from proximity.kernels.ray.ray_order import ray_order
 from proximity.kernels.scene import small_batches
-from proximity.kernels.scene.ray_queries import NO_ROW, cast_batch
-from proximity.kernels.scene.segment_queries import ANSWER_WIDTH as SEGMENT_WIDTH
-from proximity.kernels.scene.segment_queries import segment_batch
+from proximity.kernels.scene.ray_queries import cast_batch
+from proximity.kernels.scene.segment_queries import SEGMENT_ANSWER_WIDTH, segment_batch
 from proximity.model.assembly import Model
 from proximity.scene.queries.batches import (
     IN_ORDER,
@@ -90,13 +89,13 @@ class LineQueries(HasSnapshot):
         """
         is_plain = workers is ONE_THREAD and (max_distance is inf or is_length(max_distance))
         if is_plain and (count := row_count(origins)) < SORT_FROM:
-            answers = empty((count, HIT_WIDTH))
+            answers = empty((count, RAY_ANSWER_WIDTH))
             model = self.snapshot()
             if _cast_few.call(model.handle, origins, directions, max_distance, answers) == NO_ROW:
                 record = RayHits()
                 record._table = answers
                 return record
-        return record_of(RayHits, *self._cast(origins, directions, max_distance, workers, HIT_WIDTH))
+        return record_of(RayHits, *self._cast(origins, directions, max_distance, workers, RAY_ANSWER_WIDTH))
 
     def cast_distance(
         self,
@@ -148,16 +147,16 @@ class LineQueries(HasSnapshot):
         limits, (origins, directions) = broadcast_limits(
             max_distance, broadcast_rows(*rays, ("origins", "directions")), "rays"
         )
-        starts, ways = origins, directions
+        starts, flat_directions = origins, directions
         if origins.ndim != 2:
-            starts, ways = origins.reshape(-1, 3), directions.reshape(-1, 3)
+            starts, flat_directions = origins.reshape(-1, 3), directions.reshape(-1, 3)
         answers = empty((len(starts), width))
         model = self.snapshot()
         is_sorted = len(starts) >= SORT_RAYS_FROM and model.reals.nbytes >= SORT_RAYS_IN
         if workers == 1 and workers is not True and not is_sorted and len(starts) <= LARGEST_SLICE:
-            zero_row = cast_batch(model.handle, starts, ways, IN_ORDER, limits, answers)
+            zero_row = cast_batch(model.handle, starts, flat_directions, IN_ORDER, limits, answers)
         else:
-            zero_row = _cast_in_slices(model, [starts, ways, limits, answers], workers, is_sorted)
+            zero_row = _cast_in_slices(model, [starts, flat_directions, limits, answers], workers, is_sorted)
         if zero_row != NO_ROW:
             raise QueryError(f"direction {zero_row} is zero, expected a vector with a length")
         return answers, origins.shape[:-1]
@@ -201,7 +200,7 @@ class LineQueries(HasSnapshot):
         """
         is_plain = workers is ONE_THREAD and (max_distance is inf or is_length(max_distance))
         if is_plain and (count := row_count(starts)) < SORT_FROM:
-            answers = empty((count, SEGMENT_WIDTH))
+            answers = empty((count, SEGMENT_ANSWER_WIDTH))
             model = self.snapshot()
             if _segments_few.call(model.handle, starts, ends, max_distance, answers):
                 record = SegmentHits()
@@ -214,12 +213,12 @@ class LineQueries(HasSnapshot):
         limits, (starts, ends) = broadcast_limits(
             max_distance, broadcast_rows(*segments, ("starts", "ends")), "segments"
         )
-        here, there = starts.reshape(-1, 3), ends.reshape(-1, 3)
-        answers = empty((len(here), SEGMENT_WIDTH))
+        flat_starts, flat_ends = starts.reshape(-1, 3), ends.reshape(-1, 3)
+        answers = empty((len(flat_starts), SEGMENT_ANSWER_WIDTH))
         model = self.snapshot()
         run_batch(
             lambda order, starts, ends, *others: segment_batch(model.handle, starts, ends, order, *others),
-            [here, there, limits, answers],
+            [flat_starts, flat_ends, limits, answers],
             workers,
             morton_order_of,
             first_slice(model.reals.nbytes),
@@ -230,9 +229,13 @@ class LineQueries(HasSnapshot):
 def _cast_in_slices(model: Model, arrays: list[np.ndarray], workers: Any, is_sorted: bool) -> int:
     """Fill the answers to many rays; the lowest row whose direction is zero, or `NO_ROW`."""
     found = run_batch(
-        lambda order, starts, ways, *others: cast_batch(model.handle, starts, ways, order, *others),
+        lambda order, starts, flat_directions, *others: cast_batch(
+            model.handle, starts, flat_directions, order, *others
+        ),
         arrays,
         workers,
-        (lambda starts, ways, *_: ray_order(model.handle, starts, ways)) if is_sorted else None,
+        (lambda starts, flat_directions, *_: ray_order(model.handle, starts, flat_directions))
+        if is_sorted
+        else None,
     )
     return min((first + row for first, row in found if row != NO_ROW), default=NO_ROW)

@@ -13,7 +13,7 @@ from proximity.kernels.compiler import CompiledCall
 from proximity.kernels.geometry.morton_order import SORT_FROM
 from proximity.kernels.scene import small_batches
 from proximity.kernels.scene.point_queries import (
-    ANSWER_WIDTH,
+    POINT_ANSWER_WIDTH,
     closest_batch,
     contains_batch,
     distance_batch,
@@ -90,7 +90,7 @@ class PointQueries(HasSnapshot):
         """
         is_plain = workers is ONE_THREAD and (max_distance is inf or is_length(max_distance))
         if is_plain and (count := row_count(points)) < SORT_FROM:
-            answers = empty((count, ANSWER_WIDTH))
+            answers = empty((count, POINT_ANSWER_WIDTH))
             model = self.snapshot()
             if _closest_few.call(model.handle, points, max_distance, answers):
                 record = ClosestPoints()
@@ -101,7 +101,7 @@ class PointQueries(HasSnapshot):
     def _closest(self, points: Any, max_distance: Any, workers: int) -> ClosestPoints:
         limits, (points,) = broadcast_limits(max_distance, [as_points(points)], "points")
         rows = points.reshape(-1, 3)
-        answers = empty((len(rows), ANSWER_WIDTH))
+        answers = empty((len(rows), POINT_ANSWER_WIDTH))
         model = self.snapshot()
         run_batch(
             lambda order, rows, limits, answers: closest_batch(model.handle, rows, order, limits, answers),

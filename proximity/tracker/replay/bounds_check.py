@@ -72,11 +72,11 @@ def judge_bounds(scene: Scene, run: Replay, radius: float) -> BoundsKept:
     off = np.fmax(broken["lower"] - found, found - broken["upper"])
     first = ""
     if len(off):
-        place = int(np.argmin(is_kept))
-        at = run.recording.times_ns[ticks[place]] / NANOSECONDS
+        worst = int(np.argmin(is_kept))
+        at = run.recording.times_ns[ticks[worst]] / NANOSECONDS
         first = (
-            f"{run.recording.finger_name(int(rows[place]))} at {at:.6f} s: "
-            f"{contacts['lower'][place]:.9g} <= {true[place]:.9g} <= {contacts['upper'][place]:.9g} m"
+            f"{run.recording.finger_name(int(rows[worst]))} at {at:.6f} s: "
+            f"{contacts['lower'][worst]:.9g} <= {true[worst]:.9g} <= {contacts['upper'][worst]:.9g} m"
         )
     return BoundsKept(len(ticks), len(off), float(np.fmax.reduce(off, initial=0.0)), first)
 

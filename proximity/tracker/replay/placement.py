@@ -72,7 +72,7 @@ def fitted_pose(
         shift[2] = _height_to_rise(scene, points, radius)
         share = _touching_share(scene, points, radius, shift[2])
     if share == 0.0:  # after rising too: of a finger that rests, all samples leave at once
-        shift += _way_to_touch(scene, points + shift, radius)
+        shift += _shift_to_touch(scene, points + shift, radius)
     return Pose(rotation, pose.translation + shift)
 
 
@@ -121,9 +121,9 @@ def _height_to_rise(scene: Scene, points: np.ndarray, radius: float) -> float:
     return above
 
 
-def _way_to_touch(scene: Scene, points: np.ndarray, radius: float) -> np.ndarray:
+def _shift_to_touch(scene: Scene, points: np.ndarray, radius: float) -> np.ndarray:
     """The shift that brings the nearest fingertip into touch."""
     hits = scene.closest(points)
     nearest = int(np.argmin(hits.signed_distance))
-    way = hits.point[nearest] - points[nearest]
-    return way * (1.0 - 0.5 * radius / float(hits.signed_distance[nearest]))
+    direction = hits.point[nearest] - points[nearest]
+    return direction * (1.0 - 0.5 * radius / float(hits.signed_distance[nearest]))
