@@ -1,4 +1,4 @@
-"""Closed shells one within another: which bound the same body, and which way they face.
+"""Closed shells inside each other: which ones bound the same body, and how they face.
 
 A shell with material inside has a positive volume, a cavity a negative one. A shell's sign counts relative
 to that of the shell around it, so that a hollow body that was exported inside out is turned as a whole. A
@@ -134,7 +134,7 @@ class _Shells:
         return triangles
 
     def _turns_beside(self, shell: int, triangles: np.ndarray, other: int) -> np.ndarray:
-        """How often *other* winds around what is above and below (N, 3, 3) faces of *shell*: (2, N)."""
+        """Winding numbers of *other* above and below (N, 3, 3) faces of *shell*: (2, N)."""
         a, b, c = np.moveaxis(triangles, 1, 0)
         normals = np.cross(b - a, c - a)
         lengths = np.linalg.norm(normals, axis=1)[:, None]

@@ -1,4 +1,4 @@
-"""Faces that add nothing: those without area, and those that another one equals.
+"""Faces that add nothing: without area, or equal to another face.
 
 Such a face goes only where its going leaves no more edges unbalanced (run more often one way than the
 other) than before. A sliver between two rows of faces that meet at different points along a line has no area

@@ -1,4 +1,4 @@
-"""Vertices that are nearly equal, pulled together where that closes a body.
+"""Welding of vertices that are nearly equal, where that closes a body.
 
 Only the rims of open pieces are looked at, and what a weld does not close is left as it was given: pulling
 vertices together changes the surface, so it must be worth it.

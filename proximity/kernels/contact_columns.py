@@ -1,4 +1,4 @@
-"""Columns and bits of a contact record, for kernels; `message.CONTACT` is the definition, a test compares."""
+"""Columns and bits of a contact record; `message.CONTACT` defines them, a test compares both."""
 
 TRACKED = 1
 PREDICTED = 2

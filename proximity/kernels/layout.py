@@ -1,4 +1,4 @@
-"""Where things lie in the arrays that kernels share.
+"""Layout of the arrays that kernels share: strides, columns and special values.
 
 A *model* is four arrays, whether it holds one solid or a scene of hundreds:
 
@@ -21,7 +21,7 @@ reference that is not negative is a node; a negative one is leaf ``~reference``:
 and in the scene's tree only, an *entry*: a subtree of a part, as (part, reference).
 
 **Block**: `BLOCK_STRIDE` reals: the x of corner a of its eight triangles, then y, z, then corners b and c.
-An unused lane is NaN: every comparison with it fails. A triangle's place in leaf order is its slot,
+An unused lane is NaN: every comparison with it fails. A triangle's position in leaf order is its slot,
 ``8 * block + lane``; slots never leave the kernels. Nodes, blocks and slots are numbered through the whole
 model, so that of two slots the lower is of the lower part.
 """

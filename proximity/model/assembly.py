@@ -1,4 +1,4 @@
-"""Solids and scenes as the arrays that kernels take; see `kernels.layout`.
+"""Assembly of solids and scenes into the arrays that kernels take.
 
 A part's arrays are made once, numbered from zero. A model puts those of its parts together and renumbers
 tree references; the solids of a scene's parts look at the scene's arrays and keep none of their own.
@@ -291,7 +291,7 @@ def _together(pieces: list[np.ndarray], dtype: type) -> np.ndarray:
 
 
 def _notes_on_blocks(pieces: list[PartArrays]) -> np.ndarray:
-    """Of each block the part that it is of, and which of its faces are folded over."""
+    """Notes on blocks: the part of each, and which of its faces are folded over."""
     notes = [np.full(piece.bvh.block_count, row, np.int32) for row, piece in enumerate(pieces)]
     for own, piece in zip(notes, pieces, strict=True):
         if len(piece.folded):

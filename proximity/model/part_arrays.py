@@ -1,4 +1,4 @@
-"""One part as plain arrays in its local frame, numbered from zero: what a model is put together of."""
+"""The arrays of one part, in its local frame and numbered from zero."""
 
 from dataclasses import dataclass, field, replace
 

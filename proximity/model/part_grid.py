@@ -1,4 +1,4 @@
-"""The grid over a scene that tells which parts may hold a point; see `kernels.scene.part_grid`."""
+"""The grid over a scene that lists the parts that may contain a point."""
 
 from dataclasses import dataclass
 

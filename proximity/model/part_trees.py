@@ -1,4 +1,4 @@
-"""Where the trees over the parts of a scene lie in its arrays, and how the static one is made.
+"""Storage of the trees over the parts of a scene, and the making of the static one.
 
 Behind the nodes of the parts a scene has one empty node, `STATIC_COPIES` places for a tree over the parts
 that stand still, and `REGION_COPIES` places for what changes when parts move: super node and dynamic tree.

@@ -1,4 +1,4 @@
-"""Models of one scene as its parts move: what changes is written beside what queries may still be reading.
+"""The models of one scene as its parts move: readers keep theirs while the next is written.
 
 A `SceneState` keeps what is true now. When a model is asked for, the rows, boxes and dynamic nodes that have
 changed since are written to a copy that no living model uses, and that copy becomes the model. The static
@@ -86,7 +86,7 @@ _ANGULAR_VELOCITY = slice(layout.FRAME_ANGULAR_VELOCITY, layout.FRAME_ANGULAR_VE
 
 
 class _Copy:
-    """What moves, as it was at some version: rows of a model's tables, and a region of its words."""
+    """Moving state at some version: rows of a model's tables, and a region of its words."""
 
     __slots__ = ("frames", "handle", "owner", "parts", "region", "static", "table", "version")
 
@@ -105,7 +105,7 @@ class _Copy:
 
 
 class SceneState:
-    """Where the parts of a scene are now, and the models that show it.
+    """The present poses of a scene's parts, and the models made of them.
 
     Not for several threads at once: the scene has a lock. A model, once made, may be asked by any of them.
 

@@ -1,4 +1,4 @@
-"""New corners for a part of a model, in place: its tree is refitted, not rebuilt.
+"""New vertex positions for a part of a model: its tree is refitted, not rebuilt.
 
 What changes: corners, leaf blocks, boxes, corner normals, moments, the part's own box, and its local frame
 where the old one no longer fits. Faces, neighbours, slots and the shape of the tree stay. The tree over the
@@ -98,7 +98,7 @@ def _normals_of(model: Model, row: int) -> np.ndarray:
 
 
 def _why_not(vertices: np.ndarray, first_vertices: np.ndarray, row: int, name: str) -> str:
-    """What is wrong with the first vertex that cannot be used."""
+    """Description of the first vertex that cannot be used."""
     position = _shown_position(vertices[row])
     if not np.isfinite(vertices[row]).all():
         return f"vertex {row} of part {name!r} would be at {position}, expected finite coordinates"
@@ -110,7 +110,8 @@ def _why_not(vertices: np.ndarray, first_vertices: np.ndarray, row: int, name: s
     first = first_vertices[row]
     return (
         f"vertices {first} and {row} of part {name!r} are one corner, but would be at "
-        f"{_shown_position(vertices[first])} and {position}: that tears the surface, expected one position for both"
+        f"{_shown_position(vertices[first])} and {position}: that tears the surface, "
+        "expected one position for both"
     )
 
 

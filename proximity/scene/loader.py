@@ -1,4 +1,4 @@
-"""Files to scenes."""
+"""Loading files as scenes."""
 
 import os
 from collections.abc import Iterable

@@ -1,4 +1,4 @@
-"""A solid in a scene: name, place, how it moves and answers a touch; and the bodies of a mesh as parts."""
+"""A solid in a scene: name, pose, motion, and how it answers a touch."""
 
 from dataclasses import dataclass, field, replace
 from typing import Any

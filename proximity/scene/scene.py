@@ -1,4 +1,4 @@
-"""Parts with poses: the same queries as of one solid, answered for all of them."""
+"""Scenes: parts with poses, with the same queries as one solid."""
 
 from collections.abc import Iterable
 from typing import Any

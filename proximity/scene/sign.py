@@ -1,4 +1,4 @@
-"""How inside is decided for one body: chosen once, checked by sampling, and said in a sentence.
+"""The choice of how inside is decided for a body, checked by sampling.
 
 - *pseudo-normal*: the surface is closed and oriented, so the normal of the nearest feature tells the side;
   over faces that are folded onto their neighbours, pass through others or are as thin as a line, the winding
@@ -40,7 +40,7 @@ CLEAR_SHARE = 0.95
 
 
 class SignMethod(Enum):
-    """How the sign of a distance is decided.
+    """The method that decides the sign of a distance.
 
     PSEUDONORMAL: by the normal of the nearest face, edge or corner of a closed and oriented surface.
     WINDING_NUMBER: by how often the surface winds around the point, where it is closed but much of it meets
@@ -155,7 +155,7 @@ def _turns(model: Model, points: np.ndarray) -> np.ndarray:
 
 
 def _contradictions(signed: PartArrays, points: np.ndarray, normals: np.ndarray) -> tuple[int, int]:
-    """How many points were asked, and at how many the two ways of telling the side differ.
+    """Number of points that were asked, and of those at which the two methods disagree about the side.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Where the arrays of a solid are: written by the scene whose part it is, while the solid never changes."""
+"""The arrays of a solid, which a scene may hold and deform while the solid never changes."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""The functions on vectors as compiled code: each a few LLVM instructions, put into the caller.
+"""Vector functions as compiled code: each a few LLVM instructions, inlined into the caller.
 
 A function that takes plain floats as well lets one formula serve eight triangles or one.
 """

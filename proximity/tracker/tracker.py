@@ -1,4 +1,4 @@
-"""A track per finger: every tick, signed distance with bounds, prediction, time and place of contact."""
+"""Trackers: every tick, signed distances with bounds, predictions, time and location of contact."""
 
 import weakref
 from collections.abc import Callable
@@ -58,7 +58,7 @@ _tick = CompiledCall(tick, TICK)
 
 
 class Tracker:
-    """What a haptic glove's controller must know of a scene, for every fingertip, every tick.
+    """Distances, predictions and contacts for the controller of a haptic glove: every fingertip, every tick.
 
     Parameters
     ----------

@@ -106,7 +106,7 @@ def number(name, row, column, value):
         (word(0, layout.PART_FACES, 0, 8), r"part 0 'cube': face 0 refers to corner 8, but there are 8"),
         (word(0, layout.PART_NEIGHBORS, 0, -3), r"part 0 'cube': face 0 has face -3 for a neighbour, but"),
         (word(0, layout.PART_GRID, 0, -1), r"part 0 'cube': its sign grid has cells of no known state"),
-        (word(-1, layout.SCENE_GRID, 0, 0), r"the trees over the parts: cell 0 of the grid over the parts has"),
+        (word(-1, layout.SCENE_GRID, 0, 0), r"the trees over the parts: cell 0 of the grid over the parts"),
         (number("parts", 2, layout.PART_CORNERS, 2**40), r"the table of parts has a number "),
         (number("parts", 0, layout.PART_SIGN, 3), r"a part has no known kind of sign"),
         (number("parts", 0, layout.PART_SIGN, 2), r"part 0 'cube' has other faces, or another sign, than"),

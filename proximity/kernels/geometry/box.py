@@ -1,4 +1,4 @@
-"""Lower bounds: from a point or a segment, or along a ray, to eight boxes at once.
+"""Lower bounds of the distance from a point to eight boxes at once.
 
 Boxes are float32 and wider than what they contain, by enough to make up for a query point that is rounded
 to float32 as well; the roundings of the squares are made up for on the other side of the comparison. So

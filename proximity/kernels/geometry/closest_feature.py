@@ -1,4 +1,4 @@
-"""What the nearest point of one triangle is: where, on which feature, and on which side.
+"""The closest point of one triangle: position, feature, and side.
 
 Scalar code for the one triangle a walk has found. Edge parameters are measured from the nearer end, the
 normal is compensated, and barycentric weights are solved along the longest edge, so that they give the
@@ -102,7 +102,7 @@ def closest_on_face(px, py, pz, height, closest):
     """Fill *closest* for a point over the face's inside, at *height* along its unit normal.
 
     Weights are solved along the longest edge: the third corner's from its height over that edge, the others
-    from the place along it. So they give the point back even on a needle.
+    from the position along it. So they give the point back even on a needle.
     """
     closest[CLOSEST_LENGTH] = abs(height)
     for axis in range(3):

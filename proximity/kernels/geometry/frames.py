@@ -22,7 +22,7 @@ from proximity.simd import (
 )
 
 LENGTH_ROUNDING = 1e-13
-"""More than what distances and ways are off by rounding, relative and in sizes of the scene."""
+"""More than rounding can put distances and displacements off, relative and in sizes of the scene."""
 
 
 FARTHEST_LOCAL = 1e100

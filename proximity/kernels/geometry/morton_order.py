@@ -15,7 +15,7 @@ CELL_BITS = 7
 """Of the number of a cell along an axis. With ten of them walks are no shorter, and sorting takes a third
 pass (2026-11: batches are 1.04 to 1.12 times as fast with seven, worked out eight at a time)."""
 DIGIT_BITS = 11
-"""Of a cell's place along the curve that are sorted by first; by the others then."""
+"""Bits of a cell's position along the curve that one pass sorts by; two passes take all."""
 SPREAD_BITS = np.array(
     [sum((n >> bit & 1) << 3 * bit for bit in range(CELL_BITS)) for n in range(2**CELL_BITS)], np.uint32
 )
@@ -40,7 +40,7 @@ def morton_order(points):
 
 @kernel
 def _write_keys(points, keys):
-    """Fill the place along the curve of the cell that each point is in."""
+    """Fill the position along the curve of the cell that each point is in."""
     count, offsets, cells = len(points), longs_here(LANES), reals_here(OF_EIGHT)
     x0 = y0 = z0 = splat(np.inf)
     x1 = y1 = z1 = splat(-np.inf)
@@ -82,7 +82,7 @@ def _cells(values, lower, rate):
 def sort_by_digit(keys, shift, starts, rows, into):
     """Fill *into* with *rows*, in the order of the bits from *shift* on of their keys (N,), uint32.
 
-    As many bits as *starts*, which is room to count in, has numbers for. Rows whose bits are equal keep their
+    As many bits as *starts*, which is scratch, has numbers for. Rows whose bits are equal keep their
     order.
     """
     digits = np.uint32(len(starts) - 1)

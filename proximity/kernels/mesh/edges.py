@@ -19,13 +19,13 @@ def sorted_half_edges(corners):
     is_forward : (H,) bool
         In that order.
     starts, counts, forward_counts : (E,) int64
-        Of each edge: its first place in that order, how many there are, and how many run forward.
+        Of each edge: its first position in that order, how many there are, and how many run forward.
     is_loop : (E,) bool
         Both corners are equal.
 
     Notes
     -----
-    Sorted by counting, from the least place on: linear, whatever meets at a corner.
+    Sorted by counting, from the least digit on: linear, whatever meets at a corner.
     """
     lows, highs = np.empty(corners.size, np.int32), np.empty(corners.size, np.int32)
     flags = np.empty(corners.size, np.bool_)

@@ -1,4 +1,4 @@
-"""What is found of faces one by one, on loading: how large and how thin they are, what shells enclose.
+"""Measures of faces and shells: area, thickness, enclosed volume.
 
 *corners* (K, 3) float64, *faces* (F, 3) integers: rows of *corners*.
 """

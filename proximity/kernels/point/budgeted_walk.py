@@ -1,7 +1,7 @@
-"""The closest-point walk with a budget: what it has found, and below what nothing is, when that is spent.
+"""The closest-point walk within a budget of steps, with a certified lower bound when it is spent.
 
-It starts depth first, like the walk without a budget, which is the shortest way where there is one. A walk
-that has not ended after an eighth of its budget, or a few steps, has met one of the places where any exact
+It starts depth first, like the walk without a budget, which is the shortest search in most cases. A walk
+that has not ended after an eighth of its budget, or a few steps, has met one of the points where any exact
 search opens everything (the centre of a ball): from there on it opens, sweep by sweep, what has the smallest
 bounds, and follows one of them down to a leaf, so that the gap between the bounds closes from both sides.
 
@@ -71,8 +71,8 @@ FEWEST_DEEP_STEPS = 16
 with 40 steps, ticks are some 10 % shorter at p99 than with an eighth of them, contacts reported as early."""
 SWEEP_SHARE = 0.08
 """Of the gap between the bounds that one sweep closes; more where that would open few. At the centre of a
-ball of 82 k faces 800 steps leave a bracket of 0.4 % with 0.02 to 0.3 (0.02 takes a fifth longer), of 0.8 %
-with 1, and of 100 % depth first."""
+ball of 82 k faces 800 steps leave bounds 0.4 % apart with 0.02 to 0.3 (0.02 takes a fifth longer), 0.8 %
+with 1, and 100 % depth first."""
 SWEEP_RATIO = 16
 """A sweep looks through all that waits, so it should open at least one in so many."""
 FAR_OUT = 2.0**40
@@ -144,7 +144,7 @@ def near_enough_sq(best_sq, best_slot, tolerance, exact_within):
 
 @inlined
 def factor_of(frames, part):
-    """What a squared local length of *part* is in the scene's scale: a power of two."""
+    """Factor from squared local lengths of *part* to the scene's scale: a power of two."""
     ratio = frames[len(frames) - 1, FRAME_SCALE] / frames[part, FRAME_SCALE]
     return ratio * ratio
 
@@ -174,7 +174,7 @@ def _step_into(words, parts, reference, part):
 
 @inlined
 def _wait(workspace, at, bounds, references, part, which):
-    """Leave subtrees waiting, those of eight that *which* says; the place behind them."""
+    """Leave subtrees waiting, those of eight that *which* says; the position behind them."""
     store(workspace, at, compress(bounds, which))
     store(workspace, at + MOST_WAITING, compress(references, which))
     store(workspace, at + 2 * MOST_WAITING, splat32(np.float32(part)))
@@ -194,7 +194,7 @@ def _nearer_in_leaf(reals, reference, query, best_sq, best_slot):
 def nearest_with_budget(
     model, start, part, point, best_sq, best_slot, tolerance, exact_within, budget, workspace
 ):
-    """What of a subtree is nearest to a point of the scene's frame, as far as *budget* steps tell.
+    """The nearest surface of a subtree to a point of the scene's frame, as far as *budget* steps tell.
 
     *model*: its four arrays; *point*: (x, y, z). *start*: the reference to walk from, in the frame of *part*
     (the scene's row for the tree over parts). *best_sq* (scene's scaled frame) and *best_slot*: what is known
@@ -289,7 +289,7 @@ def _fetch(reals, words, reference):
 
 @inlined
 def _nearest_waiting(workspace, first, end):
-    """Of what waits from *first* up to *end*, the place of the smallest bound."""
+    """Position of the smallest bound among the subtrees that wait from *first* up to *end*."""
     nearest = first
     for k in range(first + 1, end):
         if workspace[k] < workspace[nearest]:

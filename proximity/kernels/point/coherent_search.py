@@ -1,17 +1,18 @@
-"""The surface nearest to a point that has come a little way since it was asked for.
+"""The closest surface of a point that moved a little: a search from the last answer.
 
 A search ends at a *frontier*: nodes that were opened, with their children that were not, or are leaves. Of
-each of these a plane is kept that has all of it behind, square to the way from what is nearest in it to the
-point, as that was when the plane was made. From a plane a point is never farther than from what is behind;
-and after a little way hardly nearer, for what is neglected is of second order. So the next search looks at
-planes, eight at once, and opens what may hold something nearer than the face that was the nearest. Nor does
-it look at all: how far a node's planes are out of reach tells for how long a way they stay there.
+each of these a plane is kept that has all of it behind, perpendicular to the connection between its nearest
+point and the query, as that was when the plane was made. From a plane a point is never farther than from what
+is behind; and after a small move hardly nearer, for what is neglected is of second order. So the next search
+looks at planes, eight at once, and opens what may hold something nearer than the face that was the nearest.
+Nor does it look at all: from the distance by which a node's planes are out of reach follows how far the point
+may go until they are within reach.
 
 Five recorded fingers near a bumpy ring of 90 k even triangles take 10 steps a tick in place of 199 (p50),
 half the time; ten near a gear of 118 bodies 55 in place of 243, which is no faster. Near plane faces a walk
 takes 7 steps a finger and is as fast; parts with frames of their own are walked, and gain nothing.
 
-Tried and dropped (2026-11): distances less the way come since, in place of planes. Of first order, they
+Tried and dropped (2026-11): distances less the travel since, instead of planes. Of first order, they
 opened twice as many near plane faces as a walk from the root.
 
 Sources: Li & Chen 1998, "Incremental 3D collision detection with hierarchical data structures" (the
@@ -65,7 +66,7 @@ FRONTIER_GROUP = 4 * LANES
 """Numbers a node, which come first: its children's planes, x, y, z of the direction and offset."""
 FRONTIER_X, FRONTIER_Y, FRONTIER_Z, FRONTIER_OFFSET = 0, LANES, 2 * LANES, 3 * LANES
 FRONTIER_DUE = FRONTIER_GROUP * FRONTIER_CAPACITY
-"""Of each node: up to what way the planes of all its children are out of reach, but for opened nodes."""
+"""Of each node: the travel up to which the planes of its children are out of reach; but opened ones."""
 FRONTIER_NODES = FRONTIER_DUE + FRONTIER_CAPACITY
 """Its number."""
 FRONTIER_TRAVEL = FRONTIER_NODES + FRONTIER_CAPACITY
@@ -74,7 +75,7 @@ FRONTIER_LIMIT = FRONTIER_TRAVEL + 4
 """How many nodes it may get until it begins anew, to be lean again."""
 FRONTIER_SIZE = FRONTIER_LIMIT + 1
 FRONTIER_BEGINS = -1
-"""In place of a count: there is no frontier yet."""
+"""Count that stands for no frontier yet."""
 LONG_WALK = 20
 """Steps: a walk that takes fewer is as fast as looking through a frontier."""
 MOST_NODES = 2**24
@@ -91,8 +92,8 @@ NONE, ONE, INFINITE = np.float32(0.0), np.float32(1.0), np.float32(np.inf)
 BEHIND_NONE = np.float32(-np.inf)
 """Offset of the plane of a child that is in the frontier itself: out of reach for ever."""
 CLOSING_SHARE = np.float32(0.49)
-"""Of what a plane is out of reach, the way on which it stays there; a half, since the nearest face may recede
-as the plane comes, less what the sum is rounded by."""
+"""Share of the distance by which a plane is out of reach that the point may travel; a half, since the nearest
+face may recede as the plane comes, less what the sum is rounded by."""
 
 
 @inlined
@@ -146,7 +147,7 @@ def _plane_of_box(words, base, qx, qy, qz):
 
 @inlined
 def _reach(best_sq, slack):
-    """How far a plane may be, as computed, and still something behind it as near as the best."""
+    """Largest computed distance of a plane that may have something behind it as near as the best."""
     return np.float32(sqrt(best_sq) * (1.0 + FLOAT32_ROUNDING) + slack)
 
 
@@ -183,7 +184,7 @@ def _keep_point(frontier, travel, qx, qy, qz):
 
 @inlined
 def _travel_since(frontier, qx, qy, qz, slack):
-    """How far the point has come since the frontier began, at most."""
+    """Upper bound of the distance that the point has come since the frontier began."""
     sx, sy, sz = (
         qx - frontier[FRONTIER_TRAVEL + 1],
         qy - frontier[FRONTIER_TRAVEL + 2],
@@ -228,7 +229,7 @@ def _next_due(due, also_due, fresh):
 
 @inlined
 def _away(frontier, node, vx, vy, vz):
-    """How far the planes of a node's children are; of one that is in the frontier itself: inf."""
+    """Distances to the planes of a node's children; inf for a child that is in the frontier itself."""
     at = FRONTIER_GROUP * node
     away = fma(load(frontier, at + FRONTIER_Z), vz, -load(frontier, at + FRONTIER_OFFSET))
     return fma(load(frontier, at + FRONTIER_X), vx, fma(load(frontier, at + FRONTIER_Y), vy, away))
@@ -260,7 +261,7 @@ def _look_into_leaf(reals, reference, seen, p, best_sq, slot, plane):
 
 @kernel
 def nearest_from_last_answer(model, point, part, slot, frontier, count, budget, workspace):
-    """What of the whole scene is nearest to a point of its frame: exactly, or not at all.
+    """The surface of the whole scene nearest to a point of its frame: exactly, or not at all.
 
     *model*: its four arrays; *point*: (x, y, z). *part*, *slot*: a face, best the one that was nearest a
     moment ago. *frontier* (`FRONTIER_SIZE`,): of the last search, with *count* nodes, or

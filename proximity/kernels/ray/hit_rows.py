@@ -1,4 +1,4 @@
-"""What is reported of rays: rows of answers, worked out for eight hits at a time."""
+"""Rows of answers for rays, computed for eight hits at a time."""
 
 import numpy as np
 
@@ -128,7 +128,7 @@ def _corner(reals, hit_offsets, at, corner):
 
 @inlined
 def _after(is_b, is_c, a, b, c):
-    """Of three that go round, the two that come after the one that weighs most."""
+    """The two of three values that follow, in cyclic order, the one with the largest weight."""
     return select(is_c, a, select(is_b, c, b)), select(is_c, b, select(is_b, a, c))
 
 
@@ -142,7 +142,7 @@ def _weighted(is_b, is_c, a, b, c, second, third):
 
 @inlined
 def _turned(frames, hit_offsets, at, x, y, z):
-    """Directions of the parts' frames in the scene's: `scene.direction_to_scene` of eight."""
+    """Directions of the parts' frames in the scene's: `frames.direction_to_scene` of eight."""
     return (
         _along(frames, hit_offsets, at, 0, x, y, z),
         _along(frames, hit_offsets, at, 3, x, y, z),

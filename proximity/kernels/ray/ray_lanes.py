@@ -1,4 +1,4 @@
-"""Rays made ready for a walk, eight at a time: what boxes and triangles need of each, in the frame walked in.
+"""Preparation of rays for a walk, eight at a time.
 
 Making one ready by itself would take as long as three steps of its walk.
 """
@@ -31,7 +31,7 @@ from proximity.simd import (
 )
 
 RAY_CHUNK = 64
-"""Rays of which the tables have room; rows of numbers, one a ray."""
+"""Rays that the tables hold; rows of numbers, one a ray."""
 
 # rows of the float32 table
 AIM_SLABS = 0  # nine
@@ -139,7 +139,7 @@ def scaled_direction(x, y, z):
 
 @inlined
 def _scaled(x, y, z, views, at):
-    """`scaled_direction` of eight, by way of the table."""
+    """`scaled_direction` of eight, through the table."""
     store_three(views, VIEW_DIRECTION, at, x, y, z)
     first = RAY_CHUNK * VIEW_DIRECTION + at
     for k in range(first, first + LANES):
@@ -151,7 +151,7 @@ def _scaled(x, y, z, views, at):
 
 @inlined
 def aim_of(aims, k):
-    """What boxes need of ray *k*."""
+    """The numbers of ray *k* that boxes are tested with."""
     return (
         *three_of(aims, AIM_SLABS, k),
         *three_of(aims, AIM_SLABS + 3, k),
@@ -161,7 +161,7 @@ def aim_of(aims, k):
 
 @inlined
 def view_of(views, k):
-    """What triangles need of ray *k*."""
+    """The numbers of ray *k* that triangles are tested with."""
     return (
         *three_of(views, VIEW_LINE, k),
         *three_of(views, VIEW_LINE + 3, k),

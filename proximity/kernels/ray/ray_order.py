@@ -1,4 +1,4 @@
-"""The order of rays in which neighbours enter the scene's box near one another.
+"""The order of rays in which neighbours enter the scene's box close together.
 
 What a walk needs is then still in the cache from the ray before, and the processor guesses its branches right
 more often. A few hundred cells do that as well as the finest curve (2026-11: 0.88 of the walk's time near
@@ -47,7 +47,7 @@ def ray_order(handle, origins, directions):
 def _halve(sides, row_count):
     """Halve a box of such sides (3,), as often as is worth it for so many rays.
 
-    Returns the sides of the cells, how many there are along x, y and z, and the place of each in their order.
+    Returns the sides of the cells, how many there are along x, y and z, and the rank of each in their order.
     """
     halvings = 0
     while halvings < MOST_HALVINGS and (RAYS_OF_CELL << halvings) < row_count:

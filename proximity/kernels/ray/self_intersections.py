@@ -1,13 +1,13 @@
-"""Faces that pass through others of the same body, or lie on them, and those that lie where these put them.
+"""Faces of a body that pass through, lie on, or are turned by other faces of it.
 
 Where no edge of a surface passes through another face of it, nor lies on one, every piece of surface that
 hangs together has the inside on one side throughout. So the curves in which a body meets itself, and a look
 at each piece between them, tell over which faces the normal of the nearest one may tell the wrong side. There
-the winding number is asked instead, as over folds.
+the winding number is asked instead, as over folded faces.
 
 A curve in which two plane regions meet is straight, and ends at the rim of one of them. So edges between
 faces in one plane need not be looked at, unless others have met something: of a lid that is tessellated into
-a fan those would be long, and in the way of each other.
+a fan those would be long, and beside each other.
 
 Source: Möller 1997, "A fast triangle-triangle intersection test": triangles that are not in one plane meet
 only where an edge of one passes through the other.
@@ -59,7 +59,7 @@ be more, all faces count as passing through others."""
 
 @inlined
 def _in_plane(reals, base, px, py, pz, qx, qy, qz, depth):
-    """Of which of the eight triangles at *base* both *p* and *q* lie in the plane."""
+    """Which of the eight triangles at *base* have both *p* and *q* in their plane: bits."""
     ax, ay, az = load(reals, base), load(reals, base + 8), load(reals, base + 16)
     nx, ny, nz = cross(
         load(reals, base + 24) - ax, load(reals, base + 32) - ay, load(reals, base + 40) - az,
@@ -88,7 +88,7 @@ def _plane(corners, faces, face, depth):
 
 @inlined
 def _height(corners, faces, face, nx, ny, nz, corner):
-    """How far a corner is above the plane of a face, times the length of its normal *n*."""
+    """Height of a corner above the plane of a face, times the length of the normal *n*."""
     a = faces[face, 0]
     return dot(
         nx, ny, nz, corners[corner, 0] - corners[a, 0], corners[corner, 1] - corners[a, 1],
@@ -143,7 +143,7 @@ def _lies_on(corners, faces, face, start, end, depth):
 
 @kernel
 def _kind_of_edge(corners, faces, face, other, depth):
-    """How the faces at an edge lie to each other; *other* may be missing."""
+    """The kind of an edge, by how its two faces lie to each other; *other* may be missing."""
     if other < 0:
         return EDGE_CREASED
     nx, ny, nz, length = _plane(corners, faces, face, depth)
@@ -271,7 +271,8 @@ def _is_turned(corners, faces, piece, count, reals, words, root, moments):
 def passing_faces(corners, faces, neighbors, slot_faces, reals, words, root, moments):
     """Return which slots have faces that meet others, or lie on the wrong side of such, a bit each.
 
-    (blocks,) uint8, and with them the faces next to these. The arguments are those of `folds.folded_faces`.
+    (blocks,) uint8, and with them the faces next to these. The arguments are those of
+    `folded_faces.folded_faces`.
     """
     marks, depth = np.zeros(len(faces), np.bool_), 0.0
     for axis in range(3):

@@ -1,6 +1,6 @@
-"""A ray against one part's tree: the first hit.
+"""The first hit of a ray with one part's tree.
 
-Triangles are tested in float64 and watertight: seen along the ray, a shared corner is at the same place for
+Triangles are tested in float64 and watertight: seen along the ray, a shared corner has the same position for
 all its triangles, and the side on which an edge passes is never wrong. So a ray through an edge or a corner
 of a closed surface hits one of the triangles there. There is no tolerance at edges and no smallest area: a
 face that the ray runs along has no area seen from there and is not hit; its neighbours are.
@@ -44,7 +44,7 @@ APPROACH_REACH = 1.5
 """A ray from farther away than `FAR` is started where it enters the cube of this half side."""
 SLAB_MARGIN = 2.0**-20
 """What a box is widened by, local units: half as much again as float32 can be off. With a start within 2 and
-planes within 1 the reciprocal is off by 2^-23 of a way of at most 3, the result by 2^-24 of it, and the
+planes within 1 the reciprocal is off by 2^-23 of a length of at most 3, the result by 2^-24 of it, and the
 constant by 2^-24 of 2."""
 SLOWEST_COMPONENT = 2.0**-60
 """Least component of a direction in the box test: its reciprocal stays finite, and over the length of the
@@ -54,7 +54,7 @@ START_SLACK = 2.0**-50
 PARAMETER_ROUNDING = 2.0**-51
 """Rounding of a parameter and of its difference from the start of the box test."""
 FLOAT32_WIDENING = 2.0**-22
-"""Rounding of that difference to float32; a test which way it went would be mispredicted every other time."""
+"""Rounding of that difference to float32; a test of the direction would be mispredicted every other time."""
 
 
 @inlined
@@ -66,7 +66,7 @@ def is_from_afar(ox, oy, oz):
 
 @inlined
 def approach(ox, oy, oz, dx, dy, dz):
-    """Of a ray from afar: whether it comes near the local cube, from which parameter on, and the point there.
+    """Whether a ray from afar comes near the local cube, at which parameter, and the point there.
 
     The direction's largest component is near 1. The point is rounded, which is as if the origin were. Scalars
     or vectors of eight.
@@ -137,7 +137,7 @@ def bound_of_parameter(best, start):
 
 @inlined
 def open_boxes(words, base, aim, zero, best32):
-    """Where a ray enters and leaves the boxes of the node at *base*, and which it meets up to *best32*.
+    """Parameters at which a ray enters and leaves the boxes at *base*, and which it meets up to *best32*.
 
     Parameters; that of entering is >= 0. *aim*: nine numbers, what `slab` gives for x, y and z. *best32* is
     a scalar, *zero* a float32x8.
@@ -192,7 +192,7 @@ def ray_triangle_sides(origin, lean_x, lean_y, a, b, c):
 
 @inlined
 def look_along(ox, oy, oz, dx, dy, dz):
-    """What `ray_triangle_sides` needs of a ray: axis, origin, leans, pace; scalars or vectors of eight.
+    """Numbers of a ray for `ray_triangle_sides`: axis, origin, leans, pace; scalars or vectors of eight.
 
     Axes are turned so that the ray runs mostly along z; pace is the parameter's change along z.
     """
@@ -267,7 +267,7 @@ def first_in_block(reals, base, view, entry, best):
 
 @inlined
 def aim_and_view(ox, oy, oz, dx, dy, dz, margin):
-    """What boxes need of a ray, see `open_boxes`, and what triangles do, see `look_along`."""
+    """The numbers that boxes are tested with, see `open_boxes`, and those for triangles, see `look_along`."""
     aim = (*slab(ox, dx, margin), *slab(oy, dy, margin), *slab(oz, dz, margin))
     return aim, look_along(ox, oy, oz, dx, dy, dz)
 

@@ -1,4 +1,4 @@
-"""Tables of a chunk: points that go through each step of a query together, and what is noted of each.
+"""Tables for points that take each step of a query together, a chunk at a time.
 
 Row *k* of a table is of the *k*-th point of the chunk.
 """
@@ -38,7 +38,7 @@ class Candidates(NamedTuple):
 
 
 class Found(NamedTuple):
-    """What has been found of each point."""
+    """Results so far, for each point."""
 
     nearest: (
         np.ndarray
@@ -53,7 +53,7 @@ class Found(NamedTuple):
 class Heights(NamedTuple):
     """Points over the faces that are nearest to them."""
 
-    offsets: np.ndarray  # (POINT_CHUNK,) int64, see `place_of`
+    offsets: np.ndarray  # (POINT_CHUNK,) int64, see `offset_of`
     local_points: (
         np.ndarray
     )  # (3 * POINT_CHUNK,) float64, points in the local frame, coordinate by coordinate
@@ -62,7 +62,7 @@ class Heights(NamedTuple):
 
 
 class Workspace(NamedTuple):
-    """What asking single parts takes."""
+    """Scratch for queries of single parts."""
 
     stacks: np.ndarray  # (STACKS_SIZE,) float32, see `traversal`
     closest: np.ndarray  # (CLOSEST_SIZE,) float64, see `closest_feature`

@@ -1,4 +1,4 @@
-"""Which parts of a scene contain a point, and how deep.
+"""The parts of a scene that contain a point, and the depth in them.
 
 The signed distance of a scene is the smallest over its parts: exact outside; inside, of several parts that
 contain the point, the deepest counts.
@@ -173,8 +173,8 @@ def deepest_of_certain(model, chunk, candidates, pair_count, found, workspace):
     """Find the part that contains each point deepest, of points that are inside for certain.
 
     The first *pair_count* pairs are as `note_candidates` noted them. Those of the other points are moved to
-    the front; returns how many they are. Of the certain points nearest, depths and deeper are filled; of the
-    others deeper gets `NO_PART`.
+    the beginning; returns how many they are. Of the certain points nearest, depths and deeper are filled; of
+    the others deeper gets `NO_PART`.
     """
     certain, pairs = candidates.certain, candidates.pairs
     nearest, depths, deeper, _ = found

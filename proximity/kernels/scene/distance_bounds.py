@@ -1,9 +1,9 @@
 """The signed distance of one point of a scene between bounds, within a budget of steps.
 
-With budget enough both bounds are the signed distance that `query` answers: the smallest over all parts;
-inside, of several parts that contain the point, the deepest. With less the nearest surface found so far is
-one bound, and the smallest bound of what was not looked at the other. The side does not need the nearest
-face: the sign grid and the winding number tell it as well.
+With budget enough both bounds are the signed distance that `point_queries` answers: the smallest over all
+parts; inside, of several parts that contain the point, the deepest. With less the nearest surface found so
+far is one bound, and the smallest bound of what was not looked at the other. The side does not need the
+nearest face: the sign grid and the winding number tell it as well.
 """
 
 from math import sqrt
@@ -105,7 +105,7 @@ def beyond_all(frames, x, y, z):
 def fill_closest(reals, words, parts, frames, part, slot, x, y, z, closest):
     """Fill *closest* (local frame of *part*) with the closest point of a triangle found; its distance, m.
 
-    What `closest_on_triangle` fills, but for the weights; the point is only as exact as the place of *p*.
+    What `closest_on_triangle` fills, but for the weights; the point is only as exact as the position of *p*.
     """
     px, py, pz = to_local(frames, parts, part, x, y, z)
     read_corners(reals, slot, closest)
@@ -126,7 +126,7 @@ def fill_closest(reals, words, parts, frames, part, slot, x, y, z, closest):
 
 @inlined
 def _depth_in_box(frames, part, x, y, z, is_open):
-    """How deep in a part a point that it contains can be, m: as far as to the nearest side of its box.
+    """Largest depth, m, of a point in a part that contains it: the distance to the nearest side of its box.
 
     Where the part is open, as far as to the farthest corner: through a hole one leaves the box past no face.
     """
@@ -215,7 +215,7 @@ def may_pass_hole(frames, parts, x, y, z, reach):
 
 @kernel
 def _deepest_containing(model, point, part, slot, nearest, work, budget, workspace, closest):
-    """How deep a point is in the parts that contain it, m: at least; at most, by faces; and at most. -1: not.
+    """Depth of a point in the parts that contain it, m: least; most, by faces; and most. -1: not inside.
 
     *part*, *slot*, *nearest*: what `bounds_of_nearest` knows of the nearest face: whether it is that for
     certain, lower and upper bound of its distance, and `clear`. Returns besides the part that the point is
@@ -266,8 +266,8 @@ def bounds_at(model, point, part, slot, is_outside, tolerance, exact_within, bud
 
     *model*: its four arrays; *point*: (x, y, z). *part*, *slot*: a face to start from, or `NO_SLOT`.
     *is_outside*: True where it is known that no part contains the point. *tolerance*, *exact_within* (m), of
-    a point that is outside: see `near_enough_sq`; others are asked exactly, as far as the budget goes. Returns
-    what `bounds_of_nearest` does.
+    a point that is outside: see `near_enough_sq`; others are asked exactly, as far as the budget goes.
+    Returns what `bounds_of_nearest` does.
     """
     _, _, frames, parts = model
     nearest = nearest_from_face(
@@ -305,7 +305,7 @@ def bounds_of_nearest(model, point, nearest, is_outside, budget, workspace, clos
         depth_lower, depth_upper, depth_most, deep_part, deep_slot, work = _deepest_containing(
             model, point, part, slot, (is_exact, lower, upper, clear), work, budget, workspace, closest
         )
-        # What other parts were asked has gone over the witness.
+        # What other parts were asked has overwritten *closest*.
         if slot >= 0 and depth_lower < 0.0:
             fill_closest(reals, words, parts, frames, part, slot, x, y, z, closest)
     bits = 0

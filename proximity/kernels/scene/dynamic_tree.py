@@ -1,9 +1,9 @@
-"""The tree over dynamic parts: those that move by themselves, each whole; it is written at every move.
+"""The tree over dynamic parts, those that move by themselves; rewritten at every move.
 
 The scene's root, once a part is dynamic, is a *super node*: its first lane is the static tree over all other
 parts, which stays as it is; the other lanes are the dynamic tree. Its leaves are entries, one a part, behind
-those of the static tree. Loose parts are kept in the order of a space-filling curve, which is mended a little
-at every move: so nodes stay small wherever the parts go, and a move costs O(parts that are dynamic).
+those of the static tree. Dynamic parts are kept in the order of a space-filling curve, which is mended a
+little at every move: so nodes stay small wherever the parts go, and a move costs O(parts that are dynamic).
 """
 
 from typing import NamedTuple
@@ -45,7 +45,7 @@ class DynamicParts(NamedTuple):
     """Those parts that move by themselves, and their order along the curve."""
 
     rows: np.ndarray  # (L,) int64, of the parts
-    order: np.ndarray  # (L,) int64, places in *rows* along the curve
+    order: np.ndarray  # (L,) int64, positions in *rows*, along the curve
     keys: np.ndarray  # (L,) int64, scratch: where each is along the curve
 
 
@@ -61,7 +61,7 @@ def _spread(cell):
 
 @kernel
 def _curve_key(box):
-    """Place of a box's middle along the curve; empty boxes come last."""
+    """Position of a box's middle along the curve; empty boxes come last."""
     key = np.int64(0)
     if not box[0] <= box[3]:
         return np.int64(2**62)
@@ -74,7 +74,7 @@ def _curve_key(box):
 
 @kernel
 def _mend_order(boxes, dynamic, order, keys, steps):
-    """Sort *order*, places in *dynamic*, along the curve: by insertion, and by so many steps at most."""
+    """Sort *order*, positions in *dynamic*, along the curve: by insertion, and by so many steps at most."""
     for i in range(len(dynamic)):
         keys[i] = _curve_key(boxes[dynamic[i]])
     for i in range(1, len(order)):
@@ -103,7 +103,7 @@ def _write_child(words, node, lane, i, below, boxes, dynamic, order, first_entry
 def write_dynamic(words, region, static_root, boxes, dynamic, order, first_entry):
     """Write the super node at node *region* and the dynamic tree behind it.
 
-    *static_root*: a node, or -1. *dynamic* (L,): parts. *order* (L,): their places along the curve.
+    *static_root*: a node, or -1. *dynamic* (L,): parts. *order* (L,): their positions along the curve.
     """
     box = words_here(6)
     used, below, count = region + 1, -1, len(dynamic)

@@ -1,9 +1,9 @@
-"""Whether a model that comes out of a file can be walked: everything in it that is an index is looked at.
+"""Validation of a model read from a file: every index is checked before a walk follows it.
 
-Walks check no bounds, and their stacks have room for trees of limited depth. So here, once, every reference
-is compared with what it refers to. A child's number is above its parent's, every node and every leaf is
-reached once, and no tree is deeper than `DEEPEST`: then every walk ends. Where the arrays of a part begin and
-end has been checked before, and that these runs lie in the arrays and do not overlap.
+Walks check no bounds, and their stacks are large enough for trees of limited depth only. So here, once, every
+reference is compared with what it refers to. A child's number is above its parent's, every node and every
+leaf is reached once, and no tree is deeper than `DEEPEST`: then every walk ends. Where the arrays of a part
+begin and end has been checked before, and that these runs lie in the arrays and do not overlap.
 
 Each function returns the kind of the first fault that it finds, or `SOUND`, and then fills *fault* (int64,
 `FAULT_SIZE`): the part, and up to three numbers that the sentence about it names.

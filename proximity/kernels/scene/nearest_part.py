@@ -2,7 +2,7 @@
 
 The scene's tree has, for leaves, *entries*: subtrees of parts, as (part, reference) pairs. Its boxes are in
 the scene's own scaled frame, kept in the row behind the last part's in ``frames`` and ``parts``; squared
-distances are compared there, and all scales are powers of two, so that nothing is rounded on the way from
+distances are compared there, and all scales are powers of two, so that nothing is rounded from
 frame to frame.
 """
 

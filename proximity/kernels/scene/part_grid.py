@@ -1,4 +1,4 @@
-"""Which parts may contain a point of the scene.
+"""The grid over a scene that lists, for each cell, the parts that may contain a point.
 
 Parts that stand where they stood when the model was made are listed in the cells of a coarse grid over the
 scene: of a cell, those that are neither wholly outside in it nor without an inside. So a look or two tell
@@ -124,7 +124,7 @@ def turns_of(parts, first, last):
 
 @inlined
 def sought(words, frames, parts, x, y, z):
-    """What `containing_bits` takes of a point: the ends of its list, see `list_of`, and its splats."""
+    """Arguments of `containing_bits` for a point: the ends of its list, see `list_of`, and its splats."""
     first, last = list_of(words, frames, parts, x, y, z)
     sx, sy, sz = to_local(frames, parts, len(parts) - 1, x, y, z)
     return first, last, splat32(np.float32(sx)), splat32(np.float32(sy)), splat32(np.float32(sz))

@@ -1,4 +1,4 @@
-"""Where parts stand: poses looked at and written, the boxes that follow, and rows taken from copy to copy."""
+"""Poses of parts: checked and written, with the boxes that follow from them."""
 
 from math import isfinite
 
@@ -32,7 +32,7 @@ from proximity.simd import lane, load, maximum, minimum, store
 
 @inlined
 def _off_exact(matrix):
-    """How far the rotation in a (4, 4) matrix, times its transpose, is from the identity; nan is far."""
+    """Distance of the rotation in a (4, 4) matrix, times its transpose, from the identity; nan is far."""
     off = 0.0
     for i in range(3):
         for j in range(i + 1):

@@ -1,4 +1,4 @@
-"""The steps that points take in chunks: who may contain them, what is nearest to each, and on which side.
+"""Steps of point queries on a chunk: containing parts, nearest surface, side.
 
 What comes after, the deepest of several parts that contain a point, is in `containment`.
 """
@@ -19,7 +19,7 @@ from proximity.kernels.sign.side import has_normals, heights_over, is_beyond, si
 
 @inlined
 def reach_sq(limit):
-    """How far to look for what is within *limit*, local: a little farther, since distances round."""
+    """Squared search radius, local, for what is within *limit*: a little more, since distances round."""
     return (limit + LENGTH_ROUNDING) * (limit + LENGTH_ROUNDING) * (1.0 + LENGTH_ROUNDING)
 
 

@@ -189,7 +189,7 @@ def _write_nothing(answers, choices, row, distance):
 
 @kernel
 def _write_answer(frames, parts, part, face, feature, inside, closest, limit, answers, choices, row):
-    """Take a witness from the part's local frame to the scene's."""
+    """Write the answer of a closest feature, in the scene's frame."""
     length = closest[CLOSEST_LENGTH]
     distance = length / frames[part, FRAME_SCALE]
     if not distance <= limit:
@@ -201,7 +201,7 @@ def _write_answer(frames, parts, part, face, feature, inside, closest, limit, an
     to_scene(frames, parts, part, closest, CLOSEST_POINT, closest, CLOSEST_POINT)
     for axis in range(3):
         answers[row, POINT_ANSWER_POINT + axis] = closest[CLOSEST_POINT + axis]
-    # Nearer than this the way has no direction, as on the surface itself.
+    # Nearer than this the connection has no direction, as on the surface itself.
     if length > SHORTEST_ARM:
         factor = -1.0 / length if inside else 1.0 / length
         for axis in range(3):

@@ -79,7 +79,7 @@ def _hits_of_tree(reals, words, root, scale, count, aims, views, slots, stacks):
     """Fill the first hits of the rays in the tables, where all leaves are blocks in the frame of the rays.
 
     *root*: the reference to walk from; *scale*: of the frame. Slots, or `NO_SLOT`; the parameters, in that
-    frame, take the place of the longest, and the weights that of the view.
+    frame, replace the longest ones, and the weights replace the view.
     """
     for k in range(count):
         best, slots[k], u, v, w = first_hit(

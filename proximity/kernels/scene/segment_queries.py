@@ -1,7 +1,7 @@
 """Segment queries against a whole scene: the shortest connection between a segment and the surfaces.
 
-As `query` does for points: the scene's tree first, parts' trees below it, squared distances compared in the
-scene's scaled frame. A segment without length is a point, and takes the way of points.
+As `nearest_part` does for points: the scene's tree first, parts' trees below it, squared distances compared
+in the scene's scaled frame. A segment without length is a point, and is answered as a point.
 """
 
 import numpy as np

@@ -174,7 +174,7 @@ def _half_area(box):
 def name_leaves(nodes, entries, parts, first_node):
     """Have a tree over entries refer to what its leaves are, and number its nodes from *first_node* on.
 
-    An entry of a part in the scene's own frame is its subtree itself; another is ``~(ENTRY + its place)``.
+    An entry of a part in the scene's own frame is its subtree itself; another is ``~(ENTRY + its position)``.
     """
     for node in range(len(nodes) // NODE_STRIDE):
         for k in range(LANES):

@@ -51,14 +51,14 @@ def _of(values, at, index):
 
 @inlined
 def _side_gap(lower, upper, values, at, axis):
-    """How far boxes are from the segment's own box along a coordinate."""
+    """Gap between boxes and the segment's own box along a coordinate."""
     gap = maximum(lower - _of(values, at, PROBE_UPPER + axis), _of(values, at, PROBE_LOWER + axis) - upper)
     return maximum(gap, _of(values, at, PROBE_ZERO))
 
 
 @inlined
 def _axis_gap(sum_j, sum_k, width_j, width_k, values, at, axis):
-    """How far boxes are from the segment along a perpendicular; NaN, of unused lanes, gives 0."""
+    """Gap between boxes and the segment along a perpendicular; NaN, of unused lanes, gives 0."""
     first = PROBE_AXIS + PROBE_AXIS_STRIDE * axis
     n_j, n_k = _of(values, at, first), _of(values, at, first + 1)
     apart = absolute(fma(n_j, sum_j, n_k * sum_k) - _of(values, at, first + 2))
@@ -68,7 +68,7 @@ def _axis_gap(sum_j, sum_k, width_j, width_k, values, at, axis):
 
 @inlined
 def _middle_gap_sq(sum_x, sum_y, sum_z, wide_x, wide_y, wide_z, values, at):
-    """Squared gap along the way from each box's middle to the segment, or NaN; first fraction in the box."""
+    """Squared gap from each box's middle to the segment, or NaN; first fraction in the box."""
     zero, half, one = _of(values, at, PROBE_ZERO), _of(values, at, PROBE_HALF), _of(values, at, PROBE_ONE)
     slack, inverse_sq = _of(values, at, PROBE_SLACK), _of(values, at, PROBE_INVERSE_SQ)
     dx, dy, dz = (
@@ -124,7 +124,7 @@ def segment_boxes_distance_sq(nodes, base, probe):
 
 @inlined
 def far_segment_boxes_distance_sq(nodes, base, plan):
-    """The same from float64 arithmetic, less PLAN_OFFSET: see `box.far_point_boxes_distance_sq`."""
+    """The same from float64 arithmetic, less PLAN_OFFSET: see `geometry.box.far_point_boxes_distance_sq`."""
     bounds, early = _bounds_sq(
         widen(load(nodes, base)), widen(load(nodes, base + 8)), widen(load(nodes, base + 16)),
         widen(load(nodes, base + 24)), widen(load(nodes, base + 32)), widen(load(nodes, base + 40)),

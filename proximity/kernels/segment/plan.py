@@ -1,4 +1,4 @@
-"""A segment made ready for the walk: its *plan*, in the local frame of one part.
+"""The *plan* of a segment: everything a walk needs of it, in the local frame of one part.
 
 It is cut down to what can hold the nearest point, and all that bounds and distances need is worked out and
 spread over eight lanes. Two arrays, filled once for a segment and part: ``plan`` (float64, `PLAN_SIZE`) and,
@@ -18,12 +18,12 @@ from proximity.simd import fma, splat, splat32, store
 # --- what bounds need, eight lanes each: in a plan from PLAN_PROBE on, or in a probe ---
 PROBE_LOWER = 0  # box of the segment, three each
 PROBE_UPPER = 3
-PROBE_AXIS = 6  # of three perpendiculars: half its two components, the segment's place along it, slack
+PROBE_AXIS = 6  # of three perpendiculars: half its two components, the segment's position along it, slack
 PROBE_AXIS_STRIDE = 4
-PROBE_START = 18  # the segment: start, way to its end, 1 / length²
+PROBE_START = 18  # the segment: start, step to its end, 1 / length²
 PROBE_DIRECTION = 21
 PROBE_INVERSE_SQ = 24
-PROBE_SLACK = 25  # for the rounding of places
+PROBE_SLACK = 25  # for the rounding of positions
 PROBE_ZERO = 26
 PROBE_HALF = 27
 PROBE_ONE = 28
@@ -39,7 +39,7 @@ PLAN_IS_FAR = 8  # 1 where float32 would not tell the boxes apart
 PLAN_OFFSET = 9  # a squared distance below that of anything in the local cube; 0 if not far
 PLAN_PART = 10  # whose frame it is; set by who knows
 PLAN_AXIS_X = 11  # axes in cyclic order, that in which the segment is longest last
-PLAN_SLOPE_X = 12  # way along the first and second of them for each unit along the last
+PLAN_SLOPE_X = 12  # step along the first and second of them for each unit along the last
 PLAN_SLOPE_Y = 13
 PLAN_PER_LENGTH_SQ = 14  # 1 / length²
 PLAN_PROBE = 16
@@ -54,7 +54,7 @@ AXIS_SHRINK = 1.0 - 2.0**-22
 TOUCHING = 1e-37
 """Fractions along the segment are added to squared bounds times this: beneath any distance that counts."""
 SEGMENT_ROUNDING = 2.0**-24 * 64.0
-"""Bounds the rounding of a place along a vector in float32: a few dozen roundings of numbers up to 1, and
+"""Bounds the rounding of a position along a vector in float32: a few dozen roundings of numbers up to 1, and
 `SEGMENT_ROUNDING_FAR` in float64; longer segments get that many times more."""
 SEGMENT_ROUNDING_FAR = 2.0**-53 * 64.0
 
@@ -170,7 +170,7 @@ def _perpendicular(plan, j, k):
 
 @inlined
 def _extent_along(plan, n_j, n_k, j, k):
-    """Where the segment lies along a vector, given by its half, and how far it reaches to each side."""
+    """Middle and half width of the segment along a vector, which is given by its half."""
     start = 2.0 * (n_j * plan[PLAN_START + j] + n_k * plan[PLAN_START + k])
     end = 2.0 * (n_j * plan[PLAN_END + j] + n_k * plan[PLAN_END + k])
     return 0.5 * (start + end), 0.5 * abs(end - start)

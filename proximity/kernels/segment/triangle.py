@@ -1,4 +1,4 @@
-"""A segment against triangles: one formula for one or for eight, and the careful one for the winner.
+"""Distance between a segment and triangles, and the witness points of the nearest one.
 
 The squared distance to a triangle is the smallest of: both ends to the plane where their foot is inside, and
 for each edge both ends to the edge, its corner to the segment, and the two lines where they pass each other.
@@ -183,7 +183,7 @@ def _take_end(plan, at, fraction, witness):
 
 @inlined
 def _from_nearer_end(start, end, fraction):
-    """A point between two, as the end it is nearer to and the way from there."""
+    """A point between two, as the end it is nearer to and the step from there."""
     if fraction <= 0.5:
         return start, fraction * (end - start)
     return end, (fraction - 1.0) * (end - start)

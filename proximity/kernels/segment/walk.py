@@ -1,8 +1,9 @@
 """The segment walk over one part's tree: the smallest distance between a segment and the triangles.
 
-As the walk for a point (see `point`), with a bound for segments. The answer is the smallest computed squared
-distance and among equals the lowest slot; of several crossings the one that is first along the segment, and
-once one is known only what comes before it is looked at. So nothing depends on the order of the walk.
+As the walk for a point (see `point.walk`), with a bound for segments. The answer is the smallest computed
+squared distance and among equals the lowest slot; of several crossings the one that is first along the
+segment, and once one is known only what comes before it is looked at. So nothing depends on the order of the
+walk.
 """
 
 import numpy as np
@@ -98,8 +99,8 @@ def segment_in_block(reals, block, plan, best_sq, best_fraction, best_slot, witn
 def segment_in_part(reals, words, start, plan, probe, best_sq, best_fraction, best_slot, witness, stacks, at):
     """The same of all blocks below *start*.
 
-    *start*, *best_sq*, *best_slot*, *stacks*, *at*: as for `point.closest_in_part`. *plan*, *probe*: from
-    `segment_plan.make_plan`.
+    *start*, *best_sq*, *best_slot*, *stacks*, *at*: as for `point.walk.closest_in_part`. *plan*, *probe*:
+    from `plan.make_plan`.
     """
     is_far = plan[PLAN_IS_FAR] != 0.0
     best32 = open_bound(plan, best_sq, best_fraction)

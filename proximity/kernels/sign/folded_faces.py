@@ -1,4 +1,4 @@
-"""Faces that are folded over: slivers that tessellation laid onto their neighbours, facing the wrong way.
+"""Folded faces: slivers that lie on their neighbours and face backwards.
 
 A surface with such a sliver is closed, every edge has its two faces, and yet over the sliver the nearest face
 tells the wrong side. There the winding number is asked instead.
@@ -19,7 +19,7 @@ SHARPEST_COSINE = -0.9
 """Cosine between the normals of two faces across an edge below which both are looked at: an edge of 26
 degrees. What is folded over is at -1; few edges of real parts are as sharp as this."""
 NEAR_CORNER = 0.8
-"""Weight of a corner at the places where a face is looked at besides its middle."""
+"""Weight of a corner at the points where a face is sampled besides its middle."""
 MOST_STEP, STEP_SHARE = 1e-6, 1e-3
 """How far to either side, local: at most this, and this share of the root of the face's area."""
 MOST_LOOKED_AT = 4096

@@ -1,4 +1,4 @@
-"""Inside or outside of one part, decided by the triangle of it that is nearest."""
+"""Inside or outside of one part, decided by its nearest triangle."""
 
 from proximity.kernels.compiler import inlined
 from proximity.kernels.geometry.closest_feature import (
@@ -26,9 +26,9 @@ from proximity.kernels.sign.winding_number import winding_number
 from proximity.simd import load, load_each, load_int, select, splat, store
 
 LEAST_SIDE_SINE = 1e-6
-"""Sine of the angle between the way to the closest point and the plane across the pseudo-normal below which
-the side is not believed: rounding, at a point 1e-9 part sizes away, turns the way by 1e-7. The winding number
-decides there."""
+"""Sine of the angle between the direction to the closest point and the plane across the pseudo-normal below
+which the side is not believed: rounding, at a point 1e-9 part sizes away, turns that direction by 1e-7. The
+winding number decides there."""
 
 
 @inlined
@@ -63,7 +63,7 @@ def closest_of_slot(reals, words, parts, part, slot, px, py, pz, closest):
 
 @inlined
 def _is_inside(reals, words, parts, part, slot, px, py, pz, closest):
-    """The side that a filled witness tells; on the surface: outside."""
+    """The side by a filled closest feature; on the surface: outside."""
     sign = parts[part, PART_SIGN]
     length = closest[CLOSEST_LENGTH]
     if sign == SIGN_NONE or length == 0.0 or is_beyond(px, py, pz):

@@ -11,7 +11,7 @@ triangle: near a gear a walk took three times as long, near a plate twice.
 ``moments``: `MOMENT_STRIDE` words a node: for its eight children the centre x, y, z (weighted by area), the
 sum of the area normals x, y, z, the squared distance from which on the child counts as far, and how the area
 normals are spread about the centre: xx, yy, xy, xz, yz of the symmetric first moment without its trace; then
-two words of `slab`.
+two words of `normal_slab`.
 
 Source: Jacobson, Kavan, Sorkine-Hornung 2013, "Robust inside-outside segmentation using generalized winding
 numbers"; Barill et al. 2018, "Fast winding numbers for soups and clouds" (here with terms of the first two
@@ -57,7 +57,7 @@ def fill_moments(words, reals, node_count, moments):
 
     A child's number is above its parent's, so that nodes are done from the last to the first.
     """
-    # Of each node: area; area times centre; area normal; area normal times place, nine numbers.
+    # Of each node: area; area times centre; area normal; area normal times position, nine numbers.
     sums = np.zeros((node_count, 16))
     own = np.empty(16)
     for node in range(node_count - 1, -1, -1):
@@ -197,7 +197,7 @@ def _sum_of_angles(cosine, sine, turns):
 
 @kernel
 def winding_number(reals, words, root, moments, px, py, pz):
-    """How often the part winds around *p* (local frame): about 1 inside a closed part, about 0 outside."""
+    """Winding number of the part around *p* (local frame): about 1 inside a closed part, about 0 outside."""
     stack = words_here(STACK_SIZE)
     x, y, z = splat(px), splat(py), splat(pz)
     cosine, sine, turns = splat(1.0), splat(0.0), splat(0.0)
@@ -236,7 +236,7 @@ def winding_number(reals, words, root, moments, px, py, pz):
 
 @kernel
 def _flux(words, at, dx, dy, dz, distance_sq):
-    """What the children of the node with moments *at*, seen as points, add to the solid angle."""
+    """Solid angle of the children of the node with moments *at*, seen as points."""
     flux = dot(
         dx, dy, dz, widen(load(words, at + 24)), widen(load(words, at + 32)), widen(load(words, at + 40))
     )

@@ -1,4 +1,4 @@
-"""Conservative advancement: how far a sphere can go on its path and touch nothing, and where it will touch.
+"""Conservative advancement: how far a sphere can follow a path without touching anything.
 
 From a position where every surface is at least *c* away from the sphere it can go on for *c*, less what the
 parts move toward it, and touch nothing. So the path is cut into steps, each of which is certified by one
@@ -67,7 +67,7 @@ class Sphere(NamedTuple):
 
 
 class Advance(NamedTuple):
-    """How far a sphere gets on its path."""
+    """Result of an advancement: how far the sphere gets on its path."""
 
     free: float  # parameter up to which it touches nothing, for certain
     expected: float  # parameter at which it will touch; inf if not on this path
@@ -93,7 +93,7 @@ def point_on_path(path, parameter, vectors):
 
 @inlined
 def outward_of(model, part, closest, out):
-    """Fill *out* (3,) with the unit direction, scene's frame, from the surface to the point of a witness."""
+    """Fill *out* (3,) with the unit direction, scene's frame, from a closest point to its query."""
     length = closest[CLOSEST_LENGTH]
     factor = 1.0 / length if length > 1e-150 else 0.0
     out[0], out[1], out[2] = direction_to_scene(
@@ -108,7 +108,7 @@ def outward_of(model, part, closest, out):
 
 @inlined
 def _clearance_in_balls(sphere, x, y, z):
-    """How far a sphere at a point is at least from every surface, by its balls; negative: ask anew."""
+    """Least clearance of a sphere at a point, by its balls; negative where a query is needed."""
     balls = sphere.balls
     nearest = splat(np.inf)
     for first in range(0, BALL_COUNT, LANES):
@@ -137,7 +137,7 @@ def _keep_ball(sphere, x, y, z, clear):
 
 @inlined
 def _free_until(parameter, clearance, rate, faster):
-    """How far a clearance lets a sphere go: up to where it is used up, or where a faster part may come."""
+    """Parameter up to which a clearance lasts: until it is used up, or until a faster part may come."""
     if rate > 0.0:
         return min(parameter + clearance / rate * DOWN, faster)
     return faster if clearance > 0.0 else parameter
@@ -147,7 +147,7 @@ def _free_until(parameter, clearance, rate, faster):
 def advance_conservatively(
     model, path, sphere, drift, start, clearance, part, slot, tolerance, budget, scratch
 ):
-    """How far a sphere gets on its path, from the parameter *start* on, as an `Advance`.
+    """Advance a sphere on its path from the parameter *start* on; returns an `Advance`.
 
     At *start* it is *clearance* m away from everything. *drift*: of surfaces toward it, a `Drift`. *part*,
     *slot*: a face to start from. *tolerance*: share of a clearance that a step need not find. Fills the first
@@ -204,7 +204,7 @@ def advance_conservatively(
 
 @inlined
 def _gap_and_closing(model, sphere, part, slot, scratch):
-    """How far the sphere at the scratch point is from a face, m, and by how much its path nears it a unit."""
+    """Gap between the sphere at the scratch point and a face, m, and the rate at which its path closes it."""
     vectors = scratch.vectors
     gap = fill_closest(
         model.reals, model.words, model.parts, model.frames, part, slot, vectors[0], vectors[1], vectors[2],

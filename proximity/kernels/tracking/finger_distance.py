@@ -97,8 +97,8 @@ TOLERANCE_SHARE = 0.4
 skin whose bounds may be 5 % apart wants less than half the steps that it wants with 0, to the same bounds on
 average."""
 SHORT, PAUSE = 2, 200
-"""Divisor of the budget: what a front may take of it, and a search for one to be begun. Where it does not get
-done in that, none is tried for so many ticks, which matters from a million faces on."""
+"""Divisor of the budget: what a coherent search may take of it, and a walk for one to be begun. Where it does
+not get done in that, none is tried for so many ticks, which matters from a million faces on."""
 STRAY = 1.0 / 16.0
 """Share of its distance that a finger may go until the reported point of the surface is looked for anew:
 meanwhile it is up to 0.2 % farther than the nearest. Ticks of fingers far off take a seventh less so."""
@@ -176,7 +176,7 @@ def _upper_bound(model, settings, finger, clearance, scratch):
     """A distance, m, that some surface is not beyond, without a search; whether the surface is known by it.
 
     Where it is, the scratch vectors are filled as by `_find_surface`; else, if the finger has a face, the
-    witness.
+    closest feature.
     """
     part, slot = finger.marks[TRACK_PART], finger.marks[TRACK_SLOT]
     x, y, z = vector_at(finger.record, RECORD_POSITION)
@@ -228,8 +228,8 @@ def _to_kept_surface(settings, finger, vectors):
 def _search(model, arrays, i, is_outside, is_moved, tolerance, budget, scratch):
     """Search for the distance of finger *i* and return what `bounds_of_nearest` does.
 
-    From the front of the finger's last search where it has one, by a walk otherwise; *tolerance* as the walk
-    takes it.
+    From the frontier of the finger's last search where it has one, by a walk otherwise; *tolerance* as the
+    walk takes it.
     """
     parts = model.parts
     finger = finger_at(arrays, i)
@@ -279,7 +279,8 @@ def _keep_search(settings, finger, clear, part, slot, bits):
 
 @inlined
 def _find_surface(model, settings, finger, part, slot, bits, scratch):
-    """Fill the scratch vectors from a filled witness: outward direction, and the point of the surface.
+    """Fill the scratch vectors from a filled closest feature: outward direction, and the point of the
+    surface.
 
     Keeps the point for later ticks.
     """

@@ -1,4 +1,4 @@
-"""How a finger moves: its velocity from its poses, and where it will be a little later.
+"""The motion of a finger: velocity estimated from its poses, and a prediction with bounds.
 
 The velocity is the slope of a straight line through the poses, each weighted by its age: the last difference
 where poses are 8 ms apart, an average over some 2 ms where they come each millisecond. So it is exact at any
@@ -16,8 +16,8 @@ acceleration 2.7 to 4.3; one-euro filters 2.6 to 2.9; alpha-beta-gamma 3.1 to 4.
 acceleration of one frame says little about the next.
 
 A finger has a row in two arrays: ``reals`` (float64) and ``ints`` (int64). Rows of zeros know no pose yet.
-Each row holds two *tracks*: the present one, and the one before the last jump, which goes on when the jump
-was one of a pose or two gone astray. Times are whole nanoseconds: a float would lose them in weeks.
+Each row holds two *estimates*: the present one, and the one before the last jump, which goes on when the
+jump was one of a pose or two gone astray. Times are whole nanoseconds: a float would lose them in weeks.
 """
 
 import math
@@ -32,14 +32,14 @@ ESTIMATE_VELOCITY_ERROR = 6  # m/s, how far off it may be
 ESTIMATE_SURPRISE = 7  # m/s, share of the error that the poses show and acceleration does not explain
 ESTIMATE_WEIGHTS = 8  # sums of weight times age to the power 0, 1, 2, 3; ages are negative, s
 ESTIMATE_SQUARES = 12  # sums of squared weight times age to the power 0, 1, 2
-ESTIMATE_MOMENTS = 15  # sums of weight times place, seen from the last pose, m
-ESTIMATE_AGE_MOMENTS = 18  # sums of weight times age times place
+ESTIMATE_MOMENTS = 15  # sums of weight times position, seen from the last pose, m
+ESTIMATE_AGE_MOMENTS = 18  # sums of weight times age times position
 ESTIMATE_REALS = 24
 MOTION_REALS = 2 * ESTIMATE_REALS
 
 # --- columns of ``ints`` (int64) ---
 ESTIMATE_POSE_NS = 0  # instant of the last pose
-ESTIMATE_POSE_COUNT = 1  # poses that the track has taken in, up to `ENOUGH`
+ESTIMATE_POSE_COUNT = 1  # poses that the estimate has taken in, up to `ENOUGH`
 ESTIMATE_IS_KNOWN = 2  # 1 where the velocity is known
 ESTIMATE_INTS = 4
 MOTION_INTS = 2 * ESTIMATE_INTS
@@ -69,7 +69,7 @@ MAX_NOISE_SPEED = 0.3
 MOST_SURPRISE = 1e3
 """m/s; only a velocity that was given can be so far off, and an error without end would never fade."""
 ENOUGH = 3
-"""Poses from which on a track is believed, and so its error: sensors tell the first pose of a hand twice."""
+"""Poses from which on an estimate and its error are believed: sensors report a hand's first pose twice."""
 MAX_GAP_NS = 100_000_000
 """A finger unseen for longer may have done anything: the estimate starts anew."""
 JUMP_SLACK = 5e-3
@@ -82,7 +82,7 @@ MOTION_HORIZON = 0.05
 
 @inlined
 def _start(reals, ints, row, x, y, z, t_ns, max_speed):
-    """Start the present track anew at a pose."""
+    """Start the present estimate anew at a pose."""
     for column in range(ESTIMATE_REALS):
         reals[row, column] = 0.0
     reals[row, ESTIMATE_POSITION] = x
@@ -98,7 +98,7 @@ def _start(reals, ints, row, x, y, z, t_ns, max_speed):
 
 @inlined
 def _copy_track(reals, ints, row, to, source):
-    """Copy one track over another; number 0 is the present one, 1 the one before a jump."""
+    """Copy one estimate over another; number 0 is the present one, 1 the one before a jump."""
     for column in range(ESTIMATE_REALS):
         reals[row, to * ESTIMATE_REALS + column] = reals[row, source * ESTIMATE_REALS + column]
     for column in range(ESTIMATE_INTS):
@@ -107,7 +107,7 @@ def _copy_track(reals, ints, row, to, source):
 
 @inlined
 def _is_within_reach(reals, ints, row, track, t_ns, x, y, z, max_speed):
-    """Whether a finger at the last pose of that track can be at this one now."""
+    """Whether a finger at the last pose of that estimate can be at this one now."""
     first = track * ESTIMATE_REALS + ESTIMATE_POSITION
     dx, dy, dz = x - reals[row, first], y - reals[row, first + 1], z - reals[row, first + 2]
     reach = max_speed * (1e-9 * (t_ns - ints[row, track * ESTIMATE_INTS + ESTIMATE_POSE_NS])) + JUMP_SLACK
@@ -116,7 +116,7 @@ def _is_within_reach(reals, ints, row, track, t_ns, x, y, z, max_speed):
 
 @inlined
 def _continues(ints, row, track, t_ns):
-    """Whether that track has a pose, before *t_ns* and not too long ago."""
+    """Whether that estimate has a pose, before *t_ns* and not too long ago."""
     last_ns = ints[row, track * ESTIMATE_INTS + ESTIMATE_POSE_NS]
     return ints[row, track * ESTIMATE_INTS + ESTIMATE_POSE_COUNT] > 0 and t_ns - MAX_GAP_NS <= last_ns < t_ns
 
@@ -139,7 +139,7 @@ def _age(sums, row, weight, dt):
 
 @inlined
 def _follow(reals, row, x, y, z, dt, max_acceleration):
-    """Take in the next pose of the present track; the velocity's error that noise alone may cause, m/s."""
+    """Take in the next pose of the present estimate; the velocity's error that noise alone may cause, m/s."""
     # Much like exp(-dt / MEMORY), but the same number wherever it is computed.
     weight = 1.0 / (1.0 + dt * (0.125 / MEMORY))
     weight *= weight
@@ -192,7 +192,7 @@ def observe(reals, ints, row, t_ns, x, y, z, max_speed, max_acceleration):
 
     A position that is not finite changes nothing and answers 0. A pose that the finger cannot have reached at
     *max_speed* (m/s) since the last answers JUMPED and starts anew, but what was known before is kept: when
-    the finger is back there in 0.1 s, with no three poses in a row elsewhere, its track goes on.
+    the finger is back there in 0.1 s, with no three poses in a row elsewhere, its estimate goes on.
     *max_acceleration* (m/s²) only sets the error.
     """
     if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z)):
@@ -206,13 +206,13 @@ def observe(reals, ints, row, t_ns, x, y, z, max_speed, max_acceleration):
         return status | STARTED
     if not _is_within_reach(reals, ints, row, 0, t_ns, x, y, z, max_speed):
         status |= JUMPED
-        # Poses that follow each other are not astray: the way back is closed.
+        # Poses that follow each other are not astray: nothing goes back.
         if (
             ints[row, ESTIMATE_POSE_COUNT] == ENOUGH
             or not _continues(ints, row, 1, t_ns)
             or not _is_within_reach(reals, ints, row, 1, t_ns, x, y, z, max_speed)
         ):
-            # A pose by itself is nothing to go back to; the track before it may be.
+            # A pose by itself is nothing to go back to; the estimate before it may be.
             if ints[row, ESTIMATE_POSE_COUNT] > 1:
                 _copy_track(reals, ints, row, 1, 0)
             _start(reals, ints, row, x, y, z, t_ns, max_speed)
@@ -261,12 +261,12 @@ def _speed(reals, row):
 
 @inlined
 def predict(reals, row, h, max_speed, max_acceleration):
-    """Where a finger will be *h* seconds after its last pose: dx, dy, dz from there, and *rho*, all m.
+    """Predicted displacement of a finger *h* seconds after its last pose: dx, dy, dz, and *rho*, all m.
 
-    The finger will be within *rho* of that place if it accelerates by at most *max_acceleration* (m/s²) and
-    moves no faster than *max_speed* (m/s); where it does so already, the acceleration alone tells. Behind the
-    pose, *h* < 0, counts as at it.
-    The place is a little short of straight ahead, and *rho* counts that. A row of zeros knows no place.
+    The finger will be within *rho* of that position if it accelerates by at most *max_acceleration* (m/s²)
+    and moves no faster than *max_speed* (m/s); where it does so already, the acceleration alone tells. Behind
+    the pose, *h* < 0, counts as at it. The position is a little short of straight ahead, and *rho* counts
+    that. A row of zeros has no position.
     """
     if not h > 0.0:
         return 0.0, 0.0, 0.0, 0.0
@@ -278,7 +278,7 @@ def predict(reals, row, h, max_speed, max_acceleration):
         reals[row, ESTIMATE_VELOCITY + 2],
     )
     speed = _speed(reals, row)
-    # The bound holds about the place straight ahead; the one reported is so much short of it.
+    # The bound holds about the position straight ahead; the one reported is so much short of it.
     rho = (reals[row, ESTIMATE_VELOCITY_ERROR] + 0.5 * max_acceleration * h) * h + speed * (h - ahead)
     if speed <= max_speed:
         rho = min(rho, max_speed * h + speed * ahead)

@@ -1,4 +1,4 @@
-"""How parts move at an instant: the velocity of a point, and the *drift*, a speed that no surface exceeds.
+"""Velocities of parts at an instant, and the *drift*: a speed that no surface exceeds.
 
 A part that cannot have come before an instant does not count until then. So each finger gathers the parts
 that move and may come near within the time it asks for, each with the gap between their boxes and it: at most
@@ -44,7 +44,7 @@ MOVER_TURN = 3  # m/s at most, by turning about it
 MOVER_LOWER = 4  # m, scene's frame: of the part's box
 MOVER_UPPER = 7
 MOVER_NEAR_GAP = 10  # m between a finger and a box, of the parts it gathered
-MOVER_NEAR_SPEED = 11  # their speed at most relative to a velocity, a unit of stage
+MOVER_NEAR_SPEED = 11  # their speed at most relative to a velocity, a unit of the path's parameter
 MOVER_COLUMNS = 12
 SIX_LANES = 2**6 - 1
 
@@ -69,7 +69,7 @@ class Movers(NamedTuple):
 
 
 class Drift(NamedTuple):
-    """How fast surfaces may move toward a point of a path; a unit is one of the path's parameter."""
+    """Speeds of surfaces toward a point of a path, at most; a unit is one of the path's parameter."""
 
     columns: np.ndarray  # float64, as `gather_near` fills them
     near_count: int  # parts in the columns
@@ -134,7 +134,7 @@ def gather_movers(frames, parts, movers):
 
 @inlined
 def _gaps(movers, at, size, x):
-    """How far a coordinate is outside of eight boxes along one axis; within them, 0."""
+    """Gaps between a coordinate and eight boxes along one axis; 0 within them."""
     below = load(movers, MOVER_LOWER * size + at) - splat(x)
     above = splat(x) - load(movers, MOVER_UPPER * size + at)
     return maximum(maximum(below, above), splat(0.0))
@@ -242,7 +242,7 @@ def _corner_displacement_sq(frames, before, part, x, y, z):
 
 @kernel
 def displacement_of_parts(frames, before):
-    """How far any point of any part has moved at most since *before* (P, 12) was taken, m; takes it anew.
+    """Largest displacement of any point of any part since *before* (P, 12) was taken, m; takes it anew.
 
     The displacement of a point is a convex function of where on the part it is, so that a corner of the box
     goes farthest.

@@ -1,4 +1,4 @@
-"""Where on a path that is given a finger touches first and, if it goes that way, when.
+"""The first contact of a finger on a given path, and the time until it.
 
 A path is a polyline with a *bend* at each corner, the number that the glove's controller counts in. The
 contact is found by conservative advancement along its length and confirmed by probes beyond it.
@@ -111,7 +111,7 @@ def _first_at(xs, ys, x):
 
 @inlined
 def _locate(path, path_bends, bend, x, y, z):
-    """Where on its path a finger at a point is: parameter, bend, and the bend's slope a metre.
+    """Location of a finger on its path: parameter, bend, and the bend's slope a metre.
 
     *bend*: as given; nan for that of the nearest point on the path.
     """
@@ -155,7 +155,7 @@ def _write_contact_now(record, speed, is_certain):
 
 @kernel
 def _advance_on_path(model, settings, finger, path, drift, start, clearance, part, slot, scratch):
-    """How far a fingertip gets along its path, as an `Advance`; its steps are counted."""
+    """Advance a fingertip along its path; returns an `Advance`, whose steps are counted."""
     sphere = Sphere(finger.track[TRACK_RADIUS], 1.0, finger.balls, settings[SETTING_DISPLACEMENT])
     budget = steps_left(settings, finger.numbers)
     advance = advance_conservatively(
@@ -220,7 +220,7 @@ def predict_contact_on_path(model, settings, finger, path, path_bends, bend, mov
 
 @inlined
 def _speed_of_contact(frames, path, advance, vectors):
-    """How fast the contact moves along the path, m/s, because its part does.
+    """Speed of the contact along the path, m/s, caused by its part's motion.
 
     The contact is some millimetres beyond the last point that was asked; the normal, in the last three
     numbers of *vectors*, is from there.

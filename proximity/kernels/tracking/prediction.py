@@ -1,4 +1,4 @@
-"""What a finger will meet: its distance when the controller acts, and the time to its next contact.
+"""Predictions for a finger: distance when the controller acts, and time to contact.
 
 All questions go to the scene as it stands at the tick. A path in time is followed relative to the nearest
 part: the position of the finger at time t, less what that part has moved until then. Other parts that can
@@ -62,7 +62,7 @@ LOOK_TOLERANCE = 0.1
 """Share of a clearance that a step along the velocity need not find: what it leaves, later steps get, and all
 walks end sooner. Ten fingers among moving parts take a fifth fewer steps and are certified to be free for 5 %
 less of the time; with 0.3 for 14 % less. Five near a part with holes take 155 steps at p99 instead of 197.
-On a path the contact's place counts, and nothing is spared."""
+On a path the contact's position counts, and nothing is spared."""
 STRIDE = 40
 """Steps that a finger takes along its velocity in one tick, about; the next goes on from the balls it keeps.
 All at once are 100 µs for five fingers near 90 k faces of free form, one tick in a hundred."""
@@ -71,7 +71,7 @@ FEWEST_PREDICTION_STEPS = 4
 
 
 class RelativeMotion(NamedTuple):
-    """How a finger moves relative to its nearest part, and how fast others may come."""
+    """Motion of a finger relative to its nearest part, and speeds at which others may come."""
 
     part_velocity: tuple[float, float, float]  # m/s, of the nearest part where it is nearest
     velocity: tuple[float, float, float]  # m/s, of the finger relative to that
@@ -96,7 +96,7 @@ def count_steps(settings, numbers, steps):
 
 @inlined
 def relative_motion(frames, settings, movers, finger, flags):
-    """How a finger moves relative to its nearest part, as a `RelativeMotion`."""
+    """Return the `RelativeMotion` of a finger and its nearest part."""
     record = finger.record
     part_velocity = (0.0, 0.0, 0.0)
     if movers.moving_count and finger.marks[TRACK_SLOT] >= 0:

@@ -1,4 +1,4 @@
-"""What a tracker keeps from tick to tick, and what it hands to a tick: arrays behind one number.
+"""The state of a tracker between ticks, and the arrays that it hands to a tick.
 
 A *track* is what is known about one finger: where it was asked for last, how far every surface was then, and
 the nearest face. A distance changes by no more than finger and parts have moved since.
@@ -100,7 +100,7 @@ class Finger(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """What a search works in; nothing in it is kept from one finger to the next."""
+    """Scratch memory of a search; nothing in it is kept from one finger to the next."""
 
     workspace: np.ndarray  # float32, see `budgeted_walk`
     closest: np.ndarray  # float64, see `closest_feature`

@@ -1,11 +1,11 @@
-"""Boxes to a binary tree: runs of faces are split by the surface area heuristic until a leaf takes them.
+"""Boxes to a binary tree: binned surface area heuristic.
 
-A box is a *record* of eight float32: its lower x, y, z, a zero, its upper x, y, z with the other sign, a
+A box is *packed* into eight float32: its lower x, y, z, a zero, its upper x, y, z with the other sign, a
 zero. So a box around two others is the lesser of both, lane by lane.
 
-Records are moved along with the numbers of their faces, so that every pass reads memory in a row. There are
-two passes over a run: one puts its boxes into bins by the place of their middle, one divides it; the boxes of
-both sides are those of the bins.
+Boxes are moved along with the numbers of their faces, so that every pass reads memory in a row. There are
+two passes over a run: one puts its boxes into bins by the position of their middle, one divides it; the boxes
+of both sides are those of the bins.
 
 Source: Wald 2007, "On fast construction of SAH-based bounding volume hierarchies" (bins).
 """
@@ -16,7 +16,7 @@ from proximity.kernels.compiler import inlined, kernel, maker
 from proximity.simd import halves_swapped, lane, load, minimum, splat32, store
 
 BOX_STRIDE = 8
-"""Numbers of a record."""
+"""Numbers of a packed box."""
 LINK_LEFT = 0
 """Columns of a binary tree's links (int32): its children, or -1 in a leaf; the faces of a leaf, where they
 begin in the order of faces and how many they are."""
@@ -30,47 +30,47 @@ HALVED_DEPTH = 64
 LARGEST_WAITING = 64
 """The larger side waits: so there are never more of them than halvings of 2^31 faces."""
 
-# Where a split leaves what it found of both sides: records of boxes, and of doubled middles.
+# Where a split leaves what it found of both sides: packed boxes, and doubled middles.
 _LEFT_BOX, _LEFT_MIDDLES, _RIGHT_BOX, _RIGHT_MIDDLES = 0, 8, 16, 24
 
 
 @inlined
 def _sides(box):
-    """The sides of a box along x, y and z, from its record; with the other sign."""
+    """The sides of a packed box along x, y and z, with the other sign."""
     sides = box + halves_swapped(box)
     return lane(sides, 0), lane(sides, 1), lane(sides, 2)
 
 
 @inlined
 def half_area(box):
-    """Half the surface of a box, from its record."""
+    """Half the surface of a packed box."""
     dx, dy, dz = _sides(box)
     return dx * (dy + dz) + dy * dz
 
 
 @inlined
 def thickness(box):
-    """The shortest side of a box, from its record."""
+    """The shortest side of a packed box."""
     dx, dy, dz = _sides(box)
     return -max(dx, dy, dz)
 
 
 @inlined
 def unpack(record, box):
-    """Write a record as a box, (6,): lower and upper."""
+    """Write a packed box as lower and upper corner, (6,)."""
     for axis in range(3):
         box[axis], box[axis + 3] = lane(record, axis), -lane(record, axis + 4)
 
 
 @inlined
 def _middles(box):
-    """Record of a box that is the middle of another, doubled: a point."""
+    """Packed box that is the middle of another, doubled: a point."""
     return box - halves_swapped(box)
 
 
 @inlined
 def _nowhere():
-    """Record of a box around nothing."""
+    """Packed box around nothing."""
     return splat32(np.float32(np.inf))
 
 
@@ -87,7 +87,7 @@ def _measure(boxes, first, count, sides, at):
 
 @inlined
 def _bins_for(count):
-    """How many bins a run gets along an axis."""
+    """Number of bins for a run along an axis."""
     return min(BIN_COUNT, 2 * count)
 
 
@@ -100,14 +100,14 @@ def _bin_rate(middles, at, axis, bin_count):
 
 @inlined
 def _bin(boxes, position, axis, start, rate, bin_count):
-    """The bin of the record at *position*."""
+    """The bin of the box at *position*."""
     at = BOX_STRIDE * position + axis
     return min(np.int64((boxes[at] - boxes[at + 4] - start) * rate), bin_count - 1)
 
 
 @kernel
 def _fill_bins(boxes, first, count, middles, at, bins, bin_counts):
-    """Put the records of a run into bins along each axis."""
+    """Put the boxes of a run into bins along each axis."""
     used = _bins_for(count)
     for axis in range(3):
         for b in range(BIN_COUNT * axis, BIN_COUNT * axis + used):
@@ -160,7 +160,7 @@ def _best_plane(bins, bin_counts, used, leaf_shift, right_costs):
 
 @kernel
 def _divide(boxes, order, first, count, middles, at, bins, plane, sides):
-    """Bring what lies up to a plane to the front; return how many those are, and fill *sides*."""
+    """Move the boxes up to a plane to the front; return how many they are, and fill *sides*."""
     axis, last, used = plane // BIN_COUNT, plane % BIN_COUNT, _bins_for(count)
     start, rate = middles[at + axis], _bin_rate(middles, at, axis, used)
     left_middles, right_middles = _nowhere(), _nowhere()

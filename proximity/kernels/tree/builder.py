@@ -1,7 +1,7 @@
-"""Boxes to tree: an eight-wide bounding volume hierarchy.
+"""Boxes to an eight-wide bounding volume hierarchy.
 
-Runs of faces are halved until a leaf takes them (`halving`), what turns out badly is put elsewhere
-(`reinsertion`), and the binary tree becomes an eight-wide one (`widening`).
+Runs of faces are split until a leaf takes them (`binned_sah`), large subtrees are reinserted
+(`reinsertion`), and the binary tree becomes an eight-wide one (`collapse`).
 """
 
 import numpy as np
@@ -20,7 +20,7 @@ ENTRIES_SHIFT = 0
 
 @kernel
 def face_boxes(vertices, faces, boxes):
-    """Fill the records (see `halving`) of float32 boxes that contain each face with a margin."""
+    """Fill the packed boxes (see `binned_sah`), float32, that contain each face with a margin."""
     for face in range(len(faces)):
         at = BOX_STRIDE * face
         boxes[at + 3], boxes[at + 7] = 0.0, 0.0
@@ -34,7 +34,7 @@ def face_boxes(vertices, faces, boxes):
 
 @maker
 def build_tree(boxes, leaf_shift):
-    """Return nodes (float32, flat), the order of faces (int32) and each leaf's first place in it (int32).
+    """Return nodes (float32, flat), the order of faces (int32) and each leaf's first position in it (int32).
 
     *boxes*: (F * `BOX_STRIDE`,) float32, F >= 1; they are moved. A leaf takes ``2 ** leaf_shift`` at most.
     Child references lie in the nodes as int32 bits; see `layout`. Leaves are numbered in the order of faces.

@@ -1,7 +1,7 @@
-"""A binary tree to an eight-wide one: of all ways to take nodes out, the one with the least surface left.
+"""Collapse of a binary tree to an eight-wide one with the least total surface.
 
 A node of the binary tree becomes a wide node or goes; what is below it then belongs to the wide node above.
-The cost of a subtree in one to eight places of the node above follows from those of its two halves, from the
+The cost of a subtree in one to eight lanes of the node above follows from those of its two halves, from the
 bottom up. What a query visits goes with the surface of the nodes.
 
 Source: Wald, Benthin, Boulos 2008, "Getting rid of packets" (wide trees from binary ones); Ylitie, Karras,
@@ -29,9 +29,9 @@ EVEN_DEPTH = MAX_DEPTH // 2 - 10
 """From this level on leaves are shared out by count, whatever the binary tree: any ends ten levels later. So
 the tree of a scene and that of a part, one below the other, are within the stack. Real parts end before."""
 NOT_WIDER = 0
-"""Split of a subtree that is no better in one place more."""
+"""Split of a subtree that is no better in one more lane."""
 NO_REFERENCE = -1
-"""Where the reference to the root belongs; the binary node of leaves in a row."""
+"""Offset of the reference to the root, which has none; the binary node of leaves in a row."""
 
 
 @maker
@@ -63,9 +63,9 @@ def _levels(links):
 
 @kernel
 def _share_out(boxes, links, nodes, costs, splits):
-    """Fill the least cost of each subtree in 1 to 8 places, and how many of those its left half gets.
+    """Fill the least cost of each subtree in 1 to 8 lanes, and how many of those its left half gets.
 
-    The first split is that of all eight places of the subtree's own wide node; others may be `NOT_WIDER`.
+    The first split is that of all eight lanes of the subtree's own wide node; others may be `NOT_WIDER`.
     """
     for i in range(len(nodes) - 1, -1, -1):
         node = nodes[i]
@@ -136,7 +136,8 @@ def _give_lanes(boxes, children, count, lanes):
 
 @maker
 def _leaves_in_order(links, starts, leaf_count, order):
-    """Return the nodes that are leaves, in order, the faces in that order, and each leaf's first place there.
+    """Return the nodes that are leaves, in order, the faces in that order, and each leaf's first position
+    there.
 
     Behind the last leaf's is where it ends.
     """
@@ -158,7 +159,7 @@ def _leaves_in_order(links, starts, leaf_count, order):
 
 @inlined
 def _join_leaves(boxes, leaves, first, count):
-    """Record of the box around leaves in a row."""
+    """Packed box around leaves in a row."""
     box = load(boxes, BOX_STRIDE * leaves[first])
     for i in range(first + 1, first + count):
         box = minimum(box, load(boxes, BOX_STRIDE * leaves[i]))
@@ -167,13 +168,13 @@ def _join_leaves(boxes, leaves, first, count):
 
 @maker
 def widen_tree(boxes, links, order):
-    """Return the wide nodes, and the order of faces and each leaf's first place in it, leaves in a row.
+    """Return the wide nodes, and the order of faces and each leaf's first position in it, leaves in a row.
 
     Parameters
     ----------
     boxes : (N * `BOX_STRIDE`,) float32
     links : (N, 4) int32
-        As `halving.halve` returns them; children may have been put elsewhere since.
+        As `binned_sah.halve` returns them; children may have been put elsewhere since.
     order : (F,) int32
         What a leaf's ``LINK_FIRST`` counts in.
 

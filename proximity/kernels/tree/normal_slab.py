@@ -1,12 +1,12 @@
-"""How far what is below a node reaches along its mean normal: a bound that is tight where boxes are not.
+"""Normal slabs: bounds of a node's faces along their mean normal, tight where boxes are not.
 
 A box around a tilted or curved patch is nearer to a point than the patch, by about the patch's size: from the
 centre of a ball all boxes look too near. The slab between two planes across the patch's area normal misses by
 the patch's sagitta only, which falls with the square of its size.
 
 The two numbers of each child, the least and the largest scalar product of a corner with the child's area
-normal, lie in ``moments`` behind those of `winding`. They take a second memory access a node, and so are
-looked at by walks that do not find an end.
+normal, lie in ``moments`` behind those of `winding_number`. They take a second memory access a node, and are
+read only by walks that do not find an end.
 """
 
 import numpy as np
@@ -35,7 +35,7 @@ MOMENT_SLAB_LARGEST = 104
 SLAB_ROUNDING = 1e-12
 """Of the normal's length: more than what scalar products of local coordinates are off."""
 SHRINK_SLAB = 1.0 - 2.0**-22
-"""Makes up for what is rounded on the way to a float32 bound."""
+"""Makes up for what is rounded in computing a float32 bound."""
 SMALLEST_BOUND = 2.0**-96
 """A bound below it counts as 0: the smallest float32 numbers have few bits, and rounding may raise them."""
 

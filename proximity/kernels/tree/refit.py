@@ -1,11 +1,11 @@
-"""New corners for a part whose faces stay: its tree refitted, its normals and moments made anew.
+"""Refitting a part's tree, normals and moments to new vertex positions.
 
 One pass over the nodes, from the last to the first, does all of it: the eight triangles of a leaf are fetched
 once, and give their block, their box, their share of the corner normals and their moments while they are in
 registers. A child's number is above its parent's, so that what is below a node is ready when its turn comes.
 
-Boxes are rounded and widened as in `build`; normals are those of `normals`, moments those of `winding`, but
-for the order in which numbers are added.
+Boxes are rounded and widened as in `builder`; normals are those of `mesh.normals`, moments those of
+`winding_number`, but for the order in which numbers are added.
 
 Tried and dropped (2026-11): fetching and adding number by number instead of row by row, 18 ms instead of 12
 for 300 k faces.
@@ -61,7 +61,7 @@ from proximity.simd import (
 UNUSED = -1
 """Leader of a vertex that no face uses."""
 RESULT_SUMS = 16
-"""Numbers of a subtree: area; area times centre; area normal; area normal times place, nine."""
+"""Numbers of a subtree: area; area times centre; area normal; area normal times position, nine."""
 RESULT_STRIDE = 24
 """Numbers kept of a subtree: its sums, then its box: lower xyz, upper xyz negated, two that mean nothing."""
 CORNER_STRIDE = 8
@@ -174,7 +174,7 @@ def _write_corners(reals, frames, parts, part, vertices, leaders, corner_rows):
 
 @inlined
 def _find_corners(words, slot, faces, corner_count, ids, first, corner_rows):
-    """Fill *ids* from *first* on: where the places of corners a, then b, then c of eight slots begin."""
+    """Fill *ids* from *first* on: where the rows of corners a, then b, then c of eight slots begin."""
     for i in range(LANES):
         face = load_int(words, slot + i)
         for k in range(3):
@@ -268,7 +268,7 @@ def _refit_block(reals, base, corner_rows, ids, first, results, at):
 @inlined
 def _refit_node(words, base, moments, results, below, at):
     """Write boxes and moments of the node at *base* from the results of its children, and fill its own."""
-    # Of each child, a lane: area; area times centre; area normal n; n times place, xy for that of nx and y.
+    # Of each child, a lane: area; area times centre; area normal n; n times position, xy for nx times y.
     area, x, y, z = load_rows(results, below, 0, 0)
     nx, ny, nz, xx = load_rows(results, below, 0, 4)
     xy, xz, yx, yy = load_rows(results, below, 0, 8)

@@ -1,9 +1,9 @@
-"""A better binary tree: the largest subtrees are taken out, each put back where it adds least surface.
+"""A better binary tree: large subtrees are reinserted where they add least surface.
 
 Halving looks at one run at a time and never sees that a part of it would be better off elsewhere. A subtree
-is taken out with its parent, whose other child takes its place; what all nodes on the way up lose in surface
-is the gain. The best place is found by a search from the root that follows what adds least so far and ends
-once no place can be better.
+is taken out with its parent, which its other child replaces; what all nodes above it lose in surface
+is the gain. The best position is found by a search from the root that follows what adds least so far and ends
+once no position can be better.
 
 Source: Bittner, Hapala, Havran 2013, "Fast insertion-based optimization of bounding volume hierarchies".
 """
@@ -15,7 +15,7 @@ from proximity.kernels.tree.binned_sah import BOX_STRIDE, LINK_LEFT, LINK_RIGHT,
 from proximity.simd import load, minimum, store
 
 LARGEST_SEARCH = 1024
-"""Places that wait to be looked at; beyond them the search makes do with what it has found."""
+"""Positions that wait to be looked at; beyond them the search makes do with what it has found."""
 REINSERTION_RATIO = 4
 """One in so many subtrees is put elsewhere: the largest, on which most depends."""
 FEWEST_REINSERTIONS = 4096
@@ -86,7 +86,7 @@ def _best_position(boxes, links, parents, moved, beside, keys, nodes):
     while above >= 0:
         best += _joint_area(boxes, above, box) - half_area(load(boxes, BOX_STRIDE * above))
         above = np.int64(parents[above])
-    # What the nodes above a place would gain.
+    # What the nodes above a position would gain.
     keys[0], nodes[0] = 0.0, 0
     count = 1
     while count:
@@ -108,7 +108,7 @@ def _best_position(boxes, links, parents, moved, beside, keys, nodes):
 
 @maker
 def improve(boxes, links):
-    """Put the largest subtrees of a binary tree where they add least; see `halving.halve`.
+    """Put the largest subtrees of a binary tree where they add least; see `binned_sah.halve`.
 
     Children are no longer behind their parents afterwards. The root stays node 0.
     """

@@ -1,7 +1,8 @@
-"""The steps that all walks share: leave children waiting, take the next one up, look into a block.
+"""The steps that all walks share: push children, pop the next one, test a block.
 
 A walk goes straight to the nearest child and leaves the others waiting, unsorted. *stacks* (float32) holds,
-from some place on, `STACK_SIZE` bounds and then as many references (int32 bits); *at* is where the next goes.
+from some offset on, `STACK_SIZE` bounds and then as many references (int32 bits); *at* is where the next
+goes.
 """
 
 import numpy as np
@@ -27,9 +28,9 @@ from proximity.simd import (
 )
 
 TIE = np.float32(2.0**-3)
-"""What the end of a way through a box counts for beside its beginning: from 2^-2 to 2^-6 it is all one."""
+"""Weight of the parameter of leaving a box beside that of entering it: any from 2^-2 to 2^-6 does as well."""
 NOTHING_WAITS = -1
-"""Place on a stack of which the bottom has been reached."""
+"""Position on a stack that is empty."""
 
 
 @inlined
@@ -72,7 +73,7 @@ def descend_in_order(words, base, bounds, ends, is_open, stacks, at):
 
 @inlined
 def next_open(stacks, bottom, at, best32):
-    """The place of the last that waits and whose bound is not above *best32*, or `NOTHING_WAITS`."""
+    """Position of the last that waits and whose bound is not above *best32*, or `NOTHING_WAITS`."""
     while at > bottom:
         at -= 1
         if stacks[at] <= best32:

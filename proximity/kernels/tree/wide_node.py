@@ -1,4 +1,4 @@
-"""Nodes of eight children, written one lane at a time; see `layout`."""
+"""Nodes of eight children, written one lane at a time."""
 
 import numpy as np
 

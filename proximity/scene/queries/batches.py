@@ -1,4 +1,4 @@
-"""Many rows asked in slices: Ctrl-C is answered at the end of a slice, whatever the batch takes.
+"""Batches of rows, queried in slices so that Ctrl-C is answered soon.
 
 Compiled code cannot be interrupted. How a batch is cut changes no answer.
 """

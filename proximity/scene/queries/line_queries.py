@@ -1,4 +1,4 @@
-"""Queries of rays and segments; arguments are checked here, once."""
+"""Queries of rays and segments."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Queries of points: closest, distances, inside; arguments are checked here, once."""
+"""Queries of points: closest, distances, containment."""
 
 from collections.abc import Callable
 from typing import Any

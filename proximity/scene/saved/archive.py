@@ -1,4 +1,4 @@
-"""Files of arrays that are mapped when opened, and refused unless every bit is as it was written.
+"""Archives: files of arrays that are memory-mapped, and refused if a bit has changed.
 
 Knows files, arrays and JSON only; what the arrays mean is the business of `compiled`. A file is a header of
 `HEADER` bytes, a JSON document, and the arrays, each on a page of its own and filled up with zeros::
@@ -48,7 +48,7 @@ _AGAIN = "save the scene again with this version"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Contents:
-    """What a file holds."""
+    """Contents of an archive."""
 
     metadata: dict[str, Any]  # as it was written
     arrays: dict[str, np.ndarray]  # mapped copy-on-write: changes stay in this process

@@ -1,4 +1,4 @@
-"""Scenes as files that are opened without making anything anew: which arrays and words stand in `archive`.
+"""Compiled scenes: saving a scene with its trees, and opening it without building them.
 
 What a scene, its parts and their solids consist of is listed here once, for both ways. Parts share a file's
 few long arrays, however many they are.
@@ -52,7 +52,7 @@ _CONTRADICTIONS = (ValueError, TypeError, LookupError, ArithmeticError, MeshForm
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CompiledScene:
-    """What a file gives back."""
+    """Contents of a compiled scene."""
 
     model: Model
     parts: list[dict[str, Any]]  # the fields of each part, by name

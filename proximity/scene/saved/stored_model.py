@@ -1,4 +1,4 @@
-"""The model in a compiled scene: looked at before anything walks it, and made anew where it follows.
+"""The model in a compiled scene, validated before anything walks it.
 
 Kernels check no bounds. So every number that says where something lies is compared with what is there, see
 `kernels.scene.model_validation`. What follows from other numbers is not believed but written again, which
@@ -274,7 +274,8 @@ def _check_top(parts: np.ndarray) -> None:
             and row[layout.SCENE_STATIC_NODE_COUNT] <= plan.capacity
             and row[layout.SCENE_ENTRY_COUNT] <= LANES * plan.capacity,
             f"the tree over parts has {row[layout.SCENE_STATIC_NODE_COUNT]} nodes and "
-            f"{row[layout.SCENE_ENTRY_COUNT]} entries, but there is room for {plan.capacity} nodes")  # fmt: skip
+            f"{row[layout.SCENE_ENTRY_COUNT]} entries, "
+            f"but there is room for {plan.capacity} nodes")  # fmt: skip
 
 
 def _check_part_runs(parts: np.ndarray, real_count: int, word_count: int) -> None:

@@ -1,4 +1,4 @@
-"""Were the promises kept? Looked at after the run, with questions that know nothing of tracks and budgets."""
+"""Check of the bounds after a replay, by queries that know nothing of tracks and budgets."""
 
 from dataclasses import dataclass
 
@@ -129,7 +129,7 @@ def judge_touches(run: Replay) -> TouchesForetold:
 
 
 def touching(run: Replay) -> np.ndarray:
-    """Where a fingertip touches or is inside, as it was answered, (T, N).
+    """Whether a fingertip touches or is inside, by the answers, (T, N).
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ def _next(is_so: np.ndarray, none: int) -> np.ndarray:
 
 
 def _positions_at(run: Replay, at_ns: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Where fingers *rows* were at *at_ns*, (K, 3), between two ticks; nan where either did not see them."""
+    """Positions of fingers *rows* at *at_ns*, (K, 3), between two ticks; nan where either has none."""
     times_ns, positions = run.recording.times_ns, run.recording.positions
     after = np.searchsorted(times_ns, at_ns, side="left")
     is_past = after == len(times_ns)

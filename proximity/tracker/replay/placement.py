@@ -1,4 +1,4 @@
-"""Where a recorded hand is put when nobody says where: so that it comes near and touches.
+"""The default placement of a recorded hand: it comes near the scene and touches it.
 
 A recording was made above a sensor, with nothing to touch. The middle of the hand's box goes to the middle
 of the scene's; a hand that would then be stuck in the part is raised out of it, one that would miss it is

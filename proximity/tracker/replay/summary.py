@@ -1,4 +1,4 @@
-"""The summary of a replay: times, answers, the nearest approach, touches, and whether bounds were kept."""
+"""The summary of a replay: times, nearest approach, touches, and whether bounds held."""
 
 from dataclasses import dataclass
 
@@ -24,7 +24,7 @@ MICROSECOND_NS = 1000
 
 @dataclass(frozen=True, slots=True)
 class TickTimes:
-    """How long ticks took, ns."""
+    """Durations of ticks, ns."""
 
     p50: float
     p99: float
