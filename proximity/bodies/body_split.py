@@ -207,7 +207,7 @@ def _distinct_count(ids: np.ndarray) -> int:
 
 
 def _renumbered(ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The distinct *ids*, rising, and the place of each of *ids* among them."""
+    """The distinct *ids*, rising, and the position of each of *ids* among them."""
     if not _is_dense(ids):
         used, inverse = np.unique(ids, return_inverse=True)
         return used, inverse.reshape(ids.shape)

@@ -15,7 +15,7 @@ WELD_STEPS = MAX_WELD * 10.0 ** np.arange(-6, 1)
 """Tried one after the other, the smallest first: whatever closes a body early keeps its finer detail."""
 
 _NEAR_COUNT = 9
-"""Near vertices looked at from each; more at one place are found through one another."""
+"""Near vertices looked at from each; more at one position are found through one another."""
 
 
 def weld_near(

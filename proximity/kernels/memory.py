@@ -23,7 +23,7 @@ from proximity.simd import IS_COMPILED
 
 LINE = 64  # bytes of a cache line
 
-REALS_AT, WORDS_AT, FRAMES_AT, PARTS_AT, REAL_COUNT, WORD_COUNT, ROWS, FRAME_COLUMNS, PART_COLUMNS = range(9)
+REALS_AT, WORDS_AT, FRAMES_AT, PARTS_AT, REAL_COUNT, WORD_COUNT, ROWS, FRAME_WIDTH, PART_WIDTH = range(9)
 """Places in a model's table: addresses, and lengths."""
 
 
@@ -221,8 +221,8 @@ bundle_here = _compiled_bundle_here if IS_COMPILED else _uncompiled_bundle_here
 arrays_at = arrays_behind(
     ("float64", REALS_AT, (TableLength(REAL_COUNT),)),
     ("float32", WORDS_AT, (TableLength(WORD_COUNT),)),
-    ("float64", FRAMES_AT, (TableLength(ROWS), TableLength(FRAME_COLUMNS))),
-    ("int64", PARTS_AT, (TableLength(ROWS), TableLength(PART_COLUMNS))),
+    ("float64", FRAMES_AT, (TableLength(ROWS), TableLength(FRAME_WIDTH))),
+    ("int64", PARTS_AT, (TableLength(ROWS), TableLength(PART_WIDTH))),
     bundle=Model,
 )
 """The `Model` whose table is at a handle."""

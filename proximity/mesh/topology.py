@@ -139,7 +139,7 @@ def first_equal_rows(points: np.ndarray) -> np.ndarray:
 
 
 def _first_of_equal(keys: np.ndarray) -> np.ndarray:
-    """For each entry of *keys* the first place where the same key stands."""
+    """For each entry of *keys* the first position of the same key."""
     order = np.argsort(keys, kind="stable")
     sorted_keys = keys[order]
     starts = np.flatnonzero(np.concatenate(([True], sorted_keys[1:] != sorted_keys[:-1])))

@@ -26,7 +26,7 @@ from proximity.model.bvh import Bvh, LocalFrame
 from proximity.model.part_arrays import PartArrays, joined
 from proximity.model.part_grid import occupancy
 from proximity.model.part_trees import (
-    TopPlan,
+    PartTreesPlan,
     choose_frame,
     clear_first,
     dynamic_rows,
@@ -37,7 +37,7 @@ from proximity.model.part_trees import (
 from proximity.pose import Pose
 
 SPARE = 1.25
-"""Room for the static tree, as a multiple of what it takes at first: other parts opened may need more."""
+"""Space for the static tree, as a multiple of what it takes at first: other parts opened may need more."""
 NEVER = -1
 """Version of a copy that has nothing yet."""
 
@@ -202,10 +202,10 @@ def assemble(
         parts[count, layout.SCENE_STATIC_CAPACITY] = (
             int(SPARE * _nodes_at_most(nodes, frames, parts, static)) + LANES
         )
-    plan = TopPlan.of(parts)
+    plan = PartTreesPlan.of(parts)
     reals, words = _filled(pieces, frames, parts, nodes, plan.node_count)
     clear_first(words, parts)
-    assert write_static(words, parts, 0, static, entries), "the tree over parts has its room"
+    assert write_static(words, parts, 0, static, entries), "the tree over parts fits its workspace"
     dynamic_count = len(dynamic_rows(parts))
     write_moving(words, frames, parts, plan.region(0), np.arange(dynamic_count), dynamic_count**2)
     return finished(reals, words, frames, parts, epoch, names)
@@ -223,9 +223,9 @@ def _nodes_at_most(nodes: np.ndarray, frames: np.ndarray, parts: np.ndarray, sta
 
 
 def _filled(
-    pieces: list[PartArrays], frames: np.ndarray, parts: np.ndarray, nodes: np.ndarray, top_nodes: int
+    pieces: list[PartArrays], frames: np.ndarray, parts: np.ndarray, nodes: np.ndarray, tree_nodes: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Put the parts' arrays together, with room for *top_nodes* over them, and note where they are."""
+    """Put the parts' arrays together, with space for *tree_nodes* over them, and note where they are."""
     count = len(pieces)
     reals, real_starts = joined(
         [_together([piece.bvh.blocks for piece in pieces], np.float64)]
@@ -235,7 +235,7 @@ def _filled(
     containing = occupancy(pieces, frames, parts)
     words, word_starts = joined(
         [
-            _together([nodes, np.zeros(top_nodes * NODE_STRIDE, np.float32)], np.float32),
+            _together([nodes, np.zeros(tree_nodes * NODE_STRIDE, np.float32)], np.float32),
             _together([piece.bvh.slot_faces for piece in pieces], np.int32),
             _together([piece.moments for piece in pieces], np.float32),
         ]

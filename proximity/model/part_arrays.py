@@ -95,7 +95,7 @@ def moments_of(bvh: Bvh) -> np.ndarray:
 
 
 def common_frame(lower: np.ndarray, upper: np.ndarray) -> LocalFrame:
-    """Return a frame for parts that go together, with room for them to move.
+    """Return a frame for parts that go together, with space for them to move.
 
     Parameters
     ----------

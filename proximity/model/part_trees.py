@@ -1,7 +1,7 @@
 """Storage of the trees over the parts of a scene, and the making of the static one.
 
-Behind the nodes of the parts a scene has one empty node, `STATIC_COPIES` places for a tree over the parts
-that stand still, and `REGION_COPIES` places for what changes when parts move: super node and dynamic tree.
+Behind the nodes of the parts a scene has one empty node, `STATIC_COPIES` copies of a tree over the parts
+that stand still, and `REGION_COPIES` copies of what changes when parts move: super node and dynamic tree.
 What a query may still be reading is never written to: the next copy is. A scene of one part has the empty
 node only.
 """
@@ -33,7 +33,7 @@ NO_NODE = -1
 
 
 @dataclass(frozen=True, slots=True)
-class TopPlan:
+class PartTreesPlan:
     """Which nodes, and which words, are for the trees over parts."""
 
     part_count: int
@@ -41,7 +41,7 @@ class TopPlan:
     capacity: int  # nodes of a static tree; 0 for a scene of one part
 
     @classmethod
-    def of(cls, parts: np.ndarray) -> "TopPlan":
+    def of(cls, parts: np.ndarray) -> "PartTreesPlan":
         """Return the plan that a model was made by; the scene's row has it.
 
         Parameters
@@ -127,7 +127,7 @@ def choose_frame(frames: np.ndarray, parts: np.ndarray, wanted: LocalFrame) -> N
     frames, parts
         Of the model.
     wanted : LocalFrame
-        Taken if it fits: parts that share it can be walked as one tree. Otherwise one with room to move.
+        Taken if it fits: parts that share it can be walked as one tree. Otherwise one with space to move.
     """
     scene = len(parts) - 1
     lower, upper = (
@@ -193,18 +193,18 @@ def static_tree(
 def write_static(
     words: np.ndarray, parts: np.ndarray, copy: int, nodes: np.ndarray, entries: np.ndarray
 ) -> bool:
-    """Put a static tree in its place; whether there is room. The only part of a scene needs none.
+    """Write a copy of a static tree; whether it fits. The only part of a scene needs none.
 
     Parameters
     ----------
     words, parts
         Of the model; the scene's row of *parts* is reported.
     copy : int
-        Which of the places.
+        Which of the copies.
     nodes, entries
-        As `static_tree` returns them for that place.
+        As `static_tree` returns them for that copy.
     """
-    plan = TopPlan.of(parts)
+    plan = PartTreesPlan.of(parts)
     if not plan.capacity:
         return True
     if len(nodes) > NODE_STRIDE * plan.capacity or len(entries) > LANES * plan.capacity:
@@ -221,16 +221,16 @@ def write_static(
 
 
 def thin_static(words: np.ndarray, parts: np.ndarray, copy: int) -> None:
-    """Put the static tree, without the parts that have become dynamic or hidden, in another place.
+    """Write another copy of the static tree, without the parts that have become dynamic or hidden.
 
     Parameters
     ----------
     words, parts
         Of the model; the scene's row of *parts* is reported.
     copy : int
-        Which of the places.
+        Which of the copies.
     """
-    row, target = parts[-1], TopPlan.of(parts).static_node(copy)
+    row, target = parts[-1], PartTreesPlan.of(parts).static_node(copy)
     entries_at, root = row[layout.SCENE_ENTRIES], row[layout.SCENE_STATIC_ROOT]
     entries = words[entries_at : entries_at + 2 * row[layout.SCENE_ENTRY_COUNT]]
     if root != NO_NODE:
@@ -242,7 +242,7 @@ def thin_static(words: np.ndarray, parts: np.ndarray, copy: int) -> None:
 
 def _write_entries(words: np.ndarray, parts: np.ndarray, copy: int, entries: np.ndarray) -> None:
     """Write the entries of a static tree, and behind them those of dynamic parts, which stand whole."""
-    at, dynamic = TopPlan.of(parts).entries_at(copy), dynamic_rows(parts)
+    at, dynamic = PartTreesPlan.of(parts).entries_at(copy), dynamic_rows(parts)
     whole = np.stack((dynamic, parts[dynamic, layout.PART_ROOT]), axis=1).astype(np.int32)
     words[at : at + len(entries)] = entries
     words[at + len(entries) :][: whole.size] = whole.reshape(-1).view(np.float32)
@@ -261,7 +261,7 @@ def write_moving(
     region : int
         Where the super node is going to be.
     order : (L,) int64
-        Places of the dynamic parts in `dynamic_rows`, along the curve.
+        Positions of the dynamic parts in `dynamic_rows`, along the curve.
     steps : int
         By which the order is mended at most.
     """
@@ -275,7 +275,7 @@ def write_moving(
 
 
 def dynamic_order(words: np.ndarray, parts: np.ndarray) -> np.ndarray | None:
-    """Return the dynamic parts' places along the curve, (L,) int64; None where not each of them has one.
+    """Return the dynamic parts' positions along the curve, (L,) int64; None where not each of them has one.
 
     Parameters
     ----------
@@ -284,7 +284,7 @@ def dynamic_order(words: np.ndarray, parts: np.ndarray) -> np.ndarray | None:
     """
     dynamic, region = dynamic_rows(parts), int(parts[-1, layout.SCENE_SUPER_NODE])
     positions = np.arange(len(dynamic))
-    if not TopPlan.of(parts).capacity:
+    if not PartTreesPlan.of(parts).capacity:
         return positions
     # Fewer than eight are in the super node, beside the static tree.
     node, lane = (
@@ -306,7 +306,7 @@ def rewrite_entries(words: np.ndarray, parts: np.ndarray, copy: int) -> None:
     copy : int
         Of the static tree.
     """
-    at = TopPlan.of(parts).entries_at(copy)
+    at = PartTreesPlan.of(parts).entries_at(copy)
     _write_entries(words, parts, copy, words[at : at + 2 * parts[-1, layout.SCENE_ENTRY_COUNT]])
 
 
@@ -318,4 +318,4 @@ def clear_first(words: np.ndarray, parts: np.ndarray) -> None:
     words, parts
         Of the model.
     """
-    clear_node(words, TopPlan.of(parts).first_node)
+    clear_node(words, PartTreesPlan.of(parts).first_node)

@@ -23,7 +23,7 @@ from proximity.model.part_trees import (
     REGION_COPIES,
     SMALLEST_REACH,
     STATIC_COPIES,
-    TopPlan,
+    PartTreesPlan,
     choose_frame,
     dynamic_rows,
     static_tree,
@@ -129,7 +129,7 @@ class SceneState:
         self.changes = 0
         count = len(self.parts) - 1
         self.versions = np.zeros(count + 1, np.int64)
-        self._plan = TopPlan.of(self.parts)
+        self._plan = PartTreesPlan.of(self.parts)
         self._boxes, self._boxes_version = np.empty((count, 6), np.float32), NEVER
         self._list_dynamic()
         # A model out of a file may be any copy; one that is made is the first.
@@ -285,7 +285,7 @@ class SceneState:
     # --- models ------------------------------------------------------------------------------------------
 
     def update(self) -> Model | None:
-        """Return a model of what is true now; None where no copy is left, or no room, to write it to."""
+        """Return a model of what is true now; None where no copy is left, or no space, to write it to."""
         if not self._is_whole:
             self._start_over()
         self._is_whole = False
@@ -341,7 +341,7 @@ class SceneState:
         return float(reach)
 
     def _mend_tree(self) -> bool:
-        """Make the static tree what it should be, beside those in use; False where there is no room."""
+        """Make the static tree what it should be, beside those in use; False where there is no space."""
         in_use = {copy.static for copy in self._copies if not copy.is_free}
         unused = [static for static in range(STATIC_COPIES) if static not in in_use]
         if not unused:

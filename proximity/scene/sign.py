@@ -23,7 +23,7 @@ from proximity.model.assembly import Model, assemble
 from proximity.model.part_arrays import PartArrays, beside_thin_faces, with_passing_faces, with_sign
 from proximity.pose import Pose
 
-SAMPLE_COUNT = 64
+POINT_SAMPLE_COUNT = 64
 """Points on the surface from which both sides are looked at."""
 SAMPLE_OFFSETS = (1e-6, 3e-2)
 """How far from the surface, in sizes of the part: just beside it, and where other faces may be nearest."""
@@ -140,7 +140,7 @@ def _surface_samples(piece: PartArrays) -> tuple[np.ndarray, np.ndarray]:
     if not areas.sum() > 0.0:
         return np.empty((0, 3)), np.empty((0, 3))
     rng = np.random.default_rng(SAMPLE_SEED)
-    chosen = np.searchsorted(np.cumsum(areas), rng.random(SAMPLE_COUNT) * areas.sum(), side="right")
+    chosen = np.searchsorted(np.cumsum(areas), rng.random(POINT_SAMPLE_COUNT) * areas.sum(), side="right")
     chosen = np.minimum(chosen, len(areas) - 1)
     weights = rng.dirichlet((1.0, 1.0, 1.0), len(chosen))
     return _placed(piece.corners[piece.faces[chosen]], weights)
@@ -217,7 +217,7 @@ def _differing(
     size = piece.size
     answers = np.empty((len(asked), POINT_ANSWER_WIDTH))
     world = asked / piece.frame.scale + piece.frame.centre
-    # Far from the origin this rounds; both ways are asked about the point that it has become.
+    # Far from the origin this rounds; both methods are asked about the point that it has become.
     asked = piece.frame.of(world)
     closest_batch(model.handle, world, np.empty(0, np.int64), np.full(1, np.inf), answers)
     if is_inside is not None:

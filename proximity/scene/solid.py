@@ -1,4 +1,4 @@
-"""Solids: one body with its faces, tree, and way to decide what is inside."""
+"""Solids: one body with its faces, tree, and method to decide what is inside."""
 
 from functools import cached_property
 from typing import Any

@@ -36,7 +36,7 @@ from proximity.tracker.tracker_arguments import (
 DEFAULT_BUDGET = 250
 """Nodes and leaves a finger and tick. Near CAD parts a walk takes 10 to 60, near free forms 3 in 100 000 take
 more than these. At the centre of a ball of 1.3 M faces they take 13 to 28 µs, as fast as the memory is, and
-bracket the distance within 4.1 %. With 350 it is 2.5 %, but on a busy machine one tick in a hundred of five
+bound the distance within 4.1 %. With 350 it is 2.5 %, but on a busy machine one tick in a hundred of five
 fingers there took longer than 0.2 ms then; with 175 it is 6.4 %."""
 MOST = 2**31 - 1
 """Nodes and leaves: more than any scene has."""
@@ -74,7 +74,7 @@ class Tracker:
     latency : float, s
         From a tick until the controller acts on its answer: predictions are for then.
     budget : int
-        Nodes and leaves visited for a finger in a tick, at most, but for a few that tell side and way; None:
+        Nodes and leaves visited for a finger in a tick, at most, but for a few that tell side and path; None:
         250, which keeps any tick of five fingers below 0.2 ms. All fingers share 20 budgets for distances,
         eight where there are thousands, and four for looking ahead. A crowd that would need more takes turns:
         its bounds are apart by as small a share of each distance as can be had, the same for all.
@@ -150,7 +150,7 @@ class Tracker:
         self._last_now_ns = -MOST_NS  # of the last tick
         self._last_epoch = -1  # of the parts and faces in `contacts`
         self._has_velocities = self._has_paths = False
-        self._path_count = 2  # corners of paths that there is room for
+        self._path_count = 2  # corners of paths that the arrays hold
         self._epoch = -1
         self._names: tuple[str, ...] = ()  # of the parts that `REPORTED_PART` counts
         self._kept: tuple[Any, ...] = ()  # what the table points at, and the table
@@ -206,7 +206,7 @@ class Tracker:
         path_bends : (K,) float64
             Bend at each corner, increasing; evenly from 0 to 1 where not given.
         bends : (fingers,) float64
-            Bend of each finger at its pose; the nearest place on the path where not given.
+            Bend of each finger at its pose; the nearest position on the path where not given.
 
         Returns
         -------
@@ -296,7 +296,7 @@ class Tracker:
         marks[:, track.TRACK_IS_OUTSIDE] = marks[:, track.TRACK_FRONTIER_COUNT] = 0
 
     def _take_over(self, model: Model) -> None:
-        """Look at *model* from now on; parts that changed in more than their place are looked at anew.
+        """Look at *model* from now on; parts that changed in more than their pose are looked at anew.
 
         Whoever interrupts this has it done again: that it is done is written last.
         """
@@ -373,7 +373,7 @@ class Tracker:
         count = corners.shape[1]
         arrays = self._arrays
         if self._path_count != count:
-            self._path_count = 0  # until there is room for so many
+            self._path_count = 0  # until arrays hold so many
             arrays["paths"] = np.empty((len(self.contacts), count, 3))
             arrays["path_bends"] = np.linspace(0.0, 1.0, count)
             arrays["path_lengths"] = np.zeros(count)

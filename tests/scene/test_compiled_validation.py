@@ -14,7 +14,7 @@ from project import IMPORT_PATHS, TRIALS
 import proximity
 from proximity import MeshFormatError
 from proximity.kernels import layout
-from proximity.model.part_trees import TopPlan
+from proximity.model.part_trees import PartTreesPlan
 from proximity.scene.saved import archive, compiled_scene
 
 
@@ -159,7 +159,7 @@ def test_what_follows_from_other_numbers_is_made_anew(contents, tmp_path):
     parts[-1, [layout.PART_ROOT, layout.SCENE_DYNAMIC_COUNT]] = 10**3
     frames[:, layout.FRAME_BOX_LOWER : layout.FRAME_OWN_LOWER] = 7.0
     frames[:-1, layout.FRAME_ROTATION : layout.FRAME_CENTRE] = 2.0
-    plan, region = TopPlan.of(parts), parts[-1, layout.SCENE_SUPER_NODE]
+    plan, region = PartTreesPlan.of(parts), parts[-1, layout.SCENE_SUPER_NODE]
     children = layout.NODE_STRIDE * region + layout.NODE_CHILDREN + np.arange(layout.LANES)
     arrays["words"].view(np.int32)[children] = 10**3
     entry = plan.entries_at(plan.copies_of(parts)[1]) + 2 * parts[-1, layout.SCENE_ENTRY_COUNT]

@@ -23,7 +23,7 @@ from proximity.errors import PoseError, SceneError
 from proximity.kernels import layout
 from proximity.kernels.layout import LANES, NODE_STRIDE
 from proximity.model import scene_state
-from proximity.model.part_trees import REGION_COPIES, TopPlan
+from proximity.model.part_trees import REGION_COPIES, PartTreesPlan
 from proximity.pose import Pose
 from proximity.scene.scene import Scene
 from proximity.tracker.tracker import Tracker
@@ -126,7 +126,7 @@ def test_first_move_makes_a_part_loose_and_later_ones_touch_no_other_node():
     scene.move_many(names, matrices_of(rng, 3))
     model = scene.snapshot()
     assert np.flatnonzero(model.parts[:, layout.PART_IS_DYNAMIC]).tolist() == [3, 8, 20]
-    plan, kept = TopPlan.of(model.parts), model.words.copy()
+    plan, kept = PartTreesPlan.of(model.parts), model.words.copy()
     regions = slice(NODE_STRIDE * plan.region(0), NODE_STRIDE * plan.region(REGION_COPIES))
     words, row = model.words, model.parts[-1].copy()
     del model
@@ -161,7 +161,7 @@ def test_velocity_and_surface_alone_touch_no_tree():
     assert frames[5, layout.FRAME_SURFACE : layout.FRAME_DAMPING + 1].tolist() == [2.0, 300.0, 2.0]
     assert not model.parts[:, layout.PART_IS_DYNAMIC].any()
     assert model.parts[-1, layout.SCENE_STATIC_ROOT] == root
-    first = NODE_STRIDE * TopPlan.of(model.parts).region(0)
+    first = NODE_STRIDE * PartTreesPlan.of(model.parts).region(0)
     assert judging.same_bits(model.words[:first], before[:first])
 
 
@@ -316,7 +316,7 @@ def test_model_that_is_held_is_never_written_to():
 def top_of(model):
     """The words that a walk reads before it comes to a part, as integers: static tree, region and entries."""
     row = model.parts[-1]
-    plan = TopPlan.of(model.parts)
+    plan = PartTreesPlan.of(model.parts)
     numbers = model.words.view(np.int32)
     root = row[layout.SCENE_STATIC_ROOT]
     static = (
@@ -365,7 +365,7 @@ def test_names_of_the_last_move_are_looked_up_anew_once_parts_are_others():
 def copy_in_use(scene):
     """The number of the copy, of what moves, that the scene's present snapshot uses."""
     parts = scene.snapshot().parts
-    return TopPlan.of(parts).copies_of(parts)[0]
+    return PartTreesPlan.of(parts).copies_of(parts)[0]
 
 
 def test_trackers_hold_on_to_no_copy():

@@ -53,8 +53,8 @@ AIM_SIZE, VIEW_SIZE = AIM_ROWS * RAY_CHUNK, VIEW_ROWS * RAY_CHUNK
 
 
 @inlined
-def make_ready(frames, parts, top, drift, origins, directions, offsets, at, aims, views):
-    """Fill columns *at* to *at* + 7 of the tables, for rays in the frame of row *top*.
+def make_ready(frames, parts, walk_row, drift, origins, directions, offsets, at, aims, views):
+    """Fill columns *at* to *at* + 7 of the tables, for rays in the frame of row *walk_row*.
 
     *origins*, *directions* (N, 3); *offsets* (RAY_CHUNK,): how many numbers before each ray. *drift*: what
     boxes are widened by besides, a unit of the origin's distance. In row `VIEW_REACH` are limits, m.
@@ -77,8 +77,8 @@ def make_ready(frames, parts, top, drift, origins, directions, offsets, at, aims
     store_three(views, VIEW_DIRECTION, at, dx, dy, dz)
     store(views, RAY_CHUNK * VIEW_REACH + at, reach)
 
-    x, y, z = to_local(frames, parts, top, x, y, z)
-    dx, dy, dz = direction_to_local(frames, parts, top, dx, dy, dz)
+    x, y, z = to_local(frames, parts, walk_row, x, y, z)
+    dx, dy, dz = direction_to_local(frames, parts, walk_row, dx, dy, dz)
     away = maximum(maximum(absolute(x), absolute(y)), absolute(z))
     margin = minimum(splat(SLAB_MARGIN) + splat(drift) * away, splat(WIDEST_MARGIN))
     entry, passes_by = zero, zero > one
@@ -99,7 +99,7 @@ def make_ready(frames, parts, top, drift, origins, directions, offsets, at, aims
     store(views, RAY_CHUNK * (VIEW_LINE + 6) + at, view[6])
     store(views, RAY_CHUNK * VIEW_START + at, entry)
     # A ray that passes by, or cannot be asked, opens nothing.
-    bound = bound_of_parameter(reach * splat(frames[top, FRAME_SCALE]), entry)
+    bound = bound_of_parameter(reach * splat(frames[walk_row, FRAME_SCALE]), entry)
     store(aims, RAY_CHUNK * AIM_BOUND + at, select(passes_by | ~is_sound, narrow(splat(-1.0)), bound))
 
 

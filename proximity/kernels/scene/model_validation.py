@@ -69,7 +69,7 @@ FAULT_SIZE = 4
 (
     SOUND, BAD_BOX, BAD_CHILD_NODE, BAD_CHILD_BLOCK, TOO_DEEP, NOT_REACHED, NOT_IN_A_ROW, BAD_NOTE,
     BAD_SLOT, FACE_TWICE, FACE_MISSING, BAD_TRIANGLE, BAD_CORNER_ID, BAD_NEIGHBOR, BAD_CORNER, BAD_NORMAL,
-    BAD_MOMENT, BAD_CELL, BAD_TOP_CHILD, COVERED_TWICE, NOT_COVERED, BAD_VERTEX_ID, BAD_CORNER_ORDER,
+    BAD_MOMENT, BAD_CELL, BAD_SCENE_CHILD, COVERED_TWICE, NOT_COVERED, BAD_VERTEX_ID, BAD_CORNER_ORDER,
     BAD_VERTEX, BAD_LIST, BAD_LISTED_PART,
 ) = range(26)  # fmt: skip
 
@@ -328,14 +328,14 @@ def fault_in_static_tree(words, parts, firsts, counts, levels, covered, fault):
             if root <= reference < root + node_count:
                 child = reference - root
                 if child <= node or levels[child]:
-                    return _note(fault, BAD_TOP_CHILD, scene, lane, node, reference)
+                    return _note(fault, BAD_SCENE_CHILD, scene, lane, node, reference)
                 levels[child] = levels[node] + 1
                 continue
             part, start = _root_of_child(words, parts, reference)
             if part < 0 or parts[part, PART_IS_DYNAMIC] or parts[part, PART_IS_HIDDEN]:
-                return _note(fault, BAD_TOP_CHILD, scene, lane, node, reference)
+                return _note(fault, BAD_SCENE_CHILD, scene, lane, node, reference)
             if ~reference < ENTRY and not parts[part, PART_IS_FUSED]:
-                return _note(fault, BAD_TOP_CHILD, scene, lane, node, reference)
+                return _note(fault, BAD_SCENE_CHILD, scene, lane, node, reference)
             first, count = (firsts[start], counts[start]) if start >= 0 else (np.int32(~start), np.int32(1))
             for block in range(first, first + count):
                 if covered[block]:

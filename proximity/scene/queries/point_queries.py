@@ -82,7 +82,7 @@ class PointQueries(HasSnapshot):
         On the surface: distance 0, gradient is the pseudo-normal of the feature.
         Ties: the lowest part; within a part any of the nearest faces, the same on every run.
         Degenerate: faces without area answer as their edges. On them, and on edges and corners where the
-        normals of faces back to back cancel, there is no way out: the gradient is 0.
+        normals of faces back to back cancel, there is no direction out: the gradient is 0.
         Cost: about O(log F) on the surface, O(√F) near one that is finely meshed, towards O(F) at centres of
         symmetry.
         Thread: any number of threads may ask; the interpreter lock is released.

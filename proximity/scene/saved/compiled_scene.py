@@ -1,7 +1,7 @@
 """Compiled scenes: saving a scene with its trees, and opening it without building them.
 
-What a scene, its parts and their solids consist of is listed here once, for both ways. Parts share a file's
-few long arrays, however many they are.
+What a scene, its parts and their solids consist of is listed here once, for writing and reading. Parts share
+a file's few long arrays, however many they are.
 """
 
 from collections.abc import Iterable

@@ -22,7 +22,7 @@ from proximity.model.part_trees import (
     NO_NODE,
     REGION_COPIES,
     STATIC_COPIES,
-    TopPlan,
+    PartTreesPlan,
     clear_first,
     dynamic_order,
     note_fused,
@@ -54,7 +54,7 @@ _SENTENCES = {
     model_validation.BAD_NORMAL: "the normal of corner {0} is longer than 1, or not finite",
     model_validation.BAD_MOMENT: "the moments of node {0} are not finite",
     model_validation.BAD_CELL: "its sign grid has cells of no known state, from cell {0} on",
-    model_validation.BAD_TOP_CHILD: "child {0} of node {1} refers to {2}, where no part that stands still is",
+    model_validation.BAD_SCENE_CHILD: "child {0} of node {1} refers to {2}, where no still part is",
     model_validation.COVERED_TWICE: (
         "child {0} of node {1} in the tree over the parts contains what another does"
     ),
@@ -123,7 +123,7 @@ def complete_model(
     MeshFormatError
         If the trees, or the grid over the parts, refer to what is not there, or parts are missing in them.
     """
-    row, plan = parts[-1], TopPlan.of(parts)
+    row, plan = parts[-1], PartTreesPlan.of(parts)
     for part in range(len(parts) - 1):
         update_box(frames, parts, part)
     frames[-1, layout.FRAME_ROTATION : layout.FRAME_CENTRE] = (1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0)
@@ -243,13 +243,13 @@ def _check_rows(parts: np.ndarray, count: int, real_count: int, word_count: int)
         _expect((rows[:, first] == starts).all(), f"the {what} of the parts do not follow each other")
     for column in (layout.PART_SLOT_FACES, layout.PART_MOMENTS, layout.PART_BLOCK_NOTES):
         _expect((parts[:, column] == parts[0, column]).all(), "parts do not agree on where tables begin")
-    _check_top(parts)
+    _check_scene_row(parts)
     _check_part_runs(parts, real_count, word_count)
 
 
-def _check_top(parts: np.ndarray) -> None:
+def _check_scene_row(parts: np.ndarray) -> None:
     """Check the scene's row."""
-    row, plan, scene = parts[-1], TopPlan.of(parts), len(parts) - 1
+    row, plan, scene = parts[-1], PartTreesPlan.of(parts), len(parts) - 1
     _expect(row[layout.SCENE_FIRST_NODE] == parts[:-1, layout.PART_NODE_COUNT].sum(),
             "the trees over the parts do not begin behind those of the parts")  # fmt: skip
     _expect(row[layout.PART_FACE_COUNT] == parts[:-1, layout.PART_FACE_COUNT].sum(),
@@ -301,7 +301,7 @@ def _check_part_runs(parts: np.ndarray, real_count: int, word_count: int) -> Non
     _check_runs(
         np.r_[0, scene[[layout.PART_SLOT_FACES, layout.PART_MOMENTS]], starts.ravel(), tail],
         np.r_[
-            NODE_STRIDE * (node_count + TopPlan.of(parts).node_count),
+            NODE_STRIDE * (node_count + PartTreesPlan.of(parts).node_count),
             LANES * block_count,
             MOMENT_STRIDE * node_count,
             sizes.ravel(),

@@ -10,7 +10,7 @@ from proximity.scene.scene import Scene
 from proximity.tracker.replay.replay_loop import Replay
 
 CHECKED_COUNT = 20_000  # finger-ticks, evenly chosen
-ROUNDING = 1e-12  # of a distance: how far two ways of computing it may be apart
+CHECK_ROUNDING = 1e-12  # of a distance: how far two methods of computing it may be apart
 COORDINATE_ROUNDING = 8.0 * 2.0**-52  # of the largest coordinate: what a distance of 0 may be off
 
 
@@ -64,7 +64,9 @@ def judge_bounds(scene: Scene, run: Replay, radius: float) -> BoundsKept:
     contacts = run.contacts[ticks, rows]
     points = run.recording.positions[ticks, rows]
     true = scene.signed_distance(points) - radius
-    workspace = ROUNDING * (np.abs(true) + radius) + COORDINATE_ROUNDING * _largest_coordinate(scene, points)
+    workspace = CHECK_ROUNDING * (np.abs(true) + radius) + COORDINATE_ROUNDING * _largest_coordinate(
+        scene, points
+    )
     workspace[np.isinf(true)] = 0.0  # no part is shown: so far is nothing by rounding
     # written so that nan is a broken promise
     is_kept = (contacts["lower"] <= true + workspace) & (true - workspace <= contacts["upper"])
@@ -148,7 +150,7 @@ def _has(run: Replay, flag: ContactFlag) -> np.ndarray:
 
 
 def _sample(is_meant: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Tick and finger of at most `CHECKED_COUNT` places, evenly chosen."""
+    """Tick and finger of at most `CHECKED_COUNT` answers, evenly chosen."""
     ticks, rows = np.nonzero(is_meant)
     step = max(1, -(-len(ticks) // CHECKED_COUNT))
     if step > 1 and is_meant.shape[1] % step == 0:

@@ -17,9 +17,9 @@ from proximity.scene.scene import Scene
 
 TOUCHING_SHARE = 0.1
 """A hand that touches in more of its samples than this is raised until it does not: the rest is approach."""
-SAMPLE_COUNT = 2000  # positions that are looked at, evenly chosen
+PLACEMENT_SAMPLE_COUNT = 2000  # positions that are looked at, evenly chosen
 QUARTERS = {0.0: (1.0, 0.0), 90.0: (0.0, 1.0), 180.0: (-1.0, 0.0), 270.0: (0.0, -1.0)}  # cosine, sine
-HALVINGS = 40  # of the height searched: what is left is far below a micrometre
+BISECTIONS = 40  # of the height searched: what is left is far below a micrometre
 
 
 def fitted_pose(
@@ -66,7 +66,7 @@ def fitted_pose(
     pose = recording.fitted_to(lower, upper, rotation=rotation, scale=scale)
     placed = recording.placed(pose, scale)
     points = placed.positions[placed.is_present]
-    points = points[:: -(-len(points) // SAMPLE_COUNT)]
+    points = points[:: -(-len(points) // PLACEMENT_SAMPLE_COUNT)]
     share, shift = _touching_share(scene, points, radius, 0.0), np.zeros(3)
     if share > TOUCHING_SHARE:
         shift[2] = _height_to_rise(scene, points, radius)
@@ -112,7 +112,7 @@ def _touching_share(scene: Scene, points: np.ndarray, radius: float, height: flo
 def _height_to_rise(scene: Scene, points: np.ndarray, radius: float) -> float:
     """A height at which no more than the share touches, and just below which more do."""
     below, above = 0.0, float(scene.bounds[1][2] - points[:, 2].min()) + 2.0 * radius
-    for _ in range(HALVINGS):
+    for _ in range(BISECTIONS):
         middle = 0.5 * (below + above)
         if _touching_share(scene, points, radius, middle) > TOUCHING_SHARE:
             below = middle
