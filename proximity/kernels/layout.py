@@ -24,6 +24,11 @@ and in the scene's tree only, an *entry*: a subtree of a part, as (part, referen
 An unused lane is NaN: every comparison with it fails. A triangle's position in leaf order is its slot,
 ``8 * block + lane``; slots never leave the kernels. Nodes, blocks and slots are numbered through the whole
 model, so that of two slots the lower is of the lower part.
+
+**Names of columns** begin with the name of a row of their table: `PART_` in ``parts``, `FRAME_` in
+``frames``, and likewise `RECORD_`, `TRACK_`, `SETTING_`, `ESTIMATE_`, `PLAN_`, `CLOSEST_` in other files.
+A column that means something else in the row of the scene, the last one, has a second name there: `SCENE_`.
+A test compares the names with the tables that are indexed.
 """
 
 from proximity.simd import LANES

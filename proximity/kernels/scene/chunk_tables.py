@@ -31,21 +31,15 @@ class Candidates(NamedTuple):
 
     certain: np.ndarray  # (POINT_CHUNK,) int64, 1 where a part contains the point for certain
     lists: np.ndarray  # (POINT_CHUNK, 2) int64, where parts are listed, see `part_grid.list_of`
-    pairs: (
-        np.ndarray
-    )  # (POINT_CHUNK * LANES, 3) int64: row of the chunk, part, and state of the part's sign grid
+    pairs: np.ndarray  # (POINT_CHUNK * LANES, 3) int64: row of the chunk, part, state of its sign grid
     positions: np.ndarray  # (POINT_CHUNK, 3) float32, in the scene's scaled frame
 
 
 class Found(NamedTuple):
     """Results so far, for each point."""
 
-    nearest: (
-        np.ndarray
-    )  # (POINT_CHUNK + 1, 2) int64, part, or NO_PART, and slot; last: what the chunk ended with
-    depths: (
-        np.ndarray
-    )  # (POINT_CHUNK,) float64, squared, scene's scaled frame: how deep inside; -1: not inside
+    nearest: np.ndarray  # (POINT_CHUNK + 1, 2) int64, part or NO_PART, slot; last: the chunk's last answer
+    depths: np.ndarray  # (POINT_CHUNK,) float64, squared depth, scene's scaled frame; -1: not inside
     deeper: np.ndarray  # (POINT_CHUNK, 2) int64, part that contains it deepest, or NO_PART, and slot
     distances: np.ndarray  # (POINT_CHUNK,) float64, signed, m; inf or nan where there is no answer
 
@@ -54,9 +48,7 @@ class Heights(NamedTuple):
     """Points over the faces that are nearest to them."""
 
     offsets: np.ndarray  # (POINT_CHUNK,) int64, see `offset_of`
-    local_points: (
-        np.ndarray
-    )  # (3 * POINT_CHUNK,) float64, points in the local frame, coordinate by coordinate
+    local_points: np.ndarray  # (3 * POINT_CHUNK,) float64, local frame, coordinate by coordinate
     heights: np.ndarray  # (POINT_CHUNK,) float64, local
     is_over: np.ndarray  # (POINT_CHUNK,) float64, 1 of points with their feet inside the face
 

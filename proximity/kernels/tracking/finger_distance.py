@@ -76,15 +76,15 @@ from proximity.kernels.tracking.track import (
     SETTING_WORKING_RANGE,
     TRACK_ANCHOR,
     TRACK_CLEAR,
+    TRACK_FOOT,
+    TRACK_FOOT_DISPLACEMENT,
+    TRACK_FOOT_FROM,
     TRACK_FRONTIER_COUNT,
     TRACK_IS_OUTSIDE,
     TRACK_ODOMETER,
     TRACK_PART,
     TRACK_RADIUS,
     TRACK_SLOT,
-    TRACK_SURFACE_DISPLACEMENT,
-    TRACK_SURFACE_FROM,
-    TRACK_SURFACE_POINT,
     finger_at,
     vector_at,
 )
@@ -197,30 +197,18 @@ def _to_kept_surface(settings, finger, vectors):
     Fills *vectors*: outward direction, and the point.
     """
     track = finger.track
-    if track[TRACK_SURFACE_DISPLACEMENT] != settings[SETTING_DISPLACEMENT]:
+    if track[TRACK_FOOT_DISPLACEMENT] != settings[SETTING_DISPLACEMENT]:
         return 0.0, False
     x, y, z = vector_at(finger.record, RECORD_POSITION)
-    dx, dy, dz = (
-        x - track[TRACK_SURFACE_POINT],
-        y - track[TRACK_SURFACE_POINT + 1],
-        z - track[TRACK_SURFACE_POINT + 2],
-    )
-    ax, ay, az = (
-        x - track[TRACK_SURFACE_FROM],
-        y - track[TRACK_SURFACE_FROM + 1],
-        z - track[TRACK_SURFACE_FROM + 2],
-    )
+    dx, dy, dz = x - track[TRACK_FOOT], y - track[TRACK_FOOT + 1], z - track[TRACK_FOOT + 2]
+    ax, ay, az = x - track[TRACK_FOOT_FROM], y - track[TRACK_FOOT_FROM + 1], z - track[TRACK_FOOT_FROM + 2]
     length_sq = dot(dx, dy, dz, dx, dy, dz)
     if not (length_sq > 1e-200 and dot(ax, ay, az, ax, ay, az) <= STRAY * STRAY * length_sq):
         return 0.0, False
     length = sqrt(length_sq)
     factor = 1.0 / length
     vectors[0], vectors[1], vectors[2] = factor * dx, factor * dy, factor * dz
-    vectors[3], vectors[4], vectors[5] = (
-        track[TRACK_SURFACE_POINT],
-        track[TRACK_SURFACE_POINT + 1],
-        track[TRACK_SURFACE_POINT + 2],
-    )
+    vectors[3], vectors[4], vectors[5] = track[TRACK_FOOT], track[TRACK_FOOT + 1], track[TRACK_FOOT + 2]
     return length, True
 
 
@@ -298,13 +286,9 @@ def _find_surface(model, settings, finger, part, slot, bits, scratch):
         for axis in range(3):
             vectors[axis] = -vectors[axis]
     to_scene(frames, parts, part, closest, CLOSEST_POINT, vectors, 3)
-    track[TRACK_SURFACE_POINT], track[TRACK_SURFACE_POINT + 1], track[TRACK_SURFACE_POINT + 2] = (
-        vectors[3],
-        vectors[4],
-        vectors[5],
-    )
-    track[TRACK_SURFACE_FROM], track[TRACK_SURFACE_FROM + 1], track[TRACK_SURFACE_FROM + 2] = x, y, z
-    track[TRACK_SURFACE_DISPLACEMENT] = settings[SETTING_DISPLACEMENT]
+    track[TRACK_FOOT], track[TRACK_FOOT + 1], track[TRACK_FOOT + 2] = vectors[3], vectors[4], vectors[5]
+    track[TRACK_FOOT_FROM], track[TRACK_FOOT_FROM + 1], track[TRACK_FOOT_FROM + 2] = x, y, z
+    track[TRACK_FOOT_DISPLACEMENT] = settings[SETTING_DISPLACEMENT]
 
 
 @inlined

@@ -21,9 +21,9 @@ TRACK_ANCHOR = 0  # m, scene's frame: where TRACK_CLEAR was found
 TRACK_CLEAR = 3  # m: every surface was at least so far from the anchor; negative: not known
 TRACK_ODOMETER = 4  # m: how far parts had moved until then
 TRACK_RADIUS = 5  # m, of the fingertip
-TRACK_SURFACE_POINT = 6  # m, scene's frame: the point of the surface that was reported last
-TRACK_SURFACE_FROM = 9  # m: where the finger was when it was the nearest of its face
-TRACK_SURFACE_DISPLACEMENT = 12  # m: how far parts had moved then; negative where there is none
+TRACK_FOOT = 6  # m, scene's frame: the point of the surface that was reported last
+TRACK_FOOT_FROM = 9  # m: where the finger was when it was the nearest of its face
+TRACK_FOOT_DISPLACEMENT = 12  # m: how far parts had moved then; negative where there is none
 TRACK_REALS = 16
 
 # --- columns of ``marks`` (int64), a row a finger ---
@@ -165,7 +165,7 @@ tracker_arrays_at = arrays_behind(
 def forget_surfaces(tracks, balls):
     """Forget how far surfaces were, as no tick had been before."""
     for i in range(len(tracks)):
-        tracks[i, TRACK_CLEAR], tracks[i, TRACK_ODOMETER], tracks[i, TRACK_SURFACE_DISPLACEMENT] = (
+        tracks[i, TRACK_CLEAR], tracks[i, TRACK_ODOMETER], tracks[i, TRACK_FOOT_DISPLACEMENT] = (
             -1.0,
             0.0,
             -1.0,
