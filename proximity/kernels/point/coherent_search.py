@@ -5,8 +5,8 @@ each of these a plane is kept that has all of it behind, perpendicular to the co
 point and the query, as that was when the plane was made. From a plane a point is never farther than from what
 is behind; and after a small move hardly nearer, for what is neglected is of second order. So the next search
 looks at planes, eight at once, and opens what may hold something nearer than the face that was the nearest.
-Nor does it look at all: from the distance by which a node's planes are out of reach follows how far the point
-may go until they are within reach.
+Not all planes are looked at: from the distance by which a node's planes are out of reach follows how far the
+point may go before they count again.
 
 Five recorded fingers near a bumpy ring of 90 k even triangles take 10 steps a tick in place of 199 (p50),
 half the time; ten near a gear of 118 bodies 55 in place of 243, which is no faster. Near plane faces a walk

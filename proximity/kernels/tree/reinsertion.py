@@ -1,8 +1,8 @@
 """A better binary tree: large subtrees are reinserted where they add least surface.
 
 Halving looks at one run at a time and never sees that a part of it would be better off elsewhere. A subtree
-is taken out with its parent, which its other child replaces; what all nodes above it lose in surface
-is the gain. The best position is found by a search from the root that follows what adds least so far and ends
+is taken out with its parent, which its other child replaces; the surface that all nodes above it lose is
+the gain. The best position is found by a search from the root that follows what adds least so far and ends
 once no position can be better.
 
 Source: Bittner, Hapala, Havran 2013, "Fast insertion-based optimization of bounding volume hierarchies".
