@@ -16,7 +16,7 @@ NEARLY_CLOSED = 0.8
 Less than a sign asks for: an outer shell that gets one has been asked about its cavities."""
 
 _UNCLEAR_TURNS = 0.1
-"""How far off a whole number a clear winding number may be."""
+"""Largest distance of a clear winding number from a whole one."""
 
 _SAMPLE_COUNT = 64
 """Places on a shell with holes, of like areas, at which both sides are looked at."""
@@ -25,7 +25,7 @@ _VOTE_COUNT = 5
 """Faces of a shell that are asked whether they lie within another."""
 
 _BESIDE = 2.0**-20
-"""How far beside a face both its sides are looked at, in sizes of the shell: of a face that lies on another
+"""Distance at which both sides of a face are sampled, in sizes of the shell: of a face that lies on another
 shell one side is within and one is not, so that the other faces decide."""
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from proximity.bodies.connected_faces import Pieces, connect_faces, linked_components
 
 MAX_WELD = 1e-6
-"""Of the diagonal of the body: what exporters leave that write coordinates with six digits."""
+"""Share of the diagonal of the body: what exporters leave that write coordinates with six digits."""
 
 WELD_STEPS = MAX_WELD * 10.0 ** np.arange(-6, 1)
 """Tried one after the other, the smallest first: whatever closes a body early keeps its finer detail."""

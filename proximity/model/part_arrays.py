@@ -20,7 +20,7 @@ FEWEST_CELLS = 512
 LARGEST_GRID = 2**18
 """Cells of a sign grid; two bits each."""
 MOVING_MARGIN = 0.25
-"""How much of the scene's frame its parts take up at first: they can move that far before it must change."""
+"""Share of the scene's frame that its parts take up at first: they can move before it must change."""
 SMALLEST_SHARE = 2.0**-8
 """A part that is smaller than this share of its file gets a frame of its own, for tight boxes."""
 NO_GRID_CELLS = np.zeros(0, np.uint32)

@@ -21,9 +21,9 @@ from proximity.model.part_arrays import MOVING_MARGIN, common_frame
 
 ENTRIES_PER_PART = 32
 FEWEST_ENTRIES = 256
-"""How far large parts are opened in a scene's tree. On 118 touching parts of 43 k faces rays and points take
-0.97 of the time that they take with 16. With 64 they take as long, and a tree over 120 parts takes 12 ms to
-make instead of 9."""
+"""Entries to which large parts are opened in a scene's tree. On 118 touching parts of 43 k faces rays and
+points take 0.97 of the time that they take with 16. With 64 they take as long, and a tree over 120 parts
+takes 12 ms to make instead of 9."""
 STATIC_COPIES = 3
 REGION_COPIES = 8
 SMALLEST_REACH = MOVING_MARGIN / 16.0

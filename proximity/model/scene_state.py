@@ -37,7 +37,7 @@ FARTHEST_MOVE = LARGEST_COORDINATE / 4.0
 FASTEST_MOVE = 1e9
 """m/s, three times light, or rad/s: squares of more, over some time, could leave it too."""
 EXACT_ENOUGH = 2.0 * ROUNDING
-"""How far a rotation may be off and is taken as it is: that of a `Pose` always, in whatever order summed."""
+"""Error of a rotation up to which it is taken as it is: that of a `Pose` always, in whatever order summed."""
 UPDATES_BEFORE_SHRINKING = 1000
 """A part that went far away and came back leaves a frame that is too large; a new one costs a new tree, which
 is not to be paid at every tick of a part that goes to and fro."""

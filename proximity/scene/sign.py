@@ -26,13 +26,13 @@ from proximity.pose import Pose
 POINT_SAMPLE_COUNT = 64
 """Points on the surface from which both sides are looked at."""
 SAMPLE_OFFSETS = (1e-6, 3e-2)
-"""How far from the surface, in sizes of the part: just beside it, and where other faces may be nearest."""
+"""Distances from the surface, in sizes of the part: just beside it, and where other faces may be nearest."""
 SAMPLE_SEED = 7
 FACE_SAMPLE_COUNT = 128
 """Points close above those faces whose sides the sign grid does not tell, at most; where a part has no more
 faces than this, above any of them."""
 FACE_SAMPLE_WEIGHTS = np.array([[100, 100, 100], [298, 1, 1], [1, 298, 1], [1, 1, 298]]) / 300.0
-"""Of a face's corners at the points: in its middle, and near its corners, which reach in first."""
+"""Weights of a face's corners at the points: in its middle, and near its corners, which reach in first."""
 CLEAR_TURNS = 0.95
 """An open surface has an inside where just below it the winding number is above this ..."""
 CLEAR_SHARE = 0.95

@@ -13,7 +13,7 @@ from proximity.simd import fma, load, maximum, minimum, narrow, select, splat, s
 FAR = 2.0
 """Within this (part sizes from the middle) a coordinate rounded to float32 is off by 2^-24 at most."""
 BOX_MARGIN = np.float32(2.0**-23)
-"""What boxes are widened by when they are made: the query's rounding and their own, twice over."""
+"""Margin of boxes, added when they are made: the query's rounding and their own, twice over."""
 BOUND_SLACK = 1.0 + 2.0**-20
 """Factor on the best squared distance before it is compared with a bound: it makes up for the five float32
 roundings, of 2^-24 each, between a bound and its computed value."""

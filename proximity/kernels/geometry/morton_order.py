@@ -12,8 +12,8 @@ SORT_FROM = 48
 """Points from which on a batch is walked along a space-filling curve: each point then starts from its
 neighbour's answer. Sorting costs some 20 ns a point and saves a third of the walk."""
 CELL_BITS = 7
-"""Of the number of a cell along an axis. With ten of them walks are no shorter, and sorting takes a third
-pass (2026-11: batches are 1.04 to 1.12 times as fast with seven, worked out eight at a time)."""
+"""Bits of the number of a cell along an axis. With ten of them walks are no shorter, and sorting takes a
+third pass (2026-11: batches are 1.04 to 1.12 times as fast with seven, worked out eight at a time)."""
 DIGIT_BITS = 11
 """Bits of a cell's position along the curve that one pass sorts by; two passes take all."""
 SPREAD_BITS = np.array(

@@ -70,8 +70,8 @@ FEWEST_DEEP_STEPS = 16
 """Steps that go depth first at least, of budgets of twice as many: mostly that is all it takes. Looking ahead
 with 40 steps, ticks are some 10 % shorter at p99 than with an eighth of them, contacts reported as early."""
 SWEEP_SHARE = 0.08
-"""Of the gap between the bounds that one sweep closes; more where that would open few. At the centre of a
-ball of 82 k faces 800 steps leave bounds 0.4 % apart with 0.02 to 0.3 (0.02 takes a fifth longer), 0.8 %
+"""Share of the gap between the bounds that one sweep closes; more where that would open few. At the centre of
+a ball of 82 k faces 800 steps leave bounds 0.4 % apart with 0.02 to 0.3 (0.02 takes a fifth longer), 0.8 %
 with 1, and 100 % depth first."""
 SWEEP_RATIO = 16
 """A sweep looks through all that waits, so it should open at least one in so many."""

@@ -61,18 +61,18 @@ from proximity.simd import (
 FRONTIER_CAPACITY = 112
 """Nodes of a frontier; one that would get more begins anew from the root."""
 DUE_WORD = FRONTIER_CAPACITY // 2
-"""Of as many a word of bits says which are due."""
+"""Nodes for which one word of bits says whether they are due."""
 FRONTIER_GROUP = 4 * LANES
 """Numbers a node, which come first: its children's planes, x, y, z of the direction and offset."""
 FRONTIER_X, FRONTIER_Y, FRONTIER_Z, FRONTIER_OFFSET = 0, LANES, 2 * LANES, 3 * LANES
 FRONTIER_DUE = FRONTIER_GROUP * FRONTIER_CAPACITY
-"""Of each node: the travel up to which the planes of its children are out of reach; but opened ones."""
+"""A number a node: the travel up to which the planes of its unopened children are out of reach."""
 FRONTIER_NODES = FRONTIER_DUE + FRONTIER_CAPACITY
 """Its number."""
 FRONTIER_TRAVEL = FRONTIER_NODES + FRONTIER_CAPACITY
-"""How far the point has come since the frontier began; behind it, where it was last. In the tree's frame."""
+"""Distance that the point has come since the frontier began; then its last position. In the tree's frame."""
 FRONTIER_LIMIT = FRONTIER_TRAVEL + 4
-"""How many nodes it may get until it begins anew, to be lean again."""
+"""Nodes that the frontier may get until it begins anew, to be lean again."""
 FRONTIER_SIZE = FRONTIER_LIMIT + 1
 FRONTIER_BEGINS = -1
 """Count that stands for no frontier yet."""
@@ -85,7 +85,7 @@ FARTHEST_POINT = 1e3
 MOST_TRAVEL = np.float32(2.0)
 """Part sizes that a point may have come until its frontier begins anew: it may not be worth keeping here."""
 FLOAT32_ROUNDING = 2.0**-19
-"""How far what is computed in float32 is off, several times over: relative, and in part sizes."""
+"""Rounding of what is computed in float32, several times over: relative, and in part sizes."""
 SMALLEST_LENGTH_SQ = np.float32(1e-30)
 """Squared lengths below this give no direction."""
 NONE, ONE, INFINITE = np.float32(0.0), np.float32(1.0), np.float32(np.inf)

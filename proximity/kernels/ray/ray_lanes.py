@@ -47,7 +47,7 @@ VIEW_WEIGHTS = VIEW_LINE  # weights of what was hit, once the view is not needed
 VIEW_ROWS = 13
 
 WIDEST_MARGIN = 2.0**60
-"""What boxes are widened by at most, local units: that opens all of them, and its product with a reciprocal,
+"""Largest margin of boxes, local units: it opens all of them, and its product with a reciprocal,
 2^60 at most, is still a float32."""
 AIM_SIZE, VIEW_SIZE = AIM_ROWS * RAY_CHUNK, VIEW_ROWS * RAY_CHUNK
 

@@ -15,7 +15,7 @@ from proximity.kernels.memory import arrays_at, longs_here, reals_here
 from proximity.simd import maximum, minimum, select, splat, store
 
 MOST_HALVINGS = 9
-"""How often the box is halved at most, each time across its longest side: 512 cells."""
+"""Most halvings of the box, each across its longest side: 512 cells."""
 RAYS_OF_CELL = 8
 """Fewer halvings where cells would have fewer rays: counting in them costs, too."""
 ROUND_TO_WHOLE = 1.5 * 2.0**52

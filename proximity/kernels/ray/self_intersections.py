@@ -43,8 +43,8 @@ from proximity.simd import (
 )
 
 CONTACT_DEPTH = 1e-10
-"""How far the ends of an edge must be off a face to both sides, in sizes of the part, for the edge to pass
-through; an edge of which both are nearer lies in its plane. What is thinner is no face."""
+"""Distance that the ends of an edge must have from a face, to both sides, in sizes of the part, for the edge
+to pass through; an edge of which both are nearer lies in its plane. What is thinner is no face."""
 SHORTEST_CONTACT = 1e4
 """Depths: of an edge that lies on a face, more than this much does; less is two corners that touch."""
 EDGE_FLAT, EDGE_CREASED, EDGE_UNCLEAR = 0, 1, 2

@@ -43,7 +43,7 @@ from proximity.simd import (
 APPROACH_REACH = 1.5
 """A ray from farther away than `FAR` is started where it enters the cube of this half side."""
 SLAB_MARGIN = 2.0**-20
-"""What a box is widened by, local units: half as much again as float32 can be off. With a start within 2 and
+"""Margin of a box, local units: half as much again as float32 can be off. With a start within 2 and
 planes within 1 the reciprocal is off by 2^-23 of a length of at most 3, the result by 2^-24 of it, and the
 constant by 2^-24 of 2."""
 SLOWEST_COMPONENT = 2.0**-60

@@ -70,7 +70,7 @@ from proximity.simd import (
 )
 
 FAR_MARGIN = 2.0**-46
-"""What the boxes of parts are widened by besides, times the origin's distance from the scene: a ray from afar
+"""Further margin of the boxes of parts, times the origin's distance from the scene: a ray from afar
 is rounded for each part on its own."""
 
 

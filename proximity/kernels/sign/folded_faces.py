@@ -21,7 +21,7 @@ degrees. What is folded over is at -1; few edges of real parts are as sharp as t
 NEAR_CORNER = 0.8
 """Weight of a corner at the points where a face is sampled besides its middle."""
 MOST_STEP, STEP_SHARE = 1e-6, 1e-3
-"""How far to either side, local: at most this, and this share of the root of the face's area."""
+"""Distance of samples to either side, local: at most this, and this share of the root of the face's area."""
 MOST_LOOKED_AT = 4096
 """Faces of a part; what more there are count as folded."""
 

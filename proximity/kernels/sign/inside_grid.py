@@ -21,9 +21,9 @@ CELL_SLACK = 1e-6
 SAMPLE_PITCH = 2.0
 """Cells. How far apart a face is looked at, by `uncertain_points`, along its longest side and across."""
 SAMPLE_CLEARANCE = 1.0 + 4.0 * CELL_SLACK
-"""How far off, in what a cell is wide along the face's normal: so the face crosses no cell looked at."""
+"""Distance of samples from a face, in cell widths along its normal: the face crosses no cell there."""
 MOST_POINTS = 1024
-"""What `uncertain_points` returns at most; even."""
+"""Most points that `uncertain_points` returns; even."""
 
 
 @inlined

@@ -48,7 +48,7 @@ MOMENT_STRIDE = 112
 OPENING = 2.5
 """Ratio of distance to radius from which on a cluster counts as far."""
 SMALLEST_PRODUCT, LARGEST_PRODUCT = 1e-300, 1e300
-"""What a product is between: beyond, it has no direction. That is where features are below 1e-100 local."""
+"""Range of a product that has a direction. Beyond it features are below 1e-100 local."""
 
 
 @maker

@@ -39,7 +39,7 @@ NEAR = 0.01
 BALL_COUNT = 16
 """That a finger keeps; the oldest goes first. Fewer are asked for anew more often: 8 cost 15 % of a tick."""
 BALLS_SIZE = 5 * BALL_COUNT + 1
-"""Of a finger's row of balls: their x, y, z, m; radius, m, negative for none; how far parts had moved when
+"""Numbers of a finger's balls: their x, y, z, m; radius, m, negative for none; how far parts had moved when
 each was found, m; and the number of the oldest."""
 WORTH = 0.25
 """Share of what a ball gave when it was found that it must still give to be taken."""

@@ -93,7 +93,7 @@ from proximity.simd import load_int
 CROWD = 10
 """Fingers of two hands: more than that are a crowd."""
 TOLERANCE_SHARE = 0.4
-"""Of what bounds may be apart, the share that a search in a crowd leaves them apart, rather than going on. A
+"""Share of the tolerance by which a search in a crowd leaves its bounds apart, rather than going on. A
 skin whose bounds may be 5 % apart wants less than half the steps that it wants with 0, to the same bounds on
 average."""
 SHORT, PAUSE = 2, 200

@@ -61,7 +61,7 @@ MEMORY = 1.2e-3
 """s; shorter ones pass on noise, longer ones lag. Poses each millisecond with noise of 0.05 mm are predicted
 best with 1.0 to 1.2 ms: over 9 ms 95 % of the errors are below 1.2 mm, 2.0 mm with the last difference."""
 LEAST_WEIGHT = 1e-3
-"""Of the pose before, however old: of two poses close together after a pause, it is the pause that counts."""
+"""Least weight of the pose before, however old: after a pause, two poses close together do not hide it."""
 NOISE = 0.15e-3
 """m, of one pose: three times the scatter of a sensor at 1 kHz. Recorded fingers at rest have 0.02 mm."""
 MAX_NOISE_SPEED = 0.3

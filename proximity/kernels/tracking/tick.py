@@ -89,7 +89,7 @@ from proximity.kernels.tracking.track import (
 from proximity.simd import prefetch
 
 FLAG_BITS = (1 << 16) - 1
-"""Of an observation's answer: what goes into the record."""
+"""Bits of an observation's answer that go into the record."""
 SHARED_BUDGETS, FEWEST_BUDGETS = 20, 8
 PREDICTION_BUDGETS = 4
 """Budgets that all fingers share in a tick: for distances, and for looking ahead. Two hands never come to the

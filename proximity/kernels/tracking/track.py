@@ -129,7 +129,7 @@ def vector_at(row, column):
 ) = range(6)
 TABLE_FIRST_ADDRESS = 6
 NAMES = tuple(name for name in TrackerArrays._fields if name not in ("wide", "numbers"))
-"""Of the arrays, in the order of their addresses in the table."""
+"""Names of the arrays, in the order of their addresses in the table."""
 FINGERS, KNOTS = TableLength(TABLE_FINGER_COUNT), TableLength(TABLE_KNOT_COUNT)
 
 

@@ -33,7 +33,7 @@ MOMENT_AREA_NORMAL = 24
 MOMENT_SLAB_LEAST = 96
 MOMENT_SLAB_LARGEST = 104
 SLAB_ROUNDING = 1e-12
-"""Of the normal's length: more than what scalar products of local coordinates are off."""
+"""Rounding of scalar products of local coordinates, at most, in lengths of the normal."""
 SHRINK_SLAB = 1.0 - 2.0**-22
 """Makes up for what is rounded in computing a float32 bound."""
 SMALLEST_BOUND = 2.0**-96

@@ -38,8 +38,8 @@ from proximity.scene.solid import Solid
 
 LAYOUT = {name: value for name, value in vars(layout).items() if name.isupper() and isinstance(value, int)}
 LAYOUT |= {"MOMENT_STRIDE": MOMENT_STRIDE, "STATIC_COPIES": STATIC_COPIES, "REGION_COPIES": REGION_COPIES}
-"""What the arrays of a model are laid out by: a file with other numbers is refused. What no number shows, say
-another meaning of a column, needs another `archive.FORMAT_VERSION`."""
+"""Numbers by which the arrays of a model are laid out: a file with others is refused. What no number shows,
+say another meaning of a column, needs another `archive.FORMAT_VERSION`."""
 
 _FIELDS = (
     "name", "repairs", "velocity", "angular_velocity", "is_hidden", "stiffness", "damping",

@@ -32,7 +32,7 @@ from proximity.model.part_trees import (
 
 MOST_PARTS = 2**layout.FOLDED_AT
 SMALLEST_SCALE, LARGEST_SCALE = 2.0**-510, 2.0**510
-"""What local frames are scaled by lies well between: squares stay within float64."""
+"""Range of the scales of local frames, with a wide margin: squares stay within float64."""
 
 _SENTENCES = {
     model_validation.BAD_BOX: "the boxes of node {0} are not finite, or lower corners are above upper ones",
