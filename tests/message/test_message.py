@@ -23,7 +23,7 @@ def test_record_is_little_endian_and_aligned():
 def test_kernels_write_where_the_record_has_the_field(name):
     size = 4 if name in FOUR_BYTES else 8
 
-    assert getattr(contact_columns, name.upper()) * size == CONTACT.fields[name][1]
+    assert getattr(contact_columns, f"RECORD_{name.upper()}") * size == CONTACT.fields[name][1]
 
 
 def test_kinds_share_one_word_with_the_surface_lowest():
