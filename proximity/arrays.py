@@ -1,4 +1,4 @@
-"""Arrays from callers, checked once at the door and converted to what the kernels take.
+"""Checks of arrays from callers, and their conversion to what kernels take.
 
 Everything behind this module may trust dtype, shape and order. Conversions are quiet where they lose
 nothing (integers, float32, big-endian, strided, read-only input); what cannot be converted is refused

@@ -1,5 +1,6 @@
 """Words that the product does not use: the field has others, see docs/development.md."""
 
+import ast
 import io
 import re
 import tokenize
@@ -22,6 +23,44 @@ INSTEAD = {
     "patience": "adaptive tolerance",
     "fronts": "frontiers",
 }
+INSTEAD_IN_ENGINE = {
+    "place": "position, location, offset",
+    "places": "positions, locations, offsets",
+    "way": "path, direction, displacement",
+    "ways": "paths, directions, displacements",
+    "front": "coherent search, frontier",
+    "top": "static tree, trees over parts",
+    "folds": "folded faces",
+    "crossings": "self-intersections",
+    "bracket": "bounds",
+}
+ENGINE = {
+    "errors.py",
+    "arrays.py",
+    "pose.py",
+    "system",
+    "simd",
+    "kernels",
+    "mesh",
+    "bodies",
+    "model",
+    "scene",
+    "tracker",
+}
+PREFIXES = {
+    "parts": ("PART_", "SCENE_"),
+    "frames": ("FRAME_",),
+    "record": ("RECORD_",),
+    "track": ("TRACK_",),
+    "marks": ("TRACK_",),
+    "settings": ("SETTING_",),
+    "plan": ("PLAN_",),
+    "closest": ("CLOSEST_",),
+    "links": ("LINK_",),
+}
+"""Tables of the kernels, and what the names of their columns begin with."""
+LEFT_OUT = {"given.py", "memory.py", "small_batches.py"}
+"""Files of the layer by which Python calls kernels, which is going to be replaced; names end in ``_here``."""
 FILES = sorted((ROOT / "proximity").rglob("*.py"))
 
 
@@ -44,8 +83,90 @@ def test_retired_words_are_no_names(folder):
     assert not found
 
 
+def names_in(path):
+    """The identifiers of a file that it may choose: those that it imports from elsewhere are left out."""
+    tokens = list(tokenize.generate_tokens(io.StringIO(path.read_text(encoding="utf-8")).readline))
+    imported = {
+        alias.asname or alias.name
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    return [token for token in tokens if token.type == tokenize.NAME and token.string not in imported]
+
+
+@pytest.mark.parametrize("folder", sorted(ENGINE))
+def test_retired_words_are_no_names_in_the_engine(folder):
+    found = [
+        f"{path.name}:{token.start[0]}: {token.string}, write {INSTEAD_IN_ENGINE[word]}"
+        for path in FILES
+        if path.relative_to(ROOT).parts[1] == folder and path.name not in LEFT_OUT
+        for token in names_in(path)
+        for word in words_of(token.string) & INSTEAD_IN_ENGINE.keys()
+    ]
+
+    assert not found
+
+
+def constants_of(path):
+    """The names of the constants at the top of a file."""
+    return {
+        name.id
+        for node in ast.parse(path.read_text(encoding="utf-8")).body
+        if isinstance(node, ast.Assign)
+        for target in node.targets
+        for name in ast.walk(target)
+        if isinstance(name, ast.Name) and name.id.isupper()
+    }
+
+
+def test_a_constant_of_the_kernels_has_one_home():
+    """Two files that need one number share it, and two numbers have two names."""
+    homes = {}
+    for path in sorted((ROOT / "proximity" / "kernels").rglob("*.py")):
+        for name in constants_of(path):
+            homes.setdefault(name, []).append(path.name)
+
+    assert {name: files for name, files in homes.items() if len(files) > 1} == {}
+
+
+def test_columns_carry_the_name_of_their_table():
+    """Such as ``record[RECORD_PART]``: a column of another table there is a mistake."""
+    found = [
+        f"{path.name}:{node.lineno}: {name}"
+        for path in sorted((ROOT / "proximity" / "kernels").rglob("*.py"))
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Subscript) and table_of(node.value) in PREFIXES
+        for name in columns_in(node.slice)
+        if not name.startswith(PREFIXES[table_of(node.value)])
+    ]
+
+    assert not found
+
+
+def table_of(node):
+    """The name of the array that is indexed: ``parts`` of ``model.parts[part, PART_ROOT]``."""
+    return node.attr if isinstance(node, ast.Attribute) else getattr(node, "id", "")
+
+
+def columns_in(index):
+    """The constants that an index is made of, but for those by which another table in it is read."""
+    if isinstance(index, ast.Subscript):
+        return set()
+    if isinstance(index, ast.Name):
+        return {index.id} if index.id.isupper() else set()
+    return {name for child in ast.iter_child_nodes(index) for name in columns_in(child)}
+
+
 def test_words_of_names_are_seen():
     assert words_of("_told_ns") == {"told", "ns"}
     assert words_of("ToldPart") == {"told", "part"}
     assert words_of("ROOM_SIZE") == {"room", "size"}
     assert words_of("follow") == {"follow"}
+
+
+def test_columns_of_a_table_are_seen():
+    node = ast.parse("model.parts[marks[i, TRACK_PART], PART_ROOT + 1]", mode="eval").body
+
+    assert table_of(node.value) == "parts"
+    assert columns_in(node.slice) == {"PART_ROOT"}

@@ -1,4 +1,4 @@
-"""What splitting gives: bodies, and what was done to make them."""
+"""Results of splitting: bodies, and the repairs that were made."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from proximity.mesh.triangle_mesh import TriangleMesh
 
 @dataclass(frozen=True, slots=True)
 class Repairs:
-    """What was done to the faces given to make one body of them."""
+    """Changes that made one body of the faces given."""
 
     merged_vertex_count: int = 0  # vertices fewer because equal positions share one
     welded_vertex_count: int = 0  # vertices fewer because near ones were pulled together to close the body

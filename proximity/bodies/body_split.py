@@ -1,4 +1,4 @@
-"""The order of the steps from faces as given to bodies, and the making of the bodies themselves."""
+"""Splitting of faces into bodies: the order of the steps."""
 
 from dataclasses import replace
 from typing import Any
@@ -136,7 +136,7 @@ class _Stock:
         return corners
 
     def repairs(self, rows: np.ndarray) -> Repairs:
-        """What was done to the faces *rows* of one body, but for the faces that it lost."""
+        """Changes to the faces *rows* of one body, apart from the faces that it lost."""
         merged_count, corner_count = _distinct_count(self.merged[rows]), _distinct_count(self.corners[rows])
         return Repairs(
             merged_vertex_count=_distinct_count(self.mesh.faces[rows]) - merged_count,
@@ -147,7 +147,7 @@ class _Stock:
         )
 
     def _farthest_move(self, rows: np.ndarray) -> float:
-        """How far welding moved a corner of the faces *rows*, m."""
+        """Largest distance that welding moved a corner of the faces *rows*, m."""
         before, after = self.merged[rows], self.corners[rows]
         is_moved = before != after
         moves = self.unit_positions[after[is_moved]] - self.unit_positions[before[is_moved]]
@@ -183,7 +183,7 @@ def _made_bodies(stock: _Stock, labels: np.ndarray, names: np.ndarray) -> list[B
 
 
 def _lost_counts(stock: _Stock, labels: np.ndarray, is_lost: np.ndarray) -> np.ndarray:
-    """How many lost faces each body had: the first with most of its corners, else the first of all."""
+    """Number of lost faces of each body: a face counts for the body with most of its corners."""
     body_count = int(labels.max()) + 1
     if not is_lost.any():
         return np.zeros(body_count, np.int64)
@@ -191,9 +191,9 @@ def _lost_counts(stock: _Stock, labels: np.ndarray, is_lost: np.ndarray) -> np.n
     held = np.unique(stock.corners[stock.rows] * np.int64(body_count) + labels[:, None])  # corner, body
     start, end = np.searchsorted(held, (corner * body_count, (corner + 1) * body_count))
     counts = end - start
-    place = np.arange(counts.sum()) + np.repeat(start - (np.cumsum(counts) - counts), counts)
+    position = np.arange(counts.sum()) + np.repeat(start - (np.cumsum(counts) - counts), counts)
     face = np.repeat(np.arange(len(corner)) // 3, counts)
-    pair, shared_count = np.unique(face * body_count + held[place] % body_count, return_counts=True)
+    pair, shared_count = np.unique(face * body_count + held[position] % body_count, return_counts=True)
     face, body = np.divmod(pair, body_count)
     order = np.lexsort((body, -shared_count, face))
     found, best = np.unique(face[order], return_index=True)
@@ -207,7 +207,7 @@ def _distinct_count(ids: np.ndarray) -> int:
 
 
 def _renumbered(ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The distinct *ids*, rising, and the place of each of *ids* among them."""
+    """The distinct *ids*, rising, and the position of each of *ids* among them."""
     if not _is_dense(ids):
         used, inverse = np.unique(ids, return_inverse=True)
         return used, inverse.reshape(ids.shape)

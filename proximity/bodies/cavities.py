@@ -1,4 +1,4 @@
-"""Closed shells one within another: which bound the same body, and which way they face.
+"""Closed shells inside each other: which ones bound the same body, and how they face.
 
 A shell with material inside has a positive volume, a cavity a negative one. A shell's sign counts relative
 to that of the shell around it, so that a hollow body that was exported inside out is turned as a whole. A
@@ -16,16 +16,16 @@ NEARLY_CLOSED = 0.8
 Less than a sign asks for: an outer shell that gets one has been asked about its cavities."""
 
 _UNCLEAR_TURNS = 0.1
-"""How far off a whole number a clear winding number may be."""
+"""Largest distance of a clear winding number from a whole one."""
 
 _SAMPLE_COUNT = 64
 """Places on a shell with holes, of like areas, at which both sides are looked at."""
 
-_WITNESS_COUNT = 5
+_VOTE_COUNT = 5
 """Faces of a shell that are asked whether they lie within another."""
 
 _BESIDE = 2.0**-20
-"""How far beside a face both its sides are looked at, in sizes of the shell: of a face that lies on another
+"""Distance at which both sides of a face are sampled, in sizes of the shell: of a face that lies on another
 shell one side is within and one is not, so that the other faces decide."""
 
 
@@ -106,8 +106,8 @@ class _Shells:
         triangles = self._faces_of(shell)
         normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
         reached = np.cumsum(np.sqrt(np.einsum("ij,ij->i", normals, normals)))
-        places = (np.arange(_SAMPLE_COUNT) + 0.5) / _SAMPLE_COUNT * reached[-1]
-        above, below = self._turns_beside(shell, triangles[np.searchsorted(reached, places)], shell)
+        sampled_areas = (np.arange(_SAMPLE_COUNT) + 0.5) / _SAMPLE_COUNT * reached[-1]
+        above, below = self._turns_beside(shell, triangles[np.searchsorted(reached, sampled_areas)], shell)
         is_clear = np.maximum(abs(above - np.rint(above)), abs(below - np.rint(below))) < _UNCLEAR_TURNS
         for side, inner, outer in ((1, below, above), (-1, above, below)):
             has_side = is_clear & (np.rint(inner) == side) & (np.rint(outer) == 0)
@@ -122,7 +122,7 @@ class _Shells:
             is_around = (lower[candidates] <= lower[shell]) & (upper[candidates] >= upper[shell])
             candidates = candidates[is_around]
         triangles = self._faces_of(shell)
-        chosen = np.unique(np.linspace(0, len(triangles) - 1, _WITNESS_COUNT).astype(np.int64))
+        chosen = np.unique(np.linspace(0, len(triangles) - 1, _VOTE_COUNT).astype(np.int64))
         for candidate in candidates[np.argsort(self.sizes[candidates], kind="stable")]:
             turns = self._turns_beside(shell, triangles[chosen], candidate)
             if np.minimum(np.abs(turns), 1.0).mean() > 0.5:
@@ -134,7 +134,7 @@ class _Shells:
         return triangles
 
     def _turns_beside(self, shell: int, triangles: np.ndarray, other: int) -> np.ndarray:
-        """How often *other* winds around what is above and below (N, 3, 3) faces of *shell*: (2, N)."""
+        """Winding numbers of *other* above and below (N, 3, 3) faces of *shell*: (2, N)."""
         a, b, c = np.moveaxis(triangles, 1, 0)
         normals = np.cross(b - a, c - a)
         lengths = np.linalg.norm(normals, axis=1)[:, None]

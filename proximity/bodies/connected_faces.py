@@ -240,7 +240,7 @@ def _angles(
 def _matched_wedges(edge: np.ndarray, is_forward: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Match faces round each edge as brackets: material begins at a backward face, ends at a forward one.
 
-    Every edge has as many of the one as of the other. Returns places of backward and of forward faces.
+    Every edge has as many of the one as of the other. Returns positions of backward and of forward faces.
     """
     if len(edge) == 0:
         return edge, edge

@@ -1,4 +1,4 @@
-"""Faces that add nothing: those without area, and those that another one equals.
+"""Faces that add nothing: without area, or equal to another face.
 
 Such a face goes only where its going leaves no more edges unbalanced (run more often one way than the
 other) than before. A sliver between two rows of faces that meet at different points along a line has no area
@@ -65,10 +65,10 @@ def _can_go(edges: EdgeRuns, is_candidate: np.ndarray) -> np.ndarray:
         return is_candidate
     face_count, edge_count = len(is_candidate), len(edges.counts)
     face, edge = edges.order // 3, np.repeat(np.arange(edge_count), edges.counts)
-    way = np.where(edges.is_forward, 1.0, -1.0)
-    balance = np.bincount(edge, weights=way)
+    direction = np.where(edges.is_forward, 1.0, -1.0)
+    balance = np.bincount(edge, weights=direction)
     theirs = is_candidate[face]
-    without = balance - np.bincount(edge[theirs], weights=way[theirs], minlength=edge_count)
+    without = balance - np.bincount(edge[theirs], weights=direction[theirs], minlength=edge_count)
     group = linked_components(face_count + edge_count, face[theirs], face_count + edge[theirs])
     # An edge belongs to one group: whatever shares it is connected.
     worse = np.bincount(

@@ -1,4 +1,4 @@
-"""How often one shell winds around points: the kernels' winding number, by a tree of the shell's own."""
+"""Winding numbers of one shell, by a tree of its own."""
 
 import numpy as np
 

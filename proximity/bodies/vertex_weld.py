@@ -1,4 +1,4 @@
-"""Vertices that are nearly equal, pulled together where that closes a body.
+"""Welding of vertices that are nearly equal, where that closes a body.
 
 Only the rims of open pieces are looked at, and what a weld does not close is left as it was given: pulling
 vertices together changes the surface, so it must be worth it.
@@ -9,13 +9,13 @@ import numpy as np
 from proximity.bodies.connected_faces import Pieces, connect_faces, linked_components
 
 MAX_WELD = 1e-6
-"""Of the diagonal of the body: what exporters leave that write coordinates with six digits."""
+"""Share of the diagonal of the body: what exporters leave that write coordinates with six digits."""
 
 WELD_STEPS = MAX_WELD * 10.0 ** np.arange(-6, 1)
 """Tried one after the other, the smallest first: whatever closes a body early keeps its finer detail."""
 
 _NEAR_COUNT = 9
-"""Near vertices looked at from each; more at one place are found through one another."""
+"""Near vertices looked at from each; more at one position are found through one another."""
 
 
 def weld_near(

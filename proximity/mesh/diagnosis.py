@@ -1,4 +1,4 @@
-"""What is wrong with a mesh, in numbers.
+"""Diagnosis of a mesh: counts of its faults.
 
 Nothing here repairs or decides: `bodies` has mended what could be, and whoever reads a diagnosis chooses.
 The second opinion on what is a solid is that of `manifold3d`.

@@ -1,4 +1,4 @@
-"""Which faces meet at which edges, from positions alone.
+"""Edges of a mesh and the faces that meet there, from positions alone.
 
 Corners at exactly equal positions count as one corner, whatever numbers the vertices have; near ones do
 not (pulling those together is the work of `bodies`, where it can be said). Nothing here changes a mesh.
@@ -27,7 +27,7 @@ _HASH_FACTORS = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E37
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Topology:
-    """How the faces of a mesh hang together; the arrays are read-only."""
+    """Connections between the faces of a mesh; the arrays are read-only."""
 
     corner_ids: np.ndarray  # (F, 3) int32, 0 .. corner_count - 1, one number a position
     neighbors: np.ndarray  # (F, 3) int32, face across edge k, NO_NEIGHBOR or MANY_NEIGHBORS
@@ -139,7 +139,7 @@ def first_equal_rows(points: np.ndarray) -> np.ndarray:
 
 
 def _first_of_equal(keys: np.ndarray) -> np.ndarray:
-    """For each entry of *keys* the first place where the same key stands."""
+    """For each entry of *keys* the first position of the same key."""
     order = np.argsort(keys, kind="stable")
     sorted_keys = keys[order]
     starts = np.flatnonzero(np.concatenate(([True], sorted_keys[1:] != sorted_keys[:-1])))

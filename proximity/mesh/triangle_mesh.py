@@ -1,4 +1,4 @@
-"""Triangles by index, checked once and read-only ever after.
+"""Triangles by vertex index, checked once and read-only afterwards.
 
 A mesh knows nothing of files, bodies, signs or trees. Units are metres.
 """

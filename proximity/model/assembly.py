@@ -1,4 +1,4 @@
-"""Solids and scenes as the arrays that kernels take; see `kernels.layout`.
+"""Assembly of solids and scenes into the arrays that kernels take.
 
 A part's arrays are made once, numbered from zero. A model puts those of its parts together and renumbers
 tree references; the solids of a scene's parts look at the scene's arrays and keep none of their own.
@@ -21,13 +21,13 @@ from proximity.kernels.layout import (
     PART_COLUMNS,
 )
 from proximity.kernels.model_arrays import ModelArrays
-from proximity.kernels.scene.placement import place_box
+from proximity.kernels.scene.placement import update_box
 from proximity.kernels.sign.winding_number import MOMENT_STRIDE
 from proximity.model.bvh import Bvh, LocalFrame
 from proximity.model.part_arrays import PartArrays, joined
 from proximity.model.part_grid import occupancy
 from proximity.model.part_trees import (
-    TopPlan,
+    PartTreesPlan,
     choose_frame,
     clear_first,
     dynamic_rows,
@@ -38,7 +38,7 @@ from proximity.model.part_trees import (
 from proximity.pose import Pose
 
 SPARE = 1.25
-"""Room for the static tree, as a multiple of what it takes at first: other parts opened may need more."""
+"""Space for the static tree, as a multiple of what it takes at first: other parts opened may need more."""
 NEVER = -1
 """Version of a copy that has nothing yet."""
 
@@ -76,10 +76,10 @@ class Model:
             Of the part.
         """
         frames, parts = self.frames[[row, row]], self.parts[[row, row]]
-        frames[:, layout.VELOCITY :] = 0.0
-        parts[:, [layout.IS_DYNAMIC, layout.IS_HIDDEN]] = 0
+        frames[:, layout.FRAME_VELOCITY :] = 0.0
+        parts[:, [layout.PART_IS_DYNAMIC, layout.PART_IS_HIDDEN]] = 0
         for each in (0, 1):
-            _place(frames, parts, each, Pose())
+            _write_pose(frames, parts, each, Pose())
         return finished(self.reals, self.words, frames, parts)
 
     def folded_faces(self, row: int) -> np.ndarray:
@@ -91,9 +91,9 @@ class Model:
             Of the part.
         """
         part = self.parts[row]
-        first, count = part[layout.FIRST_BLOCK], part[layout.BLOCK_COUNT]
-        notes = self.words[part[layout.BLOCK_NOTES] + first :][:count].view(np.int32)
-        slots = self.words[part[layout.SLOT_FACES] + LANES * first :][: LANES * count].view(np.int32)
+        first, count = part[layout.PART_FIRST_BLOCK], part[layout.PART_BLOCK_COUNT]
+        notes = self.words[part[layout.PART_BLOCK_NOTES] + first :][:count].view(np.int32)
+        slots = self.words[part[layout.PART_SLOT_FACES] + LANES * first :][: LANES * count].view(np.int32)
         marks = (notes >> layout.FOLDED_AT).astype(np.uint8)
         folded: np.ndarray = slots[np.unpackbits(marks, bitorder="little") == 1]
         return folded
@@ -107,38 +107,40 @@ class Model:
             Of the part.
         """
         part, frame = self.parts[row], self.frames[row]
-        nodes = self.words[NODE_STRIDE * part[layout.ROOT] :][: NODE_STRIDE * part[layout.NODE_COUNT]]
-        nodes = _renumbered(nodes, -int(part[layout.ROOT]), -int(part[layout.FIRST_BLOCK]))
-        blocks = self.reals[BLOCK_STRIDE * part[layout.FIRST_BLOCK] :]
-        blocks = blocks[: BLOCK_STRIDE * part[layout.BLOCK_COUNT]].copy()
-        slots = self.words[part[layout.SLOT_FACES] + LANES * part[layout.FIRST_BLOCK] :]
-        slots = slots[: LANES * part[layout.BLOCK_COUNT]].view(np.int32).copy()
-        notes = self.words[part[layout.BLOCK_NOTES] + part[layout.FIRST_BLOCK] :]
-        notes = notes[: part[layout.BLOCK_COUNT]].view(np.int32)
-        moments = self.words[part[layout.MOMENTS] + MOMENT_STRIDE * part[layout.ROOT] :]
-        face_numbers, corner_numbers = 3 * part[layout.FACE_COUNT], 3 * part[layout.CORNER_COUNT]
-        has_grid = part[layout.GRID] != NO_GRID
-        counts = (int(part[layout.GRID_X]), int(part[layout.GRID_Y]), int(part[layout.GRID_Z]))
+        nodes = self.words[NODE_STRIDE * part[layout.PART_ROOT] :][
+            : NODE_STRIDE * part[layout.PART_NODE_COUNT]
+        ]
+        nodes = _renumbered(nodes, -int(part[layout.PART_ROOT]), -int(part[layout.PART_FIRST_BLOCK]))
+        blocks = self.reals[BLOCK_STRIDE * part[layout.PART_FIRST_BLOCK] :]
+        blocks = blocks[: BLOCK_STRIDE * part[layout.PART_BLOCK_COUNT]].copy()
+        slots = self.words[part[layout.PART_SLOT_FACES] + LANES * part[layout.PART_FIRST_BLOCK] :]
+        slots = slots[: LANES * part[layout.PART_BLOCK_COUNT]].view(np.int32).copy()
+        notes = self.words[part[layout.PART_BLOCK_NOTES] + part[layout.PART_FIRST_BLOCK] :]
+        notes = notes[: part[layout.PART_BLOCK_COUNT]].view(np.int32)
+        moments = self.words[part[layout.PART_MOMENTS] + MOMENT_STRIDE * part[layout.PART_ROOT] :]
+        face_numbers, corner_numbers = 3 * part[layout.PART_FACE_COUNT], 3 * part[layout.PART_CORNER_COUNT]
+        has_grid = part[layout.PART_GRID] != NO_GRID
+        counts = (int(part[layout.PART_GRID_X]), int(part[layout.PART_GRID_Y]), int(part[layout.PART_GRID_Z]))
         grid_words = -(-int(np.prod(counts)) // 16) if has_grid else 0
-        grid_at = int(part[layout.GRID]) if has_grid else 0
+        grid_at = int(part[layout.PART_GRID]) if has_grid else 0
         return PartArrays(
             frame=LocalFrame.read(frame),
             bvh=Bvh(nodes, blocks, slots),
-            moments=moments[: MOMENT_STRIDE * part[layout.NODE_COUNT]].copy(),
-            faces=self.words[part[layout.FACES] :][:face_numbers].view(np.int32).reshape(-1, 3).copy(),
-            neighbors=self.words[part[layout.NEIGHBORS] :][:face_numbers]
+            moments=moments[: MOMENT_STRIDE * part[layout.PART_NODE_COUNT]].copy(),
+            faces=self.words[part[layout.PART_FACES] :][:face_numbers].view(np.int32).reshape(-1, 3).copy(),
+            neighbors=self.words[part[layout.PART_NEIGHBORS] :][:face_numbers]
             .view(np.int32)
             .reshape(-1, 3)
             .copy(),
-            corners=self.reals[part[layout.CORNERS] :][:corner_numbers].reshape(-1, 3).copy(),
-            normals=self.reals[part[layout.CORNER_NORMALS] :][:corner_numbers].reshape(-1, 3).copy(),
-            lower=frame[_OWN_LOWER].copy(),
-            upper=frame[_OWN_UPPER].copy(),
-            sign=int(part[layout.SIGN]),
+            corners=self.reals[part[layout.PART_CORNERS] :][:corner_numbers].reshape(-1, 3).copy(),
+            normals=self.reals[part[layout.PART_CORNER_NORMALS] :][:corner_numbers].reshape(-1, 3).copy(),
+            lower=frame[layout.FRAME_OWN_LOWER_XYZ].copy(),
+            upper=frame[layout.FRAME_OWN_UPPER_XYZ].copy(),
+            sign=int(part[layout.PART_SIGN]),
             grid=self.words[grid_at : grid_at + grid_words].view(np.uint32).copy(),
             grid_counts=counts,
-            grid_lower=tuple(frame[layout.GRID_LOWER : layout.GRID_LOWER + 3]),
-            grid_rate=float(frame[layout.GRID_RATE]),
+            grid_lower=tuple(frame[layout.FRAME_GRID_LOWER : layout.FRAME_GRID_LOWER + 3]),
+            grid_rate=float(frame[layout.FRAME_GRID_RATE]),
             folded=(notes >> layout.FOLDED_AT).astype(np.uint8),
         )
 
@@ -170,7 +172,7 @@ def assemble(
     count = len(pieces)
     parts = np.zeros((count + 1, PART_COLUMNS), np.int64)
     frames = np.zeros((count + 1, FRAME_COLUMNS))
-    parts[list(dynamic), layout.IS_DYNAMIC], parts[list(hidden), layout.IS_HIDDEN] = 1, 1
+    parts[list(dynamic), layout.PART_IS_DYNAMIC], parts[list(hidden), layout.PART_IS_HIDDEN] = 1, 1
     node_ends = np.cumsum([0] + [piece.bvh.node_count for piece in pieces])
     block_ends = np.cumsum([0] + [piece.bvh.block_count for piece in pieces])
     nodes = _together(
@@ -181,25 +183,28 @@ def assemble(
         np.float32,
     )
     for row, (piece, pose) in enumerate(zip(pieces, poses, strict=True)):
-        frames[row, _OWN_LOWER], frames[row, _OWN_UPPER] = piece.lower, piece.upper
+        frames[row, layout.FRAME_OWN_LOWER_XYZ] = piece.lower
+        frames[row, layout.FRAME_OWN_UPPER_XYZ] = piece.upper
         piece.frame.write(frames[row])
-        parts[row, layout.ROOT], parts[row, layout.NODE_COUNT] = node_ends[row], piece.bvh.node_count
-        parts[row, layout.FIRST_BLOCK], parts[row, layout.BLOCK_COUNT] = (
-            block_ends[row],
+        parts[row, [layout.PART_ROOT, layout.PART_FIRST_BLOCK]] = node_ends[row], block_ends[row]
+        parts[row, [layout.PART_NODE_COUNT, layout.PART_BLOCK_COUNT]] = (
+            piece.bvh.node_count,
             piece.bvh.block_count,
         )
-        parts[row, layout.SIGN] = piece.sign
+        parts[row, layout.PART_SIGN] = piece.sign
         _write_grid(frames, parts, row, piece.grid_counts, piece.grid_lower, piece.grid_rate)
-        _place(frames, parts, row, pose)
+        _write_pose(frames, parts, row, pose)
     choose_frame(frames, parts, _wanted_frame(pieces))
     static, entries = static_tree(nodes, frames, parts, int(node_ends[-1]) + 1)
-    parts[count, layout.FIRST_BLOCK] = node_ends[-1]
+    parts[count, layout.SCENE_FIRST_NODE] = node_ends[-1]
     if count > 1:
-        parts[count, layout.NODE_COUNT] = int(SPARE * _nodes_at_most(nodes, frames, parts, static)) + LANES
-    plan = TopPlan.of(parts)
+        parts[count, layout.SCENE_STATIC_CAPACITY] = (
+            int(SPARE * _nodes_at_most(nodes, frames, parts, static)) + LANES
+        )
+    plan = PartTreesPlan.of(parts)
     reals, words = _filled(pieces, frames, parts, nodes, plan.node_count)
     clear_first(words, parts)
-    assert write_static(words, parts, 0, static, entries), "the tree over parts has its room"
+    assert write_static(words, parts, 0, static, entries), "the tree over parts fits its workspace"
     dynamic_count = len(dynamic_rows(parts))
     write_moving(words, frames, parts, plan.region(0), np.arange(dynamic_count), dynamic_count**2)
     return finished(reals, words, frames, parts, epoch, names)
@@ -207,7 +212,7 @@ def assemble(
 
 def _nodes_at_most(nodes: np.ndarray, frames: np.ndarray, parts: np.ndarray, static: np.ndarray) -> int:
     """Nodes of the static tree, now or once parts that are dynamic or hidden stand there as well."""
-    flags = [layout.IS_DYNAMIC, layout.IS_HIDDEN]
+    flags = [layout.PART_IS_DYNAMIC, layout.PART_IS_HIDDEN]
     if parts[:, flags].any():
         parts = parts.copy()
         parts[:, flags] = 0
@@ -217,9 +222,9 @@ def _nodes_at_most(nodes: np.ndarray, frames: np.ndarray, parts: np.ndarray, sta
 
 
 def _filled(
-    pieces: list[PartArrays], frames: np.ndarray, parts: np.ndarray, nodes: np.ndarray, top_nodes: int
+    pieces: list[PartArrays], frames: np.ndarray, parts: np.ndarray, nodes: np.ndarray, tree_nodes: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Put the parts' arrays together, with room for *top_nodes* over them, and note where they are."""
+    """Put the parts' arrays together, with space for *tree_nodes* over them, and note where they are."""
     count = len(pieces)
     reals, real_starts = joined(
         [_together([piece.bvh.blocks for piece in pieces], np.float64)]
@@ -229,7 +234,7 @@ def _filled(
     containing = occupancy(pieces, frames, parts)
     words, word_starts = joined(
         [
-            _together([nodes, np.zeros(top_nodes * NODE_STRIDE, np.float32)], np.float32),
+            _together([nodes, np.zeros(tree_nodes * NODE_STRIDE, np.float32)], np.float32),
             _together([piece.bvh.slot_faces for piece in pieces], np.int32),
             _together([piece.moments for piece in pieces], np.float32),
         ]
@@ -239,14 +244,16 @@ def _filled(
     )
     for row, piece in enumerate(pieces):
         part = parts[row]
-        part[[layout.CORNERS, layout.CORNER_NORMALS]] = real_starts[1 + 2 * row : 3 + 2 * row]
-        part[[layout.FACES, layout.NEIGHBORS, layout.GRID]] = word_starts[3 + 3 * row : 6 + 3 * row]
-        part[layout.CORNER_COUNT], part[layout.FACE_COUNT] = len(piece.corners), len(piece.faces)
+        part[[layout.PART_CORNERS, layout.PART_CORNER_NORMALS]] = real_starts[1 + 2 * row : 3 + 2 * row]
+        part[[layout.PART_FACES, layout.PART_NEIGHBORS, layout.PART_GRID]] = word_starts[
+            3 + 3 * row : 6 + 3 * row
+        ]
+        part[layout.PART_CORNER_COUNT], part[layout.PART_FACE_COUNT] = len(piece.corners), len(piece.faces)
         if not len(piece.grid):
-            part[layout.GRID] = NO_GRID
-    parts[:, layout.SLOT_FACES], parts[:, layout.MOMENTS] = word_starts[1], word_starts[2]
-    parts[count, layout.FACE_COUNT] = parts[:count, layout.FACE_COUNT].sum()
-    parts[:, layout.BLOCK_NOTES], parts[count, layout.GRID] = word_starts[-2:]
+            part[layout.PART_GRID] = NO_GRID
+    parts[:, layout.PART_SLOT_FACES], parts[:, layout.PART_MOMENTS] = word_starts[1], word_starts[2]
+    parts[count, layout.PART_FACE_COUNT] = parts[:count, layout.PART_FACE_COUNT].sum()
+    parts[:, layout.PART_BLOCK_NOTES], parts[count, layout.SCENE_GRID] = word_starts[-2:]
     _write_grid(frames, parts, count, containing.counts, containing.lower, containing.rate)
     return reals, words
 
@@ -276,10 +283,6 @@ def finished(
 
 # --- arrays ----------------------------------------------------------------------------------------------
 
-_TRANSLATION = slice(layout.TRANSLATION, layout.TRANSLATION + 3)
-_OWN_LOWER = slice(layout.OWN_LOWER, layout.OWN_LOWER + 3)
-_OWN_UPPER = slice(layout.OWN_UPPER, layout.OWN_UPPER + 3)
-
 
 def _together(pieces: list[np.ndarray], dtype: type) -> np.ndarray:
     """*pieces* end to end."""
@@ -287,7 +290,7 @@ def _together(pieces: list[np.ndarray], dtype: type) -> np.ndarray:
 
 
 def _notes_on_blocks(pieces: list[PartArrays]) -> np.ndarray:
-    """Of each block the part that it is of, and which of its faces are folded over."""
+    """Notes on blocks: the part of each, and which of its faces are folded over."""
     notes = [np.full(piece.bvh.block_count, row, np.int32) for row, piece in enumerate(pieces)]
     for own, piece in zip(notes, pieces, strict=True):
         if len(piece.folded):
@@ -299,7 +302,7 @@ def _renumbered(nodes: np.ndarray, node_shift: int, block_shift: int) -> np.ndar
     """A copy of *nodes* whose references count from elsewhere."""
     nodes = nodes.copy()
     table = nodes.reshape(-1, NODE_STRIDE)
-    children = table.view(np.int32)[:, layout.CHILDREN : layout.CHILDREN + LANES]
+    children = table.view(np.int32)[:, layout.NODE_CHILDREN : layout.NODE_CHILDREN + LANES]
     is_used = table[:, :LANES] <= table[:, 24 : 24 + LANES]
     children[is_used & (children >= 0)] += node_shift
     children[is_used & (children < 0)] -= block_shift
@@ -310,16 +313,16 @@ def _write_grid(
     frames: np.ndarray, parts: np.ndarray, row: int, counts: tuple[int, int, int], lower: Any, rate: float
 ) -> None:
     """Write what a row's grid is like: of a part its sign grid, of the scene that over it."""
-    parts[row, [layout.GRID_X, layout.GRID_Y, layout.GRID_Z]] = counts
-    frames[row, layout.GRID_LOWER : layout.GRID_LOWER + 3] = lower
-    frames[row, layout.GRID_RATE] = rate
+    parts[row, [layout.PART_GRID_X, layout.PART_GRID_Y, layout.PART_GRID_Z]] = counts
+    frames[row, layout.FRAME_GRID_LOWER : layout.FRAME_GRID_LOWER + 3] = lower
+    frames[row, layout.FRAME_GRID_RATE] = rate
 
 
-def _place(frames: np.ndarray, parts: np.ndarray, row: int, pose: Pose) -> None:
+def _write_pose(frames: np.ndarray, parts: np.ndarray, row: int, pose: Pose) -> None:
     """Write a row's pose, and the box that follows from it."""
-    frames[row, layout.ROTATION : layout.ROTATION + 9] = pose.rotation.reshape(-1)
-    frames[row, _TRANSLATION] = pose.translation
-    place_box(frames, parts, row)
+    frames[row, layout.FRAME_ROTATION : layout.FRAME_ROTATION + 9] = pose.rotation.reshape(-1)
+    frames[row, layout.FRAME_TRANSLATION_XYZ] = pose.translation
+    update_box(frames, parts, row)
 
 
 def _wanted_frame(pieces: list[PartArrays]) -> LocalFrame:

@@ -10,15 +10,15 @@ import numpy as np
 from proximity.errors import MeshError
 from proximity.kernels.layout import (
     BLOCK_STRIDE,
-    CENTRE,
-    CHILDREN,
+    FRAME_CENTRE,
+    FRAME_SCALE,
     LANES,
     MAX_DEPTH,
     NO_FACE,
+    NODE_CHILDREN,
     NODE_STRIDE,
-    SCALE,
 )
-from proximity.kernels.tree.binned_sah import RECORD
+from proximity.kernels.tree.binned_sah import BOX_STRIDE
 from proximity.kernels.tree.builder import FACES_SHIFT, build_tree, face_boxes, fill_blocks
 
 LARGEST_COORDINATE = 1e150
@@ -44,11 +44,11 @@ class LocalFrame:
     @classmethod
     def read(cls, row: np.ndarray) -> "LocalFrame":
         """Return what a row of a model's frames tells; a copy."""
-        return cls(row[CENTRE : CENTRE + 3].copy(), float(row[SCALE]))
+        return cls(row[FRAME_CENTRE : FRAME_CENTRE + 3].copy(), float(row[FRAME_SCALE]))
 
     def write(self, row: np.ndarray) -> None:
         """Write the frame into a row of a model's frames."""
-        row[CENTRE : CENTRE + 3], row[SCALE] = self.centre, self.scale
+        row[FRAME_CENTRE : FRAME_CENTRE + 3], row[FRAME_SCALE] = self.centre, self.scale
 
 
 def local_frame(lower: np.ndarray, upper: np.ndarray) -> LocalFrame:
@@ -119,7 +119,9 @@ class Bvh:
         nodes = self.nodes.reshape(-1, NODE_STRIDE)
         lower = nodes[:, :24].reshape(-1, 3, LANES)
         upper = nodes[:, 24:48].reshape(-1, 3, LANES)
-        children = self.nodes.view(np.int32).reshape(-1, NODE_STRIDE)[:, CHILDREN : CHILDREN + LANES]
+        children = self.nodes.view(np.int32).reshape(-1, NODE_STRIDE)[
+            :, NODE_CHILDREN : NODE_CHILDREN + LANES
+        ]
         seen_nodes, seen_blocks = np.zeros(self.node_count, int), np.zeros(self.block_count, int)
         deepest = 0
         waiting = [(0, np.full(3, -np.inf), np.full(3, np.inf), 1)]
@@ -163,7 +165,7 @@ def build_bvh(corners: np.ndarray, faces: np.ndarray) -> Bvh:
     Cost: O(F log F); 0.15 s for 300 k faces.
     Source: see `kernels.tree.builder`.
     """
-    boxes = np.empty(RECORD * len(faces), np.float32)
+    boxes = np.empty(BOX_STRIDE * len(faces), np.float32)
     face_boxes(corners, faces, boxes)
     nodes, order, block_first = build_tree(boxes, FACES_SHIFT)
     block_count = len(block_first) - 1

@@ -1,4 +1,4 @@
-"""One part as plain arrays in its local frame, numbered from zero: what a model is put together of."""
+"""The arrays of one part, in its local frame and numbered from zero."""
 
 from dataclasses import dataclass, field, replace
 
@@ -7,7 +7,7 @@ import numpy as np
 from proximity.kernels import layout
 from proximity.kernels.mesh.faces import thin_faces
 from proximity.kernels.mesh.normals import add_corner_normals
-from proximity.kernels.ray.self_intersections import DEPTH, passing_faces
+from proximity.kernels.ray.self_intersections import CONTACT_DEPTH, passing_faces
 from proximity.kernels.sign.folded_faces import folded_faces
 from proximity.kernels.sign.inside_grid import build_grid
 from proximity.kernels.sign.winding_number import MOMENT_STRIDE, fill_moments
@@ -20,11 +20,11 @@ FEWEST_CELLS = 512
 LARGEST_GRID = 2**18
 """Cells of a sign grid; two bits each."""
 MOVING_MARGIN = 0.25
-"""How much of the scene's frame its parts take up at first: they can move that far before it must change."""
+"""Share of the scene's frame that its parts take up at first: they can move before it must change."""
 SMALLEST_SHARE = 2.0**-8
 """A part that is smaller than this share of its file gets a frame of its own, for tight boxes."""
 NO_GRID_CELLS = np.zeros(0, np.uint32)
-NO_FOLDS = np.zeros(0, np.uint8)
+NO_FOLDED = np.zeros(0, np.uint8)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,7 +45,7 @@ class PartArrays:
     grid_counts: tuple[int, int, int] = (0, 0, 0)
     grid_lower: tuple[float, float, float] = (0.0, 0.0, 0.0)
     grid_rate: float = 0.0
-    folded: np.ndarray = field(default_factory=lambda: NO_FOLDS)  # (blocks,) uint8
+    folded: np.ndarray = field(default_factory=lambda: NO_FOLDED)  # (blocks,) uint8
 
     @property
     def size(self) -> float:
@@ -95,7 +95,7 @@ def moments_of(bvh: Bvh) -> np.ndarray:
 
 
 def common_frame(lower: np.ndarray, upper: np.ndarray) -> LocalFrame:
-    """Return a frame for parts that go together, with room for them to move.
+    """Return a frame for parts that go together, with space for them to move.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ def beside_thin_faces(piece: PartArrays) -> np.ndarray:
     apart meet.
     """
     slot_faces = piece.bvh.slot_faces
-    is_thin = thin_faces(piece.corners, piece.faces, DEPTH * piece.size)
+    is_thin = thin_faces(piece.corners, piece.faces, CONTACT_DEPTH * piece.size)
     if not is_thin.any():
         return np.zeros(piece.bvh.block_count, np.uint8)
     is_corner_of_thin = np.zeros(len(piece.corners), dtype=bool)
@@ -167,7 +167,7 @@ def with_passing_faces(piece: PartArrays) -> PartArrays:
     return replace(piece, folded=piece.folded | passing)
 
 
-def with_folds(piece: PartArrays, faces: np.ndarray) -> PartArrays:
+def with_folded_faces(piece: PartArrays, faces: np.ndarray) -> PartArrays:
     """Return a part's arrays where these faces, and no others, count as folded.
 
     Parameters

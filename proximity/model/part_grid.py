@@ -1,4 +1,4 @@
-"""The grid over a scene that tells which parts may hold a point; see `kernels.scene.part_grid`."""
+"""The grid over a scene that lists the parts that may contain a point."""
 
 from dataclasses import dataclass
 
@@ -41,12 +41,12 @@ def occupancy(pieces: list[PartArrays], frames: np.ndarray, parts: np.ndarray) -
     rows = [
         row
         for row, piece in enumerate(pieces)
-        if piece.sign != layout.SIGN_NONE and not parts[row, layout.IS_DYNAMIC]
+        if piece.sign != layout.SIGN_NONE and not parts[row, layout.PART_IS_DYNAMIC]
     ]
     if len(pieces) == 1 or not rows:
         return NOTHING
-    lower = frames[rows, layout.BOX_LOWER : layout.BOX_LOWER + 3].min(axis=0)
-    upper = frames[rows, layout.BOX_UPPER : layout.BOX_UPPER + 3].max(axis=0)
+    lower = frames[rows, layout.FRAME_BOX_LOWER_XYZ].min(axis=0)
+    upper = frames[rows, layout.FRAME_BOX_UPPER_XYZ].max(axis=0)
     wanted = min(CELLS_PER_PART * len(rows), MOST_CELLS)
     while True:
         rate, counts = grid_size(upper - lower, wanted)

@@ -1,7 +1,7 @@
-"""Where the trees over the parts of a scene lie in its arrays, and how the static one is made.
+"""Storage of the trees over the parts of a scene, and the making of the static one.
 
-Behind the nodes of the parts a scene has one empty node, `STATIC_COPIES` places for a tree over the parts
-that stand still, and `REGION_COPIES` places for what changes when parts move: super node and dynamic tree.
+Behind the nodes of the parts a scene has one empty node, `STATIC_COPIES` copies of a tree over the parts
+that stand still, and `REGION_COPIES` copies of what changes when parts move: super node and dynamic tree.
 What a query may still be reading is never written to: the next copy is. A scene of one part has the empty
 node only.
 """
@@ -22,9 +22,9 @@ from proximity.native import packed
 
 ENTRIES_PER_PART = 32
 FEWEST_ENTRIES = 256
-"""How far large parts are opened in a scene's tree. On 118 touching parts of 43 k faces rays and points take
-0.97 of the time that they take with 16. With 64 they take as long, and a tree over 120 parts takes 12 ms to
-make instead of 9."""
+"""Entries to which large parts are opened in a scene's tree. On 118 touching parts of 43 k faces rays and
+points take 0.97 of the time that they take with 16. With 64 they take as long, and a tree over 120 parts
+takes 12 ms to make instead of 9."""
 STATIC_COPIES = 3
 REGION_COPIES = 8
 SMALLEST_REACH = MOVING_MARGIN / 16.0
@@ -34,7 +34,7 @@ NO_NODE = -1
 
 
 @dataclass(frozen=True, slots=True)
-class TopPlan:
+class PartTreesPlan:
     """Which nodes, and which words, are for the trees over parts."""
 
     part_count: int
@@ -42,7 +42,7 @@ class TopPlan:
     capacity: int  # nodes of a static tree; 0 for a scene of one part
 
     @classmethod
-    def of(cls, parts: np.ndarray) -> "TopPlan":
+    def of(cls, parts: np.ndarray) -> "PartTreesPlan":
         """Return the plan that a model was made by; the scene's row has it.
 
         Parameters
@@ -51,7 +51,7 @@ class TopPlan:
             Of the model.
         """
         row = parts[-1]
-        return cls(len(parts) - 1, int(row[layout.FIRST_BLOCK]), int(row[layout.NODE_COUNT]))
+        return cls(len(parts) - 1, int(row[layout.SCENE_FIRST_NODE]), int(row[layout.SCENE_STATIC_CAPACITY]))
 
     def copies_of(self, parts: np.ndarray) -> tuple[int, int]:
         """Return which copy of what moves a model uses, and which of the static tree.
@@ -64,8 +64,10 @@ class TopPlan:
         if not self.capacity:
             return 0, 0
         row = parts[-1]
-        moving = int(row[layout.REGION] - self.region(0)) // self._region_nodes
-        return moving, int(row[layout.FACES] - self.entries_at(0)) // (NODE_STRIDE * self._static_nodes)
+        moving = int(row[layout.SCENE_SUPER_NODE] - self.region(0)) // self._region_nodes
+        return moving, int(row[layout.SCENE_ENTRIES] - self.entries_at(0)) // (
+            NODE_STRIDE * self._static_nodes
+        )
 
     @property
     def entry_capacity(self) -> int:
@@ -115,7 +117,7 @@ def dynamic_rows(parts: np.ndarray) -> np.ndarray:
     parts : (P + 1, PART_COLUMNS) int64
         Of the model.
     """
-    return np.flatnonzero(parts[:-1, layout.IS_DYNAMIC])
+    return np.flatnonzero(parts[:-1, layout.PART_IS_DYNAMIC])
 
 
 def choose_frame(frames: np.ndarray, parts: np.ndarray, wanted: LocalFrame) -> None:
@@ -126,14 +128,17 @@ def choose_frame(frames: np.ndarray, parts: np.ndarray, wanted: LocalFrame) -> N
     frames, parts
         Of the model.
     wanted : LocalFrame
-        Taken if it fits: parts that share it can be walked as one tree. Otherwise one with room to move.
+        Taken if it fits: parts that share it can be walked as one tree. Otherwise one with space to move.
     """
     scene = len(parts) - 1
-    lower, upper = frames[:scene, _BOX_LOWER].min(axis=0), frames[:scene, _BOX_UPPER].max(axis=0)
+    lower, upper = (
+        frames[:scene, layout.FRAME_BOX_LOWER_XYZ].min(axis=0),
+        frames[:scene, layout.FRAME_BOX_UPPER_XYZ].max(axis=0),
+    )
     reach = np.maximum(np.abs(wanted.of(lower)), np.abs(wanted.of(upper))).max()
     is_fit = scene == 1 or SMALLEST_REACH <= reach <= 1.0
     frame = wanted if is_fit else common_frame(lower, upper)
-    frames[scene, layout.ROTATION : layout.CENTRE] = (1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0)
+    frames[scene, layout.FRAME_ROTATION : layout.FRAME_CENTRE] = (1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0)
     frame.write(frames[scene])
     note_fused(frames, parts)
 
@@ -147,10 +152,10 @@ def note_fused(frames: np.ndarray, parts: np.ndarray) -> None:
         Of the model, with the scene's frame chosen.
     """
     scene = len(parts) - 1
-    is_alike = frames[:scene, : layout.SCALE + 1] == frames[scene, : layout.SCALE + 1]
-    is_still = parts[:scene, layout.IS_DYNAMIC] == 0
-    parts[:scene, layout.IS_FUSED] = is_alike.all(axis=1) & is_still
-    parts[scene, layout.IS_FUSED] = scene == 1 or parts[:scene, layout.IS_FUSED].all()
+    is_alike = frames[:scene, : layout.FRAME_SCALE + 1] == frames[scene, : layout.FRAME_SCALE + 1]
+    is_still = parts[:scene, layout.PART_IS_DYNAMIC] == 0
+    parts[:scene, layout.PART_IS_FUSED] = is_alike.all(axis=1) & is_still
+    parts[scene, layout.SCENE_ALL_FUSED] = scene == 1 or parts[:scene, layout.PART_IS_FUSED].all()
 
 
 def static_tree(
@@ -175,7 +180,7 @@ def static_tree(
         Part and reference.
     """
     scene = len(parts) - 1
-    still_count = int((parts[:scene, [layout.IS_DYNAMIC, layout.IS_HIDDEN]] == 0).all(axis=1).sum())
+    still_count = int((parts[:scene, [layout.PART_IS_DYNAMIC, layout.PART_IS_HIDDEN]] == 0).all(axis=1).sum())
     if not still_count or scene == 1:
         return np.zeros(0, np.float32), np.zeros((0, 2), np.int32)
     target = max(FEWEST_ENTRIES, ENTRIES_PER_PART * still_count)
@@ -189,57 +194,60 @@ def static_tree(
 def write_static(
     words: np.ndarray, parts: np.ndarray, copy: int, nodes: np.ndarray, entries: np.ndarray
 ) -> bool:
-    """Put a static tree in its place; whether there is room. The only part of a scene needs none.
+    """Write a copy of a static tree; whether it fits. The only part of a scene needs none.
 
     Parameters
     ----------
     words, parts
         Of the model; the scene's row of *parts* is reported.
     copy : int
-        Which of the places.
+        Which of the copies.
     nodes, entries
-        As `static_tree` returns them for that place.
+        As `static_tree` returns them for that copy.
     """
-    plan = TopPlan.of(parts)
+    plan = PartTreesPlan.of(parts)
     if not plan.capacity:
         return True
     if len(nodes) > NODE_STRIDE * plan.capacity or len(entries) > LANES * plan.capacity:
         return False
     words[NODE_STRIDE * plan.static_node(copy) :][: len(nodes)] = nodes
     row = parts[-1]
-    row[layout.CORNER_COUNT], row[layout.BLOCK_COUNT] = len(entries), len(nodes) // NODE_STRIDE
-    row[layout.NEIGHBORS] = plan.static_node(copy) if len(nodes) else NO_NODE
+    row[layout.SCENE_ENTRY_COUNT], row[layout.SCENE_STATIC_NODE_COUNT] = (
+        len(entries),
+        len(nodes) // NODE_STRIDE,
+    )
+    row[layout.SCENE_STATIC_ROOT] = plan.static_node(copy) if len(nodes) else NO_NODE
     _write_entries(words, parts, copy, entries.reshape(-1).view(np.float32))
     return True
 
 
 def thin_static(words: np.ndarray, parts: np.ndarray, copy: int) -> None:
-    """Put the static tree, without the parts that have become dynamic or hidden, in another place.
+    """Write another copy of the static tree, without the parts that have become dynamic or hidden.
 
     Parameters
     ----------
     words, parts
         Of the model; the scene's row of *parts* is reported.
     copy : int
-        Which of the places.
+        Which of the copies.
     """
-    row, target = parts[-1], TopPlan.of(parts).static_node(copy)
-    entries_at, root = row[layout.FACES], row[layout.NEIGHBORS]
-    entries = words[entries_at : entries_at + 2 * row[layout.CORNER_COUNT]]
+    row, target = parts[-1], PartTreesPlan.of(parts).static_node(copy)
+    entries_at, root = row[layout.SCENE_ENTRIES], row[layout.SCENE_STATIC_ROOT]
+    entries = words[entries_at : entries_at + 2 * row[layout.SCENE_ENTRY_COUNT]]
     if root != NO_NODE:
-        is_left = thin_out(words, parts, root, row[layout.BLOCK_COUNT], target, entries_at)
-        row[layout.NEIGHBORS] = target if is_left else NO_NODE
-    row[layout.IS_FUSED] = parts[:-1, layout.IS_FUSED].all()
+        is_left = thin_out(words, parts, root, row[layout.SCENE_STATIC_NODE_COUNT], target, entries_at)
+        row[layout.SCENE_STATIC_ROOT] = target if is_left else NO_NODE
+    row[layout.SCENE_ALL_FUSED] = parts[:-1, layout.PART_IS_FUSED].all()
     _write_entries(words, parts, copy, entries)
 
 
 def _write_entries(words: np.ndarray, parts: np.ndarray, copy: int, entries: np.ndarray) -> None:
     """Write the entries of a static tree, and behind them those of dynamic parts, which stand whole."""
-    at, dynamic = TopPlan.of(parts).entries_at(copy), dynamic_rows(parts)
-    whole = np.stack((dynamic, parts[dynamic, layout.ROOT]), axis=1).astype(np.int32)
+    at, dynamic = PartTreesPlan.of(parts).entries_at(copy), dynamic_rows(parts)
+    whole = np.stack((dynamic, parts[dynamic, layout.PART_ROOT]), axis=1).astype(np.int32)
     words[at : at + len(entries)] = entries
     words[at + len(entries) :][: whole.size] = whole.reshape(-1).view(np.float32)
-    parts[-1, layout.FACES] = at
+    parts[-1, layout.SCENE_ENTRIES] = at
 
 
 def write_moving(
@@ -254,7 +262,7 @@ def write_moving(
     region : int
         Where the super node is going to be.
     order : (L,) int64
-        Places of the dynamic parts in `dynamic_rows`, along the curve.
+        Positions of the dynamic parts in `dynamic_rows`, along the curve.
     steps : int
         By which the order is mended at most.
     """
@@ -268,22 +276,24 @@ def write_moving(
 
 
 def dynamic_order(words: np.ndarray, parts: np.ndarray) -> np.ndarray | None:
-    """Return the dynamic parts' places along the curve, (L,) int64; None where not each of them has one.
+    """Return the dynamic parts' positions along the curve, (L,) int64; None where not each of them has one.
 
     Parameters
     ----------
     words, parts
         Of a model, complete.
     """
-    dynamic, region = dynamic_rows(parts), int(parts[-1, layout.REGION])
-    places = np.arange(len(dynamic))
-    if not TopPlan.of(parts).capacity:
-        return places
+    dynamic, region = dynamic_rows(parts), int(parts[-1, layout.SCENE_SUPER_NODE])
+    positions = np.arange(len(dynamic))
+    if not PartTreesPlan.of(parts).capacity:
+        return positions
     # Fewer than eight are in the super node, beside the static tree.
     node, lane = (
-        (region, places + 1) if len(dynamic) < LANES else (region + 1 + places // LANES, places % LANES)
+        (region, positions + 1)
+        if len(dynamic) < LANES
+        else (region + 1 + positions // LANES, positions % LANES)
     )
-    listed = words[NODE_STRIDE * node + layout.PARTS_OF_LANES + lane].view(np.int32)
+    listed = words[NODE_STRIDE * node + layout.NODE_PARTS + lane].view(np.int32)
     return np.searchsorted(dynamic, listed) if np.array_equal(np.sort(listed), dynamic) else None
 
 
@@ -297,8 +307,8 @@ def rewrite_entries(words: np.ndarray, parts: np.ndarray, copy: int) -> None:
     copy : int
         Of the static tree.
     """
-    at = TopPlan.of(parts).entries_at(copy)
-    _write_entries(words, parts, copy, words[at : at + 2 * parts[-1, layout.CORNER_COUNT]])
+    at = PartTreesPlan.of(parts).entries_at(copy)
+    _write_entries(words, parts, copy, words[at : at + 2 * parts[-1, layout.SCENE_ENTRY_COUNT]])
 
 
 def clear_first(words: np.ndarray, parts: np.ndarray) -> None:
@@ -309,8 +319,4 @@ def clear_first(words: np.ndarray, parts: np.ndarray) -> None:
     words, parts
         Of the model.
     """
-    clear_node(words, TopPlan.of(parts).first_node)
-
-
-_BOX_LOWER = slice(layout.BOX_LOWER, layout.BOX_LOWER + 3)
-_BOX_UPPER = slice(layout.BOX_UPPER, layout.BOX_UPPER + 3)
+    clear_node(words, PartTreesPlan.of(parts).first_node)

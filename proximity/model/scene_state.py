@@ -1,4 +1,4 @@
-"""Models of one scene as its parts move: what changes is written beside what queries may still be reading.
+"""The models of one scene as its parts move: readers keep theirs while the next is written.
 
 A `SceneState` keeps what is true now. When a model is asked for, the rows, boxes and dynamic nodes that have
 changed since are written to a copy that no living model uses, and that copy becomes the model. The static
@@ -15,14 +15,14 @@ from proximity.kernels import layout
 from proximity.kernels.contact_columns import SURFACE_DEFORMABLE, SURFACE_RIGID
 from proximity.kernels.model_arrays import ModelArrays
 from proximity.kernels.scene.dynamic_tree import SORT_STEPS, DynamicParts, bring_up_to_date
-from proximity.kernels.scene.placement import first_unfit, move_parts, place_box
+from proximity.kernels.scene.placement import first_unfit, move_parts, update_box
 from proximity.model.assembly import NEVER, Model, finished
 from proximity.model.bvh import LARGEST_COORDINATE, LocalFrame
 from proximity.model.part_trees import (
     REGION_COPIES,
     SMALLEST_REACH,
     STATIC_COPIES,
-    TopPlan,
+    PartTreesPlan,
     choose_frame,
     dynamic_rows,
     static_tree,
@@ -37,7 +37,7 @@ FARTHEST_MOVE = LARGEST_COORDINATE / 4.0
 FASTEST_MOVE = 1e9
 """m/s, three times light, or rad/s: squares of more, over some time, could leave it too."""
 EXACT_ENOUGH = 2.0 * ROUNDING
-"""How far a rotation may be off and is taken as it is: that of a `Pose` always, in whatever order summed."""
+"""Error of a rotation up to which it is taken as it is: that of a `Pose` always, in whatever order summed."""
 UPDATES_BEFORE_SHRINKING = 1000
 """A part that went far away and came back leaves a frame that is too large; a new one costs a new tree, which
 is not to be paid at every tick of a part that goes to and fro."""
@@ -68,20 +68,20 @@ def write_surface(frame: np.ndarray, stiffness: float | None, damping: float) ->
     damping : N s/m
         0 of a rigid part.
     """
-    frame[layout.SURFACE] = SURFACE_RIGID if stiffness is None else SURFACE_DEFORMABLE
-    frame[layout.STIFFNESS], frame[layout.DAMPING] = stiffness or 0.0, damping
+    frame[layout.FRAME_SURFACE] = SURFACE_RIGID if stiffness is None else SURFACE_DEFORMABLE
+    frame[layout.FRAME_STIFFNESS], frame[layout.FRAME_DAMPING] = stiffness or 0.0, damping
 
 
 # What is to be done about the static tree.
 _RIGHT = 0
 _THINNER = 1
 _NEW = 2
-_VELOCITY = slice(layout.VELOCITY, layout.VELOCITY + 3)
-_ANGULAR_VELOCITY = slice(layout.ANGULAR_VELOCITY, layout.ANGULAR_VELOCITY + 3)
+_VELOCITY = slice(layout.FRAME_VELOCITY, layout.FRAME_VELOCITY + 3)
+_ANGULAR_VELOCITY = slice(layout.FRAME_ANGULAR_VELOCITY, layout.FRAME_ANGULAR_VELOCITY + 3)
 
 
 class _Copy:
-    """What moves, as it was at some version: rows of a model's tables, and a region of its words."""
+    """Moving state at some version: rows of a model's tables, and a region of its words."""
 
     __slots__ = ("frames", "owner", "packed", "parts", "region", "static", "version")
 
@@ -99,7 +99,7 @@ class _Copy:
 
 
 class SceneState:
-    """Where the parts of a scene are now, and the models that show it.
+    """The present poses of a scene's parts, and the models made of them.
 
     Not for several threads at once: the scene has a lock. A model, once made, may be asked by any of them.
 
@@ -123,7 +123,7 @@ class SceneState:
         self.changes = 0
         count = len(self.parts) - 1
         self.versions = np.zeros(count + 1, np.int64)
-        self._plan = TopPlan.of(self.parts)
+        self._plan = PartTreesPlan.of(self.parts)
         self._boxes, self._boxes_version = np.empty((count, 6), np.float32), NEVER
         self._list_dynamic()
         # A model out of a file may be any copy; one that is made is the first.
@@ -185,12 +185,12 @@ class SceneState:
         is_hidden : bool
             Whether no question finds it.
         """
-        if self.parts[row, layout.IS_HIDDEN] == is_hidden:
+        if self.parts[row, layout.PART_IS_HIDDEN] == is_hidden:
             return False
         self._begin(row)
         self.epoch += 1
-        self.parts[row, layout.IS_HIDDEN] = is_hidden
-        if not self.parts[row, layout.IS_DYNAMIC]:
+        self.parts[row, layout.PART_IS_HIDDEN] = is_hidden
+        if not self.parts[row, layout.PART_IS_DYNAMIC]:
             self._need(_THINNER if is_hidden else _NEW)
         self._is_whole = True
         return True
@@ -210,9 +210,9 @@ class SceneState:
         """
         self._begin(row)
         self.epoch += 1
-        place_box(self.frames, self.parts, row)
-        if not self.parts[row, layout.IS_DYNAMIC]:
-            self.parts[row, layout.IS_DYNAMIC], self.parts[row, layout.IS_FUSED] = 1, 0
+        update_box(self.frames, self.parts, row)
+        if not self.parts[row, layout.PART_IS_DYNAMIC]:
+            self.parts[row, layout.PART_IS_DYNAMIC], self.parts[row, layout.PART_IS_FUSED] = 1, 0
             self._need(_THINNER)
         self._is_whole = True
 
@@ -232,17 +232,17 @@ class SceneState:
         frame = self.frames[row]
         velocity, angular_velocity = frame[_VELOCITY].copy(), frame[_ANGULAR_VELOCITY].copy()
         velocity.flags.writeable = angular_velocity.flags.writeable = False
-        is_rigid = frame[layout.SURFACE] == SURFACE_RIGID
+        is_rigid = frame[layout.FRAME_SURFACE] == SURFACE_RIGID
         return {
             "pose": Pose.known(
-                frame[layout.ROTATION : layout.ROTATION + 9].reshape(3, 3),
-                frame[layout.TRANSLATION : layout.TRANSLATION + 3],
+                frame[layout.FRAME_ROTATION : layout.FRAME_ROTATION + 9].reshape(3, 3),
+                frame[layout.FRAME_TRANSLATION_XYZ],
             ),
             "velocity": velocity,
             "angular_velocity": angular_velocity,
-            "is_hidden": bool(self.parts[row, layout.IS_HIDDEN]),
-            "stiffness": None if is_rigid else float(frame[layout.STIFFNESS]),
-            "damping": float(frame[layout.DAMPING]),
+            "is_hidden": bool(self.parts[row, layout.PART_IS_HIDDEN]),
+            "stiffness": None if is_rigid else float(frame[layout.FRAME_STIFFNESS]),
+            "damping": float(frame[layout.FRAME_DAMPING]),
         }
 
     def _need(self, tree: int) -> None:
@@ -269,7 +269,7 @@ class SceneState:
         self.versions[:] = self.changes
         self.epoch += 1
         for row in range(len(self.parts) - 1):
-            place_box(self.frames, self.parts, row)
+            update_box(self.frames, self.parts, row)
         self._boxes_version = NEVER
         for copy in self._copies:
             copy.version = NEVER
@@ -279,7 +279,7 @@ class SceneState:
     # --- models ------------------------------------------------------------------------------------------
 
     def update(self) -> Model | None:
-        """Return a model of what is true now; None where no copy is left, or no room, to write it to."""
+        """Return a model of what is true now; None where no copy is left, or no space, to write it to."""
         if not self._is_whole:
             self._start_over()
         self._is_whole = False
@@ -334,7 +334,7 @@ class SceneState:
         return float(reach)
 
     def _mend_tree(self) -> bool:
-        """Make the static tree what it should be, beside those in use; False where there is no room."""
+        """Make the static tree what it should be, beside those in use; False where there is no space."""
         in_use = {copy.static for copy in self._copies if not copy.is_free}
         unused = [static for static in range(STATIC_COPIES) if static not in in_use]
         if not unused:

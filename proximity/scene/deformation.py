@@ -1,4 +1,4 @@
-"""New corners for a part of a model, in place: its tree is refitted, not rebuilt.
+"""New vertex positions for a part of a model: its tree is refitted, not rebuilt.
 
 What changes: corners, leaf blocks, boxes, corner normals, moments, the part's own box, and its local frame
 where the old one no longer fits. Faces, neighbours, slots and the shape of the tree stay. The tree over the
@@ -10,8 +10,9 @@ import numpy as np
 from proximity.arrays import as_float64
 from proximity.errors import MeshError
 from proximity.kernels import layout
-from proximity.kernels.sign.inside_grid import CROSSED
-from proximity.kernels.tree.refit import NO_ROW, refit_part, survey_vertices
+from proximity.kernels.layout import NO_ROW
+from proximity.kernels.sign.inside_grid import CELL_CROSSED
+from proximity.kernels.tree.refit import refit_part, survey_vertices
 from proximity.model.assembly import Model
 from proximity.model.bvh import LARGEST_COORDINATE, SMALLEST_SIZE, LocalFrame, local_frame
 from proximity.model.part_arrays import SMALLEST_SHARE
@@ -69,22 +70,22 @@ def deform_part(model: Model, row: int, solid: Solid, vertices: object, name: st
     before, normals = model.frames[row].copy(), _normals_of(model, row)
     normals_before = normals.copy()
     arrays = solid._arrays
-    is_here = arrays.row == row  # a solid in several parts has its arrays in one of them
-    arrays.is_overwritten |= is_here  # before anything is written
+    is_own = arrays.row == row  # a solid in several parts has its arrays in one of them
+    arrays.is_overwritten |= is_own  # before anything is written
     _frame_for(before, lower, upper).write(model.frames[row])
     area, volume = refit_part(model.packed, row, kept, solid.first_vertices)
-    is_closed = model.parts[row, layout.GRID] != layout.NO_GRID
+    is_closed = model.parts[row, layout.PART_GRID] != layout.NO_GRID
     if is_closed and volume < -INSIDE_OUT * area:
         model.frames[row] = before
         # A copy, since kernels are compiled for arrays that can be written.
         refit_part(model.packed, row, solid.mesh.vertices.copy(), solid.first_vertices)
         normals[:] = normals_before  # to the bit: they had been added in another order
-        arrays.is_overwritten = arrays.is_overwritten and not is_here
+        arrays.is_overwritten = arrays.is_overwritten and not is_own
         raise MeshError(
             f"part {name!r} would be turned inside out: its faces would enclose less than nothing"
         )
-    model.frames[row, layout.OWN_LOWER : layout.OWN_LOWER + 3] = lower
-    model.frames[row, layout.OWN_UPPER : layout.OWN_UPPER + 3] = upper
+    model.frames[row, layout.FRAME_OWN_LOWER_XYZ] = lower
+    model.frames[row, layout.FRAME_OWN_UPPER_XYZ] = upper
     if is_closed:
         _ask_the_surface(model, row, lower, extent)
     return solid._deformed(kept, model, row)
@@ -92,28 +93,29 @@ def deform_part(model: Model, row: int, solid: Solid, vertices: object, name: st
 
 def _normals_of(model: Model, row: int) -> np.ndarray:
     """The part's corner normals, one after the other."""
-    at = model.parts[row, layout.CORNER_NORMALS]
-    return model.reals[at : at + 3 * model.parts[row, layout.CORNER_COUNT]]
+    at = model.parts[row, layout.PART_CORNER_NORMALS]
+    return model.reals[at : at + 3 * model.parts[row, layout.PART_CORNER_COUNT]]
 
 
 def _why_not(vertices: np.ndarray, first_vertices: np.ndarray, row: int, name: str) -> str:
-    """What is wrong with the first vertex that cannot be used."""
-    place = _place(vertices[row])
+    """Description of the first vertex that cannot be used."""
+    position = _shown_position(vertices[row])
     if not np.isfinite(vertices[row]).all():
-        return f"vertex {row} of part {name!r} would be at {place}, expected finite coordinates"
+        return f"vertex {row} of part {name!r} would be at {position}, expected finite coordinates"
     if np.abs(vertices[row]).max() > FARTHEST:
         return (
-            f"vertex {row} of part {name!r} would be at {place}, "
+            f"vertex {row} of part {name!r} would be at {position}, "
             f"expected coordinates up to {FARTHEST:g} m, which can be computed with"
         )
     first = first_vertices[row]
     return (
         f"vertices {first} and {row} of part {name!r} are one corner, but would be at "
-        f"{_place(vertices[first])} and {place}: that tears the surface, expected one position for both"
+        f"{_shown_position(vertices[first])} and {position}: that tears the surface, "
+        "expected one position for both"
     )
 
 
-def _place(point: np.ndarray) -> str:
+def _shown_position(point: np.ndarray) -> str:
     return "(" + ", ".join(f"{value:.6g}" for value in point.tolist()) + ")"
 
 
@@ -124,8 +126,8 @@ def _frame_for(row: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> LocalFr
     low, high = frame.of(lower), frame.of(upper)
     is_held = bool(max(np.abs(low).max(), np.abs(high).max()) <= 1.0)
     # A difference does not round between half and twice the centre (Sterbenz).
-    way, off = np.sign(centre), np.abs(centre)
-    near, far = np.minimum(way * lower, way * upper), np.maximum(way * lower, way * upper)
+    side, off = np.sign(centre), np.abs(centre)
+    near, far = np.minimum(side * lower, side * upper), np.maximum(side * lower, side * upper)
     is_exact = bool((near >= 0.5 * off).all() and (far <= 2.0 * off).all())
     if is_held and is_exact and float((high - low).max()) >= SMALLEST_SHARE:
         return frame
@@ -135,9 +137,9 @@ def _frame_for(row: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> LocalFr
 def _ask_the_surface(model: Model, row: int, lower: np.ndarray, extent: float) -> None:
     """Make the sign grid one cell that the surface crosses: within the box, the nearest face tells."""
     part, frame = model.parts[row], model.frames[row]
-    scale = frame[layout.SCALE]
-    model.words[part[layout.GRID] :][:1].view(np.int32)[0] = CROSSED
-    part[[layout.GRID_X, layout.GRID_Y, layout.GRID_Z]] = 1
-    local = (lower - frame[layout.CENTRE : layout.CENTRE + 3]) * scale
-    frame[layout.GRID_LOWER : layout.GRID_LOWER + 3] = local
-    frame[layout.GRID_RATE] = 1.0 / (extent * scale * GRID_MARGIN) if extent > 0.0 else 1.0
+    scale = frame[layout.FRAME_SCALE]
+    model.words[part[layout.PART_GRID] :][:1].view(np.int32)[0] = CELL_CROSSED
+    part[[layout.PART_GRID_X, layout.PART_GRID_Y, layout.PART_GRID_Z]] = 1
+    local = (lower - frame[layout.FRAME_CENTRE : layout.FRAME_CENTRE + 3]) * scale
+    frame[layout.FRAME_GRID_LOWER : layout.FRAME_GRID_LOWER + 3] = local
+    frame[layout.FRAME_GRID_RATE] = 1.0 / (extent * scale * GRID_MARGIN) if extent > 0.0 else 1.0

@@ -1,11 +1,11 @@
-"""Where a scene came from."""
+"""The report of loading: where a scene came from and what was repaired."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
 class LoadReport:
-    """Where a scene came from, and in which units.
+    """The file and the units that a scene came from.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Files to scenes."""
+"""Loading files as scenes."""
 
 import os
 from collections.abc import Iterable
@@ -80,7 +80,7 @@ def load(
 
 
 def scene_of(geometries: Iterable[Geometry], origin: str, report: LoadReport) -> Scene:
-    """Return the scene of meshes in their places, split into bodies.
+    """Return the scene of meshes at their poses, split into bodies.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def scene_of(geometries: Iterable[Geometry], origin: str, report: LoadReport) ->
         if arrays not in first_of:
             first_of[arrays] = geometry, _bodies(geometry, origin)
         first, bodies = first_of[arrays]
-        # A part that stands in many places is looked through and given its tree once.
+        # A part that occurs at many poses is looked through and given its tree once.
         parts += [
             replace(body, name=geometry.name + body.name.removeprefix(first.name), pose=geometry.pose)
             for body in bodies

@@ -1,4 +1,4 @@
-"""A solid in a scene: name, place, how it moves and answers a touch; and the bodies of a mesh as parts."""
+"""A solid in a scene: name, pose, motion, and how it answers a touch."""
 
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -20,11 +20,11 @@ NO_VELOCITY.flags.writeable = False
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
-    """A solid with a name, a place in the scene, and the way back to where its faces came from.
+    """A solid with a name, a pose in the scene, and references to where its faces came from.
 
     ``pose`` is world_from_part. ``velocity``, m/s, is that of the part's origin, ``angular_velocity``, rad/s,
     about it, both in the scene's frame. ``source_faces`` has, for each row of ``solid.mesh.faces``, the row
-    of the file's or the caller's faces; ``repairs`` counts what was mended on the way. A part with
+    of the file's or the caller's faces; ``repairs`` counts what was mended on loading. A part with
     ``is_hidden`` is found by no question. ``stiffness``, N/m, and ``damping``, N s/m, are of a part that
     gives way; a ``stiffness`` of None is rigid.
     """
@@ -33,7 +33,7 @@ class Part:
     solid: Solid
     pose: Pose  # world_from_part; a scene takes a (4, 4) matrix as well
     source_faces: np.ndarray  # (F,) int32, row of the caller's faces, or of the file's
-    repairs: Repairs = NO_REPAIRS  # what was mended on the way
+    repairs: Repairs = NO_REPAIRS  # what was mended on loading
     velocity: np.ndarray = field(default_factory=lambda: NO_VELOCITY)  # (3,) m/s, of its origin, in the scene
     angular_velocity: np.ndarray = field(default_factory=lambda: NO_VELOCITY)  # (3,) rad/s, about its origin
     is_hidden: bool = False  # no question finds it

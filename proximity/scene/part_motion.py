@@ -1,4 +1,4 @@
-"""What a caller says about how parts move and how they answer a touch, checked at the door."""
+"""Checks of what a caller says about the motion and stiffness of parts."""
 
 from typing import Any
 

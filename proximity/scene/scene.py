@@ -1,4 +1,4 @@
-"""Parts with poses: the same queries as of one solid, answered for all of them."""
+"""Scenes: parts with poses, with the same queries as one solid."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -7,7 +7,7 @@ import numpy as np
 
 from proximity.arrays import refuse_trimesh
 from proximity.errors import MeshError, SceneError
-from proximity.kernels.layout import BOX_LOWER, BOX_UPPER, OWN_LOWER, OWN_UPPER
+from proximity.kernels import layout
 from proximity.model.assembly import Model
 from proximity.model.scene_state import SceneState
 from proximity.scene.load_report import LoadReport
@@ -18,8 +18,6 @@ from proximity.scene.saved.compiled_scene import CompiledScene, write_scene
 from proximity.scene.scene_parts import SceneParts, checked_parts, with_arrays
 from proximity.scene.solid import Solid
 from proximity.system.locks import fork_safe_lock
-
-_OWN_LOWER, _OWN_UPPER = slice(OWN_LOWER, OWN_LOWER + 3), slice(OWN_UPPER, OWN_UPPER + 3)
 
 
 class Scene(Queries):
@@ -127,14 +125,14 @@ class Scene(Queries):
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper corner of the box around all parts, hidden ones too, m, (3,) each."""
         row = self.snapshot().frames[-1]
-        return row[BOX_LOWER : BOX_LOWER + 3].copy(), row[BOX_UPPER : BOX_UPPER + 3].copy()
+        return row[layout.FRAME_BOX_LOWER_XYZ].copy(), row[layout.FRAME_BOX_UPPER_XYZ].copy()
 
     @property
     def part_sizes(self) -> np.ndarray:
         """Length, width and height of each part's box in the part's own frame, m, (P, 3)."""
         frames = self.snapshot().frames[:-1]
         with np.errstate(over="ignore"):
-            return np.subtract(frames[:, _OWN_UPPER], frames[:, _OWN_LOWER])
+            return np.subtract(frames[:, layout.FRAME_OWN_UPPER_XYZ], frames[:, layout.FRAME_OWN_LOWER_XYZ])
 
     @property
     def memory_bytes(self) -> int:

@@ -1,4 +1,4 @@
-"""The parts of a scene by name, and their arrays: what a scene replaces whole when a part comes or goes."""
+"""The parts of a scene by name, and their arrays; replaced as a whole when a part comes or goes."""
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -86,7 +86,7 @@ class SceneParts:
 
     @property
     def face_count(self) -> int:
-        """Of all parts."""
+        """Arrays of all parts."""
         return sum(part.solid.mesh.face_count for part in self._parts)
 
     @property

@@ -1,4 +1,4 @@
-"""How inside is decided for one body: chosen once, checked by sampling, and said in a sentence.
+"""The choice of how inside is decided for a body, checked by sampling.
 
 - *pseudo-normal*: the surface is closed and oriented, so the normal of the nearest feature tells the side;
   over faces that are folded onto their neighbours, pass through others or are as thin as a line, the winding
@@ -15,7 +15,7 @@ import numpy as np
 
 from proximity.kernels import layout
 from proximity.kernels.mesh.faces import double_areas
-from proximity.kernels.scene.point_queries import ANSWER_WIDTH, closest_batch
+from proximity.kernels.scene.point_queries import POINT_ANSWER_WIDTH, closest_batch
 from proximity.kernels.sign.inside_grid import uncertain_points
 from proximity.kernels.sign.winding_number import winding_numbers
 from proximity.mesh.topology import Topology
@@ -23,16 +23,16 @@ from proximity.model.assembly import Model, assemble
 from proximity.model.part_arrays import PartArrays, beside_thin_faces, with_passing_faces, with_sign
 from proximity.pose import Pose
 
-SAMPLE_COUNT = 64
+POINT_SAMPLE_COUNT = 64
 """Points on the surface from which both sides are looked at."""
 SAMPLE_OFFSETS = (1e-6, 3e-2)
-"""How far from the surface, in sizes of the part: just beside it, and where other faces may be nearest."""
+"""Distances from the surface, in sizes of the part: just beside it, and where other faces may be nearest."""
 SAMPLE_SEED = 7
 FACE_SAMPLE_COUNT = 128
 """Points close above those faces whose sides the sign grid does not tell, at most; where a part has no more
 faces than this, above any of them."""
 FACE_SAMPLE_WEIGHTS = np.array([[100, 100, 100], [298, 1, 1], [1, 298, 1], [1, 1, 298]]) / 300.0
-"""Of a face's corners at the points: in its middle, and near its corners, which reach in first."""
+"""Weights of a face's corners at the points: in its middle, and near its corners, which reach in first."""
 CLEAR_TURNS = 0.95
 """An open surface has an inside where just below it the winding number is above this ..."""
 CLEAR_SHARE = 0.95
@@ -40,7 +40,7 @@ CLEAR_SHARE = 0.95
 
 
 class SignMethod(Enum):
-    """How the sign of a distance is decided.
+    """The method that decides the sign of a distance.
 
     PSEUDONORMAL: by the normal of the nearest face, edge or corner of a closed and oriented surface.
     WINDING_NUMBER: by how often the surface winds around the point, where it is closed but much of it meets
@@ -140,7 +140,7 @@ def _surface_samples(piece: PartArrays) -> tuple[np.ndarray, np.ndarray]:
     if not areas.sum() > 0.0:
         return np.empty((0, 3)), np.empty((0, 3))
     rng = np.random.default_rng(SAMPLE_SEED)
-    chosen = np.searchsorted(np.cumsum(areas), rng.random(SAMPLE_COUNT) * areas.sum(), side="right")
+    chosen = np.searchsorted(np.cumsum(areas), rng.random(POINT_SAMPLE_COUNT) * areas.sum(), side="right")
     chosen = np.minimum(chosen, len(areas) - 1)
     weights = rng.dirichlet((1.0, 1.0, 1.0), len(chosen))
     return _placed(piece.corners[piece.faces[chosen]], weights)
@@ -148,14 +148,14 @@ def _surface_samples(piece: PartArrays) -> tuple[np.ndarray, np.ndarray]:
 
 def _turns(model: Model, points: np.ndarray) -> np.ndarray:
     """Winding numbers of a model's only part at local points."""
-    root, moments = int(model.parts[0, layout.ROOT]), int(model.parts[0, layout.MOMENTS])
+    root, moments = int(model.parts[0, layout.PART_ROOT]), int(model.parts[0, layout.PART_MOMENTS])
     turns = np.empty(len(points))
     winding_numbers(model.reals, model.words, root, moments, np.ascontiguousarray(points), turns)
     return turns
 
 
 def _contradictions(signed: PartArrays, points: np.ndarray, normals: np.ndarray) -> tuple[int, int]:
-    """How many points were asked, and at how many the two ways of telling the side differ.
+    """Number of points that were asked, and of those at which the two methods disagree about the side.
 
     Parameters
     ----------
@@ -193,10 +193,10 @@ def _contradictions(signed: PartArrays, points: np.ndarray, normals: np.ndarray)
 
 def _face_samples(piece: PartArrays, among: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Points spread evenly over faces, whatever their areas, and the faces' unit normals; local frame."""
-    places = len(FACE_SAMPLE_WEIGHTS) * len(among)
-    count = min(FACE_SAMPLE_COUNT, places)
-    chosen, place = np.divmod(np.arange(count) * places // max(count, 1), len(FACE_SAMPLE_WEIGHTS))
-    return _placed(piece.corners[piece.faces[among[chosen]]], FACE_SAMPLE_WEIGHTS[place])
+    sample_count = len(FACE_SAMPLE_WEIGHTS) * len(among)
+    count = min(FACE_SAMPLE_COUNT, sample_count)
+    chosen, sample = np.divmod(np.arange(count) * sample_count // max(count, 1), len(FACE_SAMPLE_WEIGHTS))
+    return _placed(piece.corners[piece.faces[among[chosen]]], FACE_SAMPLE_WEIGHTS[sample])
 
 
 def _placed(corners: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -215,9 +215,9 @@ def _differing(
     *is_inside* (N,): what the sign grid tells of them; then only those are asked where that differs.
     """
     size = piece.size
-    answers = np.empty((len(asked), ANSWER_WIDTH))
+    answers = np.empty((len(asked), POINT_ANSWER_WIDTH))
     world = asked / piece.frame.scale + piece.frame.centre
-    # Far from the origin this rounds; both ways are asked about the point that it has become.
+    # Far from the origin this rounds; both methods are asked about the point that it has become.
     asked = piece.frame.of(world)
     closest_batch(model.packed, world, np.empty(0, np.int64), np.full(1, np.inf), answers)
     if is_inside is not None:

@@ -1,4 +1,4 @@
-"""One body: its faces, how they meet, its tree, and how its inside is decided."""
+"""Solids: one body with its faces, tree, and method to decide what is inside."""
 
 from functools import cached_property
 from typing import Any
@@ -103,7 +103,7 @@ class Solid(Queries):
         return solid
 
     def __getstate__(self) -> dict[str, Any]:
-        """What a copy is made of: arrays of its own, wherever these lie."""
+        """State for a copy: arrays of its own, wherever the original's lie."""
         return self.__dict__ | {"_arrays": self.snapshot().part_arrays(0)}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -134,18 +134,18 @@ class Solid(Queries):
         """Lower and upper corner of the box around the faces, m, (3,) each."""
         row = self.snapshot().frames[0]
         return (
-            row[layout.OWN_LOWER : layout.OWN_LOWER + 3].copy(),
-            row[layout.OWN_UPPER : layout.OWN_UPPER + 3].copy(),
+            row[layout.FRAME_OWN_LOWER : layout.FRAME_OWN_LOWER + 3].copy(),
+            row[layout.FRAME_OWN_UPPER : layout.FRAME_OWN_UPPER + 3].copy(),
         )
 
     @cached_property
     def topology(self) -> Topology:
-        """How the faces meet; computed anew when first asked for."""
+        """Connections between the faces; computed anew when first asked for."""
         return build_topology(self.mesh)
 
     @cached_property
     def diagnosis(self) -> Diagnosis:
-        """What there is to know about the mesh, with manifold3d's opinion."""
+        """Diagnosis of the mesh, with manifold3d's verdict."""
         return diagnose(self.mesh)
 
     @property
@@ -155,10 +155,10 @@ class Solid(Queries):
 
     @cached_property
     def first_vertices(self) -> np.ndarray:
-        """Of each vertex the first one at the same position, (V,) int32; -1 where no face has it."""
+        """The first vertex at the position of each vertex, (V,) int32; -1 where no face has it."""
         model = self._arrays.model
         part = model.parts[0]
-        corner_of = model.words[part[layout.FACES] :][: 3 * part[layout.FACE_COUNT]].view(np.int32)
+        corner_of = model.words[part[layout.PART_FACES] :][: 3 * part[layout.PART_FACE_COUNT]].view(np.int32)
         corner = np.full(self.mesh.vertex_count, UNUSED, np.int32)
         corner[self.mesh.faces.ravel()] = corner_of
         used = np.flatnonzero(corner != UNUSED)

@@ -1,4 +1,4 @@
-"""Where the arrays of a solid are: written by the scene whose part it is, while the solid never changes."""
+"""The arrays of a solid, which a scene may hold and deform while the solid never changes."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from proximity.kernels.layout import NO_GRID
 from proximity.mesh.triangle_mesh import TriangleMesh
 from proximity.model.assembly import Model, assemble
 from proximity.model.bvh import LocalFrame
-from proximity.model.part_arrays import PartArrays, part_arrays, with_folds, with_sign
+from proximity.model.part_arrays import PartArrays, part_arrays, with_folded_faces, with_sign
 from proximity.pose import Pose
 
 
@@ -55,14 +55,19 @@ class SolidArrays:
         part = model.parts[0]
         # Faces, neighbours and folded faces stay where they are, whatever shape the scene gives the part.
         faces, neighbors = (
-            model.words[part[column] :][: 3 * part[layout.FACE_COUNT]].view(np.int32).reshape(-1, 3).copy()
-            for column in (layout.FACES, layout.NEIGHBORS)
+            model.words[part[column] :][: 3 * part[layout.PART_FACE_COUNT]]
+            .view(np.int32)
+            .reshape(-1, 3)
+            .copy()
+            for column in (layout.PART_FACES, layout.PART_NEIGHBORS)
         )
         corners = np.empty((int(faces.max()) + 1, 3))
         corners[faces.ravel()] = mesh.vertices[mesh.faces.ravel()]
         piece = part_arrays(corners, faces, neighbors, LocalFrame.read(model.frames[0]))
-        piece = with_sign(piece, int(part[layout.SIGN]), has_grid=bool(part[layout.GRID] != NO_GRID))
+        piece = with_sign(
+            piece, int(part[layout.PART_SIGN]), has_grid=bool(part[layout.PART_GRID] != NO_GRID)
+        )
         # In this order: another thread may look, and must not find the old arrays to be right.
-        self.model = assemble([with_folds(piece, model.folded_faces(0))], [Pose()])
+        self.model = assemble([with_folded_faces(piece, model.folded_faces(0))], [Pose()])
         self.is_overwritten = False
         return self.model

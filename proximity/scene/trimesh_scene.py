@@ -1,4 +1,4 @@
-"""Objects of trimesh to scenes. trimesh is not imported: whoever has such an object has done that."""
+"""Objects of trimesh as scenes. This module does not import trimesh."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -76,7 +76,7 @@ def from_trimesh(mesh: Any, *, units: str | None = None, name: str = "mesh") -> 
 
 
 def _agreed_units(declared: set[str], given: str | None) -> str:
-    """What all meshes that name a unit say, and the caller too."""
+    """The unit that all meshes agree on, and the caller too."""
     names = {SYNONYMS.get(name.lower(), name.lower()) for name in declared}
     if given is not None:
         metres_per_unit(given)  # refuses what is no unit

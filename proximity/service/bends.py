@@ -3,12 +3,12 @@
 import numpy as np
 
 from proximity.kernels.tracking.motion import (
+    ESTIMATE_VELOCITY,
     MAX_ACCELERATION,
     MAX_SPEED,
     MOTION_INTS,
     MOTION_REALS,
     PREDICTED,
-    VELOCITY,
     observe,
 )
 from proximity.message import ContactFlag
@@ -57,4 +57,4 @@ class Bends:
             )  # fmt: skip
             contacts["bend"][i] = bend
             if status & PREDICTED:
-                contacts["bend_rate"][i] = self._motions.item(i, VELOCITY) / METRES_A_BEND
+                contacts["bend_rate"][i] = self._motions.item(i, ESTIMATE_VELOCITY) / METRES_A_BEND

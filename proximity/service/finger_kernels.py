@@ -7,14 +7,14 @@ import math
 
 import numpy as np
 
-from proximity.kernels.contact_columns import BOUNDED, FLAGS, IN_RANGE, POSE_NS, TRACKED
+from proximity.kernels.contact_columns import BOUNDED, IN_RANGE, RECORD_FLAGS, RECORD_POSE_NS, TRACKED
 from proximity.kernels.tracking.motion import (
+    ESTIMATE_VELOCITY,
+    ESTIMATE_VELOCITY_ERROR,
+    ESTIMATE_WEIGHTS,
     JUMPED,
     REPEATED,
     STARTED,
-    VELOCITY,
-    VELOCITY_ERROR,
-    WEIGHTS,
     observe_with_velocity,
     predict,
 )
@@ -83,10 +83,10 @@ def overview(wide, numbers):
     """
     oldest, tracked, uncertain = LATEST, 0, 0
     for i in range(len(wide)):
-        flags = numbers[i, FLAGS]
+        flags = numbers[i, RECORD_FLAGS]
         if flags & TRACKED:
             tracked += 1
-            oldest = min(oldest, wide[i, POSE_NS])
+            oldest = min(oldest, wide[i, RECORD_POSE_NS])
             if flags & BOUNDED and flags & IN_RANGE:
                 uncertain += 1
     return oldest, tracked, uncertain
@@ -100,7 +100,7 @@ def _distance_error(motions, error_sums, i, error, status, weight_before):
     deviation. By Cauchy and Schwarz errors change it by no more than this, whatever they are.
     """
     error_sq = min(error, LARGEST_ERROR) ** 2 if error >= 0.0 else LARGEST_ERROR**2
-    weight = motions[i, WEIGHTS]
+    weight = motions[i, ESTIMATE_WEIGHTS]
     if status & STARTED:
         # After a jump the track may go on where it was.
         error_sums[i, DISTANCE_ERROR_BEFORE] = (
@@ -115,7 +115,10 @@ def _distance_error(motions, error_sums, i, error, status, weight_before):
         error_sums[i, DISTANCE_ERROR] = (weight - 1.0) / weight_before * error_sums[
             i, DISTANCE_ERROR
         ] + error_sq
-    spread = weight * motions[i, WEIGHTS + 2] - motions[i, WEIGHTS + 1] * motions[i, WEIGHTS + 1]
+    spread = (
+        weight * motions[i, ESTIMATE_WEIGHTS + 2]
+        - motions[i, ESTIMATE_WEIGHTS + 1] * motions[i, ESTIMATE_WEIGHTS + 1]
+    )
     return math.sqrt(error_sums[i, DISTANCE_ERROR] * weight / spread) if spread > 0.0 else 0.0
 
 
@@ -135,7 +138,7 @@ def follow_distances(
     word.
     """
     for i in range(len(measured_ns)):
-        weight_before = motions[i, WEIGHTS]
+        weight_before = motions[i, ESTIMATE_WEIGHTS]
         status = observe_with_velocity(
             motions, motion_marks, i, measured_ns[i], distances[i, 0], 0.0, 0.0, rates[i], 0.0, 0.0,
             max_speed, max_acceleration,
@@ -144,7 +147,7 @@ def follow_distances(
         if status:
             distance_error = _distance_error(motions, error_sums, i, errors[i], status, weight_before)
             if not (status & REPEATED or math.isfinite(rates[i])):
-                motions[i, VELOCITY_ERROR] += distance_error
+                motions[i, ESTIMATE_VELOCITY_ERROR] += distance_error
         step, _, _, spread = predict(motions, i, ahead, max_speed, max_acceleration)
-        followed[i, STATUS], followed[i, RATE] = status, motions[i, VELOCITY]
+        followed[i, STATUS], followed[i, RATE] = status, motions[i, ESTIMATE_VELOCITY]
         followed[i, STEP], followed[i, SPREAD] = step, spread

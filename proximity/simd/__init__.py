@@ -1,4 +1,4 @@
-"""Eight-lane vectors for numba: write a kernel like its formula, get vector instructions.
+"""Eight-lane vectors for numba: a kernel reads like its formula and runs as vector instructions.
 
 Three types: ``f32x8``, ``f64x8`` and ``mask8``. They live in registers only: a kernel loads them from
 one-dimensional arrays, works on them with ``+ - * /``, comparisons, ``& | ~`` and the functions below,

@@ -1,4 +1,4 @@
-"""The functions on vectors as compiled code: each a few LLVM instructions, put into the caller.
+"""Vector functions as compiled code: each a few LLVM instructions, inlined into the caller.
 
 A function that takes plain floats as well lets one formula serve eight triangles or one.
 """
@@ -63,9 +63,9 @@ def _row_pointers(context, builder, array_types, arrays, at, shift):
     """Addresses of eight rows of four float64: *shift* beyond the offsets in an int64 array from *at* on."""
     offsets = context.make_array(array_types[1])(context, builder, arrays[1]).data
     for i in range(LANES):
-        place = builder.load(builder.gep(offsets, [builder.add(at, ir.Constant(at.type, i))]))
-        place = builder.add(place, shift)
-        yield _element_pointer(context, builder, array_types[0], arrays[0], place, _ROW)
+        offset = builder.load(builder.gep(offsets, [builder.add(at, ir.Constant(at.type, i))]))
+        offset = builder.add(offset, shift)
+        yield _element_pointer(context, builder, array_types[0], arrays[0], offset, _ROW)
 
 
 def _order(*lanes):

@@ -1,4 +1,4 @@
-"""The same functions on NumPy arrays of eight, for stepping through kernels: the same answers, to the bit."""
+"""Vector functions on NumPy arrays of eight, for stepping through kernels: bit-identical answers."""
 
 from fractions import Fraction
 
@@ -76,7 +76,7 @@ def fma(a, b, c):
 
 
 def _rounded_to_odd(result, exact):
-    """Of the two float64 around *exact* the one with an odd last bit: it rounds to float32 as that does."""
+    """The float64 next to *exact* with an odd last bit: it rounds to float32 as *exact* does."""
     other = np.nextafter(result, np.inf if exact > Fraction(result) else -np.inf)
     return result if np.float64(result).view(np.int64) & 1 else float(other)
 

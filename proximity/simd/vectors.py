@@ -1,4 +1,4 @@
-"""The vector types, as numba sees them, and their operators.
+"""The vector types that numba sees, and their operators.
 
 A value of such a type is an LLVM vector in registers; arrays hold scalars only.
 """

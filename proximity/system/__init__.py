@@ -1,1 +1,1 @@
-"""What the operating system is asked for: memory, files written whole, locks and signals."""
+"""Services of the operating system: aligned memory, files written whole, locks and signals."""

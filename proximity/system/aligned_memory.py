@@ -1,4 +1,4 @@
-"""Memory for what questions read: on cache lines and, where it is much, on huge pages.
+"""Memory that starts at a cache line and, where it is large, uses huge pages.
 
 A walk goes from one end of a model to the other, and the processor keeps in mind where some two thousand
 pages are: 8 MB of ordinary ones, all of a model of a million faces in huge ones. The usual source gives huge

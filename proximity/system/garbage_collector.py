@@ -1,4 +1,4 @@
-"""Python's collector of garbage, kept from looking where nothing is to be found or everything is timed."""
+"""Pauses of Python's garbage collector, for work that is timed or makes no cycles."""
 
 import gc
 from collections.abc import Iterator

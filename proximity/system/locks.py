@@ -1,4 +1,4 @@
-"""Locks that a fork finds open: nobody is at work then, and the child finds nothing half done.
+"""Locks that stay usable in a forked child process.
 
 A child has one thread. A lock that another thread held would stay held there for ever, over what that thread
 had begun. So whoever forks takes all locks first, which waits for those at work; the compiler's last, which
@@ -59,7 +59,7 @@ def _give_back_all() -> None:
 
 
 def _go_on() -> None:
-    """Of the one who forked: give back, and let an interruption come that came while locks were taken."""
+    """Release the locks in the process that forked, and deliver an interruption that came meanwhile."""
     _give_back_all()
     if _interruptions:
         _interruptions.clear()

@@ -1,4 +1,4 @@
-"""Opening a file that a user named, for reading: regular files only, and without waiting.
+"""Opening files named by a user: regular files only, and without blocking.
 
 A named pipe would be waited for until somebody writes to it, and a device may never end.
 """

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM as a wish to stop: what runs until it is asked to says what it did before it ends."""
+"""Ctrl-C and SIGTERM as a request to stop, so that a loop can report before it ends."""
 
 import signal
 import threading

@@ -1,4 +1,4 @@
-"""Files that are either wholly there or not at all: written under another name and then renamed.
+"""Files that appear only when complete: written under another name, then renamed.
 
 Whoever writes holds a lock on the file under its other name. So what a process that was killed has left is
 distinguished from what somebody is still writing: it is removed when the next file is written in its folder.

@@ -1,4 +1,4 @@
-"""A track per finger: every tick, signed distance with bounds, prediction, time and place of contact."""
+"""Trackers: every tick, signed distances with bounds, predictions, time and location of contact."""
 
 import weakref
 from collections.abc import Callable
@@ -9,7 +9,8 @@ import numpy as np
 from proximity import native
 from proximity.arrays import as_float64, shown
 from proximity.errors import QueryError
-from proximity.kernels.layout import GRID, NO_GRID, NO_PART, NO_SLOT, ROTATION, SIGN, SIGN_WINDING
+from proximity.kernels import layout
+from proximity.kernels.layout import NO_PART, NO_SLOT
 from proximity.kernels.tracking import track
 from proximity.kernels.tracking.motion import MAX_ACCELERATION, MAX_SPEED
 from proximity.kernels.tracking.part_drift import POSE_COLUMNS, movers_workspace
@@ -35,7 +36,7 @@ from proximity.tracker.tracker_arguments import (
 DEFAULT_BUDGET = 250
 """Nodes and leaves a finger and tick. Near CAD parts a walk takes 10 to 60, near free forms 3 in 100 000 take
 more than these. At the centre of a ball of 1.3 M faces they take 13 to 28 µs, as fast as the memory is, and
-bracket the distance within 4.1 %. With 350 it is 2.5 %, but on a busy machine one tick in a hundred of five
+bound the distance within 4.1 %. With 350 it is 2.5 %, but on a busy machine one tick in a hundred of five
 fingers there took longer than 0.2 ms then; with 175 it is 6.4 %."""
 MOST = 2**31 - 1
 """Nodes and leaves: more than any scene has."""
@@ -57,7 +58,7 @@ _tick = native.lenient("tick")
 
 
 class Tracker:
-    """What a haptic glove's controller must know of a scene, for every fingertip, every tick.
+    """Distances, predictions and contacts for the controller of a haptic glove: every fingertip, every tick.
 
     Parameters
     ----------
@@ -73,7 +74,7 @@ class Tracker:
     latency : float, s
         From a tick until the controller acts on its answer: predictions are for then.
     budget : int
-        Nodes and leaves visited for a finger in a tick, at most, but for a few that tell side and way; None:
+        Nodes and leaves visited for a finger in a tick, at most, but for a few that tell side and path; None:
         250, which keeps any tick of five fingers below 0.2 ms. All fingers share 20 budgets for distances,
         eight where there are thousands, and four for looking ahead. A crowd that would need more takes turns:
         its bounds are apart by as small a share of each distance as can be had, the same for all.
@@ -125,29 +126,31 @@ class Tracker:
         self._scene = scene
         self._period = positive("period", period, "seconds")
         self.contacts = np.zeros(count, CONTACT).view(Contacts)
-        settings = np.zeros(track.SETTINGS_SIZE)
+        settings = np.zeros(track.SETTING_COUNT)
         reach = not_negative("working_range", working_range, "metres")
         if reach > LARGEST_WORKING_RANGE:
             raise QueryError(f"working_range is {too_long(reach, LARGEST_WORKING_RANGE)}")
-        settings[track.WORKING_RANGE] = reach
-        settings[track.LATENCY] = not_negative("latency", latency, "seconds", most=LONGEST_LATENCY)
-        settings[track.TOLERANCE] = not_negative("tolerance", tolerance, "shares")
-        settings[track.HORIZON] = positive("horizon", horizon, "seconds")
-        settings[track.MAX_SPEED] = positive("max_speed", max_speed, "metres a second")
-        settings[track.MAX_ACCELERATION] = positive("max_acceleration", max_acceleration, "m/s²")
-        settings[track.BUDGET] = DEFAULT_BUDGET if budget is None else min(whole("budget", budget), MOST)
+        settings[track.SETTING_WORKING_RANGE] = reach
+        settings[track.SETTING_LATENCY] = not_negative("latency", latency, "seconds", most=LONGEST_LATENCY)
+        settings[track.SETTING_TOLERANCE] = not_negative("tolerance", tolerance, "shares")
+        settings[track.SETTING_HORIZON] = positive("horizon", horizon, "seconds")
+        settings[track.SETTING_MAX_SPEED] = positive("max_speed", max_speed, "metres a second")
+        settings[track.SETTING_MAX_ACCELERATION] = positive("max_acceleration", max_acceleration, "m/s²")
+        settings[track.SETTING_BUDGET] = (
+            DEFAULT_BUDGET if budget is None else min(whole("budget", budget), MOST)
+        )
         self._settings = settings
         self._shape = (count, 3)
         self._arrays = arrays_for(count, settings)
         self._pose_ns = self._arrays["pose_ns"]
         self._velocities = self._arrays["velocities"]
-        self._arrays["tracks"][:, track.RADIUS] = radii(radius, count)
+        self._arrays["tracks"][:, track.TRACK_RADIUS] = radii(radius, count)
         # Not the model itself: what trackers hold on to, a scene could not write its next one to.
         self._last_model: Callable[[], Model | None] = lambda: None
         self._last_now_ns = -MOST_NS  # of the last tick
         self._last_epoch = -1  # of the parts and faces in `contacts`
         self._has_velocities = self._has_paths = False
-        self._path_count = 2  # corners of paths that there is room for
+        self._path_count = 2  # corners of paths that the arrays hold
         self._epoch = -1
         self._names: tuple[str, ...] = ()  # of the parts that `REPORTED_PART` counts
         self.reset()
@@ -166,7 +169,7 @@ class Tracker:
     @property
     def latency(self) -> float:
         """From a tick until the instant that predictions are for, s; for another, make another tracker."""
-        return float(self._settings[track.LATENCY])
+        return float(self._settings[track.SETTING_LATENCY])
 
     def __reduce__(self) -> tuple[Any, ...]:
         raise QueryError("a tracker cannot be copied, since it lives by its ticks: make another of its scene")
@@ -202,7 +205,7 @@ class Tracker:
         path_bends : (K,) float64
             Bend at each corner, increasing; evenly from 0 to 1 where not given.
         bends : (fingers,) float64
-            Bend of each finger at its pose; the nearest place on the path where not given.
+            Bend of each finger at its pose; the nearest position on the path where not given.
 
         Returns
         -------
@@ -279,20 +282,20 @@ class Tracker:
         """Forget all fingers: the next tick is like the first."""
         self._arrays["motions"][:] = 0.0
         self._arrays["motion_marks"][:] = 0
-        self._arrays["marks"][:, track.REPORTED_PART] = NO_PART
+        self._arrays["marks"][:, track.TRACK_REPORTED_PART] = NO_PART
         self._last_now_ns = -MOST_NS
-        self._settings[track.FIRST] = self._settings[track.ADAPTIVE_TOLERANCE] = 0
+        self._settings[track.SETTING_FIRST_FINGER] = self._settings[track.SETTING_ADAPTIVE_TOLERANCE] = 0
         self._forget()
 
     def _forget(self) -> None:
         """Forget what was known of surfaces."""
         track.forget_surfaces(self._arrays["tracks"], self._arrays["balls"])
         marks = self._arrays["marks"]
-        marks[:, track.SLOT], marks[:, track.PART], marks[:, track.IS_OUTSIDE] = NO_SLOT, NO_PART, 0
-        marks[:, track.FRONTIER_COUNT] = 0
+        marks[:, track.TRACK_SLOT], marks[:, track.TRACK_PART] = NO_SLOT, NO_PART
+        marks[:, track.TRACK_IS_OUTSIDE] = marks[:, track.TRACK_FRONTIER_COUNT] = 0
 
     def _take_over(self, model: Model) -> None:
-        """Look at *model* from now on; parts that changed in more than their place are looked at anew.
+        """Look at *model* from now on; parts that changed in more than their pose are looked at anew.
 
         Whoever interrupts this has it done again: that it is done is written last.
         """
@@ -300,9 +303,11 @@ class Tracker:
             self._forget()
             self._find_again(model.names)
             count = len(model.parts) - 1
-            is_open = (model.parts[:count, SIGN] == SIGN_WINDING) & (model.parts[:count, GRID] == NO_GRID)
-            self._settings[track.HOLES] = is_open.any()
-            self._arrays["before"] = model.frames[:count, ROTATION : ROTATION + POSE_COLUMNS].copy()
+            signs, grids = model.parts[:count, layout.PART_SIGN], model.parts[:count, layout.PART_GRID]
+            is_open = (signs == layout.SIGN_WINDING) & (grids == layout.NO_GRID)
+            self._settings[track.SETTING_HAS_HOLES] = is_open.any()
+            first, end = layout.FRAME_ROTATION, layout.FRAME_ROTATION + POSE_COLUMNS
+            self._arrays["before"] = model.frames[:count, first:end].copy()
             self._arrays["movers"] = movers_workspace(count)
             self._pack()
             self._epoch = model.epoch
@@ -311,7 +316,7 @@ class Tracker:
         """Write what the parts of the last answers are numbered now; one that is gone is another than all."""
         if names != self._names:
             rows = {name: row for row, name in enumerate(names)}
-            reported = self._arrays["marks"][:, track.REPORTED_PART]
+            reported = self._arrays["marks"][:, track.TRACK_REPORTED_PART]
             found = [rows.get(self._names[row], GONE) if row >= 0 else row for row in reported.tolist()]
             reported[:], self._names = found, names
 
@@ -342,13 +347,13 @@ class Tracker:
         self._has_velocities = True  # until it is known that there are none
         if velocities is not None:
             self._velocities[...] = shaped(velocities, "velocities", self._shape)
-        self._settings[track.HAS_VELOCITIES] = velocities is not None
+        self._settings[track.SETTING_HAS_VELOCITIES] = velocities is not None
         self._has_velocities = velocities is not None
 
     def _take_paths(self, paths: Any, path_bends: Any, bends: Any) -> None:
         self._has_paths = True  # until it is known that there are none
         if paths is None:
-            self._settings[track.HAS_PATHS] = self._has_paths = False
+            self._settings[track.SETTING_HAS_PATHS] = self._has_paths = False
             if bends is not None or path_bends is not None:
                 raise QueryError("bends are of places on paths, but no paths are given")
             return
@@ -361,7 +366,7 @@ class Tracker:
         count = corners.shape[1]
         arrays = self._arrays
         if self._path_count != count:
-            self._path_count = 0  # until there is room for so many
+            self._path_count = 0  # until arrays hold so many
             arrays["paths"] = np.empty((len(self.contacts), count, 3))
             arrays["path_bends"] = np.linspace(0.0, 1.0, count)
             arrays["path_lengths"] = np.zeros(count)
@@ -378,7 +383,7 @@ class Tracker:
                 )
             arrays["path_bends"][:] = given
         arrays["bends"][:] = np.nan if bends is None else shaped(bends, "bends", (len(self.contacts),))
-        self._settings[track.HAS_PATHS] = True
+        self._settings[track.SETTING_HAS_PATHS] = True
 
     def __repr__(self) -> str:
         return f"Tracker({self.scene!r}, {len(self.contacts)} fingers)"

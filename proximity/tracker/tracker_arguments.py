@@ -1,4 +1,4 @@
-"""What a tracker is given, checked; every function here raises a `QueryError` that says what was expected."""
+"""Checks of a tracker's arguments; each function raises a `QueryError` that says what was expected."""
 
 import math
 import operator

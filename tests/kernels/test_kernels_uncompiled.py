@@ -92,7 +92,7 @@ def ticks():
 
 def answers(monkeypatch):
     """All answers as one dictionary of arrays."""
-    monkeypatch.setattr(sign, "SAMPLE_COUNT", 2)  # interpreted, each costs a tenth of a second
+    monkeypatch.setattr(sign, "POINT_SAMPLE_COUNT", 2)  # interpreted, each costs a tenth of a second
     monkeypatch.setattr(part_arrays, "CELLS_PER_FACE", 1)
     found = {}
     with np.errstate(all="ignore"):

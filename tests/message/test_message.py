@@ -23,12 +23,12 @@ def test_record_is_little_endian_and_aligned():
 def test_kernels_write_where_the_record_has_the_field(name):
     size = 4 if name in FOUR_BYTES else 8
 
-    assert getattr(contact_columns, name.upper()) * size == CONTACT.fields[name][1]
+    assert getattr(contact_columns, f"RECORD_{name.upper()}") * size == CONTACT.fields[name][1]
 
 
 def test_kinds_share_one_word_with_the_surface_lowest():
     assert [CONTACT.fields[name][1] for name in ("surface", "mode", "source", "force_is_valid")] == list(
-        range(4 * contact_columns.KINDS, 4 * contact_columns.KINDS + 4)
+        range(4 * contact_columns.RECORD_KINDS, 4 * contact_columns.RECORD_KINDS + 4)
     )
     assert 8 * contact_columns.RECORD_REALS == 4 * contact_columns.RECORD_INTS == CONTACT.itemsize
 

@@ -12,10 +12,10 @@ from hypothesis.extra import numpy as npst
 from proximity.errors import MeshError
 from proximity.kernels.layout import (
     BLOCK_STRIDE,
-    CHILDREN,
     LANES,
     MAX_DEPTH,
     NO_FACE,
+    NODE_CHILDREN,
     NODE_STRIDE,
     STACK_SIZE,
 )
@@ -190,7 +190,7 @@ def _lose_a_face(nodes, slot_faces):
 
 
 def _shrink_a_leaf(nodes, slot_faces):
-    children = nodes.view(np.int32).reshape(-1, NODE_STRIDE)[:, CHILDREN : CHILDREN + LANES]
+    children = nodes.view(np.int32).reshape(-1, NODE_STRIDE)[:, NODE_CHILDREN : NODE_CHILDREN + LANES]
     node, lane = np.argwhere((children < 0) & (nodes.reshape(-1, NODE_STRIDE)[:, :LANES] < np.inf))[0]
     nodes[NODE_STRIDE * node + lane] += 1e-3
 
@@ -200,7 +200,7 @@ def _widen_a_child(nodes, slot_faces):
 
 
 def _reach_a_leaf_twice(nodes, slot_faces):
-    children = nodes.view(np.int32).reshape(-1, NODE_STRIDE)[:, CHILDREN : CHILDREN + LANES]
+    children = nodes.view(np.int32).reshape(-1, NODE_STRIDE)[:, NODE_CHILDREN : NODE_CHILDREN + LANES]
     node, lane = np.argwhere(children < 0)[0]
     children[node, lane] = ~(~children[node, lane] + 1)
 

@@ -7,7 +7,7 @@ import pytest
 from fingers import Finger
 
 from proximity.kernels.contact_columns import PREDICTED
-from proximity.kernels.tracking.motion import MAX_SPEED, SLACK
+from proximity.kernels.tracking.motion import JUMP_SLACK, MAX_SPEED
 
 
 @cache
@@ -34,7 +34,7 @@ def predictions(folder, h):
         finger = Finger()
         steps = np.diff(times)
         lengths = np.linalg.norm(np.diff(places, axis=0), axis=1)
-        is_jump = lengths > MAX_SPEED * steps + SLACK
+        is_jump = lengths > MAX_SPEED * steps + JUMP_SLACK
         for pose, (time, place) in enumerate(zip(times, places, strict=True)):
             status = finger.see(10**18 + round(1e9 * time), place)
             after = np.searchsorted(times, time + h)

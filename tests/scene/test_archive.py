@@ -22,7 +22,7 @@ import proximity
 from proximity import MeshFormatError, Part, Pose, Scene, SceneError, Solid
 from proximity.kernels import layout
 from proximity.model import assembly
-from proximity.model.part_trees import TopPlan
+from proximity.model.part_trees import PartTreesPlan
 from proximity.scene import scene_parts, solid, solid_arrays
 from proximity.scene.queries import results
 from proximity.scene.queries.all_queries import Queries
@@ -261,8 +261,8 @@ def test_question_under_way_is_not_disturbed_by_a_loaded_scene_that_moves(tmp_pa
     loaded = proximity.load(saved(scene, tmp_path))
     held = Held(loaded)
     before = answers(held)
-    assert TopPlan.of(first.model.parts).copies_of(first.model.parts) == (0, 0)
-    assert TopPlan.of(held.model.parts).copies_of(held.model.parts) == (1, 1)
+    assert PartTreesPlan.of(first.model.parts).copies_of(first.model.parts) == (0, 0)
+    assert PartTreesPlan.of(held.model.parts).copies_of(held.model.parts) == (1, 1)
 
     for step in range(4):
         loaded.move(f"part {step}", Pose(translation=(0.0, 0.1, 0.1 * step)))
@@ -344,8 +344,8 @@ def test_solid_alone_neither_moves_nor_hides(tmp_path):
 
     alone = proximity.load(saved(scene, tmp_path)).parts[2].solid.snapshot()
 
-    assert not alone.parts[:, [layout.IS_DYNAMIC, layout.IS_HIDDEN]].any()
-    assert not alone.frames[:, layout.VELOCITY : layout.SURFACE].any()
+    assert not alone.parts[:, [layout.PART_IS_DYNAMIC, layout.PART_IS_HIDDEN]].any()
+    assert not alone.frames[:, layout.FRAME_VELOCITY : layout.FRAME_SURFACE].any()
 
 
 def test_opening_builds_nothing(tmp_path, monkeypatch):
@@ -658,7 +658,7 @@ def test_layout_that_is_compared_has_the_strides():
         "PART_COLUMNS",
         "FRAME_COLUMNS",
         "MOMENT_STRIDE",
-        "IS_HIDDEN",
+        "PART_IS_HIDDEN",
     } <= set(compiled_scene.LAYOUT)
 
 

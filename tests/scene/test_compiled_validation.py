@@ -14,7 +14,7 @@ from project import IMPORT_PATHS, TRIALS
 import proximity
 from proximity import MeshFormatError
 from proximity.kernels import layout
-from proximity.model.part_trees import TopPlan
+from proximity.model.part_trees import PartTreesPlan
 from proximity.scene.saved import archive, compiled_scene
 
 
@@ -77,8 +77,8 @@ def child(row, node, lane, value):
     """A change of a reference in a part's tree, or in the tree over the parts that stand still (-1)."""
 
     def change(metadata, arrays):
-        root = arrays["parts"][row, layout.ROOT if row >= 0 else layout.NEIGHBORS]
-        at = layout.NODE_STRIDE * (root + node) + layout.CHILDREN + lane
+        root = arrays["parts"][row, layout.PART_ROOT if row >= 0 else layout.SCENE_STATIC_ROOT]
+        at = layout.NODE_STRIDE * (root + node) + layout.NODE_CHILDREN + lane
         arrays["words"].view(np.int32)[at] = value
 
     return change
@@ -101,17 +101,17 @@ def number(name, row, column, value):
         (child(1, 0, 0, ~2**20), r"part 1 'with a hole': child 0 of node 0 refers to block \d+, expected"),
         (child(-1, 0, 0, 7), r"the trees over the parts: child 0 of node 0 refers to 7, where"),
         (child(-1, 0, 0, ~(layout.ENTRY + 500)), r"the trees over the parts: child 0 of node 0 refers to -"),
-        (word(0, layout.SLOT_FACES, 0, 12), r"part 0 'cube': slot 0 holds face 12, but there are 12"),
-        (word(0, layout.BLOCK_NOTES, 0, 1), r"part 0 'cube': block 0 is noted as another part's"),
-        (word(0, layout.FACES, 0, 8), r"part 0 'cube': face 0 refers to corner 8, but there are 8"),
-        (word(0, layout.NEIGHBORS, 0, -3), r"part 0 'cube': face 0 has face -3 for a neighbour, but there"),
-        (word(0, layout.GRID, 0, -1), r"part 0 'cube': its sign grid has cells of no known state"),
-        (word(-1, layout.GRID, 0, 0), r"the trees over the parts: cell 0 of the grid over the parts has no"),
-        (number("parts", 2, layout.CORNERS, 2**40), r"the table of parts has a number "),
-        (number("parts", 0, layout.SIGN, 3), r"a part has no known kind of sign"),
-        (number("parts", 0, layout.SIGN, 2), r"part 0 'cube' has other faces, or another sign, than"),
-        (number("parts", -1, layout.REGION, 0), r"the tree over moved parts is at none of its places"),
-        (number("frames", 0, layout.SCALE, 3.0), r"a local frame is not scaled by a power of two"),
+        (word(0, layout.PART_SLOT_FACES, 0, 12), r"part 0 'cube': slot 0 holds face 12, but there are 12"),
+        (word(0, layout.PART_BLOCK_NOTES, 0, 1), r"part 0 'cube': block 0 is noted as another part's"),
+        (word(0, layout.PART_FACES, 0, 8), r"part 0 'cube': face 0 refers to corner 8, but there are 8"),
+        (word(0, layout.PART_NEIGHBORS, 0, -3), r"part 0 'cube': face 0 has face -3 for a neighbour, but"),
+        (word(0, layout.PART_GRID, 0, -1), r"part 0 'cube': its sign grid has cells of no known state"),
+        (word(-1, layout.SCENE_GRID, 0, 0), r"the trees over the parts: cell 0 of the grid over the parts"),
+        (number("parts", 2, layout.PART_CORNERS, 2**40), r"the table of parts has a number "),
+        (number("parts", 0, layout.PART_SIGN, 3), r"a part has no known kind of sign"),
+        (number("parts", 0, layout.PART_SIGN, 2), r"part 0 'cube' has other faces, or another sign, than"),
+        (number("parts", -1, layout.SCENE_SUPER_NODE, 0), r"the tree over moved parts is at none of its"),
+        (number("frames", 0, layout.FRAME_SCALE, 3.0), r"a local frame is not scaled by a power of two"),
         (number("poses", 1, 0, 0.5), r"the pose of part 1 is no rigid transform"),
         (number("faces", 3, 1, 8), r"part 0 'cube': face 3 of its mesh refers to vertex 8, but there are 8"),
     ],
@@ -152,15 +152,17 @@ def test_what_follows_from_other_numbers_is_made_anew(contents, tmp_path):
     """Boxes of parts, flags, and the tree over parts that have moved may say anything."""
     arrays = {name: array.copy() for name, array in contents.arrays.items()}
     parts, frames = arrays["parts"], arrays["frames"]
-    parts[:, [layout.IS_TURNED, layout.IS_FUSED]] = 1 - parts[:, [layout.IS_TURNED, layout.IS_FUSED]]
-    parts[:-1, layout.IS_HIDDEN] = 1
-    parts[-1, [layout.ROOT, layout.DYNAMIC_COUNT]] = 10**3
-    frames[:, layout.BOX_LOWER : layout.OWN_LOWER] = 7.0
-    frames[:-1, layout.ROTATION : layout.CENTRE] = 2.0
-    plan, region = TopPlan.of(parts), parts[-1, layout.REGION]
-    children = layout.NODE_STRIDE * region + layout.CHILDREN + np.arange(layout.LANES)
+    parts[:, [layout.PART_IS_TURNED, layout.PART_IS_FUSED]] = (
+        1 - parts[:, [layout.PART_IS_TURNED, layout.PART_IS_FUSED]]
+    )
+    parts[:-1, layout.PART_IS_HIDDEN] = 1
+    parts[-1, [layout.PART_ROOT, layout.SCENE_DYNAMIC_COUNT]] = 10**3
+    frames[:, layout.FRAME_BOX_LOWER : layout.FRAME_OWN_LOWER] = 7.0
+    frames[:-1, layout.FRAME_ROTATION : layout.FRAME_CENTRE] = 2.0
+    plan, region = PartTreesPlan.of(parts), parts[-1, layout.SCENE_SUPER_NODE]
+    children = layout.NODE_STRIDE * region + layout.NODE_CHILDREN + np.arange(layout.LANES)
     arrays["words"].view(np.int32)[children] = 10**3
-    entry = plan.entries_at(plan.copies_of(parts)[1]) + 2 * parts[-1, layout.CORNER_COUNT]
+    entry = plan.entries_at(plan.copies_of(parts)[1]) + 2 * parts[-1, layout.SCENE_ENTRY_COUNT]
     arrays["words"].view(np.int32)[entry : entry + 2] = 10**3
     path, again = tmp_path / "changed.prox", tmp_path / "again.prox"
     archive.write_archive(path, contents.metadata, arrays, compiled_scene.LAYOUT)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import oracle
 from proximity.errors import MeshError, SceneError
-from proximity.kernels.layout import CENTRE, MOMENTS, ROOT
+from proximity.kernels.layout import FRAME_CENTRE, PART_MOMENTS, PART_ROOT
 from proximity.kernels.mesh.normals import add_corner_normals
 from proximity.kernels.sign.winding_number import winding_number
 from proximity.model.bvh import build_bvh
@@ -201,7 +201,7 @@ def test_winding_number_of_a_deformed_part_is_near_the_true_one(change):
     model, solid = scene.snapshot(), scene.part("torus").solid
     points = points_about(solid)
     local = model.part_arrays(0).frame.of(points)
-    places = int(model.parts[0, ROOT]), int(model.parts[0, MOMENTS])
+    places = int(model.parts[0, PART_ROOT]), int(model.parts[0, PART_MOMENTS])
     turns = np.array([winding_number(model.reals, model.words, *places, *point) for point in local])
     expected = oracle.winding_number(solid.mesh.vertices, solid.mesh.faces, points)
     assert np.abs(turns - expected).max() <= 0.05
@@ -227,7 +227,7 @@ def test_part_that_comes_near_the_origin_in_a_frame_far_from_it_is_not_rounded()
         *shapes.join(*(shapes.moved((vertices, faces), (x, 2.4, 0.0)) for x in (5.0, 5.3, 5.9)))
     )
     name = scene.parts[0].name
-    assert scene.snapshot().frames[0, CENTRE] != 0.0
+    assert scene.snapshot().frames[0, FRAME_CENTRE] != 0.0
     changed = (vertices + 0.1 / 3.0) * 0.5
 
     scene.deform(name, changed)

@@ -163,11 +163,11 @@ def test_added_part_is_found_and_others_stay_as_they_are():
     assert_answers_alike(scene, anew(scene), points, others)
     assert_right_by_brute_force(scene, points)
     model = scene.snapshot()
-    assert np.flatnonzero(model.parts[:-1, layout.IS_DYNAMIC]).tolist() == [2]
-    assert np.flatnonzero(model.parts[:-1, layout.IS_HIDDEN]).tolist() == [3]
-    assert model.frames[2, layout.VELOCITY : layout.VELOCITY + 3].tolist() == [1, 2, 3]
-    assert model.frames[6, layout.VELOCITY : layout.VELOCITY + 3].tolist() == [0, 0, 1]
-    assert model.frames[[4, 6], layout.STIFFNESS].tolist() == [100.0, 5.0]
+    assert np.flatnonzero(model.parts[:-1, layout.PART_IS_DYNAMIC]).tolist() == [2]
+    assert np.flatnonzero(model.parts[:-1, layout.PART_IS_HIDDEN]).tolist() == [3]
+    assert model.frames[2, layout.FRAME_VELOCITY : layout.FRAME_VELOCITY + 3].tolist() == [1, 2, 3]
+    assert model.frames[6, layout.FRAME_VELOCITY : layout.FRAME_VELOCITY + 3].tolist() == [0, 0, 1]
+    assert model.frames[[4, 6], layout.FRAME_STIFFNESS].tolist() == [100.0, 5.0]
     assert scene.epoch == model.epoch == 2
 
 
@@ -193,11 +193,11 @@ def test_removed_part_goes_on_answering_and_may_come_back():
     scene.remove("part 5")
 
     assert [each.name for each in scene.parts] == [f"part {row}" for row in range(5)]
-    assert np.flatnonzero(scene.snapshot().parts[:-1, layout.IS_DYNAMIC]).tolist() == [1, 4]
+    assert np.flatnonzero(scene.snapshot().parts[:-1, layout.PART_IS_DYNAMIC]).tolist() == [1, 4]
     assert_answers_alike(scene, anew(scene), points, others)
     assert judging.same_bits(part.solid.closest(points), alone)
     scene.remove("part 0")
-    assert np.flatnonzero(scene.snapshot().parts[:-1, layout.IS_DYNAMIC]).tolist() == [0, 3]
+    assert np.flatnonzero(scene.snapshot().parts[:-1, layout.PART_IS_DYNAMIC]).tolist() == [0, 3]
     assert scene.part("part 1") is scene.parts[0]
     scene.add(part)
     assert judging.same_bits(scene.parts[-1].solid.closest(points), alone)
@@ -292,7 +292,7 @@ def test_part_that_is_added_with_a_pose_that_is_not_rigid_is_refused():
 
 def test_surface_is_rigid_unless_a_stiffness_is_given():
     scene = Scene([part_of(shapes.cube(), "a"), part_of(shapes.cube(), "b", stiffness=200.0, damping=0.5)])
-    columns = slice(layout.SURFACE, layout.DAMPING + 1)
+    columns = slice(layout.FRAME_SURFACE, layout.FRAME_DAMPING + 1)
     assert scene.snapshot().frames[:2, columns].tolist() == [[1.0, 0.0, 0.0], [2.0, 200.0, 0.5]]
 
     scene.set_surface("a", stiffness=300.0)

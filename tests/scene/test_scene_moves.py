@@ -23,7 +23,7 @@ from proximity.errors import PoseError, SceneError
 from proximity.kernels import layout
 from proximity.kernels.layout import LANES, NODE_STRIDE
 from proximity.model import scene_state
-from proximity.model.part_trees import REGION_COPIES, TopPlan
+from proximity.model.part_trees import REGION_COPIES, PartTreesPlan
 from proximity.pose import Pose
 from proximity.scene.scene import Scene
 from proximity.tracker.tracker import Tracker
@@ -102,7 +102,7 @@ def test_parts_of_one_frame_are_walked_right_after_some_of_them_left_it():
     scene = Scene.from_mesh(*shapes.join(*bodies))
     rng = np.random.default_rng(3)
     points, others = rng.uniform(-3.0, 15.0, (2, 100, 3))
-    assert scene.snapshot().parts[:-1, layout.IS_FUSED].all()
+    assert scene.snapshot().parts[:-1, layout.PART_IS_FUSED].all()
     for name in [part.name for part in scene.parts][::3]:
         scene.move(name, some_pose(rng, 5.0))
         assert_answers_alike(scene, anew(scene), points, others)
@@ -125,8 +125,8 @@ def test_first_move_makes_a_part_loose_and_later_ones_touch_no_other_node():
     names = ["part 3", "part 8", "part 20"]
     scene.move_many(names, matrices_of(rng, 3))
     model = scene.snapshot()
-    assert np.flatnonzero(model.parts[:, layout.IS_DYNAMIC]).tolist() == [3, 8, 20]
-    plan, kept = TopPlan.of(model.parts), model.words.copy()
+    assert np.flatnonzero(model.parts[:, layout.PART_IS_DYNAMIC]).tolist() == [3, 8, 20]
+    plan, kept = PartTreesPlan.of(model.parts), model.words.copy()
     regions = slice(NODE_STRIDE * plan.region(0), NODE_STRIDE * plan.region(REGION_COPIES))
     words, row = model.words, model.parts[-1].copy()
     del model
@@ -138,13 +138,18 @@ def test_first_move_makes_a_part_loose_and_later_ones_touch_no_other_node():
     assert model.words is words
     changed = np.flatnonzero(words.view(np.int32) != kept.view(np.int32))
     assert len(changed) and regions.start <= changed.min() and changed.max() < regions.stop
-    same = [layout.FACES, layout.NEIGHBORS, layout.BLOCK_COUNT, layout.CORNER_COUNT]
+    same = [
+        layout.SCENE_ENTRIES,
+        layout.SCENE_STATIC_ROOT,
+        layout.SCENE_STATIC_NODE_COUNT,
+        layout.SCENE_ENTRY_COUNT,
+    ]
     assert (model.parts[-1, same] == row[same]).all()
 
 
 def test_velocity_and_surface_alone_touch_no_tree():
     scene = Scene(some_parts(9))
-    before, root = scene.snapshot().words.copy(), scene.snapshot().parts[-1, layout.NEIGHBORS]
+    before, root = scene.snapshot().words.copy(), scene.snapshot().parts[-1, layout.SCENE_STATIC_ROOT]
     pose = scene.part("part 4").pose
 
     scene.move("part 4", pose, velocity=VELOCITY, angular_velocity=ANGULAR_VELOCITY)
@@ -152,11 +157,11 @@ def test_velocity_and_surface_alone_touch_no_tree():
 
     model = scene.snapshot()
     frames = model.frames
-    assert frames[4, layout.VELOCITY : layout.SURFACE].tolist() == [*VELOCITY, *ANGULAR_VELOCITY]
-    assert frames[5, layout.SURFACE : layout.DAMPING + 1].tolist() == [2.0, 300.0, 2.0]
-    assert not model.parts[:, layout.IS_DYNAMIC].any()
-    assert model.parts[-1, layout.NEIGHBORS] == root
-    first = NODE_STRIDE * TopPlan.of(model.parts).region(0)
+    assert frames[4, layout.FRAME_VELOCITY : layout.FRAME_SURFACE].tolist() == [*VELOCITY, *ANGULAR_VELOCITY]
+    assert frames[5, layout.FRAME_SURFACE : layout.FRAME_DAMPING + 1].tolist() == [2.0, 300.0, 2.0]
+    assert not model.parts[:, layout.PART_IS_DYNAMIC].any()
+    assert model.parts[-1, layout.SCENE_STATIC_ROOT] == root
+    first = NODE_STRIDE * PartTreesPlan.of(model.parts).region(0)
     assert judging.same_bits(model.words[:first], before[:first])
 
 
@@ -172,7 +177,7 @@ def test_velocities_are_those_of_the_last_move():
     assert scene.parts[2].angular_velocity.tolist() == [1, 1, 1]
     scene.move_many(["part 1"], [np.eye(4)])
     assert not scene.part("part 1").velocity.any()
-    assert not scene.snapshot().frames[1, layout.VELOCITY : layout.SURFACE].any()
+    assert not scene.snapshot().frames[1, layout.FRAME_VELOCITY : layout.FRAME_SURFACE].any()
 
 
 def test_moving_does_not_change_the_epoch():
@@ -227,11 +232,11 @@ def test_frame_shrinks_again_after_a_while(monkeypatch):
     monkeypatch.setattr(scene_state, "UPDATES_BEFORE_SHRINKING", 10)
     scene = Scene(some_parts(9))
     scene.move("part 3", Pose(translation=(1e6, 0.0, 0.0)))
-    wide = scene.snapshot().frames[-1, layout.SCALE]
+    wide = scene.snapshot().frames[-1, layout.FRAME_SCALE]
     scales = []
     for step in range(15):
         scene.move("part 3", Pose(translation=(0.01 * step, 0.0, 0.0)))
-        scales.append(scene.snapshot().frames[-1, layout.SCALE])
+        scales.append(scene.snapshot().frames[-1, layout.FRAME_SCALE])
 
     assert scales[8] == wide
     assert scales[-1] > 1e4 * wide
@@ -311,14 +316,16 @@ def test_model_that_is_held_is_never_written_to():
 def top_of(model):
     """The words that a walk reads before it comes to a part, as integers: static tree, region and entries."""
     row = model.parts[-1]
-    plan = TopPlan.of(model.parts)
+    plan = PartTreesPlan.of(model.parts)
     numbers = model.words.view(np.int32)
-    root = row[layout.NEIGHBORS]
+    root = row[layout.SCENE_STATIC_ROOT]
     static = (
-        numbers[NODE_STRIDE * root :][: NODE_STRIDE * row[layout.BLOCK_COUNT]] if root >= 0 else numbers[:0]
+        numbers[NODE_STRIDE * root :][: NODE_STRIDE * row[layout.SCENE_STATIC_NODE_COUNT]]
+        if root >= 0
+        else numbers[:0]
     )
-    region = numbers[NODE_STRIDE * row[layout.ROOT] :][: NODE_STRIDE * (plan.region(1) - plan.region(0))]
-    entries = numbers[row[layout.FACES] :][: 2 * plan.entry_capacity]
+    region = numbers[NODE_STRIDE * row[layout.PART_ROOT] :][: NODE_STRIDE * (plan.region(1) - plan.region(0))]
+    entries = numbers[row[layout.SCENE_ENTRIES] :][: 2 * plan.entry_capacity]
     return np.concatenate((static, region, entries))
 
 
@@ -358,7 +365,7 @@ def test_names_of_the_last_move_are_looked_up_anew_once_parts_are_others():
 def copy_in_use(scene):
     """The number of the copy, of what moves, that the scene's present snapshot uses."""
     parts = scene.snapshot().parts
-    return TopPlan.of(parts).copies_of(parts)[0]
+    return PartTreesPlan.of(parts).copies_of(parts)[0]
 
 
 def test_trackers_hold_on_to_no_copy():
@@ -396,7 +403,7 @@ def test_moving_twenty_of_two_hundred_parts_writes_the_boxes_of_twenty():
     names, matrices = [f"part {row}" for row in range(0, 200, 10)], matrices_of(np.random.default_rng(9), 20)
     scene.move_many(names, matrices)
     words = scene.snapshot().words
-    before, static = words.view(np.int32).copy(), scene.snapshot().parts[-1, layout.NEIGHBORS]
+    before, static = words.view(np.int32).copy(), scene.snapshot().parts[-1, layout.SCENE_STATIC_ROOT]
     copies = set()
     for _ in range(10):
         matrices[:, :3, 3] += 1e-4
@@ -404,7 +411,7 @@ def test_moving_twenty_of_two_hundred_parts_writes_the_boxes_of_twenty():
         copies.add(copy_in_use(scene))
 
     assert scene.snapshot().words is words
-    assert scene.snapshot().parts[-1, layout.NEIGHBORS] == static
+    assert scene.snapshot().parts[-1, layout.SCENE_STATIC_ROOT] == static
     # A box is a child of a node; nodes above have no more boxes than there are below.
     a_box = NODE_STRIDE // LANES
     assert 20 < np.count_nonzero(words.view(np.int32) != before) <= len(copies) * 2 * 20 * a_box
@@ -451,7 +458,7 @@ def test_pose_that_is_not_rigid_is_named_and_nothing_moves(matrix, message):
 
     for found, expected in zip(answers(scene, points, others), before, strict=True):
         assert judging.same_bits(found, expected)
-    assert not scene.snapshot().parts[:, layout.IS_DYNAMIC].any()
+    assert not scene.snapshot().parts[:, layout.PART_IS_DYNAMIC].any()
 
 
 TWO = [np.eye(4), np.eye(4)]

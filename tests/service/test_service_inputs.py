@@ -9,11 +9,11 @@ from fake_service import MS, hands_at
 from proximity.errors import QueryError, ServiceError
 from proximity.kernels.contact_columns import PREDICTED, TRACKED
 from proximity.kernels.tracking.motion import (
+    ESTIMATE_VELOCITY,
     MAX_ACCELERATION,
     MAX_SPEED,
     MOTION_INTS,
     MOTION_REALS,
-    VELOCITY,
     observe,
 )
 from proximity.recording import Recording
@@ -119,7 +119,10 @@ def test_way_from_the_end_of_a_recording_to_its_beginning_is_no_velocity(jump):
         (x, y, z), pose_ns = gate.kept.positions[0], gate.kept.pose_ns[0]
         status = observe(reals, marks, 0, pose_ns, x, y, z, MAX_SPEED, MAX_ACCELERATION)
         seen += bool(status & TRACKED)
-        assert not status & PREDICTED or np.abs(reals[0, VELOCITY : VELOCITY + 3]).max() <= fastest
+        assert (
+            not status & PREDICTED
+            or np.abs(reals[0, ESTIMATE_VELOCITY : ESTIMATE_VELOCITY + 3]).max() <= fastest
+        )
     assert seen == 3 * rows
 
 

@@ -9,19 +9,19 @@ from proximity.kernels.geometry.frames import (
     part_of_slot,
 )
 from proximity.kernels.layout import (
-    BLOCK_COUNT,
     BLOCK_STRIDE,
-    CHILDREN,
     FRAME_COLUMNS,
+    FRAME_SCALE,
     LANES,
-    MOMENTS,
     NO_PART,
     NO_SLOT,
-    NODE_COUNT,
+    NODE_CHILDREN,
     NODE_STRIDE,
+    PART_BLOCK_COUNT,
     PART_COLUMNS,
-    ROOT,
-    SCALE,
+    PART_MOMENTS,
+    PART_NODE_COUNT,
+    PART_ROOT,
     STACKS_SIZE,
 )
 from proximity.kernels.point.budgeted_walk import WORKSPACE_SIZE, known_sq, nearest_with_budget
@@ -64,7 +64,7 @@ def start_of(model):
     """The reference to walk all of a model from, and the row in whose frame it is."""
     scene = len(model.parts) - 1
     part = 0 if scene == 1 else scene
-    return int(model.parts[part, ROOT]), part
+    return int(model.parts[part, PART_ROOT]), part
 
 
 def guarded_room():
@@ -76,11 +76,19 @@ def guarded_room():
 WORKSPACE, WHOLE = guarded_room()
 
 
-def walk(model, point, budget, best_sq=np.inf, slot=NO_SLOT, *, tolerance=0.0, core=0.0):
+def walk(model, point, budget, best_sq=np.inf, slot=NO_SLOT, *, tolerance=0.0, exact_within=0.0):
     """Ask, and check what holds for every walk: it wrote in its room only, and spent some, not too much."""
     arrays = (model.reals, model.words, model.frames, model.parts)
     found = nearest_with_budget(
-        arrays, *start_of(model), tuple(map(float, point)), best_sq, slot, tolerance, core, budget, WORKSPACE
+        arrays,
+        *start_of(model),
+        tuple(map(float, point)),
+        best_sq,
+        slot,
+        tolerance,
+        exact_within,
+        budget,
+        WORKSPACE,
     )
     assert (WHOLE[:GUARD] == UNTOUCHED).all() and (WHOLE[-GUARD:] == UNTOUCHED).all(), (
         "nothing is written beside the room"
@@ -109,7 +117,7 @@ def known(model, point, slot):
 
 def block_count(model):
     """Leaves of all parts."""
-    return int(model.parts[:-1, BLOCK_COUNT].sum())
+    return int(model.parts[:-1, PART_BLOCK_COUNT].sum())
 
 
 # --- scenes -----------------------------------------------------------------------------------------------
@@ -186,10 +194,10 @@ def by_hand(node_count, children):
     """A one-part model of nodes whose boxes all hold the origin; leaves are empty."""
     nodes = np.zeros((node_count, NODE_STRIDE), np.float32)
     nodes[:, :24], nodes[:, 24:48] = -1.0, 1.0
-    nodes.view(np.int32)[:, CHILDREN : CHILDREN + LANES] = children
+    nodes.view(np.int32)[:, NODE_CHILDREN : NODE_CHILDREN + LANES] = children
     moments = np.zeros(node_count * MOMENT_STRIDE, np.float32)
     parts, frames = np.zeros((2, PART_COLUMNS), np.int64), np.zeros((2, FRAME_COLUMNS))
-    parts[:, MOMENTS], parts[0, NODE_COUNT], frames[:, SCALE] = nodes.size, node_count, 1.0
+    parts[:, PART_MOMENTS], parts[0, PART_NODE_COUNT], frames[:, FRAME_SCALE] = nodes.size, node_count, 1.0
     frames[:, [0, 4, 8]] = 1.0
     return np.full(BLOCK_STRIDE, np.nan), np.concatenate([nodes.ravel(), moments]), frames, parts
 

@@ -34,11 +34,11 @@ class Finger:
 
     @property
     def velocity(self):
-        return self.reals[1, motion.VELOCITY : motion.VELOCITY + 3]
+        return self.reals[1, motion.ESTIMATE_VELOCITY : motion.ESTIMATE_VELOCITY + 3]
 
     @property
     def velocity_error(self):
-        return self.reals[1, motion.VELOCITY_ERROR]
+        return self.reals[1, motion.ESTIMATE_VELOCITY_ERROR]
 
     @property
     def state(self):

@@ -3,7 +3,7 @@
 import numpy as np
 
 from proximity.kernels.layout import LANES, NODE_STRIDE
-from proximity.kernels.tree.binned_sah import RECORD
+from proximity.kernels.tree.binned_sah import BOX_STRIDE
 from proximity.kernels.tree.builder import face_boxes
 
 
@@ -14,7 +14,7 @@ def node_of(contents):
     for lane, points in enumerate(contents):
         # A face whose corners are the extremes has the box of all points.
         corners = np.stack([points.min(axis=0), points.max(axis=0), points[0]])
-        box = np.empty(RECORD, np.float32)
+        box = np.empty(BOX_STRIDE, np.float32)
         face_boxes(corners, np.array([[0, 1, 2]], np.int32), box)
         node[lane:24:LANES], node[24 + lane : 48 : LANES] = box[:3], -box[4:7]
     return node

@@ -6,8 +6,8 @@ import shapes
 from ticking import MS, RADIUS
 
 from proximity.kernels.tracking.finger_distance import CROWD
-from proximity.kernels.tracking.tick import AHEAD, MOST_TOLERANCE, steps_for_all
-from proximity.kernels.tracking.track import ADAPTIVE_TOLERANCE
+from proximity.kernels.tracking.tick import MOST_TOLERANCE, PREDICTION_BUDGETS, steps_for_all
+from proximity.kernels.tracking.track import SETTING_ADAPTIVE_TOLERANCE
 from proximity.message import ContactFlag
 from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
@@ -57,7 +57,7 @@ def test_a_crowd_takes_turns_within_its_steps_and_within_bounds(ball):
         assert (contacts["lower"] <= true + 1e-14).all()
         assert (true - 1e-14 <= contacts["upper"]).all()
         steps = steps_for_all(DEFAULT_BUDGET, count)
-        assert contacts["work"].sum() <= steps + (AHEAD + 2) * DEFAULT_BUDGET + SLACK * count
+        assert contacts["work"].sum() <= steps + (PREDICTION_BUDGETS + 2) * DEFAULT_BUDGET + SLACK * count
         was_sought |= ~has(contacts, ContactFlag.SKIPPED)
         if k > 2:
             waiting = has(contacts, ContactFlag.SKIPPED)
@@ -72,7 +72,7 @@ def test_in_a_crowd_bounds_are_as_wide_for_all_for_how_far_they_are(ball):
     for k in range(200):
         contacts = tracker.tick(tips + k * 1e-5, k * MS, k * MS)
     share = (contacts["upper"] - contacts["lower"]) / contacts["lower"]
-    adaptive_tolerance = tracker._settings[ADAPTIVE_TOLERANCE]
+    adaptive_tolerance = tracker._settings[SETTING_ADAPTIVE_TOLERANCE]
 
     assert 0.0 < adaptive_tolerance < MOST_TOLERANCE
     assert np.percentile(share, 99.0) <= 1.5 * adaptive_tolerance
@@ -88,15 +88,15 @@ def test_patience_is_forgotten_with_the_fingers_and_two_hands_never_have_any(bal
     tracker, tips = Tracker(ball, fingers=count), skin(count)
     for k in range(40):
         contacts = tracker.tick(tips + k * STEP, k * MS, k * MS)
-    assert tracker._settings[ADAPTIVE_TOLERANCE] > 0.0
+    assert tracker._settings[SETTING_ADAPTIVE_TOLERANCE] > 0.0
     tracker.reset()
-    assert tracker._settings[ADAPTIVE_TOLERANCE] == 0.0
+    assert tracker._settings[SETTING_ADAPTIVE_TOLERANCE] == 0.0
 
     few = Tracker(ball, fingers=CROWD)
     for k in range(40):
         contacts = few.tick(tips[:CROWD] + k * STEP, k * MS, k * MS)
         assert has(contacts, ContactFlag.EXACT).all()
-    assert few._settings[ADAPTIVE_TOLERANCE] == 0.0
+    assert few._settings[SETTING_ADAPTIVE_TOLERANCE] == 0.0
 
 
 def test_bounds_within_the_tolerance_are_carried_on(ball):

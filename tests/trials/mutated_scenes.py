@@ -95,22 +95,22 @@ def runs(arrays):
     """Where in the words each table lies, by name."""
     parts = arrays["parts"]
     row = parts[0]
-    nodes, blocks = (parts[:-1, column].sum() for column in (layout.NODE_COUNT, layout.BLOCK_COUNT))
+    nodes, blocks = (parts[:-1, column].sum() for column in (layout.PART_NODE_COUNT, layout.PART_BLOCK_COUNT))
     found = {
         "nodes": (0, layout.NODE_STRIDE * nodes),
-        "trees over parts": (layout.NODE_STRIDE * nodes, row[layout.SLOT_FACES]),
-        "slots": (row[layout.SLOT_FACES], row[layout.SLOT_FACES] + layout.LANES * blocks),
+        "trees over parts": (layout.NODE_STRIDE * nodes, row[layout.PART_SLOT_FACES]),
+        "slots": (row[layout.PART_SLOT_FACES], row[layout.PART_SLOT_FACES] + layout.LANES * blocks),
         "moments": (
-            row[layout.MOMENTS],
-            row[layout.MOMENTS] + compiled_scene.LAYOUT["MOMENT_STRIDE"] * nodes,
+            row[layout.PART_MOMENTS],
+            row[layout.PART_MOMENTS] + compiled_scene.LAYOUT["MOMENT_STRIDE"] * nodes,
         ),
-        "notes": (row[layout.BLOCK_NOTES], row[layout.BLOCK_NOTES] + blocks),
-        "grid over parts": (parts[-1, layout.GRID], len(arrays["words"])),
+        "notes": (row[layout.PART_BLOCK_NOTES], row[layout.PART_BLOCK_NOTES] + blocks),
+        "grid over parts": (parts[-1, layout.SCENE_GRID], len(arrays["words"])),
     }
-    for column, what in ((layout.FACES, "faces"), (layout.NEIGHBORS, "neighbors")):
-        found[what] = (row[column], row[column] + 3 * row[layout.FACE_COUNT])
-    if row[layout.GRID] >= 0:
-        found["grid"] = (row[layout.GRID], row[layout.GRID] + 8)
+    for column, what in ((layout.PART_FACES, "faces"), (layout.PART_NEIGHBORS, "neighbors")):
+        found[what] = (row[column], row[column] + 3 * row[layout.PART_FACE_COUNT])
+    if row[layout.PART_GRID] >= 0:
+        found["grid"] = (row[layout.PART_GRID], row[layout.PART_GRID] + 8)
     return {what: (int(first), int(end)) for what, (first, end) in found.items() if end > first}
 
 
@@ -189,8 +189,10 @@ def change_array(rng, arrays, number):
         at = int(rng.integers(first, end))
         if what in ("nodes", "trees over parts") and rng.random() < 0.6:
             # The references, which are a quarter of a node.
-            at = at // layout.NODE_STRIDE * layout.NODE_STRIDE + layout.CHILDREN + int(rng.integers(16))
-        is_real = what == "moments" or (what in ("nodes", "trees over parts") and at % 64 < layout.CHILDREN)
+            at = at // layout.NODE_STRIDE * layout.NODE_STRIDE + layout.NODE_CHILDREN + int(rng.integers(16))
+        is_real = what == "moments" or (
+            what in ("nodes", "trees over parts") and at % 64 < layout.NODE_CHILDREN
+        )
         values = array[first:end].view(np.float32 if is_real else np.int32)
         at -= first
     else:

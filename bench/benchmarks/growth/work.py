@@ -10,11 +10,11 @@ from proximity.kernels.geometry.frames import (
 )
 from proximity.kernels.layout import (
     BLOCK_STRIDE,
+    FRAME_SCALE,
     LANES,
     NO_SLOT,
     NODE_STRIDE,
-    ROOT,
-    SCALE,
+    PART_ROOT,
     STACK_SIZE,
     STACKS_SIZE,
 )
@@ -74,8 +74,8 @@ def _count_rays(handle, origins, directions, work, lengths):
         dx, dy, dz = scaled_direction(directions[i, 0], directions[i, 1], directions[i, 2])
         length = (dx * dx + dy * dy + dz * dz) ** 0.5
         dx, dy, dz = direction_to_local(frames, parts, 0, dx, dy, dz)
-        best, work[i] = _ray_steps(reals, words, parts[0, ROOT], x, y, z, dx, dy, dz, stacks)
-        lengths[i] = best * length / frames[0, SCALE]
+        best, work[i] = _ray_steps(reals, words, parts[0, PART_ROOT], x, y, z, dx, dy, dz, stacks)
+        lengths[i] = best * length / frames[0, FRAME_SCALE]
 
 
 @kernel

@@ -12,7 +12,15 @@ import pytest
 from benchmarks.kernels import loops
 from benchmarks.queries import cases
 from benchmarks.rivals import registry
-from proximity.kernels.layout import BLOCK_STRIDE, CHILDREN, LANES, MOMENTS, NODE_COUNT, NODE_STRIDE, ROOT
+from proximity.kernels.layout import (
+    BLOCK_STRIDE,
+    LANES,
+    NODE_CHILDREN,
+    NODE_STRIDE,
+    PART_MOMENTS,
+    PART_NODE_COUNT,
+    PART_ROOT,
+)
 from proximity.kernels.segment.plan import PLAN_SIZE, PROBE_SIZE, make_plan
 from proximity.mesh.topology import build_topology
 from proximity.mesh.triangle_mesh import TriangleMesh
@@ -66,11 +74,11 @@ def make_operands():
     corners = np.empty((int(topology.corner_ids.max()) + 1, 3))
     corners[topology.corner_ids.ravel()] = vertices[faces.ravel()]
     model = assemble([part_arrays(corners, topology.corner_ids, topology.neighbors)], [Pose()])
-    nodes = NODE_STRIDE * (model.parts[0, ROOT] + np.arange(model.parts[0, NODE_COUNT]))
-    children = model.words.view(np.int32)[(nodes[:, None] + np.arange(CHILDREN, CHILDREN + LANES))]
+    nodes = NODE_STRIDE * (model.parts[0, PART_ROOT] + np.arange(model.parts[0, PART_NODE_COUNT]))
+    children = model.words.view(np.int32)[(nodes[:, None] + np.arange(NODE_CHILDREN, NODE_CHILDREN + LANES))]
     blocks = BLOCK_STRIDE * ~children[children < 0]
     blocks = [b for b in blocks if np.isfinite(model.reals[b : b + BLOCK_STRIDE]).all()]
-    nodes = [b for b in nodes if np.isfinite(model.words[b : b + CHILDREN]).all()]
+    nodes = [b for b in nodes if np.isfinite(model.words[b : b + NODE_CHILDREN]).all()]
     rng = np.random.default_rng(11)
     rays = rng.uniform(-1.2, 1.2, (CALLS, 6))
     rays[:, 3:] /= np.abs(rays[:, 3:]).max(axis=1)[:, None]
@@ -143,7 +151,7 @@ def test_segment_kernel(timed, operands):
 def test_winding(timed, operands, contender, who):
     """A whole traversal: most points are far from most faces."""
     model, queries, found = operands.model, operands.rays[:WINDING_CALLS], np.empty(WINDING_CALLS)
-    root, moments = int(model.parts[0, ROOT]), int(model.parts[0, MOMENTS])
+    root, moments = int(model.parts[0, PART_ROOT]), int(model.parts[0, PART_MOMENTS])
     run = partial(loops.winding_loop, operands.reals, operands.words, root, moments, queries, found)
     run()
     if who == "libigl":

@@ -1,4 +1,4 @@
-"""Lower bounds: from a point or a segment, or along a ray, to eight boxes at once.
+"""Lower bounds of the distance from a point to eight boxes at once.
 
 Boxes are float32 and wider than what they contain, by enough to make up for a query point that is rounded
 to float32 as well; the roundings of the squares are made up for on the other side of the comparison. So
@@ -13,14 +13,14 @@ from proximity.simd import fma, load, maximum, minimum, narrow, select, splat, s
 FAR = 2.0
 """Within this (part sizes from the middle) a coordinate rounded to float32 is off by 2^-24 at most."""
 BOX_MARGIN = np.float32(2.0**-23)
-"""What boxes are widened by when they are made: the query's rounding and their own, twice over."""
-ROUNDED_DOWN = 1.0 + 2.0**-20
+"""Margin of boxes, added when they are made: the query's rounding and their own, twice over."""
+BOUND_SLACK = 1.0 + 2.0**-20
 """Factor on the best squared distance before it is compared with a bound: it makes up for the five float32
 roundings, of 2^-24 each, between a bound and its computed value."""
-LARGEST = np.float32(3.4e38)
+LARGEST_BOUND = np.float32(3.4e38)
 """Stands for no bound yet: less than the infinity of unused lanes."""
 LARGEST_REST = 3.3e38
-"""Below `LARGEST`, so that it is looked at as long as nothing is found."""
+"""Below `LARGEST_BOUND`, so that it is looked at as long as nothing is found."""
 SHRINK_FAR = 1.0 - 2.0**-48
 
 
@@ -92,7 +92,7 @@ def node_bounds_sq(words, base, point_lanes):
 @inlined
 def bound_of(best_sq, offset):
     """The float32 number that bounds are compared with: what is not above it must be looked at."""
-    return min(np.float32((best_sq - offset) * ROUNDED_DOWN), LARGEST)
+    return min(np.float32((best_sq - offset) * BOUND_SLACK), LARGEST_BOUND)
 
 
 @inlined

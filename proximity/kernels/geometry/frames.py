@@ -3,15 +3,15 @@
 import numpy as np
 
 from proximity.kernels.layout import (
-    BLOCK_NOTES,
-    CENTRE,
     FOLDED_AT,
-    IS_HIDDEN,
-    IS_TURNED,
+    FRAME_CENTRE,
+    FRAME_ROTATION,
+    FRAME_SCALE,
+    FRAME_TRANSLATION,
     LANES,
-    ROTATION,
-    SCALE,
-    TRANSLATION,
+    PART_BLOCK_NOTES,
+    PART_IS_HIDDEN,
+    PART_IS_TURNED,
 )
 from proximity.native import inlined
 from proximity.simd import (
@@ -21,31 +21,31 @@ from proximity.simd import (
     minimum,
 )
 
-ROUNDING = 1e-13
-"""More than what distances and ways are off by rounding, relative and in sizes of the scene."""
+LENGTH_ROUNDING = 1e-13
+"""More than rounding can put distances and displacements off, relative and in sizes of the scene."""
 
 
-FARTHEST = 1e100
+FARTHEST_LOCAL = 1e100
 """Local coordinates beyond this are pulled in: the direction stays, the square does not overflow."""
 
 
 @inlined
 def can_be_asked(frames, parts, x, y, z):
     """Whether a point is finite, and not so far that squares overflow."""
-    reach = FARTHEST / frames[len(parts) - 1, SCALE]
+    reach = FARTHEST_LOCAL / frames[len(parts) - 1, FRAME_SCALE]
     return abs(x) <= reach and abs(y) <= reach and abs(z) <= reach
 
 
 @inlined
 def is_alone(parts):
     """Whether there is one part, to be found: then it is asked itself, without a tree over parts."""
-    return len(parts) == 2 and not parts[0, IS_HIDDEN]
+    return len(parts) == 2 and not parts[0, PART_IS_HIDDEN]
 
 
 @inlined
 def direction_to_local(frames, parts, part, x, y, z):
     """A direction of the scene's frame in that of *part*, as long; scalars or vectors of eight."""
-    if parts[part, IS_TURNED]:
+    if parts[part, PART_IS_TURNED]:
         return (
             _along(frames, part, 0, x, y, z),
             _along(frames, part, 1, x, y, z),
@@ -56,7 +56,7 @@ def direction_to_local(frames, parts, part, x, y, z):
 
 @inlined
 def _along(frames, part, column, x, y, z):
-    at = ROTATION + column
+    at = FRAME_ROTATION + column
     return (
         like(frames[part, at], x) * x + like(frames[part, at + 3], y) * y + like(frames[part, at + 6], z) * z
     )
@@ -65,11 +65,17 @@ def _along(frames, part, column, x, y, z):
 @inlined
 def direction_to_scene(frames, parts, part, x, y, z):
     """A direction of the frame of *part* in the scene's frame."""
-    if parts[part, IS_TURNED]:
+    if parts[part, PART_IS_TURNED]:
         return (
-            frames[part, ROTATION] * x + frames[part, ROTATION + 1] * y + frames[part, ROTATION + 2] * z,
-            frames[part, ROTATION + 3] * x + frames[part, ROTATION + 4] * y + frames[part, ROTATION + 5] * z,
-            frames[part, ROTATION + 6] * x + frames[part, ROTATION + 7] * y + frames[part, ROTATION + 8] * z,
+            frames[part, FRAME_ROTATION] * x
+            + frames[part, FRAME_ROTATION + 1] * y
+            + frames[part, FRAME_ROTATION + 2] * z,
+            frames[part, FRAME_ROTATION + 3] * x
+            + frames[part, FRAME_ROTATION + 4] * y
+            + frames[part, FRAME_ROTATION + 5] * z,
+            frames[part, FRAME_ROTATION + 6] * x
+            + frames[part, FRAME_ROTATION + 7] * y
+            + frames[part, FRAME_ROTATION + 8] * z,
         )
     return x, y, z
 
@@ -77,28 +83,28 @@ def direction_to_scene(frames, parts, part, x, y, z):
 @inlined
 def to_local(frames, parts, part, x, y, z):
     """A point of the scene's frame in the local frame of *part*; scalars or vectors of eight."""
-    dx = x - like(frames[part, TRANSLATION], x)
-    dy = y - like(frames[part, TRANSLATION + 1], y)
-    dz = z - like(frames[part, TRANSLATION + 2], z)
+    dx = x - like(frames[part, FRAME_TRANSLATION], x)
+    dy = y - like(frames[part, FRAME_TRANSLATION + 1], y)
+    dz = z - like(frames[part, FRAME_TRANSLATION + 2], z)
     dx, dy, dz = direction_to_local(frames, parts, part, dx, dy, dz)
-    scale = like(frames[part, SCALE], x)
+    scale = like(frames[part, FRAME_SCALE], x)
     return (
-        _pull_in((dx - like(frames[part, CENTRE], x)) * scale),
-        _pull_in((dy - like(frames[part, CENTRE + 1], y)) * scale),
-        _pull_in((dz - like(frames[part, CENTRE + 2], z)) * scale),
+        _pull_in((dx - like(frames[part, FRAME_CENTRE], x)) * scale),
+        _pull_in((dy - like(frames[part, FRAME_CENTRE + 1], y)) * scale),
+        _pull_in((dz - like(frames[part, FRAME_CENTRE + 2], z)) * scale),
     )
 
 
 @inlined
 def rounding_at(frames, x, y, z):
     """More than what a distance from a point of the scene's frame is off by rounding, m."""
-    return ROUNDING * (1.0 / frames[len(frames) - 1, SCALE] + abs(x) + abs(y) + abs(z))
+    return LENGTH_ROUNDING * (1.0 / frames[len(frames) - 1, FRAME_SCALE] + abs(x) + abs(y) + abs(z))
 
 
 @inlined
 def _pull_in(value):
     # In this order NaN stays.
-    return minimum(like(FARTHEST, value), maximum(like(-FARTHEST, value), value))
+    return minimum(like(FARTHEST_LOCAL, value), maximum(like(-FARTHEST_LOCAL, value), value))
 
 
 @inlined
@@ -112,10 +118,10 @@ def turn_to_scene(frames, parts, part, source, at, target, to):
 def to_scene(frames, parts, part, source, at, target, to):
     """Take a point from the part's local frame to the scene's."""
     for axis in range(3):
-        target[to + axis] = source[at + axis] / frames[part, SCALE] + frames[part, CENTRE + axis]
+        target[to + axis] = source[at + axis] / frames[part, FRAME_SCALE] + frames[part, FRAME_CENTRE + axis]
     turn_to_scene(frames, parts, part, target, to, target, to)
     for axis in range(3):
-        target[to + axis] += frames[part, TRANSLATION + axis]
+        target[to + axis] += frames[part, FRAME_TRANSLATION + axis]
 
 
 @inlined
@@ -124,4 +130,4 @@ def part_of_slot(words, parts, slot):
     scene = len(parts) - 1
     if scene == 1:
         return np.int64(0)
-    return np.int64(load_int(words, parts[scene, BLOCK_NOTES] + slot // LANES) & (2**FOLDED_AT - 1))
+    return np.int64(load_int(words, parts[scene, PART_BLOCK_NOTES] + slot // LANES) & (2**FOLDED_AT - 1))

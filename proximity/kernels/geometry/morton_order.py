@@ -11,16 +11,18 @@ from proximity.simd import absolute, horizontal_min, maximum, minimum, select, s
 SORT_FROM = 48
 """Points from which on a batch is walked along a space-filling curve: each point then starts from its
 neighbour's answer. Sorting costs some 20 ns a point and saves a third of the walk."""
-BITS = 7
-"""Of the number of a cell along an axis. With ten of them walks are no shorter, and sorting takes a third
-pass (2026-11: batches are 1.04 to 1.12 times as fast with seven, worked out eight at a time)."""
-FIRST_BITS = 11
-"""Of a cell's place along the curve that are sorted by first; by the others then."""
-SPREAD = np.array([sum((n >> bit & 1) << 3 * bit for bit in range(BITS)) for n in range(2**BITS)], np.uint32)
+CELL_BITS = 7
+"""Bits of the number of a cell along an axis. With ten of them walks are no shorter, and sorting takes a
+third pass (2026-11: batches are 1.04 to 1.12 times as fast with seven, worked out eight at a time)."""
+DIGIT_BITS = 11
+"""Bits of a cell's position along the curve that one pass sorts by; two passes take all."""
+SPREAD_BITS = np.array(
+    [sum((n >> bit & 1) << 3 * bit for bit in range(CELL_BITS)) for n in range(2**CELL_BITS)], np.uint32
+)
 """The number of a cell along an axis, with two zeros between any two bits."""
 OF_EIGHT = 3 * LANES
 """Coordinates of eight points."""
-LARGEST = 1e300
+LARGEST_FINITE = 1e300
 """Coordinates beyond are as good as infinite: their difference may be."""
 
 
@@ -28,17 +30,17 @@ LARGEST = 1e300
 def morton_order(points):
     """The rows of *points* along a curve that keeps neighbours together; rows not finite are anywhere."""
     count = len(points)
-    keys, starts = np.empty(count, np.uint32), np.empty(2**FIRST_BITS, np.int64)
+    keys, starts = np.empty(count, np.uint32), np.empty(2**DIGIT_BITS, np.int64)
     half_sorted, order = np.empty(count, np.int64), np.empty(count, np.int64)
     _write_keys(points, keys)
     sort_by_digit(keys, np.uint32(0), starts, np.arange(count), half_sorted)
-    sort_by_digit(keys, np.uint32(FIRST_BITS), starts, half_sorted, order)
+    sort_by_digit(keys, np.uint32(DIGIT_BITS), starts, half_sorted, order)
     return order
 
 
 @kernel
 def _write_keys(points, keys):
-    """Fill the place along the curve of the cell that each point is in."""
+    """Fill the position along the curve of the cell that each point is in."""
     count, offsets, cells = len(points), longs_here(LANES), reals_here(OF_EIGHT)
     x0 = y0 = z0 = splat(np.inf)
     x1 = y1 = z1 = splat(-np.inf)
@@ -49,22 +51,22 @@ def _write_keys(points, keys):
         z0, z1 = _around(z, z0, z1)
     lower_x, lower_y, lower_z = horizontal_min(x0), horizontal_min(y0), horizontal_min(z0)
     extent = -min(horizontal_min(-x1) + lower_x, horizontal_min(-y1) + lower_y, horizontal_min(-z1) + lower_z)
-    rate = (2.0**BITS - 1.0) / extent if extent > 0.0 else 0.0
+    rate = (2.0**CELL_BITS - 1.0) / extent if extent > 0.0 else 0.0
     for at in range(0, count, LANES):
         x, y, z = columns_from(points, at, offsets)
         store(cells, 0, _cells(x, lower_x, rate))
         store(cells, LANES, _cells(y, lower_y, rate))
         store(cells, 2 * LANES, _cells(z, lower_z, rate))
         for k in range(min(LANES, count - at)):
-            key = SPREAD[np.int64(cells[k])]
-            key |= SPREAD[np.int64(cells[LANES + k])] << np.uint32(1)
-            keys[at + k] = key | SPREAD[np.int64(cells[2 * LANES + k])] << np.uint32(2)
+            key = SPREAD_BITS[np.int64(cells[k])]
+            key |= SPREAD_BITS[np.int64(cells[LANES + k])] << np.uint32(1)
+            keys[at + k] = key | SPREAD_BITS[np.int64(cells[2 * LANES + k])] << np.uint32(2)
 
 
 @inlined
 def _around(values, least, most):
     """The least and the most of eight lanes so far, with those of *values* that are finite."""
-    is_finite = absolute(values) < splat(LARGEST)
+    is_finite = absolute(values) < splat(LARGEST_FINITE)
     least = minimum(least, select(is_finite, values, splat(np.inf)))
     return least, maximum(most, select(is_finite, values, splat(-np.inf)))
 
@@ -73,14 +75,14 @@ def _around(values, least, most):
 def _cells(values, lower, rate):
     """The number of the cell along an axis that each value is in, but for its fraction; of nan, 0."""
     along = (values - splat(lower)) * splat(rate)
-    return minimum(maximum(along, splat(0.0)), splat(2.0**BITS - 1.0))
+    return minimum(maximum(along, splat(0.0)), splat(2.0**CELL_BITS - 1.0))
 
 
 @kernel
 def sort_by_digit(keys, shift, starts, rows, into):
     """Fill *into* with *rows*, in the order of the bits from *shift* on of their keys (N,), uint32.
 
-    As many bits as *starts*, which is room to count in, has numbers for. Rows whose bits are equal keep their
+    As many bits as *starts*, which is scratch, has numbers for. Rows whose bits are equal keep their
     order.
     """
     digits = np.uint32(len(starts) - 1)

@@ -1,4 +1,4 @@
-"""Rows of three numbers, as points and directions are: eight at a time, and asked for beforehand."""
+"""Rows of three numbers, loaded eight at a time or prefetched."""
 
 from proximity.kernels.layout import LANES
 from proximity.native import inlined
@@ -13,7 +13,7 @@ def columns(rows, offsets, at):
 
 @inlined
 def columns_from(rows, first, offsets):
-    """The same of eight rows that follow each other; behind the last one, of that. *offsets* (8,): room."""
+    """The same for eight rows in order, the last standing for those behind it. *offsets* (8,): scratch."""
     for k in range(LANES):
         offsets[k] = 3 * min(first + k, len(rows) - 1)
     return columns(rows, offsets, 0)

@@ -1,4 +1,4 @@
-"""A point against triangles: one formula, for one triangle or for eight.
+"""Distance from a point to triangles: one formula for one triangle or for eight.
 
 The squared distance to a triangle is the smallest of those to its three edges and, where the foot of the
 point falls inside, that to its plane. Every edge parameter is clamped, so that each edge distance is the
@@ -38,8 +38,8 @@ def cross(ax, ay, az, bx, by, bz):
 
 
 @inlined
-def place_of(slot):
-    """Where in ``reals`` the triangle at a slot has its first number; the others follow eight apart."""
+def offset_of(slot):
+    """Offset in ``reals`` of the first number of the triangle at a slot; the others follow eight apart."""
     return BLOCK_STRIDE * (slot // LANES) + slot % LANES
 
 
@@ -121,7 +121,7 @@ __all__ = [
     "dot",
     "edge_distance_sq",
     "maximum",
-    "place_of",
+    "offset_of",
     "point_block_distance_sq",
     "point_triangle_distance_sq",
 ]

@@ -1,4 +1,4 @@
-"""What links connect, by union and find."""
+"""Connected components of a graph, by union and find."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from proximity.native import entry, kernel
 
 @kernel
 def _root(parents, node):
-    """The lowest node known to be connected with *node*; ways there are halved."""
+    """The lowest node known to be connected with *node*; paths there are halved."""
     while parents[node] != node:
         parents[node] = parents[parents[node]]
         node = parents[node]

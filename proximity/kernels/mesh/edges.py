@@ -19,13 +19,13 @@ def sorted_half_edges(corners):
     is_forward : (H,) bool
         In that order.
     starts, counts, forward_counts : (E,) int64
-        Of each edge: its first place in that order, how many there are, and how many run forward.
+        Of each edge: its first position in that order, how many there are, and how many run forward.
     is_loop : (E,) bool
         Both corners are equal.
 
     Notes
     -----
-    Sorted by counting, from the least place on: linear, whatever meets at a corner.
+    Sorted by counting, from the least digit on: linear, whatever meets at a corner.
     """
     lows, highs = np.empty(corners.size, np.int32), np.empty(corners.size, np.int32)
     flags = np.empty(corners.size, np.bool_)
@@ -34,32 +34,32 @@ def sorted_half_edges(corners):
             one, other = corners[face, k], corners[face, (k + 1) % 3]
             lows[3 * face + k], highs[3 * face + k] = min(one, other), max(one, other)
             flags[3 * face + k] = one <= other
-    by_way, order = np.empty(corners.size, np.int64), np.empty(corners.size, np.int64)
+    by_direction, order = np.empty(corners.size, np.int64), np.empty(corners.size, np.int64)
     forward, backward, largest = 0, 0, 0
     for half in range(corners.size):
         backward += flags[half]
         largest = max(largest, highs[half])
     for half in range(corners.size):
         if flags[half]:
-            by_way[forward] = half
+            by_direction[forward] = half
             forward += 1
         else:
-            by_way[backward] = half
+            by_direction[backward] = half
             backward += 1
-    places = np.empty(largest + 2, np.int64)
-    _sort_by(highs, by_way, places, order)
-    _sort_by(lows, order, places, by_way)
-    order, is_forward = by_way, np.empty(corners.size, np.bool_)
+    next_positions = np.empty(largest + 2, np.int64)
+    _sort_by(highs, by_direction, next_positions, order)
+    _sort_by(lows, order, next_positions, by_direction)
+    order, is_forward = by_direction, np.empty(corners.size, np.bool_)
     starts, forward_counts = np.empty(corners.size + 1, np.int64), np.zeros(corners.size, np.int64)
     is_loop = np.empty(corners.size, np.bool_)
     found, low, high = 0, np.int32(-1), np.int32(-1)
-    for place in range(corners.size):
-        half = order[place]
+    for position in range(corners.size):
+        half = order[position]
         if lows[half] != low or highs[half] != high:
             low, high = lows[half], highs[half]
-            starts[found], is_loop[found] = place, low == high
+            starts[found], is_loop[found] = position, low == high
             found += 1
-        is_forward[place] = flags[half]
+        is_forward[position] = flags[half]
         forward_counts[found - 1] += flags[half]
     starts[found] = corners.size
     counts = np.empty(found, np.int64)
@@ -76,13 +76,13 @@ def sorted_half_edges(corners):
 
 
 @kernel
-def _sort_by(keys, rows, places, into):
-    """Fill *into* with *rows*, by their keys; of equals the first stays first. *places*: room to count in."""
-    places[:] = 0
+def _sort_by(keys, rows, next_positions, into):
+    """Fill *into* with *rows*, by their keys; equal ones keep their order. *next_positions*: scratch."""
+    next_positions[:] = 0
     for row in rows:
-        places[keys[row] + 1] += 1
-    for key in range(1, len(places)):
-        places[key] += places[key - 1]
+        next_positions[keys[row] + 1] += 1
+    for key in range(1, len(next_positions)):
+        next_positions[key] += next_positions[key - 1]
     for row in rows:
-        into[places[keys[row]]] = row
-        places[keys[row]] += 1
+        into[next_positions[keys[row]]] = row
+        next_positions[keys[row]] += 1

@@ -1,4 +1,4 @@
-"""What is found of faces one by one, on loading: how large and how thin they are, what shells enclose.
+"""Measures of faces and shells: area, thickness, enclosed volume.
 
 *corners* (K, 3) float64, *faces* (F, 3) integers: rows of *corners*.
 """
@@ -75,20 +75,20 @@ def signed_volume(vertices, faces):
     for face in range(len(faces)):
         for k in range(3):
             for axis in range(3):
-                place = vertices[faces[face, k], axis]
-                low[axis], high[axis] = min(low[axis], place), max(high[axis], place)
+                coordinate = vertices[faces[face, k], axis]
+                low[axis], high[axis] = min(low[axis], coordinate), max(high[axis], coordinate)
     middle = 0.5 * low + 0.5 * high
     size = max(high[0] - middle[0], high[1] - middle[1], high[2] - middle[2])
     if not size > 0.0:
         return 0.0
     volume, lost, most = 0.0, 0.0, 0.0
-    places = np.empty((3, 3))
+    scaled = np.empty((3, 3))
     for face in range(len(faces)):
         for k in range(3):
             for axis in range(3):
-                places[k, axis] = (vertices[faces[face, k], axis] - middle[axis]) / size
-        ax, ay, az = places[0]
-        nx, ny, nz = cross(places[1, 0], places[1, 1], places[1, 2], places[2, 0], places[2, 1], places[2, 2])
+                scaled[k, axis] = (vertices[faces[face, k], axis] - middle[axis]) / size
+        ax, ay, az = scaled[0]
+        nx, ny, nz = cross(scaled[1, 0], scaled[1, 1], scaled[1, 2], scaled[2, 0], scaled[2, 1], scaled[2, 2])
         term = dot(ax, ay, az, nx, ny, nz)
         most += sqrt(dot(ax, ay, az, ax, ay, az)) * sqrt(dot(nx, ny, nz, nx, ny, nz))
         total = volume + term

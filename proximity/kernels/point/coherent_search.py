@@ -1,17 +1,18 @@
-"""The surface nearest to a point that has come a little way since it was asked for.
+"""The closest surface of a point that moved a little: a search from the last answer.
 
 A search ends at a *frontier*: nodes that were opened, with their children that were not, or are leaves. Of
-each of these a plane is kept that has all of it behind, square to the way from what is nearest in it to the
-point, as that was when the plane was made. From a plane a point is never farther than from what is behind;
-and after a little way hardly nearer, for what is neglected is of second order. So the next search looks at
-planes, eight at once, and opens what may hold something nearer than the face that was the nearest. Nor does
-it look at all: how far a node's planes are out of reach tells for how long a way they stay there.
+each of these a plane is kept that has all of it behind, perpendicular to the connection between its nearest
+point and the query, as that was when the plane was made. From a plane a point is never farther than from what
+is behind; and after a small move hardly nearer, for what is neglected is of second order. So the next search
+looks at planes, eight at once, and opens what may hold something nearer than the face that was the nearest.
+Not all planes are looked at: from the distance by which a node's planes are out of reach follows how far the
+point may go before they count again.
 
 Five recorded fingers near a bumpy ring of 90 k even triangles take 10 steps a tick in place of 199 (p50),
 half the time; ten near a gear of 118 bodies 55 in place of 243, which is no faster. Near plane faces a walk
 takes 7 steps a finger and is as fast; parts with frames of their own are walked, and gain nothing.
 
-Tried and dropped (2026-11): distances less the way come since, in place of planes. Of first order, they
+Tried and dropped (2026-11): distances less the travel since, instead of planes. Of first order, they
 opened twice as many near plane faces as a walk from the root.
 
 Sources: Li & Chen 1998, "Incremental 3D collision detection with hierarchical data structures" (the
@@ -29,7 +30,15 @@ from proximity.kernels.geometry.frames import (
     to_local,
 )
 from proximity.kernels.geometry.triangle import dot
-from proximity.kernels.layout import BLOCK_STRIDE, CHILDREN, ENTRY, FACES, LANES, NODE_STRIDE, ROOT
+from proximity.kernels.layout import (
+    BLOCK_STRIDE,
+    ENTRY,
+    LANES,
+    NODE_CHILDREN,
+    NODE_STRIDE,
+    PART_ROOT,
+    SCENE_ENTRIES,
+)
 from proximity.kernels.point.budgeted_walk import best_known, factor_of, nearest_with_budget
 from proximity.kernels.tree.traversal import nearer_in_block
 from proximity.native import inlined, kernel
@@ -49,42 +58,42 @@ from proximity.simd import (
     trailing_zeros,
 )
 
-FRONTIER = 112
+FRONTIER_CAPACITY = 112
 """Nodes of a frontier; one that would get more begins anew from the root."""
-WORD = FRONTIER // 2
-"""Of as many a word of bits says which are due."""
-GROUP = 4 * LANES
+DUE_WORD = FRONTIER_CAPACITY // 2
+"""Nodes for which one word of bits says whether they are due."""
+FRONTIER_GROUP = 4 * LANES
 """Numbers a node, which come first: its children's planes, x, y, z of the direction and offset."""
-X, Y, Z, OFFSET = 0, LANES, 2 * LANES, 3 * LANES
-DUE = GROUP * FRONTIER
-"""Of each node: up to what way the planes of all its children are out of reach, but for opened nodes."""
-NODE = DUE + FRONTIER
+FRONTIER_X, FRONTIER_Y, FRONTIER_Z, FRONTIER_OFFSET = 0, LANES, 2 * LANES, 3 * LANES
+FRONTIER_DUE = FRONTIER_GROUP * FRONTIER_CAPACITY
+"""A number a node: the travel up to which the planes of its unopened children are out of reach."""
+FRONTIER_NODES = FRONTIER_DUE + FRONTIER_CAPACITY
 """Its number."""
-WAY = NODE + FRONTIER
-"""How far the point has come since the frontier began; behind it, where it was last. In the tree's frame."""
-LIMIT = WAY + 4
-"""How many nodes it may get until it begins anew, to be lean again."""
-FRONTIER_SIZE = LIMIT + 1
-BEGINS = -1
-"""In place of a count: there is no frontier yet."""
-LONG = 20
+FRONTIER_TRAVEL = FRONTIER_NODES + FRONTIER_CAPACITY
+"""Distance that the point has come since the frontier began; then its last position. In the tree's frame."""
+FRONTIER_LIMIT = FRONTIER_TRAVEL + 4
+"""Nodes that the frontier may get until it begins anew, to be lean again."""
+FRONTIER_SIZE = FRONTIER_LIMIT + 1
+FRONTIER_BEGINS = -1
+"""Count that stands for no frontier yet."""
+LONG_WALK = 20
 """Steps: a walk that takes fewer is as fast as looking through a frontier."""
 MOST_NODES = 2**24
 """Up to which float32 tells all apart."""
-FARTHEST = 1e3
+FARTHEST_POINT = 1e3
 """Part sizes: from farther away all planes look alike in float32."""
-OLDEST = np.float32(2.0)
+MOST_TRAVEL = np.float32(2.0)
 """Part sizes that a point may have come until its frontier begins anew: it may not be worth keeping here."""
-ROUNDED = 2.0**-19
-"""How far what is computed in float32 is off, several times over: relative, and in part sizes."""
-SMALLEST = np.float32(1e-30)
+FLOAT32_ROUNDING = 2.0**-19
+"""Rounding of what is computed in float32, several times over: relative, and in part sizes."""
+SMALLEST_LENGTH_SQ = np.float32(1e-30)
 """Squared lengths below this give no direction."""
 NONE, ONE, INFINITE = np.float32(0.0), np.float32(1.0), np.float32(np.inf)
 BEHIND_NONE = np.float32(-np.inf)
 """Offset of the plane of a child that is in the frontier itself: out of reach for ever."""
-CLOSING = np.float32(0.49)
-"""Of what a plane is out of reach, the way on which it stays there; a half, since the nearest face may recede
-as the plane comes, less what the sum is rounded by."""
+CLOSING_SHARE = np.float32(0.49)
+"""Share of the distance by which a plane is out of reach that the point may travel; a half, since the nearest
+face may recede as the plane comes, less what the sum is rounded by."""
 
 
 @inlined
@@ -100,7 +109,7 @@ def _plane_of_block(reals, base, px, py, pz):
     least = minimum(to_a, minimum(to_b, to_c))
     is_used = least < splat(np.inf)
     least_sq = horizontal_min(select(is_used, least, splat(np.inf)))
-    if not SMALLEST < least_sq < np.inf:
+    if not SMALLEST_LENGTH_SQ < least_sq < np.inf:
         return 0.0, 0.0, 0.0, 0.0
     # The corner that is nearest; triangles share corners.
     corner, nearest = 0, bits(to_a <= splat(least_sq))
@@ -130,7 +139,7 @@ def _plane_of_box(words, base, qx, qy, qz):
     gx, gy, gz = qx - at_x, qy - at_y, qz - at_z
     length_sq = gx * gx + gy * gy + gz * gz
     length = np.float32(sqrt(length_sq))
-    share = ONE / length if length_sq > SMALLEST else NONE
+    share = ONE / length if length_sq > SMALLEST_LENGTH_SQ else NONE
     gx, gy, gz = gx * share, gy * share, gz * share
     offset = gx * at_x + gy * at_y + gz * at_z
     return gx, gy, gz, offset, length
@@ -138,52 +147,70 @@ def _plane_of_box(words, base, qx, qy, qz):
 
 @inlined
 def _reach(best_sq, slack):
-    """How far a plane may be, as computed, and still something behind it as near as the best."""
-    return np.float32(sqrt(best_sq) * (1.0 + ROUNDED) + slack)
+    """Largest computed distance of a plane that may have something behind it as near as the best."""
+    return np.float32(sqrt(best_sq) * (1.0 + FLOAT32_ROUNDING) + slack)
 
 
 @inlined
 def _keep_node(words, node, frontier, count, vx, vy, vz):
     """Append a node to a frontier: the planes of its children's boxes."""
-    base, at = NODE_STRIDE * node, GROUP * count
+    base, at = NODE_STRIDE * node, FRONTIER_GROUP * count
     at_x, at_y, at_z = nearest_in_boxes(words, base, vx, vy, vz)
     gap_x, gap_y, gap_z = vx - at_x, vy - at_y, vz - at_z
     gap_sq = fma(gap_x, gap_x, fma(gap_y, gap_y, gap_z * gap_z))
     # Of unused lanes all becomes NaN: they are never opened.
-    share = select(gap_sq > splat32(SMALLEST), splat32(ONE) / square_root(gap_sq), splat32(NONE))
+    share = select(gap_sq > splat32(SMALLEST_LENGTH_SQ), splat32(ONE) / square_root(gap_sq), splat32(NONE))
     gap_x, gap_y, gap_z = gap_x * share, gap_y * share, gap_z * share
-    store(frontier, at + X, gap_x)
-    store(frontier, at + Y, gap_y)
-    store(frontier, at + Z, gap_z)
-    store(frontier, at + OFFSET, fma(gap_x, at_x, fma(gap_y, at_y, gap_z * at_z)))
-    frontier[NODE + count] = node
+    store(frontier, at + FRONTIER_X, gap_x)
+    store(frontier, at + FRONTIER_Y, gap_y)
+    store(frontier, at + FRONTIER_Z, gap_z)
+    store(frontier, at + FRONTIER_OFFSET, fma(gap_x, at_x, fma(gap_y, at_y, gap_z * at_z)))
+    frontier[FRONTIER_NODES + count] = node
 
 
 @inlined
-def _way_since(frontier, qx, qy, qz, slack):
-    """How far the point has come since the frontier began, at most."""
-    sx, sy, sz = qx - frontier[WAY + 1], qy - frontier[WAY + 2], qz - frontier[WAY + 3]
-    way = frontier[WAY] + np.float32(sqrt(sx * sx + sy * sy + sz * sz))
-    return way * np.float32(1.0 + ROUNDED) + np.float32(slack)
+def _keep_plane(frontier, at, plane):
+    """Keep the plane of one child: its direction and offset."""
+    frontier[at + FRONTIER_X], frontier[at + FRONTIER_Y] = plane[0], plane[1]
+    frontier[at + FRONTIER_Z], frontier[at + FRONTIER_OFFSET] = plane[2], plane[3]
 
 
 @inlined
-def _begin_front(words, root, frontier, vx, vy, vz):
+def _keep_point(frontier, travel, qx, qy, qz):
+    """Keep where the point is, and how far it has come."""
+    frontier[FRONTIER_TRAVEL], frontier[FRONTIER_TRAVEL + 1] = travel, qx
+    frontier[FRONTIER_TRAVEL + 2], frontier[FRONTIER_TRAVEL + 3] = qy, qz
+
+
+@inlined
+def _travel_since(frontier, qx, qy, qz, slack):
+    """Upper bound of the distance that the point has come since the frontier began."""
+    sx, sy, sz = (
+        qx - frontier[FRONTIER_TRAVEL + 1],
+        qy - frontier[FRONTIER_TRAVEL + 2],
+        qz - frontier[FRONTIER_TRAVEL + 3],
+    )
+    travel = frontier[FRONTIER_TRAVEL] + np.float32(sqrt(sx * sx + sy * sy + sz * sz))
+    return travel * np.float32(1.0 + FLOAT32_ROUNDING) + np.float32(slack)
+
+
+@inlined
+def _begin_frontier(words, root, frontier, vx, vy, vz):
     """Make a frontier of the root alone."""
-    for k in range(0, FRONTIER, LANES):
-        store(frontier, DUE + k, splat32(INFINITE))
+    for k in range(0, FRONTIER_CAPACITY, LANES):
+        store(frontier, FRONTIER_DUE + k, splat32(INFINITE))
     _keep_node(words, root, frontier, 0, vx, vy, vz)
 
 
 @inlined
-def _due_nodes(frontier, count, way):
-    """Which nodes are due: two words of bits, one for the first `WORD`."""
+def _due_nodes(frontier, count, travel):
+    """Which nodes are due: two words of bits, one for the first `DUE_WORD`."""
     due, also_due = np.int64(0), np.int64(0)
-    if way <= OLDEST:
-        for k in range(0, min(count, WORD), LANES):
-            due |= bits(load(frontier, DUE + k) <= splat32(way)) << k
-        for k in range(WORD, count, LANES):
-            also_due |= bits(load(frontier, DUE + k) <= splat32(way)) << (k - WORD)
+    if travel <= MOST_TRAVEL:
+        for k in range(0, min(count, DUE_WORD), LANES):
+            due |= bits(load(frontier, FRONTIER_DUE + k) <= splat32(travel)) << k
+        for k in range(DUE_WORD, count, LANES):
+            also_due |= bits(load(frontier, FRONTIER_DUE + k) <= splat32(travel)) << (k - DUE_WORD)
     return due, also_due
 
 
@@ -196,16 +223,16 @@ def _next_due(due, also_due, fresh):
     if due:
         return np.int64(trailing_zeros(due)), due & (due - 1), also_due, fresh
     if also_due:
-        return np.int64(WORD + trailing_zeros(also_due)), due, also_due & (also_due - 1), fresh
+        return np.int64(DUE_WORD + trailing_zeros(also_due)), due, also_due & (also_due - 1), fresh
     return fresh, due, also_due, fresh + 1
 
 
 @inlined
 def _away(frontier, node, vx, vy, vz):
-    """How far the planes of a node's children are; of one that is in the frontier itself: inf."""
-    at = GROUP * node
-    away = fma(load(frontier, at + Z), vz, -load(frontier, at + OFFSET))
-    return fma(load(frontier, at + X), vx, fma(load(frontier, at + Y), vy, away))
+    """Distances to the planes of a node's children; inf for a child that is in the frontier itself."""
+    at = FRONTIER_GROUP * node
+    away = fma(load(frontier, at + FRONTIER_Z), vz, -load(frontier, at + FRONTIER_OFFSET))
+    return fma(load(frontier, at + FRONTIER_X), vx, fma(load(frontier, at + FRONTIER_Y), vy, away))
 
 
 @inlined
@@ -234,43 +261,43 @@ def _look_into_leaf(reals, reference, seen, p, best_sq, slot, plane):
 
 @kernel
 def nearest_from_last_answer(model, point, part, slot, frontier, count, budget, workspace):
-    """What of the whole scene is nearest to a point of its frame: exactly, or not at all.
+    """The surface of the whole scene nearest to a point of its frame: exactly, or not at all.
 
     *model*: its four arrays; *point*: (x, y, z). *part*, *slot*: a face, best the one that was nearest a
-    moment ago. *frontier* (`FRONTIER_SIZE`,): of the last search, with *count* nodes, or `BEGINS`. The scene
-    must not have changed since.
+    moment ago. *frontier* (`FRONTIER_SIZE`,): of the last search, with *count* nodes, or
+    `FRONTIER_BEGINS`. The scene must not have changed since.
 
     Returns the squared distance (scene's scaled frame), part and slot of the nearest found; whether nothing
     is nearer, or *budget* steps were too few to know; the frontier's count, 0 where it is not to be kept,
     even if it answered well; and the steps taken, one more than *budget* at most.
     """
     reals, words, frames, parts = model
-    here = np.int64(0) if is_alone(parts) else len(parts) - 1
-    factor = factor_of(frames, here)
+    walk_row = np.int64(0) if is_alone(parts) else len(parts) - 1
+    factor = factor_of(frames, walk_row)
     x, y, z = point
     best_sq, slot = best_known(reals, frames, parts, part, slot, x, y, z)
     best_sq, seen = best_sq / factor, ~(slot // LANES)
-    p = px, py, pz = to_local(frames, parts, here, x, y, z)
+    p = px, py, pz = to_local(frames, parts, walk_row, x, y, z)
     size = abs(px) + abs(py) + abs(pz)
-    slack = ROUNDED * (1.0 + size)
+    slack = FLOAT32_ROUNDING * (1.0 + size)
     work = np.int64(0)
-    if not size <= FARTHEST or parts[here, ROOT] >= MOST_NODES:
+    if not size <= FARTHEST_POINT or parts[walk_row, PART_ROOT] >= MOST_NODES:
         return best_sq * factor, part, slot, False, np.int64(0), work
     qx, qy, qz = np.float32(px), np.float32(py), np.float32(pz)
     vx, vy, vz = splat32(qx), splat32(qy), splat32(qz)
 
-    way = _way_since(frontier, qx, qy, qz, slack)
+    travel = _travel_since(frontier, qx, qy, qz, slack)
     # Nodes that are due, by bits; and the first of those that come to the frontier in this search.
-    due, also_due = _due_nodes(frontier, count, way)
-    begins, fresh = count <= 0 or not way <= OLDEST, count
+    due, also_due = _due_nodes(frontier, count, travel)
+    begins, fresh = count <= 0 or not travel <= MOST_TRAVEL, count
     has_begun, is_found = False, True
-    limit = np.int64(frontier[LIMIT])
+    limit = np.int64(frontier[FRONTIER_LIMIT])
     while is_found:
         if begins:
             begins, has_begun = False, True
-            due, also_due, fresh, way = np.int64(0), np.int64(0), np.int64(0), NONE
-            _begin_front(words, parts[here, ROOT], frontier, vx, vy, vz)
-            count, limit = np.int64(1), np.int64(FRONTIER)
+            due, also_due, fresh, travel = np.int64(0), np.int64(0), np.int64(0), NONE
+            _begin_frontier(words, parts[walk_row, PART_ROOT], frontier, vx, vy, vz)
+            count, limit = np.int64(1), np.int64(FRONTIER_CAPACITY)
             work += 1
         node, due, also_due, fresh = _next_due(due, also_due, fresh)
         if node >= count:
@@ -284,14 +311,14 @@ def nearest_from_last_answer(model, point, part, slot, frontier, count, budget, 
                 break
             looked_at |= opened & -opened
             lane = trailing_zeros(opened)
-            base = NODE_STRIDE * np.int64(frontier[NODE + node]) + lane
+            base = NODE_STRIDE * np.int64(frontier[FRONTIER_NODES + node]) + lane
             plane = _plane_of_box(words, base, qx, qy, qz)
             if plane[4] <= reach:
                 if work >= budget:
                     is_found = False
                     break
                 work += 1
-                reference = np.int64(load_int(words, base + CHILDREN))
+                reference = np.int64(load_int(words, base + NODE_CHILDREN))
                 if reference >= 0:
                     if count >= limit or reference >= MOST_NODES:
                         begins, is_found = True, not has_begun
@@ -303,7 +330,7 @@ def nearest_from_last_answer(model, point, part, slot, frontier, count, budget, 
                     best_sq, slot, plane = _look_into_leaf(reals, reference, seen, p, best_sq, slot, plane)
                 else:
                     # A part with a frame of its own is walked.
-                    entry = parts[here, FACES] + 2 * (~reference - ENTRY)
+                    entry = parts[walk_row, SCENE_ENTRIES] + 2 * (~reference - ENTRY)
                     start, owner = np.int64(load_int(words, entry + 1)), np.int64(load_int(words, entry))
                     best_sq, slot, lower_sq, steps = nearest_with_budget(
                         model, start, owner, point, best_sq, slot, 0.0, 0.0, budget - work, workspace
@@ -313,14 +340,13 @@ def nearest_from_last_answer(model, point, part, slot, frontier, count, budget, 
                         is_found = False
                         break
                 reach = _reach(best_sq, slack)
-            at = GROUP * node + lane
-            frontier[at + X], frontier[at + Y], frontier[at + Z], frontier[at + OFFSET], length = plane
-            least = min(least, length)
+            _keep_plane(frontier, FRONTIER_GROUP * node + lane, plane)
+            least = min(least, plane[4])
         least = min(least, horizontal_min(select(away > splat32(reach), away, splat32(INFINITE))))
-        frontier[DUE + node] = way + CLOSING * max(least - reach, NONE)
+        frontier[FRONTIER_DUE + node] = travel + CLOSING_SHARE * max(least - reach, NONE)
     if has_begun:
-        frontier[LIMIT] = min(2 * count + LANES, FRONTIER)
-    if not is_found or (has_begun and work < LONG):
+        frontier[FRONTIER_LIMIT] = min(2 * count + LANES, FRONTIER_CAPACITY)
+    if not is_found or (has_begun and work < LONG_WALK):
         count = np.int64(0)
-    frontier[WAY], frontier[WAY + 1], frontier[WAY + 2], frontier[WAY + 3] = way, qx, qy, qz
+    _keep_point(frontier, travel, qx, qy, qz)
     return best_sq * factor, part_of_slot(words, parts, slot), slot, is_found, count, work

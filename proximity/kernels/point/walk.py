@@ -13,7 +13,7 @@ instead of the nearest (3 times the time, except with a bound that is known).
 import numpy as np
 
 from proximity.kernels.geometry.box import bound_of, lanes_of_point, node_bounds_sq
-from proximity.kernels.geometry.triangle import place_of, point_triangle_distance_sq
+from proximity.kernels.geometry.triangle import offset_of, point_triangle_distance_sq
 from proximity.kernels.layout import LANES, NO_SLOT, NODE_STRIDE, STACK_SIZE
 from proximity.kernels.tree.traversal import NOTHING_WAITS, descend, nearer_in_block, next_open
 from proximity.native import inlined
@@ -71,7 +71,7 @@ def best_of_block(reals, slot, px, py, pz):
 @inlined
 def slot_distance_sq(reals, slot, px, py, pz):
     """Squared distance from *p* to the triangle at *slot*: to the bit what the walk computes for it."""
-    base = place_of(slot)
+    base = offset_of(slot)
     return point_triangle_distance_sq(
         (px, py, pz),
         (reals[base], reals[base + 8], reals[base + 16]),

@@ -1,4 +1,4 @@
-"""Rays made ready for a walk, eight at a time: what boxes and triangles need of each, in the frame walked in.
+"""Preparation of rays for a walk, eight at a time.
 
 Making one ready by itself would take as long as three steps of its walk.
 """
@@ -8,13 +8,13 @@ from math import frexp, ldexp
 import numpy as np
 
 from proximity.kernels.geometry.frames import (
-    FARTHEST,
+    FARTHEST_LOCAL,
     direction_to_local,
     to_local,
 )
 from proximity.kernels.geometry.rows import columns
 from proximity.kernels.geometry.triangle import dot
-from proximity.kernels.layout import LANES, SCALE
+from proximity.kernels.layout import FRAME_SCALE, LANES
 from proximity.kernels.ray.walk import SLAB_MARGIN, aim_and_view, approach, bound_of_parameter, is_from_afar
 from proximity.native import inlined
 from proximity.simd import (
@@ -30,34 +30,34 @@ from proximity.simd import (
     store,
 )
 
-CHUNK = 64
-"""Rays of which the tables have room; rows of numbers, one a ray."""
+RAY_CHUNK = 64
+"""Rays that the tables hold; rows of numbers, one a ray."""
 
 # rows of the float32 table
-AIM = 0  # nine
-BOUND = 9  # what bounds of boxes are first compared with
+AIM_SLABS = 0  # nine
+AIM_BOUND = 9  # what bounds of boxes are first compared with
 AIM_ROWS = 10
 # rows of the float64 table
-VIEW = 0  # seven
-START = 7  # parameter that bounds are counted from
-WAY = 8  # direction, scene's frame, scaled
-IS_SOUND = 11  # 0 of a ray that cannot be asked
-REACH = 12  # longest parameter, m in units of the direction's length
-HIT = VIEW  # weights of what was hit, once the view is not needed
+VIEW_LINE = 0  # seven
+VIEW_START = 7  # parameter that bounds are counted from
+VIEW_DIRECTION = 8  # direction, scene's frame, scaled
+VIEW_IS_SOUND = 11  # 0 of a ray that cannot be asked
+VIEW_REACH = 12  # longest parameter, m in units of the direction's length
+VIEW_WEIGHTS = VIEW_LINE  # weights of what was hit, once the view is not needed
 VIEW_ROWS = 13
 
-WIDEST = 2.0**60
-"""What boxes are widened by at most, local units: that opens all of them, and its product with a reciprocal,
+WIDEST_MARGIN = 2.0**60
+"""Largest margin of boxes, local units: it opens all of them, and its product with a reciprocal,
 2^60 at most, is still a float32."""
-AIM_SIZE, VIEW_SIZE = AIM_ROWS * CHUNK, VIEW_ROWS * CHUNK
+AIM_SIZE, VIEW_SIZE = AIM_ROWS * RAY_CHUNK, VIEW_ROWS * RAY_CHUNK
 
 
 @inlined
-def make_ready(frames, parts, top, drift, origins, directions, offsets, at, aims, views):
-    """Fill columns *at* to *at* + 7 of the tables, for rays in the frame of row *top*.
+def make_ready(frames, parts, walk_row, drift, origins, directions, offsets, at, aims, views):
+    """Fill columns *at* to *at* + 7 of the tables, for rays in the frame of row *walk_row*.
 
-    *origins*, *directions* (N, 3); *offsets* (CHUNK,): how many numbers before each ray. *drift*: what
-    boxes are widened by besides, a unit of the origin's distance. In row `REACH` are limits, m.
+    *origins*, *directions* (N, 3); *offsets* (RAY_CHUNK,): how many numbers before each ray. *drift*: what
+    boxes are widened by besides, a unit of the origin's distance. In row `VIEW_REACH` are limits, m.
     """
     x, y, z = columns(origins, offsets, at)
     dx, dy, dz = columns(directions, offsets, at)
@@ -70,17 +70,17 @@ def make_ready(frames, parts, top, drift, origins, directions, offsets, at, aims
         x, y, z = select(is_sound, x, zero), select(is_sound, y, zero), select(is_sound, z, zero)
         dx, dy, dz = select(is_sound, dx, one), select(is_sound, dy, one), select(is_sound, dz, one)
         dx, dy, dz = _scaled(dx, dy, dz, views, at)
-    reach = load(views, CHUNK * REACH + at)
+    reach = load(views, RAY_CHUNK * VIEW_REACH + at)
     if bits(reach < splat(np.inf)):
         # A little farther, since rounding must not lose a hit at the limit itself.
         reach = reach / square_root(dot(dx, dy, dz, dx, dy, dz)) * splat(1.0 + 1e-12)
-    store_three(views, WAY, at, dx, dy, dz)
-    store(views, CHUNK * REACH + at, reach)
+    store_three(views, VIEW_DIRECTION, at, dx, dy, dz)
+    store(views, RAY_CHUNK * VIEW_REACH + at, reach)
 
-    x, y, z = to_local(frames, parts, top, x, y, z)
-    dx, dy, dz = direction_to_local(frames, parts, top, dx, dy, dz)
+    x, y, z = to_local(frames, parts, walk_row, x, y, z)
+    dx, dy, dz = direction_to_local(frames, parts, walk_row, dx, dy, dz)
     away = maximum(maximum(absolute(x), absolute(y)), absolute(z))
-    margin = minimum(splat(SLAB_MARGIN) + splat(drift) * away, splat(WIDEST))
+    margin = minimum(splat(SLAB_MARGIN) + splat(drift) * away, splat(WIDEST_MARGIN))
     entry, passes_by = zero, zero > one
     is_far = is_from_afar(x, y, z)
     if bits(is_far):
@@ -88,43 +88,43 @@ def make_ready(frames, parts, top, drift, origins, directions, offsets, at, aims
         entry, passes_by = select(is_far, enter, zero), is_far & ~is_near
         x, y, z = select(is_far, near_x, x), select(is_far, near_y, y), select(is_far, near_z, z)
     # From farther than can be computed with, what is hit is not known.
-    is_sound = is_sound & ((away < splat(FARTHEST)) | passes_by)
-    store(views, CHUNK * IS_SOUND + at, select(is_sound, one, zero))
+    is_sound = is_sound & ((away < splat(FARTHEST_LOCAL)) | passes_by)
+    store(views, RAY_CHUNK * VIEW_IS_SOUND + at, select(is_sound, one, zero))
     aim, view = aim_and_view(x, y, z, dx, dy, dz, margin)
-    store_three(aims, AIM, at, aim[0], aim[1], aim[2])
-    store_three(aims, AIM + 3, at, aim[3], aim[4], aim[5])
-    store_three(aims, AIM + 6, at, aim[6], aim[7], aim[8])
-    store_three(views, VIEW, at, view[0], view[1], view[2])
-    store_three(views, VIEW + 3, at, view[3], view[4], view[5])
-    store(views, CHUNK * (VIEW + 6) + at, view[6])
-    store(views, CHUNK * START + at, entry)
+    store_three(aims, AIM_SLABS, at, aim[0], aim[1], aim[2])
+    store_three(aims, AIM_SLABS + 3, at, aim[3], aim[4], aim[5])
+    store_three(aims, AIM_SLABS + 6, at, aim[6], aim[7], aim[8])
+    store_three(views, VIEW_LINE, at, view[0], view[1], view[2])
+    store_three(views, VIEW_LINE + 3, at, view[3], view[4], view[5])
+    store(views, RAY_CHUNK * (VIEW_LINE + 6) + at, view[6])
+    store(views, RAY_CHUNK * VIEW_START + at, entry)
     # A ray that passes by, or cannot be asked, opens nothing.
-    bound = bound_of_parameter(reach * splat(frames[top, SCALE]), entry)
-    store(aims, CHUNK * BOUND + at, select(passes_by | ~is_sound, narrow(splat(-1.0)), bound))
+    bound = bound_of_parameter(reach * splat(frames[walk_row, FRAME_SCALE]), entry)
+    store(aims, RAY_CHUNK * AIM_BOUND + at, select(passes_by | ~is_sound, narrow(splat(-1.0)), bound))
 
 
 @inlined
 def store_three(table, row, at, x, y, z):
     """Put eight rays' numbers into three rows of a table."""
-    store(table, CHUNK * row + at, x)
-    store(table, CHUNK * (row + 1) + at, y)
-    store(table, CHUNK * (row + 2) + at, z)
+    store(table, RAY_CHUNK * row + at, x)
+    store(table, RAY_CHUNK * (row + 1) + at, y)
+    store(table, RAY_CHUNK * (row + 2) + at, z)
 
 
 @inlined
 def load_three(table, row, at):
     """Three rows of a table, of eight rays."""
     return (
-        load(table, CHUNK * row + at),
-        load(table, CHUNK * (row + 1) + at),
-        load(table, CHUNK * (row + 2) + at),
+        load(table, RAY_CHUNK * row + at),
+        load(table, RAY_CHUNK * (row + 1) + at),
+        load(table, RAY_CHUNK * (row + 2) + at),
     )
 
 
 @inlined
 def three_of(table, row, k):
     """Three rows of a table, of ray *k*."""
-    return table[CHUNK * row + k], table[CHUNK * (row + 1) + k], table[CHUNK * (row + 2) + k]
+    return table[RAY_CHUNK * row + k], table[RAY_CHUNK * (row + 1) + k], table[RAY_CHUNK * (row + 2) + k]
 
 
 @inlined
@@ -139,29 +139,37 @@ def scaled_direction(x, y, z):
 
 @inlined
 def _scaled(x, y, z, views, at):
-    """`scaled_direction` of eight, by way of the table."""
-    store_three(views, WAY, at, x, y, z)
-    first = CHUNK * WAY + at
+    """`scaled_direction` of eight, through the table."""
+    store_three(views, VIEW_DIRECTION, at, x, y, z)
+    first = RAY_CHUNK * VIEW_DIRECTION + at
     for k in range(first, first + LANES):
-        views[k], views[k + CHUNK], views[k + 2 * CHUNK] = scaled_direction(
-            views[k], views[k + CHUNK], views[k + 2 * CHUNK]
+        views[k], views[k + RAY_CHUNK], views[k + 2 * RAY_CHUNK] = scaled_direction(
+            views[k], views[k + RAY_CHUNK], views[k + 2 * RAY_CHUNK]
         )
-    return load_three(views, WAY, at)
+    return load_three(views, VIEW_DIRECTION, at)
 
 
 @inlined
 def aim_of(aims, k):
-    """What boxes need of ray *k*."""
-    return (*three_of(aims, AIM, k), *three_of(aims, AIM + 3, k), *three_of(aims, AIM + 6, k))
+    """The numbers of ray *k* that boxes are tested with."""
+    return (
+        *three_of(aims, AIM_SLABS, k),
+        *three_of(aims, AIM_SLABS + 3, k),
+        *three_of(aims, AIM_SLABS + 6, k),
+    )
 
 
 @inlined
 def view_of(views, k):
-    """What triangles need of ray *k*."""
-    return (*three_of(views, VIEW, k), *three_of(views, VIEW + 3, k), views[CHUNK * (VIEW + 6) + k])
+    """The numbers of ray *k* that triangles are tested with."""
+    return (
+        *three_of(views, VIEW_LINE, k),
+        *three_of(views, VIEW_LINE + 3, k),
+        views[RAY_CHUNK * (VIEW_LINE + 6) + k],
+    )
 
 
 @inlined
-def way_of(views, k):
+def direction_of(views, k):
     """The scaled direction of ray *k*, scene's frame."""
-    return three_of(views, WAY, k)
+    return three_of(views, VIEW_DIRECTION, k)

@@ -1,4 +1,4 @@
-"""The order of rays in which neighbours enter the scene's box near one another.
+"""The order of rays in which neighbours enter the scene's box close together.
 
 What a walk needs is then still in the cache from the ray before, and the processor guesses its branches right
 more often. A few hundred cells do that as well as the finest curve (2026-11: 0.88 of the walk's time near
@@ -9,17 +9,17 @@ import numpy as np
 
 from proximity.kernels.geometry.morton_order import sort_by_digit
 from proximity.kernels.geometry.rows import columns, columns_from
-from proximity.kernels.layout import BOX_LOWER, BOX_UPPER, LANES
+from proximity.kernels.layout import FRAME_BOX_LOWER, FRAME_BOX_UPPER, LANES
 from proximity.kernels.model_arrays import ModelArrays
 from proximity.kernels.stack_arrays import longs_here, reals_here
 from proximity.native import entry, inlined, maker
 from proximity.simd import maximum, minimum, select, splat, store
 
-HALVINGS = 9
-"""How often the box is halved at most, each time across its longest side: 512 cells."""
+MOST_HALVINGS = 9
+"""Most halvings of the box, each across its longest side: 512 cells."""
 RAYS_OF_CELL = 8
 """Fewer halvings where cells would have fewer rays: counting in them costs, too."""
-WHOLE = 1.5 * 2.0**52
+ROUND_TO_WHOLE = 1.5 * 2.0**52
 """A number added to this is rounded to a whole one."""
 
 
@@ -32,7 +32,7 @@ def ray_order(model, origins, directions):
     """
     frames = model.frames
     scene = len(frames) - 1
-    lower, upper = frames[scene, BOX_LOWER : BOX_LOWER + 3], frames[scene, BOX_UPPER : BOX_UPPER + 3]
+    lower, upper = frames[scene, FRAME_BOX_LOWER : FRAME_BOX_LOWER + 3], frames[scene, FRAME_BOX_UPPER : FRAME_BOX_UPPER + 3]
     sides = np.empty(3)
     for axis in range(3):
         sides[axis] = upper[axis] - lower[axis]
@@ -56,7 +56,7 @@ def _halve(sides, row_count):
     their order.
     """
     halvings = 0
-    while halvings < HALVINGS and (RAYS_OF_CELL << halvings) < row_count:
+    while halvings < MOST_HALVINGS and (RAYS_OF_CELL << halvings) < row_count:
         halvings += 1
     counts, axes = np.ones(3, np.int64), np.empty(halvings, np.int64)
     for i in range(halvings):
@@ -101,15 +101,15 @@ def _ranks_of_cells(origins, directions, lower, upper, rates, counts, ranks):
 
 
 @inlined
-def _enters(o, way, lower, upper):
+def _enters(o, direction, lower, upper):
     """Parameters at which one coordinate of eight rays comes to the box; 0 of those that do not come."""
-    near = select(way > splat(0.0), splat(lower), splat(upper)) - o
-    return select(near * way > splat(0.0), near / way, splat(0.0))
+    near = select(direction > splat(0.0), splat(lower), splat(upper)) - o
+    return select(near * direction > splat(0.0), near / direction, splat(0.0))
 
 
 @inlined
-def _cell(place, lower, rate, count):
-    """Which of *count* cells along one axis; where *place* is nan, the first."""
-    along = (place - splat(lower)) * splat(rate)
-    whole = ((along - splat(0.5)) + splat(WHOLE)) - splat(WHOLE)
+def _cell(coordinate, lower, rate, count):
+    """Which of *count* cells along one axis; where *coordinate* is nan, the first."""
+    along = (coordinate - splat(lower)) * splat(rate)
+    whole = ((along - splat(0.5)) + splat(ROUND_TO_WHOLE)) - splat(ROUND_TO_WHOLE)
     return minimum(maximum(whole, splat(0.0)), splat(count - 1.0))

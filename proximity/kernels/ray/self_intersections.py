@@ -1,13 +1,13 @@
-"""Faces that pass through others of the same body, or lie on them, and those that lie where these put them.
+"""Faces of a body that pass through, lie on, or are turned by other faces of it.
 
 Where no edge of a surface passes through another face of it, nor lies on one, every piece of surface that
 hangs together has the inside on one side throughout. So the curves in which a body meets itself, and a look
 at each piece between them, tell over which faces the normal of the nearest one may tell the wrong side. There
-the winding number is asked instead, as over folds.
+the winding number is asked instead, as over folded faces.
 
 A curve in which two plane regions meet is straight, and ends at the rim of one of them. So edges between
 faces in one plane need not be looked at, unless others have met something: of a lid that is tessellated into
-a fan those would be long, and in the way of each other.
+a fan those would be long, and beside each other.
 
 Source: Möller 1997, "A fast triangle-triangle intersection test": triangles that are not in one plane meet
 only where an edge of one passes through the other.
@@ -42,12 +42,12 @@ from proximity.simd import (
     trailing_zeros,
 )
 
-DEPTH = 1e-10
-"""How far the ends of an edge must be off a face to both sides, in sizes of the part, for the edge to pass
-through; an edge of which both are nearer lies in its plane. What is thinner is no face."""
-SHORTEST = 1e4
+CONTACT_DEPTH = 1e-10
+"""Distance that the ends of an edge must have from a face, to both sides, in sizes of the part, for the edge
+to pass through; an edge of which both are nearer lies in its plane. What is thinner is no face."""
+SHORTEST_CONTACT = 1e4
 """Depths: of an edge that lies on a face, more than this much does; less is two corners that touch."""
-FLAT, CREASED, UNCLEAR = 0, 1, 2
+EDGE_FLAT, EDGE_CREASED, EDGE_UNCLEAR = 0, 1, 2
 """Edges: between faces in one plane, beside each other; between faces that are not; where one of them is on
 the other, or thinner than any."""
 VOTES = 5
@@ -59,7 +59,7 @@ be more, all faces count as passing through others."""
 
 @inlined
 def _in_plane(reals, base, px, py, pz, qx, qy, qz, depth):
-    """Of which of the eight triangles at *base* both *p* and *q* lie in the plane."""
+    """Which of the eight triangles at *base* have both *p* and *q* in their plane: bits."""
     ax, ay, az = load(reals, base), load(reals, base + 8), load(reals, base + 16)
     nx, ny, nz = cross(
         load(reals, base + 24) - ax, load(reals, base + 32) - ay, load(reals, base + 40) - az,
@@ -88,7 +88,7 @@ def _plane(corners, faces, face, depth):
 
 @inlined
 def _height(corners, faces, face, nx, ny, nz, corner):
-    """How far a corner is above the plane of a face, times the length of its normal *n*."""
+    """Height of a corner above the plane of a face, times the length of the normal *n*."""
     a = faces[face, 0]
     return dot(
         nx, ny, nz, corners[corner, 0] - corners[a, 0], corners[corner, 1] - corners[a, 1],
@@ -138,23 +138,23 @@ def _lies_on(corners, faces, face, start, end, depth):
             high = min(high, -within / gain)
         elif within < 0.0:
             return False
-    return (high - low) * sqrt(dot(dx, dy, dz, dx, dy, dz)) > SHORTEST * depth
+    return (high - low) * sqrt(dot(dx, dy, dz, dx, dy, dz)) > SHORTEST_CONTACT * depth
 
 
 @kernel
 def _kind_of_edge(corners, faces, face, other, depth):
-    """How the faces at an edge lie to each other; *other* may be missing."""
+    """The kind of an edge, by how its two faces lie to each other; *other* may be missing."""
     if other < 0:
-        return CREASED
+        return EDGE_CREASED
     nx, ny, nz, length = _plane(corners, faces, face, depth)
     mx, my, mz, other_length = _plane(corners, faces, other, depth)
     if length == 0.0 or other_length == 0.0:
-        return UNCLEAR
+        return EDGE_UNCLEAR
     most = depth * length
     for k in range(3):
         if abs(_height(corners, faces, face, nx, ny, nz, faces[other, k])) > most:
-            return CREASED
-    return FLAT if dot(nx, ny, nz, mx, my, mz) > 0.0 else UNCLEAR
+            return EDGE_CREASED
+    return EDGE_FLAT if dot(nx, ny, nz, mx, my, mz) > 0.0 else EDGE_UNCLEAR
 
 
 @kernel
@@ -185,7 +185,7 @@ def _mark_met(corners, faces, slot_faces, reals, words, root, start, end, kind, 
             blocks += 1
             base, first = BLOCK_STRIDE * ~reference, LANES * ~reference
             passed, lain = hits_in_block(reals, base, view, length), 0
-            if kind == CREASED:
+            if kind == EDGE_CREASED:
                 lain = _in_plane(reals, base, ox, oy, oz, ox + dx, oy + dy, oz + dz, depth)
             met = passed | lain
             while met:
@@ -220,7 +220,7 @@ def _mark_meeting(
             if 0 <= other < face:
                 continue
             kind = _kind_of_edge(corners, faces, face, other, depth)
-            if (kind == FLAT) != are_flat:
+            if (kind == EDGE_FLAT) != are_flat:
                 continue
             start, end = faces[face, k], faces[face, (k + 1) % 3]
             is_met, blocks = _mark_met(
@@ -274,14 +274,15 @@ def _is_turned(corners, faces, piece, count, reals, words, root, moments):
 def passing_faces(corners, faces, neighbors, slot_faces, reals, words, root, moments):
     """Return which slots have faces that meet others, or lie on the wrong side of such, a bit each.
 
-    (blocks,) uint8, and with them the faces next to these. The arguments are those of `folds.folded_faces`.
+    (blocks,) uint8, and with them the faces next to these. The arguments are those of
+    `folded_faces.folded_faces`.
     """
     marks, depth = np.zeros(len(faces), np.bool_), 0.0
     for axis in range(3):
         low, high = corners[0, axis], corners[0, axis]
         for corner in range(len(corners)):
             low, high = min(low, corners[corner, axis]), max(high, corners[corner, axis])
-        depth = max(depth, DEPTH * (high - low))
+        depth = max(depth, CONTACT_DEPTH * (high - low))
     stacks = words_here(STACKS_SIZE)
     is_any, blocks_left = _mark_meeting(
         corners, faces, neighbors, slot_faces, reals, words, root, depth, MOST_BLOCKS * len(faces), False,

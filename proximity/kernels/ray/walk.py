@@ -1,6 +1,6 @@
-"""A ray against one part's tree: the first hit.
+"""The first hit of a ray with one part's tree.
 
-Triangles are tested in float64 and watertight: seen along the ray, a shared corner is at the same place for
+Triangles are tested in float64 and watertight: seen along the ray, a shared corner has the same position for
 all its triangles, and the side on which an edge passes is never wrong. So a ray through an edge or a corner
 of a closed surface hits one of the triangles there. There is no tolerance at edges and no smallest area: a
 face that the ray runs along has no area seen from there and is not hit; its neighbours are.
@@ -40,21 +40,21 @@ from proximity.simd import (
     widen,
 )
 
-REACH = 1.5
+APPROACH_REACH = 1.5
 """A ray from farther away than `FAR` is started where it enters the cube of this half side."""
 SLAB_MARGIN = 2.0**-20
-"""What a box is widened by, local units: half as much again as float32 can be off. With a start within 2 and
-planes within 1 the reciprocal is off by 2^-23 of a way of at most 3, the result by 2^-24 of it, and the
+"""Margin of a box, local units: half as much again as float32 can be off. With a start within 2 and
+planes within 1 the reciprocal is off by 2^-23 of a length of at most 3, the result by 2^-24 of it, and the
 constant by 2^-24 of 2."""
-SLOWEST = 2.0**-60
+SLOWEST_COMPONENT = 2.0**-60
 """Least component of a direction in the box test: its reciprocal stays finite, and over the length of the
 part it moves the ray by far less than the margin."""
 START_SLACK = 2.0**-50
 """A ray that starts this little behind a face starts on it: rounding of local coordinates."""
-LATE = 2.0**-51
+PARAMETER_ROUNDING = 2.0**-51
 """Rounding of a parameter and of its difference from the start of the box test."""
-WIDEN = 2.0**-22
-"""Rounding of that difference to float32; a test which way it went would be mispredicted every other time."""
+FLOAT32_WIDENING = 2.0**-22
+"""Rounding of that difference to float32; a test of the direction would be mispredicted every other time."""
 
 
 @inlined
@@ -66,43 +66,43 @@ def is_from_afar(ox, oy, oz):
 
 @inlined
 def approach(ox, oy, oz, dx, dy, dz):
-    """Of a ray from afar: whether it comes near the local cube, from which parameter on, and the point there.
+    """Whether a ray from afar comes near the local cube, at which parameter, and the point there.
 
     The direction's largest component is near 1. The point is rounded, which is as if the origin were. Scalars
     or vectors of eight.
     """
-    enter_x, leave_x = _way_through(ox, dx)
-    enter_y, leave_y = _way_through(oy, dy)
-    enter_z, leave_z = _way_through(oz, dz)
+    enter_x, leave_x = _cube_parameters(ox, dx)
+    enter_y, leave_y = _cube_parameters(oy, dy)
+    enter_z, leave_z = _cube_parameters(oz, dz)
     enter = maximum(maximum(enter_x, enter_y), enter_z)
     is_near = (enter >= like(0.0, enter)) & (enter <= minimum(minimum(leave_x, leave_y), leave_z))
     return is_near, enter, _inside(ox + enter * dx), _inside(oy + enter * dy), _inside(oz + enter * dz)
 
 
 @inlined
-def _way_through(o, d):
+def _cube_parameters(o, d):
     """Parameters at which one coordinate enters and leaves the cube; of one that stays, never or for ever."""
     zero, endless = like(0.0, d), like(np.inf, d)
-    is_still, is_within = d == zero, absolute(o) <= like(REACH, o)
-    way = select(is_still, like(1.0, d), d)
-    reach = select(way < zero, like(-REACH, way), like(REACH, way))
+    is_still, is_within = d == zero, absolute(o) <= like(APPROACH_REACH, o)
+    step = select(is_still, like(1.0, d), d)
+    reach = select(step < zero, like(-APPROACH_REACH, step), like(APPROACH_REACH, step))
     enter = select(is_within, -endless, endless)
     return (
-        select(is_still, enter, (-reach - o) / way),
-        select(is_still, -enter, (reach - o) / way),
+        select(is_still, enter, (-reach - o) / step),
+        select(is_still, -enter, (reach - o) / step),
     )
 
 
 @inlined
 def _not_still(d):
     """A component of a direction, away from zero."""
-    least = select(d < like(0.0, d), like(-SLOWEST, d), like(SLOWEST, d))
-    return select(absolute(d) > like(SLOWEST, d), d, least)
+    least = select(d < like(0.0, d), like(-SLOWEST_COMPONENT, d), like(SLOWEST_COMPONENT, d))
+    return select(absolute(d) > like(SLOWEST_COMPONENT, d), d, least)
 
 
 @inlined
 def _inside(value):
-    return minimum(maximum(value, like(-REACH, value)), like(REACH, value))
+    return minimum(maximum(value, like(-APPROACH_REACH, value)), like(APPROACH_REACH, value))
 
 
 @inlined
@@ -112,8 +112,8 @@ def slab(o, d, margin):
     The error of factor, constants and result is in the constants: entering comes out early, leaving late.
     Scalars or vectors of eight, of float64; what is returned is of float32.
     """
-    way = narrow(_not_still(d))
-    rate = like(1.0, way) / way
+    step = narrow(_not_still(d))
+    rate = like(1.0, step) / step
     wide = widen(rate)
     start, spread = -o * wide, margin * absolute(wide)
     return rate, narrow(start - spread), narrow(start + spread)
@@ -131,13 +131,13 @@ def near_plane(rate):
 @inlined
 def bound_of_parameter(best, start):
     """The float32 number, counted from *start*, that bounds are compared with; scalars or vectors."""
-    bound = narrow(best - start + best * like(LATE, best))
-    return bound + absolute(bound) * like(WIDEN, bound)
+    bound = narrow(best - start + best * like(PARAMETER_ROUNDING, best))
+    return bound + absolute(bound) * like(FLOAT32_WIDENING, bound)
 
 
 @inlined
 def open_boxes(words, base, aim, zero, best32):
-    """Where a ray enters and leaves the boxes of the node at *base*, and which it meets up to *best32*.
+    """Parameters at which a ray enters and leaves the boxes at *base*, and which it meets up to *best32*.
 
     Parameters; that of entering is >= 0. *aim*: nine numbers, what `slab` gives for x, y and z. *best32* is
     a scalar, *zero* a float32x8.
@@ -192,7 +192,7 @@ def ray_triangle_sides(origin, lean_x, lean_y, a, b, c):
 
 @inlined
 def look_along(ox, oy, oz, dx, dy, dz):
-    """What `ray_triangle_sides` needs of a ray: axis, origin, leans, pace; scalars or vectors of eight.
+    """Numbers of a ray for `ray_triangle_sides`: axis, origin, leans, pace; scalars or vectors of eight.
 
     Axes are turned so that the ray runs mostly along z; pace is the parameter's change along z.
     """
@@ -267,7 +267,7 @@ def first_in_block(reals, base, view, entry, best):
 
 @inlined
 def aim_and_view(ox, oy, oz, dx, dy, dz, margin):
-    """What boxes need of a ray, see `open_boxes`, and what triangles do, see `look_along`."""
+    """The numbers that boxes are tested with, see `open_boxes`, and those for triangles, see `look_along`."""
     aim = (*slab(ox, dx, margin), *slab(oy, dy, margin), *slab(oz, dz, margin))
     return aim, look_along(ox, oy, oz, dx, dy, dz)
 

@@ -1,4 +1,4 @@
-"""Which parts of a scene contain a point, and how deep.
+"""The parts of a scene that contain a point, and the depth in them.
 
 The signed distance of a scene is the smallest over its parts: exact outside; inside, of several parts that
 contain the point, the deepest counts.
@@ -15,23 +15,23 @@ from proximity.kernels.geometry.frames import (
     to_local,
 )
 from proximity.kernels.layout import (
-    GRID,
-    GRID_LOWER,
-    GRID_RATE,
-    GRID_X,
-    GRID_Y,
-    GRID_Z,
+    FRAME_GRID_LOWER,
+    FRAME_GRID_RATE,
+    FRAME_SCALE,
     LANES,
     NO_GRID,
     NO_PART,
     NO_SLOT,
-    ROOT,
-    SCALE,
-    SIGN,
+    PART_GRID,
+    PART_GRID_X,
+    PART_GRID_Y,
+    PART_GRID_Z,
+    PART_ROOT,
+    PART_SIGN,
     SIGN_NONE,
 )
 from proximity.kernels.point.walk import NOTHING_SEEN, best_of_block, closest_in_part
-from proximity.kernels.scene.chunk_tables import RECENT
+from proximity.kernels.scene.chunk_tables import RECENT_PARTS
 from proximity.kernels.scene.part_grid import (
     containing_bits,
     dynamic_bits,
@@ -43,7 +43,13 @@ from proximity.kernels.scene.part_grid import (
     turns_of,
     turns_of_list,
 )
-from proximity.kernels.sign.inside_grid import CROSSED, INSIDE, OUTSIDE, UNKNOWN, cell_state
+from proximity.kernels.sign.inside_grid import (
+    CELL_CROSSED,
+    CELL_INSIDE,
+    CELL_OUTSIDE,
+    CELL_UNKNOWN,
+    cell_state,
+)
 from proximity.kernels.sign.side import is_inside_by_winding, signed_of_slot
 from proximity.native import inlined, kernel
 from proximity.simd import load_int, splat32, trailing_zeros
@@ -54,14 +60,14 @@ def _state_in_grid(words, frames, parts, part, px, py, pz):
     """State of the cell of a part's sign grid that contains *p*, local."""
     return cell_state(
         words,
-        parts[part, GRID],
-        frames[part, GRID_LOWER],
-        frames[part, GRID_LOWER + 1],
-        frames[part, GRID_LOWER + 2],
-        frames[part, GRID_RATE],
-        parts[part, GRID_X],
-        parts[part, GRID_Y],
-        parts[part, GRID_Z],
+        parts[part, PART_GRID],
+        frames[part, FRAME_GRID_LOWER],
+        frames[part, FRAME_GRID_LOWER + 1],
+        frames[part, FRAME_GRID_LOWER + 2],
+        frames[part, FRAME_GRID_RATE],
+        parts[part, PART_GRID_X],
+        parts[part, PART_GRID_Y],
+        parts[part, PART_GRID_Z],
         px,
         py,
         pz,
@@ -70,32 +76,32 @@ def _state_in_grid(words, frames, parts, part, px, py, pz):
 
 @inlined
 def state_in_part(reals, words, frames, parts, part, px, py, pz):
-    """`INSIDE`, `OUTSIDE` or `CROSSED` (ask the surface) for *p* in the part's local frame."""
-    if parts[part, SIGN] == SIGN_NONE:
-        return OUTSIDE
-    if parts[part, GRID] != NO_GRID:
+    """`CELL_INSIDE`, `CELL_OUTSIDE` or `CELL_CROSSED` (ask the surface) for *p* in the part's local frame."""
+    if parts[part, PART_SIGN] == SIGN_NONE:
+        return CELL_OUTSIDE
+    if parts[part, PART_GRID] != NO_GRID:
         return _state_in_grid(words, frames, parts, part, px, py, pz)
-    return INSIDE if is_inside_by_winding(reals, words, parts, part, px, py, pz) else OUTSIDE
+    return CELL_INSIDE if is_inside_by_winding(reals, words, parts, part, px, py, pz) else CELL_OUTSIDE
 
 
 @inlined
 def depth_in_part(model, part, p, state, workspace):
     """Squared local depth and slot where *p*, local, is inside *part*; `NO_SLOT` where it is not.
 
-    *state*: `INSIDE` or `CROSSED`, as `state_in_part` tells.
+    *state*: `CELL_INSIDE` or `CELL_CROSSED`, as `state_in_part` tells.
     """
     reals, words, frames, parts = model
     px, py, pz = p
     # Faces that pass by a cell may have marked it: mostly, not always, the surface is within its diagonal.
-    rate = frames[part, GRID_RATE]
-    reach_sq = np.inf if state == INSIDE else 3.001 / (rate * rate)
+    rate = frames[part, FRAME_GRID_RATE]
+    reach_sq = np.inf if state == CELL_INSIDE else 3.001 / (rate * rate)
     slot, seen = np.int64(NO_SLOT), np.int64(NOTHING_SEEN)
-    recent, last = workspace.recent, part % RECENT
+    recent, last = workspace.recent, part % RECENT_PARTS
     if recent[last, 0] == part:
         known_sq, known = best_of_block(reals, recent[last, 1], px, py, pz)
         if known_sq <= reach_sq:
             reach_sq, slot, seen = known_sq, known, ~(known // LANES)
-    root, stacks = parts[part, ROOT], workspace.stacks
+    root, stacks = parts[part, PART_ROOT], workspace.stacks
     found_sq, slot = closest_in_part(reals, words, root, px, py, pz, reach_sq, slot, seen, stacks, 0)
     if slot == NO_SLOT:
         found_sq, slot = closest_in_part(
@@ -103,8 +109,8 @@ def depth_in_part(model, part, p, state, workspace):
         )
     if slot >= 0:
         recent[last, 0], recent[last, 1] = part, slot
-        if state == CROSSED:
-            signed = signed_of_slot(reals, words, parts, part, slot, px, py, pz, workspace.witness)
+        if state == CELL_CROSSED:
+            signed = signed_of_slot(reals, words, parts, part, slot, px, py, pz, workspace.closest)
             if not signed < 0.0:
                 slot = np.int64(NO_SLOT)
     return found_sq, slot
@@ -124,8 +130,8 @@ def is_contained(model, point, workspace):
             containing &= containing - 1
             px, py, pz = to_local(frames, parts, part, x, y, z)
             state = state_in_part(reals, words, frames, parts, part, px, py, pz)
-            is_inside = state == INSIDE
-            if state == CROSSED:
+            is_inside = state == CELL_INSIDE
+            if state == CELL_CROSSED:
                 _, slot = depth_in_part(model, part, (px, py, pz), state, workspace)
                 is_inside = slot >= 0
     return is_inside
@@ -135,7 +141,7 @@ def is_contained(model, point, workspace):
 def note_candidates(model, chunk, candidates):
     """Note which parts may contain points, of the first that are listed for each; how many pairs that are.
 
-    No pair has the state `OUTSIDE`.
+    No pair has the state `CELL_OUTSIDE`.
     """
     _, words, frames, parts = model
     points, rows, count = chunk
@@ -151,14 +157,14 @@ def note_candidates(model, chunk, candidates):
         while containing:
             part = np.int64(load_int(words, at + trailing_zeros(containing)))
             containing &= containing - 1
-            state = np.int64(UNKNOWN)
-            if parts[part, GRID] != NO_GRID:
+            state = np.int64(CELL_UNKNOWN)
+            if parts[part, PART_GRID] != NO_GRID:
                 px, py, pz = to_local(frames, parts, part, x, y, z)
                 state = np.int64(_state_in_grid(words, frames, parts, part, px, py, pz))
             pairs[pair_count, 0], pairs[pair_count, 1], pairs[pair_count, 2] = k, part, state
             # Neither branch could be foreseen.
-            pair_count += state != OUTSIDE
-            certain[k] |= state == INSIDE
+            pair_count += state != CELL_OUTSIDE
+            certain[k] |= state == CELL_INSIDE
     return pair_count
 
 
@@ -167,8 +173,8 @@ def deepest_of_certain(model, chunk, candidates, pair_count, found, workspace):
     """Find the part that contains each point deepest, of points that are inside for certain.
 
     The first *pair_count* pairs are as `note_candidates` noted them. Those of the other points are moved to
-    the front; returns how many they are. Of the certain points nearest, depths and deeper are filled; of the
-    others deeper gets `NO_PART`.
+    the beginning; returns how many they are. Of the certain points nearest, depths and deeper are filled; of
+    the others deeper gets `NO_PART`.
     """
     certain, pairs = candidates.certain, candidates.pairs
     nearest, depths, deeper, _ = found
@@ -257,7 +263,7 @@ def _deepest_of_pairs(model, chunk, pairs, pair_count, found, workspace):
         px, py, pz = to_local(frames, parts, part, points[row, 0], points[row, 1], points[row, 2])
         state = state_in_part(reals, words, frames, parts, part, px, py, pz)
         pairs[left, 0], pairs[left, 1], pairs[left, 2] = k, part, state
-        left += state != OUTSIDE
+        left += state != CELL_OUTSIDE
     for i in range(left):
         _ask_for_depth(model, chunk, pairs[i, 0], pairs[i, 1], pairs[i, 2], found, workspace)
 
@@ -270,13 +276,13 @@ def _ask_for_depth(model, chunk, k, part, state, found, workspace):
     _, depths, deeper, _ = found
     row = rows[k]
     px, py, pz = to_local(frames, parts, part, points[row, 0], points[row, 1], points[row, 2])
-    if state == UNKNOWN:
+    if state == CELL_UNKNOWN:
         state = np.int64(state_in_part(reals, words, frames, parts, part, px, py, pz))
-        if state == OUTSIDE:
+        if state == CELL_OUTSIDE:
             return
     depth_sq, slot = depth_in_part(model, part, (px, py, pz), state, workspace)
     if slot >= 0:
-        ratio = frames[part, SCALE] / frames[len(parts) - 1, SCALE]
+        ratio = frames[part, FRAME_SCALE] / frames[len(parts) - 1, FRAME_SCALE]
         depth_sq /= ratio * ratio
         is_lower = depth_sq == depths[k] and deeper[k, 0] != NO_PART and part < deeper[k, 0]
         if depth_sq > depths[k] or is_lower:

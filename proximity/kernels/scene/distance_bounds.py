@@ -1,9 +1,9 @@
 """The signed distance of one point of a scene between bounds, within a budget of steps.
 
-With budget enough both bounds are the signed distance that `query` answers: the smallest over all parts;
-inside, of several parts that contain the point, the deepest. With less the nearest surface found so far is
-one bound, and the smallest bound of what was not looked at the other. The side does not need the nearest
-face: the sign grid and the winding number tell it as well.
+With budget enough both bounds are the signed distance that `point_queries` answers: the smallest over all
+parts; inside, of several parts that contain the point, the deepest. With less the nearest surface found so
+far is one bound, and the smallest bound of what was not looked at the other. The side does not need the
+nearest face: the sign grid and the winding number tell it as well.
 """
 
 from math import sqrt
@@ -12,10 +12,10 @@ import numpy as np
 
 from proximity.kernels.contact_columns import BOUNDED, EXACT, INSIDE, SIGNED
 from proximity.kernels.geometry.closest_feature import (
-    ARM,
-    LENGTH,
-    NORMAL,
-    POINT,
+    CLOSEST_ARM,
+    CLOSEST_LENGTH,
+    CLOSEST_NORMAL,
+    CLOSEST_POINT,
     closest_on_edges,
     over_face,
     read_corners,
@@ -26,39 +26,38 @@ from proximity.kernels.geometry.frames import (
     to_local,
 )
 from proximity.kernels.layout import (
-    BOX_LOWER,
-    BOX_UPPER,
-    GRID,
-    IS_HIDDEN,
+    FRAME_BOX_LOWER,
+    FRAME_BOX_UPPER,
+    FRAME_SCALE,
     NO_GRID,
     NO_PART,
     NO_SLOT,
-    ROOT,
-    SCALE,
-    SIGN,
+    PART_GRID,
+    PART_IS_HIDDEN,
+    PART_ROOT,
+    PART_SIGN,
     SIGN_NONE,
     SIGN_WINDING,
 )
 from proximity.kernels.point.budgeted_walk import DOWN, known_sq, nearest_with_budget
 from proximity.kernels.scene.containment import state_in_part
 from proximity.kernels.scene.part_grid import containing_bits, lowest_part, sought, turns_of
-from proximity.kernels.sign.inside_grid import CROSSED, OUTSIDE
-from proximity.kernels.sign.inside_grid import INSIDE as INSIDE_CELL
-from proximity.kernels.sign.side import is_inside_by_winding, signed_of_slot, witness_of_slot
+from proximity.kernels.sign.inside_grid import CELL_CROSSED, CELL_INSIDE, CELL_OUTSIDE
+from proximity.kernels.sign.side import closest_of_slot, is_inside_by_winding, signed_of_slot
 from proximity.native import inlined, kernel
 
-FEWEST_STEPS = 8
+FEWEST_DEPTH_STEPS = 8
 """For each further part that may contain the point, when the budget is spent already."""
-SPARE_STEPS = 64
+SPARE_DEPTH_STEPS = 64
 """For all of them together. Of further parts that contain the point for certain the boxes tell how deep."""
 
 
 @inlined
-def nearest_from_face(model, point, part, slot, limit_sq, tolerance, core, budget, workspace):
+def nearest_from_face(model, point, part, slot, limit_sq, tolerance, exact_within, budget, workspace):
     """`nearest_with_budget` for the whole scene, starting from a face known, if any; with its part.
 
-    *model*: its four arrays; *point*: (x, y, z). *limit_sq*, *core*: in the scene's scaled frame; nothing
-    farther than the limit is looked at.
+    *model*: its four arrays; *point*: (x, y, z). *limit_sq*, *exact_within*: in the scene's scaled
+    frame; nothing farther than the limit is looked at.
     """
     reals, words, frames, parts = model
     x, y, z = point
@@ -69,9 +68,18 @@ def nearest_from_face(model, point, part, slot, limit_sq, tolerance, core, budge
             best_sq = slot_sq
         else:
             slot = np.int64(NO_SLOT)
-    top = np.int64(0) if is_alone(parts) else len(parts) - 1
+    walk_row = np.int64(0) if is_alone(parts) else len(parts) - 1
     best_sq, slot, lower_sq, work = nearest_with_budget(
-        model, parts[top, ROOT], top, point, best_sq, slot, tolerance, core, budget, workspace
+        model,
+        parts[walk_row, PART_ROOT],
+        walk_row,
+        point,
+        best_sq,
+        slot,
+        tolerance,
+        exact_within,
+        budget,
+        workspace,
     )
     if slot >= 0:
         part = part_of_slot(words, parts, slot)
@@ -85,44 +93,47 @@ def beyond_all(frames, x, y, z):
     total = 0.0
     for axis in range(3):
         value = x if axis == 0 else (y if axis == 1 else z)
-        gap = max(abs(value - frames[scene, BOX_LOWER + axis]), abs(frames[scene, BOX_UPPER + axis] - value))
+        gap = max(
+            abs(value - frames[scene, FRAME_BOX_LOWER + axis]),
+            abs(frames[scene, FRAME_BOX_UPPER + axis] - value),
+        )
         total += gap * gap
     return sqrt(total) * (1.0 + 1e-12)
 
 
 @inlined
-def fill_witness(reals, words, parts, frames, part, slot, x, y, z, witness):
-    """Fill *witness* (local frame of *part*) with the closest point of a triangle found; its distance, m.
+def fill_closest(reals, words, parts, frames, part, slot, x, y, z, closest):
+    """Fill *closest* (local frame of *part*) with the closest point of a triangle found; its distance, m.
 
-    What `closest_on_triangle` fills, but for the weights; the point is only as exact as the place of *p*.
+    What `closest_on_triangle` fills, but for the weights; the point is only as exact as the position of *p*.
     """
     px, py, pz = to_local(frames, parts, part, x, y, z)
-    read_corners(reals, slot, witness)
-    is_over, height = over_face(witness, px, py, pz)
+    read_corners(reals, slot, closest)
+    is_over, height = over_face(closest, px, py, pz)
     if is_over:
-        witness[LENGTH] = abs(height)
+        closest[CLOSEST_LENGTH] = abs(height)
         for axis in range(3):
-            witness[ARM + axis] = witness[NORMAL + axis] * height
+            closest[CLOSEST_ARM + axis] = closest[CLOSEST_NORMAL + axis] * height
     else:
-        closest_on_edges(px, py, pz, witness)
-    witness[POINT], witness[POINT + 1], witness[POINT + 2] = (
-        px - witness[ARM],
-        py - witness[ARM + 1],
-        pz - witness[ARM + 2],
+        closest_on_edges(px, py, pz, closest)
+    closest[CLOSEST_POINT], closest[CLOSEST_POINT + 1], closest[CLOSEST_POINT + 2] = (
+        px - closest[CLOSEST_ARM],
+        py - closest[CLOSEST_ARM + 1],
+        pz - closest[CLOSEST_ARM + 2],
     )
-    return witness[LENGTH] / frames[part, SCALE]
+    return closest[CLOSEST_LENGTH] / frames[part, FRAME_SCALE]
 
 
 @inlined
 def _depth_in_box(frames, part, x, y, z, is_open):
-    """How deep in a part a point that it contains can be, m: as far as to the nearest side of its box.
+    """Largest depth, m, of a point in a part that contains it: the distance to the nearest side of its box.
 
     Where the part is open, as far as to the farthest corner: through a hole one leaves the box past no face.
     """
     nearest, total = np.inf, 0.0
     for axis in range(3):
         value = x if axis == 0 else (y if axis == 1 else z)
-        lower, upper = frames[part, BOX_LOWER + axis], frames[part, BOX_UPPER + axis]
+        lower, upper = frames[part, FRAME_BOX_LOWER + axis], frames[part, FRAME_BOX_UPPER + axis]
         rounding = 1e-15 * (abs(lower) + abs(upper) + abs(value))
         above, below = abs(upper - value) + rounding, abs(value - lower) + rounding
         nearest = min(nearest, above, below)
@@ -131,7 +142,7 @@ def _depth_in_box(frames, part, x, y, z, is_open):
 
 
 @kernel
-def _depth_in(model, other, point, budget, workspace, witness):
+def _depth_in(model, other, point, budget, workspace, closest):
     """Whether *other* contains a point; if so how deep at least and at most, m, the face found, and steps.
 
     *budget*: 0 to look at no face unless it takes one to tell whether it does.
@@ -140,25 +151,25 @@ def _depth_in(model, other, point, budget, workspace, witness):
     x, y, z = point
     px, py, pz = to_local(frames, parts, other, x, y, z)
     state = state_in_part(reals, words, frames, parts, other, px, py, pz)
-    if state == OUTSIDE:
+    if state == CELL_OUTSIDE:
         return False, 0.0, 0.0, np.int64(NO_SLOT), np.int64(0)
-    if state == INSIDE_CELL:
+    if state == CELL_INSIDE:
         if budget == 0:
-            most = _depth_in_box(frames, other, x, y, z, parts[other, GRID] == NO_GRID)
+            most = _depth_in_box(frames, other, x, y, z, parts[other, PART_GRID] == NO_GRID)
             return True, 0.0, most, np.int64(NO_SLOT), np.int64(1)
     else:
-        budget = max(budget, FEWEST_STEPS)
+        budget = max(budget, FEWEST_DEPTH_STEPS)
     best_sq, slot, lower_sq, work = nearest_with_budget(
-        model, parts[other, ROOT], other, point, np.inf, NO_SLOT, 0.0, 0.0, budget, workspace
+        model, parts[other, PART_ROOT], other, point, np.inf, NO_SLOT, 0.0, 0.0, budget, workspace
     )
     is_exact = lower_sq >= best_sq
     is_inside = True
-    if state == CROSSED:
+    if state == CELL_CROSSED:
         if is_exact:
-            is_inside = signed_of_slot(reals, words, parts, other, slot, px, py, pz, witness) < 0.0
+            is_inside = signed_of_slot(reals, words, parts, other, slot, px, py, pz, closest) < 0.0
         else:
             is_inside = is_inside_by_winding(reals, words, parts, other, px, py, pz)
-    scale = frames[len(parts) - 1, SCALE]
+    scale = frames[len(parts) - 1, FRAME_SCALE]
     upper = sqrt(best_sq) / scale
     lower = upper if is_exact else sqrt(lower_sq) / scale * DOWN
     if slot == NO_SLOT:
@@ -167,7 +178,7 @@ def _depth_in(model, other, point, budget, workspace, witness):
 
 
 @kernel
-def may_slip_in(words, frames, parts, x, y, z):
+def is_in_box_with_holes(words, frames, parts, x, y, z):
     """Whether a point is in the box of a part with holes: there it may get inside through no surface."""
     first, last, sx, sy, sz = sought(words, frames, parts, x, y, z)
     for turn in range(turns_of(parts, first, last)):
@@ -175,21 +186,27 @@ def may_slip_in(words, frames, parts, x, y, z):
         while containing:
             part = lowest_part(words, parts, at, containing)
             containing &= containing - 1
-            if parts[part, SIGN] == SIGN_WINDING and parts[part, GRID] == NO_GRID:
+            if parts[part, PART_SIGN] == SIGN_WINDING and parts[part, PART_GRID] == NO_GRID:
                 return True
     return False
 
 
 @kernel
-def may_slip(frames, parts, x, y, z, reach):
+def may_pass_hole(frames, parts, x, y, z, reach):
     """Whether within *reach* of a point there may be a hole by which one gets in or out of a part."""
     for part in range(len(parts) - 1):
-        if parts[part, SIGN] != SIGN_WINDING or parts[part, GRID] != NO_GRID or parts[part, IS_HIDDEN]:
+        if (
+            parts[part, PART_SIGN] != SIGN_WINDING
+            or parts[part, PART_GRID] != NO_GRID
+            or parts[part, PART_IS_HIDDEN]
+        ):
             continue
         is_near = True
         for axis in range(3):
             value = x if axis == 0 else (y if axis == 1 else z)
-            gap = max(frames[part, BOX_LOWER + axis] - value, value - frames[part, BOX_UPPER + axis])
+            gap = max(
+                frames[part, FRAME_BOX_LOWER + axis] - value, value - frames[part, FRAME_BOX_UPPER + axis]
+            )
             is_near &= not gap > reach
         if is_near:
             return True
@@ -197,8 +214,8 @@ def may_slip(frames, parts, x, y, z, reach):
 
 
 @kernel
-def _deepest_containing(model, point, part, slot, nearest, work, budget, workspace, witness):
-    """How deep a point is in the parts that contain it, m: at least; at most, by faces; and at most. -1: not.
+def _deepest_containing(model, point, part, slot, nearest, work, budget, workspace, closest):
+    """Depth of a point in the parts that contain it, m: least; most, by faces; and most. -1: not inside.
 
     *part*, *slot*, *nearest*: what `bounds_of_nearest` knows of the nearest face: whether it is that for
     certain, lower and upper bound of its distance, and `clear`. Returns besides the part that the point is
@@ -208,7 +225,7 @@ def _deepest_containing(model, point, part, slot, nearest, work, budget, workspa
     x, y, z = point
     is_exact, lower, upper, clear = nearest
     depth_lower, depth_upper, depth_by_box = -1.0, -1.0, -1.0
-    enough = max(budget, work) + SPARE_STEPS
+    enough = max(budget, work) + SPARE_DEPTH_STEPS
     deep_part, deep_slot = np.int64(NO_PART), np.int64(NO_SLOT)
     first, last, sx, sy, sz = sought(words, frames, parts, x, y, z)
     for turn in range(turns_of(parts, first, last)):
@@ -216,16 +233,16 @@ def _deepest_containing(model, point, part, slot, nearest, work, budget, workspa
         while containing:
             other = lowest_part(words, parts, at, containing)
             containing &= containing - 1
-            if parts[other, SIGN] == SIGN_NONE:
+            if parts[other, PART_SIGN] == SIGN_NONE:
                 continue
             if other == part and is_exact and slot >= 0:
                 px, py, pz = to_local(frames, parts, part, x, y, z)
-                _, _, is_inside = witness_of_slot(reals, words, parts, part, slot, px, py, pz, witness)
+                _, _, is_inside = closest_of_slot(reals, words, parts, part, slot, px, py, pz, closest)
                 least, most, found = lower, upper, slot
             else:
-                left = max(budget - work, FEWEST_STEPS) if work < enough else 0
+                left = max(budget - work, FEWEST_DEPTH_STEPS) if work < enough else 0
                 is_inside, least, most, found, steps = _depth_in(
-                    model, other, point, left, workspace, witness
+                    model, other, point, left, workspace, closest
                 )
                 work += steps
                 # What holds for all surfaces holds for this part's, and so does a face of it that is
@@ -244,24 +261,24 @@ def _deepest_containing(model, point, part, slot, nearest, work, budget, workspa
 
 
 @inlined
-def bounds_at(model, point, part, slot, is_outside, tolerance, core, budget, workspace, witness):
+def bounds_at(model, point, part, slot, is_outside, tolerance, exact_within, budget, workspace, closest):
     """Signed distance of a point of the scene's frame, m, between bounds.
 
     *model*: its four arrays; *point*: (x, y, z). *part*, *slot*: a face to start from, or `NO_SLOT`.
-    *is_outside*: True where it is known that no part contains the point. *tolerance*, *core* (m), of a point
-    that is outside: see `near_enough_sq`; others are asked exactly, as far as the budget goes. Returns what
-    `bounds_of_nearest` does.
+    *is_outside*: True where it is known that no part contains the point. *tolerance*, *exact_within* (m), of
+    a point that is outside: see `near_enough_sq`; others are asked exactly, as far as the budget goes.
+    Returns what `bounds_of_nearest` does.
     """
     _, _, frames, parts = model
     nearest = nearest_from_face(
         model, point, part, slot, np.inf, tolerance if is_outside else 0.0,
-        core * frames[len(parts) - 1, SCALE], budget, workspace,
+        exact_within * frames[len(parts) - 1, FRAME_SCALE], budget, workspace,
     )  # fmt: skip
-    return bounds_of_nearest(model, point, nearest, is_outside, budget, workspace, witness)
+    return bounds_of_nearest(model, point, nearest, is_outside, budget, workspace, closest)
 
 
 @inlined
-def bounds_of_nearest(model, point, nearest, is_outside, budget, workspace, witness):
+def bounds_of_nearest(model, point, nearest, is_outside, budget, workspace, closest):
     """The same, where the nearest has been searched for: *nearest* is what `nearest_from_face` returned.
 
     Returns distance, lower and upper bound, a distance within which there is no surface, part and slot of the
@@ -271,11 +288,11 @@ def bounds_of_nearest(model, point, nearest, is_outside, budget, workspace, witn
     x, y, z = point
     best_sq, part, slot, lower_sq, work = nearest
     scene = len(parts) - 1
-    scale = frames[scene, SCALE]
+    scale = frames[scene, FRAME_SCALE]
     is_exact = lower_sq >= best_sq
     upper = sqrt(best_sq) / scale
     if slot >= 0:
-        careful = fill_witness(reals, words, parts, frames, part, slot, x, y, z, witness)
+        careful = fill_closest(reals, words, parts, frames, part, slot, x, y, z, closest)
         upper = careful if is_exact else max(careful, upper)
     elif not is_exact:
         upper = beyond_all(frames, x, y, z)
@@ -286,11 +303,11 @@ def bounds_of_nearest(model, point, nearest, is_outside, budget, workspace, witn
     deep_part, deep_slot = np.int64(NO_PART), np.int64(NO_SLOT)
     if not is_outside:
         depth_lower, depth_upper, depth_most, deep_part, deep_slot, work = _deepest_containing(
-            model, point, part, slot, (is_exact, lower, upper, clear), work, budget, workspace, witness
+            model, point, part, slot, (is_exact, lower, upper, clear), work, budget, workspace, closest
         )
-        # What other parts were asked has gone over the witness.
+        # What other parts were asked has overwritten *closest*.
         if slot >= 0 and depth_lower < 0.0:
-            fill_witness(reals, words, parts, frames, part, slot, x, y, z, witness)
+            fill_closest(reals, words, parts, frames, part, slot, x, y, z, closest)
     bits = 0
     if depth_lower >= 0.0:
         part, slot = deep_part, deep_slot
@@ -298,11 +315,11 @@ def bounds_of_nearest(model, point, nearest, is_outside, budget, workspace, witn
         bits = SIGNED | INSIDE
         distance = lower
         if slot >= 0:
-            fill_witness(reals, words, parts, frames, part, slot, x, y, z, witness)
+            fill_closest(reals, words, parts, frames, part, slot, x, y, z, closest)
             distance = -depth_upper
     else:
         distance = upper
-        if slot >= 0 and parts[part, SIGN] != SIGN_NONE:
+        if slot >= 0 and parts[part, PART_SIGN] != SIGN_NONE:
             bits = SIGNED
     bits |= EXACT if lower == upper else BOUNDED
     return distance, lower, upper, clear, part, slot, bits, work

@@ -1,9 +1,9 @@
-"""The tree over dynamic parts: those that move by themselves, each whole; it is written at every move.
+"""The tree over dynamic parts, those that move by themselves; rewritten at every move.
 
 The scene's root, once a part is dynamic, is a *super node*: its first lane is the static tree over all other
 parts, which stays as it is; the other lanes are the dynamic tree. Its leaves are entries, one a part, behind
-those of the static tree. Loose parts are kept in the order of a space-filling curve, which is mended a little
-at every move: so nodes stay small wherever the parts go, and a move costs O(parts that are dynamic).
+those of the static tree. Dynamic parts are kept in the order of a space-filling curve, which is mended a
+little at every move: so nodes stay small wherever the parts go, and a move costs O(parts that are dynamic).
 """
 
 from typing import NamedTuple
@@ -11,17 +11,17 @@ from typing import NamedTuple
 import numpy as np
 
 from proximity.kernels.layout import (
-    CORNER_COUNT,
-    DYNAMIC_COUNT,
     ENTRY,
     LANES,
-    NEIGHBORS,
+    NODE_PARTS,
     NODE_STRIDE,
-    PARTS_OF_LANES,
-    REGION,
-    ROOT,
+    PART_ROOT,
+    SCENE_DYNAMIC_COUNT,
+    SCENE_ENTRY_COUNT,
+    SCENE_STATIC_ROOT,
+    SCENE_SUPER_NODE,
 )
-from proximity.kernels.scene.placement import box_in_scene, copy_rows, place_scene
+from proximity.kernels.scene.placement import box_in_scene, copy_rows, update_scene_box
 from proximity.kernels.stack_arrays import words_here
 from proximity.kernels.tree.wide_node import clear_node, node_box, write_lane
 from proximity.native import bundle, entry, inlined, kernel
@@ -36,7 +36,7 @@ class DynamicParts(NamedTuple):
     """Those parts that move by themselves, and their order along the curve."""
 
     rows: np.ndarray  # (L,) int64, of the parts
-    order: np.ndarray  # (L,) int64, places in *rows* along the curve
+    order: np.ndarray  # (L,) int64, positions in *rows*, along the curve
     keys: np.ndarray  # (L,) int64, scratch: where each is along the curve
 
 
@@ -55,7 +55,7 @@ def _spread(cell):
 
 @kernel
 def _curve_key(box):
-    """Place of a box's middle along the curve; empty boxes come last."""
+    """Position of a box's middle along the curve; empty boxes come last."""
     key = np.int64(0)
     if not box[0] <= box[3]:
         return np.int64(2**62)
@@ -68,17 +68,17 @@ def _curve_key(box):
 
 @kernel
 def _mend_order(boxes, dynamic, order, keys, steps):
-    """Sort *order*, places in *dynamic*, along the curve: by insertion, and by so many steps at most."""
+    """Sort *order*, positions in *dynamic*, along the curve: by insertion, and by so many steps at most."""
     for i in range(len(dynamic)):
         keys[i] = _curve_key(boxes[dynamic[i]])
     for i in range(1, len(order)):
-        place = order[i]
+        index = order[i]
         at = i
-        while at > 0 and steps > 0 and keys[order[at - 1]] > keys[place]:
+        while at > 0 and steps > 0 and keys[order[at - 1]] > keys[index]:
             order[at] = order[at - 1]
             at -= 1
             steps -= 1
-        order[at] = place
+        order[at] = index
 
 
 @kernel
@@ -88,16 +88,16 @@ def _write_child(words, node, lane, i, below, boxes, dynamic, order, first_entry
         node_box(words, below + i, box)
         write_lane(words, NODE_STRIDE * node, lane, box, below + i)
     else:
-        place, base = order[i], NODE_STRIDE * node
-        write_lane(words, base, lane, boxes[dynamic[place]], ~(ENTRY + first_entry + place))
-        words.view(np.int32)[base + PARTS_OF_LANES + lane] = dynamic[place]
+        index, base = order[i], NODE_STRIDE * node
+        write_lane(words, base, lane, boxes[dynamic[index]], ~(ENTRY + first_entry + index))
+        words.view(np.int32)[base + NODE_PARTS + lane] = dynamic[index]
 
 
 @kernel
 def write_dynamic(words, region, static_root, boxes, dynamic, order, first_entry):
     """Write the super node at node *region* and the dynamic tree behind it.
 
-    *static_root*: a node, or -1. *dynamic* (L,): parts. *order* (L,): their places along the curve.
+    *static_root*: a node, or -1. *dynamic* (L,): parts. *order* (L,): their positions along the curve.
     """
     box = words_here(6)
     used, below, count = region + 1, -1, len(dynamic)
@@ -136,7 +136,7 @@ def bring_up_to_date(
     """
     rows, order, keys = dynamic
     scene = len(parts) - 1
-    reach = place_scene(frames, parts)
+    reach = update_scene_box(frames, parts)
     if scene > 1:
         if not reach <= 1.0:
             return reach
@@ -144,10 +144,18 @@ def bring_up_to_date(
             if versions[part] > published:
                 box_in_scene(frames, parts, part, boxes[part])
         _mend_order(boxes, rows, order, keys, steps)
-        write_dynamic(words, region, parts[scene, NEIGHBORS], boxes, rows, order, parts[scene, CORNER_COUNT])
+        write_dynamic(
+            words,
+            region,
+            parts[scene, SCENE_STATIC_ROOT],
+            boxes,
+            rows,
+            order,
+            parts[scene, SCENE_ENTRY_COUNT],
+        )
     # Nothing stands between a question and a static tree that is alone.
-    is_static = scene > 1 and len(rows) == 0 and parts[scene, NEIGHBORS] >= 0
-    parts[scene, ROOT] = parts[scene, NEIGHBORS] if is_static else region
-    parts[scene, REGION], parts[scene, DYNAMIC_COUNT] = region, len(rows)
+    is_static = scene > 1 and len(rows) == 0 and parts[scene, SCENE_STATIC_ROOT] >= 0
+    parts[scene, PART_ROOT] = parts[scene, SCENE_STATIC_ROOT] if is_static else region
+    parts[scene, SCENE_SUPER_NODE], parts[scene, SCENE_DYNAMIC_COUNT] = region, len(rows)
     copy_rows(frames, parts, versions, since, to_frames, to_parts)
     return reach

@@ -1,9 +1,9 @@
-"""Whether a model that comes out of a file can be walked: everything in it that is an index is looked at.
+"""Validation of a model read from a file: every index is checked before a walk follows it.
 
-Walks check no bounds, and their stacks have room for trees of limited depth. So here, once, every reference
-is compared with what it refers to. A child's number is above its parent's, every node and every leaf is
-reached once, and no tree is deeper than `DEEPEST`: then every walk ends. Where the arrays of a part begin and
-end has been checked before, and that these runs lie in the arrays and do not overlap.
+Walks check no bounds, and their stacks are large enough for trees of limited depth only. So here, once, every
+reference is compared with what it refers to. A child's number is above its parent's, every node and every
+leaf is reached once, and no tree is deeper than `DEEPEST`: then every walk ends. Where the arrays of a part
+begin and end has been checked before, and that these runs lie in the arrays and do not overlap.
 
 Each function returns the kind of the first fault that it finds, or `SOUND`, and then fills *fault* (int64,
 `FAULT_SIZE`): the part, and up to three numbers that the sentence about it names.
@@ -16,35 +16,41 @@ from proximity.kernels.geometry.frames import (
     part_of_slot,
 )
 from proximity.kernels.layout import (
-    BLOCK_COUNT,
-    BLOCK_NOTES,
+    ALL_LANES,
     BLOCK_STRIDE,
-    CHILDREN,
-    CORNER_COUNT,
-    CORNER_NORMALS,
-    CORNERS,
     ENTRY,
-    FACE_COUNT,
-    FACES,
-    FIRST_BLOCK,
     FOLDED_AT,
-    GRID,
-    GRID_X,
-    GRID_Y,
-    GRID_Z,
-    IS_DYNAMIC,
-    IS_FUSED,
-    IS_HIDDEN,
     LANES,
     MAX_DEPTH,
-    MOMENTS,
-    NEIGHBORS,
     NO_FACE,
     NO_GRID,
-    NODE_COUNT,
+    NODE_CHILDREN,
     NODE_STRIDE,
-    ROOT,
-    SLOT_FACES,
+    PART_BLOCK_COUNT,
+    PART_BLOCK_NOTES,
+    PART_CORNER_COUNT,
+    PART_CORNER_NORMALS,
+    PART_CORNERS,
+    PART_FACE_COUNT,
+    PART_FACES,
+    PART_FIRST_BLOCK,
+    PART_GRID,
+    PART_GRID_X,
+    PART_GRID_Y,
+    PART_GRID_Z,
+    PART_IS_DYNAMIC,
+    PART_IS_FUSED,
+    PART_IS_HIDDEN,
+    PART_MOMENTS,
+    PART_NEIGHBORS,
+    PART_NODE_COUNT,
+    PART_ROOT,
+    PART_SLOT_FACES,
+    SCENE_ENTRIES,
+    SCENE_ENTRY_COUNT,
+    SCENE_FIRST_NODE,
+    SCENE_GRID,
+    SCENE_STATIC_ROOT,
 )
 from proximity.kernels.scene.static_tree import last_up_to
 from proximity.kernels.sign.inside_grid import CELLS_PER_WORD
@@ -59,34 +65,13 @@ LARGEST_LOCAL = 1.0 + 2.0**-40
 FEWEST_NEIGHBOR = -2
 """Least number that stands for no neighbour."""
 FAULT_SIZE = 4
-ALL_LANES = 2**LANES - 1
 
-SOUND = 0
-BAD_BOX = 1
-BAD_CHILD_NODE = 2
-BAD_CHILD_BLOCK = 3
-TOO_DEEP = 4
-NOT_REACHED = 5
-NOT_IN_A_ROW = 6
-BAD_NOTE = 7
-BAD_SLOT = 8
-FACE_TWICE = 9
-FACE_MISSING = 10
-BAD_TRIANGLE = 11
-BAD_CORNER_ID = 12
-BAD_NEIGHBOR = 13
-BAD_CORNER = 14
-BAD_NORMAL = 15
-BAD_MOMENT = 16
-BAD_CELL = 17
-BAD_TOP_CHILD = 18
-COVERED_TWICE = 19
-NOT_COVERED = 20
-BAD_VERTEX_ID = 21
-BAD_CORNER_ORDER = 22
-BAD_VERTEX = 23
-BAD_LIST = 24
-BAD_LISTED_PART = 25
+(
+    SOUND, BAD_BOX, BAD_CHILD_NODE, BAD_CHILD_BLOCK, TOO_DEEP, NOT_REACHED, NOT_IN_A_ROW, BAD_NOTE,
+    BAD_SLOT, FACE_TWICE, FACE_MISSING, BAD_TRIANGLE, BAD_CORNER_ID, BAD_NEIGHBOR, BAD_CORNER, BAD_NORMAL,
+    BAD_MOMENT, BAD_CELL, BAD_SCENE_CHILD, COVERED_TWICE, NOT_COVERED, BAD_VERTEX_ID, BAD_CORNER_ORDER,
+    BAD_VERTEX, BAD_LIST, BAD_LISTED_PART,
+) = range(26)  # fmt: skip
 
 
 @inlined
@@ -123,9 +108,9 @@ def fault_in_trees(words, parts, firsts, counts, levels, reached, fault):
 
 @kernel
 def _fault_in_tree(words, parts, part, firsts, counts, levels, reached, fault):
-    root, end = parts[part, ROOT], parts[part, ROOT] + parts[part, NODE_COUNT]
-    first_block = parts[part, FIRST_BLOCK]
-    last_block = first_block + parts[part, BLOCK_COUNT] - 1
+    root, end = parts[part, PART_ROOT], parts[part, PART_ROOT] + parts[part, PART_NODE_COUNT]
+    first_block = parts[part, PART_FIRST_BLOCK]
+    last_block = first_block + parts[part, PART_BLOCK_COUNT] - 1
     # What is below a node has been seen when its turn comes.
     inner = np.int64(0)
     for node in range(end - 1, root - 1, -1):
@@ -137,7 +122,7 @@ def _fault_in_tree(words, parts, part, firsts, counts, levels, reached, fault):
         for lane in range(LANES):
             if not (used >> lane) & 1:
                 continue
-            child = load_int(words, base + CHILDREN + lane)
+            child = load_int(words, base + NODE_CHILDREN + lane)
             if child >= 0:
                 # Negative: it has a parent.
                 if not node < child < end or levels[child] < 0:
@@ -159,7 +144,7 @@ def _fault_in_tree(words, parts, part, firsts, counts, levels, reached, fault):
         if last - first + 1 != count:
             return _note(fault, NOT_IN_A_ROW, part, node - root, 0, 0)
         firsts[node], counts[node], levels[node] = first, count, level + 1
-    if inner != end - root - 1 or counts[root] != parts[part, BLOCK_COUNT]:
+    if inner != end - root - 1 or counts[root] != parts[part, PART_BLOCK_COUNT]:
         return _note(fault, NOT_REACHED, part, 0, 0, 0)
     return SOUND
 
@@ -168,7 +153,7 @@ def _fault_in_tree(words, parts, part, firsts, counts, levels, reached, fault):
 def fault_in_parts(reals, words, parts, seen, fault):
     """Look through slots, faces, corners, moments and sign grids. *seen* (F,) uint8: F of the largest."""
     for part in range(len(parts) - 1):
-        for face in range(parts[part, FACE_COUNT]):
+        for face in range(parts[part, PART_FACE_COUNT]):
             seen[face] = 0
         kind = _fault_in_slots(reals, words, parts, part, seen, fault)
         if kind == SOUND:
@@ -187,14 +172,14 @@ def fault_in_parts(reals, words, parts, seen, fault):
 @kernel
 def _fault_in_slots(reals, words, parts, part, seen, fault):
     """Every face is in one slot; where a slot has a face, its lane has a triangle, and else it is NaN."""
-    first, face_count = parts[part, FIRST_BLOCK], parts[part, FACE_COUNT]
+    first, face_count = parts[part, PART_FIRST_BLOCK], parts[part, PART_FACE_COUNT]
     found = np.int64(0)
-    for block in range(first, first + parts[part, BLOCK_COUNT]):
-        if load_int(words, parts[part, BLOCK_NOTES] + block) & (2**FOLDED_AT - 1) != part:
+    for block in range(first, first + parts[part, PART_BLOCK_COUNT]):
+        if load_int(words, parts[part, PART_BLOCK_NOTES] + block) & (2**FOLDED_AT - 1) != part:
             return _note(fault, BAD_NOTE, part, block - first, 0, 0)
         used = np.int64(0)
         for lane in range(LANES):
-            face = load_int(words, parts[part, SLOT_FACES] + LANES * block + lane)
+            face = load_int(words, parts[part, PART_SLOT_FACES] + LANES * block + lane)
             if face == NO_FACE:
                 continue
             if not 0 <= face < face_count:
@@ -220,11 +205,11 @@ def _fault_in_slots(reals, words, parts, part, seen, fault):
 
 @kernel
 def _fault_in_faces(words, parts, part, fault):
-    corner_count, face_count = parts[part, CORNER_COUNT], parts[part, FACE_COUNT]
+    corner_count, face_count = parts[part, PART_CORNER_COUNT], parts[part, PART_FACE_COUNT]
     for k in range(3 * face_count):
         corner, neighbor = (
-            load_int(words, parts[part, FACES] + k),
-            load_int(words, parts[part, NEIGHBORS] + k),
+            load_int(words, parts[part, PART_FACES] + k),
+            load_int(words, parts[part, PART_NEIGHBORS] + k),
         )
         if not 0 <= corner < corner_count:
             return _note(fault, BAD_CORNER_ID, part, k // 3, corner, corner_count)
@@ -235,19 +220,19 @@ def _fault_in_faces(words, parts, part, fault):
 
 @kernel
 def _fault_in_corners(reals, parts, part, fault):
-    for k in range(3 * parts[part, CORNER_COUNT]):
-        if not abs(reals[parts[part, CORNERS] + k]) <= LARGEST_LOCAL:
+    for k in range(3 * parts[part, PART_CORNER_COUNT]):
+        if not abs(reals[parts[part, PART_CORNERS] + k]) <= LARGEST_LOCAL:
             return _note(fault, BAD_CORNER, part, k // 3, 0, 0)
-        if not abs(reals[parts[part, CORNER_NORMALS] + k]) <= LARGEST_LOCAL:
+        if not abs(reals[parts[part, PART_CORNER_NORMALS] + k]) <= LARGEST_LOCAL:
             return _note(fault, BAD_NORMAL, part, k // 3, 0, 0)
     return SOUND
 
 
 @kernel
 def _fault_in_moments(words, parts, part, fault):
-    root = parts[part, ROOT]
-    for node in range(root, root + parts[part, NODE_COUNT]):
-        at = parts[part, MOMENTS] + MOMENT_STRIDE * node
+    root = parts[part, PART_ROOT]
+    for node in range(root, root + parts[part, PART_NODE_COUNT]):
+        at = parts[part, PART_MOMENTS] + MOMENT_STRIDE * node
         finite = np.int64(ALL_LANES)
         for k in range(0, MOMENT_STRIDE, LANES):
             finite &= bits(absolute(load(words, at + k)) < splat32(np.float32(np.inf)))
@@ -259,10 +244,10 @@ def _fault_in_moments(words, parts, part, fault):
 @kernel
 def _fault_in_grid(words, parts, part, fault):
     """No cell is of an unknown state, which has both of its bits set."""
-    at = parts[part, GRID]
+    at = parts[part, PART_GRID]
     if at == NO_GRID:
         return SOUND
-    cells = parts[part, GRID_X] * parts[part, GRID_Y] * parts[part, GRID_Z]
+    cells = parts[part, PART_GRID_X] * parts[part, PART_GRID_Y] * parts[part, PART_GRID_Z]
     for k in range((cells + CELLS_PER_WORD - 1) // CELLS_PER_WORD):
         word = load_int(words, at + k)
         if word & (word >> 1) & 0x55555555:
@@ -274,8 +259,8 @@ def _fault_in_grid(words, parts, part, fault):
 def fault_in_lists(words, parts, fault):
     """Look through the lists of the grid over the scene, which is the last thing in *words*."""
     scene = len(parts) - 1
-    base = parts[scene, GRID]
-    cells = parts[scene, GRID_X] * parts[scene, GRID_Y] * parts[scene, GRID_Z]
+    base = parts[scene, SCENE_GRID]
+    cells = parts[scene, PART_GRID_X] * parts[scene, PART_GRID_Y] * parts[scene, PART_GRID_Z]
     if cells == 0:
         return SOUND
     size, last = len(words) - base, cells + 1
@@ -297,20 +282,24 @@ def _root_of_child(words, parts, reference):
     """The part and the reference that a leaf of the static tree leads to; part -1 where there is none."""
     scene = len(parts) - 1
     if reference >= 0:
-        is_node = reference < parts[scene, FIRST_BLOCK]
-        return last_up_to(parts, ROOT, reference) if is_node else np.int64(-1), reference
+        is_node = reference < parts[scene, SCENE_FIRST_NODE]
+        return last_up_to(parts, PART_ROOT, reference) if is_node else np.int64(-1), reference
     number = ~reference
     if number < ENTRY:
-        end = parts[scene - 1, FIRST_BLOCK] + parts[scene - 1, BLOCK_COUNT]
+        end = parts[scene - 1, PART_FIRST_BLOCK] + parts[scene - 1, PART_BLOCK_COUNT]
         return part_of_slot(words, parts, LANES * number) if number < end else np.int64(-1), reference
-    if number - ENTRY >= parts[scene, CORNER_COUNT]:
+    if number - ENTRY >= parts[scene, SCENE_ENTRY_COUNT]:
         return np.int64(-1), reference
-    at = parts[scene, FACES] + 2 * (number - ENTRY)
+    at = parts[scene, SCENE_ENTRIES] + 2 * (number - ENTRY)
     part, reference = np.int64(load_int(words, at)), np.int64(load_int(words, at + 1))
     if not 0 <= part < scene:
         return np.int64(-1), reference
-    node, block = reference - parts[part, ROOT], ~reference - parts[part, FIRST_BLOCK]
-    is_own = 0 <= node < parts[part, NODE_COUNT] if reference >= 0 else 0 <= block < parts[part, BLOCK_COUNT]
+    node, block = reference - parts[part, PART_ROOT], ~reference - parts[part, PART_FIRST_BLOCK]
+    is_own = (
+        0 <= node < parts[part, PART_NODE_COUNT]
+        if reference >= 0
+        else 0 <= block < parts[part, PART_BLOCK_COUNT]
+    )
     return part if is_own else np.int64(-1), reference
 
 
@@ -321,7 +310,7 @@ def fault_in_static_tree(words, parts, firsts, counts, levels, covered, fault):
     *firsts*, *counts*: as `fault_in_trees` fills them. *levels* (N,), *covered* (B,): zeros; N nodes.
     """
     scene = len(parts) - 1
-    root = parts[scene, NEIGHBORS]
+    root = parts[scene, SCENE_STATIC_ROOT]
     node_count = len(levels) if root >= 0 else 0
     if node_count:
         levels[0] = 1
@@ -335,18 +324,18 @@ def fault_in_static_tree(words, parts, firsts, counts, levels, covered, fault):
         for lane in range(LANES):
             if not (used >> lane) & 1:
                 continue
-            reference = np.int64(load_int(words, base + CHILDREN + lane))
+            reference = np.int64(load_int(words, base + NODE_CHILDREN + lane))
             if root <= reference < root + node_count:
                 child = reference - root
                 if child <= node or levels[child]:
-                    return _note(fault, BAD_TOP_CHILD, scene, lane, node, reference)
+                    return _note(fault, BAD_SCENE_CHILD, scene, lane, node, reference)
                 levels[child] = levels[node] + 1
                 continue
             part, start = _root_of_child(words, parts, reference)
-            if part < 0 or parts[part, IS_DYNAMIC] or parts[part, IS_HIDDEN]:
-                return _note(fault, BAD_TOP_CHILD, scene, lane, node, reference)
-            if ~reference < ENTRY and not parts[part, IS_FUSED]:
-                return _note(fault, BAD_TOP_CHILD, scene, lane, node, reference)
+            if part < 0 or parts[part, PART_IS_DYNAMIC] or parts[part, PART_IS_HIDDEN]:
+                return _note(fault, BAD_SCENE_CHILD, scene, lane, node, reference)
+            if ~reference < ENTRY and not parts[part, PART_IS_FUSED]:
+                return _note(fault, BAD_SCENE_CHILD, scene, lane, node, reference)
             first, count = (firsts[start], counts[start]) if start >= 0 else (np.int32(~start), np.int32(1))
             for block in range(first, first + count):
                 if covered[block]:
@@ -358,10 +347,10 @@ def fault_in_static_tree(words, parts, firsts, counts, levels, covered, fault):
 @kernel
 def _fault_in_cover(parts, covered, fault):
     for part in range(len(parts) - 1):
-        if parts[part, IS_DYNAMIC] or parts[part, IS_HIDDEN]:
+        if parts[part, PART_IS_DYNAMIC] or parts[part, PART_IS_HIDDEN]:
             continue
-        first = parts[part, FIRST_BLOCK]
-        for block in range(first, first + parts[part, BLOCK_COUNT]):
+        first = parts[part, PART_FIRST_BLOCK]
+        for block in range(first, first + parts[part, PART_BLOCK_COUNT]):
             if not covered[block]:
                 return _note(fault, NOT_COVERED, part, block - first, 0, 0)
     return SOUND
@@ -374,7 +363,7 @@ def fault_in_mesh(words, parts, part, vertices, faces, largest, corners, fault):
     Vertices at one position are one corner, and corners are numbered in the order of their first vertices:
     whoever deforms the part counts on it. *corners* (V,) int32: scratch.
     """
-    vertex_count, faces_at = len(vertices), parts[part, FACES]
+    vertex_count, faces_at = len(vertices), parts[part, PART_FACES]
     for vertex in range(vertex_count):
         corners[vertex] = -1
     for face in range(len(faces)):
@@ -395,6 +384,6 @@ def fault_in_mesh(words, parts, part, vertices, faces, largest, corners, fault):
         for axis in range(3):
             if corner >= 0 and not abs(vertices[vertex, axis]) <= largest:
                 return _note(fault, BAD_VERTEX, part, vertex, 0, 0)
-    if known != parts[part, CORNER_COUNT]:
+    if known != parts[part, PART_CORNER_COUNT]:
         return _note(fault, BAD_CORNER_ORDER, part, vertex_count, known, 0)
     return SOUND

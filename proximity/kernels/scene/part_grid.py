@@ -1,4 +1,4 @@
-"""Which parts may contain a point of the scene.
+"""The grid over a scene that lists, for each cell, the parts that may contain a point.
 
 Parts that stand where they stood when the model was made are listed in the cells of a coarse grid over the
 scene: of a cell, those that are neither wholly outside in it nor without an inside. So a look or two tell
@@ -12,32 +12,33 @@ import numpy as np
 
 from proximity.kernels.geometry.box import point_boxes_distance_sq
 from proximity.kernels.geometry.frames import (
-    ROUNDING,
+    LENGTH_ROUNDING,
     to_local,
 )
 from proximity.kernels.layout import (
-    BOX_LOWER,
-    BOX_UPPER,
-    CENTRE,
-    DYNAMIC_COUNT,
-    GRID,
-    GRID_LOWER,
-    GRID_RATE,
-    GRID_X,
-    GRID_Y,
-    GRID_Z,
-    IS_DYNAMIC,
-    IS_HIDDEN,
+    FRAME_BOX_LOWER,
+    FRAME_BOX_UPPER,
+    FRAME_CENTRE,
+    FRAME_GRID_LOWER,
+    FRAME_GRID_RATE,
+    FRAME_ROTATION,
+    FRAME_SCALE,
+    FRAME_TRANSLATION,
     LANES,
     NO_GRID,
+    NODE_PARTS,
     NODE_STRIDE,
-    PARTS_OF_LANES,
-    REGION,
-    ROTATION,
-    SCALE,
-    TRANSLATION,
+    PART_GRID,
+    PART_GRID_X,
+    PART_GRID_Y,
+    PART_GRID_Z,
+    PART_IS_DYNAMIC,
+    PART_IS_HIDDEN,
+    SCENE_DYNAMIC_COUNT,
+    SCENE_GRID,
+    SCENE_SUPER_NODE,
 )
-from proximity.kernels.sign.inside_grid import CELLS_PER_WORD, SLACK
+from proximity.kernels.sign.inside_grid import CELL_SLACK, CELLS_PER_WORD
 from proximity.native import entry, inlined, kernel
 from proximity.simd import bits, load_int, splat32, trailing_zeros
 
@@ -51,15 +52,15 @@ def list_of(words, frames, parts, x, y, z):
     scene = len(parts) - 1
     if scene == 1:
         return np.int64(0), np.int64(0)
-    nx, ny, nz = parts[scene, GRID_X], parts[scene, GRID_Y], parts[scene, GRID_Z]
-    rate = frames[scene, GRID_RATE]
-    fx = (x - frames[scene, GRID_LOWER]) * rate
-    fy = (y - frames[scene, GRID_LOWER + 1]) * rate
-    fz = (z - frames[scene, GRID_LOWER + 2]) * rate
+    nx, ny, nz = parts[scene, PART_GRID_X], parts[scene, PART_GRID_Y], parts[scene, PART_GRID_Z]
+    rate = frames[scene, FRAME_GRID_RATE]
+    fx = (x - frames[scene, FRAME_GRID_LOWER]) * rate
+    fy = (y - frames[scene, FRAME_GRID_LOWER + 1]) * rate
+    fz = (z - frames[scene, FRAME_GRID_LOWER + 2]) * rate
     # A scene of which no part is listed has no cells.
     if not (fx >= 0.0 and fy >= 0.0 and fz >= 0.0 and fx < nx and fy < ny and fz < nz):
         return np.int64(0), np.int64(0)
-    base = parts[scene, GRID]
+    base = parts[scene, SCENE_GRID]
     at = base + (np.int64(fz) * ny + np.int64(fy)) * nx + np.int64(fx)
     return base + load_int(words, at), base + load_int(words, at + 1)
 
@@ -73,7 +74,7 @@ def turns_of_list(first, last):
 @inlined
 def dynamic_turn_count(parts):
     """Turns that the dynamic parts take."""
-    return (parts[len(parts) - 1, DYNAMIC_COUNT] + LANES - 1) // LANES
+    return (parts[len(parts) - 1, SCENE_DYNAMIC_COUNT] + LANES - 1) // LANES
 
 
 @inlined
@@ -82,8 +83,8 @@ def listed_bits(words, frames, parts, at, last, x, y, z):
     containing = np.int64(0)
     for lane in range(min(LANES, last - at)):
         part = load_int(words, at + lane)
-        may_contain = parts[part, IS_DYNAMIC] == 0 and parts[part, IS_HIDDEN] == 0
-        if parts[part, GRID] == NO_GRID:
+        may_contain = parts[part, PART_IS_DYNAMIC] == 0 and parts[part, PART_IS_HIDDEN] == 0
+        if parts[part, PART_GRID] == NO_GRID:
             may_contain = may_contain and _is_in_box(frames, part, x, y, z)
         containing |= np.int64(may_contain) << lane
     return containing
@@ -92,9 +93,9 @@ def listed_bits(words, frames, parts, at, last, x, y, z):
 @inlined
 def _is_in_box(frames, part, x, y, z):
     return (
-        frames[part, BOX_LOWER] <= x <= frames[part, BOX_UPPER]
-        and frames[part, BOX_LOWER + 1] <= y <= frames[part, BOX_UPPER + 1]
-        and frames[part, BOX_LOWER + 2] <= z <= frames[part, BOX_UPPER + 2]
+        frames[part, FRAME_BOX_LOWER] <= x <= frames[part, FRAME_BOX_UPPER]
+        and frames[part, FRAME_BOX_LOWER + 1] <= y <= frames[part, FRAME_BOX_UPPER + 1]
+        and frames[part, FRAME_BOX_LOWER + 2] <= z <= frames[part, FRAME_BOX_UPPER + 2]
     )
 
 
@@ -105,14 +106,14 @@ def dynamic_bits(words, parts, turn, sx, sy, sz):
     *sx sy sz*: float32x8 splats, scene's scaled frame.
     """
     scene = len(parts) - 1
-    node, mask = parts[scene, REGION], np.int64(-1)
-    if parts[scene, DYNAMIC_COUNT] < LANES:
+    node, mask = parts[scene, SCENE_SUPER_NODE], np.int64(-1)
+    if parts[scene, SCENE_DYNAMIC_COUNT] < LANES:
         mask ^= 1  # all are in the super node, beside the static tree
     else:
         node += 1 + turn
     base = NODE_STRIDE * node
     within = bits(point_boxes_distance_sq(words, base, sx, sy, sz) <= splat32(np.float32(0.0)))
-    return mask & within, base + PARTS_OF_LANES
+    return mask & within, base + NODE_PARTS
 
 
 @inlined
@@ -123,7 +124,7 @@ def turns_of(parts, first, last):
 
 @inlined
 def sought(words, frames, parts, x, y, z):
-    """What `containing_bits` takes of a point: the ends of its list, see `list_of`, and its splats."""
+    """Arguments of `containing_bits` for a point: the ends of its list, see `list_of`, and its splats."""
     first, last = list_of(words, frames, parts, x, y, z)
     sx, sy, sz = to_local(frames, parts, len(parts) - 1, x, y, z)
     return first, last, splat32(np.float32(sx)), splat32(np.float32(sy)), splat32(np.float32(sz))
@@ -136,7 +137,7 @@ def containing_bits(words, frames, parts, first, last, turn, x, y, z, sx, sy, sz
     *x y z* are of the scene's frame, *sx sy sz* float32x8 splats of its scaled frame.
     """
     if len(parts) == 2:
-        return np.int64(parts[0, IS_HIDDEN] == 0), np.int64(0)
+        return np.int64(parts[0, PART_IS_HIDDEN] == 0), np.int64(0)
     lists = turns_of_list(first, last)
     if turn < lists:
         at = first + LANES * turn
@@ -163,8 +164,8 @@ def cells_of_part(frames, parts, part, grid, lower, rate, nx, ny, nz):
     size = np.array([nx, ny, nz])
     first, count = np.empty(3, np.int64), np.empty(3, np.int64)
     for axis in range(3):
-        low = np.floor((frames[part, BOX_LOWER + axis] - lower[axis]) * rate - SLACK)
-        high = np.floor((frames[part, BOX_UPPER + axis] - lower[axis]) * rate + SLACK)
+        low = np.floor((frames[part, FRAME_BOX_LOWER + axis] - lower[axis]) * rate - CELL_SLACK)
+        high = np.floor((frames[part, FRAME_BOX_UPPER + axis] - lower[axis]) * rate + CELL_SLACK)
         first[axis] = np.int64(min(max(low, 0.0), size[axis] - 1.0))
         count[axis] = np.int64(min(max(high, 0.0), size[axis] - 1.0)) - first[axis] + 1
     cells = np.empty(count[0] * count[1] * count[2], np.int32)
@@ -173,7 +174,7 @@ def cells_of_part(frames, parts, part, grid, lower, rate, nx, ny, nz):
     for own in range(3):
         half[own] = 0.0
         for axis in range(3):
-            half[own] += abs(frames[part, ROTATION + 3 * axis + own]) * (0.5 + SLACK) / rate
+            half[own] += abs(frames[part, FRAME_ROTATION + 3 * axis + own]) * (0.5 + CELL_SLACK) / rate
     for iz in range(first[2], first[2] + count[2]):
         for iy in range(first[1], first[1] + count[1]):
             for ix in range(first[0], first[0] + count[0]):
@@ -191,34 +192,34 @@ def cells_of_part(frames, parts, part, grid, lower, rate, nx, ny, nz):
 def _is_occupied(frames, parts, part, grid, x, y, z, half):
     """Whether a part's own grid has a cell that is not outside within *half* (3,), m, along its axes."""
     px, py, pz = to_local(frames, parts, part, x, y, z)
-    scale = frames[part, SCALE]
+    scale = frames[part, FRAME_SCALE]
     reach = abs(x) + abs(y) + abs(z)
     for axis in range(3):
-        reach += abs(frames[part, TRANSLATION + axis]) + abs(frames[part, CENTRE + axis])
-    slack = ROUNDING * (reach + 1.0 / scale)
-    rate = frames[part, GRID_RATE]
+        reach += abs(frames[part, FRAME_TRANSLATION + axis]) + abs(frames[part, FRAME_CENTRE + axis])
+    slack = LENGTH_ROUNDING * (reach + 1.0 / scale)
+    rate = frames[part, FRAME_GRID_RATE]
     low_x, high_x = _range(
-        px - frames[part, GRID_LOWER], (half[0] + slack) * scale, rate, parts[part, GRID_X]
+        px - frames[part, FRAME_GRID_LOWER], (half[0] + slack) * scale, rate, parts[part, PART_GRID_X]
     )
     low_y, high_y = _range(
-        py - frames[part, GRID_LOWER + 1], (half[1] + slack) * scale, rate, parts[part, GRID_Y]
+        py - frames[part, FRAME_GRID_LOWER + 1], (half[1] + slack) * scale, rate, parts[part, PART_GRID_Y]
     )
     low_z, high_z = _range(
-        pz - frames[part, GRID_LOWER + 2], (half[2] + slack) * scale, rate, parts[part, GRID_Z]
+        pz - frames[part, FRAME_GRID_LOWER + 2], (half[2] + slack) * scale, rate, parts[part, PART_GRID_Z]
     )
     for iz in range(low_z, high_z):
         for iy in range(low_y, high_y):
-            row = (iz * parts[part, GRID_Y] + iy) * parts[part, GRID_X]
+            row = (iz * parts[part, PART_GRID_Y] + iy) * parts[part, PART_GRID_X]
             if _any_in_row(grid, row + low_x, row + high_x):
                 return True
     return False
 
 
 @inlined
-def _range(place, half, rate, count):
+def _range(coordinate, half, rate, count):
     """The cells from which, and up to which, an interval along an axis reaches."""
-    low = np.floor((place - half) * rate - SLACK)
-    high = np.floor((place + half) * rate + SLACK) + 1.0
+    low = np.floor((coordinate - half) * rate - CELL_SLACK)
+    high = np.floor((coordinate + half) * rate + CELL_SLACK) + 1.0
     return np.int64(min(max(low, 0.0), np.float64(count))), np.int64(min(max(high, 0.0), np.float64(count)))
 
 

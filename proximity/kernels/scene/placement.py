@@ -1,4 +1,4 @@
-"""Where parts stand: poses looked at and written, the boxes that follow, and rows taken from copy to copy."""
+"""Poses of parts: checked and written, with the boxes that follow from them."""
 
 from math import isfinite
 
@@ -6,23 +6,23 @@ import numpy as np
 
 from proximity.kernels.geometry.box import BOX_MARGIN, round_down, round_up
 from proximity.kernels.layout import (
-    ANGULAR_VELOCITY,
-    BOX_LOWER,
-    BOX_UPPER,
-    CENTRE,
+    FRAME_ANGULAR_VELOCITY,
+    FRAME_BOX_LOWER,
+    FRAME_BOX_UPPER,
+    FRAME_CENTRE,
     FRAME_COLUMNS,
-    IS_DYNAMIC,
-    IS_FUSED,
-    IS_HIDDEN,
-    IS_TURNED,
+    FRAME_OWN_LOWER,
+    FRAME_OWN_UPPER,
+    FRAME_ROTATION,
+    FRAME_SCALE,
+    FRAME_TRANSLATION,
+    FRAME_VELOCITY,
     LANES,
-    OWN_LOWER,
-    OWN_UPPER,
     PART_COLUMNS,
-    ROTATION,
-    SCALE,
-    TRANSLATION,
-    VELOCITY,
+    PART_IS_DYNAMIC,
+    PART_IS_FUSED,
+    PART_IS_HIDDEN,
+    PART_IS_TURNED,
 )
 from proximity.kernels.tree.wide_node import clear_box
 from proximity.native import entry, inlined, kernel
@@ -31,7 +31,7 @@ from proximity.simd import lane, load, maximum, minimum, store
 
 @inlined
 def _off_exact(matrix):
-    """How far the rotation in a (4, 4) matrix, times its transpose, is from the identity; nan is far."""
+    """Distance of the rotation in a (4, 4) matrix, times its transpose, from the identity; nan is far."""
     off = 0.0
     for i in range(3):
         for j in range(i + 1):
@@ -86,14 +86,14 @@ def _write_pose(frames, row, matrix, rounding):
     """
     is_other = False
     for i in range(3):
-        is_other = is_other or frames[row, TRANSLATION + i] != matrix[i, 3]
+        is_other = is_other or frames[row, FRAME_TRANSLATION + i] != matrix[i, 3]
         for j in range(3):
-            is_other = is_other or frames[row, ROTATION + 3 * i + j] != matrix[i, j]
+            is_other = is_other or frames[row, FRAME_ROTATION + 3 * i + j] != matrix[i, j]
     if not is_other:
         return False
     is_off = _off_exact(matrix) > rounding
     for i in range(3):
-        frames[row, TRANSLATION + i] = matrix[i, 3]
+        frames[row, FRAME_TRANSLATION + i] = matrix[i, 3]
         for j in range(3):
             value = matrix[i, j]
             if is_off:
@@ -103,33 +103,33 @@ def _write_pose(frames, row, matrix, rounding):
                     for m in range(3):
                         product += matrix[i, m] * matrix[k, m]
                     value -= 0.5 * product * matrix[k, j]
-            frames[row, ROTATION + 3 * i + j] = value
+            frames[row, FRAME_ROTATION + 3 * i + j] = value
     return True
 
 
 @entry("float64[:, :], int64[:, :], int")
-def place_box(frames, parts, row):
+def update_box(frames, parts, row):
     """Fill a row's box in the scene's frame, and whether it is turned, from its pose and its own box."""
     is_turned, is_shifted = False, False
     for i in range(3):
-        is_shifted = is_shifted or frames[row, TRANSLATION + i] != 0.0
+        is_shifted = is_shifted or frames[row, FRAME_TRANSLATION + i] != 0.0
         for j in range(3):
-            is_turned = is_turned or frames[row, ROTATION + 3 * i + j] != (1.0 if i == j else 0.0)
-    parts[row, IS_TURNED] = is_turned
+            is_turned = is_turned or frames[row, FRAME_ROTATION + 3 * i + j] != (1.0 if i == j else 0.0)
+    parts[row, PART_IS_TURNED] = is_turned
     for axis in range(3):
         if not is_turned and not is_shifted:
-            frames[row, BOX_LOWER + axis] = frames[row, OWN_LOWER + axis]
-            frames[row, BOX_UPPER + axis] = frames[row, OWN_UPPER + axis]
+            frames[row, FRAME_BOX_LOWER + axis] = frames[row, FRAME_OWN_LOWER + axis]
+            frames[row, FRAME_BOX_UPPER + axis] = frames[row, FRAME_OWN_UPPER + axis]
             continue
         # Around the middle, so that a part far from its own origin keeps a tight box.
-        middle, half = frames[row, TRANSLATION + axis], 0.0
+        middle, half = frames[row, FRAME_TRANSLATION + axis], 0.0
         for other in range(3):
-            turn = frames[row, ROTATION + 3 * axis + other]
-            lower, upper = frames[row, OWN_LOWER + other], frames[row, OWN_UPPER + other]
+            turn = frames[row, FRAME_ROTATION + 3 * axis + other]
+            lower, upper = frames[row, FRAME_OWN_LOWER + other], frames[row, FRAME_OWN_UPPER + other]
             middle += turn * (0.5 * lower + 0.5 * upper)
             half += abs(turn) * (0.5 * upper - 0.5 * lower)
-        frames[row, BOX_LOWER + axis] = middle - half
-        frames[row, BOX_UPPER + axis] = middle + half
+        frames[row, FRAME_BOX_LOWER + axis] = middle - half
+        frames[row, FRAME_BOX_UPPER + axis] = middle + half
 
 
 
@@ -148,12 +148,12 @@ def move_parts(frames, parts, versions, version, rows, matrices, velocities, ang
         row = rows[k]
         versions[row] = version
         if _write_pose(frames, row, matrices[k], rounding):
-            place_box(frames, parts, row)
-            freed += not parts[row, IS_DYNAMIC]
-            parts[row, IS_DYNAMIC], parts[row, IS_FUSED] = 1, 0
+            update_box(frames, parts, row)
+            freed += not parts[row, PART_IS_DYNAMIC]
+            parts[row, PART_IS_DYNAMIC], parts[row, PART_IS_FUSED] = 1, 0
         for axis in range(3):
-            frames[row, VELOCITY + axis] = velocities[k, axis] if len(velocities) else 0.0
-            frames[row, ANGULAR_VELOCITY + axis] = (
+            frames[row, FRAME_VELOCITY + axis] = velocities[k, axis] if len(velocities) else 0.0
+            frames[row, FRAME_ANGULAR_VELOCITY + axis] = (
                 angular_velocities[k, axis] if len(angular_velocities) else 0.0
             )
     return freed
@@ -163,17 +163,17 @@ def move_parts(frames, parts, versions, version, rows, matrices, velocities, ang
 def box_in_scene(frames, parts, part, box):
     """The box of a part in the scene's scaled frame, (6,) float32, widened; of a hidden part: empty."""
     scene = len(parts) - 1
-    scale = frames[scene, SCALE]
+    scale = frames[scene, FRAME_SCALE]
     for axis in range(3):
-        centre = frames[scene, CENTRE + axis]
-        box[axis] = round_down((frames[part, BOX_LOWER + axis] - centre) * scale) - BOX_MARGIN
-        box[axis + 3] = round_up((frames[part, BOX_UPPER + axis] - centre) * scale) + BOX_MARGIN
-    if parts[part, IS_HIDDEN]:
+        centre = frames[scene, FRAME_CENTRE + axis]
+        box[axis] = round_down((frames[part, FRAME_BOX_LOWER + axis] - centre) * scale) - BOX_MARGIN
+        box[axis + 3] = round_up((frames[part, FRAME_BOX_UPPER + axis] - centre) * scale) + BOX_MARGIN
+    if parts[part, PART_IS_HIDDEN]:
         clear_box(box)
 
 
 @kernel
-def place_scene(frames, parts):
+def update_scene_box(frames, parts):
     """Fill the box of the scene's row from those of all parts; how far it reaches in the scene's local frame.
 
     A reach above 1 does not fit that frame. The only part of a scene takes the scene's frame along: 0.
@@ -181,18 +181,20 @@ def place_scene(frames, parts):
     scene = len(parts) - 1
     reach = 0.0
     # The upper corner follows the lower one.
-    least = most = load(frames[0], BOX_LOWER)
+    least = most = load(frames[0], FRAME_BOX_LOWER)
     for part in range(1, scene):
-        box = load(frames[part], BOX_LOWER)
+        box = load(frames[part], FRAME_BOX_LOWER)
         least, most = minimum(least, box), maximum(most, box)
     for axis in range(3):
-        lower, upper = lane(least, axis), lane(most, BOX_UPPER - BOX_LOWER + axis)
-        frames[scene, BOX_LOWER + axis] = frames[scene, OWN_LOWER + axis] = lower
-        frames[scene, BOX_UPPER + axis] = frames[scene, OWN_UPPER + axis] = upper
+        lower, upper = lane(least, axis), lane(most, FRAME_BOX_UPPER - FRAME_BOX_LOWER + axis)
+        frames[scene, FRAME_BOX_LOWER + axis] = frames[scene, FRAME_OWN_LOWER + axis] = lower
+        frames[scene, FRAME_BOX_UPPER + axis] = frames[scene, FRAME_OWN_UPPER + axis] = upper
         if scene == 1:
-            frames[scene, CENTRE + axis] = frames[0, CENTRE + axis] + frames[0, TRANSLATION + axis]
-            frames[scene, SCALE] = frames[0, SCALE]
-        centre, scale = frames[scene, CENTRE + axis], frames[scene, SCALE]
+            frames[scene, FRAME_CENTRE + axis] = (
+                frames[0, FRAME_CENTRE + axis] + frames[0, FRAME_TRANSLATION + axis]
+            )
+            frames[scene, FRAME_SCALE] = frames[0, FRAME_SCALE]
+        centre, scale = frames[scene, FRAME_CENTRE + axis], frames[scene, FRAME_SCALE]
         reach = max(reach, abs(lower - centre) * scale, abs(upper - centre) * scale)
     return reach if scene > 1 else 0.0
 

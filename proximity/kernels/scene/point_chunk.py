@@ -1,16 +1,16 @@
-"""The steps that points take in chunks: who may contain them, what is nearest to each, and on which side.
+"""Steps of point queries on a chunk: containing parts, nearest surface, side.
 
 What comes after, the deepest of several parts that contain a point, is in `containment`.
 """
 
 import numpy as np
 
-from proximity.kernels.geometry.frames import ROUNDING, can_be_asked, to_local
+from proximity.kernels.geometry.frames import LENGTH_ROUNDING, can_be_asked, to_local
 from proximity.kernels.geometry.rows import fetch_row, limit_of
-from proximity.kernels.geometry.triangle import place_of
-from proximity.kernels.layout import LANES, NO_PART, NO_SLOT, SCALE
+from proximity.kernels.geometry.triangle import offset_of
+from proximity.kernels.layout import FRAME_SCALE, LANES, NO_PART, NO_SLOT
 from proximity.kernels.point.walk import NOTHING_SEEN, best_of_block
-from proximity.kernels.scene.chunk_tables import CHUNK
+from proximity.kernels.scene.chunk_tables import POINT_CHUNK
 from proximity.kernels.scene.containment import deepest_of_certain, note_candidates
 from proximity.kernels.scene.nearest_part import nearest_in_scene
 from proximity.kernels.sign.side import has_normals, heights_over, is_beyond, signed_of_slot
@@ -19,8 +19,8 @@ from proximity.native import inlined
 
 @inlined
 def reach_sq(limit):
-    """How far to look for what is within *limit*, local: a little farther, since distances round."""
-    return (limit + ROUNDING) * (limit + ROUNDING) * (1.0 + ROUNDING)
+    """Squared search radius, local, for what is within *limit*: a little more, since distances round."""
+    return (limit + LENGTH_ROUNDING) * (limit + LENGTH_ROUNDING) * (1.0 + LENGTH_ROUNDING)
 
 
 @inlined
@@ -38,7 +38,7 @@ def nearest_from_block(model, point, limit_sq, part, slot, stacks):
     if slot >= 0:
         seen = ~(slot // LANES)
         px, py, pz = to_local(frames, parts, part, x, y, z)
-        ratio = frames[part, SCALE] / frames[len(parts) - 1, SCALE]
+        ratio = frames[part, FRAME_SCALE] / frames[len(parts) - 1, FRAME_SCALE]
         best_sq, slot = best_of_block(reals, slot, px, py, pz)
         best_sq /= ratio * ratio
         if not best_sq <= limit_sq:
@@ -58,9 +58,9 @@ def begin_chunk(model, chunk, order, first, limits, reaches, candidates, found, 
     certain = candidates.certain
     for k in range(count):
         rows[k], certain[k] = row_of(order, first + k), 0
-        fetch_row(points, order, first + k + CHUNK)
+        fetch_row(points, order, first + k + POINT_CHUNK)
     if len(limits):
-        scale = frames[len(parts) - 1, SCALE]
+        scale = frames[len(parts) - 1, FRAME_SCALE]
         for k in range(count):
             reaches[k] = reach_sq(limit_of(limits, rows[k]) * scale)
     if len(parts) <= 2:
@@ -83,7 +83,7 @@ def nearest_of_chunk(model, chunk, order, reaches, candidates, found, workspace)
     _, _, frames, parts = model
     points, rows, count = chunk
     nearest, depths, _, distances = found
-    part, slot = nearest[CHUNK, 0], nearest[CHUNK, 1]
+    part, slot = nearest[POINT_CHUNK, 0], nearest[POINT_CHUNK, 1]
     for k in range(count):
         if candidates.certain[k]:
             continue
@@ -96,7 +96,7 @@ def nearest_of_chunk(model, chunk, order, reaches, candidates, found, workspace)
             part, slot = np.int64(NO_PART), np.int64(NO_SLOT)
         best_sq, part, slot = nearest_from_block(model, (x, y, z), reaches[k], part, slot, workspace.stacks)
         nearest[k, 0], nearest[k, 1], depths[k], distances[k] = part, slot, best_sq, np.inf
-    nearest[CHUNK, 0], nearest[CHUNK, 1] = part, slot
+    nearest[POINT_CHUNK, 0], nearest[POINT_CHUNK, 1] = part, slot
 
 
 @inlined
@@ -108,27 +108,27 @@ def signs_of_chunk(model, chunk, candidates, found, heights, workspace):
     reals, words, frames, parts = model
     points, rows, count = chunk
     nearest, depths, _, distances = found
-    places, spots, height, is_over = heights
-    for k in range(CHUNK):
-        places[k] = 0
+    offsets, local_points, height, is_over = heights
+    for k in range(POINT_CHUNK):
+        offsets[k] = 0
         if k < count and nearest[k, 0] != NO_PART:
             row, slot = rows[k], nearest[k, 1]
-            places[k] = place_of(slot)
-            spots[k], spots[CHUNK + k], spots[2 * CHUNK + k] = to_local(
+            offsets[k] = offset_of(slot)
+            local_points[k], local_points[POINT_CHUNK + k], local_points[2 * POINT_CHUNK + k] = to_local(
                 frames, parts, nearest[k, 0], points[row, 0], points[row, 1], points[row, 2]
             )
     for at in range(0, count, LANES):
-        heights_over(reals, places, at, spots, height, is_over)
+        heights_over(reals, offsets, at, local_points, height, is_over)
     for k in range(count):
         part = nearest[k, 0]
         if part != NO_PART:
-            px, py, pz = spots[k], spots[CHUNK + k], spots[2 * CHUNK + k]
+            px, py, pz = local_points[k], local_points[POINT_CHUNK + k], local_points[2 * POINT_CHUNK + k]
             signed = height[k] + 0.0  # never -0.0
             slot = nearest[k, 1]
             if is_over[k] == 0.0 or is_beyond(px, py, pz) or not has_normals(words, parts, part, slot):
-                signed = signed_of_slot(reals, words, parts, part, slot, px, py, pz, workspace.witness)
+                signed = signed_of_slot(reals, words, parts, part, slot, px, py, pz, workspace.closest)
             if candidates.certain[k]:
                 signed = -abs(signed)
             elif not signed < 0.0:
                 depths[k] = -1.0
-            distances[k] = signed / frames[part, SCALE]
+            distances[k] = signed / frames[part, FRAME_SCALE]

@@ -12,25 +12,32 @@ from math import sqrt
 
 import numpy as np
 
-from proximity.kernels.geometry.closest_feature import ARM, LENGTH, NORMAL, POINT, WEIGHT, WITNESS_SIZE
+from proximity.kernels.geometry.closest_feature import (
+    CLOSEST_ARM,
+    CLOSEST_LENGTH,
+    CLOSEST_NORMAL,
+    CLOSEST_POINT,
+    CLOSEST_SIZE,
+    CLOSEST_WEIGHT,
+)
 from proximity.kernels.geometry.frames import can_be_asked, is_alone, to_local, to_scene, turn_to_scene
 from proximity.kernels.geometry.rows import fetch_row, limit_of
 from proximity.kernels.layout import (
-    ANSWERED,
     FEATURE_NONE,
+    FRAME_SCALE,
     NO_FACE,
     NO_PART,
+    NO_ROW,
     NO_SLOT,
-    ROOT,
-    SCALE,
-    SIGN,
+    PART_ROOT,
+    PART_SIGN,
     SIGN_NONE,
     STACKS_SIZE,
 )
 from proximity.kernels.model_arrays import ModelArrays
 from proximity.kernels.point.walk import NOTHING_SEEN, closest_in_part
 from proximity.kernels.scene.chunk_tables import (
-    CHUNK,
+    POINT_CHUNK,
     Chunk,
     begin,
     candidates_here,
@@ -48,25 +55,25 @@ from proximity.kernels.scene.point_chunk import (
     row_of,
     signs_of_chunk,
 )
-from proximity.kernels.sign.side import signed_of_slot, witness_of_slot
+from proximity.kernels.sign.side import closest_of_slot, signed_of_slot
 from proximity.kernels.stack_arrays import longs_here, reals_here, words_here
 from proximity.native import HANDFUL, entry, inlined, kernel
 
-SHORTEST = 1e-150
+SHORTEST_ARM = 1e-150
 """Local units; the square of less would vanish."""
 
 # columns of the answers: float64
-SIGNED_DISTANCE = 0
-POINT_AT = 1
-GRADIENT = 4
-BARYCENTRIC = 7
-ANSWER_REALS = 10
+POINT_ANSWER_SIGNED_DISTANCE = 0
+POINT_ANSWER_POINT = 1
+POINT_ANSWER_GRADIENT = 4
+POINT_ANSWER_BARYCENTRIC = 7
+POINT_ANSWER_REALS = 10
 # and int32, behind them
-PART = 2 * ANSWER_REALS
-FACE = PART + 1
-FEATURE = PART + 2
-IS_SIGNED = PART + 3
-ANSWER_WIDTH = ANSWER_REALS + 2
+POINT_ANSWER_PART = 2 * POINT_ANSWER_REALS
+POINT_ANSWER_FACE = POINT_ANSWER_PART + 1
+POINT_ANSWER_FEATURE = POINT_ANSWER_PART + 2
+POINT_ANSWER_IS_SIGNED = POINT_ANSWER_PART + 3
+POINT_ANSWER_WIDTH = POINT_ANSWER_REALS + 2
 """float64 that a row takes in all."""
 
 NO_INSIDE = 0
@@ -78,12 +85,12 @@ def distance_batch(model, points, order, limits, distances):
     """Fill unsigned distances (N, 1), m. *limits* are not looked at."""
     stacks = words_here(STACKS_SIZE)
     _, _, frames, parts = model
-    scale = frames[len(parts) - 1, SCALE]
+    scale = frames[len(parts) - 1, FRAME_SCALE]
     limit_sq = reach_sq(np.inf)
     part, slot = np.int64(NO_PART), np.int64(NO_SLOT)
     for i in range(len(order) if len(order) else len(points)):
         row = row_of(order, i)
-        fetch_row(points, order, i + CHUNK)
+        fetch_row(points, order, i + POINT_CHUNK)
         x, y, z = points[row, 0], points[row, 1], points[row, 2]
         if not can_be_asked(frames, parts, x, y, z):
             distances[row, 0] = np.nan
@@ -92,24 +99,24 @@ def distance_batch(model, points, order, limits, distances):
             part, slot = np.int64(NO_PART), np.int64(NO_SLOT)
         best_sq, part, slot = nearest_from_block(model, (x, y, z), limit_sq, part, slot, stacks)
         distances[row, 0] = sqrt(best_sq) / scale if slot >= 0 else np.inf
-    return ANSWERED
+    return NO_ROW
 
 
 @kernel
 def signed_alone(model, points, distances):
     """Fill signed distances (N, 1), m, to one part, of points as they come: without tables that many need."""
     reals, words, frames, parts = model
-    stacks, witness = words_here(STACKS_SIZE), reals_here(WITNESS_SIZE)
+    stacks, closest = words_here(STACKS_SIZE), reals_here(CLOSEST_SIZE)
     for row in range(len(points)):
         x, y, z = points[row, 0], points[row, 1], points[row, 2]
         distances[row, 0] = np.nan
         if can_be_asked(frames, parts, x, y, z):
             px, py, pz = to_local(frames, parts, 0, x, y, z)
             _, slot = closest_in_part(
-                reals, words, parts[0, ROOT], px, py, pz, np.inf, NO_SLOT, NOTHING_SEEN, stacks, 0
+                reals, words, parts[0, PART_ROOT], px, py, pz, np.inf, NO_SLOT, NOTHING_SEEN, stacks, 0
             )
-            signed = signed_of_slot(reals, words, parts, 0, slot, px, py, pz, witness)
-            distances[row, 0] = signed / frames[0, SCALE]
+            signed = signed_of_slot(reals, words, parts, 0, slot, px, py, pz, closest)
+            distances[row, 0] = signed / frames[0, FRAME_SCALE]
 
 
 @entry(ModelArrays, "float64[:, 3], int64[:], float64[:], float64[:, 1] -> int", handful=HANDFUL)
@@ -118,15 +125,15 @@ def signed_batch(model, points, order, limits, distances):
     reals, words, frames, parts = model
     if is_alone(parts) and not len(order):
         signed_alone(model, points, distances)
-        return ANSWERED
-    rows, reaches, no_limits = longs_here(CHUNK), reals_here(CHUNK), reals_here(0)
+        return NO_ROW
+    rows, reaches, no_limits = longs_here(POINT_CHUNK), reals_here(POINT_CHUNK), reals_here(0)
     candidates, found, heights, workspace = candidates_here(), found_here(), heights_here(), workspace_here()
-    for k in range(CHUNK):
+    for k in range(POINT_CHUNK):
         reaches[k] = np.inf
     begin(found, workspace)
     total = len(order) if len(order) else len(points)
-    for first in range(0, total, CHUNK):
-        chunk = Chunk(points, rows, min(CHUNK, total - first))
+    for first in range(0, total, POINT_CHUNK):
+        chunk = Chunk(points, rows, min(POINT_CHUNK, total - first))
         pair_count = begin_chunk(model, chunk, order, first, no_limits, reaches, candidates, found, workspace)
         nearest_of_chunk(model, chunk, order, reaches, candidates, found, workspace)
         signs_of_chunk(model, chunk, candidates, found, heights, workspace)
@@ -137,25 +144,25 @@ def signed_batch(model, points, order, limits, distances):
                 if part != NO_PART and part != found.nearest[k, 0]:
                     row, slot = rows[k], found.deeper[k, 1]
                     px, py, pz = to_local(frames, parts, part, points[row, 0], points[row, 1], points[row, 2])
-                    depth = signed_of_slot(reals, words, parts, part, slot, px, py, pz, workspace.witness)
-                    found.distances[k] = -abs(depth) / frames[part, SCALE]
+                    depth = signed_of_slot(reals, words, parts, part, slot, px, py, pz, workspace.closest)
+                    found.distances[k] = -abs(depth) / frames[part, FRAME_SCALE]
         for k in range(chunk.point_count):
             distances[rows[k], 0] = found.distances[k]
-    return ANSWERED
+    return NO_ROW
 
 
 @entry(ModelArrays, "float64[:, 3], int64[:], float64[:], float64[:, 12] -> int", handful=HANDFUL)
 def closest_batch(model, points, order, limits, answers):
-    """Fill answers (N, `ANSWER_WIDTH`); see the columns above. *limits*, m: (1,) or (N,)."""
+    """Fill answers (N, `POINT_ANSWER_WIDTH`); see the columns above. *limits*, m: (1,) or (N,)."""
     reals, words, frames, parts = model
     choices = answers.view(np.int32)
-    rows, reaches = longs_here(CHUNK), reals_here(CHUNK)
+    rows, reaches = longs_here(POINT_CHUNK), reals_here(POINT_CHUNK)
     candidates, found, heights, workspace = candidates_here(), found_here(), heights_here(), workspace_here()
     begin(found, workspace)
-    witness = workspace.witness
+    closest = workspace.closest
     total = len(order) if len(order) else len(points)
-    for first in range(0, total, CHUNK):
-        chunk = Chunk(points, rows, min(CHUNK, total - first))
+    for first in range(0, total, POINT_CHUNK):
+        chunk = Chunk(points, rows, min(POINT_CHUNK, total - first))
         pair_count = begin_chunk(model, chunk, order, first, limits, reaches, candidates, found, workspace)
         nearest_of_chunk(model, chunk, order, reaches, candidates, found, workspace)
         if len(parts) > 2:
@@ -170,57 +177,57 @@ def closest_batch(model, points, order, limits, answers):
             if is_deeper:
                 part, slot = found.deeper[k, 0], found.deeper[k, 1]
             px, py, pz = to_local(frames, parts, part, points[row, 0], points[row, 1], points[row, 2])
-            face, feature, inside = witness_of_slot(reals, words, parts, part, slot, px, py, pz, witness)
+            face, feature, inside = closest_of_slot(reals, words, parts, part, slot, px, py, pz, closest)
             inside = inside or is_deeper
             limit = limit_of(limits, row)
-            _write_answer(frames, parts, part, face, feature, inside, witness, limit, answers, choices, row)
-    return ANSWERED
+            _write_answer(frames, parts, part, face, feature, inside, closest, limit, answers, choices, row)
+    return NO_ROW
 
 
 @inlined
 def _write_nothing(answers, choices, row, distance):
-    for column in range(ANSWER_REALS):
+    for column in range(POINT_ANSWER_REALS):
         answers[row, column] = np.nan
-    answers[row, SIGNED_DISTANCE] = distance
-    choices[row, PART] = NO_PART
-    choices[row, FACE] = NO_FACE
-    choices[row, FEATURE] = FEATURE_NONE
-    choices[row, IS_SIGNED] = 0
+    answers[row, POINT_ANSWER_SIGNED_DISTANCE] = distance
+    choices[row, POINT_ANSWER_PART] = NO_PART
+    choices[row, POINT_ANSWER_FACE] = NO_FACE
+    choices[row, POINT_ANSWER_FEATURE] = FEATURE_NONE
+    choices[row, POINT_ANSWER_IS_SIGNED] = 0
 
 
 @kernel
-def _write_answer(frames, parts, part, face, feature, inside, witness, limit, answers, choices, row):
-    """Take a witness from the part's local frame to the scene's."""
-    length = witness[LENGTH]
-    distance = length / frames[part, SCALE]
+def _write_answer(frames, parts, part, face, feature, inside, closest, limit, answers, choices, row):
+    """Write the answer of a closest feature, in the scene's frame."""
+    length = closest[CLOSEST_LENGTH]
+    distance = length / frames[part, FRAME_SCALE]
     if not distance <= limit:
         _write_nothing(answers, choices, row, np.inf)
         return
-    answers[row, SIGNED_DISTANCE] = -distance if inside else distance
+    answers[row, POINT_ANSWER_SIGNED_DISTANCE] = -distance if inside else distance
     for k in range(3):
-        answers[row, BARYCENTRIC + k] = witness[WEIGHT + k]
-    to_scene(frames, parts, part, witness, POINT, witness, POINT)
+        answers[row, POINT_ANSWER_BARYCENTRIC + k] = closest[CLOSEST_WEIGHT + k]
+    to_scene(frames, parts, part, closest, CLOSEST_POINT, closest, CLOSEST_POINT)
     for axis in range(3):
-        answers[row, POINT_AT + axis] = witness[POINT + axis]
-    # Nearer than this the way has no direction, as on the surface itself.
-    if length > SHORTEST:
+        answers[row, POINT_ANSWER_POINT + axis] = closest[CLOSEST_POINT + axis]
+    # Nearer than this the connection has no direction, as on the surface itself.
+    if length > SHORTEST_ARM:
         factor = -1.0 / length if inside else 1.0 / length
         for axis in range(3):
-            witness[NORMAL + axis] = witness[ARM + axis] * factor
-    turn_to_scene(frames, parts, part, witness, NORMAL, witness, NORMAL)
+            closest[CLOSEST_NORMAL + axis] = closest[CLOSEST_ARM + axis] * factor
+    turn_to_scene(frames, parts, part, closest, CLOSEST_NORMAL, closest, CLOSEST_NORMAL)
     for axis in range(3):
-        answers[row, GRADIENT + axis] = witness[NORMAL + axis]
-    choices[row, PART] = part
-    choices[row, FACE] = face
-    choices[row, FEATURE] = feature
-    choices[row, IS_SIGNED] = parts[part, SIGN] != SIGN_NONE
+        answers[row, POINT_ANSWER_GRADIENT + axis] = closest[CLOSEST_NORMAL + axis]
+    choices[row, POINT_ANSWER_PART] = part
+    choices[row, POINT_ANSWER_FACE] = face
+    choices[row, POINT_ANSWER_FEATURE] = feature
+    choices[row, POINT_ANSWER_IS_SIGNED] = parts[part, PART_SIGN] != SIGN_NONE
 
 
 @inlined
 def _has_inside(parts):
     """Whether some part has one."""
     part, count = 0, len(parts) - 1
-    while part < count and parts[part, SIGN] == SIGN_NONE:
+    while part < count and parts[part, PART_SIGN] == SIGN_NONE:
         part += 1
     return part < count
 
@@ -237,6 +244,6 @@ def contains_batch(model, points, order, limits, inside):
     forget(workspace)
     for i in range(len(order) if len(order) else len(points)):
         row = row_of(order, i)
-        fetch_row(points, order, i + CHUNK)
+        fetch_row(points, order, i + POINT_CHUNK)
         inside[row, 0] = is_contained(model, (points[row, 0], points[row, 1], points[row, 2]), workspace)
-    return ANSWERED
+    return NO_ROW

@@ -15,45 +15,46 @@ from proximity.kernels.geometry.frames import (
 from proximity.kernels.geometry.rows import fetch_row, limit_of
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import (
-    ANSWERED,
     BLOCK_STRIDE,
     ENTRY,
-    FACES,
-    IS_FUSED,
+    FRAME_SCALE,
     LANES,
     NO_PART,
+    NO_ROW,
     NO_SLOT,
     NODE_STRIDE,
-    ROOT,
-    SCALE,
+    PART_IS_FUSED,
+    PART_ROOT,
+    SCENE_ALL_FUSED,
+    SCENE_ENTRIES,
     STACK_SIZE,
     STACKS_SIZE,
 )
 from proximity.kernels.model_arrays import ModelArrays
 from proximity.kernels.ray.hit_rows import (
-    DISTANCE,
     DISTANCE_WIDTH,
+    HIT_OFFSETS_SIZE,
     HITS_SIZE,
-    PLACES_SIZE,
-    work_out,
+    RAY_ANSWER_DISTANCE,
+    fill_hits,
     write_hit,
     write_no_hit,
 )
 from proximity.kernels.ray.ray_lanes import (
+    AIM_BOUND,
     AIM_SIZE,
-    BOUND,
-    CHUNK,
-    HIT,
-    IS_SOUND,
-    REACH,
-    START,
+    RAY_CHUNK,
+    VIEW_DIRECTION,
+    VIEW_IS_SOUND,
+    VIEW_REACH,
     VIEW_SIZE,
-    WAY,
+    VIEW_START,
+    VIEW_WEIGHTS,
     aim_of,
+    direction_of,
     load_three,
     make_ready,
     view_of,
-    way_of,
 )
 from proximity.kernels.ray.walk import bound_of_parameter, first_hit, first_in_block, open_boxes, ray_in_part
 from proximity.kernels.stack_arrays import longs_here, reals_here, words_here
@@ -70,7 +71,7 @@ from proximity.simd import (
 )
 
 FAR_MARGIN = 2.0**-46
-"""What the boxes of parts are widened by besides, times the origin's distance from the scene: a ray from afar
+"""Further margin of the boxes of parts, times the origin's distance from the scene: a ray from afar
 is rounded for each part on its own."""
 
 
@@ -80,20 +81,25 @@ def _hits_of_tree(reals, words, root, scale, count, aims, views, slots, stacks):
     """Fill the first hits of the rays in the tables, where all leaves are blocks in the frame of the rays.
 
     *root*: the reference to walk from; *scale*: of the frame. Slots, or `NO_SLOT`; the parameters, in that
-    frame, take the place of the longest, and the weights that of the view.
+    frame, replace the longest ones, and the weights replace the view.
     """
     for k in range(count):
         best, slots[k], u, v, w = first_hit(
-            reals, words, root, aim_of(aims, k), view_of(views, k), views[CHUNK * START + k],
-            views[CHUNK * REACH + k] * scale, aims[CHUNK * BOUND + k], np.int64(NO_SLOT), stacks, 0,
+            reals, words, root, aim_of(aims, k), view_of(views, k), views[RAY_CHUNK * VIEW_START + k],
+            views[RAY_CHUNK * VIEW_REACH + k] * scale, aims[RAY_CHUNK * AIM_BOUND + k], np.int64(NO_SLOT),
+            stacks, 0,
         )  # fmt: skip
         _keep_hit(views, k, best, u, v, w)
 
 
 @inlined
 def _keep_hit(views, k, best, u, v, w):
-    views[CHUNK * REACH + k] = best
-    views[CHUNK * HIT + k], views[CHUNK * (HIT + 1) + k], views[CHUNK * (HIT + 2) + k] = u, v, w
+    views[RAY_CHUNK * VIEW_REACH + k] = best
+    (
+        views[RAY_CHUNK * VIEW_WEIGHTS + k],
+        views[RAY_CHUNK * (VIEW_WEIGHTS + 1) + k],
+        views[RAY_CHUNK * (VIEW_WEIGHTS + 2) + k],
+    ) = u, v, w
 
 
 @kernel
@@ -116,23 +122,23 @@ def _first_hit_in_scene(reals, words, frames, parts, origins, aims, views, row, 
     Parts in the scene's own frame are walked as if they were one tree; the others in frames of their own.
     """
     scene = len(parts) - 1
-    scale = frames[scene, SCALE]
+    scale = frames[scene, FRAME_SCALE]
     aim, view, entry, best32 = (
         aim_of(aims, k),
         view_of(views, k),
-        views[CHUNK * START + k],
-        aims[CHUNK * BOUND + k],
+        views[RAY_CHUNK * VIEW_START + k],
+        aims[RAY_CHUNK * AIM_BOUND + k],
     )
-    best, best_slot = views[CHUNK * REACH + k] * scale, np.int64(NO_SLOT)
+    best, best_slot = views[RAY_CHUNK * VIEW_REACH + k] * scale, np.int64(NO_SLOT)
     b0, b1, b2 = 0.0, 0.0, 0.0
     # The ray in the frame of the part that was met last.
-    here, ratio = np.int64(NO_PART), 1.0
+    last_part, ratio = np.int64(NO_PART), 1.0
     lx, ly, lz, ux, uy, uz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    entries = parts[scene, FACES]
+    entries = parts[scene, SCENE_ENTRIES]
     zero32 = splat32(np.float32(0.0))
     bottom = 2 * STACK_SIZE
     at = bottom
-    reference = parts[scene, ROOT]
+    reference = parts[scene, PART_ROOT]
     while True:
         if reference >= 0:
             base = NODE_STRIDE * reference
@@ -151,14 +157,14 @@ def _first_hit_in_scene(reals, words, frames, parts, origins, aims, views, row, 
         else:
             entry_at = entries + 2 * (~reference - ENTRY)
             part, start = load_int(words, entry_at), load_int(words, entry_at + 1)
-            if parts[part, IS_FUSED]:
+            if parts[part, PART_IS_FUSED]:
                 reference = start
                 continue
-            if part != here:
-                here, ratio = part, frames[part, SCALE] / scale
+            if part != last_part:
+                last_part, ratio = part, frames[part, FRAME_SCALE] / scale
                 x, y, z = origins[row, 0], origins[row, 1], origins[row, 2]
                 lx, ly, lz = to_local(frames, parts, part, x, y, z)
-                dx, dy, dz = way_of(views, k)
+                dx, dy, dz = direction_of(views, k)
                 ux, uy, uz = direction_to_local(frames, parts, part, dx, dy, dz)
             found, slot, a, b, c = ray_in_part(
                 reals, words, start, (lx, ly, lz), (ux, uy, uz), best * ratio, best_slot, stacks, 0
@@ -190,55 +196,55 @@ def cast_batch(model, origins, directions, order, limits, answers):
     Of answers (N, `DISTANCE_WIDTH`) distances are filled and nothing else is worked out.
     *order*: the rows in the order to take them in, or empty. *limits*, m, (1,) or (N,): how far to look. A
     direction that is zero, or a row that is not finite, answers nan and `NO_FACE`. Returns the lowest row
-    whose direction is zero, or `ANSWERED`: looking for it here spares a call of five rays two microseconds.
+    whose direction is zero, or `NO_ROW`: looking for it here spares a call of five rays two microseconds.
     """
     reals, words, frames, parts = model
     choices = answers.view(np.int32)
     stacks, aims, views = words_here(STACKS_SIZE), words_here(AIM_SIZE), reals_here(VIEW_SIZE)
-    rows, offsets, slots = longs_here(CHUNK), longs_here(CHUNK), longs_here(CHUNK)
+    rows, offsets, slots = longs_here(RAY_CHUNK), longs_here(RAY_CHUNK), longs_here(RAY_CHUNK)
     is_single, fills_all_columns = is_alone(parts), answers.shape[1] != DISTANCE_WIDTH
-    top = np.int64(0) if is_single else len(parts) - 1
-    scale, root, is_one_tree = frames[top, SCALE], parts[top, ROOT], is_single or parts[top, IS_FUSED]
-    owners, places, hits = longs_here(CHUNK), longs_here(PLACES_SIZE), reals_here(HITS_SIZE)
-    zero_row = np.int64(ANSWERED)
+    walk_row = np.int64(0) if is_single else len(parts) - 1
+    scale, root, is_one_tree = frames[walk_row, FRAME_SCALE], parts[walk_row, PART_ROOT], is_single or parts[walk_row, SCENE_ALL_FUSED]
+    owners, hit_offsets, hits = longs_here(RAY_CHUNK), longs_here(HIT_OFFSETS_SIZE), reals_here(HITS_SIZE)
+    zero_row = np.int64(NO_ROW)
     total = len(order) if len(order) else len(origins)
-    for begin in range(0, total, CHUNK):
-        count = min(CHUNK, total - begin)
+    for begin in range(0, total, RAY_CHUNK):
+        count = min(RAY_CHUNK, total - begin)
         for k in range(count):
             row = order[begin + k] if len(order) else begin + k
-            rows[k], offsets[k], views[CHUNK * REACH + k] = row, 3 * row, limit_of(limits, row)
-            fetch_row(origins, order, begin + k + CHUNK)
-            fetch_row(directions, order, begin + k + CHUNK)
+            rows[k], offsets[k], views[RAY_CHUNK * VIEW_REACH + k] = row, 3 * row, limit_of(limits, row)
+            fetch_row(origins, order, begin + k + RAY_CHUNK)
+            fetch_row(directions, order, begin + k + RAY_CHUNK)
         for k in range(count, -(-count // LANES) * LANES):
             # Whoever stands in for a ray is not asked: he has hit nothing.
-            offsets[k], slots[k], views[CHUNK * REACH + k] = offsets[0], NO_SLOT, np.inf
+            offsets[k], slots[k], views[RAY_CHUNK * VIEW_REACH + k] = offsets[0], NO_SLOT, np.inf
         for at in range(0, count, LANES):
             drift = 0.0 if is_single else FAR_MARGIN
-            make_ready(frames, parts, top, drift, origins, directions, offsets, at, aims, views)
+            make_ready(frames, parts, walk_row, drift, origins, directions, offsets, at, aims, views)
         if is_one_tree:
             _hits_of_tree(reals, words, root, scale, count, aims, views, slots, stacks)
         else:
             _hits_of_parts(reals, words, frames, parts, count, origins, rows, aims, views, slots, stacks)
         if fills_all_columns:
             for at in range(0, count, LANES):
-                work_out(reals, words, frames, parts, slots, at, views, owners, places, hits)
+                fill_hits(reals, words, frames, parts, slots, at, views, owners, hit_offsets, hits)
         for at in range(0, count, LANES):
-            dx, dy, dz = load_three(views, WAY, at)
-            reach = load(views, CHUNK * REACH + at) / splat(scale)
-            store(views, CHUNK * REACH + at, reach * square_root(dot(dx, dy, dz, dx, dy, dz)))
+            dx, dy, dz = load_three(views, VIEW_DIRECTION, at)
+            reach = load(views, RAY_CHUNK * VIEW_REACH + at) / splat(scale)
+            store(views, RAY_CHUNK * VIEW_REACH + at, reach * square_root(dot(dx, dy, dz, dx, dy, dz)))
         for k in range(count):
             row, slot = rows[k], slots[k]
             if slot < 0:
-                is_sound = views[CHUNK * IS_SOUND + k] > 0.0
-                if not is_sound and (zero_row == ANSWERED or row < zero_row) and _is_still(directions, row):
+                is_sound = views[RAY_CHUNK * VIEW_IS_SOUND + k] > 0.0
+                if not is_sound and (zero_row == NO_ROW or row < zero_row) and _is_still(directions, row):
                     zero_row = row
                 write_no_hit(answers, choices, row, np.inf if is_sound else np.nan)
                 continue
-            distance = views[CHUNK * REACH + k]
+            distance = views[RAY_CHUNK * VIEW_REACH + k]
             if not distance <= limit_of(limits, row):
                 write_no_hit(answers, choices, row, np.inf)
                 continue
-            answers[row, DISTANCE] = distance
+            answers[row, RAY_ANSWER_DISTANCE] = distance
             if fills_all_columns:
                 write_hit(words, parts, owners[k], slot, hits, k, answers, choices, row)
     return zero_row

@@ -1,15 +1,15 @@
 """Segment queries against a whole scene: the shortest connection between a segment and the surfaces.
 
-As `query` does for points: the scene's tree first, parts' trees below it, squared distances compared in the
-scene's scaled frame. A segment without length is a point, and takes the way of points.
+As `nearest_part` does for points: the scene's tree first, parts' trees below it, squared distances compared
+in the scene's scaled frame. A segment without length is a point, and is answered as a point.
 """
 
 import numpy as np
 
 from proximity.kernels.geometry.closest_feature import (
-    LENGTH,
-    POINT,
-    WEIGHT,
+    CLOSEST_LENGTH,
+    CLOSEST_POINT,
+    CLOSEST_WEIGHT,
     closest_on_triangle,
     read_corners,
 )
@@ -22,18 +22,18 @@ from proximity.kernels.geometry.frames import (
 )
 from proximity.kernels.geometry.rows import limit_of
 from proximity.kernels.layout import (
-    ANSWERED,
     ENTRY,
-    FACES,
-    IS_FUSED,
+    FRAME_SCALE,
     LANES,
     NO_FACE,
     NO_PART,
+    NO_ROW,
     NO_SLOT,
     NODE_STRIDE,
-    ROOT,
-    SCALE,
-    SLOT_FACES,
+    PART_IS_FUSED,
+    PART_ROOT,
+    PART_SLOT_FACES,
+    SCENE_ENTRIES,
     STACK_SIZE,
     STACKS_SIZE,
 )
@@ -44,15 +44,22 @@ from proximity.kernels.scene.nearest_part import (
 )
 from proximity.kernels.scene.point_chunk import reach_sq
 from proximity.kernels.segment.box import node_bounds_sq, open_bound
-from proximity.kernels.segment.plan import HIGH, IS_FAR, LOW, PLAN_SIZE, PROBE_SIZE, make_plan
-from proximity.kernels.segment.plan import PART as PLANNED_PART
+from proximity.kernels.segment.plan import (
+    PLAN_HIGH,
+    PLAN_IS_FAR,
+    PLAN_LOW,
+    PLAN_PART,
+    PLAN_SIZE,
+    PROBE_SIZE,
+    make_plan,
+)
 from proximity.kernels.segment.triangle import (
-    FRACTION,
-    GAP,
-    ON_SEGMENT,
-    ON_SOLID,
-    SEGMENT_WITNESS_SIZE,
-    SHARE,
+    WITNESS_FRACTION,
+    WITNESS_GAP,
+    WITNESS_ON_SEGMENT,
+    WITNESS_ON_SOLID,
+    WITNESS_SIZE,
+    WITNESS_WEIGHT,
     segment_on_triangle,
 )
 from proximity.kernels.segment.walk import segment_in_block, segment_in_part
@@ -66,28 +73,28 @@ from proximity.simd import (
 )
 
 # columns of the answers: float64
-DISTANCE = 0
-POINT_ON_SEGMENT = 1
-POINT_ON_SOLID = 4
-FRACTION_AT = 7
-BARYCENTRIC = 8
-ANSWER_REALS = 11
+SEGMENT_ANSWER_DISTANCE = 0
+SEGMENT_ANSWER_POINT_ON_SEGMENT = 1
+SEGMENT_ANSWER_POINT_ON_SOLID = 4
+SEGMENT_ANSWER_FRACTION = 7
+SEGMENT_ANSWER_BARYCENTRIC = 8
+SEGMENT_ANSWER_REALS = 11
 # and int32, behind them
-PART = 2 * ANSWER_REALS
-FACE = PART + 1
-ANSWER_WIDTH = ANSWER_REALS + 1
+SEGMENT_ANSWER_PART = 2 * SEGMENT_ANSWER_REALS
+SEGMENT_ANSWER_FACE = SEGMENT_ANSWER_PART + 1
+SEGMENT_ANSWER_WIDTH = SEGMENT_ANSWER_REALS + 1
 """float64 that a row takes in all."""
 
 
 @kernel
 def plan_in_part(frames, parts, part, segment, plan, probe):
     """Make the plan of a segment (six coordinates, scene's frame) in the local frame of *part*, once."""
-    if plan[PLANNED_PART] == part:
+    if plan[PLAN_PART] == part:
         return
     sx, sy, sz = to_local(frames, parts, part, segment[0], segment[1], segment[2])
     ex, ey, ez = to_local(frames, parts, part, segment[3], segment[4], segment[5])
     make_plan(plan, probe, sx, sy, sz, ex, ey, ez)
-    plan[PLANNED_PART] = part
+    plan[PLAN_PART] = part
 
 
 @kernel
@@ -104,33 +111,43 @@ def segment_in_scene(
     Parts in the scene's own frame are walked as if they were one tree; the others by a walk of their own.
     """
     scene = len(parts) - 1
-    scene_scale = frames[scene, SCALE]
+    scene_scale = frames[scene, FRAME_SCALE]
     plan, probe, scene_plan, scene_probe = plans[0], probes[0], plans[1], probes[1]
-    plan[PLANNED_PART] = scene_plan[PLANNED_PART] = NO_PART
+    plan[PLAN_PART] = scene_plan[PLAN_PART] = NO_PART
     best_fraction, best_slot = np.inf, np.int64(NO_SLOT)
-    here = np.int64(0)
+    found_part = np.int64(0)
     if known_slot >= 0:
-        here = part_of_slot(words, parts, known_slot)
-        plan_in_part(frames, parts, here, segment, plan, probe)
-        ratio_sq = (frames[here, SCALE] / scene_scale) ** 2
+        found_part = part_of_slot(words, parts, known_slot)
+        plan_in_part(frames, parts, found_part, segment, plan, probe)
+        ratio_sq = (frames[found_part, FRAME_SCALE] / scene_scale) ** 2
         best_sq, best_fraction, best_slot = segment_in_block(
             reals, known_slot // LANES, plan, best_sq * ratio_sq, best_fraction, best_slot, witness
         )
         best_sq /= ratio_sq
     if is_alone(parts):
-        plan_in_part(frames, parts, here, segment, plan, probe)
+        plan_in_part(frames, parts, found_part, segment, plan, probe)
         best_sq, _, best_slot = segment_in_part(
-            reals, words, parts[0, ROOT], plan, probe, best_sq, best_fraction, best_slot, witness, stacks, 0
+            reals,
+            words,
+            parts[0, PART_ROOT],
+            plan,
+            probe,
+            best_sq,
+            best_fraction,
+            best_slot,
+            witness,
+            stacks,
+            0,
         )
-        return best_sq, here, best_slot
+        return best_sq, found_part, best_slot
 
     plan_in_part(frames, parts, scene, segment, scene_plan, scene_probe)
-    is_far = scene_plan[IS_FAR] != 0.0
-    entries = parts[scene, FACES]
+    is_far = scene_plan[PLAN_IS_FAR] != 0.0
+    entries = parts[scene, SCENE_ENTRIES]
     best32 = open_bound(scene_plan, best_sq, best_fraction)
     bottom = 2 * STACK_SIZE
     at = bottom
-    reference = parts[scene, ROOT]
+    reference = parts[scene, PART_ROOT]
     while True:
         if reference >= 0:
             base = NODE_STRIDE * reference
@@ -146,41 +163,32 @@ def segment_in_scene(
         else:
             entry = entries + 2 * (~reference - ENTRY)
             part, start = load_int(words, entry), load_int(words, entry + 1)
-            if parts[part, IS_FUSED]:
+            if parts[part, PART_IS_FUSED]:
                 reference = start
                 continue
             plan_in_part(frames, parts, part, segment, plan, probe)
-            ratio_sq = (frames[part, SCALE] / scene_scale) ** 2
+            ratio_sq = (frames[part, FRAME_SCALE] / scene_scale) ** 2
             best_sq, best_fraction, best_slot = segment_in_part(
-                reals,
-                words,
-                start,
-                plan,
-                probe,
-                best_sq * ratio_sq,
-                best_fraction,
-                best_slot,
-                witness,
-                stacks,
-                0,
-            )
+                reals, words, start, plan, probe, best_sq * ratio_sq, best_fraction, best_slot, witness,
+                stacks, 0,
+            )  # fmt: skip
             best_sq /= ratio_sq
         best32 = open_bound(scene_plan, best_sq, best_fraction)
         at = next_open(stacks, bottom, at, best32)
         if at == NOTHING_WAITS:
             if best_slot >= 0:
-                here = part_of_slot(words, parts, best_slot)
-            return best_sq, here, best_slot
+                found_part = part_of_slot(words, parts, best_slot)
+            return best_sq, found_part, best_slot
         reference = load_int(stacks, at + STACK_SIZE)
 
 
 @inlined
 def _write_nothing(answer, choice, distance):
-    for column in range(ANSWER_REALS):
+    for column in range(SEGMENT_ANSWER_REALS):
         answer[column] = np.nan
-    answer[DISTANCE] = distance
-    choice[PART] = NO_PART
-    choice[FACE] = NO_FACE
+    answer[SEGMENT_ANSWER_DISTANCE] = distance
+    choice[SEGMENT_ANSWER_PART] = NO_PART
+    choice[SEGMENT_ANSWER_FACE] = NO_FACE
 
 
 @kernel
@@ -191,7 +199,7 @@ def _fill_witness(reals, frames, parts, part, slot, found_sq, segment, plan, pro
     segment_on_triangle(plan, witness)
     # A touch is a touch: where both formulas round differently, the walk's word counts.
     if found_sq == 0.0:
-        witness[GAP] = 0.0
+        witness[WITNESS_GAP] = 0.0
 
 
 @kernel
@@ -200,31 +208,39 @@ def _fill_point_witness(reals, frames, parts, part, slot, segment, plan, witness
     read_corners(reals, slot, witness)
     px, py, pz = to_local(frames, parts, part, segment[0], segment[1], segment[2])
     closest_on_triangle(px, py, pz, witness)
-    witness[GAP], witness[FRACTION], plan[LOW], plan[HIGH] = witness[LENGTH], 0.0, 0.0, 1.0
+    witness[WITNESS_GAP], witness[WITNESS_FRACTION], plan[PLAN_LOW], plan[PLAN_HIGH] = (
+        witness[CLOSEST_LENGTH],
+        0.0,
+        0.0,
+        1.0,
+    )
     for k in range(3):
-        witness[ON_SOLID + k], witness[SHARE + k] = witness[POINT + k], witness[WEIGHT + k]
+        witness[WITNESS_ON_SOLID + k], witness[WITNESS_WEIGHT + k] = (
+            witness[CLOSEST_POINT + k],
+            witness[CLOSEST_WEIGHT + k],
+        )
 
 
 @kernel
 def _write_answer(reals, words, frames, parts, part, slot, segment, plan, witness, limit, answer, choice):
     """Take a witness from the part's local frame to the scene's."""
-    distance = witness[GAP] / frames[part, SCALE]
+    distance = witness[WITNESS_GAP] / frames[part, FRAME_SCALE]
     if not distance <= limit:
         _write_nothing(answer, choice, np.inf)
         return
-    fraction = plan[LOW] + witness[FRACTION] * (plan[HIGH] - plan[LOW])
-    answer[DISTANCE], answer[FRACTION_AT] = distance, fraction
-    to_scene(frames, parts, part, witness, ON_SOLID, answer, POINT_ON_SOLID)
+    fraction = plan[PLAN_LOW] + witness[WITNESS_FRACTION] * (plan[PLAN_HIGH] - plan[PLAN_LOW])
+    answer[SEGMENT_ANSWER_DISTANCE], answer[SEGMENT_ANSWER_FRACTION] = distance, fraction
+    to_scene(frames, parts, part, witness, WITNESS_ON_SOLID, answer, SEGMENT_ANSWER_POINT_ON_SOLID)
     if fraction == 0.0 or fraction == 1.0:
         end = 0 if fraction == 0.0 else 3
         for axis in range(3):
-            answer[POINT_ON_SEGMENT + axis] = segment[end + axis]
+            answer[SEGMENT_ANSWER_POINT_ON_SEGMENT + axis] = segment[end + axis]
     else:
-        to_scene(frames, parts, part, witness, ON_SEGMENT, answer, POINT_ON_SEGMENT)
+        to_scene(frames, parts, part, witness, WITNESS_ON_SEGMENT, answer, SEGMENT_ANSWER_POINT_ON_SEGMENT)
     for k in range(3):
-        answer[BARYCENTRIC + k] = witness[SHARE + k]
-    choice[PART] = part
-    choice[FACE] = load_int(words, parts[part, SLOT_FACES] + slot)
+        answer[SEGMENT_ANSWER_BARYCENTRIC + k] = witness[WITNESS_WEIGHT + k]
+    choice[SEGMENT_ANSWER_PART] = part
+    choice[SEGMENT_ANSWER_FACE] = load_int(words, parts[part, PART_SLOT_FACES] + slot)
 
 
 @entry(
@@ -233,20 +249,20 @@ def _write_answer(reals, words, frames, parts, part, slot, segment, plan, witnes
     handful=HANDFUL,
 )
 def segment_batch(model, starts, ends, order, limits, answers):
-    """Fill answers (N, `ANSWER_WIDTH`) for segments (N, 3) to (N, 3); see the columns above.
+    """Fill answers (N, `SEGMENT_ANSWER_WIDTH`) for segments (N, 3) to (N, 3); see the columns above.
 
     *order*: the rows in the order to take them in, or empty. *limits*, m, (1,) or (N,): nothing farther is
     looked for. A row that is not finite, or with an end too far off to be computed with, answers nan.
-    Returns `ANSWERED`.
+    Returns `NO_ROW`.
     """
     reals, words, frames, parts = model
     choices = answers.view(np.int32)
     stacks = words_here(STACKS_SIZE)
     plans, probes = real_rows_here(2, PLAN_SIZE), word_rows_here(2, PROBE_SIZE)
-    witness = reals_here(SEGMENT_WITNESS_SIZE)
+    witness = reals_here(WITNESS_SIZE)
     plans[:], probes[:], witness[:] = 0.0, 0.0, 0.0
     segment = reals_here(6)
-    scale = frames[len(parts) - 1, SCALE]
+    scale = frames[len(parts) - 1, FRAME_SCALE]
     known_slot = np.int64(NO_SLOT)
     for i in range(len(order) if len(order) else len(starts)):
         row = order[i] if len(order) else i
@@ -283,4 +299,4 @@ def segment_batch(model, starts, ends, order, limits, answers):
         _write_answer(
             reals, words, frames, parts, part, slot, segment, plan, witness, limit, answers[row], choices[row]
         )
-    return ANSWERED
+    return NO_ROW

@@ -15,20 +15,20 @@ from proximity.kernels.geometry.frames import (
 )
 from proximity.kernels.geometry.rows import copy_numbers, copy_row
 from proximity.kernels.layout import (
-    CENTRE,
-    CHILDREN,
     ENTRY,
-    IS_DYNAMIC,
-    IS_FUSED,
-    IS_HIDDEN,
+    FRAME_CENTRE,
+    FRAME_ROTATION,
+    FRAME_SCALE,
+    FRAME_TRANSLATION,
     LANES,
+    NODE_CHILDREN,
     NODE_STRIDE,
-    ROOT,
-    ROTATION,
-    SCALE,
-    TRANSLATION,
+    PART_IS_DYNAMIC,
+    PART_IS_FUSED,
+    PART_IS_HIDDEN,
+    PART_ROOT,
 )
-from proximity.kernels.tree.binned_sah import RECORD
+from proximity.kernels.tree.binned_sah import BOX_STRIDE
 from proximity.kernels.tree.wide_node import clear_box, node_box, write_lane
 from proximity.native import entry, inlined, kernel
 from proximity.simd import load_int
@@ -41,15 +41,15 @@ def scene_box(frames, part, scene, lower, upper, box):
     *lower*, *upper*: (3,) float64. *box*: (6,) float32.
     """
     for axis in range(3):
-        middle, half = frames[part, TRANSLATION + axis], 0.0
+        middle, half = frames[part, FRAME_TRANSLATION + axis], 0.0
         for other in range(3):
-            low = lower[other] / frames[part, SCALE] + frames[part, CENTRE + other]
-            high = upper[other] / frames[part, SCALE] + frames[part, CENTRE + other]
-            turn = frames[part, ROTATION + 3 * axis + other]
+            low = lower[other] / frames[part, FRAME_SCALE] + frames[part, FRAME_CENTRE + other]
+            high = upper[other] / frames[part, FRAME_SCALE] + frames[part, FRAME_CENTRE + other]
+            turn = frames[part, FRAME_ROTATION + 3 * axis + other]
             middle += turn * (0.5 * low + 0.5 * high)
             half += abs(turn) * (0.5 * high - 0.5 * low)
-        low = (middle - half - frames[scene, CENTRE + axis]) * frames[scene, SCALE]
-        high = (middle + half - frames[scene, CENTRE + axis]) * frames[scene, SCALE]
+        low = (middle - half - frames[scene, FRAME_CENTRE + axis]) * frames[scene, FRAME_SCALE]
+        high = (middle + half - frames[scene, FRAME_CENTRE + axis]) * frames[scene, FRAME_SCALE]
         box[axis] = round_down(low) - BOX_MARGIN
         box[axis + 3] = round_up(high) + BOX_MARGIN
 
@@ -65,7 +65,7 @@ def _lane_box(words, frames, part, base, k, scene, lower, upper, box):
 
 @entry("float32[:], float64[:, :], int64[:, :], int -> float32[:], int32[:, :]", makes_arrays=True)
 def gather_entries(words, frames, parts, target):
-    """Return boxes (E * `RECORD`,) float32 and references (E, 2) int32 of about *target* entries.
+    """Return boxes (E * `BOX_STRIDE`,) float32 and references (E, 2) int32 of about *target* entries.
 
     They are subtrees: a part and a reference. Parts that are dynamic or hidden have none.
     """
@@ -78,20 +78,20 @@ def gather_entries(words, frames, parts, target):
     count = 0
     total = 0.0
     for part in range(scene):
-        if parts[part, IS_DYNAMIC] or parts[part, IS_HIDDEN]:
+        if parts[part, PART_IS_DYNAMIC] or parts[part, PART_IS_HIDDEN]:
             continue
-        base = NODE_STRIDE * parts[part, ROOT]
+        base = NODE_STRIDE * parts[part, PART_ROOT]
         for k in range(LANES):
             if words[base + k] <= words[base + 24 + k]:
                 _lane_box(words, frames, part, base, k, scene, lower, upper, box)
                 for side in range(6):
                     waiting_boxes[count, side] = box[side]
                 waiting[count, 0] = part
-                waiting[count, 1] = load_int(words, base + CHILDREN + k)
+                waiting[count, 1] = load_int(words, base + NODE_CHILDREN + k)
                 total += _half_area(box)
                 count += 1
     small = total / target
-    boxes = np.zeros(capacity * RECORD, np.float32)
+    boxes = np.zeros(capacity * BOX_STRIDE, np.float32)
     references = np.empty((capacity, 2), np.int32)
     done = 0
     while count:
@@ -101,7 +101,7 @@ def gather_entries(words, frames, parts, target):
             box[k] = waiting_boxes[count, k]
         if reference < 0 or _half_area(box) <= small or done + count + LANES >= capacity:
             for axis in range(3):
-                boxes[RECORD * done + axis], boxes[RECORD * done + 4 + axis] = box[axis], -box[3 + axis]
+                boxes[BOX_STRIDE * done + axis], boxes[BOX_STRIDE * done + 4 + axis] = box[axis], -box[3 + axis]
             copy_row(waiting, count, references, done)
             done += 1
             continue
@@ -112,9 +112,9 @@ def gather_entries(words, frames, parts, target):
                 for side in range(6):
                     waiting_boxes[count, side] = box[side]
                 waiting[count, 0] = part
-                waiting[count, 1] = load_int(words, base + CHILDREN + k)
+                waiting[count, 1] = load_int(words, base + NODE_CHILDREN + k)
                 count += 1
-    return boxes[: RECORD * done].copy(), references[:done].copy()
+    return boxes[: BOX_STRIDE * done].copy(), references[:done].copy()
 
 
 @inlined
@@ -133,7 +133,7 @@ def last_up_to(parts, column, number):
 def _part_of_child(words, parts, reference, entries_at):
     """The part that a leaf of the static tree is of: an entry, or a part's own node or block."""
     if reference >= 0:
-        return last_up_to(parts, ROOT, reference)
+        return last_up_to(parts, PART_ROOT, reference)
     if ~reference < ENTRY:
         return part_of_slot(words, parts, LANES * ~reference)
     return np.int64(load_int(words, entries_at + 2 * (~reference - ENTRY)))
@@ -154,13 +154,13 @@ def thin_out(words, parts, first, count, target, entries_at):
         for lane in range(LANES):
             if not words[base + lane] <= words[base + 24 + lane]:
                 continue
-            reference = np.int64(numbers[base + CHILDREN + lane])
+            reference = np.int64(numbers[base + NODE_CHILDREN + lane])
             if first <= reference < first + count:
                 reference += target - first
                 node_box(words, reference, box)
             else:
                 part = _part_of_child(words, parts, reference, entries_at)
-                if not parts[part, IS_DYNAMIC] and not parts[part, IS_HIDDEN]:
+                if not parts[part, PART_IS_DYNAMIC] and not parts[part, PART_IS_HIDDEN]:
                     continue
                 clear_box(box)
             write_lane(words, base, lane, box, reference)
@@ -178,17 +178,17 @@ def _half_area(box):
 def name_leaves(nodes, entries, parts, first_node):
     """Have a tree over entries refer to what its leaves are, and number its nodes from *first_node* on.
 
-    An entry of a part in the scene's own frame is its subtree itself; another is ``~(ENTRY + its place)``.
+    An entry of a part in the scene's own frame is its subtree itself; another is ``~(ENTRY + its position)``.
     """
     for node in range(len(nodes) // NODE_STRIDE):
         for k in range(LANES):
-            at = NODE_STRIDE * node + CHILDREN + k
+            at = NODE_STRIDE * node + NODE_CHILDREN + k
             if not nodes[NODE_STRIDE * node + k] <= nodes[NODE_STRIDE * node + 24 + k]:
                 continue
             reference = np.int64(load_int(nodes, at))
             if reference >= 0:
                 reference += first_node
-            elif parts[entries[~reference, 0], IS_FUSED]:
+            elif parts[entries[~reference, 0], PART_IS_FUSED]:
                 reference = np.int64(entries[~reference, 1])
             else:
                 reference = ~(ENTRY + ~reference)

@@ -18,28 +18,28 @@ from proximity.kernels.geometry.box import LARGEST_REST, bound_of
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import LANES
 from proximity.kernels.segment.plan import (
-    AXES,
-    AXIS,
-    AXIS_STRIDE,
-    FROM,
-    HALF,
-    HIGH,
-    INVERSE_SQ,
-    LOW,
-    LOWER,
-    OFFSET,
-    ONE,
-    SLACK,
-    TOUCH,
+    PLAN_HIGH,
+    PLAN_LOW,
+    PLAN_OFFSET,
+    PLAN_PROBE,
+    PROBE_AXIS,
+    PROBE_AXIS_STRIDE,
+    PROBE_DIRECTION,
+    PROBE_HALF,
+    PROBE_INVERSE_SQ,
+    PROBE_LOWER,
+    PROBE_ONE,
+    PROBE_SLACK,
+    PROBE_START,
+    PROBE_TOUCH,
+    PROBE_UPPER,
+    PROBE_ZERO,
     TOUCHING,
-    UPPER,
-    WAY,
-    ZERO,
 )
 from proximity.native import inlined, kernel
 from proximity.simd import absolute, fma, load, maximum, minimum, narrow, select, splat, widen
 
-SHRINK_FAR = 1.0 - 2.0**-44
+SEGMENT_SHRINK_FAR = 1.0 - 2.0**-44
 """Factor on squared float64 bounds, for the rounding of them and of the distances they are compared with."""
 
 
@@ -51,30 +51,34 @@ def _of(values, at, index):
 
 @inlined
 def _side_gap(lower, upper, values, at, axis):
-    """How far boxes are from the segment's own box along a coordinate."""
-    gap = maximum(lower - _of(values, at, UPPER + axis), _of(values, at, LOWER + axis) - upper)
-    return maximum(gap, _of(values, at, ZERO))
+    """Gap between boxes and the segment's own box along a coordinate."""
+    gap = maximum(lower - _of(values, at, PROBE_UPPER + axis), _of(values, at, PROBE_LOWER + axis) - upper)
+    return maximum(gap, _of(values, at, PROBE_ZERO))
 
 
 @inlined
 def _axis_gap(sum_j, sum_k, width_j, width_k, values, at, axis):
-    """How far boxes are from the segment along a perpendicular; NaN, of unused lanes, gives 0."""
-    first = AXIS + AXIS_STRIDE * axis
+    """Gap between boxes and the segment along a perpendicular; NaN, of unused lanes, gives 0."""
+    first = PROBE_AXIS + PROBE_AXIS_STRIDE * axis
     n_j, n_k = _of(values, at, first), _of(values, at, first + 1)
     apart = absolute(fma(n_j, sum_j, n_k * sum_k) - _of(values, at, first + 2))
     within = fma(absolute(n_j), width_j, fma(absolute(n_k), width_k, _of(values, at, first + 3)))
-    return maximum(apart - within, _of(values, at, ZERO))
+    return maximum(apart - within, _of(values, at, PROBE_ZERO))
 
 
 @inlined
 def _middle_gap_sq(sum_x, sum_y, sum_z, wide_x, wide_y, wide_z, values, at):
-    """Squared gap along the way from each box's middle to the segment, or NaN; first fraction in the box."""
-    zero, half, one = _of(values, at, ZERO), _of(values, at, HALF), _of(values, at, ONE)
-    slack, inverse_sq = _of(values, at, SLACK), _of(values, at, INVERSE_SQ)
-    dx, dy, dz = _of(values, at, WAY), _of(values, at, WAY + 1), _of(values, at, WAY + 2)
-    cx = fma(-half, sum_x, _of(values, at, FROM))
-    cy = fma(-half, sum_y, _of(values, at, FROM + 1))
-    cz = fma(-half, sum_z, _of(values, at, FROM + 2))
+    """Squared gap from each box's middle to the segment, or NaN; first fraction in the box."""
+    zero, half, one = _of(values, at, PROBE_ZERO), _of(values, at, PROBE_HALF), _of(values, at, PROBE_ONE)
+    slack, inverse_sq = _of(values, at, PROBE_SLACK), _of(values, at, PROBE_INVERSE_SQ)
+    dx, dy, dz = (
+        _of(values, at, PROBE_DIRECTION),
+        _of(values, at, PROBE_DIRECTION + 1),
+        _of(values, at, PROBE_DIRECTION + 2),
+    )
+    cx = fma(-half, sum_x, _of(values, at, PROBE_START))
+    cy = fma(-half, sum_y, _of(values, at, PROBE_START + 1))
+    cz = fma(-half, sum_z, _of(values, at, PROBE_START + 2))
     hx, hy, hz = fma(half, wide_x, slack), fma(half, wide_y, slack), fma(half, wide_z, slack)
     along = -dot(cx, cy, cz, dx, dy, dz)
     t = minimum(maximum(along * inverse_sq, zero), one)
@@ -105,7 +109,7 @@ def _bounds_sq(lx, ly, lz, ux, uy, uz, values, at):
     axes_sq = maximum(fma(beside_x, beside_x, xx), fma(beside_y, beside_y, yy))
     axes_sq = maximum(axes_sq, maximum(fma(beside_z, beside_z, zz), xx + yy + zz))
     # NaN first: then the other one is taken.
-    return maximum(middle_sq, axes_sq), early * _of(values, at, TOUCH)
+    return maximum(middle_sq, axes_sq), early * _of(values, at, PROBE_TOUCH)
 
 
 @inlined
@@ -120,13 +124,13 @@ def segment_boxes_distance_sq(nodes, base, probe):
 
 @inlined
 def far_segment_boxes_distance_sq(nodes, base, plan):
-    """The same from float64 arithmetic, less OFFSET: see `box.far_point_boxes_distance_sq`."""
+    """The same from float64 arithmetic, less PLAN_OFFSET: see `geometry.box.far_point_boxes_distance_sq`."""
     bounds, early = _bounds_sq(
         widen(load(nodes, base)), widen(load(nodes, base + 8)), widen(load(nodes, base + 16)),
         widen(load(nodes, base + 24)), widen(load(nodes, base + 32)), widen(load(nodes, base + 40)),
-        plan, AXES,
+        plan, PLAN_PROBE,
     )  # fmt: skip
-    rest = maximum(bounds * splat(SHRINK_FAR) - splat(plan[OFFSET]), splat(0.0)) + early
+    rest = maximum(bounds * splat(SEGMENT_SHRINK_FAR) - splat(plan[PLAN_OFFSET]), splat(0.0)) + early
     # Only the rest of unused lanes may leave float32.
     return narrow(select(rest < splat(np.inf), minimum(rest, splat(LARGEST_REST)), rest))
 
@@ -146,10 +150,10 @@ def open_bound(plan, best_sq, best_fraction):
     The fraction is of the whole segment and counts where the distance is 0.
     """
     if best_sq > 0.0:
-        return max(bound_of(best_sq, plan[OFFSET]), np.float32(1.001 * TOUCHING))
-    span = plan[HIGH] - plan[LOW]
+        return max(bound_of(best_sq, plan[PLAN_OFFSET]), np.float32(1.001 * TOUCHING))
+    span = plan[PLAN_HIGH] - plan[PLAN_LOW]
     rest = 1.0
-    if best_fraction < plan[HIGH]:
+    if best_fraction < plan[PLAN_HIGH]:
         # Fractions of the whole segment are coarse where the span is short.
-        rest = min(max((best_fraction - plan[LOW]) / span, 0.0) + 2.0**-50 / span + 1e-5, 1.0)
+        rest = min(max((best_fraction - plan[PLAN_LOW]) / span, 0.0) + 2.0**-50 / span + 1e-5, 1.0)
     return np.float32(1.001 * TOUCHING * rest)

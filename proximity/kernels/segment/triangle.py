@@ -1,4 +1,4 @@
-"""A segment against triangles: one formula for one or for eight, and the careful one for the winner.
+"""Distance between a segment and triangles, and the witness points of the nearest one.
 
 The squared distance to a triangle is the smallest of: both ends to the plane where their foot is inside, and
 for each edge both ends to the edge, its corner to the segment, and the two lines where they pass each other.
@@ -13,19 +13,25 @@ common perpendicular; Woop, Benthin, Wald 2013, "Watertight ray/triangle interse
 
 from math import inf, sqrt
 
-from proximity.kernels.geometry.closest_feature import LENGTH, POINT, TRIANGLE, WEIGHT, closest_on_triangle
+from proximity.kernels.geometry.closest_feature import (
+    CLOSEST_LENGTH,
+    CLOSEST_POINT,
+    CLOSEST_TRIANGLE,
+    CLOSEST_WEIGHT,
+    closest_on_triangle,
+)
 from proximity.kernels.geometry.triangle import TINY, cross, difference_of_products, dot
-from proximity.kernels.segment.plan import END, SLOPE_X, SLOPE_Y, START, ordered_axes
+from proximity.kernels.segment.plan import PLAN_END, PLAN_SLOPE_X, PLAN_SLOPE_Y, PLAN_START, ordered_axes
 from proximity.native import inlined, kernel
 from proximity.simd import absolute, fma, like, maximum, minimum, select
 
 # Behind the columns of `witness`: the answer for a segment.
-GAP = 24  # distance
-FRACTION = 25  # along the planned segment
-ON_SEGMENT = 26
-ON_SOLID = 29
-SHARE = 32  # barycentric weights
-SEGMENT_WITNESS_SIZE = 36
+WITNESS_GAP = 24  # distance
+WITNESS_FRACTION = 25  # along the planned segment
+WITNESS_ON_SEGMENT = 26
+WITNESS_ON_SOLID = 29
+WITNESS_WEIGHT = 32  # barycentric weights
+WITNESS_SIZE = 36
 
 
 @inlined
@@ -167,17 +173,17 @@ def segment_triangle_distance_sq(a, b, c, d, slope_x, slope_y, inverse_sq):
 def _take_end(plan, at, fraction, witness):
     """Offer the point of the triangle nearest to an end of the segment."""
     closest_on_triangle(plan[at], plan[at + 1], plan[at + 2], witness)
-    if witness[LENGTH] < witness[GAP]:
-        witness[GAP], witness[FRACTION] = witness[LENGTH], fraction
+    if witness[CLOSEST_LENGTH] < witness[WITNESS_GAP]:
+        witness[WITNESS_GAP], witness[WITNESS_FRACTION] = witness[CLOSEST_LENGTH], fraction
         for k in range(3):
-            witness[ON_SEGMENT + k] = plan[at + k]
-            witness[ON_SOLID + k] = witness[POINT + k]
-            witness[SHARE + k] = witness[WEIGHT + k]
+            witness[WITNESS_ON_SEGMENT + k] = plan[at + k]
+            witness[WITNESS_ON_SOLID + k] = witness[CLOSEST_POINT + k]
+            witness[WITNESS_WEIGHT + k] = witness[CLOSEST_WEIGHT + k]
 
 
 @inlined
 def _from_nearer_end(start, end, fraction):
-    """A point between two, as the end it is nearer to and the way from there."""
+    """A point between two, as the end it is nearer to and the step from there."""
     if fraction <= 0.5:
         return start, fraction * (end - start)
     return end, (fraction - 1.0) * (end - start)
@@ -186,32 +192,52 @@ def _from_nearer_end(start, end, fraction):
 @inlined
 def _take_passing(plan, corner, t, u, witness):
     """Offer two points: at *t* along the segment, and at *u* along the edge that starts at *corner*."""
-    a, b = TRIANGLE + 3 * corner, TRIANGLE + 3 * ((corner + 1) % 3)
-    px, wx = _from_nearer_end(plan[START], plan[END], t)
-    py, wy = _from_nearer_end(plan[START + 1], plan[END + 1], t)
-    pz, wz = _from_nearer_end(plan[START + 2], plan[END + 2], t)
+    a, b = CLOSEST_TRIANGLE + 3 * corner, CLOSEST_TRIANGLE + 3 * ((corner + 1) % 3)
+    px, wx = _from_nearer_end(plan[PLAN_START], plan[PLAN_END], t)
+    py, wy = _from_nearer_end(plan[PLAN_START + 1], plan[PLAN_END + 1], t)
+    pz, wz = _from_nearer_end(plan[PLAN_START + 2], plan[PLAN_END + 2], t)
     qx, vx = _from_nearer_end(witness[a], witness[b], u)
     qy, vy = _from_nearer_end(witness[a + 1], witness[b + 1], u)
     qz, vz = _from_nearer_end(witness[a + 2], witness[b + 2], u)
     gap_x, gap_y, gap_z = (px - qx) + (wx - vx), (py - qy) + (wy - vy), (pz - qz) + (wz - vz)
     gap = sqrt(dot(gap_x, gap_y, gap_z, gap_x, gap_y, gap_z))
-    if gap < witness[GAP] or (gap == witness[GAP] and t < witness[FRACTION]):
+    if gap < witness[WITNESS_GAP] or (gap == witness[WITNESS_GAP] and t < witness[WITNESS_FRACTION]):
         other = (corner + 1) % 3
-        witness[GAP], witness[FRACTION] = gap, t
-        witness[ON_SEGMENT], witness[ON_SEGMENT + 1], witness[ON_SEGMENT + 2] = px + wx, py + wy, pz + wz
-        witness[ON_SOLID], witness[ON_SOLID + 1], witness[ON_SOLID + 2] = qx + vx, qy + vy, qz + vz
-        witness[SHARE + corner], witness[SHARE + other] = 1.0 - u, u
-        witness[SHARE + 3 - corner - other] = 0.0
+        witness[WITNESS_GAP], witness[WITNESS_FRACTION] = gap, t
+        witness[WITNESS_ON_SEGMENT], witness[WITNESS_ON_SEGMENT + 1], witness[WITNESS_ON_SEGMENT + 2] = (
+            px + wx,
+            py + wy,
+            pz + wz,
+        )
+        witness[WITNESS_ON_SOLID], witness[WITNESS_ON_SOLID + 1], witness[WITNESS_ON_SOLID + 2] = (
+            qx + vx,
+            qy + vy,
+            qz + vz,
+        )
+        witness[WITNESS_WEIGHT + corner], witness[WITNESS_WEIGHT + other] = 1.0 - u, u
+        witness[WITNESS_WEIGHT + 3 - corner - other] = 0.0
 
 
 @inlined
 def _take_edge(plan, corner, witness):
     """Offer what the edge from *corner* to the next has: its corner, and where the two lines pass."""
-    a, b = TRIANGLE + 3 * corner, TRIANGLE + 3 * ((corner + 1) % 3)
-    dx, dy, dz = plan[END] - plan[START], plan[END + 1] - plan[START + 1], plan[END + 2] - plan[START + 2]
+    a, b = CLOSEST_TRIANGLE + 3 * corner, CLOSEST_TRIANGLE + 3 * ((corner + 1) % 3)
+    dx, dy, dz = (
+        plan[PLAN_END] - plan[PLAN_START],
+        plan[PLAN_END + 1] - plan[PLAN_START + 1],
+        plan[PLAN_END + 2] - plan[PLAN_START + 2],
+    )
     ex, ey, ez = witness[b] - witness[a], witness[b + 1] - witness[a + 1], witness[b + 2] - witness[a + 2]
-    wx, wy, wz = witness[a] - plan[START], witness[a + 1] - plan[START + 1], witness[a + 2] - plan[START + 2]
-    vx, vy, vz = witness[a] - plan[END], witness[a + 1] - plan[END + 1], witness[a + 2] - plan[END + 2]
+    wx, wy, wz = (
+        witness[a] - plan[PLAN_START],
+        witness[a + 1] - plan[PLAN_START + 1],
+        witness[a + 2] - plan[PLAN_START + 2],
+    )
+    vx, vy, vz = (
+        witness[a] - plan[PLAN_END],
+        witness[a + 1] - plan[PLAN_END + 1],
+        witness[a + 2] - plan[PLAN_END + 2],
+    )
     length_sq = max(dot(dx, dy, dz, dx, dy, dz), TINY)
     from_start, from_end = dot(wx, wy, wz, dx, dy, dz), -dot(vx, vy, vz, dx, dy, dz)
     t = from_start / length_sq if from_start <= from_end else 1.0 - from_end / length_sq
@@ -230,42 +256,42 @@ def _take_edge(plan, corner, witness):
 def _take_crossing(plan, witness):
     """Answer with the crossing, if there is one: to the sign what `segment_triangle_distance_sq` decides."""
     i, j, k = ordered_axes(plan)
-    px, py, pz = plan[START + i], plan[START + j], plan[START + k]
-    a, b, c = TRIANGLE, TRIANGLE + 3, TRIANGLE + 6
+    px, py, pz = plan[PLAN_START + i], plan[PLAN_START + j], plan[PLAN_START + k]
+    a, b, c = CLOSEST_TRIANGLE, CLOSEST_TRIANGLE + 3, CLOSEST_TRIANGLE + 6
     is_hit, part, whole, weight_a, weight_b, weight_c, total = segment_triangle_crossing(
         (witness[a + i] - px, witness[a + j] - py, witness[a + k] - pz),
         (witness[b + i] - px, witness[b + j] - py, witness[b + k] - pz),
         (witness[c + i] - px, witness[c + j] - py, witness[c + k] - pz),
-        plan[SLOPE_X],
-        plan[SLOPE_Y],
-        plan[END + k] - pz,
+        plan[PLAN_SLOPE_X],
+        plan[PLAN_SLOPE_Y],
+        plan[PLAN_END + k] - pz,
     )
     if not is_hit:
         return False
     t = min(part / whole, 1.0)
-    witness[GAP], witness[FRACTION] = 0.0, t
-    witness[SHARE], witness[SHARE + 1], witness[SHARE + 2] = (
+    witness[WITNESS_GAP], witness[WITNESS_FRACTION] = 0.0, t
+    witness[WITNESS_WEIGHT], witness[WITNESS_WEIGHT + 1], witness[WITNESS_WEIGHT + 2] = (
         weight_a / total,
         weight_b / total,
         weight_c / total,
     )
     for axis in range(3):
-        near, way = _from_nearer_end(plan[START + axis], plan[END + axis], t)
-        witness[ON_SEGMENT + axis], witness[ON_SOLID + axis] = near + way, near + way
+        near, step = _from_nearer_end(plan[PLAN_START + axis], plan[PLAN_END + axis], t)
+        witness[WITNESS_ON_SEGMENT + axis], witness[WITNESS_ON_SOLID + axis] = near + step, near + step
     return True
 
 
 @kernel
 def segment_on_triangle(plan, witness):
-    """Fill *witness* from `GAP` on: the nearest points of the planned segment and of its triangle.
+    """Fill *witness* from `WITNESS_GAP` on: the nearest points of the planned segment and of its triangle.
 
     Among equals the first along the segment. Degenerate: see `closest_on_triangle`; a segment without length
     answers with its start.
     """
-    witness[GAP] = inf
+    witness[WITNESS_GAP] = inf
     if _take_crossing(plan, witness):
         return
-    _take_end(plan, START, 0.0, witness)
+    _take_end(plan, PLAN_START, 0.0, witness)
     for corner in range(3):
         _take_edge(plan, corner, witness)
-    _take_end(plan, END, 1.0, witness)
+    _take_end(plan, PLAN_END, 1.0, witness)

@@ -1,4 +1,4 @@
-"""Faces that are folded over: slivers that tessellation laid onto their neighbours, facing the wrong way.
+"""Folded faces: slivers that lie on their neighbours and face backwards.
 
 A surface with such a sliver is closed, every edge has its two faces, and yet over the sliver the nearest face
 tells the wrong side. There the winding number is asked instead.
@@ -15,13 +15,13 @@ from proximity.kernels.sign.winding_number import winding_number
 from proximity.native import entry, inlined, kernel, maker
 from proximity.simd import load_int
 
-SHARPEST = -0.9
+SHARPEST_COSINE = -0.9
 """Cosine between the normals of two faces across an edge below which both are looked at: an edge of 26
 degrees. What is folded over is at -1; few edges of real parts are as sharp as this."""
 NEAR_CORNER = 0.8
-"""Weight of a corner at the places where a face is looked at besides its middle."""
-STEP, SHARE = 1e-6, 1e-3
-"""How far to either side, local: at most this, and this share of the root of the face's area."""
+"""Weight of a corner at the points where a face is sampled besides its middle."""
+MOST_STEP, STEP_SHARE = 1e-6, 1e-3
+"""Distance of samples to either side, local: at most this, and this share of the root of the face's area."""
 MOST_LOOKED_AT = 4096
 """Faces of a part; what more there are count as folded."""
 
@@ -86,7 +86,7 @@ def _is_sharp(corners, faces, neighbors, face):
         if other >= 0:
             mx, my, mz = face_normal(corners, faces, other)
             other_sq = dot(mx, my, mz, mx, my, mz)
-            if dot(nx, ny, nz, mx, my, mz) < SHARPEST * sqrt(own_sq) * sqrt(other_sq):
+            if dot(nx, ny, nz, mx, my, mz) < SHARPEST_COSINE * sqrt(own_sq) * sqrt(other_sq):
                 return True
     return False
 
@@ -98,7 +98,7 @@ def faces_wrong(corners, faces, face, reals, words, root, moments):
     length = sqrt(dot(nx, ny, nz, nx, ny, nz))
     if not length > 0.0:
         return False
-    step = min(STEP, SHARE * sqrt(length)) / length
+    step = min(MOST_STEP, STEP_SHARE * sqrt(length)) / length
     a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
     for k in range(4):
         u = NEAR_CORNER if k == 1 else ((1.0 - NEAR_CORNER) / 2.0 if k else 1.0 / 3.0)

@@ -12,37 +12,37 @@ from proximity.kernels.sign.winding_number import winding_number
 from proximity.native import entry, inlined, kernel
 from proximity.simd import load_int
 
-OUTSIDE = 0
-INSIDE = 1
-CROSSED = 2
-UNKNOWN = 3
+CELL_OUTSIDE = 0
+CELL_INSIDE = 1
+CELL_CROSSED = 2
+CELL_UNKNOWN = 3
 CELLS_PER_WORD = 16
-SLACK = 1e-6
+CELL_SLACK = 1e-6
 """Cells. A face this close to a cell counts as crossing it: more than all rounding of a look-up."""
-PITCH = 2.0
+SAMPLE_PITCH = 2.0
 """Cells. How far apart a face is looked at, by `uncertain_points`, along its longest side and across."""
-CLEARANCE = 1.0 + 4.0 * SLACK
-"""How far off, in what a cell is wide along the face's normal: so the face crosses no cell looked at."""
-MOST_PLACES = 1024
-"""What `uncertain_points` returns at most; even."""
+SAMPLE_CLEARANCE = 1.0 + 4.0 * CELL_SLACK
+"""Distance of samples from a face, in cell widths along its normal: the face crosses no cell there."""
+MOST_POINTS = 1024
+"""Most points that `uncertain_points` returns; even."""
 
 
 @inlined
 def cell_state(words, at, lower_x, lower_y, lower_z, rate, nx, ny, nz, px, py, pz):
-    """State of the cell that holds *p*; `OUTSIDE` beyond the grid."""
+    """State of the cell that holds *p*; `CELL_OUTSIDE` beyond the grid."""
     fx, fy, fz = (px - lower_x) * rate, (py - lower_y) * rate, (pz - lower_z) * rate
     if not (fx >= 0.0 and fy >= 0.0 and fz >= 0.0 and fx < nx and fy < ny and fz < nz):
-        return OUTSIDE
+        return CELL_OUTSIDE
     cell = (np.int64(fz) * ny + np.int64(fy)) * nx + np.int64(fx)
     return (load_int(words, at + cell // CELLS_PER_WORD) >> (2 * (cell % CELLS_PER_WORD))) & 3
 
 
 @inlined
-def _reach(states, there, state, stack, waiting):
+def _reach(states, neighbor, state, stack, waiting):
     """Have a cell on the same side wait on the *stack*, if its state is not known yet; how many wait."""
-    if states[there] == UNKNOWN:
-        states[there] = state
-        stack[waiting] = there
+    if states[neighbor] == CELL_UNKNOWN:
+        states[neighbor] = state
+        stack[waiting] = neighbor
         waiting += 1
     return waiting
 
@@ -55,20 +55,20 @@ def _spread(states, seed, state, nx, ny, nz, stack):
     waiting = 1
     while waiting:
         waiting -= 1
-        here = np.int64(stack[waiting])
-        ix, iy, iz = here % nx, (here // nx) % ny, here // (nx * ny)
+        index = np.int64(stack[waiting])
+        ix, iy, iz = index % nx, (index // nx) % ny, index // (nx * ny)
         if ix > 0:
-            waiting = _reach(states, here - 1, state, stack, waiting)
+            waiting = _reach(states, index - 1, state, stack, waiting)
         if ix < nx - 1:
-            waiting = _reach(states, here + 1, state, stack, waiting)
+            waiting = _reach(states, index + 1, state, stack, waiting)
         if iy > 0:
-            waiting = _reach(states, here - nx, state, stack, waiting)
+            waiting = _reach(states, index - nx, state, stack, waiting)
         if iy < ny - 1:
-            waiting = _reach(states, here + nx, state, stack, waiting)
+            waiting = _reach(states, index + nx, state, stack, waiting)
         if iz > 0:
-            waiting = _reach(states, here - nx * ny, state, stack, waiting)
+            waiting = _reach(states, index - nx * ny, state, stack, waiting)
         if iz < nz - 1:
-            waiting = _reach(states, here + nx * ny, state, stack, waiting)
+            waiting = _reach(states, index + nx * ny, state, stack, waiting)
 
 
 @entry(
@@ -81,7 +81,7 @@ def build_grid(corners, faces, lower, rate, nx, ny, nz, reals, words, root, mome
 
     *corners* (V, 3), *faces* (F, 3): local frame. *reals*, *words*, *root*, *moments*: the part's tree.
     """
-    states = np.full(nx * ny * nz, np.uint8(UNKNOWN))
+    states = np.full(nx * ny * nz, np.uint8(CELL_UNKNOWN))
     cell = np.empty(6, np.int64)
     size = np.array([nx, ny, nz])
     v = np.empty((3, 3))
@@ -92,14 +92,14 @@ def build_grid(corners, faces, lower, rate, nx, ny, nz, reals, words, root, mome
                 v[corner, axis] = (corners[faces[face, corner], axis] - lower[axis]) * rate
         for axis in range(3):
             low, high = min(v[0, axis], v[1, axis], v[2, axis]), max(v[0, axis], v[1, axis], v[2, axis])
-            cell[axis] = min(max(np.int64(np.floor(low - SLACK)), 0), size[axis] - 1)
-            cell[axis + 3] = min(max(np.int64(np.floor(high + SLACK)), 0), size[axis] - 1)
+            cell[axis] = min(max(np.int64(np.floor(low - CELL_SLACK)), 0), size[axis] - 1)
+            cell[axis + 3] = min(max(np.int64(np.floor(high + CELL_SLACK)), 0), size[axis] - 1)
         for axis in range(3):
             j, k = (axis + 1) % 3, (axis + 2) % 3
             normal[axis] = (v[1, j] - v[0, j]) * (v[2, k] - v[0, k]) - (v[1, k] - v[0, k]) * (
                 v[2, j] - v[0, j]
             )
-        reach = (0.5 + SLACK) * (abs(normal[0]) + abs(normal[1]) + abs(normal[2]))
+        reach = (0.5 + CELL_SLACK) * (abs(normal[0]) + abs(normal[1]) + abs(normal[2]))
         for iz in range(cell[2], cell[5] + 1):
             for iy in range(cell[1], cell[4] + 1):
                 for ix in range(cell[0], cell[3] + 1):
@@ -109,12 +109,12 @@ def build_grid(corners, faces, lower, rate, nx, ny, nz, reals, words, root, mome
                         + normal[2] * (iz + 0.5 - v[0, 2])
                     )
                     if abs(height) <= reach:
-                        states[(iz * ny + iy) * nx + ix] = CROSSED
+                        states[(iz * ny + iy) * nx + ix] = CELL_CROSSED
 
     # Cells that touch and are not crossed are on one side: one winding number tells for all of them.
     stack = np.empty(nx * ny * nz, np.int32)
     for seed in range(nx * ny * nz):
-        if states[seed] != UNKNOWN:
+        if states[seed] != CELL_UNKNOWN:
             continue
         ix, iy, iz = seed % nx, (seed // nx) % ny, seed // (nx * ny)
         turns = winding_number(
@@ -126,12 +126,12 @@ def build_grid(corners, faces, lower, rate, nx, ny, nz, reals, words, root, mome
             lower[1] + (iy + 0.5) / rate,
             lower[2] + (iz + 0.5) / rate,
         )
-        state = INSIDE if turns > 0.5 else OUTSIDE
+        state = CELL_INSIDE if turns > 0.5 else CELL_OUTSIDE
         _spread(states, seed, state, nx, ny, nz, stack)
 
     packed = np.zeros((len(states) + CELLS_PER_WORD - 1) // CELLS_PER_WORD, np.uint32)
-    for here in range(len(states)):
-        packed[here // CELLS_PER_WORD] |= np.uint32(states[here]) << np.uint32(2 * (here % CELLS_PER_WORD))
+    for index in range(len(states)):
+        packed[index // CELLS_PER_WORD] |= np.uint32(states[index]) << np.uint32(2 * (index % CELLS_PER_WORD))
     return packed
 
 
@@ -141,18 +141,18 @@ def build_grid(corners, faces, lower, rate, nx, ny, nz, reals, words, root, mome
     makes_arrays=True,
 )
 def uncertain_points(corners, faces, lower, rate, nx, ny, nz, grid):
-    """Return places that a face and the grid tell to be on different sides, and which faces are clear.
+    """Return points that a face and the grid tell to be on different sides, and which faces are clear.
 
-    Every face is looked at, every `PITCH` cells, to both sides, so far off that it crosses no cell there.
-    Places (N, 3), local, at most `MOST_PLACES`, spread evenly, and whether the grid says inside, (N,) bool:
-    where another face lies in between, nothing is wrong. Clear, (F,) bool: on each side some cell that was
-    looked at is not crossed. *grid*: what `build_grid` returned; the other arguments are as there.
+    Every face is looked at, every `SAMPLE_PITCH` cells, to both sides, so far off that it crosses no cell
+    there. Points (N, 3), local, at most `MOST_POINTS`, spread evenly, and whether the grid says inside, (N,)
+    bool: where another face lies in between, nothing is wrong. Clear, (F,) bool: on each side some cell that
+    was looked at is not crossed. *grid*: what `build_grid` returned; the other arguments are as there.
     """
-    places, is_inside = np.empty((MOST_PLACES, 3)), np.empty(MOST_PLACES, np.bool_)
+    points, is_inside = np.empty((MOST_POINTS, 3)), np.empty(MOST_POINTS, np.bool_)
     is_clear = np.zeros(len(faces), np.bool_)
     count, met, stride = 0, 0, 1
     v = np.empty((3, 3))
-    normal, place = np.empty(3), np.empty(3)
+    normal, point = np.empty(3), np.empty(3)
     for face in range(len(faces)):
         for corner in range(3):
             for axis in range(3):
@@ -175,36 +175,36 @@ def uncertain_points(corners, faces, lower, rate, nx, ny, nz, grid):
         if not area_sq > 0.0:
             is_clear[face] = True
             continue
-        step = CLEARANCE * (abs(normal[0]) + abs(normal[1]) + abs(normal[2])) / area_sq
-        rows = np.int64(np.sqrt(area_sq / longest_sq) / PITCH) + 1
+        step = SAMPLE_CLEARANCE * (abs(normal[0]) + abs(normal[1]) + abs(normal[2])) / area_sq
+        rows = np.int64(np.sqrt(area_sq / longest_sq) / SAMPLE_PITCH) + 1
         is_clear_above = is_clear_below = False
         for row in range(rows):
             to_c = (row + 1.0 / 3.0) / rows
-            columns = np.int64((1.0 - to_c) * np.sqrt(longest_sq) / PITCH) + 1
+            columns = np.int64((1.0 - to_c) * np.sqrt(longest_sq) / SAMPLE_PITCH) + 1
             for column in range(columns):
                 to_b = (1.0 - to_c) * (column + 0.5) / columns
                 for side in (1.0, -1.0):
                     for axis in range(3):
-                        way = to_b * (v[b, axis] - v[a, axis]) + to_c * (v[c, axis] - v[a, axis])
-                        place[axis] = v[a, axis] + way + side * step * normal[axis]
-                    state = cell_state(grid, 0, 0.0, 0.0, 0.0, 1.0, nx, ny, nz, place[0], place[1], place[2])
-                    if state == CROSSED:
+                        offset = to_b * (v[b, axis] - v[a, axis]) + to_c * (v[c, axis] - v[a, axis])
+                        point[axis] = v[a, axis] + offset + side * step * normal[axis]
+                    state = cell_state(grid, 0, 0.0, 0.0, 0.0, 1.0, nx, ny, nz, point[0], point[1], point[2])
+                    if state == CELL_CROSSED:
                         continue
                     is_clear_above = is_clear_above or side > 0.0
                     is_clear_below = is_clear_below or side < 0.0
-                    if (state == INSIDE) == (side < 0.0):
+                    if (state == CELL_INSIDE) == (side < 0.0):
                         continue
                     met += 1
                     if met % stride != 0:
                         continue
-                    if count == MOST_PLACES:
+                    if count == MOST_POINTS:
                         count, stride = count // 2, 2 * stride
                         for kept in range(count):
-                            copy_row(places, 2 * kept + 1, places, kept)
+                            copy_row(points, 2 * kept + 1, points, kept)
                             is_inside[kept] = is_inside[2 * kept + 1]
                     for axis in range(3):
-                        places[count, axis] = lower[axis] + place[axis] / rate
-                    is_inside[count] = state == INSIDE
+                        points[count, axis] = lower[axis] + point[axis] / rate
+                    is_inside[count] = state == CELL_INSIDE
                     count += 1
         is_clear[face] = is_clear_above and is_clear_below
-    return places[:count].copy(), is_inside[:count].copy(), is_clear
+    return points[:count].copy(), is_inside[:count].copy(), is_clear

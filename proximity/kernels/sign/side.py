@@ -1,9 +1,9 @@
-"""Inside or outside of one part, decided by the triangle of it that is nearest."""
+"""Inside or outside of one part, decided by its nearest triangle."""
 
 from proximity.kernels.geometry.closest_feature import (
-    ARM,
-    LENGTH,
-    NORMAL,
+    CLOSEST_ARM,
+    CLOSEST_LENGTH,
+    CLOSEST_NORMAL,
     closest_on_triangle,
     height_over,
     over_face,
@@ -12,29 +12,29 @@ from proximity.kernels.geometry.closest_feature import (
 )
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import (
-    BLOCK_NOTES,
-    MOMENTS,
-    ROOT,
-    SIGN,
+    PART_BLOCK_NOTES,
+    PART_MOMENTS,
+    PART_ROOT,
+    PART_SIGN,
+    PART_SLOT_FACES,
     SIGN_NONE,
     SIGN_PSEUDONORMAL,
-    SLOT_FACES,
 )
 from proximity.kernels.sign.folded_faces import is_folded
 from proximity.kernels.sign.winding_number import winding_number
 from proximity.native import inlined
 from proximity.simd import load, load_each, load_int, select, splat, store
 
-FLAT = 1e-6
-"""Sine of the angle between the way to the closest point and the plane across the pseudo-normal below which
-the side is not believed: rounding, at a point 1e-9 part sizes away, turns the way by 1e-7. The winding number
-decides there."""
+LEAST_SIDE_SINE = 1e-6
+"""Sine of the angle between the direction to the closest point and the plane across the pseudo-normal below
+which the side is not believed: rounding, at a point 1e-9 part sizes away, turns that direction by 1e-7. The
+winding number decides there."""
 
 
 @inlined
 def is_inside_by_winding(reals, words, parts, part, px, py, pz):
     """Whether *p*, local, has a winding number above one half."""
-    return winding_number(reals, words, parts[part, ROOT], parts[part, MOMENTS], px, py, pz) > 0.5
+    return winding_number(reals, words, parts[part, PART_ROOT], parts[part, PART_MOMENTS], px, py, pz) > 0.5
 
 
 @inlined
@@ -46,73 +46,75 @@ def is_beyond(px, py, pz):
 @inlined
 def has_normals(words, parts, part, slot):
     """Whether the side of a face, and of its edges and corners, is decided by their normals."""
-    return parts[part, SIGN] == SIGN_PSEUDONORMAL and not is_folded(words, parts[part, BLOCK_NOTES], slot)
+    return parts[part, PART_SIGN] == SIGN_PSEUDONORMAL and not is_folded(
+        words, parts[part, PART_BLOCK_NOTES], slot
+    )
 
 
 @inlined
-def witness_of_slot(reals, words, parts, part, slot, px, py, pz, witness):
-    """Fill *witness* for a triangle found; return face, feature and whether *p* is inside the part."""
-    read_corners(reals, slot, witness)
-    face = load_int(words, parts[part, SLOT_FACES] + slot)
-    feature, which = closest_on_triangle(px, py, pz, witness)
-    pseudo_normal(reals, words, parts, part, face, feature, which, witness)
-    return face, feature, _is_inside(reals, words, parts, part, slot, px, py, pz, witness)
+def closest_of_slot(reals, words, parts, part, slot, px, py, pz, closest):
+    """Fill *closest* for a triangle found; return face, feature and whether *p* is inside the part."""
+    read_corners(reals, slot, closest)
+    face = load_int(words, parts[part, PART_SLOT_FACES] + slot)
+    feature, which = closest_on_triangle(px, py, pz, closest)
+    pseudo_normal(reals, words, parts, part, face, feature, which, closest)
+    return face, feature, _is_inside(reals, words, parts, part, slot, px, py, pz, closest)
 
 
 @inlined
-def _is_inside(reals, words, parts, part, slot, px, py, pz, witness):
-    """The side that a filled witness tells; on the surface: outside."""
-    sign = parts[part, SIGN]
-    length = witness[LENGTH]
+def _is_inside(reals, words, parts, part, slot, px, py, pz, closest):
+    """The side by a filled closest feature; on the surface: outside."""
+    sign = parts[part, PART_SIGN]
+    length = closest[CLOSEST_LENGTH]
     if sign == SIGN_NONE or length == 0.0 or is_beyond(px, py, pz):
         return False
     if has_normals(words, parts, part, slot):
         side = dot(
-            witness[ARM],
-            witness[ARM + 1],
-            witness[ARM + 2],
-            witness[NORMAL],
-            witness[NORMAL + 1],
-            witness[NORMAL + 2],
+            closest[CLOSEST_ARM],
+            closest[CLOSEST_ARM + 1],
+            closest[CLOSEST_ARM + 2],
+            closest[CLOSEST_NORMAL],
+            closest[CLOSEST_NORMAL + 1],
+            closest[CLOSEST_NORMAL + 2],
         )
-        if abs(side) > FLAT * length:
+        if abs(side) > LEAST_SIDE_SINE * length:
             return side < 0.0
     return is_inside_by_winding(reals, words, parts, part, px, py, pz)
 
 
 @inlined
-def signed_of_slot(reals, words, parts, part, slot, px, py, pz, witness):
-    """Signed local distance to a triangle found; what `witness_of_slot` would tell, without the rest."""
-    read_corners(reals, slot, witness)
+def signed_of_slot(reals, words, parts, part, slot, px, py, pz, closest):
+    """Signed local distance to a triangle found; what `closest_of_slot` would tell, without the rest."""
+    read_corners(reals, slot, closest)
     if has_normals(words, parts, part, slot):
-        is_over, height = over_face(witness, px, py, pz)
+        is_over, height = over_face(closest, px, py, pz)
         if is_over and not is_beyond(px, py, pz):
             return height + 0.0  # never -0.0
-    _, _, inside = witness_of_slot(reals, words, parts, part, slot, px, py, pz, witness)
-    return -witness[LENGTH] if inside else witness[LENGTH]
+    _, _, inside = closest_of_slot(reals, words, parts, part, slot, px, py, pz, closest)
+    return -closest[CLOSEST_LENGTH] if inside else closest[CLOSEST_LENGTH]
 
 
 @inlined
-def heights_over(reals, places, at, spots, heights, feet):
+def heights_over(reals, offsets, at, local_points, heights, feet):
     """Height over eight triangles, local, of points with their feet inside; whether they have them there.
 
-    *places* (CHUNK,): the first number of each triangle. *spots* (3 CHUNK,): the points, local, coordinate by
-    coordinate. Columns *at* to *at* + 7 of *heights* and *feet* (CHUNK,): 1, or 0 for elsewhere.
+    *offsets* (N,): the first number of each triangle. *local_points* (3 N,): the points, local, coordinate by
+    coordinate. Columns *at* to *at* + 7 of *heights* and *feet* (N,) are filled; feet: 1, or 0 for elsewhere.
     """
     chunk = len(heights)
     is_over, height, _, _, _ = height_over(
-        load(spots, at),
-        load(spots, chunk + at),
-        load(spots, 2 * chunk + at),
-        load_each(reals, places, at, 0),
-        load_each(reals, places, at, 8),
-        load_each(reals, places, at, 16),
-        load_each(reals, places, at, 24),
-        load_each(reals, places, at, 32),
-        load_each(reals, places, at, 40),
-        load_each(reals, places, at, 48),
-        load_each(reals, places, at, 56),
-        load_each(reals, places, at, 64),
+        load(local_points, at),
+        load(local_points, chunk + at),
+        load(local_points, 2 * chunk + at),
+        load_each(reals, offsets, at, 0),
+        load_each(reals, offsets, at, 8),
+        load_each(reals, offsets, at, 16),
+        load_each(reals, offsets, at, 24),
+        load_each(reals, offsets, at, 32),
+        load_each(reals, offsets, at, 40),
+        load_each(reals, offsets, at, 48),
+        load_each(reals, offsets, at, 56),
+        load_each(reals, offsets, at, 64),
     )
     store(heights, at, height)
     store(feet, at, select(is_over, splat(1.0), splat(0.0)))

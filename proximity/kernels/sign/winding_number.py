@@ -11,7 +11,7 @@ triangle: near a gear a walk took three times as long, near a plate twice.
 ``moments``: `MOMENT_STRIDE` words a node: for its eight children the centre x, y, z (weighted by area), the
 sum of the area normals x, y, z, the squared distance from which on the child counts as far, and how the area
 normals are spread about the centre: xx, yy, xy, xz, yz of the symmetric first moment without its trace; then
-two words of `slab`.
+two words of `normal_slab`.
 
 Source: Jacobson, Kavan, Sorkine-Hornung 2013, "Robust inside-outside segmentation using generalized winding
 numbers"; Barill et al. 2018, "Fast winding numbers for soups and clouds" (here with terms of the first two
@@ -23,7 +23,7 @@ from math import atan2, pi, sqrt
 import numpy as np
 
 from proximity.kernels.geometry.triangle import dot
-from proximity.kernels.layout import BLOCK_STRIDE, CHILDREN, LANES, NODE_STRIDE, STACK_SIZE
+from proximity.kernels.layout import BLOCK_STRIDE, LANES, NODE_CHILDREN, NODE_STRIDE, STACK_SIZE
 from proximity.kernels.stack_arrays import reals_here, words_here
 from proximity.native import entry, kernel
 from proximity.simd import (
@@ -47,8 +47,8 @@ from proximity.simd import (
 MOMENT_STRIDE = 112
 OPENING = 2.5
 """Ratio of distance to radius from which on a cluster counts as far."""
-SMALLEST, LARGEST = 1e-300, 1e300
-"""What a product is between: beyond, it has no direction. That is where features are below 1e-100 local."""
+SMALLEST_PRODUCT, LARGEST_PRODUCT = 1e-300, 1e300
+"""Range of a product that has a direction. Beyond it features are below 1e-100 local."""
 
 
 @entry("float32[:], float64[:], int, float32[:]", makes_arrays=True)
@@ -57,7 +57,7 @@ def fill_moments(words, reals, node_count, moments):
 
     A child's number is above its parent's, so that nodes are done from the last to the first.
     """
-    # Of each node: area; area times centre; area normal; area normal times place, nine numbers.
+    # Of each node: area; area times centre; area normal; area normal times position, nine numbers.
     sums = np.zeros((node_count, 16))
     own = np.empty(16)
     for node in range(node_count - 1, -1, -1):
@@ -68,7 +68,7 @@ def fill_moments(words, reals, node_count, moments):
                 moments[at + 8 * row] = 0.0
             if not words[base + k] <= words[base + 24 + k]:
                 continue
-            child = load_int(words, base + CHILDREN + k)
+            child = load_int(words, base + NODE_CHILDREN + k)
             for number in range(16):
                 own[number] = sums[child, number] if child >= 0 else 0.0
             if child < 0:
@@ -139,7 +139,7 @@ def turned(cosine, sine, turns, below, volume):
     new_cosine = fma(cosine, below, -(sine * volume))
     new_sine = fma(cosine, volume, sine * below)
     size = maximum(absolute(new_cosine), absolute(new_sine))
-    is_there = (size > like(SMALLEST, size)) & (size < like(LARGEST, size))
+    is_there = (size > like(SMALLEST_PRODUCT, size)) & (size < like(LARGEST_PRODUCT, size))
     scale = one / select(is_there, size, one)
     # By the numbers that are kept: scaled, the least may have become zero.
     new_cosine, new_sine = new_cosine * scale, new_sine * scale
@@ -196,7 +196,7 @@ def _sum_of_angles(cosine, sine, turns):
 
 @kernel
 def winding_number(reals, words, root, moments, px, py, pz):
-    """How often the part winds around *p* (local frame): about 1 inside a closed part, about 0 outside."""
+    """Winding number of the part around *p* (local frame): about 1 inside a closed part, about 0 outside."""
     stack = words_here(STACK_SIZE)
     x, y, z = splat(px), splat(py), splat(pz)
     cosine, sine, turns = splat(1.0), splat(0.0), splat(0.0)
@@ -221,7 +221,7 @@ def winding_number(reals, words, root, moments, px, py, pz):
             if bits(is_far):
                 fluxes = fluxes + select(is_far, _flux(words, at, dx, dy, dz, distance_sq), splat(0.0))
             is_near = is_used & ~is_far
-            store(stack, waiting, compress(load(words, base + CHILDREN), is_near))
+            store(stack, waiting, compress(load(words, base + NODE_CHILDREN), is_near))
             waiting += count_bits(bits(is_near))
         if waiting == 0:
             break
@@ -235,7 +235,7 @@ def winding_number(reals, words, root, moments, px, py, pz):
 
 @kernel
 def _flux(words, at, dx, dy, dz, distance_sq):
-    """What the children of the node with moments *at*, seen as points, add to the solid angle."""
+    """Solid angle of the children of the node with moments *at*, seen as points."""
     flux = dot(
         dx, dy, dz, widen(load(words, at + 24)), widen(load(words, at + 32)), widen(load(words, at + 40))
     )

@@ -1,4 +1,4 @@
-"""Conservative advancement: how far a sphere can go on its path and touch nothing, and where it will touch.
+"""Conservative advancement: how far a sphere can follow a path without touching anything.
 
 From a position where every surface is at least *c* away from the sphere it can go on for *c*, less what the
 parts move toward it, and touch nothing. So the path is cut into steps, each of which is certified by one
@@ -18,15 +18,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proximity.kernels.geometry.closest_feature import ARM, LENGTH
+from proximity.kernels.geometry.closest_feature import CLOSEST_ARM, CLOSEST_LENGTH
 from proximity.kernels.geometry.frames import (
     direction_to_scene,
     rounding_at,
 )
 from proximity.kernels.geometry.triangle import dot
-from proximity.kernels.layout import LANES, SCALE
+from proximity.kernels.layout import FRAME_SCALE, LANES
 from proximity.kernels.point.budgeted_walk import DOWN
-from proximity.kernels.scene.distance_bounds import fill_witness, nearest_from_face
+from proximity.kernels.scene.distance_bounds import fill_closest, nearest_from_face
 from proximity.kernels.tracking.part_drift import drift_until
 from proximity.native import inlined, kernel
 from proximity.simd import horizontal_min, load, minimum, select, splat, square_root
@@ -36,10 +36,10 @@ TOUCH = 1e-5
 """m: nearer than this is a touch; a tenth of what an operator would feel as a bias."""
 NEAR = 0.01
 """Share of the distance covered that may be left to the nearest face's plane."""
-BALLS = 16
+BALL_COUNT = 16
 """That a finger keeps; the oldest goes first. Fewer are asked for anew more often: 8 cost 15 % of a tick."""
-BALLS_SIZE = 5 * BALLS + 1
-"""Of a finger's row of balls: their x, y, z, m; radius, m, negative for none; how far parts had moved when
+BALLS_SIZE = 5 * BALL_COUNT + 1
+"""Numbers of a finger's balls: their x, y, z, m; radius, m, negative for none; how far parts had moved when
 each was found, m; and the number of the oldest."""
 WORTH = 0.25
 """Share of what a ball gave when it was found that it must still give to be taken."""
@@ -67,7 +67,7 @@ class Sphere(NamedTuple):
 
 
 class Advance(NamedTuple):
-    """How far a sphere gets on its path."""
+    """Result of an advancement: how far the sphere gets on its path."""
 
     free: float  # parameter up to which it touches nothing, for certain
     expected: float  # parameter at which it will touch; inf if not on this path
@@ -92,33 +92,33 @@ def point_on_path(path, parameter, vectors):
 
 
 @inlined
-def outward_of(model, part, witness, out):
-    """Fill *out* (3,) with the unit direction, scene's frame, from the surface to the point of a witness."""
-    length = witness[LENGTH]
+def outward_of(model, part, closest, out):
+    """Fill *out* (3,) with the unit direction, scene's frame, from a closest point to its query."""
+    length = closest[CLOSEST_LENGTH]
     factor = 1.0 / length if length > 1e-150 else 0.0
     out[0], out[1], out[2] = direction_to_scene(
         model.frames,
         model.parts,
         part,
-        witness[ARM] * factor,
-        witness[ARM + 1] * factor,
-        witness[ARM + 2] * factor,
+        closest[CLOSEST_ARM] * factor,
+        closest[CLOSEST_ARM + 1] * factor,
+        closest[CLOSEST_ARM + 2] * factor,
     )
 
 
 @inlined
 def _clearance_in_balls(sphere, x, y, z):
-    """How far a sphere at a point is at least from every surface, by its balls; negative: ask anew."""
+    """Least clearance of a sphere at a point, by its balls; negative where a query is needed."""
     balls = sphere.balls
     nearest = splat(np.inf)
-    for first in range(0, BALLS, LANES):
+    for first in range(0, BALL_COUNT, LANES):
         dx = splat(x) - load(balls, first)
-        dy = splat(y) - load(balls, first + BALLS)
-        dz = splat(z) - load(balls, first + 2 * BALLS)
+        dy = splat(y) - load(balls, first + BALL_COUNT)
+        dz = splat(z) - load(balls, first + 2 * BALL_COUNT)
         off = square_root(dot(dx, dy, dz, dx, dy, dz)) + (
-            splat(sphere.displacement) - load(balls, first + 4 * BALLS)
+            splat(sphere.displacement) - load(balls, first + 4 * BALL_COUNT)
         )
-        full = load(balls, first + 3 * BALLS) - splat(sphere.radius)
+        full = load(balls, first + 3 * BALL_COUNT) - splat(sphere.radius)
         left = full - off * splat(1.0 + 1e-12)
         is_worth = left >= splat(WORTH) * full
         nearest = minimum(nearest, select(is_worth, splat(0.0) - left, splat(1.0)))
@@ -129,15 +129,15 @@ def _clearance_in_balls(sphere, x, y, z):
 def _keep_ball(sphere, x, y, z, clear):
     """Keep that no surface is nearer to a point than *clear*, m, in place of the oldest ball."""
     balls = sphere.balls
-    ball = int(balls[5 * BALLS])
-    balls[ball], balls[ball + BALLS], balls[ball + 2 * BALLS] = x, y, z
-    balls[ball + 3 * BALLS], balls[ball + 4 * BALLS] = clear, sphere.displacement
-    balls[5 * BALLS] = (ball + 1) % BALLS
+    ball = int(balls[5 * BALL_COUNT])
+    balls[ball], balls[ball + BALL_COUNT], balls[ball + 2 * BALL_COUNT] = x, y, z
+    balls[ball + 3 * BALL_COUNT], balls[ball + 4 * BALL_COUNT] = clear, sphere.displacement
+    balls[5 * BALL_COUNT] = (ball + 1) % BALL_COUNT
 
 
 @inlined
 def _free_until(parameter, clearance, rate, faster):
-    """How far a clearance lets a sphere go: up to where it is used up, or where a faster part may come."""
+    """Parameter up to which a clearance lasts: until it is used up, or until a faster part may come."""
     if rate > 0.0:
         return min(parameter + clearance / rate * DOWN, faster)
     return faster if clearance > 0.0 else parameter
@@ -147,7 +147,7 @@ def _free_until(parameter, clearance, rate, faster):
 def advance_conservatively(
     model, path, sphere, drift, start, clearance, part, slot, tolerance, budget, scratch
 ):
-    """How far a sphere gets on its path, from the parameter *start* on, as an `Advance`.
+    """Advance a sphere on its path from the parameter *start* on; returns an `Advance`.
 
     At *start* it is *clearance* m away from everything. *drift*: of surfaces toward it, a `Drift`. *part*,
     *slot*: a face to start from. *tolerance*: share of a clearance that a step need not find. Fills the first
@@ -160,7 +160,7 @@ def advance_conservatively(
     drift_at_end, _ = drift_until(drift, speed, end - start)
     if not speed + drift_at_end > 0.0:
         return Advance(end, expected, part, slot, work)
-    scale = model.frames[len(model.frames) - 1, SCALE]
+    scale = model.frames[len(model.frames) - 1, FRAME_SCALE]
     drift_now, faster = drift_until(drift, speed, 0.0)
     free = _free_until(start, clearance, speed + drift_now, start + faster)
     for _ in range(MOST_STEPS):
@@ -168,18 +168,18 @@ def advance_conservatively(
             return Advance(end, np.inf, part, slot, work)
         if work >= budget:
             break
-        here = free
-        point_on_path(path, here, vectors)
+        current = free
+        point_on_path(path, current, vectors)
         x, y, z = vectors[0], vectors[1], vectors[2]
-        gone = here - start
-        drift_now, faster = drift_until(drift, speed, gone)
+        elapsed = current - start
+        drift_now, faster = drift_until(drift, speed, elapsed)
         rate = speed + drift_now
-        known = _clearance_in_balls(sphere, x, y, z) - drift_now * gone
-        if known > NEAR * speed * gone and known > TOUCH:
-            free = _free_until(here, known, rate, start + faster)
+        known = _clearance_in_balls(sphere, x, y, z) - drift_now * elapsed
+        if known > NEAR * speed * elapsed and known > TOUCH:
+            free = _free_until(current, known, rate, start + faster)
             continue
         # What is farther than this at present is not reached before the end.
-        limit = ((speed + drift_at_end) * (end - here) + sphere.radius + drift_at_end * gone) * scale
+        limit = ((speed + drift_at_end) * (end - current) + sphere.radius + drift_at_end * elapsed) * scale
         best_sq, part, slot, lower_sq, steps = nearest_from_face(
             model, (x, y, z), part, slot, limit * limit * (1.0 + 1e-12), tolerance,
             (sphere.radius + EXACT_WITHIN) * scale, budget - work, scratch.workspace,
@@ -189,28 +189,28 @@ def advance_conservatively(
         _keep_ball(sphere, x, y, z, clear)
         if slot < 0 and lower_sq >= best_sq:
             return Advance(end, np.inf, part, slot, work)
-        left = max(clear - sphere.radius - rounding_at(model.frames, x, y, z) - drift_now * gone, 0.0)
-        free = _free_until(here, left, rate, start + faster)
+        left = max(clear - sphere.radius - rounding_at(model.frames, x, y, z) - drift_now * elapsed, 0.0)
+        free = _free_until(current, left, rate, start + faster)
         if slot < 0:
             continue
         gap, closing = _gap_and_closing(model, sphere, part, slot, scratch)
-        expected = here + gap / closing if closing > 0.0 else np.inf
+        expected = current + gap / closing if closing > 0.0 else np.inf
         if gap <= TOUCH:
-            return Advance(free, min(expected, here + TOUCH / speed), part, slot, work)
-        if (closing >= STEEP * speed and gap <= NEAR * speed * gone) or left <= 0.1 * TOUCH:
+            return Advance(free, min(expected, current + TOUCH / speed), part, slot, work)
+        if (closing >= STEEP * speed and gap <= NEAR * speed * elapsed) or left <= 0.1 * TOUCH:
             break
     return Advance(free, max(expected, free) if expected < end else np.inf, part, slot, work)
 
 
 @inlined
 def _gap_and_closing(model, sphere, part, slot, scratch):
-    """How far the sphere at the scratch point is from a face, m, and by how much its path nears it a unit."""
+    """Gap between the sphere at the scratch point and a face, m, and the rate at which its path closes it."""
     vectors = scratch.vectors
-    gap = fill_witness(
+    gap = fill_closest(
         model.reals, model.words, model.parts, model.frames, part, slot, vectors[0], vectors[1], vectors[2],
-        scratch.witness,
+        scratch.closest,
     )  # fmt: skip
-    outward_of(model, part, scratch.witness, vectors[6:9])
+    outward_of(model, part, scratch.closest, vectors[6:9])
     closing = -dot(vectors[6], vectors[7], vectors[8], vectors[3], vectors[4], vectors[5])
     return max(gap - sphere.radius, 0.0), closing
 
@@ -222,7 +222,7 @@ def touches(model, point, radius, part, slot, budget, workspace):
     *part*, *slot*: a face to start from, which is best the one that is expected to be touched.
     """
     # Any face within the radius will do: with a tolerance of the whole distance the first found is enough.
-    limit = radius * model.frames[len(model.frames) - 1, SCALE]
+    limit = radius * model.frames[len(model.frames) - 1, FRAME_SCALE]
     _, _, slot, _, work = nearest_from_face(
         model, point, part, slot, limit * limit, 1.0, 0.0, budget, workspace
     )

@@ -1,4 +1,4 @@
-"""How a finger moves: its velocity from its poses, and where it will be a little later.
+"""The motion of a finger: velocity estimated from its poses, and a prediction with bounds.
 
 The velocity is the slope of a straight line through the poses, each weighted by its age: the last difference
 where poses are 8 ms apart, an average over some 2 ms where they come each millisecond. So it is exact at any
@@ -16,8 +16,8 @@ acceleration 2.7 to 4.3; one-euro filters 2.6 to 2.9; alpha-beta-gamma 3.1 to 4.
 acceleration of one frame says little about the next.
 
 A finger has a row in two arrays: ``reals`` (float64) and ``ints`` (int64). Rows of zeros know no pose yet.
-Each row holds two *tracks*: the present one, and the one before the last jump, which goes on when the jump
-was one of a pose or two gone astray. Times are whole nanoseconds: a float would lose them in weeks.
+Each row holds two *estimates*: the present one, and the one before the last jump, which goes on when the
+jump was one of a pose or two gone astray. Times are whole nanoseconds: a float would lose them in weeks.
 """
 
 import math
@@ -26,23 +26,23 @@ from proximity.kernels.contact_columns import JUMPED, PREDICTED, TRACKED
 from proximity.native import entry, inlined, kernel
 
 # --- columns of ``reals`` (float64) ---
-POSITION = 0  # m, the last pose
-VELOCITY = 3  # m/s; zero while it is not known
-VELOCITY_ERROR = 6  # m/s, how far off it may be
-SURPRISE = 7  # m/s, share of the error that the poses show and acceleration does not explain
-WEIGHTS = 8  # sums of weight times age to the power 0, 1, 2, 3; ages are negative, s
-SQUARES = 12  # sums of squared weight times age to the power 0, 1, 2
-MOMENTS = 15  # sums of weight times place, seen from the last pose, m
-TURNS = 18  # sums of weight times age times place
-TRACK_REALS = 24
-MOTION_REALS = 2 * TRACK_REALS
+ESTIMATE_POSITION = 0  # m, the last pose
+ESTIMATE_VELOCITY = 3  # m/s; zero while it is not known
+ESTIMATE_VELOCITY_ERROR = 6  # m/s, how far off it may be
+ESTIMATE_SURPRISE = 7  # m/s, share of the error that the poses show and acceleration does not explain
+ESTIMATE_WEIGHTS = 8  # sums of weight times age to the power 0, 1, 2, 3; ages are negative, s
+ESTIMATE_SQUARES = 12  # sums of squared weight times age to the power 0, 1, 2
+ESTIMATE_MOMENTS = 15  # sums of weight times position, seen from the last pose, m
+ESTIMATE_AGE_MOMENTS = 18  # sums of weight times age times position
+ESTIMATE_REALS = 24
+MOTION_REALS = 2 * ESTIMATE_REALS
 
 # --- columns of ``ints`` (int64) ---
-POSE_NS = 0  # instant of the last pose
-POSE_COUNT = 1  # poses that the track has taken in, up to `ENOUGH`
-IS_KNOWN = 2  # 1 where the velocity is known
-TRACK_INTS = 4
-MOTION_INTS = 2 * TRACK_INTS
+ESTIMATE_POSE_NS = 0  # instant of the last pose
+ESTIMATE_POSE_COUNT = 1  # poses that the estimate has taken in, up to `ENOUGH`
+ESTIMATE_IS_KNOWN = 2  # 1 where the velocity is known
+ESTIMATE_INTS = 4
+MOTION_INTS = 2 * ESTIMATE_INTS
 
 # --- bits of the answer, beside TRACKED, PREDICTED (the velocity is known) and JUMPED of a contact ---
 STARTED = 1 << 16
@@ -61,7 +61,7 @@ MEMORY = 1.2e-3
 """s; shorter ones pass on noise, longer ones lag. Poses each millisecond with noise of 0.05 mm are predicted
 best with 1.0 to 1.2 ms: over 9 ms 95 % of the errors are below 1.2 mm, 2.0 mm with the last difference."""
 LEAST_WEIGHT = 1e-3
-"""Of the pose before, however old: of two poses close together after a pause, it is the pause that counts."""
+"""Least weight of the pose before, however old: after a pause, two poses close together do not hide it."""
 NOISE = 0.15e-3
 """m, of one pose: three times the scatter of a sensor at 1 kHz. Recorded fingers at rest have 0.02 mm."""
 MAX_NOISE_SPEED = 0.3
@@ -69,120 +69,120 @@ MAX_NOISE_SPEED = 0.3
 MOST_SURPRISE = 1e3
 """m/s; only a velocity that was given can be so far off, and an error without end would never fade."""
 ENOUGH = 3
-"""Poses from which on a track is believed, and so its error: sensors tell the first pose of a hand twice."""
+"""Poses from which on an estimate and its error are believed: sensors report a hand's first pose twice."""
 MAX_GAP_NS = 100_000_000
 """A finger unseen for longer may have done anything: the estimate starts anew."""
-SLACK = 5e-3
+JUMP_SLACK = 5e-3
 """m that a pose may lie beyond what `max_speed` allows: tracking that finds a finger anew corrects it so."""
 COAST = 0.1
 """s in which a finger would lose its speed at the rate recorded fingers do at first: 4 % in 9 ms."""
-HORIZON = 0.05
+MOTION_HORIZON = 0.05
 """s after the pose beyond which a finger is not thought to go on: farther on, guesses only jitter."""
 
 
 @inlined
 def _start(reals, ints, row, x, y, z, t_ns, max_speed):
-    """Start the present track anew at a pose."""
-    for column in range(TRACK_REALS):
+    """Start the present estimate anew at a pose."""
+    for column in range(ESTIMATE_REALS):
         reals[row, column] = 0.0
-    reals[row, POSITION] = x
-    reals[row, POSITION + 1] = y
-    reals[row, POSITION + 2] = z
-    reals[row, VELOCITY_ERROR] = max_speed
-    reals[row, WEIGHTS] = 1.0
-    reals[row, SQUARES] = 1.0
-    ints[row, POSE_NS] = t_ns
-    ints[row, POSE_COUNT] = 1
-    ints[row, IS_KNOWN] = 0
+    reals[row, ESTIMATE_POSITION] = x
+    reals[row, ESTIMATE_POSITION + 1] = y
+    reals[row, ESTIMATE_POSITION + 2] = z
+    reals[row, ESTIMATE_VELOCITY_ERROR] = max_speed
+    reals[row, ESTIMATE_WEIGHTS] = 1.0
+    reals[row, ESTIMATE_SQUARES] = 1.0
+    ints[row, ESTIMATE_POSE_NS] = t_ns
+    ints[row, ESTIMATE_POSE_COUNT] = 1
+    ints[row, ESTIMATE_IS_KNOWN] = 0
 
 
 @inlined
 def _copy_track(reals, ints, row, to, source):
-    """Copy one track over another; number 0 is the present one, 1 the one before a jump."""
-    for column in range(TRACK_REALS):
-        reals[row, to * TRACK_REALS + column] = reals[row, source * TRACK_REALS + column]
-    for column in range(TRACK_INTS):
-        ints[row, to * TRACK_INTS + column] = ints[row, source * TRACK_INTS + column]
+    """Copy one estimate over another; number 0 is the present one, 1 the one before a jump."""
+    for column in range(ESTIMATE_REALS):
+        reals[row, to * ESTIMATE_REALS + column] = reals[row, source * ESTIMATE_REALS + column]
+    for column in range(ESTIMATE_INTS):
+        ints[row, to * ESTIMATE_INTS + column] = ints[row, source * ESTIMATE_INTS + column]
 
 
 @inlined
 def _is_within_reach(reals, ints, row, track, t_ns, x, y, z, max_speed):
-    """Whether a finger at the last pose of that track can be at this one now."""
-    first = track * TRACK_REALS + POSITION
+    """Whether a finger at the last pose of that estimate can be at this one now."""
+    first = track * ESTIMATE_REALS + ESTIMATE_POSITION
     dx, dy, dz = x - reals[row, first], y - reals[row, first + 1], z - reals[row, first + 2]
-    reach = max_speed * (1e-9 * (t_ns - ints[row, track * TRACK_INTS + POSE_NS])) + SLACK
+    reach = max_speed * (1e-9 * (t_ns - ints[row, track * ESTIMATE_INTS + ESTIMATE_POSE_NS])) + JUMP_SLACK
     return dx * dx + dy * dy + dz * dz <= reach * reach
 
 
 @inlined
 def _continues(ints, row, track, t_ns):
-    """Whether that track has a pose, before *t_ns* and not too long ago."""
-    last_ns = ints[row, track * TRACK_INTS + POSE_NS]
-    return ints[row, track * TRACK_INTS + POSE_COUNT] > 0 and t_ns - MAX_GAP_NS <= last_ns < t_ns
+    """Whether that estimate has a pose, before *t_ns* and not too long ago."""
+    last_ns = ints[row, track * ESTIMATE_INTS + ESTIMATE_POSE_NS]
+    return ints[row, track * ESTIMATE_INTS + ESTIMATE_POSE_COUNT] > 0 and t_ns - MAX_GAP_NS <= last_ns < t_ns
 
 
 @inlined
 def _age(sums, row, weight, dt):
     """Let all that the sums hold be *dt* older, and weigh less."""
-    s0, s1 = sums[row, WEIGHTS], sums[row, WEIGHTS + 1]
-    s2, s3 = sums[row, WEIGHTS + 2], sums[row, WEIGHTS + 3]
-    sums[row, WEIGHTS] = weight * s0
-    sums[row, WEIGHTS + 1] = weight * (s1 - dt * s0)
-    sums[row, WEIGHTS + 2] = weight * (s2 - dt * (2.0 * s1 - dt * s0))
-    sums[row, WEIGHTS + 3] = weight * (s3 - dt * (3.0 * s2 - dt * (3.0 * s1 - dt * s0)))
-    s0, s1, s2 = sums[row, SQUARES], sums[row, SQUARES + 1], sums[row, SQUARES + 2]
+    s0, s1 = sums[row, ESTIMATE_WEIGHTS], sums[row, ESTIMATE_WEIGHTS + 1]
+    s2, s3 = sums[row, ESTIMATE_WEIGHTS + 2], sums[row, ESTIMATE_WEIGHTS + 3]
+    sums[row, ESTIMATE_WEIGHTS] = weight * s0
+    sums[row, ESTIMATE_WEIGHTS + 1] = weight * (s1 - dt * s0)
+    sums[row, ESTIMATE_WEIGHTS + 2] = weight * (s2 - dt * (2.0 * s1 - dt * s0))
+    sums[row, ESTIMATE_WEIGHTS + 3] = weight * (s3 - dt * (3.0 * s2 - dt * (3.0 * s1 - dt * s0)))
+    s0, s1, s2 = sums[row, ESTIMATE_SQUARES], sums[row, ESTIMATE_SQUARES + 1], sums[row, ESTIMATE_SQUARES + 2]
     weight *= weight
-    sums[row, SQUARES] = weight * s0
-    sums[row, SQUARES + 1] = weight * (s1 - dt * s0)
-    sums[row, SQUARES + 2] = weight * (s2 - dt * (2.0 * s1 - dt * s0))
+    sums[row, ESTIMATE_SQUARES] = weight * s0
+    sums[row, ESTIMATE_SQUARES + 1] = weight * (s1 - dt * s0)
+    sums[row, ESTIMATE_SQUARES + 2] = weight * (s2 - dt * (2.0 * s1 - dt * s0))
 
 
 @inlined
 def _follow(reals, row, x, y, z, dt, max_acceleration):
-    """Take in the next pose of the present track; the velocity's error that noise alone may cause, m/s."""
+    """Take in the next pose of the present estimate; the velocity's error that noise alone may cause, m/s."""
     # Much like exp(-dt / MEMORY), but the same number wherever it is computed.
     weight = 1.0 / (1.0 + dt * (0.125 / MEMORY))
     weight *= weight
     weight *= weight
     weight = max(weight * weight, LEAST_WEIGHT)
-    s0, s1 = reals[row, WEIGHTS], reals[row, WEIGHTS + 1]
+    s0, s1 = reals[row, ESTIMATE_WEIGHTS], reals[row, ESTIMATE_WEIGHTS + 1]
     _age(reals, row, weight, dt)
 
     # See all from the new pose, and measure how far it is from where the old velocity leads.
     miss_sq = 0.0
     for axis in range(3):
         value = x if axis == 0 else (y if axis == 1 else z)
-        step = value - reals[row, POSITION + axis]
-        miss = step - dt * reals[row, VELOCITY + axis]
+        step = value - reals[row, ESTIMATE_POSITION + axis]
+        miss = step - dt * reals[row, ESTIMATE_VELOCITY + axis]
         miss_sq += miss * miss
-        moment = reals[row, MOMENTS + axis] - s0 * step
-        turn = reals[row, TURNS + axis] - s1 * step - dt * moment
-        reals[row, MOMENTS + axis] = weight * moment
-        reals[row, TURNS + axis] = weight * turn
-        reals[row, POSITION + axis] = value
-    reals[row, WEIGHTS] += 1.0
-    reals[row, SQUARES] += 1.0
+        moment = reals[row, ESTIMATE_MOMENTS + axis] - s0 * step
+        turn = reals[row, ESTIMATE_AGE_MOMENTS + axis] - s1 * step - dt * moment
+        reals[row, ESTIMATE_MOMENTS + axis] = weight * moment
+        reals[row, ESTIMATE_AGE_MOMENTS + axis] = weight * turn
+        reals[row, ESTIMATE_POSITION + axis] = value
+    reals[row, ESTIMATE_WEIGHTS] += 1.0
+    reals[row, ESTIMATE_SQUARES] += 1.0
 
-    s0, s1 = reals[row, WEIGHTS], reals[row, WEIGHTS + 1]
-    s2, s3 = reals[row, WEIGHTS + 2], reals[row, WEIGHTS + 3]
+    s0, s1 = reals[row, ESTIMATE_WEIGHTS], reals[row, ESTIMATE_WEIGHTS + 1]
+    s2, s3 = reals[row, ESTIMATE_WEIGHTS + 2], reals[row, ESTIMATE_WEIGHTS + 3]
     per_spread = 1.0 / (s0 * s2 - s1 * s1)
     for axis in range(3):
-        reals[row, VELOCITY + axis] = (
-            s0 * reals[row, TURNS + axis] - s1 * reals[row, MOMENTS + axis]
+        reals[row, ESTIMATE_VELOCITY + axis] = (
+            s0 * reals[row, ESTIMATE_AGE_MOMENTS + axis] - s1 * reals[row, ESTIMATE_MOMENTS + axis]
         ) * per_spread
 
     # Variance: squared weight times (s0 age - s1) squared, summed.
-    variance = s1 * s1 * reals[row, SQUARES] - 2.0 * s0 * s1 * reals[row, SQUARES + 1]
-    noise_error = NOISE * math.sqrt(variance + s0 * s0 * reals[row, SQUARES + 2]) * per_spread
+    variance = s1 * s1 * reals[row, ESTIMATE_SQUARES] - 2.0 * s0 * s1 * reals[row, ESTIMATE_SQUARES + 1]
+    noise_error = NOISE * math.sqrt(variance + s0 * s0 * reals[row, ESTIMATE_SQUARES + 2]) * per_spread
     lag = 0.5 * (s1 * s2 - s0 * s3) * per_spread
 
     # What neither acceleration nor noise explains is a pose gone astray, perhaps: as much of it as went
     # into the velocity counts as error, and fades as the pose does.
-    explained = (reals[row, VELOCITY_ERROR] + 0.5 * max_acceleration * dt) * dt + 2.0 * NOISE
+    explained = (reals[row, ESTIMATE_VELOCITY_ERROR] + 0.5 * max_acceleration * dt) * dt + 2.0 * NOISE
     surprise = min(max(math.sqrt(miss_sq) - explained, 0.0) * (-s1 * per_spread), MOST_SURPRISE)
-    surprise = max(surprise, reals[row, SURPRISE] * weight * (1.0 + dt / MEMORY))
-    reals[row, SURPRISE] = surprise
-    reals[row, VELOCITY_ERROR] = max_acceleration * lag + noise_error + surprise
+    surprise = max(surprise, reals[row, ESTIMATE_SURPRISE] * weight * (1.0 + dt / MEMORY))
+    reals[row, ESTIMATE_SURPRISE] = surprise
+    reals[row, ESTIMATE_VELOCITY_ERROR] = max_acceleration * lag + noise_error + surprise
     return noise_error
 
 
@@ -192,44 +192,44 @@ def observe(reals, ints, row, t_ns, x, y, z, max_speed, max_acceleration):
 
     A position that is not finite changes nothing and answers 0. A pose that the finger cannot have reached at
     *max_speed* (m/s) since the last answers JUMPED and starts anew, but what was known before is kept: when
-    the finger is back there in 0.1 s, with no three poses in a row elsewhere, its track goes on.
+    the finger is back there in 0.1 s, with no three poses in a row elsewhere, its estimate goes on.
     *max_acceleration* (m/s²) only sets the error.
     """
     if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z)):
         return 0
     status = TRACKED
-    if ints[row, POSE_COUNT] > 0 and t_ns == ints[row, POSE_NS]:
-        return status | REPEATED | (PREDICTED if ints[row, IS_KNOWN] == 1 else 0)
+    if ints[row, ESTIMATE_POSE_COUNT] > 0 and t_ns == ints[row, ESTIMATE_POSE_NS]:
+        return status | REPEATED | (PREDICTED if ints[row, ESTIMATE_IS_KNOWN] == 1 else 0)
     if not _continues(ints, row, 0, t_ns):
         _start(reals, ints, row, x, y, z, t_ns, max_speed)
-        ints[row, TRACK_INTS + POSE_COUNT] = 0
+        ints[row, ESTIMATE_INTS + ESTIMATE_POSE_COUNT] = 0
         return status | STARTED
     if not _is_within_reach(reals, ints, row, 0, t_ns, x, y, z, max_speed):
         status |= JUMPED
-        # Poses that follow each other are not astray: the way back is closed.
+        # Poses that follow each other are not astray: nothing goes back.
         if (
-            ints[row, POSE_COUNT] == ENOUGH
+            ints[row, ESTIMATE_POSE_COUNT] == ENOUGH
             or not _continues(ints, row, 1, t_ns)
             or not _is_within_reach(reals, ints, row, 1, t_ns, x, y, z, max_speed)
         ):
-            # A pose by itself is nothing to go back to; the track before it may be.
-            if ints[row, POSE_COUNT] > 1:
+            # A pose by itself is nothing to go back to; the estimate before it may be.
+            if ints[row, ESTIMATE_POSE_COUNT] > 1:
                 _copy_track(reals, ints, row, 1, 0)
             _start(reals, ints, row, x, y, z, t_ns, max_speed)
             return status | STARTED
         _copy_track(reals, ints, row, 0, 1)
 
-    noise_error = _follow(reals, row, x, y, z, 1e-9 * (t_ns - ints[row, POSE_NS]), max_acceleration)
-    ints[row, POSE_NS] = t_ns
-    ints[row, POSE_COUNT] = min(ints[row, POSE_COUNT] + 1, ENOUGH)
-    ints[row, IS_KNOWN] = 1 if noise_error <= MAX_NOISE_SPEED else 0
-    if ints[row, IS_KNOWN] == 0:
+    noise_error = _follow(reals, row, x, y, z, 1e-9 * (t_ns - ints[row, ESTIMATE_POSE_NS]), max_acceleration)
+    ints[row, ESTIMATE_POSE_NS] = t_ns
+    ints[row, ESTIMATE_POSE_COUNT] = min(ints[row, ESTIMATE_POSE_COUNT] + 1, ENOUGH)
+    ints[row, ESTIMATE_IS_KNOWN] = 1 if noise_error <= MAX_NOISE_SPEED else 0
+    if ints[row, ESTIMATE_IS_KNOWN] == 0:
         for axis in range(3):
-            reals[row, VELOCITY + axis] = 0.0
-    if ints[row, IS_KNOWN] == 0 or ints[row, POSE_COUNT] < ENOUGH:
+            reals[row, ESTIMATE_VELOCITY + axis] = 0.0
+    if ints[row, ESTIMATE_IS_KNOWN] == 0 or ints[row, ESTIMATE_POSE_COUNT] < ENOUGH:
         # Whatever the finger does, at that speed it may be going the other way.
-        reals[row, VELOCITY_ERROR] = max_speed + _speed(reals, row)
-    return status | (PREDICTED if ints[row, IS_KNOWN] == 1 else 0)
+        reals[row, ESTIMATE_VELOCITY_ERROR] = max_speed + _speed(reals, row)
+    return status | (PREDICTED if ints[row, ESTIMATE_IS_KNOWN] == 1 else 0)
 
 
 @kernel
@@ -241,37 +241,45 @@ def observe_with_velocity(reals, ints, row, t_ns, x, y, z, vx, vy, vz, max_speed
     status = observe(reals, ints, row, t_ns, x, y, z, max_speed, max_acceleration)
     if status == 0 or not (math.isfinite(vx) and math.isfinite(vy) and math.isfinite(vz)):
         return status
-    reals[row, VELOCITY] = vx
-    reals[row, VELOCITY + 1] = vy
-    reals[row, VELOCITY + 2] = vz
-    reals[row, VELOCITY_ERROR] = 0.0
-    ints[row, IS_KNOWN] = 1
+    reals[row, ESTIMATE_VELOCITY] = vx
+    reals[row, ESTIMATE_VELOCITY + 1] = vy
+    reals[row, ESTIMATE_VELOCITY + 2] = vz
+    reals[row, ESTIMATE_VELOCITY_ERROR] = 0.0
+    ints[row, ESTIMATE_IS_KNOWN] = 1
     return status | PREDICTED
 
 
 @inlined
 def _speed(reals, row):
-    vx, vy, vz = reals[row, VELOCITY], reals[row, VELOCITY + 1], reals[row, VELOCITY + 2]
+    vx, vy, vz = (
+        reals[row, ESTIMATE_VELOCITY],
+        reals[row, ESTIMATE_VELOCITY + 1],
+        reals[row, ESTIMATE_VELOCITY + 2],
+    )
     return math.sqrt(vx * vx + vy * vy + vz * vz)
 
 
 @inlined
 def predict(reals, row, h, max_speed, max_acceleration):
-    """Where a finger will be *h* seconds after its last pose: dx, dy, dz from there, and *rho*, all m.
+    """Predicted displacement of a finger *h* seconds after its last pose: dx, dy, dz, and *rho*, all m.
 
-    The finger will be within *rho* of that place if it accelerates by at most *max_acceleration* (m/s²) and
-    moves no faster than *max_speed* (m/s); where it does so already, the acceleration alone tells. Behind the
-    pose, *h* < 0, counts as at it.
-    The place is a little short of straight ahead, and *rho* counts that. A row of zeros knows no place.
+    The finger will be within *rho* of that position if it accelerates by at most *max_acceleration* (m/s²)
+    and moves no faster than *max_speed* (m/s); where it does so already, the acceleration alone tells. Behind
+    the pose, *h* < 0, counts as at it. The position is a little short of straight ahead, and *rho* counts
+    that. A row of zeros has no position.
     """
     if not h > 0.0:
         return 0.0, 0.0, 0.0, 0.0
-    ahead = min(h, HORIZON)
+    ahead = min(h, MOTION_HORIZON)
     ahead -= ahead * ahead * (0.5 / COAST)
-    vx, vy, vz = reals[row, VELOCITY], reals[row, VELOCITY + 1], reals[row, VELOCITY + 2]
+    vx, vy, vz = (
+        reals[row, ESTIMATE_VELOCITY],
+        reals[row, ESTIMATE_VELOCITY + 1],
+        reals[row, ESTIMATE_VELOCITY + 2],
+    )
     speed = _speed(reals, row)
-    # The bound holds about the place straight ahead; the one reported is so much short of it.
-    rho = (reals[row, VELOCITY_ERROR] + 0.5 * max_acceleration * h) * h + speed * (h - ahead)
+    # The bound holds about the position straight ahead; the one reported is so much short of it.
+    rho = (reals[row, ESTIMATE_VELOCITY_ERROR] + 0.5 * max_acceleration * h) * h + speed * (h - ahead)
     if speed <= max_speed:
         rho = min(rho, max_speed * h + speed * ahead)
     return vx * ahead, vy * ahead, vz * ahead, rho

@@ -1,4 +1,4 @@
-"""How parts move at an instant: the velocity of a point, and the *drift*, a speed that no surface exceeds.
+"""Velocities of parts at an instant, and the *drift*: a speed that no surface exceeds.
 
 A part that cannot have come before an instant does not count until then. So each finger gathers the parts
 that move and may come near within the time it asks for, each with the gap between their boxes and it: at most
@@ -12,16 +12,17 @@ import numpy as np
 
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import (
-    ANGULAR_VELOCITY,
-    BOX_LOWER,
-    BOX_UPPER,
-    IS_HIDDEN,
+    ALL_LANES,
+    FRAME_ANGULAR_VELOCITY,
+    FRAME_BOX_LOWER,
+    FRAME_BOX_UPPER,
+    FRAME_OWN_LOWER,
+    FRAME_OWN_UPPER,
+    FRAME_ROTATION,
+    FRAME_TRANSLATION,
+    FRAME_VELOCITY,
     LANES,
-    OWN_LOWER,
-    OWN_UPPER,
-    ROTATION,
-    TRANSLATION,
-    VELOCITY,
+    PART_IS_HIDDEN,
 )
 from proximity.native import inlined, kernel
 from proximity.simd import (
@@ -42,8 +43,8 @@ MOVER_VELOCITY = 0  # m/s, of the part's origin
 MOVER_TURN = 3  # m/s at most, by turning about it
 MOVER_LOWER = 4  # m, scene's frame: of the part's box
 MOVER_UPPER = 7
-NEAR_GAP = 10  # m between a finger and a box, of the parts it gathered
-NEAR_SPEED = 11  # their speed at most relative to a velocity, a unit of stage
+MOVER_NEAR_GAP = 10  # m between a finger and a box, of the parts it gathered
+MOVER_NEAR_SPEED = 11  # their speed at most relative to a velocity, a unit of the path's parameter
 MOVER_COLUMNS = 12
 SIX_LANES = 2**6 - 1
 
@@ -56,8 +57,7 @@ AT_ONCE = 1e-12
 
 POSE_COLUMNS = 12
 """Numbers of a part's pose: rotation and translation."""
-LAST = POSE_COLUMNS - LANES
-ALL_LANES = 2**LANES - 1
+LAST_EIGHT = POSE_COLUMNS - LANES
 
 
 class Movers(NamedTuple):
@@ -69,7 +69,7 @@ class Movers(NamedTuple):
 
 
 class Drift(NamedTuple):
-    """How fast surfaces may move toward a point of a path; a unit is one of the path's parameter."""
+    """Speeds of surfaces toward a point of a path, at most; a unit is one of the path's parameter."""
 
     columns: np.ndarray  # float64, as `gather_near` fills them
     near_count: int  # parts in the columns
@@ -85,19 +85,19 @@ def movers_workspace(part_count):
 def velocity_of_part(frames, part, x, y, z):
     """Velocity of a part at a point of the scene's frame, m/s."""
     rx, ry, rz = (
-        x - frames[part, TRANSLATION],
-        y - frames[part, TRANSLATION + 1],
-        z - frames[part, TRANSLATION + 2],
+        x - frames[part, FRAME_TRANSLATION],
+        y - frames[part, FRAME_TRANSLATION + 1],
+        z - frames[part, FRAME_TRANSLATION + 2],
     )
     wx, wy, wz = (
-        frames[part, ANGULAR_VELOCITY],
-        frames[part, ANGULAR_VELOCITY + 1],
-        frames[part, ANGULAR_VELOCITY + 2],
+        frames[part, FRAME_ANGULAR_VELOCITY],
+        frames[part, FRAME_ANGULAR_VELOCITY + 1],
+        frames[part, FRAME_ANGULAR_VELOCITY + 2],
     )
     return (
-        frames[part, VELOCITY] + wy * rz - wz * ry,
-        frames[part, VELOCITY + 1] + wz * rx - wx * rz,
-        frames[part, VELOCITY + 2] + wx * ry - wy * rx,
+        frames[part, FRAME_VELOCITY] + wy * rz - wz * ry,
+        frames[part, FRAME_VELOCITY + 1] + wz * rx - wx * rz,
+        frames[part, FRAME_VELOCITY + 2] + wx * ry - wy * rx,
     )
 
 
@@ -108,20 +108,22 @@ def gather_movers(frames, parts, movers):
     count, stands = 0, False
     for part in range(len(parts) - 1):
         # Both velocities follow each other; behind them is what does not count.
-        is_still = bits(load(frames[part], VELOCITY) == splat(0.0)) & SIX_LANES == SIX_LANES
-        if (is_still and stands) or parts[part, IS_HIDDEN]:
+        is_still = bits(load(frames[part], FRAME_VELOCITY) == splat(0.0)) & SIX_LANES == SIX_LANES
+        if (is_still and stands) or parts[part, PART_IS_HIDDEN]:
             continue
         if is_still:
             stands = True
             continue
         arm_sq, turn_sq = 0.0, 0.0
         for axis in range(3):
-            arm = max(abs(frames[part, OWN_LOWER + axis]), abs(frames[part, OWN_UPPER + axis]))
+            arm = max(abs(frames[part, FRAME_OWN_LOWER + axis]), abs(frames[part, FRAME_OWN_UPPER + axis]))
             arm_sq += arm * arm
-            turn_sq += frames[part, ANGULAR_VELOCITY + axis] * frames[part, ANGULAR_VELOCITY + axis]
-            movers[(MOVER_VELOCITY + axis) * size + count] = frames[part, VELOCITY + axis]
-            movers[(MOVER_LOWER + axis) * size + count] = frames[part, BOX_LOWER + axis]
-            movers[(MOVER_UPPER + axis) * size + count] = frames[part, BOX_UPPER + axis]
+            turn_sq += (
+                frames[part, FRAME_ANGULAR_VELOCITY + axis] * frames[part, FRAME_ANGULAR_VELOCITY + axis]
+            )
+            movers[(MOVER_VELOCITY + axis) * size + count] = frames[part, FRAME_VELOCITY + axis]
+            movers[(MOVER_LOWER + axis) * size + count] = frames[part, FRAME_BOX_LOWER + axis]
+            movers[(MOVER_UPPER + axis) * size + count] = frames[part, FRAME_BOX_UPPER + axis]
         movers[MOVER_TURN * size + count] = sqrt(arm_sq) * sqrt(turn_sq)
         count += 1
     for k in range(count, count + LANES):
@@ -132,7 +134,7 @@ def gather_movers(frames, parts, movers):
 
 @inlined
 def _gaps(movers, at, size, x):
-    """How far a coordinate is outside of eight boxes along one axis; within them, 0."""
+    """Gaps between a coordinate and eight boxes along one axis; 0 within them."""
     below = load(movers, MOVER_LOWER * size + at) - splat(x)
     above = splat(x) - load(movers, MOVER_UPPER * size + at)
     return maximum(maximum(below, above), splat(0.0))
@@ -169,17 +171,17 @@ def gather_near(movers, velocity, point, off, speed, unit, extent):
         while coming:
             k = trailing_zeros(coming)
             coming &= coming - 1
-            columns[NEAR_GAP * size + near] = lane(gaps, k)
-            columns[NEAR_SPEED * size + near] = lane(speeds, k)
+            columns[MOVER_NEAR_GAP * size + near] = lane(gaps, k)
+            columns[MOVER_NEAR_SPEED * size + near] = lane(speeds, k)
             near += 1
     for k in range(near, near + LANES):
-        columns[NEAR_GAP * size + k], columns[NEAR_SPEED * size + k] = np.inf, 0.0
+        columns[MOVER_NEAR_GAP * size + k], columns[MOVER_NEAR_SPEED * size + k] = np.inf, 0.0
     return near, -horizontal_min(splat(0.0) - fastest)
 
 
 @inlined
-def drift_until(drift, speed, gone):
-    """The drift a unit until *gone* units have passed, and the unit from which a faster part may be there.
+def drift_until(drift, speed, elapsed):
+    """The drift a unit until *elapsed* units have passed, and the unit from which a faster part may be there.
 
     *speed*: m a unit, of the point, as `gather_near` had it.
     """
@@ -187,7 +189,7 @@ def drift_until(drift, speed, gone):
     if near == 0:
         return least, np.inf
     size = len(drift.columns) // MOVER_COLUMNS
-    soon = gone * ROUNDED_UP + AT_ONCE
+    soon = elapsed * ROUNDED_UP + AT_ONCE
     fastest = splat(least)
     for first in range(0, near, LANES):
         gaps, speeds = _near_at(drift.columns, size, first)
@@ -205,7 +207,7 @@ def drift_until(drift, speed, gone):
 @inlined
 def _near_at(columns, size, first):
     """Gaps, m, and speeds, m a unit, of eight parts that may come near."""
-    return load(columns, NEAR_GAP * size + first), load(columns, NEAR_SPEED * size + first)
+    return load(columns, MOVER_NEAR_GAP * size + first), load(columns, MOVER_NEAR_SPEED * size + first)
 
 
 @inlined
@@ -227,12 +229,12 @@ def _corner_displacement_sq(frames, before, part, x, y, z):
     """Squared displacement of a point of the part from its pose *before* to the present one, m²."""
     total = 0.0
     for axis in range(3):
-        at = ROTATION + 3 * axis
+        at = FRAME_ROTATION + 3 * axis
         shift = (
             (frames[part, at] - before[part, 3 * axis]) * x
             + (frames[part, at + 1] - before[part, 3 * axis + 1]) * y
             + (frames[part, at + 2] - before[part, 3 * axis + 2]) * z
-            + (frames[part, TRANSLATION + axis] - before[part, 9 + axis])
+            + (frames[part, FRAME_TRANSLATION + axis] - before[part, 9 + axis])
         )
         total += shift * shift
     return total
@@ -240,7 +242,7 @@ def _corner_displacement_sq(frames, before, part, x, y, z):
 
 @kernel
 def displacement_of_parts(frames, before):
-    """How far any point of any part has moved at most since *before* (P, 12) was taken, m; takes it anew.
+    """Largest displacement of any point of any part since *before* (P, 12) was taken, m; takes it anew.
 
     The displacement of a point is a convex function of where on the part it is, so that a corner of the box
     goes farthest.
@@ -248,15 +250,15 @@ def displacement_of_parts(frames, before):
     farthest_sq = 0.0
     for part in range(len(before)):
         # Rotation and translation, which follow each other, by two vectors that overlap.
-        is_first_same = load(frames[part], ROTATION) == load(before[part], 0)
-        is_last_same = load(frames[part], ROTATION + LAST) == load(before[part], LAST)
+        is_first_same = load(frames[part], FRAME_ROTATION) == load(before[part], 0)
+        is_last_same = load(frames[part], FRAME_ROTATION + LAST_EIGHT) == load(before[part], LAST_EIGHT)
         if bits(is_first_same & is_last_same) == ALL_LANES:
             continue
         for corner in range(8):
-            x = frames[part, OWN_LOWER + 3 * (corner & 1)]
-            y = frames[part, OWN_LOWER + 1 + 3 * ((corner >> 1) & 1)]
-            z = frames[part, OWN_LOWER + 2 + 3 * (corner >> 2)]
+            x = frames[part, FRAME_OWN_LOWER + 3 * (corner & 1)]
+            y = frames[part, FRAME_OWN_LOWER + 1 + 3 * ((corner >> 1) & 1)]
+            z = frames[part, FRAME_OWN_LOWER + 2 + 3 * (corner >> 2)]
             farthest_sq = max(farthest_sq, _corner_displacement_sq(frames, before, part, x, y, z))
         for k in range(POSE_COLUMNS):
-            before[part, k] = frames[part, ROTATION + k]
+            before[part, k] = frames[part, FRAME_ROTATION + k]
     return np.sqrt(farthest_sq) * (1.0 + 1e-12)

@@ -1,4 +1,4 @@
-"""Where on a path that is given a finger touches first and, if it goes that way, when.
+"""The first contact of a finger on a given path, and the time until it.
 
 A path is a polyline with a *bend* at each corner, the number that the glove's controller counts in. The
 contact is found by conservative advancement along its length and confirmed by probes beyond it.
@@ -9,21 +9,21 @@ from math import isfinite, sqrt
 import numpy as np
 
 from proximity.kernels.contact_columns import (
-    BEND,
-    BEND_RATE,
-    CONTACT_BEND,
-    CONTACT_BEND_ERROR,
-    CONTACT_BEND_RATE,
     CONTACT_FOUND,
     INSIDE,
-    LOWER,
     ON_PATH,
-    POSITION,
     PREDICTED,
-    SIGNED_DISTANCE,
-    TIME_TO_CONTACT,
-    TIME_TO_CONTACT_LOWER,
-    VELOCITY,
+    RECORD_BEND,
+    RECORD_BEND_RATE,
+    RECORD_CONTACT_BEND,
+    RECORD_CONTACT_BEND_ERROR,
+    RECORD_CONTACT_BEND_RATE,
+    RECORD_LOWER,
+    RECORD_POSITION,
+    RECORD_SIGNED_DISTANCE,
+    RECORD_TIME_TO_CONTACT,
+    RECORD_TIME_TO_CONTACT_LOWER,
+    RECORD_VELOCITY,
 )
 from proximity.kernels.geometry.frames import (
     rounding_at,
@@ -40,7 +40,13 @@ from proximity.kernels.tracking.conservative_advancement import (
 )
 from proximity.kernels.tracking.part_drift import Drift, gather_near, velocity_of_part
 from proximity.kernels.tracking.prediction import STILL, count_steps, steps_left
-from proximity.kernels.tracking.track import PART, RADIUS, SLOT, WAY, vector_at
+from proximity.kernels.tracking.track import (
+    SETTING_DISPLACEMENT,
+    TRACK_PART,
+    TRACK_RADIUS,
+    TRACK_SLOT,
+    vector_at,
+)
 from proximity.native import inlined, kernel
 
 PROBES = 3
@@ -105,19 +111,19 @@ def _first_at(xs, ys, x):
 
 @inlined
 def _locate(path, path_bends, bend, x, y, z):
-    """Where on its path a finger at a point is: parameter, bend, and the bend's slope a metre.
+    """Location of a finger on its path: parameter, bend, and the bend's slope a metre.
 
     *bend*: as given; nan for that of the nearest point on the path.
     """
     parameters = path.parameters
     if isfinite(bend):
-        here, _ = _interpolate(path_bends, parameters, bend)
+        current, _ = _interpolate(path_bends, parameters, bend)
     else:
-        here = _nearest_parameter(path, x, y, z)
-    bend_here, bend_per_metre = _interpolate(parameters, path_bends, here)
+        current = _nearest_parameter(path, x, y, z)
+    current_bend, bend_per_metre = _interpolate(parameters, path_bends, current)
     # Where corners are repeated, the point does not tell the bend.
     within = min(max(bend, path_bends[0]), path_bends[len(path_bends) - 1])
-    return here, within if isfinite(bend) else bend_here, bend_per_metre
+    return current, within if isfinite(bend) else current_bend, bend_per_metre
 
 
 @inlined
@@ -126,31 +132,31 @@ def _bounds_at_vectors(model, settings, finger, part, slot, scratch):
     vectors = scratch.vectors
     _, lower, upper, _, part, slot, _, steps = bounds_at(
         model, (vectors[0], vectors[1], vectors[2]), part, slot, False, 0.0, 0.0,
-        steps_left(settings, finger.numbers), scratch.workspace, scratch.witness,
+        steps_left(settings, finger.numbers), scratch.workspace, scratch.closest,
     )  # fmt: skip
     count_steps(settings, finger.numbers, steps)
     return lower, upper, part, slot
 
 
 @inlined
-def _write_contact_here(record, speed, is_certain):
+def _write_contact_now(record, speed, is_certain):
     """Write that a finger is in contact already, or so near that it cannot be known; the flag of a contact.
 
     *speed*: along its path, m/s.
     """
-    record[CONTACT_BEND] = record[BEND]
-    record[CONTACT_BEND_ERROR] = 0.0 if is_certain else np.inf
-    record[CONTACT_BEND_RATE] = 0.0
+    record[RECORD_CONTACT_BEND] = record[RECORD_BEND]
+    record[RECORD_CONTACT_BEND_ERROR] = 0.0 if is_certain else np.inf
+    record[RECORD_CONTACT_BEND_RATE] = 0.0
     if speed > 0.0:
-        record[TIME_TO_CONTACT] = 0.0 if is_certain else record[TIME_TO_CONTACT]
-        record[TIME_TO_CONTACT_LOWER] = 0.0
+        record[RECORD_TIME_TO_CONTACT] = 0.0 if is_certain else record[RECORD_TIME_TO_CONTACT]
+        record[RECORD_TIME_TO_CONTACT_LOWER] = 0.0
     return CONTACT_FOUND if is_certain else 0
 
 
 @kernel
 def _advance_on_path(model, settings, finger, path, drift, start, clearance, part, slot, scratch):
-    """How far a fingertip gets along its path, as an `Advance`; its steps are counted."""
-    sphere = Sphere(finger.track[RADIUS], 1.0, finger.balls, settings[WAY])
+    """Advance a fingertip along its path; returns an `Advance`, whose steps are counted."""
+    sphere = Sphere(finger.track[TRACK_RADIUS], 1.0, finger.balls, settings[SETTING_DISPLACEMENT])
     budget = steps_left(settings, finger.numbers)
     advance = advance_conservatively(
         model, path, sphere, drift, start, clearance, part, slot, 0.0, budget, scratch
@@ -170,51 +176,51 @@ def predict_contact_on_path(model, settings, finger, path, path_bends, bend, mov
     if not (whole > 0.0 and isfinite(whole)):
         return flags
     flags |= ON_PATH
-    record, radius, vectors = finger.record, finger.track[RADIUS], scratch.vectors
-    x, y, z = vector_at(record, POSITION)
-    here, bend, bend_per_metre = _locate(path, path_bends, bend, x, y, z)
-    point_on_path(path, here, vectors)
-    vx, vy, vz = vector_at(record, VELOCITY)
+    record, radius, vectors = finger.record, finger.track[TRACK_RADIUS], scratch.vectors
+    x, y, z = vector_at(record, RECORD_POSITION)
+    current, bend, bend_per_metre = _locate(path, path_bends, bend, x, y, z)
+    point_on_path(path, current, vectors)
+    vx, vy, vz = vector_at(record, RECORD_VELOCITY)
     speed = dot(vectors[3], vectors[4], vectors[5], vx, vy, vz)
     if abs(speed) <= STILL:
         speed = 0.0
-    record[BEND], record[BEND_RATE] = bend, speed * bend_per_metre
+    record[RECORD_BEND], record[RECORD_BEND_RATE] = bend, speed * bend_per_metre
     ox, oy, oz = x - vectors[0], y - vectors[1], z - vectors[2]
     off = sqrt(dot(ox, oy, oz, ox, oy, oz)) * (1.0 + 1e-12)
 
     # How far the path's point is from everything; the finger itself may be a little beside it.
-    part, slot = finger.marks[PART], finger.marks[SLOT]
-    lower = record[LOWER] + radius - off
+    part, slot = finger.marks[TRACK_PART], finger.marks[TRACK_SLOT]
+    lower = record[RECORD_LOWER] + radius - off
     if flags & INSIDE or lower <= radius:
         lower, upper, part, slot = _bounds_at_vectors(model, settings, finger, part, slot, scratch)
         if lower <= radius:
-            return flags | _write_contact_here(record, speed, upper <= radius)
+            return flags | _write_contact_now(record, speed, upper <= radius)
     standing = Drift(movers.columns, np.int64(0), 0.0)
     advance = _advance_on_path(
-        model, settings, finger, path, standing, here, lower - radius, part, slot, scratch
+        model, settings, finger, path, standing, current, lower - radius, part, slot, scratch
     )
     if advance.free < whole:
         flags |= _write_contact(model, settings, finger, path, path_bends, movers, advance, scratch)
-    if speed > 0.0 and flags & PREDICTED and record[SIGNED_DISTANCE] > 0.0:
+    if speed > 0.0 and flags & PREDICTED and record[RECORD_SIGNED_DISTANCE] > 0.0:
         near = np.int64(0)
         if movers.moving_count:
             near, _ = gather_near(
                 movers, (0.0, 0.0, 0.0), (x, y, z), radius + off + rounding_at(model.frames, x, y, z), 1.0,
-                1.0 / speed, whole - here,
+                1.0 / speed, whole - current,
             )  # fmt: skip
         if near:
             advance = _advance_on_path(
-                model, settings, finger, path, Drift(movers.columns, near, 0.0), here, lower - radius,
+                model, settings, finger, path, Drift(movers.columns, near, 0.0), current, lower - radius,
                 advance.part, advance.slot, scratch,
             )  # fmt: skip
-        record[TIME_TO_CONTACT_LOWER] = max(advance.free - here, 0.0) / speed * DOWN
-        record[TIME_TO_CONTACT] = max(advance.expected - here, 0.0) / speed
+        record[RECORD_TIME_TO_CONTACT_LOWER] = max(advance.free - current, 0.0) / speed * DOWN
+        record[RECORD_TIME_TO_CONTACT] = max(advance.expected - current, 0.0) / speed
     return flags
 
 
 @inlined
 def _speed_of_contact(frames, path, advance, vectors):
-    """How fast the contact moves along the path, m/s, because its part does.
+    """Speed of the contact along the path, m/s, caused by its part's motion.
 
     The contact is some millimetres beyond the last point that was asked; the normal, in the last three
     numbers of *vectors*, is from there.
@@ -228,20 +234,20 @@ def _speed_of_contact(frames, path, advance, vectors):
 @kernel
 def _write_contact(model, settings, finger, path, path_bends, movers, advance, scratch):
     """Write the contact: free up to one parameter, expected at another, confirmed beyond that; its flag."""
-    record, radius, parameters = finger.record, finger.track[RADIUS], path.parameters
+    record, radius, parameters = finger.record, finger.track[TRACK_RADIUS], path.parameters
     free, expected, part, slot, _ = advance
-    least = max(_first_at(parameters, path_bends, free), record[BEND])
+    least = max(_first_at(parameters, path_bends, free), record[RECORD_BEND])
     if not expected < np.inf:
         # Nothing beyond is known: not farther than this, to be safe; nor which way a surface faces.
-        record[CONTACT_BEND] = least
-        record[CONTACT_BEND_ERROR] = np.inf
+        record[RECORD_CONTACT_BEND] = least
+        record[RECORD_CONTACT_BEND_ERROR] = np.inf
         return 0
     speed = 0.0
     if movers.moving_count and slot >= 0:
         speed = _speed_of_contact(model.frames, path, advance, scratch.vectors)
     bend, slope = _interpolate(parameters, path_bends, expected)
-    record[CONTACT_BEND], record[CONTACT_BEND_ERROR] = bend, np.inf
-    record[CONTACT_BEND_RATE] = speed * slope
+    record[RECORD_CONTACT_BEND], record[RECORD_CONTACT_BEND_ERROR] = bend, np.inf
+    record[RECORD_CONTACT_BEND_RATE] = speed * slope
     margin = max(2.0 * (expected - free), 2.0 * TOUCH)
     for _ in range(PROBES):
         beyond = min(expected + margin, parameters[len(parameters) - 1])
@@ -257,7 +263,7 @@ def _write_contact(model, settings, finger, path, path_bends, movers, advance, s
             is_touch = upper <= radius
         if is_touch:
             most, _ = _interpolate(parameters, path_bends, beyond)
-            record[CONTACT_BEND_ERROR] = max(bend - least, most - bend)
+            record[RECORD_CONTACT_BEND_ERROR] = max(bend - least, most - bend)
             return CONTACT_FOUND
         margin *= 4.0
     return 0

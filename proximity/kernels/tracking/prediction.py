@@ -1,4 +1,4 @@
-"""What a finger will meet: its distance when the controller acts, and the time to its next contact.
+"""Predictions for a finger: distance when the controller acts, and time to contact.
 
 All questions go to the scene as it stands at the tick. A path in time is followed relative to the nearest
 part: the position of the finger at time t, less what that part has moved until then. Other parts that can
@@ -12,44 +12,44 @@ from typing import NamedTuple
 import numpy as np
 
 from proximity.kernels.contact_columns import (
-    APPROACH_SPEED,
     IN_RANGE,
     INSIDE,
-    LOWER,
-    PART_VELOCITY,
-    POINT_ON_PART,
-    POSITION,
     PREDICTED,
-    PREDICTED_DISTANCE,
-    PREDICTED_LOWER,
-    PREDICTED_UPPER,
-    SIGNED_DISTANCE,
-    TIME_TO_CONTACT,
-    TIME_TO_CONTACT_LOWER,
-    UPPER,
-    VELOCITY,
-    WORK,
+    RECORD_APPROACH_SPEED,
+    RECORD_LOWER,
+    RECORD_PART_VELOCITY,
+    RECORD_POINT_ON_PART,
+    RECORD_POSITION,
+    RECORD_PREDICTED_DISTANCE,
+    RECORD_PREDICTED_LOWER,
+    RECORD_PREDICTED_UPPER,
+    RECORD_SIGNED_DISTANCE,
+    RECORD_TIME_TO_CONTACT,
+    RECORD_TIME_TO_CONTACT_LOWER,
+    RECORD_UPPER,
+    RECORD_VELOCITY,
+    RECORD_WORK,
 )
 from proximity.kernels.geometry.frames import (
     rounding_at,
 )
 from proximity.kernels.geometry.triangle import dot
-from proximity.kernels.scene.distance_bounds import bounds_at, may_slip, may_slip_in
+from proximity.kernels.scene.distance_bounds import bounds_at, is_in_box_with_holes, may_pass_hole
 from proximity.kernels.tracking.conservative_advancement import Sphere, advance_conservatively
 from proximity.kernels.tracking.motion import predict
 from proximity.kernels.tracking.part_drift import ROUNDED_UP, Drift, drift_until, free_for, gather_near
 from proximity.kernels.tracking.track import (
-    AHEAD_LEFT,
-    BUDGET,
-    HOLES,
-    HORIZON,
-    MAX_ACCELERATION,
-    MAX_SPEED,
-    PART,
-    RADIUS,
-    SLOT,
-    WAY,
-    WORKING_RANGE,
+    SETTING_BUDGET,
+    SETTING_DISPLACEMENT,
+    SETTING_HAS_HOLES,
+    SETTING_HORIZON,
+    SETTING_MAX_ACCELERATION,
+    SETTING_MAX_SPEED,
+    SETTING_PREDICTION_STEPS_LEFT,
+    SETTING_WORKING_RANGE,
+    TRACK_PART,
+    TRACK_RADIUS,
+    TRACK_SLOT,
     vector_at,
 )
 from proximity.native import inlined
@@ -62,16 +62,16 @@ LOOK_TOLERANCE = 0.1
 """Share of a clearance that a step along the velocity need not find: what it leaves, later steps get, and all
 walks end sooner. Ten fingers among moving parts take a fifth fewer steps and are certified to be free for 5 %
 less of the time; with 0.3 for 14 % less. Five near a part with holes take 155 steps at p99 instead of 197.
-On a path the contact's place counts, and nothing is spared."""
+On a path the contact's position counts, and nothing is spared."""
 STRIDE = 40
 """Steps that a finger takes along its velocity in one tick, about; the next goes on from the balls it keeps.
 All at once are 100 µs for five fingers near 90 k faces of free form, one tick in a hundred."""
-FEWEST_STEPS = 4
+FEWEST_PREDICTION_STEPS = 4
 """For prediction and path each, when the distance has taken the budget."""
 
 
 class RelativeMotion(NamedTuple):
-    """How a finger moves relative to its nearest part, and how fast others may come."""
+    """Motion of a finger relative to its nearest part, and speeds at which others may come."""
 
     part_velocity: tuple[float, float, float]  # m/s, of the nearest part where it is nearest
     velocity: tuple[float, float, float]  # m/s, of the finger relative to that
@@ -83,36 +83,42 @@ class RelativeMotion(NamedTuple):
 @inlined
 def steps_left(settings, numbers):
     """Steps that a finger may still take: of its budget, and of what all fingers have for predictions."""
-    own = max(np.int64(settings[BUDGET]) - np.int64(numbers[WORK]), FEWEST_STEPS)
-    return min(own, np.int64(settings[AHEAD_LEFT]))
+    own = max(np.int64(settings[SETTING_BUDGET]) - np.int64(numbers[RECORD_WORK]), FEWEST_PREDICTION_STEPS)
+    return min(own, np.int64(settings[SETTING_PREDICTION_STEPS_LEFT]))
 
 
 @inlined
 def count_steps(settings, numbers, steps):
     """Take note of steps that a finger's prediction took."""
-    numbers[WORK] += steps
-    settings[AHEAD_LEFT] -= steps
+    numbers[RECORD_WORK] += steps
+    settings[SETTING_PREDICTION_STEPS_LEFT] -= steps
 
 
 @inlined
 def relative_motion(frames, settings, movers, finger, flags):
-    """How a finger moves relative to its nearest part, as a `RelativeMotion`."""
+    """Return the `RelativeMotion` of a finger and its nearest part."""
     record = finger.record
     part_velocity = (0.0, 0.0, 0.0)
-    if movers.moving_count and finger.marks[SLOT] >= 0:
-        part_velocity = vector_at(record, PART_VELOCITY)
+    if movers.moving_count and finger.marks[TRACK_SLOT] >= 0:
+        part_velocity = vector_at(record, RECORD_PART_VELOCITY)
     ux, uy, uz = part_velocity
     own_speed = sqrt(dot(ux, uy, uz, ux, uy, uz)) * ROUNDED_UP
     least = own_speed if movers.any_stands else 0.0
-    vx, vy, vz = record[VELOCITY] - ux, record[VELOCITY + 1] - uy, record[VELOCITY + 2] - uz
+    vx, vy, vz = (
+        record[RECORD_VELOCITY] - ux,
+        record[RECORD_VELOCITY + 1] - uy,
+        record[RECORD_VELOCITY + 2] - uz,
+    )
     speed = sqrt(dot(vx, vy, vz, vx, vy, vz)) * ROUNDED_UP
     if not flags & PREDICTED:
-        speed = settings[MAX_SPEED] + own_speed
+        speed = settings[SETTING_MAX_SPEED] + own_speed
     near, fastest = np.int64(0), 0.0
     if movers.moving_count:
-        x, y, z = vector_at(record, POSITION)
-        off = finger.track[RADIUS] + rounding_at(frames, x, y, z)
-        near, fastest = gather_near(movers, part_velocity, (x, y, z), off, speed, 1.0, settings[HORIZON])
+        x, y, z = vector_at(record, RECORD_POSITION)
+        off = finger.track[TRACK_RADIUS] + rounding_at(frames, x, y, z)
+        near, fastest = gather_near(
+            movers, part_velocity, (x, y, z), off, speed, 1.0, settings[SETTING_HORIZON]
+        )
     drift = Drift(movers.columns, near, least)
     return RelativeMotion(part_velocity, (vx, vy, vz), speed, drift, max(fastest, least))
 
@@ -120,10 +126,12 @@ def relative_motion(frames, settings, movers, finger, flags):
 @inlined
 def predict_distance(model, settings, finger, motions, i, motion, ahead, flags, scratch):
     """Write the distance of a finger, row *i* of *motions*, *ahead* seconds after its pose, with bounds."""
-    record, radius = finger.record, finger.track[RADIUS]
+    record, radius = finger.record, finger.track[TRACK_RADIUS]
     ahead = max(ahead, 0.0)
     # The finger's position then, relative to the part.
-    dx, dy, dz, uncertainty = predict(motions, i, ahead, settings[MAX_SPEED], settings[MAX_ACCELERATION])
+    dx, dy, dz, uncertainty = predict(
+        motions, i, ahead, settings[SETTING_MAX_SPEED], settings[SETTING_MAX_ACCELERATION]
+    )
     ux, uy, uz = motion.part_velocity
     dx, dy, dz = dx - ux * ahead, dy - uy * ahead, dz - uz * ahead
     length = sqrt(dot(dx, dy, dz, dx, dy, dz))
@@ -133,30 +141,32 @@ def predict_distance(model, settings, finger, motions, i, motion, ahead, flags, 
     # Here the fastest part of all counts: readers learn from this spread how fast anything may come when they
     # are late.
     spread = uncertainty + motion.fastest * ahead
-    if settings[HOLES] != 0.0:
-        x, y, z = vector_at(record, POSITION)
-        if may_slip(model.frames, model.parts, x + dx, y + dy, z + dz, spread + length):
+    if settings[SETTING_HAS_HOLES] != 0.0:
+        x, y, z = vector_at(record, RECORD_POSITION)
+        if may_pass_hole(model.frames, model.parts, x + dx, y + dy, z + dz, spread + length):
             # Through a hole the side changes away from the surface: what is left is how far that is.
             upper = max(upper, -lower)
             lower = -upper
-    record[PREDICTED_DISTANCE] = distance - radius
+    record[RECORD_PREDICTED_DISTANCE] = distance - radius
     # Far from everything, and as fast as no number tells: nothing is known.
-    record[PREDICTED_LOWER] = lower - spread - radius if spread < np.inf else -np.inf
-    record[PREDICTED_UPPER] = upper + spread - radius
+    record[RECORD_PREDICTED_LOWER] = lower - spread - radius if spread < np.inf else -np.inf
+    record[RECORD_PREDICTED_UPPER] = upper + spread - radius
 
 
 @inlined
 def _distance_after(model, settings, finger, displacement, length, uncertainty, flags, scratch):
     """Distance, lower and upper bound, m, of a fingertip's centre after a displacement of that *length*."""
-    record, radius = finger.record, finger.track[RADIUS]
-    part, slot = finger.marks[PART], finger.marks[SLOT]
-    x, y, z = vector_at(record, POSITION)
+    record, radius = finger.record, finger.track[TRACK_RADIUS]
+    part, slot = finger.marks[TRACK_PART], finger.marks[TRACK_SLOT]
+    x, y, z = vector_at(record, RECORD_POSITION)
     dx, dy, dz = displacement
-    distance = record[SIGNED_DISTANCE] + radius
-    lower, upper = record[LOWER] + radius, record[UPPER] + radius
+    distance = record[RECORD_SIGNED_DISTANCE] + radius
+    lower, upper = record[RECORD_LOWER] + radius, record[RECORD_UPPER] + radius
     stays_outside = not flags & INSIDE
-    if stays_outside and settings[HOLES] != 0.0:
-        stays_outside = not may_slip_in(model.words, model.frames, model.parts, x + dx, y + dy, z + dz)
+    if stays_outside and settings[SETTING_HAS_HOLES] != 0.0:
+        stays_outside = not is_in_box_with_holes(
+            model.words, model.frames, model.parts, x + dx, y + dy, z + dz
+        )
     if not (length > 0.0 and slot >= 0):
         # No face is known to ask: a distance changes by no more than the displacement.
         return distance, lower - length, upper + length
@@ -165,13 +175,13 @@ def _distance_after(model, settings, finger, displacement, length, uncertainty, 
     is_cheap = length <= CHEAP * lower or (length <= uncertainty and length < lower)
     if stays_outside and (is_cheap or not flags & IN_RANGE or left <= 0):
         # The point that is nearest now is, there, as far as the surface at most; hardly farther, so near.
-        px, py, pz = vector_at(record, POINT_ON_PART)
+        px, py, pz = vector_at(record, RECORD_POINT_ON_PART)
         ax, ay, az = x + dx - px, y + dy - py, z + dz - pz
         distance = sqrt(dot(ax, ay, az, ax, ay, az))
         return distance, lower - length, distance
     distance, lower, upper, _, _, _, _, steps = bounds_at(
         model, (x + dx, y + dy, z + dz), part, slot, stays_outside and length < lower, CHEAP, radius, left,
-        scratch.workspace, scratch.witness,
+        scratch.workspace, scratch.closest,
     )  # fmt: skip
     count_steps(settings, finger.numbers, steps)
     return distance, lower, upper
@@ -181,33 +191,33 @@ def _distance_after(model, settings, finger, displacement, length, uncertainty, 
 def predict_time_to_contact(model, settings, finger, motion, path, flags, scratch):
     """Write the time to contact of a finger that keeps its velocity. *path*: scratch of two corners."""
     record = finger.record
-    x, y, z = vector_at(record, POSITION)
-    horizon, speed, drift = settings[HORIZON], motion.speed, motion.drift
+    x, y, z = vector_at(record, RECORD_POSITION)
+    horizon, speed, drift = settings[SETTING_HORIZON], motion.speed, motion.drift
     # What may touch already is not free for a moment, however slow.
-    clearance = max(record[LOWER] - rounding_at(model.frames, x, y, z), 0.0)
-    if record[SIGNED_DISTANCE] <= 0.0:
-        record[TIME_TO_CONTACT], record[TIME_TO_CONTACT_LOWER] = 0.0, 0.0
+    clearance = max(record[RECORD_LOWER] - rounding_at(model.frames, x, y, z), 0.0)
+    if record[RECORD_SIGNED_DISTANCE] <= 0.0:
+        record[RECORD_TIME_TO_CONTACT], record[RECORD_TIME_TO_CONTACT_LOWER] = 0.0, 0.0
         return
     # Nobody waits for what is beyond the working range.
-    if speed * horizon > settings[WORKING_RANGE]:
-        horizon = max(settings[WORKING_RANGE] / speed, 0.1 * horizon)
+    if speed * horizon > settings[SETTING_WORKING_RANGE]:
+        horizon = max(settings[SETTING_WORKING_RANGE] / speed, 0.1 * horizon)
     fastest, _ = drift_until(drift, speed, horizon)
     free = free_for(drift, speed, clearance)
     if free >= horizon or speed + fastest < STILL:
-        record[TIME_TO_CONTACT], record[TIME_TO_CONTACT_LOWER] = np.inf, min(free, horizon)
+        record[RECORD_TIME_TO_CONTACT], record[RECORD_TIME_TO_CONTACT_LOWER] = np.inf, min(free, horizon)
         return
-    closing = record[APPROACH_SPEED]
-    expected = record[SIGNED_DISTANCE] / closing if closing > 0.0 and flags & PREDICTED else np.inf
+    closing = record[RECORD_APPROACH_SPEED]
+    expected = record[RECORD_SIGNED_DISTANCE] / closing if closing > 0.0 and flags & PREDICTED else np.inf
     if flags & PREDICTED and flags & IN_RANGE and not flags & INSIDE:
         vx, vy, vz = motion.velocity
         corners, parameters = path
         corners[0, 0], corners[0, 1], corners[0, 2] = x, y, z
         corners[1, 0], corners[1, 1], corners[1, 2] = x + vx * horizon, y + vy * horizon, z + vz * horizon
         parameters[0], parameters[1] = 0.0, horizon
-        sphere = Sphere(finger.track[RADIUS], speed, finger.balls, settings[WAY])
+        sphere = Sphere(finger.track[TRACK_RADIUS], speed, finger.balls, settings[SETTING_DISPLACEMENT])
         budget = min(steps_left(settings, finger.numbers), STRIDE)
         advance = advance_conservatively(
-            model, path, sphere, drift, 0.0, clearance, finger.marks[PART], finger.marks[SLOT],
+            model, path, sphere, drift, 0.0, clearance, finger.marks[TRACK_PART], finger.marks[TRACK_SLOT],
             LOOK_TOLERANCE, budget, scratch,
         )  # fmt: skip
         free = max(free, advance.free)
@@ -215,5 +225,5 @@ def predict_time_to_contact(model, settings, finger, motion, path, flags, scratc
         if free >= horizon or advance.expected < np.inf:
             expected = advance.expected
         count_steps(settings, finger.numbers, advance.steps)
-    record[TIME_TO_CONTACT_LOWER] = free
-    record[TIME_TO_CONTACT] = max(expected, free) if expected < horizon else np.inf
+    record[RECORD_TIME_TO_CONTACT_LOWER] = free
+    record[RECORD_TIME_TO_CONTACT] = max(expected, free) if expected < horizon else np.inf

@@ -9,50 +9,49 @@ from math import isfinite
 import numpy as np
 
 from proximity.kernels.contact_columns import (
-    AGE_NS,
-    APPROACH_SPEED,
-    CONTACT_BEND,
-    DAMPING,
-    FACE,
-    FINGER,
-    FLAGS,
-    FORCE,
     FORCE_VALID_BIT,
-    KINDS,
-    LOWER,
     MODE_BIT,
     MODE_FORCE,
     MODE_HOLD,
     MODE_POSITION,
     MODE_RETRACT,
-    PART,
     PART_CHANGED,
-    POSE_NS,
-    POSITION,
     PREDICTED,
-    PREDICTED_LOWER,
-    PREDICTED_NS,
-    PREDICTED_UPPER,
+    RECORD_AGE_NS,
+    RECORD_APPROACH_SPEED,
+    RECORD_CONTACT_BEND,
+    RECORD_DAMPING,
+    RECORD_FACE,
+    RECORD_FINGER,
+    RECORD_FLAGS,
+    RECORD_FORCE,
+    RECORD_KINDS,
+    RECORD_LOWER,
+    RECORD_PART,
+    RECORD_POSE_NS,
+    RECORD_POSITION,
+    RECORD_PREDICTED_LOWER,
+    RECORD_PREDICTED_NS,
+    RECORD_PREDICTED_UPPER,
     RECORD_REALS,
-    SIGNED_DISTANCE,
-    STIFFNESS,
+    RECORD_SIGNED_DISTANCE,
+    RECORD_STIFFNESS,
+    RECORD_TIME_TO_CONTACT,
+    RECORD_TIME_TO_CONTACT_LOWER,
+    RECORD_UPPER,
+    RECORD_VELOCITY,
+    RECORD_WORK,
     SURFACE_DEFORMABLE,
-    TIME_TO_CONTACT,
-    TIME_TO_CONTACT_LOWER,
     TRACKED,
-    UPPER,
-    VELOCITY,
-    WORK,
 )
-from proximity.kernels.geometry.closest_feature import WITNESS_SIZE
+from proximity.kernels.geometry.closest_feature import CLOSEST_SIZE
 from proximity.kernels.geometry.frames import can_be_asked
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_FACE, NO_PART
 from proximity.kernels.model_arrays import ModelArrays
 from proximity.kernels.stack_arrays import real_rows_here, reals_here
 from proximity.kernels.tracking.conservative_advancement import Path
 from proximity.kernels.tracking.finger_distance import find_distance
-from proximity.kernels.tracking.motion import VELOCITY as ESTIMATE
-from proximity.kernels.tracking.motion import observe, observe_with_velocity
+from proximity.kernels.tracking.motion import ESTIMATE_VELOCITY, observe, observe_with_velocity
 from proximity.kernels.tracking.part_drift import Movers, displacement_of_parts, gather_movers
 from proximity.kernels.tracking.path_contact import predict_contact_on_path
 from proximity.kernels.tracking.prediction import (
@@ -61,25 +60,25 @@ from proximity.kernels.tracking.prediction import (
     relative_motion,
 )
 from proximity.kernels.tracking.track import (
-    ADAPTIVE_TOLERANCE,
-    AHEAD_LEFT,
-    BUDGET,
     EACH_ITS_OWN,
-    FARTHEST_WAY,
-    FIRST,
-    FRONTIER_COUNT,
-    HAS_PATHS,
-    HAS_VELOCITIES,
-    LATENCY,
-    MAX_ACCELERATION,
-    MAX_SPEED,
+    MOST_DISPLACEMENT,
     MOST_NS,
-    MOVER_COUNT,
-    REPORTED_PART,
-    SLOT,
-    STANDS,
-    STEPS_LEFT,
-    WAY,
+    SETTING_ADAPTIVE_TOLERANCE,
+    SETTING_ANY_STANDS,
+    SETTING_BUDGET,
+    SETTING_DISPLACEMENT,
+    SETTING_FIRST_FINGER,
+    SETTING_HAS_PATHS,
+    SETTING_HAS_VELOCITIES,
+    SETTING_LATENCY,
+    SETTING_MAX_ACCELERATION,
+    SETTING_MAX_SPEED,
+    SETTING_MOVER_COUNT,
+    SETTING_PREDICTION_STEPS_LEFT,
+    SETTING_STEPS_LEFT,
+    TRACK_FRONTIER_COUNT,
+    TRACK_REPORTED_PART,
+    TRACK_SLOT,
     Scratch,
     TrackerArrays,
     finger_at,
@@ -89,9 +88,9 @@ from proximity.native import HANDFUL, entry, inlined
 from proximity.simd import prefetch
 
 FLAG_BITS = (1 << 16) - 1
-"""Of an observation's answer: what goes into the record."""
+"""Bits of an observation's answer that go into the record."""
 SHARED_BUDGETS, FEWEST_BUDGETS = 20, 8
-AHEAD = 4
+PREDICTION_BUDGETS = 4
 """Budgets that all fingers share in a tick: for distances, and for looking ahead. Two hands never come to the
 end of them; a skin of thousands would be late. Who finds none left goes by what it knows, within bounds, and
 is among the first at the next tick."""
@@ -117,18 +116,22 @@ def tick(model, arrays, positions, all_pose_ns, now_ns, is_moved):
         return False
     if all_pose_ns != EACH_ITS_OWN and not -MOST_NS <= all_pose_ns <= MOST_NS:
         return False
-    scratch = Scratch(arrays.workspace, reals_here(WITNESS_SIZE), reals_here(9))
+    scratch = Scratch(arrays.workspace, reals_here(CLOSEST_SIZE), reals_here(9))
     straight = Path(real_rows_here(2, 3), reals_here(2))
-    settings[STEPS_LEFT] = steps_for_all(settings[BUDGET], count)
-    settings[AHEAD_LEFT] = AHEAD * settings[BUDGET]
+    settings[SETTING_STEPS_LEFT] = steps_for_all(settings[SETTING_BUDGET], count)
+    settings[SETTING_PREDICTION_STEPS_LEFT] = PREDICTION_BUDGETS * settings[SETTING_BUDGET]
     if is_moved:
         _follow_parts(model, arrays)
     _observe_all(model, arrays, positions, all_pose_ns, now_ns)
     late = min(
         _find_all_distances(model, arrays, is_moved, scratch), _predict_all(model, arrays, straight, scratch)
     )
-    settings[FIRST] = (np.int64(settings[FIRST]) + late) % count if late < count else 0.0
-    settings[ADAPTIVE_TOLERANCE] = _tolerance_after(settings[ADAPTIVE_TOLERANCE], settings[STEPS_LEFT])
+    settings[SETTING_FIRST_FINGER] = (
+        (np.int64(settings[SETTING_FIRST_FINGER]) + late) % count if late < count else 0.0
+    )
+    settings[SETTING_ADAPTIVE_TOLERANCE] = _tolerance_after(
+        settings[SETTING_ADAPTIVE_TOLERANCE], settings[SETTING_STEPS_LEFT]
+    )
     return True
 
 
@@ -151,39 +154,41 @@ def _follow_parts(model, arrays):
     """Take in that parts have moved: how far at most, and which of them have a velocity."""
     settings = arrays.settings
     for i in range(len(arrays.marks)):
-        arrays.marks[i, FRONTIER_COUNT] = 0
+        arrays.marks[i, TRACK_FRONTIER_COUNT] = 0
     displacement = displacement_of_parts(model.frames, arrays.before)
-    settings[WAY] = (settings[WAY] + displacement) * (1.0 + 2.0**-52)
-    if not settings[WAY] <= FARTHEST_WAY:
-        settings[WAY] = 0.0
+    settings[SETTING_DISPLACEMENT] = (settings[SETTING_DISPLACEMENT] + displacement) * (1.0 + 2.0**-52)
+    if not settings[SETTING_DISPLACEMENT] <= MOST_DISPLACEMENT:
+        settings[SETTING_DISPLACEMENT] = 0.0
         forget_surfaces(arrays.tracks, arrays.balls)
-    settings[MOVER_COUNT], settings[STANDS] = gather_movers(model.frames, model.parts, arrays.movers)
+    settings[SETTING_MOVER_COUNT], settings[SETTING_ANY_STANDS] = gather_movers(
+        model.frames, model.parts, arrays.movers
+    )
 
 
 @inlined
 def _observe_all(model, arrays, positions, all_pose_ns, now_ns):
     """Clear all records, and write where each finger is, how fast it moves, and whether it is tracked."""
     settings, wide = arrays.settings, arrays.wide
-    acts_ns = now_ns + np.int64(1e9 * settings[LATENCY])
+    acts_ns = now_ns + np.int64(1e9 * settings[SETTING_LATENCY])
     for i in range(len(positions)):
         finger = finger_at(arrays, i)
         # First of all: somebody may give positions that the last tick has written.
         x, y, z = positions[i, 0], positions[i, 1], positions[i, 2]
         _clear_record(finger, i)
         taken_ns = arrays.pose_ns[i] if all_pose_ns == EACH_ITS_OWN else np.int64(all_pose_ns)
-        wide[i, POSE_NS], wide[i, AGE_NS] = taken_ns, now_ns - max(taken_ns, 1 - MOST_NS)
-        wide[i, PREDICTED_NS] = max(acts_ns, taken_ns)
+        wide[i, RECORD_POSE_NS], wide[i, RECORD_AGE_NS] = taken_ns, now_ns - max(taken_ns, 1 - MOST_NS)
+        wide[i, RECORD_PREDICTED_NS] = max(acts_ns, taken_ns)
         record = finger.record
-        record[POSITION], record[POSITION + 1], record[POSITION + 2] = x, y, z
+        record[RECORD_POSITION], record[RECORD_POSITION + 1], record[RECORD_POSITION + 2] = x, y, z
         flags = _observe(arrays, i, taken_ns, x, y, z) & FLAG_BITS
         if flags & TRACKED and can_be_asked(model.frames, model.parts, x, y, z):
             for axis in range(3):
-                record[VELOCITY + axis] = arrays.motions[i, ESTIMATE + axis]
+                record[RECORD_VELOCITY + axis] = arrays.motions[i, ESTIMATE_VELOCITY + axis]
         else:
             flags &= ~(TRACKED | PREDICTED)
-            finger.numbers[KINDS] = MODE_HOLD << MODE_BIT
-            finger.marks[REPORTED_PART] = NO_PART
-        finger.numbers[FLAGS] = flags
+            finger.numbers[RECORD_KINDS] = MODE_HOLD << MODE_BIT
+            finger.marks[TRACK_REPORTED_PART] = NO_PART
+        finger.numbers[RECORD_FLAGS] = flags
 
 
 @inlined
@@ -192,24 +197,39 @@ def _clear_record(finger, i):
     record, numbers = finger.record, finger.numbers
     for column in range(RECORD_REALS):
         record[column] = np.nan
-    record[LOWER], record[UPPER] = -np.inf, np.inf
-    record[PREDICTED_LOWER], record[PREDICTED_UPPER] = -np.inf, np.inf
-    record[TIME_TO_CONTACT_LOWER] = 0.0
-    record[STIFFNESS], record[DAMPING], record[FORCE] = 0.0, 0.0, 0.0
-    numbers[FINGER], numbers[FLAGS] = i, 0
-    numbers[PART], numbers[FACE], numbers[WORK], numbers[KINDS] = NO_PART, NO_FACE, 0, 0
+    record[RECORD_LOWER], record[RECORD_UPPER] = -np.inf, np.inf
+    record[RECORD_PREDICTED_LOWER], record[RECORD_PREDICTED_UPPER] = -np.inf, np.inf
+    record[RECORD_TIME_TO_CONTACT_LOWER] = 0.0
+    record[RECORD_STIFFNESS], record[RECORD_DAMPING], record[RECORD_FORCE] = 0.0, 0.0, 0.0
+    numbers[RECORD_FINGER], numbers[RECORD_FLAGS] = i, 0
+    numbers[RECORD_PART], numbers[RECORD_FACE], numbers[RECORD_WORK], numbers[RECORD_KINDS] = (
+        NO_PART,
+        NO_FACE,
+        0,
+        0,
+    )
 
 
 @inlined
 def _observe(arrays, i, pose_ns, x, y, z):
     """Take in the pose of finger *i*, and its velocity where that is given; the bits of `motion.observe`."""
     settings, motions, marks = arrays.settings, arrays.motions, arrays.motion_marks
-    if settings[HAS_VELOCITIES] == 0.0:
-        return observe(motions, marks, i, pose_ns, x, y, z, settings[MAX_SPEED], settings[MAX_ACCELERATION])
+    if settings[SETTING_HAS_VELOCITIES] == 0.0:
+        return observe(
+            motions,
+            marks,
+            i,
+            pose_ns,
+            x,
+            y,
+            z,
+            settings[SETTING_MAX_SPEED],
+            settings[SETTING_MAX_ACCELERATION],
+        )
     velocities = arrays.velocities
     return observe_with_velocity(
         motions, marks, i, pose_ns, x, y, z, velocities[i, 0], velocities[i, 1], velocities[i, 2],
-        settings[MAX_SPEED], settings[MAX_ACCELERATION],
+        settings[SETTING_MAX_SPEED], settings[SETTING_MAX_ACCELERATION],
     )  # fmt: skip
 
 
@@ -220,30 +240,30 @@ def _find_all_distances(model, arrays, is_moved, scratch):
     Turns count from the finger that is first in this tick.
     """
     settings, count = arrays.settings, len(arrays.marks)
-    first, late = np.int64(settings[FIRST]), count
+    first, late = np.int64(settings[SETTING_FIRST_FINGER]), count
     for turn in range(count):
         i = (first + turn) % count
         _fetch_face(model.reals, arrays.marks, (i + 1) % count)
-        if settings[STEPS_LEFT] <= 0.0:
+        if settings[SETTING_STEPS_LEFT] <= 0.0:
             late = min(late, turn)
         finger = finger_at(arrays, i)
-        flags = np.int64(finger.numbers[FLAGS])
+        flags = np.int64(finger.numbers[RECORD_FLAGS])
         if not flags & TRACKED:
             continue
         flags |= find_distance(model, arrays, i, is_moved, scratch)
-        part, marks = finger.numbers[PART], finger.marks
-        if marks[REPORTED_PART] != part and marks[REPORTED_PART] != NO_PART:
+        part, marks = finger.numbers[RECORD_PART], finger.marks
+        if marks[TRACK_REPORTED_PART] != part and marks[TRACK_REPORTED_PART] != NO_PART:
             flags |= PART_CHANGED
-        marks[REPORTED_PART] = part
-        finger.numbers[FLAGS] = flags
+        marks[TRACK_REPORTED_PART] = part
+        finger.numbers[RECORD_FLAGS] = flags
     return late
 
 
 @inlined
 def _fetch_face(reals, marks, i):
     """Have the face that a finger starts from brought from memory, while another finger is done."""
-    if marks[i, SLOT] >= 0:
-        base = BLOCK_STRIDE * (marks[i, SLOT] // LANES)
+    if marks[i, TRACK_SLOT] >= 0:
+        base = BLOCK_STRIDE * (marks[i, TRACK_SLOT] // LANES)
         for line in range(BLOCK_STRIDE // 8):
             prefetch(reals, base + 8 * line)
 
@@ -255,27 +275,29 @@ def _predict_all(model, arrays, straight, scratch):
     *straight*: a path of two corners, to be filled.
     """
     settings, count = arrays.settings, len(arrays.marks)
-    first, late = np.int64(settings[FIRST]), count
-    latency_ns = np.int64(1e9 * settings[LATENCY])
-    movers = Movers(arrays.movers, np.int64(settings[MOVER_COUNT]), settings[STANDS] != 0.0)
+    first, late = np.int64(settings[SETTING_FIRST_FINGER]), count
+    latency_ns = np.int64(1e9 * settings[SETTING_LATENCY])
+    movers = Movers(
+        arrays.movers, np.int64(settings[SETTING_MOVER_COUNT]), settings[SETTING_ANY_STANDS] != 0.0
+    )
     for turn in range(count):
         i = (first + turn) % count
-        if settings[AHEAD_LEFT] <= 0.0:
+        if settings[SETTING_PREDICTION_STEPS_LEFT] <= 0.0:
             late = min(late, turn)
         finger = finger_at(arrays, i)
-        flags = np.int64(finger.numbers[FLAGS])
+        flags = np.int64(finger.numbers[RECORD_FLAGS])
         if not flags & TRACKED:
             continue
-        ahead = 1e-9 * (float(arrays.wide[i, AGE_NS]) + float(latency_ns))
+        ahead = 1e-9 * (float(arrays.wide[i, RECORD_AGE_NS]) + float(latency_ns))
         motion = relative_motion(model.frames, settings, movers, finger, flags)
         predict_distance(model, settings, finger, arrays.motions, i, motion, ahead, flags, scratch)
         predict_time_to_contact(model, settings, finger, motion, straight, flags, scratch)
-        if settings[HAS_PATHS] != 0.0 and isfinite(arrays.paths[i, 0, 0]):
+        if settings[SETTING_HAS_PATHS] != 0.0 and isfinite(arrays.paths[i, 0, 0]):
             path = Path(arrays.paths[i], arrays.path_lengths)
             flags = predict_contact_on_path(
                 model, settings, finger, path, arrays.path_bends, arrays.bends[i], movers, scratch, flags
             )
-        finger.numbers[FLAGS] = flags
+        finger.numbers[RECORD_FLAGS] = flags
         _advise(finger.record, finger.numbers)
     return late
 
@@ -283,15 +305,15 @@ def _predict_all(model, arrays, straight, scratch):
 @inlined
 def _advise(record, numbers):
     """Write what the controller is advised to do, and with what force a deformable part answers a touch."""
-    is_deformable = numbers[KINDS] == SURFACE_DEFORMABLE
-    is_touching = record[SIGNED_DISTANCE] <= 0.0
+    is_deformable = numbers[RECORD_KINDS] == SURFACE_DEFORMABLE
+    is_touching = record[RECORD_SIGNED_DISTANCE] <= 0.0
     mode = MODE_RETRACT
-    if is_touching or record[TIME_TO_CONTACT] < np.inf or record[CONTACT_BEND] < np.inf:
+    if is_touching or record[RECORD_TIME_TO_CONTACT] < np.inf or record[RECORD_CONTACT_BEND] < np.inf:
         mode = MODE_FORCE if is_deformable else MODE_POSITION
-    numbers[KINDS] |= mode << MODE_BIT
+    numbers[RECORD_KINDS] |= mode << MODE_BIT
     if is_deformable and is_touching:
-        damped = record[DAMPING] * record[APPROACH_SPEED]
-        force = max(0.0, damped - record[STIFFNESS] * record[SIGNED_DISTANCE])
+        damped = record[RECORD_DAMPING] * record[RECORD_APPROACH_SPEED]
+        force = max(0.0, damped - record[RECORD_STIFFNESS] * record[RECORD_SIGNED_DISTANCE])
         if isfinite(force):
-            record[FORCE] = force
-            numbers[KINDS] |= 1 << FORCE_VALID_BIT
+            record[RECORD_FORCE] = force
+            numbers[RECORD_KINDS] |= 1 << FORCE_VALID_BIT

@@ -1,4 +1,4 @@
-"""What a tracker keeps from tick to tick, and what it hands to a tick: arrays behind one number.
+"""The state of a tracker between ticks, and the arrays that it hands to a tick.
 
 A *track* is what is known about one finger: where it was asked for last, how far every surface was then, and
 the nearest face. A distance changes by no more than finger and parts have moved since.
@@ -10,52 +10,52 @@ import numpy as np
 
 from proximity.kernels.contact_columns import RECORD_INTS, RECORD_REALS
 from proximity.kernels.point.coherent_search import FRONTIER_SIZE
-from proximity.kernels.tracking.conservative_advancement import BALLS, BALLS_SIZE
+from proximity.kernels.tracking.conservative_advancement import BALL_COUNT, BALLS_SIZE
 from proximity.kernels.tracking.motion import MOTION_INTS, MOTION_REALS
 from proximity.kernels.tracking.part_drift import POSE_COLUMNS
 from proximity.native import bundle, entry, inlined
 
 # --- columns of ``tracks`` (float64), a row a finger ---
-ANCHOR = 0  # m, scene's frame: where CLEAR was found
-CLEAR = 3  # m: every surface was at least so far from the anchor; negative: not known
-ODOMETER = 4  # m: how far parts had moved until then
-RADIUS = 5  # m, of the fingertip
-FOOT = 6  # m, scene's frame: the point of the surface that was reported last
-FOOT_FROM = 9  # m: where the finger was when it was the nearest of its face
-FOOT_WAY = 12  # m: how far parts had moved then; negative where there is none
+TRACK_ANCHOR = 0  # m, scene's frame: where TRACK_CLEAR was found
+TRACK_CLEAR = 3  # m: every surface was at least so far from the anchor; negative: not known
+TRACK_ODOMETER = 4  # m: how far parts had moved until then
+TRACK_RADIUS = 5  # m, of the fingertip
+TRACK_FOOT = 6  # m, scene's frame: the point of the surface that was reported last
+TRACK_FOOT_FROM = 9  # m: where the finger was when it was the nearest of its face
+TRACK_FOOT_DISPLACEMENT = 12  # m: how far parts had moved then; negative where there is none
 TRACK_REALS = 16
 
 # --- columns of ``marks`` (int64), a row a finger ---
-SLOT = 0  # of the nearest face found last, or NO_SLOT
-PART = 1  # its part
-IS_OUTSIDE = 2  # 1 where no part held the anchor
-REPORTED_PART = 3  # part of the last answer
-FRONTIER_COUNT = (
-    4  # of the frontier that is kept, see `coherent_search`; 0 for none; negative: ticks until one
+TRACK_SLOT = 0  # of the nearest face found last, or NO_SLOT
+TRACK_PART = 1  # its part
+TRACK_IS_OUTSIDE = 2  # 1 where no part held the anchor
+TRACK_REPORTED_PART = 3  # part of the last answer
+TRACK_FRONTIER_COUNT = (
+    4  # nodes of the frontier kept, see `coherent_search`; negative: ticks until the next try
 )
 TRACK_INTS = 5
 
 # --- ``settings`` (float64) ---
-WORKING_RANGE = 0  # m
-LATENCY = 1  # s
-HORIZON = 2  # s
-MAX_SPEED = 3  # m/s
-MAX_ACCELERATION = 4  # m/s²
-WAY = 5  # m that parts have moved since the tracker began; written by the tick
-BUDGET = 6  # steps a finger
-HAS_VELOCITIES = 7  # 1 where the caller gives velocities
-HAS_PATHS = 8
-HOLES = 9  # 1 where some part has an inside though it is not closed
-MOVER_COUNT = 10  # parts that have a velocity; written by the tick
-STANDS = 11  # 1 where some part has none
-TOLERANCE = 14  # of a distance, see `Tracker`
-AHEAD_LEFT = 12  # steps that are left for looking ahead, of all fingers; written by the tick
-FIRST = 13  # finger that is done first, so that each has its turn; written by the tick
-STEPS_LEFT = 15  # steps that are left for distances, of all fingers; written by the tick
-ADAPTIVE_TOLERANCE = 16  # likewise, of a crowd; written by the tick
-SETTINGS_SIZE = 17
+SETTING_WORKING_RANGE = 0  # m
+SETTING_LATENCY = 1  # s
+SETTING_HORIZON = 2  # s
+SETTING_MAX_SPEED = 3  # m/s
+SETTING_MAX_ACCELERATION = 4  # m/s²
+SETTING_DISPLACEMENT = 5  # m that parts have moved since the tracker began; written by the tick
+SETTING_BUDGET = 6  # steps a finger
+SETTING_HAS_VELOCITIES = 7  # 1 where the caller gives velocities
+SETTING_HAS_PATHS = 8
+SETTING_HAS_HOLES = 9  # 1 where some part has an inside though it is not closed
+SETTING_MOVER_COUNT = 10  # parts that have a velocity; written by the tick
+SETTING_ANY_STANDS = 11  # 1 where some part has none
+SETTING_TOLERANCE = 14  # of a distance, see `Tracker`
+SETTING_PREDICTION_STEPS_LEFT = 12  # steps left for predictions, of all fingers; written by the tick
+SETTING_FIRST_FINGER = 13  # finger that is done first, so that each has its turn; written by the tick
+SETTING_STEPS_LEFT = 15  # steps that are left for distances, of all fingers; written by the tick
+SETTING_ADAPTIVE_TOLERANCE = 16  # likewise, of a crowd; written by the tick
+SETTING_COUNT = 17
 
-FARTHEST_WAY = 1e3
+MOST_DISPLACEMENT = 1e3
 """m that parts may have moved until all tracks start anew: of larger sums, small steps are lost by rounding.
 A part that is put far away and back goes so far at once."""
 MOST_NS = 2**62
@@ -99,10 +99,10 @@ class Finger(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """What a search works in; nothing in it is kept from one finger to the next."""
+    """Scratch memory of a search; nothing in it is kept from one finger to the next."""
 
     workspace: np.ndarray  # float32, see `budgeted_walk`
-    witness: np.ndarray  # float64, see `closest_feature`
+    closest: np.ndarray  # float64, see `closest_feature`
     vectors: np.ndarray  # (9,) float64: three vectors, for each function to say which
 
 
@@ -122,7 +122,7 @@ VIEWS = ("wide", "numbers")
 """Arrays of a tracker that are other views of ``records``."""
 bundle(
     TrackerArrays,
-    settings=f"float64[{SETTINGS_SIZE}]",
+    settings=f"float64[{SETTING_COUNT}]",
     pose_ns="int64[:]",
     velocities="float64[:, 3]",
     paths="float64[:, :, 3]",
@@ -148,6 +148,10 @@ bundle(
 def forget_surfaces(tracks, balls):
     """Forget how far surfaces were, as no tick had been before."""
     for i in range(len(tracks)):
-        tracks[i, CLEAR], tracks[i, ODOMETER], tracks[i, FOOT_WAY] = -1.0, 0.0, -1.0
-        for ball in range(BALLS):
-            balls[i, 3 * BALLS + ball], balls[i, 4 * BALLS + ball] = -1.0, 0.0
+        tracks[i, TRACK_CLEAR], tracks[i, TRACK_ODOMETER], tracks[i, TRACK_FOOT_DISPLACEMENT] = (
+            -1.0,
+            0.0,
+            -1.0,
+        )
+        for ball in range(BALL_COUNT):
+            balls[i, 3 * BALL_COUNT + ball], balls[i, 4 * BALL_COUNT + ball] = -1.0, 0.0

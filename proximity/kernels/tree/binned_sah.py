@@ -1,11 +1,11 @@
-"""Boxes to a binary tree: runs of faces are split by the surface area heuristic until a leaf takes them.
+"""Boxes to a binary tree: binned surface area heuristic.
 
-A box is a *record* of eight float32: its lower x, y, z, a zero, its upper x, y, z with the other sign, a
+A box is *packed* into eight float32: its lower x, y, z, a zero, its upper x, y, z with the other sign, a
 zero. So a box around two others is the lesser of both, lane by lane.
 
-Records are moved along with the numbers of their faces, so that every pass reads memory in a row. There are
-two passes over a run: one puts its boxes into bins by the place of their middle, one divides it; the boxes of
-both sides are those of the bins.
+Boxes are moved along with the numbers of their faces, so that every pass reads memory in a row. There are
+two passes over a run: one puts its boxes into bins by the position of their middle, one divides it; the boxes
+of both sides are those of the bins.
 
 Source: Wald 2007, "On fast construction of SAH-based bounding volume hierarchies" (bins).
 """
@@ -16,14 +16,14 @@ from proximity.kernels.geometry.rows import copy_numbers, copy_row
 from proximity.native import inlined, kernel, maker
 from proximity.simd import halves_swapped, lane, load, minimum, splat32, store
 
-RECORD = 8
-"""Numbers of a record."""
-LEFT = 0
+BOX_STRIDE = 8
+"""Numbers of a packed box."""
+LINK_LEFT = 0
 """Columns of a binary tree's links (int32): its children, or -1 in a leaf; the faces of a leaf, where they
 begin in the order of faces and how many they are."""
-RIGHT = 1
-FIRST = 2
-COUNT = 3
+LINK_RIGHT = 1
+LINK_FIRST = 2
+LINK_COUNT = 3
 NO_CHILD = -1
 BIN_COUNT = 16
 HALVED_DEPTH = 64
@@ -31,47 +31,47 @@ HALVED_DEPTH = 64
 LARGEST_WAITING = 64
 """The larger side waits: so there are never more of them than halvings of 2^31 faces."""
 
-# Where a split leaves what it found of both sides: records of boxes, and of doubled middles.
+# Where a split leaves what it found of both sides: packed boxes, and doubled middles.
 _LEFT_BOX, _LEFT_MIDDLES, _RIGHT_BOX, _RIGHT_MIDDLES = 0, 8, 16, 24
 
 
 @inlined
 def _sides(box):
-    """The sides of a box along x, y and z, from its record; with the other sign."""
+    """The sides of a packed box along x, y and z, with the other sign."""
     sides = box + halves_swapped(box)
     return lane(sides, 0), lane(sides, 1), lane(sides, 2)
 
 
 @inlined
 def half_area(box):
-    """Half the surface of a box, from its record."""
+    """Half the surface of a packed box."""
     dx, dy, dz = _sides(box)
     return dx * (dy + dz) + dy * dz
 
 
 @inlined
 def thickness(box):
-    """The shortest side of a box, from its record."""
+    """The shortest side of a packed box."""
     dx, dy, dz = _sides(box)
     return -max(dx, dy, dz)
 
 
 @inlined
 def unpack(record, box):
-    """Write a record as a box, (6,): lower and upper."""
+    """Write a packed box as lower and upper corner, (6,)."""
     for axis in range(3):
         box[axis], box[axis + 3] = lane(record, axis), -lane(record, axis + 4)
 
 
 @inlined
 def _middles(box):
-    """Record of a box that is the middle of another, doubled: a point."""
+    """Packed box that is the middle of another, doubled: a point."""
     return box - halves_swapped(box)
 
 
 @inlined
 def _nowhere():
-    """Record of a box around nothing."""
+    """Packed box around nothing."""
     return splat32(np.float32(np.inf))
 
 
@@ -80,15 +80,15 @@ def _measure(boxes, first, count, sides, at):
     """Put the box of a run, and that of its middles, to *sides*."""
     box, middles = _nowhere(), _nowhere()
     for position in range(first, first + count):
-        record = load(boxes, RECORD * position)
+        record = load(boxes, BOX_STRIDE * position)
         box, middles = minimum(box, record), minimum(middles, _middles(record))
     store(sides, at, box)
-    store(sides, at + RECORD, middles)
+    store(sides, at + BOX_STRIDE, middles)
 
 
 @inlined
 def _bins_for(count):
-    """How many bins a run gets along an axis."""
+    """Number of bins for a run along an axis."""
     return min(BIN_COUNT, 2 * count)
 
 
@@ -101,19 +101,19 @@ def _bin_rate(middles, at, axis, bin_count):
 
 @inlined
 def _bin(boxes, position, axis, start, rate, bin_count):
-    """The bin of the record at *position*."""
-    at = RECORD * position + axis
+    """The bin of the box at *position*."""
+    at = BOX_STRIDE * position + axis
     return min(np.int64((boxes[at] - boxes[at + 4] - start) * rate), bin_count - 1)
 
 
 @kernel
 def _fill_bins(boxes, first, count, middles, at, bins, bin_counts):
-    """Put the records of a run into bins along each axis."""
+    """Put the boxes of a run into bins along each axis."""
     used = _bins_for(count)
     for axis in range(3):
         for b in range(BIN_COUNT * axis, BIN_COUNT * axis + used):
             bin_counts[b] = 0
-            store(bins, RECORD * b, _nowhere())
+            store(bins, BOX_STRIDE * b, _nowhere())
     start_x, start_y, start_z = middles[at], middles[at + 1], middles[at + 2]
     rate_x, rate_y, rate_z = (
         _bin_rate(middles, at, 0, used),
@@ -121,13 +121,13 @@ def _fill_bins(boxes, first, count, middles, at, bins, bin_counts):
         _bin_rate(middles, at, 2, used),
     )
     for position in range(first, first + count):
-        record = load(boxes, RECORD * position)
+        record = load(boxes, BOX_STRIDE * position)
         x = _bin(boxes, position, 0, start_x, rate_x, used)
         y = _bin(boxes, position, 1, start_y, rate_y, used) + BIN_COUNT
         z = _bin(boxes, position, 2, start_z, rate_z, used) + 2 * BIN_COUNT
         for b in (x, y, z):
             bin_counts[b] += 1
-            store(bins, RECORD * b, minimum(load(bins, RECORD * b), record))
+            store(bins, BOX_STRIDE * b, minimum(load(bins, BOX_STRIDE * b), record))
 
 
 @kernel
@@ -143,13 +143,13 @@ def _best_plane(bins, bin_counts, used, leaf_shift, right_costs):
         box, number = _nowhere(), 0
         for b in range(used - 1, 0, -1):
             number += bin_counts[BIN_COUNT * axis + b]
-            box = minimum(box, load(bins, RECORD * (BIN_COUNT * axis + b)))
+            box = minimum(box, load(bins, BOX_STRIDE * (BIN_COUNT * axis + b)))
             leaves = np.float32((number + round_up) >> leaf_shift)
             right_costs[b] = half_area(box) * leaves if number else np.float32(np.inf)
         box, number = _nowhere(), 0
         for b in range(used - 1):
             number += bin_counts[BIN_COUNT * axis + b]
-            box = minimum(box, load(bins, RECORD * (BIN_COUNT * axis + b)))
+            box = minimum(box, load(bins, BOX_STRIDE * (BIN_COUNT * axis + b)))
             if number == 0:
                 continue
             leaves = np.float32((number + round_up) >> leaf_shift)
@@ -161,25 +161,25 @@ def _best_plane(bins, bin_counts, used, leaf_shift, right_costs):
 
 @kernel
 def _divide(boxes, order, first, count, middles, at, bins, plane, sides):
-    """Bring what lies up to a plane to the front; return how many those are, and fill *sides*."""
+    """Move the boxes up to a plane to the front; return how many they are, and fill *sides*."""
     axis, last, used = plane // BIN_COUNT, plane % BIN_COUNT, _bins_for(count)
     start, rate = middles[at + axis], _bin_rate(middles, at, axis, used)
     left_middles, right_middles = _nowhere(), _nowhere()
     left, right = first, first + count - 1
     while left <= right:
-        record = load(boxes, RECORD * left)
+        record = load(boxes, BOX_STRIDE * left)
         if _bin(boxes, left, axis, start, rate, used) <= last:
             left_middles = minimum(left_middles, _middles(record))
             left += 1
         else:
             right_middles = minimum(right_middles, _middles(record))
-            store(boxes, RECORD * left, load(boxes, RECORD * right))
-            store(boxes, RECORD * right, record)
+            store(boxes, BOX_STRIDE * left, load(boxes, BOX_STRIDE * right))
+            store(boxes, BOX_STRIDE * right, record)
             order[left], order[right] = order[right], order[left]
             right -= 1
     left_box, right_box = _nowhere(), _nowhere()
     for b in range(used):
-        box = load(bins, RECORD * (BIN_COUNT * axis + b))
+        box = load(bins, BOX_STRIDE * (BIN_COUNT * axis + b))
         if b <= last:
             left_box = minimum(left_box, box)
         else:
@@ -194,17 +194,17 @@ def _divide(boxes, order, first, count, middles, at, bins, plane, sides):
 @inlined
 def _write_leaf(links, node, first, count):
     """Write a node of the binary tree that has faces and no children yet."""
-    links[node, LEFT], links[node, RIGHT] = NO_CHILD, NO_CHILD
-    links[node, FIRST], links[node, COUNT] = first, count
+    links[node, LINK_LEFT], links[node, LINK_RIGHT] = NO_CHILD, NO_CHILD
+    links[node, LINK_FIRST], links[node, LINK_COUNT] = first, count
 
 
 @maker
 def halve(boxes, order, leaf_shift):
-    """Return the boxes (N * `RECORD`) and the links (N, 4) of a binary tree; node 0 is its root.
+    """Return the boxes (N * `BOX_STRIDE`) and the links (N, 4) of a binary tree; node 0 is its root.
 
     Parameters
     ----------
-    boxes : (F * `RECORD`,) float32
+    boxes : (F * `BOX_STRIDE`,) float32
         Of the faces, F >= 1. Brought into the tree's order.
     order : (F,) int32
         Numbers of the faces. Brought into the tree's order.
@@ -212,32 +212,34 @@ def halve(boxes, order, leaf_shift):
         A leaf takes ``2 ** leaf_shift`` faces at most.
     """
     capacity = max(64, len(order) >> leaf_shift << 1)
-    nodes = np.empty(capacity * RECORD, np.float32)
+    nodes = np.empty(capacity * BOX_STRIDE, np.float32)
     links = np.empty((capacity, 4), np.int32)
-    bins = np.empty(3 * BIN_COUNT * RECORD, np.float32)
+    bins = np.empty(3 * BIN_COUNT * BOX_STRIDE, np.float32)
     bin_counts = np.empty(3 * BIN_COUNT, np.int32)
     right_costs = np.empty(BIN_COUNT, np.float32)
-    sides = np.empty(4 * RECORD, np.float32)
+    sides = np.empty(4 * BOX_STRIDE, np.float32)
     waiting = np.empty((LARGEST_WAITING, 2), np.int64)  # node and depth
-    middles = np.empty(LARGEST_WAITING * RECORD, np.float32)
+    middles = np.empty(LARGEST_WAITING * BOX_STRIDE, np.float32)
     _measure(boxes, 0, len(order), sides, 0)
-    copy_numbers(sides, 0, nodes, 0, RECORD)
-    copy_numbers(sides, RECORD, middles, 0, RECORD)
+    copy_numbers(sides, 0, nodes, 0, BOX_STRIDE)
+    copy_numbers(sides, BOX_STRIDE, middles, 0, BOX_STRIDE)
     _write_leaf(links, 0, 0, len(order))
     waiting[0, 0], waiting[0, 1] = 0, 0
     node_count, waiting_count = 1, 1
     while waiting_count:
         waiting_count -= 1
         node, depth = waiting[waiting_count]
-        first, count = np.int64(links[node, FIRST]), np.int64(links[node, COUNT])
+        first, count = np.int64(links[node, LINK_FIRST]), np.int64(links[node, LINK_COUNT])
         if count <= 1 << leaf_shift:
             continue
         plane = -1
         if depth < HALVED_DEPTH and count > 2:
-            _fill_bins(boxes, first, count, middles, RECORD * waiting_count, bins, bin_counts)
+            _fill_bins(boxes, first, count, middles, BOX_STRIDE * waiting_count, bins, bin_counts)
             plane = _best_plane(bins, bin_counts, _bins_for(count), leaf_shift, right_costs)
         if plane >= 0:
-            left = _divide(boxes, order, first, count, middles, RECORD * waiting_count, bins, plane, sides)
+            left = _divide(
+                boxes, order, first, count, middles, BOX_STRIDE * waiting_count, bins, plane, sides
+            )
         else:
             left = count // 2
             _measure(boxes, first, left, sides, _LEFT_BOX)
@@ -245,23 +247,23 @@ def halve(boxes, order, leaf_shift):
         if node_count + 2 > capacity:
             capacity *= 2
             more_nodes, more_links = (
-                np.empty(capacity * RECORD, np.float32),
+                np.empty(capacity * BOX_STRIDE, np.float32),
                 np.empty((capacity, 4), np.int32),
             )
-            copy_numbers(nodes, 0, more_nodes, 0, RECORD * node_count)
+            copy_numbers(nodes, 0, more_nodes, 0, BOX_STRIDE * node_count)
             for kept in range(node_count):
                 copy_row(links, kept, more_links, kept)
             nodes, links = more_nodes, more_links
-        links[node, LEFT], links[node, RIGHT] = node_count, node_count + 1
+        links[node, LINK_LEFT], links[node, LINK_RIGHT] = node_count, node_count + 1
         _write_leaf(links, node_count, first, left)
         _write_leaf(links, node_count + 1, first + left, count - left)
         # The larger side waits longer.
         smaller = 0 if left <= count - left else 1
         for side in (1 - smaller, smaller):
             at = _RIGHT_BOX if side else _LEFT_BOX
-            copy_numbers(sides, at, nodes, RECORD * (node_count + side), RECORD)
-            copy_numbers(sides, at + RECORD, middles, RECORD * waiting_count, RECORD)
+            copy_numbers(sides, at, nodes, BOX_STRIDE * (node_count + side), BOX_STRIDE)
+            copy_numbers(sides, at + BOX_STRIDE, middles, BOX_STRIDE * waiting_count, BOX_STRIDE)
             waiting[waiting_count, 0], waiting[waiting_count, 1] = node_count + side, depth + 1
             waiting_count += 1
         node_count += 2
-    return nodes[: RECORD * node_count].copy(), links[:node_count].copy()
+    return nodes[: BOX_STRIDE * node_count].copy(), links[:node_count].copy()

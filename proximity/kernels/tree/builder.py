@@ -1,14 +1,14 @@
-"""Boxes to tree: an eight-wide bounding volume hierarchy.
+"""Boxes to an eight-wide bounding volume hierarchy.
 
-Runs of faces are halved until a leaf takes them (`halving`), what turns out badly is put elsewhere
-(`reinsertion`), and the binary tree becomes an eight-wide one (`widening`).
+Runs of faces are split until a leaf takes them (`binned_sah`), large subtrees are reinserted
+(`reinsertion`), and the binary tree becomes an eight-wide one (`collapse`).
 """
 
 import numpy as np
 
 from proximity.kernels.geometry.box import BOX_MARGIN, round_down, round_up
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_FACE
-from proximity.kernels.tree.binned_sah import RECORD, halve
+from proximity.kernels.tree.binned_sah import BOX_STRIDE, halve
 from proximity.kernels.tree.collapse import widen_tree
 from proximity.kernels.tree.reinsertion import improve
 from proximity.native import entry
@@ -20,9 +20,9 @@ ENTRIES_SHIFT = 0
 
 @entry("float64[:, :], int32[:, :], float32[:]")
 def face_boxes(vertices, faces, boxes):
-    """Fill the records (see `halving`) of float32 boxes that contain each face with a margin."""
+    """Fill the packed boxes (see `binned_sah`), float32, that contain each face with a margin."""
     for face in range(len(faces)):
-        at = RECORD * face
+        at = BOX_STRIDE * face
         boxes[at + 3], boxes[at + 7] = 0.0, 0.0
         for axis in range(3):
             a = vertices[faces[face, 0], axis]
@@ -34,12 +34,12 @@ def face_boxes(vertices, faces, boxes):
 
 @entry("float32[:], int -> float32[:], int32[:], int32[:]", makes_arrays=True)
 def build_tree(boxes, leaf_shift):
-    """Return nodes (float32, flat), the order of faces (int32) and each leaf's first place in it (int32).
+    """Return nodes (float32, flat), the order of faces (int32) and each leaf's first position in it (int32).
 
-    *boxes*: (F * `RECORD`,) float32, F >= 1; they are moved. A leaf takes ``2 ** leaf_shift`` at most. Child
-    references lie in the nodes as int32 bits; see `layout`. Leaves are numbered in the order of faces.
+    *boxes*: (F * `BOX_STRIDE`,) float32, F >= 1; they are moved. A leaf takes ``2 ** leaf_shift`` at most.
+    Child references lie in the nodes as int32 bits; see `layout`. Leaves are numbered in the order of faces.
     """
-    order = np.empty(len(boxes) // RECORD, np.int32)
+    order = np.empty(len(boxes) // BOX_STRIDE, np.int32)
     for face in range(len(order)):
         order[face] = face
     tree, links = halve(boxes, order, leaf_shift)

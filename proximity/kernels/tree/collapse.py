@@ -1,7 +1,7 @@
-"""A binary tree to an eight-wide one: of all ways to take nodes out, the one with the least surface left.
+"""Collapse of a binary tree to an eight-wide one with the least total surface.
 
 A node of the binary tree becomes a wide node or goes; what is below it then belongs to the wide node above.
-The cost of a subtree in one to eight places of the node above follows from those of its two halves, from the
+The cost of a subtree in one to eight lanes of the node above follows from those of its two halves, from the
 bottom up. What a query visits goes with the surface of the nodes.
 
 Source: Wald, Benthin, Boulos 2008, "Getting rid of packets" (wide trees from binary ones); Ylitie, Karras,
@@ -10,8 +10,17 @@ Laine 2017, "Efficient incoherent ray traversal on GPUs through compressed wide 
 
 import numpy as np
 
-from proximity.kernels.layout import CHILDREN, LANES, MAX_DEPTH, NODE_STRIDE
-from proximity.kernels.tree.binned_sah import COUNT, FIRST, LEFT, RECORD, RIGHT, half_area, thickness, unpack
+from proximity.kernels.layout import LANES, MAX_DEPTH, NODE_CHILDREN, NODE_STRIDE
+from proximity.kernels.tree.binned_sah import (
+    BOX_STRIDE,
+    LINK_COUNT,
+    LINK_FIRST,
+    LINK_LEFT,
+    LINK_RIGHT,
+    half_area,
+    thickness,
+    unpack,
+)
 from proximity.kernels.tree.wide_node import clear_node, write_lane
 from proximity.native import inlined, kernel, maker
 from proximity.simd import load, minimum
@@ -20,9 +29,9 @@ EVEN_DEPTH = MAX_DEPTH // 2 - 10
 """From this level on leaves are shared out by count, whatever the binary tree: any ends ten levels later. So
 the tree of a scene and that of a part, one below the other, are within the stack. Real parts end before."""
 NOT_WIDER = 0
-"""Split of a subtree that is no better in one place more."""
-NO_PLACE = -1
-"""Where the reference to the root belongs; the binary node of leaves in a row."""
+"""Split of a subtree that is no better in one more lane."""
+NO_REFERENCE = -1
+"""Offset of the reference to the root, which has none; the binary node of leaves in a row."""
 
 
 @maker
@@ -37,70 +46,70 @@ def _levels(links):
     known = 1
     for i in range(count):
         node = nodes[i]
-        if links[node, LEFT] >= 0:
-            nodes[known], nodes[known + 1] = links[node, LEFT], links[node, RIGHT]
+        if links[node, LINK_LEFT] >= 0:
+            nodes[known], nodes[known + 1] = links[node, LINK_LEFT], links[node, LINK_RIGHT]
             known += 2
     for i in range(count - 1, -1, -1):
         node = nodes[i]
-        if links[node, LEFT] >= 0:
-            numbers[node] = numbers[links[node, LEFT]] + numbers[links[node, RIGHT]]
+        if links[node, LINK_LEFT] >= 0:
+            numbers[node] = numbers[links[node, LINK_LEFT]] + numbers[links[node, LINK_RIGHT]]
     for i in range(count):
         node = nodes[i]
-        if links[node, LEFT] >= 0:
-            starts[links[node, LEFT]] = starts[node]
-            starts[links[node, RIGHT]] = starts[node] + numbers[links[node, LEFT]]
+        if links[node, LINK_LEFT] >= 0:
+            starts[links[node, LINK_LEFT]] = starts[node]
+            starts[links[node, LINK_RIGHT]] = starts[node] + numbers[links[node, LINK_LEFT]]
     return nodes, starts, numbers
 
 
 @kernel
 def _share_out(boxes, links, nodes, costs, splits):
-    """Fill the least cost of each subtree in 1 to 8 places, and how many of those its left half gets.
+    """Fill the least cost of each subtree in 1 to 8 lanes, and how many of those its left half gets.
 
-    The first split is that of all eight places of the subtree's own wide node; others may be `NOT_WIDER`.
+    The first split is that of all eight lanes of the subtree's own wide node; others may be `NOT_WIDER`.
     """
     for i in range(len(nodes) - 1, -1, -1):
         node = nodes[i]
-        left, right = links[node, LEFT], links[node, RIGHT]
+        left, right = links[node, LINK_LEFT], links[node, LINK_RIGHT]
         if left < 0:
-            for place in range(LANES):
-                costs[node, place], splits[node, place] = 0.0, NOT_WIDER
+            for lane in range(LANES):
+                costs[node, lane], splits[node, lane] = 0.0, NOT_WIDER
             continue
-        for places in range(2, LANES + 1):
+        for lane_count in range(2, LANES + 1):
             best, split = np.float32(np.inf), 1
-            for share in range(1, places):
-                cost = costs[left, share - 1] + costs[right, places - share - 1]
+            for share in range(1, lane_count):
+                cost = costs[left, share - 1] + costs[right, lane_count - share - 1]
                 if cost < best:
                     best, split = cost, share
-            costs[node, places - 1], splits[node, places - 1] = best, split
-        costs[node, 0] = half_area(load(boxes, RECORD * node)) + costs[node, LANES - 1]
+            costs[node, lane_count - 1], splits[node, lane_count - 1] = best, split
+        costs[node, 0] = half_area(load(boxes, BOX_STRIDE * node)) + costs[node, LANES - 1]
         splits[node, 0] = splits[node, LANES - 1]
-        for places in range(1, LANES):
-            if costs[node, places] >= costs[node, places - 1]:
-                costs[node, places], splits[node, places] = costs[node, places - 1], NOT_WIDER
+        for lane_count in range(1, LANES):
+            if costs[node, lane_count] >= costs[node, lane_count - 1]:
+                costs[node, lane_count], splits[node, lane_count] = costs[node, lane_count - 1], NOT_WIDER
 
 
 @kernel
 def _children(links, splits, node, children, waiting):
     """Put the children of the wide node that *node* becomes into *children*, in order; how many there are."""
-    if links[node, LEFT] < 0:
+    if links[node, LINK_LEFT] < 0:
         children[0] = node
         return 1
     split = np.int64(splits[node, 0])
-    waiting[0, 0], waiting[0, 1] = links[node, RIGHT], LANES - split
-    waiting[1, 0], waiting[1, 1] = links[node, LEFT], split
+    waiting[0, 0], waiting[0, 1] = links[node, LINK_RIGHT], LANES - split
+    waiting[1, 0], waiting[1, 1] = links[node, LINK_LEFT], split
     count, waiting_count = 0, 2
     while waiting_count:
         waiting_count -= 1
-        it, places = waiting[waiting_count, 0], waiting[waiting_count, 1]
-        while places > 1 and splits[it, places - 1] == NOT_WIDER:
-            places -= 1
-        if places == 1:
-            children[count] = it
+        current, lane_count = waiting[waiting_count, 0], waiting[waiting_count, 1]
+        while lane_count > 1 and splits[current, lane_count - 1] == NOT_WIDER:
+            lane_count -= 1
+        if lane_count == 1:
+            children[count] = current
             count += 1
             continue
-        split = np.int64(splits[it, places - 1])
-        waiting[waiting_count, 0], waiting[waiting_count, 1] = links[it, RIGHT], places - split
-        waiting[waiting_count + 1, 0], waiting[waiting_count + 1, 1] = links[it, LEFT], split
+        split = np.int64(splits[current, lane_count - 1])
+        waiting[waiting_count, 0], waiting[waiting_count, 1] = links[current, LINK_RIGHT], lane_count - split
+        waiting[waiting_count + 1, 0], waiting[waiting_count + 1, 1] = links[current, LINK_LEFT], split
         waiting_count += 2
     return count
 
@@ -116,10 +125,10 @@ def _give_lanes(boxes, children, count, lanes):
     3 % fewer.
     """
     for k in range(count):
-        own = thickness(load(boxes, RECORD * children[k]))
+        own = thickness(load(boxes, BOX_STRIDE * children[k]))
         lanes[k] = 0
         for other in range(k):
-            if thickness(load(boxes, RECORD * children[other])) <= own:
+            if thickness(load(boxes, BOX_STRIDE * children[other])) <= own:
                 lanes[k] += 1
             else:
                 lanes[other] += 1
@@ -127,20 +136,21 @@ def _give_lanes(boxes, children, count, lanes):
 
 @maker
 def _leaves_in_order(links, starts, leaf_count, order):
-    """Return the nodes that are leaves, in order, the faces in that order, and each leaf's first place there.
+    """Return the nodes that are leaves, in order, the faces in that order, and each leaf's first position
+    there.
 
     Behind the last leaf's is where it ends.
     """
     leaves = np.empty(leaf_count, np.int32)
     for node in range(len(links)):
-        if links[node, LEFT] < 0:
+        if links[node, LINK_LEFT] < 0:
             leaves[starts[node]] = node
     leaf_first, placed = np.empty(leaf_count + 1, np.int32), 0
     new_order = np.empty_like(order)
     for leaf in range(leaf_count):
         leaf_first[leaf] = placed
-        first = links[leaves[leaf], FIRST]
-        for i in range(links[leaves[leaf], COUNT]):
+        first = links[leaves[leaf], LINK_FIRST]
+        for i in range(links[leaves[leaf], LINK_COUNT]):
             new_order[placed] = order[first + i]
             placed += 1
     leaf_first[leaf_count] = placed
@@ -149,10 +159,10 @@ def _leaves_in_order(links, starts, leaf_count, order):
 
 @inlined
 def _join_leaves(boxes, leaves, first, count):
-    """Record of the box around leaves in a row."""
-    box = load(boxes, RECORD * leaves[first])
+    """Packed box around leaves in a row."""
+    box = load(boxes, BOX_STRIDE * leaves[first])
     for i in range(first + 1, first + count):
-        box = minimum(box, load(boxes, RECORD * leaves[i]))
+        box = minimum(box, load(boxes, BOX_STRIDE * leaves[i]))
     return box
 
 
@@ -165,15 +175,15 @@ def _wait(waiting, at, node, first, number, depth, reference_at):
 
 @maker
 def widen_tree(boxes, links, order):
-    """Return the wide nodes, and the order of faces and each leaf's first place in it, leaves in a row.
+    """Return the wide nodes, and the order of faces and each leaf's first position in it, leaves in a row.
 
     Parameters
     ----------
-    boxes : (N * `RECORD`,) float32
+    boxes : (N * `BOX_STRIDE`,) float32
     links : (N, 4) int32
-        As `halving.halve` returns them; children may have been put elsewhere since.
+        As `binned_sah.halve` returns them; children may have been put elsewhere since.
     order : (F,) int32
-        What a leaf's ``FIRST`` counts in.
+        What a leaf's ``LINK_FIRST`` counts in.
 
     Returns
     -------
@@ -199,14 +209,14 @@ def widen_tree(boxes, links, order):
     # What becomes a wide node: a node of the binary tree, or some leaves in a row; how deep it is, and where
     # the reference to it belongs.
     waiting = np.empty((MAX_DEPTH * LANES, 5), np.int64)
-    _wait(waiting, 0, 0, 0, leaf_count, 0, NO_PLACE)
+    _wait(waiting, 0, 0, 0, leaf_count, 0, NO_REFERENCE)
     waiting_count = 1
     while waiting_count:
         waiting_count -= 1
         node, first, number = waiting[waiting_count, 0], waiting[waiting_count, 1], waiting[waiting_count, 2]
         depth, reference_at = waiting[waiting_count, 3], waiting[waiting_count, 4]
         base = node_count * NODE_STRIDE
-        if reference_at != NO_PLACE:
+        if reference_at != NO_REFERENCE:
             nodes.view(np.int32)[reference_at] = node_count
         node_count += 1
         clear_node(nodes, node_count - 1)
@@ -219,16 +229,16 @@ def widen_tree(boxes, links, order):
         # Last in, first out: the first child is done next, and lies next in memory.
         for k in range(count - 1, -1, -1):
             if is_even:
-                child, start, lane = np.int64(NO_PLACE), first + number * k // count, k
+                child, start, lane = np.int64(NO_REFERENCE), first + number * k // count, k
                 size = first + number * (k + 1) // count - start
                 record = _join_leaves(boxes, leaves, start, size)
             else:
                 child, lane = children[k], lanes[k]
                 start, size = np.int64(starts[child]), np.int64(numbers[child])
-                record = load(boxes, RECORD * child)
+                record = load(boxes, BOX_STRIDE * child)
             unpack(record, box)
             write_lane(nodes, base, lane, box, ~start)
             if size > 1:
-                _wait(waiting, waiting_count, child, start, size, depth + 1, base + CHILDREN + lane)
+                _wait(waiting, waiting_count, child, start, size, depth + 1, base + NODE_CHILDREN + lane)
                 waiting_count += 1
     return nodes[: node_count * NODE_STRIDE].copy(), new_order, leaf_first

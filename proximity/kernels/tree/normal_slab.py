@@ -1,19 +1,19 @@
-"""How far what is below a node reaches along its mean normal: a bound that is tight where boxes are not.
+"""Normal slabs: bounds of a node's faces along their mean normal, tight where boxes are not.
 
 A box around a tilted or curved patch is nearer to a point than the patch, by about the patch's size: from the
 centre of a ball all boxes look too near. The slab between two planes across the patch's area normal misses by
 the patch's sagitta only, which falls with the square of its size.
 
 The two numbers of each child, the least and the largest scalar product of a corner with the child's area
-normal, lie in ``moments`` behind those of `winding`. They take a second memory access a node, and so are
-looked at by walks that do not find an end.
+normal, lie in ``moments`` behind those of `winding_number`. They take a second memory access a node, and are
+read only by walks that do not find an end.
 """
 
 import numpy as np
 
 from proximity.kernels.geometry.box import round_down, round_up
 from proximity.kernels.geometry.triangle import dot
-from proximity.kernels.layout import BLOCK_STRIDE, CHILDREN, LANES, NODE_STRIDE
+from proximity.kernels.layout import BLOCK_STRIDE, LANES, NODE_CHILDREN, NODE_STRIDE
 from proximity.kernels.sign.winding_number import MOMENT_STRIDE
 from proximity.native import entry, inlined, kernel
 from proximity.simd import (
@@ -28,15 +28,15 @@ from proximity.simd import (
     widen,
 )
 
-AREA_NORMAL = 24
+MOMENT_AREA_NORMAL = 24
 """Offset of the sum of area normals in a node's moments: x, y, z."""
-LEAST = 96
-LARGEST = 104
-MARGIN = 1e-12
-"""Of the normal's length: more than what scalar products of local coordinates are off."""
+MOMENT_SLAB_LEAST = 96
+MOMENT_SLAB_LARGEST = 104
+SLAB_ROUNDING = 1e-12
+"""Rounding of scalar products of local coordinates, at most, in lengths of the normal."""
 SHRINK_SLAB = 1.0 - 2.0**-22
-"""Makes up for what is rounded on the way to a float32 bound."""
-SMALLEST = 2.0**-96
+"""Makes up for what is rounded in computing a float32 bound."""
+SMALLEST_BOUND = 2.0**-96
 """A bound below it counts as 0: the smallest float32 numbers have few bits, and rounding may raise them."""
 
 
@@ -52,22 +52,22 @@ def fill_slabs(words, reals, root, node_count, moments, moments_at):
         base, at, own = NODE_STRIDE * node, moments_at + MOMENT_STRIDE * node, node - root
         ends[own, 0], ends[own, 1] = np.int64(2**62), np.int64(-1)
         for k in range(LANES):
-            moments[at + LEAST + k], moments[at + LARGEST + k] = 0.0, 0.0
+            moments[at + MOMENT_SLAB_LEAST + k], moments[at + MOMENT_SLAB_LARGEST + k] = 0.0, 0.0
             if not words[base + k] <= words[base + 24 + k]:
                 continue
-            child = load_int(words, base + CHILDREN + k)
+            child = load_int(words, base + NODE_CHILDREN + k)
             first = ends[child - root, 0] if child >= 0 else ~child
             last = ends[child - root, 1] if child >= 0 else ~child
             ends[own, 0], ends[own, 1] = min(ends[own, 0], first), max(ends[own, 1], last)
             nx, ny, nz = (
-                np.float64(moments[at + AREA_NORMAL + k]),
-                np.float64(moments[at + AREA_NORMAL + 8 + k]),
-                np.float64(moments[at + AREA_NORMAL + 16 + k]),
+                np.float64(moments[at + MOMENT_AREA_NORMAL + k]),
+                np.float64(moments[at + MOMENT_AREA_NORMAL + 8 + k]),
+                np.float64(moments[at + MOMENT_AREA_NORMAL + 16 + k]),
             )
             least, largest = _extent(reals, first, last, nx, ny, nz)
-            slack = MARGIN * (abs(nx) + abs(ny) + abs(nz))
-            moments[at + LEAST + k] = round_down(least - slack)
-            moments[at + LARGEST + k] = round_up(largest + slack)
+            slack = SLAB_ROUNDING * (abs(nx) + abs(ny) + abs(nz))
+            moments[at + MOMENT_SLAB_LEAST + k] = round_down(least - slack)
+            moments[at + MOMENT_SLAB_LARGEST + k] = round_up(largest + slack)
 
 
 @kernel
@@ -92,14 +92,17 @@ def slabs_distance_sq(words, at, x, y, z, factor):
     *at*: the node's moments. *x y z*: float64x8 splats of the point. A child without a mean normal gives 0.
     """
     nx, ny, nz = (
-        widen(load(words, at + AREA_NORMAL)),
-        widen(load(words, at + AREA_NORMAL + 8)),
-        widen(load(words, at + AREA_NORMAL + 16)),
+        widen(load(words, at + MOMENT_AREA_NORMAL)),
+        widen(load(words, at + MOMENT_AREA_NORMAL + 8)),
+        widen(load(words, at + MOMENT_AREA_NORMAL + 16)),
     )
     along = dot(nx, ny, nz, x, y, z)
-    gap = maximum(widen(load(words, at + LEAST)) - along, along - widen(load(words, at + LARGEST)))
+    gap = maximum(
+        widen(load(words, at + MOMENT_SLAB_LEAST)) - along,
+        along - widen(load(words, at + MOMENT_SLAB_LARGEST)),
+    )
     normal_sq = dot(nx, ny, nz, nx, ny, nz)
     squares = gap * gap / normal_sq * splat(SHRINK_SLAB * factor)
     # NaN, as of 0 / 0, fails the comparison as well.
-    is_beyond = (gap > splat(0.0)) & (squares > splat(SMALLEST))
+    is_beyond = (gap > splat(0.0)) & (squares > splat(SMALLEST_BOUND))
     return narrow(minimum(select(is_beyond, squares, splat(0.0)), splat(3.3e38)))

@@ -1,11 +1,11 @@
-"""New corners for a part whose faces stay: its tree refitted, its normals and moments made anew.
+"""Refitting a part's tree, normals and moments to new vertex positions.
 
 One pass over the nodes, from the last to the first, does all of it: the eight triangles of a leaf are fetched
 once, and give their block, their box, their share of the corner normals and their moments while they are in
 registers. A child's number is above its parent's, so that what is below a node is ready when its turn comes.
 
-Boxes are rounded and widened as in `build`; normals are those of `normals`, moments those of `winding`, but
-for the order in which numbers are added.
+Boxes are rounded and widened as in `builder`; normals are those of `mesh.normals`, moments those of
+`winding_number`, but for the order in which numbers are added.
 
 Tried and dropped (2026-11): fetching and adding number by number instead of row by row, 18 ms instead of 12
 for 300 k faces.
@@ -19,19 +19,20 @@ from proximity.kernels.geometry.box import BOX_MARGIN
 from proximity.kernels.geometry.triangle import cross, dot
 from proximity.kernels.layout import (
     BLOCK_STRIDE,
-    CENTRE,
-    CHILDREN,
-    CORNER_COUNT,
-    CORNER_NORMALS,
-    CORNERS,
-    FACES,
+    FRAME_CENTRE,
+    FRAME_SCALE,
     LANES,
-    MOMENTS,
-    NODE_COUNT,
+    NO_ROW,
+    NODE_CHILDREN,
     NODE_STRIDE,
-    ROOT,
-    SCALE,
-    SLOT_FACES,
+    PART_CORNER_COUNT,
+    PART_CORNER_NORMALS,
+    PART_CORNERS,
+    PART_FACES,
+    PART_MOMENTS,
+    PART_NODE_COUNT,
+    PART_ROOT,
+    PART_SLOT_FACES,
 )
 from proximity.kernels.model_arrays import ModelArrays
 from proximity.kernels.sign.winding_number import MOMENT_STRIDE, OPENING
@@ -57,21 +58,20 @@ from proximity.simd import (
     widen,
 )
 
-NO_ROW = -1
 UNUSED = -1
 """Leader of a vertex that no face uses."""
-SUMS = 16
-"""Numbers of a subtree: area; area times centre; area normal; area normal times place, nine."""
+RESULT_SUMS = 16
+"""Numbers of a subtree: area; area times centre; area normal; area normal times position, nine."""
 RESULT_STRIDE = 24
 """Numbers kept of a subtree: its sums, then its box: lower xyz, upper xyz negated, two that mean nothing."""
-PLACE_STRIDE = 8
+CORNER_STRIDE = 8
 """Numbers kept of a corner, a cache line: its coordinates and its normal, in rows of four."""
-NORMAL_AT = 4
-IDS = 3 * LANES
+CORNER_NORMAL = 4
+BLOCK_CORNERS = 3 * LANES
 """Corners of a block."""
 ULP = np.float32(1.2e-7)
 SMALLEST_STEP = np.float32(1e-38)
-MIDDLE = 0.41421356237309503
+EIGHTH_TANGENT = 0.41421356237309503
 """Tangent of an eighth of pi: from here on an arc is measured from a quarter of pi."""
 
 
@@ -110,71 +110,73 @@ def refit_part(model, part, vertices, leaders):
     Returns area and three times the enclosed volume, local.
     """
     reals, words, frames, parts = model
-    root, node_count = parts[part, ROOT], parts[part, NODE_COUNT]
-    slot_faces, faces, moments = parts[part, SLOT_FACES], parts[part, FACES], parts[part, MOMENTS]
-    corner_count = parts[part, CORNER_COUNT]
-    places = np.empty((corner_count + 1) * PLACE_STRIDE)
-    _write_corners(reals, frames, parts, part, vertices, leaders, places)
+    root, node_count = parts[part, PART_ROOT], parts[part, PART_NODE_COUNT]
+    slot_faces, faces, moments = parts[part, PART_SLOT_FACES], parts[part, PART_FACES], parts[part, PART_MOMENTS]
+    corner_count = parts[part, PART_CORNER_COUNT]
+    corner_rows = np.empty((corner_count + 1) * CORNER_STRIDE)
+    _write_corners(reals, frames, parts, part, vertices, leaders, corner_rows)
     # What is below each node, waiting for its parent; then for the leaves of the node at hand, and for none.
     results = np.empty((node_count + LANES + 1) * RESULT_STRIDE)
     nothing = (node_count + LANES) * RESULT_STRIDE
-    for k in range(SUMS):
+    for k in range(RESULT_SUMS):
         results[nothing + k] = 0.0
-    for k in range(SUMS, RESULT_STRIDE):
+    for k in range(RESULT_SUMS, RESULT_STRIDE):
         results[nothing + k] = np.inf
-    below, ids = np.empty(LANES, np.int64), np.empty(LANES * IDS, np.int64)
+    below, ids = np.empty(LANES, np.int64), np.empty(LANES * BLOCK_CORNERS, np.int64)
     for node in range(root + node_count - 1, root - 1, -1):
         base, at = NODE_STRIDE * node, RESULT_STRIDE * (node - root)
         for k in range(LANES):
             below[k] = nothing
             if words[base + k] <= words[base + 24 + k]:
-                child = load_int(words, base + CHILDREN + k)
+                child = load_int(words, base + NODE_CHILDREN + k)
                 below[k] = RESULT_STRIDE * (child - root if child >= 0 else node_count + k)
                 if child < 0:
                     for line in range(BLOCK_STRIDE // 8):
                         prefetch(reals, BLOCK_STRIDE * ~child + 8 * line)
                     slot = slot_faces + LANES * ~child
-                    _find_corners(words, slot, faces, corner_count, ids, IDS * k, places)
+                    _find_corners(words, slot, faces, corner_count, ids, BLOCK_CORNERS * k, corner_rows)
         for k in range(LANES):
-            child = load_int(words, base + CHILDREN + k)
+            child = load_int(words, base + NODE_CHILDREN + k)
             if child < 0 and below[k] != nothing:
-                _refit_block(reals, BLOCK_STRIDE * ~child, places, ids, IDS * k, results, below[k])
+                _refit_block(
+                    reals, BLOCK_STRIDE * ~child, corner_rows, ids, BLOCK_CORNERS * k, results, below[k]
+                )
         _refit_node(words, base, moments + MOMENT_STRIDE * node, results, below, at)
-    _write_normals(reals, parts[part, CORNER_NORMALS], corner_count, places)
+    _write_normals(reals, parts[part, PART_CORNER_NORMALS], corner_count, corner_rows)
     fill_slabs(words, reals, root, node_count, words, moments)
     return results[0], results[7] + results[11] + results[15]
 
 
 @kernel
-def _write_corners(reals, frames, parts, part, vertices, leaders, places):
-    """Write local corners, once for the model and once as *places*, where their normals begin as zero."""
-    x, y, z = frames[part, CENTRE], frames[part, CENTRE + 1], frames[part, CENTRE + 2]
-    scale = frames[part, SCALE]
-    corner, place = parts[part, CORNERS], 0
+def _write_corners(reals, frames, parts, part, vertices, leaders, corner_rows):
+    """Write local corners: for the model, and as *corner_rows*, where their normals begin as zero."""
+    x, y, z = frames[part, FRAME_CENTRE], frames[part, FRAME_CENTRE + 1], frames[part, FRAME_CENTRE + 2]
+    scale = frames[part, FRAME_SCALE]
+    corner, corner_at = parts[part, PART_CORNERS], 0
     # Corners are numbered in the order of the first vertices at their positions.
     for row in range(len(vertices)):
         if leaders[row] == row:
-            for k in range(3, PLACE_STRIDE):
-                places[place + k] = 0.0
-            places[place] = reals[corner] = (vertices[row, 0] - x) * scale
-            places[place + 1] = reals[corner + 1] = (vertices[row, 1] - y) * scale
-            places[place + 2] = reals[corner + 2] = (vertices[row, 2] - z) * scale
+            for k in range(3, CORNER_STRIDE):
+                corner_rows[corner_at + k] = 0.0
+            corner_rows[corner_at] = reals[corner] = (vertices[row, 0] - x) * scale
+            corner_rows[corner_at + 1] = reals[corner + 1] = (vertices[row, 1] - y) * scale
+            corner_rows[corner_at + 2] = reals[corner + 2] = (vertices[row, 2] - z) * scale
             corner += 3
-            place += PLACE_STRIDE
+            corner_at += CORNER_STRIDE
     # One more, for unused lanes.
-    for k in range(PLACE_STRIDE):
-        places[place + k] = np.nan
+    for k in range(CORNER_STRIDE):
+        corner_rows[corner_at + k] = np.nan
 
 
 @inlined
-def _find_corners(words, slot, faces, corner_count, ids, first, places):
-    """Fill *ids* from *first* on: where the places of corners a, then b, then c of eight slots begin."""
+def _find_corners(words, slot, faces, corner_count, ids, first, corner_rows):
+    """Fill *ids* from *first* on: where the rows of corners a, then b, then c of eight slots begin."""
     for i in range(LANES):
         face = load_int(words, slot + i)
         for k in range(3):
             corner = load_int(words, faces + 3 * face + k) if face >= 0 else corner_count
-            ids[first + LANES * k + i] = PLACE_STRIDE * corner
-            prefetch(places, PLACE_STRIDE * corner)
+            ids[first + LANES * k + i] = CORNER_STRIDE * corner
+            prefetch(corner_rows, CORNER_STRIDE * corner)
 
 
 @inlined
@@ -185,7 +187,7 @@ def _arc(y, x):
     """
     across = absolute(x)
     low, high = minimum(across, y), maximum(across, y)
-    is_middle = low > splat(MIDDLE) * high
+    is_middle = low > splat(EIGHTH_TANGENT) * high
     t = select(is_middle, low - high, low) / select(is_middle, low + high, high)
     z = t * t
     p = fma(z, splat(-0.02723288406057488), splat(0.05168834935919362))
@@ -202,11 +204,11 @@ def _arc(y, x):
 
 
 @inlined
-def _refit_block(reals, base, places, ids, first, results, at):
+def _refit_block(reals, base, corner_rows, ids, first, results, at):
     """Write the block at *base*, add its triangles to the normals of their corners, and fill its result."""
-    ax, ay, az, _ = load_rows(places, ids, first, 0)
-    bx, by, bz, _ = load_rows(places, ids, first + LANES, 0)
-    cx, cy, cz, _ = load_rows(places, ids, first + 2 * LANES, 0)
+    ax, ay, az, _ = load_rows(corner_rows, ids, first, 0)
+    bx, by, bz, _ = load_rows(corner_rows, ids, first + LANES, 0)
+    cx, cy, cz, _ = load_rows(corner_rows, ids, first + 2 * LANES, 0)
     store(reals, base, ax)
     store(reals, base + 8, ay)
     store(reals, base + 16, az)
@@ -230,7 +232,7 @@ def _refit_block(reals, base, places, ids, first, results, at):
     rounded = narrow(exact)
     lower = rounded - (absolute(rounded) * splat32(ULP) + splat32(SMALLEST_STEP))
     lower = select(widen(rounded) > exact, lower, rounded) - splat32(BOX_MARGIN)
-    store(results, at + SUMS, widen(lower))
+    store(results, at + RESULT_SUMS, widen(lower))
 
     abx, aby, abz = bx - ax, by - ay, bz - az
     acx, acy, acz = cx - ax, cy - ay, cz - az
@@ -243,9 +245,9 @@ def _refit_block(reals, base, places, ids, first, results, at):
     a = select(has_area, _arc(length, dot(abx, aby, abz, acx, acy, acz)) * inverse, zero)
     b = select(has_area, _arc(length, -dot(abx, aby, abz, bcx, bcy, bcz)) * inverse, zero)
     c = select(has_area, _arc(length, dot(acx, acy, acz, bcx, bcy, bcz)) * inverse, zero)
-    add_rows(places, ids, first, NORMAL_AT, a * nx, a * ny, a * nz)
-    add_rows(places, ids, first + LANES, NORMAL_AT, b * nx, b * ny, b * nz)
-    add_rows(places, ids, first + 2 * LANES, NORMAL_AT, c * nx, c * ny, c * nz)
+    add_rows(corner_rows, ids, first, CORNER_NORMAL, a * nx, a * ny, a * nz)
+    add_rows(corner_rows, ids, first + LANES, CORNER_NORMAL, b * nx, b * ny, b * nz)
+    add_rows(corner_rows, ids, first + 2 * LANES, CORNER_NORMAL, c * nx, c * ny, c * nz)
 
     third, half = splat(1.0 / 3.0), splat(0.5)
     x = select(is_used, (ax + bx + cx) * third, zero)
@@ -262,17 +264,17 @@ def _refit_block(reals, base, places, ids, first, results, at):
 @inlined
 def _refit_node(words, base, moments, results, below, at):
     """Write boxes and moments of the node at *base* from the results of its children, and fill its own."""
-    # Of each child, a lane: area; area times centre; area normal n; n times place, xy for that of nx and y.
+    # Of each child, a lane: area; area times centre; area normal n; n times position, xy for nx times y.
     area, x, y, z = load_rows(results, below, 0, 0)
     nx, ny, nz, xx = load_rows(results, below, 0, 4)
     xy, xz, yx, yy = load_rows(results, below, 0, 8)
     yz, zx, zy, zz = load_rows(results, below, 0, 12)
     store(results, at, lane_sums(area, x, y, z, nx, ny, nz, xx))
     store(results, at + LANES, lane_sums(xy, xz, yx, yy, yz, zx, zy, zz))
-    low_x, low_y, low_z, high_x = load_rows(results, below, 0, SUMS)
-    high_y, high_z, _, _ = load_rows(results, below, 0, SUMS + 4)
+    low_x, low_y, low_z, high_x = load_rows(results, below, 0, RESULT_SUMS)
+    high_y, high_z, _, _ = load_rows(results, below, 0, RESULT_SUMS + 4)
     zero, half, third = splat(0.0), splat(0.5), splat(1.0 / 3.0)
-    store(results, at + SUMS, lane_minima(low_x, low_y, low_z, high_x, high_y, high_z, zero, zero))
+    store(results, at + RESULT_SUMS, lane_minima(low_x, low_y, low_z, high_x, high_y, high_z, zero, zero))
     high_x, high_y, high_z = -high_x, -high_y, -high_z
     is_used = low_x <= high_x
     store(words, base, narrow(low_x))
@@ -311,11 +313,11 @@ def _refit_node(words, base, moments, results, below, at):
 
 
 @kernel
-def _write_normals(reals, first, count, places):
+def _write_normals(reals, first, count, corner_rows):
     """Write the normals of *count* corners from real *first* on, of length 1 or 0."""
     for corner in range(count):
-        place, at = PLACE_STRIDE * corner + NORMAL_AT, first + 3 * corner
-        x, y, z = places[place], places[place + 1], places[place + 2]
+        corner_at, at = CORNER_STRIDE * corner + CORNER_NORMAL, first + 3 * corner
+        x, y, z = corner_rows[corner_at], corner_rows[corner_at + 1], corner_rows[corner_at + 2]
         length = sqrt(x * x + y * y + z * z)
         if length > 0.0:
             x, y, z = x / length, y / length, z / length

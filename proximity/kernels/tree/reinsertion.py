@@ -1,47 +1,49 @@
-"""A better binary tree: the largest subtrees are taken out, each put back where it adds least surface.
+"""A better binary tree: large subtrees are reinserted where they add least surface.
 
 Halving looks at one run at a time and never sees that a part of it would be better off elsewhere. A subtree
-is taken out with its parent, whose other child takes its place; what all nodes on the way up lose in surface
-is the gain. The best place is found by a search from the root that follows what adds least so far and ends
-once no place can be better.
+is taken out with its parent, which its other child replaces; the surface that all nodes above it lose is
+the gain. The best position is found by a search from the root that follows what adds least so far and ends
+once no position can be better.
 
 Source: Bittner, Hapala, Havran 2013, "Fast insertion-based optimization of bounding volume hierarchies".
 """
 
 import numpy as np
 
-from proximity.kernels.tree.binned_sah import LEFT, NO_CHILD, RECORD, RIGHT, half_area
+from proximity.kernels.tree.binned_sah import BOX_STRIDE, LINK_LEFT, LINK_RIGHT, NO_CHILD, half_area
 from proximity.native import inlined, kernel, maker
 from proximity.simd import load, minimum, store
 
 LARGEST_SEARCH = 1024
-"""Places that wait to be looked at; beyond them the search makes do with what it has found."""
-SHARE = 4
+"""Positions that wait to be looked at; beyond them the search makes do with what it has found."""
+REINSERTION_RATIO = 4
 """One in so many subtrees is put elsewhere: the largest, on which most depends."""
-FEWEST = 4096
+FEWEST_REINSERTIONS = 4096
 """So many in any case, if there are."""
 
 
 @inlined
 def _joint_area(boxes, one, box):
     """Half the surface of the box around node *one* and *box*."""
-    return half_area(minimum(load(boxes, RECORD * one), box))
+    return half_area(minimum(load(boxes, BOX_STRIDE * one), box))
 
 
 @inlined
 def _mend_upward(boxes, links, parents, node):
     """Make the boxes from *node* up fit their children again."""
     while node >= 0:
-        left, right = np.int64(links[node, LEFT]), np.int64(links[node, RIGHT])
-        store(boxes, RECORD * node, minimum(load(boxes, RECORD * left), load(boxes, RECORD * right)))
+        left, right = np.int64(links[node, LINK_LEFT]), np.int64(links[node, LINK_RIGHT])
+        store(
+            boxes, BOX_STRIDE * node, minimum(load(boxes, BOX_STRIDE * left), load(boxes, BOX_STRIDE * right))
+        )
         node = np.int64(parents[node])
 
 
 @inlined
-def _put_in_place(links, parents, old, new):
+def _replace_child(links, parents, old, new):
     """Have the parent of *old* refer to *new* instead."""
     parent = np.int64(parents[old])
-    links[parent, LEFT if links[parent, LEFT] == old else RIGHT] = new
+    links[parent, LINK_LEFT if links[parent, LINK_LEFT] == old else LINK_RIGHT] = new
     parents[new] = parent
 
 
@@ -72,19 +74,19 @@ def _take_least(keys, nodes, count):
 
 
 @kernel
-def _best_place(boxes, links, parents, moved, beside, keys, nodes):
+def _best_position(boxes, links, parents, moved, beside, keys, nodes):
     """The node beside which the subtree *moved*, which is out of the tree, adds least surface.
 
     *beside*: where it was. *keys*, *nodes*: (`LARGEST_SEARCH`,) scratch.
     """
-    box = load(boxes, RECORD * moved)
+    box = load(boxes, BOX_STRIDE * moved)
     own = half_area(box)
-    best, place = _joint_area(boxes, beside, box), beside
+    best, position = _joint_area(boxes, beside, box), beside
     above = np.int64(parents[beside])
     while above >= 0:
-        best += _joint_area(boxes, above, box) - half_area(load(boxes, RECORD * above))
+        best += _joint_area(boxes, above, box) - half_area(load(boxes, BOX_STRIDE * above))
         above = np.int64(parents[above])
-    # What the nodes above a place would gain.
+    # What the nodes above a position would gain.
     keys[0], nodes[0] = 0.0, 0
     count = 1
     while count:
@@ -95,13 +97,13 @@ def _best_place(boxes, links, parents, moved, beside, keys, nodes):
             break
         joint = _joint_area(boxes, node, box)
         if gained + joint < best and node != 0:
-            best, place = gained + joint, node
-        gained += joint - half_area(load(boxes, RECORD * node))
-        if gained + own < best and links[node, LEFT] != NO_CHILD and count + 2 <= LARGEST_SEARCH:
-            _wait(keys, nodes, count, gained, links[node, LEFT])
-            _wait(keys, nodes, count + 1, gained, links[node, RIGHT])
+            best, position = gained + joint, node
+        gained += joint - half_area(load(boxes, BOX_STRIDE * node))
+        if gained + own < best and links[node, LINK_LEFT] != NO_CHILD and count + 2 <= LARGEST_SEARCH:
+            _wait(keys, nodes, count, gained, links[node, LINK_LEFT])
+            _wait(keys, nodes, count + 1, gained, links[node, LINK_RIGHT])
             count += 2
-    return place
+    return position
 
 
 @maker
@@ -131,7 +133,7 @@ def _at_rank(values, rank):
 
 @maker
 def improve(boxes, links):
-    """Put the largest subtrees of a binary tree where they add least; see `halving.halve`.
+    """Put the largest subtrees of a binary tree where they add least; see `binned_sah.halve`.
 
     Children are no longer behind their parents afterwards. The root stays node 0.
     """
@@ -139,23 +141,23 @@ def improve(boxes, links):
     parents = np.full(count, NO_CHILD, np.int32)
     areas = np.empty(count, np.float32)
     for node in range(count):
-        areas[node] = half_area(load(boxes, RECORD * node)) + np.float32(0.0)  # no zero with a sign
-        if links[node, LEFT] != NO_CHILD:
-            parents[links[node, LEFT]] = node
-            parents[links[node, RIGHT]] = node
-    wanted = min(count, max(count // SHARE, FEWEST))
+        areas[node] = half_area(load(boxes, BOX_STRIDE * node)) + np.float32(0.0)  # no zero with a sign
+        if links[node, LINK_LEFT] != NO_CHILD:
+            parents[links[node, LINK_LEFT]] = node
+            parents[links[node, LINK_RIGHT]] = node
+    wanted = min(count, max(count // REINSERTION_RATIO, FEWEST_REINSERTIONS))
     least = _at_rank(areas, count - wanted)
     keys, nodes = np.empty(LARGEST_SEARCH, np.float32), np.empty(LARGEST_SEARCH, np.int32)
     for node in range(1, count):
         parent = np.int64(parents[node])
         if areas[node] < least or parent == 0:
             continue
-        sibling = np.int64(links[parent, RIGHT if links[parent, LEFT] == node else LEFT])
-        _put_in_place(links, parents, parent, sibling)
+        sibling = np.int64(links[parent, LINK_RIGHT if links[parent, LINK_LEFT] == node else LINK_LEFT])
+        _replace_child(links, parents, parent, sibling)
         _mend_upward(boxes, links, parents, np.int64(parents[sibling]))
-        place = _best_place(boxes, links, parents, node, sibling, keys, nodes)
+        position = _best_position(boxes, links, parents, node, sibling, keys, nodes)
         # The parent goes with it.
-        _put_in_place(links, parents, place, parent)
-        links[parent, LEFT], links[parent, RIGHT] = place, node
-        parents[place], parents[node] = parent, parent
+        _replace_child(links, parents, position, parent)
+        links[parent, LINK_LEFT], links[parent, LINK_RIGHT] = position, node
+        parents[position], parents[node] = parent, parent
         _mend_upward(boxes, links, parents, parent)

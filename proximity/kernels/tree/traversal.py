@@ -1,13 +1,14 @@
-"""The steps that all walks share: leave children waiting, take the next one up, look into a block.
+"""The steps that all walks share: push children, pop the next one, test a block.
 
 A walk goes straight to the nearest child and leaves the others waiting, unsorted. *stacks* (float32) holds,
-from some place on, `STACK_SIZE` bounds and then as many references (int32 bits); *at* is where the next goes.
+from some offset on, `STACK_SIZE` bounds and then as many references (int32 bits); *at* is where the next
+goes.
 """
 
 import numpy as np
 
 from proximity.kernels.geometry.triangle import point_block_distance_sq
-from proximity.kernels.layout import BLOCK_STRIDE, CHILDREN, LANES, NO_SLOT, STACK_SIZE
+from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_SLOT, NODE_CHILDREN, STACK_SIZE
 from proximity.native import inlined
 from proximity.simd import (
     bits,
@@ -27,16 +28,16 @@ from proximity.simd import (
 )
 
 TIE = np.float32(2.0**-3)
-"""What the end of a way through a box counts for beside its beginning: from 2^-2 to 2^-6 it is all one."""
+"""Weight of the parameter of leaving a box beside that of entering it: any from 2^-2 to 2^-6 does as well."""
 NOTHING_WAITS = -1
-"""Place on a stack of which the bottom has been reached."""
+"""Position on a stack that is empty."""
 
 
 @inlined
 def _wait(words, base, bounds, which, stacks, at):
     """Leave children of the node at *base* waiting; *at* behind them."""
     store(stacks, at, compress(bounds, which))
-    store(stacks, at + STACK_SIZE, compress(load(words, base + CHILDREN), which))
+    store(stacks, at + STACK_SIZE, compress(load(words, base + NODE_CHILDREN), which))
     return at + count_bits(bits(which))
 
 
@@ -48,7 +49,7 @@ def descend(words, base, bounds, is_open, stacks, at):
     """
     nearest, it = lowest_lane(bounds)
     at = _wait(words, base, bounds, is_open & ~it, stacks, at)
-    return load_int(words, base + CHILDREN + nearest), at
+    return load_int(words, base + NODE_CHILDREN + nearest), at
 
 
 @inlined
@@ -67,12 +68,12 @@ def descend_in_order(words, base, bounds, ends, is_open, stacks, at):
     _, second = nearest_lane(order, others)
     at = _wait(words, base, bounds, others & ~second, stacks, at)
     at = _wait(words, base, bounds, others & second, stacks, at)
-    return load_int(words, base + CHILDREN + nearest), at
+    return load_int(words, base + NODE_CHILDREN + nearest), at
 
 
 @inlined
 def next_open(stacks, bottom, at, best32):
-    """The place of the last that waits and whose bound is not above *best32*, or `NOTHING_WAITS`."""
+    """Position of the last that waits and whose bound is not above *best32*, or `NOTHING_WAITS`."""
     while at > bottom:
         at -= 1
         if stacks[at] <= best32:

@@ -1,8 +1,8 @@
-"""Nodes of eight children, written one lane at a time; see `layout`."""
+"""Nodes of eight children, written one lane at a time."""
 
 import numpy as np
 
-from proximity.kernels.layout import CHILDREN, LANES, NODE_STRIDE
+from proximity.kernels.layout import LANES, NODE_CHILDREN, NODE_STRIDE
 from proximity.native import entry, inlined, kernel
 from proximity.simd import horizontal_min, load, splat32, store
 
@@ -13,7 +13,7 @@ def write_lane(words, base, lane, box, reference):
     for axis in range(3):
         words[base + 8 * axis + lane] = box[axis]
         words[base + 24 + 8 * axis + lane] = box[axis + 3]
-    words.view(np.int32)[base + CHILDREN + lane] = reference
+    words.view(np.int32)[base + NODE_CHILDREN + lane] = reference
 
 
 @entry("float32[:], int")
@@ -21,7 +21,7 @@ def clear_node(words, node):
     """Make all lanes of a node unused."""
     base = NODE_STRIDE * node
     for k in range(0, NODE_STRIDE, LANES):
-        filling = np.inf if k < 24 else (-np.inf if k < CHILDREN else 0.0)
+        filling = np.inf if k < 24 else (-np.inf if k < NODE_CHILDREN else 0.0)
         store(words, base + k, splat32(np.float32(filling)))
 
 

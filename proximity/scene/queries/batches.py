@@ -1,4 +1,4 @@
-"""Many rows asked in slices: Ctrl-C is answered at the end of a slice, whatever the batch takes.
+"""Batches of rows, queried in slices so that Ctrl-C is answered soon.
 
 Compiled code cannot be interrupted. How a batch is cut changes no answer.
 """
@@ -21,12 +21,12 @@ SMALLEST_CHUNK = 1024
 BLOCK = 1 << 20
 """Rows that are sorted together, which takes some 30 ms: more can be interrupted in between."""
 SLICE_SECONDS = 0.04
-"""What a slice should take. At its end it waits for the interpreter lock: 5 ms where others are busy."""
+"""Duration of a slice, about. At its end it waits for the interpreter lock: 5 ms where others are busy."""
 LARGEST_SLICE = 1 << 16
 """Rows; where searches suddenly take a hundred times as long, so does one slice."""
 SMALLEST_FIRST = 16
 GROWTH = 4
-"""How many times as long as the one before a slice is at most."""
+"""Most times by which a slice is longer than the one before."""
 FIRST_BYTES = 1 << 30
 """Bytes of a model times rows of the first slice: at the centre of a sphere, where a search looks at every
 face, some 100 bytes in 15 ns, that slice takes 0.2 s."""

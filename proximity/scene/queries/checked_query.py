@@ -14,7 +14,7 @@ from proximity import native
 from proximity.arrays import as_points
 from proximity.errors import ProximityError
 from proximity.kernels.geometry.morton_order import SORT_FROM
-from proximity.kernels.layout import ANSWERED
+from proximity.kernels.layout import NO_ROW
 from proximity.model.assembly import Model
 from proximity.scene.queries.batches import OrderOf, first_slice, morton_order_of, run_batch
 from proximity.scene.queries.query_arguments import broadcast_limits, broadcast_rows
@@ -42,7 +42,7 @@ class CheckedQuery:
     names: tuple[str, ...]  # what callers call the arrays of rows
     subject: str  # what the rows are, for messages about limits
     width: int  # columns of an answer; of one column the table has no axis of columns
-    refusal: Callable[[int], ProximityError]  # the error for what an entry point returns but `ANSWERED`
+    refusal: Callable[[int], ProximityError]  # the error for what an entry point returns but `NO_ROW`
     order_of: Callable[[Model, int], tuple[OrderOf | None, int]] = order_of_points
     dtype: type = np.float64
 
@@ -68,8 +68,8 @@ class CheckedQuery:
             return int(self.entry(model.packed, *rows, order, limits, answers))
 
         found = run_batch(ask_slice, [*flat, limits, answers], workers, order_of, size)
-        refused = min((first + row for first, row in found if row != ANSWERED), default=ANSWERED)
-        if refused != ANSWERED:
+        refused = min((first + row for first, row in found if row != NO_ROW), default=NO_ROW)
+        if refused != NO_ROW:
             raise self.refusal(refused)
         shape = rows[0].shape[:-1]
         return answers.reshape((*shape, self.width) if self.width > 1 else shape)[()]

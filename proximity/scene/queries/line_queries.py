@@ -7,12 +7,10 @@ import numpy.typing as npt
 from numpy import inf  # looked up in NumPy, it would cost calls of five rays 2 %
 
 from proximity.errors import ProximityError, QueryError
-from proximity.kernels.ray.hit_rows import ANSWER_WIDTH as HIT_WIDTH
-from proximity.kernels.ray.hit_rows import DISTANCE_WIDTH
+from proximity.kernels.ray.hit_rows import DISTANCE_WIDTH, RAY_ANSWER_WIDTH
 from proximity.kernels.ray.ray_order import ray_order
 from proximity.kernels.scene.ray_queries import cast_batch
-from proximity.kernels.scene.segment_queries import ANSWER_WIDTH as SEGMENT_WIDTH
-from proximity.kernels.scene.segment_queries import segment_batch
+from proximity.kernels.scene.segment_queries import SEGMENT_ANSWER_WIDTH, segment_batch
 from proximity.model.assembly import Model
 from proximity.scene.queries.batches import LARGEST_SLICE, HasSnapshot, OrderOf
 from proximity.scene.queries.checked_query import CheckedQuery
@@ -42,9 +40,9 @@ def _ray_query(width: int) -> Callable[..., Any]:
     ).quick()
 
 
-_cast, _cast_distance = _ray_query(HIT_WIDTH), _ray_query(DISTANCE_WIDTH)
+_cast, _cast_distance = _ray_query(RAY_ANSWER_WIDTH), _ray_query(DISTANCE_WIDTH)
 _closest_to_segments = CheckedQuery(
-    "segment_batch", segment_batch, ("starts", "ends"), "segments", SEGMENT_WIDTH, _zero_direction
+    "segment_batch", segment_batch, ("starts", "ends"), "segments", SEGMENT_ANSWER_WIDTH, _zero_direction
 ).quick()
 
 

@@ -1,4 +1,4 @@
-"""Queries of points: closest, distances, inside."""
+"""Queries of points: closest, distances, containment."""
 
 from collections.abc import Callable
 from typing import Any
@@ -9,7 +9,7 @@ from numpy import inf  # looked up in NumPy, it would cost calls of five points 
 
 from proximity.errors import NotWatertightError, ProximityError
 from proximity.kernels.scene.point_queries import (
-    ANSWER_WIDTH,
+    POINT_ANSWER_WIDTH,
     closest_batch,
     contains_batch,
     distance_batch,
@@ -30,7 +30,7 @@ def _query(name: str, entry: object, width: int, dtype: type = np.float64) -> Ca
     return CheckedQuery(name, entry, ("points",), "points", width, _no_inside, dtype=dtype).quick()
 
 
-_closest = _query("closest_batch", closest_batch, ANSWER_WIDTH)
+_closest = _query("closest_batch", closest_batch, POINT_ANSWER_WIDTH)
 _signed_distance = _query("signed_batch", signed_batch, 1)
 _distance = _query("distance_batch", distance_batch, 1)
 _contains = _query("contains_batch", contains_batch, 1, np.bool_)
@@ -76,7 +76,7 @@ class PointQueries(HasSnapshot):
         On the surface: distance 0, gradient is the pseudo-normal of the feature.
         Ties: the lowest part; within a part any of the nearest faces, the same on every run.
         Degenerate: faces without area answer as their edges. On them, and on edges and corners where the
-        normals of faces back to back cancel, there is no way out: the gradient is 0.
+        normals of faces back to back cancel, there is no direction out: the gradient is 0.
         Cost: about O(log F) on the surface, O(√F) near one that is finely meshed, towards O(F) at centres of
         symmetry.
         Thread: any number of threads may ask; the interpreter lock is released.

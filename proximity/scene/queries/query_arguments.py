@@ -1,4 +1,4 @@
-"""How far to look, and rows that belong together: what queries are given besides points, checked."""
+"""Checks of the arguments of queries besides points: limits, and rows that belong together."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""What queries answer: records of arrays with the leading shape S of the points that were asked.
+"""Results of queries: records of arrays with the leading shape S of the query's points.
 
 One point gives scalars, a grid gives a grid. Where there is no answer: `NO_FACE`, `NO_PART`, distance inf,
 points nan. Records are views of an array that a kernel has filled, and read-only.
@@ -29,7 +29,7 @@ __all__ = ["NO_FACE", "NO_PART", "ClosestPoints", "Feature", "RayHits", "Segment
 
 
 class Feature(IntEnum):
-    """What of a face the closest point lies on."""
+    """The feature of a face that the closest point lies on."""
 
     NONE = FEATURE_NONE
     FACE = FEATURE_FACE

@@ -1,10 +1,10 @@
-"""Files of arrays that are mapped when opened, and refused unless every bit is as it was written.
+"""Archives: files of arrays that are memory-mapped, and refused if a bit has changed.
 
 Knows files, arrays and JSON only; what the arrays mean is the business of `compiled`. A file is a header of
 `HEADER` bytes, a JSON document, and the arrays, each on a page of its own and filled up with zeros::
 
     magic, byte order, format version, bytes of the file, bytes and checksum of the JSON part, own checksum
-    JSON: what the arrays are laid out for; their names, types, shapes, places and checksums; anything else
+    JSON: what the arrays are laid out for; their names, types, shapes, offsets and checksums; anything else
     page by page: the arrays
 
 These first 64 bytes keep their form in every version, so that any version can tell what it has before it.
@@ -41,14 +41,14 @@ HEADER = struct.Struct("=8sIIQQI24xI")
 _HEADER_CHECKSUM = struct.Struct("=I")
 _TYPES = {name: np.dtype(name) for name in ("float64", "float32", "int64", "int32")}
 _WEIGHTS = np.arange(1, PAGE // 8 + 1, dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15) | np.uint64(1)
-"""Odd, so that no changed bit is lost in a product; all different, so that no two words may change places."""
+"""Odd, so that no changed bit is lost in a product; all different, so that no two words may be exchanged."""
 _NOT_UNDERSTOOD = (ValueError, TypeError, LookupError, ArithmeticError, RecursionError)
 _AGAIN = "save the scene again with this version"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Contents:
-    """What a file holds."""
+    """Contents of an archive."""
 
     metadata: dict[str, Any]  # as it was written
     arrays: dict[str, np.ndarray]  # mapped copy-on-write: changes stay in this process

@@ -1,7 +1,7 @@
-"""Scenes as files that are opened without making anything anew: which arrays and words stand in `archive`.
+"""Compiled scenes: saving a scene with its trees, and opening it without building them.
 
-What a scene, its parts and their solids consist of is listed here once, for both ways. Parts share a file's
-few long arrays, however many they are.
+What a scene, its parts and their solids consist of is listed here once, for writing and reading. Parts share
+a file's few long arrays, however many they are.
 """
 
 from collections.abc import Iterable
@@ -38,8 +38,8 @@ from proximity.scene.solid import Solid
 
 LAYOUT = {name: value for name, value in vars(layout).items() if name.isupper() and isinstance(value, int)}
 LAYOUT |= {"MOMENT_STRIDE": MOMENT_STRIDE, "STATIC_COPIES": STATIC_COPIES, "REGION_COPIES": REGION_COPIES}
-"""What the arrays of a model are laid out by: a file with other numbers is refused. What no number shows, say
-another meaning of a column, needs another `archive.FORMAT_VERSION`."""
+"""Numbers by which the arrays of a model are laid out: a file with others is refused. What no number shows,
+say another meaning of a column, needs another `archive.FORMAT_VERSION`."""
 
 _FIELDS = (
     "name", "repairs", "velocity", "angular_velocity", "is_hidden", "stiffness", "damping",
@@ -52,7 +52,7 @@ _CONTRADICTIONS = (ValueError, TypeError, LookupError, ArithmeticError, MeshForm
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CompiledScene:
-    """What a file gives back."""
+    """Contents of a compiled scene."""
 
     model: Model
     parts: list[dict[str, Any]]  # the fields of each part, by name
@@ -168,7 +168,7 @@ def _scene(metadata: dict[str, Any], arrays: dict[str, np.ndarray]) -> CompiledS
     below = check_parts(*model_arrays, names)
     values = _values(fields, names)
     poses = _array(arrays, "poses", np.float64, 12)
-    _put_in_place(frames, rows, poses, values)
+    _write_rows(frames, rows, poses, values)
     complete_model(words, frames, rows, names, below)
     model = finished(*model_arrays, names=names)
 
@@ -205,7 +205,7 @@ def _values(fields: dict[str, Any], names: tuple[str, ...]) -> dict[str, Any]:
     }
 
 
-def _put_in_place(frames: np.ndarray, rows: np.ndarray, poses: np.ndarray, values: dict[str, Any]) -> None:
+def _write_rows(frames: np.ndarray, rows: np.ndarray, poses: np.ndarray, values: dict[str, Any]) -> None:
     """Write into the tables of parts what is said of them elsewhere in the file: that is what holds."""
     count = len(rows) - 1
     expect(len(poses) == count, f"there are {count} parts, but {len(poses)} poses")
@@ -213,8 +213,8 @@ def _put_in_place(frames: np.ndarray, rows: np.ndarray, poses: np.ndarray, value
     matrices[:, :3, :3], matrices[:, :3, 3] = poses[:, :9].reshape(-1, 3, 3), poses[:, 9:]
     unfit = first_unfit_move(matrices, NO_VELOCITIES, NO_VELOCITIES)
     expect(unfit < 0, f"the pose of part {unfit} is no rigid transform, or leads too far away")
-    frames[:-1, layout.ROTATION : layout.CENTRE] = poses
-    rows[:-1, layout.IS_HIDDEN] = values["is_hidden"]
+    frames[:-1, layout.FRAME_ROTATION : layout.FRAME_CENTRE] = poses
+    rows[:-1, layout.PART_IS_HIDDEN] = values["is_hidden"]
     for row in range(count):
         write_motion(frames[row], values["velocity"][row], values["angular_velocity"][row])
         write_surface(frames[row], values["stiffness"][row], values["damping"][row])
@@ -235,8 +235,8 @@ def _solids(
     faces = _slices(_array(arrays, "faces", np.int32, 3), face_counts)
     for row, number in enumerate(solid_of_part):
         is_alike = (face_counts[number], kernel_sign(reported[number][2])) == (
-            rows[row, layout.FACE_COUNT],
-            rows[row, layout.SIGN],
+            rows[row, layout.PART_FACE_COUNT],
+            rows[row, layout.PART_SIGN],
         )
         expect(is_alike, f"{named(row, names)} has other faces, or another sign, than its solid")
         check_mesh(model.words, rows, row, vertices[number], faces[number], names)

@@ -1,4 +1,4 @@
-"""What the description in a compiled scene says of parts, solids and the report: types and ranges."""
+"""The description in a compiled scene: types and ranges of what it says."""
 
 from collections.abc import Callable
 from dataclasses import fields

@@ -1,4 +1,4 @@
-"""The model in a compiled scene: looked at before anything walks it, and made anew where it follows.
+"""The model in a compiled scene, validated before anything walks it.
 
 Kernels check no bounds. So every number that says where something lies is compared with what is there, see
 `kernels.scene.model_validation`. What follows from other numbers is not believed but written again, which
@@ -14,7 +14,7 @@ from proximity.errors import MeshFormatError
 from proximity.kernels import layout
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_GRID, NODE_STRIDE
 from proximity.kernels.scene import model_validation
-from proximity.kernels.scene.placement import place_box
+from proximity.kernels.scene.placement import update_box
 from proximity.kernels.sign.inside_grid import CELLS_PER_WORD
 from proximity.kernels.sign.winding_number import MOMENT_STRIDE
 from proximity.model.bvh import LARGEST_COORDINATE
@@ -22,7 +22,7 @@ from proximity.model.part_trees import (
     NO_NODE,
     REGION_COPIES,
     STATIC_COPIES,
-    TopPlan,
+    PartTreesPlan,
     clear_first,
     dynamic_order,
     note_fused,
@@ -32,7 +32,7 @@ from proximity.model.part_trees import (
 
 MOST_PARTS = 2**layout.FOLDED_AT
 SMALLEST_SCALE, LARGEST_SCALE = 2.0**-510, 2.0**510
-"""What local frames are scaled by lies well between: squares stay within float64."""
+"""Range of the scales of local frames, with a wide margin: squares stay within float64."""
 
 _SENTENCES = {
     model_validation.BAD_BOX: "the boxes of node {0} are not finite, or lower corners are above upper ones",
@@ -54,7 +54,7 @@ _SENTENCES = {
     model_validation.BAD_NORMAL: "the normal of corner {0} is longer than 1, or not finite",
     model_validation.BAD_MOMENT: "the moments of node {0} are not finite",
     model_validation.BAD_CELL: "its sign grid has cells of no known state, from cell {0} on",
-    model_validation.BAD_TOP_CHILD: "child {0} of node {1} refers to {2}, where no part that stands still is",
+    model_validation.BAD_SCENE_CHILD: "child {0} of node {1} refers to {2}, where no still part is",
     model_validation.COVERED_TWICE: (
         "child {0} of node {1} in the tree over the parts contains what another does"
     ),
@@ -86,14 +86,16 @@ def check_parts(
     """
     _check_rows(parts, len(names), len(reals), len(words))
     _check_frames(frames, parts)
-    node_count, block_count = parts[:-1, [layout.NODE_COUNT, layout.BLOCK_COUNT]].sum(axis=0).tolist()
+    node_count, block_count = (
+        parts[:-1, [layout.PART_NODE_COUNT, layout.PART_BLOCK_COUNT]].sum(axis=0).tolist()
+    )
     firsts, counts, levels = (np.empty(node_count, np.int32) for _ in range(3))
     fault = np.zeros(model_validation.FAULT_SIZE, np.int64)
     levels[:] = 0
     reached = np.zeros(block_count, np.uint8)
     kind = model_validation.fault_in_trees(words, parts, firsts, counts, levels, reached, fault)
     _raise_at(kind, fault, parts, names)
-    seen = np.empty(parts[:-1, layout.FACE_COUNT].max(), np.uint8)
+    seen = np.empty(parts[:-1, layout.PART_FACE_COUNT].max(), np.uint8)
     _raise_at(model_validation.fault_in_parts(reals, words, parts, seen, fault), fault, parts, names)
     return firsts, counts
 
@@ -121,17 +123,17 @@ def complete_model(
     MeshFormatError
         If the trees, or the grid over the parts, refer to what is not there, or parts are missing in them.
     """
-    row, plan = parts[-1], TopPlan.of(parts)
+    row, plan = parts[-1], PartTreesPlan.of(parts)
     for part in range(len(parts) - 1):
-        place_box(frames, parts, part)
-    frames[-1, layout.ROTATION : layout.CENTRE] = (1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0)
-    row[[layout.IS_TURNED, layout.IS_DYNAMIC, layout.IS_HIDDEN]] = 0
+        update_box(frames, parts, part)
+    frames[-1, layout.FRAME_ROTATION : layout.FRAME_CENTRE] = (1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0)
+    row[[layout.PART_IS_TURNED, layout.PART_IS_DYNAMIC, layout.PART_IS_HIDDEN]] = 0
     note_fused(frames, parts)
     clear_first(words, parts)
     fault = np.zeros(model_validation.FAULT_SIZE, np.int64)
     if plan.capacity:
-        levels = np.zeros(row[layout.BLOCK_COUNT], np.int32)
-        covered = np.zeros(parts[-2, layout.FIRST_BLOCK] + parts[-2, layout.BLOCK_COUNT], np.uint8)
+        levels = np.zeros(row[layout.PART_BLOCK_COUNT], np.int32)
+        covered = np.zeros(parts[-2, layout.PART_FIRST_BLOCK] + parts[-2, layout.PART_BLOCK_COUNT], np.uint8)
         kind = model_validation.fault_in_static_tree(words, parts, *below, levels, covered, fault)
         _raise_at(kind, fault, parts, names)
         rewrite_entries(words, parts, plan.copies_of(parts)[1])
@@ -139,7 +141,7 @@ def complete_model(
     order = dynamic_order(words, parts)
     if order is None:
         raise MeshFormatError("the tree over the parts that have moved does not have each of them once")
-    if not write_moving(words, frames, parts, int(row[layout.REGION]), order, 0) <= 1.0:
+    if not write_moving(words, frames, parts, int(row[layout.SCENE_SUPER_NODE]), order, 0) <= 1.0:
         raise MeshFormatError("its parts reach beyond the scene's frame")
 
 
@@ -186,7 +188,7 @@ def _raise_at(kind: int, fault: np.ndarray, parts: np.ndarray, names: tuple[str,
     row = parts[part]
     where = "the trees over the parts" if part == len(names) else named(part, names)
     reported = _SENTENCES[int(kind)].format(
-        *numbers, nodes=row[layout.NODE_COUNT], blocks=row[layout.BLOCK_COUNT]
+        *numbers, nodes=row[layout.PART_NODE_COUNT], blocks=row[layout.PART_BLOCK_COUNT]
     )
     raise MeshFormatError(f"{where}: {reported}")
 
@@ -218,77 +220,88 @@ def _check_rows(parts: np.ndarray, count: int, real_count: int, word_count: int)
     _expect(len(parts) == count + 1, f"there are {count} parts, but the trees of {len(parts) - 1}")
     # So sums and products below do not overflow; columns that may be -1 are looked at by themselves.
     sizes = parts.copy()
-    sizes[:, layout.GRID][sizes[:, layout.GRID] == NO_GRID] = 0
-    sizes[-1, layout.NEIGHBORS] = max(sizes[-1, layout.NEIGHBORS], NO_NODE + 1)
+    sizes[:, layout.PART_GRID][sizes[:, layout.PART_GRID] == NO_GRID] = 0
+    sizes[-1, layout.SCENE_STATIC_ROOT] = max(sizes[-1, layout.SCENE_STATIC_ROOT], NO_NODE + 1)
     _expect(((sizes >= 0) & (sizes <= max(real_count, word_count))).all(), "the table of parts has a number "
             f"that is below 0 or beyond the {max(real_count, word_count)} numbers in the file")  # fmt: skip
     rows = parts[:-1]
     _expect(
-        (rows[:, [layout.IS_DYNAMIC, layout.IS_HIDDEN]] <= 1).all(), "a flag of a part is neither 0 nor 1"
+        (rows[:, [layout.PART_IS_DYNAMIC, layout.PART_IS_HIDDEN]] <= 1).all(),
+        "a flag of a part is neither 0 nor 1",
     )
-    _expect((rows[:, layout.SIGN] <= layout.SIGN_WINDING).all(), "a part has no known kind of sign")
-    at_least_one = [layout.NODE_COUNT, layout.BLOCK_COUNT, layout.FACE_COUNT, layout.CORNER_COUNT]
+    _expect((rows[:, layout.PART_SIGN] <= layout.SIGN_WINDING).all(), "a part has no known kind of sign")
+    at_least_one = [
+        layout.PART_NODE_COUNT,
+        layout.PART_BLOCK_COUNT,
+        layout.PART_FACE_COUNT,
+        layout.PART_CORNER_COUNT,
+    ]
     _expect((rows[:, at_least_one] > 0).all(), "a part has no nodes, blocks, faces or corners")
-    for first, size, what in ((layout.ROOT, layout.NODE_COUNT, "nodes"),
-                              (layout.FIRST_BLOCK, layout.BLOCK_COUNT, "blocks")):  # fmt: skip
+    for first, size, what in ((layout.PART_ROOT, layout.PART_NODE_COUNT, "nodes"),
+                              (layout.PART_FIRST_BLOCK, layout.PART_BLOCK_COUNT, "blocks")):  # fmt: skip
         starts = np.cumsum(rows[:, size]) - rows[:, size]
         _expect((rows[:, first] == starts).all(), f"the {what} of the parts do not follow each other")
-    for column in (layout.SLOT_FACES, layout.MOMENTS, layout.BLOCK_NOTES):
+    for column in (layout.PART_SLOT_FACES, layout.PART_MOMENTS, layout.PART_BLOCK_NOTES):
         _expect((parts[:, column] == parts[0, column]).all(), "parts do not agree on where tables begin")
-    _check_top(parts)
-    _check_places(parts, real_count, word_count)
+    _check_scene_row(parts)
+    _check_part_runs(parts, real_count, word_count)
 
 
-def _check_top(parts: np.ndarray) -> None:
+def _check_scene_row(parts: np.ndarray) -> None:
     """Check the scene's row."""
-    row, plan, scene = parts[-1], TopPlan.of(parts), len(parts) - 1
-    _expect(row[layout.FIRST_BLOCK] == parts[:-1, layout.NODE_COUNT].sum(),
+    row, plan, scene = parts[-1], PartTreesPlan.of(parts), len(parts) - 1
+    _expect(row[layout.SCENE_FIRST_NODE] == parts[:-1, layout.PART_NODE_COUNT].sum(),
             "the trees over the parts do not begin behind those of the parts")  # fmt: skip
-    _expect(row[layout.FACE_COUNT] == parts[:-1, layout.FACE_COUNT].sum(),
-            f"the scene has {row[layout.FACE_COUNT]} faces, but its parts do not")  # fmt: skip
+    _expect(row[layout.PART_FACE_COUNT] == parts[:-1, layout.PART_FACE_COUNT].sum(),
+            f"the scene has {row[layout.PART_FACE_COUNT]} faces, but its parts do not")  # fmt: skip
     _expect(
         (plan.capacity > 0) == (scene > 1), f"there is a tree of {plan.capacity} nodes over {scene} parts"
     )
     if not plan.capacity:
-        _expect(row[layout.REGION] == plan.first_node, "the empty node is not behind those of the part")
+        _expect(
+            row[layout.SCENE_SUPER_NODE] == plan.first_node, "the empty node is not behind those of the part"
+        )
         return
     regions = [plan.region(copy) for copy in range(REGION_COPIES)]
-    _expect(row[layout.REGION] in regions, "the tree over moved parts is at none of its places")
+    _expect(row[layout.SCENE_SUPER_NODE] in regions, "the tree over moved parts is at none of its places")
     entries = [plan.entries_at(copy) for copy in range(STATIC_COPIES)]
-    _expect(row[layout.FACES] in entries, "the entries of the tree over parts are at none of their places")
-    root, copy = row[layout.NEIGHBORS], entries.index(row[layout.FACES])
+    _expect(
+        row[layout.SCENE_ENTRIES] in entries, "the entries of the tree over parts are at none of their places"
+    )
+    root, copy = row[layout.SCENE_STATIC_ROOT], entries.index(row[layout.SCENE_ENTRIES])
     _expect(root in (NO_NODE, plan.static_node(copy)), "the tree over parts is at none of its places")
-    _expect((root == NO_NODE or row[layout.BLOCK_COUNT] > 0)
-            and row[layout.BLOCK_COUNT] <= plan.capacity
-            and row[layout.CORNER_COUNT] <= LANES * plan.capacity,
-            f"the tree over parts has {row[layout.BLOCK_COUNT]} nodes and {row[layout.CORNER_COUNT]} "
-            f"entries, but there is room for {plan.capacity} nodes")  # fmt: skip
+    _expect((root == NO_NODE or row[layout.SCENE_STATIC_NODE_COUNT] > 0)
+            and row[layout.SCENE_STATIC_NODE_COUNT] <= plan.capacity
+            and row[layout.SCENE_ENTRY_COUNT] <= LANES * plan.capacity,
+            f"the tree over parts has {row[layout.SCENE_STATIC_NODE_COUNT]} nodes and "
+            f"{row[layout.SCENE_ENTRY_COUNT]} entries, "
+            f"but there is room for {plan.capacity} nodes")  # fmt: skip
 
 
-def _check_places(parts: np.ndarray, real_count: int, word_count: int) -> None:
+def _check_part_runs(parts: np.ndarray, real_count: int, word_count: int) -> None:
     """Check that what the parts are made of lies one behind the other, as it is written."""
     rows, scene = parts[:-1], parts[-1]
-    node_count, block_count = rows[:, [layout.NODE_COUNT, layout.BLOCK_COUNT]].sum(axis=0).tolist()
+    node_count, block_count = rows[:, [layout.PART_NODE_COUNT, layout.PART_BLOCK_COUNT]].sum(axis=0).tolist()
     _expect(block_count < layout.ENTRY, f"there are {block_count} blocks, more than can be numbered")
-    coordinates = 3 * rows[:, layout.CORNER_COUNT]
+    coordinates = 3 * rows[:, layout.PART_CORNER_COUNT]
     _check_runs(
-        np.r_[0, rows[:, [layout.CORNERS, layout.CORNER_NORMALS]].ravel()],
+        np.r_[0, rows[:, [layout.PART_CORNERS, layout.PART_CORNER_NORMALS]].ravel()],
         np.r_[BLOCK_STRIDE * block_count, np.stack((coordinates, coordinates), axis=1).ravel()],
         real_count,
         "coordinates",
     )
-    indices, grid_sizes = 3 * rows[:, layout.FACE_COUNT], -(-_cells(rows) // CELLS_PER_WORD)
-    has_grid = rows[:, layout.GRID] != NO_GRID
+    indices, grid_sizes = 3 * rows[:, layout.PART_FACE_COUNT], -(-_cells(rows) // CELLS_PER_WORD)
+    has_grid = rows[:, layout.PART_GRID] != NO_GRID
     _expect((grid_sizes[has_grid] > 0).all(), "a sign grid has no cells")
-    starts = rows[:, [layout.FACES, layout.NEIGHBORS, layout.GRID]].copy()
+    starts = rows[:, [layout.PART_FACES, layout.PART_NEIGHBORS, layout.PART_GRID]].copy()
     starts[~has_grid, 2] = starts[~has_grid, 1] + indices[~has_grid]
     sizes = np.stack((indices, indices, np.where(has_grid, grid_sizes, 0)), axis=1)
     holder_cells = int(_cells(parts[-1:])[0])
-    tail = [scene[layout.BLOCK_NOTES], scene[layout.GRID]]
+    tail = [scene[layout.PART_BLOCK_NOTES], scene[layout.SCENE_GRID]]
     _check_runs(
-        np.r_[0, scene[[layout.SLOT_FACES, layout.MOMENTS]], starts.ravel(), tail],
+        np.r_[0, scene[[layout.PART_SLOT_FACES, layout.PART_MOMENTS]], starts.ravel(), tail],
         np.r_[
-            NODE_STRIDE * (node_count + TopPlan.of(parts).node_count),
+            NODE_STRIDE * (node_count + PartTreesPlan.of(parts).node_count),
             LANES * block_count,
             MOMENT_STRIDE * node_count,
             sizes.ravel(),
@@ -308,7 +321,7 @@ def _check_runs(starts: np.ndarray, sizes: np.ndarray, count: int, what: str) ->
 
 def _cells(rows: np.ndarray) -> np.ndarray:
     """Cells of grids, (K,) int64."""
-    counts = rows[:, [layout.GRID_X, layout.GRID_Y, layout.GRID_Z]]
+    counts = rows[:, [layout.PART_GRID_X, layout.PART_GRID_Y, layout.PART_GRID_Z]]
     _expect((counts.astype(np.float64).prod(axis=1) < 2.0**31).all(), "a grid has more than 2^31 cells")
     return counts.prod(axis=1)
 
@@ -318,16 +331,16 @@ def _check_frames(frames: np.ndarray, parts: np.ndarray) -> None:
     _expect(len(frames) == len(parts), f"there are {len(frames)} frames for {len(parts) - 1} parts")
     bad = np.argwhere(~np.isfinite(frames))
     _expect(not len(bad), f"column {bad[0, 1]} of frame {bad[0, 0]} is not finite" if len(bad) else "")
-    centres, scales = frames[:, layout.CENTRE : layout.CENTRE + 3], frames[:, layout.SCALE]
+    centres, scales = frames[:, layout.FRAME_CENTRE : layout.FRAME_CENTRE + 3], frames[:, layout.FRAME_SCALE]
     is_power = (np.frexp(scales)[0] == 0.5) & (scales >= SMALLEST_SCALE) & (scales <= LARGEST_SCALE)
     _expect(is_power.all(), "a local frame is not scaled by a power of two that can be computed with")
     _expect((np.abs(centres) <= 2.0 * LARGEST_COORDINATE).all(), "a local frame lies too far away")
-    lower = frames[:-1, layout.OWN_LOWER : layout.OWN_LOWER + 3]
-    upper = frames[:-1, layout.OWN_UPPER : layout.OWN_UPPER + 3]
+    lower = frames[:-1, layout.FRAME_OWN_LOWER : layout.FRAME_OWN_LOWER + 3]
+    upper = frames[:-1, layout.FRAME_OWN_UPPER : layout.FRAME_OWN_UPPER + 3]
     with np.errstate(over="ignore"):
         reach = np.abs((np.stack((lower, upper)) - centres[:-1]) * scales[:-1, None]).max()
     is_box = (lower <= upper).all() and reach <= model_validation.LARGEST_LOCAL
     _expect(is_box, "the box of a part is none, or lies outside of its local frame")
     has_grid = _cells(parts) > 0
-    has_grid[:-1] &= parts[:-1, layout.GRID] != NO_GRID
-    _expect((frames[has_grid, layout.GRID_RATE] > 0.0).all(), "a grid has cells of no size")
+    has_grid[:-1] &= parts[:-1, layout.PART_GRID] != NO_GRID
+    _expect((frames[has_grid, layout.FRAME_GRID_RATE] > 0.0).all(), "a grid has cells of no size")

@@ -1,4 +1,4 @@
-"""A recording through a tracker: every tick, and whether every bound was kept.
+"""Replay of a recording through a tracker, with a check of every bound.
 
 The clock is simulated: a tick comes as long after the instant of its pose as the latency says, and the next
 one follows at once. The tracker is whatever answers ticks; this package knows neither files nor units.

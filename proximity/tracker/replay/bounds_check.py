@@ -1,4 +1,4 @@
-"""Were the promises kept? Looked at after the run, with questions that know nothing of tracks and budgets."""
+"""Check of the bounds after a replay, by queries that know nothing of tracks and budgets."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from proximity.scene.scene import Scene
 from proximity.tracker.replay.replay_loop import Replay
 
 CHECKED_COUNT = 20_000  # finger-ticks, evenly chosen
-ROUNDING = 1e-12  # of a distance: how far two ways of computing it may be apart
+CHECK_ROUNDING = 1e-12  # of a distance: how far two methods of computing it may be apart
 COORDINATE_ROUNDING = 8.0 * 2.0**-52  # of the largest coordinate: what a distance of 0 may be off
 
 
@@ -64,7 +64,9 @@ def judge_bounds(scene: Scene, run: Replay, radius: float) -> BoundsKept:
     contacts = run.contacts[ticks, rows]
     points = run.recording.positions[ticks, rows]
     true = scene.signed_distance(points) - radius
-    workspace = ROUNDING * (np.abs(true) + radius) + COORDINATE_ROUNDING * _largest_coordinate(scene, points)
+    workspace = CHECK_ROUNDING * (np.abs(true) + radius) + COORDINATE_ROUNDING * _largest_coordinate(
+        scene, points
+    )
     workspace[np.isinf(true)] = 0.0  # no part is shown: so far is nothing by rounding
     # written so that nan is a broken promise
     is_kept = (contacts["lower"] <= true + workspace) & (true - workspace <= contacts["upper"])
@@ -72,11 +74,11 @@ def judge_bounds(scene: Scene, run: Replay, radius: float) -> BoundsKept:
     off = np.fmax(broken["lower"] - found, found - broken["upper"])
     first = ""
     if len(off):
-        place = int(np.argmin(is_kept))
-        at = run.recording.times_ns[ticks[place]] / NANOSECONDS
+        worst = int(np.argmin(is_kept))
+        at = run.recording.times_ns[ticks[worst]] / NANOSECONDS
         first = (
-            f"{run.recording.finger_name(int(rows[place]))} at {at:.6f} s: "
-            f"{contacts['lower'][place]:.9g} <= {true[place]:.9g} <= {contacts['upper'][place]:.9g} m"
+            f"{run.recording.finger_name(int(rows[worst]))} at {at:.6f} s: "
+            f"{contacts['lower'][worst]:.9g} <= {true[worst]:.9g} <= {contacts['upper'][worst]:.9g} m"
         )
     return BoundsKept(len(ticks), len(off), float(np.fmax.reduce(off, initial=0.0)), first)
 
@@ -129,7 +131,7 @@ def judge_touches(run: Replay) -> TouchesForetold:
 
 
 def touching(run: Replay) -> np.ndarray:
-    """Where a fingertip touches or is inside, as it was answered, (T, N).
+    """Whether a fingertip touches or is inside, by the answers, (T, N).
 
     Parameters
     ----------
@@ -148,7 +150,7 @@ def _has(run: Replay, flag: ContactFlag) -> np.ndarray:
 
 
 def _sample(is_meant: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Tick and finger of at most `CHECKED_COUNT` places, evenly chosen."""
+    """Tick and finger of at most `CHECKED_COUNT` answers, evenly chosen."""
     ticks, rows = np.nonzero(is_meant)
     step = max(1, -(-len(ticks) // CHECKED_COUNT))
     if step > 1 and is_meant.shape[1] % step == 0:
@@ -163,7 +165,7 @@ def _next(is_so: np.ndarray, none: int) -> np.ndarray:
 
 
 def _positions_at(run: Replay, at_ns: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Where fingers *rows* were at *at_ns*, (K, 3), between two ticks; nan where either did not see them."""
+    """Positions of fingers *rows* at *at_ns*, (K, 3), between two ticks; nan where either has none."""
     times_ns, positions = run.recording.times_ns, run.recording.positions
     after = np.searchsorted(times_ns, at_ns, side="left")
     is_past = after == len(times_ns)

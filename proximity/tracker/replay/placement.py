@@ -1,4 +1,4 @@
-"""Where a recorded hand is put when nobody says where: so that it comes near and touches.
+"""The default placement of a recorded hand: it comes near the scene and touches it.
 
 A recording was made above a sensor, with nothing to touch. The middle of the hand's box goes to the middle
 of the scene's; a hand that would then be stuck in the part is raised out of it, one that would miss it is
@@ -17,9 +17,9 @@ from proximity.scene.scene import Scene
 
 TOUCHING_SHARE = 0.1
 """A hand that touches in more of its samples than this is raised until it does not: the rest is approach."""
-SAMPLE_COUNT = 2000  # positions that are looked at, evenly chosen
+PLACEMENT_SAMPLE_COUNT = 2000  # positions that are looked at, evenly chosen
 QUARTERS = {0.0: (1.0, 0.0), 90.0: (0.0, 1.0), 180.0: (-1.0, 0.0), 270.0: (0.0, -1.0)}  # cosine, sine
-HALVINGS = 40  # of the height searched: what is left is far below a micrometre
+BISECTIONS = 40  # of the height searched: what is left is far below a micrometre
 
 
 def fitted_pose(
@@ -66,13 +66,13 @@ def fitted_pose(
     pose = recording.fitted_to(lower, upper, rotation=rotation, scale=scale)
     placed = recording.placed(pose, scale)
     points = placed.positions[placed.is_present]
-    points = points[:: -(-len(points) // SAMPLE_COUNT)]
+    points = points[:: -(-len(points) // PLACEMENT_SAMPLE_COUNT)]
     share, shift = _touching_share(scene, points, radius, 0.0), np.zeros(3)
     if share > TOUCHING_SHARE:
         shift[2] = _height_to_rise(scene, points, radius)
         share = _touching_share(scene, points, radius, shift[2])
     if share == 0.0:  # after rising too: of a finger that rests, all samples leave at once
-        shift += _way_to_touch(scene, points + shift, radius)
+        shift += _shift_to_touch(scene, points + shift, radius)
     return Pose(rotation, pose.translation + shift)
 
 
@@ -112,7 +112,7 @@ def _touching_share(scene: Scene, points: np.ndarray, radius: float, height: flo
 def _height_to_rise(scene: Scene, points: np.ndarray, radius: float) -> float:
     """A height at which no more than the share touches, and just below which more do."""
     below, above = 0.0, float(scene.bounds[1][2] - points[:, 2].min()) + 2.0 * radius
-    for _ in range(HALVINGS):
+    for _ in range(BISECTIONS):
         middle = 0.5 * (below + above)
         if _touching_share(scene, points, radius, middle) > TOUCHING_SHARE:
             below = middle
@@ -121,9 +121,9 @@ def _height_to_rise(scene: Scene, points: np.ndarray, radius: float) -> float:
     return above
 
 
-def _way_to_touch(scene: Scene, points: np.ndarray, radius: float) -> np.ndarray:
+def _shift_to_touch(scene: Scene, points: np.ndarray, radius: float) -> np.ndarray:
     """The shift that brings the nearest fingertip into touch."""
     hits = scene.closest(points)
     nearest = int(np.argmin(hits.signed_distance))
-    way = hits.point[nearest] - points[nearest]
-    return way * (1.0 - 0.5 * radius / float(hits.signed_distance[nearest]))
+    direction = hits.point[nearest] - points[nearest]
+    return direction * (1.0 - 0.5 * radius / float(hits.signed_distance[nearest]))

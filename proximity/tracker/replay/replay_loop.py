@@ -1,4 +1,4 @@
-"""The loop: every instant of a recording is one tick, timed."""
+"""The loop of a replay: every instant of a recording is one timed tick."""
 
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -17,7 +17,7 @@ LARGEST_LOG_BYTES = 4 << 30
 
 
 class Ticking(Protocol):
-    """What answers ticks: a tracker."""
+    """Anything that answers ticks, as a tracker does."""
 
     def tick(self, positions: np.ndarray, t_pose_ns: int, now_ns: int) -> np.ndarray:
         """Return a contact for each finger, in an array that the next tick overwrites."""
@@ -25,7 +25,7 @@ class Ticking(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Replay:
-    """What a tracker answered to a recording, T ticks of N fingers, and how long it took."""
+    """Answers of a tracker to a recording, T ticks of N fingers, with their durations."""
 
     recording: Recording  # at the rate of the ticks
     contacts: np.ndarray  # (T, N) CONTACT

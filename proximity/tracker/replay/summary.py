@@ -1,4 +1,4 @@
-"""The summary of a replay: times, answers, the nearest approach, touches, and whether bounds were kept."""
+"""The summary of a replay: times, nearest approach, touches, and whether bounds held."""
 
 from dataclasses import dataclass
 
@@ -24,7 +24,7 @@ MICROSECOND_NS = 1000
 
 @dataclass(frozen=True, slots=True)
 class TickTimes:
-    """How long ticks took, ns."""
+    """Durations of ticks, ns."""
 
     p50: float
     p99: float
@@ -148,16 +148,16 @@ def _touches(run: Replay) -> list[FingerTouches]:
     is_touching = touching(run)
     found = []
     for row in range(is_touching.shape[1]):
-        here = is_touching[:, row]
-        if not here.any():
+        touches = is_touching[:, row]
+        if not touches.any():
             continue
-        begins = here & ~np.concatenate(([False], here[:-1]))
+        begins = touches & ~np.concatenate(([False], touches[:-1]))
         found.append(
             FingerTouches(
                 finger=run.recording.finger_name(row),
                 count=int(begins.sum()),
                 first_s=float(run.recording.times_ns[np.argmax(begins)]) / NANOSECONDS,
-                deepest=float(-run.contacts["signed_distance"][here, row].min()),
+                deepest=float(-run.contacts["signed_distance"][touches, row].min()),
             )
         )
     return found

@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from proximity.kernels.geometry.morton_order import BITS, morton_order
+from proximity.kernels.geometry.morton_order import CELL_BITS, morton_order
 
 
 def place_on_curve(points):
     """Of the cell of each point, by whole numbers of any size."""
     lower = points.min(axis=0)
     extent = float((points.max(axis=0) - lower).max())
-    cells = ((points - lower) * ((2**BITS - 1) / extent)).astype(int)
+    cells = ((points - lower) * ((2**CELL_BITS - 1) / extent)).astype(int)
     return [
-        sum((int(cell[axis]) >> bit & 1) << (3 * bit + axis) for axis in range(3) for bit in range(BITS))
+        sum((int(cell[axis]) >> bit & 1) << (3 * bit + axis) for axis in range(3) for bit in range(CELL_BITS))
         for cell in cells
     ]
 

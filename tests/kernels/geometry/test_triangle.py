@@ -1,4 +1,4 @@
-"""One triangle and one point: the walk's formula, for one and for eight, and the witness."""
+"""One triangle and one point: the walk's formula, for one and for eight, and its closest feature."""
 
 import numba
 import numpy as np
@@ -9,13 +9,13 @@ from hypothesis.extra import numpy as npst
 
 import oracle
 from proximity.kernels.geometry.closest_feature import (
-    ARM,
-    LENGTH,
-    NORMAL,
-    POINT,
-    TRIANGLE,
-    WEIGHT,
-    WITNESS_SIZE,
+    CLOSEST_ARM,
+    CLOSEST_LENGTH,
+    CLOSEST_NORMAL,
+    CLOSEST_POINT,
+    CLOSEST_SIZE,
+    CLOSEST_TRIANGLE,
+    CLOSEST_WEIGHT,
     closest_on_triangle,
 )
 from proximity.kernels.geometry.triangle import (
@@ -54,9 +54,9 @@ def block_distances_sq(points, blocks, out):
 
 @numba.njit(error_model="numpy")
 def witnesses(points, triangles, out, features):
-    """The witness of each point for its triangle."""
+    """The closest feature of each point on its triangle."""
     for i in range(len(points)):
-        out[i, TRIANGLE : TRIANGLE + 9] = triangles[i].ravel()
+        out[i, CLOSEST_TRIANGLE : CLOSEST_TRIANGLE + 9] = triangles[i].ravel()
         features[i] = closest_on_triangle(points[i, 0], points[i, 1], points[i, 2], out[i])
 
 
@@ -71,12 +71,12 @@ def in_blocks(triangles):
     return triangles.reshape(-1, 9)[rows % len(triangles)].transpose(0, 2, 1).ravel()
 
 
-def witness_of(points, triangles):
+def closest_of(points, triangles):
     points, triangles = (
         np.atleast_2d(np.asarray(points, float)),
         np.asarray(triangles, float).reshape(-1, 3, 3),
     )
-    out = np.full((len(points), WITNESS_SIZE), np.nan)
+    out = np.full((len(points), CLOSEST_SIZE), np.nan)
     features = np.empty((len(points), 2), np.int64)
     witnesses(points, triangles, out, features)
     return out, features
@@ -154,10 +154,10 @@ def test_distances_are_right_to_rounding_on_every_shape(kind, farthest):
     exact = exact_distances(points, triangles)
 
     walk = distances_of(points, triangles)
-    witness, _ = witness_of(points, triangles)
+    closest, _ = closest_of(points, triangles)
 
     assert units(abs(walk - exact), points).max() <= ALLOWED
-    assert units(abs(witness[:, LENGTH] - exact), points).max() <= ALLOWED
+    assert units(abs(closest[:, CLOSEST_LENGTH] - exact), points).max() <= ALLOWED
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -166,10 +166,13 @@ def test_witness_holds_together_on_every_shape(kind):
     triangles = hard_triangles(rng, kind, 3000)
     points = hard_points(rng, triangles)
 
-    witness, features = witness_of(points, triangles)
+    closest, features = closest_of(points, triangles)
 
-    weights, point = witness[:, WEIGHT : WEIGHT + 3], witness[:, POINT : POINT + 3]
-    arm, length = witness[:, ARM : ARM + 3], witness[:, LENGTH]
+    weights, point = (
+        closest[:, CLOSEST_WEIGHT : CLOSEST_WEIGHT + 3],
+        closest[:, CLOSEST_POINT : CLOSEST_POINT + 3],
+    )
+    arm, length = closest[:, CLOSEST_ARM : CLOSEST_ARM + 3], closest[:, CLOSEST_LENGTH]
     assert (weights >= 0.0).all() and (weights <= 1.0).all()
     assert abs(weights.sum(axis=1) - 1.0).max() <= ROUNDING
     combined = (weights[:, :, None] * triangles).sum(axis=1)
@@ -183,7 +186,7 @@ def test_witness_holds_together_on_every_shape(kind):
     assert (zero_count[features[:, 0] == FEATURE_VERTEX] == 2).all()
     assert (zero_count[features[:, 0] == FEATURE_EDGE] >= 1).all()
     is_face = features[:, 0] == FEATURE_FACE
-    normals = witness[is_face, NORMAL : NORMAL + 3]
+    normals = closest[is_face, CLOSEST_NORMAL : CLOSEST_NORMAL + 3]
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, rtol=4 * ROUNDING)
 
 
@@ -246,19 +249,19 @@ def test_feature_is_the_one_the_point_was_made_over(name, turns):
     corners = np.roll(CORNERS, -turns, axis=0)
     expected = 0 if feature == FEATURE_FACE else (which - turns) % 3
 
-    witness, features = witness_of(point, corners)
+    closest, features = closest_of(point, corners)
 
     assert features[0].tolist() == [feature, expected]
-    assert witness[0, LENGTH] == pytest.approx(distance, rel=4 * ROUNDING)
+    assert closest[0, CLOSEST_LENGTH] == pytest.approx(distance, rel=4 * ROUNDING)
 
 
 def test_height_over_a_face_has_the_side_of_the_normal():
-    above, _ = witness_of([0.375, 0.125, 0.5], CORNERS)
-    below, _ = witness_of([0.375, 0.125, -0.5], CORNERS)
+    above, _ = closest_of([0.375, 0.125, 0.5], CORNERS)
+    below, _ = closest_of([0.375, 0.125, -0.5], CORNERS)
 
-    np.testing.assert_array_equal(above[0, NORMAL : NORMAL + 3], [0, 0, 1])
-    np.testing.assert_array_equal(above[0, ARM : ARM + 3], [0, 0, 0.5])
-    np.testing.assert_array_equal(below[0, ARM : ARM + 3], [0, 0, -0.5])
+    np.testing.assert_array_equal(above[0, CLOSEST_NORMAL : CLOSEST_NORMAL + 3], [0, 0, 1])
+    np.testing.assert_array_equal(above[0, CLOSEST_ARM : CLOSEST_ARM + 3], [0, 0, 0.5])
+    np.testing.assert_array_equal(below[0, CLOSEST_ARM : CLOSEST_ARM + 3], [0, 0, -0.5])
 
 
 def test_point_beyond_an_obtuse_corner_belongs_to_the_long_side():
@@ -266,10 +269,12 @@ def test_point_beyond_an_obtuse_corner_belongs_to_the_long_side():
     #      .  .
     #          0 ------ 1     the foot lies left of edge 0, over no corner
     corners = [[0, 0, 0], [1, 0, 0], [-4, 1, 0]]
-    witness, features = witness_of([-1.5, 0.625, 0.0], corners)
+    closest, features = closest_of([-1.5, 0.625, 0.0], corners)
 
     assert features[0].tolist() == [FEATURE_EDGE, 1]
-    assert witness[0, LENGTH] == pytest.approx(distances_of([[-1.5, 0.625, 0.0]], [corners])[0], rel=1e-14)
+    assert closest[0, CLOSEST_LENGTH] == pytest.approx(
+        distances_of([[-1.5, 0.625, 0.0]], [corners])[0], rel=1e-14
+    )
 
 
 def test_closest_point_of_a_needle_thinner_than_rounding_stays_at_its_place():
@@ -279,9 +284,11 @@ def test_closest_point_of_a_needle_thinner_than_rounding_stays_at_its_place():
     triangles = np.array([[along * 0.1, along * 0.8, along * t] for t in rng.uniform(0.1, 0.8, 500)])
     points = rng.uniform(0.1, 0.8, (500, 1)) * along
 
-    witness, _ = witness_of(points, triangles)
+    closest, _ = closest_of(points, triangles)
 
-    assert np.linalg.norm(witness[:, POINT : POINT + 3] - points, axis=1).max() <= 4 * ROUNDING
+    assert (
+        np.linalg.norm(closest[:, CLOSEST_POINT : CLOSEST_POINT + 3] - points, axis=1).max() <= 4 * ROUNDING
+    )
 
 
 @pytest.mark.parametrize("first", [0, 1, 2])
@@ -303,10 +310,10 @@ def test_point_beyond_the_short_side_of_a_needle_is_not_over_its_face(first, ord
     points = tip + (length + beyond) * along + rng.uniform(-1, 2, (2000, 1)) * across
     exact = exact_distances(points, triangles)
 
-    witness, _ = witness_of(points, triangles)
+    closest, _ = closest_of(points, triangles)
 
     assert units(abs(distances_of(points, triangles) - exact), points).max() <= ALLOWED
-    assert units(abs(witness[:, LENGTH] - exact), points).max() <= ALLOWED
+    assert units(abs(closest[:, CLOSEST_LENGTH] - exact), points).max() <= ALLOWED
 
 
 SHORT_EDGES = """
@@ -326,9 +333,9 @@ def test_edges_shorter_than_rounding_have_weights_within_a_triangle():
     cases = np.array([float.fromhex(number) for number in SHORT_EDGES.split()]).reshape(2, 4, 3)
     triangles, points = cases[:, :3], cases[:, 3]
 
-    witness, _ = witness_of(points, triangles)
+    closest, _ = closest_of(points, triangles)
 
-    assert (witness[:, WEIGHT : WEIGHT + 3] >= 0.0).all()
+    assert (closest[:, CLOSEST_WEIGHT : CLOSEST_WEIGHT + 3] >= 0.0).all()
 
 
 # --- properties -------------------------------------------------------------------------------------------
@@ -341,11 +348,13 @@ def test_points_and_corners_on_a_small_lattice_have_exact_distances(numbers):
     point, triangle = numbers[:1], numbers[None, 1:]
     exact = exact_distances(point, triangle)[0]
 
-    witness, _ = witness_of(point, triangle)
+    closest, _ = closest_of(point, triangle)
 
     assert distances_of(point, triangle)[0] == pytest.approx(exact, rel=8 * ROUNDING)
-    assert witness[0, LENGTH] == pytest.approx(exact, rel=8 * ROUNDING)
-    assert np.linalg.norm(point[0] - witness[0, POINT : POINT + 3]) == pytest.approx(exact, abs=4 * ROUNDING)
+    assert closest[0, CLOSEST_LENGTH] == pytest.approx(exact, rel=8 * ROUNDING)
+    assert np.linalg.norm(point[0] - closest[0, CLOSEST_POINT : CLOSEST_POINT + 3]) == pytest.approx(
+        exact, abs=4 * ROUNDING
+    )
 
 
 coordinates = st.floats(-1.0, 1.0, allow_subnormal=False)
@@ -357,7 +366,7 @@ def test_any_triangle_has_the_exact_distance_in_any_order_of_corners(numbers, or
     exact = exact_distances(point, triangle)
 
     assert units(abs(distances_of(point, triangle) - exact), point)[0] <= ALLOWED
-    assert units(abs(witness_of(point, triangle)[0][:, LENGTH] - exact), point)[0] <= ALLOWED
+    assert units(abs(closest_of(point, triangle)[0][:, CLOSEST_LENGTH] - exact), point)[0] <= ALLOWED
 
 
 @pytest.mark.parametrize("power", [-60, -20, 20, 60])
@@ -389,8 +398,8 @@ def test_difference_of_products_has_the_right_sign(a, b, c, d):
 
 
 def test_not_a_number_is_no_nearer_than_anything():
-    witness = np.zeros(WITNESS_SIZE)
-    witness[TRIANGLE : TRIANGLE + 9] = CORNERS.ravel()
+    closest = np.zeros(CLOSEST_SIZE)
+    closest[CLOSEST_TRIANGLE : CLOSEST_TRIANGLE + 9] = CORNERS.ravel()
     distances = np.empty(1)
     scalar_distances_sq(np.array([[np.nan, 0.0, 0.0]]), CORNERS[None], distances)
 

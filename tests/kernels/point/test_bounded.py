@@ -29,19 +29,19 @@ from budgeted import (
 import oracle
 from proximity.kernels.layout import (
     BLOCK_STRIDE,
-    CHILDREN,
+    FRAME_SCALE,
     LANES,
     MAX_DEPTH,
-    MOMENTS,
     NO_SLOT,
-    NODE_COUNT,
+    NODE_CHILDREN,
     NODE_STRIDE,
-    ROOT,
-    SCALE,
+    PART_MOMENTS,
+    PART_NODE_COUNT,
+    PART_ROOT,
 )
-from proximity.kernels.point.budgeted_walk import SWEPT, WORKSPACE, nearest_with_budget
+from proximity.kernels.point.budgeted_walk import MOST_SWEPT_STEPS, MOST_WAITING, nearest_with_budget
 from proximity.kernels.sign.winding_number import MOMENT_STRIDE
-from proximity.kernels.tree.normal_slab import AREA_NORMAL, LARGEST, LEAST
+from proximity.kernels.tree.normal_slab import MOMENT_AREA_NORMAL, MOMENT_SLAB_LARGEST, MOMENT_SLAB_LEAST
 from proximity.model.assembly import assemble
 from proximity.pose import Pose
 
@@ -68,7 +68,7 @@ def test_bounds_hold_whatever_the_budget(name):
         points[4::12, :2] = 0.0
     # Of the small part where that is the question: the oracle is right beside the large one.
     size = float(name) if name in MINUTE_BESIDE_LARGE else abs(mesh[0]).max()
-    scale = model.frames[-1, SCALE]
+    scale = model.frames[-1, FRAME_SCALE]
     used = np.flatnonzero(~np.isnan(model.reals[: BLOCK_STRIDE * block_count(model)].reshape(-1, 9, 8)[:, 0]))
     for point, distance in zip(points, oracle.closest(*mesh, points).distance, strict=True):
         exact = without_budget(model, point)
@@ -94,20 +94,20 @@ def test_bounds_hold_whatever_the_budget(name):
 @pytest.mark.parametrize("tolerance", [0.02, 0.1, 0.5, 1.0])
 @pytest.mark.parametrize("name", SCENES)
 def test_with_ease_bounds_hold_and_no_more_than_its_share_is_missed(name, tolerance):
-    """Of the distance beyond a core, which is searched exactly."""
+    """Of the distance beyond a exact_within, which is searched exactly."""
     rng = np.random.default_rng(8)
     model, mesh = scene_named(name)
     points = points_at(mesh, rng, 40)
-    size, scale = abs(mesh[0]).max(), model.frames[-1, SCALE]
+    size, scale = abs(mesh[0]).max(), model.frames[-1, FRAME_SCALE]
     steps, exact_steps = 0, 0
     for point, distance in zip(points, oracle.closest(*mesh, points).distance, strict=True):
-        for core in (0.0, 0.5 * distance, 2.0 * distance):
+        for exact_within in (0.0, 0.5 * distance, 2.0 * distance):
             for budget in (UNLIMITED, int(rng.integers(1, 60)), int(rng.integers(1, 2000))):
-                found = walk(model, point, budget, tolerance=tolerance, core=core * scale)
+                found = walk(model, point, budget, tolerance=tolerance, exact_within=exact_within * scale)
                 low, high = np.sqrt([found.lower_sq, found.best_sq]) / scale
                 assert_between(low, distance, high, size)
                 if found.work < budget:
-                    least = high - tolerance * max(high - core, 0.0)
+                    least = high - tolerance * max(high - exact_within, 0.0)
                     assert low == pytest.approx(least, rel=1e-12, abs=1e-300)
         steps += walk(model, point, UNLIMITED, tolerance=tolerance).work
         exact_steps += walk(model, point, UNLIMITED).work
@@ -118,9 +118,9 @@ def test_within_the_core_the_search_is_exact():
     model, mesh = scene_named("ball")
     for point in points_at(mesh, np.random.default_rng(9), 20):
         exact = walk(model, point, UNLIMITED)
-        core = 1.0001 * np.sqrt(exact.best_sq)
+        exact_within = 1.0001 * np.sqrt(exact.best_sq)
 
-        found = walk(model, point, UNLIMITED, tolerance=0.3, core=core)
+        found = walk(model, point, UNLIMITED, tolerance=0.3, exact_within=exact_within)
 
         assert found.lower_sq == found.best_sq == exact.best_sq
 
@@ -142,7 +142,13 @@ def test_answer_does_not_depend_on_how_the_budget_is_divided():
         for point in [*points_at(mesh, rng, 10), mesh[0].mean(axis=0), np.zeros(3)]:
             expected = without_budget(model, point)
             needed = walk(model, point, UNLIMITED).work
-            for budget in (SWEPT, 4 * SWEPT // 3, 4 * SWEPT // 3 + 1, SWEPT + needed, 3 * needed):
+            for budget in (
+                MOST_SWEPT_STEPS,
+                4 * MOST_SWEPT_STEPS // 3,
+                4 * MOST_SWEPT_STEPS // 3 + 1,
+                MOST_SWEPT_STEPS + needed,
+                3 * needed,
+            ):
                 found = walk(model, point, budget)
                 if found.work < budget:
                     assert found[:3] == (*expected, expected[0])
@@ -157,7 +163,7 @@ def test_each_node_and_each_leaf_is_one_step():
 
     # So far away nothing can be left out, and every step is needed.
     ball = model_of(shapes.sphere(1.0, 3))
-    whole = int(ball.parts[0, NODE_COUNT]) + block_count(ball)
+    whole = int(ball.parts[0, PART_NODE_COUNT]) + block_count(ball)
     for budget in (whole - 1, whole, whole + 1, 4 * whole, UNLIMITED):
         found = walk(ball, (1e20, 2e20, 1e20), budget)
         assert found.work == min(whole, budget)
@@ -208,8 +214,8 @@ def test_unused_lanes_of_a_minute_part_stay_closed():
     sheet = shapes.grid(5, 7)
     model = model_of(large, (size * sheet[0], sheet[1]))
     frame = model.frames[1]
-    for corner in large[0] * model.frames[0, SCALE]:  # as if it were of the sheet's frame
-        point = corner / frame[SCALE] + frame[12:15]
+    for corner in large[0] * model.frames[0, FRAME_SCALE]:  # as if it were of the sheet's frame
+        point = corner / frame[FRAME_SCALE] + frame[12:15]
         exact = without_budget(model, point)
         for budget in range(1, 60):
             found = walk(model, point, budget)
@@ -225,14 +231,23 @@ def test_room_suffices_where_all_is_open(best_sq):
     """With every bound 0 and nothing found each step leaves eight more waiting, as long as asked."""
     arrays = eightfold(6)
     workspace, whole = guarded_room()
-    for budget in [1, 2, 9, 100, 1000, *range(SWEPT - 3, 8 * SWEPT, 997), 4 * SWEPT // 3, 2 * SWEPT]:
+    for budget in [
+        1,
+        2,
+        9,
+        100,
+        1000,
+        *range(MOST_SWEPT_STEPS - 3, 8 * MOST_SWEPT_STEPS, 997),
+        4 * MOST_SWEPT_STEPS // 3,
+        2 * MOST_SWEPT_STEPS,
+    ]:
         found = nearest_with_budget(
             arrays, 0, 0, (0.0, 0.0, 0.0), best_sq, NO_SLOT, 0.0, 0.0, budget, workspace
         )
 
         assert found == (best_sq, NO_SLOT, 0.0, budget)
         assert (whole[:GUARD] == UNTOUCHED).all() and (whole[-GUARD:] == UNTOUCHED).all()
-    assert (workspace[: WORKSPACE - LANES] != UNTOUCHED).sum() > WORKSPACE * 3 // 4, (
+    assert (workspace[: MOST_WAITING - LANES] != UNTOUCHED).sum() > MOST_WAITING * 3 // 4, (
         "the room was nearly full"
     )
 
@@ -245,7 +260,7 @@ def test_room_suffices_for_the_deepest_trees_and_all_budgets():
     arrays = by_hand(depth, children)
     workspace, whole = guarded_room()
     total = depth + 7 * depth + 1
-    for budget in [1, depth - 1, depth, 4 * depth, 4 * total, SWEPT, UNLIMITED]:
+    for budget in [1, depth - 1, depth, 4 * depth, 4 * total, MOST_SWEPT_STEPS, UNLIMITED]:
         found = nearest_with_budget(
             arrays, 0, 0, (0.0, 0.0, 0.0), np.inf, NO_SLOT, 0.0, 0.0, budget, workspace
         )
@@ -256,12 +271,14 @@ def test_room_suffices_for_the_deepest_trees_and_all_budgets():
 
 def test_room_suffices_for_sweeps_after_the_deepest_descent():
     depth, below = 2 * MAX_DEPTH + 1, eightfold(5)
-    count = int(below[3][0, NODE_COUNT])
-    eight = below[1][: count * NODE_STRIDE].view(np.int32).reshape(-1, NODE_STRIDE)[:, CHILDREN:][:, :LANES]
+    count = int(below[3][0, PART_NODE_COUNT])
+    eight = (
+        below[1][: count * NODE_STRIDE].view(np.int32).reshape(-1, NODE_STRIDE)[:, NODE_CHILDREN:][:, :LANES]
+    )
     children = np.concatenate([np.full((depth, LANES), depth), np.where(eight >= 0, eight + depth, eight)])
     children[: depth - 1, 0] = np.arange(1, depth)
     arrays = by_hand(depth + count, children)
-    for budget in range(4 * SWEPT // 3, 4 * SWEPT // 3 + 60, 7):
+    for budget in range(4 * MOST_SWEPT_STEPS // 3, 4 * MOST_SWEPT_STEPS // 3 + 60, 7):
         workspace, whole = guarded_room()
         found = nearest_with_budget(
             arrays, 0, 0, (0.0, 0.0, 0.0), np.inf, NO_SLOT, 0.0, 0.0, budget, workspace
@@ -274,10 +291,10 @@ def test_room_suffices_for_sweeps_after_the_deepest_descent():
 def test_opening_a_node_does_not_lower_the_bound():
     """What is known of a node holds for its children, also where their boxes say less."""
     arrays = by_hand(3, [[1] * LANES, [2] * LANES, [~0] * LANES])
-    words, at = arrays[1], int(arrays[3][0, MOMENTS]) + MOMENT_STRIDE
+    words, at = arrays[1], int(arrays[3][0, PART_MOMENTS]) + MOMENT_STRIDE
     words[:48].reshape(6, LANES)[:3, 1:], words[:48].reshape(6, LANES)[3:, 1:] = np.inf, -np.inf
-    words[at + AREA_NORMAL : at + AREA_NORMAL + LANES] = 2.0
-    words[at + LEAST : at + LEAST + 2 * LANES] = 1.0  # in the plane 2 x = 1
+    words[at + MOMENT_AREA_NORMAL : at + MOMENT_AREA_NORMAL + LANES] = 2.0
+    words[at + MOMENT_SLAB_LEAST : at + MOMENT_SLAB_LEAST + 2 * LANES] = 1.0  # in the plane 2 x = 1
     workspace, _ = guarded_room()
     for budget, expected in [(1, 0.0), (2, 0.25), (3, 0.25), (7, 0.25)]:
         found = nearest_with_budget(
@@ -293,11 +310,11 @@ def test_opening_a_node_does_not_lower_the_bound():
 def test_copies_of_one_triangle_give_the_lowest_slot_or_bounds():
     vertices = np.array([[0.1, 0, 0], [0, 0.3, 0], [0, 0, 0.7]])
     model = model_of((vertices, np.tile([0, 1, 2], (10_000, 1))))
-    whole = int(model.parts[0, NODE_COUNT]) + block_count(model)
+    whole = int(model.parts[0, PART_NODE_COUNT]) + block_count(model)
     for point in ([0.0, 0.0, 0.0], [0.05, 0.15, 0.0], [1.0, 1.0, 1.0], [1e6, 0, 0]):
         exact = without_budget(model, point)
         assert exact[1] == 0
-        for budget in (1, 10, 300, 1000, whole, 2 * whole, SWEPT, UNLIMITED):
+        for budget in (1, 10, 300, 1000, whole, 2 * whole, MOST_SWEPT_STEPS, UNLIMITED):
             found = walk(model, point, budget)
             assert found.lower_sq <= exact[0] <= found.best_sq
             if budget >= whole:
@@ -334,9 +351,11 @@ def gap_of(model, point, budget):
 def without_slabs(model):
     """The same model with slabs that say nothing."""
     words, part = model.words.copy(), model.parts[0]
-    moments = words[part[MOMENTS] + MOMENT_STRIDE * part[ROOT] :][: MOMENT_STRIDE * part[NODE_COUNT]]
-    moments.reshape(-1, MOMENT_STRIDE)[:, LEAST : LEAST + LANES] = -np.inf
-    moments.reshape(-1, MOMENT_STRIDE)[:, LARGEST : LARGEST + LANES] = np.inf
+    moments = words[part[PART_MOMENTS] + MOMENT_STRIDE * part[PART_ROOT] :][
+        : MOMENT_STRIDE * part[PART_NODE_COUNT]
+    ]
+    moments.reshape(-1, MOMENT_STRIDE)[:, MOMENT_SLAB_LEAST : MOMENT_SLAB_LEAST + LANES] = -np.inf
+    moments.reshape(-1, MOMENT_STRIDE)[:, MOMENT_SLAB_LARGEST : MOMENT_SLAB_LARGEST + LANES] = np.inf
     return replace(model, words=words)
 
 
@@ -381,7 +400,7 @@ def test_first_bounds_are_below_exact_distances(reach):
     rng = np.random.default_rng(7)
     ends = np.array([[1.0, 1.0, 1.0], [-1.0, -1.0, -1.0]])
     model = model_of((ends, np.repeat([[0, 0, 0], [1, 1, 1]], 9, axis=0)))
-    assert model.frames[0, SCALE] == 1.0
+    assert model.frames[0, FRAME_SCALE] == 1.0
     for point in rng.uniform(-1, 1, (1500, 3)) * reach:
         exact = min(
             sum((Fraction(x) - Fraction(y)) ** 2 for x, y in zip(point, end, strict=True)) for end in ends

@@ -9,17 +9,17 @@ from scene_parts import part_of
 from proximity.kernels.geometry.frames import (
     part_of_slot,
 )
-from proximity.kernels.layout import BLOCK_STRIDE, CHILDREN, LANES, NODE_STRIDE, ROOT
+from proximity.kernels.layout import BLOCK_STRIDE, LANES, NODE_CHILDREN, NODE_STRIDE, PART_ROOT
 from proximity.kernels.point import coherent_search as frontiers
 from proximity.kernels.point.coherent_search import (
-    BEGINS,
-    FRONTIER,
+    FRONTIER_BEGINS,
+    FRONTIER_CAPACITY,
+    FRONTIER_GROUP,
     FRONTIER_SIZE,
-    GROUP,
-    LONG,
+    LONG_WALK,
     nearest_from_last_answer,
 )
-from proximity.kernels.tracking.track import FRONTIER_COUNT
+from proximity.kernels.tracking.track import TRACK_FRONTIER_COUNT
 from proximity.pose import Pose
 from proximity.scene.scene import Scene
 from proximity.tracker.tracker import Tracker
@@ -35,7 +35,7 @@ class Searcher:
         self.arrays = (model.reals, model.words, model.frames, model.parts)
         self.row = np.full(FRONTIER_SIZE + LANES, np.nan, np.float32)
         self.row[:FRONTIER_SIZE] = 0.0
-        self.count, self.slot = BEGINS, None
+        self.count, self.slot = FRONTIER_BEGINS, None
         self.steps = 0
 
     def at(self, point, budget=PLENTY):
@@ -45,9 +45,9 @@ class Searcher:
         part = int(part_of_slot(self.model.words, self.model.parts, self.slot))
         found_sq, part, slot, is_found, self.count, self.steps = nearest_from_last_answer(
             self.arrays, tuple(map(float, point)), part, self.slot, self.row[:FRONTIER_SIZE],
-            self.count or BEGINS, budget, WORKSPACE,
+            self.count or FRONTIER_BEGINS, budget, WORKSPACE,
         )  # fmt: skip
-        assert np.isnan(self.row[FRONTIER_SIZE:]).all() and 0 <= self.count <= FRONTIER
+        assert np.isnan(self.row[FRONTIER_SIZE:]).all() and 0 <= self.count <= FRONTIER_CAPACITY
         assert part == part_of_slot(self.model.words, self.model.parts, slot)
         self.slot = int(slot)
         return float(found_sq), int(slot), bool(is_found)
@@ -101,7 +101,7 @@ def faces_below(model, reference):
         return corners[~np.isnan(corners[:, 0])]
     node = model.words[NODE_STRIDE * reference :][:NODE_STRIDE]
     lanes = np.flatnonzero(node[:LANES] <= node[24 : 24 + LANES])
-    children = node.view(np.int32)[CHILDREN + lanes]
+    children = node.view(np.int32)[NODE_CHILDREN + lanes]
     return np.concatenate([faces_below(model, int(child)) for child in children])
 
 
@@ -116,10 +116,14 @@ def test_planes_have_all_that_is_below_them_behind():
         if step % 10:
             continue
         for k in range(searcher.count):
-            planes = searcher.row[GROUP * k : GROUP * (k + 1)].reshape(4, LANES).astype(np.float64)
-            node = model.words[NODE_STRIDE * int(searcher.row[frontiers.NODE + k]) :][:NODE_STRIDE]
+            planes = (
+                searcher.row[FRONTIER_GROUP * k : FRONTIER_GROUP * (k + 1)]
+                .reshape(4, LANES)
+                .astype(np.float64)
+            )
+            node = model.words[NODE_STRIDE * int(searcher.row[frontiers.FRONTIER_NODES + k]) :][:NODE_STRIDE]
             for lane in np.flatnonzero((node[:LANES] <= node[24 : 24 + LANES]) & np.isfinite(planes[3])):
-                corners = faces_below(model, int(node.view(np.int32)[CHILDREN + lane]))
+                corners = faces_below(model, int(node.view(np.int32)[NODE_CHILDREN + lane]))
                 direction, offset = planes[:3, lane], planes[3, lane]
                 assert np.linalg.norm(direction) <= 1.0 + 1e-6
                 assert (corners @ direction).max() <= offset + 1e-6
@@ -133,15 +137,15 @@ def test_the_front_holds_every_face():
     for turn in range(50):
         searcher.at((0.02 + 1e-4 * turn, 0.0, 1.5))
     held = set()
-    opened = {int(searcher.row[frontiers.NODE + k]) for k in range(searcher.count)}
-    assert int(model.parts[0, ROOT]) in opened
+    opened = {int(searcher.row[frontiers.FRONTIER_NODES + k]) for k in range(searcher.count)}
+    assert int(model.parts[0, PART_ROOT]) in opened
     for node in opened:
         words = model.words[NODE_STRIDE * node :][:NODE_STRIDE]
         for lane in np.flatnonzero(words[:LANES] <= words[24 : 24 + LANES]):
-            child = int(words.view(np.int32)[CHILDREN + lane])
+            child = int(words.view(np.int32)[NODE_CHILDREN + lane])
             if child not in opened:
                 held |= set(map(tuple, faces_below(model, child)))
-    assert held == set(map(tuple, faces_below(model, int(model.parts[0, ROOT]))))
+    assert held == set(map(tuple, faces_below(model, int(model.parts[0, PART_ROOT]))))
 
 
 def test_a_point_that_hardly_moves_takes_few_steps():
@@ -150,7 +154,7 @@ def test_a_point_that_hardly_moves_takes_few_steps():
     place = np.array([0.9, 1.1, 1.3])
     searcher.at(place)
     first, later = searcher.steps, []
-    assert first >= LONG
+    assert first >= LONG_WALK
     for _ in range(100):
         place = place + 1e-4
         searcher.at(place)
@@ -161,7 +165,7 @@ def test_a_point_that_hardly_moves_takes_few_steps():
 def test_few_faces_are_not_worth_a_front():
     searcher = Searcher(model_of(shapes.cube()))
     assert searcher.at((2.0, 0.3, 0.2))[2]
-    assert searcher.steps < LONG and searcher.count == 0
+    assert searcher.steps < LONG_WALK and searcher.count == 0
 
 
 @pytest.mark.parametrize("budget", [1, 2, 5, 20])
@@ -169,7 +173,7 @@ def test_without_steps_enough_it_says_so(budget):
     model, _ = scene_named("ball")
     searcher = Searcher(model)
     searcher.at((2.0, 0.0, 0.0))
-    searcher.count = BEGINS
+    searcher.count = FRONTIER_BEGINS
     got_sq, _, is_found = searcher.at((0.0, 0.0, 1e-3), budget)
     assert not is_found and searcher.count == 0 and searcher.steps <= budget
     assert got_sq >= without_budget(model, (0.0, 0.0, 1e-3))[0]
@@ -202,7 +206,7 @@ def ticked(scene, tracker, places, between=lambda step: None):
         is_there = np.isfinite(place).all(axis=1)
         assert np.abs(found["signed_distance"] - true)[is_there].max() <= 1e-12
         assert (found["lower"] == found["upper"])[is_there].all()
-        kept += int((tracker._arrays["marks"][:, FRONTIER_COUNT] > 0).sum())
+        kept += int((tracker._arrays["marks"][:, TRACK_FRONTIER_COUNT] > 0).sum())
     return kept
 
 

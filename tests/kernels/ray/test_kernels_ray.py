@@ -19,7 +19,7 @@ from proximity.kernels.geometry.frames import (
     direction_to_local,
     to_local,
 )
-from proximity.kernels.layout import IS_FUSED, NO_FACE, NO_PART, NODE_STRIDE
+from proximity.kernels.layout import NO_FACE, NO_PART, NODE_STRIDE, PART_IS_FUSED
 from proximity.kernels.ray import hit_rows, ray_lanes, walk
 from proximity.kernels.scene import ray_queries
 from proximity.model.assembly import assemble
@@ -53,7 +53,7 @@ def scene_of(meshes, poses=None, *, is_fused=False):
         vertices = np.concatenate([vertices for vertices, _ in meshes])
         frame = common_frame(vertices.min(axis=0), vertices.max(axis=0))
     model = assemble([pieces_of(mesh, frame) for mesh in meshes], poses or [Pose()] * len(meshes))
-    assert not is_fused or (model.parts[:-1, IS_FUSED] == 1).all()
+    assert not is_fused or (model.parts[:-1, PART_IS_FUSED] == 1).all()
     return model
 
 
@@ -64,8 +64,11 @@ class Hits:
         origins, directions = np.broadcast_arrays(
             np.atleast_2d(np.asarray(origins, float)), np.atleast_2d(np.asarray(directions, float))
         )
-        table = np.full((len(origins), hit_rows.ANSWER_WIDTH), 7.0)
-        self.reals, self.choices = table[:, : hit_rows.ANSWER_REALS], table.view(np.int32)[:, hit_rows.PART :]
+        table = np.full((len(origins), hit_rows.RAY_ANSWER_WIDTH), 7.0)
+        self.reals, self.choices = (
+            table[:, : hit_rows.RAY_ANSWER_REALS],
+            table.view(np.int32)[:, hit_rows.RAY_ANSWER_PART :],
+        )
         self.choices[:] = 7
         self.zero_row = ray_queries.cast_batch(
             model.handle,
@@ -75,7 +78,7 @@ class Hits:
             np.array([limit]),
             table,
         )
-        self.distance, self.point = self.reals[:, hit_rows.DISTANCE], self.reals[:, 1:4]
+        self.distance, self.point = self.reals[:, hit_rows.RAY_ANSWER_DISTANCE], self.reals[:, 1:4]
         self.normal, self.barycentric = self.reals[:, 4:7], self.reals[:, 7:10]
         self.part, self.face = self.choices.T
 
@@ -558,8 +561,10 @@ def test_uncompiled_kernels_answer_the_same(tmp_path):
 
 @numba.njit
 def made_ready(frames, parts, drift, origins, directions, offsets, limit, aims, views):
-    views[ray_lanes.CHUNK * ray_lanes.REACH : ray_lanes.CHUNK * (ray_lanes.REACH + 1)] = limit
-    for at in range(0, ray_lanes.CHUNK, 8):
+    views[ray_lanes.RAY_CHUNK * ray_lanes.VIEW_REACH : ray_lanes.RAY_CHUNK * (ray_lanes.VIEW_REACH + 1)] = (
+        limit
+    )
+    for at in range(0, ray_lanes.RAY_CHUNK, 8):
         ray_lanes.make_ready(frames, parts, 0, drift, origins, directions, offsets, at, aims, views)
 
 
@@ -584,13 +589,13 @@ def test_eight_rays_are_made_ready_as_each_is(reach, drift, is_turned):
     rng = np.random.default_rng(7)
     pose = Pose(shapes.rotation(3), np.array([0.3, -0.2, 0.1])) if is_turned else Pose()
     model = assemble([pieces_of(shapes.sphere(subdivisions=1))], [pose])
-    origins = reach * rng.normal(size=(ray_lanes.CHUNK, 3))
-    directions = rng.normal(size=(ray_lanes.CHUNK, 3))
-    directions -= rng.integers(0, 2, (ray_lanes.CHUNK, 1)) * origins / reach
+    origins = reach * rng.normal(size=(ray_lanes.RAY_CHUNK, 3))
+    directions = rng.normal(size=(ray_lanes.RAY_CHUNK, 3))
+    directions -= rng.integers(0, 2, (ray_lanes.RAY_CHUNK, 1)) * origins / reach
     directions[::3] *= 10.0 ** rng.uniform(-300, 300, (len(directions[::3]), 1))
     directions[1::7, 0] = 0.0
     directions[2::7, 1:] = -0.0
-    order = rng.permutation(ray_lanes.CHUNK)
+    order = rng.permutation(ray_lanes.RAY_CHUNK)
     aims, views = np.empty(ray_lanes.AIM_SIZE, np.float32), np.empty(ray_lanes.VIEW_SIZE)
     made_ready(model.frames, model.parts, drift, origins, directions, 3 * order, np.inf, aims, views)
 
@@ -598,13 +603,13 @@ def test_eight_rays_are_made_ready_as_each_is(reach, drift, is_turned):
         is_near, entry, aim, view = one_made_ready(
             model.frames, model.parts, origins[row], directions[row], drift
         )
-        assert (aims[ray_lanes.CHUNK * ray_lanes.BOUND + k] < 0.0) != is_near
-        assert views[ray_lanes.CHUNK * ray_lanes.IS_SOUND + k] == 1.0
+        assert (aims[ray_lanes.RAY_CHUNK * ray_lanes.AIM_BOUND + k] < 0.0) != is_near
+        assert views[ray_lanes.RAY_CHUNK * ray_lanes.VIEW_IS_SOUND + k] == 1.0
         if is_near:
             assert ray_lanes.aim_of(aims, k) == aim
             assert ray_lanes.view_of(views, k) == view
-            assert views[ray_lanes.CHUNK * ray_lanes.START + k] == entry
-        assert ray_lanes.way_of(views, k) == ray_lanes.scaled_direction(*directions[row])
+            assert views[ray_lanes.RAY_CHUNK * ray_lanes.VIEW_START + k] == entry
+        assert ray_lanes.direction_of(views, k) == ray_lanes.scaled_direction(*directions[row])
 
 
 @pytest.mark.parametrize("bad", [(np.nan, 0, 0), (0, np.inf, 0), (0, 0, -np.inf)])

@@ -7,8 +7,8 @@ from scene_parts import part_of, some_parts
 
 import oracle
 from proximity.kernels import contact_columns
-from proximity.kernels.geometry.closest_feature import LENGTH, WITNESS_SIZE
-from proximity.kernels.layout import NO_SLOT, SLOT_FACES
+from proximity.kernels.geometry.closest_feature import CLOSEST_LENGTH, CLOSEST_SIZE
+from proximity.kernels.layout import NO_SLOT, PART_SLOT_FACES
 from proximity.kernels.point.budgeted_walk import WORKSPACE_SIZE
 from proximity.kernels.scene import distance_bounds
 from proximity.pose import Pose
@@ -23,7 +23,7 @@ class Asked:
     def __init__(self, scene):
         self.scene = scene
         self.model = scene.snapshot()
-        self.workspace, self.witness = np.zeros(WORKSPACE_SIZE, np.float32), np.zeros(WITNESS_SIZE)
+        self.workspace, self.closest = np.zeros(WORKSPACE_SIZE, np.float32), np.zeros(CLOSEST_SIZE)
         m = self.model
         self.arrays = (m.reals, m.words, m.frames, m.parts)
 
@@ -39,11 +39,11 @@ class Asked:
             core,
             budget,
             self.workspace,
-            self.witness,
+            self.closest,
         )
 
     def face(self, part, slot):
-        return self.model.words.view(np.int32)[self.model.parts[part, SLOT_FACES] + slot]
+        return self.model.words.view(np.int32)[self.model.parts[part, PART_SLOT_FACES] + slot]
 
     def triangle(self, part, slot):
         """Corners in the scene's frame."""
@@ -75,7 +75,7 @@ def test_with_plenty_of_steps_both_bounds_are_the_distance_of_the_scene(asked):
         assert distance == lower == upper == pytest.approx(true, rel=1e-12, abs=1e-13)
         assert bits & contact_columns.EXACT and not bits & contact_columns.BOUNDED
         assert bool(bits & contact_columns.INSIDE) == (true < 0.0)
-        assert asked.witness[LENGTH] > 0.0 and slot != NO_SLOT and part >= 0
+        assert asked.closest[CLOSEST_LENGTH] > 0.0 and slot != NO_SLOT and part >= 0
 
 
 @pytest.mark.parametrize("budget", [1, 2, 3, 5, 8, 13, 21, 50])
@@ -89,7 +89,7 @@ def test_bounds_hold_for_any_budget(asked, budget):
         assert lower <= distance <= upper
         assert clear <= bare[row] + 1e-13
         assert bool(bits & contact_columns.EXACT) == (lower == upper) != bool(bits & contact_columns.BOUNDED)
-        assert work <= budget + 12 * distance_bounds.FEWEST_STEPS
+        assert work <= budget + 12 * distance_bounds.FEWEST_DEPTH_STEPS
         gaps.append(upper - lower)
     assert (np.array(gaps) > 0.0).any() == (budget < 50)
 
@@ -186,8 +186,8 @@ def test_a_witness_of_a_slot_is_as_far_as_its_triangle(asked):
         reals, words, frames, parts = asked.arrays
         corners = asked.triangle(part, slot)
         expected = oracle.closest(corners, np.array([[0, 1, 2]]), point[None]).distance[0]
-        assert distance_bounds.fill_witness(
-            reals, words, parts, frames, part, slot, *point, asked.witness
+        assert distance_bounds.fill_closest(
+            reals, words, parts, frames, part, slot, *point, asked.closest
         ) == pytest.approx(expected)
 
 
@@ -220,7 +220,7 @@ def test_within_a_limit_only_nearer_faces_are_found(asked):
 
 
 def test_only_in_the_box_of_a_part_with_holes_a_point_may_slip_in(asked):
-    slips = lambda *point: distance_bounds.may_slip_in(*asked.arrays[1:], *map(float, point))  # noqa: E731
+    slips = lambda *point: distance_bounds.is_in_box_with_holes(*asked.arrays[1:], *map(float, point))  # noqa: E731
 
     assert slips(3.0, 0.0, 0.0) and slips(3.9, 0.9, 0.9)
     assert not slips(4.2, 0.0, 0.0) and not slips(-2.0, 0.0, 0.0) and not slips(0.5, 0.5, 0.0)
@@ -240,7 +240,10 @@ def test_parts_within_parts_are_not_all_searched_when_the_budget_is_spent(kind, 
             distance, lower, upper, _, part, slot, bits, work = nested.at(point, budget=budget)
             assert lower <= true * (1.0 - 1e-12) and true * (1.0 + 1e-12) <= upper
             assert lower <= distance <= upper
-            assert work <= budget + distance_bounds.SPARE_STEPS + count + distance_bounds.FEWEST_STEPS + 4
+            assert (
+                work
+                <= budget + distance_bounds.SPARE_DEPTH_STEPS + count + distance_bounds.FEWEST_DEPTH_STEPS + 4
+            )
             assert bits & contact_columns.INSIDE and lower >= -2.5 * nested.scene.bounds[1].max()
             if slot >= 0:
                 face = oracle.closest(nested.triangle(part, slot), [[0, 1, 2]], point)

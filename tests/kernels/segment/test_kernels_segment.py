@@ -16,22 +16,22 @@ from nodes import node_of
 from project import IMPORT_PATHS, ROOT
 
 import oracle
-from proximity.kernels.layout import FIRST_BLOCK, IS_FUSED, LANES, NO_FACE, NO_PART, NO_SLOT
+from proximity.kernels.layout import LANES, NO_FACE, NO_PART, NO_SLOT, PART_FIRST_BLOCK, PART_IS_FUSED
 from proximity.kernels.scene import segment_queries
 from proximity.kernels.segment.box import node_bounds_sq, open_bound
 from proximity.kernels.segment.plan import (
-    END,
-    HIGH,
-    IS_FAR,
-    LOW,
-    OFFSET,
+    PLAN_END,
+    PLAN_HIGH,
+    PLAN_IS_FAR,
+    PLAN_LOW,
+    PLAN_OFFSET,
     PLAN_SIZE,
+    PLAN_START,
     PROBE_SIZE,
-    START,
     TOUCHING,
     make_plan,
 )
-from proximity.kernels.segment.triangle import SEGMENT_WITNESS_SIZE
+from proximity.kernels.segment.triangle import WITNESS_SIZE
 from proximity.kernels.segment.walk import segment_in_block
 from proximity.model.assembly import assemble
 from proximity.model.part_arrays import common_frame, part_arrays
@@ -72,7 +72,7 @@ def model_of(*meshes, poses=None, is_fused=False):
         vertices = np.concatenate([vertices for vertices, _ in meshes])
         frame = common_frame(vertices.min(axis=0), vertices.max(axis=0))
     model = assemble([pieces_of(mesh, frame) for mesh in meshes], poses or [Pose()] * len(meshes))
-    assert not is_fused or (model.parts[:-1, IS_FUSED] == 1).all()
+    assert not is_fused or (model.parts[:-1, PART_IS_FUSED] == 1).all()
     return model
 
 
@@ -84,9 +84,9 @@ class Found:
             np.atleast_2d(np.asarray(starts, float)), np.atleast_2d(np.asarray(ends, float))
         )
         self.starts, self.ends = np.ascontiguousarray(starts), np.ascontiguousarray(ends)
-        table = np.full((len(starts), segment_queries.ANSWER_WIDTH), 7.0)
-        self.reals = table[:, : segment_queries.ANSWER_REALS]
-        self.choices = table.view(np.int32)[:, segment_queries.PART :]
+        table = np.full((len(starts), segment_queries.SEGMENT_ANSWER_WIDTH), 7.0)
+        self.reals = table[:, : segment_queries.SEGMENT_ANSWER_REALS]
+        self.choices = table.view(np.int32)[:, segment_queries.SEGMENT_ANSWER_PART :]
         self.choices[:] = 7
         segment_queries.segment_batch(model.handle, self.starts, self.ends, order, np.array([limit]), table)
         self.distance, self.fraction = self.reals[:, 0], self.reals[:, 7]
@@ -150,8 +150,8 @@ def open_lanes(node, segments, best_sq, far, opened):
     for i in range(len(segments)):
         s = segments[i]
         make_plan(plan, probe, s[0], s[1], s[2], s[3], s[4], s[5])
-        far[i] = plan[IS_FAR]
-        bounds = node_bounds_sq(node, 0, plan, probe, plan[IS_FAR] != 0.0)
+        far[i] = plan[PLAN_IS_FAR]
+        bounds = node_bounds_sq(node, 0, plan, probe, plan[PLAN_IS_FAR] != 0.0)
         opened[i] = bits(bounds <= splat32(open_bound(plan, best_sq[i], np.inf)))
 
 
@@ -161,10 +161,10 @@ def bounds_of(node, segment):
     plan, probe, bounds = np.zeros(PLAN_SIZE), np.zeros(PROBE_SIZE, np.float32), np.zeros(LANES)
     s = segment
     make_plan(plan, probe, s[0], s[1], s[2], s[3], s[4], s[5])
-    found = node_bounds_sq(node, 0, plan, probe, plan[IS_FAR] != 0.0)
+    found = node_bounds_sq(node, 0, plan, probe, plan[PLAN_IS_FAR] != 0.0)
     for k in range(LANES):
         bounds[k] = lane(found, k)
-    return bounds, plan[OFFSET], open_bound(plan, 0.0, 0.5)
+    return bounds, plan[PLAN_OFFSET], open_bound(plan, 0.0, 0.5)
 
 
 def distance_sq_to_segment(point, start, end):
@@ -252,9 +252,9 @@ def plan_of(start, end):
 def test_segment_near_the_part_is_kept_as_it_is():
     plan = plan_of((-2.0, 0.1, 0.2), (2.0, 0.3, 1.9))
 
-    assert plan[START : START + 3].tolist() == [-2.0, 0.1, 0.2]
-    assert plan[END : END + 3].tolist() == [2.0, 0.3, 1.9]
-    assert (plan[LOW], plan[HIGH], plan[IS_FAR], plan[OFFSET]) == (0.0, 1.0, 0.0, 0.0)
+    assert plan[PLAN_START : PLAN_START + 3].tolist() == [-2.0, 0.1, 0.2]
+    assert plan[PLAN_END : PLAN_END + 3].tolist() == [2.0, 0.3, 1.9]
+    assert (plan[PLAN_LOW], plan[PLAN_HIGH], plan[PLAN_IS_FAR], plan[PLAN_OFFSET]) == (0.0, 1.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("far", [10.0, 1e6, 1e15])
@@ -266,8 +266,8 @@ def test_long_segment_is_cut_on_the_line_to_the_last_bit(far):
         end = -start * rng.uniform(0.1, 3.0) + rng.normal(size=3)
         plan = plan_of(start, end)
         if far > 10.0:
-            assert np.abs(plan[START : START + 6]).max() < 1e-3 * far
-        for at, fraction in ((START, plan[LOW]), (END, plan[HIGH])):
+            assert np.abs(plan[PLAN_START : PLAN_START + 6]).max() < 1e-3 * far
+        for at, fraction in ((PLAN_START, plan[PLAN_LOW]), (PLAN_END, plan[PLAN_HIGH])):
             for axis in range(3):
                 exact = Fraction(start[axis]) + Fraction(fraction) * (
                     Fraction(end[axis]) - Fraction(start[axis])
@@ -285,7 +285,7 @@ def test_cut_never_takes_the_nearest_point():
             for _ in range(5):
                 p = rng.choice([-1.0, 1.0], 3)
                 t = np.clip((p - start) @ (end - start) / ((end - start) @ (end - start)), 0.0, 1.0)
-                assert plan[LOW] - 1e-12 <= t <= plan[HIGH] + 1e-12
+                assert plan[PLAN_LOW] - 1e-12 <= t <= plan[PLAN_HIGH] + 1e-12
 
 
 # -------------------------------------------------------------------------------- against the oracle
@@ -529,11 +529,11 @@ def test_lowest_slot_wins_among_equals():
     model = model_of((vertices, np.repeat(faces, 30, axis=0)))
     plan = np.zeros(PLAN_SIZE)
     found = Found(model, [(0.2, 0.2, 1.0), (0.2, 0.2, -1.0)], [(0.3, 0.3, 2.0), (0.2, 0.2, 1.0)])
-    first = int(model.words.view(np.int32)[model.parts[0, 4] + LANES * model.parts[0, FIRST_BLOCK]])
+    first = int(model.words.view(np.int32)[model.parts[0, 4] + LANES * model.parts[0, PART_FIRST_BLOCK]])
 
     assert (found.face == first).all() and found.distance.tolist() == [1.0, 0.0]
     make_plan(plan, np.zeros(PROBE_SIZE, np.float32), 0.0, 0.0, 1.5, 0.1, 0.0, 1.0)
-    witness = np.zeros(SEGMENT_WITNESS_SIZE)
+    witness = np.zeros(WITNESS_SIZE)
     _, fraction, slot = segment_in_block(model.reals, 0, plan, np.inf, np.inf, NO_SLOT, witness)
     assert (fraction, slot) == (np.inf, 0)
     # A known one that is as near and lower stays; a higher one goes.

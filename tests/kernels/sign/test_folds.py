@@ -104,7 +104,7 @@ def test_sharp_wedge_is_looked_at_and_found_right():
     solid = Solid(blade, faces)
     assert solid.is_watertight
 
-    assert -np.cos(np.arctan(0.05)) < folded_faces.SHARPEST
+    assert -np.cos(np.arctan(0.05)) < folded_faces.SHARPEST_COSINE
     assert not solid.snapshot().part_arrays(0).folded.any()
 
 

@@ -6,12 +6,12 @@ import pytest
 import shapes
 
 import oracle
-from proximity.kernels.layout import MOMENTS, ROOT, SIGN_PSEUDONORMAL
+from proximity.kernels.layout import PART_MOMENTS, PART_ROOT, SIGN_PSEUDONORMAL
 from proximity.kernels.sign.inside_grid import (
-    CROSSED,
-    INSIDE,
-    MOST_PLACES,
-    OUTSIDE,
+    CELL_CROSSED,
+    CELL_INSIDE,
+    CELL_OUTSIDE,
+    MOST_POINTS,
     build_grid,
     cell_state,
     uncertain_points,
@@ -50,7 +50,7 @@ class Grid:
 
     def _build_anew(self, piece, rate):
         model = assemble([piece], [Pose()])
-        root, moments = int(model.parts[0, ROOT]), int(model.parts[0, MOMENTS])
+        root, moments = int(model.parts[0, PART_ROOT]), int(model.parts[0, PART_MOMENTS])
         extent = self.corners.max(axis=0) - self.lower
         self.rate, self.counts = rate, np.floor(extent * rate).astype(np.int64) + 1
         counts = (int(n) for n in self.counts)
@@ -118,9 +118,9 @@ def test_no_cell_contradicts_the_winding_number(name):
     states = grid.states(points)
 
     turns = np.rint(oracle.winding_number(grid.corners, grid.faces, points))
-    assert (turns[states == OUTSIDE] == 0).all()
-    assert (turns[states == INSIDE] >= 1).all()
-    assert set(states.tolist()) <= {OUTSIDE, INSIDE, CROSSED}
+    assert (turns[states == CELL_OUTSIDE] == 0).all()
+    assert (turns[states == CELL_INSIDE] >= 1).all()
+    assert set(states.tolist()) <= {CELL_OUTSIDE, CELL_INSIDE, CELL_CROSSED}
 
 
 @pytest.mark.parametrize("name", MESHES)
@@ -133,8 +133,8 @@ def test_cell_that_a_face_touches_is_crossed(name):
     # Rounding may put them beside their face, but not beside the grid.
     points = np.clip(points, grid.corners.min(axis=0), grid.corners.max(axis=0))
 
-    assert (grid.states(points) == CROSSED).all()
-    assert (grid.states(grid.corners) == CROSSED).all()
+    assert (grid.states(points) == CELL_CROSSED).all()
+    assert (grid.states(grid.corners) == CELL_CROSSED).all()
 
 
 @pytest.mark.parametrize("name", ["cube", "sphere", "torus", "cavity", "fan"])
@@ -147,9 +147,9 @@ def test_cells_of_any_size_tell_no_lie(name, rate):
     states = grid.states(points)
 
     turns = np.rint(oracle.winding_number(grid.corners, grid.faces, points))
-    assert (turns[states == OUTSIDE] == 0).all()
-    assert (turns[states == INSIDE] == 1).all()
-    assert (grid.states(grid.corners) == CROSSED).all()
+    assert (turns[states == CELL_OUTSIDE] == 0).all()
+    assert (turns[states == CELL_INSIDE] == 1).all()
+    assert (grid.states(grid.corners) == CELL_CROSSED).all()
 
 
 @pytest.mark.parametrize(("name", "least"), [("cube", 0.1), ("sphere", 0.1), ("torus", 0.3), ("cavity", 0.1)])
@@ -157,7 +157,7 @@ def test_many_points_are_told_by_one_look(name, least):
     grid = Grid(*MESHES[name])
     states = grid.states(grid.points_in_cells(np.random.default_rng(7), 4000))
 
-    assert (states != CROSSED).mean() >= least
+    assert (states != CELL_CROSSED).mean() >= least
 
 
 @pytest.mark.parametrize("name", ["cube", "turned cube", "sphere", "torus", "cavity"])
@@ -175,10 +175,10 @@ def test_faces_and_grid_differ_on_faces_inside_the_body():
 
     # Only above the inner ball, whose faces all have clear cells on both sides; more than are returned.
     distances = np.linalg.norm(places - 0.5 * (grid.corners.max(axis=0) + grid.corners.min(axis=0)), axis=1)
-    assert MOST_PLACES // 2 <= len(places) <= MOST_PLACES
+    assert MOST_POINTS // 2 <= len(places) <= MOST_POINTS
     assert is_inside.all() and is_clear.all()
     assert (distances < 0.3 * (grid.corners.max() - grid.corners.min())).all()
-    assert (grid.states(places) == INSIDE).all()
+    assert (grid.states(places) == CELL_INSIDE).all()
 
 
 def test_beyond_the_grid_is_outside():
@@ -186,7 +186,7 @@ def test_beyond_the_grid_is_outside():
     upper = grid.lower + grid.counts / grid.rate
     points = [grid.lower - 1e-9, upper + 1e-9, [1e30, 0, 0], [0, -1e30, 0], [np.inf, 0, 0], [np.nan, 0, 0]]
 
-    assert (grid.states(np.array(points)) == OUTSIDE).all()
+    assert (grid.states(np.array(points)) == CELL_OUTSIDE).all()
 
 
 @pytest.mark.parametrize("name", MESHES)
@@ -204,5 +204,5 @@ def test_cavity_is_outside_and_wall_is_inside():
     middle = grid.corners.mean(axis=0, keepdims=True)
     wall = middle + 2.0 / 3.0 * (grid.corners.max(axis=0) - middle)  # the cavity ends at a third
 
-    assert grid.states(middle)[0] == OUTSIDE
-    assert grid.states(wall)[0] == INSIDE
+    assert grid.states(middle)[0] == CELL_OUTSIDE
+    assert grid.states(wall)[0] == CELL_INSIDE

@@ -5,7 +5,7 @@ import pytest
 import shapes
 
 import oracle
-from proximity.kernels.layout import MOMENTS, ROOT
+from proximity.kernels.layout import PART_MOMENTS, PART_ROOT
 from proximity.kernels.sign.winding_number import turned, winding_number
 from proximity.mesh.topology import build_topology
 from proximity.mesh.triangle_mesh import TriangleMesh
@@ -28,7 +28,7 @@ def turns(mesh, points):
     """Winding numbers at points in the mesh's own frame."""
     model = model_of(*mesh)
     scale, centre = model.frames[0, 15], model.frames[0, 12:15]
-    places = (int(model.parts[0, ROOT]), int(model.parts[0, MOMENTS]))
+    places = (int(model.parts[0, PART_ROOT]), int(model.parts[0, PART_MOMENTS]))
     local = (np.asarray(points, float) - centre) * scale
     return np.array([winding_number(model.reals, model.words, *places, *point) for point in local])
 

@@ -5,14 +5,14 @@ import pytest
 import shapes
 from ticking import block, line, plate, sheet, solid
 
-from proximity.kernels.geometry.closest_feature import WITNESS_SIZE
+from proximity.kernels.geometry.closest_feature import CLOSEST_SIZE
 from proximity.kernels.layout import NO_SLOT
 from proximity.kernels.memory import Model
 from proximity.kernels.point.budgeted_walk import WORKSPACE_SIZE
-from proximity.kernels.scene.distance_bounds import fill_witness
+from proximity.kernels.scene.distance_bounds import fill_closest
 from proximity.kernels.tracking import conservative_advancement as advancing
 from proximity.kernels.tracking.conservative_advancement import (
-    BALLS,
+    BALL_COUNT,
     BALLS_SIZE,
     TOUCH,
     Path,
@@ -33,7 +33,7 @@ FREE, EXPECTED, STEPS = 0, 1, 4
 
 def no_balls():
     balls = np.zeros(BALLS_SIZE)
-    balls[3 * BALLS : 4 * BALLS] = -1.0
+    balls[3 * BALL_COUNT : 4 * BALL_COUNT] = -1.0
     return balls
 
 
@@ -48,7 +48,7 @@ class Way:
             np.append(0.0, np.cumsum(lengths)) if parameters is None else np.asarray(parameters, float)
         )
         self.balls = no_balls()
-        self.scratch = Scratch(np.zeros(WORKSPACE_SIZE, np.float32), np.zeros(WITNESS_SIZE), np.zeros(9))
+        self.scratch = Scratch(np.zeros(WORKSPACE_SIZE, np.float32), np.zeros(CLOSEST_SIZE), np.zeros(9))
 
     @property
     def model(self):
@@ -124,12 +124,12 @@ def test_corner_that_is_there_twice_leads_on():
 
 def test_outward_is_from_the_surface_to_the_point_and_nothing_on_it():
     way, out = down(), np.zeros(3)
-    model, witness = way.model, way.scratch.witness
+    model, closest = way.model, way.scratch.closest
     for height, expected in ((0.05, (0, 0, 1)), (-0.001, (0, 0, -1)), (0.0, (0, 0, 0))):
         # The slot of the top is found by a way that goes there.
         slot = way.go()[3]
-        fill_witness(model.reals, model.words, model.parts, model.frames, 0, slot, 0.0, 0.0, height, witness)
-        outward_of(model, 0, witness, out)
+        fill_closest(model.reals, model.words, model.parts, model.frames, 0, slot, 0.0, 0.0, height, closest)
+        outward_of(model, 0, closest, out)
         assert out.tolist() == pytest.approx(expected, abs=1e-12)
 
 
@@ -255,7 +255,7 @@ def test_balls_are_free_of_surface_and_the_oldest_goes_first():
     for height in np.linspace(0.055, 0.4, 40):
         way.corners[:, 2] = height
         way.go(clearance=0.0)
-    x, y, z, radius, _ = way.balls[: 5 * BALLS].reshape(5, BALLS)
+    x, y, z, radius, _ = way.balls[: 5 * BALL_COUNT].reshape(5, BALL_COUNT)
 
     assert (radius > 0.0).all()
     assert (radius <= way.scene.distance(np.stack([x, y, z], axis=1)) + 1e-15).all()
@@ -265,7 +265,13 @@ def test_balls_are_free_of_surface_and_the_oldest_goes_first():
 def test_a_ball_tells_its_room_less_what_moved_and_nothing_when_it_gave_more():
     """Free of surface for 0.1 m about (1, 0, 0), when parts had moved 2 m; the sphere has 0.02 m."""
     balls = no_balls()
-    balls[[3, 3 + BALLS, 3 + 2 * BALLS, 3 + 3 * BALLS, 3 + 4 * BALLS]] = (1.0, 0.0, 0.0, 0.1, 2.0)
+    balls[[3, 3 + BALL_COUNT, 3 + 2 * BALL_COUNT, 3 + 3 * BALL_COUNT, 3 + 4 * BALL_COUNT]] = (
+        1.0,
+        0.0,
+        0.0,
+        0.1,
+        2.0,
+    )
 
     def clearance(x, moved=2.0):
         return advancing._clearance_in_balls(Sphere(0.02, 1.0, balls, moved), x, 0.0, 0.0)

@@ -6,7 +6,14 @@ from fingers import MS, Finger
 
 from proximity.kernels.contact_columns import JUMPED, PREDICTED, TRACKED
 from proximity.kernels.tracking import motion
-from proximity.kernels.tracking.motion import COAST, HORIZON, MAX_ACCELERATION, MAX_SPEED, REPEATED, STARTED
+from proximity.kernels.tracking.motion import (
+    COAST,
+    MAX_ACCELERATION,
+    MAX_SPEED,
+    MOTION_HORIZON,
+    REPEATED,
+    STARTED,
+)
 
 KNOWN = TRACKED | PREDICTED
 
@@ -104,7 +111,7 @@ def test_noise_of_poses_in_quick_succession_is_no_surprise():
     for t_ns in range(0, 200 * MS, MS // 10):
         finger.see(t_ns, rng.normal(scale=5e-5, size=3))
 
-        assert finger.reals[1, motion.SURPRISE] == 0.0
+        assert finger.reals[1, motion.ESTIMATE_SURPRISE] == 0.0
 
 
 def test_velocity_of_the_caller_is_taken_at_its_word():
@@ -215,7 +222,7 @@ def test_hand_that_jumps_starts_anew_there():
 
 @pytest.mark.parametrize("period_ns", [MS, 8 * MS])
 def test_jump_is_what_speed_and_slack_do_not_allow(period_ns):
-    reach = MAX_SPEED * 1e-9 * period_ns + motion.SLACK
+    reach = MAX_SPEED * 1e-9 * period_ns + motion.JUMP_SLACK
     for factor, jumped in ((0.999, 0), (1.001, JUMPED)):
         finger = Finger()
         finger.see(0, (0, 0, 0))
@@ -331,10 +338,10 @@ def test_prediction_is_a_little_short_of_straight_ahead_and_ends_at_the_horizon(
     times = np.arange(5) * 8 * MS
     finger.see_all(times, steady(times, (0.4, 0, -0.3)))
 
-    for h in (0.0, 0.001, 0.009, HORIZON):
+    for h in (0.0, 0.001, 0.009, MOTION_HORIZON):
         step, _ = finger.after(h)
         np.testing.assert_allclose(step, np.multiply((0.4, 0, -0.3), h - h * h / (2 * COAST)), atol=1e-12)
-    np.testing.assert_array_equal(finger.after(10.0)[0], finger.after(HORIZON)[0])
+    np.testing.assert_array_equal(finger.after(10.0)[0], finger.after(MOTION_HORIZON)[0])
     np.testing.assert_array_equal(finger.after(-1.0)[0], (0, 0, 0))
     assert finger.after(-1.0)[1] == finger.after(0.0)[1] == 0.0
 

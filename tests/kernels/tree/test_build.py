@@ -6,15 +6,23 @@ import numpy as np
 import pytest
 import shapes
 
-from proximity.kernels.layout import CHILDREN, LANES, MAX_DEPTH, NODE_STRIDE
-from proximity.kernels.tree.binned_sah import COUNT, FIRST, LEFT, NO_CHILD, RECORD, RIGHT, halve
+from proximity.kernels.layout import LANES, MAX_DEPTH, NODE_CHILDREN, NODE_STRIDE
+from proximity.kernels.tree.binned_sah import (
+    BOX_STRIDE,
+    LINK_COUNT,
+    LINK_FIRST,
+    LINK_LEFT,
+    LINK_RIGHT,
+    NO_CHILD,
+    halve,
+)
 from proximity.kernels.tree.builder import FACES_SHIFT, build_tree, face_boxes
 from proximity.kernels.tree.collapse import widen_tree
 from proximity.kernels.tree.reinsertion import improve
 
 
 def records(lower, upper):
-    boxes = np.zeros((len(lower), RECORD), np.float32)
+    boxes = np.zeros((len(lower), BOX_STRIDE), np.float32)
     boxes[:, :3], boxes[:, 4:7] = lower, -np.asarray(upper)
     return boxes
 
@@ -33,12 +41,12 @@ def halved(boxes, leaf_shift=FACES_SHIFT):
     """Boxes and links of the binary tree, the moved boxes of faces, and their order."""
     moved, order = boxes.reshape(-1).copy(), np.arange(len(boxes), dtype=np.int32)
     nodes, links = halve(moved, order, leaf_shift)
-    return nodes, links, moved.reshape(-1, RECORD), order
+    return nodes, links, moved.reshape(-1, BOX_STRIDE), order
 
 
 def assert_binary_tree(nodes, links, faces):
     """Every node is reached once, has the box of what is below it, and leaves share out the faces."""
-    boxes = nodes.reshape(-1, RECORD)
+    boxes = nodes.reshape(-1, BOX_STRIDE)
     seen, used, waiting = np.zeros(len(links), int), np.zeros(len(faces), int), [0]
     while waiting:
         node = waiting.pop()
@@ -57,7 +65,7 @@ def assert_binary_tree(nodes, links, faces):
 
 def cost(nodes, links):
     """The surface of all inner nodes."""
-    return half_areas(nodes.reshape(-1, RECORD))[links[:, LEFT] != NO_CHILD].sum()
+    return half_areas(nodes.reshape(-1, BOX_STRIDE))[links[:, LINK_LEFT] != NO_CHILD].sum()
 
 
 # --- halving ----------------------------------------------------------------------------------------------
@@ -72,8 +80,8 @@ def test_halving_shares_out_the_faces(count, leaf_shift):
 
     assert_binary_tree(nodes, links, moved)
     np.testing.assert_array_equal(moved, boxes[order])
-    leaves = links[links[:, LEFT] == NO_CHILD]
-    assert leaves[:, COUNT].min() >= 1 and leaves[:, COUNT].max() <= 2**leaf_shift
+    leaves = links[links[:, LINK_LEFT] == NO_CHILD]
+    assert leaves[:, LINK_COUNT].min() >= 1 and leaves[:, LINK_COUNT].max() <= 2**leaf_shift
 
 
 @pytest.mark.parametrize("axis", range(3))
@@ -84,15 +92,15 @@ def test_two_heaps_are_divided_between_them(axis):
 
     nodes, links, _, _ = halved(records(lower, lower + 0.01))
 
-    sides = nodes.reshape(-1, RECORD)[links[0, [LEFT, RIGHT]]]
+    sides = nodes.reshape(-1, BOX_STRIDE)[links[0, [LINK_LEFT, LINK_RIGHT]]]
     assert (-(sides[:, axis] + sides[:, 4 + axis]) < 0.3).all(), "no side spans both"
-    assert sorted(_face_count(links, side) for side in links[0, [LEFT, RIGHT]]) == [77, 223]
+    assert sorted(_face_count(links, side) for side in links[0, [LINK_LEFT, LINK_RIGHT]]) == [77, 223]
 
 
 def _face_count(links, node):
-    if links[node, LEFT] == NO_CHILD:
-        return links[node, COUNT]
-    return sum(_face_count(links, child) for child in links[node, [LEFT, RIGHT]])
+    if links[node, LINK_LEFT] == NO_CHILD:
+        return links[node, LINK_COUNT]
+    return sum(_face_count(links, child) for child in links[node, [LINK_LEFT, LINK_RIGHT]])
 
 
 def test_what_no_plane_separates_is_halved_by_count():
@@ -100,7 +108,7 @@ def test_what_no_plane_separates_is_halved_by_count():
 
     _, links, _, _ = halved(boxes)
 
-    assert (links[links[:, LEFT] == NO_CHILD][:, COUNT] == LANES).all()
+    assert (links[links[:, LINK_LEFT] == NO_CHILD][:, LINK_COUNT] == LANES).all()
 
 
 # --- reinsertion ------------------------------------------------------------------------------------------
@@ -110,12 +118,12 @@ def test_improving_keeps_the_tree_and_lessens_its_surface():
     rng = np.random.default_rng(7)
     boxes = random_boxes(rng, 3000, size=2.0 ** -rng.uniform(0, 8, (3000, 1)))  # some large, most small
     nodes, links, moved, _ = halved(boxes)
-    before, leaves = cost(nodes, links), links[links[:, LEFT] == NO_CHILD].copy()
+    before, leaves = cost(nodes, links), links[links[:, LINK_LEFT] == NO_CHILD].copy()
 
     improve(nodes, links)
 
     assert_binary_tree(nodes, links, moved)
-    np.testing.assert_array_equal(links[links[:, LEFT] == NO_CHILD], leaves)
+    np.testing.assert_array_equal(links[links[:, LINK_LEFT] == NO_CHILD], leaves)
     assert cost(nodes, links) < 0.97 * before
 
 
@@ -136,19 +144,19 @@ def test_a_leaf_on_the_wrong_side_is_put_where_it_belongs():
     lower[:, 0] = [0.0, 0.1, 0.2, 5.3, 5.0, 5.1, 5.2, 0.3]
     moved = records(lower, lower + 0.05)
     links = np.full((15, 4), NO_CHILD, np.int32)
-    nodes = np.zeros((15, RECORD), np.float32)
+    nodes = np.zeros((15, BOX_STRIDE), np.float32)
     for leaf in range(8):
-        links[7 + leaf, FIRST], links[7 + leaf, COUNT] = leaf, 1
+        links[7 + leaf, LINK_FIRST], links[7 + leaf, LINK_COUNT] = leaf, 1
         nodes[7 + leaf] = moved[leaf]
     for node in range(6, -1, -1):
-        links[node, LEFT], links[node, RIGHT] = 2 * node + 1, 2 * node + 2
+        links[node, LINK_LEFT], links[node, LINK_RIGHT] = 2 * node + 1, 2 * node + 2
         nodes[node] = np.minimum(nodes[2 * node + 1], nodes[2 * node + 2])
     flat = nodes.reshape(-1)
 
     improve(flat, links)
 
     assert_binary_tree(flat, links, moved)
-    widths = -(flat.reshape(-1, RECORD)[:, 0] + flat.reshape(-1, RECORD)[:, 4])
+    widths = -(flat.reshape(-1, BOX_STRIDE)[:, 0] + flat.reshape(-1, BOX_STRIDE)[:, 4])
     assert (np.sort(widths)[-2:] > 5).tolist() == [False, True], "only the root spans both heaps"
 
 
@@ -158,7 +166,7 @@ def test_a_leaf_on_the_wrong_side_is_put_where_it_belongs():
 def wide_nodes(nodes):
     """Per node the boxes (K, 2, 3) of its children and their references."""
     table = nodes.reshape(-1, NODE_STRIDE)
-    references = table.view(np.int32)[:, CHILDREN : CHILDREN + LANES]
+    references = table.view(np.int32)[:, NODE_CHILDREN : NODE_CHILDREN + LANES]
     for row, names in zip(table, references, strict=True):
         boxes = row[:48].reshape(2, 3, LANES).transpose(2, 0, 1)
         is_used = boxes[:, 0, 0] <= boxes[:, 1, 0]
@@ -176,13 +184,15 @@ def surface(nodes):
 
 def least_surface(nodes, links):
     """The same over all choices of nodes that stay, by trying each."""
-    areas = half_areas(nodes.reshape(-1, RECORD))
-    inner = [node for node in range(1, len(links)) if links[node, LEFT] != NO_CHILD]
+    areas = half_areas(nodes.reshape(-1, BOX_STRIDE))
+    inner = [node for node in range(1, len(links)) if links[node, LINK_LEFT] != NO_CHILD]
 
     def children(node, kept):
         found = []
-        for below in links[node, [LEFT, RIGHT]]:
-            found += [below] if links[below, LEFT] == NO_CHILD or below in kept else children(below, kept)
+        for below in links[node, [LINK_LEFT, LINK_RIGHT]]:
+            found += (
+                [below] if links[below, LINK_LEFT] == NO_CHILD or below in kept else children(below, kept)
+            )
         return found
 
     choices = itertools.chain.from_iterable(
@@ -220,21 +230,21 @@ def depth_of(nodes):
 
 
 @pytest.mark.parametrize("count", [9, 100, 3000])
-@pytest.mark.parametrize("side", [LEFT, RIGHT])
+@pytest.mark.parametrize("side", [LINK_LEFT, LINK_RIGHT])
 def test_a_chain_of_any_length_is_not_deep(count, side):
     """Every node of the binary tree has a leaf on one side: as long as there are leaves."""
     lower = np.zeros((count, 3))
     upper = 0.97 ** np.arange(count)[:, None] * np.ones(3) + 1e-3
     moved = records(lower, upper)
     links = np.full((2 * count - 1, 4), NO_CHILD, np.int32)
-    nodes = np.zeros((2 * count - 1, RECORD), np.float32)
+    nodes = np.zeros((2 * count - 1, BOX_STRIDE), np.float32)
     for leaf in range(count):
         at = 2 * leaf + 1 if leaf < count - 1 else 2 * leaf
-        links[at, FIRST], links[at, COUNT] = leaf, 1
+        links[at, LINK_FIRST], links[at, LINK_COUNT] = leaf, 1
         nodes[at] = moved[leaf]
     for leaf in range(count - 2, -1, -1):
         at = 2 * leaf
-        links[at, side], links[at, LEFT + RIGHT - side] = at + 1, at + 2
+        links[at, side], links[at, LINK_LEFT + LINK_RIGHT - side] = at + 1, at + 2
         nodes[at] = np.minimum(nodes[at + 1], nodes[at + 2])
 
     wide, order, leaf_first = widen_tree(nodes.reshape(-1), links, np.arange(count, dtype=np.int32))
@@ -283,7 +293,7 @@ def test_leaves_are_numbered_in_the_order_of_the_tree():
 
 def test_ordinary_mesh_fills_its_nodes():
     vertices, faces = shapes.torus(n=120, m=80)
-    boxes = np.empty(RECORD * len(faces), np.float32)
+    boxes = np.empty(BOX_STRIDE * len(faces), np.float32)
     face_boxes(vertices, faces.astype(np.int32), boxes)
 
     nodes, _, leaf_first = build_tree(boxes, FACES_SHIFT)

@@ -9,13 +9,13 @@ import shapes
 from budgeted import piece_of
 
 import oracle
-from proximity.kernels.layout import BLOCK_STRIDE, CHILDREN, LANES, NODE_STRIDE
+from proximity.kernels.layout import BLOCK_STRIDE, LANES, NODE_CHILDREN, NODE_STRIDE
 from proximity.kernels.sign.winding_number import MOMENT_STRIDE
 from proximity.kernels.tree.normal_slab import (
-    AREA_NORMAL,
-    LARGEST,
-    LEAST,
-    SMALLEST,
+    MOMENT_AREA_NORMAL,
+    MOMENT_SLAB_LARGEST,
+    MOMENT_SLAB_LEAST,
+    SMALLEST_BOUND,
     fill_slabs,
     slabs_distance_sq,
 )
@@ -45,7 +45,7 @@ def bounds_at(moments, points, factor=1.0):
 def slots_below(bvh):
     """Of each node and lane the slots of all faces below; empty where the lane is unused."""
     nodes = bvh.nodes.reshape(-1, NODE_STRIDE)
-    children = nodes.view(np.int32)[:, CHILDREN : CHILDREN + LANES].tolist()
+    children = nodes.view(np.int32)[:, NODE_CHILDREN : NODE_CHILDREN + LANES].tolist()
     below = {}
     for node in range(bvh.node_count - 1, -1, -1):
         for k, child in enumerate(children[node]):
@@ -146,8 +146,8 @@ def test_slab_is_as_wide_as_the_corners_reach(name):
     moments = piece.moments.reshape(-1, MOMENT_STRIDE).astype(np.longdouble)
     blocks = piece.bvh.blocks.reshape(-1, 3, 3, LANES)
     for (node, k), slots in slots_below(piece.bvh).items():
-        normal = moments[node, AREA_NORMAL + k : AREA_NORMAL + 24 : LANES]
-        least, largest = moments[node, [LEAST + k, LARGEST + k]]
+        normal = moments[node, MOMENT_AREA_NORMAL + k : MOMENT_AREA_NORMAL + 24 : LANES]
+        least, largest = moments[node, [MOMENT_SLAB_LEAST + k, MOMENT_SLAB_LARGEST + k]]
         if not slots:
             assert (least, largest) == (0.0, 0.0) and not normal.any()
             continue
@@ -191,7 +191,7 @@ def test_factor_scales_the_bounds(factor):
     piece = piece_named("ball")
     points = np.random.default_rng(7).uniform(-3, 3, (20, 3))
     plain, scaled = bounds_at(piece.moments, points), bounds_at(piece.moments, points, factor)
-    is_kept = plain.astype(np.float64) * factor > SMALLEST
+    is_kept = plain.astype(np.float64) * factor > SMALLEST_BOUND
 
     np.testing.assert_array_equal(scaled[is_kept], plain[is_kept] * np.float32(factor))
     assert is_kept.any() and not scaled[~is_kept].any()
@@ -210,7 +210,7 @@ def test_child_without_a_mean_normal_and_unused_lanes_bound_nothing():
     one, two = piece_named("one face"), piece_of((np.eye(3), [[0, 1, 2], [0, 2, 1]]))
     points = points_around(np.random.default_rng(7), one.corners[one.faces])
 
-    assert not two.moments[AREA_NORMAL : AREA_NORMAL + 24].any()
+    assert not two.moments[MOMENT_AREA_NORMAL : MOMENT_AREA_NORMAL + 24].any()
     assert (bounds_at(two.moments, points) == 0.0).all()
     assert (bounds_at(one.moments, points)[:, 0, 0] > 0.0).sum() > 30
     assert (bounds_at(one.moments, points)[:, 0, 1:] == 0.0).all()
@@ -218,7 +218,7 @@ def test_child_without_a_mean_normal_and_unused_lanes_bound_nothing():
 
 def test_infinite_slab_bounds_nothing_however_far_the_point():
     moments = piece_named("one face").moments.copy()
-    moments[LEAST], moments[LARGEST] = -np.inf, np.inf
+    moments[MOMENT_SLAB_LEAST], moments[MOMENT_SLAB_LARGEST] = -np.inf, np.inf
     points = np.array([[0, 0, 0], [1e30, -1e30, 1e30], [1e100, 1e100, 1e100], [-1e100, 0, 1e-100]])
 
     assert (bounds_at(moments, points) == 0.0).all()
@@ -234,7 +234,7 @@ def test_refilled_slabs_fit_faces_that_have_moved():
     """Filling again gives what building gives: nothing is left of what was there."""
     piece = piece_named("soup")
     again = piece.moments.copy()
-    again.reshape(-1, MOMENT_STRIDE)[:, LEAST:] = np.nan
+    again.reshape(-1, MOMENT_STRIDE)[:, MOMENT_SLAB_LEAST:] = np.nan
 
     fill_slabs(piece.bvh.nodes, piece.bvh.blocks, 0, piece.bvh.node_count, again, 0)
 

@@ -1,0 +1,136 @@
+"""Entry points take what their signatures declare, and say what is wrong with anything else."""
+
+import gc
+import tracemalloc
+
+import numpy as np
+import pytest
+import shapes
+
+from proximity import native
+from proximity.kernels.geometry.morton_order import morton_order
+from proximity.kernels.mesh.faces import signed_volume, thin_faces
+from proximity.kernels.model_arrays import ModelArrays
+from proximity.kernels.scene.placement import first_unfit, update_box
+from proximity.kernels.scene.point_queries import signed_batch
+from proximity.kernels.tree.builder import build_tree
+from proximity.scene.solid import Solid
+
+pytestmark = pytest.mark.skipif(not native.IS_AHEAD, reason="no kernels compiled ahead of time are in use")
+
+
+def test_results_are_arrays_numbers_and_tuples():
+    vertices, faces = shapes.cube(2.0)
+    faces = faces.astype(np.int32)
+
+    assert signed_volume(vertices, faces) == pytest.approx(6 * 8.0)
+    assert thin_faces(vertices, faces, 1e-9).dtype == np.bool_
+    nodes, order, leaf_first = build_tree(np.zeros(8, np.float32), 3)
+    assert (nodes.dtype, order.dtype, leaf_first.dtype) == (np.float32, np.int32, np.int32)
+
+
+@pytest.mark.parametrize(
+    "points",
+    [
+        np.zeros((4, 3), np.float32),
+        np.zeros((4, 3, 1)),
+        np.zeros((4, 2)),
+        np.zeros((3, 4)).T,
+        np.zeros((8, 3))[::2],
+        np.zeros((4, 3), ">f8"),
+    ],
+    ids=["dtype", "axes", "length", "order", "stride", "byte order"],
+)
+def test_arrays_of_another_kind_are_refused(points):
+    with pytest.raises(TypeError, match="morton_order: argument 0 is an array with .* dtype float64, C order"):
+        morton_order(points)
+
+
+def test_what_is_no_array_is_refused():
+    with pytest.raises(TypeError, match="morton_order: argument 0 is <class 'list'>, expected array"):
+        morton_order([[0.0, 0.0, 0.0]])
+
+
+def test_a_wrong_number_of_arguments_is_refused():
+    with pytest.raises(TypeError, match="morton_order takes 1 arguments, 2 were given"):
+        morton_order(np.zeros((1, 3)), 1)
+
+
+def test_numbers_of_another_kind_are_refused():
+    frames, parts = np.zeros((2, 48)), np.zeros((2, 24), np.int64)
+    with pytest.raises(TypeError, match="update_box: argument 2 is <class 'str'>, expected int"):
+        update_box(frames, parts, "0")
+    with pytest.raises(TypeError, match="update_box: argument 2 is <class 'float'>, expected int"):
+        update_box(frames, parts, 0.0)
+    with pytest.raises(OverflowError):
+        update_box(frames, parts, 2**63)
+    with pytest.raises(TypeError, match="first_unfit: argument 3 is <class 'str'>, expected float"):
+        first_unfit(np.zeros((0, 4, 4)), np.zeros((0, 3)), np.zeros((0, 3)), "1e-9", 1.0, 1.0)
+
+
+def test_numpy_scalars_count_as_numbers():
+    frames, parts = np.zeros((2, 48)), np.zeros((2, 24), np.int64)
+    update_box(frames, parts, np.int32(0))
+    update_box(frames, parts, np.bool_(False))
+
+
+def test_bundles_are_made_of_arrays_as_declared_and_keep_them():
+    with pytest.raises(TypeError, match="ModelArrays: argument 1 is an array with 1 axes and dtype float64"):
+        native.packed(ModelArrays(np.zeros(1), np.zeros(1), np.zeros((1, 1)), np.zeros((1, 1), np.int64)))
+    with pytest.raises(TypeError, match="signed_batch: argument 0 is <class 'tuple'>, expected bundle"):
+        signed_batch((), np.zeros((1, 3)), np.zeros(0, np.int64), np.zeros(1), np.zeros((1, 1)))
+
+    packed = Solid(*shapes.cube()).snapshot().packed
+    gc.collect()  # the model is gone, its arrays are not
+    distances = np.empty((1, 1))
+    signed_batch(packed, np.array([[0.5, 0.5, 2.0]]), np.zeros(0, np.int64), np.full(1, np.inf), distances)
+    assert distances[0, 0] == 1.0
+
+
+def test_a_bundle_of_another_kind_is_refused():
+    from proximity.kernels.scene.dynamic_tree import DynamicParts
+
+    other = native.packed(DynamicParts(*(np.zeros(0, np.int64) for _ in range(3))))
+    with pytest.raises(TypeError, match="signed_batch: argument 0 is"):
+        signed_batch(other, np.zeros((1, 3)), np.zeros(0, np.int64), np.zeros(1), np.zeros((1, 1)))
+
+
+def test_arrays_that_a_kernel_made_are_freed_with_their_last_view():
+    points = np.random.default_rng(7).random((100_000, 3))
+    view = morton_order(points)[10:]
+    gc.collect()
+    assert sorted(view.tolist())[-1] == 99_999  # still there
+
+    import resource
+
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    for _ in range(1000):  # 800 MB if they stayed
+        morton_order(points)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100_000
+
+
+def test_calls_leave_no_python_objects_behind():
+    points = np.zeros((4, 3))
+    for _ in range(100):
+        morton_order(points)
+    tracemalloc.start()
+    before, _ = tracemalloc.get_traced_memory()
+    for _ in range(1000):
+        morton_order(points)
+    after, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert after - before < 10_000
+
+
+def test_compiled_code_of_its_own_cannot_be_called_from_python():
+    from proximity.kernels.geometry.frames import to_local
+
+    with pytest.raises(TypeError, match=r"frames\.to_local is called by compiled code only"):
+        to_local(None, None, 0, 0.0, 0.0, 0.0)
+
+
+def test_lenient_entry_points_answer_that_arguments_do_not_fit():
+    lenient = native.lenient("morton_order")
+
+    assert lenient(np.zeros((1, 3))).tolist() == [0]
+    assert lenient([[0.0, 0.0, 0.0]]) is NotImplemented

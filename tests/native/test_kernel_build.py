@@ -1,0 +1,57 @@
+"""The build of kernels: the same bytes from the same sources, and nothing that may not be there."""
+
+import importlib.util
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import proximity
+from proximity import native
+
+ROOT = Path(proximity.__file__).parent.parent
+TOOL = ROOT / "tools" / "build_kernels.py"
+pytestmark = pytest.mark.skipif(
+    not (TOOL.is_file() and importlib.util.find_spec("numba") and importlib.util.find_spec("ziglang")),
+    reason="kernels are built from a checkout, with numba and ziglang",
+)
+
+
+def build(*options: str) -> str:
+    """What the tool prints."""
+    done = subprocess.run([sys.executable, TOOL, *options], capture_output=True, text=True, timeout=900, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not native.IS_AHEAD, reason="there is nothing to compare with")
+def test_building_again_gives_the_same_bytes(tmp_path):
+    (again,) = build("--out", str(tmp_path)).split()
+    installed = next((ROOT / "proximity" / "native").glob("_kernels*"))
+
+    assert Path(again).read_bytes() == installed.read_bytes()
+
+
+def test_what_there_is_is_told_without_building():
+    state = dict(line.split("=", 1) for line in build("--state").splitlines())
+
+    assert state["is_current"] == ("yes" if native.IS_AHEAD else "no")
+    assert Path(state["extension"]).parent == ROOT / "proximity" / "native"
+
+
+def test_code_that_asks_for_what_is_not_there_is_refused(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "tools"))
+    from kernel_build.targets import TARGETS, emit_object
+
+    code = """
+    declare void @numba_do_raise(i8*)
+    define void @proximity_door_bad(i8* %x) {
+        call void @numba_do_raise(i8* %x)
+        ret void
+    }
+    """
+    target = TARGETS["linux-x86_64"]
+    with pytest.raises(SystemExit, match="kernels ask for numba_do_raise, which the engine does not have"):
+        emit_object(code, target, target.sets[0])
