@@ -78,10 +78,10 @@ deadlines · fingerprint · machine · motions · period · subject · tick_time
 """,
     "proximity.cli": """
 commands
-part_press · questions
+drum_loop · part_press · questions
 progress · views
 console
-drum_loop · lengths · options · points · program · wording
+lengths · options · points · program · wording
 """,
 }
 # Part of the whole package but in no layer: what its users import, and what starts the command line.

@@ -1,4 +1,4 @@
-"""Numbers of a certificate as people read them, with no more digits than so many ticks support."""
+"""Numbers of a certificate as text, with no more digits than the number of ticks supports."""
 
 import math
 from typing import Any

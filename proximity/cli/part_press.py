@@ -1,4 +1,4 @@
-"""``proximity simulate --scene``: a press on a CAD part with the engine in the loop."""
+"""``proximity simulate --scene``: simulate a press on a CAD part with the engine in the loop."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,7 +24,7 @@ ROWS = (  # label, field, factor from SI units, digits, whether a recorded hand 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """What is pressed on, and where."""
+    """The part that is pressed, and where."""
 
     file: Path
     part: str | None

@@ -1,4 +1,4 @@
-"""Files to geometries: the only place that knows formats, units and scene graphs.
+"""Readers of mesh files: the only package that knows formats, units and scene graphs.
 
 `read_geometries` gives every mesh of a file as it stands there: nothing is merged, dropped or repaired,
 only scaled to metres and cut into triangles. A file of which only a part can be read is refused: what a

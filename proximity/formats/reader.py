@@ -1,4 +1,4 @@
-"""From a path to geometries in metres: opens, chooses the reader, scales, places and names."""
+"""Read a file into geometries in metres: choose the reader, scale, place and name."""
 
 import math
 import os

@@ -1,4 +1,4 @@
-"""What every message is wrapped in: who it is, how long, which one of a row, and whether it arrived whole.
+"""Envelope of all messages: kind, size, sequence number and checksum.
 
 A message is its kind's header, then one record a finger, without gaps. All headers begin with the 32 bytes of
 `PREFIX`, so that a receiver can refuse what it does not understand before it looks at anything else. Sizes
@@ -21,6 +21,8 @@ VERSION = 1
 """Of the layout of all messages. A receiver takes its own version and no other."""
 MAX_RECORDS = 4096
 """Most records a message may have: a hand's skin."""
+MAX_FUTURE_NS = 5_000_000
+"""An instant farther in the future than this is a mistake of some clock."""
 
 PREFIX_FIELDS = (
     Field("magic", "<u4", "", "which kind of message"),

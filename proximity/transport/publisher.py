@@ -1,4 +1,4 @@
-"""The sending side: messages are numbered, checksummed and handed to a transport."""
+"""Publisher: messages are numbered, given a checksum and handed to a transport."""
 
 import threading
 import time
@@ -55,7 +55,7 @@ class Publisher:
 
     @property
     def sequence(self) -> int:
-        """How many messages this run published, of all kinds; of one kind alone, the number of the next."""
+        """Number of messages of this run, of all kinds; with one kind, its next sequence number."""
         return sum(self._sequences.values())
 
     def publish(self, message: Message) -> None:

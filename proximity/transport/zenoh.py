@@ -127,10 +127,10 @@ def _key_of(address: Address) -> Any:
     """Take the key of an address; one that stands for many keys is refused."""
     address.check_options("connect", "listen", "config")
     try:
-        key = zenoh.KeyExpr(address.place)
+        key = zenoh.KeyExpr(address.location)
     except zenoh.ZError as unfit:
         raise address.refuse(f"expected a key such as decaff/poses ({_said(unfit)})") from unfit
-    if "*" in address.place:
+    if "*" in address.location:
         raise address.refuse("expected one key, without wildcards: several publishers cannot be known apart")
     return key
 
@@ -154,7 +154,7 @@ def _open_session(address: Address) -> zenoh.Session:
 
 
 def _config_of(address: Address) -> zenoh.Config:
-    """What the address's file says, or the defaults."""
+    """Configuration from the address's file, or the defaults."""
     path = address.options.get("config")
     if path is None:
         return zenoh.Config()
@@ -165,5 +165,5 @@ def _config_of(address: Address) -> zenoh.Config:
 
 
 def _said(failure: Exception) -> str:
-    """What Zenoh says, without where in its source."""
+    """Message of a Zenoh error, without the position in its source."""
     return str(failure).split(" at /")[0].rstrip(".")

@@ -317,7 +317,7 @@ def test_rays_and_segments_make_a_table(run, options, first, second):
 
 
 def test_long_table_is_not_cut_when_piped(run, monkeypatch):
-    monkeypatch.setattr(query, "CHUNK", 70)
+    monkeypatch.setattr(query, "POINTS_PER_CHUNK", 70)
     text = "".join(f"0 0 {row}.5\n" for row in range(1000))
 
     result = run("query", "ball.stl", "--points", "-", stdin=text)
@@ -375,7 +375,7 @@ def test_json_without_points_is_valid(run):
 
 
 def test_json_of_several_chunks_is_valid(run, monkeypatch):
-    monkeypatch.setattr(query, "CHUNK", 2)
+    monkeypatch.setattr(query, "POINTS_PER_CHUNK", 2)
 
     result = run("query", "ball.stl", *range(15), "--json")
 

@@ -174,7 +174,7 @@ def test_missing_scene_and_one_without_parts_are_refused(run, tmp_path):
 
 def test_all_of_it_runs_on_a_box(run, monkeypatch):
     """Everything is really searched, timed and looped, if shortly; no time is judged."""
-    monkeypatch.setattr(worst_positions, "COUNTS", (30, 30, 8))
+    monkeypatch.setattr(worst_positions, "START_COUNTS", (30, 30, 8))
     monkeypatch.setattr(worst_positions, "CLIMBS", 2)
     monkeypatch.setattr(package, "certify", certification.certify)
     box = str(make.FOLDER / "box.stl")

@@ -26,7 +26,7 @@ def driven(drum, commanded, samples, *, rate=3000.0, contact=0.0, start=0.0):
         np.zeros(drum_kernels.DRIVE_SIZE),
     )
     command = np.zeros(drum_kernels.COMMAND_SIZE)
-    command[drum_kernels.SPEED_CAP] = command[drum_kernels.FORCE_CAP] = math.inf
+    command[drum_kernels.COMMAND_SPEED_CAP] = command[drum_kernels.COMMAND_FORCE_CAP] = math.inf
     for index, value in commanded.items():
         command[index] = value
     drum_kernels.rest_drum(numbers, drive, start)
@@ -35,12 +35,12 @@ def driven(drum, commanded, samples, *, rate=3000.0, contact=0.0, start=0.0):
     for _ in range(samples):
         drum_kernels.serve(numbers, gains, drive, command, contact)
         for _ in range(steps):
-            drive[drum_kernels.WHERE], drive[drum_kernels.SPEED_NOW] = drum_kernels.pushed(
+            drive[drum_kernels.DRIVE_POSITION], drive[drum_kernels.DRIVE_SPEED] = drum_kernels.pushed(
                 numbers,
-                drive[drum_kernels.APPLIED],
+                drive[drum_kernels.DRIVE_APPLIED],
                 contact,
-                drive[drum_kernels.WHERE],
-                drive[drum_kernels.SPEED_NOW],
+                drive[drum_kernels.DRIVE_POSITION],
+                drive[drum_kernels.DRIVE_SPEED],
                 1.0 / (rate * steps),
             )
         rows.append(drive.copy())
@@ -95,8 +95,12 @@ def test_motor_has_no_force_left_at_its_speed_limit():
 
 
 def test_encoder_tells_whole_counts():
-    rows = driven(GEAR10, {drum_kernels.MODE: drum_kernels.POSITION, drum_kernels.TARGET: 1e-3}, 200)
-    counts = rows[:, drum_kernels.LAST] / GEAR10.resolution
+    rows = driven(
+        GEAR10,
+        {drum_kernels.COMMAND_MODE: drum_kernels.MODE_POSITION, drum_kernels.COMMAND_TARGET: 1e-3},
+        200,
+    )
+    counts = rows[:, drum_kernels.DRIVE_LAST_POSITION] / GEAR10.resolution
 
     np.testing.assert_allclose(counts, np.round(counts), atol=1e-9)
     assert len(set(np.round(counts))) > 40
@@ -104,8 +108,10 @@ def test_encoder_tells_whole_counts():
 
 def test_pulse_width_makes_the_force_a_whole_number_of_steps():
     drum = replace(GEAR4, motor=Motor(duty_bits=8))
-    rows = driven(drum, {drum_kernels.MODE: drum_kernels.POSITION, drum_kernels.TARGET: 5e-3}, 100)
-    widths = rows[:, drum_kernels.APPLIED] / drum.force_step
+    rows = driven(
+        drum, {drum_kernels.COMMAND_MODE: drum_kernels.MODE_POSITION, drum_kernels.COMMAND_TARGET: 5e-3}, 100
+    )
+    widths = rows[:, drum_kernels.DRIVE_APPLIED] / drum.force_step
 
     # 28 N behind a gear of four, over 2⁸.
     assert drum.force_step == pytest.approx(112.0 / 256.0)
@@ -115,23 +121,23 @@ def test_pulse_width_makes_the_force_a_whole_number_of_steps():
 
 
 def test_motor_never_pushes_with_more_than_its_limit_or_what_it_is_told():
-    asked = {drum_kernels.MODE: drum_kernels.POSITION, drum_kernels.TARGET: 0.03}
+    asked = {drum_kernels.COMMAND_MODE: drum_kernels.MODE_POSITION, drum_kernels.COMMAND_TARGET: 0.03}
     full = driven(GEAR4, asked, 60)
-    capped = driven(GEAR4, asked | {drum_kernels.FORCE_CAP: 3.0}, 60)
+    capped = driven(GEAR4, asked | {drum_kernels.COMMAND_FORCE_CAP: 3.0}, 60)
 
-    assert np.abs(full[:, drum_kernels.APPLIED]).max() > 50.0
-    assert np.abs(full[:, drum_kernels.APPLIED]).max() <= GEAR4.force_limit
-    assert np.abs(capped[:, drum_kernels.APPLIED]).max() == 3.0
+    assert np.abs(full[:, drum_kernels.DRIVE_APPLIED]).max() > 50.0
+    assert np.abs(full[:, drum_kernels.DRIVE_APPLIED]).max() <= GEAR4.force_limit
+    assert np.abs(capped[:, drum_kernels.DRIVE_APPLIED]).max() == 3.0
 
 
 def test_motor_that_is_off_leaves_the_drum_to_whoever_pushes_it():
-    rows = driven(GEAR4, {drum_kernels.MODE: drum_kernels.OFF}, 30, contact=1.0, start=0.01)
+    rows = driven(GEAR4, {drum_kernels.COMMAND_MODE: drum_kernels.MODE_OFF}, 30, contact=1.0, start=0.01)
 
     time = 30 / 3000.0
     fallen = 0.5 * (1.0 - GEAR4.friction) / GEAR4.mass * time**2
-    assert not rows[:, drum_kernels.APPLIED].any()
+    assert not rows[:, drum_kernels.DRIVE_APPLIED].any()
     # Semi-implicit steps are half a step ahead.
-    assert rows[-1, drum_kernels.WHERE] - 0.01 == pytest.approx(fallen, rel=2e-3)
+    assert rows[-1, drum_kernels.DRIVE_POSITION] - 0.01 == pytest.approx(fallen, rel=2e-3)
 
 
 # ----------------------------------------------------------------------------------------------- the servo
@@ -199,9 +205,11 @@ def test_response_is_that_of_a_mass_stepped_sample_by_sample(share):
 
 def test_reference_keeps_to_speed_and_acceleration_and_stops_on_its_target():
     gains = servo_for(GEAR4, 3000.0)
-    rows = driven(GEAR4, {drum_kernels.MODE: drum_kernels.POSITION, drum_kernels.TARGET: 0.03}, 120)
-    speeds = rows[:, drum_kernels.REFERENCE_SPEED]
-    references = rows[:, drum_kernels.REFERENCE]
+    rows = driven(
+        GEAR4, {drum_kernels.COMMAND_MODE: drum_kernels.MODE_POSITION, drum_kernels.COMMAND_TARGET: 0.03}, 120
+    )
+    speeds = rows[:, drum_kernels.DRIVE_REFERENCE_SPEED]
+    references = rows[:, drum_kernels.DRIVE_REFERENCE]
 
     assert speeds.max() == pytest.approx(1.75)  # m/s, PAPER 12
     assert np.abs(np.diff(speeds)).max() <= gains.acceleration * gains.period * (1.0 + 1e-12)
@@ -214,10 +222,10 @@ def test_reference_keeps_to_speed_and_acceleration_and_stops_on_its_target():
 
 
 def test_speed_cap_is_kept():
-    asked = {drum_kernels.MODE: drum_kernels.POSITION, drum_kernels.TARGET: 0.03}
-    rows = driven(GEAR4, asked | {drum_kernels.SPEED_CAP: 0.05}, 300)
+    asked = {drum_kernels.COMMAND_MODE: drum_kernels.MODE_POSITION, drum_kernels.COMMAND_TARGET: 0.03}
+    rows = driven(GEAR4, asked | {drum_kernels.COMMAND_SPEED_CAP: 0.05}, 300)
 
-    assert rows[:, drum_kernels.REFERENCE_SPEED].max() == pytest.approx(0.05)
+    assert rows[:, drum_kernels.DRIVE_REFERENCE_SPEED].max() == pytest.approx(0.05)
 
 
 # ------------------------------------------------------------------------------------------------- arrival

@@ -58,10 +58,10 @@ def test_table_of_the_paper_is_derived(row):
 
 def chain_of_turns(bend, along=1.0, dorsal=0.0):
     """The same point by complex numbers: each phalanx turns what comes behind it."""
-    place = along * FINGER.phalanges[2] + 1j * dorsal
+    position = along * FINGER.phalanges[2] + 1j * dorsal
     for length, flexion in zip((*FINGER.phalanges[1::-1], 0.0), FINGER.flexions[::-1], strict=True):
-        place = length + np.exp(-1j * bend * flexion) * place
-    return place
+        position = length + np.exp(-1j * bend * flexion) * position
+    return position
 
 
 @pytest.mark.parametrize(("along", "dorsal"), [(1.0, 0.0), (0.5, 0.010), (0.0, -0.003)])

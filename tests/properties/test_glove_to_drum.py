@@ -74,7 +74,7 @@ def test_drum_stands_where_the_finger_of_the_calibrated_glove_touches(glove_and_
         (finger,) = bench.fingers
         if contacts["signed_distance"][0] > 0.0:
             told.append(contacts["contact_bend"][0])
-        if finger.action.place < finger.path.retracted:
+        if finger.action.position < finger.path.retracted:
             placed.append(finger.action.angle)
 
     true = float(glove_files.HAND.drum_angle(PLANE_BEND)) + glove_files.MOUNTED

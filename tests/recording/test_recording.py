@@ -188,16 +188,16 @@ def test_recording_that_cannot_be_used_is_refused_by_line(read, content, message
 
 
 def test_line_is_right_beyond_the_first_chunk(read):
-    lines = [f"{0.01 * row:.2f},0,0,1,2,3" for row in range(2 * reader.CHUNK)]
-    lines[reader.CHUNK + 10] = lines[reader.CHUNK + 10].replace("1,2,3", "1,?,3")
+    lines = [f"{0.01 * row:.2f},0,0,1,2,3" for row in range(2 * reader.LINES_PER_CHUNK)]
+    lines[reader.LINES_PER_CHUNK + 10] = lines[reader.LINES_PER_CHUNK + 10].replace("1,2,3", "1,?,3")
 
     with pytest.raises(RecordingError, match=rf"line {reader.CHUNK + 12}: y_m is '\?'"):
         read(HEADER + "\n".join(lines))
 
 
 def test_times_unsorted_from_one_chunk_to_the_next_are_refused(read):
-    lines = [f"{0.01 * row:.2f},0,0,1,2,3" for row in range(reader.CHUNK + 20)]
-    lines[reader.CHUNK] = "0,0,0,1,2,3"
+    lines = [f"{0.01 * row:.2f},0,0,1,2,3" for row in range(reader.LINES_PER_CHUNK + 20)]
+    lines[reader.LINES_PER_CHUNK] = "0,0,0,1,2,3"
 
     with pytest.raises(RecordingError, match=rf"line {reader.CHUNK + 2}: time_s is 0 after"):
         read(HEADER + "\n".join(lines))

@@ -79,8 +79,8 @@ class Served:
         self.answers = TrackerAnswers(tracker, self.source)
 
     def tick(self, now_ns, pose_ns):
-        hands = hands_at(TIPS, pose_ns, np.zeros((len(TIPS), 3)))
-        return self.answers.answer(hands, now_ns)
+        poses = hands_at(TIPS, pose_ns, np.zeros((len(TIPS), 3)))
+        return self.answers.answer(poses, now_ns)
 
 
 def assert_holds(contacts, pose_ns):
@@ -171,9 +171,9 @@ def test_nothing_is_moved_in_a_tick_where_nothing_moves(inlet, monkeypatch):
 def test_fingers_that_are_not_there_say_nothing_of_when(inlet):
     served = Served(inlet)
     inlet.put(told(NOW))
-    hands = hands_at(np.full((3, 3), np.nan), [NOW - 90 * MS, 0, -(2**62)])
+    poses = hands_at(np.full((3, 3), np.nan), [NOW - 90 * MS, 0, -(2**62)])
 
-    contacts = served.answers.answer(hands, NOW + 20 * MS)
+    contacts = served.answers.answer(poses, NOW + 20 * MS)
 
     assert (contacts["lower"] == -np.inf).all() and (contacts["upper"] == np.inf).all()
     np.testing.assert_allclose(served.scene.part("box").pose.translation, 0.02 * VELOCITY, atol=1e-15)

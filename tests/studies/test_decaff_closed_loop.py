@@ -133,7 +133,7 @@ def test_real_wall_is_the_exact_one():
 
 
 def test_link_on_an_ideal_drum_is_the_floor():
-    """PAPER 6.3, printed digits, by its own way of looking: every 0.1 ms, the contact's sample as above."""
+    """PAPER 6.3, printed digits, by its own path of looking: every 0.1 ms, the contact's sample as above."""
     found = []
     for speed, first in zip(SPEEDS, (1.0, 1.0, 1.0, 0.0), strict=True):
         response = ideal_drum(HAND, HAND.press(speed), step=2e-6)
@@ -148,10 +148,10 @@ def test_link_on_an_ideal_drum_is_the_floor():
 @pytest.mark.parametrize("speed", SPEEDS)
 def test_floor_without_that_sampling_lies_within_its_spread(speed):
     """1.4 / 4.2 / 8.8 / 17.4 %; PAPER 6.3 prints 1.7 / 4.8 / 10.0 / 14.4."""
-    place = SPEEDS.index(speed)
+    position = SPEEDS.index(speed)
     found = deviation(ideal_drum(HAND, HAND.press(speed)))
 
-    assert found.error == pytest.approx([0.017, 0.048, 0.100, 0.144][place], abs=SHIFT[place])
+    assert found.error == pytest.approx([0.017, 0.048, 0.100, 0.144][position], abs=SHIFT[position])
     assert abs(found.onset) < 1e-4
     # F = D/(1/k_h + 1/k_f + 1/K), with the contact's 50 kN/m.
     rest = HAND.steady_force(HAND.press(speed).depth, 50e3)

@@ -27,8 +27,8 @@ from proximity.studies.simulation.target_policies import Target
 from proximity.tracker.replay import turn_about_axes
 
 HAND = Hand()
-SAGITTA = 30e-6  # m, by which the polyline of a finger's way is off it (`Finger.path_world`)
-WAY = 0.045  # m: enough for a drum to arrive
+SAGITTA = 30e-6  # m, by which the polyline of a finger's path is off it (`Finger.path_world`)
+START_DISTANCE = 0.045  # m: enough for a drum to arrive
 
 
 def box_scene(**surface):
@@ -44,10 +44,12 @@ def flat():
 
 
 def run(finger, speed=0.5, hold=0.2, **setup):
-    return press_on_part(finger, HAND.press(speed, hold=hold), EngineSetup(**{"way": WAY, **setup}))
+    return press_on_part(
+        finger, HAND.press(speed, hold=hold), EngineSetup(**{"start_distance": START_DISTANCE, **setup})
+    )
 
 
-# --- the place ---
+# --- the position ---
 
 
 def test_finger_touches_where_it_was_asked_to(flat):
@@ -75,7 +77,7 @@ def test_place_that_no_finger_reaches_is_refused():
 
     with pytest.raises(DecaffError, match="no hand gets its finger there without touching before"):
         place_finger(cavity, (0.0, 0.0, 0.015))
-    with pytest.raises(DecaffError, match=r"the place is \[0\.0, nan, 0\.0\], expected three coordinates"):
+    with pytest.raises(DecaffError, match=r"the position is \[0\.0, nan, 0\.0\], expected three coordinates"):
         place_finger(cavity, (0.0, math.nan, 0.0))
     with pytest.raises(DecaffError, match="the finger touches nothing between flat hand and fist"):
         placed(cavity, place_finger(box_scene()).glove, Pose(translation=(1.0, 0.0, 0.0)))
@@ -86,7 +88,7 @@ def test_place_that_no_finger_reaches_is_refused():
 
 @pytest.mark.parametrize("speed", [0.25, 1.0])
 def test_engine_is_the_ideal_distance_on_a_flat_part(flat, speed):
-    """The place it tells is off by the polyline's sagitta at most; so is the drum, but for an encoder count.
+    """The reported position is off by the polyline's sagitta at most; the drum, by an encoder count more.
 
     At rest that is as much force as hand and pad in a row make of it.
     """
@@ -226,8 +228,8 @@ def test_finger_that_got_inside_unseen_is_brought_back_slowly(flat):
 
 @pytest.mark.parametrize(("late", "share"), [(0.030, 5), (0.050, 2)])
 def test_drum_that_was_sent_away_does_not_meet_the_finger_at_speed(flat, late, share):
-    """Frames that are late now and then widen the drum's place; on its way back the finger comes as well."""
-    press = run(flat, way=0.06, latency=(0.001,) * (100 - share) + (late,) * share)
+    """Frames that are late now and then send the drum away; on its return the finger comes as well."""
+    press = run(flat, start_distance=0.06, latency=(0.001,) * (100 - share) + (late,) * share)
     response = press.response
     met = int(np.flatnonzero(response.contact > 0.0)[0])
     ms = round(1e-3 / response.step)
@@ -311,7 +313,7 @@ def test_force_of_the_far_end_is_displayed(flat):
 
 @pytest.mark.parametrize(("stiffness", "damping", "tilt"), [(300.0, 4.0, 0.0), (800.0, 2.0, 40.0)])
 def test_deformable_part_gives_way_as_its_law_says(stiffness, damping, tilt):
-    """A finger that comes obliquely feels of the law what is along its way: the square of the incidence."""
+    """A finger that comes obliquely feels of the law what is along its path: the square of the incidence."""
     finger = place_finger(box_scene(stiffness=stiffness, damping=damping), (0.0, 0.0, 0.01))
     turn = Pose(turn_about_axes((tilt, 0.0, 0.0)))
     finger = placed(finger.scene, finger.glove, turn @ finger.world_from_hand)

@@ -151,8 +151,10 @@ def test_force_errors_of_the_engine_beside_the_figure_are_the_models(monkeypatch
     monkeypatch.setattr(engine_plots, "SPEEDS", (1.0,))
     monkeypatch.setattr(engine_plots, "LATENCIES", (0.003,))
     table = engine_plots.numbers()
-    finger = place_finger(engine_plots.bracket(), engine_plots.PLACE)
-    felt = press_on_part(finger, Hand().press(1.0), EngineSetup(latency=0.003, way=engine_plots.WAY))
+    finger = place_finger(engine_plots.bracket(), engine_plots.START_POSITION)
+    felt = press_on_part(
+        finger, Hand().press(1.0), EngineSetup(latency=0.003, way=engine_plots.START_DISTANCE)
+    )
 
     assert table["reading"].tolist() == ["controller", "latched"]
     assert table["engine_error"][0] == felt.error.share < table["engine_error"][1]

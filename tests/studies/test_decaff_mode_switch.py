@@ -226,7 +226,7 @@ def test_change_to_force_leaves_the_motor_as_it_was():
     drum, servo = glove.drum.as_array(), glove.servo.as_array()
     drive, command = np.zeros(drum_kernels.DRIVE_SIZE), np.zeros(drum_kernels.COMMAND_SIZE)
     drum_kernels.rest_drum(drum, drive, 0.0)
-    drive[drum_kernels.INTEGRATED] = -1.1
+    drive[drum_kernels.DRIVE_INTEGRATED] = -1.1
     DrumCommand(DriveMode.POSITION, 0.0).write(command)
     for _ in range(1000):
         drum_kernels.serve(drum, servo, drive, command, 0.8)
@@ -234,8 +234,8 @@ def test_change_to_force_leaves_the_motor_as_it_was():
     forces = []
     for _ in range(400):
         # Whoever is pressed on follows the reference.
-        drum_kernels.serve(drum, servo, drive, command, drive[drum_kernels.FORCE_REFERENCE])
-        forces.append(drive[drum_kernels.DEMANDED])
+        drum_kernels.serve(drum, servo, drive, command, drive[drum_kernels.DRIVE_FORCE_REFERENCE])
+        forces.append(drive[drum_kernels.DRIVE_DEMANDED])
 
     assert forces[0] == pytest.approx(-1.1, abs=2e-3)
     # 5 N/s: half a newton takes a tenth of a second.
@@ -248,13 +248,15 @@ def test_change_to_position_starts_where_the_drum_is_with_no_integral():
     drum, servo = glove.drum.as_array(), glove.servo.as_array()
     drive, command = np.zeros(drum_kernels.DRIVE_SIZE), np.zeros(drum_kernels.COMMAND_SIZE)
     drum_kernels.rest_drum(drum, drive, 0.02)
-    drive[drum_kernels.LAST_MODE] = DriveMode.FORCE
-    drive[drum_kernels.DEMANDED] = drive[drum_kernels.SMOOTHED] = drive[drum_kernels.INTEGRATED] = -5.0
+    drive[drum_kernels.DRIVE_LAST_MODE] = DriveMode.FORCE
+    drive[drum_kernels.DRIVE_DEMANDED] = drive[drum_kernels.DRIVE_SMOOTHED] = drive[
+        drum_kernels.DRIVE_INTEGRATED
+    ] = -5.0
     DrumCommand(DriveMode.POSITION, 0.02).write(command)
     drum_kernels.serve(drum, servo, drive, command, 0.0)
 
-    assert drive[drum_kernels.REFERENCE] == pytest.approx(0.02, abs=1e-5)
-    assert abs(drive[drum_kernels.DEMANDED]) < 0.5
+    assert drive[drum_kernels.DRIVE_REFERENCE] == pytest.approx(0.02, abs=1e-5)
+    assert abs(drive[drum_kernels.DRIVE_DEMANDED]) < 0.5
 
 
 @pytest.mark.parametrize(

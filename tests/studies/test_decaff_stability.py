@@ -243,7 +243,7 @@ def test_largest_stiffness_has_closed_forms():
     half_angle = 0.5 * math.acos(cosine)
     one = sampled_mass.maximum_stiffness(UNIT[1])
     assert one.stiffness / 2.0 == pytest.approx(0.0722346746, abs=1e-10)
-    # PAPER prints b = 0.2123468943: at a maximum, a search finds the place to fewer digits than the value.
+    # PAPER prints b = 0.2123468943: at a maximum, a search finds the position to fewer digits than the value.
     assert one.damping / 2.0 == pytest.approx(0.2123468943, abs=1e-9)
     tangent = math.tan(half_angle)
     exact = tangent * math.sin(4.0 * half_angle) - tangent**2 * math.cos(4.0 * half_angle)

@@ -1,4 +1,4 @@
-"""``proximity bench``: the latency certificate of a scene, and whether it fits a period."""
+"""``proximity bench``: the latency certificate of a scene, and whether the scene fits a period."""
 
 import contextlib
 from collections.abc import Callable, Iterator
@@ -13,11 +13,11 @@ from proximity.cli.program import EXIT_UNUSABLE
 
 HELP = "\n\n".join(
     (
-        "Search SCENE for the places where a tick is dearest, measure ticks there, and hold them against "
+        "Search SCENE for the positions where a tick is dearest, measure ticks there, and hold them against "
         "haptic sample periods.",
         "SCENE is a scene file of the service, whose settings hold, or a file of parts, as other commands "
         "read it. Ticks are timed one by one: along a recorded hand, in random motion, and with all fingers "
-        "at the worst places; then the service's own loop runs for some seconds. The report is one page "
+        "at the worst positions; then the service's own loop runs for some seconds. The report is one page "
         "(.html) with its numbers beside it (.json); --json prints these instead.",
         "With --gate the exit code is 1 unless the computing of 99.9 % of the ticks of every motion, of "
         "three runs the best, takes no longer than PERIOD, and that of half of the loop's ticks. What the "
@@ -54,7 +54,7 @@ OUT = Annotated[
     ),
 ]
 FINGERS = Annotated[
-    int | None, typer.Option("--fingers", metavar="N", help="At the worst places; 5, or as SCENE says.")
+    int | None, typer.Option("--fingers", metavar="N", help="At the worst positions; 5, or as SCENE says.")
 ]
 TICKS = Annotated[int, typer.Option("--ticks", metavar="N", help="Of each motion.")]
 SECONDS = Annotated[float, typer.Option("--seconds", metavar="S", help="That the service's loop runs.")]

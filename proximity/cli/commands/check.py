@@ -1,4 +1,4 @@
-"""``proximity check``: what a file holds, what was repaired, and which sign can be trusted."""
+"""``proximity check``: the contents of a file, what was repaired, and which sign can be trusted."""
 
 from typing import Annotated
 

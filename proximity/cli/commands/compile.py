@@ -1,4 +1,4 @@
-"""``proximity compile``: a file as a scene that opens in milliseconds."""
+"""``proximity compile``: write a file as a scene that opens in milliseconds."""
 
 import os
 from pathlib import Path

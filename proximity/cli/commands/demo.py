@@ -1,4 +1,4 @@
-"""``proximity demo``: sample scene and hand, a service, its drums and a look at both, in one terminal."""
+"""``proximity demo``: a sample scene, a recorded hand, a service and its drums, shown in one terminal."""
 
 import os
 import sys
@@ -13,7 +13,7 @@ import typer
 
 import proximity
 from proximity.cli.options import LONGEST_S
-from proximity.cli.program import EXIT_INTERRUPTED
+from proximity.cli.program import EXIT_INTERRUPTED, EXIT_NOTHING
 from proximity.system.stop_signals import stopped_by_signals
 
 if TYPE_CHECKING:
@@ -41,7 +41,6 @@ TURN_S = 0.02
 DRUM_RATE_HZ = 250.0
 WATCHDOG_NS = 200_000_000  # a drum would be switched off after 10 ms; here nobody is hurt by a busy machine
 SWITCH_S = 1e-3  # that the drums wait at most while the picture is drawn in the same process
-EXIT_NOTHING = 1
 SCENE = "demo.toml"
 
 
@@ -140,7 +139,7 @@ def _say(sentence: str) -> None:
 
 
 def _summary(report: dict[str, Any], seen: "Seen", drums: "DrumsBeside") -> list[str]:
-    """What service, watch and drums have done, a line each."""
+    """One line each on what service, watch and drums have done."""
     compute, late = report["compute"], report["lateness"]
     states = ", ".join(f"{count} {state}" for state, count in report["states"].items() if count)
     counts, fingers = seen.counts, drums.bench.fingers

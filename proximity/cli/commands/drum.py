@@ -1,4 +1,4 @@
-"""``proximity drum``: drums of a service's fingers, run by their controllers against a simulated plant."""
+"""``proximity drum``: simulated drums for the fingers of a service, run by their controllers."""
 
 import json
 import sys
@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from proximity.cli.options import ADDRESS, LIMIT, check_limit
+from proximity.cli.program import EXIT_NOTHING
 from proximity.system.stop_signals import stopped_by_signals
 
 HELP = "\n\n".join(
@@ -30,7 +31,6 @@ Examples:
   proximity drum udp://127.0.0.1:9100 --limit 10 --json
 """
 
-EXIT_NOTHING = 1
 MOST_RATE_HZ = 5000.0
 LEAST_RATE_HZ = 150.0  # slower, each sample would trip the watchdog of 10 ms
 TURN_S = 0.02  # within that a wish to stop is noticed

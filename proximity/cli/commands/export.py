@@ -1,4 +1,4 @@
-"""``proximity export``: a log of frames as a table for other programs."""
+"""``proximity export``: a frame log as a table for other programs."""
 
 import io
 import sys

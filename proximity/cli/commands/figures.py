@@ -1,4 +1,4 @@
-"""``proximity figures``: the paper's figures and those beside them, with their numbers."""
+"""``proximity figures``: the figures of the paper and of this project, with their numbers."""
 
 import time
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""``proximity header``: the messages for C and C++."""
+"""``proximity header``: the C and C++ header of the messages."""
 
 from pathlib import Path
 from typing import Annotated

@@ -1,4 +1,4 @@
-"""``proximity key``: a key with which the ends of a ``udp://`` address know each other."""
+"""``proximity key``: make a key that authenticates messages of a ``udp://`` address."""
 
 from pathlib import Path
 from typing import Annotated

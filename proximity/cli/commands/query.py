@@ -1,4 +1,4 @@
-"""``proximity query``: how far points, rays or segments are from the parts of a file."""
+"""``proximity query``: distances from points, rays or segments to the parts of a file."""
 
 import sys
 from array import array
@@ -50,7 +50,7 @@ Examples:
   shuf points.txt | proximity query bracket.stl --points - --workers -1
 """
 
-CHUNK = 20_000  # queries answered at once: a bar moves, Ctrl-C is heard, memory stays bounded
+POINTS_PER_CHUNK = 20_000  # queries answered at once: a bar moves, Ctrl-C is heard, memory stays bounded
 
 
 COORDINATES = Annotated[
@@ -157,7 +157,7 @@ def _points(coordinates: list[str] | None, path: str | None, units: str, mode: s
 
 
 def _chunk_length(mode: str) -> int:
-    return CHUNK * (2 if mode == "segment" else 1)
+    return POINTS_PER_CHUNK * (2 if mode == "segment" else 1)
 
 
 def _numbers(texts: Iterable[str], hint: str) -> list[float]:
@@ -209,12 +209,12 @@ def _write_for_people(questions: "Questions", scene: "proximity.Scene", units: s
     elif console.is_terminal:
         answers.print_table(console, questions.mode, units, _first(first, answers.TERMINAL_ROWS))
         if count > answers.TERMINAL_ROWS:
-            known = str(count) if count < CHUNK else f"{count} or more"
+            known = str(count) if count < POINTS_PER_CHUNK else f"{count} or more"
             typer.echo(
                 f"proximity: these are {answers.TERMINAL_ROWS} of {known}; --csv, --json or a pipe shows all",
                 err=True,
             )
-        if count < CHUNK:
+        if count < POINTS_PER_CHUNK:
             next(chunks, None)
     else:
         everything = progress.with_bar(chain([first], chunks), count_of, None, is_shown=True)

@@ -1,4 +1,4 @@
-"""``proximity replay``: a recorded hand at a scene, every tick of it, and whether the bounds were kept."""
+"""``proximity replay``: run a recorded hand through a scene tick by tick, and check the bounds."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -11,6 +11,7 @@ import typer
 
 import proximity
 from proximity.cli.options import FILE, UNITS, with_option_groups
+from proximity.system.time_units import MS_PER_S
 
 if TYPE_CHECKING:
     from proximity.recording import Recording
@@ -39,7 +40,6 @@ RADIUS_M = 0.007
 RANGE_M = 0.12
 FARTHEST_M = 1e6
 """How far away a recording may be put, and how large a fingertip may be."""
-MS = 1000.0  # in a second
 
 
 RECORDING = Annotated[Path, typer.Argument(metavar="RECORDING", help="CSV of fingertips over time.")]
@@ -137,7 +137,7 @@ class TrackerOptions:
         return Settings(
             self.rate,
             _in_metres(self.radius, "--radius", RADIUS_M, metres, LARGEST_RADIUS),
-            self.latency / MS,
+            self.latency / MS_PER_S,
             self.budget,
             _in_metres(self.working_range, "--range", RANGE_M, metres, LARGEST_WORKING_RANGE),
         )
@@ -218,7 +218,7 @@ def _placement_report(placement: Placement, pose: "proximity.Pose", metres: floa
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """How the tracker is made, in SI units."""
+    """Settings of the tracker, in SI units."""
 
     rate: float  # Hz
     radius: float  # m
@@ -245,7 +245,7 @@ class Settings:
         return {
             "rate_hz": self.rate,
             "radius": in_unit(self.radius, metres),
-            "latency_ms": self.latency * MS,
+            "latency_ms": self.latency * MS_PER_S,
             "budget": self.budget,
             "working_range": in_unit(self.working_range, metres),
         }

@@ -1,4 +1,4 @@
-"""``proximity serve``: the service that a scene file describes, until it is asked to stop."""
+"""``proximity serve``: run the service that a scene file describes until it is asked to stop."""
 
 import contextlib
 import os
@@ -86,7 +86,7 @@ def command(
     from proximity.cli.views import serve_report
     from proximity.service.hosting import serve
 
-    given = {"rate_hz": rate, "publish": publish or None, "log": log, "real_time": real_time}
+    overrides = {"rate_hz": rate, "publish": publish or None, "log": log, "real_time": real_time}
     stop = threading.Event()
     if until_stdin:
         threading.Thread(target=_await_line, args=(STDIN, stop), daemon=True).start()
@@ -102,7 +102,7 @@ def command(
         seconds=limit,
         say=_say,
         begun=begun,
-        **given,
+        **overrides,
     )
     serve_report.write(report, as_json=as_json)
     if report.log_lost:

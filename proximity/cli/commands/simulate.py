@@ -1,4 +1,4 @@
-"""``proximity simulate``: one press on one wall, beside the same press on a real wall."""
+"""``proximity simulate``: simulate one press on a wall, and compare it with a press on a real wall."""
 
 from dataclasses import dataclass
 from pathlib import Path

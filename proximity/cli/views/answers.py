@@ -1,4 +1,4 @@
-"""Answers to queries: as JSON and CSV for programs, as a table or a block of lines for people.
+"""Answers to queries: JSON and CSV for programs, a table or a block of lines for people.
 
 All four come from `FIELDS`. Answers are streamed, but for the table on a terminal, which Rich draws. JSON and
 CSV hold numbers that read back as the same float64. CSV writes nan and inf as NumPy and pandas read them;

@@ -1,4 +1,4 @@
-"""What is reported of a certificate on the terminal."""
+"""The terminal report of a latency certificate."""
 
 import sys
 from typing import Any
@@ -14,7 +14,7 @@ HASH_DIGITS = 16
 
 
 def write(reported: dict[str, Any]) -> None:
-    """Write the certificate to stdout: scene, worst places, times against periods, the verdict.
+    """Write the certificate to stdout: scene, worst positions, times against periods, the verdict.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def _scene(reported: dict[str, Any]) -> Lines:
 
 
 def _places(goals: list[dict[str, Any]]) -> Table:
-    rows = table(["worst place for a finger"], ("work", "at random", "x", "y", "z", "bracket [mm]"))
+    rows = table(["worst position for a finger"], ("work", "at random", "x", "y", "z", "bracket [mm]"))
     for goal in goals:
         worst = goal["places"][0]
         place = map(wording.millimetres, worst["position"])

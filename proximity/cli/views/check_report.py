@@ -1,4 +1,4 @@
-"""What ``proximity check`` reports of a scene: as plain values, and as people read it."""
+"""The report of ``proximity check`` on a scene: as plain values and as text."""
 
 import math
 import re

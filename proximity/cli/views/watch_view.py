@@ -1,4 +1,4 @@
-"""What ``watch`` shows of one reading: a table for a terminal, or a line of text. Nothing is read here."""
+"""Display of one reading for ``watch``: a table for a terminal, or a line of text."""
 
 import time
 from collections.abc import Sequence
@@ -55,7 +55,7 @@ BARS_LEGEND = "Bars: █ free for certain, ▒ between the bounds, ◆ predicted
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """What is known beside a reading."""
+    """Values shown beside a reading."""
 
     address: str
     counts: Counts
@@ -166,7 +166,7 @@ def _columns(width: int, *, has_drums: bool) -> dict[str, int]:
 
 
 def _cells(columns: dict[str, int]) -> int:
-    """What the columns take, with a space behind each."""
+    """Number of cells that the columns take, with a space behind each."""
     return sum(columns.values()) + len(columns)
 
 

@@ -1,4 +1,4 @@
-"""STEP: meshed by cascadio (OpenCASCADE) into a GLB document, which is then read like any other.
+"""STEP: converted by cascadio (OpenCASCADE) into a GLB document, which is then read like any other.
 
 OpenCASCADE goes on where it should stop: it skips entities that it cannot resolve, says so on standard
 output, and hands over the rest. So its words are caught and taken for errors; the CAD faces that arrive are
@@ -119,8 +119,8 @@ def _convert(data: bytes, tolerance: float) -> bytes:
                 stderr=subprocess.STDOUT,
                 check=False,
             )
-        said = _ESCAPES.sub("", log.read_text("utf-8", "replace"))
-        complaint = next((line.strip(" *\t") for line in said.splitlines() if _COMPLAINT.search(line)), "")
+        printed = _ESCAPES.sub("", log.read_text("utf-8", "replace"))
+        complaint = next((line.strip(" *\t") for line in printed.splitlines() if _COMPLAINT.search(line)), "")
         if done.returncode < 0:
             raise MeshFormatError(f"OpenCASCADE crashed on it (signal {-done.returncode})")
         if done.returncode == worker.NO_CASCADIO:

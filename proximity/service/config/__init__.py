@@ -1,4 +1,4 @@
-"""A service described in a file: which parts, which fingers, where poses come from, where frames go.
+"""The scene file of a service: parts, fingers, the source of poses and the addresses of frames.
 
 TOML, with every mistake named by its line; ``meshes/demo.toml`` explains each key. `read_scene_file` checks
 what can be checked without opening parts; what the file describes is then made of it.

@@ -1,4 +1,4 @@
-"""Hand, finger and wall in closed loop: a real wall, a penalty wall, and a drum that stands at the wall.
+"""Closed-loop simulation of hand and finger on a real wall, a penalty wall, or a drum.
 
 The same hand presses on each, so that the forces compare. Times count from the contact: the instant at which
 the hand's intent reaches the surface, at 0. A drum learns of the wall by distances, late and now and then;
@@ -215,11 +215,11 @@ class DecaffLoop:
         return DistanceSample(
             self.now,
             float(response.link[row]),
-            float(response.record[finger_kernels.LINK_SPEED, row]),
+            float(response.record[finger_kernels.RECORD_LINK_SPEED, row]),
             float(response.finger_speed[row]),
-            float(self._drive[drum_kernels.WHERE]),
+            float(self._drive[drum_kernels.DRIVE_POSITION]),
             self._back,
-            float(self._drive[drum_kernels.DEMANDED]),
+            float(self._drive[drum_kernels.DRIVE_DEMANDED]),
             Message(at, link, speed, distance) if at > -math.inf else None,
         )
 
@@ -243,7 +243,9 @@ class DecaffLoop:
             An instant that is not after this sample.
         """
         row, record = self.row(time), self.response.record
-        return float(record[finger_kernels.LINK, row]), float(record[finger_kernels.LINK_SPEED, row])
+        return float(record[finger_kernels.RECORD_LINK, row]), float(
+            record[finger_kernels.RECORD_LINK_SPEED, row]
+        )
 
     def tick(self, command: DrumCommand) -> None:
         """Serve a command for one sample, and move everything by it.
@@ -315,15 +317,18 @@ class DecaffLoop:
 
 def _body(hand: Hand, link: Link) -> np.ndarray:
     body = np.zeros(finger_kernels.BODY_SIZE)
-    body[finger_kernels.HAND_STIFFNESS], body[finger_kernels.HAND_DAMPING] = hand.stiffness, hand.damping
-    body[finger_kernels.FINGER_MASS] = hand.finger_mass
-    body[finger_kernels.PAD_STIFFNESS], body[finger_kernels.PAD_DAMPING] = (
+    body[finger_kernels.BODY_HAND_STIFFNESS], body[finger_kernels.BODY_HAND_DAMPING] = (
+        hand.stiffness,
+        hand.damping,
+    )
+    body[finger_kernels.BODY_FINGER_MASS] = hand.finger_mass
+    body[finger_kernels.BODY_PAD_STIFFNESS], body[finger_kernels.BODY_PAD_DAMPING] = (
         hand.pad_stiffness,
         hand.pad_damping,
     )
-    body[finger_kernels.LINK_MASS], body[finger_kernels.LINK_DAMPING] = link.mass, link.damping
-    body[finger_kernels.CONTACT_STIFFNESS] = link.contact_stiffness
-    body[finger_kernels.CONTACT_DAMPING] = link.contact_damping
+    body[finger_kernels.BODY_LINK_MASS], body[finger_kernels.BODY_LINK_DAMPING] = link.mass, link.damping
+    body[finger_kernels.BODY_CONTACT_STIFFNESS] = link.contact_stiffness
+    body[finger_kernels.BODY_CONTACT_DAMPING] = link.contact_damping
     return body
 
 

@@ -1,4 +1,4 @@
-"""Many presses at once: walls against speed, latency, rate and drum (docs/decaff.md).
+"""Sweeps of presses: walls against speed, latency, rate and drum (docs/decaff.md).
 
 A penalty wall is given the best stiffness and damping of a grid for its rate and latency: the most favourable
 tuning there is, one for all speeds.
