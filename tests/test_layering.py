@@ -48,12 +48,12 @@ load_report · part_motion · sign
     "proximity.service": """
 loop
 inputs
-answers · frame_builder · hosting · output · report · sample_filter
+answers · frame_builder · frame_output · hosting · report · sample_filter
 bends · clock · config · finger_kernels · histogram · log_writer · presence · realtime · samples
 """,
     "proximity.service.inputs": """
 teleoperation
-part_motion · sensor · stream
+moves_input · sensor · stream
 gloves · part_prediction · reception · sources
 """,
     "proximity.decaff": """
@@ -78,7 +78,7 @@ deadlines · fingerprint · machine · motions · period · subject · tick_time
 """,
     "proximity.cli": """
 commands
-drum_loop · part_press · questions
+drum_loop · questions · scene_press
 progress · views
 console
 lengths · options · points · program · wording

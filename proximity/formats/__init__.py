@@ -10,8 +10,8 @@ goes through trimesh, STEP through cascadio (OpenCASCADE), each behind checks of
 """
 
 from proximity.formats.contents import FileContents, Geometry
+from proximity.formats.file_reader import read_geometries
 from proximity.formats.format_detection import EXTENSIONS
-from proximity.formats.reader import read_geometries
 from proximity.formats.size_check import likely_unit, size_notes
 from proximity.formats.step.step import STEP_TOLERANCE
 from proximity.formats.threemf.threemf import UNPACKED_LIMIT

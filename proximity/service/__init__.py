@@ -9,7 +9,7 @@ from proximity.service.answers import Answering, TrackerAnswers
 from proximity.service.clock import Clock, MonotonicClock, SkippingClock
 from proximity.service.histogram import Histogram
 from proximity.service.inputs.gloves import GloveChoices
-from proximity.service.inputs.part_motion import MovesInput
+from proximity.service.inputs.moves_input import MovesInput
 from proximity.service.inputs.sensor import Measurements, SensorInput
 from proximity.service.inputs.sources import CallableInput, PoseInput, RecordingInput
 from proximity.service.inputs.stream import StreamInput

@@ -10,9 +10,9 @@ from proximity.errors import ServiceError
 from proximity.service.answers import Answering
 from proximity.service.clock import Clock, MonotonicClock
 from proximity.service.frame_builder import FrameBuilder
+from proximity.service.frame_output import Outgoing
 from proximity.service.inputs.sources import PoseInput
 from proximity.service.log_writer import Log
-from proximity.service.output import Outgoing
 from proximity.service.realtime import RealTime, undisturbed
 from proximity.service.report import Report
 from proximity.service.sample_filter import SampleFilter

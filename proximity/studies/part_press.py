@@ -10,7 +10,7 @@ from proximity.scene.scene import Scene
 from proximity.studies.engine.engine_loop import press_on_part
 from proximity.studies.engine.engine_press import EnginePress
 from proximity.studies.engine.engine_setup import Distances, EngineSetup
-from proximity.studies.engine.placed_finger import place_finger
+from proximity.studies.engine.finger_placement import place_finger
 from proximity.studies.engine.recorded_press import RecordedPress, recorded_hand
 from proximity.studies.figures import press_plots
 from proximity.studies.figures.tables import Table

@@ -28,8 +28,8 @@ import numpy as np
 
 from proximity.errors import PublishError
 from proximity.transport.address import Address
-from proximity.transport.key import TAG_BYTES, Key, key_of
 from proximity.transport.link import NOTHING
+from proximity.transport.message_key import TAG_BYTES, Key, key_of
 
 MOST_BYTES = 65507
 """That a datagram of IPv4 carries."""

@@ -20,8 +20,8 @@ from proximity.cli import drum_loop
 from proximity.cli.views import screen
 from proximity.cli.views.drum_log import DrumLog
 from proximity.decaff.controller.controller_states import DrumState
-from proximity.decaff.drum.drum import GEAR4
 from proximity.decaff.drum.drum_command import DriveMode
+from proximity.decaff.drum.drum_model import GEAR4
 from proximity.decaff.glove.default_bend import with_bend
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove

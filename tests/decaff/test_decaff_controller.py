@@ -13,13 +13,13 @@ from sealed_frames import frame
 from proximity.decaff.controller.contact_location import is_sound, locate
 from proximity.decaff.controller.controller import SERVO_LAG, FingerController
 from proximity.decaff.controller.controller_states import DrumState, FrameMark, Observation, Trust
+from proximity.decaff.controller.drum_limits import ForceBudget, Limits
 from proximity.decaff.controller.frame_trust import FrameTrust
-from proximity.decaff.controller.limits import ForceBudget, Limits
 from proximity.decaff.controller.passivity import is_passive
 from proximity.decaff.controller.steady_force import Handover, SteadyRule
 from proximity.decaff.controller.surface_law import SurfaceLaw
-from proximity.decaff.drum.drum import GEAR4, Drum
 from proximity.decaff.drum.drum_command import DriveMode
+from proximity.decaff.drum.drum_model import GEAR4, Drum
 from proximity.decaff.drum.servo import move, servo_for
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from proximity.decaff.drum import drum_kernels, servo
-from proximity.decaff.drum.drum import DIRECT, DRUMS, GEAR4, GEAR10, Drum, Motor
+from proximity.decaff.drum.drum_model import DIRECT, DRUMS, GEAR4, GEAR10, Drum, Motor
 from proximity.decaff.drum.servo import move, servo_for, settling_time
 from proximity.errors import DecaffError
 from proximity.studies.simulation import arrival

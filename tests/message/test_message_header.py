@@ -23,7 +23,7 @@ from proximity.message.c_header import ENUMS, KINDS, RECORDS, header_text, meani
 from proximity.message.envelope import MAX_FUTURE_NS
 from proximity.message.fields import dtype_of
 from proximity.transport import Subscriber, open_inlet, widen
-from proximity.transport.key import write_key
+from proximity.transport.message_key import write_key
 from proximity.transport.publisher_clock import ForeignClock
 from proximity.transport.received_frame import LONGEST_VALID_NS
 from proximity.transport.subscriber import STALE_AFTER

@@ -10,7 +10,7 @@ from proximity.message import MOVES, ContactFlag, Message
 from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
 from proximity.service import MovesInput, TrackerAnswers
-from proximity.service.inputs import part_motion, reception
+from proximity.service.inputs import moves_input, reception
 from proximity.tracker.tracker import Tracker
 
 NOW = 5_000_000_000  # ns
@@ -336,9 +336,9 @@ def test_part_that_goes_just_before_it_is_moved_is_no_unfit_move(inlet, monkeypa
 
 def test_scene_is_looked_at_when_it_was_edited_and_not_at_every_message(inlet, monkeypatch):
     served, asked = Served(inlet), []
-    part, looked = served.scene.part, part_motion.Presence
+    part, looked = served.scene.part, moves_input.Presence
     monkeypatch.setattr(served.scene, "part", lambda name: asked.append(name) or part(name))
-    monkeypatch.setattr(part_motion, "Presence", lambda scene: asked.append("looked") or looked(scene))
+    monkeypatch.setattr(moves_input, "Presence", lambda scene: asked.append("looked") or looked(scene))
     for ms in range(0, 50, 5):
         inlet.put(told(NOW + ms * MS))
         served.tick(NOW + ms * MS, NOW + ms * MS - np.arange(len(TIPS)) * MS)

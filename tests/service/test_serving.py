@@ -23,7 +23,14 @@ from proximity.message import GLOVE_POSES, MEASURED, MOVES, POSES, ContactFlag, 
 from proximity.recording import FrameReader
 from proximity.service import realtime
 from proximity.service.config import PartFiles
-from proximity.service.hosting import RunningService, process, reloading, scene_service, serve, start_service
+from proximity.service.hosting import (
+    RunningService,
+    process,
+    scene_reload,
+    scene_service,
+    serve,
+    start_service,
+)
 from proximity.transport import open_publisher, open_subscriber
 from proximity.transport.link import TRANSPORTS, Transport
 
@@ -313,7 +320,7 @@ def test_edit_that_needs_a_restart_is_refused_with_its_line(scene_path, before, 
     edit(scene_path, before, after)
 
     with pytest.raises(ServiceError) as refused:
-        reloading.refuse_what_needs_a_restart(settings, scene_service.read_scene_file(scene_path))
+        scene_reload.refuse_what_needs_a_restart(settings, scene_service.read_scene_file(scene_path))
 
     assert str(refused.value).startswith(f"{scene_path}:{message}, and a running service keeps it: start")
 
@@ -324,7 +331,7 @@ def test_recording_s_place_is_kept(scene_path):
     edit(scene_path, "position = [0, 0, 0]", "position = [0, 0, 1]")
 
     with pytest.raises(ServiceError, match=r"cell\.toml:10: input\.position is not as it was"):
-        reloading.refuse_what_needs_a_restart(settings, scene_service.read_scene_file(scene_path))
+        scene_reload.refuse_what_needs_a_restart(settings, scene_service.read_scene_file(scene_path))
 
 
 class FakeService:
@@ -346,7 +353,7 @@ def looking(scene_path):
     made = SimpleNamespace(service=service, files=files, scene=files.scene(settings), moves=None, count=2)
     return SimpleNamespace(
         path=scene_path,
-        editing=reloading.Editing(made, settings, {}, said.append),
+        editing=scene_reload.Editing(made, settings, {}, said.append),
         replaced=service.replaced,
         said=said,
     )
@@ -432,7 +439,7 @@ def test_file_that_a_refused_edit_names_is_watched(looking, folder):
 
 
 def test_mistake_of_ours_in_an_edit_is_said(looking, monkeypatch):
-    monkeypatch.setattr(reloading, "make_tracker", None)
+    monkeypatch.setattr(scene_reload, "make_tracker", None)
     edit(looking.path, "count = 2", "count = 2\nbudget = 40")
     looking.editing.look()
     looking.editing.look()
@@ -505,7 +512,7 @@ def test_it_ends_after_some_seconds_also_while_an_edit_is_being_made(scene_path,
     monkeypatch.setattr(scene_service, "LOOK_S", 0.01)
     monkeypatch.setattr(scene_service, "ANNOUNCE_AFTER_S", 0.01)
     is_over = threading.Event()
-    monkeypatch.setattr(reloading.Editing, "look", lambda self: is_over.wait(PATIENCE_S))
+    monkeypatch.setattr(scene_reload.Editing, "look", lambda self: is_over.wait(PATIENCE_S))
     began = time.monotonic()
     try:
         serve(scene_path, seconds=0.1)

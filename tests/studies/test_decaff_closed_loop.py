@@ -15,12 +15,12 @@ import pytest
 from project import ROOT
 from scipy.integrate import solve_ivp
 
-from proximity.decaff.drum.drum import DIRECT, DRUMS
 from proximity.decaff.drum.drum_command import DriveMode, DrumCommand
+from proximity.decaff.drum.drum_model import DIRECT, DRUMS
 from proximity.decaff.drum.servo import servo_for
 from proximity.errors import DecaffError
 from proximity.studies.paper.trajectories import Press
-from proximity.studies.simulation import finger_kernels, metrics, sweeps
+from proximity.studies.simulation import metrics, press_kernels, sweeps
 from proximity.studies.simulation.closed_loop import DecaffLoop, decaff, ideal_drum, penalty_wall, real_wall
 from proximity.studies.simulation.devices import (
     COUPLED_DEVICE,
@@ -57,9 +57,7 @@ def error_of(target, speed, **numbers):
 def test_hand_goes_as_the_press_says(speed):
     press = HAND.press(speed)
     times = np.linspace(-0.05, press.loss_time + 0.05, 401)
-    found = [
-        finger_kernels.intent(np.array([press.speed, press.depth, press.release_time]), t) for t in times
-    ]
+    found = [press_kernels.intent(np.array([press.speed, press.depth, press.release_time]), t) for t in times]
     expected = press.at(times)
 
     np.testing.assert_allclose([one[0] for one in found], expected.position, atol=1e-15)

@@ -8,9 +8,9 @@ from sealed_frames import frame
 
 from proximity.decaff.controller.controller import FingerController
 from proximity.decaff.controller.controller_states import DrumAction, DrumState, FrameMark, Observation
-from proximity.decaff.controller.limits import Limits
-from proximity.decaff.drum.drum import DRUMS
+from proximity.decaff.controller.drum_limits import Limits
 from proximity.decaff.drum.drum_command import DriveMode
+from proximity.decaff.drum.drum_model import DRUMS
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
 from proximity.decaff.simulated_drums.simulated_drum import DrumPlant

@@ -18,7 +18,7 @@ from proximity.service.histogram import Histogram
 from proximity.studies.engine.delayed_link import DelayedLink, latencies_of
 from proximity.studies.engine.engine_loop import press_on_part
 from proximity.studies.engine.engine_setup import Distances, EngineSetup
-from proximity.studies.engine.placed_finger import place_finger, placed
+from proximity.studies.engine.finger_placement import place_finger, placed
 from proximity.studies.engine.recorded_press import recorded_hand, recorded_press
 from proximity.studies.simulation.force_after_contact import BUMP_TIME
 from proximity.studies.simulation.hand import Hand

@@ -12,7 +12,7 @@ from proximity.decaff.drum.sampled_mass import SampledMass, maximum_stiffness
 from proximity.errors import DecaffError
 from proximity.studies.engine.engine_loop import press_on_part
 from proximity.studies.engine.engine_setup import EngineSetup
-from proximity.studies.engine.placed_finger import place_finger
+from proximity.studies.engine.finger_placement import place_finger
 from proximity.studies.figures import (
     arrival_plots,
     catalogue,
@@ -173,7 +173,7 @@ def test_missing_sample_is_told(monkeypatch, tmp_path):
 
 def test_drum_that_swings_through_its_place_is_not_in_time_for_that():
     """A direct drum swings 3 mm past: told of a wall from 14 mm away at 0.7 m/s, it is there by chance."""
-    from proximity.decaff.drum.drum import DIRECT
+    from proximity.decaff.drum.drum_model import DIRECT
 
     glove = sweeps.with_latency(sweeps.with_drum(Decaff(), DIRECT, 3000.0), 0.010)
     assert needed_look_ahead(Hand(), glove, 0.7) == pytest.approx(0.020, abs=2.1e-3)

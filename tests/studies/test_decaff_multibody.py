@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 
 from proximity.errors import DecaffError
 from proximity.studies.multibody import contact_kernels as kernels
-from proximity.studies.multibody.contact import MAX_STEPS, Plane, Shown, press
+from proximity.studies.multibody.chain_press import MAX_STEPS, Plane, Shown, press
 from proximity.studies.multibody.finger_chain import INDEX_FINGER, PlanarFinger
 from proximity.studies.multibody.impulses import impulse_law, stopped_energy
 

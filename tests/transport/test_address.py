@@ -42,7 +42,7 @@ def test_text_that_is_no_address_is_told_what_one_looks_like(text):
 
 @pytest.mark.parametrize("text", ["udp://[::1:9100", "udp://h:1?bind", "udp://h:1?a=1&b", "udp://[nobody]:1"])
 def test_text_that_cannot_be_taken_apart_is_told_the_form(text):
-    with pytest.raises(PublishError, match=r": expected scheme://place\?option=value \("):
+    with pytest.raises(PublishError, match=r": expected scheme://location\?option=value \("):
         parse(text)
 
 

@@ -61,7 +61,7 @@ def command(
         scene = proximity.load(str(file), units=units, **options)
         report = check_report.report_of(scene, str(file), units, metres)
     if as_json:
-        from proximity.cli.views.output import write_document
+        from proximity.cli.views.json_output import write_document
 
         write_document(report)
     else:

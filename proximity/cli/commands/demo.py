@@ -60,7 +60,7 @@ def command(
     from proximity.cli.drum_loop import DrumsBeside
     from proximity.cli.views.screen import Screen
     from proximity.cli.views.service_watch import Follower, show
-    from proximity.decaff.controller.limits import Limits
+    from proximity.decaff.controller.drum_limits import Limits
     from proximity.decaff.simulated_drums.service_drums import DrumBench
     from proximity.transport import open_subscriber
 

@@ -27,7 +27,7 @@ def command(
     out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The file to make; must not be there.")],
 ) -> None:
     """Write a new key."""
-    from proximity.transport.key import write_key
+    from proximity.transport.message_key import write_key
 
     write_key(str(out))
     typer.echo(f'{out}: made; name it at both ends: "udp://HOST:PORT?key={out}"')

@@ -44,7 +44,7 @@ EXAMPLES = """
 Examples:
   proximity query bracket.stl 30 10 5
   proximity query bracket.stl -1 -2.5 -3e-2 --units in
-  proximity query gearbox.step --points points.csv --csv > answers.csv
+  proximity query gearbox.step --points points.csv --csv > query_answers.csv
   proximity query bracket.stl 30 10 50 --ray 0 0 -1
   proximity query bracket.stl 0 0 50  60 0 50 --segment --json
   shuf points.txt | proximity query bracket.stl --points - --workers -1
@@ -183,20 +183,20 @@ def _show_notes(notes: Iterable[str | None]) -> None:
 def _write_for_programs(questions: "Questions", head: dict[str, Any], as_json: bool) -> None:
     from proximity.cli import progress
     from proximity.cli.questions import count_of
-    from proximity.cli.views import answers
+    from proximity.cli.views import query_answers
 
     chunks = progress.with_bar(questions.chunks(), count_of, None, is_shown=not sys.stdout.isatty())
     if as_json:
-        answers.write_json(sys.stdout, head, chunks)
+        query_answers.write_json(sys.stdout, head, chunks)
     else:
-        answers.write_csv(sys.stdout, head["units"], chunks)
+        query_answers.write_csv(sys.stdout, head["units"], chunks)
 
 
 def _write_for_people(questions: "Questions", scene: "proximity.Scene", units: str) -> None:
     from proximity.cli import progress
     from proximity.cli.console import Console, print_block
     from proximity.cli.questions import count_of
-    from proximity.cli.views import answers
+    from proximity.cli.views import query_answers
 
     console = Console()
     chunks = questions.chunks()
@@ -204,21 +204,22 @@ def _write_for_people(questions: "Questions", scene: "proximity.Scene", units: s
     count = count_of(first)
     if count == 1:
         answer = {field: values[0] for field, values in first.items()}
-        print_block(console, answers.block(questions.mode, answer, units, _sign_of(scene, answer)))
+        print_block(console, query_answers.block(questions.mode, answer, units, _sign_of(scene, answer)))
         next(chunks, None)  # a line behind it may be none
     elif console.is_terminal:
-        answers.print_table(console, questions.mode, units, _first(first, answers.TERMINAL_ROWS))
-        if count > answers.TERMINAL_ROWS:
+        query_answers.print_table(console, questions.mode, units, _first(first, query_answers.TERMINAL_ROWS))
+        if count > query_answers.TERMINAL_ROWS:
             known = str(count) if count < POINTS_PER_CHUNK else f"{count} or more"
             typer.echo(
-                f"proximity: these are {answers.TERMINAL_ROWS} of {known}; --csv, --json or a pipe shows all",
+                f"proximity: these are {query_answers.TERMINAL_ROWS} of {known}; "
+                "--csv, --json or a pipe shows all",
                 err=True,
             )
         if count < POINTS_PER_CHUNK:
             next(chunks, None)
     else:
         everything = progress.with_bar(chain([first], chunks), count_of, None, is_shown=True)
-        answers.write_table(sys.stdout, questions.mode, units, everything)
+        query_answers.write_table(sys.stdout, questions.mode, units, everything)
 
 
 def _first(fields: "Fields", count: int) -> "Fields":

@@ -193,13 +193,13 @@ def command(
         surface.check_on_part()
     _check_out(out)
     # NumPy, Rich and the models: only now, so that --help and mistakes above answer at once.
-    from proximity.cli import part_press, progress
+    from proximity.cli import progress, scene_press
     from proximity.studies.figures import press_plots
     from proximity.studies.simulation import simulated_press
 
     setup = surface.setup(is_on_part=pressed.scene is not None)
     if pressed.scene is not None:
-        place = part_press.Place(
+        place = scene_press.Place(
             pressed.scene,
             pressed.part,
             pressed.at,
@@ -208,7 +208,7 @@ def command(
             surface.stiffness,
             surface.damping,
         )
-        part_press.run(place, setup, surface.policy, out, is_sensor=pressed.sensor, as_json=as_json)
+        scene_press.run(place, setup, surface.policy, out, is_sensor=pressed.sensor, as_json=as_json)
         _say_written(out)
         return
     with progress.spinner("simulating"):
@@ -216,7 +216,7 @@ def command(
         if out is not None:
             press_plots.write(out, press)
     if as_json:
-        from proximity.cli.views.output import write_document
+        from proximity.cli.views.json_output import write_document
 
         write_document(simulated_press.document(press))
     else:

@@ -6,7 +6,7 @@ from typing import Any
 import proximity
 from proximity.cli.console import Lines, print_block, results_console
 from proximity.cli.lengths import in_unit
-from proximity.cli.views.output import write_document
+from proximity.cli.views.json_output import write_document
 from proximity.cli.wording import counted, number
 from proximity.recording import NANOSECONDS, Recording
 from proximity.system.time_units import NS_PER_US

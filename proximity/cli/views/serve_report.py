@@ -6,7 +6,7 @@ import sys
 import typer
 
 from proximity.cli.console import Lines, print_block, results_console
-from proximity.cli.views.output import write_document
+from proximity.cli.views.json_output import write_document
 from proximity.cli.wording import counted, number, printable
 from proximity.service import Histogram, Report
 from proximity.service.hosting import Beginning

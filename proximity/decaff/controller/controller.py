@@ -18,13 +18,13 @@ from proximity.decaff.controller.controller_states import (
     Observation,
     Trust,
 )
+from proximity.decaff.controller.drum_limits import ForceBudget, Limits
 from proximity.decaff.controller.frame_trust import FrameTrust
-from proximity.decaff.controller.limits import ForceBudget, Limits
 from proximity.decaff.controller.release import Release
 from proximity.decaff.controller.steady_force import Handover, SteadyForce
 from proximity.decaff.controller.surface_law import SurfaceLaw
-from proximity.decaff.drum.drum import GEAR4, Drum
 from proximity.decaff.drum.drum_command import DriveMode
+from proximity.decaff.drum.drum_model import GEAR4, Drum
 from proximity.decaff.glove.finger_path import LEAST_BEND, MOST_BEND, FingerPath
 from proximity.message import Source, Surface
 

@@ -17,7 +17,7 @@ from proximity.decaff.controller.contact_location import (
     locate,
 )
 from proximity.decaff.controller.controller_states import FrameMark, Observation, Trust
-from proximity.decaff.controller.limits import Limits
+from proximity.decaff.controller.drum_limits import Limits
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.message.contact import ContactFlag
 

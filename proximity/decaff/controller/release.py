@@ -1,7 +1,7 @@
 """Release of a contact of which nothing is known any more: unchanged at first, then ramped to no force."""
 
 from proximity.decaff.controller.controller_states import Trust
-from proximity.decaff.controller.limits import Limits
+from proximity.decaff.controller.drum_limits import Limits
 
 
 class Release:

@@ -12,7 +12,7 @@ import numpy as np
 
 from proximity.decaff.arguments import not_negative, positive
 from proximity.decaff.drum import drum_kernels as kernels
-from proximity.decaff.drum.drum import Drum
+from proximity.decaff.drum.drum_model import Drum
 from proximity.decaff.drum.sampled_mass import SampledMass
 from proximity.decaff.drum.servo_gains import best_damped
 from proximity.errors import DecaffError

@@ -20,9 +20,9 @@ from proximity.decaff.controller.controller_states import (
     FrameMark,
     Observation,
 )
-from proximity.decaff.controller.limits import Limits
-from proximity.decaff.drum.drum import GEAR4, Drum
+from proximity.decaff.controller.drum_limits import Limits
 from proximity.decaff.drum.drum_command import DriveMode
+from proximity.decaff.drum.drum_model import GEAR4, Drum
 from proximity.decaff.glove.calibrated_glove import CalibratedGlove
 from proximity.decaff.glove.default_bend import with_bend
 from proximity.decaff.glove.finger_path import FingerPath

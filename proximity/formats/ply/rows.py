@@ -10,7 +10,7 @@ import numpy as np
 
 from proximity.errors import MeshFormatError
 from proximity.formats import text_rows
-from proximity.formats.ply.header import Element
+from proximity.formats.ply.ply_header import Element
 from proximity.formats.polygons import Piece
 
 Columns = dict[str, np.ndarray | list[Piece]]

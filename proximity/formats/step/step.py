@@ -21,7 +21,7 @@ import numpy as np
 from proximity.errors import MeshError, MeshFormatError
 from proximity.formats.contents import RawFile, Source
 from proximity.formats.gltf import buffers, gltf
-from proximity.formats.step import assembly, worker
+from proximity.formats.step import product_structure, worker
 
 STEP_TOLERANCE = 1e-5
 """How far flat triangles may leave the curved surface, m: a tenth of what a fingertip can feel. Halving it
@@ -76,7 +76,7 @@ def read_step(source: Source, *, tolerance: float, undeclared_metres: float) -> 
         )
     text = source.data.decode("latin-1")
     units = _units(text)
-    body_count = assembly.count_bodies(text)
+    body_count = product_structure.count_bodies(text)
     try:
         glb = _convert(source.data, tolerance)
     except OSError as failure:  # a full disk, no room for another process

@@ -4,7 +4,7 @@ TOML, with every mistake named by its line; ``meshes/demo.toml`` explains each k
 what can be checked without opening parts; what the file describes is then made of it.
 """
 
-from proximity.service.config.builder import (
+from proximity.service.config.scene_builder import (
     PartFiles,
     finger_count,
     make_tracker,
@@ -12,7 +12,7 @@ from proximity.service.config.builder import (
     read_input,
     stamp_of,
 )
-from proximity.service.config.reader import override, read_scene_file
+from proximity.service.config.scene_file_reader import override, read_scene_file
 from proximity.service.config.settings import (
     FingerSettings,
     GloveSettings,

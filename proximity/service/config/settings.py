@@ -6,7 +6,7 @@ Paths are complete: those in the file are relative to it. Whether files can be l
 from dataclasses import dataclass, field
 
 from proximity.errors import ServiceError
-from proximity.service.config.document import Document, Path
+from proximity.service.config.toml_document import Document, Path
 
 Vector = tuple[float, float, float]
 ORIGIN: Vector = (0.0, 0.0, 0.0)

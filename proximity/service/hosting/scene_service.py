@@ -12,9 +12,9 @@ from proximity.errors import ServiceError
 from proximity.service import Report
 from proximity.service.config import SceneFile, override, read_scene_file
 from proximity.service.hosting.announcements import guarded, warnings_of_loop_to
-from proximity.service.hosting.assembly import Made, make_service
 from proximity.service.hosting.durations import checked_seconds
-from proximity.service.hosting.reloading import SceneReloader
+from proximity.service.hosting.scene_reload import SceneReloader
+from proximity.service.hosting.service_assembly import Made, make_service
 from proximity.system.stop_signals import stopped_by_signals
 
 LOOK_S = 0.5

@@ -19,7 +19,7 @@ from proximity.studies.engine.delayed_link import DelayedLink
 from proximity.studies.engine.engine_press import EnginePress
 from proximity.studies.engine.engine_readers import ControllerReader, PolicyReader, Reader
 from proximity.studies.engine.engine_setup import Distances, EngineSetup
-from proximity.studies.engine.placed_finger import PlacedFinger
+from proximity.studies.engine.finger_placement import PlacedFinger
 from proximity.studies.engine.recorded_press import RecordedPress
 from proximity.studies.engine.simulated_service import (
     ExactAnswers,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from proximity.studies.engine.engine_setup import EngineSetup
-from proximity.studies.engine.placed_finger import PlacedFinger
+from proximity.studies.engine.finger_placement import PlacedFinger
 from proximity.studies.simulation.metrics import force_error, onset, work
 from proximity.studies.simulation.response import Response
 from proximity.transport import Counts

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 from proximity.decaff.arguments import not_negative, positive
-from proximity.decaff.drum.drum import GEAR4, Drum
+from proximity.decaff.drum.drum_model import GEAR4, Drum
 from proximity.errors import DecaffError
 from proximity.message import PATH_CORNERS
 from proximity.studies.engine.delayed_link import Latency

@@ -16,9 +16,9 @@ from proximity.errors import DecaffError
 from proximity.kernels.tracking.motion import MAX_SPEED
 from proximity.recording import NANOSECONDS, Recording
 from proximity.scene.scene import Scene
-from proximity.studies.engine.placed_finger import PlacedFinger, place_finger
+from proximity.studies.engine.finger_placement import PlacedFinger, place_finger
 from proximity.studies.paper.trajectories import Motion
-from proximity.studies.simulation import finger_kernels
+from proximity.studies.simulation import press_kernels
 
 STEP = 0.001  # s, between two positions that are kept
 LONGEST = 60.0  # s, of a recording
@@ -91,8 +91,8 @@ class RecordedPress:
 
     def as_array(self) -> np.ndarray:
         """Return its numbers as the kernels read them."""
-        head = np.zeros(finger_kernels.PRESS_TABLE)
-        head[finger_kernels.PRESS_BEGIN], head[finger_kernels.PRESS_STEP] = self.begin, self.step
+        head = np.zeros(press_kernels.PRESS_TABLE)
+        head[press_kernels.PRESS_BEGIN], head[press_kernels.PRESS_STEP] = self.begin, self.step
         return np.concatenate([head, self.positions, self.velocities])
 
 

@@ -15,7 +15,7 @@ from proximity.service.inputs.sensor import Measurements
 from proximity.service.inputs.teleoperation import SensorAnswers
 from proximity.service.sample_filter import SampleFilter
 from proximity.service.samples import FingerPoses, Samples
-from proximity.studies.engine.placed_finger import PlacedFinger
+from proximity.studies.engine.finger_placement import PlacedFinger
 from proximity.system.time_units import NS_PER_S
 from proximity.tracker.tracker import Tracker
 from proximity.transport import Outlet, Publisher

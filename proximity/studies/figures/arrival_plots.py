@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from proximity.decaff.drum.drum import DRUMS
+from proximity.decaff.drum.drum_model import DRUMS
 from proximity.decaff.drum.servo import move, servo_for, settling_time
 from proximity.studies.figures import style
 from proximity.studies.figures.tables import Table

@@ -10,7 +10,7 @@ from proximity.scene.loader import load
 from proximity.scene.scene import Scene
 from proximity.studies.engine.engine_loop import press_on_part
 from proximity.studies.engine.engine_setup import EngineSetup
-from proximity.studies.engine.placed_finger import place_finger
+from proximity.studies.engine.finger_placement import place_finger
 from proximity.studies.figures import style
 from proximity.studies.figures.tables import Table
 from proximity.studies.simulation.closed_loop import ideal_drum

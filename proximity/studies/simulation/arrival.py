@@ -7,7 +7,7 @@ import math
 from dataclasses import replace
 
 from proximity.decaff.arguments import positive
-from proximity.decaff.drum.drum import Drum
+from proximity.decaff.drum.drum_model import Drum
 from proximity.decaff.drum.servo import Servo
 from proximity.errors import DecaffError
 from proximity.studies.simulation.closed_loop import decaff

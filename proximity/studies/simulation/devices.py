@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from proximity.decaff.arguments import finite, not_negative, positive, whole
-from proximity.decaff.drum.drum import DIRECT, GEAR4, Drum
+from proximity.decaff.drum.drum_model import DIRECT, GEAR4, Drum
 from proximity.decaff.drum.servo import Servo, servo_for
 from proximity.decaff.simulated_drums.simulated_drum import SERVO_RATE
 from proximity.errors import DecaffError

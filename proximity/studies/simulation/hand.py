@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 
 from proximity.decaff.arguments import not_negative, positive
-from proximity.decaff.drum.drum import PAD_STIFFNESS
+from proximity.decaff.drum.drum_model import PAD_STIFFNESS
 from proximity.studies.paper.trajectories import Press
 
 STEADY_FORCE = 0.8  # N: a pad of 200 N/m pressed in by 4 mm

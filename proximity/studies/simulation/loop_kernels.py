@@ -13,7 +13,7 @@ import numpy as np
 from proximity.decaff.drum import drum_kernels as drums
 from proximity.decaff.drum.drum_kernels import pushed, serve
 from proximity.kernels.compiler import inlined, kernel, maker
-from proximity.studies.simulation.finger_kernels import (
+from proximity.studies.simulation.press_kernels import (
     BODY_CONTACT_DAMPING,
     BODY_CONTACT_STIFFNESS,
     BODY_FINGER_MASS,

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from proximity.studies.paper.trajectories import Intent
-from proximity.studies.simulation import finger_kernels
+from proximity.studies.simulation import press_kernels
 from proximity.studies.simulation.hand import Hand
 
 
@@ -27,29 +27,29 @@ class Response:
     @property
     def force(self) -> np.ndarray:
         """(N,) N, of the pad on the finger."""
-        return self.record[finger_kernels.RECORD_FORCE]
+        return self.record[press_kernels.RECORD_FORCE]
 
     @property
     def finger(self) -> np.ndarray:
         """(N,) m."""
-        return self.record[finger_kernels.RECORD_FINGER]
+        return self.record[press_kernels.RECORD_FINGER]
 
     @property
     def finger_speed(self) -> np.ndarray:
         """(N,) m/s."""
-        return self.record[finger_kernels.RECORD_FINGER_SPEED]
+        return self.record[press_kernels.RECORD_FINGER_SPEED]
 
     @property
     def link(self) -> np.ndarray:
         """(N,) m, of what the pad presses on."""
-        return self.record[finger_kernels.RECORD_LINK]
+        return self.record[press_kernels.RECORD_LINK]
 
     @property
     def drum(self) -> np.ndarray:
         """(N,) m."""
-        return self.record[finger_kernels.RECORD_DRUM]
+        return self.record[press_kernels.RECORD_DRUM]
 
     @property
     def contact(self) -> np.ndarray:
         """(N,) N, of wall or drum on the link."""
-        return self.record[finger_kernels.RECORD_CONTACT]
+        return self.record[press_kernels.RECORD_CONTACT]

@@ -6,7 +6,7 @@ from enum import StrEnum
 from typing import Any
 
 from proximity.decaff.arguments import not_negative
-from proximity.decaff.drum.drum import DRUMS
+from proximity.decaff.drum.drum_model import DRUMS
 from proximity.errors import DecaffError
 from proximity.studies.simulation.closed_loop import decaff, penalty_wall, real_wall
 from proximity.studies.simulation.devices import SERVO_RATE, Decaff, PenaltyWall

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from proximity.decaff.drum.drum import Drum
+from proximity.decaff.drum.drum_model import Drum
 from proximity.decaff.drum.servo import servo_for
 from proximity.studies.simulation.closed_loop import decaff, penalty_wall, real_wall
 from proximity.studies.simulation.devices import COUPLED_DEVICE, Decaff, Link, PenaltyWall

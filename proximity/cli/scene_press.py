@@ -56,8 +56,8 @@ def run(
         Tell it as a document.
     """
     from proximity.cli import progress
-    from proximity.cli.views.output import write_document
-    from proximity.decaff.drum.drum import DRUMS
+    from proximity.cli.views.json_output import write_document
+    from proximity.decaff.drum.drum_model import DRUMS
     from proximity.formats import metres_per_unit
     from proximity.studies import part_press
     from proximity.studies.engine.engine_setup import Distances, EngineSetup

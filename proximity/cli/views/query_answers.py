@@ -17,7 +17,7 @@ from rich.table import Table
 from rich.text import Text
 
 from proximity.cli.console import Lines, print_fitting, table_of
-from proximity.cli.views.output import plain
+from proximity.cli.views.json_output import plain
 from proximity.cli.wording import MISSING, number, printable, side
 from proximity.errors import ProximityError
 

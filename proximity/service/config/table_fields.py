@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from proximity.service.config.document import Document, Path, spelled
+from proximity.service.config.toml_document import Document, Path, spelled
 
 REQUIRED: Any = object()
 """Stands for a default: there is none."""

@@ -10,8 +10,6 @@ from typing import Any
 from proximity.errors import MeshError, PublishError
 from proximity.formats import metres_per_unit
 from proximity.message import MAX_RECORDS
-from proximity.service.config.document import Document, Path, read_document
-from proximity.service.config.fields import REQUIRED, Range, Table
 from proximity.service.config.settings import (
     ORIGIN,
     FingerSettings,
@@ -22,6 +20,8 @@ from proximity.service.config.settings import (
     SceneFile,
     ServiceSettings,
 )
+from proximity.service.config.table_fields import REQUIRED, Range, Table
+from proximity.service.config.toml_document import Document, Path, read_document
 from proximity.tracker.tracker_arguments import LARGEST_RADIUS, LARGEST_WORKING_RANGE, too_long
 from proximity.transport.address import parse
 from proximity.transport.link import TRANSPORTS

@@ -11,8 +11,8 @@ from typing import Any
 from proximity.errors import ProximityError
 from proximity.service import TrackerAnswers
 from proximity.service.config import SceneFile, make_tracker, override, read_scene_file, stamp_of
-from proximity.service.config.document import Path, spelled
-from proximity.service.hosting.assembly import Made
+from proximity.service.config.toml_document import Path, spelled
+from proximity.service.hosting.service_assembly import Made
 
 REFUSED = "the edit is not taken, the scene before goes on"
 
