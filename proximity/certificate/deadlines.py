@@ -159,4 +159,4 @@ def check_tick_count(tick_count: int) -> None:
         If p99.9 would be a guess.
     """
     if tick_count < FEWEST_TICKS:
-        raise ServiceError(f"{tick_count} ticks tell no p99.9, expected {FEWEST_TICKS} or more")
+        raise ServiceError(f"{tick_count} ticks are too few for p99.9, expected {FEWEST_TICKS} or more")

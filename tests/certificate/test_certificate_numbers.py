@@ -73,7 +73,7 @@ def test_upper_share_is_above_what_was_seen_and_one_where_all_were():
 
 def test_too_few_ticks_are_refused():
     deadlines.check_tick_count(1000)
-    with pytest.raises(ServiceError, match=r"999 ticks tell no p99\.9, expected 1000 or more"):
+    with pytest.raises(ServiceError, match=r"999 ticks are too few for p99\.9, expected 1000 or more"):
         deadlines.check_tick_count(999)
 
 

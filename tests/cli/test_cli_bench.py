@@ -145,7 +145,7 @@ def test_recording_is_given_or_a_sample(run):
     ("arguments", "sentence"),
     [
         (("--gate", "soon"), "'soon' is no period, expected a time or a rate such as 1ms, 200us or 1kHz"),
-        (("--ticks", 10), "10 ticks tell no p99.9, expected 1000 or more"),
+        (("--ticks", 10), "10 ticks are too few for p99.9, expected 1000 or more"),
         (("--seconds", 0), "the loop cannot run for 0 s"),
         (("--fingers", 0), "0 fingers cannot be ticked, expected 1 or more"),
         (("--out", "cell.pdf"), "cell.pdf does not end in .html or .json"),

@@ -211,7 +211,7 @@ def test_ctrl_c_while_the_service_starts_is_quiet(run, monkeypatch):
 
     def start(path, *, publish, say):
         os.kill(os.getpid(), signal.SIGINT)
-        raise ServiceError("demo.toml: the service has failed with exit code 130: it said nothing")
+        raise ServiceError("demo.toml: the service has failed with exit code 130: it printed nothing")
 
     monkeypatch.setattr(hosting, "start_service", start)
 

@@ -359,7 +359,7 @@ MISTAKES = [
         "6: parts[1].name is 'a', as of the part on line 3, expected names that differ",
     ),
     # the input
-    (PART + "[input]\n", "3: [input] says no source, expected recording, poses or sensor"),
+    (PART + "[input]\n", "3: [input] has no source, expected recording, poses or sensor"),
     (
         PART + POSES + "recording = 'hand.csv'\n",
         "4: input.poses stands beside input.recording, expected only one of recording, poses or sensor",

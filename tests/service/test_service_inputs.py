@@ -244,10 +244,8 @@ def test_callable_that_fails_is_counted_and_said_once(function, message, caplog)
     assert [source.poll(NOW + k) for k in range(3)] == [None] * 3
 
     assert source.failures == 3
-    assert source.notes == [f"the function that tells poses failed 3 times, first: {message}"]
-    assert [record.message for record in caplog.records] == [
-        f"the function that tells poses failed: {message}"
-    ]
+    assert source.notes == [f"the pose callback raised 3 times, first: {message}"]
+    assert [record.message for record in caplog.records] == [f"the pose callback raised: {message}"]
     assert caplog.records[0].name == "proximity.service"
 
 
@@ -376,4 +374,4 @@ def test_errors_of_a_callable_are_of_the_package_or_named():
     source = CallableInput(lambda now_ns: (_ for _ in ()).throw(QueryError("a sentence")), 1)
     source.poll(NOW)
 
-    assert source.notes == ["the function that tells poses failed 1 times, first: a sentence"]
+    assert source.notes == ["the pose callback raised 1 times, first: a sentence"]

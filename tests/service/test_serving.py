@@ -685,7 +685,7 @@ def test_listener_that_fails_ends_nothing(scene_path, caplog):
     assert report.ticks > 0
     assert said[0] == "3 frames" and "was edited" in said[1]
     assert [record.message for record in caplog.records if record.name == "proximity.hosting"] == [
-        f"this could not be said: {sentence}" for sentence in said
+        f"this could not be announced: {sentence}" for sentence in said
     ]
 
 
@@ -782,8 +782,8 @@ def test_child_that_ends_by_itself_has_a_report(child):
             "a.toml:3: wrong",
         ),
         ("1 / 0", "cell.toml: the service has failed with exit code 1: ZeroDivisionError: division by zero"),
-        ("pass", "cell.toml: the service has failed with exit code 0: it said nothing"),
-        ("print('nonsense')", "cell.toml: the service has failed with exit code 0: it said nothing"),
+        ("pass", "cell.toml: the service has failed with exit code 0: it printed nothing"),
+        ("print('nonsense')", "cell.toml: the service has failed with exit code 0: it printed nothing"),
     ],
 )
 def test_child_that_does_not_begin_is_told_by_its_own_words(child, code, message):
@@ -812,7 +812,7 @@ def test_child_that_was_killed_is_told(child):
     service = child(BEGUN + ENDED)
     service._process.kill()
 
-    with pytest.raises(ServiceError, match="the service has failed with exit code -9: it said nothing"):
+    with pytest.raises(ServiceError, match="the service has failed with exit code -9: it printed nothing"):
         service.stop()
 
 
@@ -829,7 +829,8 @@ def test_time_to_begin_is_a_number(scene_path):
 
 def test_override_that_no_option_has_is_refused(scene_path):
     with pytest.raises(
-        ServiceError, match=r"^core cannot be said otherwise .*, expected rate_hz, publish, log, real_time$"
+        ServiceError,
+        match=r"^core can only be set in the scene file, expected rate_hz, publish, log, real_time$",
     ):
         start_service(scene_path, core=1)
 

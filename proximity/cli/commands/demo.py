@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 HELP = "\n\n".join(
     (
-        "Show it all working: a recorded hand at the sample bracket, without any configuration.",
+        "Demonstrate the whole chain: a recorded hand at the sample bracket, without any configuration.",
         "A service follows the hand 1000 times a second, in a process of its own. Controllers of simulated "
         "drums listen to it, as `proximity drum` runs them, and this terminal shows both until Ctrl-C or "
         "--seconds. It ends with what each of them has done. Nothing is left behind.",
@@ -46,7 +46,7 @@ SCENE = "demo.toml"
 
 def command(
     seconds: Annotated[
-        float, typer.Option("--seconds", metavar="S", help="How long, unless Ctrl-C ends it before.")
+        float, typer.Option("--seconds", metavar="S", help="Duration; Ctrl-C ends it earlier.")
     ] = SECONDS,
 ) -> None:
     """Run the demo."""

@@ -29,7 +29,7 @@ HELP = "\n\n".join(
     (
         "Measure from points, rays or segments to the nearest part of FILE.",
         "One point gives a block to read, many give a table; --json and --csv give lengths with 15 digits. "
-        "Signed distance is negative inside; it is unsigned, and said to be, where a part has no inside.",
+        "Signed distance is negative inside. A part without an inside gives unsigned distances, marked so.",
         "Points in a file stand one a line, between commas, semicolons or spaces; a first line may name the "
         "columns, and their unit if it is that of --units; a column called name goes through to the answers. "
         "# at the start of a line or after a space begins a comment. A point of a file that is not finite "
@@ -55,7 +55,7 @@ POINTS_PER_CHUNK = 20_000  # queries answered at once: a bar moves, Ctrl-C is he
 
 COORDINATES = Annotated[
     list[str] | None,
-    typer.Argument(metavar="X Y Z", help="One point or many. Negative numbers are numbers."),
+    typer.Argument(metavar="X Y Z", help="Coordinates of one point or more. Negative numbers are allowed."),
 ]
 POINTS = Annotated[
     str | None,
@@ -71,7 +71,7 @@ SEGMENT = Annotated[
 AS_JSON = Annotated[bool, typer.Option("--json", help="Write one JSON document.")]
 AS_CSV = Annotated[bool, typer.Option("--csv", help="Write CSV with a header.")]
 WORKERS = Annotated[
-    int, typer.Option("--workers", metavar="N", help="Threads for many queries; -1 is all cores.")
+    int, typer.Option("--workers", metavar="N", help="Number of threads for many queries; -1 uses all cores.")
 ]
 
 

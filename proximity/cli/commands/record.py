@@ -39,7 +39,7 @@ ANNOUNCE_AFTER_S = 2.0  # of waiting for a first frame before that is said
 
 def command(
     address: ADDRESS,
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="The log; made, or continued.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="The log; created, or continued.")],
     limit: LIMIT = None,
 ) -> None:
     """Record frames until asked to stop."""

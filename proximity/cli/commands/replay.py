@@ -45,33 +45,40 @@ FARTHEST_M = 1e6
 RECORDING = Annotated[Path, typer.Argument(metavar="RECORDING", help="CSV of fingertips over time.")]
 PLACE = Annotated[
     tuple[float, float, float] | None,
-    typer.Option("--place", metavar="X Y Z", help="Where the recording's origin is. Fitted if not given."),
+    typer.Option("--place", metavar="X Y Z", help="Position of the recording's origin. Fitted if not given."),
 ]
 TURN = Annotated[
     tuple[float, float, float],
     typer.Option(
         "--turn",
         metavar="RX RY RZ",
-        help="Degrees the recording is turned by about the scene's x, then y, then z.",
+        help="Rotation of the recording in degrees about the scene's x, then y, then z.",
         show_default=False,
     ),
 ]
-SCALE = Annotated[float, typer.Option("--scale", metavar="S", help="How many times as large as recorded.")]
-RATE = Annotated[float, typer.Option("--rate", metavar="HZ", help="Ticks a second.")]
+SCALE = Annotated[
+    float, typer.Option("--scale", metavar="S", help="Factor by which the recording is enlarged.")
+]
+RATE = Annotated[float, typer.Option("--rate", metavar="HZ", help="Ticks per second.")]
 RADIUS = Annotated[
-    float | None, typer.Option("--radius", metavar="R", help="Of the fingertips; 7 mm if not given.")
+    float | None, typer.Option("--radius", metavar="R", help="Radius of the fingertips; 7 mm if not given.")
 ]
 LATENCY = Annotated[
     float, typer.Option("--latency", metavar="MS", help="Age of a pose at its tick, milliseconds.")
 ]
 BUDGET = Annotated[
-    int | None, typer.Option("--budget", metavar="N", help="Nodes and leaves a finger may visit a tick.")
+    int | None,
+    typer.Option("--budget", metavar="N", help="Most nodes and leaves visited for a finger in a tick."),
 ]
 WORKING_RANGE = Annotated[
     float | None,
-    typer.Option("--range", metavar="D", help="Beyond it only bounds are reported; 120 mm if not given."),
+    typer.Option(
+        "--range", metavar="D", help="Distance beyond which only bounds are reported; 120 mm if not given."
+    ),
 ]
-LIMIT = Annotated[float | None, typer.Option("--limit", metavar="SECONDS", help="Replay no more than this.")]
+LIMIT = Annotated[
+    float | None, typer.Option("--limit", metavar="SECONDS", help="Replay only this much of the recording.")
+]
 OUT = Annotated[
     Path | None, typer.Option("--out", metavar="FILE", help="Write all contacts: .npz, .npy or .csv.")
 ]

@@ -176,7 +176,9 @@ def _meaning(reading: Reading, seen: Seen) -> str:
     if seen.counts.unverified and seen.rate_hz == 0.0:
         return f"what comes is not verified by the key of {seen.address}, expected the publisher's key"
     if reading.header is None and seen.counts.flawed[Flaw.SIZE]:
-        return "what comes is not as long as it says: if it was sent with a key, expected ?key=FILE here, too"
+        return (
+            "messages are not as long as they declare: if they are sent with a key, add ?key=FILE here, too"
+        )
     if reading.header is None:
         return f"nothing has come from {seen.address} yet, for {seen.silent_s:.1f} s"
     if reading.header["state"] == State.STALE and seen.rate_hz > 0.0:

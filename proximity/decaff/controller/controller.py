@@ -135,17 +135,17 @@ class FingerController:
         if not 0 <= late_ns <= self._limits.watchdog_ns:
             return f"the servo was {1e-6 * late_ns:.1f} ms from its last sample"
         if not math.isfinite(seen.bend):
-            return "the potentiometer does not tell the bend"
+            return "the potentiometer reads no bend"
         if not LEAST_BEND <= seen.bend <= MOST_BEND:
             return (
-                f"the potentiometer tells a bend of {seen.bend:g}, expected {LEAST_BEND:g} to {MOST_BEND:g}"
+                f"the potentiometer reads a bend of {seen.bend:g}, expected {LEAST_BEND:g} to {MOST_BEND:g}"
             )
         if not math.isfinite(seen.drum_angle):
-            return "the encoder does not tell the drum's angle"
+            return "the encoder reads no drum angle"
         least, most = self._path.drum_angles
         if not least - STRAY_ANGLE <= seen.drum_angle <= most + STRAY_ANGLE:
             return (
-                f"the encoder tells a drum angle of {seen.drum_angle:g} rad, but the finger's path goes from "
+                f"the encoder reads a drum angle of {seen.drum_angle:g} rad, but the finger's path goes from "
                 f"{least:.3g} to {most:.3g} rad"
             )
         return "the motor reports a fault" if seen.has_fault else ""

@@ -203,7 +203,7 @@ class _Reader:
         table = self._table("input", INPUT_KEYS)
         declared = [key for key in SOURCES if table.has(key)]
         if not declared:
-            self._document.complain(("input",), f"[input] says no source, expected {_either(SOURCES)}")
+            self._document.complain(("input",), f"[input] has no source, expected {_either(SOURCES)}")
         for more in declared[1:]:
             table.complain(
                 more, f"stands beside input.{declared[0]}, expected only one of {_either(SOURCES)}"

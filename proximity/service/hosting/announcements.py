@@ -24,7 +24,7 @@ def guarded(say: Callable[[str], None]) -> Callable[[str], None]:
         try:
             say(sentence)
         except Exception:  # a terminal that was closed, for example
-            LOGGER.exception("this could not be said: %s", sentence)
+            LOGGER.exception("this could not be announced: %s", sentence)
 
     return announce
 

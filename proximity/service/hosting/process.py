@@ -162,7 +162,7 @@ class RunningService:
         sentences = [line for line in self._lines if line.startswith(SPOKEN_BY)]
         if code == EXIT_UNUSABLE and sentences:
             return ServiceError(sentences[-1].removeprefix(SPOKEN_BY))
-        last = self._lines[-1] if self._lines else "it said nothing"
+        last = self._lines[-1] if self._lines else "it printed nothing"
         return ServiceError(f"{self._path}: the service has failed with exit code {code}: {last}")
 
     def _read_report(self) -> None:
@@ -251,4 +251,4 @@ def _options(overrides: dict[str, Any]) -> Iterator[str]:
                 yield from (OPTIONS[key], str(one))
         else:
             known = ", ".join((*OPTIONS, *SWITCHES))
-            raise ServiceError(f"{key} cannot be said otherwise than in the scene file, expected {known}")
+            raise ServiceError(f"{key} can only be set in the scene file, expected {known}")

@@ -116,7 +116,7 @@ def _with_nobody_at_the_end(times_ns: np.ndarray, positions: np.ndarray) -> tupl
 
 
 class CallableInput:
-    """Poses that a function tells, called once a tick with the present instant, ns.
+    """Poses from a callback, called once a tick with the present instant, ns.
 
     It returns positions, (N, 3) float64, m, of that very instant; or positions and their instants, one or
     (N,) int64, ns; or `FingerPoses`; or None where it has nothing new. What it raises is counted, and the
@@ -143,7 +143,7 @@ class CallableInput:
         """Sentences on failures of the pose callback: how many, and the first one."""
         if not self.failures:
             return []
-        return [f"the function that tells poses failed {self.failures} times, first: {self._first_failure}"]
+        return [f"the pose callback raised {self.failures} times, first: {self._first_failure}"]
 
     def poll(self, now_ns: int) -> FingerPoses | None:
         """Ask the function.
@@ -185,7 +185,7 @@ class CallableInput:
         if self.failures == 1:
             kind = "" if isinstance(failure, ProximityError) else f"{type(failure).__name__}: "
             self._first_failure = f"{kind}{failure}"
-            LOGGER.warning("the function that tells poses failed: %s", self._first_failure)
+            LOGGER.warning("the pose callback raised: %s", self._first_failure)
 
 
 def _rest_of(reported: FingerPoses, count: int) -> tuple[Any, Any, Any]:
