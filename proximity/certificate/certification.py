@@ -100,7 +100,7 @@ def certify(
     seconds: float = SECONDS,
     seed: int = SEED,
     most_steps: float = MOST_STEPS,
-    tell: Callable[[str, float], None] = lambda _, __: None,
+    progress: Callable[[str, float], None] = lambda _, __: None,
 ) -> Certificate:
     """Return the certificate of a scene; it takes some ten seconds.
 
@@ -116,7 +116,7 @@ def certify(
         Decides all that is random: the positions found are the same on every run.
     most_steps : float
         Nodes and leaves visited in the search for each kind of worst position.
-    tell : callable
+    progress : callable
         Called with what is done, and which share of it is.
 
     Raises
@@ -129,9 +129,9 @@ def certify(
     check_request(tick_count, seconds, seed)
     if all(part.is_hidden for part in subject.scene.parts):
         raise ServiceError("all parts of the scene are hidden: no tick would find any")
-    found = search(subject, seed, most_steps=most_steps, tell=tell)
-    cases = measure(subject, found, tick_count, seed, tell)
-    tell(f"running the loop for {seconds:g} s", 0.0)
+    found = search(subject, seed, most_steps=most_steps, progress=progress)
+    cases = measure(subject, found, tick_count, seed, progress)
+    progress(f"running the loop for {seconds:g} s", 0.0)
     loop = run_loop(subject, found, seconds, seed)
     return Certificate(subject, seed, tick_count, seconds, found, cases, loop)
 

@@ -57,7 +57,7 @@ def measure(
     found: tuple[Found, ...],
     tick_count: int,
     seed: int,
-    tell: Callable[[str, float], None] = lambda _, __: None,
+    progress: Callable[[str, float], None] = lambda _, __: None,
 ) -> tuple[Case, ...]:
     """Return what ticks take in each motion.
 
@@ -71,7 +71,7 @@ def measure(
         Of each motion.
     seed : int
         Decides all that is random.
-    tell : callable
+    progress : callable
         Called with what is done, and which share of all is.
     """
     rng, rate, fingers = np.random.default_rng([seed, 100]), 1.0 / subject.period, subject.fingers
@@ -101,7 +101,7 @@ def measure(
     total, done, cases = sum(map(len, motion_rows.values())), 0, []
     for name, positions in motion_rows.items():
         ticked = with_own_scene(subject) if name == MOVING else subject
-        cases.append(_case(ticked, name, positions, partial(_progress_of, tell, name, done, total), seed))
+        cases.append(_case(ticked, name, positions, partial(_progress_of, progress, name, done, total), seed))
         done += len(positions)
     return tuple(cases)
 
@@ -127,11 +127,15 @@ def worst_passing(
     return motions.passing(positions, subject.fingers, tick_count, rng, rate=1.0 / subject.period)
 
 
-def _progress_of(tell: Callable[[str, float], None], name: str, before: int, total: int, done: int) -> None:
-    tell(f"timing: {name}", (before + done) / total)
+def _progress_of(
+    progress: Callable[[str, float], None], name: str, before: int, total: int, done: int
+) -> None:
+    progress(f"timing: {name}", (before + done) / total)
 
 
-def _case(subject: Subject, name: str, positions: np.ndarray, tell: Callable[[int], None], seed: int) -> Case:
+def _case(
+    subject: Subject, name: str, positions: np.ndarray, progress: Callable[[int], None], seed: int
+) -> Case:
     is_exact, forgets = name == "worst, exact", name in ("worst, exact", "worst, anew")
     settings = {"budget": UNLIMITED} if is_exact else {}
     repeats = 1 if is_exact else REPEATS
@@ -141,7 +145,7 @@ def _case(subject: Subject, name: str, positions: np.ndarray, tell: Callable[[in
         tracker = subject.tracker(fingers=positions.shape[1], **settings)
         before = partial(_forget, tracker) if forgets else None
         begun = repeat * len(positions)
-        reported = partial(_report_share, tell, begun, repeats)
+        reported = partial(_report_share, progress, begun, repeats)
         logs.append(_run(subject, tracker, positions, before, reported, paths, parts))
     # A tick without a finger costs nothing, and would make the others look better.
     counted = ~np.isnan(positions).any(axis=2).all(axis=1)
@@ -175,7 +179,7 @@ def _run(
     tracker: Tracker,
     positions: np.ndarray,
     before: Callable[[int], object] | None,
-    tell: Callable[[int], None],
+    progress: Callable[[int], None],
     paths: Paths | None,
     parts: SwayingParts | None,
 ) -> TickLog:
@@ -185,20 +189,20 @@ def _run(
     if paths is not None:
         reported |= {"paths_at": paths.at, "bends": paths.bends}
     if parts is not None:
-        reported |= {"before": parts.tell, "move": parts.move}
+        reported |= {"before": parts.report_due, "move": parts.move}
     rehearsal = positions[: min(REHEARSAL, len(positions) // 10)]
-    tell(0)
+    progress(0)
     with without_collector():
         tick_all(tracker, rehearsal, TickLog(), first=-REHEARSAL, **reported)
         for first in range(0, len(positions), TICKS_PER_UPDATE):
             chunk = positions[first : first + TICKS_PER_UPDATE]
             tick_all(tracker, chunk, log, first=first, **reported)
-            tell(first + len(chunk))
+            progress(first + len(chunk))
     return log
 
 
-def _report_share(tell: Callable[[int], None], before: int, repeats: int, done: int) -> None:
-    tell((before + done) // repeats)
+def _report_share(progress: Callable[[int], None], before: int, repeats: int, done: int) -> None:
+    progress((before + done) // repeats)
 
 
 def _forget(tracker: Tracker, _: int) -> None:

@@ -76,7 +76,7 @@ class SwayingParts:
         self._carried: Carried | None = None
         self._shown = -1
 
-    def tell(self, tick: int) -> None:
+    def report_due(self, tick: int) -> None:
         """Have moves reported where they are due; not what a tick takes."""
         number = tick * self._period_ns // MOVES_PERIOD_NS
         if number != self._shown or self._carried is None:

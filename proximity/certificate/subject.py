@@ -149,13 +149,13 @@ def _fitted(subject: Subject, hand: Recording) -> Recording:
     return hand.placed(pose).resampled(subject.period)
 
 
-def _of_scene_file(settings: SceneFile, given: Recording | None, period: float | None) -> Subject:
+def _of_scene_file(settings: SceneFile, recording: Recording | None, period: float | None) -> Subject:
     if not settings.parts:
         raise ServiceError(
             f"{settings.path}: a scene without parts has no geometry whose latency could be certified"
         )
     scene = PartFiles().scene(settings)
-    own = read_input(settings) if given is None else None
+    own = read_input(settings) if recording is None else None
     service, count = settings.service, finger_count(settings, own)
     make_tracker(settings, scene, count)  # refuses, with the line, what no tracker takes
     reported = {

@@ -118,12 +118,12 @@ def with_option_groups(command: Callable[..., None]) -> Callable[..., None]:
                 )
             )
 
-    def run(**given: Any) -> None:
+    def run(**values: Any) -> None:
         made = {
-            name: group(**{field.name: given.pop(field.name) for field in fields(group)})
+            name: group(**{field.name: values.pop(field.name) for field in fields(group)})
             for name, group in groups.items()
         }
-        command(**made, **given)
+        command(**made, **values)
 
     run.__doc__ = command.__doc__
     run.__annotations__ = {name: hint for name, hint in hints.items() if name not in groups}

@@ -61,12 +61,12 @@ class Kind:
     sent_at: int = field(init=False)
 
     def __post_init__(self) -> None:
-        places = {name: self.header.fields[name][1] for name in self.header.names}  # type: ignore[index, union-attr]
+        offsets = {name: self.header.fields[name][1] for name in self.header.names}  # type: ignore[index, union-attr]
         for name, value in (
             ("header_size", self.header.itemsize),
             ("record_size", self.record.itemsize),
-            ("count_at", places["count"]),
-            ("sent_at", places[self.sent]),
+            ("count_at", offsets["count"]),
+            ("sent_at", offsets[self.sent]),
         ):
             object.__setattr__(self, name, value)
 

@@ -69,10 +69,10 @@ class FrameReader:
         """Sentences on the log's condition, for the user."""
         reported = []
         if self.damage:
-            places = "1 place" if len(self.damage) == 1 else f"{len(self.damage)} places"
+            damaged = "1 place" if len(self.damage) == 1 else f"{len(self.damage)} places"
             size = sum(each.size for each in self.damage)
             reported.append(
-                f"damaged in {places}, {size} bytes skipped, the first at byte {self.damage[0].start}"
+                f"damaged in {damaged}, {size} bytes skipped, the first at byte {self.damage[0].start}"
             )
         if self.torn_size:
             reported.append(f"{self.torn_size} bytes of a torn frame at the end left out")

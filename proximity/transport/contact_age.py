@@ -85,12 +85,12 @@ class Widening:
         going = np.where(
             is_geometry, _lengths(contacts["velocity"] - part_velocity), np.abs(contacts["approach_speed"])
         )
-        ahead = 1e-9 * (contacts["predicted_ns"] - self._pose_ns)
+        lead_time = 1e-9 * (contacts["predicted_ns"] - self._pose_ns)
         spread = contacts["predicted_upper"] - contacts["predicted_lower"]
         # A sensor's error stays; of a bracket it is not known how much narrower it is at the predicted place.
         spread -= np.where(is_geometry, 0.0, self._upper - self._lower)
-        spread *= 0.5 / ahead
-        is_finite = (ahead > 0.0) & (spread < np.inf)
+        spread *= 0.5 / lead_time
+        is_finite = (lead_time > 0.0) & (spread < np.inf)
         spread[~is_finite] = 0.0
         # So wide a spread may be the top speed of a finger that could turn round: what it did tells nothing.
         going = np.where(spread < max_speed, going, np.fmax(going, part_speed))
@@ -107,8 +107,8 @@ class Widening:
         with np.errstate(all="ignore"):
             age_ns = now_ns - self._pose_ns
             elapsed = np.maximum(1e-9 * age_ns, 0.0)
-            way = np.fmin(self._at_first + self._each_second * elapsed, self._at_last) * elapsed
-            lower, upper = self._lower - way, self._upper + way
+            drift = np.fmin(self._at_first + self._each_second * elapsed, self._at_last) * elapsed
+            lower, upper = self._lower - drift, self._upper + drift
             free = elapsed + np.maximum(lower, 0.0) / self._ever
         contacts["lower"] = contacts["predicted_lower"] = lower
         contacts["upper"] = contacts["predicted_upper"] = upper

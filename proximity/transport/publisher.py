@@ -22,7 +22,7 @@ def _next_session() -> int:
         return _newest_session
 
 
-def _calendar_ahead_ns() -> int:
+def _calendar_offset_ns() -> int:
     return time.time_ns() - time.monotonic_ns()
 
 
@@ -51,7 +51,7 @@ class Publisher:
         self.session = _next_session()
         self._outlet = outlet
         self._sequences: dict[int, int] = {}  # number of the next message, by the magic of its kind
-        self._awake_ns = _calendar_ahead_ns()
+        self._awake_ns = _calendar_offset_ns()
 
     @property
     def sequence(self) -> int:
@@ -74,7 +74,7 @@ class Publisher:
         PublishError
             If the transport refuses it.
         """
-        before, self._awake_ns = self._awake_ns, _calendar_ahead_ns()
+        before, self._awake_ns = self._awake_ns, _calendar_offset_ns()
         if self._awake_ns > before + ASLEEP_NS:
             self.session = _next_session()
             self._sequences.clear()

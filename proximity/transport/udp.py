@@ -49,8 +49,9 @@ _NOBODY = {
     if hasattr(errno, name)  # not every system has them all
 }
 _NO_BUFFERS = {errno.EAGAIN, errno.EWOULDBLOCK, errno.ENOBUFS, errno.ENOMEM}
-# Linux then tells the size of what was cut off. Elsewhere what fills the room is taken to have been cut off.
-_TELLS_SIZE = getattr(socket, "MSG_TRUNC", 0) if sys.platform == "linux" else 0
+# Linux then returns the full size of a datagram that was cut off. Elsewhere one that fills the buffer counts
+# as cut off.
+_RETURNS_SIZE = getattr(socket, "MSG_TRUNC", 0) if sys.platform == "linux" else 0
 _IS_CUT_OFF = 10040  # WSAEMSGSIZE: Windows says so by an error
 
 
@@ -209,7 +210,7 @@ class UdpInlet:
     def _take(self, buffer: memoryview) -> tuple[int, bool]:
         """Size of the next datagram, or `NOTHING`, and whether it counts: is of the one to listen to."""
         try:
-            size, sender = self._socket.recvfrom_into(buffer, 0, _TELLS_SIZE)
+            size, sender = self._socket.recvfrom_into(buffer, 0, _RETURNS_SIZE)
         except BlockingIOError:
             return NOTHING, False
         except OSError as failure:
@@ -217,7 +218,7 @@ class UdpInlet:
                 raise PublishError(f"{self._text}: cannot receive ({_reason(failure)})") from failure
             return len(buffer) + 1, True
         if sender[0] in self._hosts and (not self._port or sender[1] == self._port):
-            return size if _TELLS_SIZE or size < len(buffer) else size + 1, True
+            return size if _RETURNS_SIZE or size < len(buffer) else size + 1, True
         self.refused += 1
         return size, False
 

@@ -1,4 +1,4 @@
-"""The drum's controller: each row of PAPER 10's table, each transition of PAPER 8, and what never happens."""
+"""The drum's controller: each failure and transition of docs/decaff.md, and what never happens."""
 
 import math
 from dataclasses import replace
@@ -338,7 +338,7 @@ def test_law_pulls_never_and_is_nothing_for_what_is_no_number():
     assert law.displayed(math.nan, math.inf) == (0.0, 0.0)
 
 
-# -------------------------------------------------------------------------------------- the table of PAPER 10
+# ---------------------------------------------------------------------------------- the table of failures
 
 
 def test_up_to_20_ms_all_is_normal():
@@ -845,7 +845,7 @@ def test_emergency_stop_retracts_in_contact_too():
 
 
 def test_speed_near_the_finger_has_a_millijoule():
-    """PAPER 10: 91 mm/s for 0.24 kg; a drum of 1.5 kg has 37 mm/s."""
+    """Reference values: 91 mm/s for 0.24 kg; a drum of 1.5 kg has 37 mm/s."""
     assert LIMITS.near_speed(GEAR4.mass) == pytest.approx(0.091, abs=5e-4)
     assert LIMITS.near_speed(1.5) == pytest.approx(0.037, abs=5e-4)
     assert LIMITS.near_speed(Drum(ratio=10.0).mass) == pytest.approx(0.037, abs=5e-4)
@@ -956,7 +956,7 @@ def told_by(turn, now):
 
 
 def justified(told, state, now):
-    """The nearest position that a record allows by itself, by the rules of PAPER 8 and 10; inf: none."""
+    """The nearest position that a record allows by itself, by the rules of docs/decaff.md; inf: none."""
     age = now - int(told["pose_ns"])
     is_good = state in (State.OK, State.DEGRADED) and told["flags"] & ContactFlag.TRACKED
     if not is_good or not -5 * MS <= age <= 20 * MS or not is_sound(told, now, 5 * MS):

@@ -1,4 +1,4 @@
-"""The drum as a plant and its servo, held against PAPER 4.2, 6.1 and 6.4, and against plain mechanics."""
+"""The drum as a plant and its servo, compared with reference values and plain mechanics."""
 
 import math
 from dataclasses import replace
@@ -51,7 +51,7 @@ def driven(drum, commanded, samples, *, rate=3000.0, contact=0.0, start=0.0):
 
 
 def test_drums_are_one_motor_behind_three_gears():
-    """PAPER 6.1, printed digits."""
+    """Reference values, to their printed digits."""
     assert [drum.mass for drum in DRUMS.values()] == pytest.approx([0.015, 0.24, 1.5])
     assert [drum.force_limit for drum in DRUMS.values()] == pytest.approx([28.0, 100.0, 100.0])
     assert [drum.speed_limit for drum in DRUMS.values()] == pytest.approx([10.0, 2.5, 1.0])
@@ -157,7 +157,7 @@ def test_motor_that_is_off_leaves_the_drum_to_whoever_pushes_it():
     ],
 )
 def test_stiffness_of_servos(name, rate, stiffness):
-    """PAPER 6.4. Its factor of 0.0289 is 0.2 kp_max, 0.028894, rounded: 2.1e-4 too large."""
+    """The reference's factor of 0.0289 is 0.2 kp_max, 0.028894, rounded: 2.1e-4 too large."""
     found = servo_for(DRUMS[name], rate)
 
     assert found.stiffness == pytest.approx(stiffness, abs=0.5 + 2.2e-4 * stiffness)
@@ -165,7 +165,7 @@ def test_stiffness_of_servos(name, rate, stiffness):
 
 
 def test_bandwidth_in_units_of_the_rate():
-    """PAPER 6.4, printed digits; and the same for every drum, whose servos are alike but for a scale."""
+    """Reference values, to their printed digits; the same for every drum: servos differ by a scale."""
     for drum, rate in ((DIRECT, 1000.0), (GEAR4, 3000.0), (GEAR10, 10_000.0)):
         gains = servo_for(drum, rate)
         assert servo_response.bandwidth(drum, gains) / rate == pytest.approx(0.0994, abs=5e-5)
@@ -176,7 +176,7 @@ def test_bandwidth_in_units_of_the_rate():
     gear4 = servo_for(GEAR4, 3000.0)
     assert servo_response.bandwidth(GEAR4, gear4) == pytest.approx(298.0, abs=0.5)
     assert servo_response.bandwidth(GEAR4, gear4, with_reference_speed=False) == pytest.approx(106.0, abs=0.5)
-    # The requirement of PAPER 12.
+    # The required rate of the drum.
     assert servo_response.bandwidth(GEAR4, gear4) > 100.0
 
 
@@ -211,7 +211,7 @@ def test_reference_keeps_to_speed_and_acceleration_and_stops_on_its_target():
     speeds = rows[:, drum_kernels.DRIVE_REFERENCE_SPEED]
     references = rows[:, drum_kernels.DRIVE_REFERENCE]
 
-    assert speeds.max() == pytest.approx(1.75)  # m/s, PAPER 12
+    assert speeds.max() == pytest.approx(1.75)  # m/s, as required
     assert np.abs(np.diff(speeds)).max() <= gains.acceleration * gains.period * (1.0 + 1e-12)
     assert references[-1] == pytest.approx(0.03, abs=1e-12)
     # Speeds that are no whole number of changes leave an eighth of one's way, 3 µm, to go back.
@@ -244,7 +244,7 @@ def test_speed_cap_is_kept():
     ],
 )
 def test_settling_times(name, rate, far, near, share):
-    """PAPER 6.4, ms to 0.1 mm after 30 and 10 mm.
+    """Reference values: ms to 0.1 mm after 30 and 10 mm.
 
     It tells neither friction nor integral nor how the reference is shaped; with those assumed here, all agree
     within 6 %. The long way with gear4 at 1 kHz is looked at below.
@@ -257,7 +257,7 @@ def test_settling_times(name, rate, far, near, share):
 
 
 def test_slow_geared_servo_hunts_at_a_tenth_of_a_millimetre():
-    """PAPER 6.4 prints 123 ms with gear4 at 1 kHz, "hunting".
+    """The reference has 123 ms with gear4 at 1 kHz, "hunting".
 
     It sticks 0.10 mm off, so that micrometres decide the time to 0.1 mm: 106 ms here.
     """
@@ -290,7 +290,7 @@ def test_gear4_at_3_khz_is_what_paper_12_asks_for():
     assert GEAR4.resolution <= 8e-6
 
 
-LOOK_AHEADS = {  # mm at 0.1, 0.25, 0.5, 1 m/s for a latency of 1, 10, 40 ms (PAPER 6.4)
+LOOK_AHEADS = {  # mm at 0.1, 0.25, 0.5, 1 m/s for a latency of 1, 10, 40 ms (reference values)
     "direct": ((6, 8, 10, 20), (6, 10, 16, 30), (10, 18, 30, 58)),
     "gear4": ((4, 10, 18, 34), (6, 12, 22, 42), (8, 18, 36, 72)),
     "gear10": ((8, 16, 32, 64), (8, 18, 36, 72), (12, 26, 52, 102)),
@@ -299,7 +299,7 @@ LOOK_AHEADS = {  # mm at 0.1, 0.25, 0.5, 1 m/s for a latency of 1, 10, 40 ms (PA
 
 @pytest.mark.parametrize("name", LOOK_AHEADS)
 def test_look_ahead_by_bisection_and_by_formula(name):
-    """PAPER 6.4 and 13: within 5 mm of the table; and of the formula, on a grid of 2 mm."""
+    """Within 5 mm of the table of reference values; and of the formula, on a grid of 2 mm."""
     drum, gains = DRUMS[name], servo_for(DRUMS[name], 3000.0)
     for latency, row in zip((0.001, 0.010, 0.040), LOOK_AHEADS[name], strict=True):
         sensing = Sensing(latency=latency)
@@ -312,7 +312,7 @@ def test_look_ahead_by_bisection_and_by_formula(name):
 
 
 def test_age_of_a_distance_on_a_curved_path():
-    """PAPER 6.5, printed digits."""
+    """Reference values, to their printed digits."""
     speeds = (0.1, 0.25, 0.5, 1.0)
     for error, curvature, printed in (
         (1e-4, 10.0, (44.7, 17.9, 8.9, 4.5)),

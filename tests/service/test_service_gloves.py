@@ -28,7 +28,7 @@ NOW = 9000 * MS
 TURN = turn_about_axes((20.0, -35.0, 50.0))
 KNUCKLE = np.array([0.3, -0.2, 1.1])
 PLANE_BEND = 0.174204922
-"""Bend at which the pad touches the plane y = -45 mm of the finger's frame (PAPER 9.3)."""
+"""Bend at which the pad touches the plane y = -45 mm of the finger's frame (reference value)."""
 SCENE = '[[parts]]\nfile = "box.stl"\n[input]\nposes = "mailbox:gloves"\n[glove]\n'
 
 

@@ -27,7 +27,7 @@ PATH = FingerPath(Glove())
 
 @pytest.mark.parametrize("speed", [0.25, 0.5])
 def test_controller_displays_what_the_plain_rule_does(speed):
-    """With good frames the limits and states of PAPER 10 cost no force; the states go once through.
+    """With good frames the limits and states of the reference cost no force; the states go once through.
 
     At the touch a few micrometres of the drum, which friction holds, make some hundredths of a newton.
     """
@@ -55,7 +55,7 @@ def test_controller_displays_what_the_plain_rule_does(speed):
 @pytest.mark.parametrize("rate", [500.0, 1000.0, 3000.0])
 @pytest.mark.parametrize("drum", ["direct", "gear4"])
 def test_drum_meets_a_resting_finger_with_a_millijoule_at_any_rate(drum, rate):
-    """PAPER 10, where the finger waits just before the wall and the drum comes from afar.
+    """Reference, where the finger waits just before the wall and the drum comes from afar.
 
     Stepped at 500 Hz, a drum of 0.24 kg came with 20 mJ: at 1.7 m/s it goes 3 mm between two of its caps.
     """
@@ -83,7 +83,7 @@ def test_drum_meets_a_resting_finger_with_a_millijoule_at_any_rate(drum, rate):
 
 
 def test_drum_that_was_kept_away_comes_back_no_faster_than_it_may():
-    """PAPER 10: never snap. A finger presses a late drum away, which has 1 N, and then lets go.
+    """Reference: never snap. A finger presses a late drum away, which has 1 N, and then lets go.
 
     What the servo was to follow had gone on to the target meanwhile: with all its force again the drum came
     after it with up to 2.5 m/s, and met the finger with 0.75 J.

@@ -121,12 +121,12 @@ def test_engine_knows_curved_and_needle_meshed_parts_as_well(mesh, at):
 
     assert press.reported_error < SAGITTA / finger.incidence
     assert abs(press.reported_contact) < press.reported_error + SAGITTA / finger.incidence
-    assert press.error.share < 0.11  # PAPER 6.3 has 10 % at 0.5 m/s, and a shift of 0.1 ms makes 3 points
+    assert press.error.share < 0.11  # the reference has 10 % at 0.5 m/s, and a shift of 0.1 ms makes 3 points
     assert press.error.penetration < 0.2e-3
 
 
 def test_coarse_way_shows_as_force_error(flat):
-    """PAPER 6.5: a bias e of the distance costs 120 N/m e at rest, of hand and pad in a row."""
+    """Reference: a bias e of the distance costs 120 N/m e at rest, of hand and pad in a row."""
     press, fine = run(flat, corners=9), run(flat)
     off = [one.response.force[rest(one.response)].mean() for one in (press, fine)]
     bias = press.reported_contact - fine.reported_contact
@@ -154,7 +154,7 @@ def test_figures_of_the_page_are_those_of_the_loop():
 
 
 def test_latency_costs_nothing_where_distances_are_read_with_their_own_pose(flat):
-    """PAPER 6.3, the row TS: 10.0, 10.0, 10.0, 10.1 % at 0.5 m/s."""
+    """Reference, the row TS: 10.0, 10.0, 10.0, 10.1 % at 0.5 m/s."""
     errors = [run(flat, latency=latency).error.share for latency in (0.0, 0.003, 0.010)]
 
     assert max(errors) - min(errors) < 0.01
@@ -162,7 +162,7 @@ def test_latency_costs_nothing_where_distances_are_read_with_their_own_pose(flat
 
 
 def test_latency_shows_where_distances_are_read_with_the_present_pose(flat):
-    """PAPER 6.3: the drum is late by v (tau + 0.5 to 0.9 ms), and the error grows with latency and speed."""
+    """Reference: the drum is late by v (tau + 0.5 to 0.9 ms), and the error grows with latency and speed."""
     errors = {}
     for speed, latency in ((0.25, 0.003), (0.5, 0.001), (0.5, 0.003), (0.5, 0.010)):
         press = run(flat, speed, latency=latency, reading=Target.LATCHED)
@@ -181,7 +181,7 @@ def test_error_grows_with_speed(flat):
 
 
 def test_service_that_is_always_late_leaves_the_drum_away(flat):
-    """Frames that are older than 20 ms whenever they are read are not acted upon (PAPER 10)."""
+    """Frames that are older than 20 ms whenever they are read are not acted upon (reference value)."""
     press = run(flat, latency=0.025)
 
     assert set(press.states) == {"retracted"}
@@ -213,7 +213,7 @@ def test_drum_never_advances_on_what_is_lost(flat, kind, span):
 
 
 def test_finger_that_got_inside_unseen_is_brought_back_slowly(flat):
-    """PAPER 10: a drum that comes late does so at 0.05 m/s at most, to the surface that was told before."""
+    """Reference: a drum that comes late does so at 0.05 m/s at most, to the surface that was told before."""
     press = run(flat, hold=0.6, silent=((-0.02, 0.02),))
     response = press.response
 
@@ -293,7 +293,7 @@ def test_setup_that_makes_no_sense_is_refused(make, sentence):
 
 @pytest.mark.parametrize(("speed", "switch"), [(0.1, 0.123), (1.0, 0.087)])
 def test_teleoperation_changes_to_force_when_that_is_steady(flat, speed, switch):
-    """PAPER 7: instants of the change, and bumps of some 20 mN at most."""
+    """Reference: instants of the change, and bumps of some 20 mN at most."""
     press = run(flat, speed, hold=0.4, distances=Distances.SENSOR)
 
     assert press.switched_at == pytest.approx(switch, abs=0.003)
@@ -304,7 +304,7 @@ def test_teleoperation_changes_to_force_when_that_is_steady(flat, speed, switch)
 
 
 def test_force_of_the_far_end_is_displayed(flat):
-    """PAPER 7: 0.396 to 0.406 N a second after the change."""
+    """Reference: 0.396 to 0.406 N a second after the change."""
     press = run(flat, 0.25, hold=1.3, distances=Distances.SENSOR, far_force=0.4)
     row = press.response.zero + round((press.switched_at + 1.0) / press.response.step)
 

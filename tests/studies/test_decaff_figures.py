@@ -75,7 +75,7 @@ def test_table_gives_the_rows_that_are_asked_for():
 
 @pytest.mark.parametrize("name", figure_5.FIGURES)
 def test_numbers_beside_figure_5_are_the_models(name, tmp_path):
-    """Among them the samples that PAPER 3.4 prints, which the models are held against elsewhere."""
+    """Among them the samples that the reference has, which the models are held against elsewhere."""
     style.write_table(tmp_path / "5.csv", catalogue.PLATES[name].numbers())
     found = read_columns(tmp_path / "5.csv")
     times = figure_5.sample_times(1e-4)
@@ -88,7 +88,7 @@ def test_numbers_beside_figure_5_are_the_models(name, tmp_path):
 
 
 def test_position_that_the_late_wall_knows():
-    """PAPER 3.4: at 100 ms, penetrated, 4.588013 mm; 40 ms later the late wall knows it."""
+    """Reference: at 100 ms, penetrated, 4.588013 mm; 40 ms later the late wall knows it."""
     found = figure_5_plots.position("5c", np.array([0.140]))
 
     assert found[0] == pytest.approx(4.588013e-3, abs=5e-10)
@@ -136,7 +136,7 @@ def test_every_reading_of_a_distance_is_in_the_figure():
 
 
 def test_look_ahead_beside_the_figure_is_the_models(monkeypatch):
-    """PAPER 13: the formula holds within 5 mm."""
+    """Reference: the formula holds within 5 mm."""
     monkeypatch.setattr(arrival_plots, "SPEEDS", (0.5,))
     monkeypatch.setattr(arrival_plots, "LATENCIES", (0.010,))
     table = arrival_plots.numbers()

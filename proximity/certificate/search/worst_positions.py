@@ -61,7 +61,7 @@ def search(
     *,
     counts: tuple[int, int, int] | None = None,
     most_steps: float = MOST_STEPS,
-    tell: Callable[[str, float], None] = lambda _, __: None,
+    progress: Callable[[str, float], None] = lambda _, __: None,
 ) -> tuple[Found, ...]:
     """Return the worst positions, for each of `GOALS`.
 
@@ -75,14 +75,14 @@ def search(
         How many places climbs may begin at; `START_COUNTS` where not given.
     most_steps : float
         Nodes and leaves visited for each goal, about.
-    tell : callable
+    progress : callable
         Called with what is done, and which share of the search is.
     """
     begin = starts(subject, START_COUNTS if counts is None else counts, np.random.default_rng([seed, 0]))
     found: list[Found] = []
     for number, goal in enumerate(GOALS):
         rng = np.random.default_rng([seed, 1 + number])
-        tell(f"searching: {goal}", number / len(GOALS))
+        progress(f"searching: {goal}", number / len(GOALS))
         one = _search_one(subject, goal, begin, rng, most_steps)
         found.append(one)
         # What is dear in one manner may be in another.

@@ -122,8 +122,8 @@ def command(
     if subject.recording is not None:
         for note in subject.recording.notes:
             typer.echo(f"proximity: {subject.recording.path}: {note}", err=True)
-    with _progress() as tell:
-        found = certificate.certify(subject, tick_count=ticks, seconds=seconds, seed=seed, tell=tell)
+    with _progress() as update:
+        found = certificate.certify(subject, tick_count=ticks, seconds=seconds, seed=seed, progress=update)
     reported = certificate.document(found, period, version=proximity.__version__)
     if as_json:
         typer.echo(certificate.as_json(reported), nl=False)

@@ -154,7 +154,7 @@ class WallOptions:
         """Return the setup of the simulation."""
         from proximity.studies.simulation import simulated_press
 
-        given = {
+        options = {
             "drum": self.drum,
             "policy": self.policy,
             "rate": self.rate_hz,
@@ -162,7 +162,7 @@ class WallOptions:
             "damping": None if is_on_part else self.damping,
             "latency": None if self.latency_ms is None else 1e-3 * self.latency_ms,
         }
-        chosen: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+        chosen: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
         return simulated_press.Setup(wall=simulated_press.Wall(self.wall), speed=self.speed, **chosen)
 
 
@@ -180,8 +180,8 @@ class PartOptions:
     def check(self) -> None:
         """Refuse options that need a scene where there is none."""
         if self.scene is None:
-            given = {"--part": self.part, "--at": self.at, "--recording": self.recording}
-            _refuse({**given, "--sensor": self.sensor or None}, OF_A_SCENE)
+            options = {"--part": self.part, "--at": self.at, "--recording": self.recording}
+            _refuse({**options, "--sensor": self.sensor or None}, OF_A_SCENE)
 
 
 @with_option_groups
@@ -205,7 +205,7 @@ def command(
 
     setup = surface.setup(is_on_part=pressed.scene is not None)
     if pressed.scene is not None:
-        place = scene_press.Place(
+        pressed_part = scene_press.PressedPart(
             pressed.scene,
             pressed.part,
             pressed.at,
@@ -214,7 +214,7 @@ def command(
             surface.stiffness,
             surface.damping,
         )
-        scene_press.run(place, setup, surface.policy, out, is_sensor=pressed.sensor, as_json=as_json)
+        scene_press.run(pressed_part, setup, surface.policy, out, is_sensor=pressed.sensor, as_json=as_json)
         _say_written(out)
         return
     with progress.spinner("simulating"):
@@ -235,17 +235,17 @@ def _say_written(out: Path | None) -> None:
         typer.echo(f"proximity: wrote {out}", err=True)
 
 
-def _refuse(given: dict[str, Any], sentence: str) -> None:
-    for option, value in given.items():
+def _refuse(options: dict[str, Any], sentence: str) -> None:
+    for option, value in options.items():
         if value is not None:
             raise typer.BadParameter(sentence, param_hint=option)
 
 
-def _check(wall: str, given: dict[str, Any]) -> None:
+def _check(wall: str, options: dict[str, Any]) -> None:
     walls = ("real", "coupled", "decaff")
     if wall not in walls:
         raise typer.BadParameter(f"{wall!r}: expected one of {', '.join(walls)}", param_hint="--wall")
-    for option, value in given.items():
+    for option, value in options.items():
         if value is not None and wall not in USED_BY[option]:
             raise typer.BadParameter(f"a {wall} wall has none", param_hint=option)
 

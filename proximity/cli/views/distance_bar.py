@@ -63,8 +63,8 @@ def bar(lower_mm: float, upper_mm: float, predicted_mm: float, width: int, style
         cells[-1] = BEYOND
     drawn = Text("".join(cells), MAY_TOUCH_STYLE if lower_mm <= 0.0 else style)
     if 0.0 <= predicted_mm < SCALE_MM:
-        place = int(_cells(predicted_mm, width))
-        drawn = drawn[:place] + Text(PREDICTED, "bold") + drawn[place + 1 :]
+        cell = int(_cells(predicted_mm, width))
+        drawn = drawn[:cell] + Text(PREDICTED, "bold") + drawn[cell + 1 :]
     return drawn
 
 

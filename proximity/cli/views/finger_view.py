@@ -26,10 +26,10 @@ FLAG_LETTERS = {
     ContactFlag.IN_RANGE: ("R", "in range"),
     ContactFlag.PART_CHANGED: ("N", "new part"),
     ContactFlag.JUMPED: ("J", "jumped"),
-    ContactFlag.ON_PATH: ("W", "on its way"),
+    ContactFlag.ON_PATH: ("W", "on its path"),
     ContactFlag.CONTACT_FOUND: ("C", "contact found"),
 }
-"""The letter of each flag, always at the same place, and what it means."""
+"""The letter of each flag, always in the same position, and its meaning."""
 MODE_STYLES = {Mode.RETRACT: "green", Mode.POSITION: "yellow", Mode.FORCE: "magenta", Mode.HOLD: "red"}
 FREE_STYLE = "green"
 CLOSING_STYLE = "yellow"

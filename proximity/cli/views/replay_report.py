@@ -138,13 +138,13 @@ def write(report: dict[str, Any], *, as_json: bool) -> None:
         return
     console = results_console()
     units = report["units"]
-    print_block(console, [*_given(report, units), *_measured(report)])
+    print_block(console, [*_settings_lines(report, units), *_measured(report)])
     print_block(console, _histogram(report["compute_us"]["histogram"]))
     print_block(console, [*_found(report, units), *_kept(report, units)])
     sys.stdout.flush()
 
 
-def _given(report: dict[str, Any], units: str) -> Lines:
+def _settings_lines(report: dict[str, Any], units: str) -> Lines:
     reported, placement, settings = report["recording"], report["placement"], report["settings"]
     fingers, hands = len(reported["fingers"]), reported["hand_count"]
     fitted = "fitted to the parts" if placement["is_fitted"] else "as given"
@@ -221,8 +221,10 @@ def _found(report: dict[str, Any], units: str) -> Lines:
     if nearest is not None:
         length = f"{_short(nearest['signed_distance'])} {units}"
         # Where the budget was spent before any face was met, the distance is a bound only.
-        place = f"{length} from {nearest['part']}" if nearest["part"] else f"{length} at most from some part"
-        approach = f"{nearest['finger']} at {_since(begins, nearest['time_s'])} s: {place}"
+        location = (
+            f"{length} from {nearest['part']}" if nearest["part"] else f"{length} at most from some part"
+        )
+        approach = f"{nearest['finger']} at {_since(begins, nearest['time_s'])} s: {location}"
     touches = [
         (
             "touch",

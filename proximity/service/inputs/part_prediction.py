@@ -125,9 +125,9 @@ class Carried:
         if not (off_ns.any() or is_silent.any()):
             return
         # A part that stands for the scene may go on: predictions do not know of it.
-        ahead_ns = np.where(is_tracked, contacts["predicted_ns"] - pose_ns, 0)[:, None] * is_silent
+        lead_ns = np.where(is_tracked, contacts["predicted_ns"] - pose_ns, 0)[:, None] * is_silent
         error = 1e-9 * (off_ns * speeds).max(axis=1) * _ROUNDED_UP
-        error_then = 1e-9 * ((off_ns + ahead_ns) * speeds).max(axis=1) * _ROUNDED_UP
+        error_then = 1e-9 * ((off_ns + lead_ns) * speeds).max(axis=1) * _ROUNDED_UP
         contacts["lower"] -= error
         contacts["upper"] += error
         contacts["predicted_lower"] -= error_then

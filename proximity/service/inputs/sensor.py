@@ -37,17 +37,17 @@ class Measurements:
         """The distances."""
         return self.distances
 
-    def take_rest(self, given: "Measurements", rows: Any) -> None:
+    def take_rest(self, newer: "Measurements", rows: Any) -> None:
         """Copy all else that was reported of some fingers.
 
         Parameters
         ----------
-        given : Measurements
+        newer : Measurements
             Of as many fingers.
         rows : slice or (N,) mask
             Which of them.
         """
-        self._bytes[rows] = given._bytes[rows]
+        self._bytes[rows] = newer._bytes[rows]
 
 
 class SensorInput:
