@@ -353,7 +353,7 @@ def looking(scene_path):
     made = SimpleNamespace(service=service, files=files, scene=files.scene(settings), moves=None, count=2)
     return SimpleNamespace(
         path=scene_path,
-        editing=scene_reload.Editing(made, settings, {}, said.append),
+        editing=scene_reload.SceneReloader(made, settings, {}, said.append),
         replaced=service.replaced,
         said=said,
     )
@@ -512,7 +512,7 @@ def test_it_ends_after_some_seconds_also_while_an_edit_is_being_made(scene_path,
     monkeypatch.setattr(scene_service, "LOOK_S", 0.01)
     monkeypatch.setattr(scene_service, "ANNOUNCE_AFTER_S", 0.01)
     is_over = threading.Event()
-    monkeypatch.setattr(scene_reload.Editing, "look", lambda self: is_over.wait(PATIENCE_S))
+    monkeypatch.setattr(scene_reload.SceneReloader, "look", lambda self: is_over.wait(PATIENCE_S))
     began = time.monotonic()
     try:
         serve(scene_path, seconds=0.1)
