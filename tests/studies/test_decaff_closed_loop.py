@@ -1,7 +1,8 @@
 """Hand, finger and wall in closed loop, compared with reference values, and against other ways of knowing.
 
-The reference values come from a separate simulation that sampled forces every 0.1 ms. Its errors as a whole hold within what a shift of the contact by that much makes of them: 1.5 points at 0.25 m/s,
-5 points at 1 m/s; `SHIFT` has all speeds.
+The reference values come from a separate simulation that sampled forces every 0.1 ms. Its errors as a whole
+hold within what a shift of the contact by that much makes of them: 1.5 points at 0.25 m/s, 5 points at 1 m/s;
+`SHIFT` has all speeds.
 """
 
 import math
