@@ -183,7 +183,7 @@ def test_drums_of_the_figure_are_in_place_after_their_settling_time():
     table = arrival_plots.motion_numbers()
     for name in ("direct", "gear4", "gear10"):
         late = table["time_s"] > table[f"{name}_settled_s"][0] + 1e-4
-        assert table[f"{name}_left_m"][0] == arrival_plots.WAY
+        assert table[f"{name}_left_m"][0] == arrival_plots.TRAVEL
         assert np.abs(table[f"{name}_left_m"][late]).max() <= 1e-4
 
 
