@@ -27,7 +27,7 @@ FOLLOWED_STEP = 2  # m, by which the distance will have changed
 FOLLOWED_SPREAD = 3  # m, by which that may be off
 FOLLOWED_SIZE = 4
 
-# --- columns of the *doubts* of a distance that is followed: sums of weight times squared error, m² ---
+# --- columns of the error sums of a distance that is followed: sums of weight times squared error, m² ---
 DISTANCE_ERROR = 0  # of the present track
 DISTANCE_ERROR_BEFORE = 1  # of the one before the last jump, at most
 ERROR_SUMS_SIZE = 2
