@@ -22,6 +22,11 @@ INSTEAD = {
     "ease": "tolerance",
     "patience": "adaptive tolerance",
     "fronts": "frontiers",
+    "editing": "reload",
+    "saying": "announcement",
+    "making": "assembly",
+    "door": "interface, adapter",
+    "house": "package",
 }
 INSTEAD_IN_ENGINE = {
     "place": "position, location, offset",

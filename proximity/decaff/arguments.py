@@ -1,4 +1,4 @@
-"""Numbers that models are made of, checked once at the door."""
+"""Checks of the numbers that models are made of."""
 
 import math
 import operator

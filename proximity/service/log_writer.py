@@ -1,4 +1,4 @@
-"""Frames to a log without waiting for its disk: a ring that the loop fills and a thread empties."""
+"""Write frames to a log without waiting for the disk: the loop fills a ring, a thread empties it."""
 
 import logging
 import threading
@@ -10,7 +10,7 @@ import numpy as np
 LOGGER = logging.getLogger("proximity.service")
 DEPTH = 4096
 """Frames that wait at most: what a disk that stands still for four seconds delays at 1 kHz."""
-MOST_BYTES = 1 << 26
+MOST_RING_BYTES = 1 << 26
 """That they take at most: of a skin of thousands, 4096 frames would be gigabytes. Eight wait in any case."""
 FEWEST = 8
 CLOSE_TIMEOUT = 5.0
@@ -18,7 +18,7 @@ CLOSE_TIMEOUT = 5.0
 
 
 class Log(Protocol):
-    """What frames are appended to, one after the other."""
+    """A log to which frames are appended."""
 
     def append(self, data: np.ndarray) -> Any:
         """Append one frame, (size,) uint8; may raise."""
@@ -37,8 +37,8 @@ class LogWriter:
     size : int
         Bytes of a frame.
     depth : int
-        Frames that wait at most, if they are no larger than `MOST_BYTES` together; those beyond are lost, and
-        counted.
+        Frames that wait at most, if they are no larger than `MOST_RING_BYTES` together; those beyond are
+        lost, and counted.
     """
 
     written: int  # frames appended
@@ -49,7 +49,7 @@ class LogWriter:
         self.written = self.failed = self.lost = 0
         self.first_failure = ""
         self._log = log
-        self._rows = np.empty((min(depth, max(MOST_BYTES // size, FEWEST)), size), np.uint8)
+        self._rows = np.empty((min(depth, max(MOST_RING_BYTES // size, FEWEST)), size), np.uint8)
         self._rows.fill(0)  # here, and not page by page in the loop
         self._head = self._tail = 0  # frames put in, and taken out
         self._is_closing = False
@@ -61,7 +61,7 @@ class LogWriter:
 
     @property
     def notes(self) -> list[str]:
-        """What was not written, and why."""
+        """Sentences on frames that were not written, and why."""
         notes = []
         if self.failed:
             notes.append(f"{self.failed} frames were not logged, first: {self.first_failure}")

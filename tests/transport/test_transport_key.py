@@ -20,8 +20,8 @@ from proximity.message import FRAME, POSES, Flaw, Message
 from proximity.service.inputs.stream import StreamInput
 from proximity.transport import Examiner, open_inlet, open_outlet, open_publisher, open_subscriber, udp
 from proximity.transport.address import parse
-from proximity.transport.key import TAG_BYTES, key_of, write_key
 from proximity.transport.link import NOTHING
+from proximity.transport.message_key import TAG_BYTES, key_of, write_key
 
 PATIENCE = 20.0  # s
 LONG = 10**10  # ns that frames of these tests are valid for
@@ -192,7 +192,7 @@ def test_tag_is_keyed_blake2s_over_the_whole_message(key, port):
 def test_largest_message_leaves_room_for_the_tag(key, port):
     address = f"udp://127.0.0.1:{port}?key={key}"
     inlet, outlet = open_inlet(address), open_outlet(address)
-    data, room = np.full(udp.MOST_BYTES - TAG_BYTES, 7, np.uint8), np.zeros(100, np.uint8)
+    data, room = np.full(udp.MOST_DATAGRAM_BYTES - TAG_BYTES, 7, np.uint8), np.zeros(100, np.uint8)
     try:
         outlet.send(data)
         assert inlet.wait(PATIENCE)
