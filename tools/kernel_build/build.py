@@ -15,17 +15,21 @@ from proximity.native.sources import PACKAGE, sources_digest
 
 def host_target() -> Target:
     """Return the target that this machine is; `SystemExit` where it is none."""
-    system = {"Linux": "linux", "Darwin": "macos", "Windows": "windows"}.get(platform.system(), "?")
-    machine = {"AMD64": "x86_64", "arm64": "arm64" if system == "macos" else "aarch64"}
-    name = f"{system}-{machine.get(platform.machine(), platform.machine())}"
+    name = _host_name()
     if name not in TARGETS:
         raise SystemExit(f"there is no target {name}, expected one of {', '.join(TARGETS)}")
     return TARGETS[name]
 
 
+def _host_name() -> str:
+    system = {"Linux": "linux", "Darwin": "macos", "Windows": "windows"}.get(platform.system(), "other")
+    return f"{system}-{'x86_64' if platform.machine() == 'AMD64' else platform.machine()}"
+
+
 def extension_path(target: Target, folder: Path) -> Path:
     """Return where the extension module of a target belongs: that of this machine in the folder itself."""
-    return (folder if target is host_target() else folder / target.name) / extension_name(target)
+    is_here = target.name == _host_name()
+    return (folder if is_here else folder / target.name) / extension_name(target)
 
 
 def is_current(target: Target, folder: Path) -> bool:

@@ -26,7 +26,7 @@ LARGEST_FINITE = 1e300
 """Coordinates beyond are as good as infinite: their difference may be."""
 
 
-@entry("float64[:, :] -> int64[:]", makes_arrays=True)
+@entry("float64[:, 3] -> int64[:]", makes_arrays=True)
 def morton_order(points):
     """The rows of *points* along a curve that keeps neighbours together; rows not finite are anywhere."""
     count = len(points)

@@ -5,7 +5,7 @@ import numpy as np
 from proximity.native import entry, kernel
 
 
-@entry("int32[:, :] -> int64[:], bool[:], int64[:], int64[:], int64[:], bool[:]", makes_arrays=True)
+@entry("int32[:, 3] -> int64[:], bool[:], int64[:], int64[:], int64[:], bool[:]", makes_arrays=True)
 def sorted_half_edges(corners):
     """Return half-edges by the lower, then the higher corner of their edges; forward ones come first.
 

@@ -42,7 +42,7 @@ def double_area(corners, faces, face):
     return sqrt(dot(nx, ny, nz, nx, ny, nz))
 
 
-@entry("float64[:, :], int32[:, :] -> float64[:]", makes_arrays=True)
+@entry("float64[:, 3], int32[:, 3] -> float64[:]", makes_arrays=True)
 def double_areas(corners, faces):
     """Return twice the area of each face, (F,)."""
     areas = np.empty(len(faces))
@@ -51,7 +51,7 @@ def double_areas(corners, faces):
     return areas
 
 
-@entry("float64[:, :], int32[:, :], float -> bool[:]", makes_arrays=True)
+@entry("float64[:, 3], int32[:, 3], float -> bool[:]", makes_arrays=True)
 def thin_faces(corners, faces, height):
     """Return which faces are not higher than *height* above their longest sides: (F,) bool."""
     are_thin = np.empty(len(faces), np.bool_)
@@ -64,7 +64,7 @@ def thin_faces(corners, faces, height):
     return are_thin
 
 
-@entry("float64[:, :], int32[:, :] -> float", makes_arrays=True)
+@entry("float64[:, 3], int32[:, 3] -> float", makes_arrays=True)
 def signed_volume(vertices, faces):
     """Return six times the enclosed volume, of the mesh scaled so that its box reaches 1 from its middle.
 
@@ -98,7 +98,7 @@ def signed_volume(vertices, faces):
     return volume if abs(volume) > VOLUME_ROUNDING * most else 0.0
 
 
-@entry("float64[:, :, :], int64[:], int -> float64[:, :]", makes_arrays=True)
+@entry("float64[:, 3, 3], int64[:], int -> float64[:, :]", makes_arrays=True)
 def shell_sizes(triangles, labels, count):
     """Return of each of *count* shells six times its signed volume, twice its area, its reach: (3, count).
 

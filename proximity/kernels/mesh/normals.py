@@ -6,7 +6,7 @@ from proximity.kernels.geometry.triangle import cross, dot
 from proximity.native import entry
 
 
-@entry("float64[:, :], int32[:, :], float64[:, :]")
+@entry("float64[:, 3], int32[:, 3], float64[:, 3]")
 def add_corner_normals(corners, faces, normals):
     """Add to each corner the unit normals of its faces, weighted by the faces' angles there; make them unit.
 

@@ -268,7 +268,7 @@ def _is_turned(corners, faces, piece, count, reals, words, root, moments):
 
 
 @entry(
-    "float64[:, :], int32[:, :], int32[:, :], int32[:], float64[:], float32[:], int, int -> uint8[:]",
+    "float64[:, 3], int32[:, 3], int32[:, 3], int32[:], float64[:], float32[:], int, int -> uint8[:]",
     makes_arrays=True,
 )
 def passing_faces(corners, faces, neighbors, slot_faces, reals, words, root, moments):

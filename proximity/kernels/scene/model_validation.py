@@ -356,7 +356,7 @@ def _fault_in_cover(parts, covered, fault):
     return SOUND
 
 
-@entry("float32[:], int64[:, :], int, float64[:, :], int32[:, :], float, int32[:], int64[:] -> int")
+@entry("float32[:], int64[:, :], int, float64[:, 3], int32[:, 3], float, int32[:], int64[:] -> int")
 def fault_in_mesh(words, parts, part, vertices, faces, largest, corners, fault):
     """Compare a part's faces with the mesh that they were made of: (V, 3) float64 and (F, 3) int32.
 

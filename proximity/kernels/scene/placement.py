@@ -58,7 +58,7 @@ def _is_rigid(matrix, tolerance, farthest):
 
 
 
-@entry("float64[:, :, :], float64[:, :], float64[:, :], float, float, float -> int")
+@entry("float64[:, 4, 4], float64[:, 3], float64[:, 3], float, float, float -> int")
 def first_unfit(matrices, velocities, angular_velocities, tolerance, farthest, fastest):
     """The first row that cannot be used, or -1.
 
@@ -135,8 +135,8 @@ def update_box(frames, parts, row):
 
 
 @entry(
-    "float64[:, :], int64[:, :], int64[:], int, int64[:], float64[:, :, :], float64[:, :], "
-    "float64[:, :], float -> int",
+    "float64[:, :], int64[:, :], int64[:], int, int64[:], float64[:, 4, 4], float64[:, 3], "
+    "float64[:, 3], float -> int",
 )
 def move_parts(frames, parts, versions, version, rows, matrices, velocities, angular_velocities, rounding):
     """Write poses and velocities of *rows* and mark them with *version*; how many have become dynamic.

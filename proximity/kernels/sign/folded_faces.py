@@ -33,7 +33,7 @@ def is_folded(words, notes, slot):
 
 
 @entry(
-    "float64[:, :], int32[:, :], int32[:, :], int32[:], float64[:], float32[:], int, int -> uint8[:]",
+    "float64[:, 3], int32[:, 3], int32[:, 3], int32[:], float64[:], float32[:], int, int -> uint8[:]",
     makes_arrays=True,
 )
 def folded_faces(corners, faces, neighbors, slot_faces, reals, words, root, moments):

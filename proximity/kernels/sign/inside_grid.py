@@ -72,7 +72,7 @@ def _spread(states, seed, state, nx, ny, nz, stack):
 
 
 @entry(
-    "float64[:, :], int32[:, :], float64[:], float, int, int, int, float64[:], float32[:], int, "
+    "float64[:, 3], int32[:, 3], float64[:], float, int, int, int, float64[:], float32[:], int, "
     "int -> uint32[:]",
     makes_arrays=True,
 )
@@ -136,8 +136,8 @@ def build_grid(corners, faces, lower, rate, nx, ny, nz, reals, words, root, mome
 
 
 @entry(
-    "float64[:, :], int32[:, :], float64[:], float, int, int, int, "
-    "uint32[:] -> float64[:, :], bool[:], bool[:]",
+    "float64[:, 3], int32[:, 3], float64[:], float, int, int, int, "
+    "uint32[:] -> float64[:, 3], bool[:], bool[:]",
     makes_arrays=True,
 )
 def uncertain_points(corners, faces, lower, rate, nx, ny, nz, grid):

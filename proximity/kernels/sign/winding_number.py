@@ -251,7 +251,7 @@ def _flux(words, at, dx, dy, dz, distance_sq):
     )
 
 
-@entry("float64[:], float32[:], int, int, float64[:, :], float64[:]")
+@entry("float64[:], float32[:], int, int, float64[:, 3], float64[:]")
 def winding_numbers(reals, words, root, moments, points, turns):
     """Fill the winding numbers around points (N, 3), local: *turns* (N,)."""
     for row in range(len(points)):

@@ -18,7 +18,7 @@ ENTRIES_SHIFT = 0
 """A leaf takes two to the power of that: eight faces, as many as a block, or one entry."""
 
 
-@entry("float64[:, :], int32[:, :], float32[:]")
+@entry("float64[:, 3], int32[:, 3], float32[:]")
 def face_boxes(vertices, faces, boxes):
     """Fill the packed boxes (see `binned_sah`), float32, that contain each face with a margin."""
     for face in range(len(faces)):
@@ -49,7 +49,7 @@ def build_tree(boxes, leaf_shift):
     return widen_tree(tree, links, order)
 
 
-@entry("float64[:, :], int32[:, :], int32[:], int32[:], float64[:], int32[:]")
+@entry("float64[:, 3], int32[:, 3], int32[:], int32[:], float64[:], int32[:]")
 def fill_blocks(vertices, faces, order, block_first, blocks, face_of_slot):
     """Put the corners of every leaf's faces into eight-lane blocks; unused lanes are NaN."""
     for block in range(len(block_first) - 1):

@@ -75,7 +75,7 @@ EIGHTH_TANGENT = 0.41421356237309503
 """Tangent of an eighth of pi: from here on an arc is measured from a quarter of pi."""
 
 
-@entry("float64[:, :], int32[:], float, float64[:, :], float64[:] -> int")
+@entry("float64[:, 3], int32[:], float, float64[:, 3], float64[:] -> int")
 def survey_vertices(vertices, leaders, largest, kept, box):
     """Copy *vertices* (V, 3) to *kept*, fill *box* (6,), lower and upper; the first row that cannot be used.
 
