@@ -5,7 +5,6 @@ nothing (integers, float32, big-endian, strided, read-only input); what cannot b
 with the reason.
 """
 
-from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -167,17 +166,6 @@ def refuse_trimesh(value: Any, error: type[ProximityError]) -> None:
     """
     if kind := trimesh_kind(value):
         raise error(f"a trimesh.{kind} was given: proximity.from_trimesh makes a scene of it, with solids")
-
-
-def is_number(value: Any) -> bool:
-    """Return whether *value* is one real number, and no bool.
-
-    Parameters
-    ----------
-    value : object
-        Anything.
-    """
-    return isinstance(value, Real) and not isinstance(value, bool)
 
 
 def as_points(values: Any, name: str = "points") -> np.ndarray:

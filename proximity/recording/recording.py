@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from proximity.checks import positive
 from proximity.errors import RecordingError
 from proximity.pose import Pose
 
@@ -152,8 +153,7 @@ class Recording:
         RecordingError
             If the scale is not a number above zero.
         """
-        if not (math.isfinite(scale) and scale > 0.0):
-            raise RecordingError(f"a recording cannot be scaled by {scale:g}, expected a number above zero")
+        scale = positive("scale", scale, "times the size", error=RecordingError)
         return replace(self, positions=pose.point(self.positions * scale))
 
     def middle(self) -> tuple[np.ndarray, np.ndarray]:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from typing import Any
 
+from proximity.checks import as_number
 from proximity.errors import ServiceError
 from proximity.service.answers import Answering
 from proximity.service.clock import SECOND, Clock, MonotonicClock
@@ -248,8 +249,6 @@ class Service:
 
 
 def _nanoseconds(name: str, seconds: Any) -> int:
-    if isinstance(seconds, bool) or not isinstance(seconds, (int, float)):
-        seconds = float("nan")
-    if not SHORTEST <= seconds <= LONGEST:
+    if not SHORTEST <= as_number(seconds) <= LONGEST:
         raise ServiceError(f"{name} is {seconds!r}, expected {SHORTEST:g} to {LONGEST:g} s")
     return round(SECOND * seconds)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from proximity.arrays import as_float64, shown
+from proximity.checks import not_negative, positive, whole
 from proximity.errors import QueryError
 from proximity.kernels.compiler import CompiledCall
 from proximity.kernels.layout import GRID, NO_GRID, NO_PART, NO_SLOT, ROTATION, SIGN, SIGN_WINDING
@@ -24,12 +25,9 @@ from proximity.tracker.tracker_arguments import (
     LARGEST_WORKING_RANGE,
     LONGEST_LATENCY,
     instant,
-    not_negative,
-    positive,
     radii,
     shaped,
     too_long,
-    whole,
 )
 
 DEFAULT_BUDGET = 250
