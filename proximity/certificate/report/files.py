@@ -59,7 +59,7 @@ def write_report(path: str | os.PathLike[str], reported: dict[str, Any], scene: 
     Raises
     ------
     DecaffError
-        If matplotlib is not there; it says what to install. The JSON is written.
+        If Jinja or matplotlib is not there; it says what to install. The JSON is written.
     RecordingError
         If a file cannot be written.
     """

@@ -21,7 +21,8 @@ HELP = "\n\n".join(
         "(.html) with its numbers beside it (.json); --json prints these instead.",
         "With --gate the exit code is 1 unless the computing of 99.9 % of the ticks of every motion, of "
         "three runs the best, takes no longer than PERIOD, and that of half of the loop's ticks. What the "
-        "machine adds, interruptions and late waking, is shown and fails no scene. A page needs matplotlib.",
+        "machine adds, interruptions and late waking, is shown and fails no scene. A page needs jinja2 and "
+        "matplotlib.",
     )
 )
 
@@ -125,7 +126,7 @@ def command(
 
 
 def _write(report: Path, reported: dict[str, Any], scene: "proximity.Scene") -> bool:
-    """Write the report; whether all of it, and not the numbers alone, because matplotlib is missing."""
+    """Write the report; whether all of it, and not the numbers alone, because a library is missing."""
     from proximity import certificate
     from proximity.cli import progress
 
