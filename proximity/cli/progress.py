@@ -5,7 +5,6 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from importlib import import_module
 from threading import Timer
 from types import TracebackType
 from typing import TypeVar
@@ -20,8 +19,6 @@ from proximity.cli.program import EXIT_INTERRUPTED
 
 ANNOUNCE_AFTER_S = 1.0  # a wait shorter than this shows nothing
 STATUS_EVERY_S = 0.5
-
-_LINEAR_ALGEBRA = "scipy.linalg.cython_blas"
 
 T = TypeVar("T")
 
@@ -122,7 +119,6 @@ class Status:
 
 def prepare_kernels() -> None:
     """Compile the kernels, with a word on stderr, where they have not been compiled on this machine yet."""
-    _load_compiler()
     if proximity.kernels_are_cached():
         return
     typer.echo("proximity: compiling for this processor, this once; it takes a minute or two", err=True)
@@ -133,17 +129,3 @@ def prepare_kernels() -> None:
         # A compiler is at work in another thread, and Python's way out would take a second or two.
         sys.stderr.flush()
         os._exit(EXIT_INTERRUPTED)
-
-
-def _load_compiler() -> None:
-    """Load numba without SciPy's linear algebra, which it looks for and no kernel calls: a tenth of a start.
-
-    For commands alone: kernels of others that share a process with a library may well call it.
-    """
-    if _LINEAR_ALGEBRA in sys.modules:
-        return
-    sys.modules[_LINEAR_ALGEBRA] = None  # type: ignore[assignment]  # an import of it is refused
-    try:
-        import_module("numba.np.arraymath")
-    finally:
-        del sys.modules[_LINEAR_ALGEBRA]
