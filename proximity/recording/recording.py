@@ -67,15 +67,9 @@ class Recording:
         hand, finger = self.fingers[row]
         return FINGERS[finger] if self.hand_count == 1 else f"{FINGERS[finger]} of hand {hand}"
 
-    def gap_count(self, gap_limit_s: float = GAP_LIMIT_S) -> int:
-        """Return how often a finger is lost for longer than the limit and then found again.
-
-        Parameters
-        ----------
-        gap_limit_s : float, s
-            See `resampled`.
-        """
-        limit_ns = gap_limit_s * NANOSECONDS
+    def gap_count(self) -> int:
+        """Return how often a finger is lost for longer than `GAP_LIMIT_S` and then found again."""
+        limit_ns = GAP_LIMIT_S * NANOSECONDS
         present = self.is_present
         return sum(
             int((np.diff(self.times_ns[present[:, row]]) > limit_ns).sum())

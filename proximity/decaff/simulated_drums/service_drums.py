@@ -21,7 +21,7 @@ from proximity.decaff.controller.controller_states import (
     Observation,
 )
 from proximity.decaff.controller.limits import Limits
-from proximity.decaff.drum.drum import GEAR4, Drum
+from proximity.decaff.drum.drum import GEAR4
 from proximity.decaff.drum.drum_command import DriveMode
 from proximity.decaff.glove.calibrated_glove import CalibratedGlove
 from proximity.decaff.glove.default_bend import with_bend
@@ -129,8 +129,6 @@ class DrumBench:
         At which `step` is called.
     gloves : sequence of Glove or CalibratedGlove
         One for all fingers, or one each; the paper's where not given.
-    drum : Drum
-        Of every finger.
     limits : Limits
         Of every controller.
 
@@ -146,10 +144,9 @@ class DrumBench:
         self,
         rate: float,
         gloves: Sequence[Glove | CalibratedGlove] | None = None,
-        drum: Drum = GEAR4,
         limits: Limits | None = None,
     ) -> None:
-        self._rate, self._drum, self._limits = rate, drum, limits
+        self._rate, self._limits = rate, limits
         self._paths = [FingerPath(glove) for glove in gloves or [Glove()]]
         self._sample_ns: int | None = None
         self._said: set[str] = set()  # matters
@@ -218,5 +215,5 @@ class DrumBench:
         return reported
 
     def _finger(self, path: FingerPath) -> FingerBench:
-        controller = FingerController(path, self._rate, self._drum, self._limits)
-        return FingerBench(path, controller, DrumPlant(path, self._drum))
+        controller = FingerController(path, self._rate, GEAR4, self._limits)
+        return FingerBench(path, controller, DrumPlant(path, GEAR4))

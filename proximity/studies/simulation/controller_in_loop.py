@@ -28,18 +28,14 @@ class ControllerDoor:
         Of the same rate as the loop's servo.
     path : FingerPath
         Of the controller.
-    holding : Holding
-        Of the loop's glove.
     """
 
     action: DrumAction | None  # of the last sample
 
-    def __init__(
-        self, controller: FingerController, path: FingerPath, holding: Holding | None = None
-    ) -> None:
+    def __init__(self, controller: FingerController, path: FingerPath) -> None:
         self.controller, self._path, self.action = controller, path, None
         self._frame: FrameMark | None = None
-        self._wall = path.retracted - (holding or Holding()).retracted
+        self._wall = path.retracted - Holding().retracted
         self._contact = np.zeros(1, CONTACT)[0]
         self._contact["flags"] = ContactFlag.TRACKED | ContactFlag.EXACT | ContactFlag.SIGNED
         self._contact["normal"] = math.nan

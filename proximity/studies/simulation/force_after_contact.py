@@ -85,7 +85,7 @@ class ForceAfterContact:
         return distance > self._handover.lost_distance or self._lost_for >= self._handover.lost_time
 
 
-def bump(response: Response, at: float, time: float = BUMP_TIME) -> float:
+def bump(response: Response, at: float) -> float:
     """Return by how much the force on the finger departs from what it was at a change of mode, at most, N.
 
     Parameters
@@ -94,9 +94,7 @@ def bump(response: Response, at: float, time: float = BUMP_TIME) -> float:
         The press.
     at : float, s
         Of the change.
-    time : float, s
-        How long to look.
     """
     row = response.zero + round(at / response.step)
-    after = response.force[row : row + round(time / response.step)]
+    after = response.force[row : row + round(BUMP_TIME / response.step)]
     return float(np.abs(after - response.force[row]).max())
