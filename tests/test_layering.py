@@ -49,12 +49,12 @@ load_report · part_motion · sign
     "proximity.service": """
 loop
 inputs
-answers · frame_builder · hosting · output · report · sample_filter
+answers · frame_builder · frame_output · hosting · report · sample_filter
 bends · clock · config · finger_kernels · histogram · log_writer · presence · realtime · samples
 """,
     "proximity.service.inputs": """
 teleoperation
-part_motion · sensor · stream
+moves_input · sensor · stream
 gloves · part_prediction · reception · sources
 """,
     "proximity.decaff": """
@@ -79,10 +79,10 @@ deadlines · fingerprint · machine · motions · period · subject · tick_time
 """,
     "proximity.cli": """
 commands
-part_press · questions
+drum_loop · questions · scene_press
 progress · views
 console
-drum_loop · lengths · options · points · program · wording
+lengths · options · points · program · wording
 """,
 }
 # Part of the whole package but in no layer: what its users import, and what starts the command line.

@@ -1,6 +1,6 @@
-"""The latency certificate of a user's own scene: what ticks cost at its worst places, against sample periods.
+"""Latency certificate of a scene: the cost of ticks at its worst positions, compared with sample periods.
 
-    file → subject → search (worst places) → measure (ticks) → loop (waking) → document → page, JSON
+    file → subject → search (worst positions) → measure (ticks) → loop (waking) → document → page, JSON
 
 The search climbs on work, which is the same on every run; only what is measured at the end is time.
 """

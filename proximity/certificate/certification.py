@@ -1,4 +1,4 @@
-"""The whole of it: search, measure, run the loop, and say whether the scene fits its period."""
+"""Certify a scene: search its worst positions, measure ticks, run the loop, compare with a period."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -28,12 +28,12 @@ GATED, GATED_LOOP = "p999", "p50"
 """What of every motion, and of the loop, must keep to the period: see `gate`."""
 MISSED = 1e-3
 """Share of its deadlines that a machine may miss and still be said to keep a period."""
-WORDS = {"p999": "p99.9", "p50": "the median", "max": "the longest"}
+MEASURE_NAMES = {"p999": "p99.9", "p50": "the median", "max": "the longest"}
 
 
 @dataclass(frozen=True, slots=True)
 class Load:
-    """What ticks took of the processor in one motion, or in the loop."""
+    """Processor time of ticks in one motion, or in the loop."""
 
     name: str
     measure: str  # "p999", of the loop "p50"; "max" where so few ticks tell none
@@ -54,7 +54,7 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Certificate:
-    """What was found and measured."""
+    """Results of search and measurement."""
 
     subject: Subject
     seed: int
@@ -99,7 +99,7 @@ def certify(
     tick_count: int = TICKS,
     seconds: float = SECONDS,
     seed: int = SEED,
-    tell: Callable[[str, float], None] = lambda _, __: None,
+    progress: Callable[[str, float], None] = lambda _, __: None,
 ) -> Certificate:
     """Return the certificate of a scene; it takes some ten seconds.
 
@@ -112,8 +112,8 @@ def certify(
     seconds : float, s
         That the loop runs.
     seed : int
-        Decides all that is random: the places found are the same on every run.
-    tell : callable
+        Decides all that is random: the positions found are the same on every run.
+    progress : callable
         Called with what is done, and which share of it is.
 
     Raises
@@ -126,9 +126,9 @@ def certify(
     check_request(tick_count, seconds, seed)
     if all(part.is_hidden for part in subject.scene.parts):
         raise ServiceError("all parts of the scene are hidden: no tick would find any")
-    found = search(subject, seed, tell=tell)
-    cases = measure(subject, found, tick_count, seed, tell)
-    tell(f"running the loop for {seconds:g} s", 0.0)
+    found = search(subject, seed, progress=progress)
+    cases = measure(subject, found, tick_count, seed, progress)
+    progress(f"running the loop for {seconds:g} s", 0.0)
     loop = run_loop(subject, found, seconds, seed)
     return Certificate(subject, seed, tick_count, seconds, found, cases, loop)
 
@@ -207,6 +207,6 @@ def judge(loads: tuple[Load, ...], period: float) -> Verdict:
         fits,
         worst,
         f"the scene {'fits' if fits else 'does not fit'} {shown_period(period)}: "
-        f"{WORDS[worst.measure]} of computing is {microseconds(worst.tail_ns)} µs ({worst.name}), "
+        f"{MEASURE_NAMES[worst.measure]} of computing is {microseconds(worst.tail_ns)} µs ({worst.name}), "
         f"{three(1e-7 * worst.tail_ns / period)} % of it; {over} of {total} ticks took longer",
     )

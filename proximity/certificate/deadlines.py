@@ -1,4 +1,4 @@
-"""Times against sample periods: shares, deadlines missed, and how sure so many ticks make of it.
+"""Tick times against sample periods: percentiles, missed deadlines, and their confidence.
 
 A percentile is reported where the ticks support it: beyond it must lie at least one of them.
 """
@@ -42,14 +42,14 @@ PERIODS = (
 
 @dataclass(frozen=True, slots=True)
 class Misses:
-    """How many of some ticks took longer than a period."""
+    """Number of ticks that took longer than a period."""
 
     count: int
     tick_count: int
 
     @property
     def per_million(self) -> float:
-        """Of those seen."""
+        """Misses per million of the ticks measured."""
         return MILLION * self.count / self.tick_count
 
     @property
@@ -159,4 +159,4 @@ def check_tick_count(tick_count: int) -> None:
         If p99.9 would be a guess.
     """
     if tick_count < FEWEST_TICKS:
-        raise ServiceError(f"{tick_count} ticks tell no p99.9, expected {FEWEST_TICKS} or more")
+        raise ServiceError(f"{tick_count} ticks are too few for p99.9, expected {FEWEST_TICKS} or more")

@@ -1,4 +1,4 @@
-"""What scene was measured: a hash of all that a tick's answer and cost depend on.
+"""Fingerprint of a scene: a hash of everything that a tick's answer and cost depend on.
 
 Corners, faces, places and surfaces of the parts count. Names, files, and the order in which parts were loaded
 do not.

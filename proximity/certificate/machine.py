@@ -1,4 +1,4 @@
-"""On what something was measured: processor, system, versions. No name of a computer or of a person."""
+"""Description of the machine that measured: processor, system, versions. No names of computers or people."""
 
 import datetime
 import importlib.metadata

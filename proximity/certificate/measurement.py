@@ -1,4 +1,4 @@
-"""What ticks take: five fingers, one thread, in motions from a recorded hand to the worst places.
+"""Measurement of tick times in motions from a recorded hand to the worst positions.
 
 Each tick is timed on its own: by the processor's time of the thread, and by the clock on the wall, which
 others on the machine share in. Where processors are lent by a host, the first has some of that as well.
@@ -25,7 +25,7 @@ from proximity.service import MonotonicClock, RealTime, RecordingInput, Report, 
 from proximity.tracker.tracker import Tracker
 from proximity.transport import open_publisher
 
-CHUNK = 500  # ticks between two looks of who waits
+TICKS_PER_UPDATE = 500  # ticks between two looks of who waits
 REHEARSAL = 20  # ticks that are not counted
 REPEATS = 3
 """Runs of a motion: every tick is the same in each, and its shortest time is what its work takes when nobody
@@ -57,7 +57,7 @@ def measure(
     found: tuple[Found, ...],
     tick_count: int,
     seed: int,
-    tell: Callable[[str, float], None] = lambda _, __: None,
+    progress: Callable[[str, float], None] = lambda _, __: None,
 ) -> tuple[Case, ...]:
     """Return what ticks take in each motion.
 
@@ -66,39 +66,42 @@ def measure(
     subject : Subject
         What is ticked.
     found : tuple of Found
-        The worst places.
+        The worst positions.
     tick_count : int
         Of each motion.
     seed : int
         Decides all that is random.
-    tell : callable
+    progress : callable
         Called with what is done, and which share of all is.
     """
     rng, rate, fingers = np.random.default_rng([seed, 100]), 1.0 / subject.period, subject.fingers
-    worst = {each.goal: np.array([place.position for place in each.places]) for each in found}
+    worst = {each.goal: np.array([worst.position for worst in each.positions]) for each in found}
     cold, stays = (worst[Goal(manner, True)] for manner in (Manner.COLD, Manner.STAYS))
     hands = -(-fingers // motions.HAND)
     wandering = motions.wandering_hands(subject.scene, tick_count, hands, seed=seed, rate=rate)
-    ways: dict[str, np.ndarray] = {"random": np.ascontiguousarray(wandering[:, :fingers])}
+    motion_rows: dict[str, np.ndarray] = {"random": np.ascontiguousarray(wandering[:, :fingers])}
     if subject.recording is not None:
         if not subject.recording.is_present.any():
             raise RecordingError(f"{subject.recording.path}: no finger is seen at any tick, expected some")
-        ways = {"recording": motions.repeated(subject.recording.positions, tick_count), **ways}
-    ways["worst, at rest"] = motions.resting(stays, fingers, tick_count)
-    ways["worst, passing"] = worst_passing(subject, found, tick_count, rng)
+        motion_rows = {
+            "recording": motions.repeated(subject.recording.positions, tick_count),
+            **motion_rows,
+        }
+    motion_rows["worst, at rest"] = motions.resting(stays, fingers, tick_count)
+    motion_rows["worst, passing"] = worst_passing(subject, found, tick_count, rng)
     if subject.corners is not None:
-        ways[ON_PATHS] = ways["worst, passing"]
+        motion_rows[ON_PATHS] = motion_rows["worst, passing"]
     if subject.moves:
-        ways[MOVING] = ways["worst, passing"]
-    ways["worst, anew"] = motions.resting(cold, fingers, tick_count)
+        motion_rows[MOVING] = motion_rows["worst, passing"]
+    motion_rows["worst, anew"] = motions.resting(cold, fingers, tick_count)
     exact = worst[Goal(Manner.COLD, False)]
     costliest = next(each for each in found if each.goal == Goal(Manner.COLD, False)).worst.work
     exact_count = int(np.clip(EXACT_STEPS // max(1, fingers * costliest), FEWEST_EXACT, tick_count))
-    ways["worst, exact"] = motions.resting(exact, fingers, exact_count)
-    total, done, cases = sum(map(len, ways.values())), 0, []
-    for name, positions in ways.items():
+    motion_rows["worst, exact"] = motions.resting(exact, fingers, exact_count)
+    total, done, cases = sum(map(len, motion_rows.values())), 0, []
+    for name, positions in motion_rows.items():
         ticked = with_own_scene(subject) if name == MOVING else subject
-        cases.append(_case(ticked, name, positions, partial(_progress_of, tell, name, done, total), seed))
+        cases.append(_case(ticked, name, positions, partial(_progress_of, progress, name, done, total), seed))
         done += len(positions)
     return tuple(cases)
 
@@ -106,29 +109,33 @@ def measure(
 def worst_passing(
     subject: Subject, found: tuple[Found, ...], tick_count: int, rng: np.random.Generator
 ) -> np.ndarray:
-    """Return fingers that pass through the worst places of moving fingers, (T, N, 3).
+    """Return fingers that pass through the worst positions of moving fingers, (T, N, 3).
 
     Parameters
     ----------
     subject : Subject
         How many fingers there are, and how often they are ticked.
     found : tuple of Found
-        The worst places.
+        The worst positions.
     tick_count : int
         How many ticks.
     rng : Generator
-        Decides along which ways.
+        Decides the directions.
     """
     (moves,) = (each for each in found if each.goal == Goal(Manner.MOVES, True))
-    places = np.array([place.position for place in moves.places])
-    return motions.passing(places, subject.fingers, tick_count, rng, rate=1.0 / subject.period)
+    positions = np.array([worst.position for worst in moves.positions])
+    return motions.passing(positions, subject.fingers, tick_count, rng, rate=1.0 / subject.period)
 
 
-def _progress_of(tell: Callable[[str, float], None], name: str, before: int, total: int, done: int) -> None:
-    tell(f"timing: {name}", (before + done) / total)
+def _progress_of(
+    progress: Callable[[str, float], None], name: str, before: int, total: int, done: int
+) -> None:
+    progress(f"timing: {name}", (before + done) / total)
 
 
-def _case(subject: Subject, name: str, positions: np.ndarray, tell: Callable[[int], None], seed: int) -> Case:
+def _case(
+    subject: Subject, name: str, positions: np.ndarray, progress: Callable[[int], None], seed: int
+) -> Case:
     is_exact, forgets = name == "worst, exact", name in ("worst, exact", "worst, anew")
     settings = {"budget": UNLIMITED} if is_exact else {}
     repeats = 1 if is_exact else REPEATS
@@ -138,7 +145,7 @@ def _case(subject: Subject, name: str, positions: np.ndarray, tell: Callable[[in
         tracker = subject.tracker(fingers=positions.shape[1], **settings)
         before = partial(_forget, tracker) if forgets else None
         begun = repeat * len(positions)
-        reported = partial(_report_share, tell, begun, repeats)
+        reported = partial(_report_share, progress, begun, repeats)
         logs.append(_run(subject, tracker, positions, before, reported, paths, parts))
     # A tick without a finger costs nothing, and would make the others look better.
     counted = ~np.isnan(positions).any(axis=2).all(axis=1)
@@ -158,7 +165,7 @@ def _case(subject: Subject, name: str, positions: np.ndarray, tell: Callable[[in
 def _reported(
     subject: Subject, name: str, fingers: int, seed: int
 ) -> tuple[Paths | None, SwayingParts | None]:
-    """What ticks of a motion are given besides poses: paths wherever they may come, if parts move as well."""
+    """Inputs of a motion's ticks besides poses: paths wherever they may come, if parts move as well."""
     paths = parts = None
     if subject.corners is not None and name in (ON_PATHS, MOVING):
         paths = Paths(subject.corners, fingers, np.random.default_rng([seed, 101]))
@@ -172,7 +179,7 @@ def _run(
     tracker: Tracker,
     positions: np.ndarray,
     before: Callable[[int], object] | None,
-    tell: Callable[[int], None],
+    progress: Callable[[int], None],
     paths: Paths | None,
     parts: SwayingParts | None,
 ) -> TickLog:
@@ -182,20 +189,20 @@ def _run(
     if paths is not None:
         reported |= {"paths_at": paths.at, "bends": paths.bends}
     if parts is not None:
-        reported |= {"before": parts.tell, "move": parts.move}
+        reported |= {"before": parts.report_due, "move": parts.move}
     rehearsal = positions[: min(REHEARSAL, len(positions) // 10)]
-    tell(0)
+    progress(0)
     with without_collector():
         tick_all(tracker, rehearsal, TickLog(), first=-REHEARSAL, **reported)
-        for first in range(0, len(positions), CHUNK):
-            chunk = positions[first : first + CHUNK]
+        for first in range(0, len(positions), TICKS_PER_UPDATE):
+            chunk = positions[first : first + TICKS_PER_UPDATE]
             tick_all(tracker, chunk, log, first=first, **reported)
-            tell(first + len(chunk))
+            progress(first + len(chunk))
     return log
 
 
-def _report_share(tell: Callable[[int], None], before: int, repeats: int, done: int) -> None:
-    tell((before + done) // repeats)
+def _report_share(progress: Callable[[int], None], before: int, repeats: int, done: int) -> None:
+    progress((before + done) // repeats)
 
 
 def _forget(tracker: Tracker, _: int) -> None:
@@ -211,7 +218,7 @@ class ProcessorClock(MonotonicClock):
 
 
 def run_loop(subject: Subject, found: tuple[Found, ...], seconds: float, seed: int) -> Report:
-    """Return what the service's own loop did with fingers that pass through the worst places.
+    """Return what the service's own loop did with fingers that pass through the worst positions.
 
     Where the subject may be given paths, or moves of parts, it is.
 
@@ -220,16 +227,16 @@ def run_loop(subject: Subject, found: tuple[Found, ...], seconds: float, seed: i
     subject : Subject
         What is served, how often, and whether the system is asked for priority.
     found : tuple of Found
-        The worst places.
+        The worst positions.
     seconds : float, s
         How long.
     seed : int
-        Decides the ways.
+        Decides the directions.
     """
     ticks, period_ns = max(1, round(seconds / subject.period)), round(1e9 * subject.period)
     positions = worst_passing(subject, found, ticks + 1, np.random.default_rng([seed, 100]))
     times_ns = np.arange(len(positions), dtype=np.int64) * period_ns
-    hand = Recording(times_ns, positions, _fingers(subject.fingers), "worst places")
+    hand = Recording(times_ns, positions, _fingers(subject.fingers), "worst positions")
     answers, pose_input = fed_service_input(
         with_own_scene(subject), RecordingInput(hand, repeat=True), np.random.default_rng([seed, 101])
     )

@@ -1,4 +1,4 @@
-"""Motions that ticks are timed in: metres, one row a tick; seeds are fixed."""
+"""Motions for timing ticks: metres, one row a tick; seeds are fixed."""
 
 import numpy as np
 
@@ -7,8 +7,8 @@ from proximity.scene.scene import Scene
 HAND = 5  # fingers
 SPREAD = 0.05  # m, of the fingers of a hand
 PAUSE_TICKS = 10  # between two rounds of a motion
-PASSING_SPEED, PASSING_WAY = 0.2, 0.005
-"""m/s at most, and m to either side, of fingers that go to and fro through a place."""
+PASSING_SPEED, PASSING_DISTANCE = 0.2, 0.005
+"""m/s at most, and m to either side, of fingers that go to and fro through a position."""
 
 
 def wandering_hands(
@@ -25,7 +25,7 @@ def wandering_hands(
     count : int
         Of hands.
     seed : int
-        Decides their ways.
+        Decides their paths.
     rate : float, Hz
         Of the ticks.
     """
@@ -42,41 +42,41 @@ def wandering_hands(
     return np.ascontiguousarray(np.stack(found, axis=1))
 
 
-def resting(places: np.ndarray, fingers: int, ticks: int) -> np.ndarray:
-    """Return fingers that stay at places, (T, N, 3).
+def resting(positions: np.ndarray, fingers: int, ticks: int) -> np.ndarray:
+    """Return fingers that stay at positions, (T, N, 3).
 
     Parameters
     ----------
-    places : (K, 3) float64, m
+    positions : (K, 3) float64, m
         Given to the fingers in turn.
     fingers : int
         How many.
     ticks : int
         How many.
     """
-    own = places[np.arange(fingers) % len(places)]
+    own = positions[np.arange(fingers) % len(positions)]
     return np.ascontiguousarray(np.broadcast_to(own, (ticks, fingers, 3)))
 
 
 def passing(
-    places: np.ndarray, fingers: int, ticks: int, rng: np.random.Generator, *, rate: float = 1000.0
+    positions: np.ndarray, fingers: int, ticks: int, rng: np.random.Generator, *, rate: float = 1000.0
 ) -> np.ndarray:
-    """Return fingers that go to and fro through places, each along a way of its own, (T, N, 3).
+    """Return fingers that go to and fro through positions, each in a direction of its own, (T, N, 3).
 
     Parameters
     ----------
     places, fingers, ticks
         As of `resting`.
     rng : Generator
-        Decides the ways.
+        Decides the directions.
     rate : float, Hz
         Of the ticks.
     """
-    ways = rng.normal(size=(fingers, 3))
-    ways *= PASSING_WAY / np.linalg.norm(ways, axis=1, keepdims=True)
-    beat, phases = PASSING_SPEED / PASSING_WAY, rng.uniform(0.0, 2.0 * np.pi, fingers)
+    directions = rng.normal(size=(fingers, 3))
+    directions *= PASSING_DISTANCE / np.linalg.norm(directions, axis=1, keepdims=True)
+    beat, phases = PASSING_SPEED / PASSING_DISTANCE, rng.uniform(0.0, 2.0 * np.pi, fingers)
     swing = np.sin(beat * np.arange(ticks)[:, None] / rate + phases)
-    return np.ascontiguousarray(resting(places, fingers, ticks) + swing[:, :, None] * ways)
+    return np.ascontiguousarray(resting(positions, fingers, ticks) + swing[:, :, None] * directions)
 
 
 def repeated(positions: np.ndarray, ticks: int) -> np.ndarray:

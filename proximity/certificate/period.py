@@ -1,4 +1,4 @@
-"""A period as people write it, and whether a scene fits it.
+"""A period as text (1ms, 200us, 1kHz), and in seconds.
 
 A scene fits a period if the computing of 99.9 % of the ticks in every motion takes no longer: the processor's
 time for the thread, of each tick the shortest of three runs that are the same. So does a half of the ticks of
@@ -11,11 +11,10 @@ import math
 import re
 
 from proximity.errors import ServiceError
+from proximity.service.loop import LONGEST_PERIOD, SHORTEST_PERIOD
 
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6}
 RATES = {"hz": 1.0, "khz": 1e3}
-SHORTEST, LONGEST = 1e-5, 10.0
-"""s; as a service's."""
 WRITTEN = re.compile(r"\s*([0-9.eE+-]+)\s*([a-zA-Zµμ]+)\s*")
 
 
@@ -32,7 +31,8 @@ def parse_period(text: str) -> float:
     ServiceError
         If it is none.
     """
-    expected = f"expected a time or a rate such as 1ms, 200us or 1kHz, {SHORTEST * 1e6:g}us to {LONGEST:g}s"
+    limits = f"{SHORTEST_PERIOD * 1e6:g}us to {LONGEST_PERIOD:g}s"
+    expected = f"expected a time or a rate such as 1ms, 200us or 1kHz, {limits}"
     found = WRITTEN.fullmatch(text)
     try:
         number = math.nan if found is None else float(found[1])
@@ -46,7 +46,7 @@ def parse_period(text: str) -> float:
     else:
         seconds = math.nan
     # Room for what a period loses on its way through a rate.
-    if not SHORTEST * (1.0 - 1e-9) <= seconds <= LONGEST * (1.0 + 1e-9):
+    if not SHORTEST_PERIOD * (1.0 - 1e-9) <= seconds <= LONGEST_PERIOD * (1.0 + 1e-9):
         raise ServiceError(f"{text!r} is no period, {expected}")
     return seconds
 

@@ -1,4 +1,4 @@
-"""What a service may be given besides poses: where fingers go as they bend, and how parts move.
+"""Inputs of a service besides poses: paths of fingers, and motions of parts.
 
 Both make a tick dearer. A scene file says whether they may come; then there are motions with them as well: a
 path through each fingertip wherever it is, and all parts swaying a little, so that fingers stay at the worst
@@ -14,7 +14,7 @@ import numpy as np
 from proximity.certificate.subject import Subject
 from proximity.message import MAX_RECORDS, MOVES, Message
 from proximity.scene.scene import Scene
-from proximity.service import Hands, MovesInput, RecordingInput, TrackerAnswers
+from proximity.service import FingerPoses, MovesInput, RecordingInput, TrackerAnswers
 from proximity.service.inputs.gloves import points_on
 from proximity.service.inputs.part_prediction import Carried, ReportedMotion
 from proximity.service.presence import Presence
@@ -25,7 +25,7 @@ MOVES_PERIOD_NS = 16_666_667
 SWAY, BEAT, TURN_RATE = 0.001, 10.0, 0.01
 """m, rad/s and rad/s: how far parts sway, how fast, and how fast they turn meanwhile."""
 MOST_BENT = 0.5
-"""Of fingers at the worst places: most of their paths lies before them, and is looked along."""
+"""Of fingers at the worst positions: most of their paths lies before them, and is looked along."""
 NAME_SIZE = MOVES.record["name"].itemsize
 MOVES_ADDRESS = "mailbox:proximity-certificate/moves"
 
@@ -76,7 +76,7 @@ class SwayingParts:
         self._carried: Carried | None = None
         self._shown = -1
 
-    def tell(self, tick: int) -> None:
+    def report_due(self, tick: int) -> None:
         """Have moves reported where they are due; not what a tick takes."""
         number = tick * self._period_ns // MOVES_PERIOD_NS
         if number != self._shown or self._carried is None:
@@ -86,9 +86,9 @@ class SwayingParts:
     def move(self, tick: int) -> None:
         """Put the parts where they are at a tick."""
         assert self._carried is not None
-        places = self._carried.at(tick * self._period_ns)
-        assert places is not None
-        self._scene.move_many(self._carried.names, *places)
+        positions = self._carried.at(tick * self._period_ns)
+        assert positions is not None
+        self._scene.move_many(self._carried.names, *positions)
 
     def moves(self, now_ns: int) -> dict[str, ReportedMotion]:
         """Return where the parts are at an instant, and how fast they go."""
@@ -126,10 +126,10 @@ class FedInput:
 
     @property
     def notes(self) -> list[str]:
-        """Of the recording."""
+        """Notes on the recording."""
         return self._hand.notes
 
-    def poll(self, now_ns: int) -> Hands | None:
+    def poll(self, now_ns: int) -> FingerPoses | None:
         """Return the newest poses; None where there are no others than at the poll before.
 
         Parameters
@@ -140,10 +140,10 @@ class FedInput:
         if self._parts is not None and now_ns - self._sent_ns >= MOVES_PERIOD_NS:
             self._sent_ns = now_ns
             self._send(self._parts.moves(now_ns), now_ns)
-        hands = self._hand.poll(now_ns)
-        if hands is not None and self._paths is not None:
-            hands.paths, hands.bends = self._paths.at(hands.positions), self._paths.bends.copy()
-        return hands
+        poses = self._hand.poll(now_ns)
+        if poses is not None and self._paths is not None:
+            poses.paths, poses.bends = self._paths.at(poses.positions), self._paths.bends.copy()
+        return poses
 
     def close(self) -> None:
         """Close the recording and the address of moves."""

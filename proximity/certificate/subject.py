@@ -1,4 +1,4 @@
-"""What is certified: a scene, how it is ticked, and the hand that was recorded for it.
+"""The subject of a certificate: a scene, the settings of its ticks, and the recorded hand.
 
 It comes from a scene file of the service, whose settings hold, or from a file of parts, with the tracker's.
 """
@@ -32,7 +32,7 @@ from proximity.tracker.tracker import DEFAULT_BUDGET, Tracker
 
 RADIUS, WORKING_RANGE = 0.007, 0.12
 """m; as the tracker's own."""
-FINGERS = 5
+FINGER_COUNT = 5
 SCENE_SUFFIX = ".toml"
 
 
@@ -41,7 +41,7 @@ class Subject:
     """A scene that is ticked so."""
 
     scene: Scene
-    fingers: int = FINGERS
+    fingers: int = FINGER_COUNT
     period: float = 0.001  # s
     latency: float = 0.001  # s, from a tick until the controller acts
     settings: dict[str, Any] = field(default_factory=dict)  # of a `Tracker`, where they are not its own
@@ -65,7 +65,7 @@ class Subject:
 
     @property
     def face_count(self) -> int:
-        """Of all parts."""
+        """Number of faces of all parts."""
         return sum(part.solid.mesh.face_count for part in self.scene.parts)
 
     def tracker(self, fingers: int | None = None, **settings: Any) -> Tracker:
@@ -149,13 +149,13 @@ def _fitted(subject: Subject, hand: Recording) -> Recording:
     return hand.placed(pose).resampled(subject.period)
 
 
-def _of_scene_file(settings: SceneFile, given: Recording | None, period: float | None) -> Subject:
+def _of_scene_file(settings: SceneFile, recording: Recording | None, period: float | None) -> Subject:
     if not settings.parts:
         raise ServiceError(
             f"{settings.path}: a scene without parts has no geometry whose latency could be certified"
         )
     scene = PartFiles().scene(settings)
-    own = read_input(settings) if given is None else None
+    own = read_input(settings) if recording is None else None
     service, count = settings.service, finger_count(settings, own)
     make_tracker(settings, scene, count)  # refuses, with the line, what no tracker takes
     reported = {

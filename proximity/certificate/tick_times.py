@@ -1,4 +1,4 @@
-"""Times of single ticks, wall and thread apart, and what the ticks said of their work.
+"""Times of single ticks, wall and thread apart, and the work that they report.
 
 Nothing is subtracted: what the clocks themselves cost is measured and reported (`clock_cost`). Thread time is
 what the processor spent on this thread: others on a shared machine do not count, but what they left in its
@@ -15,10 +15,10 @@ import numpy as np
 
 from proximity.message import ContactFlag
 from proximity.system.garbage_collector import collector_paused
+from proximity.system.time_units import NS_PER_US
 from proximity.tracker.tracker import Tracker
 
 PERCENTILES = (50.0, 90.0, 99.0, 99.9, 100.0)
-NS_PER_US = 1e3
 LOGGED_FINGERS = 50  # with more, what ticks say is looked at less often
 CLOCK_CALLS = 20_000
 
@@ -47,7 +47,7 @@ def figures_of(nanoseconds: np.ndarray) -> Figures:
 
 @dataclass(slots=True, eq=False)
 class TickLog:
-    """What ticks took and said."""
+    """Times and work of ticks."""
 
     thread_ns: list[int] = field(default_factory=list)
     wall_ns: list[int] = field(default_factory=list)
@@ -119,7 +119,7 @@ def tick_all(
     before : callable
         Of the number of a tick; called before it, and not timed.
     paths_at : callable
-        Gives the paths of fingers at places, not timed; with *bends* (N,), and without *velocities*.
+        Gives the paths of fingers at positions, not timed; with *bends* (N,), and without *velocities*.
     bends : (N,) float64
         Where on their paths they are.
     move : callable

@@ -1,4 +1,4 @@
-"""Numbers of a certificate as people read them, with no more digits than so many ticks support."""
+"""Numbers of a certificate as text, with no more digits than the number of ticks supports."""
 
 import math
 from typing import Any
@@ -101,12 +101,12 @@ def fed(settings: dict[str, Any]) -> str:
     settings : dict
         See `document`.
     """
-    corners, ways = settings["path_corners"], []
+    corners, additions = settings["path_corners"], []
     if corners is not None:
-        ways.append(f"on paths of {corners} corners")
+        additions.append(f"on paths of {corners} corners")
     if settings["parts_move"]:
-        ways.append("with all parts moving")
-    return f"; passing also {', and '.join(ways)}" if ways else ""
+        additions.append("with all parts moving")
+    return f"; passing also {', and '.join(additions)}" if additions else ""
 
 
 def counted(count: int, what: str) -> str:

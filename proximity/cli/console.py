@@ -1,4 +1,4 @@
-"""Where people read: Rich's console, blocks of labelled lines, and tables."""
+"""Output for people: Rich's console, blocks of labelled lines, and tables."""
 
 from collections.abc import Callable, Iterable, Sequence
 

@@ -1,4 +1,4 @@
-"""The loop of ``proximity drum``, beside what shows it, and what is reported of its drums.
+"""The loop of ``proximity drum``, the rows that it shows, and the summary of its drums.
 
 To draw a table takes longer than a drum's watchdog waits: so the drums have a thread of their own.
 """
@@ -13,12 +13,12 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
+from proximity.cli.lengths import MM_PER_M
+from proximity.cli.views.watch_view import LINE_FINGERS
 from proximity.decaff.controller.controller_states import DrumState
 from proximity.decaff.simulated_drums.service_drums import DrumBench, FingerBench
 from proximity.transport import Counts, Reading, Subscriber
 
-LINE_FINGERS = 8
-MM = 1e3  # in a metre
 COLUMNS = ("finger", "drum", "drum mm", "angle °", "finger mm", "force N", "torque mNm", "touches", "faults")
 STYLES = {
     DrumState.RETRACTED: "green",
@@ -160,11 +160,11 @@ def table(reading: Reading, bench: DrumBench, row_count: int) -> Table:
         shown.add_row(
             str(i),
             Text(state_of(finger).value, style_of(finger)),
-            f"{MM * plant.place:.1f}",
+            f"{MM_PER_M * plant.position:.1f}",
             f"{math.degrees(plant.angle):.1f}",
-            f"{MM * finger.path.place(finger.bend):.1f}",
+            f"{MM_PER_M * finger.path.position(finger.bend):.1f}",
             f"{plant.force:.2f}",
-            f"{MM * plant.torque:.1f}",
+            f"{MM_PER_M * plant.torque:.1f}",
             str(finger.touches),
             str(finger.faults),
         )
@@ -181,7 +181,9 @@ def short_words(finger: FingerBench) -> Text:
     """
     state, words = state_of(finger), [state_of(finger).value]
     if state is DrumState.APPROACH:
-        words.append(f"{MM * max(0.0, finger.plant.place - finger.path.place(finger.bend)):.1f} mm")
+        words.append(
+            f"{MM_PER_M * max(0.0, finger.plant.position - finger.path.position(finger.bend)):.1f} mm"
+        )
     elif finger.plant.force > 0.0:
         words.append(f"{finger.plant.force:.2f} N")
     return Text(", ".join(words), style_of(finger))
@@ -205,9 +207,9 @@ def summary(bench: DrumBench, address: str, counts: Counts, seconds: float) -> d
         {
             "finger": i,
             "state": state_of(finger).value,
-            "drum_mm": round(MM * finger.plant.place, 3),
+            "drum_mm": round(MM_PER_M * finger.plant.position, 3),
             "drum_rad": round(finger.plant.angle, 5),
-            "finger_mm": round(MM * finger.path.place(finger.bend), 3),
+            "finger_mm": round(MM_PER_M * finger.path.position(finger.bend), 3),
             "has_bend": finger.has_bend,
             "touches": finger.touches,
             "peak_force_n": round(finger.peak_force, 4),
@@ -243,9 +245,11 @@ def _words(finger: FingerBench) -> list[str]:
     plant = finger.plant
     reported = [
         state_of(finger).value,
-        f"drum at {MM * plant.place:.1f} mm ({math.degrees(plant.angle):.1f}°)",
-        f"finger at {MM * finger.path.place(finger.bend):.1f} mm",
+        f"drum at {MM_PER_M * plant.position:.1f} mm ({math.degrees(plant.angle):.1f}°)",
+        f"finger at {MM_PER_M * finger.path.position(finger.bend):.1f} mm",
     ]
     return (
-        [*reported, f"{plant.force:.2f} N by {MM * plant.torque:.1f} mNm"] if plant.force > 0.0 else reported
+        [*reported, f"{plant.force:.2f} N by {MM_PER_M * plant.torque:.1f} mNm"]
+        if plant.force > 0.0
+        else reported
     )

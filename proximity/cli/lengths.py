@@ -1,7 +1,8 @@
-"""Metres in people's units, with the digits that people's numbers have."""
+"""Conversion of metres to the user's unit, with a sensible number of digits."""
 
 import numpy as np
 
+MM_PER_M = 1e3
 DIGITS = 15
 """Significant decimal digits that every float64 keeps; the two behind them are rounding of the conversion."""
 EXACT_POWERS = np.array([10.0**exponent for exponent in range(23)])

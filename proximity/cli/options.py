@@ -29,7 +29,7 @@ UNITS = Annotated[
         "--units",
         metavar="UNIT",
         autocompletion=_complete_units,
-        help="Of coordinates and of answers, and of a file that declares none: m, cm, mm, um, in, ft ...",
+        help="Unit of coordinates and answers, and of a file without units: m, cm, mm, um, in, ft ...",
     ),
 ]
 
@@ -38,28 +38,27 @@ STEP_TOLERANCE = Annotated[
     typer.Option(
         "--step-tolerance",
         metavar="MM",
-        help="How far triangles may leave the curved faces of a STEP file; distances are exact to these.",
+        help="Largest deviation of triangles from the curved faces of a STEP file.",
     ),
 ]
 STEP_TOLERANCE_MM = 0.01
 
 UNPACKED_LIMIT = Annotated[
     float,
-    typer.Option(
-        "--unpacked-limit", metavar="GB", help="What a 3MF file, which is an archive, may unpack to."
-    ),
+    typer.Option("--unpacked-limit", metavar="GB", help="Largest unpacked size of a 3MF file."),
 ]
 UNPACKED_LIMIT_GB = 2.0
 
 ADDRESS = Annotated[
     str,
     typer.Argument(
-        metavar="ADDRESS", help="iox2://NAME on this machine, udp://HOST:PORT to listen at, zenoh://KEY."
+        metavar="ADDRESS", help="iox2://NAME on this machine, udp://HOST:PORT to listen on, or zenoh://KEY."
     ),
 ]
 
 LIMIT = Annotated[
-    float | None, typer.Option("--limit", metavar="SECONDS", help="End after that; else when asked to.")
+    float | None,
+    typer.Option("--limit", metavar="SECONDS", help="Stop after this time; without it, when asked to."),
 ]
 
 
@@ -137,12 +136,12 @@ def with_option_groups(command: Callable[..., None]) -> Callable[..., None]:
                 )
             )
 
-    def run(**given: Any) -> None:
+    def run(**values: Any) -> None:
         made = {
-            name: group(**{field.name: given.pop(field.name) for field in fields(group)})
+            name: group(**{field.name: values.pop(field.name) for field in fields(group)})
             for name, group in groups.items()
         }
-        command(**made, **given)
+        command(**made, **values)
 
     run.__doc__ = command.__doc__
     run.__annotations__ = {name: hint for name, hint in hints.items() if name not in groups}

@@ -1,4 +1,4 @@
-"""What every command shares: negative numbers among the arguments, and how a command ends.
+"""Shared behaviour of all commands: negative numbers among the arguments, errors and exit codes.
 
 Library errors become one line on stderr and exit code 2, and so does output that cannot be written. Whatever
 else is raised is our bug and keeps its traceback.
@@ -16,6 +16,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from proximity.errors import ProximityError
 
+EXIT_NOTHING = 1  # no frame came
 EXIT_UNUSABLE = 2  # as for a usage error
 EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells count
 EXIT_BROKEN_PIPE = 141  # 128 + SIGPIPE: the reader, say `head`, went first

@@ -1,4 +1,4 @@
-"""Queries of the command line: points in chunks, as they come, and the answers in people's units.
+"""Queries of the command line: points are read in chunks, and answers converted to the user's unit.
 
 An answer is a mapping from a field's name to a list with one entry a query: a number, three numbers, a word,
 or None where there is nothing. Fields are named as in the library's results; ``face`` is the row of the
@@ -71,7 +71,7 @@ class FarPoints:
 
 @dataclass(frozen=True, slots=True)
 class Questions:
-    """What is asked, and how."""
+    """The kind of query, and its options."""
 
     mode: str  # "closest", "ray" or "segment"
     points: Iterable[Points]  # in the unit; chunks of an even number of points, but for the last

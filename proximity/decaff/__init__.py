@@ -1,4 +1,4 @@
-"""The DECAFF glove and its paper: models, limits, device, controller.
+"""The device of the DECAFF paper: glove, drum, and the controller of the drum.
 
 SI units and radians throughout. Compression into a wall is positive, and so is the force on the finger,
 directed out of the wall; a contact never pulls. Values that the paper does not give are marked (A),

@@ -1,4 +1,4 @@
-"""Numbers that models are made of: the functions of `checks`, which here raise a `DecaffError`."""
+"""Checks of the numbers that models are made of: those of `checks`, which raise a `DecaffError` here."""
 
 from functools import partial
 

@@ -1,4 +1,4 @@
-"""Files to geometries: the only place that knows formats, units and scene graphs.
+"""Readers of mesh files: the only package that knows formats, units and scene graphs.
 
 `read_geometries` gives every mesh of a file as it stands there: nothing is merged, dropped or repaired,
 only scaled to metres and cut into triangles. A file of which only a part can be read is refused: what a
@@ -10,8 +10,8 @@ is read here too, STEP by cascadio (OpenCASCADE), behind checks of its own.
 """
 
 from proximity.formats.contents import FileContents, Geometry
+from proximity.formats.file_reader import read_geometries
 from proximity.formats.format_detection import EXTENSIONS
-from proximity.formats.reader import read_geometries
 from proximity.formats.size_check import likely_unit, size_notes
 from proximity.formats.step.step import STEP_TOLERANCE
 from proximity.formats.threemf.threemf import UNPACKED_LIMIT

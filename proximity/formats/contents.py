@@ -1,4 +1,4 @@
-"""What a file holds: as its reader found it, and as the rest of the package takes it."""
+"""The contents of a file: as its reader found them, and as the rest of the package takes them."""
 
 from dataclasses import dataclass, field
 
@@ -53,7 +53,7 @@ class RawMesh:
 
 @dataclass(slots=True, eq=False)
 class RawFile:
-    """What a reader found, before units, poses and names."""
+    """Contents that a reader found, before units, poses and names."""
 
     format: str
     meshes: list[RawMesh]

@@ -1,4 +1,4 @@
-"""What a file looks like, whatever its name says."""
+"""Detection of a file's format by its contents, whatever its name."""
 
 import re
 

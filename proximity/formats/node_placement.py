@@ -1,4 +1,4 @@
-"""Scene-graph matrices to rigid poses; what is not rigid goes into the vertices."""
+"""Split of scene-graph matrices into rigid poses and a remainder that goes into the vertices."""
 
 from dataclasses import dataclass
 

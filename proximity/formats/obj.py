@@ -1,4 +1,4 @@
-"""Wavefront OBJ: lines of vertices, polygons that refer to them, names of objects; no units.
+"""Wavefront OBJ: vertices, polygons that refer to them, names of objects; no units.
 
 Objects (lines ``o``) become geometries of their own; groups and materials do not, as they colour pieces of
 one body. OBJ has no counts: a file that was cut exactly between two lines cannot be distinguished from a
@@ -114,13 +114,13 @@ def read_obj(source: Source) -> RawFile:
 
 
 def _read_vertices(lines: _Lines) -> np.ndarray:
-    def place(row: int) -> str:
+    def locate(row: int) -> str:
         return f"line {lines.vertex_lines[row]} (vertex {row + 1})"
 
     vertices = np.empty((len(lines.vertices), 3))
-    for row_ids, table in text_rows.read_rows(_without_comments(lines.vertices), place):
+    for row_ids, table in text_rows.read_rows(_without_comments(lines.vertices), locate):
         if table.shape[1] not in (3, 4, 6, 7):  # position, weight, colour
-            raise MeshFormatError(f"{place(row_ids[0])} has {table.shape[1]} numbers, expected 3")
+            raise MeshFormatError(f"{locate(row_ids[0])} has {table.shape[1]} numbers, expected 3")
         vertices[row_ids] = table[:, :3]
     return vertices
 
@@ -130,7 +130,7 @@ def _without_comments(rows: list[str]) -> list[str]:
 
 
 def _read_faces(lines: _Lines, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    def place(row: int) -> str:
+    def locate(row: int) -> str:
         return f"line {lines.face_lines[row]} (face {row})"
 
     rows = _without_comments(lines.faces)
@@ -139,24 +139,24 @@ def _read_faces(lines: _Lines, vertices: np.ndarray) -> tuple[np.ndarray, np.nda
         dynamic = _STRAY_SLASH.search(text)
         if dynamic is not None:
             row = text.count("\n", 0, dynamic.end()) - 1
-            raise MeshFormatError(f"{place(row)} has a / that follows no vertex")
+            raise MeshFormatError(f"{locate(row)} has a / that follows no vertex")
         rows = re.sub(r"/[^\s]*", "", text).split("\n")[1:]
     before = np.array(lines.vertices_before, dtype=np.int64)
     pieces = []
-    for row_ids, table in text_rows.read_rows(rows, place):
+    for row_ids, table in text_rows.read_rows(rows, locate):
         if (table == 0.0).any():
             row = row_ids[np.flatnonzero((table == 0.0).any(axis=1))[0]]
-            raise MeshFormatError(f"{place(row)} refers to vertex 0, but OBJ counts from 1")
+            raise MeshFormatError(f"{locate(row)} refers to vertex 0, but OBJ counts from 1")
         corners = np.where(table > 0.0, table - 1.0, table + before[row_ids, None])
         too_far = (table < 0.0) & (corners < 0.0)
         if too_far.any():
             row, column = np.argwhere(too_far)[0]
             raise MeshFormatError(
-                f"{place(row_ids[row])} refers to vertex {table[row, column]:g}, counted back, but "
+                f"{locate(row_ids[row])} refers to vertex {table[row, column]:g}, counted back, but "
                 f"{before[row_ids[row]]} vertices stand before it"
             )
         pieces.append((row_ids, np.full(len(row_ids), table.shape[1]), corners))
-    return polygons.assemble(vertices, pieces, len(rows), place)
+    return polygons.assemble(vertices, pieces, len(rows), locate)
 
 
 def _split_objects(

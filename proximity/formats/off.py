@@ -63,37 +63,37 @@ def _counts(lines: list[tuple[int, str]]) -> tuple[int, int]:
 
 
 def _read_vertices(rows: list[str], line_ids: list[int]) -> np.ndarray:
-    def place(row: int) -> str:
+    def locate(row: int) -> str:
         return f"line {line_ids[row]} (vertex {row})"
 
-    groups = text_rows.read_rows(rows, place)
+    groups = text_rows.read_rows(rows, locate)
     for row_ids, table in groups:
         if table.shape[1] < 3:
-            raise MeshFormatError(f"{place(row_ids[0])} has {table.shape[1]} numbers, expected 3 or more")
+            raise MeshFormatError(f"{locate(row_ids[0])} has {table.shape[1]} numbers, expected 3 or more")
     if len(groups) > 1:
         # A polygon among the vertices, or a number torn in two.
         groups.sort(key=lambda group: len(group[0]))
         (odd_ids, odd), (_, usual) = groups[0], groups[-1]
         raise MeshFormatError(
-            f"{place(odd_ids[0])} has {odd.shape[1]} numbers, but other vertices have {usual.shape[1]}: "
+            f"{locate(odd_ids[0])} has {odd.shape[1]} numbers, but other vertices have {usual.shape[1]}: "
             "it is damaged, or its counts are wrong"
         )
     return np.ascontiguousarray(groups[0][1][:, :3]) if groups else np.empty((0, 3))
 
 
 def _read_faces(rows: list[str], line_ids: list[int], vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    def place(row: int) -> str:
+    def locate(row: int) -> str:
         return f"line {line_ids[row]} (face {row})"
 
     pieces = []
-    for row_ids, table in text_rows.read_rows(rows, place):
+    for row_ids, table in text_rows.read_rows(rows, locate):
         # A colour may follow the corners, so the width says only the most that a polygon can have.
-        counts = text_rows.as_integers(table[:, :1], text_rows.of_rows(place, row_ids))[:, 0]
+        counts = text_rows.as_integers(table[:, :1], text_rows.of_rows(locate, row_ids))[:, 0]
         wrong = np.flatnonzero((counts < 0) | (counts > table.shape[1] - 1))
         if len(wrong):
             raise MeshFormatError(
-                f"{place(row_ids[wrong[0]])} announces {counts[wrong[0]]} corners, but "
+                f"{locate(row_ids[wrong[0]])} announces {counts[wrong[0]]} corners, but "
                 f"{table.shape[1] - 1} numbers follow"
             )
         pieces.append((row_ids, counts, table[:, 1:]))
-    return polygons.assemble(vertices, pieces, len(rows), place)
+    return polygons.assemble(vertices, pieces, len(rows), locate)

@@ -23,7 +23,7 @@ Piece = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def assemble(
-    vertices: np.ndarray, pieces: list[Piece], polygon_count: int, place: Callable[[int], str]
+    vertices: np.ndarray, pieces: list[Piece], polygon_count: int, locate: Callable[[int], str]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Put polygons in order, check them, and cut them into triangles.
 
@@ -35,7 +35,7 @@ def assemble(
         Together every polygon once; what stands behind the corners in a row is passed over.
     polygon_count : int
         Polygons there are.
-    place : callable
+    locate : callable
         Polygon row -> where it is in the file.
 
     Returns
@@ -55,14 +55,14 @@ def assemble(
     for row_ids, counts, table in pieces:
         columns = np.arange(table.shape[1])
         is_corner = columns < counts[:, None]
-        values = text_rows.as_integers(np.where(is_corner, table, 0), text_rows.of_rows(place, row_ids))
+        values = text_rows.as_integers(np.where(is_corner, table, 0), text_rows.of_rows(locate, row_ids))
         corners[(first_corner[row_ids, None] + columns)[is_corner]] = values[is_corner]
-    check_polygons(corners, sizes, len(vertices), place)
+    check_polygons(corners, sizes, len(vertices), locate)
     return triangulate(vertices, corners, sizes)
 
 
 def check_polygons(
-    corners: np.ndarray, sizes: np.ndarray, vertex_count: int, place: Callable[[int], str]
+    corners: np.ndarray, sizes: np.ndarray, vertex_count: int, locate: Callable[[int], str]
 ) -> None:
     """Raise if a polygon has too few or too many corners, or refers to a vertex that is not there.
 
@@ -74,7 +74,7 @@ def check_polygons(
         Corners of each polygon.
     vertex_count : int
         Vertices there are.
-    place : callable
+    locate : callable
         Polygon row -> where it is in the file.
 
     Raises
@@ -84,11 +84,11 @@ def check_polygons(
     """
     small = np.flatnonzero(sizes < 3)
     if len(small):
-        raise MeshFormatError(f"{place(int(small[0]))} has {sizes[small[0]]} corners, expected at least 3")
+        raise MeshFormatError(f"{locate(int(small[0]))} has {sizes[small[0]]} corners, expected at least 3")
     large = np.flatnonzero(sizes > MOST_CORNERS)
     if len(large):
         raise MeshFormatError(
-            f"{place(int(large[0]))} has {sizes[large[0]]} corners, expected at most {MOST_CORNERS}"
+            f"{locate(int(large[0]))} has {sizes[large[0]]} corners, expected at most {MOST_CORNERS}"
         )
     if sizes[sizes > _LARGE].sum() > _MOST_IN_LARGE:
         raise MeshFormatError(
@@ -99,7 +99,7 @@ def check_polygons(
     if len(outside):
         polygon = int(np.searchsorted(np.cumsum(sizes), outside[0], side="right"))
         raise MeshFormatError(
-            f"{place(polygon)} refers to vertex {corners[outside[0]]} (counted from 0), "
+            f"{locate(polygon)} refers to vertex {corners[outside[0]]} (counted from 0), "
             f"but there are {vertex_count} vertices"
         )
 

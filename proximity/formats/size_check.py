@@ -1,4 +1,4 @@
-"""Sizes that no part is likely to have, and the unit that a file with such parts is likely in.
+"""Check for implausible sizes, with the unit that such a file is probably in.
 
 A file that declares no unit is read in the one that the caller names. An inch file read as millimetres is
 the commonest mistake: parts are then 25.4 times too small, which nothing but their size can show.
@@ -17,7 +17,7 @@ SMALL_FILE = 0.010
 """m; a whole file below this that declares no unit is more often in inches than of so small parts."""
 TYPICAL_PART = 0.1
 """m; of parts that a hand touches."""
-WORDS = {"mm": "millimetres", "in": "inches", "m": "metres", "um": "micrometres"}
+UNIT_NAMES = {"mm": "millimetres", "in": "inches", "m": "metres", "um": "micrometres"}
 """Units that modelling programs commonly write."""
 
 
@@ -34,7 +34,7 @@ def likely_unit(size: float, units: str) -> str | None:
     if not 0.0 < size < math.inf:
         return None
     number = size / UNITS[units]
-    sizes = {name: number * UNITS[name] for name in (units, *WORDS)}
+    sizes = {name: number * UNITS[name] for name in (units, *UNIT_NAMES)}
     nearest = min(sizes, key=lambda name: abs(math.log10(sizes[name]) - math.log10(TYPICAL_PART)))
     return nearest if SMALLEST_PART <= sizes[nearest] <= LARGEST_PART else None
 
@@ -92,7 +92,7 @@ def _reason(whole: float, units: str, is_declared: bool) -> str:
         verdict = f", which is the likely unit for the whole of {_length(whole)}"
     else:
         then = _length(whole / UNITS[units] * UNITS[likely])
-        verdict = f"; the likely unit is {likely} ({WORDS[likely]}), the whole is then {then} across"
+        verdict = f"; the likely unit is {likely} ({UNIT_NAMES[likely]}), the whole is then {then} across"
         verdict += "; it may have been written in the wrong unit" if is_declared else ""
     return f"the file {origin}{verdict}"
 

@@ -1,4 +1,4 @@
-"""STL: a count and fixed records, or words.
+"""STL files, binary (a count and fixed records) and text.
 
 Neither variant names units or shares vertices. The binary one is three lines of NumPy, and reading it here
 spares the third of a second that importing trimesh takes.

@@ -1,4 +1,4 @@
-"""Rows of numbers in text, read strictly.
+"""Strict reader of rows of numbers in text.
 
 NumPy's loadtxt is as fast as its lenient fromstring, and refuses what is not a number; on a refusal the
 rows are walked once more to name the offender.
@@ -17,14 +17,14 @@ MOST_COUNT_DIGITS = 18
 """Of the number of rows that a file declares; that many fit into 64 bits."""
 
 
-def read_rows(rows: list[str], place: Callable[[int], str]) -> list[tuple[np.ndarray, np.ndarray]]:
+def read_rows(rows: list[str], locate: Callable[[int], str]) -> list[tuple[np.ndarray, np.ndarray]]:
     """Read rows of numbers, grouped by how many numbers they have.
 
     Parameters
     ----------
     rows : list of str
         Numbers separated by blanks.
-    place : callable
+    locate : callable
         Row -> where it is in the file, for the message.
 
     Returns
@@ -48,19 +48,19 @@ def read_rows(rows: list[str], place: Callable[[int], str]) -> list[tuple[np.nda
         row_ids = np.flatnonzero(widths == width)
         table = np.empty((len(row_ids), 0)) if width == 0 else _uniform_table([rows[i] for i in row_ids])
         if table is None:
-            raise _not_a_number(rows, place)
+            raise _not_a_number(rows, locate)
         groups.append((row_ids, table))
     return groups
 
 
-def as_integers(values: np.ndarray, place: Callable[[int], str]) -> np.ndarray:
+def as_integers(values: np.ndarray, locate: Callable[[int], str]) -> np.ndarray:
     """Return a table of whole numbers as int64.
 
     Parameters
     ----------
     values : (n, k) numbers
         What should be indices or counts.
-    place : callable
+    locate : callable
         Row of *values* -> where it is in the file.
 
     Raises
@@ -76,7 +76,7 @@ def as_integers(values: np.ndarray, place: Callable[[int], str]) -> np.ndarray:
     if not is_good.all():
         row, column = np.argwhere(~is_good)[0]
         raise MeshFormatError(
-            f"{place(int(row))} refers to vertex {values[row, column]}, expected a whole number"
+            f"{locate(int(row))} refers to vertex {values[row, column]}, expected a whole number"
         )
     return values.astype(np.int64)
 
@@ -91,11 +91,11 @@ def _uniform_table(rows: list[str]) -> np.ndarray | None:
     return table if len(table) == len(rows) else None
 
 
-def _not_a_number(rows: list[str], place: Callable[[int], str]) -> MeshFormatError:
+def _not_a_number(rows: list[str], locate: Callable[[int], str]) -> MeshFormatError:
     for row_id, row in enumerate(rows):
         for word in row.split():
             if _uniform_table([word]) is None:
-                return MeshFormatError(f"{place(row_id)} has {shortened(word)}, expected a number")
+                return MeshFormatError(f"{locate(row_id)} has {shortened(word)}, expected a number")
     return MeshFormatError("something in it is not a number")
 
 
@@ -122,17 +122,17 @@ def end_notes(data: bytes) -> list[str]:
     return [] if data[-1:] in (b"\n", b"\r") else ["its last line has no end: it may have been cut off"]
 
 
-def of_rows(place: Callable[[int], str], row_ids: np.ndarray) -> Callable[[int], str]:
-    """Return *place* for a table that holds only some of the rows.
+def of_rows(locate: Callable[[int], str], row_ids: np.ndarray) -> Callable[[int], str]:
+    """Return *locate* for a table that holds only some of the rows.
 
     Parameters
     ----------
-    place : callable
+    locate : callable
         Row -> where it is in the file.
     row_ids : (n,) int
         The rows that the table holds.
     """
-    return lambda row: place(int(row_ids[row]))
+    return lambda row: locate(int(row_ids[row]))
 
 
 def shortened(word: str, length: int = 24) -> str:

@@ -1,4 +1,4 @@
-"""Units of length that a file, or a caller in its place, may name."""
+"""Units of length that a file or a caller may name."""
 
 from proximity.errors import MeshError
 

@@ -1,4 +1,4 @@
-"""What travels: frames of contacts to the drum's controller, and what a service is fed with.
+"""Messages: frames of contacts for the drum's controller, and the inputs of a service.
 
 Fixed NumPy structured types, little-endian, every field on a multiple of its size, sizes multiples of eight,
 lengths in metres, times in int64 nanoseconds of one monotonic clock. What the tracker fills is what travels

@@ -1,4 +1,4 @@
-"""``decaff_message.h``: the messages for C and C++, made of the same tables as the NumPy types.
+"""The C and C++ header ``decaff_message.h``, generated from the tables of the NumPy types.
 
 The header needs the standard library's types only, so that a microcontroller needs nothing else: structures,
 numbers, and a function that tells whether bytes are a frame.
@@ -82,7 +82,7 @@ def header_text() -> str:
 
 
 def meanings_of(values: type[Enum]) -> dict[str, str]:
-    """What the members of an enumeration mean: the texts below them in its source; empty where there is none.
+    """Meanings of an enumeration's members: the texts below them in its source; empty where there is none.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ def _assertions() -> Iterator[str]:
 
 
 def _crc_table() -> str:
-    """What four bits of a checksum become."""
+    """Table of the checksum for four bits at a time."""
     table = []
     for bits in range(16):
         for _ in range(4):

@@ -1,4 +1,4 @@
-"""What every message is wrapped in: who it is, how long, which one of a row, and whether it arrived whole.
+"""Envelope of all messages: kind, size, sequence number and checksum.
 
 A message is its kind's header, then one record a finger, without gaps. All headers begin with the 32 bytes of
 `PREFIX`, so that a receiver can refuse what it does not understand before it looks at anything else. Sizes
@@ -21,6 +21,8 @@ VERSION = 1
 """Of the layout of all messages. A receiver takes its own version and no other."""
 MAX_RECORDS = 4096
 """Most records a message may have: a hand's skin."""
+MAX_FUTURE_NS = 5_000_000
+"""An instant farther in the future than this is a mistake of some clock."""
 
 PREFIX_FIELDS = (
     Field("magic", "<u4", "", "which kind of message"),
@@ -59,12 +61,12 @@ class Kind:
     sent_at: int = field(init=False)
 
     def __post_init__(self) -> None:
-        places = {name: self.header.fields[name][1] for name in self.header.names}  # type: ignore[index, union-attr]
+        offsets = {name: self.header.fields[name][1] for name in self.header.names}  # type: ignore[index, union-attr]
         for name, value in (
             ("header_size", self.header.itemsize),
             ("record_size", self.record.itemsize),
-            ("count_at", places["count"]),
-            ("sent_at", places[self.sent]),
+            ("count_at", offsets["count"]),
+            ("sent_at", offsets[self.sent]),
         ):
             object.__setattr__(self, name, value)
 

@@ -1,4 +1,4 @@
-"""What messages are made of, field by field, reported once: NumPy types, C header and README come from here.
+"""Fields of messages, each declared once: NumPy types, C header and documentation are generated from them.
 
 A field's number is little-endian and lies on a multiple of its size.
 """
@@ -35,7 +35,7 @@ def dtype_of(fields: Sequence[Field]) -> np.dtype:
 
 
 def struct_of(fields: Sequence[Field]) -> Struct:
-    """What unpacks whole numbers at once, three times as fast as NumPy would one.
+    """A `Struct` that unpacks whole numbers at once, three times as fast as NumPy unpacks one.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a service may be fed with over a transport: poses of fingers, moves of parts, distances of a sensor.
+"""Input messages of a service: poses of fingers, moves of parts, distances of a sensor.
 
 A sender fills a `Message` of the kind, header's ``send_ns`` included, and publishes it; any language can. A
 service on another machine learns the sender's clock from ``send_ns``. Not known is nan.

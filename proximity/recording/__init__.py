@@ -8,8 +8,8 @@ from proximity.recording.contact_log import SUFFIXES, check_log_name, write_cont
 from proximity.recording.frame_log import FrameLog
 from proximity.recording.frame_reader import Damage, FrameReader
 from proximity.recording.frame_tables import load_pyarrow, write_frames_csv, write_frames_parquet
-from proximity.recording.reader import read_recording
 from proximity.recording.recording import FINGERS, GAP_LIMIT_S, NANOSECONDS, Recording
+from proximity.recording.recording_reader import read_recording
 
 __all__ = [
     "FINGERS",

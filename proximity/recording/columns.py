@@ -1,4 +1,4 @@
-"""Records as plain columns: what a table for other programs has for a vector is three numbers."""
+"""Records as plain columns: a vector becomes three columns of numbers."""
 
 import numpy as np
 
@@ -14,7 +14,7 @@ def scalar_columns(records: np.ndarray) -> dict[str, np.ndarray]:
     columns: dict[str, np.ndarray] = {}
     for name in records.dtype.names or ():
         if records.dtype[name].shape == (3,):
-            columns |= {f"{name}_{axis}": records[name][:, place] for place, axis in enumerate("xyz")}
+            columns |= {f"{name}_{axis}": records[name][:, column] for column, axis in enumerate("xyz")}
         else:
             columns[name] = records[name]
     return columns

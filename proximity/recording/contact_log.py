@@ -1,4 +1,4 @@
-"""Contact logs: what a tracker answered, tick by tick, as a file, wholly there or not at all."""
+"""Contact logs: the answers of a tracker, tick by tick, as a file that is written whole or not at all."""
 
 import csv
 import os

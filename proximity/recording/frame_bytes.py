@@ -1,4 +1,4 @@
-"""Where in a stretch of bytes a whole frame begins: what the reader and the writer of frame logs go by.
+"""Detection of whole frames in a stretch of bytes, for the reader and the writer of frame logs.
 
 A frame is known by its magic, its size and its checksum, nowhere by what stands around it: after damage the
 next one is found all the same. This says of bytes at a place what `flaw_of` says of a message alone, eight
@@ -25,8 +25,8 @@ _COUNT_AT = FRAME_HEADER.fields["count"][1]  # type: ignore[index]
 _CHECKED_FROM = 8
 
 
-def frame_at(data: memoryview, place: int) -> int:
-    """Return the size of the whole frame that begins at *place*, 0 if none does, or `UNDECIDED`.
+def frame_at(data: memoryview, offset: int) -> int:
+    """Return the size of the whole frame that begins at *offset*, 0 if none does, or `UNDECIDED`.
 
     The frame may be of another version of the layout: see `is_known`.
 
@@ -34,36 +34,36 @@ def frame_at(data: memoryview, place: int) -> int:
     ----------
     data : memoryview of bytes
         A stretch of a log.
-    place : int
+    offset : int
         Where in it, 0 to its length.
     """
-    left = len(data) - place
+    left = len(data) - offset
     if left < PREFIX.itemsize:
-        return UNDECIDED if MAGIC.startswith(bytes(data[place : place + len(MAGIC)])) else 0
-    magic, checksum, _, _, size = _BEGINNING.unpack_from(data, place)
+        return UNDECIDED if MAGIC.startswith(bytes(data[offset : offset + len(MAGIC)])) else 0
+    magic, checksum, _, _, size = _BEGINNING.unpack_from(data, offset)
     if magic != FRAME.magic or not PREFIX.itemsize <= size <= LARGEST_FRAME:
         return 0
     if size > left:
         return UNDECIDED
-    return size if zlib.crc32(data[place + _CHECKED_FROM : place + size]) == checksum else 0
+    return size if zlib.crc32(data[offset + _CHECKED_FROM : offset + size]) == checksum else 0
 
 
-def is_known(data: memoryview, place: int, size: int) -> bool:
+def is_known(data: memoryview, offset: int, size: int) -> bool:
     """Return whether a whole frame is laid out as `FRAME` is now.
 
     Parameters
     ----------
     data : memoryview of bytes
         A stretch of a log.
-    place : int
+    offset : int
         Where the frame begins.
     size : int
         What `frame_at` said.
     """
-    _, _, version, header_size, _ = _BEGINNING.unpack_from(data, place)
+    _, _, version, header_size, _ = _BEGINNING.unpack_from(data, offset)
     if version != VERSION or header_size != FRAME_HEADER.itemsize or size < header_size:
         return False
-    (count,) = _COUNT.unpack_from(data, place + _COUNT_AT)
+    (count,) = _COUNT.unpack_from(data, offset + _COUNT_AT)
     return FRAME.size(count) == size
 
 
@@ -75,14 +75,14 @@ def last_end(data: memoryview) -> int:
     data : memoryview of bytes
         The stretch; it may begin in the middle of a frame.
     """
-    found, place = 0, 0
+    found, offset = 0, 0
     text = bytes(data)
-    while (place := text.find(MAGIC, place)) >= 0:
-        size = frame_at(data, place)
+    while (offset := text.find(MAGIC, offset)) >= 0:
+        size = frame_at(data, offset)
         if size > 0:
-            found = place = place + size
+            found = offset = offset + size
         else:
-            place += 1
+            offset += 1
     return found
 
 

@@ -1,4 +1,4 @@
-"""Frame logs: the frames of a service as they were published, one behind the other, only ever appended to.
+"""Frame logs: the published frames of a service, one behind the other; a log is only ever appended to.
 
 The file has no header and no end of its own, so that it is whole after each frame. A frame is one write to
 the operating system: when the process is killed, at most the one being written is torn. When the power
@@ -166,8 +166,8 @@ class FrameLog:
         os.ftruncate(self._file, end)
         return torn
 
-    def _bytes_at(self, place: int, size: int) -> bytes:
-        os.lseek(self._file, place, os.SEEK_SET)
+    def _bytes_at(self, offset: int, size: int) -> bytes:
+        os.lseek(self._file, offset, os.SEEK_SET)
         pieces = []
         while size > 0 and (piece := os.read(self._file, size)):
             pieces.append(piece)

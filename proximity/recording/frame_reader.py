@@ -1,4 +1,4 @@
-"""Frame logs read back: whole frames, oldest first, in a stream; what is torn or damaged is counted.
+"""Reader of frame logs: whole frames, oldest first, as a stream; torn and damaged bytes are counted.
 
 Nothing in a log is trusted before its checksum. Frames of several sessions and with different numbers of
 fingers may stand in one log, and it may be longer than memory.
@@ -15,7 +15,7 @@ from proximity.errors import RecordingError
 from proximity.recording.frame_bytes import MAGIC, UNDECIDED, frame_at, frame_type, is_known
 from proximity.system.regular_file import open_regular
 
-CHUNK = 1 << 22  # bytes read at once
+READ_BYTES = 1 << 22  # bytes read at once
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,13 +66,13 @@ class FrameReader:
 
     @property
     def notes(self) -> list[str]:
-        """What a user should know of the log's condition, as sentences."""
+        """Sentences on the log's condition, for the user."""
         reported = []
         if self.damage:
-            places = "1 place" if len(self.damage) == 1 else f"{len(self.damage)} places"
-            size = sum(place.size for place in self.damage)
+            damaged = "1 place" if len(self.damage) == 1 else f"{len(self.damage)} places"
+            size = sum(each.size for each in self.damage)
             reported.append(
-                f"damaged in {places}, {size} bytes skipped, the first at byte {self.damage[0].start}"
+                f"damaged in {damaged}, {size} bytes skipped, the first at byte {self.damage[0].start}"
             )
         if self.torn_size:
             reported.append(f"{self.torn_size} bytes of a torn frame at the end left out")
@@ -88,12 +88,12 @@ class FrameReader:
     def _runs(self, file: BinaryIO) -> Iterator[np.ndarray]:
         """Frames that follow each other without a gap and are of one size, as one array."""
         data, first, size, count = b"", 0, 0, 0
-        for stretch, place, frame_size in self._frames(file):
-            if count and not (stretch is data and place == first + count * size and frame_size == size):
+        for stretch, offset, frame_size in self._frames(file):
+            if count and not (stretch is data and offset == first + count * size and frame_size == size):
                 yield np.frombuffer(data, frame_type(size), count, first)
                 count = 0
             if not count:
-                data, first, size = stretch, place, frame_size
+                data, first, size = stretch, offset, frame_size
             count += 1
             self.frame_count += 1
         if count:
@@ -112,11 +112,11 @@ class FrameReader:
             if bad_from >= 0:
                 self.damage.append(Damage(bad_from, window.offset - bad_from))
                 bad_from = -1
-            if is_known(window.view, window.place, size):
-                yield window.data, window.place, size
+            if is_known(window.view, window.index, size):
+                yield window.data, window.index, size
             else:
                 self.foreign_count += 1
-            window.place += size
+            window.index += size
         self.torn_size = window.offset - bad_from if bad_from >= 0 else 0
 
 
@@ -125,37 +125,37 @@ class _Window:
 
     def __init__(self, file: BinaryIO) -> None:
         self.data, self.view = b"", memoryview(b"")
-        self.place = 0  # in data: all before it was looked at
+        self.index = 0  # in data: all before it was looked at
         self._start = 0  # of data in the file
         self._file = file
 
     @property
     def offset(self) -> int:
         """Byte of the file at which we are."""
-        return self._start + self.place
+        return self._start + self.index
 
     def is_over(self) -> bool:
         """Whether all of the file was looked at."""
-        return self.place == len(self.data) and not self._read()
+        return self.index == len(self.data) and not self._read()
 
     def frame_size(self) -> int:
         """Size of the whole frame that begins here; 0 if none does."""
-        size = frame_at(self.view, self.place)
+        size = frame_at(self.view, self.index)
         while size == UNDECIDED and self._read():
-            size = frame_at(self.view, self.place)
+            size = frame_at(self.view, self.index)
         return max(size, 0)
 
     def skip(self) -> None:
         """Go on to where the next frame may begin."""
-        found = self.data.find(MAGIC, self.place + 1)
+        found = self.data.find(MAGIC, self.index + 1)
         if found < 0:  # the last bytes may be the first of a magic that goes on in the next stretch
-            found = max(self.place + 1, len(self.data) - len(MAGIC) + 1)
-        self.place = found
+            found = max(self.index + 1, len(self.data) - len(MAGIC) + 1)
+        self.index = found
 
     def _read(self) -> bool:
-        more = self._file.read(CHUNK)
+        more = self._file.read(READ_BYTES)
         if more:
-            self._start += self.place
-            self.data = self.data[self.place :] + more
-            self.view, self.place = memoryview(self.data), 0
+            self._start += self.index
+            self.data = self.data[self.index :] + more
+            self.view, self.index = memoryview(self.data), 0
         return bool(more)

@@ -1,4 +1,4 @@
-"""Frames as tables for other programs: a line a finger and frame, as CSV or Parquet, written in a stream.
+"""Frames as tables for other programs: a row for each finger and frame, streamed as CSV or Parquet.
 
 A line has what the frame's header says (session, number, state, instants), then the fields of the contact
 under their own names, three columns for each vector, every number with all its digits.

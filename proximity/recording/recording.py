@@ -1,4 +1,4 @@
-"""A recording of fingertips, and what may be done with it: resample it, place it.
+"""A recording of fingertips, which can be resampled, and placed in a scene.
 
 Times are whole nanoseconds, positions metres. A finger that the sensor lost is nan, never a guess.
 """
@@ -38,22 +38,22 @@ class Recording:
 
     @property
     def duration_s(self) -> float:
-        """From the first instant to the last, s."""
+        """Time from the first instant to the last, s."""
         return float(self.times_ns[-1] - self.times_ns[0]) / NANOSECONDS
 
     @property
     def is_present(self) -> np.ndarray:
-        """Where a finger has a position, (T, N)."""
+        """Mask of fingers that have a position, (T, N)."""
         return ~np.isnan(self.positions).any(axis=2)
 
     @property
     def hand_count(self) -> int:
-        """How many hands have a finger here."""
+        """Number of hands with a finger here."""
         return len({hand for hand, _ in self.fingers})
 
     @property
     def sample_count(self) -> int:
-        """How many positions there are."""
+        """Number of positions."""
         return int(self.is_present.sum())
 
     def finger_name(self, row: int) -> str:

@@ -1,6 +1,6 @@
-"""The service: poses in, every period a frame out, with times, validity, and safe behaviour when late.
+"""The service: takes poses and publishes a frame every period, with times, validity and a safe late state.
 
-    input (poses) → gate (which may be used) → answering (contacts) → framing (times, state) → publishers, log
+    input (poses) → filter (usable ones) → answers (contacts) → frame builder (times, state) → publishers, log
 
 `Service` is the loop. It knows no geometry and no files: who answers is given to it, and so is its clock.
 """
@@ -9,7 +9,7 @@ from proximity.service.answers import Answering, TrackerAnswers
 from proximity.service.clock import Clock, MonotonicClock, SkippingClock
 from proximity.service.histogram import Histogram
 from proximity.service.inputs.gloves import GloveChoices
-from proximity.service.inputs.part_motion import MovesInput
+from proximity.service.inputs.moves_input import MovesInput
 from proximity.service.inputs.sensor import Measurements, SensorInput
 from proximity.service.inputs.sources import CallableInput, PoseInput, RecordingInput
 from proximity.service.inputs.stream import StreamInput
@@ -18,14 +18,14 @@ from proximity.service.log_writer import Log
 from proximity.service.loop import Service
 from proximity.service.realtime import RealTime
 from proximity.service.report import Report
-from proximity.service.samples import Hands
+from proximity.service.samples import FingerPoses
 
 __all__ = [
     "Answering",
     "CallableInput",
     "Clock",
+    "FingerPoses",
     "GloveChoices",
-    "Hands",
     "Histogram",
     "Log",
     "Measurements",

@@ -1,4 +1,4 @@
-"""Who makes contacts of samples: a tracker, or a sensor's measurements."""
+"""Sources of contacts: a tracker, or the measurements of a sensor."""
 
 from typing import Any, Protocol
 
@@ -6,11 +6,11 @@ import numpy as np
 
 from proximity.message import Source
 from proximity.service.bends import Bends
-from proximity.service.samples import Hands, Samples
+from proximity.service.samples import FingerPoses, Samples
+from proximity.system.time_units import NS_PER_MS
 from proximity.tracker.tracker import Tracker
 
 REHEARSAL = 200  # ticks, at places all over the scene
-MS = 1_000_000  # ns
 PAGE = 4096  # bytes
 
 
@@ -72,12 +72,12 @@ class TrackerAnswers:
 
     @property
     def epoch(self) -> int:
-        """Of the scene as the last tick saw it."""
+        """Epoch of the scene at the last tick."""
         return self.tracker.epoch
 
     @property
     def notes(self) -> list[str]:
-        """What was wrong with moves of parts."""
+        """Sentences on moves of parts that could not be used."""
         return [] if self.moves is None else self.moves.notes
 
     @property
@@ -90,9 +90,9 @@ class TrackerAnswers:
         """Whether of a part that moved nothing more is reported."""
         return self.moves is not None and self.moves.is_late
 
-    def new_samples(self) -> Hands:
+    def new_samples(self) -> FingerPoses:
         """Make room for poses."""
-        return Hands(self.count)
+        return FingerPoses(self.count)
 
     def rehearse(self) -> None:
         """Read all of the scene into memory, and tick all over it, which compiles what is not yet."""
@@ -103,12 +103,12 @@ class TrackerAnswers:
         lower, upper = tracker.scene.bounds
         for tick in range(REHEARSAL):
             tips = rng.uniform(lower, upper, (self.count, 3))
-            contacts = tracker.tick(tips, tick * MS, tick * MS)
+            contacts = tracker.tick(tips, tick * NS_PER_MS, tick * NS_PER_MS)
             self._bends.write(contacts, tips[:, 0], contacts["pose_ns"])
         tracker.reset()
         self._bends.forget()
 
-    def answer(self, samples: Hands, now_ns: int) -> np.ndarray:
+    def answer(self, samples: FingerPoses, now_ns: int) -> np.ndarray:
         """Move the parts that are to move, and tick.
 
         Parts that have a velocity stand where they are at the instant of the newest pose. Bounds hold for
@@ -117,7 +117,7 @@ class TrackerAnswers:
 
         Parameters
         ----------
-        samples : Hands
+        samples : FingerPoses
             Newest poses; nan: not tracked.
         now_ns : int, ns
             Instant of the tick.

@@ -1,4 +1,4 @@
-"""Bends that come with poses, where no path is known: what is reported of them, and how fast they change."""
+"""Bends that come with poses of fingers without a path: the value, and its rate of change."""
 
 import numpy as np
 

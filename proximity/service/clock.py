@@ -1,4 +1,4 @@
-"""Clocks that a service keeps its appointments by.
+"""Clocks of the service's loop.
 
 All times are whole nanoseconds of one monotonic clock, the one that frames are stamped with.
 """
@@ -6,16 +6,15 @@ All times are whole nanoseconds of one monotonic clock, the one that frames are 
 import time
 from typing import Protocol
 
-SECOND = 1_000_000_000
-"""ns."""
+from proximity.system.time_units import NS_PER_S
 
 
 class Clock(Protocol):
-    """What the loop asks for the time, and waits by."""
+    """A clock that the loop reads and waits on."""
 
     @property
     def skipped_ns(self) -> int:
-        """How far it is ahead of the clock that subscribers read."""
+        """Time by which it is ahead of the clock that subscribers read, ns."""
 
     def stopwatch_ns(self) -> int:
         """Return what durations are measured by, ns: it runs even where the clock stands still."""
@@ -40,7 +39,7 @@ class MonotonicClock:
     skipped_ns = 0
 
     def __init__(self, spin: float = 0.0) -> None:
-        self._spin_ns = round(SECOND * spin)
+        self._spin_ns = round(NS_PER_S * spin)
         self.now_ns = self.stopwatch_ns = time.monotonic_ns
 
     def sleep_until(self, due_ns: int) -> None:
@@ -75,7 +74,7 @@ class SkippingClock:
 
     @property
     def skipped_ns(self) -> int:
-        """How far it is ahead of the clock that subscribers read."""
+        """Time by which it is ahead of the clock that subscribers read, ns."""
         return self._now_ns - time.monotonic_ns()
 
     def now_ns(self) -> int:

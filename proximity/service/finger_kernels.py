@@ -1,4 +1,4 @@
-"""What comes in each tick and what goes out, for all fingers at once: a dozen small questions in one call.
+"""Kernels of the service for all fingers at once: admit and expire samples, follow distances.
 
 A *sample* of a finger is a row of ``values`` (float64, first column nan: nothing is known) and its instant.
 """
@@ -21,10 +21,10 @@ from proximity.kernels.tracking.motion import (
 )
 
 # --- columns of what `follow_distances` fills ---
-STATUS = 0  # bits, as `motion.observe` answers
-RATE = 1  # m/s, of the distance; zero while it is not known
-STEP = 2  # m, by which the distance will have changed
-SPREAD = 3  # m, by which that may be off
+FOLLOWED_STATUS = 0  # bits, as `motion.observe` answers
+FOLLOWED_RATE = 1  # m/s, of the distance; zero while it is not known
+FOLLOWED_STEP = 2  # m, by which the distance will have changed
+FOLLOWED_SPREAD = 3  # m, by which that may be off
 FOLLOWED_SIZE = 4
 
 # --- columns of the *doubts* of a distance that is followed: sums of weight times squared error, m² ---
@@ -38,7 +38,7 @@ LATEST = np.int64(2**63 - 1)
 
 
 @kernel
-def admit(kept_ns, kept, given_ns, given, refused_ns, taken, latest_ns):
+def admit(kept_ns, kept, newer_ns, newer, refused_ns, taken, latest_ns):
     """Take samples into *kept*; how many are from after *latest_ns*, and how many older than the one kept.
 
     Those are left out: ``taken`` (N,) uint8 tells which were not, and *refused_ns* (N,) keeps their instants:
@@ -50,20 +50,20 @@ def admit(kept_ns, kept, given_ns, given, refused_ns, taken, latest_ns):
         taken[i] = 1
         is_known = True
         for column in range(kept.shape[1]):
-            is_known &= math.isfinite(given[i, column])
+            is_known &= math.isfinite(newer[i, column])
         if not is_known:
             kept[i, 0] = np.nan
-        elif given_ns[i] == refused_ns[i]:
+        elif newer_ns[i] == refused_ns[i]:
             taken[i] = 0
-        elif given_ns[i] > latest_ns or given_ns[i] < kept_ns[i]:
+        elif newer_ns[i] > latest_ns or newer_ns[i] < kept_ns[i]:
             taken[i] = 0
-            refused_ns[i] = given_ns[i]
-            future += given_ns[i] > latest_ns
-            backwards += given_ns[i] <= latest_ns
+            refused_ns[i] = newer_ns[i]
+            future += newer_ns[i] > latest_ns
+            backwards += newer_ns[i] <= latest_ns
         else:
-            kept_ns[i] = given_ns[i]
+            kept_ns[i] = newer_ns[i]
             for column in range(kept.shape[1]):
-                kept[i, column] = given[i, column]
+                kept[i, column] = newer[i, column]
     return future, backwards
 
 
@@ -77,7 +77,7 @@ def expire(kept_ns, kept, oldest_ns):
 
 @kernel
 def overview(wide, numbers):
-    """Of contacts as int64 and int32 columns: instant of the oldest pose, fingers tracked, fingers uncertain.
+    """Summarise contacts as int64 and int32 columns: oldest pose, fingers tracked, fingers uncertain.
 
     Uncertain is who is near and has bounds only. Without a finger that is tracked the instant is `LATEST`.
     """
@@ -94,7 +94,7 @@ def overview(wide, numbers):
 
 @inlined
 def _distance_error(motions, error_sums, i, error, status, weight_before):
-    """How far off the slope of a track may be because of errors of its distances, m/s.
+    """Error of a track's slope that errors of its distances can cause at most, m/s.
 
     The slope is the sum of weight times deviation of age times distance, over the sum of weight times squared
     deviation. By Cauchy and Schwarz errors change it by no more than this, whatever they are.
@@ -137,11 +137,11 @@ def follow_distances(
             motions, motion_marks, i, measured_ns[i], distances[i, 0], 0.0, 0.0, rates[i], 0.0, 0.0,
             max_speed, max_acceleration,
         )  # fmt: skip
-        ahead = 1e-9 * (acts_ns - measured_ns[i])
+        elapsed = 1e-9 * (acts_ns - measured_ns[i])
         if status:
             distance_error = _distance_error(motions, error_sums, i, errors[i], status, weight_before)
             if not (status & REPEATED or math.isfinite(rates[i])):
                 motions[i, VELOCITY_ERROR] += distance_error
-        step, _, _, spread = predict(motions, i, ahead, max_speed, max_acceleration)
-        followed[i, STATUS], followed[i, RATE] = status, motions[i, VELOCITY]
-        followed[i, STEP], followed[i, SPREAD] = step, spread
+        step, _, _, spread = predict(motions, i, elapsed, max_speed, max_acceleration)
+        followed[i, FOLLOWED_STATUS], followed[i, FOLLOWED_RATE] = status, motions[i, VELOCITY]
+        followed[i, FOLLOWED_STEP], followed[i, FOLLOWED_SPREAD] = step, spread

@@ -1,4 +1,4 @@
-"""A frame in the making: contacts, times and a state that says how far to trust them (docs/message.md)."""
+"""Build frames: contacts, times, and a state that says how far to trust them (docs/message.md)."""
 
 import numpy as np
 
@@ -13,7 +13,7 @@ _HEADER = struct_of(FRAME_FIELDS[len(PREFIX_FIELDS) :])
 """The header behind the prefix: packed at once in 0.2 µs, where nine fields of an array take 2 µs."""
 
 
-class Framing:
+class FrameBuilder:
     """Room for the frames of a service, filled anew each tick.
 
     Parameters
@@ -46,8 +46,8 @@ class Framing:
         self._bytes = self.message.records.view(np.uint8)
         self._wide = self._bytes.view(np.int64).reshape(count, -1)
         self._numbers = self._bytes.view(np.int32).reshape(count, -1)
-        self._given = self.message.records  # what the view below is of
-        self._given_bytes = self._bytes
+        self._contacts = self.message.records  # what the view below is of
+        self._contact_bytes = self._bytes
 
     def fill(self, contacts: np.ndarray) -> None:
         """Take the contacts of a tick.
@@ -57,9 +57,9 @@ class Framing:
         contacts : (N,) CONTACT
             Copied as bytes: NumPy copies records field by field, which takes 10 µs for five.
         """
-        if contacts is not self._given:
-            self._given, self._given_bytes = contacts, contacts.view(np.uint8)
-        self._bytes[:] = self._given_bytes
+        if contacts is not self._contacts:
+            self._contacts, self._contact_bytes = contacts, contacts.view(np.uint8)
+        self._bytes[:] = self._contact_bytes
 
     def finish(
         self, start_ns: int, publish_ns: int, missed: int, epoch: int, skipped_ns: int, is_late: bool = False

@@ -1,4 +1,4 @@
-"""How long things took: a histogram of fixed size, its bins as wide as a 32nd of what they hold."""
+"""Histogram of durations, of fixed size: each bin is as wide as 1/32 of its values."""
 
 from collections.abc import Iterable, Iterator
 

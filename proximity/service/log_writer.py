@@ -1,4 +1,4 @@
-"""Frames to a log without waiting for its disk: a ring that the loop fills and a thread empties."""
+"""Write frames to a log without waiting for the disk: the loop fills a ring, a thread empties it."""
 
 import logging
 import threading
@@ -18,7 +18,7 @@ CLOSE_TIMEOUT = 5.0
 
 
 class Log(Protocol):
-    """What frames are appended to, one after the other."""
+    """A log to which frames are appended."""
 
     def append(self, data: np.ndarray) -> Any:
         """Append one frame, (size,) uint8; may raise."""
@@ -61,7 +61,7 @@ class LogWriter:
 
     @property
     def notes(self) -> list[str]:
-        """What was not written, and why."""
+        """Sentences on frames that were not written, and why."""
         notes = []
         if self.failed:
             notes.append(f"{self.failed} frames were not logged, first: {self.first_failure}")

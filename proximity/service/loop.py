@@ -1,4 +1,4 @@
-"""The loop: every period, the newest poses become a frame; a tick that comes too late is left out."""
+"""The service loop: publishes the newest poses as a frame every period, and skips ticks that are too late."""
 
 import threading
 import time
@@ -9,21 +9,22 @@ from typing import Any
 from proximity.checks import as_number
 from proximity.errors import ServiceError
 from proximity.service.answers import Answering
-from proximity.service.clock import SECOND, Clock, MonotonicClock
-from proximity.service.frame_builder import Framing
+from proximity.service.clock import Clock, MonotonicClock
+from proximity.service.frame_builder import FrameBuilder
+from proximity.service.frame_output import Outgoing
 from proximity.service.inputs.sources import PoseInput
 from proximity.service.log_writer import Log
-from proximity.service.output import Outgoing
 from proximity.service.realtime import RealTime, undisturbed
 from proximity.service.report import Report
 from proximity.service.sample_filter import SampleFilter
+from proximity.system.time_units import NS_PER_S
 from proximity.transport import Publisher
 
 FAREWELLS = 3
 """Frames that say STOPPING: a datagram may be lost."""
 TAKEN_OVER_WITHIN, LOOK_AGAIN = 1.0, 1e-3
 """s, of a new answering: after a period, at most; then between two looks whether it was."""
-SHORTEST, LONGEST = 1e-5, 10.0
+SHORTEST_PERIOD, LONGEST_PERIOD = 1e-5, 10.0
 """s, of periods."""
 
 
@@ -78,20 +79,20 @@ class Service:
         self._thread: int | None = None  # that the loop runs in
         self._epoch_offset = 0
         self._clock: Clock = MonotonicClock() if clock is None else clock
-        self._gate = SampleFilter(answering.new_samples(), _nanoseconds("stale_after", stale_after))
-        self._framing = Framing(
+        self._sample_filter = SampleFilter(answering.new_samples(), _nanoseconds("stale_after", stale_after))
+        self._frame_builder = FrameBuilder(
             answering.count, answering.source, self._period_ns, _nanoseconds("valid_for", valid_for)
         )
-        self._outgoing = Outgoing(publishers, log, len(self._framing.message.data))
+        self._outgoing = Outgoing(publishers, log, len(self._frame_builder.message.data))
         self._real_time = real_time
         self._report = Report(self._period_ns)
 
     @property
     def report(self) -> Report:
-        """What was done so far; the same object each time."""
-        report, gate, outgoing = self._report, self._gate, self._outgoing
+        """Counts and times so far; the same object each time."""
+        report, sample_filter, outgoing = self._report, self._sample_filter, self._outgoing
         future, backwards = self._answering.refused
-        report.future, report.backwards = gate.future + future, gate.backwards + backwards
+        report.future, report.backwards = sample_filter.future + future, sample_filter.backwards + backwards
         report.publish_failures = dict(outgoing.failures)
         report.log_written, report.log_lost = outgoing.log_written, outgoing.log_lost
         real_time = [] if self._real_time is None else self._real_time.notes
@@ -173,17 +174,17 @@ class Service:
     def _rehearse(self) -> None:
         """Compile and touch all that a tick needs."""
         self._answering.rehearse()
-        gate = SampleFilter(self._answering.new_samples(), 0)
-        gate.start(0)
-        gate.admit(self._answering.new_samples(), 0)
-        gate.expire(0)
-        self._framing.finish(0, 0, 0, 0, 0)
+        sample_filter = SampleFilter(self._answering.new_samples(), 0)
+        sample_filter.start(0)
+        sample_filter.admit(self._answering.new_samples(), 0)
+        sample_filter.expire(0)
+        self._frame_builder.finish(0, 0, 0, 0, 0)
 
     def _serve(self, stop: threading.Event | None, tick_count: int | None) -> None:
         is_asked_to_stop = threading.Event().is_set if stop is None else stop.is_set
         self._thread = threading.get_ident()
         begin_ns = self._clock.now_ns()
-        self._gate.start(begin_ns)
+        self._sample_filter.start(begin_ns)
         self._due_ns = begin_ns + self._period_ns
         report, pose_input = self._report, self._input
         while not is_asked_to_stop() and report.ticks != tick_count and not pose_input.is_over:
@@ -193,7 +194,12 @@ class Service:
 
     def _tick(self) -> None:
         """Make one frame."""
-        clock, report, framing, gate = self._clock, self._report, self._framing, self._gate
+        clock, report, frame_builder, sample_filter = (
+            self._clock,
+            self._report,
+            self._frame_builder,
+            self._sample_filter,
+        )
         due_ns = self._due_ns
         clock.sleep_until(due_ns)
         start_ns, begun_ns = clock.now_ns(), clock.stopwatch_ns()
@@ -202,18 +208,20 @@ class Service:
         samples = self._input.poll(start_ns)
         if samples is not None:
             # Not by the start: where the system kept us from running since, new poses are after it.
-            gate.admit(samples, clock.now_ns())
-        gate.expire(start_ns)
-        framing.fill(self._answering.answer(gate.kept, start_ns))
+            sample_filter.admit(samples, clock.now_ns())
+        sample_filter.expire(start_ns)
+        frame_builder.fill(self._answering.answer(sample_filter.kept, start_ns))
         publish_ns = clock.now_ns()
         self._skip_what_is_past(publish_ns)
         epoch = self._answering.epoch + self._epoch_offset
-        framing.finish(start_ns, publish_ns, report.missed, epoch, clock.skipped_ns, self._answering.is_late)
-        self._outgoing.hand_out(framing.message)
+        frame_builder.finish(
+            start_ns, publish_ns, report.missed, epoch, clock.skipped_ns, self._answering.is_late
+        )
+        self._outgoing.hand_out(frame_builder.message)
         report.compute.record(clock.stopwatch_ns() - begun_ns)
         report.lateness.record(start_ns - due_ns)
         report.ticks += 1
-        report.states[framing.state] += 1
+        report.states[frame_builder.state] += 1
         self._outgoing.settle()
 
     def _skip_what_is_past(self, now_ns: int) -> None:
@@ -236,8 +244,8 @@ class Service:
         clock = self._clock
         for _ in range(FAREWELLS):
             now_ns = clock.now_ns()
-            self._framing.stop(now_ns - clock.skipped_ns)
-            self._outgoing.hand_out(self._framing.message)
+            self._frame_builder.stop(now_ns - clock.skipped_ns)
+            self._outgoing.hand_out(self._frame_builder.message)
             self._outgoing.settle()
             clock.sleep_until(now_ns + self._period_ns)
 
@@ -249,6 +257,6 @@ class Service:
 
 
 def _nanoseconds(name: str, seconds: Any) -> int:
-    if not SHORTEST <= as_number(seconds) <= LONGEST:
-        raise ServiceError(f"{name} is {seconds!r}, expected {SHORTEST:g} to {LONGEST:g} s")
-    return round(SECOND * seconds)
+    if not SHORTEST_PERIOD <= as_number(seconds) <= LONGEST_PERIOD:
+        raise ServiceError(f"{name} is {seconds!r}, expected {SHORTEST_PERIOD:g} to {LONGEST_PERIOD:g} s")
+    return round(NS_PER_S * seconds)

@@ -1,4 +1,4 @@
-"""What a scene has at present: which parts, which of them are hidden, and how far they reach."""
+"""The parts of a scene at present: which are hidden, and how far they reach."""
 
 from collections.abc import KeysView, Sequence
 
@@ -35,7 +35,7 @@ class Presence:
 
     @property
     def names(self) -> KeysView[str]:
-        """Of the parts that are there."""
+        """Names of the parts."""
         return self._rows.keys()
 
     def reach(self, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:

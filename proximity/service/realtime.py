@@ -1,4 +1,4 @@
-"""What keeps a loop from being disturbed: sharp timers, priority, memory that stays, a core of its own.
+"""Real-time settings of the loop's thread: sharp timers, priority, locked memory, a core of its own.
 
 Each is tried; what the system does not permit is reported in a sentence, and nothing fails because of it.
 """

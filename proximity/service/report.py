@@ -1,4 +1,4 @@
-"""What a service has done: how many ticks, how late, how long, and what was not as it should be."""
+"""Report of a service: ticks, lateness, computing times, and everything that was not as it should be."""
 
 from dataclasses import dataclass, field
 from typing import Any

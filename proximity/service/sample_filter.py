@@ -1,12 +1,11 @@
-"""Which samples may be used: none from the future, none older than what is known, none too old."""
+"""Filter of samples: none from the future, none older than the last, none too old."""
 
 import numpy as np
 
+from proximity.message.envelope import MAX_FUTURE_NS
 from proximity.service import finger_kernels
 from proximity.service.samples import Samples
 
-AHEAD_NS = 5_000_000
-"""A pose farther in the future than this is a mistake."""
 NEVER_NS = np.int64(-(2**63))
 
 
@@ -43,12 +42,12 @@ class SampleFilter:
         self.kept.pose_ns[:] = now_ns - self._stale_after_ns
         self.kept.values[:, 0] = np.nan
 
-    def admit(self, given: Samples, now_ns: int) -> None:
+    def admit(self, newer: Samples, now_ns: int) -> None:
         """Take what may be used of new samples.
 
         Parameters
         ----------
-        given : Samples
+        newer : Samples
             Of as many fingers as are kept; only read. One that is left out stays out, and is counted once,
             also where it is given again because something was reported of another finger.
         now_ns : int, ns
@@ -56,12 +55,12 @@ class SampleFilter:
         """
         kept = self.kept
         future, backwards = finger_kernels.admit(
-            kept.pose_ns, kept.values, given.pose_ns, given.values, self._refused_ns, self._taken,
-            now_ns + AHEAD_NS,
+            kept.pose_ns, kept.values, newer.pose_ns, newer.values, self._refused_ns, self._taken,
+            now_ns + MAX_FUTURE_NS,
         )  # fmt: skip
         self.future += future
         self.backwards += backwards
-        kept.take_rest(given, slice(None) if self._mask.all() else self._mask)
+        kept.take_rest(newer, slice(None) if self._mask.all() else self._mask)
 
     def expire(self, now_ns: int) -> None:
         """Forget what is too old.

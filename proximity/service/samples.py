@@ -1,4 +1,4 @@
-"""What an input tells of fingers: arrays made once, a row a finger, nan where nothing is known."""
+"""Samples that an input gives of fingers: preallocated arrays, a row a finger, nan where nothing is known."""
 
 from typing import Any, Protocol
 
@@ -9,19 +9,19 @@ LONG_AGO = -(2**62)
 
 
 class Samples(Protocol):
-    """What the loop needs to know of them: whether a finger is there, and since when."""
+    """The part of samples that the loop needs: values and their instants."""
 
     pose_ns: np.ndarray  # (N,) int64, instants
 
     @property
     def values(self) -> np.ndarray:
-        """What is known of each finger first, (N, C) float64; nan in the first column: nothing is."""
+        """First values of each finger, (N, C) float64; nan in the first column: nothing is known."""
 
-    def take_rest(self, given: Any, rows: Any) -> None:
-        """Copy what *given* says beside values and instants, of some rows (a slice, or a mask)."""
+    def take_rest(self, newer: Any, rows: Any) -> None:
+        """Copy what *newer* says beside values and instants, of some rows (a slice, or a mask)."""
 
 
-class Hands:
+class FingerPoses:
     """Poses of fingers.
 
     Parameters
@@ -46,29 +46,29 @@ class Hands:
         """The positions."""
         return self.positions
 
-    def take_rest(self, given: "Hands", rows: Any) -> None:
+    def take_rest(self, newer: "FingerPoses", rows: Any) -> None:
         """Copy velocities, paths and bends of some fingers.
 
         What was reported once and is not any more becomes nan.
 
         Parameters
         ----------
-        given : Hands
+        newer : FingerPoses
             Of as many fingers.
         rows : slice or (N,) mask
             Which of them.
         """
-        self.velocities = _taken(self.velocities, given.velocities, rows)
-        self.paths = _taken(self.paths, given.paths, rows)
-        self.bends = _taken(self.bends, given.bends, rows)
+        self.velocities = _taken(self.velocities, newer.velocities, rows)
+        self.paths = _taken(self.paths, newer.paths, rows)
+        self.bends = _taken(self.bends, newer.bends, rows)
 
 
-def _taken(kept: np.ndarray | None, given: np.ndarray | None, rows: Any) -> np.ndarray | None:
-    if given is None:
+def _taken(kept: np.ndarray | None, newer: np.ndarray | None, rows: Any) -> np.ndarray | None:
+    if newer is None:
         if kept is not None:
             kept[rows] = np.nan
         return kept
-    if kept is None or kept.shape != given.shape:
-        kept = np.full(given.shape, np.nan)
-    kept[rows] = given[rows]
+    if kept is None or kept.shape != newer.shape:
+        kept = np.full(newer.shape, np.nan)
+    kept[rows] = newer[rows]
     return kept

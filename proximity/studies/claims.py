@@ -1,4 +1,4 @@
-"""What the paper claims, whether it holds, and under which conditions, by the models (docs/decaff.md)."""
+"""Claims of the paper, checked with the models under stated conditions (docs/decaff.md)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -235,7 +235,7 @@ def _figure(name: str) -> figure_5.Comparison:
 
 
 def _half_times(name: str) -> tuple[float, float]:
-    """When half of the steady force of 5c and 5h is reached and lost, s."""
+    """Times at which half of the steady force of 5c and 5h is reached and lost, s."""
     times, force = _curve(name)
     rows = np.flatnonzero(force >= 0.5 * _figure(name).steady)
     return float(times[rows[0]]), float(times[rows[-1]])

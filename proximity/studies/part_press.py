@@ -1,4 +1,4 @@
-"""One press on a CAD part: the engine in the loop, the ideal distance and the real surface."""
+"""One press on a CAD part: with the engine in the loop, with the ideal distance, and on the real surface."""
 
 import math
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ from proximity.scene.scene import Scene
 from proximity.studies.engine.engine_loop import press_on_part
 from proximity.studies.engine.engine_press import EnginePress
 from proximity.studies.engine.engine_setup import Distances, EngineSetup
-from proximity.studies.engine.placed_finger import place_finger
+from proximity.studies.engine.finger_placement import place_finger
 from proximity.studies.engine.recorded_press import RecordedPress, recorded_hand
 from proximity.studies.figures import press_plots
 from proximity.studies.figures.tables import Table
@@ -30,7 +30,7 @@ class PartSimulation:
 
     @property
     def felt(self) -> tuple[Felt, Felt, Felt]:
-        """What was felt: with the engine, with the ideal distance, on the real wall."""
+        """Responses: with the engine, with the ideal distance, on the real wall."""
         return felt(self.engine.response), felt(self.ideal.response), felt(self.engine.real)
 
 
@@ -84,7 +84,7 @@ def describe(simulation: PartSimulation) -> list[tuple[str, str]]:
     finger, setup, part = press.finger, press.setup, press.finger.scene.parts[press.finger.part]
     surface = "rigid" if part.stiffness is None else f"{part.stiffness:g} N/m, {part.damping:g} N·s/m"
     point = finger.point(finger.contact_bend) - finger.glove.finger.pad_radius * finger.normal
-    place = ", ".join(f"{round(1e3 * coordinate, 2) + 0.0:.2f}" for coordinate in point.tolist())
+    touched = ", ".join(f"{round(1e3 * coordinate, 2) + 0.0:.2f}" for coordinate in point.tolist())
     reported = "a sensor at the far end" if setup.distances == Distances.SENSOR else "the tracker"
     who = (
         "controller" if setup.reading is None else f"{setup.reading.name.lower().replace('_', '-')} distances"
@@ -96,7 +96,7 @@ def describe(simulation: PartSimulation) -> list[tuple[str, str]]:
         else f"{simulation.speed:g} m/s"
     )
     lines = [
-        ("part", f"{part.name}, {surface}, touched at ({place}) mm, incidence {finger.incidence:.3f}"),
+        ("part", f"{part.name}, {surface}, touched at ({touched}) mm, incidence {finger.incidence:.3f}"),
         ("approach", comes),
         ("reported by", f"{reported} at {setup.rate:g} Hz, {1e3 * setup.expected_latency:g} ms late"),
         ("drum", f"{who}, servo at {SERVO_RATE:g} Hz"),

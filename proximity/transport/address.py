@@ -1,4 +1,4 @@
-"""Addresses: which transport, where, and its options."""
+"""Parsing of addresses: the transport, the location and the options."""
 
 import os
 from dataclasses import dataclass
@@ -12,11 +12,11 @@ FILE_OPTIONS = ("key", "config")
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """An address taken apart: ``scheme://place?option=value``, or ``mailbox:place``."""
+    """An address taken apart: ``scheme://location?option=value``, or ``mailbox:location``."""
 
     text: str
     scheme: str
-    place: str
+    location: str
     options: dict[str, str]
 
     def refuse(self, expected: str) -> PublishError:
@@ -54,7 +54,7 @@ def parse(text: str) -> Address:
     Raises
     ------
     PublishError
-        If it has no scheme, no place, or options that are not ``name=value``.
+        If it has no scheme, no location, or options that are not ``name=value``.
     """
     if not isinstance(text, str):
         raise PublishError(f"an address is text such as iox2://decaff, not {text!r}")
@@ -62,13 +62,13 @@ def parse(text: str) -> Address:
         parts = urlsplit(text)
         pairs = parse_qsl(parts.query, keep_blank_values=True, strict_parsing=bool(parts.query))
     except ValueError as unfit:
-        raise PublishError(f"{text}: expected scheme://place?option=value ({unfit})") from unfit
-    place = unquote(parts.netloc + parts.path)
-    if not parts.scheme or not place or parts.fragment:
+        raise PublishError(f"{text}: expected scheme://location?option=value ({unfit})") from unfit
+    location = unquote(parts.netloc + parts.path)
+    if not parts.scheme or not location or parts.fragment:
         raise PublishError(
             f"{text}: expected an address such as iox2://NAME, udp://HOST:PORT, zenoh://KEY or mailbox:NAME"
         )
     options = dict(pairs)
     if len(options) < len(pairs):
         raise PublishError(f"{text}: an option is given twice, expected each once")
-    return Address(text, parts.scheme, place, options)
+    return Address(text, parts.scheme, location, options)

@@ -1,4 +1,4 @@
-"""What contacts are still worth when they are old: bounds that hold later, and in the end nothing.
+"""Ageing of contacts: bounds widen with time until nothing is known.
 
 Both functions change records in place and leave every field with the meaning it has when it is published.
 """
@@ -6,13 +6,12 @@ Both functions change records in place and leave every field with the meaning it
 import numpy as np
 
 from proximity.message import CONTACT, ContactFlag, Mode, Source, Surface
+from proximity.message.contact import BOUNDED_BIT, PREDICTED_BIT, TRACKED_BIT
 
 _NOT_PREDICTED = np.uint32(
     ~(ContactFlag.EXACT | ContactFlag.SKIPPED | ContactFlag.PREDICTED | ContactFlag.CONTACT_FOUND)
     & 0xFFFF_FFFF
 )
-_TRACKED, _PREDICTED = np.uint32(ContactFlag.TRACKED), np.uint32(ContactFlag.PREDICTED)
-_BOUNDED = np.uint32(ContactFlag.BOUNDED)
 _FLOATS = [name for name in CONTACT.names or () if CONTACT[name].base.kind == "f"]
 
 
@@ -47,7 +46,7 @@ def widen(contacts: np.ndarray, now_ns: int, max_speed: float, max_acceleration:
 
 
 class Widening:
-    """What can be known once of contacts that are to be widened, again and again, as time passes.
+    """Quantities computed once for contacts whose bounds are widened again and again.
 
     Parameters
     ----------
@@ -60,18 +59,18 @@ class Widening:
     def __init__(self, contacts: np.ndarray, max_speed: float, max_acceleration: float) -> None:
         flags = contacts["flags"]
         self._contacts = contacts
-        self._is_tracked = (flags & _TRACKED) != 0
+        self._is_tracked = (flags & TRACKED_BIT) != 0
         self._pose_ns = contacts["pose_ns"].copy()
         self._lower, self._upper = contacts["lower"].copy(), contacts["upper"].copy()
         self._free = contacts["time_to_contact_lower"].copy()
         with np.errstate(all="ignore"):  # a publisher's numbers may be anything
-            self._set_rates((flags & _PREDICTED) != 0, max_speed, max_acceleration)
-        contacts["flags"] = (flags & _NOT_PREDICTED) | np.where(self._is_tracked, _BOUNDED, np.uint32(0))
+            self._set_rates((flags & PREDICTED_BIT) != 0, max_speed, max_acceleration)
+        contacts["flags"] = (flags & _NOT_PREDICTED) | np.where(self._is_tracked, BOUNDED_BIT, np.uint32(0))
         contacts["contact_bend_error"] += np.inf
         contacts["force_is_valid"] = 0
 
     def _set_rates(self, is_predicted: np.ndarray, max_speed: float, max_acceleration: float) -> None:
-        """By how much a distance changes at most, m/s: at first, more each second, at last, and ever.
+        """Largest rate of change of a distance, m/s: at first, more each second, at last, and ever.
 
         Relative to the nearest part the finger goes by its velocity, less the part's; of a sensor's distance
         it is known how fast it changes. Acceleration adds to that. The *spread* of the predictions, m/s,
@@ -86,12 +85,12 @@ class Widening:
         going = np.where(
             is_geometry, _lengths(contacts["velocity"] - part_velocity), np.abs(contacts["approach_speed"])
         )
-        ahead = 1e-9 * (contacts["predicted_ns"] - self._pose_ns)
+        lead_time = 1e-9 * (contacts["predicted_ns"] - self._pose_ns)
         spread = contacts["predicted_upper"] - contacts["predicted_lower"]
         # A sensor's error stays; of a bracket it is not known how much narrower it is at the predicted place.
         spread -= np.where(is_geometry, 0.0, self._upper - self._lower)
-        spread *= 0.5 / ahead
-        is_finite = (ahead > 0.0) & (spread < np.inf)
+        spread *= 0.5 / lead_time
+        is_finite = (lead_time > 0.0) & (spread < np.inf)
         spread[~is_finite] = 0.0
         # So wide a spread may be the top speed of a finger that could turn round: what it did tells nothing.
         going = np.where(spread < max_speed, going, np.fmax(going, part_speed))
@@ -108,8 +107,8 @@ class Widening:
         with np.errstate(all="ignore"):
             age_ns = now_ns - self._pose_ns
             elapsed = np.maximum(1e-9 * age_ns, 0.0)
-            way = np.fmin(self._at_first + self._each_second * elapsed, self._at_last) * elapsed
-            lower, upper = self._lower - way, self._upper + way
+            drift = np.fmin(self._at_first + self._each_second * elapsed, self._at_last) * elapsed
+            lower, upper = self._lower - drift, self._upper + drift
             free = elapsed + np.maximum(lower, 0.0) / self._ever
         contacts["lower"] = contacts["predicted_lower"] = lower
         contacts["upper"] = contacts["predicted_upper"] = upper

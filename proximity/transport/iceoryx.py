@@ -1,4 +1,4 @@
-"""``iox2://NAME``: between processes of one machine, in shared memory, without a server; by iceoryx2.
+"""``iox2://NAME``: shared memory between processes of one machine, without a server, by iceoryx2.
 
 A message is copied into shared memory once, and every subscriber reads it there. One publisher and up to 16
 subscribers share a name. Nobody waits for anybody: who reads too seldom loses the oldest messages. A late
@@ -26,9 +26,9 @@ from proximity.errors import PublishError
 from proximity.transport.address import Address
 from proximity.transport.iceoryx_names import (
     BUFFER,
+    create_end,
     open_service,
     remove_unfinished_memory,
-    take_place,
 )
 from proximity.transport.link import NOTHING
 from proximity.transport.poll import wait_until
@@ -54,7 +54,7 @@ class IceoryxOutlet:
         builder = self._service.publisher_builder().initial_max_slice_len(FIRST_BYTES).max_loaned_samples(1)
         builder = builder.allocation_strategy(iceoryx2.AllocationStrategy.PowerOfTwo)
         builder = builder.override_sample_preallocation(_most_in_memory(self._service))
-        self._publisher = take_place(builder.create, address, self._node, self._service, "publisher")
+        self._publisher = create_end(builder.create, address, self._node, self._service, "publisher")
         try:
             _claim_memory(self._publisher)
         except OSError as failure:
@@ -97,7 +97,7 @@ class IceoryxInlet:
         self._text = address.text
         self._node, self._service = open_service(address, "subscriber")
         create = self._service.subscriber_builder().buffer_size(BUFFER).create
-        self._subscriber = take_place(create, address, self._node, self._service, "subscriber")
+        self._subscriber = create_end(create, address, self._node, self._service, "subscriber")
 
     def receive(self, buffer: np.ndarray) -> int:
         """Take the oldest message of the buffer."""
@@ -124,7 +124,7 @@ class IceoryxInlet:
         return wait_until(self._has_messages, timeout)
 
     def close(self) -> None:
-        """Leave; the place is free."""
+        """Leave; another subscriber may come."""
         subscriber, self._subscriber = self._subscriber, None
         if subscriber is not None:
             remove_unfinished_memory()
@@ -147,7 +147,7 @@ open_inlet = IceoryxInlet
 
 
 def _most_in_memory(service: Any) -> int:
-    """How many messages there can be at once; iceoryx2 0.10 aborts the process when there are more.
+    """Largest number of messages at once; iceoryx2 0.10 aborts the process when there are more.
 
     All buffers hold the same latest messages. By itself iceoryx2 reckons with a buffer of its own for each
     subscriber: eight times as much memory, which real-time processes lock.

@@ -21,7 +21,7 @@ from proximity.errors import PublishError
 from proximity.transport.address import Address
 
 NAME_PREFIX = "proximity/"
-"""Before the place of the address: the names of other programs on the machine are theirs."""
+"""Prefix of all service names, which keeps them apart from those of other programs on the machine."""
 BUFFER = 64
 """Messages that wait for a subscriber; then the oldest is lost."""
 SUBSCRIBERS = 16
@@ -29,7 +29,7 @@ SUBSCRIBERS = 16
 NODES = 2 * SUBSCRIBERS
 """Ends that have a name open, those that were killed and not yet noticed included."""
 LOCK_TIMEOUT = 0.3
-"""s to ask again for a place that may just be given back."""
+"""s to try again where a publisher or subscriber may just be leaving."""
 UNFINISHED_AFTER = 1.0
 """s: nobody alive takes as long to make a name or a piece of memory; iceoryx2 waits no longer for a name."""
 MEMORY = Path("/dev/shm")
@@ -41,9 +41,9 @@ def open_service(address: Address, role: str) -> tuple[Any, Any]:
 
     Returns the node, to be kept as long as the service is used, and the service.
     """
-    place = NAME_PREFIX + address.place
+    service_name = NAME_PREFIX + address.location
     try:
-        name = iceoryx2.ServiceName.new(place)
+        name = iceoryx2.ServiceName.new(service_name)
     except iceoryx2.SemanticStringError as unfit:
         longest = iceoryx2.ServiceName.max_len() - len(NAME_PREFIX)
         raise address.refuse(f"expected a name of at most {longest} ASCII characters ({unfit})") from unfit
@@ -54,15 +54,15 @@ def open_service(address: Address, role: str) -> tuple[Any, Any]:
     except iceoryx2.PublishSubscribeOpenOrCreateError as failure:
         if "HangsInCreation" not in str(failure):
             raise _explained(address, failure) from failure
-    _remove_unfinished_name(node, place)
+    _remove_unfinished_name(node, service_name)
     try:
         return node, _open(node, name)
     except iceoryx2.PublishSubscribeOpenOrCreateError as failure:
         raise _explained(address, failure) from failure
 
 
-def take_place(create: Callable[[], Any], address: Address, node: Any, service: Any, role: str) -> Any:
-    """Make a publisher or a subscriber by *create*; ask again where all places seem to be taken."""
+def create_end(create: Callable[[], Any], address: Address, node: Any, service: Any, role: str) -> Any:
+    """Make a publisher or a subscriber by *create*; try again while the service seems to be full."""
     ends = time.monotonic() + LOCK_TIMEOUT
     while True:
         try:
@@ -138,7 +138,7 @@ def _explained(address: Address, failure: Exception) -> PublishError:
 
 
 def _taken(role: str, node: Any, service: Any) -> str:
-    """Say who has the place of a publisher, or all places of subscribers."""
+    """Say which process publishes already, or that there are no more subscribers to be had."""
     if role == "subscriber":
         return f"has {SUBSCRIBERS} subscribers already, which is the most"
     for state in service.nodes:
@@ -150,14 +150,16 @@ def _taken(role: str, node: Any, service: Any) -> str:
     return "is in use: another process publishes there"
 
 
-def _remove_unfinished_name(node: Any, place: str) -> None:
+def _remove_unfinished_name(node: Any, service_name: str) -> None:
     """Remove the file of a service that nobody finished making.
 
     iceoryx2 0.10 names it by a hash of the name, and makes it unwritable when it is finished. Killed before,
     the maker leaves a name that nobody can open or remove through iceoryx2, not by force either.
     """
     settings = node.config.global_cfg
-    digest = hashlib.sha1(b"0" + place.encode(), usedforsecurity=False).hexdigest()  # 0: publish-subscribe
+    digest = hashlib.sha1(
+        b"0" + service_name.encode(), usedforsecurity=False
+    ).hexdigest()  # 0: publish-subscribe
     suffix = settings.service.static_config_storage_suffix.to_string()
     file = Path(settings.service_dir.to_string()) / f"{settings.prefix.to_string()}{digest}{suffix}"
     try:

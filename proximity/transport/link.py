@@ -1,4 +1,4 @@
-"""What a transport gives: a way out and a way in for bytes, and nothing that knows what they mean."""
+"""Interface of a transport: an outlet and an inlet for bytes."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -55,7 +55,7 @@ NOTHING = -1
 
 @dataclass(frozen=True, slots=True)
 class Transport:
-    """How a scheme opens its two ends."""
+    """A scheme's functions that open its two ends."""
 
     module: str  # imported when it is first asked for
     is_installed_by: str  # what to install where the module's library is not there

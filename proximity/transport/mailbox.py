@@ -40,7 +40,7 @@ class MailboxOutlet:
 
     def __init__(self, address: Address) -> None:
         address.check_options()
-        self._box = _box(address.place)
+        self._box = _box(address.location)
 
     def send(self, data: np.ndarray) -> None:
         """Replace what is in the box."""
@@ -66,7 +66,7 @@ class MailboxInlet:
 
     def __init__(self, address: Address) -> None:
         address.check_options()
-        self._box = _box(address.place)
+        self._box = _box(address.location)
         self._seen = 0
 
     def receive(self, buffer: np.ndarray) -> int:

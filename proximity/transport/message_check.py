@@ -1,4 +1,4 @@
-"""Distrust of what arrives: only whole, new messages of an expected kind go on; the others are counted."""
+"""Checks of received messages: only whole, new messages of an expected kind pass; the others are counted."""
 
 import time
 from collections import Counter
@@ -31,7 +31,7 @@ _unpack_instant = Struct("<q").unpack_from
 
 @dataclass(slots=True)
 class Counts:
-    """What a receiver has seen since it was opened."""
+    """Numbers of messages that a receiver has seen since it was opened."""
 
     received: int = 0  # messages that were used
     lost: int = 0  # numbers that were left out since the first message

@@ -1,4 +1,4 @@
-"""Waiting by looking again and again, for transports whose libraries cannot be waited for, or only dearly."""
+"""Waiting by polling, for transports whose libraries cannot wait, or only at a high cost."""
 
 import time
 from collections.abc import Callable

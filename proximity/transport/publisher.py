@@ -1,4 +1,4 @@
-"""The sending side: messages are numbered, checksummed and handed to a transport."""
+"""Publisher: messages are numbered, given a checksum and handed to a transport."""
 
 import threading
 import time
@@ -22,7 +22,7 @@ def _next_session() -> int:
         return _newest_session
 
 
-def _calendar_ahead_ns() -> int:
+def _calendar_offset_ns() -> int:
     return time.time_ns() - time.monotonic_ns()
 
 
@@ -51,11 +51,11 @@ class Publisher:
         self.session = _next_session()
         self._outlet = outlet
         self._sequences: dict[int, int] = {}  # number of the next message, by the magic of its kind
-        self._awake_ns = _calendar_ahead_ns()
+        self._awake_ns = _calendar_offset_ns()
 
     @property
     def sequence(self) -> int:
-        """How many messages this run published, of all kinds; of one kind alone, the number of the next."""
+        """Number of messages of this run, of all kinds; with one kind, its next sequence number."""
         return sum(self._sequences.values())
 
     def publish(self, message: Message) -> None:
@@ -74,7 +74,7 @@ class Publisher:
         PublishError
             If the transport refuses it.
         """
-        before, self._awake_ns = self._awake_ns, _calendar_ahead_ns()
+        before, self._awake_ns = self._awake_ns, _calendar_offset_ns()
         if self._awake_ns > before + ASLEEP_NS:
             self.session = _next_session()
             self._sequences.clear()

@@ -1,20 +1,17 @@
-"""A frame as it came, taken apart once, and whether what it says can be."""
+"""A received frame: unpacked once, and checked for values that are impossible."""
 
 from typing import Any
 
 import numpy as np
 
-from proximity.message import CONTACT, FRAME, ContactFlag, Flaw, Mode, Source, State, Surface, parts_of
-from proximity.message.envelope import PREFIX_FIELDS
+from proximity.message import CONTACT, FRAME, Flaw, Mode, Source, State, Surface, parts_of
+from proximity.message.contact import TRACKED_BIT, UNIT_ERROR
+from proximity.message.envelope import MAX_FUTURE_NS, PREFIX_FIELDS
 from proximity.message.fields import struct_of
 from proximity.message.frame import FRAME_FIELDS
 
-AHEAD_NS = 5_000_000
-"""An instant farther in the future than this is a mistake."""
 LONGEST_VALID_NS = 1_000_000_000
 """After its oldest pose no frame is valid for longer, whatever it says."""
-UNIT_ERROR = 1e-3
-"""By which a normal's length may differ from 1."""
 ORDERED = (
     ("lower", "signed_distance"),
     ("signed_distance", "upper"),
@@ -42,7 +39,6 @@ _KINDS = frozenset(
 _SHORTEST_SQ, _LONGEST_SQ = np.array((1.0 - UNIT_ERROR) ** 2), np.array((1.0 + UNIT_ERROR) ** 2)
 _MOST_NS = 2**62
 """Of instants, on any clock: 146 years. What comes a while later must be a number of 64 bits as well."""
-_TRACKED = np.uint32(ContactFlag.TRACKED)
 _MOST_SOURCE = int(max(Source))
 _STATES = {int(state): state for state in State}
 _INSTANTS = slice(len(PREFIX_FIELDS), len(PREFIX_FIELDS) + 4)  # pose_ns, start_ns, publish_ns, valid_until_ns
@@ -83,7 +79,7 @@ class HeldFrame:
         count, records = self.count, self._data[FRAME.header_size :]
         self._reals = self._buffer[FRAME.header_size :].view("<f8")
         self._reals[-2:] = np.finfo(float).min, np.finfo(float).max
-        self._left_at, self._right_at = _places(_LEFT, count), _places(_RIGHT, count)
+        self._left_at, self._right_at = _flat_columns(_LEFT, count), _flat_columns(_RIGHT, count)
         self._left, self._right = np.empty((2, count, len(_LEFT)))
         self._is_ordered = np.empty((count, len(_LEFT)), bool)
         self._normals = self.contacts["normal"]
@@ -112,7 +108,7 @@ class HeldFrame:
             return Flaw.CONTENT
         self.state = _STATES[state]
         self.expires_ns = min(valid_until_ns, self.pose_ns + LONGEST_VALID_NS)
-        latest = min((self.publish_ns if now_ns is None else now_ns) + AHEAD_NS, _MOST_NS)
+        latest = min((self.publish_ns if now_ns is None else now_ns) + MAX_FUTURE_NS, _MOST_NS)
         if max(self.pose_ns, self.publish_ns) > latest:
             return Flaw.FUTURE
         return self._content_flaw(latest)
@@ -140,13 +136,13 @@ class HeldFrame:
         is_placed = self._is_ordered[:, pairs:].all(axis=1)
         is_placed |= (contacts["source"] != Source.GEOMETRY) & np.isnan(contacts["position"]).any(axis=1)
         makes_sense = self._is_ordered[:, :pairs].all(axis=1) & is_placed & ~self._is_off.any(axis=0)
-        is_tracked = (contacts["flags"] & _TRACKED) != 0
+        is_tracked = (contacts["flags"] & TRACKED_BIT) != 0
         return None if (makes_sense | ~is_tracked).all() else Flaw.CONTENT
 
 
-def _places(columns: list[int], count: int) -> np.ndarray:
-    """Where columns of each row are among all numbers; the finite ones are behind the last row."""
-    places = np.arange(count)[:, np.newaxis] * COLUMNS + columns
+def _flat_columns(columns: list[int], count: int) -> np.ndarray:
+    """Flat indices of columns of each row; columns that must be finite are taken from the last row."""
+    flat = np.arange(count)[:, np.newaxis] * COLUMNS + columns
     behind = np.array(columns) >= COLUMNS
-    places[:, behind] = (count - 1) * COLUMNS + np.array(columns)[behind]
-    return places
+    flat[:, behind] = (count - 1) * COLUMNS + np.array(columns)[behind]
+    return flat

@@ -1,4 +1,4 @@
-"""The receiving side: the newest frame, and how far it can be trusted now (docs/message.md)."""
+"""Subscriber: the newest frame, and how far it can be trusted now (docs/message.md)."""
 
 import math
 import time
@@ -34,7 +34,7 @@ _NO_CONTACTS = np.zeros(0, CONTACT)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reading:
-    """What a subscriber knows now.
+    """State of a subscriber: the newest frame and its validity.
 
     Up to ``valid_until``, and a second after its oldest pose at most, a frame is reported as it was
     published. From then on, or where it says itself that it is LATE, contacts are made worse, see `widen`:
@@ -125,7 +125,7 @@ class Subscriber:
 
     @property
     def counts(self) -> Counts:
-        """What was received, lost and refused so far."""
+        """Numbers of messages received, lost and refused so far."""
         return self._examiner.counts
 
     def read(self) -> Reading:

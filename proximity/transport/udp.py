@@ -1,4 +1,4 @@
-"""``udp://HOST:PORT``: a datagram a message, to a microcontroller or across a wire. Loses rather than delays.
+"""``udp://HOST:PORT``: one datagram a message, to a microcontroller or across a network. Loses, never delays.
 
 For a publisher HOST:PORT is where messages go. Its own socket is bound to loopback unless ``?bind=ADDRESS``
 or ``?bind=ADDRESS:PORT`` says where else. For a subscriber HOST:PORT is where to listen, and ``?from=HOST``
@@ -28,8 +28,8 @@ import numpy as np
 
 from proximity.errors import PublishError
 from proximity.transport.address import Address
-from proximity.transport.key import TAG_BYTES, Key, key_of
 from proximity.transport.link import NOTHING
+from proximity.transport.message_key import TAG_BYTES, Key, key_of
 
 MOST_BYTES = 65507
 """That a datagram of IPv4 carries."""
@@ -49,12 +49,13 @@ _NOBODY = {
     if hasattr(errno, name)  # not every system has them all
 }
 _NO_BUFFERS = {errno.EAGAIN, errno.EWOULDBLOCK, errno.ENOBUFS, errno.ENOMEM}
-# Linux then tells the size of what was cut off. Elsewhere what fills the room is taken to have been cut off.
-_TELLS_SIZE = getattr(socket, "MSG_TRUNC", 0) if sys.platform == "linux" else 0
+# Linux then returns the full size of a datagram that was cut off. Elsewhere one that fills the buffer counts
+# as cut off.
+_RETURNS_SIZE = getattr(socket, "MSG_TRUNC", 0) if sys.platform == "linux" else 0
 _IS_CUT_OFF = 10040  # WSAEMSGSIZE: Windows says so by an error
 
 
-class _Place(NamedTuple):
+class _Endpoint(NamedTuple):
     """An address of the network: where a socket is bound, or whom it talks to."""
 
     family: int
@@ -86,18 +87,19 @@ class UdpOutlet:
         self.lost = 0
         self._text = address.text
         self._key = key_of(address)
-        place = _look_up(address, address.place, needs_port=True)
+        endpoint = _look_up(address, address.location, needs_port=True)
         bind = address.options.get("bind")
-        if bind is None and not place.is_loopback:
+        if bind is None and not endpoint.is_loopback:
             raise address.refuse(
-                f"{place.host} is not on this machine, and messages go from loopback unless asked otherwise "
-                "(expected ?bind=ADDRESS, that of the network card to send from, or ?bind=0.0.0.0 for any)"
+                f"{endpoint.host} is not on this machine, and messages go from loopback unless asked "
+                "otherwise (expected ?bind=ADDRESS, that of the network card to send from, or ?bind=0.0.0.0 "
+                "for any)"
             )
-        loopback = "::1" if place.family == socket.AF_INET6 else "127.0.0.1"
-        source = _look_up(address, _bracketed(loopback) if bind is None else bind, family=place.family)
+        loopback = "::1" if endpoint.family == socket.AF_INET6 else "127.0.0.1"
+        source = _look_up(address, _bracketed(loopback) if bind is None else bind, family=endpoint.family)
         self._socket = _open(address, source)
         try:
-            self._socket.connect(place.name)
+            self._socket.connect(endpoint.name)
         except OSError as failure:
             self._socket.close()
             raise address.refuse(f"cannot send there from {source.host} ({_reason(failure)})") from failure
@@ -156,20 +158,21 @@ class UdpInlet:
         self._key = key_of(address)
         self.is_keyed = self._key is not None
         self._datagram = memoryview(bytearray(LARGEST_DATAGRAM if self.is_keyed else 0))
-        place = _look_up(address, address.place, needs_port=True)
+        endpoint = _look_up(address, address.location, needs_port=True)
         source = address.options.get("from")
         if source is not None:
-            sender = _look_up(address, source, family=place.family)
+            sender = _look_up(address, source, family=endpoint.family)
             self._hosts, self._port = {sender.host}, sender.port
-            self.shares_clock = place.is_loopback and sender.is_loopback
-        elif place.is_loopback:
-            self._hosts, self._port = {place.host, "127.0.0.1", "::1"}, 0
+            self.shares_clock = endpoint.is_loopback and sender.is_loopback
+        elif endpoint.is_loopback:
+            self._hosts, self._port = {endpoint.host, "127.0.0.1", "::1"}, 0
             self.shares_clock = True
         else:
             raise address.refuse(
-                f"{place.host} can be reached by others (expected ?from=HOST, that of the one to listen to)"
+                f"{endpoint.host} can be reached by others "
+                "(expected ?from=HOST, that of the one to listen to)"
             )
-        self._socket = _open(address, place)
+        self._socket = _open(address, endpoint)
         self._poll = select.poll() if hasattr(select, "poll") else None
         if self._poll is not None:
             self._poll.register(self._socket, select.POLLIN)
@@ -207,7 +210,7 @@ class UdpInlet:
     def _take(self, buffer: memoryview) -> tuple[int, bool]:
         """Size of the next datagram, or `NOTHING`, and whether it counts: is of the one to listen to."""
         try:
-            size, sender = self._socket.recvfrom_into(buffer, 0, _TELLS_SIZE)
+            size, sender = self._socket.recvfrom_into(buffer, 0, _RETURNS_SIZE)
         except BlockingIOError:
             return NOTHING, False
         except OSError as failure:
@@ -215,7 +218,7 @@ class UdpInlet:
                 raise PublishError(f"{self._text}: cannot receive ({_reason(failure)})") from failure
             return len(buffer) + 1, True
         if sender[0] in self._hosts and (not self._port or sender[1] == self._port):
-            return size if _TELLS_SIZE or size < len(buffer) else size + 1, True
+            return size if _RETURNS_SIZE or size < len(buffer) else size + 1, True
         self.refused += 1
         return size, False
 
@@ -232,8 +235,8 @@ class UdpInlet:
         self._socket.close()
 
 
-def _look_up(address: Address, text: str, *, family: int = 0, needs_port: bool = False) -> _Place:
-    """The place that ``HOST:PORT`` is; without *needs_port* the port may be left out, which is 0."""
+def _look_up(address: Address, text: str, *, family: int = 0, needs_port: bool = False) -> _Endpoint:
+    """The endpoint of ``HOST:PORT``; without *needs_port* the port may be left out, which is 0."""
     host, port = _split(address, text, needs_port)
     try:
         found = socket.getaddrinfo(host, port, family, socket.SOCK_DGRAM)
@@ -244,7 +247,7 @@ def _look_up(address: Address, text: str, *, family: int = 0, needs_port: bool =
     if not found:
         raise address.refuse(f"{host!r} is no address of IPv4 or IPv6")
     first = min(found, key=lambda entry: entry[0] != socket.AF_INET)
-    return _Place(first[0], first[4], port)
+    return _Endpoint(first[0], first[4], port)
 
 
 def _split(address: Address, text: str, needs_port: bool) -> tuple[str, int]:
@@ -269,25 +272,27 @@ def _bracketed(host: str) -> str:
     return f"[{host}]" if ":" in host else host
 
 
-def _open(address: Address, place: _Place) -> socket.socket:
-    """A socket bound to a place that nobody else is bound to."""
-    opened = socket.socket(place.family, socket.SOCK_DGRAM)
+def _open(address: Address, endpoint: _Endpoint) -> socket.socket:
+    """A socket bound to an endpoint that nobody else is bound to."""
+    opened = socket.socket(endpoint.family, socket.SOCK_DGRAM)
     try:
         # SO_REUSEADDR stays off: with it two subscribers could have one port, and one of them would starve.
         if hasattr(socket, "SO_EXCLUSIVEADDRUSE"):  # Windows would let another one in
             opened.setsockopt(socket.SOL_SOCKET, socket.SO_EXCLUSIVEADDRUSE, 1)
-        if place.family == socket.AF_INET6:
+        if endpoint.family == socket.AF_INET6:
             opened.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
         opened.setblocking(False)
         opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
-        opened.bind(place.name)
+        opened.bind(endpoint.name)
     except OSError as failure:
         opened.close()
         if failure.errno == errno.EADDRINUSE:
             raise address.refuse(
-                f"port {place.port} of {place.host} is in use by another program"
+                f"port {endpoint.port} of {endpoint.host} is in use by another program"
             ) from failure
-        raise address.refuse(f"cannot use {place.host}, port {place.port} ({_reason(failure)})") from failure
+        raise address.refuse(
+            f"cannot use {endpoint.host}, port {endpoint.port} ({_reason(failure)})"
+        ) from failure
     return opened
 
 

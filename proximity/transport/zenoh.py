@@ -63,7 +63,9 @@ class ZenohOutlet:
         try:
             self._publisher.put(data.tobytes())
         except zenoh.ZError as failure:
-            raise PublishError(f"{self._text}: cannot send {len(data)} bytes ({_said(failure)})") from failure
+            raise PublishError(
+                f"{self._text}: cannot send {len(data)} bytes ({_zenoh_message(failure)})"
+            ) from failure
 
     def close(self) -> None:
         """Leave the network."""
@@ -115,7 +117,7 @@ class ZenohInlet:
             try:
                 self._next = self._subscriber.try_recv()
             except zenoh.ZError as failure:
-                raise PublishError(f"{self._text}: cannot receive ({_said(failure)})") from failure
+                raise PublishError(f"{self._text}: cannot receive ({_zenoh_message(failure)})") from failure
         return self._next is not None
 
 
@@ -127,10 +129,10 @@ def _key_of(address: Address) -> Any:
     """Take the key of an address; one that stands for many keys is refused."""
     address.check_options("connect", "listen", "config")
     try:
-        key = zenoh.KeyExpr(address.place)
+        key = zenoh.KeyExpr(address.location)
     except zenoh.ZError as unfit:
-        raise address.refuse(f"expected a key such as decaff/poses ({_said(unfit)})") from unfit
-    if "*" in address.place:
+        raise address.refuse(f"expected a key such as decaff/poses ({_zenoh_message(unfit)})") from unfit
+    if "*" in address.location:
         raise address.refuse("expected one key, without wildcards: several publishers cannot be known apart")
     return key
 
@@ -150,11 +152,11 @@ def _open_session(address: Address) -> zenoh.Session:
             config.insert_json5(path, json.dumps(value))
         return zenoh.open(config)
     except zenoh.ZError as failure:
-        raise address.refuse(f"Zenoh cannot open it ({_said(failure)})") from failure
+        raise address.refuse(f"Zenoh cannot open it ({_zenoh_message(failure)})") from failure
 
 
 def _config_of(address: Address) -> zenoh.Config:
-    """What the address's file says, or the defaults."""
+    """Configuration from the address's file, or the defaults."""
     path = address.options.get("config")
     if path is None:
         return zenoh.Config()
@@ -164,6 +166,6 @@ def _config_of(address: Address) -> zenoh.Config:
     return zenoh.Config.from_file(path)
 
 
-def _said(failure: Exception) -> str:
-    """What Zenoh says, without where in its source."""
+def _zenoh_message(failure: Exception) -> str:
+    """Message of a Zenoh error, without the position in its source."""
     return str(failure).split(" at /")[0].rstrip(".")

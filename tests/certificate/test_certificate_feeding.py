@@ -38,8 +38,8 @@ def ticks(monkeypatch):
     told, tick = [], Tracker.tick
 
     def tick_and_note(tracker, positions, *rest, paths=None, bends=None, **more):
-        place = tracker.scene.parts[0].pose.translation.copy()
-        told.append((positions.copy(), paths, bends, place, tracker.scene))
+        position = tracker.scene.parts[0].pose.translation.copy()
+        told.append((positions.copy(), paths, bends, position, tracker.scene))
         return tick(tracker, positions, *rest, paths=paths, bends=bends, **more)
 
     monkeypatch.setattr(Tracker, "tick", tick_and_note)
@@ -85,9 +85,9 @@ def test_fingers_are_on_their_paths_and_parts_move_in_those_motions_alone(ticks)
         np.testing.assert_allclose(points_on(paths, bends), positions, atol=1e-12)
         lengths = np.linalg.norm(np.diff(paths, axis=1), axis=2)
         np.testing.assert_allclose(lengths, np.linalg.norm(np.diff(CORNERS[[0, 0]], axis=1), axis=2))
-    places = np.array([told[3] for told in moving])
-    assert np.ptp(places, axis=0)[2] > 1e-4 and np.abs(places).max() <= 1.1 * service_inputs.SWAY
-    assert (np.diff(places[:100, 2]) != 0.0).all()
+    positions = np.array([told[3] for told in moving])
+    assert np.ptp(positions, axis=0)[2] > 1e-4 and np.abs(positions).max() <= 1.1 * service_inputs.SWAY
+    assert (np.diff(positions[:100, 2]) != 0.0).all()
     assert subject.scene.parts[0].pose.is_identity
 
 

@@ -73,7 +73,7 @@ def test_upper_share_is_above_what_was_seen_and_one_where_all_were():
 
 def test_too_few_ticks_are_refused():
     deadlines.check_tick_count(1000)
-    with pytest.raises(ServiceError, match=r"999 ticks tell no p99\.9, expected 1000 or more"):
+    with pytest.raises(ServiceError, match=r"999 ticks are too few for p99\.9, expected 1000 or more"):
         deadlines.check_tick_count(999)
 
 
@@ -130,7 +130,7 @@ def test_what_is_no_period_is_refused(text):
 
 
 def test_forty_milliseconds_mean_what_the_paper_says():
-    """PAPER 3.4 and 7: 4 mm at 0.1 m/s, 0.8 N, 6 mJ."""
+    """As docs/decaff.md has it: 4 mm at 0.1 m/s, 0.8 N, 6 mJ."""
     felt = finger_effect.felt(0.040, 0.1)
 
     assert felt.penetration == pytest.approx(0.004, rel=1e-12)

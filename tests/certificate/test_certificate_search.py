@@ -1,4 +1,4 @@
-"""The search for the worst places: it finds the known ones, only climbs, and is the same on every run."""
+"""The search for the worst positions: it finds the known ones, only climbs, and is the same on every run."""
 
 import numpy as np
 import pytest
@@ -51,29 +51,29 @@ def test_centre_of_a_ball_is_found_by_balls_that_shrink(ball, monkeypatch):
 def test_every_goal_has_its_places_the_dearest_first(searched, ball):
     assert tuple(searched) == GOALS
     for goal, found in searched.items():
-        works = [place.work for place in found.places]
+        works = [worst.work for worst in found.positions]
         assert works == sorted(works, reverse=True)
-        assert all(place.work >= place.start_work for place in found.places)
+        assert all(worst.work >= worst.start_work for worst in found.positions)
         assert found.is_complete
-        for place in found.places:
-            assert place.lower <= place.upper <= ball.working_range
-            assert goal.has_budget or place.upper - place.lower <= 1e-12
+        for worst in found.positions:
+            assert worst.lower <= worst.upper <= ball.working_range
+            assert goal.has_budget or worst.upper - worst.lower <= 1e-12
 
 
 def test_budget_bounds_the_work_and_leaves_a_bracket(searched, ball):
-    place = searched[Goal(Manner.COLD, True)].worst
+    worst = searched[Goal(Manner.COLD, True)].worst
 
-    assert ball.budget <= place.work <= ball.budget + 16
-    true = ball.scene.signed_distance(place.position) - 0.007
-    assert place.lower <= true <= place.upper
-    assert place.upper - place.lower > 0.0001
-    assert place.work > 5 * searched[Goal(Manner.COLD, True)].typical_work
+    assert ball.budget <= worst.work <= ball.budget + 16
+    true = ball.scene.signed_distance(worst.position) - 0.007
+    assert worst.lower <= true <= worst.upper
+    assert worst.upper - worst.lower > 0.0001
+    assert worst.work > 5 * searched[Goal(Manner.COLD, True)].typical_work
 
 
 def test_same_seed_finds_the_same_and_another_one_elsewhere(ball):
     one, again, other = (search(ball, seed, counts=(20, 20, 4), most_steps=20_000)[0] for seed in (5, 5, 6))
 
-    assert [place.work for place in one.places] == [place.work for place in again.places]
+    assert [worst.work for worst in one.positions] == [worst.work for worst in again.positions]
     np.testing.assert_array_equal(one.worst.position, again.worst.position)
     assert not np.array_equal(one.worst.position, other.worst.position)
 
@@ -92,13 +92,13 @@ def test_ascent_never_goes_down(ball, goal):
         climb = ascend(probe, start, 0.01, rng, most_steps=np.inf)
 
         assert (np.diff(climb.worth) >= 0.0).all()
-        assert climb.worth[-1] == probe.costs(climb.place[None]).worth[0]
+        assert climb.worth[-1] == probe.costs(climb.position[None]).worth[0]
 
 
 def test_work_of_a_place_does_not_depend_on_its_company(ball):
-    probe, places = Probe(ball, GOALS[2]), np.random.default_rng(1).uniform(-0.06, 0.06, (12, 3))
+    probe, positions = Probe(ball, GOALS[2]), np.random.default_rng(1).uniform(-0.06, 0.06, (12, 3))
 
-    together, alone = probe.costs(places), [probe.costs(place[None]) for place in places]
+    together, alone = probe.costs(positions), [probe.costs(each[None]) for each in positions]
 
     assert together.work.tolist() == [each.work[0] for each in alone]
     assert probe.steps >= together.work.sum() + sum(each.work[0] for each in alone)
@@ -120,7 +120,7 @@ def test_of_equal_work_the_wider_bracket_is_worth_more():
 def test_shrunk_balls_touch_the_ball_and_hold_none_of_it(ball):
     points, normals = starting_positions.surface_samples(ball.scene, 8, np.random.default_rng(2))
 
-    inside = starting_positions.medial_places(ball, points, normals)[8:]
+    inside = starting_positions.medial_positions(ball, points, normals)[8:]
 
     touching = np.linalg.norm(inside - points, axis=1)
     # Near the centre the nearest face is known within the budget only.
@@ -132,10 +132,10 @@ def test_shrunk_balls_between_two_walls_are_in_the_middle():
     subject = Subject(Scene(walls))
     points, normals = np.array([[0.01, 0.0, 0.020]]), np.array([[0.0, 0.0, -1.0]])
 
-    places = starting_positions.medial_places(subject, points, normals)
+    positions = starting_positions.medial_positions(subject, points, normals)
 
-    np.testing.assert_allclose(places[0], [0.01, 0.0, 0.0], atol=1e-9)
-    np.testing.assert_allclose(places[1], [0.01, 0.0, 0.0225], atol=1e-9)
+    np.testing.assert_allclose(positions[0], [0.01, 0.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(positions[1], [0.01, 0.0, 0.0225], atol=1e-9)
 
 
 def test_surface_is_sampled_by_area_where_parts_stand_and_are_shown():

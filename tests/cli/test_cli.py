@@ -19,7 +19,7 @@ from proximity import cli
 from proximity.cli import progress
 from proximity.cli.commands import query
 from proximity.cli.lengths import in_units
-from proximity.cli.views import answers
+from proximity.cli.views import query_answers
 from proximity.errors import MeshError, MeshFormatError
 from proximity.pose import Pose
 
@@ -248,7 +248,9 @@ def test_what_is_too_far_off_is_told_in_words():
     ray = {"origin": far, "direction": [-1.0, 0.0, 0.0], "distance": nothing, "face": None}
 
     for mode, answer in (("closest", point), ("ray", ray)):
-        assert answers.block(mode, answer, "mm", "") == [("distance", "nan (too far off to be computed)")]
+        assert query_answers.block(mode, answer, "mm", "") == [
+            ("distance", "nan (too far off to be computed)")
+        ]
 
 
 def test_segment_is_told(run):
@@ -317,7 +319,7 @@ def test_rays_and_segments_make_a_table(run, options, first, second):
 
 
 def test_long_table_is_not_cut_when_piped(run, monkeypatch):
-    monkeypatch.setattr(query, "CHUNK", 70)
+    monkeypatch.setattr(query, "POINTS_PER_CHUNK", 70)
     text = "".join(f"0 0 {row}.5\n" for row in range(1000))
 
     result = run("query", "ball.stl", "--points", "-", stdin=text)
@@ -375,7 +377,7 @@ def test_json_without_points_is_valid(run):
 
 
 def test_json_of_several_chunks_is_valid(run, monkeypatch):
-    monkeypatch.setattr(query, "CHUNK", 2)
+    monkeypatch.setattr(query, "POINTS_PER_CHUNK", 2)
 
     result = run("query", "ball.stl", *range(15), "--json")
 
@@ -418,7 +420,7 @@ def test_csv_answers_can_be_read_again_as_points(run):
 
 def test_csv_separates_lines_the_same_way_everywhere():
     stream = io.StringIO()
-    answers.write_csv(stream, "in", [{"distance": [1.0, 0.1 + 0.2]}])
+    query_answers.write_csv(stream, "in", [{"distance": [1.0, 0.1 + 0.2]}])
 
     assert stream.getvalue() == "distance_in\n1.0\n0.30000000000000004\n"
 
@@ -622,7 +624,7 @@ def test_long_table_on_a_terminal_stops_and_says_so(run, monkeypatch):
 
     result = run("query", "ball.stl", *[0, 0, 1] * 101)
 
-    assert len(screen.getvalue().splitlines()) == 1 + answers.TERMINAL_ROWS
+    assert len(screen.getvalue().splitlines()) == 1 + query_answers.TERMINAL_ROWS
     assert result.err == "proximity: these are 100 of 101; --csv, --json or a pipe shows all\n"
 
 

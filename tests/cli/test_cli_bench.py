@@ -145,7 +145,7 @@ def test_recording_is_given_or_a_sample(run):
     ("arguments", "sentence"),
     [
         (("--gate", "soon"), "'soon' is no period, expected a time or a rate such as 1ms, 200us or 1kHz"),
-        (("--ticks", 10), "10 ticks tell no p99.9, expected 1000 or more"),
+        (("--ticks", 10), "10 ticks are too few for p99.9, expected 1000 or more"),
         (("--seconds", 0), "the loop cannot run for 0 s"),
         (("--fingers", 0), "0 fingers cannot be ticked, expected 1 or more"),
         (("--out", "cell.pdf"), "cell.pdf does not end in .html or .json"),
@@ -174,7 +174,7 @@ def test_missing_scene_and_one_without_parts_are_refused(run, tmp_path):
 
 def test_all_of_it_runs_on_a_box(run, monkeypatch):
     """Everything is really searched, timed and looped, if shortly; no time is judged."""
-    monkeypatch.setattr(worst_positions, "COUNTS", (30, 30, 8))
+    monkeypatch.setattr(worst_positions, "START_COUNTS", (30, 30, 8))
     monkeypatch.setattr(worst_positions, "CLIMBS", 2)
     monkeypatch.setattr(package, "certify", certification.certify)
     box = str(make.FOLDER / "box.stl")

@@ -31,13 +31,13 @@ from proximity.transport import Reading, open_publisher, open_subscriber
 # -------------------------------------------------------------------------------------------------- its drums
 
 
-def bench_of(place, force=0.0, finger=0.0):
+def bench_of(position, force=0.0, finger=0.0):
     """A finger's drum as it is shown."""
     bench = DrumBench(250.0)
     bench.step(Reading(State.OK, True, 0, 0, None, frame(1).records), 0)
     (shown,) = bench.fingers
     shown.plant.force, shown.bend = force, finger
-    shown.action = replace(shown.action, state=place)
+    shown.action = replace(shown.action, state=position)
     return shown
 
 
@@ -49,7 +49,7 @@ def test_what_a_drum_does_fits_its_column():
     told += [short_words(bench_of(state, force=12.345)).plain for state in (DrumState.HOLD, DrumState.FREEZE)]
     told.append(short_words(bench_of(DrumState.CONTACT_POSITION, force=12.345)).plain)
 
-    gap = 1e3 * (ahead.plant.place - ahead.path.place(0.5))
+    gap = 1e3 * (ahead.plant.position - ahead.path.position(0.5))
     assert told == [
         "retracted",
         f"approach, {gap:.1f} mm",
@@ -211,7 +211,7 @@ def test_ctrl_c_while_the_service_starts_is_quiet(run, monkeypatch):
 
     def start(path, *, publish, say):
         os.kill(os.getpid(), signal.SIGINT)
-        raise ServiceError("demo.toml: the service has failed with exit code 130: it said nothing")
+        raise ServiceError("demo.toml: the service has failed with exit code 130: it printed nothing")
 
     monkeypatch.setattr(hosting, "start_service", start)
 

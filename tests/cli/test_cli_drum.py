@@ -20,8 +20,8 @@ from proximity.cli import drum_loop
 from proximity.cli.views import screen
 from proximity.cli.views.drum_log import DrumLog
 from proximity.decaff.controller.controller_states import DrumState
-from proximity.decaff.drum.drum import GEAR4
 from proximity.decaff.drum.drum_command import DriveMode
+from proximity.decaff.drum.drum_model import GEAR4
 from proximity.decaff.glove.default_bend import with_bend
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
@@ -100,8 +100,8 @@ def test_drum_meets_the_finger_and_goes_when_nothing_is_known():
         step(bench, reading(sample * MS, bend))
     finger = bench.fingers[0]
     assert finger.action.state.value == "position"
-    assert finger.plant.place == pytest.approx(float(GLOVE.finger.path_length(0.0, WALL)), abs=2e-4)
-    depth = finger.path.place(0.52) - finger.plant.place
+    assert finger.plant.position == pytest.approx(float(GLOVE.finger.path_length(0.0, WALL)), abs=2e-4)
+    depth = finger.path.position(0.52) - finger.plant.position
     assert finger.plant.force == pytest.approx(200.0 * depth, rel=0.02)
     assert (finger.touches, finger.faults) == (1, 0)
 
@@ -109,7 +109,7 @@ def test_drum_meets_the_finger_and_goes_when_nothing_is_known():
     for sample in range(len(bends), len(bends) + 1000):
         step(bench, Reading(State.STALE, False, sample * MS, 0, None, empty))
     assert finger.action.state.value == "retracted"
-    assert finger.plant.place == pytest.approx(finger.path.retracted, abs=1e-3)
+    assert finger.plant.position == pytest.approx(finger.path.retracted, abs=1e-3)
 
 
 def test_line_tells_state_places_and_force():
@@ -161,7 +161,7 @@ def test_clock_of_another_machine_that_is_learnt_anew_is_no_fault():
 
     (finger,) = bench.fingers
     assert finger.faults == 0
-    assert abs(finger.plant.place - finger.path.place(WALL)) < 1e-3
+    assert abs(finger.plant.position - finger.path.position(WALL)) < 1e-3
 
 
 def test_untracked_finger_stays_where_it_was():
@@ -311,7 +311,7 @@ def test_stand_in_for_a_bend_goes_straight_to_the_contact():
     told["signed_distance"], told["approach_speed"], told["bend"] = 0.010, 0.25, np.nan
     straight = with_bend(told, path)
 
-    assert path.place(0.5) - path.place(straight["bend"]) == pytest.approx(0.010)
+    assert path.position(0.5) - path.position(straight["bend"]) == pytest.approx(0.010)
     assert straight["bend_rate"] * float(GLOVE.finger.speed(straight["bend"])) == pytest.approx(
         0.25, rel=0.01
     )

@@ -97,7 +97,7 @@ def test_csv_has_a_line_a_finger_and_every_digit(run, tmp_path):
 def test_parquet_has_the_same_numbers(run, tmp_path, monkeypatch):
     parquet = pytest.importorskip("pyarrow.parquet")
     monkeypatch.setattr(frame_tables, "ROW_GROUP", 100)
-    monkeypatch.setattr(frame_reader, "CHUNK", 8000)
+    monkeypatch.setattr(frame_reader, "READ_BYTES", 8000)
     log = tmp_path / "run.frames"
     log.write_bytes(noise() + sealed(range(50, 100), count=5) + sealed([100], count=0))
 
@@ -171,7 +171,7 @@ def test_table_is_there_wholly_or_not_at_all(run, tmp_path, kind, monkeypatch):
         return columns_of(frames)
 
     columns_of = frame_tables.frame_columns
-    monkeypatch.setattr(frame_reader, "CHUNK", 2 * FRAME.size(1))
+    monkeypatch.setattr(frame_reader, "READ_BYTES", 2 * FRAME.size(1))
     monkeypatch.setattr(frame_tables, "frame_columns", fail)
     result = run(log, kind, out)
 

@@ -9,8 +9,8 @@ import pytest
 from project import MESHES
 
 from proximity import cli
-from proximity.cli.views.output import plain
-from proximity.decaff.drum.drum import DRUMS
+from proximity.cli.views.json_output import plain
+from proximity.decaff.drum.drum_model import DRUMS
 from proximity.scene.loader import load
 from proximity.studies.engine.engine_setup import EngineSetup
 from proximity.studies.part_press import document as part_document

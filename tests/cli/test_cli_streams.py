@@ -44,7 +44,7 @@ COMPLAINT = "proximity: standard input, line 4: 2 values, expected 3\n"
 
 def test_answers_before_a_bad_line_are_written_as_csv(run, monkeypatch):
     # Was: none.
-    monkeypatch.setattr(query, "CHUNK", 2)
+    monkeypatch.setattr(query, "POINTS_PER_CHUNK", 2)
 
     result = run("query", "ball.stl", "--points", "-", "--csv", stdin=BAD)
 
@@ -77,7 +77,7 @@ def test_one_answer_before_a_bad_line_is_a_block(run):
 
 
 def test_segments_before_one_without_an_end_are_answered(run, monkeypatch):
-    monkeypatch.setattr(query, "CHUNK", 1)
+    monkeypatch.setattr(query, "POINTS_PER_CHUNK", 1)
     stdin = "0 0 12\n0 0 30\n" * 2 + "0 0 40\n"
 
     result = run("query", "ball.stl", "--points", "-", "--segment", "--csv", stdin=stdin)
@@ -101,7 +101,7 @@ def test_error_of_the_scene_before_any_answer_leaves_no_half_document(run, monke
 
 def test_stream_without_an_end_is_answered_as_it_comes(run, monkeypatch):
     """No more than two chunks are read ahead of what is written."""
-    monkeypatch.setattr(query, "CHUNK", 10)
+    monkeypatch.setattr(query, "POINTS_PER_CHUNK", 10)
     read = itertools.count()
 
     class Endless(io.StringIO):
@@ -117,7 +117,7 @@ def test_stream_without_an_end_is_answered_as_it_comes(run, monkeypatch):
             assert chunk["signed_distance"] == [1.0] * 10
         raise Enough
 
-    monkeypatch.setattr("proximity.cli.views.answers.write_csv", write)
+    monkeypatch.setattr("proximity.cli.views.query_answers.write_csv", write)
     monkeypatch.setattr(sys, "argv", ["proximity", "query", "ball.stl", "--points", "-", "--csv"])
     monkeypatch.setattr(sys, "stdin", Endless())
 

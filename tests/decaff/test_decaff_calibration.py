@@ -63,7 +63,7 @@ def touches(bends):
 
 
 def test_table_gives_the_bend_of_a_hand_that_is_not_as_designed():
-    """Seven points are 0.16 mm of the fingertip's way off in between; the design alone is 3 mm off."""
+    """Seven points are 0.16 mm of the fingertip's path off in between; the design alone is 3 mm off."""
     off = GLOVE.bend_of_counts(HAND.counts(BENDS)) - BENDS
     way = off * HAND.finger.speed(BENDS)
     design = (DESIGN.bend_of_counts(HAND.counts(BENDS)) - BENDS) * HAND.finger.speed(BENDS)
@@ -346,9 +346,9 @@ def test_folder_that_is_not_there_is_told(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"version": 2}, "has version 2, expected 1: calibrate with this version anew"),
-        ({"version": True}, "has version True, expected 1: calibrate with this version anew"),
-        ({"version": None}, "has version None, expected 1: calibrate with this version anew"),
+        ({"version": 2}, "has version 2, expected 1: calibrate again with this version"),
+        ({"version": True}, "has version True, expected 1: calibrate again with this version"),
+        ({"version": None}, "has version None, expected 1: calibrate again with this version"),
         (
             {"format": "hand"},
             "is no calibration of a glove, expected a format of 'proximity glove calibration'",

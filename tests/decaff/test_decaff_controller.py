@@ -1,4 +1,4 @@
-"""The drum's controller: each row of PAPER 10's table, each transition of PAPER 8, and what never happens."""
+"""The drum's controller: each failure and transition of docs/decaff.md, and what never happens."""
 
 import math
 from dataclasses import replace
@@ -13,13 +13,13 @@ from sealed_frames import frame
 from proximity.decaff.controller.contact_location import is_sound, locate
 from proximity.decaff.controller.controller import SERVO_LAG, FingerController
 from proximity.decaff.controller.controller_states import DrumState, FrameMark, Observation, Trust
+from proximity.decaff.controller.drum_limits import ForceBudget, Limits
 from proximity.decaff.controller.frame_trust import FrameTrust
-from proximity.decaff.controller.limits import ForceBudget, Limits
 from proximity.decaff.controller.passivity import is_passive
 from proximity.decaff.controller.steady_force import Handover, SteadyRule
 from proximity.decaff.controller.surface_law import SurfaceLaw
-from proximity.decaff.drum.drum import GEAR4, Drum
 from proximity.decaff.drum.drum_command import DriveMode
+from proximity.decaff.drum.drum_model import GEAR4, Drum
 from proximity.decaff.drum.servo import move, servo_for
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
@@ -37,12 +37,12 @@ WALL = 0.5  # bend of the contact
 ANY_SPEED = Handover(SteadyRule(slow_speed=math.inf))
 
 
-def contact(pose_ns, bend=0.3, place=WALL, **fields):
-    """A record of a finger at a bend whose way meets the wall at *place*."""
+def contact(pose_ns, bend=0.3, position=WALL, **fields):
+    """A record of a finger at a bend whose way meets the wall at *position*."""
     record = frame(1).records[0]
     record["flags"], record["pose_ns"], record["mode"] = TRACKED, pose_ns, Mode.POSITION
-    record["bend"], record["contact_bend"], record["contact_bend_error"] = bend, place, 0.0
-    distance = float(GLOVE.finger.path_length(bend, place)) if math.isfinite(place) else 0.02
+    record["bend"], record["contact_bend"], record["contact_bend_error"] = bend, position, 0.0
+    distance = float(GLOVE.finger.path_length(bend, position)) if math.isfinite(position) else 0.02
     record["signed_distance"] = record["lower"] = record["upper"] = distance
     for name, value in fields.items():
         record[name] = value
@@ -57,7 +57,7 @@ class Bench:
         self.now, self.bend, self.force = 0, 0.3, 0.0
         self.ahead = 0  # ns, the servo's own clock
         self.session, self.frame, self.told = 7, None, None  # what was told last, and which frame that was
-        self.drum = PATH.retracted  # its place
+        self.drum = PATH.retracted  # its position
         self.action = None
 
     def step(self, told=None, state=State.OK, **seen):
@@ -74,7 +74,7 @@ class Bench:
         """Fresh frames; the drum goes where it is told at once."""
         for _ in range(count):
             self.step(contact(self.now, **({"bend": self.bend} | fields)))
-            self.drum = self.action.place
+            self.drum = self.action.position
         return self.action
 
     def age(self, milliseconds, told=None, state=State.LATE):
@@ -100,17 +100,17 @@ def touching(**fields):
     return bench
 
 
-# ------------------------------------------------------------------------------------------- the finger's way
+# ------------------------------------------------------------------------------------------ the finger's path
 
 
 def test_places_agree_with_the_glove():
     for bend in (0.0, 0.123, 0.5, 0.9):
-        place = float(GLOVE.finger.path_length(0.0, bend))
-        assert PATH.place(bend) == pytest.approx(place, abs=1e-6)
-        assert PATH.bend(place) == pytest.approx(bend, abs=1e-5)
-        assert PATH.drum_angle(place) == pytest.approx(float(GLOVE.drum_angle(bend)), abs=1e-5)
-        assert PATH.drum_place(float(GLOVE.drum_angle(bend))) == pytest.approx(place, abs=1e-6)
-    assert PATH.retracted > PATH.place(1.0)
+        position = float(GLOVE.finger.path_length(0.0, bend))
+        assert PATH.position(bend) == pytest.approx(position, abs=1e-6)
+        assert PATH.bend(position) == pytest.approx(bend, abs=1e-5)
+        assert PATH.drum_angle(position) == pytest.approx(float(GLOVE.drum_angle(bend)), abs=1e-5)
+        assert PATH.drum_position(float(GLOVE.drum_angle(bend))) == pytest.approx(position, abs=1e-6)
+    assert PATH.retracted > PATH.position(1.0)
 
 
 def test_drum_that_turns_back_is_refused():
@@ -152,7 +152,7 @@ def test_finger_that_is_not_closing_has_no_place_of_contact(fields):
 
 def test_place_of_contact_does_not_depend_on_latency():
     """The pose of the message counts, not where the finger has come since."""
-    places = []
+    positions = []
     for latency in (0, 3, 15):
         bench = Bench()
         for _ in range(30):
@@ -160,20 +160,20 @@ def test_place_of_contact_does_not_depend_on_latency():
             told = contact(bench.now - latency * MS, bend=bench.bend - 0.002 * latency, contact_bend_rate=0.5)
             told["contact_bend"] = 0.5 + 0.5e-9 * (bench.now - latency * MS)  # of a wall that goes away
             bench.step(told)
-        places.append(bench.action.place)
+        positions.append(bench.action.position)
 
-    assert places == pytest.approx([PATH.place(0.5 + 0.5e-9 * 30 * MS)] * 3, abs=1e-9)
+    assert positions == pytest.approx([PATH.position(0.5 + 0.5e-9 * 30 * MS)] * 3, abs=1e-9)
 
 
-@pytest.mark.parametrize("place", [0.2, WALL - 0.001, 0.5])
-def test_finger_that_is_free_is_not_pressed_whatever_is_said_of_its_way(place):
-    """A place behind a finger that is 20 mm from everything drew the drum onto it, as if it came late."""
+@pytest.mark.parametrize("position", [0.2, WALL - 0.001, 0.5])
+def test_finger_that_is_free_is_not_pressed_whatever_is_said_of_its_way(position):
+    """A position behind a finger that is 20 mm from everything drew the drum onto it, as if it came late."""
     bench = Bench()
-    bench.bend, nearest = WALL, PATH.place(WALL) + 0.020
+    bench.bend, nearest = WALL, PATH.position(WALL) + 0.020
     for _ in range(100):
-        action = bench.run(1, place=place, signed_distance=0.021, lower=0.020)
+        action = bench.run(1, position=position, signed_distance=0.021, lower=0.020)
         assert action.state in (DrumState.RETRACTED, DrumState.APPROACH)
-        assert action.place >= nearest - 3e-6
+        assert action.position >= nearest - 3e-6
 
 
 # ------------------------------------------------------------------------------------------------ transitions
@@ -182,12 +182,12 @@ def test_finger_that_is_free_is_not_pressed_whatever_is_said_of_its_way(place):
 def test_drum_waits_retracted_until_a_contact_is_told_twice():
     bench = Bench()
     assert bench.step().state is DrumState.RETRACTED
-    assert bench.step(contact(bench.now, place=math.nan)).state is DrumState.RETRACTED
+    assert bench.step(contact(bench.now, position=math.nan)).state is DrumState.RETRACTED
     assert bench.step(contact(bench.now)).state is DrumState.RETRACTED
     action = bench.step(contact(bench.now))
 
     assert (action.state, action.mode) == (DrumState.APPROACH, DriveMode.POSITION)
-    assert action.place == pytest.approx(PATH.place(WALL))
+    assert action.position == pytest.approx(PATH.position(WALL))
     assert action.angle == pytest.approx(float(GLOVE.drum_angle(WALL)), abs=1e-5)
     assert bench.controller.frames.awaited == 1
 
@@ -195,8 +195,8 @@ def test_drum_waits_retracted_until_a_contact_is_told_twice():
 def test_drum_retracts_when_no_contact_is_expected_any_more():
     bench = approaching()
 
-    assert bench.run(1, place=math.nan).state is DrumState.RETRACTED
-    assert bench.action.place == PATH.retracted
+    assert bench.run(1, position=math.nan).state is DrumState.RETRACTED
+    assert bench.action.position == PATH.retracted
 
 
 def test_touch_is_a_small_gap_or_a_force():
@@ -214,23 +214,23 @@ def test_touch_is_a_small_gap_or_a_force():
 
 def test_touched_drum_holds_up_to_a_millimetre():
     bench = touching()
-    place = bench.action.place
+    position = bench.action.position
     for gap in (0.1e-3, 0.5e-3, 0.99e-3):
-        bench.bend, bench.force = PATH.bend(place - gap), 0.0
-        action = bench.run(1, place=WALL + 0.003, lower=0.0)  # what is told meanwhile does not move it
-        assert (action.state, action.place) == (DrumState.CONTACT_POSITION, place)
-    bench.bend = PATH.bend(place - 1.01e-3)
-    action = bench.run(1, place=WALL + 0.003)
+        bench.bend, bench.force = PATH.bend(position - gap), 0.0
+        action = bench.run(1, position=WALL + 0.003, lower=0.0)  # what is told meanwhile does not move it
+        assert (action.state, action.position) == (DrumState.CONTACT_POSITION, position)
+    bench.bend = PATH.bend(position - 1.01e-3)
+    action = bench.run(1, position=WALL + 0.003)
 
     assert action.state is DrumState.APPROACH
-    assert action.place == pytest.approx(PATH.place(WALL + 0.003))
+    assert action.position == pytest.approx(PATH.position(WALL + 0.003))
 
 
 def test_drum_leaves_a_finger_whose_object_has_gone():
     bench = touching()
 
-    assert bench.run(2, place=WALL + 0.02).state is DrumState.APPROACH
-    assert bench.action.place == pytest.approx(PATH.place(WALL + 0.02))
+    assert bench.run(2, position=WALL + 0.02).state is DrumState.APPROACH
+    assert bench.action.position == pytest.approx(PATH.position(WALL + 0.02))
 
 
 @pytest.mark.parametrize("surface", [Surface.RIGID, Surface.DEFORMABLE])
@@ -241,7 +241,7 @@ def test_drum_leaves_a_finger_that_leans_on_it_when_its_object_has_gone(surface)
     for _ in range(20):
         action = bench.step(contact(bench.now, bench.bend, WALL + 0.05, **soft))  # a centimetre away
         assert (action.state, action.mode) == (DrumState.APPROACH, DriveMode.POSITION)
-        assert action.place == pytest.approx(PATH.place(WALL + 0.05))
+        assert action.position == pytest.approx(PATH.position(WALL + 0.05))
 
 
 def test_rigid_part_of_a_scene_is_never_served_as_a_force():
@@ -293,15 +293,15 @@ def test_teleoperation_goes_back_to_position_when_the_slave_is_off_its_object():
 
 
 def test_drum_before_a_soft_surface_goes_back_where_it_has_come_too_near():
-    """Touched on its way, it served a force of nothing: by what its motor had done it went on, 12 mm far."""
+    """Touched on its path, it served a force of nothing: by what its motor had done it went on, 12 mm far."""
     soft = {"surface": Surface.DEFORMABLE, "stiffness": 200.0, "damping": 0.0}
     for beyond, mode in ((0.2e-3, DriveMode.FORCE), (0.4e-3, DriveMode.POSITION)):
         bench = touching(**soft)
-        bench.drum = PATH.place(WALL) - beyond
+        bench.drum = PATH.position(WALL) - beyond
         bench.bend = PATH.bend(bench.drum)
         action = bench.step(contact(bench.now, bench.bend, **soft))
         assert action.mode is mode
-        assert action.place == pytest.approx(PATH.place(WALL))
+        assert action.position == pytest.approx(PATH.position(WALL))
 
 
 def test_deformable_surface_is_served_by_its_law_from_the_touch_on():
@@ -310,8 +310,8 @@ def test_deformable_surface_is_served_by_its_law_from_the_touch_on():
     bench.run(4, **soft)
     bench.bend, bench.force = WALL, 0.1
     assert bench.run(1, **soft).state is DrumState.CONTACT_FORCE
-    bench.bend = PATH.bend(PATH.place(WALL) + 0.002)
-    bench.drum = PATH.place(bench.bend)
+    bench.bend = PATH.bend(PATH.position(WALL) + 0.002)
+    bench.drum = PATH.position(bench.bend)
     for _ in range(40):
         bench.step(contact(bench.now, bench.bend, signed_distance=-0.002, lower=-0.002, **soft))
 
@@ -338,26 +338,30 @@ def test_law_pulls_never_and_is_nothing_for_what_is_no_number():
     assert law.displayed(math.nan, math.inf) == (0.0, 0.0)
 
 
-# -------------------------------------------------------------------------------------- the table of PAPER 10
+# ---------------------------------------------------------------------------------- the table of failures
 
 
 def test_up_to_20_ms_all_is_normal():
     bench = approaching()
-    place = bench.action.place
+    position = bench.action.position
 
     action = bench.age(19)
-    assert (action.state, action.place, bench.controller.trust) == (DrumState.APPROACH, place, Trust.FRESH)
+    assert (action.state, action.position, bench.controller.trust) == (
+        DrumState.APPROACH,
+        position,
+        Trust.FRESH,
+    )
 
 
 def test_from_20_to_100_ms_the_drum_widens_away_from_the_finger():
     bench = approaching()
-    place = bench.action.place
-    places = [bench.age(1).place for _ in range(99)]
+    position = bench.action.position
+    positions = [bench.age(1).position for _ in range(99)]
 
     age = 0.099 + 1e-3 * (bench.now // MS - 4 - 99)
-    assert places[18] == place
-    assert np.all(np.diff(places) >= 0.0)
-    assert places[-1] == pytest.approx(place + 0.5 * age, abs=1.1e-3)
+    assert positions[18] == position
+    assert np.all(np.diff(positions) >= 0.0)
+    assert positions[-1] == pytest.approx(position + 0.5 * age, abs=1.1e-3)
     assert bench.controller.trust is Trust.OLD
 
 
@@ -365,14 +369,14 @@ def test_after_100_ms_the_drum_retracts():
     bench = approaching()
     action = bench.age(102)
 
-    assert (action.state, action.place) == (DrumState.RETRACTED, PATH.retracted)
+    assert (action.state, action.position) == (DrumState.RETRACTED, PATH.retracted)
     assert action.speed_cap == action.force_cap == math.inf
 
 
 @pytest.mark.parametrize("bend", [0.05, 0.5])
 def test_drum_is_retracted_within_150_ms(bend):
     """The fastest that a geared drum goes, from nearly the flat hand to beyond the fist."""
-    distance = PATH.retracted - PATH.place(bend)
+    distance = PATH.retracted - PATH.position(bend)
     _, positions = move(GEAR4, servo_for(GEAR4, 3000.0), distance, 0.150)
 
     assert positions[-1] >= distance - 1e-3
@@ -380,27 +384,27 @@ def test_drum_is_retracted_within_150_ms(bend):
 
 def test_in_contact_the_drum_holds_up_to_100_ms():
     bench = touching()
-    place, cap = bench.action.place, bench.action.force_cap
+    position, cap = bench.action.position, bench.action.force_cap
 
     action = bench.age(60)
-    assert (action.state, action.place, action.force_cap) == (DrumState.HOLD, place, cap)
+    assert (action.state, action.position, action.force_cap) == (DrumState.HOLD, position, cap)
     assert bench.run(1).state is DrumState.CONTACT_POSITION
 
 
 def test_in_contact_the_drum_freezes_and_then_its_force_goes():
     bench = touching()
-    place, cap = bench.action.place, bench.action.force_cap
+    position, cap = bench.action.position, bench.action.force_cap
     bench.age(99)
     first = bench.age(2)
-    assert (first.state, first.place, first.force_cap) == (DrumState.FREEZE, place, cap)
+    assert (first.state, first.position, first.force_cap) == (DrumState.FREEZE, position, cap)
     frozen = bench.age(248)
     assert (frozen.state, frozen.force_cap) == (DrumState.FREEZE, cap)
     half = bench.age(127)
     assert half.force_cap == pytest.approx(0.5 * cap, rel=0.02)
-    assert half.place == place
+    assert half.position == position
     bench.force = 0.09
     assert bench.age(1).state is DrumState.RETRACTED
-    assert bench.action.place == PATH.retracted
+    assert bench.action.position == PATH.retracted
 
 
 def test_drum_that_froze_retracts_at_the_end_of_the_ramp_in_any_case():
@@ -414,8 +418,8 @@ def test_drum_that_froze_retracts_at_the_end_of_the_ramp_in_any_case():
 def test_what_comes_back_during_the_ramp_does_not_snap():
     bench = touching()
     bench.age(99 + 2 + 400)
-    bench.bend = PATH.bend(PATH.place(WALL) + 0.004)  # the finger has pushed the drum back
-    bench.drum = PATH.place(bench.bend)
+    bench.bend = PATH.bend(PATH.position(WALL) + 0.004)  # the finger has pushed the drum back
+    bench.drum = PATH.position(bench.bend)
     bench.step(contact(bench.now, bench.bend))
 
     assert bench.action.state is DrumState.CONTACT_POSITION
@@ -459,7 +463,7 @@ BAD = {
 @pytest.mark.parametrize("name", BAD)
 def test_bad_frame_is_dropped_and_counted_and_the_old_one_ages(name):
     bench = approaching()
-    place = bench.action.place
+    position = bench.action.position
     told = contact(0)
     for field, value in BAD[name].items():
         told[field] = value
@@ -469,7 +473,7 @@ def test_bad_frame_is_dropped_and_counted_and_the_old_one_ages(name):
 
     assert bench.controller.frames.dropped == 25
     assert bench.controller.trust is Trust.OLD
-    assert bench.action.place > place
+    assert bench.action.position > position
 
 
 def test_record_without_normal_or_surface_in_reach_is_sound():
@@ -490,35 +494,37 @@ def test_pose_from_the_future_or_the_past_is_dropped():
 
 def test_jump_towards_the_finger_needs_a_second_frame():
     bench = approaching()
-    place = bench.action.place
+    position = bench.action.position
 
-    assert bench.run(1, place=WALL - 0.05).place == place
-    assert bench.run(1).place == place  # the second did not agree
-    assert bench.run(1, place=WALL - 0.05).place == place
-    assert bench.run(1, place=WALL - 0.05).place == pytest.approx(PATH.place(WALL - 0.05))
-    assert bench.run(1, place=WALL).place == pytest.approx(PATH.place(WALL))  # away is not waited for
+    assert bench.run(1, position=WALL - 0.05).position == position
+    assert bench.run(1).position == position  # the second did not agree
+    assert bench.run(1, position=WALL - 0.05).position == position
+    assert bench.run(1, position=WALL - 0.05).position == pytest.approx(PATH.position(WALL - 0.05))
+    assert bench.run(1, position=WALL).position == pytest.approx(
+        PATH.position(WALL)
+    )  # away is not waited for
 
 
 def test_part_that_moves_between_two_poses_is_followed_at_once():
     """Poses at 60 Hz, frames at 1 kHz: up to 20 ms later the drum stood where nothing was any more."""
     bench = approaching()
-    pose_ns, place = bench.now, PATH.place(WALL)
+    pose_ns, position = bench.now, PATH.position(WALL)
     bench.step(contact(pose_ns))
-    for away in (1e-3, 30e-3, 29e-3, 26.1e-3):  # of the place; nearer at 2.9 m/s
-        there = PATH.bend(place + away)
-        assert bench.step(contact(pose_ns, place=there)).place == pytest.approx(PATH.place(there))
+    for away in (1e-3, 30e-3, 29e-3, 26.1e-3):  # of the position; nearer at 2.9 m/s
+        there = PATH.bend(position + away)
+        assert bench.step(contact(pose_ns, position=there)).position == pytest.approx(PATH.position(there))
     assert bench.controller.frames.awaited == 1  # of the start
 
 
 def test_jump_towards_the_finger_is_not_confirmed_by_frames_of_the_same_pose():
     bench = approaching()
-    place, pose_ns = bench.action.place, bench.now
+    position, pose_ns = bench.action.position, bench.now
     for nearer in np.linspace(0.05, 0.049, 10):
-        assert bench.step(contact(pose_ns, place=WALL - nearer)).place == place
+        assert bench.step(contact(pose_ns, position=WALL - nearer)).position == position
     assert bench.controller.frames.awaited == 2  # with that of the start
 
     there = WALL - 0.049
-    assert bench.step(contact(bench.now, place=there)).place == pytest.approx(PATH.place(there))
+    assert bench.step(contact(bench.now, position=there)).position == pytest.approx(PATH.position(there))
 
 
 def test_service_on_a_machine_that_started_anew_is_followed():
@@ -536,13 +542,13 @@ def test_service_on_a_machine_that_started_anew_is_followed():
 def test_frame_that_was_overtaken_is_dropped():
     bench = approaching()
     bench.step(contact(bench.now))
-    place = bench.action.place
+    position = bench.action.position
     bench.frame = FrameMark(7, bench.frame.sequence - 3, bench.now)
     for _ in range(3):
-        bench.step(contact(bench.now, place=WALL + 0.1))
+        bench.step(contact(bench.now, position=WALL + 0.1))
 
     assert bench.controller.frames.dropped == 3
-    assert bench.action.place == place
+    assert bench.action.position == position
 
 
 def test_record_of_no_frame_is_no_news():
@@ -555,53 +561,55 @@ def test_record_of_no_frame_is_no_news():
 
 def test_contact_that_comes_as_fast_as_can_be_is_no_jump():
     bench = approaching()
-    nearer = PATH.bend(PATH.place(WALL) - 2.9e-3)  # 2.9 m/s
+    nearer = PATH.bend(PATH.position(WALL) - 2.9e-3)  # 2.9 m/s
 
-    assert bench.run(1, place=nearer).place == pytest.approx(PATH.place(nearer))
+    assert bench.run(1, position=nearer).position == pytest.approx(PATH.position(nearer))
 
 
 def test_uncertain_place_may_jump_by_its_error():
     bench = approaching()
-    error = WALL - PATH.bend(PATH.place(WALL) - 2e-3)
-    nearer = PATH.bend(PATH.place(WALL) - 4.5e-3)
+    error = WALL - PATH.bend(PATH.position(WALL) - 2e-3)
+    nearer = PATH.bend(PATH.position(WALL) - 4.5e-3)
 
-    assert bench.run(1, place=nearer, contact_bend_error=error).place == pytest.approx(PATH.place(nearer))
+    assert bench.run(1, position=nearer, contact_bend_error=error).position == pytest.approx(
+        PATH.position(nearer)
+    )
 
 
 def test_jump_is_ignored_in_contact():
     bench = touching()
-    place = bench.action.place
+    position = bench.action.position
 
-    action = bench.run(3, place=WALL - 0.05, signed_distance=0.0, lower=0.0)
-    assert (action.state, action.place) == (DrumState.CONTACT_POSITION, place)
+    action = bench.run(3, position=WALL - 0.05, signed_distance=0.0, lower=0.0)
+    assert (action.state, action.position) == (DrumState.CONTACT_POSITION, position)
 
 
 def test_finger_that_begins_inside_is_given_way_until_it_was_outside():
     bench = Bench()
     inside = {"signed_distance": -0.004, "lower": -0.004, "flags": TRACKED | ContactFlag.INSIDE}
-    assert bench.run(5, **inside, place=0.2).place == PATH.retracted
+    assert bench.run(5, **inside, position=0.2).position == PATH.retracted
 
-    assert bench.run(2, place=0.4).place == pytest.approx(PATH.place(0.4))
+    assert bench.run(2, position=0.4).position == pytest.approx(PATH.position(0.4))
 
 
 def test_finger_that_jumps_inside_is_given_way():
     bench = approaching()
     bench.bend = 0.49
     jumped = {"signed_distance": -0.004, "lower": -0.004, "flags": TRACKED | ContactFlag.JUMPED}
-    action = bench.run(1, **jumped, place=0.2)
-    assert action.place == pytest.approx(PATH.place(0.49) + LIMITS.standoff, abs=1e-5)
+    action = bench.run(1, **jumped, position=0.2)
+    assert action.position == pytest.approx(PATH.position(0.49) + LIMITS.standoff, abs=1e-5)
 
-    later = bench.run(5, signed_distance=-0.004, lower=-0.004, place=0.2)
-    assert later.place == action.place
+    later = bench.run(5, signed_distance=-0.004, lower=-0.004, position=0.2)
+    assert later.position == action.position
     bench.bend = 0.3
-    assert bench.run(1, place=0.4).place == pytest.approx(PATH.place(0.4))
+    assert bench.run(1, position=0.4).position == pytest.approx(PATH.position(0.4))
 
 
 @pytest.mark.parametrize("silence", ["lost", "stale", "old"])
 def test_finger_that_is_found_inside_again_is_given_way(silence):
     """Where it has been meanwhile nobody knows: it is as at the start."""
     bench = approaching()
-    inside = {"signed_distance": -0.004, "lower": -0.004, "place": 0.49}
+    inside = {"signed_distance": -0.004, "lower": -0.004, "position": 0.49}
     if silence == "lost":
         bench.step(contact(bench.now, flags=0, mode=Mode.HOLD))
     elif silence == "stale":
@@ -609,22 +617,26 @@ def test_finger_that_is_found_inside_again_is_given_way(silence):
     else:
         bench.age(110)
     bench.bend = 0.49
-    bench.drum = bench.action.place
-    assert bench.run(5, **inside).place >= PATH.place(0.49) + LIMITS.standoff - 1e-9
+    bench.drum = bench.action.position
+    assert bench.run(5, **inside).position >= PATH.position(0.49) + LIMITS.standoff - 1e-9
 
     bench.bend = 0.3
-    assert bench.run(3, place=0.4).place == pytest.approx(PATH.place(0.4))
+    assert bench.run(3, position=0.4).position == pytest.approx(PATH.position(0.4))
 
 
 def test_part_that_is_put_where_the_finger_is_gives_it_way():
     bench = approaching()
-    place = bench.action.place
-    inside = {"signed_distance": -0.004, "lower": -0.004, "place": 0.3}  # 20 mm nearer within a millisecond
+    position = bench.action.position
+    inside = {
+        "signed_distance": -0.004,
+        "lower": -0.004,
+        "position": 0.3,
+    }  # 20 mm nearer within a millisecond
 
-    assert bench.run(5, **inside).place >= min(place, PATH.place(0.3) + LIMITS.standoff)
+    assert bench.run(5, **inside).position >= min(position, PATH.position(0.3) + LIMITS.standoff)
     assert bench.action.state is DrumState.APPROACH and bench.action.speed_cap > 0.0
     bench.bend = 0.28
-    assert bench.run(3, place=0.4).place == pytest.approx(PATH.place(0.4))
+    assert bench.run(3, position=0.4).position == pytest.approx(PATH.position(0.4))
 
 
 def test_finger_that_presses_was_not_put_there():
@@ -639,22 +651,22 @@ def test_finger_that_presses_was_not_put_there():
 def test_drift_brings_a_contact_no_nearer_than_anything_moves():
     bench = approaching()
     told = contact(bench.now, contact_bend_rate=-90.0)  # 20 m/s
-    places = [bench.step(told).place]
-    places += [bench.age(1).place for _ in range(15)]
+    positions = [bench.step(told).position]
+    positions += [bench.age(1).position for _ in range(15)]
 
     fastest = LIMITS.max_speed * 1e-3
-    assert min(np.diff(places)) >= -fastest - 1e-9
-    assert places[-1] == pytest.approx(PATH.place(WALL) - 16 * fastest, abs=1e-6)
+    assert min(np.diff(positions)) >= -fastest - 1e-9
+    assert positions[-1] == pytest.approx(PATH.position(WALL) - 16 * fastest, abs=1e-6)
 
 
 def test_path_that_is_free_to_the_fist_brings_no_drum_near():
     """The finger closes on a surface that it will pass: where its path is known, nothing is guessed."""
     closing = {"bend_rate": 1.0, "approach_speed": 0.2, "velocity": np.nan, "signed_distance": 0.02}
-    guessed = Bench().run(5, place=math.nan, **closing)
-    assert guessed.place == pytest.approx(PATH.place(0.3 + 0.02 / 0.2))
+    guessed = Bench().run(5, position=math.nan, **closing)
+    assert guessed.position == pytest.approx(PATH.position(0.3 + 0.02 / 0.2))
 
-    known = Bench().run(5, place=math.nan, flags=TRACKED | ContactFlag.ON_PATH, **closing)
-    assert (known.state, known.place) == (DrumState.RETRACTED, PATH.retracted)
+    known = Bench().run(5, position=math.nan, flags=TRACKED | ContactFlag.ON_PATH, **closing)
+    assert (known.state, known.position) == (DrumState.RETRACTED, PATH.retracted)
 
 
 def test_path_that_was_not_followed_to_a_contact_brings_no_drum_near():
@@ -665,16 +677,16 @@ def test_path_that_was_not_followed_to_a_contact_brings_no_drum_near():
         "contact_bend_rate": np.nan,
     }
     bench = Bench()
-    assert bench.run(5, place=0.35, **ran_out, bend_rate=0.0).state is DrumState.RETRACTED
+    assert bench.run(5, position=0.35, **ran_out, bend_rate=0.0).state is DrumState.RETRACTED
 
     # While it closes on a surface, the contact is where that leads, and not before what is free.
     closing = {"bend_rate": 1.0, "approach_speed": 0.2, "velocity": np.nan, "signed_distance": 0.02}
-    action = bench.run(5, place=0.35, **ran_out, **closing)
-    assert action.place == pytest.approx(PATH.place(0.3 + 0.02 / 0.2))
-    assert bench.run(5, place=0.45, **ran_out, **closing).place == pytest.approx(PATH.place(0.45))
+    action = bench.run(5, position=0.35, **ran_out, **closing)
+    assert action.position == pytest.approx(PATH.position(0.3 + 0.02 / 0.2))
+    assert bench.run(5, position=0.45, **ran_out, **closing).position == pytest.approx(PATH.position(0.45))
 
     confirmed = ran_out | {"contact_bend_rate": 0.0}
-    assert bench.run(5, place=0.35, **confirmed, **closing).place == pytest.approx(PATH.place(0.35))
+    assert bench.run(5, position=0.35, **confirmed, **closing).position == pytest.approx(PATH.position(0.35))
 
 
 def test_sequence_that_stalls_is_as_old_as_its_pose():
@@ -692,10 +704,10 @@ def test_sequence_that_stalls_is_as_old_as_its_pose():
 
 def test_in_contact_up_to_20_ms_the_drum_holds():
     bench = touching()
-    place, cap = bench.action.place, bench.action.force_cap
+    position, cap = bench.action.position, bench.action.force_cap
     action = bench.age(18)
 
-    assert (action.state, action.place, action.force_cap) == (DrumState.CONTACT_POSITION, place, cap)
+    assert (action.state, action.position, action.force_cap) == (DrumState.CONTACT_POSITION, position, cap)
 
 
 def test_lost_tracking_in_contact_ramps_the_force_and_then_retracts():
@@ -722,47 +734,47 @@ def test_frame_with_a_flipped_bit_reaches_no_controller_and_the_old_one_ages(mon
             queued_transport._queues["a"].append(data)
             reading = subscriber.read()
             bench.step(reading.contacts[0], reading.state)
-            bench.drum = bench.action.place
+            bench.drum = bench.action.position
         assert subscriber.counts.received == 10 and subscriber.counts.flawed.total() == 50
 
     assert bench.controller.trust is Trust.OLD
-    assert bench.action.place > PATH.place(WALL)
+    assert bench.action.position > PATH.position(WALL)
 
 
 def test_late_drum_comes_slowly_and_weakly():
     bench = approaching()
-    bench.bend = PATH.bend(PATH.place(WALL) + 0.004)
+    bench.bend = PATH.bend(PATH.position(WALL) + 0.004)
     bench.drum = PATH.retracted
     action = bench.step(contact(bench.now, bench.bend))
-    assert action.place == pytest.approx(PATH.place(WALL))
+    assert action.position == pytest.approx(PATH.position(WALL))
     assert (action.speed_cap, action.state) == (0.05, DrumState.APPROACH)
     assert action.force_cap == math.inf  # what goes away fast must be braked, and nothing is pressed there
 
-    bench.drum = PATH.place(bench.bend)
+    bench.drum = PATH.position(bench.bend)
     action = bench.step(contact(bench.now, bench.bend))
     assert action.state is DrumState.CONTACT_POSITION
     assert action.speed_cap <= 0.05 and action.force_cap == 1.0
-    bench.bend, bench.drum = WALL, PATH.place(WALL)
+    bench.bend, bench.drum = WALL, PATH.position(WALL)
     assert bench.step(contact(bench.now, bench.bend)).force_cap == LIMITS.peak_force
 
 
 def test_finger_that_is_inside_does_not_carry_the_surface_along():
     """Inside, a tracker tells the touch where the finger is; the surface stays where it was told before."""
     bench = approaching()
-    bench.bend = PATH.bend(PATH.place(WALL) + 0.004)
+    bench.bend = PATH.bend(PATH.position(WALL) + 0.004)
     bench.drum = PATH.retracted
-    action = bench.run(1, place=bench.bend, signed_distance=-0.004, lower=-0.004)
+    action = bench.run(1, position=bench.bend, signed_distance=-0.004, lower=-0.004)
 
-    assert action.place == pytest.approx(PATH.place(WALL))
+    assert action.position == pytest.approx(PATH.position(WALL))
     assert action.speed_cap == 0.05
 
 
 FAULTS = {
-    "the potentiometer does not tell the bend": {"bend": math.nan},
-    "the potentiometer tells a bend of 2.85, expected -0.1 to 1.1": {"bend": 2.85},  # its wire is off
-    "the potentiometer tells a bend of -0.72, expected -0.1 to 1.1": {"bend": -0.72},
-    "the encoder does not tell the drum's angle": {"drum_angle": math.inf},
-    "the encoder tells a drum angle of 60 rad, but the finger's way goes from 0.0921 to 1.81 rad": {
+    "the potentiometer reads no bend": {"bend": math.nan},
+    "the potentiometer reads a bend of 2.85, expected -0.1 to 1.1": {"bend": 2.85},  # its wire is off
+    "the potentiometer reads a bend of -0.72, expected -0.1 to 1.1": {"bend": -0.72},
+    "the encoder reads no drum angle": {"drum_angle": math.inf},
+    "the encoder reads a drum angle of 60 rad, but the finger's path goes from 0.0921 to 1.81 rad": {
         "drum_angle": 60.0  # degrees
     },
     "the motor reports a fault": {"has_fault": True},
@@ -813,27 +825,27 @@ def test_drum_freezes_for_its_time_whatever_the_clock_of_the_frames_does():
 
 def test_pose_that_lies_ahead_once_the_clock_was_learnt_anew_is_not_fresh():
     bench = approaching()
-    place = bench.action.place
+    position = bench.action.position
     bench.now, bench.ahead = bench.now - 1000 * MS, bench.ahead + 1000 * MS
     action = bench.step(None)
 
     assert bench.controller.trust is Trust.STALE
-    assert action.place > place
+    assert action.position > position
 
 
 def test_emergency_stop_retracts_in_contact_too():
     bench = touching()
     bench.controller.stop()
 
-    assert (bench.run(1).state, bench.action.place) == (DrumState.RETRACTED, PATH.retracted)
-    assert bench.run(5).place == PATH.retracted
+    assert (bench.run(1).state, bench.action.position) == (DrumState.RETRACTED, PATH.retracted)
+    assert bench.run(5).position == PATH.retracted
 
 
 # ----------------------------------------------------------------------------------------------------- limits
 
 
 def test_speed_near_the_finger_has_a_millijoule():
-    """PAPER 10: 91 mm/s for 0.24 kg; a drum of 1.5 kg has 37 mm/s."""
+    """Reference values: 91 mm/s for 0.24 kg; a drum of 1.5 kg has 37 mm/s."""
     assert LIMITS.near_speed(GEAR4.mass) == pytest.approx(0.091, abs=5e-4)
     assert LIMITS.near_speed(1.5) == pytest.approx(0.037, abs=5e-4)
     assert LIMITS.near_speed(Drum(ratio=10.0).mass) == pytest.approx(0.037, abs=5e-4)
@@ -842,14 +854,14 @@ def test_speed_near_the_finger_has_a_millijoule():
 def test_drum_and_finger_come_together_no_faster_than_that():
     bench = approaching()
     bench.bend, speed = 0.47, 0.05
-    bench.drum = PATH.place(WALL) + 0.010
+    bench.drum = PATH.position(WALL) + 0.010
     caps = {}
     for _ in range(100):  # the finger closes at 50 mm/s, the drum stays behind
-        bench.bend = PATH.bend(PATH.place(bench.bend) + speed * 1e-3)
+        bench.bend = PATH.bend(PATH.position(bench.bend) + speed * 1e-3)
         bench.step(contact(bench.now, bench.bend))
-        caps[bench.drum - PATH.place(bench.bend)] = bench.action.speed_cap
-    bench.bend = PATH.bend(PATH.place(bench.bend) + speed * 1e-3)
-    bench.drum = PATH.place(bench.bend) + 1.5e-3
+        caps[bench.drum - PATH.position(bench.bend)] = bench.action.speed_cap
+    bench.bend = PATH.bend(PATH.position(bench.bend) + speed * 1e-3)
+    bench.drum = PATH.position(bench.bend) + 1.5e-3
     bench.step(contact(bench.now, bench.bend))
 
     far = list(caps)[60]  # the speed is low-passed
@@ -882,7 +894,7 @@ def test_action_tells_the_motor_by_the_parameters_of_the_drum():
     assert held.motor_speed_cap == GEAR4.motor_speed(held.speed_cap) <= GEAR4.motor.speed * (1.0 + 1e-12)
 
     bench = touching()
-    bench.bend = PATH.bend(PATH.place(WALL) + 0.004)
+    bench.bend = PATH.bend(PATH.position(WALL) + 0.004)
     late = bench.run(1)
     assert late.torque_cap == pytest.approx(late.force_cap * 0.010 / 4.0)
 
@@ -917,7 +929,7 @@ TURNS = st.fixed_dictionaries(
     {
         "count": st.sampled_from([1, 2, 5, 25, 120]),  # samples without another frame
         "age": st.sampled_from([-10, 0, 1, 15, 30, 90, 200]),  # ms, of the pose as it comes
-        "place": st.sampled_from([0.1, 0.3, 0.45, 0.5, 0.55, 0.9, math.nan]),
+        "position": st.sampled_from([0.1, 0.3, 0.45, 0.5, 0.55, 0.9, math.nan]),
         "finger": st.sampled_from([0.05, 0.3, 0.449, 0.5, 0.7]),
         "force": st.sampled_from([0.0, 0.04, 0.8, 15.0, math.nan]),
         "state": st.sampled_from([State.OK] * 4 + [State.DEGRADED, State.LATE, State.STALE, State.STOPPING]),
@@ -931,7 +943,7 @@ TURNS = st.fixed_dictionaries(
 
 
 def told_by(turn, now):
-    told = contact(now - turn["age"] * MS, turn["finger"], turn["place"], contact_bend_rate=-0.2)
+    told = contact(now - turn["age"] * MS, turn["finger"], turn["position"], contact_bend_rate=-0.2)
     told["surface"], told["source"] = turn["surface"], turn["source"]
     told["stiffness"], told["force"], told["force_is_valid"] = 200.0, 0.5, 1
     if turn["is_inside"]:
@@ -944,13 +956,13 @@ def told_by(turn, now):
 
 
 def justified(told, state, now):
-    """The nearest place that a record allows by itself, by the rules of PAPER 8 and 10; inf: none."""
+    """The nearest position that a record allows by itself, by the rules of docs/decaff.md; inf: none."""
     age = now - int(told["pose_ns"])
     is_good = state in (State.OK, State.DEGRADED) and told["flags"] & ContactFlag.TRACKED
     if not is_good or not -5 * MS <= age <= 20 * MS or not is_sound(told, now, 5 * MS):
         return math.inf
     location = locate(told, PATH)
-    return math.inf if location is None else PATH.place(location.bend_at(now, 20 * MS))
+    return math.inf if location is None else PATH.position(location.bend_at(now, 20 * MS))
 
 
 @settings(max_examples=150, deadline=None, derandomize=True)
@@ -966,34 +978,34 @@ def test_no_drum_advances_without_a_sound_and_fresh_frame(turns, follows):
         given_records.append((told, turn["state"]))
         for _ in range(turn["count"]):
             action = bench.step(told, turn["state"])
-            if action.place < before - 1e-12:
+            if action.position < before - 1e-12:
                 allowed = min(justified(*record, bench.now) for record in given_records)
-                assert action.place >= min(before, allowed) - 1e-9
+                assert action.position >= min(before, allowed) - 1e-9
                 assert bench.controller.trust is Trust.FRESH
             if action.mode is DriveMode.FORCE:
                 assert 0.0 <= action.force <= 10.0
                 if bench.controller.trust is not Trust.FRESH:
                     assert action.force <= force < math.inf
-            before, force = action.place, action.force if action.mode is DriveMode.FORCE else math.inf
-            assert math.isfinite(action.place) and math.isfinite(action.angle)
+            before, force = action.position, action.force if action.mode is DriveMode.FORCE else math.inf
+            assert math.isfinite(action.position) and math.isfinite(action.angle)
             assert action.force_cap >= 0.0 and action.speed_cap >= 0.0
             if follows:
-                bench.drum = action.place
+                bench.drum = action.position
 
 
 def test_the_property_above_can_fail():
     """A controller that forgets the last gate advances on an old frame."""
 
     class Forgetful(FrameTrust):
-        def place(self, now_ns):
+        def position(self, now_ns):
             return 0.01
 
     bench = approaching()
-    place = bench.age(30).place
+    position = bench.age(30).position
     bench.controller.frames.__class__ = Forgetful
-    assert bench.age(1).place >= place  # the gate holds even then
+    assert bench.age(1).position >= position  # the gate holds even then
     bench.controller._allowed = lambda wanted: wanted
-    assert bench.age(1).place < place
+    assert bench.age(1).position < position
 
 
 def test_limits_can_be_tightened():

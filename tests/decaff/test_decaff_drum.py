@@ -1,4 +1,4 @@
-"""The drum as a plant and its servo, held against PAPER 4.2, 6.1 and 6.4, and against plain mechanics."""
+"""The drum as a plant and its servo, compared with reference values and plain mechanics."""
 
 import math
 from dataclasses import replace
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from proximity.decaff.drum import drum_kernels, servo
-from proximity.decaff.drum.drum import DIRECT, DRUMS, GEAR4, GEAR10, Drum, Motor
+from proximity.decaff.drum.drum_model import DIRECT, DRUMS, GEAR4, GEAR10, Drum, Motor
 from proximity.decaff.drum.servo import move, servo_for, settling_time
 from proximity.errors import DecaffError
 from proximity.studies.simulation import arrival
@@ -26,7 +26,7 @@ def driven(drum, commanded, samples, *, rate=3000.0, contact=0.0, start=0.0):
         np.zeros(drum_kernels.DRIVE_SIZE),
     )
     command = np.zeros(drum_kernels.COMMAND_SIZE)
-    command[drum_kernels.SPEED_CAP] = command[drum_kernels.FORCE_CAP] = math.inf
+    command[drum_kernels.COMMAND_SPEED_CAP] = command[drum_kernels.COMMAND_FORCE_CAP] = math.inf
     for index, value in commanded.items():
         command[index] = value
     drum_kernels.rest_drum(numbers, drive, start)
@@ -35,12 +35,12 @@ def driven(drum, commanded, samples, *, rate=3000.0, contact=0.0, start=0.0):
     for _ in range(samples):
         drum_kernels.serve(numbers, gains, drive, command, contact)
         for _ in range(steps):
-            drive[drum_kernels.WHERE], drive[drum_kernels.SPEED_NOW] = drum_kernels.pushed(
+            drive[drum_kernels.DRIVE_POSITION], drive[drum_kernels.DRIVE_SPEED] = drum_kernels.pushed(
                 numbers,
-                drive[drum_kernels.APPLIED],
+                drive[drum_kernels.DRIVE_APPLIED],
                 contact,
-                drive[drum_kernels.WHERE],
-                drive[drum_kernels.SPEED_NOW],
+                drive[drum_kernels.DRIVE_POSITION],
+                drive[drum_kernels.DRIVE_SPEED],
                 1.0 / (rate * steps),
             )
         rows.append(drive.copy())
@@ -51,7 +51,7 @@ def driven(drum, commanded, samples, *, rate=3000.0, contact=0.0, start=0.0):
 
 
 def test_drums_are_one_motor_behind_three_gears():
-    """PAPER 6.1, printed digits."""
+    """Reference values, to their printed digits."""
     assert [drum.mass for drum in DRUMS.values()] == pytest.approx([0.015, 0.24, 1.5])
     assert [drum.force_limit for drum in DRUMS.values()] == pytest.approx([28.0, 100.0, 100.0])
     assert [drum.speed_limit for drum in DRUMS.values()] == pytest.approx([10.0, 2.5, 1.0])
@@ -95,8 +95,12 @@ def test_motor_has_no_force_left_at_its_speed_limit():
 
 
 def test_encoder_tells_whole_counts():
-    rows = driven(GEAR10, {drum_kernels.MODE: drum_kernels.POSITION, drum_kernels.TARGET: 1e-3}, 200)
-    counts = rows[:, drum_kernels.LAST] / GEAR10.resolution
+    rows = driven(
+        GEAR10,
+        {drum_kernels.COMMAND_MODE: drum_kernels.MODE_POSITION, drum_kernels.COMMAND_TARGET: 1e-3},
+        200,
+    )
+    counts = rows[:, drum_kernels.DRIVE_LAST_POSITION] / GEAR10.resolution
 
     np.testing.assert_allclose(counts, np.round(counts), atol=1e-9)
     assert len(set(np.round(counts))) > 40
@@ -104,8 +108,10 @@ def test_encoder_tells_whole_counts():
 
 def test_pulse_width_makes_the_force_a_whole_number_of_steps():
     drum = replace(GEAR4, motor=Motor(duty_bits=8))
-    rows = driven(drum, {drum_kernels.MODE: drum_kernels.POSITION, drum_kernels.TARGET: 5e-3}, 100)
-    widths = rows[:, drum_kernels.APPLIED] / drum.force_step
+    rows = driven(
+        drum, {drum_kernels.COMMAND_MODE: drum_kernels.MODE_POSITION, drum_kernels.COMMAND_TARGET: 5e-3}, 100
+    )
+    widths = rows[:, drum_kernels.DRIVE_APPLIED] / drum.force_step
 
     # 28 N behind a gear of four, over 2⁸.
     assert drum.force_step == pytest.approx(112.0 / 256.0)
@@ -115,23 +121,23 @@ def test_pulse_width_makes_the_force_a_whole_number_of_steps():
 
 
 def test_motor_never_pushes_with_more_than_its_limit_or_what_it_is_told():
-    asked = {drum_kernels.MODE: drum_kernels.POSITION, drum_kernels.TARGET: 0.03}
+    asked = {drum_kernels.COMMAND_MODE: drum_kernels.MODE_POSITION, drum_kernels.COMMAND_TARGET: 0.03}
     full = driven(GEAR4, asked, 60)
-    capped = driven(GEAR4, asked | {drum_kernels.FORCE_CAP: 3.0}, 60)
+    capped = driven(GEAR4, asked | {drum_kernels.COMMAND_FORCE_CAP: 3.0}, 60)
 
-    assert np.abs(full[:, drum_kernels.APPLIED]).max() > 50.0
-    assert np.abs(full[:, drum_kernels.APPLIED]).max() <= GEAR4.force_limit
-    assert np.abs(capped[:, drum_kernels.APPLIED]).max() == 3.0
+    assert np.abs(full[:, drum_kernels.DRIVE_APPLIED]).max() > 50.0
+    assert np.abs(full[:, drum_kernels.DRIVE_APPLIED]).max() <= GEAR4.force_limit
+    assert np.abs(capped[:, drum_kernels.DRIVE_APPLIED]).max() == 3.0
 
 
 def test_motor_that_is_off_leaves_the_drum_to_whoever_pushes_it():
-    rows = driven(GEAR4, {drum_kernels.MODE: drum_kernels.OFF}, 30, contact=1.0, start=0.01)
+    rows = driven(GEAR4, {drum_kernels.COMMAND_MODE: drum_kernels.MODE_OFF}, 30, contact=1.0, start=0.01)
 
     time = 30 / 3000.0
     fallen = 0.5 * (1.0 - GEAR4.friction) / GEAR4.mass * time**2
-    assert not rows[:, drum_kernels.APPLIED].any()
+    assert not rows[:, drum_kernels.DRIVE_APPLIED].any()
     # Semi-implicit steps are half a step ahead.
-    assert rows[-1, drum_kernels.WHERE] - 0.01 == pytest.approx(fallen, rel=2e-3)
+    assert rows[-1, drum_kernels.DRIVE_POSITION] - 0.01 == pytest.approx(fallen, rel=2e-3)
 
 
 # ----------------------------------------------------------------------------------------------- the servo
@@ -151,7 +157,7 @@ def test_motor_that_is_off_leaves_the_drum_to_whoever_pushes_it():
     ],
 )
 def test_stiffness_of_servos(name, rate, stiffness):
-    """PAPER 6.4. Its factor of 0.0289 is 0.2 kp_max, 0.028894, rounded: 2.1e-4 too large."""
+    """The reference's factor of 0.0289 is 0.2 kp_max, 0.028894, rounded: 2.1e-4 too large."""
     found = servo_for(DRUMS[name], rate)
 
     assert found.stiffness == pytest.approx(stiffness, abs=0.5 + 2.2e-4 * stiffness)
@@ -159,7 +165,7 @@ def test_stiffness_of_servos(name, rate, stiffness):
 
 
 def test_bandwidth_in_units_of_the_rate():
-    """PAPER 6.4, printed digits; and the same for every drum, whose servos are alike but for a scale."""
+    """Reference values, to their printed digits; the same for every drum: servos differ by a scale."""
     for drum, rate in ((DIRECT, 1000.0), (GEAR4, 3000.0), (GEAR10, 10_000.0)):
         gains = servo_for(drum, rate)
         assert servo_response.bandwidth(drum, gains) / rate == pytest.approx(0.0994, abs=5e-5)
@@ -170,7 +176,7 @@ def test_bandwidth_in_units_of_the_rate():
     gear4 = servo_for(GEAR4, 3000.0)
     assert servo_response.bandwidth(GEAR4, gear4) == pytest.approx(298.0, abs=0.5)
     assert servo_response.bandwidth(GEAR4, gear4, with_reference_speed=False) == pytest.approx(106.0, abs=0.5)
-    # The requirement of PAPER 12.
+    # The required rate of the drum.
     assert servo_response.bandwidth(GEAR4, gear4) > 100.0
 
 
@@ -199,11 +205,13 @@ def test_response_is_that_of_a_mass_stepped_sample_by_sample(share):
 
 def test_reference_keeps_to_speed_and_acceleration_and_stops_on_its_target():
     gains = servo_for(GEAR4, 3000.0)
-    rows = driven(GEAR4, {drum_kernels.MODE: drum_kernels.POSITION, drum_kernels.TARGET: 0.03}, 120)
-    speeds = rows[:, drum_kernels.REFERENCE_SPEED]
-    references = rows[:, drum_kernels.REFERENCE]
+    rows = driven(
+        GEAR4, {drum_kernels.COMMAND_MODE: drum_kernels.MODE_POSITION, drum_kernels.COMMAND_TARGET: 0.03}, 120
+    )
+    speeds = rows[:, drum_kernels.DRIVE_REFERENCE_SPEED]
+    references = rows[:, drum_kernels.DRIVE_REFERENCE]
 
-    assert speeds.max() == pytest.approx(1.75)  # m/s, PAPER 12
+    assert speeds.max() == pytest.approx(1.75)  # m/s, as required
     assert np.abs(np.diff(speeds)).max() <= gains.acceleration * gains.period * (1.0 + 1e-12)
     assert references[-1] == pytest.approx(0.03, abs=1e-12)
     # Speeds that are no whole number of changes leave an eighth of one's way, 3 µm, to go back.
@@ -214,10 +222,10 @@ def test_reference_keeps_to_speed_and_acceleration_and_stops_on_its_target():
 
 
 def test_speed_cap_is_kept():
-    asked = {drum_kernels.MODE: drum_kernels.POSITION, drum_kernels.TARGET: 0.03}
-    rows = driven(GEAR4, asked | {drum_kernels.SPEED_CAP: 0.05}, 300)
+    asked = {drum_kernels.COMMAND_MODE: drum_kernels.MODE_POSITION, drum_kernels.COMMAND_TARGET: 0.03}
+    rows = driven(GEAR4, asked | {drum_kernels.COMMAND_SPEED_CAP: 0.05}, 300)
 
-    assert rows[:, drum_kernels.REFERENCE_SPEED].max() == pytest.approx(0.05)
+    assert rows[:, drum_kernels.DRIVE_REFERENCE_SPEED].max() == pytest.approx(0.05)
 
 
 # ------------------------------------------------------------------------------------------------- arrival
@@ -236,7 +244,7 @@ def test_speed_cap_is_kept():
     ],
 )
 def test_settling_times(name, rate, far, near, share):
-    """PAPER 6.4, ms to 0.1 mm after 30 and 10 mm.
+    """Reference values: ms to 0.1 mm after 30 and 10 mm.
 
     It tells neither friction nor integral nor how the reference is shaped; with those assumed here, all agree
     within 6 %. The long way with gear4 at 1 kHz is looked at below.
@@ -249,7 +257,7 @@ def test_settling_times(name, rate, far, near, share):
 
 
 def test_slow_geared_servo_hunts_at_a_tenth_of_a_millimetre():
-    """PAPER 6.4 prints 123 ms with gear4 at 1 kHz, "hunting".
+    """The reference has 123 ms with gear4 at 1 kHz, "hunting".
 
     It sticks 0.10 mm off, so that micrometres decide the time to 0.1 mm: 106 ms here.
     """
@@ -282,7 +290,7 @@ def test_gear4_at_3_khz_is_what_paper_12_asks_for():
     assert GEAR4.resolution <= 8e-6
 
 
-LOOK_AHEADS = {  # mm at 0.1, 0.25, 0.5, 1 m/s for a latency of 1, 10, 40 ms (PAPER 6.4)
+LOOK_AHEADS = {  # mm at 0.1, 0.25, 0.5, 1 m/s for a latency of 1, 10, 40 ms (reference values)
     "direct": ((6, 8, 10, 20), (6, 10, 16, 30), (10, 18, 30, 58)),
     "gear4": ((4, 10, 18, 34), (6, 12, 22, 42), (8, 18, 36, 72)),
     "gear10": ((8, 16, 32, 64), (8, 18, 36, 72), (12, 26, 52, 102)),
@@ -291,7 +299,7 @@ LOOK_AHEADS = {  # mm at 0.1, 0.25, 0.5, 1 m/s for a latency of 1, 10, 40 ms (PA
 
 @pytest.mark.parametrize("name", LOOK_AHEADS)
 def test_look_ahead_by_bisection_and_by_formula(name):
-    """PAPER 6.4 and 13: within 5 mm of the table; and of the formula, on a grid of 2 mm."""
+    """Within 5 mm of the table of reference values; and of the formula, on a grid of 2 mm."""
     drum, gains = DRUMS[name], servo_for(DRUMS[name], 3000.0)
     for latency, row in zip((0.001, 0.010, 0.040), LOOK_AHEADS[name], strict=True):
         sensing = Sensing(latency=latency)
@@ -304,7 +312,7 @@ def test_look_ahead_by_bisection_and_by_formula(name):
 
 
 def test_age_of_a_distance_on_a_curved_path():
-    """PAPER 6.5, printed digits."""
+    """Reference values, to their printed digits."""
     speeds = (0.1, 0.25, 0.5, 1.0)
     for error, curvature, printed in (
         (1e-4, 10.0, (44.7, 17.9, 8.9, 4.5)),

@@ -1,4 +1,4 @@
-"""The glove's geometry: the tables of PAPER 9, derived, and formulas against other ways of knowing them."""
+"""The glove's geometry: tables of reference values, derived, and formulas checked in other ways."""
 
 import math
 
@@ -58,10 +58,10 @@ def test_table_of_the_paper_is_derived(row):
 
 def chain_of_turns(bend, along=1.0, dorsal=0.0):
     """The same point by complex numbers: each phalanx turns what comes behind it."""
-    place = along * FINGER.phalanges[2] + 1j * dorsal
+    position = along * FINGER.phalanges[2] + 1j * dorsal
     for length, flexion in zip((*FINGER.phalanges[1::-1], 0.0), FINGER.flexions[::-1], strict=True):
-        place = length + np.exp(-1j * bend * flexion) * place
-    return place
+        position = length + np.exp(-1j * bend * flexion) * position
+    return position
 
 
 @pytest.mark.parametrize(("along", "dorsal"), [(1.0, 0.0), (0.5, 0.010), (0.0, -0.003)])
@@ -244,7 +244,7 @@ def test_cable_makes_the_wall_as_soft_as_the_paper_says():
 
 
 def test_small_pulley_makes_it_softer_but_not_as_soft_as_the_paper_says():
-    """PAPER 9.1 has 8 mm, ratio 0.05, 51 N/m. With its linkage an 8 mm radius gives 0.0985 and 194 N/m. A
+    """The reference has 8 mm, ratio 0.05, 51 N/m. With its linkage an 8 mm radius gives 0.0985 and 194 N/m. A
     ratio of 0.05 is that of 8 mm *diameter* (48 N/m), or of the careless linkage (52 N/m)."""
     radius_8 = Glove(cable=Cable(hand_pulley=8 * MM))
     diameter_8 = Glove(cable=Cable(hand_pulley=4 * MM))
@@ -340,7 +340,7 @@ def test_motor_of_the_arm_carries_what_the_replica_does():
     np.testing.assert_allclose(GLOVE.motor_torque(BENDS, 2.0), GLOVE.replica_torque(BENDS, 2.0), rtol=1e-14)
 
 
-# --- where the pad touches: PAPER 9.3 -----------------------------------------------------------------------
+# --- where the pad touches ----------------------------------------------------------------------
 
 
 def disc(radius, x, y):
@@ -414,7 +414,7 @@ def test_errors_of_one_distance_are_those_of_the_paper(name):
 
 @pytest.mark.parametrize("name", TABLE_9_3)
 def test_error_grows_with_the_square_of_the_length(name):
-    """kappa of PAPER 9.3 is that of the first millimetre, 2 |error| / s², from errors rounded to 0.1 µm."""
+    """The reference kappa is that of the first millimetre, 2 |error| / s², of errors rounded to 0.1 µm."""
     query, row = TABLE_9_3[name]
     contact = contact_of(query)
 

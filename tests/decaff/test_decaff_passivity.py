@@ -1,4 +1,4 @@
-"""Passivity and energy of sampled walls, held against the reference values of PAPER 4, 5, 13."""
+"""Passivity and energy of sampled walls, compared with reference values."""
 
 import math
 

@@ -7,7 +7,7 @@ from project import MESHES
 
 from proximity import formats
 from proximity.errors import MeshFormatError
-from proximity.formats.step import assembly
+from proximity.formats.step import product_structure
 
 ASSEMBLY = (MESHES / "assembly.step").read_text("ascii")
 
@@ -65,8 +65,8 @@ def test_product_that_lost_its_shape_is_not_put_elsewhere(tmp_path, number):
 def test_fewer_parts_than_the_assemblies_hold_are_refused(tmp_path, monkeypatch):
     path = tmp_path / "part.step"
     path.write_text(ASSEMBLY)
-    assert len(formats.read_geometries(path).geometries) == assembly.count_bodies(ASSEMBLY) == 4
-    monkeypatch.setattr(assembly, "count_bodies", lambda text: 5)
+    assert len(formats.read_geometries(path).geometries) == product_structure.count_bodies(ASSEMBLY) == 4
+    monkeypatch.setattr(product_structure, "count_bodies", lambda text: 5)
     with pytest.raises(
         MeshFormatError, match="its assemblies hold 5 parts, but OpenCASCADE could read 4 only"
     ):
@@ -74,17 +74,17 @@ def test_fewer_parts_than_the_assemblies_hold_are_refused(tmp_path, monkeypatch)
 
 
 def test_uses_are_expanded():
-    assert assembly.count_bodies(NESTED) == 4
+    assert product_structure.count_bodies(NESTED) == 4
 
 
 def test_files_that_place_shapes_in_other_ways_are_left_alone():
     text = NESTED.replace(
         "#61=CONTEXT_DEPENDENT_SHAPE_REPRESENTATION(#71,#51);", "#61=MAPPED_ITEM('',#1,#2);"
     )
-    assert assembly.count_bodies(text) == 0
+    assert product_structure.count_bodies(text) == 0
 
 
 def test_product_that_contains_itself_is_refused():
     text = NESTED.replace("('','','',#2,#3,$)", "('','','',#2,#1,$)", 1)
     with pytest.raises(MeshFormatError, match=r"PRODUCT_DEFINITION #[12] is part of itself, expected a tree"):
-        assembly.count_bodies(text)
+        product_structure.count_bodies(text)

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from proximity import formats
 from proximity.errors import MeshError, MeshFormatError, ProximityError
-from proximity.formats import reader, text_rows
+from proximity.formats import file_reader, text_rows
 from proximity.formats.step import step
 
 VERTICES, FACES = shapes.cube()
@@ -94,7 +94,7 @@ def test_file_that_may_not_be_read_is_said(tmp_path, monkeypatch):
     def refuse(name):
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr(reader, "open_regular", refuse)
+    monkeypatch.setattr(file_reader, "open_regular", refuse)
     assert refusal(path) == "it cannot be opened (Permission denied)"
 
 
@@ -113,7 +113,7 @@ def test_what_no_reader_foresaw_is_one_sentence(tmp_path, monkeypatch, reason):
     def fail(source):
         raise reason
 
-    monkeypatch.setitem(reader._READERS, "STL", fail)
+    monkeypatch.setitem(file_reader._READERS, "STL", fail)
     path = write(tmp_path, "part.stl", BINARY_STL)
     assert refusal(path) == f"it cannot be read ({text_rows.in_one_line(reason)})"
     with pytest.raises(MeshFormatError) as caught:
@@ -141,7 +141,7 @@ def test_too_little_memory_is_said(tmp_path, monkeypatch):
     def exhaust(name):
         raise MemoryError
 
-    monkeypatch.setattr(reader, "open_regular", exhaust)
+    monkeypatch.setattr(file_reader, "open_regular", exhaust)
     assert refusal(path) == "there is not enough memory to read it"
 
 

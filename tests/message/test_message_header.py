@@ -20,11 +20,12 @@ from wire import KNOWN, MS, NOW, Clock, Wire, frame, sealed
 from proximity import cli
 from proximity.message import CONTACT, FRAME, POSES, Flaw, Message, State, c_header, flaw_of
 from proximity.message.c_header import ENUMS, KINDS, RECORDS, header_text, meanings_of
+from proximity.message.envelope import MAX_FUTURE_NS
 from proximity.message.fields import dtype_of
 from proximity.transport import Subscriber, open_inlet, widen
-from proximity.transport.key import write_key
+from proximity.transport.message_key import write_key
 from proximity.transport.publisher_clock import ForeignClock
-from proximity.transport.received_frame import AHEAD_NS, LONGEST_VALID_NS
+from proximity.transport.received_frame import LONGEST_VALID_NS
 from proximity.transport.subscriber import STALE_AFTER
 
 FLAWS = [None, Flaw.SHORT, Flaw.MAGIC, Flaw.VERSION, Flaw.SIZE, Flaw.CHECKSUM]
@@ -134,7 +135,7 @@ def test_every_number_is_that_of_python(folder):
     expected |= {
         "DECAFF_LONGEST_VALID_NS": LONGEST_VALID_NS,
         "DECAFF_STALE_AFTER_NS": round(1e9 * STALE_AFTER),
-        "DECAFF_AHEAD_NS": AHEAD_NS,
+        "DECAFF_AHEAD_NS": MAX_FUTURE_NS,
     }
     source = folder / "numbers.c"
     text = "\n".join(f'printf("{name} %lld\\n", (long long){name});' for name in expected)

@@ -20,7 +20,7 @@ from proximity import transport
 from proximity.message import FRAME, Message, State
 from proximity.message.c_header import header_text
 from proximity.transport import open_publisher, widen
-from proximity.transport.key import write_key
+from proximity.transport.message_key import write_key
 
 PATIENCE = 30.0  # s
 SOURCE = transport.__path__[0] + "/receiver.c"

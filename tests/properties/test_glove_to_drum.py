@@ -23,9 +23,9 @@ from proximity.transport import Reading
 
 TURN, KNUCKLE = turn_about_axes((20.0, -35.0, 50.0)), np.array([0.3, -0.2, 1.1])
 PLANE_BEND = 0.174204922
-"""Bend at which the pad touches the plane y = -45 mm of the finger's frame (PAPER 9.3)."""
+"""Bend at which the pad touches the plane y = -45 mm of the finger's frame (reference value)."""
 MM_AN_ANGLE = 0.1
-"""m of fingertip a radian of the drum, about (PAPER 9.1): 0.3 mm is what a touch-off may disagree by."""
+"""m of fingertip a radian of the drum, about (reference value): 0.3 mm may a touch-off disagree by."""
 SCENE = """
 [[parts]]
 file = "{meshes}/box.stl"
@@ -74,7 +74,7 @@ def test_drum_stands_where_the_finger_of_the_calibrated_glove_touches(glove_and_
         (finger,) = bench.fingers
         if contacts["signed_distance"][0] > 0.0:
             told.append(contacts["contact_bend"][0])
-        if finger.action.place < finger.path.retracted:
+        if finger.action.position < finger.path.retracted:
             placed.append(finger.action.angle)
 
     true = float(glove_files.HAND.drum_angle(PLANE_BEND)) + glove_files.MOUNTED

@@ -52,7 +52,7 @@ def sequences(path):
 
 @pytest.mark.parametrize("chunk", [1, 700, 1 << 22])
 def test_sessions_and_finger_counts_may_follow_each_other(path, monkeypatch, chunk):
-    monkeypatch.setattr(frame_reader, "CHUNK", chunk)
+    monkeypatch.setattr(frame_reader, "READ_BYTES", chunk)
     path.write_bytes(
         sealed(range(3))
         + sealed([3, 4], count=5)
@@ -75,7 +75,7 @@ def test_file_is_the_frames_byte_for_byte(path):
 
 
 def test_arrays_stay_as_they_are_while_reading_goes_on(path, monkeypatch):
-    monkeypatch.setattr(frame_reader, "CHUNK", 2 * SIZE)
+    monkeypatch.setattr(frame_reader, "READ_BYTES", 2 * SIZE)
     path.write_bytes(sealed(range(20)))
 
     runs = list(FrameReader(path))
@@ -86,7 +86,7 @@ def test_arrays_stay_as_they_are_while_reading_goes_on(path, monkeypatch):
 
 
 def test_memory_does_not_grow_with_the_log(path, monkeypatch):
-    monkeypatch.setattr(frame_reader, "CHUNK", 1 << 16)
+    monkeypatch.setattr(frame_reader, "READ_BYTES", 1 << 16)
     path.write_bytes(sealed(range(100)) * 50)
 
     tracemalloc.start()
@@ -105,7 +105,7 @@ def test_memory_does_not_grow_with_the_log(path, monkeypatch):
 
 @pytest.mark.parametrize("chunk", [SIZE - 1, 1 << 22])
 def test_torn_tail_is_left_out_wherever_it_was_torn(path, monkeypatch, chunk):
-    monkeypatch.setattr(frame_reader, "CHUNK", chunk)
+    monkeypatch.setattr(frame_reader, "READ_BYTES", chunk)
     whole = sealed(range(3))
     for torn in range(1, SIZE):
         path.write_bytes(whole[: 2 * SIZE + torn])
@@ -130,7 +130,7 @@ def test_flipped_bit_costs_its_frame_only(path):
 
 @pytest.mark.parametrize("chunk", [5, 1000, 1 << 22])
 def test_every_damaged_place_is_counted(path, monkeypatch, chunk):
-    monkeypatch.setattr(frame_reader, "CHUNK", chunk)
+    monkeypatch.setattr(frame_reader, "READ_BYTES", chunk)
     # a torn frame that claims what follows, a lone magic, noise, zeros as a power failure leaves them
     first, second = sealed([5], count=3)[:100], b"DEC" + b"DECF" * 3 + bytes(50) + b"DE"
     path.write_bytes(sealed([0]) + first + sealed([1, 2]) + second + sealed([3]) + bytes(600))

@@ -14,8 +14,8 @@ from proximity.recording import (
     check_log_name,
     contact_log,
     read_recording,
-    reader,
     recording,
+    recording_reader,
     write_contacts,
 )
 
@@ -188,23 +188,27 @@ def test_recording_that_cannot_be_used_is_refused_by_line(read, content, message
 
 
 def test_line_is_right_beyond_the_first_chunk(read):
-    lines = [f"{0.01 * row:.2f},0,0,1,2,3" for row in range(2 * reader.CHUNK)]
-    lines[reader.CHUNK + 10] = lines[reader.CHUNK + 10].replace("1,2,3", "1,?,3")
+    lines = [f"{0.01 * row:.2f},0,0,1,2,3" for row in range(2 * recording_reader.LINES_PER_CHUNK)]
+    lines[recording_reader.LINES_PER_CHUNK + 10] = lines[recording_reader.LINES_PER_CHUNK + 10].replace(
+        "1,2,3", "1,?,3"
+    )
 
-    with pytest.raises(RecordingError, match=rf"line {reader.CHUNK + 12}: y_m is '\?'"):
+    with pytest.raises(RecordingError, match=rf"line {recording_reader.LINES_PER_CHUNK + 12}: y_m is '\?'"):
         read(HEADER + "\n".join(lines))
 
 
 def test_times_unsorted_from_one_chunk_to_the_next_are_refused(read):
-    lines = [f"{0.01 * row:.2f},0,0,1,2,3" for row in range(reader.CHUNK + 20)]
-    lines[reader.CHUNK] = "0,0,0,1,2,3"
+    lines = [f"{0.01 * row:.2f},0,0,1,2,3" for row in range(recording_reader.LINES_PER_CHUNK + 20)]
+    lines[recording_reader.LINES_PER_CHUNK] = "0,0,0,1,2,3"
 
-    with pytest.raises(RecordingError, match=rf"line {reader.CHUNK + 2}: time_s is 0 after"):
+    with pytest.raises(
+        RecordingError, match=rf"line {recording_reader.LINES_PER_CHUNK + 2}: time_s is 0 after"
+    ):
         read(HEADER + "\n".join(lines))
 
 
 def test_sensor_that_counts_hands_without_end_is_refused(read):
-    lines = [f"{row},{row},0,1,2,3" for row in range(reader.LARGEST_HAND_COUNT + 1)]
+    lines = [f"{row},{row},0,1,2,3" for row in range(recording_reader.LARGEST_HAND_COUNT + 1)]
 
     with pytest.raises(RecordingError, match=r"there are 33 hands, expected at most 32"):
         read(HEADER + "\n".join(lines))

@@ -17,15 +17,15 @@ from proximity.service.config import (
     FingerSettings,
     PartFiles,
     ServiceSettings,
-    builder,
     finger_count,
     make_tracker,
     place_recording,
     read_input,
     read_scene_file,
-    reader,
+    scene_builder,
+    scene_file_reader,
 )
-from proximity.service.config.document import MOST_BYTES, MOST_LINES, Document
+from proximity.service.config.toml_document import MOST_BYTES, MOST_LINES, Document
 from proximity.tracker.tracker import DEFAULT_BUDGET, Tracker
 
 PART = '[[parts]]\nfile = "box.stl"\n'
@@ -164,8 +164,13 @@ def test_sample_reads_and_names_every_key():
     settings = read_scene_file(MESHES / "demo.toml")
 
     assert settings.service == ServiceSettings()
-    tables = (reader.SERVICE_KEYS, reader.FINGER_KEYS, reader.PART_KEYS, reader.INPUT_KEYS)
-    for keys in (*tables, reader.GLOVE_KEYS):
+    tables = (
+        scene_file_reader.SERVICE_KEYS,
+        scene_file_reader.FINGER_KEYS,
+        scene_file_reader.PART_KEYS,
+        scene_file_reader.INPUT_KEYS,
+    )
+    for keys in (*tables, scene_file_reader.GLOVE_KEYS):
         for key in keys:
             assert f"\n{key} = " in text or f"\n#{key} = " in text, key
 
@@ -179,7 +184,7 @@ def test_sample_shows_the_defaults_where_it_says_so():
     defaults |= {
         name: parameter.default
         for name, parameter in inspect.signature(Tracker).parameters.items()
-        if name in reader.FINGER_KEYS and name != "budget"
+        if name in scene_file_reader.FINGER_KEYS and name != "budget"
     }
     for key, value in {**shown["service"], **shown["fingers"]}.items():
         if key not in ("log", "core", "count", "publish"):
@@ -354,7 +359,7 @@ MISTAKES = [
         "6: parts[1].name is 'a', as of the part on line 3, expected names that differ",
     ),
     # the input
-    (PART + "[input]\n", "3: [input] says no source, expected recording, poses or sensor"),
+    (PART + "[input]\n", "3: [input] has no source, expected recording, poses or sensor"),
     (
         PART + POSES + "recording = 'hand.csv'\n",
         "4: input.poses stands beside input.recording, expected only one of recording, poses or sensor",
@@ -573,7 +578,7 @@ def test_unchanged_files_are_read_once(read, folder, monkeypatch):
         loaded.append(Path(path).name)
         return load(path, **options)
 
-    monkeypatch.setattr(builder, "load", load_and_note)
+    monkeypatch.setattr(scene_builder, "load", load_and_note)
     files = PartFiles()
     text = PART + "[[parts]]\nfile = 'box.stl'\nname = 'b'\n[[parts]]\nfile = 'sphere.stl'\n" + POSES
 
@@ -590,7 +595,7 @@ def test_unchanged_files_are_read_once(read, folder, monkeypatch):
 def test_refused_scene_does_not_lose_what_was_loaded(read, monkeypatch):
     files = PartFiles()
     files.scene(read(PART + POSES))
-    monkeypatch.setattr(builder, "load", None)  # a call would be a TypeError
+    monkeypatch.setattr(scene_builder, "load", None)  # a call would be a TypeError
 
     with pytest.raises(ServiceError):
         files.scene(read(PART + PART + POSES))

@@ -9,7 +9,7 @@ from ticking import MS, line, plate
 
 from proximity.message import ContactFlag
 from proximity.scene.scene import Scene
-from proximity.service import CallableInput, Hands, Service, TrackerAnswers
+from proximity.service import CallableInput, FingerPoses, Service, TrackerAnswers
 from proximity.tracker.tracker import Tracker
 
 RATE = 2.0  # bends a second
@@ -25,13 +25,13 @@ def answers():
 
 def told(answers, bends, *, paths=None, ticks=8, every=1):
     """The contacts after some ticks; fingers bend at `RATE` from *bends* on, a pose each *every* ticks."""
-    hands = answers.new_samples()
+    poses = answers.new_samples()
     answers.rehearse()  # forgets the test before
     for tick in range(ticks):
         pose = tick // every * every
-        hands.positions[:], hands.pose_ns[:] = [[0.0, 0.0, 0.05 - 1e-4 * pose]] * 3, pose * MS
-        hands.paths, hands.bends = paths, np.asarray(bends) + RATE * 1e-3 * pose
-        contacts = answers.answer(hands, tick * MS)
+        poses.positions[:], poses.pose_ns[:] = [[0.0, 0.0, 0.05 - 1e-4 * pose]] * 3, pose * MS
+        poses.paths, poses.bends = paths, np.asarray(bends) + RATE * 1e-3 * pose
+        contacts = answers.answer(poses, tick * MS)
     return contacts
 
 
@@ -50,10 +50,10 @@ def test_bend_that_is_told_without_a_path_is_published_with_its_rate(answers, ev
 
 def test_bend_that_a_function_tells_reaches_the_published_contact(answers):
     def tell(now_ns):
-        hands = Hands(3)
-        hands.positions[:], hands.pose_ns[:] = [0.0, 0.0, 0.05], now_ns
-        hands.bends = np.full(3, 0.1 + RATE * 1e-9 * now_ns)
-        return hands
+        poses = FingerPoses(3)
+        poses.positions[:], poses.pose_ns[:] = [0.0, 0.0, 0.05], now_ns
+        poses.bends = np.full(3, 0.1 + RATE * 1e-9 * now_ns)
+        return poses
 
     answers.rehearse()
     outlet = KeepingOutlet()
@@ -85,7 +85,7 @@ def test_finger_on_a_path_keeps_what_its_path_tells(answers):
 
 
 def test_finger_that_is_not_tracked_has_no_bend(answers):
-    hands = Hands(3)
-    hands.bends = np.full(3, 0.5)
+    poses = FingerPoses(3)
+    poses.bends = np.full(3, 0.5)
 
-    assert np.isnan(answers.answer(hands, 0)["bend"]).all()
+    assert np.isnan(answers.answer(poses, 0)["bend"]).all()

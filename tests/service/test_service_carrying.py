@@ -10,7 +10,7 @@ from proximity.message import MOVES, ContactFlag, Message
 from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
 from proximity.service import MovesInput, TrackerAnswers
-from proximity.service.inputs import part_motion, reception
+from proximity.service.inputs import moves_input, reception
 from proximity.tracker.tracker import Tracker
 
 NOW = 5_000_000_000  # ns
@@ -79,8 +79,8 @@ class Served:
         self.answers = TrackerAnswers(tracker, self.source)
 
     def tick(self, now_ns, pose_ns):
-        hands = hands_at(TIPS, pose_ns, np.zeros((len(TIPS), 3)))
-        return self.answers.answer(hands, now_ns)
+        poses = hands_at(TIPS, pose_ns, np.zeros((len(TIPS), 3)))
+        return self.answers.answer(poses, now_ns)
 
 
 def assert_holds(contacts, pose_ns):
@@ -171,9 +171,9 @@ def test_nothing_is_moved_in_a_tick_where_nothing_moves(inlet, monkeypatch):
 def test_fingers_that_are_not_there_say_nothing_of_when(inlet):
     served = Served(inlet)
     inlet.put(told(NOW))
-    hands = hands_at(np.full((3, 3), np.nan), [NOW - 90 * MS, 0, -(2**62)])
+    poses = hands_at(np.full((3, 3), np.nan), [NOW - 90 * MS, 0, -(2**62)])
 
-    contacts = served.answers.answer(hands, NOW + 20 * MS)
+    contacts = served.answers.answer(poses, NOW + 20 * MS)
 
     assert (contacts["lower"] == -np.inf).all() and (contacts["upper"] == np.inf).all()
     np.testing.assert_allclose(served.scene.part("box").pose.translation, 0.02 * VELOCITY, atol=1e-15)
@@ -336,9 +336,9 @@ def test_part_that_goes_just_before_it_is_moved_is_no_unfit_move(inlet, monkeypa
 
 def test_scene_is_looked_at_when_it_was_edited_and_not_at_every_message(inlet, monkeypatch):
     served, asked = Served(inlet), []
-    part, looked = served.scene.part, part_motion.Presence
+    part, looked = served.scene.part, moves_input.Presence
     monkeypatch.setattr(served.scene, "part", lambda name: asked.append(name) or part(name))
-    monkeypatch.setattr(part_motion, "Presence", lambda scene: asked.append("looked") or looked(scene))
+    monkeypatch.setattr(moves_input, "Presence", lambda scene: asked.append("looked") or looked(scene))
     for ms in range(0, 50, 5):
         inlet.put(told(NOW + ms * MS))
         served.tick(NOW + ms * MS, NOW + ms * MS - np.arange(len(TIPS)) * MS)

@@ -168,7 +168,7 @@ class Feeding:
     """Says in a thread 250 times a second where fingers are; a test makes them wrong."""
 
     def __init__(self, address):
-        self.ahead_ns = 0
+        self.future_ns = 0
         self.positions = ABOVE.copy()
         self.good = set()  # instants of poses that were true
         self._publisher = open_publisher(address)
@@ -180,11 +180,11 @@ class Feeding:
         message.records["finger"] = np.arange(len(ABOVE))
         message.records["velocity"] = message.records["bend"] = np.nan
         while not self._over.wait(0.004):
-            now_ns, ahead_ns = time.monotonic_ns(), self.ahead_ns
-            if not ahead_ns:
+            now_ns, future_ns = time.monotonic_ns(), self.future_ns
+            if not future_ns:
                 self.good.add(now_ns)
             message.header["send_ns"] = now_ns
-            message.records["pose_ns"] = now_ns + ahead_ns
+            message.records["pose_ns"] = now_ns + future_ns
             message.records["position"] = self.positions
             self._publisher.publish(message)
 
@@ -251,12 +251,12 @@ def test_poses_whose_clock_jumps_ahead_are_dropped_and_the_frame_goes_stale_rath
             assert reading.now_ns <= reading.header["valid_until_ns"] <= max(served.feeding.good) + VALID_NS
             assert set(reading.contacts["pose_ns"].tolist()) <= served.feeding.good
 
-    served.feeding.ahead_ns = SECOND
+    served.feeding.future_ns = SECOND
     try:
         late = seen(subscriber, lambda reading: reading.state is State.LATE, check)
         stale = seen(subscriber, lambda reading: reading.state is State.STALE, check)
     finally:
-        served.feeding.ahead_ns = 0
+        served.feeding.future_ns = 0
     again = seen(subscriber, is_ok, check)
 
     assert late.header["sequence"] < stale.header["sequence"] < again.header["sequence"]

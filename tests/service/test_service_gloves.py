@@ -28,7 +28,7 @@ NOW = 9000 * MS
 TURN = turn_about_axes((20.0, -35.0, 50.0))
 KNUCKLE = np.array([0.3, -0.2, 1.1])
 PLANE_BEND = 0.174204922
-"""Bend at which the pad touches the plane y = -45 mm of the finger's frame (PAPER 9.3)."""
+"""Bend at which the pad touches the plane y = -45 mm of the finger's frame (reference value)."""
 SCENE = '[[parts]]\nfile = "box.stl"\n[input]\nposes = "mailbox:gloves"\n[glove]\n'
 
 
@@ -90,15 +90,15 @@ def world(point):
 def test_counts_become_bend_fingertip_and_path(gloves_of, inlet):
     source = stream(gloves_of('calibration = "glove.json"'))
     inlet.put(poses(counts=[glove_files.HAND.counts(0.25), math.nan], bend=[math.nan, 0.5]))
-    hands = source.poll(NOW)
+    polled = source.poll(NOW)
 
     finger = glove_files.HAND.finger
-    assert hands.bends == pytest.approx([0.25, 0.5], abs=1e-3)  # seven points of a table
+    assert polled.bends == pytest.approx([0.25, 0.5], abs=1e-3)  # seven points of a table
     for row in range(2):
-        tip = world(finger.point_hand(hands.bends[row]))
-        assert hands.positions[row] == pytest.approx(tip, abs=3e-5)
-        assert hands.paths[row, -1] == pytest.approx(world(finger.point_hand(1.0)))
-    assert hands.pose_ns.tolist() == [NOW, NOW] and source.notes == []
+        tip = world(finger.point_hand(polled.bends[row]))
+        assert polled.positions[row] == pytest.approx(tip, abs=3e-5)
+        assert polled.paths[row, -1] == pytest.approx(world(finger.point_hand(1.0)))
+    assert polled.pose_ns.tolist() == [NOW, NOW] and source.notes == []
 
 
 def test_glove_tells_the_tracker_where_its_finger_will_touch(gloves_of, inlet):
@@ -118,11 +118,11 @@ def test_glove_tells_the_tracker_where_its_finger_will_touch(gloves_of, inlet):
 def test_finger_that_bends_beyond_its_table_goes_straight_on(gloves_of, inlet):
     source = stream(gloves_of('calibration = "glove.json"'))
     inlet.put(poses(bend=[-0.03, 1.03]))
-    hands = source.poll(NOW)
+    polled = source.poll(NOW)
 
     for row in range(2):
-        tip = world(glove_files.HAND.finger.point_hand(hands.bends[row]))
-        assert hands.positions[row] == pytest.approx(tip, abs=5e-4)
+        tip = world(glove_files.HAND.finger.point_hand(polled.bends[row]))
+        assert polled.positions[row] == pytest.approx(tip, abs=5e-4)
 
 
 @pytest.mark.parametrize(
@@ -161,9 +161,9 @@ def test_whatever_numbers_come_nothing_is_raised(ways, data):
     queue.put(message)
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(reception, "open_inlet", lambda address: queue)
-        hands = stream(ways).poll(NOW)
+        polled = stream(ways).poll(NOW)
 
-    assert hands is not None and hands.positions.shape == (2, 3)
+    assert polled is not None and polled.positions.shape == (2, 3)
 
 
 def test_poses_of_fingertips_are_taken_all_the_same_and_end_the_path(gloves_of, inlet):
@@ -173,11 +173,11 @@ def test_poses_of_fingertips_are_taken_all_the_same_and_end_the_path(gloves_of, 
     tips = Message(POSES, 1)
     tips.records["finger"], tips.records["pose_ns"], tips.records["bend"] = 0, NOW, math.nan
     inlet.put(tips)
-    hands = source.poll(NOW)
+    polled = source.poll(NOW)
 
-    assert (hands.positions[0] == 0.0).all()
-    assert np.isnan(hands.paths[0]).all() and np.isnan(hands.bends[0])
-    assert np.isfinite(hands.paths[1]).all()
+    assert (polled.positions[0] == 0.0).all()
+    assert np.isnan(polled.paths[0]).all() and np.isnan(polled.bends[0])
+    assert np.isfinite(polled.paths[1]).all()
 
 
 def test_without_a_glove_its_poses_are_of_a_kind_that_is_not_expected(inlet):

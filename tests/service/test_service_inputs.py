@@ -17,7 +17,7 @@ from proximity.kernels.tracking.motion import (
     observe,
 )
 from proximity.recording import Recording
-from proximity.service import CallableInput, Hands, RecordingInput
+from proximity.service import CallableInput, FingerPoses, RecordingInput
 from proximity.service.sample_filter import SampleFilter
 
 NOW = 5000 * MS
@@ -35,9 +35,9 @@ def played(source, instants_ms):
     """What each poll gives: (x in ms, pose's instant in ms), or None."""
     told = []
     for instant in instants_ms:
-        hands = source.poll(NOW + int(instant * MS))
+        poses = source.poll(NOW + int(instant * MS))
         told.append(
-            None if hands is None else (1000 * hands.positions[0, 0], (hands.pose_ns.item(0) - NOW) / MS)
+            None if poses is None else (1000 * poses.positions[0, 0], (poses.pose_ns.item(0) - NOW) / MS)
         )
     return told
 
@@ -106,17 +106,17 @@ def test_way_from_the_end_of_a_recording_to_its_beginning_is_no_velocity(jump):
     source = RecordingInput(
         Recording(np.arange(rows) * np.int64(MS), positions, ((0, 1),)), latency=0.0, repeat=True
     )
-    gate = SampleFilter(Hands(1), 100 * MS)
-    gate.start(NOW)
+    sample_filter = SampleFilter(FingerPoses(1), 100 * MS)
+    sample_filter.start(NOW)
     reals, marks = np.zeros((1, MOTION_REALS)), np.zeros((1, MOTION_INTS), np.int64)
     fastest = abs(jump) / (rows - 1) / 1e-3 + 1e-6
 
     seen = 0
     for tick in range(3 * (rows + 100)):
-        hands = source.poll(NOW + tick * MS)
-        if hands is not None:
-            gate.admit(hands, NOW + tick * MS)
-        (x, y, z), pose_ns = gate.kept.positions[0], gate.kept.pose_ns[0]
+        poses = source.poll(NOW + tick * MS)
+        if poses is not None:
+            sample_filter.admit(poses, NOW + tick * MS)
+        (x, y, z), pose_ns = sample_filter.kept.positions[0], sample_filter.kept.pose_ns[0]
         status = observe(reals, marks, 0, pose_ns, x, y, z, MAX_SPEED, MAX_ACCELERATION)
         seen += bool(status & TRACKED)
         assert not status & PREDICTED or np.abs(reals[0, VELOCITY : VELOCITY + 3]).max() <= fastest
@@ -154,12 +154,12 @@ def test_callable_may_tell_positions_of_now():
     asked = []
     source = CallableInput(lambda now_ns: asked.append(now_ns) or [[1, 2, 3], [4, 5, 6]], 2)
 
-    hands = source.poll(NOW)
+    poses = source.poll(NOW)
 
     assert asked == [NOW]
-    np.testing.assert_array_equal(hands.positions, [[1, 2, 3], [4, 5, 6]])
-    assert hands.pose_ns.tolist() == [NOW, NOW]
-    assert hands.velocities is None
+    np.testing.assert_array_equal(poses.positions, [[1, 2, 3], [4, 5, 6]])
+    assert poses.pose_ns.tolist() == [NOW, NOW]
+    assert poses.velocities is None
 
 
 @pytest.mark.parametrize("instants", [NOW - 3, np.array([NOW - 3, NOW - 4]), [NOW - 3, NOW - 4]])
@@ -174,11 +174,11 @@ def test_callable_may_tell_hands_which_are_taken_as_float64():
     told.positions = np.float32([[1, 2, 3], [4, 5, 6]])
     source = CallableInput(lambda now_ns: told, 2)
 
-    hands = source.poll(NOW)
+    poses = source.poll(NOW)
 
-    assert hands.positions.dtype == np.float64 and hands.positions[1, 2] == 6
-    assert hands.pose_ns.tolist() == [NOW, NOW - 1]
-    assert (hands.velocities == 1).all() and hands.velocities is not told.velocities
+    assert poses.positions.dtype == np.float64 and poses.positions[1, 2] == 6
+    assert poses.pose_ns.tolist() == [NOW, NOW - 1]
+    assert (poses.velocities == 1).all() and poses.velocities is not told.velocities
 
 
 def test_velocities_that_a_callable_told_once_are_not_those_of_later_positions():
@@ -187,9 +187,9 @@ def test_velocities_that_a_callable_told_once_are_not_those_of_later_positions()
     source = CallableInput(lambda now_ns: told.pop(0), 2)
     source.poll(NOW)
 
-    hands = source.poll(NOW + MS)
+    poses = source.poll(NOW + MS)
 
-    assert hands.velocities is None and hands.paths is None and hands.bends is None
+    assert poses.velocities is None and poses.paths is None and poses.bends is None
 
 
 def test_callable_with_nothing_new_tells_none():
@@ -224,7 +224,7 @@ def fail(now_ns):
             lambda now_ns: (np.zeros((2, 3)), [1, 2, 3]),
             "ValueError: could not broadcast input array from shape (3,) into shape (2,)",
         ),
-        (lambda now_ns: Hands(3), "poses of 3 fingers, expected 2 fingers"),
+        (lambda now_ns: FingerPoses(3), "poses of 3 fingers, expected 2 fingers"),
         (hands_with(velocities=np.zeros((2, 2))), "velocities have shape (2, 2), expected (2, 3)"),
         (
             hands_with(velocities=[["up"] * 3] * 2),
@@ -244,10 +244,8 @@ def test_callable_that_fails_is_counted_and_said_once(function, message, caplog)
     assert [source.poll(NOW + k) for k in range(3)] == [None] * 3
 
     assert source.failures == 3
-    assert source.notes == [f"the function that tells poses failed 3 times, first: {message}"]
-    assert [record.message for record in caplog.records] == [
-        f"the function that tells poses failed: {message}"
-    ]
+    assert source.notes == [f"the pose callback raised 3 times, first: {message}"]
+    assert [record.message for record in caplog.records] == [f"the pose callback raised: {message}"]
     assert caplog.records[0].name == "proximity.service"
 
 
@@ -268,96 +266,104 @@ def test_notes_of_a_recording_are_those_of_its_input():
 
 
 def test_what_was_told_once_and_is_not_any_more_becomes_unknown():
-    gate = SampleFilter(Hands(2), 100 * MS)
-    gate.start(NOW)
+    sample_filter = SampleFilter(FingerPoses(2), 100 * MS)
+    sample_filter.start(NOW)
     first = hands_at(np.zeros((2, 3)), NOW, velocities=np.ones((2, 3)))
     first.paths, first.bends = np.ones((2, 4, 3)), np.ones(2)
 
-    gate.admit(first, NOW)
-    assert (gate.kept.velocities == 1).all() and (gate.kept.paths == 1).all() and (gate.kept.bends == 1).all()
-    assert gate.kept.velocities is not first.velocities  # a copy: the input goes on writing
+    sample_filter.admit(first, NOW)
+    assert (
+        (sample_filter.kept.velocities == 1).all()
+        and (sample_filter.kept.paths == 1).all()
+        and (sample_filter.kept.bends == 1).all()
+    )
+    assert sample_filter.kept.velocities is not first.velocities  # a copy: the input goes on writing
 
-    gate.admit(hands_at(np.zeros((2, 3)), NOW + 1), NOW + 1)
-    assert np.isnan(gate.kept.velocities).all()
-    assert np.isnan(gate.kept.paths).all() and np.isnan(gate.kept.bends).all()
+    sample_filter.admit(hands_at(np.zeros((2, 3)), NOW + 1), NOW + 1)
+    assert np.isnan(sample_filter.kept.velocities).all()
+    assert np.isnan(sample_filter.kept.paths).all() and np.isnan(sample_filter.kept.bends).all()
 
 
 def test_finger_whose_sample_is_left_out_keeps_all_of_the_one_before():
-    gate = SampleFilter(Hands(2), 100 * MS)
-    gate.start(NOW)
-    gate.admit(hands_at(np.zeros((2, 3)), NOW, velocities=np.zeros((2, 3))), NOW)
+    sample_filter = SampleFilter(FingerPoses(2), 100 * MS)
+    sample_filter.start(NOW)
+    sample_filter.admit(hands_at(np.zeros((2, 3)), NOW, velocities=np.zeros((2, 3))), NOW)
 
-    gate.admit(hands_at(np.ones((2, 3)), [NOW - 1, NOW + 1], velocities=np.ones((2, 3))), NOW + 1)
+    sample_filter.admit(hands_at(np.ones((2, 3)), [NOW - 1, NOW + 1], velocities=np.ones((2, 3))), NOW + 1)
 
-    assert gate.kept.positions.tolist() == [[0, 0, 0], [1, 1, 1]]
-    assert gate.kept.velocities.tolist() == [[0, 0, 0], [1, 1, 1]]
-    assert gate.kept.pose_ns.tolist() == [NOW, NOW + 1]
-    assert (gate.future, gate.backwards) == (0, 1)
+    assert sample_filter.kept.positions.tolist() == [[0, 0, 0], [1, 1, 1]]
+    assert sample_filter.kept.velocities.tolist() == [[0, 0, 0], [1, 1, 1]]
+    assert sample_filter.kept.pose_ns.tolist() == [NOW, NOW + 1]
+    assert (sample_filter.future, sample_filter.backwards) == (0, 1)
 
 
 @pytest.mark.parametrize("unknown", [np.nan, np.inf])
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("pose_ns", [0, NOW - 1, NOW + 1, 2**62])
 def test_finger_that_is_lost_is_lost_at_once_whatever_its_instant(unknown, axis, pose_ns):
-    gate = SampleFilter(Hands(1), 100 * MS)
-    gate.start(NOW)
-    gate.admit(hands_at([[1, 1, 1]], NOW), NOW)
+    sample_filter = SampleFilter(FingerPoses(1), 100 * MS)
+    sample_filter.start(NOW)
+    sample_filter.admit(hands_at([[1, 1, 1]], NOW), NOW)
     lost = hands_at([[1, 1, 1]], pose_ns)
     lost.positions[0, axis] = unknown
 
-    gate.admit(lost, NOW + 1)
-    assert not np.isfinite(gate.kept.positions).all()
-    assert gate.kept.pose_ns.tolist() == [NOW]  # of the last that was known
-    assert (gate.future, gate.backwards) == (0, 0)
+    sample_filter.admit(lost, NOW + 1)
+    assert not np.isfinite(sample_filter.kept.positions).all()
+    assert sample_filter.kept.pose_ns.tolist() == [NOW]  # of the last that was known
+    assert (sample_filter.future, sample_filter.backwards) == (0, 0)
 
-    gate.admit(hands_at([[2, 2, 2]], NOW - 1), NOW + 2)
-    assert not np.isfinite(gate.kept.positions).all() and gate.backwards == 1
-    gate.admit(hands_at([[2, 2, 2]], NOW + 2), NOW + 2)
-    assert gate.kept.positions.tolist() == [[2, 2, 2]]
+    sample_filter.admit(hands_at([[2, 2, 2]], NOW - 1), NOW + 2)
+    assert not np.isfinite(sample_filter.kept.positions).all() and sample_filter.backwards == 1
+    sample_filter.admit(hands_at([[2, 2, 2]], NOW + 2), NOW + 2)
+    assert sample_filter.kept.positions.tolist() == [[2, 2, 2]]
 
 
-@pytest.mark.parametrize(("ahead_ns", "is_taken"), [(5 * MS, True), (5 * MS + 1, False)])
-def test_poses_may_be_five_milliseconds_ahead(ahead_ns, is_taken):
-    gate = SampleFilter(Hands(1), 100 * MS)
-    gate.start(NOW)
+@pytest.mark.parametrize(("future_ns", "is_taken"), [(5 * MS, True), (5 * MS + 1, False)])
+def test_poses_may_be_five_milliseconds_ahead(future_ns, is_taken):
+    sample_filter = SampleFilter(FingerPoses(1), 100 * MS)
+    sample_filter.start(NOW)
 
-    gate.admit(hands_at([[1, 1, 1]], NOW + ahead_ns), NOW)
+    sample_filter.admit(hands_at([[1, 1, 1]], NOW + future_ns), NOW)
 
-    assert np.isfinite(gate.kept.positions).all() == is_taken
-    assert gate.future == (not is_taken)
+    assert np.isfinite(sample_filter.kept.positions).all() == is_taken
+    assert sample_filter.future == (not is_taken)
 
 
 @pytest.mark.parametrize("pose_ns", [NOW + 500 * MS, NOW - 1])
 def test_sample_that_was_left_out_is_not_given_again(pose_ns):
     """Whoever tells of one finger at a time gives all of them each time."""
-    gate, given = (
-        SampleFilter(Hands(2), 100 * MS),
+    sample_filter, given = (
+        SampleFilter(FingerPoses(2), 100 * MS),
         hands_at(np.zeros((2, 3)), NOW, velocities=np.zeros((2, 3))),
     )
     given.bends = np.zeros(2)
-    gate.start(NOW)
-    gate.admit(given, NOW)
+    sample_filter.start(NOW)
+    sample_filter.admit(given, NOW)
     given.positions[0], given.pose_ns[0], given.velocities[0], given.bends[0] = 1, pose_ns, 1, 1
 
     for ms in range(600):
         given.positions[1], given.pose_ns[1] = ms, NOW + ms * MS
-        gate.admit(given, NOW + ms * MS)
-        gate.expire(NOW + ms * MS)
+        sample_filter.admit(given, NOW + ms * MS)
+        sample_filter.expire(NOW + ms * MS)
 
-    assert gate.future + gate.backwards == 1
-    assert np.isnan(gate.kept.positions[0, 0]) and gate.kept.positions[1].tolist() == [599] * 3
-    assert gate.kept.velocities.tolist() == [[0, 0, 0]] * 2 and gate.kept.bends.tolist() == [0, 0]
+    assert sample_filter.future + sample_filter.backwards == 1
+    assert (
+        np.isnan(sample_filter.kept.positions[0, 0]) and sample_filter.kept.positions[1].tolist() == [599] * 3
+    )
+    assert sample_filter.kept.velocities.tolist() == [
+        [0, 0, 0]
+    ] * 2 and sample_filter.kept.bends.tolist() == [0, 0]
 
 
 def test_arrays_of_a_callable_are_not_written_into():
     told = hands_at(np.ones((1, 3)), NOW + 6 * MS, velocities=np.ones((1, 3)))
     told.paths, told.bends = np.ones((1, 2, 3)), np.ones(1)
-    gate, source = SampleFilter(Hands(1), 100 * MS), CallableInput(lambda now_ns: told, 1)
-    gate.start(NOW)
+    sample_filter, source = SampleFilter(FingerPoses(1), 100 * MS), CallableInput(lambda now_ns: told, 1)
+    sample_filter.start(NOW)
 
-    gate.admit(source.poll(NOW), NOW)
+    sample_filter.admit(source.poll(NOW), NOW)
 
-    assert gate.future == 1
+    assert sample_filter.future == 1
     for array in (told.positions, told.velocities, told.paths, told.bends):
         assert (array == 1).all()
     assert told.pose_ns.tolist() == [NOW + 6 * MS]
@@ -368,4 +374,4 @@ def test_errors_of_a_callable_are_of_the_package_or_named():
     source = CallableInput(lambda now_ns: (_ for _ in ()).throw(QueryError("a sentence")), 1)
     source.poll(NOW)
 
-    assert source.notes == ["the function that tells poses failed 1 times, first: a sentence"]
+    assert source.notes == ["the pose callback raised 1 times, first: a sentence"]

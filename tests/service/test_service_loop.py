@@ -31,8 +31,8 @@ def flagged(answers, flags):
     """Let the first finger have more flags from the next tick on."""
     answer = answers.answer
 
-    def answer_with_flags(hands, now_ns):
-        contacts = answer(hands, now_ns)
+    def answer_with_flags(poses, now_ns):
+        contacts = answer(poses, now_ns)
         contacts["flags"][0] |= int(flags)
         return contacts
 
@@ -281,9 +281,9 @@ def test_clock_of_the_input_put_back_a_little_is_believed_as_soon_as_it_is_ahead
 
 
 def test_same_sample_again_and_again_is_one_pose():
-    hands = hands_at([[0.1, 0, 0]] * 2, START)
+    poses = hands_at([[0.1, 0, 0]] * 2, START)
 
-    report, _, answers, _ = serve(lambda poll, now_ns: hands, ticks=10)
+    report, _, answers, _ = serve(lambda poll, now_ns: poses, ticks=10)
 
     assert report.backwards == 0
     assert {int(pose_ns[0]) for _, pose_ns, _ in answers.seen} == {START}
@@ -567,9 +567,9 @@ def test_memory_does_not_grow_with_ticks():
     class Blind(FakeAnswers):
         """Keeps nothing of what it saw."""
 
-        def answer(self, hands, now_ns):
+        def answer(self, poses, now_ns):
             self.seen.clear()
-            return super().answer(hands, now_ns)
+            return super().answer(poses, now_ns)
 
     class Nowhere(KeepingOutlet):
         def send(self, data):

@@ -162,12 +162,12 @@ def test_edited_scene_gets_all_that_was_told_before(inlet):
 def test_tick_sees_the_moves_that_have_arrived(inlet):
     parts = scene("a")  # a cube about the origin
     answers = TrackerAnswers(Tracker(parts, fingers=1, radius=0.0), MovesInput("queue:"))
-    hands = answers.new_samples()
-    hands.positions[0], hands.pose_ns[0] = (0, 0, 2), NOW
+    poses = answers.new_samples()
+    poses.positions[0], poses.pose_ns[0] = (0, 0, 2), NOW
 
-    first = answers.answer(hands, NOW)["signed_distance"][0]
+    first = answers.answer(poses, NOW)["signed_distance"][0]
     inlet.put(moves(a=(0, 0, 1)))
-    second = answers.answer(hands, NOW)["signed_distance"][0]
+    second = answers.answer(poses, NOW)["signed_distance"][0]
 
     assert first - second == pytest.approx(1.0, abs=1e-12)
     answers.close()

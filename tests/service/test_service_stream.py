@@ -6,7 +6,7 @@ from fake_service import MS, QueueInlet
 
 from proximity.errors import PublishError
 from proximity.message import PATH_CORNERS, PATH_POSES, POSES, Message
-from proximity.service import Hands, StreamInput
+from proximity.service import FingerPoses, StreamInput
 from proximity.service.inputs import reception
 from proximity.service.sample_filter import SampleFilter
 from proximity.transport import open_publisher
@@ -42,10 +42,10 @@ def test_poses_cross_a_mailbox():
         assert source.poll(NOW) is None
         sender.publish(poses([[1, 2, 3], [4, 5, 6]], [NOW, NOW - MS]))
 
-        hands = source.poll(NOW)
-        np.testing.assert_array_equal(hands.positions, [[1, 2, 3], [4, 5, 6]])
-        assert hands.pose_ns.tolist() == [NOW, NOW - MS]
-        assert hands.velocities is None and hands.paths is None and hands.bends is None
+        polled = source.poll(NOW)
+        np.testing.assert_array_equal(polled.positions, [[1, 2, 3], [4, 5, 6]])
+        assert polled.pose_ns.tolist() == [NOW, NOW - MS]
+        assert polled.velocities is None and polled.paths is None and polled.bends is None
         assert source.poll(NOW) is None
     source.close()
     assert source.notes == []
@@ -56,9 +56,9 @@ def test_newest_of_several_messages_counts(inlet):
     for k in range(3):
         inlet.put(poses(np.full((2, 3), k), NOW + k))
 
-    hands = source.poll(NOW)
+    polled = source.poll(NOW)
 
-    assert (hands.positions == 2).all() and (hands.pose_ns == NOW + 2).all()
+    assert (polled.positions == 2).all() and (polled.pose_ns == NOW + 2).all()
     assert source.poll(NOW) is None
 
 
@@ -67,20 +67,20 @@ def test_message_need_not_tell_all_fingers(inlet):
     inlet.put(poses(np.full((3, 3), 1.0), NOW))
     inlet.put(poses([[2, 2, 2]], NOW + 5, fingers=[1]))
 
-    hands = source.poll(NOW)
+    polled = source.poll(NOW)
 
-    assert hands.positions[:, 0].tolist() == [1, 2, 1]
-    assert hands.pose_ns.tolist() == [NOW, NOW + 5, NOW]
+    assert polled.positions[:, 0].tolist() == [1, 2, 1]
+    assert polled.pose_ns.tolist() == [NOW, NOW + 5, NOW]
 
 
 def test_fingers_may_come_in_any_order(inlet):
     source = stream(3)
     inlet.put(poses([[2, 0, 0], [0, 0, 0], [1, 0, 0]], [NOW + 2, NOW, NOW + 1], fingers=[2, 0, 1]))
 
-    hands = source.poll(NOW)
+    polled = source.poll(NOW)
 
-    assert hands.positions[:, 0].tolist() == [0, 1, 2]
-    assert hands.pose_ns.tolist() == [NOW, NOW + 1, NOW + 2]
+    assert polled.positions[:, 0].tolist() == [0, 1, 2]
+    assert polled.pose_ns.tolist() == [NOW, NOW + 1, NOW + 2]
 
 
 def test_fingers_that_are_not_served_are_counted_and_the_others_taken(inlet, caplog):
@@ -88,9 +88,9 @@ def test_fingers_that_are_not_served_are_counted_and_the_others_taken(inlet, cap
     for _ in range(2):
         inlet.put(poses(np.full((3, 3), 3.0), NOW, fingers=[7, 1, 2**32 - 1]))
 
-    hands = source.poll(NOW)
+    polled = source.poll(NOW)
 
-    assert np.isnan(hands.positions[0]).all() and hands.positions[1].tolist() == [3, 3, 3]
+    assert np.isnan(polled.positions[0]).all() and polled.positions[1].tolist() == [3, 3, 3]
     assert source.notes == ["queue:: 4 poses of fingers that are not served"]
     assert [record.message for record in caplog.records] == ["queue:: poses of fingers that are not served"]
 
@@ -117,27 +117,27 @@ def test_paths_come_with_their_poses_and_go_with_a_pose_without(inlet):
     message.records["bend"] = [0.25, np.nan]
     inlet.put(message)
 
-    hands = source.poll(NOW)
-    np.testing.assert_array_equal(hands.paths, message.records["corners"])
-    np.testing.assert_array_equal(hands.bends, [0.25, np.nan])
+    polled = source.poll(NOW)
+    np.testing.assert_array_equal(polled.paths, message.records["corners"])
+    np.testing.assert_array_equal(polled.bends, [0.25, np.nan])
 
     inlet.put(poses(np.zeros((1, 3)), fingers=[0]))
-    hands = source.poll(NOW)
-    assert np.isnan(hands.paths[0]).all() and np.isfinite(hands.paths[1]).all()
+    polled = source.poll(NOW)
+    assert np.isnan(polled.paths[0]).all() and np.isfinite(polled.paths[1]).all()
 
 
 def test_pose_that_was_refused_is_not_told_again_with_those_of_other_fingers(inlet):
     """It once became a pose when its instant came, half a second after it was refused."""
-    source, gate = stream(2), SampleFilter(Hands(2), 100 * MS)
-    gate.start(NOW)
+    source, sample_filter = stream(2), SampleFilter(FingerPoses(2), 100 * MS)
+    sample_filter.start(NOW)
     inlet.put(poses([[9, 9, 9]], NOW + 500 * MS, fingers=[0]))
     for ms in range(700):
         inlet.put(poses([[ms, 0, 0]], NOW + ms * MS, fingers=[1]))
-        gate.admit(source.poll(NOW + ms * MS), NOW + ms * MS)
-        gate.expire(NOW + ms * MS)
-        assert np.isnan(gate.kept.positions[0, 0])
+        sample_filter.admit(source.poll(NOW + ms * MS), NOW + ms * MS)
+        sample_filter.expire(NOW + ms * MS)
+        assert np.isnan(sample_filter.kept.positions[0, 0])
 
-    assert gate.future == 1 and gate.kept.positions[1].tolist() == [699, 0, 0]
+    assert sample_filter.future == 1 and sample_filter.kept.positions[1].tolist() == [699, 0, 0]
 
 
 def test_bends_come_with_poses_that_have_no_path(inlet):
@@ -146,9 +146,9 @@ def test_bends_come_with_poses_that_have_no_path(inlet):
     message.records["bend"] = [0.25, np.nan]
     inlet.put(message)
 
-    hands = source.poll(NOW)
-    np.testing.assert_array_equal(hands.bends, [0.25, np.nan])
-    assert hands.paths is None
+    polled = source.poll(NOW)
+    np.testing.assert_array_equal(polled.bends, [0.25, np.nan])
+    assert polled.paths is None
 
     inlet.put(poses(np.zeros((1, 3)), fingers=[0]))
     assert np.isnan(source.poll(NOW).bends).all()
@@ -186,8 +186,8 @@ def test_flood_takes_a_few_messages_of_a_tick_and_no_more(inlet):
     assert source.poll(NOW) is None
     assert len(inlet.queue) == 1001 - reception.MOST_FLAWED
     for _ in range(1000 // reception.MOST_FLAWED):
-        hands = source.poll(NOW)
-    assert (hands.positions == 1).all()
+        polled = source.poll(NOW)
+    assert (polled.positions == 1).all()
 
 
 def test_newest_pose_counts_however_many_came_since_the_tick_before(inlet):
@@ -227,8 +227,8 @@ class ForeignSender:
         message = poses(np.zeros((1, 3)), sent - 2 * MS)
         message.header["send_ns"] = sent
         self.queue.put(message, session=self.session)
-        hands = self.source.poll(self.now)
-        return None if hands is None else (self.now - hands.pose_ns[0]) / MS
+        polled = self.source.poll(self.now)
+        return None if polled is None else (self.now - polled.pose_ns[0]) / MS
 
 
 def test_instants_of_another_machine_are_told_on_our_clock(monkeypatch):

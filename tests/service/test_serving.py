@@ -23,7 +23,14 @@ from proximity.message import GLOVE_POSES, MEASURED, MOVES, POSES, ContactFlag, 
 from proximity.recording import FrameReader
 from proximity.service import realtime
 from proximity.service.config import PartFiles
-from proximity.service.hosting import RunningService, process, reloading, scene_service, serve, start_service
+from proximity.service.hosting import (
+    RunningService,
+    process,
+    scene_reload,
+    scene_service,
+    serve,
+    start_service,
+)
 from proximity.transport import open_publisher, open_subscriber
 from proximity.transport.link import TRANSPORTS, Transport
 
@@ -313,7 +320,7 @@ def test_edit_that_needs_a_restart_is_refused_with_its_line(scene_path, before, 
     edit(scene_path, before, after)
 
     with pytest.raises(ServiceError) as refused:
-        reloading.refuse_what_needs_a_restart(settings, scene_service.read_scene_file(scene_path))
+        scene_reload.refuse_what_needs_a_restart(settings, scene_service.read_scene_file(scene_path))
 
     assert str(refused.value).startswith(f"{scene_path}:{message}, and a running service keeps it: start")
 
@@ -324,7 +331,7 @@ def test_recording_s_place_is_kept(scene_path):
     edit(scene_path, "position = [0, 0, 0]", "position = [0, 0, 1]")
 
     with pytest.raises(ServiceError, match=r"cell\.toml:10: input\.position is not as it was"):
-        reloading.refuse_what_needs_a_restart(settings, scene_service.read_scene_file(scene_path))
+        scene_reload.refuse_what_needs_a_restart(settings, scene_service.read_scene_file(scene_path))
 
 
 class FakeService:
@@ -346,7 +353,7 @@ def looking(scene_path):
     made = SimpleNamespace(service=service, files=files, scene=files.scene(settings), moves=None, count=2)
     return SimpleNamespace(
         path=scene_path,
-        editing=reloading.Editing(made, settings, {}, said.append),
+        editing=scene_reload.SceneReloader(made, settings, {}, said.append),
         replaced=service.replaced,
         said=said,
     )
@@ -432,7 +439,7 @@ def test_file_that_a_refused_edit_names_is_watched(looking, folder):
 
 
 def test_mistake_of_ours_in_an_edit_is_said(looking, monkeypatch):
-    monkeypatch.setattr(reloading, "make_tracker", None)
+    monkeypatch.setattr(scene_reload, "make_tracker", None)
     edit(looking.path, "count = 2", "count = 2\nbudget = 40")
     looking.editing.look()
     looking.editing.look()
@@ -505,7 +512,7 @@ def test_it_ends_after_some_seconds_also_while_an_edit_is_being_made(scene_path,
     monkeypatch.setattr(scene_service, "LOOK_S", 0.01)
     monkeypatch.setattr(scene_service, "ANNOUNCE_AFTER_S", 0.01)
     is_over = threading.Event()
-    monkeypatch.setattr(reloading.Editing, "look", lambda self: is_over.wait(PATIENCE_S))
+    monkeypatch.setattr(scene_reload.SceneReloader, "look", lambda self: is_over.wait(PATIENCE_S))
     began = time.monotonic()
     try:
         serve(scene_path, seconds=0.1)
@@ -678,7 +685,7 @@ def test_listener_that_fails_ends_nothing(scene_path, caplog):
     assert report.ticks > 0
     assert said[0] == "3 frames" and "was edited" in said[1]
     assert [record.message for record in caplog.records if record.name == "proximity.hosting"] == [
-        f"this could not be said: {sentence}" for sentence in said
+        f"this could not be announced: {sentence}" for sentence in said
     ]
 
 
@@ -775,8 +782,8 @@ def test_child_that_ends_by_itself_has_a_report(child):
             "a.toml:3: wrong",
         ),
         ("1 / 0", "cell.toml: the service has failed with exit code 1: ZeroDivisionError: division by zero"),
-        ("pass", "cell.toml: the service has failed with exit code 0: it said nothing"),
-        ("print('nonsense')", "cell.toml: the service has failed with exit code 0: it said nothing"),
+        ("pass", "cell.toml: the service has failed with exit code 0: it printed nothing"),
+        ("print('nonsense')", "cell.toml: the service has failed with exit code 0: it printed nothing"),
     ],
 )
 def test_child_that_does_not_begin_is_told_by_its_own_words(child, code, message):
@@ -805,7 +812,7 @@ def test_child_that_was_killed_is_told(child):
     service = child(BEGUN + ENDED)
     service._process.kill()
 
-    with pytest.raises(ServiceError, match="the service has failed with exit code -9: it said nothing"):
+    with pytest.raises(ServiceError, match="the service has failed with exit code -9: it printed nothing"):
         service.stop()
 
 
@@ -822,7 +829,8 @@ def test_time_to_begin_is_a_number(scene_path):
 
 def test_override_that_no_option_has_is_refused(scene_path):
     with pytest.raises(
-        ServiceError, match=r"^core cannot be said otherwise .*, expected rate_hz, publish, log, real_time$"
+        ServiceError,
+        match=r"^core can only be set in the scene file, expected rate_hz, publish, log, real_time$",
     ):
         start_service(scene_path, core=1)
 

@@ -1,7 +1,8 @@
-"""Hand, finger and wall in closed loop, held against PAPER 6 and 13, and against other ways of knowing.
+"""Hand, finger and wall in closed loop, compared with reference values, and against other ways of knowing.
 
-PAPER looked at forces every 0.1 ms. Its errors as a whole hold within what a shift of the contact's step by
-that much makes of them, as it says itself: 1.5 points at 0.25 m/s, 5 points at 1 m/s; `SHIFT` has all speeds.
+The reference values come from a separate simulation that sampled forces every 0.1 ms. Its errors as a whole
+hold within what a shift of the contact by that much makes of them: 1.5 points at 0.25 m/s, 5 points at 1 m/s;
+`SHIFT` has all speeds.
 """
 
 import math
@@ -15,12 +16,12 @@ import pytest
 from project import ROOT
 from scipy.integrate import solve_ivp
 
-from proximity.decaff.drum.drum import DIRECT, DRUMS
 from proximity.decaff.drum.drum_command import DriveMode, DrumCommand
+from proximity.decaff.drum.drum_model import DIRECT, DRUMS
 from proximity.decaff.drum.servo import servo_for
 from proximity.errors import DecaffError
 from proximity.studies.paper.trajectories import Press
-from proximity.studies.simulation import finger_kernels, metrics, sweeps
+from proximity.studies.simulation import metrics, press_kernels, sweeps
 from proximity.studies.simulation.closed_loop import DecaffLoop, decaff, ideal_drum, penalty_wall, real_wall
 from proximity.studies.simulation.devices import (
     COUPLED_DEVICE,
@@ -37,7 +38,7 @@ from proximity.studies.simulation.target_policies import Holding, Target, Target
 from proximity.studies.stability.coupled_limit import critical_stiffness, device_resistance
 
 HAND = Hand()
-GLOVE = Decaff()  # gear4, 3 kHz servo, 1 kHz distances, as in PAPER 6.3
+GLOVE = Decaff()  # gear4, 3 kHz servo, 1 kHz distances, as in the reference
 SHIFT = np.array([0.006, 0.015, 0.030, 0.050])  # at 0.1, 0.25, 0.5, 1 m/s
 LATENCIES = (0.0001, 0.001, 0.003, 0.010, 0.040)
 
@@ -57,9 +58,7 @@ def error_of(target, speed, **numbers):
 def test_hand_goes_as_the_press_says(speed):
     press = HAND.press(speed)
     times = np.linspace(-0.05, press.loss_time + 0.05, 401)
-    found = [
-        finger_kernels.intent(np.array([press.speed, press.depth, press.release_time]), t) for t in times
-    ]
+    found = [press_kernels.intent(np.array([press.speed, press.depth, press.release_time]), t) for t in times]
     expected = press.at(times)
 
     np.testing.assert_allclose([one[0] for one in found], expected.position, atol=1e-15)
@@ -104,7 +103,7 @@ def exact_press(press):
     ("speed", "printed", "first"), [(0.1, 2.534, 1), (0.25, 3.604, 1), (0.5, 5.407, 1), (1.0, 10.03, 0)]
 )
 def test_work_on_a_real_wall(speed, printed, first):
-    """PAPER 6.1 prints 2.534 / 3.604 / 5.407 / 10.03 mJ; it is 2.530 / 3.585 / 5.330 / 10.30 mJ.
+    """The reference has 2.534 / 3.604 / 5.407 / 10.03 mJ; it is 2.530 / 3.585 / 5.330 / 10.30 mJ.
 
     The printed ones are sums over every 0.1 ms, in which the sample at the contact counts wholly, and at 1
     m/s not at all: it depends on rounding whether the force has begun there. Summed so, they come out here as
@@ -133,7 +132,7 @@ def test_real_wall_is_the_exact_one():
 
 
 def test_link_on_an_ideal_drum_is_the_floor():
-    """PAPER 6.3, printed digits, by its own way of looking: every 0.1 ms, the contact's sample as above."""
+    """Reference values, looked at as the reference does: every 0.1 ms, the contact's sample as above."""
     found = []
     for speed, first in zip(SPEEDS, (1.0, 1.0, 1.0, 0.0), strict=True):
         response = ideal_drum(HAND, HAND.press(speed), step=2e-6)
@@ -147,11 +146,11 @@ def test_link_on_an_ideal_drum_is_the_floor():
 
 @pytest.mark.parametrize("speed", SPEEDS)
 def test_floor_without_that_sampling_lies_within_its_spread(speed):
-    """1.4 / 4.2 / 8.8 / 17.4 %; PAPER 6.3 prints 1.7 / 4.8 / 10.0 / 14.4."""
-    place = SPEEDS.index(speed)
+    """1.4 / 4.2 / 8.8 / 17.4 %; the reference has 1.7 / 4.8 / 10.0 / 14.4."""
+    position = SPEEDS.index(speed)
     found = deviation(ideal_drum(HAND, HAND.press(speed)))
 
-    assert found.error == pytest.approx([0.017, 0.048, 0.100, 0.144][place], abs=SHIFT[place])
+    assert found.error == pytest.approx([0.017, 0.048, 0.100, 0.144][position], abs=SHIFT[position])
     assert abs(found.onset) < 1e-4
     # F = D/(1/k_h + 1/k_f + 1/K), with the contact's 50 kN/m.
     rest = HAND.steady_force(HAND.press(speed).depth, 50e3)
@@ -159,7 +158,7 @@ def test_floor_without_that_sampling_lies_within_its_spread(speed):
 
 
 def test_link_goes_as_far_past_an_ideal_drum_as_paper_says():
-    """PAPER 6.4: 0.018 mm at 0.1 m/s, 0.176 mm at 1 m/s."""
+    """Reference: 0.018 mm at 0.1 m/s, 0.176 mm at 1 m/s."""
     assert deviation(ideal_drum(HAND, HAND.press(0.1))).penetration == pytest.approx(18e-6, abs=1e-6)
     assert deviation(ideal_drum(HAND, HAND.press(1.0))).penetration == pytest.approx(176e-6, rel=0.02)
 
@@ -181,7 +180,7 @@ def test_half_the_step_changes_the_floor_by_less_than_a_tenth_of_a_point():
     ],
 )
 def test_critical_stiffness_of_a_delayed_spring(device, printed):
-    """PAPER 6.2, printed digits."""
+    """Reference values, to their digits."""
     for delay, stiffness in zip((0.0006, 0.001, 0.003, 0.010, 0.040), printed, strict=True):
         found = critical_stiffness(HAND, device, delay)
         assert found == pytest.approx(stiffness, abs=0.5 if stiffness > 1000 else 0.051)
@@ -209,7 +208,7 @@ def test_finger_shakes_above_the_critical_stiffness_and_not_below(delay):
     ("latency", "stiffness", "damping"), [(0.0001, 2321.0, 7.7), (0.001, 1581.0, 4.7), (0.003, 734.0, 4.4)]
 )
 def test_steady_force_is_that_of_springs_in_a_row(latency, stiffness, damping):
-    """PAPER 13: within the encoder's K q."""
+    """Reference: within the encoder's K q."""
     wall = PenaltyWall(stiffness, damping, 1000.0, latency)
     press = HAND.press(0.1)
     found = deviation(penalty_wall(HAND, press, wall)).steady_error
@@ -219,7 +218,7 @@ def test_steady_force_is_that_of_springs_in_a_row(latency, stiffness, damping):
 
 
 def test_wall_of_734_newtons_a_metre_lacks_112_millinewtons():
-    """PAPER 6.2."""
+    """As the reference values."""
     assert HAND.steady_force(HAND.press(0.1).depth, 734.0) - 0.8 == pytest.approx(-112.4e-3, abs=5e-5)
 
 
@@ -236,10 +235,10 @@ PENALTY = {  # ms: K, B, errors in %, onset in ms, penetration in mm, steady err
 
 @pytest.mark.parametrize("latency_ms", PENALTY)
 def test_best_penalty_wall_against_latency(latency_ms):
-    """PAPER 6.2, 1 kHz: the same best K and B; the rest within what its 0.1 ms make of it.
+    """Reference, 1 kHz: the same best K and B; the rest within what its 0.1 ms make of it.
 
     Penetration at 1 m/s and 0.3 ms is 2.17 mm here against 1.77 mm: it depends on when, after a sample, the
-    contact comes. PAPER does not tell; here it is a tenth of a period.
+    contact comes. The reference does not tell; here it is a tenth of a period.
     """
     stiffness, damping, errors, onset, penetration, steady, work = PENALTY[latency_ms]
     wall = sweeps.best_penalty_wall(HAND, 1000.0, 1e-3 * latency_ms)
@@ -275,7 +274,7 @@ def test_best_penalty_wall_against_latency(latency_ms):
     ],
 )
 def test_best_penalty_wall_against_rate_and_device(rate, device, latency_ms, errors):
-    """PAPER 6.2: from 1 ms of latency on it is latency that limits, not rate."""
+    """Reference: from 1 ms of latency on it is latency that limits, not rate."""
     wall = sweeps.best_penalty_wall(HAND, float(rate), 1e-3 * latency_ms, device=device)
     found = sweeps.penalty_row(HAND, wall, device=device).errors
 
@@ -283,7 +282,7 @@ def test_best_penalty_wall_against_rate_and_device(rate, device, latency_ms, err
 
 
 def test_stiff_wall_shakes_where_latency_is_long():
-    """PAPER 6.2: K = 1000 N/m, B = 2 N s/m at 1 kHz and 0.1 m/s."""
+    """Reference: K = 1000 N/m, B = 2 N s/m at 1 kHz and 0.1 m/s."""
     found = {
         ms: deviation(penalty_wall(HAND, HAND.press(0.1), PenaltyWall(1000.0, 2.0, 1000.0, 1e-3 * ms)))
         for ms in (0.1, 0.3, 1, 3, 10, 40)
@@ -312,7 +311,7 @@ def test_stiff_wall_shakes_where_latency_is_long():
     ],
 )
 def test_how_a_distance_is_used_decides(target, speed, printed, share):
-    """PAPER 6.3. The naive ones shake, and are met within a share of the printed figures.
+    """As the reference values. The naive ones shake, and are met within a share of the printed figures.
 
     Feed-forward at 40 ms, and the shortest latency at 0.5 m/s, are looked at below.
     """
@@ -324,10 +323,10 @@ def test_how_a_distance_is_used_decides(target, speed, printed, share):
 
 
 def test_naive_drum_with_hardly_any_latency():
-    """PAPER 6.3 prints 34 and 22 % at 0.5 m/s and 0.1 ms, naive and latched; here 20 to 39 and 16 to 20 %.
+    """The reference has 34 and 22 % at 0.5 m/s and 0.1 ms, naive and latched; here 20 to 39 and 16 to 20 %.
 
-    The target is a sawtooth of 0.5 mm then: how old the last distance is at the touch decides, and PAPER does
-    not tell.
+    The target is a sawtooth of 0.5 mm then: the age of the last distance at the touch decides,
+    and the reference does not tell.
     """
     phases = np.arange(10) / 10.0
     naive = [error_of(Target.NAIVE, 0.5, latency=0.0001, phase=phase) for phase in phases]
@@ -338,7 +337,7 @@ def test_naive_drum_with_hardly_any_latency():
 
 
 def test_claim_holds_when_the_distance_is_used_with_its_pose_and_not_otherwise():
-    """PAPER 6.3 in words, at 0.5 m/s: worse and worse, but for the time-stamped one."""
+    """The reference in words, at 0.5 m/s: worse and worse, but for the time-stamped one."""
     for latency in LATENCIES[1:]:
         naive, latched, forward, stamped = (error_of(one, 0.5, latency=latency) for one in Target)
         assert naive > 2.0 * latched > 2.0 * forward
@@ -348,7 +347,7 @@ def test_claim_holds_when_the_distance_is_used_with_its_pose_and_not_otherwise()
 
 
 def test_feed_forward_misleads_when_the_hand_turns_back():
-    """PAPER 6.3 prints 5.4 % at 0.1 m/s and 40 ms, 13.9 % at 0.5 m/s; here 12 % and 8.8 %.
+    """The reference has 5.4 % at 0.1 m/s and 40 ms, 13.9 % at 0.5 m/s; here 12 % and 8.8 %.
 
     The touch is right. What is wrong comes after the release, while speeds are still those of the press.
     """
@@ -364,7 +363,7 @@ def test_feed_forward_misleads_when_the_hand_turns_back():
 
 @pytest.mark.parametrize("latency", LATENCIES)
 def test_time_stamped_drum_is_in_place_at_every_speed_and_latency(latency):
-    """PAPER 13: within 0.02 mm of the wall, 0.1 to 1 m/s, up to 40 ms, told from 100 mm away."""
+    """Reference: within 0.02 mm of the wall, 0.1 to 1 m/s, up to 40 ms, told from 100 mm away."""
     for speed in SPEEDS:
         response = decaff(HAND, HAND.press(speed), with_sensing(latency=latency))
         assert abs(drum_offset(response)) < 2e-5
@@ -373,7 +372,7 @@ def test_time_stamped_drum_is_in_place_at_every_speed_and_latency(latency):
 
 @pytest.mark.parametrize("latency", LATENCIES)
 def test_time_stamped_drum_at_1_metre_a_second(latency):
-    """PAPER 6.3: 14.3 to 14.7 % at every latency, onset within 0.1 ms, steady error below 8 mN.
+    """Reference: 14.3 to 14.7 % at every latency, onset within 0.1 ms, steady error below 8 mN.
 
     Here 17.2 to 17.6 %, for the reason above. Its work error is at most 0.17 mJ there, 0.24 mJ here: at 1 m/s
     half a sample of 0.1 ms is 0.3 mJ.
@@ -399,14 +398,14 @@ def test_drum_beats_the_best_penalty_wall_at_every_latency():
 @pytest.mark.parametrize("latency", [0.001, 0.003, 0.010])
 @pytest.mark.parametrize("target", [Target.NAIVE, Target.LATCHED])
 def test_naive_drum_is_late_by_what_the_finger_goes_meanwhile(target, latency, speed):
-    """PAPER 6.3 and 13: v (tau + 0.5 to 0.9 ms), within 10 %."""
+    """Reference: v (tau + 0.5 to 0.9 ms), within 10 %."""
     offset = drum_offset(decaff(HAND, HAND.press(speed), with_sensing(latency=latency), target))
 
     assert 0.9 * speed * (latency + 0.5e-3) < offset < 1.1 * speed * (latency + 0.9e-3)
 
 
 def test_stale_offsets_of_the_printed_row():
-    """PAPER 6.3: mm at 0.1 m/s, for 0.1, 1, 3, 10, 40 ms; within a hundredth of them, or of a millimetre."""
+    """Reference: mm at 0.1 m/s, for 0.1, 1, 3, 10, 40 ms; within a hundredth of them, or of a millimetre."""
     press = HAND.press(0.1)
     for latency, printed in zip(LATENCIES, (0.054, 0.152, 0.359, 1.056, 3.80), strict=True):
         found = drum_offset(decaff(HAND, press, with_sensing(latency=latency), Target.LATCHED))
@@ -414,7 +413,7 @@ def test_stale_offsets_of_the_printed_row():
 
 
 def test_stale_distances_make_the_drum_chase_a_finger_that_leaves():
-    """PAPER 6.3: up to 6 N on retreat."""
+    """Reference: up to 6 N on retreat."""
     for target, chases in ((Target.LATCHED, True), (Target.TIME_STAMPED, False)):
         response = decaff(HAND, HAND.press(0.1), with_sensing(latency=0.040), target)
         leaving = response.force[response.times > response.press.release_time + 0.1]
@@ -438,7 +437,7 @@ def test_stale_distances_make_the_drum_chase_a_finger_that_leaves():
     ],
 )
 def test_drums_and_servos(name, rate, errors, travel):
-    """PAPER 6.4, at 0.1 and 1 m/s: errors in %, travel past the wall in mm.
+    """Reference, at 0.1 and 1 m/s: errors in %, travel past the wall in mm.
 
     Geared drums at 1 kHz and 1 m/s are looked at below.
     """
@@ -450,7 +449,7 @@ def test_drums_and_servos(name, rate, errors, travel):
 
 
 def test_fast_direct_drum_rattles_with_its_encoder():
-    """PAPER 6.4: 83 mN of encoder noise with the direct drum at 10 kHz; here 40 to 56 mN, and none geared."""
+    """Reference: 83 mN of encoder noise with the direct drum at 10 kHz; here 40 to 56 mN, and none geared."""
     press = HAND.press(0.5)
     noisy = deviation(decaff(HAND, press, with_drum(GLOVE, DIRECT, 10_000.0))).ripple
     geared = deviation(decaff(HAND, press, GLOVE)).ripple
@@ -460,7 +459,7 @@ def test_fast_direct_drum_rattles_with_its_encoder():
 
 
 def test_geared_drum_at_1_khz_is_still_hunting_at_1_metre_a_second():
-    """PAPER 6.4 prints 12.7 and 13.3 %, less than its floor: its drums stand a little before the wall then.
+    """The reference has 12.7 and 13.3 %, less than its floor: its drums stand a little before the wall then.
 
     Here they stand 0.1 mm behind it, where they stick (see the drum's settling), and 21 % comes of it.
     """
@@ -471,7 +470,7 @@ def test_geared_drum_at_1_khz_is_still_hunting_at_1_metre_a_second():
 
 
 def test_direct_drum_at_1_khz_is_no_better_than_a_penalty_wall():
-    """PAPER 6.4: at 0.1 m/s, against 7.2 % of the best wall."""
+    """Reference: at 0.1 m/s, against 7.2 % of the best wall."""
     assert deviation(decaff(HAND, HAND.press(0.1), with_drum(GLOVE, DIRECT, 1000.0))).error > 0.072
     assert deviation(decaff(HAND, HAND.press(0.1), with_drum(GLOVE, DIRECT, 500.0))).error > 0.15
 
@@ -481,14 +480,14 @@ def test_direct_drum_at_1_khz_is_no_better_than_a_penalty_wall():
 
 @pytest.mark.parametrize("rate", [25.0, 100.0, 1000.0, 3000.0])
 def test_time_stamped_drum_reaches_the_floor_at_any_rate(rate):
-    """PAPER 6.5: latency of one period; 2.1-2.6 % at 0.1 m/s, 14-15 % at 1 m/s."""
+    """Reference: latency of one period; 2.1-2.6 % at 0.1 m/s, 14-15 % at 1 m/s."""
     found = sweeps.drum_row(HAND, with_latency(GLOVE, 1.0 / rate, rate), speeds=(0.1, 1.0)).errors
 
     assert (np.abs(found - (0.023, 0.145)) < (0.012, 0.05)).all()
 
 
 def test_ten_distances_a_second_are_too_few_at_1_metre_a_second():
-    """PAPER 6.5: the look-ahead is used up."""
+    """Reference: the look-ahead is used up."""
     found = sweeps.drum_row(HAND, with_latency(GLOVE, 0.1, 10.0)).errors
 
     assert (found[:3] < (0.03, 0.05, 0.11)).all()
@@ -496,7 +495,7 @@ def test_ten_distances_a_second_are_too_few_at_1_metre_a_second():
 
 
 def test_feed_forward_at_25_hz():
-    """PAPER 6.5 prints 8.6 / 16 / 17 % without saying at which speeds; here 12 / 6 / 9 / 18 % at all four."""
+    """The reference has 8.6 / 16 / 17 % at unnamed speeds; here 12 / 6 / 9 / 18 % at all four."""
     found = sweeps.drum_row(HAND, with_latency(GLOVE, 0.04, 25.0), Target.FEED_FORWARD).errors
 
     assert 0.05 < found[0] < 0.15
@@ -505,7 +504,7 @@ def test_feed_forward_at_25_hz():
 
 @pytest.mark.parametrize("bias", [1e-4, 5e-4, 1e-3])
 def test_bias_shifts_the_wall(bias):
-    """PAPER 6.5: -120 N/m times the bias: 12, 60, 120 mN; contact early or late by e/v."""
+    """Reference: -120 N/m times the bias: 12, 60, 120 mN; contact early or late by e/v."""
     plain = deviation(decaff(HAND, HAND.press(0.1), GLOVE))
     far, near = (deviation(decaff(HAND, HAND.press(0.1), with_sensing(bias=e))) for e in (bias, -bias))
 
@@ -516,7 +515,7 @@ def test_bias_shifts_the_wall(bias):
 
 @pytest.mark.parametrize(("latency", "printed"), [(0.001, 0.15), (0.010, 0.90), (0.040, 3.4)])
 def test_proportional_error_puts_the_drum_off(latency, printed):
-    """PAPER 6.5: 20 % too far at 0.5 m/s, in mm; eps/(1 + eps) v (tau + 1/2f) plus a servo's lag."""
+    """Reference: 20 % too far at 0.5 m/s, in mm; eps/(1 + eps) v (tau + 1/2f) plus a servo's lag."""
     found = drum_offset(decaff(HAND, HAND.press(0.5), with_sensing(latency=latency, scale_error=0.2)))
 
     assert 1e3 * found == pytest.approx(printed, abs=0.05)
@@ -524,7 +523,7 @@ def test_proportional_error_puts_the_drum_off(latency, printed):
 
 
 def test_noise_of_distances():
-    """PAPER 6.5: 0.05 mm harmless; 0.2 mm up to doubles the peak at 0.1 m/s (1.68 N); 1 mm unusable."""
+    """Reference: 0.05 mm harmless; 0.2 mm up to doubles the peak at 0.1 m/s (1.68 N); 1 mm unusable."""
 
     def peaks(noise):
         seeds = range(6)
@@ -542,7 +541,7 @@ def test_noise_of_distances():
     [(0.05, (0.08, 0.53, 2.0)), (-0.05, (0.08, 0.53, 2.0)), (-0.2, (0.4, 2.2, 8.2))],
 )
 def test_moving_wall_is_missed_by_what_it_goes_meanwhile(wall_speed, printed):
-    """PAPER 6.5: v (tau + about 0.9 ms), in mm at 1, 10, 40 ms."""
+    """Reference: v (tau + about 0.9 ms), in mm at 1, 10, 40 ms."""
     for latency, figure in zip((0.001, 0.010, 0.040), printed, strict=True):
         response = decaff(HAND, HAND.press(0.1), with_sensing(latency=latency, wall_speed=wall_speed))
         off = drum_offset(response, wall_speed)

@@ -8,15 +8,15 @@ from sealed_frames import frame
 
 from proximity.decaff.controller.controller import FingerController
 from proximity.decaff.controller.controller_states import DrumAction, DrumState, FrameMark, Observation
-from proximity.decaff.controller.limits import Limits
-from proximity.decaff.drum.drum import DRUMS
+from proximity.decaff.controller.drum_limits import Limits
 from proximity.decaff.drum.drum_command import DriveMode
+from proximity.decaff.drum.drum_model import DRUMS
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
 from proximity.decaff.simulated_drums.simulated_drum import DrumPlant
 from proximity.message import ContactFlag, Mode, State
 from proximity.studies.simulation.closed_loop import decaff
-from proximity.studies.simulation.controller_in_loop import ControllerDoor
+from proximity.studies.simulation.controller_in_loop import ControllerInLoop
 from proximity.studies.simulation.devices import SERVO_RATE, Decaff
 from proximity.studies.simulation.hand import Hand
 from proximity.studies.simulation.target_policies import Target
@@ -27,12 +27,12 @@ PATH = FingerPath(Glove())
 
 @pytest.mark.parametrize("speed", [0.25, 0.5])
 def test_controller_displays_what_the_plain_rule_does(speed):
-    """With good frames the limits and states of PAPER 10 cost no force; the states go once through.
+    """With good frames the limits and states of the reference cost no force; the states go once through.
 
     At the touch a few micrometres of the drum, which friction holds, make some hundredths of a newton.
     """
     press = HAND.press(speed)
-    door = ControllerDoor(FingerController(PATH, SERVO_RATE), PATH)
+    door = ControllerInLoop(FingerController(PATH, SERVO_RATE), PATH)
     states = []
 
     class Watched:
@@ -55,11 +55,11 @@ def test_controller_displays_what_the_plain_rule_does(speed):
 @pytest.mark.parametrize("rate", [500.0, 1000.0, 3000.0])
 @pytest.mark.parametrize("drum", ["direct", "gear4"])
 def test_drum_meets_a_resting_finger_with_a_millijoule_at_any_rate(drum, rate):
-    """PAPER 10, where the finger waits just before the wall and the drum comes from afar.
+    """Reference, where the finger waits just before the wall and the drum comes from afar.
 
     Stepped at 500 Hz, a drum of 0.24 kg came with 20 mJ: at 1.7 m/s it goes 3 mm between two of its caps.
     """
-    finger, period_ns, pieces = PATH.place(0.4), round(1e9 / rate), round(SERVO_RATE / rate)
+    finger, period_ns, pieces = PATH.position(0.4), round(1e9 / rate), round(SERVO_RATE / rate)
     controller, plant = FingerController(PATH, rate, DRUMS[drum]), DrumPlant(PATH, DRUMS[drum])
     told = frame(1).records[0]
     told["flags"] = ContactFlag.TRACKED | ContactFlag.EXACT | ContactFlag.SIGNED
@@ -68,22 +68,22 @@ def test_drum_meets_a_resting_finger_with_a_millijoule_at_any_rate(drum, rate):
     speeds, action = [], None
     for i in range(round(0.15 * rate)):
         for _ in range(pieces if action is not None else 0):
-            before = plant.place
+            before = plant.position
             plant.advance(action, finger, (1.0 + 1e-9) / SERVO_RATE)
-            if plant.place - finger < Limits().near_gap:
-                speeds.append((before - plant.place) * SERVO_RATE)
+            if plant.position - finger < Limits().near_gap:
+                speeds.append((before - plant.position) * SERVO_RATE)
         told["pose_ns"] = now_ns = i * period_ns
-        bend, mark = min(0.4, PATH.bend(plant.place)), FrameMark(1, i, now_ns)
+        bend, mark = min(0.4, PATH.bend(plant.position)), FrameMark(1, i, now_ns)
         action = controller.step(
             Observation(now_ns, bend, plant.angle, State.OK, told, plant.force, sample_ns=now_ns, frame=mark)
         )
 
-    assert plant.place == pytest.approx(finger + 1e-3, abs=0.3e-3)
+    assert plant.position == pytest.approx(finger + 1e-3, abs=0.3e-3)
     assert max(speeds) <= 1.2 * Limits().near_speed(DRUMS[drum].mass)  # what the servo overshoots by
 
 
 def test_drum_that_was_kept_away_comes_back_no_faster_than_it_may():
-    """PAPER 10: never snap. A finger presses a late drum away, which has 1 N, and then lets go.
+    """Reference: never snap. A finger presses a late drum away, which has 1 N, and then lets go.
 
     What the servo was to follow had gone on to the target meanwhile: with all its force again the drum came
     after it with up to 2.5 m/s, and met the finger with 0.75 J.
@@ -94,15 +94,15 @@ def test_drum_that_was_kept_away_comes_back_no_faster_than_it_may():
         speeds = []
         for _ in range(round(seconds * SERVO_RATE)):
             action = DrumAction(DrumState.APPROACH, DriveMode.POSITION, target, 0.0, 0.0, 0.05, force_cap)
-            before = plant.place
+            before = plant.position
             plant.advance(action, finger, (1.0 + 1e-9) / SERVO_RATE)
-            speeds.append((before - plant.place) * SERVO_RATE)
+            speeds.append((before - plant.position) * SERVO_RATE)
         return max(speeds)
 
     serve(0.0, math.inf, 2.0)
-    assert plant.place == pytest.approx(target, abs=1e-4)
+    assert plant.position == pytest.approx(target, abs=1e-4)
     serve(target + 0.030, 1.0, 0.5)
-    assert plant.place > target + 0.020
+    assert plant.position > target + 0.020
     closing = serve(target - 0.010, math.inf, 0.1)
 
     assert closing < 1.2 * 0.05

@@ -1,4 +1,4 @@
-"""Limits of delayed walls, alone and with a finger, against the reference values of PAPER 3, 4, 5 and 13."""
+"""Limits of delayed walls, alone and with a finger, against the reference values."""
 
 import math
 
@@ -116,7 +116,7 @@ def test_massless_finger_has_a_limit_too():
 
 
 def test_handle_of_kazeroonis_kind_needs_about_3_ms():
-    """PAPER 5: of the order of the paper's 3 ms; the model is assumed, only its own number is checked."""
+    """Reference: of the order of the paper's 3 ms; the model is assumed, only its own number is checked."""
     handle = delayed_loops.PositionedHandle()
 
     assert handle.slowest_period == pytest.approx(3.29e-3, abs=5.1e-6)
@@ -137,7 +137,7 @@ def test_handle_of_kazeroonis_kind_needs_about_3_ms():
     [(25, 1, 268), (200, 1, 1197), (1000, 1, 5396), (3000, 1, 23_196), (1000, 10, 954), (1000, 40, 364)],
 )
 def test_finger_carries_a_light_device(rate_hz, delay_samples, expected):
-    """PAPER's values are up to 0.05 % low, as of a coarse grid: the roots say that ours are stable."""
+    """The reference's values are up to 0.05 % low, as of a coarse grid: by the roots ours are stable."""
     plant = SampledFinger(FINGER, 1.0 / rate_hz, delay_samples)
     found = sampled_finger.maximum_stiffness(plant)
 

@@ -17,7 +17,7 @@ from proximity.scene.solid import Solid
 from proximity.studies.engine.delayed_link import DelayedLink
 from proximity.studies.engine.engine_loop import press_on_part
 from proximity.studies.engine.engine_setup import Distances, EngineSetup
-from proximity.studies.engine.placed_finger import place_finger, placed
+from proximity.studies.engine.finger_placement import place_finger, placed
 from proximity.studies.engine.recorded_press import recorded_hand, recorded_press
 from proximity.studies.simulation.force_after_contact import BUMP_TIME
 from proximity.studies.simulation.hand import Hand
@@ -26,8 +26,8 @@ from proximity.studies.simulation.target_policies import Target
 from proximity.tracker.replay import turn_about_axes
 
 HAND = Hand()
-SAGITTA = 30e-6  # m, by which the polyline of a finger's way is off it (`Finger.path_world`)
-WAY = 0.045  # m: enough for a drum to arrive
+SAGITTA = 30e-6  # m, by which the polyline of a finger's path is off it (`Finger.path_world`)
+START_DISTANCE = 0.045  # m: enough for a drum to arrive
 
 
 def box_scene(**surface):
@@ -43,10 +43,12 @@ def flat():
 
 
 def run(finger, speed=0.5, hold=0.2, **setup):
-    return press_on_part(finger, HAND.press(speed, hold=hold), EngineSetup(**{"way": WAY, **setup}))
+    return press_on_part(
+        finger, HAND.press(speed, hold=hold), EngineSetup(**{"start_distance": START_DISTANCE, **setup})
+    )
 
 
-# --- the place ---
+# --- the position ---
 
 
 def test_finger_touches_where_it_was_asked_to(flat):
@@ -74,7 +76,7 @@ def test_place_that_no_finger_reaches_is_refused():
 
     with pytest.raises(DecaffError, match="no hand gets its finger there without touching before"):
         place_finger(cavity, (0.0, 0.0, 0.015))
-    with pytest.raises(DecaffError, match=r"the place is \[0\.0, nan, 0\.0\], expected three coordinates"):
+    with pytest.raises(DecaffError, match=r"the position is \[0\.0, nan, 0\.0\], expected three coordinates"):
         place_finger(cavity, (0.0, math.nan, 0.0))
     with pytest.raises(DecaffError, match="the finger touches nothing between flat hand and fist"):
         placed(cavity, place_finger(box_scene()).glove, Pose(translation=(1.0, 0.0, 0.0)))
@@ -85,7 +87,7 @@ def test_place_that_no_finger_reaches_is_refused():
 
 @pytest.mark.parametrize("speed", [0.25, 1.0])
 def test_engine_is_the_ideal_distance_on_a_flat_part(flat, speed):
-    """The place it tells is off by the polyline's sagitta at most; so is the drum, but for an encoder count.
+    """The reported position is off by the polyline's sagitta at most; the drum, by an encoder count more.
 
     At rest that is as much force as hand and pad in a row make of it.
     """
@@ -118,12 +120,12 @@ def test_engine_knows_curved_and_needle_meshed_parts_as_well(mesh, at):
 
     assert press.reported_error < SAGITTA / finger.incidence
     assert abs(press.reported_contact) < press.reported_error + SAGITTA / finger.incidence
-    assert press.error.share < 0.11  # PAPER 6.3 has 10 % at 0.5 m/s, and a shift of 0.1 ms makes 3 points
+    assert press.error.share < 0.11  # the reference has 10 % at 0.5 m/s, and a shift of 0.1 ms makes 3 points
     assert press.error.penetration < 0.2e-3
 
 
 def test_coarse_way_shows_as_force_error(flat):
-    """PAPER 6.5: a bias e of the distance costs 120 N/m e at rest, of hand and pad in a row."""
+    """Reference: a bias e of the distance costs 120 N/m e at rest, of hand and pad in a row."""
     press, fine = run(flat, corners=9), run(flat)
     off = [one.response.force[rest(one.response)].mean() for one in (press, fine)]
     bias = press.reported_contact - fine.reported_contact
@@ -151,7 +153,7 @@ def test_figures_of_the_page_are_those_of_the_loop():
 
 
 def test_latency_costs_nothing_where_distances_are_read_with_their_own_pose(flat):
-    """PAPER 6.3, the row TS: 10.0, 10.0, 10.0, 10.1 % at 0.5 m/s."""
+    """Reference, the row TS: 10.0, 10.0, 10.0, 10.1 % at 0.5 m/s."""
     errors = [run(flat, latency=latency).error.share for latency in (0.0, 0.003, 0.010)]
 
     assert max(errors) - min(errors) < 0.01
@@ -159,7 +161,7 @@ def test_latency_costs_nothing_where_distances_are_read_with_their_own_pose(flat
 
 
 def test_latency_shows_where_distances_are_read_with_the_present_pose(flat):
-    """PAPER 6.3: the drum is late by v (tau + 0.5 to 0.9 ms), and the error grows with latency and speed."""
+    """Reference: the drum is late by v (tau + 0.5 to 0.9 ms), and the error grows with latency and speed."""
     errors = {}
     for speed, latency in ((0.25, 0.003), (0.5, 0.001), (0.5, 0.003), (0.5, 0.010)):
         press = run(flat, speed, latency=latency, reading=Target.LATCHED)
@@ -178,7 +180,7 @@ def test_error_grows_with_speed(flat):
 
 
 def test_service_that_is_always_late_leaves_the_drum_away(flat):
-    """Frames that are older than 20 ms whenever they are read are not acted upon (PAPER 10)."""
+    """Frames that are older than 20 ms whenever they are read are not acted upon (reference value)."""
     press = run(flat, latency=0.025)
 
     assert set(press.states) == {"retracted"}
@@ -210,7 +212,7 @@ def test_drum_never_advances_on_what_is_lost(flat, kind, span):
 
 
 def test_finger_that_got_inside_unseen_is_brought_back_slowly(flat):
-    """PAPER 10: a drum that comes late does so at 0.05 m/s at most, to the surface that was told before."""
+    """Reference: a drum that comes late does so at 0.05 m/s at most, to the surface that was told before."""
     press = run(flat, hold=0.6, silent=((-0.02, 0.02),))
     response = press.response
 
@@ -225,8 +227,8 @@ def test_finger_that_got_inside_unseen_is_brought_back_slowly(flat):
 
 @pytest.mark.parametrize(("late", "share"), [(0.030, 5), (0.050, 2)])
 def test_drum_that_was_sent_away_does_not_meet_the_finger_at_speed(flat, late, share):
-    """Frames that are late now and then widen the drum's place; on its way back the finger comes as well."""
-    press = run(flat, way=0.06, latency=(0.001,) * (100 - share) + (late,) * share)
+    """Frames that are late now and then send the drum away; on its return the finger comes as well."""
+    press = run(flat, start_distance=0.06, latency=(0.001,) * (100 - share) + (late,) * share)
     response = press.response
     met = int(np.flatnonzero(response.contact > 0.0)[0])
     ms = round(1e-3 / response.step)
@@ -279,7 +281,7 @@ def test_setup_that_makes_no_sense_is_refused(make, sentence):
 
 @pytest.mark.parametrize(("speed", "switch"), [(0.1, 0.123), (1.0, 0.087)])
 def test_teleoperation_changes_to_force_when_that_is_steady(flat, speed, switch):
-    """PAPER 7: instants of the change, and bumps of some 20 mN at most."""
+    """Reference: instants of the change, and bumps of some 20 mN at most."""
     press = run(flat, speed, hold=0.4, distances=Distances.SENSOR)
 
     assert press.switched_at == pytest.approx(switch, abs=0.003)
@@ -290,7 +292,7 @@ def test_teleoperation_changes_to_force_when_that_is_steady(flat, speed, switch)
 
 
 def test_force_of_the_far_end_is_displayed(flat):
-    """PAPER 7: 0.396 to 0.406 N a second after the change."""
+    """Reference: 0.396 to 0.406 N a second after the change."""
     press = run(flat, 0.25, hold=1.3, distances=Distances.SENSOR, far_force=0.4)
     row = press.response.zero + round((press.switched_at + 1.0) / press.response.step)
 
@@ -299,7 +301,7 @@ def test_force_of_the_far_end_is_displayed(flat):
 
 @pytest.mark.parametrize(("stiffness", "damping", "tilt"), [(300.0, 4.0, 0.0), (800.0, 2.0, 40.0)])
 def test_deformable_part_gives_way_as_its_law_says(stiffness, damping, tilt):
-    """A finger that comes obliquely feels of the law what is along its way: the square of the incidence."""
+    """A finger that comes obliquely feels of the law what is along its path: the square of the incidence."""
     finger = place_finger(box_scene(stiffness=stiffness, damping=damping), (0.0, 0.0, 0.01))
     turn = Pose(turn_about_axes((tilt, 0.0, 0.0)))
     finger = placed(finger.scene, finger.glove, turn @ finger.world_from_hand)

@@ -12,7 +12,7 @@ from proximity.decaff.drum.sampled_mass import SampledMass, maximum_stiffness
 from proximity.errors import DecaffError
 from proximity.studies.engine.engine_loop import press_on_part
 from proximity.studies.engine.engine_setup import EngineSetup
-from proximity.studies.engine.placed_finger import place_finger
+from proximity.studies.engine.finger_placement import place_finger
 from proximity.studies.figures import (
     arrival_plots,
     catalogue,
@@ -75,7 +75,7 @@ def test_table_gives_the_rows_that_are_asked_for():
 
 @pytest.mark.parametrize("name", figure_5.FIGURES)
 def test_numbers_beside_figure_5_are_the_models(name, tmp_path):
-    """Among them the samples that PAPER 3.4 prints, which the models are held against elsewhere."""
+    """Among them the samples that the reference has, which the models are held against elsewhere."""
     style.write_table(tmp_path / "5.csv", catalogue.PLATES[name].numbers())
     found = read_columns(tmp_path / "5.csv")
     times = figure_5.sample_times(1e-4)
@@ -88,7 +88,7 @@ def test_numbers_beside_figure_5_are_the_models(name, tmp_path):
 
 
 def test_position_that_the_late_wall_knows():
-    """PAPER 3.4: at 100 ms, penetrated, 4.588013 mm; 40 ms later the late wall knows it."""
+    """Reference: at 100 ms, penetrated, 4.588013 mm; 40 ms later the late wall knows it."""
     found = figure_5_plots.position("5c", np.array([0.140]))
 
     assert found[0] == pytest.approx(4.588013e-3, abs=5e-10)
@@ -136,7 +136,7 @@ def test_every_reading_of_a_distance_is_in_the_figure():
 
 
 def test_look_ahead_beside_the_figure_is_the_models(monkeypatch):
-    """PAPER 13: the formula holds within 5 mm."""
+    """Reference: the formula holds within 5 mm."""
     monkeypatch.setattr(arrival_plots, "SPEEDS", (0.5,))
     monkeypatch.setattr(arrival_plots, "LATENCIES", (0.010,))
     table = arrival_plots.numbers()
@@ -151,8 +151,10 @@ def test_force_errors_of_the_engine_beside_the_figure_are_the_models(monkeypatch
     monkeypatch.setattr(engine_plots, "SPEEDS", (1.0,))
     monkeypatch.setattr(engine_plots, "LATENCIES", (0.003,))
     table = engine_plots.numbers()
-    finger = place_finger(engine_plots.bracket(), engine_plots.PLACE)
-    felt = press_on_part(finger, Hand().press(1.0), EngineSetup(latency=0.003, way=engine_plots.WAY))
+    finger = place_finger(engine_plots.bracket(), engine_plots.START_POSITION)
+    felt = press_on_part(
+        finger, Hand().press(1.0), EngineSetup(latency=0.003, way=engine_plots.START_DISTANCE)
+    )
 
     assert table["reading"].tolist() == ["controller", "latched"]
     assert table["engine_error"][0] == felt.error.share < table["engine_error"][1]
@@ -171,7 +173,7 @@ def test_missing_sample_is_told(monkeypatch, tmp_path):
 
 def test_drum_that_swings_through_its_place_is_not_in_time_for_that():
     """A direct drum swings 3 mm past: told of a wall from 14 mm away at 0.7 m/s, it is there by chance."""
-    from proximity.decaff.drum.drum import DIRECT
+    from proximity.decaff.drum.drum_model import DIRECT
 
     glove = sweeps.with_latency(sweeps.with_drum(Decaff(), DIRECT, 3000.0), 0.010)
     assert needed_look_ahead(Hand(), glove, 0.7) == pytest.approx(0.020, abs=2.1e-3)
@@ -181,7 +183,7 @@ def test_drums_of_the_figure_are_in_place_after_their_settling_time():
     table = arrival_plots.motion_numbers()
     for name in ("direct", "gear4", "gear10"):
         late = table["time_s"] > table[f"{name}_settled_s"][0] + 1e-4
-        assert table[f"{name}_left_m"][0] == arrival_plots.WAY
+        assert table[f"{name}_left_m"][0] == arrival_plots.TRAVEL
         assert np.abs(table[f"{name}_left_m"][late]).max() <= 1e-4
 
 

@@ -1,4 +1,4 @@
-"""From position to force, held against PAPER 7, and against a detector in plain numpy."""
+"""From position to force, compared with reference values, and against a detector in plain numpy."""
 
 import math
 from dataclasses import replace
@@ -18,7 +18,7 @@ from proximity.studies.simulation.target_policies import DistanceSample, Holding
 
 HAND = Hand()
 RATE = 3000.0
-ANY_SPEED = SteadyRule(slow_speed=math.inf)  # as in PAPER's table, whose rule does not ask for it
+ANY_SPEED = SteadyRule(slow_speed=math.inf)  # as in the reference's table, whose rule does not ask for it
 STEP_AFTER = 0.5  # s, from the switch to the step of the slave's force
 HOLD = 1.8  # s
 
@@ -42,7 +42,7 @@ def pressed(speed, *, rule=ANY_SPEED, is_bumpless=True, hold=HOLD, retracted=0.0
     return loop.response, controller
 
 
-SWITCHES = {  # m/s: ms after the contact, bump in mN, bumpless and not (PAPER 7)
+SWITCHES = {  # m/s: ms after the contact, bump in mN, bumpless and not (reference value)
     0.02: (475, 21, 788),
     0.05: (226, 5, 815),
     0.1: (123, 13, 827),
@@ -54,7 +54,7 @@ SWITCHES = {  # m/s: ms after the contact, bump in mN, bumpless and not (PAPER 7
 
 @pytest.mark.parametrize("speed", SWITCHES)
 def test_switch_to_force(speed):
-    """PAPER 7: when, with what bump, and 0.396-0.406 N a second after a step to 0.4 N.
+    """Reference: when, with what bump, and 0.396-0.406 N a second after a step to 0.4 N.
 
     Bumps here are 23 / 6 / 12 / 10 / 1 / 1 mN: how far friction holds the drum at the switch decides.
     """
@@ -69,7 +69,7 @@ def test_switch_to_force(speed):
 
 @pytest.mark.parametrize("speed", [0.02, 0.1, 1.0])
 def test_switch_from_nothing_drops_the_finger(speed):
-    """PAPER 7 prints 788 to 827 mN, all of the force, without telling its gains; here 620 to 665 mN.
+    """The reference has 788 to 827 mN, all of the force, without telling its gains; here 620 to 665 mN.
 
     With a force integrator twice as fast it is all of it; but that rings.
     """
@@ -86,16 +86,16 @@ def at_switch(speed, rule):
 
 
 def test_slow_press_switches_early():
-    """PAPER 7: at 0.24 N/s, 2 mm/s, at 0.06 N."""
+    """Reference: at 0.24 N/s, 2 mm/s, at 0.06 N."""
     force, _ = at_switch(0.002, ANY_SPEED)
 
     assert force == pytest.approx(0.06, abs=0.005)
 
 
 def test_finger_that_must_be_slow_makes_some_presses_wait():
-    """PAPER 7 asks for less than 2 mm/s against early switches.
+    """The reference asks for less than 2 mm/s against early switches.
 
-    It helps above 0.4 N/s, where a pad of 200 N/m gives way faster. It does not help in PAPER's own example:
+    It helps above 0.4 N/s, where a pad of 200 N/m gives way faster. Not so in the reference's own example:
     at 0.24 N/s the finger goes 1.2 mm/s.
     """
     for speed, before, after in ((0.005, 0.44, 0.63), (0.01, 0.69, 0.76)):
@@ -112,7 +112,7 @@ def test_finger_that_must_be_slow_makes_some_presses_wait():
 def test_encoder_count_at_the_switch_does_not_throw_the_finger_off():
     """A count in the sample of the switch is 4 N of damping.
 
-    Taken into the integrator, as PAPER 7 tells it, that threw the finger off. Taken is what the motor did of
+    Taken into the integrator, as in the reference, that threw the finger off. Taken is what the motor did of
     late.
     """
     response, controller = pressed(0.5, retracted=1e-4, beyond=0.4)
@@ -121,7 +121,7 @@ def test_encoder_count_at_the_switch_does_not_throw_the_finger_off():
 
 
 def test_contact_that_is_lost_goes_back_to_position():
-    """Less than 0.05 N for 20 ms, or the slave 0.5 mm off its object (PAPER 7)."""
+    """Less than 0.05 N for 20 ms, or the slave 0.5 mm off its object (reference value)."""
     modes = []
     controller = ForceAfterContact(
         TargetPolicy(Target.TIME_STAMPED), lambda now: slave, RATE, Handover(ANY_SPEED)
@@ -226,7 +226,7 @@ def test_change_to_force_leaves_the_motor_as_it_was():
     drum, servo = glove.drum.as_array(), glove.servo.as_array()
     drive, command = np.zeros(drum_kernels.DRIVE_SIZE), np.zeros(drum_kernels.COMMAND_SIZE)
     drum_kernels.rest_drum(drum, drive, 0.0)
-    drive[drum_kernels.INTEGRATED] = -1.1
+    drive[drum_kernels.DRIVE_INTEGRATED] = -1.1
     DrumCommand(DriveMode.POSITION, 0.0).write(command)
     for _ in range(1000):
         drum_kernels.serve(drum, servo, drive, command, 0.8)
@@ -234,8 +234,8 @@ def test_change_to_force_leaves_the_motor_as_it_was():
     forces = []
     for _ in range(400):
         # Whoever is pressed on follows the reference.
-        drum_kernels.serve(drum, servo, drive, command, drive[drum_kernels.FORCE_REFERENCE])
-        forces.append(drive[drum_kernels.DEMANDED])
+        drum_kernels.serve(drum, servo, drive, command, drive[drum_kernels.DRIVE_FORCE_REFERENCE])
+        forces.append(drive[drum_kernels.DRIVE_DEMANDED])
 
     assert forces[0] == pytest.approx(-1.1, abs=2e-3)
     # 5 N/s: half a newton takes a tenth of a second.
@@ -248,13 +248,15 @@ def test_change_to_position_starts_where_the_drum_is_with_no_integral():
     drum, servo = glove.drum.as_array(), glove.servo.as_array()
     drive, command = np.zeros(drum_kernels.DRIVE_SIZE), np.zeros(drum_kernels.COMMAND_SIZE)
     drum_kernels.rest_drum(drum, drive, 0.02)
-    drive[drum_kernels.LAST_MODE] = DriveMode.FORCE
-    drive[drum_kernels.DEMANDED] = drive[drum_kernels.SMOOTHED] = drive[drum_kernels.INTEGRATED] = -5.0
+    drive[drum_kernels.DRIVE_LAST_MODE] = DriveMode.FORCE
+    drive[drum_kernels.DRIVE_DEMANDED] = drive[drum_kernels.DRIVE_SMOOTHED] = drive[
+        drum_kernels.DRIVE_INTEGRATED
+    ] = -5.0
     DrumCommand(DriveMode.POSITION, 0.02).write(command)
     drum_kernels.serve(drum, servo, drive, command, 0.0)
 
-    assert drive[drum_kernels.REFERENCE] == pytest.approx(0.02, abs=1e-5)
-    assert abs(drive[drum_kernels.DEMANDED]) < 0.5
+    assert drive[drum_kernels.DRIVE_REFERENCE] == pytest.approx(0.02, abs=1e-5)
+    assert abs(drive[drum_kernels.DRIVE_DEMANDED]) < 0.5
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""A finger of several links: the values of PAPER 11, derived, and its equations known in other ways."""
+"""A finger of several links: the values of the reference, derived, and its equations known in other ways."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 
 from proximity.errors import DecaffError
 from proximity.studies.multibody import contact_kernels as kernels
-from proximity.studies.multibody.contact import MAX_STEPS, Plane, Shown, press
+from proximity.studies.multibody.chain_press import MAX_STEPS, Plane, Shown, press
 from proximity.studies.multibody.finger_chain import INDEX_FINGER, PlanarFinger
 from proximity.studies.multibody.impulses import impulse_law, stopped_energy
 
@@ -24,7 +24,7 @@ ODD = PlanarFinger(  # no rods, four of them, nothing alike
     gravity=9.81,
 )
 ANGLES, RATES = np.array([-0.6, -0.7, -0.4]), np.array([-3.0, -2.0, -1.5])
-# The contact of PAPER 11. It prints the tip's speed only; its other numbers have these angles and rates.
+# The contact of the reference. It prints the tip's speed only; its other numbers have these angles and rates.
 PRESSED, CLOSING = np.array([-0.2, -0.3, -0.2]), np.array([-6.0, -4.0, -2.0])
 ODD_ANGLES, ODD_RATES = np.array([0.4, -0.9, 1.3, 0.2]), np.array([2.0, -5.0, 1.0, 7.0])
 FINGERS = {"two": (TWO_LINKS, [-0.6, -0.9], [-3, -2]), "three": (INDEX_FINGER, ANGLES, RATES)}

@@ -1,4 +1,4 @@
-"""Limits of sampled and delayed walls, derived and held against the reference values of PAPER 4, 5, 13."""
+"""Limits of sampled and delayed walls, derived and compared with reference values."""
 
 import math
 
@@ -260,7 +260,7 @@ def test_largest_stiffness_has_closed_forms():
     half_angle = 0.5 * math.acos(cosine)
     one = sampled_mass.maximum_stiffness(UNIT[1])
     assert one.stiffness / 2.0 == pytest.approx(0.0722346746, abs=1e-10)
-    # PAPER prints b = 0.2123468943: at a maximum, a search finds the place to fewer digits than the value.
+    # The reference has b = 0.2123468943: a search finds a maximum to fewer digits than its value.
     assert one.damping / 2.0 == pytest.approx(0.2123468943, abs=1e-9)
     tangent = math.tan(half_angle)
     exact = tangent * math.sin(4.0 * half_angle) - tangent**2 * math.cos(4.0 * half_angle)
@@ -404,7 +404,7 @@ def test_slowest_period_of_the_largest_stiffness_is_its_own():
 
 
 def test_best_damped_servo():
-    """PAPER 4.2, for the drum's servo: a fifth of the largest stiffness."""
+    """Reference, for the drum's servo: a fifth of the largest stiffness."""
     found = servo_gains.best_damped(PAPER_WALL)
 
     assert found.stiffness / PAPER_WALL.stiffness_unit == pytest.approx(0.01445, abs=5.1e-6)
@@ -417,7 +417,7 @@ def test_best_damped_servo():
 
 
 def test_stiffness_of_the_drums_servo():
-    """kp = 0.0289 M/T²: 433 and 3902 N/m direct, 6936 and 62 424 N/m geared (PAPER 6.4)."""
+    """kp = 0.0289 M/T²: 433 and 3902 N/m direct, 6936 and 62 424 N/m geared (reference values)."""
     for mass, rate_hz, expected in [
         (0.015, 1e3, 433),
         (0.015, 3e3, 3902),
@@ -425,4 +425,4 @@ def test_stiffness_of_the_drums_servo():
         (0.24, 3e3, 62_424),
     ]:
         found = servo_gains.best_damped(SampledMass(mass, 1.0 / rate_hz))
-        assert found.stiffness == pytest.approx(expected, rel=1.2e-3)  # PAPER used 0.0289 rounded
+        assert found.stiffness == pytest.approx(expected, rel=1.2e-3)  # the reference used 0.0289 rounded

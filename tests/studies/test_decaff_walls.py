@@ -1,4 +1,4 @@
-"""Walls of the paper: forces, figures and energies, held against the reference values of PAPER 2, 3, 13."""
+"""Walls of the paper: forces, figures and energies, held against the reference values."""
 
 import math
 
@@ -21,7 +21,7 @@ from proximity.studies.paper.trajectories import Press
 from proximity.studies.paper.walls import Convention, DecaffWall, RealWall, TraditionalWall
 
 MS, MM, MJ = 1e-3, 1e-3, 1e-3
-STEP = 1e-5  # s, of the curves below; PAPER's was the same
+STEP = 1e-5  # s, of the curves below; the reference's was the same
 PRESS = Press()
 TIMES = figure_5.sample_times(STEP)
 CURVES = {name: curve(TIMES) for name, curve in figure_5.FIGURES.items()}
@@ -169,7 +169,7 @@ TABLE = {
 
 @pytest.mark.parametrize("name", TABLE)
 def test_curve_has_the_numbers_of_the_paper(name):
-    """PAPER's impulses begin half a step after the loss: a rectangle sum without its first instant."""
+    """The reference's impulses begin half a step after the loss: a sum without its first instant."""
     peak, peak_ms, steady, end_ms, at_loss, impulse, rms = TABLE[name]
     found = COMPARISONS[name]
 
@@ -371,7 +371,7 @@ def test_finite_walls_push_less(wall_stiffness, equivalent, excess, same_hand):
 
 
 def test_same_hand_is_pushed_less_by_any_simulated_wall():
-    """PAPER 6.2: a hand of 300 N/m that means to go as far as gives 0.8 N on the real wall."""
+    """Reference: a hand of 300 N/m that means to go as far as gives 0.8 N on the real wall."""
     advance = 0.8 * (1.0 / 300.0 + 1.0 / 200.0)
 
     assert walls.steady_force(advance, 300.0, 200.0, math.inf) == pytest.approx(0.8, rel=1e-15)
@@ -467,7 +467,7 @@ def test_undamped_pad_on_a_drum_is_two_springs():
 
 
 def test_drum_needs_a_hundred_times_the_finger():
-    """PAPER 12: 20 kN/m, so that the drum yields less than 1 %; stiffer, its force nears the real wall's."""
+    """Reference: 20 kN/m, so that the drum yields less than 1 %; stiffer, its force nears the real wall's."""
     shares = [DecaffWall(drum_stiffness=each).yield_share for each in (2e3, 2e4, 62_424.0, math.inf)]
     errors = [
         np.sqrt(np.mean((DecaffWall(drum_stiffness=each).force(TIMES, PRESS) - CURVES["5a"]) ** 2))
@@ -511,7 +511,7 @@ def test_kappa_of_a_stop_told_by_a_function():
 
 
 def test_press_takes_the_muscles_work():
-    """PAPER 2 on (12): 0.05 mJ of kinetic energy cannot pay 2.80 mJ, the hand works; 3.4, the true rise."""
+    """Reference on equation (12): 0.05 mJ of kinetic energy cannot pay 2.80 mJ, the hand works."""
     found = energies.balance(PRESS, FINGER)
     factor = energies.kappa(Stop.QUINTIC)
 

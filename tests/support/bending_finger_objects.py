@@ -36,4 +36,4 @@ THINGS = {
     "plane y = -45": (half_space((0, 1), -0.045), 0.174204922),
     "plane x+y = -20 sqrt 2": (half_space((1, 1), -0.020), 0.374750685),
 }
-"""Of PAPER 9.3: the thing, and the bend at which the pad of a bending finger touches it."""
+"""Of the reference: the thing, and the bend at which the pad of a bending finger touches it."""

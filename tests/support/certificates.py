@@ -7,7 +7,7 @@ from proximity import Scene, Solid
 from proximity.certificate.certification import Certificate
 from proximity.certificate.measurement import Case
 from proximity.certificate.search.work import GOALS
-from proximity.certificate.search.worst_positions import Found, Place
+from proximity.certificate.search.worst_positions import Found, WorstPosition
 from proximity.certificate.subject import Subject
 from proximity.service import Report
 
@@ -36,8 +36,8 @@ def loop(compute_us=100, late_us=20, ticks=TICKS, missed=0, period=0.001):
 
 def found():
     places = (
-        Place(np.array([0.001, 0.002, 0.003]), 508, -0.05, -0.007, "medial", 400),
-        Place(np.array([0.0, 0.0, 0.0]), 300, -0.05, -0.05, "centre", 300),
+        WorstPosition(np.array([0.001, 0.002, 0.003]), 508, -0.05, -0.007, "medial", 400),
+        WorstPosition(np.array([0.0, 0.0, 0.0]), 300, -0.05, -0.05, "centre", 300),
     )
     return tuple(Found(goal, places, 12.0, 100, goal.has_budget) for goal in GOALS)
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from proximity.errors import PublishError
 from proximity.message import CONTACT, FRAME, ContactFlag, Source, State, parts_of
-from proximity.service import Hands, Service
+from proximity.service import FingerPoses, Service
 from proximity.transport import Publisher, forget
 
 MS = 1_000_000
@@ -76,21 +76,21 @@ class FakeAnswers:
         self.contacts = np.zeros(count, CONTACT)
 
     def new_samples(self):
-        return Hands(self.count)
+        return FingerPoses(self.count)
 
     def rehearse(self):
         self.rehearsals += 1
 
-    def answer(self, hands, now_ns):
-        self.seen.append((hands.positions.copy(), hands.pose_ns.copy(), now_ns))
+    def answer(self, poses, now_ns):
+        self.seen.append((poses.positions.copy(), poses.pose_ns.copy(), now_ns))
         forget(self.contacts)
-        is_tracked = np.isfinite(hands.positions).all(axis=1)
+        is_tracked = np.isfinite(poses.positions).all(axis=1)
         self.contacts["finger"] = np.arange(self.count)
-        self.contacts["pose_ns"], self.contacts["age_ns"] = hands.pose_ns, now_ns - hands.pose_ns
+        self.contacts["pose_ns"], self.contacts["age_ns"] = poses.pose_ns, now_ns - poses.pose_ns
         self.contacts["predicted_ns"] = now_ns + MS
-        self.contacts["position"] = hands.positions
+        self.contacts["position"] = poses.positions
         for name in ("signed_distance", "lower", "upper"):
-            self.contacts[name][is_tracked] = hands.positions[is_tracked, 0]
+            self.contacts[name][is_tracked] = poses.positions[is_tracked, 0]
         self.contacts["flags"] = np.where(is_tracked, int(TRACKED), 0)
         self.during(self.ticks)
         self.ticks += 1
@@ -135,11 +135,11 @@ def publisher(outlet, address="keeping:"):
 
 def hands_at(positions, pose_ns, velocities=None):
     """Hands of these arrays; one instant, or one a finger."""
-    hands = Hands(len(positions))
-    hands.positions[...] = positions
-    hands.pose_ns[...] = pose_ns
-    hands.velocities = velocities
-    return hands
+    poses = FingerPoses(len(positions))
+    poses.positions[...] = positions
+    poses.pose_ns[...] = pose_ns
+    poses.velocities = velocities
+    return poses
 
 
 def steady(poll, now_ns):

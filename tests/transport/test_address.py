@@ -8,7 +8,7 @@ from proximity.transport.address import parse
 
 
 @pytest.mark.parametrize(
-    ("text", "scheme", "place", "options"),
+    ("text", "scheme", "location", "options"),
     [
         ("iox2://decaff", "iox2", "decaff", {}),
         ("iox2://decaff/poses", "iox2", "decaff/poses", {}),
@@ -21,10 +21,15 @@ from proximity.transport.address import parse
         ("zenoh://decaff/**", "zenoh", "decaff/**", {}),
     ],
 )
-def test_address_is_taken_apart(text, scheme, place, options):
+def test_address_is_taken_apart(text, scheme, location, options):
     address = parse(text)
 
-    assert (address.text, address.scheme, address.place, address.options) == (text, scheme, place, options)
+    assert (address.text, address.scheme, address.location, address.options) == (
+        text,
+        scheme,
+        location,
+        options,
+    )
 
 
 @pytest.mark.parametrize(
@@ -37,7 +42,7 @@ def test_text_that_is_no_address_is_told_what_one_looks_like(text):
 
 @pytest.mark.parametrize("text", ["udp://[::1:9100", "udp://h:1?bind", "udp://h:1?a=1&b", "udp://[nobody]:1"])
 def test_text_that_cannot_be_taken_apart_is_told_the_form(text):
-    with pytest.raises(PublishError, match=r": expected scheme://place\?option=value \("):
+    with pytest.raises(PublishError, match=r": expected scheme://location\?option=value \("):
         parse(text)
 
 
@@ -95,7 +100,7 @@ def test_files_of_an_address_are_named_as_seen_from_a_folder(tmp_path):
     text = "udp://[::1]:9100?from=[::1]:1&key=keys/my%20key"
     moved = parse(parse(text).with_files_in(folder))
 
-    assert moved.place == "[::1]:9100"
+    assert moved.location == "[::1]:9100"
     assert moved.options == {"from": "[::1]:1", "key": f"{folder}/keys/my key"}
     assert parse(moved.text).with_files_in("/elsewhere") == moved.text
     for without in ("iox2://decaff", "zenoh://a?connect=tcp/h:1,tcp/h:2", "mailbox:a box", "udp://h:1?key="):

@@ -20,8 +20,8 @@ from proximity.message import FRAME, POSES, Flaw, Message
 from proximity.service.inputs.stream import StreamInput
 from proximity.transport import Examiner, open_inlet, open_outlet, open_publisher, open_subscriber, udp
 from proximity.transport.address import parse
-from proximity.transport.key import TAG_BYTES, key_of, write_key
 from proximity.transport.link import NOTHING
+from proximity.transport.message_key import TAG_BYTES, key_of, write_key
 
 PATIENCE = 20.0  # s
 LONG = 10**10  # ns that frames of these tests are valid for

@@ -322,7 +322,7 @@ def test_too_many_fingers_for_a_datagram_are_refused(opened, port):
 def test_what_does_not_fit_into_the_room_is_seen_to_be_too_large(opened, port, tells_size, monkeypatch):
     """Where the system does not tell the size, too: there a full room is one that was too small."""
     if not tells_size:
-        monkeypatch.setattr(udp, "_TELLS_SIZE", 0)
+        monkeypatch.setattr(udp, "_RETURNS_SIZE", 0)
     address = f"udp://127.0.0.1:{port}"
     inlet, outlet = opened(open_inlet, address), opened(open_outlet, address)
     for size in (7, 9, 5000):

@@ -8,7 +8,7 @@ from benchmarks.ticks import motions
 from benchmarks.ticks.timing import TickRow
 from proximity import Scene, Solid, Tracker
 
-AHEAD_NS = 9_000_000
+LATENCY_NS = 9_000_000
 MOST_ERROR = 2.6e-3  # m
 MOVING = 0.1  # m/s
 LONGEST_STEP_NS = 30_000_000
@@ -55,7 +55,7 @@ def _errors_of(recording):
         high[axis] = lower[axis] - WALL_DISTANCE
         scene = Scene([Solid(*box(low, high), name="wall")])
         trackers.append(
-            Tracker(scene, fingers=positions.shape[1], latency=1e-9 * AHEAD_NS, working_range=10.0)
+            Tracker(scene, fingers=positions.shape[1], latency=1e-9 * LATENCY_NS, working_range=10.0)
         )
     predicted = np.full_like(positions, np.nan)
     for k, now in enumerate(times_ns.tolist()):
@@ -64,7 +64,7 @@ def _errors_of(recording):
             predicted[k, :, axis] = (
                 positions[k, :, axis] + contacts["predicted_distance"] - contacts["signed_distance"]
             )
-            assert (contacts["predicted_ns"] == now + AHEAD_NS).all()
+            assert (contacts["predicted_ns"] == now + LATENCY_NS).all()
     for finger, seen in enumerate(recording.is_present.T):
         if np.count_nonzero(seen) > 1:
             yield _compared(times_ns[seen], positions[seen, finger], predicted[seen, finger])
@@ -73,7 +73,7 @@ def _errors_of(recording):
 def _compared(times, positions, predicted):
     steps = np.diff(times)
     speeds = np.linalg.norm(np.diff(positions, axis=0), axis=1) / (1e-9 * steps)
-    later = times + AHEAD_NS
+    later = times + LATENCY_NS
     after = np.searchsorted(times, later)
     truth = np.stack([np.interp(later, times, positions[:, axis]) for axis in range(3)], axis=1)
     chosen = [

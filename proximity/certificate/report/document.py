@@ -8,7 +8,7 @@ nanoseconds, lengths metres, forces newtons, energies joules; null is what so fe
   the paths that came with poses (null: the scene file lets none in), and whether ``parts_move``
 - ``search``: for each goal (manner cold, stays or moves; within the budget or exact) the dearest ``places``,
   with ``work`` (nodes and leaves), ``lower``, ``upper`` and ``width`` of the certified bracket, the climb's
-  ``origin``, and ``typical_work`` at random places
+  ``origin``, and ``typical_work`` at random positions
 - ``cases``: for each motion ``compute`` (the thread's processor time), ``wall``, ``best`` (of three runs):
   percentiles; and for ``compute`` the ``periods``: shares, and deadlines that it alone would miss
 - ``loop``: the service's own loop: ``compute``, ``lateness`` of waking, each as a case's; ``missed``
@@ -124,15 +124,15 @@ def _goal(scene: Any, found: Found) -> dict[str, Any]:
         "is_complete": found.is_complete,
         "places": [
             {
-                "position": place.position.tolist(),
-                "work": place.work,
-                "lower": place.lower,
-                "upper": place.upper,
-                "width": place.upper - place.lower,
-                "origin": place.origin,
-                "start_work": place.start_work,
+                "position": worst.position.tolist(),
+                "work": worst.work,
+                "lower": worst.lower,
+                "upper": worst.upper,
+                "width": worst.upper - worst.lower,
+                "origin": worst.origin,
+                "start_work": worst.start_work,
             }
-            for place in found.places
+            for worst in found.positions
         ],
     }
 

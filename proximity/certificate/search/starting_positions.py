@@ -1,51 +1,51 @@
-"""Where a search for the worst places begins.
+"""Starting positions of the search for the worst positions.
 
-At random in the box that a hand can be in, near surfaces, and where a search is known to be dear: at places
-that are as far from several faces as from one. Such are the centres of balls that touch the surface at a
-sample and are shrunk until nothing is inside of them, middles of parts, and centres of balls fitted to them.
+They lie at random in the box that a hand can reach, near surfaces, and where queries are known to be costly:
+at positions that are equally far from several faces. Those are the centres of balls that touch the surface at
+a sample and are shrunk until nothing is inside, middles of parts, and centres of balls fitted to parts.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from proximity.certificate.search.work import GROUP
 from proximity.certificate.subject import Subject
 from proximity.scene.part import Part
 from proximity.scene.scene import Scene
 
-OFFSET = 0.02
-"""m, of places near the surface from it: normally distributed."""
+NEAR_DISTANCE = 0.02
+"""m, of positions near the surface from it: normally distributed."""
 SHRINKS = 12
 """Of a ball; it closes in on the medial axis like Newton's method, in four or five on curved surfaces."""
 CLOSE = 1e-9
 """Share of a ball's radius by which it may still be too large."""
 SAME = 1e-9
 """Share of the scene's diagonal within which two points of the surface are one."""
-MOST_PARTS = 200
+MOST_MIDDLES = 200
 """Whose middles are looked at."""
 MEDIAL_BUDGET = 500
 """For the nearest face of a ball's centre: near enough shrinks it as well."""
-GROUP = 5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Starts:
     """Places, and how each came about."""
 
-    places: np.ndarray  # (K, 3) m
+    positions: np.ndarray  # (K, 3) m
     origins: tuple[str, ...]  # (K,) "random", "near the surface", "medial", "centre"
 
-    def extended(self, places: np.ndarray, origins: list[str]) -> "Starts":
+    def extended(self, positions: np.ndarray, origins: list[str]) -> "Starts":
         """Return these and others.
 
         Parameters
         ----------
-        places : (K, 3) float64, m
+        positions : (K, 3) float64, m
             Which others.
         origins : list of str
             How each came about.
         """
-        return Starts(np.concatenate([self.places, places]), (*self.origins, *origins))
+        return Starts(np.concatenate([self.positions, positions]), (*self.origins, *origins))
 
 
 def starts(subject: Subject, counts: tuple[int, int, int], rng: np.random.Generator) -> Starts:
@@ -56,7 +56,7 @@ def starts(subject: Subject, counts: tuple[int, int, int], rng: np.random.Genera
     subject : Subject
         Whose scene is searched.
     counts : (random, near the surface, samples of the surface)
-        How many; each sample gives two medial places.
+        How many; each sample gives two medial positions.
     rng : Generator
         Decides all that is random.
     """
@@ -64,12 +64,12 @@ def starts(subject: Subject, counts: tuple[int, int, int], rng: np.random.Genera
     lower, upper = scene.bounds
     random = rng.uniform(lower - reach, upper + reach, (counts[0], 3))
     points, normals = surface_samples(scene, counts[1], rng)
-    near = points + rng.normal(0.0, OFFSET, (len(points), 1)) * normals
-    medial = medial_places(subject, *surface_samples(scene, counts[2], rng))
+    near = points + rng.normal(0.0, NEAR_DISTANCE, (len(points), 1)) * normals
+    medial = medial_positions(subject, *surface_samples(scene, counts[2], rng))
     found = {"random": random, "near the surface": near, "medial": medial, "centre": centres(scene)}
     return Starts(
         np.concatenate(list(found.values())),
-        tuple(origin for origin, places in found.items() for _ in range(len(places))),
+        tuple(origin for origin, positions in found.items() for _ in range(len(positions))),
     )
 
 
@@ -96,7 +96,7 @@ def surface_samples(scene: Scene, count: int, rng: np.random.Generator) -> tuple
     return (weights[:, :, None] * triangles).sum(axis=1), areas[chosen] / sizes[chosen, None]
 
 
-def medial_places(subject: Subject, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
+def medial_positions(subject: Subject, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
     """Return centres of balls that touch the surface at points, on both sides, and hold none of it, (2 K, 3).
 
     Parameters
@@ -112,13 +112,13 @@ def medial_places(subject: Subject, points: np.ndarray, normals: np.ndarray) -> 
     field"; here the neighbours are the surface itself.
     """
     lower, upper = subject.scene.bounds
-    touching, ways = np.concatenate([points, points]), np.concatenate([normals, -normals])
+    touching, directions = np.concatenate([points, points]), np.concatenate([normals, -normals])
     extent = float(np.linalg.norm(upper - lower))
     radii = np.full(len(touching), extent + subject.working_range)
     for _ in range(SHRINKS):
-        ends = touching + radii[:, None] * ways
+        ends = touching + radii[:, None] * directions
         arms = nearest_points(subject, ends) - touching
-        along, squares = 2.0 * (arms * ways).sum(axis=1), (arms**2).sum(axis=1)
+        along, squares = 2.0 * (arms * directions).sum(axis=1), (arms**2).sum(axis=1)
         # Who is nearest to its own point of the surface, but for rounding, holds nothing else.
         is_other = (along > 0.0) & (squares > (SAME * extent) ** 2)
         smaller = np.divide(squares, along, out=radii.copy(), where=is_other)
@@ -126,23 +126,23 @@ def medial_places(subject: Subject, points: np.ndarray, normals: np.ndarray) -> 
         if not is_less.any():
             break
         radii[is_less] = smaller[is_less]
-    return np.asarray(touching + radii[:, None] * ways)
+    return np.asarray(touching + radii[:, None] * directions)
 
 
-def nearest_points(subject: Subject, places: np.ndarray) -> np.ndarray:
+def nearest_points(subject: Subject, positions: np.ndarray) -> np.ndarray:
     """Return points of the surface that are nearest, or nearly so where that is dear to know, (K, 3).
 
     Parameters
     ----------
     subject : Subject
         Whose scene it is.
-    places : (K, 3) float64, m
+    positions : (K, 3) float64, m
         From where.
     """
     tracker = subject.tracker(fingers=GROUP, budget=MEDIAL_BUDGET)
-    found, tips = np.empty_like(places), np.full((GROUP, 3), np.nan)
-    for first in range(0, len(places), GROUP):
-        group = places[first : first + GROUP]
+    found, tips = np.empty_like(positions), np.full((GROUP, 3), np.nan)
+    for first in range(0, len(positions), GROUP):
+        group = positions[first : first + GROUP]
         tips[: len(group)] = group
         tracker.reset()
         found[first : first + GROUP] = tracker.tick(tips, 0, 0)["point_on_part"][: len(group)]
@@ -158,15 +158,15 @@ def centres(scene: Scene) -> np.ndarray:
         Its first parts, if there are very many, and the middle of all.
     """
     found = [np.mean(scene.bounds, axis=0)]
-    for part in _shown(scene)[:MOST_PARTS]:
+    for part in _shown(scene)[:MOST_MIDDLES]:
         corners = part.pose.point(part.solid.mesh.vertices)
         found += [
             0.5 * (corners.min(axis=0) + corners.max(axis=0)),
             corners.mean(axis=0),
             _fitted_centre(corners),
         ]
-    places = np.array(found)
-    return places[np.isfinite(places).all(axis=1)]
+    positions = np.array(found)
+    return positions[np.isfinite(positions).all(axis=1)]
 
 
 def _fitted_centre(corners: np.ndarray) -> np.ndarray:

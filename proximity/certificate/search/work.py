@@ -1,7 +1,7 @@
-"""What a place costs: nodes and leaves that a tick visits for a finger there.
+"""Cost of a position: the nodes and leaves that a tick visits for a finger there.
 
-Work, not time: it is the same on every run, and a search may climb on it. Of a finger that moves, what its
-tick does to look ahead is in it.
+This counts work, not time, so that it is the same on every run and a search can maximise it. The work of
+predicting a moving finger's contact is included.
 """
 
 from dataclasses import dataclass
@@ -18,15 +18,15 @@ UNLIMITED = 2**31 - 1
 """A budget that is never spent."""
 SPEED = 0.5
 """m/s, of a finger that moves."""
-WAY = np.array([1.0, 2.0, 3.0]) / np.sqrt(14.0)
-"""Along which it comes: the same for every place, so that a place has one cost."""
+DIRECTION = np.array([1.0, 2.0, 3.0]) / np.sqrt(14.0)
+"""Direction in which a moving finger comes: the same for all, so that each position has one cost."""
 PERIOD_NS = 1_000_000
 NOWHERE = -1.0
-"""Worth of a place out of the working range: nothing is searched for there."""
+"""Worth of a position out of the working range: nothing is searched for there."""
 
 
 class Manner(StrEnum):
-    """How a finger is found at a place."""
+    """Motion of a finger at a position."""
 
     COLD = "cold"  # the first tick: nothing is known of it
     STAYS = "stays"  # it was there at the tick before
@@ -35,7 +35,7 @@ class Manner(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Goal:
-    """What is to be as dear as possible."""
+    """Quantity that the search maximises."""
 
     manner: Manner
     has_budget: bool  # as the ticks have it; otherwise what an exact answer costs
@@ -49,7 +49,7 @@ GOALS = tuple(Goal(manner, has_budget) for has_budget in (True, False) for manne
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Costs:
-    """What K places cost."""
+    """Costs of K positions."""
 
     work: np.ndarray  # (K,) int64, nodes and leaves
     lower: np.ndarray  # (K,) m, of the signed distance
@@ -58,7 +58,7 @@ class Costs:
 
     @property
     def worth(self) -> np.ndarray:
-        """What a search climbs on, (K,): the work; of equal work (a budget is spent) the wider bounds."""
+        """Value that the search maximises, (K,): work; at equal work (a spent budget), wider bounds."""
         width = self.upper - self.lower
         size = np.abs(self.lower) + np.abs(self.upper)
         share = np.divide(width, size, out=np.zeros_like(width), where=size > 0.0)
@@ -66,7 +66,7 @@ class Costs:
 
 
 class Probe:
-    """Tells what places cost, a group at a time.
+    """Tells what positions cost, a group at a time.
 
     Parameters
     ----------
@@ -82,18 +82,18 @@ class Probe:
         self._manner = goal.manner
         self.steps = 0  # nodes and leaves visited so far, preparation included
 
-    def costs(self, places: np.ndarray) -> Costs:
-        """Return what places cost.
+    def costs(self, positions: np.ndarray) -> Costs:
+        """Return what positions cost.
 
         Parameters
         ----------
-        places : (K, 3) float64, m
+        positions : (K, 3) float64, m
             Centres of fingertips.
         """
-        count = len(places)
+        count = len(positions)
         costs = Costs(np.zeros(count, np.int64), np.zeros(count), np.zeros(count), np.zeros(count, np.bool_))
         for first in range(0, count, GROUP):
-            group = places[first : first + GROUP]
+            group = positions[first : first + GROUP]
             tips = np.full((GROUP, 3), np.nan)
             tips[: len(group)] = group
             rows, contacts = slice(first, first + len(group)), self._ticked(tips)[: len(group)]
@@ -107,7 +107,7 @@ class Probe:
         tracker.reset()
         if self._manner is not Manner.COLD:
             step = SPEED * 1e-9 * PERIOD_NS if self._manner is Manner.MOVES else 0.0
-            self.steps += int(tracker.tick(tips - step * WAY, 0, 0)["work"].sum())
+            self.steps += int(tracker.tick(tips - step * DIRECTION, 0, 0)["work"].sum())
         contacts = tracker.tick(tips, PERIOD_NS, PERIOD_NS)
         self.steps += int(contacts["work"].sum())
         return contacts

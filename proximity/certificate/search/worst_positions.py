@@ -1,4 +1,4 @@
-"""The worst places of a scene: where a tick visits the most nodes and leaves, within the working range.
+"""Search for the worst positions of a scene: where a tick visits the most nodes and leaves.
 
 The same seed gives the same places on every run. It is a search, not a proof: what it finds is a lower bound
 of the worst; within the budget, the budget is the upper one.
@@ -14,22 +14,22 @@ from proximity.certificate.search.starting_positions import Starts, starts
 from proximity.certificate.search.work import GOALS, NOWHERE, Costs, Goal, Probe
 from proximity.certificate.subject import Subject
 
-COUNTS = (4000, 4000, 1000)
-"""Places at random, near surfaces, and samples for two medial places each."""
+START_COUNTS = (4000, 4000, 1000)
+"""Positions at random, near surfaces, and samples for two medial positions each."""
 CLIMBS = 24
 """For each goal."""
 FIRST_RADIUS = 0.02
-"""Share of the scene's diagonal: where neighbours of a place are looked for first."""
+"""Share of the scene's diagonal: where neighbours of a position are looked for first."""
 APART = 0.03
-"""Share of the diagonal by which places that climbs begin at are apart: the dearest are often one place."""
+"""Share of the diagonal by which starts are apart at least: the costliest are often neighbours."""
 MOST_STEPS = 25_000_000
 """Nodes and leaves visited for a goal, a few seconds; then the search for it ends with what it has."""
-CHUNK = 100  # places between two looks at how many steps are left
+POSITIONS_PER_CHECK = 100  # places between two looks at how many steps are left
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Place:
-    """A dear place, and what it costs."""
+class WorstPosition:
+    """A position where a tick costs much, and what it costs."""
 
     position: np.ndarray  # (3,) m, scene's frame
     work: int  # nodes and leaves
@@ -41,18 +41,18 @@ class Place:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Found:
-    """What was found for one goal."""
+    """Result of the search for one goal."""
 
     goal: Goal
-    places: tuple[Place, ...]  # the dearest first; at least one
-    typical_work: float  # median over the random places within the working range; nan if there was none
+    positions: tuple[WorstPosition, ...]  # the dearest first; at least one
+    typical_work: float  # median over the random positions within the working range; nan if there was none
     start_count: int  # places that were looked at before climbing
-    is_complete: bool  # False: the steps were spent before all places were looked at
+    is_complete: bool  # False: the steps were spent before all positions were looked at
 
     @property
-    def worst(self) -> Place:
+    def worst(self) -> WorstPosition:
         """The dearest."""
-        return self.places[0]
+        return self.positions[0]
 
 
 def search(
@@ -61,9 +61,9 @@ def search(
     *,
     counts: tuple[int, int, int] | None = None,
     most_steps: float = MOST_STEPS,
-    tell: Callable[[str, float], None] = lambda _, __: None,
+    progress: Callable[[str, float], None] = lambda _, __: None,
 ) -> tuple[Found, ...]:
-    """Return the worst places, for each of `GOALS`.
+    """Return the worst positions, for each of `GOALS`.
 
     Parameters
     ----------
@@ -72,22 +72,22 @@ def search(
     seed : int
         Decides all that is random.
     counts : (random, near the surface, samples)
-        How many places climbs may begin at; `COUNTS` where not given.
+        How many places climbs may begin at; `START_COUNTS` where not given.
     most_steps : float
         Nodes and leaves visited for each goal, about.
-    tell : callable
+    progress : callable
         Called with what is done, and which share of the search is.
     """
-    begin = starts(subject, COUNTS if counts is None else counts, np.random.default_rng([seed, 0]))
+    begin = starts(subject, START_COUNTS if counts is None else counts, np.random.default_rng([seed, 0]))
     found: list[Found] = []
     for number, goal in enumerate(GOALS):
         rng = np.random.default_rng([seed, 1 + number])
-        tell(f"searching: {goal}", number / len(GOALS))
+        progress(f"searching: {goal}", number / len(GOALS))
         one = _search_one(subject, goal, begin, rng, most_steps)
         found.append(one)
         # What is dear in one manner may be in another.
         begin = begin.extended(
-            np.array([place.position for place in one.places]), [place.origin for place in one.places]
+            np.array([each.position for each in one.positions]), [each.origin for each in one.positions]
         )
     return tuple(found)
 
@@ -102,50 +102,52 @@ def _search_one(
     lower, upper = subject.scene.bounds
     diagonal = float(np.linalg.norm(upper - lower))
     climbed = []
-    for k in _apart(begin.places[rows], costs.worth, APART * diagonal):
-        start = begin.places[rows[k]]
+    for k in _apart(begin.positions[rows], costs.worth, APART * diagonal):
+        start = begin.positions[rows[k]]
         climb = ascend(probe, start, FIRST_RADIUS * diagonal, rng, most_steps=most_steps)
-        climbed.append(_climbed(probe, climb.place, str(origins[k]), int(costs.work[k])))
+        climbed.append(_climbed(probe, climb.position, str(origins[k]), int(costs.work[k])))
     climbed.sort(key=lambda pair: -pair[0])
     return Found(
         goal,
-        tuple(place for _, place in climbed),
+        tuple(each for _, each in climbed),
         float(np.median(typical)) if len(typical) else float("nan"),
         len(rows),
-        len(rows) == len(begin.places),
+        len(rows) == len(begin.positions),
     )
 
 
-def _climbed(probe: Probe, position: np.ndarray, origin: str, start_work: int) -> tuple[float, Place]:
-    """The place at which a climb ended, and its worth."""
+def _climbed(probe: Probe, position: np.ndarray, origin: str, start_work: int) -> tuple[float, WorstPosition]:
+    """The position at which a climb ended, and its worth."""
     at = probe.costs(position[None])
-    place = Place(position, int(at.work[0]), float(at.lower[0]), float(at.upper[0]), origin, start_work)
-    return float(at.worth[0]), place
+    worst = WorstPosition(
+        position, int(at.work[0]), float(at.lower[0]), float(at.upper[0]), origin, start_work
+    )
+    return float(at.worth[0]), worst
 
 
 def _look(
     probe: Probe, begin: Starts, rng: np.random.Generator, most_steps: float
 ) -> tuple[Costs, np.ndarray]:
-    """What places cost, and which these are: all, or as many as the steps allow, centres first."""
-    order = rng.permutation(len(begin.places))
+    """Costs of positions, and which these are: all, or as many as the steps allow, centres first."""
+    order = rng.permutation(len(begin.positions))
     is_centre = np.array([begin.origins[row] == "centre" for row in order])
     order = np.concatenate([order[is_centre], order[~is_centre]])
     found: list[Costs] = []
-    for first in range(0, len(order), CHUNK):
+    for first in range(0, len(order), POSITIONS_PER_CHECK):
         if found and probe.steps >= most_steps:
             break
-        found.append(probe.costs(begin.places[order[first : first + CHUNK]]))
+        found.append(probe.costs(begin.positions[order[first : first + POSITIONS_PER_CHECK]]))
     fields = ("work", "lower", "upper", "is_in_range")
     whole = Costs(*(np.concatenate([getattr(each, name) for each in found]) for name in fields))
     return whole, order[: len(whole.work)]
 
 
-def _apart(places: np.ndarray, worth: np.ndarray, distance: float) -> Iterator[int]:
-    """The dearest of some places that lie apart, at most `CLIMBS`; at least one."""
+def _apart(positions: np.ndarray, worth: np.ndarray, distance: float) -> Iterator[int]:
+    """The dearest of some positions that lie apart, at most `CLIMBS`; at least one."""
     chosen: list[int] = []
     for k in np.argsort(-worth, kind="stable").tolist():
         if len(chosen) == CLIMBS or (chosen and worth[k] == NOWHERE):
             break
-        if all(np.linalg.norm(places[k] - places[other]) >= distance for other in chosen):
+        if all(np.linalg.norm(positions[k] - positions[other]) >= distance for other in chosen):
             chosen.append(k)
     yield from chosen

@@ -1,4 +1,4 @@
-"""``proximity bench``: the latency certificate of a scene, and whether it fits a period."""
+"""``proximity bench``: the latency certificate of a scene, and whether the scene fits a period."""
 
 import contextlib
 from collections.abc import Callable, Iterator
@@ -13,16 +13,16 @@ from proximity.cli.program import EXIT_UNUSABLE
 
 HELP = "\n\n".join(
     (
-        "Search SCENE for the places where a tick is dearest, measure ticks there, and hold them against "
-        "haptic sample periods.",
-        "SCENE is a scene file of the service, whose settings hold, or a file of parts, as other commands "
-        "read it. Ticks are timed one by one: along a recorded hand, in random motion, and with all fingers "
-        "at the worst places; then the service's own loop runs for some seconds. The report is one page "
-        "(.html) with its numbers beside it (.json); --json prints these instead.",
-        "With --gate the exit code is 1 unless the computing of 99.9 % of the ticks of every motion, of "
-        "three runs the best, takes no longer than PERIOD, and that of half of the loop's ticks. What the "
-        "machine adds, interruptions and late waking, is shown and fails no scene. A page needs jinja2 and "
-        "matplotlib.",
+        "Search SCENE for the positions where a tick takes longest, measure ticks there, and compare them "
+        "with haptic sample periods.",
+        "SCENE is a scene file of the service, whose settings are used, or a file of parts. Ticks are timed "
+        "one by one: along a recorded hand, in random motion, and with all fingers at the worst positions; "
+        "then the service's own loop runs for some seconds. The report is one page (.html) with its numbers "
+        "beside it (.json); --json prints these instead.",
+        "With --gate the exit code is 1 if a scene does not fit PERIOD. It fits if 99.9 % of the ticks of "
+        "every motion (best of three runs), and half of the loop's ticks, take no longer to compute. Delays "
+        "by the machine, such as interruptions and late waking, are shown but do not count. The page needs "
+        "jinja2 and matplotlib.",
     )
 )
 
@@ -42,10 +42,15 @@ SCENE = Annotated[Path, typer.Argument(metavar="SCENE", help="A scene file (.tom
 RECORDING = Annotated[
     Path | None,
     typer.Option(
-        "--recording", metavar="CSV", help="Of a hand, fitted to the parts; else SCENE's, or a sample."
+        "--recording",
+        metavar="CSV",
+        help="Recording of a hand, fitted to the parts; without it SCENE's, or a sample.",
     ),
 ]
-GATE = Annotated[str | None, typer.Option("--gate", metavar="PERIOD", help="To fit: 1ms, 200us, 1kHz ...")]
+GATE = Annotated[
+    str | None,
+    typer.Option("--gate", metavar="PERIOD", help="Period that the scene must fit: 1ms, 200us, 1kHz ..."),
+]
 OUT = Annotated[
     Path | None,
     typer.Option(
@@ -55,16 +60,23 @@ OUT = Annotated[
     ),
 ]
 FINGERS = Annotated[
-    int | None, typer.Option("--fingers", metavar="N", help="At the worst places; 5, or as SCENE says.")
+    int | None,
+    typer.Option(
+        "--fingers",
+        metavar="N",
+        help="Number of fingers at the worst positions; without it as in SCENE, or 5.",
+    ),
 ]
-TICKS = Annotated[int, typer.Option("--ticks", metavar="N", help="Of each motion.")]
-SECONDS = Annotated[float, typer.Option("--seconds", metavar="S", help="That the service's loop runs.")]
-SEED = Annotated[int, typer.Option("--seed", metavar="N", help="Of the search and of random motion.")]
+TICKS = Annotated[int, typer.Option("--ticks", metavar="N", help="Number of ticks of each motion.")]
+SECONDS = Annotated[float, typer.Option("--seconds", metavar="S", help="Time that the service's loop runs.")]
+SEED = Annotated[
+    int, typer.Option("--seed", metavar="N", help="Seed of the search and of the random motion.")
+]
 REAL_TIME = Annotated[
     bool | None,
     typer.Option(
         "--real-time/--no-real-time",
-        help="Whether the loop tries for priority and a core of its own; it does, or as SCENE says.",
+        help="Try for priority and a core of its own for the loop; without it as in SCENE, or yes.",
         show_default=False,
     ),
 ]
@@ -110,8 +122,8 @@ def command(
     if subject.recording is not None:
         for note in subject.recording.notes:
             typer.echo(f"proximity: {subject.recording.path}: {note}", err=True)
-    with _progress() as tell:
-        found = certificate.certify(subject, tick_count=ticks, seconds=seconds, seed=seed, tell=tell)
+    with _progress() as update:
+        found = certificate.certify(subject, tick_count=ticks, seconds=seconds, seed=seed, progress=update)
     reported = certificate.document(found, period, version=proximity.__version__)
     if as_json:
         typer.echo(certificate.as_json(reported), nl=False)

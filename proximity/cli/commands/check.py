@@ -1,4 +1,4 @@
-"""``proximity check``: what a file holds, what was repaired, and which sign can be trusted."""
+"""``proximity check``: the contents of a file, what was repaired, and which sign can be trusted."""
 
 from typing import Annotated
 
@@ -20,8 +20,8 @@ HELP = "\n\n".join(
         "Report what FILE holds, part by part.",
         "For the whole and each part: length, width and height along x, y and z (those of a part in its own "
         "frame, before it is placed), faces, closed shells, whether it is watertight and oriented, its "
-        "volume, how the sign of distances is known and why, what manifold3d says of it, and what was "
-        "repaired. A size that is not likely is noted with the likely unit. On a narrow terminal some "
+        "volume, how the sign of distances is known and why, the verdict of manifold3d, and what was "
+        "repaired. An implausible size is noted with the probable unit. On a narrow terminal some "
         "columns are left out; --json has all figures.",
         "The exit code is 0 whenever a report can be made; with --strict it is 1 if some part has no inside.",
     )
@@ -61,7 +61,7 @@ def command(
         scene = proximity.load(str(file), units=units, **options)
         report = check_report.report_of(scene, str(file), units, metres)
     if as_json:
-        from proximity.cli.views.output import write_document
+        from proximity.cli.views.json_output import write_document
 
         write_document(report)
     else:

@@ -1,4 +1,4 @@
-"""``proximity compile``: a file as a scene that opens in milliseconds."""
+"""``proximity compile``: write a file as a scene that opens in milliseconds."""
 
 import os
 from pathlib import Path
@@ -19,7 +19,7 @@ from proximity.cli.options import (
 
 HELP = "\n\n".join(
     (
-        "Make everything that questions to FILE need, and write it to OUT.",
+        "Prepare FILE for fast loading, and write it to OUT.",
         "OUT is opened in milliseconds wherever a FILE is taken, and gives the same answers, bit for bit. A "
         "version of proximity that it was not made for refuses it; then it is compiled again. An OUT that is "
         "there is replaced, at once or not at all.",

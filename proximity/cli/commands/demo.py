@@ -1,4 +1,4 @@
-"""``proximity demo``: sample scene and hand, a service, its drums and a look at both, in one terminal."""
+"""``proximity demo``: a sample scene, a recorded hand, a service and its drums, shown in one terminal."""
 
 import os
 import sys
@@ -13,7 +13,7 @@ import typer
 
 import proximity
 from proximity.cli.options import LONGEST_S
-from proximity.cli.program import EXIT_INTERRUPTED
+from proximity.cli.program import EXIT_INTERRUPTED, EXIT_NOTHING
 from proximity.system.stop_signals import stopped_by_signals
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 HELP = "\n\n".join(
     (
-        "Show it all working: a recorded hand at the sample bracket, without any configuration.",
+        "Demonstrate the whole chain: a recorded hand at the sample bracket, without any configuration.",
         "A service follows the hand 1000 times a second, in a process of its own. Controllers of simulated "
         "drums listen to it, as `proximity drum` runs them, and this terminal shows both until Ctrl-C or "
         "--seconds. It ends with what each of them has done. Nothing is left behind.",
@@ -41,13 +41,12 @@ TURN_S = 0.02
 DRUM_RATE_HZ = 250.0
 WATCHDOG_NS = 200_000_000  # a drum would be switched off after 10 ms; here nobody is hurt by a busy machine
 SWITCH_S = 1e-3  # that the drums wait at most while the picture is drawn in the same process
-EXIT_NOTHING = 1
 SCENE = "demo.toml"
 
 
 def command(
     seconds: Annotated[
-        float, typer.Option("--seconds", metavar="S", help="How long, unless Ctrl-C ends it before.")
+        float, typer.Option("--seconds", metavar="S", help="Duration; Ctrl-C ends it earlier.")
     ] = SECONDS,
 ) -> None:
     """Run the demo."""
@@ -61,7 +60,7 @@ def command(
     from proximity.cli.drum_loop import DrumsBeside
     from proximity.cli.views.screen import Screen
     from proximity.cli.views.service_watch import Follower, show
-    from proximity.decaff.controller.limits import Limits
+    from proximity.decaff.controller.drum_limits import Limits
     from proximity.decaff.simulated_drums.service_drums import DrumBench
     from proximity.transport import open_subscriber
 
@@ -140,7 +139,7 @@ def _say(sentence: str) -> None:
 
 
 def _summary(report: dict[str, Any], seen: "Seen", drums: "DrumsBeside") -> list[str]:
-    """What service, watch and drums have done, a line each."""
+    """One line each on what service, watch and drums have done."""
     compute, late = report["compute"], report["lateness"]
     states = ", ".join(f"{count} {state}" for state, count in report["states"].items() if count)
     counts, fingers = seen.counts, drums.bench.fingers

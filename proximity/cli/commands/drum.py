@@ -1,4 +1,4 @@
-"""``proximity drum``: drums of a service's fingers, run by their controllers against a simulated plant."""
+"""``proximity drum``: simulated drums for the fingers of a service, run by their controllers."""
 
 import json
 import sys
@@ -9,17 +9,18 @@ from typing import Annotated
 import typer
 
 from proximity.cli.options import ADDRESS, LIMIT, check_limit, check_range
+from proximity.cli.program import EXIT_NOTHING
 from proximity.system.stop_signals import stopped_by_signals
 
 HELP = "\n\n".join(
     (
         "Run the drums of the service that publishes at ADDRESS, until Ctrl-C or --limit.",
-        "Each finger has a controller, as a real drum would have it, and a simulated drum: state, where drum "
-        "and finger are on the finger's way, the angle of the drum by the glove, the force between them and "
-        "the motor's torque. A sample that comes 10 ms late is a fault, as of a real drum, and begins anew. "
-        "Of fingers without a bend it is said that they are only shown as if they bent straight into what is "
-        "nearest. Where the output is no terminal it is one line a second; with --json only a summary at the "
-        "end. The exit code is 1 if no frame came.",
+        "Each finger has a controller, as a real drum would have it, and a simulated drum: the state, the "
+        "positions of drum and finger on the finger's path, the drum's angle, the force between them and "
+        "the motor's torque are shown. A sample that comes 10 ms late is a fault, as on a real drum, and the "
+        "controller starts again. Fingers without a bend are assumed to bend straight into what is nearest, "
+        "and marked so. On a terminal the display is live, elsewhere one line a second; with --json only a "
+        "summary at the end. The exit code is 1 if no frame came.",
     )
 )
 
@@ -30,7 +31,6 @@ Examples:
   proximity drum udp://127.0.0.1:9100 --limit 10 --json
 """
 
-EXIT_NOTHING = 1
 MOST_RATE_HZ = 5000.0
 LEAST_RATE_HZ = 150.0  # slower, each sample would trip the watchdog of 10 ms
 TURN_S = 0.02  # within that a wish to stop is noticed
@@ -39,18 +39,19 @@ OTHER_LINES = 5  # of a terminal, beside the fingers
 
 
 RATE = Annotated[
-    float, typer.Option("--rate", metavar="HZ", help="Of the controllers; the servos run at 3 kHz.")
+    float, typer.Option("--rate", metavar="HZ", help="Rate of the controllers; the servos run at 3 kHz.")
 ]
 CALIBRATION = Annotated[
     list[Path] | None,
     typer.Option(
         "--calibration",
         metavar="FILE",
-        help="Of the glove that is worn; once for all fingers, or once for each. The paper's without it.",
+        help="Calibration of the glove: one for all fingers, or one for each. Without it the paper's glove.",
     ),
 ]
 MAX_AGE = Annotated[
-    float | None, typer.Option("--max-age", metavar="DAYS", help="Of a calibration; 30 without it.")
+    float | None,
+    typer.Option("--max-age", metavar="DAYS", help="Largest age of a calibration; 30 if not given."),
 ]
 LOG = Annotated[Path | None, typer.Option("--log", metavar="FILE", help="Write every sample to a CSV file.")]
 AS_JSON = Annotated[bool, typer.Option("--json", help="Print a summary at the end, as JSON.")]

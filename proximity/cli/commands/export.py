@@ -1,4 +1,4 @@
-"""``proximity export``: a log of frames as a table for other programs."""
+"""``proximity export``: a frame log as a table for other programs."""
 
 import io
 import sys
@@ -12,10 +12,11 @@ if TYPE_CHECKING:
 
 HELP = "\n\n".join(
     (
-        "Write the frames in FILE, a log that record or serve wrote, as a table: a line a finger and frame.",
+        "Write the frames in FILE, a log that record or serve wrote, as a table with one line for each "
+        "finger and frame.",
         "A line has the session, number, state and instants of its frame, then all fields of the contact; "
         "vectors take three columns, instants are nanoseconds, lengths metres. Without --csv and --parquet "
-        "it is CSV on standard output. What is torn or damaged in FILE is left out, and said.",
+        "it is CSV on standard output. Torn or damaged frames are left out and reported.",
     )
 )
 

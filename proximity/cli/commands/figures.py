@@ -1,4 +1,4 @@
-"""``proximity figures``: the paper's figures and those beside them, with their numbers."""
+"""``proximity figures``: the figures of the paper and of this project, with their numbers."""
 
 import time
 from pathlib import Path
@@ -10,10 +10,11 @@ HELP = "\n\n".join(
     (
         "Draw the figures that are named, or all, into a folder; each with its numbers beside it, as CSV in "
         "SI units.",
-        "5a to 5h are those of the paper, 5 has all eight on a page. stability is the sampled wall's region; "
-        "error-speed and error-latency hold coupled walls and drums against the real wall, error-engine a "
-        "drum that the distance service tells of a CAD part; drum-motion and arrival tell when a drum is in "
-        "place. Files that are there are replaced. All take less than a minute. Needs matplotlib.",
+        "5a to 5h are those of the paper; 5 has all eight on a page. stability shows the sampled wall's "
+        "region; error-speed and error-latency compare coupled walls and drums with the real wall, "
+        "error-engine a drum that the distance service controls at a CAD part; drum-motion and arrival show "
+        "when a drum is in place. Existing files are replaced. All take less than a minute. Needs "
+        "matplotlib.",
     )
 )
 
@@ -35,7 +36,7 @@ def command(
         ),
     ] = None,
     out: Annotated[
-        Path, typer.Option("--out", metavar="DIR", help="The folder; made where it is not there.")
+        Path, typer.Option("--out", metavar="DIR", help="Output folder; created if missing.")
     ] = Path("figures"),
     form: Annotated[str, typer.Option("--format", metavar="FORMAT", help="png, svg or pdf.")] = "png",
 ) -> None:

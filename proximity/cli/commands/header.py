@@ -1,4 +1,4 @@
-"""``proximity header``: the messages for C and C++."""
+"""``proximity header``: the C and C++ header of the messages."""
 
 from pathlib import Path
 from typing import Annotated
@@ -8,9 +8,9 @@ import typer
 HELP = "\n\n".join(
     (
         "Print decaff_message.h, the layout of all messages for C99, C11 and C++.",
-        "It holds structures with a comment for each field, what tells whether bytes are a frame, and how "
-        "far a frame can be trusted. It includes standard headers only: a microcontroller that receives "
-        "datagrams from udp:// needs nothing else.",
+        "It holds structures with a comment for each field, and functions that check whether bytes are a "
+        "frame and how far it can be trusted. It includes standard headers only: a microcontroller that "
+        "receives datagrams from udp:// needs nothing else.",
     )
 )
 
@@ -23,10 +23,10 @@ Examples:
 
 def command(
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="FILE", help="Write it there instead of printing it.")
+        Path | None, typer.Option("--out", metavar="FILE", help="Write to this file instead of printing.")
     ] = None,
     receiver: Annotated[
-        bool, typer.Option("--receiver", help="The example in C that receives frames over UDP, instead.")
+        bool, typer.Option("--receiver", help="Print the C example that receives frames over UDP instead.")
     ] = False,
 ) -> None:
     """Print or write the header."""

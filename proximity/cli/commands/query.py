@@ -1,4 +1,4 @@
-"""``proximity query``: how far points, rays or segments are from the parts of a file."""
+"""``proximity query``: distances from points, rays or segments to the parts of a file."""
 
 import sys
 from array import array
@@ -29,7 +29,7 @@ HELP = "\n\n".join(
     (
         "Measure from points, rays or segments to the nearest part of FILE.",
         "One point gives a block to read, many give a table; --json and --csv give lengths with 15 digits. "
-        "Signed distance is negative inside; it is unsigned, and said to be, where a part has no inside.",
+        "Signed distance is negative inside. A part without an inside gives unsigned distances, marked so.",
         "Points in a file stand one a line, between commas, semicolons or spaces; a first line may name the "
         "columns, and their unit if it is that of --units; a column called name goes through to the answers. "
         "# at the start of a line or after a space begins a comment. A point of a file that is not finite "
@@ -44,18 +44,18 @@ EXAMPLES = """
 Examples:
   proximity query bracket.stl 30 10 5
   proximity query bracket.stl -1 -2.5 -3e-2 --units in
-  proximity query gearbox.step --points points.csv --csv > answers.csv
+  proximity query gearbox.step --points points.csv --csv > query_answers.csv
   proximity query bracket.stl 30 10 50 --ray 0 0 -1
   proximity query bracket.stl 0 0 50  60 0 50 --segment --json
   shuf points.txt | proximity query bracket.stl --points - --workers -1
 """
 
-CHUNK = 20_000  # queries answered at once: a bar moves, Ctrl-C is heard, memory stays bounded
+POINTS_PER_CHUNK = 20_000  # queries answered at once: a bar moves, Ctrl-C is heard, memory stays bounded
 
 
 COORDINATES = Annotated[
     list[str] | None,
-    typer.Argument(metavar="X Y Z", help="One point or many. Negative numbers are numbers."),
+    typer.Argument(metavar="X Y Z", help="Coordinates of one point or more. Negative numbers are allowed."),
 ]
 POINTS = Annotated[
     str | None,
@@ -71,7 +71,7 @@ SEGMENT = Annotated[
 AS_JSON = Annotated[bool, typer.Option("--json", help="Write one JSON document.")]
 AS_CSV = Annotated[bool, typer.Option("--csv", help="Write CSV with a header.")]
 WORKERS = Annotated[
-    int, typer.Option("--workers", metavar="N", help="Threads for many queries; -1 is all cores.")
+    int, typer.Option("--workers", metavar="N", help="Number of threads for many queries; -1 uses all cores.")
 ]
 
 
@@ -157,7 +157,7 @@ def _points(coordinates: list[str] | None, path: str | None, units: str, mode: s
 
 
 def _chunk_length(mode: str) -> int:
-    return CHUNK * (2 if mode == "segment" else 1)
+    return POINTS_PER_CHUNK * (2 if mode == "segment" else 1)
 
 
 def _numbers(texts: Iterable[str], hint: str) -> list[float]:
@@ -183,20 +183,20 @@ def _show_notes(notes: Iterable[str | None]) -> None:
 def _write_for_programs(questions: "Questions", head: dict[str, Any], as_json: bool) -> None:
     from proximity.cli import progress
     from proximity.cli.questions import count_of
-    from proximity.cli.views import answers
+    from proximity.cli.views import query_answers
 
     chunks = progress.with_bar(questions.chunks(), count_of, None, is_shown=not sys.stdout.isatty())
     if as_json:
-        answers.write_json(sys.stdout, head, chunks)
+        query_answers.write_json(sys.stdout, head, chunks)
     else:
-        answers.write_csv(sys.stdout, head["units"], chunks)
+        query_answers.write_csv(sys.stdout, head["units"], chunks)
 
 
 def _write_for_people(questions: "Questions", scene: "proximity.Scene", units: str) -> None:
     from proximity.cli import progress
     from proximity.cli.console import Console, print_block
     from proximity.cli.questions import count_of
-    from proximity.cli.views import answers
+    from proximity.cli.views import query_answers
 
     console = Console()
     chunks = questions.chunks()
@@ -204,21 +204,22 @@ def _write_for_people(questions: "Questions", scene: "proximity.Scene", units: s
     count = count_of(first)
     if count == 1:
         answer = {field: values[0] for field, values in first.items()}
-        print_block(console, answers.block(questions.mode, answer, units, _sign_of(scene, answer)))
+        print_block(console, query_answers.block(questions.mode, answer, units, _sign_of(scene, answer)))
         next(chunks, None)  # a line behind it may be none
     elif console.is_terminal:
-        answers.print_table(console, questions.mode, units, _first(first, answers.TERMINAL_ROWS))
-        if count > answers.TERMINAL_ROWS:
-            known = str(count) if count < CHUNK else f"{count} or more"
+        query_answers.print_table(console, questions.mode, units, _first(first, query_answers.TERMINAL_ROWS))
+        if count > query_answers.TERMINAL_ROWS:
+            known = str(count) if count < POINTS_PER_CHUNK else f"{count} or more"
             typer.echo(
-                f"proximity: these are {answers.TERMINAL_ROWS} of {known}; --csv, --json or a pipe shows all",
+                f"proximity: these are {query_answers.TERMINAL_ROWS} of {known}; "
+                "--csv, --json or a pipe shows all",
                 err=True,
             )
-        if count < CHUNK:
+        if count < POINTS_PER_CHUNK:
             next(chunks, None)
     else:
         everything = progress.with_bar(chain([first], chunks), count_of, None, is_shown=True)
-        answers.write_table(sys.stdout, questions.mode, units, everything)
+        query_answers.write_table(sys.stdout, questions.mode, units, everything)
 
 
 def _first(fields: "Fields", count: int) -> "Fields":

@@ -1,4 +1,4 @@
-"""``proximity record``: every frame that a service publishes, into a file."""
+"""``proximity record``: write every frame that a service publishes to a file."""
 
 import time
 from contextlib import ExitStack
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from proximity.cli.options import ADDRESS, LIMIT, check_limit
+from proximity.cli.program import EXIT_NOTHING
 from proximity.system.stop_signals import stopped_by_signals
 
 if TYPE_CHECKING:
@@ -31,7 +32,6 @@ Examples:
   proximity export run.frames --csv run.csv
 """
 
-EXIT_NOTHING = 1
 TURN_S = 0.05  # within that a wish to stop is noticed
 GATHER_S = 0.002  # that frames are let come: to wake for each would cost more; buffers hold 60 and more
 ANNOUNCE_AFTER_S = 2.0  # of waiting for a first frame before that is said
@@ -39,7 +39,7 @@ ANNOUNCE_AFTER_S = 2.0  # of waiting for a first frame before that is said
 
 def command(
     address: ADDRESS,
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="The log; made, or continued.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="The log; created, or continued.")],
     limit: LIMIT = None,
 ) -> None:
     """Record frames until asked to stop."""

@@ -1,4 +1,4 @@
-"""``proximity replay``: a recorded hand at a scene, every tick of it, and whether the bounds were kept."""
+"""``proximity replay``: run a recorded hand through a scene tick by tick, and check the bounds."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -11,6 +11,7 @@ import typer
 
 import proximity
 from proximity.cli.options import FILE, UNITS, check_range, with_option_groups
+from proximity.system.time_units import MS_PER_S
 
 if TYPE_CHECKING:
     from proximity.recording import Recording
@@ -39,39 +40,45 @@ RADIUS_M = 0.007
 RANGE_M = 0.12
 FARTHEST_M = 1e6
 """How far away a recording may be put, and how large a fingertip may be."""
-MS = 1000.0  # in a second
 
 
 RECORDING = Annotated[Path, typer.Argument(metavar="RECORDING", help="CSV of fingertips over time.")]
 PLACE = Annotated[
     tuple[float, float, float] | None,
-    typer.Option("--place", metavar="X Y Z", help="Where the recording's origin is. Fitted if not given."),
+    typer.Option("--place", metavar="X Y Z", help="Position of the recording's origin. Fitted if not given."),
 ]
 TURN = Annotated[
     tuple[float, float, float],
     typer.Option(
         "--turn",
         metavar="RX RY RZ",
-        help="Degrees the recording is turned by about the scene's x, then y, then z.",
+        help="Rotation of the recording in degrees about the scene's x, then y, then z.",
         show_default=False,
     ),
 ]
-SCALE = Annotated[float, typer.Option("--scale", metavar="S", help="How many times as large as recorded.")]
-RATE = Annotated[float, typer.Option("--rate", metavar="HZ", help="Ticks a second.")]
+SCALE = Annotated[
+    float, typer.Option("--scale", metavar="S", help="Factor by which the recording is enlarged.")
+]
+RATE = Annotated[float, typer.Option("--rate", metavar="HZ", help="Ticks per second.")]
 RADIUS = Annotated[
-    float | None, typer.Option("--radius", metavar="R", help="Of the fingertips; 7 mm if not given.")
+    float | None, typer.Option("--radius", metavar="R", help="Radius of the fingertips; 7 mm if not given.")
 ]
 LATENCY = Annotated[
     float, typer.Option("--latency", metavar="MS", help="Age of a pose at its tick, milliseconds.")
 ]
 BUDGET = Annotated[
-    int | None, typer.Option("--budget", metavar="N", help="Nodes and leaves a finger may visit a tick.")
+    int | None,
+    typer.Option("--budget", metavar="N", help="Most nodes and leaves visited for a finger in a tick."),
 ]
 WORKING_RANGE = Annotated[
     float | None,
-    typer.Option("--range", metavar="D", help="Beyond it only bounds are reported; 120 mm if not given."),
+    typer.Option(
+        "--range", metavar="D", help="Distance beyond which only bounds are reported; 120 mm if not given."
+    ),
 ]
-LIMIT = Annotated[float | None, typer.Option("--limit", metavar="SECONDS", help="Replay no more than this.")]
+LIMIT = Annotated[
+    float | None, typer.Option("--limit", metavar="SECONDS", help="Replay only this much of the recording.")
+]
 OUT = Annotated[
     Path | None, typer.Option("--out", metavar="FILE", help="Write all contacts: .npz, .npy or .csv.")
 ]
@@ -137,7 +144,7 @@ class TrackerOptions:
         return Settings(
             self.rate,
             _in_metres(self.radius, "--radius", RADIUS_M, metres, LARGEST_RADIUS),
-            self.latency / MS,
+            self.latency / MS_PER_S,
             self.budget,
             _in_metres(self.working_range, "--range", RANGE_M, metres, LARGEST_WORKING_RANGE),
         )
@@ -218,7 +225,7 @@ def _placement_report(placement: Placement, pose: "proximity.Pose", metres: floa
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """How the tracker is made, in SI units."""
+    """Settings of the tracker, in SI units."""
 
     rate: float  # Hz
     radius: float  # m
@@ -245,7 +252,7 @@ class Settings:
         return {
             "rate_hz": self.rate,
             "radius": in_unit(self.radius, metres),
-            "latency_ms": self.latency * MS,
+            "latency_ms": self.latency * MS_PER_S,
             "budget": self.budget,
             "working_range": in_unit(self.working_range, metres),
         }

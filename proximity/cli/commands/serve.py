@@ -1,4 +1,4 @@
-"""``proximity serve``: the service that a scene file describes, until it is asked to stop."""
+"""``proximity serve``: run the service that a scene file describes until it is asked to stop."""
 
 import contextlib
 import os
@@ -39,30 +39,34 @@ STDIN = 0
 
 SCENE = Annotated[Path, typer.Argument(metavar="SCENE", help="TOML: parts, fingers, input, addresses.")]
 RATE = Annotated[
-    float | None, typer.Option("--rate", metavar="HZ", help="Ticks a second, instead of SCENE's.")
+    float | None, typer.Option("--rate", metavar="HZ", help="Ticks per second; overrides SCENE.")
 ]
 PUBLISH = Annotated[
     list[str] | None,
-    typer.Option("--publish", metavar="ADDRESS", help="Instead of SCENE's; may stand there repeatedly."),
+    typer.Option(
+        "--publish",
+        metavar="ADDRESS",
+        help="Address to publish to; overrides SCENE. Can be given several times.",
+    ),
 ]
 LOG = Annotated[
-    Path | None, typer.Option("--log", metavar="FILE", help="Append all frames, instead of SCENE's log.")
+    Path | None, typer.Option("--log", metavar="FILE", help="Append all frames to this log; overrides SCENE.")
 ]
 REAL_TIME = Annotated[
     bool | None,
     typer.Option(
         "--real-time/--no-real-time",
-        help="Try for priority, locked memory and a core of its own, or do not.",
+        help="Try for priority, locked memory and a core of its own.",
         show_default=False,
     ),
 ]
-TICKS = Annotated[int | None, typer.Option("--ticks", metavar="N", help="End after so many.")]
+TICKS = Annotated[int | None, typer.Option("--ticks", metavar="N", help="Stop after this many ticks.")]
 AS_JSON = Annotated[
-    bool, typer.Option("--json", help="Write a JSON document when it has begun, and the report as one.")
+    bool, typer.Option("--json", help="Write JSON: one document at the start, and the report at the end.")
 ]
 UNTIL_STDIN = Annotated[
     bool,
-    typer.Option("--until-stdin", help="End with a line on standard input, or when that is closed."),
+    typer.Option("--until-stdin", help="Stop at a line on standard input, or when it is closed."),
 ]
 
 
@@ -86,7 +90,7 @@ def command(
     from proximity.cli.views import serve_report
     from proximity.service.hosting import serve
 
-    given = {"rate_hz": rate, "publish": publish or None, "log": log, "real_time": real_time}
+    overrides = {"rate_hz": rate, "publish": publish or None, "log": log, "real_time": real_time}
     stop = threading.Event()
     if until_stdin:
         threading.Thread(target=_await_line, args=(STDIN, stop), daemon=True).start()
@@ -102,7 +106,7 @@ def command(
         seconds=limit,
         say=_say,
         begun=begun,
-        **given,
+        **overrides,
     )
     serve_report.write(report, as_json=as_json)
     if report.log_lost:

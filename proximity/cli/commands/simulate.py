@@ -1,4 +1,4 @@
-"""``proximity simulate``: one press on one wall, beside the same press on a real wall."""
+"""``proximity simulate``: simulate one press on a wall, and compare it with a press on a real wall."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,15 +13,15 @@ if TYPE_CHECKING:
 
 HELP = "\n\n".join(
     (
-        "Simulate a hand that presses on a wall, and say how what it feels differs from a real wall.",
-        "The hand comes at --speed, holds 0.8 N and leaves. A coupled wall is a spring and a damper, by a "
-        "motor that the finger carries; without --stiffness and --damping it has the best of a grid. A "
-        "decaff wall is a drum that is sent to where the wall is said to be; --policy tells with which "
-        "position a distance is taken together. --out draws the press, or writes it as CSV every 0.1 ms.",
-        "With --scene the wall is a CAD part, and what tells the drum is the engine: the tracker on the "
-        "finger's way, frames that are as late as --latency-ms says, and the drum's controller. Beside it "
-        "stand the ideal distance in the same loop and the surface that is truly there. --stiffness and "
-        "--damping make the part deformable; --recording has the hand do what a recorded fingertip did.",
+        "Simulate a hand that presses on a wall, and compare the force with that of a real wall.",
+        "The hand comes at --speed, holds 0.8 N and leaves. A coupled wall is a spring and a damper, "
+        "displayed by a motor on the finger; without --stiffness and --damping the best of a grid is used. "
+        "A decaff wall is a drum that is sent to the reported position of the wall; --policy chooses the "
+        "position that a distance is combined with. --out draws the press, or writes it as CSV every 0.1 ms.",
+        "With --scene the wall is a CAD part, and the engine sends the drum: the tracker on the finger's "
+        "path, frames with the latency of --latency-ms, and the drum's controller. The result is compared "
+        "with the ideal distance in the same loop, and with the true surface. --stiffness and --damping make "
+        "the part deformable; with --recording the hand repeats a recorded fingertip's motion.",
     )
 )
 
@@ -55,16 +55,19 @@ SHOWN_LONG = 1e7  # less is shown with all its digits
 SUFFIXES = (".png", ".svg", ".pdf", ".csv")
 
 
-WALL = Annotated[str, typer.Option("--wall", metavar="WALL", help="real, coupled or decaff.")]
-SPEED = Annotated[float, typer.Option("--speed", metavar="M/S", help="Of the approach.")]
+WALL = Annotated[str, typer.Option("--wall", metavar="WALL", help="Kind of wall: real, coupled or decaff.")]
+SPEED = Annotated[float, typer.Option("--speed", metavar="M/S", help="Speed of the approach.")]
 LATENCY_MS = Annotated[
-    float | None, typer.Option("--latency-ms", metavar="MS", help="Of forces or distances; else 1.")
+    float | None,
+    typer.Option("--latency-ms", metavar="MS", help="Latency of forces or distances; 1 if not given."),
 ]
 RATE_HZ = Annotated[
-    float | None, typer.Option("--rate-hz", metavar="HZ", help="Of forces or distances; else 1000.")
+    float | None,
+    typer.Option("--rate-hz", metavar="HZ", help="Rate of forces or distances; 1000 if not given."),
 ]
 DRUM = Annotated[
-    str | None, typer.Option("--drum", metavar="DRUM", help="direct, gear4 or gear10; else gear4.")
+    str | None,
+    typer.Option("--drum", metavar="DRUM", help="Kind of drum: direct, gear4 or gear10; gear4 if not given."),
 ]
 POLICY = Annotated[
     str | None,
@@ -76,7 +79,9 @@ POLICY = Annotated[
 ]
 STIFFNESS = Annotated[
     float | None,
-    typer.Option("--stiffness", metavar="N/M", help="Of a coupled wall, with --damping; or of the part."),
+    typer.Option(
+        "--stiffness", metavar="N/M", help="Stiffness of a coupled wall (requires --damping), or of the part."
+    ),
 ]
 DAMPING = Annotated[
     float | None,
@@ -87,19 +92,20 @@ SCENE = Annotated[
     typer.Option("--scene", metavar="FILE", help="Press on a part: a mesh, STEP or scene file (.toml)."),
 ]
 PART = Annotated[
-    str | None, typer.Option("--part", metavar="NAME", help="Of the scene; the others are left out.")
+    str | None,
+    typer.Option("--part", metavar="NAME", help="Part of the scene to press on; the others are left out."),
 ]
 AT = Annotated[
     tuple[float, float, float] | None,
     typer.Option(
         "--at",
         metavar="X Y Z",
-        help="Touch where the surface is nearest to this; else from above the middle. With --recording: "
+        help="Touch the surface point nearest to this; without it from above the middle. With --recording: "
         "where its origin is; else it is fitted.",
     ),
 ]
 RECORDING = Annotated[
-    Path | None, typer.Option("--recording", metavar="CSV", help="Fingertips over time, as of replay.")
+    Path | None, typer.Option("--recording", metavar="CSV", help="Fingertips over time, as for replay.")
 ]
 SENSOR = Annotated[
     bool, typer.Option("--sensor", help="Teleoperation: a sensor at the far end measures the part.")
@@ -148,7 +154,7 @@ class WallOptions:
         """Return the setup of the simulation."""
         from proximity.studies.simulation import simulated_press
 
-        given = {
+        options = {
             "drum": self.drum,
             "policy": self.policy,
             "rate": self.rate_hz,
@@ -156,7 +162,7 @@ class WallOptions:
             "damping": None if is_on_part else self.damping,
             "latency": None if self.latency_ms is None else 1e-3 * self.latency_ms,
         }
-        chosen: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+        chosen: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
         return simulated_press.Setup(wall=simulated_press.Wall(self.wall), speed=self.speed, **chosen)
 
 
@@ -174,8 +180,8 @@ class PartOptions:
     def check(self) -> None:
         """Refuse options that need a scene where there is none."""
         if self.scene is None:
-            given = {"--part": self.part, "--at": self.at, "--recording": self.recording}
-            _refuse({**given, "--sensor": self.sensor or None}, OF_A_SCENE)
+            options = {"--part": self.part, "--at": self.at, "--recording": self.recording}
+            _refuse({**options, "--sensor": self.sensor or None}, OF_A_SCENE)
 
 
 @with_option_groups
@@ -193,13 +199,13 @@ def command(
         surface.check_on_part()
     _check_out(out)
     # NumPy, Rich and the models: only now, so that --help and mistakes above answer at once.
-    from proximity.cli import part_press, progress
+    from proximity.cli import progress, scene_press
     from proximity.studies.figures import press_plots
     from proximity.studies.simulation import simulated_press
 
     setup = surface.setup(is_on_part=pressed.scene is not None)
     if pressed.scene is not None:
-        place = part_press.Place(
+        pressed_part = scene_press.PressedPart(
             pressed.scene,
             pressed.part,
             pressed.at,
@@ -208,7 +214,7 @@ def command(
             surface.stiffness,
             surface.damping,
         )
-        part_press.run(place, setup, surface.policy, out, is_sensor=pressed.sensor, as_json=as_json)
+        scene_press.run(pressed_part, setup, surface.policy, out, is_sensor=pressed.sensor, as_json=as_json)
         _say_written(out)
         return
     with progress.spinner("simulating"):
@@ -216,7 +222,7 @@ def command(
         if out is not None:
             press_plots.write(out, press)
     if as_json:
-        from proximity.cli.views.output import write_document
+        from proximity.cli.views.json_output import write_document
 
         write_document(simulated_press.document(press))
     else:
@@ -229,17 +235,17 @@ def _say_written(out: Path | None) -> None:
         typer.echo(f"proximity: wrote {out}", err=True)
 
 
-def _refuse(given: dict[str, Any], sentence: str) -> None:
-    for option, value in given.items():
+def _refuse(options: dict[str, Any], sentence: str) -> None:
+    for option, value in options.items():
         if value is not None:
             raise typer.BadParameter(sentence, param_hint=option)
 
 
-def _check(wall: str, given: dict[str, Any]) -> None:
+def _check(wall: str, options: dict[str, Any]) -> None:
     walls = ("real", "coupled", "decaff")
     if wall not in walls:
         raise typer.BadParameter(f"{wall!r}: expected one of {', '.join(walls)}", param_hint="--wall")
-    for option, value in given.items():
+    for option, value in options.items():
         if value is not None and wall not in USED_BY[option]:
             raise typer.BadParameter(f"a {wall} wall has none", param_hint=option)
 

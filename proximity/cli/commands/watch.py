@@ -1,10 +1,11 @@
-"""``proximity watch``: what a service publishes, live."""
+"""``proximity watch``: show live what a service publishes."""
 
 import time
 
 import typer
 
 from proximity.cli.options import ADDRESS, LIMIT, check_limit
+from proximity.cli.program import EXIT_NOTHING
 from proximity.system.stop_signals import stopped_by_signals
 
 HELP = "\n\n".join(
@@ -23,7 +24,6 @@ Examples:
   proximity watch udp://127.0.0.1:9100 --limit 10 > lines.txt
 """
 
-EXIT_NOTHING = 1
 TURN_S = 0.02  # within that a wish to stop is noticed, and a silence shown
 
 

@@ -1,1 +1,1 @@
-"""How answers are shown: tables, labelled lines, JSON and CSV."""
+"""Presentation of answers: tables, labelled lines, JSON and CSV."""

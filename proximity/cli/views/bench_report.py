@@ -1,4 +1,4 @@
-"""What is reported of a certificate on the terminal."""
+"""The terminal report of a latency certificate."""
 
 import sys
 from typing import Any
@@ -14,7 +14,7 @@ HASH_DIGITS = 16
 
 
 def write(reported: dict[str, Any]) -> None:
-    """Write the certificate to stdout: scene, worst places, times against periods, the verdict.
+    """Write the certificate to stdout: scene, worst positions, times against periods, the verdict.
 
     Parameters
     ----------
@@ -24,7 +24,7 @@ def write(reported: dict[str, Any]) -> None:
     console = results_console()
     print_block(console, _scene(reported))
     console.print()
-    console.print(_places(reported["search"]))
+    console.print(_positions(reported["search"]))
     console.print()
     console.print(_times(reported))
     console.print()
@@ -50,15 +50,15 @@ def _scene(reported: dict[str, Any]) -> Lines:
     ]
 
 
-def _places(goals: list[dict[str, Any]]) -> Table:
-    rows = table(["worst place for a finger"], ("work", "at random", "x", "y", "z", "bracket [mm]"))
+def _positions(goals: list[dict[str, Any]]) -> Table:
+    rows = table(["worst finger position"], ("work", "at random", "x", "y", "z", "bracket [mm]"))
     for goal in goals:
         worst = goal["places"][0]
-        place = map(wording.millimetres, worst["position"])
+        coordinates = map(wording.millimetres, worst["position"])
         typical = goal["typical_work"]
         shown = wording.UNKNOWN if typical != typical else f"{typical:.0f}"
         bracket = f"{1e3 * worst['lower']:.3f} to {1e3 * worst['upper']:.3f}"
-        rows.add_row(wording.goal(goal), str(worst["work"]), shown, *place, bracket)
+        rows.add_row(wording.goal(goal), str(worst["work"]), shown, *coordinates, bracket)
     return rows
 
 

@@ -1,4 +1,4 @@
-"""What ``proximity check`` reports of a scene: as plain values, and as people read it."""
+"""The report of ``proximity check`` on a scene: as plain values and as text."""
 
 import math
 import re
@@ -228,11 +228,11 @@ def _with_ranges(sentences: list[str]) -> str:
     columns = zip(*(A_NUMBER.findall(sentence) for sentence in sentences), strict=True)
     ranges = iter([sorted(set(column), key=float) for column in columns])
 
-    def in_place(_: re.Match[str]) -> str:
+    def spelled_range(_: re.Match[str]) -> str:
         spelt = next(ranges)
         return spelt[0] if len(spelt) == 1 else f"{spelt[0]} to {spelt[-1]}"
 
-    return A_NUMBER.sub(in_place, sentences[0])
+    return A_NUMBER.sub(spelled_range, sentences[0])
 
 
 def _listed(names: list[str]) -> str:

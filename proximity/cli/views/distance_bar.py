@@ -1,4 +1,4 @@
-"""A distance as a bar of characters: how much room there is, for certain, at most and soon.
+"""A distance drawn as a bar of characters: its lower bound, upper bound and predicted value.
 
 The scale is from 0 to `SCALE_MM`. The bar is as long as the room that a finger has: it shrinks as the finger
 comes near. Of a touch the whole bar is a red field that says so.
@@ -63,8 +63,8 @@ def bar(lower_mm: float, upper_mm: float, predicted_mm: float, width: int, style
         cells[-1] = BEYOND
     drawn = Text("".join(cells), MAY_TOUCH_STYLE if lower_mm <= 0.0 else style)
     if 0.0 <= predicted_mm < SCALE_MM:
-        place = int(_cells(predicted_mm, width))
-        drawn = drawn[:place] + Text(PREDICTED, "bold") + drawn[place + 1 :]
+        cell = int(_cells(predicted_mm, width))
+        drawn = drawn[:cell] + Text(PREDICTED, "bold") + drawn[cell + 1 :]
     return drawn
 
 
@@ -85,5 +85,5 @@ def touch(depth_mm: float, width: int) -> Text:
 
 
 def _cells(distance_mm: float, width: int) -> float:
-    """How many cells a distance takes, within the scale."""
+    """Number of cells for a distance, within the scale."""
     return min(max(distance_mm, 0.0), SCALE_MM) / SCALE_MM * width

@@ -1,4 +1,4 @@
-"""What controllers of drums did, sample by sample, as a table for other programs."""
+"""Log of drum controllers, one row a sample, as a table for other programs."""
 
 import csv
 from pathlib import Path

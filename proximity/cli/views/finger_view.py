@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 from rich.text import Text
 
+from proximity.cli.lengths import MM_PER_M
 from proximity.cli.views.distance_bar import bar
 from proximity.message import ContactFlag, Mode
+from proximity.system.time_units import MS_PER_S
 
-MM = 1e3  # in a metre
-MS = 1e3  # in a second
 FEW_DIGITS_FROM = 1000.0  # mm
 UNKNOWN = "?"
 NONE = "-"
@@ -26,10 +26,10 @@ FLAG_LETTERS = {
     ContactFlag.IN_RANGE: ("R", "in range"),
     ContactFlag.PART_CHANGED: ("N", "new part"),
     ContactFlag.JUMPED: ("J", "jumped"),
-    ContactFlag.ON_PATH: ("W", "on its way"),
+    ContactFlag.ON_PATH: ("W", "on its path"),
     ContactFlag.CONTACT_FOUND: ("C", "contact found"),
 }
-"""The letter of each flag, always at the same place, and what it means."""
+"""The letter of each flag, always in the same position, and its meaning."""
 MODE_STYLES = {Mode.RETRACT: "green", Mode.POSITION: "yellow", Mode.FORCE: "magenta", Mode.HOLD: "red"}
 FREE_STYLE = "green"
 CLOSING_STYLE = "yellow"
@@ -64,14 +64,14 @@ def finger_cells(contact: Any, bar_width: int) -> dict[str, Text]:
     if not is_tracked(contact):
         unknown = dict.fromkeys(("part", "distance mm", "touch in", "closing"), Text(UNKNOWN, "red"))
         return {**cells, **unknown, "bar": Text("nothing is known"[:bar_width], "red")}
-    lower, upper = MM * float(contact["lower"]), MM * float(contact["upper"])
+    lower, upper = MM_PER_M * float(contact["lower"]), MM_PER_M * float(contact["upper"])
     predicted = float(contact["predicted_distance"]) if contact["flags"] & ContactFlag.PREDICTED else math.nan
     style = CLOSING_STYLE if math.isfinite(contact["time_to_contact"]) else FREE_STYLE
     return {
         **cells,
         "part": Text(str(contact["part"]) if contact["part"] >= 0 else NONE),
         "distance mm": Text(_distance(lower, upper)),
-        "bar": bar(lower, upper, MM * predicted, bar_width, style),
+        "bar": bar(lower, upper, MM_PER_M * predicted, bar_width, style),
         "touch in": Text(_time(contact)),
         "closing": Text(_speed(float(contact["approach_speed"]))),
     }
@@ -87,7 +87,7 @@ def finger_words(contact: Any) -> str:
     """
     if not is_tracked(contact):
         return f"{contact['finger']}: not tracked"
-    lower, upper = MM * float(contact["lower"]), MM * float(contact["upper"])
+    lower, upper = MM_PER_M * float(contact["lower"]), MM_PER_M * float(contact["upper"])
     soon = _time(contact)
     touch = f", touch in {soon}" if soon not in (NONE, UNKNOWN, "now") else ""
     return f"{contact['finger']}: {_distance(lower, upper)} mm{touch}, {_mode(contact)}"
@@ -112,11 +112,11 @@ def _time(contact: Any) -> str:
     if math.isinf(seconds):
         return NONE
     is_exact = bool(contact["flags"] & ContactFlag.EXACT)
-    return f"{MS * seconds:.0f} ms" if is_exact else f"≥ {MS * at_least:.0f} ms"
+    return f"{MS_PER_S * seconds:.0f} ms" if is_exact else f"≥ {MS_PER_S * at_least:.0f} ms"
 
 
 def _speed(speed: float) -> str:
-    return UNKNOWN if math.isnan(speed) else f"{MM * speed + 0.0:.0f} mm/s"
+    return UNKNOWN if math.isnan(speed) else f"{MM_PER_M * speed + 0.0:.0f} mm/s"
 
 
 def _mode(contact: Any) -> Text:

@@ -1,4 +1,4 @@
-"""What is reported of a replay: the same numbers as JSON and for people, lengths in their unit."""
+"""The report of a replay: the same numbers as JSON and as text, lengths in the user's unit."""
 
 import sys
 from typing import Any
@@ -6,13 +6,13 @@ from typing import Any
 import proximity
 from proximity.cli.console import Lines, print_block, results_console
 from proximity.cli.lengths import in_unit
-from proximity.cli.views.output import write_document
+from proximity.cli.views.json_output import write_document
 from proximity.cli.wording import counted, number
 from proximity.recording import NANOSECONDS, Recording
+from proximity.system.time_units import NS_PER_US
 from proximity.tracker.replay import BoundsKept, ReplaySummary, TickTimes
 
 BAR_WIDTH = 40
-US = 1000.0  # ns
 SHOWN_DIGITS = 4
 CLOCK_DIGITS = 6
 """Of seconds, behind the point: float64 has no more of a calendar's."""
@@ -138,13 +138,13 @@ def write(report: dict[str, Any], *, as_json: bool) -> None:
         return
     console = results_console()
     units = report["units"]
-    print_block(console, [*_given(report, units), *_measured(report)])
+    print_block(console, [*_settings_lines(report, units), *_measured(report)])
     print_block(console, _histogram(report["compute_us"]["histogram"]))
     print_block(console, [*_found(report, units), *_kept(report, units)])
     sys.stdout.flush()
 
 
-def _given(report: dict[str, Any], units: str) -> Lines:
+def _settings_lines(report: dict[str, Any], units: str) -> Lines:
     reported, placement, settings = report["recording"], report["placement"], report["settings"]
     fingers, hands = len(reported["fingers"]), reported["hand_count"]
     fitted = "fitted to the parts" if placement["is_fitted"] else "as given"
@@ -179,7 +179,7 @@ def _given(report: dict[str, Any], units: str) -> Lines:
 
 
 def _epoch(begins: float) -> Lines:
-    """What instants below count from, where the recording's own do not begin at zero."""
+    """Instant that the instants below count from, where the recording's own do not begin at zero."""
     return (
         [("times", f"since the recording's first instant, its {begins:.{CLOCK_DIGITS}f} s")] if begins else []
     )
@@ -221,8 +221,10 @@ def _found(report: dict[str, Any], units: str) -> Lines:
     if nearest is not None:
         length = f"{_short(nearest['signed_distance'])} {units}"
         # Where the budget was spent before any face was met, the distance is a bound only.
-        place = f"{length} from {nearest['part']}" if nearest["part"] else f"{length} at most from some part"
-        approach = f"{nearest['finger']} at {_since(begins, nearest['time_s'])} s: {place}"
+        location = (
+            f"{length} from {nearest['part']}" if nearest["part"] else f"{length} at most from some part"
+        )
+        approach = f"{nearest['finger']} at {_since(begins, nearest['time_s'])} s: {location}"
     touches = [
         (
             "touch",
@@ -265,11 +267,11 @@ def _kept(report: dict[str, Any], units: str) -> Lines:
 
 def _times(times: TickTimes) -> dict[str, Any]:
     return {
-        "p50": times.p50 / US,
-        "p99": times.p99 / US,
-        "p999": times.p999 / US,
-        "max": times.max / US,
-        "histogram": [[low / US, high / US, count] for low, high, count in times.histogram],
+        "p50": times.p50 / NS_PER_US,
+        "p99": times.p99 / NS_PER_US,
+        "p999": times.p999 / NS_PER_US,
+        "max": times.max / NS_PER_US,
+        "histogram": [[low / NS_PER_US, high / NS_PER_US, count] for low, high, count in times.histogram],
     }
 
 

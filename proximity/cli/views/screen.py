@@ -1,4 +1,4 @@
-"""What goes on for a while, shown: drawn anew on a terminal, a line of text now and then elsewhere."""
+"""Display of a process that runs for a while: redrawn on a terminal, otherwise a line of text at times."""
 
 import sys
 import time
@@ -14,7 +14,7 @@ FIRST_AFTER_S = 0.1  # a first frame comes within that, where there is a service
 
 
 class Screen:
-    """A place on a terminal that is drawn anew, or lines of text where there is none.
+    """A position on a terminal that is drawn anew, or lines of text where there is none.
 
     Parameters
     ----------

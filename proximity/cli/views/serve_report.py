@@ -1,4 +1,4 @@
-"""What is reported of a service: at its beginning on stderr, at its end on stdout; or both as JSON."""
+"""The report of a service: at its start on stderr, at its end on stdout; or both as JSON."""
 
 import os
 import sys
@@ -6,12 +6,12 @@ import sys
 import typer
 
 from proximity.cli.console import Lines, print_block, results_console
-from proximity.cli.views.output import write_document
+from proximity.cli.views.json_output import write_document
 from proximity.cli.wording import counted, number, printable
 from proximity.service import Histogram, Report
 from proximity.service.hosting import Beginning
+from proximity.system.time_units import NS_PER_US
 
-US = 1000.0  # ns
 SHARES = {"p50": 50.0, "p99": 99.0, "p99.9": 99.9}
 
 
@@ -93,8 +93,8 @@ def _lines(report: Report) -> Lines:
 
 
 def _times(histogram: Histogram) -> str:
-    shown = [f"{title} {histogram.percentile(share) / US:.1f}" for title, share in SHARES.items()]
-    return ", ".join([*shown, f"max {histogram.max_ns / US:.1f}"]) + " µs"
+    shown = [f"{title} {histogram.percentile(share) / NS_PER_US:.1f}" for title, share in SHARES.items()]
+    return ", ".join([*shown, f"max {histogram.max_ns / NS_PER_US:.1f}"]) + " µs"
 
 
 def _failures(count: int) -> str:

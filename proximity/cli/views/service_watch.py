@@ -1,4 +1,4 @@
-"""Following a service and showing it: what ``watch`` and ``demo`` share."""
+"""Follow a service and show its frames: shared by ``watch`` and ``demo``."""
 
 import time
 from collections import deque

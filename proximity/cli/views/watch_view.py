@@ -1,4 +1,4 @@
-"""What ``watch`` shows of one reading: a table for a terminal, or a line of text. Nothing is read here."""
+"""Display of one reading for ``watch``: a table for a terminal, or a line of text."""
 
 import time
 from collections.abc import Sequence
@@ -55,7 +55,7 @@ BARS_LEGEND = "Bars: █ free for certain, ▒ between the bounds, ◆ predicted
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """What is known beside a reading."""
+    """Values shown beside a reading."""
 
     address: str
     counts: Counts
@@ -166,7 +166,7 @@ def _columns(width: int, *, has_drums: bool) -> dict[str, int]:
 
 
 def _cells(columns: dict[str, int]) -> int:
-    """What the columns take, with a space behind each."""
+    """Number of cells that the columns take, with a space behind each."""
     return sum(columns.values()) + len(columns)
 
 
@@ -176,7 +176,9 @@ def _meaning(reading: Reading, seen: Seen) -> str:
     if seen.counts.unverified and seen.rate_hz == 0.0:
         return f"what comes is not verified by the key of {seen.address}, expected the publisher's key"
     if reading.header is None and seen.counts.flawed[Flaw.SIZE]:
-        return "what comes is not as long as it says: if it was sent with a key, expected ?key=FILE here, too"
+        return (
+            "messages are not as long as they declare: if they are sent with a key, add ?key=FILE here, too"
+        )
     if reading.header is None:
         return f"nothing has come from {seen.address} yet, for {seen.silent_s:.1f} s"
     if reading.header["state"] == State.STALE and seen.rate_hz > 0.0:

@@ -1,4 +1,4 @@
-"""Where a finger will touch, as a frame tells it: a place on the finger's way, and the instant it holds for.
+"""Location of the coming contact on the finger's path, read from a frame, and the instant that it holds for.
 
 What is reported at an instant is combined with the pose of the same instant, never with a later one: the
 place does not depend on how late the frame came.
@@ -8,17 +8,15 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from proximity.decaff.glove.finger_path import FingerPath
+from proximity.decaff.glove.finger_path import LEAST_BEND, MOST_BEND, FingerPath
 from proximity.message import Mode, Source, State, Surface
-from proximity.message.contact import ContactFlag
+from proximity.message.contact import UNIT_ERROR, ContactFlag
 
-LEAST_BEND, MOST_BEND = -0.1, 1.1  # beyond the hand's range by a calibration's margin; assumed
 MOST_RATE = 100.0  # 1/s: no finger bends faster; assumed
 MOST_LENGTH = 100.0  # m: no distance that is measured is greater; assumed
-UNIT_ERROR = 1e-3  # by which a normal's length may differ from 1
 LEAST_CLOSING = 1e-3  # m/s: slower, the finger is not closing; assumed
-TABLE_ERROR = 1e-5  # of a bend, that goes to a place and back; two micrometres
-LEAST_WAY = 3e-3  # m, to the contact: nearer, the place's own error would show in the incidence; assumed
+TABLE_ERROR = 1e-5  # of a bend, that goes to a position and back; two micrometres
+MIN_TRAVEL = 3e-3  # m, to the contact: nearer, the position's own error would show in the incidence; assumed
 SILENT = frozenset((State.STARTING, State.STALE, State.STOPPING))
 ACTED_UPON = frozenset((State.OK, State.DEGRADED))
 _MODES, _SURFACES, _SOURCES = (frozenset(int(value) for value in kind) for kind in (Mode, Surface, Source))
@@ -26,7 +24,7 @@ _MODES, _SURFACES, _SOURCES = (frozenset(int(value) for value in kind) for kind 
 
 @dataclass(frozen=True, slots=True)
 class Location:
-    """A place of contact on the finger's way."""
+    """A position of contact on the finger's path."""
 
     bend: float  # at pose_ns
     rate: float  # 1/s, by which it drifts as the object moves
@@ -34,7 +32,7 @@ class Location:
     pose_ns: int
     finger_speed: float  # m/s, when it was reported
     start_ns: int = 0  # of the tick that reported it: poses may be rarer than frames
-    incidence: float = 1.0  # cosine between the finger's way and the surface's normal; nan: too near to tell
+    incidence: float = 1.0  # cosine between the finger's path and the surface's normal; nan: too near to tell
 
     def bend_at(self, now_ns: int, longest_ns: int) -> float:
         """Return the bend at an instant; the drift is believed for no longer than *longest_ns*.
@@ -83,7 +81,7 @@ class ContactReading:
         )
 
 
-def is_sound(contact: Any, now_ns: int, ahead_ns: int) -> bool:
+def is_sound(contact: Any, now_ns: int, future_ns: int) -> bool:
     """Return whether what a tracked finger's record says can be.
 
     Parameters
@@ -92,11 +90,11 @@ def is_sound(contact: Any, now_ns: int, ahead_ns: int) -> bool:
         Of the finger.
     now_ns : int, ns
         On the clock of its poses.
-    ahead_ns : int, ns
+    future_ns : int, ns
         By which a pose may seem to lie in the future.
     """
     pose_ns, distance = int(contact["pose_ns"]), float(contact["signed_distance"])
-    if pose_ns - now_ns > ahead_ns or not distance >= -MOST_LENGTH:  # inf: nothing within reach
+    if pose_ns - now_ns > future_ns or not distance >= -MOST_LENGTH:  # inf: nothing within reach
         return False
     if int(contact["mode"]) not in _MODES or int(contact["surface"]) not in _SURFACES:
         return False
@@ -121,7 +119,7 @@ def locate(contact: Any, path: FingerPath) -> Location | None:
     """Return where the finger touches, from what the record says; None: nowhere before the fist.
 
     Of a path that was followed to the fist and is free, bend and velocity are not asked: the rule guesses by
-    them where no path is known. No place is nearer to the finger than its distance is, for certain.
+    them where no path is known. No position is nearer to the finger than its distance is, for certain.
 
     Parameters
     ----------
@@ -131,26 +129,30 @@ def locate(contact: Any, path: FingerPath) -> Location | None:
         Of the same finger.
     """
     bend, distance = float(contact["bend"]), float(contact["signed_distance"])
-    place, rate, error = float(contact["contact_bend"]), 0.0, 0.0
-    if math.isnan(place) and int(contact["flags"]) & ContactFlag.ON_PATH:
+    contact_bend, rate, error = float(contact["contact_bend"]), 0.0, 0.0
+    if math.isnan(contact_bend) and int(contact["flags"]) & ContactFlag.ON_PATH:
         return None
-    if math.isfinite(place) and not _is_open(contact):
+    if math.isfinite(contact_bend) and not _is_open(contact):
         rate = _or_zero(contact["contact_bend_rate"])
         error = _or_zero(contact["contact_bend_error"])
     else:
-        # Of a path that was not followed to a contact the place is no nearer than its end, for certain.
-        place = max(_extrapolated(contact, bend, distance), -math.inf if math.isnan(place) else place)
+        # Of a path that was not followed to a contact the position is no nearer than its end, for certain.
+        contact_bend = max(
+            _extrapolated(contact, bend, distance), -math.inf if math.isnan(contact_bend) else contact_bend
+        )
     clearance = min(float(contact["lower"]), distance)
     if math.isfinite(bend) and clearance > 0.0:
-        # Whatever is said of its way, a finger that is free goes so far, for certain, before it touches.
-        nearest = path.bend(path.place(bend) + clearance)
-        place = nearest if place < nearest - TABLE_ERROR else place
-    if not place <= 1.0:
+        # Whatever is said of its travel, a finger that is free goes so far, for certain, before it touches.
+        nearest = path.bend(path.position(bend) + clearance)
+        contact_bend = nearest if contact_bend < nearest - TABLE_ERROR else contact_bend
+    if not contact_bend <= 1.0:
         return None
-    way = path.place(place) - path.place(bend) if math.isfinite(bend) else math.nan
-    incidence = min(max(distance / way, 0.0), 1.0) if way > LEAST_WAY and distance < math.inf else math.nan
+    travel = path.position(contact_bend) - path.position(bend) if math.isfinite(bend) else math.nan
+    incidence = (
+        min(max(distance / travel, 0.0), 1.0) if travel > MIN_TRAVEL and distance < math.inf else math.nan
+    )
     speed = math.hypot(*(_or_zero(number) for number in contact["velocity"]))
-    return Location(place, rate, error, int(contact["pose_ns"]), speed, incidence=incidence)
+    return Location(contact_bend, rate, error, int(contact["pose_ns"]), speed, incidence=incidence)
 
 
 def _is_open(contact: Any) -> bool:

@@ -1,16 +1,16 @@
-"""The controller of one finger's drum: a state machine, stepped at each sample of the servo (docs/decaff.md).
+"""Controller of one finger's drum: a state machine, stepped at each sample of the servo (docs/decaff.md).
 
 It never waits for a frame and knows no clock but the instants it is given: ages of frames are on theirs, all
-else, the watchdog first, on the servo's. Where the drum shall stand is a
-*place* on the finger's way, greater away from the finger. Where it is uncertain the drum holds or retreats,
-never advances: whatever the states decide passes `_allowed` last, which lets a target come nearer to the
-finger only while a sound and fresh frame is known.
+else, the watchdog first, on the servo's. Where the drum shall stand is a *position* on the finger's path,
+greater away from the finger. Where it is uncertain the drum holds or retreats, never advances: whatever the
+states decide passes `_allowed` last, which lets a target come nearer to the finger only while a sound and
+fresh frame is known.
 """
 
 import math
 
 from proximity.decaff.arguments import positive
-from proximity.decaff.controller.contact_location import LEAST_BEND, MOST_BEND, ContactReading
+from proximity.decaff.controller.contact_location import ContactReading
 from proximity.decaff.controller.controller_states import (
     IN_CONTACT,
     DrumAction,
@@ -18,20 +18,20 @@ from proximity.decaff.controller.controller_states import (
     Observation,
     Trust,
 )
+from proximity.decaff.controller.drum_limits import ForceBudget, Limits
 from proximity.decaff.controller.frame_trust import FrameTrust
-from proximity.decaff.controller.limits import ForceBudget, Limits
 from proximity.decaff.controller.release import Release
 from proximity.decaff.controller.steady_force import Handover, SteadyForce
 from proximity.decaff.controller.surface_law import SurfaceLaw
-from proximity.decaff.drum.drum import GEAR4, Drum
 from proximity.decaff.drum.drum_command import DriveMode
-from proximity.decaff.glove.finger_path import FingerPath
+from proximity.decaff.drum.drum_model import GEAR4, Drum
+from proximity.decaff.glove.finger_path import LEAST_BEND, MOST_BEND, FingerPath
 from proximity.message import Source, Surface
 
 DRUM_DAMPING = 2.0  # N s/m, while a force is served; assumed, as the servo's
 BRAKING_SHARE = 0.5  # of what the drum can brake with, counted on near the finger; assumed
 SERVO_LAG = 2e-3  # s, by which the drum's speed follows a new cap late: six samples of its servo; assumed
-STRAY_ANGLE = math.pi  # rad, beyond the finger's way: a drum is not parked farther off; assumed
+STRAY_ANGLE = math.pi  # rad, beyond the finger's path: a drum is not parked farther off; assumed
 SPEED_CUTOFF = 50.0  # Hz, of the finger's speed by the potentiometer; assumed
 
 
@@ -118,7 +118,7 @@ class FingerController:
         self._follow_finger(seen, elapsed)
         self.trust = self.frames.take(seen)
         cap = self._budget.cap(seen.force, elapsed)
-        drum = self._path.drum_place(seen.drum_angle)
+        drum = self._path.drum_position(seen.drum_angle)
         if self._is_stopped:
             self.state = DrumState.RETRACTED
             return self._free_action(self._path.retracted, drum, cap)
@@ -135,23 +135,23 @@ class FingerController:
         if not 0 <= late_ns <= self._limits.watchdog_ns:
             return f"the servo was {1e-6 * late_ns:.1f} ms from its last sample"
         if not math.isfinite(seen.bend):
-            return "the potentiometer does not tell the bend"
+            return "the potentiometer reads no bend"
         if not LEAST_BEND <= seen.bend <= MOST_BEND:
             return (
-                f"the potentiometer tells a bend of {seen.bend:g}, expected {LEAST_BEND:g} to {MOST_BEND:g}"
+                f"the potentiometer reads a bend of {seen.bend:g}, expected {LEAST_BEND:g} to {MOST_BEND:g}"
             )
         if not math.isfinite(seen.drum_angle):
-            return "the encoder does not tell the drum's angle"
+            return "the encoder reads no drum angle"
         least, most = self._path.drum_angles
         if not least - STRAY_ANGLE <= seen.drum_angle <= most + STRAY_ANGLE:
             return (
-                f"the encoder tells a drum angle of {seen.drum_angle:g} rad, but the finger's way goes from "
+                f"the encoder reads a drum angle of {seen.drum_angle:g} rad, but the finger's path goes from "
                 f"{least:.3g} to {most:.3g} rad"
             )
         return "the motor reports a fault" if seen.has_fault else ""
 
     def _follow_finger(self, seen: Observation, elapsed: float) -> None:
-        before, self._finger = self._finger, self._path.place(seen.bend)
+        before, self._finger = self._finger, self._path.position(seen.bend)
         if not elapsed > 0.0 or math.isnan(before):
             self._speed = 0.0 if math.isnan(before) else self._speed
             return
@@ -161,46 +161,46 @@ class FingerController:
     # --- out of contact ---
 
     def _free(self, seen: Observation, drum: float, cap: float, elapsed: float) -> DrumAction:
-        place = self._wanted(seen)
-        if place < self._path.retracted:
+        position = self._wanted(seen)
+        if position < self._path.retracted:
             self.state = DrumState.APPROACH
-            self._target = self._allowed(place)
+            self._target = self._allowed(position)
             if self._touches(seen, drum) and not self._is_clear(seen):
                 return self._contact(seen, drum, cap, elapsed)
         else:
             self.state = DrumState.RETRACTED
-        return self._free_action(place, drum, cap)
+        return self._free_action(position, drum, cap)
 
     def _wanted(self, seen: Observation) -> float:
-        """Where the drum belongs while the finger does not touch."""
+        """Target of the drum while the finger does not touch."""
         if self.trust > Trust.OLD:
             return self._path.retracted
-        place = min(self.frames.place(seen.now_ns), self._path.retracted)
+        position = min(self.frames.position(seen.now_ns), self._path.retracted)
         if not self.frames.was_outside:
             # From inside no side of the surface can be known: no nearer than it is, and off the finger.
             return min(max(self._target, self._finger + self._limits.standoff), self._path.retracted)
         if self.trust is Trust.OLD and self.frames.location is not None:
             age = self.frames.age_ns(seen.now_ns)
-            place += self._limits.widening(self.frames.location.finger_speed, age)
-        return min(place, self._path.retracted)
+            position += self._limits.widening(self.frames.location.finger_speed, age)
+        return min(position, self._path.retracted)
 
     def _touches(self, seen: Observation, drum: float) -> bool:
         gap = drum - self._finger
         has_force = seen.force > self._limits.touch_force and gap < self._limits.release_gap
         return gap < self._limits.touch_gap or has_force
 
-    def _free_action(self, place: float, drum: float, cap: float) -> DrumAction:
+    def _free_action(self, position: float, drum: float, cap: float) -> DrumAction:
         self._force = math.inf
-        self._target = self._allowed(place)
+        self._target = self._allowed(position)
         self._mark_late(drum, may_begin=self.state is DrumState.APPROACH)
         if self._target >= drum or drum - self._finger > self._limits.near_gap:
             cap = math.inf  # nothing is pressed there but the drum's own mass
-        return self._at_place(drum, cap)
+        return self._at_position(drum, cap)
 
     # --- in contact ---
 
     def _contact(self, seen: Observation, drum: float, cap: float, elapsed: float) -> DrumAction:
-        """Hold the place, or serve a force; what is old changes neither, and in the end the force goes."""
+        """Hold the position, or serve a force; what is old changes neither, and in the end the force goes."""
         has_waned = self._release.share < 1.0
         share = self._release.take(self.trust, seen.sample_ns)
         self._is_late = self._is_late or (has_waned and share == 1.0)
@@ -218,14 +218,14 @@ class FingerController:
             if self._force < math.inf:  # back from force: the finger may have gone on meanwhile
                 self._mark_late(drum, may_begin=True)
             self._force = math.inf
-            return self._at_place(drum, share * cap)
+            return self._at_position(drum, share * cap)
         if self.trust is not Trust.FRESH:
             force = min(force, self._force)
         self._force = min(force, self._limits.continuous_force, share * cap)
         return self._action(DriveMode.FORCE, math.inf, share * cap)
 
     def _force_wanted(self, seen: Observation, drum: float, elapsed: float) -> float:
-        """The force to serve, N; nan: the place is held."""
+        """The force to serve, N; nan: the position is held."""
         reading = self.frames.reading
         is_steady = self._steady.take(seen.force if math.isfinite(seen.force) else 0.0, self._speed)
         if reading is None or (self.trust is not Trust.FRESH and self._force == math.inf):
@@ -253,7 +253,7 @@ class FingerController:
     def _slave_force(
         self, reading: ContactReading, seen: Observation, elapsed: float, *, is_steady: bool
     ) -> float:
-        """What the far end measures, from when the first contact is steady until it is lost."""
+        """Force measured at the far end, from when the first contact is steady until it is lost."""
         is_known = math.isfinite(reading.force)
         is_off = reading.distance > self._handover.lost_distance
         if self._serves_force:
@@ -286,21 +286,21 @@ class FingerController:
 
     # --- what is sent ---
 
-    def _allowed(self, place: float) -> float:
+    def _allowed(self, position: float) -> float:
         """The target that may be set: nearer to the finger only while a fresh frame is known."""
-        if not math.isfinite(place):
+        if not math.isfinite(position):
             return self._target
-        return place if self.trust is Trust.FRESH else max(place, self._target)
+        return position if self.trust is Trust.FRESH else max(position, self._target)
 
     def _mark_late(self, drum: float, *, may_begin: bool) -> None:
-        """A drum is late where the finger passed its place before it was there, until it has come there."""
+        """A drum is late from when the finger passes the drum's target first until the drum is there."""
         tolerance = self._limits.late_gap
         if drum <= self._target + tolerance:
             self._is_late = False
         elif may_begin:
             self._is_late = self._finger > self._target + tolerance
 
-    def _at_place(self, drum: float, cap: float) -> DrumAction:
+    def _at_position(self, drum: float, cap: float) -> DrumAction:
         speed = math.inf
         if self._target < drum:
             speed = self._closing_cap(drum - self._finger)
@@ -316,11 +316,12 @@ class FingerController:
         can brake until there."""
         coming = max(0.0, self._speed)  # while the drum brakes, the finger goes on
         slowest = coming + max(0.0, self._near_speed - self._speed)
-        way = max(0.0, gap - self._limits.near_gap)
+        free_gap = max(0.0, gap - self._limits.near_gap)
         # The next cap is a sample away, and the servo follows it late: so long nothing brakes.
         unbraked = self._braking * (1.0 / self._rate + SERVO_LAG)
         return (
-            max(slowest, math.sqrt(slowest**2 + unbraked**2 + 2.0 * self._braking * way) - unbraked) - coming
+            max(slowest, math.sqrt(slowest**2 + unbraked**2 + 2.0 * self._braking * free_gap) - unbraked)
+            - coming
         )
 
     def _action(self, mode: DriveMode, speed: float, cap: float) -> DrumAction:

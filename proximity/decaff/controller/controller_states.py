@@ -1,4 +1,4 @@
-"""What a drum's controller is given at each sample of the servo, what it does, and the states it is in."""
+"""Inputs, outputs and states of a drum's controller at each sample of the servo."""
 
 import math
 from dataclasses import dataclass, field
@@ -10,14 +10,14 @@ from proximity.message import State
 
 
 class DrumState(Enum):
-    """What a drum does."""
+    """State of a drum."""
 
     RETRACTED = "retracted"
-    """Out of the finger's way, or on its way there."""
+    """Out of the finger's path, or on its path there."""
     APPROACH = "approach"
     """Stands, or goes to, where the finger will touch."""
     CONTACT_POSITION = "position"
-    """The finger touches; the place is held."""
+    """The finger touches; the position is held."""
     CONTACT_FORCE = "force"
     """The finger touches; a force is served."""
     HOLD = "hold"
@@ -34,7 +34,7 @@ IN_CONTACT = frozenset(
 
 
 class Trust(IntEnum):
-    """What a finger's newest frames are worth now."""
+    """Trust in a finger's newest frames."""
 
     FRESH = 0
     """Sound, tracked, and young enough to be acted upon."""
@@ -47,7 +47,7 @@ class Trust(IntEnum):
 
 
 class FrameMark(NamedTuple):
-    """By which a frame is known again, and the instant it was made for."""
+    """Identity of a frame, and the instant it was made for."""
 
     session: int
     sequence: int
@@ -69,7 +69,7 @@ class FrameMark(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """What is known at a sample of the servo.
+    """Observations at a sample of the servo.
 
     There are two clocks. That of the frames may be another machine's, and only be guessed: it jumps when more
     is learnt of it, and only ages of frames are reported by it. How time passes for the drum is reported by
@@ -78,7 +78,7 @@ class Observation:
 
     now_ns: int  # of the sample, on the clock of the frames
     bend: float  # of the finger, by the potentiometer; nan, or what no finger has: a fault
-    drum_angle: float  # rad, by the encoder; nan, or far off the finger's way: a fault
+    drum_angle: float  # rad, by the encoder; nan, or far off the finger's path: a fault
     state: State = State.STALE  # of the newest reading
     contact: Any = None  # CONTACT, this finger's record of it; None: no frame yet
     force: float = math.nan  # N, between finger and drum; nan: not measured
@@ -89,11 +89,11 @@ class Observation:
 
 @dataclass(frozen=True, slots=True)
 class DrumAction:
-    """What the drum shall do until the next sample."""
+    """Action of the drum until the next sample."""
 
     state: DrumState
     mode: DriveMode
-    place: float  # m of the finger's path where the drum shall stand
+    position: float  # m of the finger's path where the drum shall stand
     angle: float  # rad, of the drum, there
     force: float  # N to press with, in force mode
     speed_cap: float  # m/s at the fingertip
@@ -113,7 +113,7 @@ def commanded(action: DrumAction, target: float) -> DrumCommand:
     action : DrumAction
         Of the controller.
     target : float, m or N
-        Its place, as the servo counts it; or its force.
+        Its position, as the servo counts it; or its force.
     """
     return DrumCommand(
         action.mode, target, action.speed_cap, action.force_cap, action.start_force, action.force_slew

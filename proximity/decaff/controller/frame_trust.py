@@ -1,4 +1,4 @@
-"""What a controller keeps of frames: the last that is believed, and where it says that the finger touches.
+"""State that a controller keeps of frames: the last one that is trusted, and the contact that it predicts.
 
 Distrust is counted, never repaired: a frame that cannot be is as if it had not come, and the one before ages.
 """
@@ -17,12 +17,12 @@ from proximity.decaff.controller.contact_location import (
     locate,
 )
 from proximity.decaff.controller.controller_states import FrameMark, Observation, Trust
-from proximity.decaff.controller.limits import Limits
+from proximity.decaff.controller.drum_limits import Limits
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.message.contact import ContactFlag
 
 LARGEST_ERROR = 5e-3
-"""m: a contact whose place is less certain than that still does not come nearer unconfirmed. Assumed."""
+"""m: a contact whose position is less certain than that still does not come nearer unconfirmed. Assumed."""
 _NONE = -1, -(2**63)  # before every sequence and every pose
 
 
@@ -88,7 +88,7 @@ class FrameTrust:
         self._distrust = trust
         return trust
 
-    def place(self, now_ns: int) -> float:
+    def position(self, now_ns: int) -> float:
         """Return where the finger will touch, m; inf: nowhere.
 
         Parameters
@@ -103,8 +103,8 @@ class FrameTrust:
             return math.inf
         elapsed = 1e-9 * min(max(self.age_ns(now_ns), 0), self._limits.fresh_ns)
         # However fast it is said to drift: nothing comes nearer faster than that.
-        nearest = self._path.place(self.location.bend) - self._limits.max_speed * elapsed
-        return max(self._path.place(bend), nearest)
+        nearest = self._path.position(self.location.bend) - self._limits.max_speed * elapsed
+        return max(self._path.position(bend), nearest)
 
     def age_ns(self, now_ns: int) -> int:
         """Return how long ago the last pose was that is believed, ns.
@@ -120,7 +120,7 @@ class FrameTrust:
         if self._pose_ns is None or self._distrust is not None:
             return self._distrust or Trust.LOST
         age = now_ns - self._pose_ns
-        if age >= -self._limits.ahead_ns:  # else the clock is another one now
+        if age >= -self._limits.future_ns:  # else the clock is another one now
             if age <= self._limits.fresh_ns:
                 return Trust.FRESH
             if age <= self._limits.stale_ns:
@@ -139,7 +139,7 @@ class FrameTrust:
         sequence, newest_ns = self._newest
         is_backward = frame.sequence <= sequence or pose_ns < newest_ns
         self._newest = max(sequence, frame.sequence), newest_ns
-        if is_backward or not is_sound(contact, now_ns, self._limits.ahead_ns):
+        if is_backward or not is_sound(contact, now_ns, self._limits.future_ns):
             self.dropped += 1
             return
         if now_ns - pose_ns > self._limits.stale_ns:
@@ -159,10 +159,10 @@ class FrameTrust:
             self.was_outside = True
 
     def _take_location(self, contact: Any, start_ns: int) -> None:
-        """Believe a place at once if it is farther, or nearer by no more than can be; else after a second."""
+        """Take a farther position or one no nearer than is possible, at once; others when confirmed."""
         is_outside = float(contact["signed_distance"]) > 0.0
         if not is_outside and self.location is not None:
-            return  # it touches where it is, however deep: the place that was reported before is the surface
+            return  # in contact, however deep: the position reported before is that of the surface
         reading = locate(contact, self._path)
         if reading is None:
             self._pending = None
@@ -192,7 +192,7 @@ class FrameTrust:
         if not by_pose:
             elapsed_ns = max(elapsed_ns, reading.start_ns - before.start_ns)
         elapsed_ns = min(elapsed_ns, self._limits.fresh_ns)
-        place = self._path.place(reading.bend)
-        error = min(self._path.place(reading.bend + reading.error) - place, LARGEST_ERROR)
-        nearer = self._path.place(before.bend) - place
+        position = self._path.position(reading.bend)
+        error = min(self._path.position(reading.bend + reading.error) - position, LARGEST_ERROR)
+        nearer = self._path.position(before.bend) - position
         return nearer <= self._limits.max_speed * 1e-9 * elapsed_ns + error

@@ -1,4 +1,4 @@
-"""Colgate's bound: the damping that a device needs so that no hand can make a sampled wall shake.
+"""Colgate's bound: the damping with which a sampled wall is passive, whatever hand holds the device.
 
 The wall is a spring and a damper by differences, d samples late. The bound is on the device's own damping,
 not on the finger's, and it holds for every hand that is passive itself.
@@ -137,6 +137,6 @@ def _largest(series: np.ndarray) -> float:
     """The largest value of a Chebyshev series between -1 and 1."""
     negligible = np.finfo(np.float64).eps * np.abs(series).max()
     turns = chebyshev.chebroots(chebyshev.chebder(chebyshev.chebtrim(series, negligible)))
-    # A place that is no turn does no harm: its value is not above the largest.
-    places = np.clip(turns.real, -1.0, 1.0)
-    return float(chebyshev.chebval(np.array([-1.0, 1.0, *places]), series).max())
+    # A position that is no turn does no harm: its value is not above the largest.
+    positions = np.clip(turns.real, -1.0, 1.0)
+    return float(chebyshev.chebval(np.array([-1.0, 1.0, *positions]), series).max())

@@ -1,11 +1,11 @@
-"""What becomes of a contact of which nothing is known any more: a moment as it was, then no force."""
+"""Release of a contact of which nothing is known any more: unchanged at first, then ramped to no force."""
 
 from proximity.decaff.controller.controller_states import Trust
-from proximity.decaff.controller.limits import Limits
+from proximity.decaff.controller.drum_limits import Limits
 
 
 class Release:
-    """How long nothing has been known, and what share of the force is left.
+    """Time since which nothing is known, and the share of the force that is left.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""When the force of a contact is steady, and when a controller changes from position to force."""
+"""Detection of a steady contact force, and the rule by which a controller changes from position to force."""
 
 from dataclasses import dataclass, field
 
@@ -10,7 +10,7 @@ from proximity.decaff.controller import steady_kernels
 
 @dataclass(frozen=True, slots=True)
 class SteadyRule:
-    """When a force counts as steady."""
+    """Rule by which a force counts as steady."""
 
     cutoff: float = 50.0  # Hz, of two low-passes in a row
     window: float = 0.050  # s, looked back on
@@ -32,12 +32,12 @@ class SteadyRule:
     def as_array(self) -> np.ndarray:
         """Return its numbers as the kernel reads them."""
         array = np.zeros(steady_kernels.RULE_SIZE)
-        array[steady_kernels.CUTOFF] = self.cutoff
-        array[steady_kernels.RIPPLE] = self.ripple
-        array[steady_kernels.RIPPLE_SHARE] = self.ripple_share
-        array[steady_kernels.SLOPE] = self.slope
-        array[steady_kernels.LEAST] = self.least
-        array[steady_kernels.SLOW_SPEED] = self.slow_speed
+        array[steady_kernels.RULE_CUTOFF] = self.cutoff
+        array[steady_kernels.RULE_RIPPLE] = self.ripple
+        array[steady_kernels.RULE_RIPPLE_SHARE] = self.ripple_share
+        array[steady_kernels.RULE_SLOPE] = self.slope
+        array[steady_kernels.RULE_LEAST] = self.least
+        array[steady_kernels.RULE_SLOW_SPEED] = self.slow_speed
         return array
 
 
@@ -62,7 +62,7 @@ class SteadyForce:
     @property
     def filtered(self) -> float:
         """The force, low-passed, N."""
-        return float(self._watch[steady_kernels.TWICE])
+        return float(self._watch[steady_kernels.WATCH_TWICE])
 
     def take(self, force: float, speed: float) -> bool:
         """Return whether the force is steady, now that another sample is known.
@@ -81,7 +81,7 @@ class SteadyForce:
 
 @dataclass(frozen=True, slots=True)
 class Handover:
-    """How the modes change."""
+    """Rule by which the modes change."""
 
     rule: SteadyRule = field(default_factory=SteadyRule)
     is_bumpless: bool = True  # otherwise the force starts from nothing, its integrator at 0

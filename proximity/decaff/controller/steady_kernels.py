@@ -1,4 +1,4 @@
-"""Whether a force has come to rest: low-passed twice, and looked at over a window."""
+"""Kernels that detect a steady force: low-passed twice and compared over a window."""
 
 from math import exp, pi
 
@@ -7,19 +7,19 @@ import numpy as np
 from proximity.kernels.compiler import kernel
 
 # --- a rule ---
-CUTOFF = 0  # Hz, of each of two low-passes
-RIPPLE = 1  # N, that the force may vary by within the window
-RIPPLE_SHARE = 2  # of the largest, if that is more
-SLOPE = 3  # N/s, from the window's start to its end
-LEAST = 4  # N, that the force must have throughout
-SLOW_SPEED = 5  # m/s, of the finger; inf: any
+RULE_CUTOFF = 0  # Hz, of each of two low-passes
+RULE_RIPPLE = 1  # N, that the force may vary by within the window
+RULE_RIPPLE_SHARE = 2  # of the largest, if that is more
+RULE_SLOPE = 3  # N/s, from the window's start to its end
+RULE_LEAST = 4  # N, that the force must have throughout
+RULE_SLOW_SPEED = 5  # m/s, of the finger; inf: any
 RULE_SIZE = 6
 
 # --- what a watch remembers ---
-ONCE = 0  # N, low-passed once
-TWICE = 1  # N, low-passed twice
-COUNT = 2  # samples so far
-SLOW_COUNT = 3  # samples for which the finger has been slow
+WATCH_ONCE = 0  # N, low-passed once
+WATCH_TWICE = 1  # N, low-passed twice
+WATCH_COUNT = 2  # samples so far
+WATCH_SLOW_COUNT = 3  # samples for which the finger has been slow
 WATCH_SIZE = 4
 
 
@@ -28,19 +28,19 @@ def watch_force(
     rule: np.ndarray, watch: np.ndarray, window: np.ndarray, force: float, speed: float, period: float
 ) -> bool:
     """Take a sample; whether the force is steady now. *window* holds as many samples as are looked at."""
-    share = 1.0 - exp(-2.0 * pi * rule[CUTOFF] * period)
-    watch[ONCE] += share * (force - watch[ONCE])
-    watch[TWICE] += share * (watch[ONCE] - watch[TWICE])
-    count, size = int(watch[COUNT]), window.shape[0]
+    share = 1.0 - exp(-2.0 * pi * rule[RULE_CUTOFF] * period)
+    watch[WATCH_ONCE] += share * (force - watch[WATCH_ONCE])
+    watch[WATCH_TWICE] += share * (watch[WATCH_ONCE] - watch[WATCH_TWICE])
+    count, size = int(watch[WATCH_COUNT]), window.shape[0]
     oldest = window[count % size]
-    window[count % size] = watch[TWICE]
-    watch[COUNT] += 1.0
-    watch[SLOW_COUNT] = watch[SLOW_COUNT] + 1.0 if abs(speed) < rule[SLOW_SPEED] else 0.0
+    window[count % size] = watch[WATCH_TWICE]
+    watch[WATCH_COUNT] += 1.0
+    watch[WATCH_SLOW_COUNT] = watch[WATCH_SLOW_COUNT] + 1.0 if abs(speed) < rule[RULE_SLOW_SPEED] else 0.0
     if count < size:
         return False
     low, high = window[0], window[0]
     for value in window:
         low, high = min(low, value), max(high, value)
-    varies = high - low >= max(rule[RIPPLE], rule[RIPPLE_SHARE] * high)
-    drifts = abs(watch[TWICE] - oldest) >= rule[SLOPE] * size * period
-    return low > rule[LEAST] and not varies and not drifts and watch[SLOW_COUNT] >= size
+    varies = high - low >= max(rule[RULE_RIPPLE], rule[RULE_RIPPLE_SHARE] * high)
+    drifts = abs(watch[WATCH_TWICE] - oldest) >= rule[RULE_SLOPE] * size * period
+    return low > rule[RULE_LEAST] and not varies and not drifts and watch[WATCH_SLOW_COUNT] >= size

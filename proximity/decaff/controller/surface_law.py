@@ -1,4 +1,4 @@
-"""The force of a deformable surface, as far as a sampled drum may display it (docs/decaff.md)."""
+"""Force of a deformable surface, limited to what a sampled drum can display (docs/decaff.md)."""
 
 import math
 
@@ -44,14 +44,14 @@ class SurfaceLaw:
         return self._displayed
 
     def force(self, stiffness: float, damping: float, depth: float, speed: float, incidence: float) -> float:
-        """Return the force along the finger's way, N.
+        """Return the force along the finger's path, N.
 
         Parameters
         ----------
         stiffness, damping
             As of `displayed`.
         depth : float, m
-            Of the finger beyond the place of contact, along its way.
+            Of the finger beyond the position of contact, along its path.
         speed : float, m/s
             At which that grows.
         incidence : float

@@ -1,1 +1,1 @@
-"""The contact drum as a motor with a servo."""
+"""The contact drum: a motor with a servo."""

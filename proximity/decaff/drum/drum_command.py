@@ -1,4 +1,4 @@
-"""What a drum's motor serves, and the command of one sample."""
+"""Command of a drum's servo for one sample, and its drive modes."""
 
 import math
 from dataclasses import dataclass
@@ -10,16 +10,16 @@ from proximity.decaff.drum import drum_kernels
 
 
 class DriveMode(IntEnum):
-    """What the drum's motor serves."""
+    """Quantity that the drum's motor controls."""
 
-    OFF = drum_kernels.OFF
-    POSITION = drum_kernels.POSITION
-    FORCE = drum_kernels.FORCE
+    OFF = drum_kernels.MODE_OFF
+    POSITION = drum_kernels.MODE_POSITION
+    FORCE = drum_kernels.MODE_FORCE
 
 
 @dataclass(frozen=True, slots=True)
 class DrumCommand:
-    """What a controller wants of the drum's servo for a sample."""
+    """Command of a controller to the drum's servo for one sample."""
 
     mode: DriveMode = DriveMode.POSITION
     target: float = 0.0  # m, or N to press on the finger with
@@ -39,9 +39,9 @@ class DrumCommand:
         array : (COMMAND_SIZE,) float64
             Filled anew.
         """
-        array[drum_kernels.MODE] = self.mode
-        array[drum_kernels.TARGET] = self.target
-        array[drum_kernels.SPEED_CAP] = self.speed_cap
-        array[drum_kernels.FORCE_CAP] = self.force_cap
-        array[drum_kernels.START_FORCE] = self.start_force
-        array[drum_kernels.SLEW] = self.force_slew
+        array[drum_kernels.COMMAND_MODE] = self.mode
+        array[drum_kernels.COMMAND_TARGET] = self.target
+        array[drum_kernels.COMMAND_SPEED_CAP] = self.speed_cap
+        array[drum_kernels.COMMAND_FORCE_CAP] = self.force_cap
+        array[drum_kernels.COMMAND_START_FORCE] = self.start_force
+        array[drum_kernels.COMMAND_SLEW] = self.force_slew

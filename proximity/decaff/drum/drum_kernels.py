@@ -1,4 +1,4 @@
-"""A motor-driven drum as a moving mass, and the servo that runs it, sample by sample.
+"""Kernels that step a motor-driven drum, as a moving mass, and its servo.
 
 All is given at the drum's rim: masses in kg, positions in m. A positive position is away from the finger, and
 a positive motor force pushes there; to press on the finger the motor pulls. The servo acts one sample late:
@@ -12,52 +12,52 @@ import numpy as np
 from proximity.kernels.compiler import inlined, kernel, maker
 
 # --- a drum ---
-MASS = 0  # kg, with the rotor behind its gear
-FRICTION = 1  # N, Coulomb
-FORCE_LIMIT = 2  # N
-SPEED_LIMIT = 3  # m/s, beyond which the motor has no force left
-RESOLUTION = 4  # m, of the encoder
-FORCE_STEP = 5  # N, of the pulse width; 0: none
+DRUM_MASS = 0  # kg, with the rotor behind its gear
+DRUM_FRICTION = 1  # N, Coulomb
+DRUM_FORCE_LIMIT = 2  # N
+DRUM_SPEED_LIMIT = 3  # m/s, beyond which the motor has no force left
+DRUM_RESOLUTION = 4  # m, of the encoder
+DRUM_FORCE_STEP = 5  # N, of the pulse width; 0: none
 DRUM_SIZE = 6
 
 # --- a servo ---
-PERIOD = 0  # s
-STIFFNESS = 1  # N/m
-DAMPING = 2  # N s/m
-INTEGRAL = 3  # N/(m s)
-ACCELERATION = 4  # m/s², of the reference
-SPEED = 5  # m/s, of the reference
-FORCE_GAIN = 6  # 1/s, of the force integrator
-FORCE_DAMPING = 7  # N s/m, while the force is served
-FORCE_SLEW = 8  # N/s, of the force reference
-SMOOTHING = 9  # Hz, of what is remembered of the motor's force
+SERVO_PERIOD = 0  # s
+SERVO_STIFFNESS = 1  # N/m
+SERVO_DAMPING = 2  # N s/m
+SERVO_INTEGRAL = 3  # N/(m s)
+SERVO_ACCELERATION = 4  # m/s², of the reference
+SERVO_SPEED = 5  # m/s, of the reference
+SERVO_FORCE_GAIN = 6  # 1/s, of the force integrator
+SERVO_FORCE_DAMPING = 7  # N s/m, while the force is served
+SERVO_FORCE_SLEW = 8  # N/s, of the force reference
+SERVO_SMOOTHING = 9  # Hz, of what is remembered of the motor's force
 SERVO_SIZE = 10
 
 # --- a command ---
-MODE = 0
-TARGET = 1  # m, or N to press on the finger with
-SPEED_CAP = 2  # m/s, of the reference
-FORCE_CAP = 3  # N
-START_FORCE = 4  # N, from where the force reference starts; nan: from nothing, all memory lost
-SLEW = 5  # N/s, of the force reference; 0: the servo's own
+COMMAND_MODE = 0
+COMMAND_TARGET = 1  # m, or N to press on the finger with
+COMMAND_SPEED_CAP = 2  # m/s, of the reference
+COMMAND_FORCE_CAP = 3  # N
+COMMAND_START_FORCE = 4  # N, from where the force reference starts; nan: from nothing, all memory lost
+COMMAND_SLEW = 5  # N/s, of the force reference; 0: the servo's own
 COMMAND_SIZE = 6
 
-OFF = 0
-POSITION = 1
-FORCE = 2
+MODE_OFF = 0
+MODE_POSITION = 1
+MODE_FORCE = 2
 
 # --- what a drive remembers ---
-WHERE = 0  # m, where the drum is
-SPEED_NOW = 1  # m/s
-APPLIED = 2  # N, by the motor during this sample
-DEMANDED = 3  # N, for the next
-REFERENCE = 4  # m
-REFERENCE_SPEED = 5  # m/s
-INTEGRATED = 6  # N
-LAST = 7  # m, position given a sample ago
-FORCE_REFERENCE = 8  # N
-LAST_MODE = 9
-SMOOTHED = 10  # N, what the motor did of late
+DRIVE_POSITION = 0  # m, where the drum is
+DRIVE_SPEED = 1  # m/s
+DRIVE_APPLIED = 2  # N, by the motor during this sample
+DRIVE_DEMANDED = 3  # N, for the next
+DRIVE_REFERENCE = 4  # m
+DRIVE_REFERENCE_SPEED = 5  # m/s
+DRIVE_INTEGRATED = 6  # N
+DRIVE_LAST_POSITION = 7  # m, position given a sample ago
+DRIVE_FORCE_REFERENCE = 8  # N
+DRIVE_LAST_MODE = 9
+DRIVE_SMOOTHED = 10  # N, what the motor did of late
 DRIVE_SIZE = 11
 
 
@@ -77,9 +77,9 @@ def pushed(
 
     At its speed limit the motor has no force left that would make the drum faster.
     """
-    is_too_fast = abs(speed) >= drum[SPEED_LIMIT] and applied * speed > 0.0
+    is_too_fast = abs(speed) >= drum[DRUM_SPEED_LIMIT] and applied * speed > 0.0
     force = contact if is_too_fast else applied + contact
-    speed = slid(speed, force, drum[FRICTION], drum[MASS], step)
+    speed = slid(speed, force, drum[DRUM_FRICTION], drum[DRUM_MASS], step)
     return where + speed * step, speed
 
 
@@ -89,15 +89,15 @@ def shape_reference(servo: np.ndarray, drive: np.ndarray, target: float, speed_c
 
     It may pass the target, by no more than acceleration times period squared over eight.
     """
-    period, acceleration = servo[PERIOD], servo[ACCELERATION]
-    away = target - drive[REFERENCE]
+    period, acceleration = servo[SERVO_PERIOD], servo[SERVO_ACCELERATION]
+    away = target - drive[DRIVE_REFERENCE]
     half = 0.5 * acceleration * period
-    wanted = min(sqrt(half * half + 2.0 * acceleration * abs(away)) - half, servo[SPEED], speed_cap)
+    wanted = min(sqrt(half * half + 2.0 * acceleration * abs(away)) - half, servo[SERVO_SPEED], speed_cap)
     wanted = min(wanted, abs(away) / period)
-    change = (wanted if away > 0.0 else -wanted) - drive[REFERENCE_SPEED]
+    change = (wanted if away > 0.0 else -wanted) - drive[DRIVE_REFERENCE_SPEED]
     most = acceleration * period
-    drive[REFERENCE_SPEED] += max(-most, min(most, change))
-    drive[REFERENCE] += drive[REFERENCE_SPEED] * period
+    drive[DRIVE_REFERENCE_SPEED] += max(-most, min(most, change))
+    drive[DRIVE_REFERENCE] += drive[DRIVE_REFERENCE_SPEED] * period
 
 
 @inlined
@@ -109,13 +109,13 @@ def enter_mode(drive: np.ndarray, command: np.ndarray, reported: float) -> None:
     sample was tried: where that one saw an encoder count, the damping adds 4 N, and the finger is thrown off
     (2026-11-21, gear4).
     """
-    if command[MODE] == POSITION:
-        drive[REFERENCE], drive[REFERENCE_SPEED], drive[INTEGRATED] = reported, 0.0, 0.0
-    elif command[MODE] == FORCE:
-        start = command[START_FORCE]
-        drive[FORCE_REFERENCE] = start if start == start else 0.0
-        drive[INTEGRATED] = -drive[SMOOTHED] - start if start == start else 0.0
-    drive[LAST_MODE] = command[MODE]
+    if command[COMMAND_MODE] == MODE_POSITION:
+        drive[DRIVE_REFERENCE], drive[DRIVE_REFERENCE_SPEED], drive[DRIVE_INTEGRATED] = reported, 0.0, 0.0
+    elif command[COMMAND_MODE] == MODE_FORCE:
+        start = command[COMMAND_START_FORCE]
+        drive[DRIVE_FORCE_REFERENCE] = start if start == start else 0.0
+        drive[DRIVE_INTEGRATED] = -drive[DRIVE_SMOOTHED] - start if start == start else 0.0
+    drive[DRIVE_LAST_MODE] = command[COMMAND_MODE]
 
 
 @inlined
@@ -127,12 +127,16 @@ def demand_position(
     The integral waits while the force is at its limit. And the reference waits for a drum that is kept away
     by more than the limit: once that is gone, the drum comes from where it is, no faster than it may.
     """
-    lead = limit / servo[STIFFNESS]
-    drive[REFERENCE] = max(reported - lead, min(reported + lead, drive[REFERENCE]))
-    error = drive[REFERENCE] - reported
-    demand = servo[STIFFNESS] * error + servo[DAMPING] * (drive[REFERENCE_SPEED] - speed) + drive[INTEGRATED]
+    lead = limit / servo[SERVO_STIFFNESS]
+    drive[DRIVE_REFERENCE] = max(reported - lead, min(reported + lead, drive[DRIVE_REFERENCE]))
+    error = drive[DRIVE_REFERENCE] - reported
+    demand = (
+        servo[SERVO_STIFFNESS] * error
+        + servo[SERVO_DAMPING] * (drive[DRIVE_REFERENCE_SPEED] - speed)
+        + drive[DRIVE_INTEGRATED]
+    )
     if abs(demand) <= limit:
-        drive[INTEGRATED] += servo[INTEGRAL] * error * servo[PERIOD]
+        drive[DRIVE_INTEGRATED] += servo[SERVO_INTEGRAL] * error * servo[SERVO_PERIOD]
     return demand
 
 
@@ -147,11 +151,13 @@ def demand_force(
     limit: float,
 ) -> float:
     """The force reference, slewed to *target*, with an integral of what is missing, and damping."""
-    most = slew * servo[PERIOD]
-    drive[FORCE_REFERENCE] += max(-most, min(most, target - drive[FORCE_REFERENCE]))
-    demand = -drive[FORCE_REFERENCE] - drive[INTEGRATED] - servo[FORCE_DAMPING] * speed
+    most = slew * servo[SERVO_PERIOD]
+    drive[DRIVE_FORCE_REFERENCE] += max(-most, min(most, target - drive[DRIVE_FORCE_REFERENCE]))
+    demand = -drive[DRIVE_FORCE_REFERENCE] - drive[DRIVE_INTEGRATED] - servo[SERVO_FORCE_DAMPING] * speed
     if abs(demand) <= limit:
-        drive[INTEGRATED] += servo[FORCE_GAIN] * (drive[FORCE_REFERENCE] - measured) * servo[PERIOD]
+        drive[DRIVE_INTEGRATED] += (
+            servo[SERVO_FORCE_GAIN] * (drive[DRIVE_FORCE_REFERENCE] - measured) * servo[SERVO_PERIOD]
+        )
     return demand
 
 
@@ -163,53 +169,58 @@ def serve(
 
     *measured* is the force between link and drum, N; only force mode looks at it.
     """
-    reported = rounded(drive[WHERE], drum[RESOLUTION])
-    speed = (reported - drive[LAST]) / servo[PERIOD]
-    drive[LAST] = reported
-    if command[MODE] != drive[LAST_MODE]:
+    reported = rounded(drive[DRIVE_POSITION], drum[DRUM_RESOLUTION])
+    speed = (reported - drive[DRIVE_LAST_POSITION]) / servo[SERVO_PERIOD]
+    drive[DRIVE_LAST_POSITION] = reported
+    if command[COMMAND_MODE] != drive[DRIVE_LAST_MODE]:
         enter_mode(drive, command, reported)
-    limit = min(drum[FORCE_LIMIT], command[FORCE_CAP])
+    limit = min(drum[DRUM_FORCE_LIMIT], command[COMMAND_FORCE_CAP])
     demand = 0.0
-    if command[MODE] == POSITION:
+    if command[COMMAND_MODE] == MODE_POSITION:
         demand = demand_position(servo, drive, reported, speed, limit)
-        shape_reference(servo, drive, command[TARGET], command[SPEED_CAP])
-    elif command[MODE] == FORCE:
-        slew = command[SLEW] if command[SLEW] > 0.0 else servo[FORCE_SLEW]
-        demand = demand_force(servo, drive, command[TARGET], slew, speed, measured, limit)
-    drive[APPLIED] = rounded(drive[DEMANDED], drum[FORCE_STEP])
-    drive[SMOOTHED] += (1.0 - exp(-2.0 * pi * servo[SMOOTHING] * servo[PERIOD])) * (
-        drive[APPLIED] - drive[SMOOTHED]
+        shape_reference(servo, drive, command[COMMAND_TARGET], command[COMMAND_SPEED_CAP])
+    elif command[COMMAND_MODE] == MODE_FORCE:
+        slew = command[COMMAND_SLEW] if command[COMMAND_SLEW] > 0.0 else servo[SERVO_FORCE_SLEW]
+        demand = demand_force(servo, drive, command[COMMAND_TARGET], slew, speed, measured, limit)
+    drive[DRIVE_APPLIED] = rounded(drive[DRIVE_DEMANDED], drum[DRUM_FORCE_STEP])
+    drive[DRIVE_SMOOTHED] += (1.0 - exp(-2.0 * pi * servo[SERVO_SMOOTHING] * servo[SERVO_PERIOD])) * (
+        drive[DRIVE_APPLIED] - drive[DRIVE_SMOOTHED]
     )
-    drive[DEMANDED] = max(-limit, min(limit, demand))
+    drive[DRIVE_DEMANDED] = max(-limit, min(limit, demand))
 
 
 @kernel
 def rest_drum(drum: np.ndarray, drive: np.ndarray, where: float) -> None:
     """A drum at rest *where* it should be, with nothing in its memory."""
     drive[:] = 0.0
-    drive[WHERE] = drive[REFERENCE] = where
-    drive[LAST] = rounded(where, drum[RESOLUTION])
-    drive[LAST_MODE] = POSITION
+    drive[DRIVE_POSITION] = drive[DRIVE_REFERENCE] = where
+    drive[DRIVE_LAST_POSITION] = rounded(where, drum[DRUM_RESOLUTION])
+    drive[DRIVE_LAST_MODE] = MODE_POSITION
 
 
 @maker
 def move_drum(
     drum: np.ndarray, servo: np.ndarray, target: float, steps: int, step: float, positions: np.ndarray
 ) -> None:
-    """A drum from rest at 0 to a target, with nothing in its way; *steps* of the plant to a sample."""
+    """A drum from rest at 0 to a target, with nothing in its path; *steps* of the plant to a sample."""
     drive, command = np.zeros(DRIVE_SIZE), np.zeros(COMMAND_SIZE)
     rest_drum(drum, drive, 0.0)
-    command[MODE], command[TARGET], command[SPEED_CAP], command[FORCE_CAP] = POSITION, target, inf, inf
+    command[COMMAND_MODE], command[COMMAND_TARGET], command[COMMAND_SPEED_CAP], command[COMMAND_FORCE_CAP] = (
+        MODE_POSITION,
+        target,
+        inf,
+        inf,
+    )
     for i in range(positions.shape[0]):
         if i % steps == 0:
             serve(drum, servo, drive, command, 0.0)
-        drive[WHERE], drive[SPEED_NOW] = pushed(
-            drum, drive[APPLIED], 0.0, drive[WHERE], drive[SPEED_NOW], step
+        drive[DRIVE_POSITION], drive[DRIVE_SPEED] = pushed(
+            drum, drive[DRIVE_APPLIED], 0.0, drive[DRIVE_POSITION], drive[DRIVE_SPEED], step
         )
-        positions[i] = drive[WHERE]
+        positions[i] = drive[DRIVE_POSITION]
 
 
 @inlined
 def rounded(position: float, resolution: float) -> float:
-    """What an encoder tells; *resolution* 0: the position itself."""
+    """Reading of an encoder; *resolution* 0: the position itself."""
     return floor(position / resolution + 0.5) * resolution if resolution > 0.0 else position

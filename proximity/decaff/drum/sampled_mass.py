@@ -1,4 +1,4 @@
-"""A mass that feels a sampled force: which stiffness and damping keep it stable."""
+"""Stable stiffness and damping of a sampled force on a mass."""
 
 import math
 from collections.abc import Callable
@@ -45,7 +45,7 @@ class SampledMass:
 
 @dataclass(frozen=True, slots=True)
 class Gains:
-    """What a wall or a servo should be."""
+    """Stiffness and damping of a wall or a servo."""
 
     stiffness: float  # N/m
     damping: float  # N·s/m
@@ -129,7 +129,7 @@ def gains_at(device: SampledMass, half_angle: float) -> Gains:
 
 
 def _stiffest_half_angle(device: SampledMass) -> float:
-    """Where a has its maximum: 2 cos(nh) = n sin h cos h sin(nh), n = 2d + 2."""
+    """Angle at which a has its maximum: 2 cos(nh) = n sin h cos h sin(nh), n = 2d + 2."""
     n = 2.0 * (device.delay_samples + 1)
 
     def slope(h: float) -> float:

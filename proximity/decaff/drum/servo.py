@@ -1,4 +1,4 @@
-"""How a drum is driven: a position servo with a shaped reference, or a force, sample by sample.
+"""Servo of a drum: a position loop with a shaped reference, or a force, sample by sample.
 
 The servo holds the drum where it should be, as a sampled wall would; what bounds such a wall bounds its
 stiffness (docs/decaff.md). It acts one sample late. Its reference is never faster than the drum can follow
@@ -12,7 +12,7 @@ import numpy as np
 
 from proximity.decaff.arguments import not_negative, positive
 from proximity.decaff.drum import drum_kernels as kernels
-from proximity.decaff.drum.drum import Drum
+from proximity.decaff.drum.drum_model import Drum
 from proximity.decaff.drum.sampled_mass import SampledMass
 from proximity.decaff.drum.servo_gains import best_damped
 from proximity.errors import DecaffError
@@ -23,7 +23,7 @@ STEP = 1e-5  # s, of the plant, at most: 0.03 rad of a 5 g link's bounce on its 
 
 @dataclass(frozen=True, slots=True)
 class Servo:
-    """How a drum is driven, once a sample: to a place, or with a force."""
+    """Settings of a drum's servo."""
 
     rate: float  # Hz
     stiffness: float  # N/m
@@ -50,22 +50,22 @@ class Servo:
 
     @property
     def period(self) -> float:
-        """Of a sample, s."""
+        """Period of a sample, s."""
         return 1.0 / self.rate
 
     def as_array(self) -> np.ndarray:
         """Return its numbers as the kernels read them."""
         array = np.zeros(kernels.SERVO_SIZE)
-        array[kernels.PERIOD] = self.period
-        array[kernels.STIFFNESS] = self.stiffness
-        array[kernels.DAMPING] = self.damping
-        array[kernels.INTEGRAL] = self.stiffness / self.integral_time
-        array[kernels.ACCELERATION] = self.acceleration
-        array[kernels.SPEED] = self.speed
-        array[kernels.FORCE_GAIN] = self.force_gain
-        array[kernels.FORCE_DAMPING] = self.force_damping
-        array[kernels.FORCE_SLEW] = self.force_slew
-        array[kernels.SMOOTHING] = self.smoothing
+        array[kernels.SERVO_PERIOD] = self.period
+        array[kernels.SERVO_STIFFNESS] = self.stiffness
+        array[kernels.SERVO_DAMPING] = self.damping
+        array[kernels.SERVO_INTEGRAL] = self.stiffness / self.integral_time
+        array[kernels.SERVO_ACCELERATION] = self.acceleration
+        array[kernels.SERVO_SPEED] = self.speed
+        array[kernels.SERVO_FORCE_GAIN] = self.force_gain
+        array[kernels.SERVO_FORCE_DAMPING] = self.force_damping
+        array[kernels.SERVO_FORCE_SLEW] = self.force_slew
+        array[kernels.SERVO_SMOOTHING] = self.smoothing
         return array
 
 
@@ -109,7 +109,7 @@ def steps_a_sample(rate: float, step: float = STEP) -> int:
 
 
 def move(drum: Drum, servo: Servo, distance: float, duration: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return how a drum goes from rest to a place, nothing in its way: times, s, and positions, m.
+    """Return how a drum goes from rest to a position, nothing in its path: times, s, and positions, m.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ def move(drum: Drum, servo: Servo, distance: float, duration: float) -> tuple[np
 def settling_time(
     drum: Drum, servo: Servo, distance: float, *, within: float = 1e-4, longest: float = 0.5
 ) -> float:
-    """Return from when on a drum stays near the place it was sent to, s; inf if it is not there at the end.
+    """Return the settling time of a drum, s: when it stays near its target; inf if it never does.
 
     Parameters
     ----------

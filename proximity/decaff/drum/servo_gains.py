@@ -1,4 +1,4 @@
-"""Gains of a sampled position servo, such as the drum's: a sampled wall that holds a mass where it should be.
+"""Gains of a sampled position servo such as the drum's.
 
 Far below the largest stiffness there is a damping with which disturbances die out quickly.
 """

@@ -1,4 +1,4 @@
-"""Whether all roots of a polynomial lie within the unit circle: by finding them, and by Jury's table.
+"""Test whether all roots of a polynomial lie within the unit circle: by finding them, and by Jury's table.
 
 Polynomials are real, in the last axis of an array, highest power first; many are looked at in one call.
 """

@@ -1,1 +1,1 @@
-"""The glove: from the bend of a finger to the angle of its drum, and calibration."""
+"""The glove: bend of a finger to angle of its drum, and calibration."""

@@ -1,4 +1,4 @@
-"""A glove as it was measured: counts to bend, and bend to where the drum stands, by the calibration.
+"""A calibrated glove: potentiometer counts to bend, and bend to drum angle.
 
 What the cable and the linkage are thought to do (`glove`) is used for forces only. The bend comes of the
 table; and the drum is placed by the potentiometer itself, which sits on the replica that the drum will
@@ -78,11 +78,11 @@ class CalibratedGlove:
         behind = np.asarray(tension, np.float64) * self.calibration.cable_compliance
         ahead = np.where(is_closing, 0.0, self.calibration.backlash)
         turn = (behind - ahead) / self.glove.cable.replica_pulley
-        place = read + self.glove.potentiometer.gain * turn
+        position = read + self.glove.potentiometer.gain * turn
         first, last = self.calibration.counts[[0, -1]]
         margin = RANGE_MARGIN * (last - first)
-        is_near = (place >= first - margin) & (place <= last + margin)
-        return np.where(is_near, self._extended_bend(place), np.nan)
+        is_near = (position >= first - margin) & (position <= last + margin)
+        return np.where(is_near, self._extended_bend(position), np.nan)
 
     def counts(self, bend: ArrayLike) -> np.ndarray:
         """Return what the potentiometer reads at a bend as the finger closes, (...), float64.
@@ -92,10 +92,10 @@ class CalibratedGlove:
         bend : (...) float64
             Of the finger.
         """
-        place = np.asarray(bend, np.float64)
-        inside = np.clip(place, 0.0, 1.0)
+        position = np.asarray(bend, np.float64)
+        inside = np.clip(position, 0.0, 1.0)
         first, last = self.calibration.counts[[0, -1]]
-        return np.interp(inside, INVERSE, self._inverse) + (place - inside) * (last - first)
+        return np.interp(inside, INVERSE, self._inverse) + (position - inside) * (last - first)
 
     def counts_table(self, row_count: int) -> tuple[np.ndarray, np.ndarray]:
         """Return counts, evenly over all that a hand may reach, and the bends there, (K,) and (K,).
@@ -196,7 +196,7 @@ class CalibratedGlove:
                 )
 
     def touch_error(self, counts: ArrayLike, drum_angles: ArrayLike) -> np.ndarray:
-        """Return how far beyond the expected place the drum touched, (...), m at the fingertip.
+        """Return how far beyond the expected position the drum touched, (...), m at the fingertip.
 
         Parameters
         ----------
@@ -213,7 +213,7 @@ class CalibratedGlove:
         return self.glove.drum.drum_angle(replica) + self.calibration.touch_offset
 
     def _extended_bend(self, counts: np.ndarray) -> np.ndarray:
-        """By the table, and beyond it at the table's mean slope: that of its ends may be nothing."""
+        """Bend by the table, and beyond it at the table's mean slope: that of its ends may be nothing."""
         first, last = self.calibration.counts[[0, -1]]
         inside = np.clip(counts, first, last)
         return self._table(inside) + (counts - inside) / (last - first)

@@ -1,4 +1,4 @@
-"""What was measured of a glove on a hand: kept in a file, and refused when it does not fit any more.
+"""Calibration of one finger's glove: read from a file, and refused when too old or inconsistent.
 
 A calibration is a table of counts over bends and five numbers (docs/decaff.md). Its file is JSON with units
 in the names of its fields, and is either wholly there or not at all. How the numbers come of measurements is
@@ -21,7 +21,7 @@ from proximity.system.regular_file import open_regular
 from proximity.system.whole_file import whole_file
 
 FORMAT = "proximity glove calibration"
-VERSION = 1
+FILE_VERSION = 1
 """Of the file. Another one is refused: what it says may mean something else."""
 TABLE_SIZE = 7
 """Points of the table, flat hand and fist among them."""
@@ -43,7 +43,7 @@ LARGEST_FILE = 100_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
-    """What was measured of one finger's glove; refused where it contradicts itself."""
+    """Measurements of one finger's glove; refused where they contradict each other."""
 
     made: datetime  # when it was measured; with its time zone
     counts: np.ndarray  # (7,) float64, potentiometer with a slack cable while the finger closes; increasing
@@ -163,11 +163,11 @@ _FIELDS = {
     "latency_s": "latency",
     "phalanges_m": "phalanges",
 }
-assert set(_FIELDS.values()) == {field.name for field in fields(Calibration)}, "every field has a place"
+assert set(_FIELDS.values()) == {field.name for field in fields(Calibration)}, "every field has a position"
 
 
 def _as_document(calibration: Calibration) -> dict[str, Any]:
-    document: dict[str, Any] = {"format": FORMAT, "version": VERSION}
+    document: dict[str, Any] = {"format": FORMAT, "version": FILE_VERSION}
     for key, name in _FIELDS.items():
         value = getattr(calibration, name)
         if isinstance(value, np.ndarray):
@@ -196,9 +196,10 @@ def _read_document(path: Path) -> dict[str, Any]:
         raise DecaffError(f"is no JSON ({unfit})") from unfit
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise DecaffError(f"is no calibration of a glove, expected a format of {FORMAT!r}")
-    if document.get("version") != VERSION or isinstance(document["version"], bool):
+    if document.get("version") != FILE_VERSION or isinstance(document["version"], bool):
         raise DecaffError(
-            f"has version {document.get('version')!r}, expected {VERSION}: calibrate with this version anew"
+            f"has version {document.get('version')!r}, expected {FILE_VERSION}: "
+            "calibrate again with this version"
         )
     return document
 

@@ -1,4 +1,4 @@
-"""From measurements to the numbers of a calibration (docs/decaff.md).
+"""Fit of a calibration's numbers to measurements (docs/decaff.md).
 
 Each function refuses what cannot have been measured right. From readings to the file that ``proximity drum
 --calibration`` and a scene file's [glove] take::
@@ -135,7 +135,7 @@ def backlash(glove: Glove, closing_counts: float, opening_counts: float) -> floa
 
 
 def step_latency(times: ArrayLike, values: ArrayLike, step_time: float) -> float:
-    """Return how long after a step its answer began, s: when it had come a tenth of its way.
+    """Return how long after a step its answer began, s: when it had come a tenth of its path.
 
     Parameters
     ----------
@@ -160,8 +160,8 @@ def step_latency(times: ArrayLike, values: ArrayLike, step_time: float) -> float
         )
     before = instants <= step_time
     rest = float(answer[before].mean()) if before.any() else np.nan
-    way = float(answer[-1]) - rest
-    share = (answer - rest) / way if way else np.full(len(answer), np.nan)
+    change = float(answer[-1]) - rest
+    share = (answer - rest) / change if change else np.full(len(answer), np.nan)
     begun = np.flatnonzero(share >= STEP_SHARE)
     if not len(begun) or before[begun[0]]:
         raise DecaffError(f"no answer follows the step at {step_time:g} s, expected one that begins after it")

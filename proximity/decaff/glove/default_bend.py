@@ -1,4 +1,4 @@
-"""What stands in for a bend that nobody tells: a finger that bends straight into what is nearest.
+"""Bend assumed where none is reported: the finger bends straight into what is nearest.
 
 For simulated drums only, so that they have something to do behind a service that knows fingertips alone. A
 real drum without a bend stays retracted.
@@ -29,10 +29,10 @@ def with_bend(contact: Any, path: FingerPath) -> Any:
     distance, closing = float(contact["signed_distance"]), float(contact["approach_speed"])
     if not math.isfinite(distance):
         return contact
-    place = path.place(CONTACT_BEND) - distance
-    reported, bend = contact.copy(), path.bend(place)
+    position = path.position(CONTACT_BEND) - distance
+    reported, bend = contact.copy(), path.bend(position)
     reported["bend"] = bend
-    reported["bend_rate"] = (path.bend(place + STEP) - bend) / STEP * closing
+    reported["bend_rate"] = (path.bend(position + STEP) - bend) / STEP * closing
     if int(contact["mode"]) in NEAR:
         reported["contact_bend"], reported["contact_bend_error"] = CONTACT_BEND, 0.0
     else:

@@ -1,4 +1,4 @@
-"""Where the contact drum must stand so that its roller touches the replica's link, and back.
+"""Geometry of the contact drum: the angle at which its roller touches the replica's link, and its inverse.
 
 The replica is a straight link of some width that turns about the potentiometer, the origin. The roller
 stands on the side that the link turns to as the finger bends. Angles count from the same axis: ``replica``
@@ -17,19 +17,19 @@ from proximity.errors import DecaffError
 
 
 class DrumGeometry(Protocol):
-    """What a drum must tell of its geometry; angles in rad, shapes (...)."""
+    """Interface of a drum's geometry; angles in rad, shapes (...)."""
 
     def drum_angle(self, replica: ArrayLike) -> np.ndarray:
-        """Where the drum stands as it touches the link; nan where it cannot."""
+        """Angle of the drum as it touches the link; nan where it cannot."""
 
     def replica_angle(self, drum: ArrayLike) -> np.ndarray:
-        """Where the link is as the drum touches it; nan where it cannot."""
+        """Angle of the link as the drum touches it; nan where it cannot."""
 
     def drum_rate(self, replica: ArrayLike) -> np.ndarray:
-        """How far the drum turns a radian of the replica."""
+        """Turn of the drum per radian of the replica."""
 
     def lever(self, replica: ArrayLike) -> np.ndarray:
-        """How far from the potentiometer the roller touches, m: torque of the replica a newton."""
+        """Distance from the potentiometer to the roller's contact, m: torque of the replica a newton."""
 
     def motor_lever(self, replica: ArrayLike) -> np.ndarray:
         """Torque of the motor a newton of contact force, m."""
@@ -202,7 +202,7 @@ class EccentricDrum:
             return self.crank * np.sqrt((1.0 - sine) * (1.0 + sine))
 
     def _sine(self, phi: np.ndarray) -> np.ndarray:
-        """Of the angle between crank and link."""
+        """Sine of the angle between crank and link."""
         return (self.clearance + self.motor[0] * np.sin(phi) - self.motor[1] * np.cos(phi)) / self.crank
 
 

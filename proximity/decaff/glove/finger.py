@@ -1,4 +1,4 @@
-"""A finger that bends in one plane with one degree of freedom: the fingertip as a function of the bend.
+"""Model of a finger that bends in one plane with one degree of freedom.
 
 Frame: the knuckle is the origin, x points along the flat finger, y out of the back of the hand, z completes
 them; the finger stays in z = 0 and bends towards -y. Bend is 0 for the flat hand and 1 for the fist; all
@@ -148,11 +148,11 @@ class Finger:
         normal : (..., 2) or (..., 3) float64, hand frame
             Unit, from the object to the finger.
         """
-        place = np.asarray(bend, np.float64)
-        closing = -(np.asarray(normal, np.float64)[..., :2] * self.point_rate(place)).sum(axis=-1)
+        position = np.asarray(bend, np.float64)
+        closing = -(np.asarray(normal, np.float64)[..., :2] * self.point_rate(position)).sum(axis=-1)
         away = ~(closing > 0.0)
         step = np.asarray(distance, np.float64) / np.where(away, np.nan, closing)
-        return np.asarray(place + step)
+        return np.asarray(position + step)
 
     def search_contact(
         self,
@@ -177,19 +177,19 @@ class Finger:
         float, int
             The bend, nan if none was found up to bend 1; and how often was asked.
         """
-        place = float(bend)
+        position = float(bend)
         for count in range(1, MOST_QUERIES + 1):
-            distance, normal = query(self.point_hand(place))
+            distance, normal = query(self.point_hand(position))
             if abs(distance) <= SEARCH_TOLERANCE:
-                return place, count
-            following = min(float(self.contact_bend(place, distance, normal)), 1.0)
-            if math.isnan(following) or place == following == 1.0:
+                return position, count
+            following = min(float(self.contact_bend(position, distance, normal)), 1.0)
+            if math.isnan(following) or position == following == 1.0:
                 return math.nan, count
-            place = following
+            position = following
         return math.nan, MOST_QUERIES
 
     def _link_angles(self, bend: ArrayLike) -> np.ndarray:
-        """Of the phalanges from the x axis, (..., 3), rad."""
+        """Angles of the phalanges from the x axis, (..., 3), rad."""
         return -np.asarray(bend, np.float64)[..., None] * np.cumsum(self.flexions)
 
     def _lengths(self, along: float) -> np.ndarray:

@@ -1,8 +1,8 @@
-"""One finger's way in metres, and the drum's on it: what a controller compares many times a millisecond.
+"""Positions of fingertip and drum along the finger's path, in metres, from tables.
 
-A *place* is how far the fingertip has come from the flat hand. The drum's place is where it meets the finger:
-it stands at the greater ones, so that greater is away from the finger. Tables take the place of the linkage's
-equations, which would have to be solved backwards.
+A *position* is how far the fingertip has come from the flat hand. The drum's position is where it meets the
+finger: it stands at the greater ones, so that greater is away from the finger. A controller asks many times a
+millisecond, so tables replace the linkage's equations, which would have to be solved backwards.
 """
 
 from bisect import bisect_right
@@ -16,6 +16,9 @@ from proximity.errors import DecaffError
 BENDS = np.linspace(-0.05, 1.05, 2201)
 """A line between two neighbours is off by less than a micrometre."""
 
+LEAST_BEND, MOST_BEND = -0.1, 1.1
+"""A hand that is warm bends a little farther than when it was measured; no hand bends farther. Assumed."""
+
 
 class FingerPath:
     """Places of fingertip and drum, as tables.
@@ -28,11 +31,11 @@ class FingerPath:
     Raises
     ------
     DecaffError
-        If the drum cannot stand anywhere in the finger's way.
+        If the drum cannot stand anywhere in the finger's path.
     """
 
     retracted: float
-    """m: the drum's place farthest from the finger, beyond the fist where it gets there."""
+    """m: the drum's position farthest from the finger, beyond the fist where it gets there."""
     drum_angles: tuple[float, float]
     """rad: the drum's angle at the flat hand, or a little beyond it, and where it is retracted."""
 
@@ -49,11 +52,11 @@ class FingerPath:
         bends = BENDS[first : last + 1]
         # Lists: for a single number NumPy takes ten times as long.
         self._bends, self._angles = bends.tolist(), angles[first : last + 1].tolist()
-        self._places = np.asarray(glove.finger.path_length(0.0, bends), np.float64).tolist()
-        self.retracted = self._places[-1]
+        self._positions = np.asarray(glove.finger.path_length(0.0, bends), np.float64).tolist()
+        self.retracted = self._positions[-1]
         self.drum_angles = self._angles[0], self._angles[-1]
 
-    def place(self, bend: float) -> float:
+    def position(self, bend: float) -> float:
         """Return how far the fingertip has come at a bend, m; at the ends of the table it stays.
 
         Parameters
@@ -61,19 +64,19 @@ class FingerPath:
         bend : float
             Of the finger.
         """
-        return _between(bend, self._bends, self._places)
+        return _between(bend, self._bends, self._positions)
 
-    def bend(self, place: float) -> float:
-        """Return the bend at a place.
+    def bend(self, position: float) -> float:
+        """Return the bend at a position.
 
         Parameters
         ----------
-        place : float, m
+        position : float, m
             Of the fingertip.
         """
-        return _between(place, self._places, self._bends)
+        return _between(position, self._positions, self._bends)
 
-    def drum_place(self, angle: float) -> float:
+    def drum_position(self, angle: float) -> float:
         """Return where the drum meets the finger, m.
 
         Parameters
@@ -81,17 +84,17 @@ class FingerPath:
         angle : float, rad
             Of the drum.
         """
-        return _between(angle, self._angles, self._places)
+        return _between(angle, self._angles, self._positions)
 
-    def drum_angle(self, place: float) -> float:
-        """Return the angle at which the drum meets the finger at a place, rad.
+    def drum_angle(self, position: float) -> float:
+        """Return the angle at which the drum meets the finger at a position, rad.
 
         Parameters
         ----------
-        place : float, m
+        position : float, m
             Of the fingertip.
         """
-        return _between(place, self._places, self._angles)
+        return _between(position, self._positions, self._angles)
 
 
 def _between(x: float, xs: list[float], ys: list[float]) -> float:

@@ -1,4 +1,4 @@
-"""The glove: from the bend of a finger to the replica, to the potentiometer and to the drum, and back.
+"""Model of the glove: finger bend, replica, potentiometer and drum, and the conversions between them.
 
 One degree of freedom a finger: bend, fingertip, angle of the linkage, travel of the cable, angle of the
 replica, counts, and where the drum must stand are all functions of one another (docs/decaff.md). A
@@ -123,7 +123,7 @@ class Glove:
         return self.bend(self.drum.replica_angle(drum_angle))
 
     def drum_reach(self) -> float:
-        """Return the bend up to which the drum can stand in the finger's way; 1: all of it."""
+        """Return the bend up to which the drum can stand in the finger's path; 1: all of it."""
         can = np.isfinite(self.drum_angle(CHECKED_BENDS))
         return 1.0 if can.all() else float(CHECKED_BENDS[max(0, int(np.argmin(can)) - 1)])
 
@@ -140,7 +140,7 @@ class Glove:
         return self.finger.path_length(bend, self.bend_of_drum(drum_angle))
 
     def path_world(self, world_from_hand: Pose, corner_count: int = PATH_CORNERS) -> np.ndarray:
-        """Return the finger's way for the tracker, evenly in bend, (K, 3), m: `Finger.path_world`.
+        """Return the finger's path for the tracker, evenly in bend, (K, 3), m: `Finger.path_world`.
 
         Parameters
         ----------
@@ -156,7 +156,7 @@ class Glove:
     def tip_per_radian(self, bend: ArrayLike) -> np.ndarray:
         """Return how far the fingertip goes a radian of the replica, (...), m.
 
-        It is also the torque of the replica, N m, that a newton at the fingertip along its way needs.
+        It is also the torque of the replica, N m, that a newton at the fingertip along its path needs.
 
         Parameters
         ----------
@@ -183,7 +183,7 @@ class Glove:
         bend : (...) float64
             Of the finger.
         tip_force : (...) float64, N
-            Against the fingertip's way.
+            Against the fingertip's path.
         """
         return np.asarray(tip_force, np.float64) * self.tip_per_radian(bend)
 
@@ -208,7 +208,7 @@ class Glove:
         bend : (...) float64
             Of the finger.
         tip_force : (...) float64, N
-            Against the fingertip's way.
+            Against the fingertip's path.
         """
         replica = self.replica_angle(bend)
         contact_force = self.replica_torque(bend, tip_force) / self.drum.lever(replica)
@@ -222,7 +222,7 @@ class Glove:
         bend : (...) float64
             Of the finger.
         tip_force : (...) float64, N
-            Against the fingertip's way.
+            Against the fingertip's path.
         """
         return self.replica_torque(bend, tip_force) / self.cable.replica_pulley
 

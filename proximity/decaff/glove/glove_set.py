@@ -1,4 +1,4 @@
-"""The gloves of a hand, from the files of their calibrations: as many as there are fingers."""
+"""The gloves of a hand, read from their calibration files: one for each finger."""
 
 import os
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""The two bars that carry the bend of a finger to the hand's cable, and whether they can.
+"""Linkage of two bars that carries the bend of a finger to the hand's cable.
 
 In the finger's frame (see `finger`): the base is fixed to the back of the hand, the first bar turns about
 it, the second leads from the first to the thimble on the distal phalanx. The elbow lies on the dorsal side.
@@ -20,7 +20,7 @@ CHECKED_BENDS = np.linspace(0.0, 1.0, 1001)
 
 @dataclass(frozen=True, slots=True)
 class Linkage:
-    """Where the linkage is fixed, and its bars; the values are assumed."""
+    """Anchor and bars of the linkage; the values are assumed."""
 
     base: tuple[float, float] = (0.025, 0.015)  # m
     first_bar: float = 0.085  # m
@@ -46,8 +46,8 @@ class Linkage:
         bend : (...) float64
             Where the finger is.
         """
-        way = self._way(finger, bend)
-        return np.hypot(way[..., 0], way[..., 1])
+        offset = self._offset(finger, bend)
+        return np.hypot(offset[..., 0], offset[..., 1])
 
     def angle(self, finger: Finger, bend: ArrayLike) -> np.ndarray:
         """Return the angle of the first bar, (...), rad; nan where the bars do not reach.
@@ -57,11 +57,11 @@ class Linkage:
         finger, bend
             As of `reach`.
         """
-        way = self._way(finger, bend)
-        reach = np.hypot(way[..., 0], way[..., 1])
+        offset = self._offset(finger, bend)
+        reach = np.hypot(offset[..., 0], offset[..., 1])
         with np.errstate(invalid="ignore"):
             elbow = np.arccos(self._elbow_cosine(reach))
-        return np.arctan2(way[..., 1], way[..., 0]) + elbow
+        return np.arctan2(offset[..., 1], offset[..., 0]) + elbow
 
     def angle_rate(self, finger: Finger, bend: ArrayLike) -> np.ndarray:
         """Return the derivative of `angle` with respect to the bend, (...), rad.
@@ -71,11 +71,11 @@ class Linkage:
         finger, bend
             As of `reach`.
         """
-        way = self._way(finger, bend)
+        offset = self._offset(finger, bend)
         rate = finger.point_rate(bend, self.thimble_along, self.thimble_dorsal)
-        reach = np.hypot(way[..., 0], way[..., 1])
-        reach_rate = (way * rate).sum(axis=-1) / reach
-        turn = (way[..., 0] * rate[..., 1] - way[..., 1] * rate[..., 0]) / reach**2
+        reach = np.hypot(offset[..., 0], offset[..., 1])
+        reach_rate = (offset * rate).sum(axis=-1) / reach
+        turn = (offset[..., 0] * rate[..., 1] - offset[..., 1] * rate[..., 0]) / reach**2
         cosine = self._elbow_cosine(reach)
         cosine_rate = 1.0 / self.first_bar - cosine / reach
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -92,10 +92,10 @@ class Linkage:
         finger, bend
             As of `reach`; the linkage is one that `check` lets pass.
         """
-        place = np.asarray(bend, np.float64)
-        inside = np.clip(place, 0.0, 1.0)
+        position = np.asarray(bend, np.float64)
+        inside = np.clip(position, 0.0, 1.0)
         turned = np.abs(self.angle(finger, inside) - _measured(self, finger).flat_angle)
-        beyond = place - inside
+        beyond = position - inside
         return turned + beyond * self.turn_rate(finger, inside) if beyond.any() else turned
 
     def turn_rate(self, finger: Finger, bend: ArrayLike) -> np.ndarray:
@@ -121,9 +121,9 @@ class Linkage:
         inverse = _measured(self, finger).bend_of_turn
         wanted = np.asarray(turn, np.float64)
         inside = np.clip(wanted, inverse.x[0], inverse.x[-1])
-        place = inverse(inside)
+        position = inverse(inside)
         beyond = wanted - inside
-        return place + beyond / self.turn_rate(finger, place) if beyond.any() else place
+        return position + beyond / self.turn_rate(finger, position) if beyond.any() else position
 
     def check(self, finger: Finger) -> None:
         """Refuse a linkage that does not follow the finger over its whole bend.
@@ -155,18 +155,18 @@ class Linkage:
                 "that goes one way from flat hand to fist"
             )
 
-    def _way(self, finger: Finger, bend: ArrayLike) -> np.ndarray:
-        """From the base to the thimble."""
+    def _offset(self, finger: Finger, bend: ArrayLike) -> np.ndarray:
+        """Vector from the base to the thimble."""
         return finger.point(bend, self.thimble_along, self.thimble_dorsal) - np.array(self.base)
 
     def _elbow_cosine(self, reach: np.ndarray) -> np.ndarray:
-        """Of the angle at the base between the first bar and the way to the thimble."""
+        """Cosine of the angle at the base between the first bar and the line to the thimble."""
         return (self.first_bar**2 + reach**2 - self.second_bar**2) / (2.0 * self.first_bar * reach)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Measured:
-    """What is worked out once for a linkage on a finger."""
+    """Quantities that are computed once for a linkage on a finger."""
 
     flat_angle: float  # rad
     bend_of_turn: CubicHermiteSpline  # through the checked bends, with their true slopes: right to 1e-13

@@ -1,4 +1,4 @@
-"""What lies between the hand and the replica: a sheathed cable on two pulleys, and the potentiometer."""
+"""Transmission from hand to replica: a sheathed cable on two pulleys, and the potentiometer."""
 
 import math
 from dataclasses import dataclass
@@ -73,7 +73,7 @@ class Cable:
 
 @dataclass(frozen=True, slots=True)
 class Potentiometer:
-    """What reads the replica's angle: counts, evenly over its span."""
+    """Sensor of the replica's angle: counts, evenly over its span."""
 
     bits: int = 16  # 12 are too coarse: 0.14 mm a count
     span: float = math.radians(270.0)  # rad
@@ -88,7 +88,7 @@ class Potentiometer:
 
     @property
     def count(self) -> int:
-        """How many different readings there are: 0 to one less."""
+        """Number of different readings: 0 to one less."""
         return 1 << self.bits
 
     @property

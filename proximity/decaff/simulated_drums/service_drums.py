@@ -1,4 +1,4 @@
-"""Drums of all fingers of a service, simulated: controllers, plants, and potentiometers that do not exist.
+"""Simulated drums for all fingers of a service: controllers, plants and potentiometers.
 
 The finger is where the service has it, or, where that tells no bend, as `straight_way` has it. The
 potentiometer tells that bend, or where the drum stops the link.
@@ -20,9 +20,9 @@ from proximity.decaff.controller.controller_states import (
     FrameMark,
     Observation,
 )
-from proximity.decaff.controller.limits import Limits
-from proximity.decaff.drum.drum import GEAR4
+from proximity.decaff.controller.drum_limits import Limits
 from proximity.decaff.drum.drum_command import DriveMode
+from proximity.decaff.drum.drum_model import GEAR4
 from proximity.decaff.glove.calibrated_glove import CalibratedGlove
 from proximity.decaff.glove.default_bend import with_bend
 from proximity.decaff.glove.finger_path import FingerPath
@@ -31,10 +31,10 @@ from proximity.decaff.glove.glove_set import as_many
 from proximity.decaff.simulated_drums.simulated_drum import DrumPlant
 from proximity.message import CONTACT, State, Surface
 from proximity.message.contact import ContactFlag
+from proximity.system.time_units import S_PER_NS
 from proximity.transport import Reading
 
 CARRIED_NS = 20_000_000  # so long a finger is thought to go on as it did
-NS = 1e-9  # in s
 NO_POWER = dict.fromkeys(("force", "speed_cap", "force_cap", "torque", "torque_cap", "motor_speed_cap"), 0.0)
 SOFTER = 1e-6  # share by which a displayed stiffness must fall short before that is said
 
@@ -48,7 +48,7 @@ class FingerBench:
     plant: DrumPlant
     action: DrumAction | None = None
     bend: float = 0.0  # as the service had it last
-    has_bend: bool = False  # the service tells where on its way the finger is
+    has_bend: bool = False  # the service tells where on its path the finger is
     is_seen: bool = False  # the service has reported it
     touches: int = 0
     faults: int = 0
@@ -78,8 +78,8 @@ class FingerBench:
         contact = self._follow(contact, now_ns)
         before = self.controller.state
         if self.action is not None:
-            self.plant.advance(self.action, self.path.place(self.bend), elapsed)
-        link = self.path.bend(min(self.path.place(self.bend), self.plant.place))
+            self.plant.advance(self.action, self.path.position(self.bend), elapsed)
+        link = self.path.bend(min(self.path.position(self.bend), self.plant.position))
         angle, force = self.plant.angle, self.plant.force
         self.action = self.controller.step(
             Observation(now_ns, link, angle, reading.state, contact, force, sample_ns=sample_ns, frame=frame)
@@ -116,7 +116,7 @@ class FingerBench:
         bend, rate = float(contact["bend"]), float(contact["bend_rate"])
         if math.isfinite(bend):
             age = min(max(now_ns - int(contact["pose_ns"]), 0), CARRIED_NS)
-            self.bend = min(max(bend + (rate * NS * age if math.isfinite(rate) else 0.0), 0.0), 1.0)
+            self.bend = min(max(bend + (rate * S_PER_NS * age if math.isfinite(rate) else 0.0), 0.0), 1.0)
         return contact
 
 
@@ -135,7 +135,7 @@ class DrumBench:
     Raises
     ------
     DecaffError
-        If a drum cannot stand in its finger's way; by `step`, if the service has another number of fingers.
+        If a drum cannot stand in its finger's path; by `step`, if the service has another number of fingers.
     """
 
     fingers: list[FingerBench]
@@ -149,7 +149,7 @@ class DrumBench:
         self._rate, self._limits = rate, limits
         self._paths = [FingerPath(glove) for glove in gloves or [Glove()]]
         self._sample_ns: int | None = None
-        self._said: set[str] = set()  # matters
+        self._announced: set[str] = set()  # matters
         self.fingers = []
 
     def step(self, reading: Reading, sample_ns: int) -> None:
@@ -165,7 +165,7 @@ class DrumBench:
         count, frame = len(reading.contacts), FrameMark.of(reading.header)
         if count and len(self.fingers) != count:
             self.fingers = [self._finger(path) for path in as_many(self._paths, count)]
-        elapsed = 0.0 if self._sample_ns is None else NS * (sample_ns - self._sample_ns)
+        elapsed = 0.0 if self._sample_ns is None else S_PER_NS * (sample_ns - self._sample_ns)
         self._sample_ns = sample_ns
         for i, finger in enumerate(self.fingers):
             contact = reading.contacts[i] if i < count else None
@@ -193,8 +193,8 @@ class DrumBench:
         """Return sentences on what these drums cannot do as the service has it; each matter is said once."""
         silent = [i for i, finger in enumerate(self.fingers) if finger.is_seen and not finger.has_bend]
         reported = []
-        if silent and "bends" not in self._said:
-            self._said.add("bends")
+        if silent and "bends" not in self._announced:
+            self._announced.add("bends")
             reported.append(
                 f"no bend is reported of finger {', '.join(map(str, silent))}: shown as if bent straight "
                 "into what is nearest; a real drum stays retracted without a bend, which comes from a "
@@ -206,8 +206,8 @@ class DrumBench:
                 continue
             shown, _ = finger.controller.law.displayed(surface.stiffness, surface.damping)
             matter = f"{surface.stiffness:g} N/m"
-            if shown < (1.0 - SOFTER) * surface.stiffness and matter not in self._said:
-                self._said.add(matter)
+            if shown < (1.0 - SOFTER) * surface.stiffness and matter not in self._announced:
+                self._announced.add(matter)
                 reported.append(
                     f"the part before finger {i} has {matter}, beyond what this drum can display at "
                     f"{self._rate:g} Hz without feeding energy: it feels as {shown:.0f} N/m"

@@ -1,4 +1,4 @@
-"""A simulated drum of one finger, driven by a controller's actions in the controller's own time.
+"""Simulated drum of one finger, driven by a controller's actions in real time.
 
 Forces and masses are those of the drum's rim, taken as at the fingertip, as the closed loop has it.
 """
@@ -7,7 +7,7 @@ import numpy as np
 
 from proximity.decaff.controller.controller_states import DrumAction, commanded
 from proximity.decaff.drum import drum_kernels
-from proximity.decaff.drum.drum import GEAR4, PAD_STIFFNESS, Drum
+from proximity.decaff.drum.drum_model import GEAR4, PAD_STIFFNESS, Drum
 from proximity.decaff.drum.servo import servo_for, steps_a_sample
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.simulated_drums.simulated_drum_kernels import serve_against
@@ -45,19 +45,19 @@ class DrumPlant:
         drum_kernels.rest_drum(self._drum, self._drive, path.retracted)
 
     @property
-    def place(self) -> float:
-        """Where the drum stands on the finger's way, m."""
-        return float(self._drive[drum_kernels.WHERE])
+    def position(self) -> float:
+        """Position of the drum on the finger's path, m."""
+        return float(self._drive[drum_kernels.DRIVE_POSITION])
 
     @property
     def angle(self) -> float:
-        """What the drum's encoder tells, rad."""
-        return self._path.drum_angle(self.place)
+        """Angle that the drum's encoder reads, rad."""
+        return self._path.drum_angle(self.position)
 
     @property
     def torque(self) -> float:
-        """Of the motor at its shaft, N m; pressing on the finger is positive."""
-        return self.drum.motor_torque(-float(self._drive[drum_kernels.APPLIED]))
+        """Torque of the motor at its shaft, N m; pressing on the finger is positive."""
+        return self.drum.motor_torque(-float(self._drive[drum_kernels.DRIVE_APPLIED]))
 
     def advance(self, action: DrumAction, finger: float, seconds: float) -> None:
         """Serve an action for a time, in whole samples; what is left over comes next.
@@ -71,7 +71,7 @@ class DrumPlant:
         seconds : float, s
             How long; no more than a tenth of a second counts.
         """
-        target = action.force if action.mode == drum_kernels.FORCE else action.place
+        target = action.force if action.mode == drum_kernels.MODE_FORCE else action.position
         commanded(action, target).write(self._command)
         time = self._left + min(max(seconds, 0.0), LONGEST)
         samples = int(time / self._period)
@@ -80,4 +80,4 @@ class DrumPlant:
             self._drum, self._servo, self._drive, self._command, finger, self._stiffness,
             samples, self._steps, self._period / self._steps,
         )  # fmt: skip
-        self.link = min(finger, self.place)
+        self.link = min(finger, self.position)

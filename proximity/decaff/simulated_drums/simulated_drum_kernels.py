@@ -1,8 +1,8 @@
-"""A drum that a finger of a given place leans on, for controllers that run against a clock."""
+"""Step of a drum under the load of a finger at a known position."""
 
 import numpy as np
 
-from proximity.decaff.drum.drum_kernels import APPLIED, SPEED_NOW, WHERE, pushed, serve
+from proximity.decaff.drum.drum_kernels import DRIVE_APPLIED, DRIVE_POSITION, DRIVE_SPEED, pushed, serve
 from proximity.kernels.compiler import kernel
 
 
@@ -22,12 +22,12 @@ def serve_against(
 
     The finger stays where it is; its pad gives way where the drum stands before it.
     """
-    contact = max(0.0, stiffness * (finger - drive[WHERE]))
+    contact = max(0.0, stiffness * (finger - drive[DRIVE_POSITION]))
     for _ in range(samples):
         serve(drum, servo, drive, command, contact)
         for _ in range(steps):
-            contact = max(0.0, stiffness * (finger - drive[WHERE]))
-            drive[WHERE], drive[SPEED_NOW] = pushed(
-                drum, drive[APPLIED], contact, drive[WHERE], drive[SPEED_NOW], step
+            contact = max(0.0, stiffness * (finger - drive[DRIVE_POSITION]))
+            drive[DRIVE_POSITION], drive[DRIVE_SPEED] = pushed(
+                drum, drive[DRIVE_APPLIED], contact, drive[DRIVE_POSITION], drive[DRIVE_SPEED], step
             )
     return contact

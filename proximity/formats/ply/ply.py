@@ -6,7 +6,7 @@ from proximity.errors import MeshFormatError
 from proximity.formats import polygons, text_rows
 from proximity.formats.contents import RawFile, RawMesh, Source
 from proximity.formats.ply import rows
-from proximity.formats.ply.header import Element, Header, read_header
+from proximity.formats.ply.ply_header import Element, Header, read_header
 
 _CORNER_LISTS = ("vertex_indices", "vertex_index")
 

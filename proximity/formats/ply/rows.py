@@ -10,7 +10,7 @@ import numpy as np
 
 from proximity.errors import MeshFormatError
 from proximity.formats import text_rows
-from proximity.formats.ply.header import Element
+from proximity.formats.ply.ply_header import Element
 from proximity.formats.polygons import Piece
 
 Columns = dict[str, np.ndarray | list[Piece]]
@@ -141,12 +141,12 @@ def read_ascii(rows: list[str], line_ids: list[int], element: Element) -> Column
         If a row has too many or too few numbers, or something else.
     """
 
-    def place(row: int) -> str:
+    def locate(row: int) -> str:
         return f"line {line_ids[row]} ({element.name} {row})"
 
     scalars: dict[str, np.ndarray] = {}
     lists: dict[str, list[Piece]] = {}
-    for row_ids, table in text_rows.read_rows(rows, place):
+    for row_ids, table in text_rows.read_rows(rows, locate):
         at = np.zeros(len(table), dtype=np.int64)  # column that each row has come to
         last = table.shape[1] - 1
         every = np.arange(len(table))
@@ -156,7 +156,7 @@ def read_ascii(rows: list[str], line_ids: list[int], element: Element) -> Column
             if column.count_dtype is None:
                 scalars.setdefault(column.name, np.empty(element.count))[row_ids] = values
                 continue
-            counts = _list_counts(values, table.shape[1], text_rows.of_rows(place, row_ids))
+            counts = _list_counts(values, table.shape[1], text_rows.of_rows(locate, row_ids))
             entries = np.minimum(at[:, None] + np.arange(last + 1), last)
             # what lies behind the list is passed over by those who take the pieces
             lists.setdefault(column.name, []).append((row_ids, counts, table[every[:, None], entries]))
@@ -165,14 +165,14 @@ def read_ascii(rows: list[str], line_ids: list[int], element: Element) -> Column
         if len(wrong):
             row = int(wrong[0])
             raise MeshFormatError(
-                f"{place(row_ids[row])} has {table.shape[1]} numbers, but its header declares {at[row]}"
+                f"{locate(row_ids[row])} has {table.shape[1]} numbers, but its header declares {at[row]}"
             )
     return {**scalars, **lists}
 
 
-def _list_counts(values: np.ndarray, width: int, place: Callable[[int], str]) -> np.ndarray:
+def _list_counts(values: np.ndarray, width: int, locate: Callable[[int], str]) -> np.ndarray:
     is_count = (values >= 0) & (values <= width) & (values == np.rint(values))
     if not is_count.all():
         row = int(np.flatnonzero(~is_count)[0])
-        raise MeshFormatError(f"{place(row)} announces a list of {values[row]:g}, but has {width} numbers")
+        raise MeshFormatError(f"{locate(row)} announces a list of {values[row]:g}, but has {width} numbers")
     return values.astype(np.int64)

@@ -1,4 +1,4 @@
-"""STEP: meshed by cascadio (OpenCASCADE) into a GLB document, which is then read like any other.
+"""STEP: converted by cascadio (OpenCASCADE) into a GLB document, which is then read like any other.
 
 OpenCASCADE goes on where it should stop: it skips entities that it cannot resolve, says so on standard
 output, and hands over the rest. So its words are caught and taken for errors; the CAD faces that arrive are
@@ -21,7 +21,7 @@ import numpy as np
 from proximity.errors import MeshError, MeshFormatError
 from proximity.formats.contents import RawFile, Source
 from proximity.formats.gltf import buffers, gltf
-from proximity.formats.step import assembly, worker
+from proximity.formats.step import product_structure, worker
 
 STEP_TOLERANCE = 1e-5
 """How far flat triangles may leave the curved surface, m: a tenth of what a fingertip can feel. Halving it
@@ -76,7 +76,7 @@ def read_step(source: Source, *, tolerance: float, undeclared_metres: float) -> 
         )
     text = source.data.decode("latin-1")
     units = _units(text)
-    body_count = assembly.count_bodies(text)
+    body_count = product_structure.count_bodies(text)
     try:
         glb = _convert(source.data, tolerance)
     except OSError as failure:  # a full disk, no room for another process
@@ -119,8 +119,8 @@ def _convert(data: bytes, tolerance: float) -> bytes:
                 stderr=subprocess.STDOUT,
                 check=False,
             )
-        said = _ESCAPES.sub("", log.read_text("utf-8", "replace"))
-        complaint = next((line.strip(" *\t") for line in said.splitlines() if _COMPLAINT.search(line)), "")
+        printed = _ESCAPES.sub("", log.read_text("utf-8", "replace"))
+        complaint = next((line.strip(" *\t") for line in printed.splitlines() if _COMPLAINT.search(line)), "")
         if done.returncode < 0:
             raise MeshFormatError(f"OpenCASCADE crashed on it (signal {-done.returncode})")
         if done.returncode == worker.NO_CASCADIO:

@@ -1,4 +1,4 @@
-"""What runs in the process that converts a STEP file: cascadio and nothing of ours.
+"""The process that converts a STEP file: runs cascadio, imports nothing of this package.
 
 Started by its path; takes its settings as JSON on standard input.
 """

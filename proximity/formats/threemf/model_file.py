@@ -1,4 +1,4 @@
-"""One model file of a 3MF archive: its unit, its objects and what its build places, parsed as a stream.
+"""One model file of a 3MF archive: its unit, objects and build items, parsed as a stream.
 
 The parser is Python's own (expat): linear in the size of the text, nothing but arrays of numbers is kept,
 and a document type, through which XML can name other files or grow without end, is refused.
@@ -23,7 +23,7 @@ _IDENTITY = np.eye(4)
 
 
 class Reference(NamedTuple):
-    """What places an object: an item of the build, or a component of another object."""
+    """Reference to an object with a matrix: an item of the build, or a component of another object."""
 
     target: tuple[str, str]  # model file and id of the object
     matrix: np.ndarray  # (4, 4) float64, acts on columns

@@ -1,4 +1,4 @@
-"""3MF: a zip archive of XML model files, whose build places objects, and objects of objects.
+"""3MF: a zip archive of XML model files, whose build items and components place objects.
 
 Objects are numbered per model file. Every placement becomes a mesh of its own; meshes that stand in many
 places share their arrays. How many placements there must be is counted first, without making them.
@@ -140,7 +140,7 @@ def _check_references(objects: dict[_Id, Object], items: list[Reference]) -> Non
 
 
 def _placement_counts(objects: dict[_Id, Object]) -> dict[_Id, int]:
-    """How many meshes each object puts where it is placed."""
+    """Number of meshes that each object makes where it is placed."""
     below = {key: [component.target for component in held.components] for key, held in objects.items()}
     counts: dict[_Id, int] = {}
     try:

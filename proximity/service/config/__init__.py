@@ -1,10 +1,10 @@
-"""A service described in a file: which parts, which fingers, where poses come from, where frames go.
+"""The scene file of a service: parts, fingers, the source of poses and the addresses of frames.
 
 TOML, with every mistake named by its line; ``meshes/demo.toml`` explains each key. `read_scene_file` checks
 what can be checked without opening parts; what the file describes is then made of it.
 """
 
-from proximity.service.config.builder import (
+from proximity.service.config.scene_builder import (
     PartFiles,
     finger_count,
     make_tracker,
@@ -12,7 +12,7 @@ from proximity.service.config.builder import (
     read_input,
     stamp_of,
 )
-from proximity.service.config.reader import override, read_scene_file
+from proximity.service.config.scene_file_reader import override, read_scene_file
 from proximity.service.config.settings import (
     FingerSettings,
     GloveSettings,

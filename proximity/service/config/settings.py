@@ -1,4 +1,4 @@
-"""What a scene file says, in metres and seconds, with every value checked.
+"""Settings of a scene file, in metres and seconds, with every value checked.
 
 Paths are complete: those in the file are relative to it. Whether files can be loaded is not known yet.
 """
@@ -6,7 +6,7 @@ Paths are complete: those in the file are relative to it. Whether files can be l
 from dataclasses import dataclass, field
 
 from proximity.errors import ServiceError
-from proximity.service.config.document import Document, Path
+from proximity.service.config.toml_document import Document, Path
 
 Vector = tuple[float, float, float]
 ORIGIN: Vector = (0.0, 0.0, 0.0)
@@ -14,7 +14,7 @@ ORIGIN: Vector = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, slots=True)
 class ServiceSettings:
-    """How the loop runs, and whom it tells."""
+    """Rate and timing of the loop, and the addresses it publishes to."""
 
     rate_hz: float = 1000.0
     latency: float = 0.001  # s, from a tick until the controller acts
@@ -73,7 +73,7 @@ class RecordingEntry:
 
 @dataclass(frozen=True, slots=True)
 class InputSettings:
-    """Where poses come from: exactly one of the first three."""
+    """Source of poses: exactly one of the first three."""
 
     recording: RecordingEntry | None = None
     poses: str | None = None  # address
@@ -83,7 +83,7 @@ class InputSettings:
 
 @dataclass(frozen=True, slots=True)
 class GloveSettings:
-    """What is worn by the hand whose poses come in."""
+    """Calibrations of the gloves on the hand whose poses come in."""
 
     calibration: tuple[str, ...]  # files: one for all fingers, or one each
     max_age_days: float | None = None  # of a calibration; None: as `decaff.calibration` has it

@@ -1,4 +1,4 @@
-"""Serving a scene file: in this process, or in one of its own.
+"""Serving a scene file, in this process or in one of its own.
 
 `serve` makes what the file describes and runs the loop; meanwhile it looks whether the file is edited.
 `start_service` has another process do that, so that neither the interpreter lock nor the collector of this

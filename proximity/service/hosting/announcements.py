@@ -1,4 +1,4 @@
-"""What is said while a service runs: whoever listens can neither delay the loop nor end it."""
+"""Announcements while a service runs: the listener can neither delay the loop nor end it."""
 
 import logging
 import queue
@@ -20,13 +20,13 @@ def guarded(say: Callable[[str], None]) -> Callable[[str], None]:
         Is given a sentence.
     """
 
-    def say_guarded(sentence: str) -> None:
+    def announce(sentence: str) -> None:
         try:
             say(sentence)
         except Exception:  # a terminal that was closed, for example
-            LOGGER.exception("this could not be said: %s", sentence)
+            LOGGER.exception("this could not be announced: %s", sentence)
 
-    return say_guarded
+    return announce
 
 
 @contextmanager
@@ -42,7 +42,7 @@ def warnings_of_loop_to(say: Callable[[str], None] | None) -> Iterator[None]:
         yield
         return
     waiting: queue.SimpleQueue[logging.LogRecord] = queue.SimpleQueue()
-    handler, listener = QueueHandler(waiting), QueueListener(waiting, _Saying(say))
+    handler, listener = QueueHandler(waiting), QueueListener(waiting, _AnnouncementHandler(say))
     handler.setLevel(logging.WARNING)
     LOOP_LOGGER.addHandler(handler)
     listener.start()
@@ -53,7 +53,7 @@ def warnings_of_loop_to(say: Callable[[str], None] | None) -> Iterator[None]:
         listener.stop()
 
 
-class _Saying(logging.Handler):
+class _AnnouncementHandler(logging.Handler):
     """Passes records on as sentences."""
 
     def __init__(self, say: Callable[[str], None]) -> None:

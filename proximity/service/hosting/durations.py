@@ -1,4 +1,4 @@
-"""Spans of time that a caller gives, checked before anything is begun."""
+"""Durations given by a caller, checked before anything starts."""
 
 import threading
 from typing import Any

@@ -1,4 +1,4 @@
-"""Calibrations of gloves, as a scene file names them, become what the service knows of fingers."""
+"""Read the glove calibrations that a scene file names."""
 
 import numpy as np
 

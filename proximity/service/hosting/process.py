@@ -1,4 +1,4 @@
-"""A service in a process of its own, and what its parent holds of it.
+"""A service in a process of its own, and its handle in the parent process.
 
 The child is ``python -m proximity serve --json``: it says on its standard output, a JSON document a line,
 that the first frame is out, and at the end what it has done. It stops at a line on its standard input, or
@@ -58,7 +58,7 @@ class RunningService:
     def __init__(self, command: list[str], path: str, say: Callable[[str], None], timeout: float) -> None:
         # Guarded: when nobody reads on, the service waits as soon as the pipe is full.
         self._path, self._say = path, guarded(say)
-        self._said: deque[str] = deque(maxlen=KEPT_LINES)
+        self._lines: deque[str] = deque(maxlen=KEPT_LINES)
         self._reported: queue.SimpleQueue[dict[str, Any] | None] = queue.SimpleQueue()
         self._report: dict[str, Any] | None = None
         self._process = subprocess.Popen(
@@ -78,7 +78,7 @@ class RunningService:
         )
         self._readers = [
             threading.Thread(target=read, name="service", daemon=True)
-            for read in (self._read_report, self._read_said)
+            for read in (self._read_report, self._read_lines)
         ]
         for reader in self._readers:
             reader.start()
@@ -157,12 +157,12 @@ class RunningService:
         return reported
 
     def _failure(self, code: int) -> ServiceError:
-        """What the child's end is called: its own sentence, where it has said one."""
+        """Reason why the child ended: its own sentence, where it printed one."""
         self._readers[1].join(1.0)
-        sentences = [line for line in self._said if line.startswith(SPOKEN_BY)]
+        sentences = [line for line in self._lines if line.startswith(SPOKEN_BY)]
         if code == EXIT_UNUSABLE and sentences:
             return ServiceError(sentences[-1].removeprefix(SPOKEN_BY))
-        last = self._said[-1] if self._said else "it said nothing"
+        last = self._lines[-1] if self._lines else "it printed nothing"
         return ServiceError(f"{self._path}: the service has failed with exit code {code}: {last}")
 
     def _read_report(self) -> None:
@@ -179,10 +179,10 @@ class RunningService:
         finally:
             self._reported.put(None)  # whoever waits, waits no longer
 
-    def _read_said(self) -> None:
+    def _read_lines(self) -> None:
         for line in self._process.stderr or ():
             line = line.rstrip()
-            self._said.append(line)
+            self._lines.append(line)
             if line.startswith(SPOKEN_BY):
                 self._say(line.removeprefix(SPOKEN_BY))
 
@@ -240,7 +240,7 @@ def start_service(
 
 
 def _options(overrides: dict[str, Any]) -> Iterator[str]:
-    """What the command line reports of overrides."""
+    """Command-line options for the overrides."""
     for key, value in overrides.items():
         if value is None:
             continue
@@ -251,4 +251,4 @@ def _options(overrides: dict[str, Any]) -> Iterator[str]:
                 yield from (OPTIONS[key], str(one))
         else:
             known = ", ".join((*OPTIONS, *SWITCHES))
-            raise ServiceError(f"{key} cannot be said otherwise than in the scene file, expected {known}")
+            raise ServiceError(f"{key} can only be set in the scene file, expected {known}")

@@ -13,9 +13,9 @@ from proximity.errors import ServiceError
 from proximity.service import Report
 from proximity.service.config import SceneFile, override, read_scene_file
 from proximity.service.hosting.announcements import guarded, warnings_of_loop_to
-from proximity.service.hosting.assembly import Made, make_service
 from proximity.service.hosting.durations import checked_seconds
-from proximity.service.hosting.reloading import Editing
+from proximity.service.hosting.scene_reload import SceneReloader
+from proximity.service.hosting.service_assembly import Made, make_service
 from proximity.system.stop_signals import stopped_by_signals
 
 LOOK_S = 0.5
@@ -29,7 +29,7 @@ LOGGER = logging.getLogger("proximity.hosting")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Beginning:
-    """What is known when the first frame is out."""
+    """Facts about the service when its first frame is out."""
 
     settings: SceneFile  # as served, what was overridden included
     finger_count: int
@@ -124,7 +124,7 @@ class _Beside:
     ) -> None:
         self._made, self._settings, self._stop = made, settings, stop
         self._seconds, self._begun = seconds, begun
-        self._editing = Editing(made, settings, overrides, say)
+        self._reloader = SceneReloader(made, settings, overrides, say)
         self._over = threading.Event()
         self._timer: threading.Timer | None = None
         self._failure: BaseException | None = None
@@ -160,7 +160,7 @@ class _Beside:
             self._timer.daemon = True
             self._timer.start()
         while not self._over.wait(LOOK_S):
-            self._editing.look()
+            self._reloader.look()
 
     def _wait_for_begin(self) -> None:
         service = self._made.service

@@ -1,1 +1,1 @@
-"""Where a service gets poses, part motions and measured distances from."""
+"""Inputs of a service: poses, motions of parts, and measured distances."""

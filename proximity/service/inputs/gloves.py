@@ -1,4 +1,4 @@
-"""Fingers in gloves: from where the knuckle is, and how far the glove has the finger bent, to tip and path.
+"""Positions and paths of gloved fingers, from the pose of the knuckle and the bend that the glove measures.
 
 What is measured of a glove comes in as tables, one a finger; who reads calibrations is no matter here.
 """
@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-LEAST_BEND, MOST_BEND = -0.1, 1.1
-"""A hand that is warm bends a little farther than when it was measured; no hand bends farther than that."""
+from proximity.decaff.glove.finger_path import LEAST_BEND, MOST_BEND
+
 ROTATION_ERROR = 1e-3
 """By which rows of a rotation may differ from such of unit length at right angles: what a sender that keeps
 float32, or multiplies many turns, may leave. Assumed."""
@@ -16,7 +16,7 @@ float32, or multiplies many turns, may leave. Assumed."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GloveChoices:
-    """Where fingertips go as fingers bend, and what their potentiometers read meanwhile; N fingers."""
+    """Paths of fingertips over the bend, and the potentiometer counts on them; N fingers."""
 
     corners: np.ndarray  # (N, K, 3) float64, m, finger's frame: knuckle, x along the flat finger, y dorsal
     counts: np.ndarray  # (N, M) float64, increasing

@@ -1,4 +1,4 @@
-"""Parts that move, carried on from where they were reported to be; and by how much that makes bounds wider.
+"""Prediction of moving parts from their last reported pose, and how much it widens the bounds.
 
 A part is reported where it was at an instant, and how fast it went. At another instant it is where its
 velocities have taken it: the origin along a line, the part turned about its origin. A part of which nothing
@@ -11,21 +11,21 @@ from typing import NamedTuple
 import numpy as np
 
 from proximity.message import ContactFlag
-from proximity.service.clock import SECOND
+from proximity.message.contact import BOUNDED_BIT, PREDICTED_BIT, TRACKED_BIT
 from proximity.service.presence import Presence
+from proximity.system.time_units import NS_PER_S
 
-HOLD_NS = SECOND // 10
+HOLD_NS = NS_PER_S // 10
 """How long a part is believed to have the velocity that was given, unless it is reported again."""
 NEVER = 2**63 - 1
 
-_TRACKED, _PREDICTED = np.uint32(ContactFlag.TRACKED), np.uint32(ContactFlag.PREDICTED)
-_EXACT, _BOUNDED = np.uint32(ContactFlag.EXACT), np.uint32(ContactFlag.BOUNDED)
+_EXACT = np.uint32(ContactFlag.EXACT)
 _CONTACT_FOUND = np.uint32(ContactFlag.CONTACT_FOUND)
 _ROUNDED_DOWN, _ROUNDED_UP = 1.0 - 1e-12, 1.0 + 1e-12
 
 
 class ReportedMotion(NamedTuple):
-    """What was reported last of a part."""
+    """The last reported motion of a part."""
 
     matrix: np.ndarray  # (4, 4) float64, m, world_from_part at pose_ns
     velocity: np.ndarray  # (3,) float64, m/s, of its origin
@@ -119,15 +119,15 @@ class Carried:
         pose_ns = contacts["pose_ns"]
         if (pose_ns[:, None] == instants).all() and not is_silent.any():
             return
-        is_tracked = (contacts["flags"] & _TRACKED) != 0
+        is_tracked = (contacts["flags"] & TRACKED_BIT) != 0
         off_ns = np.abs(np.where(is_tracked, pose_ns, 0)[:, None] - instants)
         off_ns[~is_tracked] = 0
         if not (off_ns.any() or is_silent.any()):
             return
         # A part that stands for the scene may go on: predictions do not know of it.
-        ahead_ns = np.where(is_tracked, contacts["predicted_ns"] - pose_ns, 0)[:, None] * is_silent
+        lead_ns = np.where(is_tracked, contacts["predicted_ns"] - pose_ns, 0)[:, None] * is_silent
         error = 1e-9 * (off_ns * speeds).max(axis=1) * _ROUNDED_UP
-        error_then = 1e-9 * ((off_ns + ahead_ns) * speeds).max(axis=1) * _ROUNDED_UP
+        error_then = 1e-9 * ((off_ns + lead_ns) * speeds).max(axis=1) * _ROUNDED_UP
         contacts["lower"] -= error
         contacts["upper"] += error
         contacts["predicted_lower"] -= error_then
@@ -142,17 +142,17 @@ def _widen_the_rest(contacts: np.ndarray, is_off: np.ndarray, fastest: float) ->
     """Promise no more of contacts than their widened bounds do, where those are wider."""
     flags = contacts["flags"]
     is_sure = is_off & ((flags & _EXACT) != 0)
-    flags[is_sure] ^= _EXACT | _BOUNDED
+    flags[is_sure] ^= _EXACT | BOUNDED_BIT
     flags[is_off] &= ~_CONTACT_FOUND
     contacts["contact_bend_error"][is_off] += np.inf  # what is nan stays so
     speed = np.linalg.norm(contacts["velocity"][is_off], axis=1) + fastest
     free = np.maximum(contacts["lower"][is_off], 0.0) * _ROUNDED_DOWN / speed
-    free[(flags[is_off] & _PREDICTED) == 0] = 0.0
+    free[(flags[is_off] & PREDICTED_BIT) == 0] = 0.0
     contacts["time_to_contact_lower"][is_off] = np.minimum(contacts["time_to_contact_lower"][is_off], free)
 
 
 def _turns(rotations: np.ndarray, turning: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What is added to rotations (M, 3, 3) as they turn by an angle, twice (M, 3, 3).
+    """Increments of rotations (M, 3, 3) that turn by an angle, twice (M, 3, 3).
 
     The sine of the angle times the first, and one less its cosine times the second (Rodrigues).
     """

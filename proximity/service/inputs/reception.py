@@ -1,4 +1,4 @@
-"""Messages that a service is fed with: distrusted, counted, and never an exception in the loop."""
+"""Reception of a service's input messages: each is checked and counted, and never raises in the loop."""
 
 import logging
 import time
@@ -56,7 +56,7 @@ class Reception:
 
     @property
     def notes(self) -> list[str]:
-        """What was lost, refused or left out."""
+        """Sentences on messages that were lost, refused or left out."""
         # Copies: the loop may be counting meanwhile.
         counts = replace(self._examiner.counts, flawed=self._examiner.counts.flawed.copy())
         notes = [f"{self.address}: {count} {what}" for what, count in list(self._left_out.items())]
@@ -67,7 +67,7 @@ class Reception:
         return notes
 
     def messages(self) -> Iterator[tuple[Kind, np.ndarray, int]]:
-        """Give what has arrived, oldest first: kind, records, and by how much our clock is ahead, ns.
+        """Give what has arrived, oldest first: kind, records, and how far our clock is ahead of theirs, ns.
 
         The records are overwritten by the next message.
         """
@@ -94,10 +94,10 @@ class Reception:
                 LOGGER.warning("receiving failed: %s", failure)
 
     def _on_our_clock(
-        self, kind: Kind, records: np.ndarray, ahead_ns: int
+        self, kind: Kind, records: np.ndarray, offset_ns: int
     ) -> Iterator[tuple[Kind, np.ndarray, int]]:
-        if abs(ahead_ns) <= FARTHEST_NS:
-            yield kind, records, ahead_ns
+        if abs(offset_ns) <= FARTHEST_NS:
+            yield kind, records, offset_ns
         else:
             self.leave_out("messages of a clock that cannot be", 1)
 

@@ -1,15 +1,13 @@
-"""What a sensor measures: distances of fingers that come as messages, from another process or machine."""
+"""Distances of fingers that a sensor measured, received as messages."""
 
 from typing import Any
 
 import numpy as np
 
 from proximity.message import MEASURED, MEASUREMENT, Surface
+from proximity.message.contact import UNIT_ERROR
 from proximity.service.inputs.reception import Reception, rows_of
 from proximity.service.samples import LONG_AGO
-
-UNIT_ERROR = 1e-3
-"""By which a normal's length may differ from 1."""
 
 
 class Measurements:
@@ -37,17 +35,17 @@ class Measurements:
         """The distances."""
         return self.distances
 
-    def take_rest(self, given: "Measurements", rows: Any) -> None:
+    def take_rest(self, newer: "Measurements", rows: Any) -> None:
         """Copy all else that was reported of some fingers.
 
         Parameters
         ----------
-        given : Measurements
+        newer : Measurements
             Of as many fingers.
         rows : slice or (N,) mask
             Which of them.
         """
-        self._bytes[rows] = given._bytes[rows]
+        self._bytes[rows] = newer._bytes[rows]
 
 
 class SensorInput:
@@ -77,7 +75,7 @@ class SensorInput:
 
     @property
     def notes(self) -> list[str]:
-        """What was lost, refused or left out."""
+        """Sentences on messages that were lost, refused or left out."""
         return self._reception.notes
 
     def poll(self, now_ns: int) -> Measurements | None:
@@ -89,23 +87,23 @@ class SensorInput:
             The present instant.
         """
         has_come = False
-        for _, records, ahead_ns in self._reception.messages():
+        for _, records, offset_ns in self._reception.messages():
             has_come = True
-            self._take(records, ahead_ns)
+            self._take(records, offset_ns)
         return self._measured if has_come else None
 
     def close(self) -> None:
         """Give the address back."""
         self._reception.close()
 
-    def _take(self, records: np.ndarray, ahead_ns: int) -> None:
+    def _take(self, records: np.ndarray, offset_ns: int) -> None:
         measured = self._measured
         rows, chosen = rows_of(records["finger"], self._count)
         if chosen is not None:
             self._reception.leave_out("measurements of fingers that are not served", int((~chosen).sum()))
             records = records[chosen]
         measured.distances[rows, 0] = records["signed_distance"]
-        measured.pose_ns[rows] = records["measured_ns"] + ahead_ns
+        measured.pose_ns[rows] = records["measured_ns"] + offset_ns
         measured.records[rows] = records
         self._correct(measured.records)
 

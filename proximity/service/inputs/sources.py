@@ -1,4 +1,4 @@
-"""Where poses come from: what any input must do, and the two that need no transport."""
+"""Sources of poses: the interface of an input, and the two that need no transport."""
 
 import logging
 from collections.abc import Callable
@@ -10,8 +10,8 @@ from proximity.arrays import as_float64
 from proximity.errors import ProximityError, QueryError, ServiceError
 from proximity.kernels.tracking.motion import MAX_GAP_NS
 from proximity.recording import Recording
-from proximity.service.clock import SECOND
-from proximity.service.samples import Hands, Samples
+from proximity.service.samples import FingerPoses, Samples
+from proximity.system.time_units import NS_PER_S
 
 LOGGER = logging.getLogger("proximity.service")
 
@@ -63,14 +63,14 @@ class RecordingInput:
         self._positions = recording.positions
         if repeat:
             self._times_ns, self._positions = _with_nobody_at_the_end(self._times_ns, self._positions)
-        self._hands = Hands(len(recording.fingers))
-        self._latency_ns = round(SECOND * latency)
+        self._poses = FingerPoses(len(recording.fingers))
+        self._latency_ns = round(NS_PER_S * latency)
         self._repeat = repeat
         self._row = -1  # the last one given
         self._start_ns: int | None = None  # instant of the first row
         self._round_ns = int(self._times_ns[-1]) + MAX_GAP_NS
 
-    def poll(self, now_ns: int) -> Hands | None:
+    def poll(self, now_ns: int) -> FingerPoses | None:
         """Return the poses of the last instant that is past; None where that is the one given before.
 
         Parameters
@@ -91,9 +91,9 @@ class RecordingInput:
             return None
         self._row = row
         self.is_over = not self._repeat and row == len(self._times_ns) - 1
-        self._hands.positions[...] = self._positions[row]
-        self._hands.pose_ns[...] = self._start_ns + self._times_ns.item(row)
-        return self._hands
+        self._poses.positions[...] = self._positions[row]
+        self._poses.pose_ns[...] = self._start_ns + self._times_ns.item(row)
+        return self._poses
 
     def close(self) -> None:
         """Do nothing."""
@@ -110,17 +110,17 @@ class RecordingInput:
 def _with_nobody_at_the_end(times_ns: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Times and positions with one more instant, a step as there are others after the last: no finger."""
     steps = np.diff(times_ns)
-    end_ns = times_ns[-1] + (int(np.median(steps)) if len(steps) else SECOND)
+    end_ns = times_ns[-1] + (int(np.median(steps)) if len(steps) else NS_PER_S)
     nobody = np.full((1, *positions.shape[1:]), np.nan)
     return np.append(times_ns, end_ns), np.concatenate([positions, nobody])
 
 
 class CallableInput:
-    """Poses that a function tells, called once a tick with the present instant, ns.
+    """Poses from a callback, called once a tick with the present instant, ns.
 
     It returns positions, (N, 3) float64, m, of that very instant; or positions and their instants, one or
-    (N,) int64, ns; or `Hands`; or None where it has nothing new. What it raises is counted, and the loop
-    goes on without a new pose. It must be quick: the tick waits for it.
+    (N,) int64, ns; or `FingerPoses`; or None where it has nothing new. What it raises is counted, and the
+    loop goes on without a new pose. It must be quick: the tick waits for it.
 
     Parameters
     ----------
@@ -135,17 +135,17 @@ class CallableInput:
     def __init__(self, function: Callable[[int], Any], count: int) -> None:
         self.failures = 0
         self._function = function
-        self._hands = Hands(count)
+        self._poses = FingerPoses(count)
         self._first_failure = ""
 
     @property
     def notes(self) -> list[str]:
-        """How often the function failed, and how it did first."""
+        """Sentences on failures of the pose callback: how many, and the first one."""
         if not self.failures:
             return []
-        return [f"the function that tells poses failed {self.failures} times, first: {self._first_failure}"]
+        return [f"the pose callback raised {self.failures} times, first: {self._first_failure}"]
 
-    def poll(self, now_ns: int) -> Hands | None:
+    def poll(self, now_ns: int) -> FingerPoses | None:
         """Ask the function.
 
         Parameters
@@ -163,32 +163,32 @@ class CallableInput:
     def close(self) -> None:
         """Do nothing."""
 
-    def _understood(self, reported: Any, now_ns: int) -> Hands:
-        hands = self._hands
+    def _understood(self, reported: Any, now_ns: int) -> FingerPoses:
+        poses = self._poses
         rest: tuple[Any, Any, Any] = None, None, None
-        if isinstance(reported, Hands):
-            rest = _rest_of(reported, len(hands.positions))
+        if isinstance(reported, FingerPoses):
+            rest = _rest_of(reported, len(poses.positions))
             reported = reported.positions, reported.pose_ns
         positions, instants = (
             reported if isinstance(reported, tuple) and len(reported) == 2 else (reported, now_ns)
         )
-        array = _shaped("positions", positions, hands.positions.shape)
+        array = _shaped("positions", positions, poses.positions.shape)
         if np.asarray(instants).dtype.kind not in "iu":
             raise QueryError(f"instants are {instants!r}, expected whole nanoseconds")
-        hands.pose_ns[...] = instants
-        hands.positions[...] = array
-        hands.velocities, hands.paths, hands.bends = rest
-        return hands
+        poses.pose_ns[...] = instants
+        poses.positions[...] = array
+        poses.velocities, poses.paths, poses.bends = rest
+        return poses
 
     def _count(self, failure: Exception) -> None:
         self.failures += 1
         if self.failures == 1:
             kind = "" if isinstance(failure, ProximityError) else f"{type(failure).__name__}: "
             self._first_failure = f"{kind}{failure}"
-            LOGGER.warning("the function that tells poses failed: %s", self._first_failure)
+            LOGGER.warning("the pose callback raised: %s", self._first_failure)
 
 
-def _rest_of(reported: Hands, count: int) -> tuple[Any, Any, Any]:
+def _rest_of(reported: FingerPoses, count: int) -> tuple[Any, Any, Any]:
     """Velocities, paths and bends of so many fingers, as a tracker takes them: copies."""
     if len(reported.positions) != count:
         raise QueryError(f"poses of {len(reported.positions)} fingers, expected {count} fingers")

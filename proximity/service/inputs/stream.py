@@ -1,4 +1,4 @@
-"""Poses that come as messages, from another process or machine."""
+"""Poses received as messages from another process or machine."""
 
 import time
 from collections.abc import Callable
@@ -8,7 +8,7 @@ import numpy as np
 from proximity.message import GLOVE_POSES, PATH_CORNERS, PATH_POSES, POSES, Kind
 from proximity.service.inputs.gloves import GloveChoices, is_rotation, points_on
 from proximity.service.inputs.reception import Reception, rows_of
-from proximity.service.samples import Hands
+from proximity.service.samples import FingerPoses
 
 
 class StreamInput:
@@ -49,14 +49,14 @@ class StreamInput:
         self._reception = Reception(address, kinds, clock)
         self._gloves = gloves
         self._count = count
-        self._hands = Hands(count)
+        self._poses = FingerPoses(count)
 
     @property
     def notes(self) -> list[str]:
-        """What was lost, refused or left out."""
+        """Sentences on messages that were lost, refused or left out."""
         return self._reception.notes
 
-    def poll(self, now_ns: int) -> Hands | None:
+    def poll(self, now_ns: int) -> FingerPoses | None:
         """Return the newest pose of each finger; None where no message came.
 
         Parameters
@@ -65,42 +65,42 @@ class StreamInput:
             The present instant.
         """
         has_come = False
-        for kind, records, ahead_ns in self._reception.messages():
+        for kind, records, offset_ns in self._reception.messages():
             has_come = True
-            self._take(kind, records, ahead_ns)
-        return self._hands if has_come else None
+            self._take(kind, records, offset_ns)
+        return self._poses if has_come else None
 
     def close(self) -> None:
         """Give the address back."""
         self._reception.close()
 
-    def _take(self, kind: Kind, records: np.ndarray, ahead_ns: int) -> None:
-        hands = self._hands
+    def _take(self, kind: Kind, records: np.ndarray, offset_ns: int) -> None:
+        poses = self._poses
         rows, chosen = rows_of(records["finger"], self._count)
         if chosen is not None:
             self._reception.leave_out("poses of fingers that are not served", int((~chosen).sum()))
             records = records[chosen]
-        hands.pose_ns[rows] = records["pose_ns"] + ahead_ns
+        poses.pose_ns[rows] = records["pose_ns"] + offset_ns
         if kind is GLOVE_POSES:
             self._take_gloves(records, rows)
             return
-        hands.positions[rows] = records["position"]
-        if hands.velocities is not None or np.isfinite(records["velocity"]).any():
-            if hands.velocities is None:
-                hands.velocities = np.full((self._count, 3), np.nan)
-            hands.velocities[rows] = records["velocity"]
-        if hands.bends is not None or np.isfinite(records["bend"]).any():
-            hands.bends = self._bends()
-            hands.bends[rows] = records["bend"]
-        if hands.paths is not None or kind is PATH_POSES:
-            hands.paths = self._paths()
+        poses.positions[rows] = records["position"]
+        if poses.velocities is not None or np.isfinite(records["velocity"]).any():
+            if poses.velocities is None:
+                poses.velocities = np.full((self._count, 3), np.nan)
+            poses.velocities[rows] = records["velocity"]
+        if poses.bends is not None or np.isfinite(records["bend"]).any():
+            poses.bends = self._bends()
+            poses.bends[rows] = records["bend"]
+        if poses.paths is not None or kind is PATH_POSES:
+            poses.paths = self._paths()
             # A pose without a path says that the one before does not hold any more.
-            hands.paths[rows] = records["corners"] if kind is PATH_POSES else np.nan
+            poses.paths[rows] = records["corners"] if kind is PATH_POSES else np.nan
 
     def _take_gloves(self, records: np.ndarray, rows: slice | np.ndarray) -> None:
         """Take tips, bends and paths as the gloves have them."""
         assert self._gloves is not None
-        hands, fingers = self._hands, records["finger"]
+        poses, fingers = self._poses, records["finger"]
         is_placed = np.isfinite(records["translation"]).all(axis=1)
         is_turn = is_rotation(records["rotation"])
         self._leave_out("rotations that are none", is_placed & ~is_turn)
@@ -112,11 +112,11 @@ class StreamInput:
         knuckles = np.where((is_placed & is_turn)[:, None], records["translation"], np.nan)
         rotations = np.where(is_turn[:, None, None], records["rotation"], np.nan)
         paths = self._gloves.paths(fingers, rotations, knuckles)
-        hands.positions[rows] = points_on(paths, bends)
-        hands.paths, hands.bends = self._paths(), self._bends()
-        hands.paths[rows], hands.bends[rows] = paths, bends
-        if hands.velocities is not None:
-            hands.velocities[rows] = np.nan
+        poses.positions[rows] = points_on(paths, bends)
+        poses.paths, poses.bends = self._paths(), self._bends()
+        poses.paths[rows], poses.bends[rows] = paths, bends
+        if poses.velocities is not None:
+            poses.velocities[rows] = np.nan
 
     def _leave_out(self, what: str, which: np.ndarray) -> None:
         if which.any():
@@ -124,10 +124,10 @@ class StreamInput:
 
     def _paths(self) -> np.ndarray:
         """Room for paths, from the first one on."""
-        paths = self._hands.paths
+        paths = self._poses.paths
         return np.full((self._count, PATH_CORNERS, 3), np.nan) if paths is None else paths
 
     def _bends(self) -> np.ndarray:
         """Room for bends, from the first one on."""
-        bends = self._hands.bends
+        bends = self._poses.bends
         return np.full(self._count, np.nan) if bends is None else bends

@@ -1,4 +1,4 @@
-"""Teleoperation: distances that a sensor measured, published as contacts without any geometry.
+"""Teleoperation: publish distances measured by a sensor as contacts, without any geometry.
 
 What a sensor does not tell is not made up: places, parts and faces stay unknown. The speed of approach is
 estimated from successive distances as `kernels.tracking.motion` does from poses, along one axis.
@@ -10,14 +10,14 @@ from proximity.errors import ServiceError
 from proximity.kernels.tracking.motion import MAX_ACCELERATION, MAX_SPEED, MOTION_INTS, MOTION_REALS
 from proximity.message import CONTACT, ContactFlag, Mode, Source, Surface
 from proximity.service import finger_kernels
-from proximity.service.clock import SECOND
 from proximity.service.inputs.sensor import Measurements
+from proximity.system.time_units import NS_PER_S
 from proximity.tracker.tracker import HORIZON
 from proximity.transport import forget
 
 OBSERVED = int(ContactFlag.TRACKED | ContactFlag.PREDICTED | ContactFlag.JUMPED)
 """What following the distances tells of them."""
-AS_GIVEN = ("position", "velocity", "normal", "bend", "bend_rate", "surface", "force", "force_is_valid")
+PASSED_ON = ("position", "velocity", "normal", "bend", "bend_rate", "surface", "force", "force_is_valid")
 """Fields of a measurement that a contact has as well."""
 
 
@@ -73,7 +73,7 @@ class SensorAnswers:
             )
         self.count = count
         self.notes: list[str] = []
-        self._latency_ns = round(SECOND * latency)
+        self._latency_ns = round(NS_PER_S * latency)
         self._horizon, self._max_speed, self._max_acceleration = horizon, max_speed, max_acceleration
         self._motions = np.zeros((count, MOTION_REALS))
         self._motion_marks = np.zeros((count, MOTION_INTS), np.int64)
@@ -123,10 +123,10 @@ class SensorAnswers:
             reported["error"], -reported["approach_speed"], acts_ns, self._max_speed, self._max_acceleration,
             self._followed,
         )  # fmt: skip
-        status = self._followed[:, finger_kernels.STATUS].astype(np.uint32)
+        status = self._followed[:, finger_kernels.FOLLOWED_STATUS].astype(np.uint32)
         self._write_distances(samples.distances[:, 0], reported["error"], status)
         self._write_times(status)
-        for name in AS_GIVEN:
+        for name in PASSED_ON:
             contacts[name] = reported[name]
         self._write_surface(reported)
         self._write_bend(reported)
@@ -146,13 +146,15 @@ class SensorAnswers:
         has_error = (error >= 0.0) & (error < np.inf)
         error = np.where(has_error, error, np.inf)
         lower, upper = distance - error, distance + error
-        step, spread = followed[:, finger_kernels.STEP], followed[:, finger_kernels.SPREAD]
+        step, spread = followed[:, finger_kernels.FOLLOWED_STEP], followed[:, finger_kernels.FOLLOWED_SPREAD]
         contacts["signed_distance"], contacts["lower"], contacts["upper"] = distance, lower, upper
         contacts["predicted_distance"] = distance + step
         contacts["predicted_lower"] = lower + (step - spread)
         contacts["predicted_upper"] = upper + (step + spread)
         is_predicted = (status & ContactFlag.PREDICTED) != 0
-        contacts["approach_speed"] = np.where(is_predicted, -followed[:, finger_kernels.RATE], np.nan)
+        contacts["approach_speed"] = np.where(
+            is_predicted, -followed[:, finger_kernels.FOLLOWED_RATE], np.nan
+        )
         flags = status & OBSERVED | int(ContactFlag.SIGNED | ContactFlag.IN_RANGE)
         flags |= np.where(error == 0.0, int(ContactFlag.EXACT), 0).astype(np.uint32)
         flags |= np.where(has_error, 0, int(ContactFlag.BOUNDED)).astype(np.uint32)
@@ -193,11 +195,15 @@ class SensorAnswers:
         time_left, bend = contacts["time_to_contact"], reported["bend"]
         is_touching = contacts["signed_distance"] <= 0.0
         is_bending = (time_left < np.inf) & (reported["bend_rate"] > 0.0)
-        place = np.full(self.count, np.nan)
-        place[is_bending] = bend[is_bending] + reported["bend_rate"][is_bending] * time_left[is_bending]
-        place[place > 1.0] = np.nan
-        place[is_touching] = bend[is_touching]
+        contact_bend = np.full(self.count, np.nan)
+        contact_bend[is_bending] = (
+            bend[is_bending] + reported["bend_rate"][is_bending] * time_left[is_bending]
+        )
+        contact_bend[contact_bend > 1.0] = np.nan
+        contact_bend[is_touching] = bend[is_touching]
         is_sure = is_touching & (contacts["upper"] <= 0.0)
-        contacts["contact_bend"] = place
-        contacts["contact_bend_error"] = np.where(np.isnan(place), np.nan, np.where(is_sure, 0.0, np.inf))
+        contacts["contact_bend"] = contact_bend
+        contacts["contact_bend_error"] = np.where(
+            np.isnan(contact_bend), np.nan, np.where(is_sure, 0.0, np.inf)
+        )
         contacts["contact_bend_rate"] = np.nan

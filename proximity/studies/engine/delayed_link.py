@@ -1,4 +1,4 @@
-"""A transport inside a simulation: what is sent arrives after a latency, by the simulation's clock.
+"""Simulated transport: a message arrives after a latency, by the simulation's clock.
 
 Whoever reads examines the bytes as those of any other transport. Messages do not overtake each other.
 """
@@ -11,9 +11,9 @@ import numpy as np
 
 from proximity.decaff.arguments import not_negative
 from proximity.errors import DecaffError
+from proximity.system.time_units import NS_PER_S
 from proximity.transport.link import NOTHING
 
-SECOND = 1_000_000_000  # ns
 DRAWS = 1024  # latencies that are drawn at once
 SEED = 7
 
@@ -50,7 +50,7 @@ class DelayedLink:
         self._clock, self._silences = clock, tuple(silences)
         self._rng = np.random.default_rng(SEED)
         self._drawn: list[int] = []
-        self._under_way: deque[tuple[int, np.ndarray]] = deque()
+        self._in_flight: deque[tuple[int, np.ndarray]] = deque()
         self._last_ns = -(2**62)
 
     def send(self, data: np.ndarray) -> None:
@@ -58,20 +58,20 @@ class DelayedLink:
         now_ns = self._clock()
         self._last_ns = max(self._last_ns, now_ns + self._next_ns())
         if not any(first <= now_ns <= last for first, last in self._silences):
-            self._under_way.append((self._last_ns, data.copy()))
+            self._in_flight.append((self._last_ns, data.copy()))
 
     def receive(self, buffer: np.ndarray) -> int:
         """Hand over the oldest message that has arrived."""
-        if not self._under_way or self._under_way[0][0] > self._clock():
+        if not self._in_flight or self._in_flight[0][0] > self._clock():
             return NOTHING
-        data = self._under_way.popleft()[1]
+        data = self._in_flight.popleft()[1]
         size = min(len(data), len(buffer))
         buffer[:size] = data[:size]
         return len(data)
 
     def wait(self, timeout: float) -> bool:
         """Say whether anything is under way: in a simulation nobody waits."""
-        return bool(self._under_way)
+        return bool(self._in_flight)
 
     def close(self) -> None:
         """Do nothing."""
@@ -88,4 +88,4 @@ def _latencies_ns(latency: Latency) -> list[int]:
     values = list(latency) if isinstance(latency, Sequence) else [latency]
     if not values:
         raise DecaffError("no latency is given, expected seconds")
-    return [math.floor(SECOND * not_negative("latency", value, "seconds") + 0.5) for value in values]
+    return [math.floor(NS_PER_S * not_negative("latency", value, "seconds") + 0.5) for value in values]

@@ -1,11 +1,11 @@
-"""A press on a CAD part with the real engine in the loop: hand, tracker, message, controller, drum, finger.
+"""Simulation of a press on a CAD part with the real engine in the loop, from hand to drum.
 
-The finger of the closed loop moves on its way before a part. At the service's rate its pose goes to a
+The finger of the closed loop moves on its path before a part. At the service's rate its pose goes to a
 tracker, the answer becomes a frame, its bytes arrive after the service's latency, are examined, and the
 drum's controller acts at its own rate on what it then knows. Against it stands the wall that is truly there:
 by exact geometry, with the same hand. All in simulated time, the same on every run.
 
-Forces are along the finger's way, as its one degree of freedom has them.
+Forces are along the finger's path, as its one degree of freedom has them.
 """
 
 import math
@@ -19,10 +19,9 @@ from proximity.studies.engine.delayed_link import DelayedLink
 from proximity.studies.engine.engine_press import EnginePress
 from proximity.studies.engine.engine_readers import ControllerReader, PolicyReader, Reader
 from proximity.studies.engine.engine_setup import Distances, EngineSetup
-from proximity.studies.engine.placed_finger import PlacedFinger
+from proximity.studies.engine.finger_placement import PlacedFinger
 from proximity.studies.engine.recorded_press import RecordedPress
 from proximity.studies.engine.simulated_service import (
-    SECOND,
     ExactAnswers,
     Feed,
     MeasuredFinger,
@@ -36,6 +35,7 @@ from proximity.studies.simulation.devices import SERVO_RATE, Decaff, Sensing
 from proximity.studies.simulation.hand import Hand
 from proximity.studies.simulation.response import Response
 from proximity.studies.simulation.target_policies import DistanceSample, Holding, TargetPolicy
+from proximity.system.time_units import NS_PER_S
 from proximity.tracker.tracker import Tracker
 from proximity.transport import Counts, Subscriber
 
@@ -62,7 +62,7 @@ def press_on_part(
     if part.stiffness is None:
         real = real_wall(hand, press, like=loop.response)
     else:
-        along = finger.incidence**2  # of the surface's law, along the finger's way
+        along = finger.incidence**2  # of the surface's law, along the finger's path
         real = soft_wall(hand, press, along * part.stiffness, along * part.damping, like=loop.response)
     engine = Engine(finger, setup, loop, real)
     while not loop.is_over:
@@ -95,7 +95,7 @@ class Engine:
 
     def __init__(self, finger: PlacedFinger, setup: EngineSetup, loop: DecaffLoop, real: Response) -> None:
         self._finger, self._setup, self._loop, self._real = finger, setup, loop, real
-        self._wall, self._intent = finger.contact_place, loop.response.press
+        self._wall, self._intent = finger.contact_position, loop.response.press
         self._now_ns = 0
         link = DelayedLink(setup.latency, lambda: self._now_ns, [_in_ns(span) for span in setup.silent])
         self._period = 1.0 / setup.rate
@@ -123,7 +123,7 @@ class Engine:
 
         Parameters
         ----------
-        sight : Sight
+        distance_sample : DistanceSample
             Of this sample of the servo.
         """
         while self._begin + self._ticks * self._period <= distance_sample.now + 1e-9:
@@ -139,16 +139,16 @@ class Engine:
         return self.reader.command(distance_sample, self._now_ns, reading.state, contact, frame)
 
     def _tick(self, time: float) -> None:
-        place, speed = self._loop.link_at(time)
+        position, speed = self._loop.link_at(time)
         path, bend = self._finger.path, math.nan
         is_seen = not isinstance(self._intent, RecordedPress) or self._intent.sees(time)
         if is_seen and not any(first <= time <= last for first, last in self._setup.blind):
-            bend = path.bend(self._wall + place)
+            bend = path.bend(self._wall + position)
         self._now_ns = _instant_ns(time)
         self._service.tick(self._now_ns, bend=bend, **self._measured(time, bend, speed))
 
     def _measured(self, time: float, bend: float, speed: float) -> dict[str, float]:
-        """What only a sensor tells: how fast the finger bends, 1/s, and the force on it, N."""
+        """Measurements of a sensor: rate of the finger's bend, 1/s, and the force on it, N."""
         if self._setup.distances != Distances.SENSOR or not math.isfinite(bend):
             return {"bend_rate": math.nan, "force": math.nan}
         force = self._setup.far_force
@@ -159,10 +159,10 @@ class Engine:
     def _note(self, bend: float, error: float) -> None:
         """Keep what was reported of the contact last."""
         if math.isfinite(bend):
-            place = self._finger.path.place(bend)
-            self.reported_contact = place - self._wall
+            position = self._finger.path.position(bend)
+            self.reported_contact = position - self._wall
             self.reported_error = (
-                self._finger.path.place(bend + error) - place if error < math.inf else math.inf
+                self._finger.path.position(bend + error) - position if error < math.inf else math.inf
             )
 
 
@@ -185,7 +185,7 @@ def _feed(finger: PlacedFinger, setup: EngineSetup, period: float) -> Feed:
 
 def _glove(finger: PlacedFinger, setup: EngineSetup) -> Decaff:
     """Drum and servo; the drum waits where the controller's own is retracted."""
-    reach = min(setup.way, finger.contact_place - LEAD)
+    reach = min(setup.start_distance, finger.contact_position - LEAD)
     return Decaff(
         drum=setup.drum,
         servo=servo_for(setup.drum, SERVO_RATE),
@@ -195,7 +195,7 @@ def _glove(finger: PlacedFinger, setup: EngineSetup) -> Decaff:
 
 
 def _instant_ns(time: float) -> int:
-    return START_NS + round(SECOND * time)
+    return START_NS + round(NS_PER_S * time)
 
 
 def _in_ns(span: tuple[float, float]) -> tuple[int, int]:

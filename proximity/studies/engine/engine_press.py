@@ -1,4 +1,4 @@
-"""What a press on a CAD part came to, beside the same press on the wall that is truly there."""
+"""Result of a press on a CAD part, beside the same press on the true surface."""
 
 import math
 from collections import Counter
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from proximity.studies.engine.engine_setup import EngineSetup
-from proximity.studies.engine.placed_finger import PlacedFinger
+from proximity.studies.engine.finger_placement import PlacedFinger
 from proximity.studies.simulation.metrics import force_error, onset, work
 from proximity.studies.simulation.response import Response
 from proximity.transport import Counts
@@ -15,7 +15,7 @@ from proximity.transport import Counts
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EnginePress:
-    """What a press came to; places of `response` count from the true surface, along the finger's way."""
+    """Result of a press; positions of `response` count from the true surface, along the finger's path."""
 
     finger: PlacedFinger
     setup: EngineSetup
@@ -25,7 +25,7 @@ class EnginePress:
     switched_at: float  # s, when the controller first served a force; nan: it did not
     counts: Counts  # frames, as the subscriber counts them
     reported_contact: (
-        float  # m past the true surface, the place of contact in the last frame before the touch
+        float  # m past the true surface, the position of contact in the last frame before the touch
     )
     reported_error: float  # m, the bound that this frame gave for it, on the polyline that the tracker had
     advances: int  # samples at which the drum was sent nearer although nothing fresh was known

@@ -1,7 +1,7 @@
-"""Who reads frames in the closed loop with the engine, and moves the drum by them.
+"""Readers of frames in the closed loop with the engine: they move the drum.
 
-The loop's wall is at 0; on the finger's way it is at the place of contact. A reader turns the one into the
-other.
+The loop's wall is at 0; on the finger's path it is at the position of contact. A reader converts between the
+two.
 """
 
 import math
@@ -17,13 +17,13 @@ from proximity.decaff.glove.finger_path import FingerPath
 from proximity.message import State
 from proximity.studies.simulation.controller_in_loop import START_NS
 from proximity.studies.simulation.target_policies import DistanceSample, Message, TargetPolicy
+from proximity.system.time_units import S_PER_NS
 
-NS = 1e-9  # in s
 ADVANCE = 1e-9  # m: a target that comes nearer by less than that stays
 
 
 class Reader(ABC):
-    """What a drum does, by the newest frame."""
+    """A reader of frames that moves the drum."""
 
     def __init__(self) -> None:
         self.states: Counter[str] = Counter()  # samples of the servo, by state
@@ -66,7 +66,7 @@ class ControllerReader(Reader):
     path : FingerPath
         Of the finger.
     wall : float, m
-        The place of contact on it.
+        The position of contact on it.
     """
 
     def __init__(self, controller: FingerController, path: FingerPath, wall: float) -> None:
@@ -94,10 +94,10 @@ class ControllerReader(Reader):
         is_force = action.mode is DriveMode.FORCE
         if is_force and math.isnan(self.switched_at):
             self.switched_at = distance_sample.now
-        if self.controller.trust is not Trust.FRESH and action.place < self._target - ADVANCE:
+        if self.controller.trust is not Trust.FRESH and action.position < self._target - ADVANCE:
             self.advances += 1
-        self._target = action.place
-        target = action.force if is_force else action.place - wall
+        self._target = action.position
+        target = action.force if is_force else action.position - wall
         return commanded(action, target)
 
 
@@ -111,7 +111,7 @@ class PolicyReader(Reader):
     path : FingerPath
         Of the finger.
     wall : float, m
-        The place of contact on it.
+        The position of contact on it.
     """
 
     def __init__(self, policy: TargetPolicy, path: FingerPath, wall: float) -> None:
@@ -139,11 +139,13 @@ class PolicyReader(Reader):
         pose_ns, bend = int(contact["pose_ns"]), float(contact["bend"])
         if pose_ns == self._last[0] or not math.isfinite(bend):
             return
-        place, to = self._path.place(bend), float(contact["contact_bend"])
+        position, to = self._path.position(bend), float(contact["contact_bend"])
         if self._last[0]:
-            self._speed = (place - self._last[1]) / (NS * (pose_ns - self._last[0]))
-        self._last = (pose_ns, place)
+            self._speed = (position - self._last[1]) / (S_PER_NS * (pose_ns - self._last[0]))
+        self._last = (pose_ns, position)
         self._message = None
         if math.isfinite(to):
-            at = NS * (pose_ns - START_NS)
-            self._message = Message(at, place - self._wall, self._speed, self._path.place(to) - place)
+            at = S_PER_NS * (pose_ns - START_NS)
+            self._message = Message(
+                at, position - self._wall, self._speed, self._path.position(to) - position
+            )

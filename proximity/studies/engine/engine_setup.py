@@ -1,11 +1,11 @@
-"""How a simulated finger learns of a part: by whom, how often, how late, and what fails meanwhile."""
+"""Setup of a press with the engine: source, rate and latency of distances, and simulated failures."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 from proximity.decaff.arguments import not_negative, positive
-from proximity.decaff.drum.drum import GEAR4, Drum
+from proximity.decaff.drum.drum_model import GEAR4, Drum
 from proximity.errors import DecaffError
 from proximity.message import PATH_CORNERS
 from proximity.studies.engine.delayed_link import Latency
@@ -18,19 +18,19 @@ Spans = Sequence[tuple[float, float]]
 
 
 class Distances(StrEnum):
-    """Where a controller's distances come from."""
+    """Source of a controller's distances."""
 
     ENGINE = "engine"
     """The tracker, at the service's rate, as late as the service."""
     IDEAL = "ideal"
-    """The true place of contact, at the servo's rate and at once: what drum and controller cost alone."""
+    """The true position of contact, at the servo's rate and at once: what drum and controller cost alone."""
     SENSOR = "sensor"
     """Teleoperation: a sensor at the far end, at the service's rate and as late."""
 
 
 @dataclass(frozen=True, slots=True)
 class EngineSetup:
-    """How a finger learns of a part, and what stops it."""
+    """Setup of a press with the engine in the loop."""
 
     distances: Distances = Distances.ENGINE
     rate: float = 1000.0  # Hz, of the service
@@ -38,11 +38,11 @@ class EngineSetup:
     reading: Target | None = None  # a plain reading of distances instead of the controller
     drum: Drum = GEAR4  # its servo runs at 3 kHz
     far_force: float | None = None  # N, that the sensor measures; None: what the real wall does
-    corners: int = PATH_CORNERS  # of the polyline that a tracker takes as the finger's way
+    corners: int = PATH_CORNERS  # of the polyline that a tracker takes as the finger's path
     tolerance: float = 0.0  # of the tracker: share of a distance by which its bounds may be apart
     budget: int | None = None  # of the tracker: nodes and leaves; None: its own
     phase: float = 0.5  # of a period, before the first tick
-    way: float = FARTHEST  # m from the touch, where a scripted hand begins
+    start_distance: float = FARTHEST  # m from the touch, where a scripted hand begins
     blind: Spans = field(default=())  # the finger is not tracked
     silent: Spans = field(default=())  # frames are lost
 
@@ -50,7 +50,7 @@ class EngineSetup:
         positive("rate", self.rate, "hertz")
         if self.far_force is not None:
             not_negative("far_force", self.far_force, "newtons")
-        positive("way", self.way, "metres")
+        positive("start_distance", self.start_distance, "metres")
         if not 0.0 <= self.phase < 1.0:
             raise DecaffError(f"phase is {self.phase!r}, expected 0 or more, and below 1 of a period")
 

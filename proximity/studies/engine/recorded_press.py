@@ -1,7 +1,7 @@
-"""A recorded fingertip as what a hand means to do: it comes as near to the surface as the recorded one.
+"""A recorded fingertip as the intent of a simulated hand: it comes as near to the surface.
 
 A finger of the glove has one way. So what counts of a recorded motion is how far the fingertip is from the
-parts, instant by instant: the finger of the simulation goes as far along its way.
+parts, instant by instant: the finger of the simulation goes as far along its path.
 """
 
 import math
@@ -16,9 +16,9 @@ from proximity.errors import DecaffError
 from proximity.kernels.tracking.motion import MAX_SPEED
 from proximity.recording import NANOSECONDS, Recording
 from proximity.scene.scene import Scene
-from proximity.studies.engine.placed_finger import PlacedFinger, place_finger
+from proximity.studies.engine.finger_placement import PlacedFinger, place_finger
 from proximity.studies.paper.trajectories import Motion
-from proximity.studies.simulation import finger_kernels
+from proximity.studies.simulation import press_kernels
 
 STEP = 0.001  # s, between two positions that are kept
 LONGEST = 60.0  # s, of a recording
@@ -27,7 +27,7 @@ LONGEST_GAP = 0.050  # s without a sample: for longer, the finger is lost
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordedPress:
-    """Where a hand means to be, at even steps; it touches at 0. T instants."""
+    """Intended position of a hand at even steps; it touches at 0. T instants."""
 
     begin: float  # s, of the first instant; before the touch
     step: float  # s
@@ -39,7 +39,7 @@ class RecordedPress:
 
     @property
     def loss_time(self) -> float:
-        """When the recording is over, s."""
+        """Time at which the recording ends, s."""
         return self.begin + self.step * (len(self.positions) - 1)
 
     @property
@@ -47,12 +47,12 @@ class RecordedPress:
         """The same: a recording does not say when the hand begins to leave."""
         return self.loss_time
 
-    def lead(self, way: float) -> float:
+    def lead(self, start_distance: float) -> float:
         """Return how long before the touch it begins, s.
 
         Parameters
         ----------
-        way : float, m
+        start_distance : float, m
             Does not matter here.
         """
         return -self.begin
@@ -91,12 +91,12 @@ class RecordedPress:
 
     def as_array(self) -> np.ndarray:
         """Return its numbers as the kernels read them."""
-        head = np.zeros(finger_kernels.TABLE)
-        head[finger_kernels.BEGIN], head[finger_kernels.EVERY] = self.begin, self.step
+        head = np.zeros(press_kernels.PRESS_TABLE)
+        head[press_kernels.PRESS_BEGIN], head[press_kernels.PRESS_STEP] = self.begin, self.step
         return np.concatenate([head, self.positions, self.velocities])
 
 
-def recorded_press(scene: Scene, recording: Recording, radius: float, way: float) -> RecordedPress:
+def recorded_press(scene: Scene, recording: Recording, radius: float, start_distance: float) -> RecordedPress:
     """Return the motion of the finger that touches first.
 
     Parameters
@@ -107,7 +107,7 @@ def recorded_press(scene: Scene, recording: Recording, radius: float, way: float
         In the scene's frame.
     radius : float, m
         Of the fingertips.
-    way : float, m
+    start_distance : float, m
         How far from the touch a finger can be; one that was recorded farther off waits there.
 
     Raises
@@ -122,7 +122,7 @@ def recorded_press(scene: Scene, recording: Recording, radius: float, way: float
     motions = [_without_jumps(recording, column) for column in range(len(recording.fingers))]
     column, last = _first_touch(scene, recording.path, motions, radius)
     own, points = motions[column]
-    curve = PchipInterpolator(own, np.maximum(radius - scene.signed_distance(points), -way))
+    curve = PchipInterpolator(own, np.maximum(radius - scene.signed_distance(points), -start_distance))
     touch = _crossing(curve, own[last - 1], own[last])
     instants = np.arange(own[0], own[-1], STEP)
     after = np.clip(np.searchsorted(own, instants, side="right"), 1, len(own) - 1)
@@ -138,7 +138,7 @@ def recorded_press(scene: Scene, recording: Recording, radius: float, way: float
 
 
 def recorded_hand(scene: Scene, recording: Recording) -> tuple[PlacedFinger, RecordedPress]:
-    """Return the finger of a recorded hand that touches first, before the place it touches, and its motion.
+    """Return the finger of a recorded hand that touches first, before it touches, and its motion.
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ def recorded_hand(scene: Scene, recording: Recording) -> tuple[PlacedFinger, Rec
     glove = Glove()
     press = recorded_press(scene, recording, glove.finger.pad_radius, math.inf)
     finger = place_finger(scene, press.outside.tolist(), glove=glove)
-    return finger, recorded_press(scene, recording, glove.finger.pad_radius, finger.contact_place)
+    return finger, recorded_press(scene, recording, glove.finger.pad_radius, finger.contact_position)
 
 
 def _without_jumps(recording: Recording, column: int) -> tuple[np.ndarray, np.ndarray]:
@@ -190,7 +190,7 @@ def _first_touch(
 
 
 def _crossing(curve: PchipInterpolator, outside: float, inside: float) -> float:
-    """When the finger touches, between two instants."""
+    """Time of touch between two instants."""
     for _ in range(60):
         middle = 0.5 * (outside + inside)
         if curve(middle) < 0.0:

@@ -1,4 +1,4 @@
-"""The distance service inside a simulation: its gate, answers, frames and bytes, by the simulation's clock.
+"""The distance service inside a simulation, by the simulation's clock.
 
 All but the loop that keeps appointments is the service's own. What it is fed with is a finger of the closed
 loop: poses for a tracker, or what the sensor of a far end would measure there.
@@ -10,21 +10,21 @@ import numpy as np
 
 from proximity.message import PATH_CORNERS, Surface
 from proximity.service.answers import Answering, TrackerAnswers
-from proximity.service.frame_builder import Framing
+from proximity.service.frame_builder import FrameBuilder
 from proximity.service.inputs.sensor import Measurements
 from proximity.service.inputs.teleoperation import SensorAnswers
 from proximity.service.sample_filter import SampleFilter
-from proximity.service.samples import Hands, Samples
-from proximity.studies.engine.placed_finger import PlacedFinger
+from proximity.service.samples import FingerPoses, Samples
+from proximity.studies.engine.finger_placement import PlacedFinger
+from proximity.system.time_units import NS_PER_S
 from proximity.tracker.tracker import Tracker
 from proximity.transport import Outlet, Publisher
 
-SECOND = 1_000_000_000  # ns
 VALID_FOR, STALE_AFTER = 0.020, 0.100  # s, as of a service that is given nothing else
 
 
 class Feed(Protocol):
-    """What a service is fed with, and who answers it."""
+    """Source of a service's samples, and of the answers to them."""
 
     answering: Answering
 
@@ -33,7 +33,7 @@ class Feed(Protocol):
 
 
 class TrackedFinger:
-    """Poses of a finger and its way, for a tracker.
+    """Poses of a finger and its path, for a tracker.
 
     Parameters
     ----------
@@ -48,10 +48,10 @@ class TrackedFinger:
     def __init__(self, finger: PlacedFinger, answering: TrackerAnswers, corners: int = PATH_CORNERS) -> None:
         self.answering: Answering = answering
         self._finger = finger
-        self._hands = Hands(1)
-        self._hands.paths, self._hands.bends = finger.corners(corners)[None], np.zeros(1)
+        self._poses = FingerPoses(1)
+        self._poses.paths, self._poses.bends = finger.corners(corners)[None], np.zeros(1)
 
-    def samples(self, now_ns: int, bend: float, bend_rate: float, force: float) -> Hands:
+    def samples(self, now_ns: int, bend: float, bend_rate: float, force: float) -> FingerPoses:
         """Return the pose.
 
         Parameters
@@ -65,16 +65,16 @@ class TrackedFinger:
         force : float, N
             Not reported.
         """
-        hands = self._hands
-        hands.positions[0] = self._finger.point(bend)
-        hands.pose_ns[0] = now_ns
-        assert hands.bends is not None
-        hands.bends[0] = bend
-        return hands
+        poses = self._poses
+        poses.positions[0] = self._finger.point(bend)
+        poses.pose_ns[0] = now_ns
+        assert poses.bends is not None
+        poses.bends[0] = bend
+        return poses
 
 
 class ExactAnswers(TrackerAnswers):
-    """A tracker's contacts, with the place of contact as it truly is, known from the beginning.
+    """A tracker's contacts, with the position of contact as it truly is, known from the beginning.
 
     Parameters
     ----------
@@ -88,12 +88,12 @@ class ExactAnswers(TrackerAnswers):
         super().__init__(tracker)
         self._contact_bend = contact_bend
 
-    def answer(self, samples: Hands, now_ns: int) -> np.ndarray:
+    def answer(self, samples: FingerPoses, now_ns: int) -> np.ndarray:
         """Tick, and tell the truth.
 
         Parameters
         ----------
-        samples : Hands
+        samples : FingerPoses
             The newest pose.
         now_ns : int, ns
             Instant of the tick.
@@ -104,7 +104,7 @@ class ExactAnswers(TrackerAnswers):
 
 
 class MeasuredFinger:
-    """What a sensor at a far end measures, where a finger does as this one does: teleoperation.
+    """Measurements of a sensor at a far end where a finger moves as this one does: teleoperation.
 
     Parameters
     ----------
@@ -165,9 +165,9 @@ class SimulatedService:
     def __init__(self, feed: Feed, outlet: Outlet, period: float) -> None:
         answering = feed.answering
         self._feed, self._answering = feed, answering
-        self._gate = SampleFilter(answering.new_samples(), round(SECOND * STALE_AFTER))
-        self._framing = Framing(
-            answering.count, answering.source, round(SECOND * period), round(SECOND * VALID_FOR)
+        self._sample_filter = SampleFilter(answering.new_samples(), round(NS_PER_S * STALE_AFTER))
+        self._frame_builder = FrameBuilder(
+            answering.count, answering.source, round(NS_PER_S * period), round(NS_PER_S * VALID_FOR)
         )
         self._publisher = Publisher(outlet, "simulation")
         self._has_begun = False
@@ -182,12 +182,12 @@ class SimulatedService:
         **known
             Of the finger, as `Feed.samples` takes it.
         """
-        gate, framing = self._gate, self._framing
+        sample_filter, frame_builder = self._sample_filter, self._frame_builder
         if not self._has_begun:
-            gate.start(now_ns)
+            sample_filter.start(now_ns)
             self._has_begun = True
-        gate.admit(self._feed.samples(now_ns, **known), now_ns)
-        gate.expire(now_ns)
-        framing.fill(self._answering.answer(gate.kept, now_ns))
-        framing.finish(now_ns, now_ns, 0, self._answering.epoch, 0)
-        self._publisher.publish(framing.message)
+        sample_filter.admit(self._feed.samples(now_ns, **known), now_ns)
+        sample_filter.expire(now_ns)
+        frame_builder.fill(self._answering.answer(sample_filter.kept, now_ns))
+        frame_builder.finish(now_ns, now_ns, 0, self._answering.epoch, 0)
+        self._publisher.publish(frame_builder.message)

@@ -1,14 +1,14 @@
-"""When a drum arrives, drawn: how it goes to its place, and from how far away it must know of a wall."""
+"""Plots of a drum's arrival: its motion to a target, and the look-ahead that it needs before a wall."""
 
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from proximity.decaff.drum.drum import DRUMS
+from proximity.decaff.drum.drum_model import DRUMS
 from proximity.decaff.drum.servo import move, servo_for, settling_time
 from proximity.studies.figures import style
 from proximity.studies.figures.tables import Table
-from proximity.studies.simulation.arrival import arrival_time, look_ahead, needed_look_ahead
+from proximity.studies.simulation.arrival import ARRIVED_WITHIN, arrival_time, look_ahead, needed_look_ahead
 from proximity.studies.simulation.devices import SERVO_RATE, Decaff
 from proximity.studies.simulation.hand import Hand
 from proximity.studies.simulation.sweeps import with_drum, with_latency
@@ -16,28 +16,26 @@ from proximity.studies.simulation.sweeps import with_drum, with_latency
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-WAY = 0.030  # m, from where a drum waits
+TRAVEL = 0.030  # m, from where a drum waits
 DURATION = 0.080  # s, of the ways shown
-SAMPLING = 1e-4  # s, of the curves
-IN_PLACE = 1e-4  # m
 SPEEDS = (0.1, 0.15, 0.25, 0.35, 0.5, 0.7, 1.0)  # m/s
 LATENCIES = (0.001, 0.010, 0.040)  # s
-MOTION_SIZE = (style.COLUMN, 2.4)
-SIZE = (style.PAGE, 2.7)
+MOTION_SIZE = (style.COLUMN_WIDTH, 2.4)
+SIZE = (style.PAGE_WIDTH, 2.7)
 STROKES = dict(zip(DRUMS, (style.PENALTY, style.TIME_STAMPED, style.LATCHED), strict=True))
 
 
 def motion_numbers() -> Table:
-    """Return how far each drum is from its place after it was sent there, and when it stays there."""
-    instants = np.arange(round(DURATION / SAMPLING) + 1) * SAMPLING
+    """Return how far each drum is from its position after it was sent there, and when it stays there."""
+    instants = np.arange(round(DURATION / style.SAMPLING) + 1) * style.SAMPLING
     columns = {"time_s": instants}
     for name, drum in DRUMS.items():
         servo = servo_for(drum, SERVO_RATE)
-        times, positions = move(drum, servo, WAY, DURATION + SAMPLING)
-        columns[f"{name}_left_m"] = WAY - np.interp(
+        times, positions = move(drum, servo, TRAVEL, DURATION + style.SAMPLING)
+        columns[f"{name}_left_m"] = TRAVEL - np.interp(
             instants, np.append(0.0, times), np.append(0.0, positions)
         )
-        at_rest = settling_time(drum, servo, WAY, within=IN_PLACE)
+        at_rest = settling_time(drum, servo, TRAVEL, within=ARRIVED_WITHIN)
         columns[f"{name}_settled_s"] = np.full(len(instants), at_rest)
     return Table(columns)
 
@@ -57,7 +55,7 @@ def draw_motion(figure: "Figure", table: Table) -> None:
         at_rest = float(table[f"{name}_settled_s"][0])
         label = f"{name}, {1e3 * at_rest:.1f} ms"
         panel.plot(1e3 * table["time_s"], 1e3 * table[f"{name}_left_m"], **style.line(stroke), label=label)
-        panel.plot(1e3 * at_rest, 1e3 * IN_PLACE, color=stroke["color"], marker=stroke["marker"])
+        panel.plot(1e3 * at_rest, 1e3 * ARRIVED_WITHIN, color=stroke["color"], marker=stroke["marker"])
     panel.axhline(0.0, **style.GUIDE)
     panel.set_xlim(0.0, 1e3 * DURATION)
     panel.set_xlabel("time [ms]")
@@ -72,7 +70,7 @@ def numbers() -> Table:
         glove = with_drum(Decaff(), drum, SERVO_RATE)
         for latency in LATENCIES:
             reported = with_latency(glove, latency)
-            arrival = arrival_time(drum, glove.servo, WAY)
+            arrival = arrival_time(drum, glove.servo, TRAVEL)
             rows += [
                 (
                     name,

@@ -1,4 +1,4 @@
-"""All figures by name: FIG 5a to 5h of the paper, and what this project found beside it.
+"""Catalogue of all figures by name: FIG 5a to 5h of the paper, and those of this project.
 
 A figure is a table of numbers and what draws it; both are written beside each other.
 """

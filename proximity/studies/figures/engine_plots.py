@@ -1,4 +1,4 @@
-"""Force error with the engine in the loop, against speed and latency, beside the ideal distance: drawn."""
+"""Plots of the force error with the engine in the loop, against speed and latency."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,7 +10,7 @@ from proximity.scene.loader import load
 from proximity.scene.scene import Scene
 from proximity.studies.engine.engine_loop import press_on_part
 from proximity.studies.engine.engine_setup import EngineSetup
-from proximity.studies.engine.placed_finger import place_finger
+from proximity.studies.engine.finger_placement import place_finger
 from proximity.studies.figures import style
 from proximity.studies.figures.tables import Table
 from proximity.studies.simulation.closed_loop import ideal_drum
@@ -24,14 +24,14 @@ if TYPE_CHECKING:
 
 SPEEDS = tuple(np.geomspace(0.1, 1.0, 5).tolist())  # m/s
 LATENCIES = (0.0, 0.001, 0.003, 0.010)  # s, from a pose until its frame has arrived
-PLACE = (0.048, 0.030, 0.020)  # m: the finger comes from there to the foot of the bracket
-WAY = 0.050  # m from the touch, where the hand begins: a drum arrives in time
+START_POSITION = (0.048, 0.030, 0.020)  # m: the finger comes from there to the foot of the bracket
+START_DISTANCE = 0.050  # m from the touch, where the hand begins: a drum arrives in time
 READINGS = {"controller": None, "latched": Target.LATCHED}
 CAPTIONS = {
     "controller": "controller: each distance with its own pose",
     "latched": "each distance with the present position",
 }
-SIZE = (style.PAGE, 3.1)
+SIZE = (style.PAGE_WIDTH, 3.1)
 
 
 def bracket() -> Scene:
@@ -51,15 +51,17 @@ def bracket() -> Scene:
 
 def numbers() -> Table:
     """Return force errors of both readings, a row a reading, latency and speed."""
-    hand, finger = Hand(), place_finger(bracket(), PLACE)
+    hand, finger = Hand(), place_finger(bracket(), START_POSITION)
     rows = []
     for speed in SPEEDS:
         press = hand.press(speed)
-        ideal = press_on_part(finger, press, EngineSetup(way=WAY).ideal, hand).error.share
+        ideal = press_on_part(
+            finger, press, EngineSetup(start_distance=START_DISTANCE).ideal, hand
+        ).error.share
         floor = deviation(ideal_drum(hand, press)).error
         for name, reading in READINGS.items():
             for latency in LATENCIES:
-                setup = EngineSetup(latency=latency, reading=reading, way=WAY)
+                setup = EngineSetup(latency=latency, reading=reading, start_distance=START_DISTANCE)
                 felt = press_on_part(finger, press, setup, hand)
                 rows.append(
                     (

@@ -1,4 +1,4 @@
-"""Force error of penalty walls and drums against speed and latency, drawn; the real wall is the reference."""
+"""Plots of the force error of penalty walls and drums against speed and latency."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -23,7 +23,7 @@ SPEEDS = tuple(np.geomspace(0.1, 1.0, 11).tolist())  # m/s
 LATENCIES = tuple(1e-3 * np.array([0.1, 0.2, 0.3, 0.5, 1, 2, 3, 5, 7, 10, 15, 20, 30, 40]))  # s
 SPEED_PANELS = (0.001, 0.010)  # s of latency, in the figure against speed
 LATENCY_PANELS = (0.1, 0.5)  # m/s, in the figure against latency
-SIZE = (style.PAGE, 3.0)
+SIZE = (style.PAGE_WIDTH, 3.0)
 TARGETS = {
     "naive": Target.NAIVE,
     "latched": Target.LATCHED,

@@ -1,4 +1,4 @@
-"""FIG 5a to 5h of the paper, drawn: where the finger is by each wall's knowledge, and the force it feels."""
+"""Plots of FIG 5a to 5h of the paper: the finger as each wall knows it, and the force it feels."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING
@@ -16,10 +16,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-SAMPLING = 1e-4  # s, of the curves
-SIZE = (style.COLUMN, 3.1)
-PAGE_SIZE = (style.PAGE, 6.6)
-POSITIONS_SHOWN = (-2.0, 10.5)  # mm; before and after, the finger is on its way
+SIZE = (style.COLUMN_WIDTH, 3.1)
+PAGE_SIZE = (style.PAGE_WIDTH, 6.6)
+POSITIONS_SHOWN = (-2.0, 10.5)  # mm; before and after, the finger is on its path
 POSITION_TICKS = (0, 4, 8)  # mm
 FORCES_SHOWN = (-0.06, 1.75)  # N; the same everywhere, so that figures compare
 CAPTIONS = {
@@ -42,7 +41,7 @@ def numbers(name: str) -> Table:
     name : str
         ``"5a"`` and so on.
     """
-    times = figure_5.sample_times(SAMPLING)
+    times = figure_5.sample_times(style.SAMPLING)
     columns = {
         "time_s": times,
         "real_position_m": PRESS.at(times).position,
@@ -76,7 +75,7 @@ def position(name: str, times: np.ndarray) -> np.ndarray:
 
 def all_numbers() -> Table:
     """Return the curves of all eight figures."""
-    times = figure_5.sample_times(SAMPLING)
+    times = figure_5.sample_times(style.SAMPLING)
     curves = {f"{name}_{'error' if name == '5e' else 'force'}_N": FIGURES[name](times) for name in FIGURES}
     return Table({"time_s": times, **curves})
 

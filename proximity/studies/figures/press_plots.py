@@ -1,4 +1,4 @@
-"""One simulated press, drawn: where finger, link and drum are, and the force beside the real wall's."""
+"""Plot of one simulated press: finger, link and drum, and the force beside the real wall's."""
 
 import os
 from functools import partial
@@ -15,12 +15,11 @@ from proximity.studies.simulation.simulated_press import Simulation, Wall
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-SAMPLING = 1e-4  # s, of the curves
-SIZE = (style.COLUMN, 3.4)
+SIZE = (style.COLUMN_WIDTH, 3.4)
 BEFORE = 40.0  # ms shown before the contact
 AFTER = 30.0  # ms shown after the hand has left
 MARGIN = 1.0  # mm, above and below what finger and wall do
-DEEPEST = -4.0  # mm: farther off, the finger is on its way
+DEEPEST = -4.0  # mm: farther off, the finger is on its path
 STROKES = {
     Wall.REAL: style.REAL,
     Wall.COUPLED: style.PENALTY,
@@ -51,7 +50,7 @@ def curves(response: Response, real: Response, *, has_drum: bool, ideal: Respons
     ideal : Response
         With an ideal distance, where there is one.
     """
-    stride = max(round(SAMPLING / response.step), 1)
+    stride = max(round(style.SAMPLING / response.step), 1)
     every = slice(response.zero % stride, None, stride)  # the contact among them
     times = response.times[every]
     columns = {

@@ -1,4 +1,4 @@
-"""The stability region of the sampled wall of equation (1), drawn: damping, stiffness, samples of delay."""
+"""Plot of the stability region of the sampled wall of equation (1): damping, stiffness, samples of delay."""
 
 from typing import TYPE_CHECKING
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 DELAYS = (0, 1, 2, 3)  # samples
 PAPER_WALL = Gains(stiffness=3900.0, damping=60.0)  # the paper's, "marginally stable" at d = 1
-SIZE = (style.PAGE, 2.7)
+SIZE = (style.PAGE_WIDTH, 2.7)
 
 
 def numbers() -> Table:

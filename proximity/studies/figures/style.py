@@ -1,4 +1,4 @@
-"""How figures look: one look for all, for a column or a page of a journal, readable without colours.
+"""Style of all figures: for a column or a page of a journal, readable without colours.
 
 A kind of wall has the same stroke in every figure. Colours are Okabe and Ito's, which people who are blind
 to some tell apart; dashes and marks tell the strokes apart in grey. Nothing here touches matplotlib's state
@@ -21,8 +21,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-COLUMN = 3.4  # inches, the width of a journal's column
-PAGE = 7.0  # inches, of both columns
+COLUMN_WIDTH = 3.4  # inches, the width of a journal's column
+SAMPLING = 1e-4  # s, of the curves
+PAGE_WIDTH = 7.0  # inches, of both columns
 FORMATS = ("png", "svg", "pdf")
 DOTS_PER_INCH = 300
 

@@ -1,4 +1,4 @@
-"""The numbers that a figure shows, column by column, and as CSV.
+"""Tables of the numbers in a figure, column by column, and as CSV.
 
 What is drawn is read from such a table, so that the file beside a figure holds exactly what the figure shows.
 Columns are in SI units, which their names end in: ``time_s``, ``force_N``.

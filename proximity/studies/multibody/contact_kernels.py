@@ -1,4 +1,4 @@
-"""A planar chain of links that presses its tip against a plane, step by step.
+"""Kernels that step a planar chain of links whose tip presses against a plane.
 
 Angles and rates are of the links themselves, counted from the x axis, not of the joints: the mass matrix is
 then ``coupling[i, j] cos(a_i - a_j)``, and the Coriolis terms are ``coupling[i, j] sin(a_i - a_j) w_j²``.
@@ -16,26 +16,26 @@ import numpy as np
 from proximity.kernels.compiler import inlined, kernel, maker
 
 # --- rows of a chain behind the coupling ---
-WEIGHT = 0  # N m, what gravity turns each link with where it is level
-LENGTH = 1  # m
-STIFFNESS = 2  # N m/rad, of each joint
-REST = 3  # rad, of each joint
-DAMPING = 4  # N m s/rad, of each joint
+CHAIN_WEIGHT = 0  # N m, what gravity turns each link with where it is level
+CHAIN_LENGTH = 1  # m
+CHAIN_STIFFNESS = 2  # N m/rad, of each joint
+CHAIN_REST = 3  # rad, of each joint
+CHAIN_DAMPING = 4  # N m s/rad, of each joint
 CHAIN_ROWS = 5
 
 # --- the plane ---
 PLANE_STIFFNESS = 0  # N/m
 PLANE_DAMPING = 1  # N s/m
-NORMAL_X = 2
-NORMAL_Y = 3
-OFFSET = 4  # m, normal · tip where it touches
+PLANE_NORMAL_X = 2
+PLANE_NORMAL_Y = 3
+PLANE_OFFSET = 4  # m, normal · tip where it touches
 PLANE_SIZE = 5
 
 # --- how the force of the plane reaches the tip ---
-AT_ONCE = 0
-LATE = 1  # so many steps later
-HELD = 2  # sampled each so many steps, and held
-HELD_ON_SLOPE = 3  # as HELD, with half of the last difference added
+SHOWN_AT_ONCE = 0
+SHOWN_LATE = 1  # so many steps later
+SHOWN_HELD = 2  # sampled each so many steps, and held
+SHOWN_HELD_ON_SLOPE = 3  # as HELD, with half of the last difference added
 
 INTEGRALS = 4
 
@@ -46,17 +46,17 @@ def tip_height(chain: np.ndarray, state: np.ndarray, plane: np.ndarray) -> tuple
     n = chain.shape[1]
     height, speed = 0.0, 0.0
     for i in range(n):
-        length, c, s = chain[n + LENGTH, i], cos(state[i]), sin(state[i])
-        height += length * (plane[NORMAL_X] * c + plane[NORMAL_Y] * s)
-        speed += length * (plane[NORMAL_Y] * c - plane[NORMAL_X] * s) * state[n + i]
+        length, c, s = chain[n + CHAIN_LENGTH, i], cos(state[i]), sin(state[i])
+        height += length * (plane[PLANE_NORMAL_X] * c + plane[PLANE_NORMAL_Y] * s)
+        speed += length * (plane[PLANE_NORMAL_Y] * c - plane[PLANE_NORMAL_X] * s) * state[n + i]
     return height, speed
 
 
 @kernel
 def plane_force(chain: np.ndarray, state: np.ndarray, plane: np.ndarray) -> float:
-    """What the plane presses with on the tip, N: never less than nothing."""
+    """Force of the plane on the tip, N: never less than nothing."""
     height, speed = tip_height(chain, state, plane)
-    depth = plane[OFFSET] - height
+    depth = plane[PLANE_OFFSET] - height
     # A tip that is just on the plane and closes is damped already: the damper's force begins with a step.
     if not depth >= 0.0:
         return 0.0
@@ -71,7 +71,9 @@ def joint_torques(chain: np.ndarray, state: np.ndarray, i: int) -> tuple[float, 
         return 0.0, 0.0
     angle = state[i] - (state[i - 1] if i > 0 else 0.0)
     rate = state[n + i] - (state[n + i - 1] if i > 0 else 0.0)
-    return chain[n + STIFFNESS, i] * (angle - chain[n + REST, i]), chain[n + DAMPING, i] * rate
+    return chain[n + CHAIN_STIFFNESS, i] * (angle - chain[n + CHAIN_REST, i]), chain[
+        n + CHAIN_DAMPING, i
+    ] * rate
 
 
 @kernel
@@ -118,8 +120,8 @@ def change(
             coriolis += turn * state[n + j] * state[n + j]
             geometric -= turn * w * state[n + j]
             matrix[i, j] = chain[i, j] * cos(state[i] - state[j])
-        contact = chain[n + LENGTH, i] * (plane[NORMAL_Y] * c - plane[NORMAL_X] * s) * force
-        static = spring - next_spring + chain[n + WEIGHT, i] * c
+        contact = chain[n + CHAIN_LENGTH, i] * (plane[PLANE_NORMAL_Y] * c - plane[PLANE_NORMAL_X] * s) * force
+        static = spring - next_spring + chain[n + CHAIN_WEIGHT, i] * c
         rate[i] = w
         rate[n + i] = contact - coriolis - (damper - next_damper) - static
         rate[2 * n + i] = contact
@@ -135,16 +137,16 @@ def change(
 
 
 @inlined
-def shown_force(way: int, lag: int, k: int, felt: np.ndarray, held: float) -> tuple[float, float]:
-    """What the tip is shown at the begin and at the end of step *k*, N, after it was felt up to there."""
-    if way == LATE:
+def shown_force(display: int, lag: int, k: int, felt: np.ndarray, held: float) -> tuple[float, float]:
+    """Force shown at the tip at the begin and at the end of step *k*, N, after it was felt up to there."""
+    if display == SHOWN_LATE:
         return felt[k - lag] if k >= lag else 0.0, felt[k - lag + 1] if k + 1 >= lag else 0.0
-    if way == AT_ONCE:
+    if display == SHOWN_AT_ONCE:
         return felt[k], felt[k]
     if k % lag:
         return held, held
     before = felt[k - lag] if k >= lag else 0.0
-    force = felt[k] if way == HELD else max(0.0, 1.5 * felt[k] - 0.5 * before)
+    force = felt[k] if display == SHOWN_HELD else max(0.0, 1.5 * felt[k] - 0.5 * before)
     return force, force
 
 
@@ -152,7 +154,7 @@ def shown_force(way: int, lag: int, k: int, felt: np.ndarray, held: float) -> tu
 def press(
     chain: np.ndarray,
     plane: np.ndarray,
-    way: int,
+    display: int,
     lag: int,
     step: float,
     states: np.ndarray,
@@ -160,7 +162,7 @@ def press(
 ) -> None:
     """Fill *states* from its first row on, and *forces* (N), what the tip is shown; classical Runge-Kutta.
 
-    *way* is how the force is shown, *lag* its steps: 1 or more.
+    *display* is how the force is shown, *lag* its steps: 1 or more.
     """
     count, size = states.shape
     matrix = np.zeros((chain.shape[1], chain.shape[1]))
@@ -168,7 +170,7 @@ def press(
     held = 0.0
     for k in range(count):
         felt[k] = plane_force(chain, states[k], plane)
-        begin, end = shown_force(way, lag, k, felt, held)
+        begin, end = shown_force(display, lag, k, felt, held)
         forces[k] = held = begin
         if k + 1 == count:
             return
@@ -177,7 +179,7 @@ def press(
             for i in range(size):
                 trial[i] = states[k, i] + (reach * rates[stage - 1, i] if stage > 0 else 0.0)
             force = begin + (end - begin) * reach / step
-            if way == AT_ONCE:
+            if display == SHOWN_AT_ONCE:
                 force = plane_force(chain, trial, plane)
             change(chain, trial, force, plane, matrix, rates[stage])
         for i in range(size):

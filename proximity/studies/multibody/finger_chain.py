@@ -1,4 +1,4 @@
-"""A finger as a planar chain of links: its equations of motion, momentum and energy (docs/decaff.md).
+"""A finger as a planar chain of links: equations of motion, momentum and energy (docs/decaff.md).
 
 ``M(q) q'' + C(q, q') q' + D q' + P(q) = Jᵀ f + tau``. Angles q are of the joints, each relative to the link
 before, counter-clockwise; the first counts from the x axis, and gravity pulls along -y. C comes of the
@@ -159,8 +159,8 @@ class PlanarFinger:
             Of the joints.
         """
         links = self._links(angles)
-        ways = np.array([-self.lengths * np.sin(links), self.lengths * np.cos(links)])
-        return np.array([_from_here_on(way) for way in ways])
+        columns = np.array([-self.lengths * np.sin(links), self.lengths * np.cos(links)])
+        return np.array([_from_here_on(column) for column in columns])
 
     def tip_mass(self, angles: ArrayLike, direction: ArrayLike) -> float:
         """Return what mass a blow along *direction* meets at the tip, kg: ``1 / (n J M⁻¹ Jᵀ n)``.

@@ -1,4 +1,4 @@
-"""What an error of the shown force does to the energy of a finger that it stops (docs/decaff.md).
+"""Energy change of a stopping finger that is caused by an error of the displayed force (docs/decaff.md).
 
 The energy is a square of the momentum, so an impulse that is off by a share changes it by a linear and a
 quadratic part of that share.

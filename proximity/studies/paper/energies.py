@@ -1,4 +1,4 @@
-"""Energies of a press, equations (5) and (12) to (15), with the shape of the stop left open.
+"""Energies of a press, equations (5) and (12) to (15) of the paper, for any shape of the stop.
 
 What the damper takes while a finger stops depends on how it stops: D = kappa c v x, with kappa the mean
 over the way of the speed left, v(x)/v. The paper's 1/2 holds for an exponential approach alone.
@@ -22,7 +22,7 @@ QUADRATURE_POINTS = 8  # exact up to the power 15; power, of a motion of the fou
 
 
 class Stop(StrEnum):
-    """How a finger stops."""
+    """Shape of a finger's stop."""
 
     EXPONENTIAL = "exponential"  # as in the paper's (12)
     CONSTANT_DECELERATION = "constant deceleration"
@@ -111,7 +111,7 @@ def damping_loss(damping: float, speed: float, depth: float, factor: float) -> f
 
 @dataclass(frozen=True, slots=True)
 class Balance:
-    """Where the energy of a press goes from touch to rest, equation (5): kinetic + work = spring + loss."""
+    """Energy balance of a press from touch to rest, equation (5): kinetic + work = spring + loss."""
 
     kinetic: float  # J, at touch
     work: float  # J, that the hand does
@@ -120,7 +120,7 @@ class Balance:
 
     @property
     def residual(self) -> float:
-        """What is left over, J."""
+        """Residual of the balance, J."""
         return self.kinetic + self.work - self.spring - self.loss
 
 
@@ -148,7 +148,7 @@ def balance(press: Press, finger: SpringDamper) -> Balance:
 
 @dataclass(frozen=True, slots=True)
 class EnergyExcess:
-    """By how much more energy a penetrated wall takes than the real one; extra work of the operator, J."""
+    """Energy that a penetrated wall takes beyond the real one; extra work of the operator, J."""
 
     spring: float  # equation (13)
     damping: float  # equation (14a)

@@ -1,4 +1,4 @@
-"""An operator who draws back from the force: FIG 5f, and the gain from which on that is unstable.
+"""An operator who draws back from the force: FIG 5f, and the gain at which that becomes unstable.
 
 Position follows the plan less a gain times the last force; the force follows from positions by differences.
 The paper shows the growth and gives no gain.
@@ -15,7 +15,7 @@ from proximity.studies.paper.trajectories import Press
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reaction:
-    """What an operator does and feels at each step; N steps."""
+    """Motion and force of an operator; N steps."""
 
     times: np.ndarray  # (N,) s
     position: np.ndarray  # (N,) m, positive into the wall
@@ -94,6 +94,6 @@ def react(
 
 
 def _weights(finger: SpringDamper, step: float) -> tuple[float, float, float]:
-    """Of the present, the last and the position before it, in the force by backward differences."""
+    """Weights of the present, the last and the position before it, in the force by backward differences."""
     damping, inertia = finger.damping / step, finger.mass / step**2
     return finger.stiffness + damping + inertia, -damping - 2.0 * inertia, inertia

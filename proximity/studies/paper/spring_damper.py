@@ -1,4 +1,4 @@
-"""A spring beside a damper, and two such in a row: equation (8) of the paper, and what is exact."""
+"""A spring beside a damper, and two such in series: equation (8) of the paper, and the exact solution."""
 
 import math
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""How a finger presses on a wall and leaves it: displacements given in advance, in closed form.
+"""Prescribed motions of a finger that presses on a wall and leaves it, in closed form.
 
 The paper shows such curves without numbers; those here are assumed (docs/decaff.md). Pressing in is the
 polynomial of lowest degree that keeps the speed of the touch and stops at depth without a jump of the
@@ -18,7 +18,7 @@ from proximity.errors import DecaffError
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """Where a finger is at some instants; T instants."""
+    """Positions of a finger at some instants; T instants."""
 
     position: np.ndarray  # (T,) m, positive into the wall
     velocity: np.ndarray  # (T,) m/s
@@ -26,18 +26,18 @@ class Motion:
 
 
 class Intent(Protocol):
-    """What a hand means to do in a closed loop: where it would be without a wall. It touches at 0."""
+    """Intended motion of a hand in a closed loop: its position if there were no wall. It touches at 0."""
 
     @property
     def release_time(self) -> float:
-        """When it has pressed for long enough, s."""
+        """Time at which it has pressed for long enough, s."""
 
     @property
     def loss_time(self) -> float:
-        """When it is over, s."""
+        """Time at which it is over, s."""
 
-    def lead(self, way: float) -> float:
-        """Return how long before the touch to begin, s; *way*, m, is how far away that may be."""
+    def lead(self, start_distance: float) -> float:
+        """Return how long before the touch to begin, s; *start_distance*, m, is how far away that may be."""
 
     def at(self, times: ArrayLike) -> Motion:
         """Return where the hand means to be."""
@@ -72,17 +72,17 @@ class Press:
 
     @property
     def rise_time(self) -> float:
-        """From touch to rest, and from release to loss, s."""
+        """Time from touch to rest, and from release to loss, s."""
         return 2.0 * self.depth / self.speed
 
     @property
     def stop_time(self) -> float:
-        """When the finger rests at depth, s."""
+        """Time at which the finger rests at depth, s."""
         return self.touch_time + self.rise_time
 
     @property
     def loss_time(self) -> float:
-        """When the finger is back at the surface, s; the force has ended before."""
+        """Time at which the finger is back at the surface, s; the force has ended before."""
         return self.release_time + self.rise_time
 
     def deeper(self, penetration: float) -> "Press":
@@ -123,15 +123,15 @@ class Press:
         acceleration = -6.0 * self.speed / self.rise_time * (s * (1.0 - s) + r * (1.0 - r))
         return Motion(position + self.speed * (before - after), velocity, acceleration)
 
-    def lead(self, way: float) -> float:
+    def lead(self, start_distance: float) -> float:
         """Return how long before the touch the finger is so far away, s.
 
         Parameters
         ----------
-        way : float, m
+        start_distance : float, m
             How far.
         """
-        return way / self.speed
+        return start_distance / self.speed
 
     def as_array(self) -> np.ndarray:
         """Return its numbers as the kernels of a closed loop read them.

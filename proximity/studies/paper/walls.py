@@ -1,4 +1,4 @@
-"""What a finger feels of a real wall, of a traditional simulated one, and of the DECAFF drum.
+"""Forces that a finger feels on a real wall, on a traditional simulated wall, and on the DECAFF drum.
 
 The motion of the finger is given in advance; what differs is the motion that the wall lets it make, when it
 answers, and with which spring and damper (the paper's equations 2 to 11 and 16). Numbers of equations are
@@ -22,7 +22,7 @@ YIELD_STEP = 20e-6  # s, of the pad on a drum that yields; the motion between is
 
 
 class Convention(StrEnum):
-    """Which force the paper's equation (2) means: its signs fit no single convention."""
+    """Convention by which the paper's equation (2) is read: its signs fit no single one."""
 
     NEWTON = "newton"  # what the hand applies: m x'' + c x' + k x
     PAD = "pad"  # what the skin and the wall exchange: c x' + k x

@@ -1,1 +1,1 @@
-"""Hand, finger, wall and drum in closed loop."""
+"""Simulation of hand, finger, wall and drum in closed loop."""

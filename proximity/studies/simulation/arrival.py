@@ -1,4 +1,4 @@
-"""From how far away a drum must know of a wall, so that it stands there when the finger comes.
+"""Look-ahead that a drum needs, to stand at a wall before the finger comes.
 
 By a formula, and by looking: presses are simulated with less and less reach until the drum is late.
 """
@@ -7,7 +7,7 @@ import math
 from dataclasses import replace
 
 from proximity.decaff.arguments import positive
-from proximity.decaff.drum.drum import Drum
+from proximity.decaff.drum.drum_model import Drum
 from proximity.decaff.drum.servo import Servo
 from proximity.errors import DecaffError
 from proximity.studies.simulation.closed_loop import decaff
@@ -16,7 +16,7 @@ from proximity.studies.simulation.hand import Hand
 from proximity.studies.simulation.metrics import drum_lag
 
 SETTLING_SAMPLES = 15.0  # of the servo: what is left of its lag is then small
-IN_PLACE = 1e-4  # m, from the wall
+ARRIVED_WITHIN = 1e-4  # m, from the wall
 GRID = 2e-3  # m, of the reaches that are tried
 FARTHEST = 0.160  # m, that is tried
 SWING = 6  # steps beyond the least reach, that are tried as well
@@ -84,7 +84,7 @@ def needed_look_ahead(hand: Hand, glove: Decaff, speed: float) -> float:
 
     def is_in_place(count: int) -> bool:
         sensing = replace(glove.sensing, reach=count * GRID)
-        return abs(drum_lag(decaff(hand, press, replace(glove, sensing=sensing)))) <= IN_PLACE
+        return abs(drum_lag(decaff(hand, press, replace(glove, sensing=sensing)))) <= ARRIVED_WITHIN
 
     late, early = 0, round(FARTHEST / GRID)
     if not is_in_place(early):
@@ -92,7 +92,7 @@ def needed_look_ahead(hand: Hand, glove: Decaff, speed: float) -> float:
     while early - late > 1:
         middle = (late + early) // 2
         late, early = (late, middle) if is_in_place(middle) else (middle, early)
-    # A drum that swings past its place is there for a moment on its way: it must be there from then on.
+    # A drum that swings past its position is there for a moment on its path: it must be there from then on.
     later = [count for count in range(early + 1, early + 1 + SWING) if not is_in_place(count)]
     return (max(later, default=late) + 1) * GRID
 
@@ -114,5 +114,5 @@ def age_on_curve(error: float, curvature: float, speed: float) -> float:
     DecaffError
         If a number is not positive.
     """
-    way = math.sqrt(2.0 * positive("error", error, "metres") / positive("curvature", curvature, "1/m"))
-    return way / positive("speed", speed, "metres a second")
+    travel = math.sqrt(2.0 * positive("error", error, "metres") / positive("curvature", curvature, "1/m"))
+    return travel / positive("speed", speed, "metres a second")

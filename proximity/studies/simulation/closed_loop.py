@@ -1,4 +1,4 @@
-"""Hand, finger and wall in closed loop: a real wall, a penalty wall, and a drum that stands at the wall.
+"""Closed-loop simulation of hand and finger on a real wall, a penalty wall, or a drum.
 
 The same hand presses on each, so that the forces compare. Times count from the contact: the instant at which
 the hand's intent reaches the surface, at 0. A drum learns of the wall by distances, late and now and then;
@@ -16,7 +16,7 @@ from proximity.decaff.drum.drum_command import DrumCommand
 from proximity.decaff.drum.servo import STEP, steps_a_sample
 from proximity.errors import DecaffError
 from proximity.studies.paper.trajectories import Intent
-from proximity.studies.simulation import finger_kernels, loop_kernels
+from proximity.studies.simulation import loop_kernels, press_kernels
 from proximity.studies.simulation.devices import COUPLED_DEVICE, Decaff, Link, PenaltyWall
 from proximity.studies.simulation.hand import Hand
 from proximity.studies.simulation.response import Response
@@ -41,7 +41,7 @@ def real_wall(hand: Hand, press: Intent, *, like: Response | None = None, step: 
     """
     response = _empty(hand, press, step, LEAD) if like is None else _same_instants(hand, press, like)
     body = _body(hand, Link())
-    finger_kernels.press_real_wall(body, press.as_array(), response.zero, response.step, response.record)
+    press_kernels.press_real_wall(body, press.as_array(), response.zero, response.step, response.record)
     return response
 
 
@@ -71,12 +71,12 @@ def soft_wall(
     DecaffError
         If the stiffness is not positive, or the damping negative.
     """
-    numbers = np.zeros(finger_kernels.WALL_SIZE)
-    numbers[finger_kernels.WALL_STIFFNESS] = positive("stiffness", stiffness, "newtons a metre")
-    numbers[finger_kernels.WALL_DAMPING] = not_negative("damping", damping, "newton seconds a metre")
+    numbers = np.zeros(press_kernels.WALL_SIZE)
+    numbers[press_kernels.WALL_STIFFNESS] = positive("stiffness", stiffness, "newtons a metre")
+    numbers[press_kernels.WALL_DAMPING] = not_negative("damping", damping, "newton seconds a metre")
     response = _empty(hand, press, STEP, LEAD) if like is None else _same_instants(hand, press, like)
     body = _body(hand, Link())
-    finger_kernels.press_soft_wall(
+    press_kernels.press_soft_wall(
         body, press.as_array(), numbers, response.zero, response.step, response.record
     )
     return response
@@ -103,7 +103,7 @@ def penalty_wall(
     numbers = np.array([wall.stiffness, wall.damping, wall.resolution])
     samples = np.array([steps, round(wall.latency / response.step), round(PHASE * steps)])
     body = _body(hand, device)
-    finger_kernels.press_penalty_wall(
+    press_kernels.press_penalty_wall(
         body, press.as_array(), numbers, samples, response.zero, response.step, response.record
     )
     return response
@@ -210,11 +210,11 @@ class DecaffLoop:
         return DistanceSample(
             self.now,
             float(response.link[row]),
-            float(response.record[finger_kernels.LINK_SPEED, row]),
+            float(response.record[press_kernels.RECORD_LINK_SPEED, row]),
             float(response.finger_speed[row]),
-            float(self._drive[drum_kernels.WHERE]),
+            float(self._drive[drum_kernels.DRIVE_POSITION]),
             self._back,
-            float(self._drive[drum_kernels.DEMANDED]),
+            float(self._drive[drum_kernels.DRIVE_DEMANDED]),
             Message(at, link, speed, distance) if at > -math.inf else None,
         )
 
@@ -238,7 +238,9 @@ class DecaffLoop:
             An instant that is not after this sample.
         """
         row, record = self.row(time), self.response.record
-        return float(record[finger_kernels.LINK, row]), float(record[finger_kernels.LINK_SPEED, row])
+        return float(record[press_kernels.RECORD_LINK, row]), float(
+            record[press_kernels.RECORD_LINK_SPEED, row]
+        )
 
     def tick(self, command: DrumCommand) -> None:
         """Serve a command for one sample, and move everything by it.
@@ -309,16 +311,19 @@ class DecaffLoop:
 
 
 def _body(hand: Hand, link: Link) -> np.ndarray:
-    body = np.zeros(finger_kernels.BODY_SIZE)
-    body[finger_kernels.HAND_STIFFNESS], body[finger_kernels.HAND_DAMPING] = hand.stiffness, hand.damping
-    body[finger_kernels.FINGER_MASS] = hand.finger_mass
-    body[finger_kernels.PAD_STIFFNESS], body[finger_kernels.PAD_DAMPING] = (
+    body = np.zeros(press_kernels.BODY_SIZE)
+    body[press_kernels.BODY_HAND_STIFFNESS], body[press_kernels.BODY_HAND_DAMPING] = (
+        hand.stiffness,
+        hand.damping,
+    )
+    body[press_kernels.BODY_FINGER_MASS] = hand.finger_mass
+    body[press_kernels.BODY_PAD_STIFFNESS], body[press_kernels.BODY_PAD_DAMPING] = (
         hand.pad_stiffness,
         hand.pad_damping,
     )
-    body[finger_kernels.LINK_MASS], body[finger_kernels.LINK_DAMPING] = link.mass, link.damping
-    body[finger_kernels.CONTACT_STIFFNESS] = link.contact_stiffness
-    body[finger_kernels.CONTACT_DAMPING] = link.contact_damping
+    body[press_kernels.BODY_LINK_MASS], body[press_kernels.BODY_LINK_DAMPING] = link.mass, link.damping
+    body[press_kernels.BODY_CONTACT_STIFFNESS] = link.contact_stiffness
+    body[press_kernels.BODY_CONTACT_DAMPING] = link.contact_damping
     return body
 
 
@@ -327,7 +332,7 @@ def _empty(hand: Hand, press: Intent, step: float, lead: float, multiple: int = 
     positive("step", step, "seconds")
     zero = math.ceil(lead / (step * multiple)) * multiple
     count = zero + math.ceil((press.loss_time + TAIL) / step)
-    return Response(hand, press, step, zero, np.zeros((finger_kernels.RECORD_SIZE, count)))
+    return Response(hand, press, step, zero, np.zeros((press_kernels.RECORD_SIZE, count)))
 
 
 def _same_instants(hand: Hand, press: Intent, like: Response) -> Response:

@@ -1,6 +1,6 @@
-"""The drum's controller in the closed loop: what the loop tells becomes frames, its actions become commands.
+"""Adapter that runs the drum's controller in the closed loop: distances become frames, actions commands.
 
-The loop's wall is at 0 and its drum waits at some distance from it; the finger's way is laid so that this is
+The loop's wall is at 0 and its drum waits at some distance from it; the finger's path is laid so that this is
 where the controller's drum is retracted.
 """
 
@@ -19,7 +19,7 @@ from proximity.studies.simulation.target_policies import DistanceSample, Holding
 START_NS = 1_000_000_000_000  # the loop's 0 on the clock of frames: its times are negative before the contact
 
 
-class ControllerDoor:
+class ControllerInLoop:
     """A `FingerController` as `closed_loop.decaff` asks one.
 
     Parameters
@@ -46,7 +46,7 @@ class ControllerDoor:
 
         Parameters
         ----------
-        sight : Sight
+        distance_sample : DistanceSample
             Of this sample.
         """
         if distance_sample.message is not None:
@@ -65,11 +65,11 @@ class ControllerDoor:
             )
         )
         self.action = action
-        target = action.force if action.mode is DriveMode.FORCE else action.place - self._wall
+        target = action.force if action.mode is DriveMode.FORCE else action.position - self._wall
         return commanded(action, target)
 
     def _write(self, message: Message) -> None:
-        """Write a distance as a frame would have it: with the place of contact on the finger's way."""
+        """Write a distance as a frame would have it: with the position of contact on the finger's path."""
         reported, path = self._contact, self._path
         pose_ns = START_NS + round(1e9 * message.at)
         if self._frame is None or pose_ns != self._frame.start_ns:

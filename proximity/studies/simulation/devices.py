@@ -1,4 +1,4 @@
-"""What a finger presses with and on: links, penalty walls, and gloves with a drum, given distances."""
+"""Devices of the closed loop: links, penalty walls, and gloves with a drum."""
 
 import math
 from dataclasses import dataclass, field
@@ -6,18 +6,17 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from proximity.decaff.arguments import finite, not_negative, positive, whole
-from proximity.decaff.drum.drum import DIRECT, GEAR4, Drum
+from proximity.decaff.drum.drum_model import DIRECT, GEAR4, Drum
 from proximity.decaff.drum.servo import Servo, servo_for
+from proximity.decaff.simulated_drums.simulated_drum import SERVO_RATE
 from proximity.errors import DecaffError
 from proximity.studies.simulation import loop_kernels
 from proximity.studies.simulation.target_policies import Holding
 
-SERVO_RATE = 3000.0  # Hz
-
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """What moves with the finger: the replica's link, and how hard its touch of the drum is."""
+    """The moving link of the replica, and the hardness of its touch of the drum."""
 
     mass: float = 0.005  # kg, at the fingertip; assumed
     damping: float = 0.0  # N s/m
@@ -56,7 +55,7 @@ class PenaltyWall:
 
 @dataclass(frozen=True, slots=True)
 class Sensing:
-    """How distances to the wall are measured: how often, how late, how far, how well."""
+    """Measurement of distances to the wall: rate, latency, range and errors."""
 
     rate: float = 1000.0  # Hz
     latency: float = 0.001  # s, from measurement to delivery
@@ -83,12 +82,12 @@ class Sensing:
     def as_array(self) -> np.ndarray:
         """Return its numbers as the kernels read them."""
         array = np.zeros(loop_kernels.SENSING_SIZE)
-        array[loop_kernels.RATE] = self.rate
-        array[loop_kernels.LATENCY] = self.latency
-        array[loop_kernels.REACH] = self.reach
-        array[loop_kernels.BIAS] = self.bias
-        array[loop_kernels.SCALE_ERROR] = self.scale_error
-        array[loop_kernels.WALL_SPEED] = self.wall_speed
+        array[loop_kernels.SENSING_RATE] = self.rate
+        array[loop_kernels.SENSING_LATENCY] = self.latency
+        array[loop_kernels.SENSING_REACH] = self.reach
+        array[loop_kernels.SENSING_BIAS] = self.bias
+        array[loop_kernels.SENSING_SCALE_ERROR] = self.scale_error
+        array[loop_kernels.SENSING_WALL_SPEED] = self.wall_speed
         array[loop_kernels.SENSING_PHASE] = self.phase
         return array
 

@@ -1,4 +1,4 @@
-"""From position to force: when a first contact has come to rest, and how the drum changes over.
+"""Controller for teleoperation that changes from position to force once the first contact is steady.
 
 In teleoperation the drum first stands where the wall is; when the force is steady, it serves the force that
 the slave measures. The force reference starts at the force that is felt, and the integrator takes up what
@@ -21,7 +21,7 @@ BUMP_TIME = 0.3  # s after a change of mode, in which a bump is looked for
 
 @dataclass(frozen=True, slots=True)
 class Slave:
-    """What the far end tells."""
+    """Measurements at the far end."""
 
     force: float  # N, measured
     distance: float = 0.0  # m, from its object
@@ -32,7 +32,7 @@ class ForceAfterContact:
 
     Parameters
     ----------
-    place : Controller
+    before_contact : Controller
         Who says where the drum stands as long as the position is served.
     slave : function of seconds to Slave
         What the far end tells.
@@ -46,12 +46,12 @@ class ForceAfterContact:
 
     def __init__(
         self,
-        place: Controller,
+        before_contact: Controller,
         slave: Callable[[float], Slave],
         rate: float,
         handover: Handover | None = None,
     ) -> None:
-        self._place, self._slave, self._rate = place, slave, rate
+        self._before_contact, self._slave, self._rate = before_contact, slave, rate
         self._handover = handover or Handover()
         self._steady = SteadyForce(rate, self._handover.rule)
         self._lost_for = 0.0
@@ -62,10 +62,10 @@ class ForceAfterContact:
 
         Parameters
         ----------
-        sight : Sight
+        distance_sample : DistanceSample
             Of this sample.
         """
-        command = self._place.command(distance_sample)
+        command = self._before_contact.command(distance_sample)
         slave = self._slave(distance_sample.now)
         is_steady = self._steady.take(distance_sample.force, distance_sample.finger_speed)
         if math.isnan(self.switched_at):

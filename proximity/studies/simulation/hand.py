@@ -1,4 +1,4 @@
-"""The hand that presses: what it means to do, how soft it is, and the finger with its pad.
+"""Model of the hand that presses: its intended motion, its stiffness, and the finger with its pad.
 
 The hand's intent is a motion given in advance (`trajectories.Press`), through the wall's surface to a depth
 that no hand reaches: springs and dampers lie between intent and finger, and between finger and surface.
@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 
 from proximity.decaff.arguments import not_negative, positive
-from proximity.decaff.drum.drum import PAD_STIFFNESS
+from proximity.decaff.drum.drum_model import PAD_STIFFNESS
 from proximity.studies.paper.trajectories import Press
 
 STEADY_FORCE = 0.8  # N: a pad of 200 N/m pressed in by 4 mm
@@ -35,7 +35,7 @@ class Hand:
 
     @property
     def series_stiffness(self) -> float:
-        """Of hand and pad in a row, N/m: what moving the wall by a little costs in force."""
+        """Stiffness of hand and pad in series, N/m: force per displacement of the wall."""
         return 1.0 / (1.0 / self.stiffness + 1.0 / self.pad_stiffness)
 
     def steady_force(self, depth: float, wall_stiffness: float = math.inf) -> float:

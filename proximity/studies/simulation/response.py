@@ -1,17 +1,17 @@
-"""What a press came to: forces and positions, instant by instant."""
+"""Response of a press: forces and positions, instant by instant."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from proximity.studies.paper.trajectories import Intent
-from proximity.studies.simulation import finger_kernels
+from proximity.studies.simulation import press_kernels
 from proximity.studies.simulation.hand import Hand
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Response:
-    """What a press on a wall came to; N steps. Arrays are views of one record."""
+    """Response of a press on a wall; N steps. Arrays are views of one record."""
 
     hand: Hand
     press: Intent
@@ -27,29 +27,29 @@ class Response:
     @property
     def force(self) -> np.ndarray:
         """(N,) N, of the pad on the finger."""
-        return self.record[finger_kernels.FORCE]
+        return self.record[press_kernels.RECORD_FORCE]
 
     @property
     def finger(self) -> np.ndarray:
         """(N,) m."""
-        return self.record[finger_kernels.FINGER]
+        return self.record[press_kernels.RECORD_FINGER]
 
     @property
     def finger_speed(self) -> np.ndarray:
         """(N,) m/s."""
-        return self.record[finger_kernels.FINGER_SPEED]
+        return self.record[press_kernels.RECORD_FINGER_SPEED]
 
     @property
     def link(self) -> np.ndarray:
         """(N,) m, of what the pad presses on."""
-        return self.record[finger_kernels.LINK]
+        return self.record[press_kernels.RECORD_LINK]
 
     @property
     def drum(self) -> np.ndarray:
         """(N,) m."""
-        return self.record[finger_kernels.DRUM]
+        return self.record[press_kernels.RECORD_DRUM]
 
     @property
     def contact(self) -> np.ndarray:
         """(N,) N, of wall or drum on the link."""
-        return self.record[finger_kernels.CONTACT]
+        return self.record[press_kernels.RECORD_CONTACT]

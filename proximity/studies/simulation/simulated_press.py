@@ -1,4 +1,4 @@
-"""One press on one wall, as given by a few numbers, beside the same press on a real wall."""
+"""Simulation of one press on one wall, compared with the same press on a real wall."""
 
 import math
 from dataclasses import asdict, dataclass
@@ -6,7 +6,7 @@ from enum import StrEnum
 from typing import Any
 
 from proximity.decaff.arguments import not_negative
-from proximity.decaff.drum.drum import DRUMS
+from proximity.decaff.drum.drum_model import DRUMS
 from proximity.errors import DecaffError
 from proximity.studies.simulation.closed_loop import decaff, penalty_wall, real_wall
 from proximity.studies.simulation.devices import SERVO_RATE, Decaff, PenaltyWall
@@ -29,7 +29,7 @@ POLICIES = {
 
 
 class Wall(StrEnum):
-    """What is pressed on."""
+    """Kinds of walls."""
 
     REAL = "real"
     COUPLED = "coupled"
@@ -40,7 +40,7 @@ class Wall(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """What a press is simulated with; what does not concern its wall is not looked at."""
+    """Setup of a simulated press; what does not concern its wall is not looked at."""
 
     wall: Wall = Wall.DECAFF
     speed: float = 0.1  # m/s
@@ -88,7 +88,7 @@ class Simulation:
 
     @property
     def felt(self) -> Felt:
-        """What was felt."""
+        """Response on this wall."""
         return felt(self.response)
 
     @property
@@ -98,7 +98,7 @@ class Simulation:
 
     @property
     def drum_offset(self) -> float:
-        """How far past the wall the drum is when the link meets it, m; nan where there is none."""
+        """Distance of the drum past the wall when the link meets it, m; nan where there is none."""
         return drum_offset(self.response) if self.setup.wall == Wall.DECAFF else math.nan
 
 

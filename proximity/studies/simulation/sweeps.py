@@ -1,4 +1,4 @@
-"""Many presses at once: walls against speed, latency, rate and drum (docs/decaff.md).
+"""Sweeps of presses: walls against speed, latency, rate and drum (docs/decaff.md).
 
 A penalty wall is given the best stiffness and damping of a grid for its rate and latency: the most favourable
 tuning there is, one for all speeds.
@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from proximity.decaff.drum.drum import Drum
+from proximity.decaff.drum.drum_model import Drum
 from proximity.decaff.drum.servo import servo_for
 from proximity.studies.simulation.closed_loop import decaff, penalty_wall, real_wall
 from proximity.studies.simulation.devices import COUPLED_DEVICE, Decaff, Link, PenaltyWall

@@ -1,8 +1,8 @@
-"""How a drum's target is made of what is known: four readings of a distance, and the door for a controller.
+"""Policies that make a drum's target of a distance: four readings, and an interface for a controller.
 
 A distance is old when it arrives. What it is combined with decides everything (docs/decaff.md): with the
-link's present position it is wrong by the way gone since; with the position at the same instant it is a place
-in the world.
+link's present position it is wrong by the distance moved since; with the position at the same instant it is a
+position in the world.
 """
 
 import math
@@ -18,21 +18,21 @@ from proximity.studies.simulation import loop_kernels
 
 
 class Target(IntEnum):
-    """Which position goes with a distance."""
+    """Position that a distance is combined with."""
 
-    NAIVE = loop_kernels.NAIVE
+    NAIVE = loop_kernels.POLICY_NAIVE
     """Where the link is now, in contact too: the paper's "proportionate position", taken at its word."""
-    LATCHED = loop_kernels.LATCHED
+    LATCHED = loop_kernels.POLICY_LATCHED
     """Where the link is now; held from touch to release."""
-    FEED_FORWARD = loop_kernels.FEED_FORWARD
+    FEED_FORWARD = loop_kernels.POLICY_FEED_FORWARD
     """Where the link is now, the distance less the way gone since at the old speed; held."""
-    TIME_STAMPED = loop_kernels.TIME_STAMPED
+    TIME_STAMPED = loop_kernels.POLICY_TIME_STAMPED
     """Where the link was when the distance was measured; held."""
 
 
 @dataclass(frozen=True, slots=True)
 class Holding:
-    """When a target is held, and where the drum waits otherwise."""
+    """Distances at which a target is held, and the position where the drum waits otherwise."""
 
     retracted: float = 0.030  # m; assumed
     touch_gap: float = 30e-6  # m, of link and drum: nearer is touching
@@ -46,9 +46,9 @@ class Holding:
     def as_array(self) -> np.ndarray:
         """Return its numbers as the kernels read them."""
         array = np.zeros(loop_kernels.HOLDING_SIZE)
-        array[loop_kernels.RETRACTED] = self.retracted
-        array[loop_kernels.TOUCH_GAP] = self.touch_gap
-        array[loop_kernels.RELEASE_GAP] = self.release_gap
+        array[loop_kernels.HOLDING_RETRACTED] = self.retracted
+        array[loop_kernels.HOLDING_TOUCH_GAP] = self.touch_gap
+        array[loop_kernels.HOLDING_RELEASE_GAP] = self.release_gap
         return array
 
 
@@ -64,7 +64,7 @@ class Message:
 
 @dataclass(frozen=True, slots=True)
 class DistanceSample:
-    """What a controller knows at a sample of the servo."""
+    """State that a controller knows at a sample of the servo."""
 
     now: float  # s
     link: float  # m, by the potentiometer
@@ -106,15 +106,15 @@ class TargetPolicy:
 
         Parameters
         ----------
-        sight : Sight
+        distance_sample : DistanceSample
             Of this sample.
         """
         message = self._message
-        message[loop_kernels.AT] = -math.inf
+        message[loop_kernels.MESSAGE_AT] = -math.inf
         if distance_sample.message is not None:
             reported = distance_sample.message
             message[:] = reported.at, reported.link, reported.speed, reported.distance
-        place = loop_kernels.choose_target(
+        position = loop_kernels.choose_target(
             self._kind,
             distance_sample.now,
             distance_sample.link,
@@ -123,4 +123,4 @@ class TargetPolicy:
             self._holding,
             self._memory,
         )
-        return DrumCommand(DriveMode.POSITION, place)
+        return DrumCommand(DriveMode.POSITION, position)

@@ -1,4 +1,4 @@
-"""How stiff a delayed spring may be under a device that hangs on a finger.
+"""Largest stiffness of a delayed spring under a device that hangs on a finger.
 
 The device is a mass with a damper; behind it come pad, finger and hand. The loop is lost at the least
 stiffness for which a spring that is felt late takes away what all these resist with.

@@ -1,4 +1,4 @@
-"""What a delay alone allows, where nothing is sampled: a mass, a finger, a position-controlled handle.
+"""Stability limits from delay alone, without sampling: a mass, a finger, a position-controlled handle.
 
 Each loop is lost where its phase has turned half round while its gain is still one.
 """
@@ -10,10 +10,9 @@ import numpy as np
 from scipy.optimize import brentq
 
 from proximity.decaff.arguments import not_negative, positive
-from proximity.decaff.drum.sampled_mass import Gains
+from proximity.decaff.drum.sampled_mass import ROOT_TOLERANCE, Gains
 from proximity.studies.paper.spring_damper import SpringDamper
 
-ROOT_TOLERANCE = 1e-15  # rad
 SMALL_TURN = 1e-9  # rad, where a bracket begins: at rest every loop is in phase
 HOLD_AND_COMPUTING = 1.5  # periods from a position to the middle of its force
 
@@ -53,7 +52,7 @@ def pure_delay_limit(mass: float, delay: float) -> Gains:
 
 @dataclass(frozen=True, slots=True)
 class SpringLimit:
-    """Where a finger begins to shake against a spring that is felt late."""
+    """Stiffness at which a finger becomes unstable against a delayed spring."""
 
     stiffness: float  # N/m
     frequency_hz: float  # of the shaking
@@ -95,7 +94,7 @@ def delayed_spring_limit(finger: SpringDamper, delay: float) -> SpringLimit:
 
 
 def _resonance(finger: SpringDamper) -> float:
-    """Where the finger gives way most, rad/s; 0 if that is at rest."""
+    """Frequency at which the finger gives way most, rad/s; 0 if that is at rest."""
     if finger.mass == 0.0:
         return 0.0
     squared = finger.stiffness / finger.mass - 0.5 * (finger.damping / finger.mass) ** 2
@@ -139,7 +138,7 @@ class PositionedHandle:
 
 
 def _squared_modulus(polynomial: np.ndarray) -> np.ndarray:
-    """Of a polynomial in s, on the imaginary axis, as a polynomial in the square of the frequency."""
+    """Squared modulus of a polynomial in s on the imaginary axis, in powers of the squared frequency."""
     power = len(polynomial) - 1
     mirrored = polynomial * (-1.0) ** np.arange(power, -1, -1)
     even = np.polymul(polynomial, mirrored)[::2]  # in s², highest first

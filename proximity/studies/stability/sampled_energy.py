@@ -1,4 +1,4 @@
-"""The energy that a sampled wall adds to a mass that bounces off it once.
+"""Energy that a sampled wall adds to a mass that bounces off it once.
 
 The wall is a spring whose force is held for a period, and late. Where in a period the mass enters is
 chance: all entries are computed side by side. Between samples the motion is a parabola, so that nothing is

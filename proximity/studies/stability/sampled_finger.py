@@ -1,4 +1,4 @@
-"""The sampled wall of equation (1) on a device with damping and stiffness of its own: a finger in parallel.
+"""Stability of the sampled wall of equation (1) on a device with damping and stiffness of its own.
 
 The finger is stepped exactly over a period of constant force. Where the roots reach the unit circle,
 stiffness and damping of the wall follow from the angle, as they do for a free mass.
@@ -66,9 +66,9 @@ def characteristic(plant: SampledFinger, stiffness: ArrayLike, damping: ArrayLik
     numerator, denominator = plant.transfer()
     polynomial = np.zeros((*k.shape, plant.delay_samples + 4))
     polynomial[..., :3] = denominator
-    for place, weight in zip((-3, -2), numerator, strict=True):
-        polynomial[..., place] += weight * (k + b)
-        polynomial[..., place + 1] -= weight * b
+    for power, weight in zip((-3, -2), numerator, strict=True):
+        polynomial[..., power] += weight * (k + b)
+        polynomial[..., power + 1] -= weight * b
     return polynomial
 
 
@@ -118,7 +118,7 @@ def maximum_stiffness(plant: SampledFinger) -> Gains:
 
 
 class _Edge:
-    """Where roots are on the unit circle: at an angle to either side, or at -1."""
+    """Edge of the stable region: roots on the unit circle, at an angle to either side or at -1."""
 
     def __init__(self, plant: SampledFinger) -> None:
         self._plant = plant
@@ -158,13 +158,13 @@ class _Edge:
 
         *values* are the function's along the edge. Its zeros are guessed from them, and the first one found.
         """
-        places = np.flatnonzero(np.signbit(values[:-1]) != np.signbit(values[1:]))
+        edges = np.flatnonzero(np.signbit(values[:-1]) != np.signbit(values[1:]))
         sought = (self._stiffness, self._damping)[which]
-        weight = values[places] / (values[places] - values[places + 1])
-        guesses = (1.0 - weight) * sought[places] + weight * sought[places + 1]
-        places, guesses = places[guesses > 0.0], guesses[guesses > 0.0]
-        if len(places) == 0:
+        weight = values[edges] / (values[edges] - values[edges + 1])
+        guesses = (1.0 - weight) * sought[edges] + weight * sought[edges + 1]
+        edges, guesses = edges[guesses > 0.0], guesses[guesses > 0.0]
+        if len(edges) == 0:
             return math.inf
-        place = places[np.argmin(guesses)]
-        angle = brentq(function, self._angles[place], self._angles[place + 1])
+        edge = edges[np.argmin(guesses)]
+        angle = brentq(function, self._angles[edge], self._angles[edge + 1])
         return float(self._at(angle)[which])

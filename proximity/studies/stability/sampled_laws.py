@@ -1,4 +1,4 @@
-"""Forces that a sampled wall computes: equation (1), the slope predictor, and the braking pulse.
+"""Force laws of a sampled wall: equation (1), the slope predictor, and the braking pulse.
 
 Forces are pushes out of the wall, never pulls; positions are positive into it.
 """

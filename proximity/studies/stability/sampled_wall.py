@@ -1,4 +1,4 @@
-"""The sampled wall of equation (1), held by a mass: which stiffness and damping it may have.
+"""Stable stiffness and damping of the sampled wall of equation (1) on a mass.
 
 A mass feels a force that is held for a period and was computed from positions some samples old; the damping
 is from the difference of two of them. Equation (1) itself has one sample of delay. The same formulas bound

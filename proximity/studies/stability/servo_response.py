@@ -1,4 +1,4 @@
-"""How a sampled servo follows a swinging reference, as long as it stays within its limits.
+"""Frequency response of a sampled servo within its limits.
 
 Linear: no friction, no integral, no limits, no rounding. The drum is a free mass under a held force; the
 servo acts one sample late, as eq (1) of the paper does. With the speed of the reference in its damping it
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
 from proximity.decaff.arguments import positive
-from proximity.decaff.drum.drum import Drum
+from proximity.decaff.drum.drum_model import Drum
 from proximity.decaff.drum.servo import Servo
 from proximity.errors import DecaffError
 
@@ -84,7 +84,7 @@ def phase_bandwidth(drum: Drum, servo: Servo, lag: float = math.pi / 4.0) -> flo
 
 
 def _first_fall(above: Callable[[float], float], rate: float) -> float:
-    """Where a function of the frequency first falls through zero."""
+    """Frequency at which a function first falls through zero."""
     frequencies = rate * np.linspace(1e-4, 0.4999, FINEST)
     signs = np.array([above(float(frequency)) > 0.0 for frequency in frequencies])
     falls = np.flatnonzero(signs[:-1] & ~signs[1:])

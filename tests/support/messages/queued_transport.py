@@ -21,7 +21,7 @@ class QueueOutlet:
     """Puts messages at the end of the queue."""
 
     def __init__(self, address):
-        self._queue = _queues[address.place]
+        self._queue = _queues[address.location]
 
     def send(self, data):
         with _changed:
@@ -40,7 +40,7 @@ class QueueInlet:
     is_keyed, unverified = False, 0
 
     def __init__(self, address):
-        self._queue = _queues[address.place]
+        self._queue = _queues[address.location]
 
     def receive(self, room):
         if not self._queue:

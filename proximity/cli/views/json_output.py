@@ -1,4 +1,4 @@
-"""Results for programs: JSON has no word for nan and infinity, so they are null."""
+"""JSON for programs; nan and infinity become null, because JSON has no word for them."""
 
 import json
 import math

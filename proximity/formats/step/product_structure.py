@@ -1,4 +1,4 @@
-"""The assemblies of a STEP file: is every use of a product placed, and how many bodies do they make?
+"""Check the assemblies of a STEP file: every use of a product is placed; count the bodies that they make.
 
 OpenCASCADE passes over a use whose place is missing, and puts a shape that belongs to no product at the
 origin, without a word. So the products and their uses are looked up here, by regular expressions: this needs
@@ -13,30 +13,28 @@ from dataclasses import dataclass, field
 from proximity.errors import MeshFormatError
 
 _USE = "NEXT_ASSEMBLY_USAGE_OCCURRENCE"
-_PLACE = "CONTEXT_DEPENDENT_SHAPE_REPRESENTATION"
+_PLACEMENT = "CONTEXT_DEPENDENT_SHAPE_REPRESENTATION"
 _SHAPE = "SHAPE_DEFINITION_REPRESENTATION"
 _RELATION = "SHAPE_REPRESENTATION_RELATIONSHIP"
 _OF = ("PRODUCT_DEFINITION_SHAPE", "PROPERTY_DEFINITION")
 _BODIES = ("MANIFOLD_SOLID_BREP", "BREP_WITH_VOIDS", "FACETED_BREP", "SHELL_BASED_SURFACE_MODEL")
-_OTHER_WAYS = ("MAPPED_ITEM", "INVISIBILITY")
+_OTHER_PLACEMENTS = ("MAPPED_ITEM", "INVISIBILITY")
 """Records with which positions are given otherwise, or shapes left out on purpose."""
 
 _TEXT = re.compile(r"'(?:[^']|'')*'|/\*.*?\*/", re.DOTALL)
-_RECORD = re.compile(
-    rf"(#\d+)\s*=\s*({'|'.join((_USE, _PLACE, _SHAPE, _RELATION, *_OF, *_BODIES))}|\w*SHAPE_REPRESENTATION)"
-    r"\s*\(([^;]*)\)\s*;"
-)
+_KINDS = "|".join((_USE, _PLACEMENT, _SHAPE, _RELATION, *_OF, *_BODIES))
+_RECORD = re.compile(rf"(#\d+)\s*=\s*({_KINDS}|\w*SHAPE_REPRESENTATION)\s*\(([^;]*)\)\s*;")
 _REFERENCE = re.compile(r"#\d+")
 
 
 @dataclass(slots=True)
 class _Records:
-    """What the file says about products, by the numbers of its records."""
+    """Records of the file about products, by their numbers."""
 
     uses: dict[str, tuple[str, str]] = field(
         default_factory=dict
     )  # use -> assembly, part: product definitions
-    places: list[tuple[str, str]] = field(default_factory=list)  # relation of shapes, what it places
+    placements: list[tuple[str, str]] = field(default_factory=list)  # relation of shapes, what it places
     shapes: list[tuple[str, str]] = field(default_factory=list)  # what has it, representation
     owners: dict[str, str] = field(default_factory=dict)  # product definition shape -> its use or product
     relations: dict[str, list[str]] = field(default_factory=dict)  # relation -> two representations
@@ -55,12 +53,12 @@ def count_bodies(text: str) -> int:
     Raises
     ------
     MeshFormatError
-        If a use of a product has no place, a product that is placed has no shape, or one contains itself.
+        If a use of a product has no placement, a product in use has no shape, or one contains itself.
     """
-    if _USE not in text or any(word in text for word in _OTHER_WAYS):
+    if _USE not in text or any(word in text for word in _OTHER_PLACEMENTS):
         return 0
     records = _read(_TEXT.sub(" ", text))
-    placed = {records.owners.get(place) for _, place in records.places}
+    placed = {records.owners.get(placement) for _, placement in records.placements}
     shapes = defaultdict(list)
     for of, shape in records.shapes:
         if of in records.owners:
@@ -69,7 +67,7 @@ def count_bodies(text: str) -> int:
     for use, (assembly, part) in records.uses.items():
         # A part without any shape, as in lists of material, need not be placed.
         if part in shapes and use not in placed:
-            raise MeshFormatError(f"{_USE} {use} has no {_PLACE}: a part of the assembly has no place")
+            raise MeshFormatError(f"{_USE} {use} has no {_PLACEMENT}: a part of the assembly has no place")
         for product in (assembly, part):
             if use in placed and product not in shapes:
                 raise MeshFormatError(
@@ -93,8 +91,8 @@ def _read(text: str) -> _Records:
             continue
         elif kind == _USE:
             records.uses[own_id] = (references[0], references[1])
-        elif kind == _PLACE:
-            records.places.append((references[0], references[1]))
+        elif kind == _PLACEMENT:
+            records.placements.append((references[0], references[1]))
         elif kind == _SHAPE:
             records.shapes.append((references[0], references[1]))
         elif kind == _RELATION:
@@ -124,10 +122,10 @@ def _count(records: _Records, shapes: dict[str, list[str]], children: dict[str, 
 
 def _linked(records: _Records) -> dict[str, list[str]]:
     """Representations of one product: of its axes, of its solids. Relations that place a part are no such."""
-    places = {relation for relation, _ in records.places}
+    placements = {relation for relation, _ in records.placements}
     linked = defaultdict(list)
     for relation, (first, second) in records.relations.items():
-        if relation not in places:
+        if relation not in placements:
             linked[first].append(second)
             linked[second].append(first)
     return linked

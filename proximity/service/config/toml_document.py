@@ -1,4 +1,4 @@
-"""The text of a scene file: what tomllib reads in it, and on which line that stands.
+"""A scene file as parsed TOML, with the line number of every value.
 
 tomllib says lines of what is no TOML, and of nothing else. So it is given the file once more, one statement
 at a time: lines are put together until they can be read on their own.
@@ -17,7 +17,7 @@ MOST_BYTES = 1 << 20
 """A scene of thousands of parts has less; what is larger is another file."""
 MOST_LINES = 200
 """Of one statement: behind a longer one no line is named, but that of the statement."""
-PLACE_IN_MESSAGE = re.compile(r" \(at (?:line (\d+), column (\d+)|end of document)\)$")
+POSITION_IN_MESSAGE = re.compile(r" \(at (?:line (\d+), column (\d+)|end of document)\)$")
 
 Path = tuple[str | int, ...]
 """Keys and indices that lead to a value: ("parts", 1, "position")."""
@@ -75,7 +75,7 @@ class Document:
         sentence : str
             What is wrong and what was expected.
         """
-        return ServiceError(f"{self._place(self.line_of(path))}{sentence}")
+        return ServiceError(f"{self._prefix(self.line_of(path))}{sentence}")
 
     def complain(self, path: Path, sentence: str) -> None:
         """Remember that something is wrong, and go on.
@@ -100,11 +100,11 @@ class Document:
         line, sentence = min(self._complaints, key=lambda complaint: complaint[0])
         more = len(self._complaints) - 1
         also = f" (and {more} more {'mistake' if more == 1 else 'mistakes'})" if more else ""
-        raise ServiceError(f"{self._place(line)}{sentence}{also}")
+        raise ServiceError(f"{self._prefix(line)}{sentence}{also}")
 
     @cached_property
     def _lines(self) -> dict[Path, int]:
-        """Where values and tables begin."""
+        """Line numbers at which values and tables begin."""
         lines: dict[Path, int] = {(): 1}
         newest: dict[Path, int] = {}  # of arrays of tables: the index of the last one
         table: Path = ()
@@ -123,18 +123,18 @@ class Document:
                 break
         return lines
 
-    def _place(self, line: int) -> str:
+    def _prefix(self, line: int) -> str:
         return f"{self.name}:{line}: " if self.name else ""
 
     def _no_toml(self, message: str) -> ServiceError:
-        place = PLACE_IN_MESSAGE.search(message)
-        if place is None:
+        position = POSITION_IN_MESSAGE.search(message)
+        if position is None:
             return ServiceError(f"{self.name}:1: {message}, expected TOML")
-        what = message[: place.start()]
-        if place[1] is None:
+        what = message[: position.start()]
+        if position[1] is None:
             last = max(number for number, line in enumerate(self._text_lines, start=1) if line.strip())
             return ServiceError(f"{self.name}:{last}: the file ends too early: {what}")
-        return ServiceError(f"{self.name}:{place[1]}: no TOML at column {place[2]}: {what}")
+        return ServiceError(f"{self.name}:{position[1]}: no TOML at column {position[2]}: {what}")
 
 
 def read_document(path: str | os.PathLike[str]) -> Document:

@@ -1,4 +1,4 @@
-"""What a scene file describes, made: the scene, the tracker, the recording in its place.
+"""Build what a scene file describes: the scene, the tracker, and the recording placed in the scene.
 
 What cannot be made is an error with the line that asked for it.
 """

@@ -1,4 +1,4 @@
-"""Answers to queries: as JSON and CSV for programs, as a table or a block of lines for people.
+"""Answers to queries: JSON and CSV for programs, a table or a block of lines for people.
 
 All four come from `FIELDS`. Answers are streamed, but for the table on a terminal, which Rich draws. JSON and
 CSV hold numbers that read back as the same float64. CSV writes nan and inf as NumPy and pandas read them;
@@ -17,7 +17,7 @@ from rich.table import Table
 from rich.text import Text
 
 from proximity.cli.console import Lines, print_fitting, table_of
-from proximity.cli.views.output import plain
+from proximity.cli.views.json_output import plain
 from proximity.cli.wording import MISSING, number, printable, side
 from proximity.errors import ProximityError
 

@@ -1,4 +1,4 @@
-"""From a path to geometries in metres: opens, chooses the reader, scales, places and names."""
+"""Read a file into geometries in metres: choose the reader, scale, place and name."""
 
 import os
 from collections.abc import Callable
@@ -12,7 +12,7 @@ from proximity.errors import MeshError, MeshFormatError, PoseError, ProximityErr
 from proximity.formats import format_detection, node_placement, obj, off, stl, text_rows
 from proximity.formats.contents import FileContents, Geometry, RawFile, RawMesh, Source
 from proximity.formats.gltf import gltf
-from proximity.formats.ply import header, ply
+from proximity.formats.ply import ply, ply_header
 from proximity.formats.step import step
 from proximity.formats.threemf import threemf
 from proximity.formats.units import UNITS, metres_per_unit
@@ -134,7 +134,7 @@ def _check_large(head: bytes, size: int, extension: str, unpacked_limit: float) 
     """Raise if the header of a large file contradicts its size: before gigabytes are read for nothing."""
     format_detection.check_size(head, size, extension)
     if extension == ".ply":
-        header.check_size(header.read_header(head), size)
+        ply_header.check_size(ply_header.read_header(head), size)
     if extension == ".3mf" and size > unpacked_limit:
         raise MeshFormatError(f"it has {size:,} bytes, expected at most {unpacked_limit:,} (unpacked_limit)")
 

@@ -1,4 +1,4 @@
-"""A finger, driven by its hand, on a real wall and on a penalty wall: step by step.
+"""Kernels that step a finger, driven by its hand, on a real wall and on a penalty wall.
 
 Steps are semi-implicit (speeds first, positions with the new speeds). A run has its contact at row *zero* of
 the record; row i is the instant (i - zero) step. The device of a penalty wall is bound to the finger through
@@ -11,38 +11,38 @@ from proximity.decaff.drum.drum_kernels import rounded
 from proximity.kernels.compiler import inlined, kernel, maker
 
 # --- a body: hand, finger, pad, link ---
-HAND_STIFFNESS = 0  # N/m
-HAND_DAMPING = 1  # N s/m
-FINGER_MASS = 2  # kg
-PAD_STIFFNESS = 3  # N/m
-PAD_DAMPING = 4  # N s/m
-LINK_MASS = 5  # kg, of what moves with the pad's far side
-LINK_DAMPING = 6  # N s/m
-CONTACT_STIFFNESS = 7  # N/m, of link on drum
-CONTACT_DAMPING = 8  # N s/m
+BODY_HAND_STIFFNESS = 0  # N/m
+BODY_HAND_DAMPING = 1  # N s/m
+BODY_FINGER_MASS = 2  # kg
+BODY_PAD_STIFFNESS = 3  # N/m
+BODY_PAD_DAMPING = 4  # N s/m
+BODY_LINK_MASS = 5  # kg, of what moves with the pad's far side
+BODY_LINK_DAMPING = 6  # N s/m
+BODY_CONTACT_STIFFNESS = 7  # N/m, of link on drum
+BODY_CONTACT_DAMPING = 8  # N s/m
 BODY_SIZE = 9
 
 LEAST_DAMPING = 1.0  # N s/m, of a surface that goes back: its spring alone would be there at once
 TOUCHING = 1e-9  # m; so near is touching: the positions of an approach add up with rounding
 
 # --- an intent ---
-SPEED = 0  # m/s
-DEPTH = 1  # m
-RELEASE = 2  # s
+PRESS_SPEED = 0  # m/s
+PRESS_DEPTH = 1  # m
+PRESS_RELEASE = 2  # s
 PRESS_SIZE = 3
 # One that was recorded goes on: all its positions, m, and all its speeds, m/s, at even steps.
-BEGIN = 3  # s, of the first
-EVERY = 4  # s, from one to the next
-TABLE = 5
+PRESS_BEGIN = 3  # s, of the first
+PRESS_STEP = 4  # s, from one to the next
+PRESS_TABLE = 5
 
 # --- a row of a record ---
-FORCE = 0  # N, of the pad on the finger
-FINGER = 1  # m
-FINGER_SPEED = 2  # m/s
-LINK = 3  # m
-LINK_SPEED = 4  # m/s
-DRUM = 5  # m; of a wall that is not a drum: its surface
-CONTACT = 6  # N, on the link
+RECORD_FORCE = 0  # N, of the pad on the finger
+RECORD_FINGER = 1  # m
+RECORD_FINGER_SPEED = 2  # m/s
+RECORD_LINK = 3  # m
+RECORD_LINK_SPEED = 4  # m/s
+RECORD_DRUM = 5  # m; of a wall that is not a drum: its surface
+RECORD_CONTACT = 6  # N, on the link
 RECORD_SIZE = 7
 
 # --- a penalty wall ---
@@ -55,31 +55,31 @@ WALL_SIZE = 3
 @inlined
 def recorded_intent(press: np.ndarray, t: float) -> tuple[float, float]:
     """The same of a `recorded_press.RecordedPress`: lines between instants, at rest before and after."""
-    count = (press.shape[0] - TABLE) // 2
-    at = (t - press[BEGIN]) / press[EVERY]
+    count = (press.shape[0] - PRESS_TABLE) // 2
+    at = (t - press[PRESS_BEGIN]) / press[PRESS_STEP]
     if not at > 0.0:
-        return press[TABLE], 0.0
+        return press[PRESS_TABLE], 0.0
     i = int(at)
     if i >= count - 1:
-        return press[TABLE + count - 1], 0.0
-    share, speeds = at - i, TABLE + count
-    where = press[TABLE + i] + share * (press[TABLE + i + 1] - press[TABLE + i])
+        return press[PRESS_TABLE + count - 1], 0.0
+    share, speeds = at - i, PRESS_TABLE + count
+    where = press[PRESS_TABLE + i] + share * (press[PRESS_TABLE + i + 1] - press[PRESS_TABLE + i])
     return where, press[speeds + i] + share * (press[speeds + i + 1] - press[speeds + i])
 
 
 @inlined
 def intent(press: np.ndarray, t: float) -> tuple[float, float]:
-    """Where the hand means to be at *t*, and how fast it means to go: `trajectories.Press`, touching at 0."""
+    """Intended position and speed of the hand at *t*: `trajectories.Press`, touching at 0."""
     if press.shape[0] > PRESS_SIZE:
         return recorded_intent(press, t)
-    speed, depth = press[SPEED], press[DEPTH]
+    speed, depth = press[PRESS_SPEED], press[PRESS_DEPTH]
     rise = 2.0 * depth / speed
     if t < 0.0:
         return speed * t, speed
     if t < rise:
         s = t / rise
         return depth * s * (2.0 - s * s * (2.0 - s)), speed * (1.0 - s) * (1.0 - s) * (1.0 + 2.0 * s)
-    r = (t - press[RELEASE]) / rise
+    r = (t - press[PRESS_RELEASE]) / rise
     if r < 0.0:
         return depth, 0.0
     if r < 1.0:
@@ -89,9 +89,9 @@ def intent(press: np.ndarray, t: float) -> tuple[float, float]:
 
 @inlined
 def hand_force(body: np.ndarray, press: np.ndarray, t: float, finger: float, speed: float) -> float:
-    """What the hand pushes the finger with, N."""
+    """Force of the hand on the finger, N."""
     wanted, wanted_speed = intent(press, t)
-    return body[HAND_STIFFNESS] * (wanted - finger) + body[HAND_DAMPING] * (wanted_speed - speed)
+    return body[BODY_HAND_STIFFNESS] * (wanted - finger) + body[BODY_HAND_DAMPING] * (wanted_speed - speed)
 
 
 @kernel
@@ -102,12 +102,19 @@ def press_real_wall(body: np.ndarray, press: np.ndarray, zero: int, step: float,
         force = 0.0
         # At the surface the damper already pushes: the force begins with a step.
         if finger >= -TOUCHING:
-            force = max(0.0, body[PAD_STIFFNESS] * finger + body[PAD_DAMPING] * speed)
-        record[FORCE, i], record[FINGER, i], record[FINGER_SPEED, i] = force, finger, speed
-        record[LINK, i], record[LINK_SPEED, i] = min(finger, 0.0), 0.0 if finger > 0.0 else speed
-        record[DRUM, i], record[CONTACT, i] = 0.0, force
+            force = max(0.0, body[BODY_PAD_STIFFNESS] * finger + body[BODY_PAD_DAMPING] * speed)
+        record[RECORD_FORCE, i], record[RECORD_FINGER, i], record[RECORD_FINGER_SPEED, i] = (
+            force,
+            finger,
+            speed,
+        )
+        record[RECORD_LINK, i], record[RECORD_LINK_SPEED, i] = (
+            min(finger, 0.0),
+            0.0 if finger > 0.0 else speed,
+        )
+        record[RECORD_DRUM, i], record[RECORD_CONTACT, i] = 0.0, force
         push = hand_force(body, press, (i - zero) * step, finger, speed)
-        speed += (push - force) / body[FINGER_MASS] * step
+        speed += (push - force) / body[BODY_FINGER_MASS] * step
         finger += speed * step
 
 
@@ -124,17 +131,21 @@ def press_soft_wall(
     for i in range(record.shape[1]):
         force = sink = 0.0
         if finger >= surface - TOUCHING:
-            pad = body[PAD_STIFFNESS] * (finger - surface) + body[PAD_DAMPING] * speed
-            sink = (pad - wall[WALL_STIFFNESS] * surface) / (body[PAD_DAMPING] + wall[WALL_DAMPING])
-            force = pad - body[PAD_DAMPING] * sink
+            pad = body[BODY_PAD_STIFFNESS] * (finger - surface) + body[BODY_PAD_DAMPING] * speed
+            sink = (pad - wall[WALL_STIFFNESS] * surface) / (body[BODY_PAD_DAMPING] + wall[WALL_DAMPING])
+            force = pad - body[BODY_PAD_DAMPING] * sink
         if not force > 0.0:  # it goes back by itself
             force = 0.0
             sink = -wall[WALL_STIFFNESS] * surface / max(wall[WALL_DAMPING], LEAST_DAMPING)
-        record[FORCE, i], record[FINGER, i], record[FINGER_SPEED, i] = force, finger, speed
-        record[LINK, i], record[LINK_SPEED, i] = max(surface, min(finger, 0.0)), sink
-        record[DRUM, i], record[CONTACT, i] = surface, force
+        record[RECORD_FORCE, i], record[RECORD_FINGER, i], record[RECORD_FINGER_SPEED, i] = (
+            force,
+            finger,
+            speed,
+        )
+        record[RECORD_LINK, i], record[RECORD_LINK_SPEED, i] = max(surface, min(finger, 0.0)), sink
+        record[RECORD_DRUM, i], record[RECORD_CONTACT, i] = surface, force
         push = hand_force(body, press, (i - zero) * step, finger, speed)
-        speed += (push - force) / body[FINGER_MASS] * step
+        speed += (push - force) / body[BODY_FINGER_MASS] * step
         finger += speed * step
         surface += sink * step
 
@@ -169,12 +180,16 @@ def press_penalty_wall(
                 forces[since // every] = max(0.0, wall[WALL_STIFFNESS] * reported + damped)
             before = reported
         push_back = forces[(since - late) // every] if since >= late else 0.0
-        force = body[PAD_STIFFNESS] * (finger - link) + body[PAD_DAMPING] * (speed - link_speed)
-        record[FORCE, i], record[FINGER, i], record[FINGER_SPEED, i] = force, finger, speed
-        record[LINK, i], record[LINK_SPEED, i] = link, link_speed
-        record[DRUM, i], record[CONTACT, i] = 0.0, push_back
+        force = body[BODY_PAD_STIFFNESS] * (finger - link) + body[BODY_PAD_DAMPING] * (speed - link_speed)
+        record[RECORD_FORCE, i], record[RECORD_FINGER, i], record[RECORD_FINGER_SPEED, i] = (
+            force,
+            finger,
+            speed,
+        )
+        record[RECORD_LINK, i], record[RECORD_LINK_SPEED, i] = link, link_speed
+        record[RECORD_DRUM, i], record[RECORD_CONTACT, i] = 0.0, push_back
         push = hand_force(body, press, (i - zero) * step, finger, speed)
-        speed += (push - force) / body[FINGER_MASS] * step
-        link_speed += (force - push_back - body[LINK_DAMPING] * link_speed) / body[LINK_MASS] * step
+        speed += (push - force) / body[BODY_FINGER_MASS] * step
+        link_speed += (force - push_back - body[BODY_LINK_DAMPING] * link_speed) / body[BODY_LINK_MASS] * step
         finger += speed * step
         link += link_speed * step

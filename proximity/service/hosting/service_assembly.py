@@ -1,4 +1,4 @@
-"""What a scene file describes, put together: publishers, log, input and answers, ready for the loop."""
+"""Assemble a service from a scene file: publishers, log, input and answers, ready for the loop."""
 
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -97,16 +97,16 @@ def make_service(settings: SceneFile) -> Made:
 
 
 def _input(settings: SceneFile, recording: Recording | None, scene: Scene | None, count: int) -> PoseInput:
-    given = settings.input
-    if given.poses is not None:
-        return StreamInput(given.poses, count, gloves=read_gloves(settings, count))
-    if given.sensor is not None:
-        return SensorInput(given.sensor, count)
-    assert recording is not None and scene is not None and given.recording is not None
+    source = settings.input
+    if source.poses is not None:
+        return StreamInput(source.poses, count, gloves=read_gloves(settings, count))
+    if source.sensor is not None:
+        return SensorInput(source.sensor, count)
+    assert recording is not None and scene is not None and source.recording is not None
     # A pose for each tick, as `proximity replay` has them.
     placed = place_recording(settings, recording, scene)
     try:
         resampled = placed.resampled(settings.service.period)
     except RecordingError as too_long:
         raise settings.error(("input", "recording"), f"input.recording: {too_long}") from too_long
-    return RecordingInput(resampled, repeat=given.recording.repeat)
+    return RecordingInput(resampled, repeat=source.recording.repeat)

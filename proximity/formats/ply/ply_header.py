@@ -40,7 +40,7 @@ class Element:
 
 @dataclass(slots=True)
 class Header:
-    """What stands in front of the data."""
+    """Declarations in front of the data."""
 
     is_ascii: bool
     elements: list[Element]
@@ -95,7 +95,7 @@ def read_header(data: bytes) -> Header:
 
 
 def _check_new(name: str, declared: Sequence[Element | Property], line_id: int) -> None:
-    """Of two columns or tables of one name only one would be read."""
+    """Refuse two columns or tables of one name, of which only one would be read."""
     if any(other.name == name for other in declared):
         twice = text_rows.shortened(name)
         raise MeshFormatError(f"line {line_id} of its header declares {twice} a second time")

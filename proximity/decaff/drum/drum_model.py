@@ -1,4 +1,4 @@
-"""The contact drum as a plant: motor, gear, friction, limits, encoder, pulse width.
+"""Model of the contact drum: motor, gear, friction, limits, encoder, pulse width.
 
 All that acts at the rim is given there, behind the gear, so that a drum compares with the finger it stops: a
 gear of n multiplies the motor's force by n, and the mass of its rotor by n². What drives it is in `servo`.
@@ -58,7 +58,7 @@ class Drum:
 
     @property
     def mass(self) -> float:
-        """Of the rotor, as felt at the rim, kg."""
+        """Mass of the rotor as felt at the rim, kg."""
         return self.motor.inertia * (self.ratio / self.radius) ** 2
 
     @property
@@ -78,18 +78,18 @@ class Drum:
 
     @property
     def resolution(self) -> float:
-        """Of the encoder, at the rim, m."""
+        """Resolution of the encoder at the rim, m."""
         return 2.0 * math.pi * self.radius / (self.motor.encoder_counts * self.ratio)
 
     @property
     def force_step(self) -> float:
-        """By which the pulse width changes the force, N; 0: continuous."""
+        """Step by which the pulse width changes the force, N; 0: continuous."""
         bits = self.motor.duty_bits
         return self.motor.torque * self.ratio / self.radius / 2.0**bits if bits else 0.0
 
     @property
     def acceleration(self) -> float:
-        """Of the servo's reference, m/s²."""
+        """Acceleration of the servo's reference, m/s²."""
         if self.usable_acceleration is not None:
             return self.usable_acceleration
         return REFERENCE_SHARE * self.force_limit / self.mass
@@ -119,12 +119,12 @@ class Drum:
     def as_array(self) -> np.ndarray:
         """Return its numbers as the kernels read them."""
         array = np.zeros(kernels.DRUM_SIZE)
-        array[kernels.MASS] = self.mass
-        array[kernels.FRICTION] = self.friction
-        array[kernels.FORCE_LIMIT] = self.force_limit
-        array[kernels.SPEED_LIMIT] = self.speed_limit
-        array[kernels.RESOLUTION] = self.resolution
-        array[kernels.FORCE_STEP] = self.force_step
+        array[kernels.DRUM_MASS] = self.mass
+        array[kernels.DRUM_FRICTION] = self.friction
+        array[kernels.DRUM_FORCE_LIMIT] = self.force_limit
+        array[kernels.DRUM_SPEED_LIMIT] = self.speed_limit
+        array[kernels.DRUM_RESOLUTION] = self.resolution
+        array[kernels.DRUM_FORCE_STEP] = self.force_step
         return array
 
 

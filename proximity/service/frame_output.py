@@ -1,4 +1,4 @@
-"""Where frames go: to publishers, of which some may fail while others go on, and to a log."""
+"""Outputs of a service: a log, and publishers of which some may fail while others go on."""
 
 import logging
 import time
@@ -47,7 +47,7 @@ class Outgoing:
 
     @property
     def notes(self) -> list[str]:
-        """What was not published or logged, and why."""
+        """Sentences on frames that were not published or logged, and why."""
         notes = [
             f"{address}: {self.failures[address]} frames were not published, first: {failure}"
             for address, failure in list(self._first_failures.items())

@@ -1,4 +1,4 @@
-"""A chain of links that presses its tip against a plane: its motion, its impulses, and what they add up to.
+"""Simulation of a chain of links that presses its tip against a plane: motion, impulses and their sums.
 
 The plane pushes like a spring and a damper and never pulls. What the tip is shown of that may come late, or
 be sampled and held, as by a simulated wall: then a contact gives back more energy than it took.
@@ -22,14 +22,14 @@ WHOLE = 1e-6
 
 
 class Shown(IntEnum):
-    """How the force of the plane reaches the tip."""
+    """Transmission of the plane's force to the tip."""
 
-    AT_ONCE = kernels.AT_ONCE
-    LATE = kernels.LATE
+    AT_ONCE = kernels.SHOWN_AT_ONCE
+    LATE = kernels.SHOWN_LATE
     """A lag later."""
-    HELD = kernels.HELD
+    HELD = kernels.SHOWN_HELD
     """Sampled once a lag, and held until the next sample."""
-    HELD_ON_SLOPE = kernels.HELD_ON_SLOPE
+    HELD_ON_SLOPE = kernels.SHOWN_HELD_ON_SLOPE
     """Held with half of the last difference added (Ellis): what the force will be amid the interval."""
 
 
@@ -51,7 +51,7 @@ class Plane:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pressing:
-    """What happened; S instants, n links. Impulses are torques of the joints, integrated over the time."""
+    """Result of a press; S instants, n links. Impulses are joint torques integrated over time."""
 
     finger: PlanarFinger
     times: np.ndarray  # (S,) s
@@ -136,7 +136,7 @@ def press(
     table = np.array([plane.stiffness, plane.damping, *plane.normal, 0.0])
     # By the kernel's own sum, so that a tip at the plane is there to the bit.
     height = kernels.tip_height(chain, states[0], table)[0]
-    table[kernels.OFFSET] = height if plane.offset is None else plane.offset
+    table[kernels.PLANE_OFFSET] = height if plane.offset is None else plane.offset
     kernels.press(chain, table, int(shown), _steps(shown, lag, step), step, states, forces)
     if not np.isfinite(states[-1]).all():
         raise DecaffError(f"the motion runs away in steps of {step:g} s, expected shorter ones")
@@ -144,7 +144,7 @@ def press(
 
 
 def _start(name: str, values: ArrayLike, n: int) -> np.ndarray:
-    """Of the links themselves."""
+    """Initial state of the links themselves."""
     array = np.asarray(values, np.float64)
     if array.shape != (n,) or not np.isfinite(array).all():
         raise DecaffError(f"{name} are {array.tolist()}, expected {n} finite numbers, one a joint")

@@ -1,4 +1,4 @@
-"""Parts that move while they are served: where to, as messages tell."""
+"""Poses of moving parts, received as messages while the scene is served."""
 
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -7,13 +7,13 @@ import numpy as np
 
 from proximity.errors import PoseError, SceneError
 from proximity.message import MOVES
+from proximity.message.envelope import MAX_FUTURE_NS
 from proximity.scene.scene import Scene
-from proximity.service.clock import SECOND
 from proximity.service.inputs.part_prediction import Carried, ReportedMotion
 from proximity.service.inputs.reception import Reception
 from proximity.service.presence import Presence
-from proximity.service.sample_filter import AHEAD_NS
-from proximity.service.samples import Hands
+from proximity.service.samples import FingerPoses
+from proximity.system.time_units import NS_PER_S
 
 SILENT = "velocities of parts of which nothing more was reported for 100 ms"
 UNFIT = "moves of parts that cannot be"
@@ -66,7 +66,7 @@ class MovesInput:
     ) -> None:
         self._reception = Reception(address, [MOVES], clock)
         self._clock, self._skipped = clock, skipped
-        self._stale_after_ns = round(SECOND * stale_after)
+        self._stale_after_ns = round(NS_PER_S * stale_after)
         self.future = self.backwards = 0
         self._scene: Scene | None = None
         self._latest: dict[str, ReportedMotion] = {}  # by name of a part that there is or was
@@ -79,7 +79,7 @@ class MovesInput:
 
     @property
     def notes(self) -> list[str]:
-        """What was lost, refused or left out."""
+        """Sentences on messages that were lost, refused or left out."""
         return self._reception.notes
 
     @property
@@ -87,7 +87,7 @@ class MovesInput:
         """Whether of a part that moved nothing more is reported: nobody knows where it is."""
         return self._carried is not None and self._carried.is_late
 
-    def apply(self, scene: Scene, now_ns: int, hands: Hands | None = None) -> None:
+    def apply(self, scene: Scene, now_ns: int, poses: FingerPoses | None = None) -> None:
         """Put the parts of a scene that are reported to move where they are.
 
         Parameters
@@ -96,7 +96,7 @@ class MovesInput:
             Another one than before, an edited one perhaps, gets all that was reported until now.
         now_ns : int, ns
             The present instant.
-        hands : Hands
+        poses : FingerPoses
             Poses that the scene will be asked about: parts are put where they are at the newest instant of
             these, since distances are reported for the instants of poses. Without a finger it is now.
         """
@@ -105,13 +105,13 @@ class MovesInput:
             self._scene, self._carried, self._presence = scene, None, None
             self._unfit.clear()
             list(self._moved_each(scene, self._latest))
-        for _, records, ahead_ns in self._reception.messages():
-            self._take(scene, records, ahead_ns + self._skipped(), now_ns)
+        for _, records, offset_ns in self._reception.messages():
+            self._take(scene, records, offset_ns + self._skipped(), now_ns)
             is_reported = True
         if is_reported or scene.epoch != self._epoch:
             self._gather(scene)
         if self._carried is not None:
-            self._carry(self._carried, scene, now_ns, _instant_of(hands, now_ns))
+            self._carry(self._carried, scene, now_ns, _instant_of(poses, now_ns))
 
     def widen(self, contacts: np.ndarray) -> None:
         """Make bounds wider by what is not known of parts that move.
@@ -131,10 +131,10 @@ class MovesInput:
         """Give the address back."""
         self._reception.close()
 
-    def _take(self, scene: Scene, records: np.ndarray, ahead_ns: int, now_ns: int) -> None:
+    def _take(self, scene: Scene, records: np.ndarray, offset_ns: int, now_ns: int) -> None:
         """Move parts to where a message tells, and keep what it reported."""
         names = [self._name(raw) for raw in records["name"].tolist()]
-        pose_ns = records["pose_ns"] + ahead_ns
+        pose_ns = records["pose_ns"] + offset_ns
         rows = self._admitted(names, pose_ns, now_ns)
         if len(rows) < len(names):
             names, records, pose_ns = [names[row] for row in rows], records[rows], pose_ns[rows]
@@ -160,7 +160,7 @@ class MovesInput:
         admitted, latest = [], self._latest
         future = backwards = stale = 0
         # Not by the tick's start: where the system kept us from running since, new moves are after it.
-        latest_ns = max(now_ns, self._clock() + self._skipped()) + AHEAD_NS
+        latest_ns = max(now_ns, self._clock() + self._skipped()) + MAX_FUTURE_NS
         for row, (name, instant) in enumerate(zip(names, pose_ns.tolist(), strict=True)):
             if instant > latest_ns:
                 future += 1
@@ -224,15 +224,15 @@ class MovesInput:
             silent = carried.fall_silent(now_ns)
             self._silent.update(silent)
             self._reception.leave_out(SILENT, len(silent), f"first of {silent[0]!r}")
-        places = carried.at(instant_ns)
-        if places is None:
+        poses = carried.at(instant_ns)
+        if poses is None:
             return
         try:
-            scene.move_many(carried.names, *places)
+            scene.move_many(carried.names, *poses)
         except (SceneError, PoseError):
             # One goes farther than can be computed with, or was taken out just now: the next tick sees that.
             is_edited = scene.epoch != self._epoch
-            each = zip(*places, [0] * len(carried.names), strict=True)
+            each = zip(*poses, [0] * len(carried.names), strict=True)
             moves = {
                 name: ReportedMotion(*reported) for name, reported in zip(carried.names, each, strict=True)
             }
@@ -250,12 +250,12 @@ class MovesInput:
         return name
 
 
-def _instant_of(hands: Hands | None, now_ns: int) -> int:
+def _instant_of(poses: FingerPoses | None, now_ns: int) -> int:
     """The newest instant of a finger that is there; now where there is none."""
-    if hands is None:
+    if poses is None:
         return now_ns
-    is_there = np.isfinite(hands.positions).all(axis=1)
-    return int(hands.pose_ns[is_there].max()) if is_there.any() else now_ns
+    is_there = np.isfinite(poses.positions).all(axis=1)
+    return int(poses.pose_ns[is_there].max()) if is_there.any() else now_ns
 
 
 def _nearest_rotations(rotations: np.ndarray) -> np.ndarray:

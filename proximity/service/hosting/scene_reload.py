@@ -1,4 +1,4 @@
-"""A scene that is edited while it is served: made beside the loop, taken between two ticks.
+"""Reload a scene file that is edited while it is served: built beside the loop, taken between two ticks.
 
 What cannot be used is said, and the scene before goes on.
 """
@@ -11,13 +11,13 @@ from typing import Any
 from proximity.errors import ProximityError
 from proximity.service import TrackerAnswers
 from proximity.service.config import SceneFile, make_tracker, override, read_scene_file, stamp_of
-from proximity.service.config.document import Path, spelled
-from proximity.service.hosting.assembly import Made
+from proximity.service.config.toml_document import Path, spelled
+from proximity.service.hosting.service_assembly import Made
 
 REFUSED = "the edit is not taken, the scene before goes on"
 
 
-class Editing:
+class SceneReloader:
     """Gives a running service the scene of its file, whenever that file or a file of its parts changes.
 
     Parameters
@@ -26,16 +26,16 @@ class Editing:
         The service, and what is kept of its scene.
     settings : SceneFile
         What it was made of.
-    given : dict
+    overrides : dict
         What was said otherwise than in the file: it goes on to hold.
     say : callable
         Is given a sentence for whoever edits.
     """
 
     def __init__(
-        self, made: Made, settings: SceneFile, given: dict[str, Any], say: Callable[[str], None]
+        self, made: Made, settings: SceneFile, overrides: dict[str, Any], say: Callable[[str], None]
     ) -> None:
-        self._made, self._settings, self._given, self._say = made, settings, given, say
+        self._made, self._settings, self._overrides, self._say = made, settings, overrides, say
         self._looked_at = self._seen = _stamps(settings)
 
     def look(self) -> None:
@@ -56,7 +56,7 @@ class Editing:
     def _take(self) -> str:
         """Make the edited scene and hand it to the loop; what is said of it."""
         started, before = time.monotonic(), self._settings
-        settings = override(read_scene_file(before.path), self._given)
+        settings = override(read_scene_file(before.path), self._overrides)
         # Files that are new are watched as well from here on, even if they cannot be used yet.
         self._seen = self._looked_at = {**_stamps(settings), **self._looked_at}
         refuse_what_needs_a_restart(before, settings)
@@ -92,14 +92,14 @@ def refuse_what_needs_a_restart(before: SceneFile, after: SceneFile) -> None:
 
 
 def _fixed(settings: SceneFile) -> dict[Path, Any]:
-    """What a running service cannot change, by where it stands."""
+    """Settings that a running service cannot change, by where they stand."""
     reported: dict[Path, Any] = {("service", key): value for key, value in asdict(settings.service).items()}
     del reported["service", "latency"]
     reported["fingers", "count"] = settings.fingers.count
-    given = asdict(settings.input)
-    recorded = given.pop("recording") or {}
-    given["recording"] = recorded.pop("file", None)
-    reported |= {("input", key): value for key, value in {**given, **recorded}.items()}
+    source = asdict(settings.input)
+    recorded = source.pop("recording") or {}
+    source["recording"] = recorded.pop("file", None)
+    reported |= {("input", key): value for key, value in {**source, **recorded}.items()}
     reported["glove",] = settings.glove
     return reported
 

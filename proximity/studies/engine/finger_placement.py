@@ -1,4 +1,4 @@
-"""A finger before a part: how its hand is held, and where on its way it touches first, by exact geometry.
+"""A finger in front of a part: the pose of its hand, and its first contact, by exact geometry.
 
 That place is the truth of a simulation with the engine: the real wall stands there. It is found by asking the
 exact distance again and again along the finger's own curve, not along the polyline that a tracker is given.
@@ -19,8 +19,8 @@ from proximity.pose import Pose
 from proximity.scene.scene import Scene
 
 RETRACTION = 0.030  # m, from the contact to the drum farthest away; assumed
-LEAST_WAY = 0.030  # m, that the finger must come freely before it touches; assumed
-FARTHEST_OFF = 0.020  # m, of the fingertip from where it was to touch: what is in its way is touched instead
+MIN_FREE_PATH = 0.030  # m, that the finger must come freely before it touches; assumed
+FARTHEST_OFF = 0.020  # m, of the fingertip from where it was to touch: what is in its path is touched instead
 AS_ASKED = 1e-5  # m, likewise: no other attitude needs to be tried
 ROLLS = 24  # attitudes of the hand about the way at the touch that are tried, evenly
 TOUCH_TOLERANCE = 1e-9  # m, at which the search for the touch ends
@@ -40,18 +40,18 @@ class PlacedFinger:
     part: int  # row of the part that is touched
 
     @property
-    def contact_place(self) -> float:
-        """How far the fingertip has come when it touches, m."""
-        return self.path.place(self.contact_bend)
+    def contact_position(self) -> float:
+        """Position of the fingertip on its path when it touches, m."""
+        return self.path.position(self.contact_bend)
 
     @property
     def retraction(self) -> float:
-        """From the touch to where the drum waits, m."""
-        return self.path.retracted - self.contact_place
+        """Distance from the touch to where the drum waits, m."""
+        return self.path.retracted - self.contact_position
 
     @property
     def incidence(self) -> float:
-        """Cosine between the finger's way and the surface's normal at the touch."""
+        """Cosine between the finger's path and the surface's normal at the touch."""
         return -float(self.normal @ _direction(self.glove.finger, self.world_from_hand, self.contact_bend))
 
     def corners(self, count: int = PATH_CORNERS) -> np.ndarray:
@@ -78,10 +78,10 @@ class PlacedFinger:
 def place_finger(
     scene: Scene, at: Sequence[float] | None = None, *, glove: Glove | None = None
 ) -> PlacedFinger:
-    """Return a finger that touches a part head-on, 30 mm before its drum's farthest place.
+    """Return a finger that touches a part head-on, 30 mm before its drum's farthest position.
 
     Of the attitudes of the hand the first is taken that leaves the finger a free way; where none does, the
-    one that lets it touch nearest to the place that was meant.
+    one that lets it touch nearest to the position that was meant.
 
     Parameters
     ----------
@@ -101,13 +101,13 @@ def place_finger(
     glove = glove or Glove()
     path, finger = FingerPath(glove), glove.finger
     bend = path.bend(path.retracted - RETRACTION)
-    point, way = _target(scene, _viewpoint(scene) if at is None else np.asarray(at, np.float64))
-    center = point - finger.pad_radius * way
+    point, direction = _target(scene, _viewpoint(scene) if at is None else np.asarray(at, np.float64))
+    center = point - finger.pad_radius * direction
     best, nearest = None, FARTHEST_OFF
     for turn in range(ROLLS):
-        pose = _held(finger, bend, center, way, 2.0 * math.pi * turn / ROLLS)
+        pose = _held(finger, bend, center, direction, 2.0 * math.pi * turn / ROLLS)
         touch = first_touch(scene, finger, pose)
-        if not path.place(touch) > LEAST_WAY:
+        if not path.position(touch) > MIN_FREE_PATH:
             continue
         off = float(np.linalg.norm(pose.point(finger.point_hand(touch)) - center))
         if off < nearest - 1e-6:
@@ -117,8 +117,8 @@ def place_finger(
     if best is None:
         reported = ", ".join(f"{1e3 * coordinate:g}" for coordinate in point)
         raise DecaffError(
-            f"({reported}) mm: no hand gets its finger there without touching before, expected a place with "
-            f"{1e3 * LEAST_WAY:g} mm of free way before it"
+            f"({reported}) mm: no hand gets its finger there without touching before, expected a position "
+            f"with {1e3 * MIN_FREE_PATH:g} mm of free path before it"
         )
     return placed(scene, glove, *best)
 
@@ -189,27 +189,27 @@ def _viewpoint(scene: Scene) -> np.ndarray:
 def _target(scene: Scene, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The surface point nearest to *at*, and the way to it, unit."""
     if at.shape != (3,) or not np.isfinite(at).all():
-        raise DecaffError(f"the place is {at.tolist()!r}, expected three coordinates in metres")
+        raise DecaffError(f"the position is {at.tolist()!r}, expected three coordinates in metres")
     hit = scene.closest(at)
     gradient = np.asarray(hit.gradient, np.float64)
     return np.asarray(hit.point, np.float64), -gradient
 
 
-def _held(finger: Finger, bend: float, center: np.ndarray, way: np.ndarray, roll: float) -> Pose:
-    """A hand whose fingertip is at *center* at a bend and goes along *way*; turned about that by *roll*."""
+def _held(finger: Finger, bend: float, center: np.ndarray, direction: np.ndarray, roll: float) -> Pose:
+    """A hand whose fingertip is at *center* at a bend and moves along *direction*, rolled about it."""
     rate = finger.point_rate(bend)
     tangent = np.array([*(rate / np.hypot(*rate)), 0.0])
     hand = np.stack([tangent, np.cross([0.0, 0.0, 1.0], tangent), [0.0, 0.0, 1.0]], axis=1)
-    side = np.cross(way, np.eye(3)[np.argmin(np.abs(way))])
+    side = np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))])
     side /= np.linalg.norm(side)
-    other = np.cross(way, side)
+    other = np.cross(direction, side)
     c, s = math.cos(roll), math.sin(roll)
-    world = np.stack([way, c * side + s * other, c * other - s * side], axis=1)
+    world = np.stack([direction, c * side + s * other, c * other - s * side], axis=1)
     rotation = world @ hand.T
     return Pose(rotation, center - rotation @ finger.point_hand(bend))
 
 
 def _direction(finger: Finger, world_from_hand: Pose, bend: float) -> np.ndarray:
-    """Where the fingertip goes as the finger bends, unit, (3,), scene's frame."""
+    """Direction of the fingertip's motion as the finger bends, unit, (3,), scene's frame."""
     rate = finger.point_rate(bend)
     return world_from_hand.direction(np.array([*(rate / np.hypot(*rate)), 0.0]))

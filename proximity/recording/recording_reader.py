@@ -1,4 +1,4 @@
-"""Recordings from text: one sample of one finger a line, in columns that the first line names.
+"""Recordings from text: one sample of one finger a line, in columns named by the first line.
 
 Numbers are converted a column at a time; only when that fails is the line looked for that is to blame.
 """
@@ -20,14 +20,14 @@ EXPECTED = "time_s, hand, finger, x_m, y_m, z_m"
 NANOSECONDS_IN = {"time_s": NANOSECONDS, "time_ms": 1_000_000, "time_us": 1_000, "time_ns": 1}
 METRES_IN = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 SEPARATORS = ",;\t"
-DECIMAL_COMMA = ";\t"  # where fields stand between these, 0,5 is a number
+COMMA_SEPARATORS = ";\t"  # where fields stand between these, 0,5 is a number
 LARGEST_HAND_COUNT = 32  # a sensor numbers a hand anew when it has lost it; more than this are no hands
 LARGEST_HAND = 2**31 - 1
 LARGEST_POSITION = 1e6  # m; no sensor sees as far
 LARGEST_TIME_NS = 2.0**62
 LINE_ENDS = "\n\r"
 MAYBE_CUT = "the last line has no end: it may be cut"
-CHUNK = 4096  # lines converted at once
+LINES_PER_CHUNK = 4096  # lines converted at once
 
 
 def read_recording(path: str | os.PathLike[str]) -> Recording:
@@ -134,7 +134,7 @@ class _Table:
         while True:
             before = reader.line_num
             try:
-                rows = list(islice(reader, CHUNK))
+                rows = list(islice(reader, LINES_PER_CHUNK))
             except csv.Error as unfit:
                 raise self.error(reader.line_num, f"{unfit}, expected columns {EXPECTED}") from unfit
             if not rows:
@@ -165,7 +165,7 @@ class _Table:
         twice = [title for title in self.titles if header.count(title) > 1]
         if twice:
             raise self.error(line, f"two columns are named {twice[0]}")
-        self.places = [header.index(title) for title in self.titles]
+        self.column_ids = [header.index(title) for title in self.titles]
         self.ignored = [title for title in header if title and title not in self.titles]
 
     def _numbers(self, rows: list[list[str]], lines: list[int]) -> np.ndarray:
@@ -176,13 +176,13 @@ class _Table:
         columns = list(zip(*rows, strict=True))
         return np.array(
             [
-                self._column(title, columns[place], lines)
-                for title, place in zip(self.titles, self.places, strict=True)
+                self._column(title, columns[index], lines)
+                for title, index in zip(self.titles, self.column_ids, strict=True)
             ]
         )
 
     def _column(self, title: str, fields: tuple[str, ...], lines: list[int]) -> list[float]:
-        if self.separator in DECIMAL_COMMA:
+        if self.separator in COMMA_SEPARATORS:
             fields = tuple(field.replace(",", ".") for field in fields)
         try:
             if "_" not in "".join(fields):  # Python would read 1_000
@@ -233,8 +233,8 @@ class _Table:
         again = np.flatnonzero(np.diff(keys[order]) == 0)
         if again.size:
             # of all repeats the one that is met first
-            place = again[np.argmin(order[again + 1])]
-            earlier, later = int(order[place]), int(order[place + 1])
+            index = again[np.argmin(order[again + 1])]
+            earlier, later = int(order[index]), int(order[index + 1])
             raise self.error(
                 self.lines[later],
                 f"finger {fingers[later]} of hand {hands[later]} has a position at this time already, "
@@ -247,7 +247,7 @@ class _Table:
             raise self.error(self.lines[row], f"{title} is {values[row]:.9g}, expected {expected}")
 
     def error(self, line: int, message: str) -> RecordingError:
-        """What is wrong, with file and line."""
+        """Error for a mistake in the file, with its line."""
         return RecordingError(f"{self.name}, line {line}: {message}")
 
 

@@ -1,4 +1,4 @@
-"""A scene file from text to records: which keys there are, and what each may say.
+"""Reader of scene files: from text to settings, with the keys and values that are allowed.
 
 ``meshes/demo.toml`` shows and explains every key.
 """
@@ -10,8 +10,6 @@ from typing import Any
 from proximity.errors import MeshError, PublishError
 from proximity.formats import metres_per_unit
 from proximity.message import MAX_RECORDS
-from proximity.service.config.document import Document, Path, read_document
-from proximity.service.config.fields import REQUIRED, Range, Table
 from proximity.service.config.settings import (
     ORIGIN,
     FingerSettings,
@@ -22,6 +20,8 @@ from proximity.service.config.settings import (
     SceneFile,
     ServiceSettings,
 )
+from proximity.service.config.table_fields import REQUIRED, Range, Table
+from proximity.service.config.toml_document import Document, Path, read_document
 from proximity.tracker.tracker_arguments import LARGEST_RADIUS, LARGEST_WORKING_RANGE, too_long
 from proximity.transport.address import parse
 from proximity.transport.link import TRANSPORTS
@@ -40,24 +40,24 @@ GLOVE_KEYS = ("calibration", "max_age_days")
 
 WITHOUT_GEOMETRY = "cannot be used: distances are measured by input.sensor, there is no geometry"
 
-RATES = Range("Hz", 1.0, 100_000.0)
-LATENCIES = Range("s", 0.0, 1.0)
+RATE_RANGE = Range("Hz", 1.0, 100_000.0)
+LATENCY_RANGE = Range("s", 0.0, 1.0)
 VALIDITIES = Range("s", 1e-5, 0.1)  # poses of 100 ms are worth nothing
-CORES = Range("", 0, 4095)
-COUNTS = Range("", 1, MAX_RECORDS)
+CORE_RANGE = Range("", 0, 4095)
+COUNT_RANGE = Range("", 1, MAX_RECORDS)
 BUDGETS = Range("nodes and leaves", 1, 2**31 - 1)
-LENGTHS = Range("m", 0.0, 1e6, is_above=True)
+LENGTH_RANGE = Range("m", 0.0, 1e6, is_above=True)
 RANGES = Range("m", 0.0, 1e6)
 TOLERANCES = Range("", 0.0, 1.0)
-TIMES = Range("s", 0.0, 1e3, is_above=True)
-SPEEDS = Range("m/s", 0.0, 1e6, is_above=True)
+TIME_RANGE = Range("s", 0.0, 1e3, is_above=True)
+SPEED_RANGE = Range("m/s", 0.0, 1e6, is_above=True)
 ACCELERATIONS = Range("m/s²", 0.0, 1e9, is_above=True)
 AGES = Range("days", 0.0, 36_500.0, is_above=True)
-COORDINATES = Range("m", -1e6, 1e6)
+COORDINATE_RANGE = Range("m", -1e6, 1e6)
 ANGLES = Range("degrees", -1e6, 1e6)
 SCALES = Range("", 1e-6, 1e6)
-STIFFNESSES = Range("N/m", 0.0, 1e12, is_above=True)
-DAMPINGS = Range("N s/m", 0.0, 1e12)
+STIFFNESS_RANGE = Range("N/m", 0.0, 1e12, is_above=True)
+DAMPING_RANGE = Range("N s/m", 0.0, 1e12)
 
 
 def read_scene_file(path: str | os.PathLike[str]) -> SceneFile:
@@ -89,14 +89,14 @@ def read_scene_file(path: str | os.PathLike[str]) -> SceneFile:
     return settings
 
 
-def override(settings: SceneFile, given: dict[str, Any]) -> SceneFile:
+def override(settings: SceneFile, overrides: dict[str, Any]) -> SceneFile:
     """Return what a scene file says, but for some of its [service].
 
     Parameters
     ----------
     settings : SceneFile
         What the file says.
-    given : dict
+    overrides : dict
         What holds instead, by its key in [service]; None: what the file says. A path is relative to the
         present folder.
 
@@ -106,7 +106,7 @@ def override(settings: SceneFile, given: dict[str, Any]) -> SceneFile:
         If it cannot be used.
     """
     document = Document("", "")
-    reported = {key: _as_in_toml(value) for key, value in given.items() if value is not None}
+    reported = {key: _as_in_toml(value) for key, value in overrides.items() if value is not None}
     document.data["service"] = reported
     service = _Reader(document, os.getcwd()).service()
     document.raise_complaints()
@@ -123,8 +123,8 @@ class _Reader:
     def __init__(self, document: Document, folder: str) -> None:
         self._document, self._folder = document, folder
         Table(document, (), document.data, TABLES)  # complains of others
-        given = document.data.get("input")
-        self._is_measured = isinstance(given, dict) and "sensor" in given
+        declared = document.data.get("input")
+        self._is_measured = isinstance(declared, dict) and "sensor" in declared
 
     def service(self) -> ServiceSettings:
         """The loop."""
@@ -134,23 +134,23 @@ class _Reader:
         if len(set(publish)) < len(publish):
             table.complain("publish", "has an address twice, expected addresses that differ")
         return ServiceSettings(
-            rate_hz=table.number("rate_hz", default.rate_hz, RATES),
-            latency=table.number("latency", default.latency, LATENCIES),
+            rate_hz=table.number("rate_hz", default.rate_hz, RATE_RANGE),
+            latency=table.number("latency", default.latency, LATENCY_RANGE),
             valid_for=table.number("valid_for", default.valid_for, VALIDITIES),
             publish=publish,
             log=self._from_here(table.text("log", None, meaning="the file to write")),
             real_time=table.truth("real_time", default.real_time),
-            core=table.whole("core", None, CORES),
+            core=table.whole("core", None, CORE_RANGE),
         )
 
     def fingers(self) -> FingerSettings:
         """The fingertips."""
         table, default = self._table("fingers", FINGER_KEYS), FingerSettings()
-        count = table.whole("count", None, COUNTS)
+        count = table.whole("count", None, COUNT_RANGE)
         for key in TRACKER_KEYS:
             if self._is_measured and table.has(key):
                 table.complain(key, WITHOUT_GEOMETRY)
-        radius = table.number_or_numbers("radius", default.radius, count, LENGTHS)
+        radius = table.number_or_numbers("radius", default.radius, count, LENGTH_RANGE)
         working_range = table.number("working_range", None, RANGES)
         largest = max(radius) if isinstance(radius, tuple) else radius
         for key, length, most in (
@@ -165,8 +165,8 @@ class _Reader:
             budget=table.whole("budget", None, BUDGETS),
             working_range=working_range,
             tolerance=table.number("tolerance", None, TOLERANCES),
-            horizon=table.number("horizon", None, TIMES),
-            max_speed=table.number("max_speed", None, SPEEDS),
+            horizon=table.number("horizon", None, TIME_RANGE),
+            max_speed=table.number("max_speed", None, SPEED_RANGE),
             max_acceleration=table.number("max_acceleration", None, ACCELERATIONS),
         )
 
@@ -196,18 +196,20 @@ class _Reader:
         return tuple(entries)
 
     def input(self) -> InputSettings:
-        """Where poses come from."""
+        """The source of poses."""
         if "input" not in self._document.data:
             self._document.complain((), f"[input] is missing, expected it to have {_either(SOURCES)}")
             return InputSettings()
         table = self._table("input", INPUT_KEYS)
-        given = [key for key in SOURCES if table.has(key)]
-        if not given:
-            self._document.complain(("input",), f"[input] says no source, expected {_either(SOURCES)}")
-        for more in given[1:]:
-            table.complain(more, f"stands beside input.{given[0]}, expected only one of {_either(SOURCES)}")
+        declared = [key for key in SOURCES if table.has(key)]
+        if not declared:
+            self._document.complain(("input",), f"[input] has no source, expected {_either(SOURCES)}")
+        for more in declared[1:]:
+            table.complain(
+                more, f"stands beside input.{declared[0]}, expected only one of {_either(SOURCES)}"
+            )
         for key in RECORDING_KEYS:
-            if table.has(key) and "recording" not in given:
+            if table.has(key) and "recording" not in declared:
                 table.complain(key, "is of a recording, and there is no input.recording")
         return InputSettings(
             recording=self._recording(table) if table.has("recording") else None,
@@ -217,7 +219,7 @@ class _Reader:
         )
 
     def glove(self) -> GloveSettings | None:
-        """What the hand wears."""
+        """The glove or gloves of the hand."""
         if "glove" not in self._document.data:
             return None
         table, meaning = self._table("glove", GLOVE_KEYS), "a calibration of a glove"
@@ -232,8 +234,8 @@ class _Reader:
         table = Table(self._document, path, content, PART_KEYS)
         kind = table.one_of("kind", None, ("rigid", "deformable"))
         if kind == "deformable":
-            stiffness = table.number("stiffness", REQUIRED, STIFFNESSES)
-            damping = table.number("damping", 0.0, DAMPINGS)
+            stiffness = table.number("stiffness", REQUIRED, STIFFNESS_RANGE)
+            damping = table.number("damping", 0.0, DAMPING_RANGE)
         else:
             stiffness, damping = None, 0.0
             for key in ("stiffness", "damping"):
@@ -248,7 +250,7 @@ class _Reader:
             file=self._file(table, "file", "a file of parts"),
             units=units,
             name=table.text("name", None, meaning="what the part is to be called"),
-            position=table.numbers("position", ORIGIN, 3, COORDINATES),
+            position=table.numbers("position", ORIGIN, 3, COORDINATE_RANGE),
             turn_degrees=table.numbers("turn_degrees", ORIGIN, 3, ANGLES),
             kind=kind,
             stiffness=stiffness,
@@ -264,7 +266,7 @@ class _Reader:
             repeat=table.truth("repeat", False),
             fast=table.truth("fast", False),
             fit=is_fitted,
-            position=table.numbers("position", ORIGIN, 3, COORDINATES),
+            position=table.numbers("position", ORIGIN, 3, COORDINATE_RANGE),
             turn_degrees=table.numbers("turn_degrees", ORIGIN, 3, ANGLES),
             scale=table.number("scale", 1.0, SCALES),
         )

@@ -1,4 +1,4 @@
-"""One table of a scene file: values of the types and within the ranges that are expected.
+"""One table of a scene file: values checked for type and range.
 
 What is wrong is complained of, and some value is returned all the same: so that one look at a file finds the
 first mistake by line, not the first that somebody happened to look for.
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from proximity.checks import as_number, is_whole
-from proximity.service.config.document import Document, Path, spelled
+from proximity.service.config.toml_document import Document, Path, spelled
 
 REQUIRED: Any = object()
 """Stands for a default: there is none."""
@@ -21,7 +21,7 @@ LARGEST_SHOWN = 10**20
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """Which numbers are accepted, and in what unit."""
+    """Accepted range of a number, and its unit."""
 
     unit: str
     lowest: float = -math.inf
@@ -128,7 +128,7 @@ class Table:
         )
 
     def _value(self, key: str, default: Any, expected: str, read: Callable[[Any], Any]) -> Any:
-        """What *read* makes of a value; None from it: it cannot be used."""
+        """The result of *read*, or None if the value cannot be used."""
         if key not in self._content:
             if default is REQUIRED and key not in self._meant:
                 path = (*self._path, key)

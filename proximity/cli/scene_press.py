@@ -1,4 +1,4 @@
-"""``proximity simulate --scene``: a press on a CAD part with the engine in the loop."""
+"""``proximity simulate --scene``: simulate a press on a CAD part with the engine in the loop."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,8 +23,8 @@ ROWS = (  # label, field, factor from SI units, digits, whether a recorded hand 
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
-    """What is pressed on, and where."""
+class PressedPart:
+    """The part that is pressed, and where."""
 
     file: Path
     part: str | None
@@ -36,13 +36,19 @@ class Place:
 
 
 def run(
-    place: Place, setup: "Setup", policy: str | None, out: Path | None, *, is_sensor: bool, as_json: bool
+    pressed_part: PressedPart,
+    setup: "Setup",
+    policy: str | None,
+    out: Path | None,
+    *,
+    is_sensor: bool,
+    as_json: bool,
 ) -> None:
     """Simulate a press on a part, and tell of it.
 
     Parameters
     ----------
-    place : Place
+    pressed_part : Place
         What is pressed on.
     setup : Setup
         Speed, rate, latency and drum.
@@ -56,8 +62,8 @@ def run(
         Tell it as a document.
     """
     from proximity.cli import progress
-    from proximity.cli.views.output import write_document
-    from proximity.decaff.drum.drum import DRUMS
+    from proximity.cli.views.json_output import write_document
+    from proximity.decaff.drum.drum_model import DRUMS
     from proximity.formats import metres_per_unit
     from proximity.studies import part_press
     from proximity.studies.engine.engine_setup import Distances, EngineSetup
@@ -71,12 +77,12 @@ def run(
         None if policy is None else simulated_press.POLICIES[policy],
         DRUMS[setup.drum],
     )
-    metres = metres_per_unit(place.units)
-    at = None if place.at is None else [metres * coordinate for coordinate in place.at]
+    metres = metres_per_unit(pressed_part.units)
+    at = None if pressed_part.at is None else [metres * coordinate for coordinate in pressed_part.at]
     progress.prepare_kernels()
-    with progress.spinner(f"reading {place.file}"):
-        scene = _scene(place)
-        recorded = None if place.recording is None else _recorded(place.recording, scene, at)
+    with progress.spinner(f"reading {pressed_part.file}"):
+        scene = _scene(pressed_part)
+        recorded = None if pressed_part.recording is None else _recorded(pressed_part.recording, scene, at)
     with progress.spinner("simulating"):
         press = part_press.simulate_on_part(scene, reported, at=at, speed=setup.speed, recording=recorded)
         if out is not None:
@@ -87,19 +93,21 @@ def run(
         _print(press)
 
 
-def _scene(place: Place) -> "proximity.Scene":
+def _scene(pressed_part: PressedPart) -> "proximity.Scene":
     """The parts of a scene file or of any file that has parts; of these the one that is named."""
-    if place.file.suffix.lower() == ".toml":
+    if pressed_part.file.suffix.lower() == ".toml":
         from proximity.service.config import PartFiles, read_scene_file
 
-        scene = PartFiles().scene(read_scene_file(place.file))
+        scene = PartFiles().scene(read_scene_file(pressed_part.file))
     else:
-        scene = proximity.load(str(place.file), units=place.units)
-    if place.part is not None:
-        scene = proximity.Scene([scene.part(place.part)])
-    if place.stiffness is not None:
+        scene = proximity.load(str(pressed_part.file), units=pressed_part.units)
+    if pressed_part.part is not None:
+        scene = proximity.Scene([scene.part(pressed_part.part)])
+    if pressed_part.stiffness is not None:
         for part in scene.parts:
-            scene.set_surface(part.name, stiffness=place.stiffness, damping=place.damping or 0.0)
+            scene.set_surface(
+                part.name, stiffness=pressed_part.stiffness, damping=pressed_part.damping or 0.0
+            )
     return scene
 
 

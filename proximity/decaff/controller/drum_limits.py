@@ -1,23 +1,22 @@
-"""What a drum's controller never exceeds, and how long it believes what it was given (docs/decaff.md)."""
+"""Limits of a drum's controller: speeds, forces, and how long a frame is trusted (docs/decaff.md)."""
 
 import math
 from dataclasses import dataclass, fields
 
 from proximity.decaff.arguments import positive
-
-MS = 1_000_000  # ns
+from proximity.system.time_units import NS_PER_MS
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
     """Ages, speeds, forces and lengths; the paper's analysis gives them where nothing else is said."""
 
-    fresh_ns: int = 20 * MS  # of a pose: younger, all is normal
-    stale_ns: int = 100 * MS  # older, nothing is known
-    ahead_ns: int = 5 * MS  # in the future: farther, the frame is wrong
-    freeze_ns: int = 250 * MS  # in contact, nothing known: so long nothing changes
-    ramp_ns: int = 250 * MS  # then the force limit goes to nothing
-    watchdog_ns: int = 10 * MS  # between two samples of the servo
+    fresh_ns: int = 20 * NS_PER_MS  # of a pose: younger, all is normal
+    stale_ns: int = 100 * NS_PER_MS  # older, nothing is known
+    future_ns: int = 5 * NS_PER_MS  # in the future: farther, the frame is wrong
+    freeze_ns: int = 250 * NS_PER_MS  # in contact, nothing known: so long nothing changes
+    ramp_ns: int = 250 * NS_PER_MS  # then the force limit goes to nothing
+    watchdog_ns: int = 10 * NS_PER_MS  # between two samples of the servo
     touch_gap: float = 30e-6  # m
     release_gap: float = 1e-3  # m
     touch_force: float = 0.05  # N
