@@ -13,13 +13,7 @@ from proximity.errors import ProximityError, QueryError
 
 
 def as_number(value: Any) -> float:
-    """Return *value* as a float; nan where it is no single real number.
-
-    Parameters
-    ----------
-    value : object
-        Anything.
-    """
+    """Return *value* as a float; nan where it is no single real number."""
     if isinstance(value, (bool, str, bytes)) or getattr(value, "ndim", False):
         return math.nan
     try:

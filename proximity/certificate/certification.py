@@ -169,17 +169,7 @@ def load_of_times(name: str, times_ns: np.ndarray, period: Period) -> Load:
 
 
 def load_of_histogram(name: str, histogram: Histogram, period: Period) -> Load:
-    """Return the load of ticks that were counted.
-
-    Parameters
-    ----------
-    name : str
-        Of the motion.
-    histogram : Histogram
-        Of their times.
-    period : Period
-        That they are held against.
-    """
+    """Return the load of ticks that were counted."""
     over = misses_of(histogram, period).count
     return Load(name, *_tail(percentiles_of(histogram), GATED_LOOP), over, histogram.count)
 

@@ -140,11 +140,6 @@ class Service:
         Returns when that is done, and lets go of who made them until then, without closing it: its moves may
         be in use again. All that takes long is done in the thread of the caller.
 
-        Parameters
-        ----------
-        answering : Answering
-            Of as many fingers. It rehearses now.
-
         Raises
         ------
         ServiceError

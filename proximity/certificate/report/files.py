@@ -22,11 +22,6 @@ CLOUD = 1200
 def check_report_name(path: str | os.PathLike[str]) -> None:
     """Refuse what is no name of a report.
 
-    Parameters
-    ----------
-    path : path
-        Where it is to be written.
-
     Raises
     ------
     ServiceError

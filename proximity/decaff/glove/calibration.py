@@ -84,13 +84,6 @@ class Calibration:
 def write_calibration(path: str | os.PathLike[str], calibration: Calibration) -> None:
     """Write a calibration to a file, at once and wholly; one that is there is replaced.
 
-    Parameters
-    ----------
-    path : path
-        The file.
-    calibration : Calibration
-        What it is to hold.
-
     Raises
     ------
     DecaffError

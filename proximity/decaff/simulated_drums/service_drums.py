@@ -94,13 +94,7 @@ class FingerBench:
             self.controller.reset()
 
     def switch_off(self, why: str) -> None:
-        """Leave the motor without power, whatever the controller wanted last; nothing is computed.
-
-        Parameters
-        ----------
-        why : str
-            For whoever asks the controller for its fault.
-        """
+        """Leave the motor without power, whatever the controller wanted last; nothing is computed."""
         self.controller.fault = why
         self.faults += 1
         if self.action is not None:
@@ -172,13 +166,7 @@ class DrumBench:
             finger.step(reading, sample_ns, elapsed, contact, frame)
 
     def switch_off(self, why: str) -> None:
-        """Leave all motors without power, where nobody steps their controllers any more.
-
-        Parameters
-        ----------
-        why : str
-            The fault that they have.
-        """
+        """Leave all motors without power, where nobody steps their controllers any more."""
         for finger in self.fingers:
             finger.switch_off(why)
 

@@ -140,13 +140,6 @@ def recorded_press(scene: Scene, recording: Recording, radius: float, start_dist
 def recorded_hand(scene: Scene, recording: Recording) -> tuple[PlacedFinger, RecordedPress]:
     """Return the finger of a recorded hand that touches first, before it touches, and its motion.
 
-    Parameters
-    ----------
-    scene : Scene
-        With parts.
-    recording : Recording
-        In the scene's frame.
-
     Raises
     ------
     DecaffError

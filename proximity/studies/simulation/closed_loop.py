@@ -245,11 +245,6 @@ class DecaffLoop:
     def tick(self, command: DrumCommand) -> None:
         """Serve a command for one sample, and move everything by it.
 
-        Parameters
-        ----------
-        command : DrumCommand
-            What the drum shall do.
-
         Raises
         ------
         DecaffError
@@ -275,11 +270,6 @@ class DecaffLoop:
 
     def run(self, target: Target) -> None:
         """Go through the whole press with one of the four readings, in compiled code.
-
-        Parameters
-        ----------
-        target : Target
-            The reading.
 
         Raises
         ------

@@ -42,13 +42,7 @@ class ControllerInLoop:
         self._contact["mode"], self._contact["surface"] = Mode.POSITION, Surface.RIGID
 
     def command(self, distance_sample: DistanceSample) -> DrumCommand:
-        """Return what the drum shall do.
-
-        Parameters
-        ----------
-        distance_sample : DistanceSample
-            Of this sample.
-        """
+        """Return what the drum shall do."""
         if distance_sample.message is not None:
             self._write(distance_sample.message)
         path, now_ns = self._path, START_NS + round(1e9 * distance_sample.now)

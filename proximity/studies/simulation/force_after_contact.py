@@ -58,13 +58,7 @@ class ForceAfterContact:
         self.switched_at = math.nan
 
     def command(self, distance_sample: DistanceSample) -> DrumCommand:
-        """Return where the drum shall go, or with what force it shall press.
-
-        Parameters
-        ----------
-        distance_sample : DistanceSample
-            Of this sample.
-        """
+        """Return where the drum shall go, or with what force it shall press."""
         command = self._before_contact.command(distance_sample)
         slave = self._slave(distance_sample.now)
         is_steady = self._steady.take(distance_sample.force, distance_sample.finger_speed)
