@@ -21,6 +21,11 @@ INSTEAD = {
     "ease": "tolerance",
     "patience": "adaptive tolerance",
     "fronts": "frontiers",
+    "editing": "reload",
+    "saying": "announcement",
+    "making": "assembly",
+    "door": "interface, adapter",
+    "house": "package",
 }
 FILES = sorted((ROOT / "proximity").rglob("*.py"))
 

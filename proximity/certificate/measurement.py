@@ -77,7 +77,7 @@ def measure(
     rng, rate, fingers = np.random.default_rng([seed, 100]), 1.0 / subject.period, subject.fingers
     worst = {each.goal: np.array([worst.position for worst in each.positions]) for each in found}
     cold, stays = (worst[Goal(manner, True)] for manner in (Manner.COLD, Manner.STAYS))
-    hands = -(-fingers // motions.HAND)
+    hands = -(-fingers // motions.FINGERS_PER_HAND)
     wandering = motions.wandering_hands(subject.scene, tick_count, hands, seed=seed, rate=rate)
     motion_rows: dict[str, np.ndarray] = {"random": np.ascontiguousarray(wandering[:, :fingers])}
     if subject.recording is not None:
@@ -252,4 +252,4 @@ def run_loop(subject: Subject, found: tuple[Found, ...], seconds: float, seed: i
 
 
 def _fingers(count: int) -> tuple[tuple[int, int], ...]:
-    return tuple(divmod(k, motions.HAND) for k in range(count))
+    return tuple(divmod(k, motions.FINGERS_PER_HAND) for k in range(count))

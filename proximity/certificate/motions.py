@@ -4,7 +4,7 @@ import numpy as np
 
 from proximity.scene.scene import Scene
 
-HAND = 5  # fingers
+FINGERS_PER_HAND = 5  # fingers
 SPREAD = 0.05  # m, of the fingers of a hand
 PAUSE_TICKS = 10  # between two rounds of a motion
 PASSING_SPEED, PASSING_DISTANCE = 0.2, 0.005
@@ -36,7 +36,7 @@ def wandering_hands(
     for _ in range(count):
         beats, phases = rng.uniform(0.5, 0.9, 3), rng.uniform(0.0, 6.0, 3)
         middle = 0.5 * (lower + upper) + 0.5 * (upper - lower) * np.sin(beats * t + phases)
-        for _ in range(HAND):
+        for _ in range(FINGERS_PER_HAND):
             aside = rng.uniform(-SPREAD, SPREAD, 3)
             found.append(middle + aside + 0.01 * np.sin(rng.uniform(2.0, 9.0, 3) * t + aside))
     return np.ascontiguousarray(np.stack(found, axis=1))

@@ -19,7 +19,17 @@ from proximity.decaff.controller.controller_states import DrumState
 from proximity.decaff.simulated_drums.service_drums import DrumBench, FingerBench
 from proximity.transport import Counts, Reading, Subscriber
 
-COLUMNS = ("finger", "drum", "drum mm", "angle °", "finger mm", "force N", "torque mNm", "touches", "faults")
+DRUM_COLUMNS = (
+    "finger",
+    "drum",
+    "drum mm",
+    "angle °",
+    "finger mm",
+    "force N",
+    "torque mNm",
+    "touches",
+    "faults",
+)
 STYLES = {
     DrumState.RETRACTED: "green",
     DrumState.APPROACH: "yellow",
@@ -145,7 +155,7 @@ def table(reading: Reading, bench: DrumBench, row_count: int) -> Table:
         Most fingers that are shown.
     """
     shown = Table(title=f"{reading.state.name}, {len(bench.fingers)} fingers", title_justify="left", box=None)
-    for name in COLUMNS:
+    for name in DRUM_COLUMNS:
         shown.add_column(name, justify="left" if name == "drum" else "right", no_wrap=True)
     for i, finger in enumerate(bench.fingers[:row_count]):
         plant = finger.plant

@@ -27,11 +27,11 @@ FOLLOWED_STEP = 2  # m, by which the distance will have changed
 FOLLOWED_SPREAD = 3  # m, by which that may be off
 FOLLOWED_SIZE = 4
 
-# --- columns of the *doubts* of a distance that is followed: sums of weight times squared error, m² ---
+# --- columns of the error sums of a distance that is followed: sums of weight times squared error, m² ---
 DISTANCE_ERROR = 0  # of the present track
 DISTANCE_ERROR_BEFORE = 1  # of the one before the last jump, at most
 ERROR_SUMS_SIZE = 2
-LARGEST_ERROR = 1e3
+LARGEST_DISTANCE_ERROR = 1e3
 """m: what is off by more is as good as not known, and must fade like others."""
 
 LATEST = np.int64(2**63 - 1)
@@ -99,7 +99,7 @@ def _distance_error(motions, error_sums, i, error, status, weight_before):
     The slope is the sum of weight times deviation of age times distance, over the sum of weight times squared
     deviation. By Cauchy and Schwarz errors change it by no more than this, whatever they are.
     """
-    error_sq = min(error, LARGEST_ERROR) ** 2 if error >= 0.0 else LARGEST_ERROR**2
+    error_sq = min(error, LARGEST_DISTANCE_ERROR) ** 2 if error >= 0.0 else LARGEST_DISTANCE_ERROR**2
     weight = motions[i, WEIGHTS]
     if status & STARTED:
         # After a jump the track may go on where it was.

@@ -10,7 +10,7 @@ import numpy as np
 LOGGER = logging.getLogger("proximity.service")
 DEPTH = 4096
 """Frames that wait at most: what a disk that stands still for four seconds delays at 1 kHz."""
-MOST_BYTES = 1 << 26
+MOST_RING_BYTES = 1 << 26
 """That they take at most: of a skin of thousands, 4096 frames would be gigabytes. Eight wait in any case."""
 FEWEST = 8
 CLOSE_TIMEOUT = 5.0
@@ -37,8 +37,8 @@ class LogWriter:
     size : int
         Bytes of a frame.
     depth : int
-        Frames that wait at most, if they are no larger than `MOST_BYTES` together; those beyond are lost, and
-        counted.
+        Frames that wait at most, if they are no larger than `MOST_RING_BYTES` together; those beyond are
+        lost, and counted.
     """
 
     written: int  # frames appended
@@ -49,7 +49,7 @@ class LogWriter:
         self.written = self.failed = self.lost = 0
         self.first_failure = ""
         self._log = log
-        self._rows = np.empty((min(depth, max(MOST_BYTES // size, FEWEST)), size), np.uint8)
+        self._rows = np.empty((min(depth, max(MOST_RING_BYTES // size, FEWEST)), size), np.uint8)
         self._rows.fill(0)  # here, and not page by page in the loop
         self._head = self._tail = 0  # frames put in, and taken out
         self._is_closing = False

@@ -1,4 +1,4 @@
-"""Keys of ``udp://…?key=FILE``: messages carry a tag that only holders of the key can make or check.
+"""Keys of ``udp://…?key=FILE``: messages carry a tag that can only be made and checked with the key.
 
 A key is 32 random bytes, kept as 64 hexadecimal digits and a line end in a file that only its owner may read.
 A tag of 16 bytes follows each message in its datagram: BLAKE2s of the whole message with the key (RFC 7693).

@@ -21,10 +21,13 @@ ORDERED = (
 )
 """Of a tracked finger: the first is not above the second, and none is nan. The position is finite, too."""
 
-COLUMNS = CONTACT.itemsize // 8
+CONTACT_WORDS = CONTACT.itemsize // 8
 _COLUMN = {name: CONTACT.fields[name][1] // 8 for name in CONTACT.names or ()}  # type: ignore[index]
 _POSITION = [_COLUMN["position"] + axis for axis in range(3)]
-_LEAST, _MOST = COLUMNS, COLUMNS + 1  # behind the columns: the finite numbers, in a row of their own
+_LEAST, _MOST = (
+    CONTACT_WORDS,
+    CONTACT_WORDS + 1,
+)  # behind the columns: the finite numbers, in a row of their own
 _LEFT = [_COLUMN[left] for left, _ in ORDERED] + _POSITION + [_LEAST] * 3
 _RIGHT = [_COLUMN[right] for _, right in ORDERED] + [_MOST] * 3 + _POSITION
 _KINDS = frozenset(
@@ -88,7 +91,7 @@ class HeldFrame:
         self._oldest_ns, self._newest_ns = np.zeros((), np.int64), np.zeros((), np.int64)
         self._is_off = np.empty((4, count), bool)
         self._is_short, self._is_long, self._is_older, self._is_newer = self._is_off
-        self._kinds = records.view("<u4").reshape(count, 2 * COLUMNS)[:, -1]
+        self._kinds = records.view("<u4").reshape(count, 2 * CONTACT_WORDS)[:, -1]
 
     def take(self, data: np.ndarray, now_ns: int | None) -> Flaw | None:
         """Take a frame in and say what is wrong with it; None: nothing. One that is wrong is not to be used.
@@ -142,7 +145,7 @@ class HeldFrame:
 
 def _flat_columns(columns: list[int], count: int) -> np.ndarray:
     """Flat indices of columns of each row; columns that must be finite are taken from the last row."""
-    flat = np.arange(count)[:, np.newaxis] * COLUMNS + columns
-    behind = np.array(columns) >= COLUMNS
-    flat[:, behind] = (count - 1) * COLUMNS + np.array(columns)[behind]
+    flat = np.arange(count)[:, np.newaxis] * CONTACT_WORDS + columns
+    behind = np.array(columns) >= CONTACT_WORDS
+    flat[:, behind] = (count - 1) * CONTACT_WORDS + np.array(columns)[behind]
     return flat

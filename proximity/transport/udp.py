@@ -31,7 +31,7 @@ from proximity.transport.address import Address
 from proximity.transport.link import NOTHING
 from proximity.transport.message_key import TAG_BYTES, Key, key_of
 
-MOST_BYTES = 65507
+MOST_DATAGRAM_BYTES = 65507
 """That a datagram of IPv4 carries."""
 MOST_STRANGERS = 64
 """Datagrams of others that are left out in one go: a flood of them must not keep a reader from its work."""
@@ -106,7 +106,7 @@ class UdpOutlet:
 
     def send(self, data: np.ndarray) -> None:
         """Send one datagram."""
-        most = MOST_BYTES if self._key is None else MOST_BYTES - TAG_BYTES
+        most = MOST_DATAGRAM_BYTES if self._key is None else MOST_DATAGRAM_BYTES - TAG_BYTES
         if len(data) > most:
             raise PublishError(
                 f"{self._text}: a message of {len(data)} bytes does not fit into a datagram "

@@ -25,7 +25,7 @@ from proximity.service.config import (
     scene_builder,
     scene_file_reader,
 )
-from proximity.service.config.toml_document import MOST_BYTES, MOST_LINES, Document
+from proximity.service.config.toml_document import MOST_FILE_BYTES, MOST_LINES, Document
 from proximity.tracker.tracker import DEFAULT_BUDGET, Tracker
 
 PART = '[[parts]]\nfile = "box.stl"\n'
@@ -422,7 +422,7 @@ def test_first_mistake_by_line_is_told_and_others_are_counted(refusal):
 
 def test_scene_file_that_cannot_be_read_is_named(tmp_path):
     large = tmp_path / "large.toml"
-    large.write_bytes(b"#" * (MOST_BYTES + 1))
+    large.write_bytes(b"#" * (MOST_FILE_BYTES + 1))
 
     with pytest.raises(ServiceError, match=r"^none\.toml: cannot be read \(No such file or directory\)$"):
         read_scene_file("none.toml")

@@ -112,7 +112,7 @@ def test_frames_of_a_skin_wait_within_some_megabytes():
     gate.set()
     writer.close()
 
-    assert log_writer.FEWEST < writer.written == count - 1 <= log_writer.MOST_BYTES / size
+    assert log_writer.FEWEST < writer.written == count - 1 <= log_writer.MOST_RING_BYTES / size
 
 
 def test_frame_put_in_just_before_the_end_is_written():

@@ -153,7 +153,7 @@ def test_force_errors_of_the_engine_beside_the_figure_are_the_models(monkeypatch
     table = engine_plots.numbers()
     finger = place_finger(engine_plots.bracket(), engine_plots.START_POSITION)
     felt = press_on_part(
-        finger, Hand().press(1.0), EngineSetup(latency=0.003, way=engine_plots.START_DISTANCE)
+        finger, Hand().press(1.0), EngineSetup(latency=0.003, start_distance=engine_plots.START_DISTANCE)
     )
 
     assert table["reading"].tolist() == ["controller", "latched"]

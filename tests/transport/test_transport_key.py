@@ -192,7 +192,7 @@ def test_tag_is_keyed_blake2s_over_the_whole_message(key, port):
 def test_largest_message_leaves_room_for_the_tag(key, port):
     address = f"udp://127.0.0.1:{port}?key={key}"
     inlet, outlet = open_inlet(address), open_outlet(address)
-    data, room = np.full(udp.MOST_BYTES - TAG_BYTES, 7, np.uint8), np.zeros(100, np.uint8)
+    data, room = np.full(udp.MOST_DATAGRAM_BYTES - TAG_BYTES, 7, np.uint8), np.zeros(100, np.uint8)
     try:
         outlet.send(data)
         assert inlet.wait(PATIENCE)

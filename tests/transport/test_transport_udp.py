@@ -299,15 +299,15 @@ def test_flood_of_strangers_leaves_the_reader_its_time(opened, port):
 def test_largest_datagram_travels_and_a_larger_message_is_refused(opened, port):
     address = f"udp://127.0.0.1:{port}"
     inlet, outlet = opened(open_inlet, address), opened(open_outlet, address)
-    data = np.arange(udp.MOST_BYTES, dtype=np.uint32).astype(np.uint8)
+    data = np.arange(udp.MOST_DATAGRAM_BYTES, dtype=np.uint32).astype(np.uint8)
     outlet.send(data)
 
-    assert take(inlet, 100_000) == (udp.MOST_BYTES, data.tobytes())
+    assert take(inlet, 100_000) == (udp.MOST_DATAGRAM_BYTES, data.tobytes())
     with pytest.raises(
         PublishError,
         match=rf"^{address}: a message of 65508 bytes does not fit into a datagram \(expected at most 65507 ",
     ):
-        outlet.send(np.zeros(udp.MOST_BYTES + 1, np.uint8))
+        outlet.send(np.zeros(udp.MOST_DATAGRAM_BYTES + 1, np.uint8))
 
 
 def test_too_many_fingers_for_a_datagram_are_refused(opened, port):

@@ -16,7 +16,7 @@ GROUP = 5
 """Fingers of a probe: a hand's, so that each has the whole budget of a tick."""
 UNLIMITED = 2**31 - 1
 """A budget that is never spent."""
-SPEED = 0.5
+APPROACH_SPEED = 0.5
 """m/s, of a finger that moves."""
 DIRECTION = np.array([1.0, 2.0, 3.0]) / np.sqrt(14.0)
 """Direction in which a moving finger comes: the same for all, so that each position has one cost."""
@@ -106,7 +106,7 @@ class Probe:
         tracker = self._tracker
         tracker.reset()
         if self._manner is not Manner.COLD:
-            step = SPEED * 1e-9 * PERIOD_NS if self._manner is Manner.MOVES else 0.0
+            step = APPROACH_SPEED * 1e-9 * PERIOD_NS if self._manner is Manner.MOVES else 0.0
             self.steps += int(tracker.tick(tips - step * DIRECTION, 0, 0)["work"].sum())
         contacts = tracker.tick(tips, PERIOD_NS, PERIOD_NS)
         self.steps += int(contacts["work"].sum())

@@ -169,13 +169,13 @@ def _epoch(begins: float) -> Lines:
 
 def _measured(report: dict[str, Any]) -> Lines:
     def line(times: dict[str, Any]) -> str:
-        shown = (f"{title} {times[key]:.1f}" for title, key in TIMES.items())
+        shown = (f"{title} {times[key]:.1f}" for title, key in TIME_KEYS.items())
         return ", ".join(shown) + " µs a tick"
 
     return [("compute", line(report["compute_us"])), ("wall clock", line(report["wall_us"]))]
 
 
-TIMES = {"p50": "p50", "p99": "p99", "p99.9": "p999", "max": "max"}
+TIME_KEYS = {"p50": "p50", "p99": "p99", "p99.9": "p999", "max": "max"}
 
 
 def _histogram(rows: list[Any]) -> Lines:

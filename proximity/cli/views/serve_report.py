@@ -12,7 +12,7 @@ from proximity.service import Histogram, Report
 from proximity.service.hosting import Beginning
 from proximity.system.time_units import NS_PER_US
 
-SHARES = {"p50": 50.0, "p99": 99.0, "p99.9": 99.9}
+SHOWN_PERCENTILES = {"p50": 50.0, "p99": 99.0, "p99.9": 99.9}
 
 
 def write_beginning(beginning: Beginning, *, as_json: bool) -> None:
@@ -85,7 +85,9 @@ def _lines(report: Report) -> Lines:
 
 
 def _times(histogram: Histogram) -> str:
-    shown = [f"{title} {histogram.percentile(share) / NS_PER_US:.1f}" for title, share in SHARES.items()]
+    shown = [
+        f"{title} {histogram.percentile(share) / NS_PER_US:.1f}" for title, share in SHOWN_PERCENTILES.items()
+    ]
     return ", ".join([*shown, f"max {histogram.max_ns / NS_PER_US:.1f}"]) + " µs"
 
 

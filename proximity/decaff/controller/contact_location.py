@@ -17,7 +17,7 @@ MOST_LENGTH = 100.0  # m: no distance that is measured is greater; assumed
 LEAST_CLOSING = 1e-3  # m/s: slower, the finger is not closing; assumed
 TABLE_ERROR = 1e-5  # of a bend, that goes to a position and back; two micrometres
 MIN_TRAVEL = 3e-3  # m, to the contact: nearer, the position's own error would show in the incidence; assumed
-SILENT = frozenset((State.STARTING, State.STALE, State.STOPPING))
+SILENT_STATES = frozenset((State.STARTING, State.STALE, State.STOPPING))
 ACTED_UPON = frozenset((State.OK, State.DEGRADED))
 _MODES, _SURFACES, _SOURCES = (frozenset(int(value) for value in kind) for kind in (Mode, Surface, Source))
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from proximity.decaff.controller.contact_location import (
     ACTED_UPON,
-    SILENT,
+    SILENT_STATES,
     ContactReading,
     Location,
     is_sound,
@@ -21,7 +21,7 @@ from proximity.decaff.controller.drum_limits import Limits
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.message.contact import ContactFlag
 
-LARGEST_ERROR = 5e-3
+LARGEST_POSITION_ERROR = 5e-3
 """m: a contact whose position is less certain than that still does not come nearer unconfirmed. Assumed."""
 _NONE = -1, -(2**63)  # before every sequence and every pose
 
@@ -67,7 +67,7 @@ class FrameTrust:
         """Take in what is new, and say what is known."""
         if seen.contact is None or seen.frame is None:
             return self._trust(seen.now_ns)
-        if seen.state in SILENT:  # whatever its age: the service itself knows nothing
+        if seen.state in SILENT_STATES:  # whatever its age: the service itself knows nothing
             return self._distrusted(Trust.STALE)
         if not is_tracked(seen.contact):
             return self._distrusted(Trust.LOST)
@@ -187,6 +187,6 @@ class FrameTrust:
             elapsed_ns = max(elapsed_ns, reading.start_ns - before.start_ns)
         elapsed_ns = min(elapsed_ns, self._limits.fresh_ns)
         position = self._path.position(reading.bend)
-        error = min(self._path.position(reading.bend + reading.error) - position, LARGEST_ERROR)
+        error = min(self._path.position(reading.bend + reading.error) - position, LARGEST_POSITION_ERROR)
         nearer = self._path.position(before.bend) - position
         return nearer <= self._limits.max_speed * 1e-9 * elapsed_ns + error

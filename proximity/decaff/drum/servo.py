@@ -18,7 +18,7 @@ from proximity.decaff.drum.servo_gains import best_damped
 from proximity.errors import DecaffError
 
 REFERENCE_SPEED_SHARE = 0.7  # of the speed limit; 1.75 m/s
-STEP = 1e-5  # s, of the plant, at most: 0.03 rad of a 5 g link's bounce on its drum
+SIMULATION_STEP = 1e-5  # s, of the plant, at most: 0.03 rad of a 5 g link's bounce on its drum
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +95,7 @@ def servo_for(drum: Drum, rate: float) -> Servo:
     )
 
 
-def steps_a_sample(rate: float, step: float = STEP) -> int:
+def steps_a_sample(rate: float, step: float = SIMULATION_STEP) -> int:
     """Return into how many steps of the plant a sample is cut, so that none is longer than *step*.
 
     Parameters

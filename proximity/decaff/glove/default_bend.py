@@ -12,7 +12,7 @@ from proximity.message import Mode
 
 CONTACT_BEND = 0.5
 """At which such a finger touches: half way to the fist."""
-STEP = 1e-3  # m, of a difference
+SLOPE_STEP = 1e-3  # m, of a difference
 NEAR = (Mode.POSITION, Mode.FORCE)
 
 
@@ -24,7 +24,7 @@ def with_bend(contact: Any, path: FingerPath) -> Any:
     position = path.position(CONTACT_BEND) - distance
     reported, bend = contact.copy(), path.bend(position)
     reported["bend"] = bend
-    reported["bend_rate"] = (path.bend(position + STEP) - bend) / STEP * closing
+    reported["bend_rate"] = (path.bend(position + SLOPE_STEP) - bend) / SLOPE_STEP * closing
     if int(contact["mode"]) in NEAR:
         reported["contact_bend"], reported["contact_bend_error"] = CONTACT_BEND, 0.0
     else:

@@ -13,7 +13,7 @@ from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.simulated_drums.simulated_drum_kernels import serve_against
 
 SERVO_RATE = 3000.0  # Hz
-LONGEST = 0.1  # s that one action is served for
+LONGEST_STEP = 0.1  # s that one action is served for
 
 
 class DrumPlant:
@@ -73,7 +73,7 @@ class DrumPlant:
         """
         target = action.force if action.mode == drum_kernels.MODE_FORCE else action.position
         commanded(action, target).write(self._command)
-        time = self._left + min(max(seconds, 0.0), LONGEST)
+        time = self._left + min(max(seconds, 0.0), LONGEST_STEP)
         samples = int(time / self._period)
         self._left = time - samples * self._period
         self.force = serve_against(

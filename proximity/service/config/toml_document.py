@@ -13,7 +13,7 @@ from typing import Any
 from proximity.errors import ServiceError
 from proximity.system.regular_file import open_regular
 
-MOST_BYTES = 1 << 20
+MOST_FILE_BYTES = 1 << 20
 """A scene of thousands of parts has less; what is larger is another file."""
 MOST_LINES = 200
 """Of one statement: behind a longer one no line is named, but that of the statement."""
@@ -134,11 +134,11 @@ def read_document(path: str | os.PathLike[str]) -> Document:
     name = os.fsdecode(path)
     try:
         with open_regular(path) as file:
-            content = file.read(MOST_BYTES + 1)
+            content = file.read(MOST_FILE_BYTES + 1)
     except (OSError, ValueError) as failed:  # a name with a zero in it is a ValueError
         raise ServiceError(f"{name}: cannot be read ({getattr(failed, 'strerror', failed)})") from failed
-    if len(content) > MOST_BYTES:
-        raise ServiceError(f"{name}: larger than {MOST_BYTES >> 20} MiB, expected a scene file in TOML")
+    if len(content) > MOST_FILE_BYTES:
+        raise ServiceError(f"{name}: larger than {MOST_FILE_BYTES >> 20} MiB, expected a scene file in TOML")
     try:
         text = content.decode("utf-8-sig")  # some editors begin a file with a mark
     except UnicodeDecodeError as unfit:

@@ -15,7 +15,7 @@ from proximity.service.presence import Presence
 from proximity.service.samples import FingerPoses
 from proximity.system.time_units import NS_PER_S
 
-SILENT = "velocities of parts of which nothing more was reported for 100 ms"
+SILENT_PARTS = "velocities of parts of which nothing more was reported for 100 ms"
 UNFIT = "moves of parts that cannot be"
 FUTURE, BACKWARDS = "moves from the future", "moves older than the one before"
 
@@ -223,7 +223,7 @@ class MovesInput:
         if now_ns >= carried.next_ns:
             silent = carried.fall_silent(now_ns)
             self._silent.update(silent)
-            self._reception.leave_out(SILENT, len(silent), f"first of {silent[0]!r}")
+            self._reception.leave_out(SILENT_PARTS, len(silent), f"first of {silent[0]!r}")
         poses = carried.at(instant_ns)
         if poses is None:
             return

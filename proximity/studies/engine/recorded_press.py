@@ -20,8 +20,8 @@ from proximity.studies.engine.finger_placement import PlacedFinger, place_finger
 from proximity.studies.paper.trajectories import Motion
 from proximity.studies.simulation import press_kernels
 
-STEP = 0.001  # s, between two positions that are kept
-LONGEST = 60.0  # s, of a recording
+RESAMPLED_STEP = 0.001  # s, between two positions that are kept
+LONGEST_RECORDING = 60.0  # s, of a recording
 LONGEST_GAP = 0.050  # s without a sample: for longer, the finger is lost
 
 
@@ -115,20 +115,21 @@ def recorded_press(scene: Scene, recording: Recording, radius: float, start_dist
     DecaffError
         If no finger comes from outside and touches, or the recording is too long.
     """
-    if recording.duration_s > LONGEST:
+    if recording.duration_s > LONGEST_RECORDING:
         raise DecaffError(
-            f"{recording.path}: {recording.duration_s:.0f} s are recorded, expected at most {LONGEST:g} s"
+            f"{recording.path}: {recording.duration_s:.0f} s are recorded, "
+            f"expected at most {LONGEST_RECORDING:g} s"
         )
     motions = [_without_jumps(recording, column) for column in range(len(recording.fingers))]
     column, last = _first_touch(scene, recording.path, motions, radius)
     own, points = motions[column]
     curve = PchipInterpolator(own, np.maximum(radius - scene.signed_distance(points), -start_distance))
     touch = _crossing(curve, own[last - 1], own[last])
-    instants = np.arange(own[0], own[-1], STEP)
+    instants = np.arange(own[0], own[-1], RESAMPLED_STEP)
     after = np.clip(np.searchsorted(own, instants, side="right"), 1, len(own) - 1)
     return RecordedPress(
         float(own[0] - touch),
-        STEP,
+        RESAMPLED_STEP,
         np.asarray(curve(instants)),
         np.asarray(curve(instants, 1)),
         own[after] - own[after - 1] <= LONGEST_GAP,

@@ -23,7 +23,7 @@ SOFT = in_series(FINGER, SpringDamper(stiffness=200.0, damping=np.inf))  # 5g: 1
 LIGHTLY_DAMPED = in_series(FINGER, SpringDamper(stiffness=np.inf, damping=1.2))  # 5h: 1 N·s/m
 GAIN_SHARE = 1.5  # of the gain at which 5f becomes unstable; assumed: the paper gives none
 
-REAL = RealWall(FINGER)
+REAL_WALL = RealWall(FINGER)
 SIMULATED = {
     "5b": TraditionalWall(FINGER, PENETRATION),
     "5c": TraditionalWall(FINGER, PENETRATION, DELAY),
@@ -56,7 +56,7 @@ def real_wall(times: np.ndarray, press: Press = PRESS, convention: str = Convent
     convention : Convention
         Or its name.
     """
-    return REAL.force(times, press, convention)
+    return REAL_WALL.force(times, press, convention)
 
 
 def simulated_wall(

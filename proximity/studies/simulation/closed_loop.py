@@ -13,7 +13,7 @@ import numpy as np
 from proximity.decaff.arguments import not_negative, positive
 from proximity.decaff.drum import drum_kernels
 from proximity.decaff.drum.drum_command import DrumCommand
-from proximity.decaff.drum.servo import STEP, steps_a_sample
+from proximity.decaff.drum.servo import SIMULATION_STEP, steps_a_sample
 from proximity.errors import DecaffError
 from proximity.studies.paper.trajectories import Intent
 from proximity.studies.simulation import loop_kernels, press_kernels
@@ -27,7 +27,9 @@ LEAD = 0.005  # s, or m beyond the reach: free motion before anything happens
 PHASE = 0.1  # of a period, from a penalty wall's sample to the contact; assumed
 
 
-def real_wall(hand: Hand, press: Intent, *, like: Response | None = None, step: float = STEP) -> Response:
+def real_wall(
+    hand: Hand, press: Intent, *, like: Response | None = None, step: float = SIMULATION_STEP
+) -> Response:
     """Return a press on a wall that neither moves nor pulls.
 
     Parameters
@@ -74,7 +76,9 @@ def soft_wall(
     numbers = np.zeros(press_kernels.WALL_SIZE)
     numbers[press_kernels.WALL_STIFFNESS] = positive("stiffness", stiffness, "newtons a metre")
     numbers[press_kernels.WALL_DAMPING] = not_negative("damping", damping, "newton seconds a metre")
-    response = _empty(hand, press, STEP, LEAD) if like is None else _same_instants(hand, press, like)
+    response = (
+        _empty(hand, press, SIMULATION_STEP, LEAD) if like is None else _same_instants(hand, press, like)
+    )
     body = _body(hand, Link())
     press_kernels.press_soft_wall(
         body, press.as_array(), numbers, response.zero, response.step, response.record
@@ -83,7 +87,12 @@ def soft_wall(
 
 
 def penalty_wall(
-    hand: Hand, press: Intent, wall: PenaltyWall, *, device: Link = COUPLED_DEVICE, step: float = STEP
+    hand: Hand,
+    press: Intent,
+    wall: PenaltyWall,
+    *,
+    device: Link = COUPLED_DEVICE,
+    step: float = SIMULATION_STEP,
 ) -> Response:
     """Return a press on a traditional wall: finger and device are bound to each other by the pad.
 
@@ -109,7 +118,7 @@ def penalty_wall(
     return response
 
 
-def ideal_drum(hand: Hand, press: Intent, *, step: float = STEP) -> Response:
+def ideal_drum(hand: Hand, press: Intent, *, step: float = SIMULATION_STEP) -> Response:
     """Return a press on a drum that stands at the wall and does not move: what a link alone costs.
 
     Parameters

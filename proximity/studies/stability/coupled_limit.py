@@ -16,7 +16,7 @@ from proximity.studies.simulation.hand import Hand
 
 FASTEST_TURNS = 3.0  # of the delay: beyond, the device's mass alone resists with more
 POINTS = 20_000  # between which signs are compared
-ROOT_TOLERANCE = 1e-12  # rad/s
+FREQUENCY_TOLERANCE = 1e-12  # rad/s
 
 
 def device_resistance(hand: Hand, device: Link, s: ArrayLike) -> np.ndarray:
@@ -63,7 +63,7 @@ def critical_stiffness(hand: Hand, device: Link, delay: float) -> float:
     omegas = np.linspace(1e-6, 2.0 * math.pi * FASTEST_TURNS / delay, POINTS)
     turned = needed(omegas).imag > 0.0
     roots = [
-        brentq(lambda omega: float(needed(omega).imag), omegas[i], omegas[i + 1], xtol=ROOT_TOLERANCE)
+        brentq(lambda omega: float(needed(omega).imag), omegas[i], omegas[i + 1], xtol=FREQUENCY_TOLERANCE)
         for i in np.flatnonzero(turned[:-1] != turned[1:])
     ]
     return min((-float(needed(root).real) for root in roots if needed(root).real < 0.0), default=math.inf)
