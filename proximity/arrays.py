@@ -5,7 +5,6 @@ nothing (integers, float32, big-endian, strided, read-only input); what cannot b
 with the reason.
 """
 
-from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -109,13 +108,7 @@ def _check_numbers(array: np.ndarray, name: str, error: type[ProximityError], ex
 
 
 def shown(value: Any) -> str:
-    """Return how a value stands in a message, on one line; of a longer array dtype and shape.
-
-    Parameters
-    ----------
-    value : object
-        What a caller gave.
-    """
+    """Return how a value stands in a message, on one line; of a longer array dtype and shape."""
     if isinstance(value, np.ndarray) and value.size > FEW_SHOWN:
         return f"an array of {value.dtype}, shape {value.shape}"
     text = " ".join(repr(value).split())
@@ -137,13 +130,7 @@ def shown_number(value: Any) -> str:
 
 
 def trimesh_kind(value: Any) -> str | None:
-    """Return "Trimesh" or "Scene" of an object of trimesh, else None; trimesh itself is not imported.
-
-    Parameters
-    ----------
-    value : object
-        Anything.
-    """
+    """Return "Trimesh" or "Scene" of an object of trimesh, else None; trimesh itself is not imported."""
     for kind in type(value).__mro__:
         if kind.__module__.split(".")[0] == "trimesh" and kind.__name__ in ("Trimesh", "Scene"):
             return kind.__name__
@@ -153,13 +140,6 @@ def trimesh_kind(value: Any) -> str | None:
 def refuse_trimesh(value: Any, error: type[ProximityError]) -> None:
     """Raise an error that names the conversion, if *value* is an object of trimesh.
 
-    Parameters
-    ----------
-    value : object
-        Anything.
-    error : type
-        The exception to raise.
-
     Raises
     ------
     ProximityError
@@ -167,17 +147,6 @@ def refuse_trimesh(value: Any, error: type[ProximityError]) -> None:
     """
     if kind := trimesh_kind(value):
         raise error(f"a trimesh.{kind} was given: proximity.from_trimesh makes a scene of it, with solids")
-
-
-def is_number(value: Any) -> bool:
-    """Return whether *value* is one real number, and no bool.
-
-    Parameters
-    ----------
-    value : object
-        Anything.
-    """
-    return isinstance(value, Real) and not isinstance(value, bool)
 
 
 def as_points(values: Any, name: str = "points") -> np.ndarray:

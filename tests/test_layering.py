@@ -21,6 +21,7 @@ scene
 bodies · decaff
 formats · model · recording · transport
 mesh · message · pose
+checks
 arrays · kernels · system
 errors · simd
 """,

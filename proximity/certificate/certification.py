@@ -15,7 +15,7 @@ from proximity.certificate.deadlines import (
 )
 from proximity.certificate.measurement import Case, measure, run_loop
 from proximity.certificate.period import shown_period
-from proximity.certificate.search.worst_positions import MOST_STEPS, Found, search
+from proximity.certificate.search.worst_positions import Found, search
 from proximity.certificate.subject import Subject
 from proximity.certificate.wording import microseconds, three
 from proximity.errors import ServiceError
@@ -99,7 +99,6 @@ def certify(
     tick_count: int = TICKS,
     seconds: float = SECONDS,
     seed: int = SEED,
-    most_steps: float = MOST_STEPS,
     progress: Callable[[str, float], None] = lambda _, __: None,
 ) -> Certificate:
     """Return the certificate of a scene; it takes some ten seconds.
@@ -114,8 +113,6 @@ def certify(
         That the loop runs.
     seed : int
         Decides all that is random: the positions found are the same on every run.
-    most_steps : float
-        Nodes and leaves visited in the search for each kind of worst position.
     progress : callable
         Called with what is done, and which share of it is.
 
@@ -129,7 +126,7 @@ def certify(
     check_request(tick_count, seconds, seed)
     if all(part.is_hidden for part in subject.scene.parts):
         raise ServiceError("all parts of the scene are hidden: no tick would find any")
-    found = search(subject, seed, most_steps=most_steps, progress=progress)
+    found = search(subject, seed, progress=progress)
     cases = measure(subject, found, tick_count, seed, progress)
     progress(f"running the loop for {seconds:g} s", 0.0)
     loop = run_loop(subject, found, seconds, seed)
@@ -172,17 +169,7 @@ def load_of_times(name: str, times_ns: np.ndarray, period: Period) -> Load:
 
 
 def load_of_histogram(name: str, histogram: Histogram, period: Period) -> Load:
-    """Return the load of ticks that were counted.
-
-    Parameters
-    ----------
-    name : str
-        Of the motion.
-    histogram : Histogram
-        Of their times.
-    period : Period
-        That they are held against.
-    """
+    """Return the load of ticks that were counted."""
     over = misses_of(histogram, period).count
     return Load(name, *_tail(percentiles_of(histogram), GATED_LOOP), over, histogram.count)
 

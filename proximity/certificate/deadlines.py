@@ -103,15 +103,7 @@ def percentiles(times_ns: np.ndarray) -> dict[str, float | None]:
 
 
 def misses_of(histogram: Histogram, period: Period) -> Misses:
-    """Return how many durations of a histogram are longer than a period, to within the width of a bin.
-
-    Parameters
-    ----------
-    histogram : Histogram
-        Of at least one.
-    period : Period
-        That they are held against.
-    """
+    """Return how many durations of a histogram are longer than a period, to within the width of a bin."""
     over = sum(
         count for _, upper_ns, count in histogram.rows() if min(upper_ns, histogram.max_ns) > period.ns
     )
@@ -119,13 +111,7 @@ def misses_of(histogram: Histogram, period: Period) -> Misses:
 
 
 def percentiles_of(histogram: Histogram) -> dict[str, float | None]:
-    """Return what `percentiles` does, of a histogram: to within a 32nd, never less.
-
-    Parameters
-    ----------
-    histogram : Histogram
-        Of at least one duration.
-    """
+    """Return what `percentiles` does, of a histogram: to within a 32nd, never less."""
     return {
         name: float(histogram.percentile(share)) if is_supported(share, histogram.count) else None
         for name, share in SHARES.items()

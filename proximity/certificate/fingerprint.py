@@ -13,13 +13,7 @@ from proximity.scene.scene import Scene
 
 
 def fingerprint(scene: Scene) -> str:
-    """Return the SHA-256 of a scene's content, 64 hexadecimal digits.
-
-    Parameters
-    ----------
-    scene : Scene
-        As it is at present.
-    """
+    """Return the SHA-256 of a scene's content, 64 hexadecimal digits."""
     parts = sorted(_part_digest(part) for part in scene.parts)
     return hashlib.sha256(b"".join(parts)).hexdigest()
 

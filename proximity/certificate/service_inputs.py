@@ -166,13 +166,7 @@ class FedInput:
 
 
 def with_own_scene(subject: Subject) -> Subject:
-    """Return the subject with parts that may be moved, and nobody else's are.
-
-    Parameters
-    ----------
-    subject : Subject
-        Where nothing moves it is returned itself.
-    """
+    """Return the subject with parts that may be moved, and nobody else's are."""
     return replace(subject, scene=copy.copy(subject.scene)) if subject.moves else subject
 
 

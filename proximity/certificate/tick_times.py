@@ -55,13 +55,7 @@ class TickLog:
     flags: list[np.ndarray] = field(default_factory=list)  # (N,)
 
     def share(self, flag: ContactFlag) -> float:
-        """Return the share of the tracked fingers that have a flag.
-
-        Parameters
-        ----------
-        flag : ContactFlag
-            One of them.
-        """
+        """Return the share of the tracked fingers that have a flag."""
         flags = np.stack(self.flags)
         is_tracked = (flags & ContactFlag.TRACKED) != 0
         return float(((flags & flag) != 0)[is_tracked].mean()) if is_tracked.any() else 0.0
@@ -163,15 +157,7 @@ def tick_all(
 
 
 def time_calls(calls: list[Callable[[], object]], log: TickLog) -> None:
-    """Time each of some calls once.
-
-    Parameters
-    ----------
-    calls : list of callables
-        Without arguments.
-    log : TickLog
-        Gets the times.
-    """
+    """Time each of some calls once."""
     thread, wall = time.thread_time_ns, time.perf_counter_ns
     for call in calls:
         thread_start = thread()

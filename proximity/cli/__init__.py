@@ -53,29 +53,22 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.command("query", cls=Command, epilog=query.EXAMPLES, help=query.HELP, no_args_is_help=True)(query.command)
-app.command("check", cls=Command, epilog=check.EXAMPLES, help=check.HELP, no_args_is_help=True)(check.command)
-app.command("replay", cls=Command, epilog=replay.EXAMPLES, help=replay.HELP, no_args_is_help=True)(
-    replay.command
-)
-app.command("compile", cls=Command, epilog=compile.EXAMPLES, help=compile.HELP, no_args_is_help=True)(
-    compile.command
-)
-app.command("serve", cls=Command, epilog=serve.EXAMPLES, help=serve.HELP, no_args_is_help=True)(serve.command)
-app.command("record", cls=Command, epilog=record.EXAMPLES, help=record.HELP, no_args_is_help=True)(
-    record.command
-)
-app.command("export", cls=Command, epilog=export.EXAMPLES, help=export.HELP, no_args_is_help=True)(
-    export.command
-)
-app.command("watch", cls=Command, epilog=watch.EXAMPLES, help=watch.HELP, no_args_is_help=True)(watch.command)
-app.command("demo", cls=Command, epilog=demo.EXAMPLES, help=demo.HELP)(demo.command)
-app.command("drum", cls=Command, epilog=drum.EXAMPLES, help=drum.HELP, no_args_is_help=True)(drum.command)
-app.command("header", cls=Command, epilog=header.EXAMPLES, help=header.HELP)(header.command)
-app.command("key", cls=Command, epilog=key.EXAMPLES, help=key.HELP, no_args_is_help=True)(key.command)
-app.command("bench", cls=Command, epilog=bench.EXAMPLES, help=bench.HELP, no_args_is_help=True)(bench.command)
-app.command("figures", cls=Command, epilog=figures.EXAMPLES, help=figures.HELP)(figures.command)
-app.command("simulate", cls=Command, epilog=simulate.EXAMPLES, help=simulate.HELP)(simulate.command)
+COMMANDS = (
+    query, check, replay, compile, serve, record, export, watch, demo, drum, header, key, bench, figures,
+    simulate,
+)  # fmt: skip
+"""In the order in which the help lists them."""
+RUN_BARE = (demo, header, figures, simulate)
+"""Those that do something without an argument; of the others that prints their help."""
+
+for module in COMMANDS:
+    app.command(
+        module.__name__.rpartition(".")[2],
+        cls=Command,
+        epilog=module.EXAMPLES,
+        help=module.HELP,
+        no_args_is_help=module not in RUN_BARE,
+    )(module.command)
 
 
 def _print_version(is_asked: bool) -> None:

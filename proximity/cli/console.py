@@ -61,15 +61,7 @@ def table_of(columns: Iterable[tuple[str, bool]]) -> Table:
 
 
 def print_fitting(console: rich.console.Console, tables: Sequence[Callable[[], Table]]) -> None:
-    """Print the first table that is no wider than the console, or else the last.
-
-    Parameters
-    ----------
-    console : Console
-        Where to print.
-    tables : sequence of callable
-        Make the tables; the widest first.
-    """
+    """Print the first table that is no wider than the console, or else the last."""
     unbounded = console.options.update(width=UNBOUNDED)
     for make in tables:
         made = make()

@@ -135,15 +135,7 @@ class DrumsBeside:
 
 
 def line(reading: Reading, bench: DrumBench) -> str:
-    """Return one line of text.
-
-    Parameters
-    ----------
-    reading : Reading
-        The newest.
-    bench : DrumBench
-        Of all fingers.
-    """
+    """Return one line of text."""
     fingers = [f"{i}: {', '.join(_words(finger))}" for i, finger in enumerate(bench.fingers)]
     more = len(fingers) - LINE_FINGERS
     shown = fingers[:LINE_FINGERS] + ([f"and {more} more"] if more > 0 else [])
@@ -182,13 +174,7 @@ def table(reading: Reading, bench: DrumBench, row_count: int) -> Table:
 
 
 def short_words(finger: FingerBench) -> Text:
-    """Return what a drum does, in twenty letters.
-
-    Parameters
-    ----------
-    finger : FingerBench
-        Of the drum.
-    """
+    """Return what a drum does, in twenty letters."""
     state, words = state_of(finger), [state_of(finger).value]
     if state is DrumState.APPROACH:
         words.append(

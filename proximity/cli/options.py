@@ -62,6 +62,24 @@ LIMIT = Annotated[
 ]
 
 
+def check_range(value: float, option: str, meaning: str, smallest: float, largest: float) -> None:
+    """Refuse a number out of range, nan included.
+
+    Parameters
+    ----------
+    value : float
+        What was asked for.
+    option, meaning : str
+        Which option, and what its number counts, for the message.
+    smallest, largest : float
+        The range, ends included.
+    """
+    if not smallest <= value <= largest:
+        raise typer.BadParameter(
+            f"{value:g} {meaning}: expected {smallest:g} to {largest:g}", param_hint=option
+        )
+
+
 def check_limit(limit: float | None) -> None:
     """Refuse what is no time to go on for, nan included.
 

@@ -237,11 +237,6 @@ def _check_units(names: list[str], units: str, where: str) -> None:
 def number(text: str) -> float:
     """Return the number that *text* spells, nan and inf included.
 
-    Parameters
-    ----------
-    text : str
-        One field.
-
     Raises
     ------
     ValueError
@@ -260,11 +255,6 @@ def number(text: str) -> float:
 
 def finite_number(text: str) -> float:
     """Return the number that *text* spells.
-
-    Parameters
-    ----------
-    text : str
-        One argument.
 
     Raises
     ------

@@ -23,13 +23,7 @@ T = TypeVar("T")
 
 @contextmanager
 def spinner(doing: str) -> Iterator[None]:
-    """Show *doing* while the block runs, if it runs long and stderr is a terminal.
-
-    Parameters
-    ----------
-    doing : str
-        What takes the time.
-    """
+    """Show *doing* while the block runs, if it runs long and stderr is a terminal."""
     console = Console(stderr=True)
     if not console.is_terminal:
         yield

@@ -205,13 +205,7 @@ def _or_none(ids: np.ndarray) -> list[int | None]:
 
 
 def count_of(fields: Fields) -> int:
-    """Return how many answers there are.
-
-    Parameters
-    ----------
-    fields : dict
-        Answers, field by field.
-    """
+    """Return how many answers there are."""
     return len(next(iter(fields.values())))
 
 

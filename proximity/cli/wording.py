@@ -30,13 +30,7 @@ def counted(count: int, what: str) -> str:
 
 
 def printable(text: str) -> str:
-    """Return *text* with what could move a terminal's cursor replaced.
-
-    Parameters
-    ----------
-    text : str
-        A name out of a file.
-    """
+    """Return *text* with what could move a terminal's cursor replaced."""
     return "".join(letter if letter.isprintable() else "?" for letter in text)
 
 

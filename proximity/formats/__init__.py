@@ -6,7 +6,7 @@ file declares is compared with what it holds, format by format, whoever does the
 
 STL, PLY, OFF, OBJ and 3MF are read here: trimesh keeps no rows of polygons, cuts concave ones wrongly,
 reorders OBJ faces by material, takes damaged files for empty ones and loses placements of 3MF objects. glTF
-goes through trimesh, STEP through cascadio (OpenCASCADE), each behind checks of their own.
+is read here too, STEP by cascadio (OpenCASCADE), behind checks of its own.
 """
 
 from proximity.formats.contents import FileContents, Geometry

@@ -1,6 +1,5 @@
 """Read a file into geometries in metres: choose the reader, scale, place and name."""
 
-import math
 import os
 from collections.abc import Callable
 from functools import partial
@@ -8,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from proximity.checks import positive
 from proximity.errors import MeshError, MeshFormatError, PoseError, ProximityError
 from proximity.formats import format_detection, node_placement, obj, off, stl, text_rows
 from proximity.formats.contents import FileContents, Geometry, RawFile, RawMesh, Source
@@ -67,14 +67,10 @@ def read_geometries(
         use is not finite.
     """
     metres = metres_per_unit(units)
-    if not (isinstance(step_tolerance, (int, float)) and 0.0 < step_tolerance < math.inf):
-        raise MeshError(f"step_tolerance is {step_tolerance!r}, expected a length in metres above 0")
-    read_step = partial(step.read_step, tolerance=float(step_tolerance), undeclared_metres=metres)
-    if isinstance(unpacked_limit, bool) or not (
-        isinstance(unpacked_limit, (int, float)) and unpacked_limit > 0.0
-    ):
-        raise MeshError(f"unpacked_limit is {unpacked_limit!r}, expected a number of bytes above 0")
-    read_3mf = partial(threemf.read_3mf, unpacked_limit=unpacked_limit)
+    tolerance = positive("step_tolerance", step_tolerance, "metres", error=MeshError)
+    read_step = partial(step.read_step, tolerance=tolerance, undeclared_metres=metres)
+    limit = positive("unpacked_limit", unpacked_limit, "bytes", may_be_infinite=True, error=MeshError)
+    read_3mf = partial(threemf.read_3mf, unpacked_limit=limit)
     readers: dict[str, Callable[[Source], RawFile]] = {**_READERS, "STEP": read_step, "3MF": read_3mf}
     try:
         shown = os.fspath(path)

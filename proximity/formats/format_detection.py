@@ -42,13 +42,6 @@ _SNIFFED_BYTES = 65536
 def find_format(source: Source, extension: str) -> str:
     """Return the format of a file by its extension, if the content does not contradict it.
 
-    Parameters
-    ----------
-    source : Source
-        The file.
-    extension : str
-        With its dot, lower case.
-
     Raises
     ------
     MeshFormatError
@@ -66,13 +59,7 @@ def find_format(source: Source, extension: str) -> str:
 
 
 def describe_content(data: bytes) -> str | None:
-    """Return what *data* looks like: a format of `EXTENSIONS`, another thing, or None where nothing fits.
-
-    Parameters
-    ----------
-    data : bytes
-        The whole file.
-    """
+    """Return what *data* looks like: a format of `EXTENSIONS`, another thing, or None where nothing fits."""
     head = data[:_SNIFFED_BYTES]
     if head.startswith(b"\xef\xbb\xbf"):
         head = head[3:]
@@ -103,24 +90,12 @@ def is_binary_stl(data: bytes) -> bool:
 
 
 def stl_face_count(data: bytes) -> int:
-    """Return the face count that a binary STL file claims.
-
-    Parameters
-    ----------
-    data : bytes
-        At least the header.
-    """
+    """Return the face count that a binary STL file claims."""
     return int.from_bytes(data[STL_HEADER_BYTES - 4 : STL_HEADER_BYTES], "little")
 
 
 def is_ascii_stl(data: bytes) -> bool:
-    """Whether the file begins with "solid" and goes on as text.
-
-    Parameters
-    ----------
-    data : bytes
-        The whole file.
-    """
+    """Whether the file begins with "solid" and goes on as text."""
     head = data[:1024]
     return re.match(rb"(\xef\xbb\xbf)?\s*solid\b", head, re.IGNORECASE) is not None and b"\0" not in head
 

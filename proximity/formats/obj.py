@@ -90,11 +90,6 @@ def _joined(lines: Iterable[tuple[int, str]]) -> list[tuple[int, str]]:
 def read_obj(source: Source) -> RawFile:
     """Read an OBJ file.
 
-    Parameters
-    ----------
-    source : Source
-        The file.
-
     Raises
     ------
     MeshFormatError

@@ -15,11 +15,6 @@ _KEYWORD = re.compile(r"(ST)?C?N?OFF\b(.*)", re.DOTALL)
 def read_off(source: Source) -> RawFile:
     """Read an OFF file.
 
-    Parameters
-    ----------
-    source : Source
-        The file.
-
     Raises
     ------
     MeshFormatError

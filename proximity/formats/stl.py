@@ -45,11 +45,6 @@ _WORDS = (
 def read_stl(source: Source) -> RawFile:
     """Read a binary or ASCII STL file.
 
-    Parameters
-    ----------
-    source : Source
-        The file.
-
     Raises
     ------
     MeshFormatError

@@ -100,13 +100,7 @@ def _not_a_number(rows: list[str], locate: Callable[[int], str]) -> MeshFormatEr
 
 
 def as_count(word: str) -> int | None:
-    """Return a number of rows, or None where *word* is none, or of more digits than any file has rows.
-
-    Parameters
-    ----------
-    word : str
-        Something out of a file.
-    """
+    """Return a number of rows, or None where *word* is none, or of more digits than any file has rows."""
     return int(word) if word.isdecimal() and len(word) <= MOST_COUNT_DIGITS else None
 
 
@@ -149,12 +143,6 @@ def shortened(word: str, length: int = 24) -> str:
 
 
 def in_one_line(reason: Exception) -> str:
-    """Return type and message of an exception, shortened.
-
-    Parameters
-    ----------
-    reason : Exception
-        What a library raised.
-    """
+    """Return type and message of an exception, shortened."""
     message = " ".join(str(reason).split())
     return f"{type(reason).__name__}: {message[:120]}" if message else type(reason).__name__

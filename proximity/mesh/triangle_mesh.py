@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from proximity.arrays import as_float64
+from proximity.checks import is_whole
 from proximity.errors import MeshError
 
 MAX_FACE_COUNT = 2**31 - 1
@@ -134,7 +135,7 @@ def _holds_whole_numbers(array: np.ndarray) -> bool:
 def _from_objects(array: np.ndarray) -> np.ndarray:
     """Integers out of an object array, or the reason why not."""
     for value in array.flat:
-        if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
+        if not is_whole(value):
             raise MeshError(f"faces hold {value!r}, expected integers of shape (F, 3)")
     try:
         return array.astype(np.int64)

@@ -82,13 +82,7 @@ def header_text() -> str:
 
 
 def meanings_of(values: type[Enum]) -> dict[str, str]:
-    """Meanings of an enumeration's members: the texts below them in its source; empty where there is none.
-
-    Parameters
-    ----------
-    values : type
-        The enumeration.
-    """
+    """Meanings of an enumeration's members: the texts below them in its source; empty where there is none."""
     (definition,) = ast.parse(inspect.getsource(values)).body
     assert isinstance(definition, ast.ClassDef)
     meanings = dict.fromkeys(values.__members__, "")
@@ -100,13 +94,7 @@ def meanings_of(values: type[Enum]) -> dict[str, str]:
 
 
 def c_type(field: Field) -> str:
-    """The type of a field in C, such as ``double[3]``.
-
-    Parameters
-    ----------
-    field : Field
-        Of a header or a record.
-    """
+    """The type of a field in C, such as ``double[3]``."""
     numbers = np.dtype(field.type)
     if numbers.kind == "S":
         return f"char[{numbers.itemsize}]"

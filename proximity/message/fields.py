@@ -24,13 +24,7 @@ class Field(NamedTuple):
 
 
 def dtype_of(fields: Sequence[Field]) -> np.dtype:
-    """The NumPy type of a header or a record, without gaps.
-
-    Parameters
-    ----------
-    fields : sequence of Field
-        In their order.
-    """
+    """The NumPy type of a header or a record, without gaps."""
     return np.dtype([(field.name, field.type, field.shape) for field in fields])
 
 

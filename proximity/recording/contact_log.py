@@ -55,11 +55,6 @@ def write_contacts(
 def check_log_name(path: str | os.PathLike[str]) -> None:
     """Refuse a name that no log can be written to, before there is anything to write.
 
-    Parameters
-    ----------
-    path : path
-        Of the log to be.
-
     Raises
     ------
     RecordingError

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from proximity.checks import positive
 from proximity.errors import RecordingError
 from proximity.pose import Pose
 
@@ -66,15 +67,9 @@ class Recording:
         hand, finger = self.fingers[row]
         return FINGERS[finger] if self.hand_count == 1 else f"{FINGERS[finger]} of hand {hand}"
 
-    def gap_count(self, gap_limit_s: float = GAP_LIMIT_S) -> int:
-        """Return how often a finger is lost for longer than the limit and then found again.
-
-        Parameters
-        ----------
-        gap_limit_s : float, s
-            See `resampled`.
-        """
-        limit_ns = gap_limit_s * NANOSECONDS
+    def gap_count(self) -> int:
+        """Return how often a finger is lost for longer than `GAP_LIMIT_S` and then found again."""
+        limit_ns = GAP_LIMIT_S * NANOSECONDS
         present = self.is_present
         return sum(
             int((np.diff(self.times_ns[present[:, row]]) > limit_ns).sum())
@@ -152,8 +147,7 @@ class Recording:
         RecordingError
             If the scale is not a number above zero.
         """
-        if not (math.isfinite(scale) and scale > 0.0):
-            raise RecordingError(f"a recording cannot be scaled by {scale:g}, expected a number above zero")
+        scale = positive("scale", scale, "times the size", error=RecordingError)
         return replace(self, positions=pose.point(self.positions * scale))
 
     def middle(self) -> tuple[np.ndarray, np.ndarray]:

@@ -42,11 +42,6 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
     A last line that does not end may be cut, even in the middle of a number; that is in the notes. It is not
     refused, nor left out: editors leave the end away as well, and whose last sample is there should have it.
 
-    Parameters
-    ----------
-    path : path
-        The file, in UTF-8.
-
     Raises
     ------
     RecordingError

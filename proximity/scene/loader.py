@@ -117,13 +117,7 @@ def scene_of(geometries: Iterable[Geometry], origin: str, report: LoadReport) ->
 
 
 def notes_on_sizes(scene: Scene) -> list[str]:
-    """Return the sentence of ``scene.report`` about parts of unlikely size, if there is one.
-
-    Parameters
-    ----------
-    scene : Scene
-        From a file.
-    """
+    """Return the sentence of ``scene.report`` about parts of unlikely size, if there is one."""
     assert scene.report is not None, "a scene read from a file has a report"
     lower, upper = scene.bounds
     with np.errstate(over="ignore"):

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from proximity.arrays import as_float64, is_ready
+from proximity.checks import not_negative, positive
 from proximity.errors import PoseError, SceneError
 from proximity.model.scene_state import FARTHEST_MOVE, FASTEST_MOVE, first_unfit_move
 from proximity.pose import Pose, quaternion_hint
@@ -153,28 +154,13 @@ def checked_surface(name: str, stiffness: Any, damping: Any) -> tuple[float | No
     SceneError
         If they are no such numbers.
     """
-    damping = _as_number(damping)
-    if damping is None or not 0.0 <= damping < np.inf:
-        raise SceneError(f"damping of part {name!r} is not a finite number of 0 N s/m or more")
-    if stiffness is None:
-        if damping:
-            raise SceneError(f"part {name!r} is rigid (no stiffness), but has a damping of {damping:g} N s/m")
-        return None, 0.0
-    stiffness = _as_number(stiffness)
-    if stiffness is None or not 0.0 < stiffness < np.inf:
-        raise SceneError(
-            f"stiffness of part {name!r} is not a finite number above 0 N/m, nor None for a rigid part"
-        )
-    return stiffness, damping
-
-
-def _as_number(value: Any) -> float | None:
-    if isinstance(value, (str, bytes)) or np.ndim(value) > 0:
-        return None
-    try:
-        return float(value)
-    except (OverflowError, TypeError, ValueError):
-        return None
+    damping = not_negative(f"damping of part {name!r}", damping, "N s/m", error=SceneError)
+    if stiffness is not None:
+        unit = "N/m, or None for a rigid part"
+        return positive(f"stiffness of part {name!r}", stiffness, unit, error=SceneError), damping
+    if damping:
+        raise SceneError(f"part {name!r} is rigid (no stiffness), but has a damping of {damping:g} N s/m")
+    return None, 0.0
 
 
 def _as_matrices(names: list[str], poses: Any) -> np.ndarray:

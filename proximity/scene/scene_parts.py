@@ -181,11 +181,6 @@ class SceneParts:
 def checked_parts(given: Iterable[Any]) -> list[Part]:
     """Return parts to make a scene of.
 
-    Parameters
-    ----------
-    given : iterable of Part or Solid
-        At least one; names must differ.
-
     Raises
     ------
     SceneError, PoseError
@@ -208,13 +203,7 @@ def checked_parts(given: Iterable[Any]) -> list[Part]:
 
 
 def with_arrays(parts: list[Part]) -> tuple[list[Part], list[PartArrays]]:
-    """Return parts for a scene of their own, and their arrays.
-
-    Parameters
-    ----------
-    parts : list of Part
-        A solid may be in several.
-    """
+    """Return parts for a scene of their own, and their arrays."""
     solids = {id(part.solid): part.solid._for_scene() for part in parts}
     own = [replace(part, solid=solids[id(part.solid)]) for part in parts]
     return own, [part.solid.snapshot().part_arrays(0) for part in own]

@@ -60,25 +60,12 @@ _KERNEL_SIGN = {
 
 
 def kernel_sign(method: SignMethod) -> int:
-    """Return the ``layout.SIGN_*`` of a method.
-
-    Parameters
-    ----------
-    method : SignMethod
-        How the sign is decided.
-    """
+    """Return the ``layout.SIGN_*`` of a method."""
     return _KERNEL_SIGN[method]
 
 
 def choose_sign(piece: PartArrays, topology: Topology) -> tuple[PartArrays, SignMethod, str]:
     """Return a part's arrays with its sign, the method, and why.
-
-    Parameters
-    ----------
-    piece : PartArrays
-        Without sign. A closed surface must wind outward.
-    topology : Topology
-        Of the same faces.
 
     Notes
     -----

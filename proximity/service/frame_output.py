@@ -55,13 +55,7 @@ class Outgoing:
         return notes + ([] if self._log is None else self._log.notes)
 
     def hand_out(self, message: Message) -> None:
-        """Publish a frame, and keep it for the log.
-
-        Parameters
-        ----------
-        message : Message
-            Sealed for each publisher anew.
-        """
+        """Publish a frame, and keep it for the log."""
         log = self._log
         if log is not None and not self._publishers:
             # A log alone: numbered as a publisher would.

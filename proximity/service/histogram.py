@@ -58,18 +58,6 @@ class Histogram:
                 return min(upper_ns, self.max_ns)
         return self.max_ns
 
-    def merge(self, other: "Histogram") -> None:
-        """Count what another has counted.
-
-        Parameters
-        ----------
-        other : Histogram
-            Stays as it is.
-        """
-        self.count += other.count
-        self.max_ns = max(self.max_ns, other.max_ns)
-        self._counts = [mine + theirs for mine, theirs in zip(self._counts, other._counts, strict=True)]
-
     def rows(self) -> Iterator[tuple[int, int, int]]:
         """Give each bin that is not empty: its shortest and longest duration, ns, and how many it holds."""
         for row, count in enumerate(self._counts):

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from typing import Any
 
+from proximity.checks import as_number
 from proximity.errors import ServiceError
 from proximity.service.answers import Answering
 from proximity.service.clock import Clock, MonotonicClock
@@ -139,11 +140,6 @@ class Service:
         Returns when that is done, and lets go of who made them until then, without closing it: its moves may
         be in use again. All that takes long is done in the thread of the caller.
 
-        Parameters
-        ----------
-        answering : Answering
-            Of as many fingers. It rehearses now.
-
         Raises
         ------
         ServiceError
@@ -256,8 +252,6 @@ class Service:
 
 
 def _nanoseconds(name: str, seconds: Any) -> int:
-    if isinstance(seconds, bool) or not isinstance(seconds, (int, float)):
-        seconds = float("nan")
-    if not SHORTEST_PERIOD <= seconds <= LONGEST_PERIOD:
+    if not SHORTEST_PERIOD <= as_number(seconds) <= LONGEST_PERIOD:
         raise ServiceError(f"{name} is {seconds!r}, expected {SHORTEST_PERIOD:g} to {LONGEST_PERIOD:g} s")
     return round(NS_PER_S * seconds)

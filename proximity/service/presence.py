@@ -39,12 +39,6 @@ class Presence:
         return self._rows.keys()
 
     def reach(self, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
-        """Whether no question finds parts, (M,) bool, and how far from their origins they reach, m, (M,).
-
-        Parameters
-        ----------
-        names : sequence of str
-            Of M parts that are there.
-        """
+        """Whether no question finds parts, (M,) bool, and how far from their origins they reach, m, (M,)."""
         rows = np.array([self._rows[name] for name in names], np.int64)
         return self._is_hidden[rows], self._radii[rows]

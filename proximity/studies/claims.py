@@ -43,13 +43,7 @@ def claims() -> list[Claim]:
 
 
 def markdown(found: list[Claim]) -> str:
-    """Return claims as a table.
-
-    Parameters
-    ----------
-    found : list of Claim
-        Its rows.
-    """
+    """Return claims as a table."""
     rows = [f"| {one.paper} | {one.holds} | {one.here} |" for one in found]
     return "\n".join(["| the paper says | holds | here |", "|---|---|---|", *rows])
 

@@ -73,13 +73,7 @@ def simulate_on_part(
 
 
 def describe(simulation: PartSimulation) -> list[tuple[str, str]]:
-    """Return in words what was pressed on, by whom, and what informed the drum.
-
-    Parameters
-    ----------
-    simulation : PartSimulation
-        The press.
-    """
+    """Return in words what was pressed on, by whom, and what informed the drum."""
     press = simulation.engine
     finger, setup, part = press.finger, press.setup, press.finger.scene.parts[press.finger.part]
     surface = "rigid" if part.stiffness is None else f"{part.stiffness:g} N/m, {part.damping:g} N·s/m"
@@ -109,13 +103,7 @@ def describe(simulation: PartSimulation) -> list[tuple[str, str]]:
 
 
 def document(simulation: PartSimulation) -> dict[str, Any]:
-    """Return all that is reported of a press, as plain values in SI units.
-
-    Parameters
-    ----------
-    simulation : PartSimulation
-        The press.
-    """
+    """Return all that is reported of a press, as plain values in SI units."""
     press = simulation.engine
     finger, setup = press.finger, press.setup
     names = ("engine", "ideal", "real")
@@ -143,12 +131,6 @@ def document(simulation: PartSimulation) -> dict[str, Any]:
 
 
 def numbers(simulation: PartSimulation) -> Table:
-    """Return the press every 0.1 ms, with the ideal distance and on the real wall beside it.
-
-    Parameters
-    ----------
-    simulation : PartSimulation
-        The press.
-    """
+    """Return the press every 0.1 ms, with the ideal distance and on the real wall beside it."""
     engine, ideal = simulation.engine, simulation.ideal.response
     return press_plots.curves(engine.response, engine.real, has_drum=True, ideal=ideal)

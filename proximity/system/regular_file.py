@@ -21,11 +21,6 @@ class NotRegularFileError(OSError):
 def open_regular(path: str | os.PathLike[str]) -> BinaryIO:
     """Open a file for reading bytes, links followed.
 
-    Parameters
-    ----------
-    path : path
-        The file.
-
     Raises
     ------
     NotRegularFileError

@@ -8,6 +8,7 @@ import numpy as np
 
 from proximity import native
 from proximity.arrays import as_float64, shown
+from proximity.checks import not_negative, positive, whole
 from proximity.errors import QueryError
 from proximity.kernels import layout
 from proximity.kernels.layout import NO_PART, NO_SLOT
@@ -25,12 +26,9 @@ from proximity.tracker.tracker_arguments import (
     LARGEST_WORKING_RANGE,
     LONGEST_LATENCY,
     instant,
-    not_negative,
-    positive,
     radii,
     shaped,
     too_long,
-    whole,
 )
 
 DEFAULT_BUDGET = 250

@@ -1,6 +1,5 @@
 """Checks of a tracker's arguments; each function raises a `QueryError` that says what was expected."""
 
-import math
 import operator
 from typing import Any
 
@@ -67,71 +66,6 @@ def instant(now_ns: Any) -> int:
             f"now_ns is {now_ns!r}, expected whole nanoseconds, at most 2**62, as of time.monotonic_ns()"
         )
     return now
-
-
-def _number(name: str, value: Any, unit: str, expected: str) -> float:
-    try:
-        number = float(value) if not isinstance(value, (bool, str, bytes)) else math.nan
-    except (TypeError, ValueError, OverflowError):
-        number = math.nan
-    if not math.isfinite(number):
-        raise QueryError(f"{name} is {value!r}, expected {expected} {unit}")
-    return number
-
-
-def positive(name: str, value: Any, unit: str) -> float:
-    """Return a number above 0.
-
-    Parameters
-    ----------
-    name, unit : str
-        For the message.
-    value : number
-        What the caller gave.
-    """
-    number = _number(name, value, unit, "a positive number of")
-    if not number > 0.0:
-        raise QueryError(f"{name} is {value!r}, expected a positive number of {unit}")
-    return number
-
-
-def not_negative(name: str, value: Any, unit: str, *, most: float = math.inf) -> float:
-    """Return a number of 0 or more.
-
-    Parameters
-    ----------
-    name, unit : str
-        For the message.
-    value : number
-        What the caller gave.
-    most : float
-        The limit.
-    """
-    number = _number(name, value, unit, "a number of")
-    if number < 0.0:
-        raise QueryError(f"{name} is {value!r}, expected a number of {unit} of 0 or more")
-    if number > most:
-        raise QueryError(f"{name} is {value!r}, expected a number of {unit} of {most:g} at most")
-    return number
-
-
-def whole(name: str, value: Any) -> int:
-    """Return a whole number of 1 or more.
-
-    Parameters
-    ----------
-    name : str
-        For the message.
-    value : int
-        What the caller gave.
-    """
-    try:
-        number = operator.index(value) if not isinstance(value, bool) else 0
-    except TypeError:
-        number = 0
-    if number < 1:
-        raise QueryError(f"{name} is {value!r}, expected a whole number of 1 or more")
-    return number
 
 
 def radii(radius: Any, count: int) -> np.ndarray:

@@ -37,25 +37,13 @@ class Key:
         self._begun = blake2s(key=secret, digest_size=TAG_BYTES)
 
     def tag(self, message: Any) -> bytes:
-        """Make the tag of a message.
-
-        Parameters
-        ----------
-        message : bytes-like
-            All of it.
-        """
+        """Make the tag of a message."""
         hashed = self._begun.copy()
         hashed.update(message)
         return hashed.digest()
 
     def verifies(self, datagram: Any) -> bool:
-        """Whether a datagram is a message and its tag; takes as long wherever a wrong tag differs.
-
-        Parameters
-        ----------
-        datagram : memoryview
-            As it arrived.
-        """
+        """Whether a datagram is a message and its tag; takes as long wherever a wrong tag differs."""
         end = len(datagram) - TAG_BYTES
         return end >= 0 and hmac.compare_digest(self.tag(datagram[:end]), datagram[end:])
 
@@ -102,11 +90,6 @@ def key_of(address: Address) -> Key | None:
 
 def write_key(path: str) -> None:
     """Make a key, in a new file that only its owner may read.
-
-    Parameters
-    ----------
-    path : str
-        Of the file.
 
     Raises
     ------

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from proximity.arrays import is_number
+from proximity.checks import as_number, not_negative
 from proximity.errors import QueryError
 from proximity.message import CONTACT, FRAME, Flaw, Kind, State
 from proximity.transport.contact_age import Widening, forget
@@ -111,9 +111,9 @@ class Subscriber:
         self._examiner = Examiner(inlet, [FRAME], clock)
         self._clock = clock
         self._foreign = None if inlet.shares_clock else ForeignClock()
-        self._stale_after_ns = round(1e9 * _not_negative("stale_after", stale_after))
-        self._max_speed = _not_negative("max_speed", max_speed)
-        self._max_acceleration = _not_negative("max_acceleration", max_acceleration)
+        self._stale_after_ns = round(1e9 * not_negative("stale_after", stale_after, "seconds"))
+        self._max_speed = not_negative("max_speed", max_speed, "metres a second")
+        self._max_acceleration = not_negative("max_acceleration", max_acceleration, "m/s²")
         self._held: HeldFrame | None = None  # the newest frame
         self._spare: HeldFrame | None = None  # room for the next: the newest stays until that is verified
         self._is_new = False
@@ -160,7 +160,7 @@ class Subscriber:
         PublishError
             As of `read`.
         """
-        if not is_number(timeout) or math.isnan(timeout):
+        if math.isnan(as_number(timeout)):
             raise QueryError(f"timeout is {timeout!r}, expected a number of seconds")
         ends = time.monotonic() + timeout
         while True:
@@ -242,9 +242,3 @@ class Subscriber:
             self._shown = self._as_published.view()
             self._shown.flags.writeable = False
         np.copyto(self._as_published.view(np.uint8), held.contacts.view(np.uint8))
-
-
-def _not_negative(name: str, value: float) -> float:
-    if not is_number(value) or not 0.0 <= value < math.inf:
-        raise QueryError(f"{name} is {value!r}, expected a number of 0 or more")
-    return float(value)

@@ -2,6 +2,7 @@
 
 import json
 import re
+import sys
 from html.parser import HTMLParser
 
 import numpy as np
@@ -237,7 +238,7 @@ def test_page_and_numbers_are_written_beside_each_other(told, tmp_path):
     assert len(list(tmp_path.iterdir())) == 2
 
 
-def test_numbers_are_written_even_without_matplotlib(told, tmp_path, monkeypatch):
+def test_numbers_are_written_even_without_matplotlib_or_jinja(told, tmp_path, monkeypatch):
     def missing():
         raise DecaffError('figures need matplotlib, which is not installed: pip install "proximity[sim]"')
 
@@ -246,6 +247,9 @@ def test_numbers_are_written_even_without_matplotlib(told, tmp_path, monkeypatch
         files.write_report(tmp_path / "cell.html", told, ball_subject().scene)
 
     assert [path.name for path in tmp_path.iterdir()] == ["cell.json"]
+    monkeypatch.setitem(sys.modules, "jinja2", None)
+    with pytest.raises(DecaffError, match=r"^pages need jinja2, which is not installed: pip install"):
+        files.write_report(tmp_path / "cell.html", told, ball_subject().scene)
     assert files.write_report(tmp_path / "alone.json", told, ball_subject().scene)[0].name == "alone.json"
 
 

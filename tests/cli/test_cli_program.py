@@ -70,25 +70,6 @@ def test_help_and_version_import_nothing_heavy(arguments):
     assert result.stderr.splitlines()[-1] == "imported"
 
 
-def test_query_does_not_wait_for_linear_algebra_that_no_kernel_calls():
-    before = """
-import atexit
-def load(path, units, **options):
-    import numba.np.arraymath  # as the first kernel does
-    return FakeScene()
-def tell():
-    print("linear algebra:", "scipy.linalg" in sys.modules, file=sys.stderr)
-    import scipy.linalg.cython_blas
-proximity.load = load
-atexit.register(tell)
-"""
-    arguments = ["query", "ball.stl", "1", "2", "3"]
-    result = run_python(ON_A_SPHERE.format(tests=str(SUPPORT), arguments=arguments, before=before))
-
-    assert result.stderr == "linear algebra: False\n"
-    assert result.returncode == 0
-
-
 def test_query_looks_for_no_garbage_while_it_starts_and_does_so_again_afterwards():
     before = """
 import atexit, gc

@@ -505,5 +505,5 @@ def test_unit_that_does_not_exist_is_refused_with_the_list():
 
 @pytest.mark.parametrize("tolerance", [0.0, -1.0, float("nan"), "fine"])
 def test_tolerance_that_is_no_length_is_refused(tolerance):
-    with pytest.raises(MeshError, match=r"step_tolerance is .*, expected a length in metres above 0"):
+    with pytest.raises(MeshError, match=r"step_tolerance is .*, expected a positive number of metres"):
         formats.read_geometries("part.step", step_tolerance=tolerance)

@@ -313,7 +313,7 @@ def test_placing_scales_then_turns_then_shifts():
 
 @pytest.mark.parametrize("scale", [0.0, -1.0, np.nan, np.inf])
 def test_scale_that_is_none_is_refused(scale):
-    with pytest.raises(RecordingError, match="expected a number above zero"):
+    with pytest.raises(RecordingError, match=r"^scale is .*, expected a positive number of times the size$"):
         recording_of([0.0], [[1, 2, 3]]).placed(Pose(), scale)
 
 

@@ -128,7 +128,7 @@ def test_reference_to_what_is_not_there_is_told(change, told, refused):
         ("name", ["a", 7, "b", "c", "d"], "entry 1 of names is 7, expected str"),
         ("velocity", [[0.0, 0.0, float("nan")]] * 5, "velocity of part 0 are not finite, or too fast"),
         ("is_hidden", [0] * 5, "entry 0 of is_hidden is 0, expected bool"),
-        ("stiffness", [-1.0] * 5, "stiffness of part 'cube' is not a finite number above 0 N/m"),
+        ("stiffness", [-1.0] * 5, "stiffness of part 'cube' is -1.0, expected a positive number of N/m"),
         ("repairs", [{}] * 5, "repairs are {}"),
     ],
 )

@@ -68,18 +68,6 @@ def test_durations_that_no_bin_is_made_for_are_in_the_first_and_the_last():
     assert histogram.max_ns == 2**62 == histogram.percentile(100.0)
 
 
-def test_merging_is_counting_all():
-    rng = np.random.default_rng(3)
-    first, second = rng.integers(0, 10**7, (2, 500))
-    merged = filled(first)
-
-    merged.merge(filled(second))
-
-    both = filled([*first, *second])
-    assert list(merged.rows()) == list(both.rows())
-    assert (merged.count, merged.max_ns) == (both.count, both.max_ns)
-
-
 def test_room_stays_the_same():
     histogram = filled(range(0, 10**6, 997))
 

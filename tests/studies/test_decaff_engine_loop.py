@@ -14,8 +14,7 @@ from proximity.recording import Recording
 from proximity.scene.loader import load
 from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
-from proximity.service.histogram import Histogram
-from proximity.studies.engine.delayed_link import DelayedLink, latencies_of
+from proximity.studies.engine.delayed_link import DelayedLink
 from proximity.studies.engine.engine_loop import press_on_part
 from proximity.studies.engine.engine_setup import Distances, EngineSetup
 from proximity.studies.engine.finger_placement import place_finger, placed
@@ -246,17 +245,6 @@ def test_same_run_gives_the_same_bits(flat):
     assert first.response.record.tobytes() == second.response.record.tobytes()
     assert first.states == second.states
     assert first.error.share == pytest.approx(run(flat).error.share, abs=0.01)
-
-
-def test_measured_latencies_are_taken_from_a_histogram():
-    histogram = Histogram()
-    for duration_ns in [50_000] * 90 + [2_000_000] * 10:
-        histogram.record(duration_ns)
-    latencies = latencies_of(histogram, 100)
-
-    assert sorted(latencies) == pytest.approx([50e-6] * 90 + [2e-3] * 10, rel=1.0 / 32.0)
-    with pytest.raises(DecaffError, match="the histogram of latencies is empty"):
-        latencies_of(Histogram())
 
 
 def test_messages_do_not_overtake_each_other():

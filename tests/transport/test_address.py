@@ -89,7 +89,7 @@ def test_subscriber_that_cannot_be_made_gives_the_address_back():
     from proximity.errors import QueryError
 
     address = f"udp://127.0.0.1:{free_port()}"
-    with pytest.raises(QueryError, match=r"^stale_after is -1, expected a number of 0 or more$"):
+    with pytest.raises(QueryError, match=r"^stale_after is -1, expected a number of seconds of 0 or more$"):
         open_subscriber(address, stale_after=-1)
 
     open_subscriber(address).close()

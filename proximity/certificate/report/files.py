@@ -22,11 +22,6 @@ CLOUD = 1200
 def check_report_name(path: str | os.PathLike[str]) -> None:
     """Refuse what is no name of a report.
 
-    Parameters
-    ----------
-    path : path
-        Where it is to be written.
-
     Raises
     ------
     ServiceError
@@ -59,7 +54,7 @@ def write_report(path: str | os.PathLike[str], reported: dict[str, Any], scene: 
     Raises
     ------
     DecaffError
-        If matplotlib is not there; it says what to install. The JSON is written.
+        If Jinja or matplotlib is not there; it says what to install. The JSON is written.
     RecordingError
         If a file cannot be written.
     """

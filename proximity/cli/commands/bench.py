@@ -22,7 +22,7 @@ HELP = "\n\n".join(
         "With --gate the exit code is 1 if a scene does not fit PERIOD. It fits if 99.9 % of the ticks of "
         "every motion (best of three runs), and half of the loop's ticks, take no longer to compute. Delays "
         "by the machine, such as interruptions and late waking, are shown but do not count. The page needs "
-        "matplotlib.",
+        "jinja2 and matplotlib.",
     )
 )
 
@@ -138,7 +138,7 @@ def command(
 
 
 def _write(report: Path, reported: dict[str, Any], scene: "proximity.Scene") -> bool:
-    """Write the report; whether all of it, and not the numbers alone, because matplotlib is missing."""
+    """Write the report; whether all of it, and not the numbers alone, because a library is missing."""
     from proximity import certificate
     from proximity.cli import progress
 

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from proximity.cli.options import ADDRESS, LIMIT, check_limit
+from proximity.cli.options import ADDRESS, LIMIT, check_limit, check_range
 from proximity.cli.program import EXIT_NOTHING
 from proximity.system.stop_signals import stopped_by_signals
 
@@ -112,10 +112,7 @@ def command(
 
 
 def _check(rate: float, max_age: float | None, calibration: list[Path] | None) -> None:
-    if not LEAST_RATE_HZ <= rate <= MOST_RATE_HZ:
-        raise typer.BadParameter(
-            f"{rate:g} Hz: expected {LEAST_RATE_HZ:g} to {MOST_RATE_HZ:g}", param_hint="--rate"
-        )
+    check_range(rate, "--rate", "Hz", LEAST_RATE_HZ, MOST_RATE_HZ)
     if max_age is not None and not calibration:
         raise typer.BadParameter("only a --calibration has an age", param_hint="--max-age")
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import proximity
-from proximity.cli.options import FILE, UNITS, with_option_groups
+from proximity.cli.options import FILE, UNITS, check_range, with_option_groups
 from proximity.system.time_units import MS_PER_S
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ class Placement:
 
     def check(self) -> None:
         """Refuse a scale out of range."""
-        _check(self.scale, "--scale", "times the size", 1e-6, 1e6)
+        check_range(self.scale, "--scale", "times the size", 1e-6, 1e6)
 
     def origin(self, metres: float, units: str) -> list[float] | None:
         """Return the origin of the recording in metres, or None if it is to be fitted."""
@@ -133,9 +133,9 @@ class TrackerOptions:
 
     def check(self) -> None:
         """Refuse numbers out of range."""
-        _check(self.rate, "--rate", "ticks a second", 1.0, 1e6)
-        _check(self.latency, "--latency", "ms", 0.0, 1e3)
-        _check(1 if self.budget is None else self.budget, "--budget", "nodes and leaves", 1, 2**31 - 1)
+        check_range(self.rate, "--rate", "ticks a second", 1.0, 1e6)
+        check_range(self.latency, "--latency", "ms", 0.0, 1e3)
+        check_range(1 if self.budget is None else self.budget, "--budget", "nodes and leaves", 1, 2**31 - 1)
 
     def settings(self, metres: float) -> "Settings":
         """Return the same in SI units."""
@@ -164,7 +164,7 @@ def command(
     """Replay a recording and print the summary."""
     tracker.check()
     placement.check()
-    _check(1.0 if limit is None else limit, "--limit", "seconds", 1e-3, 1e9)
+    check_range(1.0 if limit is None else limit, "--limit", "seconds", 1e-3, 1e9)
     # NumPy, Rich and the library: only now, so that --help and mistakes above answer at once.
     from proximity.cli import progress
     from proximity.cli.views import replay_report
@@ -256,14 +256,6 @@ class Settings:
             "budget": self.budget,
             "working_range": in_unit(self.working_range, metres),
         }
-
-
-def _check(value: float, option: str, meaning: str, smallest: float, largest: float) -> None:
-    """Refuse a number out of range, nan included."""
-    if not smallest <= value <= largest:
-        raise typer.BadParameter(
-            f"{value:g} {meaning}: expected {smallest:g} to {largest:g}", param_hint=option
-        )
 
 
 def _in_metres(length: float | None, option: str, default: float, metres: float, most: float) -> float:

@@ -41,15 +41,7 @@ class DrumLog:
             self._write([TITLES])
 
     def append(self, reading: Reading, bench: DrumBench) -> None:
-        """Write a sample of every finger.
-
-        Parameters
-        ----------
-        reading : Reading
-            That was acted upon.
-        bench : DrumBench
-            After its step.
-        """
+        """Write a sample of every finger."""
         if self._stream is None:
             return
         rows = []

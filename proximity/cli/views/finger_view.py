@@ -78,13 +78,7 @@ def finger_cells(contact: Any, bar_width: int) -> dict[str, Text]:
 
 
 def finger_words(contact: Any) -> str:
-    """Return what a line of text says of a finger.
-
-    Parameters
-    ----------
-    contact : CONTACT
-        Of a reading.
-    """
+    """Return what a line of text says of a finger."""
     if not is_tracked(contact):
         return f"{contact['finger']}: not tracked"
     lower, upper = MM_PER_M * float(contact["lower"]), MM_PER_M * float(contact["upper"])

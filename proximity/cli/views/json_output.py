@@ -21,13 +21,7 @@ def write_document(result: Any, *, indent: int | None = 1) -> None:
 
 
 def plain(value: Any) -> Any:
-    """Return *value* with None for every float that JSON has no word for.
-
-    Parameters
-    ----------
-    value : number, str, None, or a list or dict of such
-        What is to be written.
-    """
+    """Return *value* with None for every float that JSON has no word for."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, dict):

@@ -98,15 +98,6 @@ def write_json(stream: TextIO, head: dict[str, Any], chunks: Iterable[Fields]) -
 
     Where *chunks* end in an error behind some answers, these are written, and its sentence as ``error``: the
     document is complete. An error before any answer leaves nothing written.
-
-    Parameters
-    ----------
-    stream : text file
-        Where to write.
-    head : dict
-        What holds for all answers.
-    chunks : iterable of dict
-        Answers, field by field.
     """
     opening = json.dumps(plain(head), allow_nan=False)[:-1] + ', "answers": ['
     separator = "\n"

@@ -19,19 +19,7 @@ CLOCK_DIGITS = 6
 
 
 def inputs(scene: "proximity.Scene", file: str, recording: Recording, units: str) -> dict[str, Any]:
-    """Return what is reported of a scene and a recording.
-
-    Parameters
-    ----------
-    scene : Scene
-        What was touched.
-    file : str
-        Where it came from.
-    recording : Recording
-        As it was recorded.
-    units : str
-        What lengths are in.
-    """
+    """Return what is reported of a scene and a recording."""
     return {
         "file": file,
         "units": units,
@@ -110,13 +98,7 @@ def results(summary: ReplaySummary, metres: float) -> dict[str, Any]:
 
 
 def broken(bounds: BoundsKept) -> str:
-    """Return the sentence on bounds that do not hold.
-
-    Parameters
-    ----------
-    bounds : BoundsKept
-        Some of them broken.
-    """
+    """Return the sentence on bounds that do not hold."""
     return (
         f"{bounds.broken_count} of {bounds.checked_count} bounds that were checked do not hold, "
         f"the first: {bounds.first_broken}"

@@ -31,15 +31,7 @@ class Screen:
         self._due = time.monotonic() + FIRST_AFTER_S
 
     def show(self, words: Callable[[], str], picture: Callable[[ConsoleDimensions], RenderableType]) -> None:
-        """Show something if it is time for it.
-
-        Parameters
-        ----------
-        words : callable
-            Gives the line of text.
-        picture : callable
-            Gives what a terminal of some size shows.
-        """
+        """Show something if it is time for it."""
         now = time.monotonic()
         if self._is_silent or now < self._due:
             return

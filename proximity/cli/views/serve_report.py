@@ -55,15 +55,7 @@ def write_beginning(beginning: Beginning, *, as_json: bool) -> None:
 
 
 def write(report: Report, *, as_json: bool) -> None:
-    """Write the report to stdout.
-
-    Parameters
-    ----------
-    report : Report
-        Of a service that has ended.
-    as_json : bool
-        A document instead of lines to read.
-    """
+    """Write the report to stdout."""
     if as_json:
         write_document({"event": "ended", **report.as_dict()}, indent=None)
         return

@@ -123,15 +123,7 @@ def headline(reading: Reading, seen: Seen, width: int) -> tuple[Text, Text]:
 
 
 def line(reading: Reading, seen: Seen) -> str:
-    """Return one line of text for what is no terminal.
-
-    Parameters
-    ----------
-    reading : Reading
-        What is known now.
-    seen : Seen
-        What is known beside.
-    """
+    """Return one line of text for what is no terminal."""
     head = f"{time.strftime('%H:%M:%S')} {reading.state.name}: {', '.join(_figures(reading, seen))}"
     if reading.state is State.STALE:
         return f"{head}; {_meaning(reading, seen)}"

@@ -61,13 +61,7 @@ class ContactReading:
 
     @classmethod
     def of(cls, contact: Any) -> "ContactReading":
-        """Take what is kept of a record.
-
-        Parameters
-        ----------
-        contact : CONTACT
-            Of the finger.
-        """
+        """Take what is kept of a record."""
         force = float(contact["force"])
         is_known = contact["force_is_valid"] and math.isfinite(force)
         return cls(
@@ -120,13 +114,6 @@ def locate(contact: Any, path: FingerPath) -> Location | None:
 
     Of a path that was followed to the fist and is free, bend and velocity are not asked: the rule guesses by
     them where no path is known. No position is nearer to the finger than its distance is, for certain.
-
-    Parameters
-    ----------
-    contact : CONTACT
-        Of the finger, sound and tracked.
-    path : FingerPath
-        Of the same finger.
     """
     bend, distance = float(contact["bend"]), float(contact["signed_distance"])
     contact_bend, rate, error = float(contact["contact_bend"]), 0.0, 0.0
@@ -162,13 +149,7 @@ def _is_open(contact: Any) -> bool:
 
 
 def is_tracked(contact: Any) -> bool:
-    """Return whether the service knows where the finger is.
-
-    Parameters
-    ----------
-    contact : CONTACT
-        Of the finger.
-    """
+    """Return whether the service knows where the finger is."""
     return bool(int(contact["flags"]) & ContactFlag.TRACKED) and int(contact["mode"]) != Mode.HOLD
 
 

@@ -101,13 +101,7 @@ class FingerController:
         self._is_stopped = True
 
     def step(self, seen: Observation) -> DrumAction:
-        """Return what the drum shall do until the next sample.
-
-        Parameters
-        ----------
-        seen : Observation
-            Of this sample.
-        """
+        """Return what the drum shall do until the next sample."""
         if not self.fault:
             self.fault = self._fault_of(seen)
         elapsed = 0.0 if self._sample_ns is None else 1e-9 * (seen.sample_ns - self._sample_ns)

@@ -55,13 +55,7 @@ class FrameMark(NamedTuple):
 
     @classmethod
     def of(cls, header: Any) -> "FrameMark | None":
-        """Take it from a frame's header; None: no frame yet.
-
-        Parameters
-        ----------
-        header : FRAME_HEADER or None
-            Of the frame.
-        """
+        """Take it from a frame's header; None: no frame yet."""
         if header is None:
             return None
         return cls(int(header["session"]), int(header["sequence"]), int(header["start_ns"]))

@@ -64,13 +64,7 @@ class FrameTrust:
         self._distrust: Trust | None = None
 
     def take(self, seen: Observation) -> Trust:
-        """Take in what is new, and say what is known.
-
-        Parameters
-        ----------
-        seen : Observation
-            Of this sample.
-        """
+        """Take in what is new, and say what is known."""
         if seen.contact is None or seen.frame is None:
             return self._trust(seen.now_ns)
         if seen.state in SILENT_STATES:  # whatever its age: the service itself knows nothing

@@ -76,13 +76,7 @@ def characteristic(device: SampledMass, stiffness: ArrayLike, damping: ArrayLike
 
 
 def maximum_stiffness(device: SampledMass) -> Gains:
-    """Return the largest stiffness of a stable wall, and the one damping at which it is reached.
-
-    Parameters
-    ----------
-    device : SampledMass
-        Of d samples of delay.
-    """
+    """Return the largest stiffness of a stable wall, and the one damping at which it is reached."""
     return gains_at(device, _stiffest_half_angle(device))
 
 

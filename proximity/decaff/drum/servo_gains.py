@@ -3,8 +3,6 @@
 Far below the largest stiffness there is a damping with which disturbances die out quickly.
 """
 
-import math
-
 from scipy.optimize import minimize_scalar
 
 from proximity.decaff.arguments import positive
@@ -46,26 +44,3 @@ def best_damped(device: SampledMass, share: float = WELL_DAMPED_SHARE) -> Gains:
         options={"xatol": 1e-9 * device.damping_unit},
     )
     return Gains(stiffness, float(found.x))
-
-
-def settling_samples(device: SampledMass, gains: Gains, within: float = 0.02) -> float:
-    """Return after how many samples a disturbance is down to a share of itself; inf if it never is.
-
-    Parameters
-    ----------
-    device : SampledMass
-        Of d samples of delay.
-    gains : Gains
-        Of the wall or servo.
-    within : float
-        The share, below one.
-
-    Raises
-    ------
-    DecaffError
-        If the share is not between zero and one.
-    """
-    if not positive("within", within, "shares") < 1.0:
-        raise DecaffError(f"within is {within!r}, expected a share below 1")
-    radius = float(spectral_radius(characteristic(device, gains.stiffness, gains.damping)))
-    return math.log(within) / math.log(radius) if radius < 1.0 else math.inf

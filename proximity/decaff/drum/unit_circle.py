@@ -46,36 +46,6 @@ def spectral_radius(coefficients: ArrayLike) -> np.ndarray:
     return np.abs(roots(coefficients)).max(axis=-1)
 
 
-def is_within_by_jury(coefficients: ArrayLike) -> np.ndarray:
-    """Return whether all roots lie within the unit circle, (...) bool, without finding them.
-
-    Parameters
-    ----------
-    coefficients : (..., n + 1) float64
-        As of `roots`.
-
-    Raises
-    ------
-    DecaffError
-        As of `roots`.
-
-    Notes
-    -----
-    Degenerate: a root on the circle is not within.
-    Source: Jury 1964, in the form of Schur and Cohn: the last coefficient must be smaller than the first,
-    and so it must be in the polynomial of one power less that what they have in common leaves.
-    """
-    rows = _checked(coefficients)
-    is_within = np.ones(rows.shape[:-1], bool)
-    while rows.shape[-1] > 1:
-        # Scaled, so that the coefficients of many powers neither vanish nor overflow.
-        rows = rows / np.where(rows[..., :1] == 0.0, 1.0, rows[..., :1])
-        last = rows[..., -1:]
-        is_within &= np.abs(last[..., 0]) < 1.0
-        rows = np.where(is_within[..., None], rows - last * rows[..., ::-1], 1.0)[..., :-1]
-    return is_within
-
-
 def _checked(coefficients: ArrayLike) -> np.ndarray:
     polynomials = np.asarray(coefficients, np.float64)
     if polynomials.ndim == 0 or polynomials.shape[-1] < 2:

@@ -110,15 +110,9 @@ class CalibratedGlove:
         counts = np.linspace(first - margin, last + margin, row_count)
         return counts, self._extended_bend(counts)
 
-    def path_finger(self, corner_count: int = PATH_CORNERS) -> np.ndarray:
-        """Return the way of the fingertip from flat hand to fist, evenly in bend, (K, 3), m, finger's frame.
-
-        Parameters
-        ----------
-        corner_count : int
-            K, 2 or more.
-        """
-        return self.finger.path_world(Pose(), corner_count)
+    def path_finger(self) -> np.ndarray:
+        """Return the way of the fingertip from flat hand to fist, evenly in bend, (K, 3), m, its frame."""
+        return self.finger.path_world(Pose(), PATH_CORNERS)
 
     def drum_angle(self, bend: ArrayLike) -> np.ndarray:
         """Return what the drum's encoder says as it meets the finger there, (...), rad; nan: it cannot.

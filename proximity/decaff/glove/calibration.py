@@ -84,13 +84,6 @@ class Calibration:
 def write_calibration(path: str | os.PathLike[str], calibration: Calibration) -> None:
     """Write a calibration to a file, at once and wholly; one that is there is replaced.
 
-    Parameters
-    ----------
-    path : path
-        The file.
-    calibration : Calibration
-        What it is to hold.
-
     Raises
     ------
     DecaffError
@@ -121,9 +114,7 @@ def read_calibration(path: str | os.PathLike[str]) -> Calibration:
         raise DecaffError(f"{path}: {unfit}") from unfit
 
 
-def check_age(
-    calibration: Calibration, *, most_days: float | None = None, now: datetime | None = None
-) -> None:
+def check_age(calibration: Calibration, *, most_days: float | None = None) -> None:
     """Refuse a calibration that was made too long ago, or will be made.
 
     Parameters
@@ -132,8 +123,6 @@ def check_age(
         Of a glove that is to be used.
     most_days : float, days
         How old it may be; `MOST_AGE_DAYS` where not given.
-    now : datetime
-        With its time zone; the present where not given.
 
     Raises
     ------
@@ -141,7 +130,7 @@ def check_age(
         With the date, and what was expected.
     """
     most = positive("most_days", MOST_AGE_DAYS if most_days is None else most_days, "days")
-    age = ((now or datetime.now(UTC)) - calibration.made) / timedelta(days=1)
+    age = (datetime.now(UTC) - calibration.made) / timedelta(days=1)
     date = f"{calibration.made:%Y-%m-%d}"
     if age > most:
         raise DecaffError(

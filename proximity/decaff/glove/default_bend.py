@@ -17,15 +17,7 @@ NEAR = (Mode.POSITION, Mode.FORCE)
 
 
 def with_bend(contact: Any, path: FingerPath) -> Any:
-    """Return a record as if the finger bent straight into what is nearest; itself where nothing is in reach.
-
-    Parameters
-    ----------
-    contact : CONTACT
-        Of a tracked finger, without a bend.
-    path : FingerPath
-        Of the finger.
-    """
+    """Return a record as if the finger bent straight into what is nearest; itself where nothing is near."""
     distance, closing = float(contact["signed_distance"]), float(contact["approach_speed"])
     if not math.isfinite(distance):
         return contact

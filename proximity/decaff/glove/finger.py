@@ -18,6 +18,7 @@ from proximity.errors import DecaffError
 from proximity.message import PATH_CORNERS
 from proximity.pose import Pose
 
+MOST_QUERIES = 8
 SEARCH_TOLERANCE = 1e-5
 """m of path: how near queries are counted to, a tenth of the bias that a drum may have."""
 GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(16)
@@ -157,9 +158,6 @@ class Finger:
         self,
         bend: float,
         query: Callable[[np.ndarray], tuple[float, Any]],
-        *,
-        tolerance: float = SEARCH_TOLERANCE,
-        max_queries: int = 8,
     ) -> tuple[float, int]:
         """Search the bend at which the pad touches along the path, asking for the distance again and again.
 
@@ -173,10 +171,6 @@ class Finger:
         query : callable
             Takes a point (3,), m, hand frame; answers with the signed distance of its pad's surface and the
             normal.
-        tolerance : m
-            Of the distance at which the search ends.
-        max_queries : int
-            How often is asked at most.
 
         Returns
         -------
@@ -184,15 +178,15 @@ class Finger:
             The bend, nan if none was found up to bend 1; and how often was asked.
         """
         position = float(bend)
-        for count in range(1, max_queries + 1):
+        for count in range(1, MOST_QUERIES + 1):
             distance, normal = query(self.point_hand(position))
-            if abs(distance) <= tolerance:
+            if abs(distance) <= SEARCH_TOLERANCE:
                 return position, count
             following = min(float(self.contact_bend(position, distance, normal)), 1.0)
             if math.isnan(following) or position == following == 1.0:
                 return math.nan, count
             position = following
-        return math.nan, max_queries
+        return math.nan, MOST_QUERIES
 
     def _link_angles(self, bend: ArrayLike) -> np.ndarray:
         """Angles of the phalanges from the x axis, (..., 3), rad."""

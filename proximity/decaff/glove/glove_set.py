@@ -12,10 +12,8 @@ from proximity.errors import DecaffError
 G = TypeVar("G")
 
 
-def read_glove(
-    path: str | os.PathLike[str], most_days: float | None = None, *, design: Glove | None = None
-) -> CalibratedGlove:
-    """Return a glove as it was measured, unless that was too long ago.
+def read_glove(path: str | os.PathLike[str], most_days: float | None = None) -> CalibratedGlove:
+    """Return a glove, of the paper's design, as it was measured, unless that was too long ago.
 
     Parameters
     ----------
@@ -23,8 +21,6 @@ def read_glove(
         Of its calibration.
     most_days : float, days
         As of `check_age`.
-    design : Glove
-        As it was designed; the paper's where not given.
 
     Raises
     ------
@@ -34,7 +30,7 @@ def read_glove(
     calibration = read_calibration(path)
     try:
         check_age(calibration, most_days=most_days)
-        return CalibratedGlove(design or Glove(), calibration)
+        return CalibratedGlove(Glove(), calibration)
     except DecaffError as unfit:
         raise DecaffError(f"{os.fsdecode(path)}: {unfit}") from unfit
 

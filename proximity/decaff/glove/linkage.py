@@ -128,11 +128,6 @@ class Linkage:
     def check(self, finger: Finger) -> None:
         """Refuse a linkage that does not follow the finger over its whole bend.
 
-        Parameters
-        ----------
-        finger : Finger
-            That is to wear it.
-
         Raises
         ------
         DecaffError

@@ -59,15 +59,7 @@ class Cable:
         return (self.replica_pulley * np.asarray(replica_turn, np.float64) + lost) / self.hand_pulley
 
     def follow(self, travel: float, before: float) -> float:
-        """Return where the cable's far end goes, m, as its near end goes to *travel*, with backlash.
-
-        Parameters
-        ----------
-        travel : m
-            Of the near end, since the flat hand.
-        before : m
-            Of the far end, until now.
-        """
+        """Return where the cable's far end goes, m, as its near end goes to *travel*, with backlash."""
         return min(max(before, travel - self.backlash), travel)
 
 

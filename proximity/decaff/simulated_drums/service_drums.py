@@ -22,7 +22,7 @@ from proximity.decaff.controller.controller_states import (
 )
 from proximity.decaff.controller.drum_limits import Limits
 from proximity.decaff.drum.drum_command import DriveMode
-from proximity.decaff.drum.drum_model import GEAR4, Drum
+from proximity.decaff.drum.drum_model import GEAR4
 from proximity.decaff.glove.calibrated_glove import CalibratedGlove
 from proximity.decaff.glove.default_bend import with_bend
 from proximity.decaff.glove.finger_path import FingerPath
@@ -94,13 +94,7 @@ class FingerBench:
             self.controller.reset()
 
     def switch_off(self, why: str) -> None:
-        """Leave the motor without power, whatever the controller wanted last; nothing is computed.
-
-        Parameters
-        ----------
-        why : str
-            For whoever asks the controller for its fault.
-        """
+        """Leave the motor without power, whatever the controller wanted last; nothing is computed."""
         self.controller.fault = why
         self.faults += 1
         if self.action is not None:
@@ -129,8 +123,6 @@ class DrumBench:
         At which `step` is called.
     gloves : sequence of Glove or CalibratedGlove
         One for all fingers, or one each; the paper's where not given.
-    drum : Drum
-        Of every finger.
     limits : Limits
         Of every controller.
 
@@ -146,10 +138,9 @@ class DrumBench:
         self,
         rate: float,
         gloves: Sequence[Glove | CalibratedGlove] | None = None,
-        drum: Drum = GEAR4,
         limits: Limits | None = None,
     ) -> None:
-        self._rate, self._drum, self._limits = rate, drum, limits
+        self._rate, self._limits = rate, limits
         self._paths = [FingerPath(glove) for glove in gloves or [Glove()]]
         self._sample_ns: int | None = None
         self._announced: set[str] = set()  # matters
@@ -175,13 +166,7 @@ class DrumBench:
             finger.step(reading, sample_ns, elapsed, contact, frame)
 
     def switch_off(self, why: str) -> None:
-        """Leave all motors without power, where nobody steps their controllers any more.
-
-        Parameters
-        ----------
-        why : str
-            The fault that they have.
-        """
+        """Leave all motors without power, where nobody steps their controllers any more."""
         for finger in self.fingers:
             finger.switch_off(why)
 
@@ -218,5 +203,5 @@ class DrumBench:
         return reported
 
     def _finger(self, path: FingerPath) -> FingerBench:
-        controller = FingerController(path, self._rate, self._drum, self._limits)
-        return FingerBench(path, controller, DrumPlant(path, self._drum))
+        controller = FingerController(path, self._rate, GEAR4, self._limits)
+        return FingerBench(path, controller, DrumPlant(path, GEAR4))

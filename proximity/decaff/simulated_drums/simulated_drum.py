@@ -25,20 +25,18 @@ class DrumPlant:
         Of the finger.
     drum : Drum
         What is driven.
-    rate : float, Hz
-        Of its servo.
     """
 
     drum: Drum
     force: float  # N, on the finger
     link: float  # m, of the replica's link: where the finger is, or where the drum stops it
 
-    def __init__(self, path: FingerPath, drum: Drum = GEAR4, rate: float = SERVO_RATE) -> None:
-        servo = servo_for(drum, rate)
+    def __init__(self, path: FingerPath, drum: Drum = GEAR4) -> None:
+        servo = servo_for(drum, SERVO_RATE)
         self._path, self._period = path, servo.period
         self.drum = drum
         self._drum, self._servo = drum.as_array(), servo.as_array()
-        self._steps = steps_a_sample(rate)
+        self._steps = steps_a_sample(SERVO_RATE)
         self._stiffness = PAD_STIFFNESS
         self._drive = np.zeros(drum_kernels.DRIVE_SIZE)
         self._command = np.zeros(drum_kernels.COMMAND_SIZE)

@@ -57,13 +57,6 @@ class Document:
 def entries(holder: dict[str, Any], key: str) -> list[Any]:
     """Return a list of the header; it is empty where there is none.
 
-    Parameters
-    ----------
-    holder : dict
-        The header, or a part of it.
-    key : str
-        Name of the list.
-
     Raises
     ------
     MeshFormatError
@@ -77,13 +70,6 @@ def entries(holder: dict[str, Any], key: str) -> list[Any]:
 
 def integer(value: Any, what: str) -> int:
     """Return a whole number that is not negative.
-
-    Parameters
-    ----------
-    value : object
-        Out of JSON.
-    what : str
-        For the message.
 
     Raises
     ------
@@ -132,11 +118,6 @@ def _shown(value: Any) -> str:
 def split_glb(data: bytes) -> tuple[bytes, bytes | None, list[str]]:
     """Return the JSON and the binary chunk of a GLB file, and notes.
 
-    Parameters
-    ----------
-    data : bytes
-        The whole file.
-
     Raises
     ------
     MeshFormatError
@@ -171,15 +152,6 @@ def split_glb(data: bytes) -> tuple[bytes, bytes | None, list[str]]:
 
 def parse_document(header: bytes, path: str, binary: bytes | None) -> Document:
     """Return the parsed header with all buffers, checked.
-
-    Parameters
-    ----------
-    header : bytes
-        JSON, UTF-8.
-    path : str
-        The file, for buffers that lie beside it.
-    binary : bytes or None
-        Chunk of a GLB file.
 
     Raises
     ------

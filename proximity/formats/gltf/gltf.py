@@ -36,11 +36,6 @@ refused where they stand, and normals that are do no harm."""
 def read_glb(source: Source) -> RawFile:
     """Read a binary glTF file.
 
-    Parameters
-    ----------
-    source : Source
-        The file.
-
     Raises
     ------
     MeshFormatError
@@ -52,11 +47,6 @@ def read_glb(source: Source) -> RawFile:
 
 def read_gltf(source: Source) -> RawFile:
     """Read a glTF file and the buffers beside it.
-
-    Parameters
-    ----------
-    source : Source
-        The file.
 
     Raises
     ------
@@ -75,23 +65,7 @@ def read_document(
     *,
     named_after_meshes: bool = False,
 ) -> RawFile:
-    """Read the geometry of a glTF document.
-
-    Parameters
-    ----------
-    header : bytes
-        JSON.
-    path : str
-        Where the file lies, for buffers beside it.
-    binary : bytes or None
-        The chunk of a GLB file.
-    format_name : str
-        For the report.
-    notes : list of str
-        What was noticed already.
-    named_after_meshes : bool
-        Names of meshes come before names of nodes.
-    """
+    """Read the geometry of a glTF document."""
     document = buffers.parse_document(header, path, binary)
     _check_extensions(document)
     nodes = scene_graph.walk(document, named_after_meshes=named_after_meshes)

@@ -14,11 +14,6 @@ _CORNER_LISTS = ("vertex_indices", "vertex_index")
 def read_ply(source: Source) -> RawFile:
     """Read a PLY file, ASCII or binary of either byte order.
 
-    Parameters
-    ----------
-    source : Source
-        The file.
-
     Raises
     ------
     MeshFormatError

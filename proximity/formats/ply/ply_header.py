@@ -50,11 +50,6 @@ class Header:
 def read_header(data: bytes) -> Header:
     """Read the header of a PLY file.
 
-    Parameters
-    ----------
-    data : bytes
-        The whole file.
-
     Raises
     ------
     MeshFormatError

@@ -45,11 +45,6 @@ class _Records:
 def count_bodies(text: str) -> int:
     """Return how many meshes the assemblies of a file must give at least; 0 if that cannot be known.
 
-    Parameters
-    ----------
-    text : str
-        The whole file.
-
     Raises
     ------
     MeshFormatError

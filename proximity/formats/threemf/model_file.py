@@ -69,13 +69,6 @@ class ModelParser:
     def feed(self, data: bytes, *, is_last: bool = False) -> None:
         """Parse the next bytes.
 
-        Parameters
-        ----------
-        data : bytes
-            Of the file.
-        is_last : bool
-            Whether the file ends with them.
-
         Raises
         ------
         MeshFormatError

@@ -30,13 +30,6 @@ _Arrays = tuple[np.ndarray, np.ndarray, np.ndarray]
 def read_3mf(source: Source, unpacked_limit: float = UNPACKED_LIMIT) -> RawFile:
     """Read a 3MF file.
 
-    Parameters
-    ----------
-    source : Source
-        The file.
-    unpacked_limit : bytes
-        What its model files may have together.
-
     Raises
     ------
     MeshFormatError

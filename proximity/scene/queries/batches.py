@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from proximity.checks import is_whole
 from proximity.errors import QueryError
 from proximity.kernels.geometry.morton_order import SORT_FROM, morton_order
 from proximity.model.assembly import Model
@@ -75,12 +76,7 @@ def worker_count(workers: Any, kind: str = "threads") -> int:
     QueryError
         If *workers* is no such number.
     """
-    if (
-        isinstance(workers, bool)
-        or not isinstance(workers, (int, np.integer))
-        or workers == 0
-        or workers < -1
-    ):
+    if not is_whole(workers, -1) or workers == 0:
         raise QueryError(f"workers is {workers!r}, expected a number of {kind}, or -1 for all cores")
     return (os.cpu_count() or 1) if workers == -1 else int(workers)
 

@@ -62,17 +62,6 @@ class CompiledScene:
 def write_scene(path: Any, model: Model, parts: Iterable[Any], report: Any) -> None:
     """Write what a scene consists of.
 
-    Parameters
-    ----------
-    path : path
-        The file.
-    model : Model
-        Up to date.
-    parts : iterable of Part
-        In the order of the model's.
-    report : LoadReport or None
-        Where the scene came from.
-
     Raises
     ------
     SceneError
@@ -112,11 +101,6 @@ def write_scene(path: Any, model: Model, parts: Iterable[Any], report: Any) -> N
 
 def read_scene(path: Any) -> CompiledScene:
     """Return what `write_scene` wrote; the arrays are mapped, and trees are not made anew.
-
-    Parameters
-    ----------
-    path : path
-        The file.
 
     Raises
     ------

@@ -61,26 +61,14 @@ def numbers_below(limit: int, value: Any, what: str, count: int | None = None) -
 
 
 def names_of(value: Any) -> tuple[str, ...]:
-    """Return the names of parts, which must differ.
-
-    Parameters
-    ----------
-    value : object
-        What JSON held.
-    """
+    """Return the names of parts, which must differ."""
     names = list_of(str, value, "names")
     expect(len(set(names)) == len(names), "two parts have one name")
     return tuple(names)
 
 
 def repairs_of(value: Any) -> Repairs:
-    """Return repairs of a dictionary of counts.
-
-    Parameters
-    ----------
-    value : object
-        What JSON held.
-    """
+    """Return repairs of a dictionary of counts."""
     expect(type(value) is dict and tuple(value) == _REPAIRS, f"repairs are {_shown(value)}")
     for entry in value.values():
         expect(type(entry) in (bool, int, float) and 0 <= entry < np.inf, f"repairs are {_shown(value)}")
@@ -113,15 +101,7 @@ def velocities_of(value: Any, what: str, count: int) -> np.ndarray:
 def surfaces_of(
     stiffness: Any, damping: Any, names: tuple[str, ...]
 ) -> tuple[list[float | None], list[float]]:
-    """Return stiffness and damping of all parts.
-
-    Parameters
-    ----------
-    stiffness, damping : object
-        What JSON held.
-    names : tuple of str
-        Of the parts.
-    """
+    """Return stiffness and damping of all parts."""
     expect(type(stiffness) is list and len(stiffness) == len(names), "stiffness is not a list, one a part")
     expect(all(one is None or type(one) is float for one in stiffness), "stiffness is no number of some part")
     dampings = list_of(float, damping, "damping", len(names))
@@ -133,13 +113,7 @@ def surfaces_of(
 
 
 def report_of(value: Any) -> dict[str, Any] | None:
-    """Return the fields of a report, or None.
-
-    Parameters
-    ----------
-    value : object
-        What JSON held.
-    """
+    """Return the fields of a report, or None."""
     if value is None:
         return None
     expect(type(value) is dict and value.keys() == _REPORT.keys(), f"the report is {_shown(value)}")

@@ -72,13 +72,6 @@ def check_parts(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Check all but the scene's row; return, of each node, the first and the number of blocks below it.
 
-    Parameters
-    ----------
-    reals, words, frames, parts
-        Of a model, as a file holds them.
-    names : tuple of str
-        Of its parts, for messages.
-
     Raises
     ------
     MeshFormatError

@@ -29,11 +29,6 @@ class PartFiles:
     def scene(self, settings: SceneFile) -> Scene:
         """Return the scene of a file.
 
-        Parameters
-        ----------
-        settings : SceneFile
-            Its parts are loaded, named and placed.
-
         Raises
         ------
         ServiceError
@@ -75,11 +70,6 @@ def stamp_of(path: str) -> tuple[int, ...] | None:
 
     Not its date and size alone: of unpacked archives all files may have one date, and of parts with as many
     faces one size.
-
-    Parameters
-    ----------
-    path : str
-        The file.
     """
     try:
         status = os.stat(path)
@@ -90,13 +80,6 @@ def stamp_of(path: str) -> tuple[int, ...] | None:
 
 def finger_count(settings: SceneFile, recording: Recording | None) -> int:
     """Return how many fingers there are: as the file says, as a recording has, or five.
-
-    Parameters
-    ----------
-    settings : SceneFile
-        What was asked for.
-    recording : Recording
-        The input, if it is one.
 
     Raises
     ------
@@ -143,11 +126,6 @@ def make_tracker(settings: SceneFile, scene: Scene, count: int) -> Tracker:
 def read_input(settings: SceneFile) -> Recording | None:
     """Return the recording that is the input, as it was recorded; None where it is another.
 
-    Parameters
-    ----------
-    settings : SceneFile
-        Where it is.
-
     Raises
     ------
     ServiceError
@@ -164,15 +142,6 @@ def read_input(settings: SceneFile) -> Recording | None:
 
 def place_recording(settings: SceneFile, recording: Recording, scene: Scene) -> Recording:
     """Return a recording in the scene's frame: where the file says, or fitted to the parts.
-
-    Parameters
-    ----------
-    settings : SceneFile
-        Its input is a recording.
-    recording : Recording
-        As it was recorded.
-    scene : Scene
-        What it is fitted to.
 
     Raises
     ------

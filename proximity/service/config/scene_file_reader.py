@@ -63,11 +63,6 @@ DAMPING_RANGE = Range("N s/m", 0.0, 1e12)
 def read_scene_file(path: str | os.PathLike[str]) -> SceneFile:
     """Return what a scene file says; ``meshes/demo.toml`` explains every key.
 
-    Parameters
-    ----------
-    path : path
-        The file: TOML in UTF-8.
-
     Raises
     ------
     ServiceError

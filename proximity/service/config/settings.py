@@ -102,13 +102,5 @@ class SceneFile:
     document: Document = field(repr=False, compare=False)
 
     def error(self, path: Path, sentence: str) -> ServiceError:
-        """Return the error that says something of a value, with file and line.
-
-        Parameters
-        ----------
-        path : tuple
-            Of the value: ("parts", 1, "file").
-        sentence : str
-            What is wrong and what was expected.
-        """
+        """Return the error that says something of a value, with file and line."""
         return self.document.error(path, sentence)

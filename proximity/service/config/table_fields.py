@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from proximity.checks import as_number, is_whole
 from proximity.service.config.toml_document import Document, Path, spelled
 
 REQUIRED: Any = object()
@@ -156,18 +157,12 @@ def _as_truth(value: Any) -> bool | None:
 
 
 def _as_number(value: Any, accepted: Range) -> float | None:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return None
-    try:
-        number = float(value)
-    except OverflowError:
-        return None
+    number = as_number(value)
     return number if accepted.holds(number) else None
 
 
 def _as_whole(value: Any, accepted: Range) -> int | None:
-    is_whole = isinstance(value, int) and not isinstance(value, bool)
-    return value if is_whole and _as_number(value, accepted) is not None else None
+    return value if is_whole(value) and _as_number(value, accepted) is not None else None
 
 
 def _as_numbers(value: Any) -> tuple[float, ...] | None:

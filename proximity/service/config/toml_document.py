@@ -54,27 +54,13 @@ class Document:
             raise self._no_toml(str(unfit)) from unfit
 
     def line_of(self, path: Path) -> int:
-        """Return the line, from 1, on which a value begins; of what is not there that of its table.
-
-        Parameters
-        ----------
-        path : tuple
-            Of the value.
-        """
+        """Return the line, from 1, on which a value begins; of what is not there that of its table."""
         while path not in self._lines:
             path = path[:-1]
         return self._lines[path]
 
     def error(self, path: Path, sentence: str) -> ServiceError:
-        """Return the error that says something of a value.
-
-        Parameters
-        ----------
-        path : tuple
-            Of the value.
-        sentence : str
-            What is wrong and what was expected.
-        """
+        """Return the error that says something of a value."""
         return ServiceError(f"{self._prefix(self.line_of(path))}{sentence}")
 
     def complain(self, path: Path, sentence: str) -> None:
@@ -140,11 +126,6 @@ class Document:
 def read_document(path: str | os.PathLike[str]) -> Document:
     """Return what is in a TOML file.
 
-    Parameters
-    ----------
-    path : path
-        The file, in UTF-8.
-
     Raises
     ------
     ServiceError
@@ -169,13 +150,7 @@ def read_document(path: str | os.PathLike[str]) -> Document:
 
 
 def spelled(path: Path) -> str:
-    """Return a path as people write it: ``parts[1].position``.
-
-    Parameters
-    ----------
-    path : tuple
-        Of a value.
-    """
+    """Return a path as people write it: ``parts[1].position``."""
     words = "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in path)
     return words.removeprefix(".")
 

@@ -12,13 +12,7 @@ LOOP_LOGGER = logging.getLogger("proximity.service")
 
 
 def guarded(say: Callable[[str], None]) -> Callable[[str], None]:
-    """Return what says the same, and logs instead of raising what goes wrong.
-
-    Parameters
-    ----------
-    say : callable
-        Is given a sentence.
-    """
+    """Return what says the same, and logs instead of raising what goes wrong."""
 
     def announce(sentence: str) -> None:
         try:

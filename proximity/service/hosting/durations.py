@@ -3,7 +3,7 @@
 import threading
 from typing import Any
 
-from proximity.arrays import is_number
+from proximity.checks import not_negative
 from proximity.errors import ServiceError
 
 
@@ -22,6 +22,5 @@ def checked_seconds(name: str, value: Any) -> float:
     ServiceError
         If it is no such number.
     """
-    if not is_number(value) or not float(value) >= 0.0:
-        raise ServiceError(f"{name} is {value!r}, expected a number of seconds of 0 or more")
-    return min(float(value), threading.TIMEOUT_MAX)
+    seconds = not_negative(name, value, "seconds", may_be_infinite=True, error=ServiceError)
+    return min(seconds, threading.TIMEOUT_MAX)

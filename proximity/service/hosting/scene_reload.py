@@ -73,11 +73,6 @@ class SceneReloader:
 def refuse_what_needs_a_restart(before: SceneFile, after: SceneFile) -> None:
     """Raise if a file says something else of what a running service cannot change.
 
-    Parameters
-    ----------
-    before, after : SceneFile
-        What is served; what it was edited to.
-
     Raises
     ------
     ServiceError

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
+from proximity.checks import whole
 from proximity.errors import ServiceError
 from proximity.service import Report
 from proximity.service.config import SceneFile, override, read_scene_file
@@ -91,8 +92,8 @@ def serve(
     Thread: the calling thread ticks. Others of this process that hold the interpreter lock delay it:
     `start_service` has a process of its own.
     """
-    if tick_count is not None and not (isinstance(tick_count, int) and tick_count >= 0):
-        raise ServiceError(f"tick_count is {tick_count!r}, expected a whole number of 0 or more")
+    if tick_count is not None:
+        whole("tick_count", tick_count, 0, error=ServiceError)
     seconds = None if seconds is None else checked_seconds("seconds", seconds)
     settings = override(read_scene_file(path), overrides)
     made = make_service(settings)

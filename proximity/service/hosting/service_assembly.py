@@ -47,11 +47,6 @@ class Made:
 def make_service(settings: SceneFile) -> Made:
     """Open and load all that a scene file asks for.
 
-    Parameters
-    ----------
-    settings : SceneFile
-        What is asked for.
-
     Raises
     ------
     ServiceError

@@ -1,7 +1,5 @@
 """Distances of fingers that a sensor measured, received as messages."""
 
-import time
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -61,8 +59,6 @@ class SensorInput:
         As of `open_subscriber`.
     count : int
         Of fingers.
-    clock : callable
-        Gives now, ns, monotonic.
 
     Raises
     ------
@@ -72,8 +68,8 @@ class SensorInput:
 
     is_over = False
 
-    def __init__(self, address: str, count: int, *, clock: Callable[[], int] = time.monotonic_ns) -> None:
-        self._reception = Reception(address, [MEASURED], clock)
+    def __init__(self, address: str, count: int) -> None:
+        self._reception = Reception(address, [MEASURED])
         self._count = count
         self._measured = Measurements(count)
 

@@ -11,7 +11,6 @@ import numpy as np
 
 from proximity.decaff.arguments import not_negative
 from proximity.errors import DecaffError
-from proximity.service.histogram import Histogram
 from proximity.system.time_units import NS_PER_S
 from proximity.transport.link import NOTHING
 
@@ -83,27 +82,6 @@ class DelayedLink:
         if not self._drawn:
             self._drawn = self._rng.choice(self._latencies_ns, DRAWS).tolist()
         return self._drawn.pop()
-
-
-def latencies_of(histogram: Histogram, count: int = 1000) -> tuple[float, ...]:
-    """Return a sample of what a histogram holds, s: so many values, each as often as it was measured.
-
-    Parameters
-    ----------
-    histogram : Histogram
-        As a service's report has it.
-    count : int
-        How many.
-
-    Raises
-    ------
-    DecaffError
-        If it is empty.
-    """
-    if not histogram.count:
-        raise DecaffError("the histogram of latencies is empty, expected one that has measured something")
-    shares = (np.arange(count) + 0.5) * (100.0 / count)
-    return tuple(histogram.percentile(float(share)) / NS_PER_S for share in shares)
 
 
 def _latencies_ns(latency: Latency) -> list[int]:

@@ -119,13 +119,7 @@ class Engine:
         return self._frames.counts
 
     def command(self, distance_sample: DistanceSample) -> DrumCommand:
-        """Make the frames that are due, take what has arrived, and have the drum informed.
-
-        Parameters
-        ----------
-        distance_sample : DistanceSample
-            Of this sample of the servo.
-        """
+        """Make the frames that are due, take what has arrived, and have the drum informed."""
         while self._begin + self._ticks * self._period <= distance_sample.now + 1e-9:
             self._tick(self._begin + self._ticks * self._period)
             self._ticks += 1

@@ -49,13 +49,7 @@ class ForceError:
 
     @classmethod
     def of(cls, press: EnginePress) -> "ForceError":
-        """Compare.
-
-        Parameters
-        ----------
-        press : EnginePress
-            Of any hand.
-        """
+        """Compare."""
         response, real = press.response, press.real
         off = response.force[response.zero :] - real.force[response.zero :]
         before_release = response.times < response.press.release_time

@@ -5,9 +5,10 @@ two.
 """
 
 import math
+from abc import ABC, abstractmethod
 from collections import Counter
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Any
 
 from proximity.decaff.controller.controller import FingerController
 from proximity.decaff.controller.controller_states import FrameMark, Observation, Trust, commanded
@@ -21,16 +22,15 @@ from proximity.system.time_units import S_PER_NS
 ADVANCE = 1e-9  # m: a target that comes nearer by less than that stays
 
 
-class Reader(Protocol):
+class Reader(ABC):
     """A reader of frames that moves the drum."""
 
-    states: Counter[str]
-    """Samples of the servo, by state."""
-    switched_at: float
-    """s, when a force was served first; nan: never."""
-    advances: int
-    """Samples at which the drum was sent nearer although nothing fresh was known."""
+    def __init__(self) -> None:
+        self.states: Counter[str] = Counter()  # samples of the servo, by state
+        self.switched_at = math.nan  # s, when a force was served first; nan: never
+        self.advances = 0  # samples at which the drum was sent nearer although nothing fresh was known
 
+    @abstractmethod
     def command(
         self,
         distance_sample: DistanceSample,
@@ -39,10 +39,24 @@ class Reader(Protocol):
         contact: Any,
         frame: FrameMark | None,
     ) -> DrumCommand:
-        """Return what the drum shall do until the next sample."""
+        """Return what the drum shall do until the next sample.
+
+        Parameters
+        ----------
+        distance_sample : DistanceSample
+            What potentiometer, encoder and force sensor tell.
+        now_ns : int, ns
+            The instant, on the clock of frames.
+        state : State
+            Of the newest frame, as it is now.
+        contact : CONTACT or None
+            What it says of the finger.
+        frame : FrameMark or None
+            Which frame that is.
+        """
 
 
-class ControllerReader:
+class ControllerReader(Reader):
     """The drum's controller.
 
     Parameters
@@ -56,10 +70,8 @@ class ControllerReader:
     """
 
     def __init__(self, controller: FingerController, path: FingerPath, wall: float) -> None:
+        super().__init__()
         self.controller, self._path, self._wall = controller, path, wall
-        self.states: Counter[str] = Counter()
-        self.switched_at = math.nan
-        self.advances = 0
         self._target = path.retracted
 
     def command(
@@ -70,21 +82,7 @@ class ControllerReader:
         contact: Any,
         frame: FrameMark | None,
     ) -> DrumCommand:
-        """Return what the controller wants.
-
-        Parameters
-        ----------
-        distance_sample : DistanceSample
-            Of this sample: what potentiometer, encoder and force sensor tell.
-        now_ns : int, ns
-            The instant, on the clock of frames.
-        state : State
-            Of the newest frame, as it is now.
-        contact : CONTACT or None
-            What it says of the finger.
-        frame : FrameMark or None
-            Which frame that is.
-        """
+        """Return what the controller wants."""
         path, wall = self._path, self._wall
         bend, angle = path.bend(wall + distance_sample.link), path.drum_angle(wall + distance_sample.drum)
         action = self.controller.step(
@@ -103,7 +101,7 @@ class ControllerReader:
         return commanded(action, target)
 
 
-class PolicyReader:
+class PolicyReader(Reader):
     """One of the plain readings of a distance, with the engine's distances along the way.
 
     Parameters
@@ -117,10 +115,8 @@ class PolicyReader:
     """
 
     def __init__(self, policy: TargetPolicy, path: FingerPath, wall: float) -> None:
+        super().__init__()
         self._policy, self._path, self._wall = policy, path, wall
-        self.states: Counter[str] = Counter()
-        self.switched_at = math.nan
-        self.advances = 0
         self._last = (0, 0.0)  # ns, m: of the frame before
         self._speed = 0.0
         self._message: Message | None = None
@@ -133,21 +129,7 @@ class PolicyReader:
         contact: Any,
         frame: FrameMark | None,
     ) -> DrumCommand:
-        """Return where the drum shall go.
-
-        Parameters
-        ----------
-        distance_sample : DistanceSample
-            Of this sample.
-        now_ns : int, ns
-            The instant, on the clock of frames.
-        state : State
-            Of the newest frame; this reader does not care.
-        contact : CONTACT or None
-            What it says of the finger.
-        frame : FrameMark or None
-            Which frame that is.
-        """
+        """Return where the drum shall go."""
         if contact is not None:
             self._take(contact)
         self.states["plain"] += 1

@@ -153,15 +153,6 @@ def placed(scene: Scene, glove: Glove, world_from_hand: Pose, touch: float | Non
 def first_touch(scene: Scene, finger: Finger, world_from_hand: Pose) -> float:
     """Return the bend at which the pad touches first; nan if not before the fist, or from the beginning.
 
-    Parameters
-    ----------
-    scene : Scene
-        With parts.
-    finger : Finger
-        That bends from the flat hand on.
-    world_from_hand : Pose
-        Of its knuckle and its plane.
-
     Notes
     -----
     Cost: an exact distance a step. No step is longer than the distance, so that nothing is passed by.

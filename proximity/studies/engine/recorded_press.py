@@ -138,26 +138,15 @@ def recorded_press(scene: Scene, recording: Recording, radius: float, start_dist
     )
 
 
-def recorded_hand(
-    scene: Scene, recording: Recording, glove: Glove | None = None
-) -> tuple[PlacedFinger, RecordedPress]:
+def recorded_hand(scene: Scene, recording: Recording) -> tuple[PlacedFinger, RecordedPress]:
     """Return the finger of a recorded hand that touches first, before it touches, and its motion.
-
-    Parameters
-    ----------
-    scene : Scene
-        With parts.
-    recording : Recording
-        In the scene's frame.
-    glove : Glove
-        Of the finger; the default one where not given.
 
     Raises
     ------
     DecaffError
         As of `recorded_press` and `place_finger`.
     """
-    glove = glove or Glove()
+    glove = Glove()
     press = recorded_press(scene, recording, glove.finger.pad_radius, math.inf)
     finger = place_finger(scene, press.outside.tolist(), glove=glove)
     return finger, recorded_press(scene, recording, glove.finger.pad_radius, finger.contact_position)

@@ -28,13 +28,7 @@ STROKES = {
 
 
 def numbers(simulation: Simulation) -> Table:
-    """Return a press every 0.1 ms, and the same on a real wall.
-
-    Parameters
-    ----------
-    simulation : Simulation
-        The press.
-    """
+    """Return a press every 0.1 ms, and the same on a real wall."""
     return curves(simulation.response, simulation.real, has_drum=simulation.setup.wall == Wall.DECAFF)
 
 

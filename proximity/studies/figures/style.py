@@ -115,13 +115,7 @@ def check_format(form: str) -> None:
 
 
 def line(stroke: Stroke) -> Stroke:
-    """Return a stroke without its marks, for curves of many points.
-
-    Parameters
-    ----------
-    stroke : dict
-        One of the strokes here.
-    """
+    """Return a stroke without its marks, for curves of many points."""
     return {name: value for name, value in stroke.items() if not name.startswith("marker")}
 
 
@@ -165,44 +159,20 @@ def render(
 
 
 def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
-    """Write a file, at once and wholly; one that is there is replaced.
-
-    Parameters
-    ----------
-    path : path
-        The file.
-    content : bytes
-        What it is to hold.
-    """
+    """Write a file, at once and wholly; one that is there is replaced."""
     with whole_file(path) as stream:
         stream.write(content)
 
 
 def write_table(path: str | os.PathLike[str], table: Table) -> None:
-    """Write a table as CSV, at once and wholly; a file that is there is replaced.
-
-    Parameters
-    ----------
-    path : path
-        The file.
-    table : Table
-        What it is to hold.
-    """
+    """Write a table as CSV, at once and wholly; a file that is there is replaced."""
     text = io.StringIO()
     table.write_csv(text)
     write_bytes(Path(path), text.getvalue().encode())
 
 
 def letter_panels(panels: "Iterable[Axes]", captions: Iterable[str]) -> None:
-    """Put (a), (b) and so on, and what they show, above panels.
-
-    Parameters
-    ----------
-    panels : axes
-        Of one figure, in reading order.
-    captions : str
-        A few words each.
-    """
+    """Put (a), (b) and so on, and what they show, above panels."""
     for letter, panel, caption in zip("abcdefgh", panels, captions, strict=False):
         panel.set_title(f"({letter}) {caption}", loc="left")
 

@@ -52,24 +52,12 @@ class Table:
         return self.columns[name]
 
     def where(self, **values: float | str) -> "Table":
-        """Return the rows in which some columns have some values.
-
-        Parameters
-        ----------
-        **values : number or str
-            What a column must be equal to.
-        """
+        """Return the rows in which some columns have some values."""
         is_meant = np.logical_and.reduce([self.columns[name] == value for name, value in values.items()])
         return Table({name: column[is_meant] for name, column in self.columns.items()})
 
     def write_csv(self, stream: TextIO) -> None:
-        """Write a line of names and a line a row; reading a number gives the same number.
-
-        Parameters
-        ----------
-        stream : text file
-            Where to write.
-        """
+        """Write a line of names and a line a row; reading a number gives the same number."""
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(self.columns)
         writer.writerows(zip(*(column.tolist() for column in self.columns.values()), strict=True))

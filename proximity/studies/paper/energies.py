@@ -125,15 +125,7 @@ class Balance:
 
 
 def balance(press: Press, finger: SpringDamper) -> Balance:
-    """Return where the energy of a press goes, each term integrated on its own.
-
-    Parameters
-    ----------
-    press : Press
-        Until it rests.
-    finger : SpringDamper
-        With its mass.
-    """
+    """Return where the energy of a press goes, each term integrated on its own."""
     nodes, weights = leggauss(QUADRATURE_POINTS)
     motion = press.at(press.touch_time + 0.5 * press.rise_time * (1.0 + nodes))
     weights = 0.5 * press.rise_time * weights

@@ -17,6 +17,7 @@ from proximity.studies.paper.walls import Convention, RealWall, TraditionalWall
 
 PRESS = Press()
 DELAY = 0.040  # s, the paper's 25 Hz
+END = 0.520  # s, of the curves
 PENETRATION = PRESS.speed * DELAY  # m; more than a finger that slows down goes in that time
 SOFT = in_series(FINGER, SpringDamper(stiffness=200.0, damping=np.inf))  # 5g: 100 N/m
 LIGHTLY_DAMPED = in_series(FINGER, SpringDamper(stiffness=np.inf, damping=1.2))  # 5h: 1 N·s/m
@@ -32,17 +33,15 @@ SIMULATED = {
 }
 
 
-def sample_times(step: float = 1e-5, end: float = 0.520) -> np.ndarray:
-    """Return evenly spaced instants from 0 on, (T,), s.
+def sample_times(step: float = 1e-5) -> np.ndarray:
+    """Return evenly spaced instants from 0 to `END`, (T,), s.
 
     Parameters
     ----------
     step : float, s
         Between two.
-    end : float, s
-        The last, if *step* divides it.
     """
-    return np.arange(round(end / step) + 1) * step
+    return np.arange(round(END / step) + 1) * step
 
 
 def real_wall(times: np.ndarray, press: Press = PRESS, convention: str = Convention.NEWTON) -> np.ndarray:
@@ -85,37 +84,25 @@ def simulated_wall(
     return wall.force(times, press, convention)
 
 
-def penetration_error(
-    times: np.ndarray, press: Press = PRESS, convention: str = Convention.NEWTON
-) -> np.ndarray:
-    """Return FIG 5e: by how much 5b is above 5a. It is the same wall as 5b.
-
-    Parameters
-    ----------
-    times, press, convention
-        As of `real_wall`.
-    """
-    return simulated_wall("5b", times, press, convention) - real_wall(times, press, convention)
+def penetration_error(times: np.ndarray) -> np.ndarray:
+    """Return FIG 5e, at *times*, s: by how much 5b is above 5a. It is the same wall as 5b."""
+    return simulated_wall("5b", times) - real_wall(times)
 
 
-def operator_reacts(
-    times: np.ndarray, press: Press = PRESS, *, gain: float | None = None, step: float = DELAY
-) -> np.ndarray:
+def operator_reacts(times: np.ndarray, *, gain: float | None = None, step: float = DELAY) -> np.ndarray:
     """Return FIG 5f: the operator draws back from the force felt one step ago; held in between.
 
     Parameters
     ----------
     times : (T,) float64, s
         When.
-    press : Press
-        What the operator means to do.
     gain : float, m/N
         How far he draws back; 1.5 times what is stable where not given.
     step : float, s
         How late he reacts; assumed to be the delay.
     """
     gain = GAIN_SHARE * critical_gain(FINGER, step) if gain is None else gain
-    reaction = react(press, FINGER, gain, step, end=float(np.max(times, initial=0.0)) + step)
+    reaction = react(PRESS, FINGER, gain, step, end=float(np.max(times, initial=0.0)) + step)
     felt = np.searchsorted(reaction.times, np.asarray(times), side="right") - 1
     return np.where(felt >= 0, reaction.force[np.maximum(felt, 0)], 0.0)
 

@@ -49,11 +49,6 @@ def in_series(first: SpringDamper, second: SpringDamper) -> SpringDamper:
 
     It is exact only where damping over stiffness is the same in both: the stiffness is right when slow, the
     damping when fast. See `series_stiffness`.
-
-    Parameters
-    ----------
-    first, second : SpringDamper
-        The finger and the wall.
     """
     return SpringDamper(
         _harmonic(first.stiffness, second.stiffness), _harmonic(first.damping, second.damping), first.mass

@@ -63,8 +63,8 @@ def look_ahead(speed: float, sensing: Sensing, arrival: float) -> float:
     return positive("speed", speed, "metres a second") * (age + positive("arrival", arrival, "seconds"))
 
 
-def needed_look_ahead(hand: Hand, glove: Decaff, speed: float, *, grid: float = GRID) -> float:
-    """Return the least reach with which a drum is in place at the touch, m, of whole steps; by bisection.
+def needed_look_ahead(hand: Hand, glove: Decaff, speed: float) -> float:
+    """Return the least reach with which a drum is in place at the touch, m, in steps of `GRID`.
 
     Parameters
     ----------
@@ -74,8 +74,6 @@ def needed_look_ahead(hand: Hand, glove: Decaff, speed: float, *, grid: float = 
         With what; its reach does not matter.
     speed : float, m/s
         Of the finger.
-    grid : float, m
-        The steps.
 
     Raises
     ------
@@ -85,10 +83,10 @@ def needed_look_ahead(hand: Hand, glove: Decaff, speed: float, *, grid: float = 
     press = hand.press(speed, hold=SHORT_HOLD)
 
     def is_in_place(count: int) -> bool:
-        sensing = replace(glove.sensing, reach=count * grid)
+        sensing = replace(glove.sensing, reach=count * GRID)
         return abs(drum_lag(decaff(hand, press, replace(glove, sensing=sensing)))) <= ARRIVED_WITHIN
 
-    late, early = 0, round(FARTHEST / positive("grid", grid, "metres"))
+    late, early = 0, round(FARTHEST / GRID)
     if not is_in_place(early):
         raise DecaffError(f"the drum is late at {speed:g} m/s, even when known from {FARTHEST:g} m away")
     while early - late > 1:
@@ -96,7 +94,7 @@ def needed_look_ahead(hand: Hand, glove: Decaff, speed: float, *, grid: float = 
         late, early = (late, middle) if is_in_place(middle) else (middle, early)
     # A drum that swings past its position is there for a moment on its path: it must be there from then on.
     later = [count for count in range(early + 1, early + 1 + SWING) if not is_in_place(count)]
-    return (max(later, default=late) + 1) * grid
+    return (max(later, default=late) + 1) * GRID
 
 
 def age_on_curve(error: float, curvature: float, speed: float) -> float:

@@ -54,7 +54,6 @@ def soft_wall(
     damping: float,
     *,
     like: Response | None = None,
-    step: float = SIMULATION_STEP,
 ) -> Response:
     """Return a press on a surface that gives way as a spring with a damper, without mass.
 
@@ -68,8 +67,6 @@ def soft_wall(
         Of the surface.
     like : Response
         Whose instants to use; its own where not given.
-    step : float, s
-        Of those.
 
     Raises
     ------
@@ -79,7 +76,9 @@ def soft_wall(
     numbers = np.zeros(press_kernels.WALL_SIZE)
     numbers[press_kernels.WALL_STIFFNESS] = positive("stiffness", stiffness, "newtons a metre")
     numbers[press_kernels.WALL_DAMPING] = not_negative("damping", damping, "newton seconds a metre")
-    response = _empty(hand, press, step, LEAD) if like is None else _same_instants(hand, press, like)
+    response = (
+        _empty(hand, press, SIMULATION_STEP, LEAD) if like is None else _same_instants(hand, press, like)
+    )
     body = _body(hand, Link())
     press_kernels.press_soft_wall(
         body, press.as_array(), numbers, response.zero, response.step, response.record
@@ -119,22 +118,18 @@ def penalty_wall(
     return response
 
 
-def ideal_drum(
-    hand: Hand, press: Intent, *, link: Link | None = None, step: float = SIMULATION_STEP
-) -> Response:
+def ideal_drum(hand: Hand, press: Intent, *, step: float = SIMULATION_STEP) -> Response:
     """Return a press on a drum that stands at the wall and does not move: what a link alone costs.
 
     Parameters
     ----------
     hand, press : Hand, Press
         Who presses, and what is meant.
-    link : Link
-        What meets the drum; the glove's own where not given.
     step : float, s
         Of the simulation.
     """
     response = _empty(hand, press, step, LEAD)
-    body = _body(hand, link or Link())
+    body = _body(hand, Link())
     loop_kernels.run_stop(body, press.as_array(), 0.0, response.zero, response.step, response.record)
     return response
 
@@ -259,11 +254,6 @@ class DecaffLoop:
     def tick(self, command: DrumCommand) -> None:
         """Serve a command for one sample, and move everything by it.
 
-        Parameters
-        ----------
-        command : DrumCommand
-            What the drum shall do.
-
         Raises
         ------
         DecaffError
@@ -289,11 +279,6 @@ class DecaffLoop:
 
     def run(self, target: Target) -> None:
         """Go through the whole press with one of the four readings, in compiled code.
-
-        Parameters
-        ----------
-        target : Target
-            The reading.
 
         Raises
         ------

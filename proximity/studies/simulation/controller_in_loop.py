@@ -28,31 +28,21 @@ class ControllerInLoop:
         Of the same rate as the loop's servo.
     path : FingerPath
         Of the controller.
-    holding : Holding
-        Of the loop's glove.
     """
 
     action: DrumAction | None  # of the last sample
 
-    def __init__(
-        self, controller: FingerController, path: FingerPath, holding: Holding | None = None
-    ) -> None:
+    def __init__(self, controller: FingerController, path: FingerPath) -> None:
         self.controller, self._path, self.action = controller, path, None
         self._frame: FrameMark | None = None
-        self._wall = path.retracted - (holding or Holding()).retracted
+        self._wall = path.retracted - Holding().retracted
         self._contact = np.zeros(1, CONTACT)[0]
         self._contact["flags"] = ContactFlag.TRACKED | ContactFlag.EXACT | ContactFlag.SIGNED
         self._contact["normal"] = math.nan
         self._contact["mode"], self._contact["surface"] = Mode.POSITION, Surface.RIGID
 
     def command(self, distance_sample: DistanceSample) -> DrumCommand:
-        """Return what the drum shall do.
-
-        Parameters
-        ----------
-        distance_sample : DistanceSample
-            Of this sample.
-        """
+        """Return what the drum shall do."""
         if distance_sample.message is not None:
             self._write(distance_sample.message)
         path, now_ns = self._path, START_NS + round(1e9 * distance_sample.now)

@@ -58,13 +58,7 @@ class ForceAfterContact:
         self.switched_at = math.nan
 
     def command(self, distance_sample: DistanceSample) -> DrumCommand:
-        """Return where the drum shall go, or with what force it shall press.
-
-        Parameters
-        ----------
-        distance_sample : DistanceSample
-            Of this sample.
-        """
+        """Return where the drum shall go, or with what force it shall press."""
         command = self._before_contact.command(distance_sample)
         slave = self._slave(distance_sample.now)
         is_steady = self._steady.take(distance_sample.force, distance_sample.finger_speed)
@@ -85,7 +79,7 @@ class ForceAfterContact:
         return distance > self._handover.lost_distance or self._lost_for >= self._handover.lost_time
 
 
-def bump(response: Response, at: float, time: float = BUMP_TIME) -> float:
+def bump(response: Response, at: float) -> float:
     """Return by how much the force on the finger departs from what it was at a change of mode, at most, N.
 
     Parameters
@@ -94,9 +88,7 @@ def bump(response: Response, at: float, time: float = BUMP_TIME) -> float:
         The press.
     at : float, s
         Of the change.
-    time : float, s
-        How long to look.
     """
     row = response.zero + round(at / response.step)
-    after = response.force[row : row + round(time / response.step)]
+    after = response.force[row : row + round(BUMP_TIME / response.step)]
     return float(np.abs(after - response.force[row]).max())

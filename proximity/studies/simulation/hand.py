@@ -56,15 +56,13 @@ class Hand:
         wall = positive("wall_stiffness", wall_stiffness, "newtons a metre", may_be_infinite=True)
         return not_negative("depth", depth, "metres") / (1.0 / self.series_stiffness + 1.0 / wall)
 
-    def press(self, speed: float, *, force: float = STEADY_FORCE, hold: float = HOLD_TIME) -> Press:
-        """Return the intent that comes at some speed and holds a force against a rigid wall.
+    def press(self, speed: float, *, hold: float = HOLD_TIME) -> Press:
+        """Return the intent that comes at some speed and holds `STEADY_FORCE` against a rigid wall.
 
         Parameters
         ----------
         speed : float, m/s
             Before the touch, and when it is over.
-        force : float, N
-            At rest, on a wall that does not give way.
         hold : float, s
             How long the intent stays at its depth.
 
@@ -73,6 +71,6 @@ class Hand:
         DecaffError
             If a number is not positive.
         """
-        depth = positive("force", force, "newtons") / self.series_stiffness
+        depth = STEADY_FORCE / self.series_stiffness
         rise = 2.0 * depth / positive("speed", speed, "metres a second")
         return Press(speed, depth, touch_time=0.0, release_time=rise + positive("hold", hold, "seconds"))

@@ -56,13 +56,7 @@ def deviation(response: Response, reference: Response | None = None) -> Deviatio
 
 
 def force_error(response: Response, reference: Response) -> float:
-    """Return the rms of the difference of two forces over the rms of the second, from contact on.
-
-    Parameters
-    ----------
-    response, reference : Response
-        At the same instants.
-    """
+    """Return the rms of the difference of two forces over the rms of the second, from contact on."""
     force, real = response.force[response.zero :], reference.force[reference.zero :]
     # Not by the norm of linalg, whose threads wait for each other.
     return math.sqrt(float(np.square(force - real).sum() / np.square(real).sum()))
@@ -83,25 +77,13 @@ def onset(response: Response, threshold: float = ONSET_FORCE) -> float:
 
 
 def rest(response: Response) -> np.ndarray:
-    """Return which instants count as rest, (N,) bool: the end of the hold.
-
-    Parameters
-    ----------
-    response : Response
-        The press.
-    """
+    """Return which instants count as rest, (N,) bool: the end of the hold."""
     end = response.press.release_time - REST_END
     return (response.times >= end - REST_TIME) & (response.times < end)
 
 
 def work(response: Response) -> float:
-    """Return the work that the finger does on pad and wall until the release, J.
-
-    Parameters
-    ----------
-    response : Response
-        The press.
-    """
+    """Return the work that the finger does on pad and wall until the release, J."""
     last = response.zero + round(response.press.release_time / response.step)
     part = slice(response.zero, last + 1)
     return float(np.trapezoid(response.force[part] * response.finger_speed[part], dx=response.step))
@@ -125,12 +107,6 @@ def drum_offset(response: Response, wall_speed: float = 0.0) -> float:
 
 
 def drum_lag(response: Response) -> float:
-    """Return where the drum is when the link meets it or reaches the wall, m past the wall: 0 is in time.
-
-    Parameters
-    ----------
-    response : Response
-        The press on a drum.
-    """
+    """Return where the drum is when the link meets it or reaches the wall, m past the wall: 0 is in time."""
     arrived = np.flatnonzero((response.contact > 0.0) | (response.link >= 0.0))
     return float(response.drum[arrived[0]]) if len(arrived) else math.nan

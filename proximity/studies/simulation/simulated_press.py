@@ -105,11 +105,6 @@ class Simulation:
 def simulate(setup: Setup) -> Simulation:
     """Return a press on a wall.
 
-    Parameters
-    ----------
-    setup : Setup
-        With what.
-
     Raises
     ------
     DecaffError
@@ -130,13 +125,7 @@ def simulate(setup: Setup) -> Simulation:
 
 
 def felt(response: Response) -> Felt:
-    """Return a press in a few numbers.
-
-    Parameters
-    ----------
-    response : Response
-        The press.
-    """
+    """Return a press in a few numbers."""
     at_rest = response.force[rest(response)]
     before_release = response.times < response.press.release_time
     return Felt(
@@ -166,13 +155,7 @@ def _one_of(name: str, value: str, known: tuple[str, ...]) -> None:
 
 
 def describe(simulation: Simulation) -> str:
-    """Return a wall in words.
-
-    Parameters
-    ----------
-    simulation : Simulation
-        A press on it.
-    """
+    """Return a wall in words."""
     setup = simulation.setup
     late = f"{1e3 * setup.latency:g} ms of latency at {setup.rate:g} Hz"
     if setup.wall == Wall.COUPLED:
@@ -183,13 +166,7 @@ def describe(simulation: Simulation) -> str:
 
 
 def document(simulation: Simulation) -> dict[str, Any]:
-    """Return all that is reported of a press, as plain values in SI units.
-
-    Parameters
-    ----------
-    simulation : Simulation
-        The press.
-    """
+    """Return all that is reported of a press, as plain values in SI units."""
     setup, penalty = simulation.setup, simulation.penalty
     reported: dict[str, Any] = {"wall": str(setup.wall), "speed": setup.speed}
     if setup.wall != Wall.REAL:

@@ -102,13 +102,7 @@ class TargetPolicy:
         self._message = np.zeros(loop_kernels.MESSAGE_SIZE)
 
     def command(self, distance_sample: DistanceSample) -> DrumCommand:
-        """Return where the drum shall go.
-
-        Parameters
-        ----------
-        distance_sample : DistanceSample
-            Of this sample.
-        """
+        """Return where the drum shall go."""
         message = self._message
         message[loop_kernels.MESSAGE_AT] = -math.inf
         if distance_sample.message is not None:

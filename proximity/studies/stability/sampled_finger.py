@@ -93,11 +93,6 @@ def stiffness_limit(plant: SampledFinger, damping: float) -> float:
 def maximum_stiffness(plant: SampledFinger) -> Gains:
     """Return the largest stiffness of a stable wall, and the damping at which it is reached.
 
-    Parameters
-    ----------
-    plant : SampledFinger
-        What feels it.
-
     Notes
     -----
     Walls of negative damping are not looked at.

@@ -64,13 +64,7 @@ def boundary(device: SampledMass, count: int = 400) -> tuple[np.ndarray, np.ndar
 
 
 def largest_damping(device: SampledMass) -> float:
-    """Return the largest damping of a stable wall, of a stiffness near zero, N·s/m.
-
-    Parameters
-    ----------
-    device : SampledMass
-        Of d samples of delay.
-    """
+    """Return the largest damping of a stable wall, of a stiffness near zero, N·s/m."""
     return math.tan(device.last_half_angle) * device.damping_unit
 
 
@@ -98,13 +92,6 @@ def stiffness_limit(device: SampledMass, damping: float) -> float:
 
 def verdict(device: SampledMass, gains: Gains) -> Verdict:
     """Return whether a wall is stable, and if not, what is wrong with it.
-
-    Parameters
-    ----------
-    device : SampledMass
-        Of d samples of delay.
-    gains : Gains
-        Of the wall.
 
     Raises
     ------

@@ -112,11 +112,6 @@ def judge_touches(run: Replay) -> TouchesForetold:
     """Hold lower bounds of the time to contact against the touches that came.
 
     A finger-tick counts if the finger was seen from then on until it touched.
-
-    Parameters
-    ----------
-    run : Replay
-        What was answered.
     """
     is_tracked = _is_tracked(run)
     count = len(is_tracked)
@@ -131,13 +126,7 @@ def judge_touches(run: Replay) -> TouchesForetold:
 
 
 def touching(run: Replay) -> np.ndarray:
-    """Whether a fingertip touches or is inside, by the answers, (T, N).
-
-    Parameters
-    ----------
-    run : Replay
-        What was answered.
-    """
+    """Where a fingertip touches or is inside, as it was answered, (T, N)."""
     return _is_tracked(run) & ~_has(run, ContactFlag.SKIPPED) & (run.contacts["signed_distance"] <= 0.0)
 
 
