@@ -35,7 +35,9 @@ class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
             return
         state = self._state()
         if state["is_current"] == "no":
-            self._say(f"compiling kernels for {state['target']} ahead of time, at most {SECONDS} s on two cores")
+            self._say(
+                f"compiling kernels for {state['target']} ahead of time, at most {SECONDS} s on two cores"
+            )
             started = time.perf_counter()
             try:
                 self._tool("--target", state["target"])
@@ -61,8 +63,9 @@ class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
 
     def _tool(self, *options: str, capture: bool = False) -> str:
         tool = str(Path(self.root, "tools", "build_kernels.py"))
-        command = [sys.executable, tool, *options]
-        return subprocess.run(command, check=True, text=True, stdout=subprocess.PIPE if capture else None).stdout or ""
+        output = subprocess.PIPE if capture else None
+        done = subprocess.run([sys.executable, tool, *options], check=True, text=True, stdout=output)
+        return done.stdout or ""
 
     def _say(self, sentence: str) -> None:
         print(f"proximity: {sentence}", file=sys.stderr, flush=True)

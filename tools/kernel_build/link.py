@@ -36,22 +36,18 @@ def link(target: Target, objects: list[Path], table: Path, folder: Path) -> Path
     folder : Path
         For what is made.
     """
-    extension = folder / extension_name(target)
+    extension = folder / target.extension
     command = [
         *compiler_command(), "-target", target.zig, "-shared", *_FLAGS,
         *_headers(target), f"-I{NATIVE}", "-o", str(extension),
         str(table), *map(str, sorted(NATIVE.glob("*.c"))), *map(str, objects), *_system(target), "-s",
     ]  # fmt: skip
-    environment = os.environ | {"ZIG_GLOBAL_CACHE_DIR": str(folder / "zig"), "ZIG_LOCAL_CACHE_DIR": str(folder / "zig")}
+    cache = str(folder / "zig")
+    environment = os.environ | {"ZIG_GLOBAL_CACHE_DIR": cache, "ZIG_LOCAL_CACHE_DIR": cache}
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     if done.returncode:
         raise SystemExit(f"linking for {target.name} failed:\n{done.stderr}")
     return extension
-
-
-def extension_name(target: Target) -> str:
-    """Return the name of the extension module's file."""
-    return "_kernels.pyd" if target.name.startswith("windows") else "_kernels.abi3.so"
 
 
 def door_table(doors: list[tuple[str, str, str]], digest: str) -> str:

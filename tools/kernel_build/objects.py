@@ -1,0 +1,76 @@
+"""How LLVM makes an object file of the doors, for one set of instructions."""
+
+import re
+
+from llvmlite import binding
+
+from kernel_build.targets import DOOR_PREFIX, Instructions, Target, door_symbol
+
+LEVEL = 3
+"""Of optimisation."""
+ALLOWED_UNDEFINED = {
+    *(
+        "atan2",
+        "ceil",
+        "cos",
+        "exp",
+        "floor",
+        "fmod",
+        "log",
+        "memcpy",
+        "memmove",
+        "memset",
+        "pow",
+        "sin",
+        "sqrt",
+    ),
+    *("NRT_MemInfo_alloc_aligned", "NRT_MemInfo_call_dtor", "numba_frexp", "numba_ldexp"),
+}
+"""What compiled kernels may ask of others: functions of C's libraries, and those in ``runtime.c``."""
+
+
+def emit_object(code: str, target: Target, instructions: Instructions) -> bytes:
+    """Return an object file of all doors, named after the set of instructions.
+
+    Parameters
+    ----------
+    code : str
+        As `front_end.linked_doors` gives it.
+    target : Target
+        The system.
+    instructions : Instructions
+        One of its sets.
+    """
+    binding.initialize_all_targets()
+    binding.initialize_all_asmprinters()
+    module = binding.parse_assembly(code)
+    machine = binding.Target.from_triple(target.triple).create_target_machine(
+        cpu=instructions.cpu, features=instructions.features, opt=LEVEL, reloc="pic"
+    )
+    module.triple, module.data_layout = target.triple, str(machine.target_data)
+    options = binding.create_pipeline_tuning_options(LEVEL)
+    options.loop_vectorization = True
+    builder = binding.create_pass_builder(machine, options)
+    builder.getModulePassManager().run(module, builder)
+    for function in module.functions:
+        if function.name.startswith(DOOR_PREFIX):
+            function.name = door_symbol(function.name.removeprefix(DOOR_PREFIX), instructions)
+    _refuse_undefined(module)
+    return machine.emit_object(module)
+
+
+def _refuse_undefined(module: binding.ModuleRef) -> None:
+    """Refuse code that could ask for what is not there: of numba's errors above all."""
+    unknown = {
+        function.name
+        for function in module.functions
+        if function.is_declaration
+        and not function.name.startswith("llvm.")
+        and function.name not in ALLOWED_UNDEFINED
+    }
+    unknown |= {variable.name for variable in module.global_variables if variable.is_declaration}
+    if unknown:
+        raise SystemExit(f"kernels ask for {', '.join(sorted(unknown))}, which the engine does not have")
+    address = re.search(r"inttoptr \(i64 \d{6,}", str(module))
+    if address:
+        raise SystemExit(f"kernels hold an address of the process that compiled them: {address[0]}")

@@ -1,0 +1,32 @@
+"""What has been compiled, and whether it is as the sources are. Needs nothing but Python."""
+
+import importlib.util
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+
+from kernel_build.targets import Target, extension_path
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+
+
+@cache
+def sources() -> ModuleType:
+    """Return ``proximity.native.sources``, loaded without its package, which needs NumPy."""
+    path = ROOT / "proximity" / "native" / "sources.py"
+    spec = importlib.util.spec_from_file_location("kernel_sources", path)
+    assert spec is not None and spec.loader is not None, f"{path} can be loaded"
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def sources_digest() -> str:
+    """Return the digest of all sources of kernels."""
+    return str(sources().sources_digest())
+
+
+def is_current(target: Target, folder: Path) -> bool:
+    """Return whether a folder holds the extension module of a target as the sources are now."""
+    extension = extension_path(target, folder)
+    return extension.is_file() and sources_digest().encode() in extension.read_bytes()
