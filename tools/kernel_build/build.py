@@ -1,7 +1,8 @@
 """From sources to the extension module of each target."""
 
-import importlib
+import importlib.util
 import os
+import sys
 import tempfile
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
@@ -37,8 +38,17 @@ def _front_end() -> str:
     front_end.disable_code_generation()
     for source in sorted(PACKAGE.rglob("*.py")):
         if "@entry(" in source.read_text(encoding="utf-8"):
-            importlib.import_module(".".join(source.relative_to(PACKAGE.parent).with_suffix("").parts))
+            _load(".".join(source.relative_to(PACKAGE.parent).with_suffix("").parts), source)
     return front_end.linked_doors({name: (each.compiled, each.signature) for name, each in _entries()})
+
+
+def _load(name: str, source: Path) -> None:
+    """Import a module without the packages that it is in: they import what kernels do not need."""
+    if name not in sys.modules:
+        spec = importlib.util.spec_from_file_location(name, source)
+        assert spec is not None and spec.loader is not None, f"{source} can be loaded"
+        sys.modules[name] = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(sys.modules[name])
 
 
 def _entries() -> list[tuple[str, Entry]]:
