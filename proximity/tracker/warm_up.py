@@ -7,11 +7,6 @@ from contextlib import suppress
 from pathlib import Path
 
 from proximity.native import IS_JIT
-from proximity.native.declaration import ENTRIES
-
-# Whoever imports these has declared all entry points of the engine.
-from proximity.scene.saved import stored_model  # noqa: F401
-from proximity.tracker import tracker  # noqa: F401
 
 
 def _mark() -> Path:
@@ -41,7 +36,12 @@ def warm_up() -> None:
     """
     if not IS_JIT:
         return
+    from proximity.native.declaration import ENTRIES
     from proximity.native.jit import argument_types
+
+    # Whoever imports these has declared all entry points of the engine.
+    from proximity.scene.saved import stored_model  # noqa: F401
+    from proximity.tracker import tracker  # noqa: F401
 
     for entry in ENTRIES.values():
         entry.compiled.compile(argument_types(entry.signature))
