@@ -20,7 +20,9 @@ pytestmark = pytest.mark.skipif(
 
 def build(*options: str) -> str:
     """What the tool prints."""
-    done = subprocess.run([sys.executable, TOOL, *options], capture_output=True, text=True, timeout=900, check=False)
+    done = subprocess.run(
+        [sys.executable, TOOL, *options], capture_output=True, text=True, timeout=900, check=False
+    )
     assert done.returncode == 0, done.stderr
     return done.stdout
 

@@ -40,7 +40,11 @@ ahead = pytest.mark.skipif(not native.IS_AHEAD, reason="no kernels compiled ahea
 
 def run(program: str, root: Path = ROOT, **environment: str) -> subprocess.CompletedProcess[str]:
     """Run a program with the package of that checkout, and those variables."""
-    kept = {name: value for name, value in os.environ.items() if name not in ("PROXIMITY_ISA", "NUMBA_DISABLE_JIT")}
+    kept = {
+        name: value
+        for name, value in os.environ.items()
+        if name not in ("PROXIMITY_ISA", "NUMBA_DISABLE_JIT")
+    }
     return subprocess.run(
         [sys.executable, "-c", program],
         env=kept | {"PYTHONPATH": str(root)} | environment,
