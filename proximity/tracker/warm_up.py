@@ -31,8 +31,8 @@ def kernels_are_cached() -> bool:
 def warm_up() -> None:
     """Have every kernel ready.
 
-    Kernels that were compiled ahead of time are ready at once. Where numba compiles them it takes some minutes
-    the first time on a machine, and less than a second later.
+    Kernels that were compiled ahead of time are ready at once. Where numba compiles them it takes some
+    minutes the first time on a machine, and less than a second later.
     """
     if not IS_JIT:
         return

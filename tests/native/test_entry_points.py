@@ -43,7 +43,7 @@ def test_results_are_arrays_numbers_and_tuples():
 )
 def test_arrays_of_another_kind_are_refused(points):
     with pytest.raises(
-        TypeError, match="morton_order: argument 0 is an array with .* dtype float64, C order"
+        TypeError, match=r"morton_order: argument 0 is an array with .* dtype float64, C order"
     ):
         morton_order(points)
 

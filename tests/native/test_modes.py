@@ -1,4 +1,4 @@
-"""Where kernels come from: objects for each set of instructions, numba, or plain Python; always the same answers."""
+"""Where kernels come from: objects, numba, or plain Python; always the same answers."""
 
 import os
 import shutil

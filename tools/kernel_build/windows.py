@@ -1,4 +1,4 @@
-"""What linking for Windows takes besides: the library by which an extension finds Python's stable interface."""
+"""For Windows: the library by which an extension finds Python's stable interface."""
 
 import struct
 import subprocess

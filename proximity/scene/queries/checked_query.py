@@ -77,4 +77,3 @@ class CheckedQuery:
     def quick(self) -> Any:
         """Return the query as a function that answers few plain rows at once."""
         return native.query(self.name, self.width, SORT_FROM, self.ask)
-
