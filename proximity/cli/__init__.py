@@ -20,8 +20,6 @@ from proximity.cli.commands import (
     drum,
     export,
     figures,
-    header,
-    key,
     query,
     record,
     replay,
@@ -29,6 +27,7 @@ from proximity.cli.commands import (
     simulate,
     watch,
 )
+from proximity.cli.commands.messages import client, header, key
 from proximity.cli.program import Command, Group
 
 HELP = "\n\n".join(  # a paragraph a string: some versions of Typer keep line breaks, some do not
@@ -54,8 +53,8 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 COMMANDS = (
-    query, check, replay, compile, serve, record, export, watch, demo, drum, header, key, bench, figures,
-    simulate,
+    query, check, replay, compile, serve, record, export, watch, demo, drum, header, client, key, bench,
+    figures, simulate,
 )  # fmt: skip
 """In the order in which the help lists them."""
 RUN_BARE = (demo, header, figures, simulate)
