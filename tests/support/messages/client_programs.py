@@ -23,7 +23,7 @@ PATIENCE = 60.0
 
 
 def build(language, folder, source, target):
-    """The command that runs a program of a client in *folder*; where it cannot be built the test is skipped."""
+    """The command that runs a program of a client in *folder*; skips the test where it cannot be built."""
     write_client(language, folder)
     if source.parent != folder:
         shutil.copy(source, folder)
