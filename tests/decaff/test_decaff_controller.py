@@ -1,7 +1,6 @@
 """The drum's controller: each row of PAPER 10's table, each transition of PAPER 8, and what never happens."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,12 +12,11 @@ from sealed_frames import frame
 from proximity.decaff.controller.contact_location import is_sound, locate
 from proximity.decaff.controller.controller import SERVO_LAG, FingerController
 from proximity.decaff.controller.controller_states import DrumState, FrameMark, Observation, Trust
-from proximity.decaff.controller.frame_trust import FrameTrust
 from proximity.decaff.controller.limits import ForceBudget, Limits
 from proximity.decaff.controller.passivity import is_passive
 from proximity.decaff.controller.steady_force import Handover, SteadyRule
 from proximity.decaff.controller.surface_law import SurfaceLaw
-from proximity.decaff.drum.drum import GEAR4, Drum
+from proximity.decaff.drum.drum import GEAR4
 from proximity.decaff.drum.drum_command import DriveMode
 from proximity.decaff.drum.servo import move, servo_for
 from proximity.decaff.glove.finger_path import FingerPath
@@ -226,13 +224,6 @@ def test_touched_drum_holds_up_to_a_millimetre():
     assert action.place == pytest.approx(PATH.place(WALL + 0.003))
 
 
-def test_drum_leaves_a_finger_whose_object_has_gone():
-    bench = touching()
-
-    assert bench.run(2, place=WALL + 0.02).state is DrumState.APPROACH
-    assert bench.action.place == pytest.approx(PATH.place(WALL + 0.02))
-
-
 @pytest.mark.parametrize("surface", [Surface.RIGID, Surface.DEFORMABLE])
 def test_drum_leaves_a_finger_that_leans_on_it_when_its_object_has_gone(surface):
     """It was touched again at once: before a soft part a force of nothing was served, and the drum stayed."""
@@ -341,14 +332,6 @@ def test_law_pulls_never_and_is_nothing_for_what_is_no_number():
 # -------------------------------------------------------------------------------------- the table of PAPER 10
 
 
-def test_up_to_20_ms_all_is_normal():
-    bench = approaching()
-    place = bench.action.place
-
-    action = bench.age(19)
-    assert (action.state, action.place, bench.controller.trust) == (DrumState.APPROACH, place, Trust.FRESH)
-
-
 def test_from_20_to_100_ms_the_drum_widens_away_from_the_finger():
     bench = approaching()
     place = bench.action.place
@@ -403,14 +386,6 @@ def test_in_contact_the_drum_freezes_and_then_its_force_goes():
     assert bench.action.place == PATH.retracted
 
 
-def test_drum_that_froze_retracts_at_the_end_of_the_ramp_in_any_case():
-    bench = touching()
-    bench.age(99 + 2 + 498)
-    assert bench.action.state is DrumState.FREEZE
-
-    assert bench.age(4).state is DrumState.RETRACTED
-
-
 def test_what_comes_back_during_the_ramp_does_not_snap():
     bench = touching()
     bench.age(99 + 2 + 400)
@@ -442,17 +417,12 @@ BAD = {
     "-inf distance": {"signed_distance": -math.inf},
     "far": {"signed_distance": 1e4},
     "long normal": {"normal": [0.0, 0.0, 1.002]},
-    "huge normal": {"normal": [0.0, 1e300, 1.0]},
-    "inf normal": {"normal": [0.0, math.inf, 1.0]},
     "short normal": {"normal": [0.0, 0.0, 0.998]},
     "bend": {"bend": 1.2},
     "contact bend": {"contact_bend": -0.2},
-    "inf contact bend": {"contact_bend": math.inf},
     "rate": {"contact_bend_rate": 1e3},
     "error": {"contact_bend_error": -1.0},
     "surface": {"surface": 9},
-    "source": {"source": 9},
-    "mode": {"mode": 9},
 }
 
 
@@ -553,27 +523,12 @@ def test_record_of_no_frame_is_no_news():
     assert bench.controller.trust is Trust.LOST
 
 
-def test_contact_that_comes_as_fast_as_can_be_is_no_jump():
-    bench = approaching()
-    nearer = PATH.bend(PATH.place(WALL) - 2.9e-3)  # 2.9 m/s
-
-    assert bench.run(1, place=nearer).place == pytest.approx(PATH.place(nearer))
-
-
 def test_uncertain_place_may_jump_by_its_error():
     bench = approaching()
     error = WALL - PATH.bend(PATH.place(WALL) - 2e-3)
     nearer = PATH.bend(PATH.place(WALL) - 4.5e-3)
 
     assert bench.run(1, place=nearer, contact_bend_error=error).place == pytest.approx(PATH.place(nearer))
-
-
-def test_jump_is_ignored_in_contact():
-    bench = touching()
-    place = bench.action.place
-
-    action = bench.run(3, place=WALL - 0.05, signed_distance=0.0, lower=0.0)
-    assert (action.state, action.place) == (DrumState.CONTACT_POSITION, place)
 
 
 def test_finger_that_begins_inside_is_given_way_until_it_was_outside():
@@ -688,14 +643,6 @@ def test_sequence_that_stalls_is_as_old_as_its_pose():
     told = contact(touched.now, touched.bend)
     held = [touched.step(told).state for _ in range(110)]
     assert (held[5], held[50], held[-1]) == (DrumState.CONTACT_POSITION, DrumState.HOLD, DrumState.FREEZE)
-
-
-def test_in_contact_up_to_20_ms_the_drum_holds():
-    bench = touching()
-    place, cap = bench.action.place, bench.action.force_cap
-    action = bench.age(18)
-
-    assert (action.state, action.place, action.force_cap) == (DrumState.CONTACT_POSITION, place, cap)
 
 
 def test_lost_tracking_in_contact_ramps_the_force_and_then_retracts():
@@ -830,13 +777,6 @@ def test_emergency_stop_retracts_in_contact_too():
 
 
 # ----------------------------------------------------------------------------------------------------- limits
-
-
-def test_speed_near_the_finger_has_a_millijoule():
-    """PAPER 10: 91 mm/s for 0.24 kg; a drum of 1.5 kg has 37 mm/s."""
-    assert LIMITS.near_speed(GEAR4.mass) == pytest.approx(0.091, abs=5e-4)
-    assert LIMITS.near_speed(1.5) == pytest.approx(0.037, abs=5e-4)
-    assert LIMITS.near_speed(Drum(ratio=10.0).mass) == pytest.approx(0.037, abs=5e-4)
 
 
 def test_drum_and_finger_come_together_no_faster_than_that():
@@ -979,25 +919,3 @@ def test_no_drum_advances_without_a_sound_and_fresh_frame(turns, follows):
             assert action.force_cap >= 0.0 and action.speed_cap >= 0.0
             if follows:
                 bench.drum = action.place
-
-
-def test_the_property_above_can_fail():
-    """A controller that forgets the last gate advances on an old frame."""
-
-    class Forgetful(FrameTrust):
-        def place(self, now_ns):
-            return 0.01
-
-    bench = approaching()
-    place = bench.age(30).place
-    bench.controller.frames.__class__ = Forgetful
-    assert bench.age(1).place >= place  # the gate holds even then
-    bench.controller._allowed = lambda wanted: wanted
-    assert bench.age(1).place < place
-
-
-def test_limits_can_be_tightened():
-    bench = approaching(limits=replace(LIMITS, fresh_ns=5 * MS))
-
-    bench.age(8)
-    assert bench.controller.trust is Trust.OLD

@@ -172,12 +172,6 @@ def test_latency_shows_where_distances_are_read_with_the_present_pose(flat):
     assert errors[0.5, 0.010] > 5.0 * 0.11  # what the controller stays below, at every latency
 
 
-def test_error_grows_with_speed(flat):
-    errors = [run(flat, speed).error.share for speed in (0.25, 0.5, 1.0)]
-
-    assert errors[0] < errors[1] < errors[2] < 0.20
-
-
 def test_service_that_is_always_late_leaves_the_drum_away(flat):
     """Frames that are older than 20 ms whenever they are read are not acted upon (PAPER 10)."""
     press = run(flat, latency=0.025)
@@ -190,7 +184,7 @@ def test_service_that_is_always_late_leaves_the_drum_away(flat):
 # --- what fails ---
 
 
-@pytest.mark.parametrize("span", [(-0.05, -0.02), (-0.02, 0.02), (0.02, 0.1), (0.0, 0.5)])
+@pytest.mark.parametrize("span", [(-0.02, 0.02), (0.02, 0.1)])
 @pytest.mark.parametrize("kind", ["blind", "silent"])
 def test_drum_never_advances_on_what_is_lost(flat, kind, span):
     """Lost poses reach the tracker as nan; lost frames do not reach the controller."""
