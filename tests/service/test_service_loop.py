@@ -91,15 +91,6 @@ def test_frame_of_parts_that_nothing_more_is_told_of_is_late():
     assert report.states[State.LATE] == 2 and report.missed == 0
 
 
-def test_poses_of_parts_that_are_refused_are_counted_with_those_of_fingers():
-    answers = FakeAnswers()
-    answers.refused = 3, 4
-
-    report, *_ = serve(lambda poll, now_ns: steady(poll, now_ns + 6 * MS), ticks=2, answers=answers)
-
-    assert (report.future, report.backwards) == (3 + 4, 4)
-
-
 def test_publisher_that_takes_too_long_makes_the_next_frame_late():
     clock, outlet = ManualClock(), KeepingOutlet()
     send = outlet.send
@@ -217,15 +208,6 @@ def test_state_is_degraded_where_a_finger_is_near_with_bounds_only(flags, state)
     _, outlet, _, _ = serve(ticks=1, answers=flagged(FakeAnswers(), flags))
 
     assert outlet.states[0] == state
-
-
-def test_late_is_worse_than_degraded():
-    clock = ManualClock(oversleeps=[MS])
-    _, outlet, _, _ = serve(
-        lambda poll, now_ns: hands_at([[0.1, 0, 0], [np.nan, 0, 0]], now_ns), ticks=2, clock=clock
-    )
-
-    assert outlet.states[:2] == [State.LATE, State.DEGRADED]
 
 
 # --- poses that cannot be ---
@@ -433,16 +415,6 @@ def test_log_has_every_frame_as_the_first_publisher_sealed_it():
     assert report.log_written == 23 and report.log_lost == 0
 
 
-def test_log_without_publishers_has_whole_frames():
-    log = KeepingLog()
-    Service(FakeAnswers(), ScriptedInput(steady), [], period=0.001, clock=ManualClock(), log=log).run(
-        tick_count=4
-    )
-
-    assert [flaw_of(data, FRAME) for data in log.frames] == [None] * 7
-    assert [int(data[24:32].view("<u8")[0]) for data in log.frames] == list(range(7))
-
-
 # --- as fast as possible ---
 
 
@@ -545,8 +517,9 @@ def test_replacement_for_other_fingers_is_refused():
 # --- doors ---
 
 
-@pytest.mark.parametrize("name", ["period", "valid_for", "stale_after"])
-@pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf"), 1e-7, "1", None, True])
+@pytest.mark.parametrize(
+    ("name", "value"), [("period", 0.0), ("valid_for", float("nan")), ("stale_after", "1"), ("period", 1e-7)]
+)
 def test_times_that_cannot_be_are_refused(name, value):
     times = {"period": 0.001, name: value}
 
