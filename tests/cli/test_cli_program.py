@@ -10,6 +10,10 @@ from pathlib import Path
 import pytest
 from project import SUPPORT
 
+from proximity.message.c_header import header_text
+from proximity.transport.address import parse
+from proximity.transport.key import key_of
+
 HEAVY = {"numba", "numpy", "scipy", "trimesh", "llvmlite", "manifold3d", "cascadio", "networkx"}
 
 AS_PROGRAM = """
@@ -326,3 +330,32 @@ def test_completion_works_in_bash(tmp_path):
     )
 
     assert result.stdout.strip() == "completed: check", result.stderr
+
+
+# --- two small commands: a key for datagrams, and the header of messages for C ---
+
+
+def test_key_is_made_once(run, tmp_path):
+    path = tmp_path / "poses.key"
+    made, again = run("key", "--out", path), run("key", "--out", path)
+
+    assert (made.code, made.err) == (0, "")
+    assert made.out == f'{path}: made; name it at both ends: "udp://HOST:PORT?key={path}"\n'
+    assert key_of(parse(f"udp://127.0.0.1:9100?key={path}")) is not None
+    assert (again.code, again.out) == (2, "")
+    assert again.err.startswith(f"proximity: {path}: is there already, and a key is never written over")
+
+
+def test_header_is_printed_or_written(run, tmp_path):
+    printed, written = run("header"), run("header", "--out", tmp_path / "decaff_message.h")
+
+    assert (printed.code, printed.out, printed.err) == (0, header_text(), "")
+    assert (written.code, written.out) == (0, "")
+    assert (tmp_path / "decaff_message.h").read_text(encoding="ascii") == header_text()
+
+
+def test_place_that_the_header_cannot_be_written_to_is_told(run, tmp_path):
+    result = run("header", "--out", tmp_path / "none" / "x.h")
+
+    assert result.code == 2
+    assert result.err.endswith("x.h: cannot be written (No such file or directory)\n")

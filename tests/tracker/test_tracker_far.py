@@ -42,7 +42,7 @@ def assert_told_rightly(scene, contacts, tips):
 
 
 @pytest.mark.parametrize("tolerance", [0.0, 0.3])
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_far_from_parts_that_move_now_and_then_every_answer_holds(seed, tolerance):
     rng = np.random.default_rng(seed)
     scene = Scene(

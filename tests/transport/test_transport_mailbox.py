@@ -175,9 +175,3 @@ def test_publisher_whose_machine_slept_begins_another_run(address, monkeypatch):
     assert numbers == [0, 1, 2, 0, 1]
     assert sessions == sorted(sessions)
     assert (subscriber.counts.sessions, subscriber.counts.lost) == (2, 0)
-
-
-def test_options_are_refused(address):
-    for opener in (open_publisher, open_subscriber):
-        with pytest.raises(proximity.PublishError, match=r"there is no option 'x' \(it has none\)$"):
-            opener(address + "?x=1")
