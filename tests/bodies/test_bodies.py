@@ -236,14 +236,6 @@ def test_duplicate_faces_are_dropped_and_counted():
     assert rows_of([body]) == [list(range(12))]
 
 
-def test_body_that_is_there_twice_is_taken_once():
-    mesh = shapes.sphere(subdivisions=1)
-    (body,) = split_bodies(*shapes.soup(*shapes.join(mesh, mesh)))
-
-    assert is_watertight(body)
-    assert body.repairs.dropped_duplicate_count == len(mesh[1])
-
-
 def test_face_that_two_overlapping_bodies_share_is_not_a_duplicate():
     """Both cubes have a side in z = 0 with the same corners, running the same way."""
     bodies = split_bodies(*shapes.soup(*shapes.join(shapes.cube(), shapes.box((0, 0, 0), (1, 1, 0.5)))))
@@ -465,15 +457,6 @@ def test_cavity_belongs_to_its_body_though_either_has_small_holes(hole, where, i
     assert body.mesh.face_count == len(mesh[1])
     assert 0.9 * shapes.volume(*mesh) < volume_of(body) < 1.1 * shapes.volume(*mesh)
     assert body.repairs.is_turned_inside_out == is_turned
-
-
-@pytest.mark.parametrize("hole", SMALL_HOLES)
-def test_inside_out_body_with_small_holes_is_turned(hole):
-    pierced, outside, _ = SMALL_HOLES[hole]
-    (body,) = split_bodies(*shapes.inside_out(pierced(outside)))
-
-    assert volume_of(body) > 0
-    assert body.repairs.is_turned_inside_out
 
 
 def test_box_without_its_lid_has_no_cavities():

@@ -163,15 +163,6 @@ def test_units_hold_for_coordinates_answers_and_the_file(run, loaded):
     assert answer["gradient"] == [0.0, 0.0, 1.0]
 
 
-def test_unknown_units_are_refused_before_the_file_is_read(run, loaded):
-    result = run("query", "ball.stl", 0, 0, 1, "--units", "furlong")
-
-    assert result.code == 2
-    assert result.err.startswith("proximity: ")
-    assert "furlong" in result.err
-    assert loaded == []
-
-
 def test_coordinate_too_large_for_metres_is_not_finite(run):
     result = run("query", "ball.stl", 1e308, 0, 0, "--units", "km", "--json")
 
@@ -269,17 +260,6 @@ def test_rays_and_segments_make_a_table(run, options, first, second):
     lines = result.out.splitlines()
     assert lines[1].split() == first.split()
     assert second is None or lines[2].split() == second.split()
-
-
-def test_long_table_is_not_cut_when_piped(run, monkeypatch):
-    monkeypatch.setattr(query, "CHUNK", 70)
-    text = "".join(f"0 0 {row}.5\n" for row in range(1000))
-
-    result = run("query", "ball.stl", "--points", "-", stdin=text)
-
-    lines = result.out.splitlines()
-    assert len(lines) == 1001
-    assert lines[-1].split()[:3] == ["999", "989.5", "outside"]
 
 
 def test_no_points_give_an_empty_answer(run):

@@ -188,18 +188,6 @@ def test_contact_becomes_a_drum_angle_by_the_calibrated_glove(tmp_path):
     assert angle - designed.fingers[0].action.angle > 0.04
 
 
-def test_each_finger_has_a_glove_of_its_own_or_all_have_one(tmp_path):
-    long = glove_files.write(tmp_path / "long.json", phalanges=(0.050, 0.030, 0.022))
-    gloves = [read_glove(long), GLOVE]
-    bench = DrumBench(1000.0, gloves)
-    step(bench, reading(0, 0.3, 2))
-    retracted = [finger.path.retracted for finger in bench.fingers]
-    assert retracted[0] > retracted[1] + 0.01
-
-    with pytest.raises(DecaffError, match="2 calibrations for 3 fingers, expected one for all or one each"):
-        step(bench, reading(MS, 0.3, 3))
-
-
 def test_calibration_is_given_on_the_command_line(run, service, tmp_path):
     path = glove_files.write(tmp_path / "glove.json")
     result = run(ADDRESS, "--limit", 0.6, "--json", "--calibration", path)

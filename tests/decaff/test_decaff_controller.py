@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-import queued_transport
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sealed_frames import frame
@@ -23,7 +22,6 @@ from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
 from proximity.errors import DecaffError
 from proximity.message import ContactFlag, Mode, Source, State, Surface
-from proximity.transport import open_subscriber
 
 GLOVE = Glove()
 PATH = FingerPath(GLOVE)
@@ -442,11 +440,6 @@ def test_bad_frame_is_dropped_and_counted_and_the_old_one_ages(name):
     assert bench.action.place > place
 
 
-def test_record_without_normal_or_surface_in_reach_is_sound():
-    assert is_sound(contact(0, normal=math.nan), 0, 5 * MS)
-    assert is_sound(contact(0, signed_distance=math.inf), 0, 5 * MS)
-
-
 def test_pose_from_the_future_or_the_past_is_dropped():
     bench = approaching()
     bench.step(contact(bench.now + 7 * MS))  # 6 ms ahead when it is read
@@ -515,22 +508,6 @@ def test_frame_that_was_overtaken_is_dropped():
     assert bench.action.place == place
 
 
-def test_record_of_no_frame_is_no_news():
-    bench = Bench()
-    for _ in range(5):
-        bench.step(contact(bench.now), frame=None)
-
-    assert bench.controller.trust is Trust.LOST
-
-
-def test_uncertain_place_may_jump_by_its_error():
-    bench = approaching()
-    error = WALL - PATH.bend(PATH.place(WALL) - 2e-3)
-    nearer = PATH.bend(PATH.place(WALL) - 4.5e-3)
-
-    assert bench.run(1, place=nearer, contact_bend_error=error).place == pytest.approx(PATH.place(nearer))
-
-
 def test_finger_that_begins_inside_is_given_way_until_it_was_outside():
     bench = Bench()
     inside = {"signed_distance": -0.004, "lower": -0.004, "flags": TRACKED | ContactFlag.INSIDE}
@@ -580,15 +557,6 @@ def test_part_that_is_put_where_the_finger_is_gives_it_way():
     assert bench.action.state is DrumState.APPROACH and bench.action.speed_cap > 0.0
     bench.bend = 0.28
     assert bench.run(3, place=0.4).place == pytest.approx(PATH.place(0.4))
-
-
-def test_finger_that_presses_was_not_put_there():
-    bench = approaching()
-    bench.bend = 0.49
-    bench.run(1)
-    bench.run(1, signed_distance=-0.001, lower=-0.001)
-
-    assert bench.controller.frames.was_outside
 
 
 def test_drift_brings_a_contact_no_nearer_than_anything_moves():
@@ -654,26 +622,6 @@ def test_lost_tracking_in_contact_ramps_the_force_and_then_retracts():
     assert np.all(np.diff(caps) <= 0.0)
     assert bench.action.state is DrumState.FREEZE
     assert bench.step(contact(bench.now, **lost), State.DEGRADED).state is DrumState.RETRACTED
-
-
-def test_frame_with_a_flipped_bit_reaches_no_controller_and_the_old_one_ages(monkeypatch):
-    queued_transport.register(monkeypatch)
-    bench, clock = Bench(), [0]
-    with open_subscriber("queue:a", clock=lambda: clock[0]) as subscriber:
-        for sample in range(60):
-            clock[0] = bench.now + MS
-            message = frame(1, bench.now)
-            message.records[0] = contact(bench.now)
-            data = message.seal(7, sample).copy()
-            data[200] ^= sample >= 10
-            queued_transport._queues["a"].append(data)
-            reading = subscriber.read()
-            bench.step(reading.contacts[0], reading.state)
-            bench.drum = bench.action.place
-        assert subscriber.counts.received == 10 and subscriber.counts.flawed.total() == 50
-
-    assert bench.controller.trust is Trust.OLD
-    assert bench.action.place > PATH.place(WALL)
 
 
 def test_late_drum_comes_slowly_and_weakly():

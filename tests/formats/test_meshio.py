@@ -94,19 +94,6 @@ def test_trimesh_reads_the_same_from_whole_files(tmp_path, name):
     )  # it keeps floats of PLY single
 
 
-def test_arrays_cannot_be_changed(tmp_path):
-    (geometry,) = read(tmp_path, "part.off", mesh_files.off(VERTICES, FACES)).geometries
-    for array in (geometry.vertices, geometry.faces, geometry.source_faces):
-        with pytest.raises(ValueError, match="read-only"):
-            array[0] = 0
-
-
-def test_path_may_be_text_and_its_extension_in_capitals(tmp_path):
-    (tmp_path / "PART.STL").write_bytes(mesh_files.stl_binary(VERTICES, FACES))
-    contents = formats.read_geometries(str(tmp_path / "PART.STL"))
-    assert contents.path == str(tmp_path / "PART.STL") and contents.format == "STL binary"
-
-
 # STL
 
 
@@ -176,12 +163,6 @@ def test_backslash_behind_a_comment_or_a_name_swallows_no_line(tmp_path, line):
     text = f"v 0 0 0\nv 1 0 0\nv 0 1 0\n{line}\nf 1 2 3\n"
     (geometry,) = read(tmp_path, "part.obj", text.encode()).geometries
     assert geometry.faces.tolist()[-1] == [0, 1, 2]
-
-
-def test_obj_lines_continued_twice_are_one(tmp_path):
-    text = b"v 0 0 0\nv 1 \\\n0 \\\n0\nv 0 1 0\n\tf 1 \\\n2 \\\n3\n"
-    (geometry,) = read(tmp_path, "part.obj", text).geometries
-    assert geometry.faces.tolist() == [[0, 1, 2]]
 
 
 def test_obj_names_may_hold_a_number_sign(tmp_path):

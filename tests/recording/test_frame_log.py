@@ -335,15 +335,6 @@ def test_full_disk_leaves_whole_frames_and_writing_goes_on_when_there_is_room(pa
     assert path.read_bytes() == sealed([0, 1, 6, 7, 8])
 
 
-@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no /dev/full")
-def test_device_that_is_full_is_told():
-    with (
-        FrameLog("/dev/full") as log,
-        pytest.raises(RecordingError, match=r"/dev/full: .*No space left on device\)"),
-    ):
-        log.append(np.frombuffer(sealed([0]), np.uint8))
-
-
 def test_frame_that_is_taken_in_pieces_is_whole(path, monkeypatch):
     write = os.write
     monkeypatch.setattr(os, "write", lambda file, data: write(file, data[:100]))

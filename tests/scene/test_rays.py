@@ -329,16 +329,6 @@ def test_hit_of_a_scene_is_the_first_over_its_parts(count, offset, is_turned):
         assert judging.is_near(alone, hit.distance[of_part], room[of_part]).all()
 
 
-def test_ties_go_to_the_lowest_part():
-    scene = Scene([Solid(*shapes.cube(), name=f"{row}") for row in range(9)])
-    origins, directions = some_rays("cube", 200)
-
-    hit, alone = scene.cast(origins, directions), solid_of("cube").cast(origins, directions)
-
-    assert np.array_equal(hit.distance, alone.distance)
-    assert (hit.part[np.isfinite(hit.distance)] == 0).all()
-
-
 # ------------------------------------------------------------------------------------------- special rays
 
 
@@ -404,13 +394,6 @@ def test_ray_from_farther_than_can_be_computed_with_answers_nan_and_the_others_g
     assert hits.face_id.tolist()[1:] == 3 * [NO_FACE]
 
 
-@pytest.mark.parametrize("size", [1e-60, 1e-98])
-def test_rays_from_far_off_in_sizes_of_the_parts_are_answered(size):
-    scene = Scene([Solid(*shapes.cube(size, (3.0 * size * row, 0, 0)), name=str(row)) for row in range(3)])
-
-    assert scene.cast_distance([[0.0, 0.0, 3.0]], [[0.0, 0.0, -1.0]]).tolist() == [3.0]
-
-
 @pytest.mark.parametrize("size", [1e-100, 1e-9, 1e60])
 def test_parts_of_any_size_are_hit(size):
     solid = Solid(*shapes.cube(size, (0, 0, 0)))
@@ -419,14 +402,6 @@ def test_parts_of_any_size_are_hit(size):
 
     assert hit.distance == pytest.approx(2.5 * size, rel=1e-15)
     assert solid.cast((-3.0 * size, 0.6 * size, 0.0), (1.0, 0.0, 0.0)).distance == np.inf
-
-
-@pytest.mark.parametrize("way", [5e-324, 1e-160, 1.7e308])
-def test_direction_of_any_length_is_one(way):
-    hit = solid_of("cube").cast((-1.0, 0.25, 0.5), (way, 0.0, 0.0))
-
-    assert hit.distance == 1.0
-    assert solid_of("cube").cast((-1.0, 0.25, 0.5), (way, way, 0.0)).distance == np.inf
 
 
 def test_sorted_rays_answer_as_they_do_one_by_one(monkeypatch):

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import oracle
-from proximity.errors import MeshError, PoseError, SceneError
+from proximity.errors import PoseError, SceneError
 from proximity.pose import Pose
 from proximity.scene.scene import Part, Scene
 from proximity.scene.solid import Solid
@@ -143,15 +143,6 @@ def test_one_solid_may_be_in_several_places():
 
     assert hit.signed_distance.tolist() == [-0.5, -0.25, 1.0]
     assert hit.part.tolist() == [0, 1, 2]
-
-
-@pytest.mark.parametrize("workers", [2, -1])
-def test_workers_answer_the_same(workers):
-    scene = Scene(some_parts(20))
-    points = np.random.default_rng(6).uniform(-6.0, 6.0, (5000, 3))
-
-    assert judging.same_bits(scene.closest(points, workers=workers), scene.closest(points))
-    assert judging.same_bits(scene.contains(points, workers=workers), scene.contains(points))
 
 
 @pytest.mark.parametrize("count", [1, 47, 48, 1025])
@@ -403,15 +394,6 @@ def test_parts_keep_names_poses_and_order():
     assert scene.memory_bytes > 0
 
 
-def test_pose_of_a_part_may_be_a_matrix():
-    matrix = np.eye(4)
-    matrix[0, 3] = 5.0
-    scene = Scene([part_of(shapes.cube(), pose=matrix)])
-
-    assert scene.distance((7.0, 0.5, 0.5)) == 1.0
-    assert isinstance(scene.parts[0].pose, Pose)
-
-
 def test_name_used_twice_is_refused():
     message = "parts 1 and 2 are both named 'lid', expected names that differ"
     solids = [Solid(*shapes.cube(), name=name) for name in ("base", "lid", "lid")]
@@ -460,24 +442,6 @@ def test_part_that_is_not_there_is_named_with_those_that_are():
         many.part("lid")
 
 
-@pytest.mark.parametrize(
-    "pose, message",
-    [
-        (np.diag([2.0, 2.0, 2.0, 1.0]), "a pose's rotation is not orthonormal"),
-        (np.eye(3), "a pose's matrix has shape (3, 3), expected (4, 4)"),
-        (Pose(translation=(1e200, 0.0, 0.0)), "part 'part 1' would be moved by 1e+200 m, which is farther"),
-    ],
-)
-def test_pose_that_is_not_rigid_is_refused_and_nothing_moves(pose, message):
-    scene, points = Scene(some_parts(3)), np.random.default_rng(15).uniform(-4.0, 4.0, (20, 3))
-    before = scene.closest(points)
-
-    with pytest.raises(PoseError, match=re.escape(message)):
-        scene.move("part 1", pose)
-
-    assert judging.same_bits(scene.closest(points), before)
-
-
 def test_what_could_not_be_saved_is_refused():
     part = Part("cube", Solid(*shapes.cube()), Pose(), np.arange(12, dtype=np.int32), repairs=None)
 
@@ -519,15 +483,3 @@ def test_mesh_of_several_bodies_becomes_parts_that_lead_back():
         source = scene.parts[part].source_faces[face]
         alone = oracle.closest(vertices, faces[source : source + 1], point).distance
         assert alone == pytest.approx(abs(distance), rel=1e-12, abs=1e-14)
-
-
-def test_mesh_of_one_body_keeps_its_name():
-    assert [part.name for part in Scene.from_mesh(*shapes.cube()).parts] == ["mesh"]
-    assert [part.name for part in Scene.from_mesh(*shapes.cube(), name="lid").parts] == ["lid"]
-
-
-def test_mesh_that_cannot_be_used_is_refused():
-    with pytest.raises(MeshError, match=r"^the mesh has no faces, expected at least one$"):
-        Scene.from_mesh(np.zeros((3, 3)), [])
-    with pytest.raises(MeshError, match="face 0 refers to vertex 9, but the mesh has 3 vertices"):
-        Scene.from_mesh(np.zeros((3, 3)), [[0, 1, 9]])

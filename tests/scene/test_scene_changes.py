@@ -107,20 +107,6 @@ def test_part_may_move_while_it_is_hidden():
     assert_right_by_brute_force(scene, points)
 
 
-def test_part_may_be_hidden_from_the_start():
-    parts = [
-        part_of(shapes.cube(), "a"),
-        part_of(shapes.cube(), "b", Pose(translation=(3, 0, 0)), is_hidden=True),
-    ]
-    scene = Scene(parts)
-
-    assert scene.distance((2.9, 0.5, 0.5)) == pytest.approx(1.9, rel=1e-15)
-    assert scene.part("b").is_hidden
-    scene.show("b")
-    assert scene.distance((2.9, 0.5, 0.5)) == pytest.approx(0.1, rel=1e-12)
-    assert not scene.part("b").is_hidden
-
-
 def test_hiding_what_is_hidden_changes_nothing():
     scene = Scene(some_parts(3))
     assert scene.epoch == 0
@@ -169,17 +155,6 @@ def test_added_part_is_found_and_others_stay_as_they_are():
     assert model.frames[6, layout.VELOCITY : layout.VELOCITY + 3].tolist() == [0, 0, 1]
     assert model.frames[[4, 6], layout.STIFFNESS].tolist() == [100.0, 5.0]
     assert scene.epoch == model.epoch == 2
-
-
-def test_solid_may_be_added_to_a_scene_of_one_part():
-    scene = Scene([Solid(*shapes.cube(), name="cube")])
-
-    scene.add(Solid(*shapes.cube(center=(5.0, 0.5, 0.5)), name="other"))
-
-    assert scene.distance((4.0, 0.5, 0.5)) == 0.5
-    assert scene.parts[1].pose.is_identity
-    scene.remove("cube")
-    assert scene.distance((0.5, 0.5, 0.5)) == 4.0
 
 
 def test_removed_part_goes_on_answering_and_may_come_back():

@@ -308,16 +308,6 @@ def test_answer_of_a_scene_is_the_least_over_its_parts(count, offset, is_turned)
     assert np.abs(chosen - expected).max() <= room
 
 
-def test_ties_go_to_the_lowest_part():
-    scene = Scene([Solid(*shapes.cube(), name=f"{row}") for row in range(9)])
-    starts, ends = some_segments("cube", 200)
-
-    hit, alone = (asked.closest_to_segments(starts, ends) for asked in (scene, solid_of("cube")))
-
-    assert (hit.part == 0).all()
-    assert np.array_equal(hit.distance, alone.distance)
-
-
 @pytest.mark.parametrize("far", [1e3, 1e9, 1e20])
 def test_segment_that_ends_far_away_is_as_exact_near_the_part(far):
     """Its rounding is that of its own coordinates."""

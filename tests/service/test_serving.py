@@ -18,12 +18,12 @@ import numpy as np
 import pytest
 from project import MESHES
 
-from proximity.errors import PublishError, RecordingError, ServiceError
+from proximity.errors import PublishError, ServiceError
 from proximity.message import GLOVE_POSES, MEASURED, MOVES, POSES, ContactFlag, Message, Source, State
 from proximity.recording import FrameReader
 from proximity.service import realtime
 from proximity.service.config import PartFiles
-from proximity.service.hosting import RunningService, process, reloading, scene_service, serve, start_service
+from proximity.service.hosting import RunningService, reloading, scene_service, serve, start_service
 from proximity.transport import open_publisher, open_subscriber
 from proximity.transport.link import TRANSPORTS, Transport
 
@@ -194,39 +194,6 @@ def test_gloved_fingers_are_served_with_their_contact(scene_path, folder, reques
     tip = glove_files.HAND.finger.point(0.2)
     assert told["position"][0] == pytest.approx([tip[0], 0.01, top + tip[1]], abs=5e-5)
     assert ((told["flags"] & ContactFlag.ON_PATH) != 0).all()
-
-
-def test_edit_is_taken_between_two_ticks(served):
-    before = reading_where(served, lambda reading: True, "poses were answered")
-
-    edit(served.path, 'file = "box.stl"', 'file = "box.stl"\nposition = [0, 0, 0.05]')
-    after = reading_where(
-        served, lambda reading: reading.header["epoch"] > before.header["epoch"], "the edit was taken"
-    )
-
-    moved = before.contacts["signed_distance"] - after.contacts["signed_distance"]
-    np.testing.assert_allclose(moved, 0.05, atol=1e-9)
-    wait_until(lambda: served.said, "the edit was said")
-    assert served.said[0].startswith(f"{served.path} was edited: Scene(1 parts, 12 faces) is served, after ")
-    assert served.finish().publish_failures == {served.address: 0}
-
-
-def test_edit_that_cannot_be_used_leaves_the_scene_and_the_next_one_is_taken(served):
-    before = reading_where(served, lambda reading: True, "poses were answered")
-
-    edit(served.path, 'file = "box.stl"', 'file = "bax.stl"')
-    wait_until(lambda: served.said, "the edit was refused")
-    still = reading_where(served, lambda reading: True, "the next frame came")
-    edit(served.path, "bax", "sphere")
-    after = reading_where(served, lambda reading: reading.header["epoch"] > before.header["epoch"], "taken")
-
-    assert served.said[0].startswith(
-        f"the edit is not taken, the scene before goes on: {served.path}:8: parts[0].file is 'bax.stl', but "
-    )
-    assert still.header["epoch"] == before.header["epoch"]
-    assert still.contacts["signed_distance"][0] == before.contacts["signed_distance"][0]
-    assert after.contacts["signed_distance"][0] != before.contacts["signed_distance"][0]
-    assert after.header["session"] == before.header["session"]
 
 
 def test_moves_reach_the_parts_before_and_after_an_edit(scene_path, folder, request):
@@ -569,11 +536,6 @@ def test_what_cannot_be_made_gives_all_addresses_back(scene_path, counted):
     assert counted.opened == 0
 
 
-def test_log_that_cannot_be_written_is_told(scene_path, folder):
-    with pytest.raises(RecordingError, match=r"cannot be opened \(No such file or directory\)"):
-        serve(scene_path, log=folder / "none" / "run.frames")
-
-
 def test_what_the_system_does_not_permit_is_told_and_not_fatal(scene_path, monkeypatch):
     def refuse(*arguments):
         raise PermissionError(1, "Operation not permitted")
@@ -593,20 +555,6 @@ def test_what_the_system_does_not_permit_is_told_and_not_fatal(scene_path, monke
         "priority: not permitted (Operation not permitted)",
     ]
     assert list(beginnings[0].notes) == report.notes == told
-
-
-def test_warnings_of_the_loop_are_said(scene_path):
-    said = []
-
-    serve(
-        scene_path,
-        seconds=0.2,
-        say=said.append,
-        begun=lambda beginning: logging.getLogger("proximity.service").warning("%d frames", 3),
-    )
-
-    assert said == ["3 frames"]
-    assert logging.getLogger("proximity.service").handlers == []
 
 
 def test_listener_that_fails_ends_nothing(scene_path, caplog):
@@ -753,14 +701,6 @@ def test_child_that_does_not_stop_is_killed(child):
     assert not service.is_running
 
 
-def test_child_that_was_killed_is_told(child):
-    service = child(BEGUN + ENDED)
-    service._process.kill()
-
-    with pytest.raises(ServiceError, match="the service has failed with exit code -9: it said nothing"):
-        service.stop()
-
-
 def test_mistake_within_the_block_is_the_one_that_is_raised(child):
     with pytest.raises(ZeroDivisionError), child(BEGUN + ENDED) as service:
         service._process.kill()
@@ -778,7 +718,6 @@ def test_override_of_none_is_what_the_file_says(scene_path, folder):
     report = serve(scene_path, rate_hz=100, log=None, publish=None, tick_count=1)
 
     assert list(report.publish_failures) == [f"mailbox:{folder.name}"]
-    assert list(process._options({"log": None, "rate_hz": 100, "real_time": None})) == ["--rate", "100"]
 
 
 @pytest.fixture

@@ -123,17 +123,6 @@ def test_engine_knows_curved_and_needle_meshed_parts_as_well(mesh, at):
     assert press.error.penetration < 0.2e-3
 
 
-def test_coarse_way_shows_as_force_error(flat):
-    """PAPER 6.5: a bias e of the distance costs 120 N/m e at rest, of hand and pad in a row."""
-    press, fine = run(flat, corners=9), run(flat)
-    off = [one.response.force[rest(one.response)].mean() for one in (press, fine)]
-    bias = press.reported_contact - fine.reported_contact
-
-    assert bias > SAGITTA  # what the tracker promises is for the polyline it is given
-    noise = HAND.series_stiffness * 2.0 * press.setup.drum.resolution
-    assert off[0] - off[1] == pytest.approx(-HAND.series_stiffness * bias, abs=noise)
-
-
 def test_figures_of_the_page_are_those_of_the_loop():
     """In bands: friction and encoder make a few tenths of a percent, and where they do is chance."""
     bracket = place_finger(load(MESHES / "bracket.stl"), (0.048, 0.030, 0.020))
@@ -293,14 +282,6 @@ def test_teleoperation_changes_to_force_when_that_is_steady(flat, speed, switch)
     after = slice(row, row + round(BUMP_TIME / press.response.step))
     assert np.abs(press.response.force - press.real.force)[after].max() < 0.025
     assert press.error.share < 0.15
-
-
-def test_force_of_the_far_end_is_displayed(flat):
-    """PAPER 7: 0.396 to 0.406 N a second after the change."""
-    press = run(flat, 0.25, hold=1.3, distances=Distances.SENSOR, far_force=0.4)
-    row = press.response.zero + round((press.switched_at + 1.0) / press.response.step)
-
-    assert 0.396 < press.response.force[row] < 0.406
 
 
 @pytest.mark.parametrize(("stiffness", "damping", "tilt"), [(300.0, 4.0, 0.0), (800.0, 2.0, 40.0)])

@@ -25,9 +25,7 @@ from proximity.studies.figures import (
 )
 from proximity.studies.figures.tables import Table
 from proximity.studies.paper import figure_5
-from proximity.studies.simulation import simulated_press, sweeps
-from proximity.studies.simulation.arrival import needed_look_ahead
-from proximity.studies.simulation.devices import Decaff
+from proximity.studies.simulation import simulated_press
 from proximity.studies.simulation.hand import Hand
 from proximity.studies.simulation.metrics import deviation
 from proximity.studies.simulation.simulated_press import Setup, Wall, simulate
@@ -103,31 +101,6 @@ def test_edge_of_the_stability_figure_is_where_the_model_ends(delay):
         assert stiffness_limit(device, damping) == pytest.approx(stiffness, rel=1e-9)
     top = table.where(delay_samples=delay, kind="stiffest")
     assert top["stiffness_N_per_m"].tolist() == [maximum_stiffness(device).stiffness]
-
-
-def test_force_errors_beside_the_figure_are_the_models():
-    hand, glove = Hand(), sweeps.with_latency(Decaff(), 0.010, 1000.0)
-    table = error_plots.numbers([0.010], [0.5])
-    wall = sweeps.best_penalty_wall(hand, 1000.0, 0.010)
-
-    assert table["penalty_stiffness_N_per_m"].tolist() == [wall.stiffness]
-    assert table["penalty_damping_N_s_per_m"].tolist() == [wall.damping]
-    assert table["penalty_error"][0] == sweeps.penalty_row(hand, wall, speeds=[0.5]).errors[0]
-    for name, target in error_plots.TARGETS.items():
-        assert table[f"{name}_error"][0] == sweeps.drum_row(hand, glove, target, speeds=[0.5]).errors[0]
-    assert table["ideal_drum_error"][0] < table["penalty_error"][0] < table["naive_error"][0]
-
-
-def test_look_ahead_beside_the_figure_is_the_models(monkeypatch):
-    """PAPER 13: the formula holds within 5 mm."""
-    monkeypatch.setattr(arrival_plots, "SPEEDS", (0.5,))
-    monkeypatch.setattr(arrival_plots, "LATENCIES", (0.010,))
-    table = arrival_plots.numbers()
-
-    assert table["drum"].tolist() == ["direct", "gear4", "gear10"]
-    gear4 = needed_look_ahead(Hand(), sweeps.with_latency(Decaff(), 0.010), 0.5)
-    assert table["look_ahead_m"][1] == gear4
-    np.testing.assert_allclose(table["formula_m"], table["look_ahead_m"], atol=5e-3)
 
 
 def test_force_errors_of_the_engine_beside_the_figure_are_the_models(monkeypatch):

@@ -110,15 +110,6 @@ def test_jury_tells_where_roots_are(half, first):
     assert unit_circle.is_within_by_jury(polynomial) == (modulus < 1.0).all()
 
 
-def test_roots_are_those_of_numpy():
-    polynomial = sampled_mass.characteristic(PAPER_WALL, 3900.0, 60.0)
-
-    found = np.sort_complex(unit_circle.roots(polynomial))
-    np.testing.assert_allclose(found, np.sort_complex(np.roots(polynomial)), atol=1e-12)
-    expected = [-0.33853, 0.6411, 0.84872 - 0.51677j, 0.84872 + 0.51677j]
-    np.testing.assert_allclose(found, expected, atol=5.1e-5)
-
-
 def test_polynomials_without_power_are_refused():
     with pytest.raises(
         DecaffError, match=r"coefficients have shape \(1,\), expected \(..., n \+ 1\) with n of 1 or"
@@ -156,13 +147,6 @@ def test_limit_of_equation_1(b, expected):
 
     assert found == pytest.approx(expected, abs=1e-9)
     assert found == pytest.approx(jury_limit(b), rel=1e-12)
-
-
-@pytest.mark.parametrize("b", [0.01, 0.3, 0.9, 0.999])
-def test_limit_without_delay(b):
-    found = sampled_wall.stiffness_limit(UNIT[0], b * UNIT[0].damping_unit) / UNIT[0].stiffness_unit
-
-    assert found == pytest.approx(2.0 * b * (1.0 - b) / (1.0 + b), rel=1e-9)
 
 
 @pytest.mark.parametrize("delay_samples", UNIT)
@@ -223,22 +207,6 @@ def test_largest_stiffness_by_delay(delay_samples, stiffness, damping, paper_sti
     assert (unit.stiffness, unit.damping) == pytest.approx((stiffness, damping), rel=1e-6)
     assert paper.stiffness == pytest.approx(paper_stiffness, abs=5.1e-3)
     assert paper.damping == pytest.approx(paper_damping, abs=5.1e-4)
-
-
-@pytest.mark.parametrize(
-    ("rate_hz", "mass", "stiffness", "damping"),
-    [
-        (25, 0.01, 0.90, 0.11),
-        (200, 0.7, 4045.1, 59.46),
-        (1000, 0.05, 7223.5, 21.2),
-        (3000, 0.7, 910_156.9, 891.9),
-    ],
-)
-def test_largest_stiffness_by_rate_and_mass(rate_hz, mass, stiffness, damping):
-    found = sampled_mass.maximum_stiffness(SampledMass(mass, 1.0 / rate_hz))
-
-    assert found.stiffness == pytest.approx(stiffness, abs=5.1e-3 if rate_hz == 25 else 0.51, rel=1e-7)
-    assert found.damping == pytest.approx(damping, abs=0.051 if damping > 10 else 5.1e-3)
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,6 @@ from proximity.tracker.replay import (
     summarise,
     turn_about_axes,
 )
-from proximity.tracker.replay.summary import tick_times
 from proximity.tracker.tracker import Tracker
 
 RADIUS = 0.005
@@ -135,19 +134,6 @@ def test_nearest_approach_and_touches_are_told(scene):
     assert (touch.finger, touch.count) == ("index", 2)
     assert touch.first_s in (0.002, 0.003)  # 5 mm above: on the surface but for rounding
     assert touch.deepest == pytest.approx(0.002, abs=1e-15)
-
-
-def test_histogram_doubles_from_a_microsecond_on():
-    times = tick_times(np.array([300, 999, 1000, 1999, 2000, 9000]))
-
-    assert times.histogram == (
-        (0.0, 1000.0, 2),
-        (1000.0, 2000.0, 2),
-        (2000.0, 4000.0, 1),
-        (4000.0, 8000.0, 0),
-        (8000.0, 16000.0, 1),
-    )
-    assert (times.p50, times.max) == (1499.5, 9000.0)
 
 
 # ---------------------------------------------------------------------------------------------- judging

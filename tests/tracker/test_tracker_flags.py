@@ -165,16 +165,6 @@ def test_a_part_that_was_put_away_far_and_back_leaves_small_steps_of_others_seen
         assert_bounds_hold(scene, ticks(tracker, [(0, 0, 0.4)], start=k)[0])
 
 
-def test_a_part_that_comes_from_kilometres_away_at_once_is_seen():
-    scene = Scene([block("still", (0, 0, 0)), block("comes", (0, 0, 0.9))])
-    scene.move("comes", Pose(translation=(0, 0, 5000.0)))
-    tracker = Tracker(scene, fingers=1)
-    ticks(tracker, [(0, 0, 0.4)] * 3)
-    scene.move("comes", Pose(translation=(0, 0, -0.44)))
-
-    assert_bounds_hold(scene, ticks(tracker, [(0, 0, 0.4)], start=3)[0])
-
-
 def test_finger_that_slips_through_a_small_hole_is_inside():
     """A ball without one face: no surface is crossed on the way in, and the scene says inside."""
     vertices, faces = shapes.sphere(0.1, 3)

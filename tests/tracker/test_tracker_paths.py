@@ -267,14 +267,6 @@ def test_paths_given_once_do_not_stay():
         assert bool(flags_of(found) & ContactFlag.ON_PATH) == (k % 2 == 0)
 
 
-def test_paths_may_have_another_number_of_corners_each_tick():
-    tracker = Tracker(Scene([plate()]), fingers=1)
-    for k, count in enumerate((2, 50, 3, 7)):
-        path = line((0, 0, 0.05), (0, 0, -0.05), count)
-        found = tracker.tick([path[0]], k * MS, k * MS, paths=path[None])
-        assert found["contact_bend"][0] == pytest.approx(0.43, abs=1e-6)
-
-
 def test_path_bends_stretch_the_path_and_are_even_where_not_given():
     """Corners at 0, 0.02 and 0.1 m; contact after 0.043 m."""
     path = np.array([(0, 0, 0.05), (0, 0, 0.03), (0, 0, -0.05)])
@@ -303,17 +295,6 @@ def test_bend_that_is_given_counts_and_is_held_at_the_ends(bend, expected):
 
     assert found["bend"] == pytest.approx(expected)
     assert found["contact_bend"] == pytest.approx(max(0.43, expected), abs=1e-6)
-
-
-def test_corners_that_are_told_twice_change_nothing():
-    path = line((0, 0, 0.05), (0, 0, -0.05), 11)
-    bends = np.linspace(0, 1, 11)
-    twice = np.repeat(path, 2, axis=0)
-    stretched = np.sort(np.concatenate([bends, bends + 1e-9]))
-    found = tick_path([plate()], twice, velocity=(0, 0, -0.5), path_bends=stretched)
-
-    assert found["contact_bend"] == pytest.approx(0.43, abs=1e-6)
-    assert found["time_to_contact"] == pytest.approx(0.086, rel=1e-3)
 
 
 def test_finger_far_beside_its_path_gets_the_contact_of_the_path():

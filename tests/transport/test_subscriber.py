@@ -97,17 +97,6 @@ def test_stale_reading_tells_nothing_but_whose_contacts_these_were():
         assert reading.header["sequence"] == 0
 
 
-def test_new_frame_after_a_stale_one_is_told_whole():
-    bench = with_frame()
-    bench.read(SECOND)
-    message = frame(bench.clock.now)
-    bench.send(message)
-    reading = bench.read()
-
-    assert reading.state is State.OK
-    assert reading.contacts.tobytes() == message.records.tobytes()
-
-
 @pytest.mark.parametrize("state", [State.OK, State.DEGRADED])
 def test_valid_states_are_told_as_they_came(state):
     reading = with_frame(state=state).read()
@@ -140,14 +129,6 @@ def test_frame_that_says_nothing_is_known_is_taken_at_its_word(state, later):
         readings.append(reading.state)
 
     assert readings == later
-
-
-def test_frame_after_stopping_is_used():
-    bench = with_frame(state=State.STOPPING)
-    assert bench.read().state is State.STOPPING
-    bench.send(frame())
-
-    assert bench.read().state is State.OK
 
 
 def test_frame_is_valid_for_a_second_whatever_it_says():

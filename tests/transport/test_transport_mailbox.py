@@ -49,21 +49,6 @@ def test_who_comes_late_gets_the_latest_message(address):
     assert text(open_inlet(address)) == (5, b"early")
 
 
-def test_every_reader_gets_it(address):
-    readers = [open_inlet(address) for _ in range(3)]
-    open_outlet(address).send(array(b"all"))
-
-    assert [text(reader) for reader in readers] == [(3, b"all")] * 3
-
-
-def test_boxes_are_apart(address):
-    inlet = open_inlet(address)
-    other = open_outlet(address + "-other")
-    other.send(array(b"not this"))
-
-    assert text(inlet) is None
-
-
 def test_box_that_nobody_has_is_gone(address):
     open_outlet(address).send(array(b"gone"))
 
