@@ -8,7 +8,6 @@ import subprocess
 import sys
 import threading
 import time
-from dataclasses import replace
 
 import psutil
 import pytest
@@ -17,45 +16,15 @@ from sealed_frames import frame
 
 import proximity
 from proximity.cli.commands import demo
-from proximity.cli.drum_loop import DrumsBeside, short_words
+from proximity.cli.drum_loop import DrumsBeside
 from proximity.cli.views import watch_view
-from proximity.decaff.controller.controller_states import DrumState
 from proximity.decaff.simulated_drums.service_drums import DrumBench
 from proximity.errors import PublishError, ServiceError
-from proximity.message import Mode, State
+from proximity.message import Mode
 from proximity.service import hosting
-from proximity.transport import Reading, open_publisher, open_subscriber
+from proximity.transport import open_publisher, open_subscriber
 
 # -------------------------------------------------------------------------------------------------- its drums
-
-
-def bench_of(place, force=0.0, finger=0.0):
-    """A finger's drum as it is shown."""
-    bench = DrumBench(250.0)
-    bench.step(Reading(State.OK, True, 0, 0, None, frame(1).records), 0)
-    (shown,) = bench.fingers
-    shown.plant.force, shown.bend = force, finger
-    shown.action = replace(shown.action, state=place)
-    return shown
-
-
-def test_what_a_drum_does_fits_its_column():
-    retracted = bench_of(DrumState.RETRACTED)
-    told = [short_words(retracted).plain]
-    ahead = bench_of(DrumState.APPROACH, finger=0.5)
-    told.append(short_words(ahead).plain)
-    told += [short_words(bench_of(state, force=12.345)).plain for state in (DrumState.HOLD, DrumState.FREEZE)]
-    told.append(short_words(bench_of(DrumState.CONTACT_POSITION, force=12.345)).plain)
-
-    gap = 1e3 * (ahead.plant.place - ahead.path.place(0.5))
-    assert told == [
-        "retracted",
-        f"approach, {gap:.1f} mm",
-        "hold, 12.35 N",
-        "freeze, 12.35 N",
-        "position, 12.35 N",
-    ]
-    assert max(map(len, told)) <= watch_view.DRUM_CELLS
 
 
 def test_drums_that_cannot_receive_say_so(monkeypatch):

@@ -423,9 +423,6 @@ def test_header_without_sense_is_seen(library, name, value):
     assert library.makes_sense(message.data.ctypes.data, NOW + 5 * MS) == 0
 
 
-# --- the command ---
-
-
 def test_contact_of_the_header_is_the_one_of_python():
     assert dtype_of(RECORDS["contact"][1]) == CONTACT
     assert c_header.RECORDS.keys() == {

@@ -118,32 +118,21 @@ def test_segment_within_a_face():
 # ------------------------------------------------------------------------------------------------- meshes
 
 
-def test_one_face():
-    solid = assert_is_right([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
-
-    assert solid.sign_method is SignMethod.NONE
-
-
-def test_two_faces_back_to_back():
-    """Closed, and nothing within."""
-    solid = assert_is_right([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 1]])
+@pytest.mark.parametrize(
+    ("vertices", "faces"),
+    [
+        ([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]),
+        ([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 1]]),
+        ([[0, 0, 0], [1, 0, 0], [0.25, 0, 0]], [[0, 1, 2]]),
+        ([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 1]]),
+        ([[0.5, 0.25, 0.125]] * 3, [[0, 1, 2]]),
+    ],
+    ids=["one face", "back to back", "no area", "a vertex twice", "a point"],
+)
+def test_mesh_of_next_to_nothing_has_distances_and_nothing_within(vertices, faces):
+    solid = assert_is_right(vertices, faces)
 
     assert (solid.signed_distance(POINTS) >= 0.0).all()
-
-
-def test_face_without_area_answers_as_its_edges():
-    assert_is_right([[0, 0, 0], [1, 0, 0], [0.25, 0, 0]], [[0, 1, 2]])
-
-
-def test_face_that_is_a_point():
-    solid = assert_is_right([[0.5, 0.25, 0.125]] * 3, [[0, 1, 2]])
-
-    assert solid.distance((0.5, 0.25, 1.125)) == 1.0
-    assert not solid.has_inside
-
-
-def test_face_that_names_one_vertex_twice():
-    assert_is_right([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 1]])
 
 
 def test_faces_without_area_among_others_change_nothing():
@@ -152,13 +141,6 @@ def test_faces_without_area_among_others_change_nothing():
 
     assert_is_right(vertices, more)
     assert np.array_equal(Solid(vertices, more).distance(POINTS), CUBE.distance(POINTS))
-
-
-def test_duplicate_vertices():
-    loose = assert_is_right(*shapes.soup(*shapes.cube()))
-
-    assert loose.sign_method is SignMethod.PSEUDONORMAL
-    assert np.array_equal(loose.signed_distance(POINTS), CUBE.signed_distance(POINTS))
 
 
 def test_duplicate_faces():

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import shapes
 from odd_arrays import unaligned
+from scene_parts import some_parts
 
 from proximity.errors import NotWatertightError, QueryError
 from proximity.scene.queries.results import NO_FACE, NO_PART, ClosestPoints, Feature
@@ -317,6 +318,43 @@ def test_limits_that_do_not_broadcast_are_refused_with_both_shapes(ask, name):
     expected = f"max_distance has shape (3,) and {name} (4, 3), expected a shape that broadcasts against (4,)"
     with pytest.raises(QueryError, match=f"^{re.escape(expected)}$"):
         getattr(SCENE, ask)(*[POINTS, POINTS + 1.0][: 1 + (ask != "closest")], max_distance=[1.0, 2.0, 3.0])
+
+
+EACH_OF_MANY = pytest.mark.parametrize(
+    "asked", [Solid(*shapes.torus()), Scene(some_parts(20))], ids=["solid", "scene"]
+)
+EVERY_QUESTION = pytest.mark.parametrize(
+    "ask",
+    ["closest", "signed_distance", "distance", "contains", "cast", "cast_distance", "closest_to_segments"],
+)
+
+
+def many_rows(ask, count):
+    count_of_arguments = 2 if ask in ("cast", "cast_distance", "closest_to_segments") else 1
+    return np.random.default_rng(count).uniform(-6.0, 6.0, (count_of_arguments, count, 3))
+
+
+@EACH_OF_MANY
+@EVERY_QUESTION
+@pytest.mark.parametrize("count", [1, 7, 48, 1025])
+def test_batch_is_its_rows_one_by_one(asked, ask, count):
+    rows, question = many_rows(ask, count), getattr(asked, ask)
+
+    answers = columns(question(*rows))
+
+    for row in range(0, count, 1 + count // 20):
+        one = columns(question(*rows[:, row]))
+        assert all(judging.same_bits(many[row], own) for many, own in zip(answers, one, strict=True))
+
+
+@EACH_OF_MANY
+@EVERY_QUESTION
+@pytest.mark.parametrize("count, workers", [(5, 2), (2047, 2), (5001, -1)])
+def test_workers_answer_the_same(asked, ask, count, workers):
+    rows, question = many_rows(ask, count), getattr(asked, ask)
+    rows[-1, count // 2] = np.nan
+
+    assert judging.same_bits(question(*rows, workers=workers), question(*rows))
 
 
 @ASKED

@@ -242,30 +242,6 @@ def test_the_very_distance_as_limit_still_hits():
         assert solid_of("torus").cast(origin, way, max_distance=distance).distance == distance
 
 
-@pytest.mark.parametrize("count", [1, 7, 48, 1025])
-def test_batch_is_its_rays_one_by_one(count):
-    for asked in (solid_of("torus"), SCENE):
-        origins, directions = some_rays("torus", count, seed=count)
-
-        hits = asked.cast(origins, directions)
-
-        for row in range(0, count, 1 + count // 40):
-            one = asked.cast(origins[row], directions[row])
-            for field in hits._fields:
-                assert judging.same_bits(getattr(hits, field)[row], getattr(one, field)), field
-
-
-@pytest.mark.parametrize("workers", [2, -1])
-@pytest.mark.parametrize("count", [5, 5001])
-def test_workers_answer_the_same(workers, count):
-    origins, directions = some_rays("torus", count)
-    origins[count // 2] = np.nan
-
-    for asked in (solid_of("torus"), SCENE):
-        found = asked.cast(origins, directions, workers=workers)
-        assert judging.same_bits(found, asked.cast(origins, directions))
-
-
 @pytest.mark.parametrize("workers", [1, 2])
 @pytest.mark.parametrize("limit", [np.inf, 1.2])
 @pytest.mark.parametrize("count", [0, 5, 5001])

@@ -248,30 +248,6 @@ def test_limit_never_changes_an_answer_within_it(seed, limit):
         assert (hit.face_id[~within] == NO_FACE).all() and (hit.part[~within] == NO_PART).all()
 
 
-@pytest.mark.parametrize("count", [1, 7, 48, 1025])
-def test_batch_is_its_segments_one_by_one(count):
-    for asked in (solid_of("torus"), scene_of(12)):
-        starts, ends = some_segments("torus", count, seed=count)
-
-        hits = asked.closest_to_segments(starts, ends)
-
-        for row in range(0, count, 1 + count // 40):
-            one = asked.closest_to_segments(starts[row], ends[row])
-            for field in hits._fields:
-                assert judging.same_bits(getattr(hits, field)[row], getattr(one, field)), field
-
-
-@pytest.mark.parametrize("workers", [2, -1])
-@pytest.mark.parametrize("count", [5, 5001])
-def test_workers_answer_the_same(workers, count):
-    starts, ends = some_segments("torus", count)
-    ends[count // 2] = np.nan
-
-    for asked in (solid_of("torus"), scene_of(12)):
-        found = asked.closest_to_segments(starts, ends, workers=workers)
-        assert judging.same_bits(found, asked.closest_to_segments(starts, ends))
-
-
 def test_limit_of_nothing_still_finds_what_is_touched():
     """Touching is a matter of rounding: with and without a limit it must be decided alike."""
     for seed in range(300, 320):

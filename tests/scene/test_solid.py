@@ -297,15 +297,6 @@ def test_unused_vertices_do_not_matter():
     assert np.array_equal(more.bounds, solid_of("torus").bounds)
 
 
-def test_changing_the_arrays_afterwards_changes_nothing():
-    vertices, faces = shapes.cube()
-    solid = Solid(vertices, faces)
-
-    vertices[:], faces[:] = 9.0, 0
-
-    assert solid.signed_distance((0.5, 0.5, 0.5)) == -0.5
-
-
 @given(asked=points_around(MESHES), limit=st.floats(0.0, 20.0))
 def test_limit_never_changes_an_answer_within_it(asked, limit):
     name, point = asked
@@ -333,36 +324,6 @@ def test_the_very_distance_as_limit_still_finds(asked):
 
 
 # ------------------------------------------------------------------------------------ one, many, and workers
-
-
-@pytest.mark.parametrize("count", [1, 7, 48, 1025])
-def test_batch_is_its_points_one_by_one(count):
-    solid = solid_of("torus")
-    points = some_points("torus", count, seed=count)
-
-    hits = solid.closest(points)
-
-    for row in {0, count // 3, count // 2, count - 1}:
-        one = solid.closest(points[row])
-        for field in hits._fields:
-            assert judging.same_bits(getattr(hits, field)[row], getattr(one, field)), field
-    signed, distances, inside = solid.signed_distance(points), solid.distance(points), solid.contains(points)
-    assert judging.same_bits(signed, hits.signed_distance)
-    assert judging.same_bits(signed, np.array([solid.signed_distance(point) for point in points]))
-    assert judging.same_bits(distances, np.array([solid.distance(point) for point in points]))
-    assert judging.same_bits(inside, np.array([solid.contains(point) for point in points]))
-
-
-@pytest.mark.parametrize("workers", [2, -1])
-@pytest.mark.parametrize("count", [5, 2047, 5001])
-def test_workers_answer_the_same(workers, count):
-    solid = solid_of("torus")
-    points = some_points("torus", count)
-    points[count // 2] = np.nan
-
-    assert judging.same_bits(solid.closest(points, workers=workers), solid.closest(points))
-    for ask in (solid.signed_distance, solid.distance, solid.contains):
-        assert judging.same_bits(ask(points, workers=workers), ask(points))
 
 
 # ------------------------------------------------------------------------------------- what a solid tells

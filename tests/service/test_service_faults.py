@@ -337,6 +337,3 @@ def test_scene_file_that_is_replaced_is_taken_or_refused_between_two_frames(serv
     )
     distance_is_of_its_scene(after)
     assert after.header["session"] == before.header["session"]
-
-
-# ------------------------------------------------------------------------------------------- teleoperation

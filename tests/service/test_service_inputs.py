@@ -1,7 +1,5 @@
 """Recordings and callables as inputs of poses."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from fake_service import MS, hands_at
@@ -228,12 +226,6 @@ def test_callable_recovers():
 
     assert source.poll(NOW) is None
     assert source.poll(NOW + 1).pose_ns.tolist() == [NOW + 1]
-
-
-def test_notes_of_a_recording_are_those_of_its_input():
-    noted = replace(recording([0, 10]), notes=("the last line has no end: it may be cut",), path="hand.csv")
-
-    assert RecordingInput(noted).notes == ["hand.csv: the last line has no end: it may be cut"]
 
 
 # --- what is kept of samples ---

@@ -338,6 +338,3 @@ def test_forged_poses_do_not_reach_a_service(key, port, caplog):
         assert (hands.positions == 0.1).all()
     finally:
         poses.close()
-
-
-# --- the command ---
