@@ -207,7 +207,7 @@ def served(tmp_path_factory):
     path.write_text(SCENE.format(name=address) + f'{PART}[input]\nposes = "{address}/poses"\n')
     with start_service(path, say=said.append) as service, Feeding(f"{address}/poses") as feeding:
         yield SimpleNamespace(service=service, address=address, path=path, said=said, feeding=feeding)
-        report = service.stop()
+        report = service.stop(timeout=PATIENCE)
     assert report["publish_failures"] == {address: 0}
 
 
