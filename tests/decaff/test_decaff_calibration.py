@@ -162,6 +162,8 @@ def test_touches_as_calibrated_are_taken_and_others_refused(drum):
         glove.check_touches(counts, angles + 0.35e-3 * per_metre * [0, 1, 0])
     with pytest.raises(DecaffError, match=r"^touch-off disagrees by nan mm"):
         glove.check_touches(counts, angles * [1, np.nan, 1])
+    with pytest.raises(DecaffError, match=r"^3 counts and 2 drum angles at touches, expected as many$"):
+        glove.check_touches(counts, angles[:2])
 
 
 @pytest.mark.parametrize("counts", [12.0, 65000.0, math.nan])
@@ -385,6 +387,7 @@ def test_compliance_and_backlash_are_found_again():
             "counts went from 20000 to 20010 as the tension went from 0 to 2 N, expected fewer under more "
             "tension",
         ),
+        (lambda: cable_compliance(HAND, [1, 2, 3]), "3 counts and 2 tensions, expected two of each"),
         (
             lambda: backlash(HAND, 20010, 20000),
             "counts are 20010 closing and 20000 opening, expected no fewer opening",

@@ -378,6 +378,27 @@ def test_engine_finds_the_contacts_on_the_path_that_the_glove_gives_it(name):
     assert float(FINGER.path_length(expected, guess)) / MM == pytest.approx(told, abs=0.01)
 
 
+def test_forces_are_those_of_the_paper():
+    """1 N at the fingertip needs 121.9 mN m at the replica and 4.06 N in the cable."""
+    assert float(GLOVE.replica_torque(0.5, 1.0)) * 1e3 == printed("121.9")
+    assert float(GLOVE.cable_tension(0.5, 1.0)) == printed("4.06")
+    contact_force = GLOVE.replica_torque(BENDS, 1.0) / GLOVE.drum.lever(GLOVE.replica_angle(BENDS))
+    np.testing.assert_allclose(GLOVE.tip_force(BENDS, contact_force), 1.0, rtol=1e-14)
+
+
+def test_cable_makes_the_wall_as_soft_as_the_paper_says():
+    """1212 N/m with 20 N/mm, 6060 N/m with 100 N/mm: the cable moves 0.246 of what the fingertip does."""
+    ratio = GLOVE.cable.replica_pulley / GLOVE.tip_per_radian(0.5)
+
+    assert float(ratio) == printed("0.246")
+    assert float(GLOVE.tip_stiffness(0.5)) == printed("1212")
+    assert float(Glove(cable=Cable(stiffness=100e3)).tip_stiffness(0.5)) == printed("6060")
+
+
+def test_motor_of_the_arm_carries_what_the_replica_does():
+    np.testing.assert_allclose(GLOVE.motor_torque(BENDS, 2.0), GLOVE.replica_torque(BENDS, 2.0), rtol=1e-14)
+
+
 # --- refusals -----------------------------------------------------------------------------------------------
 
 
@@ -388,8 +409,11 @@ def test_engine_finds_the_contacts_on_the_path_that_the_glove_gives_it(name):
         (lambda: Finger(pad_radius=-1), "pad_radius is -1, expected a number of metres of 0 or more"),
         (lambda: FINGER.path_world(Pose(), 1), "a path of 1 corners, expected 2 or more"),
         (lambda: Linkage(base=(0,)), "base is (0,), expected two numbers of metres"),
+        (lambda: EccentricDrum(motor=(0.025,)), "motor is (0.025,), expected two numbers of metres"),
         (lambda: Cable(backlash=-1e-4), "backlash is -0.0001, expected a number of metres of 0 or more"),
         (lambda: Potentiometer(bits=33), "bits is 33, expected 1 to 32"),
+        (lambda: Potentiometer(bits=1.5), "bits is 1.5, expected a whole number of 1 or more"),
+        (lambda: Cable(backlash=None), "backlash is None, expected a number of metres of 0 or more"),
         (lambda: Potentiometer(zero_share=1.0), "zero_share is 1.0, expected less than 1"),
         (
             lambda: ArmDrum(arm=0.008),

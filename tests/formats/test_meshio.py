@@ -212,6 +212,12 @@ def test_ply_header_ends_with_a_line_of_its_own_only(tmp_path, line_end):
     assert len(read(tmp_path, "part.ply", data).geometries[0].faces) == 12
 
 
+def test_ply_element_without_rows_takes_no_room(tmp_path):
+    data = mesh_files.ply_binary(VERTICES, FACES)
+    data = data.replace(b"element face", b"element strip 0\nproperty list int int s\nelement face")
+    assert len(read(tmp_path, "part.ply", data).geometries[0].faces) == 12
+
+
 def test_name_given_by_number_does_not_meet_one_of_the_file(tmp_path):
     data = b"".join(mesh_files.stl_ascii(VERTICES, FACES, name) for name in ("a", "a_2", "a", "a"))
     names = [geometry.name for geometry in read(tmp_path, "part.stl", data).geometries]

@@ -73,6 +73,10 @@ def test_fewer_parts_than_the_assemblies_hold_are_refused(tmp_path, monkeypatch)
         formats.read_geometries(path)
 
 
+def test_uses_are_expanded():
+    assert assembly.count_bodies(NESTED) == 4
+
+
 def test_files_that_place_shapes_in_other_ways_are_left_alone():
     text = NESTED.replace(
         "#61=CONTEXT_DEPENDENT_SHAPE_REPRESENTATION(#71,#51);", "#61=MAPPED_ITEM('',#1,#2);"

@@ -337,6 +337,12 @@ def ply(old, new, data=ASCII_PLY):
             + b"\xff",
             "row 0 of element face has a list of -1 entries",
         ),
+        (
+            mesh_files.ply_header("binary_little_endian", 1, 1).replace(b"uchar", b"uint")
+            + bytes(24)
+            + b"\xff" * 4,
+            "it ends within row 0 of the 1 of element face: it is cut off",
+        ),
     ],
 )
 def test_damaged_ply_is_refused(tmp_path, data, message):
@@ -445,6 +451,11 @@ def changed_gltf(*path, to):
         ),
         (changed_gltf("nodes", to={"a": 1}), "its JSON has nodes that are no list"),
         (
+            changed_gltf("meshes", 0, "primitives", 0, "attributes", to=None),
+            "primitive 0 of mesh 0 has no attributes",
+        ),
+        (changed_gltf("meshes", 0, "primitives", 0, "mode", to=0), "it holds no faces"),
+        (
             changed_gltf("meshes", 0, "primitives", 0, "extensions", to=5),
             "primitive 0 of mesh 0 has extensions that are no object of JSON",
         ),
@@ -527,6 +538,10 @@ def test_json_nested_without_end_is_refused(tmp_path):
         (
             mesh_files.threemf(MODEL.replace('v3="5"', 'v3="8"')),
             "triangle 4 of 'part1' refers to vertices [0, 1, 8], but there are 8",
+        ),
+        (
+            mesh_files.threemf(MODEL.replace('x="1.0"', "", 1)),
+            "line 1 of '3D/3dmodel.model': <vertex> has no x",
         ),
         (
             mesh_files.threemf(MODEL.replace("<triangles>", "<triangles/><triangles>")),
