@@ -1,6 +1,7 @@
 """``proximity drum``: controllers and simulated drums follow a service, and tell what became of them."""
 
 import csv
+import io
 import json
 import re
 import sys
@@ -10,6 +11,7 @@ import time
 import glove_files
 import numpy as np
 import pytest
+from rich.console import Console
 from sealed_frames import frame
 
 from proximity import cli
@@ -90,6 +92,18 @@ def test_drum_meets_the_finger_and_goes_when_nothing_is_known():
         step(bench, Reading(State.STALE, False, sample * MS, 0, None, empty))
     assert finger.action.state.value == "retracted"
     assert finger.plant.place == pytest.approx(finger.path.retracted, abs=1e-3)
+
+
+def test_table_has_a_row_for_each_finger():
+    bench = DrumBench(1000.0)
+    for sample in range(3):
+        step(bench, reading(sample * MS, 0.3, 3))
+    stream = io.StringIO()
+    Console(file=stream, width=100).print(drum_loop.table(reading(0, 0.3, 3), bench, 2))
+    rows = stream.getvalue().splitlines()
+
+    assert rows[0].strip() == "OK, 3 fingers"
+    assert [row.split()[:2] for row in rows[2:]] == [["0", "approach"], ["1", "approach"]]
 
 
 def test_line_tells_state_places_and_force():
