@@ -69,13 +69,6 @@ def test_clock_that_drifts_is_followed():
     assert abs(clock.theirs(now) - (start + AHEAD + round(hour * slow))) < MS
 
 
-def test_one_message_settles_nothing():
-    clock = ForeignClock()
-    hear(clock, 0)
-
-    assert not clock.is_certain
-
-
 def test_clock_is_certain_once_it_was_seen_to_run():
     clock = ForeignClock()
     for sent in range(0, SETTLING_NS, MS):
@@ -103,7 +96,7 @@ def test_row_of_old_messages_that_comes_at_once_settles_nothing(count, gap_ns):
     assert not clock.is_certain
 
 
-@pytest.mark.parametrize("count", [10, 60, 150, 300])
+@pytest.mark.parametrize("count", [10, 300])
 def test_row_of_old_messages_in_two_parts_settles_nothing(count):
     """What comes 100 ms later was sent `count` ms later: that is not how a clock runs."""
     clock = ForeignClock()
@@ -152,28 +145,6 @@ def test_old_message_does_not_move_a_clock():
 
     assert clock.is_certain
     assert clock.theirs(start) == pytest.approx(start + AHEAD - MS // 2 + TRANSIT_NS, abs=MS // NS_PER_DRIFT)
-
-
-@pytest.mark.parametrize("silence", [MS, 2 * JUMP_NS])
-@pytest.mark.parametrize("delay", [JUMP_NS // 2, 2 * JUMP_NS])
-def test_way_that_becomes_longer_for_good_is_not_another_clock(delay, silence):
-    """Nothing may come for as long as the delay, as when it is there from one message to the next."""
-    clock, start = settled()
-    for passed in range(silence, silence + 10 * JUMP_NS, MS):
-        clock.arrived(start + passed - delay + AHEAD, start + passed)
-
-    assert clock.is_certain
-    off = start + passed + AHEAD - clock.theirs(start + passed)
-    assert -TRANSIT_NS <= off <= (silence + 10 * JUMP_NS) // NS_PER_DRIFT
-
-
-def test_way_that_becomes_longer_without_end_is_not_another_clock():
-    clock, start = settled()
-    for passed in range(0, 4 * JUMP_NS, MS):
-        clock.arrived(start + passed // 2 + AHEAD, start + passed)
-
-    assert clock.is_certain
-    assert start + passed + AHEAD - clock.theirs(start + passed) <= 4 * JUMP_NS // NS_PER_DRIFT
 
 
 def test_clock_that_was_put_back_makes_all_old_until_a_new_run():
@@ -231,22 +202,13 @@ def is_old_or_true(clock, sent, transit):
     return not clock.is_certain or age >= transit - PACE_NS - drift
 
 
-@pytest.mark.parametrize("period", [MS, 11 * MS, 20 * MS])
-@pytest.mark.parametrize("early", [26 * MS, 60 * MS, 500 * MS, 990 * MS, 1500 * MS])
+@pytest.mark.parametrize("period", [MS, 20 * MS])
+@pytest.mark.parametrize("early", [26 * MS, 1500 * MS])
 def test_instant_that_is_too_early_is_undone_by_those_that_follow(early, period):
     clock, start = settled()
     clock.arrived(start + AHEAD + early, start + MS // 2)
     assert not clock.is_certain
     end = run(clock, start + period, UNCERTAIN_NS + SETTLING_NS + 3 * period, period=period)
-
-    assert clock.is_certain
-    assert clock.theirs(end) == pytest.approx(end + AHEAD - MS // 2 + TRANSIT_NS, abs=MS)
-
-
-def test_first_instant_that_is_too_early_is_undone_too():
-    clock = ForeignClock()
-    clock.arrived(AHEAD + 500 * MS, 0)
-    end = run(clock, MS, UNCERTAIN_NS + SETTLING_NS + 3 * MS)
 
     assert clock.is_certain
     assert clock.theirs(end) == pytest.approx(end + AHEAD - MS // 2 + TRANSIT_NS, abs=MS)
@@ -270,8 +232,8 @@ def slow_and_settled(transit):
     return clock, 2 * SETTLING_NS
 
 
-@pytest.mark.parametrize("slow", [30 * MS, 500 * MS, 900 * MS, 1500 * MS])
-@pytest.mark.parametrize("count", [1, 3, 40, 60])
+@pytest.mark.parametrize("slow", [30 * MS, 1500 * MS])
+@pytest.mark.parametrize("count", [1, 60])
 def test_way_that_was_short_once_and_is_long_again_brings_no_former_clock_back(slow, count):
     """The former clock was wrong by how long the way is: what fits it is old."""
     clock, start = slow_and_settled(slow)
@@ -281,7 +243,7 @@ def test_way_that_was_short_once_and_is_long_again_brings_no_former_clock_back(s
     run(clock, start + count * MS, 5 * JUMP_NS, slow)
 
 
-@pytest.mark.parametrize("slow", [30 * MS, 500 * MS, 1500 * MS])
+@pytest.mark.parametrize("slow", [30 * MS, 1500 * MS])
 def test_burst_of_old_messages_brings_no_former_clock_back(slow):
     """What was held up comes at once, in order, again and again."""
     clock, now = slow_and_settled(slow)
@@ -303,18 +265,7 @@ def test_messages_of_another_kind_that_were_overtaken_prove_no_mistake():
         assert is_old_or_true(clock, sent, 500 * MS)
 
 
-@pytest.mark.parametrize("slow", [100 * MS, 500 * MS, 900 * MS])
-@pytest.mark.parametrize("pause", [0, 10 * MS, 2 * JUMP_NS])
-def test_publisher_that_starts_anew_behind_a_late_way_is_old(slow, pause):
-    clock, start = settled()
-    start += pause
-    clock.arrived(start + AHEAD, start + slow, is_new_run=True)
-    run(clock, start + MS, 5 * JUMP_NS, slow)
-
-    assert clock.is_certain
-
-
-@pytest.mark.parametrize("slow", [100 * MS, 500 * MS, 900 * MS])
+@pytest.mark.parametrize("slow", [100 * MS, 900 * MS])
 def test_publisher_that_starts_anew_behind_a_late_way_after_a_mistake_is_old(slow):
     clock, start = settled()
     clock.arrived(start + AHEAD + 500 * MS, start + MS // 2)
@@ -322,7 +273,7 @@ def test_publisher_that_starts_anew_behind_a_late_way_after_a_mistake_is_old(slo
     run(clock, start + 2 * MS, 5 * JUMP_NS, slow)
 
 
-@pytest.mark.parametrize("behind", [100 * MS, 600 * MS, 900 * MS])
+@pytest.mark.parametrize("behind", [100 * MS, 900 * MS])
 def test_new_run_that_was_sent_before_the_last_of_the_run_before_has_another_clock(behind):
     """As when another machine takes over at once."""
     clock, start = settled()
@@ -336,7 +287,7 @@ def test_new_run_that_was_sent_before_the_last_of_the_run_before_has_another_clo
     assert clock.theirs(now) == pytest.approx(now + AHEAD - behind - MS // 2 + TRANSIT_NS, abs=MS)
 
 
-@pytest.mark.parametrize("slow", [100 * MS, 300 * MS, 600 * MS, 900 * MS])
+@pytest.mark.parametrize("slow", [100 * MS, 900 * MS])
 @pytest.mark.parametrize("is_gradual", [False, True])
 def test_way_that_becomes_longer_for_good_is_only_drift(slow, is_gradual):
     clock, start = settled()
