@@ -73,13 +73,10 @@ def _zig(target: Target, folder: Path, *options: str) -> None:
 def _headers(target: Target) -> list[str]:
     """Where headers are; those of another system's Python and NumPy are replaced where they differ."""
     own = HEADERS / target.name.split("-")[0]
-    folders = [
-        NATIVE,
-        *([own] if own.is_dir() else []),
-        sysconfig.get_paths()["include"],
-        numpy.get_include(),
-    ]
-    return [f"-I{folder}" for folder in folders]
+    config = own / "pyconfig.h"
+    folders = [*([own] if own.is_dir() else []), sysconfig.get_paths()["include"], numpy.get_include()]
+    first = ["-include", str(config)] if config.is_file() else []
+    return first + [f"-I{folder}" for folder in (NATIVE, *folders)]
 
 
 def _system(target: Target, compiled: list[Path], folder: Path) -> list[str]:

@@ -98,7 +98,7 @@ static inline int take(const Entry *entry, Py_ssize_t k, PyObject *given, int64_
     double real;
     switch (value->kind) {
     case ARRAY:
-        if (array_words(value, given, words)) {
+        if ((!entry->is_lenient || PyArray_CheckExact(given)) && array_words(value, given, words)) {
             return 1;
         }
         break;
@@ -271,7 +271,8 @@ static PyObject *ask_few(const Entry *entry, PyObject *const *arguments)
     Py_ssize_t at = 1, rows = -1;
     for (int k = 0; k < entry->row_arrays; k++) {
         const Value *value = &entry->values[1 + k];
-        if (!array_words(value, arguments[1 + k], words + at) || (k > 0 && words[at + 1] != rows)) {
+        /* Of a subclass Python has to ask what it hides: a masked array does. */
+        if (!PyArray_CheckExact(arguments[1 + k]) || !array_words(value, arguments[1 + k], words + at) || (k > 0 && words[at + 1] != rows)) {
             return NULL;
         }
         rows = (Py_ssize_t)words[at + 1];
