@@ -49,7 +49,7 @@ def test_code_that_asks_for_what_is_not_there_is_refused(monkeypatch):
 
     code = """
     declare void @numba_do_raise(i8*)
-    define void @proximity_door_bad(i8* %x) {
+    define void @proximity_entry_bad(i8* %x) {
         call void @numba_do_raise(i8* %x)
         ret void
     }

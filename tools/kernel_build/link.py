@@ -23,9 +23,9 @@ def link(target: Target, objects: list[Path], table: Path, folder: Path) -> Path
     target : Target
         The system.
     objects : list of Path
-        Compiled doors, an object for each set of instructions.
+        Compiled wrappers, an object for each set of instructions.
     table : Path
-        C source of `door_table`.
+        C source of `entry_table`.
     folder : Path
         For what is made.
     """
@@ -39,20 +39,20 @@ def link(target: Target, objects: list[Path], table: Path, folder: Path) -> Path
     return extension
 
 
-def door_table(doors: list[tuple[str, str, str]], digest: str) -> str:
-    """Return the C source of the table of doors.
+def entry_table(wrappers: list[tuple[str, str, str]], digest: str) -> str:
+    """Return the C source of the table of wrappers.
 
     Parameters
     ----------
-    doors : list of tuple of str
+    wrappers : list of tuple of str
         Of each the set of instructions, the name, and the symbol.
     digest : str
         Of the sources.
     """
-    lines = ['#include "door.h"', ""]
-    lines += [f"extern int {symbol}(void **, void **, int64_t);" for _, _, symbol in doors]
-    lines += ["", "const NamedDoor named_doors[] = {"]
-    lines += [f'    {{"{instructions}", "{name}", {symbol}}},' for instructions, name, symbol in doors]
+    lines = ['#include "entry_points.h"', ""]
+    lines += [f"extern int {symbol}(void **, void **, int64_t);" for _, _, symbol in wrappers]
+    lines += ["", "const NamedEntry named_entries[] = {"]
+    lines += [f'    {{"{instructions}", "{name}", {symbol}}},' for instructions, name, symbol in wrappers]
     lines += ["    {NULL, NULL, NULL}};", f'const char sources_digest[] = "{digest}";', ""]
     return "\n".join(lines)
 

@@ -1,5 +1,5 @@
 /* Which sets of instructions this processor has, and its system saves the registers of. */
-#include "door.h"
+#include "entry_points.h"
 
 #include <string.h>
 
