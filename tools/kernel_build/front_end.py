@@ -1,8 +1,8 @@
 """Kernels to one LLVM module: numba's front end, with its optimiser and its linker switched off.
 
 numba infers types and lowers each function to raw LLVM code. By itself it would optimise every function anew
-for each of its callers; here all raw modules are linked once, and only the wrappers stay visible. A *wrapper* is a
-function of one address: words of arguments, behind which it writes words of results.
+for each of its callers; here all raw modules are linked once, and only the wrappers stay visible. A *wrapper*
+is a function of one address: words of arguments, behind which it writes words of results.
 
 This leans on internals of numba, which is pinned where this runs; see `disable_code_generation`.
 """
