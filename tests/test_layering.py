@@ -14,7 +14,7 @@ PICTURES = {
     "proximity": """
 cli
 certificate
-studies
+studies · web
 service
 tracker
 scene
@@ -55,6 +55,15 @@ bends · clock · config · finger_kernels · histogram · log_writer · presenc
 teleoperation
 part_motion · sensor · stream
 gloves · part_prediction · reception · sources
+""",
+    "proximity.web": """
+viewing
+page_process
+bridge
+page_client · slices
+feeding · geometry · keeping · page_files · served_scene · sources
+access · display_mesh · layout
+slice_fields
 """,
     "proximity.decaff": """
 simulated_drums

@@ -27,6 +27,7 @@ from proximity.cli.commands import (
     replay,
     serve,
     simulate,
+    view,
     watch,
 )
 from proximity.cli.program import Command, Group
@@ -69,6 +70,7 @@ app.command("export", cls=Command, epilog=export.EXAMPLES, help=export.HELP, no_
     export.command
 )
 app.command("watch", cls=Command, epilog=watch.EXAMPLES, help=watch.HELP, no_args_is_help=True)(watch.command)
+app.command("view", cls=Command, epilog=view.EXAMPLES, help=view.HELP, no_args_is_help=True)(view.command)
 app.command("demo", cls=Command, epilog=demo.EXAMPLES, help=demo.HELP)(demo.command)
 app.command("drum", cls=Command, epilog=drum.EXAMPLES, help=drum.HELP, no_args_is_help=True)(drum.command)
 app.command("header", cls=Command, epilog=header.EXAMPLES, help=header.HELP)(header.command)
