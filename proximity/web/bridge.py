@@ -9,6 +9,7 @@ import asyncio
 import contextlib
 import json
 import logging
+import time
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -239,7 +240,9 @@ class Bridge:
             client.shown()
             return
         asked = _document(data)
-        if "feed" in asked:
+        if "clock" in asked:
+            self._start(client.tell(clock=_number(asked["clock"]), now_ns=str(time.monotonic_ns())))
+        elif "feed" in asked:
             self._shown.feed.release()
             self._give_role(client)
         elif "slice" in asked:
@@ -297,6 +300,12 @@ class Bridge:
 
 class _TooMuchError(Exception):
     pass
+
+
+def _number(given: Any) -> float:
+    if isinstance(given, bool) or not isinstance(given, int | float):
+        raise UnfitError("a clock is asked with a number")
+    return float(given)
 
 
 def _document(data: str | bytes) -> dict[str, Any]:

@@ -24,6 +24,7 @@ from proximity.service.config import (
     read_scene_file,
 )
 from proximity.tracker.replay import fitted_pose
+from proximity.tracker.tracker import DEFAULT_BUDGET
 from proximity.web.access import LOOPBACK, Access, new_token
 from proximity.web.geometry import scene_glb
 from proximity.web.keeping import ServiceKeeper
@@ -217,6 +218,7 @@ def _with_geometry(shown: "Shown", settings: PageSettings, served: SceneFile | N
         shown.glb = scene_glb(shown.scene)
         radius = served.fingers.radius
         shown.about["radii"] = [radius] * shown.feed.count if isinstance(radius, float) else list(radius)
+        shown.about["budget"] = served.fingers.budget or DEFAULT_BUDGET
         shown.about["first_input"] = settings.first_input
         if settings.recording is not None and shown.feed.may_pose:
             recording = read_recording(settings.recording)
