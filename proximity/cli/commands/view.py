@@ -22,7 +22,8 @@ HELP = "\n\n".join(
         "parts and fingers are taken; or a log of frames (.frames), to be played, with the parts that it is "
         "of. Hands come from a headset with WebXR, the mouse, or a recording.",
         "What the page needs is started and ends with Ctrl-C: a service in a process of its own, and a "
-        "bridge between it and the page. Only this machine can connect, and only with the token in the address.",
+        "bridge between it and the page. Only this machine can connect, and only with the token in the "
+        "address.",
     )
 )
 
