@@ -1,7 +1,7 @@
 // What is known now: the newest frame, made worse as it ages. A number never stays when it does not hold.
 
-import { decode } from "./message.js";
-import { ENUMS } from "./layout.js";
+import { ENUMS, RECORDS } from "./layout.js";
+import { decode, readField } from "./message.js";
 
 const { ContactFlag, State, Mode } = ENUMS;
 export { ContactFlag, State, Mode };
@@ -26,6 +26,9 @@ export const MEANINGS = {
 
 const NOTHING = { state: "STALE", ageMs: NaN, contacts: [], header: null };
 const ms = (ns) => Number(ns) / 1e6;
+
+/** When the tick of a frame began, ms of the service's clock. */
+export const startOf = (frame) => ms(readField(new DataView(frame), 0, RECORDS.frame_header.fields.start_ns));
 
 /** What a frame is worth at an instant of the service's clock, ms; of a log it is worth what it says. */
 export function readingOf(frame, nowMs, isLogged) {

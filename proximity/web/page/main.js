@@ -1,7 +1,7 @@
 // The page: a scene, hands over it, and how far every fingertip is.
 
 import { Fingers } from "./fingers.js";
-import { readingOf } from "./frames.js";
+import { readingOf, startOf } from "./frames.js";
 import { HandShape } from "./inputs/hand.js";
 import { Headset, whyNot } from "./inputs/headset.js";
 import { MouseHand } from "./inputs/mouse_hand.js";
@@ -28,7 +28,6 @@ class Page {
     this.tracked = new Set(); // fingers that were sent last
     this.input = "none";
     this.feeds = false;
-    this.reading = readingOf(null);
     this.listen();
     this.stage.updates.add(() => this.update());
   }
@@ -43,6 +42,7 @@ class Page {
       if (isFinal) this.panel.cover(sentence);
       else this.panel.say(sentence, true);
     });
+    on("frame", (data) => this.parts.follow(startOf(data)));
     this.parts.addEventListener("changed", () => this.panel.showParts(this.parts));
   }
 
@@ -134,14 +134,18 @@ class Page {
     this.tools.readLink();
   }
 
+  /** What is known at this instant. */
+  get reading() {
+    return readingOf(this.link.frame, this.link.serviceNow(), Boolean(this.about?.log));
+  }
+
   update() {
     const { link, stage } = this;
     const isLogged = Boolean(this.about?.log);
-    this.reading = readingOf(link.frame, link.serviceNow(), isLogged);
-    const { header, contacts, state } = this.reading;
-    if (header) this.parts.follow(Number(header.start_ns) / 1e6);
-    this.fingers.show(this.reading, this.paths);
-    this.panel.show(this.reading, link, isLogged);
+    const reading = this.reading;
+    const { contacts, state } = reading;
+    this.fingers.show(reading, this.paths);
+    this.panel.show(reading, link, isLogged);
     const active = this.inputs?.[this.input];
     if (active instanceof Headset) active.contacts = contacts;
     const hands = active instanceof Headset ? active.hands : new Map([["right", active?.joints]]);

@@ -14,10 +14,9 @@ export class Parts extends EventTarget {
     this.waiting = []; // moves whose instant has not come
     this.picked = null;
     this.wanted = new Map(); // name: matrix that is to be sent
-    this.sentMs = 0;
     this.clipping = [];
     link.addEventListener("moves", (event) => this.waiting.push(...event.detail));
-    stage.updates.add(() => this.send());
+    setInterval(() => this.send(), SEND_MS);
   }
 
   async load(buffer) {
@@ -104,9 +103,7 @@ export class Parts extends EventTarget {
   }
 
   send() {
-    const now = performance.now();
-    if (!this.wanted.size || now - this.sentMs < SEND_MS) return;
-    this.sentMs = now;
+    if (!this.wanted.size) return;
     const moves = [...this.wanted].map(([name, { elements: m }]) => ({
       name,
       rotation: [m[0], m[4], m[8], m[1], m[5], m[9], m[2], m[6], m[10]],

@@ -10,6 +10,8 @@ const FOV = 38;
 const TABLE = [0, 0.95, -0.42]; // where the middle of the part's foot is before somebody with a headset
 const SLOW_MS = 50; // from one picture to the next, or more: fewer pixels are drawn
 const FAST_MS = 22;
+const REST = 3;
+const LONGEST_REST_MS = 400;
 
 export class Stage {
   constructor(canvas) {
@@ -41,7 +43,9 @@ export class Stage {
     this.grid = new THREE.Group();
     this.root.add(this.grid);
     this.ratio = Math.min(devicePixelRatio, 2);
-    this.drawMs = 16;
+    this.drawMs = 16; // that a picture takes
+    this.lastMs = 0;
+    this.isDrawn = false;
     this.updates = new Set(); // called before each picture
     addEventListener("resize", () => this.resize());
     this.resize();
@@ -63,13 +67,23 @@ export class Stage {
   }
 
   draw(time, xrFrame) {
-    const sincePicture = Math.min(time - (this.lastMs ?? time), 500);
-    this.lastMs = time;
+    if (this.rests(time, xrFrame)) return;
     for (const update of this.updates) update(time, xrFrame);
     if (!this.renderer.xr.isPresenting) this.controls.update();
     this.renderer.render(this.scene, this.camera);
-    this.drawMs += 0.15 * (sincePicture - this.drawMs);
     this.adapt();
+  }
+
+  /**
+   * Whether no picture is drawn now: where each takes long, because there is no graphics card, two thirds of the
+   * time are left to the service. The first call after a picture says how long that took.
+   */
+  rests(time, xrFrame) {
+    if (xrFrame) return false;
+    if (this.isDrawn) this.drawMs += 0.2 * (Math.min(time - this.lastMs, 500) - this.drawMs);
+    this.isDrawn = this.drawMs < SLOW_MS || time - this.lastMs >= Math.min(REST * this.drawMs, LONGEST_REST_MS);
+    if (this.isDrawn) this.lastMs = time;
+    return !this.isDrawn;
   }
 
   /** Draw fewer pixels where pictures take long, and more again where they do not. */
