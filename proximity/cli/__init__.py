@@ -20,8 +20,7 @@ from proximity.cli.commands import (
     drum,
     export,
     figures,
-    header,
-    key,
+    other_programs,
     query,
     record,
     replay,
@@ -73,8 +72,12 @@ app.command("watch", cls=Command, epilog=watch.EXAMPLES, help=watch.HELP, no_arg
 app.command("view", cls=Command, epilog=view.EXAMPLES, help=view.HELP, no_args_is_help=True)(view.command)
 app.command("demo", cls=Command, epilog=demo.EXAMPLES, help=demo.HELP)(demo.command)
 app.command("drum", cls=Command, epilog=drum.EXAMPLES, help=drum.HELP, no_args_is_help=True)(drum.command)
-app.command("header", cls=Command, epilog=header.EXAMPLES, help=header.HELP)(header.command)
-app.command("key", cls=Command, epilog=key.EXAMPLES, help=key.HELP, no_args_is_help=True)(key.command)
+app.command("header", cls=Command, epilog=other_programs.HEADER_EXAMPLES, help=other_programs.HEADER_HELP)(
+    other_programs.header
+)
+app.command(
+    "key", cls=Command, epilog=other_programs.KEY_EXAMPLES, help=other_programs.KEY_HELP, no_args_is_help=True
+)(other_programs.key)
 app.command("bench", cls=Command, epilog=bench.EXAMPLES, help=bench.HELP, no_args_is_help=True)(bench.command)
 app.command("figures", cls=Command, epilog=figures.EXAMPLES, help=figures.HELP)(figures.command)
 app.command("simulate", cls=Command, epilog=simulate.EXAMPLES, help=simulate.HELP)(simulate.command)

@@ -32,7 +32,7 @@ from proximity.web.page_files import PageFiles
 from proximity.web.served_scene import Addresses, own_addresses, write_scene_file
 
 if TYPE_CHECKING:
-    from proximity.web.bridge import Shown
+    from proximity.web.bridge import Bridge, Shown
 
 LOOK_S = 0.05
 RECORDED_STEP_S = 1 / 90
@@ -103,40 +103,55 @@ def run_page(
         access = Access.of(token, _names(settings), port, is_secure=tls is not None)
         files = PageFiles(FRAMED_BY_NOTEBOOKS if settings.may_be_framed else "'self'")
         bridge = Bridge(made.shown, access, files)
-        host = settings.bind if ":" not in settings.bind else f"[{settings.bind}]"
-        host = socket.gethostname() if settings.bind in ("0.0.0.0", "::") else host
-        begins = {"url": f"{access.scheme}://{host}:{port}/#token={token}", "port": port, "pid": os.getpid()}
+        url = f"{access.scheme}://{_shown_host(settings.bind)}:{port}/#token={token}"
 
-        async def run() -> None:
-            loop = asyncio.get_running_loop()
-
-            def say_on_pages(sentence: str) -> None:
-                say(sentence)
-                loop.call_soon_threadsafe(bridge.say, sentence)
-
+        async def serve() -> None:
             server = await bridge.listen(settings.bind, port, tls)
-            handing = asyncio.create_task(bridge.hand_on())
             try:
-                with ExitStack() as kept:
-                    keeper = None
-                    if made.scene_file is not None:
-                        keeper = kept.enter_context(ServiceKeeper(made.scene_file, say_on_pages))
-                    begun(begins)
-                    while not stop.is_set() and (keeper is None or keeper.failure is None):
-                        await asyncio.sleep(LOOK_S)
-                        if handing.done():
-                            handing.result()
-                    made.shown.feed.release()
-                    stop.set()
-                    await asyncio.to_thread(kept.close)
-                if keeper is not None and keeper.failure is not None:
-                    raise keeper.failure
+                await _until_stopped(bridge, made, stop, say, lambda: begun({"url": url, "pid": os.getpid()}))
             finally:
-                handing.cancel()
                 server.close()
 
-        asyncio.run(run())
+        asyncio.run(serve())
         return {"refused": bridge.refused}
+
+
+async def _until_stopped(
+    bridge: "Bridge",
+    made: "_Made",
+    stop: threading.Event,
+    say: Callable[[str], None],
+    begun: Callable[[], None],
+) -> None:
+    """Hand frames on, with the service kept running where there is one to be started."""
+    loop = asyncio.get_running_loop()
+
+    def say_on_pages(sentence: str) -> None:
+        say(sentence)
+        loop.call_soon_threadsafe(bridge.say, sentence)
+
+    handing = asyncio.create_task(bridge.hand_on())
+    keeper = None if made.scene_file is None else ServiceKeeper(made.scene_file, say_on_pages)
+    with ExitStack() as kept:
+        if keeper is not None:
+            kept.enter_context(keeper)
+        begun()
+        while not stop.is_set() and (keeper is None or keeper.failure is None):
+            await asyncio.sleep(LOOK_S)
+            if handing.done():
+                handing.result()
+        made.shown.feed.release()
+        await asyncio.to_thread(kept.close)
+    handing.cancel()
+    if keeper is not None and keeper.failure is not None:
+        raise keeper.failure
+
+
+def _shown_host(bind: str) -> str:
+    """What stands in the address for where it is listened."""
+    if bind in ("0.0.0.0", "::"):
+        return socket.gethostname()
+    return f"[{bind}]" if ":" in bind else bind
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,7 +23,9 @@ EMULATOR = TESTS / "web" / "vendor" / "iwer.min.js"
 HEADSET = (
     "window.headset = new IWER.XRDevice(IWER.metaQuest3); headset.installRuntime({ forceInstall: true });"
 )
-PATIENCE = float(os.environ.get("PROXIMITY_PATIENCE", "90"))  # s: drawn in software, on a machine that does more
+PATIENCE = float(
+    os.environ.get("PROXIMITY_PATIENCE", "90")
+)  # s: drawn in software, on a machine that does more
 SIZE = {"width": 960, "height": 600}
 
 
@@ -132,8 +134,10 @@ class Page:
     def contacts(self):
         """Fingers that are known: finger, position, distance, whether exact."""
         return self.ask(
-            "((reading) => reading.contacts.filter((each) => each.isKnown && reading.state !== 'LATE').map((each) => "
-            "({ finger: each.finger, position: each.position, distance: each.distance, exact: each.isExact })))(page.reading)"
+            "((reading) => reading.contacts.filter((each) => each.isKnown && reading.state !== 'LATE')"
+            ".map(({ finger, position, distance, isExact: exact }) =>"
+            " ({ finger, position, distance, exact }))"
+            ")(page.reading)"
         )
 
     def close(self):

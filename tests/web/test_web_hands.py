@@ -38,7 +38,7 @@ def scene():
 def known(page, fingers):
     """Wait until those fingers, and no others, are known."""
     page.until(
-        "(fingers) => page.reading.state !== 'LATE' && JSON.stringify(page.reading.contacts"
+        "(fingers) => JSON.stringify(page.reading.contacts"
         ".filter((each) => each.isKnown).map((each) => each.finger)) === JSON.stringify(fingers)",
         fingers,
     )
@@ -85,7 +85,7 @@ POSE = """
       offsetMatrix[12] *= mirror;
       joints[name] = { offsetMatrix, radius: 0.008 };
     }
-    hand[own].poses = { ...hand[own].poses, default: { jointTransforms: joints }, pinch: { jointTransforms: joints } };
+    hand[own].poses = { default: { jointTransforms: joints }, pinch: { jointTransforms: joints } };
   }
 }
 """
@@ -124,8 +124,9 @@ def test_both_hands_of_a_headset_are_tracked_and_measured_to_a_micrometre(chromi
         page.ask(POSE, {side: hand for side, (hand, _) in hands.items()})
         expected = np.array([hands[side][1][tip] for side in ("left", "right") for tip in TIPS])
         found = page.until(
-            "(expected) => { const known = page.reading.contacts.filter((each) => each.isKnown && each.isExact);"
-            " return page.reading.state !== 'LATE' && known.length === 10 && known.every((each, k) => "
+            "(expected) => { const { state, contacts } = page.reading;"
+            " const known = contacts.filter((each) => each.isKnown && each.isExact);"
+            " return state !== 'LATE' && known.length === 10 && known.every((each, k) => "
             "Math.hypot(...each.position.map((x, i) => x - expected[k][i])) < 1e-5) && known; }",
             expected.tolist(),
         )
@@ -154,7 +155,8 @@ def test_a_hand_that_pinches_near_a_part_takes_it_along(chromium, viewing):
         """The right hand at a point of the scene, thumb and index as far apart as said."""
         hand = {}
         for name in names:
-            place = np.array(point) + (0, 0, apart if name == "thumb-tip" else 0)
+            x, y, z = point
+            place = [x, y, z + (apart if name == "thumb-tip" else 0.0)]
             matrix = np.eye(4)
             matrix[:3, 3] = (world_from_scene @ [*place, 1.0])[:3]
             hand[name] = matrix.T.reshape(-1).tolist()

@@ -107,12 +107,7 @@ def command(
 ) -> None:
     """Show until asked to stop."""
     check_limit(limit)
-    if not 1.0 <= rate <= 100_000.0:
-        raise typer.BadParameter(f"{rate:g} Hz: expected 1 to 100000", param_hint="--rate")
-    if not 0.0 < (1.0 if radius is None else radius) <= 1e3:
-        raise typer.BadParameter(f"{radius:g} mm: expected more than 0, up to 1000", param_hint="--radius")
-    if not 0 <= listening.port < 65536:
-        raise typer.BadParameter(f"{listening.port}: expected 0 to 65535", param_hint="--port")
+    _check(rate, radius, listening.port)
     # NumPy, Rich and the library: only now, so that --help and mistakes above answer at once.
     from proximity.cli import progress
     from proximity.web.page_process import PageSettings, run_page
@@ -153,6 +148,16 @@ def command(
         report = run_page(settings, stop=stop, say=_say, begun=begun)
     if program.json:
         typer.echo(json.dumps({"event": "report", **report}))
+
+
+def _check(rate: float, radius: float | None, port: int) -> None:
+    """Refuse numbers out of range."""
+    if not 1.0 <= rate <= 100_000.0:
+        raise typer.BadParameter(f"{rate:g} Hz: expected 1 to 100000", param_hint="--rate")
+    if not 0.0 < (1.0 if radius is None else radius) <= 1e3:
+        raise typer.BadParameter(f"{radius:g} mm: expected more than 0, up to 1000", param_hint="--radius")
+    if not 0 <= port < 65536:
+        raise typer.BadParameter(f"{port}: expected 0 to 65535", param_hint="--port")
 
 
 def _await_line(descriptor: int, stop: threading.Event) -> None:
