@@ -1,7 +1,7 @@
 """The bridge between pages and a service: files over HTTP, frames down, poses and moves up.
 
 One thread, `asyncio`. It computes no distances but those of a slice, and those in a thread beside it. What a
-page is told as text is a JSON document with one key or a few; what is binary is a message of
+page gets as text is a JSON document with one key or a few; what is binary is a message of
 `proximity.message`, a GLB file or a slice, and says so in its first four bytes.
 """
 
@@ -54,7 +54,7 @@ class Shown:
     glb: bytes  # empty: no geometry
     frames: LiveFrames | LoggedFrames
     feed: Feed
-    about: dict[str, Any] = field(default_factory=dict)  # what pages are told at the beginning
+    about: dict[str, Any] = field(default_factory=dict)  # what pages get at the beginning
     recording: dict[str, Any] | None = None  # a hand that can be replayed
 
 

@@ -228,7 +228,7 @@ def _fed(settings: PageSettings, title: str, served: SceneFile, addresses: Addre
 
 
 def _with_geometry(shown: "Shown", settings: PageSettings, served: SceneFile | None) -> "Shown":
-    """Add the GLB, the recorded hand, and what pages are told of them."""
+    """Add the GLB, the recorded hand, and what pages say about them."""
     if shown.scene is not None and served is not None:
         shown.glb = scene_glb(shown.scene)
         radius = served.fingers.radius

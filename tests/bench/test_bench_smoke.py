@@ -77,6 +77,16 @@ def test_every_suite_runs_each_of_its_cases_once(tmp_path):
         assert " is left out: " in message or "for a look" in message
 
 
+@pytest.mark.internals
+def test_single_kernels_agree_with_the_textbook():
+    words = ["-m", "pytest", "bench/benchmarks/kernels", "--small", "-p", "no:cacheprovider"]
+
+    done = subprocess.run([sys.executable, *words], cwd=BENCH.parent, capture_output=True, text=True)
+
+    assert done.returncode == 0, done.stdout[-5000:] + done.stderr[-2000:]
+    assert " skipped" not in done.stdout.splitlines()[-1]
+
+
 def test_mesh_that_is_not_here_is_named(monkeypatch):
     monkeypatch.setattr(cases, "SHARED_PARTS", BENCH / "nowhere")
     cases.load_mesh.cache_clear()

@@ -37,6 +37,7 @@ def test_work_of_a_point_grows_in_the_centre_of_a_ball():
     assert 3.0 < large / small < 5.0  # four times the faces, nearly all of which are looked at
 
 
+@pytest.mark.internals
 def test_rays_that_are_counted_hit_where_rays_hit():
     mesh = inputs.ring(600)
     scene = scenes.scene_of(mesh)
@@ -60,6 +61,7 @@ def test_size_that_does_not_fit_the_memory_is_left_out_with_a_sentence(monkeypat
     ]
 
 
+@pytest.mark.internals
 def test_growth_of_small_scenes_writes_a_table_and_json(capsys, tmp_path):
     path = tmp_path / "growth.json"
 

@@ -101,7 +101,7 @@ def test_document_has_what_its_schema_says(told):
     assert re.fullmatch("[0-9a-f]{64}", told["scene"]["sha256"])
     assert told["scene"]["files"] == ["ball & <co>.stl"]
     assert set(told["machine"]) == {"processor", "cores", "system", "load", "date"}
-    assert set(told["versions"]) == {"proximity", "python", "numpy", "numba"}
+    assert set(told["versions"]) == {"proximity", "python", "numpy", "kernels"}
     assert told["versions"]["proximity"] == "1.2.3"
     assert {"seed", "ticks", "fingers", "budget", "period_s", "gate_s"} <= set(told["settings"])
     assert set(told["search"][0]["places"][0]) == {

@@ -12,7 +12,7 @@ from project import SUPPORT
 
 from proximity.message.c_header import header_text
 from proximity.transport.address import parse
-from proximity.transport.key import key_of
+from proximity.transport.message_key import key_of
 
 HEAVY = {"numba", "numpy", "scipy", "trimesh", "llvmlite", "manifold3d", "cascadio", "networkx"}
 

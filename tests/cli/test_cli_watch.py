@@ -18,7 +18,7 @@ from sealed_frames import SESSION, frame
 from proximity.cli.views import distance_bar, screen, service_watch, watch_view
 from proximity.message import CONTACT, ContactFlag, Flaw, Mode, State
 from proximity.transport import Counts, Reading, forget, open_publisher, open_subscriber
-from proximity.transport.key import write_key
+from proximity.transport.message_key import write_key
 
 ADDRESS = "queue:decaff"
 SEEN = watch_view.Seen(

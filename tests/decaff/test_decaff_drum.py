@@ -59,6 +59,7 @@ def test_drums_are_one_motor_behind_three_gears():
     assert [drum.acceleration for drum in DRUMS.values()] == pytest.approx([800.0, 208.0, 33.0], rel=0.011)
 
 
+@pytest.mark.internals
 def test_drum_coasts_until_friction_has_taken_its_energy():
     numbers, speed, where, step = GEAR4.as_array(), 0.5, 0.0, 1e-5
     while speed > 0.0:
@@ -69,6 +70,7 @@ def test_drum_coasts_until_friction_has_taken_its_energy():
     assert where == pytest.approx(0.5 * GEAR4.mass * 0.5**2 / GEAR4.friction, abs=0.5 * step)
 
 
+@pytest.mark.internals
 def test_motor_has_no_force_left_at_its_speed_limit():
     fast = GEAR4.speed_limit
     frictionless = replace(GEAR4, motor=FRICTIONLESS).as_array()
@@ -78,6 +80,7 @@ def test_motor_has_no_force_left_at_its_speed_limit():
     assert drum_kernels.pushed(frictionless, 50.0, 0.0, 0.0, 0.99 * fast, 1e-5)[1] > 0.99 * fast
 
 
+@pytest.mark.internals
 def test_pulse_width_makes_the_force_a_whole_number_of_steps():
     drum = replace(GEAR4, motor=Motor(duty_bits=8))
     rows = driven(
@@ -92,6 +95,7 @@ def test_pulse_width_makes_the_force_a_whole_number_of_steps():
     assert GEAR4.force_step == 0.0
 
 
+@pytest.mark.internals
 def test_motor_never_pushes_with_more_than_its_limit_or_what_it_is_told():
     asked = {drum_kernels.COMMAND_MODE: drum_kernels.MODE_POSITION, drum_kernels.COMMAND_TARGET: 0.03}
     full = driven(GEAR4, asked, 60)
@@ -102,6 +106,7 @@ def test_motor_never_pushes_with_more_than_its_limit_or_what_it_is_told():
     assert np.abs(capped[:, drum_kernels.DRIVE_APPLIED]).max() == 3.0
 
 
+@pytest.mark.internals
 def test_motor_that_is_off_leaves_the_drum_to_whoever_pushes_it():
     rows = driven(GEAR4, {drum_kernels.COMMAND_MODE: drum_kernels.MODE_OFF}, 30, contact=1.0, start=0.01)
 
@@ -170,6 +175,7 @@ def test_response_is_that_of_a_mass_stepped_sample_by_sample(share):
     assert found == pytest.approx([expected.real, expected.imag], abs=1e-9)
 
 
+@pytest.mark.internals
 def test_reference_keeps_to_speed_and_acceleration_and_stops_on_its_target():
     gains = servo_for(GEAR4, 3000.0)
     rows = driven(
@@ -188,6 +194,7 @@ def test_reference_keeps_to_speed_and_acceleration_and_stops_on_its_target():
     assert (np.argmax(references >= 0.03 - 1e-9) + 1) / 3000.0 == pytest.approx(fastest, abs=1 / 3000.0)
 
 
+@pytest.mark.internals
 def test_speed_cap_is_kept():
     asked = {drum_kernels.COMMAND_MODE: drum_kernels.MODE_POSITION, drum_kernels.COMMAND_TARGET: 0.03}
     rows = driven(GEAR4, asked | {drum_kernels.COMMAND_SPEED_CAP: 0.05}, 300)

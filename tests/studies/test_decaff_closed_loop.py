@@ -52,6 +52,7 @@ def error_of(target, speed, **numbers):
 # ---------------------------------------------------------------------------------------- hand and real wall
 
 
+@pytest.mark.internals
 @pytest.mark.parametrize("speed", SPEEDS)
 def test_hand_goes_as_the_press_says(speed):
     press = HAND.press(speed)

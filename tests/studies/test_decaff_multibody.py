@@ -109,6 +109,7 @@ def test_forces_are_slopes_of_the_energy_and_of_the_tip(name):
     np.testing.assert_allclose(finger.tip_jacobian(angles), ways, rtol=0, atol=1e-12)
 
 
+@pytest.mark.internals
 @pytest.mark.parametrize("name", FINGERS)
 def test_kernel_moves_the_links_by_the_same_equations(name):
     """M q'' = Jᵀ f - C q' - D q' - P; the kernel reckons in angles of links, not of joints."""

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 import shapes
-from ticking import MS, RADIUS
+from ticking import MS, RADIUS, steps_for_all
 
-from proximity.kernels.tracking.tick import MOST_TOLERANCE, PREDICTION_BUDGETS, steps_for_all
+from proximity.kernels.tracking.tick import MOST_TOLERANCE, PREDICTION_BUDGETS
 from proximity.kernels.tracking.track import SETTING_ADAPTIVE_TOLERANCE
 from proximity.message import ContactFlag
 from proximity.scene.scene import Scene

@@ -130,12 +130,7 @@ def command(
     )
     progress.prepare_kernels()
     with stopped_by_signals() as stop:
-        if program.until_stdin:
-            threading.Thread(target=_await_line, args=(STDIN, stop), daemon=True).start()
-        if limit is not None:
-            timer = threading.Timer(limit, stop.set)
-            timer.daemon = True
-            timer.start()
+        _stop_when_asked(stop, program.until_stdin, limit)
 
         def begun(beginning: dict[str, Any]) -> None:
             if program.json:
@@ -148,6 +143,16 @@ def command(
         report = run_page(settings, stop=stop, say=_say, begun=begun)
     if program.json:
         typer.echo(json.dumps({"event": "report", **report}))
+
+
+def _stop_when_asked(stop: threading.Event, is_until_stdin: bool, limit: float | None) -> None:
+    """Have *stop* set at the end of standard input, or after so many seconds."""
+    if is_until_stdin:
+        threading.Thread(target=_await_line, args=(STDIN, stop), daemon=True).start()
+    if limit is not None:
+        timer = threading.Timer(limit, stop.set)
+        timer.daemon = True
+        timer.start()
 
 
 def _check(rate: float, radius: float | None, port: int) -> None:
