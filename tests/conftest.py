@@ -34,7 +34,7 @@ def shared_data() -> Path:
 
 
 NO_INTERNALS = "internals of compiled code: run with PROXIMITY_ISA=jit"
-TESTS_OF_PROCESSES = {"bench", "cli", "service", "transport"}
+TESTS_OF_PROCESSES = {"bench", "cli", "service", "transport", "web"}
 """Folders whose tests start processes, look at clocks, or use what a machine has once."""
 MORE_TESTS_OF_PROCESSES = {
     "test_concurrency.py",

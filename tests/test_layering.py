@@ -15,15 +15,14 @@ PICTURES = {
     "proximity": """
 cli
 certificate
-studies
+studies · web
 service
 tracker
 scene
 bodies · decaff
 formats · model · recording · transport
 mesh · message · pose
-checks
-arrays · kernels · system
+checks · kernels · system
 errors · simd
 native
 """,
@@ -69,6 +68,15 @@ bends · clock · config · finger_kernels · histogram · log_writer · presenc
 teleoperation
 moves_input · sensor · stream
 gloves · part_prediction · reception · sources
+""",
+    "proximity.web": """
+viewing
+page_process
+bridge
+page_client · slices
+feeding · geometry · keeping · page_files · served_scene · sources
+access · display_mesh · layout
+slice_fields
 """,
     "proximity.decaff": """
 simulated_drums

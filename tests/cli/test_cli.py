@@ -17,7 +17,7 @@ from rich.console import Console
 import proximity
 from proximity import cli
 from proximity.cli import progress
-from proximity.cli.commands import query
+from proximity.cli.commands.parts import query
 from proximity.cli.lengths import in_units
 from proximity.cli.views import query_answers
 from proximity.errors import MeshFormatError

@@ -15,7 +15,7 @@ import queued_transport
 from sealed_frames import frame
 
 import proximity
-from proximity.cli.commands import demo
+from proximity.cli.commands.service import demo
 from proximity.cli.drum_loop import DrumsBeside
 from proximity.cli.views import watch_view
 from proximity.decaff.simulated_drums.service_drums import DrumBench

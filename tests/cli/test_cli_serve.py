@@ -14,7 +14,7 @@ from types import SimpleNamespace
 import pytest
 from project import MESHES
 
-from proximity.cli.commands import serve as command
+from proximity.cli.commands.service import serve as command
 from proximity.errors import PublishError, RecordingError
 from proximity.message import State
 from proximity.recording import FrameLog, FrameReader

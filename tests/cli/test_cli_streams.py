@@ -14,7 +14,7 @@ from fake_scene import FakeScene
 
 import proximity
 from proximity import cli
-from proximity.cli.commands import query
+from proximity.cli.commands.parts import query
 
 
 @pytest.fixture
