@@ -32,7 +32,10 @@ def ray_order(model, origins, directions):
     """
     frames = model.frames
     scene = len(frames) - 1
-    lower, upper = frames[scene, FRAME_BOX_LOWER : FRAME_BOX_LOWER + 3], frames[scene, FRAME_BOX_UPPER : FRAME_BOX_UPPER + 3]
+    lower, upper = (
+        frames[scene, FRAME_BOX_LOWER : FRAME_BOX_LOWER + 3],
+        frames[scene, FRAME_BOX_UPPER : FRAME_BOX_UPPER + 3],
+    )
     sides = np.empty(3)
     for axis in range(3):
         sides[axis] = upper[axis] - lower[axis]
