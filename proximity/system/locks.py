@@ -35,7 +35,9 @@ def fork_safe_lock() -> threading.RLock:
 def _all_locks() -> list[Any]:
     while True:
         try:
-            compiler = sys.modules.get("numba.core.compiler_lock")  # where kernels are compiled in this process
+            compiler = sys.modules.get(
+                "numba.core.compiler_lock"
+            )  # where kernels are compiled in this process
             return [_listing, *_locks, *([compiler.global_compiler_lock] if compiler else [])]
         except RuntimeError:  # a scene was made meanwhile, by another thread or by a signal handler
             continue
