@@ -8,9 +8,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from project import SUPPORT
+from project import MESHES, SUPPORT
 
 from proximity.message.c_header import header_text
+from proximity.native import IS_AHEAD
 from proximity.transport.address import parse
 from proximity.transport.message_key import key_of
 
@@ -65,6 +66,27 @@ def run_python(code, **options):
 def test_help_and_version_import_nothing_heavy(arguments):
     result = run_python(AS_PROGRAM.format(arguments=arguments, heavy=HEAVY))
 
+    assert result.stderr.splitlines()[-1] == "imported"
+
+
+@pytest.mark.skipif(not IS_AHEAD, reason="numba compiles the kernels")
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["query", "bracket.stl", "30", "10", "5"],
+        ["check", "bracket.stl"],
+        ["compile", "bracket.stl", "{out}/bracket.prox"],
+        ["replay", "bracket.stl", "hand.csv", "--limit", "0.2"],
+        ["simulate", "--speed", "0.5"],
+        ["demo", "--seconds", "0.2"],
+    ],
+    ids=lambda arguments: arguments[0],
+)
+def test_nothing_waits_for_the_compiler(arguments, tmp_path):
+    arguments = [word.format(out=tmp_path) for word in arguments]
+    result = run_python(AS_PROGRAM.format(arguments=arguments, heavy={"numba", "llvmlite"}), cwd=MESHES)
+
+    assert result.returncode == 0, result.stderr
     assert result.stderr.splitlines()[-1] == "imported"
 
 
