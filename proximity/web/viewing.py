@@ -6,10 +6,12 @@ import tempfile
 import webbrowser
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from proximity.errors import ServiceError
 from proximity.scene.scene import Scene
 from proximity.service.hosting import RunningService
+from proximity.service.hosting.process import STOP_TIMEOUT
 
 BEGIN_TIMEOUT = 600.0
 """s. Large parts may have to be read, and once kernels compiled."""
@@ -52,6 +54,25 @@ class RunningPage(RunningService):
     def url(self) -> str:
         """Where the page is, with the token that lets one in."""
         return str(self.beginning["url"])
+
+    def stop(self, timeout: float = STOP_TIMEOUT) -> dict[str, Any]:
+        """End the page, its bridge and the service behind it; stopping twice is once.
+
+        Parameters
+        ----------
+        timeout : float, s
+            How long to wait; then it is killed.
+
+        Returns
+        -------
+        dict
+            ``refused``: how often a page or a request was refused, by what was wrong.
+        """
+        try:
+            return super().stop(timeout)
+        finally:
+            if self._folder is not None:
+                self._folder.cleanup()
 
     def _repr_html_(self) -> str:
         return (

@@ -7,8 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
+from proximity.kernels.mesh.edges import MANY_NEIGHBORS, NO_NEIGHBOR
 from proximity.mesh import topology
-from proximity.mesh.topology import MANY_NEIGHBORS, NO_NEIGHBOR, build_topology, first_equal_rows
+from proximity.mesh.topology import build_topology, first_equal_rows
 from proximity.mesh.triangle_mesh import TriangleMesh
 
 

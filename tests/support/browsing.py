@@ -100,7 +100,7 @@ class Page:
         if has_headset:
             self.page.add_init_script(path=str(EMULATOR))
             self.page.add_init_script(HEADSET)
-        self.page.goto(url)
+        self.page.goto(url, wait_until="commit", timeout=1e3 * PATIENCE)
 
     def ask(self, script, given=None):
         """What an expression of JavaScript gives."""
@@ -140,7 +140,18 @@ class Page:
             ")(page.reading)"
         )
 
-    def close(self):
+    def exact(self, count=1):
+        """Fingers of which the exact distance is known, as many as said at least."""
+        ends = time.monotonic() + PATIENCE
+        while len(found := [each for each in self.contacts() if each["exact"]]) < count:
+            assert time.monotonic() < ends, f"never {count} exact distances: {self.contacts()}"
+            time.sleep(0.03)
+        return found
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, kind, error, trace):
         """Close it; nothing may have gone wrong in it."""
         self.context.close()
-        assert self.complaints == []
+        assert error is not None or self.complaints == []

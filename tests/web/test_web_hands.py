@@ -35,6 +35,12 @@ def scene():
     return proximity.load(MESHES / "bracket.stl")
 
 
+@pytest.fixture(scope="module")
+def page(chromium, viewing):
+    with Page(chromium, viewing.url, has_headset=True).ready() as one:
+        yield one
+
+
 def known(page, fingers):
     """Wait until those fingers, and no others, are known."""
     page.until(
@@ -44,8 +50,7 @@ def known(page, fingers):
     )
 
 
-def test_a_recorded_hand_is_replayed(chromium, viewing, scene):
-    page = Page(chromium, viewing.url).ready()
+def test_a_recorded_hand_is_replayed(page, scene):
     page.until(
         "page.input === 'replay' && page.reading.contacts.some((each) => each.isKnown && each.isExact)"
     )
@@ -53,12 +58,10 @@ def test_a_recorded_hand_is_replayed(chromium, viewing, scene):
     page.until(f"{nearest} < 0.01")
     page.picture("replay")
 
-    contacts = [each for each in page.contacts() if each["exact"]]
+    contacts = page.exact()
 
-    assert contacts
     expected = scene.signed_distance([each["position"] for each in contacts]) - RADIUS
     np.testing.assert_allclose([each["distance"] for each in contacts], expected, rtol=0, atol=MICROMETRE)
-    page.close()
 
 
 WEAR = """
@@ -107,8 +110,7 @@ def random_hand(rng, names, box, world_from_scene):
     return hand, places
 
 
-def test_both_hands_of_a_headset_are_tracked_and_measured_to_a_micrometre(chromium, viewing, scene):
-    page = Page(chromium, viewing.url, has_headset=True).ready()
+def test_both_hands_of_a_headset_are_tracked_and_measured_to_a_micrometre(page, scene):
     assert page.ask(WEAR) == "headset"
     known(page, list(range(10)))
     page.until("page.inputs.headset.hands.size === 2")
@@ -141,11 +143,9 @@ def test_both_hands_of_a_headset_are_tracked_and_measured_to_a_micrometre(chromi
     page.picture("headset-random")
     page.ask("page.inputs.headset.stop()")
     page.until("page.input === 'mouse'")
-    page.close()
 
 
-def test_a_hand_that_pinches_near_a_part_takes_it_along(chromium, viewing):
-    page = Page(chromium, viewing.url, has_headset=True).ready()
+def test_a_hand_that_pinches_near_a_part_takes_it_along(page):
     assert page.ask(WEAR) == "headset"
     known(page, list(range(10)))
     names = page.ask(NAMES)
@@ -177,15 +177,12 @@ def test_a_hand_that_pinches_near_a_part_takes_it_along(chromium, viewing):
     page.ask("page.inputs.headset.stop()")
     page.ask("page.parts.reset()")
     page.until(f"{elements}[13] === 0")
-    page.close()
 
 
-def test_controllers_are_a_fingertip_each(chromium, viewing):
-    page = Page(chromium, viewing.url, has_headset=True).ready()
+def test_controllers_are_a_fingertip_each(page):
     page.ask("headset.primaryInputMode = 'controller'")
     assert page.ask("page.choose('headset').then(() => page.input)") == "headset"
 
     known(page, [1, 6])
 
     page.ask("page.inputs.headset.stop()")
-    page.close()

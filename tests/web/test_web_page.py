@@ -1,7 +1,5 @@
 """The page in a browser: hands in, distances seen, parts moved, and what it says when nothing comes."""
 
-import contextlib
-
 import browsing
 import numpy as np
 import pytest
@@ -48,33 +46,30 @@ def scene():
     return proximity.Scene(parts)
 
 
-@contextlib.contextmanager
-def opened(chromium, viewing, **how):
-    page = Page(chromium, viewing.url, **how).ready()
-    yield page
-    page.close()
+@pytest.fixture(scope="module")
+def opened(chromium, viewing):
+    with Page(chromium, viewing.url).ready() as one:
+        yield one
 
 
 @pytest.fixture
-def page(chromium, viewing):
-    with opened(chromium, viewing) as one:
-        yield one
+def page(opened):
+    """The page as it is at first."""
+    opened.page.mouse.move(2, 400)
+    opened.page.keyboard.press("Escape")
+    opened.ask("page.tools.reset()")
+    opened.ask("page.choose('mouse')")
+    opened.until(
+        "page.feeds && page.parts.waiting.length === 0 && page.parts.list.every((part) => "
+        "part.object.matrix.equals(part.initial))"
+    )
+    return opened
 
 
 def has_mouse_hand(page, at=MIDDLE):
     page.page.mouse.move(at[0] + 5, at[1])
     page.page.mouse.move(*at)
     page.until(KNOWN)
-
-
-def exact(page, count=1):
-    """Contacts with exact distances, as many as said."""
-    for _ in range(400):
-        found = [each for each in page.contacts() if each["exact"]]
-        if len(found) >= count:
-            return found
-        page.page.wait_for_timeout(30)
-    raise AssertionError(f"never {count} exact distances: {page.contacts()}")
 
 
 def same_as(scene, contacts):
@@ -86,7 +81,7 @@ def same_as(scene, contacts):
 def test_the_mouse_is_a_hand_with_five_fingers(page, scene):
     has_mouse_hand(page)
 
-    contacts = exact(page)
+    contacts = page.exact()
 
     same_as(scene, contacts)
     assert page.ask("page.reading.contacts.filter((each) => each.isKnown).map((each) => each.finger)") == [
@@ -165,11 +160,11 @@ def test_a_part_is_dragged_and_distances_follow(page, scene):
     elsewhere = proximity.Scene(scene.parts)
     elsewhere.move("bracket", matrix)
     page.picture("dragged")
-    same_as(elsewhere, exact(page))
+    same_as(elsewhere, page.exact())
 
     page.page.keyboard.press("Home")
     page.until(f"{moved}[12] === 0 && {moved}[13] === 0")
-    same_as(scene, exact(page))
+    same_as(scene, page.exact())
 
 
 def test_keys_move_a_picked_part(page):
@@ -222,16 +217,15 @@ def test_a_picture_is_saved_and_a_link_opens_the_same_view(page, chromium):
     page.page.keyboard.press("l")
     page.until("location.hash.includes('view=')")
 
-    other = Page(chromium, page.page.url).ready()
     eye = "page.stage.camera.position.toArray()"
-    other.until("page.parts.list.some((part) => !part.object.visible)")
-    np.testing.assert_allclose(other.ask(eye), page.ask(eye), rtol=1e-4)
-    other.close()
+    with Page(chromium, page.page.url).ready() as other:
+        other.until("page.parts.list.some((part) => !part.object.visible)")
+        np.testing.assert_allclose(other.ask(eye), page.ask(eye), rtol=1e-4)
 
 
 def test_a_second_page_watches_and_may_take_over(page, chromium, viewing):
     has_mouse_hand(page)
-    with opened(chromium, viewing) as second:
+    with Page(chromium, viewing.url).ready() as second:
         second.until(KNOWN)
         assert "Another page feeds" in second.ask("document.getElementById('input-hint').textContent")
         second.page.get_by_role("radio", name="Mouse").click()
@@ -267,7 +261,7 @@ def test_stale_is_shown_and_all_is_back_when_the_service_is(page, viewing, scene
     shifted[0, 3] = 0.01
     elsewhere.move("bracket", shifted)
     page.page.wait_for_timeout(500)
-    same_as(elsewhere, exact(page))  # the new service was told where parts are
+    same_as(elsewhere, page.exact())  # the new service was told where parts are
     page.page.keyboard.press("Home")
     page.until(f"{moved}[12] === 0")
 
@@ -281,11 +275,10 @@ def test_without_a_headset_a_sentence_says_so(page):
 
 def test_without_its_token_a_sentence_says_so(chromium, viewing):
     for url in (viewing.url.partition("#")[0], viewing.url.partition("#")[0] + "#token=wrong"):
-        page = Page(chromium, url)
-        page.until(
-            "document.getElementById('cover-text').textContent.startsWith('This address lacks its token')"
-        )
-        page.close()
+        with Page(chromium, url) as page:
+            page.until(
+                "document.getElementById('cover-text').textContent.startsWith('This address lacks its token')"
+            )
 
 
 def test_everything_can_be_reached_by_the_keyboard(page):

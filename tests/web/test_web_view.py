@@ -259,7 +259,7 @@ def test_a_scene_that_lets_the_page_feed_nothing_is_refused(tmp_path):
     )
 
     with pytest.raises(
-        ServiceError, match=r"line 6: web\.feed is true, and there is neither input\.poses nor"
+        ServiceError, match=r"cell\.toml:6: web\.feed is true, and there is neither input\.poses nor"
     ):
         read_scene_file(scene)
 

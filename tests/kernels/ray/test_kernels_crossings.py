@@ -123,9 +123,13 @@ def bare_marks(solid):
     model = solid.snapshot()
     marks = np.zeros(len(piece.faces), bool)
     stacks = np.zeros(self_intersections.STACKS_SIZE, np.float32)
+    tree, candidates = (model.reals, model.words, 0), np.zeros(len(piece.faces), np.uint8)
+    self_intersections.note_candidates(
+        piece.corners, piece.faces, piece.neighbors, piece.bvh.slot_faces, *tree, 1e-12, candidates
+    )
     for are_flat in (False, True):
         self_intersections._mark_meeting(
-            piece.corners, piece.faces, piece.neighbors, piece.bvh.slot_faces, model.reals, model.words, 0,
+            piece.corners, piece.faces, piece.neighbors, piece.bvh.slot_faces, tree, candidates,
             1e-12, 10**6, are_flat, stacks, marks,
         )  # fmt: skip
     return marks
