@@ -37,7 +37,7 @@ compiler · given
 code_cache · contact_columns · interruptible · layout · memory
 """,
     "proximity.scene": """
-trimesh_scene
+picture · trimesh_scene
 loader
 scene
 scene_parts

@@ -19,7 +19,6 @@ from proximity.cli.commands import (
     demo,
     drum,
     export,
-    figures,
     header,
     key,
     query,
@@ -29,6 +28,7 @@ from proximity.cli.commands import (
     simulate,
     watch,
 )
+from proximity.cli.commands.drawing import figures, picture
 from proximity.cli.program import Command, Group
 
 HELP = "\n\n".join(  # a paragraph a string: some versions of Typer keep line breaks, some do not
@@ -54,8 +54,8 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 COMMANDS = (
-    query, check, replay, compile, serve, record, export, watch, demo, drum, header, key, bench, figures,
-    simulate,
+    query, check, picture, replay, compile, serve, record, export, watch, demo, drum, header, key, bench,
+    figures, simulate,
 )  # fmt: skip
 """In the order in which the help lists them."""
 RUN_BARE = (demo, header, figures, simulate)
