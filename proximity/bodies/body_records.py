@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from proximity.mesh.topology import Topology
 from proximity.mesh.triangle_mesh import TriangleMesh
 
 
@@ -49,6 +50,7 @@ class Body:
     mesh: TriangleMesh  # only the vertices in use, one a position
     source_faces: np.ndarray  # (F,) int32, what each face is called where it comes from, read-only
     repairs: Repairs
+    topology: Topology | None = None  # of the mesh, where splitting has found it
 
 
 def _counted(count: int, one: str, many: str) -> str:

@@ -11,7 +11,7 @@ from proximity.bodies.connected_faces import Pieces, connect_faces, join_open_pi
 from proximity.bodies.degenerate_faces import find_useless_faces
 from proximity.bodies.vertex_weld import weld_near
 from proximity.errors import MeshError
-from proximity.mesh.topology import position_ids
+from proximity.mesh.topology import EdgeRuns, Topology, merged_positions, topology_of
 from proximity.mesh.triangle_mesh import TriangleMesh
 
 
@@ -57,17 +57,17 @@ def split_bodies(vertices: Any, faces: Any, source_faces: Any = None) -> list[Bo
         stock.weld(pieces)
         pieces = stock.connected()
     stock.is_turned[stock.rows] = pieces.is_turned
-    triangles = stock.unit_positions[stock.wound(stock.rows)]
-    labels, volumes = pieces.labels, enclosed_volumes(triangles, pieces.labels)
+    positions, corners, labels = stock.unit_positions, stock.wound(stock.rows), pieces.labels
+    volumes = enclosed_volumes(positions, corners, labels)
     is_closed = pieces.is_closed & (volumes != 0)
     if not is_closed.all():
-        joined = join_open_pieces(stock.corners[stock.rows], labels, ~is_closed[labels])
+        joined = join_open_pieces(stock.left(stock.corners), labels, ~is_closed[labels])
         first, shells = np.unique(joined, return_index=True, return_inverse=True)[1:]
         is_closed, labels = is_closed[labels[first]], shells
-        volumes = enclosed_volumes(triangles, labels)
-    body_of_shell, is_inside_out = nest_shells(triangles, labels, volumes, is_closed)
+        volumes = enclosed_volumes(positions, corners, labels)
+    body_of_shell, is_inside_out = nest_shells(positions, corners, labels, volumes, is_closed)
     stock.is_inside_out[stock.rows] = is_inside_out[labels]
-    return _made_bodies(stock, _ranked_by_first(body_of_shell[labels]), names)
+    return _made_bodies(stock, _ranked_by_first(body_of_shell, labels), names)
 
 
 def _checked_source_faces(source_faces: Any, face_count: int) -> np.ndarray:
@@ -87,10 +87,9 @@ class _Stock:
 
     def __init__(self, mesh: TriangleMesh) -> None:
         self.mesh = mesh
-        self.merged = position_ids(mesh.vertices, mesh.faces)
+        self.merged, positions = merged_positions(mesh.vertices, mesh.faces)
         self.corners = self.merged  # (F, 3) rows of positions, after welding
-        self.positions = np.empty((int(self.merged.max()) + 1, 3))
-        self.positions[self.merged.ravel()] = mesh.vertices[mesh.faces.ravel()] + 0.0  # nowhere -0.0
+        self.positions = positions + 0.0  # nowhere -0.0
         # Scaled by a power of two, exactly: products of three coordinates stay far from over- and underflow.
         self.exponent = -int(np.frexp(np.abs(self.positions).max())[1])
         self.unit_positions = np.ldexp(self.positions, self.exponent)
@@ -99,21 +98,26 @@ class _Stock:
         self.is_turned = np.zeros(mesh.face_count, dtype=bool)  # to run the way of the others
         self.is_inside_out = np.zeros(mesh.face_count, dtype=bool)  # turned (once more) with all others
         self.rows = np.arange(mesh.face_count)  # faces that are left
+        self.edges: EdgeRuns | None = None  # of all faces, where all are left as they were given
 
     def drop_useless_faces(self) -> None:
-        self.is_sliver, self.is_duplicate = find_useless_faces(self.corners, self.unit_positions)
+        self.is_sliver, self.is_duplicate, self.edges = find_useless_faces(self.corners, self.unit_positions)
         self.rows = np.flatnonzero(~(self.is_sliver | self.is_duplicate))
         if len(self.rows) == 0:
             raise MeshError(
                 f"none of the {self.mesh.face_count} faces has an area, expected at least one that has"
             )
 
+    def left(self, rows: np.ndarray) -> np.ndarray:
+        """Those of (F, ...) *rows* whose faces are left."""
+        return rows if len(self.rows) == len(rows) else rows[self.rows]
+
     def connected(self) -> Pieces:
         """The pieces: closed ones that vertex numbers show, and of the others what positions show."""
-        given, corners = self.mesh.faces[self.rows], self.corners[self.rows]
+        given, corners = self.left(self.mesh.faces), self.left(self.corners)
         vertex_count = _distinct_count(given)
-        if vertex_count in (_distinct_count(corners), 3 * len(given)):
-            return connect_faces(corners, self.unit_positions)
+        if given is corners or vertex_count in (_distinct_count(corners), 3 * len(given)):
+            return connect_faces(corners, self.unit_positions, self.edges)
         numbered = connect_faces(given, np.ldexp(self.mesh.vertices, self.exponent))
         is_certain = numbered.is_closed[numbered.labels]
         if is_certain.all():
@@ -123,23 +127,27 @@ class _Stock:
 
     def weld(self, pieces: Pieces) -> None:
         welded, is_collapsed = weld_near(self.corners[self.rows], self.unit_positions, pieces)
-        self.corners = self.corners.copy()
+        self.corners, self.edges = self.corners.copy(), None
         self.corners[self.rows] = welded
         self.is_sliver[self.rows[is_collapsed]] = True
         self.rows = self.rows[~is_collapsed]
 
     def wound(self, rows: np.ndarray) -> np.ndarray:
-        """Corners of faces, turned as decided: (K, 3)."""
-        corners = self.corners[rows]
+        """Corners of faces, turned as decided: (K, 3); not to be written to."""
         is_turned = (self.is_turned ^ self.is_inside_out)[rows]
+        if len(rows) == len(self.corners) and not is_turned.any():  # all rows, in order
+            return self.corners
+        corners = self.corners[rows]
         corners[is_turned] = corners[is_turned][:, [0, 2, 1]]
         return corners
 
     def repairs(self, rows: np.ndarray) -> Repairs:
         """Changes to the faces *rows* of one body, apart from the faces that it lost."""
-        merged_count, corner_count = _distinct_count(self.merged[rows]), _distinct_count(self.corners[rows])
+        tables = self.mesh.faces, self.merged, self.corners  # mostly one and the same
+        counts = {id(ids): _distinct_count(ids[rows]) for ids in {id(ids): ids for ids in tables}.values()}
+        given_count, merged_count, corner_count = (counts[id(ids)] for ids in tables)
         return Repairs(
-            merged_vertex_count=_distinct_count(self.mesh.faces[rows]) - merged_count,
+            merged_vertex_count=given_count - merged_count,
             welded_vertex_count=merged_count - corner_count,
             weld_distance=self._farthest_move(rows),
             turned_face_count=int(self.is_turned[rows].sum()),
@@ -148,15 +156,19 @@ class _Stock:
 
     def _farthest_move(self, rows: np.ndarray) -> float:
         """Largest distance that welding moved a corner of the faces *rows*, m."""
+        if self.corners is self.merged:
+            return 0.0
         before, after = self.merged[rows], self.corners[rows]
         is_moved = before != after
         moves = self.unit_positions[after[is_moved]] - self.unit_positions[before[is_moved]]
         return float(np.ldexp(np.linalg.norm(moves, axis=1).max(initial=0.0), -self.exponent))
 
 
-def _ranked_by_first(labels: np.ndarray) -> np.ndarray:
-    """The same labels, numbered in the order in which they come."""
-    first, inverse = np.unique(labels, return_index=True, return_inverse=True)[1:]
+def _ranked_by_first(body_of_shell: np.ndarray, labels: np.ndarray) -> np.ndarray:
+    """The bodies of faces by their shells, numbered in the order in which they come."""
+    if len(body_of_shell) == 1:
+        return np.zeros(len(labels), dtype=np.int64)
+    first, inverse = np.unique(body_of_shell[labels], return_index=True, return_inverse=True)[1:]
     rank = np.empty(len(first), dtype=np.int64)
     rank[np.argsort(first)] = np.arange(len(first))
     ranked: np.ndarray = rank[inverse]
@@ -167,10 +179,9 @@ def _made_bodies(stock: _Stock, labels: np.ndarray, names: np.ndarray) -> list[B
     """The bodies that *labels* of the faces left say."""
     sliver_counts = _lost_counts(stock, labels, stock.is_sliver)
     duplicate_counts = _lost_counts(stock, labels, stock.is_duplicate)
-    order = np.argsort(labels, kind="stable")
     bodies: list[Body] = []
-    for rows in np.split(stock.rows[order], np.cumsum(np.bincount(labels))[:-1]):
-        used, faces = _renumbered(stock.wound(rows))
+    for rows in _rows_of_bodies(stock.rows, labels):
+        mesh, topology = _mesh_of_body(stock, rows)
         source_faces = names[rows]
         source_faces.flags.writeable = False
         repairs = replace(
@@ -178,8 +189,25 @@ def _made_bodies(stock: _Stock, labels: np.ndarray, names: np.ndarray) -> list[B
             dropped_sliver_count=int(sliver_counts[len(bodies)]),
             dropped_duplicate_count=int(duplicate_counts[len(bodies)]),
         )
-        bodies.append(Body(TriangleMesh(stock.positions[used], faces), source_faces, repairs))
+        bodies.append(Body(mesh, source_faces, repairs, topology))
     return bodies
+
+
+def _rows_of_bodies(rows: np.ndarray, labels: np.ndarray) -> list[np.ndarray]:
+    """Those of the *rows* that have each of the labels, in order."""
+    counts = np.bincount(labels)
+    if len(counts) == 1:
+        return [rows]
+    return np.split(rows[np.argsort(labels, kind="stable")], np.cumsum(counts)[:-1])
+
+
+def _mesh_of_body(stock: _Stock, rows: np.ndarray) -> tuple[TriangleMesh, Topology | None]:
+    """The mesh of the faces *rows*, and how they meet, if that is known already."""
+    corners = stock.wound(rows)
+    used, faces = _renumbered(corners)
+    mesh = TriangleMesh.of_own(stock.positions[used], np.ascontiguousarray(faces, dtype=np.int32))
+    edges = stock.edges if corners is stock.corners else None
+    return mesh, None if edges is None else topology_of(mesh.faces, edges)
 
 
 def _lost_counts(stock: _Stock, labels: np.ndarray, is_lost: np.ndarray) -> np.ndarray:
@@ -211,8 +239,10 @@ def _renumbered(ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     if not _is_dense(ids):
         used, inverse = np.unique(ids, return_inverse=True)
         return used, inverse.reshape(ids.shape)
-    is_used = _is_in_use(ids)
-    return np.flatnonzero(is_used) + ids.min(), (np.cumsum(is_used) - 1)[ids - ids.min()]
+    is_used, lowest = _is_in_use(ids), ids.min()
+    if is_used.all():
+        return np.arange(lowest, lowest + len(is_used)), ids - lowest if lowest else ids
+    return np.flatnonzero(is_used) + lowest, (np.cumsum(is_used, dtype=np.int32) - np.int32(1))[ids - lowest]
 
 
 def _is_dense(ids: np.ndarray) -> bool:
@@ -221,6 +251,7 @@ def _is_dense(ids: np.ndarray) -> bool:
 
 
 def _is_in_use(ids: np.ndarray) -> np.ndarray:
-    is_used = np.zeros(int(ids.max()) - int(ids.min()) + 1, dtype=bool)
-    is_used[(ids - ids.min()).ravel()] = True
+    lowest = ids.min()
+    is_used = np.zeros(int(ids.max()) - int(lowest) + 1, dtype=bool)
+    is_used[(ids - lowest if lowest else ids).ravel()] = True
     return is_used

@@ -29,25 +29,32 @@ _BESIDE = 2.0**-20
 shell one side is within and one is not, so that the other faces decide."""
 
 
-def enclosed_volumes(triangles: np.ndarray, labels: np.ndarray) -> np.ndarray:
+def enclosed_volumes(positions: np.ndarray, corners: np.ndarray, labels: np.ndarray) -> np.ndarray:
     """Return six times the signed volume of each shell, 0 where rounding leaves the sign open: (P,).
 
-    *triangles* and *labels* as for `nest_shells`; roughly right for shells with small holes.
+    The arguments are those of `nest_shells`; roughly right for shells with small holes.
     """
-    volumes, areas, reach = shell_sizes(triangles, labels.astype(np.int64), int(labels.max()) + 1)
+    corners = np.ascontiguousarray(corners, dtype=np.int32)
+    volumes, areas, reach = shell_sizes(positions, corners, labels.astype(np.int64), int(labels.max()) + 1)
     signed: np.ndarray = np.where(np.abs(volumes) > VOLUME_ROUNDING * areas * reach, volumes, 0.0)
     return signed
 
 
 def nest_shells(
-    triangles: np.ndarray, labels: np.ndarray, volumes: np.ndarray, is_closed: np.ndarray
+    positions: np.ndarray,
+    corners: np.ndarray,
+    labels: np.ndarray,
+    volumes: np.ndarray,
+    is_closed: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return for each shell the shell whose body it belongs to, and whether it is to be turned.
 
     Parameters
     ----------
-    triangles : (K, 3, 3) float64
-        Corners of the faces, scaled to coordinates of at most 1; those of each closed shell run one way.
+    positions : (C, 3) float64
+        Scaled to coordinates of at most 1.
+    corners : (K, 3) integers
+        Rows of *positions*, a face each; those of each closed shell run one way.
     labels : (K,) integers
         The shell of each face, 0 .. P - 1, none without a face.
     volumes : (P,) float64
@@ -64,7 +71,7 @@ def nest_shells(
         return body, is_turned
     order = np.argsort(labels, kind="stable")
     starts = np.searchsorted(labels[order], np.arange(len(volumes) + 1))
-    shells = _Shells(triangles[order], starts, np.abs(volumes))
+    shells = _Shells(positions[corners[order]], starts, np.abs(volumes))
     side = np.sign(volumes)
     for shell in np.flatnonzero(~is_closed & (volumes != 0)).tolist():
         if volumes[shell] < 0 or shells.is_nested(shell):

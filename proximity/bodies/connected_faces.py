@@ -39,13 +39,14 @@ class Pieces:
         return Pieces(labels, is_turned, has_open_edge, is_closed[in_use])
 
 
-def connect_faces(corners: np.ndarray, unit_positions: np.ndarray) -> Pieces:
+def connect_faces(corners: np.ndarray, unit_positions: np.ndarray, edges: EdgeRuns | None = None) -> Pieces:
     """Return the pieces that (K, 3) *corners* make.
 
     *unit_positions* are those of the corners, scaled to coordinates of at most 1. No face may have two equal
-    corners.
+    corners. *edges*: of the faces, if somebody has them.
     """
-    edges = edge_runs(corners)
+    if edges is None:
+        edges = edge_runs(corners)
     is_pair = edges.counts == 2
     first = edges.starts[is_pair]
     one, other = edges.order[first] // 3, edges.order[first + 1] // 3
@@ -56,7 +57,7 @@ def connect_faces(corners: np.ndarray, unit_positions: np.ndarray) -> Pieces:
     if (edges.counts > 2).any():
         contested = _contested_half_edges(edges, labels, is_turned, is_twisted)
         wound = np.where(is_turned[:, None], corners[:, ::-1], corners)
-        is_inside_out = _is_inside_out(edges, labels, unit_positions[wound])
+        is_inside_out = _is_inside_out(edges, labels, unit_positions, wound)
         contested = replace(
             contested, is_forward=contested.is_forward ^ is_inside_out[contested.half_edges // 3]
         )
@@ -155,14 +156,16 @@ def _contested_half_edges(
     return _Contested(half_edges[~is_whole], edge[~is_whole], is_forward[~is_whole])
 
 
-def _is_inside_out(edges: EdgeRuns, labels: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Whether each of the (K, 3, 3) *triangles* is of bodies that touch, of negative volume together."""
+def _is_inside_out(
+    edges: EdgeRuns, labels: np.ndarray, unit_positions: np.ndarray, corners: np.ndarray
+) -> np.ndarray:
+    """Whether each of the (K, 3) *corners* is of bodies that touch, of negative volume together."""
     is_many = edges.counts > 2
     counts = edges.counts[is_many]
     piece = labels[edges.order[np.repeat(is_many, edges.counts)] // 3]
     first = np.repeat(labels[edges.order[edges.starts[is_many]] // 3], counts)
     touching = linked_components(int(labels.max()) + 1, first, piece)[labels]
-    is_inside_out: np.ndarray = enclosed_volumes(triangles, touching)[touching] < 0
+    is_inside_out: np.ndarray = enclosed_volumes(unit_positions, corners, touching)[touching] < 0
     return is_inside_out
 
 

@@ -16,30 +16,33 @@ DEGENERATE_HEIGHT = 16 * np.finfo(np.float64).eps
 """A face has no area when its height drowns in the rounding of its coordinates; times the largest of them."""
 
 
-def find_useless_faces(corners: np.ndarray, unit_positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def find_useless_faces(
+    corners: np.ndarray, unit_positions: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, EdgeRuns | None]:
     """Return which of the (F, 3) *corners* are slivers to drop, and which are duplicates to drop.
 
-    *unit_positions* are those of the corners, scaled to coordinates of at most 1. Of equal faces the first
-    stays.
+    And the edges of the faces, if none is to be dropped. *unit_positions* are those of the corners, scaled to
+    coordinates of at most 1. Of equal faces the first stays.
     """
     a, b, c = corners.T
     is_folded = (a == b) | (b == c) | (c == a)
     rows = np.flatnonzero(~is_folded)
     is_sliver, is_duplicate = is_folded, np.zeros(len(corners), dtype=bool)
     if len(rows) == 0:
-        return is_sliver, is_duplicate
-    edges = edge_runs(corners[rows])
-    is_twin = _equals_earlier_face(corners[rows], edges)
+        return is_sliver, is_duplicate, None
+    left = corners if len(rows) == len(corners) else corners[rows]
+    edges = edge_runs(left)
+    is_twin = _equals_earlier_face(left, edges)
     is_twin &= _can_go(edges, is_twin)
     is_duplicate[rows[is_twin]] = True
-    is_flat = thin_faces(unit_positions, corners[rows], DEGENERATE_HEIGHT) & ~is_twin
+    is_flat = thin_faces(unit_positions, left, DEGENERATE_HEIGHT) & ~is_twin
     if is_flat.any():
-        left = np.flatnonzero(~is_twin)
-        if len(left) < len(rows):
-            edges = edge_runs(corners[rows[left]])
-        can_go = _can_go(edges, is_flat[left])
-        is_sliver[rows[left[can_go]]] = True
-    return is_sliver, is_duplicate
+        kept = np.flatnonzero(~is_twin)
+        own_edges = edges if len(kept) == len(rows) else edge_runs(left[kept])
+        can_go = _can_go(own_edges, is_flat[kept])
+        is_sliver[rows[kept[can_go]]] = True
+    is_any_useless = is_sliver.any() or is_duplicate.any()
+    return is_sliver, is_duplicate, None if is_any_useless else edges
 
 
 def _equals_earlier_face(corners: np.ndarray, edges: EdgeRuns) -> np.ndarray:

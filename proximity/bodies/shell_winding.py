@@ -4,7 +4,8 @@ import numpy as np
 
 from proximity.kernels.sign.winding_number import winding_numbers
 from proximity.model.bvh import build_bvh, local_frame
-from proximity.model.part_arrays import joined, moments_of
+from proximity.model.part_arrays import moments_of
+from proximity.model.part_memory import joined
 
 
 class ShellWinding:
@@ -21,7 +22,7 @@ class ShellWinding:
         self._frame = local_frame(corners.min(axis=0), corners.max(axis=0))
         faces = np.arange(len(corners), dtype=np.int32).reshape(-1, 3)
         bvh = build_bvh(np.ascontiguousarray(self._frame.of(corners)), faces)
-        self._words, (_, self._moments) = joined([bvh.nodes, moments_of(bvh)], np.float32)
+        self._words, (_, self._moments) = joined([[bvh.nodes], [moments_of(bvh)]], np.float32)
         self._blocks = bvh.blocks
 
     def turns(self, points: np.ndarray) -> np.ndarray:

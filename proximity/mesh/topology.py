@@ -12,14 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from proximity.kernels.mesh.edges import sorted_half_edges
+from proximity.kernels.mesh.edges import neighbors_across, sorted_half_edges
 from proximity.mesh.triangle_mesh import TriangleMesh
-
-NO_NEIGHBOR = -1
-"""In `Topology.neighbors`: no other face has this edge."""
-
-MANY_NEIGHBORS = -2
-"""In `Topology.neighbors`: more than two faces have this edge, or two that run along it the same way."""
 
 _HASH_FACTORS = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
 """Odd and without pattern, so that coordinates on a grid spread over all 64 bits."""
@@ -30,7 +24,7 @@ class Topology:
     """Connections between the faces of a mesh; the arrays are read-only."""
 
     corner_ids: np.ndarray  # (F, 3) int32, 0 .. corner_count - 1, one number a position
-    neighbors: np.ndarray  # (F, 3) int32, face across edge k, NO_NEIGHBOR or MANY_NEIGHBORS
+    neighbors: np.ndarray  # (F, 3) int32, face across edge k, or as `kernels.mesh.edges` says
     edge_count: int  # pairs of corners that at least one face runs along
     boundary_edge_count: int  # edges of one face
     nonmanifold_edge_count: int  # edges of more than two faces
@@ -63,10 +57,23 @@ def build_topology(mesh: TriangleMesh) -> Topology:
     Cost: O(V log V + F); 0.1 s for 300 k faces.
     """
     corner_ids = position_ids(mesh.vertices, mesh.faces)
-    edges = edge_runs(corner_ids)
+    return topology_of(corner_ids, edge_runs(corner_ids))
+
+
+def topology_of(corner_ids: np.ndarray, edges: "EdgeRuns") -> Topology:
+    """Return how faces meet, whose corners are numbered by position.
+
+    Parameters
+    ----------
+    corner_ids : (F, 3) int32
+        As `position_ids` returns them; made read-only.
+    edges : EdgeRuns
+        Of these faces.
+    """
     is_pair = (edges.counts == 2) & ~edges.is_loop
     is_opposed = is_pair & (edges.forward_counts == 1)
-    neighbors = _neighbors(edges, is_opposed)
+    neighbors = neighbors_across(edges.order, edges.starts, edges.counts, edges.is_loop, is_opposed)
+    neighbors = neighbors.reshape(-1, 3)
     for array in (corner_ids, neighbors):
         array.flags.writeable = False
     return Topology(
@@ -79,6 +86,24 @@ def build_topology(mesh: TriangleMesh) -> Topology:
         is_watertight=bool(is_opposed.all()),
         is_balanced=bool((edges.is_loop | (2 * edges.forward_counts == edges.counts)).all()),
     )
+
+
+def corners_of(mesh: TriangleMesh, topology: Topology) -> np.ndarray:
+    """Return the positions that faces of a mesh have, one row each, (K, 3) float64.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        The mesh.
+    topology : Topology
+        Of it.
+    """
+    count = int(topology.corner_ids.max()) + 1
+    if count == mesh.vertex_count:  # each vertex is in use, and has a position of its own
+        return mesh.vertices
+    corners = np.empty((count, 3))
+    corners[topology.corner_ids.ravel()] = mesh.vertices[mesh.faces.ravel()]
+    return corners
 
 
 def position_ids(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
@@ -96,14 +121,29 @@ def position_ids(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     (F, 3) int32
         Numbers from 0 without a gap, rising with the first vertex at each position.
     """
+    return merged_positions(vertices, faces)[0]
+
+
+def merged_positions(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return *faces* by positions, as `position_ids` does, and the first vertex at each, (K, 3) float64.
+
+    Parameters
+    ----------
+    vertices, faces
+        As `position_ids`.
+    """
     is_used = np.zeros(len(vertices), dtype=bool)
     is_used[faces.ravel()] = True
-    number = np.cumsum(is_used, dtype=np.int32) - np.int32(1)
-    first_at_position = first_equal_rows(vertices if is_used.all() else vertices[is_used])
+    is_all_used = bool(is_used.all())
+    used = vertices if is_all_used else vertices[is_used]
+    first_at_position = first_equal_rows(used)
     is_first = first_at_position == np.arange(len(first_at_position))
+    if is_all_used and is_first.all() and faces.dtype == np.int32:
+        return faces, vertices
     id_of_used = (np.cumsum(is_first, dtype=np.int32) - np.int32(1))[first_at_position]
+    number = np.cumsum(is_used, dtype=np.int32) - np.int32(1)
     ids: np.ndarray = id_of_used[number[faces]]
-    return ids
+    return ids, used[is_first]
 
 
 def first_equal_rows(points: np.ndarray) -> np.ndarray:
@@ -151,14 +191,3 @@ def _first_of_equal(keys: np.ndarray) -> np.ndarray:
 def edge_runs(corner_ids: np.ndarray) -> EdgeRuns:
     """Return the half-edges of faces given by (F, 3) *corner_ids*, sorted by edge."""
     return EdgeRuns(*sorted_half_edges(np.ascontiguousarray(corner_ids, dtype=np.int32)))
-
-
-def _neighbors(edges: EdgeRuns, is_opposed: np.ndarray) -> np.ndarray:
-    """Faces across half-edges: (F, 3) int32."""
-    alone = np.where((edges.counts == 1) | edges.is_loop, NO_NEIGHBOR, MANY_NEIGHBORS)
-    neighbors = np.empty(len(edges.order), dtype=np.int32)
-    neighbors[edges.order] = np.repeat(alone, edges.counts)
-    first = edges.starts[is_opposed]
-    one, other = edges.order[first], edges.order[first + 1]
-    neighbors[one], neighbors[other] = other // 3, one // 3
-    return neighbors.reshape(-1, 3)

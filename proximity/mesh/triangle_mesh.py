@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from proximity.arrays import as_float64
-from proximity.checks import is_whole
+from proximity.checks.arrays import as_float64
+from proximity.checks.numbers import is_whole
 from proximity.errors import MeshError
 
 MAX_FACE_COUNT = 2**31 - 1
@@ -50,8 +50,22 @@ class TriangleMesh:
         mesh.vertices, mesh.faces = vertices, faces
         return mesh
 
+    @classmethod
+    def of_own(cls, vertices: np.ndarray, faces: np.ndarray) -> "TriangleMesh":
+        """Return a mesh of arrays that it takes over, which are read-only from then on.
+
+        Parameters
+        ----------
+        vertices : (V, 3) float64, m
+            Finite; C-ordered.
+        faces : (F, 3) int32
+            Rows of *vertices*, at least one; C-ordered.
+        """
+        vertices.flags.writeable = faces.flags.writeable = False
+        return cls._from_checked(vertices, faces)
+
     def __reduce__(self) -> tuple[Any, ...]:
-        return _read_only, (self.vertices, self.faces)
+        return TriangleMesh.of_own, (self.vertices, self.faces)
 
     @property
     def face_count(self) -> int:
@@ -78,12 +92,6 @@ class TriangleMesh:
 
     def __repr__(self) -> str:
         return f"TriangleMesh({self.vertex_count} vertices, {self.face_count} faces)"
-
-
-def _read_only(vertices: np.ndarray, faces: np.ndarray) -> TriangleMesh:
-    """A mesh of arrays that are a copy of a mesh's."""
-    vertices.flags.writeable = faces.flags.writeable = False
-    return TriangleMesh._from_checked(vertices, faces)
 
 
 def _checked_vertices(vertices: Any) -> np.ndarray:

@@ -5,7 +5,7 @@ tree references; the solids of a scene's parts look at the scene's arrays and ke
 """
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -24,8 +24,9 @@ from proximity.kernels.model_arrays import ModelArrays
 from proximity.kernels.scene.placement import update_box
 from proximity.kernels.sign.winding_number import MOMENT_STRIDE
 from proximity.model.bvh import Bvh, LocalFrame
-from proximity.model.part_arrays import PartArrays, joined
+from proximity.model.part_arrays import PartArrays
 from proximity.model.part_grid import occupancy
+from proximity.model.part_memory import WORD_NOTES, PartMemory, joined
 from proximity.model.part_trees import (
     PartTreesPlan,
     choose_frame,
@@ -39,6 +40,8 @@ from proximity.pose import Pose
 
 SPARE = 1.25
 """Space for the static tree, as a multiple of what it takes at first: other parts opened may need more."""
+_ARRAYS = "moments", "faces", "neighbors", "corners", "normals", "grid"
+"""Of `PartArrays`, beside those of the tree."""
 NEVER = -1
 """Version of a copy that has nothing yet."""
 
@@ -106,42 +109,71 @@ class Model:
         row : int
             Of the part.
         """
+        views = self.part_views(row)
+        bvh = Bvh(views.bvh.nodes.copy(), views.bvh.blocks.copy(), views.bvh.slot_faces.copy())
+        copies = {name: getattr(views, name).copy() for name in _ARRAYS}
+        return replace(views, bvh=bvh, **copies)
+
+    def part_views(self, row: int) -> PartArrays:
+        """Return a part's arrays, numbered from zero, in this model's memory as far as may be.
+
+        Parameters
+        ----------
+        row : int
+            Of the part.
+        """
         part, frame = self.parts[row], self.frames[row]
-        nodes = self.words[NODE_STRIDE * part[layout.PART_ROOT] :][
-            : NODE_STRIDE * part[layout.PART_NODE_COUNT]
-        ]
-        nodes = _renumbered(nodes, -int(part[layout.PART_ROOT]), -int(part[layout.PART_FIRST_BLOCK]))
-        blocks = self.reals[BLOCK_STRIDE * part[layout.PART_FIRST_BLOCK] :]
-        blocks = blocks[: BLOCK_STRIDE * part[layout.PART_BLOCK_COUNT]].copy()
-        slots = self.words[part[layout.PART_SLOT_FACES] + LANES * part[layout.PART_FIRST_BLOCK] :]
-        slots = slots[: LANES * part[layout.PART_BLOCK_COUNT]].view(np.int32).copy()
-        notes = self.words[part[layout.PART_BLOCK_NOTES] + part[layout.PART_FIRST_BLOCK] :]
-        notes = notes[: part[layout.PART_BLOCK_COUNT]].view(np.int32)
-        moments = self.words[part[layout.PART_MOMENTS] + MOMENT_STRIDE * part[layout.PART_ROOT] :]
+        node_count, block_count = int(part[layout.PART_NODE_COUNT]), int(part[layout.PART_BLOCK_COUNT])
+        root, first_block = int(part[layout.PART_ROOT]), int(part[layout.PART_FIRST_BLOCK])
+        nodes = self.words[NODE_STRIDE * root :][: NODE_STRIDE * node_count]
+        if root or first_block:
+            nodes = _renumbered(nodes, -root, -first_block)
+        blocks = self.reals[BLOCK_STRIDE * first_block :][: BLOCK_STRIDE * block_count]
+        slots = self.words[part[layout.PART_SLOT_FACES] + LANES * first_block :][: LANES * block_count]
+        notes = self.words[part[layout.PART_BLOCK_NOTES] + first_block :][:block_count].view(np.int32)
+        moments = self.words[part[layout.PART_MOMENTS] + MOMENT_STRIDE * root :][: MOMENT_STRIDE * node_count]
         face_numbers, corner_numbers = 3 * part[layout.PART_FACE_COUNT], 3 * part[layout.PART_CORNER_COUNT]
+        faces, neighbors = (
+            self.words[part[column] :][:face_numbers].view(np.int32).reshape(-1, 3)
+            for column in (layout.PART_FACES, layout.PART_NEIGHBORS)
+        )
+        corners, normals = (
+            self.reals[part[column] :][:corner_numbers].reshape(-1, 3)
+            for column in (layout.PART_CORNERS, layout.PART_CORNER_NORMALS)
+        )
         has_grid = part[layout.PART_GRID] != NO_GRID
         counts = (int(part[layout.PART_GRID_X]), int(part[layout.PART_GRID_Y]), int(part[layout.PART_GRID_Z]))
         grid_words = -(-int(np.prod(counts)) // 16) if has_grid else 0
         grid_at = int(part[layout.PART_GRID]) if has_grid else 0
         return PartArrays(
             frame=LocalFrame.read(frame),
-            bvh=Bvh(nodes, blocks, slots),
-            moments=moments[: MOMENT_STRIDE * part[layout.PART_NODE_COUNT]].copy(),
-            faces=self.words[part[layout.PART_FACES] :][:face_numbers].view(np.int32).reshape(-1, 3).copy(),
-            neighbors=self.words[part[layout.PART_NEIGHBORS] :][:face_numbers]
-            .view(np.int32)
-            .reshape(-1, 3)
-            .copy(),
-            corners=self.reals[part[layout.PART_CORNERS] :][:corner_numbers].reshape(-1, 3).copy(),
-            normals=self.reals[part[layout.PART_CORNER_NORMALS] :][:corner_numbers].reshape(-1, 3).copy(),
+            bvh=Bvh(nodes, blocks, slots.view(np.int32)),
+            moments=moments,
+            faces=faces,
+            neighbors=neighbors,
+            corners=corners,
+            normals=normals,
             lower=frame[layout.FRAME_OWN_LOWER_XYZ].copy(),
             upper=frame[layout.FRAME_OWN_UPPER_XYZ].copy(),
             sign=int(part[layout.PART_SIGN]),
-            grid=self.words[grid_at : grid_at + grid_words].view(np.uint32).copy(),
+            grid=self.words[grid_at : grid_at + grid_words].view(np.uint32),
             grid_counts=counts,
             grid_lower=tuple(frame[layout.FRAME_GRID_LOWER : layout.FRAME_GRID_LOWER + 3]),
             grid_rate=float(frame[layout.FRAME_GRID_RATE]),
             folded=(notes >> layout.FOLDED_AT).astype(np.uint8),
+        )
+
+    def part_in_place(self) -> PartArrays:
+        """Return the arrays of the only part, for another model that is to have this one's memory."""
+        part, scene = self.parts
+        word_columns = [
+            layout.PART_SLOT_FACES, layout.PART_MOMENTS, layout.PART_FACES, layout.PART_NEIGHBORS,
+            layout.PART_GRID, layout.PART_BLOCK_NOTES,
+        ]  # fmt: skip
+        word_starts = [0, *part[word_columns].tolist(), int(scene[layout.SCENE_GRID])]
+        real_starts = [0, *part[[layout.PART_CORNERS, layout.PART_CORNER_NORMALS]].tolist()]
+        return replace(
+            self.part_views(0), memory=PartMemory(self.reals, self.words, real_starts, word_starts)
         )
 
 
@@ -159,7 +191,8 @@ def assemble(
     Parameters
     ----------
     pieces : list of PartArrays
-        At least one.
+        At least one. What is in memory for a model is not copied, if it is the only one: the model has that
+        memory.
     poses : list of Pose
         ``world_from_part``, one a part.
     dynamic, hidden : collection of int
@@ -175,12 +208,15 @@ def assemble(
     parts[list(dynamic), layout.PART_IS_DYNAMIC], parts[list(hidden), layout.PART_IS_HIDDEN] = 1, 1
     node_ends = np.cumsum([0] + [piece.bvh.node_count for piece in pieces])
     block_ends = np.cumsum([0] + [piece.bvh.block_count for piece in pieces])
-    nodes = _together(
-        [
-            _renumbered(piece.bvh.nodes, int(node), int(block))
-            for piece, node, block in zip(pieces, node_ends, block_ends, strict=False)
-        ],
-        np.float32,
+    nodes = (
+        pieces[0].bvh.nodes
+        if count == 1
+        else np.concatenate(
+            [
+                _renumbered(piece.bvh.nodes, int(node), int(block))
+                for piece, node, block in zip(pieces, node_ends, block_ends, strict=False)
+            ]
+        )
     )
     for row, (piece, pose) in enumerate(zip(pieces, poses, strict=True)):
         frames[row, layout.FRAME_OWN_LOWER_XYZ] = piece.lower
@@ -225,23 +261,32 @@ def _filled(
     pieces: list[PartArrays], frames: np.ndarray, parts: np.ndarray, nodes: np.ndarray, tree_nodes: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Put the parts' arrays together, with space for *tree_nodes* over them, and note where they are."""
-    count = len(pieces)
-    reals, real_starts = joined(
-        [_together([piece.bvh.blocks for piece in pieces], np.float64)]
-        + [array for piece in pieces for array in (piece.corners, piece.normals)],
-        np.float64,
-    )
+    count, memory = len(pieces), pieces[0].memory
     containing = occupancy(pieces, frames, parts)
-    words, word_starts = joined(
-        [
-            _together([nodes, np.zeros(tree_nodes * NODE_STRIDE, np.float32)], np.float32),
-            _together([piece.bvh.slot_faces for piece in pieces], np.int32),
-            _together([piece.moments for piece in pieces], np.float32),
-        ]
-        + [array for piece in pieces for array in (piece.faces, piece.neighbors, piece.grid)]
-        + [_notes_on_blocks(pieces), containing.words],
-        np.float32,
-    )
+    if count == 1 and memory is not None:
+        reals, real_starts, words, word_starts = (
+            memory.reals,
+            memory.real_starts,
+            memory.words,
+            memory.word_starts,
+        )
+        memory.word(WORD_NOTES, pieces[0].bvh.block_count, np.int32)[:] = _notes_on_blocks(pieces)
+    else:
+        reals, real_starts = joined(
+            [[piece.bvh.blocks for piece in pieces]]
+            + [[array] for piece in pieces for array in (piece.corners, piece.normals)],
+            np.float64,
+        )
+        words, word_starts = joined(
+            [
+                [nodes, np.zeros(tree_nodes * NODE_STRIDE, np.float32)],
+                [piece.bvh.slot_faces for piece in pieces],
+                [piece.moments for piece in pieces],
+            ]
+            + [[array] for piece in pieces for array in (piece.faces, piece.neighbors, piece.grid)]
+            + [[_notes_on_blocks(pieces)], [containing.words]],
+            np.float32,
+        )
     for row, piece in enumerate(pieces):
         part = parts[row]
         part[[layout.PART_CORNERS, layout.PART_CORNER_NORMALS]] = real_starts[1 + 2 * row : 3 + 2 * row]
@@ -282,11 +327,6 @@ def finished(
 
 
 # --- arrays ----------------------------------------------------------------------------------------------
-
-
-def _together(pieces: list[np.ndarray], dtype: type) -> np.ndarray:
-    """*pieces* end to end."""
-    return np.concatenate(pieces) if len(pieces) > 1 else np.asarray(pieces[0], dtype=dtype)
 
 
 def _notes_on_blocks(pieces: list[PartArrays]) -> np.ndarray:

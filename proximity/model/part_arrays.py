@@ -5,15 +5,27 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from proximity.kernels import layout
+from proximity.kernels.layout import BLOCK_STRIDE, LANES, NODE_STRIDE
 from proximity.kernels.mesh.faces import thin_faces
 from proximity.kernels.mesh.normals import add_corner_normals
 from proximity.kernels.ray.self_intersections import CONTACT_DEPTH, passing_faces
 from proximity.kernels.sign.folded_faces import folded_faces
-from proximity.kernels.sign.inside_grid import build_grid
+from proximity.kernels.sign.inside_grid import CELLS_PER_WORD, build_grid
 from proximity.kernels.sign.winding_number import MOMENT_STRIDE, fill_moments
+from proximity.kernels.tree.builder import fill_blocks
 from proximity.kernels.tree.normal_slab import fill_slabs
-from proximity.model.bvh import Bvh, LocalFrame, build_bvh, local_frame
-from proximity.system.aligned_memory import ALIGNMENT, aligned_empty
+from proximity.model.bvh import Bvh, LocalFrame, build_nodes, local_frame
+from proximity.model.part_memory import (
+    REAL_CORNERS,
+    REAL_NORMALS,
+    WORD_FACES,
+    WORD_GRID,
+    WORD_MOMENTS,
+    WORD_NEIGHBORS,
+    WORD_SLOT_FACES,
+    PartMemory,
+    joined,
+)
 
 CELLS_PER_FACE = 64
 FEWEST_CELLS = 512
@@ -46,6 +58,7 @@ class PartArrays:
     grid_lower: tuple[float, float, float] = (0.0, 0.0, 0.0)
     grid_rate: float = 0.0
     folded: np.ndarray = field(default_factory=lambda: NO_FOLDED)  # (blocks,) uint8
+    memory: PartMemory | None = None  # where the arrays are, if they are where a model has them
 
     @property
     def size(self) -> float:
@@ -73,12 +86,34 @@ def part_arrays(
     if frame is None or float((upper - lower).max()) * frame.scale < SMALLEST_SHARE:
         frame = local_frame(lower, upper)
     local = np.ascontiguousarray(frame.of(corners))
-    bvh = build_bvh(local, faces)
-    normals = np.zeros_like(local)
-    add_corner_normals(local, faces, normals)
-    moments = moments_of(bvh)
-    fill_slabs(bvh.nodes, bvh.blocks, 0, bvh.node_count, moments, 0)
-    return PartArrays(frame, bvh, moments, faces, neighbors, local, normals, lower, upper)
+    nodes, order, block_first = build_nodes(local, faces)
+    node_count, block_count = len(nodes) // NODE_STRIDE, len(block_first) - 1
+    grid_words = -(
+        -int(np.prod(_sign_grid(frame.of(lower), frame.of(upper), len(faces))[1])) // CELLS_PER_WORD
+    )
+    memory = PartMemory.of_size(node_count, block_count, len(local), len(faces), grid_words)
+    bvh = Bvh(
+        memory.word(0, nodes.size),
+        memory.real(0, BLOCK_STRIDE * block_count),
+        memory.word(WORD_SLOT_FACES, LANES * block_count, np.int32),
+    )
+    bvh.nodes[:] = nodes
+    fill_blocks(local, faces, order, block_first, bvh.blocks, bvh.slot_faces)
+    kept, kept_faces, kept_neighbors = (
+        memory.real(REAL_CORNERS, local.size).reshape(-1, 3),
+        memory.word(WORD_FACES, faces.size, np.int32).reshape(-1, 3),
+        memory.word(WORD_NEIGHBORS, faces.size, np.int32).reshape(-1, 3),
+    )
+    kept[:], kept_faces[:], kept_neighbors[:] = local, faces, neighbors
+    normals = memory.real(REAL_NORMALS, local.size).reshape(-1, 3)
+    normals[:] = 0.0
+    add_corner_normals(kept, kept_faces, normals)
+    moments = memory.word(WORD_MOMENTS, MOMENT_STRIDE * node_count)
+    fill_moments(bvh.nodes, bvh.blocks, node_count, moments)
+    fill_slabs(bvh.nodes, bvh.blocks, 0, node_count, moments, 0)
+    return PartArrays(
+        frame, bvh, moments, kept_faces, kept_neighbors, kept, normals, lower, upper, memory=memory
+    )
 
 
 def moments_of(bvh: Bvh) -> np.ndarray:
@@ -126,14 +161,22 @@ def with_sign(piece: PartArrays, sign: int, *, has_grid: bool) -> PartArrays:
         folded = folded_faces(piece.corners, piece.faces, piece.neighbors, piece.bvh.slot_faces, *tree)
         piece = replace(piece, folded=folded | beside_thin_faces(piece))
     if has_grid:
-        lower, upper = piece.corners.min(axis=0), piece.corners.max(axis=0)
-        wanted = min(max(CELLS_PER_FACE * len(piece.faces), FEWEST_CELLS), LARGEST_GRID)
-        rate, counts = grid_size(upper - lower, wanted)
+        lower, upper = piece.frame.of(piece.lower), piece.frame.of(piece.upper)
+        rate, counts = _sign_grid(lower, upper, len(piece.faces))
         grid = build_grid(piece.corners, piece.faces, lower, rate, *counts, *tree)
+        if piece.memory is not None:
+            kept = piece.memory.word(WORD_GRID, len(grid), np.uint32)
+            kept[:], grid = grid, kept
         piece = replace(
             piece, grid=grid, grid_counts=counts, grid_lower=tuple(lower.tolist()), grid_rate=rate
         )
     return piece
+
+
+def _sign_grid(lower: np.ndarray, upper: np.ndarray, face_count: int) -> tuple[float, tuple[int, int, int]]:
+    """Cells a unit, and how many along each axis, of the sign grid of a part with that local box."""
+    wanted = min(max(CELLS_PER_FACE * face_count, FEWEST_CELLS), LARGEST_GRID)
+    return grid_size(upper - lower, wanted)
 
 
 def beside_thin_faces(piece: PartArrays) -> np.ndarray:
@@ -184,7 +227,9 @@ def with_folded_faces(piece: PartArrays, faces: np.ndarray) -> PartArrays:
 
 def _tree(piece: PartArrays) -> tuple[np.ndarray, np.ndarray, int, int]:
     """A part's tree as kernels take it: blocks, nodes and moments, where these two begin."""
-    words, starts = joined([piece.bvh.nodes, piece.moments], np.float32)
+    if piece.memory is not None:
+        return piece.bvh.blocks, piece.memory.words, 0, piece.memory.word_starts[WORD_MOMENTS]
+    words, starts = joined([[piece.bvh.nodes], [piece.moments]], np.float32)
     return piece.bvh.blocks, words, 0, starts[1]
 
 
@@ -204,28 +249,3 @@ def grid_size(extent: np.ndarray, wanted: int) -> tuple[float, tuple[int, int, i
     rate = float((wanted / shape.prod()) ** (1.0 / 3.0))
     nx, ny, nz = (int(number) for number in np.floor(extent * rate) + 1)
     return rate, (nx, ny, nz)
-
-
-def joined(pieces: list[np.ndarray], dtype: type) -> tuple[np.ndarray, list[int]]:
-    """Return *pieces* in one array, each on a cache line, and where each begins; their bits are kept.
-
-    Parameters
-    ----------
-    pieces : list of arrays
-        Of types as wide as *dtype*.
-    dtype : type
-        Of the result.
-    """
-    step = ALIGNMENT // np.dtype(dtype).itemsize
-    starts, end = [], 0
-    for piece in pieces:
-        starts.append(end)
-        end += -(-piece.size // step) * step
-    whole = aligned_empty(max(end, step), dtype)
-    filled = 0
-    for start, piece in zip(starts, pieces, strict=True):
-        whole[filled:start] = 0
-        filled = start + piece.size
-        whole[start:filled] = np.ascontiguousarray(piece).reshape(-1).view(dtype)
-    whole[filled:] = 0
-    return whole, starts

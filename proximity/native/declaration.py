@@ -188,7 +188,7 @@ def _is_of(value: Array | Scalar | Bundle, given: Any) -> bool:
             given, (float, int, np.number, np.bool_) if value.kind == "float" else (int, np.integer, np.bool_)
         )
     return (
-        isinstance(given, np.ndarray)
+        type(given) is np.ndarray
         and given.dtype == value.dtype
         and given.flags.c_contiguous
         and given.flags.aligned

@@ -21,6 +21,7 @@ from proximity.scene.part import Part, parts_of_mesh
 from proximity.scene.saved.archive import is_archive
 from proximity.scene.saved.compiled_scene import read_scene
 from proximity.scene.scene import Scene
+from proximity.scene.scene_parts import SceneParts
 
 
 def load(
@@ -96,6 +97,17 @@ def scene_of(geometries: Iterable[Geometry], origin: str, report: LoadReport) ->
     MeshError
         If what they hold cannot be used.
     """
+    parts = _parts_of(geometries, origin)
+    try:
+        scene = Scene._of_parts(SceneParts.of_new(parts), report)
+    except PoseError as unfit:
+        raise MeshError(f"{origin}: {unfit}") from unfit
+    scene.report = replace(report, notes=(*report.notes, *notes_on_sizes(scene)))
+    return scene
+
+
+def _parts_of(geometries: Iterable[Geometry], origin: str) -> list[Part]:
+    """The parts of meshes, with names that differ."""
     parts: list[Part] = []
     first_of: dict[tuple[int, int], tuple[Geometry, list[Part]]] = {}
     for geometry in geometries:
@@ -108,12 +120,7 @@ def scene_of(geometries: Iterable[Geometry], origin: str, report: LoadReport) ->
             replace(body, name=geometry.name + body.name.removeprefix(first.name), pose=geometry.pose)
             for body in bodies
         ]
-    try:
-        scene = Scene(_with_own_names(parts), report=report)
-    except PoseError as unfit:
-        raise MeshError(f"{origin}: {unfit}") from unfit
-    scene.report = replace(report, notes=(*report.notes, *notes_on_sizes(scene)))
-    return scene
+    return _with_own_names(parts)
 
 
 def notes_on_sizes(scene: Scene) -> list[str]:

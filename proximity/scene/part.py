@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from proximity.arrays import refuse_trimesh
 from proximity.bodies import Repairs, split_bodies
+from proximity.checks.arrays import refuse_trimesh
 from proximity.errors import SceneError
 from proximity.model.part_arrays import common_frame
 from proximity.pose import Pose
@@ -106,9 +106,10 @@ def parts_of_mesh(vertices: Any, faces: Any, *, source_faces: Any = None, name: 
     lower = np.min([body.mesh.vertices.min(axis=0) for body in bodies], axis=0)
     upper = np.max([body.mesh.vertices.max(axis=0) for body in bodies], axis=0)
     frame = common_frame(lower, upper) if len(bodies) > 1 else None
-    parts = []
-    for number, body in enumerate(bodies, start=1):
-        own = name if len(bodies) == 1 else f"{name}.{number}"
-        solid = Solid(body.mesh.vertices, body.mesh.faces, name=own, frame=frame)
+    count, parts = len(bodies), []
+    for number in range(1, count + 1):
+        body = bodies.pop(0)  # what is made of it has not all to be there at once
+        own = name if count == 1 else f"{name}.{number}"
+        solid = Solid._of_body(body, own, frame)
         parts.append(Part(own, solid, Pose(), body.source_faces, body.repairs))
     return parts

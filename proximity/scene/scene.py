@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from proximity.arrays import refuse_trimesh
+from proximity.checks.arrays import refuse_trimesh
 from proximity.errors import MeshError, SceneError
 from proximity.kernels import layout
 from proximity.model.assembly import Model
@@ -77,16 +77,20 @@ class Scene(Queries):
             If the arrays cannot be used.
         """
         refuse_trimesh(vertices, MeshError)
-        return cls(parts_of_mesh(vertices, faces, name=name))
+        return cls._of_parts(SceneParts.of_new(parts_of_mesh(vertices, faces, name=name)), None)
+
+    @classmethod
+    def _of_parts(cls, parts: SceneParts, report: LoadReport | None) -> "Scene":
+        scene = cls.__new__(cls)
+        scene._begin(parts, report)
+        return scene
 
     @classmethod
     def _from_compiled(cls, compiled: CompiledScene) -> "Scene":
         """The scene that was saved; its trees are not made anew."""
-        scene, report = cls.__new__(cls), compiled.report
-        parts = [Part(**fields) for fields in compiled.parts]
+        parts, report = [Part(**fields) for fields in compiled.parts], compiled.report
         loaded = None if report is None else LoadReport(**{**report, "notes": tuple(report["notes"])})
-        scene._begin(SceneParts(parts, SceneState(compiled.model)), loaded)
-        return scene
+        return cls._of_parts(SceneParts(parts, SceneState(compiled.model)), loaded)
 
     def __reduce__(self) -> tuple[Any, ...]:
         with self._lock:
@@ -393,6 +397,4 @@ class Scene(Queries):
 
 def _made_again(parts: list[Part], report: LoadReport | None, dynamic: list[int], epoch: int) -> Scene:
     """The copy of a scene, with a lock and arrays of its own."""
-    scene = Scene.__new__(Scene)
-    scene._begin(SceneParts.of(*with_arrays(parts), dynamic=dynamic, epoch=epoch), report)
-    return scene
+    return Scene._of_parts(SceneParts.of(*with_arrays(parts), dynamic=dynamic, epoch=epoch), report)

@@ -14,6 +14,10 @@ from proximity.model.part_arrays import PartArrays
 from proximity.model.scene_state import SceneState, write_motion, write_surface
 from proximity.scene.deformation import deform_part
 from proximity.scene.part import Part, checked_part
+from proximity.system.free_memory import return_free_memory
+
+MANY_FACES = 100_000
+"""Of new parts: the making of more leaves so much unused memory that it is given back at once."""
 
 
 class SceneParts:
@@ -67,6 +71,23 @@ class SceneParts:
             write_motion(model.frames[row], part.velocity, part.angular_velocity)
             write_surface(model.frames[row], part.stiffness, part.damping)
         return cls(parts, SceneState(model))
+
+    @classmethod
+    def of_new(cls, parts: list[Part]) -> "SceneParts":
+        """Return parts whose solids nobody else has.
+
+        Parameters
+        ----------
+        parts : list of Part
+            As `checked_parts` takes them. The list is emptied: their arrays are not needed twice.
+        """
+        made = with_arrays(checked_parts(parts), are_new=True)
+        parts.clear()
+        scene_parts = cls.of(*made)
+        del made
+        if scene_parts.face_count > MANY_FACES:
+            return_free_memory()
+        return scene_parts
 
     def __len__(self) -> int:
         return len(self._parts)
@@ -142,7 +163,7 @@ class SceneParts:
     def _parts_and_arrays(self, rows: Sequence[int]) -> tuple[list[Part], list[PartArrays]]:
         parts = [self[row] for row in rows]
         model = self.state.writable_model()
-        return parts, [model.part_arrays(row) for row in rows]
+        return parts, [model.part_views(row) for row in rows]
 
     def updated(self) -> Model | None:
         """Return a model of what is true now; None where there is no memory left to write it to."""
@@ -202,8 +223,18 @@ def checked_parts(given: Iterable[Any]) -> list[Part]:
     return parts
 
 
-def with_arrays(parts: list[Part]) -> tuple[list[Part], list[PartArrays]]:
-    """Return parts for a scene of their own, and their arrays."""
+def with_arrays(parts: list[Part], *, are_new: bool = False) -> tuple[list[Part], list[PartArrays]]:
+    """Return parts for a scene of their own, and their arrays.
+
+    Parameters
+    ----------
+    parts : list of Part
+        A solid may be in several.
+    are_new : bool
+        Whether nobody else has their solids: then the scene may take the memory of the only one.
+    """
     solids = {id(part.solid): part.solid._for_scene() for part in parts}
     own = [replace(part, solid=solids[id(part.solid)]) for part in parts]
-    return own, [part.solid.snapshot().part_arrays(0) for part in own]
+    if are_new and len(own) == 1:
+        return own, [own[0].solid.snapshot().part_in_place()]
+    return own, [part.solid.snapshot().part_views(0) for part in own]

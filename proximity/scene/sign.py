@@ -20,7 +20,13 @@ from proximity.kernels.sign.inside_grid import uncertain_points
 from proximity.kernels.sign.winding_number import winding_numbers
 from proximity.mesh.topology import Topology
 from proximity.model.assembly import Model, assemble
-from proximity.model.part_arrays import PartArrays, beside_thin_faces, with_passing_faces, with_sign
+from proximity.model.part_arrays import (
+    NO_FOLDED,
+    PartArrays,
+    beside_thin_faces,
+    with_passing_faces,
+    with_sign,
+)
 from proximity.pose import Pose
 
 POINT_SAMPLE_COUNT = 64
@@ -87,7 +93,7 @@ def choose_sign(piece: PartArrays, topology: Topology) -> tuple[PartArrays, Sign
             "closed and oriented, but it meets itself or has shells that face the wrong way: the nearest "
             f"face and the winding number disagree at {against} of {asked} sample points"
         )
-        return with_sign(piece, layout.SIGN_WINDING, has_grid=True), SignMethod.WINDING_NUMBER, why
+        return replace(signed, sign=layout.SIGN_WINDING, folded=NO_FOLDED), SignMethod.WINDING_NUMBER, why
     if topology.is_balanced:
         why = "closed, but edges have more than two faces"
         return with_sign(piece, layout.SIGN_WINDING, has_grid=True), SignMethod.WINDING_NUMBER, why
@@ -171,7 +177,7 @@ def _contradictions(signed: PartArrays, points: np.ndarray, normals: np.ndarray)
     model = bare = assemble([signed], [Pose()])
     if signed.folded.any():
         # Asked as if nothing were folded: a surface of which much is meets itself.
-        bare = assemble([replace(signed, folded=beside_thin_faces(signed))], [Pose()])
+        bare = assemble([replace(signed, folded=beside_thin_faces(signed), memory=None)], [Pose()])
     above = points + offsets[0] * normals
     against = _differing(bare, signed, around) + _differing(model, signed, above)
     against += _differing(model, signed, uncertain, is_inside)

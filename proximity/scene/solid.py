@@ -5,13 +5,14 @@ from typing import Any
 
 import numpy as np
 
-from proximity.arrays import refuse_trimesh
+from proximity.bodies import Body
+from proximity.checks.arrays import refuse_trimesh
 from proximity.errors import MeshError
 from proximity.kernels import layout
 from proximity.kernels.mesh.faces import signed_volume
 from proximity.kernels.tree.refit import UNUSED
 from proximity.mesh.diagnosis import Diagnosis, diagnose
-from proximity.mesh.topology import Topology, build_topology
+from proximity.mesh.topology import Topology, build_topology, corners_of
 from proximity.mesh.triangle_mesh import TriangleMesh
 from proximity.model.assembly import Model
 from proximity.model.bvh import Bvh, LocalFrame
@@ -60,15 +61,19 @@ class Solid(Queries):
         self, vertices: Any, faces: Any = None, *, name: str = "solid", frame: LocalFrame | None = None
     ) -> None:
         refuse_trimesh(vertices, MeshError)
-        mesh = TriangleMesh(vertices, faces)
-        topology = build_topology(mesh)
+        self._begin(TriangleMesh(vertices, faces), None, name, frame)
+
+    def _begin(
+        self, mesh: TriangleMesh, topology: Topology | None, name: str, frame: LocalFrame | None
+    ) -> None:
+        """Make the tree of a mesh and choose the sign; *topology*: of the mesh, if somebody has it."""
+        if topology is None:
+            topology = build_topology(mesh)
         is_turned = topology.is_balanced and signed_volume(mesh.vertices, mesh.faces) < 0.0
         if is_turned:
             mesh = TriangleMesh(mesh.vertices, mesh.faces[:, ::-1])
             topology = build_topology(mesh)
-        corners = np.empty((int(topology.corner_ids.max()) + 1, 3))
-        corners[topology.corner_ids.ravel()] = mesh.vertices[mesh.faces.ravel()]
-        piece = part_arrays(corners, topology.corner_ids, topology.neighbors, frame)
+        piece = part_arrays(corners_of(mesh, topology), topology.corner_ids, topology.neighbors, frame)
         self.mesh = mesh
         self.name = name
         self._is_watertight = topology.is_watertight
@@ -76,6 +81,13 @@ class Solid(Queries):
         self._arrays = SolidArrays.own(piece)
         if is_turned:
             self.sign_reason += "; all faces were turned, since they ran clockwise seen from outside"
+
+    @classmethod
+    def _of_body(cls, body: Body, name: str, frame: LocalFrame | None) -> "Solid":
+        """The solid of a body, whose arrays it shares."""
+        solid = cls.__new__(cls)
+        solid._begin(body.mesh, body.topology, name, frame)
+        return solid
 
     @classmethod
     def _from_model(

@@ -46,7 +46,7 @@ class SolidArrays:
 
     def leave_scene(self, mesh: TriangleMesh) -> None:
         """Look at a copy, which does not hold on to the memory of the scene."""
-        piece = (self.rebuilt(mesh) if self.is_overwritten else self.model).part_arrays(0)
+        piece = (self.rebuilt(mesh) if self.is_overwritten else self.model).part_views(0)
         self.model = assemble([piece], [Pose()])
 
     def rebuilt(self, mesh: TriangleMesh) -> Model:

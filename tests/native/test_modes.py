@@ -47,10 +47,11 @@ def run(program: str, root: Path = ROOT, **environment: str) -> subprocess.Compl
     }
     return subprocess.run(
         [sys.executable, "-c", program],
+        cwd=root,  # which comes before the variable
         env=kept | {"PYTHONPATH": str(root)} | environment,
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=900,
         check=False,
     )
 

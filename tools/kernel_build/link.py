@@ -23,9 +23,9 @@ def link(target: Target, objects: list[Path], table: Path, folder: Path) -> Path
     target : Target
         The system.
     objects : list of Path
-        Compiled doors, an object for each set of instructions.
+        Compiled wrappers, an object for each set of instructions.
     table : Path
-        C source of `door_table`.
+        C source of `entry_table`.
     folder : Path
         For what is made.
     """
@@ -39,20 +39,20 @@ def link(target: Target, objects: list[Path], table: Path, folder: Path) -> Path
     return extension
 
 
-def door_table(doors: list[tuple[str, str, str]], digest: str) -> str:
-    """Return the C source of the table of doors.
+def entry_table(wrappers: list[tuple[str, str, str]], digest: str) -> str:
+    """Return the C source of the table of wrappers.
 
     Parameters
     ----------
-    doors : list of tuple of str
+    wrappers : list of tuple of str
         Of each the set of instructions, the name, and the symbol.
     digest : str
         Of the sources.
     """
-    lines = ['#include "door.h"', ""]
-    lines += [f"extern int {symbol}(void **, void **, int64_t);" for _, _, symbol in doors]
-    lines += ["", "const NamedDoor named_doors[] = {"]
-    lines += [f'    {{"{instructions}", "{name}", {symbol}}},' for instructions, name, symbol in doors]
+    lines = ['#include "entry_points.h"', ""]
+    lines += [f"extern int {symbol}(void **, void **, int64_t);" for _, _, symbol in wrappers]
+    lines += ["", "const NamedEntry named_entries[] = {"]
+    lines += [f'    {{"{instructions}", "{name}", {symbol}}},' for instructions, name, symbol in wrappers]
     lines += ["    {NULL, NULL, NULL}};", f'const char sources_digest[] = "{digest}";', ""]
     return "\n".join(lines)
 
@@ -73,13 +73,10 @@ def _zig(target: Target, folder: Path, *options: str) -> None:
 def _headers(target: Target) -> list[str]:
     """Where headers are; those of another system's Python and NumPy are replaced where they differ."""
     own = HEADERS / target.name.split("-")[0]
-    folders = [
-        NATIVE,
-        *([own] if own.is_dir() else []),
-        sysconfig.get_paths()["include"],
-        numpy.get_include(),
-    ]
-    return [f"-I{folder}" for folder in folders]
+    config = own / "pyconfig.h"
+    folders = [*([own] if own.is_dir() else []), sysconfig.get_paths()["include"], numpy.get_include()]
+    first = ["-include", str(config)] if config.is_file() else []
+    return first + [f"-I{folder}" for folder in (NATIVE, *folders)]
 
 
 def _system(target: Target, compiled: list[Path], folder: Path) -> list[str]:

@@ -2,7 +2,14 @@
 
 import numpy as np
 
-from proximity.native import entry, kernel
+from proximity.native import entry, kernel, maker
+
+INSERTED = 16
+"""Rows up to which a run is sorted by insertion."""
+NO_NEIGHBOR = -1
+"""No other face has this edge."""
+MANY_NEIGHBORS = -2
+"""More than two faces have this edge, or two that run along it the same way."""
 
 
 @entry("int32[:, 3] -> int64[:], bool[:], int64[:], int64[:], int64[:], bool[:]", makes_arrays=True)
@@ -25,42 +32,27 @@ def sorted_half_edges(corners):
 
     Notes
     -----
-    Sorted by counting, from the least digit on: linear, whatever meets at a corner.
+    By counting for the lower corners; of the few that share one each run is sorted by itself.
     """
-    lows, highs = np.empty(corners.size, np.int32), np.empty(corners.size, np.int32)
-    flags = np.empty(corners.size, np.bool_)
-    for face in range(len(corners)):
-        for k in range(3):
-            one, other = corners[face, k], corners[face, (k + 1) % 3]
-            lows[3 * face + k], highs[3 * face + k] = min(one, other), max(one, other)
-            flags[3 * face + k] = one <= other
-    by_direction, order = np.empty(corners.size, np.int64), np.empty(corners.size, np.int64)
-    forward, backward, largest = 0, 0, 0
-    for half in range(corners.size):
-        backward += flags[half]
-        largest = max(largest, highs[half])
-    for half in range(corners.size):
-        if flags[half]:
-            by_direction[forward] = half
-            forward += 1
-        else:
-            by_direction[backward] = half
-            backward += 1
-    next_positions = np.empty(largest + 2, np.int64)
-    _sort_by(highs, by_direction, next_positions, order)
-    _sort_by(lows, order, next_positions, by_direction)
-    order, is_forward = by_direction, np.empty(corners.size, np.bool_)
+    order, keys = np.empty(corners.size, np.int64), np.empty(corners.size, np.uint32)
+    ends = _spread(corners, order, keys)
+    is_forward, is_loop = np.empty(corners.size, np.bool_), np.empty(corners.size, np.bool_)
     starts, forward_counts = np.empty(corners.size + 1, np.int64), np.zeros(corners.size, np.int64)
-    is_loop = np.empty(corners.size, np.bool_)
-    found, low, high = 0, np.int32(-1), np.int32(-1)
-    for position in range(corners.size):
-        half = order[position]
-        if lows[half] != low or highs[half] != high:
-            low, high = lows[half], highs[half]
-            starts[found], is_loop[found] = position, low == high
-            found += 1
-        is_forward[position] = flags[half]
-        forward_counts[found - 1] += flags[half]
+    longest, first = 0, 0
+    for low in range(len(ends)):
+        longest, first = max(longest, ends[low] - first), ends[low]
+    other_keys, other_rows = np.empty(longest, np.uint32), np.empty(longest, np.int64)
+    found, first = 0, 0
+    for low in range(len(ends)):
+        _sort_run(keys, order, first, ends[low], other_keys, other_rows)
+        for position in range(first, ends[low]):
+            high = keys[position] >> 1
+            if position == first or high != keys[position - 1] >> 1:
+                starts[found], is_loop[found] = position, high == low
+                found += 1
+            is_forward[position] = keys[position] & 1 == 0
+            forward_counts[found - 1] += is_forward[position]
+        first = ends[low]
     starts[found] = corners.size
     counts = np.empty(found, np.int64)
     for edge in range(found):
@@ -75,14 +67,80 @@ def sorted_half_edges(corners):
     )
 
 
+@maker
+def _spread(corners, order, keys):
+    """Put half-edges to *order* by the lower corner of their edges, and return where each corner's end.
+
+    *keys*: twice the higher corner, and one more where they run backward.
+    """
+    largest = 0
+    for face in range(len(corners)):
+        largest = max(largest, corners[face, 0], corners[face, 1], corners[face, 2])
+    ends = np.zeros(largest + 2, np.int64)
+    for face in range(len(corners)):
+        for k in range(3):
+            ends[min(corners[face, k], corners[face, (k + 1) % 3]) + 1] += 1
+    for low in range(1, len(ends)):
+        ends[low] += ends[low - 1]
+    for face in range(len(corners)):
+        for k in range(3):
+            one, other = corners[face, k], corners[face, (k + 1) % 3]
+            position = ends[min(one, other)]
+            order[position] = 3 * face + k
+            keys[position] = 2 * np.int64(max(one, other)) + (one > other)
+            ends[min(one, other)] = position + 1
+    return ends
+
+
 @kernel
-def _sort_by(keys, rows, next_positions, into):
-    """Fill *into* with *rows*, by their keys; equal ones keep their order. *next_positions*: scratch."""
-    next_positions[:] = 0
-    for row in rows:
-        next_positions[keys[row] + 1] += 1
-    for key in range(1, len(next_positions)):
-        next_positions[key] += next_positions[key - 1]
-    for row in rows:
-        into[next_positions[keys[row]]] = row
-        next_positions[keys[row]] += 1
+def _sort_run(keys, rows, first, end, other_keys, other_rows):
+    """Sort a run by its keys; equal ones keep their order. The last two: scratch, as long as the run."""
+    for start in range(first, end, INSERTED):
+        for position in range(start + 1, min(start + INSERTED, end)):
+            key, row, at = keys[position], rows[position], position
+            while at > start and keys[at - 1] > key:
+                keys[at], rows[at] = keys[at - 1], rows[at - 1]
+                at -= 1
+            keys[at], rows[at] = key, row
+    width = INSERTED
+    while width < end - first:
+        for start in range(first, end - width, 2 * width):
+            _merge(keys, rows, start, start + width, min(start + 2 * width, end), other_keys, other_rows)
+        width *= 2
+
+
+@kernel
+def _merge(keys, rows, first, middle, end, other_keys, other_rows):
+    """Merge two sorted runs, one behind the other; of equal keys those of the first come first."""
+    count = middle - first
+    for k in range(count):
+        other_keys[k], other_rows[k] = keys[first + k], rows[first + k]
+    left, right, at = 0, middle, first
+    while left < count:
+        if right < end and keys[right] < other_keys[left]:
+            keys[at], rows[at] = keys[right], rows[right]
+            right += 1
+        else:
+            keys[at], rows[at] = other_keys[left], other_rows[left]
+            left += 1
+        at += 1
+
+
+@entry("int64[:], int64[:], int64[:], bool[:], bool[:] -> int32[:]", makes_arrays=True)
+def neighbors_across(order, starts, counts, is_loop, is_opposed):
+    """Return the face across each half-edge, (H,) int32, or `NO_NEIGHBOR` or `MANY_NEIGHBORS`.
+
+    *order*, *starts*, *counts*, *is_loop*: as `sorted_half_edges` returns them. *is_opposed* (E,): the edge
+    has two half-edges that run opposite ways.
+    """
+    neighbors = np.empty(len(order), np.int32)
+    for edge in range(len(starts)):
+        first = starts[edge]
+        if is_opposed[edge]:
+            one, other = order[first], order[first + 1]
+            neighbors[one], neighbors[other] = other // 3, one // 3
+            continue
+        alone = NO_NEIGHBOR if counts[edge] == 1 or is_loop[edge] else MANY_NEIGHBORS
+        for position in range(first, first + counts[edge]):
+            neighbors[order[position]] = alone
+    return neighbors

@@ -98,23 +98,23 @@ def signed_volume(vertices, faces):
     return volume if abs(volume) > VOLUME_ROUNDING * most else 0.0
 
 
-@entry("float64[:, 3, 3], int64[:], int -> float64[:, :]", makes_arrays=True)
-def shell_sizes(triangles, labels, count):
+@entry("float64[:, 3], int32[:, 3], int64[:], int -> float64[:, :]", makes_arrays=True)
+def shell_sizes(corners, faces, labels, count):
     """Return of each of *count* shells six times its signed volume, twice its area, its reach: (3, count).
 
-    *triangles* (F, 3, 3), *labels* (F,) int64: the shell of each, none without one. Volume and reach, the
-    farthest first corner, are measured from the first corner of a shell's first triangle: a flat one has no
-    volume.
+    *labels* (F,) int64: the shell of each face, none without one. Volume and reach, the farthest first
+    corner, are measured from the first corner of a shell's first face: a flat one has no volume.
     """
     sizes, first = np.zeros((3, count)), np.full(count, -1)
-    for row in range(len(triangles)):
-        shell = labels[row]
+    for face in range(len(faces)):
+        shell = labels[face]
         if first[shell] < 0:
-            first[shell] = row
-        ox, oy, oz = triangles[first[shell], 0]
-        ax, ay, az = triangles[row, 0, 0] - ox, triangles[row, 0, 1] - oy, triangles[row, 0, 2] - oz
-        bx, by, bz = triangles[row, 1, 0] - ox, triangles[row, 1, 1] - oy, triangles[row, 1, 2] - oz
-        cx, cy, cz = triangles[row, 2, 0] - ox, triangles[row, 2, 1] - oy, triangles[row, 2, 2] - oz
+            first[shell] = faces[face, 0]
+        o, a, b, c = first[shell], faces[face, 0], faces[face, 1], faces[face, 2]
+        ox, oy, oz = corners[o, 0], corners[o, 1], corners[o, 2]
+        ax, ay, az = corners[a, 0] - ox, corners[a, 1] - oy, corners[a, 2] - oz
+        bx, by, bz = corners[b, 0] - ox, corners[b, 1] - oy, corners[b, 2] - oz
+        cx, cy, cz = corners[c, 0] - ox, corners[c, 1] - oy, corners[c, 2] - oz
         nx, ny, nz = cross(bx, by, bz, cx, cy, cz)
         sizes[0, shell] += dot(ax, ay, az, nx, ny, nz)
         nx, ny, nz = cross(bx - ax, by - ay, bz - az, cx - ax, cy - ay, cz - az)

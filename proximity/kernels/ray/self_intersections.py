@@ -13,13 +13,20 @@ Source: Möller 1997, "A fast triangle-triangle intersection test": triangles th
 only where an edge of one passes through the other.
 """
 
-from math import frexp, ldexp, sqrt
-
 import numpy as np
 
 from proximity.kernels.geometry.triangle import cross, dot
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NODE_STRIDE, STACK_SIZE, STACKS_SIZE
-from proximity.kernels.mesh.faces import corner_distance_sq, face_normal
+from proximity.kernels.ray.edge_candidates import note_candidates
+from proximity.kernels.ray.edge_contact import (
+    EDGE_CREASED,
+    EDGE_FLAT,
+    edge_ray,
+    has_corner,
+    kind_of_edge,
+    lies_on,
+    reaches_through,
+)
 from proximity.kernels.ray.walk import (
     SLAB_MARGIN,
     aim_and_view,
@@ -45,11 +52,6 @@ from proximity.simd import (
 CONTACT_DEPTH = 1e-10
 """Distance that the ends of an edge must have from a face, to both sides, in sizes of the part, for the edge
 to pass through; an edge of which both are nearer lies in its plane. What is thinner is no face."""
-SHORTEST_CONTACT = 1e4
-"""Depths: of an edge that lies on a face, more than this much does; less is two corners that touch."""
-EDGE_FLAT, EDGE_CREASED, EDGE_UNCLEAR = 0, 1, 2
-"""Edges: between faces in one plane, beside each other; between faces that are not; where one of them is on
-the other, or thinner than any."""
 VOTES = 5
 """Faces of a piece of surface that are looked at where the first one is not right; what most say counts."""
 MOST_BLOCKS = 512
@@ -71,106 +73,16 @@ def _in_plane(reals, base, px, py, pz, qx, qy, qz, depth):
     return bits((first <= most) & (last <= most))
 
 
-@inlined
-def _has_corner(faces, face, corner):
-    return faces[face, 0] == corner or faces[face, 1] == corner or faces[face, 2] == corner
-
-
-@kernel
-def _plane(corners, faces, face, depth):
-    """A normal of a face, and its length, or 0 where the face is thinner than *depth* and has no plane."""
-    nx, ny, nz = face_normal(corners, faces, face)
-    a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
-    longest_sq = max(corner_distance_sq(corners, a, b), corner_distance_sq(corners, a, c))
-    length_sq = dot(nx, ny, nz, nx, ny, nz)
-    return nx, ny, nz, sqrt(length_sq) if length_sq > depth * depth * longest_sq else 0.0
-
-
-@inlined
-def _height(corners, faces, face, nx, ny, nz, corner):
-    """Height of a corner above the plane of a face, times the length of the normal *n*."""
-    a = faces[face, 0]
-    return dot(
-        nx, ny, nz, corners[corner, 0] - corners[a, 0], corners[corner, 1] - corners[a, 1],
-        corners[corner, 2] - corners[a, 2],
-    )  # fmt: skip
-
-
-@kernel
-def _reaches_through(corners, faces, face, start, end, depth):
-    """Whether an edge that meets a face goes on beyond it, on both sides, by more than contact does."""
-    nx, ny, nz, length = _plane(corners, faces, face, depth)
-    if length == 0.0:
-        return False
-    least = depth * length
-    first = _height(corners, faces, face, nx, ny, nz, start)
-    last = _height(corners, faces, face, nx, ny, nz, end)
-    return min(first, last) < -least and max(first, last) > least
-
-
-@kernel
-def _lies_on(corners, faces, face, start, end, depth):
-    """Whether of an edge in the plane of a face more than the shortest lies on it.
-
-    Along its rim as well, unless they share a corner: near that, thin faces are nowhere far from their rims.
-    """
-    slack = -depth if _has_corner(faces, face, start) or _has_corner(faces, face, end) else depth
-    nx, ny, nz, length = _plane(corners, faces, face, depth)
-    if length == 0.0:
-        return False
-    px, py, pz = corners[start, 0], corners[start, 1], corners[start, 2]
-    dx, dy, dz = corners[end, 0] - px, corners[end, 1] - py, corners[end, 2] - pz
-    low, high = 0.0, 1.0
-    for k in range(3):
-        u, w = faces[face, k], faces[face, (k + 1) % 3]
-        ex, ey, ez = (
-            corners[w, 0] - corners[u, 0],
-            corners[w, 1] - corners[u, 1],
-            corners[w, 2] - corners[u, 2],
-        )
-        mx, my, mz = cross(nx, ny, nz, ex, ey, ez)
-        within = dot(mx, my, mz, px - corners[u, 0], py - corners[u, 1], pz - corners[u, 2])
-        within += slack * sqrt(dot(mx, my, mz, mx, my, mz))
-        gain = dot(mx, my, mz, dx, dy, dz)
-        if gain > 0.0:
-            low = max(low, -within / gain)
-        elif gain < 0.0:
-            high = min(high, -within / gain)
-        elif within < 0.0:
-            return False
-    return (high - low) * sqrt(dot(dx, dy, dz, dx, dy, dz)) > SHORTEST_CONTACT * depth
-
-
-@kernel
-def _kind_of_edge(corners, faces, face, other, depth):
-    """The kind of an edge, by how its two faces lie to each other; *other* may be missing."""
-    if other < 0:
-        return EDGE_CREASED
-    nx, ny, nz, length = _plane(corners, faces, face, depth)
-    mx, my, mz, other_length = _plane(corners, faces, other, depth)
-    if length == 0.0 or other_length == 0.0:
-        return EDGE_UNCLEAR
-    most = depth * length
-    for k in range(3):
-        if abs(_height(corners, faces, face, nx, ny, nz, faces[other, k])) > most:
-            return EDGE_CREASED
-    return EDGE_FLAT if dot(nx, ny, nz, mx, my, mz) > 0.0 else EDGE_UNCLEAR
-
-
 @kernel
 def _mark_met(corners, faces, slot_faces, reals, words, root, start, end, kind, depth, stacks, marks):
     """Mark the faces that the edge between two corners passes through or, where it is creased, lies on.
 
     Returns whether there is any, and how many blocks were looked at.
     """
-    ox, oy, oz = corners[start, 0], corners[start, 1], corners[start, 2]
-    dx, dy, dz = corners[end, 0] - ox, corners[end, 1] - oy, corners[end, 2] - oz
-    most = max(abs(dx), abs(dy), abs(dz))
-    if not most > depth:
+    ox, oy, oz, dx, dy, dz, length = edge_ray(corners, start, end)
+    if not length * max(abs(dx), abs(dy), abs(dz)) > depth:
         return False, 0
-    _, power = frexp(most)
-    length, share = ldexp(1.0, power), ldexp(1.0, -power)
-    aim, view = aim_and_view(ox, oy, oz, dx * share, dy * share, dz * share, SLAB_MARGIN)
+    aim, view = aim_and_view(ox, oy, oz, dx, dy, dz, SLAB_MARGIN)
     best32, zero32 = bound_of_parameter(length, 0.0), splat32(np.float32(0.0))
     is_met, blocks = False, 0
     at, reference = 0, root
@@ -186,17 +98,19 @@ def _mark_met(corners, faces, slot_faces, reals, words, root, start, end, kind, 
             base, first = BLOCK_STRIDE * ~reference, LANES * ~reference
             passed, lain = hits_in_block(reals, base, view, length), 0
             if kind == EDGE_CREASED:
-                lain = _in_plane(reals, base, ox, oy, oz, ox + dx, oy + dy, oz + dz, depth)
+                lain = _in_plane(
+                    reals, base, ox, oy, oz, ox + length * dx, oy + length * dy, oz + length * dz, depth
+                )
             met = passed | lain
             while met:
                 lane = trailing_zeros(met)
                 met &= met - 1
                 face = slot_faces[first + lane]
-                shared = _has_corner(faces, face, start) + _has_corner(faces, face, end)
+                shared = has_corner(faces, face, start) + has_corner(faces, face, end)
                 if (lain >> lane) & 1:
-                    is_on = shared < 2 and _lies_on(corners, faces, face, start, end, depth)
+                    is_on = shared < 2 and lies_on(corners, faces, face, start, end, depth)
                 else:
-                    is_on = shared == 0 and _reaches_through(corners, faces, face, start, end, depth)
+                    is_on = shared == 0 and reaches_through(corners, faces, face, start, end, depth)
                 if is_on:
                     marks[face] = is_met = True
         at = next_open(stacks, 0, at, best32)
@@ -207,19 +121,21 @@ def _mark_met(corners, faces, slot_faces, reals, words, root, start, end, kind, 
 
 @kernel
 def _mark_meeting(
-    corners, faces, neighbors, slot_faces, reals, words, root, depth, blocks_left, are_flat, stacks, marks
+    corners, faces, neighbors, slot_faces, tree, candidates, depth, blocks_left, are_flat, stacks, marks
 ):
     """Mark every face that meets another; either the flat edges or the others are taken, each once.
 
-    Returns whether there is any, and how many blocks may still be looked at.
+    Of each face those edges that are *candidates*, see `edge_candidates`. Returns whether there is any, and
+    how many blocks may still be looked at.
     """
+    reals, words, root = tree
     is_any = False
     for face in range(len(faces)):
         for k in range(3):
             other = neighbors[face, k]
-            if 0 <= other < face:
+            if 0 <= other < face or not (candidates[face] >> k) & 1:
                 continue
-            kind = _kind_of_edge(corners, faces, face, other, depth)
+            kind = kind_of_edge(corners, faces, face, other, depth)
             if (kind == EDGE_FLAT) != are_flat:
                 continue
             start, end = faces[face, k], faces[face, (k + 1) % 3]
@@ -283,14 +199,15 @@ def passing_faces(corners, faces, neighbors, slot_faces, reals, words, root, mom
         for corner in range(len(corners)):
             low, high = min(low, corners[corner, axis]), max(high, corners[corner, axis])
         depth = max(depth, CONTACT_DEPTH * (high - low))
-    stacks = words_here(STACKS_SIZE)
+    stacks, candidates, tree = words_here(STACKS_SIZE), np.empty(len(faces), np.uint8), (reals, words, root)
+    note_candidates(corners, faces, neighbors, slot_faces, reals, words, root, depth, candidates)
     is_any, blocks_left = _mark_meeting(
-        corners, faces, neighbors, slot_faces, reals, words, root, depth, MOST_BLOCKS * len(faces), False,
+        corners, faces, neighbors, slot_faces, tree, candidates, depth, MOST_BLOCKS * len(faces), False,
         stacks, marks,
     )  # fmt: skip
     if is_any:
         _mark_meeting(
-            corners, faces, neighbors, slot_faces, reals, words, root, depth, blocks_left, True, stacks, marks
+            corners, faces, neighbors, slot_faces, tree, candidates, depth, blocks_left, True, stacks, marks
         )
     is_seen, piece = marks.copy(), np.empty(len(faces), np.int64)
     for face in range(len(faces)):

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from proximity import native
-from proximity.arrays import as_points
+from proximity.checks.arrays import as_points
 from proximity.errors import ProximityError
 from proximity.kernels.geometry.morton_order import SORT_FROM
 from proximity.kernels.layout import NO_ROW

@@ -94,11 +94,12 @@ def test_faces_with_two_corners_in_one_are_thin_whatever_the_height():
 
 def test_shells_are_told_apart():
     (cube, cube_faces), (ball, ball_faces) = SHAPES["cube"], shapes.inside_out(SHAPES["ball"])
-    triangles = np.concatenate([cube[cube_faces] + 7.0, ball[ball_faces]])
+    corners, faces = np.concatenate([cube + 7.0, ball]), np.concatenate([cube_faces, ball_faces + len(cube)])
+    triangles = corners[faces]
     labels = np.repeat([1, 0], [len(cube_faces), len(ball_faces)])
     mixed = np.random.default_rng(7).permutation(len(labels))
 
-    volumes, areas, reach = shell_sizes(triangles[mixed], labels[mixed], 2)
+    volumes, areas, reach = shell_sizes(corners, faces[mixed].astype(np.int32), labels[mixed], 2)
 
     side = np.ptp(cube[:, 0])
     assert volumes[1] == pytest.approx(6.0 * side**3)

@@ -123,14 +123,19 @@ def bare_marks(solid):
     model = solid.snapshot()
     marks = np.zeros(len(piece.faces), bool)
     stacks = np.zeros(self_intersections.STACKS_SIZE, np.float32)
+    tree, candidates = (model.reals, model.words, 0), np.zeros(len(piece.faces), np.uint8)
+    self_intersections.note_candidates(
+        piece.corners, piece.faces, piece.neighbors, piece.bvh.slot_faces, *tree, 1e-12, candidates
+    )
     for are_flat in (False, True):
         self_intersections._mark_meeting(
-            piece.corners, piece.faces, piece.neighbors, piece.bvh.slot_faces, model.reals, model.words, 0,
+            piece.corners, piece.faces, piece.neighbors, piece.bvh.slot_faces, tree, candidates,
             1e-12, 10**6, are_flat, stacks, marks,
         )  # fmt: skip
     return marks
 
 
+@pytest.mark.internals
 @pytest.mark.parametrize("seed", range(6))
 def test_faces_that_pass_are_those_of_brute_force(seed):
     rng = np.random.default_rng(seed)
@@ -238,6 +243,7 @@ def test_bodies_that_do_not_pass_through_have_no_marks(gap):
     assert "folded" not in solid.sign_reason
 
 
+@pytest.mark.internals
 def test_faces_without_area_are_no_faces_to_pass_through():
     """Tessellation leaves needles of no width along edges; heights over them are rounding."""
     corners = np.array(

@@ -1,0 +1,175 @@
+"""``proximity serve``: run the service that a scene file describes until it is asked to stop."""
+
+import contextlib
+import os
+import threading
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from proximity.cli.options import LIMIT, check_limit
+from proximity.cli.program import EXIT_UNUSABLE
+from proximity.errors import ServiceError
+
+if TYPE_CHECKING:
+    from proximity.service.hosting import Beginning
+    from proximity.web import RunningPage
+
+HELP = "\n\n".join(
+    (
+        "Serve the fingers and parts that SCENE describes: poses in, contacts out, every period.",
+        "SCENE is TOML; meshes/demo.toml explains every key. The service ends with Ctrl-C or SIGTERM, with a "
+        "recording that is not repeated, or after --limit or --ticks; its last frames say that it stops. "
+        "SCENE and the files of its parts may be edited meanwhile: an edit is taken between two ticks, or "
+        "refused with a sentence while the scene before is served on.",
+        "The report on standard output says how many ticks there were, how many were missed, how long they "
+        "took, and how late they began. Exit codes: 0 stopped when asked; 2 SCENE cannot be used, an address "
+        "is in use, or the log that was asked for lacks frames.",
+    )
+)
+
+EXAMPLES = """
+Examples:
+  proximity serve meshes/demo.toml
+  proximity serve cell.toml --rate 500 --publish udp://192.168.7.2:9100 --log run.frames
+  proximity serve cell.toml --limit 60 --no-real-time --json
+"""
+
+STDIN = 0
+
+
+SCENE = Annotated[Path, typer.Argument(metavar="SCENE", help="TOML: parts, fingers, input, addresses.")]
+RATE = Annotated[
+    float | None, typer.Option("--rate", metavar="HZ", help="Ticks per second; overrides SCENE.")
+]
+PUBLISH = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--publish",
+        metavar="ADDRESS",
+        help="Address to publish to; overrides SCENE. Can be given several times.",
+    ),
+]
+LOG = Annotated[
+    Path | None, typer.Option("--log", metavar="FILE", help="Append all frames to this log; overrides SCENE.")
+]
+REAL_TIME = Annotated[
+    bool | None,
+    typer.Option(
+        "--real-time/--no-real-time",
+        help="Try for priority, locked memory and a core of its own.",
+        show_default=False,
+    ),
+]
+TICKS = Annotated[int | None, typer.Option("--ticks", metavar="N", help="Stop after this many ticks.")]
+WEB = Annotated[
+    bool, typer.Option("--web", help="Put a page beside it, as proximity view shows; its address is printed.")
+]
+AS_JSON = Annotated[
+    bool, typer.Option("--json", help="Write JSON: one document at the start, and the report at the end.")
+]
+UNTIL_STDIN = Annotated[
+    bool,
+    typer.Option("--until-stdin", help="Stop at a line on standard input, or when it is closed."),
+]
+
+
+def command(
+    scene: SCENE,
+    rate: RATE = None,
+    publish: PUBLISH = None,
+    log: LOG = None,
+    real_time: REAL_TIME = None,
+    limit: LIMIT = None,
+    ticks: TICKS = None,
+    web: WEB = False,
+    as_json: AS_JSON = False,
+    until_stdin: UNTIL_STDIN = False,
+) -> None:
+    """Serve until asked to stop, and print the report."""
+    check_limit(limit)
+    if ticks is not None and ticks < 1:
+        raise typer.BadParameter(f"{ticks} ticks: expected 1 or more", param_hint="--ticks")
+    # NumPy, Rich and the library: only now, so that --help and mistakes above answer at once.
+    from proximity.cli import progress
+    from proximity.cli.views import serve_report
+    from proximity.service.hosting import serve
+
+    overrides = {"rate_hz": rate, "publish": publish or None, "log": log, "real_time": real_time}
+    page = _PageBeside(scene, overrides) if web else None
+    stop = threading.Event()
+    if until_stdin:
+        threading.Thread(target=_await_line, args=(STDIN, stop), daemon=True).start()
+    progress.prepare_kernels()
+
+    def begun(beginning: "Beginning") -> None:
+        serve_report.write_beginning(beginning, as_json=as_json)
+        if page is not None:
+            page.start()
+
+    try:
+        report = serve(
+            scene,
+            stop=stop,
+            tick_count=ticks,
+            seconds=limit,
+            say=_say,
+            begun=begun,
+            **overrides,
+        )
+    finally:
+        if page is not None:
+            page.stop()
+    serve_report.write(report, as_json=as_json)
+    if report.log_lost:
+        _say(f"the log lacks {report.log_lost} of {report.log_lost + report.log_written} frames")
+        raise typer.Exit(EXIT_UNUSABLE)
+
+
+class _PageBeside:
+    """A page in a process of its own, to which the service publishes at an address of its own."""
+
+    def __init__(self, scene: Path, given: dict[str, Any]) -> None:
+        from proximity.service.config import read_scene_file
+        from proximity.web.served_scene import own_addresses
+
+        self._scene, self._address = str(scene), own_addresses().frames
+        given["publish"] = [*(given["publish"] or read_scene_file(scene).service.publish), self._address]
+        self._page: RunningPage | None = None
+        self._is_over = False
+        self._starting = threading.Thread(target=self._start, name="starts the page", daemon=True)
+
+    def start(self) -> None:
+        """Start it beside the loop, and say where it is."""
+        self._starting.start()
+
+    def stop(self) -> None:
+        """End it."""
+        self._is_over = True
+        if self._page is not None:
+            with contextlib.suppress(ServiceError):
+                self._page.stop()
+
+    def _start(self) -> None:
+        from proximity.web import RunningPage
+
+        try:
+            self._page = RunningPage([self._scene, "--beside", self._address], self._scene, _say)
+        except ServiceError as failure:
+            _say(str(failure))
+            return
+        if self._is_over:
+            self.stop()
+        _say(f"the page is at {self._page.url}")
+
+
+def _await_line(descriptor: int, stop: threading.Event) -> None:
+    """Set *stop* when a file has something, or ends."""
+    with contextlib.suppress(OSError):  # it is not open
+        os.read(descriptor, 1)
+    stop.set()
+
+
+def _say(sentence: str) -> None:
+    typer.echo(f"proximity: {' '.join(sentence.split())}", err=True)

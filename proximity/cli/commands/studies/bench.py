@@ -1,0 +1,172 @@
+"""``proximity bench``: the latency certificate of a scene, and whether the scene fits a period."""
+
+import contextlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+import proximity
+from proximity.cli.options import UNITS
+from proximity.cli.program import EXIT_UNUSABLE
+
+HELP = "\n\n".join(
+    (
+        "Search SCENE for the positions where a tick takes longest, measure ticks there, and compare them "
+        "with haptic sample periods.",
+        "SCENE is a scene file of the service, whose settings are used, or a file of parts. Ticks are timed "
+        "one by one: along a recorded hand, in random motion, and with all fingers at the worst positions; "
+        "then the service's own loop runs for some seconds. The report is one page (.html) with its numbers "
+        "beside it (.json); --json prints these instead.",
+        "With --gate the exit code is 1 if a scene does not fit PERIOD. It fits if 99.9 % of the ticks of "
+        "every motion (best of three runs), and half of the loop's ticks, take no longer to compute. Delays "
+        "by the machine, such as interruptions and late waking, are shown but do not count. The page needs "
+        "jinja2 and matplotlib.",
+    )
+)
+
+EXAMPLES = """
+Examples:
+  proximity bench meshes/bracket.stl
+  proximity bench cell.toml --gate 1ms --out cell-latency.html
+  proximity bench gearbox.step --recording grab.csv --gate 5kHz --json > latency.json
+"""
+
+EXIT_DOES_NOT_FIT = 1
+HAND = "hand.csv"
+REPORT = Path("latency.html")
+
+
+SCENE = Annotated[Path, typer.Argument(metavar="SCENE", help="A scene file (.toml), or parts.")]
+RECORDING = Annotated[
+    Path | None,
+    typer.Option(
+        "--recording",
+        metavar="CSV",
+        help="Recording of a hand, fitted to the parts; without it SCENE's, or a sample.",
+    ),
+]
+GATE = Annotated[
+    str | None,
+    typer.Option("--gate", metavar="PERIOD", help="Period that the scene must fit: 1ms, 200us, 1kHz ..."),
+]
+OUT = Annotated[
+    Path | None,
+    typer.Option(
+        "--out",
+        metavar="FILE",
+        help=f"Write the report: .html, or .json alone. Else {REPORT}, or --json.",
+    ),
+]
+FINGERS = Annotated[
+    int | None,
+    typer.Option(
+        "--fingers",
+        metavar="N",
+        help="Number of fingers at the worst positions; without it as in SCENE, or 5.",
+    ),
+]
+TICKS = Annotated[int, typer.Option("--ticks", metavar="N", help="Number of ticks of each motion.")]
+SECONDS = Annotated[float, typer.Option("--seconds", metavar="S", help="Time that the service's loop runs.")]
+SEED = Annotated[
+    int, typer.Option("--seed", metavar="N", help="Seed of the search and of the random motion.")
+]
+REAL_TIME = Annotated[
+    bool | None,
+    typer.Option(
+        "--real-time/--no-real-time",
+        help="Try for priority and a core of its own for the loop; without it as in SCENE, or yes.",
+        show_default=False,
+    ),
+]
+AS_JSON = Annotated[bool, typer.Option("--json", help="Write one JSON document, in SI units.")]
+
+
+def command(
+    scene: SCENE,
+    recording: RECORDING = None,
+    gate: GATE = None,
+    out: OUT = None,
+    fingers: FINGERS = None,
+    ticks: TICKS = 20_000,
+    seconds: SECONDS = 3.0,
+    seed: SEED = 0,
+    real_time: REAL_TIME = None,
+    as_json: AS_JSON = False,
+    units: UNITS = "mm",
+) -> None:
+    """Certify a scene, and print what was found."""
+    # NumPy, Rich and the library: only now, so that --help answers at once.
+    from proximity import certificate
+    from proximity.cli import progress
+    from proximity.cli.commands.service.demo import sample
+    from proximity.cli.views import bench_report
+
+    period = None if gate is None else certificate.parse_period(gate)
+    report = REPORT if out is None and not as_json else out
+    if report is not None:
+        certificate.check_report_name(report)
+    certificate.check_request(ticks, seconds, seed)
+    progress.prepare_kernels()
+    with progress.spinner(f"reading {scene}"):
+        subject = certificate.read_subject(
+            scene,
+            units=units,
+            recording=recording,
+            fingers=fingers,
+            period=period,
+            real_time=real_time,
+            sample=lambda: sample(HAND),
+        )
+    if subject.recording is not None:
+        for note in subject.recording.notes:
+            typer.echo(f"proximity: {subject.recording.path}: {note}", err=True)
+    with _progress() as update:
+        found = certificate.certify(subject, tick_count=ticks, seconds=seconds, seed=seed, progress=update)
+    reported = certificate.document(found, period, version=proximity.__version__)
+    if as_json:
+        typer.echo(certificate.as_json(reported), nl=False)
+    else:
+        bench_report.write(reported)
+    is_written = report is None or _write(report, reported, subject.scene)
+    if gate is not None and not reported["verdict"]["fits"]:
+        typer.echo(f"proximity: {reported['verdict']['sentence']}", err=True)
+        raise typer.Exit(EXIT_DOES_NOT_FIT)
+    if out is not None and not is_written:
+        raise typer.Exit(EXIT_UNUSABLE)
+
+
+def _write(report: Path, reported: dict[str, Any], scene: "proximity.Scene") -> bool:
+    """Write the report; whether all of it, and not the numbers alone, because a library is missing."""
+    from proximity import certificate
+    from proximity.cli import progress
+
+    try:
+        with progress.spinner(f"writing {report}"):
+            written = certificate.write_report(report, reported, scene)
+    except proximity.DecaffError as missing:
+        typer.echo(f"proximity: wrote {report.with_suffix('.json')} alone: {missing}", err=True)
+        return False
+    typer.echo(f"proximity: wrote {' and '.join(map(str, written))}", err=True)
+    return True
+
+
+@contextlib.contextmanager
+def _progress() -> Iterator[Callable[[str, float], None]]:
+    """A bar on stderr, where that is a terminal, with what is being done.
+
+    It is drawn when there is something new only: a thread that draws it meanwhile would be measured as well.
+    """
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    from proximity.cli.console import Console
+
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield lambda doing, share: None
+        return
+    columns = TextColumn("{task.description:<32}"), BarColumn(), TimeElapsedColumn()
+    with Progress(*columns, console=console, transient=True, auto_refresh=False) as bar:
+        task = bar.add_task("", total=1.0)
+        yield lambda doing, share: bar.update(task, description=doing, completed=share, refresh=True)

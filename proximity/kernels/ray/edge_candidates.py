@@ -1,0 +1,247 @@
+"""Edges of a body that may meet another face of it: few; a close look at all of them would take a second.
+
+Where all corners of a face are on one side of a triangle's plane, none of its edges passes through that
+triangle or lies on it. So the blocks near a block are listed once, and each of its faces is compared with
+those whose boxes it reaches, eight triangles at a time.
+"""
+
+import numpy as np
+
+from proximity.kernels.geometry.triangle import cross, dot
+from proximity.kernels.layout import BLOCK_STRIDE, LANES, NODE_CHILDREN, NODE_STRIDE, STACK_SIZE
+from proximity.kernels.ray.edge_contact import EDGE_CREASED, edge_ray, has_corner, kind_of_edge, lies_on
+from proximity.kernels.ray.walk import hits_in_block, look_along
+from proximity.kernels.stack_arrays import longs_here, words_here
+from proximity.native import inlined, kernel
+from proximity.simd import bits, load, load_int, maximum, minimum, splat, splat32, trailing_zeros
+
+MOST_NEAR = 32
+"""Blocks that are listed for one: where there are more, as next to long faces, it is sooner said of all edges
+that they may meet something."""
+NEAR_BOXES = 6 * MOST_NEAR
+SURELY_DEEP_SQ, SURELY_FLAT_SQ = 0.25, 4.0
+"""Squared depths between which a corner may be either: this side of a plane, or in it. The heights here are
+rounded otherwise than those that decide, by a millionth of the depth."""
+ALL_EDGES = 7
+UNKNOWN = -1
+"""In place of the bits of edges: all of them, which may be too many."""
+
+
+@kernel
+def _list_near(words, root, base, lane, stack, near, near_boxes):
+    """List the blocks whose boxes overlap that in a lane of the node at *base*; how many, or too many.
+
+    *near_boxes*: the sides of eight boxes at a time, as in nodes.
+    """
+    low_x, low_y, low_z = (
+        splat32(words[base + lane]), splat32(words[base + 8 + lane]), splat32(words[base + 16 + lane])
+    )  # fmt: skip
+    high_x, high_y, high_z = (
+        splat32(words[base + 24 + lane]), splat32(words[base + 32 + lane]), splat32(words[base + 40 + lane])
+    )  # fmt: skip
+    stack[0] = root
+    count, waiting = 0, 1
+    while waiting:
+        waiting -= 1
+        node = NODE_STRIDE * stack[waiting]
+        met = _overlapping(words, node, low_x, low_y, low_z, high_x, high_y, high_z)
+        while met:
+            child = trailing_zeros(met)
+            met &= met - 1
+            reference = load_int(words, node + NODE_CHILDREN + child)
+            if reference >= 0:
+                stack[waiting] = reference
+                waiting += 1
+                continue
+            if count == MOST_NEAR:
+                return MOST_NEAR + 1
+            near[count] = ~reference
+            at = 6 * LANES * (count // LANES) + count % LANES
+            for side in range(6):
+                near_boxes[at + LANES * side] = words[node + LANES * side + child]
+            count += 1
+    return count
+
+
+@inlined
+def _overlapping(words, at, low_x, low_y, low_z, high_x, high_y, high_z):
+    """Which of the eight boxes at *at* overlap a box: bits."""
+    return bits(
+        (load(words, at) <= high_x) & (load(words, at + 24) >= low_x)
+        & (load(words, at + 8) <= high_y) & (load(words, at + 32) >= low_y)
+        & (load(words, at + 16) <= high_z) & (load(words, at + 40) >= low_z)
+    )  # fmt: skip
+
+
+@inlined
+def _reached(corners, a, b, c, near_boxes, at):
+    """Which of eight boxes a face reaches: bits. Its own is rounded by less than the margin of the others."""
+    low_x = min(corners[a, 0], corners[b, 0], corners[c, 0])
+    low_y = min(corners[a, 1], corners[b, 1], corners[c, 1])
+    low_z = min(corners[a, 2], corners[b, 2], corners[c, 2])
+    high_x = max(corners[a, 0], corners[b, 0], corners[c, 0])
+    high_y = max(corners[a, 1], corners[b, 1], corners[c, 1])
+    high_z = max(corners[a, 2], corners[b, 2], corners[c, 2])
+    return _overlapping(
+        near_boxes, at, splat32(np.float32(low_x)), splat32(np.float32(low_y)), splat32(np.float32(low_z)),
+        splat32(np.float32(high_x)), splat32(np.float32(high_y)), splat32(np.float32(high_z)),
+    )  # fmt: skip
+
+
+@inlined
+def _height_over(nx, ny, nz, ax, ay, az, corners, corner):
+    """Heights of a corner above eight planes, times the lengths of their normals."""
+    return dot(
+        nx, ny, nz, splat(corners[corner, 0]) - ax, splat(corners[corner, 1]) - ay,
+        splat(corners[corner, 2]) - az,
+    )  # fmt: skip
+
+
+@inlined
+def _owned_edges(neighbors, face):
+    """Which edges a face has that its neighbours of lower numbers do not have: bits."""
+    edges = 0
+    for k in range(3):
+        if not 0 <= neighbors[face, k] < face:
+            edges |= 1 << k
+    return edges
+
+
+@kernel
+def _creased_edges(corners, faces, neighbors, face, edges, depth):
+    """Which of some edges (bits) of a face are creased."""
+    found = 0
+    for k in range(3):
+        is_asked = (edges >> k) & 1
+        if is_asked and kind_of_edge(corners, faces, face, neighbors[face, k], depth) == EDGE_CREASED:
+            found |= 1 << k
+    return found
+
+
+@kernel
+def _edges_on(corners, faces, face, other, edges, depth):
+    """Which of some edges (bits) of a face lie on another face."""
+    found = 0
+    for k in range(3):
+        start, end = faces[face, k], faces[face, (k + 1) % 3]
+        shares_it = has_corner(faces, other, start) and has_corner(faces, other, end)
+        if (edges >> k) & 1 and not shares_it and lies_on(corners, faces, other, start, end, depth):
+            found |= 1 << k
+    return found
+
+
+@kernel
+def _edges_through(corners, faces, slot_faces, reals, face, block, lanes, edges, depth):
+    """Which of some edges (bits) of a face pass through a triangle in one of some lanes (bits) of a block."""
+    found = 0
+    for k in range(3):
+        if not (edges >> k) & 1:
+            continue
+        start, end = faces[face, k], faces[face, (k + 1) % 3]
+        ox, oy, oz, dx, dy, dz, length = edge_ray(corners, start, end)
+        if not length > depth:
+            continue
+        met = lanes & hits_in_block(reals, BLOCK_STRIDE * block, look_along(ox, oy, oz, dx, dy, dz), length)
+        while met:
+            other = slot_faces[LANES * block + trailing_zeros(met)]
+            met &= met - 1
+            if not has_corner(faces, other, start) and not has_corner(faces, other, end):
+                found |= 1 << k
+    return found
+
+
+@kernel
+def _edges_meeting(corners, faces, neighbors, slot_faces, reals, face, block, owned, creased, depth):
+    """Which edges of a face may pass through a triangle of *block*, or lie on it: bits.
+
+    And which are *creased*, or `UNKNOWN` as long as nobody needs to know.
+    """
+    base = BLOCK_STRIDE * block
+    ax, ay, az = load(reals, base), load(reals, base + 8), load(reals, base + 16)
+    nx, ny, nz = cross(
+        load(reals, base + 24) - ax, load(reals, base + 32) - ay, load(reals, base + 40) - az,
+        load(reals, base + 48) - ax, load(reals, base + 56) - ay, load(reals, base + 64) - az,
+    )  # fmt: skip
+    a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
+    h0 = _height_over(nx, ny, nz, ax, ay, az, corners, a)
+    h1 = _height_over(nx, ny, nz, ax, ay, az, corners, b)
+    h2 = _height_over(nx, ny, nz, ax, ay, az, corners, c)
+    depth_sq, zero = splat(depth * depth) * dot(nx, ny, nz, nx, ny, nz), splat(0.0)
+    deep, flat = splat(SURELY_DEEP_SQ) * depth_sq, splat(SURELY_FLAT_SQ) * depth_sq
+    lowest, highest = minimum(minimum(h0, h1), h2), maximum(maximum(h0, h1), h2)
+    passed = bits(
+        (lowest <= zero) & (lowest * lowest >= deep) & (highest >= zero) & (highest * highest >= deep)
+    )
+    flat0, flat1, flat2 = bits(h0 * h0 <= flat), bits(h1 * h1 <= flat), bits(h2 * h2 <= flat)
+    lain = (flat0 & flat1) | (flat1 & flat2) | (flat2 & flat0)
+    edges = 0
+    if passed:
+        edges = _edges_through(corners, faces, slot_faces, reals, face, block, passed, owned, depth)
+    while lain and creased != 0:
+        lane = trailing_zeros(lain)
+        lain &= lain - 1
+        other = slot_faces[LANES * block + lane]
+        if other == face:
+            continue
+        is_in0, is_in1, is_in2 = (flat0 >> lane) & 1, (flat1 >> lane) & 1, (flat2 >> lane) & 1
+        flat_edges = (is_in0 & is_in1) | (is_in1 & is_in2) << 1 | (is_in2 & is_in0) << 2
+        if creased == UNKNOWN and flat_edges == ALL_EDGES:
+            creased = _creased_edges(corners, faces, neighbors, face, owned, depth)
+        flat_edges &= owned & creased & ~edges
+        if flat_edges:
+            edges |= _edges_on(corners, faces, face, other, flat_edges, depth)
+    return edges, creased
+
+
+@kernel
+def _compare_block(
+    corners, faces, neighbors, slot_faces, reals, block, near, near_boxes, count, depth, candidates
+):
+    """Note which edges of a block's faces may meet something in the *count* blocks that are near."""
+    for slot in range(LANES * block, LANES * block + LANES):
+        face = np.int64(slot_faces[slot])
+        if face < 0:
+            continue
+        owned = _owned_edges(neighbors, face)
+        edges, creased = owned if count > MOST_NEAR else 0, UNKNOWN
+        if count <= MOST_NEAR:
+            a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
+            for first in range(0, count, LANES):
+                met = _reached(corners, a, b, c, near_boxes, 6 * first)
+                met &= (1 << min(LANES, count - first)) - 1
+                while met:
+                    other = near[first + trailing_zeros(met)]
+                    met &= met - 1
+                    found, creased = _edges_meeting(
+                        corners, faces, neighbors, slot_faces, reals, face, other, owned, creased, depth
+                    )
+                    edges |= found
+        candidates[face] = edges
+
+
+@kernel
+def note_candidates(corners, faces, neighbors, slot_faces, reals, words, root, depth, candidates):
+    """Fill which edges of each face may meet another face, within *depth*: bits, (F,) uint8.
+
+    The other arguments are those of `self_intersections.passing_faces`.
+    """
+    stack, inner = longs_here(STACK_SIZE), longs_here(STACK_SIZE)
+    near, near_boxes = longs_here(MOST_NEAR), words_here(NEAR_BOXES)
+    inner[0] = root
+    waiting = 1
+    while waiting:
+        waiting -= 1
+        base = NODE_STRIDE * inner[waiting]
+        for lane in range(LANES):
+            if not words[base + lane] <= words[base + 24 + lane]:
+                continue
+            reference = load_int(words, base + NODE_CHILDREN + lane)
+            if reference >= 0:
+                inner[waiting] = reference
+                waiting += 1
+                continue
+            count = _list_near(words, root, base, lane, stack, near, near_boxes)
+            _compare_block(
+                corners, faces, neighbors, slot_faces, reals, ~reference, near, near_boxes, count, depth,
+                candidates,
+            )  # fmt: skip
