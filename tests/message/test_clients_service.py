@@ -4,6 +4,7 @@ import re
 import sys
 import time
 
+import numpy as np
 import pytest
 from client_programs import LANGUAGES, ask, build, driver_source, example_source
 from compiling_c import WARNINGS, compiler, run
@@ -11,6 +12,7 @@ from ports import free_port
 from project import MESHES
 from wire import MS, frame, sealed
 
+import proximity
 from proximity.message.clients import write_client
 from proximity.service.hosting import start_service
 from proximity.transport.message_key import write_key
@@ -33,7 +35,7 @@ POSIX = pytest.mark.skipif(sys.platform == "win32", reason="clients are built on
 @pytest.mark.slow
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_example_follows_a_finger_at_a_service(language, tmp_path):
-    """The bracket's foot is 4 mm thick there: a fingertip of 7 mm at 60 mm is 49 mm away."""
+    """It comes down from 60 mm at 5 mm a second, for four seconds: to 40 mm, if the machine is quick."""
     folder = tmp_path / "client"
     write_client(language, folder)
     program = build(language, folder, example_source(language, folder), "example")
@@ -48,9 +50,10 @@ def test_example_follows_a_finger_at_a_service(language, tmp_path):
     ]
 
     assert len(distances) > 20
-    # It comes down at 5 mm a second from 49 mm, for four seconds.
-    assert 28.0 < min(distances) < 45.0 and max(distances) < 49.001
-    assert min(distances) < max(distances)
+    scene = proximity.load(MESHES / "bracket.stl")
+    first, last = 1e3 * (scene.signed_distance([[0.030, 0.010, 0.060], [0.030, 0.010, 0.040]]) - 0.007)
+    assert last - 0.001 <= min(distances) < max(distances) <= first + 0.001
+    assert (np.diff(distances) <= 0.0).all()
     assert re.fullmatch(r"received \d{3,}, lost \d+", lines[-1])
 
 
