@@ -2,16 +2,19 @@
 
 Times are thread times, each call's shortest of three; work is nodes and leaves visited and the same on every
 machine. Slopes are fitted to the upper two decades of the medians, in logarithms of both. ``--out`` gets
-a CSV, a PNG and an SVG for each axis.
+a CSV, a PNG and an SVG for each axis. numba compiles all kernels here, those that count among them.
 """
 
 import argparse
+import os
 import sys
 import time
 from pathlib import Path
 
 from benchmarks.support import threads
 
+if __name__ == "__main__":
+    os.environ["PROXIMITY_ISA"] = "jit"  # rays are counted by a kernel of `benchmarks.growth.work`
 THREADS = threads.limit_to_one_thread() if __name__ == "__main__" else threads.UNLIMITED
 
 import proximity

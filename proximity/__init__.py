@@ -55,6 +55,7 @@ if TYPE_CHECKING:
     from proximity.tracker.tracker import Tracker
     from proximity.tracker.warm_up import kernels_are_cached, warm_up
     from proximity.transport import Publisher, Reading, Subscriber, open_publisher, open_subscriber
+    from proximity.web import RunningPage, view
 
 __version__ = "0.1.0"
 
@@ -88,6 +89,7 @@ __all__ = [
     "RayHits",
     "Reading",
     "RecordingError",
+    "RunningPage",
     "RunningService",
     "Scene",
     "SceneError",
@@ -108,6 +110,7 @@ __all__ = [
     "open_subscriber",
     "serve",
     "start_service",
+    "view",
     "warm_up",
 ]
 
@@ -141,6 +144,7 @@ _MODULE_OF = {
     "RayHits": "proximity.scene.queries.results",
     "Reading": "proximity.transport",
     "RecordingError": "proximity.errors",
+    "RunningPage": "proximity.web",
     "RunningService": "proximity.service.hosting",
     "Scene": "proximity.scene.scene",
     "SceneError": "proximity.errors",
@@ -161,6 +165,7 @@ _MODULE_OF = {
     "open_subscriber": "proximity.transport",
     "serve": "proximity.service.hosting",
     "start_service": "proximity.service.hosting",
+    "view": "proximity.web",
     "warm_up": "proximity.tracker.warm_up",
 }
 

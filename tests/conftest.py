@@ -9,6 +9,7 @@ from hypothesis import HealthCheck, settings
 from project import SHARED_DATA
 
 import proximity
+from proximity.native import IS_AHEAD
 
 # A suite in the background, or one that may not hang up, is started with signals ignored, and programs
 # rightly leave them so. Tests that send them mean a program in the foreground.
@@ -32,7 +33,8 @@ def shared_data() -> Path:
     return SHARED_DATA
 
 
-TESTS_OF_PROCESSES = {"bench", "cli", "service", "transport"}
+NO_INTERNALS = "internals of compiled code: run with PROXIMITY_ISA=jit"
+TESTS_OF_PROCESSES = {"bench", "cli", "service", "transport", "web"}
 """Folders whose tests start processes, look at clocks, or use what a machine has once."""
 MORE_TESTS_OF_PROCESSES = {
     "test_concurrency.py",
@@ -54,11 +56,15 @@ def has_processes(path: Path) -> bool:
 def kernels_of_programs(request: pytest.FixtureRequest) -> None:
     """Have the tests of programs begin with compiled kernels: a program says that it compiles."""
     if has_processes(request.path) and not proximity.kernels_are_cached():
-        proximity.warm_up(workers=-1)
+        proximity.warm_up()
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """With pytest-xdist: a file stays with one worker, and so do all that start processes."""
+    """Skip what this run has not; with pytest-xdist a file stays with one worker, and all of processes do."""
+    if IS_AHEAD:
+        for item in items:
+            if item.get_closest_marker("internals"):
+                item.add_marker(pytest.mark.skip(reason=NO_INTERNALS))
     if config.pluginmanager.hasplugin("xdist"):
         for item in items:
             group = "processes" if has_processes(item.path) else item.path.name

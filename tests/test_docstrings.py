@@ -57,6 +57,7 @@ def test_there_is_something_to_look_at():
         "open_subscriber",
         "serve",
         "start_service",
+        "view",
         "warm_up",
     }
 

@@ -64,8 +64,6 @@ PREFIXES = {
     "links": ("LINK_",),
 }
 """Tables of the kernels, and what the names of their columns begin with."""
-LEFT_OUT = {"given.py", "memory.py", "small_batches.py"}
-"""Files of the layer by which Python calls kernels, which is going to be replaced; names end in ``_here``."""
 FILES = sorted((ROOT / "proximity").rglob("*.py"))
 
 
@@ -105,7 +103,7 @@ def test_retired_words_are_no_names_in_the_engine(folder):
     found = [
         f"{path.name}:{token.start[0]}: {token.string}, write {INSTEAD_IN_ENGINE[word]}"
         for path in FILES
-        if path.relative_to(ROOT).parts[1] == folder and path.name not in LEFT_OUT
+        if path.relative_to(ROOT).parts[1] == folder
         for token in names_in(path)
         for word in words_of(token.string) & INSTEAD_IN_ENGINE.keys()
     ]

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 import proximity
+from proximity.native.sources import kernel_sources
 
 ROOT = Path(proximity.__file__).parent.parent
 # Top to bottom. A unit (a module, or a folder) may import only from lines below its own.
@@ -14,16 +15,21 @@ PICTURES = {
     "proximity": """
 cli
 certificate
-studies
+studies · web
 service
 tracker
 scene
 bodies · decaff
 formats · model · recording · transport
 mesh · message · pose
-checks
-arrays · kernels · system
+checks · kernels · system
 errors · simd
+native
+""",
+    "proximity.native": """
+declaration
+jit · mode
+signature · sources
 """,
     "proximity.kernels": """
 tracking
@@ -33,8 +39,8 @@ tree
 sign
 mesh
 geometry
-compiler · given
-code_cache · contact_columns · interruptible · layout · memory
+stack_arrays
+compiled_stack · contact_columns · layout · model_arrays
 """,
     "proximity.scene": """
 trimesh_scene
@@ -46,6 +52,12 @@ solid
 queries · solid_arrays
 load_report · part_motion · sign
 """,
+    "proximity.scene.queries": """
+all_queries
+line_queries · point_queries
+checked_query
+batches · query_arguments · results
+""",
     "proximity.service": """
 loop
 inputs
@@ -56,6 +68,15 @@ bends · clock · config · finger_kernels · histogram · log_writer · presenc
 teleoperation
 moves_input · sensor · stream
 gloves · part_prediction · reception · sources
+""",
+    "proximity.web": """
+viewing
+page_process
+bridge
+page_client · slices
+feeding · geometry · keeping · page_files · served_scene · sources
+access · display_mesh · layout
+slice_fields
 """,
     "proximity.decaff": """
 simulated_drums
@@ -89,8 +110,15 @@ lengths · options · points · program · wording
 OUTSIDE = {"__init__", "__main__"}
 NO_FILES = {f"proximity.scene.{name}" for name in ("solid", "scene", "scene_parts", "queries.point_queries")}
 KERNELS_MAY_IMPORT = {"math", "numpy", "typing"}  # typing: named tuples of arrays
-# How kernels are compiled and kept, and how they get at arrays: no mathematics there.
-AROUND_KERNELS = {"code_cache.py", "compiler.py", "given.py", "interruptible.py", "memory.py"}
+NUMBA_MAY_BE_IMPORTED_BY = {
+    "proximity.kernels.compiled_stack",
+    "proximity.native.jit",
+    "proximity.simd.compiled",
+    "proximity.simd.vectors",
+    "proximity.tracker.warm_up",
+}
+# What numba compiles, and code of LLVM that it is given: imported only where numba compiles kernels.
+DECLARATIONS = {"bundle", "entry", "inlined", "kernel", "maker"}
 
 
 def module_of(path):
@@ -178,7 +206,7 @@ def test_no_circle_of_imports(package):
     [
         module
         for module, path in FILES.items()
-        if unit_of(module, "proximity") == "kernels" and path.name not in AROUND_KERNELS
+        if unit_of(module, "proximity") == "kernels" and module not in NUMBA_MAY_BE_IMPORTED_BY
     ],
 )
 def test_kernels_know_numbers_only(module):
@@ -187,12 +215,28 @@ def test_kernels_know_numbers_only(module):
         assert top == "proximity" or top in KERNELS_MAY_IMPORT, f"line {line}: a kernel may not import {name}"
 
 
-def test_kernels_outside_the_engine_lie_where_changes_are_noticed():
-    """Compiled code is kept until a source changes that `kernels.compiler` lists by its name."""
+def test_nobody_else_imports_the_compiler():
+    """Kernels that were compiled ahead of time run where it is not installed."""
+    importing = {
+        module
+        for module, path in FILES.items()
+        if {name.split(".")[0] for name, _ in imports(path)} & {"numba", "llvmlite"}
+    }
+
+    assert importing == NUMBA_MAY_BE_IMPORTED_BY
+
+
+def test_kernels_lie_where_changes_are_noticed():
+    """What was compiled serves until a source of kernels changes: `native.sources` says which those are."""
+    noticed = set(kernel_sources())
     for module, path in FILES.items():
-        is_compiled = "proximity.kernels.compiler" in {name for name, _ in imports(path)}
-        if is_compiled and unit_of(module, "proximity") in ("decaff", "service", "studies"):
-            assert path.name.endswith("_kernels.py"), module
+        declares = {
+            alias.name
+            for statement in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+            if isinstance(statement, ast.ImportFrom) and statement.module == "proximity.native"
+            for alias in statement.names
+        } & DECLARATIONS
+        assert not declares or path in noticed, module
 
 
 def test_only_lower_units_are_named_by_those_that_know_no_files():

@@ -47,6 +47,18 @@ def test_points_keep_their_shape(shape):
     assert some_pose().direction(np.ones(shape)).shape == shape
 
 
+def test_rotation_that_is_off_is_mended_to_the_last_bits_and_once():
+    """The nearest one, as far as products can tell, whatever library of linear algebra there is."""
+    rng = np.random.default_rng(3)
+    for seed in range(200):
+        off = shapes.rotation(seed) @ (np.eye(3) + rng.uniform(-2e-10, 2e-10, (3, 3)))
+        rotation = Pose(off).rotation
+
+        assert np.abs(rotation @ rotation.T - np.eye(3)).max() <= 4 * 2.0**-52
+        assert np.abs(rotation - off).max() <= 1e-9
+        assert np.array_equal(Pose(rotation).rotation, rotation)
+
+
 def test_inverse_leads_back():
     pose, points = some_pose(), np.random.default_rng(2).uniform(-5.0, 5.0, (20, 3))
 

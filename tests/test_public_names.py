@@ -59,6 +59,7 @@ def test_public_names_are_those_agreed():
         "RayHits",
         "Reading",
         "RecordingError",
+        "RunningPage",
         "RunningService",
         "Scene",
         "SceneError",
@@ -79,6 +80,7 @@ def test_public_names_are_those_agreed():
         "open_subscriber",
         "serve",
         "start_service",
+        "view",
         "warm_up",
     }
 

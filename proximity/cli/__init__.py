@@ -12,23 +12,9 @@ from typing import Annotated
 import typer
 
 import proximity
-from proximity.cli.commands import (
-    bench,
-    check,
-    compile,
-    demo,
-    drum,
-    export,
-    figures,
-    header,
-    key,
-    query,
-    record,
-    replay,
-    serve,
-    simulate,
-    watch,
-)
+from proximity.cli.commands.parts import check, compile, query, view
+from proximity.cli.commands.service import demo, drum, export, header, key, record, serve, watch
+from proximity.cli.commands.studies import bench, figures, replay, simulate
 from proximity.cli.program import Command, Group
 
 HELP = "\n\n".join(  # a paragraph a string: some versions of Typer keep line breaks, some do not
@@ -54,8 +40,8 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 COMMANDS = (
-    query, check, replay, compile, serve, record, export, watch, demo, drum, header, key, bench, figures,
-    simulate,
+    query, check, replay, compile, serve, record, export, watch, view, demo, drum, header, key, bench,
+    figures, simulate,
 )  # fmt: skip
 """In the order in which the help lists them."""
 RUN_BARE = (demo, header, figures, simulate)

@@ -36,11 +36,11 @@ def _array_on_stack(context, builder, item_type, *lengths):
     item = context.get_data_type(item_type)
     # numba's own way to do this fills the memory with zeros at every call.
     with builder.goto_entry_block():
-        place = builder.alloca(ir.ArrayType(item, math.prod(lengths)))
-    place.align = LINE
+        position = builder.alloca(ir.ArrayType(item, math.prod(lengths)))
+    position.align = LINE
     intp = context.get_value_type(types.intp)
     constants = [ir.Constant(intp, length) for length in lengths]
-    return array_in_memory(context, builder, types.Array(item_type, len(lengths), "C"), place, constants)
+    return array_in_memory(context, builder, types.Array(item_type, len(lengths), "C"), position, constants)
 
 
 def arrays_here(dtype):

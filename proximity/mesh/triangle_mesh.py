@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from proximity.arrays import as_float64
-from proximity.checks import is_whole
+from proximity.checks.arrays import as_float64
+from proximity.checks.numbers import is_whole
 from proximity.errors import MeshError
 
 MAX_FACE_COUNT = 2**31 - 1

@@ -41,7 +41,9 @@ class Entry:
 
     def description(self) -> tuple[Any, ...]:
         """Return what the extension has to know."""
-        takes, gives = (tuple(map(_codes, each)) for each in (self.signature.arguments, self.signature.results))
+        takes, gives = (
+            tuple(map(_codes, each)) for each in (self.signature.arguments, self.signature.results)
+        )
         return MODE, self.name, takes, gives, self.handful
 
     def fits(self, arguments: tuple[Any, ...]) -> bool:
@@ -56,9 +58,7 @@ class Entry:
         return len(arguments) == len(kinds) and all(map(_is_of, kinds, arguments))
 
 
-def entry(
-    *parts: Any, handful: int = -1, makes_arrays: bool = False
-) -> Callable[[Callable[..., Any]], Any]:
+def entry(*parts: Any, handful: int = -1, makes_arrays: bool = False) -> Callable[[Callable[..., Any]], Any]:
     """Declare a kernel that Python calls, with the types that it takes and gives.
 
     Parameters
@@ -184,9 +184,11 @@ def _is_of(value: Array | Scalar | Bundle, given: Any) -> bool:
     if isinstance(value, Bundle):
         return isinstance(given, value.kind)
     if isinstance(value, Scalar):
-        return isinstance(given, (float, int, np.number, np.bool_) if value.kind == "float" else (int, np.integer, np.bool_))
+        return isinstance(
+            given, (float, int, np.number, np.bool_) if value.kind == "float" else (int, np.integer, np.bool_)
+        )
     return (
-        isinstance(given, np.ndarray)
+        type(given) is np.ndarray
         and given.dtype == value.dtype
         and given.flags.c_contiguous
         and given.flags.aligned
@@ -204,4 +206,15 @@ def _codes(value: Array | Scalar | Bundle) -> tuple[int, ...]:
     return _ARRAY, np.dtype(value.dtype).num, 0, *value.lengths
 
 
-__all__ = ["ENTRIES", "HANDFUL", "bundle", "entry", "inlined", "kernel", "lenient", "maker", "packed", "query"]
+__all__ = [
+    "ENTRIES",
+    "HANDFUL",
+    "bundle",
+    "entry",
+    "inlined",
+    "kernel",
+    "lenient",
+    "maker",
+    "packed",
+    "query",
+]

@@ -18,7 +18,7 @@ from typing import Any
 from proximity.native.sources import TOOLS, sources_digest
 
 JIT, INTERPRETED = "jit", "interpreted"
-_REBUILD = 'run `python -m pip install -e .` in the checkout'
+_REBUILD = "run `python -m pip install -e .` in the checkout"
 
 
 def _objects() -> Any:
@@ -42,8 +42,8 @@ def _mode() -> tuple[str, Any]:
     if wanted:
         if wanted not in usable:
             raise ImportError(
-                f"PROXIMITY_ISA is {wanted!r}, expected 'jit' or one of {usable}, which this processor and this "
-                "installation have"
+                f"PROXIMITY_ISA is {wanted!r}, expected 'jit' or one of {usable}, which this processor has "
+                "and kernels were compiled for"
             )
         return wanted, objects
     if not objects:
@@ -64,8 +64,8 @@ def _instead(reason: str) -> tuple[str, Any]:
         )
     if sys.stderr is not None:
         print(
-            f"proximity: {reason}; numba compiles them when they are first called, which takes a minute or two "
-            f"once ({_REBUILD} to compile them ahead of time)",
+            f"proximity: {reason}; numba compiles them when they are first called, which takes a minute or "
+            f"two once ({_REBUILD} to compile them ahead of time)",
             file=sys.stderr,
         )
     return JIT, None

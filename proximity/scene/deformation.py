@@ -7,7 +7,7 @@ parts is left to the caller.
 
 import numpy as np
 
-from proximity.arrays import as_float64
+from proximity.checks.arrays import as_float64
 from proximity.errors import MeshError
 from proximity.kernels import layout
 from proximity.kernels.layout import NO_ROW

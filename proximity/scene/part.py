@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from proximity.arrays import refuse_trimesh
 from proximity.bodies import Repairs, split_bodies
+from proximity.checks.arrays import refuse_trimesh
 from proximity.errors import SceneError
 from proximity.model.part_arrays import common_frame
 from proximity.pose import Pose

@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from proximity.arrays import as_float64, is_ready
-from proximity.checks import not_negative, positive
+from proximity.checks.arrays import as_float64, is_ready
+from proximity.checks.numbers import not_negative, positive
 from proximity.errors import PoseError, SceneError
 from proximity.model.scene_state import FARTHEST_MOVE, FASTEST_MOVE, first_unfit_move
 from proximity.pose import Pose, quaternion_hint

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from proximity.arrays import refuse_trimesh
+from proximity.checks.arrays import refuse_trimesh
 from proximity.errors import MeshError, SceneError
 from proximity.kernels import layout
 from proximity.model.assembly import Model

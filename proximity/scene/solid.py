@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from proximity.arrays import refuse_trimesh
 from proximity.bodies import Body
+from proximity.checks.arrays import refuse_trimesh
 from proximity.errors import MeshError
 from proximity.kernels import layout
 from proximity.kernels.mesh.faces import signed_volume

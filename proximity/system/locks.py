@@ -32,13 +32,16 @@ def fork_safe_lock() -> threading.RLock:
     return lock
 
 
+def _compiler_locks() -> list[Any]:
+    """numba's lock, where it compiles kernels in this process."""
+    compiler = sys.modules.get("numba.core.compiler_lock")
+    return [compiler.global_compiler_lock] if compiler else []
+
+
 def _all_locks() -> list[Any]:
     while True:
         try:
-            compiler = sys.modules.get(
-                "numba.core.compiler_lock"
-            )  # where kernels are compiled in this process
-            return [_listing, *_locks, *([compiler.global_compiler_lock] if compiler else [])]
+            return [_listing, *_locks, *_compiler_locks()]
         except RuntimeError:  # a scene was made meanwhile, by another thread or by a signal handler
             continue
 

@@ -12,7 +12,7 @@ from proximity.kernels.tracking.part_drift import POSE_COLUMNS, movers_workspace
 
 
 def arrays_for(count: int, settings: np.ndarray) -> dict[str, np.ndarray]:
-    """Return what a tick of so many fingers reads and writes beside its records, by the names in `kernels.tracking.track`.
+    """Return what a tick reads and writes beside its records, by the names in `kernels.tracking.track`.
 
     Parameters
     ----------

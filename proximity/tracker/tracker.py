@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from proximity import native
-from proximity.arrays import as_float64, shown
-from proximity.checks import not_negative, positive, whole
+from proximity.checks.arrays import as_float64, shown
+from proximity.checks.numbers import not_negative, positive, whole
 from proximity.errors import QueryError
 from proximity.kernels import layout
 from proximity.kernels.layout import NO_PART, NO_SLOT

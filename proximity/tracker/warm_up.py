@@ -7,11 +7,6 @@ from contextlib import suppress
 from pathlib import Path
 
 from proximity.native import IS_JIT
-from proximity.native.declaration import ENTRIES
-
-# Whoever imports these has declared all entry points of the engine.
-from proximity.scene.saved import stored_model  # noqa: F401
-from proximity.tracker import tracker  # noqa: F401
 
 
 def _mark() -> Path:
@@ -36,12 +31,17 @@ def kernels_are_cached() -> bool:
 def warm_up() -> None:
     """Have every kernel ready.
 
-    Kernels that were compiled ahead of time are ready at once. Where numba compiles them it takes some minutes
-    the first time on a machine, and less than a second later.
+    Kernels that were compiled ahead of time are ready at once. Where numba compiles them it takes some
+    minutes the first time on a machine, and less than a second later.
     """
     if not IS_JIT:
         return
+    from proximity.native.declaration import ENTRIES
     from proximity.native.jit import argument_types
+
+    # Whoever imports these has declared all entry points of the engine.
+    from proximity.scene.saved import stored_model  # noqa: F401
+    from proximity.tracker import tracker  # noqa: F401
 
     for entry in ENTRIES.values():
         entry.compiled.compile(argument_types(entry.signature))

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from proximity.checks import as_number, not_negative
+from proximity.checks.numbers import as_number, not_negative
 from proximity.errors import QueryError
 from proximity.message import CONTACT, FRAME, Flaw, Kind, State
 from proximity.transport.contact_age import Widening, forget

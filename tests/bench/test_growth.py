@@ -29,34 +29,6 @@ def test_slope_of_a_power_law_is_its_exponent():
     assert (found.first, found.last, found.count) == (pytest.approx(1e4), pytest.approx(1e6), 5)
 
 
-def test_slope_is_of_the_upper_decades_alone():
-    x = np.logspace(0, 6, 7)
-    rows = rows_of(x, np.maximum(x, 1e3))  # flat at first
-
-    (found,) = fit.fit_rows(rows)
-
-    assert found.slope == pytest.approx(1.0)
-
-
-def test_error_of_a_slope_is_that_of_least_squares():
-    x, off = np.array([1.0, 10.0, 100.0]), 0.1
-    rows = rows_of(x, 10.0 ** np.array([off, -2 * off, off]))
-
-    (found,) = fit.fit_rows(rows)
-
-    # The middle point lies off the line: residuals off, -2 off, off; one degree of freedom; Sxx is 2.
-    assert found.slope == pytest.approx(0.0, abs=1e-12)
-    assert found.error == pytest.approx(off * np.sqrt(6.0) / np.sqrt(2.0))
-    assert found.words == "0.00 ± 0.17"
-
-
-def test_curve_of_too_few_points_or_of_zeros_has_no_slope():
-    few = rows_of([1.0, 10.0], [1.0, 2.0], "few")
-    zeros = rows_of([1.0, 3.0, 10.0], [0.0, 0.0, 0.0], "zeros")
-
-    assert fit.fit_rows(few + zeros) == []
-
-
 def test_work_of_a_point_grows_in_the_centre_of_a_ball():
     balls = [scenes.scene_of(inputs.ball(n)) for n in (2, 3)]
 
@@ -65,6 +37,7 @@ def test_work_of_a_point_grows_in_the_centre_of_a_ball():
     assert 3.0 < large / small < 5.0  # four times the faces, nearly all of which are looked at
 
 
+@pytest.mark.internals
 def test_rays_that_are_counted_hit_where_rays_hit():
     mesh = inputs.ring(600)
     scene = scenes.scene_of(mesh)
@@ -75,11 +48,6 @@ def test_rays_that_are_counted_hit_where_rays_hit():
 
     np.testing.assert_allclose(lengths, scene.cast(origins, directions).distance, rtol=1e-12)
     assert (steps >= 1).all() and steps.max() < len(mesh[1])
-
-
-def test_rings_have_about_as_many_faces_as_asked_for():
-    for wanted in (1000, 30_000):
-        assert len(inputs.ring(wanted)[1]) == pytest.approx(wanted, rel=0.03)
 
 
 def test_size_that_does_not_fit_the_memory_is_left_out_with_a_sentence(monkeypatch):
@@ -93,22 +61,7 @@ def test_size_that_does_not_fit_the_memory_is_left_out_with_a_sentence(monkeypat
     ]
 
 
-def test_size_that_would_take_too_long_is_left_out_with_a_sentence(monkeypatch):
-    monkeypatch.setattr(samples, "MOST_BUILD_S", 0.0)
-    curve = samples.Curve("faces")
-
-    assert list(samples.sizes_that_fit(curve, (300, 600))) == [300]
-    assert "600 faces are left out: they would take about 0 s, more than 0 s." in curve.left_out
-
-
-def test_percentile_of_few_samples_is_not_told():
-    curve = samples.Curve("faces")
-    curve.add_work("few", 1.0, np.arange(99))
-    curve.add_work("many", 1.0, np.arange(101))
-
-    assert [(row.median, row.p99, row.count) for row in curve.rows] == [(49.0, None, 99), (50.0, 99.0, 101)]
-
-
+@pytest.mark.internals
 def test_growth_of_small_scenes_writes_a_table_and_json(capsys, tmp_path):
     path = tmp_path / "growth.json"
 
@@ -135,10 +88,3 @@ def test_growth_is_written_as_csv_and_pictures(tmp_path):
     assert [row["median"] for row in table] == ["1.0", "2.0", "4.0", "0.0"]
     assert paths[1].read_bytes()[:4] == b"\x89PNG"
     assert "slope 0.30 ± 0.00" in paths[2].read_text(encoding="utf-8")
-
-
-def test_unknown_axis_is_refused_with_the_list(capsys):
-    with pytest.raises(SystemExit):
-        growth.main(["--only", "nowhere"])
-
-    assert "no such axis: nowhere; there are faces, parts" in capsys.readouterr().err

@@ -6,7 +6,7 @@ from pathlib import Path
 import publish
 import pytest
 
-from benchmarks.publication import sections, tables, wording
+from benchmarks.publication import sections, tables
 from benchmarks.queries import results
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -102,57 +102,12 @@ def test_a_rival_stands_beside_ours_that_answers_the_same():
     assert lines[3] == "|  |  | 0.5 | 0.7 embreex (all outputs) | 1.4 | 1 | yes |"
 
 
-def test_a_build_stands_beside_our_tree_alone():
-    rows = [
-        comparison(results.BUILD, "proximity", 30.0, 20.0) | {"beside": "proximity (tree alone)"},
-        comparison(results.BUILD, "proximity (tree alone)", 1.5, 1.0) | {"beside": "proximity (tree alone)"},
-        comparison(results.BUILD, "FCPW", 2.25, 1.5) | {"beside": "proximity (tree alone)"},
-    ]
-
-    lines = tables.others_table({"rows": rows})
-
-    assert lines[2] == "| build, µs each | plate | 1.5 | 2.25 FCPW | 1.5 | 0.67 | yes |"
-
-
-def test_faster_and_slower_machine_are_told_apart():
-    lines = tables.ticks_table([tick_document(9.0, "Xeon"), tick_document(5.0, "EPYC")])
-
-    heads = "Xeon, the slower, 2026-11-21 | calmest of 3 runs there | a bare loop there | EPYC, the faster"
-    assert heads in lines[0]
-    assert (
-        lines[2]
-        == "| 5 recorded fingers, plate of 87 k faces | 9, 20, 300 | 4, 6, 8 | 4, 5, 90 | 5, 20, 300 |"
-    )
-
-
-def test_shares_of_the_period_are_percent_of_it():
-    lines = tables.period_table(tick_document())
-
-    (cells,) = ([cell.strip() for cell in line.split("|")[2:-1]] for line in lines[2:])
-    assert cells == [
-        "<0.1 / <0.1 / 0.75",
-        "0.1 / 0.4 / 6",
-        "0.17 / 0.67 / 10",
-        "0.5 / 2 / 30",
-        "2.5 / 10 / 150",
-    ]
-
-
 def test_requirement_that_is_not_met_is_named():
     text = sections.section({"ticks": tick_document(), "ticks_epyc": tick_document(processor="EPYC")})
 
     assert "1 of 2 are met. Not met:\n\n- p99.9 at most 50 µs: 300 µs" in text
     assert "commit abc1234, load 0.1 when it began" in text
     assert "Beside it: EPYC, Linux x86_64, 2 cores" in " ".join(text.split())
-
-
-def test_section_goes_between_the_marks_and_nowhere_else():
-    before = f"# Title\n\n{sections.BEGIN}\n\nold\n{sections.END}\n\nrest\n"
-
-    after = sections.replaced(before, "new\n")
-
-    assert after == f"# Title\n\n{sections.BEGIN}\n\nnew\n\n{sections.END}\n\nrest\n"
-    assert sections.replaced(after, "new\n") == after
 
 
 @pytest.mark.parametrize("text", ["", "{end}{begin}", "{begin}{end}{end}"])
@@ -164,21 +119,6 @@ def test_page_without_marks_is_refused(text, tmp_path, capsys):
 
     assert publish.main(words) == 1
     assert "expected one line" in capsys.readouterr().err
-
-
-def test_figures_have_three_digits_and_no_exponent():
-    assert [wording.figure(value) for value in (0.0123456, 1.5, 12.0, 123.4, 12345.6, None, 0.0)] == [
-        "0.0123", "1.5", "12", "123", "12 346", "–", "0",
-    ]  # fmt: skip
-    assert [wording.count_words(value) for value in (304, 87_304, 304_204, 1_313_000, 1e7)] == [
-        "304", "87 k", "304 k", "1.3 M", "10 M",
-    ]  # fmt: skip
-    assert [wording.amount(*each) for each in ((97_036.0, "µs"), (0.0124, "s"), (5.0, "µs"), (3.0, "%"))] == [
-        "97 ms", "12.4 ms", "5 µs", "3 %",
-    ]  # fmt: skip
-    assert [wording.power(value) for value in (1e-6, 0.0316, 1, 1020, 3.0e6, 1e7)] == [
-        "10⁻⁶", "0.032", "1", "1000", "3·10⁶", "10⁷",
-    ]  # fmt: skip
 
 
 def test_publishing_from_json_writes_pictures_and_page(tmp_path):

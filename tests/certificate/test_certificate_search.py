@@ -8,7 +8,7 @@ from certificates import ball_subject
 from proximity import Pose, Scene, Solid
 from proximity.certificate.search import starting_positions
 from proximity.certificate.search.ascent import ascend
-from proximity.certificate.search.work import GOALS, NOWHERE, Costs, Goal, Manner, Probe
+from proximity.certificate.search.work import GOALS, Goal, Manner, Probe
 from proximity.certificate.search.worst_positions import search
 from proximity.certificate.subject import Subject
 from proximity.scene.part import Part
@@ -95,28 +95,6 @@ def test_ascent_never_goes_down(ball, goal):
         assert climb.worth[-1] == probe.costs(climb.position[None]).worth[0]
 
 
-def test_work_of_a_place_does_not_depend_on_its_company(ball):
-    probe, positions = Probe(ball, GOALS[2]), np.random.default_rng(1).uniform(-0.06, 0.06, (12, 3))
-
-    together, alone = probe.costs(positions), [probe.costs(each[None]) for each in positions]
-
-    assert together.work.tolist() == [each.work[0] for each in alone]
-    assert probe.steps >= together.work.sum() + sum(each.work[0] for each in alone)
-
-
-def test_place_out_of_the_working_range_is_worth_nothing(ball):
-    costs = Probe(ball, GOALS[0]).costs(np.array([[0.0, 0.0, 0.4], [0.0, 0.0, 0.06]]))
-
-    assert costs.worth[0] == NOWHERE
-    assert costs.worth[1] > 0.0
-
-
-def test_of_equal_work_the_wider_bracket_is_worth_more():
-    costs = Costs(np.array([500, 500, 501]), np.array([1.0, 0.5, 1.0]), np.ones(3), np.ones(3, bool))
-
-    assert np.argsort(costs.worth).tolist() == [0, 1, 2]
-
-
 def test_shrunk_balls_touch_the_ball_and_hold_none_of_it(ball):
     points, normals = starting_positions.surface_samples(ball.scene, 8, np.random.default_rng(2))
 
@@ -150,15 +128,3 @@ def test_surface_is_sampled_by_area_where_parts_stand_and_are_shown():
     assert (points[:, 0] > 0.9).mean() == pytest.approx(0.1, abs=0.03)
     np.testing.assert_allclose(np.abs(normals).max(axis=1), 1.0)
     assert (shown[:, 0] > 0.9).all()
-
-
-def test_centre_of_a_cap_is_that_of_the_ball_it_is_cut_from():
-    vertices, faces = shapes.sphere(0.05, 3)
-    cap = faces[(vertices[faces][:, :, 2] > 0.03).all(axis=1)]
-    scene = Scene([Solid(vertices, cap, name="cap")])
-    used = vertices[np.unique(cap)]
-
-    found = starting_positions.centres(Scene([Solid(used, np.searchsorted(np.unique(cap), cap), name="cap")]))
-
-    assert len(starting_positions.centres(scene)) == len(found) == 4
-    assert np.linalg.norm(found, axis=1).min() < 1e-9

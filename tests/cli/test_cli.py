@@ -17,10 +17,10 @@ from rich.console import Console
 import proximity
 from proximity import cli
 from proximity.cli import progress
-from proximity.cli.commands import query
+from proximity.cli.commands.parts import query
 from proximity.cli.lengths import in_units
 from proximity.cli.views import query_answers
-from proximity.errors import MeshError, MeshFormatError
+from proximity.errors import MeshFormatError
 from proximity.pose import Pose
 
 
@@ -35,33 +35,17 @@ def loaded(monkeypatch):
 
     for name, value in {"load": load, "kernels_are_cached": lambda: True}.items():
         monkeypatch.setitem(vars(proximity), name, value)
-    for name in ("FORCE_COLOR", "NO_COLOR", "GITHUB_ACTIONS", "COLUMNS", "TERMINAL_WIDTH"):
-        monkeypatch.delenv(name, raising=False)
     return calls
 
 
 @pytest.fixture
-def run(loaded, monkeypatch, capsys):
-    """Run the command line; returns exit code, stdout and stderr."""
-
-    def run_with(*arguments, stdin=""):
-        monkeypatch.setattr(sys, "argv", ["proximity", *map(str, arguments)])
-        monkeypatch.setattr(sys, "stdin", io.StringIO(stdin))
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        written = capsys.readouterr()
-        return SimpleNamespace(code=end.value.code, out=written.out, err=written.err)
-
-    return run_with
+def run(loaded, run):
+    """The command line on the sphere, with an empty standard input unless a test gives one."""
+    return lambda *arguments, stdin="": run(*arguments, stdin=stdin)
 
 
 def load_with(monkeypatch, load):
     monkeypatch.setitem(vars(proximity), "load", load)
-
-
-def told(text):
-    """The words of a message, without the frame that Rich draws and breaks it into."""
-    return " ".join("".join(" " if letter in "╭╮╰╯─│" else letter for letter in text).split())
 
 
 def block(text):
@@ -85,12 +69,9 @@ def test_point_outside_is_told_in_words(run):
     }
 
 
-def test_point_inside_is_told_in_words(run):
-    assert block(run("query", "ball.stl", 4, 0, 0).out)["signed distance"] == "-6 mm, inside"
-
-
-def test_point_on_the_surface_is_told_in_words(run):
-    assert block(run("query", "ball.stl", 10, 0, 0).out)["signed distance"] == "0 mm, on the surface"
+@pytest.mark.parametrize(("x", "words"), [(4, "-6 mm, inside"), (10, "0 mm, on the surface")])
+def test_side_of_a_point_is_told_in_words(run, x, words):
+    assert block(run("query", "ball.stl", x, 0, 0).out)["signed distance"] == words
 
 
 def test_unknown_side_is_told_in_words(run, monkeypatch):
@@ -119,14 +100,6 @@ def test_name_of_a_part_cannot_command_the_terminal(run, monkeypatch):
     assert block(run("query", "ball.stl", 4, 0, 0).out)["part"] == "a?[2Jb [red]"
 
 
-@pytest.mark.parametrize("options", [(), ("--units", "mm"), ("--workers", "-1")])
-def test_negative_coordinates_are_numbers(run, options):
-    result = run("query", "ball.stl", "-1", "-2.5", "-3e-2", *options, "--json")
-
-    assert result.code == 0
-    assert json.loads(result.out)["answers"][0]["query"] == [-1.0, -2.5, -0.03]
-
-
 def test_negative_coordinates_may_follow_options(run):
     result = run("query", "ball.stl", "--json", "--units", "mm", "-1", "-.5", "-1E1")
 
@@ -147,7 +120,7 @@ def test_unknown_option_is_a_usage_error(run, option):
     result = run("query", "ball.stl", 1, 2, 3, option)
 
     assert result.code == 2
-    assert "No such option" in told(result.err)
+    assert "No such option" in result.words
     assert option[:2] in result.err
 
 
@@ -159,31 +132,21 @@ def test_unknown_option_is_a_usage_error(run, option):
         ((1, "-inf", 3), "'-inf' is not finite, expected a number"),
         ((1, "1e400", 3), "'1e400' is beyond 1.8e+308, the largest number"),
         ((1, 2, 3, "--ray", 0, "nan", 1), "'nan' is not finite, expected a number"),
-        ((1, 2, 3, "--ray", 0, "-1e400", 1), "'-1e400' is beyond 1.8e+308, the largest number"),
-        ((1, 2, 3, "--ray", 0, "up", 1), "'up' is not a number"),
         (("1,2,3",), "'1,2,3' is not a number; separate numbers by spaces alone: 1 2 3"),
-        (("-1,2,3",), "'-1,2,3' is not a number; separate numbers by spaces alone: -1 2 3"),
-        (("1, 2, 3",), "'1, 2, 3' is not a number; separate numbers by spaces alone: 1 2 3"),
-        (("1,", "2,", 3), "'1,' is not a number; separate numbers by spaces alone: 1"),
-        (("1;2;3",), "'1;2;3' is not a number; separate numbers by spaces alone: 1 2 3"),
         (("1,5", 2, 3), "'1,5' has a decimal comma, expected a decimal point: 1.5"),
-        ((1, "-2,5", 3), "'-2,5' has a decimal comma, expected a decimal point: -2.5"),
-        ((1, 2, "three"), "'three' is not a number"),
-        ((1, 2, "1_0"), "'1_0' is not a number"),
         ((), "give a point, or --points FILE"),
         ((1, 2, 3, "--points", "-"), "points are given as arguments already"),
         ((1, 2, 3, "--segment"), "points are taken in pairs (start, end), but there are 1"),
         ((1, 2, 3, "--segment", "--ray", 0, 0, 1), "give one of them, not both"),
         ((1, 2, 3, "--json", "--csv"), "give one of them, not both"),
         ((1, 2, 3, "--workers", 0), "0 threads: expected 1 or more, or -1"),
-        ((1, 2, 3, "--workers", -2), "-2 threads: expected 1 or more, or -1"),
     ],
 )
 def test_wrong_use_is_a_usage_error(run, loaded, arguments, message):
     result = run("query", "ball.stl", *arguments)
 
     assert result.code == 2
-    assert message in told(result.err)
+    assert message in result.words
     assert "Usage: proximity query" in result.err
     assert result.out == ""
     assert loaded == []
@@ -198,15 +161,6 @@ def test_units_hold_for_coordinates_answers_and_the_file(run, loaded):
     assert answer["signed_distance"] == pytest.approx(0.5, rel=1e-15)
     assert answer["point"] == [0.0, 0.0, 1.0]
     assert answer["gradient"] == [0.0, 0.0, 1.0]
-
-
-def test_unknown_units_are_refused_before_the_file_is_read(run, loaded):
-    result = run("query", "ball.stl", 0, 0, 1, "--units", "furlong")
-
-    assert result.code == 2
-    assert result.err.startswith("proximity: ")
-    assert "furlong" in result.err
-    assert loaded == []
 
 
 def test_coordinate_too_large_for_metres_is_not_finite(run):
@@ -232,14 +186,6 @@ def test_ray_that_misses_is_told(run):
 
     assert result.code == 0
     assert block(result.out) == {"distance": "inf (nothing in that direction)"}
-
-
-def test_ray_that_is_not_finite_is_told(run):
-    options = ("--points", "-", "--ray", 0, 0, 1)
-
-    lines = block(run("query", "ball.stl", *options, stdin="inf 0 50\n").out)
-
-    assert lines == {"distance": "inf (the numbers given are not finite)"}
 
 
 def test_what_is_too_far_off_is_told_in_words():
@@ -318,28 +264,15 @@ def test_rays_and_segments_make_a_table(run, options, first, second):
     assert second is None or lines[2].split() == second.split()
 
 
-def test_long_table_is_not_cut_when_piped(run, monkeypatch):
-    monkeypatch.setattr(query, "POINTS_PER_CHUNK", 70)
-    text = "".join(f"0 0 {row}.5\n" for row in range(1000))
+def test_no_points_give_an_empty_answer(run):
+    table, document, text = (
+        run("query", "ball.stl", "--points", "-", *option, stdin="# none\n")
+        for option in ((), ("--json",), ("--csv",))
+    )
 
-    result = run("query", "ball.stl", "--points", "-", stdin=text)
-
-    lines = result.out.splitlines()
-    assert len(lines) == 1001
-    assert lines[-1].split()[:3] == ["999", "989.5", "outside"]
-
-
-def test_extreme_numbers_stay_apart_in_the_table(run):
-    result = run("query", "ball.stl", -1.23456789e99, -1e99, -1e99, 1e99, 2e99, 3e99)
-
-    assert len(result.out.splitlines()[1].split()) == 12
-
-
-def test_no_points_give_an_empty_table(run):
-    result = run("query", "ball.stl", "--points", "-", stdin="# none\n")
-
-    assert result.code == 0
-    assert len(result.out.splitlines()) == 1
+    assert table.code == document.code == text.code == 0
+    assert len(table.out.splitlines()) == len(text.out.splitlines()) == 1
+    assert json.loads(document.out)["answers"] == []
 
 
 def refuse(word):
@@ -370,12 +303,6 @@ def test_json_is_one_valid_document_with_every_digit(run):
     assert second["point"] == [None, None, None]
 
 
-def test_json_without_points_is_valid(run):
-    result = run("query", "ball.stl", "--points", "-", "--json")
-
-    assert json.loads(result.out)["answers"] == []
-
-
 def test_json_of_several_chunks_is_valid(run, monkeypatch):
     monkeypatch.setattr(query, "POINTS_PER_CHUNK", 2)
 
@@ -396,33 +323,6 @@ def test_csv_has_a_header_and_every_digit(run):
     assert first["part_name"] == "ball"
     assert second["signed_distance_mm"] == "nan"
     assert second["face"] == ""
-
-
-def test_csv_of_a_miss_says_inf(run):
-    (answer,) = csv.DictReader(io.StringIO(run("query", "ball.stl", 90, 0, 0, "--ray", 0, 0, 1, "--csv").out))
-
-    assert answer["distance_mm"] == "inf"
-    assert answer["normal_x"] == "nan"
-
-
-def test_csv_without_points_is_a_header(run):
-    assert run("query", "ball.stl", "--points", "-", "--csv").out.count("\n") == 1
-
-
-def test_csv_answers_can_be_read_again_as_points(run):
-    written = run("query", "ball.stl", -1, 2, 3, 4, 5, 6, "--csv").out
-
-    result = run("query", "ball.stl", "--points", "-", "--json", stdin=written)
-
-    assert written.startswith("x_mm,y_mm,z_mm,")
-    assert [answer["query"] for answer in json.loads(result.out)["answers"]] == [[-1, 2, 3], [4, 5, 6]]
-
-
-def test_csv_separates_lines_the_same_way_everywhere():
-    stream = io.StringIO()
-    query_answers.write_csv(stream, "in", [{"distance": [1.0, 0.1 + 0.2]}])
-
-    assert stream.getvalue() == "distance_in\n1.0\n0.30000000000000004\n"
 
 
 def test_points_come_from_a_file(run, tmp_path):
@@ -495,15 +395,6 @@ def test_interrupt_while_a_compiled_module_is_imported_is_quiet(run, monkeypatch
     assert (result.code, result.out + result.err) == (130, "")
 
 
-def test_interrupt_before_a_command_runs_is_quiet(run, monkeypatch):
-    def interrupted(self, ctx):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(cli.Group, "invoke", interrupted)
-
-    assert run("check", "ball.stl").code == 130
-
-
 def test_version_is_printed(run):
     assert run("--version").out == f"proximity {proximity.__version__}\n"
 
@@ -521,17 +412,17 @@ def test_help_has_examples_and_exit_codes(run, arguments, words):
     result = run(*arguments)
 
     assert result.code == 0
-    assert words in told(result.out)
+    assert words in result.words
 
 
 def test_first_compilation_is_announced_on_stderr(run, monkeypatch):
     compiled = []
     monkeypatch.setitem(vars(proximity), "kernels_are_cached", lambda: False)
-    monkeypatch.setitem(vars(proximity), "warm_up", lambda *, workers: compiled.append(workers))
+    monkeypatch.setitem(vars(proximity), "warm_up", lambda: compiled.append("all"))
 
     result = run("query", "ball.stl", 0, 0, 12.5, "--json")
 
-    assert compiled == [-1]
+    assert compiled == ["all"]
     assert result.err == "proximity: compiling for this processor, this once; it takes a minute or two\n"
     assert len(json.loads(result.out)["answers"]) == 1
 
@@ -579,25 +470,6 @@ def test_many_queries_show_a_bar_on_a_terminal(monkeypatch):
 
     assert passed == ["a", "b", "c"]
     assert "25/25" in screen.getvalue()
-
-
-@pytest.mark.parametrize("is_shown", [True, False])
-def test_bar_is_not_shown_for_a_short_wait_or_in_the_way(monkeypatch, is_shown):
-    screen = terminal(monkeypatch)
-    if not is_shown:
-        monkeypatch.setattr(progress, "ANNOUNCE_AFTER_S", -1.0)
-
-    assert list(progress.with_bar("abc", len, 3, is_shown=is_shown)) == ["a", "b", "c"]
-    assert screen.getvalue() == ""
-
-
-def test_table_on_a_wide_terminal_has_every_column(run, monkeypatch):
-    screen = terminal(monkeypatch)
-
-    run("query", "ball.stl", 0, 0, 12.5, 0, 0, 1)
-
-    assert "normal_x" in screen.getvalue()
-    assert "ball" in screen.getvalue()
 
 
 def test_check_on_a_narrow_terminal_cuts_no_number(run, monkeypatch):
@@ -732,12 +604,6 @@ def test_check_as_json_has_sizes_and_a_total(run, monkeypatch):
     }  # fmt: skip
 
 
-def test_check_without_a_volume_shows_none(run, monkeypatch):
-    load_with(monkeypatch, lambda path, units, **options: FakeScene(has_inside=False))
-
-    assert "20 × 20 × 20 20 1 no yes - none no: NotManifold" in " ".join(run("check", "ball.stl").out.split())
-
-
 @pytest.mark.parametrize(("width", "has_shells"), [(80, False), (120, True)])
 def test_check_leaves_out_columns_where_the_terminal_is_narrow(run, monkeypatch, width, has_shells):
     screen = terminal(monkeypatch, width=width)
@@ -762,12 +628,3 @@ def test_check_as_json_has_every_figure(run, monkeypatch):
     assert part["manifold"] == {"is_solid": True, "status": "NoError"}
     load_with(monkeypatch, lambda path, units, **options: FakeScene(has_inside=False))
     assert json.loads(run("check", "ball.stl", "--json").out)["parts"][0]["volume"] is None
-
-
-def test_check_of_units_that_are_unknown_is_refused(run):
-    with pytest.raises(MeshError, match="furlong"):
-        from proximity.formats import metres_per_unit
-
-        metres_per_unit("furlong")
-
-    assert "furlong" in run("check", "ball.stl", "--units", "furlong").err

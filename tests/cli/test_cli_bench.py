@@ -2,14 +2,13 @@
 
 import json
 import re
-import sys
 from types import SimpleNamespace
 
 import make
 import pytest
 from certificates import case, certificate, loop
 
-from proximity import DecaffError, cli
+from proximity import DecaffError
 from proximity import certificate as package
 from proximity.certificate import certification
 from proximity.certificate.search import worst_positions
@@ -19,8 +18,8 @@ BRACKET, HAND, DEMO = (str(make.FOLDER / name) for name in ("bracket.stl", "hand
 
 
 @pytest.fixture
-def run(monkeypatch, capsys, tmp_path):
-    """Run the command line with a certificate that is told; returns code, output, and what was certified."""
+def run(run, monkeypatch, tmp_path):
+    """``proximity bench`` with a certificate that is made up; the result has what was to be certified."""
     asked = []
 
     def certify(subject, **settings):
@@ -29,15 +28,11 @@ def run(monkeypatch, capsys, tmp_path):
 
     monkeypatch.setattr(package, "certify", certify)
     monkeypatch.chdir(tmp_path)
-    for name in ("FORCE_COLOR", "NO_COLOR", "GITHUB_ACTIONS", "COLUMNS", "TERMINAL_WIDTH"):
-        monkeypatch.delenv(name, raising=False)
 
     def run_with(*arguments):
-        monkeypatch.setattr(sys, "argv", ["proximity", "bench", *map(str, arguments)])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        written = capsys.readouterr()
-        return SimpleNamespace(code=end.value.code or 0, out=written.out, err=written.err, asked=asked)
+        result = run("bench", *arguments)
+        result.asked = asked
+        return result
 
     run_with.given = {}
     return run_with
@@ -54,14 +49,6 @@ def test_certificate_is_told_in_tables_and_written(run, tmp_path):
     assert "verdict         the scene fits 1 ms: p99.9 of computing is 400 µs (worst, passing)" in result.out
     assert result.err == "proximity: wrote latency.html and latency.json\n"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["latency.html", "latency.json"]
-
-
-def test_gate_that_is_met_exits_with_0(run):
-    result = run(BRACKET, "--gate", "0.5ms", "--out", "cell.json")
-
-    assert result.code == 0
-    assert result.asked[0].subject.period == pytest.approx(0.0005)
-    assert "the scene fits 0.5 ms" in result.out
 
 
 def test_gate_that_is_not_met_exits_with_1_and_one_sentence(run):

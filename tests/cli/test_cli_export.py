@@ -4,16 +4,15 @@ import csv
 import errno
 import io
 import sys
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from sealed_frames import PERIOD_NS, SESSION, frame, sealed
 
-from proximity import cli
 from proximity.message import CONTACT, FRAME, State
 from proximity.recording import FrameReader, columns, frame_reader, frame_tables
 
+COMMAND = ("export",)
 HEADER_COLUMNS = [
     "session",
     "sequence",
@@ -28,21 +27,10 @@ HEADER_COLUMNS = [
 ]
 
 
-@pytest.fixture
-def run(monkeypatch, capsys, tmp_path):
-    """Run the command line in a folder of its own; returns exit code, stdout and stderr."""
+@pytest.fixture(autouse=True)
+def folder(monkeypatch, tmp_path):
+    """A folder of the test's own."""
     monkeypatch.chdir(tmp_path)
-    for name in ("FORCE_COLOR", "NO_COLOR", "GITHUB_ACTIONS"):
-        monkeypatch.delenv(name, raising=False)
-
-    def run_with(*arguments):
-        monkeypatch.setattr(sys, "argv", ["proximity", "export", *map(str, arguments)])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        written = capsys.readouterr()
-        return SimpleNamespace(code=end.value.code, out=written.out, err=written.err)
-
-    return run_with
 
 
 def noise():

@@ -37,24 +37,8 @@ def test_zero_has_no_sign():
     assert [str(value) for value in rounded(np.array([-0.0, 0.0])).tolist()] == ["0.0", "0.0"]
 
 
-def test_what_is_not_finite_stays():
-    np.testing.assert_array_equal(
-        rounded(np.array([np.nan, np.inf, -np.inf])), np.array([np.nan, np.inf, -np.inf])
-    )
-
-
 def test_length_beyond_the_range_of_the_unit_is_infinite():
     assert in_unit(1e308, 0.001) == np.inf
-
-
-@pytest.mark.parametrize("size", [1e-300, 1e-30, 1e-8, 1e-7, 1.0, 999.9999999999999, 1e15, 1e36, 1e300])
-def test_every_size_is_rounded_to_fifteen_digits(size):
-    values = size * np.random.default_rng(7).uniform(-10.0, 10.0, 1000)
-
-    result = rounded(values)
-
-    assert [float(f"{value:.15g}") for value in result.tolist()] == result.tolist()
-    np.testing.assert_allclose(result, values, rtol=5.1e-15)
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False, max_value=1e308, min_value=-1e308))

@@ -3,10 +3,8 @@
 import os
 import re
 import signal
-import sys
 import threading
 import time
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,24 +16,14 @@ from proximity.message import FRAME
 from proximity.recording import FrameReader
 from proximity.transport import open_outlet, open_publisher
 
+COMMAND = ("record",)
 ADDRESS = "queue:decaff"
 
 
-@pytest.fixture
-def run(monkeypatch, capsys):
-    """Run the command line in this process; returns exit code, stdout and stderr."""
+@pytest.fixture(autouse=True)
+def queued(monkeypatch):
+    """Frames come through a queue of this process."""
     queued_transport.register(monkeypatch)
-    for name in ("FORCE_COLOR", "NO_COLOR", "GITHUB_ACTIONS"):
-        monkeypatch.delenv(name, raising=False)
-
-    def run_with(*arguments):
-        monkeypatch.setattr(sys, "argv", ["proximity", "record", *map(str, arguments)])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        written = capsys.readouterr()
-        return SimpleNamespace(code=end.value.code, out=written.out, err=written.err)
-
-    return run_with
 
 
 def publish(count, fingers=5):

@@ -1,19 +1,14 @@
 """``proximity replay``: what it prints, writes and refuses, on the sample bracket and the generated hand."""
 
-import csv
 import json
 import re
-import sys
-from types import SimpleNamespace
 
 import make
 import numpy as np
 import pytest
 from fake_tracker import FakeTracker
-from rich.console import Console
 
 import proximity
-from proximity import cli
 from proximity.cli.views import replay_report
 from proximity.message import CONTACT
 
@@ -24,8 +19,8 @@ SHORT = ("--limit", 0.1)
 
 
 @pytest.fixture
-def run(monkeypatch, capsys):
-    """Run the command line; returns exit code, stdout, stderr and the trackers that were made."""
+def run(run, monkeypatch):
+    """``proximity replay`` with a tracker that is none; the result has the trackers that were made."""
     trackers = []
 
     def make_tracker(scene, **settings):
@@ -34,23 +29,14 @@ def run(monkeypatch, capsys):
         return trackers[-1]
 
     monkeypatch.setitem(vars(proximity), "Tracker", make_tracker)
-    for name in ("FORCE_COLOR", "NO_COLOR", "GITHUB_ACTIONS", "COLUMNS", "TERMINAL_WIDTH"):
-        monkeypatch.delenv(name, raising=False)
 
     def run_with(*arguments):
-        monkeypatch.setattr(sys, "argv", ["proximity", "replay", *map(str, arguments)])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        written = capsys.readouterr()
-        return SimpleNamespace(code=end.value.code, out=written.out, err=written.err, trackers=trackers)
+        result = run("replay", *arguments)
+        result.trackers = trackers
+        return result
 
     run_with.spoil = None
     return run_with
-
-
-def told(text):
-    """The words of a message, without the frame that Rich draws and breaks it into."""
-    return " ".join("".join(" " if letter in "╭╮╰╯─│" else letter for letter in text).split())
 
 
 def lines_of(text):
@@ -129,22 +115,6 @@ def test_units_hold_for_all_lengths(run):
     assert settings["radius"] == pytest.approx(0.004, rel=1e-15)
     assert settings["working_range"] == pytest.approx(0.05, rel=1e-15)
     assert report["placement"]["position"] == pytest.approx([-0.5, 0.0, 0.1], rel=1e-15)
-    np.testing.assert_allclose(
-        result.trackers[-1].last[0],
-        0.5 * _last_thumb()[[1, 0, 2]] * [-1, 1, 1] + [-0.005, 0, 0.001],
-        atol=1e-12,
-    )
-
-
-def _last_thumb():
-    """Where the thumb is at the last whole millisecond within 0.1 s, in the recording's frame."""
-    with open(HAND, newline="") as stream:
-        rows = [row for row in csv.DictReader(stream) if row["finger"] == "0" and float(row["time_s"]) <= 0.1]
-    times = [float(row["time_s"]) for row in rows]
-    last = np.floor(times[-1] * 1000.0) / 1000.0
-    return np.array(
-        [np.interp(last, times, [float(row[axis]) for row in rows]) for axis in ("x_m", "y_m", "z_m")]
-    )
 
 
 def test_options_reach_the_tracker(run):
@@ -202,25 +172,20 @@ def test_broken_bound_is_said_and_ends_with_1(run, tmp_path):
     ("options", "message"),
     [
         (("--rate", 0), "0 ticks a second: expected 1 to 1e+06"),
-        (("--rate", "nan"), "nan ticks a second: expected 1 to 1e+06"),
         (("--scale", -1), "-1 times the size: expected 1e-06 to 1e+06"),
         (("--latency", -1), "-1 ms: expected 0 to 1000"),
         (("--budget", 0), "0 nodes and leaves: expected 1 to"),
         (("--limit", 0), "0 seconds: expected 0.001 to 1e+09"),
-        (("--radius", 0), "0: expected a length above zero"),
         (("--range", "inf"), "inf: expected a length above zero"),
-        (("--radius", 1e300), "1e+300: 1e+300 mm by --units, expected at most 100 mm"),
         (("--radius", 0.101, "--units", "m"), "0.101: 101 mm by --units, expected at most 100 mm"),
-        (("--range", 120, "--units", "m"), "120: 120000 mm by --units, expected at most 10000 mm"),
         (("--place", 0, 1e300, 0), "1e+300: expected coordinates of at most 1e+09 mm"),
-        (("--place", "nan", 0, 0), "nan: expected coordinates of at most 1e+09 mm"),
     ],
 )
 def test_wrong_use_is_a_usage_error(run, options, message):
     result = run(BRACKET, HAND, *options)
 
     assert result.code == 2
-    assert message in told(result.err)
+    assert message in result.words
     assert "Usage: proximity replay" in result.err
     assert result.trackers == []
 
@@ -235,7 +200,6 @@ def test_wrong_use_is_a_usage_error(run, options, message):
             "proximity: a.txt: expected a name that ends in .npz, .npy, .csv\n",
         ),
         ((BRACKET, HAND, "--turn", "inf", 0, 0), "proximity: a turn of inf degrees about x is no rotation\n"),
-        ((BRACKET, HAND, "--units", "furlong"), "proximity: "),
     ],
 )
 def test_what_cannot_be_used_is_one_line(run, arguments, message):
@@ -319,16 +283,3 @@ def test_nearest_approach_to_a_part_that_was_not_found_is_told_as_a_bound(run):
     lines = lines_of(run(BRACKET, HAND, *AS_RECORDED, "--budget", 1).out)
 
     assert lines["nearest"] == ["little at 2.597 s: -2.867 mm at most from some part"]
-
-
-def test_terminal_gets_the_same_lines(run, monkeypatch):
-    plain = run(BRACKET, HAND, *AS_RECORDED, *SHORT)
-    monkeypatch.setattr(
-        "proximity.cli.console.Console", lambda **options: Console(force_terminal=True, width=200)
-    )
-
-    styled = run(BRACKET, HAND, *AS_RECORDED, *SHORT)
-
-    bare = re.sub(r"\x1b\[[\d;]*m", "", styled.out)
-    assert styled.out != bare
-    assert lines_of(bare)["scene"] == lines_of(plain.out)["scene"]

@@ -14,14 +14,14 @@ from types import SimpleNamespace
 import pytest
 from project import MESHES
 
-from proximity import cli
-from proximity.cli.commands import serve as command
+from proximity.cli.commands.service import serve as command
 from proximity.errors import PublishError, RecordingError
 from proximity.message import State
 from proximity.recording import FrameLog, FrameReader
 from proximity.service import Report
 from proximity.transport.link import TRANSPORTS, Transport
 
+COMMAND = ("serve",)
 SCENE = """\
 [service]
 rate_hz = 500
@@ -44,22 +44,6 @@ def scene_path(tmp_path):
 
 
 @pytest.fixture
-def run(monkeypatch, capsys):
-    """Run the command line in this process; returns exit code, stdout and stderr."""
-    for name in ("FORCE_COLOR", "NO_COLOR", "GITHUB_ACTIONS", "COLUMNS", "TERMINAL_WIDTH"):
-        monkeypatch.delenv(name, raising=False)
-
-    def run_with(*arguments):
-        monkeypatch.setattr(sys, "argv", ["proximity", "serve", *map(str, arguments)])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        written = capsys.readouterr()
-        return SimpleNamespace(code=end.value.code, out=written.out, err=written.err)
-
-    return run_with
-
-
-@pytest.fixture
 def calls(monkeypatch):
     """Note what would be served, and serve nothing."""
     import proximity.service.hosting
@@ -72,11 +56,6 @@ def calls(monkeypatch):
 
     monkeypatch.setattr(proximity.service.hosting, "serve", serve)
     return noted
-
-
-def told(text):
-    """The words of a message, without the frame that Rich draws and breaks it into."""
-    return " ".join("".join(" " if letter in "╭╮╰╯─│" else letter for letter in text).split())
 
 
 def test_beginning_and_end_are_told_in_words(run, scene_path):
@@ -230,7 +209,7 @@ def test_wrong_use_is_a_usage_error(run, scene_path, calls, options, message):
     result = run(scene_path, *options)
 
     assert result.code == 2
-    assert message in told(result.err)
+    assert message in result.words
     assert "Usage: proximity serve" in result.err
     assert calls == []
 

@@ -162,11 +162,8 @@ def test_touches_as_calibrated_are_taken_and_others_refused(drum):
         glove.check_touches(counts, angles + 0.35e-3 * per_metre * [0, 1, 0])
     with pytest.raises(DecaffError, match=r"^touch-off disagrees by nan mm"):
         glove.check_touches(counts, angles * [1, np.nan, 1])
-
-
-def test_touch_that_is_only_half_told_is_refused():
-    with pytest.raises(DecaffError, match=r"^2 counts and 1 drum angles at touches, expected as many$"):
-        GLOVE.check_touches([20000, 21000], [0.1])
+    with pytest.raises(DecaffError, match=r"^3 counts and 2 drum angles at touches, expected as many$"):
+        glove.check_touches(counts, angles[:2])
 
 
 @pytest.mark.parametrize("counts", [12.0, 65000.0, math.nan])
@@ -197,28 +194,12 @@ FLAT, FIST = (float(counts) for counts in HAND.counts([0.0, 1.0]))
     [
         ({"counts": range(7)}, r"the table has 6 counts at bend 1, expected 43\d+, give or take 10\d+"),
         (
-            {"counts": FLAT + 1e-9 * np.arange(7)},
-            r"the table has 21\d+ counts at bend 1, expected 43\d+, give or take 10\d+",
-        ),
-        (
-            {"counts": [0, 1, 2, 3, 4, 5, 60000]},
-            r"the table has 5 counts at bend 0\.833333, expected 41\d+, give or take 10\d+",
-        ),
-        (
             {"counts": HAND.counts(TABLE_BENDS) / 16},
             r"the table has 27\d+(\.\d+)? counts at bend 1, expected 43\d+, give or take 10\d+",
         ),
         (
-            {"bends": [0, 1e-9, 2e-9, 3e-9, 4e-9, 5e-9, 1]},
-            r"the table has 41\d+ counts at bend 5e-09, expected 21\d+, give or take 10\d+",
-        ),
-        (
             {"counts": [FLAT, 26000, 26000.001, 35000, 38000, 41000, FIST]},
             r"counts go up by 0\.001 from bend 0\.166667 to 0\.333333, expected about 43\d+",
-        ),
-        (
-            {"bends": [0, 1 / 6, 1 / 3, 0.5, 2 / 3, 2 / 3 + 1e-6, 1]},
-            r"counts go up by \d+ from bend 0\.666667 to 0\.666668, expected about 0",
         ),
     ],
 )
@@ -243,15 +224,9 @@ def test_table_of_a_glove_that_is_not_quite_as_designed_is_taken(pulley, mounted
     [
         ({"made": "2026"}, "the date is 2026, expected one with its time zone"),
         ({"counts": [1, 2, 3]}, "counts have shape (3,), expected 7 increasing numbers"),
-        ({"counts": "many"}, "counts have dtype <U4, expected 7 increasing numbers"),
         (
             {"counts": [1, 2, 3, 3, 5, 6, 7]},
             "the table is not monotone: counts go from 3 to 3 at its point 3, expected 7 increasing numbers",
-        ),
-        (
-            {"bends": [0, 0.1, 0.3, 0.2, 0.5, 0.6, 1]},
-            "the table is not monotone: bends go from 0.3 to 0.2 at its point 3, expected 7 increasing "
-            "numbers",
         ),
         (
             {"counts": [1, 2, 3, math.nan, 5, 6, 7]},
@@ -259,19 +234,12 @@ def test_table_of_a_glove_that_is_not_quite_as_designed_is_taken(pulley, mounted
         ),
         ({"bends": np.linspace(0, 0.9, 7)}, "bends go from 0 to 0.9, expected 0 to 1"),
         ({"touch_offset": math.nan}, "touch_offset is nan, expected a number of radians"),
-        ({"touch_offset": [1.0]}, "touch_offset is [1.0], expected a number of radians"),
         (
             {"cable_compliance": -1},
             "cable_compliance is -1, expected a number of metres a newton of 0 or more",
         ),
-        ({"backlash": math.inf}, "backlash is inf, expected a number of metres of 0 or more"),
-        ({"latency": True}, "latency is True, expected a number of seconds of 0 or more"),
         ({"touch_offset": 40}, "touch_offset is 40 radians, expected 0.5 at most, either way"),
-        ({"touch_offset": -0.51}, "touch_offset is -0.51 radians, expected 0.5 at most, either way"),
         ({"cable_compliance": 1.0}, "cable_compliance is 1 metres a newton, expected 0.002 at most"),
-        ({"backlash": 0.5}, "backlash is 0.5 metres, expected 0.01 at most"),
-        ({"latency": 10.0}, "latency is 10 seconds, expected 1 at most"),
-        ({"latency": 1e300}, "latency is 1e+300 seconds, expected 1 at most"),
         ({"phalanges": (0.1, 0.1)}, "phalanges are (0.1, 0.1), expected three numbers of metres"),
         ({"phalanges": (0.1, 0, 0.1)}, "one of phalanges is 0, expected a positive number of metres"),
     ],
@@ -281,16 +249,6 @@ def test_numbers_that_contradict_themselves_are_refused(changes, message):
         calibrated(**changes)
 
     assert str(refused.value) == message
-
-
-def test_table_does_not_change_after_it_is_made():
-    counts = np.array(calibrated().counts)
-    made = calibrated(counts=counts)
-    counts[0] = 0.0
-
-    assert made.counts[0] > 1.0
-    with pytest.raises(ValueError, match="read-only"):
-        made.counts[0] = 0.0
 
 
 # --- the file -----------------------------------------------------------------------------------------------
@@ -308,17 +266,6 @@ def test_file_gives_back_what_was_written(tmp_path):
         for name in ("made", "touch_offset", "cable_compliance", "backlash", "latency", "phalanges", "name"):
             assert getattr(read, name) == getattr(made, name), name
     assert os.listdir(tmp_path) == ["right-index.json"]
-
-
-def test_file_says_its_date_its_version_and_its_units(tmp_path):
-    write_calibration(tmp_path / "c.json", calibrated())
-    document = json.loads((tmp_path / "c.json").read_text(encoding="utf-8"))
-
-    assert document["format"] == "proximity glove calibration"
-    assert document["version"] == 1
-    assert document["made"] == "2026-11-21T19:30:05+00:00"
-    assert document["latency_s"] == 0.0009
-    assert {key.rpartition("_")[2] for key in document if "_" in key} == {"rad", "N", "m", "s"}
 
 
 def test_file_that_cannot_be_replaced_stays_as_it_was(tmp_path, monkeypatch):
@@ -347,8 +294,6 @@ def test_folder_that_is_not_there_is_told(tmp_path):
     ("change", "message"),
     [
         ({"version": 2}, "has version 2, expected 1: calibrate again with this version"),
-        ({"version": True}, "has version True, expected 1: calibrate again with this version"),
-        ({"version": None}, "has version None, expected 1: calibrate again with this version"),
         (
             {"format": "hand"},
             "is no calibration of a glove, expected a format of 'proximity glove calibration'",
@@ -356,21 +301,13 @@ def test_folder_that_is_not_there_is_told(tmp_path):
         ({"latency_s": ...}, "lacks 'latency_s'"),
         ({"latency_ms": 1}, "has an unknown field 'latency_ms'"),
         ({"made": "yesterday"}, "the date is 'yesterday', expected one as 2026-11-21T19:30:00+00:00"),
-        ({"made": 7}, "the date is 7, expected one as 2026-11-21T19:30:00+00:00"),
         (
             {"made": "2026-11-21T19:30:00"},
             "the date is 2026-11-21 19:30:00, expected one with its time zone",
         ),
         ({"name": 7}, "the name is 7, expected text"),
         ({"phalanges_m": 7}, "phalanges are 7, expected three numbers of metres"),
-        ({"phalanges_m": [0.1, "a", 0.1]}, "one of phalanges is 'a', expected a positive number of metres"),
-        ({"touch_offset_rad": None}, "touch_offset is None, expected a number of radians"),
-        ({"backlash_m": math.nan}, "backlash is nan, expected a number of metres of 0 or more"),
         ({"counts": [[1], [2, 3]]}, "counts have rows of different lengths, expected 7 increasing numbers"),
-        (
-            {"counts": [7, 6, 5, 4, 3, 2, 1]},
-            "the table is not monotone: counts go from 7 to 6 at its point 1, expected 7 increasing numbers",
-        ),
     ],
 )
 def test_file_that_was_changed_wrongly_is_refused(tmp_path, change, message):
@@ -450,11 +387,7 @@ def test_compliance_and_backlash_are_found_again():
             "counts went from 20000 to 20010 as the tension went from 0 to 2 N, expected fewer under more "
             "tension",
         ),
-        (
-            lambda: cable_compliance(HAND, (20000, 19990), (1, 1)),
-            "counts went from 20000 to 19990 as the tension went from 1 to 1 N, expected fewer under more "
-            "tension",
-        ),
+        (lambda: cable_compliance(HAND, [1, 2, 3]), "3 counts and 2 tensions, expected two of each"),
         (
             lambda: backlash(HAND, 20010, 20000),
             "counts are 20010 closing and 20000 opening, expected no fewer opening",
@@ -464,16 +397,8 @@ def test_compliance_and_backlash_are_found_again():
             "no answer follows the step at 1 s, expected one that begins after it",
         ),
         (
-            lambda: step_latency([0, 1, 2], [0, 0.5, 1], 1.5),
-            "no answer follows the step at 1.5 s, expected one that begins after it",
-        ),
-        (
             lambda: step_latency([0, 0], [1, 2], 0.0),
             "times and values of a step test do not fit, expected two or more, times increasing",
-        ),
-        (
-            lambda: step_latency([1, 2], [1, 2], 0.0),
-            "no answer follows the step at 0 s, expected one that begins after it",
         ),
     ],
 )
@@ -484,7 +409,7 @@ def test_measurement_that_cannot_be_is_refused(measure, message):
     assert str(refused.value) == message
 
 
-@pytest.mark.parametrize("height", [1.0, -300.0])
+@pytest.mark.parametrize("height", [-300.0])
 def test_latency_is_found_from_a_step(height):
     """An answer that begins 4.2 ms after the step and takes 0.1 ms to come; with a little noise."""
     times = np.arange(0.0, 0.050, 1e-5)
@@ -507,24 +432,3 @@ def test_example_of_the_documentation_makes_a_calibration(tmp_path, monkeypatch)
     assert made.cable_compliance == pytest.approx(5e-5, rel=0.01)
     assert made.backlash == pytest.approx(0.15e-3, rel=0.01)
     assert made.latency == pytest.approx(1e-3)
-
-
-@pytest.mark.parametrize(
-    ("measure", "message"),
-    [
-        (lambda glove: touch_offset(glove, ["a"], [1]), "counts .* expected a row of numbers"),
-        (lambda glove: touch_offset(glove, [1, 2, 3], [[1], [2, 3]]), "drum_angles .* a row of numbers"),
-        (lambda glove: cable_compliance(glove, [1, 2, 3]), "3 counts and 2 tensions, expected two of each"),
-        (lambda glove: cable_compliance(glove, 5.0), "1 counts and 2 tensions, expected two of each"),
-        (lambda glove: backlash(glove, "35008", 35078), "closing_counts is '35008', expected a number of"),
-        (lambda glove: backlash(glove, 35008, np.nan), "opening_counts is nan, expected a number of counts"),
-        (lambda glove: step_latency([0, 1], [None, 1], 0.5), "values .* expected a row of numbers"),
-        (
-            lambda glove: step_latency([0, 1], [0, 1], "now"),
-            "step_time is 'now', expected a number of seconds",
-        ),
-    ],
-)
-def test_measurement_that_is_no_number_is_refused(measure, message):
-    with pytest.raises(DecaffError, match=message):
-        measure(Glove())

@@ -1,11 +1,9 @@
 """The drum's controller: each failure and transition of docs/decaff.md, and what never happens."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
-import queued_transport
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sealed_frames import frame
@@ -14,18 +12,16 @@ from proximity.decaff.controller.contact_location import is_sound, locate
 from proximity.decaff.controller.controller import SERVO_LAG, FingerController
 from proximity.decaff.controller.controller_states import DrumState, FrameMark, Observation, Trust
 from proximity.decaff.controller.drum_limits import ForceBudget, Limits
-from proximity.decaff.controller.frame_trust import FrameTrust
 from proximity.decaff.controller.passivity import is_passive
 from proximity.decaff.controller.steady_force import Handover, SteadyRule
 from proximity.decaff.controller.surface_law import SurfaceLaw
 from proximity.decaff.drum.drum_command import DriveMode
-from proximity.decaff.drum.drum_model import GEAR4, Drum
+from proximity.decaff.drum.drum_model import GEAR4
 from proximity.decaff.drum.servo import move, servo_for
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
 from proximity.errors import DecaffError
 from proximity.message import ContactFlag, Mode, Source, State, Surface
-from proximity.transport import open_subscriber
 
 GLOVE = Glove()
 PATH = FingerPath(GLOVE)
@@ -226,13 +222,6 @@ def test_touched_drum_holds_up_to_a_millimetre():
     assert action.position == pytest.approx(PATH.position(WALL + 0.003))
 
 
-def test_drum_leaves_a_finger_whose_object_has_gone():
-    bench = touching()
-
-    assert bench.run(2, position=WALL + 0.02).state is DrumState.APPROACH
-    assert bench.action.position == pytest.approx(PATH.position(WALL + 0.02))
-
-
 @pytest.mark.parametrize("surface", [Surface.RIGID, Surface.DEFORMABLE])
 def test_drum_leaves_a_finger_that_leans_on_it_when_its_object_has_gone(surface):
     """It was touched again at once: before a soft part a force of nothing was served, and the drum stayed."""
@@ -341,18 +330,6 @@ def test_law_pulls_never_and_is_nothing_for_what_is_no_number():
 # ---------------------------------------------------------------------------------- the table of failures
 
 
-def test_up_to_20_ms_all_is_normal():
-    bench = approaching()
-    position = bench.action.position
-
-    action = bench.age(19)
-    assert (action.state, action.position, bench.controller.trust) == (
-        DrumState.APPROACH,
-        position,
-        Trust.FRESH,
-    )
-
-
 def test_from_20_to_100_ms_the_drum_widens_away_from_the_finger():
     bench = approaching()
     position = bench.action.position
@@ -407,14 +384,6 @@ def test_in_contact_the_drum_freezes_and_then_its_force_goes():
     assert bench.action.position == PATH.retracted
 
 
-def test_drum_that_froze_retracts_at_the_end_of_the_ramp_in_any_case():
-    bench = touching()
-    bench.age(99 + 2 + 498)
-    assert bench.action.state is DrumState.FREEZE
-
-    assert bench.age(4).state is DrumState.RETRACTED
-
-
 def test_what_comes_back_during_the_ramp_does_not_snap():
     bench = touching()
     bench.age(99 + 2 + 400)
@@ -446,17 +415,12 @@ BAD = {
     "-inf distance": {"signed_distance": -math.inf},
     "far": {"signed_distance": 1e4},
     "long normal": {"normal": [0.0, 0.0, 1.002]},
-    "huge normal": {"normal": [0.0, 1e300, 1.0]},
-    "inf normal": {"normal": [0.0, math.inf, 1.0]},
     "short normal": {"normal": [0.0, 0.0, 0.998]},
     "bend": {"bend": 1.2},
     "contact bend": {"contact_bend": -0.2},
-    "inf contact bend": {"contact_bend": math.inf},
     "rate": {"contact_bend_rate": 1e3},
     "error": {"contact_bend_error": -1.0},
     "surface": {"surface": 9},
-    "source": {"source": 9},
-    "mode": {"mode": 9},
 }
 
 
@@ -474,11 +438,6 @@ def test_bad_frame_is_dropped_and_counted_and_the_old_one_ages(name):
     assert bench.controller.frames.dropped == 25
     assert bench.controller.trust is Trust.OLD
     assert bench.action.position > position
-
-
-def test_record_without_normal_or_surface_in_reach_is_sound():
-    assert is_sound(contact(0, normal=math.nan), 0, 5 * MS)
-    assert is_sound(contact(0, signed_distance=math.inf), 0, 5 * MS)
 
 
 def test_pose_from_the_future_or_the_past_is_dropped():
@@ -551,39 +510,6 @@ def test_frame_that_was_overtaken_is_dropped():
     assert bench.action.position == position
 
 
-def test_record_of_no_frame_is_no_news():
-    bench = Bench()
-    for _ in range(5):
-        bench.step(contact(bench.now), frame=None)
-
-    assert bench.controller.trust is Trust.LOST
-
-
-def test_contact_that_comes_as_fast_as_can_be_is_no_jump():
-    bench = approaching()
-    nearer = PATH.bend(PATH.position(WALL) - 2.9e-3)  # 2.9 m/s
-
-    assert bench.run(1, position=nearer).position == pytest.approx(PATH.position(nearer))
-
-
-def test_uncertain_place_may_jump_by_its_error():
-    bench = approaching()
-    error = WALL - PATH.bend(PATH.position(WALL) - 2e-3)
-    nearer = PATH.bend(PATH.position(WALL) - 4.5e-3)
-
-    assert bench.run(1, position=nearer, contact_bend_error=error).position == pytest.approx(
-        PATH.position(nearer)
-    )
-
-
-def test_jump_is_ignored_in_contact():
-    bench = touching()
-    position = bench.action.position
-
-    action = bench.run(3, position=WALL - 0.05, signed_distance=0.0, lower=0.0)
-    assert (action.state, action.position) == (DrumState.CONTACT_POSITION, position)
-
-
 def test_finger_that_begins_inside_is_given_way_until_it_was_outside():
     bench = Bench()
     inside = {"signed_distance": -0.004, "lower": -0.004, "flags": TRACKED | ContactFlag.INSIDE}
@@ -637,15 +563,6 @@ def test_part_that_is_put_where_the_finger_is_gives_it_way():
     assert bench.action.state is DrumState.APPROACH and bench.action.speed_cap > 0.0
     bench.bend = 0.28
     assert bench.run(3, position=0.4).position == pytest.approx(PATH.position(0.4))
-
-
-def test_finger_that_presses_was_not_put_there():
-    bench = approaching()
-    bench.bend = 0.49
-    bench.run(1)
-    bench.run(1, signed_distance=-0.001, lower=-0.001)
-
-    assert bench.controller.frames.was_outside
 
 
 def test_drift_brings_a_contact_no_nearer_than_anything_moves():
@@ -702,14 +619,6 @@ def test_sequence_that_stalls_is_as_old_as_its_pose():
     assert (held[5], held[50], held[-1]) == (DrumState.CONTACT_POSITION, DrumState.HOLD, DrumState.FREEZE)
 
 
-def test_in_contact_up_to_20_ms_the_drum_holds():
-    bench = touching()
-    position, cap = bench.action.position, bench.action.force_cap
-    action = bench.age(18)
-
-    assert (action.state, action.position, action.force_cap) == (DrumState.CONTACT_POSITION, position, cap)
-
-
 def test_lost_tracking_in_contact_ramps_the_force_and_then_retracts():
     bench = touching()
     lost = {"flags": 0, "mode": Mode.HOLD}
@@ -719,26 +628,6 @@ def test_lost_tracking_in_contact_ramps_the_force_and_then_retracts():
     assert np.all(np.diff(caps) <= 0.0)
     assert bench.action.state is DrumState.FREEZE
     assert bench.step(contact(bench.now, **lost), State.DEGRADED).state is DrumState.RETRACTED
-
-
-def test_frame_with_a_flipped_bit_reaches_no_controller_and_the_old_one_ages(monkeypatch):
-    queued_transport.register(monkeypatch)
-    bench, clock = Bench(), [0]
-    with open_subscriber("queue:a", clock=lambda: clock[0]) as subscriber:
-        for sample in range(60):
-            clock[0] = bench.now + MS
-            message = frame(1, bench.now)
-            message.records[0] = contact(bench.now)
-            data = message.seal(7, sample).copy()
-            data[200] ^= sample >= 10
-            queued_transport._queues["a"].append(data)
-            reading = subscriber.read()
-            bench.step(reading.contacts[0], reading.state)
-            bench.drum = bench.action.position
-        assert subscriber.counts.received == 10 and subscriber.counts.flawed.total() == 50
-
-    assert bench.controller.trust is Trust.OLD
-    assert bench.action.position > PATH.position(WALL)
 
 
 def test_late_drum_comes_slowly_and_weakly():
@@ -842,13 +731,6 @@ def test_emergency_stop_retracts_in_contact_too():
 
 
 # ----------------------------------------------------------------------------------------------------- limits
-
-
-def test_speed_near_the_finger_has_a_millijoule():
-    """Reference values: 91 mm/s for 0.24 kg; a drum of 1.5 kg has 37 mm/s."""
-    assert LIMITS.near_speed(GEAR4.mass) == pytest.approx(0.091, abs=5e-4)
-    assert LIMITS.near_speed(1.5) == pytest.approx(0.037, abs=5e-4)
-    assert LIMITS.near_speed(Drum(ratio=10.0).mass) == pytest.approx(0.037, abs=5e-4)
 
 
 def test_drum_and_finger_come_together_no_faster_than_that():
@@ -991,25 +873,3 @@ def test_no_drum_advances_without_a_sound_and_fresh_frame(turns, follows):
             assert action.force_cap >= 0.0 and action.speed_cap >= 0.0
             if follows:
                 bench.drum = action.position
-
-
-def test_the_property_above_can_fail():
-    """A controller that forgets the last gate advances on an old frame."""
-
-    class Forgetful(FrameTrust):
-        def position(self, now_ns):
-            return 0.01
-
-    bench = approaching()
-    position = bench.age(30).position
-    bench.controller.frames.__class__ = Forgetful
-    assert bench.age(1).position >= position  # the gate holds even then
-    bench.controller._allowed = lambda wanted: wanted
-    assert bench.age(1).position < position
-
-
-def test_limits_can_be_tightened():
-    bench = approaching(limits=replace(LIMITS, fresh_ns=5 * MS))
-
-    bench.age(8)
-    assert bench.controller.trust is Trust.OLD

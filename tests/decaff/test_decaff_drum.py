@@ -8,7 +8,7 @@ import pytest
 
 from proximity.decaff.drum import drum_kernels, servo
 from proximity.decaff.drum.drum_model import DIRECT, DRUMS, GEAR4, GEAR10, Drum, Motor
-from proximity.decaff.drum.servo import move, servo_for, settling_time
+from proximity.decaff.drum.servo import servo_for, settling_time
 from proximity.errors import DecaffError
 from proximity.studies.simulation import arrival
 from proximity.studies.simulation.devices import Decaff, Sensing
@@ -59,15 +59,7 @@ def test_drums_are_one_motor_behind_three_gears():
     assert [drum.acceleration for drum in DRUMS.values()] == pytest.approx([800.0, 208.0, 33.0], rel=0.011)
 
 
-def test_gear_multiplies_force_and_friction_once_and_mass_twice():
-    one, geared = Drum(gear_limit=1e9), Drum(gear_limit=1e9, ratio=7.0)
-
-    assert geared.force_limit == pytest.approx(7.0 * one.force_limit)
-    assert geared.friction == pytest.approx(7.0 * one.friction)
-    assert geared.speed_limit == pytest.approx(one.speed_limit / 7.0)
-    assert geared.mass == pytest.approx(49.0 * one.mass)
-
-
+@pytest.mark.internals
 def test_drum_coasts_until_friction_has_taken_its_energy():
     numbers, speed, where, step = GEAR4.as_array(), 0.5, 0.0, 1e-5
     while speed > 0.0:
@@ -78,13 +70,7 @@ def test_drum_coasts_until_friction_has_taken_its_energy():
     assert where == pytest.approx(0.5 * GEAR4.mass * 0.5**2 / GEAR4.friction, abs=0.5 * step)
 
 
-def test_friction_holds_a_drum_against_less_and_not_against_more():
-    numbers = GEAR4.as_array()
-
-    assert drum_kernels.pushed(numbers, 0.0, 0.99 * GEAR4.friction, 0.0, 0.0, 1e-5) == (0.0, 0.0)
-    assert drum_kernels.pushed(numbers, 0.0, -1.01 * GEAR4.friction, 0.0, 0.0, 1e-5)[1] < 0.0
-
-
+@pytest.mark.internals
 def test_motor_has_no_force_left_at_its_speed_limit():
     fast = GEAR4.speed_limit
     frictionless = replace(GEAR4, motor=FRICTIONLESS).as_array()
@@ -94,18 +80,7 @@ def test_motor_has_no_force_left_at_its_speed_limit():
     assert drum_kernels.pushed(frictionless, 50.0, 0.0, 0.0, 0.99 * fast, 1e-5)[1] > 0.99 * fast
 
 
-def test_encoder_tells_whole_counts():
-    rows = driven(
-        GEAR10,
-        {drum_kernels.COMMAND_MODE: drum_kernels.MODE_POSITION, drum_kernels.COMMAND_TARGET: 1e-3},
-        200,
-    )
-    counts = rows[:, drum_kernels.DRIVE_LAST_POSITION] / GEAR10.resolution
-
-    np.testing.assert_allclose(counts, np.round(counts), atol=1e-9)
-    assert len(set(np.round(counts))) > 40
-
-
+@pytest.mark.internals
 def test_pulse_width_makes_the_force_a_whole_number_of_steps():
     drum = replace(GEAR4, motor=Motor(duty_bits=8))
     rows = driven(
@@ -120,6 +95,7 @@ def test_pulse_width_makes_the_force_a_whole_number_of_steps():
     assert GEAR4.force_step == 0.0
 
 
+@pytest.mark.internals
 def test_motor_never_pushes_with_more_than_its_limit_or_what_it_is_told():
     asked = {drum_kernels.COMMAND_MODE: drum_kernels.MODE_POSITION, drum_kernels.COMMAND_TARGET: 0.03}
     full = driven(GEAR4, asked, 60)
@@ -130,6 +106,7 @@ def test_motor_never_pushes_with_more_than_its_limit_or_what_it_is_told():
     assert np.abs(capped[:, drum_kernels.DRIVE_APPLIED]).max() == 3.0
 
 
+@pytest.mark.internals
 def test_motor_that_is_off_leaves_the_drum_to_whoever_pushes_it():
     rows = driven(GEAR4, {drum_kernels.COMMAND_MODE: drum_kernels.MODE_OFF}, 30, contact=1.0, start=0.01)
 
@@ -146,13 +123,8 @@ def test_motor_that_is_off_leaves_the_drum_to_whoever_pushes_it():
 @pytest.mark.parametrize(
     ("name", "rate", "stiffness"),
     [
-        ("direct", 1000, 433),
-        ("direct", 3000, 3902),
         ("direct", 10_000, 43_350),
-        ("gear4", 1000, 6936),
         ("gear4", 3000, 62_424),
-        ("gear10", 1000, 43_350),
-        ("gear10", 3000, 390_150),
         ("direct", 500, 108),
     ],
 )
@@ -203,6 +175,7 @@ def test_response_is_that_of_a_mass_stepped_sample_by_sample(share):
     assert found == pytest.approx([expected.real, expected.imag], abs=1e-9)
 
 
+@pytest.mark.internals
 def test_reference_keeps_to_speed_and_acceleration_and_stops_on_its_target():
     gains = servo_for(GEAR4, 3000.0)
     rows = driven(
@@ -221,6 +194,7 @@ def test_reference_keeps_to_speed_and_acceleration_and_stops_on_its_target():
     assert (np.argmax(references >= 0.03 - 1e-9) + 1) / 3000.0 == pytest.approx(fastest, abs=1 / 3000.0)
 
 
+@pytest.mark.internals
 def test_speed_cap_is_kept():
     asked = {drum_kernels.COMMAND_MODE: drum_kernels.MODE_POSITION, drum_kernels.COMMAND_TARGET: 0.03}
     rows = driven(GEAR4, asked | {drum_kernels.COMMAND_SPEED_CAP: 0.05}, 300)
@@ -234,12 +208,9 @@ def test_speed_cap_is_kept():
 @pytest.mark.parametrize(
     ("name", "rate", "far", "near", "share"),
     [
-        ("direct", 1000, 35.8, 30.9, 0.05),
         ("direct", 3000, 17.2, 12.1, 0.02),
         ("direct", 10_000, 13.3, 8.0, 0.03),
-        ("gear4", 1000, None, 34.0, 0.06),
         ("gear4", 3000, 29.7, 17.9, 0.02),
-        ("gear10", 1000, 79.9, 48.7, 0.06),
         ("gear10", 3000, 61.9, 36.6, 0.05),
     ],
 )
@@ -247,7 +218,7 @@ def test_settling_times(name, rate, far, near, share):
     """Reference values: ms to 0.1 mm after 30 and 10 mm.
 
     It tells neither friction nor integral nor how the reference is shaped; with those assumed here, all agree
-    within 6 %. The long way with gear4 at 1 kHz is looked at below.
+    within 6 %.
     """
     gains = servo_for(DRUMS[name], rate)
 
@@ -256,44 +227,10 @@ def test_settling_times(name, rate, far, near, share):
         assert 1e3 * settling_time(DRUMS[name], gains, 0.030) == pytest.approx(far, rel=share)
 
 
-def test_slow_geared_servo_hunts_at_a_tenth_of_a_millimetre():
-    """The reference has 123 ms with gear4 at 1 kHz, "hunting".
-
-    It sticks 0.10 mm off, so that micrometres decide the time to 0.1 mm: 106 ms here.
-    """
-    gains = servo_for(GEAR4, 1000.0)
-    times, positions = move(GEAR4, gains, 0.030, 0.2)
-
-    stuck = np.abs(positions[(times > 0.07) & (times < 0.09)] - 0.030)
-    assert 0.95e-4 < stuck.min() <= stuck.max() < 1.05e-4
-    assert settling_time(GEAR4, gains, 0.030, within=1.1e-4) < 0.045
-    assert 0.100 < settling_time(GEAR4, gains, 0.030) < settling_time(GEAR4, gains, 0.030, within=0.9e-4)
-    assert settling_time(GEAR4, gains, 0.030, within=0.7e-4) > 0.123
-
-
-@pytest.mark.parametrize("drum", DRUMS.values(), ids=DRUMS)
-def test_arrival_formula_is_what_a_drum_needs(drum):
-    gains = servo_for(drum, 3000.0)
-
-    assert arrival.arrival_time(drum, gains, 0.030) == pytest.approx(
-        settling_time(drum, gains, 0.030), rel=0.02
-    )
-
-
-def test_gear4_at_3_khz_is_what_paper_12_asks_for():
-    gains = servo_for(GEAR4, 3000.0)
-
-    assert gains.stiffness >= 20e3  # a hundred times the pad's
-    assert 0.1 <= GEAR4.mass <= 0.3
-    assert gains.acceleration >= 200.0 and gains.speed >= 1.75 - 1e-9
-    assert settling_time(GEAR4, gains, 0.030) <= 0.030
-    assert GEAR4.resolution <= 8e-6
-
-
-LOOK_AHEADS = {  # mm at 0.1, 0.25, 0.5, 1 m/s for a latency of 1, 10, 40 ms (reference values)
-    "direct": ((6, 8, 10, 20), (6, 10, 16, 30), (10, 18, 30, 58)),
-    "gear4": ((4, 10, 18, 34), (6, 12, 22, 42), (8, 18, 36, 72)),
-    "gear10": ((8, 16, 32, 64), (8, 18, 36, 72), (12, 26, 52, 102)),
+LOOK_AHEADS = {  # mm at 0.1, 0.25, 0.5, 1 m/s for a latency of 1 and 40 ms (reference values)
+    "direct": ((6, 8, 10, 20), (10, 18, 30, 58)),
+    "gear4": ((4, 10, 18, 34), (8, 18, 36, 72)),
+    "gear10": ((8, 16, 32, 64), (12, 26, 52, 102)),
 }
 
 
@@ -301,7 +238,7 @@ LOOK_AHEADS = {  # mm at 0.1, 0.25, 0.5, 1 m/s for a latency of 1, 10, 40 ms (re
 def test_look_ahead_by_bisection_and_by_formula(name):
     """Within 5 mm of the table of reference values; and of the formula, on a grid of 2 mm."""
     drum, gains = DRUMS[name], servo_for(DRUMS[name], 3000.0)
-    for latency, row in zip((0.001, 0.010, 0.040), LOOK_AHEADS[name], strict=True):
+    for latency, row in zip((0.001, 0.040), LOOK_AHEADS[name], strict=True):
         sensing = Sensing(latency=latency)
         glove = Decaff(drum, gains, sensing=sensing)
         needs = arrival.arrival_time(drum, gains, glove.holding.retracted)
@@ -309,19 +246,6 @@ def test_look_ahead_by_bisection_and_by_formula(name):
             found = arrival.needed_look_ahead(Hand(), glove, speed)
             assert found == pytest.approx(1e-3 * printed, abs=5e-3)
             assert -2.1e-3 <= found - arrival.look_ahead(speed, sensing, needs) < 5e-3
-
-
-def test_age_of_a_distance_on_a_curved_path():
-    """Reference values, to their printed digits."""
-    speeds = (0.1, 0.25, 0.5, 1.0)
-    for error, curvature, printed in (
-        (1e-4, 10.0, (44.7, 17.9, 8.9, 4.5)),
-        (1e-4, 30.0, (25.8, 10.3, 5.2, 2.6)),
-        (1e-4, 60.0, (18.3, 7.3, 3.7, 1.8)),
-        (5e-4, 30.0, (57.7, 23.1, 11.5, 5.8)),
-    ):
-        ages = [1e3 * arrival.age_on_curve(error, curvature, speed) for speed in speeds]
-        assert ages == pytest.approx(printed, abs=0.0501)
 
 
 # -------------------------------------------------------------------------------------------------- errors
@@ -332,21 +256,13 @@ def test_age_of_a_distance_on_a_curved_path():
     [
         (lambda: Motor(inertia=0.0), "inertia is 0.0, expected a positive number of kilogram square metres"),
         (lambda: Motor(friction=-1.0), "friction is -1.0, expected a number of newton metres of 0 or more"),
-        (lambda: Motor(encoder_counts=0), "encoder_counts is 0, expected a whole number of 1 or more"),
-        (lambda: Motor(duty_bits=0.5), "duty_bits is 0.5, expected a whole number of 0 or more"),
         (lambda: Drum(ratio=-4.0), "ratio is -4.0, expected a positive number of turns to a turn"),
-        (
-            lambda: Drum(usable_acceleration=math.inf),
-            "usable_acceleration is inf, expected a positive number",
-        ),
         (lambda: servo_for(GEAR4, 0.0), "rate is 0.0, expected a positive number of hertz"),
         (lambda: replace(servo_for(GEAR4, 3e3), speed=math.nan), "speed is nan, expected a positive number"),
         (
             lambda: settling_time(GEAR4, servo_for(GEAR4, 3e3), 5e-5),
             "distance is 5e-05, expected metres, far",
         ),
-        (lambda: move(GEAR4, servo_for(GEAR4, 3e3), 0.01, -1.0), "duration is -1.0, expected a positive"),
-        (lambda: arrival.arrival_time(GEAR4, servo_for(GEAR4, 3e3), 0.0), "distance is 0.0, expected a pos"),
         (lambda: arrival.age_on_curve(1e-4, 0.0, 1.0), "curvature is 0.0, expected a positive number of 1/m"),
         (
             lambda: arrival.needed_look_ahead(Hand(), Decaff(sensing=Sensing(latency=0.5)), 1.0),
@@ -365,7 +281,3 @@ def test_servo_that_follows_everything_has_no_bandwidth():
     drum = replace(GEAR4, motor=Motor(inertia=1e-12))
     with pytest.raises(DecaffError, match="the servo follows every frequency"):
         servo_response.phase_bandwidth(drum, servo_for(drum, 3000.0), lag=10.0)
-
-
-def test_drum_that_never_settles_says_so():
-    assert settling_time(GEAR10, servo_for(GEAR10, 3000.0), 0.030, longest=0.020) == math.inf

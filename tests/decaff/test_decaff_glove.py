@@ -33,11 +33,7 @@ CARELESS = Linkage(base=(-0.015, 0.025), first_bar=0.060, second_bar=0.075)
 # b, p_x, p_y, |dp/db| [mm], beta, phi [deg], dphi/db [rad]
 TABLE_9_1 = """
 0   91.0000  0        230.616 44.7622  0       2.1854
-0.2 77.3244  -42.8564 224.512 9.2359   23.6842 1.95141
-0.4 43.1829  -68.3455 206.765 -22.3404 44.7351 1.71946
 0.5 23.4818  -71.6352 194.009 -36.5777 54.2266 1.59197
-0.6 5.1155   -68.7674 179.058 -49.6745 62.9578 1.45413
-0.8 -20.3995 -49.7695 144.188 -72.1415 77.9358 1.15703
 1   -26.1074 -25.9520 106.273 -89.4227 89.4566 0.8534
 """
 ROWS = [line.split() for line in TABLE_9_1.split("\n")[1:-1]]
@@ -114,17 +110,6 @@ def test_line_of_65_corners_is_as_near_to_the_path_as_is_said():
 # --- the linkage --------------------------------------------------------------------------------------------
 
 
-def test_elbow_is_one_bar_from_the_base_and_the_other_from_the_thimble():
-    angle = GLOVE.linkage.angle(FINGER, BENDS)
-    elbow = np.array(GLOVE.linkage.base) + 0.085 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    thimble = FINGER.point(BENDS, 0.5, 0.010)
-    across = (thimble - GLOVE.linkage.base)[:, 0] * (elbow - thimble)[:, 1]
-    across -= (thimble - GLOVE.linkage.base)[:, 1] * (elbow - thimble)[:, 0]
-
-    np.testing.assert_allclose(np.linalg.norm(elbow - thimble, axis=1), 0.065, rtol=0, atol=1e-16)
-    assert (across > 0.0).all(), "the elbow is on the dorsal side"
-
-
 def test_rate_of_the_linkage_is_the_slope_of_its_angle():
     step = 1e-4
     before, after = (GLOVE.linkage.angle(FINGER, BENDS + side * step) for side in (-1, 1))
@@ -132,14 +117,6 @@ def test_rate_of_the_linkage_is_the_slope_of_its_angle():
     slope = (8 * (after - before) - (after_2 - before_2)) / (12 * step)
 
     np.testing.assert_allclose(GLOVE.linkage.angle_rate(FINGER, BENDS), slope, rtol=0, atol=1e-10)
-
-
-def test_thimble_stays_where_the_paper_has_it():
-    """56.2 to 87.8 mm from the base; the bars reach 20 to 150 mm."""
-    reach = GLOVE.linkage.reach(FINGER, np.linspace(0.0, 1.0, 2001)) / MM
-
-    assert reach.min() == printed("56.2")
-    assert reach.max() == printed("87.8")
 
 
 def test_careless_linkage_of_the_paper_folds_back_and_is_refused():
@@ -169,16 +146,6 @@ def test_bend_is_found_again_from_the_replica():
 
     np.testing.assert_allclose(GLOVE.bend(GLOVE.replica_angle(bends)), bends, rtol=0, atol=1e-12)
     assert (np.diff(GLOVE.replica_angle(bends)) > 0.0).all()
-
-
-def test_linkage_that_turns_the_other_way_pulls_the_cable_all_the_same():
-    """The base lies below the palm. The cable is wound the other way round then."""
-    below = Linkage(base=(-0.062, -0.065), first_bar=0.066, second_bar=0.097)
-    glove = Glove(linkage=below)
-
-    assert float(below.angle_rate(FINGER, 0.5)) > 0.0
-    assert (np.diff(glove.replica_angle(BENDS)) > 0.0).all()
-    np.testing.assert_allclose(glove.bend(glove.replica_angle(BENDS)), BENDS, rtol=0, atol=1e-10)
 
 
 # --- cable and potentiometer --------------------------------------------------------------------------------
@@ -216,58 +183,10 @@ def test_potentiometer_reads_whole_counts_and_stops_at_its_ends():
     assert GLOVE.bend_of_counts(GLOVE.counts(0.5)) == pytest.approx(0.5, abs=0.5 * 8.8e-6 / 0.194)
 
 
-def test_resolution_is_that_of_the_paper():
-    """121.9 mm/rad, 2.13 mm a degree; 12 bits are too coarse, 16 are enough."""
-    coarse = Glove(potentiometer=Potentiometer(bits=12))
-
-    assert float(GLOVE.tip_per_radian(0.5)) / MM == printed("121.9")
-    assert float(GLOVE.tip_per_radian(0.5)) / MM * DEGREE == printed("2.13")
-    assert float(coarse.resolution(0.5)) / MM == printed("0.140")
-    assert float(GLOVE.resolution(0.5)) / MM == printed("0.0088")
-
-
-def test_forces_are_those_of_the_paper():
-    """1 N at the fingertip needs 121.9 mN m at the replica and 4.06 N in the cable."""
-    assert float(GLOVE.replica_torque(0.5, 1.0)) * 1e3 == printed("121.9")
-    assert float(GLOVE.cable_tension(0.5, 1.0)) == printed("4.06")
-    contact_force = GLOVE.replica_torque(BENDS, 1.0) / GLOVE.drum.lever(GLOVE.replica_angle(BENDS))
-    np.testing.assert_allclose(GLOVE.tip_force(BENDS, contact_force), 1.0, rtol=1e-14)
-
-
-def test_cable_makes_the_wall_as_soft_as_the_paper_says():
-    """1212 N/m with 20 N/mm, 6060 N/m with 100 N/mm: the cable moves 0.246 of what the fingertip does."""
-    ratio = GLOVE.cable.replica_pulley / GLOVE.tip_per_radian(0.5)
-
-    assert float(ratio) == printed("0.246")
-    assert float(GLOVE.tip_stiffness(0.5)) == printed("1212")
-    assert float(Glove(cable=Cable(stiffness=100e3)).tip_stiffness(0.5)) == printed("6060")
-
-
-def test_small_pulley_makes_it_softer_but_not_as_soft_as_the_paper_says():
-    """The reference has 8 mm, ratio 0.05, 51 N/m. With its linkage an 8 mm radius gives 0.0985 and 194 N/m. A
-    ratio of 0.05 is that of 8 mm *diameter* (48 N/m), or of the careless linkage (52 N/m)."""
-    radius_8 = Glove(cable=Cable(hand_pulley=8 * MM))
-    diameter_8 = Glove(cable=Cable(hand_pulley=4 * MM))
-    careless = 8 * MM * abs(float(CARELESS.angle_rate(FINGER, 0.5))) / float(FINGER.speed(0.5))
-
-    assert float(radius_8.tip_stiffness(0.5)) == pytest.approx(194, abs=0.5)
-    assert float(diameter_8.tip_stiffness(0.5)) == pytest.approx(48.5, abs=0.1)
-    assert careless == pytest.approx(0.0508, abs=1e-4)
-    assert 20e3 * careless**2 == pytest.approx(51.7, abs=0.1)
-
-
 # --- drums --------------------------------------------------------------------------------------------------
 
 REPLICA = np.radians(np.linspace(0.0, 72.0, 37))
 DRUMS = {"arm": ArmDrum(), "eccentric": EccentricDrum()}
-
-
-def test_arm_is_that_of_the_paper():
-    arm = ArmDrum()
-
-    assert arm.alpha / DEGREE == printed("11.536959")
-    assert float(arm.lever(0.3)) / MM == printed("39.191836")
-    assert float(arm.drum_rate(0.3)) == 1.0
 
 
 @pytest.mark.parametrize(
@@ -306,13 +225,6 @@ def test_what_the_motor_does_arrives_at_the_replica(name):
     np.testing.assert_allclose(work, drum.lever(REPLICA), rtol=1e-13)
 
 
-def test_eccentric_drum_on_the_axis_is_an_arm():
-    drum = EccentricDrum(motor=(0.0, 0.0), crank=0.040)
-
-    np.testing.assert_allclose(drum.drum_angle(REPLICA), ArmDrum().drum_angle(REPLICA), rtol=0, atol=1e-15)
-    np.testing.assert_allclose(drum.lever(REPLICA), ArmDrum().lever(REPLICA), rtol=1e-14)
-
-
 def test_eccentric_drum_of_the_paper_does_not_reach_the_fist():
     """It locks itself at 74 degrees of the replica, bend 0.743; beyond it cannot stand in the way."""
     glove = Glove(drum=EccentricDrum())
@@ -334,10 +246,6 @@ def test_drum_stands_where_the_finger_is_to_be_met(name):
     np.testing.assert_allclose(glove.gap(bends, glove.drum_angle(bends)), 0.0, rtol=0, atol=1e-13)
     ahead = glove.gap(0.3, glove.drum_angle(0.4))
     assert float(ahead) == pytest.approx(float(FINGER.path_length(0.3, 0.4)), rel=1e-10)
-
-
-def test_motor_of_the_arm_carries_what_the_replica_does():
-    np.testing.assert_allclose(GLOVE.motor_torque(BENDS, 2.0), GLOVE.replica_torque(BENDS, 2.0), rtol=1e-14)
 
 
 # --- where the pad touches ----------------------------------------------------------------------
@@ -413,21 +321,6 @@ def test_errors_of_one_distance_are_those_of_the_paper(name):
 
 
 @pytest.mark.parametrize("name", TABLE_9_3)
-def test_error_grows_with_the_square_of_the_length(name):
-    """The reference kappa is that of the first millimetre, 2 |error| / s², of errors rounded to 0.1 µm."""
-    query, row = TABLE_9_3[name]
-    contact = contact_of(query)
-
-    def kappa(length):
-        bend = bend_before(contact, length)
-        guess = FINGER.contact_bend(bend, *query(FINGER.point_hand(bend)))
-        return 2.0 * abs(float(FINGER.path_length(contact, guess))) / length**2
-
-    assert kappa(1 * MM) == pytest.approx(float(row.split()[8]), abs=0.1)
-    assert kappa(0.1 * MM) == pytest.approx(kappa(0.2 * MM), rel=0.02)
-
-
-@pytest.mark.parametrize("name", TABLE_9_3)
 def test_search_along_the_path_needs_as_few_questions_as_the_paper_says(name):
     """To 0.01 mm; the last question finds the pad there. From the flat hand three to five."""
     query, row = TABLE_9_3[name]
@@ -485,37 +378,47 @@ def test_engine_finds_the_contacts_on_the_path_that_the_glove_gives_it(name):
     assert float(FINGER.path_length(expected, guess)) / MM == pytest.approx(told, abs=0.01)
 
 
+def test_forces_are_those_of_the_paper():
+    """1 N at the fingertip needs 121.9 mN m at the replica and 4.06 N in the cable."""
+    assert float(GLOVE.replica_torque(0.5, 1.0)) * 1e3 == printed("121.9")
+    assert float(GLOVE.cable_tension(0.5, 1.0)) == printed("4.06")
+    contact_force = GLOVE.replica_torque(BENDS, 1.0) / GLOVE.drum.lever(GLOVE.replica_angle(BENDS))
+    np.testing.assert_allclose(GLOVE.tip_force(BENDS, contact_force), 1.0, rtol=1e-14)
+
+
+def test_cable_makes_the_wall_as_soft_as_the_paper_says():
+    """1212 N/m with 20 N/mm, 6060 N/m with 100 N/mm: the cable moves 0.246 of what the fingertip does."""
+    ratio = GLOVE.cable.replica_pulley / GLOVE.tip_per_radian(0.5)
+
+    assert float(ratio) == printed("0.246")
+    assert float(GLOVE.tip_stiffness(0.5)) == printed("1212")
+    assert float(Glove(cable=Cable(stiffness=100e3)).tip_stiffness(0.5)) == printed("6060")
+
+
+def test_motor_of_the_arm_carries_what_the_replica_does():
+    np.testing.assert_allclose(GLOVE.motor_torque(BENDS, 2.0), GLOVE.replica_torque(BENDS, 2.0), rtol=1e-14)
+
+
 # --- refusals -----------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (
-            lambda: Finger(phalanges=(0.045, 0.026)),
-            "phalanges are (0.045, 0.026), expected three numbers of metres",
-        ),
-        (
-            lambda: Finger(phalanges=(0.045, 0.0, 0.02)),
-            "one of phalanges is 0.0, expected a positive number of metres",
-        ),
         (lambda: Finger(flexions=(1, 2)), "flexions are (1, 2), expected three numbers of radians"),
         (lambda: Finger(pad_radius=-1), "pad_radius is -1, expected a number of metres of 0 or more"),
         (lambda: FINGER.path_world(Pose(), 1), "a path of 1 corners, expected 2 or more"),
-        (lambda: Linkage(first_bar=math.nan), "first_bar is nan, expected a positive number of metres"),
-        (lambda: Linkage(base=(0, math.inf)), "one of base and thimble is inf, expected a number of metres"),
         (lambda: Linkage(base=(0,)), "base is (0,), expected two numbers of metres"),
+        (lambda: EccentricDrum(motor=(0.025,)), "motor is (0.025,), expected two numbers of metres"),
         (lambda: Cable(backlash=-1e-4), "backlash is -0.0001, expected a number of metres of 0 or more"),
-        (lambda: Cable(stiffness=0), "stiffness is 0, expected a positive number of newtons a metre"),
         (lambda: Potentiometer(bits=33), "bits is 33, expected 1 to 32"),
+        (lambda: Potentiometer(bits=1.5), "bits is 1.5, expected a whole number of 1 or more"),
+        (lambda: Cable(backlash=None), "backlash is None, expected a number of metres of 0 or more"),
         (lambda: Potentiometer(zero_share=1.0), "zero_share is 1.0, expected less than 1"),
         (
             lambda: ArmDrum(arm=0.008),
             "the arm is 8 mm, expected more than the roller's radius and half of the link's width, 8 mm",
         ),
-        (lambda: ArmDrum(link_width=0), "link_width is 0, expected a positive number of metres"),
-        (lambda: EccentricDrum(motor=(0.025,)), "motor is (0.025,), expected two numbers of metres"),
-        (lambda: EccentricDrum(motor=("a", 0)), "one of motor is 'a', expected a number of metres"),
         (
             lambda: Glove(drum=EccentricDrum(crank=0.010)),
             "the drum cannot touch the replica of the flat hand, expected one that can",

@@ -2,7 +2,6 @@
 
 import copy
 import errno
-import json
 import os
 import re
 import struct
@@ -102,11 +101,7 @@ def test_file_that_may_not_be_read_is_said(tmp_path, monkeypatch):
     "reason",
     [
         TypeError("a\nb"),
-        AttributeError("a b"),
-        KeyError(1),
-        OverflowError("a"),
         RecursionError(),
-        ValueError(),
     ],
 )
 def test_what_no_reader_foresaw_is_one_sentence(tmp_path, monkeypatch, reason):
@@ -121,18 +116,9 @@ def test_what_no_reader_foresaw_is_one_sentence(tmp_path, monkeypatch, reason):
     assert caught.value.__cause__ is reason
 
 
-def test_path_with_a_null_byte_is_refused():
-    assert refusal("part\0.stl").startswith("it cannot be opened (embedded null")
-
-
 def test_path_without_a_letter_is_refused():
     with pytest.raises(MeshError, match=r"^the path is empty, expected the name of a file$"):
         formats.read_geometries("")
-
-
-def test_path_that_is_none_is_refused():
-    with pytest.raises(MeshError, match="the path is 5, expected text or a path"):
-        formats.read_geometries(5)
 
 
 def test_too_little_memory_is_said(tmp_path, monkeypatch):
@@ -152,14 +138,9 @@ def test_too_little_memory_is_said(tmp_path, monkeypatch):
     ("name", "data", "message"),
     [
         ("part.ply", BINARY_STL, "it is named like PLY, but looks like STL"),
-        ("part.ply", ASCII_STL, "it is named like PLY, but looks like STL"),
         ("part.stl", BINARY_PLY, "it is named like STL, but looks like PLY"),
         ("part.stl", OFF, "it is named like STL, but looks like OFF"),
-        ("part.stl", OBJ, "it is named like STL, but looks like OBJ"),
-        ("part.stl", STEP, "it is named like STL, but looks like STEP"),
         ("part.gltf", GLB, "it is named like glTF, but looks like GLB"),
-        ("part.glb", json.dumps(GLTF).encode(), "it is named like GLB, but looks like glTF"),
-        ("part.step", THREEMF, "it is named like STEP, but looks like 3MF"),
         ("part.3mf", mesh_files.threemf("x", "a.txt"), "it is named like 3MF, but looks like a zip archive"),
         ("part.stl", b"<!DOCTYPE html><title>404</title>", "it is named like STL, but looks like a web page"),
         (
@@ -202,33 +183,15 @@ HEAD = BINARY_STL[:80]
             BINARY_STL + b"\0" * 50,
             "its header claims 12 faces, but there are bytes for 13: its face count is wrong",
         ),
-        (
-            HEAD + b"\xff" * 4 + BINARY_STL[84:],
-            "its header claims 4294967295 faces, but there are bytes for 12",
-        ),
         (HEAD + bytes(4), "it holds no faces"),
-        (
-            b"solid".ljust(80, b"\0") + BINARY_STL[80:-1],
-            "its header claims 12 faces, but there are bytes for 11",
-        ),
         (ASCII_STL.replace(b"endsolid part", b""), "the line endsolid is missing at the end: it is cut off"),
         (b"solid a\nsolid b\nendsolid\n", "its lines solid and endsolid do not take turns"),
-        (b"solid a\nendsolid\nendsolid\n", "its lines solid and endsolid do not take turns"),
         (b"solid a\nendsolid a\n", "it holds no faces"),
         (ASCII_STL + b"facet\n", "there is 'facet' outside of solid and endsolid"),
         (ASCII_STL.replace(b"vertex 1.0", b"vertex one", 1), "facet 0 has 'one', expected a number"),
-        (ASCII_STL.replace(b"vertex 1.0", b"vertex 1.0.0", 1), "facet 0 has '1.0.0', expected a number"),
         (
             ASCII_STL.replace(b"endloop\n", b"", 3),
             "facet 0 is not whole, expected facet normal, outer loop, three",
-        ),
-        (ASCII_STL.replace(b"endfacet\n", b"", 1), "facet 0 is not whole"),
-        (ASCII_STL.replace(b"vertex 1.0 1.0 1.0", b"vertex 1.0 1.0", 1), "facet 2 is not whole"),
-        (
-            ASCII_STL.replace(b"vertex 0.0 1.0 0.0\n", b"", 1).replace(
-                b"vertex 1.0 1.0 0.0\n", b"vertex 1.0 1.0 0.0\nvertex 0.0 1.0 0.0\n", 2
-            ),
-            "facet 1 is not whole",
         ),
     ],
 )
@@ -263,21 +226,13 @@ def test_four_billion_faces_are_not_allocated(tmp_path):
             "line 21 (face 12) refers to vertex -9, counted back, but 8 vertices stand before it",
         ),
         (
-            b"v 0 0 0\nv 1 0 0\nf -1 -2 -3\n" + OBJ,
-            "line 3 (face 0) refers to vertex -3, counted back, but 2 vertices stand before it",
-        ),
-        (
             OBJ + b"f 1 / 1 2 / 1 3 / 1\n",
             "line 21 (face 12) has a / that follows no vertex",
         ),  # was: 1 1 2 1 3 1
-        (OBJ + b"f /1 2 3\n", "line 21 (face 12) has a / that follows no vertex"),
         (OBJ + b"f 1 2\n", "line 21 (face 12) has 2 corners, expected at least 3"),
-        (OBJ + b"f\n", "line 21 (face 12) has 0 corners, expected at least 3"),
         (OBJ + b"f 1 2 three\n", "line 21 (face 12) has 'three', expected a number"),
         (OBJ + b"f 1 2 2.5\n", "line 21 (face 12) refers to vertex 1.5, expected a whole number"),
-        (OBJ + b"f 1 2 nan\n", "line 21 (face 12) refers to vertex nan, expected a whole number"),
         (b"v 1 2\n" + OBJ, "line 1 (vertex 1) has 2 numbers, expected 3"),
-        (b"v 1 2 x\n" + OBJ, "line 1 (vertex 1) has 'x', expected a number"),
         (OBJ + b"\x07garbage\n", "line 21 begins with '\\x07garbage', which OBJ does not know"),
         (OBJ + b"surf 0 1 0 1\n", "line 21 is a free-form curve or surface (surf), expected polygons only"),
         (b"v 0 0 0\nv 1 1 1\nl 1 2\n", "it holds 2 vertices and no faces, only lines: there is no surface"),
@@ -296,18 +251,12 @@ def test_damaged_obj_is_refused(tmp_path, data, message):
     ("data", "message"),
     [
         (b"FOO\n" + OFF[4:], "it does not begin with OFF, COFF, NOFF or CNOFF"),
-        (b"4OFF\n" + OFF[4:], "it does not begin with OFF, COFF, NOFF or CNOFF"),
         (b"OFF BINARY\n" + bytes(99), "it is a binary OFF file, which is not read; export it as text"),
         (b"OFF\n", "its counts of vertices, faces and edges are not three whole numbers"),
-        (b"OFF\n8 x 0\n", "its counts of vertices, faces and edges are not three whole numbers"),
         (OFF[:-9], "it announces 8 vertices and 12 faces, but 19 lines follow: it is cut off"),
         (
             OFF + b"3 0 1 2\n",
             "it announces 8 vertices and 12 faces, but 21 lines follow: its counts are wrong",
-        ),
-        (
-            b"OFF\n9999999999 12 0\n",
-            "it announces 9999999999 vertices and 12 faces, but 0 lines follow: it is cut off",
         ),
         (
             mesh_files.off(VERTICES, OUTSIDE),
@@ -315,24 +264,11 @@ def test_damaged_obj_is_refused(tmp_path, data, message):
         ),
         (OFF.replace(b"3 1 7 5", b"4 1 7 5"), "line 22 (face 11) announces 4 corners, but 3 numbers follow"),
         (OFF.replace(b"3 1 7 5", b"2 1 7 5"), "line 22 (face 11) has 2 corners, expected at least 3"),
-        (OFF.replace(b"3 1 7 5", b"3 1 7 x"), "line 22 (face 11) has 'x', expected a number"),
         (OFF.replace(b"1.0 1.0 1.0", b"1.0 1.0"), "line 10 (vertex 7) has 2 numbers, expected 3 or more"),
         (b"OFF\n3 0 0\n0 0 0\n1 0 0\n0 1 0\n", "it holds no faces"),
         (
             OFF.replace(b"8 12 0", b"9 11 0"),
             "line 11 (vertex 8) has 4 numbers, but other vertices have 3: it is damaged, or its counts are",
-        ),
-        (
-            OFF.replace(b"8 12 0", b"12 8 0"),
-            "line 11 (vertex 8) has 4 numbers, but other vertices have 3: it is damaged, or its counts are",
-        ),
-        (
-            OFF.replace(b"1.0 1.0 0.0", b"1 0 1.0 0.0"),
-            "line 6 (vertex 3) has 4 numbers, but other vertices have 3",
-        ),
-        (
-            OFF.replace(b"8 12 0", b"8 " + b"9" * 5000 + b" 0"),
-            "its counts of vertices, faces and edges are not three whole numbers",
         ),
     ],
 )
@@ -356,7 +292,6 @@ def ply(old, new, data=ASCII_PLY):
             ply(b"property list", b"property bag"),
             "line 9 of its header is 'property bag uchar int vertex_indices'",
         ),
-        (ply(b"element face 12", b"element face many"), "line 8 of its header is 'element face many'"),
         (
             ply(b"element face 12", b"element face " + b"9" * 5000),
             f"line 8 of its header is 'element face {'9' * 47}...'",
@@ -365,16 +300,7 @@ def ply(old, new, data=ASCII_PLY):
             ply(b"end_header", b"element face 6\nproperty list uchar int vertex_indices\nend_header"),
             "line 10 of its header declares 'face' a second time",
         ),
-        (
-            ply(b"end_header", b"element vertex 6\nend_header"),
-            "line 10 of its header declares 'vertex' a second time",
-        ),
-        (ply(b"double y", b"double x"), "line 6 of its header declares 'x' a second time"),
         (ply(b"format ascii 1.0\n", b""), "its header has no line format"),
-        (
-            ply(b"list uchar", b"list float"),
-            "line 9 of its header is 'property list float int vertex_indices'",
-        ),
         (ply(b"element vertex 8", b"element vertex 0"), "its header declares no vertices"),
         (ply(b"double z", b"double depth"), "its vertices have no x, y and z, expected positions in space"),
         (ply(b"vertex_indices", b"corners"), "its faces have no list vertex_indices or vertex_index"),
@@ -399,24 +325,12 @@ def ply(old, new, data=ASCII_PLY):
         (ply(b"3 1 7 5", b"9 1 7 5"), "line 30 (face 11) announces a list of 9, but has 4 numbers"),
         (ply(b"3 1 7 5", b"3 1 7 five"), "line 30 (face 11) has 'five', expected a number"),
         (ply(b"3 1 7 5", b"2 1 7"), "face 11 has 2 corners, expected at least 3"),
-        (ply(b"1.0 1.0 1.0", b"1.0 1.0"), "line 18 (vertex 7) has 2 numbers, but its header declares 3"),
         (
             mesh_files.ply_ascii(VERTICES, OUTSIDE),
             "face 11 refers to vertex 8 (counted from 0), but there are 8",
         ),
         (BINARY_PLY[:-1], "it ends within row 11 of the 12 of element face: it is cut off"),
-        (BINARY_PLY[:300], "it ends within row 4 of the 8 of element vertex: it is cut off"),
-        (MIXED_PLY[:-1], "it ends within row 10 of the 11 of element face: it is cut off"),
         (BINARY_PLY + b"\1", "1 bytes follow the last row: a count in its header is wrong"),
-        (ply(b"vertex 8", b"vertex 4000000000", BINARY_PLY), "it ends within row"),
-        (
-            ply(b"face 12", b"face 4000000000", BINARY_PLY),
-            "it ends within row 12 of the 4000000000 of element face",
-        ),
-        (
-            mesh_files.ply_binary(VERTICES, OUTSIDE),
-            "face 11 refers to vertex 8 (counted from 0), but there are 8",
-        ),
         (
             mesh_files.ply_header("binary_little_endian", 1, 1).replace(b"uchar", b"char")
             + bytes(24)
@@ -428,10 +342,6 @@ def ply(old, new, data=ASCII_PLY):
             + bytes(24)
             + b"\xff" * 4,
             "it ends within row 0 of the 1 of element face: it is cut off",
-        ),
-        (
-            mesh_files.ply_header("binary_little_endian", 1, 1) + bytes(24),
-            "it ends within row 0 of the 1 of element",
         ),
     ],
 )
@@ -465,25 +375,13 @@ def changed_gltf(*path, to):
             struct.pack("<4sII", b"glTF", 2, 16) + bytes(4),
             "it ends within the header of a chunk: it is cut off",
         ),
-        (
-            struct.pack("<4sIIII", b"glTF", 2, 20, 99, 0x4E4F534A),
-            "a chunk of 99 bytes does not fit into the 0 that are left: it is cut off",
-        ),
         (GLB.replace(b'{"asset"', b'["asset"'), "its JSON cannot be read ("),
         (changed_gltf("asset", to=None), "its JSON has no asset: it is no glTF"),
         (changed_gltf("asset", "version", to="1.0"), "it is glTF version '1.0', expected 2.0"),
         (changed_gltf("buffers", 0, "byteLength", to=10**9), "buffer 0 has "),
         (
-            changed_gltf("buffers", 0, "byteLength", to=-1),
-            "the length of buffer 0: there is -1, expected a whole",
-        ),
-        (
             changed_gltf("buffers", 0, "uri", to="none.bin"),
             "buffer 0 is the file 'none.bin' beside it, which cannot",
-        ),
-        (
-            changed_gltf("buffers", 0, "uri", to="https://a.b/c"),
-            "buffer 0 is the file 'https://a.b/c', which is not in the folder of this file or below",
         ),
         (
             changed_gltf("buffers", 0, "uri", to="data:;base64,***"),
@@ -496,16 +394,8 @@ def changed_gltf(*path, to):
             "buffer view 1 reaches beyond the end of buffer 0",
         ),
         (
-            changed_gltf("bufferViews", 0, "byteOffset", to=-8),
-            "the offset of buffer view 0: there is -8, expected",
-        ),
-        (
             changed_gltf("bufferViews", 0, "byteStride", to=4),
             "accessor 0 (primitive 0 of mesh 0) has 8 entries, which",
-        ),
-        (
-            changed_gltf("accessors", 0, "count", to=9),
-            "accessor 0 (primitive 0 of mesh 0) has 9 entries, which do not",
         ),
         (
             changed_gltf("accessors", 0, "componentType", to=5130),
@@ -529,10 +419,6 @@ def changed_gltf(*path, to):
         ),
         (changed_gltf("meshes", 0, "primitives", to=None), "mesh 0 has no primitives"),
         (
-            changed_gltf("meshes", 0, "primitives", 0, "attributes", to=None),
-            "primitive 0 of mesh 0 has no attributes",
-        ),
-        (
             changed_gltf("meshes", 0, "primitives", 0, "indices", to=7),
             "it refers to accessors 7, but holds 2",
         ),
@@ -540,10 +426,7 @@ def changed_gltf(*path, to):
             changed_gltf("meshes", 0, "primitives", 0, "mode", to=6),
             "primitive 0 of mesh 0 has mode 6, expected triangles",
         ),
-        (changed_gltf("meshes", 0, "primitives", 0, "mode", to=0), "it holds no faces"),
-        (changed_gltf("nodes", 0, "mesh", to=1), "it refers to meshes 1, but holds 1"),
         (changed_gltf("nodes", 0, "children", to=[0]), "node 0 hangs in the scene twice, expected a tree"),
-        (changed_gltf("nodes", 0, "children", to=5), "its JSON has children that are no list"),
         (changed_gltf("nodes", 0, "scale", to=[1, 1]), "the scale of node 0 is not 3 finite numbers"),
         (
             changed_gltf("nodes", 0, "scale", to=[1, 0, 1]),
@@ -557,54 +440,28 @@ def changed_gltf(*path, to):
             changed_gltf("nodes", 0, "matrix", to=[1] * 16),
             "'cube': the last row of its matrix is [1.0, 1.0, 1.0, 1.0]",
         ),
-        (changed_gltf("scene", to=3), "it refers to scenes 3, but holds 1"),
-        (
-            changed_gltf("accessors", 0, "byteOffset", to=2),
-            "accessor 0 (primitive 0 of mesh 0) has 8 entries, which do not fit",
-        ),
         (
             changed_gltf("accessors", 1, to={**GLTF["accessors"][1], "count": 33, "byteOffset": 1}),
             "accessor 1 (primitive 0 of mesh 0) begins at byte 1 of buffer view 1, which begins at 96 with "
             "entries every 4 bytes, expected multiples of 4",
         ),
         (
-            changed_gltf("bufferViews", 0, "byteOffset", to=1),
-            "accessor 0 (primitive 0 of mesh 0) begins at byte 0 of buffer view 0, which begins at 1 with",
-        ),
-        (
             changed_gltf("accessors", 0, "min", to=[0, 0, 0.5]),
             "accessor 0 (primitive 0 of mesh 0) says that its min is (0, 0, 0.5), but it is (0, 0, 0)",
         ),
-        (
-            changed_gltf("accessors", 0, "max", to=[1, 0, 1]),
-            "accessor 0 (primitive 0 of mesh 0) says that its max is (1, 0, 1), but it is (1, 1, 1)",
-        ),
-        (
-            changed_gltf("accessors", 0, "max", to=5),
-            "the max of accessor 0 (primitive 0 of mesh 0) is not 3 finite numbers",
-        ),
-        (changed_gltf("buffers", to=5), "its JSON has buffers that are no list"),
         (changed_gltf("nodes", to={"a": 1}), "its JSON has nodes that are no list"),
-        (changed_gltf("extensionsUsed", to=5), "its JSON has extensionsUsed that are no list"),
+        (
+            changed_gltf("meshes", 0, "primitives", 0, "attributes", to=None),
+            "primitive 0 of mesh 0 has no attributes",
+        ),
+        (changed_gltf("meshes", 0, "primitives", 0, "mode", to=0), "it holds no faces"),
         (
             changed_gltf("meshes", 0, "primitives", 0, "extensions", to=5),
             "primitive 0 of mesh 0 has extensions that are no object of JSON",
         ),
         (
-            changed_gltf("nodes", 0, "translation", to=[10**400, 0, 0]),
-            "the translation of node 0 is not 3 finite numbers",
-        ),
-        (
             changed_gltf("nodes", 0, "mesh", to=10**400),
             f"the mesh of node 0: there is 1{'0' * 23}..., expected a whole number, 0 or more",
-        ),
-        (
-            changed_gltf("accessors", 0, "type", to="V" * 999),
-            f"accessor 0 (primitive 0 of mesh 0) has type '{'V' * 24}...' of 5126, expected",
-        ),
-        (
-            changed_gltf("asset", "version", to="1" * 999),
-            f"it is glTF version '{'1' * 24}...', expected 2.0",
         ),
         (
             changed_gltf("extensionsRequired", to=["KHR_draco_mesh_compression"]),
@@ -679,12 +536,12 @@ def test_json_nested_without_end_is_refused(tmp_path):
             "line 1 of '3D/3dmodel.model': <vertex> cannot",
         ),
         (
-            mesh_files.threemf(MODEL.replace('x="1.0"', "", 1)),
-            "line 1 of '3D/3dmodel.model': <vertex> has no x",
-        ),
-        (
             mesh_files.threemf(MODEL.replace('v3="5"', 'v3="8"')),
             "triangle 4 of 'part1' refers to vertices [0, 1, 8], but there are 8",
+        ),
+        (
+            mesh_files.threemf(MODEL.replace('x="1.0"', "", 1)),
+            "line 1 of '3D/3dmodel.model': <vertex> has no x",
         ),
         (
             mesh_files.threemf(MODEL.replace("<triangles>", "<triangles/><triangles>")),
@@ -883,11 +740,6 @@ def test_vertex_that_no_face_uses_may_be_anything(tmp_path):
 def test_position_that_overflows_in_metres_is_not_finite(tmp_path):
     path = write(tmp_path, "part.obj", mesh_files.obj(VERTICES * 1e308, FACES))
     assert refusal(path, units="km").startswith("vertex 1 of 'part' is not finite: (1e+308, 0.0, 0.0)")
-
-
-def test_what_a_library_raises_is_one_line():
-    assert text_rows.in_one_line(ValueError("a\nb  c")) == "ValueError: a b c"
-    assert text_rows.in_one_line(RecursionError()) == "RecursionError"
 
 
 # Any damage at all

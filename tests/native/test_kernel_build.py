@@ -20,7 +20,9 @@ pytestmark = pytest.mark.skipif(
 
 def build(*options: str) -> str:
     """What the tool prints."""
-    done = subprocess.run([sys.executable, TOOL, *options], capture_output=True, text=True, timeout=900, check=False)
+    done = subprocess.run(
+        [sys.executable, TOOL, *options], capture_output=True, text=True, timeout=900, check=False
+    )
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -43,11 +45,12 @@ def test_what_there_is_is_told_without_building():
 
 def test_code_that_asks_for_what_is_not_there_is_refused(monkeypatch):
     monkeypatch.syspath_prepend(str(ROOT / "tools"))
-    from kernel_build.targets import TARGETS, emit_object
+    from kernel_build.objects import emit_object
+    from kernel_build.targets import TARGETS
 
     code = """
     declare void @numba_do_raise(i8*)
-    define void @proximity_door_bad(i8* %x) {
+    define void @bad(i8* %x) {
         call void @numba_do_raise(i8* %x)
         ret void
     }

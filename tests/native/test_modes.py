@@ -1,4 +1,4 @@
-"""Where kernels come from: objects for each set of instructions, numba, or plain Python; always the same answers."""
+"""Where kernels come from: objects, numba, or plain Python; always the same answers."""
 
 import os
 import shutil
@@ -40,13 +40,18 @@ ahead = pytest.mark.skipif(not native.IS_AHEAD, reason="no kernels compiled ahea
 
 def run(program: str, root: Path = ROOT, **environment: str) -> subprocess.CompletedProcess[str]:
     """Run a program with the package of that checkout, and those variables."""
-    kept = {name: value for name, value in os.environ.items() if name not in ("PROXIMITY_ISA", "NUMBA_DISABLE_JIT")}
+    kept = {
+        name: value
+        for name, value in os.environ.items()
+        if name not in ("PROXIMITY_ISA", "NUMBA_DISABLE_JIT")
+    }
     return subprocess.run(
         [sys.executable, "-c", program],
+        cwd=root,  # which comes before the variable
         env=kept | {"PYTHONPATH": str(root)} | environment,
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=900,
         check=False,
     )
 

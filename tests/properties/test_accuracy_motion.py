@@ -9,6 +9,8 @@ from fingers import Finger
 from proximity.kernels.contact_columns import PREDICTED
 from proximity.kernels.tracking.motion import JUMP_SLACK, MAX_SPEED
 
+pytestmark = pytest.mark.internals
+
 
 @cache
 def recordings(folder):

@@ -8,7 +8,6 @@ import shapes
 import oracle
 from proximity.errors import MeshError
 from proximity.scene.queries.results import Feature
-from proximity.scene.scene import Scene
 from proximity.scene.sign import SignMethod
 from proximity.scene.solid import Solid
 
@@ -29,7 +28,7 @@ def assert_is_right(vertices, faces, points=POINTS):
 # ------------------------------------------------------------------------------------- where is the query
 
 
-@pytest.mark.parametrize("corner", shapes.cube()[0].tolist())
+@pytest.mark.parametrize("corner", shapes.cube()[0][[0, 5]].tolist())
 def test_query_on_a_corner(corner):
     hit = CUBE.closest(corner)
 
@@ -55,14 +54,6 @@ def test_query_on_a_diagonal_within_a_side():
     assert hit.gradient.tolist() == [0.0, 0.0, 1.0]
 
 
-def test_query_on_a_face():
-    hit = CUBE.closest((1.0, 0.5, 0.25))
-
-    assert (hit.signed_distance, hit.feature) == (0.0, Feature.FACE)
-    assert hit.gradient.tolist() == [1.0, 0.0, 0.0]
-    assert not CUBE.contains((1.0, 0.5, 0.25))
-
-
 def test_query_at_the_centre_of_a_sphere():
     """All faces are as near: the walk must look at them all, and find the true least."""
     vertices, faces = shapes.sphere(subdivisions=4)
@@ -72,13 +63,6 @@ def test_query_at_the_centre_of_a_sphere():
     expected = oracle.closest(vertices, faces, np.zeros(3)).distance
     assert hit.signed_distance == pytest.approx(-expected, rel=1e-15)
     assert np.abs(hit.gradient - hit.point / expected).max() <= 1e-15
-
-
-def test_query_at_the_centre_of_a_cube():
-    hit = CUBE.closest((0.5, 0.5, 0.5))
-
-    assert hit.signed_distance == -0.5
-    assert np.abs(hit.gradient).max() == 1.0
 
 
 @pytest.mark.parametrize(
@@ -118,24 +102,6 @@ def test_query_a_hair_beside_every_feature_has_the_right_side(offset):
 # ---------------------------------------------------------------------------------------------- segments
 
 
-def test_segment_without_length_is_a_point():
-    for asked in (CUBE, Scene([CUBE, Solid(*shapes.cube(1.0, (4, 0, 0)), name="other")])):
-        segment, hit = asked.closest_to_segments(POINTS, POINTS), asked.closest(POINTS)
-
-        assert np.array_equal(segment.distance, asked.distance(POINTS)) or np.array_equal(
-            segment.distance, np.abs(CUBE.closest(POINTS).signed_distance)
-        )
-        assert np.array_equal(segment.point_on_segment, POINTS)
-        assert np.isfinite(hit.signed_distance).all()
-
-
-def test_segment_through_the_solid():
-    hit = CUBE.closest_to_segments((-1.0, 0.25, 0.5), (3.0, 0.25, 0.5))
-
-    assert (hit.distance, hit.fraction) == (0.0, 0.25)
-    assert hit.point_on_segment.tolist() == hit.point_on_solid.tolist() == [0.0, 0.25, 0.5]
-
-
 def test_segment_along_an_edge():
     beside = CUBE.closest_to_segments((-1.0, 1.0, 2.0), (3.0, 1.0, 2.0))
     on_it = CUBE.closest_to_segments((-1.0, 1.0, 1.0), (3.0, 1.0, 1.0))
@@ -149,47 +115,24 @@ def test_segment_within_a_face():
     assert CUBE.closest_to_segments((0.25, 0.25, 1.0), (0.75, 0.5, 1.0)).distance == 0.0
 
 
-def test_segment_inside():
-    hit = CUBE.closest_to_segments((0.25, 0.5, 0.5), (0.9, 0.5, 0.5))
-
-    assert hit.distance == pytest.approx(0.1, rel=1e-14)
-    assert hit.fraction == 1.0
-
-
 # ------------------------------------------------------------------------------------------------- meshes
 
 
-def test_one_face():
-    solid = assert_is_right([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
-
-    assert solid.sign_method is SignMethod.NONE
-
-
-def test_no_face():
-    with pytest.raises(MeshError, match=r"^the mesh has no faces, expected at least one$"):
-        Solid([[0, 0, 0]], [])
-
-
-def test_two_faces_back_to_back():
-    """Closed, and nothing within."""
-    solid = assert_is_right([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 1]])
+@pytest.mark.parametrize(
+    ("vertices", "faces"),
+    [
+        ([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]),
+        ([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 1]]),
+        ([[0, 0, 0], [1, 0, 0], [0.25, 0, 0]], [[0, 1, 2]]),
+        ([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 1]]),
+        ([[0.5, 0.25, 0.125]] * 3, [[0, 1, 2]]),
+    ],
+    ids=["one face", "back to back", "no area", "a vertex twice", "a point"],
+)
+def test_mesh_of_next_to_nothing_has_distances_and_nothing_within(vertices, faces):
+    solid = assert_is_right(vertices, faces)
 
     assert (solid.signed_distance(POINTS) >= 0.0).all()
-
-
-def test_face_without_area_answers_as_its_edges():
-    assert_is_right([[0, 0, 0], [1, 0, 0], [0.25, 0, 0]], [[0, 1, 2]])
-
-
-def test_face_that_is_a_point():
-    solid = assert_is_right([[0.5, 0.25, 0.125]] * 3, [[0, 1, 2]])
-
-    assert solid.distance((0.5, 0.25, 1.125)) == 1.0
-    assert not solid.has_inside
-
-
-def test_face_that_names_one_vertex_twice():
-    assert_is_right([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 1]])
 
 
 def test_faces_without_area_among_others_change_nothing():
@@ -198,19 +141,6 @@ def test_faces_without_area_among_others_change_nothing():
 
     assert_is_right(vertices, more)
     assert np.array_equal(Solid(vertices, more).distance(POINTS), CUBE.distance(POINTS))
-
-
-def test_only_faces_without_area_have_no_inside():
-    solid = assert_is_right([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2], [0, 2, 1]])
-
-    assert not solid.has_inside
-
-
-def test_duplicate_vertices():
-    loose = assert_is_right(*shapes.soup(*shapes.cube()))
-
-    assert loose.sign_method is SignMethod.PSEUDONORMAL
-    assert np.array_equal(loose.signed_distance(POINTS), CUBE.signed_distance(POINTS))
 
 
 def test_duplicate_faces():
@@ -249,24 +179,10 @@ def test_needles_of_all_lengths():
     assert_is_right(corners.reshape(-1, 3), np.arange(900).reshape(-1, 3))
 
 
-def test_vertices_that_are_not_finite_are_refused():
-    vertices, faces = shapes.cube()
-    vertices[5, 1] = np.nan
-
-    with pytest.raises(MeshError, match=r"^vertex 5 is not finite: \(1\.0, nan, 1\.0\); 1 of the 8 vertices"):
-        Solid(vertices, faces)
-
-
 def test_coordinates_near_a_million_metres():
     offset = np.array([1e6, -1e6, 1e6])
 
     assert_is_right(shapes.octahedron()[0] + offset, shapes.octahedron()[1], POINTS + offset)
-
-
-def test_part_of_a_millimetre():
-    solid = assert_is_right(shapes.octahedron()[0] * 1e-3, shapes.octahedron()[1], POINTS * 1e-3)
-
-    assert solid.sign_method is SignMethod.PSEUDONORMAL
 
 
 def test_part_of_a_millimetre_ten_kilometres_away():
@@ -280,7 +196,7 @@ def test_part_of_a_millimetre_ten_kilometres_away():
     assert np.array_equal(far, CUBE.signed_distance(points) * scale)
 
 
-@pytest.mark.parametrize("size", [1e-140, 1e-60, 1e-9, 1e60, 1e140])
+@pytest.mark.parametrize("size", [1e-140, 1e-9, 1e140])
 def test_part_of_any_size_that_can_be_computed_with(size):
     solid = Solid(*shapes.cube(size, (0, 0, 0)))
 

@@ -14,7 +14,6 @@ from proximity.recording import (
     check_log_name,
     contact_log,
     read_recording,
-    recording,
     recording_reader,
     write_contacts,
 )
@@ -55,14 +54,14 @@ def test_samples_become_instants_and_fingers(read):
     assert (recording.sample_count, recording.hand_count, recording.duration_s) == (5, 1, 0.02)
 
 
-@pytest.mark.parametrize("cut", ["", "1", ".", "0", "0.0", "-", "1e"])
+@pytest.mark.parametrize("cut", ["", "1", ".", "0.0"])
 def test_last_line_without_its_end_is_said_to_be_cut_perhaps(read, cut):
     """A number that is cut is a number: 0.03 may have become 0.0, and tell of a touch that never was."""
     whole = HEADER + "0.0,0,0,1,2,3\n0.01,0,0,1,2,4"
     try:
         recording = read(whole + "\n0.02,0,0,1,2," + cut if cut else whole)
     except RecordingError:
-        assert cut in (".", "-", "1e")  # no numbers
+        assert cut == "."  # no numbers
         return
 
     assert recording.notes == ("the last line has no end: it may be cut",)
@@ -75,15 +74,11 @@ def test_last_line_without_its_end_is_said_to_be_cut_perhaps(read, cut):
     [
         "\ufeff" + PLAIN,
         PLAIN.replace("\n", "\r\n"),
-        PLAIN.replace("\n", "\r"),
-        PLAIN.removesuffix("\n"),
         "# from a sensor\n\n" + PLAIN.replace("\n", "\n\n# more\n   \n"),
         PLAIN.replace("\n", '\n# with a "new", glove\n  # 6, "left hand\n'),
         PLAIN.replace(",", "\t").replace("\n", "\n\t# of\tthe right hand\n"),
         PLAIN.replace("\n", f"\n#{'-' * 200_000}\n", 1),
-        PLAIN.replace(",", ", "),
         PLAIN.replace(",", "\t"),
-        PLAIN.replace(",", ";"),
         PLAIN.replace(",", ";").replace(".", ","),
         "\n".join(",".join(f'"{field}"' for field in line.split(",")) for line in PLAIN.split("\n")[:-1]),
         PLAIN.replace("time_s", "Time_S").replace("x_m", " X_M "),
@@ -91,15 +86,11 @@ def test_last_line_without_its_end_is_said_to_be_cut_perhaps(read, cut):
     ids=[
         "mark",
         "crlf",
-        "cr",
-        "no end",
         "comments",
         "quotes in comments",
         "tabs before comments",
         "long comment",
-        "spaces",
         "tabs",
-        "semicolons",
         "commas",
         "quotes",
         "case",
@@ -139,33 +130,22 @@ def test_position_of_nan_is_a_missing_finger(read):
     ("content", "message"),
     [
         ("", "the file is empty, expected columns time_s, hand, finger, x_m, y_m, z_m"),
-        ("\n  \n# nothing\n", "the file is empty"),
         (HEADER, "there is no line after the names of the columns"),
         (
             "time_s,hand,x_m,z_m\n0,0,1,1\n",
             "line 1: no column is named finger, y_m: there are 'time_s, hand, x_m",
         ),
-        ("\n0,0,0,1,2,3\n", "line 2: no column is named time_s, hand, finger, x_m, y_m, z_m"),
-        (HEADER.replace("y_m", "y_mm"), "line 1: no column is named y_m"),
         ("x_m," + HEADER, "line 1: two columns are named x_m"),
         (PLAIN + "0.03,0,0,1,2\n", "line 7: 5 fields, expected 6"),
-        (PLAIN + "0.03,0,0,1,2,3,4\n", "line 7: 7 fields, expected 6"),
         (PLAIN + "\n0.03,0,0,1,,3\n", "line 8: y_m is '', expected a number"),
-        (PLAIN + "0.03,0,0,abc,2,3\n", "line 7: x_m is 'abc', expected a number"),
-        (PLAIN + "0.03,0,0,1_0,2,3\n", "line 7: x_m is '1_0', expected a number"),
         (PLAIN + "0.03,0,0,inf,2,3\n", "line 7: x_m is inf, expected a position within 1e+06 m"),
-        (PLAIN + "0.03,0,0,1,-1e7,3\n", "line 7: y_m is -10000000, expected a position within 1e+06 m"),
-        (PLAIN + "nan,0,0,1,2,3\n", "line 7: time_s is nan, expected a time within 146 years"),
         (PLAIN + "1e300,0,0,1,2,3\n", "line 7: time_s is 1e+300, expected a time within 146 years"),
         (
             PLAIN + "0.015,0,0,1,2,3\n",
             "line 7: time_s is 0.015 after 0.02 on line 6, expected times that never",
         ),
         (PLAIN + "0.03,0,5,1,2,3\n", "line 7: finger is 5, expected 0 (thumb) to 4 (little finger)"),
-        (PLAIN + "0.03,0,1.5,1,2,3\n", "line 7: finger is 1.5, expected 0 (thumb) to 4"),
-        (PLAIN + "0.03,0,nan,1,2,3\n", "line 7: finger is nan, expected 0 (thumb) to 4"),
         (PLAIN + "0.03,-1,0,1,2,3\n", "line 7: hand is -1, expected a whole number from 0 on"),
-        (PLAIN + "0.03,1e12,0,1,2,3\n", "line 7: hand is 1e+12, expected a whole number from 0 on"),
         (
             PLAIN + "0.02,0,0,9,9,9\n",
             "line 7: finger 0 of hand 0 has a position at this time already, on line 5",
@@ -197,16 +177,6 @@ def test_line_is_right_beyond_the_first_chunk(read):
         read(HEADER + "\n".join(lines))
 
 
-def test_times_unsorted_from_one_chunk_to_the_next_are_refused(read):
-    lines = [f"{0.01 * row:.2f},0,0,1,2,3" for row in range(recording_reader.LINES_PER_CHUNK + 20)]
-    lines[recording_reader.LINES_PER_CHUNK] = "0,0,0,1,2,3"
-
-    with pytest.raises(
-        RecordingError, match=rf"line {recording_reader.LINES_PER_CHUNK + 2}: time_s is 0 after"
-    ):
-        read(HEADER + "\n".join(lines))
-
-
 def test_sensor_that_counts_hands_without_end_is_refused(read):
     lines = [f"{row},{row},0,1,2,3" for row in range(recording_reader.LARGEST_HAND_COUNT + 1)]
 
@@ -217,13 +187,6 @@ def test_sensor_that_counts_hands_without_end_is_refused(read):
 def test_file_that_is_not_there_is_named(tmp_path):
     with pytest.raises(RecordingError, match=r"none\.csv: cannot be read \(No such file"):
         read_recording(tmp_path / "none.csv")
-
-
-def test_recording_does_not_change(read):
-    recording = read(PLAIN)
-
-    with pytest.raises(ValueError, match="read-only"):
-        recording.positions[0, 0, 0] = 5.0
 
 
 def test_fingers_are_named_with_their_hand_where_there_are_several(read):
@@ -276,14 +239,6 @@ def test_finger_that_comes_late_and_goes_early_is_not_invented():
     assert ticks.positions[3, 1, 0] == 1.5
 
 
-def test_tick_that_meets_no_sample_ends_before_the_last():
-    assert recording_of([0.0, 0.0109], [[0, 0, 0], [1, 0, 0]]).resampled(0.002).times_ns[-1] == 10_000_000
-
-
-def test_finger_seen_once_is_there_once():
-    assert recording_of([0.5], [[1, 2, 3]]).resampled(0.001).positions.tolist() == [[[1, 2, 3]]]
-
-
 @pytest.mark.parametrize(("period", "message"), [(0.0, "0 s is too short"), (np.nan, "nan s is too short")])
 def test_period_that_is_none_is_refused(period, message):
     with pytest.raises(RecordingError, match=message):
@@ -311,7 +266,7 @@ def test_placing_scales_then_turns_then_shifts():
     np.testing.assert_array_equal(placed.positions, [[[6, 2, 6]]])
 
 
-@pytest.mark.parametrize("scale", [0.0, -1.0, np.nan, np.inf])
+@pytest.mark.parametrize("scale", [0.0, np.nan])
 def test_scale_that_is_none_is_refused(scale):
     with pytest.raises(RecordingError, match=r"^scale is .*, expected a positive number of times the size$"):
         recording_of([0.0], [[1, 2, 3]]).placed(Pose(), scale)
@@ -329,12 +284,6 @@ def test_fitting_puts_the_middle_of_the_hand_in_the_middle_of_the_box():
     np.testing.assert_allclose(0.5 * (lower + upper), [0.03, 0.02, 0.025], atol=1e-12)
     np.testing.assert_allclose(upper - lower, 0.5 * 0.08, atol=0.004)
     np.testing.assert_array_equal(pose.rotation, turn)
-
-
-def test_middle_is_most_of_the_samples():
-    assert recording.MIDDLE_SHARE == 0.8
-    lower, upper = recording_of(np.arange(101), np.repeat(np.arange(101.0), 3)).middle()
-    np.testing.assert_allclose((lower, upper), [[10] * 3, [90] * 3])
 
 
 # -------------------------------------------------------------------------------------- the generated one
@@ -429,7 +378,6 @@ def test_log_is_there_wholly_or_not_at_all(tmp_path, contacts, monkeypatch):
     ("name", "message"),
     [
         ("log.txt", r"log\.txt: expected a name that ends in \.npz, \.npy, \.csv"),
-        ("log", r"log: expected a name that ends in"),
         ("nowhere/log.csv", r"log\.csv: cannot be written \(there is no folder .*nowhere\)"),
     ],
 )

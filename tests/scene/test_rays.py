@@ -10,8 +10,6 @@ from ray_scenes import CLOSED, FAR, MESHES, mesh_of, solid_of, some_scene
 
 import oracle
 from proximity.errors import QueryError
-from proximity.kernels.ray.ray_order import ray_order
-from proximity.pose import Pose
 from proximity.scene.queries import line_queries
 from proximity.scene.queries.results import NO_FACE, NO_PART
 from proximity.scene.scene import Scene
@@ -195,7 +193,7 @@ def test_ray_through_a_shared_corner_of_a_sphere_hits_once_and_at_the_corner():
 # ------------------------------------------------------------------------------------- what changes nothing
 
 
-@pytest.mark.parametrize("scale", [2.0**-300, 1e-9, 1.0, 3.7, 2.0**300])
+@pytest.mark.parametrize("scale", [2.0**-300, 1e-9, 3.7])
 def test_length_of_the_direction_does_not_matter(scale):
     origins, directions = some_rays("torus", 100)
     directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
@@ -244,33 +242,9 @@ def test_the_very_distance_as_limit_still_hits():
         assert solid_of("torus").cast(origin, way, max_distance=distance).distance == distance
 
 
-@pytest.mark.parametrize("count", [1, 2, 7, 47, 48, 49, 1023, 1024, 1025])
-def test_batch_is_its_rays_one_by_one(count):
-    for asked in (solid_of("torus"), SCENE):
-        origins, directions = some_rays("torus", count, seed=count)
-
-        hits = asked.cast(origins, directions)
-
-        for row in range(0, count, 1 + count // 40):
-            one = asked.cast(origins[row], directions[row])
-            for field in hits._fields:
-                assert judging.same_bits(getattr(hits, field)[row], getattr(one, field)), field
-
-
-@pytest.mark.parametrize("workers", [2, 3, -1])
-@pytest.mark.parametrize("count", [5, 2048, 5001])
-def test_workers_answer_the_same(workers, count):
-    origins, directions = some_rays("torus", count)
-    origins[count // 2] = np.nan
-
-    for asked in (solid_of("torus"), SCENE):
-        found = asked.cast(origins, directions, workers=workers)
-        assert judging.same_bits(found, asked.cast(origins, directions))
-
-
 @pytest.mark.parametrize("workers", [1, 2])
 @pytest.mark.parametrize("limit", [np.inf, 1.2])
-@pytest.mark.parametrize("count", [0, 1, 5, 47, 48, 5001])
+@pytest.mark.parametrize("count", [0, 5, 5001])
 def test_distances_alone_are_those_of_the_hits(count, limit, workers):
     origins, directions = some_rays("torus", count)
     if count > 4:
@@ -304,7 +278,7 @@ SCENE = some_scene(12)
 
 @pytest.mark.parametrize("is_turned", [True, False], ids=["turned", "shifted"])
 @pytest.mark.parametrize("offset", [np.zeros(3), FAR], ids=["here", "far"])
-@pytest.mark.parametrize("count", [1, 2, 8, 9, 64])
+@pytest.mark.parametrize("count", [1, 9, 64])
 def test_hit_of_a_scene_is_the_first_over_its_parts(count, offset, is_turned):
     """Each part asked alone by the oracle, in its own frame."""
     scene = some_scene(count, is_turned=is_turned, offset=offset)
@@ -329,28 +303,6 @@ def test_hit_of_a_scene_is_the_first_over_its_parts(count, offset, is_turned):
         of_part = hit.part == row
         alone = ask_part(part, origins[of_part], directions[of_part])
         assert judging.is_near(alone, hit.distance[of_part], room[of_part]).all()
-
-
-def test_ties_go_to_the_lowest_part():
-    scene = Scene([Solid(*shapes.cube(), name=f"{row}") for row in range(9)])
-    origins, directions = some_rays("cube", 200)
-
-    hit, alone = scene.cast(origins, directions), solid_of("cube").cast(origins, directions)
-
-    assert np.array_equal(hit.distance, alone.distance)
-    assert (hit.part[np.isfinite(hit.distance)] == 0).all()
-
-
-def test_moved_part_is_hit_where_it_is():
-    scene = some_scene(3)
-    pose = Pose([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], (100.0, 0.0, 0.0))
-
-    scene.move("part 1", pose)
-
-    hit = scene.cast((90.0, 0.5, 0.25), (1.0, 0.0, 0.0))
-    assert (hit.distance, hit.part) == (9.0, 1)
-    assert hit.normal.tolist() == [-1.0, 0.0, 0.0]
-    assert hit.point.tolist() == [99.0, 0.5, 0.25]
 
 
 # ------------------------------------------------------------------------------------------- special rays
@@ -386,7 +338,7 @@ def test_ray_from_afar_hits_what_it_aims_at(far):
         assert hit.normal.tolist() == [-1.0, 0.0, 0.0]
 
 
-@pytest.mark.parametrize("far", [1e17, 1e19, 1e30, 1e60, 1e99])
+@pytest.mark.parametrize("far", [1e17, 1e60, 1e99])
 @pytest.mark.parametrize("count", [1, 2])
 def test_ray_from_any_distance_is_answered(far, count):
     """Along an axis it hits; aslant, after so long a way, it may."""
@@ -418,13 +370,6 @@ def test_ray_from_farther_than_can_be_computed_with_answers_nan_and_the_others_g
     assert hits.face_id.tolist()[1:] == 3 * [NO_FACE]
 
 
-@pytest.mark.parametrize("size", [1e-60, 1e-98])
-def test_rays_from_far_off_in_sizes_of_the_parts_are_answered(size):
-    scene = Scene([Solid(*shapes.cube(size, (3.0 * size * row, 0, 0)), name=str(row)) for row in range(3)])
-
-    assert scene.cast_distance([[0.0, 0.0, 3.0]], [[0.0, 0.0, -1.0]]).tolist() == [3.0]
-
-
 @pytest.mark.parametrize("size", [1e-100, 1e-9, 1e60])
 def test_parts_of_any_size_are_hit(size):
     solid = Solid(*shapes.cube(size, (0, 0, 0)))
@@ -433,46 +378,6 @@ def test_parts_of_any_size_are_hit(size):
 
     assert hit.distance == pytest.approx(2.5 * size, rel=1e-15)
     assert solid.cast((-3.0 * size, 0.6 * size, 0.0), (1.0, 0.0, 0.0)).distance == np.inf
-
-
-@pytest.mark.parametrize("way", [5e-324, 1e-310, 1e-160, 1e160, 1.7e308])
-def test_direction_of_any_length_is_one(way):
-    hit = solid_of("cube").cast((-1.0, 0.25, 0.5), (way, 0.0, 0.0))
-
-    assert hit.distance == 1.0
-    assert solid_of("cube").cast((-1.0, 0.25, 0.5), (way, way, 0.0)).distance == np.inf
-
-
-@pytest.mark.parametrize("count", [0, 1, 7, 9, 3000])
-@pytest.mark.parametrize("sides", [(1.0, 1.0, 1.0), (9.0, 0.3, 1.0), (4.0, 3.0, 1e-12)])
-def test_order_of_rays_has_every_row_once_and_neighbours_near(count, sides):
-    solid = Solid(*shapes.box((50.0, 50.0, 50.0), 50.0 + np.array(sides)))
-    rng = np.random.default_rng(count)
-    places = 50.0 + rng.random((count, 3)) * sides  # where rays start that start inside
-    directions = rng.normal(size=(count, 3))
-    origins = places.copy()
-    origins[: count // 9] = (np.nan, np.inf, 1e300)
-
-    order = ray_order(solid.snapshot().handle, origins, directions)
-
-    assert sorted(order) == list(range(count))
-    if count == 3000:
-        way = np.linalg.norm(np.diff(places[order[count // 9 :]], axis=0), axis=1)
-        assert np.median(way) < 0.3 * np.median(np.linalg.norm(np.diff(places, axis=0), axis=1))
-
-
-def test_rays_are_ordered_by_where_they_enter():
-    """From afar: the first half of the rows enters one half of the longest side, the others the other."""
-    solid = Solid(*shapes.box((-2.0, -0.5, -0.5), (2.0, 0.5, 0.5)))
-    rng = np.random.default_rng(3)
-    x = rng.uniform(-1.9, 1.9, 2000)
-    targets = np.stack((x, np.zeros(2000), np.full(2000, 0.5)), axis=1)
-    directions = rng.normal(size=(2000, 3)) * 0.05 + (0.0, 0.0, -1.0)
-    origins = targets - 7.0 * directions
-
-    entered = x[ray_order(solid.snapshot().handle, origins, directions)] > 0.0
-
-    assert np.array_equal(entered, np.sort(entered))
 
 
 def test_sorted_rays_answer_as_they_do_one_by_one(monkeypatch):

@@ -7,40 +7,17 @@ import judging
 import numpy as np
 import pytest
 import shapes
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from scene_parts import KINDS, part_of, some_parts
 
 import oracle
-from proximity.errors import MeshError, PoseError, SceneError
+from proximity.errors import PoseError, SceneError
 from proximity.pose import Pose
 from proximity.scene.scene import Part, Scene
 from proximity.scene.solid import Solid
 
-KINDS = [shapes.tetrahedron, shapes.cube, shapes.octahedron, shapes.hollow_cube]
 QUARTER = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
-
-
-def part_of(mesh, name="part", pose=None):
-    solid = Solid(*mesh, name=name)
-    rows = np.arange(solid.mesh.face_count, dtype=np.int32)
-    return Part(name, solid, Pose() if pose is None else pose, rows)
-
-
-def some_pose(rng, spread):
-    return Pose(shapes.rotation(int(rng.integers(2**31))), rng.uniform(-spread, spread, 3))
-
-
-def some_parts(count, *, seed=1, is_turned=True):
-    """Parts of several kinds and sizes, thrown into a cube; they overlap."""
-    rng = np.random.default_rng(seed)
-    spread = 2.0 * count ** (1.0 / 3.0)
-    parts = []
-    for row in range(count):
-        vertices, faces = KINDS[row % len(KINDS)]()
-        pose = some_pose(rng, spread)
-        pose = pose if is_turned else Pose(translation=pose.translation)
-        parts.append(part_of((vertices * rng.choice([0.1, 1.0, 3.0]), faces), f"part {row}", pose))
-    return parts
 
 
 def expected_of(parts, points):
@@ -74,12 +51,12 @@ def assert_is_the_smallest_over_parts(scene, points):
 
 
 @pytest.mark.parametrize("is_turned", [True, False], ids=["turned", "shifted"])
-@pytest.mark.parametrize("count", [1, 2, 8, 9, 64, 300])
+@pytest.mark.parametrize("count", [1, 9, 40])
 def test_answer_is_the_smallest_over_parts(count, is_turned):
     parts = some_parts(count, is_turned=is_turned)
     scene = Scene(parts)
     rng = np.random.default_rng(2)
-    point_count = 200 if count < 64 else 60
+    point_count = 100
     around = rng.uniform(-1.2, 1.2, (point_count, 3)) * (2.0 * count ** (1.0 / 3.0) + 1.0)
     # Near surfaces too: a point of a part, and a little beside it.
     chosen = rng.integers(count, size=point_count)
@@ -91,7 +68,7 @@ def test_answer_is_the_smallest_over_parts(count, is_turned):
     assert_is_the_smallest_over_parts(scene, np.concatenate([around, near]))
 
 
-@pytest.mark.parametrize("count", [1, 3, 64])
+@pytest.mark.parametrize("count", [3, 64])
 def test_answer_holds_together_in_the_frame_of_the_scene(count):
     scene = Scene(some_parts(count))
     points = np.random.default_rng(3).uniform(-8.0, 8.0, (300, 3))
@@ -106,7 +83,7 @@ def test_answer_holds_together_in_the_frame_of_the_scene(count):
             judging.assert_answer_holds_together(one, world, part.solid.mesh.faces, points[of_part])
 
 
-@pytest.mark.parametrize("count", [2, 9, 64])
+@pytest.mark.parametrize("count", [9])
 def test_scene_answers_to_the_bit_what_the_nearest_part_does(count):
     """At the identity pose nothing is converted, so that nothing may be rounded."""
     rng = np.random.default_rng(4)
@@ -143,31 +120,6 @@ def test_one_solid_may_be_in_several_places():
 
     assert hit.signed_distance.tolist() == [-0.5, -0.25, 1.0]
     assert hit.part.tolist() == [0, 1, 2]
-
-
-@pytest.mark.parametrize("workers", [2, -1])
-def test_workers_answer_the_same(workers):
-    scene = Scene(some_parts(20))
-    points = np.random.default_rng(6).uniform(-6.0, 6.0, (5000, 3))
-
-    assert judging.same_bits(scene.closest(points, workers=workers), scene.closest(points))
-    assert judging.same_bits(scene.contains(points, workers=workers), scene.contains(points))
-
-
-@pytest.mark.parametrize("count", [1, 2, 47, 48, 49, 1024])
-def test_batch_is_its_points_one_by_one(count):
-    scene = Scene(some_parts(20))
-    points = np.random.default_rng(count).uniform(-6.0, 6.0, (count, 3))
-
-    hits = scene.closest(points)
-
-    for row in {0, count // 2, count - 1}:
-        one = scene.closest(points[row])
-        for field in hits._fields:
-            assert judging.same_bits(getattr(hits, field)[row], getattr(one, field)), field
-    assert judging.same_bits(scene.signed_distance(points), hits.signed_distance)
-    assert judging.same_bits(scene.distance(points), np.array([scene.distance(point) for point in points]))
-    assert judging.same_bits(scene.contains(points), np.array([scene.contains(point) for point in points]))
 
 
 @given(point=st.tuples(*[st.floats(-8.0, 8.0)] * 3), limit=st.floats(0.0, 8.0))
@@ -254,7 +206,7 @@ def test_limit_speaks_of_the_part_that_counts():
     assert scene.closest((0.0, 0.0, 0.3), max_distance=1.75).signed_distance == -1.7
 
 
-@pytest.mark.parametrize("count", [2, 3, 9, 20])
+@pytest.mark.parametrize("count", [2, 20])
 def test_ties_go_to_the_lowest_part(count):
     parts = [Solid(*shapes.cube(), name=f"{row}") for row in range(count)]
     points = np.random.default_rng(10).uniform(-1.0, 2.0, (200, 3))
@@ -287,42 +239,6 @@ def test_sheet_within_a_part_does_not_change_the_depth():
 
 
 # ------------------------------------------------------------------------------------------------ moving
-
-
-@settings(max_examples=30)
-@given(seed=st.integers(0, 2**31), row=st.integers(0, 8))
-def test_moved_scene_answers_as_one_made_anew(seed, row):
-    rng = np.random.default_rng(seed)
-    parts = some_parts(9)
-    scene, pose = Scene(parts), some_pose(rng, 5.0)
-    points = rng.uniform(-6.0, 6.0, (60, 3))
-    scene.closest(points)
-
-    scene.move(f"part {row}", pose)
-
-    parts[row] = Part(parts[row].name, parts[row].solid, pose, parts[row].source_faces)
-    anew = Scene(parts)
-    assert judging.same_bits(scene.closest(points), anew.closest(points))
-    assert judging.same_bits(scene.contains(points), anew.contains(points))
-    assert np.array_equal(scene.bounds, anew.bounds)
-
-
-def test_moving_changes_nothing_else():
-    scene = Scene(some_parts(9))
-    points = np.random.default_rng(11).uniform(-6.0, 6.0, (100, 3))
-    before, parts = scene.closest(points), scene.parts
-
-    scene.move("part 3", Pose(translation=(1.0, 2.0, 3.0)))
-    scene.move("part 4", np.eye(4))
-    scene.move("part 3", parts[3].pose)
-    scene.move("part 4", parts[4].pose.matrix)
-
-    assert judging.same_bits(scene.closest(points), before)
-    assert [part.solid for part in scene.parts] == [part.solid for part in parts]
-    assert [part.name for part in scene.parts] == [part.name for part in parts]
-    assert parts[3].solid.signed_distance((0.0, 0.0, 0.0)) == scene.part("part 3").solid.signed_distance(
-        (0, 0, 0)
-    )
 
 
 def test_scenes_that_share_a_solid_move_apart():
@@ -401,7 +317,7 @@ def test_parts_of_any_size_are_as_exact(size):
     assert (np.abs(signed - np.min(each, axis=0)) <= judging.allowance(signed, size)).all()
 
 
-@pytest.mark.parametrize("sizes", [(1e-9, 1.0), (1.0, 1e60), (1e-9, 1e60), (1e60, 1e-9)])
+@pytest.mark.parametrize("sizes", [(1.0, 1e60), (1e60, 1e-9)])
 def test_tiny_and_huge_parts_are_together_in_one_scene(sizes):
     solids = [Solid(*shapes.cube(size, (2.0 * size, 0.0, 0.0)), name=f"{size}") for size in sizes]
     points = np.array([[2.0 * size, 0.25 * size * k, 0.0] for size in sizes for k in (0, 1, 3, 9)])
@@ -412,7 +328,7 @@ def test_tiny_and_huge_parts_are_together_in_one_scene(sizes):
     assert (np.abs(signed - expected) <= 1e-12 * np.abs(expected)).all()
 
 
-@pytest.mark.parametrize("far", [1e3, 1e10, 1e20, 1e30, 1e60, 1e90])
+@pytest.mark.parametrize("far", [1e3, 1e20, 1e90])
 def test_points_far_away_are_as_exact(far):
     scene = Scene([Solid(*shapes.cube(), name="cube"), Solid(*shapes.cube(1e-9, (3, 0, 0)), name="grain")])
     point = np.array([far, 2.0 * far, -far])
@@ -439,15 +355,6 @@ def test_parts_keep_names_poses_and_order():
     assert scene.memory_bytes > 0
 
 
-def test_pose_of_a_part_may_be_a_matrix():
-    matrix = np.eye(4)
-    matrix[0, 3] = 5.0
-    scene = Scene([part_of(shapes.cube(), pose=matrix)])
-
-    assert scene.distance((7.0, 0.5, 0.5)) == 1.0
-    assert isinstance(scene.parts[0].pose, Pose)
-
-
 def test_name_used_twice_is_refused():
     message = "parts 1 and 2 are both named 'lid', expected names that differ"
     solids = [Solid(*shapes.cube(), name=name) for name in ("base", "lid", "lid")]
@@ -461,7 +368,6 @@ def test_name_used_twice_is_refused():
     [
         ([], "a scene has no parts, expected at least one"),
         ([1], "a scene is made of Part and Solid, not of int"),
-        ("lid", "a scene is made of Part and Solid, not of str"),
         (Solid(*shapes.cube()), "a scene is made of a list of parts, not of one Solid"),
         ([part_of(shapes.cube(), ["lid"])], "part 0 is named ['lid'], expected text"),
         ([Part("lid", shapes.cube(), Pose(), np.arange(3))], "part 'lid' holds a tuple, expected a Solid"),
@@ -497,25 +403,6 @@ def test_part_that_is_not_there_is_named_with_those_that_are():
         many.part("lid")
 
 
-@pytest.mark.parametrize(
-    "pose, message",
-    [
-        (np.diag([2.0, 2.0, 2.0, 1.0]), "a pose's rotation is not orthonormal"),
-        (np.diag([1.0, 1.0, -1.0, 1.0]), "a pose's rotation mirrors"),
-        (np.eye(3), "a pose's matrix has shape (3, 3), expected (4, 4)"),
-        (Pose(translation=(1e200, 0.0, 0.0)), "part 'part 1' would be moved by 1e+200 m, which is farther"),
-    ],
-)
-def test_pose_that_is_not_rigid_is_refused_and_nothing_moves(pose, message):
-    scene, points = Scene(some_parts(3)), np.random.default_rng(15).uniform(-4.0, 4.0, (20, 3))
-    before = scene.closest(points)
-
-    with pytest.raises(PoseError, match=re.escape(message)):
-        scene.move("part 1", pose)
-
-    assert judging.same_bits(scene.closest(points), before)
-
-
 def test_what_could_not_be_saved_is_refused():
     part = Part("cube", Solid(*shapes.cube()), Pose(), np.arange(12, dtype=np.int32), repairs=None)
 
@@ -523,11 +410,6 @@ def test_what_could_not_be_saved_is_refused():
         Scene([part])
     with pytest.raises(SceneError, match=r"^report is 3, expected a LoadReport, or None$"):
         Scene([Solid(*shapes.cube())], report=3)
-
-
-def test_pose_of_a_new_part_that_is_not_rigid_is_refused():
-    with pytest.raises(PoseError, match="a pose's rotation is not orthonormal"):
-        Scene([part_of(shapes.cube(), pose=np.diag([2.0, 2.0, 2.0, 1.0]))])
 
 
 # ---------------------------------------------------------------------------------------- arrays as a file
@@ -562,29 +444,3 @@ def test_mesh_of_several_bodies_becomes_parts_that_lead_back():
         source = scene.parts[part].source_faces[face]
         alone = oracle.closest(vertices, faces[source : source + 1], point).distance
         assert alone == pytest.approx(abs(distance), rel=1e-12, abs=1e-14)
-
-
-def test_mesh_of_one_body_keeps_its_name():
-    assert [part.name for part in Scene.from_mesh(*shapes.cube()).parts] == ["mesh"]
-    assert [part.name for part in Scene.from_mesh(*shapes.cube(), name="lid").parts] == ["lid"]
-
-
-def test_mesh_that_cannot_be_used_is_refused():
-    with pytest.raises(MeshError, match=r"^the mesh has no faces, expected at least one$"):
-        Scene.from_mesh(np.zeros((3, 3)), [])
-    with pytest.raises(MeshError, match="face 0 refers to vertex 9, but the mesh has 3 vertices"):
-        Scene.from_mesh(np.zeros((3, 3)), [[0, 1, 9]])
-
-
-def test_part_that_has_moved_keeps_its_faces_when_it_is_left_alone():
-    """There is no tree over the only part: its entry was once written over the faces of its first slots."""
-    ball = Solid(*shapes.sphere(1.0, 2), name="ball")
-    scene = Scene([ball, Solid(*shapes.cube(), name="cube")])
-    pose = Pose(translation=(3.0, 0.0, 0.0))
-    scene.move("ball", pose)
-    scene.remove("cube")
-    centres = ball.mesh.vertices[ball.mesh.faces].mean(axis=1)
-
-    hit = scene.closest(pose.point(centres))
-
-    assert np.array_equal(hit.face_id, np.arange(ball.mesh.face_count))

@@ -21,12 +21,8 @@ from scene_parts import (
 
 from proximity.errors import PoseError, SceneError
 from proximity.kernels import layout
-from proximity.kernels.layout import LANES, NODE_STRIDE
-from proximity.model import scene_state
-from proximity.model.part_trees import REGION_COPIES, PartTreesPlan
 from proximity.pose import Pose
 from proximity.scene.scene import Scene
-from proximity.tracker.tracker import Tracker
 
 VELOCITY, ANGULAR_VELOCITY = (1.0, -2.0, 0.5), (0.1, 0.2, -0.3)
 
@@ -38,7 +34,7 @@ def matrices_of(rng, count, spread=5.0):
 # ------------------------------------------------------------------------------------- the same answers
 
 
-@pytest.mark.parametrize("count", [1, 2, 3, 8, 9, 30, 100])
+@pytest.mark.parametrize("count", [1, 2, 9, 100])
 def test_moved_scene_answers_to_the_bit_as_one_made_anew(count):
     rng = np.random.default_rng(count)
     scene = Scene(some_parts(count))
@@ -119,52 +115,6 @@ def test_parts_of_one_frame_are_walked_right_after_some_of_them_left_it():
 # ------------------------------------------------------------------------------------------ what is left
 
 
-def test_first_move_makes_a_part_loose_and_later_ones_touch_no_other_node():
-    scene = Scene(some_parts(40))
-    rng = np.random.default_rng(2)
-    names = ["part 3", "part 8", "part 20"]
-    scene.move_many(names, matrices_of(rng, 3))
-    model = scene.snapshot()
-    assert np.flatnonzero(model.parts[:, layout.PART_IS_DYNAMIC]).tolist() == [3, 8, 20]
-    plan, kept = PartTreesPlan.of(model.parts), model.words.copy()
-    regions = slice(NODE_STRIDE * plan.region(0), NODE_STRIDE * plan.region(REGION_COPIES))
-    words, row = model.words, model.parts[-1].copy()
-    del model
-
-    for _ in range(5):
-        scene.move_many(names, matrices_of(rng, 3))
-        model = scene.snapshot()
-
-    assert model.words is words
-    changed = np.flatnonzero(words.view(np.int32) != kept.view(np.int32))
-    assert len(changed) and regions.start <= changed.min() and changed.max() < regions.stop
-    same = [
-        layout.SCENE_ENTRIES,
-        layout.SCENE_STATIC_ROOT,
-        layout.SCENE_STATIC_NODE_COUNT,
-        layout.SCENE_ENTRY_COUNT,
-    ]
-    assert (model.parts[-1, same] == row[same]).all()
-
-
-def test_velocity_and_surface_alone_touch_no_tree():
-    scene = Scene(some_parts(9))
-    before, root = scene.snapshot().words.copy(), scene.snapshot().parts[-1, layout.SCENE_STATIC_ROOT]
-    pose = scene.part("part 4").pose
-
-    scene.move("part 4", pose, velocity=VELOCITY, angular_velocity=ANGULAR_VELOCITY)
-    scene.set_surface("part 5", stiffness=300.0, damping=2.0)
-
-    model = scene.snapshot()
-    frames = model.frames
-    assert frames[4, layout.FRAME_VELOCITY : layout.FRAME_SURFACE].tolist() == [*VELOCITY, *ANGULAR_VELOCITY]
-    assert frames[5, layout.FRAME_SURFACE : layout.FRAME_DAMPING + 1].tolist() == [2.0, 300.0, 2.0]
-    assert not model.parts[:, layout.PART_IS_DYNAMIC].any()
-    assert model.parts[-1, layout.SCENE_STATIC_ROOT] == root
-    first = NODE_STRIDE * PartTreesPlan.of(model.parts).region(0)
-    assert judging.same_bits(model.words[:first], before[:first])
-
-
 def test_velocities_are_those_of_the_last_move():
     scene = Scene(some_parts(3))
     scene.move("part 1", Pose(), velocity=VELOCITY, angular_velocity=ANGULAR_VELOCITY)
@@ -208,15 +158,8 @@ def test_parts_that_did_not_move_are_the_same_objects():
 # ------------------------------------------------------------------------------------ far away and back
 
 
-def test_part_that_leaves_the_scene_is_found_and_the_frame_is_not_made_anew_at_every_step(monkeypatch):
-    scene = Scene(some_parts(9))
-    chosen = []
-    monkeypatch.setattr(
-        scene_state,
-        "choose_frame",
-        lambda *given, choose=scene_state.choose_frame: chosen.append(1) or choose(*given),
-    )
-    rng = np.random.default_rng(4)
+def test_part_that_leaves_the_scene_is_found():
+    scene, rng = Scene(some_parts(9)), np.random.default_rng(4)
     for step in range(200):
         scene.move("part 3", Pose(shapes.rotation(step), (10.0 * step, 0.0, 0.0)))
         if step % 20 == 0:
@@ -224,24 +167,6 @@ def test_part_that_leaves_the_scene_is_found_and_the_frame_is_not_made_anew_at_e
             points[::2] += (10.0 * step, 0.0, 0.0)
             assert_answers_alike(scene, anew(scene), points, others)
         scene.distance((0.0, 0.0, 0.0))
-
-    assert 1 <= len(chosen) <= 6
-
-
-def test_frame_shrinks_again_after_a_while(monkeypatch):
-    monkeypatch.setattr(scene_state, "UPDATES_BEFORE_SHRINKING", 10)
-    scene = Scene(some_parts(9))
-    scene.move("part 3", Pose(translation=(1e6, 0.0, 0.0)))
-    wide = scene.snapshot().frames[-1, layout.FRAME_SCALE]
-    scales = []
-    for step in range(15):
-        scene.move("part 3", Pose(translation=(0.01 * step, 0.0, 0.0)))
-        scales.append(scene.snapshot().frames[-1, layout.FRAME_SCALE])
-
-    assert scales[8] == wide
-    assert scales[-1] > 1e4 * wide
-    points, others = some_questions(np.random.default_rng(5), 50)
-    assert_answers_alike(scene, anew(scene), points, others)
 
 
 @pytest.mark.parametrize("far", [1e4, 1e9])
@@ -292,43 +217,6 @@ def test_poses_may_be_poses_matrices_lists_or_integers():
 # --------------------------------------------------------------------------------- models that are held
 
 
-def test_model_that_is_held_is_never_written_to():
-    scene = Scene(some_parts(12))
-    rng = np.random.default_rng(7)
-    held = []
-    for step in range(2 * REGION_COPIES + 4):
-        scene.move_many(
-            ["part 1", f"part {step % 12}"][: 1 + (step % 12 != 1)],
-            matrices_of(rng, 2)[: 1 + (step % 12 != 1)],
-        )
-        model = scene.snapshot()
-        held.append((model, model.frames.copy(), model.parts.copy(), top_of(model)))
-
-    for model, frames, parts, top in held:
-        assert judging.same_bits(model.frames, frames)
-        assert judging.same_bits(model.parts, parts)
-        assert judging.same_bits(top_of(model), top)
-    points, others = some_questions(rng, 50)
-    assert_answers_alike(scene, anew(scene), points, others)
-    assert len({model.words.ctypes.data for model, *_ in held}) >= 2
-
-
-def top_of(model):
-    """The words that a walk reads before it comes to a part, as integers: static tree, region and entries."""
-    row = model.parts[-1]
-    plan = PartTreesPlan.of(model.parts)
-    numbers = model.words.view(np.int32)
-    root = row[layout.SCENE_STATIC_ROOT]
-    static = (
-        numbers[NODE_STRIDE * root :][: NODE_STRIDE * row[layout.SCENE_STATIC_NODE_COUNT]]
-        if root >= 0
-        else numbers[:0]
-    )
-    region = numbers[NODE_STRIDE * row[layout.PART_ROOT] :][: NODE_STRIDE * (plan.region(1) - plan.region(0))]
-    entries = numbers[row[layout.SCENE_ENTRIES] :][: 2 * plan.entry_capacity]
-    return np.concatenate((static, region, entries))
-
-
 def test_names_may_come_from_somebody_who_asks_the_scene():
     scene = Scene(some_parts(3))
     scene.hide("part 1")
@@ -362,61 +250,6 @@ def test_names_of_the_last_move_are_looked_up_anew_once_parts_are_others():
         scene.move_many(names, far)
 
 
-def copy_in_use(scene):
-    """The number of the copy, of what moves, that the scene's present snapshot uses."""
-    parts = scene.snapshot().parts
-    return PartTreesPlan.of(parts).copies_of(parts)[0]
-
-
-def test_trackers_hold_on_to_no_copy():
-    """However many there are, none keeps what the next model could be written to."""
-    scene = Scene(some_parts(12))
-    words = scene.snapshot().words
-    trackers = [Tracker(scene, fingers=1) for _ in range(REGION_COPIES + 4)]
-    rng = np.random.default_rng(9)
-    copies = set()
-    for step in range(3 * len(trackers)):
-        scene.move("part 1", some_pose(rng, 3.0))
-        trackers[step % len(trackers)].tick(np.zeros((1, 3)), step * 10**6, step * 10**6)
-        copies.add(copy_in_use(scene))
-
-    assert scene.snapshot().words is words
-    assert len(copies) <= 3
-
-
-def test_copies_are_used_again_once_nobody_holds_them():
-    scene = Scene(some_parts(12))
-    words = scene.snapshot().words
-    rng = np.random.default_rng(8)
-    copies = set()
-    for row in range(12):
-        for _ in range(3):
-            scene.move(f"part {row}", some_pose(rng, 3.0))
-            copies.add(copy_in_use(scene))
-
-    assert scene.snapshot().words is words
-    assert len(copies) <= 3
-
-
-def test_moving_twenty_of_two_hundred_parts_writes_the_boxes_of_twenty():
-    scene = Scene(some_parts(200))
-    names, matrices = [f"part {row}" for row in range(0, 200, 10)], matrices_of(np.random.default_rng(9), 20)
-    scene.move_many(names, matrices)
-    words = scene.snapshot().words
-    before, static = words.view(np.int32).copy(), scene.snapshot().parts[-1, layout.SCENE_STATIC_ROOT]
-    copies = set()
-    for _ in range(10):
-        matrices[:, :3, 3] += 1e-4
-        scene.move_many(names, matrices)
-        copies.add(copy_in_use(scene))
-
-    assert scene.snapshot().words is words
-    assert scene.snapshot().parts[-1, layout.SCENE_STATIC_ROOT] == static
-    # A box is a child of a node; nodes above have no more boxes than there are below.
-    a_box = NODE_STRIDE // LANES
-    assert 20 < np.count_nonzero(words.view(np.int32) != before) <= len(copies) * 2 * 20 * a_box
-
-
 # -------------------------------------------------------------------------------------------- refusals
 
 
@@ -436,7 +269,6 @@ FAR[1, 3], NAN[2, 3] = 1e200, np.nan
             "part 'part 2': the last row of a pose's matrix is [0.5, 0.0, 0.0, 1.0], expected [0, 0, 0, 1]",
         ),
         (NAN, "part 'part 2': a pose's translation is [0.0, 0.0, nan], expected finite numbers"),
-        (np.full((4, 4), np.nan), "part 'part 2': the last row of a pose's matrix is [nan, nan, nan, nan]"),
         (FAR, "part 'part 2' would be moved by 1e+200 m, which is farther than can be computed with"),
     ],
 )
@@ -470,8 +302,6 @@ TWO = [np.eye(4), np.eye(4)]
         ((["part 0", "lid"], TWO), SceneError, "no part is named 'lid'; the scene has 'part 0', 'part 1'"),
         ((["part 0", "part 0"], TWO), SceneError, "part 'part 0' is named twice, expected names that differ"),
         (("part 0", TWO), SceneError, "names are 'part 0', expected a list of names"),
-        ((None, TWO), SceneError, "names are None, expected a list of names"),
-        ((3, TWO), SceneError, "names are 3, expected a list of names"),
         (
             (["part 0"], TWO),
             PoseError,
@@ -483,29 +313,14 @@ TWO = [np.eye(4), np.eye(4)]
             "there are 2 poses for 1 parts, expected one for each part",
         ),
         (
-            (["part 0"], ["x"]),
-            PoseError,
-            "entries of poses have dtype <U1, expected numbers of shape (1, 4, 4)",
-        ),
-        (
             (["part 0", "part 1"], TWO, np.zeros(3)),
             SceneError,
             "velocities have shape (3,), expected (2, 3): one for each part named",
         ),
         (
-            (["part 0", "part 1"], TWO, None, np.zeros((1, 3))),
-            SceneError,
-            "angular_velocities have shape (1, 3), expected (2, 3): one for each part named",
-        ),
-        (
             (["part 0", "part 1"], TWO, [[0, 0, 0], [0, np.inf, 0]]),
             SceneError,
             "velocity of part 'part 1' is [0.0, inf, 0.0], expected 3 finite numbers, m/s",
-        ),
-        (
-            (["part 0", "part 1"], TWO, None, [[0, 0, 0], [0, np.nan, 0]]),
-            SceneError,
-            "angular_velocity of part 'part 1' is [0.0, nan, 0.0], expected 3 finite numbers, rad/s",
         ),
         (
             (["part 0", "part 1"], TWO, [[1e9, 0, 0], [0, 1e300, 0]]),

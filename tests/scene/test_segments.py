@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from ray_scenes import FAR, MESHES, mesh_of, solid_of, some_scene
 
 import oracle
-from proximity.pose import Pose
 from proximity.scene.queries.results import NO_FACE, NO_PART
 from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
@@ -153,7 +152,7 @@ def beside_a_needle(aspect, rng):
     return np.stack([*needle, corner, *others]), start, end
 
 
-@pytest.mark.parametrize("aspect", [1e-6, 1e-8, 1e-10, 1e-12, 1e-14])
+@pytest.mark.parametrize("aspect", [1e-6, 1e-10, 1e-14])
 def test_segment_beside_a_needle_is_as_far_as_the_oracle_says(aspect):
     rng = np.random.default_rng(3)
     for _ in range(60):
@@ -249,30 +248,6 @@ def test_limit_never_changes_an_answer_within_it(seed, limit):
         assert (hit.face_id[~within] == NO_FACE).all() and (hit.part[~within] == NO_PART).all()
 
 
-@pytest.mark.parametrize("count", [1, 2, 7, 47, 48, 49, 1023, 1024, 1025])
-def test_batch_is_its_segments_one_by_one(count):
-    for asked in (solid_of("torus"), scene_of(12)):
-        starts, ends = some_segments("torus", count, seed=count)
-
-        hits = asked.closest_to_segments(starts, ends)
-
-        for row in range(0, count, 1 + count // 40):
-            one = asked.closest_to_segments(starts[row], ends[row])
-            for field in hits._fields:
-                assert judging.same_bits(getattr(hits, field)[row], getattr(one, field)), field
-
-
-@pytest.mark.parametrize("workers", [2, 3, -1])
-@pytest.mark.parametrize("count", [5, 2048, 5001])
-def test_workers_answer_the_same(workers, count):
-    starts, ends = some_segments("torus", count)
-    ends[count // 2] = np.nan
-
-    for asked in (solid_of("torus"), scene_of(12)):
-        found = asked.closest_to_segments(starts, ends, workers=workers)
-        assert judging.same_bits(found, asked.closest_to_segments(starts, ends))
-
-
 def test_limit_of_nothing_still_finds_what_is_touched():
     """Touching is a matter of rounding: with and without a limit it must be decided alike."""
     for seed in range(300, 320):
@@ -288,7 +263,7 @@ def test_limit_of_nothing_still_finds_what_is_touched():
 
 @pytest.mark.parametrize("is_turned", [True, False], ids=["turned", "shifted"])
 @pytest.mark.parametrize("offset", [np.zeros(3), FAR], ids=["here", "far"])
-@pytest.mark.parametrize("count", [1, 2, 8, 9, 64])
+@pytest.mark.parametrize("count", [1, 9, 64])
 def test_answer_of_a_scene_is_the_least_over_its_parts(count, offset, is_turned):
     scene = some_scene(count, is_turned=is_turned, offset=offset)
     rng = np.random.default_rng(12)
@@ -307,27 +282,6 @@ def test_answer_of_a_scene_is_the_least_over_its_parts(count, offset, is_turned)
     assert np.abs(hit.distance - expected).max() <= room
     chosen = np.array(each)[hit.part, np.arange(80)]
     assert np.abs(chosen - expected).max() <= room
-
-
-def test_ties_go_to_the_lowest_part():
-    scene = Scene([Solid(*shapes.cube(), name=f"{row}") for row in range(9)])
-    starts, ends = some_segments("cube", 200)
-
-    hit, alone = (asked.closest_to_segments(starts, ends) for asked in (scene, solid_of("cube")))
-
-    assert (hit.part == 0).all()
-    assert np.array_equal(hit.distance, alone.distance)
-
-
-def test_moved_part_is_met_where_it_is():
-    scene = some_scene(3)
-    scene.move("part 1", Pose([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], (100.0, 0.0, 0.0)))
-
-    hit = scene.closest_to_segments((90.0, 0.5, 0.25), (97.0, 0.5, 0.25))
-
-    assert (hit.distance, hit.part, hit.fraction) == (2.0, 1, 1.0)
-    assert hit.point_on_solid.tolist() == [99.0, 0.5, 0.25]
-    assert hit.point_on_segment.tolist() == [97.0, 0.5, 0.25]
 
 
 @pytest.mark.parametrize("far", [1e3, 1e9, 1e20])

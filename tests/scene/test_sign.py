@@ -219,8 +219,8 @@ def test_cube_inside_out_is_turned_and_says_so():
     assert solid.signed_distance([0.5, 0.5, 0.5]) == -0.5
 
 
-@pytest.mark.parametrize("height", [0.0, 1e-16, 1e-12, 1e-10, 1e-9])
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("height", [0.0, 1e-12, 1e-9])
+@pytest.mark.parametrize("seed", range(6))
 def test_side_is_right_beside_a_thin_face_that_closes_a_junction(seed, height):
     """A vertex on a sharp edge for one side only, and a face in the slit: its normal tells nothing."""
     rng = np.random.default_rng(seed)
@@ -288,30 +288,12 @@ def test_small_place_where_a_body_meets_itself_is_seen(name):
 
 
 @pytest.mark.parametrize("half_width", [0.02, 0.005])
-@pytest.mark.parametrize("end", [1.1, 1.01, 1.0001])
+@pytest.mark.parametrize("end", [1.1, 1.0001])
 def test_body_that_nearly_meets_itself_keeps_its_normals(half_width, end):
     _, found, why = chosen(handle(half_width, end))
 
     assert found is SignMethod.PSEUDONORMAL, why
     assert re.fullmatch(AGREES, why), why
-
-
-def test_choice_is_the_same_on_every_run():
-    first, second = chosen(CASES["two cubes that overlap"][0]), chosen(CASES["two cubes that overlap"][0])
-
-    assert first[1:] == second[1:]
-
-
-@pytest.mark.parametrize("method", SignMethod)
-def test_method_has_a_word_for_people(method):
-    assert (
-        method.value
-        == {
-            SignMethod.PSEUDONORMAL: "pseudo-normal",
-            SignMethod.WINDING_NUMBER: "winding number",
-            SignMethod.NONE: "none",
-        }[method]
-    )
 
 
 def test_far_point_is_never_inside():

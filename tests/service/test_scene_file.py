@@ -211,7 +211,6 @@ MISTAKES = [
     (f"a = {'9' * 5000}\n", "1: Exceeds the limit"),
     ("a = " + "[" * 100_000, "1: brackets within brackets, too deep to be read"),
     ("", "1: the file is empty, expected a scene file in TOML"),
-    (" \n\n", "1: the file is empty, expected a scene file in TOML"),
     (b"[service]\nlog = '\xff'\n", "2: not UTF-8, expected a scene file in TOML"),
     # tables
     ("# nothing\n", "1: [[parts]] is missing, expected at least one (and 1 more mistake)"),
@@ -219,41 +218,22 @@ MISTAKES = [
     (POSES, "1: [[parts]] is missing, expected at least one"),
     (PART + POSES + "[servise]\n", "5: the file has no key 'servise': did you mean service?"),
     ("service = 3\n" + PART + POSES, "1: service is 3, expected a table: [service]"),
-    ("service = [1]\n" + PART + POSES, "1: service is a list, expected a table: [service]"),
-    ("parts = 3\n" + POSES, "1: parts are not a list of tables, expected [[parts]] above each"),
     ("[parts]\n" + POSES, "1: parts are not a list of tables, expected [[parts]] above each"),
-    ("parts = [3]\n" + POSES, "1: parts[0] is 3, expected a table: [[parts]]"),
     # the service
     (
         PART + POSES + "[service]\nlattency = 1\n",
         "6: [service] has no key 'lattency': did you mean latency?",
     ),
     (
-        PART + POSES + "[service]\nx = 1\n",
-        "6: [service] has no key 'x': expected rate_hz, latency, valid_for, publish, log, real_time, core",
-    ),
-    (
         PART + POSES + "[service]\nrate_hz = 'fast'\n",
         "6: service.rate_hz is 'fast', expected a number from 1 to 100000 (Hz)",
     ),
-    (
-        PART + POSES + "[service]\nrate_hz = true\n",
-        "6: service.rate_hz is true, expected a number from 1",
-    ),
-    (PART + POSES + "[service]\nrate_hz = 0.5\n", "6: service.rate_hz is 0.5, expected a number from 1"),
     (PART + POSES + "[service]\nrate_hz = 100001\n", "6: service.rate_hz is 100001, expected a number"),
     (PART + POSES + "[service]\nrate_hz = nan\n", "6: service.rate_hz is nan, expected a number"),
-    (PART + POSES + "[service]\nrate_hz = inf\n", "6: service.rate_hz is inf, expected a number"),
     (PART + POSES + "[service]\nrate_hz = 0x" + "f" * 9999, "6: service.rate_hz is a number beyond all"),
-    (PART + POSES + "[service]\nrate_hz = 2020-01-01\n", "6: service.rate_hz is 2020-01-01, expected a"),
-    (PART + POSES + "[service]\nrate_hz = {a = 1}\n", "6: service.rate_hz is a table, expected a number"),
     (
         PART + POSES + "[service]\nlatency = -0.001\n",
         "6: service.latency is -0.001, expected a number from 0 to 1 (s)",
-    ),
-    (
-        PART + POSES + "[service]\nvalid_for = 0\n",
-        "6: service.valid_for is 0, expected a number from 1e-05 to 0.1 (s)",
     ),
     (
         PART + POSES + "[service]\nreal_time = 1\n",
@@ -272,10 +252,6 @@ MISTAKES = [
         "6: service.publish is 3, expected an address such as iox2://decaff, as text in quotes, or a list",
     ),
     (
-        PART + POSES + "[service]\npublish = []\n",
-        "6: service.publish is an empty list, expected an address",
-    ),
-    (
         PART + POSES + "[service]\npublish = [\n'mailbox:a',\n'decaff',\n]\nrate_hz = 0\n",
         "6: service.publish cannot be used: decaff: expected an address such as iox2://NAME, "
         "udp://HOST:PORT, zenoh://KEY or mailbox:NAME (and 1 more mistake)",
@@ -290,15 +266,9 @@ MISTAKES = [
     ),
     # fingers
     (
-        PART + POSES + "[fingers]\ncount = 0\n",
-        "6: fingers.count is 0, expected a whole number from 1 to 4096",
-    ),
-    (
         PART + POSES + "[fingers]\nradius = 0\n",
         "6: fingers.radius is 0, expected a number above 0 to 1e+06 (m)",
     ),
-    (PART + POSES + "[fingers]\nradius = -1\n", "6: fingers.radius is -1, expected a number above 0"),
-    (PART + POSES + "[fingers]\nradius = nan\n", "6: fingers.radius is nan, expected a number above 0"),
     (
         PART + POSES + "[fingers]\ncount = 3\nradius = [1, 2]\n",
         "7: fingers.radius has 2 numbers, expected 3 (m)",
@@ -308,14 +278,6 @@ MISTAKES = [
         PART + POSES + "[fingers]\nradius = [0.007, 0]\n",
         "6: fingers.radius has 0 at index 1, expected a number above 0 to 1e+06 (m)",
     ),
-    (
-        PART + POSES + "[fingers]\nbudget = 0\n",
-        "6: fingers.budget is 0, expected a whole number from 1 to 2.14748e+09 (nodes and leaves)",
-    ),
-    (
-        PART + POSES + "[fingers]\ntolerance = 1.5\n",
-        "6: fingers.tolerance is 1.5, expected a number from 0",
-    ),
     # parts
     ("[[parts]]\n" + POSES, "1: parts[0].file is missing, expected a file of parts, as text in quotes"),
     ("[[parts]]\nfil = 'box.stl'\n" + POSES, "2: [parts[0]] has no key 'fil': did you mean file?"),
@@ -324,19 +286,10 @@ MISTAKES = [
         "3: parts[0].position has 2 numbers, expected 3 (m)",
     ),
     (
-        PART + "\n" + PART + "position = [1]\n" + POSES,
-        "6: parts[1].position has 1 number, expected 3 (m)",
-    ),
-    (
         PART + "position = [1, 2, '3']\n" + POSES,
         "3: parts[0].position has '3' at index 2, expected a number from -1e+06 to 1e+06 (m)",
     ),
-    (PART + "position = [1, 2, inf]\n" + POSES, "3: parts[0].position has inf at index 2, expected a"),
     (PART + "position = 1\n" + POSES, "3: parts[0].position is 1, expected 3 numbers (m) in brackets"),
-    (
-        PART + "turn_degrees = [1, 2]\n" + POSES,
-        "3: parts[0].turn_degrees has 2 numbers, expected 3 (degrees)",
-    ),
     (
         PART + "units = 'furlong'\n" + POSES,
         "3: parts[0].units cannot be used: there is no unit 'furlong', expected one of m, dm, cm, mm",
@@ -349,10 +302,6 @@ MISTAKES = [
     (
         PART + "stiffness = 100\n" + POSES,
         '3: parts[0].stiffness is of a deformable part, expected kind = "deformable" beside it',
-    ),
-    (
-        PART + "kind = 'deformable'\nstiffness = 0\n" + POSES,
-        "4: parts[0].stiffness is 0, expected a number",
     ),
     (
         PART + "name = 'a'\n" + PART + "name = 'a'\n" + POSES,
@@ -378,8 +327,6 @@ MISTAKES = [
         PART + RECORDED + "fit = true\nposition = [0, 0, 0]\n",
         "6: input.position stands beside fit = true, expected only one of them",
     ),
-    (PART + RECORDED + "scale = 0\n", "5: input.scale is 0, expected a number from 1e-06 to 1e+06"),
-    (PART + "[input]\nposes = 'x'\n", "4: input.poses cannot be used: x: expected an address such as"),
     (
         PART + POSES + "[service]\npublish = 'mailbox:poses'\n",
         "4: input.poses is mailbox:poses, where frames are published",
@@ -592,16 +539,6 @@ def test_unchanged_files_are_read_once(read, folder, monkeypatch):
     assert scene.part("box").solid.mesh.face_count == scene.part("sphere").solid.mesh.face_count
 
 
-def test_refused_scene_does_not_lose_what_was_loaded(read, monkeypatch):
-    files = PartFiles()
-    files.scene(read(PART + POSES))
-    monkeypatch.setattr(scene_builder, "load", None)  # a call would be a TypeError
-
-    with pytest.raises(ServiceError):
-        files.scene(read(PART + PART + POSES))
-    files.scene(read(PART + "position = [1, 0, 0]\n" + POSES))
-
-
 @pytest.mark.parametrize(
     ("line", "said"),
     [
@@ -681,10 +618,3 @@ def test_recording_that_cannot_be_used_is_told_with_its_line(read, folder):
 
     with pytest.raises(ServiceError, match=r"cell\.toml:4: input\.recording: .*hand\.csv, line 1: no column"):
         read_input(settings)
-
-
-def test_service_without_a_recording_has_none(read):
-    settings = read(PART + POSES)
-
-    assert read_input(settings) is None
-    assert finger_count(settings, None) == 5

@@ -67,12 +67,6 @@ def test_bend_that_a_function_tells_reaches_the_published_contact(answers):
     assert contacts["bend_rate"] == pytest.approx([RATE] * 3)
 
 
-def test_first_bend_has_no_rate_yet(answers):
-    contacts = told(answers, [0.1, 0.1, 0.1], ticks=1)
-
-    assert (contacts["bend"] == 0.1).all() and np.isnan(contacts["bend_rate"]).all()
-
-
 def test_finger_on_a_path_keeps_what_its_path_tells(answers):
     paths = np.full((3, 2, 3), np.nan)
     paths[0] = line((0.0, 0.0, 0.05), (0.0, 0.0, -0.05))

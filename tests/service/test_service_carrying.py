@@ -10,7 +10,7 @@ from proximity.message import MOVES, ContactFlag, Message
 from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
 from proximity.service import MovesInput, TrackerAnswers
-from proximity.service.inputs import moves_input, reception
+from proximity.service.inputs import reception
 from proximity.tracker.tracker import Tracker
 
 NOW = 5_000_000_000  # ns
@@ -151,23 +151,6 @@ def test_part_that_nothing_more_is_told_of_makes_frames_late_and_bounds_wider(in
     assert (contacts["flags"] & ContactFlag.EXACT).all() and not served.answers.is_late
 
 
-def test_nothing_is_moved_in_a_tick_where_nothing_moves(inlet, monkeypatch):
-    served, calls = Served(inlet), []
-    move_many = served.scene.move_many
-    monkeypatch.setattr(
-        served.scene, "move_many", lambda names, *rest: calls.append(names) or move_many(names, *rest)
-    )
-    inlet.put(told(NOW, velocity=np.nan, turning=0.0))
-    for ms in range(5):
-        served.tick(NOW + ms * MS, NOW + ms * MS)
-    assert calls == [["box"]]  # as the message came
-
-    inlet.put(told(NOW))
-    for ms in range(300):
-        served.tick(NOW + ms * MS, NOW + ms * MS)
-    assert len(calls) == 1 + 1 + 101  # the message, 100 ticks until it is silent, and where it stands then
-
-
 def test_fingers_that_are_not_there_say_nothing_of_when(inlet):
     served = Served(inlet)
     inlet.put(told(NOW))
@@ -249,16 +232,6 @@ def test_silent_part_that_is_taken_out_makes_nothing_late_and_no_bound_wider(inl
     np.testing.assert_allclose(served.scene.part("box").pose.translation, shift, atol=1e-12)
 
 
-def test_silent_part_that_is_hidden_makes_nothing_late_and_no_bound_wider(inlet, monkeypatch):
-    served = silent(inlet)
-    watched = Watched(served, monkeypatch)
-    served.scene.hide("box")
-    assert watched.is_sure(310) and watched.is_sure(3000)
-
-    served.scene.show("box")
-    assert not watched.is_sure(3010) and served.answers.is_late
-
-
 def test_hidden_part_is_carried_on_and_others_go_on_to_widen_bounds(inlet, monkeypatch):
     served = Served(inlet)
     watched = Watched(served, monkeypatch)
@@ -332,21 +305,6 @@ def test_part_that_goes_just_before_it_is_moved_is_no_unfit_move(inlet, monkeypa
     else:
         assert served.source.notes == ["queue:: 1 moves of parts that cannot be"]
         assert watched.is_sure(30)
-
-
-def test_scene_is_looked_at_when_it_was_edited_and_not_at_every_message(inlet, monkeypatch):
-    served, asked = Served(inlet), []
-    part, looked = served.scene.part, moves_input.Presence
-    monkeypatch.setattr(served.scene, "part", lambda name: asked.append(name) or part(name))
-    monkeypatch.setattr(moves_input, "Presence", lambda scene: asked.append("looked") or looked(scene))
-    for ms in range(0, 50, 5):
-        inlet.put(told(NOW + ms * MS))
-        served.tick(NOW + ms * MS, NOW + ms * MS - np.arange(len(TIPS)) * MS)
-    assert asked == ["looked"]
-
-    served.scene.deform("box", 2.0 * served.scene._parts[0].solid.mesh.vertices)
-    served.tick(NOW + 50 * MS, NOW + 50 * MS)
-    assert asked == ["looked"] * 2
 
 
 def test_bounds_hold_of_a_turning_part_that_is_made_larger(inlet):

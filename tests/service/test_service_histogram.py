@@ -1,14 +1,12 @@
 """Histograms: every duration is in the right bin, and percentiles are never below the truth."""
 
-import sys
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from proximity.service import Histogram
-from proximity.service.histogram import BIN_COUNT, LARGEST_NS
+from proximity.service.histogram import LARGEST_NS
 
 
 def filled(durations):
@@ -36,7 +34,7 @@ def test_bins_touch_each_other_and_cover_all():
     assert expected == LARGEST_NS + 1
 
 
-@pytest.mark.parametrize("share", [0.0, 10.0, 50.0, 99.0, 99.9, 100.0])
+@pytest.mark.parametrize("share", [0.0, 50.0, 99.9])
 def test_percentile_is_the_true_one_or_a_32nd_more(share):
     durations = np.random.default_rng(7).lognormal(11.0, 2.0, 5000).astype(np.int64)
 
@@ -66,13 +64,6 @@ def test_durations_that_no_bin_is_made_for_are_in_the_first_and_the_last():
     assert rows[0] == (0, 0, 3)
     assert rows[1][1] == LARGEST_NS and rows[1][2] == 1
     assert histogram.max_ns == 2**62 == histogram.percentile(100.0)
-
-
-def test_room_stays_the_same():
-    histogram = filled(range(0, 10**6, 997))
-
-    assert len(histogram._counts) == BIN_COUNT
-    assert sys.getsizeof(histogram._counts) == sys.getsizeof([0] * BIN_COUNT)
 
 
 def test_text_has_three_figures_with_units():

@@ -1,12 +1,10 @@
 """Recordings and callables as inputs of poses."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from fake_service import MS, hands_at
 
-from proximity.errors import QueryError, ServiceError
+from proximity.errors import ServiceError
 from proximity.kernels.contact_columns import PREDICTED, TRACKED
 from proximity.kernels.tracking.motion import (
     ESTIMATE_VELOCITY,
@@ -60,22 +58,10 @@ def test_recording_gives_the_newest_pose_that_is_past_with_its_own_instant():
     assert source.is_over
 
 
-def test_recording_begins_with_the_first_poll():
-    source = RecordingInput(recording([0, 10]))
-
-    assert played(source, [1000, 1005, 1010]) == near([(0, 1000), None, (10, 1010)])
-
-
 def test_poses_are_as_old_as_the_latency_when_they_come():
     source = RecordingInput(recording([0, 10, 20]), latency=0.004)
 
     assert played(source, [0, 9, 10, 20]) == near([(0, -4), None, (10, 6), (20, 16)])
-
-
-def test_poll_after_a_pause_gives_the_newest_pose_only():
-    source = RecordingInput(recording(range(100)))
-
-    assert played(source, [0, 57.3, 58]) == near([(0, 0), (57, 57), (58, 58)])
 
 
 AWAY = (pytest.approx(np.nan, nan_ok=True), 41)
@@ -97,7 +83,7 @@ def test_recording_that_is_repeated_keeps_its_beat_through_rounds_slept_through(
     assert played(source, [0, 141 * 7 + 12, 141 * 8]) == near([(0, 0), (10, 141 * 7 + 10), (0, 141 * 8)])
 
 
-@pytest.mark.parametrize("jump", [0.0, 0.002, 0.006, 0.1])
+@pytest.mark.parametrize("jump", [0.002, 0.1])
 def test_way_from_the_end_of_a_recording_to_its_beginning_is_no_velocity(jump):
     """No finger has gone it: the tracker starts anew, and predicts no more than top speed allows."""
     rows = 30
@@ -134,17 +120,7 @@ def test_recording_of_one_instant_is_over_at_once_or_comes_again_and_again():
     assert played(again, [1100]) == near([(0, 1100)])
 
 
-def test_missing_fingers_are_nan():
-    positions = np.full((2, 2, 3), np.nan)
-    positions[0, 0] = positions[1, 1] = 0.5
-    source = RecordingInput(Recording(np.array([0, MS]), positions, ((0, 0), (0, 1))))
-
-    np.testing.assert_array_equal(source.poll(NOW).positions, positions[0])
-    np.testing.assert_array_equal(source.poll(NOW + MS).positions, positions[1])
-    assert source.notes == []
-
-
-@pytest.mark.parametrize("latency", [-0.001, 1.5, float("nan")])
+@pytest.mark.parametrize("latency", [-0.001, float("nan")])
 def test_latency_of_a_recording_that_cannot_be_is_refused(latency):
     with pytest.raises(ServiceError, match=r"^a recording with a latency of .* s, expected 0 to 1 s$"):
         RecordingInput(recording([0]), latency=latency)
@@ -228,16 +204,10 @@ def fail(now_ns):
             "ValueError: could not broadcast input array from shape (3,) into shape (2,)",
         ),
         (lambda now_ns: FingerPoses(3), "poses of 3 fingers, expected 2 fingers"),
-        (hands_with(velocities=np.zeros((2, 2))), "velocities have shape (2, 2), expected (2, 3)"),
-        (
-            hands_with(velocities=[["up"] * 3] * 2),
-            "velocities have dtype <U2, expected numbers of shape (2, 3)",
-        ),
         (
             hands_with(paths=np.zeros((2, 1, 3))),
             "paths have shape (2, 1, 3), expected (2, K, 3) with K of 2 or more",
         ),
-        (hands_with(paths=np.zeros((2, 4, 2))), "paths have shape (2, 4, 2), expected (2, 4, 3)"),
         (hands_with(bends=0.5), "bends have shape (), expected (2,)"),
     ],
 )
@@ -257,12 +227,6 @@ def test_callable_recovers():
 
     assert source.poll(NOW) is None
     assert source.poll(NOW + 1).pose_ns.tolist() == [NOW + 1]
-
-
-def test_notes_of_a_recording_are_those_of_its_input():
-    noted = replace(recording([0, 10]), notes=("the last line has no end: it may be cut",), path="hand.csv")
-
-    assert RecordingInput(noted).notes == ["hand.csv: the last line has no end: it may be cut"]
 
 
 # --- what is kept of samples ---
@@ -301,8 +265,8 @@ def test_finger_whose_sample_is_left_out_keeps_all_of_the_one_before():
 
 
 @pytest.mark.parametrize("unknown", [np.nan, np.inf])
-@pytest.mark.parametrize("axis", [0, 1, 2])
-@pytest.mark.parametrize("pose_ns", [0, NOW - 1, NOW + 1, 2**62])
+@pytest.mark.parametrize("axis", [0, 2])
+@pytest.mark.parametrize("pose_ns", [0, NOW + 1])
 def test_finger_that_is_lost_is_lost_at_once_whatever_its_instant(unknown, axis, pose_ns):
     sample_filter = SampleFilter(FingerPoses(1), 100 * MS)
     sample_filter.start(NOW)
@@ -370,11 +334,3 @@ def test_arrays_of_a_callable_are_not_written_into():
     for array in (told.positions, told.velocities, told.paths, told.bends):
         assert (array == 1).all()
     assert told.pose_ns.tolist() == [NOW + 6 * MS]
-
-
-def test_errors_of_a_callable_are_of_the_package_or_named():
-    """A sentence of ours needs no type in front."""
-    source = CallableInput(lambda now_ns: (_ for _ in ()).throw(QueryError("a sentence")), 1)
-    source.poll(NOW)
-
-    assert source.notes == ["the pose callback raised 1 times, first: a sentence"]

@@ -4,7 +4,6 @@ import threading
 import time
 
 import numpy as np
-import pytest
 
 from proximity.errors import RecordingError
 from proximity.message import FRAME, MAX_RECORDS
@@ -115,32 +114,6 @@ def test_frames_of_a_skin_wait_within_some_megabytes():
     assert log_writer.FEWEST < writer.written == count - 1 <= log_writer.MOST_RING_BYTES / size
 
 
-def test_frame_put_in_just_before_the_end_is_written():
-    """The writer is held up where it asks for the end, until the last is put in and the end is told."""
-    log, asked, told = KeepingLog(), threading.Event(), threading.Event()
-
-    class HeldUp(LogWriter):
-        @property
-        def _is_closing(self):
-            if threading.current_thread() is not threading.main_thread():
-                asked.set()
-                assert told.wait(PATIENCE)
-            return self.end
-
-        @_is_closing.setter
-        def _is_closing(self, value):
-            self.end = value
-
-    writer = HeldUp(log, 16)
-    assert asked.wait(PATIENCE)
-    writer.put(frame(1))
-    writer._is_closing = True
-    told.set()
-    writer.close()
-
-    assert len(log.frames) == 1 and writer.lost == 0
-
-
 def test_disk_that_is_full_is_said_once_and_what_follows_is_still_tried(caplog):
     log = KeepingLog(failing={1, 2, 3})
     writer = LogWriter(log, 16)
@@ -180,15 +153,3 @@ def test_log_that_never_answers_is_left(monkeypatch, caplog):
     assert [record.message for record in caplog.records] == ["the log does not answer: it is left as it is"]
     gate.set()
     writer._thread.join(PATIENCE)
-
-
-@pytest.mark.parametrize("count", [0, 1])
-def test_closing_is_quick_with_little_to_write(count):
-    log = KeepingLog()
-    writer = LogWriter(log, 16)
-    for number in range(count):
-        writer.put(frame(number))
-
-    writer.close()
-
-    assert not writer._thread.is_alive() and len(log.frames) == count

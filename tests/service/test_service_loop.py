@@ -20,8 +20,8 @@ from fake_service import (
 )
 
 from proximity.errors import ServiceError
-from proximity.message import FRAME, ContactFlag, Source, State, flaw_of, parts_of
-from proximity.service import Service, SkippingClock, loop
+from proximity.message import FRAME, ContactFlag, Source, State, flaw_of
+from proximity.service import Service, SkippingClock
 
 START = 1000 * MS
 FAREWELL = [State.STOPPING] * 3
@@ -91,15 +91,6 @@ def test_frame_of_parts_that_nothing_more_is_told_of_is_late():
     assert report.states[State.LATE] == 2 and report.missed == 0
 
 
-def test_poses_of_parts_that_are_refused_are_counted_with_those_of_fingers():
-    answers = FakeAnswers()
-    answers.refused = 3, 4
-
-    report, *_ = serve(lambda poll, now_ns: steady(poll, now_ns + 6 * MS), ticks=2, answers=answers)
-
-    assert (report.future, report.backwards) == (3 + 4, 4)
-
-
 def test_publisher_that_takes_too_long_makes_the_next_frame_late():
     clock, outlet = ManualClock(), KeepingOutlet()
     send = outlet.send
@@ -159,12 +150,6 @@ def test_every_frame_is_whole_and_numbered():
     assert len({int(header["session"]) for header in outlet.headers}) == 1
 
 
-def test_instant_of_a_frame_without_tracked_fingers_is_its_start():
-    _, outlet, _, _ = serve(lambda poll, now_ns: None, ticks=1)
-
-    assert outlet.headers[0]["pose_ns"] == outlet.headers[0]["start_ns"] == START + MS
-
-
 # --- states ---
 
 
@@ -217,15 +202,6 @@ def test_state_is_degraded_where_a_finger_is_near_with_bounds_only(flags, state)
     _, outlet, _, _ = serve(ticks=1, answers=flagged(FakeAnswers(), flags))
 
     assert outlet.states[0] == state
-
-
-def test_late_is_worse_than_degraded():
-    clock = ManualClock(oversleeps=[MS])
-    _, outlet, _, _ = serve(
-        lambda poll, now_ns: hands_at([[0.1, 0, 0], [np.nan, 0, 0]], now_ns), ticks=2, clock=clock
-    )
-
-    assert outlet.states[:2] == [State.LATE, State.DEGRADED]
 
 
 # --- poses that cannot be ---
@@ -345,15 +321,6 @@ def test_answer_that_raises_still_says_stopping_and_closes():
     assert outlet.is_closed
 
 
-def test_service_without_a_tick_says_stopping_of_nobody():
-    _, outlet, answers, _ = serve(ticks=0)
-
-    assert answers.rehearsals == 1  # but nothing was answered
-    assert outlet.states == FAREWELL
-    assert np.isnan(outlet.records[0]["signed_distance"]).all()
-    assert outlet.records[0]["flags"].tolist() == [0, 0] and outlet.records[0]["finger"].tolist() == [0, 1]
-
-
 def test_service_runs_once():
     service = Service(FakeAnswers(), ScriptedInput(steady), [], period=0.001, clock=ManualClock())
     service.run(tick_count=1)
@@ -433,16 +400,6 @@ def test_log_has_every_frame_as_the_first_publisher_sealed_it():
     assert report.log_written == 23 and report.log_lost == 0
 
 
-def test_log_without_publishers_has_whole_frames():
-    log = KeepingLog()
-    Service(FakeAnswers(), ScriptedInput(steady), [], period=0.001, clock=ManualClock(), log=log).run(
-        tick_count=4
-    )
-
-    assert [flaw_of(data, FRAME) for data in log.frames] == [None] * 7
-    assert [int(data[24:32].view("<u8")[0]) for data in log.frames] == list(range(7))
-
-
 # --- as fast as possible ---
 
 
@@ -502,35 +459,6 @@ def test_replacement_from_another_thread_returns_when_it_answers():
     assert before.ticks == ticks and after.ticks > 0
 
 
-def test_replacement_waits_for_a_tick_however_rare_they_are(monkeypatch):
-    monkeypatch.setattr(loop, "TAKEN_OVER_WITHIN", 0.05)
-    before, after, stop = FakeAnswers(), FakeAnswers(), threading.Event()
-    service = Service(before, ScriptedInput(steady), [], period=0.3)
-    thread = threading.Thread(target=service.run, kwargs={"stop": stop})
-    thread.start()
-    try:
-        while not before.ticks:
-            time.sleep(0.001)
-        service.replace(after)
-        assert service._answering is after
-    finally:
-        stop.set()
-        thread.join(20.0)
-
-
-def test_log_alone_tells_runs_apart():
-    logs = [KeepingLog(), KeepingLog()]
-    for log in logs:
-        Service(FakeAnswers(), ScriptedInput(steady), [], period=0.001, clock=ManualClock(), log=log).run(
-            tick_count=2
-        )
-
-    numbers = [[parts_of(data, FRAME)[0].item()[5:7] for data in log.frames] for log in logs]
-    sessions = [{session for session, _ in told} for told in numbers]
-    assert [[sequence for _, sequence in told] for told in numbers] == [list(range(5))] * 2
-    assert [len(told) for told in sessions] == [1, 1] and sessions[0] != sessions[1]
-
-
 def test_replacement_for_other_fingers_is_refused():
     service = Service(FakeAnswers(), ScriptedInput(steady), [], period=0.001)
 
@@ -545,8 +473,9 @@ def test_replacement_for_other_fingers_is_refused():
 # --- doors ---
 
 
-@pytest.mark.parametrize("name", ["period", "valid_for", "stale_after"])
-@pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf"), 1e-7, "1", None, True])
+@pytest.mark.parametrize(
+    ("name", "value"), [("period", 0.0), ("valid_for", float("nan")), ("stale_after", "1"), ("period", 1e-7)]
+)
 def test_times_that_cannot_be_are_refused(name, value):
     times = {"period": 0.001, name: value}
 

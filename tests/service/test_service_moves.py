@@ -6,7 +6,6 @@ import shapes
 from fake_service import QueueInlet
 
 from proximity.message import MOVES, Message
-from proximity.pose import Pose
 from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
 from proximity.service import MovesInput, TrackerAnswers
@@ -83,14 +82,10 @@ def broken(what):
         record["translation"] = (1, 0, 0)
     elif what == "scaled":
         record["rotation"] = 2.0 * np.eye(3)
-    elif what == "mirrored":
-        record["rotation"] = np.diag([1.0, 1.0, -1.0])
-    elif what == "huge":
-        record["rotation"] = 1e300
     elif what == "velocity":
         record["velocity"] = np.inf
     else:
-        record["rotation" if what == "nan rotation" else "translation"] = np.nan
+        record["rotation"] = np.nan
     return message
 
 
@@ -100,10 +95,7 @@ def broken(what):
         ("unknown", "no part is named 'nobody'; the scene has 'a', 'b', 'c'"),
         ("no text", "no part is named"),
         ("scaled", "part 'b': a pose's rotation is not orthonormal"),
-        ("mirrored", "part 'b': a pose's rotation mirrors"),
-        ("huge", "part 'b': a pose's rotation is not orthonormal"),
         ("nan rotation", "part 'b': a pose's rotation is not finite"),
-        ("nan translation", "part 'b': a pose's translation is"),
         ("velocity", "velocity of part 'b' is"),
     ],
 )
@@ -174,18 +166,6 @@ def test_tick_sees_the_moves_that_have_arrived(inlet):
     assert inlet.is_closed and answers.notes == []
 
 
-def test_pose_is_what_a_pose_would_be(inlet):
-    parts, source = scene("a"), MovesInput("queue:")
-    pose = Pose(shapes.rotation(1), (0.1, 0.2, 0.3))
-    message = moves(a=pose.translation)
-    message.records["rotation"][0] = pose.rotation
-    inlet.put(message)
-
-    source.apply(parts, NOW)
-
-    np.testing.assert_array_equal(parts.part("a").pose.matrix, pose.matrix)
-
-
 # --- a mover that falls silent ---
 
 
@@ -220,16 +200,6 @@ def test_part_of_which_nothing_more_is_told_is_not_believed_to_go_on(inlet):
     assert not source.is_late and places(parts)["a"] == [1, 0, 0]
 
 
-def test_part_that_is_told_again_keeps_its_velocity(inlet):
-    parts, source = scene("a", "b"), MovesInput("queue:")
-    for ms in range(0, 500, 50):
-        inlet.put(moving(pose_ns=NOW + ms * MS))
-        source.apply(parts, NOW + ms * MS)
-        source.apply(parts, NOW + (ms + 49) * MS)
-
-    assert parts.part("a").velocity.tolist() == [0.5, 0, 0] and source.notes == []
-
-
 def test_velocity_lasts_from_the_pose_on_and_not_from_when_it_came(inlet):
     parts, source = scene("a", "b"), MovesInput("queue:")
     inlet.put(moving(pose_ns=NOW - 90 * MS))
@@ -245,9 +215,7 @@ def test_velocity_lasts_from_the_pose_on_and_not_from_when_it_came(inlet):
     ("pose_ns", "refused", "note"),
     [
         (NOW + 5 * MS + 1, (1, 0), "moves from the future"),
-        (NOW + 3_600_000 * MS, (1, 0), "moves from the future"),
         (NOW - 1, (0, 1), "moves older than the one before"),
-        (0, (0, 1), "moves older than the one before"),
     ],
 )
 def test_move_of_an_instant_that_cannot_be_is_left_out_and_counted(inlet, pose_ns, refused, note):

@@ -51,17 +51,6 @@ def test_poses_cross_a_mailbox():
     assert source.notes == []
 
 
-def test_newest_of_several_messages_counts(inlet):
-    source = stream()
-    for k in range(3):
-        inlet.put(poses(np.full((2, 3), k), NOW + k))
-
-    polled = source.poll(NOW)
-
-    assert (polled.positions == 2).all() and (polled.pose_ns == NOW + 2).all()
-    assert source.poll(NOW) is None
-
-
 def test_message_need_not_tell_all_fingers(inlet):
     source = stream(3)
     inlet.put(poses(np.full((3, 3), 1.0), NOW))
@@ -71,16 +60,6 @@ def test_message_need_not_tell_all_fingers(inlet):
 
     assert polled.positions[:, 0].tolist() == [1, 2, 1]
     assert polled.pose_ns.tolist() == [NOW, NOW + 5, NOW]
-
-
-def test_fingers_may_come_in_any_order(inlet):
-    source = stream(3)
-    inlet.put(poses([[2, 0, 0], [0, 0, 0], [1, 0, 0]], [NOW + 2, NOW, NOW + 1], fingers=[2, 0, 1]))
-
-    polled = source.poll(NOW)
-
-    assert polled.positions[:, 0].tolist() == [0, 1, 2]
-    assert polled.pose_ns.tolist() == [NOW, NOW + 1, NOW + 2]
 
 
 def test_fingers_that_are_not_served_are_counted_and_the_others_taken(inlet, caplog):
@@ -276,12 +255,6 @@ def test_sender_whose_clock_is_beyond_all_measure_is_left_out(monkeypatch, ahead
     assert told == [None] * 20
     (note,) = sender.source.notes
     assert note.endswith(" messages of a clock that cannot be")
-
-
-def test_closing_gives_the_address_back(inlet):
-    stream().close()
-
-    assert inlet.is_closed
 
 
 def test_address_that_cannot_be_opened_is_refused_at_once():

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from project import ROOT
 
-from proximity import simd
+from proximity import native, simd
 from proximity.simd import (
     LANES,
     absolute,
@@ -187,11 +187,13 @@ def answers(operands):
     return dict(zip(VECTOR_RESULTS, out, strict=True)), dict(zip(MASK_RESULTS, masks, strict=True))
 
 
+@pytest.mark.internals
 @pytest.mark.parametrize("name", VECTOR_RESULTS)
 def test_vector_operation_rounds_once_in_every_lane(name, operands, answers):
     assert_same_bits(answers[0][name], expected_vectors(name, *operands))
 
 
+@pytest.mark.internals
 @pytest.mark.parametrize("name", MASK_RESULTS)
 def test_comparison_has_one_bit_a_lane_and_is_false_for_nan(name, operands, answers):
     expected = np.packbits(expected_masks(name, *operands).reshape(-1, LANES), axis=1, bitorder="little")
@@ -199,6 +201,7 @@ def test_comparison_has_one_bit_a_lane_and_is_false_for_nan(name, operands, answ
     np.testing.assert_array_equal(answers[1][name], expected[:, 0])
 
 
+@pytest.mark.internals
 def test_scalars_give_what_vectors_give(operands, answers):
     out = np.empty((len(VECTOR_RESULTS), len(operands[0])), operands[0].dtype)
     with np.errstate(all="ignore"):
@@ -213,6 +216,7 @@ def moved(source, offset, target, at):
     store(target, at, load(source, offset))
 
 
+@pytest.mark.internals
 @pytest.mark.parametrize("dtype", FLOATS)
 @pytest.mark.parametrize("offset", [0, 1, 5, 8])
 def test_load_and_store_begin_anywhere_and_touch_eight(dtype, offset):
@@ -229,6 +233,7 @@ def int_of(words, offset):
     return load_int(words, offset)
 
 
+@pytest.mark.internals
 @pytest.mark.parametrize("value", [0, 1, -1, 7, ~5, 2**31 - 1, -(2**31), 0x7FC00001])
 def test_load_int_reads_the_bits_of_a_float32(value):
     words = np.array([9, value], np.int32).view(np.float32)
@@ -242,6 +247,7 @@ def filled(value, narrow_value, wide, small):
     store(small, 0, splat32(np.float32(narrow_value)))
 
 
+@pytest.mark.internals
 @pytest.mark.parametrize("value", [0.1, -0.0, np.inf, np.nan, 5e-324])
 def test_splat_fills_all_lanes(value):
     wide, small = np.empty(8), np.empty(8, np.float32)
@@ -259,6 +265,7 @@ def alike(wide, small, wide_out, small_out):
     return like(0.1, wide[0]), like(0.1, small[0]), narrow(wide[0]), widen(small[0])
 
 
+@pytest.mark.internals
 def test_a_constant_is_of_the_type_of_what_it_goes_with():
     wide, small = np.full(8, 2.0 / 3.0), np.full(8, np.float32(2.0 / 3.0))
     wide_out, small_out = np.empty(8), np.empty(8, np.float32)
@@ -278,6 +285,7 @@ def converted(wide, small, wide_out, small_out):
         store(wide_out, at, widen(load(small, at)))
 
 
+@pytest.mark.internals
 def test_narrow_rounds_to_nearest_and_widen_is_exact():
     rng = np.random.default_rng(7)
     wide = np.concatenate([special_values(np.float64), 10.0 ** rng.uniform(-46, 39, 205)])
@@ -298,6 +306,7 @@ def compressed(values, limits, out):
     store(out, 0, compress(load(values, 0), load(limits, 0) > load(limits, LANES)))
 
 
+@pytest.mark.internals
 @pytest.mark.parametrize("dtype", FLOATS)
 def test_compress_moves_chosen_lanes_to_the_front_in_order(dtype):
     values = np.array([3.0, -0.0, np.nan, np.inf, 5.0, 1e-40, 7.0, -8.0], dtype)
@@ -325,6 +334,7 @@ def truth_of(values, other, i):
     return lane(load(values, 0) < load(other, 0), i)
 
 
+@pytest.mark.internals
 @pytest.mark.parametrize("dtype", FLOATS)
 def test_horizontal_min_and_lane_take_the_right_lanes(dtype):
     for seed in range(20):
@@ -345,6 +355,7 @@ def each_of(values, sums, minima):
     store(minima, 0, lane_minima(a, b, c, d, e, f, g, h))
 
 
+@pytest.mark.internals
 @pytest.mark.parametrize("dtype", FLOATS)
 def test_sums_and_minima_of_eight_vectors_stand_in_their_order(dtype):
     for seed in range(20):
@@ -371,6 +382,7 @@ def sum_after_prefetch(array):
     return total
 
 
+@pytest.mark.internals
 def test_prefetch_changes_nothing():
     array = np.arange(40.0)
 
@@ -387,6 +399,7 @@ def numbers_at(array, offsets, out):
     store(out, 0, load_each(array, offsets, 1, 2))
 
 
+@pytest.mark.internals
 @pytest.mark.parametrize("shape", [(40,), (10, 4), (2, 5, 4)])
 def test_numbers_are_taken_from_wherever_they_are(shape):
     array, out = np.random.default_rng(7).normal(size=shape), np.empty(8)
@@ -410,6 +423,7 @@ def with_rows_added(array, offsets, columns):
     add_rows(array, offsets, 1, 2, load(columns, 0), load(columns, 8), load(columns, 16))
 
 
+@pytest.mark.internals
 def test_rows_become_columns_and_come_back():
     array, out = np.random.default_rng(7).normal(size=40), np.empty(32)
 
@@ -418,6 +432,7 @@ def test_rows_become_columns_and_come_back():
     assert out.reshape(4, 8).T.tolist() == [array[row + 2 : row + 6].tolist() for row in ROWS[1:]]
 
 
+@pytest.mark.internals
 def test_adding_to_rows_is_done_lane_by_lane():
     rng = np.random.default_rng(7)
     array, columns = rng.integers(-99, 99, 40).astype(float), rng.integers(-99, 99, 24).astype(float)
@@ -437,6 +452,7 @@ def nearest_of(bounds, limit):
     return nearest, bits(it)
 
 
+@pytest.mark.internals
 def test_nearest_lane_is_the_smallest_chosen_one_but_for_three_bits():
     rng = np.random.default_rng(7)
     for _ in range(200):
@@ -455,6 +471,7 @@ def test_nearest_lane_is_the_smallest_chosen_one_but_for_three_bits():
         assert bounds[nearest].view(np.int32) & ~7 == bounds[chosen].min().view(np.int32) & ~7
 
 
+@pytest.mark.internals
 def test_nearest_lane_takes_the_lowest_of_equals():
     bounds = np.array([9, 4, 4, 8, 4, 9, 9, 9], np.float32)
 
@@ -468,6 +485,7 @@ def fetched(words, reals, offset):
     return load_int(words, 0)
 
 
+@pytest.mark.internals
 def test_prefetch_changes_nothing_and_may_be_asked_beyond_the_array():
     words, reals = np.arange(16, dtype=np.float32), np.arange(16.0)
 
@@ -476,7 +494,8 @@ def test_prefetch_changes_nothing_and_may_be_asked_beyond_the_array():
     assert (words == np.arange(16)).all() and (reals == np.arange(16)).all()
 
 
-@pytest.mark.skipif(not simd.IS_COMPILED, reason="there is nothing to look into")
+@pytest.mark.internals
+@pytest.mark.skipif(not native.IS_JIT, reason="there is nothing to look into")
 def test_prefetch_is_an_instruction_of_the_compiled_code():
     fetched(np.zeros(16, np.float32), np.zeros(16), 0)
     (code,) = fetched.inspect_llvm().values()
@@ -491,6 +510,7 @@ def bits_of(value):
     return trailing_zeros(value), count_bits(value)
 
 
+@pytest.mark.internals
 @pytest.mark.parametrize("value", [1, 2, 3, 0b10100, 255, 128, 2**40, 2**62])
 def test_bit_counts_are_those_of_whole_numbers(value):
     assert bits_of(value) == ((value & -value).bit_length() - 1, value.bit_count())
@@ -501,6 +521,7 @@ def mixed(x):
     return minimum(x, 1), maximum(2.0, x), fma(x, 2, 1.0)
 
 
+@pytest.mark.internals
 def test_whole_numbers_and_literals_count_as_float64():
     assert mixed(np.float64(1.5)) == (1.0, 2.0, 4.0)
 
@@ -510,7 +531,7 @@ def test_public_names_are_those_that_the_module_lists():
     assert all(hasattr(simd, name) for name in simd.__all__)
 
 
-@pytest.mark.skipif(not simd.IS_COMPILED, reason="this is the interpreted run")
+@pytest.mark.skipif(native.MODE == "interpreted", reason="this is the interpreted run")
 def test_all_of_this_holds_when_numba_interprets():
     program = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-p", "no:dash", __file__]
     done = subprocess.run(

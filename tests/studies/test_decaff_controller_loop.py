@@ -52,7 +52,7 @@ def test_controller_displays_what_the_plain_rule_does(speed):
     assert off.mean() < 0.005 * plain.force.max()
 
 
-@pytest.mark.parametrize("rate", [500.0, 1000.0, 3000.0])
+@pytest.mark.parametrize("rate", [500.0, 3000.0])
 @pytest.mark.parametrize("drum", ["direct", "gear4"])
 def test_drum_meets_a_resting_finger_with_a_millijoule_at_any_rate(drum, rate):
     """Reference, where the finger waits just before the wall and the drum comes from afar.

@@ -124,17 +124,6 @@ def test_engine_knows_curved_and_needle_meshed_parts_as_well(mesh, at):
     assert press.error.penetration < 0.2e-3
 
 
-def test_coarse_way_shows_as_force_error(flat):
-    """Reference: a bias e of the distance costs 120 N/m e at rest, of hand and pad in a row."""
-    press, fine = run(flat, corners=9), run(flat)
-    off = [one.response.force[rest(one.response)].mean() for one in (press, fine)]
-    bias = press.reported_contact - fine.reported_contact
-
-    assert bias > SAGITTA  # what the tracker promises is for the polyline it is given
-    noise = HAND.series_stiffness * 2.0 * press.setup.drum.resolution
-    assert off[0] - off[1] == pytest.approx(-HAND.series_stiffness * bias, abs=noise)
-
-
 def test_figures_of_the_page_are_those_of_the_loop():
     """In bands: friction and encoder make a few tenths of a percent, and where they do is chance."""
     bracket = place_finger(load(MESHES / "bracket.stl"), (0.048, 0.030, 0.020))
@@ -173,12 +162,6 @@ def test_latency_shows_where_distances_are_read_with_the_present_pose(flat):
     assert errors[0.5, 0.010] > 5.0 * 0.11  # what the controller stays below, at every latency
 
 
-def test_error_grows_with_speed(flat):
-    errors = [run(flat, speed).error.share for speed in (0.25, 0.5, 1.0)]
-
-    assert errors[0] < errors[1] < errors[2] < 0.20
-
-
 def test_service_that_is_always_late_leaves_the_drum_away(flat):
     """Frames that are older than 20 ms whenever they are read are not acted upon (reference value)."""
     press = run(flat, latency=0.025)
@@ -191,7 +174,7 @@ def test_service_that_is_always_late_leaves_the_drum_away(flat):
 # --- what fails ---
 
 
-@pytest.mark.parametrize("span", [(-0.05, -0.02), (-0.02, 0.02), (0.02, 0.1), (0.0, 0.5)])
+@pytest.mark.parametrize("span", [(-0.02, 0.02), (0.02, 0.1)])
 @pytest.mark.parametrize("kind", ["blind", "silent"])
 def test_drum_never_advances_on_what_is_lost(flat, kind, span):
     """Lost poses reach the tracker as nan; lost frames do not reach the controller."""
@@ -289,14 +272,6 @@ def test_teleoperation_changes_to_force_when_that_is_steady(flat, speed, switch)
     after = slice(row, row + round(BUMP_TIME / press.response.step))
     assert np.abs(press.response.force - press.real.force)[after].max() < 0.025
     assert press.error.share < 0.15
-
-
-def test_force_of_the_far_end_is_displayed(flat):
-    """Reference: 0.396 to 0.406 N a second after the change."""
-    press = run(flat, 0.25, hold=1.3, distances=Distances.SENSOR, far_force=0.4)
-    row = press.response.zero + round((press.switched_at + 1.0) / press.response.step)
-
-    assert 0.396 < press.response.force[row] < 0.406
 
 
 @pytest.mark.parametrize(("stiffness", "damping", "tilt"), [(300.0, 4.0, 0.0), (800.0, 2.0, 40.0)])

@@ -25,13 +25,10 @@ from proximity.studies.figures import (
 )
 from proximity.studies.figures.tables import Table
 from proximity.studies.paper import figure_5
-from proximity.studies.simulation import simulated_press, sweeps
-from proximity.studies.simulation.arrival import needed_look_ahead
-from proximity.studies.simulation.devices import Decaff
+from proximity.studies.simulation import simulated_press
 from proximity.studies.simulation.hand import Hand
 from proximity.studies.simulation.metrics import deviation
 from proximity.studies.simulation.simulated_press import Setup, Wall, simulate
-from proximity.studies.simulation.target_policies import Target
 from proximity.studies.stability.sampled_wall import stiffness_limit
 
 STARTS = {"png": b"\x89PNG\r\n\x1a\n", "svg": b"<?xml", "pdf": b"%PDF-"}
@@ -57,11 +54,6 @@ def test_table_keeps_every_digit(tmp_path):
 
     assert path.read_text().splitlines()[:2] == ["a_m,count", "0.1,1"]
     np.testing.assert_array_equal(read_columns(path)["a_m"], written)
-
-
-def test_table_refuses_columns_of_several_lengths():
-    with pytest.raises(DecaffError, match=r"columns have lengths \{'a': 1, 'b': 2\}, expected one length"):
-        Table({"a": [1.0], "b": [1.0, 2.0]})
 
 
 def test_table_gives_the_rows_that_are_asked_for():
@@ -96,13 +88,6 @@ def test_position_that_the_late_wall_knows():
     assert figure_5_plots.position("5d", np.array([0.140]))[0] == pytest.approx(3.657227e-3, abs=5e-10)
 
 
-def test_position_of_an_operator_who_reacts_is_held_from_step_to_step():
-    found = figure_5_plots.position("5f", np.array([0.081, 0.119, 0.121]))
-
-    assert found[0] == found[1] == figure_5.PRESS.at(0.080).position  # no force has been felt yet
-    assert found[2] < figure_5.PRESS.at(0.120).position
-
-
 # -------------------------------------------------------------------------------- stability, errors, arrival
 
 
@@ -116,35 +101,6 @@ def test_edge_of_the_stability_figure_is_where_the_model_ends(delay):
         assert stiffness_limit(device, damping) == pytest.approx(stiffness, rel=1e-9)
     top = table.where(delay_samples=delay, kind="stiffest")
     assert top["stiffness_N_per_m"].tolist() == [maximum_stiffness(device).stiffness]
-
-
-def test_force_errors_beside_the_figure_are_the_models():
-    hand, glove = Hand(), sweeps.with_latency(Decaff(), 0.010, 1000.0)
-    table = error_plots.numbers([0.010], [0.5])
-    wall = sweeps.best_penalty_wall(hand, 1000.0, 0.010)
-
-    assert table["penalty_stiffness_N_per_m"].tolist() == [wall.stiffness]
-    assert table["penalty_damping_N_s_per_m"].tolist() == [wall.damping]
-    assert table["penalty_error"][0] == sweeps.penalty_row(hand, wall, speeds=[0.5]).errors[0]
-    for name, target in error_plots.TARGETS.items():
-        assert table[f"{name}_error"][0] == sweeps.drum_row(hand, glove, target, speeds=[0.5]).errors[0]
-    assert table["ideal_drum_error"][0] < table["penalty_error"][0] < table["naive_error"][0]
-
-
-def test_every_reading_of_a_distance_is_in_the_figure():
-    assert set(error_plots.TARGETS.values()) == set(simulated_press.POLICIES.values()) == set(Target)
-
-
-def test_look_ahead_beside_the_figure_is_the_models(monkeypatch):
-    """Reference: the formula holds within 5 mm."""
-    monkeypatch.setattr(arrival_plots, "SPEEDS", (0.5,))
-    monkeypatch.setattr(arrival_plots, "LATENCIES", (0.010,))
-    table = arrival_plots.numbers()
-
-    assert table["drum"].tolist() == ["direct", "gear4", "gear10"]
-    gear4 = needed_look_ahead(Hand(), sweeps.with_latency(Decaff(), 0.010), 0.5)
-    assert table["look_ahead_m"][1] == gear4
-    np.testing.assert_allclose(table["formula_m"], table["look_ahead_m"], atol=5e-3)
 
 
 def test_force_errors_of_the_engine_beside_the_figure_are_the_models(monkeypatch):
@@ -169,14 +125,6 @@ def test_missing_sample_is_told(monkeypatch, tmp_path):
         DecaffError, match=r"the sample bracket\.stl is neither in .* nor in meshes beside it"
     ):
         engine_plots.bracket()
-
-
-def test_drum_that_swings_through_its_place_is_not_in_time_for_that():
-    """A direct drum swings 3 mm past: told of a wall from 14 mm away at 0.7 m/s, it is there by chance."""
-    from proximity.decaff.drum.drum_model import DIRECT
-
-    glove = sweeps.with_latency(sweeps.with_drum(Decaff(), DIRECT, 3000.0), 0.010)
-    assert needed_look_ahead(Hand(), glove, 0.7) == pytest.approx(0.020, abs=2.1e-3)
 
 
 def test_drums_of_the_figure_are_in_place_after_their_settling_time():

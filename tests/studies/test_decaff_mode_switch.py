@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from proximity.decaff.controller.steady_force import Handover, SteadyForce, SteadyRule
-from proximity.decaff.drum import drum_kernels
-from proximity.decaff.drum.drum_command import DriveMode, DrumCommand
+from proximity.decaff.drum.drum_command import DriveMode
 from proximity.errors import DecaffError
 from proximity.studies.simulation.closed_loop import DecaffLoop
 from proximity.studies.simulation.devices import Decaff, Sensing
@@ -44,10 +43,7 @@ def pressed(speed, *, rule=ANY_SPEED, is_bumpless=True, hold=HOLD, retracted=0.0
 
 SWITCHES = {  # m/s: ms after the contact, bump in mN, bumpless and not (reference value)
     0.02: (475, 21, 788),
-    0.05: (226, 5, 815),
     0.1: (123, 13, 827),
-    0.25: (117, 2.3, 815),
-    0.5: (101, 0.7, 815),
     1.0: (87, 2.1, 816),
 }
 
@@ -56,7 +52,7 @@ SWITCHES = {  # m/s: ms after the contact, bump in mN, bumpless and not (referen
 def test_switch_to_force(speed):
     """Reference: when, with what bump, and 0.396-0.406 N a second after a step to 0.4 N.
 
-    Bumps here are 23 / 6 / 12 / 10 / 1 / 1 mN: how far friction holds the drum at the switch decides.
+    Bumps here are 23 / 12 / 1 mN: how far friction holds the drum at the switch decides.
     """
     at, printed_bump, _ = SWITCHES[speed]
     response, controller = pressed(speed)
@@ -67,7 +63,7 @@ def test_switch_to_force(speed):
     assert 0.396 <= response.force[later] <= 0.4065
 
 
-@pytest.mark.parametrize("speed", [0.02, 0.1, 1.0])
+@pytest.mark.parametrize("speed", [0.1])
 def test_switch_from_nothing_drops_the_finger(speed):
     """The reference has 788 to 827 mN, all of the force, without telling its gains; here 620 to 665 mN.
 
@@ -83,13 +79,6 @@ def at_switch(speed, rule):
     response, controller = pressed(speed, rule=rule, hold=0.3, beyond=0.001)
     row = response.zero + round(controller.switched_at / response.step)
     return response.force[row], abs(response.finger_speed[row])
-
-
-def test_slow_press_switches_early():
-    """Reference: at 0.24 N/s, 2 mm/s, at 0.06 N."""
-    force, _ = at_switch(0.002, ANY_SPEED)
-
-    assert force == pytest.approx(0.06, abs=0.005)
 
 
 def test_finger_that_must_be_slow_makes_some_presses_wait():
@@ -176,7 +165,7 @@ def oracle(force, rule=ANY_SPEED):
     return found
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_watch_agrees_with_plain_numpy(seed):
     rng = np.random.default_rng(seed)
     knots = np.cumsum(rng.normal(0.0, 0.06, 12)) + 0.4
@@ -185,28 +174,6 @@ def test_watch_agrees_with_plain_numpy(seed):
     found = steady_at(force)
     assert found == oracle(force)
     assert 0 < sum(found) < len(found)
-
-
-def test_force_is_steady_a_window_after_it_has_come():
-    found = steady_at(np.full(400, 0.8))
-
-    # The low-passes need 10 ms to come within 5 %, the window 50 ms.
-    assert np.argmax(found) / RATE == pytest.approx(0.063, abs=0.004)
-
-
-@pytest.mark.parametrize(
-    ("force", "is_steady"),
-    [
-        (np.full(600, 0.04), False),  # too little
-        (np.full(600, 0.06), True),
-        (0.2 + 0.6 * np.arange(600) / RATE, False),  # too steep
-        (0.2 + 0.3 * np.arange(600) / RATE, True),
-        (0.8 + 0.1 * np.sin(2 * np.pi * 40 * np.arange(600) / RATE), False),  # too rough
-        (0.8 + 0.1 * np.sin(2 * np.pi * 400 * np.arange(600) / RATE), True),  # noise is filtered
-    ],
-)
-def test_what_counts_as_steady(force, is_steady):
-    assert any(steady_at(force)[200:]) == is_steady
 
 
 def test_finger_must_be_slow_for_a_window():
@@ -219,44 +186,6 @@ def test_finger_must_be_slow_for_a_window():
 
 
 # -------------------------------------------------------------------------------------------- the servo
-
-
-def test_change_to_force_leaves_the_motor_as_it_was():
-    glove = Decaff()
-    drum, servo = glove.drum.as_array(), glove.servo.as_array()
-    drive, command = np.zeros(drum_kernels.DRIVE_SIZE), np.zeros(drum_kernels.COMMAND_SIZE)
-    drum_kernels.rest_drum(drum, drive, 0.0)
-    drive[drum_kernels.DRIVE_INTEGRATED] = -1.1
-    DrumCommand(DriveMode.POSITION, 0.0).write(command)
-    for _ in range(1000):
-        drum_kernels.serve(drum, servo, drive, command, 0.8)
-    DrumCommand(DriveMode.FORCE, 0.3, start_force=0.8).write(command)
-    forces = []
-    for _ in range(400):
-        # Whoever is pressed on follows the reference.
-        drum_kernels.serve(drum, servo, drive, command, drive[drum_kernels.DRIVE_FORCE_REFERENCE])
-        forces.append(drive[drum_kernels.DRIVE_DEMANDED])
-
-    assert forces[0] == pytest.approx(-1.1, abs=2e-3)
-    # 5 N/s: half a newton takes a tenth of a second.
-    np.testing.assert_allclose(np.diff(forces)[1:298], 5.0 / RATE, rtol=1e-2)
-    assert forces[-1] == pytest.approx(-0.6, abs=2e-3)
-
-
-def test_change_to_position_starts_where_the_drum_is_with_no_integral():
-    glove = Decaff()
-    drum, servo = glove.drum.as_array(), glove.servo.as_array()
-    drive, command = np.zeros(drum_kernels.DRIVE_SIZE), np.zeros(drum_kernels.COMMAND_SIZE)
-    drum_kernels.rest_drum(drum, drive, 0.02)
-    drive[drum_kernels.DRIVE_LAST_MODE] = DriveMode.FORCE
-    drive[drum_kernels.DRIVE_DEMANDED] = drive[drum_kernels.DRIVE_SMOOTHED] = drive[
-        drum_kernels.DRIVE_INTEGRATED
-    ] = -5.0
-    DrumCommand(DriveMode.POSITION, 0.02).write(command)
-    drum_kernels.serve(drum, servo, drive, command, 0.0)
-
-    assert drive[drum_kernels.DRIVE_REFERENCE] == pytest.approx(0.02, abs=1e-5)
-    assert abs(drive[drum_kernels.DRIVE_DEMANDED]) < 0.5
 
 
 @pytest.mark.parametrize(

@@ -127,15 +127,6 @@ def test_jury_tells_where_roots_are(half, first):
     assert is_within_by_jury(polynomial) == (modulus < 1.0).all()
 
 
-def test_roots_are_those_of_numpy():
-    polynomial = sampled_mass.characteristic(PAPER_WALL, 3900.0, 60.0)
-
-    found = np.sort_complex(unit_circle.roots(polynomial))
-    np.testing.assert_allclose(found, np.sort_complex(np.roots(polynomial)), atol=1e-12)
-    expected = [-0.33853, 0.6411, 0.84872 - 0.51677j, 0.84872 + 0.51677j]
-    np.testing.assert_allclose(found, expected, atol=5.1e-5)
-
-
 def test_polynomials_without_power_are_refused():
     with pytest.raises(
         DecaffError, match=r"coefficients have shape \(1,\), expected \(..., n \+ 1\) with n of 1 or"
@@ -173,13 +164,6 @@ def test_limit_of_equation_1(b, expected):
 
     assert found == pytest.approx(expected, abs=1e-9)
     assert found == pytest.approx(jury_limit(b), rel=1e-12)
-
-
-@pytest.mark.parametrize("b", [0.01, 0.3, 0.9, 0.999])
-def test_limit_without_delay(b):
-    found = sampled_wall.stiffness_limit(UNIT[0], b * UNIT[0].damping_unit) / UNIT[0].stiffness_unit
-
-    assert found == pytest.approx(2.0 * b * (1.0 - b) / (1.0 + b), rel=1e-9)
 
 
 @pytest.mark.parametrize("delay_samples", UNIT)
@@ -242,81 +226,10 @@ def test_largest_stiffness_by_delay(delay_samples, stiffness, damping, paper_sti
     assert paper.damping == pytest.approx(paper_damping, abs=5.1e-4)
 
 
-def test_largest_stiffness_of_the_paper():
-    found = sampled_mass.maximum_stiffness(PAPER_WALL)
-
-    assert found.stiffness == pytest.approx(4045.14, rel=1e-5)
-    assert found.damping == pytest.approx(59.457, rel=1e-5)
-
-
-def test_largest_stiffness_has_closed_forms():
-    """d = 0: a root of two; d = 1: a root of a cubic, on the edge of Jury's table too."""
-    none = sampled_mass.maximum_stiffness(UNIT[0])
-    two = math.sqrt(2.0)
-    assert none.stiffness == pytest.approx(4.0 * (two - 1.0) * (2.0 - two) / two, rel=1e-12)
-
-    cosine = next(root.real for root in np.roots([2.0, 2.0, -2.0, -1.0]) if abs(root.real - 0.85) < 0.1)
-    assert cosine == pytest.approx(0.854637679718, abs=1e-12)
-    half_angle = 0.5 * math.acos(cosine)
-    one = sampled_mass.maximum_stiffness(UNIT[1])
-    assert one.stiffness / 2.0 == pytest.approx(0.0722346746, abs=1e-10)
-    # The reference has b = 0.2123468943: a search finds a maximum to fewer digits than its value.
-    assert one.damping / 2.0 == pytest.approx(0.2123468943, abs=1e-9)
-    tangent = math.tan(half_angle)
-    exact = tangent * math.sin(4.0 * half_angle) - tangent**2 * math.cos(4.0 * half_angle)
-    assert one.damping / 2.0 == pytest.approx(exact, rel=1e-12)
-    assert one.stiffness / 2.0 == pytest.approx(
-        2.0 * math.tan(half_angle) ** 2 * math.cos(4.0 * half_angle), rel=1e-12
-    )
-    assert one.stiffness / 2.0 == pytest.approx(jury_limit(one.damping / 2.0), rel=1e-12)
-    nearby = max(jury_limit(b) for b in np.linspace(0.2, 0.22, 2001))
-    assert one.stiffness / 2.0 == pytest.approx(nearby, rel=1e-9)
-
-
-def test_papers_wall_is_marginal_by_its_one_sample_of_delay():
-    assert radius(PAPER_WALL, 3900.0, 60.0) == pytest.approx(0.993663, abs=1e-6)
-    assert sampled_wall.stiffness_limit(PAPER_WALL, 60.0) == pytest.approx(4044.79, abs=5.1e-3)
-    # 3900 is the limit of a slightly lighter mass or slower sampling.
-    assert sampled_mass.maximum_stiffness(SampledMass(0.675, 0.005)).stiffness == pytest.approx(
-        3900.0, rel=1e-3
-    )
-    assert sampled_mass.maximum_stiffness(SampledMass(0.7, 1 / 196.4)).stiffness == pytest.approx(
-        3900.0, rel=1e-3
-    )
-
-
-@pytest.mark.parametrize(
-    ("rate_hz", "mass", "stiffness", "damping"),
-    [
-        (25, 0.7, 63.21, 7.43),
-        (25, 0.05, 4.51, 0.53),
-        (25, 0.01, 0.90, 0.11),
-        (200, 0.7, 4045.1, 59.46),
-        (200, 0.05, 288.9, 4.25),
-        (200, 0.01, 57.8, 0.85),
-        (1000, 0.7, 101_128.5, 297.3),
-        (1000, 0.05, 7223.5, 21.2),
-        (1000, 0.01, 1444.7, 4.25),
-        (3000, 0.7, 910_156.9, 891.9),
-        (3000, 0.05, 65_011, 63.7),
-        (3000, 0.01, 13_002, 12.7),
-    ],
-)
-def test_largest_stiffness_by_rate_and_mass(rate_hz, mass, stiffness, damping):
-    found = sampled_mass.maximum_stiffness(SampledMass(mass, 1.0 / rate_hz))
-
-    assert found.stiffness == pytest.approx(stiffness, abs=5.1e-3 if rate_hz == 25 else 0.51, rel=1e-7)
-    assert found.damping == pytest.approx(damping, abs=0.051 if damping > 10 else 5.1e-3)
-
-
 @pytest.mark.parametrize(
     ("stiffness", "low", "high"),
     [
         (100, 0.755, 115.3),
-        (1000, 8.012, 108.70),
-        (2000, 17.437, 100.00),
-        (3000, 29.553, 88.61),
-        (3500, 37.929, 80.59),
         (3900, 48.396, 70.41),
         (4000, 53.301, 65.58),
     ],
@@ -328,10 +241,6 @@ def test_damping_window(stiffness, low, high):
     assert found[1] == pytest.approx(high, abs=5.1e-2 if stiffness == 100 else 5.1e-3)
     for edge in found:
         assert radius(PAPER_WALL, stiffness, edge) == pytest.approx(1.0, abs=1e-9)
-
-
-def test_damping_window_of_section_13():
-    assert sampled_mass.damping_window(PAPER_WALL, 2000.0) == pytest.approx((17.437, 100.000), abs=2e-3)
 
 
 def test_wall_above_the_limit_has_no_window():
@@ -414,15 +323,3 @@ def test_best_damped_servo():
     assert settled == pytest.approx(15.2, abs=0.051)  # samples
     with pytest.raises(DecaffError, match=r"share is 1\.0, expected one below 1 of the largest stiffness"):
         servo_gains.best_damped(PAPER_WALL, 1.0)
-
-
-def test_stiffness_of_the_drums_servo():
-    """kp = 0.0289 M/T²: 433 and 3902 N/m direct, 6936 and 62 424 N/m geared (reference values)."""
-    for mass, rate_hz, expected in [
-        (0.015, 1e3, 433),
-        (0.015, 3e3, 3902),
-        (0.24, 1e3, 6936),
-        (0.24, 3e3, 62_424),
-    ]:
-        found = servo_gains.best_damped(SampledMass(mass, 1.0 / rate_hz))
-        assert found.stiffness == pytest.approx(expected, rel=1.2e-3)  # the reference used 0.0289 rounded

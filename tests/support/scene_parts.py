@@ -21,7 +21,7 @@ def some_pose(rng, spread):
     return Pose(shapes.rotation(int(rng.integers(2**31))), rng.uniform(-spread, spread, 3))
 
 
-def some_parts(count, seed=1):
+def some_parts(count, seed=1, *, is_turned=True):
     """Parts of several kinds and sizes, some of them fine, thrown into a cube; they overlap."""
     rng = np.random.default_rng(seed)
     spread = 2.0 * count ** (1.0 / 3.0)
@@ -29,7 +29,8 @@ def some_parts(count, seed=1):
     for row in range(count):
         vertices, faces = shapes.torus() if row % 5 == 3 else KINDS[row % len(KINDS)]()
         mesh = vertices * rng.choice([0.1, 1.0, 2.0]), faces
-        parts.append(part_of(mesh, f"part {row}", some_pose(rng, spread)))
+        pose = some_pose(rng, spread)
+        parts.append(part_of(mesh, f"part {row}", pose if is_turned else Pose(translation=pose.translation)))
     return parts
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import shapes
 
+from proximity.kernels.tracking.tick import FEWEST_BUDGETS, MANY, PRESENCE, SHARED_BUDGETS
 from proximity.message import ContactFlag
 from proximity.pose import Pose
 from proximity.scene.scene import Scene
@@ -43,6 +44,11 @@ def sheet(name="sheet", *, height=0.0, half=0.1):
     """One square without thickness."""
     vertices, faces = shapes.grid(1, 1)
     return solid(((vertices - (0.5, 0.5, 0.0)) * 2.0 * half + (0.0, 0.0, height), faces), name)
+
+
+def steps_for_all(budget, count):
+    """Steps that so many fingers share in a tick for their distances."""
+    return max(SHARED_BUDGETS * budget - PRESENCE * max(count - MANY, 0), FEWEST_BUDGETS * budget)
 
 
 def flags_of(contacts, finger=0):

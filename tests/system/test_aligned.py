@@ -13,8 +13,8 @@ from proximity.system.aligned_memory import ALIGNMENT, HUGE_PAGE, aligned_empty
 SMAPS = Path("/proc/self/smaps")
 
 
-@pytest.mark.parametrize("dtype", [np.float32, np.float64, np.uint8])
-@pytest.mark.parametrize("size", [0, 8, 4096, HUGE_PAGE - 8, HUGE_PAGE, HUGE_PAGE + 8, 5 * HUGE_PAGE // 2])
+@pytest.mark.parametrize("dtype", [np.float32, np.uint8])
+@pytest.mark.parametrize("size", [0, 4096, HUGE_PAGE, 5 * HUGE_PAGE // 2])
 def test_it_begins_on_a_line_and_holds_what_is_written(size, dtype):
     count = size // np.dtype(dtype).itemsize
     room = aligned_empty(count, dtype)

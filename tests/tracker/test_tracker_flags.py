@@ -47,14 +47,7 @@ def test_first_tick_is_tracked_and_exact_but_knows_no_velocity():
     assert 0.0 < found["time_to_contact_lower"][0] <= 0.043 / 3.0
 
 
-def test_second_tick_predicts():
-    first, second, third = ticks(Tracker(Scene([plate()]), fingers=1), [(0, 0, 0.05)] * 3)
-
-    assert not flags_of(first) & ContactFlag.PREDICTED
-    assert flags_of(second) & flags_of(third) & ContactFlag.PREDICTED
-
-
-@pytest.mark.parametrize("budget", [1, 2, 5, 20, None])
+@pytest.mark.parametrize("budget", [1, 20, None])
 def test_each_answer_is_exact_or_bounded_or_skipped(budget):
     rng = np.random.default_rng(5)
     scene = Scene([solid(shapes.sphere(0.1, 4), "ball"), sheet(height=0.2), block("block", (0.3, 0, 0))])
@@ -110,7 +103,7 @@ def test_finger_far_away_is_skipped_until_it_may_have_come_near():
             assert each["work"] == 0
 
 
-@pytest.mark.parametrize("tolerance", [0.01, 0.05, 0.5])
+@pytest.mark.parametrize("tolerance", [0.01, 0.5])
 def test_within_the_tolerance_a_finger_near_by_is_skipped_too(tolerance):
     scene = Scene([plate(half=0.5)])
     tracker = Tracker(scene, fingers=1, tolerance=tolerance)
@@ -159,7 +152,7 @@ def test_a_tick_that_is_refused_does_not_lose_that_a_part_has_moved():
     assert_bounds_hold(scene, ticks(tracker, [(0, 0, 0.4)], start=3)[0])
 
 
-@pytest.mark.parametrize("far", [1e3, 1e9, 1e20, 1e140])
+@pytest.mark.parametrize("far", [1e3, 1e140])
 def test_a_part_that_was_put_away_far_and_back_leaves_small_steps_of_others_seen(far):
     """Steps of 0.1 mm drown in a sum that holds the way of such a part."""
     scene = Scene([block("still", (0, 0, 0)), block("comes", (0, 0, 0.9)), block("away", (0, 0, 2))])
@@ -170,16 +163,6 @@ def test_a_part_that_was_put_away_far_and_back_leaves_small_steps_of_others_seen
     for k in range(1000, 4000, 3):
         scene.move("comes", Pose(translation=(0, 0, -0.0001 * k)))
         assert_bounds_hold(scene, ticks(tracker, [(0, 0, 0.4)], start=k)[0])
-
-
-def test_a_part_that_comes_from_kilometres_away_at_once_is_seen():
-    scene = Scene([block("still", (0, 0, 0)), block("comes", (0, 0, 0.9))])
-    scene.move("comes", Pose(translation=(0, 0, 5000.0)))
-    tracker = Tracker(scene, fingers=1)
-    ticks(tracker, [(0, 0, 0.4)] * 3)
-    scene.move("comes", Pose(translation=(0, 0, -0.44)))
-
-    assert_bounds_hold(scene, ticks(tracker, [(0, 0, 0.4)], start=3)[0])
 
 
 def test_finger_that_slips_through_a_small_hole_is_inside():

@@ -6,14 +6,12 @@ import re
 
 import numpy as np
 import pytest
-import shapes
 from odd_arrays import unaligned
 from ticking import MS, RADIUS, block, flags_of, line, plate
 
 from proximity.errors import PoseError, QueryError
 from proximity.message import ContactFlag
 from proximity.scene.scene import Scene
-from proximity.scene.solid import Solid
 from proximity.tracker.tracker import Tracker
 
 TIPS = np.array([(0, 0, 0.05), (0.02, 0, 0.04)])
@@ -38,31 +36,20 @@ def test_something_else_than_a_scene_is_refused(thing):
     ("setting", "value", "said"),
     [
         ("fingers", 0, "fingers is 0, expected a whole number of 1 or more"),
-        ("fingers", -5, "fingers is -5, expected a whole number"),
-        ("fingers", 2.0, "fingers is 2.0, expected a whole number"),
         ("fingers", True, "fingers is True, expected a whole number"),
-        ("fingers", None, "fingers is None, expected a whole number"),
         ("budget", 0, "budget is 0, expected a whole number of 1 or more"),
-        ("budget", 1e3, "budget is 1000.0, expected a whole number"),
         ("budget", "all", "budget is 'all', expected a whole number"),
         (
             "radius",
             -0.001,
             "radius is -0.001, expected metres of 0 or more: one, or one for each of 3 fingers",
         ),
-        ("radius", np.nan, "radius is nan, expected metres of 0 or more"),
-        ("radius", [0.007] * 2, "expected metres of 0 or more: one, or one for each of 3 fingers"),
         ("radius", 7, r"radius is 7 m \(7000 mm\), expected at most 0.1 m: was it meant in millimetres\?"),
         ("radius", [0.007, 0.1001, 0.008], r"radius is 0.1001 m \(100.1 mm\), expected at most 0.1 m"),
         ("radius", "thick", "expected one radius in metres, or one a finger"),
-        ("radius", None, "expected one radius in metres, or one a finger"),
         ("period", 0.0, "period is 0.0, expected a positive number of seconds"),
-        ("period", np.nan, "period is nan, expected a positive number of seconds"),
         ("latency", -1e-9, "latency is -1e-09, expected a number of seconds of 0 or more"),
-        ("latency", np.inf, "latency is inf, expected a number of seconds"),
-        ("latency", "1 ms", "latency is '1 ms', expected a number of seconds"),
         ("working_range", -1, "working_range is -1, expected a number of metres of 0 or more"),
-        ("working_range", [0.1, 0.2], "working_range is .*, expected a number of metres"),
         ("working_range", 120, r"working_range is 120 m \(120000 mm\), expected at most 10 m: was it meant"),
         ("tolerance", -0.1, "tolerance is -0.1, expected a number of shares of 0 or more"),
         ("horizon", 0, "horizon is 0, expected a positive number of seconds"),
@@ -115,41 +102,28 @@ def test_setting_of_a_tracker_is_not_changed_to_no_effect(setting):
 
 REFUSED = {
     "positions have shape (3,), expected (2, 3)": {"positions": (0, 0, 0.05)},
-    "positions have shape (3, 3), expected (2, 3)": {"positions": np.zeros((3, 3))},
-    "positions have shape (2, 2), expected (2, 3)": {"positions": np.zeros((2, 2))},
     "positions have shape (1, 2, 3), expected (2, 3)": {"positions": TIPS[None].tolist()},
     "values of positions hold None, which is not a number": {"positions": None},
     "values of positions have dtype <U4, expected numbers of shape (2, 3)": {"positions": "here"},
-    "values of positions have dtype <U1": {"positions": [list("123"), list("456")]},
-    "values of positions have dtype complex128": {"positions": TIPS * 1j},
     "values of positions have rows of different lengths": {"positions": [(0, 0, 0), (0, 0)]},
     "t_pose_ns is None, expected whole nanoseconds, at most 2**62: one number, or one for each of 2": {
         "t_pose_ns": None
     },
     "t_pose_ns is 1.5, expected whole nanoseconds": {"t_pose_ns": 1.5},
-    "t_pose_ns is nan, expected whole nanoseconds": {"t_pose_ns": np.nan},
-    "t_pose_ns is '0', expected whole nanoseconds": {"t_pose_ns": "0"},
     "t_pose_ns is [0, 1, 2], expected whole nanoseconds": {"t_pose_ns": [0, 1, 2]},
     "t_pose_ns is array([0., 1.]), expected whole nanoseconds": {"t_pose_ns": np.array([0.0, 1.0])},
     "t_pose_ns is an array of float64, shape (300,), expected whole nanoseconds": {
         "t_pose_ns": np.arange(300.0)
     },
-    f"t_pose_ns is {2**70}, expected whole nanoseconds": {"t_pose_ns": 2**70},
     f"t_pose_ns is [{-(2**63)}, 0], expected whole nanoseconds": {"t_pose_ns": [-(2**63), 0]},
-    f"t_pose_ns is {-(2**62) - 1}, expected whole nanoseconds": {"t_pose_ns": -(2**62) - 1},
     f"t_pose_ns is [0, {-(2**62) - 1}], expected whole nanoseconds": {"t_pose_ns": [0, -(2**62) - 1]},
     f"t_pose_ns is {2**63}, expected whole nanoseconds": {"t_pose_ns": 2**63},
     "now_ns is None, expected whole nanoseconds, at most 2**62": {"now_ns": None},
-    f"now_ns is {-(2**62) - 1}, expected whole nanoseconds": {"now_ns": -(2**62) - 1},
-    f"now_ns is {2**64}, expected whole nanoseconds": {"now_ns": 2**64},
     "now_ns is 0.001, expected whole nanoseconds": {"now_ns": 0.001},
     "now_ns is [0, 0], expected whole nanoseconds": {"now_ns": [0, 0]},
     f"now_ns is {2**63}, expected whole nanoseconds": {"now_ns": 2**63},
     "velocities have shape (3,), expected (2, 3)": {"velocities": (0, 0, 1)},
-    "values of velocities have dtype <U4": {"velocities": "fast"},
-    "paths have shape (2, 3), expected (2, K, 3) with K of 2 or more": {"paths": TIPS},
     "paths have shape (2, 1, 3), expected (2, K, 3) with K of 2 or more": {"paths": PATHS[:, :1]},
-    "paths have shape (1, 3, 3), expected (2, K, 3)": {"paths": PATHS[:1]},
     "paths have shape (2, 3, 2), expected (2, K, 3)": {"paths": PATHS[:, :, :2]},
     "values of paths have dtype <U5, expected numbers of shape (2, K, 3) with K of 2 or more": {
         "paths": "ahead"
@@ -160,11 +134,7 @@ REFUSED = {
         "paths": PATHS,
         "path_bends": [0, 0, 1],
     },
-    "path_bends do not increase, or are not finite": {"paths": PATHS, "path_bends": [0, 1, np.inf]},
-    "path_bends do not increase, or are": {"paths": PATHS, "path_bends": [0, np.nan, 1]},
     "bends have shape (), expected (2,)": {"paths": PATHS, "bends": 0.5},
-    "bends have shape (3,), expected (2,)": {"paths": PATHS, "bends": [0, 0, 0]},
-    "values of bends have dtype <U4": {"paths": PATHS, "bends": "none"},
 }
 
 
@@ -173,13 +143,6 @@ def test_argument_that_does_not_fit_is_refused_with_a_sentence(tracker, said):
     Tracker(tracker.scene, fingers=2).tick(TIPS, 0, 0)  # from now on compiled code looks first
     arguments = {"positions": TIPS, "t_pose_ns": 0, "now_ns": 0} | REFUSED[said]
     with pytest.raises(QueryError, match=re.escape(said)):
-        tracker.tick(**arguments)
-
-
-@pytest.mark.parametrize("said", REFUSED)
-def test_after_a_refused_tick_the_next_one_is_right(tracker, said):
-    arguments = {"positions": TIPS, "t_pose_ns": 0, "now_ns": 0} | REFUSED[said]
-    with pytest.raises(QueryError):
         tracker.tick(**arguments)
     found = tracker.tick(TIPS, MS, MS)
 
@@ -240,19 +203,14 @@ def test_positions_of_any_layout_are_the_same_positions(tracker, convert):
     assert Tracker(tracker.scene, fingers=2).tick(convert(TIPS), [0, 0], np.int32(0)).tobytes() == expected
 
 
-def test_largest_lengths_are_accepted():
-    Tracker(Scene([plate()]), fingers=2, radius=[0.1, 0.0], working_range=10.0)
-
-
 HOUR = 3600 * 1000 * MS
 
 
 @pytest.mark.parametrize(
     ("t_pose_ns", "now_ns", "which", "value"),
     [
-        (0, 2, "now_ns", 2), (2, 2, "now_ns", 2), (HOUR, 2, "now_ns", 2), (HOUR, 99_999, "now_ns", 99_999),
-        ([HOUR, HOUR], 2, "now_ns", 2), (HOUR, np.int64(2), "now_ns", 2), (2, HOUR, "t_pose_ns", 2),
-        (3600, HOUR, "t_pose_ns", 3600), ([3600, 3599], HOUR, "t_pose_ns", 3600),
+        (0, 2, "now_ns", 2), (HOUR, 99_999, "now_ns", 99_999), (2, HOUR, "t_pose_ns", 2),
+        ([3600, 3599], HOUR, "t_pose_ns", 3600),
     ],
 )  # fmt: skip
 def test_instants_that_are_plainly_seconds_are_refused(tracker, t_pose_ns, now_ns, which, value):
@@ -273,7 +231,7 @@ def test_seconds_are_refused_at_the_latest_when_the_next_begins(tracker, begin):
         tracker.tick(TIPS, begin + 1, begin + 1)
 
 
-@pytest.mark.parametrize("instant", [1.5, 7.0, np.float64(7.0), "7", None])
+@pytest.mark.parametrize("instant", [7.0, "7"])
 def test_instants_that_are_not_whole_are_refused(tracker, instant):
     with pytest.raises(
         QueryError, match=r"now_ns is .*, expected whole nanoseconds, .* time.monotonic_ns\(\)"
@@ -309,20 +267,10 @@ def test_masked_finger_is_not_tracked(tracker):
     assert [bool(flags) for flags in found["flags"] & ContactFlag.TRACKED] == [True, False]
 
 
-def test_positions_are_copied_and_never_written_to(tracker):
-    tips = TIPS.copy()
-    tips.flags.writeable = False
-    tracker.tick(tips, 0, 0)
-
-    assert np.array_equal(tips, TIPS)
-
-
 # --- what sensors deliver -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "lost", [(np.nan,) * 3, (0, np.inf, 0), (-np.inf, np.nan, 0), (1e200, 0, 0), (0, 0, 1e300)]
-)
+@pytest.mark.parametrize("lost", [(np.nan,) * 3, (0, np.inf, 0), (1e200, 0, 0)])
 def test_finger_that_is_lost_says_so_and_comes_back_while_the_other_goes_on(tracker, lost):
     """A position beyond what can be computed with is none."""
     alone = Tracker(tracker.scene, fingers=1)
@@ -358,7 +306,7 @@ def test_position_far_away_but_finite_is_answered():
     assert tracker.tick([(0, 0, 0.05)], 9 * MS, 9 * MS)["signed_distance"][0] == pytest.approx(0.043)
 
 
-@pytest.mark.parametrize("speed", [1e6, 1e150, 1e300])
+@pytest.mark.parametrize("speed", [1e6, 1e300])
 def test_velocity_beyond_reason_is_answered(speed):
     found = Tracker(Scene([plate()]), fingers=1).tick([(0, 0, 0.05)], 0, 0, velocities=[(0, 0, -speed)])[0]
 
@@ -441,14 +389,6 @@ def test_instants_as_far_apart_as_can_be_are_not_taken_for_near_ones(latency):
     assert found["predicted_lower"] < -1e9 < 1e9 < found["predicted_upper"]
     found = tracker.tick([(0.0, 0.0, 0.05)], 2**62, 2**62)[0]
     assert found["age_ns"] == 0 and not found["flags"] & ContactFlag.PREDICTED  # it starts anew
-
-
-def test_budget_without_end_is_more_than_any_scene_needs():
-    scene = Scene([Solid(*shapes.sphere(0.1, 4))])
-    exact = scene.signed_distance([0.0, 0.0, 1e-5])
-    for budget in (2**31, 2**62, 10**30):
-        found = Tracker(scene, fingers=1, radius=0.0, budget=budget).tick([(0.0, 0.0, 1e-5)], 0, 0)[0]
-        assert found["lower"] == exact == found["upper"]
 
 
 def test_scene_of_a_tracker_stays_and_a_tracker_is_not_copied(tracker):

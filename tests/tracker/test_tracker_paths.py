@@ -45,18 +45,7 @@ def first_touch(scene, path, path_bends, radius=RADIUS):
     return low
 
 
-@pytest.mark.parametrize("name", THINGS)
-def test_brute_force_on_these_meshes_finds_the_contact_of_the_paper(name):
-    """The pad's radius enters as that of a sphere about p(b). Polyline and prism are off by 0.7 µm of arc."""
-    thing, expected = THINGS[name]
-    path, bends = bending()
-
-    assert first_touch(Scene([thing]), path, bends) * ARC_PER_BEND == pytest.approx(
-        expected * ARC_PER_BEND, abs=7e-7
-    )
-
-
-@pytest.mark.parametrize("ahead", [0.001, 0.005, 0.01, 0.02])
+@pytest.mark.parametrize("ahead", [0.001, 0.02])
 @pytest.mark.parametrize("name", THINGS)
 def test_contact_of_a_bending_finger_is_where_the_paper_has_it(name, ahead):
     """Within 0.01 mm of arc, and certified; 20 mm before, the paper's linear guess is off by 0.3 to 2 mm."""
@@ -120,16 +109,6 @@ def test_rate_of_the_contact_at_a_turning_part_is_that_of_the_place_of_contact(s
     assert found["contact_bend_rate"] == pytest.approx((places[1] - places[0]) / dt, rel=1e-3)
 
 
-def test_turning_part_lets_the_contact_drift_as_its_surface_does():
-    """The plate's top turns about y: 0.03 m beside the axis it sinks at 0.06 m/s, and so does the contact."""
-    scene = Scene([plate()])
-    scene.move("plate", Pose(), angular_velocity=(0, 2.0, 0))
-    found = tick_path(scene, line((0.03, 0, 0.06), (0.03, 0, -0.04)))
-
-    assert found["contact_bend"] == pytest.approx(0.53, abs=1e-6)
-    assert found["contact_bend_rate"] == pytest.approx(0.06 / 0.1, rel=1e-3)
-
-
 # --- time along the path ------------------------------------------------------------------------------------
 
 
@@ -163,7 +142,7 @@ def test_finger_that_goes_back_along_its_path_has_the_time_of_its_velocity():
     assert found["contact_bend"] > 0.0
 
 
-@pytest.mark.parametrize("part_speed", [-0.5, -0.1, 0.1, 0.5])
+@pytest.mark.parametrize("part_speed", [-0.5, 0.1])
 def test_time_along_a_path_is_certified_for_a_part_that_moves(part_speed):
     scene = Scene([plate()])
     scene.move("plate", Pose(), velocity=(0, 0, part_speed))
@@ -242,7 +221,7 @@ def test_thin_sheet_across_a_path_is_not_passed():
     assert found["contact_bend_error"] <= 1e-3
 
 
-@pytest.mark.parametrize("radius", [0.0, 1e-7, 1e-5, 1e-4])
+@pytest.mark.parametrize("radius", [0.0, 1e-5])
 def test_finger_as_small_as_a_point_has_its_contact_confirmed(radius):
     # Was: looked for beyond the surface by more than the radius, where a small finger touches nothing.
     found = tick_path([plate()], line((0, 0, 0.05), (0, 0, -0.05)), radius=radius)
@@ -288,14 +267,6 @@ def test_paths_given_once_do_not_stay():
         assert bool(flags_of(found) & ContactFlag.ON_PATH) == (k % 2 == 0)
 
 
-def test_paths_may_have_another_number_of_corners_each_tick():
-    tracker = Tracker(Scene([plate()]), fingers=1)
-    for k, count in enumerate((2, 50, 3, 7)):
-        path = line((0, 0, 0.05), (0, 0, -0.05), count)
-        found = tracker.tick([path[0]], k * MS, k * MS, paths=path[None])
-        assert found["contact_bend"][0] == pytest.approx(0.43, abs=1e-6)
-
-
 def test_path_bends_stretch_the_path_and_are_even_where_not_given():
     """Corners at 0, 0.02 and 0.1 m; contact after 0.043 m."""
     path = np.array([(0, 0, 0.05), (0, 0, 0.03), (0, 0, -0.05)])
@@ -326,17 +297,6 @@ def test_bend_that_is_given_counts_and_is_held_at_the_ends(bend, expected):
     assert found["contact_bend"] == pytest.approx(max(0.43, expected), abs=1e-6)
 
 
-def test_corners_that_are_told_twice_change_nothing():
-    path = line((0, 0, 0.05), (0, 0, -0.05), 11)
-    bends = np.linspace(0, 1, 11)
-    twice = np.repeat(path, 2, axis=0)
-    stretched = np.sort(np.concatenate([bends, bends + 1e-9]))
-    found = tick_path([plate()], twice, velocity=(0, 0, -0.5), path_bends=stretched)
-
-    assert found["contact_bend"] == pytest.approx(0.43, abs=1e-6)
-    assert found["time_to_contact"] == pytest.approx(0.086, rel=1e-3)
-
-
 def test_finger_far_beside_its_path_gets_the_contact_of_the_path():
     """As when the hand is tracked badly: the finger is 3 cm beside, the path goes down to the block."""
     found = tick_path([block("block", (0, 0, -0.05))], line((0, 0, 0.05), (0, 0, -0.05)), (0.03, 0, 0.04))
@@ -346,7 +306,7 @@ def test_finger_far_beside_its_path_gets_the_contact_of_the_path():
     assert abs(found["contact_bend"] - 0.43) <= found["contact_bend_error"]
 
 
-@pytest.mark.parametrize("bend", [0.0, 0.3, 0.5])
+@pytest.mark.parametrize("bend", [0.0, 0.3])
 def test_a_told_bend_is_kept_where_corners_are_repeated(bend):
     """A finger that bends for a while before its tip moves; it touches already."""
     tracker = Tracker(Scene([plate()]), fingers=1)
@@ -364,11 +324,3 @@ def test_a_contact_where_corners_are_repeated_reaches_back_to_the_first_of_them(
     found = tracker.tick([path[0]], 0, 0, velocities=[(0, 0, 0)], paths=path[None], bends=[0.0])[0]
 
     assert found["contact_bend"] - found["contact_bend_error"] <= 1.0 / 3.0
-
-
-def test_a_told_bend_beyond_the_path_is_its_end():
-    tracker = Tracker(Scene([plate()]), fingers=1)
-    path = np.array([(0, 0, 0.05), (0, 0, 0.03), (0, 0, 0.03)], float)
-    for bend, told in ((-1.0, 0.0), (0.8, 0.8), (2.0, 1.0)):
-        found = tracker.tick([path[0]], 0, 0, velocities=[(0, 0, 0)], paths=path[None], bends=[bend])[0]
-        assert found["bend"] == told

@@ -7,7 +7,7 @@ from ticking import MS, RADIUS, block, contact, line, moving_block, near, plate,
 
 from proximity.message import ContactFlag
 from proximity.pose import Pose
-from proximity.scene.scene import Part, Scene
+from proximity.scene.scene import Scene
 from proximity.tracker.tracker import Tracker
 
 # --- prediction ---------------------------------------------------------------------------------------------
@@ -164,7 +164,7 @@ def test_sphere_that_passes_a_corner_closely_does_not_touch_it_and_a_little_lowe
             assert found["time_to_contact"] <= true + 1e-3
 
 
-@pytest.mark.parametrize("speed", [1.0, 10.0, 100.0])
+@pytest.mark.parametrize("speed", [1.0, 100.0])
 @pytest.mark.parametrize("thing", [sheet(), plate(thickness=1e-6)])
 def test_nothing_thin_is_passed_however_fast(speed, thing):
     found = contact([thing], (0.03, 0.01, 0.05), (0.0, 0, -speed), max_speed=200.0)
@@ -215,8 +215,8 @@ def test_a_part_that_is_not_the_nearest_but_faster_is_certified_too():
     assert 0.0 < found["time_to_contact_lower"] <= true
 
 
-@pytest.mark.parametrize("away", [0.5, 1.0, 3.0])
-@pytest.mark.parametrize("position", [(0, 0, 0.05), (0, 0, 0.03)])
+@pytest.mark.parametrize("away", [0.5, 3.0])
+@pytest.mark.parametrize("position", [(0, 0, 0.05)])
 def test_what_is_too_far_to_come_in_time_takes_nothing_of_the_time(away, position):
     """A train at 2 m/s that is 0.4 m off, or more, does not come within 0.19 s."""
     still = Scene([plate(), block("train", (0, away, 0))])
@@ -229,7 +229,7 @@ def test_what_is_too_far_to_come_in_time_takes_nothing_of_the_time(away, positio
     assert beside["time_to_contact"] == alone["time_to_contact"]
 
 
-@pytest.mark.parametrize("speed", [2.0, 5.0, 20.0])
+@pytest.mark.parametrize("speed", [2.0, 20.0])
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_what_comes_from_afar_in_time_is_certified(speed, side):
     """A finger sinks to a plate; a train comes from the side, and is there first."""
@@ -261,11 +261,3 @@ def test_on_a_path_too_only_what_comes_in_time_counts():
         true = min(0.043 / 0.25, (away - 0.05 - RADIUS) / speed)
 
         assert 0.9 * true <= found["time_to_contact_lower"] <= true
-
-
-def test_a_part_given_with_velocity_moves_from_the_start():
-    thing = plate()
-    rows = np.arange(12, dtype=np.int32)
-    found = contact([Part("plate", thing, Pose(), rows, velocity=(0, 0, 1.0))], (0, 0, 0.05), (0, 0, 0))
-
-    assert found["time_to_contact"] == pytest.approx(0.043)

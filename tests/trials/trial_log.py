@@ -8,8 +8,8 @@ each of half of 2^-52 at most, `COORDINATE_ROUNDING` in all.
 from dataclasses import dataclass, field
 
 import numpy as np
+from ticking import steps_for_all
 
-from proximity.kernels.tracking.tick import steps_for_all
 from proximity.message import ContactFlag
 
 DISTANCE_ROUNDING = 1e-14

@@ -8,10 +8,10 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 from kernel_build import front_end
-from kernel_build.link import door_table, link
+from kernel_build.link import entry_table, link
 from kernel_build.objects import emit_object
 from kernel_build.state import sources_digest
-from kernel_build.targets import Instructions, Target, door_symbol, extension_path
+from kernel_build.targets import Instructions, Target, extension_path, wrapper_symbol
 from proximity.native.declaration import ENTRIES, Entry
 from proximity.native.sources import PACKAGE
 
@@ -39,7 +39,7 @@ def _front_end() -> str:
     for source in sorted(PACKAGE.rglob("*.py")):
         if "@entry(" in source.read_text(encoding="utf-8"):
             _load(".".join(source.relative_to(PACKAGE.parent).with_suffix("").parts), source)
-    return front_end.linked_doors({name: (each.compiled, each.signature) for name, each in _entries()})
+    return front_end.linked_wrappers({name: (each.compiled, each.signature) for name, each in _entries()})
 
 
 def _load(name: str, source: Path) -> None:
@@ -66,13 +66,13 @@ def _linked(target: Target, objects: list[tuple[Instructions, bytes]], digest: s
         for instructions, content in objects:
             files.append(Path(scratch, f"{instructions.name}.o"))
             files[-1].write_bytes(content)
-        table = Path(scratch, "door_table.c")
-        doors = [
-            (instructions.name, name, door_symbol(name, instructions))
+        table = Path(scratch, "entry_table.c")
+        wrappers = [
+            (instructions.name, name, wrapper_symbol(name, instructions))
             for instructions, _ in objects
             for name, _ in _entries()
         ]
-        table.write_text(door_table(doors, digest), encoding="utf-8")
+        table.write_text(entry_table(wrappers, digest), encoding="utf-8")
         made = link(target, files, table, Path(scratch))
         path.parent.mkdir(parents=True, exist_ok=True)
         unfinished = path.with_suffix(".unfinished")

@@ -1,8 +1,8 @@
 """Kernels to one LLVM module: numba's front end, with its optimiser and its linker switched off.
 
 numba infers types and lowers each function to raw LLVM code. By itself it would optimise every function anew
-for each of its callers; here all raw modules are linked once, and only the doors stay visible. A *door* is a
-function of one address: words of arguments, behind which it writes words of results.
+for each of its callers; here all raw modules are linked once, and only the wrappers stay visible. A *wrapper*
+is a function of one address: words of arguments, behind which it writes words of results.
 
 This leans on internals of numba, which is pinned where this runs; see `disable_code_generation`.
 """
@@ -17,7 +17,7 @@ from numba.core import cgutils, codegen, compiler, cpu, dispatcher, registry
 from numba.core.compiler_lock import global_compiler_lock
 from numba.extending import intrinsic
 
-from kernel_build.targets import DOOR_PREFIX
+from kernel_build.targets import WRAPPER_PREFIX
 from proximity.kernels.compiled_stack import array_in_memory
 from proximity.native.jit import numba_type
 from proximity.native.signature import Array, Bundle, Signature
@@ -140,10 +140,10 @@ def _writer(value, at):
     return write
 
 
-# --- doors -----------------------------------------------------------------------------------------------
+# --- wrappers -----------------------------------------------------------------------------------------------
 
 
-def _door(name: str, kernel: Any, signature: Signature) -> Any:
+def _wrapper(name: str, kernel: Any, signature: Signature) -> Any:
     """The function of one address that asks a kernel."""
     names: dict[str, Any] = {"kernel": kernel}
     lines, at = [], 0
@@ -183,20 +183,20 @@ def _modules(library: Any, seen: set[int]) -> Iterator[Any]:
     yield library._final_module
 
 
-def linked_doors(entries: dict[str, tuple[Any, Signature]]) -> str:
-    """Return the LLVM code of all doors, not optimised, as text.
+def linked_wrappers(entries: dict[str, tuple[Any, Signature]]) -> str:
+    """Return the LLVM code of all wrappers, not optimised, as text.
 
     Parameters
     ----------
     entries : dict
-        Of each entry point, by the name of its door, the kernel and its signature.
+        Of each entry point, by the name of its wrapper, the kernel and its signature.
     """
     with global_compiler_lock:
         seen: set[int] = set()
         whole = binding.parse_assembly("")
         symbols = {}
         for name, (kernel, signature) in entries.items():
-            result = _compiled(_door(name, kernel, signature))
+            result = _compiled(_wrapper(name, kernel, signature))
             symbols[name] = result.fndesc.mangled_name
             for module in _modules(result.library, seen):
                 part = module.clone()
@@ -206,10 +206,10 @@ def linked_doors(entries: dict[str, tuple[Any, Signature]]) -> str:
                 whole.data_layout = part.data_layout
                 whole.triple = part.triple
                 whole.link_in(part)
-    doors = {symbol: name for name, symbol in symbols.items()}
+    wrappers = {symbol: name for name, symbol in symbols.items()}
     for function in whole.functions:
-        if function.name in doors:
-            function.name = DOOR_PREFIX + doors[function.name]
+        if function.name in wrappers:
+            function.name = WRAPPER_PREFIX + wrappers[function.name]
             function.linkage = "external"
         elif not function.is_declaration:
             function.linkage = "internal"

@@ -9,17 +9,10 @@ from pathlib import Path
 import numpy
 
 from kernel_build.targets import Target
+from kernel_build.windows import python_library
 
-NATIVE = Path(__file__).resolve().parent / "native"
-_FLAGS = [
-    "-O2", "-std=c11", "-Wall", "-Wextra", "-Werror=implicit-function-declaration", "-fvisibility=hidden",
-    "-fno-sanitize=all", "-ffile-prefix-map=.=", "-g0",
-]  # fmt: skip
-
-
-def compiler_command() -> list[str]:
-    """Return the command of the C compiler."""
-    return [sys.executable, "-m", "ziglang", "cc"]
+NATIVE, HEADERS = (Path(__file__).resolve().parent / name for name in ("native", "headers"))
+_COMPILE = ["-O2", "-std=c11", "-Wall", "-Wextra", "-fvisibility=hidden", "-fno-sanitize=all", "-g0"]
 
 
 def link(target: Target, objects: list[Path], table: Path, folder: Path) -> Path:
@@ -30,52 +23,66 @@ def link(target: Target, objects: list[Path], table: Path, folder: Path) -> Path
     target : Target
         The system.
     objects : list of Path
-        Compiled doors, an object for each set of instructions.
+        Compiled wrappers, an object for each set of instructions.
     table : Path
-        C source of `door_table`.
+        C source of `entry_table`.
     folder : Path
         For what is made.
     """
     extension = folder / target.extension
-    command = [
-        *compiler_command(), "-target", target.zig, "-shared", *_FLAGS,
-        *_headers(target), f"-I{NATIVE}", "-o", str(extension),
-        str(table), *map(str, sorted(NATIVE.glob("*.c"))), *map(str, objects), *_system(target), "-s",
-    ]  # fmt: skip
-    cache = str(folder / "zig")
-    environment = os.environ | {"ZIG_GLOBAL_CACHE_DIR": cache, "ZIG_LOCAL_CACHE_DIR": cache}
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise SystemExit(f"linking for {target.name} failed:\n{done.stderr}")
+    compiled = []
+    for source in [table, *sorted(NATIVE.glob("*.c"))]:
+        compiled.append(folder / f"{source.stem}.o")
+        _zig(target, folder, *_COMPILE, *_headers(target), "-c", str(source), "-o", str(compiled[-1]))
+    files = map(str, [*compiled, *objects])
+    _zig(target, folder, "-shared", "-s", "-o", str(extension), *files, *_system(target, compiled, folder))
     return extension
 
 
-def door_table(doors: list[tuple[str, str, str]], digest: str) -> str:
-    """Return the C source of the table of doors.
+def entry_table(wrappers: list[tuple[str, str, str]], digest: str) -> str:
+    """Return the C source of the table of wrappers.
 
     Parameters
     ----------
-    doors : list of tuple of str
+    wrappers : list of tuple of str
         Of each the set of instructions, the name, and the symbol.
     digest : str
         Of the sources.
     """
-    lines = ['#include "door.h"', ""]
-    lines += [f"extern int {symbol}(void **, void **, int64_t);" for _, _, symbol in doors]
-    lines += ["", "const NamedDoor named_doors[] = {"]
-    lines += [f'    {{"{instructions}", "{name}", {symbol}}},' for instructions, name, symbol in doors]
+    lines = ['#include "entry_points.h"', ""]
+    lines += [f"extern int {symbol}(void **, void **, int64_t);" for _, _, symbol in wrappers]
+    lines += ["", "const NamedEntry named_entries[] = {"]
+    lines += [f'    {{"{instructions}", "{name}", {symbol}}},' for instructions, name, symbol in wrappers]
     lines += ["    {NULL, NULL, NULL}};", f'const char sources_digest[] = "{digest}";', ""]
     return "\n".join(lines)
 
 
+def _zig(target: Target, folder: Path, *options: str) -> None:
+    cache = str(folder / "zig")
+    done = subprocess.run(
+        [sys.executable, "-m", "ziglang", "cc", "-target", target.zig, *options],
+        env=os.environ | {"ZIG_GLOBAL_CACHE_DIR": cache, "ZIG_LOCAL_CACHE_DIR": cache},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode:
+        raise SystemExit(f"the extension for {target.name} could not be made:\n{done.stderr}")
+
+
 def _headers(target: Target) -> list[str]:
-    return [f"-I{sysconfig.get_paths()['include']}", f"-I{numpy.get_include()}"]
+    """Where headers are; those of another system's Python and NumPy are replaced where they differ."""
+    own = HEADERS / target.name.split("-")[0]
+    config = own / "pyconfig.h"
+    folders = [*([own] if own.is_dir() else []), sysconfig.get_paths()["include"], numpy.get_include()]
+    first = ["-include", str(config)] if config.is_file() else []
+    return first + [f"-I{folder}" for folder in (NATIVE, *folders)]
 
 
-def _system(target: Target) -> list[str]:
+def _system(target: Target, compiled: list[Path], folder: Path) -> list[str]:
     """What else the linker has to be given on a system."""
     if target.name.startswith("linux"):
         return ["-lm"]
     if target.name.startswith("macos"):
         return ["-undefined", "dynamic_lookup"]
-    return []
+    return [str(python_library(compiled, folder))]

@@ -1,10 +1,10 @@
-"""How LLVM makes an object file of the doors, for one set of instructions."""
+"""How LLVM makes an object file of the wrappers, for one set of instructions."""
 
 import re
 
 from llvmlite import binding
 
-from kernel_build.targets import DOOR_PREFIX, Instructions, Target, door_symbol
+from kernel_build.targets import WRAPPER_PREFIX, Instructions, Target, wrapper_symbol
 
 LEVEL = 3
 """Of optimisation."""
@@ -30,12 +30,12 @@ ALLOWED_UNDEFINED = {
 
 
 def emit_object(code: str, target: Target, instructions: Instructions) -> bytes:
-    """Return an object file of all doors, named after the set of instructions.
+    """Return an object file of all wrappers, named after the set of instructions.
 
     Parameters
     ----------
     code : str
-        As `front_end.linked_doors` gives it.
+        As `front_end.linked_wrappers` gives it.
     target : Target
         The system.
     instructions : Instructions
@@ -53,8 +53,8 @@ def emit_object(code: str, target: Target, instructions: Instructions) -> bytes:
     builder = binding.create_pass_builder(machine, options)
     builder.getModulePassManager().run(module, builder)
     for function in module.functions:
-        if function.name.startswith(DOOR_PREFIX):
-            function.name = door_symbol(function.name.removeprefix(DOOR_PREFIX), instructions)
+        if function.name.startswith(WRAPPER_PREFIX):
+            function.name = wrapper_symbol(function.name.removeprefix(WRAPPER_PREFIX), instructions)
     _refuse_undefined(module)
     return machine.emit_object(module)
 

@@ -4,15 +4,15 @@ import platform
 from dataclasses import dataclass
 from pathlib import Path
 
-DOOR_PREFIX = "proximity_door_"
-"""How the symbols of doors begin."""
+WRAPPER_PREFIX = "proximity_entry_"
+"""How the symbols of wrappers begin."""
 
 
 @dataclass(frozen=True, slots=True)
 class Instructions:
     """A set of instructions that objects are made for."""
 
-    name: str  # as Python and the names of doors have it
+    name: str  # as Python and the names of wrappers have it
     cpu: str  # as LLVM calls it
     features: str = ""
 
@@ -67,9 +67,9 @@ def extension_path(target: Target, folder: Path) -> Path:
     return (folder if target.name == _host_name() else folder / target.name) / target.extension
 
 
-def door_symbol(name: str, instructions: Instructions) -> str:
-    """Return the symbol of an entry point's door in the objects of a set of instructions."""
-    return f"{DOOR_PREFIX}{name}_{instructions.name}"
+def wrapper_symbol(name: str, instructions: Instructions) -> str:
+    """Return the symbol of an entry point's wrapper in the objects of a set of instructions."""
+    return f"{WRAPPER_PREFIX}{name}_{instructions.name}"
 
 
 def _host_name() -> str:

@@ -11,6 +11,7 @@ import llvmlite.binding
 import numba
 
 from benchmarks.support.project import BENCH
+from proximity.native import MODE
 
 FILE = BENCH / "gate.toml"
 MARGIN = 1.4
@@ -84,8 +85,8 @@ def read_limits(path: Path | None = None) -> dict[str, Limit]:
 
 
 def is_known_machine() -> bool:
-    """Whether kernels are compiled as they were when the limits were measured."""
-    is_chosen = numba.config.CPU_NAME or numba.config.CPU_FEATURES
+    """Whether kernels and the yardstick are compiled as they were when the limits were measured."""
+    is_chosen = numba.config.CPU_NAME or numba.config.CPU_FEATURES or MODE not in ("v4", "jit")
     return not is_chosen and llvmlite.binding.get_host_cpu_name() == MEASURED_ON
 
 

@@ -1,9 +1,12 @@
-"""Numbers of nodes and leaves that a query visits: the same on every machine."""
+"""Numbers of nodes and leaves that a query visits: the same on every machine.
+
+Rays are counted by a kernel of this file, which numba compiles together with those that it calls: where
+kernels were compiled ahead of time, it cannot be called.
+"""
 
 import numpy as np
 
 from proximity import Scene, Tracker
-from proximity.kernels.compiler import kernel
 from proximity.kernels.geometry.frames import (
     direction_to_local,
     to_local,
@@ -18,7 +21,6 @@ from proximity.kernels.layout import (
     STACK_SIZE,
     STACKS_SIZE,
 )
-from proximity.kernels.memory import arrays_at, words_here
 from proximity.kernels.ray.ray_lanes import scaled_direction
 from proximity.kernels.ray.walk import (
     SLAB_MARGIN,
@@ -29,7 +31,9 @@ from proximity.kernels.ray.walk import (
     is_from_afar,
     open_boxes,
 )
+from proximity.kernels.stack_arrays import words_here
 from proximity.kernels.tree.traversal import NOTHING_WAITS, descend_in_order, next_open
+from proximity.native import kernel
 from proximity.simd import bits, load_int, splat32
 
 UNLIMITED = 10**9
@@ -60,14 +64,13 @@ def work_of_rays(scene: Scene, origins: np.ndarray, directions: np.ndarray) -> t
     rows, rays = origins.reshape(-1, 3), directions.reshape(-1, 3)
     work, lengths = np.zeros(len(rows), np.int64), np.zeros(len(rows))
     model = scene.snapshot()
-    _count_rays(model.handle, rows, rays, work, lengths)
+    _count_rays(model.reals, model.words, model.frames, model.parts, rows, rays, work, lengths)
     return work.reshape(origins.shape[:-1]), lengths.reshape(origins.shape[:-1])
 
 
 @kernel
-def _count_rays(handle, origins, directions, work, lengths):
+def _count_rays(reals, words, frames, parts, origins, directions, work, lengths):
     """Fill what `_ray_steps` counts; lengths are inf where nothing is hit."""
-    reals, words, frames, parts = arrays_at(handle)
     stacks = words_here(STACKS_SIZE)
     for i in range(len(origins)):
         x, y, z = to_local(frames, parts, 0, origins[i, 0], origins[i, 1], origins[i, 2])

@@ -1,6 +1,7 @@
 """Single kernels beside the textbook's, with pytest-benchmark: ``python -m pytest bench -k kernels``.
 
 A compiled loop makes many calls; the table has the time of one. What they read fits the nearest caches.
+numba compiles the loops together with the kernels: set ``PROXIMITY_ISA=jit``.
 """
 
 from dataclasses import dataclass
@@ -26,7 +27,12 @@ from proximity.mesh.topology import build_topology
 from proximity.mesh.triangle_mesh import TriangleMesh
 from proximity.model.assembly import assemble
 from proximity.model.part_arrays import part_arrays
+from proximity.native import IS_AHEAD
 from proximity.pose import Pose
+
+pytestmark = pytest.mark.skipif(
+    IS_AHEAD, reason="a single kernel is left out: it has numba compile it (PROXIMITY_ISA=jit)"
+)
 
 CALLS, WINDING_CALLS = 10_000, 1_000
 BASE_COUNT = 64  # blocks or nodes that take turns: 36 KB and 16 KB

@@ -9,15 +9,15 @@ import numba
 import numpy as np
 
 from benchmarks.gate.yardstick import box_distance_sq, box_entry, triangle_distance_sq, triangle_entry
-from proximity.kernels.compiler import kernel
 from proximity.kernels.geometry.box import point_boxes_distance_sq
 from proximity.kernels.geometry.triangle import point_block_distance_sq, point_triangle_distance_sq
 from proximity.kernels.layout import STACKS_SIZE
-from proximity.kernels.memory import words_here
 from proximity.kernels.ray.walk import SLAB_MARGIN, aim_and_view, first_in_block, look_along, open_boxes
 from proximity.kernels.segment.walk import segment_block_distance_sq
 from proximity.kernels.sign.winding_number import winding_number
+from proximity.kernels.stack_arrays import words_here
 from proximity.kernels.tree.traversal import descend
+from proximity.native import kernel
 from proximity.simd import bits, horizontal_min, select, splat, splat32
 
 plain = numba.njit(cache=True, nogil=True, error_model="numpy")

@@ -8,11 +8,12 @@ import subprocess
 
 from benchmarks.support.project import PROJECT
 from proximity.certificate.machine import processor_name
+from proximity.native import MODE
 
 
 def describe_machine(threads: str) -> dict[str, str]:
     """Return where, when and with what figures are taken; *threads* is a sentence of `support.threads`."""
-    versions = [f"{name} {importlib.metadata.version(name)}" for name in ("numpy", "numba")]
+    versions = [f"numpy {importlib.metadata.version('numpy')}", f"kernels {MODE}"]
     loads = os.getloadavg() if hasattr(os, "getloadavg") else ()
     return {
         "processor": processor_name(),

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from proximity.arrays import as_float64
+from proximity.checks.arrays import as_float64
 from proximity.decaff.arguments import finite, not_negative, positive
 from proximity.errors import DecaffError
 from proximity.system.regular_file import open_regular

@@ -56,8 +56,6 @@ def _is_rigid(matrix, tolerance, farthest):
     return is_affine and is_right_handed and _off_exact(matrix) <= tolerance
 
 
-
-
 @entry("float64[:, 4, 4], float64[:, 3], float64[:, 3], float, float, float -> int")
 def first_unfit(matrices, velocities, angular_velocities, tolerance, farthest, fastest):
     """The first row that cannot be used, or -1.
@@ -130,8 +128,6 @@ def update_box(frames, parts, row):
             half += abs(turn) * (0.5 * upper - 0.5 * lower)
         frames[row, FRAME_BOX_LOWER + axis] = middle - half
         frames[row, FRAME_BOX_UPPER + axis] = middle + half
-
-
 
 
 @entry(

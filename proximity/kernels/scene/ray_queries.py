@@ -75,7 +75,6 @@ FAR_MARGIN = 2.0**-46
 is rounded for each part on its own."""
 
 
-
 @kernel
 def _hits_of_tree(reals, words, root, scale, count, aims, views, slots, stacks):
     """Fill the first hits of the rays in the tables, where all leaves are blocks in the frame of the rays.
@@ -204,7 +203,11 @@ def cast_batch(model, origins, directions, order, limits, answers):
     rows, offsets, slots = longs_here(RAY_CHUNK), longs_here(RAY_CHUNK), longs_here(RAY_CHUNK)
     is_single, fills_all_columns = is_alone(parts), answers.shape[1] != DISTANCE_WIDTH
     walk_row = np.int64(0) if is_single else len(parts) - 1
-    scale, root, is_one_tree = frames[walk_row, FRAME_SCALE], parts[walk_row, PART_ROOT], is_single or parts[walk_row, SCENE_ALL_FUSED]
+    scale, root, is_one_tree = (
+        frames[walk_row, FRAME_SCALE],
+        parts[walk_row, PART_ROOT],
+        is_single or parts[walk_row, SCENE_ALL_FUSED],
+    )
     owners, hit_offsets, hits = longs_here(RAY_CHUNK), longs_here(HIT_OFFSETS_SIZE), reals_here(HITS_SIZE)
     zero_row = np.int64(NO_ROW)
     total = len(order) if len(order) else len(origins)

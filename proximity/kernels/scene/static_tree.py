@@ -101,7 +101,10 @@ def gather_entries(words, frames, parts, target):
             box[k] = waiting_boxes[count, k]
         if reference < 0 or _half_area(box) <= small or done + count + LANES >= capacity:
             for axis in range(3):
-                boxes[BOX_STRIDE * done + axis], boxes[BOX_STRIDE * done + 4 + axis] = box[axis], -box[3 + axis]
+                boxes[BOX_STRIDE * done + axis], boxes[BOX_STRIDE * done + 4 + axis] = (
+                    box[axis],
+                    -box[3 + axis],
+                )
             copy_row(waiting, count, references, done)
             done += 1
             continue

@@ -111,7 +111,11 @@ def refit_part(model, part, vertices, leaders):
     """
     reals, words, frames, parts = model
     root, node_count = parts[part, PART_ROOT], parts[part, PART_NODE_COUNT]
-    slot_faces, faces, moments = parts[part, PART_SLOT_FACES], parts[part, PART_FACES], parts[part, PART_MOMENTS]
+    slot_faces, faces, moments = (
+        parts[part, PART_SLOT_FACES],
+        parts[part, PART_FACES],
+        parts[part, PART_MOMENTS],
+    )
     corner_count = parts[part, PART_CORNER_COUNT]
     corner_rows = np.empty((corner_count + 1) * CORNER_STRIDE)
     _write_corners(reals, frames, parts, part, vertices, leaders, corner_rows)

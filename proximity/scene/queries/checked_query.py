@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from proximity import native
-from proximity.arrays import as_points
+from proximity.checks.arrays import as_points
 from proximity.errors import ProximityError
 from proximity.kernels.geometry.morton_order import SORT_FROM
 from proximity.kernels.layout import NO_ROW
@@ -77,4 +77,3 @@ class CheckedQuery:
     def quick(self) -> Any:
         """Return the query as a function that answers few plain rows at once."""
         return native.query(self.name, self.width, SORT_FROM, self.ask)
-

@@ -21,6 +21,7 @@ from proximity.service.config.settings import (
     RecordingEntry,
     SceneFile,
     ServiceSettings,
+    WebSettings,
 )
 
 __all__ = [
@@ -32,6 +33,7 @@ __all__ = [
     "RecordingEntry",
     "SceneFile",
     "ServiceSettings",
+    "WebSettings",
     "finger_count",
     "make_tracker",
     "override",

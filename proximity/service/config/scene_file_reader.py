@@ -19,6 +19,7 @@ from proximity.service.config.settings import (
     RecordingEntry,
     SceneFile,
     ServiceSettings,
+    WebSettings,
 )
 from proximity.service.config.table_fields import REQUIRED, Range, Table
 from proximity.service.config.toml_document import Document, Path, read_document
@@ -26,7 +27,7 @@ from proximity.tracker.tracker_arguments import LARGEST_RADIUS, LARGEST_WORKING_
 from proximity.transport.address import parse
 from proximity.transport.link import TRANSPORTS
 
-TABLES = ("service", "fingers", "parts", "input", "glove")
+TABLES = ("service", "fingers", "parts", "input", "glove", "web")
 SERVICE_KEYS = ("rate_hz", "latency", "valid_for", "publish", "log", "real_time", "core")
 TRACKER_KEYS = (
     "radius", "budget", "working_range", "tolerance", "horizon", "max_speed", "max_acceleration",
@@ -37,6 +38,7 @@ SOURCES = ("recording", "poses", "sensor")
 RECORDING_KEYS = ("repeat", "fast", "fit", "position", "turn_degrees", "scale")
 INPUT_KEYS = (*SOURCES, "moves", *RECORDING_KEYS)
 GLOVE_KEYS = ("calibration", "max_age_days")
+WEB_KEYS = ("feed",)
 
 WITHOUT_GEOMETRY = "cannot be used: distances are measured by input.sensor, there is no geometry"
 
@@ -77,6 +79,7 @@ def read_scene_file(path: str | os.PathLike[str]) -> SceneFile:
         parts=reader.parts(),
         input=reader.input(),
         glove=reader.glove(),
+        web=reader.web(),
         document=document,
     )
     _check_together(settings)
@@ -225,6 +228,11 @@ class _Reader:
             max_age_days=table.number("max_age_days", None, AGES),
         )
 
+    def web(self) -> WebSettings:
+        """The page beside the service."""
+        table = self._table("web", WEB_KEYS)
+        return WebSettings(feed=table.truth("feed", WebSettings().feed))
+
     def _part(self, path: Path, content: Any) -> PartEntry:
         table = Table(self._document, path, content, PART_KEYS)
         kind = table.one_of("kind", None, ("rigid", "deformable"))
@@ -319,6 +327,10 @@ def _check_together(settings: SceneFile) -> None:
         address = getattr(inputs, key)
         if address is not None and address in settings.service.publish:
             complain(("input", key), f"input.{key} is {address}, where frames are published")
+    if settings.web.feed and inputs.poses is None and inputs.moves is None:
+        complain(
+            ("web", "feed"), "web.feed is true, and there is neither input.poses nor input.moves to feed"
+        )
     if settings.glove is not None and inputs.poses is None:
         complain(("glove",), "[glove] is of a hand whose poses come in, and there is no input.poses")
     if inputs.poses is not None and inputs.poses == inputs.moves:

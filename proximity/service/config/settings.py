@@ -90,6 +90,13 @@ class GloveSettings:
 
 
 @dataclass(frozen=True, slots=True)
+class WebSettings:
+    """The page beside the service, where one was asked for."""
+
+    feed: bool = False  # it may send to input.poses and input.moves; otherwise it only watches
+
+
+@dataclass(frozen=True, slots=True)
 class SceneFile:
     """A scene file that was read and checked."""
 
@@ -99,6 +106,7 @@ class SceneFile:
     parts: tuple[PartEntry, ...]
     input: InputSettings
     glove: GloveSettings | None  # None: poses are of fingertips
+    web: WebSettings
     document: Document = field(repr=False, compare=False)
 
     def error(self, path: Path, sentence: str) -> ServiceError:

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from proximity.checks import whole
+from proximity.checks.numbers import whole
 from proximity.errors import ServiceError
 from proximity.service import Report
 from proximity.service.config import SceneFile, override, read_scene_file

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from proximity.arrays import as_float64
+from proximity.checks.arrays import as_float64
 from proximity.decaff.arguments import not_negative
 from proximity.errors import DecaffError
 

@@ -23,6 +23,8 @@ from proximity.kernels.geometry.box import (
 from proximity.kernels.layout import LANES
 from proximity.simd import bits, lane, splat32
 
+pytestmark = pytest.mark.internals
+
 compiled = numba.njit(error_model="numpy")
 
 

@@ -26,6 +26,8 @@ from proximity.kernels.geometry.triangle import (
 from proximity.kernels.layout import BLOCK_STRIDE, FEATURE_EDGE, FEATURE_FACE, FEATURE_VERTEX, LANES
 from proximity.simd import splat, store
 
+pytestmark = pytest.mark.internals
+
 ROUNDING = 2.0**-52
 ALLOWED = 4.0
 """Units of the last place of the largest coordinate, at least of 1: the largest seen is 2.9."""

@@ -45,6 +45,8 @@ from proximity.kernels.tree.normal_slab import MOMENT_AREA_NORMAL, MOMENT_SLAB_L
 from proximity.model.assembly import assemble
 from proximity.pose import Pose
 
+pytestmark = pytest.mark.internals
+
 ROUNDING = 1e-13
 """What distances are off, relative and in coordinates; docs/accuracy.md says 1e-12 and 1e-15, in lengths."""
 

@@ -67,6 +67,7 @@ def ways(mesh, rng, count):
             place = place + velocity + 0.01 * step * extent * rng.normal(size=3)
 
 
+@pytest.mark.internals
 @pytest.mark.parametrize("name", SCENES)
 def test_it_is_the_answer_of_the_walk_wherever_the_point_goes(name):
     model, mesh = scene_named(name)
@@ -84,6 +85,7 @@ def test_it_is_the_answer_of_the_walk_wherever_the_point_goes(name):
     assert found > 300
 
 
+@pytest.mark.internals
 def test_slots_and_squares_are_those_of_the_walk_to_the_bit():
     model, mesh = scene_named("ball")
     searcher = Searcher(model)
@@ -105,6 +107,7 @@ def faces_below(model, reference):
     return np.concatenate([faces_below(model, int(child)) for child in children])
 
 
+@pytest.mark.internals
 def test_planes_have_all_that_is_below_them_behind():
     model = model_of(shapes.sphere(1.0, 5))
     searcher = Searcher(model)
@@ -131,6 +134,7 @@ def test_planes_have_all_that_is_below_them_behind():
     assert seen > 500
 
 
+@pytest.mark.internals
 def test_the_front_holds_every_face():
     model = model_of(shapes.torus(1.0, 0.4, 40, 30))
     searcher = Searcher(model)
@@ -148,6 +152,7 @@ def test_the_front_holds_every_face():
     assert held == set(map(tuple, faces_below(model, int(model.parts[0, PART_ROOT]))))
 
 
+@pytest.mark.internals
 def test_a_point_that_hardly_moves_takes_few_steps():
     model = model_of(shapes.sphere(1.0, 5))
     searcher = Searcher(model)
@@ -162,12 +167,14 @@ def test_a_point_that_hardly_moves_takes_few_steps():
     assert np.mean(later) < 0.2 * first and min(later) >= 1
 
 
+@pytest.mark.internals
 def test_few_faces_are_not_worth_a_front():
     searcher = Searcher(model_of(shapes.cube()))
     assert searcher.at((2.0, 0.3, 0.2))[2]
     assert searcher.steps < LONG_WALK and searcher.count == 0
 
 
+@pytest.mark.internals
 @pytest.mark.parametrize("budget", [1, 2, 5, 20])
 def test_without_steps_enough_it_says_so(budget):
     model, _ = scene_named("ball")
@@ -179,6 +186,7 @@ def test_without_steps_enough_it_says_so(budget):
     assert got_sq >= without_budget(model, (0.0, 0.0, 1e-3))[0]
 
 
+@pytest.mark.internals
 @pytest.mark.parametrize("point", [(1e9, 0.0, 0.0), (0.0, -1e200, 0.0)])
 def test_from_very_far_away_it_is_not_for_fronts(point):
     searcher = Searcher(scene_named("ball")[0])
@@ -186,6 +194,7 @@ def test_from_very_far_away_it_is_not_for_fronts(point):
     assert not searcher.at(point)[2]
 
 
+@pytest.mark.internals
 def test_where_more_nodes_are_near_than_it_holds_it_is_given_up():
     model = model_of(shapes.sphere(1.0, 5))
     searcher = Searcher(model)
@@ -254,7 +263,7 @@ def test_a_move_is_not_forgotten_when_the_tick_is_interrupted(monkeypatch):
     assert ticked(scene, tracker, np.repeat(place[None], 10, axis=0))
     scene.move(scene.parts[1].name, Pose(translation=(-5.0, 0.0, 0.0)))
     with monkeypatch.context() as patch:
-        patch.setattr("proximity.tracker.tracker._tick.call", interrupted)
+        patch.setattr("proximity.tracker.tracker._tick", interrupted)
         with pytest.raises(KeyboardInterrupt):
             tracker.tick(place, 11 * 10**6, 11 * 10**6)
     assert tracker.tick(place, 12 * 10**6, 12 * 10**6)["signed_distance"] == scene.signed_distance(place)

@@ -27,6 +27,8 @@ from proximity.mesh.triangle_mesh import TriangleMesh
 from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
 
+pytestmark = pytest.mark.internals
+
 MESHES = {
     "sphere": shapes.sphere(1.0, 2),
     "box": shapes.quartered(*shapes.cube(2.0, (0.0, 0.0, 0.0))),

@@ -135,6 +135,7 @@ def bare_marks(solid):
     return marks
 
 
+@pytest.mark.internals
 @pytest.mark.parametrize("seed", range(6))
 def test_faces_that_pass_are_those_of_brute_force(seed):
     rng = np.random.default_rng(seed)
@@ -242,6 +243,7 @@ def test_bodies_that_do_not_pass_through_have_no_marks(gap):
     assert "folded" not in solid.sign_reason
 
 
+@pytest.mark.internals
 def test_faces_without_area_are_no_faces_to_pass_through():
     """Tessellation leaves needles of no width along edges; heights over them are rounding."""
     corners = np.array(

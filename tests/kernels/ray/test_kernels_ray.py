@@ -24,8 +24,9 @@ from proximity.kernels.ray import hit_rows, ray_lanes, walk
 from proximity.kernels.scene import ray_queries
 from proximity.model.assembly import assemble
 from proximity.model.part_arrays import common_frame, part_arrays
+from proximity.native.mode import INTERPRETED, MODE
 from proximity.pose import Pose
-from proximity.simd import IS_COMPILED, bits, lane, splat32
+from proximity.simd import bits, lane, splat32
 
 TEN_KILOMETRES = np.array([10_000.0, -7_000.0, 3_000.0])
 ALL_ROWS = np.empty(0, np.int64)
@@ -71,7 +72,7 @@ class Hits:
         )
         self.choices[:] = 7
         self.zero_row = ray_queries.cast_batch(
-            model.handle,
+            model.packed,
             np.ascontiguousarray(origins),
             np.ascontiguousarray(directions),
             order,
@@ -255,6 +256,7 @@ def test_a_face_seen_edge_on_is_not_hit_but_its_neighbour_is():
     np.testing.assert_array_equal(hits.normal[0], [-1.0, 0.0, 0.0])
 
 
+@pytest.mark.internals
 @given(st.integers(0, 2**32 - 1), st.sampled_from([1.0, 1e-8, 1e-15, 1e-160]))
 def test_the_side_of_an_edge_is_never_wrong(seed, size):
     """Two triangles at one edge may both be hit, or one; never none."""
@@ -294,6 +296,7 @@ def node_of(lower, upper):
     return node
 
 
+@pytest.mark.internals
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 1e-300, 1e-18, 1e-9, 1.0]))
 def test_a_box_is_open_to_every_ray_that_meets_something_in_it(seed, flatness):
     """The ray ends in a corner of the box, at the very parameter that is the bound."""
@@ -312,6 +315,7 @@ def test_a_box_is_open_to_every_ray_that_meets_something_in_it(seed, flatness):
     assert 0.0 <= bound <= np.float32(length) * (1 + 1e-6) + 1e-38
 
 
+@pytest.mark.internals
 def test_a_box_that_is_missed_by_little_is_shut():
     node = node_of([0.25] * 3, [0.5] * 3)
     margin = walk.SLAB_MARGIN
@@ -527,8 +531,8 @@ UNCOMPILED = """
 import sys
 import numpy as np
 import test_kernels_ray as tests
-from proximity.simd import IS_COMPILED
-assert not IS_COMPILED
+from proximity.native import MODE
+assert MODE == "interpreted"
 np.seterr(all="ignore")
 np.save(sys.argv[1], tests.a_few_rays())
 """
@@ -547,7 +551,7 @@ def a_few_rays():
     return np.concatenate(rows)
 
 
-@pytest.mark.skipif(not IS_COMPILED, reason="compares compiled with uncompiled")
+@pytest.mark.skipif(MODE == INTERPRETED, reason="there is nothing compiled to compare with")
 def test_uncompiled_kernels_answer_the_same(tmp_path):
     paths = os.pathsep.join([*IMPORT_PATHS, str(Path(__file__).parent)])
     environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": paths}
@@ -582,6 +586,7 @@ def one_made_ready(frames, parts, origin, way, drift):
     return is_near, entry, aim, view
 
 
+@pytest.mark.internals
 @pytest.mark.parametrize("is_turned", [False, True])
 @pytest.mark.parametrize("drift", [0.0, ray_queries.FAR_MARGIN])
 @pytest.mark.parametrize("reach", [0.5, 1e3, 1e90])

@@ -14,6 +14,8 @@ from proximity.kernels.scene import distance_bounds
 from proximity.pose import Pose
 from proximity.scene.scene import Scene
 
+pytestmark = pytest.mark.internals
+
 PLENTY = 10**6
 
 

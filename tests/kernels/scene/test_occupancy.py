@@ -72,6 +72,7 @@ def corners_of_cells(model, rng, count):
     return np.concatenate([corners, np.nextafter(corners, np.inf), np.nextafter(corners, -np.inf)])
 
 
+@pytest.mark.internals
 @pytest.mark.parametrize("offset", [0.0, FAR], ids=["here", "10 km off"])
 @pytest.mark.parametrize("is_turned", [False, True], ids=["shifted", "turned"])
 @pytest.mark.parametrize("count", [2, 9, 40])
@@ -89,6 +90,7 @@ def test_no_part_that_may_hold_a_point_is_left_out(count, is_turned, offset):
     assert some > 100
 
 
+@pytest.mark.internals
 def test_lists_name_few_parts():
     rng = np.random.default_rng(3)
     scene = scene_of(rng, 40, spread=4.0)
@@ -99,6 +101,7 @@ def test_lists_name_few_parts():
     assert found < 0.02 * 40 * len(points)
 
 
+@pytest.mark.internals
 @pytest.mark.parametrize("size", [1e-9, 1e60])
 def test_scenes_of_any_size_have_their_lists(size):
     rng = np.random.default_rng(5)
@@ -112,6 +115,7 @@ def test_scenes_of_any_size_have_their_lists(size):
         assert set(holders(model, point)) <= set(listed(model, point))
 
 
+@pytest.mark.internals
 def test_parts_in_one_place_have_fewer_cells_instead_of_longer_tables():
     count = 300
     solid = Solid(*shapes.cube())
@@ -125,6 +129,7 @@ def test_parts_in_one_place_have_fewer_cells_instead_of_longer_tables():
     assert scene.signed_distance((0.65, 0.5, 0.5)) == pytest.approx(-0.5)
 
 
+@pytest.mark.internals
 def test_a_part_without_an_inside_is_not_listed():
     sheet, ball = Solid(*shapes.grid(8, 8)), Solid(*shapes.sphere(0.3, 2))
     assert not sheet.has_inside
@@ -143,6 +148,7 @@ def test_a_scene_of_sheets_alone_has_no_cells():
     assert scene.signed_distance((0.5, 0.5, 0.25)) == 0.25
 
 
+@pytest.mark.internals
 def test_a_part_asked_alone_is_listed_nowhere_though_its_scene_has_lists():
     scene = scene_of(np.random.default_rng(6), 4)
     solid = scene.parts[1].solid
@@ -153,6 +159,7 @@ def test_a_part_asked_alone_is_listed_nowhere_though_its_scene_has_lists():
     assert solid.contains((0.1, 0.1, 0.1))
 
 
+@pytest.mark.internals
 @pytest.mark.parametrize("loose", [1, 7, 8, 9, 30])
 def test_parts_that_have_moved_are_found_where_they_are_and_nowhere_else(loose):
     rng = np.random.default_rng(loose)

@@ -35,8 +35,9 @@ from proximity.kernels.segment.triangle import WITNESS_SIZE
 from proximity.kernels.segment.walk import segment_in_block
 from proximity.model.assembly import assemble
 from proximity.model.part_arrays import common_frame, part_arrays
+from proximity.native.mode import INTERPRETED, MODE
 from proximity.pose import Pose
-from proximity.simd import IS_COMPILED, bits, lane, splat32
+from proximity.simd import bits, lane, splat32
 
 ALL_ROWS = np.empty(0, np.int64)
 ROUNDING = 2.0**-52
@@ -88,7 +89,7 @@ class Found:
         self.reals = table[:, : segment_queries.SEGMENT_ANSWER_REALS]
         self.choices = table.view(np.int32)[:, segment_queries.SEGMENT_ANSWER_PART :]
         self.choices[:] = 7
-        segment_queries.segment_batch(model.handle, self.starts, self.ends, order, np.array([limit]), table)
+        segment_queries.segment_batch(model.packed, self.starts, self.ends, order, np.array([limit]), table)
         self.distance, self.fraction = self.reals[:, 0], self.reals[:, 7]
         self.on_segment, self.on_solid = self.reals[:, 1:4], self.reals[:, 4:7]
         self.barycentric = self.reals[:, 8:11]
@@ -176,6 +177,7 @@ def distance_sq_to_segment(point, start, end):
     return sum((x - t * y) ** 2 for x, y in zip(arm, way, strict=True))
 
 
+@pytest.mark.internals
 @pytest.mark.parametrize("reach", [0.3, 3.0, 1e2, 1e6, 1e12])
 @pytest.mark.parametrize("size", [0.0, 1e-6, 0.1, 1.0])
 def test_box_that_holds_the_nearest_point_is_always_opened(reach, size):
@@ -204,6 +206,7 @@ def test_box_that_holds_the_nearest_point_is_always_opened(reach, size):
     assert (far == (reach > 10.0)).mean() > 0.7
 
 
+@pytest.mark.internals
 def test_bounds_are_tight_along_the_ways_that_matter():
     """Within a tenth of the distance, for small boxes beside, beyond and far from segments."""
     rng = np.random.default_rng(8)
@@ -222,6 +225,7 @@ def test_bounds_are_tight_along_the_ways_that_matter():
             assert (lower >= 0.9 * exact - 0.1).all()
 
 
+@pytest.mark.internals
 def test_unused_lanes_are_never_opened():
     node = node_of(np.zeros((1, 1, 3)))
     segments = np.array([[0.0, 0, 0, 1, 1, 1], [1e6, 1e6, 0, 2e6, 0, 0], [-1e99, 0, 0, 1e99, 1, 1]])
@@ -232,6 +236,7 @@ def test_unused_lanes_are_never_opened():
     assert (opened == 1).all()
 
 
+@pytest.mark.internals
 def test_boxes_behind_a_crossing_are_closed():
     contents = np.linspace(-0.9, 0.9, LANES)[:, None, None] + np.zeros((LANES, 1, 3))
     bounds, _, limit = bounds_of(node_of(contents), np.array([-1.0, -1.0, -1.0, 1.0, 1.0, 1.0]))
@@ -249,6 +254,7 @@ def plan_of(start, end):
     return plan
 
 
+@pytest.mark.internals
 def test_segment_near_the_part_is_kept_as_it_is():
     plan = plan_of((-2.0, 0.1, 0.2), (2.0, 0.3, 1.9))
 
@@ -257,6 +263,7 @@ def test_segment_near_the_part_is_kept_as_it_is():
     assert (plan[PLAN_LOW], plan[PLAN_HIGH], plan[PLAN_IS_FAR], plan[PLAN_OFFSET]) == (0.0, 1.0, 0.0, 0.0)
 
 
+@pytest.mark.internals
 @pytest.mark.parametrize("far", [10.0, 1e6, 1e15])
 def test_long_segment_is_cut_on_the_line_to_the_last_bit(far):
     rng = np.random.default_rng(9)
@@ -275,6 +282,7 @@ def test_long_segment_is_cut_on_the_line_to_the_last_bit(far):
                 assert abs(Fraction(plan[at + axis]) - exact) <= Fraction(2.0**-52) * abs(exact)
 
 
+@pytest.mark.internals
 def test_cut_never_takes_the_nearest_point():
     """Corners of the local cube are the farthest that a surface can lie from where the cut aims."""
     rng = np.random.default_rng(10)
@@ -523,6 +531,7 @@ def test_row_that_is_not_finite_answers_nan_and_the_others_go_on():
     assert found.distance[[0, 3]] == pytest.approx([3.0**0.5] * 2)
 
 
+@pytest.mark.internals
 def test_lowest_slot_wins_among_equals():
     """Ten copies of one face: whatever the tree looks like, the first in leaf order is told."""
     vertices, faces = TRIANGLE
@@ -566,7 +575,7 @@ def a_few_segments():
     return np.concatenate([np.hstack([each.reals, each.choices]) for each in found])
 
 
-@pytest.mark.skipif(not IS_COMPILED, reason="compares compiled with uncompiled")
+@pytest.mark.skipif(MODE == INTERPRETED, reason="there is nothing compiled to compare with")
 def test_uncompiled_kernels_answer_the_same(tmp_path):
     paths = os.pathsep.join([*IMPORT_PATHS, str(Path(__file__).parent)])
     environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": paths}

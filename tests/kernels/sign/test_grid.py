@@ -22,6 +22,8 @@ from proximity.model.assembly import assemble
 from proximity.model.part_arrays import LARGEST_GRID, part_arrays, with_sign
 from proximity.pose import Pose
 
+pytestmark = pytest.mark.internals
+
 
 @numba.njit
 def states_at(words, lower, rate, counts, points, out):

@@ -13,6 +13,8 @@ from proximity.model.assembly import assemble
 from proximity.model.part_arrays import part_arrays
 from proximity.pose import Pose
 
+pytestmark = pytest.mark.internals
+
 LARGEST_ERROR = 0.05
 """The figure in docs/accuracy.md: of a turn, over all shapes and points here. A sign needs less than 0.5."""
 

@@ -7,7 +7,7 @@ from ticking import block, line, plate, sheet, solid
 
 from proximity.kernels.geometry.closest_feature import CLOSEST_SIZE
 from proximity.kernels.layout import NO_SLOT
-from proximity.kernels.memory import Model
+from proximity.kernels.model_arrays import ModelArrays
 from proximity.kernels.point.budgeted_walk import WORKSPACE_SIZE
 from proximity.kernels.scene.distance_bounds import fill_closest
 from proximity.kernels.tracking import conservative_advancement as advancing
@@ -25,6 +25,8 @@ from proximity.kernels.tracking.conservative_advancement import (
 from proximity.kernels.tracking.part_drift import Drift, movers_workspace
 from proximity.kernels.tracking.track import Scratch
 from proximity.scene.scene import Scene
+
+pytestmark = pytest.mark.internals
 
 RADIUS = 0.007
 PLENTY = 10**6
@@ -53,7 +55,7 @@ class Way:
     @property
     def model(self):
         model = self.scene.snapshot()
-        return Model(model.reals, model.words, model.frames, model.parts)
+        return ModelArrays(model.reals, model.words, model.frames, model.parts)
 
     def at(self, parameter):
         return np.array([np.interp(parameter, self.parameters, column) for column in self.corners.T])

@@ -23,6 +23,8 @@ from proximity.kernels.tracking.part_drift import (
 from proximity.pose import Pose
 from proximity.scene.scene import Scene
 
+pytestmark = pytest.mark.internals
+
 TIGHT = 1.0 + 1e-11
 
 

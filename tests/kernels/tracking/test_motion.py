@@ -15,6 +15,8 @@ from proximity.kernels.tracking.motion import (
     STARTED,
 )
 
+pytestmark = pytest.mark.internals
+
 KNOWN = TRACKED | PREDICTED
 
 

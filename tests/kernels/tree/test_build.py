@@ -71,6 +71,7 @@ def cost(nodes, links):
 # --- halving ----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.internals
 @pytest.mark.parametrize("leaf_shift", [0, FACES_SHIFT])
 @pytest.mark.parametrize("count", [1, 2, 8, 9, 17, 1000])
 def test_halving_shares_out_the_faces(count, leaf_shift):
@@ -84,6 +85,7 @@ def test_halving_shares_out_the_faces(count, leaf_shift):
     assert leaves[:, LINK_COUNT].min() >= 1 and leaves[:, LINK_COUNT].max() <= 2**leaf_shift
 
 
+@pytest.mark.internals
 @pytest.mark.parametrize("axis", range(3))
 def test_two_heaps_are_divided_between_them(axis):
     rng = np.random.default_rng(7)
@@ -103,6 +105,7 @@ def _face_count(links, node):
     return sum(_face_count(links, child) for child in links[node, [LINK_LEFT, LINK_RIGHT]])
 
 
+@pytest.mark.internals
 def test_what_no_plane_separates_is_halved_by_count():
     boxes = np.repeat(random_boxes(np.random.default_rng(7), 1), 64, axis=0)
 
@@ -114,6 +117,7 @@ def test_what_no_plane_separates_is_halved_by_count():
 # --- reinsertion ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.internals
 def test_improving_keeps_the_tree_and_lessens_its_surface():
     rng = np.random.default_rng(7)
     boxes = random_boxes(rng, 3000, size=2.0 ** -rng.uniform(0, 8, (3000, 1)))  # some large, most small
@@ -127,6 +131,7 @@ def test_improving_keeps_the_tree_and_lessens_its_surface():
     assert cost(nodes, links) < 0.97 * before
 
 
+@pytest.mark.internals
 @pytest.mark.parametrize("seed", range(20))
 def test_improving_never_adds_surface(seed):
     rng = np.random.default_rng(seed)
@@ -138,6 +143,7 @@ def test_improving_never_adds_surface(seed):
     assert cost(nodes, links) <= before * (1 + 1e-5)
 
 
+@pytest.mark.internals
 def test_a_leaf_on_the_wrong_side_is_put_where_it_belongs():
     """Two heaps of four; one box of each stands with the other's."""
     lower = np.zeros((8, 3))
@@ -205,6 +211,7 @@ def least_surface(nodes, links):
     )
 
 
+@pytest.mark.internals
 @pytest.mark.parametrize("seed", range(8))
 def test_no_other_wide_tree_has_less_surface(seed):
     rng = np.random.default_rng(seed)
@@ -229,6 +236,7 @@ def depth_of(nodes):
     return levels, sum(name < 0 for name in met)
 
 
+@pytest.mark.internals
 @pytest.mark.parametrize("count", [9, 100, 3000])
 @pytest.mark.parametrize("side", [LINK_LEFT, LINK_RIGHT])
 def test_a_chain_of_any_length_is_not_deep(count, side):
@@ -255,6 +263,7 @@ def test_a_chain_of_any_length_is_not_deep(count, side):
     np.testing.assert_array_equal(leaf_first, np.arange(count + 1))
 
 
+@pytest.mark.internals
 def test_the_thinnest_of_a_nodes_boxes_has_its_first_lane():
     """A walk goes there first where several are equally near."""
     nodes, links, _, order = halved(random_boxes(np.random.default_rng(8), 5000))
@@ -269,6 +278,7 @@ def test_the_thinnest_of_a_nodes_boxes_has_its_first_lane():
     assert count > 100
 
 
+@pytest.mark.internals
 def test_leaves_are_numbered_in_the_order_of_the_tree():
     """What is below a node has leaves in a row: moments and slabs are made from that."""
     nodes, links, _, order = halved(random_boxes(np.random.default_rng(7), 5000))

@@ -123,6 +123,7 @@ def points_around(rng, corners):
     )
 
 
+@pytest.mark.internals
 @pytest.mark.parametrize("name", NAMES)
 def test_slab_is_never_above_the_distance_of_any_face_below(name):
     piece, rng = piece_named(name), np.random.default_rng(7)
@@ -164,6 +165,7 @@ def test_slab_is_as_wide_as_the_corners_reach(name):
         )
 
 
+@pytest.mark.internals
 def test_slabs_of_a_ball_seen_from_its_centre_miss_by_the_sagitta_only():
     piece = piece_of(shapes.sphere(1.0, 4))
     bounds = np.sqrt(bounds_at(piece.moments, np.zeros((1, 3)))[0])
@@ -186,6 +188,7 @@ def test_slabs_of_a_ball_seen_from_its_centre_miss_by_the_sagitta_only():
     assert np.median(box_misses) > 0.15  # falls with the size only, not with its square
 
 
+@pytest.mark.internals
 @pytest.mark.parametrize("factor", [2.0**-90, 2.0**-10, 1.0, 2.0**16])
 def test_factor_scales_the_bounds(factor):
     piece = piece_named("ball")
@@ -197,6 +200,7 @@ def test_factor_scales_the_bounds(factor):
     assert is_kept.any() and not scaled[~is_kept].any()
 
 
+@pytest.mark.internals
 def test_bound_too_small_for_float32_is_none():
     """Else it would be rounded to one of the few smallest numbers, half of them too large."""
     piece = piece_named("one face")
@@ -206,6 +210,7 @@ def test_bound_too_small_for_float32_is_none():
     assert bounds_at(piece.moments, points, 2.0**-90)[:, 0, 0].any()
 
 
+@pytest.mark.internals
 def test_child_without_a_mean_normal_and_unused_lanes_bound_nothing():
     one, two = piece_named("one face"), piece_of((np.eye(3), [[0, 1, 2], [0, 2, 1]]))
     points = points_around(np.random.default_rng(7), one.corners[one.faces])
@@ -216,6 +221,7 @@ def test_child_without_a_mean_normal_and_unused_lanes_bound_nothing():
     assert (bounds_at(one.moments, points)[:, 0, 1:] == 0.0).all()
 
 
+@pytest.mark.internals
 def test_infinite_slab_bounds_nothing_however_far_the_point():
     moments = piece_named("one face").moments.copy()
     moments[MOMENT_SLAB_LEAST], moments[MOMENT_SLAB_LARGEST] = -np.inf, np.inf
@@ -224,6 +230,7 @@ def test_infinite_slab_bounds_nothing_however_far_the_point():
     assert (bounds_at(moments, points) == 0.0).all()
 
 
+@pytest.mark.internals
 def test_bounds_beyond_float32_are_cut_off_below_infinity():
     bounds = bounds_at(piece_named("one face").moments, [[1e20, 1e20, 1e20], [1e100, 1e100, 1e100]])
 

@@ -1,5 +1,5 @@
 /* Which sets of instructions this processor has, and its system saves the registers of. */
-#include "door.h"
+#include "entry_points.h"
 
 #include <string.h>
 
@@ -18,7 +18,7 @@ static uint64_t saved_registers(void)
 
 int has_instructions(const char *name)
 {
-    unsigned a, b, c, d, basic, wide, unused, extended;
+    unsigned a, b, d, basic, wide, unused, extended;
     if (!__get_cpuid(1, &a, &b, &basic, &d) || !__get_cpuid_count(7, 0, &a, &wide, &unused, &d) ||
         !__get_cpuid(0x80000001u, &a, &b, &extended, &d)) {
         return 0;

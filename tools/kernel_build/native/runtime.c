@@ -1,6 +1,6 @@
 /* What compiled kernels ask of numba's runtime: memory of arrays, with their references counted, and two
    functions of C under names of its own. */
-#include "door.h"
+#include "entry_points.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -8,7 +8,7 @@ import math
 import operator
 from typing import Any
 
-from proximity.arrays import shown
+from proximity.checks.arrays import shown
 from proximity.errors import ProximityError, QueryError
 
 

@@ -100,7 +100,7 @@ def command(
     # NumPy, Rich and the library: only now, so that --help answers at once.
     from proximity import certificate
     from proximity.cli import progress
-    from proximity.cli.commands.demo import sample
+    from proximity.cli.commands.service.demo import sample
     from proximity.cli.views import bench_report
 
     period = None if gate is None else certificate.parse_period(gate)

@@ -4,15 +4,17 @@ import contextlib
 import os
 import threading
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from proximity.cli.options import LIMIT, check_limit
 from proximity.cli.program import EXIT_UNUSABLE
+from proximity.errors import ServiceError
 
 if TYPE_CHECKING:
     from proximity.service.hosting import Beginning
+    from proximity.web import RunningPage
 
 HELP = "\n\n".join(
     (
@@ -61,6 +63,9 @@ REAL_TIME = Annotated[
     ),
 ]
 TICKS = Annotated[int | None, typer.Option("--ticks", metavar="N", help="Stop after this many ticks.")]
+WEB = Annotated[
+    bool, typer.Option("--web", help="Put a page beside it, as proximity view shows; its address is printed.")
+]
 AS_JSON = Annotated[
     bool, typer.Option("--json", help="Write JSON: one document at the start, and the report at the end.")
 ]
@@ -78,6 +83,7 @@ def command(
     real_time: REAL_TIME = None,
     limit: LIMIT = None,
     ticks: TICKS = None,
+    web: WEB = False,
     as_json: AS_JSON = False,
     until_stdin: UNTIL_STDIN = False,
 ) -> None:
@@ -91,6 +97,7 @@ def command(
     from proximity.service.hosting import serve
 
     overrides = {"rate_hz": rate, "publish": publish or None, "log": log, "real_time": real_time}
+    page = _PageBeside(scene, overrides) if web else None
     stop = threading.Event()
     if until_stdin:
         threading.Thread(target=_await_line, args=(STDIN, stop), daemon=True).start()
@@ -98,20 +105,63 @@ def command(
 
     def begun(beginning: "Beginning") -> None:
         serve_report.write_beginning(beginning, as_json=as_json)
+        if page is not None:
+            page.start()
 
-    report = serve(
-        scene,
-        stop=stop,
-        tick_count=ticks,
-        seconds=limit,
-        say=_say,
-        begun=begun,
-        **overrides,
-    )
+    try:
+        report = serve(
+            scene,
+            stop=stop,
+            tick_count=ticks,
+            seconds=limit,
+            say=_say,
+            begun=begun,
+            **overrides,
+        )
+    finally:
+        if page is not None:
+            page.stop()
     serve_report.write(report, as_json=as_json)
     if report.log_lost:
         _say(f"the log lacks {report.log_lost} of {report.log_lost + report.log_written} frames")
         raise typer.Exit(EXIT_UNUSABLE)
+
+
+class _PageBeside:
+    """A page in a process of its own, to which the service publishes at an address of its own."""
+
+    def __init__(self, scene: Path, given: dict[str, Any]) -> None:
+        from proximity.service.config import read_scene_file
+        from proximity.web.served_scene import own_addresses
+
+        self._scene, self._address = str(scene), own_addresses().frames
+        given["publish"] = [*(given["publish"] or read_scene_file(scene).service.publish), self._address]
+        self._page: RunningPage | None = None
+        self._is_over = False
+        self._starting = threading.Thread(target=self._start, name="starts the page", daemon=True)
+
+    def start(self) -> None:
+        """Start it beside the loop, and say where it is."""
+        self._starting.start()
+
+    def stop(self) -> None:
+        """End it."""
+        self._is_over = True
+        if self._page is not None:
+            with contextlib.suppress(ServiceError):
+                self._page.stop()
+
+    def _start(self) -> None:
+        from proximity.web import RunningPage
+
+        try:
+            self._page = RunningPage([self._scene, "--beside", self._address], self._scene, _say)
+        except ServiceError as failure:
+            _say(str(failure))
+            return
+        if self._is_over:
+            self.stop()
+        _say(f"the page is at {self._page.url}")
 
 
 def _await_line(descriptor: int, stop: threading.Event) -> None:

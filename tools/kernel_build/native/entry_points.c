@@ -11,7 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "door.h"
+#include "entry_points.h"
 
 enum { MOST_AXES = 4, MOST_VALUES = 24, MOST_WORDS = 96 };
 enum { INT, FLOAT, BOOL, ARRAY, BUNDLE };
@@ -25,7 +25,7 @@ typedef struct {
 } Value;
 
 typedef struct {
-    Door door;
+    Wrapper wrapper;
     char *name;
     int argument_count, result_count, argument_words;
     Py_ssize_t handful; /* rows of the first array up to which the interpreter stays locked */
@@ -98,7 +98,7 @@ static inline int take(const Entry *entry, Py_ssize_t k, PyObject *given, int64_
     double real;
     switch (value->kind) {
     case ARRAY:
-        if (array_words(value, given, words)) {
+        if ((!entry->is_lenient || PyArray_CheckExact(given)) && array_words(value, given, words)) {
             return 1;
         }
         break;
@@ -214,10 +214,10 @@ static int ask(const Entry *entry, int64_t *words, Py_ssize_t rows)
     void *unused[2] = {NULL, NULL};
     int status;
     if (rows <= entry->handful) {
-        status = entry->door(&unused[0], &unused[1], (int64_t)words);
+        status = entry->wrapper(&unused[0], &unused[1], (int64_t)words);
     } else {
         Py_BEGIN_ALLOW_THREADS
-        status = entry->door(&unused[0], &unused[1], (int64_t)words);
+        status = entry->wrapper(&unused[0], &unused[1], (int64_t)words);
         Py_END_ALLOW_THREADS
     }
     if (status != 0) {
@@ -271,7 +271,10 @@ static PyObject *ask_few(const Entry *entry, PyObject *const *arguments)
     Py_ssize_t at = 1, rows = -1;
     for (int k = 0; k < entry->row_arrays; k++) {
         const Value *value = &entry->values[1 + k];
-        if (!array_words(value, arguments[1 + k], words + at) || (k > 0 && words[at + 1] != rows)) {
+        /* Of a subclass Python has to ask what it hides: a masked array does. */
+        PyObject *given = arguments[1 + k];
+        if (!PyArray_CheckExact(given) || !array_words(value, given, words + at) ||
+            (k > 0 && words[at + 1] != rows)) {
             return NULL;
         }
         rows = (Py_ssize_t)words[at + 1];
@@ -361,11 +364,11 @@ static void free_entry(PyObject *capsule)
     free(entry);
 }
 
-static Door door_named(const char *instructions, const char *name)
+static Wrapper wrapper_named(const char *instructions, const char *name)
 {
-    for (const NamedDoor *each = named_doors; each->name != NULL; each++) {
+    for (const NamedEntry *each = named_entries; each->name != NULL; each++) {
         if (strcmp(each->instructions, instructions) == 0 && strcmp(each->name, name) == 0) {
-            return each->door;
+            return each->wrapper;
         }
     }
     PyErr_Format(PyExc_LookupError, "there is no entry point %s for %s", name, instructions);
@@ -388,13 +391,13 @@ static PyObject *described(PyObject *arguments)
         return PyErr_NoMemory();
     }
     int words = 0;
-    entry->door = door_named(instructions, name);
+    entry->wrapper = wrapper_named(instructions, name);
     entry->name = strdup(name);
     entry->handful = handful;
     entry->is_lenient = is_lenient;
     entry->argument_count = (int)PyTuple_Size(taken);
     entry->result_count = (int)PyTuple_Size(given);
-    int is_right = entry->door != NULL && entry->name != NULL &&
+    int is_right = entry->wrapper != NULL && entry->name != NULL &&
                    entry->argument_count + entry->result_count <= MOST_VALUES;
     for (int k = 0; is_right && k < entry->argument_count + entry->result_count; k++) {
         int is_result = k >= entry->argument_count;
@@ -509,13 +512,13 @@ static PyType_Slot bundle_slots[] = {
 static PyType_Spec bundle_spec = {"proximity.native._kernels.Bundle", sizeof(Bundle), 0,
                                   Py_TPFLAGS_DEFAULT | Py_TPFLAGS_DISALLOW_INSTANTIATION, bundle_slots};
 
-/* Names of the sets of instructions that there are doors for and that this processor has. */
+/* Names of the sets of instructions that there are wrappers for and that this processor has. */
 static PyObject *usable_instructions(PyObject *self, PyObject *unused)
 {
     (void)self, (void)unused;
     PyObject *names = PyList_New(0);
     const char *last = "";
-    for (const NamedDoor *each = named_doors; names != NULL && each->name != NULL; each++) {
+    for (const NamedEntry *each = named_entries; names != NULL && each->name != NULL; each++) {
         if (strcmp(each->instructions, last) != 0 && has_instructions(each->instructions)) {
             PyObject *name = PyUnicode_FromString(each->instructions);
             if (name == NULL || PyList_Append(names, name) < 0) {

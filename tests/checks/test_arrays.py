@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from odd_arrays import unaligned
 
-from proximity.arrays import as_float64, as_points
+from proximity.checks.arrays import as_float64, as_points
 from proximity.errors import MeshError, QueryError
 
 ROWS = [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]

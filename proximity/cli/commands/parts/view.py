@@ -1,0 +1,176 @@
+"""``proximity view``: parts in a browser, with hands over them and the distances of every fingertip."""
+
+import contextlib
+import json
+import os
+import threading
+import webbrowser
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from proximity.cli.commands.service.demo import sample
+from proximity.cli.options import LIMIT, UNITS, check_limit, with_option_groups
+from proximity.system.stop_signals import stopped_by_signals
+
+HELP = "\n\n".join(
+    (
+        "Show FILES in the browser: the parts, hands over them, and how far every fingertip is.",
+        "FILES are parts (STL, OBJ, PLY, OFF, glTF, 3MF, STEP, or a compiled scene); or a scene file, whose "
+        "parts and fingers are taken; or a log of frames (.frames), to be played, with the parts that it is "
+        "of. Hands come from a headset with WebXR, the mouse, or a recording.",
+        "What the page needs is started and ends with Ctrl-C: a service in a process of its own, and a "
+        "bridge between it and the page. Only this machine can connect, and only with the token in the "
+        "address.",
+    )
+)
+
+EXAMPLES = """
+Examples:
+  proximity view part.step
+  proximity view meshes/bracket.stl --replay meshes/hand.csv
+  proximity view run.frames meshes/bracket.stl
+  proximity view cell.toml --no-browser --port 8787
+"""
+
+STDIN = 0
+
+FILES = Annotated[
+    list[Path], typer.Argument(metavar="FILES", help="Parts, a scene file (.toml), a log (.frames).")
+]
+REPLAY = Annotated[
+    Path | None, typer.Option("--replay", metavar="HAND", help="Begin with this recorded hand, as CSV.")
+]
+FIT = Annotated[
+    bool, typer.Option("--fit", help="Put the recorded hand where it touches the parts, not where it was.")
+]
+BROWSER = Annotated[
+    bool,
+    typer.Option("--browser/--no-browser", help="Open a browser, or do not.", show_default=False),
+]
+RATE = Annotated[float, typer.Option("--rate", metavar="HZ", help="Ticks of the service a second.")]
+RADIUS = Annotated[
+    float | None, typer.Option("--radius", metavar="MM", help="Of the fingertip spheres; 7 mm without it.")
+]
+PORT = Annotated[int, typer.Option("--port", metavar="N", help="Where to listen; 0: any that is free.")]
+BIND = Annotated[
+    str,
+    typer.Option("--bind", metavar="ADDRESS", help="Let other machines connect; needs --cert and --key."),
+]
+NAMES = Annotated[
+    list[str] | None,
+    typer.Option("--name", metavar="NAME", help="By which the others call this machine; repeatedly."),
+]
+CERT = Annotated[Path | None, typer.Option("--cert", metavar="FILE", help="Certificate for TLS, PEM.")]
+KEY = Annotated[Path | None, typer.Option("--key", metavar="FILE", help="Its private key, PEM.")]
+BESIDE = Annotated[str | None, typer.Option("--beside", metavar="ADDRESS", hidden=True)]
+FRAMED = Annotated[bool, typer.Option("--framed", hidden=True)]
+AS_JSON = Annotated[bool, typer.Option("--json", hidden=True)]
+UNTIL_STDIN = Annotated[bool, typer.Option("--until-stdin", hidden=True)]
+
+
+@dataclass(frozen=True)
+class Listening:
+    """Where pages can be had."""
+
+    port: PORT = 0
+    bind: BIND = "127.0.0.1"
+    name: NAMES = None
+    cert: CERT = None
+    key: KEY = None
+
+
+@dataclass(frozen=True)
+class Program:
+    """What a program that starts this one asks for."""
+
+    beside: BESIDE = None
+    framed: FRAMED = False
+    json: AS_JSON = False
+    until_stdin: UNTIL_STDIN = False
+
+
+@with_option_groups
+def command(
+    files: FILES,
+    listening: Listening,
+    program: Program,
+    units: UNITS = "mm",
+    replay: REPLAY = None,
+    fit: FIT = False,
+    browser: BROWSER = True,
+    rate: RATE = 1000.0,
+    radius: RADIUS = None,
+    limit: LIMIT = None,
+) -> None:
+    """Show until asked to stop."""
+    check_limit(limit)
+    _check(rate, radius, listening.port)
+    # NumPy, Rich and the library: only now, so that --help and mistakes above answer at once.
+    from proximity.cli import progress
+    from proximity.web.page_process import PageSettings, run_page
+
+    settings = PageSettings(
+        files=tuple(map(str, files)),
+        units=units,
+        recording=str(sample("hand.csv") if replay is None else replay),
+        is_recording_fitted=fit or replay is None,
+        first_input="" if replay is None else "replay",
+        rate_hz=rate,
+        radius=None if radius is None else radius / 1e3,
+        port=listening.port,
+        bind=listening.bind,
+        names=tuple(listening.name or ()),
+        certificate=None if listening.cert is None else str(listening.cert),
+        key=None if listening.key is None else str(listening.key),
+        beside=program.beside,
+        may_be_framed=program.framed,
+    )
+    progress.prepare_kernels()
+    with stopped_by_signals() as stop:
+        _stop_when_asked(stop, program.until_stdin, limit)
+
+        def begun(beginning: dict[str, Any]) -> None:
+            if program.json:
+                typer.echo(json.dumps({"event": "begun", **beginning}))
+            else:
+                typer.echo(beginning["url"])
+            if browser:
+                webbrowser.open(beginning["url"])
+
+        report = run_page(settings, stop=stop, say=_say, begun=begun)
+    if program.json:
+        typer.echo(json.dumps({"event": "report", **report}))
+
+
+def _stop_when_asked(stop: threading.Event, is_until_stdin: bool, limit: float | None) -> None:
+    """Have *stop* set at the end of standard input, or after so many seconds."""
+    if is_until_stdin:
+        threading.Thread(target=_await_line, args=(STDIN, stop), daemon=True).start()
+    if limit is not None:
+        timer = threading.Timer(limit, stop.set)
+        timer.daemon = True
+        timer.start()
+
+
+def _check(rate: float, radius: float | None, port: int) -> None:
+    """Refuse numbers out of range."""
+    if not 1.0 <= rate <= 100_000.0:
+        raise typer.BadParameter(f"{rate:g} Hz: expected 1 to 100000", param_hint="--rate")
+    if not 0.0 < (1.0 if radius is None else radius) <= 1e3:
+        raise typer.BadParameter(f"{radius:g} mm: expected more than 0, up to 1000", param_hint="--radius")
+    if not 0 <= port < 65536:
+        raise typer.BadParameter(f"{port}: expected 0 to 65535", param_hint="--port")
+
+
+def _await_line(descriptor: int, stop: threading.Event) -> None:
+    """Set *stop* when a file has something, or ends."""
+    with contextlib.suppress(OSError):  # it is not open
+        os.read(descriptor, 1)
+    stop.set()
+
+
+def _say(sentence: str) -> None:
+    typer.echo(f"proximity: {' '.join(sentence.split())}", err=True)

@@ -1,0 +1,1 @@
+"""Commands that run a service, listen to it, and serve programs at its other end."""

@@ -1,0 +1,106 @@
+"""Who may come in: hosts, origins, the token, and how much a page may send.
+
+A page on any web site can make a browser connect to this machine, and can give its own name this machine's
+address (DNS rebinding). So the name in the address must be one that was printed, a connection must come from
+the page that was served here, and its first message must have the token, which only the printed address has.
+"""
+
+import hmac
+import secrets
+import time
+from dataclasses import dataclass, field
+
+LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
+MOST_BYTES = 65_536
+"""Of one message: poses of 10 fingers with their paths are 16 kB."""
+MESSAGES_PER_S = 1_000.0
+BYTES_PER_S = 8e6
+BURST_S = 1.0
+"""For so long a page may have been silent and send what it has at once."""
+HELLO_S = 5.0
+"""Within that the token must come."""
+
+WRONG_TOKEN, UNFIT, TOO_MUCH, HELD_UP = 4403, 4400, 4429, 4408
+"""Codes with which connections are closed."""
+
+
+def new_token() -> str:
+    """Return a token that nobody guesses."""
+    return secrets.token_urlsafe(24)
+
+
+@dataclass(frozen=True, slots=True)
+class Access:
+    """What a request must have."""
+
+    token: str
+    hosts: frozenset[str]  # "name:port", in lower case
+    scheme: str = "http"
+
+    @classmethod
+    def of(cls, token: str, names: tuple[str, ...], port: int, *, is_secure: bool) -> "Access":
+        """Return who may come in at these names of this machine.
+
+        Parameters
+        ----------
+        token : str
+            What the first message must have.
+        names : tuple of str
+            Names and addresses, IPv6 in brackets.
+        port : int
+            At which it is listened.
+        is_secure : bool
+            Whether TLS is spoken.
+        """
+        usual = 443 if is_secure else 80
+        hosts = {f"{name.lower()}:{port}" for name in names}
+        hosts |= {name.lower() for name in names if port == usual}
+        return cls(token, frozenset(hosts), "https" if is_secure else "http")
+
+    def refusal(self, host: str | None, origin: str | None, *, is_live: bool) -> tuple[int, str] | None:
+        """Return status and sentence of a request that is refused; None: it may come in.
+
+        Parameters
+        ----------
+        host, origin : str
+            The headers; None where they are not there.
+        is_live : bool
+            Whether it asks for the live connection, which must say its origin.
+        """
+        if host is None or host.lower() not in self.hosts:
+            return 421, "This name is not one of this page: open the address that was printed."
+        expected = f"{self.scheme}://{host.lower()}"
+        if origin is None:
+            return (403, "A live connection must say its origin.") if is_live else None
+        if origin.lower() != expected:
+            return 403, "Another page may not come in here."
+        return None
+
+    def is_token(self, given: object) -> bool:
+        """Whether that is the token; takes equally long for any of its length."""
+        return isinstance(given, str) and hmac.compare_digest(given.encode(), self.token.encode())
+
+
+@dataclass(slots=True)
+class Allowance:
+    """How much a page may still send now."""
+
+    messages: float = MESSAGES_PER_S * BURST_S
+    size: float = BYTES_PER_S * BURST_S
+    since: float = field(default_factory=time.monotonic)
+
+    def takes(self, size: int, now: float | None = None) -> bool:
+        """Whether another message is within what may be sent; it is counted.
+
+        Parameters
+        ----------
+        size : int, bytes
+            Of the message.
+        now : float, s
+            On a monotonic clock; asked for where not given.
+        """
+        now = time.monotonic() if now is None else now
+        elapsed, self.since = now - self.since, now
+        self.messages = min(self.messages + elapsed * MESSAGES_PER_S, MESSAGES_PER_S * BURST_S) - 1.0
+        self.size = min(self.size + elapsed * BYTES_PER_S, BYTES_PER_S * BURST_S) - size
+        return self.messages >= 0.0 and self.size >= 0.0

@@ -1,0 +1,319 @@
+"""The bridge between pages and a service: files over HTTP, frames down, poses and moves up.
+
+One thread, `asyncio`. It computes no distances but those of a slice, and those in a thread beside it. What a
+page gets as text is a JSON document with one key or a few; what is binary is a message of
+`proximity.message`, a GLB file or a slice, and says so in its first four bytes.
+"""
+
+import asyncio
+import contextlib
+import json
+import logging
+import time
+from dataclasses import dataclass, field
+from typing import Any
+
+from websockets.asyncio.server import Server, ServerConnection, serve
+from websockets.datastructures import Headers
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
+
+from proximity.scene.scene import Scene
+from proximity.web.access import HELD_UP, HELLO_S, MOST_BYTES, TOO_MUCH, UNFIT, WRONG_TOKEN, Access
+from proximity.web.feeding import Feed, HeldUpError, UnfitError
+from proximity.web.page_client import PageClient
+from proximity.web.page_files import PageFiles
+from proximity.web.slices import slice_bytes
+from proximity.web.sources import LiveFrames, LoggedFrames
+
+LIVE = "/live"
+"""Where the live connection is asked for."""
+LOOK_S = 0.001
+"""Between two looks for a new frame, while a page is there."""
+IDLE_LOOK_S = 0.05
+MOST_PAGES = 8
+QUIET = logging.getLogger("proximity.web.connections")
+"""Of the library: browsers open connections and send nothing, which it would call a failure."""
+QUIET.addHandler(logging.NullHandler())
+QUIET.propagate = False
+REASONS = {
+    200: "OK",
+    403: "Forbidden",
+    404: "Not Found",
+    405: "Method Not Allowed",
+    421: "Misdirected Request",
+}
+
+
+@dataclass(slots=True, eq=False)
+class Shown:
+    """What pages are shown."""
+
+    title: str
+    scene: Scene | None
+    glb: bytes  # empty: no geometry
+    frames: LiveFrames | LoggedFrames
+    feed: Feed
+    about: dict[str, Any] = field(default_factory=dict)  # what pages get at the beginning
+    recording: dict[str, Any] | None = None  # a hand that can be replayed
+
+
+class Bridge:
+    """Pages and what they are shown.
+
+    Parameters
+    ----------
+    shown : Shown
+        What that is.
+    access : Access
+        Who may come in.
+    files : PageFiles
+        Of the page.
+    """
+
+    def __init__(self, shown: Shown, access: Access, files: PageFiles) -> None:
+        self._shown, self._access, self._files = shown, access, files
+        self._clients: list[PageClient] = []
+        self._number = 0
+        self._tasks: set[asyncio.Task[Any]] = set()
+        self.refused: dict[str, int] = {}  # how often, by what was wrong
+
+    async def listen(self, host: str, port: int, ssl: Any = None) -> Server:
+        """Begin to listen; closed by the caller.
+
+        Parameters
+        ----------
+        host : str
+            Address of this machine.
+        port : int
+            0: any that is free.
+        ssl : SSLContext
+            For TLS.
+        """
+        return await serve(
+            self._page,
+            host,
+            port,
+            ssl=ssl,
+            process_request=self._request,
+            compression=None,
+            max_size=MOST_BYTES,
+            max_queue=64,
+            open_timeout=HELLO_S,
+            logger=QUIET,
+            server_header=None,
+        )
+
+    async def hand_on(self) -> None:
+        """Hand frames of the service to pages, until cancelled; of a log pages ask for them."""
+        frames = self._shown.frames
+        while isinstance(frames, LiveFrames):
+            await asyncio.sleep(LOOK_S if self._clients else IDLE_LOOK_S)
+            new = frames.newest()
+            if new is None:
+                continue
+            if new.is_new_run:
+                self._shown.feed.repeat_moves()
+            for client in self._clients:
+                client.offer(new.data, is_answer=new.is_answer)
+
+    def say(self, sentence: str) -> None:
+        """Show a sentence on every page."""
+        for client in self._clients:
+            self._start(client.tell(notice=sentence))
+
+    # HTTP
+
+    def _request(self, connection: ServerConnection, request: Request) -> Response | None:
+        del connection
+        hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
+        path = request.path.partition("?")[0]
+        is_live = path == LIVE
+        if len(hosts) > 1 or len(origins) > 1:
+            return self._answer(403, b"A header is there twice.")
+        refusal = self._access.refusal(
+            hosts[0] if hosts else None, origins[0] if origins else None, is_live=is_live
+        )
+        if refusal is not None:
+            self._count(refusal[1])
+            return self._answer(refusal[0], refusal[1].encode())
+        if is_live:
+            return None
+        found = self._files.get(path)
+        if found is None:
+            return self._answer(404, b"There is no such file.")
+        kind, content = found
+        return self._answer(200, content, {"Content-Type": kind, "Content-Encoding": "gzip"})
+
+    def _answer(self, status: int, body: bytes, more: dict[str, str] | None = None) -> Response:
+        headers = Headers({"Content-Type": "text/plain; charset=utf-8"} | self._files.headers | (more or {}))
+        headers["Content-Length"] = str(len(body))
+        headers["Connection"] = "close"
+        return Response(status, REASONS[status], headers, body)
+
+    # The live connection
+
+    async def _page(self, connection: ServerConnection) -> None:
+        try:
+            async with asyncio.timeout(HELLO_S):
+                hello = _document(await connection.recv())
+        except (TimeoutError, ConnectionClosed, UnfitError):
+            hello = {}
+        if not self._access.is_token(hello.get("hello")):
+            self._count("wrong token")
+            await connection.close(WRONG_TOKEN, "open the address that was printed: it has the token")
+            return
+        if len(self._clients) >= MOST_PAGES:
+            await connection.close(TOO_MUCH, f"there are {MOST_PAGES} pages already")
+            return
+        self._number += 1
+        client = PageClient(connection, self._number)
+        sending = asyncio.create_task(client.send_frames())
+        try:
+            await self._welcome(client)
+            async for data in connection:
+                self._take(client, data)
+        except ConnectionClosed:
+            pass
+        except HeldUpError as held_up:
+            await self._refuse(client, HELD_UP, str(held_up))
+        except UnfitError as unfit:
+            await self._refuse(client, UNFIT, str(unfit))
+        except _TooMuchError as flood:
+            await self._refuse(client, TOO_MUCH, str(flood))
+        finally:
+            sending.cancel()
+            self._leave(client)
+            with contextlib.suppress(asyncio.CancelledError, ConnectionClosed):
+                await sending
+
+    async def _welcome(self, client: PageClient) -> None:
+        shown, feed = self._shown, self._shown.feed
+        client.feeds = not any(other.feeds for other in self._clients)
+        await client.tell(
+            welcome={
+                "title": shown.title,
+                "feeds": client.feeds,
+                "may_pose": feed.may_pose,
+                "may_move": feed.may_move,
+                "finger_count": feed.count,
+                "has_geometry": bool(shown.glb),
+                "recording": shown.recording,
+                **shown.about,
+            }
+        )
+        if shown.glb:
+            await client.connection.send(shown.glb)
+        moved = feed.moved()
+        if moved is not None:
+            await client.connection.send(moved)
+        self._clients.append(client)
+
+    def _leave(self, client: PageClient) -> None:
+        """Forget a page; fingers that it fed are not tracked any more, and another page may feed."""
+        if client not in self._clients:
+            return
+        self._clients.remove(client)
+        if client.feeds:
+            self._shown.feed.release()
+            for other in self._clients[:1]:
+                self._give_role(other)
+
+    def _give_role(self, client: PageClient) -> None:
+        for other in self._clients:
+            if other.feeds != (other is client):
+                other.feeds = other is client
+                self._start(other.tell(feeds=other.feeds))
+
+    def _take(self, client: PageClient, data: str | bytes) -> None:
+        if not client.allowance.takes(len(data)):
+            raise _TooMuchError("too many messages")
+        if isinstance(data, bytes):
+            if not client.feeds:
+                return  # under way when another page took over
+            moved = self._shown.feed.take(data, client.clock)
+            if moved is not None:
+                for other in self._clients:
+                    self._start(other.connection.send(moved))
+            return
+        if data == "ok":
+            client.shown()
+            return
+        asked = _document(data)
+        if "clock" in asked:
+            self._start(client.tell(clock=_number(asked["clock"]), now_ns=str(time.monotonic_ns())))
+        elif "feed" in asked:
+            self._shown.feed.release()
+            self._give_role(client)
+        elif "slice" in asked:
+            is_busy, client.slice_asked = client.slice_asked is not None, asked["slice"]
+            if not is_busy:
+                self._start(self._slices(client))
+        elif ("at_ms" in asked or "place" in asked) and isinstance(self._shown.frames, LoggedFrames):
+            self._start(self._show_logged(client, self._shown.frames, asked))
+        else:
+            raise UnfitError(f"a page may not ask for {', '.join(map(str, asked))[:60]!r}")
+
+    async def _slices(self, client: PageClient) -> None:
+        """Measure what a page asks for, and then the newest that it has asked for meanwhile."""
+        while client.slice_asked is not None:
+            asked = client.slice_asked
+            if self._shown.scene is None:
+                client.slice_asked = None
+                return
+            try:
+                data = await asyncio.to_thread(slice_bytes, self._shown.scene, asked)
+                await client.connection.send(data)
+            except UnfitError as unfit:
+                await client.tell(notice=str(unfit))
+            if client.slice_asked is asked:
+                client.slice_asked = None
+
+    async def _show_logged(self, client: PageClient, frames: LoggedFrames, asked: dict[str, Any]) -> None:
+        try:
+            place = frames.place_at(float(asked["at_ms"])) if "at_ms" in asked else int(asked["place"])
+        except (TypeError, ValueError, OverflowError):
+            return
+        place = min(max(place, 0), frames.count - 1)
+        await client.tell(place=place, ms=frames.ms_at(place))
+        await client.connection.send(frames.at(place))
+
+    async def _refuse(self, client: PageClient, code: int, sentence: str) -> None:
+        self._count(sentence)
+        with contextlib.suppress(ConnectionClosed):
+            await client.connection.close(code, sentence[:120])
+
+    def _count(self, what: str) -> None:
+        self.refused[what] = self.refused.get(what, 0) + 1
+
+    def _start(self, coroutine: Any) -> None:
+        """Have something done beside; that its page has gone is no failure."""
+
+        async def guarded() -> None:
+            with contextlib.suppress(ConnectionClosed):
+                await coroutine
+
+        task = asyncio.ensure_future(guarded())
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+
+class _TooMuchError(Exception):
+    pass
+
+
+def _number(given: Any) -> float:
+    if isinstance(given, bool) or not isinstance(given, int | float):
+        raise UnfitError("a clock is asked with a number")
+    return float(given)
+
+
+def _document(data: str | bytes) -> dict[str, Any]:
+    """A JSON object."""
+    try:
+        found = json.loads(data)
+    except (ValueError, RecursionError) as unfit:
+        raise UnfitError("a text is no JSON document") from unfit
+    if not isinstance(found, dict):
+        raise UnfitError("a document is no object")
+    return found

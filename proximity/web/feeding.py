@@ -1,0 +1,217 @@
+"""What a page sends to the service: poses of fingers and moves of parts, distrusted.
+
+Messages arrive as the service's own bytes with instants on the page's clock. They are checked, their
+instants put on this machine's clock, and they are published anew: a page never chooses session or sequence.
+"""
+
+import contextlib
+import time
+
+import numpy as np
+
+from proximity.errors import ProximityError
+from proximity.message import MOVES, PATH_POSES, POSES, Kind, Message, flaw_of, parts_of
+from proximity.pose import Pose
+from proximity.scene.scene import Scene
+from proximity.transport import Publisher, open_publisher
+from proximity.transport.publisher_clock import ForeignClock
+
+KINDS = {kind.magic: kind for kind in (POSES, PATH_POSES, MOVES)}
+FARTHEST = 1e4
+"""m from the origin: no hand and no part is there."""
+OLDEST_NS = 1_000_000_000
+"""A message that was under way for longer is of a connection that was held up, or of a machine that slept."""
+SPREAD_NS = 1_000_000_000
+"""An instant of a pose is no farther from that of its sending."""
+
+
+class UnfitError(Exception):
+    """A message of a page that cannot be used; the text says why."""
+
+
+class HeldUpError(UnfitError):
+    """Messages come so late that the connection, and with it the clock, must begin anew."""
+
+
+class PageClock:
+    """The clock of a page: the message that was fastest on its way tells how far it is from ours."""
+
+    def __init__(self) -> None:
+        self._clock = ForeignClock()
+
+    def ahead_ns(self, sent_ns: int, now_ns: int) -> int | None:
+        """Return what is to be added to instants of the page; None until its clock is seen to run.
+
+        Parameters
+        ----------
+        sent_ns : int, ns
+            When the message was sent, on the page's clock.
+        now_ns : int, ns
+            When it arrived, on ours.
+        """
+        self._clock.arrived(sent_ns, now_ns)
+        ahead = now_ns - self._clock.theirs(now_ns)
+        if now_ns - (sent_ns + ahead) > OLDEST_NS:
+            raise HeldUpError("messages of this page are held up for more than a second")
+        return ahead if self._clock.is_certain else None
+
+
+class Feed:
+    """The way from pages to the service; closed at the end.
+
+    Parameters
+    ----------
+    poses, moves : str
+        Addresses at which the service listens; None where pages may not feed it.
+    scene : Scene
+        Moved as the service moves its own; the poses at the beginning are those of a reset.
+    count : int
+        Of fingers of the service.
+    """
+
+    def __init__(self, poses: str | None, moves: str | None, scene: Scene | None, count: int) -> None:
+        self.may_pose, self.may_move = poses is not None, moves is not None and scene is not None
+        self.count = count
+        self._scene = scene
+        self._poses = None if poses is None else open_publisher(poses)
+        self._moves = None if moves is None else open_publisher(moves)
+        self._initial = {} if scene is None else {part.name: part.pose for part in scene.parts}
+        self._moved: set[str] = set()  # names of parts that are elsewhere than at the beginning
+        self._gone = Message(POSES, count)
+        self._gone.records["finger"] = np.arange(count)
+        for name in ("position", "velocity", "bend"):
+            self._gone.records[name] = np.nan
+
+    def take(self, data: bytes, clock: PageClock, now_ns: int | None = None) -> bytes | None:
+        """Check a message of a page and publish it; what other pages are to hear of it.
+
+        Parameters
+        ----------
+        data : bytes
+            What arrived; nothing of it is trusted.
+        clock : PageClock
+            Of that page.
+        now_ns : int, ns
+            The present instant.
+
+        Returns
+        -------
+        bytes or None
+            Moves as they were published.
+
+        Raises
+        ------
+        UnfitError
+            If it cannot be used.
+        """
+        now_ns = time.monotonic_ns() if now_ns is None else now_ns
+        array = np.frombuffer(data, np.uint8)
+        kind = KINDS.get(int.from_bytes(data[:4], "little"))
+        if kind is None:
+            raise UnfitError("a page may send poses and moves, nothing else")
+        flaw = flaw_of(array, kind)
+        if flaw is not None:
+            raise UnfitError(f"a message of {kind.name} is {flaw.value}")
+        header, records = parts_of(array, kind)
+        ahead = clock.ahead_ns(int(header["send_ns"]), now_ns)
+        if not len(records) or ahead is None:
+            return None
+        off = np.abs(records["pose_ns"].astype(np.float64) - float(header["send_ns"]))
+        if off.max() > SPREAD_NS:
+            raise UnfitError("instants of poses are far from when they were sent")
+        message = self._moves_of(records) if kind is MOVES else self._poses_of(kind, records)
+        message.records["pose_ns"] += ahead
+        message.header["send_ns"] = now_ns
+        self._publish(self._moves if kind is MOVES else self._poses, message)
+        return bytes(message.data) if kind is MOVES else None
+
+    def release(self) -> None:
+        """Say that no finger is tracked: the page that fed has gone."""
+        if self._poses is not None:
+            self._gone.records["pose_ns"] = self._gone.header["send_ns"] = time.monotonic_ns()
+            self._publish(self._poses, self._gone)
+
+    def moved(self) -> bytes | None:
+        """Return a message of where moved parts are now, for a page that has just come; None: none moved."""
+        message = self._where(self._moved)
+        return None if message is None else bytes(message.seal(0, 0))
+
+    def repeat_moves(self) -> None:
+        """Tell the service where moved parts are: it began anew, with all of them where its file has them."""
+        message = self._where(self._moved)
+        if message is not None:
+            self._publish(self._moves, message)
+
+    def close(self) -> None:
+        """Give the addresses back."""
+        for publisher in (self._poses, self._moves):
+            if publisher is not None:
+                publisher.close()
+
+    def _poses_of(self, kind: Kind, records: np.ndarray) -> Message:
+        if not self.may_pose:
+            raise UnfitError("this page may not feed poses: the scene file does not let it")
+        if len(records) > self.count or int(records["finger"].max()) >= self.count:
+            raise UnfitError(
+                f"a pose is of a finger that there is not, expected fingers 0 to {self.count - 1}"
+            )
+        numbers = [records["position"], records["velocity"]]
+        numbers += [records["corners"]] if kind is PATH_POSES else []
+        if any(_most(each) > FARTHEST for each in numbers):
+            raise UnfitError("a pose is farther than 10 km from the origin")
+        message = Message(kind, len(records))
+        message.records[...] = records
+        return message
+
+    def _moves_of(self, records: np.ndarray) -> Message:
+        if not self.may_move or self._scene is None:
+            raise UnfitError("this page may not move parts: the scene file does not let it")
+        names = [raw.decode("utf-8", "replace") for raw in records["name"].tolist()]
+        unknown = [name for name in names if name not in self._initial]
+        if unknown:
+            raise UnfitError(f"there is no part {unknown[0]!r}")
+        message = Message(MOVES, len(records))
+        message.records[...] = records
+        for name, record in zip(names, message.records, strict=True):
+            if not max(_most(record["translation"]), _most(record["velocity"])) <= FARTHEST:
+                raise UnfitError(f"part {name!r} is moved farther than 10 km")
+            try:
+                pose = Pose.known(_nearest_rotation(record["rotation"]), record["translation"])
+                self._scene.move(name, pose)
+            except ProximityError as unfit:
+                raise UnfitError(str(unfit)) from unfit
+            record["rotation"] = pose.rotation
+            self._moved.add(name)
+        return message
+
+    def _where(self, names: set[str]) -> Message | None:
+        if not names or self._scene is None:
+            return None
+        message = Message(MOVES, len(names))
+        message.header["send_ns"] = message.records["pose_ns"] = time.monotonic_ns()
+        for record, name in zip(message.records, sorted(names), strict=True):
+            pose = self._scene.part(name).pose
+            record["name"] = name.encode()
+            record["rotation"], record["translation"] = pose.rotation, pose.translation
+        return message
+
+    def _publish(self, publisher: Publisher | None, message: Message) -> None:
+        if publisher is not None:
+            with contextlib.suppress(ProximityError):  # the service sees by their age that none come
+                publisher.publish(message)
+
+
+def _most(numbers: np.ndarray) -> float:
+    """The largest size of a number; nan counts as 0, infinity as itself."""
+    return float(np.nan_to_num(np.abs(numbers), nan=0.0, posinf=np.inf).max(initial=0.0))
+
+
+def _nearest_rotation(given: np.ndarray) -> np.ndarray:
+    """The rotation that a page means, which computes poses of parts in single precision at worst."""
+    if not np.isfinite(given).all() or np.abs(given @ given.T - np.eye(3)).max() > 1e-4:
+        raise UnfitError("a part is moved by what is no rotation")
+    left, _, right = np.linalg.svd(given)
+    rotation = left @ right
+    if np.linalg.det(rotation) < 0.0:
+        raise UnfitError("a part is moved by what mirrors it")
+    return np.asarray(rotation)

@@ -1,0 +1,172 @@
+// The live connection: frames, moves and geometry come in, poses and moves go out.
+
+import { decode, decodeSlice, encode, kindOf, readField } from "./message.js";
+import { RECORDS } from "./layout.js";
+
+const PING_MS = 700;
+const AGAIN_MS = 600;
+const FRAME = RECORDS.frame_header.fields;
+const SENTENCES = {
+  4403: "This address lacks its token: open the address that proximity view printed.",
+  4429: "The bridge has ended the connection, because it had too many pages or messages.",
+  4400: "The bridge could not use what this page sent.",
+};
+
+export class Link extends EventTarget {
+  constructor(token) {
+    super();
+    this.token = token;
+    this.isOpen = false;
+    this.frame = null; // the newest, as bytes
+    this.arrivedMs = -Infinity;
+    this.latencies = []; // ms from sending a pose to the first frame that answers it
+    this.pings = []; // [round trip, offset]
+    this.offsetMs = NaN; // service's clock less the page's
+    this.sent = []; // page's ms at which poses were taken
+    this.rate = new Rate();
+    this.stopped = false;
+    setInterval(() => this.ping(), PING_MS);
+    this.connect();
+  }
+
+  connect() {
+    const scheme = location.protocol === "https:" ? "wss" : "ws";
+    this.socket = new WebSocket(`${scheme}://${location.host}/live`);
+    this.socket.binaryType = "arraybuffer";
+    this.socket.onopen = () => {
+      this.say({ hello: this.token });
+      this.pings = [];
+    };
+    this.socket.onmessage = (event) => this.take(event.data);
+    this.socket.onclose = (event) => this.closed(event);
+  }
+
+  closed(event) {
+    const wasOpen = this.isOpen;
+    this.isOpen = false;
+    const sentence = SENTENCES[event.code] ?? "The connection to the bridge is lost; it is tried again.";
+    this.emit("closed", { sentence, isFinal: event.code === 4403, wasOpen });
+    if (event.code !== 4403) setTimeout(() => this.connect(), AGAIN_MS);
+  }
+
+  take(data) {
+    if (typeof data === "string") return this.takeDocument(JSON.parse(data));
+    const kind = kindOf(data);
+    if (kind === "frame") return this.takeFrame(data);
+    if (kind === "moves") return this.emit("moves", decode(data).records);
+    if (kind === "glb") return this.emit("glb", data);
+    if (kind === "slice") return this.emit("slice", decodeSlice(data));
+  }
+
+  takeDocument(said) {
+    if (said.clock !== undefined) return this.learnClock(said.clock, Number(BigInt(said.now_ns)) / 1e6);
+    if (said.welcome !== undefined) {
+      this.isOpen = true;
+      this.ping();
+      this.emit("welcome", said.welcome);
+    } else if (said.notice !== undefined) this.emit("notice", said.notice);
+    else if (said.feeds !== undefined) this.emit("feeds", said.feeds);
+    else if (said.place !== undefined) this.emit("place", said);
+  }
+
+  takeFrame(data) {
+    const now = performance.now();
+    const view = new DataView(data);
+    this.frame = data;
+    this.arrivedMs = now;
+    this.rate.add(now, Number(readField(view, 0, FRAME.sequence)));
+    this.measure(now, Number(readField(view, 0, FRAME.pose_ns)) / 1e6);
+    this.socket.send("ok");
+    this.emit("frame", data);
+  }
+
+  /** The frame that first answers a pose says how long that took. */
+  measure(now, poseMs) {
+    const taken = poseMs - this.offsetMs;
+    const at = this.sent.findIndex((each) => Math.abs(each - taken) < 4);
+    if (at < 0) return;
+    this.latencies.push(now - this.sent[at]);
+    this.sent.splice(0, at + 1);
+    if (this.latencies.length > 600) this.latencies.shift();
+  }
+
+  ping() {
+    if (this.isOpen) this.say({ clock: performance.now() });
+  }
+
+  learnClock(sentMs, theirsMs) {
+    const now = performance.now();
+    this.pings.push([now - sentMs, theirsMs - (now + sentMs) / 2]);
+    if (this.pings.length > 20) this.pings.shift();
+    this.offsetMs = this.pings.reduce((best, each) => (each[0] < best[0] ? each : best))[1];
+  }
+
+  /** Now on the service's clock, ms; nan until it is known. */
+  serviceNow() {
+    return performance.now() + this.offsetMs;
+  }
+
+  say(what) {
+    if (this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(what));
+  }
+
+  /** Send poses of fingers, taken at *atMs* of this page. */
+  sendPoses(fingers, atMs) {
+    if (!this.isOpen || !fingers.length || this.socket.bufferedAmount > 200_000) return;
+    const pose_ns = nanoseconds(atMs);
+    const nowhere = [NaN, NaN, NaN];
+    const hasPath = fingers.some((finger) => finger.corners);
+    const records = fingers.map(({ finger, position, bend, corners }) => {
+      const record = { finger, pose_ns, position: position ?? nowhere, velocity: nowhere, bend: bend ?? NaN };
+      if (hasPath) record.corners = corners ?? NO_PATH;
+      return record;
+    });
+    const header = { send_ns: nanoseconds(performance.now()) };
+    this.socket.send(encode(hasPath ? "path_poses" : "poses", header, records));
+    this.sent.push(atMs);
+    if (this.sent.length > 50) this.sent.shift();
+  }
+
+  /** Ask for parts to be put elsewhere: name, rotation row by row, translation. */
+  sendMoves(moves) {
+    if (!this.isOpen || !moves.length) return;
+    const pose_ns = nanoseconds(performance.now());
+    const still = [0, 0, 0];
+    const records = moves.map((move) => ({ ...move, pose_ns, velocity: still, angular_velocity: still }));
+    this.socket.send(encode("moves", { send_ns: pose_ns }, records));
+  }
+
+  emit(name, detail) {
+    this.dispatchEvent(new CustomEvent(name, { detail }));
+  }
+}
+
+const NO_PATH = new Array(RECORDS.path_pose.fields.corners.count).fill(NaN);
+
+export const nanoseconds = (ms) => BigInt(Math.round(ms * 1e6));
+
+/** Frames a second that the service publishes, by their numbers: most are not sent to the page. */
+class Rate {
+  constructor() {
+    this.seen = [];
+  }
+
+  add(now, sequence) {
+    if (this.seen.length && sequence < this.seen.at(-1)[1]) this.seen = [];
+    this.seen.push([now, sequence]);
+    while (this.seen.length > 2 && now - this.seen[0][0] > 2000) this.seen.shift();
+  }
+
+  get hz() {
+    if (this.seen.length < 2) return NaN;
+    const [[begin, first], [end, last]] = [this.seen[0], this.seen.at(-1)];
+    return end > begin ? (1000 * (last - first)) / (end - begin) : NaN;
+  }
+}
+
+/** A percentile of numbers; nan of none. */
+export function percentile(numbers, share) {
+  if (!numbers.length) return NaN;
+  const sorted = [...numbers].sort((a, b) => a - b);
+  return sorted[Math.min(Math.floor(share * sorted.length), sorted.length - 1)];
+}

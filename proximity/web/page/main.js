@@ -1,0 +1,169 @@
+// The page: a scene, hands over it, and how far every fingertip is.
+
+import { Fingers } from "./fingers.js";
+import { readingOf, startOf } from "./frames.js";
+import { HandShape } from "./inputs/hand.js";
+import { Headset, whyNot } from "./inputs/headset.js";
+import { MouseHand } from "./inputs/mouse_hand.js";
+import { RecordedHand } from "./inputs/recorded_hand.js";
+import { Link } from "./link.js";
+import { Panel, byId, makeChoice, showChoice } from "./panel.js";
+import { Parts } from "./parts.js";
+import { Stage } from "./stage.js";
+import { Timeline } from "./timeline.js";
+import { Tools } from "./tools.js";
+
+const CHOICES = [["mouse", "Mouse"], ["replay", "Recorded"], ["headset", "Headset"], ["none", "None"]];
+
+class Page {
+  constructor(token) {
+    this.panel = new Panel();
+    this.stage = new Stage(byId("canvas"));
+    this.link = new Link(token);
+    this.parts = new Parts(this.stage, this.link);
+    this.fingers = new Fingers(this.stage);
+    this.tools = new Tools(this.stage, this.parts, this.link, this.panel);
+    this.shapes = { left: new HandShape(this.stage.root), right: new HandShape(this.stage.root) };
+    this.paths = new Map(); // of fingers, as they were sent
+    this.tracked = new Set(); // fingers that were sent last
+    this.input = "none";
+    this.feeds = false;
+    this.listen();
+    this.stage.updates.add(() => this.update());
+  }
+
+  listen() {
+    const on = (name, act) => this.link.addEventListener(name, (event) => act(event.detail));
+    on("welcome", (about) => this.welcome(about));
+    on("glb", (data) => this.loaded(data));
+    on("notice", (sentence) => this.panel.say(sentence));
+    on("feeds", (feeds) => this.setRole(feeds));
+    on("closed", ({ sentence, isFinal }) => {
+      if (isFinal) this.panel.cover(sentence);
+      else this.panel.say(sentence, true);
+    });
+    on("frame", (data) => this.parts.follow(startOf(data)));
+    this.parts.addEventListener("changed", () => this.panel.showParts(this.parts));
+  }
+
+  welcome(about) {
+    this.about = about;
+    this.panel.setAbout(about);
+    this.panel.say("");
+    this.fingers.setRadii(about.radii ?? new Array(about.finger_count).fill(0.007));
+    this.panel.cover(about.has_geometry ? "Loading the parts …" : "");
+    this.tools.mayMove = about.may_move;
+    if (about.log && !this.timeline) {
+      this.timeline = new Timeline(this.link, about.log);
+      this.stage.updates.add(() => this.timeline.update());
+      if (about.log.notes.length) this.panel.say(about.log.notes.join(" "));
+    }
+    this.makeInputs();
+    this.setRole(about.feeds);
+  }
+
+  makeInputs() {
+    const before = this.inputs ? this.input : null;
+    for (const each of Object.values(this.inputs ?? {})) if (!(each instanceof Headset)) each.stop();
+    const send = (found, atMs = performance.now()) => this.send(found, atMs);
+    const headset = this.inputs?.headset ?? new Headset(this.stage, this.parts, send);
+    headset.onEnd = () => this.choose("mouse");
+    this.inputs = {
+      mouse: new MouseHand(this.stage, send),
+      replay: new RecordedHand(this.about.recording, send),
+      headset,
+    };
+    const choices = CHOICES.filter(([key]) => key !== "replay" || this.about.recording);
+    makeChoice(byId("inputs"), choices, this.input, (key) => this.choose(key));
+    this.wanted = before ?? (this.about.first_input || "mouse");
+  }
+
+  /** Whether this page feeds the service, or only watches another that does. */
+  setRole(feeds) {
+    this.feeds = feeds && this.about.may_pose;
+    byId("inputs").hidden = !this.about.may_pose;
+    this.tools.mayMove = feeds && this.about.may_move;
+    if (this.feeds) return void this.choose(this.wanted);
+    const isLogged = Boolean(this.about.log);
+    this.choose("none");
+    if (isLogged) byId("input-hint").textContent = "Hands are those of the log.";
+    else if (!this.about.may_pose) byId("input-hint").textContent = "This page only watches: hands come from another program.";
+    else byId("input-hint").textContent = "Another page feeds the hands; choose one here to take over.";
+  }
+
+  async choose(key) {
+    if (!this.about) return;
+    if (!this.feeds && key !== "none") {
+      this.wanted = key;
+      return this.link.say({ feed: true });
+    }
+    let hint = key === "none" ? "No hands." : this.inputs[key].hint;
+    if (key === "headset") {
+      const reason = await whyNot();
+      if (reason) {
+        byId("input-hint").textContent = reason;
+        return;
+      }
+    }
+    for (const [name, input] of Object.entries(this.inputs)) if (name !== key) await input.stop();
+    this.input = this.wanted = key;
+    try {
+      await this.inputs[key]?.start();
+    } catch (failure) {
+      hint = `The headset did not start: ${failure.message}`;
+    }
+    showChoice(byId("inputs"), key);
+    byId("input-hint").textContent = hint;
+  }
+
+  /** Send fingertips; those that were there and are not any more are sent as not tracked. */
+  send(found, atMs) {
+    if (!this.feeds) return;
+    const now = new Set(found.map((each) => each.finger));
+    const gone = [...this.tracked].filter((finger) => !now.has(finger)).map((finger) => ({ finger }));
+    const fitting = found.filter((each) => each.finger < this.about.finger_count);
+    this.paths.clear();
+    for (const each of fitting) if (each.corners) this.paths.set(each.finger, each.corners);
+    this.tracked = now;
+    this.link.sendPoses([...fitting, ...gone], atMs);
+  }
+
+  async loaded(data) {
+    await this.parts.load(data);
+    this.panel.cover("");
+    this.tools.readLink();
+  }
+
+  /** What is known at this instant. */
+  get reading() {
+    return readingOf(this.link.frame, this.link.serviceNow(), Boolean(this.about?.log));
+  }
+
+  update() {
+    const { link, stage } = this;
+    const isLogged = Boolean(this.about?.log);
+    const reading = this.reading;
+    const { contacts, state } = reading;
+    this.fingers.show(reading, this.paths);
+    this.panel.show(reading, link, isLogged);
+    const active = this.inputs?.[this.input];
+    if (active instanceof Headset) active.contacts = contacts;
+    const hands = active instanceof Headset ? active.hands : new Map([["right", active?.joints]]);
+    for (const side of ["left", "right"]) {
+      const joints = hands.get(side);
+      if (joints) this.shapes[side].show(joints, state);
+      else this.shapes[side].hide();
+    }
+    stage.controls.enabled = !this.tools.held;
+  }
+}
+
+const token = new URLSearchParams(location.hash.slice(1)).get("token");
+document.body.classList.toggle("framed", window.top !== window.self);
+if (!document.createElement("canvas").getContext("webgl2")) {
+  new Panel().cover("This browser cannot draw in three dimensions: WebGL 2 is missing or switched off.");
+} else if (!token) {
+  new Panel().cover("This address lacks its token: open the address that proximity view printed.");
+} else {
+  window.page = new Page(token); // for tests and for the console
+}

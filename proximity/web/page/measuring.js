@@ -1,0 +1,45 @@
+// Two points of the surface, and how far they are apart.
+
+import * as THREE from "three";
+import { mm } from "./frames.js";
+import { Label } from "./labels.js";
+
+export class Measure {
+  constructor(stage) {
+    this.stage = stage;
+    this.group = new THREE.Group();
+    this.points = [];
+    stage.root.add(this.group);
+  }
+
+  clear() {
+    this.points = [];
+    this.group.clear();
+  }
+
+  /** Take a point, scene frame; what is to be said. */
+  add(point) {
+    if (this.points.length === 2) this.clear();
+    this.points.push(point);
+    const ball = new THREE.Mesh(
+      new THREE.SphereGeometry(0.012 * this.stage.radius, 16, 12),
+      new THREE.MeshBasicMaterial({ color: 0xffffff, depthTest: false, toneMapped: false }),
+    );
+    ball.renderOrder = 18;
+    ball.position.copy(point);
+    this.group.add(ball);
+    if (this.points.length < 2) return "Click the second point.";
+    const [from, to] = this.points;
+    const geometry = new THREE.BufferGeometry().setFromPoints([from, to]);
+    const line = new THREE.Line(geometry, new THREE.LineBasicMaterial({ color: 0xffffff, depthTest: false }));
+    line.renderOrder = 18;
+    const label = new Label({ height: 0.07 * this.stage.radius });
+    const apart = to.clone().sub(from);
+    const parts = apart.toArray().map((x) => mm(x));
+    label.show(`${mm(apart.length())} mm\n${parts.join("  ")}`);
+    label.object.position.copy(from).add(to).multiplyScalar(0.5);
+    label.object.center.set(0.5, -0.25);
+    this.group.add(line, label.object);
+    return `${mm(apart.length())} mm apart; along x, y, z: ${parts.join(", ")} mm.`;
+  }
+}

@@ -1,0 +1,161 @@
+// The parts: shown from the GLB, listed, hidden, picked, and moved as the service says that they move.
+
+import * as THREE from "three";
+import { GLTFLoader } from "./vendor/three/addons/loaders/GLTFLoader.js";
+
+const SEND_MS = 12;
+
+export class Parts extends EventTarget {
+  constructor(stage, link) {
+    super();
+    this.stage = stage;
+    this.link = link;
+    this.list = []; // { name, object, faces, edges, colour, initial, ... } in the order of the scene
+    this.waiting = []; // moves whose instant has not come
+    this.picked = null;
+    this.wanted = new Map(); // name: matrix that is to be sent
+    this.clipping = [];
+    link.addEventListener("moves", (event) => this.waiting.push(...event.detail));
+    setInterval(() => this.send(), SEND_MS);
+  }
+
+  async load(buffer) {
+    const before = this.list.map((part) => [part.name, part.object.visible]);
+    const gltf = await new GLTFLoader().parseAsync(buffer, "");
+    if (this.group) this.stage.root.remove(this.group);
+    this.group = gltf.scene;
+    this.about = gltf.scene.userData;
+    this.list = [];
+    for (const object of gltf.scene.children) this.list[object.userData.part] = this.taken(object);
+    for (const [name, visible] of before) {
+      const part = this.list.find((each) => each.name === name);
+      if (part) part.object.visible = visible;
+    }
+    const isFirst = !this.isLoaded;
+    this.isLoaded = true;
+    this.stage.root.add(this.group);
+    this.setClipping(this.clipping);
+    if (isFirst) this.stage.setBounds(this.bounds());
+    this.changed();
+  }
+
+  taken(object) {
+    const part = { name: object.userData.name, object, about: object.userData, meshes: [], edges: [] };
+    object.visible = !object.userData.is_hidden;
+    object.updateMatrix();
+    object.matrixAutoUpdate = false; // its matrix is the pose, as the service has it
+    part.initial = object.matrix.clone();
+    object.traverse((each) => {
+      if (each.isMesh) {
+        each.material = each.material.clone();
+        each.material.polygonOffset = true; // edges lie before faces
+        each.material.polygonOffsetFactor = 1;
+        each.material.polygonOffsetUnits = 1;
+        each.userData.partOf = part;
+        part.meshes.push(each);
+        part.colour = `#${each.material.color.getHexString()}`;
+      } else if (each.isLine) {
+        each.material = new THREE.LineBasicMaterial({ color: 0x0d1117, transparent: true, opacity: 0.85 });
+        part.edges.push(each);
+      }
+    });
+    return part;
+  }
+
+  bounds() {
+    const box = new THREE.Box3();
+    this.stage.root.updateMatrixWorld(true);
+    const sceneFromWorld = this.stage.root.matrixWorld.clone().invert();
+    for (const part of this.list) {
+      for (const mesh of part.meshes) {
+        mesh.geometry.computeBoundingBox();
+        const sceneFromMesh = sceneFromWorld.clone().multiply(mesh.matrixWorld);
+        box.union(mesh.geometry.boundingBox.clone().applyMatrix4(sceneFromMesh));
+      }
+    }
+    return box;
+  }
+
+  /** Put parts where frames have them: moves count from their instant on, ms of the service's clock. */
+  follow(frameMs) {
+    if (!this.waiting.length) return;
+    const later = [];
+    for (const move of this.waiting) {
+      if (Number(move.pose_ns) / 1e6 <= frameMs) this.place(move);
+      else later.push(move);
+    }
+    if (later.length < this.waiting.length) this.changed();
+    this.waiting = later;
+  }
+
+  place({ name, rotation, translation }) {
+    const part = this.list.find((each) => each.name === name);
+    if (!part) return;
+    const [a, b, c, d, e, f, g, h, i] = rotation;
+    const [x, y, z] = translation;
+    part.object.matrix.set(a, b, c, x, d, e, f, y, g, h, i, z, 0, 0, 0, 1);
+    part.object.matrixWorldNeedsUpdate = true;
+  }
+
+  /** Ask for a part to be elsewhere; it moves when the service has moved it. */
+  ask(part, matrix) {
+    this.wanted.set(part.name, matrix.clone());
+  }
+
+  send() {
+    if (!this.wanted.size) return;
+    const moves = [...this.wanted].map(([name, { elements: m }]) => ({
+      name,
+      rotation: [m[0], m[4], m[8], m[1], m[5], m[9], m[2], m[6], m[10]],
+      translation: [m[12], m[13], m[14]],
+    }));
+    this.wanted.clear();
+    this.link.sendMoves(moves);
+  }
+
+  /** Where a part is wanted, which it may not have reached. */
+  goal(part) {
+    return this.wanted.get(part.name) ?? part.object.matrix.clone();
+  }
+
+  reset() {
+    for (const part of this.list) {
+      part.object.visible = !part.about.is_hidden;
+      if (!part.object.matrix.equals(part.initial)) this.ask(part, part.initial);
+    }
+    this.pick(null);
+    this.changed();
+  }
+
+  pick(part) {
+    this.picked = part;
+    for (const each of this.list) {
+      for (const mesh of each.meshes) mesh.material.emissive.setHex(each === part ? 0x3a2c10 : 0x000000);
+    }
+    this.changed();
+  }
+
+  setVisible(part, isVisible) {
+    part.object.visible = isVisible;
+    this.changed();
+  }
+
+  setClipping(planes) {
+    this.clipping = planes;
+    for (const part of this.list) {
+      for (const each of [...part.meshes, ...part.edges]) each.material.clippingPlanes = planes;
+    }
+  }
+
+  /** The nearest part under the pointer: { part, point (world), normal }, or null. */
+  under(raycaster) {
+    const meshes = this.list.filter((part) => part.object.visible).flatMap((part) => part.meshes);
+    const kept = (hit) => this.clipping.every((plane) => plane.distanceToPoint(hit.point) >= 0);
+    const hit = raycaster.intersectObjects(meshes, false).find(kept);
+    return hit ? { part: hit.object.userData.partOf, point: hit.point } : null;
+  }
+
+  changed() {
+    this.dispatchEvent(new Event("changed"));
+  }
+}

@@ -1,0 +1,146 @@
+// A plane across x, y or z that clips the parts, and on which the signed distance is seen as colours.
+
+import * as THREE from "three";
+import { sliceColour } from "./colours.js";
+import { mm } from "./frames.js";
+import { byId, makeChoice, showChoice } from "./panel.js";
+import { niceStep } from "./stage.js";
+
+const MOST_POINTS = 26_000;
+const MARGIN = 0.35; // beyond the parts, of their size
+const WAIT_MS = 60;
+const AXES = [["x", "x"], ["y", "y"], ["z", "z"]];
+
+export class SlicePlane {
+  constructor(stage, parts, link) {
+    Object.assign(this, { stage, parts, link });
+    this.clips = false;
+    this.slices = false;
+    this.axis = "y";
+    this.share = 0.5;
+    this.ticket = 0;
+    this.texture = null;
+    const material = new THREE.MeshBasicMaterial({ side: THREE.DoubleSide, toneMapped: false, transparent: true, opacity: 0.93 });
+    this.mesh = new THREE.Mesh(new THREE.BufferGeometry(), material);
+    this.mesh.visible = false;
+    this.mesh.renderOrder = 2;
+    stage.root.add(this.mesh);
+    makeChoice(byId("plane-axis"), AXES, this.axis, (axis) => {
+      this.axis = axis;
+      this.update();
+    });
+    byId("plane-offset").oninput = (event) => {
+      this.share = event.target.value / 1000;
+      this.update();
+    };
+    link.addEventListener("slice", (event) => this.show(event.detail));
+    parts.addEventListener("changed", () => this.changed());
+  }
+
+  get index() {
+    return "xyz".indexOf(this.axis);
+  }
+
+  get offset() {
+    const { min, max } = this.stage.box;
+    return min.toArray()[this.index] + this.share * (max.toArray()[this.index] - min.toArray()[this.index]);
+  }
+
+  state() {
+    const { clips, slices, axis, share } = this;
+    return { clips, slices, axis, share };
+  }
+
+  restore({ axis, share }) {
+    this.axis = "xyz".includes(axis) ? axis : "z";
+    this.share = Math.min(Math.max(Number(share) || 0, 0), 1);
+    byId("plane-offset").value = 1000 * this.share;
+  }
+
+  update() {
+    showChoice(byId("plane-axis"), this.axis);
+    byId("plane").hidden = !(this.clips || this.slices);
+    byId("plane-at").textContent = `${this.axis} = ${mm(this.offset, 1)} mm`;
+    byId("legend").hidden = !this.slices;
+    this.parts.setClipping(this.clips ? [this.clippingPlane()] : []);
+    if (!this.slices) this.mesh.visible = false;
+    this.changed();
+  }
+
+  /** In the world's frame, as three.js has it: what is in front of it is kept. */
+  clippingPlane() {
+    const normal = new THREE.Vector3().setComponent(this.index, -1);
+    if (this.axis === "y") normal.negate(); // the view is from the front: what is before it goes
+    const point = new THREE.Vector3().setComponent(this.index, this.offset);
+    const plane = new THREE.Plane().setFromNormalAndCoplanarPoint(normal, point);
+    this.stage.root.updateMatrixWorld(true);
+    return plane.applyMatrix4(this.stage.root.matrixWorld);
+  }
+
+  /** Something else is to be seen on the slice: ask for it, soon. */
+  changed() {
+    if (!this.slices || this.timer) return;
+    this.timer = setTimeout(() => {
+      this.timer = 0;
+      if (this.slices) this.ask();
+    }, WAIT_MS);
+  }
+
+  ask() {
+    const [i, j] = [0, 1, 2].filter((each) => each !== this.index);
+    const { min, max } = this.stage.box;
+    const margin = MARGIN * this.stage.radius;
+    const [low, high] = [min.toArray(), max.toArray()];
+    const origin = [0, 0, 0];
+    origin[this.index] = this.offset;
+    const side = (k) => high[k] - low[k] + 2 * margin;
+    for (const k of [i, j]) origin[k] = low[k] - margin;
+    const u = [0, 0, 0];
+    const v = [0, 0, 0];
+    u[i] = side(i);
+    v[j] = side(j);
+    const width = Math.max(Math.round(Math.sqrt((MOST_POINTS * side(i)) / side(j))), 2);
+    const height = Math.max(Math.floor(MOST_POINTS / width), 2);
+    this.link.say({ slice: { ticket: ++this.ticket, origin, u, v, width, height } });
+  }
+
+  show(slice) {
+    if (!this.slices || slice.ticket !== this.ticket) return;
+    const range = Math.max(Math.abs(slice.lowest), slice.highest, 1e-9);
+    const step = niceStep(range / 9);
+    this.paint(slice, range, step);
+    const [o, u, v] = [slice.origin, slice.u, slice.v].map((each) => new THREE.Vector3(...each));
+    const corners = [o, o.clone().add(u), o.clone().add(v), o.clone().add(u).add(v)];
+    const geometry = new THREE.BufferGeometry().setFromPoints(corners);
+    geometry.setAttribute("uv", new THREE.Float32BufferAttribute([0, 0, 1, 0, 0, 1, 1, 1], 2));
+    geometry.setIndex([0, 1, 2, 1, 3, 2]);
+    this.mesh.geometry.dispose();
+    this.mesh.geometry = geometry;
+    this.mesh.visible = true;
+    byId("legend-low").textContent = `−${mm(range, 0)}`;
+    byId("legend-high").textContent = `${mm(range, 0)} mm, lines every ${+(1e3 * step).toPrecision(3)}`;
+  }
+
+  /** Colours, a line at every step, and a dark one on the surface. */
+  paint({ width, height, values }, range, step) {
+    const pixels = new Uint8Array(4 * width * height);
+    for (let k = 0; k < values.length; k++) {
+      const value = values[k];
+      const right = (k + 1) % width ? values[k + 1] : value;
+      const above = k + width < values.length ? values[k + width] : value;
+      const crosses = (each) => Math.floor(each / step) !== Math.floor(value / step);
+      const isSurface = value < 0 !== right < 0 || value < 0 !== above < 0;
+      const shade = isSurface ? 0.05 : crosses(right) || crosses(above) ? 0.72 : 1;
+      const colour = sliceColour(value, range);
+      for (let i = 0; i < 3; i++) pixels[4 * k + i] = 255 * shade * colour[i];
+      pixels[4 * k + 3] = 255;
+    }
+    this.texture?.dispose();
+    this.texture = new THREE.DataTexture(pixels, width, height, THREE.RGBAFormat);
+    this.texture.colorSpace = THREE.SRGBColorSpace;
+    this.texture.magFilter = this.texture.minFilter = THREE.LinearFilter;
+    this.texture.needsUpdate = true;
+    this.mesh.material.map = this.texture;
+    this.mesh.material.needsUpdate = true;
+  }
+}

@@ -1,0 +1,228 @@
+// The stage: renderer, camera, light, grid. The scene's z is up; the browser's and the headset's y is.
+
+import * as THREE from "three";
+import { OrbitControls } from "./vendor/three/addons/controls/OrbitControls.js";
+import { RoomEnvironment } from "./vendor/three/addons/environments/RoomEnvironment.js";
+import { Label } from "./labels.js";
+
+const BACKGROUND = 0x252c36;
+const FOV = 38;
+const TABLE = [0, 0.95, -0.42]; // where the middle of the part's foot is before somebody with a headset
+const SLOW_MS = 50; // from one picture to the next, or more: fewer pixels are drawn
+const FAST_MS = 22;
+const REST = 3;
+const LONGEST_REST_MS = 400;
+
+export class Stage {
+  constructor(canvas) {
+    this.canvas = canvas;
+    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true, preserveDrawingBuffer: false });
+    this.renderer.toneMapping = THREE.AgXToneMapping;
+    this.renderer.toneMappingExposure = 1.0;
+    this.renderer.localClippingEnabled = true;
+    this.renderer.xr.enabled = true;
+    this.scene = new THREE.Scene();
+    this.scene.background = new THREE.Color(BACKGROUND);
+    const pmrem = new THREE.PMREMGenerator(this.renderer);
+    this.scene.environment = pmrem.fromScene(new RoomEnvironment(), 0.04).texture;
+    this.scene.environmentIntensity = 0.5;
+    pmrem.dispose();
+    this.camera = new THREE.PerspectiveCamera(FOV, 1, 0.001, 100);
+    const key = new THREE.DirectionalLight(0xfff4e6, 1.9);
+    key.position.set(0.6, 1.4, 0.9);
+    const rim = new THREE.DirectionalLight(0xbfd4ff, 0.6);
+    rim.position.set(-1, 0.5, -1);
+    this.scene.add(key, rim);
+    this.root = new THREE.Group(); // holds everything that is in the scene's frame
+    this.root.rotation.x = -Math.PI / 2;
+    this.scene.add(this.root);
+    this.controls = new OrbitControls(this.camera, canvas);
+    this.controls.enableDamping = false;
+    this.controls.keyRotateSpeed = 4;
+    this.box = new THREE.Box3(new THREE.Vector3(-0.05, -0.05, 0), new THREE.Vector3(0.05, 0.05, 0.05));
+    this.grid = new THREE.Group();
+    this.root.add(this.grid);
+    this.ratio = Math.min(devicePixelRatio, 2);
+    this.drawMs = 16; // that a picture takes
+    this.lastMs = 0;
+    this.isDrawn = false;
+    this.updates = new Set(); // called before each picture
+    addEventListener("resize", () => this.resize());
+    this.resize();
+    this.home();
+    this.renderer.setAnimationLoop((time, xrFrame) => this.draw(time, xrFrame));
+  }
+
+  get radius() {
+    return Math.max(this.box.getSize(new THREE.Vector3()).length() / 2, 1e-4);
+  }
+
+  resize() {
+    if (this.renderer.xr.isPresenting) return;
+    const { innerWidth: width, innerHeight: height } = window;
+    this.renderer.setPixelRatio(this.ratio);
+    this.renderer.setSize(width, height, false);
+    this.camera.aspect = width / height;
+    this.camera.updateProjectionMatrix();
+  }
+
+  draw(time, xrFrame) {
+    if (this.rests(time, xrFrame)) return;
+    for (const update of this.updates) update(time, xrFrame);
+    if (!this.renderer.xr.isPresenting) this.controls.update();
+    this.renderer.render(this.scene, this.camera);
+    this.adapt();
+  }
+
+  /**
+   * Whether no picture is drawn now: where each takes long, because there is no graphics card, two thirds of the
+   * time are left to the service. The first call after a picture says how long that took.
+   */
+  rests(time, xrFrame) {
+    if (xrFrame) return false;
+    if (this.isDrawn) this.drawMs += 0.2 * (Math.min(time - this.lastMs, 500) - this.drawMs);
+    this.isDrawn = this.drawMs < SLOW_MS || time - this.lastMs >= Math.min(REST * this.drawMs, LONGEST_REST_MS);
+    if (this.isDrawn) this.lastMs = time;
+    return !this.isDrawn;
+  }
+
+  /** Draw fewer pixels where pictures take long, and more again where they do not. */
+  adapt() {
+    if (this.renderer.xr.isPresenting) return;
+    const most = Math.min(devicePixelRatio, 2);
+    let ratio = this.ratio;
+    if (this.drawMs > SLOW_MS) ratio = Math.max(ratio * 0.7, 0.5 * most);
+    else if (this.drawMs < FAST_MS) ratio = Math.min(ratio * 1.2, most);
+    if (Math.abs(ratio - this.ratio) < 1e-3) return;
+    this.ratio = ratio;
+    this.drawMs = (SLOW_MS + FAST_MS) / 2; // measure anew before the next change
+    this.resize();
+  }
+
+  /** Take the bounds of the scene: view, grid and depth follow. */
+  setBounds(box) {
+    this.box = box;
+    this.camera.near = this.radius * 0.01;
+    this.camera.far = this.radius * 400;
+    this.camera.updateProjectionMatrix();
+    this.makeGrid();
+    this.home();
+  }
+
+  /** Look at all of it from above and the front. */
+  home() {
+    const centre = this.toWorld(this.box.getCenter(new THREE.Vector3()));
+    const away = (1.35 * this.radius) / Math.sin(THREE.MathUtils.degToRad(FOV / 2));
+    this.controls.target.copy(centre);
+    this.camera.position.copy(centre).addScaledVector(new THREE.Vector3(0.55, 0.55, 0.8).normalize(), away);
+    this.controls.update();
+  }
+
+  zoom(factor) {
+    this.camera.position.sub(this.controls.target).multiplyScalar(factor).add(this.controls.target);
+  }
+
+  toWorld(point) {
+    this.root.updateMatrixWorld(true);
+    return point.clone().applyMatrix4(this.root.matrixWorld);
+  }
+
+  toScene(point) {
+    this.root.updateMatrixWorld(true);
+    return point.clone().applyMatrix4(this.root.matrixWorld.clone().invert());
+  }
+
+  /** Put the parts on a table before somebody with a headset, at their true size; or back again. */
+  setTable(isOn) {
+    const centre = this.box.getCenter(new THREE.Vector3());
+    this.root.position.set(0, 0, 0);
+    if (isOn) {
+      const foot = this.toWorld(new THREE.Vector3(centre.x, centre.y, this.box.min.z));
+      this.root.position.set(...TABLE).sub(foot);
+    }
+    this.root.updateMatrixWorld(true);
+  }
+
+  /** Lines in millimetres on the floor, finer ones between, and numbers at the coarse ones. */
+  makeGrid() {
+    for (const child of [...this.grid.children]) this.grid.remove(child);
+    const centre = this.box.getCenter(new THREE.Vector3());
+    const floor = this.box.min.z - 0.002 * this.radius;
+    const reach = 3 * this.radius;
+    this.spacing = niceStep(this.radius / 2.2);
+    const fine = this.spacing / 5;
+    this.grid.add(lines(centre, floor, reach, fine, 0.16), lines(centre, floor, reach, this.spacing, 0.42));
+    const last = (value) => Math.floor(value / this.spacing) * this.spacing;
+    const size = 0.055 * this.radius;
+    for (let x = -last(1.6 * this.radius - centre.x); x <= centre.x + 1.6 * this.radius; x += this.spacing) {
+      this.addNumber(x, x, last(this.box.min.y - 0.45 * this.radius), floor, size);
+    }
+    for (let y = -last(1.6 * this.radius - centre.y); y <= centre.y + 1.6 * this.radius; y += this.spacing) {
+      this.addNumber(y, last(this.box.max.x + 0.45 * this.radius) + this.spacing, y, floor, size);
+    }
+    this.grid.add(axes(this.box, floor, this.radius));
+  }
+
+  addNumber(value, x, y, floor, size) {
+    const label = new Label({ height: size, isFlat: true });
+    label.show(`${+(1e3 * value).toPrecision(6)}`.replace("-", "−"), "#8d9aab");
+    label.object.position.set(x, y, floor);
+    this.grid.add(label.object);
+  }
+
+  /** A picture of what is seen, as a Blob. */
+  picture() {
+    this.renderer.render(this.scene, this.camera);
+    return new Promise((resolve) => this.canvas.toBlob(resolve, "image/png"));
+  }
+}
+
+/** The nearest of 1, 2 and 5 times a power of ten. */
+export function niceStep(length) {
+  const power = 10 ** Math.floor(Math.log10(length));
+  const share = length / power;
+  return power * (share < 1.5 ? 1 : share < 3.5 ? 2 : share < 7.5 ? 5 : 10);
+}
+
+function lines(centre, floor, reach, spacing, opacity) {
+  const [positions, colours] = [[], []];
+  const pieces = 24;
+  const point = (x, y) => {
+    positions.push(x, y, floor);
+    const far = Math.hypot(x - centre.x, y - centre.y) / reach;
+    colours.push(0.62, 0.7, 0.8, opacity * Math.max(0, 1 - far * far));
+  };
+  const begin = (value) => Math.ceil((value - reach) / spacing) * spacing;
+  for (let k = 0; k <= (2 * reach) / spacing; k++) {
+    const [x, y] = [begin(centre.x) + k * spacing, begin(centre.y) + k * spacing];
+    for (let i = 0; i < pieces; i++) {
+      const [from, to] = [reach * ((2 * i) / pieces - 1), reach * ((2 * i + 2) / pieces - 1)];
+      point(x, centre.y + from);
+      point(x, centre.y + to);
+      point(centre.x + from, y);
+      point(centre.x + to, y);
+    }
+  }
+  const geometry = new THREE.BufferGeometry();
+  geometry.setAttribute("position", new THREE.Float32BufferAttribute(positions, 3));
+  geometry.setAttribute("color", new THREE.Float32BufferAttribute(colours, 4));
+  const material = new THREE.LineBasicMaterial({ vertexColors: true, transparent: true, depthWrite: false });
+  return new THREE.LineSegments(geometry, material);
+}
+
+/** Which way x, y and z are, beside the part, with their letters. */
+function axes(box, floor, radius) {
+  const group = new THREE.Group();
+  const length = 0.28 * radius;
+  group.position.set(box.min.x - 0.35 * radius, box.min.y - 0.35 * radius, floor);
+  const shown = [["x", [1, 0, 0], 0xe0786a], ["y", [0, 1, 0], 0x86c28b], ["z", [0, 0, 1], 0x7fa8e6]];
+  for (const [name, direction, colour] of shown) {
+    const towards = new THREE.Vector3(...direction);
+    group.add(new THREE.ArrowHelper(towards, new THREE.Vector3(), length, colour, 0.25 * length, 0.12 * length));
+    const label = new Label({ height: 0.075 * radius });
+    label.show(name, `#${colour.toString(16)}`);
+    label.object.position.copy(towards.multiplyScalar(1.25 * length));
+    group.add(label.object);
+  }
+  return group;
+}

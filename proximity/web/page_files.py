@@ -1,0 +1,96 @@
+"""The files of the page, and the headers that keep a browser from doing anything else with them.
+
+Only files that were there at the start are given, by their exact names; nothing of a request becomes a path.
+"""
+
+import base64
+import gzip
+import hashlib
+import re
+from functools import cached_property
+from pathlib import Path
+
+from proximity.web.layout import layout_module
+
+PAGE = Path(__file__).parent / "page"
+TYPES = {
+    ".html": "text/html; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+    ".css": "text/css; charset=utf-8",
+    ".svg": "image/svg+xml",
+}
+LEVEL = 6  # of the compression: 0.1 s for all files, once
+_IMPORT_MAP = re.compile(r'<script type="importmap">(.*?)</script>', re.DOTALL)
+
+
+class PageFiles:
+    """What is served over HTTP.
+
+    Parameters
+    ----------
+    frame_ancestors : str
+        Sources of pages that may show this one in a frame, as a content security policy has them.
+    """
+
+    def __init__(self, frame_ancestors: str = "'self'") -> None:
+        self._frame_ancestors = frame_ancestors
+        self._known: dict[str, tuple[str, bytes]] = {}
+        for path in sorted(PAGE.rglob("*")):
+            if path.suffix in TYPES:
+                name = "/" + path.relative_to(PAGE).as_posix()
+                self._known[name] = TYPES[path.suffix], path.read_bytes()
+        self._known["/layout.js"] = TYPES[".js"], layout_module().encode()
+        self._known["/"] = self._known["/index.html"]
+        self._packed: dict[str, bytes] = {}
+
+    def get(self, path: str) -> tuple[str, bytes] | None:
+        """Return type and compressed content of a file; None where there is none.
+
+        Parameters
+        ----------
+        path : str
+            As in the request, beginning with a slash.
+        """
+        found = self._known.get(path.partition("?")[0])
+        if found is None:
+            return None
+        kind, content = found
+        key = path.partition("?")[0]
+        if key not in self._packed:
+            self._packed[key] = gzip.compress(content, LEVEL, mtime=0)
+        return kind, self._packed[key]
+
+    @property
+    def compressed_size(self) -> int:
+        """Bytes of all files that a browser loads, compressed."""
+        sizes = [self.get(name) for name in self._known if name != "/index.html"]
+        return sum(len(found[1]) for found in sizes if found is not None)
+
+    @cached_property
+    def headers(self) -> dict[str, str]:
+        """What every answer says besides its content."""
+        text = self._known["/"][1].decode()
+        maps = [
+            base64.b64encode(hashlib.sha256(each.encode()).digest()) for each in _IMPORT_MAP.findall(text)
+        ]
+        scripts = " ".join(["'self'", *(f"'sha256-{each.decode()}'" for each in maps)])
+        policy = {
+            "default-src": "'none'",
+            "script-src": scripts,
+            "style-src": "'self'",
+            "img-src": "'self' blob: data:",
+            "connect-src": "'self'",
+            "base-uri": "'none'",
+            "form-action": "'none'",
+            "frame-ancestors": self._frame_ancestors,
+        }
+        return {
+            "Content-Security-Policy": "; ".join(f"{name} {value}" for name, value in policy.items()),
+            "Cross-Origin-Opener-Policy": "same-origin",
+            "Cross-Origin-Embedder-Policy": "require-corp",
+            "Cross-Origin-Resource-Policy": "same-origin",
+            "Permissions-Policy": "xr-spatial-tracking=(self), camera=(), microphone=(), geolocation=()",
+            "Referrer-Policy": "no-referrer",
+            "X-Content-Type-Options": "nosniff",
+            "Cache-Control": "no-cache",
+        }

@@ -1,0 +1,297 @@
+"""A page from beginning to end: geometry, bridge and service, and one wish to stop that ends all."""
+
+import asyncio
+import os
+import socket
+import ssl
+import tempfile
+import threading
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from proximity.errors import ProximityError, ServiceError
+from proximity.recording import Recording, read_recording
+from proximity.scene.scene import Scene
+from proximity.service.config import (
+    InputSettings,
+    PartFiles,
+    SceneFile,
+    finger_count,
+    read_input,
+    read_scene_file,
+)
+from proximity.tracker.replay import fitted_pose
+from proximity.tracker.tracker import DEFAULT_BUDGET
+from proximity.web.access import LOOPBACK, Access, new_token
+from proximity.web.geometry import scene_glb
+from proximity.web.keeping import ServiceKeeper
+from proximity.web.page_files import PageFiles
+from proximity.web.served_scene import Addresses, own_addresses, write_scene_file
+
+if TYPE_CHECKING:
+    from proximity.web.bridge import Bridge, Shown
+
+LOOK_S = 0.05
+RECORDED_STEP_S = 1 / 90
+LONGEST_RECORDED_S = 300.0
+"""Of a recorded hand that a page replays."""
+FRAMED_BY_NOTEBOOKS = "'self' http://localhost:* http://127.0.0.1:*"
+
+
+@dataclass(frozen=True, slots=True)
+class PageSettings:
+    """What is to be shown, and where."""
+
+    files: tuple[str, ...]  # parts; or a scene file; or a log of frames and parts
+    units: str = "mm"
+    recording: str | None = None  # a hand to replay
+    is_recording_fitted: bool = False  # so that it touches
+    first_input: str = ""  # "replay": the recording at once
+    rate_hz: float = 1000.0
+    radius: float | None = None  # m
+    port: int = 0
+    bind: str = "127.0.0.1"
+    names: tuple[str, ...] = ()  # more names of this machine
+    certificate: str | None = None
+    key: str | None = None
+    beside: str | None = None  # address of frames of a service that runs: a scene file's
+    may_be_framed: bool = False  # by a notebook on this machine
+
+
+def run_page(
+    settings: PageSettings,
+    *,
+    stop: threading.Event,
+    say: Callable[[str], None],
+    begun: Callable[[dict[str, Any]], None],
+) -> dict[str, Any]:
+    """Show a page until asked to stop; return what was refused meanwhile.
+
+    Parameters
+    ----------
+    settings : PageSettings
+        What, and where.
+    stop : threading.Event
+        Ends it.
+    say : callable
+        Is given sentences meanwhile, by several threads.
+    begun : callable
+        Is given ``url`` and more when the page can be opened.
+
+    Raises
+    ------
+    ServiceError
+        If files, address or certificate cannot be used, or websockets is not installed.
+    """
+    try:
+        from proximity.web.bridge import Bridge
+    except ModuleNotFoundError as missing:
+        raise ServiceError(
+            f'the page needs {missing.name}, which is not installed: pip install "proximity[web]"'
+        ) from missing
+    tls = _tls(settings)
+    with ExitStack() as opened:
+        made = _made(settings, opened)
+        opened.callback(made.shown.frames.close)
+        opened.callback(made.shown.feed.close)
+        token = new_token()
+        with socket.create_server((settings.bind, settings.port), family=_family(settings.bind)) as free:
+            port = free.getsockname()[1]
+        access = Access.of(token, _names(settings), port, is_secure=tls is not None)
+        files = PageFiles(FRAMED_BY_NOTEBOOKS if settings.may_be_framed else "'self'")
+        bridge = Bridge(made.shown, access, files)
+        url = f"{access.scheme}://{_shown_host(settings.bind)}:{port}/#token={token}"
+
+        async def serve() -> None:
+            server = await bridge.listen(settings.bind, port, tls)
+            try:
+                await _until_stopped(bridge, made, stop, say, lambda: begun({"url": url, "pid": os.getpid()}))
+            finally:
+                server.close()
+
+        asyncio.run(serve())
+        return {"refused": bridge.refused}
+
+
+async def _until_stopped(
+    bridge: "Bridge",
+    made: "_Made",
+    stop: threading.Event,
+    say: Callable[[str], None],
+    begun: Callable[[], None],
+) -> None:
+    """Hand frames on, with the service kept running where there is one to be started."""
+    loop = asyncio.get_running_loop()
+
+    def say_on_pages(sentence: str) -> None:
+        say(sentence)
+        loop.call_soon_threadsafe(bridge.say, sentence)
+
+    handing = asyncio.create_task(bridge.hand_on())
+    keeper = None if made.scene_file is None else ServiceKeeper(made.scene_file, say_on_pages)
+    with ExitStack() as kept:
+        if keeper is not None:
+            kept.enter_context(keeper)
+        begun()
+        while not stop.is_set() and (keeper is None or keeper.failure is None):
+            await asyncio.sleep(LOOK_S)
+            if handing.done():
+                handing.result()
+        made.shown.feed.release()
+        await asyncio.to_thread(kept.close)
+    handing.cancel()
+    if keeper is not None and keeper.failure is not None:
+        raise keeper.failure
+
+
+def _shown_host(bind: str) -> str:
+    """What stands in the address for where it is listened."""
+    if bind in ("0.0.0.0", "::"):
+        return socket.gethostname()
+    return f"[{bind}]" if ":" in bind else bind
+
+
+@dataclass(frozen=True, slots=True)
+class _Made:
+    shown: "Shown"
+    scene_file: str | None  # of the service that is to be started
+
+
+def _made(settings: PageSettings, opened: ExitStack) -> _Made:
+    """Load and open what is shown."""
+    logs = [name for name in settings.files if name.endswith(".frames")]
+    parts = tuple(name for name in settings.files if name not in logs)
+    if len(logs) > 1:
+        raise ServiceError(f"{logs[1]}: one log is shown at a time")
+    title = " + ".join(os.path.basename(name) for name in settings.files)
+    if settings.beside is not None:
+        return _beside(settings, title, parts[0], settings.beside)
+    folder = Path(opened.enter_context(tempfile.TemporaryDirectory(prefix="proximity-page-")))
+    served = _served(settings, folder, parts) if parts else None
+    if logs:
+        return _logged(settings, title, logs[0], None if served is None else served[0])
+    assert served is not None
+    scene_file, addresses = served
+    return _fed(settings, title, scene_file, addresses)
+
+
+def _beside(settings: PageSettings, title: str, path: str, frames: str) -> _Made:
+    """A page beside a service that runs: it feeds where the scene file lets it."""
+    from proximity.web.bridge import Shown
+    from proximity.web.feeding import Feed
+    from proximity.web.sources import LiveFrames
+
+    served = read_scene_file(path)
+    scene = PartFiles().scene(served) if served.parts else None
+    given = served.input if served.web.feed else InputSettings()
+    count = finger_count(served, read_input(served))
+    feed = Feed(given.poses, given.moves, scene, count)
+    return _Made(_with_geometry(Shown(title, scene, b"", LiveFrames(frames), feed), settings, served), None)
+
+
+def _served(settings: PageSettings, folder: Path, parts: tuple[str, ...]) -> tuple[SceneFile, Addresses]:
+    addresses = own_addresses()
+    given: dict[str, Any] = {"units": settings.units, "rate_hz": settings.rate_hz, "radius": settings.radius}
+    return write_scene_file(folder, parts, addresses, **given), addresses
+
+
+def _logged(settings: PageSettings, title: str, log: str, served: SceneFile | None) -> _Made:
+    """The log of a service that ran, over its parts where they are given."""
+    from proximity.web.bridge import Shown
+    from proximity.web.feeding import Feed
+    from proximity.web.sources import LoggedFrames
+
+    frames = LoggedFrames(log)
+    scene = None if served is None else PartFiles().scene(served)
+    shown = Shown(title, scene, b"", frames, Feed(None, None, scene, frames.finger_count))
+    shown.about["log"] = {
+        "count": frames.count,
+        "duration_ms": frames.duration_ms,
+        "notes": frames.notes,
+    }
+    return _Made(_with_geometry(shown, settings, served), None)
+
+
+def _fed(settings: PageSettings, title: str, served: SceneFile, addresses: Addresses) -> _Made:
+    """A service of the page's own."""
+    from proximity.web.bridge import Shown
+    from proximity.web.feeding import Feed
+    from proximity.web.sources import LiveFrames
+
+    scene = PartFiles().scene(served)
+    feed = Feed(addresses.poses, addresses.moves, scene, finger_count(served, None))
+    shown = Shown(title, scene, b"", LiveFrames(addresses.frames), feed)
+    return _Made(_with_geometry(shown, settings, served), served.path)
+
+
+def _with_geometry(shown: "Shown", settings: PageSettings, served: SceneFile | None) -> "Shown":
+    """Add the GLB, the recorded hand, and what pages say about them."""
+    if shown.scene is not None and served is not None:
+        shown.glb = scene_glb(shown.scene)
+        radius = served.fingers.radius
+        shown.about["radii"] = [radius] * shown.feed.count if isinstance(radius, float) else list(radius)
+        shown.about["budget"] = served.fingers.budget or DEFAULT_BUDGET
+        shown.about["first_input"] = settings.first_input
+        if settings.recording is not None and shown.feed.may_pose:
+            recording = read_recording(settings.recording)
+            largest = max(shown.about["radii"])
+            shown.recording = _recorded(recording, shown.scene, largest, settings)
+    return shown
+
+
+def _recorded(
+    recording: Recording, scene: Scene, radius: float, settings: PageSettings
+) -> dict[str, Any] | None:
+    """A recorded hand as a page replays it; None where it cannot be put anywhere."""
+    try:
+        recording = recording.first(LONGEST_RECORDED_S).resampled(RECORDED_STEP_S)
+        if settings.is_recording_fitted:
+            recording = recording.placed(fitted_pose(scene, recording, radius))
+    except ProximityError as unfit:
+        if settings.first_input:
+            raise ServiceError(str(unfit)) from unfit
+        return None
+    positions = recording.positions.round(7)
+    return {
+        "name": os.path.basename(settings.recording or ""),
+        "step_ms": 1e3 * RECORDED_STEP_S,
+        "fingers": [5 * hand + finger for hand, finger in recording.fingers],
+        "positions": [
+            [None if x != x else x for x in row] for row in positions.reshape(len(positions), -1).tolist()
+        ],
+    }
+
+
+def _tls(settings: PageSettings) -> ssl.SSLContext | None:
+    """TLS, which any address but this machine's own must have."""
+    is_local = settings.bind in ("127.0.0.1", "::1", "localhost")
+    if settings.certificate is None or settings.key is None:
+        if not is_local or settings.certificate or settings.key:
+            raise ServiceError(
+                f"a page at {settings.bind} needs a certificate and its key, expected --cert and --key: "
+                "without them anybody between could read along, and browsers give no headset"
+            )
+        return None
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    try:
+        context.load_cert_chain(settings.certificate, settings.key)
+    except (OSError, ssl.SSLError) as unfit:
+        raise ServiceError(f"{settings.certificate}: cannot be used as a certificate ({unfit})") from unfit
+    return context
+
+
+def _names(settings: PageSettings) -> tuple[str, ...]:
+    """By which names this machine is called."""
+    names = [*LOOPBACK, *settings.names]
+    if settings.bind in ("0.0.0.0", "::"):
+        names += [socket.gethostname(), socket.getfqdn()]
+    elif settings.bind not in names:
+        names.append(f"[{settings.bind}]" if ":" in settings.bind else settings.bind)
+    return tuple(dict.fromkeys(names))
+
+
+def _family(bind: str) -> socket.AddressFamily:
+    return socket.AF_INET6 if ":" in bind else socket.AF_INET

@@ -1,0 +1,148 @@
+"""Where frames come from that a page shows: a service that runs, or the log of one that ran."""
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from proximity.errors import RecordingError
+from proximity.message import FRAME_HEADER
+from proximity.message.envelope import unpack_prefix
+from proximity.recording import FrameReader
+from proximity.transport import open_subscriber
+
+LARGEST_LOG = 2_000_000_000
+"""Bytes of frames, which are kept in memory while a log is looked at."""
+_POSE_AT = FRAME_HEADER.fields["pose_ns"][1]  # type: ignore[index]
+
+
+class NewFrame(NamedTuple):
+    """The newest frame, as bytes."""
+
+    data: bytes
+    is_new_run: bool  # of a service that began anew
+    is_answer: bool  # poses are others than in the frame before
+
+
+class LiveFrames:
+    """Frames that a service publishes; bytes that are no sound frame never come through.
+
+    Parameters
+    ----------
+    address : str
+        As of `open_subscriber`.
+    """
+
+    def __init__(self, address: str) -> None:
+        self._subscriber = open_subscriber(address)
+        self._session: int | None = None
+        self._poses = b""
+        self.lost_count = 0
+
+    def newest(self) -> NewFrame | None:
+        """Return the newest frame that has come since the last call; None where there is none."""
+        data = None
+        for frame in self._subscriber.frames():
+            data = frame
+        if data is None:
+            return None
+        taken = data.tobytes()
+        session = unpack_prefix(taken)[5]
+        is_new_run = self._session is not None and session != self._session
+        self._session = session
+        poses, self._poses = self._poses, taken[_POSE_AT : _POSE_AT + 8]
+        return NewFrame(taken, is_new_run, poses != self._poses)
+
+    def close(self) -> None:
+        """Give the address back."""
+        self._subscriber.close()
+
+
+class LoggedFrames:
+    """The frames of a log, by their place and by time.
+
+    Parameters
+    ----------
+    path : path
+        The log.
+
+    Raises
+    ------
+    RecordingError
+        If it cannot be read, has no frame, or is larger than can be kept.
+    """
+
+    def __init__(self, path: Any) -> None:
+        reader = FrameReader(path)
+        self._runs: list[np.ndarray] = []
+        begins, size = [0], 0
+        for run in reader:
+            self._runs.append(run)
+            begins.append(begins[-1] + len(run))
+            size += run.nbytes
+            if size > LARGEST_LOG:
+                raise RecordingError(f"{reader.path}: has more than 2 GB of frames, expected a shorter log")
+        if not self._runs:
+            raise RecordingError(f"{reader.path}: has no frame yet")
+        self._begins = np.array(begins)
+        self._times_ns = np.concatenate(list(_times(self._runs)))
+        self.notes = reader.notes
+
+    def close(self) -> None:
+        """Let the frames go."""
+        self._runs.clear()
+
+    @property
+    def count(self) -> int:
+        """How many frames there are."""
+        return len(self._times_ns)
+
+    @property
+    def finger_count(self) -> int:
+        """Of the first frame."""
+        return int(self._runs[0]["header"]["count"][0])
+
+    @property
+    def duration_ms(self) -> float:
+        """From the first frame to the last."""
+        return float(self._times_ns[-1]) / 1e6
+
+    def at(self, place: int) -> bytes:
+        """Return a frame.
+
+        Parameters
+        ----------
+        place : int
+            From 0; beyond the ends the first or the last.
+        """
+        place = min(max(place, 0), self.count - 1)
+        run = int(np.searchsorted(self._begins, place, side="right")) - 1
+        return self._runs[run][place - int(self._begins[run])].tobytes()
+
+    def place_at(self, ms: float) -> int:
+        """Return the place of the last frame that is not after a time, ms from the first."""
+        return max(int(np.searchsorted(self._times_ns, ms * 1e6, side="right")) - 1, 0)
+
+    def ms_at(self, place: int) -> float:
+        """Return the time of a frame, ms from the first."""
+        return float(self._times_ns[min(max(place, 0), self.count - 1)]) / 1e6
+
+
+def _times(runs: list[np.ndarray]) -> Iterator[np.ndarray]:
+    """Instants of frames from the first on, ns; a later session goes on where the one before ended."""
+    offset, last, session = -int(runs[0]["header"]["start_ns"][0]), 0, None
+    for run in runs:
+        starts, sessions = run["header"]["start_ns"], run["header"]["session"]
+        times = np.empty(len(run), np.int64)
+        for first, end in _stretches(sessions):
+            if session is not None and sessions[first] != session:
+                offset = last - int(starts[first])
+            session = sessions[first]
+            times[first:end] = starts[first:end] + offset
+            last = int(times[first:end].max())
+        yield times
+
+
+def _stretches(sessions: np.ndarray) -> Iterator[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(sessions)) + 1
+    yield from zip([0, *edges.tolist()], [*edges.tolist(), len(sessions)], strict=True)

@@ -1,0 +1,473 @@
+"""The bridge between pages and a service: who may come in, what is taken, what is refused."""
+
+import asyncio
+import contextlib
+import http.client
+import json
+import threading
+import time
+
+import numpy as np
+import pytest
+import shapes
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
+
+from proximity.message import FRAME, MEASURED, MOVES, PATH_POSES, POSES, Message, State, flaw_of, parts_of
+from proximity.scene.scene import Scene
+from proximity.scene.solid import Solid
+from proximity.transport import open_inlet, open_publisher
+from proximity.web.access import MOST_BYTES, TOO_MUCH, UNFIT, WRONG_TOKEN, Access
+from proximity.web.bridge import Bridge, Shown
+from proximity.web.feeding import Feed
+from proximity.web.geometry import scene_glb
+from proximity.web.page_client import MOST_IN_FLIGHT
+from proximity.web.page_files import PageFiles
+from proximity.web.slice_fields import SLICE_HEADER
+from proximity.web.sources import LiveFrames
+
+TOKEN = "the token of this test"
+PATIENCE = 10.0  # s
+COUNT = 5
+SETTLED = 0.06  # s: for so long a clock is watched before it is believed
+
+
+class Running:
+    """A bridge in a thread, its service a mailbox."""
+
+    def __init__(self, name):
+        self.scene = Scene(
+            [Solid(*shapes.cube(0.1), name="cube"), Solid(*shapes.cube(0.1, (1, 0, 0)), name="b")]
+        )
+        addresses = [f"mailbox:{name}-{end}" for end in ("frames", "poses", "moves")]
+        self.frames = open_publisher(addresses[0])
+        self.poses, self.moves = open_inlet(addresses[1]), open_inlet(addresses[2])
+        self.feed = Feed(addresses[1], addresses[2], self.scene, COUNT)
+        self.shown = Shown("test", self.scene, scene_glb(self.scene), LiveFrames(addresses[0]), self.feed)
+        self.stop = threading.Event()
+        self.opened = contextlib.ExitStack()
+        self.begun = threading.Event()
+        self.thread = threading.Thread(target=lambda: asyncio.run(self.run()), daemon=True)
+        self.thread.start()
+        assert self.begun.wait(PATIENCE)
+
+    async def run(self):
+        access = Access(TOKEN, frozenset())
+        self.bridge = Bridge(self.shown, access, PageFiles())
+        server = await self.bridge.listen("127.0.0.1", 0)
+        self.port = server.sockets[0].getsockname()[1]
+        self.bridge._access = Access.of(TOKEN, ("127.0.0.1", "localhost"), self.port, is_secure=False)
+        handing = asyncio.create_task(self.bridge.hand_on())
+        self.begun.set()
+        while not self.stop.is_set():
+            await asyncio.sleep(0.01)
+        handing.cancel()
+        server.close()
+
+    def close(self):
+        self.opened.close()
+        self.stop.set()
+        self.thread.join(PATIENCE)
+        for each in (self.frames, self.poses, self.moves, self.feed, self.shown.frames):
+            each.close()
+
+    def page(self, *, token=TOKEN, origin=None, feeds=True):
+        """A page that has come in, after its welcome and the geometry."""
+        page = self.raw(origin=origin)
+        page.send(json.dumps({"hello": token}))
+        welcome = json.loads(page.recv(PATIENCE))["welcome"]
+        assert welcome["feeds"] is feeds
+        assert page.recv(PATIENCE)[:4] == b"glTF"
+        return page
+
+    def raw(self, *, origin=None, host=None):
+        origin = f"http://127.0.0.1:{self.port}" if origin is None else origin
+        return self.opened.enter_context(
+            connect(f"ws://{host or '127.0.0.1'}:{self.port}/live", origin=origin or None, max_size=None)
+        )
+
+    def get(self, path="/", host=None, **headers):
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=PATIENCE)
+        connection.request("GET", path, headers={"Host": host or f"127.0.0.1:{self.port}", **headers})
+        answer = connection.getresponse()
+        answer.read()
+        return answer
+
+
+@pytest.fixture
+def bridge(request):
+    running = Running(request.node.name.replace("[", "-"))
+    yield running
+    running.close()
+
+
+def received(inlet, kind, patience=PATIENCE):
+    """The next message at an address: its records."""
+    buffer, ends = np.zeros(70_000, np.uint8), time.monotonic() + patience
+    while time.monotonic() < ends:
+        size = inlet.receive(buffer)
+        if size > 0:
+            assert flaw_of(buffer[:size], kind) is None
+            return parts_of(buffer[:size].copy(), kind)[1]
+        time.sleep(0.002)
+    return None
+
+
+def now():
+    """A page's clock, which began at some instant of its own."""
+    return time.monotonic_ns() - 7_000_000_000
+
+
+def poses(kind=POSES, **changes):
+    message = Message(kind, 2)
+    message.header["send_ns"] = message.records["pose_ns"] = now()
+    message.records["finger"] = [0, 3]
+    message.records["position"] = [(0.1, 0.2, 0.3), (1, 2, 3)]
+    for name, value in changes.items():
+        message.records[name] = value
+    return message.seal(1, 2).tobytes()
+
+
+def move(name=b"cube", translation=(0.1, 0, 0), rotation=None):
+    message = Message(MOVES, 1)
+    message.header["send_ns"] = message.records["pose_ns"] = now()
+    message.records["name"] = name
+    message.records["rotation"] = np.eye(3) if rotation is None else rotation
+    message.records["translation"] = translation
+    return message.seal(1, 2).tobytes()
+
+
+def settle(page):
+    """Let the bridge see the page's clock run."""
+    page.send(poses())
+    time.sleep(SETTLED)
+    page.send(poses())
+
+
+def closed(page):
+    """Code and reason with which a page is put out; what still comes before is passed over."""
+    with pytest.raises(ConnectionClosed) as caught:
+        while True:
+            page.recv(PATIENCE)
+    return caught.value.rcvd.code, caught.value.rcvd.reason
+
+
+# Who may come in
+
+
+@pytest.mark.parametrize(
+    "origin", ["http://evil.example", "null", "http://127.0.0.1", "https://127.0.0.1:{port}"]
+)
+def test_a_foreign_origin_is_refused(bridge, origin):
+    with pytest.raises(InvalidStatus) as caught:
+        bridge.raw(origin=origin.format(port=bridge.port))
+
+    assert caught.value.response.status_code == 403
+
+
+def test_a_live_connection_without_an_origin_is_refused(bridge):
+    with pytest.raises(InvalidStatus) as caught:
+        bridge.raw(origin="")
+
+    assert caught.value.response.status_code == 403
+
+
+@pytest.mark.parametrize(
+    "host", ["evil.example", "127.0.0.1", "evil.example:{port}", "127.0.0.1:{port}.evil.example"]
+)
+def test_a_foreign_host_is_refused(bridge, host):
+    answer = bridge.get(host=host.format(port=bridge.port))
+
+    assert answer.status == 421
+    assert bridge.get(path="/live", host=host.format(port=bridge.port)).status == 421
+
+
+def test_files_have_the_headers_that_shut_others_out(bridge):
+    answer = bridge.get()
+
+    assert answer.status == 200
+    assert answer.getheader("Cross-Origin-Opener-Policy") == "same-origin"
+    assert answer.getheader("Cross-Origin-Embedder-Policy") == "require-corp"
+    assert "default-src 'none'" in answer.getheader("Content-Security-Policy")
+    assert bridge.get("/nothing").status == 404
+    assert bridge.get("/../bridge.py").status == 404
+    assert bridge.get(Origin="http://evil.example").status == 403
+
+
+@pytest.mark.parametrize(
+    "hello",
+    ['{"hello": "wrong"}', '{"hello": null}', "{}", "[]", "no document", '{"hello": {"a": 1}}', b"bytes"],
+)
+def test_without_the_token_nobody_comes_in(bridge, hello):
+    page = bridge.raw()
+    page.send(hello)
+
+    code, reason = closed(page)
+
+    assert code == WRONG_TOKEN
+    assert TOKEN not in reason
+    assert bridge.bridge._clients == []
+
+
+def test_localhost_is_the_same_page(bridge):
+    page = bridge.raw(origin=f"http://localhost:{bridge.port}", host="localhost")
+    page.send(json.dumps({"hello": TOKEN}))
+
+    assert "welcome" in json.loads(page.recv(PATIENCE))
+
+
+# What is taken
+
+
+def test_poses_reach_the_service_on_its_clock(bridge):
+    page = bridge.page()
+    page.send(poses())
+    time.sleep(SETTLED)
+    before = time.monotonic_ns()
+    page.send(poses())
+
+    records = received(bridge.poses, POSES)
+
+    assert records["finger"].tolist() == [0, 3]
+    np.testing.assert_array_equal(records["position"], [(0.1, 0.2, 0.3), (1, 2, 3)])
+    age = time.monotonic_ns() - records["pose_ns"]
+    assert (age >= 0).all()  # never from the future
+    assert (records["pose_ns"] > before - 50_000_000).all()
+
+
+def test_paths_reach_the_service(bridge):
+    page = bridge.page()
+    settle(page)
+    assert received(bridge.poses, POSES) is not None
+    corners = np.arange(2 * 65 * 3, dtype=float).reshape(2, 65, 3) / 100
+    page.send(poses(PATH_POSES, corners=corners))
+
+    np.testing.assert_array_equal(received(bridge.poses, PATH_POSES)["corners"], corners)
+
+
+def test_a_page_that_goes_leaves_no_finger_tracked(bridge):
+    page = bridge.page()
+    settle(page)
+    assert received(bridge.poses, POSES) is not None
+    left = time.monotonic()
+    page.socket.close()  # as when its process ends
+
+    records = received(bridge.poses, POSES)
+
+    assert time.monotonic() - left < 0.1
+    assert records["finger"].tolist() == list(range(COUNT))
+    assert np.isnan(records["position"]).all()
+
+
+def test_moves_reach_service_and_all_pages(bridge):
+    page, other = bridge.page(), bridge.page(feeds=False)
+    settle(page)
+    page.send(move())
+
+    (record,) = received(bridge.moves, MOVES)
+
+    assert record["translation"].tolist() == [0.1, 0, 0]
+    for each in (page, other):
+        data = np.frombuffer(each.recv(PATIENCE), np.uint8)
+        assert parts_of(data, MOVES)[1]["name"].tolist() == [b"cube"]
+    assert bridge.scene.part("cube").pose.translation.tolist() == [0.1, 0, 0]
+    # A page that comes later is told at once.
+    later = bridge.page(feeds=False)
+    data = np.frombuffer(later.recv(PATIENCE), np.uint8)
+    assert parts_of(data, MOVES)[1]["translation"].tolist() == [[0.1, 0, 0]]
+
+
+def test_a_second_page_watches_until_it_takes_over(bridge):
+    first, second = bridge.page(), bridge.page(feeds=False)
+    settle(second)
+    assert received(bridge.poses, POSES, 0.1) is None
+
+    second.send(json.dumps({"feed": True}))
+
+    assert json.loads(second.recv(PATIENCE)) == {"feeds": True}
+    assert json.loads(first.recv(PATIENCE)) == {"feeds": False}
+    assert np.isnan(received(bridge.poses, POSES)["position"]).all()  # of the first page
+    settle(second)
+    assert received(bridge.poses, POSES)["finger"].tolist() == [0, 3]
+
+
+def test_when_the_page_that_feeds_goes_another_may(bridge):
+    first, second = bridge.page(), bridge.page(feeds=False)
+
+    first.close()
+
+    assert json.loads(second.recv(PATIENCE)) == {"feeds": True}
+
+
+# Frames
+
+
+def frame(sequence, pose_ns):
+    message = Message(FRAME, COUNT)
+    message.header["pose_ns"] = message.header["start_ns"] = message.header["publish_ns"] = pose_ns
+    message.header["valid_until_ns"] = pose_ns + 10**8
+    message.header["period_ns"] = 10**6
+    message.header["state"] = State.DEGRADED
+    message.records["finger"] = np.arange(COUNT)
+    message.records["normal"] = np.nan
+    return message
+
+
+def test_frames_come_byte_for_byte_and_two_at_most_are_under_way(bridge):
+    page = bridge.page()
+    for number in range(60):
+        bridge.frames.publish(frame(number, time.monotonic_ns()))
+        time.sleep(0.006)
+    got = []
+    with contextlib.suppress(TimeoutError):
+        while True:
+            got.append(page.recv(0.2))
+
+    assert len(got) == MOST_IN_FLIGHT
+    assert all(flaw_of(np.frombuffer(each, np.uint8), FRAME) is None for each in got)
+    page.send("ok")
+    newest = np.frombuffer(page.recv(PATIENCE), np.uint8)
+    assert parts_of(newest, FRAME)[0]["sequence"] == 59  # what came between is left out
+
+
+def test_a_service_that_begins_anew_is_told_where_parts_are(bridge):
+    page = bridge.page()
+    bridge.frames.publish(frame(0, time.monotonic_ns()))
+    settle(page)
+    page.send(move())
+    assert received(bridge.moves, MOVES) is not None
+    bridge.frames.session += 1
+    ends = time.monotonic() + PATIENCE
+    while (records := received(bridge.moves, MOVES, 0.05)) is None and time.monotonic() < ends:
+        bridge.frames.publish(frame(0, time.monotonic_ns()))
+
+    assert records["translation"].tolist() == [[0.1, 0, 0]]
+
+
+# Slices
+
+
+def ask_slice(page, **changes):
+    asked = {
+        "ticket": 5,
+        "origin": [0, 0, 0.05],
+        "u": [0.2, 0, 0],
+        "v": [0, 0.1, 0],
+        "width": 21,
+        "height": 11,
+    }
+    page.send(json.dumps({"slice": asked | changes}))
+
+
+def test_a_slice_is_the_signed_distance(bridge):
+    page = bridge.page()
+    ask_slice(page)
+
+    data = page.recv(PATIENCE)
+
+    header = np.frombuffer(data, SLICE_HEADER, 1)[0]
+    values = np.frombuffer(data, "<f4", offset=SLICE_HEADER.itemsize).reshape(11, 21)
+    assert (header["ticket"], header["width"], header["height"]) == (5, 21, 11)
+    points = np.array([[(x, y, 0.05) for x in np.linspace(0, 0.2, 21)] for y in np.linspace(0, 0.1, 11)])
+    np.testing.assert_allclose(values, bridge.scene.signed_distance(points), atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"width": 10**9},
+        {"width": 0},
+        {"origin": [0, 0]},
+        {"origin": [0, 0, 1e300]},
+        {"u": ["nan", 0, 0]},
+        {"ticket": -1},
+        {"v": None},
+        {"height": "many"},
+    ],
+)
+def test_a_slice_that_cannot_be_is_said(bridge, changes):
+    page = bridge.page()
+    ask_slice(page, **changes)
+
+    assert "slice" in json.loads(page.recv(PATIENCE))["notice"]
+
+
+# What is refused
+
+
+def test_an_oversize_message_ends_the_connection(bridge):
+    page = bridge.page()
+    page.send(b"x" * (MOST_BYTES + 1))
+
+    assert closed(page)[0] == 1009
+    assert bridge.page() is not None  # the next is welcome
+
+
+def test_a_flood_ends_the_connection(bridge):
+    page = bridge.page()
+    with contextlib.suppress(ConnectionClosed):
+        for _ in range(20_000):
+            page.send("ok")
+
+    assert closed(page)[0] == TOO_MUCH
+    assert bridge.page() is not None
+
+
+def damaged(data, at, value=0xFF):
+    return data[:at] + bytes([data[at] ^ value]) + data[at + 1 :]
+
+
+def measured():
+    message = Message(MEASURED, 1)
+    message.header["send_ns"] = message.records["measured_ns"] = now()
+    return message.seal(1, 2).tobytes()
+
+
+FORGED = {
+    "truncated": lambda: poses()[:-8],
+    "shorter than a header": lambda: poses()[:20],
+    "four bytes": lambda: poses()[:4],
+    "nothing": lambda: b"",
+    "damaged": lambda: damaged(poses(), 60),
+    "its checksum": lambda: damaged(poses(), 5),
+    "another version": lambda: damaged(poses(), 8),
+    "a frame": lambda: frame(0, now()).seal(1, 2).tobytes(),
+    "a sensor": measured,
+    "a finger too many": lambda: poses(finger=[0, COUNT]),
+    "an infinite place": lambda: poses(position=[(np.inf, 0, 0), (0, 0, 0)]),
+    "a place far away": lambda: poses(position=[(1e7, 0, 0), (0, 0, 0)]),
+    "an instant far away": lambda: poses(pose_ns=[0, 0]),
+    "a part that is not there": lambda: move(b"nobody"),
+    "no rotation": lambda: move(rotation=np.full((3, 3), 2.0)),
+    "a mirror": lambda: move(rotation=np.diag([1.0, 1.0, -1.0])),
+    "a part to infinity": lambda: move(translation=(np.nan, 0, 0)),
+    "a question that there is not": lambda: json.dumps({"run": "rm"}),
+    "a deep document": lambda: "[" * 50_000,
+}
+
+
+@pytest.mark.parametrize("name", FORGED)
+def test_what_is_forged_ends_the_connection_and_reaches_nobody(bridge, name):
+    page = bridge.page()
+    settle(page)
+    assert received(bridge.poses, POSES) is not None
+    page.send(FORGED[name]())
+
+    assert closed(page)[0] == UNFIT
+    gone = received(bridge.poses, POSES)
+    assert np.isnan(gone["position"]).all()  # its fingers are given up, and that is all
+    assert received(bridge.poses, POSES, 0.05) is None
+    assert received(bridge.moves, MOVES, 0.05) is None
+    assert bridge.page() is not None
+
+
+def test_messages_that_were_held_up_end_the_connection(bridge):
+    page = bridge.page()
+    settle(page)
+    late = Message(POSES, 1)
+    late.header["send_ns"] = late.records["pose_ns"] = now() - 3_000_000_000
+    page.send(late.seal(1, 2).tobytes())
+
+    code, reason = closed(page)
+
+    assert (code, reason) == (4408, "messages of this page are held up for more than a second")

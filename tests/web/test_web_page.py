@@ -1,0 +1,290 @@
+"""The page in a browser: hands in, distances seen, parts moved, and what it says when nothing comes."""
+
+import browsing
+import numpy as np
+import pytest
+from browsing import Page, Viewing
+from project import MESHES
+
+import proximity
+
+MICROMETRE = 1e-6
+RADIUS = 0.007
+KNOWN = (
+    "['OK', 'DEGRADED'].includes(page.reading.state) && page.reading.contacts.some((each) => each.isKnown)"
+)
+MIDDLE = (420, 300)
+WHERE_IS = """
+(name) => {
+  for (let y = 60; y < innerHeight; y += 12) {
+    for (let x = 320; x < innerWidth - 260; x += 12) {
+      if (page.tools.aim({ clientX: x, clientY: y })?.part.name === name) return [x, y];
+    }
+  }
+}
+"""
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    with browsing.browser() as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def viewing():
+    browsing.browser_path()
+    with Viewing(MESHES / "assembly.step", MESHES / "bracket.stl", "--rate", 200) as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def scene():
+    parts = [*proximity.load(MESHES / "assembly.step").parts, *proximity.load(MESHES / "bracket.stl").parts]
+    return proximity.Scene(parts)
+
+
+@pytest.fixture(scope="module")
+def opened(chromium, viewing):
+    with Page(chromium, viewing.url).ready() as one:
+        yield one
+
+
+@pytest.fixture
+def page(opened):
+    """The page as it is at first."""
+    opened.page.mouse.move(2, 400)
+    opened.page.keyboard.press("Escape")
+    opened.ask("page.tools.reset()")
+    opened.ask("page.choose('mouse')")
+    opened.until(
+        "page.feeds && page.parts.waiting.length === 0 && page.parts.list.every((part) => "
+        "part.object.matrix.equals(part.initial))"
+    )
+    return opened
+
+
+def has_mouse_hand(page, at=MIDDLE):
+    page.page.mouse.move(at[0] + 5, at[1])
+    page.page.mouse.move(*at)
+    page.until(KNOWN)
+
+
+def same_as(scene, contacts):
+    """Compare distances that the page has with the scene's."""
+    expected = scene.signed_distance([each["position"] for each in contacts]) - RADIUS
+    np.testing.assert_allclose([each["distance"] for each in contacts], expected, rtol=0, atol=MICROMETRE)
+
+
+def test_the_mouse_is_a_hand_with_five_fingers(page, scene):
+    has_mouse_hand(page)
+
+    contacts = page.exact()
+
+    same_as(scene, contacts)
+    assert page.ask("page.reading.contacts.filter((each) => each.isKnown).map((each) => each.finger)") == [
+        5, 6, 7, 8, 9,
+    ]  # fmt: skip
+    page.until("document.querySelectorAll('#fingers tbody tr').length === 5")
+    page.until("page.link.latencies.length > 20")
+    page.picture("mouse")
+
+
+def test_keys_bend_the_hand_and_the_wheel_is_depth(page):
+    has_mouse_hand(page)
+    bend = "page.inputs.mouse.bends"
+    assert max(page.ask(bend)) < 0.2
+
+    page.page.keyboard.down("2")
+    page.until(f"{bend}[1] > 0.9")
+    assert page.ask(f"{bend}[2]") < 0.2
+    page.until("page.paths.get(6)?.length === 195")
+    page.picture("bent")
+    page.page.keyboard.up("2")
+    page.until(f"{bend}[1] < 0.2")
+
+    before = page.ask("page.inputs.mouse.joints.get('wrist').position.toArray()")
+    page.page.mouse.wheel(0, -300)
+    page.until(
+        "(before) => page.inputs.mouse.joints.get('wrist').position.toArray()"
+        ".some((x, k) => Math.abs(x - before[k]) > 1e-4)",
+        before,
+    )
+    assert page.ask("page.inputs.mouse.depth") > 0
+
+
+def test_the_path_of_a_finger_goes_through_its_tip(page):
+    has_mouse_hand(page)
+
+    offs = page.until(
+        "[...page.paths].map(([finger, path]) => { const tip = page.inputs.mouse.joints.get(['thumb-tip', "
+        "'index-finger-tip', 'middle-finger-tip', 'ring-finger-tip', 'pinky-finger-tip'][finger - 5]"
+        ").position.toArray(); let least = 1; for (let k = 0; k < 65; k++) least = Math.min(least, "
+        "Math.hypot(...tip.map((x, i) => x - path[3 * k + i]))); return least; })"
+    )
+
+    assert len(offs) == 5
+    assert max(offs) < 0.002  # half the way between two corners
+
+
+def test_hiding_a_part_is_seen(page):
+    page.page.get_by_role("button", name="hide bracket").click()
+
+    assert page.ask("page.parts.list.filter((part) => !part.object.visible).map((part) => part.name)") == [
+        "bracket"
+    ]
+    page.page.get_by_role("button", name="show bracket").click()
+    assert page.ask("page.parts.list.every((part) => part.object.visible)")
+
+
+def test_a_part_is_dragged_and_distances_follow(page, scene):
+    has_mouse_hand(page)
+    page.page.keyboard.press("Home")
+    page.page.keyboard.press("m")
+    place = page.ask(WHERE_IS, "bracket")
+    page.page.mouse.move(*place)
+    page.page.mouse.down()
+    grasped = page.ask("page.tools.held?.part.name ?? null")
+    assert grasped == "bracket"
+    page.page.mouse.move(place[0] + 60, place[1] + 20, steps=4)
+    moved = "page.parts.list.at(-1).object.matrix.elements"
+    page.until(f"Math.hypot({moved}[12], {moved}[13], {moved}[14]) > 0.005")
+    page.page.mouse.up()
+    page.until("page.parts.waiting.length === 0 && page.parts.wanted.size === 0")
+    page.page.mouse.move(*MIDDLE)
+    page.page.wait_for_timeout(500)
+
+    matrix = np.array(page.ask(moved)).reshape(4, 4).T
+    elsewhere = proximity.Scene(scene.parts)
+    elsewhere.move("bracket", matrix)
+    page.picture("dragged")
+    same_as(elsewhere, page.exact())
+
+    page.page.keyboard.press("Home")
+    page.until(f"{moved}[12] === 0 && {moved}[13] === 0")
+    same_as(scene, page.exact())
+
+
+def test_keys_move_a_picked_part(page):
+    page.page.locator("#parts .name", has_text="bracket").click()
+    page.page.keyboard.press("Shift+ArrowRight")
+    moved = "page.parts.list.at(-1).object.matrix.elements"
+
+    page.until(f"Math.abs({moved}[12] - 0.01) < 1e-9")
+
+    page.page.keyboard.press("q")
+    page.until(f"Math.abs({moved}[1] - Math.sin(Math.PI / 36)) < 1e-9")
+    page.page.keyboard.press("Home")
+    page.until(f"{moved}[12] === 0 && {moved}[1] === 0")
+
+
+def test_two_points_are_measured(page):
+    page.page.get_by_role("button", name="Measure").click()
+    page.ask("page.tools.measure.add(page.stage.box.min.clone())")
+
+    said = page.ask("page.tools.measure.add(page.stage.box.min.clone().add({ x: 0.003, y: 0.004, z: 0 }))")
+
+    assert said == "5.00 mm apart; along x, y, z: 3.00, 4.00, 0.00 mm."
+    page.page.keyboard.press("Escape")
+    assert page.ask("page.tools.measure.group.children.length") == 0
+
+
+def test_a_slice_of_the_signed_distance_is_seen(page):
+    page.page.keyboard.press("c")
+    page.page.keyboard.press("s")
+
+    page.until("page.tools.plane.mesh.visible")
+
+    assert page.ask("page.parts.list.at(-1).meshes[0].material.clippingPlanes.length") == 1
+    first = page.ask("page.tools.plane.ticket")
+    page.page.get_by_role("radio", name="z", exact=True).click()
+    page.until(f"page.tools.plane.ticket > {first} && page.tools.plane.mesh.visible")
+    page.page.wait_for_timeout(600)
+    page.picture("slice")
+    assert "lines every" in page.ask("document.getElementById('legend-high').textContent")
+
+
+def test_a_picture_is_saved_and_a_link_opens_the_same_view(page, chromium):
+    with page.page.expect_download(timeout=60_000) as saved:
+        page.page.keyboard.press("p")
+    assert saved.value.suggested_filename.endswith(".png")
+    with open(saved.value.path(), "rb") as file:
+        assert file.read(8) == b"\x89PNG\r\n\x1a\n"
+    page.page.get_by_role("button", name="hide bracket").click()
+    page.page.keyboard.press("-")
+    page.page.keyboard.press("l")
+    page.until("location.hash.includes('view=')")
+
+    eye = "page.stage.camera.position.toArray()"
+    with Page(chromium, page.page.url).ready() as other:
+        other.until("page.parts.list.some((part) => !part.object.visible)")
+        np.testing.assert_allclose(other.ask(eye), page.ask(eye), rtol=1e-4)
+
+
+def test_a_second_page_watches_and_may_take_over(page, chromium, viewing):
+    has_mouse_hand(page)
+    with Page(chromium, viewing.url).ready() as second:
+        second.until(KNOWN)
+        assert "Another page feeds" in second.ask("document.getElementById('input-hint').textContent")
+        second.page.get_by_role("radio", name="Mouse").click()
+        second.until("page.input === 'mouse' && page.feeds")
+        page.until("!page.feeds")
+    page.until("page.feeds")
+
+
+def test_stale_is_shown_and_all_is_back_when_the_service_is(page, viewing, scene):
+    has_mouse_hand(page)
+    page.page.locator("#parts .name", has_text="bracket").click()
+    page.page.keyboard.press("Shift+ArrowRight")
+    moved = "page.parts.list.at(-1).object.matrix.elements"
+    page.until(f"Math.abs({moved}[12] - 0.01) < 1e-9")
+
+    service = viewing.service()
+    service.suspend()  # a service that hangs; the process is there
+    try:
+        page.until(
+            "page.reading.state === 'STALE' && document.getElementById('state').textContent === 'STALE'"
+        )
+        assert page.contacts() == []
+        page.until(
+            "[...document.querySelectorAll('#fingers td:nth-child(2)')].every((td) => td.textContent === '—')"
+        )
+        page.picture("stale")
+    finally:
+        service.kill()
+    page.until(KNOWN)
+
+    elsewhere = proximity.Scene(scene.parts)
+    shifted = np.eye(4)
+    shifted[0, 3] = 0.01
+    elsewhere.move("bracket", shifted)
+    page.page.wait_for_timeout(500)
+    same_as(elsewhere, page.exact())  # the new service was told where parts are
+    page.page.keyboard.press("Home")
+    page.until(f"{moved}[12] === 0")
+
+
+def test_without_a_headset_a_sentence_says_so(page):
+    page.page.get_by_role("radio", name="Headset").click()
+
+    page.until("document.getElementById('input-hint').textContent.startsWith('No headset is connected')")
+    assert page.ask("page.input") == "mouse"
+
+
+def test_without_its_token_a_sentence_says_so(chromium, viewing):
+    for url in (viewing.url.partition("#")[0], viewing.url.partition("#")[0] + "#token=wrong"):
+        with Page(chromium, url) as page:
+            page.until(
+                "document.getElementById('cover-text').textContent.startsWith('This address lacks its token')"
+            )
+
+
+def test_everything_can_be_reached_by_the_keyboard(page):
+    reached = set()
+    for _ in range(40):
+        page.page.keyboard.press("Tab")
+        reached.add(page.ask("document.activeElement.id || document.activeElement.textContent"))
+
+    assert {"canvas", "Mouse", "tool-move", "tool-measure", "tool-slice", "tool-help", "hide"} <= reached

@@ -1,0 +1,272 @@
+"""`proximity view`, `serve --web` and `proximity.view`: what they start, and that all of it ends."""
+
+import json
+import subprocess
+import sys
+import threading
+import time
+from types import SimpleNamespace
+
+import numpy as np
+import psutil
+import pytest
+import shapes
+from browsing import Viewing
+from project import MESHES
+from websockets.sync.client import connect
+
+import proximity
+from proximity.errors import RecordingError, ServiceError
+from proximity.message import FRAME, Message, State
+from proximity.recording import FrameLog
+from proximity.scene.scene import Scene
+from proximity.scene.solid import Solid
+from proximity.service.config import read_scene_file
+from proximity.web import viewing
+from proximity.web.page_process import PageSettings, run_page
+from proximity.web.served_scene import Addresses, write_scene_file
+from proximity.web.sources import LoggedFrames
+
+PATIENCE = 120.0
+BRACKET = MESHES / "bracket.stl"
+
+
+def welcomed(url):
+    """What a page is told first, and the kinds of what comes behind it."""
+    address, _, token = url.partition("/#token=")
+    with connect(address.replace("http", "ws") + "/live", origin=address, max_size=None) as page:
+        page.send(json.dumps({"hello": token}))
+        welcome = json.loads(page.recv(PATIENCE))["welcome"]
+        first = page.recv(PATIENCE)[:4] if welcome["has_geometry"] else b""
+        frame = page.recv(PATIENCE)[:4] if "log" not in welcome else b""
+    return welcome, first, frame
+
+
+def ended(process, patience=30.0):
+    """Whether a process has ended, and was not only left alone."""
+    ends = time.monotonic() + patience
+    while time.monotonic() < ends:
+        if not process.is_running() or process.status() == psutil.STATUS_ZOMBIE:
+            return True
+        time.sleep(0.05)
+    return False
+
+
+def test_view_starts_all_it_needs_and_ends_it():
+    with Viewing(BRACKET, "--rate", 200) as running:
+        welcome, geometry, frame = welcomed(running.url)
+        service = running.service()
+
+    assert (geometry, frame) == (b"glTF", b"DECF")
+    assert (welcome["finger_count"], welcome["may_pose"], welcome["may_move"]) == (10, True, True)
+    assert welcome["recording"]["name"] == "hand.csv"
+    assert ended(service)
+
+
+def test_the_service_ends_with_its_bridge_however_that_ends():
+    running = Viewing(BRACKET, "--rate", 200)
+    welcomed(running.url)
+    service = running.service()
+
+    running.process.kill()
+
+    assert ended(service)
+    running.process.wait()
+    running.process.stdin.close()
+    running.process.stdout.close()
+
+
+def test_a_scene_in_python_is_shown_as_it_is():
+    scene = Scene([Solid(*shapes.cube(0.1), name="cube"), Solid(*shapes.cube(0.1, (1, 0, 0)), name="other")])
+    scene.hide("other")
+
+    page = proximity.view(scene, open_browser=False)
+    try:
+        welcome, geometry, _ = welcomed(page.url)
+        html = page._repr_html_()
+    finally:
+        page.stop()
+
+    assert geometry == b"glTF"
+    assert welcome["title"] == "scene.prox"
+    assert f'src="{page.url}"' in html
+    assert repr(page) == "RunningPage(ended)"
+
+
+def test_what_cannot_be_shown_is_refused(tmp_path):
+    with pytest.raises(ServiceError, match=r"^a page shows a Scene or a file, not int$"):
+        proximity.view(3)
+    with pytest.raises(ServiceError, match=r"nothing\.stl"):
+        proximity.view(tmp_path / "nothing.stl", open_browser=False)
+
+
+def test_a_page_that_ends_at_once_says_why(monkeypatch):
+    monkeypatch.setattr(viewing, "BEGIN_TIMEOUT", PATIENCE)
+
+    with pytest.raises(ServiceError, match="needs a certificate and its key"):
+        viewing.RunningPage([str(BRACKET), "--bind", "0.0.0.0"], "bracket", print)
+
+
+def shown(**settings):
+    return run_page(
+        PageSettings(files=(str(BRACKET),), **settings),
+        stop=threading.Event(),
+        say=lambda sentence: None,
+        begun=lambda beginning: None,
+    )
+
+
+def test_another_address_needs_a_certificate(tmp_path):
+    with pytest.raises(ServiceError, match=r"^a page at 192\.168\.1\.20 needs a certificate and its key"):
+        shown(bind="192.168.1.20")
+    (tmp_path / "cert.pem").write_text("no certificate")
+    with pytest.raises(ServiceError, match=r"cert\.pem: cannot be used as a certificate"):
+        shown(bind="192.168.1.20", certificate=str(tmp_path / "cert.pem"), key=str(tmp_path / "cert.pem"))
+
+
+def test_without_websockets_a_sentence_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "websockets.asyncio.server", None)
+    monkeypatch.delitem(sys.modules, "proximity.web.bridge", raising=False)
+
+    with pytest.raises(ServiceError, match=r'^the page needs websockets.*: pip install "proximity\[web\]"$'):
+        shown()
+
+
+def test_a_scene_file_says_what_was_asked_for(tmp_path):
+    addresses = Addresses("mailbox:a", "mailbox:b", "mailbox:c")
+    given = {"units": "in", "rate_hz": 500.0, "radius": 0.005}
+    odd = tmp_path / 'a "part" \\ ä.stl'
+    odd.write_bytes(BRACKET.read_bytes())
+
+    read = write_scene_file(tmp_path, [str(odd), str(BRACKET)], addresses, **given)
+
+    assert [part.file for part in read.parts] == [str(odd), str(BRACKET)]
+    assert {part.units for part in read.parts} == {"in"}
+    assert (read.service.rate_hz, read.service.publish) == (500.0, ("mailbox:a",))
+    assert (read.fingers.count, read.fingers.radius) == (10, 0.005)
+    assert (read.input.poses, read.input.moves) == ("mailbox:b", "mailbox:c")
+
+
+def test_parts_and_fingers_of_a_scene_file_are_taken(tmp_path):
+    scene = tmp_path / "cell.toml"
+    scene.write_text(
+        f'[fingers]\ncount = 3\nradius = [0.005, 0.006, 0.007]\n[[parts]]\nfile = "{BRACKET.as_posix()}"\n'
+        'name = "spring"\nposition = [0.1, 0, 0]\nkind = "deformable"\nstiffness = 800.0\ndamping = 2.0\n'
+        '[input]\nposes = "mailbox:x"\n'
+    )
+    (folder := tmp_path / "own").mkdir()
+
+    read = write_scene_file(
+        folder, [str(scene)], Addresses("mailbox:a", "mailbox:b", "mailbox:c"), units="mm", rate_hz=1e3,
+        radius=None,
+    )  # fmt: skip
+
+    assert read.parts == read_scene_file(scene).parts
+    assert (read.fingers.count, read.fingers.radius) == (3, (0.005, 0.006, 0.007))
+
+
+def logged(path, count=50, sessions=1):
+    """Write a log: the distance of finger 0 is the number of the frame, in millimetres."""
+    message = Message(FRAME, 2)
+    message.header["period_ns"] = 1_000_000
+    message.header["state"] = State.DEGRADED
+    with FrameLog(path) as log:
+        for session in range(sessions):
+            for number in range(count):
+                message.header["start_ns"] = message.header["pose_ns"] = (
+                    session + 5
+                ) * 10**9 + number * 10**6
+                message.header["publish_ns"] = message.header["valid_until_ns"] = message.header["start_ns"]
+                message.records["signed_distance"] = number / 1e3
+                log.append(message.seal(session + 1, number))
+    return path
+
+
+def test_frames_of_a_log_are_found_by_time_and_place(tmp_path):
+    frames = LoggedFrames(logged(tmp_path / "run.frames"))
+
+    assert (frames.count, frames.finger_count, frames.duration_ms) == (50, 2, 49.0)
+    assert [frames.place_at(ms) for ms in (-1.0, 0.0, 0.9, 1.0, 30.5, 1e9)] == [0, 0, 0, 1, 30, 49]
+    assert frames.ms_at(7) == 7.0
+    assert np.frombuffer(frames.at(7), FRAME.header, 1)["sequence"][0] == 7
+    assert frames.at(-3) == frames.at(0)
+    assert frames.at(99) == frames.at(49)
+
+
+def test_a_later_session_goes_on_where_the_one_before_ended(tmp_path):
+    frames = LoggedFrames(logged(tmp_path / "run.frames", count=10, sessions=2))
+
+    assert (frames.count, frames.duration_ms) == (20, 18.0)
+
+
+def test_a_log_without_frames_is_refused(tmp_path):
+    (tmp_path / "empty.frames").touch()
+
+    with pytest.raises(RecordingError, match="has no frame yet"):
+        LoggedFrames(tmp_path / "empty.frames")
+
+
+def test_a_log_is_shown_frame_by_frame(tmp_path):
+    log = logged(tmp_path / "run.frames")
+    with Viewing(log, BRACKET) as running:
+        address, _, token = running.url.partition("/#token=")
+        with connect(address.replace("http", "ws") + "/live", origin=address, max_size=None) as page:
+            page.send(json.dumps({"hello": token}))
+            welcome = json.loads(page.recv(PATIENCE))["welcome"]
+            assert page.recv(PATIENCE)[:4] == b"glTF"
+            assert welcome["log"] == {"count": 50, "duration_ms": 49.0, "notes": []}
+            page.send(json.dumps({"at_ms": 30.5}))
+            assert json.loads(page.recv(PATIENCE)) == {"place": 30, "ms": 30.0}
+            assert np.frombuffer(page.recv(PATIENCE), FRAME.header, 1)["sequence"][0] == 30
+            page.send(json.dumps({"place": 31}))
+            assert json.loads(page.recv(PATIENCE)) == {"place": 31, "ms": 31.0}
+
+
+def test_a_page_beside_a_service_watches_unless_the_scene_file_lets_it_feed(tmp_path):
+    scene = tmp_path / "cell.toml"
+    text = (
+        '[service]\nrate_hz = 200\nreal_time = false\npublish = "mailbox:away"\n[fingers]\ncount = 2\n'
+        f'[[parts]]\nfile = "{BRACKET.as_posix()}"\n'
+        f'[input]\nposes = "iox2://web-{tmp_path.name}/poses"\n'
+    )
+    for feed in (False, True):
+        scene.write_text(text + ("[web]\nfeed = true\n" if feed else ""))
+        process = subprocess.Popen(
+            [sys.executable, "-m", "proximity", "serve", str(scene), "--web", "--until-stdin"],
+            stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        try:
+            for line in process.stderr:
+                if "the page is at" in line:
+                    break
+            welcome, geometry, frame = welcomed(line.split()[-1])
+            children = psutil.Process(process.pid).children()
+        finally:
+            process.stdin.close()
+            code = process.wait(60)
+            process.stderr.close()
+        assert (geometry, frame, code) == (b"glTF", b"DECF", 0)
+        assert (welcome["may_pose"], welcome["may_move"], welcome["finger_count"]) == (feed, False, 2)
+        assert all(ended(child) for child in children)
+
+
+def test_a_scene_that_lets_the_page_feed_nothing_is_refused(tmp_path):
+    scene = tmp_path / "cell.toml"
+    scene.write_text(
+        f'[[parts]]\nfile = "{BRACKET.as_posix()}"\n'
+        f'[input]\nrecording = "{(MESHES / "hand.csv").as_posix()}"\n'
+        "[web]\nfeed = true\n"
+    )
+
+    with pytest.raises(
+        ServiceError, match=r"cell\.toml:6: web\.feed is true, and there is neither input\.poses nor"
+    ):
+        read_scene_file(scene)
+
+
+def test_names_of_a_page_for_other_machines():
+    from proximity.web.page_process import _names
+
+    names = _names(SimpleNamespace(names=("lab.example",), bind="192.168.1.20"))
+
+    assert names == ("127.0.0.1", "localhost", "[::1]", "lab.example", "192.168.1.20")

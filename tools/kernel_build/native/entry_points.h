@@ -1,0 +1,34 @@
+/* What the parts of the extension share. */
+#ifndef PROXIMITY_ENTRY_POINTS_H
+#define PROXIMITY_ENTRY_POINTS_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+/* A compiled wrapper: words of arguments, behind which it writes words of results. Not 0: no memory was left. */
+typedef int (*Wrapper)(void **unused_result, void **unused_error, int64_t words);
+
+/* The wrappers of one set of instructions, made by the build. */
+typedef struct {
+    const char *instructions;
+    const char *name;
+    Wrapper wrapper;
+} NamedEntry;
+
+extern const NamedEntry named_entries[]; /* the last one has no name */
+extern const char sources_digest[];   /* of the sources that the wrappers were compiled from */
+
+/* Owner of an array that a kernel made; the first and the fourth word are read by compiled code. */
+typedef struct {
+    size_t references;
+    void *unused[2];
+    void *data;
+    size_t size;
+} Owner;
+
+void release_owner(Owner *owner);
+
+/* Whether this processor has a set of instructions, by its name. */
+int has_instructions(const char *name);
+
+#endif
