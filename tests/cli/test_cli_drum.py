@@ -23,7 +23,7 @@ from proximity.decaff.drum.drum_command import DriveMode
 from proximity.decaff.drum.drum_model import GEAR4
 from proximity.decaff.glove.glove import Glove
 from proximity.decaff.glove.glove_set import read_glove
-from proximity.decaff.simulated_drums.service_drums import DrumBench
+from proximity.decaff.simulated_drums.service_drums import DrumBench, FingerBench
 from proximity.errors import DecaffError
 from proximity.message import CONTACT, ContactFlag, Mode, State, Surface
 from proximity.transport import Counts, Reading, open_publisher
@@ -272,6 +272,23 @@ def test_drum_without_bends_is_shown_as_if_fingers_bent_straight_and_that_is_sai
         "retracted without a bend, which comes from a path or a glove"
     ]
     assert bench.warnings() == []
+
+
+def test_all_fingers_without_bends_are_named_though_somebody_asks_in_the_midst_of_a_sample(monkeypatch):
+    bench, reported = DrumBench(1000.0), []
+    step_of_finger = FingerBench.step
+
+    def ask_after(finger, *given):
+        step_of_finger(finger, *given)
+        reported.extend(bench.warnings())
+
+    monkeypatch.setattr(FingerBench, "step", ask_after)
+    told = reading(0, 0.3, 2)
+    told.contacts["bend"] = np.nan
+    step(bench, told)
+
+    reported += bench.warnings()
+    assert [sentence[:34] for sentence in reported] == ["no bend is reported of finger 0, 1"]
 
 
 @pytest.mark.parametrize(("stiffness", "is_said"), [(100.0, False), (1e5, True)])

@@ -8,12 +8,14 @@ import pytest
 import shapes
 
 from proximity import native
+from proximity.errors import QueryError
 from proximity.kernels.geometry.morton_order import morton_order
 from proximity.kernels.mesh.faces import signed_volume, thin_faces
 from proximity.kernels.model_arrays import ModelArrays
 from proximity.kernels.scene.placement import first_unfit, update_box
 from proximity.kernels.scene.point_queries import signed_batch
 from proximity.kernels.tree.builder import build_tree
+from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
 
 pytestmark = pytest.mark.skipif(not native.IS_AHEAD, reason="no kernels compiled ahead of time are in use")
@@ -111,14 +113,35 @@ def test_arrays_that_a_kernel_made_are_freed_with_their_last_view():
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100_000
 
 
-def test_calls_leave_no_python_objects_behind():
-    points = np.zeros((4, 3))
-    for _ in range(100):
-        morton_order(points)
+def refused(error, call, given):
+    """Ask what is answered by an error."""
+    with pytest.raises(error):
+        call(given)
+
+
+SCENE = Scene([Solid(*shapes.cube(), name="cube"), Solid(*shapes.sphere(0.3, 1), name="ball")])
+ROWS = np.linspace(-2.0, 3.0, 12).reshape(4, 3)
+CALLS = {
+    "entry point": lambda: morton_order(ROWS),
+    "few rows": lambda: SCENE.closest(ROWS),
+    "a list": lambda: SCENE.signed_distance([0.0, 0.0, 2.0]),
+    "rays": lambda: SCENE.cast(ROWS, -ROWS),
+    "what is refused": lambda: refused(QueryError, SCENE.closest, "up"),
+    "what does not fit": lambda: refused(TypeError, morton_order, None),
+}
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_calls_leave_no_python_objects_behind(name):
+    call = CALLS[name]
+    for _ in range(20):
+        call()
+    gc.collect()
     tracemalloc.start()
     before, _ = tracemalloc.get_traced_memory()
     for _ in range(1000):
-        morton_order(points)
+        call()
+    gc.collect()
     after, _ = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert after - before < 10_000

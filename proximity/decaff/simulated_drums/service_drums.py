@@ -144,6 +144,7 @@ class DrumBench:
         self._paths = [FingerPath(glove) for glove in gloves or [Glove()]]
         self._sample_ns: int | None = None
         self._announced: set[str] = set()  # matters
+        self._silent: list[int] = []  # fingers without a bend, as of the last whole sample
         self.fingers = []
 
     def step(self, reading: Reading, sample_ns: int) -> None:
@@ -164,6 +165,7 @@ class DrumBench:
         for i, finger in enumerate(self.fingers):
             contact = reading.contacts[i] if i < count else None
             finger.step(reading, sample_ns, elapsed, contact, frame)
+        self._silent = [i for i, finger in enumerate(self.fingers) if finger.is_seen and not finger.has_bend]
 
     def switch_off(self, why: str) -> None:
         """Leave all motors without power, where nobody steps their controllers any more."""
@@ -178,9 +180,11 @@ class DrumBench:
         finger.step(nothing, 1_000_000, 1e-3, None, None)
 
     def warnings(self) -> list[str]:
-        """Return sentences on what these drums cannot do as the service has it; each matter is said once."""
-        silent = [i for i, finger in enumerate(self.fingers) if finger.is_seen and not finger.has_bend]
-        reported = []
+        """Return sentences on what these drums cannot do as the service has it; each matter is said once.
+
+        Another thread may ask than the one that steps.
+        """
+        silent, reported = self._silent, []
         if silent and "bends" not in self._announced:
             self._announced.add("bends")
             reported.append(
