@@ -66,8 +66,8 @@ bends · clock · config · finger_kernels · histogram · log_writer · presenc
 """,
     "proximity.service.inputs": """
 teleoperation
-moves_input · sensor · stream
-gloves · part_prediction · reception · sources
+moves_input · openxr_input · sensor · stream
+gloves · openxr_runtime · part_prediction · reception · sources
 """,
     "proximity.web": """
 viewing

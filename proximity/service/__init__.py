@@ -10,6 +10,7 @@ from proximity.service.clock import Clock, MonotonicClock, SkippingClock
 from proximity.service.histogram import Histogram
 from proximity.service.inputs.gloves import GloveChoices
 from proximity.service.inputs.moves_input import MovesInput
+from proximity.service.inputs.openxr_input import OpenXrInput
 from proximity.service.inputs.sensor import Measurements, SensorInput
 from proximity.service.inputs.sources import CallableInput, PoseInput, RecordingInput
 from proximity.service.inputs.stream import StreamInput
@@ -31,6 +32,7 @@ __all__ = [
     "Measurements",
     "MonotonicClock",
     "MovesInput",
+    "OpenXrInput",
     "PoseInput",
     "RealTime",
     "RecordingInput",

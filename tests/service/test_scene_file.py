@@ -214,7 +214,7 @@ MISTAKES = [
     (b"[service]\nlog = '\xff'\n", "2: not UTF-8, expected a scene file in TOML"),
     # tables
     ("# nothing\n", "1: [[parts]] is missing, expected at least one (and 1 more mistake)"),
-    (PART, "1: [input] is missing, expected it to have recording, poses or sensor"),
+    (PART, "1: [input] is missing, expected it to have recording, openxr, poses or sensor"),
     (POSES, "1: [[parts]] is missing, expected at least one"),
     (PART + POSES + "[servise]\n", "5: the file has no key 'servise': did you mean service?"),
     ("service = 3\n" + PART + POSES, "1: service is 3, expected a table: [service]"),
@@ -308,10 +308,10 @@ MISTAKES = [
         "6: parts[1].name is 'a', as of the part on line 3, expected names that differ",
     ),
     # the input
-    (PART + "[input]\n", "3: [input] has no source, expected recording, poses or sensor"),
+    (PART + "[input]\n", "3: [input] has no source, expected recording, openxr, poses or sensor"),
     (
         PART + POSES + "recording = 'hand.csv'\n",
-        "4: input.poses stands beside input.recording, expected only one of recording, poses or sensor",
+        "4: input.poses stands beside input.recording, expected only one of recording, openxr, poses or sensor",
     ),
     (
         PART + SENSOR,

@@ -18,6 +18,7 @@ from proximity.tracker.replay import fitted_pose, turn_about_axes
 from proximity.tracker.tracker import Tracker
 
 DEFAULT_FINGERS = 5
+TWO_HANDS = 10
 
 
 class PartFiles:
@@ -79,7 +80,7 @@ def stamp_of(path: str) -> tuple[int, ...] | None:
 
 
 def finger_count(settings: SceneFile, recording: Recording | None) -> int:
-    """Return how many fingers there are: as the file says, as a recording has, or five.
+    """Return how many fingers there are: as the file says, as a recording has, ten with OpenXR, or five.
 
     Raises
     ------
@@ -88,7 +89,8 @@ def finger_count(settings: SceneFile, recording: Recording | None) -> int:
     """
     count = settings.fingers.count
     if recording is None:
-        return DEFAULT_FINGERS if count is None else count
+        default = DEFAULT_FINGERS if settings.input.openxr is None else TWO_HANDS
+        return default if count is None else count
     if count not in (None, len(recording.fingers)):
         raise settings.error(
             ("fingers", "count"),

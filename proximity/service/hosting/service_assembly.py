@@ -4,6 +4,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 
 from proximity.errors import RecordingError
+from proximity.pose import Pose
 from proximity.recording import FrameLog, Recording
 from proximity.scene.scene import Scene
 from proximity.service import (
@@ -11,6 +12,7 @@ from proximity.service import (
     Clock,
     MonotonicClock,
     MovesInput,
+    OpenXrInput,
     PoseInput,
     RealTime,
     RecordingInput,
@@ -30,6 +32,7 @@ from proximity.service.config import (
     read_input,
 )
 from proximity.service.hosting.glove_calibrations import read_gloves
+from proximity.tracker.replay import turn_about_axes
 from proximity.transport import open_publisher
 
 
@@ -95,6 +98,9 @@ def _input(settings: SceneFile, recording: Recording | None, scene: Scene | None
     source = settings.input
     if source.poses is not None:
         return StreamInput(source.poses, count, gloves=read_gloves(settings, count))
+    if source.openxr is not None:
+        pose = Pose(turn_about_axes(source.openxr.turn_degrees), source.openxr.position)
+        return OpenXrInput(pose, count)
     if source.sensor is not None:
         return SensorInput(source.sensor, count)
     assert recording is not None and scene is not None and source.recording is not None
