@@ -43,7 +43,7 @@ stack_arrays
 compiled_stack · contact_columns · layout · model_arrays
 """,
     "proximity.scene": """
-trimesh_scene
+picture · trimesh_scene
 loader
 scene
 scene_parts

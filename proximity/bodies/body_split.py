@@ -206,9 +206,8 @@ def _mesh_of_body(stock: _Stock, rows: np.ndarray) -> tuple[TriangleMesh, Topolo
     corners = stock.wound(rows)
     used, faces = _renumbered(corners)
     mesh = TriangleMesh.of_own(stock.positions[used], np.ascontiguousarray(faces, dtype=np.int32))
-    if corners is stock.corners and stock.edges is not None:
-        return mesh, topology_of(mesh.faces, stock.edges)
-    return mesh, None
+    edges = stock.edges if corners is stock.corners else None
+    return mesh, None if edges is None else topology_of(mesh.faces, edges)
 
 
 def _lost_counts(stock: _Stock, labels: np.ndarray, is_lost: np.ndarray) -> np.ndarray:

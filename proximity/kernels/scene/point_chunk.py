@@ -5,6 +5,7 @@ What comes after, the deepest of several parts that contain a point, is in `cont
 
 import numpy as np
 
+from proximity.kernels.geometry.closest_lanes import closest_of_lanes
 from proximity.kernels.geometry.frames import LENGTH_ROUNDING, can_be_asked, to_local
 from proximity.kernels.geometry.rows import fetch_row, limit_of
 from proximity.kernels.geometry.triangle import offset_of
@@ -132,3 +133,26 @@ def signs_of_chunk(model, chunk, candidates, found, heights, workspace):
             elif not signed < 0.0:
                 depths[k] = -1.0
             distances[k] = signed / frames[part, FRAME_SCALE]
+
+
+@inlined
+def closest_of_chunk(model, chunk, found, heights, table):
+    """Fill *table* with what is closest to each point of a chunk, see `closest_of_lanes`.
+
+    That is in the part which contains it deepest, if any does, or else in the nearest one.
+    """
+    reals, _, frames, parts = model
+    points, rows, count = chunk
+    offsets, local_points, _, _ = heights
+    for k in range(POINT_CHUNK):
+        offsets[k] = 0
+        if k < count and found.nearest[k, 0] != NO_PART:
+            row, part, slot = rows[k], found.nearest[k, 0], found.nearest[k, 1]
+            if len(parts) > 2 and found.deeper[k, 0] != NO_PART:
+                part, slot = found.deeper[k, 0], found.deeper[k, 1]
+            offsets[k] = offset_of(slot)
+            local_points[k], local_points[POINT_CHUNK + k], local_points[2 * POINT_CHUNK + k] = to_local(
+                frames, parts, part, points[row, 0], points[row, 1], points[row, 2]
+            )
+    for at in range(0, count, LANES):
+        closest_of_lanes(reals, offsets, at, local_points, table)

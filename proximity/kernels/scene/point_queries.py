@@ -20,6 +20,7 @@ from proximity.kernels.geometry.closest_feature import (
     CLOSEST_SIZE,
     CLOSEST_WEIGHT,
 )
+from proximity.kernels.geometry.closest_lanes import LANES_COLUMNS
 from proximity.kernels.geometry.frames import can_be_asked, is_alone, to_local, to_scene, turn_to_scene
 from proximity.kernels.geometry.rows import fetch_row, limit_of
 from proximity.kernels.layout import (
@@ -49,13 +50,14 @@ from proximity.kernels.scene.chunk_tables import (
 from proximity.kernels.scene.containment import deepest_of_chunk, is_contained
 from proximity.kernels.scene.point_chunk import (
     begin_chunk,
+    closest_of_chunk,
     nearest_from_block,
     nearest_of_chunk,
     reach_sq,
     row_of,
     signs_of_chunk,
 )
-from proximity.kernels.sign.side import closest_of_slot, signed_of_slot
+from proximity.kernels.sign.side import closest_of_lane, signed_of_slot
 from proximity.kernels.stack_arrays import longs_here, reals_here, words_here
 from proximity.native import HANDFUL, entry, inlined, kernel
 
@@ -76,6 +78,7 @@ POINT_ANSWER_IS_SIGNED = POINT_ANSWER_PART + 3
 POINT_ANSWER_WIDTH = POINT_ANSWER_REALS + 2
 """float64 that a row takes in all."""
 
+TABLE_SIZE = LANES_COLUMNS * POINT_CHUNK
 NO_INSIDE = 0
 """Returned by `contains_batch` where no part has an inside."""
 
@@ -159,7 +162,7 @@ def closest_batch(model, points, order, limits, answers):
     rows, reaches = longs_here(POINT_CHUNK), reals_here(POINT_CHUNK)
     candidates, found, heights, workspace = candidates_here(), found_here(), heights_here(), workspace_here()
     begin(found, workspace)
-    closest = workspace.closest
+    closest, local, table = workspace.closest, heights.local_points, reals_here(TABLE_SIZE)
     total = len(order) if len(order) else len(points)
     for first in range(0, total, POINT_CHUNK):
         chunk = Chunk(points, rows, min(POINT_CHUNK, total - first))
@@ -168,6 +171,7 @@ def closest_batch(model, points, order, limits, answers):
         if len(parts) > 2:
             signs_of_chunk(model, chunk, candidates, found, heights, workspace)
             deepest_of_chunk(model, chunk, candidates, pair_count, found, workspace)
+        closest_of_chunk(model, chunk, found, heights, table)
         for k in range(chunk.point_count):
             row, part, slot = rows[k], found.nearest[k, 0], found.nearest[k, 1]
             if part == NO_PART:
@@ -176,8 +180,10 @@ def closest_batch(model, points, order, limits, answers):
             is_deeper = len(parts) > 2 and found.deeper[k, 0] != NO_PART
             if is_deeper:
                 part, slot = found.deeper[k, 0], found.deeper[k, 1]
-            px, py, pz = to_local(frames, parts, part, points[row, 0], points[row, 1], points[row, 2])
-            face, feature, inside = closest_of_slot(reals, words, parts, part, slot, px, py, pz, closest)
+            px, py, pz = local[k], local[POINT_CHUNK + k], local[2 * POINT_CHUNK + k]
+            face, feature, inside = closest_of_lane(
+                reals, words, parts, part, slot, px, py, pz, table, k, closest
+            )
             inside = inside or is_deeper
             limit = limit_of(limits, row)
             _write_answer(frames, parts, part, face, feature, inside, closest, limit, answers, choices, row)

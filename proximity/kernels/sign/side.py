@@ -1,15 +1,19 @@
 """Inside or outside of one part, decided by its nearest triangle."""
 
+import numpy as np
+
 from proximity.kernels.geometry.closest_feature import (
     CLOSEST_ARM,
     CLOSEST_LENGTH,
     CLOSEST_NORMAL,
+    CLOSEST_TRIANGLE,
     closest_on_triangle,
     height_over,
     over_face,
     pseudo_normal,
     read_corners,
 )
+from proximity.kernels.geometry.closest_lanes import LANES_COLUMNS, LANES_FEATURE, LANES_WHICH
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import (
     PART_BLOCK_NOTES,
@@ -57,6 +61,18 @@ def closest_of_slot(reals, words, parts, part, slot, px, py, pz, closest):
     read_corners(reals, slot, closest)
     face = load_int(words, parts[part, PART_SLOT_FACES] + slot)
     feature, which = closest_on_triangle(px, py, pz, closest)
+    pseudo_normal(reals, words, parts, part, face, feature, which, closest)
+    return face, feature, _is_inside(reals, words, parts, part, slot, px, py, pz, closest)
+
+
+@inlined
+def closest_of_lane(reals, words, parts, part, slot, px, py, pz, table, k, closest):
+    """As `closest_of_slot`, of what `closest_lanes.closest_of_lanes` has filled in column *k* of *table*."""
+    chunk = len(table) // LANES_COLUMNS
+    for column in range(CLOSEST_TRIANGLE):
+        closest[column] = table[column * chunk + k]
+    feature, which = np.int64(table[LANES_FEATURE * chunk + k]), np.int64(table[LANES_WHICH * chunk + k])
+    face = load_int(words, parts[part, PART_SLOT_FACES] + slot)
     pseudo_normal(reals, words, parts, part, face, feature, which, closest)
     return face, feature, _is_inside(reals, words, parts, part, slot, px, py, pz, closest)
 

@@ -7,11 +7,12 @@ import { Label } from "./labels.js";
 
 const BACKGROUND = 0x252c36;
 const FOV = 38;
-const TABLE = [0, 0.95, -0.42]; // where the middle of the part's foot is before somebody with a headset
+const BEFORE = 0.3; // m from the eyes to the nearest side of the parts, for somebody with a headset
+const BELOW = 0.3; // m from the eyes down to their foot
 const SLOW_MS = 50; // from one picture to the next, or more: fewer pixels are drawn
 const FAST_MS = 22;
 const REST = 3;
-const LONGEST_REST_MS = 400;
+const LONGEST_REST_MS = 1500;
 
 export class Stage {
   constructor(canvas) {
@@ -47,6 +48,7 @@ export class Stage {
     this.lastMs = 0;
     this.isDrawn = false;
     this.updates = new Set(); // called before each picture
+    this.takers = new Set(); // called with each frame of a headset, drawn or not
     addEventListener("resize", () => this.resize());
     this.resize();
     this.home();
@@ -67,8 +69,9 @@ export class Stage {
   }
 
   draw(time, xrFrame) {
-    if (this.rests(time, xrFrame)) return;
-    for (const update of this.updates) update(time, xrFrame);
+    if (xrFrame) for (const take of this.takers) take(xrFrame);
+    if (!xrFrame && this.rests(time)) return;
+    for (const update of this.updates) update();
     if (!this.renderer.xr.isPresenting) this.controls.update();
     this.renderer.render(this.scene, this.camera);
     this.adapt();
@@ -78,9 +81,8 @@ export class Stage {
    * Whether no picture is drawn now: where each takes long, because there is no graphics card, two thirds of the
    * time are left to the service. The first call after a picture says how long that took.
    */
-  rests(time, xrFrame) {
-    if (xrFrame) return false;
-    if (this.isDrawn) this.drawMs += 0.2 * (Math.min(time - this.lastMs, 500) - this.drawMs);
+  rests(time) {
+    if (this.isDrawn) this.drawMs += 0.3 * (Math.min(time - this.lastMs, 1000) - this.drawMs);
     this.isDrawn = this.drawMs < SLOW_MS || time - this.lastMs >= Math.min(REST * this.drawMs, LONGEST_REST_MS);
     if (this.isDrawn) this.lastMs = time;
     return !this.isDrawn;
@@ -132,14 +134,23 @@ export class Stage {
     return point.clone().applyMatrix4(this.root.matrixWorld.clone().invert());
   }
 
-  /** Put the parts on a table before somebody with a headset, at their true size; or back again. */
-  setTable(isOn) {
+  /** Put the parts before these eyes, upright and at their true size. */
+  putBefore(eyes, towards) {
+    const level = new THREE.Vector3(towards.x, 0, towards.z).normalize();
+    this.putBack();
+    this.root.rotation.set(-Math.PI / 2, 0, Math.atan2(-level.x, -level.z));
     const centre = this.box.getCenter(new THREE.Vector3());
+    const foot = this.toWorld(new THREE.Vector3(centre.x, centre.y, this.box.min.z));
+    const place = eyes.clone().addScaledVector(level, BEFORE + this.radius);
+    place.y -= BELOW;
+    this.root.position.copy(place.sub(foot));
+    this.root.updateMatrixWorld(true);
+  }
+
+  /** Put the parts where they are on a screen. */
+  putBack() {
     this.root.position.set(0, 0, 0);
-    if (isOn) {
-      const foot = this.toWorld(new THREE.Vector3(centre.x, centre.y, this.box.min.z));
-      this.root.position.set(...TABLE).sub(foot);
-    }
+    this.root.rotation.set(-Math.PI / 2, 0, 0);
     this.root.updateMatrixWorld(true);
   }
 

@@ -36,10 +36,10 @@ export class Headset {
     this.session = await navigator.xr.requestSession("immersive-vr", options);
     this.isOn = true;
     this.session.addEventListener("end", () => this.ended());
-    this.stage.setTable(true);
+    this.isPlaced = false;
     await this.stage.renderer.xr.setSession(this.session);
-    this.update = (time, frame) => frame && this.take(frame);
-    this.stage.updates.add(this.update);
+    this.taker = (frame) => this.take(frame);
+    this.stage.takers.add(this.taker);
   }
 
   async stop() {
@@ -48,8 +48,8 @@ export class Headset {
 
   ended() {
     this.isOn = false;
-    this.stage.updates.delete(this.update);
-    this.stage.setTable(false);
+    this.stage.takers.delete(this.taker);
+    this.stage.putBack();
     this.stage.resize();
     this.stage.home();
     this.hands.clear();
@@ -61,7 +61,7 @@ export class Headset {
   take(frame) {
     const atMs = performance.now();
     const space = this.stage.renderer.xr.getReferenceSpace();
-    if (!space) return;
+    if (!space || !this.place(frame, space)) return;
     this.stage.root.updateMatrixWorld(true);
     const sceneFromWorld = this.stage.root.matrixWorld.clone().invert();
     const found = [];
@@ -83,6 +83,18 @@ export class Headset {
       }
     }
     this.send(found, atMs);
+  }
+
+  /** Put the parts before whoever wears it, once it is known where that is. */
+  place(frame, space) {
+    if (this.isPlaced) return true;
+    const viewer = frame.getViewerPose(space);
+    if (!viewer) return false;
+    const eyes = new THREE.Matrix4().fromArray(viewer.transform.matrix);
+    const towards = new THREE.Vector3(0, 0, -1).transformDirection(eyes);
+    this.stage.putBefore(new THREE.Vector3().setFromMatrixPosition(eyes), towards);
+    this.isPlaced = true;
+    return true;
   }
 
   grasp(side, joints) {

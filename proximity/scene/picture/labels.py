@@ -1,0 +1,78 @@
+"""What is written over the view of the parts: distances, a scale, and the directions of the axes."""
+
+from typing import Any
+
+import numpy as np
+
+from proximity.scene.picture.camera import Camera
+from proximity.scene.picture.description import Picture
+from proximity.scene.picture.distance_colors import load_matplotlib
+from proximity.scene.picture.scene_image import Connections
+
+INK = "#17202a"
+SCALE_SHARE = 0.22  # of the width: the scale is the longest round length below
+ROUND = (1.0, 2.0, 5.0, 10.0)
+ARROW = 0.055  # of the height
+
+
+def draw_distances(axes: Any, camera: Camera, connections: Connections, picture: Picture) -> None:
+    """Write its signed distance beside each point, on the side away from the part."""
+    scale = text_size() / 13
+    points, ends = camera.pixels(connections.points)[:, :2], camera.pixels(connections.closest)[:, :2]
+    for point, end, distance in zip(points, ends, connections.signed_distance, strict=True):
+        away = point - end
+        length = np.hypot(*away)
+        away = away / length if length > 2.0 else np.array([0.0, -1.0])
+        # Text is wider than high; the gap is in points, and y goes up there.
+        gap = np.array([44.0, -20.0]) * away * scale
+        text = f"{distance / picture.metres:.4g} {picture.unit}".replace("-", "\N{MINUS SIGN}")
+        axes.annotate(
+            text, point, gap, textcoords="offset points", ha="center", va="center", weight="bold",
+            path_effects=halo(),
+        )  # fmt: skip
+
+
+def draw_scale(axes: Any, camera: Camera, picture: Picture) -> None:
+    """Draw a bar of a round length in the lower right corner of the view."""
+    longest = SCALE_SHARE * camera.size[0] * camera.meters_per_pixel / picture.metres
+    power = 10.0 ** np.floor(np.log10(longest))
+    length = power * max(value for value in ROUND if value * power <= longest * (1 + 1e-9))
+    pixels = length * picture.metres / camera.meters_per_pixel
+    right, down = camera.size[0] * 0.97, camera.size[1] * 0.965
+    tick = 0.008 * camera.size[1]
+    style = {"color": INK, "linewidth": 1.8, "solid_capstyle": "butt"}
+    axes.plot([right - pixels, right], [down, down], **style)
+    for end in (right - pixels, right):
+        axes.plot([end, end], [down - tick, down + tick], **style)
+    axes.text(
+        right - pixels / 2, down - 1.6 * tick, f"{length:g} {picture.unit}", ha="center", va="bottom",
+        path_effects=halo(),
+    )  # fmt: skip
+
+
+def draw_axes(axes: Any, camera: Camera) -> None:
+    """Draw the directions of x, y and z in the lower left corner of the view."""
+    length = ARROW * camera.size[1]
+    corner = np.array([2.0 * length, camera.size[1] - 1.6 * length])
+    for name, direction, color in zip(
+        "xyz", camera.screen_from_scene.T, ("#b5342b", "#2c7d3f", "#2456a6"), strict=True
+    ):
+        flat = direction[:2] * [1.0, -1.0]
+        if np.hypot(*flat) < 0.05:
+            continue  # it points at the viewer
+        tip = corner + length * flat
+        axes.plot(*np.transpose([corner, tip]), color=color, linewidth=2.2, solid_capstyle="round")
+        axes.text(
+            *(corner + 1.32 * length * flat), name, color=color, ha="center", va="center", weight="bold",
+            fontsize="small",
+        )  # fmt: skip
+
+
+def text_size() -> float:
+    """Return the size of the page's text, points."""
+    return float(load_matplotlib().rcParams["font.size"])
+
+
+def halo() -> list[Any]:
+    """Return the effect of a white rim, for text over anything."""
+    return [load_matplotlib().patheffects.withStroke(linewidth=3, foreground="white", alpha=0.85)]

@@ -1,0 +1,263 @@
+"""The page: the parts, the slice's map, colour bar, scale and legend."""
+
+import io
+import os
+from typing import Any
+
+import numpy as np
+
+from proximity.errors import QueryError
+from proximity.scene.picture.camera import Camera
+from proximity.scene.picture.description import Picture
+from proximity.scene.picture.distance_colors import DistanceColors, load_matplotlib
+from proximity.scene.picture.field_slice import SHOWN_AXES, FieldSlice
+from proximity.scene.picture.labels import draw_axes, draw_distances, draw_scale
+from proximity.scene.picture.scene_image import MAX_TUBES, Connections, draw_scene, triangles_of
+from proximity.scene.picture.surface_image import load_vtk
+from proximity.system.whole_file import whole_file
+
+SMALLEST, LARGEST = 200, 4000  # pixels a side
+DOTS_PER_INCH = 100
+INK, MUTED = "#17202a", "#5d6b7a"
+PART_COLORS = (
+    "#a9bdd1", "#e3b77f", "#98c5a4", "#d79a94", "#b7a6d3", "#8fc6cc", "#d9c97c", "#c3aa94", "#dba7c5",
+    "#a8b39a",
+)  # fmt: skip
+NAMED_PARTS = 8
+LABELLED_POINTS = 12
+NAME_LENGTH = 28  # characters; longer names are cut
+HEAD, FOOT = 0.075, 0.085  # of the height
+
+
+def write_picture(picture: Picture, path: str | os.PathLike[str]) -> None:
+    """Write a picture as a PNG file, at once and wholly; one that is there is replaced.
+
+    Parameters
+    ----------
+    picture : Picture
+        What to draw.
+    path : path
+        Of the file.
+
+    Raises
+    ------
+    QueryError
+        If VTK or matplotlib is not installed, the size, the view or the slice cannot be used, or all parts
+        are hidden.
+    """
+    content = draw(picture)
+    with whole_file(path) as stream:
+        stream.write(content)
+
+
+def draw(picture: Picture) -> bytes:
+    """Return a picture as the bytes of a PNG file.
+
+    Parameters
+    ----------
+    picture : Picture
+        What to draw.
+
+    Raises
+    ------
+    QueryError
+        As `write_picture`.
+    """
+    width, height = picture.size
+    if not all(SMALLEST <= side <= LARGEST for side in picture.size):
+        raise QueryError(f"a picture of {width}x{height} pixels, expected {SMALLEST} to {LARGEST} a side")
+    load_renderer()
+    matplotlib = load_matplotlib()
+    look = {
+        "font.family": "sans-serif",
+        "font.sans-serif": ["DejaVu Sans"],
+        "font.size": float(np.clip(13 * min(height / 800, width / 1400), 4, 40)),
+        "text.color": INK,
+        "axes.edgecolor": MUTED,
+        "axes.labelcolor": INK,
+        "xtick.color": MUTED,
+        "ytick.color": MUTED,
+    }
+    with matplotlib.rc_context(look):
+        figure = _figure(matplotlib, picture)
+        stream = io.BytesIO()
+        figure.savefig(stream, format="png", dpi=DOTS_PER_INCH)
+    return stream.getvalue()
+
+
+def load_renderer() -> None:
+    """Import VTK and matplotlib: what takes a second is over, and what is missing is reported.
+
+    Raises
+    ------
+    QueryError
+        If one is not installed; the message says how to install it.
+    """
+    load_vtk()
+    load_matplotlib()
+
+
+def slice_box(size: tuple[int, int], field: FieldSlice) -> tuple[float, float, float, float]:
+    """Return left, bottom, width and height of the slice's map, as shares of the page.
+
+    Parameters
+    ----------
+    size : (width, height)
+        Of the page, pixels.
+    field : FieldSlice
+        What the map shows; a metre is as long to the right as up.
+    """
+    left, bottom, width, height = 0.590, 0.16, 0.315, 0.70
+    shape = (field.up[-1] - field.up[0]) / (field.right[-1] - field.right[0]) * size[0] / size[1]
+    if shape * width > height:
+        narrow = height / shape
+        return left + (width - narrow) / 2, bottom, narrow, height
+    low = shape * width
+    return left, bottom + (height - low) / 2, width, low
+
+
+def _figure(matplotlib: Any, picture: Picture) -> Any:
+    field = None if picture.cut is None else FieldSlice.of(picture.scene, *picture.cut)
+    connections = None if picture.points is None else _connections(picture)
+    shown = [np.zeros(0)] if field is None else [field.signed_distance.reshape(-1)]
+    if connections is not None:
+        shown.append(connections.signed_distance)
+    colors = DistanceColors(np.concatenate(shown), picture.metres)
+    width, height = picture.size
+    figure = matplotlib.figure.Figure(
+        figsize=(width / DOTS_PER_INCH, height / DOTS_PER_INCH), facecolor="white"
+    )
+    has_bar = field is not None or connections is not None
+    share = 1.0 if field is None else 0.525
+    camera = _draw_view(figure, picture, connections, field, colors, share)
+    if field is not None:
+        box = slice_box(picture.size, field)
+        _draw_map(figure.add_axes(box), picture, field, colors)
+        bar_box = (box[0] + box[2] + 0.013, box[1], 0.012, box[3])
+    else:
+        bar_box = (0.925, 0.20, 0.012, 0.60)
+    if has_bar:
+        _draw_bar(figure, figure.add_axes(bar_box), picture, colors)
+    _draw_head(figure, picture)
+    draw_scale(figure.axes[0], camera, picture)
+    draw_axes(figure.axes[0], camera)
+    return figure
+
+
+def _connections(picture: Picture) -> Connections:
+    points = np.asarray(picture.points, dtype=np.float64).reshape(-1, 3)
+    points = points[np.isfinite(points).all(axis=1)]
+    hit = picture.scene.closest(points)
+    return Connections(points, hit.point, hit.signed_distance)
+
+
+def _draw_view(
+    figure: Any,
+    picture: Picture,
+    connections: Connections | None,
+    field: FieldSlice | None,
+    colors: DistanceColors,
+    share: float,
+) -> Camera:
+    """Draw the parts on the left of the page, and what is asked of them; returns the camera."""
+    parts = [part for part in picture.scene.parts if not part.is_hidden]
+    if not parts:
+        raise QueryError("all parts of the scene are hidden: nothing can be drawn")
+    matplotlib = load_matplotlib()
+    tints = [PART_COLORS[number % len(PART_COLORS)] for number in range(len(parts))]
+    surface = triangles_of(parts, np.array([matplotlib.colors.to_rgb(tint) for tint in tints]))
+    seen = [surface.vertices]
+    if field is not None:
+        seen.append(field.corners)
+    if connections is not None:
+        seen.append(connections.points)
+    size = round(share * picture.size[0]), round((1 - HEAD - FOOT) * picture.size[1])
+    camera = Camera.fitted(picture.view, np.concatenate(seen), size)
+    view = figure.add_axes((0.0, FOOT, size[0] / picture.size[0], size[1] / picture.size[1]))
+    image = draw_scene(surface, connections, field, camera, colors)
+    view.imshow(image, extent=(0, size[0], size[1], 0), interpolation="none", aspect="auto")
+    view.set_axis_off()
+    if connections is not None and len(connections.points) <= LABELLED_POINTS:
+        draw_distances(view, camera, connections, picture)
+    _draw_legend(figure, [part.name for part in parts], tints, connections)
+    return camera
+
+
+def _draw_legend(figure: Any, names: list[str], tints: list[str], connections: Connections | None) -> None:
+    matplotlib = load_matplotlib()
+    shown = names[: NAMED_PARTS - 1] if len(names) > NAMED_PARTS else names
+    keys = [
+        matplotlib.patches.Patch(facecolor=tint, edgecolor=INK, linewidth=0.8) for tint in tints[: len(shown)]
+    ]
+    texts = [name if len(name) <= NAME_LENGTH else name[: NAME_LENGTH - 1] + "…" for name in shown]
+    if len(shown) < len(names):
+        keys.append(matplotlib.patches.Patch(facecolor="none", edgecolor="none"))
+        texts.append(f"and {len(names) - len(shown)} parts more")
+    if connections is not None:
+        style = {"color": INK, "marker": "o", "markerfacecolor": "white"}
+        is_joined = len(connections.points) <= MAX_TUBES
+        keys.append(matplotlib.lines.Line2D([], [], linewidth=2.0 if is_joined else 0.0, **style))
+        texts.append("point and its shortest connection" if is_joined else "point")
+    figure.legend(
+        keys, texts, loc="lower left", bbox_to_anchor=(0.012, 0.008), ncols=min(len(keys), 5), frameon=False,
+        handlelength=1.4, columnspacing=1.4, borderaxespad=0.0,
+    )  # fmt: skip
+
+
+def _draw_map(axes: Any, picture: Picture, field: FieldSlice, colors: DistanceColors) -> None:
+    """Signed distance in the plane: colours, iso lines, the surface bold."""
+    right, up = field.right / picture.metres, field.up / picture.metres
+    distance = field.signed_distance / picture.metres
+    extent = (right[0], right[-1], up[0], up[-1])
+    axes.imshow(
+        distance, extent=extent, origin="lower", cmap=colors.map, norm=colors.norm, interpolation="bilinear",
+        aspect="auto",
+    )  # fmt: skip
+    step = colors.step / picture.metres
+    fine = np.arange(colors.levels[0], colors.levels[-1] + step / 2, step)
+    lines = axes.contour(
+        right,
+        up,
+        distance,
+        fine[np.abs(fine) > step / 4],
+        colors=INK,
+        linewidths=0.6,
+        linestyles="-",
+        alpha=0.75,
+    )
+    labelled = [level for level in lines.levels if round(level / step) % 2 == 0]
+    axes.clabel(lines, labelled, fmt="%g", fontsize="x-small")
+    if distance.min() < 0.0 < distance.max():
+        axes.contour(right, up, distance, [0.0], colors=INK, linewidths=2.2)
+    names = ["xyz"[row] for row in SHOWN_AXES[field.axis]]
+    axes.set(xlabel=f"{names[0]}, {picture.unit}", ylabel=f"{names[1]}, {picture.unit}")
+    position = f"{field.position / picture.metres:.6g}"
+    axes.set_title(f"Signed distance at {field.axis} = {position} {picture.unit}", fontsize="medium")
+
+
+def _draw_bar(figure: Any, axes: Any, picture: Picture, colors: DistanceColors) -> None:
+    matplotlib = load_matplotlib()
+    mappable = matplotlib.cm.ScalarMappable(colors.norm, colors.map)
+    bar = figure.colorbar(mappable, cax=axes, ticks=colors.levels)
+    bar.ax.axhline(0.0, color=INK, linewidth=2.2)
+    bar.outline.set_linewidth(0.8)
+    bar.set_label(f"{picture.unit}, negative inside")
+
+
+def _draw_head(figure: Any, picture: Picture) -> None:
+    lower, upper = picture.scene.bounds
+    sides = " × ".join(f"{side:.4g}" for side in (upper - lower) / picture.metres)
+    parts = picture.scene.parts
+    faces = f"{sum(part.solid.mesh.face_count for part in parts):,}".replace(",", " ")
+    counted = "1 part" if len(parts) == 1 else f"{len(parts)} parts"
+    upper_edge = 1 - 0.025
+    title = figure.text(0.012, upper_edge, picture.title, fontsize="x-large", weight="bold", va="top")
+    figure.text(
+        0.988,
+        upper_edge,
+        f"{sides} {picture.unit}  ·  {counted}  ·  {faces} faces",
+        color=MUTED,
+        va="top",
+        ha="right",
+    )
+    title.set_in_layout(False)

@@ -1,0 +1,71 @@
+"""``proximity picture``."""
+
+import sys
+from types import SimpleNamespace
+
+import pytest
+from PIL import Image
+from project import MESHES
+
+from proximity import cli
+
+pytest.importorskip("vtkmodules", reason="pictures need VTK: pip install proximity[picture]")
+
+BOX = MESHES / "box.stl"
+
+
+@pytest.fixture
+def run(monkeypatch, capsys, tmp_path):
+    """Run the command line in a folder of its own; returns exit code, stdout and stderr."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+
+    def run_with(*arguments):
+        monkeypatch.setattr(sys, "argv", ["proximity", "picture", *map(str, arguments)])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        written = capsys.readouterr()
+        return SimpleNamespace(code=end.value.code, out=written.out, err=" ".join(written.err.split()))
+
+    return run_with
+
+
+def test_picture_is_written(run, tmp_path):
+    (tmp_path / "points.csv").write_text("x,y,z\n20,15,25\n20,15,10\n")
+
+    result = run(BOX, "--points", "points.csv", "--slice", "z=-3", "--size", "640x360", "-o", "box.png")
+
+    assert (result.code, result.err) == (0, "")
+    assert result.out.startswith("box.png: 640 x 360 pixels, ")
+    with Image.open(tmp_path / "box.png") as image:
+        assert (image.format, image.size) == ("PNG", (640, 360))
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (("-o", "box.jpg"), "box.jpg does not end in .png"),
+        (("-o", "box.png", "--size", "wide"), "'wide': expected width and height, as 1400x800"),
+        (("-o", "box.png", "--slice", "3"), "'3': expected an axis and a position, as z=3"),
+        (("-o", "box.png", "--slice", "z=nan"), "nan"),
+        (("-o", "box.png", "--view", "above"), "no view 'above', expected one of iso"),
+        (("-o", "box.png", "--points", "none.csv"), "none.csv"),
+        (("-o", "nowhere/box.png"), "nowhere/box.png: cannot be written"),
+        ((), "Missing option"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused(run, tmp_path, options, sentence):
+    result = run(BOX, *options)
+
+    assert (result.code, result.out) == (2, "")
+    assert sentence in result.err
+    assert not list(tmp_path.glob("*.png"))
+
+
+def test_missing_library_is_reported_before_the_file_is_read(run, monkeypatch):
+    monkeypatch.setitem(sys.modules, "vtkmodules.vtkRenderingCore", None)
+
+    result = run("none.stl", "-o", "none.png")
+
+    assert result.code == 2
+    assert 'pip install "proximity[picture]"' in result.err
