@@ -12,8 +12,9 @@ from typing import Annotated
 import typer
 
 import proximity
+from proximity.cli.commands.messages import client, header, key
 from proximity.cli.commands.parts import check, compile, picture, query, view
-from proximity.cli.commands.service import demo, drum, export, header, key, record, serve, watch
+from proximity.cli.commands.service import demo, drum, export, record, serve, watch
 from proximity.cli.commands.studies import bench, figures, replay, simulate
 from proximity.cli.program import Command, Group
 
@@ -40,8 +41,8 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 COMMANDS = (
-    query, check, picture, replay, compile, serve, record, export, watch, view, demo, drum, header, key,
-    bench, figures, simulate,
+    query, check, picture, replay, compile, serve, record, export, watch, view, demo, drum, header,
+    client, key, bench, figures, simulate,
 )  # fmt: skip
 """In the order in which the help lists them."""
 RUN_BARE = (demo, header, figures, simulate)

@@ -1,0 +1,1 @@
+"""Commands about messages: their layout, their keys, and programs that read them."""

@@ -1,0 +1,77 @@
+"""Clients in C++, JavaScript and C# that receive frames and send poses: sources to be written out.
+
+What is the same for all messages, their layout, is generated from the fields; the rest lies beside this file.
+The layouts are those of one version: whoever installs another one writes them out again.
+"""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+from proximity.errors import ProximityError
+from proximity.message.c_header import header_text
+from proximity.message.csharp_layout import csharp_layout
+from proximity.message.javascript_layout import layout_module
+from proximity.system.whole_file import whole_file
+
+LAYOUTS: dict[str, tuple[str, Callable[[], str]]] = {
+    "csharp": ("DecaffMessages.cs", csharp_layout),
+    "javascript": ("layout.mjs", layout_module),
+    "cpp": ("decaff_message.h", header_text),
+}
+"""By language: the file that is generated, and what makes it."""
+EXAMPLES = {"Example.cs", "DecaffHand.cs", "example.mjs", "example.cpp"}
+"""Files that are there to be changed: once written they are left alone."""
+
+
+def client_files(language: str) -> dict[str, str]:
+    """Return the files of a client: their texts by their names.
+
+    Parameters
+    ----------
+    language : str
+        One of `LAYOUTS`.
+    """
+    name, layout = LAYOUTS[language]
+    folder = Path(__file__).parent / language
+    texts = {
+        path.name: path.read_text(encoding="utf-8") for path in sorted(folder.iterdir()) if path.is_file()
+    }
+    return {name: layout(), **texts}
+
+
+def write_client(language: str, folder: str | os.PathLike[str]) -> dict[str, bool]:
+    """Write the files of a client into a folder, which is made where it is not there.
+
+    Parameters
+    ----------
+    language : str
+        One of `LAYOUTS`.
+    folder : path
+        Where to.
+
+    Returns
+    -------
+    dict
+        By the files' paths, whether they were written: an example that is there already is left alone.
+
+    Raises
+    ------
+    ProximityError
+        If the folder cannot be made, or a file not be written.
+    """
+    target = Path(folder)
+    try:
+        target.mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as failure:
+        reason = getattr(failure, "strerror", None) or failure
+        raise ProximityError(f"{folder}: is no folder and cannot be made one ({reason})") from failure
+    written = {}
+    for name, text in client_files(language).items():
+        path = target / name
+        is_kept = name in EXAMPLES and path.exists()
+        written[str(path)] = not is_kept
+        if not is_kept:
+            with whole_file(path, ProximityError, takes_devices=False) as stream:
+                stream.write(text.encode())
+    return written

@@ -1,0 +1,708 @@
+// decaff_client.hpp: frames from a proximity service, and poses and moves to it, over UDP, in C++20.
+//
+// Made by `proximity client cpp`; what is changed here is lost. It needs decaff_message.h, which is made with
+// it, and the standard library; on Windows link ws2_32. IPv4 only. One thread uses a receiver, one a sender.
+//
+//   decaff::receiver frames({.port = 9100});            // udp://127.0.0.1:9100 in the scene file's `publish`
+//   decaff::sender poses({.port = 9101});               // udp://127.0.0.1:9101 as its `input.poses`
+//   decaff::reading now = frames.read();                // never waits; says what is known now
+//
+// What can go wrong when an end is opened is a decaff::error with a sentence. Nothing else throws but sending
+// on a network that does not work.
+#ifndef DECAFF_CLIENT_HPP
+#define DECAFF_CLIENT_HPP
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <chrono>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <fstream>
+#include <limits>
+#include <map>
+#include <optional>
+#include <span>
+#include <stdexcept>
+#include <string>
+#include <string_view>
+#include <system_error>
+#include <utility>
+#include <vector>
+
+#ifdef _WIN32
+#ifndef NOMINMAX
+#define NOMINMAX
+#endif
+#include <winsock2.h>
+#include <ws2tcpip.h>
+#else
+#include <arpa/inet.h>
+#include <fcntl.h>
+#include <netinet/in.h>
+#include <poll.h>
+#include <sys/socket.h>
+#include <sys/stat.h>
+#include <unistd.h>
+#endif
+
+#include "decaff_message.h"
+
+namespace decaff {
+
+/// Why an end cannot be opened, or a message not be sent: a sentence.
+class error : public std::runtime_error {
+public:
+    using std::runtime_error::runtime_error;
+};
+
+/// Why a message was not used.
+enum class flaw : std::size_t { none, short_, magic, version, size, checksum, old, future, content, count };
+
+inline constexpr std::array<const char *, static_cast<std::size_t>(flaw::count)> flaw_names = {
+    "used", "short", "magic", "version", "size", "checksum", "old", "future", "content"};
+
+/// Numbers of messages that a receiver has seen.
+struct counts {
+    std::uint64_t received = 0;   // used
+    std::uint64_t lost = 0;       // numbers that were left out since the first
+    std::uint64_t sessions = 0;   // runs of the publisher
+    std::uint64_t refused = 0;    // from somebody else than the one to listen to
+    std::uint64_t unverified = 0; // not verified by the key
+    std::array<std::uint64_t, static_cast<std::size_t>(flaw::count)> flawed{}; // by reason
+
+    std::uint64_t of(flaw reason) const { return flawed[static_cast<std::size_t>(reason)]; }
+};
+
+/// How fast what is known becomes less.
+struct limits {
+    std::int64_t stale_after_ns = DECAFF_STALE_AFTER_NS; // after a frame's end of validity
+    double max_speed = 3.0;                              // m/s, of a finger
+    double max_acceleration = 120.0;                     // m/s2
+};
+
+/// What is known now. Header and contacts are overwritten by the next reading.
+struct reading {
+    decaff_state state = DECAFF_STATE_STALE; // what the frame says, or worse
+    bool is_new = false;                     // no reading before had this frame
+    std::int64_t now_ns = 0;                 // on the publisher's clock
+    std::int64_t age_ns = -1;                // since the oldest pose; -1: no frame yet
+    const decaff_frame_header *header = nullptr; // as it was published; null: no frame yet
+    std::span<const decaff_contact> contacts;    // aged: LATE has widening bounds, STALE nothing
+
+    /// Whether distances may be used as they are.
+    bool is_valid() const { return state == DECAFF_STATE_OK || state == DECAFF_STATE_DEGRADED; }
+};
+
+inline constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+inline constexpr double infinity = std::numeric_limits<double>::infinity();
+
+/// The monotonic clock, ns; on Linux that of a service on this machine.
+inline std::int64_t clock_ns()
+{
+    return std::chrono::nanoseconds(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+#ifdef __linux__
+inline constexpr bool clock_is_that_of_services = true;
+#else
+inline constexpr bool clock_is_that_of_services = false; // elsewhere it is learnt from what arrives
+#endif
+
+namespace detail {
+
+inline double length(const double *v) { return std::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); }
+
+/// The lesser and the larger of two; nan where one of them is.
+inline double lesser(double a, double b) { return std::isnan(a) || a < b ? a : b; }
+inline double larger(double a, double b) { return std::isnan(a) || a > b ? a : b; }
+
+/// How long ago an instant was, whatever number it is.
+inline std::int64_t since(std::int64_t then, std::int64_t now)
+{
+    constexpr std::int64_t most = std::numeric_limits<std::int64_t>::max();
+    return then < 0 && now > most + then ? most : now - then;
+}
+
+} // namespace detail
+
+/// Make a contact hold at a later instant: as far as finger and parts may have come, less is known.
+inline void widen(decaff_contact &c, std::int64_t now_ns, double max_speed, double max_acceleration)
+{
+    const bool is_tracked = (c.flags & DECAFF_FLAG_TRACKED) != 0;
+    const bool is_geometry = c.source == DECAFF_SOURCE_GEOMETRY;
+    double relative[3];
+    for (int axis = 0; axis < 3; axis++)
+        relative[axis] = c.velocity[axis] - c.part_velocity[axis];
+    const double part_speed = std::fmax(detail::length(c.part_velocity), 0.0); // fmax passes over nan
+    const double limit = max_speed + part_speed;
+    double going = is_geometry ? detail::length(relative) : std::fabs(c.approach_speed);
+    // How far off that velocity may be, and how much faster other parts are, is in the predictions.
+    const double lead = 1e-9 * static_cast<double>(detail::since(c.pose_ns, c.predicted_ns));
+    double spread = c.predicted_upper - c.predicted_lower - (is_geometry ? 0.0 : c.upper - c.lower);
+    spread *= 0.5 / lead;
+    const bool is_finite = lead > 0.0 && spread < infinity;
+    spread = is_finite ? spread : 0.0;
+    if (!(spread < max_speed)) // it may be that of a finger that could turn round
+        going = std::fmax(going, part_speed);
+    const bool is_known = (c.flags & DECAFF_FLAG_PREDICTED) != 0 && is_finite;
+    const double at_first = is_known ? going + spread : nan;
+    const double at_last = is_known ? limit + spread : std::fmax(limit, part_speed + spread);
+    const double ever = std::fmax(limit + spread, std::numeric_limits<double>::min());
+    c.age_ns = detail::since(c.pose_ns, now_ns);
+    const double elapsed = std::fmax(1e-9 * static_cast<double>(c.age_ns), 0.0);
+    const double drift = std::fmin(at_first + 0.5 * max_acceleration * elapsed, at_last) * elapsed;
+    c.lower = c.predicted_lower = c.lower - drift;
+    c.upper = c.predicted_upper = c.upper + drift;
+    const double free = elapsed + detail::larger(c.lower, 0.0) / ever;
+    c.time_to_contact_lower = detail::lesser(c.time_to_contact_lower, free);
+    if (is_tracked)
+        c.signed_distance = c.predicted_distance = c.lower;
+    c.predicted_ns = now_ns;
+    c.contact_bend_error += infinity;
+    c.force_is_valid = 0;
+    c.flags &= ~static_cast<std::uint32_t>(DECAFF_FLAG_EXACT | DECAFF_FLAG_SKIPPED | DECAFF_FLAG_PREDICTED
+                                           | DECAFF_FLAG_CONTACT_FOUND);
+    c.flags |= is_tracked ? static_cast<std::uint32_t>(DECAFF_FLAG_BOUNDED) : 0u;
+}
+
+/// Leave nothing of a contact but whose it is, where it comes from and when that was.
+inline void forget(decaff_contact &c)
+{
+    for (double *vector : {c.position, c.velocity, c.point_on_finger, c.point_on_part, c.normal, c.part_velocity})
+        std::fill_n(vector, 3, nan);
+    for (double *number : {&c.signed_distance, &c.approach_speed, &c.predicted_distance, &c.time_to_contact,
+                           &c.bend, &c.bend_rate, &c.contact_bend, &c.contact_bend_error, &c.contact_bend_rate,
+                           &c.stiffness, &c.damping, &c.force})
+        *number = nan;
+    c.lower = c.predicted_lower = -infinity;
+    c.upper = c.predicted_upper = infinity;
+    c.time_to_contact_lower = 0.0;
+    c.flags = 0;
+    c.part = c.face = -1;
+    c.surface = DECAFF_SURFACE_UNKNOWN;
+    c.mode = DECAFF_MODE_HOLD;
+    c.force_is_valid = 0;
+}
+
+/// Judges frames and lets the newest age; without a network, so that other transports can use it.
+class frame_reader {
+public:
+    /// `shares_clock`: the publisher is on this machine; `is_keyed`: what is offered was verified by a key.
+    frame_reader(bool shares_clock, bool is_keyed, limits ageing)
+        : shares_clock_(shares_clock), is_keyed_(is_keyed), ageing_(ageing)
+    {
+    }
+
+    /// Take a frame that arrived at an instant of this machine's clock; what is wrong with it.
+    flaw offer(std::span<const std::byte> message, std::int64_t now_ns)
+    {
+        const flaw reason = judge(message, now_ns);
+        if (reason != flaw::none)
+            counts_.flawed[static_cast<std::size_t>(reason)]++;
+        return reason;
+    }
+
+    /// What is known at an instant of this machine's clock.
+    reading at(std::int64_t now_ns)
+    {
+        const bool is_believed = shares_clock_ || clock_.is_certain != 0;
+        reading now;
+        now.now_ns = shares_clock_ || clock_.is_heard == 0 ? now_ns : decaff_clock_theirs(&clock_, now_ns);
+        if (!last_)
+            return now;
+        const std::int64_t expires = std::min(held_.valid_until_ns, held_.pose_ns + DECAFF_LONGEST_VALID_NS);
+        const bool is_over = now.now_ns > expires;
+        now.state = static_cast<decaff_state>(held_.state);
+        if (!is_believed || (is_over && now.now_ns - ageing_.stale_after_ns > expires))
+            now.state = std::max(now.state, DECAFF_STATE_STALE);
+        else if (is_over)
+            now.state = std::max(now.state, DECAFF_STATE_LATE);
+        now.is_new = std::exchange(is_new_, false);
+        now.age_ns = std::max<std::int64_t>(detail::since(held_.pose_ns, now.now_ns), 0);
+        now.header = &held_;
+        now.contacts = contacts_;
+        if (now.is_valid())
+            return now;
+        shown_.assign(contacts_.begin(), contacts_.end());
+        const bool is_used = now.state == DECAFF_STATE_LATE && held_.state != DECAFF_STATE_STARTING;
+        for (decaff_contact &contact : shown_) {
+            if (is_used)
+                widen(contact, now.now_ns, ageing_.max_speed, ageing_.max_acceleration);
+            else
+                forget(contact);
+        }
+        now.contacts = shown_;
+        return now;
+    }
+
+    const counts &counted() const { return counts_; }
+    counts &counted() { return counts_; }
+
+private:
+    struct seen {
+        std::uint64_t session, sequence;
+        std::int64_t sent_ns, now_ns;
+    };
+    static constexpr std::int64_t restart_silence_ns = 50000000; // then another run may have begun
+    static constexpr std::size_t most_runs = 64;                 // that are remembered
+    static constexpr std::int64_t most_ns = std::int64_t{1} << 62;
+
+    bool shares_clock_, is_keyed_, is_new_ = false;
+    limits ageing_;
+    counts counts_;
+    decaff_clock clock_{};
+    decaff_frame_header arrived_{}, held_{};
+    std::vector<decaff_contact> candidate_, contacts_, shown_;
+    std::optional<seen> last_;
+    std::uint64_t newest_session_ = 0;
+    std::vector<std::pair<std::uint64_t, std::uint64_t>> ended_; // session, last number; oldest first
+
+    flaw judge(std::span<const std::byte> message, std::int64_t now_ns)
+    {
+        const int wrong = decaff_check_frame(message.data(), message.size());
+        if (wrong != DECAFF_FLAW_NONE)
+            return static_cast<flaw>(wrong);
+        std::memcpy(&arrived_, message.data(), sizeof arrived_);
+        const seen next{arrived_.session, arrived_.sequence, arrived_.publish_ns, now_ns};
+        if (is_old(next))
+            return flaw::old;
+        candidate_.resize(arrived_.count);
+        if (arrived_.count > 0)
+            std::memcpy(candidate_.data(), message.data() + sizeof arrived_, arrived_.count * sizeof(decaff_contact));
+        const flaw reason = content_flaw(now_ns);
+        if (reason == flaw::none)
+            accept(next);
+        return reason;
+    }
+
+    auto ended(std::uint64_t session)
+    {
+        return std::find_if(ended_.begin(), ended_.end(), [=](const auto &run) { return run.first == session; });
+    }
+
+    /// Whether a message was overtaken or is repeated; see the documentation of proximity's Examiner.
+    bool is_old(const seen &next)
+    {
+        if (is_keyed_ && next.session < newest_session_)
+            return true; // of an earlier run: with a key that may be a recording
+        if (!last_)
+            return false;
+        if (next.session == last_->session)
+            return next.sequence <= last_->sequence;
+        const auto run = ended(next.session);
+        if (next.session > last_->session && run == ended_.end())
+            return false;
+        const bool is_silent = next.now_ns - last_->now_ns > restart_silence_ns;
+        if (run != ended_.end())
+            return !(is_silent && next.sequence > run->second);
+        return !(shares_clock_ ? next.sent_ns > last_->sent_ns : is_silent);
+    }
+
+    flaw content_flaw(std::int64_t now_ns) const
+    {
+        if (arrived_.state > DECAFF_STATE_STOPPING || arrived_.source > DECAFF_SOURCE_TELEOPERATION)
+            return flaw::content;
+        const std::int64_t base = shares_clock_ ? now_ns : arrived_.publish_ns;
+        const std::int64_t latest = std::min(base, most_ns - DECAFF_AHEAD_NS) + DECAFF_AHEAD_NS;
+        if (arrived_.pose_ns > latest || arrived_.publish_ns > latest)
+            return flaw::future;
+        const auto makes_sense = [&](const decaff_contact &c) { return is_sound(c, latest); };
+        return std::all_of(candidate_.begin(), candidate_.end(), makes_sense) ? flaw::none : flaw::content;
+    }
+
+    bool is_sound(const decaff_contact &c, std::int64_t latest) const
+    {
+        if (c.surface > DECAFF_SURFACE_DEFORMABLE || c.mode > DECAFF_MODE_HOLD
+            || c.source > DECAFF_SOURCE_TELEOPERATION || c.force_is_valid > 1)
+            return false;
+        if ((c.flags & DECAFF_FLAG_TRACKED) == 0)
+            return true;
+        const std::span<const double> place(c.position);
+        const bool is_placed = std::all_of(place.begin(), place.end(), [](double x) { return std::isfinite(x); });
+        const bool is_unknown = c.source != DECAFF_SOURCE_GEOMETRY
+                                && std::any_of(place.begin(), place.end(), [](double x) { return std::isnan(x); });
+        const double normal_sq = c.normal[0] * c.normal[0] + c.normal[1] * c.normal[1] + c.normal[2] * c.normal[2];
+        return c.lower <= c.signed_distance && c.signed_distance <= c.upper
+               && c.predicted_lower <= c.predicted_upper && !std::isnan(c.predicted_distance)
+               && c.time_to_contact_lower <= c.time_to_contact && (is_placed || is_unknown)
+               && !(normal_sq < 0.999 * 0.999 || normal_sq > 1.001 * 1.001) // nan: there is no normal
+               && c.pose_ns >= arrived_.pose_ns && c.pose_ns <= latest;
+    }
+
+    void accept(const seen &next)
+    {
+        std::uint64_t expected = next.sequence; // of the very first none is missing
+        if (last_ && last_->session == next.session) {
+            expected = last_->sequence + 1;
+        } else {
+            counts_.sessions++;
+            if (last_) {
+                expected = 0;
+                const auto run = ended(next.session);
+                if (run != ended_.end()) {
+                    expected = run->second + 1;
+                    ended_.erase(run);
+                }
+                ended_.emplace_back(last_->session, last_->sequence);
+                if (ended_.size() > most_runs)
+                    ended_.erase(ended_.begin());
+            }
+        }
+        counts_.lost += next.sequence - expected;
+        counts_.received++;
+        if (!shares_clock_)
+            decaff_clock_hear(&clock_, next.session, next.sent_ns, next.now_ns);
+        last_ = next;
+        newest_session_ = std::max(newest_session_, next.session);
+        held_ = arrived_;
+        contacts_.swap(candidate_);
+        is_new_ = true;
+    }
+};
+
+using key_bytes = std::array<std::uint8_t, DECAFF_KEY_BYTES>;
+
+/// Read the key that `proximity key` wrote.
+inline key_bytes read_key(const std::string &path)
+{
+    const auto refuse = [&](const std::string &what) { return error("the key " + path + " " + what); };
+#ifndef _WIN32
+    struct stat status{};
+    if (stat(path.c_str(), &status) != 0)
+        throw refuse("cannot be read (`proximity key --out FILE` makes one)");
+    if (!S_ISREG(status.st_mode))
+        throw refuse("is not a regular file");
+    if ((status.st_mode & 077) != 0)
+        throw refuse("may be used by others (expected permissions 0600)");
+#endif
+    std::ifstream stream(path, std::ios::binary);
+    if (!stream)
+        throw refuse("cannot be read (`proximity key --out FILE` makes one)");
+    std::string text(2 * DECAFF_KEY_BYTES + 1, '\0');
+    stream.read(text.data(), static_cast<std::streamsize>(text.size()));
+    key_bytes key{};
+    if (!decaff_key_of_text(text.c_str(), key.data()))
+        throw refuse("is no key (expected 64 hexadecimal digits)");
+    return key;
+}
+
+namespace detail {
+
+#ifdef _WIN32
+using handle = SOCKET;
+inline const handle no_socket = INVALID_SOCKET;
+inline int last_error() { return WSAGetLastError(); }
+inline void close_socket(handle socket) { closesocket(socket); }
+inline bool is_nobody(int code) { return code == WSAECONNREFUSED || code == WSAECONNRESET || code == WSAEHOSTUNREACH; }
+inline bool is_full(int code) { return code == WSAEWOULDBLOCK || code == WSAENOBUFS; }
+inline bool never_waits(handle socket)
+{
+    u_long is_on = 1;
+    return ioctlsocket(socket, FIONBIO, &is_on) == 0;
+}
+inline void start_network()
+{
+    static const int failed = [] {
+        WSADATA about;
+        return WSAStartup(MAKEWORD(2, 2), &about);
+    }();
+    if (failed != 0)
+        throw error("Winsock does not start: " + std::system_category().message(failed));
+}
+#else
+using handle = int;
+inline const handle no_socket = -1;
+inline int last_error() { return errno; }
+inline void close_socket(handle socket) { ::close(socket); }
+inline bool is_nobody(int code)
+{
+    return code == ECONNREFUSED || code == ECONNRESET || code == EHOSTUNREACH || code == EHOSTDOWN;
+}
+inline bool is_full(int code) { return code == EAGAIN || code == EWOULDBLOCK || code == ENOBUFS || code == ENOMEM; }
+inline bool never_waits(handle socket) { return fcntl(socket, F_SETFL, O_NONBLOCK) == 0; }
+inline void start_network() {}
+#endif
+
+inline std::string because() { return " (" + std::system_category().message(last_error()) + ")"; }
+
+inline sockaddr_in endpoint(const std::string &host, std::uint16_t port)
+{
+    sockaddr_in found{};
+    found.sin_family = AF_INET;
+    found.sin_port = htons(port);
+    if (inet_pton(AF_INET, host.c_str(), &found.sin_addr) != 1)
+        throw error("\"" + host + "\" is no address of IPv4, expected one such as 127.0.0.1");
+    return found;
+}
+
+inline bool is_loopback(const sockaddr_in &end) { return ntohl(end.sin_addr.s_addr) >> 24 == 127; }
+inline const sockaddr *as_address(const sockaddr_in &end)
+{
+    return static_cast<const sockaddr *>(static_cast<const void *>(&end));
+}
+
+/// A socket that never waits, bound to an end that nobody else is bound to.
+class udp_socket {
+public:
+    explicit udp_socket(const sockaddr_in &here, const std::string &shown)
+    {
+        start_network();
+        handle_ = ::socket(AF_INET, SOCK_DGRAM, 0);
+        if (handle_ == no_socket)
+            throw error("there is no socket to be had" + because());
+#ifdef _WIN32
+        const char is_on = 1;
+        setsockopt(handle_, SOL_SOCKET, SO_EXCLUSIVEADDRUSE, &is_on, sizeof is_on);
+#endif
+        if (!never_waits(handle_) || bind(handle_, as_address(here), sizeof here) != 0) {
+            const std::string why = because();
+            close_socket(handle_);
+            throw error("cannot use " + shown + why);
+        }
+    }
+    ~udp_socket() { close_socket(handle_); }
+    udp_socket(const udp_socket &) = delete;
+    udp_socket &operator=(const udp_socket &) = delete;
+    handle get() const { return handle_; }
+
+private:
+    handle handle_;
+};
+
+inline std::string shown(const std::string &host, std::uint16_t port) { return host + ", port " + std::to_string(port); }
+
+} // namespace detail
+
+/// Where frames arrive: udp://host:port?from=from&key=key.
+struct receiver_options {
+    std::string host = "127.0.0.1"; // of this machine, where to listen
+    std::uint16_t port = 0;
+    std::string from = {}; // whom to listen to; needed where `host` is not on loopback
+    std::string key = {};  // the file that `proximity key` wrote; empty: none
+    limits ageing = {};
+};
+
+/// Receives frames and distrusts them: the newest is what counts, and how far it holds now.
+class receiver {
+public:
+    explicit receiver(const receiver_options &options)
+        : receiver(options, detail::endpoint(options.host, options.port),
+                   detail::endpoint(options.from.empty() ? options.host : options.from, 0))
+    {
+    }
+
+    /// Take what has arrived and say what is known now; never waits.
+    reading read()
+    {
+        for (int taken = 0, unused = 0; taken < 1024 && unused < 256; taken++) {
+            sockaddr_in sender{};
+            socklen_t length = sizeof sender;
+            const auto size = recvfrom(socket_.get(), reinterpret_cast<char *>(buffer_.data()), buffer_.size(), 0,
+                                       reinterpret_cast<sockaddr *>(&sender), &length);
+            if (size < 0 && detail::is_nobody(detail::last_error()))
+                continue; // Windows says here that something sent before found nobody
+            if (size < 0)
+                break;
+            unused += take(static_cast<std::size_t>(size), sender) ? 0 : 1;
+        }
+        return frames_.at(clock_ns());
+    }
+
+    /// Like read(), but wait for a new frame, no longer than that.
+    reading wait(std::chrono::nanoseconds timeout)
+    {
+        const auto ends = std::chrono::steady_clock::now() + timeout;
+        for (;;) {
+            const reading now = read();
+            const auto left = std::chrono::ceil<std::chrono::milliseconds>(ends - std::chrono::steady_clock::now());
+            if (now.is_new || left.count() <= 0)
+                return now;
+            const int most = static_cast<int>(std::min<std::int64_t>(left.count(), 1000));
+#ifdef _WIN32
+            WSAPOLLFD waiting{socket_.get(), POLLIN, 0};
+            WSAPoll(&waiting, 1, most);
+#else
+            pollfd waiting{socket_.get(), POLLIN, 0};
+            poll(&waiting, 1, most);
+#endif
+        }
+    }
+
+    const counts &counted() const { return frames_.counted(); }
+
+private:
+    receiver(const receiver_options &options, const sockaddr_in &here, const sockaddr_in &from)
+        : from_(from), frames_((check(options, here), clock_is_that_of_services) && detail::is_loopback(from),
+                               !options.key.empty(), options.ageing),
+          socket_(here, detail::shown(options.host, options.port)), buffer_(1 << 16)
+    {
+        if (!options.key.empty())
+            key_ = read_key(options.key);
+    }
+
+    static void check(const receiver_options &options, const sockaddr_in &here)
+    {
+        if (options.port == 0)
+            throw error("port is 0, expected one from 1 to 65535");
+        if (options.from.empty() && !detail::is_loopback(here))
+            throw error(options.host + " can be reached by others, expected `from`, the one to listen to");
+    }
+
+    bool take(std::size_t size, const sockaddr_in &sender)
+    {
+        // On loopback a sender that is bound to nothing else has the address 127.0.0.1.
+        const bool is_expected = sender.sin_addr.s_addr == from_.sin_addr.s_addr
+                                 || (detail::is_loopback(from_) && ntohl(sender.sin_addr.s_addr) == INADDR_LOOPBACK);
+        if (!is_expected) {
+            frames_.counted().refused++;
+            return false;
+        }
+        if (key_ && (size = decaff_verified(key_->data(), buffer_.data(), size)) == 0) {
+            frames_.counted().unverified++;
+            return false;
+        }
+        return frames_.offer(std::span(buffer_).first(size), clock_ns()) == flaw::none;
+    }
+
+    sockaddr_in from_;
+    frame_reader frames_;
+    detail::udp_socket socket_;
+    std::vector<std::byte> buffer_;
+    std::optional<key_bytes> key_;
+};
+
+/// Where poses and moves go: udp://host:port?bind=bind&key=key.
+struct sender_options {
+    std::string host = "127.0.0.1";
+    std::uint16_t port = 0;
+    std::string bind = {}; // from which address of this machine; needed where `host` is not on loopback
+    std::string key = {};
+};
+
+/// A pose of now, of a finger whose centre is there; velocity and bend are not known.
+inline decaff_pose pose_of(std::uint32_t finger, std::span<const double, 3> position)
+{
+    decaff_pose pose{};
+    pose.finger = finger;
+    pose.pose_ns = clock_ns();
+    std::copy(position.begin(), position.end(), pose.position);
+    std::fill_n(pose.velocity, 3, nan);
+    pose.bend = nan;
+    return pose;
+}
+
+/// A move of now: the part stands, not turned, with its origin there.
+inline decaff_move move_of(std::string_view name, std::span<const double, 3> translation)
+{
+    decaff_move move{};
+    if (name.empty() || name.size() > sizeof move.name)
+        throw error("a part's name has " + std::to_string(name.size()) + " bytes, expected 1 to 64");
+    std::memcpy(move.name, name.data(), name.size());
+    move.pose_ns = clock_ns();
+    for (int axis = 0; axis < 3; axis++)
+        move.rotation[axis][axis] = 1.0;
+    std::copy(translation.begin(), translation.end(), move.translation);
+    return move;
+}
+
+/// Sends poses of fingers and moves of parts.
+class sender {
+public:
+    explicit sender(const sender_options &options)
+        : sender(options, detail::endpoint(options.host, options.port))
+    {
+    }
+
+    void send(std::span<const decaff_pose> poses) { send_records(DECAFF_POSES_MAGIC, poses); }
+    void send(std::span<const decaff_path_pose> poses) { send_records(DECAFF_PATH_POSES_MAGIC, poses); }
+    void send(std::span<const decaff_glove_pose> poses) { send_records(DECAFF_GLOVE_POSES_MAGIC, poses); }
+    void send(std::span<const decaff_move> moves) { send_records(DECAFF_MOVES_MAGIC, moves); }
+
+    /// Messages for which the system had no room.
+    std::uint64_t lost() const { return lost_; }
+
+private:
+    sender(const sender_options &options, const sockaddr_in &there)
+        : socket_(here(options, there), "the address to send from"), shown_(detail::shown(options.host, options.port))
+    {
+        if (connect(socket_.get(), detail::as_address(there), sizeof there) != 0)
+            throw error("cannot send to " + shown_ + detail::because());
+        if (!options.key.empty())
+            key_ = read_key(options.key);
+        begin_session();
+    }
+
+    static sockaddr_in here(const sender_options &options, const sockaddr_in &there)
+    {
+        if (options.port == 0)
+            throw error("port is 0, expected one from 1 to 65535");
+        if (!options.bind.empty())
+            return detail::endpoint(options.bind, 0);
+        if (!detail::is_loopback(there))
+            throw error(options.host + " is not on this machine, expected `bind`, the address to send from");
+        return detail::endpoint("127.0.0.1", 0);
+    }
+
+    template <class Record> void send_records(std::uint32_t magic, std::span<const Record> records)
+    {
+        const std::size_t size = sizeof(decaff_input_header) + records.size_bytes();
+        const std::size_t most = 65507 - (key_ ? DECAFF_TAG_BYTES : 0);
+        if (size > most || records.size() > DECAFF_MAX_RECORDS)
+            throw error("a message of " + std::to_string(size) + " bytes does not fit into a datagram (expected at most "
+                        + std::to_string(most) + " bytes)");
+        if (calendar_offset_ns() - std::exchange(awake_ns_, calendar_offset_ns()) > 1000000000)
+            begin_session(); // the machine slept, and its monotonic clock stood still
+        buffer_.resize(size + DECAFF_TAG_BYTES);
+        decaff_input_header header{};
+        header.send_ns = clock_ns();
+        header.count = static_cast<std::uint32_t>(records.size());
+        std::memcpy(buffer_.data(), &header, sizeof header);
+        if (!records.empty())
+            std::memcpy(buffer_.data() + sizeof header, records.data(), records.size_bytes());
+        decaff_seal(buffer_.data(), size, magic, sizeof header, session_, sequences_[magic]++);
+        if (key_)
+            decaff_tag(key_->data(), buffer_.data(), size, buffer_.data() + size);
+        send_datagram(size + (key_ ? DECAFF_TAG_BYTES : 0));
+    }
+
+    void send_datagram(std::size_t size)
+    {
+        const auto is_sent = [&] {
+            return ::send(socket_.get(), reinterpret_cast<const char *>(buffer_.data()), size, 0) >= 0;
+        };
+        // The system may tell here that an earlier datagram found nobody, and has not sent this one.
+        if (is_sent() || (detail::is_nobody(detail::last_error()) && is_sent()))
+            return;
+        if (detail::is_full(detail::last_error()))
+            lost_++;
+        else if (!detail::is_nobody(detail::last_error()))
+            throw error("cannot send to " + shown_ + detail::because());
+    }
+
+    static std::int64_t calendar_ns()
+    {
+        return std::chrono::nanoseconds(std::chrono::system_clock::now().time_since_epoch()).count();
+    }
+    static std::int64_t calendar_offset_ns() { return calendar_ns() - clock_ns(); }
+
+    void begin_session()
+    {
+        session_ = std::max(static_cast<std::uint64_t>(calendar_ns()), session_ + 1);
+        sequences_.clear();
+    }
+
+    detail::udp_socket socket_;
+    std::string shown_;
+    std::optional<key_bytes> key_;
+    std::uint64_t session_ = 0, lost_ = 0;
+    std::int64_t awake_ns_ = calendar_offset_ns();
+    std::map<std::uint32_t, std::uint64_t> sequences_; // next number, by the kind's magic
+    std::vector<std::uint8_t> buffer_;
+};
+
+} // namespace decaff
+
+#endif

@@ -1,0 +1,780 @@
+// DecaffClient.cs: frames from a proximity service, and poses and moves to it, over UDP, for Unity and .NET.
+//
+// Made by `proximity client csharp`; what is changed here is lost. Buffers are made when an end is opened, and
+// where the number of fingers changes; a frame makes no garbage. IPv4 only. One thread uses one object.
+// What can go wrong when an end is opened is a DecaffError with a sentence.
+using System;
+using System.Collections.Generic;
+using System.Diagnostics;
+using System.IO;
+using System.Net;
+using System.Net.Sockets;
+using System.Text;
+
+namespace Decaff
+{
+    public class DecaffError : Exception
+    {
+        public DecaffError(string sentence) : base(sentence) { }
+    }
+
+    /// <summary>Why a message was not used.</summary>
+    public enum DecaffFlaw { None, Short, Magic, Version, Size, Checksum, Old, Future, Content }
+
+    /// <summary>Numbers of messages that a subscriber has seen.</summary>
+    public sealed class DecaffCounts
+    {
+        public long Received, Sessions, Unverified;
+        public ulong Lost; // numbers that were left out since the first
+        public readonly long[] Flawed = new long[9]; // by DecaffFlaw
+    }
+
+    /// <summary>The monotonic clock; on Linux that of a service on this machine.</summary>
+    public static class DecaffClock
+    {
+        public static readonly bool IsThatOfServices = Environment.OSVersion.Platform == PlatformID.Unix
+            && Directory.Exists("/proc/self"); // Linux, Android; elsewhere it is learnt from what arrives
+        private static readonly long PerTick = 1000000000L / Stopwatch.Frequency;
+
+        public static long Ns
+        {
+            get
+            {
+                long ticks = Stopwatch.GetTimestamp();
+                if (PerTick * Stopwatch.Frequency == 1000000000L)
+                    return ticks * PerTick;
+                return ticks / Stopwatch.Frequency * 1000000000L
+                    + ticks % Stopwatch.Frequency * 1000000000L / Stopwatch.Frequency;
+            }
+        }
+
+        public static long CalendarNs
+        {
+            get { return (DateTime.UtcNow.Ticks - 621355968000000000L) * 100L; }
+        }
+    }
+
+    /// <summary>Checksum and tag of messages.</summary>
+    public sealed unsafe class DecaffKey
+    {
+        public const int TagBytes = 16;
+        private static readonly uint[] CrcTable = MakeCrcTable();
+        private static readonly uint[] Start =
+        {
+            0x6a09e667, 0xbb67ae85, 0x3c6ef372, 0xa54ff53a, 0x510e527f, 0x9b05688c, 0x1f83d9ab, 0x5be0cd19,
+        };
+        private static readonly string[] Order =
+        {
+            "0123456789abcdef", "ea489fd61c02b753", "b8c052fdae367194", "7931dcbe265a40f8", "905724afe1bc683d",
+            "2c6a0b834d75fe19", "c51fed4a0763928b", "db7ec13950f4862a", "6fe9b308c2d714a5", "a2847615fb9e3cd0",
+        };
+        private static readonly int[] Places = MakePlaces();
+        private readonly byte[] key = new byte[32];
+        private readonly byte[] block = new byte[64];
+        private readonly uint[] h = new uint[8], m = new uint[16], v = new uint[16];
+
+        /// <summary>Read the key that `proximity key` wrote. Who may read its file is not checked here.</summary>
+        public DecaffKey(string path)
+        {
+            string digits;
+            try
+            {
+                digits = File.ReadAllText(path).TrimEnd('\r', '\n');
+            }
+            catch (Exception failure)
+            {
+                throw new DecaffError("the key " + path + " cannot be read (" + failure.Message + ")");
+            }
+            bool isKey = digits.Length == 64;
+            for (int i = 0; isKey && i < 64; i++)
+            {
+                int digit = Digit(digits[i]);
+                isKey = digit >= 0;
+                key[i / 2] = (byte)(key[i / 2] << 4 | (digit & 15));
+            }
+            if (!isKey)
+                throw new DecaffError("the key " + path + " is no key (expected 64 hexadecimal digits)");
+        }
+
+        /// <summary>CRC-32 as zlib has it.</summary>
+        public static uint Crc32(byte[] bytes, int first, int end)
+        {
+            uint crc = 0xffffffff;
+            for (int i = first; i < end; i++)
+                crc = crc >> 8 ^ CrcTable[(crc ^ bytes[i]) & 0xff];
+            return ~crc;
+        }
+
+        /// <summary>Write the tag of the first *size* bytes at *at*: keyed BLAKE2s (RFC 7693).</summary>
+        public void Tag(byte[] message, int size, byte[] tag, int at)
+        {
+            Start.CopyTo(h, 0);
+            h[0] ^= 0x01010000u | 32u << 8 | TagBytes;
+            Array.Clear(block, 0, 64);
+            key.CopyTo(block, 0);
+            Hash(64, size == 0);
+            for (int first = 0; first < size; first += 64)
+            {
+                int count = Math.Min(64, size - first);
+                Array.Clear(block, 0, 64);
+                Array.Copy(message, first, block, 0, count);
+                Hash(64 + first + count, first + count == size);
+            }
+            for (int i = 0; i < TagBytes; i++)
+                tag[at + i] = (byte)(h[i / 4] >> 8 * (i % 4));
+        }
+
+        /// <summary>How many bytes of a datagram are its message; 0: the key does not verify it.</summary>
+        public int Verified(byte[] datagram, int size, byte[] scratch)
+        {
+            int end = size - TagBytes, difference = 0;
+            if (end <= 0)
+                return 0;
+            Tag(datagram, end, scratch, 0);
+            for (int i = 0; i < TagBytes; i++) // as long wherever a wrong tag differs
+                difference |= scratch[i] ^ datagram[end + i];
+            return difference == 0 ? end : 0;
+        }
+
+        private void Hash(int taken, bool isLast)
+        {
+            for (int i = 0; i < 16; i++)
+                m[i] = (uint)(block[4 * i] | block[4 * i + 1] << 8 | block[4 * i + 2] << 16 | block[4 * i + 3] << 24);
+            h.CopyTo(v, 0);
+            Start.CopyTo(v, 8);
+            v[12] ^= (uint)taken;
+            if (isLast)
+                v[14] = ~v[14];
+            for (int round = 0; round < 160; round += 16)
+            {
+                for (int i = 0; i < 4; i++)
+                    Mix(i, i + 4, i + 8, i + 12, m[Places[round + 2 * i]], m[Places[round + 2 * i + 1]]);
+                for (int i = 0; i < 4; i++)
+                    Mix(i, 4 + (i + 1) % 4, 8 + (i + 2) % 4, 12 + (i + 3) % 4, m[Places[round + 8 + 2 * i]],
+                        m[Places[round + 9 + 2 * i]]);
+            }
+            for (int i = 0; i < 8; i++)
+                h[i] ^= v[i] ^ v[i + 8];
+        }
+
+        private void Mix(int a, int b, int c, int d, uint x, uint y)
+        {
+            v[a] += v[b] + x;
+            v[d] = Turned(v[d] ^ v[a], 16);
+            v[c] += v[d];
+            v[b] = Turned(v[b] ^ v[c], 12);
+            v[a] += v[b] + y;
+            v[d] = Turned(v[d] ^ v[a], 8);
+            v[c] += v[d];
+            v[b] = Turned(v[b] ^ v[c], 7);
+        }
+
+        private static uint Turned(uint x, int bits) { return x >> bits | x << 32 - bits; }
+
+        private static int Digit(char c)
+        {
+            return c >= '0' && c <= '9' ? c - '0' : c >= 'a' && c <= 'f' ? c - 'a' + 10
+                : c >= 'A' && c <= 'F' ? c - 'A' + 10 : -1;
+        }
+
+        private static int[] MakePlaces()
+        {
+            var places = new int[160];
+            for (int i = 0; i < 160; i++)
+                places[i] = Digit(Order[i / 16][i % 16]);
+            return places;
+        }
+
+        private static uint[] MakeCrcTable()
+        {
+            var table = new uint[256];
+            for (uint i = 0; i < 256; i++)
+            {
+                uint crc = i;
+                for (int bit = 0; bit < 8; bit++)
+                    crc = (crc & 1) != 0 ? crc >> 1 ^ 0xedb88320 : crc >> 1;
+                table[i] = crc;
+            }
+            return table;
+        }
+    }
+
+    /// <summary>The clock of a publisher elsewhere, by the message that was fastest on its way.</summary>
+    internal sealed class DecaffForeignClock
+    {
+        private const long Second = 1000000000, Drift = 5000;
+        public bool IsCertain;
+        private bool isHeard, hasFormer;
+        private ulong session;
+        private long offset, seen, first, firstOffset, sent, former, formerSeen;
+
+        public void Hear(ulong ofSession, long sentNs, long now)
+        {
+            long late = now - sentNs, fastest = offset + Math.Max(now - seen, 0) / Drift;
+            long pace = 25000000 + Math.Max(now - first, 0) / Drift;
+            bool isNewRun = ofSession != session;
+            session = ofSession;
+            if (!isHeard || sentNs < sent - 5000000 || (isNewRun && late > fastest + Second))
+            {
+                long before = hasFormer ? former + Math.Max(now - formerSeen, 0) / Drift : late;
+                hasFormer = false;
+                Begin(late > before && late <= before + Second ? before : late, now);
+            }
+            else if (late < firstOffset - pace)
+            {
+                if (IsCertain)
+                {
+                    hasFormer = true;
+                    former = offset;
+                    formerSeen = seen;
+                }
+                Begin(late, now);
+            }
+            else
+            {
+                offset = Math.Min(late, fastest);
+                seen = now;
+                if (late <= firstOffset + pace && now - first >= 50000000)
+                {
+                    IsCertain = true;
+                    hasFormer = false;
+                }
+                sentNs = Math.Max(sentNs, sent);
+            }
+            sent = sentNs;
+        }
+
+        /// <summary>What their clock shows, rather late than early.</summary>
+        public long Theirs(long now) { return isHeard ? now - offset + 1000000 : now; }
+
+        private void Begin(long newOffset, long now)
+        {
+            isHeard = true;
+            IsCertain = false;
+            offset = firstOffset = newOffset;
+            seen = first = now;
+        }
+    }
+
+    /// <summary>How contacts become worse.</summary>
+    public static class DecaffAgeing
+    {
+        /// <summary>Make a contact hold at a later instant: as far as finger and parts may have come.</summary>
+        public static void Widen(ref DecaffContact c, long nowNs, double maxSpeed, double maxAcceleration)
+        {
+            bool isTracked = (c.Flags & DecaffContactFlag.Tracked) != 0;
+            bool isGeometry = c.Source == DecaffSource.Geometry;
+            double partSpeed = Larger(Length(c.PartVelocity), 0);
+            double limit = maxSpeed + partSpeed;
+            var relative = new DecaffVector(c.Velocity.X - c.PartVelocity.X, c.Velocity.Y - c.PartVelocity.Y,
+                c.Velocity.Z - c.PartVelocity.Z);
+            double going = isGeometry ? Length(relative) : Math.Abs(c.ApproachSpeed);
+            // How far off that velocity may be, and how much faster other parts are, is in the predictions.
+            double lead = 1e-9 * (c.PredictedNs - c.PoseNs);
+            double spread = c.PredictedUpper - c.PredictedLower - (isGeometry ? 0 : c.Upper - c.Lower);
+            spread *= 0.5 / lead;
+            bool isFinite = lead > 0 && spread < double.PositiveInfinity;
+            spread = isFinite ? spread : 0;
+            if (!(spread < maxSpeed)) // it may be that of a finger that could turn round
+                going = Larger(going, partSpeed);
+            bool isKnown = (c.Flags & DecaffContactFlag.Predicted) != 0 && isFinite;
+            double atFirst = isKnown ? going + spread : double.NaN;
+            double atLast = isKnown ? limit + spread : Larger(limit, partSpeed + spread);
+            c.AgeNs = nowNs - c.PoseNs;
+            double elapsed = Math.Max(1e-9 * c.AgeNs, 0);
+            double drift = Lesser(atFirst + 0.5 * maxAcceleration * elapsed, atLast) * elapsed;
+            c.Lower = c.PredictedLower = c.Lower - drift;
+            c.Upper = c.PredictedUpper = c.Upper + drift;
+            double ever = Math.Max(limit + spread, 2.2250738585072014e-308);
+            double free = elapsed + Math.Max(c.Lower, 0) / ever; // Math.Max and Min keep nan
+            c.TimeToContactLower = Math.Min(c.TimeToContactLower, free);
+            if (isTracked)
+                c.SignedDistance = c.PredictedDistance = c.Lower;
+            c.PredictedNs = nowNs;
+            c.ContactBendError += double.PositiveInfinity;
+            c.ForceIsValid = 0;
+            c.Flags &= ~(DecaffContactFlag.Exact | DecaffContactFlag.Skipped | DecaffContactFlag.Predicted
+                | DecaffContactFlag.ContactFound);
+            c.Flags |= isTracked ? DecaffContactFlag.Bounded : DecaffContactFlag.None;
+        }
+
+        /// <summary>Leave nothing of a contact but whose it is, where it comes from and when that was.</summary>
+        public static void Forget(ref DecaffContact c)
+        {
+            var nowhere = new DecaffVector(double.NaN, double.NaN, double.NaN);
+            c.Position = c.Velocity = c.PointOnFinger = c.PointOnPart = c.Normal = c.PartVelocity = nowhere;
+            c.SignedDistance = c.ApproachSpeed = c.PredictedDistance = c.TimeToContact = double.NaN;
+            c.Bend = c.BendRate = c.ContactBend = c.ContactBendError = c.ContactBendRate = double.NaN;
+            c.Stiffness = c.Damping = c.Force = double.NaN;
+            c.Lower = c.PredictedLower = double.NegativeInfinity;
+            c.Upper = c.PredictedUpper = double.PositiveInfinity;
+            c.TimeToContactLower = 0;
+            c.Flags = DecaffContactFlag.None;
+            c.Part = c.Face = -1;
+            c.Surface = DecaffSurface.Unknown;
+            c.Mode = DecaffMode.Hold;
+            c.ForceIsValid = 0;
+        }
+
+        private static double Length(DecaffVector a) { return Math.Sqrt(a.X * a.X + a.Y * a.Y + a.Z * a.Z); }
+        // These pass over nan.
+        private static double Larger(double a, double b) { return double.IsNaN(a) ? b : double.IsNaN(b) || a > b ? a : b; }
+        private static double Lesser(double a, double b) { return double.IsNaN(a) ? b : double.IsNaN(b) || a < b ? a : b; }
+    }
+
+    /// <summary>Judges frames and lets the newest age; without a network. Instants are of this machine's clock.</summary>
+    public unsafe class DecaffFrameReader
+    {
+        private const long LongestValidNs = 1000000000, AheadNs = 5000000, RestartSilenceNs = 50000000;
+        private const long MostNs = 1L << 62;
+        private const int MostRuns = 64;
+
+        public readonly DecaffCounts Counts = new DecaffCounts();
+        /// <summary>What the newest frame says, or worse; as of the last reading, like all that follows.</summary>
+        public DecaffState State { get; private set; }
+        public bool IsNew { get; private set; }
+        public long NowNs { get; private set; } // on the publisher's clock
+        public long AgeNs { get; private set; } // since the oldest pose; -1: no frame yet
+        public DecaffFrameHeader Header; // as it was published; zeros: no frame yet
+        public DecaffContact[] Contacts = new DecaffContact[0]; // aged: LATE has widening bounds, STALE nothing
+        public bool IsValid { get { return State == DecaffState.Ok || State == DecaffState.Degraded; } }
+
+        private readonly bool isShared, isKeyed;
+        private readonly long staleAfterNs;
+        private readonly double maxSpeed, maxAcceleration;
+        private readonly DecaffForeignClock clock = new DecaffForeignClock();
+        private readonly List<ulong> endedSessions = new List<ulong>(MostRuns + 1);
+        private readonly List<ulong> endedNumbers = new List<ulong>(MostRuns + 1);
+        private DecaffContact[] held = new DecaffContact[0], candidate = new DecaffContact[0];
+        private DecaffFrameHeader arrived;
+        private bool hasFrame, isFresh;
+        private ulong lastSession, lastSequence, newestSession;
+        private long lastSent, lastNow;
+
+        public DecaffFrameReader(bool sharesClock, bool isKeyed, double staleAfter = 0.08, double maxSpeed = 3,
+            double maxAcceleration = 120)
+        {
+            State = DecaffState.Stale;
+            AgeNs = -1;
+            isShared = sharesClock;
+            this.isKeyed = isKeyed;
+            staleAfterNs = (long)Math.Round(1e9 * staleAfter);
+            this.maxSpeed = maxSpeed;
+            this.maxAcceleration = maxAcceleration;
+        }
+
+        /// <summary>Take a frame that arrived; what is wrong with it.</summary>
+        public DecaffFlaw Offer(byte[] message, int size, long nowNs)
+        {
+            DecaffFlaw flaw = Judge(message, size, nowNs);
+            if (flaw != DecaffFlaw.None)
+                Counts.Flawed[(int)flaw]++;
+            return flaw;
+        }
+
+        /// <summary>Set what is known at an instant.</summary>
+        public DecaffState At(long nowNs)
+        {
+            bool isBelieved = isShared || clock.IsCertain;
+            NowNs = isShared ? nowNs : clock.Theirs(nowNs);
+            IsNew = isFresh;
+            isFresh = false;
+            if (!hasFrame)
+                return State;
+            long expires = Math.Min(Header.ValidUntilNs, Header.PoseNs + LongestValidNs);
+            State = Header.State;
+            if (!isBelieved || (NowNs > expires && NowNs - staleAfterNs > expires))
+                State = State > DecaffState.Stale ? State : DecaffState.Stale;
+            else if (NowNs > expires)
+                State = State > DecaffState.Late ? State : DecaffState.Late;
+            AgeNs = Math.Max(NowNs - Header.PoseNs, 0);
+            if (Contacts.Length != held.Length)
+                Contacts = new DecaffContact[held.Length];
+            Array.Copy(held, Contacts, held.Length);
+            bool isUsed = State == DecaffState.Late && Header.State != DecaffState.Starting;
+            for (int i = 0; i < Contacts.Length && !IsValid; i++)
+            {
+                if (isUsed)
+                    DecaffAgeing.Widen(ref Contacts[i], NowNs, maxSpeed, maxAcceleration);
+                else
+                    DecaffAgeing.Forget(ref Contacts[i]);
+            }
+            return State;
+        }
+
+        private DecaffFlaw Judge(byte[] message, int size, long nowNs)
+        {
+            DecaffFlaw flaw = Unpack(message, size);
+            if (flaw == DecaffFlaw.None && IsOld(nowNs))
+                flaw = DecaffFlaw.Old;
+            if (flaw == DecaffFlaw.None)
+                flaw = ContentFlaw(isShared ? nowNs : arrived.PublishNs);
+            if (flaw == DecaffFlaw.None)
+                Accept(nowNs);
+            return flaw;
+        }
+
+        private DecaffFlaw Unpack(byte[] message, int size)
+        {
+            if (size < sizeof(DecaffFrameHeader))
+                return DecaffFlaw.Short;
+            fixed (byte* bytes = message)
+            {
+                arrived = *(DecaffFrameHeader*)bytes;
+                if (arrived.Magic != DecaffLayout.FrameMagic)
+                    return DecaffFlaw.Magic;
+                if (arrived.Version != DecaffLayout.Version)
+                    return DecaffFlaw.Version;
+                int count = (size - sizeof(DecaffFrameHeader)) / sizeof(DecaffContact);
+                bool isWhole = sizeof(DecaffFrameHeader) + count * sizeof(DecaffContact) == size;
+                if (arrived.Size != size || arrived.HeaderSize != sizeof(DecaffFrameHeader) || !isWhole
+                    || count > DecaffLayout.MaxRecords)
+                    return DecaffFlaw.Size;
+                if (DecaffKey.Crc32(message, DecaffLayout.CheckedFrom, size) != arrived.Checksum)
+                    return DecaffFlaw.Checksum;
+                if (arrived.Count != count)
+                    return DecaffFlaw.Size;
+                if (candidate.Length != count)
+                    candidate = new DecaffContact[count];
+                var contacts = (DecaffContact*)(bytes + sizeof(DecaffFrameHeader));
+                for (int i = 0; i < count; i++)
+                    candidate[i] = contacts[i];
+            }
+            return DecaffFlaw.None;
+        }
+
+        private bool IsOld(long now)
+        {
+            if (isKeyed && arrived.Session < newestSession)
+                return true; // of an earlier run: with a key that may be a recording
+            if (!hasFrame)
+                return false;
+            if (arrived.Session == lastSession)
+                return arrived.Sequence <= lastSequence;
+            int run = endedSessions.IndexOf(arrived.Session);
+            if (arrived.Session > lastSession && run < 0)
+                return false;
+            bool isSilent = now - lastNow > RestartSilenceNs;
+            if (run >= 0)
+                return !(isSilent && arrived.Sequence > endedNumbers[run]);
+            return !(isShared ? arrived.PublishNs > lastSent : isSilent);
+        }
+
+        private DecaffFlaw ContentFlaw(long baseNs)
+        {
+            if (arrived.State > DecaffState.Stopping || arrived.Source > DecaffSource.Teleoperation)
+                return DecaffFlaw.Content;
+            long latest = Math.Min(baseNs, MostNs - AheadNs) + AheadNs;
+            if (arrived.PoseNs > latest || arrived.PublishNs > latest)
+                return DecaffFlaw.Future;
+            for (int i = 0; i < candidate.Length; i++)
+                if (!IsSound(ref candidate[i], latest))
+                    return DecaffFlaw.Content;
+            return DecaffFlaw.None;
+        }
+
+        private bool IsSound(ref DecaffContact c, long latest)
+        {
+            if (c.Surface > DecaffSurface.Deformable || c.Mode > DecaffMode.Hold
+                || c.Source > DecaffSource.Teleoperation || c.ForceIsValid > 1)
+                return false;
+            if ((c.Flags & DecaffContactFlag.Tracked) == 0)
+                return true;
+            bool isUnknown = double.IsNaN(c.Position.X) || double.IsNaN(c.Position.Y) || double.IsNaN(c.Position.Z);
+            bool isPlaced = IsFinite(c.Position.X) && IsFinite(c.Position.Y) && IsFinite(c.Position.Z);
+            double n = c.Normal.X * c.Normal.X + c.Normal.Y * c.Normal.Y + c.Normal.Z * c.Normal.Z;
+            return c.Lower <= c.SignedDistance && c.SignedDistance <= c.Upper && c.PredictedLower <= c.PredictedUpper
+                && !double.IsNaN(c.PredictedDistance) && c.TimeToContactLower <= c.TimeToContact
+                && (isPlaced || (isUnknown && c.Source != DecaffSource.Geometry))
+                && !(n < 0.999 * 0.999 || n > 1.001 * 1.001) // nan: there is no normal
+                && c.PoseNs >= arrived.PoseNs && c.PoseNs <= latest;
+        }
+
+        private static bool IsFinite(double x) { return !double.IsNaN(x) && !double.IsInfinity(x); }
+
+        private void Accept(long now)
+        {
+            ulong expected = arrived.Sequence; // of the very first none is missing
+            if (hasFrame && lastSession == arrived.Session)
+            {
+                expected = lastSequence + 1;
+            }
+            else
+            {
+                Counts.Sessions++;
+                if (hasFrame)
+                    expected = Follow();
+            }
+            Counts.Lost += arrived.Sequence - expected;
+            Counts.Received++;
+            if (!isShared)
+                clock.Hear(arrived.Session, arrived.PublishNs, now);
+            lastSession = arrived.Session;
+            lastSequence = arrived.Sequence;
+            lastSent = arrived.PublishNs;
+            lastNow = now;
+            newestSession = Math.Max(newestSession, arrived.Session);
+            Header = arrived;
+            DecaffContact[] spare = held;
+            held = candidate;
+            candidate = spare;
+            hasFrame = isFresh = true;
+        }
+
+        /// <summary>Remember the run that another follows; the number that is expected of this one.</summary>
+        private ulong Follow()
+        {
+            ulong expected = 0;
+            int run = endedSessions.IndexOf(arrived.Session);
+            if (run >= 0)
+            {
+                expected = endedNumbers[run] + 1;
+                endedSessions.RemoveAt(run);
+                endedNumbers.RemoveAt(run);
+            }
+            endedSessions.Add(lastSession);
+            endedNumbers.Add(lastSequence);
+            if (endedSessions.Count > MostRuns)
+            {
+                endedSessions.RemoveAt(0);
+                endedNumbers.RemoveAt(0);
+            }
+            return expected;
+        }
+    }
+
+    internal static class DecaffSockets
+    {
+        public static IPEndPoint End(string host, int port)
+        {
+            IPAddress address;
+            if (!IPAddress.TryParse(host, out address) || address.AddressFamily != AddressFamily.InterNetwork)
+                throw new DecaffError("\"" + host + "\" is no address of IPv4, expected one such as 127.0.0.1");
+            if (port < 1 || port > 65535)
+                throw new DecaffError("port is " + port + ", expected one from 1 to 65535");
+            return new IPEndPoint(address, port);
+        }
+
+        public static Socket Bound(IPEndPoint here)
+        {
+            var socket = new Socket(AddressFamily.InterNetwork, SocketType.Dgram, ProtocolType.Udp);
+            try
+            {
+                socket.Blocking = false;
+                socket.ReceiveBufferSize = 1 << 19;
+                socket.Bind(here);
+            }
+            catch (SocketException failure)
+            {
+                socket.Close();
+                throw new DecaffError("cannot use " + here + " (" + failure.Message + ")");
+            }
+            return socket;
+        }
+    }
+
+    /// <summary>Receives frames and distrusts them: the newest is what counts, and how far it holds now.</summary>
+    public sealed class DecaffSubscriber : DecaffFrameReader, IDisposable
+    {
+        private readonly Socket socket;
+        private readonly DecaffKey key;
+        private readonly byte[] buffer = new byte[1 << 16], tag = new byte[DecaffKey.TagBytes];
+
+        /// <summary>
+        /// Listen at host:port: udp://host:port?key=keyFile. On loopback every program of this machine is heard;
+        /// elsewhere only *from*, HOST:PORT, whose publisher has ?bind=HOST:PORT: asking each datagram for its
+        /// sender would make garbage.
+        /// </summary>
+        public DecaffSubscriber(int port, string host = "127.0.0.1", string from = null, string keyFile = null,
+            double staleAfter = 0.08, double maxSpeed = 3, double maxAcceleration = 120)
+            : base(IsHere(host, from), keyFile != null, staleAfter, maxSpeed, maxAcceleration)
+        {
+            IPEndPoint here = DecaffSockets.End(host, port);
+            if (from == null && !IPAddress.IsLoopback(here.Address))
+                throw new DecaffError(host + " can be reached by others, expected `from`, the HOST:PORT to listen to");
+            IPEndPoint sender = from == null ? null : Sender(from);
+            key = keyFile == null ? null : new DecaffKey(keyFile);
+            socket = DecaffSockets.Bound(here);
+            if (sender != null)
+                socket.Connect(sender);
+        }
+
+        /// <summary>Take what has arrived and say what is known now; never waits, makes no garbage.</summary>
+        public DecaffState Read()
+        {
+            int unused = 0;
+            for (int taken = 0; taken < 1024 && unused < 256; taken++)
+            {
+                SocketError error;
+                int size = socket.Receive(buffer, 0, buffer.Length, SocketFlags.None, out error);
+                if (error == SocketError.ConnectionReset || error == SocketError.ConnectionRefused)
+                    continue; // something sent before found nobody
+                if (error != SocketError.Success)
+                    break;
+                if (key != null && (size = key.Verified(buffer, size, tag)) == 0)
+                {
+                    Counts.Unverified++;
+                    unused++;
+                }
+                else if (Offer(buffer, size, DecaffClock.Ns) != DecaffFlaw.None)
+                {
+                    unused++;
+                }
+            }
+            return At(DecaffClock.Ns);
+        }
+
+        public void Dispose() { socket.Close(); }
+
+        private static bool IsHere(string host, string from)
+        {
+            IPEndPoint end = from == null ? DecaffSockets.End(host, 1) : Sender(from);
+            return DecaffClock.IsThatOfServices && IPAddress.IsLoopback(end.Address);
+        }
+
+        private static IPEndPoint Sender(string from)
+        {
+            int colon = from.LastIndexOf(':'), port;
+            if (colon < 0 || !int.TryParse(from.Substring(colon + 1), out port))
+                throw new DecaffError("`from` is \"" + from + "\", expected HOST:PORT, where the publisher sends from");
+            return DecaffSockets.End(from.Substring(0, colon), port);
+        }
+    }
+
+    /// <summary>Sends poses of fingers and moves of parts.</summary>
+    public sealed unsafe class DecaffPublisher : IDisposable
+    {
+        private const int MostBytes = 65507; // that a datagram of IPv4 carries
+        private readonly Socket socket;
+        private readonly DecaffKey key;
+        private readonly byte[] buffer = new byte[1 << 16];
+        private readonly ulong[] sequences = new ulong[4];
+        private ulong session;
+        private long awakeNs;
+
+        /// <summary>Messages for which the system had no room.</summary>
+        public long Lost { get; private set; }
+
+        /// <summary>Send to host:port: udp://host:port?bind=bind&amp;key=keyFile.</summary>
+        public DecaffPublisher(int port, string host = "127.0.0.1", string bind = null, string keyFile = null)
+        {
+            IPEndPoint there = DecaffSockets.End(host, port);
+            if (bind == null && !IPAddress.IsLoopback(there.Address))
+                throw new DecaffError(host + " is not on this machine, expected `bind`, the address to send from");
+            IPAddress here = DecaffSockets.End(bind ?? "127.0.0.1", 1).Address;
+            key = keyFile == null ? null : new DecaffKey(keyFile);
+            socket = DecaffSockets.Bound(new IPEndPoint(here, 0));
+            socket.Connect(there);
+            Begin();
+        }
+
+        /// <summary>A pose of now; velocity and bend are not known.</summary>
+        public static DecaffPose PoseOf(uint finger, double x, double y, double z)
+        {
+            var pose = new DecaffPose();
+            pose.Finger = finger;
+            pose.PoseNs = DecaffClock.Ns;
+            pose.Position = new DecaffVector(x, y, z);
+            pose.Velocity = new DecaffVector(double.NaN, double.NaN, double.NaN);
+            pose.Bend = double.NaN;
+            return pose;
+        }
+
+        /// <summary>A move of now: the part stands, not turned, with its origin there. Makes garbage: keep it.</summary>
+        public static DecaffMove MoveOf(string name, double x, double y, double z)
+        {
+            byte[] bytes = Encoding.UTF8.GetBytes(name);
+            if (bytes.Length == 0 || bytes.Length > 64)
+                throw new DecaffError("a part's name has " + bytes.Length + " bytes, expected 1 to 64");
+            var move = new DecaffMove();
+            for (int i = 0; i < bytes.Length; i++)
+                move.Name[i] = bytes[i];
+            for (int i = 0; i < 9; i += 4)
+                move.Rotation[i] = 1;
+            move.PoseNs = DecaffClock.Ns;
+            move.Translation = new DecaffVector(x, y, z);
+            return move;
+        }
+
+        public void Send(DecaffPose[] poses, int count)
+        {
+            fixed (DecaffPose* first = poses)
+                Send(DecaffLayout.PosesMagic, 0, first, count, sizeof(DecaffPose));
+        }
+
+        public void Send(DecaffMove[] moves, int count)
+        {
+            fixed (DecaffMove* first = moves)
+                Send(DecaffLayout.MovesMagic, 1, first, count, sizeof(DecaffMove));
+        }
+
+        public void Send(DecaffPathPose[] poses, int count)
+        {
+            fixed (DecaffPathPose* first = poses)
+                Send(DecaffLayout.PathPosesMagic, 2, first, count, sizeof(DecaffPathPose));
+        }
+
+        public void Send(DecaffGlovePose[] poses, int count)
+        {
+            fixed (DecaffGlovePose* first = poses)
+                Send(DecaffLayout.GlovePosesMagic, 3, first, count, sizeof(DecaffGlovePose));
+        }
+
+        public void Dispose() { socket.Close(); }
+
+        private void Begin()
+        {
+            session = Math.Max((ulong)DecaffClock.CalendarNs, session + 1);
+            Array.Clear(sequences, 0, sequences.Length);
+            awakeNs = DecaffClock.CalendarNs - DecaffClock.Ns;
+        }
+
+        private void Send(uint magic, int kind, void* records, int count, int recordSize)
+        {
+            int size = sizeof(DecaffInputHeader) + count * recordSize;
+            int most = MostBytes - (key == null ? 0 : DecaffKey.TagBytes);
+            if (size > most || count > DecaffLayout.MaxRecords)
+                throw new DecaffError("a message of " + size + " bytes does not fit into a datagram (expected at most "
+                    + most + " bytes)");
+            long before = awakeNs;
+            awakeNs = DecaffClock.CalendarNs - DecaffClock.Ns;
+            if (awakeNs - before > 1000000000)
+                Begin(); // the machine slept, and its monotonic clock stood still
+            var header = new DecaffInputHeader();
+            header.Magic = magic;
+            header.Version = DecaffLayout.Version;
+            header.HeaderSize = (ushort)sizeof(DecaffInputHeader);
+            header.Size = (uint)size;
+            header.Session = session;
+            header.Sequence = sequences[kind]++;
+            header.SendNs = DecaffClock.Ns;
+            header.Count = (uint)count;
+            fixed (byte* bytes = buffer)
+            {
+                *(DecaffInputHeader*)bytes = header;
+                Buffer.MemoryCopy(records, bytes + sizeof(DecaffInputHeader), most, (long)count * recordSize);
+                ((DecaffPrefix*)bytes)->Checksum = DecaffKey.Crc32(buffer, DecaffLayout.CheckedFrom, size);
+            }
+            if (key != null)
+            {
+                key.Tag(buffer, size, buffer, size);
+                size += DecaffKey.TagBytes;
+            }
+            SendDatagram(size);
+        }
+
+        private void SendDatagram(int size)
+        {
+            SocketError error;
+            socket.Send(buffer, 0, size, SocketFlags.None, out error);
+            if (error == SocketError.ConnectionRefused || error == SocketError.ConnectionReset)
+                // An earlier datagram found nobody, and this one was not sent for it.
+                socket.Send(buffer, 0, size, SocketFlags.None, out error);
+            if (error == SocketError.WouldBlock || error == SocketError.NoBufferSpaceAvailable)
+                Lost++;
+            else if (error != SocketError.Success && error != SocketError.ConnectionRefused
+                && error != SocketError.ConnectionReset && error != SocketError.HostUnreachable)
+                throw new DecaffError("cannot send (" + error + ")");
+        }
+    }
+}

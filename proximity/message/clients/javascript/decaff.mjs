@@ -1,0 +1,341 @@
+// decaff.mjs: messages of a proximity service, read, written and aged, in browsers and Node.
+//
+// Made by `proximity client javascript`; what is changed here is lost. Whole numbers of 64 bits, instants among
+// them, are BigInt. A field of several numbers is an array, row by row. There is no network here: decaff_udp.mjs
+// has that for Node, and in a browser bytes come from a WebSocket.
+
+import { CHECKED_FROM, ENUMS, KINDS, MAX_RECORDS, RECORDS, VERSION } from "./layout.mjs";
+
+const { ContactFlag, Mode, Source, State, Surface } = ENUMS;
+export { ContactFlag, Mode, Source, State, Surface };
+export const STATE_NAMES = Object.keys(State);
+
+const LONGEST_VALID_NS = 1_000_000_000n; // after its oldest pose no frame is valid for longer
+const AHEAD_NS = 5_000_000n; // an instant farther in the future is a mistake
+const RESTART_SILENCE_NS = 50_000_000n; // of a publisher elsewhere: then another run may have begun
+const MOST_RUNS = 64; // that are remembered
+const MOST_NS = 2n ** 62n;
+const utf8 = new TextEncoder();
+const text = new TextDecoder();
+
+const CRC_TABLE = new Uint32Array(256).map((_, byte) => {
+  let crc = byte;
+  for (let bit = 0; bit < 8; bit++) crc = crc & 1 ? (crc >>> 1) ^ 0xedb88320 : crc >>> 1;
+  return crc;
+});
+
+/** The CRC-32 of bytes, as zlib has it. */
+export function crc32(bytes) {
+  let crc = 0xffffffff;
+  for (let i = 0; i < bytes.length; i++) crc = (crc >>> 8) ^ CRC_TABLE[(crc ^ bytes[i]) & 0xff];
+  return (crc ^ 0xffffffff) >>> 0;
+}
+
+const viewOf = (bytes) =>
+  bytes instanceof ArrayBuffer ? new DataView(bytes) : new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
+
+function readField(view, offset, field) {
+  const start = offset + field.offset;
+  if (field.type === "Text") {
+    const bytes = new Uint8Array(view.buffer, view.byteOffset + start, field.count);
+    const end = bytes.indexOf(0);
+    return text.decode(end < 0 ? bytes : bytes.subarray(0, end));
+  }
+  const get = `get${field.type}`;
+  if (field.count === 1) return view[get](start, true);
+  return Array.from({ length: field.count }, (_, k) => view[get](start + k * field.size, true));
+}
+
+function readRecord(view, offset, record) {
+  const values = {};
+  for (const [name, field] of Object.entries(record.fields)) {
+    if (name !== "reserved") values[name] = readField(view, offset, field);
+  }
+  return values;
+}
+
+function writeRecord(view, offset, record, values) {
+  for (const [name, value] of Object.entries(values)) {
+    const field = record.fields[name];
+    if (field === undefined) throw new TypeError(`there is no field "${name}" (expected ${Object.keys(record.fields).join(", ")})`);
+    if (field.type === "Text") {
+      const bytes = utf8.encode(value);
+      if (bytes.length > field.count) throw new RangeError(`"${value}" has ${bytes.length} bytes, expected at most ${field.count}`);
+      new Uint8Array(view.buffer, view.byteOffset + offset + field.offset, field.count).set(bytes);
+      continue;
+    }
+    const numbers = field.count === 1 ? [value] : value;
+    if (numbers.length !== field.count) throw new RangeError(`${name} has ${numbers.length} numbers, expected ${field.count}`);
+    for (let k = 0; k < field.count; k++) view[`set${field.type}`](offset + field.offset + k * field.size, numbers[k], true);
+  }
+}
+
+/** What is wrong with bytes that claim to be a message of that kind; "": nothing. Nothing of them is trusted. */
+export function flawOf(bytes, kind = "frame") {
+  const { magic, header, record } = KINDS[kind];
+  const [head, row] = [RECORDS[header], RECORDS[record]];
+  const view = viewOf(bytes);
+  if (view.byteLength < head.size) return "short";
+  const at = (name) => readField(view, 0, head.fields[name]);
+  if (at("magic") !== magic) return "magic";
+  if (at("version") !== VERSION) return "version";
+  const count = (view.byteLength - head.size) / row.size;
+  const isWhole = at("size") === view.byteLength && at("header_size") === head.size;
+  if (!isWhole || !Number.isInteger(count) || count > MAX_RECORDS) return "size";
+  const checked = new Uint8Array(view.buffer, view.byteOffset + CHECKED_FROM, view.byteLength - CHECKED_FROM);
+  if (crc32(checked) !== at("checksum")) return "checksum";
+  return at("count") === count ? "" : "size";
+}
+
+/** Read a message without a flaw: its header and records. */
+export function decode(bytes, kind = "frame") {
+  const [head, row] = [RECORDS[KINDS[kind].header], RECORDS[KINDS[kind].record]];
+  const view = viewOf(bytes);
+  const header = readRecord(view, 0, head);
+  const records = Array.from({ length: header.count }, (_, k) => readRecord(view, head.size + k * row.size, row));
+  return { header, records };
+}
+
+/** Write a message of a kind such as "poses"; *header* has at least send_ns, session and sequence. */
+export function encode(kind, header, records) {
+  if (KINDS[kind] === undefined) throw new TypeError(`there is no kind "${kind}" (expected ${Object.keys(KINDS).join(", ")})`);
+  if (records.length > MAX_RECORDS) throw new RangeError(`${records.length} records, expected 0 to ${MAX_RECORDS}`);
+  const { magic, header: headerName, record: recordName } = KINDS[kind];
+  const [head, row] = [RECORDS[headerName], RECORDS[recordName]];
+  const bytes = new Uint8Array(head.size + records.length * row.size);
+  const view = viewOf(bytes);
+  const known = { magic, version: VERSION, header_size: head.size, size: bytes.length, count: records.length };
+  writeRecord(view, 0, head, { ...header, ...known });
+  records.forEach((values, k) => writeRecord(view, head.size + k * row.size, row, values));
+  view.setUint32(head.fields.checksum.offset, crc32(bytes.subarray(CHECKED_FROM)), true);
+  return bytes;
+}
+
+/** A record of "poses": a finger whose centre is there, m; velocity and bend are not known. */
+export const poseOf = (finger, position, poseNs) => ({
+  finger, pose_ns: poseNs, position, velocity: [NaN, NaN, NaN], bend: NaN,
+});
+
+/** A record of "moves": a part that stands, not turned, with its origin there, m. */
+export const moveOf = (name, translation, poseNs) => ({
+  name, pose_ns: poseNs, translation, rotation: [1, 0, 0, 0, 1, 0, 0, 0, 1],
+  velocity: [0, 0, 0], angular_velocity: [0, 0, 0],
+});
+
+const length = (v) => Math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+const least = (a, b) => (Number.isNaN(a) ? b : Number.isNaN(b) ? a : Math.min(a, b)); // pass over nan
+const most = (a, b) => (Number.isNaN(a) ? b : Number.isNaN(b) ? a : Math.max(a, b));
+const larger = (a, b) => (a > b ? a : b);
+
+/** Make a contact hold at a later instant: as far as finger and parts may have come, less is known. */
+export function widen(c, nowNs, maxSpeed = 3, maxAcceleration = 120) {
+  const isTracked = (c.flags & ContactFlag.TRACKED) !== 0;
+  const isGeometry = c.source === Source.GEOMETRY;
+  const partSpeed = most(length(c.part_velocity), 0);
+  const limit = maxSpeed + partSpeed;
+  let going = isGeometry ? length(c.velocity.map((x, k) => x - c.part_velocity[k])) : Math.abs(c.approach_speed);
+  // How far off that velocity may be, and how much faster other parts are, is in the predictions.
+  const lead = 1e-9 * Number(c.predicted_ns - c.pose_ns);
+  let spread = c.predicted_upper - c.predicted_lower - (isGeometry ? 0 : c.upper - c.lower);
+  spread *= 0.5 / lead;
+  const isFinite = lead > 0 && spread < Infinity;
+  if (!isFinite) spread = 0;
+  if (!(spread < maxSpeed)) going = most(going, partSpeed); // it may be that of a finger that could turn round
+  const isKnown = (c.flags & ContactFlag.PREDICTED) !== 0 && isFinite;
+  const atFirst = isKnown ? going + spread : NaN;
+  const atLast = isKnown ? limit + spread : larger(limit, partSpeed + spread);
+  c.age_ns = nowNs - c.pose_ns;
+  const elapsed = larger(1e-9 * Number(c.age_ns), 0);
+  const drift = least(atFirst + 0.5 * maxAcceleration * elapsed, atLast) * elapsed;
+  c.lower = c.predicted_lower = c.lower - drift;
+  c.upper = c.predicted_upper = c.upper + drift;
+  const free = elapsed + Math.max(c.lower, 0) / larger(limit + spread, 2 ** -1022);
+  c.time_to_contact_lower = Math.min(c.time_to_contact_lower, free);
+  if (isTracked) c.signed_distance = c.predicted_distance = c.lower;
+  c.predicted_ns = nowNs;
+  c.contact_bend_error += Infinity;
+  c.force_is_valid = 0;
+  const { EXACT, SKIPPED, PREDICTED, CONTACT_FOUND, BOUNDED } = ContactFlag;
+  c.flags = ((c.flags & ~(EXACT | SKIPPED | PREDICTED | CONTACT_FOUND)) | (isTracked ? BOUNDED : 0)) >>> 0;
+  return c;
+}
+
+/** Leave nothing of a contact but whose it is, where it comes from and when that was. */
+export function forget(c) {
+  for (const [name, field] of Object.entries(RECORDS.contact.fields)) {
+    if (field.type === "Float64") c[name] = field.count === 1 ? NaN : new Array(field.count).fill(NaN);
+  }
+  const nothing = {
+    lower: -Infinity, predicted_lower: -Infinity, upper: Infinity, predicted_upper: Infinity,
+    time_to_contact_lower: 0, flags: 0, part: -1, face: -1, force_is_valid: 0,
+  };
+  return Object.assign(c, nothing, { surface: Surface.UNKNOWN, mode: Mode.HOLD });
+}
+
+/** The clock of a publisher elsewhere, by the message that was fastest on its way; docs/message.md says how. */
+class ForeignClock {
+  isCertain = false;
+  #session = null;
+  #offset = 0n;
+  #seen = 0n;
+  #first = 0n;
+  #firstOffset = 0n;
+  #sent = null;
+  #former = null;
+
+  hear(session, sent, now) {
+    const offset = now - sent;
+    const fastest = grown(this.#offset, this.#seen, now);
+    const pace = 25_000_000n + (now > this.#first ? now - this.#first : 0n) / 5000n;
+    const isNewRun = this.#session !== null && this.#session !== session;
+    this.#session = session;
+    if (this.#sent === null || sent < this.#sent - 5_000_000n || (isNewRun && offset > fastest + 1_000_000_000n)) {
+      const before = this.#former === null ? offset : grown(...this.#former, now);
+      this.#former = null;
+      this.#begin(offset > before && offset <= before + 1_000_000_000n ? before : offset, now);
+    } else if (offset < this.#firstOffset - pace) {
+      if (this.isCertain) this.#former = [this.#offset, this.#seen];
+      this.#begin(offset, now);
+    } else {
+      this.#offset = offset < fastest ? offset : fastest;
+      this.#seen = now;
+      if (offset <= this.#firstOffset + pace && now - this.#first >= 50_000_000n) {
+        this.isCertain = true;
+        this.#former = null;
+      }
+      if (sent < this.#sent) return;
+    }
+    this.#sent = sent;
+  }
+
+  #begin(offset, now) {
+    this.isCertain = false;
+    this.#offset = this.#firstOffset = offset;
+    this.#seen = this.#first = now;
+  }
+
+  /** What their clock shows, rather late than early. */
+  theirs = (now) => (this.#sent === null ? now : now - this.#offset + 1_000_000n);
+}
+
+const grown = (offset, seen, now) => offset + (now > seen ? now - seen : 0n) / 5000n;
+
+/** Judges frames and lets the newest age; without a network. Instants are of this machine's clock, ns, BigInt. */
+export class FrameReader {
+  counts = { received: 0, lost: 0n, sessions: 0, refused: 0, unverified: 0, flawed: {} };
+  #isShared;
+  #isKeyed;
+  #limits;
+  #clock = new ForeignClock();
+  #last = null;
+  #newestSession = 0n;
+  #ended = new Map(); // session: the last number of a run before
+  #held = null;
+  #isNew = false;
+
+  constructor({ sharesClock = false, isKeyed = false, staleAfter = 0.08, maxSpeed = 3, maxAcceleration = 120 } = {}) {
+    for (const [name, value] of Object.entries({ staleAfter, maxSpeed, maxAcceleration })) {
+      if (!(value >= 0 && value < Infinity)) throw new RangeError(`${name} is ${value}, expected a number of 0 or more`);
+    }
+    this.#isShared = sharesClock;
+    this.#isKeyed = isKeyed;
+    this.#limits = { staleAfterNs: BigInt(Math.round(1e9 * staleAfter)), maxSpeed, maxAcceleration };
+  }
+
+  /** Take the bytes of a frame that arrived; what is wrong with them, "" for nothing. */
+  offer(bytes, nowNs) {
+    const flaw = this.#judge(bytes, nowNs);
+    if (flaw) this.counts.flawed[flaw] = (this.counts.flawed[flaw] ?? 0) + 1;
+    return flaw;
+  }
+
+  /** What is known now: state, isValid, isNew, nowNs (their clock), ageNs (-1n: no frame), header, contacts. */
+  at(nowNs) {
+    const isBelieved = this.#isShared || this.#clock.isCertain;
+    const now = this.#isShared ? nowNs : this.#clock.theirs(nowNs);
+    const held = this.#held;
+    if (held === null) return { state: "STALE", isValid: false, isNew: false, nowNs: now, ageNs: -1n, header: null, contacts: [] };
+    const { header } = held;
+    const ends = header.pose_ns + LONGEST_VALID_NS;
+    const expires = header.valid_until_ns < ends ? header.valid_until_ns : ends;
+    let state = header.state;
+    if (!isBelieved || now > expires + this.#limits.staleAfterNs) state = Math.max(state, State.STALE);
+    else if (now > expires) state = Math.max(state, State.LATE);
+    const isValid = state === State.OK || state === State.DEGRADED;
+    const age = now - header.pose_ns;
+    const isNew = this.#isNew;
+    this.#isNew = false;
+    const contacts = isValid ? held.records : held.records.map((record) => this.#worsened({ ...record }, state, header.state, now));
+    return { state: STATE_NAMES[state], isValid, isNew, nowNs: now, ageNs: age > 0n ? age : 0n, header, contacts };
+  }
+
+  #worsened(contact, state, published, now) {
+    if (state !== State.LATE || published === State.STARTING) return forget(contact);
+    return widen(contact, now, this.#limits.maxSpeed, this.#limits.maxAcceleration);
+  }
+
+  #judge(bytes, now) {
+    const flaw = flawOf(bytes);
+    if (flaw) return flaw;
+    const frame = decode(bytes);
+    const { session, sequence, publish_ns: sent } = frame.header;
+    if (this.#isOld(session, sequence, sent, now)) return "old";
+    const wrong = contentFlaw(frame, this.#isShared ? now : sent);
+    if (wrong) return wrong;
+    this.#accept(session, sequence, sent, now);
+    this.#held = frame;
+    this.#isNew = true;
+    return "";
+  }
+
+  #isOld(session, sequence, sent, now) {
+    if (this.#isKeyed && session < this.#newestSession) return true; // with a key it may be a recording
+    const last = this.#last;
+    if (last === null) return false;
+    if (session === last.session) return sequence <= last.sequence;
+    const wasFollowed = this.#ended.has(session);
+    if (session > last.session && !wasFollowed) return false;
+    const isSilent = now - last.now > RESTART_SILENCE_NS;
+    if (wasFollowed) return !(isSilent && sequence > this.#ended.get(session));
+    return !(this.#isShared ? sent > last.sent : isSilent);
+  }
+
+  #accept(session, sequence, sent, now) {
+    const last = this.#last;
+    let before = sequence - 1n; // of the very first none is missing
+    if (last === null || last.session !== session) this.counts.sessions++;
+    if (last !== null && last.session === session) before = last.sequence;
+    else if (last !== null) {
+      this.#ended.set(last.session, last.sequence);
+      before = this.#ended.get(session) ?? -1n;
+      this.#ended.delete(session);
+      if (this.#ended.size > MOST_RUNS) this.#ended.delete(this.#ended.keys().next().value);
+    }
+    this.counts.lost += sequence - before - 1n;
+    this.counts.received++;
+    this.#last = { session, sequence, sent, now };
+    if (session > this.#newestSession) this.#newestSession = session;
+    if (!this.#isShared) this.#clock.hear(session, sent, now);
+  }
+}
+
+function contentFlaw({ header, records }, base) {
+  if (header.state > State.STOPPING || header.source > Source.TELEOPERATION) return "content";
+  const latest = base + AHEAD_NS < MOST_NS ? base + AHEAD_NS : MOST_NS;
+  if (header.pose_ns > latest || header.publish_ns > latest) return "future";
+  return records.every((c) => isSound(c, header.pose_ns, latest)) ? "" : "content";
+}
+
+function isSound(c, earliest, latest) {
+  const isKind = c.surface <= Surface.DEFORMABLE && c.mode <= Mode.HOLD && c.source <= Source.TELEOPERATION && c.force_is_valid <= 1;
+  if (!isKind || (c.flags & ContactFlag.TRACKED) === 0) return isKind;
+  const isPlaced = c.position.every(Number.isFinite) || (c.source !== Source.GEOMETRY && c.position.some(Number.isNaN));
+  const [x, y, z] = c.normal;
+  const normalSq = x * x + y * y + z * z;
+  return (
+    c.lower <= c.signed_distance && c.signed_distance <= c.upper && c.predicted_lower <= c.predicted_upper &&
+    !Number.isNaN(c.predicted_distance) && c.time_to_contact_lower <= c.time_to_contact && isPlaced &&
+    !(normalSq < 0.999 ** 2 || normalSq > 1.001 ** 2) && // nan: there is no normal
+    c.pose_ns >= earliest && c.pose_ns <= latest
+  );
+}

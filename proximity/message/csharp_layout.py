@@ -1,0 +1,131 @@
+"""The layout of messages for C#, made of the same tables as the NumPy types and the C header.
+
+Structures with explicit offsets and without references, so that bytes that arrived can be looked at as they
+are. Three numbers are a ``DecaffVector``; more, and text, are fixed buffers, row by row.
+"""
+
+from collections.abc import Iterator, Sequence
+from enum import Enum, Flag
+
+import numpy as np
+
+from proximity.message.c_header import ENUMS, KINDS, RECORDS, meanings_of
+from proximity.message.envelope import CHECKED_FROM, MAX_RECORDS, VERSION
+from proximity.message.fields import VECTOR, Field, dtype_of
+from proximity.message.inputs import PATH_CORNERS
+
+_TYPES = {
+    "u1": "byte",
+    "u2": "ushort",
+    "u4": "uint",
+    "u8": "ulong",
+    "i4": "int",
+    "i8": "long",
+    "f8": "double",
+}
+_HEAD = """\
+// DecaffMessages.cs: what a proximity service publishes, and what it is fed with.
+//
+// Made by `proximity client csharp`; what is changed here is lost. Lengths are in metres, instants in
+// nanoseconds of the sender's monotonic clock. What is not known is NaN. Needs "Allow unsafe code": text and
+// matrices are fixed buffers.
+using System.Runtime.InteropServices;
+
+namespace Decaff
+{
+    public static class DecaffLayout
+    {
+@CONSTANTS@
+    }
+
+    /// <summary>x, y, z in the scene's frame.</summary>
+    [StructLayout(LayoutKind.Explicit, Size = 24)]
+    public struct DecaffVector
+    {
+        [FieldOffset(0)] public double X;
+        [FieldOffset(8)] public double Y;
+        [FieldOffset(16)] public double Z;
+
+        public DecaffVector(double x, double y, double z) { X = x; Y = y; Z = z; }
+    }
+
+@REST@
+}
+"""
+
+
+def csharp_layout() -> str:
+    """Return the text of ``DecaffMessages.cs``."""
+    numbers = {
+        "Version": VERSION,
+        "MaxRecords": MAX_RECORDS,
+        "PathCorners": PATH_CORNERS,
+        "CheckedFrom": CHECKED_FROM,
+    }
+    constants = [f"        public const int {name} = {value};" for name, value in numbers.items()]
+    constants += [
+        f"        public const uint {pascal(kind.name)}Magic = 0x{kind.magic:08x};" for kind in KINDS
+    ]
+    blocks = ["\n".join(_enum(values)) for values in ENUMS.values()]
+    blocks += ["\n".join(_record(name, what, fields)) for name, (what, fields) in RECORDS.items()]
+    return _HEAD.replace("@CONSTANTS@", "\n".join(constants)).replace("@REST@", "\n\n".join(blocks))
+
+
+def pascal(name: str) -> str:
+    """A name as C# has it: ``SignedDistance``."""
+    return "".join(word.capitalize() for word in name.split("_"))
+
+
+def csharp_enum(values: type[Enum]) -> str:
+    """The name of an enumeration: ``DecaffContactFlag``."""
+    return f"Decaff{values.__name__}"
+
+
+def _enum(values: type[Enum]) -> Iterator[str]:
+    meanings = meanings_of(values)
+    if issubclass(values, Flag):
+        yield "    [System.Flags]"
+    yield f"    public enum {csharp_enum(values)} : {'uint' if issubclass(values, Flag) else 'byte'}"
+    yield "    {"
+    if issubclass(values, Flag):
+        yield "        None = 0,"
+    for member in values:
+        if meanings[member.name]:
+            yield f"        /// <summary>{_escaped(meanings[member.name])}</summary>"
+        yield f"        {pascal(member.name)} = {int(member.value)},"
+    yield "    }"
+
+
+def _record(name: str, what: str, fields: Sequence[Field]) -> Iterator[str]:
+    dtype = dtype_of(fields)
+    yield f"    /// <summary>{_escaped(what)} {dtype.itemsize} bytes.</summary>"
+    yield f"    [StructLayout(LayoutKind.Explicit, Size = {dtype.itemsize})]"
+    yield f"    public unsafe struct Decaff{pascal(name)}"
+    yield "    {"
+    for field in fields:
+        if field.name == "reserved":
+            continue
+        offset = dtype.fields[field.name][1]  # type: ignore[index]
+        unit = f"{field.unit}, " if field.unit else ""
+        yield f"        /// <summary>{_escaped(unit + field.meaning)}</summary>"
+        yield f"        [FieldOffset({offset})] public {_declaration(field)};"
+    yield "    }"
+
+
+def _declaration(field: Field) -> str:
+    name, base = pascal(field.name), np.dtype(field.type)
+    if base.kind == "S":
+        return f"fixed byte {name}[{base.itemsize}]"
+    for values in ENUMS.values():
+        is_member = field.meaning in (f"a {values.__name__}", f"set of {values.__name__}")
+        if is_member:
+            return f"{csharp_enum(values)} {name}"
+    if field.shape == VECTOR and base.kind == "f":
+        return f"DecaffVector {name}"
+    count = int(np.prod(field.shape, dtype=np.int64))
+    kind = _TYPES[field.type[1:]]
+    return f"fixed {kind} {name}[{count}]" if field.shape else f"{kind} {name}"
+
+
+def _escaped(text: str) -> str:
+    return text.replace("&", "&amp;").replace("<", "&lt;").replace("`", "").replace("…", "...")

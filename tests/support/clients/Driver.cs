@@ -1,0 +1,148 @@
+// Lets a test drive the client in C#: see client_programs.py.
+using System;
+using System.Globalization;
+using System.IO;
+using System.Runtime.InteropServices;
+using System.Threading;
+using Decaff;
+
+public static unsafe class Driver
+{
+    private static void ReadEvents(string from, string to)
+    {
+        using (var events = new BinaryReader(File.OpenRead(from)))
+        using (var output = new BinaryWriter(File.Create(to)))
+        {
+            bool isShared = events.ReadByte() != 0, isKeyed = events.ReadByte() != 0;
+            var reader = new DecaffFrameReader(isShared, isKeyed);
+            while (events.BaseStream.Position < events.BaseStream.Length)
+            {
+                byte kind = events.ReadByte();
+                long now = events.ReadInt64();
+                if (kind == 1)
+                {
+                    int size = events.ReadInt32();
+                    output.Write((byte)reader.Offer(events.ReadBytes(size), size, now));
+                    continue;
+                }
+                output.Write((byte)reader.At(now));
+                output.Write(reader.IsNew);
+                output.Write(reader.NowNs);
+                output.Write(reader.AgeNs);
+                output.Write(reader.Contacts.Length);
+                var bytes = new byte[sizeof(DecaffContact)];
+                foreach (DecaffContact contact in reader.Contacts)
+                {
+                    fixed (byte* first = bytes)
+                        *(DecaffContact*)first = contact;
+                    output.Write(bytes);
+                }
+            }
+            output.Write(reader.Counts.Received);
+            output.Write(reader.Counts.Lost);
+            output.Write(reader.Counts.Sessions);
+        }
+    }
+
+    private static void PrintTags(string[] words)
+    {
+        var key = new DecaffKey(words[1]);
+        byte[] data = File.ReadAllBytes(words[2]), tag = new byte[16];
+        for (int i = 3; i < words.Length; i++)
+        {
+            key.Tag(data, int.Parse(words[i]), tag, 0);
+            Console.WriteLine(BitConverter.ToString(tag).Replace("-", "").ToLowerInvariant());
+        }
+    }
+
+    private static void Send(string[] words)
+    {
+        string bind = words[3] == "-" ? null : words[3], key = words[4] == "-" ? null : words[4];
+        using (var publisher = new DecaffPublisher(int.Parse(words[2]), words[1], bind, key))
+        {
+            if (words.Length > 5)
+                DecaffPublisher.MoveOf(new string('x', 65), 7, 8, 9);
+            if (words[0] == "sender")
+                publisher.Send(new DecaffPose[4096], 4096);
+            DecaffPose[] poses = { DecaffPublisher.PoseOf(0, 1, 2, 3), DecaffPublisher.PoseOf(1, 4, 5, 6) };
+            DecaffMove[] moves = { DecaffPublisher.MoveOf("lid \u00e4", 7, 8, 9) };
+            publisher.Send(poses, 2);
+            publisher.Send(moves, 1);
+            publisher.Send(poses, 2);
+        }
+    }
+
+    private static void Listen(string[] words)
+    {
+        string from = words[3] == "-" ? null : words[3], key = words[4] == "-" ? null : words[4];
+        using (var subscriber = new DecaffSubscriber(int.Parse(words[2]), words[1], from, key))
+        {
+            Console.WriteLine("listening");
+            while (subscriber.Read() != DecaffState.Stopping)
+            {
+                if (subscriber.IsNew && subscriber.IsValid)
+                    Console.WriteLine(string.Format(CultureInfo.InvariantCulture, "{0} {1:F6}",
+                        subscriber.Contacts[0].Finger, subscriber.Contacts[0].SignedDistance));
+                Thread.Sleep(1);
+            }
+            Console.WriteLine("received {0} unverified {1}", subscriber.Counts.Received, subscriber.Counts.Unverified);
+        }
+    }
+
+    /// <summary>Read many frames and send many poses; how often the collector ran.</summary>
+    private static void CountGarbage(string[] words)
+    {
+        int port = int.Parse(words[1]);
+        byte[] frame = File.ReadAllBytes(words[2]);
+        var reader = new DecaffFrameReader(true, false);
+        long first = long.Parse(words[3]);
+        using (var publisher = new DecaffPublisher(port))
+        using (var subscriber = new DecaffSubscriber(port))
+        {
+            var poses = new DecaffPose[5];
+            int before = 0;
+            for (int i = 0; i < 200100; i++)
+            {
+                if (i == 100)
+                {
+                    GC.Collect();
+                    before = GC.CollectionCount(0);
+                }
+                publisher.Send(poses, 5);
+                subscriber.Read(); // poses are no frames: refused, counted
+                fixed (byte* bytes = frame)
+                {
+                    ((DecaffPrefix*)bytes)->Sequence = (ulong)i;
+                    ((DecaffPrefix*)bytes)->Checksum = DecaffKey.Crc32(frame, DecaffLayout.CheckedFrom, frame.Length);
+                }
+                reader.Offer(frame, frame.Length, first + i * 10000L);
+                reader.At(first + i * 10000L);
+            }
+            Console.WriteLine("collections {0} refused {1} offered {2}", GC.CollectionCount(0) - before,
+                subscriber.Counts.Flawed[(int)DecaffFlaw.Magic], reader.Counts.Received);
+        }
+    }
+
+    public static int Main(string[] words)
+    {
+        try
+        {
+            if (words[0] == "read")
+                ReadEvents(words[1], words[2]);
+            else if (words[0] == "tag")
+                PrintTags(words);
+            else if (words[0] == "listen")
+                Listen(words);
+            else if (words[0] == "garbage")
+                CountGarbage(words);
+            else
+                Send(words);
+        }
+        catch (DecaffError failure)
+        {
+            Console.WriteLine(failure.Message);
+            return 1;
+        }
+        return 0;
+    }
+}

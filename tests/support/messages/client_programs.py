@@ -1,0 +1,99 @@
+"""Programs made of the clients that ``proximity client`` writes, each with a driver of its own.
+
+A driver is asked in words: ``read EVENTS ANSWERS`` lets its reader take events from a file, ``tag KEY DATA
+SIZE…`` prints tags, ``listen`` and ``send HOST PORT FROM-or-BIND KEY`` open an end of UDP; ``-`` is none.
+"""
+
+import shutil
+import struct
+import subprocess
+from pathlib import Path
+
+import numpy as np
+from compiling_c import WARNINGS, compiler, run
+
+from proximity.message import CONTACT, Flaw, State
+from proximity.message.clients import write_client
+
+DRIVERS = Path(__file__).parents[1] / "clients"
+FLAWS = [None, Flaw.SHORT, Flaw.MAGIC, Flaw.VERSION, Flaw.SIZE, Flaw.CHECKSUM, Flaw.OLD, Flaw.FUTURE]
+FLAWS += [Flaw.CONTENT]
+LANGUAGES = ("cpp", "javascript", "csharp")
+PATIENCE = 60.0
+
+
+def build(language, folder, source, target):
+    """The command that runs a program of a client in *folder*; skips the test where it cannot be built."""
+    write_client(language, folder)
+    if source.parent != folder:
+        shutil.copy(source, folder)
+    name = source.name
+    if language == "cpp":
+        cxx = compiler("g++", "clang++")
+        run(
+            cxx,
+            "-std=c++20",
+            "-O1",
+            *WARNINGS,
+            "-Wshadow",
+            "-Wconversion",
+            folder / name,
+            "-o",
+            folder / target,
+        )
+        return [folder / target]
+    if language == "javascript":
+        return [compiler("node"), folder / name]
+    options = ["-unsafe", "-optimize", "-warn:4", "-warnaserror", "-nologo"]
+    sources = [folder / "DecaffMessages.cs", folder / "DecaffClient.cs", folder / name]
+    run(compiler("mcs"), *options, *sources, f"-out:{folder / target}.exe")
+    return [compiler("mono"), folder / f"{target}.exe"]
+
+
+def driver_source(language):
+    return DRIVERS / {"cpp": "driver.cpp", "javascript": "driver.mjs", "csharp": "Driver.cs"}[language]
+
+
+def example_source(language, folder):
+    return folder / {"cpp": "example.cpp", "javascript": "example.mjs", "csharp": "Example.cs"}[language]
+
+
+def ask(program, *words, code=0):
+    """What a program prints that ends at once."""
+    command = [str(word) for word in (*program, *words)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE)
+    assert (done.returncode, done.stderr) == (code, ""), done
+    return done.stdout
+
+
+class Events:
+    """What a reader is to meet: frames that arrive, and looks at what is known."""
+
+    def __init__(self, shares_clock, is_keyed=False):
+        self.data = bytearray([shares_clock, is_keyed])
+        self.kinds = []
+
+    def offer(self, data, now):
+        self.data += struct.pack("<BqI", 1, now, len(data)) + data
+        self.kinds.append("offer")
+
+    def look(self, now):
+        self.data += struct.pack("<Bq", 0, now)
+        self.kinds.append("look")
+
+    def answers(self, program, folder):
+        """What a program answers to each, and its counts: received, lost and sessions."""
+        (folder / "events").write_bytes(self.data)
+        ask(program, "read", folder / "events", folder / "answers")
+        data, at, answers = (folder / "answers").read_bytes(), 0, []
+        for kind in self.kinds:
+            if kind == "offer":
+                answers.append(FLAWS[data[at]])
+                at += 1
+                continue
+            state, is_new, now_ns, age_ns, count = struct.unpack_from("<BBqqI", data, at)
+            at += 22
+            contacts = np.frombuffer(data, CONTACT, count, at)
+            at += contacts.nbytes
+            answers.append((State(state), bool(is_new), now_ns, age_ns, contacts))
+        return answers, struct.unpack_from("<QQQ", data, at)
