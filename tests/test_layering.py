@@ -50,10 +50,10 @@ load_report · part_motion · sign
 loop
 inputs
 answers · frame_builder · frame_output · hosting · report · sample_filter
-bends · clock · config · finger_kernels · histogram · log_writer · presence · realtime · samples
+bends · clock · config · description · finger_kernels · histogram · log_writer · presence · realtime · samples
 """,
     "proximity.service.inputs": """
-teleoperation
+changes_input · teleoperation
 moves_input · sensor · stream
 gloves · part_prediction · reception · sources
 """,
