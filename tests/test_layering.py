@@ -62,10 +62,10 @@ batches · query_arguments · results
 loop
 inputs
 answers · frame_builder · frame_output · hosting · report · sample_filter
-bends · clock · config · finger_kernels · histogram · log_writer · presence · realtime · samples
+bends · clock · config · description · finger_kernels · histogram · log_writer · presence · realtime · samples
 """,
     "proximity.service.inputs": """
-teleoperation
+changes_input · teleoperation
 moves_input · openxr_input · sensor · stream
 gloves · openxr_runtime · part_prediction · reception · sources
 """,

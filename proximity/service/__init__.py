@@ -7,7 +7,9 @@
 
 from proximity.service.answers import Answering, TrackerAnswers
 from proximity.service.clock import Clock, MonotonicClock, SkippingClock
+from proximity.service.description import Describer
 from proximity.service.histogram import Histogram
+from proximity.service.inputs.changes_input import Addition, ChangesInput, Request, carry_out
 from proximity.service.inputs.gloves import GloveChoices
 from proximity.service.inputs.moves_input import MovesInput
 from proximity.service.inputs.openxr_input import OpenXrInput
@@ -22,9 +24,12 @@ from proximity.service.report import Report
 from proximity.service.samples import FingerPoses
 
 __all__ = [
+    "Addition",
     "Answering",
     "CallableInput",
+    "ChangesInput",
     "Clock",
+    "Describer",
     "FingerPoses",
     "GloveChoices",
     "Histogram",
@@ -37,10 +42,12 @@ __all__ = [
     "RealTime",
     "RecordingInput",
     "Report",
+    "Request",
     "SensorAnswers",
     "SensorInput",
     "Service",
     "SkippingClock",
     "StreamInput",
     "TrackerAnswers",
+    "carry_out",
 ]

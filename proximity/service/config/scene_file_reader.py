@@ -33,12 +33,12 @@ SERVICE_KEYS = ("rate_hz", "latency", "valid_for", "publish", "log", "real_time"
 TRACKER_KEYS = (
     "radius", "budget", "working_range", "tolerance", "horizon", "max_speed", "max_acceleration",
 )  # fmt: skip
-FINGER_KEYS = ("count", *TRACKER_KEYS)
+FINGER_KEYS = ("count", "names", *TRACKER_KEYS)
 PART_KEYS = ("file", "units", "name", "position", "turn_degrees", "kind", "stiffness", "damping")
 SOURCES = ("recording", "openxr", "poses", "sensor")
 RECORDING_KEYS = ("repeat", "fast", "fit", "position", "turn_degrees", "scale")
 PLACE_KEYS = ("position", "turn_degrees")  # of a recording and of OpenXR
-INPUT_KEYS = (*SOURCES, "moves", *RECORDING_KEYS)
+INPUT_KEYS = (*SOURCES, "moves", "changes", "parts_from", *RECORDING_KEYS)
 GLOVE_KEYS = ("calibration", "max_age_days")
 WEB_KEYS = ("feed",)
 
@@ -146,7 +146,10 @@ class _Reader:
     def fingers(self) -> FingerSettings:
         """The fingertips."""
         table, default = self._table("fingers", FINGER_KEYS), FingerSettings()
-        count = table.whole("count", None, COUNT_RANGE)
+        names = table.texts("names", None, meaning="what a finger is called")
+        count = table.whole("count", None if names is None else len(names), COUNT_RANGE)
+        if names is not None and len(names) != count:
+            table.complain("names", f"has {len(names)} names, expected {count}, as fingers.count says")
         for key in TRACKER_KEYS:
             if self._is_measured and table.has(key):
                 table.complain(key, WITHOUT_GEOMETRY)
@@ -161,6 +164,7 @@ class _Reader:
                 table.complain(key, f"is {too_long(length, most)}")
         return FingerSettings(
             count=count,
+            names=names,
             radius=radius,
             budget=table.whole("budget", None, BUDGETS),
             working_range=working_range,
@@ -219,6 +223,8 @@ class _Reader:
             poses=self._address(table, "poses"),
             sensor=self._address(table, "sensor"),
             moves=self._address(table, "moves"),
+            changes=self._address(table, "changes"),
+            parts_from=self._folders(table, "parts_from"),
         )
 
     def glove(self) -> GloveSettings | None:
@@ -303,6 +309,18 @@ class _Reader:
             table.complain(key, f"is {named!r}, but {path} {is_folder}, expected {what}")
         return path
 
+    def _folders(self, table: Table, key: str) -> tuple[str, ...]:
+        """Folders that are there."""
+        named = table.texts(key, (), meaning="a folder of parts that messages may add")
+        if named and not table.has("changes"):
+            table.complain(key, "is of messages that add parts, and there is no input.changes")
+        folders = tuple(str(self._from_here(each)) for each in named)
+        for each, folder in zip(named, folders, strict=True):
+            if not os.path.isdir(folder):
+                what = "is a file" if os.path.exists(folder) else "is not there"
+                table.complain(key, f"is {each!r}, but {folder} {what}, expected a folder")
+        return folders
+
     def _address(self, table: Table, key: str) -> str | None:
         address = table.text(key, None, meaning="an address such as iox2://NAME")
         return None if address is None else self._checked_address(table, key, address)
@@ -335,9 +353,10 @@ def _as_in_toml(value: Any) -> Any:
 def _check_together(settings: SceneFile) -> None:
     """Complain of what does not fit together, though each of it could be."""
     inputs, complain = settings.input, settings.document.complain
-    if inputs.moves is not None and inputs.sensor is not None:
-        complain(("input", "moves"), f"input.moves {WITHOUT_GEOMETRY}")
-    for key in ("poses", "sensor", "moves"):
+    for key in ("moves", "changes"):
+        if getattr(inputs, key) is not None and inputs.sensor is not None:
+            complain(("input", key), f"input.{key} {WITHOUT_GEOMETRY}")
+    for key in ("poses", "sensor", "moves", "changes"):
         address = getattr(inputs, key)
         if address is not None and address in settings.service.publish:
             complain(("input", key), f"input.{key} is {address}, where frames are published")
@@ -347,8 +366,9 @@ def _check_together(settings: SceneFile) -> None:
         )
     if settings.glove is not None and inputs.poses is None:
         complain(("glove",), "[glove] is of a hand whose poses come in, and there is no input.poses")
-    if inputs.poses is not None and inputs.poses == inputs.moves:
-        complain(("input", "moves"), "input.moves is input.poses, expected another address")
+    for key, other in (("moves", "poses"), ("changes", "poses"), ("changes", "moves")):
+        if getattr(inputs, key) is not None and getattr(inputs, key) == getattr(inputs, other):
+            complain(("input", key), f"input.{key} is input.{other}, expected another address")
 
 
 def _either(words: tuple[str, ...]) -> str:
