@@ -311,7 +311,8 @@ MISTAKES = [
     (PART + "[input]\n", "3: [input] has no source, expected recording, openxr, poses or sensor"),
     (
         PART + POSES + "recording = 'hand.csv'\n",
-        "4: input.poses stands beside input.recording, expected only one of recording, openxr, poses or sensor",
+        "4: input.poses stands beside input.recording, expected only one of recording, openxr, poses or "
+        "sensor",
     ),
     (
         PART + SENSOR,
