@@ -10,6 +10,7 @@ from proximity.kernels.geometry.closest_feature import (
     CLOSEST_POINT,
     CLOSEST_TRIANGLE,
     CLOSEST_WEIGHT,
+    closest_on_triangle,
     height_over,
 )
 from proximity.kernels.geometry.triangle import TINY, cross, dot
@@ -252,6 +253,20 @@ def closest_of_lanes(reals, offsets, at, local_points, table):
     _store_feature(table, chunk, at, length, arm, normal, feature, which)
     _store_point(table, chunk, at, CLOSEST_WEIGHT, weights)
     _store_point(table, chunk, at, CLOSEST_POINT, _weighted(a, b, c, weights))
+
+
+@kernel
+def closest_of_row(reals, offsets, k, local_points, table, closest):
+    """Fill one column of *table*, as `closest_of_lanes` fills eight. *closest*: scratch."""
+    chunk = len(offsets)
+    for number in range(9):
+        closest[CLOSEST_TRIANGLE + number] = reals[offsets[k] + LANES * number]
+    feature, which = closest_on_triangle(
+        local_points[k], local_points[chunk + k], local_points[2 * chunk + k], closest
+    )
+    for column in range(CLOSEST_TRIANGLE):
+        table[column * chunk + k] = closest[column]
+    table[LANES_FEATURE * chunk + k], table[LANES_WHICH * chunk + k] = feature, which
 
 
 @kernel

@@ -10,6 +10,7 @@ from proximity.kernels.geometry.closest_lanes import (
     LANES_FEATURE,
     LANES_HEIGHT,
     closest_of_lanes,
+    closest_of_row,
     sides_of_lanes,
 )
 from proximity.kernels.geometry.frames import LENGTH_ROUNDING, can_be_asked, to_local
@@ -22,6 +23,9 @@ from proximity.kernels.scene.containment import deepest_of_certain, note_candida
 from proximity.kernels.scene.nearest_part import nearest_in_scene
 from proximity.kernels.sign.side import closest_of_lane, has_normals, is_beyond
 from proximity.native import inlined
+
+FEWEST_IN_LANES = 4
+"""Points from which on it is sooner to work out eight at a time what is closest."""
 
 
 @inlined
@@ -138,14 +142,19 @@ def signs_of_chunk(model, chunk, candidates, found, features, workspace):
 
 
 @inlined
-def closest_of_chunk(model, chunk, found, features):
+def closest_of_chunk(model, chunk, found, features, workspace):
     """Fill what is closest to each point of a chunk, see `closest_of_lanes`.
 
     That is in the part which contains it deepest, if any does, or else in the nearest one.
     """
+    offsets, local_points, table = features
     _gather(model, chunk, found, features, len(model.parts) > 2)
+    if chunk.point_count < FEWEST_IN_LANES:
+        for k in range(chunk.point_count):
+            closest_of_row(model.reals, offsets, k, local_points, table, workspace.closest)
+        return
     for at in range(0, chunk.point_count, LANES):
-        closest_of_lanes(model.reals, features.offsets, at, features.local_points, features.table)
+        closest_of_lanes(model.reals, offsets, at, local_points, table)
 
 
 @inlined

@@ -56,7 +56,7 @@ from proximity.kernels.scene.point_chunk import (
     row_of,
     signs_of_chunk,
 )
-from proximity.kernels.sign.side import closest_of_lane, closest_of_slot, signed_of_slot
+from proximity.kernels.sign.side import closest_of_lane, signed_of_slot
 from proximity.kernels.stack_arrays import longs_here, reals_here, words_here
 from proximity.native import HANDFUL, entry, inlined, kernel
 
@@ -77,8 +77,6 @@ POINT_ANSWER_IS_SIGNED = POINT_ANSWER_PART + 3
 POINT_ANSWER_WIDTH = POINT_ANSWER_REALS + 2
 """float64 that a row takes in all."""
 
-FEWEST_IN_LANES = 4
-"""Points from which on it is sooner to work out eight at a time what is closest."""
 NO_INSIDE = 0
 """Returned by `contains_batch` where no part has an inside."""
 
@@ -181,9 +179,7 @@ def closest_batch(model, points, order, limits, answers):
         if len(parts) > 2:
             signs_of_chunk(model, chunk, candidates, found, features, workspace)
             deepest_of_chunk(model, chunk, candidates, pair_count, found, workspace)
-        are_few = chunk.point_count < FEWEST_IN_LANES
-        if not are_few:
-            closest_of_chunk(model, chunk, found, features)
+        closest_of_chunk(model, chunk, found, features, workspace)
         for k in range(chunk.point_count):
             row, part, slot = rows[k], found.nearest[k, 0], found.nearest[k, 1]
             if part == NO_PART:
@@ -192,14 +188,10 @@ def closest_batch(model, points, order, limits, answers):
             is_deeper = len(parts) > 2 and found.deeper[k, 0] != NO_PART
             if is_deeper:
                 part, slot = found.deeper[k, 0], found.deeper[k, 1]
-            if are_few:
-                px, py, pz = to_local(frames, parts, part, points[row, 0], points[row, 1], points[row, 2])
-                face, feature, inside = closest_of_slot(reals, words, parts, part, slot, px, py, pz, closest)
-            else:
-                px, py, pz = local[k], local[POINT_CHUNK + k], local[2 * POINT_CHUNK + k]
-                face, feature, inside = closest_of_lane(
-                    reals, words, parts, part, slot, px, py, pz, table, k, closest
-                )
+            px, py, pz = local[k], local[POINT_CHUNK + k], local[2 * POINT_CHUNK + k]
+            face, feature, inside = closest_of_lane(
+                reals, words, parts, part, slot, px, py, pz, table, k, closest
+            )
             inside = inside or is_deeper
             limit = limit_of(limits, row)
             _write_answer(frames, parts, part, face, feature, inside, closest, limit, answers, choices, row)
