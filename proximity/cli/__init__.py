@@ -12,9 +12,8 @@ from typing import Annotated
 import typer
 
 import proximity
-from proximity.cli.commands.messages import client, header, key
 from proximity.cli.commands.parts import check, compile, picture, query, view
-from proximity.cli.commands.service import demo, drum, export, record, serve, watch
+from proximity.cli.commands.service import client, demo, drum, export, header, key, record, serve, watch
 from proximity.cli.commands.studies import bench, figures, replay, simulate
 from proximity.cli.program import Command, Group
 

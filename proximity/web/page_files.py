@@ -10,7 +10,7 @@ import re
 from functools import cached_property
 from pathlib import Path
 
-from proximity.web.layout import layout_module
+from proximity.web.layout import page_layout
 
 PAGE = Path(__file__).parent / "page"
 TYPES = {
@@ -39,7 +39,7 @@ class PageFiles:
             if path.suffix in TYPES:
                 name = "/" + path.relative_to(PAGE).as_posix()
                 self._known[name] = TYPES[path.suffix], path.read_bytes()
-        self._known["/layout.js"] = TYPES[".js"], layout_module().encode()
+        self._known["/layout.js"] = TYPES[".js"], page_layout().encode()
         self._known["/"] = self._known["/index.html"]
         self._packed: dict[str, bytes] = {}
 

@@ -11,7 +11,8 @@ import pytest
 from proximity.message import FRAME, MOVES, PATH_POSES, Message
 from proximity.message.c_header import KINDS, RECORDS
 from proximity.message.fields import dtype_of
-from proximity.web.layout import TEXT, VIEWS, layout_module
+from proximity.message.javascript_layout import TEXT, VIEWS
+from proximity.web.layout import page_layout
 from proximity.web.page_files import PAGE
 from proximity.web.slice_fields import SLICE_FIELDS
 
@@ -20,7 +21,7 @@ ALL = {name: fields for name, (_, fields) in RECORDS.items()} | {"slice_header":
 
 def constant(name):
     """A constant of the module, as JSON has it."""
-    return json.loads(re.search(rf"export const {name} = (.*?);\n(?=export|$)", layout_module(), re.S)[1])
+    return json.loads(re.search(rf"export const {name} = (.*?);\n(?=export|$)", page_layout(), re.S)[1])
 
 
 @pytest.mark.parametrize("name", ALL)
@@ -54,7 +55,7 @@ def node(folder, script, *words):
     program = shutil.which("node")
     if program is None:
         pytest.skip("there is no Node here: the layout is checked by its numbers alone")
-    (folder / "layout.mjs").write_text(layout_module(), encoding="utf-8")
+    (folder / "layout.mjs").write_text(page_layout(), encoding="utf-8")
     text = (PAGE / "message.js").read_text(encoding="utf-8").replace("./layout.js", "./layout.mjs")
     (folder / "message.mjs").write_text(text, encoding="utf-8")
     (folder / "script.mjs").write_text(script, encoding="utf-8")

@@ -27,7 +27,7 @@ export class Subscriber {
 
   /** Listen at host:port to *from*, which is needed where host is not on loopback; *key*: file of the key. */
   static async open({ host = "127.0.0.1", port, from, key, ...ageing }) {
-    checkEnd(host, port);
+    for (const end of [host, from ?? host]) checkEnd(end, port);
     if (from === undefined && !isLoopback(host)) {
       throw new Error(`${host} can be reached by others, expected \`from\`, the one to listen to`);
     }
@@ -76,7 +76,7 @@ export class Publisher {
 
   /** Send to host:port; *bind*: from which address, needed where host is not on loopback; *key*: file of the key. */
   static async open({ host = "127.0.0.1", port, bind, key }) {
-    checkEnd(host, port);
+    for (const end of [host, bind ?? host]) checkEnd(end, port);
     if (bind === undefined && !isLoopback(host)) {
       throw new Error(`${host} is not on this machine, expected \`bind\`, the address to send from`);
     }

@@ -1,1 +1,0 @@
-"""Commands about messages: their layout, their keys, and programs that read them."""
