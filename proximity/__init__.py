@@ -28,7 +28,10 @@ if TYPE_CHECKING:
     )
     from proximity.mesh.triangle_mesh import TriangleMesh
     from proximity.message import (
+        ADDITIONS,
+        CHANGES,
         CONTACT,
+        DEFORMATIONS,
         FRAME,
         GLOVE_POSES,
         MEASURED,
@@ -38,6 +41,7 @@ if TYPE_CHECKING:
         ContactFlag,
         Message,
         Mode,
+        PartAction,
         Source,
         State,
         Surface,
@@ -60,7 +64,10 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
+    "ADDITIONS",
+    "CHANGES",
     "CONTACT",
+    "DEFORMATIONS",
     "FRAME",
     "GLOVE_POSES",
     "MEASURED",
@@ -80,6 +87,7 @@ __all__ = [
     "Mode",
     "NotWatertightError",
     "Part",
+    "PartAction",
     "Pose",
     "PoseError",
     "ProximityError",
@@ -115,7 +123,10 @@ __all__ = [
 ]
 
 _MODULE_OF = {
+    "ADDITIONS": "proximity.message",
+    "CHANGES": "proximity.message",
     "CONTACT": "proximity.message",
+    "DEFORMATIONS": "proximity.message",
     "FRAME": "proximity.message",
     "GLOVE_POSES": "proximity.message",
     "MEASURED": "proximity.message",
@@ -135,6 +146,7 @@ _MODULE_OF = {
     "Mode": "proximity.message",
     "NotWatertightError": "proximity.errors",
     "Part": "proximity.scene.part",
+    "PartAction": "proximity.message",
     "Pose": "proximity.pose",
     "PoseError": "proximity.errors",
     "ProximityError": "proximity.errors",

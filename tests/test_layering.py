@@ -1,6 +1,7 @@
 """The layers of the package and of its larger parts, compared with the imports."""
 
 import ast
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -62,12 +63,12 @@ batches · query_arguments · results
 loop
 inputs
 answers · frame_builder · frame_output · hosting · report · sample_filter
-bends · clock · config · finger_kernels · histogram · log_writer · presence · realtime · samples
+bends · clock · config · description · finger_kernels · histogram · log_writer · presence · realtime · samples
 """,
     "proximity.service.inputs": """
-teleoperation
-moves_input · sensor · stream
-gloves · part_prediction · reception · sources
+changes_input · teleoperation
+moves_input · openxr_input · sensor · stream
+gloves · openxr_runtime · part_prediction · reception · sources
 """,
     "proximity.web": """
 viewing
@@ -134,17 +135,20 @@ FILES = {
 PACKAGES = sorted(module for module, path in FILES.items() if path.name == "__init__.py")
 
 
+@cache
 def imports(path):
     """Modules of this package, or names of others, that a file imports anywhere in it, each with its line."""
+    found = []
     for statement in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(statement, ast.Import):
-            yield from ((alias.name, statement.lineno) for alias in statement.names)
+            found += ((alias.name, statement.lineno) for alias in statement.names)
         elif isinstance(statement, ast.ImportFrom):
             assert statement.level == 0, f"{path.name}:{statement.lineno} imports relatively"
             for alias in statement.names:
                 name = f"{statement.module}.{alias.name}"
                 is_module = name in FILES or statement.module == "proximity"
-                yield name if is_module else statement.module, statement.lineno
+                found.append((name if is_module else statement.module, statement.lineno))
+    return found
 
 
 def unit_of(module, package):

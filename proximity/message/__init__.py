@@ -1,11 +1,22 @@
-"""Messages: frames of contacts for the drum's controller, and the inputs of a service.
+"""Messages: frames of contacts for the drum's controller, the inputs of a service, and its description.
 
 Fixed NumPy structured types, little-endian, every field on a multiple of its size, sizes multiples of eight,
 lengths in metres, times in int64 nanoseconds of one monotonic clock. What the tracker fills is what travels
 and what a log holds, byte for byte.
 """
 
+from proximity.message.changes import (
+    ADDITION,
+    ADDITIONS,
+    BLOCK_VERTICES,
+    CHANGE,
+    CHANGES,
+    DEFORMATION,
+    DEFORMATIONS,
+    PartAction,
+)
 from proximity.message.contact import CONTACT, ContactFlag, Mode, Surface
+from proximity.message.description import DESCRIPTION, DESCRIPTION_HEADER, LABEL
 from proximity.message.envelope import MAX_RECORDS, PREFIX, VERSION, Flaw, Kind, Message, flaw_of, parts_of
 from proximity.message.frame import FRAME, FRAME_HEADER, Source, State
 from proximity.message.inputs import (
@@ -24,12 +35,22 @@ from proximity.message.inputs import (
 )
 
 __all__ = [
+    "ADDITION",
+    "ADDITIONS",
+    "BLOCK_VERTICES",
+    "CHANGE",
+    "CHANGES",
     "CONTACT",
+    "DEFORMATION",
+    "DEFORMATIONS",
+    "DESCRIPTION",
+    "DESCRIPTION_HEADER",
     "FRAME",
     "FRAME_HEADER",
     "GLOVE_POSE",
     "GLOVE_POSES",
     "INPUT_HEADER",
+    "LABEL",
     "MAX_RECORDS",
     "MEASURED",
     "MEASUREMENT",
@@ -47,6 +68,7 @@ __all__ = [
     "Kind",
     "Message",
     "Mode",
+    "PartAction",
     "Source",
     "State",
     "Surface",

@@ -14,7 +14,18 @@ from pathlib import Path
 
 import numpy as np
 
+from proximity.message.changes import (
+    ADDITION_FIELDS,
+    ADDITIONS,
+    BLOCK_VERTICES,
+    CHANGE_FIELDS,
+    CHANGES,
+    DEFORMATION_FIELDS,
+    DEFORMATIONS,
+    PartAction,
+)
 from proximity.message.contact import CONTACT_FIELDS, ContactFlag, Mode, Surface
+from proximity.message.description import DESCRIPTION, DESCRIPTION_FIELDS, LABEL_FIELDS
 from proximity.message.envelope import CHECKED_FROM, MAX_RECORDS, PREFIX_FIELDS, VERSION, Flaw
 from proximity.message.fields import Field, dtype_of
 from proximity.message.frame import FRAME, FRAME_FIELDS, Source, State
@@ -43,15 +54,23 @@ RECORDS = {
     "glove_pose": ("One finger of a `glove_poses` message.", GLOVE_POSE_FIELDS),
     "move": ("One part of a `moves` message.", MOVE_FIELDS),
     "measurement": ("One finger of a `measured` message.", MEASUREMENT_FIELDS),
+    "change": ("One part of a `changes` message.", CHANGE_FIELDS),
+    "addition": ("One file of an `additions` message.", ADDITION_FIELDS),
+    "deformation": ("Up to 64 vertices of the one part of a `deformations` message.", DEFORMATION_FIELDS),
+    "description_header": ("The header of a description; `count` labels follow.", DESCRIPTION_FIELDS),
+    "label": ("One part or finger of a description.", LABEL_FIELDS),
 }
 """What messages are made of: name, what it is, fields."""
-KINDS = (FRAME, POSES, PATH_POSES, GLOVE_POSES, MOVES, MEASURED)
+KINDS = (
+    FRAME, POSES, PATH_POSES, GLOVE_POSES, MOVES, MEASURED, CHANGES, ADDITIONS, DEFORMATIONS, DESCRIPTION,
+)  # fmt: skip
 ENUMS: dict[str, type[Enum]] = {
     "flag": ContactFlag,
     "state": State,
     "source": Source,
     "surface": Surface,
     "mode": Mode,
+    "part_action": PartAction,
 }
 WIDTH = 100
 CRC_POLYNOMIAL = 0xEDB88320
@@ -67,6 +86,7 @@ def header_text() -> str:
         "VERSION": str(VERSION),
         "MAX_RECORDS": str(MAX_RECORDS),
         "PATH_CORNERS": str(PATH_CORNERS),
+        "BLOCK_VERTICES": str(BLOCK_VERTICES),
         "CHECKED_FROM": str(CHECKED_FROM),
         "MAGICS": "\n".join(_magics()),
         "ENUMS": "\n\n".join(_enum(name, values) for name, values in ENUMS.items()),

@@ -48,7 +48,7 @@ FRAME_FIELDS = (
         "from then on, and a second after pose_ns in any case, only the bounds may be used, and they widen",
     ),
     Field("period_ns", "<i8", "ns", "between ticks"),
-    Field("epoch", "<u8", "", "counts the scene's changes: parts added, removed, deformed"),
+    Field("epoch", "<u8", "", "counts the scene's changes: parts added, removed, deformed, hidden, shown"),
     Field("missed", "<u8", "", "ticks of this session that were left out because others took too long"),
     Field("count", "<u4", "", "of fingers: records that follow"),
     Field("state", "<u1", "", "a State"),

@@ -163,7 +163,7 @@ class Model:
             folded=(notes >> layout.FOLDED_AT).astype(np.uint8),
         )
 
-    def part_in_place(self) -> PartArrays:
+    def part_for_adoption(self) -> PartArrays:
         """Return the arrays of the only part, for another model that is to have this one's memory."""
         part, scene = self.parts
         word_columns = [

@@ -110,6 +110,6 @@ def parts_of_mesh(vertices: Any, faces: Any, *, source_faces: Any = None, name: 
     for number in range(1, count + 1):
         body = bodies.pop(0)  # what is made of it has not all to be there at once
         own = name if count == 1 else f"{name}.{number}"
-        solid = Solid._of_body(body, own, frame)
+        solid = Solid._of_mesh(body.mesh, body.topology, own, frame)
         parts.append(Part(own, solid, Pose(), body.source_faces, body.repairs))
     return parts

@@ -236,5 +236,5 @@ def with_arrays(parts: list[Part], *, are_new: bool = False) -> tuple[list[Part]
     solids = {id(part.solid): part.solid._for_scene() for part in parts}
     own = [replace(part, solid=solids[id(part.solid)]) for part in parts]
     if are_new and len(own) == 1:
-        return own, [own[0].solid.snapshot().part_in_place()]
+        return own, [own[0].solid.snapshot().part_for_adoption()]
     return own, [part.solid.snapshot().part_views(0) for part in own]

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from proximity.bodies import Body
 from proximity.checks.arrays import refuse_trimesh
 from proximity.errors import MeshError
 from proximity.kernels import layout
@@ -83,10 +82,12 @@ class Solid(Queries):
             self.sign_reason += "; all faces were turned, since they ran clockwise seen from outside"
 
     @classmethod
-    def _of_body(cls, body: Body, name: str, frame: LocalFrame | None) -> "Solid":
-        """The solid of a body, whose arrays it shares."""
+    def _of_mesh(
+        cls, mesh: TriangleMesh, topology: Topology | None, name: str, frame: LocalFrame | None
+    ) -> "Solid":
+        """The solid of a mesh, whose arrays it shares; the rest is for `_begin`."""
         solid = cls.__new__(cls)
-        solid._begin(body.mesh, body.topology, name, frame)
+        solid._begin(mesh, topology, name, frame)
         return solid
 
     @classmethod

@@ -7,9 +7,12 @@
 
 from proximity.service.answers import Answering, TrackerAnswers
 from proximity.service.clock import Clock, MonotonicClock, SkippingClock
+from proximity.service.description import Describer
 from proximity.service.histogram import Histogram
+from proximity.service.inputs.changes_input import Addition, ChangesInput, Request, carry_out
 from proximity.service.inputs.gloves import GloveChoices
 from proximity.service.inputs.moves_input import MovesInput
+from proximity.service.inputs.openxr_input import OpenXrInput
 from proximity.service.inputs.sensor import Measurements, SensorInput
 from proximity.service.inputs.sources import CallableInput, PoseInput, RecordingInput
 from proximity.service.inputs.stream import StreamInput
@@ -21,9 +24,12 @@ from proximity.service.report import Report
 from proximity.service.samples import FingerPoses
 
 __all__ = [
+    "Addition",
     "Answering",
     "CallableInput",
+    "ChangesInput",
     "Clock",
+    "Describer",
     "FingerPoses",
     "GloveChoices",
     "Histogram",
@@ -31,14 +37,17 @@ __all__ = [
     "Measurements",
     "MonotonicClock",
     "MovesInput",
+    "OpenXrInput",
     "PoseInput",
     "RealTime",
     "RecordingInput",
     "Report",
+    "Request",
     "SensorAnswers",
     "SensorInput",
     "Service",
     "SkippingClock",
     "StreamInput",
     "TrackerAnswers",
+    "carry_out",
 ]

@@ -4,8 +4,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from proximity.kernels.layout import PART_IS_HIDDEN
 from proximity.message import Source
 from proximity.service.bends import Bends
+from proximity.service.description import PartLabels
 from proximity.service.samples import FingerPoses, Samples
 from proximity.system.time_units import NS_PER_MS
 from proximity.tracker.tracker import Tracker
@@ -38,6 +40,9 @@ class Answering(Protocol):
     def is_late(self) -> bool:
         """Whether what the last answer was made of is too old for more than its bounds to be used."""
 
+    def labels(self) -> PartLabels:
+        """Return names of the parts of the last answer, and which are hidden."""
+
     def new_samples(self) -> Samples:
         """Make room for the samples that it takes."""
 
@@ -60,13 +65,16 @@ class TrackerAnswers:
         Of as many fingers as the input has. Only the service may tick it from now on.
     moves : MovesInput
         Where parts move; None: nothing tells.
+    changes : ChangesInput
+        What else happens to parts; None: nothing tells.
     """
 
     source = Source.GEOMETRY
 
-    def __init__(self, tracker: Tracker, moves: Any = None) -> None:
+    def __init__(self, tracker: Tracker, moves: Any = None, changes: Any = None) -> None:
         self.tracker = tracker
         self.moves = moves
+        self.changes = changes
         self.count = len(tracker.contacts)
         self._bends = Bends(self.count)
 
@@ -77,8 +85,8 @@ class TrackerAnswers:
 
     @property
     def notes(self) -> list[str]:
-        """Sentences on moves of parts that could not be used."""
-        return [] if self.moves is None else self.moves.notes
+        """Sentences on moves and changes of parts that could not be used."""
+        return [note for each in (self.moves, self.changes) if each is not None for note in each.notes]
 
     @property
     def refused(self) -> tuple[int, int]:
@@ -89,6 +97,11 @@ class TrackerAnswers:
     def is_late(self) -> bool:
         """Whether of a part that moved nothing more is reported."""
         return self.moves is not None and self.moves.is_late
+
+    def labels(self) -> PartLabels:
+        """Return names of the scene's parts, and which are hidden."""
+        model = self.tracker.scene.snapshot()
+        return model.names, model.parts[: len(model.names), PART_IS_HIDDEN] != 0
 
     def new_samples(self) -> FingerPoses:
         """Make room for poses."""
@@ -109,7 +122,7 @@ class TrackerAnswers:
         self._bends.forget()
 
     def answer(self, samples: FingerPoses, now_ns: int) -> np.ndarray:
-        """Move the parts that are to move, and tick.
+        """Change and move the parts that are to change and move, and tick.
 
         Parts that have a velocity stand where they are at the instant of the newest pose. Bounds hold for
         the pose of each finger, with parts where they were reported to be, carried on with the velocities
@@ -122,6 +135,8 @@ class TrackerAnswers:
         now_ns : int, ns
             Instant of the tick.
         """
+        if self.changes is not None:
+            self.changes.apply(self.tracker.scene)
         if self.moves is not None:
             self.moves.apply(self.tracker.scene, now_ns, samples)
         paths, bends = samples.paths, samples.bends
@@ -140,6 +155,7 @@ class TrackerAnswers:
         return contacts
 
     def close(self) -> None:
-        """Close the input of moves."""
-        if self.moves is not None:
-            self.moves.close()
+        """Close the inputs of moves and changes."""
+        for opened in (self.moves, self.changes):
+            if opened is not None:
+                opened.close()

@@ -32,6 +32,7 @@ class Outgoing:
         self.failures = {publisher.address: 0 for publisher in publishers}
         self._publishers = [(publisher.publish, publisher) for publisher in publishers]
         self._first_failures: dict[str, str] = {}
+        self._undescribed: dict[str, str] = {}
         self._log = None if log is None else LogWriter(log, size)
         self._session, self._unsent = time.time_ns(), 0  # of a log alone
 
@@ -52,6 +53,10 @@ class Outgoing:
             f"{address}: {self.failures[address]} frames were not published, first: {failure}"
             for address, failure in list(self._first_failures.items())
         ]
+        notes += [
+            f"{address}: names of parts and fingers were not published, first: {failure}"
+            for address, failure in list(self._undescribed.items())
+        ]
         return notes + ([] if self._log is None else self._log.notes)
 
     def hand_out(self, message: Message) -> None:
@@ -69,6 +74,15 @@ class Outgoing:
             if log is not None:
                 log.put(message.data)
                 log = None
+
+    def describe(self, message: Message) -> None:
+        """Publish a message of the description: it is kept nowhere, and sent again within a second."""
+        for publish, publisher in self._publishers:
+            try:
+                publish(message)
+            except PublishError as failure:
+                if publisher.address not in self._first_failures:  # with frames it is counted
+                    self._undescribed.setdefault(publisher.address, str(failure))
 
     def settle(self) -> None:
         """Have the log written: when nothing else is to be done for a while."""

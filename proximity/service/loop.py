@@ -10,6 +10,7 @@ from proximity.checks.numbers import as_number
 from proximity.errors import ServiceError
 from proximity.service.answers import Answering
 from proximity.service.clock import Clock, MonotonicClock
+from proximity.service.description import Describer
 from proximity.service.frame_builder import FrameBuilder
 from proximity.service.frame_output import Outgoing
 from proximity.service.inputs.sources import PoseInput
@@ -51,6 +52,8 @@ class Service:
         What frames are appended to, by another thread. Closed at the end.
     real_time : RealTime
         What the system is asked for; None: nothing.
+    describer : Describer
+        Makes the messages that tell names of parts and fingers; None: nobody does.
 
     Raises
     ------
@@ -70,6 +73,7 @@ class Service:
         clock: Clock | None = None,
         log: Log | None = None,
         real_time: RealTime | None = None,
+        describer: Describer | None = None,
     ) -> None:
         self._period_ns = _nanoseconds("period", period)
         self._answering, self._input = answering, pose_input
@@ -84,7 +88,7 @@ class Service:
             answering.count, answering.source, self._period_ns, _nanoseconds("valid_for", valid_for)
         )
         self._outgoing = Outgoing(publishers, log, len(self._frame_builder.message.data))
-        self._real_time = real_time
+        self._real_time, self._describer = real_time, describer
         self._report = Report(self._period_ns)
 
     @property
@@ -98,6 +102,11 @@ class Service:
         real_time = [] if self._real_time is None else self._real_time.notes
         report.notes = [*real_time, *self._input.notes, *self._answering.notes, *outgoing.notes]
         return report
+
+    @property
+    def answering(self) -> Answering:
+        """Who makes contacts at present."""
+        return self._answering
 
     def run(self, *, stop: threading.Event | None = None, tick_count: int | None = None) -> Report:
         """Serve until asked to stop, or until the input is over; then say STOPPING and close everything.
@@ -217,7 +226,15 @@ class Service:
         report.lateness.record(start_ns - due_ns)
         report.ticks += 1
         report.states[frame_builder.state] += 1
+        if self._describer is not None:
+            self._describe(self._describer, epoch, publish_ns - clock.skipped_ns)
         self._outgoing.settle()
+
+    def _describe(self, describer: Describer, epoch: int, now_ns: int) -> None:
+        """Publish what is due of the description, behind the frame."""
+        message = describer.message(epoch, now_ns, self._answering.labels)
+        if message is not None:
+            self._outgoing.describe(message)
 
     def _skip_what_is_past(self, now_ns: int) -> None:
         """Go on from the last deadline that is past; those before it are missed, not made up for."""

@@ -1,10 +1,11 @@
-"""``mailbox:NAME``: the latest message inside this process, for library users and tests.
+"""``mailbox:NAME``: the latest messages inside this process, for library users and tests.
 
-Any number of threads write and read; who reads too seldom sees the newest only. A box is there as long as
-somebody has it open, or keeps an end that was closed.
+Any number of threads write and read; who reads too seldom sees the newest of each kind only. A box is there
+as long as somebody has it open, or keeps an end that was closed.
 """
 
 import threading
+from operator import attrgetter
 from weakref import WeakValueDictionary
 
 import numpy as np
@@ -12,14 +13,26 @@ import numpy as np
 from proximity.transport.address import Address
 from proximity.transport.link import NOTHING
 
+KIND_BYTES = 4
+KINDS_BEGIN = b"DEC"
+"""Bytes that begin otherwise are of one kind."""
+
+
+class _Latest:
+    """The latest message of one kind, and how many of all kinds had been put here then."""
+
+    def __init__(self) -> None:
+        self.data = np.zeros(0, np.uint8)
+        self.size = 0
+        self.count = 0
+
 
 class _Box:
-    """A message, and how many have been put here."""
+    """The latest message of each kind, known by its first four bytes, and how many have been put here."""
 
     def __init__(self) -> None:
         self.changed = threading.Condition()
-        self.data = np.zeros(0, np.uint8)
-        self.size = 0
+        self.latest: dict[bytes, _Latest] = {}
         self.count = 0
 
 
@@ -35,6 +48,9 @@ def _box(name: str) -> _Box:
         return box
 
 
+_count_of = attrgetter("count")
+
+
 class MailboxOutlet:
     """Puts messages into the box of that name."""
 
@@ -43,18 +59,23 @@ class MailboxOutlet:
         self._box = _box(address.location)
 
     def send(self, data: np.ndarray) -> None:
-        """Replace what is in the box."""
-        box = self._box
+        """Replace what is in the box of this kind."""
+        box, magic = self._box, bytes(data[:KIND_BYTES])
+        kind = magic if magic.startswith(KINDS_BEGIN) else b""
         with box.changed:
-            if len(box.data) < len(data):
-                box.data = np.empty(len(data), np.uint8)
-            box.data[: len(data)] = data
-            box.size = len(data)
+            latest = box.latest.get(kind)
+            if latest is None:
+                latest = box.latest[kind] = _Latest()
+            if len(latest.data) < len(data):
+                latest.data = np.empty(len(data), np.uint8)
+            latest.data[: len(data)] = data
+            latest.size = len(data)
             box.count += 1
+            latest.count = box.count
             box.changed.notify_all()
 
     def close(self) -> None:
-        """Do nothing: the last message stays for who comes late."""
+        """Do nothing: the last messages stay for who comes late."""
 
 
 class MailboxInlet:
@@ -70,17 +91,22 @@ class MailboxInlet:
         self._seen = 0
 
     def receive(self, buffer: np.ndarray) -> int:
-        """Copy what is in the box, if it was not seen before."""
+        """Copy the oldest of what is in the box and was not seen before."""
         box = self._box
         if (
             box.count == self._seen
         ):  # an int: read as a whole without the lock, which costs as much as all else
             return NOTHING
         with box.changed:
-            self._seen = box.count
-            size = min(box.size, len(buffer))
-            buffer[:size] = box.data[:size]
-            return box.size
+            new = [latest for latest in box.latest.values() if latest.count > self._seen]
+            if not new:
+                self._seen = box.count
+                return NOTHING
+            oldest = min(new, key=_count_of)
+            self._seen = oldest.count
+            size = min(oldest.size, len(buffer))
+            buffer[:size] = oldest.data[:size]
+            return oldest.size
 
     def wait(self, timeout: float) -> bool:
         """Wait for another message than the last one seen."""

@@ -70,6 +70,8 @@ class Examiner:
         Messages looked at in one go.
     most_flawed : int
         Of these, such that cannot be used; then the others wait for the next go.
+    uncounted : Kind
+        One of the kinds, whose messages are neither counted as received nor as lost.
 
     Notes
     -----
@@ -94,8 +96,10 @@ class Examiner:
         clock: Callable[[], int] = time.monotonic_ns,
         most_at_once: int = MOST_AT_ONCE,
         most_flawed: int = MOST_FLAWED,
+        uncounted: Kind | None = None,
     ) -> None:
         self.counts = Counts()
+        self._uncounted = 0 if uncounted is None else uncounted.magic
         self.is_new_run = False
         self._inlet = inlet
         self._kinds = {kind.magic: kind for kind in kinds}
@@ -186,7 +190,8 @@ class Examiner:
 
     def _accept(self, kind: Kind, message: _Seen) -> None:
         """Count a message that is used, and those before it that are missing."""
-        counts, last, (session, sequence, *_) = self.counts, self._last.get(kind.magic), message
+        last, (session, sequence, *_) = self._last.get(kind.magic), message
+        counts = self.counts if kind.magic != self._uncounted else Counts()
         before = sequence - 1  # of the very first none is missing
         self.is_new_run = last is not None and last[0] != session
         if last is None:

@@ -11,7 +11,8 @@ import numpy as np
 
 from proximity.checks.numbers import as_number, not_negative
 from proximity.errors import QueryError
-from proximity.message import CONTACT, FRAME, Flaw, Kind, State
+from proximity.message import CONTACT, DESCRIPTION, FRAME, Flaw, Kind, State
+from proximity.message.received_description import Description, DescriptionMessages
 from proximity.transport.contact_age import Widening, forget
 from proximity.transport.link import Inlet
 from proximity.transport.message_check import Counts, Examiner
@@ -108,7 +109,8 @@ class Subscriber:
     ) -> None:
         self.address = address
         self._inlet = inlet
-        self._examiner = Examiner(inlet, [FRAME], clock)
+        self._examiner = Examiner(inlet, [FRAME, DESCRIPTION], clock, uncounted=DESCRIPTION)
+        self._description = DescriptionMessages()
         self._clock = clock
         self._foreign = None if inlet.shares_clock else ForeignClock()
         self._stale_after_ns = round(1e9 * not_negative("stale_after", stale_after, "seconds"))
@@ -125,8 +127,34 @@ class Subscriber:
 
     @property
     def counts(self) -> Counts:
-        """Numbers of messages received, lost and refused so far."""
+        """Numbers of frames received and lost, and of messages refused, so far."""
         return self._examiner.counts
+
+    @property
+    def description(self) -> Description | None:
+        """The newest description that was read: names, hidden parts, radii; None before the first.
+
+        It comes beside frames: after the first ones, within a second of each change, and when asked for.
+        """
+        return self._description.newest
+
+    @property
+    def part_names(self) -> tuple[str, ...]:
+        """Names of the parts that ``contacts["part"]`` of the last reading counts; empty until known.
+
+        They are empty again from a change of the scene on until the service has described it anew.
+        """
+        newest, held = self._description.newest, self._held
+        if newest is None or held is None:
+            return ()
+        is_of_frame = (held.header["session"], held.header["epoch"]) == (newest.session, newest.epoch)
+        return newest.part_names if is_of_frame else ()
+
+    @property
+    def finger_names(self) -> tuple[str, ...]:
+        """Names of the fingers of a frame; empty until known."""
+        newest = self._description.newest
+        return () if newest is None else newest.finger_names
 
     def read(self) -> Reading:
         """Take what has arrived and say what is known now; never waits.
@@ -141,8 +169,9 @@ class Subscriber:
         PublishError
             If the transport cannot receive any more, as a socket that was closed.
         """
-        for _, _, now in self._examiner.messages(self._content_flaw):
-            self._accept(now)
+        for kind, _, now in self._examiner.messages(self._content_flaw):
+            if kind is FRAME:
+                self._accept(now)
         return self._reading()
 
     def wait(self, timeout: float) -> Reading:
@@ -175,9 +204,10 @@ class Subscriber:
 
         The bytes are overwritten by the next frame. The next reading is of the last one.
         """
-        for _, data, now in self._examiner.messages(self._content_flaw):
-            self._accept(now)
-            yield data
+        for kind, data, now in self._examiner.messages(self._content_flaw):
+            if kind is FRAME:
+                self._accept(now)
+                yield data
 
     def close(self) -> None:
         """Give the address back; closing twice is once."""
@@ -192,7 +222,9 @@ class Subscriber:
         self.close()
 
     def _content_flaw(self, kind: Kind, data: np.ndarray, now: int) -> Flaw | None:
-        """Take a frame into the spare room, and say what is wrong inside of it."""
+        """Take a frame into the spare room, or a description in, and say what is wrong inside of it."""
+        if kind is DESCRIPTION:
+            return self._description.take(data)
         count = (len(data) - kind.header_size) // kind.record_size
         if self._spare is None or self._spare.count != count:
             self._spare = HeldFrame(count)

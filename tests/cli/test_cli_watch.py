@@ -7,6 +7,7 @@ import signal
 import threading
 import time
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -195,6 +196,15 @@ def test_unknown_numbers_are_shown_as_they_are():
     row = row_of(0, reading(mode=77, part=-1, approach_speed=np.nan))
 
     assert re.search(r" 0 +- +10\.00 .* - +\? 77 +TPE", row)
+
+
+def test_parts_are_shown_by_name_where_it_is_known():
+    seen = replace(SEEN, part_names=("lid", "a name of many more letters"))
+
+    assert row_of(0, reading(part=0), seen=seen).split()[1] == "lid"
+    assert "a name of many …" in row_of(0, reading(part=1), seen=seen)
+    assert row_of(0, reading(part=2), seen=seen).split()[1] == "2"
+    assert row_of(0, reading(part=-1), seen=seen).split()[1] == "-"
 
 
 def test_line_tells_the_fingers_in_words():

@@ -428,5 +428,5 @@ def test_contact_of_the_header_is_the_one_of_python():
     assert dtype_of(RECORDS["contact"][1]) == CONTACT
     assert c_header.RECORDS.keys() == {
         "prefix", "frame_header", "contact", "input_header", "pose", "path_pose", "glove_pose", "move",
-        "measurement",
+        "measurement", "change", "addition", "deformation", "description_header", "label",
     }  # fmt: skip

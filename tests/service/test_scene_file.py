@@ -103,6 +103,7 @@ def test_every_key_is_read(read, folder):
         core = 1
         [fingers]
         count = 2
+        names = ["left", "right"]
         radius = [0.005, 0.006]
         budget = 40
         working_range = 0.2
@@ -127,6 +128,8 @@ def test_every_key_is_read(read, folder):
         turn_degrees = [10, 20, 30]
         scale = 0.5
         moves = "mailbox:moves"
+        changes = "mailbox:changes"
+        parts_from = "."
         """)
 
     service, fingers, (part,), recording = (
@@ -135,7 +138,7 @@ def test_every_key_is_read(read, folder):
     assert (service.period, service.latency, service.valid_for) == (0.004, 0.002, 0.01)
     assert service.publish == ("udp://127.0.0.1:9100",)
     assert (service.log, service.real_time, service.core) == (str(folder / "run.frames"), False, 1)
-    assert fingers == FingerSettings(2, (0.005, 0.006), 40, 0.2, 0.05, 0.5, 4.0, 200.0)
+    assert fingers == FingerSettings(2, (0.005, 0.006), 40, 0.2, 0.05, 0.5, 4.0, 200.0, ("left", "right"))
     assert (part.units, part.name, part.kind) == ("cm", "crate", "deformable")
     assert (part.position, part.turn_degrees) == ((1.0, 2.5, -3.0), (0.0, 90.0, 0.0))
     assert (part.stiffness, part.damping) == (800.0, 2.0)
@@ -143,6 +146,7 @@ def test_every_key_is_read(read, folder):
     assert (recording.repeat, recording.fast, recording.fit) == (True, True, False)
     assert (recording.position, recording.turn_degrees) == ((0.1, 0.2, 0.3), (10.0, 20.0, 30.0))
     assert (recording.scale, settings.input.moves) == (0.5, "mailbox:moves")
+    assert (settings.input.changes, settings.input.parts_from) == ("mailbox:changes", (f"{folder}/.",))
 
 
 def test_sensor_needs_no_parts(read):
@@ -187,7 +191,7 @@ def test_sample_shows_the_defaults_where_it_says_so():
         if name in scene_file_reader.FINGER_KEYS and name != "budget"
     }
     for key, value in {**shown["service"], **shown["fingers"]}.items():
-        if key not in ("log", "core", "count", "publish"):
+        if key not in ("log", "core", "count", "names", "publish"):
             assert value == defaults[key], key
 
 
@@ -214,7 +218,7 @@ MISTAKES = [
     (b"[service]\nlog = '\xff'\n", "2: not UTF-8, expected a scene file in TOML"),
     # tables
     ("# nothing\n", "1: [[parts]] is missing, expected at least one (and 1 more mistake)"),
-    (PART, "1: [input] is missing, expected it to have recording, poses or sensor"),
+    (PART, "1: [input] is missing, expected it to have recording, openxr, poses or sensor"),
     (POSES, "1: [[parts]] is missing, expected at least one"),
     (PART + POSES + "[servise]\n", "5: the file has no key 'servise': did you mean service?"),
     ("service = 3\n" + PART + POSES, "1: service is 3, expected a table: [service]"),
@@ -308,16 +312,26 @@ MISTAKES = [
         "6: parts[1].name is 'a', as of the part on line 3, expected names that differ",
     ),
     # the input
-    (PART + "[input]\n", "3: [input] has no source, expected recording, poses or sensor"),
+    (PART + "[input]\n", "3: [input] has no source, expected recording, openxr, poses or sensor"),
     (
         PART + POSES + "recording = 'hand.csv'\n",
-        "4: input.poses stands beside input.recording, expected only one of recording, poses or sensor",
+        "4: input.poses stands beside input.recording, expected only one of recording, openxr, poses or "
+        "sensor",
     ),
     (
         PART + SENSOR,
         "1: [[parts]] cannot be used: distances are measured by input.sensor, there is no geometry",
     ),
     (SENSOR + "moves = 'mailbox:moves'\n", "3: input.moves cannot be used: distances are measured"),
+    (SENSOR + "changes = 'mailbox:c'\n", "3: input.changes cannot be used: distances are measured"),
+    (
+        PART + POSES + "changes = 'mailbox:poses'\n",
+        "5: input.changes is input.poses, expected another address",
+    ),
+    (
+        PART + POSES + "parts_from = '.'\n",
+        "5: input.parts_from is of messages that add parts, and there is no input.changes",
+    ),
     (SENSOR + "[fingers]\nradius = 0.01\n", "4: fingers.radius cannot be used: distances are measured"),
     (
         PART + POSES + "repeat = true\n",

@@ -16,10 +16,23 @@ from types import SimpleNamespace
 import glove_files
 import numpy as np
 import pytest
+from ports import free_port
 from project import MESHES
 
 from proximity.errors import PublishError, ServiceError
-from proximity.message import GLOVE_POSES, MEASURED, MOVES, POSES, ContactFlag, Message, Source, State
+from proximity.message import (
+    ADDITIONS,
+    CHANGES,
+    GLOVE_POSES,
+    MEASURED,
+    MOVES,
+    POSES,
+    ContactFlag,
+    Message,
+    PartAction,
+    Source,
+    State,
+)
 from proximity.recording import FrameReader
 from proximity.service import realtime
 from proximity.service.config import PartFiles
@@ -289,7 +302,9 @@ def looking(scene_path):
     settings = scene_service.read_scene_file(scene_path)
     files = PartFiles()
     service, said = FakeService(), []
-    made = SimpleNamespace(service=service, files=files, scene=files.scene(settings), moves=None, count=2)
+    made = SimpleNamespace(
+        service=service, files=files, scene=files.scene(settings), moves=None, changes=None, count=2
+    )
     return SimpleNamespace(
         path=scene_path,
         editing=scene_reload.SceneReloader(made, settings, {}, said.append),
@@ -781,3 +796,60 @@ def test_service_stops_when_its_parent_is_killed(scene_path, folder):
         return latest["header"]["state"][-1] == State.STOPPING
 
     wait_until(has_stopped, "the service has stopped")
+
+
+# ------------------------------------------------------------------------- changes of parts, and descriptions
+
+
+@pytest.mark.parametrize("transport", ["udp", "iox2"])
+def test_parts_are_added_hidden_and_removed_while_they_are_served(scene_path, folder, request, transport):
+    """Both ends see the same parts: names come with the epoch of the frames that count them."""
+    if transport == "iox2":
+        pytest.importorskip("iceoryx2")
+    frames, to_changes = (
+        (f"udp://127.0.0.1:{free_port()}", f"udp://127.0.0.1:{free_port()}")
+        if transport == "udp"
+        else (f"iox2://{folder.name}", f"iox2://{folder.name}/changes")
+    )
+    (folder / "more").mkdir()
+    shutil.copy(MESHES / "sphere.stl", folder / "more")
+    text = scene_path.read_text().replace(f'publish = "mailbox:{folder.name}"', f'publish = "{frames}"')
+    scene_path.write_text(f'{text}changes = "{to_changes}"\nparts_from = "more"\n')
+    stop, begun, reports = threading.Event(), threading.Event(), []
+    with open_subscriber(frames) as subscriber:
+        thread = threading.Thread(
+            target=lambda: reports.append(serve(scene_path, stop=stop, begun=lambda _: begun.set()))
+        )
+        thread.start()
+        try:
+            assert begun.wait(PATIENCE_S)
+            with open_publisher(to_changes) as changes:
+
+                def until_parts_are(message, *names, hidden=()):
+                    def is_so():
+                        changes.publish(message)  # again: what is lost is told anew
+                        subscriber.wait(0.05)
+                        known = subscriber.description
+                        return subscriber.part_names == names and known.hidden_parts == hidden
+
+                    wait_until(is_so, f"parts were {names}")
+
+                action = Message(CHANGES, 1)
+                action.records["action"] = PartAction.DESCRIBE
+                until_parts_are(action, "box")
+                assert subscriber.finger_names == ("0", "1")
+                assert subscriber.description.finger_radii == (0.007, 0.007)
+                lid = Message(ADDITIONS, 1)
+                lid.records["name"], lid.records["file"] = b"lid", b"sphere.stl"
+                lid.records["rotation"] = np.eye(3)
+                until_parts_are(lid, "box", "lid")
+                action.records["name"], action.records["action"] = b"box", PartAction.HIDE
+                until_parts_are(action, "box", "lid", hidden=("box",))
+                action.records["action"] = PartAction.REMOVE
+                until_parts_are(action, "lid")
+        finally:
+            stop.set()
+            thread.join(PATIENCE_S)
+    counts = subscriber.counts
+    assert counts.unused == 0
+    assert not reports[0].publish_failures[frames]

@@ -92,6 +92,7 @@ class Page:
     def __init__(self, running, url, *, has_headset=False):
         self.context = running.new_context(viewport=SIZE, device_scale_factor=1, accept_downloads=True)
         self.page = self.context.new_page()
+        self.page.set_default_timeout(1e3 * PATIENCE)
         self.complaints = []
         self.page.on(
             "console", lambda said: self.complaints.append(said.text) if said.type == "error" else None

@@ -1,6 +1,7 @@
 """One finger of a frame, as the cells of a table or in words."""
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -46,7 +47,7 @@ def is_tracked(contacts: np.ndarray) -> np.ndarray:
     return (contacts["flags"] & ContactFlag.TRACKED) != 0
 
 
-def finger_cells(contact: Any, bar_width: int) -> dict[str, Text]:
+def finger_cells(contact: Any, bar_width: int, part_names: Sequence[str] = ()) -> dict[str, Text]:
     """Return the cells of a finger by the names of their columns.
 
     Parameters
@@ -55,6 +56,8 @@ def finger_cells(contact: Any, bar_width: int) -> dict[str, Text]:
         Of a reading.
     bar_width : int
         Cells of the bar.
+    part_names : sequence of str
+        Of the parts that the contact's numbers count; a part without one is shown by its number.
     """
     cells = {
         "finger": Text(str(contact["finger"]), "bold"),
@@ -69,7 +72,7 @@ def finger_cells(contact: Any, bar_width: int) -> dict[str, Text]:
     style = CLOSING_STYLE if math.isfinite(contact["time_to_contact"]) else FREE_STYLE
     return {
         **cells,
-        "part": Text(str(contact["part"]) if contact["part"] >= 0 else NONE),
+        "part": Text(_part(int(contact["part"]), part_names)),
         "distance mm": Text(_distance(lower, upper)),
         "bar": bar(lower, upper, MM_PER_M * predicted, bar_width, style),
         "touch in": Text(_time(contact)),
@@ -85,6 +88,14 @@ def finger_words(contact: Any) -> str:
     soon = _time(contact)
     touch = f", touch in {soon}" if soon not in (NONE, UNKNOWN, "now") else ""
     return f"{contact['finger']}: {_distance(lower, upper)} mm{touch}, {_mode(contact)}"
+
+
+def _part(number: int, names: Sequence[str]) -> str:
+    if number < 0:
+        return NONE
+    # A name is anybody's text: nothing in it may move the cursor.
+    name = "".join(letter for letter in names[number] if letter.isprintable()) if number < len(names) else ""
+    return name or str(number)
 
 
 def _distance(lower: float, upper: float) -> str:

@@ -53,7 +53,11 @@ class Follower:
         if reading.is_new:
             self._came_at = now
         return reading, Seen(
-            self._subscriber.address, counts, self._rate(now, counts.received), now - self._came_at
+            self._subscriber.address,
+            counts,
+            self._rate(now, counts.received),
+            now - self._came_at,
+            self._subscriber.part_names,
         )
 
     def _rate(self, now: float, received: int) -> float:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from rich.cells import cell_len
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
@@ -45,6 +46,8 @@ COLUMNS = {  # and their cells; a space follows each
 }
 NUMBERS = ("finger", "part", "distance mm", "touch in", "closing")
 DRUM_CELLS = 20
+MOST_NAME_CELLS = 16
+"""Of the name of a part; a longer one is cut."""
 DISPENSABLE = ("flags", "mode", "closing", "part")  # in this order, for the sake of the bar
 ENOUGH_BAR = 24
 SMALLEST_BAR = 14
@@ -61,6 +64,7 @@ class Seen:
     counts: Counts
     rate_hz: float  # of frames, over the last second
     silent_s: float  # since the last frame came; since the start, if none did
+    part_names: tuple[str, ...] = ()  # empty: not known, parts are numbered
 
 
 def picture(
@@ -83,14 +87,14 @@ def picture(
     """
     if not len(reading.contacts):
         return Group(*headline(reading, seen, width))
-    columns = _columns(width, has_drums=drums is not None)
+    columns = _columns(width, seen.part_names, has_drums=drums is not None)
     table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
     for name, cells in columns.items():
         title = ruler(cells) if name == "bar" else name
         table.add_column(title, justify="right" if name in NUMBERS else "left", no_wrap=True, width=cells)
     rows = nearest(reading.contacts, row_count)
     for row in rows:
-        shown = finger_cells(reading.contacts[row], columns["bar"])
+        shown = finger_cells(reading.contacts[row], columns["bar"], seen.part_names)
         if drums is not None:
             # A controller that runs beside may not have had its first frame yet.
             shown["drum"] = drums[row] if row < len(drums) else Text("")
@@ -147,9 +151,11 @@ def nearest(contacts: np.ndarray, count: int) -> list[int]:
     return sorted(np.argsort(lower, kind="stable")[:count].tolist())
 
 
-def _columns(width: int, *, has_drums: bool) -> dict[str, int]:
+def _columns(width: int, part_names: Sequence[str], *, has_drums: bool) -> dict[str, int]:
     """The columns that fit, and their cells; the bar gets what is left of the line."""
     columns = COLUMNS | ({"drum": DRUM_CELLS} if has_drums else {})
+    longest = max(map(cell_len, part_names), default=0)
+    columns["part"] = min(max(longest, columns["part"]), MOST_NAME_CELLS)
     for name in DISPENSABLE:
         if width - _cells(columns) < ENOUGH_BAR:
             del columns[name]

@@ -10,17 +10,20 @@ from proximity.kernels.geometry.closest_feature import (
     CLOSEST_POINT,
     CLOSEST_TRIANGLE,
     CLOSEST_WEIGHT,
+    closest_on_triangle,
     height_over,
 )
 from proximity.kernels.geometry.triangle import TINY, cross, dot
-from proximity.kernels.layout import ALL_LANES, FEATURE_EDGE, FEATURE_FACE, FEATURE_VERTEX
+from proximity.kernels.layout import ALL_LANES, FEATURE_EDGE, FEATURE_FACE, FEATURE_VERTEX, LANES
 from proximity.native import inlined, kernel
 from proximity.simd import absolute, bits, load, load_each, select, splat, square_root, store
 
 LANES_FEATURE = CLOSEST_TRIANGLE
 """Columns behind those of `closest_feature` up to the triangle: the feature, and which edge or corner."""
 LANES_WHICH = CLOSEST_TRIANGLE + 1
-LANES_COLUMNS = CLOSEST_TRIANGLE + 2
+LANES_HEIGHT = CLOSEST_TRIANGLE + 2
+"""Height over the plane of the face; of `sides_of_lanes` only."""
+LANES_COLUMNS = CLOSEST_TRIANGLE + 3
 
 
 @inlined
@@ -190,6 +193,49 @@ def _store_point(table, chunk, at, column, point):
     store(table, (column + 2) * chunk + at, point[2])
 
 
+@inlined
+def _triangles(reals, offsets, at):
+    """Corners of eight triangles."""
+    return (
+        _corners(reals, offsets, at, 0),
+        _corners(reals, offsets, at, 3 * LANES),
+        _corners(reals, offsets, at, 6 * LANES),
+    )
+
+
+@inlined
+def _corners(reals, offsets, at, shift):
+    return (
+        load_each(reals, offsets, at, shift),
+        load_each(reals, offsets, at, shift + LANES),
+        load_each(reals, offsets, at, shift + 2 * LANES),
+    )
+
+
+@inlined
+def _features(p, triangle):
+    """Which lanes are over their faces, heights, normals; lengths, arms, features, and the edges' weights."""
+    a, b, c = triangle
+    is_over, height, nx, ny, nz = height_over(*p, *a, *b, *c)
+    length, arm = absolute(height), (nx * height, ny * height, nz * height)
+    feature, which = splat(float(FEATURE_FACE)), splat(0.0)
+    weights = which, which, which
+    if bits(is_over) != ALL_LANES:
+        best_sq, edge_arm, weights, edge_feature, which = _closest_on_edges(p, a, b, c)
+        length = select(is_over, length, square_root(best_sq))
+        arm, feature = _chosen(is_over, arm, edge_arm), select(is_over, feature, edge_feature)
+    return is_over, height, (nx, ny, nz), length, arm, feature, which, weights
+
+
+@inlined
+def _store_feature(table, chunk, at, length, arm, normal, feature, which):
+    store(table, CLOSEST_LENGTH * chunk + at, length)
+    _store_point(table, chunk, at, CLOSEST_ARM, arm)
+    _store_point(table, chunk, at, CLOSEST_NORMAL, normal)
+    store(table, LANES_FEATURE * chunk + at, feature)
+    store(table, LANES_WHICH * chunk + at, which)
+
+
 @kernel
 def closest_of_lanes(reals, offsets, at, local_points, table):
     """Fill what is closest of eight triangles to a point each, local.
@@ -200,30 +246,34 @@ def closest_of_lanes(reals, offsets, at, local_points, table):
     """
     chunk = len(offsets)
     p = load(local_points, at), load(local_points, chunk + at), load(local_points, 2 * chunk + at)
-    a = load_each(reals, offsets, at, 0), load_each(reals, offsets, at, 8), load_each(reals, offsets, at, 16)
-    b = (
-        load_each(reals, offsets, at, 24),
-        load_each(reals, offsets, at, 32),
-        load_each(reals, offsets, at, 40),
-    )
-    c = (
-        load_each(reals, offsets, at, 48),
-        load_each(reals, offsets, at, 56),
-        load_each(reals, offsets, at, 64),
-    )
-    is_over, height, nx, ny, nz = height_over(*p, *a, *b, *c)
-    length, arm = absolute(height), (nx * height, ny * height, nz * height)
-    feature, which = splat(float(FEATURE_FACE)), splat(0.0)
-    weights = _weights_on_face(a, b, c, (nx, ny, nz), (p[0] - arm[0], p[1] - arm[1], p[2] - arm[2]))
-    if bits(is_over) != ALL_LANES:
-        best_sq, edge_arm, edge_weights, edge_feature, edge_which = _closest_on_edges(p, a, b, c)
-        length = select(is_over, length, square_root(best_sq))
-        arm, weights = _chosen(is_over, arm, edge_arm), _chosen(is_over, weights, edge_weights)
-        feature, which = select(is_over, feature, edge_feature), select(is_over, which, edge_which)
-    store(table, CLOSEST_LENGTH * chunk + at, length)
-    _store_point(table, chunk, at, CLOSEST_ARM, arm)
+    a, b, c = _triangles(reals, offsets, at)
+    is_over, height, normal, length, arm, feature, which, edge_weights = _features(p, (a, b, c))
+    foot = p[0] - normal[0] * height, p[1] - normal[1] * height, p[2] - normal[2] * height
+    weights = _chosen(is_over, _weights_on_face(a, b, c, normal, foot), edge_weights)
+    _store_feature(table, chunk, at, length, arm, normal, feature, which)
     _store_point(table, chunk, at, CLOSEST_WEIGHT, weights)
     _store_point(table, chunk, at, CLOSEST_POINT, _weighted(a, b, c, weights))
-    _store_point(table, chunk, at, CLOSEST_NORMAL, (nx, ny, nz))
-    store(table, LANES_FEATURE * chunk + at, feature)
-    store(table, LANES_WHICH * chunk + at, which)
+
+
+@kernel
+def closest_of_row(reals, offsets, k, local_points, table, closest):
+    """Fill one column of *table*, as `closest_of_lanes` fills eight. *closest*: scratch."""
+    chunk = len(offsets)
+    for number in range(9):
+        closest[CLOSEST_TRIANGLE + number] = reals[offsets[k] + LANES * number]
+    feature, which = closest_on_triangle(
+        local_points[k], local_points[chunk + k], local_points[2 * chunk + k], closest
+    )
+    for column in range(CLOSEST_TRIANGLE):
+        table[column * chunk + k] = closest[column]
+    table[LANES_FEATURE * chunk + k], table[LANES_WHICH * chunk + k] = feature, which
+
+
+@kernel
+def sides_of_lanes(reals, offsets, at, local_points, table):
+    """As `closest_of_lanes`, fill what tells the side: heights, but neither weights nor points."""
+    chunk = len(offsets)
+    p = load(local_points, at), load(local_points, chunk + at), load(local_points, 2 * chunk + at)
+    _, height, normal, length, arm, feature, which, _ = _features(p, _triangles(reals, offsets, at))
+    _store_feature(table, chunk, at, length, arm, normal, feature, which)
+    store(table, LANES_HEIGHT * chunk + at, height)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from proximity.kernels.geometry.closest_feature import CLOSEST_SIZE
+from proximity.kernels.geometry.closest_lanes import LANES_COLUMNS
 from proximity.kernels.layout import LANES, NO_PART, NO_SLOT, STACKS_SIZE
 from proximity.kernels.stack_arrays import bundle_here
 from proximity.native import inlined
@@ -44,13 +45,12 @@ class Found(NamedTuple):
     distances: np.ndarray  # (POINT_CHUNK,) float64, signed, m; inf or nan where there is no answer
 
 
-class Heights(NamedTuple):
-    """Points over the faces that are nearest to them."""
+class Features(NamedTuple):
+    """What is closest to each point, of the triangle that is nearest to it."""
 
     offsets: np.ndarray  # (POINT_CHUNK,) int64, see `offset_of`
     local_points: np.ndarray  # (3 * POINT_CHUNK,) float64, local frame, coordinate by coordinate
-    heights: np.ndarray  # (POINT_CHUNK,) float64, local
-    is_over: np.ndarray  # (POINT_CHUNK,) float64, 1 of points with their feet inside the face
+    table: np.ndarray  # (LANES_COLUMNS * POINT_CHUNK,) float64, see `closest_lanes`
 
 
 class Workspace(NamedTuple):
@@ -75,12 +75,11 @@ found_here = bundle_here(
     ("int64", POINT_CHUNK, 2),
     ("float64", POINT_CHUNK),
 )
-heights_here = bundle_here(
-    Heights,
+features_here = bundle_here(
+    Features,
     ("int64", POINT_CHUNK),
     ("float64", 3 * POINT_CHUNK),
-    ("float64", POINT_CHUNK),
-    ("float64", POINT_CHUNK),
+    ("float64", LANES_COLUMNS * POINT_CHUNK),
 )
 workspace_here = bundle_here(
     Workspace,

@@ -5,17 +5,27 @@ What comes after, the deepest of several parts that contain a point, is in `cont
 
 import numpy as np
 
-from proximity.kernels.geometry.closest_lanes import closest_of_lanes
+from proximity.kernels.geometry.closest_feature import CLOSEST_LENGTH
+from proximity.kernels.geometry.closest_lanes import (
+    LANES_FEATURE,
+    LANES_HEIGHT,
+    closest_of_lanes,
+    closest_of_row,
+    sides_of_lanes,
+)
 from proximity.kernels.geometry.frames import LENGTH_ROUNDING, can_be_asked, to_local
 from proximity.kernels.geometry.rows import fetch_row, limit_of
 from proximity.kernels.geometry.triangle import offset_of
-from proximity.kernels.layout import FRAME_SCALE, LANES, NO_PART, NO_SLOT
+from proximity.kernels.layout import FEATURE_FACE, FRAME_SCALE, LANES, NO_PART, NO_SLOT
 from proximity.kernels.point.walk import NOTHING_SEEN, best_of_block
 from proximity.kernels.scene.chunk_tables import POINT_CHUNK
 from proximity.kernels.scene.containment import deepest_of_certain, note_candidates
 from proximity.kernels.scene.nearest_part import nearest_in_scene
-from proximity.kernels.sign.side import has_normals, heights_over, is_beyond, signed_of_slot
+from proximity.kernels.sign.side import closest_of_lane, has_normals, is_beyond
 from proximity.native import inlined
+
+FEWEST_IN_LANES = 4
+"""Points from which on it is sooner to work out eight at a time what is closest."""
 
 
 @inlined
@@ -101,33 +111,29 @@ def nearest_of_chunk(model, chunk, order, reaches, candidates, found, workspace)
 
 
 @inlined
-def signs_of_chunk(model, chunk, candidates, found, heights, workspace):
+def signs_of_chunk(model, chunk, candidates, found, features, workspace):
     """Fill the signed distances of a chunk, m, and turn depths into -1 where nothing contains the point.
 
-    What is over a face, as most is, is worked out for eight points at a time.
+    What is closest is worked out for eight points at a time.
     """
     reals, words, frames, parts = model
-    points, rows, count = chunk
     nearest, depths, _, distances = found
-    offsets, local_points, height, is_over = heights
-    for k in range(POINT_CHUNK):
-        offsets[k] = 0
-        if k < count and nearest[k, 0] != NO_PART:
-            row, slot = rows[k], nearest[k, 1]
-            offsets[k] = offset_of(slot)
-            local_points[k], local_points[POINT_CHUNK + k], local_points[2 * POINT_CHUNK + k] = to_local(
-                frames, parts, nearest[k, 0], points[row, 0], points[row, 1], points[row, 2]
-            )
-    for at in range(0, count, LANES):
-        heights_over(reals, offsets, at, local_points, height, is_over)
-    for k in range(count):
-        part = nearest[k, 0]
+    offsets, local_points, table = features
+    _gather(model, chunk, found, features, False)
+    for at in range(0, chunk.point_count, LANES):
+        sides_of_lanes(reals, offsets, at, local_points, table)
+    for k in range(chunk.point_count):
+        part, slot = nearest[k, 0], nearest[k, 1]
         if part != NO_PART:
             px, py, pz = local_points[k], local_points[POINT_CHUNK + k], local_points[2 * POINT_CHUNK + k]
-            signed = height[k] + 0.0  # never -0.0
-            slot = nearest[k, 1]
-            if is_over[k] == 0.0 or is_beyond(px, py, pz) or not has_normals(words, parts, part, slot):
-                signed = signed_of_slot(reals, words, parts, part, slot, px, py, pz, workspace.closest)
+            signed = table[LANES_HEIGHT * POINT_CHUNK + k] + 0.0  # never -0.0
+            is_over = table[LANES_FEATURE * POINT_CHUNK + k] == FEATURE_FACE
+            if not is_over or is_beyond(px, py, pz) or not has_normals(words, parts, part, slot):
+                _, _, inside = closest_of_lane(
+                    reals, words, parts, part, slot, px, py, pz, table, k, workspace.closest
+                )
+                length = workspace.closest[CLOSEST_LENGTH]
+                signed = -length if inside else length
             if candidates.certain[k]:
                 signed = -abs(signed)
             elif not signed < 0.0:
@@ -136,23 +142,34 @@ def signs_of_chunk(model, chunk, candidates, found, heights, workspace):
 
 
 @inlined
-def closest_of_chunk(model, chunk, found, heights, table):
-    """Fill *table* with what is closest to each point of a chunk, see `closest_of_lanes`.
+def closest_of_chunk(model, chunk, found, features, workspace):
+    """Fill what is closest to each point of a chunk, see `closest_of_lanes`.
 
     That is in the part which contains it deepest, if any does, or else in the nearest one.
     """
-    reals, _, frames, parts = model
+    offsets, local_points, table = features
+    _gather(model, chunk, found, features, len(model.parts) > 2)
+    if chunk.point_count < FEWEST_IN_LANES:
+        for k in range(chunk.point_count):
+            closest_of_row(model.reals, offsets, k, local_points, table, workspace.closest)
+        return
+    for at in range(0, chunk.point_count, LANES):
+        closest_of_lanes(model.reals, offsets, at, local_points, table)
+
+
+@inlined
+def _gather(model, chunk, found, features, are_deeper):
+    """Fill where the nearest triangles are, or those of deeper parts, and the points in their frames."""
+    _, _, frames, parts = model
     points, rows, count = chunk
-    offsets, local_points, _, _ = heights
-    for k in range(POINT_CHUNK):
+    offsets, local_points, _ = features
+    for k in range(-(-count // LANES) * LANES):
         offsets[k] = 0
         if k < count and found.nearest[k, 0] != NO_PART:
             row, part, slot = rows[k], found.nearest[k, 0], found.nearest[k, 1]
-            if len(parts) > 2 and found.deeper[k, 0] != NO_PART:
+            if are_deeper and found.deeper[k, 0] != NO_PART:
                 part, slot = found.deeper[k, 0], found.deeper[k, 1]
             offsets[k] = offset_of(slot)
             local_points[k], local_points[POINT_CHUNK + k], local_points[2 * POINT_CHUNK + k] = to_local(
                 frames, parts, part, points[row, 0], points[row, 1], points[row, 2]
             )
-    for at in range(0, count, LANES):
-        closest_of_lanes(reals, offsets, at, local_points, table)

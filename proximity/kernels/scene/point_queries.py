@@ -20,7 +20,6 @@ from proximity.kernels.geometry.closest_feature import (
     CLOSEST_SIZE,
     CLOSEST_WEIGHT,
 )
-from proximity.kernels.geometry.closest_lanes import LANES_COLUMNS
 from proximity.kernels.geometry.frames import can_be_asked, is_alone, to_local, to_scene, turn_to_scene
 from proximity.kernels.geometry.rows import fetch_row, limit_of
 from proximity.kernels.layout import (
@@ -42,9 +41,9 @@ from proximity.kernels.scene.chunk_tables import (
     Chunk,
     begin,
     candidates_here,
+    features_here,
     forget,
     found_here,
-    heights_here,
     workspace_here,
 )
 from proximity.kernels.scene.containment import deepest_of_chunk, is_contained
@@ -78,7 +77,6 @@ POINT_ANSWER_IS_SIGNED = POINT_ANSWER_PART + 3
 POINT_ANSWER_WIDTH = POINT_ANSWER_REALS + 2
 """float64 that a row takes in all."""
 
-TABLE_SIZE = LANES_COLUMNS * POINT_CHUNK
 NO_INSIDE = 0
 """Returned by `contains_batch` where no part has an inside."""
 
@@ -130,7 +128,12 @@ def signed_batch(model, points, order, limits, distances):
         signed_alone(model, points, distances)
         return NO_ROW
     rows, reaches, no_limits = longs_here(POINT_CHUNK), reals_here(POINT_CHUNK), reals_here(0)
-    candidates, found, heights, workspace = candidates_here(), found_here(), heights_here(), workspace_here()
+    candidates, found, features, workspace = (
+        candidates_here(),
+        found_here(),
+        features_here(),
+        workspace_here(),
+    )
     for k in range(POINT_CHUNK):
         reaches[k] = np.inf
     begin(found, workspace)
@@ -139,7 +142,7 @@ def signed_batch(model, points, order, limits, distances):
         chunk = Chunk(points, rows, min(POINT_CHUNK, total - first))
         pair_count = begin_chunk(model, chunk, order, first, no_limits, reaches, candidates, found, workspace)
         nearest_of_chunk(model, chunk, order, reaches, candidates, found, workspace)
-        signs_of_chunk(model, chunk, candidates, found, heights, workspace)
+        signs_of_chunk(model, chunk, candidates, found, features, workspace)
         if len(parts) > 2:
             deepest_of_chunk(model, chunk, candidates, pair_count, found, workspace)
             for k in range(chunk.point_count):
@@ -160,18 +163,23 @@ def closest_batch(model, points, order, limits, answers):
     reals, words, frames, parts = model
     choices = answers.view(np.int32)
     rows, reaches = longs_here(POINT_CHUNK), reals_here(POINT_CHUNK)
-    candidates, found, heights, workspace = candidates_here(), found_here(), heights_here(), workspace_here()
+    candidates, found, features, workspace = (
+        candidates_here(),
+        found_here(),
+        features_here(),
+        workspace_here(),
+    )
     begin(found, workspace)
-    closest, local, table = workspace.closest, heights.local_points, reals_here(TABLE_SIZE)
+    closest, local, table = workspace.closest, features.local_points, features.table
     total = len(order) if len(order) else len(points)
     for first in range(0, total, POINT_CHUNK):
         chunk = Chunk(points, rows, min(POINT_CHUNK, total - first))
         pair_count = begin_chunk(model, chunk, order, first, limits, reaches, candidates, found, workspace)
         nearest_of_chunk(model, chunk, order, reaches, candidates, found, workspace)
         if len(parts) > 2:
-            signs_of_chunk(model, chunk, candidates, found, heights, workspace)
+            signs_of_chunk(model, chunk, candidates, found, features, workspace)
             deepest_of_chunk(model, chunk, candidates, pair_count, found, workspace)
-        closest_of_chunk(model, chunk, found, heights, table)
+        closest_of_chunk(model, chunk, found, features, workspace)
         for k in range(chunk.point_count):
             row, part, slot = rows[k], found.nearest[k, 0], found.nearest[k, 1]
             if part == NO_PART:

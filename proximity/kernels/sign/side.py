@@ -8,7 +8,6 @@ from proximity.kernels.geometry.closest_feature import (
     CLOSEST_NORMAL,
     CLOSEST_TRIANGLE,
     closest_on_triangle,
-    height_over,
     over_face,
     pseudo_normal,
     read_corners,
@@ -27,7 +26,7 @@ from proximity.kernels.layout import (
 from proximity.kernels.sign.folded_faces import is_folded
 from proximity.kernels.sign.winding_number import winding_number
 from proximity.native import inlined
-from proximity.simd import load, load_each, load_int, select, splat, store
+from proximity.simd import load_int
 
 LEAST_SIDE_SINE = 1e-6
 """Sine of the angle between the direction to the closest point and the plane across the pseudo-normal below
@@ -108,29 +107,3 @@ def signed_of_slot(reals, words, parts, part, slot, px, py, pz, closest):
             return height + 0.0  # never -0.0
     _, _, inside = closest_of_slot(reals, words, parts, part, slot, px, py, pz, closest)
     return -closest[CLOSEST_LENGTH] if inside else closest[CLOSEST_LENGTH]
-
-
-@inlined
-def heights_over(reals, offsets, at, local_points, heights, feet):
-    """Height over eight triangles, local, of points with their feet inside; whether they have them there.
-
-    *offsets* (N,): the first number of each triangle. *local_points* (3 N,): the points, local, coordinate by
-    coordinate. Columns *at* to *at* + 7 of *heights* and *feet* (N,) are filled; feet: 1, or 0 for elsewhere.
-    """
-    chunk = len(heights)
-    is_over, height, _, _, _ = height_over(
-        load(local_points, at),
-        load(local_points, chunk + at),
-        load(local_points, 2 * chunk + at),
-        load_each(reals, offsets, at, 0),
-        load_each(reals, offsets, at, 8),
-        load_each(reals, offsets, at, 16),
-        load_each(reals, offsets, at, 24),
-        load_each(reals, offsets, at, 32),
-        load_each(reals, offsets, at, 40),
-        load_each(reals, offsets, at, 48),
-        load_each(reals, offsets, at, 56),
-        load_each(reals, offsets, at, 64),
-    )
-    store(heights, at, height)
-    store(feet, at, select(is_over, splat(1.0), splat(0.0)))

@@ -3,7 +3,9 @@
 What cannot be made is an error with the line that asked for it.
 """
 
+import math
 import os
+from collections.abc import Sequence
 from dataclasses import fields, replace
 from typing import Any
 
@@ -18,6 +20,9 @@ from proximity.tracker.replay import fitted_pose, turn_about_axes
 from proximity.tracker.tracker import Tracker
 
 DEFAULT_FINGERS = 5
+TWO_HANDS = 10
+NOT_OF_TRACKER = ("count", "names")
+"""Settings of fingers that no tracker is given."""
 
 
 class PartFiles:
@@ -79,7 +84,7 @@ def stamp_of(path: str) -> tuple[int, ...] | None:
 
 
 def finger_count(settings: SceneFile, recording: Recording | None) -> int:
-    """Return how many fingers there are: as the file says, as a recording has, or five.
+    """Return how many fingers there are: as the file says, as a recording has, ten with OpenXR, or five.
 
     Raises
     ------
@@ -88,13 +93,48 @@ def finger_count(settings: SceneFile, recording: Recording | None) -> int:
     """
     count = settings.fingers.count
     if recording is None:
-        return DEFAULT_FINGERS if count is None else count
+        default = DEFAULT_FINGERS if settings.input.openxr is None else TWO_HANDS
+        return default if count is None else count
     if count not in (None, len(recording.fingers)):
         raise settings.error(
             ("fingers", "count"),
             f"fingers.count is {count}, expected {len(recording.fingers)}, as {recording.path} has",
         )
     return len(recording.fingers)
+
+
+def finger_names(settings: SceneFile, recording: Recording | None, count: int) -> tuple[str, ...]:
+    """Return the names of fingers: as the file says, as a recording has them, or their numbers.
+
+    Parameters
+    ----------
+    settings : SceneFile
+        What was asked for.
+    recording : Recording
+        That is the input; None: it is another.
+    count : int
+        Of fingers.
+    """
+    names = settings.fingers.names
+    if names is not None:
+        return names
+    if recording is not None:
+        return tuple(recording.finger_name(row) for row in range(count))
+    return tuple(map(str, range(count)))
+
+
+def finger_radii(settings: SceneFile, count: int) -> tuple[float, ...]:
+    """Return the radii of fingertips, m; nan where a sensor measures.
+
+    Parameters
+    ----------
+    settings : SceneFile
+        What was asked for.
+    count : int
+        Of fingers.
+    """
+    radius = math.nan if settings.input.sensor is not None else settings.fingers.radius
+    return radius if isinstance(radius, tuple) else (radius,) * count
 
 
 def make_tracker(settings: SceneFile, scene: Scene, count: int) -> Tracker:
@@ -115,7 +155,9 @@ def make_tracker(settings: SceneFile, scene: Scene, count: int) -> Tracker:
         If it cannot be.
     """
     reported = {one.name: getattr(settings.fingers, one.name) for one in fields(FingerSettings)}
-    reported = {name: value for name, value in reported.items() if value is not None and name != "count"}
+    reported = {
+        name: value for name, value in reported.items() if value is not None and name not in NOT_OF_TRACKER
+    }
     service = settings.service
     try:
         return Tracker(scene, fingers=count, period=service.period, latency=service.latency, **reported)
@@ -163,15 +205,22 @@ def place_recording(settings: SceneFile, recording: Recording, scene: Scene) -> 
         raise settings.error(("input", "recording"), f"input.recording: {unusable}") from unusable
 
 
-def _placed(entry: PartEntry, loaded: tuple[Part, ...]) -> list[Part]:
-    """The parts of a file under their names, where the entry puts them."""
-    world_from_file = Pose(turn_about_axes(entry.turn_degrees), entry.position)
+def placed_parts(loaded: Sequence[Part], name: str | None, world_from_file: Pose) -> list[Part]:
+    """Return the parts of a file under their names, where they are put.
+
+    Parameters
+    ----------
+    loaded : sequence of Part
+        As the file has them.
+    name : str
+        Of the only part, or before those of several; None: as in the file.
+    world_from_file : Pose
+        Where the file's origin is.
+    """
     parts = []
     for part in loaded:
-        name = part.name
-        if entry.name is not None:
-            name = entry.name if len(loaded) == 1 else f"{entry.name}/{part.name}"
-        part = replace(part, name=name)
+        if name is not None:
+            part = replace(part, name=name if len(loaded) == 1 else f"{name}/{part.name}")
         if not world_from_file.is_identity:
             part = replace(
                 part,
@@ -179,10 +228,16 @@ def _placed(entry: PartEntry, loaded: tuple[Part, ...]) -> list[Part]:
                 velocity=world_from_file.rotation @ part.velocity,
                 angular_velocity=world_from_file.rotation @ part.angular_velocity,
             )
-        if entry.kind is not None:
-            part = replace(part, stiffness=entry.stiffness, damping=entry.damping)
         parts.append(part)
     return parts
+
+
+def _placed(entry: PartEntry, loaded: tuple[Part, ...]) -> list[Part]:
+    """The parts of an entry's file, as it says."""
+    parts = placed_parts(loaded, entry.name, Pose(turn_about_axes(entry.turn_degrees), entry.position))
+    if entry.kind is None:
+        return parts
+    return [replace(part, stiffness=entry.stiffness, damping=entry.damping) for part in parts]
 
 
 def _taken(settings: SceneFile, index: int, name: str, earlier: int) -> ServiceError:

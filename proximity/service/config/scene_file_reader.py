@@ -15,6 +15,7 @@ from proximity.service.config.settings import (
     FingerSettings,
     GloveSettings,
     InputSettings,
+    OpenXrEntry,
     PartEntry,
     RecordingEntry,
     SceneFile,
@@ -32,11 +33,12 @@ SERVICE_KEYS = ("rate_hz", "latency", "valid_for", "publish", "log", "real_time"
 TRACKER_KEYS = (
     "radius", "budget", "working_range", "tolerance", "horizon", "max_speed", "max_acceleration",
 )  # fmt: skip
-FINGER_KEYS = ("count", *TRACKER_KEYS)
+FINGER_KEYS = ("count", "names", *TRACKER_KEYS)
 PART_KEYS = ("file", "units", "name", "position", "turn_degrees", "kind", "stiffness", "damping")
-SOURCES = ("recording", "poses", "sensor")
+SOURCES = ("recording", "openxr", "poses", "sensor")
 RECORDING_KEYS = ("repeat", "fast", "fit", "position", "turn_degrees", "scale")
-INPUT_KEYS = (*SOURCES, "moves", *RECORDING_KEYS)
+PLACE_KEYS = ("position", "turn_degrees")  # of a recording and of OpenXR
+INPUT_KEYS = (*SOURCES, "moves", "changes", "parts_from", *RECORDING_KEYS)
 GLOVE_KEYS = ("calibration", "max_age_days")
 WEB_KEYS = ("feed",)
 
@@ -144,7 +146,10 @@ class _Reader:
     def fingers(self) -> FingerSettings:
         """The fingertips."""
         table, default = self._table("fingers", FINGER_KEYS), FingerSettings()
-        count = table.whole("count", None, COUNT_RANGE)
+        names = table.texts("names", None, meaning="what a finger is called")
+        count = table.whole("count", None if names is None else len(names), COUNT_RANGE)
+        if names is not None and len(names) != count:
+            table.complain("names", f"has {len(names)} names, expected {count}, as fingers.count says")
         for key in TRACKER_KEYS:
             if self._is_measured and table.has(key):
                 table.complain(key, WITHOUT_GEOMETRY)
@@ -159,6 +164,7 @@ class _Reader:
                 table.complain(key, f"is {too_long(length, most)}")
         return FingerSettings(
             count=count,
+            names=names,
             radius=radius,
             budget=table.whole("budget", None, BUDGETS),
             working_range=working_range,
@@ -207,13 +213,18 @@ class _Reader:
                 more, f"stands beside input.{declared[0]}, expected only one of {_either(SOURCES)}"
             )
         for key in RECORDING_KEYS:
+            if key in PLACE_KEYS and "openxr" in declared:
+                continue
             if table.has(key) and "recording" not in declared:
                 table.complain(key, "is of a recording, and there is no input.recording")
         return InputSettings(
             recording=self._recording(table) if table.has("recording") else None,
+            openxr=self._openxr(table) if table.has("openxr") else None,
             poses=self._address(table, "poses"),
             sensor=self._address(table, "sensor"),
             moves=self._address(table, "moves"),
+            changes=self._address(table, "changes"),
+            parts_from=self._folders(table, "parts_from"),
         )
 
     def glove(self) -> GloveSettings | None:
@@ -274,6 +285,15 @@ class _Reader:
             scale=table.number("scale", 1.0, SCALES),
         )
 
+    def _openxr(self, table: Table) -> OpenXrEntry:
+        default = OpenXrEntry()
+        if not table.truth("openxr", True):
+            table.complain("openxr", "is false, expected true, or another source of poses")
+        return OpenXrEntry(
+            position=table.numbers("position", default.position, 3, COORDINATE_RANGE),
+            turn_degrees=table.numbers("turn_degrees", default.turn_degrees, 3, ANGLES),
+        )
+
     def _table(self, name: str, known: tuple[str, ...]) -> Table:
         return Table(self._document, (name,), self._document.data.get(name, {}), known)
 
@@ -288,6 +308,18 @@ class _Reader:
             is_folder = "is a folder" if os.path.isdir(path) else "is not there"
             table.complain(key, f"is {named!r}, but {path} {is_folder}, expected {what}")
         return path
+
+    def _folders(self, table: Table, key: str) -> tuple[str, ...]:
+        """Folders that are there."""
+        named = table.texts(key, (), meaning="a folder of parts that messages may add")
+        if named and not table.has("changes"):
+            table.complain(key, "is of messages that add parts, and there is no input.changes")
+        folders = tuple(str(self._from_here(each)) for each in named)
+        for each, folder in zip(named, folders, strict=True):
+            if not os.path.isdir(folder):
+                what = "is a file" if os.path.exists(folder) else "is not there"
+                table.complain(key, f"is {each!r}, but {folder} {what}, expected a folder")
+        return folders
 
     def _address(self, table: Table, key: str) -> str | None:
         address = table.text(key, None, meaning="an address such as iox2://NAME")
@@ -321,9 +353,10 @@ def _as_in_toml(value: Any) -> Any:
 def _check_together(settings: SceneFile) -> None:
     """Complain of what does not fit together, though each of it could be."""
     inputs, complain = settings.input, settings.document.complain
-    if inputs.moves is not None and inputs.sensor is not None:
-        complain(("input", "moves"), f"input.moves {WITHOUT_GEOMETRY}")
-    for key in ("poses", "sensor", "moves"):
+    for key in ("moves", "changes"):
+        if getattr(inputs, key) is not None and inputs.sensor is not None:
+            complain(("input", key), f"input.{key} {WITHOUT_GEOMETRY}")
+    for key in ("poses", "sensor", "moves", "changes"):
         address = getattr(inputs, key)
         if address is not None and address in settings.service.publish:
             complain(("input", key), f"input.{key} is {address}, where frames are published")
@@ -333,8 +366,9 @@ def _check_together(settings: SceneFile) -> None:
         )
     if settings.glove is not None and inputs.poses is None:
         complain(("glove",), "[glove] is of a hand whose poses come in, and there is no input.poses")
-    if inputs.poses is not None and inputs.poses == inputs.moves:
-        complain(("input", "moves"), "input.moves is input.poses, expected another address")
+    for key, other in (("moves", "poses"), ("changes", "poses"), ("changes", "moves")):
+        if getattr(inputs, key) is not None and getattr(inputs, key) == getattr(inputs, other):
+            complain(("input", key), f"input.{key} is input.{other}, expected another address")
 
 
 def _either(words: tuple[str, ...]) -> str:

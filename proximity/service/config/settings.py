@@ -34,7 +34,7 @@ class ServiceSettings:
 class FingerSettings:
     """The fingertips, and what a tracker is given besides; None: its own default."""
 
-    count: int | None = None  # None: as many as a recording has, else five
+    count: int | None = None  # None: as many as there are names, as a recording has, else five
     radius: float | tuple[float, ...] = 0.007  # m, one for all or one each
     budget: int | None = None
     working_range: float | None = None  # m
@@ -42,6 +42,7 @@ class FingerSettings:
     horizon: float | None = None  # s
     max_speed: float | None = None  # m/s
     max_acceleration: float | None = None  # m/s²
+    names: tuple[str, ...] | None = None  # None: as a recording has them, else numbers
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,13 +73,24 @@ class RecordingEntry:
 
 
 @dataclass(frozen=True, slots=True)
+class OpenXrEntry:
+    """Hands that OpenXR tracks, and where its origin is in the scene."""
+
+    position: Vector = ORIGIN  # m
+    turn_degrees: Vector = (90.0, 0.0, 0.0)  # y up becomes z up
+
+
+@dataclass(frozen=True, slots=True)
 class InputSettings:
-    """Source of poses: exactly one of the first three."""
+    """Source of poses: exactly one of the first four."""
 
     recording: RecordingEntry | None = None
+    openxr: OpenXrEntry | None = None
     poses: str | None = None  # address
     sensor: str | None = None  # address: distances are measured, there is no geometry
     moves: str | None = None  # address: parts move
+    changes: str | None = None  # address: parts are hidden, shown, removed, added, deformed
+    parts_from: tuple[str, ...] = ()  # folders that parts may be added from; none: they may not be added
 
 
 @dataclass(frozen=True, slots=True)

@@ -38,6 +38,11 @@ class SceneReloader:
         self._made, self._settings, self._overrides, self._say = made, settings, overrides, say
         self._looked_at = self._seen = _stamps(settings)
 
+    @property
+    def settings(self) -> SceneFile:
+        """The scene file as it is served at present."""
+        return self._settings
+
     def look(self) -> None:
         """Take an edit, if there is one that the look before has seen already: it is not half-written."""
         seen = {path: stamp_of(path) for path in self._seen}
@@ -64,7 +69,7 @@ class SceneReloader:
             return f"{settings.path} was edited, to no effect"
         scene = self._made.files.scene(settings)
         tracker = make_tracker(settings, scene, self._made.count)
-        self._made.service.replace(TrackerAnswers(tracker, self._made.moves))
+        self._made.service.replace(TrackerAnswers(tracker, self._made.moves, self._made.changes))
         self._settings = settings
         self._seen = self._looked_at = {path: self._looked_at[path] for path in _stamps(settings)}
         return f"{settings.path} was edited: {scene} is served, after {time.monotonic() - started:.1f} s"
@@ -91,6 +96,7 @@ def _fixed(settings: SceneFile) -> dict[Path, Any]:
     reported: dict[Path, Any] = {("service", key): value for key, value in asdict(settings.service).items()}
     del reported["service", "latency"]
     reported["fingers", "count"] = settings.fingers.count
+    reported["fingers", "names"] = settings.fingers.names
     source = asdict(settings.input)
     recorded = source.pop("recording") or {}
     source["recording"] = recorded.pop("file", None)

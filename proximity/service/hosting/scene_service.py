@@ -3,17 +3,20 @@
 import logging
 import os
 import threading
+import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from queue import Empty, SimpleQueue
 from typing import Any
 
 from proximity.checks.numbers import whole
 from proximity.errors import ServiceError
-from proximity.service import Report
+from proximity.service import Report, Request
 from proximity.service.config import SceneFile, override, read_scene_file
 from proximity.service.hosting.announcements import guarded, warnings_of_loop_to
 from proximity.service.hosting.durations import checked_seconds
+from proximity.service.hosting.part_changes import PartChanger
 from proximity.service.hosting.scene_reload import SceneReloader
 from proximity.service.hosting.service_assembly import Made, make_service
 from proximity.system.stop_signals import stopped_by_signals
@@ -107,7 +110,7 @@ def serve(
 
 
 class _Beside:
-    """The thread beside the loop: tells that it has begun, looks for edits, ends it in time.
+    """The thread beside the loop: tells that it has begun, adds and removes parts, looks for edits, ends it.
 
     It is made before the loop asks the system for priority and a core: threads inherit these.
     """
@@ -125,6 +128,9 @@ class _Beside:
         self._made, self._settings, self._stop = made, settings, stop
         self._seconds, self._begun = seconds, begun
         self._reloader = SceneReloader(made, settings, overrides, say)
+        self._changer = PartChanger(made.service, lambda: self._reloader.settings)
+        changes = made.changes
+        self._requests: SimpleQueue[Request | None] = SimpleQueue() if changes is None else changes.requests
         self._over = threading.Event()
         self._timer: threading.Timer | None = None
         self._failure: BaseException | None = None
@@ -138,6 +144,7 @@ class _Beside:
             yield
         finally:
             self._over.set()
+            self._requests.put(None)  # wakes it
             thread.join(ANNOUNCE_AFTER_S)
             if self._timer is not None:
                 self._timer.cancel()
@@ -159,8 +166,15 @@ class _Beside:
             self._timer = threading.Timer(self._seconds, self._stop.set)
             self._timer.daemon = True
             self._timer.start()
-        while not self._over.wait(LOOK_S):
-            self._reloader.look()
+        look_at = time.monotonic() + LOOK_S
+        while not self._over.is_set():
+            with suppress(Empty):
+                request = self._requests.get(timeout=max(look_at - time.monotonic(), 0.0))
+                if request is not None:
+                    self._changer.carry_out(request)
+            if time.monotonic() >= look_at and not self._over.is_set():
+                self._reloader.look()
+                look_at = time.monotonic() + LOOK_S
 
     def _wait_for_begin(self) -> None:
         service = self._made.service

@@ -2,15 +2,20 @@
 
 from contextlib import ExitStack
 from dataclasses import dataclass
+from queue import SimpleQueue
 
 from proximity.errors import RecordingError
+from proximity.pose import Pose
 from proximity.recording import FrameLog, Recording
 from proximity.scene.scene import Scene
 from proximity.service import (
     Answering,
+    ChangesInput,
     Clock,
+    Describer,
     MonotonicClock,
     MovesInput,
+    OpenXrInput,
     PoseInput,
     RealTime,
     RecordingInput,
@@ -25,11 +30,14 @@ from proximity.service.config import (
     PartFiles,
     SceneFile,
     finger_count,
+    finger_names,
+    finger_radii,
     make_tracker,
     place_recording,
     read_input,
 )
 from proximity.service.hosting.glove_calibrations import read_gloves
+from proximity.tracker.replay import turn_about_axes
 from proximity.transport import open_publisher
 
 
@@ -41,6 +49,7 @@ class Made:
     files: PartFiles  # of the parts
     scene: Scene | None  # None: a sensor measures
     moves: MovesInput | None
+    changes: ChangesInput | None
     count: int  # of fingers
 
 
@@ -71,11 +80,15 @@ def make_service(settings: SceneFile) -> Made:
         moves = None
         if settings.input.moves is not None:
             moves = MovesInput(settings.input.moves, skipped=lambda: clock.skipped_ns)
+        describer = Describer(finger_names(settings, recording, count), finger_radii(settings, count))
+        changes = None
+        if settings.input.changes is not None:
+            changes = ChangesInput(settings.input.changes, SimpleQueue(), describer.ask)
         answering: Answering
         if scene is None:
             answering = SensorAnswers(count, latency=service.latency)
         else:
-            answering = TrackerAnswers(make_tracker(settings, scene, count), moves)
+            answering = TrackerAnswers(make_tracker(settings, scene, count), moves, changes)
         opened.callback(answering.close)
         loop = Service(
             answering,
@@ -86,15 +99,19 @@ def make_service(settings: SceneFile) -> Made:
             clock=clock,
             log=log,
             real_time=RealTime(core=service.core) if service.real_time else None,
+            describer=describer,
         )
         opened.pop_all()  # closed by the loop from here on
-    return Made(loop, files, scene, moves, count)
+    return Made(loop, files, scene, moves, changes, count)
 
 
 def _input(settings: SceneFile, recording: Recording | None, scene: Scene | None, count: int) -> PoseInput:
     source = settings.input
     if source.poses is not None:
         return StreamInput(source.poses, count, gloves=read_gloves(settings, count))
+    if source.openxr is not None:
+        pose = Pose(turn_about_axes(source.openxr.turn_degrees), source.openxr.position)
+        return OpenXrInput(pose, count)
     if source.sensor is not None:
         return SensorInput(source.sensor, count)
     assert recording is not None and scene is not None and source.recording is not None

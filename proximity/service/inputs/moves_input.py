@@ -139,7 +139,7 @@ class MovesInput:
         if len(rows) < len(names):
             names, records, pose_ns = [names[row] for row in rows], records[rows], pose_ns[rows]
         matrices = np.zeros((len(names), 4, 4))
-        matrices[:, :3, :3] = _nearest_rotations(records["rotation"])
+        matrices[:, :3, :3] = nearest_rotations(records["rotation"])
         matrices[:, :3, 3] = records["translation"]
         matrices[:, 3, 3] = 1.0
         velocities = np.nan_to_num(records["velocity"], posinf=np.inf, neginf=-np.inf)
@@ -258,7 +258,7 @@ def _instant_of(poses: FingerPoses | None, now_ns: int) -> int:
     return int(poses.pose_ns[is_there].max()) if is_there.any() else now_ns
 
 
-def _nearest_rotations(rotations: np.ndarray) -> np.ndarray:
+def nearest_rotations(rotations: np.ndarray) -> np.ndarray:
     """Rotations (K, 3, 3) of which those that are off by single precision are made exact."""
     with np.errstate(over="ignore", invalid="ignore"):  # whatever a sender tells
         off = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2), initial=0.0)

@@ -33,6 +33,8 @@ class Reception:
         Which are expected.
     clock : callable
         Gives now, ns, monotonic.
+    is_timed : bool
+        Whether instants in the messages matter: then a clock elsewhere must be known before they are given.
 
     Raises
     ------
@@ -41,14 +43,19 @@ class Reception:
     """
 
     def __init__(
-        self, address: str, kinds: Sequence[Kind], clock: Callable[[], int] = time.monotonic_ns
+        self,
+        address: str,
+        kinds: Sequence[Kind],
+        clock: Callable[[], int] = time.monotonic_ns,
+        *,
+        is_timed: bool = True,
     ) -> None:
         self.address = address
         self._inlet = open_inlet(address)
         self._examiner = Examiner(
             self._inlet, kinds, clock, most_at_once=MOST_AT_ONCE, most_flawed=MOST_FLAWED
         )
-        self._foreign = None if self._inlet.shares_clock else ForeignClock()
+        self._foreign = ForeignClock() if is_timed and not self._inlet.shares_clock else None
         self._has_warned_of_key = False
         self._failures = 0
         self._first_failure = ""

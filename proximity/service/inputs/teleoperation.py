@@ -10,6 +10,7 @@ from proximity.errors import ServiceError
 from proximity.kernels.tracking.motion import MAX_ACCELERATION, MAX_SPEED, MOTION_INTS, MOTION_REALS
 from proximity.message import CONTACT, ContactFlag, Mode, Source, Surface
 from proximity.service import finger_kernels
+from proximity.service.description import PartLabels
 from proximity.service.inputs.sensor import Measurements
 from proximity.system.time_units import NS_PER_S
 from proximity.tracker.tracker import HORIZON
@@ -85,6 +86,10 @@ class SensorAnswers:
         self._contacts["finger"] = np.arange(count)
         self._contacts["source"] = self.source
         self._unknown = self._bytes.copy()
+
+    def labels(self) -> PartLabels:
+        """Return that there are no parts."""
+        return (), np.zeros(0, bool)
 
     def new_samples(self) -> Measurements:
         """Make room for measurements."""

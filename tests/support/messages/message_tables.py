@@ -3,7 +3,8 @@
 What it prints is the end of that page; a test compares.
 """
 
-from proximity.message.c_header import ENUMS, RECORDS, c_type, meanings_of
+from proximity.message import Message
+from proximity.message.c_header import ENUMS, KINDS, RECORDS, c_type, meanings_of
 from proximity.message.envelope import PREFIX_FIELDS
 
 TITLES = {
@@ -16,6 +17,11 @@ TITLES = {
     "glove_pose": "A finger of a `glove_poses` message",
     "move": "A part of a `moves` message",
     "measurement": "A finger of a `measured` message",
+    "change": "A part of a `changes` message",
+    "addition": "A file of an `additions` message",
+    "deformation": "Up to 64 vertices of the one part of a `deformations` message",
+    "description_header": "The header of a `description` goes on with",
+    "label": "A part or finger of a `description`",
 }
 ENUM_TITLES = {
     "flag": "`ContactFlag`, bits of `flags`",
@@ -23,12 +29,26 @@ ENUM_TITLES = {
     "source": "`Source`",
     "surface": "`Surface`",
     "mode": "`Mode`",
+    "part_action": "`PartAction`",
 }
 
 
 def tables():
     """The text of all tables, as Markdown."""
-    return "\n\n".join([*map(_record, RECORDS), *map(_enum, ENUMS)]) + "\n"
+    return "\n\n".join([*map(_record, RECORDS), *map(_enum, ENUMS), _vectors()]) + "\n"
+
+
+def example(kind):
+    """A message of one record, filled as the table of examples says, and sealed."""
+    message = Message(kind, 1)
+    message.header[kind.sent] = 3
+    if "name" in kind.record.names:
+        message.records["name"] = b"lid"
+    for name, (field, _) in kind.record.fields.items():
+        if field.base.kind == "f":
+            message.records[name] = 0.5
+    message.seal(1, 2)
+    return message
 
 
 def _record(name):
@@ -49,6 +69,25 @@ def _enum(name):
         for member in ENUMS[name]
     ]
     return "\n".join([f"| {ENUM_TITLES[name]} | | |", "|---|---|---|", *rows])
+
+
+def _vectors():
+    rows = [
+        f"| `{kind.name}` | {len(message.data)} | `0x{int(message.header['checksum']):08x}` |"
+        for kind in KINDS
+        for message in [example(kind)]
+    ]
+    return "\n".join(
+        [
+            "To try a program of your own: a message of one record, with session 1, sequence 2, "
+            "`publish_ns` or `send_ns` 3, the",
+            "name `lid` where a record has a name, 0.5 for each double, and zeros for all else but `count`.",
+            "",
+            "| Such a message | bytes | checksum |",
+            "|---|---|---|",
+            *rows,
+        ]
+    )
 
 
 if __name__ == "__main__":

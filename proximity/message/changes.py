@@ -1,0 +1,64 @@
+"""Changes of a served scene: parts that are hidden, shown, removed, added or deformed by another program.
+
+They travel as the other inputs of a service do. A part is named, not numbered: numbers change with the epoch,
+names do not. What one message says is done as a whole or, if some of it cannot be, not at all.
+"""
+
+from enum import IntEnum
+
+from proximity.message.envelope import Kind
+from proximity.message.fields import VECTOR, Field, dtype_of, reserved
+from proximity.message.inputs import INPUT_HEADER
+
+NAME_BYTES = 64
+"""Of the name of a part or finger, in UTF-8. A part with a longer name cannot be changed by messages."""
+BLOCK_VERTICES = 64
+"""Vertices in a record of a ``deformations`` message. Over UDP a message has 40 records at most, which are
+2560 vertices; elsewhere 4096, which are 262 144."""
+
+
+class PartAction(IntEnum):
+    """What is to be done."""
+
+    HIDE = 0
+    """No question finds the part until it is shown."""
+    SHOW = 1
+    """Questions find the part again."""
+    REMOVE = 2
+    """The part is taken out of the scene."""
+    DESCRIBE = 3
+    """Nothing changes, and no part is named: the service publishes its description now."""
+
+
+CHANGE_FIELDS = (
+    Field("name", f"S{NAME_BYTES}", "", "of the part, UTF-8, ended by a zero where shorter"),
+    Field("action", "<u4", "", "a PartAction"),
+    reserved(4),
+)
+CHANGE = dtype_of(CHANGE_FIELDS)
+"""One part of a ``changes`` message, 72 bytes."""
+
+ADDITION_FIELDS = (
+    Field(
+        "name", f"S{NAME_BYTES}", "", "of the new part, UTF-8; before each name where the file has several"
+    ),
+    Field("file", "S192", "", "in a folder of input.parts_from, UTF-8, such as lid.stl or inner/lid.stl"),
+    Field("units", "S8", "", "of a file that declares none, such as m; empty: mm"),
+    Field("rotation", "<f8", "", "world_from_file, row by row", (3, 3)),
+    Field("translation", "<f8", "m", "of the file's origin", VECTOR),
+)
+ADDITION = dtype_of(ADDITION_FIELDS)
+"""One file of an ``additions`` message, 360 bytes."""
+
+DEFORMATION_FIELDS = (
+    Field("name", f"S{NAME_BYTES}", "", "of the part, UTF-8; the same in all records of a message"),
+    Field("first", "<u4", "", "row of the first vertex of this record: 0, 64, 128, …"),
+    Field("vertex_count", "<u4", "", "of the whole part; what is beyond it in the last record is ignored"),
+    Field("vertices", "<f8", "m", "from now on, in the part's frame", (BLOCK_VERTICES, 3)),
+)
+DEFORMATION = dtype_of(DEFORMATION_FIELDS)
+"""Up to 64 vertices of the one part of a ``deformations`` message, 1608 bytes."""
+
+CHANGES = Kind("changes", 0x43434544, INPUT_HEADER, CHANGE, sent="send_ns")  # "DECC"
+ADDITIONS = Kind("additions", 0x41434544, INPUT_HEADER, ADDITION, sent="send_ns")  # "DECA"
+DEFORMATIONS = Kind("deformations", 0x56434544, INPUT_HEADER, DEFORMATION, sent="send_ns")  # "DECV"

@@ -1,0 +1,78 @@
+"""Description of a service: names of parts and fingers, published a message at a time beside frames."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from proximity.message import DESCRIPTION, Message
+from proximity.message.description import MOST_LABELS, encoded_name
+from proximity.system.time_units import NS_PER_S
+
+PartLabels = tuple[Sequence[str], np.ndarray]
+"""Names of parts, and whether each is hidden, (P,) bool."""
+
+
+class Describer:
+    """Makes the messages of a description: every second, at each change of the epoch, and when asked.
+
+    At most one a tick: a tick encodes no more than `MOST_LABELS` names.
+
+    Parameters
+    ----------
+    finger_names : sequence of str
+        Of all fingers.
+    radii : sequence of float, m
+        Of all fingers; nan: not known.
+    """
+
+    def __init__(self, finger_names: Sequence[str], radii: Sequence[float]) -> None:
+        self._fingers = [encoded_name(name) for name in finger_names]
+        self._radii = list(radii)
+        self._messages: dict[int, Message] = {}  # by number of records
+        self._epoch = -1
+        self._next: int | None = None  # number of the record to go on with; None: all is said
+        self._due_ns = -(2**63)
+        self._is_asked = False
+
+    def ask(self) -> None:
+        """Have the description published from the next tick on."""
+        self._is_asked = True
+
+    def message(self, epoch: int, now_ns: int, labels: Callable[[], PartLabels]) -> Message | None:
+        """Return what is to be published now; None: nothing.
+
+        Parameters
+        ----------
+        epoch : int
+            Of the frame that was published last.
+        now_ns : int, ns
+            The present instant, on the clock of subscribers.
+        labels : callable
+            Gives the parts of that epoch. Called where something is to be published.
+        """
+        if epoch != self._epoch or self._is_asked or (self._next is None and now_ns >= self._due_ns):
+            self._epoch, self._next, self._is_asked = epoch, 0, False
+            self._due_ns = now_ns + NS_PER_S
+        if self._next is None:
+            return None
+        names, is_hidden = labels()
+        total = len(names) + len(self._fingers)
+        first, end = self._next, min(self._next + MOST_LABELS, total)
+        self._next = None if end == total else end
+        message = self._message_for(end - first)
+        header, records = message.header, message.records
+        header["send_ns"], header["epoch"], header["first"] = now_ns, epoch, first
+        header["part_count"], header["finger_count"] = len(names), len(self._fingers)
+        named = names[first:end]
+        count, finger = len(named), max(first - len(names), 0)
+        fingers = slice(finger, finger + len(records) - count)
+        records["name"][:count] = [encoded_name(name) for name in named]
+        records["name"][count:] = self._fingers[fingers]
+        records["radius"][:count], records["radius"][count:] = np.nan, self._radii[fingers]
+        records["is_hidden"][:count], records["is_hidden"][count:] = is_hidden[first:end], 0
+        return message
+
+    def _message_for(self, count: int) -> Message:
+        if count not in self._messages:
+            self._messages[count] = Message(DESCRIPTION, count)
+        return self._messages[count]

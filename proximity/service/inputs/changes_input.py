@@ -1,0 +1,210 @@
+"""Changes of parts, received as messages while the scene is served.
+
+Hiding, showing and deforming are done between two ticks. What takes long, adding and removing, is asked of
+the thread beside the loop, and messages wait until that is done: they take effect in their order.
+"""
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from queue import SimpleQueue
+from typing import Any
+
+import numpy as np
+
+from proximity.errors import PoseError, ProximityError, SceneError
+from proximity.message import ADDITIONS, BLOCK_VERTICES, CHANGES, DEFORMATIONS, Kind, PartAction
+from proximity.pose import Pose
+from proximity.scene.scene import Scene
+from proximity.service.inputs.moves_input import nearest_rotations
+from proximity.service.inputs.reception import Reception
+
+LOGGER = logging.getLogger("proximity.service")
+DEFAULT_UNITS = "mm"
+_ACTIONS = frozenset(PartAction)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Addition:
+    """A file of parts that is to be added."""
+
+    name: str  # of its part, or before those of its parts
+    file: str  # as the message names it
+    units: str
+    pose: Pose  # world_from_file
+
+
+@dataclass(slots=True, eq=False)
+class Request:
+    """One message that the thread beside the loop is to carry out, as a whole or not at all."""
+
+    actions: tuple[tuple[str, PartAction], ...] = ()  # by names of parts, in this order
+    additions: tuple[Addition, ...] = ()
+    refusal: str = ""  # why it could not be done
+    is_over: bool = False  # written last
+
+
+class ChangesInput:
+    """Changes of parts, as `CHANGES`, `ADDITIONS` and `DEFORMATIONS` messages at an address.
+
+    What one message says is done as a whole. One that cannot be done is refused and counted, with the reason
+    of the first of each kind, and the scene stays as it is.
+
+    Parameters
+    ----------
+    address : str
+        As of `open_subscriber`.
+    requests : SimpleQueue of Request
+        Where to put what takes long; whoever takes it out writes ``refusal`` and ``is_over``.
+    describe : callable
+        Is called when a message asks for the description.
+
+    Raises
+    ------
+    PublishError
+        If the address cannot be opened.
+    """
+
+    requests: SimpleQueue[Request | None]
+
+    def __init__(
+        self,
+        address: str,
+        requests: SimpleQueue[Request | None],
+        describe: Callable[[], None] = lambda: None,
+    ) -> None:
+        # A change holds whatever the sender's clock shows.
+        self._reception = Reception(address, [CHANGES, ADDITIONS, DEFORMATIONS], is_timed=False)
+        self.requests, self._describe = requests, describe
+        self._pending: tuple[Kind, Request] | None = None
+        self._refused: dict[str, tuple[int, str]] = {}  # by kind: how many messages, why the first
+
+    @property
+    def notes(self) -> list[str]:
+        """Sentences on messages that were lost or refused."""
+        refused = [
+            f"{self._reception.address}: {count} messages of {kind} were refused, first: {reason}"
+            for kind, (count, reason) in list(self._refused.items())
+        ]
+        return refused + self._reception.notes
+
+    def apply(self, scene: Scene) -> None:
+        """Do what has arrived, up to the first message that takes long.
+
+        Parameters
+        ----------
+        scene : Scene
+            That is served.
+        """
+        if self._pending is not None and not self._is_carried_out(*self._pending):
+            return
+        for kind, records, _ in self._reception.messages():
+            try:
+                self._take(scene, kind, records)
+            except ProximityError as unfit:
+                self._refuse(kind, str(unfit))
+            if self._pending is not None:
+                return  # what has come after it waits where it is
+
+    def close(self) -> None:
+        """Give the address back."""
+        self._reception.close()
+
+    def _is_carried_out(self, kind: Kind, request: Request) -> bool:
+        if request.is_over:
+            self._pending = None
+            if request.refusal:
+                self._refuse(kind, request.refusal)
+        return request.is_over
+
+    def _take(self, scene: Scene, kind: Kind, records: np.ndarray) -> None:
+        if kind is CHANGES:
+            self._change(scene, records)
+        elif kind is DEFORMATIONS:
+            name, vertices = _deformation(records)
+            scene.deform(name, vertices)
+        else:
+            self._ask(kind, Request(additions=tuple(map(_addition, records.copy()))))
+
+    def _change(self, scene: Scene, records: np.ndarray) -> None:
+        numbers = records["action"].tolist()
+        unknown = [number for number in numbers if number not in _ACTIONS]
+        if unknown:
+            raise SceneError(f"action {unknown[0]} is none, expected 0 to {max(_ACTIONS)}")
+        named = zip(map(_text, records["name"].tolist()), map(PartAction, numbers), strict=True)
+        actions = tuple((name, action) for name, action in named if action is not PartAction.DESCRIBE)
+        for name, _ in actions:
+            scene.part(name)  # before anything is changed
+        if len(actions) < len(numbers):
+            self._describe()
+        if any(action is PartAction.REMOVE for _, action in actions):
+            self._ask(CHANGES, Request(actions))
+        else:
+            carry_out(scene, actions)
+
+    def _ask(self, kind: Kind, request: Request) -> None:
+        self._pending = kind, request
+        self.requests.put(request)
+
+    def _refuse(self, kind: Kind, reason: str) -> None:
+        count, first = self._refused.get(kind.name, (0, reason))
+        if not count:
+            LOGGER.warning("%s: a message of %s is refused (%s)", self._reception.address, kind.name, reason)
+        self._refused[kind.name] = count + 1, first
+
+
+def carry_out(scene: Scene, actions: tuple[tuple[str, PartAction], ...]) -> None:
+    """Hide, show and remove parts.
+
+    Parameters
+    ----------
+    scene : Scene
+        That is changed.
+    actions : tuple
+        Names of parts, and what is to be done with each.
+
+    Raises
+    ------
+    SceneError
+        If there is no such part, or no other: those before it have been changed then.
+    """
+    do = {PartAction.HIDE: scene.hide, PartAction.SHOW: scene.show, PartAction.REMOVE: scene.remove}
+    for name, action in actions:
+        do[action](name)
+
+
+def _addition(record: Any) -> Addition:
+    name = _text(record["name"])
+    if not name:
+        raise SceneError("a part to add has no name, expected one")
+    try:
+        pose = Pose(nearest_rotations(record["rotation"][None])[0], record["translation"])
+    except PoseError as unfit:
+        raise PoseError(f"part {name!r}: {unfit}") from unfit
+    return Addition(name, _text(record["file"]), _text(record["units"]) or DEFAULT_UNITS, pose)
+
+
+def _deformation(records: np.ndarray) -> tuple[str, np.ndarray]:
+    """The part that a message deforms, and its vertices (V, 3)."""
+    if not len(records):
+        raise SceneError("the message has no records, expected one for each 64 vertices of a part")
+    raw, count = records["name"][0], int(records["vertex_count"][0])
+    expected = BLOCK_VERTICES * np.arange(len(records))
+    if (
+        (records["name"] != raw).any()
+        or (records["vertex_count"] != count).any()
+        or (records["first"] != expected).any()
+        or not 0 < count - expected[-1] <= BLOCK_VERTICES
+    ):
+        raise SceneError(
+            f"the records are not those of one part in order: expected the name and vertex_count of part "
+            f"{_text(raw)!r} in all, first to be 0, 64, 128, …, and all {count} vertices"
+        )
+    return _text(raw), records["vertices"].reshape(-1, 3)[:count]
+
+
+def _text(raw: bytes) -> str:
+    try:
+        return raw.decode("utf-8")
+    except UnicodeDecodeError as unfit:
+        raise SceneError(f"{raw!r} is not UTF-8, expected a name in UTF-8") from unfit
