@@ -34,6 +34,8 @@ def shared_data() -> Path:
 
 
 NO_INTERNALS = "internals of compiled code: run with PROXIMITY_ISA=jit"
+NO_BROWSER = "the page in a browser: run PROXIMITY_BROWSER=1 python -m pytest tests/web by itself"
+"""Pictures are drawn in software here, which takes the machine of all other tests."""
 TESTS_OF_PROCESSES = {"bench", "cli", "service", "transport", "web"}
 """Folders whose tests start processes, look at clocks, or use what a machine has once."""
 MORE_TESTS_OF_PROCESSES = {
@@ -65,6 +67,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         for item in items:
             if item.get_closest_marker("internals"):
                 item.add_marker(pytest.mark.skip(reason=NO_INTERNALS))
+    if not os.environ.get("PROXIMITY_BROWSER"):
+        for item in items:
+            if item.get_closest_marker("browser"):
+                item.add_marker(pytest.mark.skip(reason=NO_BROWSER))
     if config.pluginmanager.hasplugin("xdist"):
         for item in items:
             group = "processes" if has_processes(item.path) else item.path.name
