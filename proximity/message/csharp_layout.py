@@ -81,11 +81,24 @@ def csharp_enum(values: type[Enum]) -> str:
     return f"Decaff{values.__name__}"
 
 
+def _number_of(values: type[Enum]) -> str:
+    """The type of the fields that hold an enumeration; a byte where no field does."""
+    for _, fields in RECORDS.values():
+        for field in fields:
+            if _holds(field, values):
+                return _TYPES[field.type[1:]]
+    return "uint" if issubclass(values, Flag) else "byte"
+
+
+def _holds(field: Field, values: type[Enum]) -> bool:
+    return field.meaning in (f"a {values.__name__}", f"set of {values.__name__}")
+
+
 def _enum(values: type[Enum]) -> Iterator[str]:
     meanings = meanings_of(values)
     if issubclass(values, Flag):
         yield "    [System.Flags]"
-    yield f"    public enum {csharp_enum(values)} : {'uint' if issubclass(values, Flag) else 'byte'}"
+    yield f"    public enum {csharp_enum(values)} : {_number_of(values)}"
     yield "    {"
     if issubclass(values, Flag):
         yield "        None = 0,"
@@ -117,8 +130,7 @@ def _declaration(field: Field) -> str:
     if base.kind == "S":
         return f"fixed byte {name}[{base.itemsize}]"
     for values in ENUMS.values():
-        is_member = field.meaning in (f"a {values.__name__}", f"set of {values.__name__}")
-        if is_member:
+        if _holds(field, values):
             return f"{csharp_enum(values)} {name}"
     if field.shape == VECTOR and base.kind == "f":
         return f"DecaffVector {name}"

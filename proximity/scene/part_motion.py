@@ -75,9 +75,9 @@ def checked_move(
     matrix = pose.matrix if isinstance(pose, Pose) else pose
     if not isinstance(matrix, np.ndarray) or matrix.shape != (4, 4) or matrix.dtype.kind != "f":
         matrix = checked_matrix(name, pose)
-    matrices = np.array(matrix, np.float64).reshape(1, 4, 4)
+    matrices = np.array(matrix, np.float64, order="C").reshape(1, 4, 4)
     if first_unfit_move(matrices, linear, angular) >= 0:
-        matrices = checked_matrix(name, pose).reshape(1, 4, 4)
+        matrices = np.ascontiguousarray(checked_matrix(name, pose)).reshape(1, 4, 4)
     return matrices, linear, angular
 
 

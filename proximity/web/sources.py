@@ -41,12 +41,11 @@ class LiveFrames:
 
     def newest(self) -> NewFrame | None:
         """Return the newest frame that has come since the last call; None where there is none."""
-        data = None
+        taken = b""
         for frame in self._subscriber.frames():
-            data = frame
-        if data is None:
+            taken = frame.tobytes()  # at once: what follows, be it no frame, is written over it
+        if not taken:
             return None
-        taken = data.tobytes()
         session = unpack_prefix(taken)[5]
         is_new_run = self._session is not None and session != self._session
         self._session = session

@@ -23,6 +23,7 @@ from proximity.errors import PoseError, SceneError
 from proximity.kernels import layout
 from proximity.pose import Pose
 from proximity.scene.scene import Scene
+from proximity.scene.solid import Solid
 
 VELOCITY, ANGULAR_VELOCITY = (1.0, -2.0, 0.5), (0.1, 0.2, -0.3)
 
@@ -362,3 +363,13 @@ def test_velocity_that_is_none_is_refused(values, message):
         scene.move("part 0", Pose(), **values)
     with pytest.raises(SceneError, match=f"^{re.escape(message)}$"):
         Scene([part_of(shapes.cube(), "part 0", **values)])
+
+
+def test_matrix_in_fortran_order_moves_a_part_as_well():
+    scene = Scene([Solid(*shapes.cube(), name="cube")])
+    pose = np.eye(4)
+    pose[:3, 3] = 1.0, 2.0, 3.0
+
+    scene.move("cube", np.asfortranarray(pose))
+
+    assert scene.part("cube").pose.translation.tolist() == [1.0, 2.0, 3.0]
