@@ -5,6 +5,7 @@ Without a target, for this machine, into ``proximity/native`` of the checkout.
 
 import argparse
 import os
+import subprocess
 import sys
 from pathlib import Path
 
@@ -32,7 +33,17 @@ def main() -> None:
         print(f"target={target.name}\nwheel={target.wheel}\nextension={extension_path(target, options.out)}")
         print(f"is_current={'yes' if is_current(target, options.out) else 'no'}")
     if not options.state:
+        _fix_order()
         _build(targets, options.out)
+
+
+def _fix_order() -> None:
+    """Begin anew with a fixed seed of hashes: numba walks over sets, and the bytes are to be the same."""
+    if os.environ.get("PYTHONHASHSEED") != "0":
+        again = subprocess.run(
+            [sys.executable, *sys.argv], env=os.environ | {"PYTHONHASHSEED": "0"}, check=False
+        )
+        raise SystemExit(again.returncode)
 
 
 def _build(targets: list[Target], folder: Path) -> None:

@@ -8,6 +8,7 @@ This leans on internals of numba, which is pinned where this runs; see `disable_
 """
 
 import itertools
+import re
 from collections.abc import Iterator
 from typing import Any
 
@@ -21,6 +22,11 @@ from kernel_build.targets import WRAPPER_PREFIX
 from proximity.kernels.compiled_stack import array_in_memory
 from proximity.native.jit import numba_type
 from proximity.native.signature import Array, Bundle, Signature
+
+NO_ADDRESS = 123456789
+"""Stands for every address of the process that compiles."""
+_NAMED_AFTER_ADDRESS = re.compile(r"numba\.dynamic\.globals\.[0-9a-f]+")
+_ADDRESS = re.compile(r"inttoptr \(i64 \d{9,}")
 
 
 def disable_code_generation() -> None:
@@ -217,4 +223,16 @@ def linked_wrappers(entries: dict[str, tuple[Any, Signature]]) -> str:
         if variable.linkage is not binding.Linkage.private and not variable.is_declaration:
             variable.linkage = "internal"
     whole.verify()
-    return str(whole)
+    return _without_addresses(str(whole))
+
+
+def _without_addresses(code: str) -> str:
+    """Number what numba names after addresses of this process, so that the same sources give the same code.
+
+    Nothing of it is used: `objects.emit_object` refuses code that holds an address after it was optimised.
+    """
+    names: dict[str, str] = {}
+    numbered = _NAMED_AFTER_ADDRESS.sub(
+        lambda name: names.setdefault(name[0], f"numba.global.{len(names)}"), code
+    )
+    return _ADDRESS.sub(f"inttoptr (i64 {NO_ADDRESS}", numbered)
