@@ -8,7 +8,7 @@ from project import ROOT
 import oracle
 import proximity
 from proximity import ContactFlag
-from proximity.kernels.ray import self_intersections
+from proximity.kernels.ray import edge_contact, self_intersections
 from proximity.model import part_arrays
 from proximity.scene.scene import Scene
 from proximity.scene.sign import SignMethod
@@ -251,8 +251,8 @@ def test_faces_without_area_are_no_faces_to_pass_through():
     )
     faces = np.array([[0, 1, 2], [0, 2, 5]])
 
-    assert self_intersections._reaches_through(corners, faces, 1, 3, 4, 1e-10)
-    assert not self_intersections._reaches_through(corners, faces, 0, 3, 4, 1e-10)
+    assert edge_contact.reaches_through(corners, faces, 1, 3, 4, 1e-10)
+    assert not edge_contact.reaches_through(corners, faces, 0, 3, 4, 1e-10)
 
 
 def test_faces_of_a_tangle_all_count_as_passing_through():
