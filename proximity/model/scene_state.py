@@ -325,12 +325,12 @@ class SceneState:
     def _write(self, copy: _Copy) -> float:
         reach = bring_up_to_date(
             self.latest.words, self.frames, self.parts, self.versions, self._boxes_version, self._boxes,
-            packed(self._dynamic), self._sort_steps, copy.region, copy.version, copy.frames, copy.parts,
+            self._dynamic, self._sort_steps, copy.region, copy.version, copy.frames, copy.parts,
         )  # fmt: skip
         if reach <= 1.0:
             copy.version, copy.static = self.changes, self._static
             self._boxes_version = self.changes
-            self._sort_steps = SORT_STEPS * len(self._dynamic.rows)
+            self._sort_steps = SORT_STEPS * self._dynamic_count
         return float(reach)
 
     def _mend_tree(self) -> bool:
@@ -361,7 +361,8 @@ class SceneState:
 
     def _list_dynamic(self) -> None:
         rows = dynamic_rows(self.parts)
-        self._dynamic = DynamicParts(rows, np.arange(len(rows)), np.empty(len(rows), np.int64))
+        self._dynamic_count = len(rows)
+        self._dynamic = packed(DynamicParts(rows, np.arange(len(rows)), np.empty(len(rows), np.int64)))
         self._sort_steps = len(rows) ** 2
 
 
