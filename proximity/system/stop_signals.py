@@ -1,9 +1,10 @@
 """Ctrl-C and SIGTERM as a request to stop, so that a loop can report before it ends."""
 
+import os
 import signal
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import FrameType
 
 SIGNALS = [
@@ -48,3 +49,24 @@ def stopped_by_signals(stop: threading.Event | None = None) -> Iterator[threadin
         yield stop
     finally:
         restore()
+
+
+def stop_at_input(stop: threading.Event, descriptor: int = 0) -> threading.Thread:
+    """Have *stop* set when a file has something to read, or ends; return the thread that waits for it.
+
+    Parameters
+    ----------
+    stop : threading.Event
+        What is set.
+    descriptor : int
+        Of the file; standard input where not given.
+    """
+
+    def wait() -> None:
+        with suppress(OSError):  # it is not open
+            os.read(descriptor, 1)
+        stop.set()
+
+    waiting = threading.Thread(target=wait, daemon=True)
+    waiting.start()
+    return waiting

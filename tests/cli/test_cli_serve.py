@@ -14,11 +14,11 @@ from types import SimpleNamespace
 import pytest
 from project import MESHES
 
-from proximity.cli.commands.service import serve as command
 from proximity.errors import PublishError, RecordingError
 from proximity.message import State
 from proximity.recording import FrameLog, FrameReader
 from proximity.service import Report
+from proximity.system.stop_signals import stop_at_input
 from proximity.transport.link import TRANSPORTS, Transport
 
 COMMAND = ("serve",)
@@ -186,8 +186,7 @@ def test_end_of_standard_input_ends_it():
     """As when the program dies that has started this one."""
     there, here = os.pipe()
     stop = threading.Event()
-    thread = threading.Thread(target=command._await_line, args=(there, stop))
-    thread.start()
+    thread = stop_at_input(stop, there)
     assert not stop.wait(0.05)
 
     os.close(here)

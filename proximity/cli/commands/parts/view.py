@@ -1,8 +1,6 @@
 """``proximity view``: parts in a browser, with hands over them and the distances of every fingertip."""
 
-import contextlib
 import json
-import os
 import threading
 import webbrowser
 from dataclasses import dataclass
@@ -13,7 +11,7 @@ import typer
 
 from proximity.cli.commands.service.demo import sample
 from proximity.cli.options import LIMIT, UNITS, check_limit, with_option_groups
-from proximity.system.stop_signals import stopped_by_signals
+from proximity.system.stop_signals import stop_at_input, stopped_by_signals
 
 HELP = "\n\n".join(
     (
@@ -35,7 +33,6 @@ Examples:
   proximity view cell.toml --no-browser --port 8787
 """
 
-STDIN = 0
 
 FILES = Annotated[
     list[Path], typer.Argument(metavar="FILES", help="Parts, a scene file (.toml), a log (.frames).")
@@ -148,7 +145,7 @@ def command(
 def _stop_when_asked(stop: threading.Event, is_until_stdin: bool, limit: float | None) -> None:
     """Have *stop* set at the end of standard input, or after so many seconds."""
     if is_until_stdin:
-        threading.Thread(target=_await_line, args=(STDIN, stop), daemon=True).start()
+        stop_at_input(stop)
     if limit is not None:
         timer = threading.Timer(limit, stop.set)
         timer.daemon = True
@@ -163,13 +160,6 @@ def _check(rate: float, radius: float | None, port: int) -> None:
         raise typer.BadParameter(f"{radius:g} mm: expected more than 0, up to 1000", param_hint="--radius")
     if not 0 <= port < 65536:
         raise typer.BadParameter(f"{port}: expected 0 to 65535", param_hint="--port")
-
-
-def _await_line(descriptor: int, stop: threading.Event) -> None:
-    """Set *stop* when a file has something, or ends."""
-    with contextlib.suppress(OSError):  # it is not open
-        os.read(descriptor, 1)
-    stop.set()
 
 
 def _say(sentence: str) -> None:

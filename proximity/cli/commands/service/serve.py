@@ -1,7 +1,6 @@
 """``proximity serve``: run the service that a scene file describes until it is asked to stop."""
 
 import contextlib
-import os
 import threading
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,6 +10,7 @@ import typer
 from proximity.cli.options import LIMIT, check_limit
 from proximity.cli.program import EXIT_UNUSABLE
 from proximity.errors import ServiceError
+from proximity.system.stop_signals import stop_at_input
 
 if TYPE_CHECKING:
     from proximity.service.hosting import Beginning
@@ -35,8 +35,6 @@ Examples:
   proximity serve cell.toml --rate 500 --publish udp://192.168.7.2:9100 --log run.frames
   proximity serve cell.toml --limit 60 --no-real-time --json
 """
-
-STDIN = 0
 
 
 SCENE = Annotated[Path, typer.Argument(metavar="SCENE", help="TOML: parts, fingers, input, addresses.")]
@@ -100,7 +98,7 @@ def command(
     page = _PageBeside(scene, overrides) if web else None
     stop = threading.Event()
     if until_stdin:
-        threading.Thread(target=_await_line, args=(STDIN, stop), daemon=True).start()
+        stop_at_input(stop)
     progress.prepare_kernels()
 
     def begun(beginning: "Beginning") -> None:
@@ -162,13 +160,6 @@ class _PageBeside:
         if self._is_over:
             self.stop()
         _say(f"the page is at {self._page.url}")
-
-
-def _await_line(descriptor: int, stop: threading.Event) -> None:
-    """Set *stop* when a file has something, or ends."""
-    with contextlib.suppress(OSError):  # it is not open
-        os.read(descriptor, 1)
-    stop.set()
 
 
 def _say(sentence: str) -> None:
