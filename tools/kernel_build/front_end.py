@@ -25,8 +25,13 @@ from proximity.native.signature import Array, Bundle, Signature
 
 NO_ADDRESS = 123456789
 """Stands for every address of the process that compiles."""
-_NAMED_AFTER_ADDRESS = re.compile(r"numba\.dynamic\.globals\.[0-9a-f]+")
+_NAMED_AFTER_ADDRESS = re.compile(r"numba\.dynamic\.globals\.[0-9a-f]+|(?<=__numba_array_expr_)0x[0-9a-f]+")
+_NAMED_AFTER_ERROR = re.compile(
+    r"(?<=\.const\.pickledata\.)[0-9a-f]{40}|(?<=\.const\.picklebuf\.)[0-9a-f]{40}"
+)
 _ADDRESS = re.compile(r"inttoptr \(i64 \d{9,}")
+_ERROR = re.compile(r"^(@\.const\.pickledata\.\S+ = internal constant )\[\d+ x i8\] c\".*\"$", re.MULTILINE)
+_ERROR_SIZE = re.compile(r"^(@\.const\.picklebuf\..*?) i32 \d+,", re.MULTILINE)
 
 
 def disable_code_generation() -> None:
@@ -223,16 +228,22 @@ def linked_wrappers(entries: dict[str, tuple[Any, Signature]]) -> str:
         if variable.linkage is not binding.Linkage.private and not variable.is_declaration:
             variable.linkage = "internal"
     whole.verify()
-    return _without_addresses(str(whole))
+    return _without_traces(str(whole))
 
 
-def _without_addresses(code: str) -> str:
-    """Number what numba names after addresses of this process, so that the same sources give the same code.
+def _without_traces(code: str) -> str:
+    """Take out of the code what tells of this process and this machine: the same sources give the same code.
 
-    Nothing of it is used: `objects.emit_object` refuses code that holds an address after it was optimised.
+    That is what numba names after addresses, and the errors it would raise, which name files of its own.
+    Nothing of it is used: `objects.emit_object` refuses optimised code that holds an address or raises.
     """
     names: dict[str, str] = {}
-    numbered = _NAMED_AFTER_ADDRESS.sub(
-        lambda name: names.setdefault(name[0], f"numba.global.{len(names)}"), code
-    )
-    return _ADDRESS.sub(f"inttoptr (i64 {NO_ADDRESS}", numbered)
+    for pattern in (_NAMED_AFTER_ADDRESS, _NAMED_AFTER_ERROR):
+        code = pattern.sub(lambda name: names.setdefault(name[0], f"numba.{len(names)}"), code)
+    for pattern, instead in (
+        (_ADDRESS, f"inttoptr (i64 {NO_ADDRESS}"),
+        (_ERROR, r"\1[1 x i8] zeroinitializer"),
+        (_ERROR_SIZE, r"\1 i32 0,"),
+    ):
+        code = pattern.sub(instead, code)
+    return code
