@@ -1,40 +1,24 @@
 """Layouts of messages for JavaScript and C#, compared with NumPy's by their texts alone."""
 
-import json
 import re
 
 import pytest
+from javascript_layouts import assert_is_where_numpy_has_it, constant
 
 from proximity.message.c_header import ENUMS, KINDS, RECORDS
 from proximity.message.clients import EXAMPLES, client_files
 from proximity.message.csharp_layout import csharp_enum, csharp_layout, pascal
 from proximity.message.fields import dtype_of
-from proximity.message.javascript_layout import TEXT, VIEWS, layout_module, record_name
-
-
-def constant(name):
-    """A constant of the JavaScript module, as JSON has it."""
-    return json.loads(re.search(rf"export const {name} = (.*?);\n(?=export|$)", layout_module(), re.S)[1])
+from proximity.message.javascript_layout import layout_module, record_name
 
 
 @pytest.mark.parametrize("name", RECORDS)
 def test_every_field_of_javascript_is_where_numpy_has_it(name):
-    dtype, reported = dtype_of(RECORDS[name][1]), constant("RECORDS")[name]
-
-    assert reported["size"] == dtype.itemsize
-    assert list(reported["fields"]) == list(dtype.names)
-    for field, (part, offset) in ((key, dtype.fields[key][:2]) for key in dtype.names):
-        found = reported["fields"][field]
-        assert found["offset"] == offset
-        if part.kind == "S":
-            assert (found["type"], found["count"]) == (TEXT, part.itemsize)
-            continue
-        assert found["type"] == VIEWS[part.base.str[1:]]
-        assert found["count"] * found["size"] == part.itemsize
+    assert_is_where_numpy_has_it(constant(layout_module(), "RECORDS")[name], dtype_of(RECORDS[name][1]))
 
 
 def test_every_kind_and_member_of_javascript_is_that_of_python():
-    kinds, enums = constant("KINDS"), constant("ENUMS")
+    kinds, enums = constant(layout_module(), "KINDS"), constant(layout_module(), "ENUMS")
 
     for kind in KINDS:
         assert kinds[kind.name]["magic"] == kind.magic

@@ -17,12 +17,6 @@ pytestmark = [pytest.mark.slow, pytest.mark.browser]
 
 
 @pytest.fixture(scope="module")
-def chromium():
-    with browsing.browser() as running:
-        yield running
-
-
-@pytest.fixture(scope="module")
 def viewing():
     browsing.browser_path()
     words = (MESHES / "bracket.stl", "--rate", 200, "--replay", MESHES / "hand.csv")

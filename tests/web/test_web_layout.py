@@ -1,17 +1,16 @@
 """The layout of messages for JavaScript: its offsets are NumPy's, and Node reads what Python wrote."""
 
 import json
-import re
 import shutil
 import subprocess
 
 import numpy as np
 import pytest
+from javascript_layouts import assert_is_where_numpy_has_it, constant
 
 from proximity.message import FRAME, MOVES, PATH_POSES, Message
 from proximity.message.c_header import KINDS, RECORDS
 from proximity.message.fields import dtype_of
-from proximity.message.javascript_layout import TEXT, VIEWS
 from proximity.web.layout import page_layout
 from proximity.web.page_files import PAGE
 from proximity.web.slice_fields import SLICE_FIELDS
@@ -19,33 +18,17 @@ from proximity.web.slice_fields import SLICE_FIELDS
 ALL = {name: fields for name, (_, fields) in RECORDS.items()} | {"slice_header": SLICE_FIELDS}
 
 
-def constant(name):
-    """A constant of the module, as JSON has it."""
-    return json.loads(re.search(rf"export const {name} = (.*?);\n(?=export|$)", page_layout(), re.S)[1])
-
-
 @pytest.mark.parametrize("name", ALL)
 def test_every_field_is_where_numpy_has_it(name):
-    dtype, reported = dtype_of(ALL[name]), constant("RECORDS")[name]
-
-    assert reported["size"] == dtype.itemsize
-    assert list(reported["fields"]) == list(dtype.names)
-    for field, (part, offset) in ((key, dtype.fields[key][:2]) for key in dtype.names):
-        found = reported["fields"][field]
-        assert found["offset"] == offset
-        if part.kind == "S":
-            assert (found["type"], found["count"]) == (TEXT, part.itemsize)
-            continue
-        assert found["type"] == VIEWS[part.base.str[1:]]
-        assert found["count"] * found["size"] == part.itemsize
+    assert_is_where_numpy_has_it(constant(page_layout(), "RECORDS")[name], dtype_of(ALL[name]))
 
 
 def test_every_kind_is_there():
-    reported = constant("KINDS")
+    reported = constant(page_layout(), "KINDS")
 
     for kind in KINDS:
         assert reported[kind.name]["magic"] == kind.magic
-        records = constant("RECORDS")
+        records = constant(page_layout(), "RECORDS")
         assert records[reported[kind.name]["header"]]["size"] == kind.header_size
         assert records[reported[kind.name]["record"]]["size"] == kind.record_size
 

@@ -28,12 +28,6 @@ pytestmark = [pytest.mark.slow, pytest.mark.browser]
 
 
 @pytest.fixture(scope="module")
-def chromium():
-    with browsing.browser() as running:
-        yield running
-
-
-@pytest.fixture(scope="module")
 def viewing():
     browsing.browser_path()
     with Viewing(MESHES / "assembly.step", MESHES / "bracket.stl", "--rate", 200) as running:
