@@ -3,7 +3,6 @@
 from proximity.native.declaration import (
     ENTRIES,
     HANDFUL,
-    bundle,
     entry,
     inlined,
     kernel,
@@ -13,6 +12,7 @@ from proximity.native.declaration import (
     query,
 )
 from proximity.native.mode import IS_AHEAD, IS_JIT, MODE
+from proximity.native.signature import bundle
 
 __all__ = [
     "ENTRIES",

@@ -18,7 +18,6 @@ from proximity.native.signature import (
     Bundle,
     Scalar,
     Signature,
-    bundle,
     signature,
 )
 
@@ -204,17 +203,3 @@ def _codes(value: Array | Scalar | Bundle) -> tuple[int, ...]:
     if isinstance(value, Bundle):
         return _BUNDLE, list(BUNDLES).index(value.name), 0
     return _ARRAY, np.dtype(value.dtype).num, 0, *value.lengths
-
-
-__all__ = [
-    "ENTRIES",
-    "HANDFUL",
-    "bundle",
-    "entry",
-    "inlined",
-    "kernel",
-    "lenient",
-    "maker",
-    "packed",
-    "query",
-]

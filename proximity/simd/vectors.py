@@ -31,7 +31,6 @@ LLVM = {
     mask8: ir.VectorType(ir.IntType(1), LANES),
 }
 _FLOATS = (f32x8, f64x8, types.float32, types.float64)
-_MASK_OF = {f32x8: mask8, f64x8: mask8, types.float32: types.boolean, types.float64: types.boolean}
 
 
 @register_model(Vector)

@@ -118,8 +118,6 @@ def vector_at(row, column):
     return row[column], row[column + 1], row[column + 2]
 
 
-VIEWS = ("wide", "numbers")
-"""Arrays of a tracker that are other views of ``records``."""
 bundle(
     TrackerArrays,
     settings=f"float64[{SETTING_COUNT}]",
