@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from proximity.decaff.drum.servo import SERVO_RATE
 from proximity.recording import Recording
 from proximity.scene.scene import Scene
 from proximity.studies.engine.engine_loop import press_on_part
@@ -14,7 +15,6 @@ from proximity.studies.engine.finger_placement import place_finger
 from proximity.studies.engine.recorded_press import RecordedPress, recorded_hand
 from proximity.studies.figures import press_plots
 from proximity.studies.figures.tables import Table
-from proximity.studies.simulation.devices import SERVO_RATE
 from proximity.studies.simulation.hand import Hand
 from proximity.studies.simulation.metrics import drum_offset
 from proximity.studies.simulation.simulated_press import Felt, felt

@@ -11,13 +11,14 @@ from proximity.decaff.controller.controller_states import DrumAction, DrumState,
 from proximity.decaff.controller.drum_limits import Limits
 from proximity.decaff.drum.drum_command import DriveMode
 from proximity.decaff.drum.drum_model import DRUMS
+from proximity.decaff.drum.servo import SERVO_RATE
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
 from proximity.decaff.simulated_drums.simulated_drum import DrumPlant
 from proximity.message import ContactFlag, Mode, State
 from proximity.studies.simulation.closed_loop import decaff
 from proximity.studies.simulation.controller_in_loop import ControllerInLoop
-from proximity.studies.simulation.devices import SERVO_RATE, Decaff
+from proximity.studies.simulation.devices import Decaff
 from proximity.studies.simulation.hand import Hand
 from proximity.studies.simulation.target_policies import Target
 

@@ -25,6 +25,7 @@ from proximity.decaff.controller.steady_force import Handover, SteadyForce
 from proximity.decaff.controller.surface_law import SurfaceLaw
 from proximity.decaff.drum.drum_command import DriveMode
 from proximity.decaff.drum.drum_model import GEAR4, Drum
+from proximity.decaff.drum.servo import SERVO_RATE
 from proximity.decaff.glove.finger_path import LEAST_BEND, MOST_BEND, FingerPath
 from proximity.message import Source, Surface
 
@@ -69,7 +70,7 @@ class FingerController:
     def __init__(
         self,
         path: FingerPath,
-        rate: float = 3000.0,
+        rate: float = SERVO_RATE,
         drum: Drum = GEAR4,
         limits: Limits | None = None,
         handover: Handover | None = None,

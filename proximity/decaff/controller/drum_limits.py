@@ -6,6 +6,9 @@ from dataclasses import dataclass, fields
 from proximity.decaff.arguments import positive
 from proximity.system.time_units import NS_PER_MS
 
+TOUCH_GAP = 30e-6  # m, of finger or link and drum: nearer is touching; assumed
+RELEASE_GAP = 1e-3  # m, farther is released; assumed
+
 
 @dataclass(frozen=True, slots=True)
 class Limits:
@@ -17,8 +20,8 @@ class Limits:
     freeze_ns: int = 250 * NS_PER_MS  # in contact, nothing known: so long nothing changes
     ramp_ns: int = 250 * NS_PER_MS  # then the force limit goes to nothing
     watchdog_ns: int = 10 * NS_PER_MS  # between two samples of the servo
-    touch_gap: float = 30e-6  # m
-    release_gap: float = 1e-3  # m
+    touch_gap: float = TOUCH_GAP  # m
+    release_gap: float = RELEASE_GAP  # m
     touch_force: float = 0.05  # N
     gone_force: float = 0.1  # N: with less, a drum that froze retracts
     standoff: float = 5e-3  # m, from a finger that began inside; assumed

@@ -17,6 +17,7 @@ from proximity.decaff.drum.sampled_mass import SampledMass
 from proximity.decaff.drum.servo_gains import best_damped
 from proximity.errors import DecaffError
 
+SERVO_RATE = 3000.0  # Hz, where nothing else is said; assumed
 REFERENCE_SPEED_SHARE = 0.7  # of the speed limit; 1.75 m/s
 SIMULATION_STEP = 1e-5  # s, of the plant, at most: 0.03 rad of a 5 g link's bounce on its drum
 

@@ -13,7 +13,7 @@ import math
 from proximity.decaff.controller.controller import FingerController
 from proximity.decaff.controller.controller_states import FrameMark
 from proximity.decaff.drum.drum_command import DrumCommand
-from proximity.decaff.drum.servo import servo_for
+from proximity.decaff.drum.servo import SERVO_RATE, servo_for
 from proximity.service.answers import TrackerAnswers
 from proximity.studies.engine.delayed_link import DelayedLink
 from proximity.studies.engine.engine_press import EnginePress
@@ -31,7 +31,7 @@ from proximity.studies.engine.simulated_service import (
 from proximity.studies.paper.trajectories import Intent
 from proximity.studies.simulation.closed_loop import LEAD, DecaffLoop, real_wall, soft_wall
 from proximity.studies.simulation.controller_in_loop import START_NS
-from proximity.studies.simulation.devices import SERVO_RATE, Decaff, Sensing
+from proximity.studies.simulation.devices import Decaff, Sensing
 from proximity.studies.simulation.hand import Hand
 from proximity.studies.simulation.response import Response
 from proximity.studies.simulation.target_policies import DistanceSample, Holding, TargetPolicy

@@ -6,10 +6,10 @@ from enum import StrEnum
 
 from proximity.decaff.arguments import not_negative, positive
 from proximity.decaff.drum.drum_model import GEAR4, Drum
+from proximity.decaff.drum.servo import SERVO_RATE
 from proximity.errors import DecaffError
 from proximity.message import PATH_CORNERS
 from proximity.studies.engine.delayed_link import Latency
-from proximity.studies.simulation.devices import SERVO_RATE
 from proximity.studies.simulation.target_policies import Target
 
 FARTHEST = 0.100  # m, that a wall is known of; assumed

@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from proximity.decaff.drum.drum_model import DRUMS
-from proximity.decaff.drum.servo import move, servo_for, settling_time
+from proximity.decaff.drum.servo import SERVO_RATE, move, servo_for, settling_time
 from proximity.studies.figures import style
 from proximity.studies.figures.tables import Table
 from proximity.studies.simulation.arrival import ARRIVED_WITHIN, arrival_time, look_ahead, needed_look_ahead
-from proximity.studies.simulation.devices import SERVO_RATE, Decaff
+from proximity.studies.simulation.devices import Decaff
 from proximity.studies.simulation.hand import Hand
 from proximity.studies.simulation.sweeps import with_drum, with_latency
 

@@ -7,8 +7,7 @@ import numpy as np
 
 from proximity.decaff.arguments import finite, not_negative, positive, whole
 from proximity.decaff.drum.drum_model import DIRECT, GEAR4, Drum
-from proximity.decaff.drum.servo import Servo, servo_for
-from proximity.decaff.simulated_drums.simulated_drum import SERVO_RATE
+from proximity.decaff.drum.servo import SERVO_RATE, Servo, servo_for
 from proximity.errors import DecaffError
 from proximity.studies.simulation import loop_kernels
 from proximity.studies.simulation.target_policies import Holding

@@ -16,7 +16,6 @@ from proximity.native import entry, inlined
 from proximity.studies.simulation.press_kernels import (
     BODY_CONTACT_DAMPING,
     BODY_CONTACT_STIFFNESS,
-    BODY_FINGER_MASS,
     BODY_LINK_DAMPING,
     BODY_LINK_MASS,
     BODY_PAD_DAMPING,
@@ -28,8 +27,8 @@ from proximity.studies.simulation.press_kernels import (
     RECORD_FORCE,
     RECORD_LINK,
     RECORD_LINK_SPEED,
-    hand_force,
     intent,
+    step_finger,
 )
 
 # --- how a target is made; policies.Target names them ---
@@ -117,12 +116,10 @@ def advance_plant(
         record[RECORD_FINGER, i], record[RECORD_FINGER_SPEED, i] = finger, speed
         record[RECORD_LINK, i], record[RECORD_LINK_SPEED, i] = link, link_speed
         record[RECORD_DRUM, i] = where
-        push = hand_force(body, press, (i - zero) * step, finger, speed)
-        speed += (push - force) / body[BODY_FINGER_MASS] * step
         link_speed += (force - back - body[BODY_LINK_DAMPING] * link_speed) / body[BODY_LINK_MASS] * step
         where, drum_speed = pushed(drum, applied, back, where, drum_speed, step)
-        finger += speed * step
         link += link_speed * step
+        finger, speed = step_finger(body, press, (i - zero) * step, force, finger, speed, step)
     drive[drums.DRIVE_POSITION], drive[drums.DRIVE_SPEED] = where, drum_speed
     if last < record.shape[1]:
         record[RECORD_FINGER, last], record[RECORD_FINGER_SPEED, last] = finger, speed

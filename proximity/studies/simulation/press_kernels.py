@@ -94,6 +94,16 @@ def hand_force(body: np.ndarray, press: np.ndarray, t: float, finger: float, spe
     return body[BODY_HAND_STIFFNESS] * (wanted - finger) + body[BODY_HAND_DAMPING] * (wanted_speed - speed)
 
 
+@inlined
+def step_finger(
+    body: np.ndarray, press: np.ndarray, t: float, force: float, finger: float, speed: float, step: float
+) -> tuple[float, float]:
+    """Position and speed of the finger a step after *t*, driven by the hand against the pad's *force*."""
+    push = hand_force(body, press, t, finger, speed)
+    speed += (push - force) / body[BODY_FINGER_MASS] * step
+    return finger + speed * step, speed
+
+
 @entry("float64[:], float64[:], int, float, float64[:, :]")
 def press_real_wall(body: np.ndarray, press: np.ndarray, zero: int, step: float, record: np.ndarray) -> None:
     """A finger on a wall that neither moves nor pulls."""
@@ -113,9 +123,7 @@ def press_real_wall(body: np.ndarray, press: np.ndarray, zero: int, step: float,
             0.0 if finger > 0.0 else speed,
         )
         record[RECORD_DRUM, i], record[RECORD_CONTACT, i] = 0.0, force
-        push = hand_force(body, press, (i - zero) * step, finger, speed)
-        speed += (push - force) / body[BODY_FINGER_MASS] * step
-        finger += speed * step
+        finger, speed = step_finger(body, press, (i - zero) * step, force, finger, speed, step)
 
 
 @entry("float64[:], float64[:], float64[:], int, float, float64[:, :]")
@@ -144,9 +152,7 @@ def press_soft_wall(
         )
         record[RECORD_LINK, i], record[RECORD_LINK_SPEED, i] = max(surface, min(finger, 0.0)), sink
         record[RECORD_DRUM, i], record[RECORD_CONTACT, i] = surface, force
-        push = hand_force(body, press, (i - zero) * step, finger, speed)
-        speed += (push - force) / body[BODY_FINGER_MASS] * step
-        finger += speed * step
+        finger, speed = step_finger(body, press, (i - zero) * step, force, finger, speed, step)
         surface += sink * step
 
 
@@ -188,8 +194,6 @@ def press_penalty_wall(
         )
         record[RECORD_LINK, i], record[RECORD_LINK_SPEED, i] = link, link_speed
         record[RECORD_DRUM, i], record[RECORD_CONTACT, i] = 0.0, push_back
-        push = hand_force(body, press, (i - zero) * step, finger, speed)
-        speed += (push - force) / body[BODY_FINGER_MASS] * step
         link_speed += (force - push_back - body[BODY_LINK_DAMPING] * link_speed) / body[BODY_LINK_MASS] * step
-        finger += speed * step
         link += link_speed * step
+        finger, speed = step_finger(body, press, (i - zero) * step, force, finger, speed, step)

@@ -7,9 +7,10 @@ from typing import Any
 
 from proximity.decaff.arguments import not_negative
 from proximity.decaff.drum.drum_model import DRUMS
+from proximity.decaff.drum.servo import SERVO_RATE
 from proximity.errors import DecaffError
 from proximity.studies.simulation.closed_loop import decaff, penalty_wall, real_wall
-from proximity.studies.simulation.devices import SERVO_RATE, Decaff, PenaltyWall
+from proximity.studies.simulation.devices import Decaff, PenaltyWall
 from proximity.studies.simulation.hand import Hand
 from proximity.studies.simulation.metrics import drum_offset, force_error, onset, rest, work
 from proximity.studies.simulation.response import Response

@@ -13,6 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from proximity.decaff.arguments import positive
+from proximity.decaff.controller.drum_limits import RELEASE_GAP, TOUCH_GAP
 from proximity.decaff.drum.drum_command import DriveMode, DrumCommand
 from proximity.studies.simulation import loop_kernels
 
@@ -35,8 +36,8 @@ class Holding:
     """Distances at which a target is held, and the position where the drum waits otherwise."""
 
     retracted: float = 0.030  # m; assumed
-    touch_gap: float = 30e-6  # m, of link and drum: nearer is touching
-    release_gap: float = 1e-3  # m, farther is released
+    touch_gap: float = TOUCH_GAP  # m, of link and drum: nearer is touching
+    release_gap: float = RELEASE_GAP  # m, farther is released
 
     def __post_init__(self) -> None:
         positive("retracted", self.retracted, "metres")
