@@ -8,11 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from proximity.decaff.controller import passivity
-from proximity.decaff.drum import unit_circle
+from proximity.decaff.drum import sampled_mass, unit_circle
+from proximity.decaff.drum.sampled_mass import SampledMass
 from proximity.errors import DecaffError
-from proximity.studies.paper.spring_damper import SpringDamper
-from proximity.studies.stability import sampled_energy, sampled_finger, sampled_laws
-from proximity.studies.stability.sampled_finger import SampledFinger
+from proximity.studies.stability import sampled_energy, sampled_laws
 
 # ----------------------------------------------------------------------------------------------- passivity
 
@@ -84,14 +83,14 @@ def test_passive_wall_shakes_with_no_hand(delay_samples):
     rng = np.random.default_rng(7)
     for _ in range(60):
         mass, hand = 10.0 ** rng.uniform(-3, 2), 10.0 ** rng.uniform(0, 6)
-        plant = SampledFinger(SpringDamper(hand, 1.0001 * bound, mass), period, delay_samples)
+        plant = SampledMass(mass, period, delay_samples, 1.0001 * bound, hand)
         assert (
-            unit_circle.spectral_radius(sampled_finger.characteristic(plant, stiffness, damping)) < 1.0 + 1e-9
+            unit_circle.spectral_radius(sampled_mass.characteristic(plant, stiffness, damping)) < 1.0 + 1e-9
         )
 
     own = 0.99 * passivity.required_damping(stiffness, 0.0, period, delay_samples)
-    heavy = SampledFinger(SpringDamper(1.0, own, 20.0), period, delay_samples)  # slow: 1 Hz
-    assert unit_circle.spectral_radius(sampled_finger.characteristic(heavy, stiffness, 0.0)) > 1.0
+    heavy = SampledMass(20.0, period, delay_samples, own, 1.0)  # slow: 1 Hz
+    assert unit_circle.spectral_radius(sampled_mass.characteristic(heavy, stiffness, 0.0)) > 1.0
 
 
 @given(st.floats(0.01, 50.0), st.floats(-10.0, 10.0), st.sampled_from([0, 1, 3]))

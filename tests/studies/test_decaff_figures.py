@@ -8,7 +8,7 @@ import matplotlib
 import numpy as np
 import pytest
 
-from proximity.decaff.drum.sampled_mass import SampledMass, maximum_stiffness
+from proximity.decaff.drum.sampled_mass import SampledMass, maximum_stiffness, stiffness_limit
 from proximity.errors import DecaffError
 from proximity.studies.engine.engine_loop import press_on_part
 from proximity.studies.engine.engine_setup import EngineSetup
@@ -29,7 +29,6 @@ from proximity.studies.simulation import simulated_press
 from proximity.studies.simulation.hand import Hand
 from proximity.studies.simulation.metrics import deviation
 from proximity.studies.simulation.simulated_press import Setup, Wall, simulate
-from proximity.studies.stability.sampled_wall import stiffness_limit
 
 STARTS = {"png": b"\x89PNG\r\n\x1a\n", "svg": b"<?xml", "pdf": b"%PDF-"}
 

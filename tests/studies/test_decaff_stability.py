@@ -160,7 +160,7 @@ def jury_limit(b):
     ],
 )
 def test_limit_of_equation_1(b, expected):
-    found = sampled_wall.stiffness_limit(UNIT[1], b * UNIT[1].damping_unit) / UNIT[1].stiffness_unit
+    found = sampled_mass.stiffness_limit(UNIT[1], b * UNIT[1].damping_unit) / UNIT[1].stiffness_unit
 
     assert found == pytest.approx(expected, abs=1e-9)
     assert found == pytest.approx(jury_limit(b), rel=1e-12)
@@ -171,7 +171,7 @@ def test_region_is_what_the_boundary_encloses(delay_samples):
     device = UNIT[delay_samples]
     rng = np.random.default_rng(7)
     dampings = rng.uniform(0.0, 1.1, 200) * sampled_wall.largest_damping(device)
-    limits = np.array([sampled_wall.stiffness_limit(device, damping) for damping in dampings])
+    limits = np.array([sampled_mass.stiffness_limit(device, damping) for damping in dampings])
     top = sampled_mass.maximum_stiffness(device).stiffness
     stiffness = rng.uniform(0.0, 1.3, (30, 200)) * top
     is_clear = np.abs(stiffness - limits) > 1e-6 * top
@@ -193,13 +193,13 @@ def test_boundary_is_where_the_radius_is_one():
 
 
 def test_walls_with_no_damping_or_too_much_have_no_stiffness():
-    assert sampled_wall.stiffness_limit(PAPER_WALL, 0.0) == 0.0
-    assert sampled_wall.stiffness_limit(PAPER_WALL, 116.0) == 0.0
-    assert sampled_wall.stiffness_limit(PAPER_WALL, 115.9) > 0.0
+    assert sampled_mass.stiffness_limit(PAPER_WALL, 0.0) == 0.0
+    assert sampled_mass.stiffness_limit(PAPER_WALL, 116.0) == 0.0
+    assert sampled_mass.stiffness_limit(PAPER_WALL, 115.9) > 0.0
     with pytest.raises(
         DecaffError, match="damping is nan, expected a number of newton seconds a metre of 0 or"
     ):
-        sampled_wall.stiffness_limit(PAPER_WALL, math.nan)
+        sampled_mass.stiffness_limit(PAPER_WALL, math.nan)
 
 
 # --------------------------------------------------------------------------------------- largest stiffness

@@ -1,12 +1,17 @@
-"""Test whether all roots of a polynomial lie within the unit circle: by finding them, and by Jury's table.
+"""Roots of polynomials against the unit circle: where they lie, and for which parameter one reaches it.
 
-Polynomials are real, in the last axis of an array, highest power first; many are looked at in one call.
+Polynomials are real, in the last axis of an array, highest power first.
 """
 
 import numpy as np
+from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike
 
 from proximity.errors import DecaffError
+
+NEGLIGIBLE = 1e-15  # of the largest coefficient: a power with less is none
+REAL_ENOUGH = 1e-7  # imaginary part of a real root; a double one splits by the root of the rounding
+LEAST_EFFECT = 1e-7  # of what varies, on the circle, as a share of its coefficients; less has no crossing
 
 
 def roots(coefficients: ArrayLike) -> np.ndarray:
@@ -44,6 +49,41 @@ def spectral_radius(coefficients: ArrayLike) -> np.ndarray:
         As of `roots`.
     """
     return np.abs(roots(coefficients)).max(axis=-1)
+
+
+def crossings(fixed: ArrayLike, varied: ArrayLike) -> np.ndarray:
+    """Return every real s, ascending, for which ``fixed + s varied`` has a root on the unit circle.
+
+    Parameters
+    ----------
+    fixed, varied : (n + 1,) float64
+        Highest power first; they may begin with zeros. Roots at 1 are not looked for.
+
+    Raises
+    ------
+    DecaffError
+        As of `roots`, of *fixed*.
+
+    Notes
+    -----
+    Such a root z has ``s = -fixed(z) / varied(z)``, and s is real where the imaginary part of fixed(z) times
+    conjugate varied(z) is zero. That is a sum of sines of the angle; divided by the sine it is a Chebyshev
+    series in the cosine, all of whose roots are found: none hides between points of a grid.
+    """
+    fixed, varied = _checked(fixed), np.asarray(varied, np.float64)
+    power = len(fixed) - 1
+    products = np.correlate(fixed[::-1], varied[::-1], "full")  # of powers -n to n of z
+    sines = products[power + 1 :] - products[:power][::-1]
+    series = np.zeros(power)
+    for m, sine in enumerate(sines):  # sin((m + 1) w) / sin w = 2 cos(m w) + 2 cos((m - 2) w) + ...
+        series[m::-2] += 2.0 * sine
+        series[0] -= sine if m % 2 == 0 else 0.0
+    found = chebyshev.chebroots(chebyshev.chebtrim(series, NEGLIGIBLE * float(np.abs(series).max())))
+    is_angle = (np.abs(found.imag) < REAL_ENOUGH) & (np.abs(found.real) < 1.0)
+    z = np.exp(1j * np.arccos(np.append(found.real[is_angle], -1.0)))
+    effect = np.polyval(varied, z)
+    has_effect = np.abs(effect) > LEAST_EFFECT * np.abs(varied).sum()
+    return np.sort(-(np.polyval(fixed, z)[has_effect] / effect[has_effect]).real)
 
 
 def _checked(coefficients: ArrayLike) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Stable stiffness and damping of the sampled wall of equation (1) on a mass.
+"""Stable stiffness and damping of the sampled wall of equation (1) on a free mass.
 
 A mass feels a force that is held for a period and was computed from positions some samples old; the damping
 is from the difference of two of them. Equation (1) itself has one sample of delay. The same formulas bound
@@ -15,14 +15,13 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import ArrayLike
 
-from proximity.decaff.arguments import finite, not_negative, positive, whole
+from proximity.decaff.arguments import finite, positive, whole
 from proximity.decaff.drum.sampled_mass import (
     Gains,
     SampledMass,
     characteristic,
     damping_window,
     edge_at,
-    gains_at,
     root_between,
 )
 from proximity.decaff.drum.unit_circle import spectral_radius
@@ -66,28 +65,6 @@ def boundary(device: SampledMass, count: int = 400) -> tuple[np.ndarray, np.ndar
 def largest_damping(device: SampledMass) -> float:
     """Return the largest damping of a stable wall, of a stiffness near zero, N·s/m."""
     return math.tan(device.last_half_angle) * device.damping_unit
-
-
-def stiffness_limit(device: SampledMass, damping: float) -> float:
-    """Return the stiffness up to which a wall of some damping is stable, N/m; 0 where there is none.
-
-    Parameters
-    ----------
-    device : SampledMass
-        Of d samples of delay.
-    damping : float, N·s/m
-        Of the wall.
-
-    Raises
-    ------
-    DecaffError
-        If the damping is negative or not finite.
-    """
-    b = not_negative("damping", damping, "newton seconds a metre") / device.damping_unit
-    if not 0.0 < b < math.tan(device.last_half_angle):
-        return 0.0
-    half_angle = root_between(lambda h: edge_at(device, h)[1] - b, 0.0, device.last_half_angle)
-    return gains_at(device, half_angle).stiffness
 
 
 def verdict(device: SampledMass, gains: Gains) -> Verdict:
