@@ -74,17 +74,27 @@ def test_numbers_beside_figure_5_are_the_models(name, tmp_path):
     np.testing.assert_array_equal(found["time_s"], times)
     np.testing.assert_array_equal(found["real_force_N"], figure_5.real_wall(times))
     if name != "5a":
-        felt = found["error_N" if name == "5e" else "force_N"]
-        np.testing.assert_array_equal(felt, figure_5.FIGURES[name](times))
+        np.testing.assert_array_equal(found["force_N"], figure_5.FIGURES[name](times))
 
 
-def test_position_that_the_late_wall_knows():
-    """Reference: at 100 ms, penetrated, 4.588013 mm; 40 ms later the late wall knows it."""
-    found = figure_5_plots.position("5c", np.array([0.140]))
+def test_force_lags_the_position_that_is_drawn():
+    """The position is the finger's, the force comes 40 ms later; both begin after the touch."""
+    times = figure_5.sample_times(1e-4)
+    touch, late = 500, 900  # samples, at 50 and 90 ms
+    for name in ("5c", "5d", "5g", "5h"):
+        table = figure_5_plots.numbers(name)
+        assert (table["position_m"] > 1e-12).argmax() == touch + 1
+        assert (table["force_N"] > 0.0).argmax() == late + 1
+    # Reference: at 100 ms, penetrated, 4.588013 mm.
+    assert figure_5_plots.position("5c", times[[1000]])[0] == pytest.approx(4.588013e-3, abs=5e-10)
+    assert figure_5_plots.position("5d", times[[1000]])[0] == pytest.approx(3.657227e-3, abs=5e-10)
 
-    assert found[0] == pytest.approx(4.588013e-3, abs=5e-10)
-    assert figure_5_plots.position("5b", np.array([0.100]))[0] == pytest.approx(found[0])
-    assert figure_5_plots.position("5d", np.array([0.140]))[0] == pytest.approx(3.657227e-3, abs=5e-10)
+
+def test_figure_5e_is_the_force_experienced():
+    table = figure_5_plots.numbers("5e")
+
+    np.testing.assert_array_equal(table["force_N"], figure_5_plots.numbers("5b")["force_N"])
+    assert figure_5_plots.all_numbers()["5e_force_N"].max() == pytest.approx(1.64876, abs=5e-6)
 
 
 # -------------------------------------------------------------------------------- stability, errors, arrival

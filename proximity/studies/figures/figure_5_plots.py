@@ -8,7 +8,7 @@ import numpy as np
 from proximity.studies.figures import style
 from proximity.studies.figures.tables import Table
 from proximity.studies.paper import figure_5
-from proximity.studies.paper.figure_5 import DELAY, FIGURES, GAIN_SHARE, PRESS, SIMULATED
+from proximity.studies.paper.figure_5 import DELAY, FIGURES, GAIN_SHARE, PENETRATED, PRESS, SIMULATED
 from proximity.studies.paper.reacting_operator import critical_gain, react
 from proximity.studies.paper.spring_damper import FINGER
 
@@ -20,17 +20,23 @@ SIZE = (style.COLUMN_WIDTH, 3.1)
 PAGE_SIZE = (style.PAGE_WIDTH, 6.6)
 POSITIONS_SHOWN = (-2.0, 10.5)  # mm; before and after, the finger is on its path
 POSITION_TICKS = (0, 4, 8)  # mm
-FORCES_SHOWN = (-0.06, 1.75)  # N; the same everywhere, so that figures compare
+FORCES_SHOWN = (-0.06, 1.75)  # N; the same but for 5f, so that figures compare
 CAPTIONS = {
     "5a": "real wall",
-    "5b": "penetration, no delay",
-    "5c": "penetration and 40 ms of delay",
+    "5b": "penetration of 4 mm, no delay",
+    "5c": "penetration of 4 mm, and 40 ms of delay",
     "5d": "40 ms of delay, no penetration",
-    "5e": "error by penetration alone",
-    "5f": "operator reacts to the delayed force",
-    "5g": "soft wall: 100 N/m for finger and wall",
-    "5h": "light damping: 1 N·s/m for finger and wall",
+    "5e": "force experienced by penetration alone",
+    "5f": "operator reacts, 40 ms late",
+    "5g": "as 5c, soft: 100 N/m in all",
+    "5h": "as 5c, lightly damped: 1 N·s/m in all",
 }
+
+PARAMETERS = (
+    f"Finger {FINGER.stiffness:g} N/m and {FINGER.damping:g} N·s/m (the paper's), {1e3 * FINGER.mass:g} g;\n"
+    f"touch at {PRESS.speed:g} m/s, pressed {1e3 * PRESS.depth:g} mm on the real wall (ours)."
+)
+REACTION = f"\n5f: draws back by {GAIN_SHARE:g} times the stable gain (ours); forces below 0 are none."
 
 
 def numbers(name: str) -> Table:
@@ -49,12 +55,12 @@ def numbers(name: str) -> Table:
     }
     if name != "5a":
         columns["position_m"] = position(name, times)
-        columns["error_N" if name == "5e" else "force_N"] = FIGURES[name](times)
+        columns["force_N"] = FIGURES[name](times)
     return Table(columns)
 
 
 def position(name: str, times: np.ndarray) -> np.ndarray:
-    """Return where a finger is, as its wall knows it at some instants, (T,), m.
+    """Return where a finger is on its wall at some instants, (T,), m: not late, as the force may be.
 
     Parameters
     ----------
@@ -65,18 +71,18 @@ def position(name: str, times: np.ndarray) -> np.ndarray:
     """
     if name == "5f":
         gain = GAIN_SHARE * critical_gain(FINGER, DELAY)
-        reaction = react(PRESS, FINGER, gain, DELAY, end=float(times[-1]) + DELAY)
+        reaction = react(PENETRATED, FINGER, gain, DELAY, end=float(times[-1]) + DELAY)
         return reaction.position[np.searchsorted(reaction.times, times, side="right") - 1]
     wall = SIMULATED.get("5b" if name == "5e" else name)
     if wall is None:
         return PRESS.at(times).position
-    return PRESS.deeper(wall.penetration).at(times - wall.delay).position
+    return PRESS.deeper(wall.penetration).at(times).position
 
 
 def all_numbers() -> Table:
     """Return the curves of all eight figures."""
     times = figure_5.sample_times(style.SAMPLING)
-    curves = {f"{name}_{'error' if name == '5e' else 'force'}_N": FIGURES[name](times) for name in FIGURES}
+    curves = {f"{name}_force_N": FIGURES[name](times) for name in FIGURES}
     return Table({"time_s": times, **curves})
 
 
@@ -95,11 +101,10 @@ def drawer(name: str) -> "Callable[[Figure, Table], None]":
         above.plot(times, 1e3 * table["real_position_m"], **style.REAL)
         below.plot(times, table["real_force_N"], **style.REAL, label="real wall")
         if name != "5a":
-            kind = "error_N" if name == "5e" else "force_N"
             stroke = style.line(style.PENALTY)
-            shown = {"5e": "simulated less real", "5f": "felt by the operator"}.get(name, "simulated wall")
+            shown = {"5e": "simulated wall, as in 5b", "5f": "reacting operator"}.get(name, "simulated wall")
             above.plot(times, 1e3 * table["position_m"], **stroke)
-            below.plot(times, table[kind], **stroke, label=shown)
+            below.plot(times, table["force_N"], **stroke, label=shown)
             style.legend_above(figure, below, 2)
         above.set_ylim(*POSITIONS_SHOWN)
         above.set_yticks(POSITION_TICKS)
@@ -107,11 +112,13 @@ def drawer(name: str) -> "Callable[[Figure, Table], None]":
             above.text(1e3 * instant, POSITIONS_SHOWN[1], event, va="top", fontsize=6.5, color="0.35")
         above.set_ylabel("position [mm]")
         above.set_title(f"FIG {name}  {CAPTIONS[name]}", loc="left")
-        below.set_ylim(*FORCES_SHOWN)
+        highest = 1.05 * float(table["force_N"].max()) if name == "5f" else FORCES_SHOWN[1]
+        below.set_ylim(FORCES_SHOWN[0], highest)
         below.set_ylabel("force [N]")
         below.set_xlabel("time [ms]")
         below.set_xlim(0.0, times[-1])
         _mark_events(above, below)
+        figure.supxlabel(PARAMETERS + (REACTION if name == "5f" else ""), fontsize=5.5, color="0.35")
 
     return draw
 
@@ -131,9 +138,8 @@ def draw_all(figure: "Figure", table: Table) -> None:
     for panel, name in zip(panels, FIGURES, strict=True):
         panel.plot(times, real, **style.REAL, label="real wall")
         if name != "5a":
-            curve = table[f"{name}_{'error' if name == '5e' else 'force'}_N"]
-            label = "simulated wall (5e: less the real one)"
-            panel.plot(times, curve, **style.line(style.PENALTY), label=label)
+            label = "simulated wall"
+            panel.plot(times, table[f"{name}_force_N"], **style.line(style.PENALTY), label=label)
         _mark_events(panel)
     style.letter_panels(panels, (CAPTIONS[name] for name in FIGURES))
     panels[0].set_ylim(*FORCES_SHOWN)
@@ -143,6 +149,8 @@ def draw_all(figure: "Figure", table: Table) -> None:
         panel.set_xlabel("time [ms]")
         panel.set_xlim(0.0, times[-1])
     style.legend_above(figure, panels[1], 2)
+    cut = f" Above {FORCES_SHOWN[1]:g} N they are cut off: the highest is {table['5f_force_N'].max():.1f} N."
+    figure.supxlabel(PARAMETERS.replace("\n", " ") + REACTION + cut, fontsize=6, color="0.35")
 
 
 def _mark_events(*panels: "Axes") -> None:

@@ -19,6 +19,7 @@ PRESS = Press()
 DELAY = 0.040  # s, the paper's 25 Hz
 END = 0.520  # s, of the curves
 PENETRATION = PRESS.speed * DELAY  # m; more than a finger that slows down goes in that time
+PENETRATED = PRESS.deeper(PENETRATION)  # of the paper: "the xs+f data"
 SOFT = in_series(FINGER, SpringDamper(stiffness=200.0, damping=np.inf))  # 5g: 100 N/m
 LIGHTLY_DAMPED = in_series(FINGER, SpringDamper(stiffness=np.inf, damping=1.2))  # 5h: 1 N·s/m
 GAIN_SHARE = 1.5  # of the gain at which 5f becomes unstable; assumed: the paper gives none
@@ -84,13 +85,8 @@ def simulated_wall(
     return wall.force(times, press, convention)
 
 
-def penetration_error(times: np.ndarray) -> np.ndarray:
-    """Return FIG 5e, at *times*, s: by how much 5b is above 5a. It is the same wall as 5b."""
-    return simulated_wall("5b", times) - real_wall(times)
-
-
 def operator_reacts(times: np.ndarray, *, gain: float | None = None, step: float = DELAY) -> np.ndarray:
-    """Return FIG 5f: the operator draws back from the force felt one step ago; held in between.
+    """Return FIG 5f: the operator draws back, from where 5b is, by the force of a step ago; held in between.
 
     Parameters
     ----------
@@ -102,7 +98,7 @@ def operator_reacts(times: np.ndarray, *, gain: float | None = None, step: float
         How late he reacts; assumed to be the delay.
     """
     gain = GAIN_SHARE * critical_gain(FINGER, step) if gain is None else gain
-    reaction = react(PRESS, FINGER, gain, step, end=float(np.max(times, initial=0.0)) + step)
+    reaction = react(PENETRATED, FINGER, gain, step, end=float(np.max(times, initial=0.0)) + step)
     felt = np.searchsorted(reaction.times, np.asarray(times), side="right") - 1
     return np.where(felt >= 0, reaction.force[np.maximum(felt, 0)], 0.0)
 
@@ -112,7 +108,7 @@ FIGURES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "5b": lambda times: simulated_wall("5b", times),
     "5c": lambda times: simulated_wall("5c", times),
     "5d": lambda times: simulated_wall("5d", times),
-    "5e": penetration_error,
+    "5e": lambda times: simulated_wall("5b", times),  # the force experienced, drawn over 5a
     "5f": operator_reacts,
     "5g": lambda times: simulated_wall("5g", times),
     "5h": lambda times: simulated_wall("5h", times),

@@ -18,6 +18,7 @@ from proximity.errors import DecaffError
 from proximity.studies.paper.spring_damper import FINGER, SpringDamper
 from proximity.studies.paper.trajectories import Motion, Press
 
+TOUCHING = 1e-15  # m: nearer to the surface is at it but for rounding of the instant
 YIELD_STEP = 20e-6  # s, of the pad on a drum that yields; the motion between is taken as straight
 
 
@@ -56,7 +57,7 @@ def contact_force(
     """
     inertia = contact.mass * _inertia_sign(convention) * motion.acceleration
     force = inertia + contact.damping * motion.velocity + contact.stiffness * motion.position
-    return np.where(motion.position > 0.0, force if can_pull else np.maximum(force, 0.0), 0.0)
+    return np.where(motion.position > TOUCHING, force if can_pull else np.maximum(force, 0.0), 0.0)
 
 
 def steady_force(advance: float, *stiffnesses: float) -> float:
@@ -192,7 +193,7 @@ class DecaffWall:
             return contact_force(motion, self.finger, convention)
         pressed = np.interp(np.asarray(times, np.float64), *self._pad_force(press))
         force = self.finger.mass * _inertia_sign(convention) * motion.acceleration + pressed
-        return np.where(motion.position > 0.0, np.maximum(force, 0.0), 0.0)
+        return np.where(motion.position > TOUCHING, np.maximum(force, 0.0), 0.0)
 
     def _pad_force(self, press: Press) -> tuple[np.ndarray, np.ndarray]:
         """Instants from touch to loss, and what pad and drum exchange at them: c p' + k p = K (x - p)."""
