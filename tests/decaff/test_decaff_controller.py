@@ -12,7 +12,7 @@ from proximity.decaff.controller.contact_location import is_sound, locate
 from proximity.decaff.controller.controller import SERVO_LAG, FingerController
 from proximity.decaff.controller.controller_states import DrumState, FrameMark, Observation, Trust
 from proximity.decaff.controller.drum_limits import ForceBudget, Limits
-from proximity.decaff.controller.passivity import is_passive
+from proximity.decaff.controller.passivity import is_passive, required_damping
 from proximity.decaff.controller.steady_force import Handover, SteadyRule
 from proximity.decaff.controller.surface_law import SurfaceLaw
 from proximity.decaff.drum.drum_command import DriveMode
@@ -311,7 +311,7 @@ def test_deformable_surface_is_served_by_its_law_from_the_touch_on():
 
 @pytest.mark.parametrize(("stiffness", "damping"), [(100.0, 0.3), (1e5, 0.5), (1e6, 50.0)])
 def test_displayed_law_is_passive_whatever_the_surface(stiffness, damping):
-    law = SurfaceLaw(3000.0, 2.0)
+    law = SurfaceLaw(3000.0, 0.0)
     k, b = law.displayed(stiffness, damping)
 
     assert 0.0 < k <= stiffness and b <= damping
@@ -319,8 +319,15 @@ def test_displayed_law_is_passive_whatever_the_surface(stiffness, damping):
     assert (k, b) == (stiffness, damping) or not is_passive(2.0, stiffness, damping, 1 / 3000.0, 1)
 
 
+def test_damping_that_the_drum_lacks_is_reported():
+    """The servo's own damping does not count: it is sampled and late."""
+    assert SurfaceLaw(3000.0, 0.0).lacking(800.0, 0.5) == required_damping(800.0, 0.5, 1 / 3000.0, 1)
+    assert SurfaceLaw(3000.0, 3.0).lacking(800.0, 0.5) == 0.0
+    assert FingerController(PATH).law.lacking(800.0, 0.0) > 0.0
+
+
 def test_law_pulls_never_and_is_nothing_for_what_is_no_number():
-    law = SurfaceLaw(3000.0, 2.0)
+    law = SurfaceLaw(3000.0, 0.0)
 
     assert law.force(100.0, 1.0, 0.001, -10.0, 1.0) == 0.0
     assert law.force(100.0, 1.0, -0.001, 10.0, 1.0) == 0.0

@@ -29,7 +29,7 @@ from proximity.decaff.drum.servo import SERVO_RATE
 from proximity.decaff.glove.finger_path import LEAST_BEND, MOST_BEND, FingerPath
 from proximity.message import Source, Surface
 
-DRUM_DAMPING = 2.0  # N s/m, while a force is served; assumed, as the servo's
+DRUM_DAMPING = 0.0  # N s/m, of the drum itself: the plant has Coulomb friction only
 BRAKING_SHARE = 0.5  # of what the drum can brake with, counted on near the finger; assumed
 SERVO_LAG = 2e-3  # s, by which the drum's speed follows a new cap late: six samples of its servo; assumed
 STRAY_ANGLE = math.pi  # rad, beyond the finger's path: a drum is not parked farther off; assumed

@@ -1,28 +1,34 @@
-"""Force of a deformable surface, limited to what a sampled drum can display (docs/decaff.md)."""
+"""Force of a deformable surface, limited to what a sampled drum can display (docs/decaff.md).
+
+Only physical damping counts: the drum's, and that of the pad of the finger that leans on it. The servo's own
+damping is sampled and late, as the surface is, and takes no energy for sure.
+"""
 
 import math
 
 from proximity.decaff.arguments import not_negative, positive
-from proximity.decaff.controller.passivity import largest_passive_stiffness
+from proximity.decaff.controller.passivity import largest_passive_stiffness, required_damping
 
-DAMPING_SHARE = 0.5  # of the drum's own damping that the surface's may take; assumed
+DAMPING_SHARE = 0.5  # of the physical damping that the surface's may take; assumed
+PAD_DAMPING = 2.0  # N s/m, counted on of a fingertip's 6; assumed
 DELAY_SAMPLES = 1  # what the servo computes acts a sample later
 
 
 class SurfaceLaw:
-    """``F = k delta + b delta'``, never pulling, within the bound of passivity.
+    """``F = k delta + b delta'``, never pulling, within the bound of passivity of drum and pad together.
 
     Parameters
     ----------
     rate : float, Hz
         Of the servo.
     drum_damping : float, N s/m
-        The drum's own, at the fingertip.
+        The drum's own, physical, at the fingertip; Coulomb friction is none.
     """
 
     def __init__(self, rate: float, drum_damping: float) -> None:
         self._period = 1.0 / positive("rate", rate, "hertz")
-        self._own = not_negative("drum_damping", drum_damping, "newton seconds a metre")
+        self._drum = not_negative("drum_damping", drum_damping, "newton seconds a metre")
+        self._own = self._drum + PAD_DAMPING
         self._asked = (0.0, 0.0)
         self._displayed = (0.0, 0.0)
 
@@ -42,6 +48,17 @@ class SurfaceLaw:
             most = largest_passive_stiffness(self._own, soft, self._period, DELAY_SAMPLES)
             self._asked, self._displayed = asked, (min(asked[0], most), soft)
         return self._displayed
+
+    def lacking(self, stiffness: float, damping: float) -> float:
+        """Return the damping that the drum alone lacks to display a surface passively, N s/m; 0: none.
+
+        Parameters
+        ----------
+        stiffness, damping
+            As of `displayed`.
+        """
+        k, b = self.displayed(stiffness, damping)
+        return max(0.0, required_damping(k, b, self._period, DELAY_SAMPLES) - self._drum)
 
     def force(self, stiffness: float, damping: float, depth: float, speed: float, incidence: float) -> float:
         """Return the force along the finger's path, N.

@@ -122,7 +122,7 @@ class DrumBench:
     rate : float, Hz
         At which `step` is called.
     gloves : sequence of Glove or CalibratedGlove
-        One for all fingers, or one each; the paper's where not given.
+        One for all fingers, or one each; one of our own dimensions where not given.
     limits : Limits
         Of every controller.
 
@@ -196,13 +196,21 @@ class DrumBench:
             surface = finger.controller.frames.reading
             if surface is None or surface.surface != Surface.DEFORMABLE:
                 continue
-            shown, _ = finger.controller.law.displayed(surface.stiffness, surface.damping)
+            law, asked = finger.controller.law, (surface.stiffness, surface.damping)
+            shown, _ = law.displayed(*asked)
             matter = f"{surface.stiffness:g} N/m"
-            if shown < (1.0 - SOFTER) * surface.stiffness and matter not in self._announced:
-                self._announced.add(matter)
+            if matter in self._announced or not shown > 0.0:
+                continue
+            self._announced.add(matter)
+            if shown < (1.0 - SOFTER) * surface.stiffness:
                 reported.append(
                     f"the part before finger {i} has {matter}, beyond what this drum can display at "
                     f"{self._rate:g} Hz without feeding energy: it feels as {shown:.0f} N/m"
+                )
+            if law.lacking(*asked) > 0.0:
+                reported.append(
+                    f"at {shown:.0f} N/m the drum itself lacks {law.lacking(*asked):.2g} N s/m of damping "
+                    "to be passive whatever leans on it: it counts on the damping of a fingertip"
                 )
         return reported
 
