@@ -197,8 +197,9 @@ def _transparency() -> Claim:
     return Claim(
         "it is highly transparent in free motion",
         YES,
-        f"{1e3 * Link().mass:.0f} g move with the finger, not {1e3 * COUPLED_DEVICE.mass:.0f} g of link and "
-        f"rotor; the geared drum's {1e3 * drum.mass:.0f} g move beside it. The cable's friction stays",
+        f"as assumed, not computed: {1e3 * Link().mass:.0f} g move with the finger, not "
+        f"{1e3 * COUPLED_DEVICE.mass:.0f} g of link and rotor; the geared drum's {1e3 * drum.mass:.0f} g "
+        "move beside it. The cable's friction stays",
     )
 
 
@@ -206,8 +207,8 @@ def _load() -> Claim:
     return Claim(
         "computing the distance is a small load",
         YES,
-        "the paper leaves that open; [measured here](performance.md): a hundredth of a millisecond for five "
-        "fingers at a part of 87 k faces, and bounded everywhere",
+        "the paper leaves that open; not computed but [measured elsewhere](performance.md): a hundredth of a "
+        "millisecond for five fingers at a part of 87 k faces, and bounded everywhere",
     )
 
 

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from proximity.decaff.controller.drum_limits import Limits
 from proximity.decaff.drum.servo import SERVO_RATE
 from proximity.recording import Recording
 from proximity.scene.scene import Scene
@@ -97,6 +98,15 @@ def describe(simulation: PartSimulation) -> list[tuple[str, str]]:
         ("frames", str(press.counts)),
         ("states", ", ".join(f"{state} {count / SERVO_RATE:.3f} s" for state, count in press.states.items())),
     ]
+    fresh = 1e-9 * Limits().fresh_ns
+    if setup.reading is None and setup.expected_latency > fresh:
+        lines.append(
+            (
+                "no force",
+                f"no frame is younger than {1e3 * fresh:g} ms when it arrives: by our own rule for old "
+                "frames the controller then lets the drum come no nearer",
+            )
+        )
     if math.isfinite(press.switched_at):
         lines.append(("force", f"served from {1e3 * press.switched_at:.1f} ms after the touch on"))
     return lines

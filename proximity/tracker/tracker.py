@@ -81,7 +81,7 @@ class Tracker:
         for.
     tolerance : float
         Share of its distance by which the bounds of a finger may be apart. 0: exact at every tick. For skins
-        of thousands: with 0.05, as much as the paper allows away from contact, most ticks of
+        of thousands: with 0.05 most ticks of
         most points follow from the tick before, and searches end sooner.
     horizon : float, s
         How far ahead contacts are looked for.

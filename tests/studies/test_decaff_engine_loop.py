@@ -14,6 +14,7 @@ from proximity.recording import Recording
 from proximity.scene.loader import load
 from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
+from proximity.studies import part_press
 from proximity.studies.engine.delayed_link import DelayedLink
 from proximity.studies.engine.engine_loop import press_on_part
 from proximity.studies.engine.engine_setup import Distances, EngineSetup
@@ -338,3 +339,14 @@ def test_recording_that_touches_nothing_is_refused():
         recorded_press(box_scene(), recording(motion() - 0.02), 0.007, 0.1)
     with pytest.raises(DecaffError, match=r"r\.csv: 100 s are recorded, expected at most 60 s"):
         recorded_press(box_scene(), recording(np.zeros(1001), 10.0), 0.007, 0.1)
+
+
+def test_press_whose_frames_are_all_old_says_why_there_is_no_force():
+    late, plain = (
+        part_press.simulate_on_part(box_scene(), EngineSetup(latency=latency), at=(0.0, 0.0, 0.01), speed=0.5)
+        for latency in (0.040, 0.010)
+    )
+
+    assert late.engine.response.force.max() < 0.1 < plain.engine.response.force.max()
+    assert "our own rule for old frames" in dict(part_press.describe(late))["no force"].replace("\n", " ")
+    assert "no force" not in dict(part_press.describe(plain))

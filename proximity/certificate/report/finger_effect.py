@@ -1,7 +1,8 @@
 """What a latency means at the finger: how deep a wall is entered, and how wrong force and energy are then.
 
-A simulated wall is entered by speed times delay before it answers. By that much the force at rest is too
-high, equation (10), and the operator's work too large, equation (15); finger and press are the paper's.
+A simulated wall is entered by speed times delay before it answers. Where the finger's motion is
+prescribed, the force at rest is then too high, equation (10), and the operator's work too large, equation
+(15). The finger is the paper's, the press assumed.
 """
 
 import math

@@ -12,7 +12,7 @@ RELEASE_GAP = 1e-3  # m, farther is released; assumed
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Ages, speeds, forces and lengths; the paper's analysis gives them where nothing else is said."""
+    """Ages, speeds, forces and lengths, all by our own rules: the paper gives none."""
 
     fresh_ns: int = 20 * NS_PER_MS  # of a pose: younger, all is normal
     stale_ns: int = 100 * NS_PER_MS  # older, nothing is known

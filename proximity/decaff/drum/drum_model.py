@@ -26,7 +26,7 @@ class Motor:
     speed: float = 1000.0  # rad/s, at most; assumed: 1 m/s behind a gear of 10
     friction: float = 4.5e-4  # N m; assumed: with it, 0.045 N at the rim, drums settle as docs/decaff.md says
     encoder_counts: int = 2000  # a turn; assumed: 31 µm at the rim
-    duty_bits: int = 0  # of the pulse width, either way; 0: continuous, as in the paper's analysis
+    duty_bits: int = 0  # of the pulse width, either way; 0: continuous
 
     def __post_init__(self) -> None:
         positive("inertia", self.inertia, "kilogram square metres")

@@ -26,7 +26,7 @@ FILE_VERSION = 1
 TABLE_SIZE = 7
 """Points of the table, flat hand and fist among them."""
 MOST_AGE_DAYS = 30.0
-"""A hand and a strap change. Assumed: the paper says that a calibration has a date, not how long it holds."""
+"""A hand and a strap change. Assumed."""
 SLACK_DAYS = 1.0
 """By which a date may lie ahead: two machines whose clocks differ."""
 MOST_TOUCH_OFFSET = 0.5

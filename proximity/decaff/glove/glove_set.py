@@ -13,7 +13,7 @@ G = TypeVar("G")
 
 
 def read_glove(path: str | os.PathLike[str], most_days: float | None = None) -> CalibratedGlove:
-    """Return a glove, of the paper's design, as it was measured, unless that was too long ago.
+    """Return a glove of our own design, as it was measured, unless that was too long ago.
 
     Parameters
     ----------

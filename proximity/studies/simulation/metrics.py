@@ -1,8 +1,8 @@
 """Difference of a force from that of a real wall: as a whole, at its onset, at rest, and in work.
 
 A real wall's force begins with a step, c v. When that step is shifted by 0.1 ms, the error as a whole changes
-by 1.5 points at 0.25 m/s and by 5 points at 1 m/s; the paper's analysis, which looked at forces every 0.1 ms,
-has that spread.
+by 1.5 points at 0.25 m/s and by 5 points at 1 m/s; our own first analysis, of forces every 0.1 ms, has
+that spread.
 """
 
 import math

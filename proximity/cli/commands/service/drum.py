@@ -46,7 +46,8 @@ CALIBRATION = Annotated[
     typer.Option(
         "--calibration",
         metavar="FILE",
-        help="Calibration of the glove: one for all fingers, or one for each. Without it the paper's glove.",
+        help="Calibration of the glove: one for all fingers, or one for each. Without it a glove with our "
+        "own dimensions.",
     ),
 ]
 MAX_AGE = Annotated[
