@@ -51,6 +51,9 @@ from proximity.native import inlined, kernel
 
 PROBES = 3
 """Questions beyond the expected contact, each farther, to confirm it."""
+ROUNDS = 16
+"""Advancements of a path that grazes a surface, each from where the last one ended, until a touch is known or
+excluded: 16 lead past a surface 0.05 mm away."""
 
 
 @inlined
@@ -200,7 +203,10 @@ def predict_contact_on_path(model, settings, finger, path, path_bends, bend, mov
         model, settings, finger, path, standing, current, lower - radius, part, slot, scratch
     )
     if advance.free < whole:
-        flags |= _write_contact(model, settings, finger, path, path_bends, movers, advance, scratch)
+        is_found, advance = _decide_contact(
+            model, settings, finger, path, path_bends, movers, standing, advance, scratch
+        )
+        flags |= is_found
     if speed > 0.0 and flags & PREDICTED and record[RECORD_SIGNED_DISTANCE] > 0.0:
         near = np.int64(0)
         if movers.moving_count:
@@ -216,6 +222,31 @@ def predict_contact_on_path(model, settings, finger, path, path_bends, bend, mov
         record[RECORD_TIME_TO_CONTACT_LOWER] = max(advance.free - current, 0.0) / speed * DOWN
         record[RECORD_TIME_TO_CONTACT] = max(advance.expected - current, 0.0) / speed
     return flags
+
+
+@kernel
+def _decide_contact(model, settings, finger, path, path_bends, movers, standing, advance, scratch):
+    """Write the contact of a path that is not free to its end; its flag, and how far the path is free.
+
+    A path that grazes a surface uses up its steps in front of nothing: it goes on from there.
+    """
+    record, whole = finger.record, path.parameters[len(path.parameters) - 1]
+    flag = _write_contact(model, settings, finger, path, path_bends, movers, advance, scratch)
+    for _ in range(ROUNDS):
+        if flag or steps_left(settings, finger.numbers) <= 0:
+            break
+        before = advance.free
+        advance = _advance_on_path(
+            model, settings, finger, path, standing, before, 0.0, advance.part, advance.slot, scratch
+        )
+        if not advance.free < whole:
+            record[RECORD_CONTACT_BEND] = record[RECORD_CONTACT_BEND_ERROR] = np.nan
+            record[RECORD_CONTACT_BEND_RATE] = np.nan
+            break
+        flag = _write_contact(model, settings, finger, path, path_bends, movers, advance, scratch)
+        if not advance.free > before:
+            break
+    return flag, advance
 
 
 @inlined
