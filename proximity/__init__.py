@@ -47,6 +47,7 @@ if TYPE_CHECKING:
         Surface,
     )
     from proximity.pose import Pose
+    from proximity.scene.clearance import Clearance, clearance
     from proximity.scene.load_report import LoadReport
     from proximity.scene.loader import load
     from proximity.scene.part import Part
@@ -76,6 +77,7 @@ __all__ = [
     "NO_PART",
     "PATH_POSES",
     "POSES",
+    "Clearance",
     "ClosestPoints",
     "ContactFlag",
     "DecaffError",
@@ -111,6 +113,7 @@ __all__ = [
     "Surface",
     "Tracker",
     "TriangleMesh",
+    "clearance",
     "from_trimesh",
     "kernels_are_cached",
     "load",
@@ -135,6 +138,8 @@ _MODULE_OF = {
     "NO_PART": "proximity.scene.queries.results",
     "PATH_POSES": "proximity.message",
     "POSES": "proximity.message",
+    "Clearance": "proximity.scene.clearance",
+    "clearance": "proximity.scene.clearance",
     "ClosestPoints": "proximity.scene.queries.results",
     "ContactFlag": "proximity.message",
     "DecaffError": "proximity.errors",

@@ -23,7 +23,7 @@ from proximity.web.access import HELD_UP, HELLO_S, MOST_BYTES, TOO_MUCH, UNFIT, 
 from proximity.web.feeding import Feed, HeldUpError, UnfitError
 from proximity.web.page_client import PageClient
 from proximity.web.page_files import PageFiles
-from proximity.web.slices import slice_bytes
+from proximity.web.slices import clearance_document, slice_bytes
 from proximity.web.sources import LiveFrames, LoggedFrames, OtherPrograms
 
 LIVE = "/live"
@@ -251,6 +251,8 @@ class Bridge:
             is_busy, client.slice_asked = client.slice_asked is not None, asked["slice"]
             if not is_busy:
                 self._start(self._slices(client))
+        elif "clearance" in asked:
+            self._start(self._clearance(client, asked["clearance"]))
         elif ("at_ms" in asked or "place" in asked) and isinstance(self._shown.frames, LoggedFrames):
             self._start(self._show_logged(client, self._shown.frames, asked))
         else:
@@ -270,6 +272,18 @@ class Bridge:
                 await client.tell(notice=str(unfit))
             if client.slice_asked is asked:
                 client.slice_asked = None
+
+    async def _clearance(self, client: PageClient, asked: Any) -> None:
+        """Measure how far two parts are apart; one question at a time."""
+        if self._shown.scene is None or client.is_measuring:
+            return
+        client.is_measuring = True
+        try:
+            await client.tell(clearance=await asyncio.to_thread(clearance_document, self._shown.scene, asked))
+        except UnfitError as unfit:
+            await client.tell(notice=str(unfit))
+        finally:
+            client.is_measuring = False
 
     async def _show_logged(self, client: PageClient, frames: LoggedFrames, asked: dict[str, Any]) -> None:
         try:

@@ -193,6 +193,21 @@ def test_two_points_are_measured(page):
     assert page.ask("page.tools.measure.group.children.length") == 0
 
 
+def test_two_parts_are_measured(page, scene):
+    page.page.get_by_role("button", name="Measure").click()
+    for name in ("pin", "pin_2"):
+        page.page.locator("#parts .name").get_by_text(name, exact=True).click()
+
+    page.until("document.getElementById('tool-hint').textContent.startsWith('pin and pin_2: ')")
+
+    found = proximity.clearance(scene, "pin", "pin_2")
+    assert f"{1e3 * found.distance:.2f} mm apart" in page.ask(
+        "document.getElementById('tool-hint').textContent"
+    )
+    page.picture("measured")
+    page.page.keyboard.press("Escape")
+
+
 def test_a_slice_of_the_signed_distance_is_seen(page):
     page.page.keyboard.press("c")
     page.page.keyboard.press("s")

@@ -66,6 +66,7 @@ export class Link extends EventTarget {
       this.emit("welcome", said.welcome);
     } else if (said.notice !== undefined) this.emit("notice", said.notice);
     else if (said.feeds !== undefined) this.emit("feeds", said.feeds);
+    else if (said.clearance !== undefined) this.emit("clearance", said.clearance);
     else if (said.place !== undefined) this.emit("place", said);
   }
 

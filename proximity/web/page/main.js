@@ -43,7 +43,7 @@ class Page {
       else this.panel.say(sentence, true);
     });
     on("frame", (data) => this.parts.follow(startOf(data)));
-    this.parts.addEventListener("changed", () => this.panel.showParts(this.parts));
+    this.parts.addEventListener("changed", () => this.panel.showParts(this.parts, (part) => this.tools.choosePart(part)));
   }
 
   welcome(about) {

@@ -118,7 +118,7 @@ export class Panel {
     return `${(angles[k] + (angles[k + 1] - angles[k]) * (place - k)).toFixed(1)}°`;
   }
 
-  showParts(parts) {
+  showParts(parts, choose) {
     const list = byId("parts");
     while (list.children.length > parts.list.length) list.lastChild.remove();
     parts.list.forEach((part, k) => {
@@ -128,7 +128,7 @@ export class Panel {
       setText(name, part.name);
       name.title = `${part.name}: ${part.about.face_count.toLocaleString("en")} faces`;
       name.setAttribute("aria-pressed", part === parts.picked);
-      name.onclick = () => parts.pick(part === parts.picked ? null : part);
+      name.onclick = () => choose(part);
       setText(eye, part.object.visible ? "hide" : "show");
       eye.setAttribute("aria-label", `${part.object.visible ? "hide" : "show"} ${part.name}`);
       eye.onclick = () => parts.setVisible(part, !part.object.visible);
