@@ -45,7 +45,7 @@ compiled_stack · contact_columns · layout · model_arrays
 """,
     "proximity.scene": """
 picture · trimesh_scene
-loader
+clearance · loader
 scene
 scene_parts
 deformation · part · saved

@@ -11,11 +11,15 @@ from proximity.scene.scene import Scene
 
 
 class Clearance(NamedTuple):
-    """The shortest connection between two parts, in the scene's frame."""
+    """The shortest connection between two parts, in the scene's frame.
 
-    distance: float  # m; 0 where the parts touch, cross, or one is inside the other
-    point_on_first: np.ndarray  # (3,) m; where one is inside the other, a point of both
-    point_on_second: np.ndarray  # (3,) m
+    ``distance``, m, is 0 where they touch, cross, or one is inside the other. ``point_on_first`` and
+    ``point_on_second``, (3,) m, are its ends; where one part is inside the other, a point of both.
+    """
+
+    distance: float
+    point_on_first: np.ndarray
+    point_on_second: np.ndarray
 
 
 def clearance(scene: Scene, first: str, second: str, *, workers: int = 1) -> Clearance:
