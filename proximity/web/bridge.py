@@ -24,7 +24,7 @@ from proximity.web.feeding import Feed, HeldUpError, UnfitError
 from proximity.web.page_client import PageClient
 from proximity.web.page_files import PageFiles
 from proximity.web.slices import slice_bytes
-from proximity.web.sources import LiveFrames, LoggedFrames
+from proximity.web.sources import LiveFrames, LoggedFrames, OtherPrograms
 
 LIVE = "/live"
 """Where the live connection is asked for."""
@@ -54,6 +54,7 @@ class Shown:
     glb: bytes  # empty: no geometry
     frames: LiveFrames | LoggedFrames
     feed: Feed
+    others: OtherPrograms = field(default_factory=OtherPrograms)
     about: dict[str, Any] = field(default_factory=dict)  # what pages get at the beginning
     recording: dict[str, Any] | None = None  # a hand that can be replayed
 
@@ -109,11 +110,13 @@ class Bridge:
         frames = self._shown.frames
         while isinstance(frames, LiveFrames):
             await asyncio.sleep(LOOK_S if self._clients else IDLE_LOOK_S)
+            for message in self._shown.others.messages():
+                self._tell_all(message)
             new = frames.newest()
             if new is None:
                 continue
             if new.is_new_run:
-                self._shown.feed.repeat_moves()
+                self._shown.feed.repeat()
             for client in self._clients:
                 client.offer(new.data, is_answer=new.is_answer)
 
@@ -196,6 +199,7 @@ class Bridge:
                 "feeds": client.feeds,
                 "may_pose": feed.may_pose,
                 "may_move": feed.may_move,
+                "may_hide": feed.may_hide,
                 "finger_count": feed.count,
                 "has_geometry": bool(shown.glb),
                 "recording": shown.recording,
@@ -204,9 +208,8 @@ class Bridge:
         )
         if shown.glb:
             await client.connection.send(shown.glb)
-        moved = feed.moved()
-        if moved is not None:
-            await client.connection.send(moved)
+        for message in feed.state():
+            await client.connection.send(message)
         self._clients.append(client)
 
     def _leave(self, client: PageClient) -> None:
@@ -231,10 +234,9 @@ class Bridge:
         if isinstance(data, bytes):
             if not client.feeds:
                 return  # under way when another page took over
-            moved = self._shown.feed.take(data, client.clock)
-            if moved is not None:
-                for other in self._clients:
-                    self._start(other.connection.send(moved))
+            done = self._shown.feed.take(data, client.clock)
+            if done is not None:
+                self._tell_all(done)
             return
         if data == "ok":
             client.shown()
@@ -282,6 +284,10 @@ class Bridge:
         self._count(sentence)
         with contextlib.suppress(ConnectionClosed):
             await client.connection.close(code, sentence[:120])
+
+    def _tell_all(self, data: bytes) -> None:
+        for client in self._clients:
+            self._start(client.connection.send(data))
 
     def _count(self, what: str) -> None:
         self.refused[what] = self.refused.get(what, 0) + 1

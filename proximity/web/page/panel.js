@@ -106,7 +106,16 @@ export class Panel {
     setText(cells[2], !contact.isKnown || contact.isExact ? "" : `${mm(contact.lower, 1)} … ${mm(contact.upper, 1)}`);
     const soon = contact.isKnown && contact.contactMs >= 0 && Number.isFinite(contact.contactMs);
     setText(cells[3], !soon ? "" : contact.contactMs === 0 ? "now" : `${Math.round(contact.contactMs)} ms`);
-    setText(cells[4], contact.mode.toLowerCase());
+    setText(cells[4], [contact.mode.toLowerCase(), this.drumAngle(contact)].join(" ").trim());
+  }
+
+  /** Where the finger's drum is to stand, in degrees; "" without a glove, or where it is drawn back. */
+  drumAngle({ finger, mode, contactBend }) {
+    const angles = this.about.drum_degrees?.[finger];
+    if (!angles || !Number.isFinite(contactBend) || mode === "RETRACT" || mode === "HOLD") return "";
+    const place = Math.min(Math.max(contactBend, 0), 1) * (angles.length - 1);
+    const k = Math.min(Math.floor(place), angles.length - 2);
+    return `${(angles[k] + (angles[k + 1] - angles[k]) * (place - k)).toFixed(1)}°`;
   }
 
   showParts(parts) {

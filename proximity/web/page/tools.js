@@ -102,7 +102,7 @@ export class Tools {
       const view = JSON.parse(text);
       this.stage.camera.position.fromArray(view.eye);
       this.stage.controls.target.fromArray(view.at);
-      for (const part of this.parts.list) part.object.visible = !view.hidden.includes(part.name);
+      for (const part of this.parts.list) this.parts.setVisible(part, !view.hidden.includes(part.name));
       this.plane.restore(view.plane);
       this.plane.clips = !view.plane.clips; // each is switched to what it was
       this.plane.slices = !view.plane.slices;
