@@ -155,6 +155,22 @@ def test_error_of_an_axis_is_reported_before_anything_moves():
         assert not shaft.has_moved
 
 
+def test_only_an_emergency_is_remembered():
+    """After a usual end the next start needs nobody; after an emergency stop a person clears the error."""
+    with simulated("odrive-can") as shaft:
+        for _ in range(2):
+            with opened_motors([shaft.url + PATIENT], [PATH], print) as (drum,):
+                drum.home()
+        assert (shaft.mode, shaft.error) == ("off", 0)
+        with (
+            pytest.raises(KeyboardInterrupt),
+            opened_motors([shaft.url + PATIENT], [PATH], print) as (drum,),
+        ):
+            drum.home()
+            raise KeyboardInterrupt
+        assert (shaft.mode, shaft.error) == ("off", 0x2000000)
+
+
 def test_drive_stops_when_our_heartbeat_ends():
     """A program that hangs: the drive itself lets go."""
     with simulated("canopen") as shaft, opened_motors([shaft.url + PATIENT], [PATH], print) as (drum,):

@@ -4,6 +4,7 @@ They are written from the protocols' documents, not from the drivers: what a dri
 """
 
 import os
+import random
 import struct
 import threading
 import time
@@ -25,7 +26,7 @@ class Shaft:
         self.is_stalled = self.is_silent = self.is_wrong = False
         self.loss = 0.0  # share of answers that are lost
         self.has_moved = False
-        self._random = __import__("random").Random(7)
+        self._random = random.Random(7)
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
 

@@ -178,11 +178,20 @@ class MotorDrum:
         self.look()
         self._send(self._command)
 
-    def switch_off(self) -> None:
-        """Take the power off, without waiting for an answer."""
+    def switch_off(self, *, is_emergency: bool = True) -> None:
+        """Take the power off, without waiting for an answer.
+
+        Parameters
+        ----------
+        is_emergency : bool
+            Whether the motor shall remember it, where it can, so that a person must look.
+        """
         self._is_on = False
         with suppress(MotorError):
-            self._driver.stop()
+            if is_emergency:
+                self._driver.stop()
+            else:
+                self._driver.switch_off()
 
     def failed(self, reason: str) -> MotorError:
         """Take the power off, and return the error that says why.

@@ -33,9 +33,13 @@ def opened_motors(
         for address, path in zip(addresses, paths, strict=True):
             motors.append(MotorDrum(*open_motor(address), path))
         yield motors
+    except BaseException:
+        for motor in motors:
+            motor.switch_off()
+        raise
     finally:
         for motor in motors:
-            motor.switch_off()  # first all of them: closing takes time
+            motor.switch_off(is_emergency=False)  # first all of them: closing takes time
         for motor in motors:
             sentence = motor.close()
             if sentence:
