@@ -81,6 +81,7 @@ slice_fields
 """,
     "proximity.decaff": """
 simulated_drums
+motors
 controller
 drum · glove
 arguments
@@ -101,7 +102,7 @@ deadlines · fingerprint · machine · motions · period · subject · tick_time
 """,
     "proximity.cli": """
 commands
-drum_loop · questions · scene_press
+drum_loop · drum_motors · questions · scene_press
 progress · views
 console
 lengths · options · points · program · wording

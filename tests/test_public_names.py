@@ -52,6 +52,7 @@ def test_public_names_are_those_agreed():
         "MeshFormatError",
         "Message",
         "Mode",
+        "MotorError",
         "NotWatertightError",
         "Part",
         "PartAction",
