@@ -5,13 +5,16 @@ import threading
 import webbrowser
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from proximity.cli.commands.service.demo import sample
 from proximity.cli.options import LIMIT, UNITS, check_limit, with_option_groups
 from proximity.system.stop_signals import stop_at_input, stopped_by_signals
+
+if TYPE_CHECKING:
+    from proximity.web.page_process import PageSettings
 
 HELP = "\n\n".join(
     (
@@ -117,8 +120,7 @@ def command(
         return
     _check(rate, radius, listening.port)
     # NumPy, Rich and the library: only now, so that --help and mistakes above answer at once.
-    from proximity.cli import progress
-    from proximity.web.page_process import PageSettings, run_page
+    from proximity.web.page_process import PageSettings
 
     settings = PageSettings(
         files=tuple(map(str, files)),
@@ -136,6 +138,13 @@ def command(
         beside=program.beside,
         may_be_framed=program.framed,
     )
+    _show(settings, program, limit, opens_browser=browser)
+
+
+def _show(settings: "PageSettings", program: Program, limit: float | None, *, opens_browser: bool) -> None:
+    from proximity.cli import progress
+    from proximity.web.page_process import run_page
+
     progress.prepare_kernels()
     with stopped_by_signals() as stop:
         _stop_when_asked(stop, program.until_stdin, limit)
@@ -145,7 +154,7 @@ def command(
                 typer.echo(json.dumps({"event": "begun", **beginning}))
             else:
                 typer.echo(beginning["url"])
-            if browser:
+            if opens_browser:
                 webbrowser.open(beginning["url"])
 
         report = run_page(settings, stop=stop, say=_say, begun=begun)
