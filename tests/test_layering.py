@@ -80,7 +80,7 @@ access · display_mesh · layout
 slice_fields
 """,
     "proximity.decaff": """
-simulated_drums
+chip · simulated_drums
 motors
 controller
 drum · glove
