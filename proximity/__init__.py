@@ -17,6 +17,7 @@ if TYPE_CHECKING:
         DecaffError,
         MeshError,
         MeshFormatError,
+        MotorError,
         NotWatertightError,
         PoseError,
         ProximityError,
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
         Surface,
     )
     from proximity.pose import Pose
+    from proximity.scene.clearance import Clearance, clearance
     from proximity.scene.load_report import LoadReport
     from proximity.scene.loader import load
     from proximity.scene.part import Part
@@ -76,6 +78,7 @@ __all__ = [
     "NO_PART",
     "PATH_POSES",
     "POSES",
+    "Clearance",
     "ClosestPoints",
     "ContactFlag",
     "DecaffError",
@@ -85,6 +88,7 @@ __all__ = [
     "MeshFormatError",
     "Message",
     "Mode",
+    "MotorError",
     "NotWatertightError",
     "Part",
     "PartAction",
@@ -111,6 +115,7 @@ __all__ = [
     "Surface",
     "Tracker",
     "TriangleMesh",
+    "clearance",
     "from_trimesh",
     "kernels_are_cached",
     "load",
@@ -135,6 +140,8 @@ _MODULE_OF = {
     "NO_PART": "proximity.scene.queries.results",
     "PATH_POSES": "proximity.message",
     "POSES": "proximity.message",
+    "Clearance": "proximity.scene.clearance",
+    "clearance": "proximity.scene.clearance",
     "ClosestPoints": "proximity.scene.queries.results",
     "ContactFlag": "proximity.message",
     "DecaffError": "proximity.errors",
@@ -142,6 +149,7 @@ _MODULE_OF = {
     "LoadReport": "proximity.scene.load_report",
     "MeshError": "proximity.errors",
     "MeshFormatError": "proximity.errors",
+    "MotorError": "proximity.errors",
     "Message": "proximity.message",
     "Mode": "proximity.message",
     "NotWatertightError": "proximity.errors",

@@ -47,3 +47,7 @@ class ServiceError(ProximityError, ValueError):
 
 class DecaffError(ProximityError, ValueError):
     """A model, a calibration or a controller cannot be used as described."""
+
+
+class MotorError(ProximityError, RuntimeError):
+    """A motor cannot be used as described, or was switched off because something was uncertain."""

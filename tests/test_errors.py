@@ -18,8 +18,9 @@ TREE = {
     "PublishError": errors.ProximityError,
     "ServiceError": errors.ProximityError,
     "DecaffError": errors.ProximityError,
+    "MotorError": errors.ProximityError,
 }
-NOT_VALUES = {"ProximityError", "PublishError"}
+NOT_VALUES = {"ProximityError", "PublishError", "MotorError"}
 
 
 def test_tree_is_the_one_that_is_drawn():

@@ -45,7 +45,7 @@ compiled_stack · contact_columns · layout · model_arrays
 """,
     "proximity.scene": """
 picture · trimesh_scene
-loader
+clearance · loader
 scene
 scene_parts
 deformation · part · saved
@@ -80,7 +80,8 @@ access · display_mesh · layout
 slice_fields
 """,
     "proximity.decaff": """
-simulated_drums
+chip · simulated_drums
+motors
 controller
 drum · glove
 arguments
@@ -101,7 +102,7 @@ deadlines · fingerprint · machine · motions · period · subject · tick_time
 """,
     "proximity.cli": """
 commands
-drum_loop · questions · scene_press
+drum_loop · drum_motors · questions · scene_press
 progress · views
 console
 lengths · options · points · program · wording

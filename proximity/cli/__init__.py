@@ -13,7 +13,18 @@ import typer
 
 import proximity
 from proximity.cli.commands.parts import check, compile, picture, query, view
-from proximity.cli.commands.service import client, demo, drum, export, header, key, record, serve, watch
+from proximity.cli.commands.service import (
+    client,
+    controller,
+    demo,
+    drum,
+    export,
+    header,
+    key,
+    record,
+    serve,
+    watch,
+)
 from proximity.cli.commands.studies import bench, figures, replay, simulate
 from proximity.cli.program import Command, Group
 
@@ -41,7 +52,7 @@ app = typer.Typer(
 )
 COMMANDS = (
     query, check, picture, replay, compile, serve, record, export, watch, view, demo, drum, header,
-    client, key, bench, figures, simulate,
+    client, controller, key, bench, figures, simulate,
 )  # fmt: skip
 """In the order in which the help lists them."""
 RUN_BARE = (demo, header, figures, simulate)

@@ -10,10 +10,12 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Any
 
+import typer
 from rich.table import Table
 from rich.text import Text
 
 from proximity.cli.lengths import MM_PER_M
+from proximity.cli.views.screen import Screen
 from proximity.cli.views.watch_view import LINE_FINGERS
 from proximity.decaff.controller.controller_states import DrumState
 from proximity.decaff.simulated_drums.service_drums import DrumBench, FingerBench
@@ -30,6 +32,7 @@ DRUM_COLUMNS = (
     "touches",
     "faults",
 )
+OTHER_LINES = 5  # of a terminal, beside the fingers
 STYLES = {
     DrumState.RETRACTED: "green",
     DrumState.APPROACH: "yellow",
@@ -132,6 +135,25 @@ class DrumsBeside:
         self._thread.join()
         if self._failure is not None and kind is None:
             raise self._failure
+
+
+def show_drums(screen: Screen, reading: Reading, bench: DrumBench) -> None:
+    """Show the drums, and say on stderr what they cannot do.
+
+    Parameters
+    ----------
+    screen : Screen
+        Where they are shown.
+    reading : Reading
+        The newest.
+    bench : DrumBench
+        Of all fingers.
+    """
+    for warning in bench.warnings():
+        typer.echo(f"proximity: {warning}", err=True)
+    screen.show(
+        lambda: line(reading, bench), lambda size: table(reading, bench, max(1, size.height - OTHER_LINES))
+    )
 
 
 def line(reading: Reading, bench: DrumBench) -> str:

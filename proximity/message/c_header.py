@@ -89,7 +89,7 @@ def header_text() -> str:
         "BLOCK_VERTICES": str(BLOCK_VERTICES),
         "CHECKED_FROM": str(CHECKED_FROM),
         "MAGICS": "\n".join(_magics()),
-        "ENUMS": "\n\n".join(_enum(name, values) for name, values in ENUMS.items()),
+        "ENUMS": "\n\n".join(enum_text(name, values) for name, values in ENUMS.items()),
         "RECORDS": "\n\n".join(_record(name, *reported) for name, reported in RECORDS.items()),
         "FLAWS": "\n".join(_flaws()),
         "CRC_TABLE": _crc_table(),
@@ -127,12 +127,22 @@ def _magics() -> Iterator[str]:
         yield f'#define DECAFF_{kind.name.upper()}_MAGIC 0x{kind.magic:08x}u /* "{letters}" */'
 
 
-def _enum(name: str, values: type[Enum]) -> str:
+def enum_text(name: str, values: type[Enum]) -> str:
+    """An enumeration in C. Members whose values are words are numbered in their order.
+
+    Parameters
+    ----------
+    name : str
+        Of the enumeration in C, behind its prefix.
+    values : type of Enum
+        With a text below each member that needs one.
+    """
     meanings = meanings_of(values)
-    lines = [*_comment(inspect.getdoc(values) or "", ""), f"enum decaff_{name} {{"]
-    for member in values:
-        lines += _comment(meanings[member.name], "    ") if meanings[member.name] else []
-        lines.append(f"    DECAFF_{name}_{member.name} = {int(member.value)},".replace(name, name.upper(), 1))
+    lines = [*comment_lines(inspect.getdoc(values) or "", ""), f"enum decaff_{name} {{"]
+    for place, member in enumerate(values):
+        lines += comment_lines(meanings[member.name], "    ") if meanings[member.name] else []
+        number = place if isinstance(member.value, str) else int(member.value)
+        lines.append(f"    DECAFF_{name.upper()}_{member.name} = {number},")
     return "\n".join([*lines[:-1], lines[-1].removesuffix(","), "};"])
 
 
@@ -145,10 +155,10 @@ def _flaws() -> Iterator[str]:
 def _record(name: str, what: str, fields: Sequence[Field]) -> str:
     """A structure, each field with its unit and meaning."""
     size = dtype_of(fields).itemsize
-    lines = _comment(f"{what} {size} bytes.", "")
+    lines = comment_lines(f"{what} {size} bytes.", "")
     lines.append(f"typedef struct decaff_{name} {{")
     for field in fields:
-        line, comment = f"    {_declaration(field)};", _comment(_meaning(field), "    ")
+        line, comment = f"    {_declaration(field)};", comment_lines(_meaning(field), "    ")
         reported = f"{line} {comment[0].strip()}"
         lines += [reported] if len(comment) == 1 and len(reported) <= WIDTH else [*comment, line]
     return "\n".join([*lines, f"}} decaff_{name};"])
@@ -186,9 +196,17 @@ def _crc_table() -> str:
     return ",\n".join(f"        {', '.join(table[first : first + 4])}" for first in range(0, 16, 4))
 
 
-def _comment(text: str, indent: str) -> list[str]:
-    """Lines of a C comment."""
-    text = text.replace("``", "`").replace("…", "...")
+def comment_lines(text: str, indent: str) -> list[str]:
+    """Lines of a C comment, in ASCII.
+
+    Parameters
+    ----------
+    text : str
+        What it says.
+    indent : str
+        Before each line.
+    """
+    text = text.replace("``", "`").replace("…", "...").replace("²", "2")
     lines = textwrap.wrap(text, WIDTH - len(indent) - 6)
     if len(lines) == 1:
         return [f"{indent}/* {lines[0]} */"]

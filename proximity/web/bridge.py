@@ -23,8 +23,8 @@ from proximity.web.access import HELD_UP, HELLO_S, MOST_BYTES, TOO_MUCH, UNFIT, 
 from proximity.web.feeding import Feed, HeldUpError, UnfitError
 from proximity.web.page_client import PageClient
 from proximity.web.page_files import PageFiles
-from proximity.web.slices import slice_bytes
-from proximity.web.sources import LiveFrames, LoggedFrames
+from proximity.web.slices import clearance_document, slice_bytes
+from proximity.web.sources import LiveFrames, LoggedFrames, OtherPrograms
 
 LIVE = "/live"
 """Where the live connection is asked for."""
@@ -54,6 +54,7 @@ class Shown:
     glb: bytes  # empty: no geometry
     frames: LiveFrames | LoggedFrames
     feed: Feed
+    others: OtherPrograms = field(default_factory=OtherPrograms)
     about: dict[str, Any] = field(default_factory=dict)  # what pages get at the beginning
     recording: dict[str, Any] | None = None  # a hand that can be replayed
 
@@ -109,11 +110,13 @@ class Bridge:
         frames = self._shown.frames
         while isinstance(frames, LiveFrames):
             await asyncio.sleep(LOOK_S if self._clients else IDLE_LOOK_S)
+            for message in self._shown.others.messages():
+                self._tell_all(message)
             new = frames.newest()
             if new is None:
                 continue
             if new.is_new_run:
-                self._shown.feed.repeat_moves()
+                self._shown.feed.repeat()
             for client in self._clients:
                 client.offer(new.data, is_answer=new.is_answer)
 
@@ -196,6 +199,7 @@ class Bridge:
                 "feeds": client.feeds,
                 "may_pose": feed.may_pose,
                 "may_move": feed.may_move,
+                "may_hide": feed.may_hide,
                 "finger_count": feed.count,
                 "has_geometry": bool(shown.glb),
                 "recording": shown.recording,
@@ -204,9 +208,8 @@ class Bridge:
         )
         if shown.glb:
             await client.connection.send(shown.glb)
-        moved = feed.moved()
-        if moved is not None:
-            await client.connection.send(moved)
+        for message in feed.state():
+            await client.connection.send(message)
         self._clients.append(client)
 
     def _leave(self, client: PageClient) -> None:
@@ -231,10 +234,9 @@ class Bridge:
         if isinstance(data, bytes):
             if not client.feeds:
                 return  # under way when another page took over
-            moved = self._shown.feed.take(data, client.clock)
-            if moved is not None:
-                for other in self._clients:
-                    self._start(other.connection.send(moved))
+            done = self._shown.feed.take(data, client.clock)
+            if done is not None:
+                self._tell_all(done)
             return
         if data == "ok":
             client.shown()
@@ -249,6 +251,8 @@ class Bridge:
             is_busy, client.slice_asked = client.slice_asked is not None, asked["slice"]
             if not is_busy:
                 self._start(self._slices(client))
+        elif "clearance" in asked:
+            self._start(self._clearance(client, asked["clearance"]))
         elif ("at_ms" in asked or "place" in asked) and isinstance(self._shown.frames, LoggedFrames):
             self._start(self._show_logged(client, self._shown.frames, asked))
         else:
@@ -269,6 +273,18 @@ class Bridge:
             if client.slice_asked is asked:
                 client.slice_asked = None
 
+    async def _clearance(self, client: PageClient, asked: Any) -> None:
+        """Measure how far two parts are apart; one question at a time."""
+        if self._shown.scene is None or client.is_measuring:
+            return
+        client.is_measuring = True
+        try:
+            await client.tell(clearance=await asyncio.to_thread(clearance_document, self._shown.scene, asked))
+        except UnfitError as unfit:
+            await client.tell(notice=str(unfit))
+        finally:
+            client.is_measuring = False
+
     async def _show_logged(self, client: PageClient, frames: LoggedFrames, asked: dict[str, Any]) -> None:
         try:
             place = frames.place_at(float(asked["at_ms"])) if "at_ms" in asked else int(asked["place"])
@@ -282,6 +298,10 @@ class Bridge:
         self._count(sentence)
         with contextlib.suppress(ConnectionClosed):
             await client.connection.close(code, sentence[:120])
+
+    def _tell_all(self, data: bytes) -> None:
+        for client in self._clients:
+            self._start(client.connection.send(data))
 
     def _count(self, what: str) -> None:
         self.refused[what] = self.refused.get(what, 0) + 1

@@ -1,4 +1,4 @@
-"""What a page sends to the service: poses of fingers and moves of parts, distrusted.
+"""What a page sends to the service: poses of fingers, moves and changes of parts, distrusted.
 
 Messages arrive as the service's own bytes with instants on the page's clock. They are checked, their
 instants put on this machine's clock, and they are published anew: a page never chooses session or sequence.
@@ -10,13 +10,14 @@ import time
 import numpy as np
 
 from proximity.errors import ProximityError
-from proximity.message import MOVES, PATH_POSES, POSES, Kind, Message, flaw_of, parts_of
+from proximity.message import CHANGES, MOVES, PATH_POSES, POSES, Kind, Message, PartAction, flaw_of, parts_of
 from proximity.pose import Pose
+from proximity.scene.part import Part
 from proximity.scene.scene import Scene
 from proximity.transport import Publisher, open_publisher
 from proximity.transport.publisher_clock import ForeignClock
 
-KINDS = {kind.magic: kind for kind in (POSES, PATH_POSES, MOVES)}
+KINDS = {kind.magic: kind for kind in (POSES, PATH_POSES, MOVES, CHANGES)}
 FARTHEST = 1e4
 """m from the origin: no hand and no part is there."""
 OLDEST_NS = 1_000_000_000
@@ -61,22 +62,25 @@ class Feed:
 
     Parameters
     ----------
-    poses, moves : str
+    poses, moves, changes : str
         Addresses at which the service listens; None where pages may not feed it.
     scene : Scene
-        Moved as the service moves its own; the poses at the beginning are those of a reset.
+        Changed as the service changes its own; what it is at the beginning is that of a reset.
     count : int
         Of fingers of the service.
     """
 
-    def __init__(self, poses: str | None, moves: str | None, scene: Scene | None, count: int) -> None:
+    def __init__(
+        self, poses: str | None, moves: str | None, changes: str | None, scene: Scene | None, count: int
+    ) -> None:
         self.may_pose, self.may_move = poses is not None, moves is not None and scene is not None
+        self.may_hide = changes is not None and scene is not None
         self.count = count
         self._scene = scene
-        self._poses = None if poses is None else open_publisher(poses)
-        self._moves = None if moves is None else open_publisher(moves)
-        self._initial = {} if scene is None else {part.name: part.pose for part in scene.parts}
-        self._moved: set[str] = set()  # names of parts that are elsewhere than at the beginning
+        self._poses, self._moves, self._changes = (
+            None if each is None else open_publisher(each) for each in (poses, moves, changes)
+        )
+        self._initial = {} if scene is None else {part.name: part for part in scene.parts}
         self._gone = Message(POSES, count)
         self._gone.records["finger"] = np.arange(count)
         for name in ("position", "velocity", "bend"):
@@ -97,7 +101,7 @@ class Feed:
         Returns
         -------
         bytes or None
-            Moves as they were published.
+            Moves or changes as they were published.
 
         Raises
         ------
@@ -108,11 +112,16 @@ class Feed:
         array = np.frombuffer(data, np.uint8)
         kind = KINDS.get(int.from_bytes(data[:4], "little"))
         if kind is None:
-            raise UnfitError("a page may send poses and moves, nothing else")
+            raise UnfitError("a page may send poses, moves and changes, nothing else")
         flaw = flaw_of(array, kind)
         if flaw is not None:
             raise UnfitError(f"a message of {kind.name} is {flaw.value}")
         header, records = parts_of(array, kind)
+        if kind is CHANGES:
+            message = self._changes_of(records)
+            message.header["send_ns"] = now_ns
+            self._publish(self._changes, message)
+            return bytes(message.data)
         ahead = clock.ahead_ns(int(header["send_ns"]), now_ns)
         if not len(records) or ahead is None:
             return None
@@ -131,20 +140,19 @@ class Feed:
             self._gone.records["pose_ns"] = self._gone.header["send_ns"] = time.monotonic_ns()
             self._publish(self._poses, self._gone)
 
-    def moved(self) -> bytes | None:
-        """Return a message of where moved parts are now, for a page that has just come; None: none moved."""
-        message = self._where(self._moved)
-        return None if message is None else bytes(message.seal(0, 0))
+    def state(self) -> list[bytes]:
+        """Return messages of what has been moved, hidden and shown, for a page that has just come."""
+        return [bytes(message.seal(0, 0)) for message in (self._where(), self._hidden()) if message]
 
-    def repeat_moves(self) -> None:
-        """Tell the service where moved parts are: it began anew, with all of them where its file has them."""
-        message = self._where(self._moved)
-        if message is not None:
-            self._publish(self._moves, message)
+    def repeat(self) -> None:
+        """Tell the service what has been moved, hidden and shown: it began anew, as its file has it."""
+        for publisher, message in ((self._moves, self._where()), (self._changes, self._hidden())):
+            if message is not None:
+                self._publish(publisher, message)
 
     def close(self) -> None:
         """Give the addresses back."""
-        for publisher in (self._poses, self._moves):
+        for publisher in (self._poses, self._moves, self._changes):
             if publisher is not None:
                 publisher.close()
 
@@ -166,10 +174,7 @@ class Feed:
     def _moves_of(self, records: np.ndarray) -> Message:
         if not self.may_move or self._scene is None:
             raise UnfitError("this page may not move parts: the scene file does not let it")
-        names = [raw.decode("utf-8", "replace") for raw in records["name"].tolist()]
-        unknown = [name for name in names if name not in self._initial]
-        if unknown:
-            raise UnfitError(f"there is no part {unknown[0]!r}")
+        names = self._known_names(records)
         message = Message(MOVES, len(records))
         message.records[...] = records
         for name, record in zip(names, message.records, strict=True):
@@ -181,19 +186,55 @@ class Feed:
             except ProximityError as unfit:
                 raise UnfitError(str(unfit)) from unfit
             record["rotation"] = pose.rotation
-            self._moved.add(name)
         return message
 
-    def _where(self, names: set[str]) -> Message | None:
-        if not names or self._scene is None:
-            return None
-        message = Message(MOVES, len(names))
-        message.header["send_ns"] = message.records["pose_ns"] = time.monotonic_ns()
-        for record, name in zip(message.records, sorted(names), strict=True):
-            pose = self._scene.part(name).pose
-            record["name"] = name.encode()
-            record["rotation"], record["translation"] = pose.rotation, pose.translation
+    def _changes_of(self, records: np.ndarray) -> Message:
+        if not self.may_hide or self._scene is None:
+            raise UnfitError("this page may not hide parts: the scene file does not let it")
+        do = {PartAction.HIDE: self._scene.hide, PartAction.SHOW: self._scene.show}
+        if not set(records["action"].tolist()) <= set(do):
+            raise UnfitError("a page may hide and show parts, and change nothing else of them")
+        message = Message(CHANGES, len(records))
+        message.records[...] = records
+        for name, action in zip(self._known_names(records), records["action"].tolist(), strict=True):
+            do[action](name)
         return message
+
+    def _known_names(self, records: np.ndarray) -> list[str]:
+        names = [raw.decode("utf-8", "replace") for raw in records["name"].tolist()]
+        unknown = [name for name in names if name not in self._initial]
+        if unknown:
+            raise UnfitError(f"there is no part {unknown[0]!r}")
+        return names
+
+    def _hidden(self) -> Message | None:
+        changed = [part for part in self._parts() if part.is_hidden != self._initial[part.name].is_hidden]
+        if not changed:
+            return None
+        message = Message(CHANGES, len(changed))
+        message.header["send_ns"] = time.monotonic_ns()
+        for record, part in zip(message.records, changed, strict=True):
+            record["name"] = part.name.encode()
+            record["action"] = PartAction.HIDE if part.is_hidden else PartAction.SHOW
+        return message
+
+    def _where(self) -> Message | None:
+        moved = [
+            part
+            for part in self._parts()
+            if not np.array_equal(part.pose.matrix, self._initial[part.name].pose.matrix)
+        ]
+        if not moved:
+            return None
+        message = Message(MOVES, len(moved))
+        message.header["send_ns"] = message.records["pose_ns"] = time.monotonic_ns()
+        for record, part in zip(message.records, moved, strict=True):
+            record["name"] = part.name.encode()
+            record["rotation"], record["translation"] = part.pose.rotation, part.pose.translation
+        return message
+
+    def _parts(self) -> tuple[Part, ...]:
+        return () if self._scene is None else self._scene.parts
 
     def _publish(self, publisher: Publisher | None, message: Message) -> None:
         if publisher is not None:

@@ -32,6 +32,7 @@ class PageClient:
         self.clock, self.allowance = PageClock(), Allowance()
         self.feeds = False
         self.slice_asked: Any = None  # the newest that waits
+        self.is_measuring = False
         self._frame: bytes | None = None  # the newest that waits
         self._in_flight = 0
         self._sent_s = 0.0

@@ -7,12 +7,15 @@ import ssl
 import tempfile
 import threading
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from proximity.errors import ProximityError, ServiceError
+from proximity.message import PATH_CORNERS
 from proximity.recording import Recording, read_recording
 from proximity.scene.scene import Scene
 from proximity.service.config import (
@@ -168,7 +171,7 @@ def _made(settings: PageSettings, opened: ExitStack) -> _Made:
         raise ServiceError(f"{logs[1]}: one log is shown at a time")
     title = " + ".join(os.path.basename(name) for name in settings.files)
     if settings.beside is not None:
-        return _beside(settings, title, parts[0], settings.beside)
+        return _beside(settings, title, parts[0], settings.beside, opened)
     folder = Path(opened.enter_context(tempfile.TemporaryDirectory(prefix="proximity-page-")))
     served = _served(settings, folder, parts) if parts else None
     if logs:
@@ -178,18 +181,23 @@ def _made(settings: PageSettings, opened: ExitStack) -> _Made:
     return _fed(settings, title, scene_file, addresses)
 
 
-def _beside(settings: PageSettings, title: str, path: str, frames: str) -> _Made:
+def _beside(settings: PageSettings, title: str, path: str, frames: str, opened: ExitStack) -> _Made:
     """A page beside a service that runs: it feeds where the scene file lets it."""
     from proximity.web.bridge import Shown
     from proximity.web.feeding import Feed
-    from proximity.web.sources import LiveFrames
+    from proximity.web.sources import LiveFrames, OtherPrograms
 
     served = read_scene_file(path)
     scene = PartFiles().scene(served) if served.parts else None
     given = served.input if served.web.feed else InputSettings()
     count = finger_count(served, read_input(served))
-    feed = Feed(given.poses, given.moves, scene, count)
-    return _Made(_with_geometry(Shown(title, scene, b"", LiveFrames(frames), feed), settings, served), None)
+    feed = Feed(given.poses, given.moves, given.changes, scene, count)
+    shown = Shown(title, scene, b"", LiveFrames(frames), feed)
+    if not served.web.feed and scene is not None:
+        shown.others = opened.enter_context(
+            closing(OtherPrograms([served.input.moves, served.input.changes], scene))
+        )
+    return _Made(_with_geometry(shown, settings, served), None)
 
 
 def _served(settings: PageSettings, folder: Path, parts: tuple[str, ...]) -> tuple[SceneFile, Addresses]:
@@ -206,7 +214,7 @@ def _logged(settings: PageSettings, title: str, log: str, served: SceneFile | No
 
     frames = LoggedFrames(log)
     scene = None if served is None else PartFiles().scene(served)
-    shown = Shown(title, scene, b"", frames, Feed(None, None, scene, frames.finger_count))
+    shown = Shown(title, scene, b"", frames, Feed(None, None, None, scene, frames.finger_count))
     shown.about["log"] = {
         "count": frames.count,
         "duration_ms": frames.duration_ms,
@@ -222,7 +230,7 @@ def _fed(settings: PageSettings, title: str, served: SceneFile, addresses: Addre
     from proximity.web.sources import LiveFrames
 
     scene = PartFiles().scene(served)
-    feed = Feed(addresses.poses, addresses.moves, scene, finger_count(served, None))
+    feed = Feed(addresses.poses, addresses.moves, addresses.changes, scene, finger_count(served, None))
     shown = Shown(title, scene, b"", LiveFrames(addresses.frames), feed)
     return _Made(_with_geometry(shown, settings, served), served.path)
 
@@ -235,11 +243,24 @@ def _with_geometry(shown: "Shown", settings: PageSettings, served: SceneFile | N
         shown.about["radii"] = [radius] * shown.feed.count if isinstance(radius, float) else list(radius)
         shown.about["budget"] = served.fingers.budget or DEFAULT_BUDGET
         shown.about["first_input"] = settings.first_input
+        shown.about["drum_degrees"] = _drum_degrees(served, shown.feed.count)
         if settings.recording is not None and shown.feed.may_pose:
             recording = read_recording(settings.recording)
             largest = max(shown.about["radii"])
             shown.recording = _recorded(recording, shown.scene, largest, settings)
     return shown
+
+
+def _drum_degrees(served: SceneFile, count: int) -> list[list[float]] | None:
+    """Where the drum of each finger stands, for bends evenly from 0 to 1; None where there is no glove."""
+    if served.glove is None:
+        return None
+    from proximity.decaff.glove.glove_set import as_many, read_glove
+
+    age = served.glove.max_age_days
+    gloves = as_many([read_glove(path, age) for path in served.glove.calibration], count)
+    bends = np.linspace(0.0, 1.0, PATH_CORNERS)
+    return [np.degrees(glove.drum_angle(bends)).round(3).tolist() for glove in gloves]
 
 
 def _recorded(

@@ -24,15 +24,16 @@ class Addresses(NamedTuple):
     frames: str
     poses: str
     moves: str
+    changes: str
 
 
 def own_addresses() -> Addresses:
     """Return addresses that nobody else has: shared memory, or datagrams where there is none."""
     if find_spec("iceoryx2") is not None:
         name = f"iox2://proximity-page-{os.getpid()}-{os.urandom(4).hex()}"
-        return Addresses(name, f"{name}/poses", f"{name}/moves")
+        return Addresses(name, f"{name}/poses", f"{name}/moves", f"{name}/changes")
     with ExitStack() as opened:
-        sockets = [opened.enter_context(socket.socket(type=socket.SOCK_DGRAM)) for _ in range(3)]
+        sockets = [opened.enter_context(socket.socket(type=socket.SOCK_DGRAM)) for _ in Addresses._fields]
         for each in sockets:
             each.bind(("127.0.0.1", 0))  # a port that is free
         return Addresses(*(f"udp://127.0.0.1:{each.getsockname()[1]}" for each in sockets))
@@ -83,7 +84,7 @@ def write_scene_file(
             {"rate_hz": rate_hz, "valid_for": VALID_FOR, "publish": [addresses.frames], "real_time": False},
         ),
         ("[fingers]", _said(fingers)),
-        ("[input]", {"poses": addresses.poses, "moves": addresses.moves}),
+        ("[input]", {"poses": addresses.poses, "moves": addresses.moves, "changes": addresses.changes}),
         *(("[[parts]]", _said(part)) for part in parts),
     ]
     lines = []

@@ -1,10 +1,12 @@
-"""A slice of the signed distance: a plane through the scene, measured at a grid of points."""
+"""What pages have measured: a slice of the signed distance, and how far two parts are apart."""
 
 import math
 from typing import Any
 
 import numpy as np
 
+from proximity.errors import SceneError
+from proximity.scene.clearance import clearance
 from proximity.scene.scene import Scene
 from proximity.web.feeding import FARTHEST, UnfitError
 from proximity.web.slice_fields import SLICE_HEADER, SLICE_MAGIC
@@ -51,3 +53,32 @@ def slice_bytes(scene: Scene, asked: Any) -> bytes:
     header["lowest"] = finite.min() if len(finite) else math.nan
     header["highest"] = finite.max() if len(finite) else math.nan
     return header.tobytes() + distances.astype("<f4").tobytes()
+
+
+def clearance_document(scene: Scene, asked: Any) -> dict[str, Any]:
+    """Measure how far two parts are apart, and return what a page is told.
+
+    Parameters
+    ----------
+    scene : Scene
+        As it is now.
+    asked : list of two str
+        Names of parts; from a page, not trusted.
+
+    Raises
+    ------
+    UnfitError
+        If it is no such question.
+    """
+    if not (isinstance(asked, list) and len(asked) == 2 and all(isinstance(name, str) for name in asked)):
+        raise UnfitError("how far parts are apart is asked with two names")
+    try:
+        found = clearance(scene, *asked)
+    except SceneError as unfit:
+        raise UnfitError(str(unfit)) from unfit
+    return {
+        "names": asked,
+        "distance": found.distance,
+        "from": found.point_on_first.tolist(),
+        "to": found.point_on_second.tolist(),
+    }

@@ -1,18 +1,24 @@
-"""Where frames come from that a page shows: a service that runs, or the log of one that ran."""
+"""Where what a page shows comes from: a service that runs and who changes its scene, or the log of one."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from proximity.errors import RecordingError
-from proximity.message import FRAME_HEADER
+from proximity.errors import ProximityError, RecordingError
+from proximity.message import CHANGES, FRAME_HEADER, MOVES, Kind, Message, PartAction
 from proximity.message.envelope import unpack_prefix
+from proximity.pose import Pose
 from proximity.recording import FrameReader
+from proximity.scene.scene import Scene
+from proximity.service.inputs.moves_input import nearest_rotations
+from proximity.service.inputs.reception import Reception
 from proximity.transport import open_subscriber
 
 LARGEST_LOG = 2_000_000_000
 """Bytes of frames, which are kept in memory while a log is looked at."""
+SHARED = ("iox2://", "zenoh://")
+"""Addresses at which any number of programs can listen."""
 _POSE_AT = FRAME_HEADER.fields["pose_ns"][1]  # type: ignore[index]
 
 
@@ -55,6 +61,59 @@ class LiveFrames:
     def close(self) -> None:
         """Give the address back."""
         self._subscriber.close()
+
+
+class OtherPrograms:
+    """What other programs move, hide and show of a service's scene, for pages that only watch.
+
+    Addresses that only one program can listen at are the service's own, and are left to it.
+
+    Parameters
+    ----------
+    addresses : sequence of str
+        Of moves and changes; None where there is none.
+    scene : Scene
+        Is changed likewise.
+    """
+
+    def __init__(self, addresses: Sequence[str | None] = (), scene: Scene | None = None) -> None:
+        self._scene = scene
+        self._receptions = [
+            Reception(address, [MOVES, CHANGES])
+            for address in dict.fromkeys(addresses)
+            if address is not None and address.startswith(SHARED)
+        ]
+
+    def messages(self) -> Iterator[bytes]:
+        """Give what has arrived, once the scene is changed."""
+        for reception in self._receptions:
+            for kind, records, ahead_ns in reception.messages():
+                message = Message(kind, len(records))
+                message.records[...] = records
+                if kind is MOVES:
+                    message.records["pose_ns"] += ahead_ns
+                for record in message.records:
+                    self._change(kind, record)
+                yield bytes(message.seal(0, 0))
+
+    def close(self) -> None:
+        """Give the addresses back."""
+        for reception in self._receptions:
+            reception.close()
+
+    def _change(self, kind: Kind, record: Any) -> None:
+        assert self._scene is not None
+        name = record["name"].decode("utf-8", "replace")
+        try:
+            if kind is MOVES:
+                rotation = nearest_rotations(record["rotation"][None])[0]
+                self._scene.move(name, Pose(rotation, record["translation"]))
+            elif record["action"] == PartAction.HIDE:
+                self._scene.hide(name)
+            elif record["action"] == PartAction.SHOW:
+                self._scene.show(name)
+        except ProximityError:
+            return  # the service has said so
 
 
 class LoggedFrames:

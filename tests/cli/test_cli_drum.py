@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 from sealed_frames import frame
+from simulated_motors import ODriveMotor
 
 from proximity import cli
 from proximity.cli import drum_loop
@@ -388,3 +389,30 @@ def test_rate_that_cannot_be_is_refused(run, rate):
 
     assert result.code == 2
     assert "expected 150 to 5000" in " ".join(result.err.split())
+
+
+def test_motor_is_only_read_until_it_is_armed(run):
+    """No service is needed, nothing moves, and what was never tried is said."""
+    with ODriveMotor("drum-unarmed") as motor:
+        result = run(ADDRESS, "--motor", f"{motor.url}&watchdog=300", "--limit", 0.5)
+        assert not motor.has_moved
+    assert result.code == 0
+    assert result.out == "motor 0: 0.0000 turns, 0.000 A, off\n"
+    assert "No motor driver was ever run on hardware" in result.err
+    assert "not armed" in result.err
+
+
+def test_armed_motor_that_is_jammed_ends_with_a_sentence(run):
+    with ODriveMotor("drum-jammed") as motor:
+        motor.is_stalled = True
+        result = run(ADDRESS, "--motor", f"{motor.url}&watchdog=300", "--arm")
+        assert motor.mode == "off"
+    assert result.code == 2
+    assert "motor 0 moves now" in result.err
+    assert "the shaft does not turn back from the stop" in result.err
+
+
+def test_arm_needs_a_motor(run):
+    result = run(ADDRESS, "--arm")
+    assert result.code == 2
+    assert "there is no --motor to arm" in result.words

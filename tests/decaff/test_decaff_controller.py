@@ -1,9 +1,12 @@
 """The drum's controller: each failure and transition of docs/decaff.md, and what never happens."""
 
 import math
+import shutil
+from functools import cache
 
 import numpy as np
 import pytest
+from controller_in_c import Recorder, build
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sealed_frames import frame
@@ -43,6 +46,26 @@ def contact(pose_ns, bend=0.3, position=WALL, **fields):
     for name, value in fields.items():
         record[name] = value
     return record
+
+
+@pytest.fixture(scope="module")
+def program_in_c(tmp_path_factory):
+    """The controller in C by its settings; None where there is no compiler."""
+    if shutil.which("cc") is None and shutil.which("gcc") is None:
+        return None
+    return cache(lambda settings: build(tmp_path_factory.mktemp("controller"), settings))
+
+
+@pytest.fixture(autouse=True)
+def in_c_too(program_in_c, monkeypatch, tmp_path):
+    """Whatever a test does with a controller, the one in C does the same: at 3 kHz, sample by sample."""
+    if program_in_c is None:
+        yield
+        return
+    recorder = Recorder(monkeypatch)
+    yield
+    monkeypatch.undo()
+    recorder.compare(PATH, program_in_c, tmp_path)
 
 
 class Bench:

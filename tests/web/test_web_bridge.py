@@ -13,7 +13,19 @@ import shapes
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
-from proximity.message import FRAME, MEASURED, MOVES, PATH_POSES, POSES, Message, State, flaw_of, parts_of
+from proximity.message import (
+    CHANGES,
+    FRAME,
+    MEASURED,
+    MOVES,
+    PATH_POSES,
+    POSES,
+    Message,
+    PartAction,
+    State,
+    flaw_of,
+    parts_of,
+)
 from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
 from proximity.transport import open_inlet, open_publisher
@@ -24,7 +36,7 @@ from proximity.web.geometry import scene_glb
 from proximity.web.page_client import MOST_IN_FLIGHT
 from proximity.web.page_files import PageFiles
 from proximity.web.slice_fields import SLICE_HEADER
-from proximity.web.sources import LiveFrames
+from proximity.web.sources import LiveFrames, OtherPrograms
 
 TOKEN = "the token of this test"
 PATIENCE = 10.0  # s
@@ -39,10 +51,10 @@ class Running:
         self.scene = Scene(
             [Solid(*shapes.cube(0.1), name="cube"), Solid(*shapes.cube(0.1, (1, 0, 0)), name="b")]
         )
-        addresses = [f"mailbox:{name}-{end}" for end in ("frames", "poses", "moves")]
+        addresses = [f"mailbox:{name}-{end}" for end in ("frames", "poses", "moves", "changes")]
         self.frames = open_publisher(addresses[0])
-        self.poses, self.moves = open_inlet(addresses[1]), open_inlet(addresses[2])
-        self.feed = Feed(addresses[1], addresses[2], self.scene, COUNT)
+        self.poses, self.moves, self.changes = map(open_inlet, addresses[1:])
+        self.feed = Feed(*addresses[1:], self.scene, COUNT)
         self.shown = Shown("test", self.scene, scene_glb(self.scene), LiveFrames(addresses[0]), self.feed)
         self.stop = threading.Event()
         self.opened = contextlib.ExitStack()
@@ -68,7 +80,7 @@ class Running:
         self.opened.close()
         self.stop.set()
         self.thread.join(PATIENCE)
-        for each in (self.frames, self.poses, self.moves, self.feed, self.shown.frames):
+        for each in (self.frames, self.poses, self.moves, self.changes, self.feed, self.shown.frames):
             each.close()
 
     def page(self, *, token=TOKEN, origin=None, feeds=True):
@@ -275,6 +287,61 @@ def test_moves_reach_service_and_all_pages(bridge):
     later = bridge.page(feeds=False)
     data = np.frombuffer(later.recv(PATIENCE), np.uint8)
     assert parts_of(data, MOVES)[1]["translation"].tolist() == [[0.1, 0, 0]]
+
+
+def change(name, action):
+    message = Message(CHANGES, 1)
+    message.records["name"], message.records["action"] = name, action
+    return bytes(message.seal(0, 0))
+
+
+def test_what_a_page_hides_no_distance_knows_and_all_pages_hear_of_it(bridge):
+    page, other = bridge.page(), bridge.page(feeds=False)
+    page.send(change(b"b", PartAction.HIDE))
+
+    (record,) = received(bridge.changes, CHANGES)
+
+    assert (record["name"], record["action"]) == (b"b", PartAction.HIDE)
+    for each in (page, other):
+        assert parts_of(np.frombuffer(each.recv(PATIENCE), np.uint8), CHANGES)[1]["name"].tolist() == [b"b"]
+    assert bridge.scene.part("b").is_hidden
+    later = bridge.page(feeds=False)
+    told = parts_of(np.frombuffer(later.recv(PATIENCE), np.uint8), CHANGES)[1]
+    assert (told["name"].tolist(), told["action"].tolist()) == ([b"b"], [PartAction.HIDE])
+    page.send(change(b"b", PartAction.SHOW))
+    assert received(bridge.changes, CHANGES)["action"].tolist() == [PartAction.SHOW]
+    assert bridge.feed.state() == []
+
+
+@pytest.mark.parametrize("action", [PartAction.REMOVE, PartAction.DESCRIBE, 99])
+def test_a_page_may_hide_and_show_and_change_nothing_else(bridge, action):
+    page = bridge.page()
+    page.send(change(b"b", action))
+
+    assert closed(page)[0] == UNFIT
+    assert received(bridge.changes, CHANGES, 0.1) is None
+
+
+def test_a_page_that_watches_sees_what_other_programs_move_and_hide(tmp_path):
+    address = f"iox2://web-{tmp_path.name}"
+    scene = Scene([Solid(*shapes.cube(0.1), name="cube")])
+    moved, hidden = Message(MOVES, 1), Message(CHANGES, 1)
+    moved.records["name"] = hidden.records["name"] = b"cube"
+    moved.records["rotation"], moved.records["translation"] = np.eye(3), (0.2, 0, 0)
+    moved.records["pose_ns"] = time.monotonic_ns()
+
+    addresses = [address, address, None, "udp://127.0.0.1:9"]
+    with contextlib.closing(OtherPrograms(addresses, scene)) as others, open_publisher(address) as publisher:
+        for message in (moved, hidden):
+            message.header["send_ns"] = time.monotonic_ns()
+            publisher.publish(message)
+        got, ends = [], time.monotonic() + PATIENCE
+        while len(got) < 2 and time.monotonic() < ends:
+            got += others.messages()
+
+    assert [int.from_bytes(each[:4], "little") for each in got] == [MOVES.magic, CHANGES.magic]
+    assert scene.part("cube").pose.translation.tolist() == [0.2, 0, 0]
+    assert scene.part("cube").is_hidden
 
 
 def test_a_second_page_watches_until_it_takes_over(bridge):

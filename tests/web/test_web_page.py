@@ -123,14 +123,22 @@ def test_the_path_of_a_finger_goes_through_its_tip(page):
     assert max(offs) < 0.002  # half the way between two corners
 
 
-def test_hiding_a_part_is_seen(page):
+def test_a_part_is_hidden_and_distances_do_not_know_it(page, scene):
+    has_mouse_hand(page)
     page.page.get_by_role("button", name="hide bracket").click()
+    page.until(
+        "page.parts.list.filter((part) => !part.object.visible).map((part) => part.name).join() === 'bracket'"
+    )
+    page.page.wait_for_timeout(500)
+    others = proximity.Scene(scene.parts)
+    others.hide("bracket")
 
-    assert page.ask("page.parts.list.filter((part) => !part.object.visible).map((part) => part.name)") == [
-        "bracket"
-    ]
+    same_as(others, page.exact())  # the hand stays where it was while the mouse is over the buttons
+
     page.page.get_by_role("button", name="show bracket").click()
-    assert page.ask("page.parts.list.every((part) => part.object.visible)")
+    page.until("page.parts.list.every((part) => part.object.visible)")
+    page.page.wait_for_timeout(500)
+    same_as(scene, page.exact())
 
 
 def test_a_part_is_dragged_and_distances_follow(page, scene):
@@ -185,6 +193,21 @@ def test_two_points_are_measured(page):
     assert page.ask("page.tools.measure.group.children.length") == 0
 
 
+def test_two_parts_are_measured(page, scene):
+    page.page.get_by_role("button", name="Measure").click()
+    for name in ("pin", "pin_2"):
+        page.page.locator("#parts .name").get_by_text(name, exact=True).click()
+
+    page.until("document.getElementById('tool-hint').textContent.startsWith('pin and pin_2: ')")
+
+    found = proximity.clearance(scene, "pin", "pin_2")
+    assert f"{1e3 * found.distance:.2f} mm apart" in page.ask(
+        "document.getElementById('tool-hint').textContent"
+    )
+    page.picture("measured")
+    page.page.keyboard.press("Escape")
+
+
 def test_a_slice_of_the_signed_distance_is_seen(page):
     page.page.keyboard.press("c")
     page.page.keyboard.press("s")
@@ -221,7 +244,7 @@ def test_a_second_page_watches_and_may_take_over(page, chromium, viewing):
     has_mouse_hand(page)
     with Page(chromium, viewing.url).ready() as second:
         second.until(KNOWN)
-        assert "Another page feeds" in second.ask("document.getElementById('input-hint').textContent")
+        second.until("document.getElementById('input-hint').textContent.startsWith('Another page feeds')")
         second.page.get_by_role("radio", name="Mouse").click()
         second.until("page.input === 'mouse' && page.feeds")
         page.until("!page.feeds")

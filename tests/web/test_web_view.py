@@ -133,7 +133,7 @@ def test_without_websockets_a_sentence_says_what_to_install(monkeypatch):
 
 
 def test_a_scene_file_says_what_was_asked_for(tmp_path):
-    addresses = Addresses("mailbox:a", "mailbox:b", "mailbox:c")
+    addresses = Addresses(*(f"mailbox:{end}" for end in "abcd"))
     given = {"units": "in", "rate_hz": 500.0, "radius": 0.005}
     odd = tmp_path / 'a "part" \\ ä.stl'
     odd.write_bytes(BRACKET.read_bytes())
@@ -157,7 +157,7 @@ def test_parts_and_fingers_of_a_scene_file_are_taken(tmp_path):
     (folder := tmp_path / "own").mkdir()
 
     read = write_scene_file(
-        folder, [str(scene)], Addresses("mailbox:a", "mailbox:b", "mailbox:c"), units="mm", rate_hz=1e3,
+        folder, [str(scene)], Addresses(*(f"mailbox:{end}" for end in "abcd")), units="mm", rate_hz=1e3,
         radius=None,
     )  # fmt: skip
 

@@ -57,7 +57,20 @@ class SteadyForce:
         self._period = 1.0 / positive("rate", rate, "hertz")
         self._rule = rule.as_array()
         self._watch = np.zeros(steady_kernels.WATCH_SIZE)
-        self._window = np.zeros(max(2, round(rule.window * rate)))
+        self._window = np.zeros(self.sample_count(rate, rule))
+
+    @staticmethod
+    def sample_count(rate: float, rule: SteadyRule) -> int:
+        """Return the number of samples that are looked back on.
+
+        Parameters
+        ----------
+        rate : float, Hz
+            Samples a second.
+        rule : SteadyRule
+            What counts as steady.
+        """
+        return max(2, round(rule.window * rate))
 
     @property
     def filtered(self) -> float:

@@ -56,6 +56,10 @@ class FingerPath:
         self.retracted = self._positions[-1]
         self.drum_angles = self._angles[0], self._angles[-1]
 
+    def tables(self) -> tuple[list[float], list[float], list[float]]:
+        """Return the rows of the tables, each rising: bends, positions in m, the drum's angles in rad."""
+        return self._bends, self._positions, self._angles
+
     def position(self, bend: float) -> float:
         """Return how far the fingertip has come at a bend, m; at the ends of the table it stays.
 

@@ -1,7 +1,8 @@
-"""Simulated drums for all fingers of a service: controllers, plants and potentiometers.
+"""Drums for all fingers of a service: controllers, simulated plants or motors, and potentiometers.
 
 The finger is where the service has it, or, where that tells no bend, as `straight_way` has it. The
-potentiometer tells that bend, or where the drum stops the link.
+potentiometer tells that bend, or where the simulated drum stops the link. A finger with a motor needs a bend,
+and a fault of its controller ends everything: somebody must look why.
 """
 
 import math
@@ -28,7 +29,9 @@ from proximity.decaff.glove.default_bend import with_bend
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
 from proximity.decaff.glove.glove_set import as_many
+from proximity.decaff.motors.motor_drum import MotorDrum
 from proximity.decaff.simulated_drums.simulated_drum import DrumPlant
+from proximity.errors import MotorError
 from proximity.message import CONTACT, State, Surface
 from proximity.message.contact import ContactFlag
 from proximity.system.time_units import S_PER_NS
@@ -45,7 +48,7 @@ class FingerBench:
 
     path: FingerPath
     controller: FingerController
-    plant: DrumPlant
+    plant: DrumPlant | MotorDrum
     action: DrumAction | None = None
     bend: float = 0.0  # as the service had it last
     has_bend: bool = False  # the service tells where on its path the finger is
@@ -79,7 +82,11 @@ class FingerBench:
         before = self.controller.state
         if self.action is not None:
             self.plant.advance(self.action, self.path.position(self.bend), elapsed)
-        link = self.path.bend(min(self.path.position(self.bend), self.plant.position))
+        elif isinstance(self.plant, MotorDrum):
+            self.plant.hold()
+        link = self.bend
+        if not self.has_motor:
+            link = self.path.bend(min(self.path.position(self.bend), self.plant.position))
         angle, force = self.plant.angle, self.plant.force
         self.action = self.controller.step(
             Observation(now_ns, link, angle, reading.state, contact, force, sample_ns=sample_ns, frame=frame)
@@ -89,14 +96,23 @@ class FingerBench:
         self.peak_force = max(self.peak_force, self.plant.force)
         self.peak_torque = max(self.peak_torque, abs(self.plant.torque))
         self.samples[after.value] += 1
-        if self.controller.fault:  # there is nobody to press a button
+        if self.controller.fault:
             self.faults += 1
-            self.controller.reset()
+            if isinstance(self.plant, MotorDrum):
+                raise self.plant.failed(self.controller.fault)
+            self.controller.reset()  # there is nobody to press a button
+
+    @property
+    def has_motor(self) -> bool:
+        """Whether a real motor moves the drum."""
+        return isinstance(self.plant, MotorDrum)
 
     def switch_off(self, why: str) -> None:
         """Leave the motor without power, whatever the controller wanted last; nothing is computed."""
         self.controller.fault = why
         self.faults += 1
+        if isinstance(self.plant, MotorDrum):
+            self.plant.switch_off()
         if self.action is not None:
             self.action = replace(self.action, state=DrumState.FAULT, mode=DriveMode.OFF, **NO_POWER)
 
@@ -105,7 +121,7 @@ class FingerBench:
         if contact is None or not int(contact["flags"]) & ContactFlag.TRACKED:
             return contact
         self.is_seen, self.has_bend = True, math.isfinite(contact["bend"])
-        if not self.has_bend:
+        if not self.has_bend and not self.has_motor:
             contact = with_bend(contact, self.path)
         bend, rate = float(contact["bend"]), float(contact["bend_rate"])
         if math.isfinite(bend):
@@ -125,11 +141,15 @@ class DrumBench:
         One for all fingers, or one each; one of our own dimensions where not given.
     limits : Limits
         Of every controller.
+    motors : sequence of MotorDrum
+        Of the first fingers, homed; the others are simulated.
 
     Raises
     ------
     DecaffError
         If a drum cannot stand in its finger's path; by `step`, if the service has another number of fingers.
+    MotorError
+        By `step`, if anything about a motor is uncertain, or there are more motors than fingers.
     """
 
     fingers: list[FingerBench]
@@ -139,11 +159,13 @@ class DrumBench:
         rate: float,
         gloves: Sequence[Glove | CalibratedGlove] | None = None,
         limits: Limits | None = None,
+        motors: Sequence[MotorDrum] = (),
     ) -> None:
-        self._rate, self._limits = rate, limits
+        self._rate, self._limits, self._motors = rate, limits, motors
         self._paths = [FingerPath(glove) for glove in gloves or [Glove()]]
         self._sample_ns: int | None = None
         self._announced: set[str] = set()  # matters
+        self._is_stale = False  # the newest frame, once there were some
         self._silent: list[int] = []  # fingers without a bend, as of the last whole sample
         self.fingers = []
 
@@ -159,22 +181,28 @@ class DrumBench:
         """
         count, frame = len(reading.contacts), FrameMark.of(reading.header)
         if count and len(self.fingers) != count:
-            self.fingers = [self._finger(path) for path in as_many(self._paths, count)]
+            self.fingers = self._all_fingers(count)
         elapsed = 0.0 if self._sample_ns is None else S_PER_NS * (sample_ns - self._sample_ns)
         self._sample_ns = sample_ns
+        if not self.fingers:
+            for motor in self._motors:
+                motor.hold()
         for i, finger in enumerate(self.fingers):
             contact = reading.contacts[i] if i < count else None
             finger.step(reading, sample_ns, elapsed, contact, frame)
         self._silent = [i for i, finger in enumerate(self.fingers) if finger.is_seen and not finger.has_bend]
+        self._is_stale = bool(self.fingers) and reading.state == State.STALE
 
     def switch_off(self, why: str) -> None:
         """Leave all motors without power, where nobody steps their controllers any more."""
+        for motor in self._motors:
+            motor.switch_off()
         for finger in self.fingers:
             finger.switch_off(why)
 
     def warm_up(self) -> None:
         """Compile what a step needs, on a finger that is thrown away."""
-        finger = self._finger(self._paths[0])
+        finger = self._finger(self._paths[0], DrumPlant(self._paths[0], GEAR4))
         nothing = Reading(State.STALE, False, 0, -1, None, np.zeros(0, CONTACT))
         finger.step(nothing, 0, 0.0, None, None)
         finger.step(nothing, 1_000_000, 1e-3, None, None)
@@ -185,6 +213,17 @@ class DrumBench:
         Another thread may ask than the one that steps.
         """
         silent, reported = self._silent, []
+        bendless = [i for i in silent if i < len(self._motors)]
+        if bendless and "motors" not in self._announced:
+            self._announced.add("motors")
+            reported.append(
+                f"no bend is reported of finger {', '.join(map(str, bendless))}: its motor keeps the drum "
+                "retracted, since a bend comes from a path or a glove"
+            )
+        silent = silent[len(bendless) :]
+        if self._motors and self._is_stale and "stale" not in self._announced:
+            self._announced.add("stale")
+            reported.append("no frame is young enough to be trusted: the drums let go and draw back")
         if silent and "bends" not in self._announced:
             self._announced.add("bends")
             reported.append(
@@ -214,6 +253,13 @@ class DrumBench:
                 )
         return reported
 
-    def _finger(self, path: FingerPath) -> FingerBench:
-        controller = FingerController(path, self._rate, GEAR4, self._limits)
-        return FingerBench(path, controller, DrumPlant(path, GEAR4))
+    def _all_fingers(self, count: int) -> list[FingerBench]:
+        if len(self._motors) > count:
+            raise MotorError(f"{len(self._motors)} motors are given, but the service has {count} fingers")
+        paths = as_many(self._paths, count)
+        plants: list[DrumPlant | MotorDrum] = [*self._motors]
+        plants += [DrumPlant(path, GEAR4) for path in paths[len(plants) :]]
+        return [self._finger(path, plant) for path, plant in zip(paths, plants, strict=True)]
+
+    def _finger(self, path: FingerPath, plant: DrumPlant | MotorDrum) -> FingerBench:
+        return FingerBench(path, FingerController(path, self._rate, GEAR4, self._limits), plant)

@@ -5,7 +5,7 @@ The layouts are those of one version: whoever installs another one writes them o
 """
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 
 from proximity.errors import ProximityError
@@ -60,6 +60,33 @@ def write_client(language: str, folder: str | os.PathLike[str]) -> dict[str, boo
     ProximityError
         If the folder cannot be made, or a file not be written.
     """
+    return write_sources(client_files(language), folder, EXAMPLES)
+
+
+def write_sources(
+    texts: Mapping[str, str], folder: str | os.PathLike[str], kept: Collection[str] = ()
+) -> dict[str, bool]:
+    """Write sources into a folder, which is made where it is not there.
+
+    Parameters
+    ----------
+    texts : mapping
+        Texts of the files by their names.
+    folder : path
+        Where to.
+    kept : collection of str
+        Files that are left alone where they are there already.
+
+    Returns
+    -------
+    dict
+        By the files' paths, whether they were written.
+
+    Raises
+    ------
+    ProximityError
+        If the folder cannot be made, or a file not be written.
+    """
     target = Path(folder)
     try:
         target.mkdir(parents=True, exist_ok=True)
@@ -67,9 +94,9 @@ def write_client(language: str, folder: str | os.PathLike[str]) -> dict[str, boo
         reason = getattr(failure, "strerror", None) or failure
         raise ProximityError(f"{folder}: is no folder and cannot be made one ({reason})") from failure
     written = {}
-    for name, text in client_files(language).items():
+    for name, text in texts.items():
         path = target / name
-        is_kept = name in EXAMPLES and path.exists()
+        is_kept = name in kept and path.exists()
         written[str(path)] = not is_kept
         if not is_kept:
             with whole_file(path, ProximityError, takes_devices=False) as stream:

@@ -53,7 +53,7 @@ export class Link extends EventTarget {
     if (typeof data === "string") return this.takeDocument(JSON.parse(data));
     const kind = kindOf(data);
     if (kind === "frame") return this.takeFrame(data);
-    if (kind === "moves") return this.emit("moves", decode(data).records);
+    if (kind === "moves" || kind === "changes") return this.emit(kind, decode(data).records);
     if (kind === "glb") return this.emit("glb", data);
     if (kind === "slice") return this.emit("slice", decodeSlice(data));
   }
@@ -66,6 +66,7 @@ export class Link extends EventTarget {
       this.emit("welcome", said.welcome);
     } else if (said.notice !== undefined) this.emit("notice", said.notice);
     else if (said.feeds !== undefined) this.emit("feeds", said.feeds);
+    else if (said.clearance !== undefined) this.emit("clearance", said.clearance);
     else if (said.place !== undefined) this.emit("place", said);
   }
 
@@ -134,6 +135,12 @@ export class Link extends EventTarget {
     const still = [0, 0, 0];
     const records = moves.map((move) => ({ ...move, pose_ns, velocity: still, angular_velocity: still }));
     this.socket.send(encode("moves", { send_ns: pose_ns }, records));
+  }
+
+  /** Ask for a part to be hidden or shown: name, and an action of PartAction. */
+  sendChanges(changes) {
+    if (!this.isOpen) return;
+    this.socket.send(encode("changes", { send_ns: nanoseconds(performance.now()) }, changes));
   }
 
   emit(name, detail) {

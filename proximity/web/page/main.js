@@ -43,7 +43,7 @@ class Page {
       else this.panel.say(sentence, true);
     });
     on("frame", (data) => this.parts.follow(startOf(data)));
-    this.parts.addEventListener("changed", () => this.panel.showParts(this.parts));
+    this.parts.addEventListener("changed", () => this.panel.showParts(this.parts, (part) => this.tools.choosePart(part)));
   }
 
   welcome(about) {
@@ -52,7 +52,6 @@ class Page {
     this.panel.say("");
     this.fingers.setRadii(about.radii ?? new Array(about.finger_count).fill(0.007));
     this.panel.cover(about.has_geometry ? "Loading the parts …" : "");
-    this.tools.mayMove = about.may_move;
     if (about.log && !this.timeline) {
       this.timeline = new Timeline(this.link, about.log);
       this.stage.updates.add(() => this.timeline.update());
@@ -83,21 +82,21 @@ class Page {
     this.feeds = feeds && this.about.may_pose;
     byId("inputs").hidden = !this.about.may_pose;
     this.tools.mayMove = feeds && this.about.may_move;
+    this.parts.mayHide = feeds && this.about.may_hide;
     if (this.feeds) return void this.choose(this.wanted);
-    const isLogged = Boolean(this.about.log);
-    this.choose("none");
-    if (isLogged) byId("input-hint").textContent = "Hands are those of the log.";
-    else if (!this.about.may_pose) byId("input-hint").textContent = "This page only watches: hands come from another program.";
-    else byId("input-hint").textContent = "Another page feeds the hands; choose one here to take over.";
+    if (this.about.log) this.choose("none", "Hands are those of the log.");
+    else if (!this.about.may_pose) this.choose("none", "This page only watches: hands come from another program.");
+    else this.choose("none", "Another page feeds the hands; choose one here to take over.");
   }
 
-  async choose(key) {
+  /** Take hands from elsewhere; *why* is said instead of the usual hint. */
+  async choose(key, why) {
     if (!this.about) return;
     if (!this.feeds && key !== "none") {
       this.wanted = key;
       return this.link.say({ feed: true });
     }
-    let hint = key === "none" ? "No hands." : this.inputs[key].hint;
+    let hint = why ?? (key === "none" ? "No hands." : this.inputs[key].hint);
     if (key === "headset") {
       const reason = await whyNot();
       if (reason) {

@@ -1,4 +1,4 @@
-// Two points of the surface, and how far they are apart.
+// How far two points of the surface are apart, or two parts.
 
 import * as THREE from "three";
 import { mm } from "./frames.js";
@@ -7,6 +7,7 @@ import { Label } from "./labels.js";
 export class Measure {
   constructor(stage) {
     this.stage = stage;
+    this.names = []; // of parts that are to be measured
     this.group = new THREE.Group();
     this.points = [];
     stage.root.add(this.group);
@@ -14,12 +15,29 @@ export class Measure {
 
   clear() {
     this.points = [];
+    this.names = [];
     this.group.clear();
+  }
+
+  /** Take a part; the names of both when there are two. */
+  addPart(name) {
+    if (this.points.length || this.names.length === 2) this.clear();
+    if (!this.names.includes(name)) this.names.push(name);
+    return this.names.length === 2 ? this.names : null;
+  }
+
+  /** Show how far two parts are apart, as it was measured; what is to be said. */
+  showParts({ names, distance, from, to }) {
+    this.clear();
+    if (distance === 0) return `${names[0]} and ${names[1]} touch or overlap.`;
+    this.add(new THREE.Vector3(...from));
+    return `${names[0]} and ${names[1]}: ${this.add(new THREE.Vector3(...to))}`;
   }
 
   /** Take a point, scene frame; what is to be said. */
   add(point) {
     if (this.points.length === 2) this.clear();
+    this.names = [];
     this.points.push(point);
     const ball = new THREE.Mesh(
       new THREE.SphereGeometry(0.012 * this.stage.radius, 16, 12),

@@ -106,10 +106,19 @@ export class Panel {
     setText(cells[2], !contact.isKnown || contact.isExact ? "" : `${mm(contact.lower, 1)} … ${mm(contact.upper, 1)}`);
     const soon = contact.isKnown && contact.contactMs >= 0 && Number.isFinite(contact.contactMs);
     setText(cells[3], !soon ? "" : contact.contactMs === 0 ? "now" : `${Math.round(contact.contactMs)} ms`);
-    setText(cells[4], contact.mode.toLowerCase());
+    setText(cells[4], [contact.mode.toLowerCase(), this.drumAngle(contact)].join(" ").trim());
   }
 
-  showParts(parts) {
+  /** Where the finger's drum is to stand, in degrees; "" without a glove, or where it is drawn back. */
+  drumAngle({ finger, mode, contactBend }) {
+    const angles = this.about.drum_degrees?.[finger];
+    if (!angles || !Number.isFinite(contactBend) || mode === "RETRACT" || mode === "HOLD") return "";
+    const place = Math.min(Math.max(contactBend, 0), 1) * (angles.length - 1);
+    const k = Math.min(Math.floor(place), angles.length - 2);
+    return `${(angles[k] + (angles[k + 1] - angles[k]) * (place - k)).toFixed(1)}°`;
+  }
+
+  showParts(parts, choose) {
     const list = byId("parts");
     while (list.children.length > parts.list.length) list.lastChild.remove();
     parts.list.forEach((part, k) => {
@@ -119,7 +128,7 @@ export class Panel {
       setText(name, part.name);
       name.title = `${part.name}: ${part.about.face_count.toLocaleString("en")} faces`;
       name.setAttribute("aria-pressed", part === parts.picked);
-      name.onclick = () => parts.pick(part === parts.picked ? null : part);
+      name.onclick = () => choose(part);
       setText(eye, part.object.visible ? "hide" : "show");
       eye.setAttribute("aria-label", `${part.object.visible ? "hide" : "show"} ${part.name}`);
       eye.onclick = () => parts.setVisible(part, !part.object.visible);

@@ -2,6 +2,7 @@
 
 import * as THREE from "three";
 import { GLTFLoader } from "./vendor/three/addons/loaders/GLTFLoader.js";
+import { ENUMS } from "./layout.js";
 
 const SEND_MS = 12;
 
@@ -15,11 +16,21 @@ export class Parts extends EventTarget {
     this.picked = null;
     this.wanted = new Map(); // name: matrix that is to be sent
     this.clipping = [];
+    this.mayHide = false; // of the service's scene, and not only of this picture
+    this.loading = Promise.resolve();
     link.addEventListener("moves", (event) => this.waiting.push(...event.detail));
+    link.addEventListener("changes", ({ detail }) => this.loading.then(() => this.takeChanges(detail)));
     setInterval(() => this.send(), SEND_MS);
   }
 
-  async load(buffer) {
+  /** Take parts anew; what is said of them meanwhile waits. */
+  load(buffer) {
+    this.isLoading = true;
+    this.loading = this.loading.then(() => this.loadNow(buffer)).finally(() => (this.isLoading = false));
+    return this.loading;
+  }
+
+  async loadNow(buffer) {
     const before = this.list.map((part) => [part.name, part.object.visible]);
     const gltf = await new GLTFLoader().parseAsync(buffer, "");
     if (this.group) this.stage.root.remove(this.group);
@@ -27,8 +38,8 @@ export class Parts extends EventTarget {
     this.about = gltf.scene.userData;
     this.list = [];
     for (const object of gltf.scene.children) this.list[object.userData.part] = this.taken(object);
-    for (const [name, visible] of before) {
-      const part = this.list.find((each) => each.name === name);
+    for (const [name, visible] of this.mayHide ? [] : before) {
+      const part = this.named(name);
       if (part) part.object.visible = visible;
     }
     const isFirst = !this.isLoaded;
@@ -78,7 +89,7 @@ export class Parts extends EventTarget {
 
   /** Put parts where frames have them: moves count from their instant on, ms of the service's clock. */
   follow(frameMs) {
-    if (!this.waiting.length) return;
+    if (!this.waiting.length || this.isLoading) return;
     const later = [];
     for (const move of this.waiting) {
       if (Number(move.pose_ns) / 1e6 <= frameMs) this.place(move);
@@ -88,8 +99,20 @@ export class Parts extends EventTarget {
     this.waiting = later;
   }
 
+  takeChanges(changes) {
+    for (const { name, action } of changes) {
+      const part = this.named(name);
+      if (part && action <= ENUMS.PartAction.SHOW) part.object.visible = action === ENUMS.PartAction.SHOW;
+    }
+    this.changed();
+  }
+
+  named(name) {
+    return this.list.find((each) => each.name === name);
+  }
+
   place({ name, rotation, translation }) {
-    const part = this.list.find((each) => each.name === name);
+    const part = this.named(name);
     if (!part) return;
     const [a, b, c, d, e, f, g, h, i] = rotation;
     const [x, y, z] = translation;
@@ -120,7 +143,7 @@ export class Parts extends EventTarget {
 
   reset() {
     for (const part of this.list) {
-      part.object.visible = !part.about.is_hidden;
+      this.setVisible(part, !part.about.is_hidden);
       if (!part.object.matrix.equals(part.initial)) this.ask(part, part.initial);
     }
     this.pick(null);
@@ -135,7 +158,11 @@ export class Parts extends EventTarget {
     this.changed();
   }
 
+  /** Hide or show a part: of the service's scene where this page may, so that distances follow. */
   setVisible(part, isVisible) {
+    if (part.object.visible === isVisible) return;
+    const { HIDE, SHOW } = ENUMS.PartAction;
+    if (this.mayHide) return this.link.sendChanges([{ name: part.name, action: isVisible ? SHOW : HIDE }]);
     part.object.visible = isVisible;
     this.changed();
   }

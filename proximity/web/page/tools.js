@@ -9,7 +9,7 @@ const STEP = 0.001;
 const TURN = THREE.MathUtils.degToRad(5);
 const HINTS = {
   move: "Drag a part, or pick one in the list and use the arrow keys. Q and E turn it.",
-  measure: "Click two points of the surface.",
+  measure: "Click two points of the surface, or two parts in the list.",
 };
 const KEYS = { KeyM: "move", KeyD: "measure", KeyC: "clip", KeyS: "slice", KeyP: "picture", KeyL: "link", Home: "reset", Slash: "help" };
 
@@ -33,6 +33,7 @@ export class Tools {
     };
     for (const [name, act] of Object.entries(this.actions)) byId(`tool-${name}`).onclick = act;
     const canvas = stage.canvas;
+    link.addEventListener("clearance", (event) => this.say(this.measure.showParts(event.detail)));
     canvas.addEventListener("pointerdown", (event) => this.down(event), { capture: true });
     canvas.addEventListener("pointermove", (event) => this.drag(event));
     canvas.addEventListener("pointerup", (event) => this.up(event));
@@ -51,6 +52,14 @@ export class Tools {
     this.stage.canvas.style.cursor = mode === "move" ? "grab" : mode === "measure" ? "crosshair" : "";
     if (mode !== "measure") this.measure.clear();
     this.say(HINTS[mode] ?? "");
+  }
+
+  /** A part was chosen in the list: it is measured, or picked. */
+  choosePart(part) {
+    if (this.mode !== "measure") return this.parts.pick(part === this.parts.picked ? null : part);
+    const names = this.measure.addPart(part.name);
+    if (names) this.link.say({ clearance: names });
+    else this.say(`${part.name} and …: choose the second part in the list.`);
   }
 
   setPlane(what) {
@@ -102,7 +111,7 @@ export class Tools {
       const view = JSON.parse(text);
       this.stage.camera.position.fromArray(view.eye);
       this.stage.controls.target.fromArray(view.at);
-      for (const part of this.parts.list) part.object.visible = !view.hidden.includes(part.name);
+      for (const part of this.parts.list) this.parts.setVisible(part, !view.hidden.includes(part.name));
       this.plane.restore(view.plane);
       this.plane.clips = !view.plane.clips; // each is switched to what it was
       this.plane.slices = !view.plane.slices;

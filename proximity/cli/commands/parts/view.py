@@ -5,13 +5,16 @@ import threading
 import webbrowser
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from proximity.cli.commands.service.demo import sample
 from proximity.cli.options import LIMIT, UNITS, check_limit, with_option_groups
 from proximity.system.stop_signals import stop_at_input, stopped_by_signals
+
+if TYPE_CHECKING:
+    from proximity.web.page_process import PageSettings
 
 HELP = "\n\n".join(
     (
@@ -30,6 +33,7 @@ Examples:
   proximity view part.step
   proximity view meshes/bracket.stl --replay meshes/hand.csv
   proximity view run.frames meshes/bracket.stl
+  proximity view run.frames part.step --rerun run.rrd
   proximity view cell.toml --no-browser --port 8787
 """
 
@@ -46,6 +50,12 @@ FIT = Annotated[
 BROWSER = Annotated[
     bool,
     typer.Option("--browser/--no-browser", help="Open a browser, or do not.", show_default=False),
+]
+RERUN = Annotated[
+    Path | None,
+    typer.Option(
+        "--rerun", metavar="OUT", help="Write a log and its parts for Rerun (.rrd), and show no page."
+    ),
 ]
 RATE = Annotated[float, typer.Option("--rate", metavar="HZ", help="Ticks of the service a second.")]
 RADIUS = Annotated[
@@ -100,14 +110,17 @@ def command(
     browser: BROWSER = True,
     rate: RATE = 1000.0,
     radius: RADIUS = None,
+    rerun: RERUN = None,
     limit: LIMIT = None,
 ) -> None:
     """Show until asked to stop."""
     check_limit(limit)
+    if rerun is not None:
+        _write_rerun(files, rerun, units, radius)
+        return
     _check(rate, radius, listening.port)
     # NumPy, Rich and the library: only now, so that --help and mistakes above answer at once.
-    from proximity.cli import progress
-    from proximity.web.page_process import PageSettings, run_page
+    from proximity.web.page_process import PageSettings
 
     settings = PageSettings(
         files=tuple(map(str, files)),
@@ -125,6 +138,13 @@ def command(
         beside=program.beside,
         may_be_framed=program.framed,
     )
+    _show(settings, program, limit, opens_browser=browser)
+
+
+def _show(settings: "PageSettings", program: Program, limit: float | None, *, opens_browser: bool) -> None:
+    from proximity.cli import progress
+    from proximity.web.page_process import run_page
+
     progress.prepare_kernels()
     with stopped_by_signals() as stop:
         _stop_when_asked(stop, program.until_stdin, limit)
@@ -134,12 +154,36 @@ def command(
                 typer.echo(json.dumps({"event": "begun", **beginning}))
             else:
                 typer.echo(beginning["url"])
-            if browser:
+            if opens_browser:
                 webbrowser.open(beginning["url"])
 
         report = run_page(settings, stop=stop, say=_say, begun=begun)
     if program.json:
         typer.echo(json.dumps({"event": "report", **report}))
+
+
+def _write_rerun(files: list[Path], out: Path, units: str, radius: float | None) -> None:
+    """Write a log of frames, and the parts that it is of, for Rerun."""
+    logs = [name for name in files if name.suffix == ".frames"]
+    if len(logs) != 1:
+        raise typer.BadParameter("expected one log of frames (.frames) among FILES", param_hint="--rerun")
+    from proximity.cli import progress
+    from proximity.recording import FrameReader
+    from proximity.recording.rerun_log import ShownPart, write_rerun
+    from proximity.scene.loader import load
+
+    parts = [
+        ShownPart(part.name, part.pose.point(part.solid.mesh.vertices), part.solid.mesh.faces)
+        for name in files
+        if name not in logs
+        for part in load(name, units=units).parts
+    ]
+    reader = FrameReader(logs[0])
+    with progress.spinner(f"writing {out}"):
+        count = write_rerun(out, reader, parts, 0.007 if radius is None else radius / 1e3)
+    typer.echo(f"{out}: {count} frames")
+    for note in reader.notes:
+        _say(f"{logs[0]}: {note}")
 
 
 def _stop_when_asked(stop: threading.Event, is_until_stdin: bool, limit: float | None) -> None:

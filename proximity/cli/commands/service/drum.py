@@ -1,4 +1,4 @@
-"""``proximity drum``: simulated drums for the fingers of a service, run by their controllers."""
+"""``proximity drum``: drums for the fingers of a service, simulated or moved by motors."""
 
 import json
 import sys
@@ -21,6 +21,11 @@ HELP = "\n\n".join(
         "controller starts again. Fingers without a bend are assumed to bend straight into what is nearest, "
         "and marked so. On a terminal the display is live, elsewhere one line a second; with --json only a "
         "summary at the end. The exit code is 1 if no frame came.",
+        "With --motor URL a finger's drum is a real one: odrive-can://CHANNEL, canopen://CHANNEL or "
+        "simplefoc://PORT. The motor is only read, whatever ADDRESS has, until --arm is given, too: then it "
+        "searches its mechanical stop, which moves it, and follows. Any uncertainty switches all motors off, "
+        "with a sentence and the exit code 2. These drivers were never run on hardware, only against "
+        "simulated motors.",
     )
 )
 
@@ -29,13 +34,14 @@ Examples:
   proximity drum iox2://decaff
   proximity drum iox2://decaff --calibration glove.json --log drum.csv
   proximity drum udp://127.0.0.1:9100 --limit 10 --json
+  proximity drum iox2://decaff --motor "odrive-can://can0?node=0&kt=0.05&ratio=4"
+  proximity drum iox2://decaff --motor "simplefoc:///dev/ttyACM0?kt=0.05" --arm
 """
 
 MOST_RATE_HZ = 5000.0
 LEAST_RATE_HZ = 150.0  # slower, each sample would trip the watchdog of 10 ms
 TURN_S = 0.02  # within that a wish to stop is noticed
 SWITCH_S = 1e-3  # that the drums wait at most while a picture is drawn
-OTHER_LINES = 5  # of a terminal, beside the fingers
 
 
 RATE = Annotated[
@@ -54,6 +60,13 @@ MAX_AGE = Annotated[
     float | None,
     typer.Option("--max-age", metavar="DAYS", help="Largest age of a calibration; 30 if not given."),
 ]
+MOTOR = Annotated[
+    list[str] | None,
+    typer.Option("--motor", metavar="URL", help="Motor of finger 0; given again, of finger 1, and so on."),
+]
+ARM = Annotated[
+    bool, typer.Option("--arm", help="Home the motors and have them follow: they move. Requires --motor.")
+]
 LOG = Annotated[Path | None, typer.Option("--log", metavar="FILE", help="Write every sample to a CSV file.")]
 AS_JSON = Annotated[bool, typer.Option("--json", help="Print a summary at the end, as JSON.")]
 
@@ -64,59 +77,66 @@ def command(
     rate: RATE = 500.0,
     calibration: CALIBRATION = None,
     max_age: MAX_AGE = None,
+    motor: MOTOR = None,
+    arm: ARM = False,
     log: LOG = None,
     as_json: AS_JSON = False,
 ) -> None:
     """Run drums until asked to stop."""
     check_limit(limit)
-    _check(rate, max_age, calibration)
+    _check(rate, max_age, calibration, is_armed=arm, motors=motor)
     # NumPy, Rich and the library: only now, so that --help and mistakes above answer at once.
     from proximity.cli.console import Console
-    from proximity.cli.drum_loop import DrumsBeside, line, summary, table
+    from proximity.cli.drum_loop import DrumsBeside, show_drums, summary
+    from proximity.cli.drum_motors import armable_motors, ready_bench, watch_motors
     from proximity.cli.views.drum_log import DrumLog
     from proximity.cli.views.screen import Screen
     from proximity.decaff.glove.glove_set import read_glove
-    from proximity.decaff.simulated_drums.service_drums import DrumBench
     from proximity.transport import Reading, open_subscriber
 
     sys.setswitchinterval(SWITCH_S)
-    bench = DrumBench(rate, [read_glove(path, max_age) for path in calibration or ()])
-    bench.warm_up()
-    started = time.monotonic()
-    ends = None if limit is None else started + limit
-    with (
-        stopped_by_signals() as stop,
-        open_subscriber(address) as subscriber,
-        DrumLog(log) as written,
-        Screen(Console(), is_silent=as_json) as screen,
-    ):
-        newest = [subscriber.read()]
+    gloves = [read_glove(path, max_age) for path in calibration or ()]
+    with stopped_by_signals() as stop, armable_motors(motor or [], gloves) as motors:
+        if motors and not arm:
+            watch_motors(motors, stop, limit)
+            return
+        with (
+            open_subscriber(address) as subscriber,
+            DrumLog(log) as written,
+            Screen(Console(), is_silent=as_json) as screen,
+        ):
+            bench = ready_bench(rate, gloves, motors, stop)
+            started = time.monotonic()
+            newest = [subscriber.read()]
 
-        def look(reading: Reading) -> None:
-            newest[0] = reading
-            written.append(reading, bench)
+            def look(reading: Reading) -> None:
+                newest[0] = reading
+                written.append(reading, bench)
 
-        with DrumsBeside(bench, subscriber, rate, look) as drums:
-            while drums.is_running and not stop.wait(TURN_S) and not _is_over(ends):
-                for warning in bench.warnings():
-                    typer.echo(f"proximity: {warning}", err=True)
-                screen.show(
-                    lambda: line(newest[0], bench),
-                    lambda size: table(newest[0], bench, max(1, size.height - OTHER_LINES)),
-                )
-        counts = subscriber.counts
-    reported = summary(bench, address, counts, time.monotonic() - started)
+            with DrumsBeside(bench, subscriber, rate, look) as drums:
+                while drums.is_running and not stop.wait(TURN_S) and not _is_over(started, limit):
+                    show_drums(screen, newest[0], bench)
+            counts = subscriber.counts
     if as_json:
-        typer.echo(json.dumps(reported, indent=2))
+        typer.echo(json.dumps(summary(bench, address, counts, time.monotonic() - started), indent=2))
     if not counts.received:
         raise typer.Exit(EXIT_NOTHING)
 
 
-def _check(rate: float, max_age: float | None, calibration: list[Path] | None) -> None:
+def _check(
+    rate: float,
+    max_age: float | None,
+    calibration: list[Path] | None,
+    *,
+    is_armed: bool,
+    motors: list[str] | None,
+) -> None:
     check_range(rate, "--rate", "Hz", LEAST_RATE_HZ, MOST_RATE_HZ)
     if max_age is not None and not calibration:
         raise typer.BadParameter("only a --calibration has an age", param_hint="--max-age")
+    if is_armed and not motors:
+        raise typer.BadParameter("there is no --motor to arm", param_hint="--arm")
 
 
-def _is_over(ends: float | None) -> bool:
-    return ends is not None and time.monotonic() >= ends
+def _is_over(started: float, limit: float | None) -> bool:
+    return limit is not None and time.monotonic() >= started + limit

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 import proximity
+from proximity.cli.commands.studies.vr_applications import time_applications
 from proximity.cli.options import UNITS
 from proximity.cli.program import EXIT_UNUSABLE
 
@@ -19,6 +20,9 @@ HELP = "\n\n".join(
         "one by one: along a recorded hand, in random motion, and with all fingers at the worst positions; "
         "then the service's own loop runs for some seconds. The report is one page (.html) with its numbers "
         "beside it (.json); --json prints these instead.",
+        "With --vr two VR applications are run with the parts: one that publishes poses and subscribes to "
+        "frames in shared memory, and what proximity view runs, without drawing. Poses come at 90 and 120 Hz "
+        "for five and ten fingers, ticks at 1 kHz.",
         "With --gate the exit code is 1 if a scene does not fit PERIOD. It fits if 99.9 % of the ticks of "
         "every motion (best of three runs), and half of the loop's ticks, take no longer to compute. Delays "
         "by the machine, such as interruptions and late waking, are shown but do not count. The page needs "
@@ -30,6 +34,7 @@ EXAMPLES = """
 Examples:
   proximity bench meshes/bracket.stl
   proximity bench cell.toml --gate 1ms --out cell-latency.html
+  proximity bench part.step --vr
   proximity bench gearbox.step --recording grab.csv --gate 5kHz --json > latency.json
 """
 
@@ -80,6 +85,12 @@ REAL_TIME = Annotated[
         show_default=False,
     ),
 ]
+VR = Annotated[
+    bool,
+    typer.Option(
+        "--vr", help="Time whole VR applications instead: from the pose of a hand to its distances."
+    ),
+]
 AS_JSON = Annotated[bool, typer.Option("--json", help="Write one JSON document, in SI units.")]
 
 
@@ -93,10 +104,14 @@ def command(
     seconds: SECONDS = 3.0,
     seed: SEED = 0,
     real_time: REAL_TIME = None,
+    vr: VR = False,
     as_json: AS_JSON = False,
     units: UNITS = "mm",
 ) -> None:
     """Certify a scene, and print what was found."""
+    if vr:
+        time_applications([str(scene)], recording, seconds, units, as_json=as_json)
+        return
     # NumPy, Rich and the library: only now, so that --help answers at once.
     from proximity import certificate
     from proximity.cli import progress
@@ -119,9 +134,7 @@ def command(
             real_time=real_time,
             sample=lambda: sample(HAND),
         )
-    if subject.recording is not None:
-        for note in subject.recording.notes:
-            typer.echo(f"proximity: {subject.recording.path}: {note}", err=True)
+    _say_notes(subject.recording)
     with _progress() as update:
         found = certificate.certify(subject, tick_count=ticks, seconds=seconds, seed=seed, progress=update)
     reported = certificate.document(found, period, version=proximity.__version__)
@@ -130,11 +143,21 @@ def command(
     else:
         bench_report.write(reported)
     is_written = report is None or _write(report, reported, subject.scene)
-    if gate is not None and not reported["verdict"]["fits"]:
-        typer.echo(f"proximity: {reported['verdict']['sentence']}", err=True)
+    _end(reported["verdict"], is_gated=gate is not None, is_lost=out is not None and not is_written)
+
+
+def _end(verdict: dict[str, Any], *, is_gated: bool, is_lost: bool) -> None:
+    """Exit with a code, if not with 0."""
+    if is_gated and not verdict["fits"]:
+        typer.echo(f"proximity: {verdict['sentence']}", err=True)
         raise typer.Exit(EXIT_DOES_NOT_FIT)
-    if out is not None and not is_written:
+    if is_lost:
         raise typer.Exit(EXIT_UNUSABLE)
+
+
+def _say_notes(recording: Any) -> None:
+    for note in () if recording is None else recording.notes:
+        typer.echo(f"proximity: {recording.path}: {note}", err=True)
 
 
 def _write(report: Path, reported: dict[str, Any], scene: "proximity.Scene") -> bool:

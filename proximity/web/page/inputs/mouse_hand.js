@@ -39,7 +39,7 @@ export class MouseHand {
     const { signal } = this.listening;
     const canvas = this.stage.canvas;
     canvas.addEventListener("pointermove", (event) => this.point(event), { signal });
-    canvas.addEventListener("pointerleave", () => (this.pointer = null), { signal });
+    document.addEventListener("pointerleave", () => (this.pointer = null), { signal });
     canvas.addEventListener("wheel", (event) => this.wheel(event), { signal, passive: false, capture: true });
     addEventListener("keydown", (event) => this.key(event, true), { signal });
     addEventListener("keyup", (event) => this.key(event, false), { signal });

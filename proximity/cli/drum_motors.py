@@ -1,0 +1,92 @@
+"""Motors of ``proximity drum``: opened with a word of warning, and watched while they are not armed."""
+
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import typer
+
+from proximity.decaff.glove.calibrated_glove import CalibratedGlove
+from proximity.decaff.glove.finger_path import FingerPath
+from proximity.decaff.glove.glove import Glove
+from proximity.decaff.motors.motor_drum import NOT_ON_HARDWARE, MotorDrum
+from proximity.decaff.motors.motor_set import home_all, opened_motors
+from proximity.decaff.simulated_drums.service_drums import DrumBench
+
+LOOK_S, SHOWN_S = 0.005, 1.0  # between two readings of motors that are not armed, and two lines of them
+
+
+def _report(sentence: str) -> None:
+    typer.echo(f"proximity: {sentence}", err=True)
+
+
+@contextmanager
+def armable_motors(addresses: list[str], gloves: list[CalibratedGlove]) -> Iterator[list[MotorDrum]]:
+    """Open motors, which stay off, and say what was never tried; they end switched off.
+
+    Parameters
+    ----------
+    addresses : list of str
+        One for each finger, from the first.
+    gloves : list of CalibratedGlove
+        One for all, one each, or none.
+    """
+    if addresses:
+        _report(NOT_ON_HARDWARE)
+    each: list[Glove | CalibratedGlove] = [*gloves] or [Glove()]
+    each = each if len(each) > 1 else each * len(addresses)
+    if len(addresses) > len(each):
+        raise typer.BadParameter("there are fewer calibrations than motors", param_hint="--motor")
+    paths = [FingerPath(glove) for glove in each[: len(addresses)]]
+    with opened_motors(addresses, paths, _report) as motors:
+        yield motors
+
+
+def ready_bench(
+    rate: float, gloves: list[CalibratedGlove], motors: list[MotorDrum], stop: threading.Event
+) -> DrumBench:
+    """Return the drums of all fingers, their motors homed; what takes long is done before a motor is on.
+
+    Parameters
+    ----------
+    rate : float, Hz
+        Of the controllers.
+    gloves : list of CalibratedGlove
+        One for all, one each, or none.
+    motors : list of MotorDrum
+        Open; they move.
+    stop : threading.Event
+        Set when to give up.
+    """
+    bench = DrumBench(rate, gloves, motors=motors)
+    bench.warm_up()
+    home_all(motors, stop.wait, _report)
+    return bench
+
+
+def watch_motors(motors: list[MotorDrum], stop: threading.Event, limit: float | None) -> None:
+    """Show what motors answer, each second; nothing is sent that could move them.
+
+    Parameters
+    ----------
+    motors : list of MotorDrum
+        Open, and off.
+    stop : threading.Event
+        Set when to end.
+    limit : float, s
+        After which to end; None: never.
+    """
+    _report("not armed: the motors are read, and stay off (--arm has them move)")
+    ends, due = None if limit is None else time.monotonic() + limit, 0.0
+    for motor in motors:
+        motor.await_answer(stop.wait)
+    while not stop.wait(LOOK_S) and not (ends is not None and time.monotonic() >= ends):
+        for motor in motors:
+            motor.look()
+        if time.monotonic() >= due:
+            due = time.monotonic() + SHOWN_S
+            for i, motor in enumerate(motors):
+                seen = motor.reading
+                state = "on" if seen.is_on else "off"
+                typer.echo(f"motor {i}: {seen.turns:.4f} turns, {seen.current:.3f} A, {state}")

@@ -1,0 +1,1 @@
+"""The drum's controller as C99 sources for a microcontroller."""

@@ -1,0 +1,301 @@
+"""Drum that a real motor moves: homed first, within its limits, and without power at any uncertainty.
+
+It stands where `DrumPlant` stands for the simulated one. Uncertain is: an answer that did not come in time, a
+fault or an end that the motor reports, an encoder that jumps, a drum beyond its limits, a shaft that does
+not turn although nothing holds it. Then the motor is switched off, a `MotorError` says why, and only a
+person starts it again.
+"""
+
+import math
+import time
+from collections.abc import Callable
+from contextlib import suppress
+
+from proximity.decaff.controller.controller_states import IN_CONTACT, DrumAction, DrumState
+from proximity.decaff.drum.drum_command import DriveMode
+from proximity.decaff.glove.finger_path import FingerPath
+from proximity.decaff.motors.motor_address import MotorSettings
+from proximity.decaff.motors.motor_driver import MotorCommand, MotorDriver, MotorReading
+from proximity.decaff.motors.motor_scale import MotorScale
+from proximity.errors import MotorError
+
+NOT_ON_HARDWARE = (
+    "No motor driver was ever run on hardware, only against simulated motors that speak the same protocol."
+)
+LONGEST_STEP = 0.02  # s that count as passed between two readings: our own delay is not the motor's silence
+MOTION_LEAD = 0.15  # rad that a target may be ahead of the drum
+OVER_LIMIT = 0.1  # rad beyond the stop or the flat hand; assumed
+JUMP = 0.05  # rad, beside what the largest speed allows
+JUMP_SPEED = 3.0  # times the largest speed: faster turns no drum
+STALL_LEAD, STALL_MOTION, STALL_TIME = 0.03, 0.003, 0.3  # rad behind, rad turned meanwhile, s; assumed
+START_TIME = 3.0  # s that a motor may take for its first answer: some boards start as their port is opened
+CONFIRM_TIME = 1.0  # s for a motor to say that it is on, and a fifth of that to say that it is off
+HOMING_SPEED, HOMING_SHARE = 0.4, 0.2  # rad/s of the drum, and share of the torque
+HOMING_PERIOD = 0.004  # s
+BACK_OFF, STOP_TOLERANCE = 0.1, 0.03  # rad off the stop, and by how much two touches of it may differ
+
+
+class MotorDrum:
+    """A drum behind a motor's driver.
+
+    Parameters
+    ----------
+    driver : MotorDriver
+        Open; the motor is off.
+    settings : MotorSettings
+        Of motor and drum.
+    path : FingerPath
+        Of the finger.
+    """
+
+    reading: MotorReading
+
+    def __init__(self, driver: MotorDriver, settings: MotorSettings, path: FingerPath) -> None:
+        self._driver, self.settings, self._path = driver, settings, path
+        self._scale = MotorScale(path, settings)
+        self._least, self._retracted = path.drum_angles
+        self._time: float | None = None
+        self._silence = self._behind = 0.0
+        self._marked_angle = self._reference = 0.0
+        self._command = MotorCommand()
+        self._is_on = self.is_homed = False
+        self.reading = MotorReading()
+
+    @property
+    def angle(self) -> float:
+        """Angle of the drum, rad; counted from where the motor was switched on, until it is homed."""
+        return self._scale.angle(self.reading.turns)
+
+    @property
+    def position(self) -> float:
+        """Position of the drum on the finger's path, m."""
+        return self._scale.position(self.angle)
+
+    @property
+    def torque(self) -> float:
+        """Torque of the motor by its current, N m at its shaft; pressing on the finger is positive."""
+        return -self.settings.direction * self.reading.torque
+
+    @property
+    def force(self) -> float:
+        """Force on the finger by the motor's current, N; friction is in it, and a pull counts as none."""
+        return max(0.0, self._scale.force(self.reading.torque, self.angle))
+
+    def look(self) -> None:
+        """Take a reading and check it; the motor is given nothing."""
+        before, first = self.angle, self.reading.answers == 0
+        answers, elapsed = self.reading.answers, self._elapsed()
+        try:
+            self.reading = self._driver.read()
+        except MotorError as failure:
+            raise self.failed(str(failure)) from failure
+        self._silence = 0.0 if self.reading.answers > answers else self._silence + elapsed
+        if self._silence > (self.settings.watchdog if self.reading.answers else START_TIME):
+            raise self.failed(f"the motor has not answered for {1e3 * self._silence:.0f} ms")
+        if self.reading.fault:
+            raise self.failed(f"the motor {self.reading.fault}")
+        if not self._is_on or first:
+            return
+        if not self.reading.is_on:
+            raise self.failed("the motor has switched itself off")
+        speed = self._scale.drum_speed(self.settings.speed, self.angle)
+        span = max(elapsed, LONGEST_STEP) + self._silence
+        if abs(self.angle - before) > JUMP + JUMP_SPEED * speed * span:
+            raise self.failed(f"the encoder jumped by {abs(self.angle - before):.2f} rad of the drum")
+        if self.is_homed and not self._least - OVER_LIMIT <= self.angle <= self._stop + OVER_LIMIT:
+            raise self.failed(
+                f"the drum is at {self.angle:.2f} rad, beyond its limits of {self._least:.2f} to "
+                f"{self._stop:.2f} rad"
+            )
+
+    def await_answer(self, pause: Callable[[float], bool] | None = None) -> None:
+        """Wait for the first answer.
+
+        Parameters
+        ----------
+        pause : callable
+            Waits for a time, s, and returns whether to give up.
+        """
+        while not self.reading.answers:
+            self.look()
+            self._pause(pause or _slept)
+
+    def home(self, pause: Callable[[float], bool] | None = None) -> None:
+        """Switch the motor on, and find the mechanical stop that lies beyond the retracted drum, twice.
+
+        Parameters
+        ----------
+        pause : callable
+            Waits for a time, s, and returns whether to give up.
+        """
+        pause = pause or _slept
+        self._switch_on(pause)
+        cap = HOMING_SHARE * self.settings.torque
+        first = self._touched_stop(cap, pause)
+        self._travel(first - BACK_OFF, cap, pause)
+        again = self._touched_stop(cap, pause)
+        if abs(again - first) > STOP_TOLERANCE:
+            raise self.failed(
+                f"two touches of the mechanical stop are {abs(again - first):.2f} rad apart, expected "
+                f"at most {STOP_TOLERANCE:g} rad: the stop is not firm, or something else was in the way"
+            )
+        self._scale.set_home(self.reading.turns, self._stop)
+        self.is_homed = True
+        self._travel(self._retracted, cap, pause)
+
+    def advance(self, action: DrumAction, finger: float, seconds: float) -> None:
+        """Have the motor do what a controller wants; the finger is where its own sensor has it.
+
+        Parameters
+        ----------
+        action : DrumAction
+            Of the controller.
+        finger : float, m
+            Not used: a real drum needs no model of it.
+        seconds : float, s
+            Since the last action.
+        """
+        if not (self.is_homed and self._is_on):
+            raise self.failed("the motor was to move before it was homed")
+        self.look()
+        if action.mode is DriveMode.OFF:
+            raise self.failed("the controller reports a fault")
+        cap = min(abs(self._scale.torque(min(action.force_cap, 1e3), self.angle)), self.settings.torque)
+        if action.mode is DriveMode.FORCE:
+            torque = self._scale.torque(action.force, self.angle)
+            self._reference, self._behind = self.angle, 0.0
+            self._send(MotorCommand(DriveMode.FORCE, 0.0, max(-cap, min(torque, cap)), cap))
+            return
+        speed = self._scale.drum_speed(min(action.speed_cap, self.settings.speed), self.angle)
+        target = min(max(action.angle, self._least), self._retracted)
+        self._follow(target, speed * min(max(seconds, 0.0), LONGEST_STEP), cap)
+        if action.state in IN_CONTACT:
+            self._behind = 0.0  # a finger may hold it
+        self._check_stall(seconds, action.state)
+
+    def hold(self) -> None:
+        """Keep the motor where it was sent last, while there is no controller yet."""
+        self.look()
+        self._send(self._command)
+
+    def switch_off(self, *, is_emergency: bool = True) -> None:
+        """Take the power off, without waiting for an answer.
+
+        Parameters
+        ----------
+        is_emergency : bool
+            Whether the motor shall remember it, where it can, so that a person must look.
+        """
+        self._is_on = False
+        with suppress(MotorError):
+            if is_emergency:
+                self._driver.stop()
+            else:
+                self._driver.switch_off()
+
+    def failed(self, reason: str) -> MotorError:
+        """Take the power off, and return the error that says why.
+
+        Parameters
+        ----------
+        reason : str
+            What is uncertain.
+        """
+        self.switch_off()
+        return MotorError(f"{self.settings.name}: {reason}; the motor was switched off")
+
+    def close(self) -> str:
+        """Take the power off until the motor confirms it, and close; return a sentence where it does not."""
+        self._is_on, ends = False, time.monotonic() + 0.2 * CONFIRM_TIME
+        answers, is_off = self.reading.answers, False
+        with suppress(MotorError):
+            while not is_off and time.monotonic() < ends:
+                self._driver.switch_off()
+                time.sleep(HOMING_PERIOD)
+                self.reading = self._driver.read()
+                is_off = self.reading.answers > answers + 1 and not self.reading.is_on
+        self._driver.close()
+        return "" if is_off else f"{self.settings.name}: the motor did not confirm that it is off"
+
+    @property
+    def _stop(self) -> float:
+        return self._retracted + self.settings.stop
+
+    def _elapsed(self) -> float:
+        now, before = time.monotonic(), self._time
+        self._time = now
+        return 0.0 if before is None else min(now - before, LONGEST_STEP)
+
+    def _send(self, command: MotorCommand) -> None:
+        self._command = command
+        try:
+            self._driver.send(command)
+        except MotorError as failure:
+            raise self.failed(str(failure)) from failure
+
+    def _follow(self, target: float, step: float, cap: float) -> None:
+        """Send the next target on the way there, not far ahead of where the drum is."""
+        nearer = min(max(target, self._reference - step), self._reference + step)
+        self._reference = min(max(nearer, self.angle - MOTION_LEAD), self.angle + MOTION_LEAD)
+        self._send(MotorCommand(DriveMode.POSITION, self._scale.turns(self._reference), 0.0, cap))
+
+    def _is_stalled(self, seconds: float) -> bool:
+        """Whether the drum has been behind its target for a while, and has not turned."""
+        is_behind = abs(self._reference - self.angle) > STALL_LEAD
+        if not is_behind or self._behind == 0.0 or abs(self.angle - self._marked_angle) > STALL_MOTION:
+            self._behind, self._marked_angle = 0.0, self.angle
+        self._behind = self._behind + max(seconds, 1e-9) if is_behind else 0.0
+        return self._behind > STALL_TIME
+
+    def _check_stall(self, seconds: float, state: DrumState) -> None:
+        if state not in IN_CONTACT and self._is_stalled(seconds):
+            raise self.failed(f"the shaft does not turn (drum at {self.angle:.2f} rad, {state.value})")
+
+    def _switch_on(self, pause: Callable[[float], bool]) -> None:
+        self.await_answer(pause)
+        self._scale.set_home(self.reading.turns, 0.0)
+        self._reference = 0.0
+        self._command = MotorCommand(turns=self.reading.turns)
+        try:
+            self._driver.switch_on(self._command)
+        except MotorError as failure:
+            raise self.failed(str(failure)) from failure
+        ends = time.monotonic() + CONFIRM_TIME
+        while not self.reading.is_on:
+            if time.monotonic() > ends:
+                raise self.failed("the motor does not say that it is on")
+            self._pause(pause)
+            self.look()
+        self._is_on = True
+
+    def _pause(self, pause: Callable[[float], bool]) -> None:
+        if pause(HOMING_PERIOD):
+            raise self.failed("it was asked to stop before it was ready")
+
+    def _touched_stop(self, cap: float, pause: Callable[[float], bool]) -> float:
+        """Turn away from the finger until the drum stands against something; the angle there, rad."""
+        most = self.angle + (self._stop - self._least) + OVER_LIMIT
+        self._behind = 0.0
+        while not self._step(math.inf, cap, pause):
+            if self.angle > most:
+                raise self.failed("no mechanical stop was found over the drum's whole range")
+        self._behind = 0.0
+        return self.angle
+
+    def _travel(self, angle: float, cap: float, pause: Callable[[float], bool]) -> None:
+        self._reference, self._behind = self.angle, 0.0
+        while abs(self.angle - angle) > STOP_TOLERANCE or abs(self._reference - angle) > 1e-9:
+            if self._step(angle, cap, pause):
+                raise self.failed("the shaft does not turn back from the stop: it is jammed, or the encoder")
+
+    def _step(self, angle: float, cap: float, pause: Callable[[float], bool]) -> bool:
+        """One period of homing; whether the drum is stalled."""
+        self._pause(pause)
+        self.look()
+        self._follow(angle, HOMING_SPEED * HOMING_PERIOD, cap)
+        return self._is_stalled(HOMING_PERIOD)
+
+
+def _slept(seconds: float) -> bool:
+    time.sleep(seconds)
+    return False

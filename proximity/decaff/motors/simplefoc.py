@@ -1,0 +1,157 @@
+"""Driver of a SimpleFOC motor by lines of text, as its Commander reads them from a serial port.
+
+``simplefoc:///dev/ttyACM0?motor=M&baud=115200&kt=0.05``; the firmware adds the motor by
+``commander.motor(&motor, cmd)`` under the letter *motor*, and controls its current. Angles are radians of the
+shaft, currents amperes. Commander drops lines of 20 characters and more, so each limit has a line of its own.
+It has no watchdog: the firmware must switch the motor off when no line comes, and nothing here can check
+that it does.
+
+Source: SimpleFOC documentation, "Full motor configuration using the Commander", and the library's
+Commander.cpp: machine-readable answers (``@3``) repeat the letters of the question before the value.
+"""
+
+import math
+import time
+from contextlib import suppress
+from typing import Any
+
+from proximity.decaff.drum.drum_command import DriveMode
+from proximity.decaff.motors.motor_address import MotorAddress, MotorSettings
+from proximity.decaff.motors.motor_driver import MotorCommand, MotorReading
+from proximity.errors import MotorError
+
+TURN = 2.0 * math.pi
+STATES = 7  # target, voltages q and d, currents q and d, velocity, angle
+CURRENT_PLACE, ANGLE_PLACE = 3, 6
+ASK_AGAIN = 0.01  # s after a question that nobody answered
+LONGEST_LINE = 256  # more without an end is no answer
+
+
+class SimpleFoc:
+    """A motor behind a Commander.
+
+    Parameters
+    ----------
+    port : serial.Serial
+        Open, not waiting for what it reads.
+    letter : str
+        Of the motor.
+    torque_constant : float, N m/A
+        Of the motor.
+    """
+
+    def __init__(self, port: Any, letter: str, torque_constant: float) -> None:
+        self._port, self._letter, self._constant = port, letter, torque_constant
+        self._text, self._asked = b"", -math.inf
+        self._answers, self._turns, self._current = 0, 0.0, 0.0
+        self._is_on, self._fault = False, ""
+        self._mode: DriveMode | None = None
+        self._cap = math.nan
+
+    def read(self) -> MotorReading:
+        """Take in lines, and ask for all states and for whether the motor is on."""
+        self._text += self._received()
+        *lines, self._text = self._text[-(1 << 16) :].split(b"\n")
+        if len(self._text) > LONGEST_LINE:
+            self._text = b""
+        for line in lines:
+            self._take(line.decode("ascii", "replace").strip())
+        if time.monotonic() - self._asked > ASK_AGAIN:
+            self._ask()
+        torque = self._constant * self._current
+        return MotorReading(self._answers, self._turns, self._current, torque, self._is_on, self._fault)
+
+    def switch_on(self, command: MotorCommand) -> None:
+        """Set limit, mode and target of a motor that is off, then switch it on."""
+        self._mode, self._cap = None, math.nan
+        self.send(command)
+
+    def send(self, command: MotorCommand) -> None:
+        """Send limit and target; where the mode changes, the motor is off meanwhile.
+
+        A target means another thing in the other mode: 3 rad would become 3 A.
+        """
+        lines = []
+        if command.torque_cap != self._cap:
+            self._cap = command.torque_cap
+            lines.append(f"LC{self._cap / self._constant:.4f}")
+        is_position = command.mode is DriveMode.POSITION
+        target = TURN * command.turns if is_position else command.torque / self._constant
+        if command.mode is self._mode:
+            lines.append(f"{target:.4f}")
+        else:
+            self._mode = command.mode
+            lines = ["E0", f"C{2 if is_position else 0}", *lines, f"{target:.4f}", "E1"]
+        self._write(*(self._letter + line for line in lines))
+
+    def switch_off(self) -> None:
+        """Disable the motor."""
+        self._write(f"{self._letter}E0", f"{self._letter}E")
+
+    def stop(self) -> None:
+        """Disable the motor: Commander knows no other stop."""
+        self.switch_off()
+
+    def close(self) -> None:
+        """Close the port."""
+        self._port.close()
+
+    def _take(self, line: str) -> None:
+        """Take in an answer; what is none, as a cut line, is left out."""
+        states, status, control = f"{self._letter}MG", f"{self._letter}E", f"{self._letter}T"
+        if line.startswith(states):
+            with suppress(ValueError):
+                values = [float(value) for value in line.removeprefix(states).split(";")]
+                if len(values) == STATES and all(math.isfinite(value) for value in values):
+                    self._turns, self._current = values[ANGLE_PLACE] / TURN, values[CURRENT_PLACE]
+                    self._answers += 1
+                    self._ask()
+        elif line in (f"{status}0", f"{status}1"):
+            self._is_on = line.endswith("1")
+        elif line.startswith(control):
+            is_voltage = line.removeprefix(control).startswith("volt")
+            self._fault = (
+                "controls its voltage, expected its current (torque type 1 or 2)" if is_voltage else ""
+            )
+
+    def _ask(self) -> None:
+        self._asked = time.monotonic()
+        if not self._answers:  # a board that starts as its port is opened loses the first lines
+            self._write("@3", "#6", f"{self._letter}T")
+        self._write(f"{self._letter}MG7", f"{self._letter}E")
+
+    def _received(self) -> bytes:
+        try:
+            return bytes(self._port.read(4096))
+        except OSError as failure:  # pyserial's errors are of this kind
+            raise MotorError(f"the port {self._port.name} failed ({failure})") from failure
+
+    def _write(self, *lines: str) -> None:
+        try:
+            self._port.write("".join(f"{line}\n" for line in lines).encode("ascii"))
+        except OSError as failure:
+            raise MotorError(f"the port {self._port.name} failed ({failure})") from failure
+
+
+def open_driver(address: MotorAddress, settings: MotorSettings) -> SimpleFoc:
+    """Open the serial port of an address.
+
+    Parameters
+    ----------
+    address : MotorAddress
+        Its place is the port's name.
+    settings : MotorSettings
+        Taken from it.
+    """
+    import serial
+
+    baud = address.whole("baud", 115200, 1200, 12_000_000)
+    letter = address.word("motor", "M")
+    address.check_options()
+    if len(letter) != 1 or not (letter.isascii() and letter.isalpha()):
+        raise address.refuse(f"motor={letter}, expected one letter")
+    try:
+        port = serial.Serial(address.place, baud, timeout=0, write_timeout=0.05)
+    except (OSError, ValueError) as failure:
+        raise address.refuse(f"the port cannot be opened ({failure})") from failure
+    return SimpleFoc(port, letter, settings.torque_constant)

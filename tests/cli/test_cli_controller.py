@@ -1,0 +1,55 @@
+"""``proximity controller``: what it writes, and how it refuses."""
+
+import sys
+
+import pytest
+
+from proximity import cli
+from proximity.decaff.chip.constants import ChipSettings
+from proximity.decaff.chip.sources import controller_sources
+from proximity.decaff.drum.drum_model import DIRECT
+from proximity.decaff.glove.glove import Glove
+
+
+@pytest.fixture
+def run(monkeypatch, capsys):
+    """Run the command in this process; returns exit code, stdout and stderr."""
+
+    def run_with(*arguments):
+        monkeypatch.setattr(sys, "argv", ["proximity", "controller", *map(str, arguments)])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        written = capsys.readouterr()
+        return end.value.code or 0, written.out, written.err
+
+    return run_with
+
+
+def test_sources_are_written(run, tmp_path):
+    folder = tmp_path / "a" / "b"
+    code, out, err = run("--out", folder, "--drum", "direct", "--rate", 2000)
+
+    files = {path.name: path.read_text(encoding="ascii") for path in folder.iterdir()}
+    assert (code, err) == (0, "")
+    assert files == controller_sources([Glove()], ChipSettings(2000.0, DIRECT))
+    assert out.splitlines() == [f"{folder / name}: written" for name in controller_sources([Glove()])]
+
+
+def test_folder_that_cannot_be_made_is_told(run, tmp_path):
+    (tmp_path / "file").write_text("")
+    code, _, err = run("--out", tmp_path / "file")
+
+    assert code == 2
+    assert err == f"proximity: {tmp_path}/file: is no folder and cannot be made one (File exists)\n"
+
+
+def test_rate_that_a_watchdog_would_stop_is_told(run, tmp_path):
+    code, _, err = run("--out", tmp_path, "--rate", 100)
+
+    assert code == 2 and "--rate" in err
+
+
+def test_calibration_that_is_not_there_is_told(run, tmp_path):
+    code, _, err = run("--out", tmp_path, "--calibration", tmp_path / "none.json")
+
+    assert code == 2 and f"{tmp_path}/none.json" in err

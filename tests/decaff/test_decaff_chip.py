@@ -1,0 +1,360 @@
+"""The controller in C: built with sanitizers and for a Cortex-M7, driven by datagrams, its cost counted."""
+
+import re
+import shutil
+import sys
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from compiling_c import c_compiler, run
+from controller_in_c import ANSWER, DRIVER, SOURCES, STRICT, Events, answer_of, build, compare
+from sealed_frames import frame
+from wire import MS, SESSION, Clock, Wire
+
+from proximity.decaff.chip.constants import MODULE_CONSTANTS, ChipSettings
+from proximity.decaff.chip.sources import controller_sources, write_controller
+from proximity.decaff.controller.controller import FingerController
+from proximity.decaff.controller.controller_states import FrameMark, Observation
+from proximity.decaff.controller.drum_limits import Limits
+from proximity.decaff.controller.surface_law import SurfaceLaw
+from proximity.decaff.drum import drum_kernels
+from proximity.decaff.drum.drum_command import DriveMode, DrumCommand
+from proximity.decaff.drum.drum_model import DIRECT, DRUMS
+from proximity.decaff.drum.servo import servo_for
+from proximity.decaff.glove.finger_path import FingerPath
+from proximity.decaff.glove.glove import Glove
+from proximity.message import ContactFlag, Flaw, Mode, Source, Surface
+from proximity.transport import Subscriber
+
+PATH = FingerPath(Glove())
+RATE = 3000.0
+PERIOD_NS = 333_333
+REASONS = [None, Flaw.SHORT, Flaw.MAGIC, Flaw.VERSION, Flaw.SIZE, Flaw.CHECKSUM]
+REASONS += [Flaw.OLD, Flaw.FUTURE, Flaw.CONTENT]
+CORTEX_M7 = [
+    "-mcpu=cortex-m7",
+    "-mthumb",
+    "-mfpu=fpv5-d16",
+    "-mfloat-abi=hard",
+    "-O2",
+    "-fno-math-errno",
+    "-fstack-usage",
+]
+BUDGET = 216e6 / RATE * 0.2  # cycles a sample: a fifth of a core
+CYCLES_AN_INSTRUCTION = 2.0
+"""Assumed of a Cortex-M7, which may do two at once: loads from flash, and double precision, take longer."""
+
+
+@pytest.fixture(scope="module")
+def program(tmp_path_factory):
+    return build(tmp_path_factory.mktemp("controller"))
+
+
+# --- datagrams ---
+
+
+class Glove3kHz:
+    """A subscriber and a controller in Python at 3 kHz, and what they meet, noted for those in C."""
+
+    def __init__(self, shares_clock=True, rng=None):
+        self.rng = rng
+        self.clock, self.wire = Clock(), Wire(shares_clock)
+        self.subscriber = Subscriber(self.wire, "wire:", clock=self.clock)
+        self.controller = FingerController(PATH, RATE)
+        self.events, self.flaws = Events(shares_clock), []
+        self.drum, self.bend = PATH.retracted, 0.2
+
+    def offer(self, data):
+        before = self.subscriber.counts.flawed.copy()
+        self.wire.put(data)
+        list(self.subscriber.frames())
+        self.flaws.append(next(iter(self.subscriber.counts.flawed - before), None))
+        self.events.datagram(data, self.clock.now)
+
+    def sample(self):
+        self.clock.now += PERIOD_NS
+        reading = self.subscriber.read()
+        finger = PATH.position(self.bend)
+        force = max(0.0, 200.0 * (finger - self.drum))
+        seen = Observation(
+            reading.now_ns, PATH.bend(min(finger, self.drum)), PATH.drum_angle(self.drum), reading.state,
+            reading.contacts[0] if len(reading.contacts) else None, force,
+            sample_ns=self.clock.now, frame=FrameMark.of(reading.header),
+        )  # fmt: skip
+        action = self.controller.step(seen)
+        self.events.look(seen, answer_of(self.controller, action, reading.state))
+        self.drum += min(max(action.position - self.drum, -2.5 / RATE), 2.5 / RATE)
+        return action
+
+    def check(self, program, folder):
+        self.compare(self.events.answers([program], folder))
+
+    def compare(self, data):
+        """Compare all answers; those to datagrams, and those at samples."""
+        at, reasons, answers = 0, [], []
+        for kind in self.kinds():
+            size = 4 if kind == "D" else ANSWER.itemsize
+            (reasons if kind == "D" else answers).append(data[at : at + size])
+            at += size
+        assert at == len(data)
+        found = [int.from_bytes(reason, "little") for reason in reasons]
+        assert [REASONS[number] for number in found] == self.flaws
+        compare(np.frombuffer(b"".join(answers), ANSWER), np.array(self.events.expected, ANSWER))
+
+    def kinds(self):
+        """What each answer is to."""
+        at, data = 1 + 42, self.events.data
+        while at < len(data):
+            kind = chr(data[at])
+            yield kind
+            at += 13 + int.from_bytes(data[at + 9 : at + 13], "little") if kind == "D" else 34
+
+
+def frame_of(glove, number, late_ns=0, **fields_):
+    """A frame whose first finger meets a wall at half a bend."""
+    message = frame(2, glove.clock.now - late_ns)
+    record = message.records[0]
+    record["flags"], record["mode"] = (
+        ContactFlag.TRACKED | ContactFlag.EXACT | ContactFlag.SIGNED,
+        Mode.POSITION,
+    )
+    record["bend"], record["contact_bend"], record["surface"] = glove.bend, 0.5, Surface.RIGID
+    distance = PATH.position(0.5) - PATH.position(glove.bend)
+    for name in ("signed_distance", "lower", "upper"):
+        record[name] = distance
+    for name, value in fields_.items():
+        record[name] = value
+    return message
+
+
+@pytest.mark.parametrize("shares_clock", [True, False])
+def test_datagrams_lead_to_the_same_states_and_targets(program, shares_clock, tmp_path):
+    """Presses on a wall, with frames that are late, lost, damaged, repeated, senseless, or of another run."""
+    rng, glove = np.random.default_rng(7), Glove3kHz(shares_clock)
+    ahead = 0 if shares_clock else 3600_000 * MS
+    sequence, session, kinds = 0, SESSION, set()
+    soft = {"surface": Surface.DEFORMABLE, "stiffness": 800.0, "damping": 1.5}
+    slave = {"source": Source.TELEOPERATION, "force": 0.6, "force_is_valid": 1}
+    for sample in range(15_000):
+        time = sample / RATE
+        glove.bend = 0.36 + 0.16 * np.sin(2.0 * np.pi * 0.8 * time)
+        if sample % 3 == 0 and not 2400 < sample % 5000 < 2400 + 300 * (sample // 5000):  # and silence
+            what = rng.integers(40)
+            extra = [{}, soft, slave][sample // 1500 % 3]
+            message = frame_of(glove, sequence, int(rng.choice([0, 1, 3])) * MS - ahead, **extra)
+            row = message.records[0]
+            if what == 0:
+                row[rng.choice(["lower", "predicted_distance", "time_to_contact", "bend"])] = np.nan
+            elif what == 1:
+                row["position"][1], row["normal"] = rng.choice([np.nan, 0.0]), rng.choice([0.0, np.nan, 1.0])
+            elif what == 2:
+                row[rng.choice(["surface", "mode", "source", "force_is_valid"])] = 9
+            elif what == 3:
+                message.header[rng.choice(["state", "source"])] = rng.integers(8)
+            elif what == 4:
+                message.header[rng.choice(["pose_ns", "publish_ns"])] += int(rng.choice([4, 7, 2**62]))
+            elif what == 5:
+                row["contact_bend"], row["contact_bend_rate"] = rng.choice([0.3, 0.45, 1.2, np.nan]), -0.5
+            elif what == 6 and rng.random() < 0.2:
+                session += int(rng.integers(-2, 3))
+            elif what == 7:
+                row["flags"], row["mode"] = 0, Mode.HOLD
+            sequence = max(sequence + int(rng.choice([1] * 12 + [3, 0, -2])), 0)
+            data = bytearray(message.seal(session, sequence).tobytes())
+            if what == 8:
+                data[rng.integers(len(data))] ^= 1 << rng.integers(8)
+            elif what == 9:
+                data = data[: rng.integers(len(data))]
+            glove.offer(data)
+        kinds.add(glove.sample().state)
+
+    assert len(kinds) >= 6 and len(set(glove.flaws)) >= 6
+    glove.check(program, tmp_path)
+
+
+def test_what_the_key_does_not_verify_is_not_used(program, tmp_path):
+    """The datagram with its tag is used, and no other."""
+    from hashlib import blake2s
+
+    key = bytes(range(32))
+    glove = Glove3kHz()
+    data = frame_of(glove, 0).seal(SESSION, 0).tobytes()
+    tagged = data + blake2s(data, key=key, digest_size=16).digest()
+    events = Events(key=key)
+    for datagram in (data, tagged[:-1], tagged[:-1] + b"x", b"", tagged, tagged):
+        events.datagram(datagram, glove.clock.now)
+
+    assert np.frombuffer(events.answers([program], tmp_path), "<i4").tolist() == [9, 9, 9, 9, 0, 6]
+
+
+# --- the servo ---
+
+
+@pytest.mark.parametrize("name", DRUMS)
+def test_servo_demands_what_the_kernel_demands(name, tmp_path):
+    drum, rng = DRUMS[name], np.random.default_rng(3)
+    servo = servo_for(drum, RATE)
+    program = build(tmp_path, ChipSettings(RATE, drum))
+    arrays = drum.as_array(), servo.as_array()
+    drive, command = np.zeros(drum_kernels.DRIVE_SIZE), np.zeros(drum_kernels.COMMAND_SIZE)
+    drum_kernels.rest_drum(arrays[0], drive, 0.05)
+    events, expected = Events(position=drive[drum_kernels.DRIVE_LAST_POSITION]), []
+    for sample in range(6000):
+        if sample % 50 == 0:
+            mode = DriveMode(int(rng.choice([1, 1, 1, 2, 2, 0])))
+            numbers = (
+                rng.uniform(0.0, 0.1) if mode is DriveMode.POSITION else rng.uniform(0.0, 5.0),
+                rng.choice([np.inf, 0.05, 1.0]), rng.choice([np.inf, 1.0, 20.0]),
+                rng.choice([np.nan, 0.5]), rng.choice([0.0, np.inf]),
+            )  # fmt: skip
+        DrumCommand(mode, *numbers).write(command)
+        force = max(0.0, 200.0 * (0.06 - drive[drum_kernels.DRIVE_POSITION]))
+        drum_kernels.serve(*arrays, drive, command, force)
+        read = drive[drum_kernels.DRIVE_LAST_POSITION]  # by the encoder
+        applied = drive[drum_kernels.DRIVE_APPLIED]
+        expected.append(applied)
+        events.data += b"V" + np.array([mode], np.uint8).tobytes()
+        events.data += np.array([*numbers, read, force, 0.0]).tobytes()
+        drive[drum_kernels.DRIVE_SPEED] += (applied + force) / drum.mass / RATE
+        drive[drum_kernels.DRIVE_POSITION] += drive[drum_kernels.DRIVE_SPEED] / RATE
+
+    found = np.frombuffer(events.answers([program], tmp_path), "<f8")
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.3, 0.5, 5.0])
+def test_bound_of_passivity_in_closed_form_is_that_of_python(damping):
+    """As decaff_controller.c has it, of a delay of one sample."""
+    own, b = 2.0, min(damping, 1.0)
+    most = (own + b) / 1.5 if own >= 5.0 * b else np.sqrt(b * (8.0 * own - 4.0 * b)) - 2.0 * b
+
+    assert SurfaceLaw(RATE, own).displayed(1e6, damping)[0] == pytest.approx(most * RATE, rel=1e-9)
+
+
+# --- what is written ---
+
+
+def test_constants_are_those_of_python():
+    text = controller_sources([Glove()], ChipSettings(1000.0, DIRECT, Limits(max_speed=2.5)))[
+        "decaff_controller.h"
+    ]
+    for module, names in MODULE_CONSTANTS:
+        for name in names:
+            (written,) = re.findall(rf"#define DECAFF_{name} (.*)", text)
+            assert float(re.sub(r"INT64_C|[()u]", "", written)) == getattr(module, name)
+    for field in fields(Limits):
+        assert f"#define DECAFF_LIMIT_{field.name.upper()} " in text
+    assert "#define DECAFF_LIMIT_MAX_SPEED 2.5\n" in text
+    assert "@" not in text and text.isascii()
+
+
+def test_every_constant_is_used():
+    files = controller_sources([Glove()])
+    names = re.findall(r"#define (DECAFF_\w+) ", files["decaff_controller.h"])
+    used = files["decaff_controller.c"] + files["decaff_controller.h"]
+    unused = {name for name in names if len(re.findall(rf"\b{name}\b", used)) < 2}
+
+    assert unused <= {"DECAFF_LIMIT_NEAR_ENERGY", "DECAFF_LIMIT_CONTINUOUS"}  # near_energy: as NEAR_SPEED
+
+
+def test_calibrated_fingers_have_paths_of_their_own(tmp_path):
+    write_controller([Glove(), Glove()], tmp_path)
+    run(c_compiler(), *STRICT, "-c", tmp_path / "decaff_glove.c", "-o", tmp_path / "glove.o")
+
+    assert "#define DECAFF_PATH_COUNT 2\n" in (tmp_path / "decaff_controller.h").read_text()
+
+
+# --- on a Cortex-M7 ---
+
+
+def test_cortex_m7_takes_it_with_little_code_and_stack(tmp_path):
+    """Prints what is said in docs/clients.md; -s shows it."""
+    gcc = shutil.which("arm-none-eabi-gcc")
+    if gcc is None:
+        pytest.skip("there is no cross compiler arm-none-eabi-gcc")
+    write_controller([Glove()], tmp_path)
+    sizes = {}
+    for name in SOURCES:
+        target = tmp_path / name.replace(".c", ".o")
+        run(gcc, *STRICT, *CORTEX_M7, "-c", tmp_path / name, "-o", target)
+        sizes[name] = [int(word) for word in run("arm-none-eabi-size", target).splitlines()[1].split()[:3]]
+    stack = {}
+    for line in (tmp_path / "decaff_controller.su").read_text().splitlines():
+        where, size, kind = line.split("\t")
+        assert kind == "static", line  # no size is known when it runs only
+        stack[where.rpartition(":")[2]] = int(size)
+    names = run("arm-none-eabi-nm", "-u", tmp_path / "decaff_controller.o").split()
+    needed = {name for name in names if name != "U" and not name.startswith("__aeabi_")}  # the compiler's own
+    print(f"\ncode and data, static data, zeroed: {sizes}; stack of the largest functions: ", end="")
+    print(sorted(stack.items(), key=lambda entry: -entry[1])[:4])
+
+    assert sizes["decaff_controller.c"][0] < 16_384 and sizes["decaff_controller.c"][1:] == [0, 0]
+    assert sum(sorted(stack.values())[-6:]) < 2048  # no path is deeper
+    assert needed <= {"memcpy", "memset", "decaff_paths", "sqrt"}  # no heap, no other libm
+
+
+def press(samples):
+    """A finger that presses on a wall of teleoperation until a force is served, with frames at 1 kHz."""
+    glove = Glove3kHz()
+    slave = {"source": Source.TELEOPERATION, "force": 0.6, "force_is_valid": 1}
+    for sample in range(samples):
+        glove.bend = min(0.3 + 0.2 * sample / 500, 0.52)
+        if sample % 3 == 0:
+            glove.offer(frame_of(glove, sample, **slave).seal(SESSION, sample).tobytes())
+        glove.sample()
+    return glove
+
+
+def test_sample_costs_less_than_a_fifth_of_a_cortex_m7(tmp_path):
+    """On a simulated one, where it leads to the same states and targets. Instructions are counted."""
+    gcc, qemu = shutil.which("arm-none-eabi-gcc"), shutil.which("qemu-system-arm")
+    if gcc is None or qemu is None:
+        pytest.skip("there is no arm-none-eabi-gcc, or no qemu-system-arm to run a Cortex-M7 with")
+    write_controller([Glove()], tmp_path)
+    names = ("controller_step", "subscriber_take", "subscriber_look", "servo_step")
+    run(
+        gcc, "-std=c99", *CORTEX_M7[:-1], "--specs=rdimon.specs", f"-I{tmp_path}",
+        *(f"-Wl,--section-start={section}" for section in (".vectors=0", ".init=0x800", ".text=0x1000")),
+        "-Wl,--section-start=.data=0x20000000", *(f"-Wl,--wrap=decaff_{name}" for name in names),
+        *(tmp_path / name for name in SOURCES), DRIVER, DRIVER.with_name("controller_cortex_m7.c"),
+        "-lm", "-o", tmp_path / "driver.elf",
+    )  # fmt: skip
+    glove = press(1500)
+    served = b"V\1" + np.array([0.05, np.inf, 20.0, 0.5, 0.0, 0.0501, 0.5, 0.0]).tobytes()
+    (tmp_path / "events").write_bytes(glove.events.data + 1500 * served)
+    files = f"arg=driver,arg={tmp_path}/events,arg={tmp_path}/answers"
+    told = run(
+        qemu, "-M", "mps2-an500", "-nographic", "-icount", "shift=10", "-monitor", "none", "-serial", "none",
+        "-semihosting-config", f"enable=on,target=native,{files}", "-kernel", tmp_path / "driver.elf",
+    )  # fmt: skip
+    glove.compare((tmp_path / "answers").read_bytes()[: -1500 * 8])  # without those of the servo
+    counts = [[float(word) for word in line.split()] for line in told.splitlines()]
+    print("\ninstructions, mean and most:", dict(zip(names, (count[1:] for count in counts), strict=True)))
+
+    a_sample = sum(count[0] * count[1] for count in counts) / counts[0][0]
+    assert counts[0][0] == 1500 and counts[0][2] > counts[0][1] > 100.0  # they were counted
+    assert a_sample * CYCLES_AN_INSTRUCTION < BUDGET
+    assert sum(count[2] for count in counts) < BUDGET  # even the sample with a frame, at one cycle each
+
+
+def test_sample_costs_less_than_a_fifth_of_a_core(tmp_path):
+    """The same, counted on this machine: instructions of one finger with a frame every third sample."""
+    if shutil.which("valgrind") is None or sys.platform != "linux":
+        pytest.skip("there is no valgrind to count instructions with")
+    program = build(tmp_path, options=["-O2", "-fno-math-errno"])
+    glove = press(3000)
+    counted = {}
+    for function in ("decaff_controller_step", "decaff_subscriber_take", "decaff_subscriber_look"):
+        out = tmp_path / f"{function}.out"
+        tool = [
+            "valgrind", "--tool=callgrind", f"--callgrind-out-file={out}", f"--toggle-collect={function}",
+            "--collect-atstart=no", program,
+        ]  # fmt: skip
+        glove.events.answers(tool, tmp_path)
+        (total,) = re.findall(r"^(?:summary|totals): (\d+)", out.read_text(), re.MULTILINE)[:1]
+        counted[function] = int(total) / len(glove.events.expected)
+    print(f"\ninstructions a sample: {counted}")
+
+    assert all(number > 10.0 for number in counted.values())
+    assert sum(counted.values()) * CYCLES_AN_INSTRUCTION < BUDGET
