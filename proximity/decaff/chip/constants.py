@@ -25,7 +25,7 @@ MODULE_CONSTANTS: tuple[tuple[ModuleType, tuple[str, ...]], ...] = (
     (finger_path, ("LEAST_BEND", "MOST_BEND")),
     (contact_location, ("MOST_RATE", "MOST_LENGTH", "LEAST_CLOSING", "TABLE_ERROR", "MIN_TRAVEL")),
     (frame_trust, ("LARGEST_POSITION_ERROR",)),
-    (surface_law, ("DAMPING_SHARE", "DELAY_SAMPLES")),
+    (surface_law, ("DAMPING_SHARE", "DELAY_SAMPLES", "PAD_DAMPING")),
     (controller, ("DRUM_DAMPING", "STRAY_ANGLE")),
 )
 COUNTS = {"MOST_RUNS", "STEADY_SAMPLES"}
