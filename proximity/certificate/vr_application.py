@@ -33,7 +33,7 @@ PATHS = ("native", "page")
 TICK_S = 1e-3
 RADIUS = 0.007
 WARM_S = 1.0  # poses before anything is counted: clocks are learnt meanwhile
-PATIENCE_S = 60.0
+LONGEST_S = 60.0  # without a frame at the beginning
 LOOK_S = 5e-5
 SAME_NS = 3_000_000
 """The bridge puts poses on the service's clock; farther off, a frame answers another pose."""
@@ -131,8 +131,8 @@ def _native(files: list[str], folder: Path, units: str, part: str) -> Iterator[_
         subscriber = opened.enter_context(open_subscriber(addresses.frames))
         publishers = _publishers(addresses, opened)
 
-        def receive(patience: float) -> list[np.ndarray]:
-            ends = time.monotonic() + patience
+        def receive(timeout: float) -> list[np.ndarray]:
+            ends = time.monotonic() + timeout
             while not (found := [np.array(frame) for frame in subscriber.frames()]):
                 if time.monotonic() > ends:
                     break
@@ -173,9 +173,9 @@ def _page(files: list[str], folder: Path, units: str, part: str) -> Iterator[_Ap
         socket.send(json.dumps({"hello": token}))
         sequence = iter(range(1, 1 << 62))
 
-        def receive(patience: float) -> list[np.ndarray]:
+        def receive(timeout: float) -> list[np.ndarray]:
             try:
-                data = socket.recv(patience)
+                data = socket.recv(timeout)
             except TimeoutError:
                 return []
             if isinstance(data, bytes) and int.from_bytes(data[:4], "little") == FRAME.magic:
@@ -248,7 +248,7 @@ def _drive(running: _Application, hand: np.ndarray, case: VrCase) -> _Timed:
 
 
 def _until_answered(running: _Application, hand: np.ndarray) -> None:
-    ends = time.monotonic() + PATIENCE_S
+    ends = time.monotonic() + LONGEST_S
     while not running.receive(0.1):
         if time.monotonic() > ends:
             raise ServiceError("no frame came within a minute")
