@@ -1,7 +1,7 @@
 """Measure everything, and write the figures and pictures of the documentation: ``python bench/publish.py``.
 
-Runs `report.py`, `ticks.py`, `service.py` and `growth.py` in turn, on a quiet machine if possible, keeps
-their JSON in ``bench/published``, and makes the pictures, the page on speed and the README's table from it.
+Runs `report.py`, `ticks.py`, `service.py`, `vr.py` and `growth.py` in turn, on a quiet machine if possible,
+keeps their JSON in ``bench/published``, and makes pictures, the page on speed and the README's table from it.
 The ticks of another machine are a ``ticks_NAME.json`` beside them. ``--from-json`` measures nothing.
 """
 
@@ -17,6 +17,7 @@ from benchmarks.growth.fit import Fit
 from benchmarks.growth.plots import write_plots
 from benchmarks.growth.samples import GrowthRow
 from benchmarks.publication import sections
+from benchmarks.publication.vr_tables import draw_vr
 from benchmarks.support.project import BENCH, environment
 
 # Together a quarter of an hour on a quiet machine of two cores; twice that beside others (2026-11-21).
@@ -24,12 +25,14 @@ RUNS = {
     "report": ["--rounds", "7"],
     "ticks": [],
     "service": ["publish", "minute"],
+    "vr": [],
     "growth": [],
 }
 QUICK_RUNS = {
     "report": ["--quick", "--cases", "plate/near", "plate/rays"],
     "ticks": ["--small"],
     "service": ["--small"],
+    "vr": ["--small"],
     "growth": ["--small"],
 }
 JUDGED = (0, 1)  # exit codes of a complete run: every requirement met, or one not
@@ -50,6 +53,11 @@ def main(arguments: list[str] | None = None) -> int:
     documents = sections.read(options.published)
     if "growth" in documents:
         draw_pictures(documents["growth"], options.published)
+    if "vr" in documents:
+        with tempfile.TemporaryDirectory(prefix="proximity_pictures_") as drawn:
+            for path in draw_vr(documents["vr"], Path(drawn) / "vr"):
+                if path.suffix == ".png":
+                    shutil.copy(path, options.published / path.name)
     try:
         sections.write(options.page, sections.section(documents))
         if {"report", "ticks"} <= documents.keys():

@@ -66,7 +66,10 @@ def main(arguments: list[str] | None = None) -> int:
     console.print(_table(rows))
     console.print(_libraries_table(others))
     if options.json:
-        write_json(options.json, machine, rows=[asdict(row) for row in rows], others=others)
+        known = [
+            {key: None if value != value else value for key, value in asdict(row).items()} for row in rows
+        ]
+        write_json(options.json, machine, rows=known, others=others)
     return 0
 
 

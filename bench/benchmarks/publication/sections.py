@@ -18,6 +18,7 @@ from benchmarks.publication.tables import (
     summary_table,
     ticks_table,
 )
+from benchmarks.publication.vr_tables import libraries_table, vr_sentence, vr_table
 from benchmarks.publication.wording import full_name, short_name, verdict_lines, when, whole
 from benchmarks.support.project import BENCH, PROJECT
 
@@ -31,6 +32,7 @@ PICTURES = {
     "growth_parts": "Time and work against the parts of a scene",
     "growth_centre": "Time, work and bracket in the centre of a hollow ball",
 }
+VR_PICTURE = ("vr", "From the pose of a hand to its distances, against the time between two poses")
 SHOWN_THOUGH_MET = (
     "fingers/plate: a tick against",
     "cavity, anywhere",
@@ -40,7 +42,7 @@ SHOWN_THOUGH_MET = (
     "deform",
 )
 WIDTH = 118
-NAMES = ("report", "ticks", "service", "growth")
+NAMES = ("report", "ticks", "service", "vr", "growth")
 ALONE = ("memory", "proximity ")  # beginnings of requirements that concern this package only
 
 Document = dict[str, Any]
@@ -87,12 +89,13 @@ def summary(documents: dict[str, Document]) -> str:
         "precision, the others here in single. [All figures](docs/performance.md), with tails, conditions, "
         "and the cases in which embreex casts rays faster."
     )
-    return "\n".join([*lines, "", _wrapped(how)]) + "\n"
+    application = [_wrapped(vr_sentence(documents["vr"])), ""] if "vr" in documents else []
+    return "\n".join([*lines, "", *application, _wrapped(how)]) + "\n"
 
 
 def section(documents: dict[str, Document]) -> str:
     """Return the text between the marks; parts without a document are left out."""
-    parts = {"report": _others, "ticks": _ticks, "service": _service, "growth": _growth}
+    parts = {"report": _others, "ticks": _ticks, "service": _service, "vr": _vr, "growth": _growth}
     here = [name for name in NAMES if name in documents]
     blocks = [_conditions([documents[name] for name in here])] if here else []
     for name in here:
@@ -204,6 +207,22 @@ def _service(documents):
     document = documents["service"]
     head = f"**Served** ({_run('service', document, _first(documents))}): a recorded hand at 1 kHz, log on."
     return [head, served_table(document), verdict_lines("on the service", _verdicts(document))]
+
+
+def _vr(documents):
+    document = documents["vr"]
+    head = (
+        f"**A complete VR application** ({_run('vr', document, _first(documents))}): from the pose of a hand "
+        "to the frame that answers it, over tori, with ticks at 1 kHz; one part moves where said. Native "
+        "publishes poses and subscribes to frames in shared memory; page is what `proximity view` runs, "
+        "without drawing. Half a tick is waited on average. Service and bridge are shares of a core."
+    )
+    others = (
+        "The distances of ten fingers by themselves, in the place of the tick, with each library; a tick "
+        "of the service also answers velocities, predictions and times to contact:"
+    )
+    picture = [f"![{VR_PICTURE[1]}](../bench/published/{VR_PICTURE[0]}.png)"]
+    return [head, vr_table(document), others, libraries_table(document), picture]
 
 
 def _growth(documents):

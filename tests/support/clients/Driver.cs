@@ -68,6 +68,8 @@ public static unsafe class Driver
             DecaffMove[] moves = { DecaffPublisher.MoveOf("lid \u00e4", 7, 8, 9) };
             publisher.Send(poses, 2);
             publisher.Send(moves, 1);
+            DecaffChange[] changes = { DecaffPublisher.ChangeOf("lid \u00e4", DecaffPartAction.Hide) };
+            publisher.Send(changes, 1);
             publisher.Send(poses, 2);
         }
     }

@@ -89,6 +89,7 @@ int main(int count, char **words)
                 sender.send(std::vector<decaff_pose>(4096));
             sender.send(poses);
             sender.send(moves);
+            sender.send(std::vector{decaff::change_of("lid \xc3\xa4", DECAFF_PART_ACTION_HIDE)});
             sender.send(poses);
         } else if (mode == "listen") {
             decaff::receiver receiver({.host = word(2), .port = static_cast<std::uint16_t>(std::atoi(words[3])),

@@ -50,6 +50,7 @@ async function send() {
     if (mode === "sender") publisher.send("poses", new Array(4096).fill(poses[0]));
     publisher.send("poses", poses);
     publisher.send("moves", [moveOf("lid ä", [7, 8, 9], clockNs())]);
+    publisher.send("changes", [{ name: "lid ä", action: 0 }]);
     publisher.send("poses", poses);
   } finally {
     await publisher.close();

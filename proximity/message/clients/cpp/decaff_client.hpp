@@ -594,13 +594,29 @@ inline decaff_pose pose_of(std::uint32_t finger, std::span<const double, 3> posi
     return pose;
 }
 
+namespace detail {
+template <std::size_t Size> void name_part(char (&there)[Size], std::string_view name)
+{
+    if (name.empty() || name.size() > Size)
+        throw error("a part's name has " + std::to_string(name.size()) + " bytes, expected 1 to 64");
+    std::memcpy(there, name.data(), name.size());
+}
+} // namespace detail
+
+/// A change of a part: DECAFF_PART_ACTION_HIDE, _SHOW or _REMOVE.
+inline decaff_change change_of(std::string_view name, std::uint32_t action)
+{
+    decaff_change change{};
+    detail::name_part(change.name, name);
+    change.action = action;
+    return change;
+}
+
 /// A move of now: the part stands, not turned, with its origin there.
 inline decaff_move move_of(std::string_view name, std::span<const double, 3> translation)
 {
     decaff_move move{};
-    if (name.empty() || name.size() > sizeof move.name)
-        throw error("a part's name has " + std::to_string(name.size()) + " bytes, expected 1 to 64");
-    std::memcpy(move.name, name.data(), name.size());
+    detail::name_part(move.name, name);
     move.pose_ns = clock_ns();
     for (int axis = 0; axis < 3; axis++)
         move.rotation[axis][axis] = 1.0;
@@ -608,7 +624,7 @@ inline decaff_move move_of(std::string_view name, std::span<const double, 3> tra
     return move;
 }
 
-/// Sends poses of fingers and moves of parts.
+/// Sends poses of fingers, moves and changes of parts.
 class sender {
 public:
     explicit sender(const sender_options &options)
@@ -620,6 +636,10 @@ public:
     void send(std::span<const decaff_path_pose> poses) { send_records(DECAFF_PATH_POSES_MAGIC, poses); }
     void send(std::span<const decaff_glove_pose> poses) { send_records(DECAFF_GLOVE_POSES_MAGIC, poses); }
     void send(std::span<const decaff_move> moves) { send_records(DECAFF_MOVES_MAGIC, moves); }
+    void send(std::span<const decaff_change> changes) { send_records(DECAFF_CHANGES_MAGIC, changes); }
+    void send(std::span<const decaff_addition> additions) { send_records(DECAFF_ADDITIONS_MAGIC, additions); }
+    /// All vertices of one part, 64 a record, in order.
+    void send(std::span<const decaff_deformation> part) { send_records(DECAFF_DEFORMATIONS_MAGIC, part); }
 
     /// Messages for which the system had no room.
     std::uint64_t lost() const { return lost_; }

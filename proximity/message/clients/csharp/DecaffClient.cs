@@ -641,14 +641,14 @@ namespace Decaff
         }
     }
 
-    /// <summary>Sends poses of fingers and moves of parts.</summary>
+    /// <summary>Sends poses of fingers, moves and changes of parts.</summary>
     public sealed unsafe class DecaffPublisher : IDisposable
     {
         private const int MostBytes = 65507; // that a datagram of IPv4 carries
         private readonly Socket socket;
         private readonly DecaffKey key;
         private readonly byte[] buffer = new byte[1 << 16];
-        private readonly ulong[] sequences = new ulong[4];
+        private readonly ulong[] sequences = new ulong[7];
         private ulong session;
         private long awakeNs;
 
@@ -683,17 +683,31 @@ namespace Decaff
         /// <summary>A move of now: the part stands, not turned, with its origin there. Makes garbage: keep it.</summary>
         public static DecaffMove MoveOf(string name, double x, double y, double z)
         {
-            byte[] bytes = Encoding.UTF8.GetBytes(name);
-            if (bytes.Length == 0 || bytes.Length > 64)
-                throw new DecaffError("a part's name has " + bytes.Length + " bytes, expected 1 to 64");
             var move = new DecaffMove();
-            for (int i = 0; i < bytes.Length; i++)
-                move.Name[i] = bytes[i];
+            NamePart(move.Name, name);
             for (int i = 0; i < 9; i += 4)
                 move.Rotation[i] = 1;
             move.PoseNs = DecaffClock.Ns;
             move.Translation = new DecaffVector(x, y, z);
             return move;
+        }
+
+        /// <summary>A change of a part: hide, show or remove it.</summary>
+        public static DecaffChange ChangeOf(string name, DecaffPartAction action)
+        {
+            var change = new DecaffChange();
+            NamePart(change.Name, name);
+            change.Action = action;
+            return change;
+        }
+
+        private static void NamePart(byte* there, string name)
+        {
+            byte[] bytes = Encoding.UTF8.GetBytes(name);
+            if (bytes.Length == 0 || bytes.Length > 64)
+                throw new DecaffError("a part's name has " + bytes.Length + " bytes, expected 1 to 64");
+            for (int i = 0; i < bytes.Length; i++)
+                there[i] = bytes[i];
         }
 
         public void Send(DecaffPose[] poses, int count)
@@ -718,6 +732,25 @@ namespace Decaff
         {
             fixed (DecaffGlovePose* first = poses)
                 Send(DecaffLayout.GlovePosesMagic, 3, first, count, sizeof(DecaffGlovePose));
+        }
+
+        public void Send(DecaffChange[] changes, int count)
+        {
+            fixed (DecaffChange* first = changes)
+                Send(DecaffLayout.ChangesMagic, 4, first, count, sizeof(DecaffChange));
+        }
+
+        public void Send(DecaffAddition[] additions, int count)
+        {
+            fixed (DecaffAddition* first = additions)
+                Send(DecaffLayout.AdditionsMagic, 5, first, count, sizeof(DecaffAddition));
+        }
+
+        /// <summary>All vertices of one part, 64 a record, in order.</summary>
+        public void Send(DecaffDeformation[] part, int count)
+        {
+            fixed (DecaffDeformation* first = part)
+                Send(DecaffLayout.DeformationsMagic, 6, first, count, sizeof(DecaffDeformation));
         }
 
         public void Dispose() { socket.Close(); }
