@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from proximity.decaff.drum.drum_model import GEAR4, with_random_phases
 from proximity.studies.figures import style
 from proximity.studies.figures.tables import Table
 from proximity.studies.simulation import sweeps
@@ -50,7 +51,8 @@ def numbers(latencies: Sequence[float], speeds: Sequence[float]) -> Table:
     speeds : floats, m/s
         Of the approach.
     """
-    hand, glove, speeds = Hand(), Decaff(), tuple(speeds)
+    hand, speeds = Hand(), tuple(speeds)
+    glove = Decaff(with_random_phases(GEAR4, 1)[0])
     floor = np.array([deviation(ideal_drum(hand, hand.press(speed))).error for speed in speeds])
     blocks = []
     for latency in latencies:
