@@ -14,6 +14,7 @@ from proximity.message import CHANGES, MOVES, PATH_POSES, POSES, Kind, Message, 
 from proximity.pose import Pose
 from proximity.scene.part import Part
 from proximity.scene.scene import Scene
+from proximity.service.inputs.changes_input import carry_out
 from proximity.transport import Publisher, open_publisher
 from proximity.transport.publisher_clock import ForeignClock
 
@@ -191,13 +192,12 @@ class Feed:
     def _changes_of(self, records: np.ndarray) -> Message:
         if not self.may_hide or self._scene is None:
             raise UnfitError("this page may not hide parts: the scene file does not let it")
-        do = {PartAction.HIDE: self._scene.hide, PartAction.SHOW: self._scene.show}
-        if not set(records["action"].tolist()) <= set(do):
+        if not set(records["action"].tolist()) <= {PartAction.HIDE, PartAction.SHOW}:
             raise UnfitError("a page may hide and show parts, and change nothing else of them")
         message = Message(CHANGES, len(records))
         message.records[...] = records
-        for name, action in zip(self._known_names(records), records["action"].tolist(), strict=True):
-            do[action](name)
+        actions = map(PartAction, records["action"].tolist())
+        carry_out(self._scene, tuple(zip(self._known_names(records), actions, strict=True)))
         return message
 
     def _known_names(self, records: np.ndarray) -> list[str]:

@@ -11,6 +11,7 @@ from proximity.message.envelope import unpack_prefix
 from proximity.pose import Pose
 from proximity.recording import FrameReader
 from proximity.scene.scene import Scene
+from proximity.service.inputs.changes_input import carry_out
 from proximity.service.inputs.moves_input import nearest_rotations
 from proximity.service.inputs.reception import Reception
 from proximity.transport import open_subscriber
@@ -108,10 +109,8 @@ class OtherPrograms:
             if kind is MOVES:
                 rotation = nearest_rotations(record["rotation"][None])[0]
                 self._scene.move(name, Pose(rotation, record["translation"]))
-            elif record["action"] == PartAction.HIDE:
-                self._scene.hide(name)
-            elif record["action"] == PartAction.SHOW:
-                self._scene.show(name)
+            elif record["action"] in (PartAction.HIDE, PartAction.SHOW):
+                carry_out(self._scene, ((name, PartAction(record["action"])),))
         except ProximityError:
             return  # the service has said so
 

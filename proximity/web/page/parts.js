@@ -25,12 +25,12 @@ export class Parts extends EventTarget {
 
   /** Take parts anew; what is said of them meanwhile waits. */
   load(buffer) {
-    this.isLoading = true;
-    this.loading = this.loading.then(() => this.loadNow(buffer)).finally(() => (this.isLoading = false));
+    this.loading = this.loading.then(() => this.loadNow(buffer));
     return this.loading;
   }
 
   async loadNow(buffer) {
+    this.isLoading = true;
     const before = this.list.map((part) => [part.name, part.object.visible]);
     const gltf = await new GLTFLoader().parseAsync(buffer, "");
     if (this.group) this.stage.root.remove(this.group);
@@ -44,6 +44,7 @@ export class Parts extends EventTarget {
     }
     const isFirst = !this.isLoaded;
     this.isLoaded = true;
+    this.isLoading = false;
     this.stage.root.add(this.group);
     this.setClipping(this.clipping);
     if (isFirst) this.stage.setBounds(this.bounds());

@@ -180,7 +180,8 @@ def _write_rerun(files: list[Path], out: Path, units: str, radius: float | None)
     ]
     reader = FrameReader(logs[0])
     with progress.spinner(f"writing {out}"):
-        count = write_rerun(out, reader, parts, 0.007 if radius is None else radius / 1e3)
+        given = {} if radius is None else {"radius": radius / 1e3}
+        count = write_rerun(out, reader, parts, **given)
     typer.echo(f"{out}: {count} frames")
     for note in reader.notes:
         _say(f"{logs[0]}: {note}")
