@@ -51,13 +51,7 @@ def main(arguments: list[str] | None = None) -> int:
             for path in Path(folder).iterdir():
                 shutil.copy(path, options.published / path.name)
     documents = sections.read(options.published)
-    if "growth" in documents:
-        draw_pictures(documents["growth"], options.published)
-    if "vr" in documents:
-        with tempfile.TemporaryDirectory(prefix="proximity_pictures_") as drawn:
-            for path in draw_vr(documents["vr"], Path(drawn) / "vr"):
-                if path.suffix == ".png":
-                    shutil.copy(path, options.published / path.name)
+    draw_pictures(documents, options.published)
     try:
         sections.write(options.page, sections.section(documents))
         if {"report", "ticks"} <= documents.keys():
@@ -68,13 +62,18 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def draw_pictures(document: dict, folder: Path) -> None:
+def draw_pictures(documents: dict[str, dict], folder: Path) -> None:
     """Write the pictures that the page shows."""
-    rows = [GrowthRow(**row) for row in document["rows"]]
-    fits = [Fit(**fit) for fit in document["fits"]]
-    with tempfile.TemporaryDirectory(prefix="proximity_pictures_") as drawn:
-        for path in write_plots(Path(drawn), document["machine"], rows, fits):
-            if path.suffix == ".png" and path.stem in sections.PICTURES:
+    drawn: list[Path] = []
+    with tempfile.TemporaryDirectory(prefix="proximity_pictures_") as made:
+        if "growth" in documents:
+            growth = documents["growth"]
+            rows = [GrowthRow(**row) for row in growth["rows"]]
+            drawn += write_plots(Path(made), growth["machine"], rows, [Fit(**fit) for fit in growth["fits"]])
+        if "vr" in documents:
+            drawn += draw_vr(documents["vr"], Path(made) / sections.VR_PICTURE[0])
+        for path in drawn:
+            if path.suffix == ".png" and path.stem in {*sections.PICTURES, sections.VR_PICTURE[0]}:
                 shutil.copy(path, folder / path.name)
 
 

@@ -2,43 +2,36 @@
 
 Tori of 3 k, 100 k and 1 M faces, 90 and 120 Hz, five and ten fingers, still and moving: each is varied by
 itself from ten fingers at 90 Hz over 100 k faces. *native* publishes poses and subscribes to frames, *page*
-is what ``proximity view`` runs, without drawing. Beside them other libraries answer the distances of the
-same hand, in the place of the tick: what a sample of 1 ms would hold with them.
+is what ``proximity view`` runs, without drawing. The native application is run with other libraries' signed
+distances in the place of ours as well.
 """
 
 import argparse
+import subprocess
 import sys
 import tempfile
-import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
 
-import numpy as np
 import trimesh
 
 from benchmarks.rivals.fcpw import Fcpw
 from benchmarks.rivals.open3d import Open3D
-from benchmarks.rivals.ours import Proximity
 from benchmarks.rivals.registry import available
 from benchmarks.rivals.trimesh import Trimesh
 from benchmarks.support import threads
 from benchmarks.support.machine import describe_machine
 from benchmarks.support.output import open_console, print_machine, table_of, write_json
-from benchmarks.support.project import PROJECT
-from proximity.certificate.vr_application import PATHS, RADIUS, VrCase, VrRow, measure
+from benchmarks.support.project import BENCH, PROJECT, environment
+from proximity.certificate.vr_application import HEADINGS, PATHS, RADIUS, Serving, VrCase, VrRow, measure
 from proximity.recording import read_recording
-from proximity.scene.scene import Scene
-from proximity.tracker.replay import fitted_pose
+from proximity.web.served_scene import Addresses
 
 SECTIONS = {3_000: (60, 25), 100_000: (360, 139), 1_000_000: (1100, 455)}  # of tori, about so many faces
 BASE, BASE_FACES = VrCase(), 100_000
-MOST_S = 4.0  # that one library is timed with one part
-HEADINGS = (
-    "application", "faces", "poses, Hz", "fingers", "moving", "p50, ms", "p99", "p99.9", "of a frame",
-    "tick p50, µs", "of 1 ms", "service", "bridge",
-)  # fmt: skip
-LIBRARY_HEADINGS = ("library", "question", "faces", "p50, µs", "p99", "of 1 ms")
-RIVALS = (Proximity, Open3D, Fcpw, Trimesh)
+RIVALS = (Open3D, Fcpw, Trimesh)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -53,23 +46,25 @@ def main(arguments: list[str] | None = None) -> int:
     machine = describe_machine(threads.UNLIMITED)
     print_machine(console, machine)
     hand = read_recording(PROJECT / "meshes" / "hand.csv")
-    rows, others = [], []
+    rows: list[VrRow] = []
+    others: list[dict] = []
     with tempfile.TemporaryDirectory(prefix="proximity_vr_") as folder:
         files = {faces: _torus(Path(folder), faces) for faces in SECTIONS}
         for faces, case in _cases(small=options.small):
             for path in PATHS:
-                rows.append(
-                    measure([files[faces]], replace(case, path=path, seconds=seconds), hand, units="m")
-                )
-        for faces in (3_000,) if options.small else SECTIONS:
-            others += _libraries(files[faces], hand, min(seconds, MOST_S))
-    console.print(_table(rows))
-    console.print(_libraries_table(others))
+                case = replace(case, path=path, seconds=seconds)
+                rows.append(measure([files[faces]], case, hand, units="m"))
+        for contender in available(RIVALS)[0]:
+            for faces in (3_000,) if options.small else SECTIONS:
+                serving = _serving(contender.name, files[faces])
+                case = replace(BASE, seconds=seconds)
+                row = measure([files[faces]], case, hand, units="m", serving=serving)
+                others.append({"library": contender.name, "row": asdict(row)})
+    console.print(_table("Applications, ticks at 1 kHz", [(row.cells[0], row) for row in rows]))
+    with_libraries = [(each["library"], VrRow.of(each["row"])) for each in others]
+    console.print(_table("The native one with the distances of other libraries", with_libraries))
     if options.json:
-        known = [
-            {key: None if value != value else value for key, value in asdict(row).items()} for row in rows
-        ]
-        write_json(options.json, machine, rows=known, others=others)
+        write_json(options.json, machine, rows=rows, others=others)
     return 0
 
 
@@ -93,56 +88,31 @@ def _torus(folder: Path, faces: int) -> str:
     return str(path)
 
 
-def _libraries(file: str, hand, seconds: float) -> list[dict]:
-    """What the distances of ten fingers take of a tick, with each library; µs."""
-    mesh = trimesh.load(file)
-    scene = Scene.from_mesh(mesh.vertices, mesh.faces)
-    recording = hand.resampled(1.0 / BASE.pose_rate_hz)
-    tips = recording.placed(fitted_pose(scene, recording, RADIUS)).positions
-    tips = np.tile(tips[~np.isnan(tips).any(axis=(1, 2))], (1, 2, 1))[:, : BASE.finger_count]
-    found = []
-    for contender in available(RIVALS)[0]:
-        contender.build(mesh.vertices, mesh.faces)
-        question = "signed_distance" if "signed_distance" in contender.questions else "distance"
-        times, ends = [], time.monotonic() + seconds
-        for row in range(10**6):
-            task = getattr(contender, question)(np.ascontiguousarray(tips[row % len(tips)]))
-            begin = time.perf_counter()
-            task.run()
-            times.append(time.perf_counter() - begin)
-            if time.monotonic() > ends and row >= 20:
-                break
-        p50, p99 = 1e6 * np.percentile(times, [50, 99])
-        found.append(
-            {
-                "library": contender.name,
-                "faces": len(mesh.faces),
-                "question": question,
-                "p50": p50,
-                "p99": p99,
-            }
-        )
-    return found
+def _serving(library: str, file: str) -> Serving:
+    """Serve with the distances of a library."""
+
+    @contextmanager
+    def serve(_: Path, addresses: Addresses, case: VrCase) -> Iterator[int]:
+        words = [library, file, addresses.frames, addresses.poses]
+        words += ["--fingers", str(case.finger_count), "--radius", str(RADIUS)]
+        command = [sys.executable, "-m", "benchmarks.service.library_service", *words]
+        with subprocess.Popen(
+            command, cwd=BENCH, env=environment(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        ) as process:
+            assert process.stdout is not None and process.stdin is not None
+            if process.stdout.readline() != "begun\n":
+                raise RuntimeError(f"the service of {library} has ended")
+            yield process.pid
+            process.stdin.close()
+            process.stdout.read()
+
+    return serve
 
 
-def _table(rows: list[VrRow]):
-    table = table_of("Applications", HEADINGS)
-    for row in rows:
-        times = (row.motion_to_distance_p50, row.motion_to_distance_p99, row.motion_to_distance_p999)
-        table.add_row(
-            row.case.path, f"{row.face_count:,}", f"{row.case.pose_rate_hz:g}", f"{row.case.finger_count}",
-            "yes" if row.case.is_moving else "", *(f"{1e3 * each:.2f}" for each in times),
-            f"{row.frame_share:.0%}", f"{1e6 * row.tick_p50:.0f}", f"{row.sample_share:.1%}",
-            f"{row.service_share:.2f}", f"{row.bridge_share:.2f}",
-        )  # fmt: skip
-    return table
-
-
-def _libraries_table(others: list[dict]):
-    table = table_of("Ten fingers in the place of the tick", LIBRARY_HEADINGS, left=2)
-    for each in others:
-        figures = f"{each['p50']:.1f}", f"{each['p99']:.1f}", f"{each['p50'] / 1e3:.1%}"
-        table.add_row(each["library"], each["question"], f"{each['faces']:,}", *figures)
+def _table(title: str, rows: list[tuple[str, VrRow]]):
+    table = table_of(title, HEADINGS)
+    for name, row in rows:
+        table.add_row(name, *row.cells[1:])
     return table
 
 

@@ -7,11 +7,12 @@ precise performance cost of these intersection checks." Here it is, with nothing
 """
 
 import json
+import os
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -31,7 +32,11 @@ from proximity.web.viewing import RunningPage
 
 PATHS = ("native", "page")
 TICK_S = 1e-3
-RADIUS = 0.007
+RADIUS = 0.007  # m, of fingertips
+HEADINGS = (
+    "application", "faces", "poses, Hz", "fingers", "to distance p50, ms", "p99", "p99.9", "of a frame",
+    "tick with a new pose p50, µs", "p99", "of 1 ms", "without one p50, µs", "service", "bridge, cores",
+)  # fmt: skip
 WARM_S = 1.0  # poses before anything is counted: clocks are learnt meanwhile
 LONGEST_S = 60.0  # without a frame at the beginning
 LOOK_S = 5e-5
@@ -62,24 +67,77 @@ class VrRow:
     motion_to_distance_p50: float
     motion_to_distance_p99: float
     motion_to_distance_p999: float
-    tick_p50: float  # from the begin of a tick to its publication
+    tick_p50: float  # with a new pose, from its begin to its publication
     tick_p99: float
+    idle_tick_p50: float | None  # without a new pose; None: no such frame came
     missed: int  # ticks of the service
-    service_share: float  # of a core; nan without psutil
-    bridge_share: float  # likewise; nan where there is none
+    service_share: float | None  # of a core; None: psutil is not installed
+    bridge_share: float | None  # likewise, or there is none
+
+    @classmethod
+    def of(cls, document: dict[str, Any]) -> "VrRow":
+        """Return the row that a JSON document has.
+
+        Parameters
+        ----------
+        document : dict
+            As `dataclasses.asdict` made it.
+        """
+        return cls(**{**document, "case": VrCase(**document["case"])})
 
     @property
-    def frame_share(self) -> float:
-        """The middle motion-to-distance as a share of the time between two poses."""
-        return self.motion_to_distance_p50 * self.case.pose_rate_hz
+    def cells(self) -> list[str]:
+        """What stands below `HEADINGS`."""
+        case = self.case
+        delays = (self.motion_to_distance_p50, self.motion_to_distance_p99, self.motion_to_distance_p999)
+        return [
+            case.path + (", moving" if case.is_moving else ""),
+            f"{self.face_count:,}",
+            f"{case.pose_rate_hz:g}",
+            f"{case.finger_count}",
+            *(f"{1e3 * each:.2f}" for each in delays),
+            f"{self.motion_to_distance_p50 * case.pose_rate_hz:.0%}",
+            f"{1e6 * self.tick_p50:.0f}",
+            f"{1e6 * self.tick_p99:.0f}",
+            f"{self.tick_p50 / TICK_S:.1%}",
+            "" if self.idle_tick_p50 is None else f"{1e6 * self.idle_tick_p50:.0f}",
+            *("" if each is None else f"{each:.2f}" for each in (self.service_share, self.bridge_share)),
+        ]
 
-    @property
-    def sample_share(self) -> float:
-        """The middle tick as a share of a haptic sample, 1 ms."""
-        return self.tick_p50 / TICK_S
+
+Serving = Callable[[Path, Addresses, VrCase], AbstractContextManager[int]]
+"""Serves a scene file at these addresses for as long as it is open; gives the process that does."""
 
 
-def measure(files: list[str], case: VrCase, recording: Recording, *, units: str = "mm") -> VrRow:
+@contextmanager
+def own_service(scene_file: Path, addresses: Addresses, case: VrCase) -> Iterator[int]:
+    """Serve by ``proximity serve``.
+
+    Parameters
+    ----------
+    scene_file : Path
+        Of parts and fingers.
+    addresses : Addresses
+        Where frames, poses and moves go.
+    case : VrCase
+        Not needed.
+    """
+    del case
+    served = write_scene_file(
+        scene_file.parent, [str(scene_file)], addresses, units="m", rate_hz=1.0 / TICK_S, radius=None
+    )
+    with start_service(served.path, say=_nothing) as service:
+        yield int(service.beginning["pid"])
+
+
+def measure(
+    files: list[str],
+    case: VrCase,
+    recording: Recording,
+    *,
+    units: str = "mm",
+    serving: Serving = own_service,
+) -> VrRow:
     """Run an application and time it.
 
     Parameters
@@ -92,6 +150,8 @@ def measure(files: list[str], case: VrCase, recording: Recording, *, units: str 
         Of a hand, put where it touches the parts.
     units : str
         Of files that declare none.
+    serving : Serving
+        Who serves where the path is native.
 
     Raises
     ------
@@ -102,10 +162,30 @@ def measure(files: list[str], case: VrCase, recording: Recording, *, units: str 
     hand = _hand(scene, recording, case)
     with ExitStack() as opened:
         folder = Path(opened.enter_context(tempfile.TemporaryDirectory(prefix="proximity-vr-")))
-        begin = _native if case.path == "native" else _page
-        running = opened.enter_context(begin(files, folder, units, scene.parts[0].name))
+        scene_file, part = _scene_file(folder, files, units, case.finger_count), scene.parts[0].name
+        application = (
+            _native(scene_file, part, case, serving) if case.path == "native" else _page(scene_file, part)
+        )
+        running = opened.enter_context(application)
         timed = _drive(running, hand, case)
     return _row(case, timed, sum(part.solid.mesh.face_count for part in scene.parts))
+
+
+def _scene_file(folder: Path, files: list[str], units: str, finger_count: int) -> Path:
+    """Write a scene file of these parts, for so many fingers."""
+    # A scene file must say where poses come from; whoever serves this one says it anew.
+    lines = [
+        "[input]",
+        'poses = "mailbox:none"',
+        "[fingers]",
+        f"count = {finger_count}",
+        f"radius = {RADIUS}",
+    ]
+    for name in files:
+        lines += ["[[parts]]", f"file = {json.dumps(os.path.abspath(name))}", f'units = "{units}"']
+    path = folder / "application.toml"
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
 
 
 @dataclass(slots=True)
@@ -115,21 +195,20 @@ class _Application:
     send: Callable[[Message], None]
     receive: Callable[[float], list[np.ndarray]]  # frames, as bytes; waits so many s at most
     part: str
-    service_pid: int
+    service_pid: int | None
     bridge_pid: int | None = None
 
 
 @contextmanager
-def _native(files: list[str], folder: Path, units: str, part: str) -> Iterator[_Application]:
+def _native(scene_file: Path, part: str, case: VrCase, serving: Serving) -> Iterator[_Application]:
     addresses = own_addresses()
-    served = write_scene_file(
-        folder, [str(Path(name).resolve()) for name in files], addresses, units=units, rate_hz=1.0 / TICK_S,
-        radius=RADIUS,
-    )  # fmt: skip
     with ExitStack() as opened:
-        service = opened.enter_context(start_service(served.path, say=_nothing))
+        service_pid = opened.enter_context(serving(scene_file, addresses, case))
         subscriber = opened.enter_context(open_subscriber(addresses.frames))
-        publishers = _publishers(addresses, opened)
+        publishers = {
+            POSES.name: opened.enter_context(open_publisher(addresses.poses)),
+            MOVES.name: opened.enter_context(open_publisher(addresses.moves)),
+        }
 
         def receive(timeout: float) -> list[np.ndarray]:
             ends = time.monotonic() + timeout
@@ -140,31 +219,19 @@ def _native(files: list[str], folder: Path, units: str, part: str) -> Iterator[_
             return found
 
         yield _Application(
-            lambda message: publishers[message.kind.name].publish(message),
-            receive,
-            part,
-            int(service.beginning["pid"]),
+            lambda message: publishers[message.kind.name].publish(message), receive, part, service_pid
         )
 
 
-def _publishers(addresses: Addresses, opened: ExitStack) -> dict[str, Any]:
-    return {
-        POSES.name: opened.enter_context(open_publisher(addresses.poses)),
-        MOVES.name: opened.enter_context(open_publisher(addresses.moves)),
-    }
-
-
 @contextmanager
-def _page(files: list[str], folder: Path, units: str, part: str) -> Iterator[_Application]:
+def _page(scene_file: Path, part: str) -> Iterator[_Application]:
     """What a page does, without drawing."""
-    del folder
     try:
         connect = import_module("websockets.sync.client").connect
     except ModuleNotFoundError as missing:
         raise ServiceError('the page needs websockets: pip install "proximity[web]"') from missing
-    words = [*files, "--units", units, "--rate", f"{1.0 / TICK_S:g}", "--radius", f"{1e3 * RADIUS:g}"]
     with ExitStack() as opened:
-        page = RunningPage(words, files[0], _nothing)
+        page = RunningPage([str(scene_file), "--rate", f"{1.0 / TICK_S:g}"], scene_file.name, _nothing)
         opened.callback(page.stop)
         address, _, token = page.url.partition("/#token=")
         socket = opened.enter_context(
@@ -174,14 +241,15 @@ def _page(files: list[str], folder: Path, units: str, part: str) -> Iterator[_Ap
         sequence = iter(range(1, 1 << 62))
 
         def receive(timeout: float) -> list[np.ndarray]:
-            try:
-                data = socket.recv(timeout)
-            except TimeoutError:
-                return []
-            if isinstance(data, bytes) and int.from_bytes(data[:4], "little") == FRAME.magic:
-                socket.send("ok")
-                return [np.frombuffer(data, np.uint8)]
-            return []
+            ends = time.monotonic() + timeout
+            while True:  # moves that were sent come back, and sentences
+                try:
+                    data = socket.recv(max(ends - time.monotonic(), 0.0))
+                except TimeoutError:
+                    return []
+                if isinstance(data, bytes) and int.from_bytes(data[:4], "little") == FRAME.magic:
+                    socket.send("ok")
+                    return [np.frombuffer(data, np.uint8)]
 
         def send(message: Message) -> None:
             socket.send(message.seal(1, next(sequence)).tobytes())
@@ -196,63 +264,64 @@ def _nothing(_: str) -> None:
 
 def _hand(scene: Scene, recording: Recording, case: VrCase) -> np.ndarray:
     """Fingertips at the rate of poses, (T, N, 3), m; nan where a finger is missing."""
-    recording = replace(recording).resampled(1.0 / case.pose_rate_hz)
+    recording = recording.resampled(1.0 / case.pose_rate_hz)
     placed = recording.placed(fitted_pose(scene, recording, RADIUS)).positions
-    columns = np.arange(case.finger_count) % placed.shape[1]
+    count = placed.shape[1]
     # A second hand is the first one, a little later.
-    return np.stack(
-        [np.roll(placed[:, column], 9 * (k // placed.shape[1]), axis=0) for k, column in enumerate(columns)],
-        axis=1,
-    )
+    tips = [np.roll(placed[:, k % count], 9 * (k // count), axis=0) for k in range(case.finger_count)]
+    return np.stack(tips, axis=1)
 
 
 @dataclass(slots=True)
 class _Timed:
-    """Instants of an application, ns, and what its processes took, s."""
+    """Instants of an application, ns."""
 
-    sent: list[int]
-    answered: list[tuple[int, int]]  # pose_ns and arrival of frames
-    ticks: list[int]
-    missed: int
-    shares: tuple[float, float]
+    sent: list[int] = field(default_factory=list)
+    frames: list[tuple[int, int, int]] = field(default_factory=list)  # pose_ns, arrival, length of the tick
+    missed: int = 0  # ticks, as the newest frame has it
+    shares: tuple[float | None, float | None] = (None, None)  # of a core, of service and bridge
 
 
 def _drive(running: _Application, hand: np.ndarray, case: VrCase) -> _Timed:
-    """Send poses at their rate, and take frames meanwhile."""
-    sent: list[Any] = []
-    answered: list[Any] = []
-    ticks: list[Any] = []
-    missed = [0, 0]
-    _until_answered(running, hand)
-    begins = time.monotonic() + WARM_S
-    counted, ends = False, begins + case.seconds
-    due, row = time.monotonic(), 0
-    before = _cpu(running)
+    """Send poses at their rate, and take frames meanwhile; what comes first is not counted."""
+    _until_answered(running, hand, case)
+    row = _drive_for(WARM_S, running, hand, case, warm := _Timed(), 0)
+    before, timed = _cpu(running), _Timed()
+    _drive_for(case.seconds, running, hand, case, timed, row)
+    timed.missed -= warm.missed
+    first, second = (
+        None if start is None or end is None else (end - start) / case.seconds
+        for start, end in zip(before, _cpu(running), strict=True)
+    )
+    timed.shares = first, second
+    return timed
+
+
+def _drive_for(
+    seconds: float, running: _Application, hand: np.ndarray, case: VrCase, timed: _Timed, row: int
+) -> int:
+    """Do so for a time; the row of the hand that comes next."""
+    due = time.monotonic()
+    ends = due + seconds
     while (now := time.monotonic()) < ends:
-        if not counted and now >= begins:
-            counted, before = True, _cpu(running)
-            for each in (sent, answered, ticks):
-                each.clear()
-            missed[0] = missed[1]
         if now >= due:
-            sent.append(_send(running, hand[row % len(hand)], case))
+            timed.sent.append(_send(running, hand[row % len(hand)], case))
             row, due = row + 1, due + 1.0 / case.pose_rate_hz
         for frame in running.receive(max(min(due, ends) - time.monotonic(), 0.0)):
             arrived = time.monotonic_ns()
             header, _ = parts_of(frame, FRAME)
-            answered.append((int(header["pose_ns"]), arrived))
-            ticks.append(int(header["publish_ns"]) - int(header["start_ns"]))
-            missed[1] = int(header["missed"])
-    took = [(after - start) / case.seconds for after, start in zip(_cpu(running), before, strict=True)]
-    return _Timed(sent, answered, ticks, missed[1] - missed[0], (took[0], took[1]))
+            took = int(header["publish_ns"]) - int(header["start_ns"])
+            timed.frames.append((int(header["pose_ns"]), arrived, took))
+            timed.missed = int(header["missed"])
+    return row
 
 
-def _until_answered(running: _Application, hand: np.ndarray) -> None:
+def _until_answered(running: _Application, hand: np.ndarray, case: VrCase) -> None:
     ends = time.monotonic() + LONGEST_S
     while not running.receive(0.1):
         if time.monotonic() > ends:
             raise ServiceError("no frame came within a minute")
-        _send(running, hand[0], VrCase(finger_count=hand.shape[1]))
+        _send(running, hand[0], case)
 
 
 def _send(running: _Application, tips: np.ndarray, case: VrCase) -> int:
@@ -275,39 +344,40 @@ def _send(running: _Application, tips: np.ndarray, case: VrCase) -> int:
 
 def _row(case: VrCase, timed: _Timed, face_count: int) -> VrRow:
     poses = np.array(timed.sent)
+    pose_ns, arrived, took = np.array(timed.frames).reshape(-1, 3).T
+    is_new = np.diff(pose_ns, prepend=0) != 0
     first: dict[int, int] = {}  # the first frame that answers each pose
-    for pose, arrived in timed.answered:
+    for pose, arrival in zip(pose_ns[is_new].tolist(), arrived[is_new].tolist(), strict=True):
         k = int(np.argmin(np.abs(poses - pose)))
         if abs(int(poses[k]) - pose) < SAME_NS:
-            first.setdefault(k, arrived)
+            first.setdefault(k, arrival)
     if not first:
         raise ServiceError("no frame answered a pose")
-    delays = np.array([arrived - timed.sent[k] for k, arrived in first.items()]) / 1e9
-    p50, p99, p999 = np.percentile(delays, [50, 99, 99.9])
-    tick_p50, tick_p99 = np.percentile(np.array(timed.ticks) / 1e9, [50, 99])
-    return VrRow(
-        case, face_count, len(poses), len(first), float(p50), float(p99), float(p999),
-        float(tick_p50), float(tick_p99), timed.missed, *timed.shares,
-    )  # fmt: skip
+    delays = np.array([arrival - timed.sent[k] for k, arrival in first.items()]) / 1e9
+    p50, p99, p999 = np.percentile(delays, [50, 99, 99.9]).tolist()
+    tick_p50, tick_p99 = np.percentile(took[is_new] / 1e9, [50, 99]).tolist()
+    idle_p50 = None if is_new.all() else float(np.median(took[~is_new]) / 1e9)
+    counts = face_count, len(poses), len(first)
+    return VrRow(case, *counts, p50, p99, p999, tick_p50, tick_p99, idle_p50, timed.missed, *timed.shares)
 
 
-def _cpu(running: _Application) -> tuple[float, float]:
-    """Time that service and bridge have had of a core, s; nan where it is not known."""
+def _cpu(running: _Application) -> tuple[float | None, float | None]:
+    """Time that service and bridge have had of a core, s; None where it is not known."""
     return _cpu_of(running.service_pid), _cpu_of(running.bridge_pid)
 
 
-def _cpu_of(pid: int | None) -> float:
+def _cpu_of(pid: int | None) -> float | None:
     psutil = _psutil()
     if pid is None or psutil is None:
-        return np.nan
+        return None
     times = psutil.Process(pid).cpu_times()
     return float(times.user + times.system)
 
 
-def _service_of(bridge: int) -> int:
+def _service_of(bridge: int) -> int | None:
     psutil = _psutil()
     if psutil is None:
-        return 0
+        return None
     return int(next(each.pid for each in psutil.Process(bridge).children() if "serve" in each.cmdline()))
 
 

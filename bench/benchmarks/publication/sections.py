@@ -215,14 +215,12 @@ def _vr(documents):
         f"**A complete VR application** ({_run('vr', document, _first(documents))}): from the pose of a hand "
         "to the frame that answers it, over tori, with ticks at 1 kHz; one part moves where said. Native "
         "publishes poses and subscribes to frames in shared memory; page is what `proximity view` runs, "
-        "without drawing. Half a tick is waited on average. The page is sent few ticks but those that answer "
-        "a new pose, so that its ticks are dearer: the two columns do not compare applications. Where five "
-        "fingers are said, ten are served and five of them tracked. p99.9 of some 1000 poses is about the "
-        "largest. Service and bridge are shares of a core."
+        "without drawing. Half a tick is waited on average. Service and bridge are shares of a core. p99.9 "
+        "of some 1000 poses is about the largest. The page is sent few ticks without a new pose."
     )
     others = (
-        "The distances of ten fingers by themselves, in the place of the tick, with each library; a tick "
-        "of the service also answers velocities, predictions and times to contact:"
+        "The native application with another library's signed distances in the place of our tick, asked only "
+        "where a pose is new; our ticks also answer velocities, predictions and times to contact:"
     )
     picture = [f"![{VR_PICTURE[1]}](../bench/published/{VR_PICTURE[0]}.png)"]
     return [head, vr_table(document), others, libraries_table(document), picture]

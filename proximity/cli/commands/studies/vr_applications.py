@@ -54,25 +54,12 @@ def time_applications(
 def _print(rows: "list[VrRow]") -> None:
     from rich.table import Table
 
+    from proximity.certificate.vr_application import HEADINGS
     from proximity.cli.console import Console
 
-    table = Table(box=None, title=f"{rows[0].face_count:,} faces, ticks at 1 kHz", title_justify="left")
-    for name in (
-        "application", "poses", "fingers", "to distance p50", "p99", "p99.9, ms", "of a frame",
-        "tick p50", "p99, µs", "of 1 ms", "service", "bridge, cores",
-    ):  # fmt: skip
-        table.add_column(name, justify="left" if name == "application" else "right")
+    table = Table(box=None, title="Ticks at 1 kHz", title_justify="left")
+    for name in HEADINGS:
+        table.add_column(name, justify="left" if name == HEADINGS[0] else "right")
     for row in rows:
-        times = (row.motion_to_distance_p50, row.motion_to_distance_p99, row.motion_to_distance_p999)
-        table.add_row(
-            row.case.path,
-            f"{row.case.pose_rate_hz:g} Hz",
-            f"{row.case.finger_count}",
-            *(f"{1e3 * each:.2f}" for each in times),
-            f"{row.frame_share:.0%}",
-            f"{1e6 * row.tick_p50:.0f}",
-            f"{1e6 * row.tick_p99:.0f}",
-            f"{row.sample_share:.1%}",
-            *("" if each != each else f"{each:.2f}" for each in (row.service_share, row.bridge_share)),
-        )
+        table.add_row(*row.cells)
     Console().print(table)
