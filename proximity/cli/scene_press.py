@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from proximity.studies.part_press import PartSimulation
     from proximity.studies.simulation.simulated_press import Setup
 
+NOTED = ("part", "approach", "reported by")  # below the figure
 ROWS = (  # label, field, factor from SI units, digits, whether a recorded hand has it
     ("force begins \\[ms after the touch]", "onset", 1e3, 2, True),
     ("peak force \\[N]", "peak", 1.0, 3, True),
@@ -86,7 +87,8 @@ def run(
     with progress.spinner("simulating"):
         press = part_press.simulate_on_part(scene, reported, at=at, speed=setup.speed, recording=recorded)
         if out is not None:
-            press_plots.write_curves(out, part_press.numbers(press), simulated_press.Wall.DECAFF)
+            note = "\n".join(words for name, words in part_press.describe(press) if name in NOTED)
+            press_plots.write_curves(out, part_press.numbers(press), simulated_press.Wall.DECAFF, note)
     if as_json:
         write_document(part_press.document(press))
     else:

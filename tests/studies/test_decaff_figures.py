@@ -5,6 +5,7 @@ import sys
 from dataclasses import asdict
 
 import matplotlib
+import matplotlib.figure
 import numpy as np
 import pytest
 
@@ -263,6 +264,19 @@ def test_simulated_press_is_told_as_the_metrics_say(setup, tmp_path):
     assert columns["real_force_N"][touch] == press.real.force[press.response.zero]
     assert ("drum_m" in columns) == (setup.wall == Wall.DECAFF)
     assert (tmp_path / "press.png").read_bytes().startswith(STARTS["png"])
+
+
+def test_drawn_press_shows_its_force_error_and_says_how_it_was_made(tmp_path):
+    press = simulate(Setup(Wall.DECAFF, speed=0.25))
+    table, figure = press_plots.numbers(press), matplotlib.figure.Figure()
+    press_plots.draw(figure, table, Wall.DECAFF)
+    error = figure.axes[2].lines[0].get_ydata()
+    press_plots.write(tmp_path / "press.svg", press)
+    text = (tmp_path / "press.svg").read_text()
+
+    np.testing.assert_array_equal(error, 1e3 * (table["force_N"] - table["real_force_N"]))
+    for words in ("gear4", "time-stamped", "0.25 m/s", "hand 300 N/m, 3 N s/m", "pad 200 N/m, 6 N s/m"):
+        assert words in text
 
 
 def test_document_of_a_press_has_what_concerns_its_wall():

@@ -122,7 +122,9 @@ def test_contact_that_is_lost_goes_back_to_position():
 
     def take(force, count):
         for _ in range(count):
-            distance_sample = DistanceSample(len(modes) / RATE, 0.0, 0.0, 0.0, 0.0, force, -force, None)
+            distance_sample = DistanceSample(
+                len(modes) / RATE, 0.0, 0.0, 0.0, 0.0, force, -force, -force, None
+            )
             modes.append(controller.command(distance_sample).mode)
         return modes[-1]
 

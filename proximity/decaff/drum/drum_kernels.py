@@ -19,7 +19,10 @@ DRUM_SPEED_LIMIT = 3  # m/s, beyond which the motor has no force left
 DRUM_RESOLUTION = 4  # m, of the encoder
 DRUM_FORCE_STEP = 5  # N, of the pulse width; 0: none
 DRUM_OFFSET = 6  # m, at which an encoder count lies
-DRUM_SIZE = 7
+DRUM_STALL_FORCE = 7  # N, of a motor that stands, at its full voltage
+DRUM_ELECTRICAL_TIME = 8  # s, inductance over resistance; 0: the current is what is asked for, at once
+DRUM_CURRENT_RATE = 9  # 1/s, of the current's loop
+DRUM_SIZE = 10
 
 # --- a servo ---
 SERVO_PERIOD = 0  # s
@@ -62,7 +65,8 @@ DRIVE_LAST_POSITION = 7  # m, position given a sample ago
 DRIVE_FORCE_REFERENCE = 8  # N
 DRIVE_LAST_MODE = 9
 DRIVE_SMOOTHED = 10  # N, what the motor did of late
-DRIVE_SIZE = 11
+DRIVE_FORCE = 11  # N, of the motor: what its current makes of the applied one
+DRIVE_SIZE = 12
 
 
 @inlined
@@ -71,6 +75,20 @@ def slid(speed: float, force: float, friction: float, mass: float, step: float) 
     free = speed + force / mass * step
     held = friction / mass * step
     return free - held if free > held else (free + held if free < -held else 0.0)
+
+
+@inlined
+def current_force(drum: np.ndarray, applied: float, force: float, speed: float, step: float) -> float:
+    """Force of the motor after a step, N: its current follows, no faster than its voltage can make it.
+
+    The loop of the current knows resistance and speed; the motor's speed takes its share of the voltage.
+    """
+    slow = drum[DRUM_ELECTRICAL_TIME]
+    if not slow > 0.0:
+        return applied
+    stall, lost = drum[DRUM_STALL_FORCE], drum[DRUM_STALL_FORCE] * speed / drum[DRUM_SPEED_LIMIT]
+    wanted = drum[DRUM_CURRENT_RATE] * (applied - force)
+    return force + step * max((-stall - lost - force) / slow, min((stall - lost - force) / slow, wanted))
 
 
 @inlined
@@ -85,6 +103,16 @@ def pushed(
     force = contact if is_too_fast else applied + contact
     speed = slid(speed, force, drum[DRUM_FRICTION], drum[DRUM_MASS], step)
     return where + speed * step, speed
+
+
+@inlined
+def push_drum(drum: np.ndarray, drive: np.ndarray, contact: float, step: float) -> None:
+    """Move the drum by a step under its motor and the link's *contact* force."""
+    force = current_force(drum, drive[DRIVE_APPLIED], drive[DRIVE_FORCE], drive[DRIVE_SPEED], step)
+    drive[DRIVE_FORCE] = force
+    drive[DRIVE_POSITION], drive[DRIVE_SPEED] = pushed(
+        drum, force, contact, drive[DRIVE_POSITION], drive[DRIVE_SPEED], step
+    )
 
 
 @inlined
@@ -222,9 +250,7 @@ def move_drum(
     for i in range(positions.shape[0]):
         if i % steps == 0:
             serve(drum, servo, drive, command, 0.0)
-        drive[DRIVE_POSITION], drive[DRIVE_SPEED] = pushed(
-            drum, drive[DRIVE_APPLIED], 0.0, drive[DRIVE_POSITION], drive[DRIVE_SPEED], step
-        )
+        push_drum(drum, drive, 0.0, step)
         positions[i] = drive[DRIVE_POSITION]
 
 

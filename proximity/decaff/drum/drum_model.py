@@ -28,6 +28,8 @@ class Motor:
     friction: float = 4.5e-4  # N m; assumed: with it, 0.045 N at the rim, drums settle as docs/decaff.md says
     encoder_counts: int = 2000  # a turn; assumed: 31 µm at the rim
     duty_bits: int = 0  # of the pulse width, either way; 0: continuous
+    electrical_time: float = 0.0  # s, inductance over resistance; 0: the current follows at once
+    current_bandwidth: float = 1000.0  # Hz, of the current's loop; assumed
 
     def __post_init__(self) -> None:
         positive("inertia", self.inertia, "kilogram square metres")
@@ -36,6 +38,8 @@ class Motor:
         not_negative("friction", self.friction, "newton metres")
         whole("encoder_counts", self.encoder_counts, 1)
         whole("duty_bits", self.duty_bits, 0)
+        not_negative("electrical_time", self.electrical_time, "seconds")
+        positive("current_bandwidth", self.current_bandwidth, "hertz")
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,6 +133,9 @@ class Drum:
         array[kernels.DRUM_RESOLUTION] = self.resolution
         array[kernels.DRUM_FORCE_STEP] = self.force_step
         array[kernels.DRUM_OFFSET] = self.encoder_phase * self.resolution
+        array[kernels.DRUM_STALL_FORCE] = self.motor.torque * self.ratio / self.radius
+        array[kernels.DRUM_ELECTRICAL_TIME] = self.motor.electrical_time
+        array[kernels.DRUM_CURRENT_RATE] = 2.0 * math.pi * self.motor.current_bandwidth
         return array
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from proximity.decaff.drum.drum_kernels import DRIVE_APPLIED, DRIVE_POSITION, DRIVE_SPEED, pushed, serve
+from proximity.decaff.drum.drum_kernels import DRIVE_POSITION, push_drum, serve
 from proximity.native import entry
 
 
@@ -27,7 +27,5 @@ def serve_against(
         serve(drum, servo, drive, command, contact)
         for _ in range(steps):
             contact = max(0.0, stiffness * (finger - drive[DRIVE_POSITION]))
-            drive[DRIVE_POSITION], drive[DRIVE_SPEED] = pushed(
-                drum, drive[DRIVE_APPLIED], contact, drive[DRIVE_POSITION], drive[DRIVE_SPEED], step
-            )
+            push_drum(drum, drive, contact, step)
     return contact

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from proximity.errors import DecaffError
 from proximity.studies.figures import (
     arrival_plots,
+    cable_plots,
     engine_plots,
     error_plots,
     figure_5_plots,
@@ -82,6 +83,13 @@ PLATES = {
         engine_plots.numbers,
         engine_plots.draw,
         engine_plots.SIZE,
+    ),
+    "cable": Plate(
+        "what the cable costs, over its stiffness",
+        "cable",
+        cable_plots.numbers,
+        cable_plots.draw,
+        cable_plots.SIZE,
     ),
     "drum-motion": Plate(
         "how drums go to their place",

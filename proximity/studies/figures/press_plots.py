@@ -10,12 +10,12 @@ import numpy as np
 from proximity.studies.figures import style
 from proximity.studies.figures.tables import Table
 from proximity.studies.simulation.response import Response
-from proximity.studies.simulation.simulated_press import Simulation, Wall
+from proximity.studies.simulation.simulated_press import Simulation, Wall, describe
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-SIZE = (style.COLUMN_WIDTH, 3.4)
+SIZE = (style.COLUMN_WIDTH, 4.4)
 BEFORE = 40.0  # ms shown before the contact
 AFTER = 30.0  # ms shown after the hand has left
 MARGIN = 1.0  # mm, above and below what finger and wall do
@@ -63,7 +63,7 @@ def curves(response: Response, real: Response, *, has_drum: bool, ideal: Respons
     return Table(columns)
 
 
-def draw(figure: "Figure", table: Table, wall: Wall) -> None:
+def draw(figure: "Figure", table: Table, wall: Wall, note: str = "") -> None:
     """Draw a press.
 
     Parameters
@@ -74,8 +74,10 @@ def draw(figure: "Figure", table: Table, wall: Wall) -> None:
         As of `numbers`.
     wall : Wall
         What was pressed on.
+    note : str
+        Of what it was, and how fast; below the figure.
     """
-    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1, 1))
+    above, below, error = figure.subplots(3, 1, sharex=True, height_ratios=(3, 3, 2))
     times, stroke = 1e3 * table["time_s"], style.line(STROKES[wall])
     is_there = table["finger_m"] >= 1e-3 * DEEPEST
     above.plot(times, 1e3 * table["finger_m"], **stroke, label="finger")
@@ -92,13 +94,20 @@ def draw(figure: "Figure", table: Table, wall: Wall) -> None:
         below.plot(
             times, table["force_N"], **stroke, label=f"force, {'engine' if is_engine else f'{wall} wall'}"
         )
-    above.axhline(0.0, **style.GUIDE)
+        off = 1e3 * (table["force_N"] - table["real_force_N"])
+        error.plot(times, off, **stroke)
+    if is_engine:
+        error.plot(times, 1e3 * (table["ideal_force_N"] - table["real_force_N"]), **ideal)
+    for panel in (above, error):
+        panel.axhline(0.0, **style.GUIDE)
     top = 1e3 * max(float(np.max(table[name])) for name in ("finger_m", "link_m"))
     above.set_ylim(DEEPEST - MARGIN, top + MARGIN)
     above.set_xlim(max(-BEFORE, times[0]), float(times[is_there][-1]) + AFTER)
     above.set_ylabel("past the wall [mm]")
     below.set_ylabel("force [N]")
-    below.set_xlabel("time after the touch [ms]")
+    error.set_ylabel("force error [mN]")
+    error.set_xlabel("time after the touch [ms]")
+    figure.supxlabel(note, fontsize=6.0)
     handles, names = above.get_legend_handles_labels()
     more, their = below.get_legend_handles_labels()
     figure.legend(handles + more, names + their, loc="outside upper center", ncols=3)
@@ -119,10 +128,15 @@ def write(path: str | os.PathLike[str], simulation: Simulation) -> None:
     DecaffError
         If it ends otherwise, or matplotlib is not there.
     """
-    write_curves(path, numbers(simulation), simulation.setup.wall)
+    hand = simulation.response.hand
+    note = (
+        f"{describe(simulation)}\n{simulation.setup.speed:g} m/s; hand {hand.stiffness:g} N/m, "
+        f"{hand.damping:g} N s/m; pad {hand.pad_stiffness:g} N/m, {hand.pad_damping:g} N s/m"
+    )
+    write_curves(path, numbers(simulation), simulation.setup.wall, note)
 
 
-def write_curves(path: str | os.PathLike[str], table: Table, wall: Wall) -> None:
+def write_curves(path: str | os.PathLike[str], table: Table, wall: Wall, note: str = "") -> None:
     """Write curves to a file, as a figure or as CSV, at once and wholly.
 
     Parameters
@@ -133,6 +147,8 @@ def write_curves(path: str | os.PathLike[str], table: Table, wall: Wall) -> None
         As of `curves`.
     wall : Wall
         What was pressed on.
+    note : str
+        As of `draw`.
 
     Raises
     ------
@@ -143,5 +159,5 @@ def write_curves(path: str | os.PathLike[str], table: Table, wall: Wall) -> None
     if form == "csv":
         style.write_table(path, table)
         return
-    drawn = style.render(partial(draw, wall=wall), table, SIZE, form)
+    drawn = style.render(partial(draw, wall=wall, note=note), table, SIZE, form)
     style.write_bytes(path, drawn)

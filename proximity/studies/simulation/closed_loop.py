@@ -21,6 +21,7 @@ from proximity.studies.simulation.devices import COUPLED_DEVICE, Decaff, Link, P
 from proximity.studies.simulation.hand import Hand
 from proximity.studies.simulation.response import Response
 from proximity.studies.simulation.target_policies import Controller, DistanceSample, Message, Target
+from proximity.studies.simulation.tip_cable import TipCable
 
 TAIL = 0.100  # s, looked at after the hand has left: forces that come late still count
 LEAD = 0.005  # s, or m beyond the reach: free motion before anything happens
@@ -182,7 +183,8 @@ class DecaffLoop:
         lead = press.lead(glove.sensing.reach + LEAD)
         self.response = _empty(hand, press, glove.servo.period / steps, lead, multiple=steps)
         self._steps, self._first, self._back = steps, 0, 0.0
-        self._body, self._press = _body(hand, glove.link), press.as_array()
+        self._body, self._press = _body(hand, glove.link, glove.cable), press.as_array()
+        self._resolution = glove.sensing.resolution
         self._drum, self._servo = glove.drum.as_array(), glove.servo.as_array()
         self._sensing, self._holding = glove.sensing.as_array(), glove.holding.as_array()
         self._noise = glove.sensing.noises(self.response.record.shape[1] * self.response.step)
@@ -218,12 +220,13 @@ class DecaffLoop:
         at, link, speed, distance = (float(number) for number in self._message)
         return DistanceSample(
             self.now,
-            float(response.link[row]),
+            self._read(float(response.link[row])),
             float(response.record[press_kernels.RECORD_LINK_SPEED, row]),
             float(response.finger_speed[row]),
             float(self._drive[drum_kernels.DRIVE_POSITION]),
             self._back,
             float(self._drive[drum_kernels.DRIVE_DEMANDED]),
+            float(self._drive[drum_kernels.DRIVE_APPLIED]),
             Message(at, link, speed, distance) if at > -math.inf else None,
         )
 
@@ -304,12 +307,16 @@ class DecaffLoop:
         )
         self._first = response.record.shape[1]
 
+    def _read(self, link: float) -> float:
+        """Position of the link as the potentiometer has it, m."""
+        return math.floor(link / self._resolution + 0.5) * self._resolution if self._resolution else link
+
     def _must_go_on(self) -> None:
         if self.is_over:
             raise DecaffError(f"the press is over at {self.now:g} s, expected one that goes on")
 
 
-def _body(hand: Hand, link: Link) -> np.ndarray:
+def _body(hand: Hand, link: Link, cable: TipCable | None = None) -> np.ndarray:
     body = np.zeros(press_kernels.BODY_SIZE)
     body[press_kernels.BODY_HAND_STIFFNESS], body[press_kernels.BODY_HAND_DAMPING] = (
         hand.stiffness,
@@ -323,6 +330,10 @@ def _body(hand: Hand, link: Link) -> np.ndarray:
     body[press_kernels.BODY_LINK_MASS], body[press_kernels.BODY_LINK_DAMPING] = link.mass, link.damping
     body[press_kernels.BODY_CONTACT_STIFFNESS] = link.contact_stiffness
     body[press_kernels.BODY_CONTACT_DAMPING] = link.contact_damping
+    if cable is not None:
+        body[press_kernels.BODY_CABLE_STIFFNESS] = cable.stiffness
+        body[press_kernels.BODY_CABLE_DAMPING] = cable.damping(link.mass)
+        body[press_kernels.BODY_CAPSTAN], body[press_kernels.BODY_DRAG] = cable.capstan, cable.drag
     return body
 
 

@@ -11,6 +11,7 @@ from proximity.decaff.drum.servo import SERVO_RATE, Servo, servo_for
 from proximity.errors import DecaffError
 from proximity.studies.simulation import loop_kernels
 from proximity.studies.simulation.target_policies import Holding
+from proximity.studies.simulation.tip_cable import TipCable
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +64,7 @@ class Sensing:
     scale_error: float = 0.0  # share, by which each is too large
     noise: float = 0.0  # m, rms
     wall_speed: float = 0.0  # m/s, positive away from the finger
+    resolution: float = 0.0  # m, of the potentiometer's reading of the link; 0: none
     phase: float = 0.5  # of a period, before the first measurement; assumed
     seed: int = 7
 
@@ -74,6 +76,7 @@ class Sensing:
         finite("scale_error", self.scale_error, "shares")
         not_negative("noise", self.noise, "metres")
         finite("wall_speed", self.wall_speed, "metres a second")
+        not_negative("resolution", self.resolution, "metres")
         if not not_negative("phase", self.phase, "periods") < 1.0:
             raise DecaffError(f"phase is {self.phase!r}, expected one below 1 of a period")
         whole("seed", self.seed, 0)
@@ -88,6 +91,7 @@ class Sensing:
         array[loop_kernels.SENSING_SCALE_ERROR] = self.scale_error
         array[loop_kernels.SENSING_WALL_SPEED] = self.wall_speed
         array[loop_kernels.SENSING_PHASE] = self.phase
+        array[loop_kernels.SENSING_RESOLUTION] = self.resolution
         return array
 
     def noises(self, duration: float) -> np.ndarray:
@@ -107,6 +111,7 @@ class Decaff:
     link: Link = field(default_factory=Link)
     sensing: Sensing = field(default_factory=Sensing)
     holding: Holding = field(default_factory=Holding)
+    cable: TipCable | None = None  # between finger and link; None: the finger holds the link itself
 
     def __post_init__(self) -> None:
         if self.servo is None:

@@ -6,16 +6,20 @@ the wall's. Steps are semi-implicit; row *zero* of the record is the instant 0, 
 reaches the position 0.
 """
 
-from math import floor, inf
+from math import exp, floor, inf, pi
 
 import numpy as np
 
 from proximity.decaff.drum import drum_kernels as drums
-from proximity.decaff.drum.drum_kernels import pushed, serve
+from proximity.decaff.drum.drum_kernels import push_drum, rounded, serve
 from proximity.native import entry, inlined
 from proximity.studies.simulation.press_kernels import (
+    BODY_CABLE_DAMPING,
+    BODY_CABLE_STIFFNESS,
+    BODY_CAPSTAN,
     BODY_CONTACT_DAMPING,
     BODY_CONTACT_STIFFNESS,
+    BODY_DRAG,
     BODY_LINK_DAMPING,
     BODY_LINK_MASS,
     BODY_PAD_DAMPING,
@@ -27,6 +31,7 @@ from proximity.studies.simulation.press_kernels import (
     RECORD_FORCE,
     RECORD_LINK,
     RECORD_LINK_SPEED,
+    RECORD_THIMBLE,
     intent,
     step_finger,
 )
@@ -45,18 +50,25 @@ SENSING_BIAS = 3  # m, added to each distance
 SENSING_SCALE_ERROR = 4  # share, by which each distance is too large
 SENSING_WALL_SPEED = 5  # m/s, of the wall
 SENSING_PHASE = 6  # of a period, from the first row to the first measurement
-SENSING_SIZE = 7
+SENSING_RESOLUTION = 7  # m, of the potentiometer, by the link; 0: none
+SENSING_SIZE = 8
 
 # --- holding ---
 HOLDING_RETRACTED = 0  # m, where the drum waits
 HOLDING_TOUCH_GAP = 1  # m, of link and drum: nearer is touching
 HOLDING_RELEASE_GAP = 2  # m, farther is released
-HOLDING_SIZE = 3
+HOLDING_COMPLIANCE = 3  # m/N, of the cable, whose stretch the target is brought nearer by; 0: it is not
+HOLDING_SMOOTHING = 4  # Hz, of the force that stretches it
+HOLDING_HAS_SENSOR = 5  # whether that force is measured, or taken from the motor's
+HOLDING_SIZE = 6
 
 # --- what a policy remembers ---
 MEMORY_IS_HELD = 0
 MEMORY_TARGET = 1  # m
-MEMORY_SIZE = 2
+MEMORY_NOW = 2  # s, of the last sample
+MEMORY_FORCE = 3  # N, smoothed twice, that stretches the cable
+MEMORY_FIRST = 4  # N, smoothed once
+MEMORY_SIZE = 5
 
 # --- a message ---
 MESSAGE_AT = 0  # s, of the measurement; -inf: there is none
@@ -77,11 +89,35 @@ def contact_force(body: np.ndarray, link: float, link_speed: float, drum: float,
     return max(0.0, force)
 
 
+@inlined
+def cable_forces(
+    body: np.ndarray, finger: float, speed: float, thimble: float, link: float, link_speed: float
+) -> tuple[float, float, float]:
+    """Force of the pad and tension of the cable, N at the fingertip, and speed of the thimble between them.
+
+    The thimble has no mass: it goes as fast as pad, cable and the friction in the sheath, which is where the
+    cable leaves the hand, let it. Without a cable it is the link.
+    """
+    stiffness, damping = body[BODY_PAD_STIFFNESS], body[BODY_PAD_DAMPING]
+    if not body[BODY_CABLE_STIFFNESS] > 0.0:
+        force = stiffness * (finger - thimble) + damping * (speed - link_speed)
+        return force, force, link_speed
+    stretch = body[BODY_CABLE_STIFFNESS] * (thimble - link)
+    free = stiffness * (finger - thimble) + damping * speed - stretch + body[BODY_CABLE_DAMPING] * link_speed
+    # Capstan: e^(mu angle) - 1 where the tension grows, 1 - e^(-mu angle) where it falls.
+    share = body[BODY_CAPSTAN] / (1.0 if free * stretch > 0.0 else 1.0 + body[BODY_CAPSTAN])
+    rubbing = max(body[BODY_DRAG], share * abs(stretch))
+    left = free - rubbing if free > rubbing else (free + rubbing if free < -rubbing else 0.0)
+    thimble_speed = left / (damping + body[BODY_CABLE_DAMPING])
+    force = stiffness * (finger - thimble) + damping * (speed - thimble_speed)
+    return force, stretch + body[BODY_CABLE_DAMPING] * (thimble_speed - link_speed), thimble_speed
+
+
 @entry("float64[:], int, float, float64[:, :]")
 def start_record(press: np.ndarray, zero: int, step: float, record: np.ndarray) -> None:
     """The first row: hand, finger and link move together, at the hand's speed."""
     where, speed = intent(press, -zero * step)
-    record[RECORD_FINGER, 0] = record[RECORD_LINK, 0] = where
+    record[RECORD_FINGER, 0] = record[RECORD_LINK, 0] = record[RECORD_THIMBLE, 0] = where
     record[RECORD_FINGER_SPEED, 0] = record[RECORD_LINK_SPEED, 0] = speed
 
 
@@ -103,27 +139,24 @@ def advance_plant(
     """
     finger, speed = record[RECORD_FINGER, first], record[RECORD_FINGER_SPEED, first]
     link, link_speed = record[RECORD_LINK, first], record[RECORD_LINK_SPEED, first]
-    where, drum_speed, applied = (
-        drive[drums.DRIVE_POSITION],
-        drive[drums.DRIVE_SPEED],
-        drive[drums.DRIVE_APPLIED],
-    )
-    back = 0.0
+    thimble, back = record[RECORD_THIMBLE, first], 0.0
     for i in range(first, last):
-        force = body[BODY_PAD_STIFFNESS] * (finger - link) + body[BODY_PAD_DAMPING] * (speed - link_speed)
-        back = contact_force(body, link, link_speed, where, drum_speed)
+        force, tension, thimble_speed = cable_forces(body, finger, speed, thimble, link, link_speed)
+        where = drive[drums.DRIVE_POSITION]
+        back = contact_force(body, link, link_speed, where, drive[drums.DRIVE_SPEED])
         record[RECORD_FORCE, i], record[RECORD_CONTACT, i] = force, back
         record[RECORD_FINGER, i], record[RECORD_FINGER_SPEED, i] = finger, speed
         record[RECORD_LINK, i], record[RECORD_LINK_SPEED, i] = link, link_speed
-        record[RECORD_DRUM, i] = where
-        link_speed += (force - back - body[BODY_LINK_DAMPING] * link_speed) / body[BODY_LINK_MASS] * step
-        where, drum_speed = pushed(drum, applied, back, where, drum_speed, step)
+        record[RECORD_DRUM, i], record[RECORD_THIMBLE, i] = where, thimble
+        link_speed += (tension - back - body[BODY_LINK_DAMPING] * link_speed) / body[BODY_LINK_MASS] * step
+        push_drum(drum, drive, back, step)
         link += link_speed * step
+        thimble = thimble + thimble_speed * step if body[BODY_CABLE_STIFFNESS] > 0.0 else link
         finger, speed = step_finger(body, press, (i - zero) * step, force, finger, speed, step)
-    drive[drums.DRIVE_POSITION], drive[drums.DRIVE_SPEED] = where, drum_speed
     if last < record.shape[1]:
         record[RECORD_FINGER, last], record[RECORD_FINGER_SPEED, last] = finger, speed
         record[RECORD_LINK, last], record[RECORD_LINK_SPEED, last] = link, link_speed
+        record[RECORD_THIMBLE, last] = thimble
     return back
 
 
@@ -147,7 +180,7 @@ def read_message(
         return
     then = min(row, round((asked + sensing[SENSING_PHASE]) / (sensing[SENSING_RATE] * step)))
     at = (then - zero) * step
-    link = record[RECORD_LINK, then]
+    link = rounded(record[RECORD_LINK, then], sensing[SENSING_RESOLUTION])
     distance = sensing[SENSING_WALL_SPEED] * at - link
     distance += (
         sensing[SENSING_SCALE_ERROR] * distance + sensing[SENSING_BIAS] + noise[asked % noise.shape[0]]
@@ -169,12 +202,23 @@ def predicted_contact(kind: int, now: float, link: float, message: np.ndarray) -
     return contact
 
 
-@entry("int, float, float, float, float64[:], float64[:], float64[:] -> float")
+@inlined
+def stretched(now: float, pressing: float, holding: np.ndarray, memory: np.ndarray) -> float:
+    """Stretch of the cable, m, by the force that presses on the drum, smoothed; 0 if none is made up for."""
+    elapsed, memory[MEMORY_NOW] = now - memory[MEMORY_NOW], now
+    share = 1.0 - exp(-2.0 * pi * holding[HOLDING_SMOOTHING] * max(elapsed, 0.0))
+    memory[MEMORY_FIRST] += share * (pressing - memory[MEMORY_FIRST])
+    memory[MEMORY_FORCE] += share * (memory[MEMORY_FIRST] - memory[MEMORY_FORCE])
+    return holding[HOLDING_COMPLIANCE] * max(memory[MEMORY_FORCE], 0.0)
+
+
+@entry("int, float, float, float, float, float64[:], float64[:], float64[:] -> float")
 def choose_target(
     kind: int,
     now: float,
     link: float,
     drum: float,
+    pressing: float,
     message: np.ndarray,
     holding: np.ndarray,
     memory: np.ndarray,
@@ -186,7 +230,8 @@ def choose_target(
         was_held = memory[MEMORY_IS_HELD] > 0.0
         memory[MEMORY_IS_HELD] = 1.0 if gap < limit else 0.0
         if was_held and memory[MEMORY_IS_HELD] > 0.0:
-            return memory[MEMORY_TARGET]
+            return memory[MEMORY_TARGET] - stretched(now, pressing, holding, memory)
+        memory[MEMORY_NOW], memory[MEMORY_FORCE], memory[MEMORY_FIRST] = now, 0.0, 0.0
     target = holding[HOLDING_RETRACTED]
     if message[MESSAGE_AT] > -inf:
         target = min(target, predicted_contact(kind, now, link, message))
@@ -227,9 +272,10 @@ def run_loop(
     for first in range(0, record.shape[1], steps):
         now = (first - zero) * step
         read_message(sensing, noise, first, zero, step, record, message)
-        link = record[RECORD_LINK, first]
+        link = rounded(record[RECORD_LINK, first], sensing[SENSING_RESOLUTION])
+        pressing = back if holding[HOLDING_HAS_SENSOR] > 0.0 else -drive[drums.DRIVE_APPLIED]
         command[drums.COMMAND_TARGET] = choose_target(
-            kind, now, link, drive[drums.DRIVE_POSITION], message, holding, memory
+            kind, now, link, drive[drums.DRIVE_POSITION], pressing, message, holding, memory
         )
         serve(drum, servo, drive, command, back)
         last = min(first + steps, record.shape[1])

@@ -48,7 +48,7 @@ def deviation(response: Response, reference: Response | None = None) -> Deviatio
     return Deviation(
         force_error(response, real),
         onset(response) - onset(real),
-        float(response.link[before_release].max()),
+        float(response.thimble[before_release].max()),
         float(response.force[is_rest].mean() - real.force[is_rest].mean()),
         float(response.force[is_rest].std()),
         float(np.ptp(response.force[is_rest])),

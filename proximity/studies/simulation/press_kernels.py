@@ -20,7 +20,11 @@ BODY_LINK_MASS = 5  # kg, of what moves with the pad's far side
 BODY_LINK_DAMPING = 6  # N s/m
 BODY_CONTACT_STIFFNESS = 7  # N/m, of link on drum
 BODY_CONTACT_DAMPING = 8  # N s/m
-BODY_SIZE = 9
+BODY_CABLE_STIFFNESS = 9  # N/m, at the fingertip; 0: the pad presses on the link itself
+BODY_CABLE_DAMPING = 10  # N s/m
+BODY_CAPSTAN = 11  # share of its tension by which the cable rubs in its sheath, as the tension grows
+BODY_DRAG = 12  # N, by which it rubs at least
+BODY_SIZE = 13
 
 LEAST_DAMPING = 1.0  # N s/m, of a surface that goes back: its spring alone would be there at once
 TOUCHING = 1e-9  # m; so near is touching: the positions of an approach add up with rounding
@@ -43,7 +47,8 @@ RECORD_LINK = 3  # m
 RECORD_LINK_SPEED = 4  # m/s
 RECORD_DRUM = 5  # m; of a wall that is not a drum: its surface
 RECORD_CONTACT = 6  # N, on the link
-RECORD_SIZE = 7
+RECORD_THIMBLE = 7  # m, of what the pad presses on: the cable's near end
+RECORD_SIZE = 8
 
 # --- a penalty wall ---
 WALL_STIFFNESS = 0  # N/m
@@ -122,6 +127,7 @@ def press_real_wall(body: np.ndarray, press: np.ndarray, zero: int, step: float,
             min(finger, 0.0),
             0.0 if finger > 0.0 else speed,
         )
+        record[RECORD_THIMBLE, i] = record[RECORD_LINK, i]
         record[RECORD_DRUM, i], record[RECORD_CONTACT, i] = 0.0, force
         finger, speed = step_finger(body, press, (i - zero) * step, force, finger, speed, step)
 
@@ -151,6 +157,7 @@ def press_soft_wall(
             speed,
         )
         record[RECORD_LINK, i], record[RECORD_LINK_SPEED, i] = max(surface, min(finger, 0.0)), sink
+        record[RECORD_THIMBLE, i] = record[RECORD_LINK, i]
         record[RECORD_DRUM, i], record[RECORD_CONTACT, i] = surface, force
         finger, speed = step_finger(body, press, (i - zero) * step, force, finger, speed, step)
         surface += sink * step
@@ -193,6 +200,7 @@ def press_penalty_wall(
             speed,
         )
         record[RECORD_LINK, i], record[RECORD_LINK_SPEED, i] = link, link_speed
+        record[RECORD_THIMBLE, i] = link
         record[RECORD_DRUM, i], record[RECORD_CONTACT, i] = 0.0, push_back
         link_speed += (force - push_back - body[BODY_LINK_DAMPING] * link_speed) / body[BODY_LINK_MASS] * step
         link += link_speed * step

@@ -41,8 +41,13 @@ class Response:
 
     @property
     def link(self) -> np.ndarray:
-        """(N,) m, of what the pad presses on."""
+        """(N,) m, of what meets the drum."""
         return self.record[press_kernels.RECORD_LINK]
+
+    @property
+    def thimble(self) -> np.ndarray:
+        """(N,) m, of what the pad presses on: the near end of the cable, or the link where there is none."""
+        return self.record[press_kernels.RECORD_THIMBLE]
 
     @property
     def drum(self) -> np.ndarray:

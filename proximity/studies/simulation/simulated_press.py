@@ -134,7 +134,7 @@ def felt(response: Response) -> Felt:
         float(response.force.max()),
         float(at_rest.mean()),
         float(at_rest.std()),
-        float(response.link[before_release].max()),
+        float(response.thimble[before_release].max()),
         work(response),
     )
 

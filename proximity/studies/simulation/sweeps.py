@@ -4,19 +4,25 @@ A penalty wall is given the best stiffness and damping of a grid for its rate an
 tuning there is, one for all speeds.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from enum import StrEnum
 
 import numpy as np
 
 from proximity.decaff.drum.drum_model import Drum
 from proximity.decaff.drum.servo import servo_for
+from proximity.decaff.glove.default_bend import CONTACT_BEND
+from proximity.decaff.glove.glove import Glove
+from proximity.errors import DecaffError
 from proximity.studies.simulation.closed_loop import decaff, penalty_wall, real_wall
 from proximity.studies.simulation.devices import COUPLED_DEVICE, Decaff, Link, PenaltyWall
 from proximity.studies.simulation.hand import Hand
 from proximity.studies.simulation.metrics import Deviation, deviation, force_error
 from proximity.studies.simulation.response import Response
-from proximity.studies.simulation.target_policies import Controller, Target
+from proximity.studies.simulation.target_policies import Controller, Holding, Target
+from proximity.studies.simulation.tip_cable import TipCable
 
 SPEEDS = (0.1, 0.25, 0.5, 1.0)  # m/s
 # N/m: six to a decade, from softer than the hand to stiffer than any sampled wall here can be.
@@ -25,6 +31,10 @@ STIFFNESSES = tuple(50.0 * 10.0 ** (k / 6.0) for k in range(16))
 DAMPING_RATIOS = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.5, 3.0)
 TUNING_STEP = 2e-5  # s, of the simulation
 HOPELESS = 3.0  # an error from which on a stiffer wall is not tried
+ELECTRICAL_TIME = 0.12e-3  # s, of a motor of the 20 W class; assumed
+SENSOR_SMOOTHING = 10.0  # Hz, of the force that is measured, not taken from the motor's torque
+CABLE_STIFFNESSES = (100.0, 1e6)  # N/m at the fingertip, between which one is looked for
+HALVINGS = 14  # of that, in its logarithm: to a thousandth
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,3 +158,79 @@ def with_drum(glove: Decaff, drum: Drum, rate: float) -> Decaff:
         Of its servo.
     """
     return replace(glove, drum=drum, servo=servo_for(drum, rate))
+
+
+class Stretch(StrEnum):
+    """Ways to make up for the stretch of the cable while the finger is on the drum."""
+
+    LEFT = "left"
+    """None: the finger sinks in."""
+    TORQUE = "torque"
+    """By the motor's torque, smoothed: slowly, since the torque moves the drum as well."""
+    SENSOR = "sensor"
+    """By a force sensor between link and drum."""
+
+
+def with_transmission(glove: Decaff, cable: TipCable, stretch: Stretch = Stretch.LEFT) -> Decaff:
+    """Return the same glove with a cable, the counts of its potentiometer, and a motor with a winding.
+
+    Parameters
+    ----------
+    glove : Decaff
+        As it is.
+    cable : TipCable
+        Between finger and replica.
+    stretch : Stretch
+        How its stretch is made up for.
+    """
+    motor = replace(glove.drum.motor, electrical_time=ELECTRICAL_TIME)
+    resolution = float(Glove().resolution(CONTACT_BEND))
+    has_sensor = stretch == Stretch.SENSOR
+    return replace(
+        glove,
+        drum=replace(glove.drum, motor=motor),
+        sensing=replace(glove.sensing, resolution=resolution),
+        holding=replace(
+            glove.holding,
+            compliance=0.0 if stretch == Stretch.LEFT else 1.0 / cable.stiffness,
+            smoothing=SENSOR_SMOOTHING if has_sensor else Holding().smoothing,
+            has_force_sensor=has_sensor,
+        ),
+        cable=cable,
+    )
+
+
+def needed_cable(hand: Hand, glove: Decaff, speed: float, error: float, stretch: Stretch) -> float:
+    """Return the stiffness of the cable at the fingertip with which a force error is reached, N/m.
+
+    Parameters
+    ----------
+    hand, glove : Hand, Decaff
+        Who presses, and on what; its cable is replaced.
+    speed : float, m/s
+        Of the approach.
+    error : float
+        The share that is allowed.
+    stretch : Stretch
+        How the cable's stretch is made up for.
+
+    Raises
+    ------
+    DecaffError
+        If the stiffest cable is not enough.
+    """
+    usual, press = TipCable.of(Glove()), hand.press(speed)
+
+    def is_enough(stiffness: float) -> bool:
+        cable = replace(usual, stiffness=stiffness)
+        return deviation(decaff(hand, press, with_transmission(glove, cable, stretch))).error <= error
+
+    soft, stiff = CABLE_STIFFNESSES
+    if not is_enough(stiff):
+        raise DecaffError(
+            f"no cable up to {stiff:g} N/m keeps the force error at {speed:g} m/s to {error:.3g}"
+        )
+    for _ in range(HALVINGS):
+        middle = math.sqrt(soft * stiff)
+        soft, stiff = (soft, middle) if is_enough(middle) else (middle, stiff)
+    return stiff

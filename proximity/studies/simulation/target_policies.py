@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from proximity.decaff.arguments import positive
+from proximity.decaff.arguments import not_negative, positive
 from proximity.decaff.controller.drum_limits import RELEASE_GAP, TOUCH_GAP
 from proximity.decaff.drum.drum_command import DriveMode, DrumCommand
 from proximity.studies.simulation import loop_kernels
@@ -38,11 +38,20 @@ class Holding:
     retracted: float = 0.030  # m; assumed
     touch_gap: float = TOUCH_GAP  # m, of link and drum: nearer is touching
     release_gap: float = RELEASE_GAP  # m, farther is released
+    compliance: float = (
+        0.0  # m/N, of a cable whose stretch is made up for while a target is held; 0: it is not
+    )
+    smoothing: float = (
+        2.0  # Hz, of the force that stretches it; from 10 Hz on, the motor's makes the drum swing
+    )
+    has_force_sensor: bool = False  # between link and drum; without one the motor's force is taken
 
     def __post_init__(self) -> None:
         positive("retracted", self.retracted, "metres")
         positive("touch_gap", self.touch_gap, "metres")
         positive("release_gap", self.release_gap, "metres")
+        not_negative("compliance", self.compliance, "metres a newton")
+        positive("smoothing", self.smoothing, "hertz")
 
     def as_array(self) -> np.ndarray:
         """Return its numbers as the kernels read them."""
@@ -50,6 +59,9 @@ class Holding:
         array[loop_kernels.HOLDING_RETRACTED] = self.retracted
         array[loop_kernels.HOLDING_TOUCH_GAP] = self.touch_gap
         array[loop_kernels.HOLDING_RELEASE_GAP] = self.release_gap
+        array[loop_kernels.HOLDING_COMPLIANCE] = self.compliance
+        array[loop_kernels.HOLDING_SMOOTHING] = self.smoothing
+        array[loop_kernels.HOLDING_HAS_SENSOR] = self.has_force_sensor
         return array
 
 
@@ -74,6 +86,7 @@ class DistanceSample:
     drum: float  # m, where it is
     force: float  # N, between link and drum
     motor_force: float  # N, positive away from the finger
+    applied: float  # N, of the motor during the last sample, positive away from the finger
     message: Message | None  # the newest delivered; None: none, or nothing within reach
 
 
@@ -114,6 +127,9 @@ class TargetPolicy:
             distance_sample.now,
             distance_sample.link,
             distance_sample.drum,
+            distance_sample.force
+            if self._holding[loop_kernels.HOLDING_HAS_SENSOR]
+            else -distance_sample.applied,
             message,
             self._holding,
             self._memory,

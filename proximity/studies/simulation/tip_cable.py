@@ -1,0 +1,60 @@
+"""The sheathed cable between hand and replica, as it is felt at the fingertip."""
+
+import math
+from dataclasses import dataclass
+
+from proximity.decaff.arguments import not_negative, positive
+from proximity.decaff.glove.default_bend import CONTACT_BEND
+from proximity.decaff.glove.glove import Glove
+
+FRICTION = 0.1  # of a cable in a lined sheath; assumed
+WRAP = 0.5 * math.pi  # rad, all bends of the sheath together; assumed
+PRELOAD = 1.0  # N, of both strands together, which keep it taut; assumed
+LOSS = 0.05  # of critical damping, of link and cable; assumed
+
+
+@dataclass(frozen=True, slots=True)
+class TipCable:
+    """A cable with what it costs at the fingertip: it stretches, and rubs in its sheath."""
+
+    stiffness: float  # N/m
+    capstan: float = 0.0  # share of its tension by which it rubs
+    drag: float = 0.0  # N, by which it rubs where nothing pulls
+    loss: float = LOSS
+
+    def __post_init__(self) -> None:
+        positive("stiffness", self.stiffness, "newtons a metre")
+        not_negative("capstan", self.capstan, "shares")
+        not_negative("drag", self.drag, "newtons")
+        not_negative("loss", self.loss, "shares")
+
+    @classmethod
+    def of(
+        cls, glove: Glove, bend: float = CONTACT_BEND, *, friction: float = FRICTION, wrap: float = WRAP
+    ) -> "TipCable":
+        """Return the cable of a glove.
+
+        Parameters
+        ----------
+        glove : Glove
+            With its pulleys.
+        bend : float
+            At which the finger touches.
+        friction : float
+            Of cable on sheath.
+        wrap : float, rad
+            All bends of the sheath together.
+        """
+        capstan = math.expm1(not_negative("friction", friction, "shares") * not_negative("wrap", wrap, "rad"))
+        tension_a_newton = float(glove.cable_tension(bend, 1.0))
+        return cls(float(glove.tip_stiffness(bend)), capstan, capstan * PRELOAD / tension_a_newton)
+
+    def damping(self, mass: float) -> float:
+        """Return the damping of the cable itself, N s/m.
+
+        Parameters
+        ----------
+        mass : float, kg
+            That swings on it.
+        """
+        return 2.0 * self.loss * math.sqrt(self.stiffness * mass)
