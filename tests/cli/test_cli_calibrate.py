@@ -116,6 +116,9 @@ def test_results_are_printed_as_json_and_a_task_is_measured_again(run, tmp_path)
     again = run(path, *SHORT, "--skip", "free drum", "--yes", "--again", "touch")
     assert "touches, 1 of 9" in again.out and "pose" not in again.out.partition("measured")[0]
     assert again.code == 0
+    renewed = read_calibration(path).made
+    run(path, *SHORT, "--skip", "free drum", "--yes")
+    assert read_calibration(path).made == renewed  # nothing was measured: it is not younger now
     assert run(path, *SHORT, "--again", "chirp").words.count("there are no readings of 'chirp'") == 1
 
 

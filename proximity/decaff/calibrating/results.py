@@ -8,7 +8,6 @@ such as a spring scale that reads too much, no repetition shows.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
@@ -136,7 +135,7 @@ class Session:
         values = {estimate.key: estimate.value for estimate in self.estimates()}
         touches, glove = self.of(TOUCH), self.bench.glove
         made = Calibration(
-            made=datetime.now(UTC),
+            made=self.readings.began,  # the oldest reading ages first
             counts=np.array([values[task.key] for task in POSE_TASKS]),
             bends=np.array(POSES),
             touch_offset=calibration_fit.touch_offset(

@@ -219,7 +219,7 @@ TOUCH = Task(
 )
 LATENCY = Task(
     "step",
-    ("Rest the finger on the block. The step follows: do not move until it is over.",),
+    ("Rest the finger on the block, and let the step test run: do not move until it is over.",),
     (0.5,),
     _latency,
     "latency",
