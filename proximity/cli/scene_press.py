@@ -63,7 +63,7 @@ def run(
     """
     from proximity.cli import progress
     from proximity.cli.views.json_output import write_document
-    from proximity.decaff.drum.drum_model import DRUMS
+    from proximity.decaff.drum.drum_model import DRUMS, with_random_phases
     from proximity.formats import metres_per_unit
     from proximity.studies import part_press
     from proximity.studies.engine.engine_setup import Distances, EngineSetup
@@ -75,7 +75,7 @@ def run(
         setup.rate,
         setup.latency,
         None if policy is None else simulated_press.POLICIES[policy],
-        DRUMS[setup.drum],
+        with_random_phases(DRUMS[setup.drum], 1)[0],
     )
     metres = metres_per_unit(pressed_part.units)
     at = None if pressed_part.at is None else [metres * coordinate for coordinate in pressed_part.at]

@@ -8,7 +8,7 @@ import pytest
 from project import MESHES
 
 from proximity.cli.views.json_output import plain
-from proximity.decaff.drum.drum_model import DRUMS
+from proximity.decaff.drum.drum_model import DRUMS, with_random_phases
 from proximity.scene.loader import load
 from proximity.studies.engine.engine_setup import EngineSetup
 from proximity.studies.part_press import document as part_document
@@ -126,7 +126,7 @@ def test_json_of_a_press_on_a_part_is_the_models(run):
 
     scene = load(BOX)
     scene.set_surface("box", stiffness=800.0, damping=2.0)
-    setup = EngineSetup(drum=DRUMS["direct"])
+    setup = EngineSetup(drum=with_random_phases(DRUMS["direct"], 1)[0])
     expected = simulate_on_part(scene, setup, at=(0.020, 0.015, 0.025), speed=1.0)
     assert (result.code, result.err) == (0, "")
     assert json.loads(result.out) == plain(part_document(expected))

@@ -1,9 +1,13 @@
 """What docs/decaff.md says of the paper's claims is what the models say today."""
 
+from functools import partial
+
 import pytest
 from pages import PAGES
 
+from proximity.decaff.drum.servo import SIMULATION_STEP, steps_a_sample
 from proximity.studies import claims
+from proximity.studies.simulation import closed_loop
 
 
 @pytest.fixture(scope="module")
@@ -43,3 +47,19 @@ def test_every_claim_says_whether_it_holds(found):
     assert len(found) == 15
     assert {one.holds for one in found} <= {claims.YES, claims.PARTLY, claims.NO}
     assert all(one.holds == claims.YES or len(one.here) > 40 for one in found)
+
+
+def test_digits_of_simulated_claims_are_those_that_a_finer_step_gives(found, monkeypatch):
+    """With steps of half the length every figure is printed as it was."""
+    simulated = ("exactly the force", "greatly reduces the delay", "too high by k_f x_s")
+    before = [one.here for one in found if any(words in one.paper for words in simulated)]
+
+    def twice_the_steps(rate, step=SIMULATION_STEP):
+        return steps_a_sample(rate, 0.5 * step)
+
+    monkeypatch.setattr(closed_loop, "steps_a_sample", twice_the_steps)
+    fine_drum = partial(closed_loop.ideal_drum, step=0.5 * SIMULATION_STEP)
+    monkeypatch.setattr(claims, "ideal_drum", fine_drum)
+    after = [one.here for one in claims.claims() if any(words in one.paper for words in simulated)]
+
+    assert len(before) == 3 and after == before

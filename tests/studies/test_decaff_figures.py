@@ -178,6 +178,17 @@ def test_sweeps_are_drawn(draw, numbers, monkeypatch):
     assert style.render(draw, numbers(), (7.0, 3.0), "svg").startswith(STARTS["svg"])
 
 
+def test_error_against_latency_is_the_staircase_that_it_is(monkeypatch):
+    """A drum's servo takes a distance at its next sample: between two, latency changes nothing."""
+    monkeypatch.setattr(error_plots, "LATENCIES", (0.001,))
+    table = error_plots.numbers_against_latency().where(speed_m_per_s=0.1)
+    naive = table["naive_error"][np.isnan(table["penalty_error"])]
+
+    assert len(naive) == 2 * error_plots.STAIRS
+    np.testing.assert_array_equal(naive[1:-1:2], naive[2::2])
+    assert (naive[1::2] > naive[0::2]).all() and naive[1] > 10.0 * naive[0]
+
+
 def test_same_figure_is_the_same_file_and_leaves_no_trace_in_matplotlib(tmp_path):
     before = {name: matplotlib.rcParams[name] for name in style.LOOK}
     first, _ = catalogue.write_figure("drum-motion", tmp_path, "svg")

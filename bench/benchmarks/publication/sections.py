@@ -215,7 +215,8 @@ def _vr(documents):
         f"**A complete VR application** ({_run('vr', document, _first(documents))}): from the pose of a hand "
         "to the frame that answers it, over tori, with ticks at 1 kHz; one part moves where said. Native "
         "publishes poses and subscribes to frames in shared memory; page is what `proximity view` runs, "
-        "without drawing. Half a tick is waited on average. Service and bridge are shares of a core."
+        "without drawing. Half a tick is waited on average. The page is sent few ticks but those that answer "
+        "a new pose, so that its ticks are dearer. Service and bridge are shares of a core."
     )
     others = (
         "The distances of ten fingers by themselves, in the place of the tick, with each library; a tick "

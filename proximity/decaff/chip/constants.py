@@ -27,12 +27,13 @@ MODULE_CONSTANTS: tuple[tuple[ModuleType, tuple[str, ...]], ...] = (
     (frame_trust, ("LARGEST_POSITION_ERROR",)),
     (surface_law, ("DAMPING_SHARE", "DELAY_SAMPLES", "PAD_DAMPING")),
     (controller, ("DRUM_DAMPING", "STRAY_ANGLE")),
+    (drum_kernels, ("STANDING",)),
 )
 COUNTS = {"MOST_RUNS", "STEADY_SAMPLES"}
 """Constants that are numbers of things: unsigned in C."""
 SERVO_COLUMNS = (
     "PERIOD", "STIFFNESS", "DAMPING", "INTEGRAL", "ACCELERATION", "SPEED",
-    "FORCE_GAIN", "FORCE_DAMPING", "FORCE_SLEW",
+    "FORCE_GAIN", "FORCE_DAMPING", "FORCE_SLEW", "DEADBAND",
 )  # fmt: skip
 DRUM_COLUMNS = ("FORCE_LIMIT", "SPEED_LIMIT")
 

@@ -18,7 +18,8 @@ DRUM_FORCE_LIMIT = 2  # N
 DRUM_SPEED_LIMIT = 3  # m/s, beyond which the motor has no force left
 DRUM_RESOLUTION = 4  # m, of the encoder
 DRUM_FORCE_STEP = 5  # N, of the pulse width; 0: none
-DRUM_SIZE = 6
+DRUM_OFFSET = 6  # m, at which an encoder count lies
+DRUM_SIZE = 7
 
 # --- a servo ---
 SERVO_PERIOD = 0  # s
@@ -31,7 +32,8 @@ SERVO_FORCE_GAIN = 6  # 1/s, of the force integrator
 SERVO_FORCE_DAMPING = 7  # N s/m, while the force is served
 SERVO_FORCE_SLEW = 8  # N/s, of the force reference
 SERVO_SMOOTHING = 9  # Hz, of what is remembered of the motor's force
-SERVO_SIZE = 10
+SERVO_DEADBAND = 10  # m, so near a reference that stands is at it
+SERVO_SIZE = 11
 
 # --- a command ---
 COMMAND_MODE = 0
@@ -41,6 +43,8 @@ COMMAND_FORCE_CAP = 3  # N
 COMMAND_START_FORCE = 4  # N, from where the force reference starts; nan: from nothing, all memory lost
 COMMAND_SLEW = 5  # N/s, of the force reference; 0: the servo's own
 COMMAND_SIZE = 6
+
+STANDING = 1e-6  # m/s, of a reference that has arrived, but for rounding
 
 MODE_OFF = 0
 MODE_POSITION = 1
@@ -126,10 +130,14 @@ def demand_position(
 
     The integral waits while the force is at its limit. And the reference waits for a drum that is kept away
     by more than the limit: once that is gone, the drum comes from where it is, no faster than it may.
+    Near a reference that stands there is no error: else a drum whose reference lies between two encoder
+    counts goes to and fro between them, and the finger feels it.
     """
     lead = limit / servo[SERVO_STIFFNESS]
     drive[DRIVE_REFERENCE] = max(reported - lead, min(reported + lead, drive[DRIVE_REFERENCE]))
     error = drive[DRIVE_REFERENCE] - reported
+    if abs(error) <= servo[SERVO_DEADBAND] and abs(drive[DRIVE_REFERENCE_SPEED]) <= STANDING:
+        error = 0.0
     demand = (
         servo[SERVO_STIFFNESS] * error
         + servo[SERVO_DAMPING] * (drive[DRIVE_REFERENCE_SPEED] - speed)
@@ -169,7 +177,7 @@ def serve(
 
     *measured* is the force between link and drum, N; only force mode looks at it.
     """
-    reported = rounded(drive[DRIVE_POSITION], drum[DRUM_RESOLUTION])
+    reported = read_encoder(drum, drive[DRIVE_POSITION])
     speed = (reported - drive[DRIVE_LAST_POSITION]) / servo[SERVO_PERIOD]
     drive[DRIVE_LAST_POSITION] = reported
     if command[COMMAND_MODE] != drive[DRIVE_LAST_MODE]:
@@ -194,7 +202,7 @@ def rest_drum(drum: np.ndarray, drive: np.ndarray, where: float) -> None:
     """A drum at rest *where* it should be, with nothing in its memory."""
     drive[:] = 0.0
     drive[DRIVE_POSITION] = drive[DRIVE_REFERENCE] = where
-    drive[DRIVE_LAST_POSITION] = rounded(where, drum[DRUM_RESOLUTION])
+    drive[DRIVE_LAST_POSITION] = read_encoder(drum, where)
     drive[DRIVE_LAST_MODE] = MODE_POSITION
 
 
@@ -224,3 +232,9 @@ def move_drum(
 def rounded(position: float, resolution: float) -> float:
     """Reading of an encoder; *resolution* 0: the position itself."""
     return floor(position / resolution + 0.5) * resolution if resolution > 0.0 else position
+
+
+@inlined
+def read_encoder(drum: np.ndarray, where: float) -> float:
+    """Position of the drum by its encoder, m: that of the nearest count."""
+    return rounded(where - drum[DRUM_OFFSET], drum[DRUM_RESOLUTION]) + drum[DRUM_OFFSET]

@@ -5,15 +5,16 @@ gear of n multiplies the motor's force by n, and the mass of its rotor by n². W
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from proximity.decaff.arguments import not_negative, positive, whole
+from proximity.decaff.arguments import finite, not_negative, positive, whole
 from proximity.decaff.drum import drum_kernels as kernels
 
 RIM_RADIUS = 0.010  # m; assumed
 REFERENCE_SHARE = 0.5  # of the force limit, that the reference's acceleration may ask for; assumed
+PHASE_SEED = 29  # of walls that lie at random within an encoder count
 PAD_STIFFNESS = 200.0  # N/m, of a fingertip; the paper's
 
 
@@ -48,11 +49,13 @@ class Drum:
     usable_acceleration: float | None = (
         None  # m/s², of the reference; None: half of what the force limit allows
     )
+    encoder_phase: float = 0.0  # of a count, by which one lies beyond the position 0
 
     def __post_init__(self) -> None:
         positive("ratio", self.ratio, "turns to a turn")
         positive("radius", self.radius, "metres")
         positive("gear_limit", self.gear_limit, "newtons")
+        finite("encoder_phase", self.encoder_phase, "counts")
         if self.usable_acceleration is not None:
             positive("usable_acceleration", self.usable_acceleration, "metres a second squared")
 
@@ -125,7 +128,22 @@ class Drum:
         array[kernels.DRUM_SPEED_LIMIT] = self.speed_limit
         array[kernels.DRUM_RESOLUTION] = self.resolution
         array[kernels.DRUM_FORCE_STEP] = self.force_step
+        array[kernels.DRUM_OFFSET] = self.encoder_phase * self.resolution
         return array
+
+
+def with_random_phases(drum: Drum, count: int) -> list[Drum]:
+    """Return the same drum several times, each with its encoder's counts elsewhere; the same on every run.
+
+    Parameters
+    ----------
+    drum : Drum
+        As it is.
+    count : int
+        How many.
+    """
+    phases = np.random.default_rng(PHASE_SEED).uniform(-0.5, 0.5, count)
+    return [replace(drum, encoder_phase=float(phase)) for phase in phases]
 
 
 DIRECT = Drum(usable_acceleration=800.0)  # m/s², assumed; half the force would give 933 m/s²

@@ -19,6 +19,7 @@ from proximity.errors import DecaffError
 
 SERVO_RATE = 3000.0  # Hz, where nothing else is said; assumed
 REFERENCE_SPEED_SHARE = 0.7  # of the speed limit; 1.75 m/s
+DEADBAND_COUNTS = 0.5  # of the encoder
 SIMULATION_STEP = 1e-5  # s, of the plant, at most: 0.03 rad of a 5 g link's bounce on its drum
 
 
@@ -36,6 +37,7 @@ class Servo:
     force_damping: float = 2.0  # N s/m, while the force is served; assumed
     force_slew: float = 5.0  # N/s, of the force reference
     smoothing: float = 20.0  # Hz, of the motor's force that a change to force starts with; assumed
+    deadband: float = 0.0  # m, so near a reference that stands is at it: half a count, against hunting
 
     def __post_init__(self) -> None:
         positive("rate", self.rate, "hertz")
@@ -48,6 +50,7 @@ class Servo:
         not_negative("force_damping", self.force_damping, "newton seconds a metre")
         positive("force_slew", self.force_slew, "newtons a second", may_be_infinite=True)
         positive("smoothing", self.smoothing, "hertz")
+        not_negative("deadband", self.deadband, "metres")
 
     @property
     def period(self) -> float:
@@ -67,6 +70,7 @@ class Servo:
         array[kernels.SERVO_FORCE_DAMPING] = self.force_damping
         array[kernels.SERVO_FORCE_SLEW] = self.force_slew
         array[kernels.SERVO_SMOOTHING] = self.smoothing
+        array[kernels.SERVO_DEADBAND] = self.deadband
         return array
 
 
@@ -93,6 +97,7 @@ def servo_for(drum: Drum, rate: float) -> Servo:
         gains.damping,
         drum.acceleration,
         REFERENCE_SPEED_SHARE * drum.speed_limit,
+        deadband=DEADBAND_COUNTS * drum.resolution,
     )
 
 

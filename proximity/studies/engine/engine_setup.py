@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 from proximity.decaff.arguments import not_negative, positive
-from proximity.decaff.drum.drum_model import GEAR4, Drum
+from proximity.decaff.drum.drum_model import GEAR4, Drum, with_random_phases
 from proximity.decaff.drum.servo import SERVO_RATE
 from proximity.errors import DecaffError
 from proximity.message import PATH_CORNERS
@@ -13,6 +13,7 @@ from proximity.studies.engine.delayed_link import Latency
 from proximity.studies.simulation.target_policies import Target
 
 FARTHEST = 0.100  # m, that a wall is known of; assumed
+DRUM = with_random_phases(GEAR4, 1)[0]
 Spans = Sequence[tuple[float, float]]
 """From, to; s from the touch."""
 
@@ -36,7 +37,7 @@ class EngineSetup:
     rate: float = 1000.0  # Hz, of the service
     latency: Latency = 0.001  # s, from the pose until its frame has arrived
     reading: Target | None = None  # a plain reading of distances instead of the controller
-    drum: Drum = GEAR4  # its servo runs at 3 kHz
+    drum: Drum = DRUM  # its servo runs at 3 kHz
     far_force: float | None = None  # N, that the sensor measures; None: what the real wall does
     corners: int = PATH_CORNERS  # of the polyline that a tracker takes as the finger's path
     tolerance: float = 0.0  # of the tracker: share of a distance by which its bounds may be apart

@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from proximity.decaff.drum.drum_model import GEAR4, with_random_phases
+from proximity.decaff.drum.servo import SERVO_RATE
 from proximity.studies.figures import style
 from proximity.studies.figures.tables import Table
 from proximity.studies.simulation import sweeps
@@ -21,6 +23,8 @@ if TYPE_CHECKING:
 RATE = 1000.0  # Hz, of walls and of distances
 SPEEDS = tuple(np.geomspace(0.1, 1.0, 11).tolist())  # m/s
 LATENCIES = tuple(1e-3 * np.array([0.1, 0.2, 0.3, 0.5, 1, 2, 3, 5, 7, 10, 15, 20, 30, 40]))  # s
+STAIRS = 15  # of the servo's period, from half of one: drawn as they are; beyond, lines between points
+STAIR_SIDE = 1e-6  # s, from which a stair is looked at
 SPEED_PANELS = (0.001, 0.010)  # s of latency, in the figure against speed
 LATENCY_PANELS = (0.1, 0.5)  # m/s, in the figure against latency
 SIZE = (style.PAGE_WIDTH, 3.0)
@@ -50,12 +54,12 @@ def numbers(latencies: Sequence[float], speeds: Sequence[float]) -> Table:
     speeds : floats, m/s
         Of the approach.
     """
-    hand, glove, speeds = Hand(), Decaff(), tuple(speeds)
+    hand, speeds = Hand(), tuple(speeds)
+    glove = Decaff(with_random_phases(GEAR4, 1)[0])
     floor = np.array([deviation(ideal_drum(hand, hand.press(speed))).error for speed in speeds])
     blocks = []
     for latency in latencies:
         wall = sweeps.best_penalty_wall(hand, RATE, latency)
-        reported = sweeps.with_latency(glove, latency, RATE)
         block = {
             "latency_s": np.full(len(speeds), latency),
             "speed_m_per_s": np.array(speeds),
@@ -63,10 +67,18 @@ def numbers(latencies: Sequence[float], speeds: Sequence[float]) -> Table:
             "penalty_damping_N_s_per_m": np.full(len(speeds), wall.damping),
             "penalty_error": sweeps.penalty_row(hand, wall, speeds=speeds).errors,
         }
-        for name, target in TARGETS.items():
-            block[f"{name}_error"] = sweeps.drum_row(hand, reported, target, speeds=speeds).errors
-        blocks.append(block | {"ideal_drum_error": floor})
+        blocks.append(block | _drum_errors(hand, glove, latency, speeds) | {"ideal_drum_error": floor})
     return Table({name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]})
+
+
+def _drum_errors(
+    hand: Hand, glove: Decaff, latency: float, speeds: tuple[float, ...]
+) -> dict[str, np.ndarray]:
+    reported = sweeps.with_latency(glove, latency, RATE)
+    return {
+        f"{name}_error": sweeps.drum_row(hand, reported, target, speeds=speeds).errors
+        for name, target in TARGETS.items()
+    }
 
 
 def numbers_against_speed() -> Table:
@@ -75,8 +87,27 @@ def numbers_against_speed() -> Table:
 
 
 def numbers_against_latency() -> Table:
-    """Return force errors at many latencies and two speeds."""
-    return numbers(LATENCIES, LATENCY_PANELS)
+    """Return force errors at many latencies and two speeds.
+
+    A drum's error goes by stairs, since its servo takes a distance at its next sample: each stair has a row
+    at either side, in which the penalty wall, which is not tuned there, is nan.
+    """
+    tuned = numbers(LATENCIES, LATENCY_PANELS)
+    hand, glove = Hand(), Decaff(with_random_phases(GEAR4, 1)[0])
+    blocks = [tuned.columns]
+    for stair in range(STAIRS):
+        edge = (stair + 0.5) / SERVO_RATE
+        for latency in (edge - STAIR_SIDE, edge + STAIR_SIDE):
+            block = {name: np.full(len(LATENCY_PANELS), np.nan) for name in tuned.columns}
+            block |= {
+                "latency_s": np.full(len(LATENCY_PANELS), latency),
+                "speed_m_per_s": np.array(LATENCY_PANELS),
+                "ideal_drum_error": tuned["ideal_drum_error"][: len(LATENCY_PANELS)],
+            }
+            blocks.append(block | _drum_errors(hand, glove, latency, LATENCY_PANELS))
+    columns = {name: np.concatenate([block[name] for block in blocks]) for name in tuned.columns}
+    order = np.argsort(columns["latency_s"], kind="stable")
+    return Table({name: column[order] for name, column in columns.items()})
 
 
 def draw_against_speed(figure: "Figure", table: Table) -> None:
@@ -123,8 +154,12 @@ def draw_against_latency(figure: "Figure", table: Table) -> None:
 def _curves(panel: "Axes", across: np.ndarray, rows: Table) -> None:
     panel.set_xscale("log")
     panel.set_yscale("log")
+    is_tuned = np.isfinite(rows["penalty_error"])
     for name, stroke, label in CURVES:
-        panel.plot(across, 100.0 * rows[f"{name}_error"], **stroke, label=label)
+        errors = rows[f"{name}_error"]
+        is_known = np.isfinite(errors)
+        marked = np.flatnonzero(is_tuned[is_known]).tolist()
+        panel.plot(across[is_known], 100.0 * errors[is_known], **stroke, label=label, markevery=marked)
     panel.minorticks_off()
 
 

@@ -27,6 +27,7 @@ class Deviation:
     penetration: float  # m, how far what the pad presses on went past the wall, before the release
     steady_error: float  # N, mean force at rest less the real one
     ripple: float  # N, standard deviation of the force at rest
+    swing: float  # N, of the force at rest, from least to largest
     peak: float  # N, largest force
     work_error: float  # J, of the finger until the release, less the real one; negative: the wall feeds it
 
@@ -50,6 +51,7 @@ def deviation(response: Response, reference: Response | None = None) -> Deviatio
         float(response.link[before_release].max()),
         float(response.force[is_rest].mean() - real.force[is_rest].mean()),
         float(response.force[is_rest].std()),
+        float(np.ptp(response.force[is_rest])),
         float(response.force.max()),
         work(response) - work(real),
     )

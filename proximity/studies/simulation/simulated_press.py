@@ -6,7 +6,7 @@ from enum import StrEnum
 from typing import Any
 
 from proximity.decaff.arguments import not_negative
-from proximity.decaff.drum.drum_model import DRUMS
+from proximity.decaff.drum.drum_model import DRUMS, with_random_phases
 from proximity.decaff.drum.servo import SERVO_RATE
 from proximity.errors import DecaffError
 from proximity.studies.simulation.closed_loop import decaff, penalty_wall, real_wall
@@ -117,7 +117,7 @@ def simulate(setup: Setup) -> Simulation:
         penalty = _penalty(hand, setup)
         response = penalty_wall(hand, press, penalty)
     elif setup.wall == Wall.DECAFF:
-        glove = with_drum(Decaff(), DRUMS[setup.drum], SERVO_RATE)
+        glove = with_drum(Decaff(), with_random_phases(DRUMS[setup.drum], 1)[0], SERVO_RATE)
         reported = with_latency(glove, setup.latency, setup.rate)
         response = decaff(hand, press, reported, POLICIES[setup.policy])
     else:
