@@ -78,7 +78,7 @@ def draw(figure: "Figure", session: Session) -> None:
     for panel, task in zip(panels.flat[2:], chirps, strict=False):
         _draw_chirp(panel, session, task)
     captions = ["counts less those of the model", "touches of the drum about their mean"]
-    captions += [f"{task.key}: {_numbers(session, task)}" for task in chirps]
+    captions += [f"{task.key}, last of {len(session.of(task))}: {_numbers(session, task)}" for task in chirps]
     style.letter_panels(panels.flat, captions)
 
 
@@ -131,7 +131,7 @@ def _draw_chirp(panel: "Axes", session: Session, task: Task) -> None:
         color="#D55E00",
         linewidth=2.2,
         alpha=0.6,
-        label=f"encoder, last of {len(session.of(task))} chirps",
+        label="encoder",
     )
     panel.plot(record.times, fitted, **{**FITTED, "linewidth": 0.7}, label="fit")
     panel.set_xlabel("time [s]")
