@@ -80,7 +80,7 @@ access · display_mesh · layout
 slice_fields
 """,
     "proximity.decaff": """
-chip · simulated_drums
+calibrating · chip · simulated_drums
 motors
 controller
 drum · glove
@@ -102,7 +102,7 @@ deadlines · fingerprint · machine · motions · period · subject · tick_time
 """,
     "proximity.cli": """
 commands
-drum_loop · drum_motors · questions · scene_press
+drum_loop · drum_motors · guided_calibration · questions · scene_press
 progress · views
 console
 lengths · options · points · program · wording

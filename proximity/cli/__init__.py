@@ -14,6 +14,7 @@ import typer
 import proximity
 from proximity.cli.commands.parts import check, compile, picture, query, view
 from proximity.cli.commands.service import (
+    calibrate,
     client,
     controller,
     demo,
@@ -36,8 +37,9 @@ HELP = "\n\n".join(  # a paragraph a string: some versions of Typer keep line br
         "signed distance is negative inside. Coordinates and answers are in millimetres, or in what --units "
         "says.",
         "Exit codes: 0 answered; 1 check --strict found a part without an inside, replay a bound that does "
-        "not hold, bench a scene that does not fit its gate, or record, watch, drum or demo no frame; 2 the "
-        "files, the points, the addresses or the options cannot be used, or the log of serve lacks frames; "
+        "not hold, bench a scene that does not fit its gate, record, watch, drum or demo no frame, or "
+        "calibrate too little input; 2 the files, the points, the addresses or the options cannot be "
+        "used, or the log of serve lacks frames; "
         "130 interrupted; 141 the reader of "
         "the output went first.",
     )
@@ -52,7 +54,7 @@ app = typer.Typer(
 )
 COMMANDS = (
     query, check, picture, replay, compile, serve, record, export, watch, view, demo, drum, header,
-    client, controller, key, bench, figures, simulate,
+    client, controller, calibrate, key, bench, figures, simulate,
 )  # fmt: skip
 """In the order in which the help lists them."""
 RUN_BARE = (demo, header, figures, simulate)

@@ -1,0 +1,76 @@
+"""Picture of a bent finger in a terminal, in the dots of Braille letters."""
+
+from itertools import pairwise
+
+import numpy as np
+
+from proximity.decaff.glove.glove import Glove
+
+COLUMNS, ROWS = 38, 13  # letters of 2 by 4 dots
+LEFT, RIGHT = -0.040, 0.100  # m, what is shown of the finger's plane
+TOP = 0.012  # m
+EMPTY = "\u2800"
+DOTS = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))  # of a letter, by row and column
+LINE_SAMPLES = np.linspace(0.0, 1.0, 120)
+THICKNESS = 0.004  # m, of a finger's drawn sides about its bones
+
+
+def pose_picture(glove: Glove, bend: float) -> list[str]:
+    """Return lines of text: back of the hand and finger, seen from the side.
+
+    Parameters
+    ----------
+    glove : Glove
+        Whose finger is drawn.
+    bend : float
+        Of the finger.
+    """
+    canvas = np.zeros((4 * ROWS, 2 * COLUMNS), bool)
+    joints = [np.zeros(2), *_joints(glove, bend)]
+    for start, end in pairwise(joints):
+        along = (end - start) / np.hypot(*(end - start))
+        side = THICKNESS * np.array([-along[1], along[0]])
+        for shift in (side, -side):
+            _line(canvas, start + shift, end + shift)
+    _circle(canvas, joints[-1], glove.finger.pad_radius)
+    for offset in (THICKNESS, -THICKNESS):
+        _line(canvas, np.array([LEFT, offset]), np.array([0.0, offset]))
+    lines = [_letters(canvas[4 * row : 4 * row + 4]).rstrip(EMPTY) for row in range(ROWS)]
+    return "\n".join(lines).strip("\n").split("\n")
+
+
+def joint_angles(glove: Glove, bend: float) -> str:
+    """Return the angles of the three joints at a bend, in words."""
+    knuckle, middle, last = (round(np.degrees(bend * flexion)) for flexion in glove.finger.flexions)
+    return f"knuckle {knuckle}°, middle joint {middle}°, last joint {last}°"
+
+
+def _joints(glove: Glove, bend: float) -> list[np.ndarray]:
+    angles = -bend * np.cumsum(glove.finger.flexions)
+    steps = np.stack([np.cos(angles), np.sin(angles)], axis=-1) * np.array(glove.finger.phalanges)[:, None]
+    return list(np.cumsum(steps, axis=0))
+
+
+def _line(canvas: np.ndarray, start: np.ndarray, end: np.ndarray) -> None:
+    _dots(canvas, start + LINE_SAMPLES[:, None] * (end - start))
+
+
+def _circle(canvas: np.ndarray, middle: np.ndarray, radius: float) -> None:
+    turn = 2.0 * np.pi * LINE_SAMPLES
+    _dots(canvas, middle + radius * np.stack([np.cos(turn), np.sin(turn)], axis=-1))
+
+
+def _dots(canvas: np.ndarray, points: np.ndarray) -> None:
+    scale = canvas.shape[1] / (RIGHT - LEFT)
+    columns = np.rint((points[:, 0] - LEFT) * scale).astype(int)
+    rows = np.rint((TOP - points[:, 1]) * scale).astype(int)
+    is_in = (columns >= 0) & (columns < canvas.shape[1]) & (rows >= 0) & (rows < canvas.shape[0])
+    canvas[rows[is_in], columns[is_in]] = True
+
+
+def _letters(dots: np.ndarray) -> str:
+    codes = sum(
+        (dots[row, column::2].astype(int) * DOTS[row][column] for row in range(4) for column in range(2)),
+        np.zeros(COLUMNS, int),
+    )
+    return "".join(chr(0x2800 + code) for code in codes.tolist())

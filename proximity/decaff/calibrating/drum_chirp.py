@@ -1,0 +1,274 @@
+"""Identification of a drum by a chirp: a torque of rising frequency, and the angles that answer it.
+
+Free, the answer holds the drum's inertia, friction and latency; pressed on the replica of a finger that is
+held, the stiffness of the cable. One record gives one estimate of each; what is uncertain shows when the
+chirp is repeated.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from proximity.decaff.calibrating.instruments import DrumRecord
+from proximity.decaff.calibrating.swing_kernels import (
+    SWING_DAMPING,
+    SWING_FRICTION,
+    SWING_INERTIA,
+    SWING_SIZE,
+    SWING_STIFFNESS,
+    SWING_VISCOUS,
+    swing,
+)
+from proximity.decaff.drum.drum_model import Drum
+from proximity.decaff.glove.glove import Glove
+from proximity.errors import DecaffError
+
+HELD_BEND = 0.5
+FREE_SWING = 0.3  # rad, either way, of the free drum at its first frequency; assumed
+COASTING = 5.0  # times a push, that the drum coasts
+OVER_FRICTION = 5.0  # times the friction is the free chirp: then the drum hardly ever sticks
+HELD_FORCE = 3.0  # N at the fingertip that the held chirp swings about
+HELD_SHARE = 1.0 / 6.0  # of that, by which it swings
+MOST_SHARE = 0.6  # of the motor's torque
+SECONDS, RISE = 1.0, 0.1  # s, of a chirp, and of the force before it
+LONGEST_STEP = 2.5e-5  # s, of the simulated swing
+WEAKEST_ANSWER = 4.0  # encoder steps from end to end that a swing must reach
+MOST_MISFIT = 0.15  # of the swing, that the model may leave unexplained
+MOST_TORQUE_OFF = 0.3  # share of the chirp by which the motor's own torque may differ from the command
+LEAST_CYCLES = 6.0  # samples to a cycle of the fastest swing
+DIFFERENCES = (0.02, 0.005)  # shares; over less, friction that holds and lets go hides where the misfit falls
+SEARCHED = np.geomspace(0.25, 4.0, 33)  # times the modelled inertia or stiffness, where the search begins
+
+
+@dataclass(frozen=True, slots=True)
+class Chirp:
+    """A torque that swings about another, with rising frequency."""
+
+    mean: float  # N m at the drum; negative presses on the finger
+    amplitude: float  # N m
+    first: float  # Hz
+    last: float  # Hz
+    push: float = 0.0  # s, of each push behind the chirp, to and fro, that the drum then coasts from
+
+    def torques(self, rate: float) -> np.ndarray:
+        """Return its samples, N m, (N,).
+
+        Parameters
+        ----------
+        rate : float, Hz
+            Of the samples.
+        """
+        last = min(self.last, rate / LEAST_CYCLES)
+        times = np.arange(round(SECONDS * rate)) / rate
+        phase = 2.0 * math.pi * (self.first * times + (last - self.first) / (2.0 * SECONDS) * times**2)
+        # Begins with all its torque: so the speed swings about nothing, and a free drum stays where it is.
+        chirp = self.mean + self.amplitude * np.cos(phase)
+        rise = self.mean * np.linspace(0.0, 1.0, round(RISE * rate)) if self.mean else np.zeros(0)
+        push = np.zeros(round((1.0 + COASTING) * self.push * rate))
+        push[: round(self.push * rate)] = self.amplitude
+        return np.concatenate([rise, chirp, *(sign * push for sign in (1.0, -1.0, 1.0, -1.0))])
+
+
+def free_chirp(drum: Drum) -> Chirp:
+    """Return the chirp for a drum that nothing touches: some times its friction, 0.6 rad from end to end."""
+    friction, most = drum.friction * drum.radius, MOST_SHARE * drum.force_limit * drum.radius
+    amplitude = min(max(OVER_FRICTION * friction, 0.01 * most), most)
+    first = math.sqrt(amplitude / (FREE_SWING * inertia(drum))) / (2.0 * math.pi)
+    # In a swing alone friction looks like latency: both make it late. Coasting shows the friction.
+    push = math.sqrt(2.0 * FREE_SWING * inertia(drum) * max(friction, 0.1 * amplitude)) / amplitude
+    return Chirp(0.0, amplitude, first, 8.0 * first, push)
+
+
+def held_chirp(glove: Glove, drum: Drum) -> Chirp:
+    """Return the chirp for a drum that presses on a held finger's replica, about where they ring."""
+    most = MOST_SHARE * drum.force_limit * drum.radius
+    wanted = HELD_FORCE * float(glove.replica_torque(HELD_BEND, 1.0)) / _drum_rate(glove)
+    mean = min(wanted, most / (1.0 + HELD_SHARE))
+    ringing = math.sqrt(drum_stiffness(glove, glove.cable.stiffness) / inertia(drum)) / (2.0 * math.pi)
+    return Chirp(-mean, HELD_SHARE * mean, 0.25 * ringing, 2.0 * ringing)
+
+
+def inertia(drum: Drum) -> float:
+    """Return the inertia of a drum about its axis, kg m², its rotor behind the gear."""
+    return drum.mass * drum.radius**2
+
+
+def drum_stiffness(glove: Glove, cable: float) -> float:
+    """Return the stiffness that a cable of so many N/m is to the drum, N m/rad, the finger held."""
+    return cable * (glove.cable.replica_pulley / _drum_rate(glove)) ** 2
+
+
+def answer(plant: np.ndarray, record: DrumRecord, latency: float, step: float = LONGEST_STEP) -> np.ndarray:
+    """Return the angles of a drum under the commands of a record, (N,), rad, from 0.
+
+    Parameters
+    ----------
+    plant : (SWING_SIZE,) float64
+        As the kernel reads it.
+    record : DrumRecord
+        Of which the commands and their times count.
+    latency : float, s
+        From a command to the angle that is read of it.
+    step : float, s
+        Of the simulation, at most.
+    """
+    times, count = record.times, len(record.times)
+    period = (times[-1] - times[0]) / (count - 1)
+    steps = math.ceil(period / step)
+    edges = times[0] + period / steps * np.arange(count * steps + 1)
+    ends = np.append(times, times[-1] + period)
+    impulse = np.concatenate([[0.0], np.cumsum(record.commanded * np.diff(ends))])
+    means = np.diff(np.interp(edges - latency, ends, impulse)) / (period / steps)
+    angles = np.zeros(count)
+    swing(plant, means, steps, period / steps, angles)
+    return np.interp(times, edges[:-1:steps], angles)
+
+
+def identify_free(record: DrumRecord, drum: Drum) -> dict[str, float]:
+    """Return inertia, kg m², friction, N m, viscous friction, N m s, and latency, s, of a free drum.
+
+    Parameters
+    ----------
+    record : DrumRecord
+        Of a drum that nothing touched.
+    drum : Drum
+        As designed: where the search begins.
+
+    Raises
+    ------
+    DecaffError
+        If the drum did not follow, or the model does not explain its answer.
+    """
+    _check_motor(record)
+    scale = np.array([inertia(drum), max(drum.friction * drum.radius, 1e-6), 0.0, _period(record)])
+    scale[2] = 0.1 * scale[1]
+
+    def plant(numbers: np.ndarray) -> np.ndarray:
+        made = np.zeros(SWING_SIZE)
+        made[[SWING_INERTIA, SWING_FRICTION, SWING_VISCOUS]] = numbers[:3]
+        return made
+
+    starts = [scale * [share, 1.0, 1.0, 1.0] for share in SEARCHED]
+    span = max(1, round(0.25 / (free_chirp(drum).last * _period(record))))
+    names = ("inertia", "friction", "viscous", "latency")
+    return dict(zip(names, _fitted(record, plant, scale, starts, span), strict=True))
+
+
+def identify_held(record: DrumRecord, drum: Drum, glove: Glove, viscous: float) -> dict[str, float]:
+    """Return stiffness, N m/rad, and damping, N m s, of what a drum presses on, and the rest that swings.
+
+    Parameters
+    ----------
+    record : DrumRecord
+        Of a drum that presses on the replica of a held finger.
+    drum : Drum
+        As designed.
+    glove : Glove
+        As designed.
+    viscous : float, N m s
+        Friction of the free drum.
+
+    Raises
+    ------
+    DecaffError
+        If the drum did not follow, or the model does not explain its answer.
+    """
+    _check_motor(record)
+    stiff = drum_stiffness(glove, glove.cable.stiffness)
+    mass, friction = inertia(drum), max(drum.friction * drum.radius, 1e-6)
+    scale = np.array([stiff, 0.1 * math.sqrt(stiff * mass), mass, friction, _period(record)])
+
+    def plant(numbers: np.ndarray) -> np.ndarray:
+        made = np.zeros(SWING_SIZE)
+        made[[SWING_STIFFNESS, SWING_DAMPING, SWING_INERTIA, SWING_FRICTION]] = numbers[:4]
+        made[SWING_VISCOUS] = viscous
+        return made
+
+    starts = [scale * [share, 2.0 * math.sqrt(share), 1.2, 1.0, 1.0] for share in SEARCHED]
+    names = ("stiffness", "damping", "inertia", "friction", "latency")
+    return dict(zip(names, _fitted(record, plant, scale, starts), strict=True))
+
+
+def encoder_step(angles: np.ndarray) -> tuple[float, float]:
+    """Return the step between an encoder's angles, rad, and its half-width; nan where none can be seen."""
+    levels = np.unique(angles)
+    gaps = np.diff(levels)
+    gaps = gaps[gaps > 1e-6 * (levels[-1] - levels[0])]
+    if len(gaps) < 3:
+        return math.nan, math.nan
+    least = float(np.median(gaps[gaps < 1.5 * gaps.min()]))
+    numbers = np.rint((levels - levels[0]) / least)
+    slope, origin = np.polyfit(numbers, levels, 1)
+    off = levels - (origin + slope * numbers)
+    if np.abs(off).max() > 0.1 * least:
+        return math.nan, math.nan
+    error = math.sqrt(
+        float(off @ off) / max(len(off) - 2, 1) / float(((numbers - numbers.mean()) ** 2).sum())
+    )
+    return float(slope), 2.0 * error + 1e-6 * float(slope)
+
+
+def _fitted(
+    record: DrumRecord,
+    plant: Callable[[np.ndarray], np.ndarray],
+    scale: np.ndarray,
+    starts: list[np.ndarray],
+    span: int = 0,
+) -> list[float]:
+    """Least squares from the best of *starts*, of angles about their mean, or of turns within *span* samples.
+
+    A free drum wanders with each disturbance of its torque, which a turn within a moment hardly sees.
+    """
+
+    def seen(angles: np.ndarray) -> np.ndarray:
+        turned = angles[span:] - angles[:-span] if span else angles
+        return turned - turned.mean()
+
+    step, _ = encoder_step(record.angles)
+    if not np.ptp(record.angles) > WEAKEST_ANSWER * (step if step == step else 0.0):
+        raise DecaffError("the drum hardly moved, expected a swing: is the motor on, and is the drum free?")
+    angles = seen(record.angles)
+    sizes = plant(np.abs(scale))
+
+    def misfit(numbers: np.ndarray) -> np.ndarray:
+        made = plant(numbers * scale)
+        # What the search asks of things that cannot be is answered by the nearest that can.
+        made[SWING_INERTIA] = max(made[SWING_INERTIA], 0.05 * sizes[SWING_INERTIA])
+        made[SWING_FRICTION] = max(made[SWING_FRICTION], 0.0)
+        computed = answer(made, record, numbers[-1] * scale[-1])
+        return seen(computed) - angles
+
+    best = min((start / scale for start in starts), key=lambda start: float(np.sum(misfit(start) ** 2)))
+    for difference in DIFFERENCES:
+        found = least_squares(misfit, best, "3-point", x_scale="jac", diff_step=difference, max_nfev=60)
+        best = found.x
+    swung = float(np.sqrt(np.mean(angles**2)))
+    left = float(np.sqrt(np.mean(found.fun**2)))
+    if not left <= math.hypot(MOST_MISFIT * swung, 0.5 * step if step == step else 0.0):
+        raise DecaffError(
+            f"the chirp's answer is no such drum's: {100 * left / swung:.0f} % of it cannot be explained, "
+            f"expected {100 * MOST_MISFIT:.0f} % at most: is something in the way, or not held?"
+        )
+    return [float(value) for value in found.x * scale]
+
+
+def _check_motor(record: DrumRecord) -> None:
+    """Refuse a record in which the motor, by its current, did something else than what was commanded."""
+    swung = float(np.std(record.commanded))
+    off = float(np.median(np.abs(record.torques - record.commanded)))
+    if not off <= MOST_TORQUE_OFF * swung:
+        raise DecaffError(
+            f"the motor's torque is {off:.3g} N m off its command, expected "
+            f"{MOST_TORQUE_OFF * swung:.3g} N m at most: look at its torque constant and limits"
+        )
+
+
+def _period(record: DrumRecord) -> float:
+    return float(record.times[-1] - record.times[0]) / (len(record.times) - 1)
+
+
+def _drum_rate(glove: Glove) -> float:
+    return float(glove.drum.drum_rate(glove.replica_angle(HELD_BEND)))

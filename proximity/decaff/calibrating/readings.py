@@ -1,0 +1,169 @@
+"""Readings of a calibration: kept in a file after each one, and which of them agree.
+
+The file lies beside the calibration that is made of them. What is asked next follows from the readings
+alone, so a calibration that was interrupted goes on where it was.
+"""
+
+import json
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from proximity.decaff.calibrating.tasks import Bench, Task
+from proximity.errors import DecaffError
+from proximity.system.regular_file import open_regular
+from proximity.system.whole_file import whole_file
+
+FORMAT, FILE_VERSION = "proximity glove readings", 1
+LARGEST_FILE = 50_000_000  # bytes; a calibration's have some 2 million
+MOST_TRIES = 4  # times the repeats of a task: then its readings are said to disagree
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """What is to be measured next."""
+
+    task: Task
+    number: int  # of the readings so far
+    agreeing: int  # readings of this task that agree
+    is_again: bool  # because readings of this task disagree
+
+    @property
+    def bend(self) -> float | None:
+        """Bend of the finger."""
+        return self.task.bends[self.agreeing % len(self.task.bends)]
+
+
+class Readings:
+    """Readings of one glove with the same instruments, in the order in which they came.
+
+    Parameters
+    ----------
+    path : path
+        Of the file; read if it is there.
+    source : str
+        Names the instruments.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], source: str) -> None:
+        self.path, self.source = Path(path), source
+        self.began = datetime.now(UTC)
+        self.all: list[dict[str, Any]] = []
+        if self.path.exists():
+            self._read()
+
+    def add(self, task: Task, values: dict[str, Any]) -> None:
+        """Add a reading, and write the file.
+
+        Parameters
+        ----------
+        task : Task
+            Of which it is.
+        values : dict
+            What was measured.
+        """
+        self.all.append({"task": task.key, "made": datetime.now(UTC).isoformat(), **values})
+        self.write()
+
+    def write(self, results: dict[str, Any] | None = None) -> None:
+        """Write the file, at once and wholly.
+
+        Parameters
+        ----------
+        results : dict
+            What the readings say, beside them.
+        """
+        document = {
+            "format": FORMAT, "version": FILE_VERSION, "source": self.source, "began": self.began.isoformat(),
+            "results": results or {}, "readings": self.all,
+        }  # fmt: skip
+        with whole_file(self.path, DecaffError) as stream:
+            stream.write(json.dumps(document, ensure_ascii=False, allow_nan=False).encode())
+
+    def of(self, task: Task) -> list[dict[str, Any]]:
+        """Return all readings of a task."""
+        return [reading for reading in self.all if reading["task"] == task.key]
+
+    def agreeing(self, task: Task, bench: Bench) -> list[dict[str, Any]]:
+        """Return the readings of a task that agree: the most that differ by no more than they may."""
+        readings = self.of(task)
+        rows = _largest_cluster([reading[task.judged] for reading in readings], task.tolerance(bench))
+        return [readings[row] for row in rows]
+
+    def next(self, tasks: Sequence[Task], bench: Bench) -> Asked | None:
+        """Return what is to be measured next; None: all is there.
+
+        Poses come in rounds, as a finger closes from the flat hand to the fist; other tasks one by one.
+
+        Parameters
+        ----------
+        tasks : sequence of Task
+            In their order.
+        bench : Bench
+            What is calibrated.
+
+        Raises
+        ------
+        DecaffError
+            If many readings of a task do not agree.
+        """
+        counts = {task.key: len(self.agreeing(task, bench)) for task in tasks}
+        left = [task for task in tasks if counts[task.key] < task.repeats]
+        for task in left:
+            if len(self.of(task)) >= MOST_TRIES * task.repeats:
+                raise DecaffError(
+                    f"{task.key}: of {len(self.of(task))} readings no {task.repeats} agree: {task.advice}; "
+                    f"then measure it anew with --again {task.key.split()[0]!r}"
+                )
+        if not left:
+            return None
+        poses = [task for task in left if task.key.startswith("pose")]
+        task = min(poses, key=lambda task: counts[task.key]) if poses else left[0]
+        is_again = len(self.of(task)) > counts[task.key] and self.all[-1]["task"] == task.key
+        return Asked(task, len(self.all), counts[task.key], is_again)
+
+    def drop(self, start: str) -> int:
+        """Forget the readings of the tasks whose names begin so; return how many there were."""
+        kept = [reading for reading in self.all if not reading["task"].startswith(start)]
+        dropped = len(self.all) - len(kept)
+        self.all = kept
+        if dropped:
+            self.write()
+        return dropped
+
+    def _read(self) -> None:
+        try:
+            with open_regular(self.path) as stream:
+                document = json.loads(stream.read(LARGEST_FILE).decode())
+            if document["format"] != FORMAT or document["version"] != FILE_VERSION:
+                raise ValueError("another format or version")
+            source, began = document["source"], datetime.fromisoformat(document["began"])
+            self.all = [dict(reading) for reading in document["readings"]]
+        except (OSError, ValueError, KeyError, TypeError) as unfit:
+            raise DecaffError(
+                f"{self.path}: readings cannot be used ({unfit}): remove the file, or name another "
+                "calibration"
+            ) from unfit
+        if source != self.source:
+            raise DecaffError(
+                f"{self.path}: has readings of {source}, not of {self.source}: name another calibration, or "
+                "remove the file"
+            )
+        self.began = began
+
+
+def _largest_cluster(values: Sequence[float], tolerance: float) -> list[int]:
+    """Rows of the most values that lie within *tolerance* of one another; of several such, the newest."""
+    order = np.argsort(values, kind="stable")
+    ordered = np.asarray(values, np.float64)[order]
+    best: list[int] = []
+    for i in range(len(ordered)):
+        rows = sorted(order[i : np.searchsorted(ordered, ordered[i] + tolerance, side="right")].tolist())
+        if (len(rows), rows[-1:]) > (len(best), best[-1:]):
+            best = rows
+    return best

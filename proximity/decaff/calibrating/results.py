@@ -1,0 +1,229 @@
+"""Results of a calibration: each number with its uncertainty beside the model's, and the file for the glove.
+
+An uncertainty is half of the interval that holds the true number 95 times of 100, as far as repeats show it
+(Student's t), widened by what one count or one sample hides from all repeats alike. What all repeats share,
+such as a spring scale that reads too much, no repetition shows.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.special import stdtrit
+
+from proximity.decaff.calibrating.drum_chirp import drum_stiffness
+from proximity.decaff.calibrating.readings import Asked, Readings
+from proximity.decaff.calibrating.tasks import (
+    BACKLASH,
+    FREE,
+    HELD,
+    LATENCY,
+    POSE_TASKS,
+    POSES,
+    PULL,
+    TOUCH,
+    Bench,
+    Ready,
+    Task,
+    tasks_for,
+)
+from proximity.decaff.glove import calibration_fit
+from proximity.decaff.glove.calibrated_glove import CalibratedGlove
+from proximity.decaff.glove.calibration import Calibration
+
+COVERED = 0.975  # quantile of Student's t for 95 of 100, on both sides
+HALF_COUNT = 0.5
+
+Reading = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """One number of a calibration, in SI units or counts."""
+
+    key: str
+    label: str
+    unit: str  # in which it is shown
+    shown: float  # times the number: what is shown
+    value: float
+    half_width: float  # of the interval that holds the true number 95 times of 100; inf: one reading only
+    model: float  # as designed; nan: the design does not say
+    readings: int
+
+    @property
+    def is_as_modelled(self) -> bool:
+        """Whether the model's number lies within the uncertainty; also where there is none."""
+        return not abs(self.value - self.model) > self.half_width
+
+
+class Session:
+    """A calibration under way: what is calibrated, with what, and the readings so far.
+
+    Parameters
+    ----------
+    bench : Bench
+        What is calibrated.
+    readings : Readings
+        So far, with the same instruments.
+    skipped : sequence of str
+        Keys of tasks that are left out.
+    """
+
+    def __init__(self, bench: Bench, readings: Readings, skipped: Sequence[str] = ()) -> None:
+        self.bench, self.readings = bench, readings
+        self.tasks = tuple(task for task in tasks_for(bench) if task.key not in skipped)
+
+    def next(self) -> Asked | None:
+        """Return what is to be measured next; None: all is there."""
+        return self.readings.next(self.tasks, self.bench)
+
+    def take(self, asked: Asked, ready: Ready) -> None:
+        """Measure, and keep the reading.
+
+        Parameters
+        ----------
+        asked : Asked
+            As `next` returned it.
+        ready : callable
+            Returns when the person has done a part of the task.
+
+        Raises
+        ------
+        DecaffError
+            If the reading cannot be right; nothing is kept of it.
+        """
+        free = self.readings.agreeing(FREE, self.bench)
+        viscous = float(np.mean([reading["viscous"] for reading in free])) if free else 0.0
+        bench = Bench(self.bench.instruments, self.bench.glove, self.bench.drum, viscous)
+        bend = asked.bend if asked.bend is not None else 0.0
+        self.readings.add(asked.task, asked.task.measure(bench, bend, ready))
+
+    def of(self, task: Task) -> list[Reading]:
+        """Return the readings of a task that agree."""
+        return self.readings.agreeing(task, self.bench)
+
+    def estimates(self) -> list[Estimate]:
+        """Return what the readings so far say."""
+        found = []
+        for key, label, unit, shown, task, number, model, hidden in _quantities(self.bench):
+            readings = self.of(task)
+            values = np.array([number(reading) for reading in readings])
+            if len(values) and np.isfinite(values).all():
+                half = math.hypot(_half_width(values), max(map(hidden, readings)))
+                found.append(
+                    Estimate(key, label, unit, shown, float(values.mean()), half, model, len(values))
+                )
+        return found
+
+    def calibration(self, name: str, phalanges: tuple[float, float, float]) -> Calibration:
+        """Return the calibration of a glove whose tasks are all done.
+
+        Parameters
+        ----------
+        name : str
+            Of hand and finger.
+        phalanges : (3,) float, m
+            Lengths of the finger's.
+
+        Raises
+        ------
+        DecaffError
+            If the readings contradict one another, or cannot be of such a glove.
+        """
+        values = {estimate.key: estimate.value for estimate in self.estimates()}
+        touches, glove = self.of(TOUCH), self.bench.glove
+        made = Calibration(
+            made=self.readings.began,  # the oldest reading ages first
+            counts=np.array([values[task.key] for task in POSE_TASKS]),
+            bends=np.array(POSES),
+            touch_offset=calibration_fit.touch_offset(
+                glove, [touch["counts"] for touch in touches], [touch["angle"] for touch in touches]
+            ),
+            cable_compliance=values["cable_compliance"],
+            backlash=values["backlash"],
+            latency=values["latency"],
+            phalanges=phalanges,
+            name=name,
+        )
+        CalibratedGlove(glove, made)
+        return made
+
+
+def _half_width(values: np.ndarray) -> float:
+    count = len(values)
+    if count < 2:
+        return math.inf
+    return float(stdtrit(count - 1, COVERED) * values.std(ddof=1) / math.sqrt(count))
+
+
+_Quantity = tuple[
+    str, str, str, float, Task, Callable[[Reading], float], float, Callable[[Reading], float]
+]  # key, label, unit, factor, task, number of a reading, model, what repeats hide
+
+
+def _quantities(bench: Bench) -> list[_Quantity]:
+    glove, drum = bench.glove, bench.drum
+    a_count = glove.cable.replica_pulley / glove.potentiometer.gain  # m of cable
+    # Of a held drum to a cable in N/m, and of the drum's axis to its rim.
+    per_cable, radius = drum_stiffness(glove, 1.0), drum.radius
+    designed = glove.potentiometer.counts(glove.replica_angle(POSES))
+
+    def value(name: str, factor: float = 1.0) -> Callable[[Reading], float]:
+        return lambda reading: factor * reading[name]
+
+    def hidden(amount: float) -> Callable[[Reading], float]:
+        return lambda reading: amount
+
+    no = hidden(0.0)
+    return [
+        *(
+            (task.key, task.key, "counts", 1.0, task, value("counts"), float(model), hidden(HALF_COUNT))
+            for task, model in zip(POSE_TASKS, designed, strict=True)
+        ),
+        ("backlash", "backlash", "µm", 1e6, BACKLASH, value("backlash"),
+         glove.cable.backlash, hidden(HALF_COUNT * a_count)),
+        ("cable_compliance", "cable stretch", "µm/N", 1e6, PULL, value("compliance"),
+         1.0 / glove.cable.stiffness, hidden(0.5 * HALF_COUNT * a_count)),
+        ("touch_offset", "drum zero", "mrad", 1e3, TOUCH, value("offset"), math.nan,
+         hidden(HALF_COUNT / glove.potentiometer.gain)),
+        ("latency", "glove latency", "ms", 1e3, LATENCY, value("latency"), math.nan, value("sampled")),
+        ("drum_mass", "drum mass", "g", 1e3, FREE, value("inertia", radius**-2),
+         drum.mass, no),
+        ("drum_friction", "drum friction", "mN", 1e3, FREE, value("friction", 1.0 / radius),
+         drum.friction, no),
+        ("drum_latency", "drum latency", "ms", 1e3, FREE, value("latency"), math.nan, no),
+        ("drum_resolution", "encoder step", "µm", 1e6, FREE, value("step", radius),
+         drum.resolution, value("step_error", radius)),
+        ("cable_stiffness", "cable spring", "N/mm", 1e-3, HELD,
+         value("stiffness", 1.0 / per_cable), glove.cable.stiffness, no),
+    ]  # fmt: skip
+
+
+def as_document(estimates: Sequence[Estimate]) -> dict[str, Any]:
+    """Return estimates as a document, in SI units and counts."""
+    return {
+        estimate.key: {
+            "value": estimate.value,
+            "uncertainty_95": estimate.half_width if math.isfinite(estimate.half_width) else None,
+            "model": estimate.model if math.isfinite(estimate.model) else None,
+            "readings": estimate.readings,
+        }
+        for estimate in estimates
+    }
+
+
+def contradiction(session: Session) -> str:
+    """Return a sentence where the pulled cable and the chirp contradict each other; else nothing."""
+    found = {estimate.key: estimate for estimate in session.estimates()}
+    if not {"cable_compliance", "cable_stiffness"} <= set(found):
+        return ""
+    pulled, swung = found["cable_compliance"], found["cable_stiffness"]
+    off = abs(pulled.value - 1.0 / swung.value)
+    if off <= math.hypot(pulled.half_width, swung.half_width / swung.value**2):
+        return ""
+    return (
+        f"the pulled cable has {1e-3 / pulled.value:.1f} N/mm and the chirp {1e-3 * swung.value:.1f} N/mm, "
+        "farther apart than their uncertainties: look at the clamp and at the spring scale"
+    )

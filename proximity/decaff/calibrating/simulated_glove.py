@@ -1,0 +1,171 @@
+"""Simulated glove to calibrate: parameters that are known, a hand that is not quite steady, and noise.
+
+Each reading draws its own random numbers, from the seed and how many readings came before: a calibration that
+was interrupted ends with the same numbers as one that was not.
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from proximity.decaff.calibrating.drum_chirp import answer, drum_stiffness, inertia
+from proximity.decaff.calibrating.instruments import DrumRecord, Instruments
+from proximity.decaff.calibrating.readings import Asked
+from proximity.decaff.calibrating.swing_kernels import (
+    SWING_DAMPING,
+    SWING_FRICTION,
+    SWING_INERTIA,
+    SWING_SIZE,
+    SWING_STIFFNESS,
+    SWING_VISCOUS,
+)
+from proximity.decaff.calibrating.tasks import BACKLASH, FREE, HELD, POSES, PULL, TENSION, TOUCH
+from proximity.decaff.drum.drum_model import Drum
+from proximity.decaff.glove.calibration_fit import step_latency
+from proximity.decaff.glove.glove import Glove
+from proximity.errors import DecaffError
+
+RATE = 3000.0  # Hz, of the drum
+SAMPLES, NOISE = 50, 2.0  # of a moment's reading, and their counts of noise
+HAND, BLOCK = 0.004, 2e-5  # bend by which a person misses a pose, and a block
+SLIP_SHARE, SLIP = 0.05, 0.06  # of the poses a hand slips, by so much bend
+SCALE_ERROR = 0.02  # share of a pull by which a spring scale is misread
+TOUCH_ERROR = 3e-4  # rad by which a person turns the drum too far, or not far enough
+STEP_RATE, STEP_RISE = 1000.0, 1e-3  # Hz of a step test, and s that its answer takes
+TORQUE_NOISE = 0.02  # share of a chirp
+LINK_INERTIA = 7.6e-6  # kg m², of the replica's link, 5 g at the roller
+HELD_DAMPING = 0.1  # share of the critical one
+FINE_STEP = 2.5e-6  # s, a tenth of that with which the answer is identified
+
+
+class SimulatedGlove:
+    """Hand, glove and drum with parameters near those of the design; both ports at once.
+
+    Parameters
+    ----------
+    seed : int
+        Of its parameters and of all noise.
+    design : Glove
+        As designed.
+    drum : Drum
+        As designed.
+    """
+
+    rate = RATE
+
+    def __init__(self, seed: int, design: Glove, drum: Drum) -> None:
+        if seed < 0:
+            raise DecaffError(f"the seed is {seed}, expected 0 or more")
+        self._seed = seed
+        random = np.random.default_rng([seed])
+        cable = replace(
+            design.cable,
+            hand_pulley=design.cable.hand_pulley * random.uniform(0.95, 1.05),
+            stiffness=random.uniform(12e3, 30e3),
+            backlash=random.uniform(0.05e-3, 0.3e-3),
+        )
+        motor = replace(
+            drum.motor,
+            inertia=drum.motor.inertia * random.uniform(0.8, 1.3),
+            friction=drum.motor.friction * random.uniform(0.7, 1.4),
+            encoder_counts=int(random.choice([2000, 2048, 4000, 4096])),
+        )
+        self._glove, self._drum = replace(design, cable=cable), replace(drum, motor=motor)
+        self._mounted = random.uniform(-0.1, 0.1)
+        self._latency = random.uniform(2e-3, 12e-3)
+        self._drum_latency = random.uniform(0.3e-3, 1.5e-3)
+        self._random, self._asked = random, ""
+        self._bend = self._block_error = 0.0
+
+    @property
+    def instruments(self) -> Instruments:
+        """This glove as what a calibration measures with."""
+        return Instruments(f"a simulated glove, seed {self._seed}", self, self)
+
+    @property
+    def truth(self) -> dict[str, float]:
+        """True numbers, by the keys of the results."""
+        counts = self._glove.potentiometer.counts(self._glove.replica_angle(POSES))
+        return {
+            **{f"pose {i + 1}": float(value) for i, value in enumerate(counts)},
+            "touch_offset": self._mounted,
+            "cable_compliance": 1.0 / self._glove.cable.stiffness,
+            "backlash": self._glove.cable.backlash,
+            "latency": self._latency,
+            "drum_mass": self._drum.mass,
+            "drum_friction": self._drum.friction,
+            "drum_latency": self._drum_latency,
+            "drum_resolution": self._drum.resolution,
+            "cable_stiffness": self._glove.cable.stiffness,
+        }
+
+    def prepare(self, asked: Asked, part: int) -> None:
+        """Do what a part of a task says, as a person would.
+
+        Parameters
+        ----------
+        asked : Asked
+            The task.
+        part : int
+            Of it, from 0.
+        """
+        self._asked, self._part = asked.task.key, part
+        self._random = np.random.default_rng([self._seed, asked.number + 1, part])
+        is_at_block = self._asked in (BACKLASH.key, PULL.key)
+        miss = self._random.normal(0.0, BLOCK if is_at_block else HAND)
+        if not is_at_block and self._random.uniform() < SLIP_SHARE:
+            miss += SLIP
+        if self._asked == PULL.key and part == 1:
+            return  # the finger stays where it was
+        self._bend = (asked.bend or 0.0) + miss
+
+    def counts(self) -> np.ndarray:
+        """Return what the potentiometer reads for a moment."""
+        is_closing = not (self._asked == BACKLASH.key and self._part == 1)
+        tension = 0.0
+        if self._asked == PULL.key and self._part == 1:
+            tension = TENSION * (1.0 + self._random.normal(0.0, SCALE_ERROR))
+        replica = float(self._glove.replica_angle(self._bend, tension, is_closing=is_closing))
+        noise = self._random.normal(0.0, NOISE, SAMPLES) / self._glove.potentiometer.gain
+        return self._glove.potentiometer.read(replica + noise).astype(np.float64)
+
+    def latency(self) -> tuple[float, float]:
+        """Return the latency of a step that comes somewhere between two samples."""
+        times = np.arange(60) / STEP_RATE
+        step_time = 0.02 + self._random.uniform() / STEP_RATE
+        answer_ = np.clip((times - step_time - self._latency) / STEP_RISE, 0.0, 1.0)
+        answer_ += self._random.normal(0.0, 0.01, len(times))
+        return step_latency(times, answer_, step_time), 1.0 / STEP_RATE
+
+    def angle(self) -> float:
+        """Return what the drum's encoder reads where the drum touches the replica."""
+        replica = self._glove.replica_angle(self._bend)
+        return self._read(float(self._glove.drum.drum_angle(replica)) + self._mounted + self._turned())
+
+    def swing(self, torques: np.ndarray) -> DrumRecord:
+        """Swing the drum, which stands free or at the replica as the task says."""
+        plant = np.zeros(SWING_SIZE)
+        plant[SWING_INERTIA] = inertia(self._drum)
+        plant[SWING_FRICTION] = self._drum.friction * self._drum.radius
+        plant[SWING_VISCOUS] = 0.01 * plant[SWING_FRICTION]
+        if self._asked == HELD.key:
+            plant[SWING_INERTIA] += LINK_INERTIA
+            plant[SWING_STIFFNESS] = stiffness = drum_stiffness(self._glove, self._glove.cable.stiffness)
+            plant[SWING_DAMPING] = 2.0 * HELD_DAMPING * math.sqrt(stiffness * plant[SWING_INERTIA])
+        else:
+            assert self._asked == FREE.key, "only these tasks swing the drum"
+        times = np.arange(len(torques)) / RATE
+        disturbed = torques + TORQUE_NOISE * np.ptp(torques) / 2.0 * self._random.normal(size=len(torques))
+        angles = answer(plant, DrumRecord(times, disturbed, times, disturbed), self._drum_latency, FINE_STEP)
+        start = self._random.uniform(-0.1, 0.1)
+        read = np.array([self._read(start + angle) for angle in angles.tolist()])
+        return DrumRecord(times, torques, read, disturbed)
+
+    def _turned(self) -> float:
+        assert self._asked == TOUCH.key, "only touches read the drum"
+        return float(self._random.normal(0.0, TOUCH_ERROR))
+
+    def _read(self, angle: float) -> float:
+        step = self._drum.resolution / self._drum.radius
+        return round(angle / step) * step

@@ -1,0 +1,139 @@
+"""``proximity calibrate``: a person is guided, interrupted, corrected, and gets a calibration."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+from proximity.decaff.calibrating.tasks import POSES
+from proximity.decaff.glove.calibrated_glove import CalibratedGlove
+from proximity.decaff.glove.calibration import check_age, read_calibration
+from proximity.decaff.glove.glove import Glove
+from proximity.message import GLOVE_POSES, Message
+from proximity.transport import open_publisher
+
+COMMAND = ("calibrate",)
+GLOVE = Glove()
+SHORT = ("--simulate", "--skip", "held drum")
+
+
+def test_simulated_glove_is_calibrated_and_drawn(run, tmp_path):
+    ended = run(tmp_path / "glove.json", *SHORT, "--yes", "--name", "right index")
+
+    assert ended.code == 0
+    assert ended.out.endswith(f"{tmp_path}/glove.json: written; drawn in {tmp_path}/glove.png\n")
+    assert re.search(r"drum mass \[g\] +19\d\.\d+ +0\.\d+ +240\.\d+ +193\.98", ended.out)
+    assert (tmp_path / "glove.png").read_bytes().startswith(b"\x89PNG")
+    made = read_calibration(tmp_path / "glove.json")
+    check_age(made)
+    CalibratedGlove(GLOVE, made)
+    assert made.name == "right index"
+
+
+def test_input_that_ends_keeps_readings_and_the_next_run_goes_on(run, tmp_path):
+    path = tmp_path / "glove.json"
+    first = run(path, *SHORT, stdin="\n" * 5)
+
+    assert first.code == 1
+    assert "5 readings are kept in" in first.err and "the same command goes on there" in first.err
+    assert not path.exists()
+    second = run(path, *SHORT, stdin="\n" * 40)
+    assert second.code == 0
+    assert "glove.readings.json: 5 readings since" in second.err
+    assert "[6 of 44] pose 6, 1 of 3" in second.out and "pose 5, 1 of 3" not in second.out
+
+
+def test_interrupt_keeps_readings(run, tmp_path, monkeypatch):
+    answers = iter(["", "", ""])
+
+    def typed(question):
+        try:
+            return next(answers)
+        except StopIteration:
+            raise KeyboardInterrupt from None
+
+    monkeypatch.setattr("builtins.input", typed)
+    ended = run(tmp_path / "glove.json", *SHORT)
+
+    assert ended.code == 130
+    assert "3 readings are kept in" in ended.err
+    assert "pose 3 [counts]" in ended.out
+    assert len(json.loads((tmp_path / "glove.readings.json").read_text())["readings"]) == 3
+
+
+def test_numbers_are_typed_and_what_is_none_or_cannot_be_is_asked_again(run, tmp_path):
+    """Without a motor there are no chirps."""
+    counts = GLOVE.counts(np.array(POSES)).tolist()
+    lines = ["flat", *map(str, counts * 3)]
+    lines += ["35100", "35000", *["35000", "35060"] * 3]  # opening below closing cannot be
+    lines += ["35000", "34954"] * 3
+    for i in range(9):
+        bend = (1 / 6, 1 / 2, 5 / 6)[i % 3]
+        lines += [str(GLOVE.counts(bend)), f"{float(GLOVE.drum_angle(bend)) + 0.031:.5f}"]
+    lines += ["4.2", "1"] * 3
+    ended = run(tmp_path / "glove.json", stdin="\n".join(lines) + "\n")
+
+    assert ended.code == 0
+    assert "'flat' is no number, expected one as 31072 or 1.178" in ended.err
+    assert (
+        "not kept: counts are 35100 closing and 35000 opening, expected no fewer opening. Once" in ended.err
+    )
+    made = read_calibration(tmp_path / "glove.json")
+    np.testing.assert_array_equal(made.counts, counts)
+    assert made.touch_offset == pytest.approx(0.031, abs=1e-4)
+    assert made.latency == pytest.approx(4.2e-3)
+    assert "drum mass" not in ended.out
+
+
+def test_counts_come_from_the_glove_and_a_hand_that_moves_is_asked_again(run, tmp_path, monkeypatch):
+    reported = iter([21845.0, 31000.0])
+    with open_publisher("mailbox:calibrate/poses") as sender:
+
+        def sleep(seconds):
+            message = Message(GLOVE_POSES, 1)
+            message.records["finger"], message.records["counts"] = 1, next(reported, 21850.0)
+            sender.publish(message)
+
+        monkeypatch.setattr("proximity.cli.guided_calibration.time.sleep", sleep)
+        monkeypatch.setattr("proximity.cli.guided_calibration.LISTENING_S", 0.01)
+        ended = run(tmp_path / "g.json", "--counts", "mailbox:calibrate/poses", "--finger", "1", stdin="\n\n")
+
+    assert ended.code == 1
+    assert (
+        "not kept: the potentiometer wandered by 9155 counts meanwhile: hold the hand still. Once more"
+        in ended.err
+    )
+    assert "read: 21850 counts" in ended.out
+
+
+def test_results_are_printed_as_json_and_a_task_is_measured_again(run, tmp_path):
+    path = tmp_path / "glove.json"
+    ended = run(path, "--simulate", "--skip", "held drum", "--skip", "free drum", "--yes", "--json")
+    document = json.loads(ended.out)
+    assert document["latency"]["readings"] == 3 and document["latency"]["uncertainty_95"] > 0.0
+
+    again = run(path, *SHORT, "--skip", "free drum", "--yes", "--again", "touch")
+    assert "touches, 1 of 9" in again.out and "pose" not in again.out.partition("measured")[0]
+    assert again.code == 0
+    renewed = read_calibration(path).made
+    run(path, *SHORT, "--skip", "free drum", "--yes")
+    assert read_calibration(path).made == renewed  # nothing was measured: it is not younger now
+    assert run(path, *SHORT, "--again", "chirp").words.count("there are no readings of 'chirp'") == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--drum", "gear5"), "'gear5': expected direct, gear4 or gear10"),
+        (("--seed", "3"), "requires --simulate"),
+        (("--simulate", "--counts", "udp://127.0.0.1:1"), "a simulated glove has its own counts"),
+        (("--skip", "pose 1"), "'pose 1': expected 'free drum' or 'held drum'"),
+        (("--phalanges", "45", "-26", "20"), "one of phalanges is -0.026"),
+    ],
+)
+def test_what_cannot_be_is_refused(run, tmp_path, options, words):
+    ended = run(tmp_path / "glove.json", *options)
+
+    assert ended.code == 2
+    assert words in ended.words
