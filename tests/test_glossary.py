@@ -1,4 +1,4 @@
-"""Words that the product does not use: the field has others, see docs/development.md."""
+"""Words that the product does not use: the field has others, see docs/design/layers.md."""
 
 import ast
 import io

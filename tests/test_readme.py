@@ -60,7 +60,7 @@ def test_two_commands_set_everything_up():
 
 
 def test_sender_of_poses_as_the_readme_shows_it_is_understood():
-    (code,) = blocks("py", PAGES["service.md"])
+    (code,) = blocks("py", PAGES["guide/service.md"])
     _, _, sender = code.partition("\n\n")
     source = StreamInput("mailbox:readme/poses", 5)
     tips = np.arange(15.0).reshape(5, 3)
@@ -77,7 +77,7 @@ def test_sender_of_poses_as_the_readme_shows_it_is_understood():
 
 
 def test_reader_of_frames_as_the_readme_shows_it_follows_and_retreats(monkeypatch):
-    (code,) = blocks("py", PAGES["service.md"])
+    (code,) = blocks("py", PAGES["guide/service.md"])
     reader, _, _ = code.partition("\n\n")
     told = []
 
@@ -115,7 +115,7 @@ def test_reader_of_frames_as_the_readme_shows_it_follows_and_retreats(monkeypatc
 
 
 def test_picture_of_the_layers_is_the_one_that_is_tested():
-    (picture,) = (block for block in blocks("text", PAGES["development.md"]) if " cli " in block)
+    (picture,) = (block for block in blocks("text", PAGES["design/layers.md"]) if " cli " in block)
     units = [re.split(r"\s{3,}", line.strip())[0] for line in picture.splitlines()]
 
     assert units == PICTURES["proximity"].strip().split("\n")
@@ -140,11 +140,11 @@ def test_readme_is_short():
 
 
 def test_functions_of_the_flows_are_where_the_page_says():
-    flows = PAGES["flows.md"].split("\n## ")[1:]
+    flows = PAGES["design/flows.md"].split("\n## ")[1:]
     hops = [re.findall(r"^\d+\. `([\w/.]+)`: `(\w+)`", flow, re.MULTILINE) for flow in flows]
 
     assert [len(flow) <= most for flow, most in zip(hops, (10, 14, 14), strict=True)] == [True] * 3
-    assert sum(map(len, hops)) == len(re.findall(r"^\d+\. ", PAGES["flows.md"], re.MULTILINE))
+    assert sum(map(len, hops)) == len(re.findall(r"^\d+\. ", PAGES["design/flows.md"], re.MULTILINE))
     for path, function in (hop for flow in hops for hop in flow):
         source = (ROOT / "proximity" / path).read_text(encoding="utf-8")
         assert re.search(rf"^ *def {function}\(", source, re.MULTILINE), f"{path}: {function}"

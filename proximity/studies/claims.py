@@ -1,4 +1,4 @@
-"""Claims of the paper, checked with the models under stated conditions (docs/decaff.md)."""
+"""Claims of the paper, checked with the models under stated conditions (docs/science/paper.md)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace

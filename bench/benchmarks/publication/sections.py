@@ -24,7 +24,7 @@ from benchmarks.support.project import BENCH, PROJECT
 
 PUBLISHED = BENCH / "published"
 README = PROJECT / "README.md"
-PAGE = PROJECT / "docs" / "performance.md"
+PAGES = PROJECT / "docs" / "performance"
 BEGIN = "<!-- Figures: made by `python bench/publish.py` of bench/published. Edit neither by hand. -->"
 END = "<!-- End of the figures. -->"
 PICTURES = {
@@ -43,6 +43,8 @@ SHOWN_THOUGH_MET = (
 )
 WIDTH = 118
 NAMES = ("report", "ticks", "service", "vr", "growth")
+PAGES_OF = {"results.md": NAMES[:-1], "growth.md": NAMES[-1:]}
+"""The runs whose figures are on each page."""
 ALONE = ("memory", "proximity ")  # beginnings of requirements that concern this package only
 
 Document = dict[str, Any]
@@ -86,17 +88,18 @@ def summary(documents: dict[str, Document]) -> str:
     how = (
         f"Medians on one core, {short_name(report)}, {report['date']} (the tick: {ticks['date']}): a plate "
         "of 304 k faces, 87 k for the tick, and points near its surface. proximity computes in double "
-        "precision, the others here in single. [All figures](docs/performance.md), with tails, conditions, "
-        "and the cases in which embreex casts rays faster."
+        "precision, the others here in single. [All figures](docs/performance/results.md), with tails, "
+        "conditions, and the cases in which embreex casts rays faster."
     )
     application = [_wrapped(vr_sentence(documents["vr"])), ""] if "vr" in documents else []
     return "\n".join([*lines, "", *application, _wrapped(how)]) + "\n"
 
 
-def section(documents: dict[str, Document]) -> str:
-    """Return the text between the marks; parts without a document are left out."""
+def section(documents: dict[str, Document], names: tuple[str, ...]) -> str:
+    """Return the text between the marks of a page with these runs; those without a document are left out."""
     parts = {"report": _others, "ticks": _ticks, "service": _service, "vr": _vr, "growth": _growth}
-    here = [name for name in NAMES if name in documents]
+    documents = {name: each for name, each in documents.items() if name.partition("_")[0] in names}
+    here = [name for name in names if name in documents]
     blocks = [_conditions([documents[name] for name in here])] if here else []
     for name in here:
         blocks += parts[name](documents)
@@ -222,7 +225,7 @@ def _vr(documents):
         "The native application with another library's signed distances in the place of our tick, asked only "
         "where a pose is new; our ticks also answer velocities, predictions and times to contact:"
     )
-    picture = [f"![{VR_PICTURE[1]}](../bench/published/{VR_PICTURE[0]}.png)"]
+    picture = [f"![{VR_PICTURE[1]}]({VR_PICTURE[0]}.png)"]
     return [head, vr_table(document), others, libraries_table(document), picture]
 
 
@@ -236,5 +239,5 @@ def _growth(documents):
         "much smaller than their distance are nearly equally far: of those about the square root has to be "
         "looked at."
     )
-    pictures = [f"![{words}](../bench/published/{name}.png)" for name, words in PICTURES.items()]
+    pictures = [f"![{words}]({name}.png)" for name, words in PICTURES.items()]
     return [head, growth_table(document), " ".join(document["left_out"]), pictures]

@@ -1,4 +1,4 @@
-"""The tables of fields in docs/message.md, made of the tables of the messages: run this to have them anew.
+"""The tables of fields in reference/messages.md, made of the messages' own: run this to have them anew.
 
 What it prints is the end of that page; a test compares.
 """
