@@ -1,7 +1,4 @@
-"""The tables of fields in reference/messages.md, made of the messages' own: run this to have them anew.
-
-What it prints is the end of that page; a test compares.
-"""
+"""Tables of messages and of their words, made of the tables that the messages themselves are made of."""
 
 from proximity.message import Message
 from proximity.message.c_header import ENUMS, KINDS, RECORDS, c_type, meanings_of
@@ -23,19 +20,21 @@ TITLES = {
     "description_header": "The header of a `description` goes on with",
     "label": "A part or finger of a `description`",
 }
-ENUM_TITLES = {
-    "flag": "`ContactFlag`, bits of `flags`",
-    "state": "`State`",
-    "source": "`Source`",
-    "surface": "`Surface`",
-    "mode": "`Mode`",
-    "part_action": "`PartAction`",
-}
 
 
-def tables():
-    """The text of all tables, as Markdown."""
-    return "\n\n".join([*map(_record, RECORDS), *map(_enum, ENUMS), _vectors()]) + "\n"
+def records():
+    """The layout of every header and record, and examples with their checksums, as Markdown."""
+    return "\n\n".join([*map(_record, RECORDS), _vectors()]) + "\n"
+
+
+def enum_table(name):
+    """The members of an enumeration, with what they mean."""
+    meanings = meanings_of(ENUMS[name])
+    rows = [
+        f"| `{member.name}` | {int(member)} | {meanings[member.name].replace('``', '`')} |"
+        for member in ENUMS[name]
+    ]
+    return "\n".join(["| name | value | meaning |", "|---|---|---|", *rows])
 
 
 def example(kind):
@@ -55,20 +54,11 @@ def _record(name):
     _, fields = RECORDS[name]
     known = RECORDS["pose"][1] if name == "path_pose" else PREFIX_FIELDS if name != "prefix" else ()
     rows = [
-        f"| `{field.name}` | {c_type(field)} | {field.unit} | {field.meaning} |"
+        f"| `{field.name}` | `{c_type(field)}` | {field.unit} | {field.meaning} |"
         for field in fields
         if field not in known
     ]
     return "\n".join([f"| {TITLES[name]} | type | unit | |", "|---|---|---|---|", *rows])
-
-
-def _enum(name):
-    meanings = meanings_of(ENUMS[name])
-    rows = [
-        f"| `{member.name}` | {int(member)} | {meanings[member.name].replace('``', '`')} |"
-        for member in ENUMS[name]
-    ]
-    return "\n".join([f"| {ENUM_TITLES[name]} | | |", "|---|---|---|", *rows])
 
 
 def _vectors():
@@ -88,7 +78,3 @@ def _vectors():
             *rows,
         ]
     )
-
-
-if __name__ == "__main__":
-    print(tables(), end="")
