@@ -98,7 +98,7 @@ def test_without_matplotlib_the_numbers_are_written_and_the_gate_holds(
     """Only who asked for the page by name has not got what was asked for."""
 
     def missing():
-        raise DecaffError('figures need matplotlib, which is not installed: pip install "proximity[sim]"')
+        raise DecaffError('figures need matplotlib, which is not installed: pip install "cad-proximity[sim]"')
 
     monkeypatch.setattr(style, "load_figure", missing)
 

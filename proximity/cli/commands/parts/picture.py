@@ -19,13 +19,14 @@ from proximity.cli.options import (
     load_options,
 )
 from proximity.cli.points import finite_number, read_points
+from proximity.system.extras import installation
 
 HELP = "\n\n".join(
     (
         "Draw the parts of FILE as a PNG file, without a screen.",
         "--points joins points with the nearest points of the parts; their colours, and numbers where they "
         "are few, are signed distances. --slice adds a map of the signed distance in a plane. Needs VTK and "
-        'matplotlib: pip install "proximity[picture]".',
+        f"matplotlib: {installation('picture')}.",
     )
 )
 
