@@ -166,7 +166,7 @@ def test_all_of_it_runs_on_a_box(run, monkeypatch):
     monkeypatch.setattr(package, "certify", certification.certify)
     box = str(make.FOLDER / "box.stl")
 
-    result = run(box, "--ticks", 1000, "--seconds", 0.05, "--no-real-time", "--json")
+    result = run(box, "--ticks", 1000, "--seconds", 0.05, "--no-realtime", "--json")
 
     document = json.loads(result.out)
     assert result.code == 0 and result.err == ""

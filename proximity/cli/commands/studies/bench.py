@@ -80,8 +80,8 @@ SEED = Annotated[
 REAL_TIME = Annotated[
     bool | None,
     typer.Option(
-        "--real-time/--no-real-time",
-        help="Try for priority and a core of its own for the loop; without it as in SCENE, or yes.",
+        "--realtime/--no-realtime",
+        help="Ask the system for real-time priority and a core for the loop; without it as in SCENE, or no.",
         show_default=False,
     ),
 ]
