@@ -405,7 +405,7 @@ def test_version_is_printed(run):
         (("--help",), "--version"),
         (("query", "--help"), "shuf points.txt | proximity query bracket.stl --points - --workers -1"),
         (("check", "--help"), "with --strict it is 1 if some part has no inside"),
-        (("-h",), "Exit codes: 0 answered"),
+        (("-h",), "Exit codes: 0: done. 1: the command ran, but the result is negative"),
     ],
 )
 def test_help_has_examples_and_exit_codes(run, arguments, words):
