@@ -13,7 +13,8 @@ nanoseconds, lengths metres, forces newtons, energies joules; null is what so fe
   percentiles; and for ``compute`` the ``periods``: shares, and deadlines that it alone would miss
 - ``loop``: the service's own loop: ``compute``, ``lateness`` of waking, each as a case's; ``missed``
 - ``feeling``: for each period the delay, and for speeds what it means at the finger
-- ``verdict``: of the gate, or of the scene's own period
+- ``verdict``: whether the scene fits the gate, or its own period
+- ``machine_verdict``: whether this machine kept the deadlines of the loop
 """
 
 from dataclasses import asdict
@@ -61,6 +62,7 @@ def document(certificate: Certificate, gate: float | None = None, *, version: st
     lower, upper = subject.scene.bounds
     periods = periods_of(subject.period if gate is None else gate)
     verdict = certificate.verdict(subject.period if gate is None else gate)
+    kept = certificate.machine_verdict()
     return {
         "kind": KIND,
         "schema": SCHEMA,
@@ -98,6 +100,13 @@ def document(certificate: Certificate, gate: float | None = None, *, version: st
             "measure": verdict.worst.measure,
             "time_ns": verdict.worst.tail_ns,
             "sentence": verdict.sentence,
+        },
+        "machine_verdict": {
+            "period_s": kept.period,
+            "kept": kept.kept,
+            "missed": kept.missed,
+            "due": kept.due,
+            "sentence": kept.sentence,
         },
     }
 

@@ -4,8 +4,6 @@ from collections.abc import Iterable, Sequence
 from enum import IntEnum, IntFlag
 from typing import Any
 
-import numpy as np
-
 from proximity.message import ContactFlag, Mode, Source, State, Surface
 
 HEADER_FIELDS = (
@@ -45,7 +43,7 @@ def _finger(contact: Any, part_names: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def _name(kind: type[IntEnum], number: np.integer | int) -> str:
+def _name(kind: type[IntEnum], number: Any) -> str:
     """The name of a member; the number where a newer publisher has one that is not known here."""
     return kind(number).name.lower() if number in set(kind) else str(number)
 

@@ -23,9 +23,10 @@ HELP = "\n\n".join(
         "With --vr two VR applications are run with the parts: one that publishes poses and subscribes to "
         "frames in shared memory, and what proximity view runs, without drawing. Poses come at 90 and 120 Hz "
         "for five and ten fingers, ticks at 1 kHz.",
-        "With --gate the exit code is 1 if a scene does not fit PERIOD. It fits if 99.9 % of the ticks of "
-        "every motion (best of three runs), and half of the loop's ticks, take no longer to compute. Delays "
-        "by the machine, such as interruptions and late waking, are shown but do not count. The page needs "
+        "There are two verdicts. The scene fits a period if 99.9 % of the ticks of every motion (best of "
+        "three runs), and half of the loop's ticks, take no longer to compute. This machine kept its "
+        "deadlines if the loop missed at most 0.1 % of them, for whatever reason: interruptions and late "
+        "waking count here. With --gate the exit code is 1 if the scene does not fit PERIOD. The page needs "
         "jinja2 and matplotlib.",
     )
 )
