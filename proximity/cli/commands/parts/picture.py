@@ -81,8 +81,8 @@ def command(
     load_renderer()
     metres = metres_per_unit(units)
     progress.prepare_kernels()
-    with progress.spinner(f"reading {file}"):
-        scene = proximity.load(str(file), units=units, **options)
+    with progress.spinner(f"reading {file}") as count:
+        scene = proximity.load(str(file), units=units, progress=count, **options)
     drawn = Picture(
         scene,
         file.name,

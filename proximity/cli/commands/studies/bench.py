@@ -182,7 +182,7 @@ def _progress() -> Iterator[Callable[[str, float], None]]:
 
     It is drawn when there is something new only: a thread that draws it meanwhile would be measured as well.
     """
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
     from proximity.cli.console import Console
 
@@ -190,7 +190,7 @@ def _progress() -> Iterator[Callable[[str, float], None]]:
     if not console.is_terminal:
         yield lambda doing, share: None
         return
-    columns = TextColumn("{task.description:<32}"), BarColumn(), TimeElapsedColumn()
+    columns = TextColumn("{task.description:<32}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn()
     with Progress(*columns, console=console, transient=True, auto_refresh=False) as bar:
         task = bar.add_task("", total=1.0)
         yield lambda doing, share: bar.update(task, description=doing, completed=share, refresh=True)

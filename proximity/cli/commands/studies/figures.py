@@ -53,7 +53,8 @@ def command(
     chosen = catalogue.chosen_names(names or ())
     for number, name in enumerate(chosen, start=1):
         started, title = time.monotonic(), catalogue.PLATES[name].title
-        with progress.spinner(f"drawing {title} ({number} of {len(chosen)})"):
+        with progress.spinner(f"drawing {title}, figure") as count:
+            count(number, len(chosen))
             paths = catalogue.write_figure(name, out, form)
         seconds = time.monotonic() - started
         file_count += len(paths)

@@ -183,8 +183,8 @@ def command(
     if limit is not None:
         recorded = recorded.first(limit)
     progress.prepare_kernels()
-    with progress.spinner(f"reading {file}"):
-        scene = proximity.load(str(file), units=units)
+    with progress.spinner(f"reading {file}") as count:
+        scene = proximity.load(str(file), units=units, progress=count)
     pose = placement.pose(scene, recorded, origin, settings.radius)
     ticked = recorded.placed(pose, placement.scale).resampled(1.0 / settings.rate)
     tracker_of = partial(settings.tracker, scene, len(ticked.fingers))
