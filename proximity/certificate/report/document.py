@@ -61,8 +61,6 @@ def document(certificate: Certificate, gate: float | None = None, *, version: st
     subject = certificate.subject
     lower, upper = subject.scene.bounds
     periods = periods_of(subject.period if gate is None else gate)
-    verdict = certificate.verdict(subject.period if gate is None else gate)
-    kept = certificate.machine_verdict()
     return {
         "kind": KIND,
         "schema": SCHEMA,
@@ -93,13 +91,20 @@ def document(certificate: Certificate, gate: float | None = None, *, version: st
         "cases": [_case(case, periods) for case in certificate.cases],
         "loop": _loop(certificate, periods),
         "feeling": _feeling(certificate, periods),
+        **_verdicts(certificate, subject.period if gate is None else gate),
+    }
+
+
+def _verdicts(certificate: Certificate, period: float) -> dict[str, Any]:
+    fit, kept = certificate.verdict(period), certificate.machine_verdict()
+    return {
         "verdict": {
-            "period_s": verdict.period,
-            "fits": verdict.fits,
-            "case": verdict.worst.name,
-            "measure": verdict.worst.measure,
-            "time_ns": verdict.worst.tail_ns,
-            "sentence": verdict.sentence,
+            "period_s": fit.period,
+            "fits": fit.fits,
+            "case": fit.worst.name,
+            "measure": fit.worst.measure,
+            "time_ns": fit.worst.tail_ns,
+            "sentence": fit.sentence,
         },
         "machine_verdict": {
             "period_s": kept.period,
