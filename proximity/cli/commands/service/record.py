@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 HELP = "\n\n".join(
     (
         "Write every frame published at ADDRESS to FILE, until Ctrl-C, SIGTERM or --limit.",
-        "FILE is only appended to: a log that is there is continued, and a crash costs at most the frame "
-        "that was being written. What is lost on the way shows as gaps in the frames' numbers. The exit code "
-        "is 1 if no frame came.",
+        "FILE is only appended to: an existing log is continued, and a crash loses at most the frame that "
+        "was being written. Frames that were lost in transit are gaps in the sequence numbers. The exit "
+        "code is 1 if no frame came.",
     )
 )
 
@@ -39,7 +39,9 @@ ANNOUNCE_AFTER_S = 2.0  # of waiting for a first frame before that is said
 
 def command(
     address: ADDRESS,
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="The log; created, or continued.")],
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="Log of frames. Created if missing, otherwise continued.")
+    ],
     limit: LIMIT = None,
     as_json: Annotated[bool, typer.Option("--json", help="Write the summary as a JSON document.")] = False,
 ) -> None:
