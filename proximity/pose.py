@@ -231,7 +231,7 @@ def _checked_rotation(rotation: Any) -> np.ndarray:
     if not off <= ORTHONORMAL_TOLERANCE:
         raise PoseError(
             f"a pose's rotation is not orthonormal (rotation times its transpose is off by {off:.3g}): "
-            "a pose turns and shifts, it cannot scale or shear"
+            "a pose can rotate and translate, but not scale or shear"
         )
     if np.linalg.det(array) < 0.0:
         raise PoseError("a pose's rotation mirrors (determinant -1), expected +1")

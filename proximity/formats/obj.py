@@ -70,7 +70,7 @@ class _Lines:
             )
         elif key and key not in _PASSED_OVER:
             raise MeshFormatError(
-                f"line {line_id} begins with {text_rows.shortened(key)}, which OBJ does not know"
+                f"line {line_id} begins with {text_rows.shortened(key)}, which is not a statement of OBJ"
             )
 
 
@@ -148,7 +148,7 @@ def _read_faces(lines: _Lines, vertices: np.ndarray) -> tuple[np.ndarray, np.nda
             row, column = np.argwhere(too_far)[0]
             raise MeshFormatError(
                 f"{locate(row_ids[row])} refers to vertex {table[row, column]:g}, counted back, but "
-                f"{before[row_ids[row]]} vertices stand before it"
+                f"{before[row_ids[row]]} vertices precede it"
             )
         pieces.append((row_ids, np.full(len(row_ids), table.shape[1]), corners))
     return polygons.assemble(vertices, pieces, len(rows), locate)

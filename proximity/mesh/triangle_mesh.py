@@ -113,7 +113,7 @@ def _checked_faces(faces: Any, vertex_count: int) -> np.ndarray:
     if array.size == 0:
         raise MeshError("the mesh has no faces, expected at least one")
     if np.ma.is_masked(faces):
-        raise MeshError("faces are masked in places, expected a vertex at every corner")
+        raise MeshError("some entries of faces are masked, expected a vertex at every corner")
     if array.dtype.kind == "O":
         array = _from_objects(array)
     if array.dtype.kind == "f" and _holds_whole_numbers(array):
@@ -148,7 +148,7 @@ def _from_objects(array: np.ndarray) -> np.ndarray:
     try:
         return array.astype(np.int64)
     except OverflowError as large:
-        raise MeshError("faces hold a number beyond 64 bits, expected rows of vertices") from large
+        raise MeshError("faces contain a number beyond 64 bits, expected rows of vertices") from large
 
 
 def _check_finite(vertices: np.ndarray, faces: np.ndarray) -> None:

@@ -66,7 +66,7 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
     positions[frame, column] = points
     missing = int(np.isnan(points).any(axis=1).sum())
     if missing == len(points):
-        raise RecordingError(f"{name}: all positions are nan, expected a number in one line at least")
+        raise RecordingError(f"{name}: all positions are nan, expected a number in at least one line")
     notes = [f"{missing} of {len(points)} positions are nan: the finger is missing there"] if missing else []
     if table.ignored:
         notes.append(f"columns not read: {', '.join(table.ignored)}")

@@ -82,7 +82,7 @@ def deform_part(model: Model, row: int, solid: Solid, vertices: object, name: st
         normals[:] = normals_before  # to the bit: they had been added in another order
         arrays.is_overwritten = arrays.is_overwritten and not is_own
         raise MeshError(
-            f"part {name!r} would be turned inside out: its faces would enclose less than nothing"
+            f"part {name!r} would be turned inside out: its faces would enclose a negative volume"
         )
     model.frames[row, layout.FRAME_OWN_LOWER_XYZ] = lower
     model.frames[row, layout.FRAME_OWN_UPPER_XYZ] = upper

@@ -275,7 +275,7 @@ class Scene(Queries):
         with self._lock:
             row = self._parts.find(name)
             if len(self._parts) == 1:
-                raise SceneError(f"part {name!r} is the only one, and a scene has at least one: hide it")
+                raise SceneError(f"part {name!r} is the only one and cannot be removed: hide it instead")
             self._parts = self._parts.without(row)
 
     def hide(self, name: str) -> None:

@@ -170,7 +170,9 @@ class Tracker:
         return float(self._settings[track.SETTING_LATENCY])
 
     def __reduce__(self) -> tuple[Any, ...]:
-        raise QueryError("a tracker cannot be copied, since it lives by its ticks: make another of its scene")
+        raise QueryError(
+            "a tracker cannot be copied, because its state depends on its ticks: make a new one of its scene"
+        )
 
     def tick(
         self,
@@ -353,7 +355,7 @@ class Tracker:
         if paths is None:
             self._settings[track.SETTING_HAS_PATHS] = self._has_paths = False
             if bends is not None or path_bends is not None:
-                raise QueryError("bends are of places on paths, but no paths are given")
+                raise QueryError("path_bends are given without paths")
             return
         expected = f"({len(self.contacts)}, K, 3) with K of 2 or more"
         corners = as_float64(

@@ -133,7 +133,7 @@ class Bridge:
         path = request.path.partition("?")[0]
         is_live = path == LIVE
         if len(hosts) > 1 or len(origins) > 1:
-            return self._answer(403, b"A header is there twice.")
+            return self._answer(403, b"A header occurs twice.")
         refusal = self._access.refusal(
             hosts[0] if hosts else None, origins[0] if origins else None, is_live=is_live
         )
@@ -324,7 +324,7 @@ class _TooMuchError(Exception):
 
 def _number(given: Any) -> float:
     if isinstance(given, bool) or not isinstance(given, int | float):
-        raise UnfitError("a clock is asked with a number")
+        raise UnfitError("a request for the clock needs a number")
     return float(given)
 
 
@@ -333,7 +333,7 @@ def _document(data: str | bytes) -> dict[str, Any]:
     try:
         found = json.loads(data)
     except (ValueError, RecursionError) as unfit:
-        raise UnfitError("a text is no JSON document") from unfit
+        raise UnfitError("a text is not JSON document") from unfit
     if not isinstance(found, dict):
-        raise UnfitError("a document is no object")
+        raise UnfitError("a document is not an object")
     return found

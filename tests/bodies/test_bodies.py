@@ -253,7 +253,7 @@ def test_faces_back_to_back_are_not_duplicates():
 
 
 def test_faces_lost_are_counted_at_the_body_that_had_them_though_others_touch_it():
-    """A cube that is there twice, a sheet at four of its corners, and a body at one."""
+    """A cube that occurs twice, a sheet at four of its corners, and a body at one."""
     sheet = np.array([[0.0, 0, 0], [1, 0, 0], [0.5, -1, 0]]), np.array([[0, 1, 2]])
     corner = shapes.moved(shapes.tetrahedron(), (1, 1, 1))
     mesh = with_faces(shapes.join(shapes.cube(), shapes.cube(), sheet, corner), [16, 16, 0], [16, 0, 1])

@@ -404,7 +404,7 @@ def test_version_is_printed(run):
     [
         (("--help",), "--version"),
         (("query", "--help"), "shuf points.txt | proximity query bracket.stl --points - --workers -1"),
-        (("check", "--help"), "with --strict it is 1 if some part has no inside"),
+        (("check", "--help"), "With --strict it is 1 if a part has no inside"),
         (("-h",), "Exit codes: 0: done. 1: the command ran, but the result is negative"),
     ],
 )

@@ -219,7 +219,7 @@ def test_calibrations_of_another_number_of_fingers_are_refused_with_the_first_fr
     result = run(ADDRESS, "--limit", 20, *["--calibration", path] * 3)
 
     assert result.code == 2
-    assert result.err == ("proximity: 3 calibrations for 2 fingers, expected one for all or one each\n")
+    assert result.err == ("proximity: 3 calibrations for 2 fingers, expected one for all, or one for each\n")
 
 
 @pytest.mark.parametrize(
@@ -228,7 +228,7 @@ def test_calibrations_of_another_number_of_fingers_are_refused_with_the_first_fr
         (
             "old.json",
             (),
-            r"old\.json: the calibration is of .*, 31 days ago, expected 30 at most: calibrate anew",
+            r"old\.json: the calibration is of .*, 31 days ago, expected 30 at most: calibrate again",
         ),
         ("far.json", (), r"far\.json: the table has counts from 60000 to 70000, expected 0 to 65535 of this"),
         ("none.json", (), r"none\.json: cannot be read \(No such file or directory\)"),
@@ -247,7 +247,7 @@ def test_age_of_no_calibration_is_refused(run):
     result = run(ADDRESS, "--limit", 1, "--max-age", 5)
 
     assert result.code == 2
-    assert "only a --calibration has an age" in " ".join(result.err.split())
+    assert "requires --calibration" in " ".join(result.err.split())
 
 
 # -------------------------------------------------------------------------------------- what drums cannot do
@@ -415,4 +415,4 @@ def test_armed_motor_that_is_jammed_ends_with_a_sentence(run):
 def test_arm_needs_a_motor(run):
     result = run(ADDRESS, "--arm")
     assert result.code == 2
-    assert "there is no --motor to arm" in result.words
+    assert "requires --motor" in result.words

@@ -218,7 +218,10 @@ def test_wrong_use_is_a_usage_error(run, options, message):
             (BRACKET, HAND, "--out", "a.txt"),
             "proximity: a.txt: expected a name that ends in .npz, .npy, .csv\n",
         ),
-        ((BRACKET, HAND, "--turn", "inf", 0, 0), "proximity: a turn of inf degrees about x is no rotation\n"),
+        (
+            (BRACKET, HAND, "--turn", "inf", 0, 0),
+            "proximity: a rotation of inf degrees about x, expected finite numbers\n",
+        ),
     ],
 )
 def test_what_cannot_be_used_is_one_line(run, arguments, message):

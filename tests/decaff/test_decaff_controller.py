@@ -139,7 +139,9 @@ def test_drum_that_turns_back_is_refused():
         def drum_angle(self, bend):
             return -np.asarray(bend)
 
-    with pytest.raises(DecaffError, match="the drum turns back at the flat hand, expected one that follows"):
+    with pytest.raises(
+        DecaffError, match="the drum moves backwards at the flat hand, expected one that follows"
+    ):
         FingerPath(Backward())
 
 

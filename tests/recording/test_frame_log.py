@@ -379,7 +379,7 @@ def test_disk_that_fails_at_the_end_is_told(path, monkeypatch):
     log = FrameLog(path)
     monkeypatch.setattr(os, "fsync", fail)
     with pytest.raises(
-        RecordingError, match=r"run\.frames: may not be whole on the disk \(Input/output error"
+        RecordingError, match=r"run\.frames: may be incomplete on the disk \(Input/output error"
     ):
         log.close()
     log.close()

@@ -150,7 +150,7 @@ def test_position_of_nan_is_a_missing_finger(read):
             PLAIN + "0.02,0,0,9,9,9\n",
             "line 7: finger 0 of hand 0 has a position at this time already, on line 5",
         ),
-        (HEADER + "0,0,0,nan,2,3\n", "all positions are nan, expected a number in one line at least"),
+        (HEADER + "0,0,0,nan,2,3\n", "all positions are nan, expected a number in at least one line"),
         (PLAIN + '0.03,0,0,"1,2,3\n', "line 7: unexpected end of data, expected columns time_s"),
         (
             PLAIN.replace("0.01,0,0,1.5", '0.01,0,0,"1.\n5"'),

@@ -432,7 +432,7 @@ def spoilt(row, values):
         ),
         (
             -50.0 * spoilt(3, (0.0, 0.0, 0.0)),
-            "part 'cube' would be turned inside out: its faces would enclose less than nothing",
+            "part 'cube' would be turned inside out: its faces would enclose a negative volume",
         ),
     ],
 )

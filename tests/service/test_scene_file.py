@@ -213,7 +213,7 @@ MISTAKES = [
     ("[service]\npublish = [1,\n\n", "2: the file ends too early: "),
     ("[service]\nrate_hz = 1\nrate_hz = 2\n", "3: no TOML at column 12: Cannot overwrite a value"),
     (f"a = {'9' * 5000}\n", "1: Exceeds the limit"),
-    ("a = " + "[" * 100_000, "1: brackets within brackets, too deep to be read"),
+    ("a = " + "[" * 100_000, "1: brackets are nested too deeply"),
     ("", "1: the file is empty, expected a scene file in TOML"),
     (b"[service]\nlog = '\xff'\n", "2: not UTF-8, expected a scene file in TOML"),
     # tables

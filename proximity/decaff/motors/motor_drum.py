@@ -156,7 +156,7 @@ class MotorDrum:
             Since the last action.
         """
         if not (self.is_homed and self._is_on):
-            raise self.failed("the motor was to move before it was homed")
+            raise self.failed("a motion was commanded before the motor was homed")
         self.look()
         if action.mode is DriveMode.OFF:
             raise self.failed("the controller reports a fault")
@@ -263,7 +263,7 @@ class MotorDrum:
         ends = time.monotonic() + CONFIRM_TIME
         while not self.reading.is_on:
             if time.monotonic() > ends:
-                raise self.failed("the motor does not say that it is on")
+                raise self.failed("the motor does not report that it is on")
             self._pause(pause)
             self.look()
         self._is_on = True

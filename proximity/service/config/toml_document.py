@@ -49,7 +49,7 @@ class Document:
         try:
             self.data = tomllib.loads(text)
         except RecursionError as deep:
-            raise ServiceError(f"{name}:1: brackets within brackets, too deep to be read") from deep
+            raise ServiceError(f"{name}:1: brackets are nested too deeply") from deep
         except ValueError as unfit:  # tomllib.TOMLDecodeError, or a number of thousands of digits
             raise self._no_toml(str(unfit)) from unfit
 

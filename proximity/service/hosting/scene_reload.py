@@ -87,7 +87,7 @@ def refuse_what_needs_a_restart(before: SceneFile, after: SceneFile) -> None:
     for path, value in _fixed(before).items():
         if reported[path] != value:
             raise after.error(
-                path, f"{spelled(path)} is not as it was, and a running service keeps it: start it anew"
+                path, f"{spelled(path)} was changed, which needs a new start: restart the service"
             )
 
 

@@ -106,7 +106,7 @@ class StreamInput:
         self._leave_out("rotations that are none", is_placed & ~is_turn)
         bends = self._gloves.bend(fingers, records["bend"], records["counts"])
         self._leave_out(
-            "counts that the calibration does not reach: calibrate anew",
+            "counts that the calibration does not reach: calibrate again",
             np.isnan(bends) & np.isfinite(records["counts"]),
         )
         knuckles = np.where((is_placed & is_turn)[:, None], records["translation"], np.nan)

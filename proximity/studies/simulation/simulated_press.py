@@ -60,7 +60,7 @@ class Setup:
         _one_of("drum", self.drum, tuple(DRUMS))
         _one_of("policy", self.policy, tuple(POLICIES))
         if (self.stiffness is None) != (self.damping is None):
-            raise DecaffError("stiffness and damping are tuned together: expected both of them, or none")
+            raise DecaffError("stiffness and damping belong together: expected both or neither")
         if self.stiffness is not None and self.damping is not None:
             _within("stiffness", self.stiffness, (0.0, STIFFEST), "newtons a metre")
             _within("damping", self.damping, (0.0, MOST_DAMPED), "newton seconds a metre")

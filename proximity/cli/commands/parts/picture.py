@@ -108,7 +108,9 @@ def command(
 def _size(text: str) -> tuple[int, int]:
     sides = re.fullmatch(r"(\d{1,6})\s*[xX×]\s*(\d{1,6})", text)
     if sides is None:
-        raise typer.BadParameter(f"{text!r}: expected width and height, as 1400x800", param_hint="--size")
+        raise typer.BadParameter(
+            f"{text!r}: expected width and height, for example 1400x800", param_hint="--size"
+        )
     return int(sides[1]), int(sides[2])
 
 
@@ -116,7 +118,9 @@ def _plane(text: str) -> tuple[str, float]:
     axis, equals, position = text.partition("=")
     axis = axis.strip().lower()
     if axis not in ("x", "y", "z") or not equals:
-        raise typer.BadParameter(f"{text!r}: expected an axis and a position, as z=3", param_hint="--slice")
+        raise typer.BadParameter(
+            f"{text!r}: expected an axis and a position, for example z=3", param_hint="--slice"
+        )
     try:
         return axis, finite_number(position)
     except ValueError as unfit:

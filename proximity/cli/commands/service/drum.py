@@ -137,9 +137,9 @@ def _check(
 ) -> None:
     check_range(rate, "--rate", "Hz", LEAST_RATE_HZ, MOST_RATE_HZ)
     if max_age is not None and not calibration:
-        raise typer.BadParameter("only a --calibration has an age", param_hint="--max-age")
+        raise typer.BadParameter("requires --calibration", param_hint="--max-age")
     if is_armed and not motors:
-        raise typer.BadParameter("there is no --motor to arm", param_hint="--arm")
+        raise typer.BadParameter("requires --motor", param_hint="--arm")
 
 
 def _is_over(started: float, limit: float | None) -> bool:
