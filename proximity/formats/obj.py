@@ -103,7 +103,7 @@ def read_obj(source: Source) -> RawFile:
             f"it holds {len(vertices)} vertices and no faces, only {kind}: there is no surface"
         )
     faces, source_faces = _read_faces(lines, vertices)
-    notes = ["its points and lines were left out, they bound nothing"] if lines.others else []
+    notes = ["its points and lines were ignored: they enclose nothing"] if lines.others else []
     notes += text_rows.end_notes(source.data)
     return RawFile("OBJ", _split_objects(lines, vertices, faces, source_faces), notes=notes)
 

@@ -52,7 +52,7 @@ class TriangleMesh:
 
     @classmethod
     def of_own(cls, vertices: np.ndarray, faces: np.ndarray) -> "TriangleMesh":
-        """Return a mesh of arrays that it takes over, which are read-only from then on.
+        """Return a mesh that takes over the arrays and makes them read-only.
 
         Parameters
         ----------
@@ -83,7 +83,7 @@ class TriangleMesh:
         Parameters
         ----------
         vertices : (V, 3) float64, m
-            As many as here; checked already. The mesh takes them over, and makes them read-only.
+            As many as in this mesh, already checked. The mesh takes them over and makes them read-only.
         """
         mesh = TriangleMesh.__new__(TriangleMesh)
         mesh.vertices, mesh.faces = vertices, self.faces

@@ -104,8 +104,7 @@ def _why_not(vertices: np.ndarray, first_vertices: np.ndarray, row: int, name: s
         return f"vertex {row} of part {name!r} would be at {position}, expected finite coordinates"
     if np.abs(vertices[row]).max() > FARTHEST:
         return (
-            f"vertex {row} of part {name!r} would be at {position}, "
-            f"expected coordinates up to {FARTHEST:g} m, which can be computed with"
+            f"vertex {row} of part {name!r} would be at {position}, expected coordinates up to {FARTHEST:g} m"
         )
     first = first_vertices[row]
     return (

@@ -167,7 +167,7 @@ class Bridge:
             await connection.close(WRONG_TOKEN, "open the address that was printed: it has the token")
             return
         if len(self._clients) >= MOST_PAGES:
-            await connection.close(TOO_MUCH, f"there are {MOST_PAGES} pages already")
+            await connection.close(TOO_MUCH, f"there are {MOST_PAGES} pages connected already")
             return
         self._number += 1
         client = PageClient(connection, self._number)

@@ -399,7 +399,8 @@ def test_compliance_and_backlash_are_found_again():
         ),
         (
             lambda: step_latency([0, 0], [1, 2], 0.0),
-            "times and values of a step test do not match, expected two or more of each, with increasing times",
+            "times and values of a step test do not match, expected two or more of each, with "
+            "increasing times",
         ),
     ],
 )

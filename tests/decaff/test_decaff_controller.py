@@ -691,10 +691,10 @@ def test_finger_that_is_inside_does_not_carry_the_surface_along():
 
 
 FAULTS = {
-    "the potentiometer reads no bend": {"bend": math.nan},
+    "the potentiometer gives no bend": {"bend": math.nan},
     "the potentiometer reads a bend of 2.85, expected -0.1 to 1.1": {"bend": 2.85},  # its wire is off
     "the potentiometer reads a bend of -0.72, expected -0.1 to 1.1": {"bend": -0.72},
-    "the encoder reads no drum angle": {"drum_angle": math.inf},
+    "the encoder gives no drum angle": {"drum_angle": math.inf},
     "the encoder reads a drum angle of 60 rad, but the finger's path goes from 0.0921 to 1.81 rad": {
         "drum_angle": 60.0  # degrees
     },

@@ -231,7 +231,7 @@ def test_controller_moves_a_motor_and_draws_back_when_frames_are_stale(motor, dr
     assert drum.position == pytest.approx(float(Glove().finger.path_length(0.0, 0.5)), abs=2e-3)
     step(150, State.STALE, 100)
     assert drum.position == pytest.approx(PATH.retracted, abs=2e-3)
-    assert bench.warnings() == ["no frame is young enough to be trusted: the drums let go and draw back"]
+    assert bench.warnings() == ["all frames are too old to be used: the drums release and retract"]
     with pytest.raises(MotorError, match="from its last sample"):
         step(1, State.OK, 400)  # a second late: the controller's own watchdog
 

@@ -617,7 +617,7 @@ def test_model_file_of_a_3mf_may_hold_objects_that_are_not_placed(tmp_path):
     extra = "<object id='7'><mesh/></object>" + COMPONENTS.format(8, 1)
     contents = formats.read_geometries(write(tmp_path, "part.3mf", spread_3mf(1, extra=extra)))
     assert [len(geometry.faces) for geometry in contents.geometries] == [12]
-    assert contents.notes == ("1 of its objects are not placed by the build and were left out",)
+    assert contents.notes == ("1 of its objects are not part of the build and were ignored",)
 
 
 @pytest.mark.parametrize(

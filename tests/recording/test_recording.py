@@ -64,7 +64,7 @@ def test_last_line_without_its_end_is_said_to_be_cut_perhaps(read, cut):
         assert cut == "."  # no numbers
         return
 
-    assert recording.notes == ("the last line has no end: it may be cut",)
+    assert recording.notes == ("the last line has no line end: the file may be cut off",)
     for end in ("\n", "\r\n", "\r", "\n\n", "\n# the end\n"):
         assert read(whole + end).notes == ()
 
@@ -109,7 +109,7 @@ def test_columns_stand_in_any_order_and_others_are_named(read):
 
     assert recording.fingers == ((7, 4),)
     np.testing.assert_array_equal(recording.positions, [[[1, 2, 3]]])
-    assert recording.notes == ("columns not read: confidence",)
+    assert recording.notes == ("ignored columns: confidence",)
 
 
 def test_millimetres_and_milliseconds_are_converted(read):

@@ -157,7 +157,8 @@ def step_latency(times: ArrayLike, values: ArrayLike, step_time: float) -> float
     is_usable = len(instants) == len(answer) >= 2
     if not (is_usable and np.isfinite(answer).all() and (np.diff(instants) > 0.0).all()):
         raise DecaffError(
-            "times and values of a step test do not match, expected two or more of each, with increasing times"
+            "times and values of a step test do not match, expected two or more of each, with "
+            "increasing times"
         )
     before = instants <= step_time
     rest = float(answer[before].mean()) if before.any() else np.nan

@@ -108,7 +108,7 @@ def _primitives(document: Document, mesh: int, notes: list[str]) -> list[dict[st
             raise MeshFormatError(f"{place} has no attributes")
         mode = integer(primitive.get("mode", _TRIANGLES), f"the mode of {place}")
         if mode < _TRIANGLES:
-            note = "points and lines were left out, they bound nothing"
+            note = "points and lines were ignored: they enclose nothing"
             notes += [] if note in notes else [note]
             continue
         if mode not in (_TRIANGLES, _TRIANGLE_STRIP):

@@ -55,7 +55,7 @@ def read_3mf(source: Source, unpacked_limit: float = UNPACKED_LIMIT) -> RawFile:
         if len(arrays[target][1])
     ]
     unplaced = sum(1 for key, held in objects.items() if held.has_mesh and key not in arrays)
-    notes = [f"{unplaced} of its objects are not placed by the build and were left out"] if unplaced else []
+    notes = [f"{unplaced} of its objects are not part of the build and were ignored"] if unplaced else []
     return RawFile("3MF", meshes, units=unit, notes=notes)
 
 

@@ -120,7 +120,7 @@ class Document:
         if position[1] is None:
             last = max(number for number, line in enumerate(self._text_lines, start=1) if line.strip())
             return ServiceError(f"{self.name}:{last}: the file ends too early: {what}")
-        return ServiceError(f"{self.name}:{position[1]}: no TOML at column {position[2]}: {what}")
+        return ServiceError(f"{self.name}:{position[1]}: invalid TOML at column {position[2]}: {what}")
 
 
 def read_document(path: str | os.PathLike[str]) -> Document:

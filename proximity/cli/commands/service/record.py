@@ -92,7 +92,7 @@ def _write_summary(file: Path, frame_count: int, seconds: float, counts: "Counts
 def _reasons(counts: "Counts") -> dict[str, int]:
     """How many messages were refused, and why."""
     reasons = {flaw.value: count for flaw, count in counts.flawed.items()}
-    others = {"from a stranger": counts.refused, "not verified by the key": counts.unverified}
+    others = {"from another sender": counts.refused, "not verified by the key": counts.unverified}
     return reasons | {reason: count for reason, count in others.items() if count}
 
 
@@ -135,6 +135,6 @@ def _record(
             if log.frame_count:
                 status.show(f"{log.path}: {summary(log.frame_count, elapsed, subscriber.counts)}")
             elif elapsed > ANNOUNCE_AFTER_S:
-                status.say_once(f"nothing has come from {subscriber.address} yet")
+                status.say_once(f"no frame has come from {subscriber.address} yet")
         for data in subscriber.frames():  # what came while the last was being written
             log.append(data)
