@@ -1,4 +1,4 @@
-"""The release script: the blocks that it runs, and how it fails. Building takes minutes and is done by hand."""
+"""The release script: the blocks that it runs, and how it fails. A release itself takes minutes."""
 
 import importlib.util
 import sys
