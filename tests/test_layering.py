@@ -74,9 +74,10 @@ gloves · openxr_runtime · part_prediction · reception · sources
 viewing
 page_process
 bridge
-page_client · slices
-feeding · geometry · keeping · page_files · served_scene · sources
-access · display_mesh · layout
+page_client · scene_page · slices
+feeding · geometry · keeping · served_scene · sources
+server
+display_mesh · layout
 slice_fields
 """,
     "proximity.decaff": """
