@@ -71,7 +71,7 @@ moves_input · openxr_input · sensor · stream
 gloves · openxr_runtime · part_prediction · reception · sources
 """,
     "proximity.web": """
-viewing
+guided · viewing
 page_process
 bridge
 page_client · scene_page · slices
