@@ -103,7 +103,7 @@ deadlines · fingerprint · machine · motions · period · subject · tick_time
 """,
     "proximity.cli": """
 commands
-drum_loop · drum_motors · guided_calibration · questions · scene_press
+calibration · drum_loop · drum_motors · questions · scene_press
 progress · views
 console
 lengths · options · points · program · wording

@@ -95,8 +95,8 @@ def test_counts_come_from_the_glove_and_a_hand_that_moves_is_asked_again(run, tm
             message.records["finger"], message.records["counts"] = 1, next(reported, 21850.0)
             sender.publish(message)
 
-        monkeypatch.setattr("proximity.cli.guided_calibration.time.sleep", sleep)
-        monkeypatch.setattr("proximity.cli.guided_calibration.LISTENING_S", 0.01)
+        monkeypatch.setattr("proximity.cli.calibration.asked_instruments.time.sleep", sleep)
+        monkeypatch.setattr("proximity.cli.calibration.asked_instruments.LISTENING_S", 0.01)
         ended = run(tmp_path / "g.json", "--counts", "mailbox:calibrate/poses", "--finger", "1", stdin="\n\n")
 
     assert ended.code == 1
