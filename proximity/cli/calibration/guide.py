@@ -9,6 +9,7 @@ from typing import Protocol
 from proximity.decaff.calibrating.readings import Asked
 from proximity.decaff.calibrating.results import Estimate, Session
 from proximity.decaff.calibrating.simulated_glove import SimulatedGlove
+from proximity.decaff.calibrating.tasks import FREE, HELD
 from proximity.decaff.glove.glove import Glove
 from proximity.errors import DecaffError
 
@@ -48,6 +49,7 @@ class Prompt:
     done: int
     total: int
     goes_on: bool  # by itself: the person has done what is to be done
+    waits: bool  # for the person before a reading; else the person is asked for numbers, or need do nothing
     live: Callable[[], dict[str, str]]  # names of what is read right now, and numbers with units
 
 
@@ -61,7 +63,7 @@ class Face(Protocol):
         """Show what is asked next."""
 
     def ready(self, part: int) -> None:
-        """Say what a part of it is, and return when the person has done it, if there is anything to await."""
+        """Say what a part of it is; where the prompt waits, return when the person has done it."""
 
     def numbers(self, questions: Sequence[str]) -> list[float]:
         """Return a number that the person gives for each question."""
@@ -76,7 +78,7 @@ class Face(Protocol):
         """Show rows of results, the heading first, what was written, and the drawing if that was made."""
 
 
-def guide(session: Session, face: Face, simulated: SimulatedGlove | None) -> None:
+def guide(session: Session, face: Face, simulated: SimulatedGlove | None, *, waits: bool) -> None:
     """Ask for one reading after the other, until all are there.
 
     Parameters
@@ -87,6 +89,8 @@ def guide(session: Session, face: Face, simulated: SimulatedGlove | None) -> Non
         Asks the person.
     simulated : SimulatedGlove
         The simulated person, who does what is asked; None: a person does.
+    waits : bool
+        Whether a person is waited for before readings; before a motor moves, always.
 
     Raises
     ------
@@ -95,7 +99,9 @@ def guide(session: Session, face: Face, simulated: SimulatedGlove | None) -> Non
     """
     failures, last = 0, ""
     while (asked := session.next()) is not None:
-        prompt = _prompt(session, asked, goes_on=asked.task.is_automatic and asked.task.key == last)
+        goes_on = asked.task.is_automatic and asked.task.key == last
+        is_moving = asked.task in (FREE, HELD) and simulated is None
+        prompt = _prompt(session, asked, goes_on=goes_on, waits=waits or is_moving)
 
         def ready(part: int, asked: Asked = asked, prompt: Prompt = prompt) -> None:
             if simulated is not None:
@@ -145,7 +151,7 @@ def result_rows(estimates: Sequence[Estimate], truth: dict[str, float] | None) -
     return rows
 
 
-def _prompt(session: Session, asked: Asked, *, goes_on: bool) -> Prompt:
+def _prompt(session: Session, asked: Asked, *, goes_on: bool, waits: bool) -> Prompt:
     task = asked.task
     again = ": readings differ, once more" if asked.is_again else ""
     return Prompt(
@@ -157,6 +163,7 @@ def _prompt(session: Session, asked: Asked, *, goes_on: bool) -> Prompt:
         sum(min(len(session.of(each)), each.repeats) for each in session.tasks),
         sum(each.repeats for each in session.tasks),
         goes_on,
+        waits,
         session.bench.instruments.live,
     )
 

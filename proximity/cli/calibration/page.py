@@ -29,12 +29,10 @@ class Page:
     ----------
     pages : GuidedPages
         Begun.
-    waits : bool
-        Whether the person is waited for before a reading.
     """
 
-    def __init__(self, pages: GuidedPages, *, waits: bool) -> None:
-        self._pages, self._waits = pages, waits
+    def __init__(self, pages: GuidedPages) -> None:
+        self._pages = pages
         self._prompt: Prompt | None = None
         self._part = 0
         self._refusal = ""
@@ -48,9 +46,9 @@ class Page:
             self._wait(0.0)
 
     def ready(self, part: int) -> None:
-        """Show what is to be done; return when it is."""
+        """Show what is to be done; where the prompt waits, return when it is."""
         self._part = part
-        if self._waits:
+        if self._prompt is not None and self._prompt.waits:
             self._ask()
         else:
             self._pages.present(self._step())
@@ -127,15 +125,11 @@ class Page:
 
 
 @contextmanager
-def opened_page(
-    *, waits: bool, port: int, opens_browser: bool, on_stop: Callable[[], object] | None
-) -> Iterator[Page]:
+def opened_page(*, port: int, opens_browser: bool, on_stop: Callable[[], object] | None) -> Iterator[Page]:
     """Serve the page, and print where it is.
 
     Parameters
     ----------
-    waits : bool
-        As of `Page`.
     port : int
         Where to listen on this machine; 0: any that is free.
     opens_browser : bool
@@ -150,7 +144,7 @@ def opened_page(
         if opens_browser:
             webbrowser.open(pages.url)
         try:
-            yield Page(pages, waits=waits)
+            yield Page(pages)
         except (KeyboardInterrupt, UnfinishedError, ProximityError) as ended:
             pages.ending = f"{str(ended) or 'The calibration was stopped'}. {KEPT}"
             raise

@@ -16,16 +16,9 @@ HINT = "Type r for the last reading again, s to leave a task out; Ctrl-C stops a
 
 
 class Terminal:
-    """A `Face` that prints, and takes lines of input.
+    """A `Face` that prints, and takes lines of input."""
 
-    Parameters
-    ----------
-    waits : bool
-        Whether Enter is waited for before a reading.
-    """
-
-    def __init__(self, *, waits: bool) -> None:
-        self._waits = waits
+    def __init__(self) -> None:
         self._bend: float | None = None  # of the newest picture
         self._prompt: Prompt | None = None
 
@@ -44,10 +37,10 @@ class Terminal:
         self._bend = prompt.bend
 
     def ready(self, part: int) -> None:
-        """Print what is to be done, and wait for Enter."""
+        """Print what is to be done; where the prompt waits, until Enter."""
         assert self._prompt is not None, "a prompt begins first"
         typer.echo(f"  {self._prompt.parts[part]}")
-        if self._waits:
+        if self._prompt.waits:
             _answer("  Enter when you are there ")
 
     def numbers(self, questions: Sequence[str]) -> list[float]:

@@ -184,7 +184,7 @@ def _quantities(bench: Bench) -> list[_Quantity]:
     designed = glove.potentiometer.counts(glove.replica_angle(POSES))
 
     def value(name: str, factor: float = 1.0) -> Callable[[Reading], float]:
-        return lambda reading: factor * reading[name]
+        return lambda reading: factor * reading.get(name, math.nan)
 
     def hidden(amount: float) -> Callable[[Reading], float]:
         return lambda reading: amount

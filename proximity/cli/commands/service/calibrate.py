@@ -14,8 +14,10 @@ from proximity.cli.program import EXIT_INTERRUPTED, EXIT_NOTHING
 if TYPE_CHECKING:
     from proximity.cli.calibration.asked_instruments import AskedInstruments
     from proximity.cli.calibration.guide import Face
+    from proximity.decaff.calibrating.motor_port import MotorPort
     from proximity.decaff.calibrating.results import Session
     from proximity.decaff.calibrating.simulated_glove import SimulatedGlove
+    from proximity.decaff.glove.glove import Glove
 
 HELP = "\n\n".join(
     (
@@ -24,7 +26,10 @@ HELP = "\n\n".join(
         "motor swings the drum, its mass, friction, latency and encoder, and the cable's stiffness. "
         "Each number gets the uncertainty that its repeats show; readings that differ are asked again. "
         "Ctrl-C keeps what was measured, and the same command goes on there.",
-        "With --page a page in the browser guides, with a picture of each pose; else the terminal does. "
+        "With --page a page in the browser guides, with a picture of each pose; else the terminal does.",
+        "With --motor URL and --arm a real motor, as of proximity drum, searches its mechanical stop and "
+        "swings the drum; without --arm it is only read, and nothing is calibrated. These drivers were never "
+        "run on hardware, only against simulated motors.",
         "Numbers are typed, or the counts are taken from the glove_poses messages at --counts. --simulate "
         "measures a simulated glove instead, whose true numbers are shown beside. Readings and results lie "
         "beside FILE as .readings.json, a drawing of them as .png (needs matplotlib).",
@@ -36,6 +41,7 @@ Examples:
   proximity calibrate glove.json --simulate --page
   proximity calibrate right-index.json --name "right index" --phalanges 45 26 20
   proximity calibrate glove.json --counts iox2://decaff/poses --finger 1
+  proximity calibrate glove.json --motor "odrive-can://can0?node=0&kt=0.05&ratio=4" --arm --page
   proximity calibrate glove.json --again touches
 """
 
@@ -52,6 +58,12 @@ COUNTS = Annotated[
     ),
 ]
 FINGER = Annotated[int, typer.Option("--finger", metavar="N", help="Finger in these messages.")]
+MOTOR = Annotated[
+    str | None, typer.Option("--motor", metavar="URL", help="Motor of the drum, whose encoder is read, too.")
+]
+ARM = Annotated[
+    bool, typer.Option("--arm", help="Home the motor and let it swing the drum. Requires --motor.")
+]
 NAME = Annotated[str, typer.Option("--name", metavar="TEXT", help="Hand and finger, for people.")]
 PHALANGES = Annotated[
     tuple[float, float, float],
@@ -91,6 +103,8 @@ class Measured:
     finger: FINGER = 0
     phalanges: PHALANGES = (45.0, 26.0, 20.0)
     drum: DRUM = "gear4"
+    motor: MOTOR = None
+    arm: ARM = False
 
     @property
     def lengths(self) -> tuple[float, float, float]:
@@ -123,19 +137,26 @@ def command(
     _check(measured, asking, skip)
     # NumPy, Rich and the models: only now, so that --help and mistakes above answer at once.
     from proximity.cli.calibration.guide import UnfinishedError, guide, result_rows
-    from proximity.cli.calibration.terminal import print_results
-    from proximity.cli.views.json_output import write_document
-    from proximity.decaff.calibrating.results import as_document, contradiction
+    from proximity.decaff.calibrating.results import contradiction
 
-    session, asked, simulated = _opened(path, measured, skip)
-    _begin(session, again)
-    truth = None if simulated is None else simulated.truth
+    if measured.motor is not None and not measured.arm:
+        from proximity.cli.calibration.motor import watch
+
+        watch(measured.motor, _design(measured))
+        return
     ending, sentence = 0, ""
-    with redirect_stdout(sys.stderr if as_json else sys.stdout):
+    with _port(measured) as port, redirect_stdout(sys.stderr if as_json else sys.stdout):
+        session, asked, simulated = _opened(path, measured, port, skip)
+        truth = None if simulated is None else simulated.truth
+        _begin(session, again)
         try:
-            with _face(measured, asking) as face:
+            with _face(asking, port) as face:
                 asked.numbers = face.numbers
-                guide(session, face, simulated)
+                if port is not None:
+                    typer.echo("proximity: the motor moves now, to find its stop", err=True)
+                    port.home()
+                waits = not asking.yes and (measured.simulate or measured.counts is not None)
+                guide(session, face, simulated, waits=waits)
                 sentence = _written(session, path, name, measured.lengths)
                 shown = ". ".join(filter(None, [sentence, contradiction(session)]))
                 face.results(result_rows(session.estimates(), truth), shown, path.with_suffix(".png"))
@@ -143,11 +164,7 @@ def command(
             ending = EXIT_INTERRUPTED
         except UnfinishedError as unfinished:
             ending, sentence = EXIT_NOTHING, str(unfinished)
-    if as_json:
-        write_document(as_document(session.estimates()))
-    else:
-        typer.echo("")
-        print_results(result_rows(session.estimates(), truth))
+    _print(session, truth, as_json=as_json)
     if ending:
         kept = f"{len(session.readings.all)} readings are kept in {session.readings.path}"
         why = f"{sentence}; " if sentence else ""
@@ -158,8 +175,39 @@ def command(
     typer.echo(sentence, err=as_json)
 
 
+def _print(session: "Session", truth: dict[str, float] | None, *, as_json: bool) -> None:
+    """Print what the readings say."""
+    from proximity.cli.calibration.guide import result_rows
+    from proximity.cli.calibration.terminal import print_results
+    from proximity.cli.views.json_output import write_document
+    from proximity.decaff.calibrating.results import as_document
+
+    if as_json:
+        write_document(as_document(session.estimates()))
+    else:
+        typer.echo("")
+        print_results(result_rows(session.estimates(), truth))
+
+
+def _design(measured: Measured) -> "Glove":
+    from proximity.decaff.glove.finger import Finger
+    from proximity.decaff.glove.glove import Glove
+
+    return Glove(finger=Finger(phalanges=measured.lengths))
+
+
+def _port(measured: Measured) -> "AbstractContextManager[MotorPort | None]":
+    """Open the motor, if there is one."""
+    if measured.motor is None:
+        return nullcontext()
+    from proximity.cli.calibration.motor import opened_port
+    from proximity.decaff.drum.drum_model import DRUMS
+
+    return opened_port(measured.motor, _design(measured), DRUMS[measured.drum])
+
+
 def _opened(
-    path: Path, measured: Measured, skip: list[str] | None
+    path: Path, measured: Measured, port: "MotorPort | None", skip: list[str] | None
 ) -> tuple["Session", "AskedInstruments", "SimulatedGlove | None"]:
     """Return the calibration under way, what a person reads, and the simulated glove where there is one."""
     from proximity.cli.calibration.asked_instruments import AskedInstruments
@@ -169,28 +217,29 @@ def _opened(
     from proximity.decaff.calibrating.simulated_glove import SimulatedGlove
     from proximity.decaff.calibrating.tasks import Bench
     from proximity.decaff.drum.drum_model import DRUMS
-    from proximity.decaff.glove.finger import Finger
-    from proximity.decaff.glove.glove import Glove
 
-    design, drum = Glove(finger=Finger(phalanges=measured.lengths)), DRUMS[measured.drum]
+    design, drum = _design(measured), DRUMS[measured.drum]
     asked = AskedInstruments(measured.counts, measured.finger)
     simulated = SimulatedGlove(measured.seed, design, drum) if measured.simulate else None
-    instruments = Instruments("a person's instruments", asked, asked)
     if simulated is not None:
         instruments = simulated.instruments
+    elif port is not None:
+        instruments = Instruments("a person's instruments and a motor", asked, port)
+    else:
+        instruments = Instruments("a person's instruments", asked, asked)
     readings = Readings(path.with_suffix(".readings.json"), f"{instruments.name}, {measured.drum} drum")
     return Session(Bench(instruments, design, drum), readings, skip or ()), asked, simulated
 
 
-def _face(measured: Measured, asking: Asking) -> "AbstractContextManager[Face]":
+def _face(asking: Asking, port: "MotorPort | None") -> "AbstractContextManager[Face]":
     """Return what asks the person."""
     from proximity.cli.calibration.page import opened_page
     from proximity.cli.calibration.terminal import Terminal
 
-    waits = not asking.yes and (measured.simulate or measured.counts is not None)
     if not asking.page:
-        return nullcontext(Terminal(waits=waits))
-    return opened_page(waits=waits, port=asking.port, opens_browser=asking.browser, on_stop=None)
+        return nullcontext(Terminal())
+    on_stop = None if port is None else port.stop
+    return opened_page(port=asking.port, opens_browser=asking.browser, on_stop=on_stop)
 
 
 def _written(session: "Session", path: Path, name: str, lengths: tuple[float, float, float]) -> str:
@@ -239,6 +288,10 @@ def _check(measured: Measured, asking: Asking, skip: list[str] | None) -> None:
         raise typer.BadParameter(f"{measured.drum!r}: expected direct, gear4 or gear10", param_hint="--drum")
     if measured.simulate and measured.counts is not None:
         raise typer.BadParameter("a simulated glove has its own counts", param_hint="--counts")
+    if measured.simulate and measured.motor is not None:
+        raise typer.BadParameter("a simulated glove has its own drum", param_hint="--motor")
+    if measured.arm and measured.motor is None:
+        raise typer.BadParameter("there is no --motor to arm", param_hint="--arm")
     if not measured.simulate and (measured.seed or asking.yes):
         hint = "--seed" if measured.seed else "--yes"
         raise typer.BadParameter("requires --simulate", param_hint=hint)
