@@ -5,8 +5,8 @@ Start it with a STEP, glTF or 3MF file of your own, or without one for the sampl
     python examples/clearances.py
     python examples/clearances.py gearbox.step
 
-It prints one line for each pair of parts, the narrowest gap first: the shortest distance in millimetres, and
-the two points between which it is found. A distance of 0 means that the parts touch or overlap.
+It prints one line for each pair of parts, the narrowest gap first: the shortest distance in millimetres,
+and the two points between which it is found. A distance of 0 means that the parts touch or overlap.
 """
 
 import sys

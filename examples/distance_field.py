@@ -1,15 +1,15 @@
 """A signed distance field: distances on a grid around a part, saved as .npz, and checked.
 
-Start it with a part of your own and the distance between grid points in millimetres, or without both for the
-sample bracket and 1 mm:
+Start it with a part of your own and the distance between grid points in millimetres, or without both for
+the sample bracket and 1 mm:
 
     python examples/distance_field.py
     python examples/distance_field.py part.step 0.5
 
 It writes field.npz into the folder in which it is started: `origin` (3,) and `spacing` in metres, and
-`distance` (X, Y, Z) as float32 in metres, negative inside the part. It prints the size of the grid and how long
-it took. Then it reads the file again and compares it with exact distances at 10000 random points. It prints how
-many are farther off than such a grid allows, which must be 0, and the errors in the middle and at most.
+`distance` (X, Y, Z) as float32 in metres, negative inside the part. It prints the size of the grid and how
+long it took. Then it reads the file again and compares it with exact distances at 10000 random points. It
+prints how many are farther off than such a grid allows, which must be 0, and the median and largest error.
 """
 
 import sys
@@ -37,7 +37,7 @@ def sample(scene, spacing):
 
 
 def check(scene, path, count=10_000):
-    """Compare the file with exact distances at random points; return the errors and the largest allowed, m."""
+    """Compare the file with exact distances at random points: all errors and the largest allowed, m."""
     field = np.load(path)
     origin, spacing, distance = field["origin"], float(field["spacing"]), field["distance"]
     axes = [origin[k] + spacing * np.arange(distance.shape[k]) for k in range(3)]
@@ -61,7 +61,7 @@ def main():
 
     errors, allowed = check(scene, "field.npz")
     print(f"{np.sum(errors > allowed)} of {len(errors)} points are off by more than {1e3 * allowed:.3f} mm")
-    print(f"the error is {1e3 * np.median(errors):.4f} mm in the middle, {1e3 * errors.max():.3f} mm at most")
+    print(f"median error {1e3 * np.median(errors):.4f} mm, largest {1e3 * errors.max():.3f} mm")
 
 
 if __name__ == "__main__":

@@ -6,9 +6,9 @@ without both for the sample bracket and a scan that is made up here, with noise 
     python examples/point_cloud.py
     python examples/point_cloud.py part.step scan.csv
 
-It writes deviations.csv (x, y, z, the signed deviation and the nearest surface point, all in millimetres) and
-deviations.png into the folder in which it is started. It prints the mean and the largest deviation, and how
-many points are farther than 0.1 mm from the surface. Points outside the part have positive deviations.
+It writes deviations.csv (x, y, z, the signed deviation and the nearest surface point, all in millimetres)
+and deviations.png into the folder in which it is started. It prints the mean and the largest deviation, and
+how many points are farther than 0.1 mm from the surface. Points outside the part have positive deviations.
 It needs: pip install matplotlib
 """
 

@@ -4,12 +4,12 @@ Start it:
 
     python examples/soft_part.py
 
-A part can be soft in two ways, and both are shown here. With a stiffness it keeps its shape, and the tracker
-reports the force of a finger that presses into it: stiffness times depth, plus damping times speed. With
-`scene.deform` it gets another shape, as a physics engine computes it, and all distances follow.
+A part can be soft in two ways, and both are shown here. With a stiffness it keeps its shape, and the
+tracker reports the force of a finger that presses into it: stiffness times depth, plus damping times speed.
+With `scene.deform` it gets another shape, as a physics engine computes it, and all distances follow.
 
-It prints the depth and the force while a finger presses into the ball at 20 mm/s. Then it prints the distance
-of a point above the ball while the ball is pressed flat, and how long a change of shape took.
+It prints the depth and the force while a finger presses into the ball at 20 mm/s. Then it prints the
+distance of a point above the ball while the ball is pressed flat, and how long a change of shape took.
 """
 
 import time
