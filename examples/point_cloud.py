@@ -64,7 +64,7 @@ def main():
     right.set(xlabel="deviation [mm]", ylabel="points")
     figure.savefig("deviations.png", dpi=120)
 
-    print(f"{len(points)} points against {scene}")
+    print(f"{len(points)} points against {len(scene.parts)} part")
     print(f"mean of the deviations    {1e3 * deviation.mean():7.4f} mm")
     print(f"largest outside           {1e3 * deviation.max():7.4f} mm")
     print(f"largest inside            {1e3 * deviation.min():7.4f} mm")

@@ -39,15 +39,16 @@ def flatten(scene):
     """Press the ball flat step by step, and print how far a point above it is."""
     round_ball = scene.part("sphere").solid.mesh.vertices
     point = [0.0, 0.0, 0.030]
-    print("height, %   distance, mm   new shape, ms")
+    took = []
+    print("height, %   distance, mm")
     for share in (1.0, 0.9, 0.8, 0.7):
         # The volume stays: what the ball loses in height it gains in width.
         shape = round_ball * [share**-0.5, share**-0.5, share]
         started = time.perf_counter()
         scene.deform("sphere", shape)
-        took = time.perf_counter() - started
-        print(f"{100 * share:9.0f} {1e3 * scene.signed_distance(point):14.3f} {1e3 * took:15.2f}")
-    assert np.isclose(scene.signed_distance(point), point[2] - 0.7 * RADIUS)
+        took.append(time.perf_counter() - started)
+        print(f"{100 * share:9.0f} {1e3 * scene.signed_distance(point):14.3f}")
+    print(f"a change of shape took {1e3 * np.median(took):.2f} ms")
 
 
 def main():
