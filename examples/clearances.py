@@ -20,7 +20,7 @@ SAMPLE = Path(__file__).resolve().parent.parent / "meshes" / "assembly.step"
 
 def millimetres(point):
     """Return a point in metres as text in millimetres."""
-    return "(" + ", ".join(f"{1e3 * coordinate + 0.0:6.2f}" for coordinate in point) + ")"
+    return "(" + ", ".join(f"{1e3 * coordinate + 0.0:5.1f}" for coordinate in point) + ")"
 
 
 def main():

@@ -48,7 +48,7 @@ def flatten(scene):
         scene.deform("sphere", shape)
         took.append(time.perf_counter() - started)
         print(f"{100 * share:9.0f} {1e3 * scene.signed_distance(point):14.3f}")
-    print(f"a change of shape took {1e3 * np.median(took):.2f} ms")
+    print(f"a change of shape took {1e6 * np.median(took):.0f} µs")
 
 
 def main():

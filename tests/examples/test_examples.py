@@ -34,7 +34,7 @@ ENVIRONMENT = {
 }
 PATIENCE = 300.0  # s
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
-TIME = re.compile(r"\d+(?:\.\d+)?(?= (?:µs|s:|ms\n))")
+TIME = re.compile(r"\d+(?:\.\d+)?(?= (?:µs|s:))")
 POINT = re.compile(r"\([^)]*\)")
 
 
@@ -55,8 +55,8 @@ def printed(program, *words, folder):
 
 
 def shown(name):
-    """What the page shows of an example: the block of text below the heading that names its file."""
-    (section,) = (part for part in PAGES["examples.md"].split("\n## ") if f"`{name}`" in part)
+    """What the page shows of an example: the block of text in the section that has its code."""
+    (section,) = (part for part in PAGES["examples.md"].split("\n## ") if f'"{name}"' in part)
     (block,) = re.findall(r"```text\n(.*?)```", section, re.DOTALL)
     return block
 
@@ -114,7 +114,7 @@ def test_clearances_are_a_table(tmp_path):
     assert gaps == [line[:29] for line in shown("clearances.py").splitlines()]
     for line in output.splitlines()[1:]:
         begin, end = (np.array([float(x) for x in NUMBER.findall(point)]) for point in POINT.findall(line))
-        assert np.linalg.norm(begin - end) == pytest.approx(float(line.split()[2]), abs=0.01)
+        assert np.linalg.norm(begin - end) == pytest.approx(float(line.split()[2]), abs=0.1)
 
 
 def test_point_cloud_becomes_a_table_and_a_picture(tmp_path):
@@ -136,6 +136,18 @@ def test_point_cloud_takes_files_of_its_user(tmp_path):
     assert output.startswith("6 points against 1 part\n")
     deviations = np.loadtxt(tmp_path / "deviations.csv", delimiter=",", skiprows=1)[:, 3]
     assert deviations[5] == pytest.approx(-2.0)  # (30, 10, 2), as README.md has it
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (["clearances.py", MESHES / "assembly.glb"], "pin_left   pin_right   38.000"),
+        (["distance_field.py", MESHES / "gear.stl", 2], "0 of 10000 points are off by more than 1.732 mm"),
+    ],
+    ids=["clearances", "distance_field"],
+)
+def test_other_examples_take_files_too(words, line, tmp_path):
+    assert line in printed(EXAMPLES / words[0], *words[1:], folder=tmp_path)
 
 
 def test_soft_part_answers_with_its_spring_and_damper(tmp_path):
@@ -213,10 +225,15 @@ def test_controller_in_c_has_the_drum_where_the_finger_touches(tmp_path):
     *lines, used = output.splitlines()
     states = [line.split()[0] for line in lines]
     assert states[0] == "APPROACH" and "CONTACT_POSITION" in states and states[-1] == "RETRACTED"
-    touch = next(line for line in lines if line.startswith("CONTACT_POSITION"))
-    shown_touch = next(line for line in shown("main.c").splitlines() if line.startswith("CONTACT_POSITION"))
-    assert NUMBER.findall(touch)[1:] == NUMBER.findall(shown_touch)[1:]
+    found, expected = (_at_touch(text) for text in (output, shown("controller_in_c/main.c")))
+    assert found == pytest.approx(expected, abs=0.005)
     assert int(used.split()[0]) > 100
+
+
+def _at_touch(output):
+    """Return the bend, and the angle of the drum, when the finger touches it first."""
+    line = next(line for line in output.splitlines() if line.startswith("CONTACT_POSITION"))
+    return [float(number) for number in NUMBER.findall(line)[1:]]
 
 
 def test_hands_by_openxr_say_what_is_missing():
