@@ -6,6 +6,7 @@ import math
 import re
 import shlex
 import time
+from queue import SimpleQueue
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from wire import MS, frame
 
 import proximity
 from proximity import cli
-from proximity.service import StreamInput
+from proximity.service import ChangesInput, MovesInput, StreamInput
 
 
 def blocks(language, text=README):
@@ -112,6 +113,32 @@ def test_reader_of_frames_as_the_readme_shows_it_follows_and_retreats(monkeypatc
         )
 
     assert told == [("retreat", 0), ("follow", 2, 2)]
+
+
+def test_moves_as_the_guide_shows_them_move_a_part():
+    code, _ = blocks("py", PAGES["guide/moving-parts.md"])
+    source, scene = MovesInput("mailbox:guide/moves"), proximity.load(ROOT / "meshes/assembly.step")
+
+    exec(compile(code.replace("iox2://decaff/moves", "mailbox:guide/moves"), "moving-parts.md", "exec"), {})
+    source.apply(scene, time.monotonic_ns())
+
+    assert scene.part("lid").pose.translation[2] >= 0.010
+    np.testing.assert_array_equal(scene.part("lid").velocity, [0.0, 0.0, 0.1])
+    assert source.notes == []
+
+
+def test_changes_as_the_guide_shows_them_hide_and_deform_parts(monkeypatch):
+    monkeypatch.chdir(ROOT)
+    _, code = blocks("py", PAGES["guide/moving-parts.md"])
+    source = ChangesInput("mailbox:guide/changes", SimpleQueue())
+    scene = proximity.load("meshes/assembly.step")
+    exec(compile(code.replace("iox2://decaff/changes", "mailbox:guide/changes"), "moving-parts.md", "exec"), {})
+    source.apply(scene)
+
+    assert [part.name for part in scene.parts if part.is_hidden] == ["pin", "pin_2"]
+    _, upper = scene.part("lid").solid.bounds
+    assert upper[2] == pytest.approx(0.9 * 0.004)
+    assert source.notes == []
 
 
 def test_picture_of_the_layers_is_the_one_that_is_tested():
