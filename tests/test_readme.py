@@ -3,8 +3,12 @@
 import contextlib
 import io
 import math
+import os
 import re
 import shlex
+import shutil
+import subprocess
+import sys
 import time
 from queue import SimpleQueue
 
@@ -132,13 +136,29 @@ def test_changes_as_the_guide_shows_them_hide_and_deform_parts(monkeypatch):
     _, code = blocks("py", PAGES["guide/moving-parts.md"])
     source = ChangesInput("mailbox:guide/changes", SimpleQueue())
     scene = proximity.load("meshes/assembly.step")
-    exec(compile(code.replace("iox2://decaff/changes", "mailbox:guide/changes"), "moving-parts.md", "exec"), {})
+    exec(
+        compile(code.replace("iox2://decaff/changes", "mailbox:guide/changes"), "moving-parts.md", "exec"), {}
+    )
     source.apply(scene)
 
     assert [part.name for part in scene.parts if part.is_hidden] == ["pin", "pin_2"]
     _, upper = scene.part("lid").solid.bounds
     assert upper[2] == pytest.approx(0.9 * 0.004)
     assert source.notes == []
+
+
+def test_processes_as_the_guide_shows_them_share_a_scene(tmp_path):
+    (code,) = blocks("py", PAGES["guide/threads.md"])
+    (tmp_path / "pool.py").write_text(code, encoding="utf-8")
+    (tmp_path / "meshes").mkdir()
+    shutil.copy(ROOT / "meshes/bracket.stl", tmp_path / "meshes")
+
+    run = subprocess.run(
+        [sys.executable, "pool.py"], cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True, text=True, timeout=300, check=False,
+    )  # fmt: skip
+
+    assert (run.stdout, run.stderr) == ("20000 answers\n", "")
 
 
 def test_picture_of_the_layers_is_the_one_that_is_tested():
