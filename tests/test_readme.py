@@ -2,7 +2,6 @@
 
 import contextlib
 import io
-import math
 import os
 import re
 import shlex
@@ -65,14 +64,13 @@ def test_two_commands_set_everything_up():
 
 
 def test_sender_of_poses_as_the_readme_shows_it_is_understood():
-    (code,) = blocks("py", PAGES["guide/service.md"])
-    _, _, sender = code.partition("\n\n")
+    _, sender = blocks("py", PAGES["guide/service.md"])
     source = StreamInput("mailbox:readme/poses", 5)
     tips = np.arange(15.0).reshape(5, 3)
 
     exec(
         compile(sender.replace("iox2://decaff/poses", "mailbox:readme/poses"), "README.md", "exec"),
-        scope := {"proximity": proximity, "time": time, "math": math, "tips": tips},
+        scope := {"tips": tips},
     )
 
     hands = source.poll(time.monotonic_ns())
@@ -82,8 +80,7 @@ def test_sender_of_poses_as_the_readme_shows_it_is_understood():
 
 
 def test_reader_of_frames_as_the_readme_shows_it_follows_and_retreats(monkeypatch):
-    (code,) = blocks("py", PAGES["guide/service.md"])
-    reader, _, _ = code.partition("\n\n")
+    reader, _ = blocks("py", PAGES["guide/service.md"])
     told = []
 
     class Running:
