@@ -19,7 +19,7 @@ from wire import MS, frame
 
 import proximity
 from proximity import cli
-from proximity.service import ChangesInput, MovesInput, StreamInput
+from proximity.service import ChangesInput, MovesInput, SensorAnswers, SensorInput, StreamInput
 
 
 def blocks(language, text=README):
@@ -141,6 +141,24 @@ def test_changes_as_the_guide_shows_them_hide_and_deform_parts(monkeypatch):
     assert [part.name for part in scene.parts if part.is_hidden] == ["pin", "pin_2"]
     _, upper = scene.part("lid").solid.bounds
     assert upper[2] == pytest.approx(0.9 * 0.004)
+    assert source.notes == []
+
+
+def test_measurements_as_the_guide_shows_them_become_contacts():
+    (code,) = blocks("py", PAGES["guide/teleoperation.md"])
+    source, answering = SensorInput("mailbox:guide/sensor", 1), SensorAnswers(1)
+
+    exec(
+        compile(code.replace("udp://127.0.0.1:9200", "mailbox:guide/sensor"), "teleoperation.md", "exec"), {}
+    )
+    now_ns = time.monotonic_ns()
+    (contact,) = answering.answer(source.poll(now_ns), now_ns)
+
+    known = [contact[name] for name in ("signed_distance", "lower", "upper")]
+    np.testing.assert_allclose(known, [0.012, 0.0115, 0.0125], rtol=1e-12)
+    assert (
+        contact["surface"] == proximity.Surface.RIGID and contact["source"] == proximity.Source.TELEOPERATION
+    )
     assert source.notes == []
 
 
