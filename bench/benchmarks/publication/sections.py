@@ -86,10 +86,9 @@ def summary(documents: dict[str, Document]) -> str:
     lines = summary_table(documents["report"], documents["ticks"])
     report, ticks = documents["report"]["machine"], documents["ticks"]["machine"]
     how = (
-        f"Medians on one core, {short_name(report)}, {report['date']} (the tick: {ticks['date']}): a plate "
-        "of 304 k faces, 87 k for the tick, and points near its surface. proximity computes in double "
-        "precision, the others here in single. [All figures](docs/performance/results.md), with tails, "
-        "conditions, and the cases in which embreex casts rays faster."
+        f"Medians on one core, {short_name(report)}, {report['date']} (the tick: {ticks['date']}): points "
+        "near a plate of 304 k faces, 87 k for the tick. proximity computes in double precision, the others "
+        "in single. [All results](docs/performance/results.md), with the cases in which others are faster."
     )
     application = [_wrapped(vr_sentence(documents["vr"])), ""] if "vr" in documents else []
     return "\n".join([*lines, "", *application, _wrapped(how)]) + "\n"

@@ -6,7 +6,16 @@ from typing import Any
 from benchmarks.growth.fit import Fit
 from benchmarks.growth.samples import FEWEST_FOR_P99, TIME, WORK
 from benchmarks.publication.wording import amount, count_words, figure, power, share, short_name, table, whole
-from benchmarks.queries.results import BUILD, FIVE_RAYS, OUR_TREE, OURS, PROCESS, RAYS, REQUIREMENTS
+from benchmarks.queries.results import (
+    BUILD,
+    FIVE_RAYS,
+    OUR_TREE,
+    OURS,
+    POINTS,
+    PROCESS,
+    RAYS,
+    REQUIREMENTS,
+)
 
 Document = dict[str, Any]
 US_PER_MS = 1000.0
@@ -90,10 +99,13 @@ def others_table(document: Document) -> list[str]:
 
 
 def summary_table(report: Document, ticks: Document) -> list[str]:
-    """Each kind of work at the plate, beside the fastest other with right signs; and a tick."""
+    """Each kind of work at the plate, beside the fastest other with right signs; and a tick.
+
+    Points without signs are on the page of all results only.
+    """
     rows = report["rows"]
     lines = []
-    for wanted in REQUIREMENTS:
+    for wanted in (each for each in REQUIREMENTS if each.section != POINTS):
         name = OUR_TREE if wanted.section == BUILD else OURS
         for ours in (row for row in rows if (row["section"], row["contender"]) == (wanted.section, name)):
             shown = _shown(rows, ours, wanted) if ours["case"].startswith("plate") else []
