@@ -210,12 +210,13 @@ def test_servo_demands_what_the_kernel_demands(name, tmp_path):
             )  # fmt: skip
         DrumCommand(mode, *numbers).write(command)
         force = max(0.0, 200.0 * (0.06 - drive[drum_kernels.DRIVE_POSITION]))
-        drum_kernels.serve(*arrays, drive, command, force)
+        measured = force if sample % 100 < 70 else np.nan
+        drum_kernels.serve(*arrays, drive, command, measured)
         read = drive[drum_kernels.DRIVE_LAST_POSITION]  # by the encoder
         applied = drive[drum_kernels.DRIVE_APPLIED]
         expected.append(applied)
         events.data += b"V" + np.array([mode], np.uint8).tobytes()
-        events.data += np.array([*numbers, read, force, 0.0]).tobytes()
+        events.data += np.array([*numbers, read, measured, 0.0]).tobytes()
         drive[drum_kernels.DRIVE_SPEED] += (applied + force) / drum.mass / RATE
         drive[drum_kernels.DRIVE_POSITION] += drive[drum_kernels.DRIVE_SPEED] / RATE
 
