@@ -226,8 +226,8 @@ def test_stretch_of_the_cable_is_made_up_for_while_the_drum_is_touched(force):
 
 
 def test_cable_without_a_stiffness_and_a_force_that_nobody_knows_leave_the_drum():
-    for settings, seen in (({}, {"force": 0.6}), ({"cable": CABLE}, {"force": math.nan})):
-        bench = approaching(**settings)
+    for options, seen in (({}, {"force": 0.6}), ({"cable": CABLE}, {"force": math.nan})):
+        bench = approaching(**options)
         bench.bend, bench.drum = WALL, PATH.position(WALL)
         for _ in range(300):
             bench.step(contact(bench.now, WALL), **seen)

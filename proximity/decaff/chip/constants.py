@@ -67,7 +67,14 @@ def constants_text(settings: ChipSettings, path_count: int) -> str:
         Tables of fingers' paths that there are.
     """
     lines = [*_definition("PATH_COUNT", path_count, "paths of fingers in decaff_glove.c"), ""]
-    for group in (_modules(), _limits(settings), _steady(settings), _motion(settings), _cable(settings), _servo(settings)):
+    for group in (
+        _modules(),
+        _limits(settings),
+        _steady(settings),
+        _motion(settings),
+        _cable(settings),
+        _servo(settings),
+    ):
         for name, value, remark in group:
             lines += _definition(name, value, remark)
         lines.append("")

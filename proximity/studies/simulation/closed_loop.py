@@ -242,7 +242,7 @@ class DecaffLoop:
         return min(max(self.response.zero + round(time / self.response.step), 0), last)
 
     def link_at(self, time: float) -> tuple[float, float]:
-        """Return where the link was, m, and how fast, m/s.
+        """Return where the link was by the potentiometer, m, and how fast, m/s.
 
         Parameters
         ----------
@@ -250,9 +250,10 @@ class DecaffLoop:
             An instant that is not after this sample.
         """
         row, record = self.row(time), self.response.record
-        return float(record[press_kernels.RECORD_LINK, row]), float(
-            record[press_kernels.RECORD_LINK_SPEED, row]
+        link, speed = (
+            float(record[i, row]) for i in (press_kernels.RECORD_LINK, press_kernels.RECORD_LINK_SPEED)
         )
+        return self._read(link), speed
 
     def tick(self, command: DrumCommand) -> None:
         """Serve a command for one sample, and move everything by it.
