@@ -4,13 +4,17 @@ import json
 import sys
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from proximity.cli.options import ADDRESS, CABLE, LIMIT, cable_stiffness, check_limit, check_range
 from proximity.cli.program import EXIT_NOTHING
 from proximity.system.stop_signals import stopped_by_signals
+
+if TYPE_CHECKING:
+    from proximity.decaff.controller.cable_stretch import CableRule
+    from proximity.decaff.glove.calibrated_glove import CalibratedGlove
 
 HELP = "\n\n".join(
     (
@@ -93,13 +97,10 @@ def command(
     from proximity.cli.drum_motors import armable_motors, ready_bench, watch_motors
     from proximity.cli.views.drum_log import DrumLog
     from proximity.cli.views.screen import Screen
-    from proximity.decaff.controller.cable_stretch import CableRule
-    from proximity.decaff.glove.glove_set import read_glove
     from proximity.transport import Reading, open_subscriber
 
     sys.setswitchinterval(SWITCH_S)
-    gloves = [read_glove(path, max_age) for path in calibration or ()]
-    rule = CableRule() if cable is None else CableRule(cable_stiffness(cable, max_age))
+    gloves, rule = _worn(calibration or [], cable, max_age)
     with stopped_by_signals() as stop, armable_motors(motor or [], gloves) as motors:
         if motors and not arm:
             watch_motors(motors, stop, limit)
@@ -125,6 +126,17 @@ def command(
         typer.echo(json.dumps(summary(bench, address, counts, time.monotonic() - started), indent=2))
     if not counts.received:
         raise typer.Exit(EXIT_NOTHING)
+
+
+def _worn(
+    calibration: list[Path], cable: str | None, max_age: float | None
+) -> tuple[list["CalibratedGlove"], "CableRule"]:
+    """The gloves, and the cable whose stretch is made up for."""
+    from proximity.decaff.controller.cable_stretch import CableRule
+    from proximity.decaff.glove.glove_set import read_glove
+
+    rule = CableRule() if cable is None else CableRule(cable_stiffness(cable, max_age))
+    return [read_glove(path, max_age) for path in calibration], rule
 
 
 def _check(
