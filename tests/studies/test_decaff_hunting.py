@@ -50,7 +50,7 @@ def test_deadband_is_the_cure_at_rest_and_a_finer_encoder_makes_the_steps_before
 
 def test_page_has_the_comparison_of_the_cures():
     """Run ``python -m proximity.studies.simulation.hunting`` for what belongs there; gear4 is checked."""
-    page = PAGES["decaff.md"].splitlines()
+    page = PAGES["science/drum.md"].splitlines()
     begin = page.index("| cure | direct | gear4 | gear10 |")
     rows = page[begin + 2 : begin + 2 + len(CURES)]
 
