@@ -103,7 +103,8 @@ deadlines · fingerprint · machine · motions · period · subject · tick_time
 """,
     "proximity.cli": """
 commands
-calibration · drum_loop · drum_motors · questions · scene_press
+calibration
+drum_loop · drum_motors · questions · scene_press
 progress · views
 console
 lengths · options · points · program · wording
