@@ -71,12 +71,13 @@ moves_input · openxr_input · sensor · stream
 gloves · openxr_runtime · part_prediction · reception · sources
 """,
     "proximity.web": """
-viewing
+guided · viewing
 page_process
 bridge
-page_client · slices
-feeding · geometry · keeping · page_files · served_scene · sources
-access · display_mesh · layout
+page_client · scene_page · slices
+feeding · geometry · keeping · served_scene · sources
+server
+display_mesh · layout
 slice_fields
 """,
     "proximity.decaff": """
@@ -102,7 +103,7 @@ deadlines · fingerprint · machine · motions · period · subject · tick_time
 """,
     "proximity.cli": """
 commands
-drum_loop · drum_motors · guided_calibration · questions · scene_press
+calibration · drum_loop · drum_motors · questions · scene_press
 progress · views
 console
 lengths · options · points · program · wording

@@ -13,6 +13,7 @@ from proximity.decaff.drum.drum_model import DRUMS, with_random_phases
 from proximity.decaff.glove.glove import Glove
 from proximity.scene.loader import load
 from proximity.studies.engine.engine_setup import EngineSetup
+from proximity.studies.figures.catalogue import PLATES
 from proximity.studies.part_press import document as part_document
 from proximity.studies.part_press import simulate_on_part
 from proximity.studies.simulation.simulated_press import Setup, Wall, document, simulate
@@ -40,6 +41,16 @@ def test_figures_are_written_and_progress_is_told(run, tmp_path):
     assert sorted(path.name for path in (tmp_path / "paper").iterdir()) == [
         "figure-5d.csv", "figure-5d.svg", "notes.txt", "stability.csv", "stability.svg",
     ]  # fmt: skip
+
+
+def test_json_is_the_summary_of_figures_as_a_document(run, tmp_path):
+    result = run("figures", "5d", "--out", "paper", "--format", "svg", "--json")
+
+    told = json.loads(result.out)
+    assert result.code == 0
+    assert told["out"] == "paper" and told["seconds"] >= told["figures"][0].pop("seconds") > 0.0
+    files = ["paper/figure-5d.svg", "paper/figure-5d.csv"]
+    assert told["figures"] == [{"name": "5d", "title": PLATES["5d"].title, "files": files}]
 
 
 def test_unknown_figure_is_refused_with_the_list(run, tmp_path):

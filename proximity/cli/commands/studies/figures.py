@@ -2,7 +2,7 @@
 
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -22,6 +22,7 @@ EXAMPLES = """
 Examples:
   proximity figures
   proximity figures 5c 5h stability --out paper --format pdf
+  proximity figures drum-motion --json
 """
 
 
@@ -39,19 +40,31 @@ def command(
         Path, typer.Option("--out", metavar="DIR", help="Output folder; created if missing.")
     ] = Path("figures"),
     form: Annotated[str, typer.Option("--format", metavar="FORMAT", help="png, svg or pdf.")] = "png",
+    as_json: Annotated[bool, typer.Option("--json", help="Write the summary as a JSON document.")] = False,
 ) -> None:
     """Write figures and their numbers."""
     # NumPy, Rich and the models: only now, so that --help answers at once.
     from proximity.cli import progress
+    from proximity.cli.views.json_output import write_document
     from proximity.studies.figures import catalogue
 
     began, file_count = time.monotonic(), 0
+    figures: list[dict[str, Any]] = []
     chosen = catalogue.chosen_names(names or ())
-    for name in chosen:
-        started = time.monotonic()
-        with progress.spinner(f"drawing {catalogue.PLATES[name].title}"):
+    for number, name in enumerate(chosen, start=1):
+        started, title = time.monotonic(), catalogue.PLATES[name].title
+        with progress.spinner(f"drawing {title}, figure") as count:
+            count(number, len(chosen))
             paths = catalogue.write_figure(name, out, form)
+        seconds = time.monotonic() - started
         file_count += len(paths)
+        figures.append(
+            {"name": name, "title": title, "files": list(map(str, paths)), "seconds": round(seconds, 3)}
+        )
         reported = ", ".join(path.name for path in paths)
-        typer.echo(f"proximity: {reported} ({time.monotonic() - started:.1f} s)", err=True)
-    typer.echo(f"{out}: {len(chosen)} figures, {file_count} files, {time.monotonic() - began:.1f} s")
+        typer.echo(f"proximity: {reported} ({seconds:.1f} s)", err=True)
+    seconds = time.monotonic() - began
+    if as_json:
+        write_document({"out": str(out), "figures": figures, "seconds": round(seconds, 3)})
+    else:
+        typer.echo(f"{out}: {len(chosen)} figures, {file_count} files, {seconds:.1f} s")
