@@ -28,11 +28,15 @@ class ControllerInLoop:
         Of the same rate as the loop's servo.
     path : FingerPath
         Of the controller.
+    surface : (float, float), N/m and N s/m
+        Stiffness and damping of the wall; None: it is rigid.
     """
 
     action: DrumAction | None  # of the last sample
 
-    def __init__(self, controller: FingerController, path: FingerPath) -> None:
+    def __init__(
+        self, controller: FingerController, path: FingerPath, surface: tuple[float, float] | None = None
+    ) -> None:
         self.controller, self._path, self.action = controller, path, None
         self._frame: FrameMark | None = None
         self._wall = path.retracted - Holding().retracted
@@ -40,6 +44,9 @@ class ControllerInLoop:
         self._contact["flags"] = ContactFlag.TRACKED | ContactFlag.EXACT | ContactFlag.SIGNED
         self._contact["normal"] = math.nan
         self._contact["mode"], self._contact["surface"] = Mode.POSITION, Surface.RIGID
+        if surface is not None:
+            self._contact["surface"] = Surface.DEFORMABLE
+            self._contact["stiffness"], self._contact["damping"] = surface
 
     def command(self, distance_sample: DistanceSample) -> DrumCommand:
         """Return what the drum shall do."""
