@@ -87,11 +87,22 @@ drum · glove
 arguments
 """,
     "proximity.studies": """
-part_press
+experiment · part_press
 claims · figures
 engine · stability
 simulation
 multibody · paper
+""",
+    "proximity.studies.experiment": """
+analysis
+sitting
+observers
+conduct
+session
+dataset · display
+design_file · methods · trial_log
+plan
+design · libraries
 """,
     "proximity.certificate": """
 report

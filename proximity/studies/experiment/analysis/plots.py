@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 HEIGHT = 2.4  # inches
+TICKS = tuple(digit * 10.0**power for power in range(-4, 5) for digit in (1, 2, 5))  # of logarithmic axes
 CURVE_POINTS = 120
 JITTER = 0.12  # of a condition's width, by which the marks of participants lie apart
 
@@ -75,10 +76,11 @@ def _draw_functions(figure: "Figure", findings: Findings, task: Task) -> None:
             panel.errorbar(level, share, half, color=stroke["color"], marker="o", linewidth=0.8)
         panel.axhline(0.5, **style.GUIDE)
         panel.set_xscale("log")
-        panel.set_xticks(ticks := [0.1, 0.2, 0.5, 1.0], [f"{tick:g}" for tick in ticks])
+        ticks = [tick for tick in TICKS if 0.9 * levels[0] <= tick <= 1.1 * levels[-1]]
+        panel.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
         panel.minorticks_off()
         panel.set_xlim(0.9 * min(task.levels), 1.1 * max(task.levels))
-        panel.set_ylim(0.3, 1.02)
+        panel.set_ylim(0.2, 1.02)
         panel.set_xlabel(f"share of {task.varied}")
     panels[0].set_ylabel("right answers")
     style.letter_panels(panels, names)
@@ -112,8 +114,10 @@ def _draw_scores(panel: "Axes", findings: Findings, task: Task) -> None:
         panel.set_ylim(0.0, 1.02)
     if task.kind in (Kind.STIFFER, Kind.RATING):
         panel.set_yscale("log")
-        panel.yaxis.set_major_formatter("{x:g}")
-        panel.yaxis.set_minor_formatter("{x:g}")
+        low, high = panel.get_ylim()
+        ticks = [tick for tick in TICKS if low <= tick <= high]
+        panel.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
+        panel.minorticks_off()
     panel.set_xticks(range(len(names)), names)
     panel.set_xlim(-0.5, len(names) - 0.5)
     panel.set_ylabel(MEANING[task.kind])

@@ -204,7 +204,7 @@ def recovery(design: Design, seed: int = 0) -> Recovery:
 
 
 def _paired_p(differences: np.ndarray) -> np.ndarray:
-    """p of t tests of (samples, participants) differences; where these are all the same, 0, or 1 without any."""
+    """p of t tests of (samples, participants) differences; of those that are all the same, 0, or 1 at 0."""
     count = differences.shape[1]
     mean, error = differences.mean(axis=1), differences.std(axis=1, ddof=1) / math.sqrt(count)
     t = np.divide(mean, error, out=np.where(mean == 0.0, 0.0, math.inf), where=error > 0.0)
