@@ -41,17 +41,23 @@ class TrialLog:
     head: str  # hash of the last
 
     def __init__(self, path: Path) -> None:
-        self._path = path
         try:
             self._stream = path.open("ab")
+        except OSError as failed:
+            raise RecordingError(f"{path}: cannot be written ({failed.strerror})") from failed
+        try:
             if fcntl is not None:
                 fcntl.flock(self._stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
             self.entries, whole = _read(path)
             os.truncate(path, whole)
-        except BlockingIOError as taken:
-            raise RecordingError(f"{path}: another program runs this participant") from taken
         except OSError as failed:
-            raise RecordingError(f"{path}: cannot be written ({failed.strerror})") from failed
+            self._stream.close()
+            taken = isinstance(failed, BlockingIOError)
+            why = "another program runs this participant" if taken else f"cannot be cut ({failed.strerror})"
+            raise RecordingError(f"{path}: {why}") from failed
+        except RecordingError:
+            self._stream.close()
+            raise
         self.head = self.entries[-1]["sha256"] if self.entries else START
 
     def append(self, event: str, **content: Any) -> Entry:

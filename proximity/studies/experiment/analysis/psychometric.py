@@ -60,7 +60,7 @@ def shared_shape(cells: Sequence[Counts], levels: Sequence[float], expected: flo
     levels : sequence of float
         That the design allows: thresholds are expected in their range.
     expected : float, log10 units
-        Width that the design expects; adaptive methods ask too few levels to tell it by themselves.
+        Width that the design expects.
     """
     thresholds, prior = _thresholds(levels)
     asked, right, wrong = _matrices(cells)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from proximity.studies.experiment.analysis.psychometric import Counts, Shape, shared_shape, threshold_mean
-from proximity.studies.experiment.design import Design, Kind, Task
+from proximity.studies.experiment.design import Design, Kind, Procedure, Task
 from proximity.studies.experiment.plan import Stage
 
 Entry = dict[str, Any]
@@ -119,18 +119,22 @@ def cells_of(entries: Sequence[Entry]) -> dict[tuple[str, str, str], list[Entry]
 def shapes_of(design: Design, entries: Sequence[Entry]) -> dict[str, Shape]:
     """Return what the psychometric functions of each task have in common.
 
+    Adaptive methods ask where the answer is least certain, which tells next to nothing of width and lapses:
+    there they are as the design expects them.
+
     Parameters
     ----------
     design, entries
         As of `scores_of`.
     """
+    expected, shapes = Shape(design.observers.width, design.observers.lapse), {}
     cells = cells_of(entries)
-    return {
-        task.name: shared_shape(own, task.levels, design.observers.width)
-        for task in design.tasks
-        if task.kind is Kind.STIFFER
-        and (own := [counts_of(trials) for (_, name, _), trials in cells.items() if name == task.name])
-    }
+    for task in design.tasks:
+        own = [counts_of(trials) for (_, name, _), trials in cells.items() if name == task.name]
+        if task.kind is Kind.STIFFER and own:
+            is_constant = task.procedure is Procedure.CONSTANT
+            shapes[task.name] = shared_shape(own, task.levels, expected.width) if is_constant else expected
+    return shapes
 
 
 def counts_of(entries: Sequence[Entry]) -> Counts:

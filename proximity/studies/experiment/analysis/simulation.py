@@ -116,6 +116,8 @@ def power(
     participants: Sequence[int] = PARTICIPANTS,
     repetitions: int = 1000,
     progress: Callable[[float], None] = lambda share: None,
+    *,
+    pool: int = POOL,
 ) -> list[Power]:
     """Return how often an effect is found with so many participants.
 
@@ -131,8 +133,10 @@ def power(
         Samples of each size.
     progress : function of a share
         Called now and then.
+    pool : int
+        Simulated participants that the samples are drawn from.
     """
-    scores = simulated_scores(design, POOL, progress=progress)
+    scores = simulated_scores(design, pool, progress=progress)
     rng, found = np.random.default_rng(design.seed), []
     for task in design.tasks:
         own = {(one.participant, one.condition): one.value for one in scores if one.task == task.name}
