@@ -71,12 +71,13 @@ moves_input · openxr_input · sensor · stream
 gloves · openxr_runtime · part_prediction · reception · sources
 """,
     "proximity.web": """
-viewing
+guided · viewing
 page_process
 bridge
-page_client · slices
-feeding · geometry · keeping · page_files · served_scene · sources
-access · display_mesh · layout
+page_client · scene_page · slices
+feeding · geometry · keeping · served_scene · sources
+server
+display_mesh · layout
 slice_fields
 """,
     "proximity.decaff": """
