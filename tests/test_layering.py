@@ -97,13 +97,13 @@ multibody · paper
     "proximity.studies.experiment": """
 analysis
 sitting
-observers
+drum_display · observers
 conduct
 session
 dataset · display
 design_file · methods · trial_log
 plan
-design · libraries
+coupled_controller · design · libraries
 """,
     "proximity.certificate": """
 report

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from proximity.studies.experiment.design import CHOICES, Design
+from proximity.studies.experiment.design import CHOICES, Design, Kind
 from proximity.studies.experiment.display import Interval, intervals_of
 from proximity.studies.experiment.methods import Method, method_for
 from proximity.studies.experiment.plan import PlannedTrial, Stage, Step, minutes, plan
@@ -17,6 +17,8 @@ class Trial:
     planned: PlannedTrial
     level: float
     intervals: tuple[Interval, ...]
+    kind: Kind
+    question: str  # empty: the program's own
 
     def is_right(self, answer: Any) -> bool | None:
         """Whether an answer names the odd interval, from 1; None where nothing is right or wrong."""
@@ -59,7 +61,8 @@ class Session:
             method = self._method(planned)
             assert method is not None, "levels are left open to methods only"
             level = method.level()
-        return Trial(planned, level, intervals_of(self.design, planned, level))
+        task = self.design.task(planned.task)
+        return Trial(planned, level, intervals_of(self.design, planned, level), task.kind, task.question)
 
     def take(self, *, is_right: bool | None = None) -> None:
         """Go on behind the step.

@@ -7,7 +7,17 @@ from typing import Annotated
 
 import typer
 
-from proximity.cli.program import Command, Group
+from proximity.cli.commands.service.drum import (
+    ARM,
+    CALIBRATION,
+    LEAST_RATE_HZ,
+    MAX_AGE,
+    MOST_RATE_HZ,
+    MOTOR,
+    RATE,
+)
+from proximity.cli.options import check_range
+from proximity.cli.program import EXIT_INTERRUPTED, Command, Group
 
 HELP = "\n\n".join(
     (
@@ -19,6 +29,7 @@ HELP = "\n\n".join(
 EXAMPLES = {
     "new": "proximity experiment new walls.toml",
     "plan": "proximity experiment plan walls.toml --slot 3",
+    "run": "proximity experiment run walls.toml p07 --address iox2://decaff --data walls",
     "simulate": "proximity experiment simulate walls.toml --data walls",
     "report": "proximity experiment report walls",
     "power": "proximity experiment power walls.toml --participants 8 --participants 12 --effect 1.5",
@@ -81,6 +92,43 @@ def plan(
         f"{read.sha256[:16]}",
         err=True,
     )
+
+
+@_command("run")
+def run(
+    design: DESIGN,
+    participant: PARTICIPANT,
+    address: Annotated[
+        str, typer.Option("--address", metavar="ADDRESS", help="Where the service publishes its frames.")
+    ],
+    data: OUT = Path("experiment"),
+    finger: Annotated[int, typer.Option("--finger", metavar="N", min=0, help="Finger that presses.")] = 0,
+    terminal: Annotated[
+        bool,
+        typer.Option("--terminal", help="Ask in the terminal; else on a page, with a second one beside."),
+    ] = False,
+    rate: RATE = 500.0,
+    calibration: CALIBRATION = None,
+    max_age: MAX_AGE = None,
+    motor: MOTOR = None,
+    arm: ARM = False,
+) -> None:
+    """Do a session with a person, who presses on the drum of a service's finger, simulated or with a motor."""
+    from proximity.cli.experiment_run import Drums, run_session
+    from proximity.studies.experiment.dataset import Dataset, check_pseudonym
+    from proximity.studies.experiment.design_file import read_design
+
+    check_range(rate, "--rate", "Hz", LEAST_RATE_HZ, MOST_RATE_HZ)
+    if bool(motor) != arm:
+        raise typer.BadParameter("a motor moves only with both --motor and --arm", param_hint="--motor")
+    check_pseudonym(participant)
+    dataset = Dataset(data, read_design(design))
+    drums = Drums(address, rate, finger, calibration or [], max_age, motor or [])
+    ending = run_session(dataset, participant, drums, at_terminal=terminal)
+    if ending:
+        typer.echo(f"proximity: {ending}", err=True)
+        raise typer.Exit(EXIT_INTERRUPTED)
+    typer.echo(f"{data}: {participant} is done")
 
 
 @_command("simulate")
