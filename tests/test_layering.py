@@ -114,7 +114,8 @@ deadlines · fingerprint · machine · motions · period · subject · tick_time
 """,
     "proximity.cli": """
 commands
-drum_loop · drum_motors · guided_calibration · questions · scene_press
+experiment_run
+drum_loop · drum_motors · experiment_page · experiment_terminal · guided_calibration · questions · scene_press
 progress · views
 console
 lengths · options · points · program · wording

@@ -8,6 +8,7 @@ from proximity.studies.experiment.display import Presentation
 from proximity.studies.experiment.drum_display import DrumDisplay
 from proximity.studies.experiment.plan import Text
 from proximity.studies.experiment.session import Trial
+from proximity.studies.simulation.simulated_press import Wall
 from proximity.web import guided
 from proximity.web.guided import Answer, Button, Field, GuidedPages, PageLeftError, Step
 
@@ -30,13 +31,14 @@ class PageRespondent:
 
     def __init__(self, pages: GuidedPages, monitor: Monitor, title: str) -> None:
         self._pages, self._monitor, self._title = pages, monitor, title
+        self._surface = ""
         monitor.changed = self._show
 
     def read(self, text: Text) -> bool:
         """Show a text; whether the participant goes on."""
         if text.seconds:
             self._ask(Step("Break", text.text, seconds=text.seconds))
-        buttons = (GO_ON,)
+        buttons: tuple[Button, ...] = (GO_ON,)
         if text.name == "consent":
             buttons = (Button("agree", "I agree", look="main"), Button("refuse", "I do not agree"))
         title = {"consent": "Consent", "instructions": "What to do", "break": "After the break"}
@@ -55,6 +57,9 @@ class PageRespondent:
         """Wait until the participant is ready, then say to press."""
         name = ("First surface", "Second surface")[interval] if len(trial.intervals) > 1 else "Surface"
         where = self._progress()
+        is_real = trial.intervals[interval].wall is Wall.REAL
+        self._surface = "put the real surface in place" if is_real else "by the drum"
+        self._show()
         self._ask(Step(name, "Take the finger back, then go on.", buttons=(GO_ON,), progress=where))
         self._pages.present(Step(name, "Press now.", progress=where))
 
@@ -86,6 +91,7 @@ class PageRespondent:
             {},
             watched={
                 "step": monitor.doing,
+                "surface": self._surface,
                 "trial": f"{monitor.trial} of {monitor.trials}",
                 "left": f"{monitor.minutes_left:.0f} min",
                 "largest force": f"{monitor.force:.2f} N",

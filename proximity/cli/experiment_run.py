@@ -1,13 +1,11 @@
 """Session of an experiment with a person: the drums in a thread, and who asks in front of them."""
 
-import sys
 import webbrowser
 from dataclasses import dataclass
 from pathlib import Path
 
 import typer
 
-from proximity.cli.commands.service.drum import SWITCH_S
 from proximity.cli.drum_loop import DrumsBeside
 from proximity.cli.drum_motors import armable_motors
 from proximity.cli.experiment_page import PageRespondent, stop_everything
@@ -34,7 +32,9 @@ class Drums:
     motors: list[str]  # addresses; they are armed
 
 
-def run_session(dataset: Dataset, participant: str, drums: Drums, *, at_terminal: bool) -> str:
+def run_session(
+    dataset: Dataset, participant: str, drums: Drums, *, at_terminal: bool, opens_browser: bool = False
+) -> str:
     """Do what is left of a session.
 
     Parameters
@@ -47,13 +47,14 @@ def run_session(dataset: Dataset, participant: str, drums: Drums, *, at_terminal
         What displays the surfaces.
     at_terminal : bool
         Ask there; else on a page.
+    opens_browser : bool
+        Whether the page is opened in a browser of this machine.
 
     Returns
     -------
     str
         Why it ended before its end; empty: it did not.
     """
-    sys.setswitchinterval(SWITCH_S)
     gloves, monitor = [read_glove(path, drums.max_age) for path in drums.calibrations], Monitor()
     with (
         armable_motors(drums.motors, gloves) as motors,
@@ -67,7 +68,7 @@ def run_session(dataset: Dataset, participant: str, drums: Drums, *, at_terminal
                 if at_terminal:
                     sit(dataset, participant, display, TerminalRespondent(), monitor)
                 else:
-                    _sit_at_page(dataset, participant, display, monitor)
+                    _sit_at_page(dataset, participant, display, monitor, opens_browser)
         except RefusedError:
             return f"{participant} does not agree: nothing was kept"
         except StoppedError:
@@ -77,10 +78,13 @@ def run_session(dataset: Dataset, participant: str, drums: Drums, *, at_terminal
     return ""
 
 
-def _sit_at_page(dataset: Dataset, participant: str, display: DrumDisplay, monitor: Monitor) -> None:
+def _sit_at_page(
+    dataset: Dataset, participant: str, display: DrumDisplay, monitor: Monitor, opens_browser: bool
+) -> None:
     title = dataset.design.title
     with GuidedPages(title, has_stop=True, on_stop=lambda: stop_everything(monitor, display)) as pages:
         typer.echo(f"participant:  {pages.url}")
         typer.echo(f"experimenter: {pages.watch_url}")
-        webbrowser.open(pages.url)
+        if opens_browser:
+            webbrowser.open(pages.url)
         sit(dataset, participant, display, PageRespondent(pages, monitor, title), monitor)

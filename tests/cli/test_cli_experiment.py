@@ -1,11 +1,21 @@
 """``proximity experiment``: commands from the design to the report."""
 
+import builtins
 import sys
+import threading
+import time
 
+import numpy as np
 import pytest
 from experiments import SMALL, write_design
+from sealed_frames import frame
 
 from proximity import cli
+from proximity.decaff.glove.finger_path import FingerPath
+from proximity.decaff.glove.glove import Glove
+from proximity.message import Mode
+from proximity.studies.experiment.trial_log import read_log
+from proximity.transport import open_publisher
 
 
 @pytest.fixture
@@ -90,3 +100,94 @@ def test_power_is_a_table_and_check_says_both(experiment, tmp_path, monkeypatch)
         "t: a difference was found in 5% of 100 experiments without one",
         "47 of 48 thresholds lie in their 95 % credible intervals; on average they are found -2.0% off",
     ]
+
+
+# --- with a person ---
+
+ADDRESS = "mailbox:experiment"
+PATH = FingerPath(Glove())
+WALL = PATH.position(0.5)
+PERIOD_S = 1.2  # of a finger that presses again and again
+PERSON = (
+    SMALL.replace("trials = 8\nlevels = [0.1, 0.2, 0.4, 0.8]", "trials = 1\nlevels = [0.8]")
+    .replace("trials = 4", "trials = 1")
+    .replace("force = 4.0", "force = 4.0\nseconds = 2.0")
+)
+
+
+@pytest.fixture
+def pressing():
+    """A service whose finger touches a wall every 1.2 s, until the test is over."""
+    over, began = threading.Event(), time.monotonic()
+
+    def publish():
+        with open_publisher(ADDRESS) as publisher:
+            while not over.wait(0.002):
+                phase = (time.monotonic() - began) % PERIOD_S / PERIOD_S
+                depth = float(np.interp(phase, [0.0, 0.15, 0.3, 0.45], [-0.03, 0.003, 0.003, -0.03]))
+                message = frame(1, time.monotonic_ns())
+                contact = message.records
+                contact["mode"], contact["contact_bend"] = Mode.POSITION, 0.5
+                contact["bend"] = PATH.bend(WALL + depth)
+                for name in ("signed_distance", "lower", "upper"):
+                    contact[name] = -depth
+                publisher.publish(message)
+
+    thread = threading.Thread(target=publish)
+    thread.start()
+    yield
+    over.set()
+    thread.join()
+
+
+def typing(monkeypatch, answers):
+    """Type at prompts: the first answer whose words are in the prompt; Enter at others."""
+    asked = []
+
+    def typed(prompt=""):
+        asked.append(prompt)
+        answer = next((answer for words, answer in answers.items() if words in prompt), "")
+        if answer is KeyboardInterrupt:
+            raise KeyboardInterrupt
+        return answer.pop(0) if isinstance(answer, list) else answer
+
+    monkeypatch.setattr(builtins, "input", typed)
+    return asked
+
+
+def test_session_at_the_terminal_stops_goes_on_and_ends(experiment, tmp_path, monkeypatch, pressing):
+    design, data = write_design(tmp_path, PERSON), tmp_path / "data"
+    command = ("run", design, "p01", "--address", ADDRESS, "--data", data, "--terminal")
+    typing(monkeypatch, {"agree": "yes", "How many": ["many", "3"], "1 or 2": KeyboardInterrupt})
+    code, _, err = experiment(*command)
+    assert code == 130 and "expected a number from 0 to 10" in err
+    assert err.endswith("proximity: stopped; the same command goes on there\n")
+
+    typing(monkeypatch, {"1 or 2": ["three", "1", *"1" * 20], "Which hand": "left"})
+    code, out, err = experiment(*command)
+    entries = read_log(data / "sub-p01" / "sub-p01_log.jsonl")
+    trials = [one for one in entries if one["event"] == "trial"]
+    assert (code, out.splitlines()[-1]) == (0, f"{data}: p01 is done") and "expected 1 or 2" in err
+    assert [one["number"] for one in trials] == list(range(6))
+    assert sum(one["event"] == "begin" for one in entries) == 2
+    assert {one["answer"] for one in trials} == {1} and not any(one["stopped"] for one in trials)
+    pressed = [force for one in trials for force in one["peak_force"]]
+    assert max(pressed) > 0.3 and min(pressed) == 0.0  # the real wall is not of the drum
+    assert code == 0 and entries[0]["apparatus"] == "simulated drum"
+
+
+def test_who_refuses_is_not_kept(experiment, tmp_path, monkeypatch, pressing):
+    data = tmp_path / "data"
+    typing(monkeypatch, {"agree": "no"})
+    code, _, err = experiment(
+        "run", write_design(tmp_path, PERSON), "p01", "--address", ADDRESS, "--data", data, "--terminal"
+    )
+
+    assert code == 130 and err.endswith("p01 does not agree: nothing was kept\n")
+    assert not (data / "sub-p01").exists()
+
+
+def test_motor_needs_to_be_armed(experiment, tmp_path):
+    code, _, err = experiment("run", write_design(tmp_path), "p01", "--address", ADDRESS, "--arm")
+
+    assert code == 2 and "a motor moves only with both --motor and --arm" in err.replace("\n", " ")

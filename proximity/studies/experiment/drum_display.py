@@ -25,11 +25,12 @@ from proximity.message.contact import ContactFlag
 from proximity.studies.experiment.coupled_controller import CoupledController
 from proximity.studies.experiment.display import FRAME, Interval, Presentation, stopped_by_force
 from proximity.studies.simulation.simulated_press import Wall
-from proximity.system.time_units import S_PER_NS
+from proximity.system.time_units import NS_PER_MS, S_PER_NS
 from proximity.transport import Reading
 
 RELEASED_S = 0.4  # after which a touch is over
 TOUCHED_N = 0.1
+SIMULATED_WATCHDOG_NS = 200 * NS_PER_MS  # a simulated drum that a busy machine steps late hurts nobody
 SILENCE_S = 2.0  # beyond the longest interval, in which the drums must have ended it
 
 
@@ -114,7 +115,9 @@ class DrumDisplay(DrumBench):
         """Give the drum the controller of an interval."""
         finger = self.fingers[self._shown_by]
         self._is_new, self._began_ns, self._touched_ns, self._faults = False, sample_ns, 0, finger.faults
-        limits = Limits(continuous_force=self._limits_of_interval[0], peak_force=self._limits_of_interval[0])
+        force = self._limits_of_interval[0]
+        watchdog_ns = Limits().watchdog_ns if finger.has_motor else SIMULATED_WATCHDOG_NS
+        limits = Limits(continuous_force=force, peak_force=force, watchdog_ns=watchdog_ns)
         if interval.wall is Wall.COUPLED:
             gain = interval.gain if interval.stiffness is None else interval.stiffness
             finger.controller = CoupledController(

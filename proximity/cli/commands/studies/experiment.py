@@ -1,5 +1,6 @@
 """``proximity experiment``: experiments with people, from the design to the report."""
 
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -15,6 +16,7 @@ from proximity.cli.commands.service.drum import (
     MOST_RATE_HZ,
     MOTOR,
     RATE,
+    SWITCH_S,
 )
 from proximity.cli.options import check_range
 from proximity.cli.program import EXIT_INTERRUPTED, Command, Group
@@ -107,13 +109,16 @@ def run(
         bool,
         typer.Option("--terminal", help="Ask in the terminal; else on a page, with a second one beside."),
     ] = False,
+    browser: Annotated[
+        bool, typer.Option("--browser/--no-browser", help="Open the participant's page in a browser.")
+    ] = True,
     rate: RATE = 500.0,
     calibration: CALIBRATION = None,
     max_age: MAX_AGE = None,
     motor: MOTOR = None,
     arm: ARM = False,
 ) -> None:
-    """Do a session with a person, who presses on the drum of a service's finger, simulated or with a motor."""
+    """Do a session with a person, on the drum of a service's finger, simulated or with a motor."""
     from proximity.cli.experiment_run import Drums, run_session
     from proximity.studies.experiment.dataset import Dataset, check_pseudonym
     from proximity.studies.experiment.design_file import read_design
@@ -123,8 +128,9 @@ def run(
         raise typer.BadParameter("a motor moves only with both --motor and --arm", param_hint="--motor")
     check_pseudonym(participant)
     dataset = Dataset(data, read_design(design))
+    sys.setswitchinterval(SWITCH_S)
     drums = Drums(address, rate, finger, calibration or [], max_age, motor or [])
-    ending = run_session(dataset, participant, drums, at_terminal=terminal)
+    ending = run_session(dataset, participant, drums, at_terminal=terminal, opens_browser=browser)
     if ending:
         typer.echo(f"proximity: {ending}", err=True)
         raise typer.Exit(EXIT_INTERRUPTED)
