@@ -36,9 +36,9 @@ def sitting(tmp_path):
                 ended.append(stopped)
 
         thread = threading.Thread(target=run)
-        with Client(pages.url) as person, Client(pages.watch_url) as watcher:
+        with Client(pages.url) as person:
             thread.start()
-            yield person, watcher, dataset, thread, ended
+            yield person, pages.watch_url, dataset, thread, ended
             monitor.stop.set()
         thread.join()
 
@@ -67,14 +67,15 @@ def go_through(person, until=lambda step: False):
 
 
 def test_participant_goes_through_a_session(sitting):
-    person, watcher, dataset, thread, ended = sitting
+    person, watch_url, dataset, thread, ended = sitting
     titles = go_through(person)
 
     assert titles[0] in ("Consent", "Small") and "Consent" in titles
     assert titles.count("Question") == 2
     assert titles.count("First surface") >= 19 and titles.count("Which?") == 19
     assert titles.count("Rating") == 2
-    shown = watcher.get("watched")
+    with Client(watch_url) as watcher:
+        shown = watcher.get("watched")
     assert set(shown) == {"step", "surface", "trial", "left", "largest force", "force limit"}
     thread.join(20.0)
     assert not ended and not thread.is_alive()
@@ -83,10 +84,11 @@ def test_participant_goes_through_a_session(sitting):
 
 
 def test_experimenter_stops_and_the_trial_at_hand_is_not_answered(sitting):
-    person, watcher, dataset, thread, ended = sitting
+    person, watch_url, dataset, thread, ended = sitting
     go_through(person, until=lambda step: step["title"] == "Which?")
-    watcher.socket.send(json.dumps({"stop": True}))
-    thread.join(20.0)
+    with Client(watch_url) as watcher:
+        watcher.socket.send(json.dumps({"stop": True}))
+        thread.join(20.0)
 
     assert not thread.is_alive() and len(ended) == 1
     assert [one["event"] for one in dataset.entries("p01")] == ["begin", "text", "question"]
