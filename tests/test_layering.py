@@ -115,7 +115,7 @@ deadlines · fingerprint · machine · motions · period · subject · tick_time
     "proximity.cli": """
 commands
 experiment_run
-drum_loop · drum_motors · experiment_page · experiment_terminal · guided_calibration · questions · scene_press
+calibration · drum_loop · drum_motors · experiment_page · experiment_terminal · questions · scene_press
 progress · views
 console
 lengths · options · points · program · wording

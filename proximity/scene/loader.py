@@ -1,7 +1,7 @@
 """Loading files as scenes."""
 
 import os
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -30,6 +30,7 @@ def load(
     units: str = "mm",
     step_tolerance: float = STEP_TOLERANCE,
     unpacked_limit: float = UNPACKED_LIMIT,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Scene:
     """Return the scene in a file: STL, OBJ, PLY, OFF, glTF, GLB, 3MF or STEP, or one that `Scene.save` wrote.
 
@@ -44,6 +45,9 @@ def load(
         ``scene.report`` repeats it.
     unpacked_limit : bytes
         What a 3MF file, which is an archive, may unpack to.
+    progress : callable
+        Called with the number of meshes that are prepared and the number of all, after each of them. Not
+        called for a compiled scene.
 
     Returns
     -------
@@ -77,7 +81,16 @@ def load(
     report = LoadReport(
         contents.path, contents.format, contents.units, contents.units_declared, contents.notes
     )
-    return scene_of(contents.geometries, os.fspath(path), report)
+    return scene_of(_counted(contents.geometries, progress), os.fspath(path), report)
+
+
+def _counted(
+    geometries: Sequence[Geometry], progress: Callable[[int, int], None] | None
+) -> Iterator[Geometry]:
+    for count, geometry in enumerate(geometries, start=1):
+        yield geometry
+        if progress is not None:
+            progress(count, len(geometries))
 
 
 def scene_of(geometries: Iterable[Geometry], origin: str, report: LoadReport) -> Scene:

@@ -26,6 +26,7 @@ from proximity.service.config import (
     read_input,
     read_scene_file,
 )
+from proximity.system.extras import installation
 from proximity.tracker.replay import fitted_pose
 from proximity.tracker.tracker import DEFAULT_BUDGET
 from proximity.web.geometry import scene_glb
@@ -93,7 +94,7 @@ def run_page(
         from proximity.web.bridge import Bridge
     except ModuleNotFoundError as missing:
         raise ServiceError(
-            f'the page needs {missing.name}, which is not installed: pip install "proximity[web]"'
+            f"the page needs {missing.name}, which is not installed: {installation('web')}"
         ) from missing
     tls = _tls(settings)
     with ExitStack() as opened:

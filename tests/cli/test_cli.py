@@ -405,7 +405,7 @@ def test_version_is_printed(run):
         (("--help",), "--version"),
         (("query", "--help"), "shuf points.txt | proximity query bracket.stl --points - --workers -1"),
         (("check", "--help"), "with --strict it is 1 if some part has no inside"),
-        (("-h",), "Exit codes: 0 answered"),
+        (("-h",), "Exit codes: 0: done. 1: the command ran, but the result is negative"),
     ],
 )
 def test_help_has_examples_and_exit_codes(run, arguments, words):
@@ -451,6 +451,30 @@ def test_long_reading_shows_a_spinner_on_a_terminal(name, monkeypatch):
             progress.time.sleep(0.05)
 
     assert f"reading {name}" in screen.getvalue()
+
+
+def test_spinner_counts_what_is_done(monkeypatch):
+    screen = terminal(monkeypatch)
+    monkeypatch.setattr(progress, "ANNOUNCE_AFTER_S", 0.0)
+
+    with progress.spinner("reading gears.step") as count:
+        passed = list(progress.counted(["ab", "c"], count))
+        ends = progress.time.monotonic() + 60.0
+        while "reading gears.step 3" not in screen.getvalue() and progress.time.monotonic() < ends:
+            progress.time.sleep(0.05)
+        count(7, 12)
+        while "7 of 12" not in screen.getvalue() and progress.time.monotonic() < ends:
+            progress.time.sleep(0.05)
+
+    assert passed == ["ab", "c"]
+    assert "reading gears.step 3" in screen.getvalue() and "reading gears.step 7 of 12" in screen.getvalue()
+
+
+def test_count_without_a_terminal_shows_nothing(capsys):
+    with progress.spinner("reading ball.stl") as count:
+        count(1, 2)
+
+    assert capsys.readouterr() == ("", "")
 
 
 def test_short_reading_shows_nothing(monkeypatch):

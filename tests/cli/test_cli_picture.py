@@ -9,7 +9,7 @@ from project import MESHES
 
 from proximity import cli
 
-pytest.importorskip("vtkmodules", reason="pictures need VTK: pip install proximity[picture]")
+pytest.importorskip("vtkmodules", reason="pictures need VTK: pip install cad-proximity[picture]")
 
 BOX = MESHES / "box.stl"
 
@@ -68,4 +68,4 @@ def test_missing_library_is_reported_before_the_file_is_read(run, monkeypatch):
     result = run("none.stl", "-o", "none.png")
 
     assert result.code == 2
-    assert 'pip install "proximity[picture]"' in result.err
+    assert 'pip install "cad-proximity[picture]"' in result.err

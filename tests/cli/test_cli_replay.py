@@ -64,7 +64,9 @@ def test_hand_at_the_bracket_is_told_in_words(run):
     assert lines["touch"][0] == "thumb: 2 times, first at 1.638 s, 1.178 mm deep"
     assert lines["bounds"] == ["12483 of 12483 hold, checked against exact distances"]
     assert re.fullmatch(r"\d+\.\d % within their bounds, error p50 .* mm", lines["predictions"][0])
-    assert "of lower bounds not above the time until the touch" in lines["contact times"][0]
+    assert re.fullmatch(
+        r"(\d+) of \1 certified times held \(velocity constant within 5 %\)", lines["contact times"][0]
+    )
 
 
 def test_histogram_counts_every_tick(run):
@@ -166,6 +168,23 @@ def test_broken_bound_is_said_and_ends_with_1(run, tmp_path):
         "454 of 455 hold, checked against exact distances, the worst is off by 1 mm"
     ]
     assert (tmp_path / "log.npy").exists()
+
+
+def test_broken_certified_time_is_said_and_ends_with_1(run):
+    def spoil(contacts, tick):
+        contacts["time_to_contact_lower"] *= 4.0
+
+    run.spoil = spoil
+    result = run(BRACKET, HAND, *AS_RECORDED)
+
+    assert result.code == 1
+    assert re.fullmatch(
+        r"proximity: (\d+) of (\d+) certified times that were checked do not hold, the first: \w+ at .* s: "
+        r"touched after .* s, certified .* s\n",
+        result.err,
+    )
+    held, checked = map(int, re.findall(r"\d+", lines_of(result.out)["contact times"][0])[:2])
+    assert held < checked
 
 
 @pytest.mark.parametrize(

@@ -123,7 +123,9 @@ def test_scene_file_that_makes_no_sense_is_refused(tmp_path, text, sentence):
 def test_missing_pyopenxr_is_reported_with_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "xr", None)
 
-    with pytest.raises(ServiceError, match=r'input.openxr needs pyopenxr.*pip install "proximity\[openxr\]"'):
+    with pytest.raises(
+        ServiceError, match=r'input.openxr needs pyopenxr.*pip install "cad-proximity\[openxr\]"'
+    ):
         OpenXrHands()
 
 
@@ -133,7 +135,9 @@ def test_missing_pyopenxr_is_reported_with_what_to_install(monkeypatch):
 @pytest.fixture
 def runtime(monkeypatch):
     """Calls as a runtime answers them, in pyopenxr's own structures; the list of what was called."""
-    xr = pytest.importorskip("xr", reason='calls of OpenXR need pyopenxr: pip install "proximity[openxr]"')
+    xr = pytest.importorskip(
+        "xr", reason='calls of OpenXR need pyopenxr: pip install "cad-proximity[openxr]"'
+    )
     called = []
 
     def locate(tracker, info, locations):

@@ -8,56 +8,16 @@ import threading
 import time
 
 import pytest
-from websockets.exceptions import ConnectionClosed, InvalidStatus
+from guided_client import PATIENCE, Client
+from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from proximity.errors import ServiceError
 from proximity.web.guided import Button, Field, GuidedPages, PageLeftError, Step, StoppedError, guided_pages
 
-PATIENCE = 10.0
 TAKE = Button("take", "Take", "Enter", "main", takes_fields=True)
 SKIP = Button("skip", "Leave out")
 STEP = Step("Pose 1", "Lay the hand flat.", buttons=(TAKE, SKIP))
-
-
-class Client:
-    """A page as a socket sees it."""
-
-    def __init__(self, url, token=None):
-        address, _, given = url.partition("/#token=")
-        self.opened = contextlib.ExitStack()
-        self.socket = self.opened.enter_context(
-            connect(address.replace("http", "ws") + "/live", origin=address)
-        )
-        self.socket.send(json.dumps({"hello": given if token is None else token}))
-
-    def get(self, topic):
-        while True:
-            found = json.loads(self.socket.recv(PATIENCE))
-            if topic in found:
-                return found[topic]
-
-    def step(self, title):
-        while (step := self.get("step"))["title"] != title:
-            pass
-        return step
-
-    def answer(self, step, button="take", seconds=0.5, **values):
-        given = {"number": step["number"], "button": button, "values": values, "seconds": seconds}
-        self.socket.send(json.dumps({"answer": given}))
-
-    def closed(self):
-        """Code and reason with which the connection is closed."""
-        with pytest.raises(ConnectionClosed) as ended:
-            while True:
-                self.socket.recv(PATIENCE)
-        return ended.value.rcvd.code, ended.value.rcvd.reason
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *unused):
-        self.opened.close()
 
 
 @pytest.fixture

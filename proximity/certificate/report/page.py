@@ -12,6 +12,7 @@ import numpy as np
 from proximity.certificate import wording
 from proximity.certificate.report import plots
 from proximity.errors import DecaffError
+from proximity.system.extras import installation
 
 FILTERS = (
     wording.counted, wording.fed, wording.goal, wording.microseconds, wording.millimetres, wording.missed,
@@ -38,7 +39,7 @@ def page(reported: dict[str, Any], surface: np.ndarray) -> str:
         jinja, markup = import_module("jinja2"), import_module("markupsafe").Markup
     except ModuleNotFoundError as missing:
         raise DecaffError(
-            f'pages need {missing.name}, which is not installed: pip install "proximity[sim]"'
+            f"pages need {missing.name}, which is not installed: {installation('sim')}"
         ) from missing
     environment = jinja.Environment(
         autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja.StrictUndefined

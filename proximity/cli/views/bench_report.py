@@ -96,5 +96,6 @@ def _ends(reported: dict[str, Any]) -> Lines:
             f"force {wording.two(1e3 * speed['force_error'])} mN and "
             f"work {wording.two(1e3 * speed['energy_error'])} mJ too large",
         ),
-        ("verdict", reported["verdict"]["sentence"]),
+        ("scene verdict", reported["verdict"]["sentence"]),
+        ("machine verdict", reported["machine_verdict"]["sentence"]),
     ]

@@ -14,6 +14,7 @@ from urllib.parse import parse_qsl, urlsplit
 from proximity.decaff.drum.drum_model import GEAR4
 from proximity.decaff.motors.motor_driver import MotorDriver
 from proximity.errors import MotorError
+from proximity.system.extras import installation
 
 DRIVERS = {
     "odrive-can": "proximity.decaff.motors.odrive_can",
@@ -128,4 +129,4 @@ def open_motor(text: str) -> tuple[MotorDriver, MotorSettings]:
     try:
         return opener(address, settings), settings
     except ModuleNotFoundError as missing:
-        raise address.refuse(f'needs {missing.name}: pip install "proximity[motor]"') from missing
+        raise address.refuse(f"needs {missing.name}: {installation('motor')}") from missing

@@ -31,7 +31,7 @@ KEPT_LINES = 40
 SPOKEN_BY = "proximity: "
 EXIT_UNUSABLE = 2
 OPTIONS = {"rate_hz": "--rate", "publish": "--publish", "log": "--log"}
-SWITCHES = {"real_time": ("--no-real-time", "--real-time")}
+SWITCHES = {"real_time": ("--no-realtime", "--realtime")}
 LOGGER = logging.getLogger("proximity.hosting")
 
 

@@ -38,7 +38,7 @@ class Beginning:
     finger_count: int
     part_count: int  # 0: distances are measured
     face_count: int
-    notes: tuple[str, ...]  # sentences: what the system did not permit
+    notes: tuple[str, ...]  # sentences: what the system granted and refused, what is odd about the input
 
 
 def serve(

@@ -30,13 +30,21 @@ class ControllerInLoop:
         Of the controller.
     surface : (float, float), N/m and N s/m
         Stiffness and damping of the wall; None: it is rigid.
+    has_force_sensor : bool
+        Whether the force between link and drum is measured.
     """
 
     action: DrumAction | None  # of the last sample
 
     def __init__(
-        self, controller: FingerController, path: FingerPath, surface: tuple[float, float] | None = None
+        self,
+        controller: FingerController,
+        path: FingerPath,
+        surface: tuple[float, float] | None = None,
+        *,
+        has_force_sensor: bool = True,
     ) -> None:
+        self._has_force_sensor = has_force_sensor
         self.controller, self._path, self.action = controller, path, None
         self._frame: FrameMark | None = None
         self._wall = path.retracted - Holding().retracted
@@ -60,7 +68,8 @@ class ControllerInLoop:
                 path.drum_angle(self._wall + distance_sample.drum),
                 State.STALE if distance_sample.message is None else State.OK,
                 None if distance_sample.message is None else self._contact,
-                distance_sample.force,
+                distance_sample.force if self._has_force_sensor else math.nan,
+                motor_force=-distance_sample.applied,
                 sample_ns=now_ns,
                 frame=self._frame,
             )

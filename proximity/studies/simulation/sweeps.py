@@ -1,4 +1,4 @@
-"""Sweeps of presses: walls against speed, latency, rate and drum (docs/decaff.md).
+"""Sweeps of presses: walls against speed, latency, rate and drum (docs/science/drum.md).
 
 A penalty wall is given the best stiffness and damping of a grid for its rate and latency: the most favourable
 tuning there is, one for all speeds.
@@ -169,6 +169,15 @@ class Stretch(StrEnum):
     """By the motor's torque, smoothed: slowly, since the torque moves the drum as well."""
     SENSOR = "sensor"
     """By a force sensor between link and drum."""
+
+    @property
+    def words(self) -> str:
+        """What becomes of the stretch, in words."""
+        return {
+            "left": "its stretch left",
+            "torque": "its stretch made up for by the motor's torque",
+            "sensor": "its stretch made up for by a force sensor",
+        }[self]
 
 
 def with_transmission(glove: Decaff, cable: TipCable, stretch: Stretch = Stretch.LEFT) -> Decaff:

@@ -57,8 +57,8 @@ def command(
 
     metres = metres_per_unit(units)
     progress.prepare_kernels()
-    with progress.spinner(f"reading {file}"):
-        scene = proximity.load(str(file), units=units, **options)
+    with progress.spinner(f"reading {file}") as count:
+        scene = proximity.load(str(file), units=units, progress=count, **options)
         report = check_report.report_of(scene, str(file), units, metres)
     if as_json:
         from proximity.cli.views.json_output import write_document

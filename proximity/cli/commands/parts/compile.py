@@ -54,8 +54,8 @@ def command(
     from proximity.cli.wording import printable
 
     progress.prepare_kernels()
-    with progress.spinner(f"compiling {file}"):
-        scene = proximity.load(str(file), units=units, **options)
+    with progress.spinner(f"compiling {file}") as count:
+        scene = proximity.load(str(file), units=units, progress=count, **options)
         scene.save(out)
     face_count = sum(part.solid.mesh.face_count for part in scene.parts)
     parts = "1 part" if len(scene.parts) == 1 else f"{len(scene.parts)} parts"

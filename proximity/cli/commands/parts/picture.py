@@ -19,13 +19,14 @@ from proximity.cli.options import (
     load_options,
 )
 from proximity.cli.points import finite_number, read_points
+from proximity.system.extras import installation
 
 HELP = "\n\n".join(
     (
         "Draw the parts of FILE as a PNG file, without a screen.",
         "--points joins points with the nearest points of the parts; their colours, and numbers where they "
         "are few, are signed distances. --slice adds a map of the signed distance in a plane. Needs VTK and "
-        'matplotlib: pip install "proximity[picture]".',
+        f"matplotlib: {installation('picture')}.",
     )
 )
 
@@ -80,8 +81,8 @@ def command(
     load_renderer()
     metres = metres_per_unit(units)
     progress.prepare_kernels()
-    with progress.spinner(f"reading {file}"):
-        scene = proximity.load(str(file), units=units, **options)
+    with progress.spinner(f"reading {file}") as count:
+        scene = proximity.load(str(file), units=units, progress=count, **options)
     drawn = Picture(
         scene,
         file.name,

@@ -107,8 +107,8 @@ def command(
 
         metres = metres_per_unit(units)
         progress.prepare_kernels()
-        with progress.spinner(f"reading {file}"):
-            scene = proximity.load(str(file), units=units, **options)
+        with progress.spinner(f"reading {file}") as count:
+            scene = proximity.load(str(file), units=units, progress=count, **options)
     from proximity.cli.questions import FarPoints, Questions, asker
     from proximity.scene.loader import notes_on_sizes
 

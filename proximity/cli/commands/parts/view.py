@@ -179,9 +179,9 @@ def _write_rerun(files: list[Path], out: Path, units: str, radius: float | None)
         for part in load(name, units=units).parts
     ]
     reader = FrameReader(logs[0])
-    with progress.spinner(f"writing {out}"):
+    with progress.spinner(f"writing {out}, frames") as show:
         given = {} if radius is None else {"radius": radius / 1e3}
-        count = write_rerun(out, reader, parts, **given)
+        count = write_rerun(out, progress.counted(reader, show), parts, **given)
     typer.echo(f"{out}: {count} frames")
     for note in reader.notes:
         _say(f"{logs[0]}: {note}")

@@ -33,7 +33,7 @@ EXAMPLES = """
 Examples:
   proximity serve meshes/demo.toml
   proximity serve cell.toml --rate 500 --publish udp://192.168.7.2:9100 --log run.frames
-  proximity serve cell.toml --limit 60 --no-real-time --json
+  proximity serve cell.toml --realtime --limit 60 --json
 """
 
 
@@ -55,8 +55,8 @@ LOG = Annotated[
 REAL_TIME = Annotated[
     bool | None,
     typer.Option(
-        "--real-time/--no-real-time",
-        help="Try for priority, locked memory and a core of its own.",
+        "--realtime/--no-realtime",
+        help="Ask the system for real-time priority, locked memory and a core of its own; overrides SCENE.",
         show_default=False,
     ),
 ]

@@ -23,9 +23,10 @@ HELP = "\n\n".join(
         "With --vr two VR applications are run with the parts: one that publishes poses and subscribes to "
         "frames in shared memory, and what proximity view runs, without drawing. Poses come at 90 and 120 Hz "
         "for five and ten fingers, ticks at 1 kHz.",
-        "With --gate the exit code is 1 if a scene does not fit PERIOD. It fits if 99.9 % of the ticks of "
-        "every motion (best of three runs), and half of the loop's ticks, take no longer to compute. Delays "
-        "by the machine, such as interruptions and late waking, are shown but do not count. The page needs "
+        "There are two verdicts. The scene fits a period if 99.9 % of the ticks of every motion (best of "
+        "three runs), and half of the loop's ticks, take no longer to compute. This machine kept its "
+        "deadlines if the loop missed at most 0.1 % of them, for whatever reason: interruptions and late "
+        "waking count here. With --gate the exit code is 1 if the scene does not fit PERIOD. The page needs "
         "jinja2 and matplotlib.",
     )
 )
@@ -80,8 +81,8 @@ SEED = Annotated[
 REAL_TIME = Annotated[
     bool | None,
     typer.Option(
-        "--real-time/--no-real-time",
-        help="Try for priority and a core of its own for the loop; without it as in SCENE, or yes.",
+        "--realtime/--no-realtime",
+        help="Ask the system for real-time priority and a core for the loop; without it as in SCENE, or no.",
         show_default=False,
     ),
 ]
@@ -181,7 +182,7 @@ def _progress() -> Iterator[Callable[[str, float], None]]:
 
     It is drawn when there is something new only: a thread that draws it meanwhile would be measured as well.
     """
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
     from proximity.cli.console import Console
 
@@ -189,7 +190,7 @@ def _progress() -> Iterator[Callable[[str, float], None]]:
     if not console.is_terminal:
         yield lambda doing, share: None
         return
-    columns = TextColumn("{task.description:<32}"), BarColumn(), TimeElapsedColumn()
+    columns = TextColumn("{task.description:<32}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn()
     with Progress(*columns, console=console, transient=True, auto_refresh=False) as bar:
         task = bar.add_task("", total=1.0)
         yield lambda doing, share: bar.update(task, description=doing, completed=share, refresh=True)

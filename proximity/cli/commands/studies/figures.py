@@ -2,7 +2,7 @@
 
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -12,9 +12,9 @@ HELP = "\n\n".join(
         "SI units.",
         "5a to 5h are those of the paper; 5 has all eight on a page. stability shows the sampled wall's "
         "region; error-speed and error-latency compare coupled walls and drums with the real wall, "
-        "error-engine a drum that the distance service controls at a CAD part; drum-motion and arrival show "
-        "when a drum is in place. Existing files are replaced. All take less than a minute. Needs "
-        "matplotlib.",
+        "error-engine a drum that the distance service controls at a CAD part; cable shows what the cable of "
+        "a glove costs; drum-motion and arrival show when a drum is in position. Existing files are "
+        "replaced. All take less than a minute. Needs matplotlib.",
     )
 )
 
@@ -22,6 +22,7 @@ EXAMPLES = """
 Examples:
   proximity figures
   proximity figures 5c 5h stability --out paper --format pdf
+  proximity figures drum-motion --json
 """
 
 
@@ -30,8 +31,8 @@ def command(
         list[str] | None,
         typer.Argument(
             metavar="[NAME]...",
-            help="5a to 5h, 5, stability, error-speed, error-latency, error-engine, drum-motion, arrival; "
-            "else all.",
+            help="5a to 5h, 5, stability, error-speed, error-latency, error-engine, cable, drum-motion, "
+            "arrival; else all.",
             show_default=False,
         ),
     ] = None,
@@ -39,19 +40,31 @@ def command(
         Path, typer.Option("--out", metavar="DIR", help="Output folder; created if missing.")
     ] = Path("figures"),
     form: Annotated[str, typer.Option("--format", metavar="FORMAT", help="png, svg or pdf.")] = "png",
+    as_json: Annotated[bool, typer.Option("--json", help="Write the summary as a JSON document.")] = False,
 ) -> None:
     """Write figures and their numbers."""
     # NumPy, Rich and the models: only now, so that --help answers at once.
     from proximity.cli import progress
+    from proximity.cli.views.json_output import write_document
     from proximity.studies.figures import catalogue
 
     began, file_count = time.monotonic(), 0
+    figures: list[dict[str, Any]] = []
     chosen = catalogue.chosen_names(names or ())
-    for name in chosen:
-        started = time.monotonic()
-        with progress.spinner(f"drawing {catalogue.PLATES[name].title}"):
+    for number, name in enumerate(chosen, start=1):
+        started, title = time.monotonic(), catalogue.PLATES[name].title
+        with progress.spinner(f"drawing {title}, figure") as count:
+            count(number, len(chosen))
             paths = catalogue.write_figure(name, out, form)
+        seconds = time.monotonic() - started
         file_count += len(paths)
+        figures.append(
+            {"name": name, "title": title, "files": list(map(str, paths)), "seconds": round(seconds, 3)}
+        )
         reported = ", ".join(path.name for path in paths)
-        typer.echo(f"proximity: {reported} ({time.monotonic() - started:.1f} s)", err=True)
-    typer.echo(f"{out}: {len(chosen)} figures, {file_count} files, {time.monotonic() - began:.1f} s")
+        typer.echo(f"proximity: {reported} ({seconds:.1f} s)", err=True)
+    seconds = time.monotonic() - began
+    if as_json:
+        write_document({"out": str(out), "figures": figures, "seconds": round(seconds, 3)})
+    else:
+        typer.echo(f"{out}: {len(chosen)} figures, {file_count} files, {seconds:.1f} s")

@@ -73,6 +73,7 @@ function showStep(given) {
   requestAnimationFrame(() => (shownMs = performance.now())); // when it is seen
   showTime();
   enable();
+  scrollTo(0, 0);
   byId("fields").querySelector("input, textarea")?.focus();
 }
 
