@@ -26,7 +26,7 @@ from proximity.cli.commands.service import (
     serve,
     watch,
 )
-from proximity.cli.commands.studies import bench, figures, replay, simulate
+from proximity.cli.commands.studies import bench, experiment, figures, replay, simulate
 from proximity.cli.program import Command, Group
 
 HELP = "\n\n".join(  # a paragraph a string: some versions of Typer keep line breaks, some do not
@@ -66,6 +66,8 @@ for module in COMMANDS:
         help=module.HELP,
         no_args_is_help=module not in RUN_BARE,
     )(module.command)
+
+app.add_typer(experiment.app, name="experiment")
 
 
 def _print_version(is_asked: bool) -> None:
