@@ -98,7 +98,7 @@ report
 certification
 measurement
 search · service_inputs
-deadlines · fingerprint · machine · motions · period · subject · tick_times · vr_application · wording
+deadlines · fingerprint · period · subject · tick_times · vr_application · wording
 """,
     "proximity.cli": """
 commands
