@@ -87,7 +87,7 @@ drum · glove
 arguments
 """,
     "proximity.studies": """
-part_press
+part_press · sweep
 claims · figures
 engine · stability
 simulation
