@@ -94,7 +94,7 @@ simulation
 multibody · paper
 """,
     "proximity.certificate": """
-report
+certificate_job · report
 certification
 measurement
 search · service_inputs

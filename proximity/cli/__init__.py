@@ -26,7 +26,7 @@ from proximity.cli.commands.service import (
     serve,
     watch,
 )
-from proximity.cli.commands.studies import bench, figures, replay, simulate
+from proximity.cli.commands.studies import bench, figures, replay, simulate, study
 from proximity.cli.program import Command, Group
 
 HELP = "\n\n".join(  # a paragraph a string: some versions of Typer keep line breaks, some do not
@@ -38,8 +38,8 @@ HELP = "\n\n".join(  # a paragraph a string: some versions of Typer keep line br
         "says.",
         "Exit codes: 0 answered; 1 check --strict found a part without an inside, replay a bound that does "
         "not hold, bench a scene that does not fit its gate, record, watch, drum or demo no frame, or "
-        "calibrate too little input; 2 the files, the points, the addresses or the options cannot be "
-        "used, or the log of serve lacks frames; "
+        "calibrate too little input, or study conditions that failed; 2 the files, the points, the addresses "
+        "or the options cannot be used, or the log of serve lacks frames; "
         "130 interrupted; 141 the reader of "
         "the output went first.",
     )
@@ -54,7 +54,7 @@ app = typer.Typer(
 )
 COMMANDS = (
     query, check, picture, replay, compile, serve, record, export, watch, view, demo, drum, header,
-    client, controller, calibrate, key, bench, figures, simulate,
+    client, controller, calibrate, key, bench, figures, simulate, study,
 )  # fmt: skip
 """In the order in which the help lists them."""
 RUN_BARE = (demo, header, figures, simulate)

@@ -59,9 +59,18 @@ class Job:
         Two conditions that differ only in what does not matter are one.
         """
         full = {name: values.get(name, factor.default) for name, factor in self.factors.items()}
-        return {name: value if self._matters(name, full) else None for name, value in full.items()}
+        return {name: value if self.matters(name, full) else None for name, value in full.items()}
 
-    def _matters(self, name: str, values: Values) -> bool:
+    def matters(self, name: str, values: Values) -> bool:
+        """Return whether a factor has a say in a condition.
+
+        Parameters
+        ----------
+        name : str
+            Of the factor.
+        values : mapping
+            All factors.
+        """
         return all(
             values[other] in words if words else values[other] is not None
             for other, words in self.factors[name].only.items()

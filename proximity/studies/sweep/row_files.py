@@ -13,6 +13,7 @@ import datetime
 import secrets
 import time
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,8 @@ except ImportError:  # not a POSIX system: nobody notices two runs of one study 
 
 FLUSH_SECONDS, FLUSH_ROWS = 2.0, 20_000
 KEYS_AT_ONCE = 100_000
+SOURCE = b"study"
+"""Key under which the file of keys has the path of the study."""
 MADE_BY = (
     "proximity", "commit", "kernels", "python", "numpy", "ray", "processor", "system", "node",
 )  # fmt: skip
@@ -103,15 +106,17 @@ class RowFiles:
             self._rows = []
         self._due = time.monotonic() + FLUSH_SECONDS
 
-    def write_design(self, keys: Iterator[str]) -> int:
+    def write_design(self, keys: Iterator[str], source: str) -> int:
         """Write the keys of all conditions of the study; return how many there are.
 
         Parameters
         ----------
         keys : iterator
             Of the conditions, in their order.
+        source : str
+            Path of the study file.
         """
-        schema = self._arrow.schema([("key", self._arrow.string())])
+        schema = self._arrow.schema([("key", self._arrow.string())], metadata={SOURCE: source})
         total = 0
         with (
             whole_file(self._folder / "design.parquet", ServiceError) as stream,
@@ -155,8 +160,17 @@ def row_paths(folder: Path) -> list[Path]:
     return sorted(folder.glob("rows/run=*/*.parquet"))
 
 
-def read_rows(folder: Path) -> tuple[Any, int]:
-    """Return the rows of a study as a pyarrow table, and how many it has when it is complete.
+@dataclass(frozen=True, slots=True, eq=False)
+class Recorded:
+    """What a folder of results holds."""
+
+    rows: Any  # pyarrow table, a row a condition
+    total: int  # rows when the study is complete
+    source: str  # path of the study file
+
+
+def read_rows(folder: Path) -> Recorded:
+    """Return the rows of a study.
 
     A condition that was done again has its newest row; one that the study no longer has is left out.
 
@@ -173,11 +187,13 @@ def read_rows(folder: Path) -> tuple[Any, int]:
         rows = arrow.concat_tables(
             [parquet.read_table(path, partitioning=None) for path in paths], promote_options="permissive"
         )
-        wanted = parquet.read_table(folder / "design.parquet")["key"].to_pylist()
+        design = parquet.read_table(folder / "design.parquet")
     except (arrow.ArrowException, OSError) as damaged:
         raise ServiceError(f"{folder}: a file of results cannot be read ({damaged})") from damaged
     newest = {key: number for number, key in enumerate(rows["key"].to_pylist())}
-    return rows.take([newest[key] for key in wanted if key in newest]), len(wanted)
+    wanted = design["key"].to_pylist()
+    found = rows.take([newest[key] for key in wanted if key in newest])
+    return Recorded(found, len(wanted), design.schema.metadata[SOURCE].decode())
 
 
 def _schema(arrow: Any, job: Job) -> Any:

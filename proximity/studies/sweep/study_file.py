@@ -56,7 +56,7 @@ class Study:
         return os.path.dirname(os.path.abspath(self.path))
 
 
-def read_study(path: str | os.PathLike[str], jobs: Mapping[str, Job]) -> Study:
+def read_study(path: str | os.PathLike[str], jobs: Mapping[str, Job], *, with_files: bool = True) -> Study:
     """Return what a study file says.
 
     Parameters
@@ -65,6 +65,8 @@ def read_study(path: str | os.PathLike[str], jobs: Mapping[str, Job]) -> Study:
         The file.
     jobs : mapping
         All jobs there are, by name.
+    with_files : bool
+        Whether files that factors name are looked for; else its conditions cannot be used.
 
     Raises
     ------
@@ -72,7 +74,7 @@ def read_study(path: str | os.PathLike[str], jobs: Mapping[str, Job]) -> Study:
         If it cannot be used. The message names the line of what is wrong first, and what was expected.
     """
     document = read_document(path, "a study")
-    study = _StudyReader(document, os.fsdecode(path), jobs).study()
+    study = _StudyReader(document, os.fsdecode(path), jobs, with_files).study()
     document.raise_complaints()
     return study
 
@@ -80,8 +82,8 @@ def read_study(path: str | os.PathLike[str], jobs: Mapping[str, Job]) -> Study:
 class _StudyReader:
     """The tables of one study, one after the other."""
 
-    def __init__(self, document: Document, path: str, jobs: Mapping[str, Job]) -> None:
-        self._document, self._path, self._jobs = document, path, jobs
+    def __init__(self, document: Document, path: str, jobs: Mapping[str, Job], with_files: bool) -> None:
+        self._document, self._path, self._jobs, self._with_files = document, path, jobs, with_files
         self._folder = os.path.dirname(os.path.abspath(path))
         self._digests: dict[str, str] = {}
         Table(document, (), document.data, TABLES)  # complains of others
@@ -239,7 +241,7 @@ class _StudyReader:
         return []
 
     def _files(self, path: Path, value: Any, factor: Factor) -> list[str]:
-        if value in factor.words:
+        if value in factor.words or not self._with_files:
             return [value]
         if not isinstance(value, str) or not value.strip():
             self._document.complain(path, f"{path[-1]} is {shown(value)}, expected a file, as text in quotes")

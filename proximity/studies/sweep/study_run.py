@@ -111,7 +111,7 @@ def run_study(
                 earlier += bytes.fromhex(condition.key) in finished
                 yield condition.key
 
-        total = files.write_design(keys())
+        total = files.write_design(keys(), os.path.abspath(study.path))
         if earlier == total:
             return Progress(total, earlier, 0, 0, 0.0)
         pending = (one for one in study.conditions if bytes.fromhex(one.key) not in finished)
