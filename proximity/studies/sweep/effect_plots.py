@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MOST_X, MOST_LINES, MOST_PANELS = 40, 8, 4
+MOST_X, MOST_LINES, MOST_PANELS = 40, 10, 4
 LOG_RATIO = 10.0
 """From smallest to largest, from which on an axis is logarithmic."""
 BAND = (0.1, 0.9)
@@ -41,7 +41,7 @@ def draw_main(rows: Rows, choice: PlotChoice) -> str:
     up = rows.measure(measure)
 
     def draw(figure: "Figure", _: Any) -> None:
-        axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
+        axes = figure.subplots(1, len(panels), sharex=True, sharey=True, squeeze=False)[0]
         for number, (panel, caption) in enumerate(zip(axes, panels, strict=True)):
             for line, label in enumerate(lines):
                 is_meant = (of_panel == number) & (of_line == line) & np.isfinite(up)
@@ -124,11 +124,19 @@ def _axis(rows: Rows, name: str) -> str:
 
 
 def _scale(panel: "Axes", across: np.ndarray, up: np.ndarray) -> None:
-    for numbers, set_scale in ((across, panel.set_xscale), (up, panel.set_yscale)):
+    scales = ((across, panel.set_xscale, panel.xaxis), (up, panel.set_yscale, panel.yaxis))
+    for numbers, set_scale, axis in scales:
         known = numbers[np.isfinite(numbers)]
         if len(known) and known.min() > 0.0 and known.max() > LOG_RATIO * known.min():
             set_scale("log")
+            for set_format in (axis.set_major_formatter, axis.set_minor_formatter):
+                set_format(_plain)
     panel.tick_params(labelcolor=INK)
+
+
+def _plain(number: float, _: int) -> str:
+    """A tick of a logarithmic axis: 1, 2 and 5 of each decade."""
+    return f"{number:g}" if f"{number:e}"[0] in "125" else ""
 
 
 def is_axis(rows: Rows, name: str) -> bool:

@@ -179,10 +179,12 @@ class _StudyReader:
 
     def _plot(self, job: Job) -> PlotChoice:
         table = Table(self._document, ("plot",), self._document.data.get("plot", {}), PLOT_KEYS)
-        factors = tuple(job.factors)
+        factors, measures = tuple(job.factors), tuple(job.measures)
         return PlotChoice(
-            table.one_of("measure", None, tuple(job.measures)),
-            *(table.one_of(key, None, factors) for key in PLOT_KEYS[1:]),
+            table.one_of("measure", None, measures),
+            table.one_of("x", None, factors + measures),
+            table.one_of("lines", None, factors),
+            table.one_of("columns", None, factors),
         )
 
     def _listed(self, name: str) -> list[tuple[Path, dict[str, Any]]]:
