@@ -60,15 +60,11 @@ def test_list_has_its_rows_with_every_combination_of_the_others(tmp_path):
 def test_latin_hypercube_has_one_sample_in_each_stratum_of_each_factor(tmp_path):
     head = 'design = "latin-hypercube"\nsamples = 20\nseed = 3'
     factors = "number = { from = 0, to = 1000000 }\nspeed = { from = 0, to = 2 }"
-    found = conditions(
-        tmp_path, "number = { from = 0, to = 1000000 }\nspeed = { from = 0, to = 2 }", head=head
-    )
+    found = conditions(tmp_path, factors, head=head)
     strata = np.sort([int(10 * one["speed"]) for one in found])
 
     assert strata.tolist() == list(range(20))
-    assert found == conditions(
-        tmp_path, "number = { from = 0, to = 1000000 }\nspeed = { from = 0, to = 2 }", head=head
-    )
+    assert found == conditions(tmp_path, factors, head=head)
 
 
 def test_exclusions_leave_out_what_is_all_of_that(tmp_path):

@@ -192,7 +192,8 @@ def read_rows(folder: Path) -> Recorded:
         raise ServiceError(f"{folder}: a file of results cannot be read ({damaged})") from damaged
     newest = {key: number for number, key in enumerate(rows["key"].to_pylist())}
     wanted = design["key"].to_pylist()
-    found = rows.take([newest[key] for key in wanted if key in newest])
+    chosen = arrow.array([newest[key] for key in wanted if key in newest], arrow.int64())
+    found = rows.take(chosen)
     return Recorded(found, len(wanted), design.schema.metadata[SOURCE].decode())
 
 
