@@ -8,10 +8,10 @@ import pytest
 from study_jobs import study_of
 
 from proximity.errors import ServiceError
-from proximity.studies.sweep.effects import NOT_USED, Rows, effect
+from proximity.studies.sweep.page.effects import NOT_USED, Rows, effect
+from proximity.studies.sweep.page.study_page import shown, study_page
 from proximity.studies.sweep.repetition import repeat
 from proximity.studies.sweep.row_files import MADE_BY, RowFiles, read_rows
-from proximity.studies.sweep.study_page import shown, study_page
 
 FACTORS = "number = [1, 2, 3, 4]\nspeed = [1, 2]\nwall = ['hard', 'soft']\nstiffness = [10, 20]"
 

@@ -8,6 +8,7 @@ import contextlib
 import datetime
 import os
 import shutil
+import socket
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -36,6 +37,8 @@ MOST_ATTEMPTS = 3
 WEIGHT_OF_LAST = 0.3
 """Of the last batch in the mean duration of a condition."""
 WAIT_SECONDS = 0.5
+NO_CLUSTER = "no Ray cluster at"
+CONNECT_SECONDS = 5.0
 OBJECT_STORE_BYTES = 128 << 20
 """Of Ray on this machine: rows are small, and scenes are files."""
 
@@ -215,6 +218,17 @@ class _Run:
         )
 
 
+def _check_reachable(address: str) -> None:
+    """Refuse an address where nobody listens: Ray itself would try for minutes."""
+    host, _, port = address.removeprefix("ray://").rpartition(":")
+    if not (host and port.isdecimal()):
+        raise ServiceError(f"{NO_CLUSTER} {address!r}, expected HOST:PORT as ray start --head prints it")
+    try:
+        socket.create_connection((host, int(port)), CONNECT_SECONDS).close()
+    except (OSError, OverflowError) as failed:
+        raise ServiceError(f"{NO_CLUSTER} {address} ({failed})") from failed
+
+
 @contextlib.contextmanager
 def _ray(address: str | None, cores: int | None) -> Iterator[Any]:
     """Ray, begun where it is not running in this process, and then ended again."""
@@ -224,13 +238,15 @@ def _ray(address: str | None, cores: int | None) -> Iterator[Any]:
         yield ray
         return
     started: dict[str, Any] = {"address": address}
-    if not address:
+    if address:
+        _check_reachable(address)
+    else:
         started = {"address": "local", "num_cpus": cores, "object_store_memory": OBJECT_STORE_BYTES}
         started["include_dashboard"] = False
     try:
         ray.init(**started, log_to_driver=False, logging_level="error", configure_logging=False)
     except (ConnectionError, ValueError, RuntimeError) as failed:
-        where = f"no Ray cluster at {address}" if address else "Ray cannot be started here"
+        where = f"{NO_CLUSTER} {address}" if address else "Ray cannot be started here"
         raise ServiceError(f"{where} ({str(failed).strip().partition(chr(10))[0]})") from failed
     try:
         yield ray

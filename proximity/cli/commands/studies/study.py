@@ -123,8 +123,8 @@ def _jobs() -> "dict[str, Job]":
 def _report(folder: Path, out: Path | None) -> None:
     from proximity.cli import progress
     from proximity.errors import ServiceError
+    from proximity.studies.sweep.page.study_page import study_page
     from proximity.studies.sweep.study_file import read_study
-    from proximity.studies.sweep.study_page import study_page
     from proximity.system.whole_file import whole_file
 
     source = folder / "study.toml"
@@ -141,8 +141,8 @@ def _report(folder: Path, out: Path | None) -> None:
 def _repeat(study: "Study", out: Path, key: str) -> None:
     from proximity.cli.console import print_block, results_console, table
     from proximity.cli.wording import MISSING
+    from proximity.studies.sweep.page.study_page import shown
     from proximity.studies.sweep.repetition import repeat
-    from proximity.studies.sweep.study_page import shown
 
     found = repeat(study, out, key)
     console = results_console()
@@ -157,7 +157,7 @@ def _repeat(study: "Study", out: Path, key: str) -> None:
 
 
 def _digits(value: Any) -> str:
-    from proximity.studies.sweep.study_page import shown
+    from proximity.studies.sweep.page.study_page import shown
 
     return f"{value:.9g}" if isinstance(value, float) else shown(value)
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from proximity.studies.figures import page_figure
 from proximity.studies.figures.page_figure import COLOURS, DASHES, INK
-from proximity.studies.sweep.effects import Effect, Rows
 from proximity.studies.sweep.jobs import Kind
+from proximity.studies.sweep.page.effects import Effect, Rows
 from proximity.studies.sweep.study_file import PlotChoice
 
 if TYPE_CHECKING:
@@ -134,7 +134,7 @@ def _scale(panel: "Axes", across: np.ndarray, up: np.ndarray) -> None:
     panel.tick_params(labelcolor=INK)
 
 
-def _plain(number: float, _: int) -> str:
+def _plain(number: float, _: float) -> str:
     """A tick of a logarithmic axis: 1, 2 and 5 of each decade."""
     return f"{number:g}" if f"{number:e}"[0] in "125" else ""
 

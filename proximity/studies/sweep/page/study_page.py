@@ -10,8 +10,8 @@ import numpy as np
 
 from proximity.errors import ServiceError
 from proximity.studies.figures.html_page import render_page
-from proximity.studies.sweep import effect_plots
-from proximity.studies.sweep.effects import NOT_USED, Effect, Rows, effect
+from proximity.studies.sweep.page import effect_plots
+from proximity.studies.sweep.page.effects import NOT_USED, Effect, Rows, effect
 from proximity.studies.sweep.row_files import MADE_BY, read_rows
 from proximity.studies.sweep.study_file import PlotChoice, Study
 
