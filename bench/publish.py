@@ -1,8 +1,9 @@
 """Measure everything, and write the figures and pictures of the documentation: ``python bench/publish.py``.
 
 Runs `report.py`, `ticks.py`, `service.py`, `vr.py` and `growth.py` in turn, on a quiet machine if possible,
-keeps their JSON in ``bench/published``, and makes pictures, the page on speed and the README's table from it.
-The ticks of another machine are a ``ticks_NAME.json`` beside them. ``--from-json`` measures nothing.
+keeps their JSON in ``bench/published``, and makes of it the pages in ``docs/performance`` and
+the README's table. The ticks of another machine are a ``ticks_NAME.json`` beside them. ``--from-json``
+measures nothing.
 """
 
 import argparse
@@ -51,13 +52,14 @@ def main(arguments: list[str] | None = None) -> int:
             for path in Path(folder).iterdir():
                 shutil.copy(path, options.published / path.name)
     documents = sections.read(options.published)
-    draw_pictures(documents, options.published)
+    draw_pictures(documents, options.pages)
     try:
-        sections.write(options.page, sections.section(documents))
+        for name, runs in sections.PAGES_OF.items():
+            sections.write(options.pages / name, sections.section(documents, runs))
         if {"report", "ticks"} <= documents.keys():
             sections.write(options.readme, sections.summary(documents))
     except ValueError as reason:
-        print(f"{options.page}, {options.readme}: {reason}", file=sys.stderr)
+        print(f"{options.pages}, {options.readme}: {reason}", file=sys.stderr)
         return 1
     return 0
 
@@ -96,7 +98,7 @@ def _parse(arguments):
     parser.add_argument("--only", nargs="+", choices=list(RUNS), metavar="RUN", help=", ".join(RUNS))
     parser.add_argument("--quick", action="store_true", help="a look whether all runs: no figure means much")
     parser.add_argument("--published", type=Path, default=sections.PUBLISHED, metavar="FOLDER")
-    parser.add_argument("--page", type=Path, default=sections.PAGE, metavar="FILE")
+    parser.add_argument("--pages", type=Path, default=sections.PAGES, metavar="FOLDER")
     parser.add_argument("--readme", type=Path, default=sections.README, metavar="FILE")
     return parser.parse_args(arguments)
 

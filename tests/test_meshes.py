@@ -70,8 +70,8 @@ def test_every_file_is_listed_here_and_all_are_small(made):
     assert sorted(made) == sorted(SOLID_NAMES + ASSEMBLY_NAMES)
     assert sum(map(len, made.values())) < 1_500_000
     kept = {path.name for path in make.FOLDER.iterdir() if path.is_file() and path.suffix != ".py"}
-    # bracket.png is made by `proximity picture`; points.csv and the scene file are written by hand.
-    assert kept == {*made, "bracket.png", "points.csv", "hand.csv", "demo.toml"}
+    # points.csv and the scene file are written by hand.
+    assert kept == {*made, "points.csv", "hand.csv", "demo.toml"}
 
 
 @pytest.mark.parametrize("name", SOLID_NAMES + ASSEMBLY_NAMES)

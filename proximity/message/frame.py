@@ -1,4 +1,4 @@
-"""The frame: what the drum's controller gets each tick, a header and a contact a finger (docs/message.md)."""
+"""The frame: what the drum's controller gets each tick, a header and a contact a finger (see messages.md)."""
 
 from enum import IntEnum
 

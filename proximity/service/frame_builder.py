@@ -1,4 +1,4 @@
-"""Build frames: contacts, times, and a state that says how far to trust them (docs/message.md)."""
+"""Build frames: contacts, times, and a state that says how far to trust them (docs/reference/messages.md)."""
 
 import numpy as np
 

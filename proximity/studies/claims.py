@@ -1,4 +1,4 @@
-"""Claims of the paper, checked with the models under stated conditions (docs/decaff.md)."""
+"""Claims of the paper, checked with the models under stated conditions (docs/science/paper.md)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -262,8 +262,8 @@ def _load() -> Claim:
     return Claim(
         "computing the distance is a small load",
         YES,
-        "the paper leaves that open; not computed but [measured elsewhere](performance.md): a hundredth of a "
-        "millisecond for five fingers at a part of 87 k faces, and bounded everywhere",
+        "the paper leaves that open; not computed but [measured elsewhere](../performance/results.md): a "
+        "hundredth of a millisecond for five fingers at a part of 87 k faces, and bounded everywhere",
     )
 
 

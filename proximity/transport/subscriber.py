@@ -1,4 +1,4 @@
-"""Subscriber: the newest frame, and how far it can be trusted now (docs/message.md)."""
+"""Subscriber: the newest frame, and how far it can be trusted now (docs/reference/messages.md)."""
 
 import math
 import time

@@ -111,7 +111,7 @@ def test_what_is_no_period_is_refused(text):
 
 
 def test_forty_milliseconds_mean_what_the_paper_says():
-    """As docs/decaff.md has it: 4 mm at 0.1 m/s, 0.8 N, 6 mJ."""
+    """As docs/science/paper.md has it: 4 mm at 0.1 m/s, 0.8 N, 6 mJ."""
     felt = finger_effect.felt(0.040, 0.1)
 
     assert felt.penetration == pytest.approx(0.004, rel=1e-12)

@@ -269,7 +269,7 @@ def test_calibrated_fingers_have_paths_of_their_own(tmp_path):
 
 
 def test_cortex_m7_takes_it_with_little_code_and_stack(tmp_path):
-    """Prints what is said in docs/clients.md; -s shows it."""
+    """Prints what is said in docs/guide/controller.md; -s shows it."""
     gcc = shutil.which("arm-none-eabi-gcc")
     if gcc is None:
         pytest.skip("there is no cross compiler arm-none-eabi-gcc")

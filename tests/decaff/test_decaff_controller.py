@@ -1,4 +1,4 @@
-"""The drum's controller: each failure and transition of docs/decaff.md, and what never happens."""
+"""The drum's controller: each failure and transition of docs/guide/drums.md, and what never happens."""
 
 import math
 import shutil
@@ -868,7 +868,7 @@ def told_by(turn, now):
 
 
 def justified(told, state, now):
-    """The nearest position that a record allows by itself, by the rules of docs/decaff.md; inf: none."""
+    """The nearest position that a record allows by itself, by the rules of docs/guide/drums.md; inf: none."""
     age = now - int(told["pose_ns"])
     is_good = state in (State.OK, State.DEGRADED) and told["flags"] & ContactFlag.TRACKED
     if not is_good or not -5 * MS <= age <= 20 * MS or not is_sound(told, now, 5 * MS):

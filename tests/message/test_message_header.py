@@ -10,8 +10,6 @@ import pytest
 from compiling_c import WARNINGS, c_compiler, compiler, run
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from message_tables import tables
-from pages import PAGES
 from ports import free_port
 from wire import KNOWN, MS, NOW, Clock, Wire, frame, sealed
 
@@ -187,11 +185,6 @@ def test_meanings_of_members_are_those_of_the_source():
         meanings = meanings_of(values)
         assert list(meanings) == list(values.__members__)
         assert all(meanings.values()) or name == "surface"
-
-
-def test_page_has_every_field():
-    """Run tests/support/messages/message_tables.py for what belongs there."""
-    assert PAGES["message.md"].strip().endswith(tables().strip())
 
 
 # --- its functions, against those of Python ---

@@ -1,4 +1,4 @@
-"""What docs/decaff.md says of the paper's claims is what the models say today."""
+"""What docs/science/paper.md says of the paper's claims is what the models say today."""
 
 from functools import partial
 
@@ -17,7 +17,7 @@ def found():
 
 def test_page_has_every_claim_with_its_figures(found):
     """Run ``python -m proximity.studies.claims`` for what belongs there."""
-    assert claims.markdown(found) in PAGES["decaff.md"]
+    assert claims.markdown(found) in PAGES["science/paper.md"]
 
 
 @pytest.mark.parametrize(

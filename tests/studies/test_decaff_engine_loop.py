@@ -128,7 +128,7 @@ def test_engine_knows_curved_and_needle_meshed_parts_as_well(mesh, at):
 def test_figures_of_the_page_are_those_of_the_loop():
     """In bands: friction and encoder make a few tenths of a percent, and where they do is chance."""
     bracket = place_finger(load(MESHES / "bracket.stl"), (0.048, 0.030, 0.020))
-    text = PAGES["decaff.md"]
+    text = PAGES["science/drum.md"]
 
     for speed, share, latched in ((0.1, 0.019, 0.051), (1.0, 0.176, 0.46)):
         press = run(bracket, speed, latency=0.010)

@@ -40,7 +40,7 @@ MESH = "sphere"
 EXACT, BOUND = 1e-12, 1e-5  # local units: float64, and float32 widened
 GRAZING = 0.005  # share of calls in which a bound may open what the textbook just misses
 WINDING = ("proximity", "libigl")  # contenders with winding numbers by trees
-WINDING_ERROR = 0.05  # of a turn, as docs/accuracy.md says
+WINDING_ERROR = 0.05  # of a turn, as docs/science/accuracy.md says
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,4 +1,4 @@
-"""Controller of one finger's drum: a state machine, stepped at each sample of the servo (docs/decaff.md).
+"""Controller of one finger's drum: a state machine, stepped at each sample of the servo (guide/drums.md).
 
 It never waits for a frame and knows no clock but the instants it is given: ages of frames are on theirs, all
 else, the watchdog first, on the servo's. Where the drum shall stand is a *position* on the finger's path,

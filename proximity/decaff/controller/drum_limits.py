@@ -1,4 +1,4 @@
-"""Limits of a drum's controller: speeds, forces, and how long a frame is trusted (docs/decaff.md)."""
+"""Limits of a drum's controller: speeds, forces, and how long a frame is trusted (docs/guide/drums.md)."""
 
 import math
 from dataclasses import dataclass, fields

@@ -1,4 +1,4 @@
-"""Force of a deformable surface, limited to what a sampled drum can display (docs/decaff.md).
+"""Force of a deformable surface, limited to what a sampled drum can display (docs/guide/drums.md).
 
 Only physical damping counts: the drum's, and that of the pad of the finger that leans on it. The servo's own
 damping is sampled and late, as the surface is, and takes no energy for sure.

@@ -25,7 +25,9 @@ class Motor:
     inertia: float = 1.5e-6  # kg m², of the rotor; assumed: 15 g at the rim
     torque: float = 0.28  # N m, at most; assumed: 28 N at the rim
     speed: float = 1000.0  # rad/s, at most; assumed: 1 m/s behind a gear of 10
-    friction: float = 4.5e-4  # N m; assumed: with it, 0.045 N at the rim, drums settle as docs/decaff.md says
+    friction: float = (
+        4.5e-4  # N m; assumed: with it, 0.045 N at the rim, drums settle as science/drum.md says
+    )
     encoder_counts: int = 2000  # a turn; assumed: 31 µm at the rim
     duty_bits: int = 0  # of the pulse width, either way; 0: continuous
     electrical_time: float = 0.0  # s, inductance over resistance; 0: the current follows at once

@@ -1,7 +1,7 @@
 """Servo of a drum: a position loop with a shaped reference, or a force, sample by sample.
 
 The servo holds the drum where it should be, as a sampled wall would; what bounds such a wall bounds its
-stiffness (docs/decaff.md). It acts one sample late. Its reference is never faster than the drum can follow
+stiffness (science/drum.md). It acts one sample late. Its reference is never faster than the drum can follow
 and still stop.
 """
 
@@ -32,7 +32,7 @@ class Servo:
     damping: float  # N s/m
     acceleration: float  # m/s², of the reference
     speed: float  # m/s, of the reference
-    integral_time: float = 0.080  # s; assumed: with it drums settle as docs/decaff.md says
+    integral_time: float = 0.080  # s; assumed: with it drums settle as docs/science/drum.md says
     force_gain: float = 10.0  # 1/s, of the force integrator; assumed: below damping over mass when held
     force_damping: float = 2.0  # N s/m, while the force is served; assumed
     force_slew: float = 5.0  # N/s, of the force reference

@@ -1,6 +1,6 @@
 """Calibration of one finger's glove: read from a file, and refused when too old or inconsistent.
 
-A calibration is a table of counts over bends and five numbers (docs/decaff.md). Its file is JSON with units
+A calibration is a table of counts over bends and five numbers (guide/motors.md). Its file is JSON with units
 in the names of its fields, and is either wholly there or not at all. How the numbers come of measurements is
 in `calibrating`, a glove that uses them in `calibrated_glove`.
 """

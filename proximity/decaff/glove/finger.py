@@ -2,7 +2,7 @@
 
 Frame: the knuckle is the origin, x points along the flat finger, y out of the back of the hand, z completes
 them; the finger stays in z = 0 and bends towards -y. Bend is 0 for the flat hand and 1 for the fist; all
-joints bend in proportion (docs/decaff.md). Formulas go on outside of 0 to 1.
+joints bend in proportion (docs/guide/drums.md). Formulas go on outside of 0 to 1.
 """
 
 import math

@@ -1,7 +1,7 @@
 """Model of the glove: finger bend, replica, potentiometer and drum, and the conversions between them.
 
 One degree of freedom a finger: bend, fingertip, angle of the linkage, travel of the cable, angle of the
-replica, counts, and where the drum must stand are all functions of one another (docs/decaff.md). A
+replica, counts, and where the drum must stand are all functions of one another (docs/guide/drums.md). A
 calibration replaces what the cable and the linkage are thought to do by what was measured (`calibration`).
 """
 

@@ -1,4 +1,4 @@
-"""A finger as a planar chain of links: equations of motion, momentum and energy (docs/decaff.md).
+"""A finger as a planar chain of links: equations of motion, momentum and energy (docs/science/drum.md).
 
 ``M(q) q'' + C(q, q') q' + D q' + P(q) = Jᵀ f + tau``. Angles q are of the joints, each relative to the link
 before, counter-clockwise; the first counts from the x axis, and gravity pulls along -y. C comes of the

@@ -1,4 +1,4 @@
-"""Energy change of a stopping finger that is caused by an error of the displayed force (docs/decaff.md).
+"""Energy change of a stopping finger that is caused by an error of the displayed force.
 
 The energy is a square of the momentum, so an impulse that is off by a share changes it by a linear and a
 quadratic part of that share.

@@ -1,7 +1,7 @@
 """FIG 5a to 5h of the paper as arrays: one press on a real wall and on simulated ones.
 
 Every function takes instants in seconds and gives forces in newtons. The paper's own curves are not known,
-only what it says of them; the press is assumed (docs/decaff.md).
+only what it says of them; the press is assumed (docs/science/drum.md).
 """
 
 from collections.abc import Callable

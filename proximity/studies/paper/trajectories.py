@@ -1,6 +1,6 @@
 """Prescribed motions of a finger that presses on a wall and leaves it, in closed form.
 
-The paper shows such curves without numbers; those here are assumed (docs/decaff.md). Pressing in is the
+The paper shows such curves without numbers; those here are assumed (docs/science/drum.md). Pressing in is the
 polynomial of lowest degree that keeps the speed of the touch and stops at depth without a jump of the
 acceleration. A quintic is needed in general; in the time that is taken here, twice the depth over the
 speed, its fifth power vanishes.

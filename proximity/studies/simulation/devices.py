@@ -21,7 +21,7 @@ class Link:
     mass: float = 0.005  # kg, at the fingertip; assumed
     damping: float = 0.0  # N s/m
     contact_stiffness: float = 50_000.0  # N/m; assumed
-    contact_damping: float = 20.0  # N s/m; assumed: with it an ideal drum errs as docs/decaff.md says
+    contact_damping: float = 20.0  # N s/m; assumed: with it an ideal drum errs as docs/science/drum.md says
 
     def __post_init__(self) -> None:
         positive("mass", self.mass, "kilograms")

@@ -1,4 +1,4 @@
-"""Sweeps of presses: walls against speed, latency, rate and drum (docs/decaff.md).
+"""Sweeps of presses: walls against speed, latency, rate and drum (docs/science/drum.md).
 
 A penalty wall is given the best stiffness and damping of a grid for its rate and latency: the most favourable
 tuning there is, one for all speeds.

@@ -1,6 +1,6 @@
 """Policies that make a drum's target of a distance: four readings, and an interface for a controller.
 
-A distance is old when it arrives. What it is combined with decides everything (docs/decaff.md): with the
+A distance is old when it arrives. What it is combined with decides everything (science/drum.md): with the
 link's present position it is wrong by the distance moved since; with the position at the same instant it is a
 position in the world.
 """

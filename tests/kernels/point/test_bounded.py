@@ -48,7 +48,7 @@ from proximity.pose import Pose
 pytestmark = pytest.mark.internals
 
 ROUNDING = 1e-13
-"""What distances are off, relative and in coordinates; docs/accuracy.md says 1e-12 and 1e-15, in lengths."""
+"""What distances are off, relative and in coordinates; accuracy.md says 1e-12 and 1e-15, in lengths."""
 
 
 def assert_between(low, distance, high, size):

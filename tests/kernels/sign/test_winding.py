@@ -16,7 +16,7 @@ from proximity.pose import Pose
 pytestmark = pytest.mark.internals
 
 LARGEST_ERROR = 0.05
-"""The figure in docs/accuracy.md: of a turn, over all shapes and points here. A sign needs less than 0.5."""
+"""The figure in accuracy.md: of a turn, over all shapes and points here. A sign needs less than 0.5."""
 
 
 def model_of(vertices, faces):
@@ -113,7 +113,7 @@ def test_side_of_a_closed_surface_is_right_everywhere(name):
 
 
 def test_largest_error_is_the_one_that_is_told():
-    # The band of the figure in docs/accuracy.md: an error of half of it is met, too.
+    # The band of the figure in docs/science/accuracy.md: an error of half of it is met, too.
     worst = max(
         abs(turns(mesh, points) - np.rint(oracle.winding_number(*mesh, points))).max()
         for mesh in (CLOSED["sphere"], CLOSED["bumpy sphere"], CLOSED["onion"])

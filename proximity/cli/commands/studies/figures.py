@@ -12,9 +12,9 @@ HELP = "\n\n".join(
         "SI units.",
         "5a to 5h are those of the paper; 5 has all eight on a page. stability shows the sampled wall's "
         "region; error-speed and error-latency compare coupled walls and drums with the real wall, "
-        "error-engine a drum that the distance service controls at a CAD part; drum-motion and arrival show "
-        "when a drum is in place. Existing files are replaced. All take less than a minute. Needs "
-        "matplotlib.",
+        "error-engine a drum that the distance service controls at a CAD part; cable shows what the cable of "
+        "a glove costs; drum-motion and arrival show when a drum is in position. Existing files are "
+        "replaced. All take less than a minute. Needs matplotlib.",
     )
 )
 
@@ -30,8 +30,8 @@ def command(
         list[str] | None,
         typer.Argument(
             metavar="[NAME]...",
-            help="5a to 5h, 5, stability, error-speed, error-latency, error-engine, drum-motion, arrival; "
-            "else all.",
+            help="5a to 5h, 5, stability, error-speed, error-latency, error-engine, cable, drum-motion, "
+            "arrival; else all.",
             show_default=False,
         ),
     ] = None,

@@ -172,7 +172,7 @@ export function forget(c) {
   return Object.assign(c, nothing, { surface: Surface.UNKNOWN, mode: Mode.HOLD });
 }
 
-/** The clock of a publisher elsewhere, by the message that was fastest on its way; docs/message.md says how. */
+/** The clock of a publisher elsewhere, by the message that was fastest on its way; docs/reference/messages.md says how. */
 class ForeignClock {
   isCertain = false;
   #session = null;

@@ -10,8 +10,8 @@ const TIP = new THREE.Vector3(0, 0, -0.06); // of a controller, from its grip
 
 /** Whether a headset can be used, as a sentence: empty where it can. */
 export async function whyNot() {
-  if (!isSecureContext) return "A headset needs https, or the address http://localhost by adb reverse (docs/page.md).";
-  if (!navigator.xr) return "This browser has no WebXR: open this address in the headset's own browser (docs/page.md).";
+  if (!isSecureContext) return "A headset needs https, or the address http://localhost by adb reverse (docs/guide/page.md).";
+  if (!navigator.xr) return "This browser has no WebXR: open this address in the headset's own browser (docs/guide/page.md).";
   const isThere = await navigator.xr.isSessionSupported("immersive-vr").catch(() => false);
   return isThere ? "" : "No headset is connected to this browser: connect one, or open this address in it.";
 }

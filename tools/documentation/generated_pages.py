@@ -1,0 +1,138 @@
+"""Pages of the reference that are made of the program itself, each time the documentation is built.
+
+MkDocs calls the functions named ``on_…``: tools/documentation/mkdocs.yml names this file.
+"""
+
+import json
+import sys
+import textwrap
+from pathlib import Path
+
+import typer
+from typer.cli import get_docs_for_click
+
+sys.path.insert(0, str(Path(__file__).parent))
+import message_tables
+import scene_file_keys
+from mkdocs.structure.files import File
+
+import proximity
+from proximity import cli
+
+PUBLIC = {
+    "Loading": ("load", "from_trimesh", "LoadReport"),
+    "Scenes and parts": ("Scene", "Part", "Solid", "TriangleMesh", "Pose", "SignMethod", "Surface"),
+    "Answers": (
+        "ClosestPoints", "RayHits", "SegmentHits", "Feature", "clearance", "Clearance", "NO_FACE", "NO_PART",
+    ),
+    "Tracker": ("Tracker", "ContactFlag", "warm_up", "kernels_are_cached"),
+    "Service": ("serve", "start_service", "RunningService", "view", "RunningPage"),
+    "Messages": (
+        "open_subscriber", "Subscriber", "Reading", "State", "Source", "Mode", "PartAction", "open_publisher",
+        "Publisher", "Message", "CONTACT", "FRAME", "POSES", "PATH_POSES", "GLOVE_POSES", "MOVES", "MEASURED",
+        "CHANGES", "ADDITIONS", "DEFORMATIONS",
+    ),
+    "Errors": (
+        "ProximityError", "MeshError", "MeshFormatError", "NotWatertightError", "QueryError", "PoseError",
+        "SceneError", "ServiceError", "PublishError", "RecordingError", "DecaffError", "MotorError",
+    ),
+}  # fmt: skip
+"""All public names, in the order in which a reader meets them."""
+
+NOTEBOOK = Path(__file__).parents[2] / "examples" / "notebook.ipynb"
+NOTEBOOK_CELLS = "    <!-- cells of notebook.ipynb -->"
+
+STATES = {
+    "State of a frame": "state",
+    "Flags of a contact": "flag",
+    "Mode of the drum": "mode",
+    "Source of the distances": "source",
+    "Kind of a surface": "surface",
+    "What a change does to a part": "part_action",
+}
+
+
+def on_files(files, config):
+    """Add the generated pages to those of the folder."""
+    for name, text in pages().items():
+        files.append(File.generated(config, f"reference/{name}", content=text))
+    return files
+
+
+def on_page_markdown(markdown, page, **_):
+    """Write the layouts below the page on messages, and the notebook's cells into that on examples."""
+    if page.file.src_uri == "reference/messages.md":
+        return f"{markdown}\n{message_tables.records()}"
+    return (
+        markdown.replace(NOTEBOOK_CELLS, _cells(NOTEBOOK)) if page.file.src_uri == "examples.md" else markdown
+    )
+
+
+def _cells(path):
+    """Return the code of a notebook, indented as the content of a block that opens."""
+    cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+    code = "\n\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "code")
+    return textwrap.indent(f"```py\n{code}\n```", "    ")
+
+
+def pages():
+    """Return the generated pages of the reference, by their names."""
+    return {
+        "command-line.md": _command_line(),
+        "python.md": _python(),
+        "scene-file.md": scene_file_keys.page(),
+        "states.md": _states(),
+    }
+
+
+def _command_line():
+    """Every command with its arguments, options and examples, as ``--help`` has them."""
+    command = typer.main.get_command(cli.app)
+    context = typer.Context(command, info_name="proximity")
+    text = get_docs_for_click(obj=command, ctx=context, name="proximity")
+    head = "# Command line\n\nWhat `proximity COMMAND --help` says, on one page.\n\n"
+    return head + _examples_as_blocks(text.partition("\n")[2])
+
+
+def _examples_as_blocks(text):
+    """Set the examples below each command as a block of shell commands."""
+    lines, inside = [], False
+    for line in text.split("\n"):
+        if line == "Examples:":
+            lines += ["**Examples**:", "", "```sh"]
+            inside = True
+        elif inside and not line.strip():
+            lines += ["```", ""]
+            inside = False
+        else:
+            lines.append(line.removeprefix("  ") if inside else line)
+    return "\n".join([*lines, "```"] if inside else lines)
+
+
+def _python():
+    names = [name for group in PUBLIC.values() for name in group]
+    missing = sorted({*proximity.__all__} ^ {*names})
+    if missing:
+        raise ValueError(f"generated_pages.PUBLIC and proximity.__all__ differ in {', '.join(missing)}")
+    blocks = [
+        "# Python",
+        "Everything that `import proximity` offers. Lengths are metres, instants nanoseconds.",
+    ]
+    for title, group in PUBLIC.items():
+        blocks.append(f"## {title}")
+        blocks += [
+            f"::: {proximity._MODULE_OF[name]}.{name}\n    options:\n      heading: proximity.{name}"
+            for name in group
+        ]
+    return "\n\n".join(blocks) + "\n"
+
+
+def _states():
+    blocks = [
+        "# States and flags",
+        "The numbers stand in [messages](messages.md); Python has them by these names.",
+    ]
+    for title, name in STATES.items():
+        python_name = message_tables.ENUMS[name].__name__
+        blocks += [f"## {title}", f"`proximity.{python_name}`", message_tables.enum_table(name)]
+    return "\n\n".join(blocks) + "\n"

@@ -1,0 +1,64 @@
+"""The page on the keys of a scene file, made of the commented sample ``meshes/demo.toml``.
+
+The sample shows every key that the reader knows; if one is missing here or there, the page is not made.
+"""
+
+import re
+from pathlib import Path
+
+from proximity.service.config import scene_file_reader
+
+SAMPLE = Path(__file__).parents[2] / "meshes" / "demo.toml"
+KEYS = {
+    "service": scene_file_reader.SERVICE_KEYS,
+    "fingers": scene_file_reader.FINGER_KEYS,
+    "parts": scene_file_reader.PART_KEYS,
+    "input": scene_file_reader.INPUT_KEYS,
+    "glove": scene_file_reader.GLOVE_KEYS,
+    "web": scene_file_reader.WEB_KEYS,
+}
+PURPOSES = {
+    "service": "How often the service answers, and where it publishes.",
+    "fingers": "The fingertips that are followed.",
+    "parts": "A file of one part or several. Repeat the table for every file.",
+    "input": "Where poses come from: exactly one of `recording`, `openxr`, `poses` and `sensor`.",
+    "glove": "The calibration of the glove that is worn. Requires `input.poses`.",
+    "web": "The page beside the service, with `proximity serve --web`.",
+}
+HEAD = """# Scene file
+
+A scene file says what `proximity serve` does. It is TOML; all values are in SI units unless the name of the
+key says otherwise, and files are found relative to it. An unknown key or an unusable value is
+refused with its line. [`meshes/demo.toml`](../guide/service.md) is a complete one.
+"""
+
+
+def page():
+    """Return the page as Markdown."""
+    found = _keys_of_the_sample()
+    blocks = [HEAD]
+    for table, keys in KEYS.items():
+        if {*keys} != {*found[table]}:
+            raise ValueError(f"[{table}] of {SAMPLE.name} lacks or adds {sorted({*keys} ^ {*found[table]})}")
+        header = f"[[{table}]]" if table == "parts" else f"[{table}]"
+        rows = [f"| `{key}` | `{value}` | {meaning} |" for key, (value, meaning) in found[table].items()]
+        blocks += [
+            f"## `{header}`",
+            PURPOSES[table],
+            "\n".join(["| key | as in | meaning |", "|---|---|---|", *rows]),
+        ]
+    return "\n\n".join(blocks) + "\n"
+
+
+def _keys_of_the_sample():
+    """Return the value and the meaning that stand beside each key, by tables."""
+    tables, keys, last = {}, {}, None
+    for line in SAMPLE.read_text(encoding="utf-8").splitlines():
+        if header := re.fullmatch(r"#?\[+(\w+)\]+.*", line):
+            keys = tables.setdefault(header[1], {})
+        elif entry := re.fullmatch(r"#?(\w+) = (.*?)\s*# (.*)", line):
+            last = entry[1]
+            keys[last] = (entry[2], entry[3])
+        elif last and (more := re.fullmatch(r" {20,}# (.*)", line)):
+            keys[last] = (keys[last][0], f"{keys[last][1]} {more[1]}")
+    return tables
