@@ -45,7 +45,8 @@ def draw_main(rows: Rows, choice: PlotChoice) -> str:
         for number, (panel, caption) in enumerate(zip(axes, panels, strict=True)):
             for line, label in enumerate(lines):
                 is_meant = (of_panel == number) & (of_line == line) & np.isfinite(up)
-                _draw_line(panel, across[is_meant], up[is_meant], line, label)
+                draw_one = _draw_points if x in rows.job.measures else _draw_line
+                draw_one(panel, across[is_meant], up[is_meant], line, label)
             panel.set(title=caption, xlabel=_axis(rows, x))
             _scale(panel, across, up)
         axes[0].set_ylabel(_axis(rows, measure))
@@ -89,6 +90,10 @@ def draw_effects(rows: Rows, effects: list[Effect]) -> str:
     return page_figure.svg(draw, "effects", (0.6 + 2.0 * min(len(effects), ACROSS), 2.6 * height))
 
 
+def _draw_points(panel: "Axes", across: np.ndarray, up: np.ndarray, line: int, label: str) -> None:
+    panel.plot(across, up, ".", color=COLOURS[line % len(COLOURS)], alpha=0.7, markersize=4, label=label)
+
+
 def _draw_line(panel: "Axes", across: np.ndarray, up: np.ndarray, line: int, label: str) -> None:
     colour, dash = COLOURS[line % len(COLOURS)], DASHES[line % len(DASHES)]
     is_absent = np.isnan(across)
@@ -98,7 +103,7 @@ def _draw_line(panel: "Axes", across: np.ndarray, up: np.ndarray, line: int, lab
     if not len(points):
         return
     if len(points) > MOST_X:
-        panel.plot(across, up, ".", color=colour, alpha=0.6, markersize=3, label=label)
+        _draw_points(panel, across, up, line, label)
         return
     groups = [up[across == point] for point in points]
     if max(map(len, groups)) > 1:
