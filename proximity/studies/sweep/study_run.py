@@ -26,6 +26,8 @@ from proximity.studies.sweep.study_file import Study
 from proximity.system.whole_file import whole_file
 
 BATCH_SECONDS = 1.0
+BATCHES_A_SECOND = 500
+"""That this process sends and collects at most; with more cores than that, batches are longer."""
 LARGEST_BATCH = 5000
 GROWTH = 8
 """Times as large as the last batch size the next may be: the first conditions say little."""
@@ -160,7 +162,8 @@ class _Run:
             return [self._again.popleft()]
         left = self._progress.total - self._progress.earlier - self._sent
         share = max(1, int(SHARE_OF_REST * left / limit))
-        wanted = min(int(BATCH_SECONDS / max(self._mean, 1e-9)), GROWTH * self._size, LARGEST_BATCH)
+        duration = max(BATCH_SECONDS, limit / BATCHES_A_CORE / BATCHES_A_SECOND)
+        wanted = min(int(duration / max(self._mean, 1e-9)), GROWTH * self._size, LARGEST_BATCH)
         conditions = list(islice(pending, max(1, min(wanted, share))))
         self._sent += len(conditions)
         return conditions

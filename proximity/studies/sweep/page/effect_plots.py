@@ -119,7 +119,7 @@ def _levels(rows: Rows, name: str | None, most: int) -> tuple[list[str], np.ndar
         levels, ids = rows.levels(name, most)
         if levels:
             return [rows.label(name, level) for level in levels], ids
-    return [""], np.zeros(len(rows.numbers), int)
+    return [""], np.zeros(rows.table.num_rows, int)
 
 
 def _axis(rows: Rows, name: str) -> str:

@@ -29,14 +29,17 @@ class Rows:
     """
 
     def __init__(self, job: Job, table: Any) -> None:
-        self.job = job
-        self._columns: dict[str, list[Any]] = table.to_pydict()
-        self.numbers = [number for number, failure in enumerate(self._columns["failure"]) if failure is None]
+        self.job, self.table = job, table.filter(table["failure"].is_null())
+        self._columns: dict[str, list[Any]] = {}  # those that were asked for
 
     def values(self, name: str) -> list[Any]:
         """Return a column of those that did not fail; points are tuples."""
-        column = self._columns[name]
-        values = [_hashable(column[number]) for number in self.numbers]
+        if name not in self._columns:
+            self._columns[name] = self._read(name)
+        return self._columns[name]
+
+    def _read(self, name: str) -> list[Any]:
+        values = [_hashable(value) for value in self.table[name].to_pylist()]
         others = self.job.factors[name].only if name in self.job.factors else {}
         if not others:
             return values

@@ -40,7 +40,7 @@ def study_page(study: Study, folder: Path) -> str:
     if not recorded.rows.num_rows:
         raise ServiceError(f"{folder}: no condition is finished yet, run the study first")
     rows = Rows(study.job, recorded.rows)
-    everything = recorded.rows.to_pylist()
+    count, failed = recorded.rows.num_rows, recorded.rows.filter(recorded.rows["failure"].is_valid())
     varied = rows.varied()
     main = study.plot.measure or study.measures[0]
     effects = {measure: _effects(rows, varied, measure) for measure in dict.fromkeys([*study.measures, main])}
@@ -51,16 +51,15 @@ def study_page(study: Study, folder: Path) -> str:
         found = {"main": effect_plots.draw_main(rows, choice)} if choice.x is not None else {}
         return found | ({"effects": effect_plots.draw_effects(rows, of_measure)} if of_measure else {})
 
-    failed = [row for row in everything if row["failure"] is not None]
     return render_page(
         Path(__file__).with_name("study_page.html.j2"),
         {
             "study": study,
             "source": recorded.source,
             "folder": str(folder),
-            "counts": {"total": recorded.total, "there": len(everything), "failed": len(failed)},
-            "seconds": sum(row["seconds"] for row in everything),
-            "made_by": {name: _share(everything, name) for name in MADE_BY},
+            "counts": {"total": recorded.total, "there": count, "failed": failed.num_rows},
+            "seconds": float(np.sum(recorded.rows["seconds"].to_numpy())),
+            "made_by": {name: _share(recorded.rows[name]) for name in MADE_BY},
             "varied": [(name, _range(rows, name)) for name in varied],
             "fixed": [(name, _shown(rows, name)) for name in study.job.factors if name not in varied],
             "measures": [_summary(rows, name) for name in study.measures],
@@ -69,9 +68,9 @@ def study_page(study: Study, folder: Path) -> str:
             "choice": choice,
             "absent": _absent(rows, choice.x),
             "columns": [*varied, *study.measures],
-            "worst": _worst(study, rows, everything),
-            "failed": failed[:FAILURES],
-            "listed": everything[:ROWS_LISTED],
+            "worst": _worst(study, rows),
+            "failed": failed.slice(0, FAILURES).to_pylist(),
+            "listed": recorded.rows.slice(0, ROWS_LISTED).to_pylist(),
             "command": f"proximity study {shlex.quote(recorded.source)} --only",
         },
         draw,
@@ -130,11 +129,12 @@ def _effect_table(effects: dict[str, list[Effect]], varied: list[str]) -> list[t
     return [(name, [shares.get((name, measure), "–") for measure in effects]) for name in varied]
 
 
-def _worst(study: Study, rows: Rows, everything: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def _worst(study: Study, rows: Rows) -> list[dict[str, Any]]:
     first = study.measures[0]
     numbers = rows.measure(first)
     order = np.argsort(-numbers if study.job.measures[first].is_worse_high else numbers)  # nan last
-    return [everything[rows.numbers[place]] for place in order[:WORST] if not np.isnan(numbers[place])]
+    worst: list[dict[str, Any]] = rows.table.take(order[: min(WORST, np.isfinite(numbers).sum())]).to_pylist()
+    return worst
 
 
 def _summary(rows: Rows, name: str) -> tuple[str, str, list[float]]:
@@ -161,7 +161,7 @@ def _shown(rows: Rows, name: str) -> str:
     return rows.label(name, values[0]) if values else NOT_USED
 
 
-def _share(everything: list[dict[str, Any]], name: str) -> str:
+def _share(column: Any) -> str:
     """The values of a column, the most frequent first; how many rows each has where there are several."""
-    counts = Counter(row[name] or "unknown" for row in everything).most_common()
+    counts = Counter(value or "unknown" for value in column.to_pylist()).most_common()
     return counts[0][0] if len(counts) == 1 else ", ".join(f"{value} ({count})" for value, count in counts)
