@@ -15,7 +15,8 @@ import numpy as np
 
 FEWEST, MOST = 1e3, 1e6  # faces
 SIZES = (20.0, 200.0)  # mm
-ROUNDS = 4  # of adjusting the segments
+ROUNDS = 3  # of adjusting the segments
+MOST_SEGMENTS = 1024  # a ball has a million faces then; where it is hidden, flat faces are divided instead
 FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
@@ -42,13 +43,14 @@ def part(seed: int, segments: int) -> manifold3d.Manifold:
 
 
 def sized(seed: int, faces: float) -> manifold3d.Manifold:
-    """The part of a seed with about so many *faces*: those of balls grow with the square of the segments."""
+    """The part of a seed with about so many *faces*; those of balls grow with the square of the segments."""
     segments = 64
     solid = part(seed, segments)
     for _ in range(ROUNDS):
-        segments = max(8, round(segments * math.sqrt(faces / solid.num_tri())))
+        segments = min(max(8, round(segments * math.sqrt(faces / solid.num_tri()))), MOST_SEGMENTS)
         solid = part(seed, segments)
-    return solid
+    divided = round(math.sqrt(faces / solid.num_tri()))
+    return solid.refine(divided) if divided > 1 else solid
 
 
 def write_stl(path: Path, solid: manifold3d.Manifold) -> None:
@@ -64,9 +66,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--count", type=int, default=1000)
     parser.add_argument("--folder", type=Path, default=Path(__file__).with_name("catalogue"))
+    parser.add_argument("--first", type=int, default=0, help="number of the first part that is made")
     asked = parser.parse_args()
     asked.folder.mkdir(parents=True, exist_ok=True)
-    for number, faces in enumerate(np.geomspace(FEWEST, MOST, asked.count)):
+    for number, faces in list(enumerate(np.geomspace(FEWEST, MOST, asked.count)))[asked.first :]:
         solid = sized(number, float(faces))
         write_stl(asked.folder / f"part-{number:04d}.stl", solid)
         print(f"part-{number:04d}: {solid.num_tri()} faces", flush=True)

@@ -180,9 +180,10 @@ class _StudyReader:
     def _plot(self, job: Job) -> PlotChoice:
         table = Table(self._document, ("plot",), self._document.data.get("plot", {}), PLOT_KEYS)
         factors, measures = tuple(job.factors), tuple(job.measures)
+        numbers = [name for name in factors if job.factors[name].kind in (Kind.NUMBER, Kind.WHOLE)]
         return PlotChoice(
             table.one_of("measure", None, measures),
-            table.one_of("x", None, factors + measures),
+            table.one_of("x", None, (*numbers, *measures)),
             table.one_of("lines", None, factors),
             table.one_of("columns", None, factors),
         )

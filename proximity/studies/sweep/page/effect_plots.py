@@ -7,7 +7,7 @@ import numpy as np
 from proximity.studies.figures import page_figure
 from proximity.studies.figures.page_figure import COLOURS, DASHES, INK
 from proximity.studies.sweep.jobs import Kind
-from proximity.studies.sweep.page.effects import Effect, Rows
+from proximity.studies.sweep.page.effects import NOT_USED, Effect, Rows
 from proximity.studies.sweep.study_file import PlotChoice
 
 if TYPE_CHECKING:
@@ -17,9 +17,13 @@ if TYPE_CHECKING:
 MOST_X, MOST_LINES, MOST_PANELS = 40, 10, 4
 LOG_RATIO = 10.0
 """From smallest to largest, from which on an axis is logarithmic."""
+CROWDED = 200.0
+"""The same, from which on its ticks are the decades alone."""
+WITHOUT_X = {NOT_USED: (0, (1, 1.5)), None: (0, (6, 2))}
+"""Strokes of the level of conditions without x: dotted where x does not matter, dashed where it is absent."""
 BAND = (0.1, 0.9)
 """Quantiles between which a band lies, where a point is the median of several conditions."""
-PANEL_WIDTH, PANEL_HEIGHT = 2.5, 3.2  # inches
+WIDEST, NARROWEST, PANEL_HEIGHT = 6.0, 1.9, 3.2  # inches, of all panels and of one
 ACROSS = 4  # small panels side by side
 
 
@@ -37,8 +41,9 @@ def draw_main(rows: Rows, choice: PlotChoice) -> str:
     assert x is not None and measure is not None, "both are chosen"
     panels, of_panel = _levels(rows, choice.columns, MOST_PANELS)
     lines, of_line = _levels(rows, choice.lines, MOST_LINES)
-    across = rows.measure(x)
-    up = rows.measure(measure)
+    across, up = rows.measure(x), rows.measure(measure)
+    own = rows.values(x)
+    without = {style: np.array([each == kind for each in own], bool) for kind, style in WITHOUT_X.items()}
 
     def draw(figure: "Figure", _: Any) -> None:
         axes = figure.subplots(1, len(panels), sharex=True, sharey=True, squeeze=False)[0]
@@ -46,7 +51,12 @@ def draw_main(rows: Rows, choice: PlotChoice) -> str:
             for line, label in enumerate(lines):
                 is_meant = (of_panel == number) & (of_line == line) & np.isfinite(up)
                 draw_one = _draw_points if x in rows.job.measures else _draw_line
-                draw_one(panel, across[is_meant], up[is_meant], line, label)
+                has_x = is_meant & np.isfinite(across)
+                draw_one(panel, across[has_x], up[has_x], line, label)
+                for style, is_without in without.items():
+                    if (is_meant & is_without).any():
+                        level = float(np.median(up[is_meant & is_without]))
+                        panel.axhline(level, color=_colour(line), linestyle=style, linewidth=1.4)
             panel.set(title=caption, xlabel=_axis(rows, x))
             _scale(panel, across, up)
         axes[0].set_ylabel(_axis(rows, measure))
@@ -56,11 +66,10 @@ def draw_main(rows: Rows, choice: PlotChoice) -> str:
             for handle, name in zip(*panel.get_legend_handles_labels(), strict=True)
         }
         if len(lines) > 1:
-            figure.legend(
-                handles.values(), handles, title=choice.lines, loc="outside right center", fontsize=7
-            )
+            figure.legend(handles.values(), handles, loc="outside right center", fontsize=7)
 
-    return page_figure.svg(draw, "main", (1.6 + PANEL_WIDTH * max(2, len(panels)), PANEL_HEIGHT))
+    width = 1.4 + max(WIDEST / max(2, len(panels)), NARROWEST) * len(panels)
+    return page_figure.svg(draw, "main", (width, PANEL_HEIGHT))
 
 
 def draw_effects(rows: Rows, effects: list[Effect]) -> str:
@@ -91,15 +100,12 @@ def draw_effects(rows: Rows, effects: list[Effect]) -> str:
 
 
 def _draw_points(panel: "Axes", across: np.ndarray, up: np.ndarray, line: int, label: str) -> None:
-    panel.plot(across, up, ".", color=COLOURS[line % len(COLOURS)], alpha=0.7, markersize=4, label=label)
+    panel.plot(across, up, ".", color=_colour(line), alpha=0.7, markersize=4, label=label)
 
 
 def _draw_line(panel: "Axes", across: np.ndarray, up: np.ndarray, line: int, label: str) -> None:
-    colour, dash = COLOURS[line % len(COLOURS)], DASHES[line % len(DASHES)]
-    is_absent = np.isnan(across)
-    if is_absent.any():
-        panel.axhline(float(np.median(up[is_absent])), color=colour, linestyle=(0, (1, 1.5)), linewidth=1.6)
-    points = np.unique(across[~is_absent])
+    colour, dash = _colour(line), DASHES[line % len(DASHES)]
+    points = np.unique(across)
     if not len(points):
         return
     if len(points) > MOST_X:
@@ -118,7 +124,7 @@ def _levels(rows: Rows, name: str | None, most: int) -> tuple[list[str], np.ndar
     if name is not None:
         levels, ids = rows.levels(name, most)
         if levels:
-            return [rows.label(name, level) for level in levels], ids
+            return [f"{name} {rows.label(name, level)}" for level in levels], ids
     return [""], np.zeros(rows.table.num_rows, int)
 
 
@@ -134,14 +140,23 @@ def _scale(panel: "Axes", across: np.ndarray, up: np.ndarray) -> None:
         known = numbers[np.isfinite(numbers)]
         if len(known) and known.min() > 0.0 and known.max() > LOG_RATIO * known.min():
             set_scale("log")
-            for set_format in (axis.set_major_formatter, axis.set_minor_formatter):
-                set_format(_plain)
+            is_long = known.max() > CROWDED * known.min()
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_formatter(_nothing if is_long else _two_and_five)
     panel.tick_params(labelcolor=INK)
 
 
-def _plain(number: float, _: float) -> str:
-    """A tick of a logarithmic axis: 1, 2 and 5 of each decade."""
-    return f"{number:g}" if f"{number:e}"[0] in "125" else ""
+def _two_and_five(number: float, _: float) -> str:
+    """The label of a tick between the decades of a logarithmic axis."""
+    return f"{number:g}" if f"{number:e}"[0] in "25" else ""
+
+
+def _nothing(number: float, _: float) -> str:
+    return ""
+
+
+def _colour(line: int) -> str:
+    return COLOURS[line % len(COLOURS)]
 
 
 def is_axis(rows: Rows, name: str) -> bool:

@@ -66,7 +66,7 @@ def study_page(study: Study, folder: Path) -> str:
             "effects": _effect_table(effects, varied),
             "affected": list(effects),
             "choice": choice,
-            "absent": _absent(rows, choice.x),
+            "without": _without(rows, choice.x),
             "columns": [*varied, *study.measures],
             "worst": _worst(study, rows),
             "failed": failed.slice(0, FAILURES).to_pylist(),
@@ -104,21 +104,20 @@ def _choice(asked: PlotChoice, rows: Rows, measure: str, effects: list[Effect]) 
     return PlotChoice(measure, x, asked.lines or next(free, None), asked.columns or next(free, None))
 
 
-def _absent(rows: Rows, x: str | None) -> str:
-    """What conditions without x have in common, and the others have not: ``wall coupled``."""
-    if x is None:
+def _without(rows: Rows, x: str | None) -> str:
+    """What the levels of conditions without x are, in the plot: ``Dotted: wall coupled.``"""
+    if x is None or x not in rows.job.factors:
         return ""
-    is_absent = np.isnan(rows.measure(x)) if x in rows.job.measures or effect_plots.is_axis(rows, x) else []
-    if not np.any(is_absent) or np.all(is_absent):
-        return ""
-    found = []
-    for name in rows.varied():
-        values = rows.values(name)
-        without = {value for value, absent in zip(values, is_absent, strict=True) if absent}
-        others = {value for value, absent in zip(values, is_absent, strict=True) if not absent}
-        if name != x and not without & others:
-            found.append(f"{name} {', '.join(rows.label(name, level) for level in without)}")
-    return "; ".join(found) or f"without {x}"
+    values, said = rows.values(x), ""
+    if NOT_USED in values:
+        without = {
+            f"{other} {value}"
+            for other in rows.job.factors[x].only
+            for value, own in zip(rows.values(other), values, strict=True)
+            if own == NOT_USED
+        }
+        said += f"Dotted: {', '.join(sorted(without))}. "
+    return said + (f"Dashed: {x} {rows.label(x, None)}." if None in values else "")
 
 
 def _effect_table(effects: dict[str, list[Effect]], varied: list[str]) -> list[tuple[str, list[str]]]:
