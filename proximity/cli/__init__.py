@@ -37,7 +37,8 @@ HELP = "\n\n".join(  # a paragraph a string: some versions of Typer keep line br
         "millimetres; --units chooses another unit.",
         "Exit codes: 0: done. 1: the command ran, but the result is negative: check --strict found a part "
         "without an inside, a bound or a certified time of replay did not hold, a scene does not fit the "
-        "--gate of bench, a condition of study failed, record, watch, drum or demo received no frame, or calibrate received too little "
+        "--gate of bench, a condition of study failed, record, watch, drum or demo received no frame, or "
+        "calibrate received too little "
         "input. 2: a file, a point, an address or an option cannot be used, or the log of serve lacks "
         "frames. 130: interrupted. 141: the reader of the output ended first.",
     )
