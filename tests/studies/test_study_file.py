@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from project import ROOT
 from study_jobs import JOBS, study_of
 
+from proximity.cli.commands.studies.study import _jobs
 from proximity.errors import ServiceError
 from proximity.studies.sweep.study_file import read_study
 
@@ -201,3 +203,25 @@ def test_file_without_a_job_or_with_none_that_is_known(tmp_path):
     path.write_text("")
     with pytest.raises(ServiceError, match="the file is empty, expected a study in TOML"):
         read_study(path, JOBS)
+
+
+# -------------------------------------------------------------------------------------- the documentation
+
+
+@pytest.mark.parametrize("job", _jobs().values(), ids=lambda job: job.name)
+def test_page_of_the_documentation_names_every_factor_with_its_default(job):
+    page = (ROOT / "docs" / "guide" / "studies.md").read_text(encoding="utf-8")
+
+    assert f"**`{job.name}`**" in page
+    for name in job.factors:
+        assert f"`{name}`" in page or f"`{name} = " in page, name
+
+
+def test_studies_that_are_shipped_can_be_read():
+    folder = ROOT / "bench" / "studies"
+    read = {path.stem: read_study(path, _jobs(), with_files=False) for path in folder.glob("*.toml")}
+
+    assert {name: study.job.name for name, study in read.items()} == {
+        "certificate": "certificate", "force-error": "press", "hunting": "press",
+    }  # fmt: skip
+    assert sum(1 for _ in read["force-error"].conditions) == 5 * 4 * (9 + 1)

@@ -6,6 +6,7 @@ or takes its worker with it, becomes a row that says why.
 
 import contextlib
 import datetime
+import logging
 import os
 import shutil
 import socket
@@ -237,6 +238,7 @@ def _ray(address: str | None, cores: int | None) -> Iterator[Any]:
     """Ray, begun where it is not running in this process, and then ended again."""
     os.environ["RAY_USAGE_STATS_ENABLED"] = "0"  # nothing is sent to its makers
     ray = library("ray")
+    logging.getLogger("ray").setLevel(logging.ERROR)
     if ray.is_initialized():
         yield ray
         return
