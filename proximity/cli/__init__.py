@@ -64,7 +64,7 @@ for module in COMMANDS:
         module.__name__.rpartition(".")[2],
         cls=Command,
         epilog=module.EXAMPLES,
-        help=module.HELP,
+        help=module.HELP.replace("[", "\\["),  # what is in brackets is no mark of Rich's
         no_args_is_help=module not in RUN_BARE,
     )(module.command)
 

@@ -86,7 +86,7 @@ def test_where_so_few_ticks_tell_no_tail_the_longest_counts():
         ((999, 1.0, 0), r"999 ticks are too few for p99\.9"),
         ((1000, 0.0, 0), "the loop cannot run for 0 s, expected up to 3600 s"),
         ((1000, float("nan"), 0), "the loop cannot run for nan s"),
-        ((1000, 1.0, -1), "-1 is no seed, expected a whole number of 0 or more"),
+        ((1000, 1.0, -1), "-1 is not a seed, expected a whole number of 0 or more"),
     ],
 )
 def test_what_cannot_be_measured_is_refused(request_, sentence):
