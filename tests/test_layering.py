@@ -88,23 +88,34 @@ drum · glove
 arguments
 """,
     "proximity.studies": """
-part_press
+experiment · part_press · sweep
 claims · figures
 engine · stability
 simulation
 multibody · paper
 """,
+    "proximity.studies.experiment": """
+analysis
+sitting
+drum_display · observers
+conduct
+session
+dataset · display
+design_file · methods · trial_log
+plan
+coupled_controller · design · libraries
+""",
     "proximity.certificate": """
-report
+certificate_job · report
 certification
 measurement
 search · service_inputs
-deadlines · fingerprint · machine · motions · period · subject · tick_times · vr_application · wording
+deadlines · fingerprint · period · subject · tick_times · vr_application · wording
 """,
     "proximity.cli": """
 commands
-calibration
-drum_loop · drum_motors · questions · scene_press
+calibration · experiment_run
+drum_loop · drum_motors · experiment_page · experiment_terminal · questions · scene_press
 progress · views
 console
 lengths · options · points · program · wording
