@@ -114,8 +114,8 @@ deadlines · fingerprint · machine · motions · period · subject · tick_time
 """,
     "proximity.cli": """
 commands
-experiment_run
-calibration · drum_loop · drum_motors · experiment_page · experiment_terminal · questions · scene_press
+calibration · experiment
+drum_loop · drum_motors · questions · scene_press
 progress · views
 console
 lengths · options · points · program · wording
