@@ -34,7 +34,7 @@ def blocks(*kinds):
 
 
 def runnable():
-    """All blocks to run; those that install something are not, but the README's is by continuous integration."""
+    """All blocks but those that install something; the README's is run by continuous integration."""
     return [each for each in blocks("sh") if "pip install" not in each.values[0]]
 
 
