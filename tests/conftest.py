@@ -36,7 +36,7 @@ def shared_data() -> Path:
 NO_INTERNALS = "internals of compiled code: run with PROXIMITY_ISA=jit"
 NO_BROWSER = "the page in a browser: run PROXIMITY_BROWSER=1 python -m pytest tests/web by itself"
 """Pictures are drawn in software here, which takes the machine of all other tests."""
-TESTS_OF_PROCESSES = {"bench", "cli", "service", "transport", "web"}
+TESTS_OF_PROCESSES = {"bench", "cli", "examples", "service", "transport", "web"}
 """Folders whose tests start processes, look at clocks, or use what a machine has once."""
 MORE_TESTS_OF_PROCESSES = {
     "test_concurrency.py",
@@ -45,6 +45,8 @@ MORE_TESTS_OF_PROCESSES = {
     "test_readme.py",
     "test_receiver_c.py",
     "test_stopping.py",
+    "test_study_cluster.py",
+    "test_study_run.py",
 }
 """Files elsewhere that do so too."""
 

@@ -6,6 +6,7 @@ import re
 import tokenize
 
 import pytest
+from pages import PAGES
 from project import ROOT
 
 INSTEAD = {
@@ -121,6 +122,16 @@ def constants_of(path):
         for name in ast.walk(target)
         if isinstance(name, ast.Name) and name.id.isupper()
     }
+
+
+def test_glossary_of_the_documentation_is_sorted_and_names_what_there_is():
+    rows = re.findall(r"^\| ([^|`]+) \| (`[^|]+`) \|", PAGES["reference/glossary.md"], re.MULTILINE)
+    sources = "\n".join(path.read_text(encoding="utf-8") for path in FILES)
+    there = {*re.findall(r"\w+", sources)}
+
+    assert [term for term, _ in rows] == sorted((term for term, _ in rows), key=str.lower)
+    assert len(rows) == PAGES["reference/glossary.md"].count("\n| ") - 1
+    assert [name for _, names in rows for name in re.findall(r"`(\w+)`", names) if name not in there] == []
 
 
 def test_a_constant_of_the_kernels_has_one_home():

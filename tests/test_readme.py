@@ -2,10 +2,14 @@
 
 import contextlib
 import io
-import math
+import os
 import re
 import shlex
+import shutil
+import subprocess
+import sys
 import time
+from queue import SimpleQueue
 
 import numpy as np
 import pytest
@@ -15,7 +19,7 @@ from wire import MS, frame
 
 import proximity
 from proximity import cli
-from proximity.service import StreamInput
+from proximity.service import ChangesInput, MovesInput, SensorAnswers, SensorInput, StreamInput
 
 
 def blocks(language, text=README):
@@ -60,14 +64,13 @@ def test_two_commands_set_everything_up():
 
 
 def test_sender_of_poses_as_the_readme_shows_it_is_understood():
-    (code,) = blocks("py", PAGES["guide/service.md"])
-    _, _, sender = code.partition("\n\n")
+    _, sender = blocks("py", PAGES["guide/service.md"])
     source = StreamInput("mailbox:readme/poses", 5)
     tips = np.arange(15.0).reshape(5, 3)
 
     exec(
         compile(sender.replace("iox2://decaff/poses", "mailbox:readme/poses"), "README.md", "exec"),
-        scope := {"proximity": proximity, "time": time, "math": math, "tips": tips},
+        scope := {"tips": tips},
     )
 
     hands = source.poll(time.monotonic_ns())
@@ -77,8 +80,7 @@ def test_sender_of_poses_as_the_readme_shows_it_is_understood():
 
 
 def test_reader_of_frames_as_the_readme_shows_it_follows_and_retreats(monkeypatch):
-    (code,) = blocks("py", PAGES["guide/service.md"])
-    reader, _, _ = code.partition("\n\n")
+    reader, _ = blocks("py", PAGES["guide/service.md"])
     told = []
 
     class Running:
@@ -112,6 +114,66 @@ def test_reader_of_frames_as_the_readme_shows_it_follows_and_retreats(monkeypatc
         )
 
     assert told == [("retreat", 0), ("follow", 2, 2)]
+
+
+def test_moves_as_the_guide_shows_them_move_a_part():
+    code, _ = blocks("py", PAGES["guide/moving-parts.md"])
+    source, scene = MovesInput("mailbox:guide/moves"), proximity.load(ROOT / "meshes/assembly.step")
+
+    exec(compile(code.replace("iox2://decaff/moves", "mailbox:guide/moves"), "moving-parts.md", "exec"), {})
+    source.apply(scene, time.monotonic_ns())
+
+    assert scene.part("lid").pose.translation[2] >= 0.010
+    np.testing.assert_array_equal(scene.part("lid").velocity, [0.0, 0.0, 0.1])
+    assert source.notes == []
+
+
+def test_changes_as_the_guide_shows_them_hide_and_deform_parts(monkeypatch):
+    monkeypatch.chdir(ROOT)
+    _, code = blocks("py", PAGES["guide/moving-parts.md"])
+    source = ChangesInput("mailbox:guide/changes", SimpleQueue())
+    scene = proximity.load("meshes/assembly.step")
+    exec(
+        compile(code.replace("iox2://decaff/changes", "mailbox:guide/changes"), "moving-parts.md", "exec"), {}
+    )
+    source.apply(scene)
+
+    assert [part.name for part in scene.parts if part.is_hidden] == ["pin", "pin_2"]
+    _, upper = scene.part("lid").solid.bounds
+    assert upper[2] == pytest.approx(0.9 * 0.004)
+    assert source.notes == []
+
+
+def test_measurements_as_the_guide_shows_them_become_contacts():
+    (code,) = blocks("py", PAGES["guide/teleoperation.md"])
+    source, answering = SensorInput("mailbox:guide/sensor", 1), SensorAnswers(1)
+
+    exec(
+        compile(code.replace("udp://127.0.0.1:9200", "mailbox:guide/sensor"), "teleoperation.md", "exec"), {}
+    )
+    now_ns = time.monotonic_ns()
+    (contact,) = answering.answer(source.poll(now_ns), now_ns)
+
+    known = [contact[name] for name in ("signed_distance", "lower", "upper")]
+    np.testing.assert_allclose(known, [0.012, 0.0115, 0.0125], rtol=1e-12)
+    assert (
+        contact["surface"] == proximity.Surface.RIGID and contact["source"] == proximity.Source.TELEOPERATION
+    )
+    assert source.notes == []
+
+
+def test_processes_as_the_guide_shows_them_share_a_scene(tmp_path):
+    (code,) = blocks("py", PAGES["guide/threads.md"])
+    (tmp_path / "pool.py").write_text(code, encoding="utf-8")
+    (tmp_path / "meshes").mkdir()
+    shutil.copy(ROOT / "meshes/bracket.stl", tmp_path / "meshes")
+
+    run = subprocess.run(
+        [sys.executable, "pool.py"], cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True, text=True, timeout=300, check=False,
+    )  # fmt: skip
+
+    assert (run.stdout, run.stderr) == ("20000 answers\n", "")
 
 
 def test_picture_of_the_layers_is_the_one_that_is_tested():

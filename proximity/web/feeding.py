@@ -17,6 +17,7 @@ from proximity.scene.scene import Scene
 from proximity.service.inputs.changes_input import carry_out
 from proximity.transport import Publisher, open_publisher
 from proximity.transport.publisher_clock import ForeignClock
+from proximity.web.server.access import UnfitError
 
 KINDS = {kind.magic: kind for kind in (POSES, PATH_POSES, MOVES, CHANGES)}
 FARTHEST = 1e4
@@ -25,10 +26,6 @@ OLDEST_NS = 1_000_000_000
 """A message that was under way for longer is of a connection that was held up, or of a machine that slept."""
 SPREAD_NS = 1_000_000_000
 """An instant of a pose is no farther from that of its sending."""
-
-
-class UnfitError(Exception):
-    """A message of a page that cannot be used; the text says why."""
 
 
 class HeldUpError(UnfitError):

@@ -10,7 +10,7 @@ import pytest
 from certificates import TICKS, ball_subject, case, certificate, found, loop
 
 from proximity import DecaffError, ServiceError
-from proximity.certificate import measurement, motions, wording
+from proximity.certificate import measurement, wording
 from proximity.certificate.certification import MachineVerdict, check_request, judge, load_of_times
 from proximity.certificate.deadlines import PERIODS, Period
 from proximity.certificate.report import files
@@ -18,6 +18,7 @@ from proximity.certificate.report.document import document, periods_of
 from proximity.certificate.report.page import page
 from proximity.recording import Recording
 from proximity.studies.figures import style
+from proximity.tracker.replay import motions
 
 VOID = {"meta", "br", "path", "use", "rect", "line", "circle"}
 SURFACE = np.random.default_rng(1).uniform(-0.05, 0.05, (40, 3))

@@ -19,6 +19,7 @@ from proximity import cli
 from proximity.cli import drum_loop
 from proximity.cli.views import screen
 from proximity.cli.views.drum_log import DrumLog
+from proximity.decaff.controller.cable_stretch import CableRule
 from proximity.decaff.controller.controller_states import DrumState
 from proximity.decaff.drum.drum_command import DriveMode
 from proximity.decaff.drum.drum_model import GEAR4
@@ -93,6 +94,19 @@ def test_drum_meets_the_finger_and_goes_when_nothing_is_known():
         step(bench, Reading(State.STALE, False, sample * MS, 0, None, empty))
     assert finger.action.state.value == "retracted"
     assert finger.plant.position == pytest.approx(finger.path.retracted, abs=1e-3)
+
+
+def test_drum_makes_up_for_the_stretch_of_a_cable():
+    """Pad and cable are springs in a row; brought nearer, the drum presses as without a cable."""
+    forces = []
+    for rule in (CableRule(), CableRule(1200.0)):
+        bench = DrumBench(1000.0, cable=rule)
+        for sample, bend in enumerate([*np.linspace(0.3, 0.52, 220), *[0.52] * 1000]):
+            step(bench, reading(sample * MS, bend))
+        assert bench.fingers[0].action.state.value == "position"
+        forces.append(bench.fingers[0].plant.force)
+
+    assert forces[0] == pytest.approx(forces[1], rel=0.03)
 
 
 def test_table_has_a_row_for_each_finger():

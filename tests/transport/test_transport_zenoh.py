@@ -264,7 +264,7 @@ def test_access_control_of_the_configuration_holds(tmp_path, monkeypatch, is_ena
 def test_configuration_of_the_readme_lets_one_certificate_publish(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     make_certificates("service", "glove", "other")
-    text = PAGES["reference/messages.md"].split("```json5\n")[1].split("```")[0]
+    text = PAGES["guide/security.md"].split("```json5\n")[1].split("```")[0]
     Path("service.json5").write_text(text)
     for name in ("glove", "other"):
         Path(f"{name}.json5").write_text(

@@ -3,7 +3,10 @@
 MkDocs calls the functions named ``on_…``: tools/documentation/mkdocs.yml names this file.
 """
 
+import json
+import re
 import sys
+import textwrap
 from pathlib import Path
 
 import typer
@@ -37,6 +40,9 @@ PUBLIC = {
 }  # fmt: skip
 """All public names, in the order in which a reader meets them."""
 
+NOTEBOOK = Path(__file__).parents[2] / "examples" / "notebook.ipynb"
+NOTEBOOK_CELLS = "    <!-- cells of notebook.ipynb -->"
+
 STATES = {
     "State of a frame": "state",
     "Flags of a contact": "flag",
@@ -55,9 +61,19 @@ def on_files(files, config):
 
 
 def on_page_markdown(markdown, page, **_):
-    """Write the layouts below the page on messages."""
-    is_messages = page.file.src_uri == "reference/messages.md"
-    return f"{markdown}\n{message_tables.records()}" if is_messages else markdown
+    """Write the layouts below the page on messages, and the notebook's cells into that on examples."""
+    if page.file.src_uri == "reference/messages.md":
+        return f"{markdown}\n{message_tables.records()}"
+    return (
+        markdown.replace(NOTEBOOK_CELLS, _cells(NOTEBOOK)) if page.file.src_uri == "examples.md" else markdown
+    )
+
+
+def _cells(path):
+    """Return the code of a notebook, indented as the content of a block that opens."""
+    cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+    code = "\n\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "code")
+    return textwrap.indent(f"```py\n{code}\n```", "    ")
 
 
 def pages():
@@ -74,9 +90,14 @@ def _command_line():
     """Every command with its arguments, options and examples, as ``--help`` has them."""
     command = typer.main.get_command(cli.app)
     context = typer.Context(command, info_name="proximity")
-    text = get_docs_for_click(obj=command, ctx=context, name="proximity")
+    text = get_docs_for_click(obj=command, ctx=context, name="proximity").partition("\n")[2]
+    for name, each in command.commands.items():
+        summary = (each.help or "").partition("\n")[0]
+        text = re.sub(
+            rf"(?m)^\* `{name}`: .*$", lambda _, name=name, summary=summary: f"* `{name}`: {summary}", text
+        )
     head = "# Command line\n\nWhat `proximity COMMAND --help` says, on one page.\n\n"
-    return head + _examples_as_blocks(text.partition("\n")[2])
+    return head + _examples_as_blocks(text)
 
 
 def _examples_as_blocks(text):

@@ -1,30 +1,37 @@
-"""Tables of messages and of their words, made of the tables that the messages themselves are made of."""
+"""Tables of messages and enumerations, made of the tables that the messages themselves are made of."""
 
 from proximity.message import Message
 from proximity.message.c_header import ENUMS, KINDS, RECORDS, c_type, meanings_of
 from proximity.message.envelope import PREFIX_FIELDS
+from proximity.message.fields import dtype_of
+from proximity.message.inputs import POSE_FIELDS
 
 TITLES = {
-    "prefix": "Every message begins with",
-    "frame_header": "The header of a frame goes on with",
-    "contact": "A contact",
-    "input_header": "The header of what a service is fed with goes on with",
-    "pose": "A finger of a `poses` message",
-    "path_pose": "A finger of a `path_poses` message is a pose and",
-    "glove_pose": "A finger of a `glove_poses` message",
-    "move": "A part of a `moves` message",
-    "measurement": "A finger of a `measured` message",
-    "change": "A part of a `changes` message",
-    "addition": "A file of an `additions` message",
-    "deformation": "Up to 64 vertices of the one part of a `deformations` message",
-    "description_header": "The header of a `description` goes on with",
-    "label": "A part or finger of a `description`",
-}
+    "prefix": ("Beginning of every message", "", ()),
+    "frame_header": ("Header of a frame", "After the beginning of every message.", PREFIX_FIELDS),
+    "contact": ("Contact", "One finger of a frame.", ()),
+    "input_header": (
+        "Header of a message to a service", "After the beginning of every message.", PREFIX_FIELDS,
+    ),
+    "pose": ("Pose", "One finger of a `poses` message.", ()),
+    "path_pose": ("Pose with a path", "One finger of a `path_poses` message: a pose, then", POSE_FIELDS),
+    "glove_pose": ("Pose of a glove", "One finger of a `glove_poses` message.", ()),
+    "move": ("Move", "One part of a `moves` message.", ()),
+    "measurement": ("Measurement", "One finger of a `measured` message.", ()),
+    "change": ("Change", "One part of a `changes` message.", ()),
+    "addition": ("Addition", "One file of an `additions` message.", ()),
+    "deformation": ("Deformation", "Up to 64 vertices of the one part of a `deformations` message.", ()),
+    "description_header": (
+        "Header of a description", "After the beginning of every message.", PREFIX_FIELDS,
+    ),
+    "label": ("Name", "One part or finger of a `description`.", ()),
+}  # fmt: skip
+"""Of each header and record: its title, what it is, and the fields that it has before those of its table."""
 
 
 def records():
-    """The layout of every header and record, and examples with their checksums, as Markdown."""
-    return "\n\n".join([*map(_record, RECORDS), _vectors()]) + "\n"
+    """The kinds, the layout of every header and record, and examples with their checksums, as Markdown."""
+    return "\n\n".join(["## Layouts", _kinds(), *map(_record, RECORDS), _vectors()]) + "\n"
 
 
 def enum_table(name):
@@ -50,15 +57,31 @@ def example(kind):
     return message
 
 
+def _kinds():
+    rows = [
+        f"| `{kind.name}` | `0x{kind.magic:08x}` | {kind.header_size} | {kind.record_size} |"
+        for kind in KINDS
+    ]
+    return "\n".join(
+        [
+            "| kind | magic | bytes of the header | bytes of each record |",
+            "|---|---|---:|---:|",
+            *rows,
+        ]
+    )
+
+
 def _record(name):
     _, fields = RECORDS[name]
-    known = RECORDS["pose"][1] if name == "path_pose" else PREFIX_FIELDS if name != "prefix" else ()
+    title, sentence, known = TITLES[name]
+    offsets = dtype_of(fields).fields
     rows = [
-        f"| `{field.name}` | `{c_type(field)}` | {field.unit} | {field.meaning} |"
+        f"| {offsets[field.name][1]} | `{field.name}` | `{c_type(field)}` | {field.unit} | {field.meaning} |"
         for field in fields
         if field not in known
     ]
-    return "\n".join([f"| {TITLES[name]} | type | unit | |", "|---|---|---|---|", *rows])
+    table = "\n".join(["| at byte | field | type | unit | meaning |", "|---:|---|---|---|---|", *rows])
+    return "\n\n".join(filter(None, [f"### {title}", sentence, table]))
 
 
 def _vectors():
@@ -69,12 +92,14 @@ def _vectors():
     ]
     return "\n".join(
         [
-            "To try a program of your own: a message of one record, with session 1, sequence 2, "
-            "`publish_ns` or `send_ns` 3, the",
-            "name `lid` where a record has a name, 0.5 for each double, and zeros for all else but `count`.",
+            "## Examples with their checksums",
             "",
-            "| Such a message | bytes | checksum |",
-            "|---|---|---|",
+            "Try a program of your own with these. Each message has one record, session 1, sequence 2,",
+            "and 3 as `publish_ns` or `send_ns`. The name is `lid` where a record has one, each double is",
+            "0.5, and all else but `count` is zero.",
+            "",
+            "| message | bytes | checksum |",
+            "|---|---:|---|",
             *rows,
         ]
     )

@@ -86,10 +86,9 @@ def summary(documents: dict[str, Document]) -> str:
     lines = summary_table(documents["report"], documents["ticks"])
     report, ticks = documents["report"]["machine"], documents["ticks"]["machine"]
     how = (
-        f"Medians on one core, {short_name(report)}, {report['date']} (the tick: {ticks['date']}): a plate "
-        "of 304 k faces, 87 k for the tick, and points near its surface. proximity computes in double "
-        "precision, the others here in single. [All figures](docs/performance/results.md), with tails, "
-        "conditions, and the cases in which embreex casts rays faster."
+        f"Medians on one core, {short_name(report)}, {report['date']} (the tick: {ticks['date']}): points "
+        "near a plate of 304 k faces, 87 k for the tick. proximity computes in double precision, the others "
+        "in single. [All results](docs/performance/results.md), with the cases in which others are faster."
     )
     application = [_wrapped(vr_sentence(documents["vr"])), ""] if "vr" in documents else []
     return "\n".join([*lines, "", *application, _wrapped(how)]) + "\n"
@@ -116,11 +115,10 @@ def _conditions(documents):
     machine = documents[0]["machine"]
     asked = [each for document in documents for each in _verdicts(document)]
     met = sum(each["is_met"] for each in asked)
+    judged = f" {met} of {len(asked)} requirements are met; the others are named below." if asked else ""
     return (
-        f"{full_name(machine)}. Medians and tails, nothing subtracted; one thread held to one core, but for "
-        "the service. Machines are shared: tails hold what neighbours do. Of "
-        f"{len(asked)} requirements that these runs are held against {met} are met here; those that are not "
-        "are named."
+        f"Measured on {full_name(machine)}. One thread on one core, except for the service. Nothing is "
+        f"subtracted. The machine is shared, so the tails contain what its neighbours did.{judged}"
     )
 
 
@@ -133,8 +131,8 @@ def _verdicts(document):
 def _run(name, document, first):
     """The command of a run, its date and its machine."""
     machine = document["machine"]
-    where = "" if machine["processor"] == first["processor"] else f", {full_name(machine)}"
-    return f"`python bench/{name}.py`, {when(machine)}{where}"
+    where = "" if machine["processor"] == first["processor"] else f" on {full_name(machine)}"
+    return f"Made by `python bench/{name}.py`{where} ({when(machine)})."
 
 
 def _first(documents):
@@ -146,19 +144,23 @@ def _others(documents):
     versions = dict.fromkeys(
         f"{row['contender'].partition(' (')[0]} {row['version']}" for row in document["rows"]
     )
-    rounds = f"{document['rounds']} interleaved rounds, " if "rounds" in document else ""
+    rounds = f"{document['rounds']} interleaved rounds, " if "rounds" in document else "all contenders, "
     missing = document["missing"]
     absent = f" Not there: {', '.join(missing)}." if missing else ""
-    head = (
-        f"**Beside others** ({_run('report', document, _first(documents))}): medians of {rounds}answers "
-        f"compared before they are timed; {', '.join(versions)}.{absent} Points lie near the surface, "
-        'N(0, 2 % of the diagonal) off it. "Asked for" is how many times as fast it should be. Where signs '
-        "of the fastest are wrong, the fastest whose signs are right follows. embreex by itself tells "
-        "distances, as `cast_distance` does; for all outputs it stands beside `cast`."
+    how = (
+        f"{_run('report', document, _first(documents))} Medians of {rounds}whose answers were compared "
+        f"before they were timed: {', '.join(versions)}.{absent} Points lie near the surface, at a normally "
+        "distributed distance with a standard deviation of 2 % of the diagonal."
+    )
+    read = (
+        "*Asked for* is how many times as fast proximity should be. If the fastest other library has wrong "
+        "signs, a second row has the fastest whose signs are right. embreex by itself answers distances, as "
+        "`cast_distance` does; *all outputs* stands beside `cast`."
     )
     verdicts = [each for each in document["requirements"] if each["requirement"].startswith(ALONE)]
     rest = verdict_lines("on memory and on starting", verdicts)
-    return [head, others_table(document), " ".join(build_sentences(document)), rest]
+    made = " ".join(build_sentences(document))
+    return [["## Beside other libraries"], how, read, others_table(document), made, rest]
 
 
 def _ticks(documents):
@@ -169,22 +171,28 @@ def _ticks(documents):
         + (f", transcribed {each['machine']['transcribed']}." if "transcribed" in each["machine"] else ".")
         for each in others
     ]
-    head = (
-        f"**Ticks** ({_run('ticks', document, _first(documents))}): each timed on its own, from call to "
-        f"answer, {_ticks_of(document)}. The calmest of three runs, tick by tick, is what the "
-        f"work itself takes; a bare loop only counts, for as long as the middle tick takes: its tail is the "
-        f"machine's. {' '.join(beside)}"
+    how = (
+        f"{_run('ticks', document, _first(documents))} Each tick is timed by itself, from call to answer: "
+        f"{_ticks_of(document)}. {' '.join(beside)}"
+    )
+    read = (
+        "Each case runs three times. *Shortest of 3 runs* takes the shortest time of each tick: that is what "
+        "the work itself takes. *A bare loop* only counts, for as long as the median tick takes: its tail is "
+        "the machine's."
     )
     period = (
-        "**Against the haptic period**: the same ticks in wall time, as shares of 40 ms (the paper's 25 Hz), "
-        f"5 ms (200 Hz), 3 ms (Kazerooni's), 1 ms and 0.2 ms, on the {short_name(document['machine'])}. Over "
-        "100 a tick does not fit."
+        f"The same ticks in wall time on the {short_name(document['machine'])}, as shares of 40 ms (the "
+        "paper's 25 Hz), 5 ms (200 Hz), 3 ms (Kazerooni's bound), 1 ms and 0.2 ms. A tick above 100 does not "
+        "fit."
     )
     return [
-        head.strip(),
+        ["## Ticks"],
+        how.strip(),
+        read,
         ticks_table([document, *others]),
         verdict_lines("on ticks", _verdicts(document)),
         _met(document),
+        ["## Ticks against haptic periods"],
         period,
         period_table(document),
     ]
@@ -208,36 +216,46 @@ def _ticks_of(document):
 
 def _service(documents):
     document = documents["service"]
-    head = f"**Served** ({_run('service', document, _first(documents))}): a recorded hand at 1 kHz, log on."
-    return [head, served_table(document), verdict_lines("on the service", _verdicts(document))]
+    how = f"{_run('service', document, _first(documents))} A recorded hand at 1 kHz, with the log on."
+    return [
+        ["## The service"],
+        how,
+        served_table(document),
+        verdict_lines("on the service", _verdicts(document)),
+    ]
 
 
 def _vr(documents):
     document = documents["vr"]
-    head = (
-        f"**A complete VR application** ({_run('vr', document, _first(documents))}): from the pose of a hand "
-        "to the frame that answers it, over tori, with ticks at 1 kHz; one part moves where said. Native "
-        "publishes poses and subscribes to frames in shared memory; page is what `proximity view` runs, "
-        "without drawing. Half a tick is waited on average. Service and bridge are shares of a core. p99.9 "
-        "of some 1000 poses is about the largest. The page is sent few ticks without a new pose."
+    how = (
+        f"{_run('vr', document, _first(documents))} Time from the pose of a hand to the frame that answers "
+        "it, in front of tori, with ticks at 1 kHz. *native* publishes poses and subscribes to frames in "
+        "shared memory. *page* is what `proximity view` runs, without drawing. *moving* has one moving part."
+    )
+    read = (
+        "On average a pose waits for half a tick. Service and bridge are shares of a core. p99.9 of about "
+        "1000 poses is almost the largest. Few ticks without a new pose are sent to the page."
     )
     others = (
-        "The native application with another library's signed distances in the place of our tick, asked only "
-        "where a pose is new; our ticks also answer velocities, predictions and times to contact:"
+        "The native application with another library's signed distances instead of our tick, computed only "
+        "when a pose is new. Our ticks also answer velocities, predictions and times to contact."
     )
     picture = [f"![{VR_PICTURE[1]}]({VR_PICTURE[0]}.png)"]
-    return [head, vr_table(document), others, libraries_table(document), picture]
+    heading = ["## A complete VR application"]
+    return [heading, how, read, vr_table(document), others, libraries_table(document), picture]
 
 
 def _growth(documents):
     document = documents["growth"]
-    head = (
-        f"**How cost grows** ({_run('growth', document, _first(documents))}): slopes of straight lines "
-        "through the logarithms of both, fitted to the upper two decades, with standard errors: 0 is no "
-        "growth, 0.5 as the square root, 1 in proportion. Nodes and leaves visited are the same on every "
-        "machine. A part is a bumpy ring of even triangles; near is N(0, 2 % of its diagonal) off it. Faces "
-        "much smaller than their distance are nearly equally far: of those about the square root has to be "
-        "looked at."
+    how = (
+        f"{_run('growth', document, _first(documents))} A part is a bumpy ring of even triangles. *Near* is "
+        "a normally distributed distance with a standard deviation of 2 % of its diagonal."
+    )
+    read = (
+        "A slope is that of a straight line through the logarithms of both, fitted to the upper two decades, "
+        "with its standard error. 0 is no growth, 0.5 grows as the square root, 1 in proportion. Nodes and "
+        "leaves visited are the same on every machine. Where faces are much smaller than their distance, "
+        "many are nearly equally far: about their square root has to be looked at."
     )
     pictures = [f"![{words}]({name}.png)" for name, words in PICTURES.items()]
-    return [head, growth_table(document), " ".join(document["left_out"]), pictures]
+    return [how, read, growth_table(document), " ".join(document["left_out"]), pictures]

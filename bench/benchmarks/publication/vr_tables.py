@@ -37,15 +37,15 @@ def vr_sentence(document: Document) -> str:
         next(row for row in rows if (row.face_count, row.case.path) == (largest, path)) for path in PATHS
     )
     return (
-        '"At the present time a complete VR application has not been implemented to verify the precise '
-        'performance cost of these intersection checks", the paper ends. It has been now: with '
-        f"{native.case.finger_count} fingers at {native.case.pose_rate_hz:g} Hz over a part of "
-        f"{largest / 1e6:.0f} M faces a tick with a new pose takes {1e6 * native.tick_p50:.0f} µs, "
-        f"{native.tick_p50 / TICK_S:.0%} of a haptic sample, and one without "
-        f"{1e6 * (native.idle_tick_p50 or 0.0):.0f} µs; from a pose to its distances it is "
-        f"{1e3 * native.motion_to_distance_p50:.1f} ms in the middle, "
-        f"and {1e3 * page.motion_to_distance_p50:.1f} ms over the web socket of the page "
-        f"({short_name(document['machine'])}, `proximity bench --vr` for your part)."
+        'The paper on the glove ends: "At the present time a complete VR application has not been '
+        'implemented to verify the precise performance cost of these intersection checks." Here it is: with '
+        f"{native.case.finger_count} fingers tracked at {native.case.pose_rate_hz:g} Hz over a part of "
+        f"{largest / 1e6:.0f} M faces, a tick takes {1e6 * native.tick_p50:.0f} µs when a new pose has "
+        f"come, {native.tick_p50 / TICK_S:.0%} of a haptic sample, otherwise "
+        f"{1e6 * (native.idle_tick_p50 or 0.0):.0f} µs. "
+        f"From a pose to its distances takes {1e3 * native.motion_to_distance_p50:.1f} ms, "
+        f"and {1e3 * page.motion_to_distance_p50:.1f} ms over the web socket of the page (medians, "
+        f"{short_name(document['machine'])}; `proximity bench --vr` measures your part)."
     )
 
 

@@ -40,10 +40,11 @@ class Document:
     """
 
     name: str
+    text: str
     data: dict[str, Any]
 
     def __init__(self, text: str, name: str) -> None:
-        self.name = name
+        self.name, self.text = name, text
         self._text_lines = text.replace("\r\n", "\n").split("\n")
         self._complaints: list[tuple[int, str]] = []
         try:
@@ -123,8 +124,15 @@ class Document:
         return ServiceError(f"{self.name}:{position[1]}: invalid TOML at column {position[2]}: {what}")
 
 
-def read_document(path: str | os.PathLike[str]) -> Document:
+def read_document(path: str | os.PathLike[str], what: str = "a scene file") -> Document:
     """Return what is in a TOML file.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    what : str
+        What messages say was expected.
 
     Raises
     ------
@@ -138,14 +146,14 @@ def read_document(path: str | os.PathLike[str]) -> Document:
     except (OSError, ValueError) as failed:  # a name with a zero in it is a ValueError
         raise ServiceError(f"{name}: cannot be read ({getattr(failed, 'strerror', failed)})") from failed
     if len(content) > MOST_FILE_BYTES:
-        raise ServiceError(f"{name}: larger than {MOST_FILE_BYTES >> 20} MiB, expected a scene file in TOML")
+        raise ServiceError(f"{name}: larger than {MOST_FILE_BYTES >> 20} MiB, expected {what} in TOML")
     try:
         text = content.decode("utf-8-sig")  # some editors begin a file with a mark
     except UnicodeDecodeError as unfit:
         line = content.count(b"\n", 0, unfit.start) + 1
-        raise ServiceError(f"{name}:{line}: not UTF-8, expected a scene file in TOML") from unfit
+        raise ServiceError(f"{name}:{line}: not UTF-8, expected {what} in TOML") from unfit
     if not text.strip():
-        raise ServiceError(f"{name}:1: the file is empty, expected a scene file in TOML")
+        raise ServiceError(f"{name}:1: the file is empty, expected {what} in TOML")
     return Document(text, name)
 
 

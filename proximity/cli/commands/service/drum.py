@@ -4,13 +4,17 @@ import json
 import sys
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from proximity.cli.options import ADDRESS, LIMIT, check_limit, check_range
+from proximity.cli.options import ADDRESS, CABLE, LIMIT, cable_stiffness, check_limit, check_range
 from proximity.cli.program import EXIT_NOTHING
 from proximity.system.stop_signals import stopped_by_signals
+
+if TYPE_CHECKING:
+    from proximity.decaff.controller.cable_stretch import CableRule
+    from proximity.decaff.glove.calibrated_glove import CalibratedGlove
 
 HELP = "\n\n".join(
     (
@@ -18,9 +22,10 @@ HELP = "\n\n".join(
         "Each finger has a controller, the same as for a real drum, and a simulated drum. Shown are the "
         "state, the positions of drum and finger on the finger's path, the drum's angle, the force between "
         "them and the torque of the motor. A sample that is 10 ms late is a fault, as on a real drum, and "
-        "the controller starts again. A finger whose frames have no bend is assumed to bend straight "
-        "towards the nearest surface, and marked. A terminal shows a live table, any other output one line "
-        "a second; --json prints a summary at the end only. The exit code is 1 if no frame came.",
+        "the controller starts again. With --cable the drum makes up for the stretch of the cable while a "
+        "finger is on it. A finger whose frames have no bend is assumed to bend straight towards the "
+        "nearest surface, and marked. A terminal shows a live table, any other output one line a second; "
+        "--json prints a summary at the end only. The exit code is 1 if no frame came.",
         "--motor URL drives a real drum instead: odrive-can://CHANNEL, canopen://CHANNEL or "
         "simplefoc://PORT. Without --arm the motor is only read and never moves, whatever ADDRESS "
         "publishes. With --arm it searches its mechanical stop, which moves it, and then follows. Any "
@@ -81,6 +86,7 @@ def command(
     rate: RATE = 500.0,
     calibration: CALIBRATION = None,
     max_age: MAX_AGE = None,
+    cable: CABLE = None,
     motor: MOTOR = None,
     arm: ARM = False,
     log: LOG = None,
@@ -95,11 +101,10 @@ def command(
     from proximity.cli.drum_motors import armable_motors, ready_bench, watch_motors
     from proximity.cli.views.drum_log import DrumLog
     from proximity.cli.views.screen import Screen
-    from proximity.decaff.glove.glove_set import read_glove
     from proximity.transport import Reading, open_subscriber
 
     sys.setswitchinterval(SWITCH_S)
-    gloves = [read_glove(path, max_age) for path in calibration or ()]
+    gloves, rule = _worn(calibration or [], cable, max_age)
     with stopped_by_signals() as stop, armable_motors(motor or [], gloves) as motors:
         if motors and not arm:
             watch_motors(motors, stop, limit)
@@ -109,7 +114,7 @@ def command(
             DrumLog(log) as written,
             Screen(Console(), is_silent=as_json) as screen,
         ):
-            bench = ready_bench(rate, gloves, motors, stop)
+            bench = ready_bench(rate, gloves, motors, stop, rule)
             started = time.monotonic()
             newest = [subscriber.read()]
 
@@ -125,6 +130,17 @@ def command(
         typer.echo(json.dumps(summary(bench, address, counts, time.monotonic() - started), indent=2))
     if not counts.received:
         raise typer.Exit(EXIT_NOTHING)
+
+
+def _worn(
+    calibration: list[Path], cable: str | None, max_age: float | None
+) -> tuple[list["CalibratedGlove"], "CableRule"]:
+    """The gloves, and the cable whose stretch is made up for."""
+    from proximity.decaff.controller.cable_stretch import CableRule
+    from proximity.decaff.glove.glove_set import read_glove
+
+    rule = CableRule() if cable is None else CableRule(cable_stiffness(cable, max_age))
+    return [read_glove(path, max_age) for path in calibration], rule
 
 
 def _check(

@@ -12,8 +12,8 @@ HELP = "\n\n".join(
         "5a to 5h are those of the paper; 5 has all eight on one page. stability shows for which springs "
         "and dampers a sampled wall is stable. error-speed and error-latency compare coupled walls and "
         "drums with the real wall, error-engine a drum that the distance service controls at a CAD part. "
-        "drum-motion and arrival show when a drum is in position. Existing files are replaced. All figures "
-        "take less than a minute. Requires matplotlib.",
+        "cable shows what the cable of a glove costs. drum-motion and arrival show when a drum is in "
+        "position. Existing files are replaced. All figures take less than a minute. Requires matplotlib.",
     )
 )
 
@@ -30,7 +30,8 @@ def command(
         list[str] | None,
         typer.Argument(
             metavar="NAME",
-            help="5a to 5h, 5, stability, error-speed, error-latency, error-engine, drum-motion, arrival. "
+            help="5a to 5h, 5, stability, error-speed, error-latency, error-engine, cable, drum-motion, "
+            "arrival. "
             "Default: all.",
             show_default=False,
         ),

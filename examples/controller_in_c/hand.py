@@ -1,0 +1,53 @@
+"""The hand of the controller in C: a service, and a finger that bends until it touches a box.
+
+Start it in this folder, and `./main` beside it, as main.c explains:
+
+    python hand.py
+
+It serves scene.toml for three seconds and sends the finger 100 times a second: where its tip is, how far it
+is bent, and the path of the tip from the flat hand to the fist. With the path the service knows at which
+bend the finger touches. It prints how many ticks the service made.
+"""
+
+import time
+from pathlib import Path
+
+import numpy as np
+
+import proximity
+
+SCENE_FILE = Path(__file__).with_name("scene.toml")
+KNUCKLE, LENGTH = np.array([-0.045, 0.015, 0.070]), 0.080  # m
+FIST = 1.6  # rad, by which the finger is turned when its bend is 1
+SECONDS = 3.0
+
+
+def tip_at(bend):
+    """Return where the fingertip is at each bend from 0 to 1, (..., 3) in metres."""
+    angle = FIST * np.asarray(bend)
+    return KNUCKLE + LENGTH * np.stack([np.cos(angle), 0.0 * angle, -np.sin(angle)], axis=-1)
+
+
+def main():
+    message = proximity.Message(proximity.PATH_POSES, 1)
+    corners = message.records["corners"]
+    corners[:] = tip_at(np.linspace(0.0, 1.0, corners.shape[1]))
+    message.records["velocity"] = np.nan  # unknown: the service estimates it
+
+    with (
+        proximity.start_service(SCENE_FILE) as service,
+        proximity.open_publisher("udp://127.0.0.1:9101") as to_service,
+    ):
+        began = time.monotonic()
+        while (gone := time.monotonic() - began) < SECONDS:
+            # The box stops the finger at a bend of 0.355.
+            bend = min(0.2 * gone, 0.355)
+            message.records["position"], message.records["bend"] = tip_at(bend), bend
+            message.records["pose_ns"] = message.header["send_ns"] = time.monotonic_ns()
+            to_service.publish(message)
+            time.sleep(0.01)
+        print(service.stop()["ticks"], "ticks")
+
+
+if __name__ == "__main__":
+    main()

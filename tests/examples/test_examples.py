@@ -1,0 +1,316 @@
+"""The examples, run as a user would run them, and compared with what docs/examples.md shows of them."""
+
+import os
+import re
+import subprocess
+import sys
+import uuid
+
+import nbclient
+import nbformat
+import numpy as np
+import pytest
+from compiling_c import c_compiler, run
+from pages import PAGES
+from ports import free_port
+from project import MESHES, ROOT
+
+import oracle
+import proximity
+from proximity.pose import Pose
+from proximity.service import OpenXrInput
+from proximity.service.config import read_scene_file
+from proximity.service.config.scene_builder import PartFiles, finger_count, make_tracker
+from proximity.service.inputs.openxr_runtime import FINGERS
+from proximity.tracker.replay import turn_about_axes
+
+EXAMPLES = ROOT / "examples"
+FILES = sorted(path for path in EXAMPLES.rglob("*") if path.suffix in (".py", ".toml", ".c", ".ipynb"))
+ENVIRONMENT = {
+    **os.environ,
+    "MPLBACKEND": "Agg",
+    "PYTHONPATH": os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]),
+    "XR_RUNTIME_JSON": "/nowhere/runtime.json",  # there is no OpenXR runtime, whatever this machine has
+}
+PATIENCE = 300.0  # s
+NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
+TIME = re.compile(r"\d+(?:\.\d+)?(?= (?:µs|s:))")
+POINT = re.compile(r"\([^)]*\)")
+
+
+def printed(program, *words, folder):
+    """What an example prints, started in an empty folder."""
+    command = [sys.executable, str(program), *map(str, words)]
+    done = subprocess.run(
+        command,
+        cwd=folder,
+        env=ENVIRONMENT,
+        capture_output=True,
+        text=True,
+        encoding="utf-8",
+        timeout=PATIENCE,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    return done.stdout
+
+
+def shown(name):
+    """What the page shows of an example: the block of text in the section that has its code."""
+    (section,) = (part for part in PAGES["examples.md"].split("\n## ") if f'"{name}"' in part)
+    (block,) = re.findall(r"```text\n(.*?)```", section, re.DOTALL)
+    return block
+
+
+def assert_shown(name, output):
+    """Assert that an example prints what the page shows: words are equal, numbers nearly, times are any."""
+    found, expected = (TIME.sub("TIME", text) for text in (output, shown(name)))
+    assert NUMBER.sub("#", found) == NUMBER.sub("#", expected)
+    numbers = [[float(number) for number in NUMBER.findall(text)] for text in (found, expected)]
+    assert numbers[0] == pytest.approx(numbers[1], rel=0.01, abs=0.0011)
+
+
+def copied(folder, *names, replacing=()):
+    """Copy files of an example, with other addresses, so that it can run beside another one."""
+    for name in names:
+        text = (EXAMPLES / name).read_text(encoding="utf-8")
+        for old, new in (("../../meshes", MESHES.as_posix()), ("../meshes", MESHES.as_posix()), *replacing):
+            text = text.replace(old, new)
+        (folder / name.rpartition("/")[2]).write_text(text, encoding="utf-8")
+
+
+# -------------------------------------------------------------------------------------------- what all have
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
+def test_example_is_short_and_listed(path):
+    lines = path.read_text(encoding="utf-8").splitlines()
+    if path.suffix == ".ipynb":
+        cells = nbformat.reads("\n".join(lines), 4).cells
+        assert all(not cell.get("outputs") for cell in cells)  # they would hold an address with its token
+        lines = [line for cell in cells for line in cell.source.splitlines()]
+    folder = path.relative_to(EXAMPLES).parts[0]
+
+    assert len(lines) <= 80
+    assert f"`{folder}`" in (EXAMPLES / "README.md").read_text(encoding="utf-8")
+    assert f'"{path.relative_to(EXAMPLES).as_posix()}"' in PAGES["examples.md"]
+
+
+@pytest.mark.parametrize("path", [path for path in FILES if path.suffix == ".py"], ids=lambda path: path.name)
+def test_docstring_says_how_to_start_and_what_is_printed(path):
+    documentation = path.read_text(encoding="utf-8").split('"""')[1]
+
+    assert f"python examples/{path.name}" in documentation or f"python {path.name}" in documentation
+    assert "Start it" in documentation and "It prints" in documentation
+
+
+# ------------------------------------------------------------------------------------------------ geometry
+
+
+def test_clearances_are_a_table(tmp_path):
+    output = printed(EXAMPLES / "clearances.py", folder=tmp_path)
+
+    # Parts that touch do so in a whole face: which points of it are reported is not promised.
+    gaps = [line[:29] for line in output.splitlines()]
+    assert gaps == [line[:29] for line in shown("clearances.py").splitlines()]
+    for line in output.splitlines()[1:]:
+        begin, end = (np.array([float(x) for x in NUMBER.findall(point)]) for point in POINT.findall(line))
+        assert np.linalg.norm(begin - end) == pytest.approx(float(line.split()[2]), abs=0.1)
+
+
+def test_point_cloud_becomes_a_table_and_a_picture(tmp_path):
+    assert_shown("point_cloud.py", printed(EXAMPLES / "point_cloud.py", folder=tmp_path))
+
+    table = np.loadtxt(tmp_path / "deviations.csv", delimiter=",", skiprows=1)
+    length = np.linalg.norm(table[:, :3] - table[:, 4:], axis=1)
+    np.testing.assert_allclose(abs(table[:, 3]), length, atol=2e-4)
+    dented = table[table[:, 3] < -0.2]
+    assert len(dented) > 20 and (np.linalg.norm(dented[:, :2] - [35, 20], axis=1) < 6.0).all()
+    assert (tmp_path / "deviations.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_point_cloud_takes_files_of_its_user(tmp_path):
+    output = printed(
+        EXAMPLES / "point_cloud.py", MESHES / "bracket.stl", MESHES / "points.csv", folder=tmp_path
+    )
+
+    assert output.startswith("6 points against 1 part\n")
+    deviations = np.loadtxt(tmp_path / "deviations.csv", delimiter=",", skiprows=1)[:, 3]
+    assert deviations[5] == pytest.approx(-2.0)  # (30, 10, 2), as README.md has it
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (["clearances.py", MESHES / "assembly.glb"], "pin_left   pin_right   38.000"),
+        (["distance_field.py", MESHES / "gear.stl", 2], "0 of 10000 points are off by more than 1.732 mm"),
+    ],
+    ids=["clearances", "distance_field"],
+)
+def test_other_examples_take_files_too(words, line, tmp_path):
+    assert line in printed(EXAMPLES / words[0], *words[1:], folder=tmp_path)
+
+
+def test_soft_part_answers_with_its_spring_and_damper(tmp_path):
+    output = printed(EXAMPLES / "soft_part.py", folder=tmp_path)
+
+    assert_shown("soft_part.py", output)
+    rows = [[float(word) for word in line.split()] for line in output.splitlines()[1:6]]
+    assert [force for _, force in rows] == pytest.approx(
+        [800.0e-3 * depth + 2.0 * 0.020 for depth, _ in rows], abs=2e-3
+    )
+
+
+def test_distance_field_is_within_what_its_grid_allows(tmp_path):
+    assert_shown("distance_field.py", printed(EXAMPLES / "distance_field.py", folder=tmp_path))
+
+    field, mesh = np.load(tmp_path / "field.npz"), proximity.load(MESHES / "bracket.stl").parts[0].solid.mesh
+    row = (3, 40, 50)
+    point = field["origin"] + field["spacing"] * np.array(row)
+    expected = oracle.closest(mesh.vertices, mesh.faces, point).distance
+    assert field["distance"][row] == pytest.approx(expected, rel=1e-6)
+
+
+# ---------------------------------------------------------------------------------------- hands and services
+
+
+def test_lid_of_the_vr_loop_stops_before_it_touches_a_finger(tmp_path):
+    output = printed(EXAMPLES / "vr_loop.py", folder=tmp_path)
+
+    assert_shown("vr_loop.py", output)
+    before, stop, after = output.partition("  the lid stops: the left thumb would touch it within 10 ms\n")
+    assert stop
+    assert "left thumb" in after and not re.search(r"left .* (?:-|touches)", before + after)
+
+
+def test_service_of_a_vr_program_answers_hands_and_lid(tmp_path):
+    copied(
+        tmp_path,
+        "vr_service.py",
+        "vr_service.toml",
+        replacing=[("iox2://box", f"iox2://box-{uuid.uuid4().hex}")],
+    )
+
+    *lines, counts = printed(tmp_path / "vr_service.py", folder=tmp_path).splitlines()
+
+    seen = [
+        re.fullmatch(r"OK, *([\d.]+) ms old: finger (\d) is *(-?[\d.]+) mm from lid", line) for line in lines
+    ]
+    distances = [float(found[3]) for found in seen]
+    # Hands come down at 10 mm/s and the lid rises at 5 mm/s; a busy machine draws fewer pictures a second.
+    assert len(distances) >= 2 and (np.diff(distances) < -2.0).all(), lines
+    assert re.fullmatch(r"\d+ received, \d+ lost.*", counts)
+
+
+def test_controller_in_c_has_the_drum_where_the_finger_touches(tmp_path):
+    frames, poses = free_port(), free_port()
+    copied(
+        tmp_path,
+        *(f"controller_in_c/{name}" for name in ("scene.toml", "hand.py", "main.c")),
+        replacing=[("127.0.0.1:9100", f"127.0.0.1:{frames}"), ("127.0.0.1:9101", f"127.0.0.1:{poses}")],
+    )
+    run(sys.executable, "-m", "proximity", "controller", "--out", tmp_path / "controller")
+    sources = [
+        tmp_path / name for name in ("main.c", "controller/decaff_controller.c", "controller/decaff_glove.c")
+    ]
+    strict = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-Wpedantic", "-Wconversion"]
+    run(c_compiler(), *strict, f"-I{tmp_path / 'controller'}", *sources, "-lm", "-o", tmp_path / "main")
+
+    with subprocess.Popen([tmp_path / "main", str(frames)], stdout=subprocess.PIPE, text=True) as controller:
+        try:
+            printed(tmp_path / "hand.py", folder=tmp_path)
+            output, _ = controller.communicate(timeout=PATIENCE)
+        finally:
+            controller.kill()
+
+    *lines, used = output.splitlines()
+    states = [line.split()[0] for line in lines]
+    assert states[0] == "APPROACH" and "CONTACT_POSITION" in states and states[-1] == "RETRACTED"
+    found, expected = (_at_touch(text) for text in (output, shown("controller_in_c/main.c")))
+    assert found == pytest.approx(expected, abs=0.005)
+    assert int(used.split()[0]) > 100
+
+
+def _at_touch(output):
+    """Return the bend, and the angle of the drum, when the finger touches it first."""
+    line = next(line for line in output.splitlines() if line.startswith("CONTACT_POSITION"))
+    return [float(number) for number in NUMBER.findall(line)[1:]]
+
+
+def test_hands_by_openxr_say_what_is_missing():
+    command = [sys.executable, "-m", "proximity", "serve", str(EXAMPLES / "openxr_hands.toml")]
+    done = subprocess.run(
+        [*command, "--publish", f"iox2://openxr-{uuid.uuid4().hex}"],
+        env=ENVIRONMENT, capture_output=True, text=True, timeout=PATIENCE,
+    )  # fmt: skip
+
+    assert (done.returncode, done.stdout) == (2, "")
+    assert re.fullmatch(
+        "proximity: (OpenXR cannot be used: .*|the OpenXR runtime lacks .*|input.openxr needs pyopenxr.*)",
+        done.stderr.splitlines()[-1],
+    )
+
+
+def test_hands_by_openxr_are_where_the_part_hangs():
+    """A recorded index fingertip in front of the wearer, y up, at the part of the scene file."""
+    settings = read_scene_file(EXAMPLES / "openxr_hands.toml")
+    scene, count = PartFiles().scene(settings), finger_count(settings, None)
+    tips = np.full((FINGERS, 3), np.nan)
+    tips[6] = 0.030, 1.005, -0.310  # (30, 10, 5) mm of the bracket: 1 mm above its foot, as README.md has it
+
+    entry = settings.input.openxr
+    hands = OpenXrInput(
+        Pose(turn_about_axes(entry.turn_degrees), entry.position), count, open_hands=lambda: Recorded(tips)
+    )
+    while (poses := hands.poll(0)) is None:
+        pass
+    hands.close()
+    contacts = make_tracker(settings, scene, count).tick(poses.positions, poses.pose_ns, 2_000_000_000)
+
+    assert contacts["signed_distance"][6] == pytest.approx(0.001 - 0.007)
+
+
+class Recorded:
+    """Fingertips that were recorded, in place of a runtime's."""
+
+    is_over = False
+
+    def __init__(self, tips):
+        self._tips = tips
+
+    def tips(self):
+        return 2_000_000_000, self._tips
+
+    def close(self):
+        pass
+
+
+# --------------------------------------------------------------------------------------- notebook and study
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::RuntimeWarning")
+def test_notebook_runs_and_shows_the_page(tmp_path, monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", ENVIRONMENT["PYTHONPATH"])
+    for name in ("IPYTHONDIR", "JUPYTER_CONFIG_DIR", "JUPYTER_DATA_DIR", "JUPYTER_RUNTIME_DIR"):
+        monkeypatch.setenv(name, str(tmp_path / name))
+    notebook = nbformat.read(EXAMPLES / "notebook.ipynb", 4)
+
+    nbclient.NotebookClient(
+        notebook, timeout=PATIENCE, kernel_name="python3", resources={"metadata": {"path": str(EXAMPLES)}}
+    ).execute()
+
+    outputs = [output for cell in notebook.cells for output in cell.get("outputs", ())]
+    said = "".join(output.text for output in outputs if output.output_type == "stream")
+    assert said == shown("notebook.ipynb")
+    kinds = [kind for output in outputs for kind in output.get("data", ())]
+    assert "image/png" in kinds
+    assert outputs[-1].data["text/html"].startswith('<iframe src="http://127.0.0.1:')
+
+
+def test_study_of_latency_is_a_table_and_a_picture(tmp_path):
+    assert_shown("latency_study.py", printed(EXAMPLES / "latency_study.py", folder=tmp_path))
+
+    columns = np.loadtxt(tmp_path / "latency.csv", delimiter=",", skiprows=1).T
+    assert (np.diff(columns[1:3]) > 0.0).all()  # a spring and the naive drum are worse the later they know
+    assert np.ptp(columns[3]) < 0.5  # the time-stamped drum does not mind
+    assert (tmp_path / "latency.png").read_bytes().startswith(b"\x89PNG")
