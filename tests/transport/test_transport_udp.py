@@ -171,7 +171,7 @@ def test_option_of_the_other_end_is_refused(opener, option, known, port):
 
 def test_who_listens_for_others_must_say_to_whom(port):
     with pytest.raises(
-        PublishError, match=r": 0.0.0.0 can be reached by others \(expected \?from=HOST, that of the one to "
+        PublishError, match=r": 0.0.0.0 can be reached by others \(expected \?from=HOST, the sender to "
     ):
         open_subscriber(f"udp://0.0.0.0:{port}")
 
