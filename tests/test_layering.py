@@ -88,7 +88,7 @@ drum · glove
 arguments
 """,
     "proximity.studies": """
-experiment · part_press
+experiment · part_press · sweep
 claims · figures
 engine · stability
 simulation
@@ -106,11 +106,11 @@ plan
 coupled_controller · design · libraries
 """,
     "proximity.certificate": """
-report
+certificate_job · report
 certification
 measurement
 search · service_inputs
-deadlines · fingerprint · machine · motions · period · subject · tick_times · vr_application · wording
+deadlines · fingerprint · period · subject · tick_times · vr_application · wording
 """,
     "proximity.cli": """
 commands

@@ -1,11 +1,15 @@
 """Build a release and try it as a stranger would: ``python tools/release.py [--out FOLDER]``.
 
-Builds the source distribution, and from that the wheel of this machine; checks both with twine; installs the
-wheel in an empty environment; and runs there, in a folder with nothing but the sample parts, the demo and the
-Python blocks of the README. Nothing is uploaded. What is tested is what is committed: build from a clean tree.
+1. Build the source distribution, and from it the wheel of this machine.
+2. Check both with twine.
+3. Install the wheel in an empty environment.
+4. Run the demo and the Python blocks of the README there, in a folder that has only the sample parts.
+
+Nothing is uploaded. The working tree is what is built: commit first.
 """
 
 import argparse
+import itertools
 import re
 import shutil
 import subprocess
@@ -42,9 +46,10 @@ class Environment:
 def main() -> None:
     """Build, check and try; the files are in the folder at the end."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=ROOT / "dist", help="where the files go; emptied first")
+    parser.add_argument("--out", type=Path, default=ROOT / "dist", help="where the files go")
     out = parser.parse_args().out.resolve()
-    shutil.rmtree(out, ignore_errors=True)
+    for file in out.glob("cad_proximity-*"):  # of an earlier build
+        file.unlink()
     with tempfile.TemporaryDirectory() as made:
         work = Path(made)
         files = build(work, out)
@@ -57,7 +62,7 @@ def build(work: Path, out: Path) -> list[Path]:
     say("building and checking; compiling the kernels takes a minute or two")
     tools = Environment(work / "tools", "build", "twine")
     tools.run("python", "-m", "build", "--outdir", out, ROOT)
-    files = sorted(out.iterdir())
+    files = sorted(out.glob("cad_proximity-*"))
     if {file.suffix for file in files} != {".gz", ".whl"}:
         raise SystemExit(f"release: expected a wheel and an archive of sources, got {files}")
     tools.run("python", "-m", "twine", "check", "--strict", *files)
@@ -87,7 +92,7 @@ def examples() -> list[tuple[str, str]]:
     blocks = BLOCK.findall((ROOT / "README.md").read_text(encoding="utf-8"))
     return [
         (text, shown)
-        for (language, text), (follows, shown) in zip(blocks, blocks[1:], strict=False)
+        for (language, text), (follows, shown) in itertools.pairwise(blocks)
         if (language, follows) == ("python", "text")
     ]
 

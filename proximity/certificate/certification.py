@@ -169,7 +169,7 @@ def check_request(tick_count: int, seconds: float, seed: int) -> None:
     if not 0.0 < seconds <= LONGEST_LOOP:
         raise ServiceError(f"the loop cannot run for {seconds:g} s, expected up to {LONGEST_LOOP:g} s")
     if not 0 <= seed < 2**63:
-        raise ServiceError(f"{seed} is no seed, expected a whole number of 0 or more")
+        raise ServiceError(f"{seed} is not a seed, expected a whole number of 0 or more")
 
 
 def load_of_times(name: str, times_ns: np.ndarray, period: Period) -> Load:

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from proximity.certificate import motions
 from proximity.certificate.search.work import UNLIMITED, Goal, Manner
 from proximity.certificate.search.worst_positions import Found
 from proximity.certificate.service_inputs import Paths, SwayingParts, fed_service_input, with_own_scene
@@ -22,6 +21,7 @@ from proximity.errors import RecordingError
 from proximity.message import ContactFlag
 from proximity.recording import Recording
 from proximity.service import MonotonicClock, RealTime, RecordingInput, Report, Service
+from proximity.tracker.replay import motions
 from proximity.tracker.tracker import Tracker
 from proximity.transport import open_publisher
 
@@ -82,7 +82,9 @@ def measure(
     motion_rows: dict[str, np.ndarray] = {"random": np.ascontiguousarray(wandering[:, :fingers])}
     if subject.recording is not None:
         if not subject.recording.is_present.any():
-            raise RecordingError(f"{subject.recording.path}: no finger is seen at any tick, expected some")
+            raise RecordingError(
+                f"{subject.recording.path}: no finger is tracked at any tick, expected at least one"
+            )
         motion_rows = {
             "recording": motions.repeated(subject.recording.positions, tick_count),
             **motion_rows,

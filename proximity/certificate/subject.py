@@ -127,7 +127,7 @@ def read_subject(
         If the recording cannot be read.
     """
     if fingers is not None and fingers < 1:
-        raise ServiceError(f"{fingers} fingers cannot be ticked, expected 1 or more")
+        raise ServiceError(f"{fingers} fingers cannot be tracked, expected 1 or more")
     # Before the parts: a mistake here should not take as long as they do.
     hand = None if recording is None else read_recording(recording)
     if Path(path).suffix.lower() == SCENE_SUFFIX:

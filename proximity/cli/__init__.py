@@ -26,7 +26,7 @@ from proximity.cli.commands.service import (
     serve,
     watch,
 )
-from proximity.cli.commands.studies import bench, experiment, figures, replay, simulate
+from proximity.cli.commands.studies import bench, experiment, figures, replay, simulate, study
 from proximity.cli.program import Command, Group
 
 HELP = "\n\n".join(  # a paragraph a string: some versions of Typer keep line breaks, some do not
@@ -37,7 +37,8 @@ HELP = "\n\n".join(  # a paragraph a string: some versions of Typer keep line br
         "millimetres; --units chooses another unit.",
         "Exit codes: 0: done. 1: the command ran, but the result is negative: check --strict found a part "
         "without an inside, a bound or a certified time of replay did not hold, a scene does not fit the "
-        "--gate of bench, record, watch, drum or demo received no frame, or calibrate received too little "
+        "--gate of bench, a condition of study failed, record, watch, drum or demo received no frame, or "
+        "calibrate received too little "
         "input. 2: a file, a point, an address or an option cannot be used, or the log of serve lacks "
         "frames. 130: interrupted. 141: the reader of the output ended first.",
     )
@@ -52,7 +53,7 @@ app = typer.Typer(
 )
 COMMANDS = (
     query, check, picture, replay, compile, serve, record, export, watch, view, demo, drum, header,
-    client, controller, calibrate, key, bench, figures, simulate,
+    client, controller, calibrate, key, bench, figures, simulate, study,
 )  # fmt: skip
 """In the order in which the help lists them."""
 RUN_BARE = (demo, header, figures, simulate)
@@ -63,7 +64,7 @@ for module in COMMANDS:
         module.__name__.rpartition(".")[2],
         cls=Command,
         epilog=module.EXAMPLES,
-        help=module.HELP,
+        help=module.HELP.replace("[", "\\["),  # what is in brackets is no mark of Rich's
         no_args_is_help=module not in RUN_BARE,
     )(module.command)
 

@@ -84,7 +84,7 @@ def watch_motors(motors: list[MotorDrum], stop: threading.Event, limit: float | 
     limit : float, s
         After which to end; None: never.
     """
-    _report("not armed: the motors are read, and stay off (--arm has them move)")
+    _report("not armed: the motors are read, and stay off (--arm lets them move)")
     ends, due = None if limit is None else time.monotonic() + limit, 0.0
     for motor in motors:
         motor.await_answer(stop.wait)

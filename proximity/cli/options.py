@@ -20,7 +20,9 @@ def _complete_units(incomplete: str) -> list[str]:
 
 FILE = Annotated[
     Path,
-    typer.Argument(metavar="FILE", help="STL, OBJ, PLY, OFF, glTF/GLB, 3MF or STEP, or a compiled scene."),
+    typer.Argument(
+        metavar="FILE", help="Parts: STL, OBJ, PLY, OFF, glTF/GLB, 3MF, STEP or a compiled scene."
+    ),
 ]
 
 UNITS = Annotated[
@@ -29,7 +31,7 @@ UNITS = Annotated[
         "--units",
         metavar="UNIT",
         autocompletion=_complete_units,
-        help="Unit of coordinates and answers, and of a file without units: m, cm, mm, um, in, ft ...",
+        help="Unit of coordinates and answers, and of files that declare none: m, cm, mm, um, in, ft ...",
     ),
 ]
 
@@ -52,13 +54,15 @@ UNPACKED_LIMIT_GB = 2.0
 ADDRESS = Annotated[
     str,
     typer.Argument(
-        metavar="ADDRESS", help="iox2://NAME on this machine, udp://HOST:PORT to listen on, or zenoh://KEY."
+        metavar="ADDRESS", help="iox2://NAME (this machine), udp://HOST:PORT (to listen on) or zenoh://KEY."
     ),
 ]
 
 LIMIT = Annotated[
     float | None,
-    typer.Option("--limit", metavar="SECONDS", help="Stop after this time; without it, when asked to."),
+    typer.Option(
+        "--limit", metavar="SECONDS", help="Stop after this many seconds; Ctrl-C stops at any time."
+    ),
 ]
 
 CABLE = Annotated[

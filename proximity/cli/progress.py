@@ -149,6 +149,9 @@ def prepare_kernels() -> None:
     """Compile the kernels, with a word on stderr, where they have not been compiled on this machine yet."""
     if proximity.kernels_are_cached():
         return
-    typer.echo("proximity: compiling for this processor, this once; it takes a minute or two", err=True)
+    typer.echo(
+        "proximity: compiling the kernels for this processor; this happens once and takes a minute or two",
+        err=True,
+    )
     with spinner("compiling"):
         proximity.warm_up()

@@ -91,8 +91,8 @@ def run(
     with progress.spinner("simulating"):
         press = part_press.simulate_on_part(scene, reported, at=at, speed=setup.speed, recording=recorded)
         if out is not None:
-            told = [f"{name} {words}" for name, words in part_press.describe(press) if name in NOTED]
-            note = f"{'; '.join(told)}. {captions.hand_words(press.engine.response.hand)}"
+            noted = [f"{name} {words}" for name, words in part_press.describe(press) if name in NOTED]
+            note = f"{'; '.join(noted)}. {captions.hand_words(press.engine.response.hand)}"
             press_plots.write_curves(out, part_press.numbers(press), simulated_press.Wall.DECAFF, note)
     if as_json:
         write_document(part_press.document(press))

@@ -104,8 +104,9 @@ def describe(simulation: PartSimulation) -> list[tuple[str, str]]:
         lines.append(
             (
                 "no force",
-                f"no frame is younger than {1e3 * fresh:g} ms when it arrives: by our own rule for old "
-                "frames the controller then lets the drum come no nearer",
+                f"no frame is younger than {1e3 * fresh:g} ms when it arrives: the controller does "
+                "not let the "
+                "drum come nearer on such old frames",
             )
         )
     if math.isfinite(press.switched_at):

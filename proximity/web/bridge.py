@@ -85,7 +85,7 @@ class Bridge:
 
     async def _meet(self, connection: ServerConnection, token: str) -> None:
         if len(self._clients) >= MOST_PAGES:
-            await connection.close(TOO_MUCH, f"there are {MOST_PAGES} pages already")
+            await connection.close(TOO_MUCH, f"there are {MOST_PAGES} pages connected already")
             return
         self._number += 1
         client = PageClient(connection, self._number)
@@ -234,5 +234,5 @@ class _TooMuchError(Exception):
 
 def _number(given: Any) -> float:
     if isinstance(given, bool) or not isinstance(given, int | float):
-        raise UnfitError("a clock is asked with a number")
+        raise UnfitError("a request for the clock needs a number")
     return float(given)

@@ -294,7 +294,7 @@ def _tls(settings: PageSettings) -> ssl.SSLContext | None:
         if not is_local or settings.certificate or settings.key:
             raise ServiceError(
                 f"a page at {settings.bind} needs a certificate and its key, expected --cert and --key: "
-                "without them anybody between could read along, and browsers give no headset"
+                "without them others could read the connection, and browsers do not offer a headset"
             )
         return None
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)

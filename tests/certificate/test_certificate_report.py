@@ -10,7 +10,7 @@ import pytest
 from certificates import TICKS, ball_subject, case, certificate, found, loop
 
 from proximity import DecaffError, ServiceError
-from proximity.certificate import measurement, motions, wording
+from proximity.certificate import measurement, wording
 from proximity.certificate.certification import MachineVerdict, check_request, judge, load_of_times
 from proximity.certificate.deadlines import PERIODS, Period
 from proximity.certificate.report import files
@@ -18,6 +18,7 @@ from proximity.certificate.report.document import document, periods_of
 from proximity.certificate.report.page import page
 from proximity.recording import Recording
 from proximity.studies.figures import style
+from proximity.tracker.replay import motions
 
 VOID = {"meta", "br", "path", "use", "rect", "line", "circle"}
 SURFACE = np.random.default_rng(1).uniform(-0.05, 0.05, (40, 3))
@@ -85,7 +86,7 @@ def test_where_so_few_ticks_tell_no_tail_the_longest_counts():
         ((999, 1.0, 0), r"999 ticks are too few for p99\.9"),
         ((1000, 0.0, 0), "the loop cannot run for 0 s, expected up to 3600 s"),
         ((1000, float("nan"), 0), "the loop cannot run for nan s"),
-        ((1000, 1.0, -1), "-1 is no seed, expected a whole number of 0 or more"),
+        ((1000, 1.0, -1), "-1 is not a seed, expected a whole number of 0 or more"),
     ],
 )
 def test_what_cannot_be_measured_is_refused(request_, sentence):

@@ -132,10 +132,10 @@ def test_recording_is_given_or_a_sample(run):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (("--gate", "soon"), "'soon' is no period, expected a time or a rate such as 1ms, 200us or 1kHz"),
+        (("--gate", "soon"), "'soon' is not a period, expected a time or a rate such as 1ms, 200us or 1kHz"),
         (("--ticks", 10), "10 ticks are too few for p99.9, expected 1000 or more"),
         (("--seconds", 0), "the loop cannot run for 0 s"),
-        (("--fingers", 0), "0 fingers cannot be ticked, expected 1 or more"),
+        (("--fingers", 0), "0 fingers cannot be tracked, expected 1 or more"),
         (("--out", "cell.pdf"), "cell.pdf does not end in .html or .json"),
         (("--recording", "no.csv"), "no.csv"),
         (("--seed", -2), "-2 is no seed"),

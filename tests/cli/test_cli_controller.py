@@ -56,7 +56,7 @@ def test_folder_that_cannot_be_made_is_told(run, tmp_path):
     code, _, err = run("--out", tmp_path / "file")
 
     assert code == 2
-    assert err == f"proximity: {tmp_path}/file: is no folder and cannot be made one (File exists)\n"
+    assert err == f"proximity: {tmp_path}/file: is not a folder and cannot be created (File exists)\n"
 
 
 def test_rate_that_a_watchdog_would_stop_is_told(run, tmp_path):

@@ -45,8 +45,8 @@ def test_picture_is_written(run, tmp_path):
     ("options", "sentence"),
     [
         (("-o", "box.jpg"), "box.jpg does not end in .png"),
-        (("-o", "box.png", "--size", "wide"), "'wide': expected width and height, as 1400x800"),
-        (("-o", "box.png", "--slice", "3"), "'3': expected an axis and a position, as z=3"),
+        (("-o", "box.png", "--size", "wide"), "'wide': expected width and height, for example 1400x800"),
+        (("-o", "box.png", "--slice", "3"), "'3': expected an axis and a position, for example z=3"),
         (("-o", "box.png", "--slice", "z=nan"), "nan"),
         (("-o", "box.png", "--view", "above"), "no view 'above', expected one of iso"),
         (("-o", "box.png", "--points", "none.csv"), "none.csv"),

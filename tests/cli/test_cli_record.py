@@ -84,7 +84,7 @@ def test_what_is_lost_and_refused_is_told(run, tmp_path):
     assert result.code == 0
     assert (
         result.out.split(" s, ")[1]
-        == "2 lost, 3 refused (2 overtaken or repeated, 1 damaged on the way), 2 sessions\n"
+        == "2 lost, 3 refused (2 overtaken or repeated, 1 damaged in transit), 2 sessions\n"
     )
     assert result.out.split(": ")[1].startswith("4 frames in 0.")
     assert sequences(tmp_path / "run.frames") == [0, 1, 4, 0]
@@ -128,7 +128,7 @@ def test_no_frame_is_exit_code_1(run, tmp_path, monkeypatch):
     result = run(ADDRESS, tmp_path / "run.frames", "--limit", 0.2)
 
     assert result.code == 1
-    assert result.err == f"proximity: nothing has come from {ADDRESS} yet\n"
+    assert result.err == f"proximity: no frame has come from {ADDRESS} yet\n"
     assert ": 0 frames in 0.2 s, 0 lost, 0 refused\n" in result.out
 
 

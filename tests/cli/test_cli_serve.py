@@ -115,7 +115,7 @@ def test_recording_that_may_be_cut_is_said_to_be_at_the_beginning_and_in_the_rep
 
     result = run(scene_path, "--ticks", 5)
 
-    note = f"{path}: the last line has no end: it may be cut"
+    note = f"{path}: the last line has no line end: the file may be cut off"
     assert f"proximity: {note}\n" in result.err and f"note            {note}\n" in result.out
 
 

@@ -147,7 +147,7 @@ def test_stale_is_a_red_line_and_no_number_is_left():
 def test_stale_says_whether_nothing_came_ever_or_only_poses_are_missing():
     never = Reading(State.STALE, False, 0, -1, None, np.zeros(0, CONTACT))
     seen = watch_view.Seen(ADDRESS, Counts(), 0.0, 2.0)
-    assert "nothing has come from queue:decaff yet, for 2.0 s" in drawn(never, seen=seen)[0]
+    assert "no frame has come from queue:decaff yet, for 2.0 s" in drawn(never, seen=seen)[0]
     assert len(drawn(never, seen=seen)) == 2
 
     poseless = reading(State.STALE)
@@ -371,7 +371,7 @@ def test_nothing_that_comes_is_exit_code_1(run):
     result = run(ADDRESS, "--limit", 0.3)
 
     assert result.code == 1
-    assert "STALE: 0 Hz, 0 lost, 0 refused; nothing has come from queue:decaff yet, for 0." in result.out
+    assert "STALE: 0 Hz, 0 lost, 0 refused; no frame has come from queue:decaff yet, for 0." in result.out
 
 
 def test_address_that_is_none_is_told(run):
@@ -400,4 +400,4 @@ def test_key_of_another_is_told(run, tmp_path):
         thread.join()
 
     assert result.code == 1
-    assert f"what comes is not verified by the key of udp://127.0.0.1:{port}?key={path}" in result.out
+    assert f"messages are not verified by the key of udp://127.0.0.1:{port}?key={path}" in result.out

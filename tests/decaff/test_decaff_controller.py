@@ -140,7 +140,9 @@ def test_drum_that_turns_back_is_refused():
         def drum_angle(self, bend):
             return -np.asarray(bend)
 
-    with pytest.raises(DecaffError, match="the drum turns back at the flat hand, expected one that follows"):
+    with pytest.raises(
+        DecaffError, match="the drum moves backwards at the flat hand, expected one that follows"
+    ):
         FingerPath(Backward())
 
 
@@ -771,10 +773,10 @@ def test_finger_that_is_inside_does_not_carry_the_surface_along():
 
 
 FAULTS = {
-    "the potentiometer reads no bend": {"bend": math.nan},
+    "the potentiometer gives no bend": {"bend": math.nan},
     "the potentiometer reads a bend of 2.85, expected -0.1 to 1.1": {"bend": 2.85},  # its wire is off
     "the potentiometer reads a bend of -0.72, expected -0.1 to 1.1": {"bend": -0.72},
-    "the encoder reads no drum angle": {"drum_angle": math.inf},
+    "the encoder gives no drum angle": {"drum_angle": math.inf},
     "the encoder reads a drum angle of 60 rad, but the finger's path goes from 0.0921 to 1.81 rad": {
         "drum_angle": 60.0  # degrees
     },

@@ -233,7 +233,7 @@ def test_controller_moves_a_motor_and_draws_back_when_frames_are_stale(motor, dr
     assert drum.position == pytest.approx(float(Glove().finger.path_length(0.0, 0.5)), abs=2e-3)
     step(150, State.STALE, 100)
     assert drum.position == pytest.approx(PATH.retracted, abs=2e-3)
-    assert bench.warnings() == ["no frame is young enough to be trusted: the drums let go and draw back"]
+    assert bench.warnings() == ["all frames are too old to be used: the drums release and retract"]
     with pytest.raises(MotorError, match="from its last sample"):
         step(1, State.OK, 400)  # a second late: the controller's own watchdog
 
@@ -241,9 +241,9 @@ def test_controller_moves_a_motor_and_draws_back_when_frames_are_stale(motor, dr
 @pytest.mark.parametrize(
     ("url", "sentence"),
     [
-        ("stepper://x", "no motor is called 'stepper'"),
+        ("stepper://x", "there is no kind of motor 'stepper'"),
         ("odrive-can://", "names no bus or port"),
-        ("odrive-can://x?bus=virtual&tork=1", "no option is called 'tork'"),
+        ("odrive-can://x?bus=virtual&tork=1", "there is no option 'tork'"),
         ("odrive-can://x?bus=virtual&ratio=none", "ratio=none, expected a number from 0.01 to 1000"),
         ("odrive-can://x?bus=virtual&direction=0", "expected 1 or -1"),
         ("odrive-can://x?bus=nothing", "the bus cannot be opened"),

@@ -131,6 +131,7 @@ def test_whole_session_is_in_log_tables_and_frames(dataset):
     assert "finished" in (dataset.folder / "participants.tsv").read_text()
 
 
+@pytest.mark.slow
 def test_killed_session_goes_on_and_nothing_is_lost_or_done_twice(tmp_path, design):
     """The process is killed as often as it takes, wherever it happens to be."""
     reference = Dataset(tmp_path / "reference", design)

@@ -26,8 +26,8 @@ WORDS = ("state", "mode", "trust", "fault", "seen", "dropped", "awaited", "zero"
 ANSWER = np.dtype([(name, "<i4") for name in WORDS] + [(name, "<f8") for name in NUMBERS])
 STATES = list(DrumState)
 FAULTS = (  # in the order of enum decaff_fault, by how Python's sentences begin
-    "", "the servo was", "the potentiometer reads no bend", "the potentiometer reads a bend of",
-    "the encoder reads no drum angle", "the encoder reads a drum angle of", "the motor reports a fault",
+    "", "the servo was", "the potentiometer gives no bend", "the potentiometer reads a bend of",
+    "the encoder gives no drum angle", "the encoder reads a drum angle of", "the motor reports a fault",
 )  # fmt: skip
 NANOMETRE = 1e-9
 

@@ -338,5 +338,5 @@ def test_turns_are_about_x_then_y_then_z():
 
 
 def test_turn_that_is_none_is_refused():
-    with pytest.raises(PoseError, match="a turn of nan degrees about y is no rotation"):
+    with pytest.raises(PoseError, match="a rotation of nan degrees about y, expected finite numbers"):
         turn_about_axes((0.0, np.nan, 0.0))

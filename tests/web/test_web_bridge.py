@@ -540,4 +540,4 @@ def test_messages_that_were_held_up_end_the_connection(bridge):
 
     code, reason = closed(page)
 
-    assert (code, reason) == (4408, "messages of this page are held up for more than a second")
+    assert (code, reason) == (4408, "messages of this page are delayed by more than a second")

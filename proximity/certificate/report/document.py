@@ -23,7 +23,6 @@ from typing import Any
 
 import numpy as np
 
-from proximity.certificate import machine
 from proximity.certificate.certification import Certificate
 from proximity.certificate.deadlines import (
     PERIODS,
@@ -40,6 +39,7 @@ from proximity.certificate.report import finger_effect
 from proximity.certificate.search.worst_positions import Found
 from proximity.certificate.subject import RADIUS
 from proximity.service import Histogram
+from proximity.system import machine
 
 SCHEMA = 1
 KIND = "proximity latency certificate"

@@ -1,34 +1,19 @@
-"""The pictures of a report, as SVG that may stand in a page, in the page's own colours.
+"""The pictures of a report, as SVG that may stand in a page, in the page's own colours."""
 
-What is drawn in `INK` and `FAINT` takes the colour of the text around it, so that pictures can be read on
-light and on dark. Matplotlib is imported when it is needed.
-"""
-
-import re
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from proximity.certificate.report.finger_effect import SPEEDS, felt
-from proximity.studies.figures import style
+from proximity.studies.figures import page_figure
+from proximity.studies.figures.page_figure import COLOURS, DASHES, INK
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-INK, FAINT = "#010203", "#040506"
-"""Stand for the page's colour of text, and a faint one of it."""
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", INK, INK)
-DASHES = ("-", "-", "--", "-.", (0, (4, 1, 1, 1)), ":", "-", (0, (1, 1)))
-WIDE, HIGH = 7.6, 3.4  # inches
 CLOUD = 1200
 """Points of the surface that are drawn around the worst places."""
-LOOK = {
-    "text.color": INK, "axes.labelcolor": INK, "axes.edgecolor": INK, "xtick.color": INK, "ytick.color": INK,
-    "axes.facecolor": "none", "figure.facecolor": "none", "savefig.facecolor": "none", "grid.color": FAINT,
-    "legend.labelcolor": INK,
-}  # fmt: skip
 
 
 def draw_tails(reported: dict[str, Any]) -> str:
@@ -58,7 +43,7 @@ def draw_tails(reported: dict[str, Any]) -> str:
         panel.set(xscale="log", yscale="log", xlabel="time of a tick [µs]", ylabel="share that took longer")
         panel.legend(loc="center left", bbox_to_anchor=(1.01, 0.5))
 
-    return _svg(draw, "tails")
+    return page_figure.svg(draw, "tails")
 
 
 def draw_places(reported: dict[str, Any], surface: np.ndarray) -> str:
@@ -88,7 +73,7 @@ def draw_places(reported: dict[str, Any], surface: np.ndarray) -> str:
             panel.set(xlabel=f"{'xyz'[across]} [mm]", ylabel=f"{'xyz'[up]} [mm]", aspect="equal")
         figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right center")
 
-    return _svg(draw, "places")
+    return page_figure.svg(draw, "places")
 
 
 def draw_feeling(reported: dict[str, Any]) -> str:
@@ -120,7 +105,7 @@ def draw_feeling(reported: dict[str, Any]) -> str:
             panel.set(xscale="log", yscale="log", xlabel="delay [ms]", ylabel=label)
         panels[0].legend(loc="upper left")
 
-    return _svg(draw, "feeling")
+    return page_figure.svg(draw, "feeling")
 
 
 def _words(goal: dict[str, Any]) -> str:
@@ -136,17 +121,3 @@ def _mark_periods(panel: "Axes", reported: dict[str, Any]) -> None:
             f"{1e3 * period:g} ms", (1e6 * period, 1.0), xytext=(0, rise), xycoords=("data", "axes fraction"),
             textcoords="offset points", ha="center", fontsize=7,
         )  # fmt: skip
-
-
-def _svg(draw: Callable[["Figure", Any], None], name: str) -> str:
-    """A figure as an element of a page; its ids are its own."""
-    drawn = style.render(draw, None, (WIDE, HIGH), "svg", look=LOOK).decode()
-    text = drawn[drawn.index("<svg") :]
-    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
-    text = re.sub(r'\sxmlns(:\w+)?="[^"]*"', "", text).replace("xlink:href", "href")
-    text = re.sub(r'\bid="', f'id="{name}-', text)
-    text = re.sub(r'href="#', f'href="#{name}-', text).replace("url(#", f"url(#{name}-")
-    text = re.sub(
-        r'<svg [^>]*?(viewBox="[^"]*")[^>]*>', rf'<svg \1 role="img" aria-label="{name}">', text, count=1
-    )
-    return text.replace(INK, "currentColor").replace(FAINT, "var(--faint)")

@@ -211,7 +211,9 @@ def _found(report: dict[str, Any], units: str) -> Lines:
         length = f"{_short(nearest['signed_distance'])} {units}"
         # Where the budget was spent before any face was met, the distance is a bound only.
         location = (
-            f"{length} from {nearest['part']}" if nearest["part"] else f"{length} at most from some part"
+            f"{length} from {nearest['part']}"
+            if nearest["part"]
+            else f"{length} at most, from an unknown part"
         )
         approach = f"{nearest['finger']} at {_since(begins, nearest['time_s'])} s: {location}"
     touches = [

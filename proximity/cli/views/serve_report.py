@@ -47,7 +47,7 @@ def write_beginning(beginning: Beginning, *, as_json: bool) -> None:
         )
         return
     fingers = counted(beginning.finger_count, "finger")
-    where = "as a sensor measures them"
+    where = "measured by a sensor"
     if beginning.part_count:
         where = f"at {counted(beginning.part_count, 'part')}, {counted(beginning.face_count, 'face')}"
     _say(f"serving {settings.path}: {fingers} {where}")

@@ -136,13 +136,13 @@ class FingerController:
         if not 0 <= late_ns <= self._limits.watchdog_ns:
             return f"the servo was {1e-6 * late_ns:.1f} ms from its last sample"
         if not math.isfinite(seen.bend):
-            return "the potentiometer reads no bend"
+            return "the potentiometer gives no bend"
         if not LEAST_BEND <= seen.bend <= MOST_BEND:
             return (
                 f"the potentiometer reads a bend of {seen.bend:g}, expected {LEAST_BEND:g} to {MOST_BEND:g}"
             )
         if not math.isfinite(seen.drum_angle):
-            return "the encoder reads no drum angle"
+            return "the encoder gives no drum angle"
         least, most = self._path.drum_angles
         if not least - STRAY_ANGLE <= seen.drum_angle <= most + STRAY_ANGLE:
             return (

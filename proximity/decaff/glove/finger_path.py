@@ -51,7 +51,9 @@ class FingerPath:
         starts = np.flatnonzero(~rises[:flat])
         first = int(starts[-1]) + 1 if len(starts) else 0
         if last <= flat:
-            raise DecaffError("the drum turns back at the flat hand, expected one that follows the finger")
+            raise DecaffError(
+                "the drum moves backwards at the flat hand, expected a drum that follows the finger"
+            )
         bends = BENDS[first : last + 1]
         # Lists: for a single number NumPy takes ten times as long.
         self._bends, self._angles = bends.tolist(), angles[first : last + 1].tolist()

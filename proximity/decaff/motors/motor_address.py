@@ -40,7 +40,9 @@ class MotorAddress:
         place = (parts.netloc + parts.path) if parts.netloc else parts.path
         address = cls(text, parts.scheme, place, dict(parse_qsl(parts.query, keep_blank_values=True)))
         if address.scheme not in DRIVERS:
-            raise address.refuse(f"no motor is called {address.scheme!r} (expected {', '.join(DRIVERS)})")
+            raise address.refuse(
+                f"there is no kind of motor {address.scheme!r} (expected {', '.join(DRIVERS)})"
+            )
         if not place:
             raise address.refuse(
                 "it names no bus or port, as in odrive-can://can0 or simplefoc:///dev/ttyACM0"
@@ -74,9 +76,7 @@ class MotorAddress:
         """Refuse options that this motor does not have: one that is misspelt would be a limit that is not."""
         unknown = sorted(set(self.options) - self.asked)
         if unknown:
-            raise self.refuse(
-                f"no option is called {unknown[0]!r} (expected {', '.join(sorted(self.asked))})"
-            )
+            raise self.refuse(f"there is no option {unknown[0]!r} (expected {', '.join(sorted(self.asked))})")
 
     def refuse(self, reason: str) -> MotorError:
         """Return the error that says why this address cannot be used."""

@@ -181,7 +181,7 @@ class MotorDrum:
             Since the last action.
         """
         if not (self.is_homed and self._is_on):
-            raise self.failed("the motor was to move before it was homed")
+            raise self.failed("a motion was commanded before the motor was homed")
         self.look()
         if action.mode is DriveMode.OFF:
             raise self.failed("the controller reports a fault")
@@ -328,7 +328,7 @@ class MotorDrum:
         ends = time.monotonic() + CONFIRM_TIME
         while self.reading.is_on != (state == "on"):
             if time.monotonic() > ends:
-                raise self.failed(f"the motor does not say that it is {state}")
+                raise self.failed(f"the motor does not report that it is {state}")
             self._pause(pause)
             self.look()
 

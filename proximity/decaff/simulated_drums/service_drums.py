@@ -228,12 +228,13 @@ class DrumBench:
         silent = silent[len(bendless) :]
         if self._motors and self._is_stale and "stale" not in self._announced:
             self._announced.add("stale")
-            reported.append("no frame is young enough to be trusted: the drums let go and draw back")
+            reported.append("all frames are too old to be used: the drums release and retract")
         if silent and "bends" not in self._announced:
             self._announced.add("bends")
             reported.append(
-                f"no bend is reported of finger {', '.join(map(str, silent))}: shown as if bent straight "
-                "into what is nearest; a real drum stays retracted without a bend, which comes from a "
+                f"no bend is reported of finger {', '.join(map(str, silent))}: shown as if it bent "
+                "straight towards the nearest surface; a real drum stays retracted without a bend, "
+                "which comes from a "
                 "path or a glove"
             )
         for i, finger in enumerate(self.fingers):
@@ -248,13 +249,13 @@ class DrumBench:
             self._announced.add(matter)
             if shown < (1.0 - SOFTER) * surface.stiffness:
                 reported.append(
-                    f"the part before finger {i} has {matter}, beyond what this drum can display at "
-                    f"{self._rate:g} Hz without feeding energy: it feels as {shown:.0f} N/m"
+                    f"the part before finger {i} has {matter}, more than this drum can render at "
+                    f"{self._rate:g} Hz without adding energy: it is rendered as {shown:.0f} N/m"
                 )
             if law.lacking(*asked) > 0.0:
                 reported.append(
                     f"at {shown:.0f} N/m the drum itself lacks {law.lacking(*asked):.2g} N s/m of damping "
-                    "to be passive whatever leans on it: it counts on the damping of a fingertip"
+                    "to be passive on its own: it relies on the damping of a fingertip"
                 )
         return reported
 

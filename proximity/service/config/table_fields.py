@@ -65,7 +65,7 @@ class Table:
         self._meant: set[str] = set()  # keys that others were probably meant to be
         if not isinstance(content, dict):
             header = f"[[{spelled(path[:-1])}]]" if isinstance(path[-1], int) else f"[{spelled(path)}]"
-            document.complain(path, f"{spelled(path)} is {_shown(content)}, expected a table: {header}")
+            document.complain(path, f"{spelled(path)} is {shown(content)}, expected a table: {header}")
         for key in self._content:
             if key not in known:
                 self._refuse(key, known)
@@ -115,7 +115,7 @@ class Table:
                 return default
             for index, item in enumerate(value):
                 if _as_number(item, accepted) is None:
-                    self.complain(key, f"has {_shown(item)} at index {index}, expected a number {accepted}")
+                    self.complain(key, f"has {shown(item)} at index {index}, expected a number {accepted}")
                     return default
         expected = f"{count} numbers ({accepted.unit}) in brackets"
         return self._value(key, default, expected, _as_numbers)
@@ -136,7 +136,7 @@ class Table:
             return default
         value = read(self._content[key])
         if value is None:
-            self.complain(key, f"is {_shown(self._content[key])}, expected {expected}")
+            self.complain(key, f"is {shown(self._content[key])}, expected {expected}")
             return default
         return value
 
@@ -174,8 +174,8 @@ def _as_texts(value: Any) -> tuple[str, ...] | None:
     return tuple(listed) if listed and all(map(_as_text, listed)) else None
 
 
-def _shown(value: Any) -> str:
-    """A value as a message names it: short, and in TOML's words."""
+def shown(value: Any) -> str:
+    """Return a value as a message names it: short, and in TOML's words."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, dict):
@@ -185,6 +185,6 @@ def _shown(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:g}"
     if isinstance(value, int) and abs(value) > LARGEST_SHOWN:
-        return "a number beyond all measure"
+        return "a number that is too large"
     text = repr(value) if isinstance(value, str) else str(value)
     return text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]}…"

@@ -50,7 +50,7 @@ class Document:
         try:
             self.data = tomllib.loads(text)
         except RecursionError as deep:
-            raise ServiceError(f"{name}:1: brackets within brackets, too deep to be read") from deep
+            raise ServiceError(f"{name}:1: brackets are nested too deeply") from deep
         except ValueError as unfit:  # tomllib.TOMLDecodeError, or a number of thousands of digits
             raise self._no_toml(str(unfit)) from unfit
 
@@ -121,7 +121,7 @@ class Document:
         if position[1] is None:
             last = max(number for number, line in enumerate(self._text_lines, start=1) if line.strip())
             return ServiceError(f"{self.name}:{last}: the file ends too early: {what}")
-        return ServiceError(f"{self.name}:{position[1]}: no TOML at column {position[2]}: {what}")
+        return ServiceError(f"{self.name}:{position[1]}: invalid TOML at column {position[2]}: {what}")
 
 
 def read_document(path: str | os.PathLike[str], what: str = "a scene file") -> Document:

@@ -152,7 +152,7 @@ class OpenXrHands:
 
 def _load_pyopenxr() -> Any:
     if sys.platform != "linux":
-        raise ServiceError("input.openxr works on Linux only, where OpenXR tells the monotonic clock")
+        raise ServiceError("input.openxr works on Linux only, where OpenXR uses the monotonic clock")
     try:
         return import_module("xr")
     except ImportError as missing:

@@ -4,6 +4,7 @@ from importlib import import_module
 from typing import Any
 
 from proximity.errors import DecaffError
+from proximity.system.extras import installation
 
 
 def library(name: str) -> Any:
@@ -18,5 +19,5 @@ def library(name: str) -> Any:
         return import_module(name)
     except ModuleNotFoundError as missing:
         raise DecaffError(
-            f'experiments need {missing.name}, which is not installed: pip install "proximity[experiment]"'
+            f"experiments need {missing.name}, which is not installed: {installation('experiment')}"
         ) from missing

@@ -75,7 +75,7 @@ class Setup:
         elif self.stretch != Stretch.LEFT:
             raise DecaffError(f"stretch is {self.stretch!r}, but there is no cable: expected its stiffness")
         if (self.stiffness is None) != (self.damping is None):
-            raise DecaffError("stiffness and damping are tuned together: expected both of them, or none")
+            raise DecaffError("stiffness and damping belong together: expected both or neither")
         if self.stiffness is not None and self.damping is not None:
             _within("stiffness", self.stiffness, (0.0, STIFFEST), "newtons a metre")
             _within("damping", self.damping, (0.0, MOST_DAMPED), "newton seconds a metre")

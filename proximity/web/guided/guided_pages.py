@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from proximity.errors import ServiceError
+from proximity.system.extras import installation
 from proximity.web.guided.steps import Answer, FieldError, Step
 from proximity.web.server.access import LOOPBACK, TOO_MUCH, UNFIT, Access, Allowance, UnfitError, new_token
 from proximity.web.server.page_files import PageFiles
@@ -204,7 +205,7 @@ class GuidedPages:
             asyncio.run(self._serve())
         except ModuleNotFoundError as missing:
             self._failure = ServiceError(
-                f'the page needs {missing.name}, which is not installed: pip install "proximity[web]"'
+                f"the page needs {missing.name}, which is not installed: {installation('web')}"
             )
         except OSError as unfit:
             self._failure = ServiceError(f"no page can be served at port {self._port} ({unfit.strerror})")

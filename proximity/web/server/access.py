@@ -72,12 +72,12 @@ class Access:
             Whether it asks for the live connection, which must say its origin.
         """
         if host is None or host.lower() not in self.hosts:
-            return 421, "This name is not one of this page: open the address that was printed."
+            return 421, "The page is not served under this name: open the address that was printed."
         expected = f"{self.scheme}://{host.lower()}"
         if origin is None:
-            return (403, "A live connection must say its origin.") if is_live else None
+            return (403, "A live connection must send its origin.") if is_live else None
         if origin.lower() != expected:
-            return 403, "Another page may not come in here."
+            return 403, "Connections from other pages are refused."
         return None
 
     def token_of(self, given: object) -> str | None:

@@ -11,12 +11,12 @@ from proximity.cli.options import CABLE, cable_stiffness, check_range
 HELP = "\n\n".join(
     (
         "Write the controller of a contact drum as C99 sources for a microcontroller.",
-        "It receives frames from udp:// with or without a key, and decides at a fixed rate where each drum "
-        "stands, as the controller of proximity drum does: states, limits, safe behaviour and servo are the "
-        "same. It needs no heap and of <math.h> sqrt alone, and a processor with double precision, such as a "
-        "Cortex-M7. With --calibration, decaff_glove.c has the paths of your glove: write it anew after each "
-        "calibration. With --cable the drum makes up for the stretch of the cable while a position is held, "
-        "by the measured force, or else by the motor's.",
+        "It receives frames from udp://, with or without a key, and decides at a fixed rate where each drum "
+        "stands. States, limits, safe behaviour and servo are those of the controller in proximity drum. It "
+        "needs no heap, from <math.h> only sqrt, and a processor with double precision, such as a "
+        "Cortex-M7. With --calibration, decaff_glove.c contains the finger paths of your glove: run this "
+        "command again after each calibration. With --cable the drum makes up for the stretch of the cable "
+        "while it holds a position, from the measured force, or else from that of the motor.",
     )
 )
 
@@ -45,11 +45,11 @@ def command(
         typer.Option(
             "--calibration",
             metavar="FILE",
-            help="Calibration of the glove: one for all fingers, or one each. Without it the paper's glove.",
+            help="Calibration of the glove: one for all, or one for each finger. Default: the paper's.",
         ),
     ] = None,
     drum: Annotated[
-        DrumName, typer.Option("--drum", metavar="direct|gear4|gear10", help="The drum that is driven.")
+        DrumName, typer.Option("--drum", metavar="direct|gear4|gear10", help="Drum to control.")
     ] = DrumName.gear4,
     rate: Annotated[
         float, typer.Option("--rate", metavar="HZ", help="Rate of controller and servo.")

@@ -14,11 +14,11 @@ if TYPE_CHECKING:
 
 HELP = "\n\n".join(
     (
-        "Write the frames in FILE, a log that record or serve wrote, as a table with one line for each "
-        "finger and frame.",
-        "A line has the session, number, state and instants of its frame, then all fields of the contact; "
-        "vectors take three columns, instants are nanoseconds, lengths metres. Without --csv and --parquet "
-        "it is CSV on standard output. Torn or damaged frames are left out and reported.",
+        "Write the frames in FILE, a log of record or serve, as a table with one line for each finger and "
+        "frame.",
+        "A line has the session, number, state and instants of its frame, then all fields of the contact. "
+        "Vectors take three columns, instants are in nanoseconds, lengths in metres. Without --csv and "
+        "--parquet, CSV is written to standard output. Torn or damaged frames are skipped and reported.",
     )
 )
 
@@ -33,12 +33,14 @@ STDOUT = Path("-")
 
 
 def command(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A log of frames.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Log of frames.")],
     csv: Annotated[
-        Path | None, typer.Option("--csv", metavar="OUT", help="Write CSV; - is standard output.")
+        Path | None,
+        typer.Option("--csv", metavar="OUT", help="Write CSV to this file; - is standard output."),
     ] = None,
     parquet: Annotated[
-        Path | None, typer.Option("--parquet", metavar="OUT", help="Write Parquet; needs pyarrow.")
+        Path | None,
+        typer.Option("--parquet", metavar="OUT", help="Write Parquet to this file. Requires pyarrow."),
     ] = None,
 ) -> None:
     """Write a log of frames as a table."""

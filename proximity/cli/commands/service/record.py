@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 HELP = "\n\n".join(
     (
         "Write every frame published at ADDRESS to FILE, until Ctrl-C, SIGTERM or --limit.",
-        "FILE is only appended to: a log that is there is continued, and a crash costs at most the frame "
-        "that was being written. What is lost on the way shows as gaps in the frames' numbers. The exit code "
-        "is 1 if no frame came.",
+        "FILE is only appended to: an existing log is continued, and a crash loses at most the frame that "
+        "was being written. Frames that were lost in transit are gaps in the sequence numbers. The exit "
+        "code is 1 if no frame came.",
     )
 )
 
@@ -39,7 +39,9 @@ ANNOUNCE_AFTER_S = 2.0  # of waiting for a first frame before that is said
 
 def command(
     address: ADDRESS,
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="The log; created, or continued.")],
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="Log of frames. Created if missing, otherwise continued.")
+    ],
     limit: LIMIT = None,
     as_json: Annotated[bool, typer.Option("--json", help="Write the summary as a JSON document.")] = False,
 ) -> None:
@@ -90,7 +92,7 @@ def _write_summary(file: Path, frame_count: int, seconds: float, counts: "Counts
 def _reasons(counts: "Counts") -> dict[str, int]:
     """How many messages were refused, and why."""
     reasons = {flaw.value: count for flaw, count in counts.flawed.items()}
-    others = {"from a stranger": counts.refused, "not verified by the key": counts.unverified}
+    others = {"from another sender": counts.refused, "not verified by the key": counts.unverified}
     return reasons | {reason: count for reason, count in others.items() if count}
 
 
@@ -133,6 +135,6 @@ def _record(
             if log.frame_count:
                 status.show(f"{log.path}: {summary(log.frame_count, elapsed, subscriber.counts)}")
             elif elapsed > ANNOUNCE_AFTER_S:
-                status.say_once(f"nothing has come from {subscriber.address} yet")
+                status.say_once(f"no frame has come from {subscriber.address} yet")
         for data in subscriber.frames():  # what came while the last was being written
             log.append(data)

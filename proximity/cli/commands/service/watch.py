@@ -13,11 +13,11 @@ from proximity.system.stop_signals import stopped_by_signals
 HELP = "\n\n".join(
     (
         "Show the fingers of the service that publishes at ADDRESS, until Ctrl-C or --limit.",
-        "Per finger: the nearest part, the distance or its bounds, when it will touch, how fast it comes "
-        "near, what the drum is advised to do, and flags. Above: the state, the rate, the age of the oldest "
-        "pose, frames lost and refused. If the output is not a terminal, one line a second is written. "
-        "--json writes every frame as one line of JSON instead, in SI units. The exit code is 1 if no frame "
-        "came.",
+        "For each finger: the nearest part, the distance or its bounds, the time until touch, the approach "
+        "speed, the advised mode of the drum, and flags. Above the table: the state, the frame rate, the "
+        "age of the oldest pose, and how many frames were lost and refused. If the output is not a "
+        "terminal, one line a second is written. --json writes every frame as one line of JSON instead, in "
+        "SI units. The exit code is 1 if no frame came.",
     )
 )
 

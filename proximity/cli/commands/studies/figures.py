@@ -8,13 +8,12 @@ import typer
 
 HELP = "\n\n".join(
     (
-        "Draw the figures that are named, or all, into a folder; each with its numbers beside it, as CSV in "
-        "SI units.",
-        "5a to 5h are those of the paper; 5 has all eight on a page. stability shows the sampled wall's "
-        "region; error-speed and error-latency compare coupled walls and drums with the real wall, "
-        "error-engine a drum that the distance service controls at a CAD part; cable shows what the cable of "
-        "a glove costs; drum-motion and arrival show when a drum is in position. Existing files are "
-        "replaced. All take less than a minute. Needs matplotlib.",
+        "Draw the named figures, or all of them, each with its numbers as CSV in SI units.",
+        "5a to 5h are those of the paper; 5 has all eight on one page. stability shows for which springs "
+        "and dampers a sampled wall is stable. error-speed and error-latency compare coupled walls and "
+        "drums with the real wall, error-engine a drum that the distance service controls at a CAD part. "
+        "cable shows what the cable of a glove costs. drum-motion and arrival show when a drum is in "
+        "position. Existing files are replaced. All figures take less than a minute. Requires matplotlib.",
     )
 )
 
@@ -30,16 +29,19 @@ def command(
     names: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[NAME]...",
+            metavar="NAME",
             help="5a to 5h, 5, stability, error-speed, error-latency, error-engine, cable, drum-motion, "
-            "arrival; else all.",
+            "arrival. "
+            "Default: all.",
             show_default=False,
         ),
     ] = None,
     out: Annotated[
         Path, typer.Option("--out", metavar="DIR", help="Output folder; created if missing.")
     ] = Path("figures"),
-    form: Annotated[str, typer.Option("--format", metavar="FORMAT", help="png, svg or pdf.")] = "png",
+    form: Annotated[
+        str, typer.Option("--format", metavar="FORMAT", help="File format: png, svg or pdf.")
+    ] = "png",
     as_json: Annotated[bool, typer.Option("--json", help="Write the summary as a JSON document.")] = False,
 ) -> None:
     """Write figures and their numbers."""

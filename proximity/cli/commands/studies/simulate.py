@@ -14,15 +14,15 @@ if TYPE_CHECKING:
 HELP = "\n\n".join(
     (
         "Simulate a hand that presses on a wall, and compare the force with that of a real wall.",
-        "The hand comes at --speed, holds 0.8 N and leaves. A coupled wall is a spring and a damper, "
-        "displayed by a motor on the finger; without --stiffness and --damping the best of a grid is used. "
-        "A decaff wall is a drum that is sent to the reported position of the wall; --policy chooses the "
-        "position that a distance is combined with; --cable puts a cable between finger and drum. "
-        "--out draws the press, or writes it as CSV every 0.1 ms.",
-        "With --scene the wall is a CAD part, and the engine sends the drum: the tracker on the finger's "
+        "The hand approaches at --speed, presses with 0.8 N and leaves. A coupled wall is a spring and a "
+        "damper, rendered by a motor on the finger; without --stiffness and --damping the best pair of a "
+        "grid is used. A decaff wall is a drum that moves to the reported position of the wall; --policy "
+        "chooses how a distance becomes a position; --cable puts a cable between finger and drum. --out "
+        "draws the press, or writes it as CSV every 0.1 ms.",
+        "With --scene the wall is a CAD part, and the engine controls the drum: the tracker on the finger's "
         "path, frames with the latency of --latency-ms, and the drum's controller. The result is compared "
-        "with the ideal distance in the same loop, and with the true surface. --stiffness and --damping make "
-        "the part deformable; with --recording the hand repeats a recorded fingertip's motion.",
+        "with the ideal distance in the same loop, and with the true surface. --stiffness and --damping "
+        "make the part deformable. With --recording the hand repeats the motion of a recorded fingertip.",
     )
 )
 
@@ -79,7 +79,7 @@ POLICY = Annotated[
     typer.Option(
         "--policy",
         metavar="POLICY",
-        help="naive, latched, feed-forward or time-stamped; else time-stamped, on a part the controller.",
+        help="naive, latched, feed-forward or time-stamped (default; with --scene: the controller).",
     ),
 ]
 STIFFNESS = Annotated[
@@ -107,25 +107,27 @@ SCENE = Annotated[
 ]
 PART = Annotated[
     str | None,
-    typer.Option("--part", metavar="NAME", help="Part of the scene to press on; the others are left out."),
+    typer.Option("--part", metavar="NAME", help="Part of the scene to press on. Other parts are ignored."),
 ]
 AT = Annotated[
     tuple[float, float, float] | None,
     typer.Option(
         "--at",
         metavar="X Y Z",
-        help="Touch the surface point nearest to this; without it from above the middle. With --recording: "
-        "where its origin is; else it is fitted.",
+        help="Press on the surface point nearest to this position. Default: from above the middle. With "
+        "--recording: position of its origin; fitted if not given.",
     ),
 ]
 RECORDING = Annotated[
-    Path | None, typer.Option("--recording", metavar="CSV", help="Fingertips over time, as for replay.")
+    Path | None,
+    typer.Option("--recording", metavar="CSV", help="CSV file of fingertips over time, as for replay."),
 ]
 SENSOR = Annotated[
     bool, typer.Option("--sensor", help="Teleoperation: a sensor at the far end measures the part.")
 ]
 OUT = Annotated[
-    Path | None, typer.Option("--out", metavar="FILE", help="Draw or write: .png, .svg, .pdf or .csv.")
+    Path | None,
+    typer.Option("--out", metavar="FILE", help="Write a drawing (.png, .svg, .pdf) or numbers (.csv)."),
 ]
 AS_JSON = Annotated[bool, typer.Option("--json", help="Write one JSON document, in SI units.")]
 

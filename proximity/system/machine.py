@@ -4,9 +4,14 @@ import datetime
 import importlib.metadata
 import os
 import platform
+import subprocess
+from functools import lru_cache
 from pathlib import Path
 
 from proximity.native import MODE
+
+CHECKOUT = Path(__file__).resolve().parents[2]
+"""Folder of the project, if this is a checkout of it."""
 
 
 def processor_name() -> str:
@@ -30,6 +35,25 @@ def versions() -> dict[str, str]:
         "numpy": importlib.metadata.version("numpy"),
         "kernels": MODE,
     }
+
+
+@lru_cache(maxsize=1)
+def commit() -> str:
+    """Return the commit of the checkout that this program runs from, short; "none" where it is installed."""
+    short = _git("rev-parse", "--short", "HEAD")
+    if not short:
+        return "none"
+    return short + (" with changes" if _git("status", "--porcelain") else "")
+
+
+def _git(*words: str) -> str:
+    if not (CHECKOUT / ".git").exists():  # installed; the folder around may be somebody else's checkout
+        return ""
+    try:
+        done = subprocess.run(["git", *words], cwd=CHECKOUT, capture_output=True, text=True, check=False)
+    except OSError:  # no git
+        return ""
+    return done.stdout.strip() if done.returncode == 0 else ""
 
 
 def describe() -> dict[str, object]:

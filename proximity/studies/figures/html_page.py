@@ -1,0 +1,51 @@
+"""Pages of one HTML file that opens anywhere: a template filled in by Jinja, with figures and style in it."""
+
+from collections.abc import Callable, Iterable, Mapping
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from proximity.errors import DecaffError
+from proximity.system.extras import installation
+
+
+def render_page(
+    template: Path,
+    values: Mapping[str, Any],
+    draw: Callable[[], Mapping[str, str]],
+    filters: Iterable[Callable[..., Any]],
+) -> str:
+    """Return a page.
+
+    Parameters
+    ----------
+    template : path
+        In which ``style`` is the style of all pages, and ``pictures`` are the figures.
+    values : mapping
+        What else the template names.
+    draw : function
+        Returns the figures by name, as `page_figure.svg` draws them; called when Jinja is there.
+    filters : iterable of functions
+        That the template uses, by their names.
+
+    Raises
+    ------
+    DecaffError
+        If Jinja is not there; it says what to install.
+    """
+    try:
+        jinja, markup = import_module("jinja2"), import_module("markupsafe").Markup
+    except ModuleNotFoundError as missing:
+        raise DecaffError(
+            f"pages need {missing.name}, which is not installed: {installation('sim')}"
+        ) from missing
+    environment = jinja.Environment(
+        autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja.StrictUndefined
+    )
+    environment.filters |= {each.__name__: each for each in filters}
+    text: str = environment.from_string(template.read_text(encoding="utf-8")).render(
+        values,
+        style=markup(Path(__file__).with_name("page_style.css").read_text(encoding="utf-8")),
+        pictures={name: markup(picture) for name, picture in draw().items()},
+    )
+    return text.lstrip() + "\n"

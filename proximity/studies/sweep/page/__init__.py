@@ -1,0 +1,1 @@
+"""The page of a study: effects of its factors, plots, worst conditions."""

@@ -1,0 +1,71 @@
+"""``proximity study``: from a file to rows and a page, and what it says of mistakes."""
+
+import pytest
+
+COMMAND = ("study",)
+PRESSES = """
+[study]
+name = "a few presses"
+job = "press"
+measures = ["force_error", "peak"]
+
+[factors]
+wall = ["coupled", "decaff"]
+speed = [0.5, 1.0]
+"""
+
+
+@pytest.fixture
+def presses(tmp_path):
+    """A study of four presses."""
+    path = tmp_path / "presses.toml"
+    path.write_text(PRESSES)
+    return path
+
+
+@pytest.mark.slow
+def test_study_runs_reports_and_repeats(run, presses):
+    results = presses.with_suffix(".results")
+    first = run(presses, "--cores", 1)
+    second = run(presses, "--cores", 1)
+    reported = run("report", results)
+    page = (results / "study.html").read_text()
+    key = page.partition("<tr><td><code>")[2].partition("<")[0]
+    repeated = run(presses, "--only", key)
+    now, recorded = next(
+        line.split()[1:] for line in repeated.out.splitlines() if line.startswith("force_error")
+    )
+
+    assert (first.code, second.code, reported.code, repeated.code) == (0, 0, 0, 0)
+    assert first.out.startswith(f"{results}: 4 conditions in ")
+    assert f"proximity study report {results}" in first.words
+    assert second.out == f"{results}: 4 conditions (4 of them earlier)\n"
+    assert "4 of 4 conditions" in page and "a few presses" in page
+    assert now == recorded
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("report",), "expected proximity study report DIR"),
+        (("some.toml", "elsewhere"), "expected proximity study STUDY, or report DIR"),
+        (
+            ("report", "nowhere"),
+            "nowhere: holds no results of a study, expected the folder of",
+        ),
+        (("nowhere.toml",), "nowhere.toml: cannot be read (No such file or directory)"),
+    ],
+)
+def test_what_cannot_be_run_is_one_sentence(run, arguments, said):
+    found = run(*arguments)
+
+    assert found.code == 2
+    assert said in found.words
+
+
+def test_mistake_in_a_study_has_its_line(run, presses):
+    presses.write_text(PRESSES.replace("speed", "sped"))
+    found = run(presses)
+
+    assert found.code == 2
+    assert f"{presses}:9: [factors] has no key 'sped': did you mean speed?" in found.words
