@@ -5,11 +5,13 @@ import threading
 import numpy as np
 import pytest
 from sealed_frames import frame
+from test_experiment_design import SHIPPED
 
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
 from proximity.errors import DecaffError
 from proximity.message import Mode, State
+from proximity.studies.experiment.design_file import read_design
 from proximity.studies.experiment.display import Interval
 from proximity.studies.experiment.drum_display import DrumDisplay
 from proximity.studies.simulation.simulated_press import Wall
@@ -133,6 +135,16 @@ def test_stop_before_an_interval_counts_as_well():
 
     assert felt.stopped == "emergency stop" and len(felt.frames) == 0 and felt.peak == 0.0
     assert display.fingers[0].peak_force == 0.0
+
+
+def test_surface_that_the_drum_cannot_display_is_refused():
+    design = read_design(SHIPPED)
+
+    DrumDisplay(1000.0).check(design)
+    with pytest.raises(
+        DecaffError, match=r"task stiffness, condition decaff: 400 N/m with 1 N s/m are asked"
+    ):
+        DrumDisplay(200.0).check(design)
 
 
 def test_fault_of_the_controller_ends_the_interval():

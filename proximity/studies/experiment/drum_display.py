@@ -12,18 +12,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from proximity.decaff.controller.controller import FingerController
+from proximity.decaff.controller.controller import DRUM_DAMPING, FingerController
 from proximity.decaff.controller.drum_limits import Limits
+from proximity.decaff.controller.surface_law import SurfaceLaw
 from proximity.decaff.glove.calibrated_glove import CalibratedGlove
 from proximity.decaff.glove.default_bend import with_bend
 from proximity.decaff.glove.glove import Glove
 from proximity.decaff.motors.motor_drum import MotorDrum
-from proximity.decaff.simulated_drums.service_drums import DrumBench, FingerBench
+from proximity.decaff.simulated_drums.service_drums import SOFTER, DrumBench, FingerBench
 from proximity.errors import DecaffError
 from proximity.message import Surface
 from proximity.message.contact import ContactFlag
 from proximity.studies.experiment.coupled_controller import CoupledController
-from proximity.studies.experiment.display import FRAME, Interval, Presentation, stopped_by_force
+from proximity.studies.experiment.design import Design
+from proximity.studies.experiment.display import FRAME, Interval, Presentation, interval_of, stopped_by_force
 from proximity.studies.simulation.simulated_press import Wall
 from proximity.system.time_units import NS_PER_MS, S_PER_NS
 from proximity.transport import Reading
@@ -68,6 +70,30 @@ class DrumDisplay(DrumBench):
         self._began_ns = self._touched_ns = self._faults = 0
         self._failure = self._stopped = ""  # why nothing moves any more
         self._readings: deque[tuple[int, Reading]] = deque()  # by the instant of their sample
+
+    def check(self, design: Design) -> None:
+        """Refuse a design whose soft surfaces this drum would display softer than they are.
+
+        Raises
+        ------
+        DecaffError
+            If it has one; coupled walls are displayed whether or not that is passive.
+        """
+        law = SurfaceLaw(self._rate, DRUM_DAMPING)
+        for task in design.tasks:
+            for condition in design.conditions:
+                if task.stiffness is None or condition.wall is not Wall.DECAFF:
+                    continue
+                level = max(*task.levels, task.catch_level)
+                asked = interval_of(task, condition, level)
+                stiffness = asked.stiffness or 0.0
+                k, b = law.displayed(stiffness, asked.damping)
+                if k < (1.0 - SOFTER) * stiffness or b < asked.damping:
+                    raise DecaffError(
+                        f"task {task.name}, condition {condition.name}: {stiffness:g} N/m with "
+                        f"{asked.damping:g} N s/m are asked for, but at {self._rate:g} Hz this drum displays "
+                        f"{k:.0f} N/m with {b:g} N s/m: expected a softer surface, or a higher --rate"
+                    )
 
     def present(self, interval: Interval, limit_force: float, limit_seconds: float) -> Presentation:
         """Display an interval, until the finger has touched and left, or a limit is passed.

@@ -112,7 +112,7 @@ def run(
     browser: Annotated[
         bool, typer.Option("--browser/--no-browser", help="Open the participant's page in a browser.")
     ] = True,
-    rate: RATE = 500.0,
+    rate: RATE = 1000.0,
     calibration: CALIBRATION = None,
     max_age: MAX_AGE = None,
     motor: MOTOR = None,
