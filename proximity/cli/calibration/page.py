@@ -69,10 +69,10 @@ class Page:
         """Show it on the next step."""
         self._refusal = sentence
 
-    def results(self, rows: Sequence[tuple[str, ...]], sentence: str, drawing: Path) -> None:
+    def results(self, rows: Sequence[tuple[str, ...]], sentence: str, drawing: Path | None) -> None:
         """Show results until the person has seen them."""
         self._prompt, self._read = None, {}
-        picture = drawing.read_bytes() if drawing.exists() else ""
+        picture = "" if drawing is None else drawing.read_bytes()
         shown = Step(
             "Result", sentence, picture, "Measured against the model", tuple(rows),
             buttons=(Button("done", "Done", "Enter", "main"),),
